@@ -1,0 +1,34 @@
+# make demo: the whole chain on the recorded demo film | make test | make check | make clean
+PYTHON ?= python3
+BIN := .venv/bin
+# One thread each for BLAS and OpenMP: two test workers share the machine.
+ONE_THREAD := OMP_NUM_THREADS=1 MKL_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1
+
+.PHONY: demo test check clean
+
+demo: .venv/run.stamp
+	$(BIN)/twin demo
+
+test: .venv/dev.stamp
+	$(ONE_THREAD) $(BIN)/python -m pytest -n 2
+
+check: .venv/dev.stamp
+	$(BIN)/ruff check .
+	$(BIN)/mypy
+
+clean:
+	rm -rf .venv build *.egg-info .pytest_cache .mypy_cache .ruff_cache
+
+.venv/bin/python:
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "softtwin needs Python 3.11 or newer, this is %s: make PYTHON=python3.x ..." % sys.version.split()[0])'
+	$(PYTHON) -m venv .venv
+
+# Installed once, and again only when the lock or the packaging changes.
+.venv/run.stamp: requirements.lock pyproject.toml | .venv/bin/python
+	$(BIN)/python -m pip install --disable-pip-version-check -r requirements.lock
+	$(BIN)/python -m pip install --disable-pip-version-check --no-deps --no-build-isolation -e .
+	@touch $@
+
+.venv/dev.stamp: requirements-dev.lock .venv/run.stamp
+	$(BIN)/python -m pip install --disable-pip-version-check -r requirements-dev.lock
+	@touch $@

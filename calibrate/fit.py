@@ -1,0 +1,254 @@
+"""A whitened residual and its Jacobian in, a Fit out: bounded least squares that spares Jacobians.
+
+Levenberg-Marquardt (D. Marquardt, doi:10.1137/0111030) with bounds kept exactly in every step (a small
+bounded linear problem). A Jacobian serves several steps, corrected after each by Broyden's rank-one
+formula (C. G. Broyden, doi:10.1090/S0025-5718-1965-0198670-6), and is computed anew where the fall of
+the misfit is not the predicted one, and at the optimum, where the covariance comes from it.
+"""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.optimize import lsq_linear
+
+from calibrate.parameters import Array, Fit, Parameter, bounds
+
+Residual = Callable[[Array], Array | None]
+Jacobian = Callable[[Array], Array]
+
+GAIN = 1e-3  # converged: the best step would lower chi2 by less than this ...
+STEP = 0.01  # ... and is shorter than this, in sd, in every direction
+CONDITION = 1e12  # of the scaled J'J: a direction beyond it is not determined
+DAMPING = 1e-3, 1e-12, 1e10  # first, least, largest; relative to unit columns
+ACCEPT = 0.05  # share of the predicted fall that makes a step good enough to take
+AT_BOUND = 1e-9  # of the range
+
+
+class _Model:
+    """Residual and Jacobian, counted; a residual that is absent or not finite is None."""
+
+    def __init__(self, residual: Residual, jacobian: Jacobian) -> None:
+        self._residual, self._jacobian = residual, jacobian
+        self.evaluations = self.jacobians = 0
+
+    def residual(self, theta: Array) -> Array | None:
+        self.evaluations += 1
+        r = self._residual(theta.copy())
+        return None if r is None or not np.all(np.isfinite(r)) else np.asarray(r, float)
+
+    def jacobian(self, theta: Array) -> Array:
+        self.jacobians += 1
+        return np.asarray(self._jacobian(theta.copy()), float)
+
+
+@dataclass(frozen=True, eq=False)
+class _End:
+    """Where a descent stopped: theta (d,), whitened residual (n,) or None, Jacobian (n, d) at theta."""
+
+    theta: Array
+    residual: Array | None
+    jacobian: Array
+    converged: bool
+    reason: str
+
+    @property
+    def chi2(self) -> float:
+        return math.inf if self.residual is None else float(self.residual @ self.residual)
+
+
+@dataclass(frozen=True, eq=False)
+class _Step:
+    """A move (d,), the fall of chi2 it should bring, and its length in sd."""
+
+    move: Array
+    gain: float
+    length: float
+
+
+def least_squares(
+    residual: Residual,
+    jacobian: Jacobian,
+    parameters: Sequence[Parameter],
+    *,
+    start: ArrayLike,
+    seed: int = 0,
+    max_evaluations: int = 40,
+) -> Fit:
+    """The Fit with the lowest chi2 = r'r within the bounds, of all starts.
+
+    residual: theta (d,) -> r (n,), whitened; None where the model cannot be solved: the step is then
+    shortened. jacobian: theta (d,) -> dr/dtheta (n, d). start (d,) or (m, d): one descent each, of at most
+    max_evaluations residuals. seed: the one that drew the starts, kept in the Fit. It has converged where
+    the best step would lower chi2 by less than 1e-3 and is shorter than 0.01 sd in every direction.
+    Raises ValueError for a start outside the bounds; what does not converge is a Fit with its reason.
+    """
+    parameters = tuple(parameters)
+    low, high = bounds(parameters)
+    starts = inside(np.atleast_2d(np.asarray(start, float)), parameters)
+    model = _Model(residual, jacobian)
+    with np.errstate(under="ignore"):
+        ends = [_descend(model, theta, low, high, max_evaluations) for theta in starts]
+        return _fit(min(ends, key=lambda end: end.chi2), parameters, seed, model)
+
+
+def inside(starts: Array, parameters: tuple[Parameter, ...]) -> Array:
+    """The starts (m, d) as they are. Raises ValueError for one outside the bounds or of another length."""
+    if starts.ndim != 2 or starts.shape[1] != len(parameters):
+        raise ValueError(f"start: shape {starts.shape} must hold {len(parameters)} values a row")
+    for theta in starts:
+        for p, x in zip(parameters, theta):
+            if not p.low <= x <= p.high:
+                raise ValueError(f"start: {p.name} = {x} {p.unit} is outside its bounds {p.low} .. {p.high}")
+    return starts
+
+
+def _descend(model: _Model, theta: Array, low: Array, high: Array, budget: int) -> _End:
+    last = model.evaluations + budget
+    r = model.residual(theta)
+    if r is None:
+        unknown = np.full((0, len(theta)), np.nan)
+        return _End(theta, None, unknown, False, "the model cannot be solved at the start")
+    return _Descent(model, theta, r, low=low, high=high, last=last).run()
+
+
+class _Descent:
+    """Levenberg-Marquardt from one start; the Jacobian of an earlier theta serves while it predicts well."""
+
+    def __init__(self, model: _Model, theta: Array, r: Array, *, low: Array, high: Array, last: int) -> None:
+        self.model, self.theta, self.r, self.low, self.high, self.last = model, theta, r, low, high, last
+        self.damping, self.growth = DAMPING[0], 2.0
+        self._renew()
+
+    def run(self) -> _End:
+        while True:
+            ended = self._ended()
+            if ended is not None:
+                return ended
+            self._advance()
+
+    def _renew(self) -> None:
+        self.jac, self.fresh, self.rejected = self.model.jacobian(self.theta), True, False
+
+    def _step(self, damping: float) -> _Step:
+        return _step(self.jac, self.r, self.low - self.theta, self.high - self.theta, damping)
+
+    def _ended(self) -> _End | None:
+        """The end, where there is nothing more to gain or no way on; None where there is."""
+        if not np.all(np.isfinite(self.jac)):
+            return self._end(False, "the Jacobian has values that are not finite")
+        best = self._step(DAMPING[1])
+        # A rejected step this small is the numerical floor of the misfit.
+        small = best.gain < GAIN and (best.length < STEP or self.rejected)
+        if small and not self.fresh:
+            self._renew()
+            return self._ended()
+        if small:
+            return self._end(True, f"converged: a further step would lower chi2 by {best.gain:.1g}")
+        if self.damping > DAMPING[2]:
+            return self._end(False, "no step lowers chi2, or the model cannot be solved beside this point")
+        if self.model.evaluations >= self.last:
+            return self._end(False, "stopped: the evaluations allowed are used up")
+        return None
+
+    def _end(self, converged: bool, reason: str) -> _End:
+        if not self.fresh:
+            self._renew()
+        return _End(self.theta, self.r, self.jac, converged, reason)
+
+    def _advance(self) -> None:
+        """Try one step; take it or shorten the next; renew a Jacobian that did not predict the misfit."""
+        step = self._step(self.damping)
+        trial = np.clip(self.theta + step.move, self.low, self.high)
+        new = self.model.residual(trial)
+        quality = 0.0 if new is None or step.gain <= 0 else float(self.r @ self.r - new @ new) / step.gain
+        if new is not None and quality > ACCEPT:
+            self.jac, self.fresh = _broyden(self.jac, trial - self.theta, new - self.r), False
+            self.theta, self.r, self.rejected = trial, new, False
+            self._damp(max(1 - (2 * quality - 1) ** 3, 0.1))
+            if not 0.5 < quality < 2.0:
+                self._renew()
+            return
+        self._damp(self.growth)
+        self.growth *= 2
+        self.rejected = True
+        if new is not None and not self.fresh:
+            self._renew()
+
+    def _damp(self, factor: float) -> None:
+        """H. B. Nielsen, Damping parameter in Marquardt's method, IMM-REP-1999-05."""
+        self.growth = self.growth if factor > 1 else 2.0
+        self.damping = max(self.damping * factor, DAMPING[1])
+
+
+def _lengths(jac: Array, widths: Array) -> Array:
+    """Column lengths (d,), so that unit columns follow; a column of zeros is scaled by the range."""
+    lengths = np.sqrt(np.sum(jac**2, axis=0))
+    return np.where(lengths > 0, lengths, 1 / widths)
+
+
+def _step(jac: Array, r: Array, low: Array, high: Array, damping: float) -> _Step:
+    """The move that minimises |r + J move|^2 + damping |scaled move|^2 with low <= move <= high."""
+    lengths = _lengths(jac, high - low)
+    d = len(lengths)
+    small: Array = np.linalg.qr(np.column_stack([jac / lengths, r])).R  # same norms in d + 1 rows
+    columns, c = small[:, :d], small[:, d]
+    a = np.vstack([columns, math.sqrt(damping) * np.eye(d)])
+    b = -np.concatenate([c, np.zeros(d)])
+    x = lsq_linear(a, b, bounds=(low * lengths, high * lengths), method="bvls", max_iter=50).x
+    change = columns @ x
+    return _Step(x / lengths, float(c @ c - (c + change) @ (c + change)), float(np.linalg.norm(change)))
+
+
+def _broyden(jac: Array, move: Array, change: Array) -> Array:
+    """The Jacobian nearest to jac (n, d), in unit columns, that explains the change (n,) by the move (d,)."""
+    weights = np.sum(jac**2, axis=0) * move
+    if weights @ move <= 0:
+        return jac
+    return jac + np.outer(change - jac @ move, weights / (weights @ move))
+
+
+def _fit(end: _End, parameters: tuple[Parameter, ...], seed: int, model: _Model) -> Fit:
+    low, high = bounds(parameters)
+    reach = AT_BOUND * (high - low)
+    free = (end.theta > low + reach) & (end.theta < high - reach)
+    covariance, rank = _covariance(end.jacobian, free, high - low)
+    lost = [p.name for p, v in zip(parameters, np.diag(covariance)) if np.isinf(v)]
+    reason = f"{end.reason} ({model.evaluations} residuals, {model.jacobians} Jacobians)"
+    if lost:
+        reason += f"; the data leave {int(free.sum()) - rank} direction(s) of {', '.join(lost)} undetermined"
+    return Fit(
+        parameters=parameters,
+        theta=end.theta,
+        covariance=covariance,
+        chi2=end.chi2,
+        degrees_of_freedom=len(end.jacobian) - rank,
+        seed=seed,
+        evaluations=model.evaluations,
+        converged=end.converged,
+        reason=reason,
+        at_bound=tuple(p.name for p, varies in zip(parameters, free) if not varies),
+    )
+
+
+def _covariance(jac: Array, free: NDArray[np.bool_], widths: Array) -> tuple[Array, int]:
+    """inv(J'J) over the free columns, 0 elsewhere, and the rank: undetermined parameters have inf and NaN."""
+    covariance = np.zeros((len(free), len(free)))
+    own = np.flatnonzero(free)
+    if len(jac) == 0 or not np.all(np.isfinite(jac)):
+        covariance[np.ix_(own, own)] = np.nan
+        covariance[own, own] = np.inf
+        return covariance, 0
+    lengths = _lengths(jac, widths)[own]
+    _, sizes, rows = np.linalg.svd(jac[:, own] / lengths)
+    known = np.zeros(len(own), bool)
+    known[: len(sizes)] = (sizes > 0) & (sizes**2 * CONDITION > np.max(sizes, initial=0.0) ** 2)
+    factor = rows[known].T / sizes[known[: len(sizes)]] / lengths[:, None]
+    block = factor @ factor.T
+    lost = np.linalg.norm(rows[~known], axis=0) > 1e-6  # parameters with a share in an undetermined direction
+    block[lost] = block[:, lost] = np.nan
+    block[lost, lost] = np.inf
+    covariance[np.ix_(own, own)] = block
+    return covariance, int(known.sum())

@@ -1,0 +1,157 @@
+"""The reference study's genetic algorithm: bounds and a seed in, populations out, by ask and tell.
+
+Population 30, elitism 2, tournament selection, arithmetic crossover (0.8 a mating), uniform mutation
+(0.2 a gene): 30 + 19 * 28 = 562 evaluations in 20 generations, the best never gets worse. Built on pymoo
+(J. Blank and K. Deb, doi:10.1109/ACCESS.2020.2990567), which has neither the crossover nor the elitism.
+"""
+
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pymoo.algorithms.soo.nonconvex.ga import GA, FitnessSurvival
+from pymoo.core.crossover import Crossover
+from pymoo.core.evaluator import Evaluator
+from pymoo.core.mutation import Mutation
+from pymoo.core.population import Population as Individuals
+from pymoo.core.problem import Problem
+from pymoo.core.termination import NoTermination
+from pymoo.operators.selection.tournament import TournamentSelection
+from pymoo.problems.static import StaticProblem
+
+from calibrate.parameters import Array, Parameter, bounds
+
+PENALTY = 1e12  # cost of a model that failed: ranks last, and stays finite (a NaN would win tournaments)
+TOURNAMENT = 3
+
+
+class _Arithmetic(Crossover):
+    """Two children on the line between two parents: a p + (1 - a) q and (1 - a) p + a q, a uniform."""
+
+    def __init__(self, prob: float) -> None:
+        super().__init__(2, 2, prob=prob)
+
+    def _do(self, problem: Problem, X: Array, *_: Any, random_state: Any = None, **__: Any) -> Array:
+        a = random_state.random((X.shape[1], 1))  # one a mating
+        children = np.stack([a * X[0] + (1 - a) * X[1], (1 - a) * X[0] + a * X[1]])
+        return np.clip(children, problem.xl, problem.xu)  # rounding may leave a bound by one bit
+
+
+class _Uniform(Mutation):
+    """Each gene, with the given probability, drawn anew between its bounds."""
+
+    def __init__(self, prob_gene: float) -> None:
+        super().__init__(prob=1.0)
+        self.prob_gene = prob_gene
+
+    def _do(self, problem: Problem, X: Array, *_: Any, random_state: Any = None, **__: Any) -> Array:
+        drawn = problem.xl + (problem.xu - problem.xl) * random_state.random(X.shape)
+        return np.where(random_state.random(X.shape) < self.prob_gene, drawn, X)
+
+
+class _Elitist(GA):
+    """pymoo's GA with the textbook replacement: the elite and all offspring, nobody else, survive."""
+
+    def __init__(self, elitism: int, **kwargs: Any) -> None:
+        super().__init__(**kwargs)
+        self.elitism = elitism
+
+    pop: Individuals
+
+    def _advance(self, infills: Individuals = None, **_: Any) -> None:
+        elite = FitnessSurvival().do(self.problem, self.pop, n_survive=self.elitism)
+        self.pop = Individuals.merge(elite, infills)
+
+
+def _cheapest(individuals: Individuals, rounds: NDArray[np.int64], **_: Any) -> NDArray[np.int64]:
+    """Winner (m, 1) of each tournament, rounds (m, TOURNAMENT); a tie goes to the one drawn first."""
+    cost = individuals.get("F")[:, 0]
+    return rounds[np.arange(len(rounds)), np.argmin(cost[rounds], axis=1)][:, None]
+
+
+class Population:
+    """Candidates by `ask`, their costs back by `tell`; one pair of calls is a generation.
+
+    parameters: names and bounds. size: individuals. seed: all randomness comes from it, whatever the
+    state of numpy's global generator. elitism: the best that survive unchanged. crossover: probability a
+    mating. mutation: probability a gene. Raises ValueError for settings that make no generation.
+    """
+
+    def __init__(
+        self,
+        parameters: Sequence[Parameter],
+        *,
+        size: int = 30,
+        seed: int,
+        elitism: int = 2,
+        crossover: float = 0.8,
+        mutation: float = 0.2,
+    ) -> None:
+        low, high = bounds(tuple(parameters))
+        if not (size >= TOURNAMENT and 1 <= elitism < size):
+            raise ValueError(f"population: size {size} must be >= {TOURNAMENT}, elitism {elitism} within it")
+        if not (0 <= crossover <= 1 and 0 <= mutation <= 1):
+            raise ValueError(f"population: crossover {crossover}, mutation {mutation} must be within 0 .. 1")
+        self.generation = 0
+        self.evaluations = 0
+        self.best: tuple[Array, float] | None = None
+        self._asked: Individuals = None
+        self._problem = Problem(n_var=len(low), n_obj=1, xl=low, xu=high)
+        self._algorithm = _Elitist(
+            elitism,
+            pop_size=size,
+            n_offsprings=size - elitism,
+            selection=TournamentSelection(func_comp=_cheapest, pressure=TOURNAMENT),
+            crossover=_Arithmetic(crossover),
+            mutation=_Uniform(mutation),
+            eliminate_duplicates=False,
+            output=None,
+        )
+        self._algorithm.setup(self._problem, seed=seed, termination=NoTermination())
+
+    def ask(self) -> Array:
+        """Candidates (m, d) of the next generation: all of the first, size - elitism later. Asking again
+        before `tell` gives the same."""
+        if self._asked is None:
+            self._asked = self._algorithm.ask()
+        return np.array(self._asked.get("X"), float)
+
+    def tell(self, x: Array, cost: Array) -> None:
+        """Take the costs (m,) of the candidates x (m, d) last asked for.
+
+        A cost that is not finite (a model that failed) counts as PENALTY. Raises ValueError where x is
+        not what `ask` gave, bit for bit, or where the costs are not one a candidate.
+        """
+        cost = np.asarray(cost, float)
+        if not np.array_equal(np.asarray(x, float), self.ask()):
+            raise ValueError(
+                f"population: the candidates of generation {self.generation + 1} are not those asked for; "
+                "another seed, other bounds or other settings made them"
+            )
+        if cost.shape != (len(x),):
+            raise ValueError(f"population: {len(x)} candidates need {len(x)} costs, got shape {cost.shape}")
+        cost = np.where(np.isfinite(cost), np.minimum(cost, PENALTY), PENALTY)
+        Evaluator().eval(StaticProblem(self._problem, F=cost[:, None]), self._asked)
+        self._algorithm.tell(infills=self._asked)
+        self._asked = None
+        self.generation += 1
+        self.evaluations += len(cost)
+        first = int(np.argmin(cost))
+        if self.best is None or cost[first] < self.best[1]:
+            self.best = np.array(x[first], float), float(cost[first])
+
+    @classmethod
+    def replay(
+        cls, parameters: Sequence[Parameter], records: Iterable[tuple[Array, Array]], **settings: Any
+    ) -> "Population":
+        """The population that a run with these records, a (x, cost) a generation, had reached.
+
+        No state is read from a file: the recorded costs go through `ask` and `tell` again, so what follows
+        is bit-equal to the run that was never interrupted. settings: those of the run. Raises ValueError
+        where the records are not of this seed, these bounds and settings.
+        """
+        population = cls(parameters, **settings)
+        for x, cost in records:
+            population.tell(np.asarray(x, float), np.asarray(cost, float))
+        return population

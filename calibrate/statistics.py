@@ -1,0 +1,207 @@
+"""Whitened residuals and fits in; tests, criteria, profiles and plain words on what is known out.
+
+The tests know that the noise itself was measured: variances estimated from few static frames make a chi2
+too large and its tail too long, and the plain chi2 test then calls a right model wrong.
+"""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.special import chdtrc, fdtrc
+
+from calibrate.fit import Jacobian, Residual, inside, least_squares
+from calibrate.parameters import Array, Fit, Parameter
+
+
+def chi2_test(chi2: float, counts: ArrayLike, static_frames_effective: ArrayLike) -> float:
+    """Probability of a chi2 at least as large if the model is right and the noise as estimated.
+
+    counts (c,): values of each component (a marker and axis with a variance of its own), less its share of
+    the fitted parameters. static_frames_effective (c,): degrees of freedom nu_c of each variance estimate,
+    inf where it is known. Of n frames with lag-1 correlation rho: n - 2 where sd and rho of the component
+    both come from them and both whiten (the errors of the two cancel in part: measured, share of p < 0.01
+    in tests), n (1 - rho^2) / (1 + rho^2) where rho is known better than that.
+    Component c then sums to n_c F(n_c, nu_c); the total's mean and variance are matched by a scaled F with
+    sum n_c and as many denominator degrees as it takes (after F. E. Satterthwaite, doi:10.2307/3002019).
+    Raises ValueError where nu_c <= 4: no finite variance.
+    """
+    n, (mean, square) = np.asarray(counts, float), _scales(static_frames_effective)
+    variance = np.sum(2 * n * square + n**2 * (square - mean**2))
+    return _tail(chi2, float(n @ mean), float(variance), float(n.sum()))
+
+
+def omnibus(
+    z: ArrayLike,
+    basis: ArrayLike,
+    *,
+    component: ArrayLike,
+    static_frames_effective: ArrayLike,
+    fitted: ArrayLike | None = None,
+) -> float:
+    """Probability that noise alone gives the whitened residual so large a share in q smooth functions.
+
+    z (n,): whitened residual. basis (n, q): the functions at the n values, whitened as z is. component
+    (n,): index of the component whose variance whitened each value. static_frames_effective (c,): as in
+    `chi2_test`. fitted (n, d): whitened Jacobian of what was fitted, projected out of the functions first.
+    More sensitive than the whole chi2 to misfit that is smooth, which missing physics is. Raises ValueError
+    where nothing of the functions is left to test.
+    """
+    residual, functions = np.asarray(z, float), np.asarray(basis, float)
+    if fitted is not None:
+        done = _orthonormal(np.asarray(fitted, float))
+        functions = functions - done @ (done.T @ functions)
+    q = _orthonormal(functions, size=np.linalg.norm(np.asarray(basis, float), axis=0))
+    if q.shape[1] == 0:
+        raise ValueError("omnibus: the fitted parameters explain every function of the basis; give others")
+    mean, square = _scales(static_frames_effective)
+    parts = [q[np.asarray(component) == c] for c in range(len(mean))]
+    grams = np.array([part.T @ part for part in parts])
+    h = np.trace(grams, axis1=1, axis2=2)  # share of each component in the projector
+    flat = grams.reshape(len(grams), -1)
+    mixed = flat @ flat.T
+    pairs = np.outer(mean, mean)
+    np.fill_diagonal(pairs, square)
+    variance = 2 * np.sum(pairs * mixed) + h**2 @ (square - mean**2)
+    total = float(np.sum((q.T @ residual) ** 2))
+    return _tail(total, float(h @ mean), float(variance), float(q.shape[1]))
+
+
+def _scales(frames: ArrayLike) -> tuple[Array, Array]:
+    """Mean and mean square of true over estimated variance, nu / chi2_nu, for each component."""
+    nu = np.atleast_1d(np.asarray(frames, float))
+    if not np.all(nu > 4):
+        raise ValueError(
+            f"noise from {np.min(nu):.3g} effective static frames cannot be tested against: "
+            "film more than 4, better several hundred"
+        )
+    inverse = 1 / nu
+    mean = 1 / (1 - 2 * inverse)
+    return mean, mean / (1 - 4 * inverse)
+
+
+def _tail(total: float, mean: float, variance: float, n: float) -> float:
+    """Upper tail at `total` of a F(n, nu) with a and nu from the mean and the variance."""
+    spread = variance / mean**2 * n - 2  # 0 for a chi2 with n degrees of freedom
+    if spread <= 1e-9:
+        return float(chdtrc(n, n * total / mean))
+    nu = (4 * (spread + 2) + 2 * n - 4) / spread
+    return float(fdtrc(n, nu, total / mean * nu / (nu - 2)))
+
+
+def _orthonormal(columns: Array, size: Array | None = None) -> Array:
+    """Orthonormal basis (n, rank) of the columns, each taken relative to its size (its own norm)."""
+    norms = np.linalg.norm(columns, axis=0) if size is None else size
+    scaled = columns / np.where(norms > 0, norms, 1.0)
+    sizes, axes = np.linalg.eigh(scaled.T @ scaled)  # small: far cheaper than the SVD of n rows
+    known = sizes > 1e-9
+    return scaled @ (axes[:, known] / np.sqrt(sizes[known]))
+
+
+def bic(chi2: float, k: int, n: int) -> float:
+    """Bayesian information criterion of k parameters fitted to n values (doi:10.1214/aos/1176344136)."""
+    return chi2 + k * math.log(n)
+
+
+def sidak(p: float, m: int) -> float:
+    """Probability that the smallest of m independent p-values is at most p (doi:10.2307/2283989)."""
+    return 1.0 if p >= 1 else -math.expm1(m * math.log1p(-p))
+
+
+def holm(p: ArrayLike) -> Array:
+    """p-values (m,) adjusted for their number, S. Holm 1979: reject those below the wanted rate."""
+    values = np.asarray(p, float)
+    order = np.argsort(values)
+    adjusted = np.empty_like(values)
+    adjusted[order] = np.maximum.accumulate(values[order] * np.arange(len(values), 0, -1))
+    return np.minimum(adjusted, 1.0)
+
+
+def profile_likelihood(
+    residual: Residual,
+    jacobian: Jacobian,
+    parameters: Sequence[Parameter],
+    *,
+    theta: ArrayLike,
+    name: str,
+    values: ArrayLike,
+) -> Array:
+    """Lowest chi2 (v,) with the named parameter held at each of the values (v,), the others fitted anew.
+
+    theta (d,): the optimum; fits walk away from it on either side, each from its neighbour's end. An
+    interval is where chi2 exceeds its minimum by less than the quantile of chi2 with one degree of freedom
+    (doi:10.2307/2347496). NaN where the model could not be solved. Raises ValueError for an unknown name or
+    a value outside the bounds.
+    """
+    parameters = tuple(parameters)
+    names = [p.name for p in parameters]
+    if name not in names:
+        raise ValueError(f"profile: no parameter {name!r} among {names}")
+    i = names.index(name)
+    held, own = np.asarray(values, float), parameters[i]
+    if not np.all((own.low <= held) & (held <= own.high)):
+        raise ValueError(f"profile: values of {name} {held} must lie in {own.low} .. {own.high} {own.unit}")
+    optimum = inside(np.atleast_2d(np.asarray(theta, float)), parameters)[0]
+    chi2 = np.full(held.shape, np.nan)
+    for side in (held >= optimum[i], held < optimum[i]):
+        near = np.delete(optimum, i)
+        for k in sorted(np.flatnonzero(side), key=lambda k: abs(held[k] - optimum[i])):
+            near, chi2[k] = _held(residual, jacobian, parameters, i, held[k], near)
+    return chi2
+
+
+def _held(
+    residual: Residual,
+    jacobian: Jacobian,
+    parameters: tuple[Parameter, ...],
+    i: int,
+    value: float,
+    near: Array,
+) -> tuple[Array, float]:
+    """The others' best (d - 1,) and chi2 with parameter i at value; NaN where it cannot be solved."""
+    others = parameters[:i] + parameters[i + 1 :]
+    if not others:
+        r = residual(np.array([value]))
+        return near, math.nan if r is None else float(r @ r)
+    fit = least_squares(
+        lambda t: residual(np.insert(t, i, value)),
+        lambda t: np.delete(jacobian(np.insert(t, i, value)), i, axis=1),
+        others,
+        start=near,
+    )
+    return fit.theta, fit.chi2 if math.isfinite(fit.chi2) else math.nan
+
+
+def identifiability(fit: Fit, names: tuple[str, str]) -> str:
+    """What the data say of two parameters that act alike (C10, C01): sum, share, and if they part, in words.
+
+    The sum's and the share's sds follow from the covariance to first order. They "cannot be separated" where
+    their correlation exceeds 0.9 in size, where the share's sd exceeds 0.25, or where the data leave them
+    undetermined. Raises ValueError for a name that is not a parameter of the fit.
+    """
+    known = [p.name for p in fit.parameters]
+    if absent := [name for name in names if name not in known]:
+        raise ValueError(f"identifiability: no parameter {absent} in the fit, which has {known}")
+    i, j = (known.index(name) for name in names)
+    a, b, unit = names[0], names[1], f" {fit.parameters[i].unit}".rstrip()
+    total, share = fit.theta[i] + fit.theta[j], fit.theta[j] / (fit.theta[i] + fit.theta[j])
+    verdict = f"{a} and {b} cannot be separated by these targets"
+    values = f"{a} + {b} = {total:.4g}{unit}, share {b}/({a} + {b}) = {share:.3g}"
+    if stuck := [name for name in names if name in fit.at_bound]:
+        return f"{values}. {verdict}: the fit ends at a bound of {' and '.join(stuck)}."
+    block = fit.covariance[np.ix_([i, j], [i, j])]
+    if not np.all(np.isfinite(block)):
+        return f"{values}. {verdict}: the data leave them undetermined."
+    slope = np.array([-fit.theta[j], fit.theta[i]]) / total**2
+    sd_total, sd_share = math.sqrt(max(block.sum(), 0.0)), math.sqrt(max(slope @ block @ slope, 0.0))
+    correlation = fit.correlation[i, j]
+    values = (
+        f"{a} + {b} = {total:.4g} +- {sd_total:.2g}{unit}, "
+        f"share {b}/({a} + {b}) = {share:.3g} +- {sd_share:.2g}, correlation {correlation:.3f}"
+    )
+    if sd_share > 0.25:
+        return f"{values}. {verdict}: only their sum is known."
+    if abs(correlation) > 0.9:
+        return f"{values}. {verdict} one by one: their errors trade off, so quote the sum and the share."
+    return f"{values}. These targets tell {a} and {b} apart."

@@ -1,0 +1,101 @@
+"""The frozen description of a structure: nodes, element blocks, named sets, materials, supports and loads."""
+
+import hashlib
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from fe.element import FACES, Array, Integers
+from fe.material import Material
+
+
+@dataclass(frozen=True)
+class Block:
+    """Elements of one type: `connectivity` (e, 27) holds row numbers of `Case.nodes`."""
+
+    type: str
+    connectivity: Integers
+
+
+@dataclass(frozen=True)
+class Support:
+    """Prescribed displacement of a node set: `components` out of 0, 1, 2; `value` (k, 3) mm, None means zero."""
+
+    nodes: str
+    components: tuple[int, ...]
+    value: Array | None = None
+
+
+@dataclass(frozen=True)
+class Clamp:
+    """A node set held rigidly that may turn about the y axis through `centre` (x, z) mm.
+
+    rotation = compliance (rad/(N mm)) times the moment that the structure exerts on it; 0 is the rigid clamp.
+    """
+
+    nodes: str
+    centre: tuple[float, float]
+    compliance: float = 0.0
+
+
+@dataclass(frozen=True)
+class Case:
+    """Everything a solve needs, in mm, N, MPa.
+
+    nodes (n, 3) mm; labels (n,) the Abaqus node numbers; one material per element set (together they cover every
+    element once); `pressurised` names the surface that carries the follower pressure; `forces` are dead forces
+    (3,) N, spread evenly over a node set. In a half model forces and moments are those of the half.
+    """
+
+    nodes: Array
+    labels: Integers
+    blocks: tuple[Block, ...]
+    node_sets: Mapping[str, Integers]
+    element_sets: Mapping[str, Integers]
+    surfaces: Mapping[str, Integers]  # (f, 2): element, face
+    materials: Mapping[str, Material]
+    supports: tuple[Support, ...] = ()
+    clamp: Clamp | None = None
+    pressurised: str | None = None
+    forces: Mapping[str, Array] = field(default_factory=dict)
+
+    @property
+    def connectivity(self) -> Integers:
+        """The rows (e, 27) of all blocks, in order."""
+        return np.concatenate([b.connectivity for b in self.blocks])
+
+    def position(self, label: int) -> Array:
+        """Undeformed position (3,) mm of the node with this label; ValueError names the nearest labels if unknown."""
+        row = np.flatnonzero(self.labels == label)
+        if not len(row):
+            near = np.sort(self.labels[np.argsort(np.abs(self.labels - label))[:3]])
+            raise ValueError(
+                f"node {label}: not in the model, wanted one of its {len(self.labels)} node labels "
+                f"(nearest: {', '.join(map(str, near))}); correct the node of that point"
+            )
+        return self.nodes[row[0]]
+
+    def face_nodes(self, surface: str) -> Integers:
+        """Node rows (f, 9) of a surface's faces, ordered so that their normal points out of the material."""
+        element, face = self.surfaces[surface].T
+        return np.take_along_axis(self.connectivity[element], FACES[face], axis=1)
+
+    def per_element(self, name: str) -> Array:
+        """The constant `name` of each element's material, shape (e,)."""
+        out = np.full(sum(len(b.connectivity) for b in self.blocks), np.nan)
+        for key, material in self.materials.items():
+            out[self.element_sets[key]] = getattr(material, name)
+        return out
+
+    def with_material(self, **constants: object) -> "Case":
+        """The same case with these constants changed in every material."""
+        return replace(self, materials={k: replace(m, **constants) for k, m in self.materials.items()})  # type: ignore[arg-type]
+
+
+def digest(*arrays: object) -> str:
+    """A short fingerprint of arrays and plain values, to key what may be computed once."""
+    h = hashlib.sha256()
+    for a in arrays:
+        h.update(np.ascontiguousarray(a).tobytes() if isinstance(a, np.ndarray) else repr(a).encode())
+    return h.hexdigest()[:16]

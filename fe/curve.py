@@ -1,0 +1,158 @@
+"""A history-free problem -> its equilibrium states over pressure, with slopes and derivatives to parameters."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.interpolate import CubicHermiteSpline, CubicSpline
+
+from fe.assembly import Memory, State
+from fe.element import Array
+from fe.newton import Problem, Step, equilibrium, imbalance, moved
+
+LEAST_STEP = 1 / 64  # of the distance between two levels; below that the path is given up
+
+
+@dataclass(frozen=True)
+class Differenced:
+    """A parameter seen by its two neighbouring problems, `step` apart on either side: `plus` and `minus`."""
+
+    plus: Problem
+    minus: Problem
+    step: float
+
+
+@dataclass(frozen=True)
+class Curve:
+    """States over pressure: pressure (k,) MPa, u (k, n, 3) mm, p (k, e, 4) MPa, rotation (k,) and their slopes.
+
+    derivative (v, k, n, 3): mm per unit of each parameter at fixed pressure. Where the path stopped early, `reason`
+    says why and `pressure[-1]` is what was reached.
+    """
+
+    pressure: Array
+    u: Array
+    p: Array
+    rotation: Array
+    u_slope: Array
+    p_slope: Array
+    rotation_slope: Array
+    derivative: Array
+    iterations: int
+    reason: str
+
+    def state(self, q: float) -> State:
+        """The interpolated state (cubic Hermite) at pressure q MPa."""
+        u, p, r = (
+            _hermite(self.pressure, y, s, q)
+            for y, s in ((self.u, self.u_slope), (self.p, self.p_slope), (self.rotation, self.rotation_slope))
+        )
+        return State(u, p, float(r))
+
+    def values(self, operator: Array, q: Array, order: int = 0) -> Array:
+        """Displacement, or its slope with order 1, at pressures q (s,) and points given by `operator` (p, n):
+        (s, p, 3)."""
+        y, s = _apply(operator, self.u), _apply(operator, self.u_slope)
+        return CubicHermiteSpline(self.pressure, y, s, axis=0)(q, order)
+
+    def derivatives(self, operator: Array, q: Array) -> Array:
+        """Derivatives (v, s, p, 3) at pressures q (s,) and points given by `operator` (p, n)."""
+        y = np.stack([_apply(operator, d) for d in self.derivative]) if len(self.derivative) else np.empty((0,))
+        return CubicSpline(self.pressure, y, axis=1)(q) if len(y) else np.empty((0, len(q), operator.shape[0], 3))
+
+
+def _apply(operator: Array, fields: Array) -> Array:
+    return np.stack([operator @ f for f in fields])
+
+
+def _hermite(x: Array, y: Array, slope: Array, q: float) -> Array:
+    k = int(np.clip(np.searchsorted(x, q) - 1, 0, len(x) - 2))
+    return CubicHermiteSpline(x[k : k + 2], y[k : k + 2], slope[k : k + 2], axis=0)(q)
+
+
+def sensitivity(
+    step: Step, state: State, varied: Differenced, load: tuple[float, float],
+    memory: tuple[Memory | None, Memory | None] = (None, None),
+) -> State:
+    """The derivative of the state to one parameter, by direct differentiation with the factorised tangent.
+
+    The residual is differenced at fixed displacement, pressure modes and clamp rotation; `load` (MPa) and `memory`
+    are those of the two neighbouring problems.
+    """
+    plus = imbalance(varied.plus, state, load[0], memory[0])
+    minus = imbalance(varied.minus, state, load[1], memory[1])
+    force, gap, moment = ((a - b) / (2 * varied.step) for a, b in zip(plus, minus, strict=True))
+    return step.solve(force, float(moment), gap)
+
+
+def pressure_slope(step: Step, state: State) -> State:
+    """The derivative of the state to the follower pressure, per MPa."""
+    kernel = step.problem.kernel
+    force = -kernel.pressure.force(kernel.geometry.nodes + state.u)
+    clamp = step.problem.case.clamp
+    moment = (clamp.compliance if clamp else 0.0) * step.moment(force)
+    return step.solve(force, moment, np.zeros_like(state.p))
+
+
+@dataclass(frozen=True)
+class _Level:
+    pressure: float
+    state: State
+    slope: State
+    derivatives: tuple[State, ...]
+
+
+def trace(
+    problem: Problem, pressures: Array, *, varied: Sequence[Differenced] = (), near: Curve | None = None
+) -> Curve:
+    """The curve of a problem through increasing `pressures` (k,) MPa, starting from rest or from a `near` curve.
+
+    A step that does not converge is halved, and the level in between stays in the curve. Never raises for lack of
+    convergence: the curve then ends early and says why.
+    """
+    todo, done, iterations, reason = [float(q) for q in pressures], [], 0, "converged"
+    least = LEAST_STEP * float(pressures[-1] - pressures[0])
+    while todo:
+        found = equilibrium(problem, _guess(problem, done, todo[0], near), load=todo[0])
+        iterations += found.iterations
+        if found.state is None or found.step is None:
+            here = done[-1].pressure if done else 0.0
+            if not done or todo[0] - here < least:
+                reason = f"stopped at {here:.4g} MPa of {pressures[-1]:.4g}: {found.reason}"
+                break
+            todo.insert(0, (here + todo[0]) / 2)
+            continue
+        load = todo.pop(0)
+        derivatives = tuple(sensitivity(found.step, found.state, v, (load, load)) for v in varied)
+        done.append(_Level(load, found.state, pressure_slope(found.step, found.state), derivatives))
+    return _curve(done, len(varied), iterations, reason)
+
+
+def _guess(problem: Problem, done: list[_Level], target: float, near: Curve | None) -> State:
+    """The next state: from rest, along the slope, or by the cubic through the last two levels."""
+    if near is not None and target <= near.pressure[-1] and done:
+        gap = moved(done[-1].state, near.state(done[-1].pressure), -1.0)
+        return moved(near.state(target), gap)
+    if not done:
+        return problem.start()
+    last = done[-1]
+    if len(done) == 1:
+        return moved(last.state, last.slope, target - last.pressure)
+    x = np.array([done[-2].pressure, last.pressure])
+    parts = []
+    for name in ("u", "p", "rotation"):
+        y = np.stack([np.asarray(getattr(level.state, name)) for level in done[-2:]])
+        dy = np.stack([np.asarray(getattr(level.slope, name)) for level in done[-2:]])
+        parts.append(CubicHermiteSpline(x, y, dy, axis=0)(target))
+    return State(parts[0], parts[1], float(parts[2]))
+
+
+def _curve(done: list[_Level], parameters: int, iterations: int, reason: str) -> Curve:
+    def of(kind: str, name: str) -> Array:
+        return np.array([getattr(getattr(level, kind), name) for level in done])
+
+    derivative = np.array([[level.derivatives[v].u for level in done] for v in range(parameters)])
+    return Curve(
+        np.array([level.pressure for level in done]), of("state", "u"), of("state", "p"), of("state", "rotation"),
+        of("slope", "u"), of("slope", "p"), of("slope", "rotation"), derivative, iterations, reason,
+    )

@@ -1,0 +1,51 @@
+"""A symmetric sparse matrix (upper triangle) -> solutions, by PARDISO, or SuperLU where MKL is absent."""
+
+import weakref
+
+import numpy as np
+import scipy.sparse as sp
+
+from fe.element import Array, Integers
+
+try:
+    from pypardiso import PyPardisoSolver
+except ImportError:  # MKL is not available on this platform
+    PyPardisoSolver = None
+
+
+class Symmetric:
+    """One sparsity pattern, factorised many times; the symbolic analysis is done once.
+
+    indptr, indices: the CSR pattern of the upper triangle including the diagonal.
+    """
+
+    def __init__(self, indptr: Integers, indices: Integers) -> None:
+        self._indptr, self._indices, self._n = indptr, indices, len(indptr) - 1
+        self._analysed = False
+        self._solver = PyPardisoSolver(mtype=-2) if PyPardisoSolver else None
+        if self._solver is not None:  # the factors live outside Python's memory
+            weakref.finalize(self, _free, self._solver).atexit = False
+
+    def factorise(self, data: Array) -> None:
+        """Factorise the matrix whose upper triangle has the values `data` (nnz,)."""
+        matrix = sp.csr_matrix((data, self._indices, self._indptr), shape=(self._n, self._n))
+        if self._solver is None:
+            full = matrix + sp.triu(matrix, 1).T
+            self._lu = sp.linalg.splu(full.tocsc(), permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True})
+            return
+        self._matrix = matrix
+        self._solver.set_phase(22 if self._analysed else 12)
+        self._solver._call_pardiso(matrix, np.zeros((self._n, 1)))
+        self._analysed = True
+
+    def solve(self, b: Array) -> Array:
+        """The solution (n,) or (n, k) for right-hand sides `b` of the same shape, with the newest factors."""
+        if self._solver is None:
+            return np.asarray(self._lu.solve(b))
+        self._solver.set_phase(33)
+        x = self._solver._call_pardiso(self._matrix, np.asfortranarray(b.reshape(self._n, -1)))
+        return np.asarray(x).reshape(b.shape)
+
+
+def _free(solver: object) -> None:
+    solver.free_memory(everything=True)  # type: ignore[attr-defined]

@@ -1,0 +1,172 @@
+"""A case, a load and a starting state -> the equilibrium state, by Newton's method with exact tangents."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from fe.assembly import Constants, Geometry, Kernel, Linearised, Memory, State
+from fe.case import Case
+from fe.element import Array
+
+TOLERANCE = 1e-5  # last correction against the structure's size; what is left is its square (quadratic convergence)
+
+
+@dataclass(frozen=True)
+class Problem:
+    """One case made ready: kernel (shared by cases with the same mesh and supports), constants, dead forces (n, 3)."""
+
+    kernel: Kernel
+    constants: Constants
+    case: Case
+    dead: Array
+    geometry: Geometry
+
+    @staticmethod
+    def of(case: Case, kernel: Kernel | None = None) -> "Problem":
+        """The problem of a case, on an existing kernel of the same mesh where given."""
+        dead = np.zeros_like(case.nodes)
+        for name, force in case.forces.items():
+            rows = case.node_sets[name]
+            dead[rows] += np.asarray(force, float) / len(rows)
+        kernel = kernel or Kernel(case)
+        same = np.array_equal(case.nodes, kernel.geometry.nodes)
+        geometry = kernel.geometry if same else Geometry(case.nodes, kernel.connectivity)
+        return Problem(kernel, Constants.of(case), case, dead, geometry)
+
+    def start(self) -> State:
+        """The undeformed state with the prescribed displacements put in."""
+        u = np.zeros_like(self.case.nodes)
+        for s in self.case.supports:
+            if s.value is not None:
+                u[np.ix_(self.case.node_sets[s.nodes], s.components)] = s.value[:, s.components]
+        return State(u, np.zeros((len(self.case.connectivity), 4)))
+
+    def clamp_motion(self, rotation: float) -> tuple[Array, Array, Array]:
+        """Displacement (k, 3) mm of the clamp nodes at a rotation, and its first two derivatives."""
+        if self.case.clamp is None:
+            return (np.empty((0, 3)),) * 3
+        x = self.case.nodes[self.kernel.clamped]
+        dx, dz = x[:, 0] - self.case.clamp.centre[0], x[:, 2] - self.case.clamp.centre[1]
+        s, c, none = np.sin(rotation), np.cos(rotation), np.zeros(len(x))
+        moved = np.stack([c * dx + s * dz - dx, none, c * dz - s * dx - dz], axis=1)
+        first = np.stack([c * dz - s * dx, none, -s * dz - c * dx], axis=1)
+        return moved, first, np.stack([-s * dz - c * dx, none, s * dx - c * dz], axis=1)
+
+
+class Step:
+    """A factorised tangent at one state: solves for any right-hand side, clamp rotation included."""
+
+    def __init__(self, problem: Problem, state: State, system: Linearised) -> None:
+        self.problem, self.state, self.system = problem, state, system
+        kernel, clamp = problem.kernel, problem.case.clamp
+        kernel.matrix.factorise(system.data)
+        self._compliance = clamp.compliance if clamp else 0.0
+        _, self._turn, bend = problem.clamp_motion(state.rotation)
+        self._side = system.turning.ravel()[kernel.free]
+        self._back = kernel.matrix.solve(self._side) if clamp else np.zeros(len(kernel.free))
+        held = system.turning[kernel.clamped]
+        s = (held * self._turn).sum() + (bend * system.force[kernel.clamped]).sum()
+        self._pivot = 1 + self._compliance * (s - self._side @ self._back)
+
+    def moment(self, force: Array) -> float:
+        """The generalised force (N mm) of nodal forces (n, 3) on the clamp's rotation."""
+        return float((self._turn * force[self.problem.kernel.clamped]).sum())
+
+    def solve(self, force: Array, moment: float, gap: Array | None) -> State:
+        """The change of state that cancels a change of the residuals: nodal `force` (n, 3) N (not condensed where
+        `gap` (e, 4) mm3 is given), and `moment`, the residual of the clamp's equation in rad."""
+        kernel, system = self.problem.kernel, self.system
+        if gap is not None:
+            extra = (system.coupling @ (system.compliance @ gap[..., None])).reshape(-1, 27, 3)
+            force = force + kernel.gather(extra)
+            moment = moment + self._compliance * self.moment(kernel.gather(extra))
+        x = kernel.matrix.solve(force.ravel()[kernel.free])
+        turn = (-moment + self._compliance * (self._side @ x)) / self._pivot
+        du = np.zeros(kernel.dofs)
+        du[kernel.free] = -x - self._back * turn
+        du = du.reshape(-1, 3)
+        du[kernel.clamped] = self._turn * turn
+        gap = system.gap if gap is None else gap
+        strain = np.swapaxes(system.coupling, 1, 2) @ du[kernel.connectivity].reshape(-1, 81, 1)
+        return State(du, (system.compliance @ (gap[..., None] + strain))[..., 0], float(turn))
+
+
+@dataclass(frozen=True)
+class Equilibrium:
+    """The equilibrium state and the tangent factorised next to it, or the reason why there is none.
+
+    The tangent's state and the equilibrium differ by less than TOLERANCE of the structure's size.
+    """
+
+    state: State | None
+    step: Step | None
+    iterations: int
+    reason: str
+
+
+def _residuals(problem: Problem, state: State, load: float, memory: Memory | None) -> tuple[Linearised, float]:
+    _, turn, _ = problem.clamp_motion(state.rotation)
+    system = problem.kernel.linearise(state, problem.constants, load, memory, turn)
+    force = system.force - problem.dead
+    system = replace(system, force=force)
+    clamp = problem.case.clamp
+    compliance = clamp.compliance if clamp else 0.0
+    return system, state.rotation + compliance * float((turn * force[problem.kernel.clamped]).sum())
+
+
+def equilibrium(
+    problem: Problem, start: State, *, load: float, memory: Memory | None = None, limit: int = 25,
+    tolerance: float = TOLERANCE,
+) -> Equilibrium:
+    """The equilibrium at follower pressure `load` MPa, from `start`, in at most `limit` factorisations.
+
+    Never raises for lack of convergence: `reason` then says what stopped it.
+    """
+    kernel, state, before = problem.kernel, _consistent(problem, start), np.inf
+    for iteration in range(limit):
+        system, moment = _residuals(problem, state, load, memory)
+        free = system.force.ravel()[kernel.free]
+        if not np.isfinite(system.data).all():
+            return Equilibrium(None, None, iteration, "an element turned inside out")
+        size = float(np.abs(free).max(initial=0.0))
+        if iteration > 2 and size > 1e3 * before:
+            return Equilibrium(None, None, iteration, "the residual grew: limit point or too large a step")
+        step = Step(problem, state, system)
+        change = step.solve(system.force, moment, None)
+        length = float(np.abs(change.u).max())
+        if not np.isfinite(length) or length > 0.5 * np.ptp(problem.case.nodes, axis=0).max() and iteration > 0:
+            return Equilibrium(None, None, iteration + 1, "the correction left the size of the structure")
+        state = _consistent(problem, moved(state, change))
+        if length < tolerance * np.ptp(problem.case.nodes, axis=0).max():
+            return Equilibrium(state, step, iteration + 1, "converged")
+        before = min(before, size) if np.isfinite(size) else before
+    return Equilibrium(None, None, limit, f"no equilibrium in {limit} iterations")
+
+
+def moved(state: State, change: State, factor: float = 1.0) -> State:
+    """The state plus `factor` times a change of state."""
+    return State(
+        state.u + factor * change.u, state.p + factor * change.p, state.rotation + factor * change.rotation
+    )
+
+
+def _consistent(problem: Problem, state: State) -> State:
+    """The state with the clamp nodes exactly where its rotation puts them."""
+    if problem.case.clamp is None:
+        return state
+    u = state.u.copy()
+    u[problem.kernel.clamped] = problem.clamp_motion(state.rotation)[0]
+    return replace(state, u=u)
+
+
+def imbalance(problem: Problem, state: State, load: float, memory: Memory | None) -> tuple[Array, Array, float]:
+    """All residuals at a state, not condensed: forces (n, 3) N, volume gaps (e, 4) mm3, clamp equation in rad.
+
+    The problem's own positions are used, so that a problem with other nodes on the same kernel is differenced right.
+    """
+    kernel, clamp = problem.kernel, problem.case.clamp
+    force, gap = kernel.residual(state, problem.constants, load, memory, problem.geometry)
+    force -= problem.dead
+    _, turn, _ = problem.clamp_motion(state.rotation)
+    moment = float((turn * force[kernel.clamped]).sum())
+    return force, gap, state.rotation + (clamp.compliance if clamp else 0.0) * moment

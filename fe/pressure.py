@@ -1,0 +1,46 @@
+"""Deformed surface positions -> nodal forces of a unit follower pressure and their symmetric tangent.
+
+f_a = - int N_a (x,s x x,t) ds dt per unit pressure, with the normal out of the material. On a closed chamber (or
+one closed by symmetry planes) the pressure has the potential p V, so the tangent is symmetric (Bufler 1984,
+doi 10.1002/zamm.19840640704); the antisymmetric part of each face cancels in the sum and is dropped.
+"""
+
+import numpy as np
+
+from fe.element import Array, Integers, face_shape, gauss
+
+
+class PressureFaces:
+    """The faces (f, 9) of a pressurised surface of a mesh with `count` nodes."""
+
+    def __init__(self, faces: Integers | None, count: int) -> None:
+        self.faces = np.empty((0, 9), np.int64) if faces is None else faces
+        self.dofs = (self.faces[:, :, None] * 3 + np.arange(3)).reshape(-1, 27)
+        points, self._weight = gauss(2)
+        self._N, self._dN = face_shape(points)
+        self._count = count
+
+    def _tangents(self, x: Array) -> tuple[Array, Array]:
+        t = np.einsum("fai,qak->kfqi", x[self.faces], self._dN, optimize=True)
+        return t[0], t[1]
+
+    def force(self, x: Array) -> Array:
+        """Nodal forces (n, 3) mm2 at deformed positions x (n, 3) mm."""
+        s, t = self._tangents(x)
+        f = -np.einsum("q,qa,fqi->fai", self._weight, self._N, np.cross(s, t), optimize=True)
+        return np.bincount(self.dofs.ravel(), weights=f.ravel(), minlength=3 * self._count).reshape(-1, 3)
+
+    def tangent(self, x: Array) -> Array:
+        """Symmetric element tangents (f, 27, 27) mm, d force / d x, at deformed positions x (n, 3) mm."""
+        s, t = self._tangents(x)
+        # d(s x t) = -[t] ds + [s] dt, with [v] the matrix of v x
+        by_s = np.einsum("q,qa,qb,fqij->faibj", self._weight, self._N, self._dN[..., 0], -_cross_matrix(t), optimize=True)
+        by_t = np.einsum("q,qa,qb,fqij->faibj", self._weight, self._N, self._dN[..., 1], _cross_matrix(s), optimize=True)
+        full = -(by_s + by_t).reshape(-1, 27, 27)
+        return 0.5 * (full + np.swapaxes(full, 1, 2))
+
+
+def _cross_matrix(v: Array) -> Array:
+    out = np.zeros((*v.shape, 3))
+    out[..., 0, 1], out[..., 0, 2], out[..., 1, 2] = -v[..., 2], v[..., 1], -v[..., 0]
+    return out - np.swapaxes(out, -1, -2)

@@ -1,0 +1,269 @@
+"""A case and a pressure history -> displacements at the output times, by one call: `solve`.
+
+Without creep the response is a function of pressure: one curve of equilibrium states serves every time. With a
+Prony series the history is solved at a few times; between them u(t) = U(q(t)) + D(t), where U is the history-free
+curve, q the creep-equivalent pressure of linear viscoelasticity, and D, small and slow, is interpolated.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
+
+import numpy as np
+from scipy.interpolate import PchipInterpolator
+
+from fe.assembly import Kernel, Memory, State
+from fe.case import Case, digest
+from fe.curve import Curve, Differenced, sensitivity, trace
+from fe.element import Array
+from fe.locate import interpolation
+from fe.material import relaxation
+from fe.newton import Problem, equilibrium, moved
+from fe.path import Path, equivalent, knots, levels
+
+
+@dataclass(frozen=True)
+class Variation:
+    """A parameter's direction: the test on either side of the present one, `step` of the parameter apart."""
+
+    plus: tuple[Case, Path]
+    minus: tuple[Case, Path]
+    step: float
+
+
+@dataclass(frozen=True)
+class History:
+    """The solved times of a history material.
+
+    time (k,) s; pressure (k,) MPa, creep-equivalent, and its derivatives slopes (v, k); u (k, n, 3) mm; derivative
+    of those parameters that have a history, each (k, n, 3) mm per unit. `active` is False where every g is 0: then u equals the curve and only the
+    derivatives matter. `drift` is the state minus the curve's, for a neighbouring solve to begin from.
+    """
+
+    time: Array
+    pressure: Array
+    slopes: Array
+    u: Array
+    derivative: dict[int, Array]
+    drift: tuple[State, ...]
+    active: bool
+
+
+@dataclass(frozen=True)
+class Solution:
+    """The response of a case to a path.
+
+    `converged`, or else `reason` says why not and `reached` (MPa) how far; `iterations` counts factorisations.
+    pressure (s,) MPa is the (creep-equivalent) pressure at the output times; slopes (v, s) its derivatives.
+    """
+
+    case: Case
+    path: Path
+    curve: Curve
+    pressure: Array
+    slopes: Array
+    history: History | None
+    iterations: int
+    reason: str
+    _operators: dict[bytes, Array] = field(default_factory=dict, repr=False, compare=False)
+
+    @property
+    def converged(self) -> bool:
+        """Whether every output time was reached."""
+        return self.reason == "converged"
+
+    @property
+    def reached(self) -> float:
+        """The last pressure in MPa with an equilibrium."""
+        return float(self.curve.pressure[-1]) if len(self.curve.pressure) else 0.0
+
+    def _operator(self, points: Array) -> Array:
+        key = np.ascontiguousarray(points).tobytes()
+        if key not in self._operators:
+            self._operators[key] = interpolation(self.case, points)
+        return self._operators[key]
+
+    def at(self, points: Array) -> Array:
+        """Displacements (s, p, 3) mm at the output times of undeformed points (p, 3) mm."""
+        operator, h = self._operator(points), self.history
+        u = self.curve.values(operator, self.pressure)
+        if h is None or not h.active:
+            return u
+        return u + _in_time(h.time, _apply(operator, h.u) - self.curve.values(operator, h.pressure), self.path.output)
+
+    def per_pressure(self, points: Array) -> Array:
+        """dU/dp (s, p, 3) mm per MPa at the output times, at fixed history."""
+        return self.curve.values(self._operator(points), self.pressure, 1)
+
+    def variations_at(self, points: Array) -> Array:
+        """Derivatives (v, s, p, 3) of `at` to the parameters of the variations, mm per unit."""
+        operator, h = self._operator(points), self.history
+        du = self._along(operator, self.pressure, self.slopes)
+        if h is None or not len(du):
+            return du
+        carrier = self._along(operator, h.pressure, h.slopes)
+        for n, d in h.derivative.items():
+            du[n] += _in_time(h.time, _apply(operator, d) - carrier[n], self.path.output)
+        return du
+
+    def _along(self, operator: Array, pressure: Array, slopes: Array) -> Array:
+        return self.curve.derivatives(operator, pressure) + slopes[..., None, None] * self.curve.values(operator, pressure, 1)
+
+    def fields(self, steps: Sequence[int]) -> Array:
+        """Displacements (k, n, 3) mm of all nodes at the output times number `steps`."""
+        u, h = np.stack([self.curve.state(q).u for q in self.pressure[list(steps)]]), self.history
+        if h is None or not h.active:
+            return u
+        rest = h.u - np.stack([self.curve.state(q).u for q in h.pressure])
+        return u + _in_time(h.time, rest, self.path.output[list(steps)])
+
+
+def _apply(operator: Array, fields: Array) -> Array:
+    return np.stack([operator @ f for f in fields])
+
+
+def _in_time(time: Array, values: Array, at: Array) -> Array:
+    return PchipInterpolator(time, values, axis=0)(np.clip(at, time[0], time[-1]))
+
+
+def solve(case: Case, path: Path, *, start: Solution | None = None, variations: Sequence[Variation] = ()) -> Solution:
+    """The displacements of `case` along `path`, and their derivatives along `variations`.
+
+    start: a solution of a neighbouring case with the same mesh and path, to begin from. Never raises for lack of
+    convergence: see `Solution.converged`, `reason` and `reached`.
+    """
+    kernel = _kernel(_Key(case))
+    problem = Problem.of(case, kernel)
+    varied = [Differenced(Problem.of(v.plus[0], kernel), Problem.of(v.minus[0], kernel), v.step) for v in variations]
+    dense = _equivalent(problem, path, path.time)
+    curve = trace(problem, levels(max(float(dense.max()), 1e-9)), varied=varied, near=start.curve if start else None)
+
+    def result(history: History | None, iterations: int, reason: str) -> Solution:
+        pressure = np.interp(path.output, path.time, dense)
+        slopes = _slopes(varied, variations, path.output, dense=True)
+        return Solution(case, path, curve, pressure, slopes, history, curve.iterations + iterations, reason)
+
+    remember = any(len(q.constants.prony) for q in (problem, *(v.plus for v in varied)))
+    if curve.reason != "converged" or not remember:
+        return result(None, 0, curve.reason)
+    return result(*_follow(problem, path, curve, variations, varied, start.history if start else None))
+
+
+def _equivalent(problem: Problem, path: Path, time: Array) -> Array:
+    """Creep-equivalent pressure (k,) MPa at `time`; the first element's series serves as the carrier's."""
+    p = np.interp(time, path.time, path.pressure)
+    prony = problem.constants.prony[:, 0]
+    return equivalent(time, p, prony) if prony[:, 0].any() else p
+
+
+def _slopes(varied: Sequence[Differenced], variations: Sequence[Variation], time: Array, *, dense: bool) -> Array:
+    """Derivatives (v, k) of the creep-equivalent pressure at `time`, solved on the log's times where `dense`."""
+    def one(problem: Problem, path: Path) -> Array:
+        if not dense:
+            return _equivalent(problem, path, time)
+        return np.interp(time, path.time, _equivalent(problem, path, path.time))
+
+    rows = [
+        (one(d.plus, v.plus[1]) - one(d.minus, v.minus[1])) / (2 * d.step)
+        for d, v in zip(varied, variations, strict=True)
+    ]
+    return np.array(rows).reshape(len(rows), len(time))
+
+
+@dataclass(frozen=True)
+class _Stresses:
+    """Isochoric stress (e, q, 3, 3) MPa at the last time and the Prony terms' stresses (m, e, q, 3, 3)."""
+
+    now: Array
+    terms: Array
+
+    def memory(self, problem: Problem, dt: float) -> Memory:
+        prony = problem.constants.prony
+        g, (decay, ramp) = prony[..., 0], relaxation(prony, dt)
+        scale = 1 - g.sum(0) + (g * ramp).sum(0)
+        carried = np.einsum("me,meqij->eqij", decay, self.terms)
+        return Memory(scale, carried - (g * ramp).sum(0)[:, None, None, None] * self.now)
+
+    def after(self, problem: Problem, dt: float, new: Array) -> "_Stresses":
+        prony = problem.constants.prony
+        decay, ramp = relaxation(prony, dt)
+        weight = (prony[..., 0] * ramp)[..., None, None, None]
+        return _Stresses(new, decay[..., None, None, None] * self.terms + weight * (new - self.now))
+
+
+def _follow(
+    problem: Problem, path: Path, curve: Curve, variations: Sequence[Variation], varied: Sequence[Differenced],
+    near: History | None,
+) -> tuple[History | None, int, str]:
+    """The history at its solved times, the factorisations it took, and the reason where it stopped."""
+    g = problem.constants.prony[..., 0]
+    # without creep in the base, only the derivatives towards creep have a history of their own
+    tracked = [n for n, v in enumerate(varied) if len(g) or len(v.plus.constants.prony)]
+    time = knots(path)
+    load = np.interp(time, path.time, path.pressure)
+    pressure = _equivalent(problem, path, time)
+    loads = [[np.interp(time, w.time, w.pressure) for w in (v.plus[1], v.minus[1])] for v in variations]
+    if near is not None and (near.time.shape != time.shape or not np.array_equal(near.time, time)):
+        near = None
+    state, iterations = curve.state(pressure[0]), 0
+    drift = [moved(state, state, -1.0)]
+    u, du = [state.u], [[np.zeros_like(state.u) for _ in tracked]]
+    stresses = _first(problem, state)
+    pairs = {n: tuple(_first(q, state) for q in (varied[n].plus, varied[n].minus)) for n in tracked}
+    for k in range(1, len(time)):
+        dt, carrier = time[k] - time[k - 1], curve.state(pressure[k])
+        guess = moved(carrier, near.drift[k] if near else drift[-1])
+        found = equilibrium(problem, guess, load=load[k], memory=stresses.memory(problem, dt))
+        iterations += found.iterations
+        if found.state is None or found.step is None:
+            return None, iterations, f"stopped at {time[k]:.4g} s, {load[k]:.4g} MPa: {found.reason}"
+        state = found.state
+        drift.append(moved(state, carrier, -1.0))
+        u.append(state.u)
+        row = []
+        for n in tracked:
+            v = varied[n]
+            memories = tuple(s.memory(q, dt) for s, q in zip(pairs[n], (v.plus, v.minus), strict=True))
+            change = sensitivity(found.step, state, v, tuple(x[k] for x in loads[n]), memories)
+            pairs[n] = tuple(
+                s.after(q, dt, _isochoric(q, state.u + sign * v.step * change.u))
+                for s, q, sign in zip(pairs[n], (v.plus, v.minus), (1, -1), strict=True)
+            )
+            row.append(change.u)
+        du.append(row)
+        stresses = stresses.after(problem, dt, _isochoric(problem, state.u))
+    slopes = _slopes(varied, variations, time, dense=False)
+    derivative = {n: np.array([row[i] for row in du]) for i, n in enumerate(tracked)}
+    return History(time, pressure, slopes, np.array(u), derivative, tuple(drift), bool(g.any())), iterations, "converged"
+
+
+def _first(problem: Problem, state: State) -> _Stresses:
+    """The stresses of a state that was put on instantly."""
+    now = _isochoric(problem, state.u)
+    return _Stresses(now, problem.constants.prony[..., 0][..., None, None, None] * now)
+
+
+def _isochoric(problem: Problem, u: Array) -> Array:
+    return problem.kernel.isochoric(u, problem.constants, problem.geometry)
+
+
+class _Key:
+    """What two cases must share to use one kernel: mesh, supports and surfaces, not materials or loads."""
+
+    def __init__(self, case: Case) -> None:
+        self.case = case
+        held = [(s.nodes, s.components, case.node_sets[s.nodes]) for s in case.supports]
+        clamp = case.node_sets[case.clamp.nodes] if case.clamp else ()
+        surface = case.surfaces[case.pressurised] if case.pressurised else ()
+        self.digest = digest(case.nodes, case.connectivity, surface, clamp, *(x for h in held for x in h))
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Key) and other.digest == self.digest
+
+    def __hash__(self) -> int:
+        return hash(self.digest)
+
+
+@lru_cache(maxsize=4)
+def _kernel(key: _Key) -> Kernel:
+    return Kernel(key.case)

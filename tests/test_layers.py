@@ -1,0 +1,101 @@
+"""The layers of CONTRIBUTING.md, read from the import statements (nothing is imported here)."""
+
+import ast
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+LEAVES = ("vision", "fe", "calibrate")
+PACKAGES = (*LEAVES, "twin")
+FILES = {
+    ".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__"): path
+    for package in PACKAGES
+    for path in sorted((ROOT / package).rglob("*.py"))
+}
+
+
+def imports(source: str, *, package: str) -> set[str]:
+    """Dotted names that a module may import, wherever in it the statement stands.
+
+    `from a import b` gives both a and a.b: b may be a module. Relative names are made absolute.
+    """
+    found: set[str] = set()
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            base = package.split(".")[: len(package.split(".")) - node.level + 1] if node.level else []
+            module = ".".join([*base, *([node.module] if node.module else [])])
+            found |= {module, *(f"{module}.{alias.name}" for alias in node.names)}
+    return found
+
+
+def imports_of(name: str) -> set[str]:
+    package = name if FILES[name].name == "__init__.py" else name.rpartition(".")[0]
+    return imports(FILES[name].read_text(encoding="utf-8"), package=package)
+
+
+def reached_from(name: str) -> set[str]:
+    """Own modules that the import of `name` may load: transitively, with every package's __init__."""
+    seen: set[str] = set()
+    todo = [name]
+    while todo:
+        module = todo.pop()
+        if module in seen or module not in FILES:
+            continue
+        seen.add(module)
+        todo += [module.rpartition(".")[0], *imports_of(module)]
+    return seen
+
+
+@pytest.mark.parametrize("leaf", LEAVES)
+def test_a_leaf_imports_no_other_package_of_ours(leaf: str) -> None:
+    own = set(PACKAGES) - {leaf}
+    modules = [name for name in FILES if name.split(".")[0] == leaf]
+    assert modules, f"{leaf} has no modules: this test would see nothing"
+    breaches = {(name, used) for name in modules for used in imports_of(name) if used.split(".")[0] in own}
+    assert not breaches
+
+
+@pytest.mark.parametrize("banned", ["felupe", "pickle", "dill", "cloudpickle", "shelve", "joblib"])
+def test_no_package_imports(banned: str) -> None:
+    assert not [name for name in FILES if any(used.split(".")[0] == banned for used in imports_of(name))]
+
+
+def test_no_package_imports_tests_or_benchmarks() -> None:
+    banned = {"tests", "benchmarks", "datasets"}
+    assert not [name for name in FILES if any(used.split(".")[0] in banned for used in imports_of(name))]
+
+
+def test_no_module_is_a_drawer_for_anything() -> None:
+    banned = {"utils", "util", "common", "core", "helpers", "misc"}
+    assert not [name for name in FILES if banned & {part.lstrip("_") for part in name.split(".")}]
+
+
+def test_datasets_hold_no_python() -> None:
+    assert not list((ROOT / "datasets").rglob("*.py"))
+
+
+def test_diagnose_cannot_see_the_virtual_laboratory() -> None:
+    reached = reached_from("twin.diagnose")
+    assert {"twin", "twin.diagnose"} <= reached
+    assert not [name for name in reached if "twin.virtual" in imports_of(name)]
+    assert "twin.virtual" in FILES  # else the line above proves nothing
+
+
+def test_the_reader_of_imports_sees_every_form() -> None:
+    source = "import a.b\ndef f():\n    from .c import d\n    from .. import e\nfrom g import h as i\n"
+    assert imports(source, package="p.q") >= {"a.b", "p.q.c", "p.q.c.d", "p.e", "g", "g.h"}
+
+
+def test_every_package_says_that_it_is_typed() -> None:
+    assert all((ROOT / package / "py.typed").is_file() for package in PACKAGES)
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_a_package_exports_at_most_twelve_names(package: str) -> None:
+    tree = ast.parse(FILES[package].read_text(encoding="utf-8"))
+    assigned = {ast.unparse(n.targets[0]): n.value for n in tree.body if isinstance(n, ast.Assign)}
+    assert "__all__" in assigned, f"{package}/__init__.py states its __all__"
+    assert len(ast.literal_eval(assigned["__all__"])) <= 12

@@ -1,0 +1,59 @@
+"""What a fresh clone must hold: exact locks without hosts, no path of one machine, data of bounded size."""
+
+import re
+import subprocess
+import tomllib
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+LOCKS = ("requirements.lock", "requirements-dev.lock")
+PIN = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*==[A-Za-z0-9.!+]+( ; [A-Za-z0-9_'\".=!<>() ]+)?")
+# The folders where people and build machines keep a checkout; examples in the docs use relative paths.
+MACHINE = re.compile(r"(?<![\w.\-/])/(?:home|root|Users|work|mnt)/[\w.-]+")
+TEXT = {".py", ".md", ".toml", ".lock", ".cfg", ".txt", ".csv", ".json", ".yml", ".yaml", ".html", ".inp", ""}
+
+
+def tracked() -> list[Path]:
+    """Files of the repository: known to git or about to be, never the ignored ones."""
+    command = ["git", "ls-files", "--cached", "--others", "--exclude-standard", "-z"]
+    try:
+        done = subprocess.run(command, cwd=ROOT, capture_output=True, check=True)
+    except (OSError, subprocess.CalledProcessError):
+        pytest.skip("not a git checkout")
+    names = done.stdout.decode().split("\0")
+    return [ROOT / name for name in names if name and (ROOT / name).is_file()]
+
+
+@pytest.mark.parametrize("name", LOCKS)
+def test_a_lock_holds_exact_pins_and_no_host(name: str) -> None:
+    lines = [line.strip() for line in (ROOT / name).read_text(encoding="utf-8").splitlines()]
+    lines = [line for line in lines if line and not line.startswith("#") and line != "-r requirements.lock"]
+    assert len(lines) >= 5
+    assert [line for line in lines if not PIN.fullmatch(line)] == []
+
+
+def test_the_lock_pins_every_dependency_of_the_project() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    text = "".join((ROOT / name).read_text(encoding="utf-8").lower() for name in LOCKS)
+    wanted = [*project["dependencies"], *project["optional-dependencies"]["dev"]]
+    names = [re.match(r"[A-Za-z0-9._-]+", line).group().lower() for line in wanted]
+    assert [name for name in names if f"\n{name}==" not in text] == []
+    assert "\nsetuptools==" in text  # the project itself is built without a second download
+
+
+def test_no_file_names_a_path_of_one_machine() -> None:
+    files = [path for path in tracked() if path.suffix in TEXT and path.stat().st_size < 2_000_000]
+    assert len(files) > 20
+    found = []
+    for path in files:
+        text = path.read_text(encoding="utf-8", errors="replace")
+        found += [f"{path.relative_to(ROOT)}: {hit}" for hit in MACHINE.findall(text)]
+    assert found == []
+
+
+def test_data_files_are_small() -> None:
+    sizes = {path.relative_to(ROOT): path.stat().st_size for path in tracked()}
+    assert {name: size for name, size in sizes.items() if size > 12e6} == {}
+    assert sum(size for name, size in sizes.items() if name.parts[0] == "datasets") <= 30e6

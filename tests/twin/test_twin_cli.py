@@ -1,0 +1,264 @@
+"""The command line: exit codes, one sentence for an error, JSON on its own, the demo that resumes."""
+
+import json
+import os
+import subprocess
+import sys
+import types
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from twin import cli, demo, files
+from twin.project import Project, dataset
+
+ROOT = Path(cli.__file__).resolve().parents[1]
+
+
+@pytest.fixture
+def run(monkeypatch, capsys):
+    """Run `twin ...` in this process; return exit code, stdout, stderr."""
+
+    def call(*arguments):
+        monkeypatch.setattr(sys, "argv", ["twin", *map(str, arguments)])
+        with pytest.raises(SystemExit) as ended:
+            cli.main()
+        return ended.value.code, *capsys.readouterr()
+
+    return call
+
+
+@pytest.fixture
+def study(tmp_path):
+    folder = tmp_path / "study"
+    (folder / "targets").mkdir(parents=True)
+    for name in ("twin.toml", "targets/targets.csv"):
+        (folder / name).write_bytes((dataset("study") / name).read_bytes())
+    return folder
+
+
+@pytest.fixture
+def stages(monkeypatch):
+    """Stand-ins for the stages that solve, recording their calls."""
+    calls = []
+
+    def stage(name, **writes):
+        def run_stage(project, *more):
+            say = more[-1]
+            calls.append((name, *more[:-1]))
+            say.progress(name, 1, 2)
+            say(f"{name}: did it")
+            with project.new_run(name, inputs=[]) as run:
+                for file, data in writes.items():
+                    run.write_json(file.replace("_", "."), data)
+            return {"stage": name, "value": float("nan")}
+
+        return run_stage
+
+    fake = types.ModuleType("twin.stages")
+    fake.run_calibrate, fake.run_compare = stage("calibrate"), stage("compare")
+    fake.run_diagnose = stage("diagnose", diagnosis_json={"named": ["creep"]})
+    fake.run_add, fake.run_drop = stage("add"), stage("drop")
+    fake.run_review = stage("review", report_html="", review_rrd="")
+    monkeypatch.setitem(sys.modules, "twin.stages", fake)
+    import twin
+
+    monkeypatch.setattr(twin, "stages", fake, raising=False)
+    return types.SimpleNamespace(calls=calls, module=fake, stage=stage)
+
+
+def test_help_lists_every_command_of_this_version(run):
+    code, out, _ = run("--help")
+    assert code == 0
+    listed = [line.split()[0] for line in out.split("Commands:")[1].splitlines() if line.strip()]
+    wanted = "demo init camera measure calibrate compare diagnose add drop review list check"
+    assert listed == wanted.split()
+
+
+def test_a_stage_gets_the_project_and_says_what_it_did(run, study, stages):
+    code, out, _ = run("calibrate", "--project", study)
+    assert (code, out) == (0, "calibrate: did it\n")
+    assert run("add", "creep", "-p", study)[0] == 0
+    assert stages.calls == [("calibrate",), ("add", "creep")]
+
+
+def test_json_stands_alone_on_stdout(run, study, stages):
+    code, out, err = run("calibrate", "-p", study, "--json")
+    assert code == 0
+    assert json.loads(out) == {"stage": "calibrate", "value": None}
+    assert out.count("\n") == 1
+    assert "calibrate: did it" in err
+
+
+@pytest.mark.parametrize(
+    ("error", "code", "sentence"),
+    [
+        (ValueError("tip:\nno such node"), 2, "error: tip: no such node\n"),
+        (PermissionError(13, "Permission denied", "runs"), 2, "error: runs: Permission denied\n"),
+        (
+            KeyboardInterrupt(),
+            130,
+            "interrupted: what was finished is kept; run the same command again to resume\n",
+        ),
+        (TypeError("bug"), 1, "internal error: TypeError: bug (run it with --debug"),
+        (np.linalg.LinAlgError("Singular matrix"), 1, "internal error: LinAlgError: Singular matrix"),
+    ],
+    ids=["input", "files", "interrupt", "bug", "singular"],
+)
+def test_what_goes_wrong_is_one_sentence_and_a_code(run, study, stages, error, code, sentence):
+    def fails(project, say):
+        raise error
+
+    stages.module.run_calibrate = fails
+    got, out, err = run("calibrate", "-p", study)
+    assert (got, out) == (code, "")
+    assert err.startswith(sentence)
+    assert "Traceback" not in err
+    assert not (study / ".lock").exists()
+
+
+def test_debug_shows_the_traceback(monkeypatch, study, stages):
+    stages.module.run_calibrate = lambda project, say: 1 / 0
+    monkeypatch.setattr(sys, "argv", ["twin", "--debug", "calibrate", "-p", str(study)])
+    with pytest.raises(ZeroDivisionError):
+        cli.main()
+
+
+@pytest.mark.parametrize("arguments", [("bogus",), ("add",), ("check", "--bogus")])
+def test_wrong_usage_exits_2(run, arguments):
+    code, _, err = run(*arguments)
+    assert code == 2
+    assert "Error" in err
+
+
+def test_outside_a_project_the_way_in_is_named(run, stages, tmp_path):
+    code, _, err = run("calibrate", "-p", tmp_path)
+    assert code == 2
+    assert "`twin demo FOLDER` or `twin init FOLDER`" in err
+
+
+def test_a_second_writer_is_refused(run, study, stages):
+    with Project.open(study).lock("calibrate"):
+        code, _, err = run("add", "creep", "-p", study)
+    assert code == 2
+    assert "is writing to this project" in err
+    assert stages.calls == []
+
+
+def test_check_says_what_comes_next(run, study, stages):
+    assert run("check", "-p", study)[1].endswith("check: next: `twin calibrate`\n")
+    run("calibrate", "-p", study)
+    assert json.loads(run("check", "-p", study, "--json")[1])["next"] == "compare"
+
+
+def test_list_shows_the_runs(run, study, stages):
+    run("calibrate", "-p", study)
+    code, out, _ = run("list", "-p", study)
+    assert code == 0
+    assert "0001-calibrate" in out
+    (row,) = json.loads(run("list", "-p", study, "--json")[1])["runs"]
+    assert (row["run"], row["status"]) == ("0001-calibrate", "done")
+
+
+def test_init_makes_a_project_of_targets(run, study, tmp_path):
+    assert run("init", tmp_path / "new", "--targets", study / "targets")[0] == 0
+    project = Project.open(tmp_path / "new")
+    assert {p.name: p.node for p in project.config.points} == {"tip": 4401, "middle": 5848}
+    assert project.config.model.top_pressure_MPa == 0.03
+    assert project.targets().value[1, 0, 2] == -58
+    code, _, err = run("init", tmp_path / "new", "--targets", study / "targets")
+    assert code == 2
+    assert "never overwritten" in err
+
+
+def test_init_asks_for_nodes_that_it_cannot_know(run, study, tmp_path):
+    csv = study / "targets" / "targets.csv"
+    csv.write_text(csv.read_text().replace("middle", "knee"))
+    code, _, err = run("init", tmp_path / "new", "--targets", study / "targets")
+    assert code == 2
+    assert "--node knee=4401" in err
+    assert not (tmp_path / "new").exists()
+    assert run("init", tmp_path / "new", "--targets", study / "targets", "--node", "knee=17")[0] == 0
+    assert Project.open(tmp_path / "new").targets().nodes.tolist() == [4401, 17]
+
+
+def test_init_for_a_film_says_what_is_missing(run, tmp_path):
+    assert run("init", tmp_path / "batch-07")[0] == 0
+    code, _, err = run("check", "-p", tmp_path / "batch-07")
+    assert code == 2
+    for name in ("raw/film.mp4", "raw/static.mp4", "raw/pressure.csv", "raw/boards/*.png"):
+        assert name in err
+
+
+@pytest.fixture
+def demo_data(monkeypatch, stages, study):
+    """A data set without a film, measured by stand-ins."""
+    from twin import measuring
+
+    monkeypatch.setattr(demo, "dataset", lambda name: study)
+    monkeypatch.setattr(measuring, "run_camera", stages.stage("camera"))
+    monkeypatch.setattr(measuring, "run_measure", stages.stage("measure"))
+    return stages
+
+
+ALL = ["camera", "measure", "calibrate", "compare", "diagnose", "add", "review"]
+
+
+def test_demo_runs_every_stage_and_says_where_the_results_are(run, demo_data, tmp_path):
+    code, out, _ = run("demo", tmp_path / "demo")
+    assert code == 0
+    assert [call[0] for call in demo_data.calls] == ALL
+    assert ("add", "creep") in demo_data.calls  # what the diagnosis named
+    assert "rerun " + str(tmp_path / "demo/runs/0007-review/review.rrd") in out
+    assert "report.html: " + str(tmp_path / "demo/runs/0007-review/report.html") in out
+    assert out.index("[1/7] camera") < out.index("[7/7] review")
+
+
+def test_an_interrupted_demo_is_resumed(run, demo_data, tmp_path):
+    works = demo_data.module.run_diagnose
+
+    def interrupted(project, say):
+        raise KeyboardInterrupt
+
+    demo_data.module.run_diagnose = interrupted
+    assert run("demo", tmp_path / "demo")[0] == 130
+    demo_data.module.run_diagnose = works
+    demo_data.calls.clear()
+    code, out, _ = run("demo", tmp_path / "demo")
+    assert code == 0
+    assert [call[0] for call in demo_data.calls] == ["camera", "measure", "diagnose", "add", "review"]
+    assert "calibrate: already done in runs/0003-calibrate, skipped" in out
+
+
+@pytest.mark.parametrize("named", [[], ["creep", "pressure_lag"]])
+def test_the_demo_adds_nothing_that_is_not_one_effect(run, demo_data, tmp_path, named):
+    demo_data.module.run_diagnose = demo_data.stage("diagnose", diagnosis_json={"named": named})
+    code, out, _ = run("demo", tmp_path / "demo")
+    assert code == 0
+    assert "add" not in [call[0] for call in demo_data.calls]
+    assert "so nothing is added" in out
+
+
+def test_the_demo_refuses_a_folder_of_something_else(run, demo_data, tmp_path):
+    (tmp_path / "full").mkdir()
+    (tmp_path / "full" / "mine.txt").write_text("mine")
+    code, _, err = run("demo", tmp_path / "full")
+    assert code == 2
+    assert "is not a demo project" in err
+    assert [p.name for p in (tmp_path / "full").iterdir()] == ["mine.txt"]
+    (tmp_path / "empty").mkdir()
+    assert run("demo", tmp_path / "empty")[0] == 0
+    files.write_json(tmp_path / "empty" / "demo.json", {})
+    assert "another version" in run("demo", tmp_path / "empty")[2]
+
+
+def test_the_command_starts_without_the_heavy_packages():
+    code = (
+        "import sys; import twin.cli\n"
+        "heavy = {'cv2', 'av', 'scipy', 'pymoo', 'rerun', 'pyvista', 'matplotlib', 'pydantic'}\n"
+        "print(sorted(heavy & set(sys.modules)))"
+    )
+    env = {**os.environ, "PYTHONPATH": str(ROOT)}
+    done = subprocess.run([sys.executable, "-c", code], env=env, capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"

@@ -1,0 +1,155 @@
+"""twin.toml: what is written reads back, and every mistake gives one sentence."""
+
+import tomllib
+
+import pytest
+
+from twin.config import Config, PointTable, StudyTable
+from twin.configfile import dump, parse, with_effects
+from twin.project import dataset
+from twin.starting import film_config
+
+TEXT = """
+[model]
+effects = []  # mine
+# a comment of mine
+[[points]]
+name = "tip"
+node = 4401
+[[points]]
+name = "middle"
+node = 5848
+"""
+
+
+def read(text: str) -> Config:
+    return parse(text.encode(), name="twin.toml")
+
+
+def film(old: str, new: str) -> str:
+    text = dump(film_config("batch"))
+    assert old in text
+    return text.replace(old, new, 1)
+
+
+def test_defaults_are_the_studys():
+    calibrate = read(TEXT).calibrate
+    assert (calibrate.population, calibrate.generations) == (30, 20)
+    assert calibrate.bounds == {"C10": (0.01, 0.5), "C01": (0.0, 0.5)}
+    assert (calibrate.objective_points, calibrate.objective_component) == (("tip", "middle"), 3)
+
+
+@pytest.mark.parametrize(
+    "config",
+    [
+        film_config("batch-07"),
+        Config(
+            points=(PointTable(name="tip", node=1), PointTable(name="middle", node=2, position_mm=(1, 2, 3)))
+        ),
+        read(TEXT).model_copy(update={"study": StudyTable(other_pressure_MPa=0.01)}),
+    ],
+    ids=["film", "targets", "study"],
+)
+def test_dump_reads_back(config):
+    assert read(dump(config)) == config
+
+
+def test_dump_is_complete_and_says_units():
+    text = dump(film_config("batch"))
+    for key in (
+        "film_start_s",
+        "# static_start_s",
+        "max_rms_px",
+        "time_shift_s",
+        "placement_sd_mm",
+        "candidates",
+    ):
+        assert f"\n{key} = " in text
+    assert "mm" in next(line for line in text.splitlines() if line.startswith("square_mm"))
+    assert text.count("ArUco id") == 2  # commented once in each array of tables
+
+
+def test_a_config_is_frozen():
+    with pytest.raises(ValueError, match="frozen"):
+        read(TEXT).model.mesh = 2  # type: ignore[misc]
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ("= nothing", "not valid TOML"),
+        (TEXT.replace("effects", "efects"), "model.efects is not a known key; did you mean 'effects'?"),
+        (TEXT.replace("[model]", "[modle]"), "modle is not a known key; did you mean 'model'?"),
+        (
+            TEXT.replace("[model]", "[model]\nmesh = 0"),
+            "model.mesh = 0: it should be greater than or equal to 1",
+        ),
+        (TEXT.replace("[model]", '[model]\nmesh = "2"'), "model.mesh = '2': it should be a valid integer"),
+        (TEXT.replace("[model]", "[model]\nmesh = true"), "model.mesh = True: it should be a valid integer"),
+        (TEXT.replace("node = 5848", ""), r"points\[2\].node is missing \(node label in the model\); add it"),
+        (TEXT.replace("node = 5848", "node = 4401"), "node = 4401 stands twice"),
+        (TEXT.replace("middle", "tip"), "name = 'tip' stands twice"),
+        (TEXT.replace("middle", "centre"), "objective_points = 'middle': wanted a name in .*tip, centre"),
+        (TEXT.replace("[]", '["Creep 2"]'), "model.effects.*'Creep 2'.*creep:2"),
+        (TEXT.replace("[]", '["creep", "creep:2"]'), "an effect stands twice"),
+        (
+            TEXT + "[calibrate.bounds]\nC10 = [0.5, 0.1]",
+            r"calibrate.bounds.C10 = \[0.5, 0.1\]: wanted low < high",
+        ),
+        (
+            TEXT + "[calibrate.bounds]\nC10 = [0.1, nan]",
+            "calibrate.bounds.C10.2. = nan: it should be a finite number",
+        ),
+        (
+            TEXT.replace("[model]", "[model]\nfixed = {C10 = 0.7}"),
+            r"model.fixed.C10 = 0.7: wanted a value within calibrate.bounds.C10 = \[0.01, 0.5\]",
+        ),
+        (
+            film('"raw/film.mp4"', '"/data/film.mp4"'),
+            r"cameras\[1\].film = '/data/film.mp4': wanted a path relative",
+        ),
+        (film('"raw/film.mp4"', '"C:/film.mp4"'), "wanted a path relative"),
+        (film("marker_mm = 11.0", "marker_mm = 16.0"), "marker_mm = 16: wanted less than square_mm = 15 mm"),
+        (film('role = "fixed"', 'role = "frame"'), "frame.markers: 3 with role 'fixed', wanted 4 or more"),
+        (film("size_mm = 6.0", "# size_mm"), "points.tip.size_mm is missing"),
+        (dump(film_config("batch").model_copy(update={"pressure": None})), "pressure is missing"),
+    ],
+)
+def test_a_mistake_gives_one_sentence(text, sentence):
+    with pytest.raises(ValueError, match=sentence) as caught:
+        read(text)
+    assert str(caught.value).startswith("twin.toml: ")
+    assert "\n" not in str(caught.value)
+    assert "pydantic" not in str(caught.value)
+
+
+def test_several_mistakes_are_counted():
+    with pytest.raises(ValueError, match=r"\(and 1 more\)"):
+        read(TEXT.replace("[model]", "[model]\nmesh = 0\nmaterial = 'ogden'"))
+
+
+@pytest.mark.parametrize(
+    "text",
+    [TEXT, TEXT.replace("[model]", "[model]\nmesh = 2"),
+     TEXT.replace("effects = []  # mine\n", ""), TEXT.replace('[]', '[\n "clamp",\n]'),
+     TEXT.split("[[points]]")[1].join(["[[points]]", ""]) + '[[points]]\nname = "middle"\nnode = 2\n'],
+    ids=["first line", "later line", "no line", "several lines", "no table"],
+)  # fmt: skip
+def test_effects_are_written_and_nothing_else(text):
+    new = with_effects(text, ["creep:2"])
+    assert read(new).model.effects == ("creep:2",)
+    assert read(with_effects(new, [])) == read(with_effects(text, []))
+    kept = [line for line in text.splitlines() if line.startswith("#")]
+    assert all(line in new.splitlines() for line in kept)
+
+
+def test_an_edit_that_would_go_wrong_is_refused():
+    with pytest.raises(ValueError, match="by hand"):
+        with_effects('[model]\neffects = ["a]b"]\n', ["creep"])
+
+
+def test_the_study_says_its_second_pressure():
+    config = parse((dataset("study") / "twin.toml").read_bytes(), name="twin.toml")
+    assert config.study is not None
+    assert config.model.top_pressure_MPa / config.study.other_pressure_MPa == pytest.approx(3, rel=1e-12)
+    assert tomllib.loads(dump(config)) == tomllib.loads((dataset("study") / "twin.toml").read_text())

@@ -1,0 +1,243 @@
+"""Runs: numbered, resumed when killed, never overwritten; files whole or not at all; one writer at a time."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+
+from twin import files
+from twin.project import Project
+
+TOML = '[[points]]\nname = "tip"\nnode = 4401\n[[points]]\nname = "middle"\nnode = 5848\n'
+
+
+@pytest.fixture
+def project(tmp_path):
+    (tmp_path / "twin.toml").write_text(TOML)
+    return Project.open(tmp_path)
+
+
+def kill(project, kind="calibrate", **how):
+    """Leave a run as a kill does."""
+    try:
+        with project.new_run(kind, **how) as run:
+            run.append({"generation": 1})
+            raise KeyboardInterrupt
+    except KeyboardInterrupt:
+        return run
+
+
+def test_a_folder_without_twin_toml_names_the_way_out(tmp_path):
+    with pytest.raises(
+        ValueError, match=r"does not exist: make a project with `twin demo FOLDER` or `twin init"
+    ):
+        Project.open(tmp_path)
+
+
+def test_runs_are_numbered_and_say_how_they_were_made(project):
+    (project.root / "a.csv").write_text("1\n")
+    for kind in ("camera", "measure", "camera"):
+        with project.new_run(kind, seed=3, inputs=[project.root / "a.csv"]) as run:
+            run.summary["rms"] = float("nan")
+    assert [folder.name for folder in project.runs()] == ["0001-camera", "0002-measure", "0003-camera"]
+    info = project.info(run.folder)
+    assert (info["status"], info["seed"], info["kind"]) == ("done", 3, "camera")
+    # sha256 of "1\n" by coreutils
+    assert info["inputs"] == {"a.csv": "4355a46b19d348dc2f57c046f8ef63d4538ebb936000f3c9ee954a27460dd865"}
+    assert info["summary"] == {"rms": None}
+    assert {"python", "numpy", "pydantic"} <= info["versions"].keys()
+    assert Project.open(project.root).config == project.config
+    assert "population = 30" in run.path("twin.toml").read_text()  # resolved: defaults written out
+
+
+def test_a_killed_run_is_resumed(project):
+    killed = kill(project)
+    assert project.newest("calibrate", "log.jsonl") is None  # not done
+    with project.new_run("calibrate") as run:
+        assert run.resumed
+        assert run.folder == killed.folder
+        run.append({"generation": 2})
+    assert run.log() == [{"generation": 1}, {"generation": 2}]
+    assert len(project.info(run.folder)["started"]) == 2
+    assert project.newest("calibrate", "log.jsonl") == run.path("log.jsonl")
+
+
+@pytest.mark.parametrize("change", ["config", "seed", "extra", "inputs", "kind"])
+def test_a_killed_run_of_something_else_is_not(project, change):
+    (project.root / "targets").mkdir()
+    kill(project)
+    how = {"seed": {"seed": 2}, "extra": {"extra": {"effect": "creep"}}}.get(change, {})
+    if change == "config":
+        project = project.set_effects(["creep"])
+    if change == "inputs":
+        (project.root / "targets" / "targets.csv").write_text("changed")
+    with project.new_run("compare" if change == "kind" else "calibrate", **how) as run:
+        assert not run.resumed
+    assert run.name.startswith("0002-")
+
+
+def test_only_the_named_tables_count(project):
+    kill(project, tables=("cameras",))
+    with project.set_effects(["creep"]).new_run("calibrate", tables=("cameras",)) as run:
+        assert run.resumed
+
+
+def test_a_line_cut_off_by_a_kill_is_dropped(project):
+    killed = kill(project)
+    with open(killed.path("log.jsonl"), "a") as log:
+        log.write('{"generation": 2, "rm')
+    assert killed.log() == [{"generation": 1}]
+    with project.new_run("calibrate") as run:
+        run.append({"generation": 2})
+    assert run.log() == [{"generation": 1}, {"generation": 2}]
+
+
+def test_a_failed_run_keeps_its_sentence_and_is_not_resumed(project):
+    with pytest.raises(ValueError, match="too hot"), project.new_run("calibrate") as run:
+        raise ValueError("too hot")
+    assert project.info(run.folder)["status"] == "failed: too hot"
+    with pytest.raises(TypeError), project.new_run("calibrate") as second:
+        raise TypeError("bug")
+    assert project.info(second.folder)["status"] == "failed: TypeError: bug"
+    assert second.name == "0002-calibrate"
+
+
+def test_newest_takes_done_runs_that_have_the_file(project):
+    for number in range(11):
+        with project.new_run("calibrate", seed=number) as run:
+            if number != 10:
+                run.write_json("fit.json", {"number": number})
+    kill(project, seed=99)
+    newest = project.newest("calibrate", "fit.json")
+    assert newest is not None
+    assert files.read_json(newest) == {"number": 9}
+    assert project.newest(("add", "calibrate"), "fit.json") == newest
+    assert project.newest(None, "fit.json") == newest
+    assert project.newest("add", "fit.json") is None
+
+
+def test_done_finds_the_same_work_only(project):
+    with project.new_run("camera", seed=1) as run:
+        pass
+    assert project.done("camera", seed=1) == run.folder
+    assert project.done("camera", seed=2) is None
+
+
+def test_a_folder_without_run_json_takes_its_number(project):
+    (project.root / "runs" / "0007-calibrate").mkdir(parents=True)
+    assert project.info(project.runs()[0])["status"] == "incomplete"
+    with project.new_run("calibrate") as run:
+        assert run.name == "0008-calibrate"
+
+
+def test_json_holds_no_nan(tmp_path):
+    data = {"a": np.array([1.0, np.nan]), "b": (np.int64(3), np.bool_(True), float("inf")), "c": {1: None}}
+    files.write_json(tmp_path / "a.json", data)
+    assert "NaN" not in (tmp_path / "a.json").read_text()
+    assert files.read_json(tmp_path / "a.json") == {"a": [1.0, None], "b": [3, True, None], "c": {"1": None}}
+    np.testing.assert_array_equal(np.array([1.0, None], dtype=float), [1.0, np.nan])  # how it reads back
+
+
+def test_a_write_that_fails_leaves_the_old_file(tmp_path, monkeypatch):
+    path = tmp_path / "a.json"
+    files.write_json(path, 1)
+    with pytest.raises(TypeError):
+        files.write_json(path, object())
+
+    def no_space(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "replace", no_space)
+    with pytest.raises(OSError, match="No space"):
+        files.write_json(path, 2)
+    assert files.read_json(path) == 1
+    assert [p.name for p in tmp_path.iterdir()] == ["a.json"]
+
+
+def test_no_pickle_is_written_or_read(tmp_path):
+    with pytest.raises(ValueError, match="pickle"):
+        files.write_npz(tmp_path / "a.npz", {"a": np.array([object()])})
+    np.savez(tmp_path / "b.npz", a=np.array([{"x": 1}], dtype=object), allow_pickle=True)
+    with pytest.raises(ValueError, match="pickle"):
+        files.read_npz(tmp_path / "b.npz")
+
+
+@pytest.mark.parametrize("read", [files.read_json, files.read_npz])
+def test_a_broken_file_gives_one_sentence(tmp_path, read):
+    (tmp_path / "x").write_text("{")
+    with pytest.raises(ValueError, match="remove it and run its stage again"):
+        read(tmp_path / "x")
+
+
+def test_two_writers_at_once_are_refused(project):
+    with project.lock("calibrate"):
+        with (
+            pytest.raises(ValueError, match=rf"`twin calibrate` \(process {os.getpid()} on"),
+            project.lock("add"),
+        ):
+            pass
+        assert (project.root / ".lock").exists()
+    with project.lock("add"):
+        pass
+    assert not list(project.root.glob(".lock*"))
+
+
+def test_the_lock_of_a_killed_process_is_taken_over(project):
+    code = (
+        "import sys, time; from pathlib import Path; from twin.lock import lock\n"
+        "with lock(Path(sys.argv[1]), 'measure'): print('held', flush=True); time.sleep(60)"
+    )
+    command = [sys.executable, "-c", code, str(project.root / ".lock")]
+    root = os.path.dirname(os.path.dirname(files.__file__))
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, text=True, env={**os.environ, "PYTHONPATH": root}
+    ) as child:
+        assert child.stdout is not None
+        assert child.stdout.readline() == "held\n"
+        with pytest.raises(ValueError, match=rf"process {child.pid} "), project.lock("add"):
+            pass
+        child.send_signal(signal.SIGKILL)
+        child.wait(timeout=10)
+    with project.lock("add"):
+        assert json.loads((project.root / ".lock").read_text())["command"] == "add"
+
+
+@pytest.mark.parametrize("text", ["", "{}", "[1]"])
+def test_a_broken_lock_locks_nothing(project, text):
+    (project.root / ".lock").write_text(text)
+    with project.lock("add"):
+        pass
+
+
+def test_a_process_number_given_to_another_process_locks_nothing(project):
+    owner = {"pid": os.getpid(), "host": os.uname().nodename, "command": "add", "started": "1"}
+    (project.root / ".lock").write_text(json.dumps(owner))
+    with project.lock("add"):
+        pass
+
+
+def test_a_killed_process_resumes_in_its_folder(project):
+    code = (
+        "import sys, time; from twin.project import Project\n"
+        "with Project.open(sys.argv[1]).new_run('calibrate', seed=1) as run:\n"
+        "    run.append({'generation': 1}); print(run.name, flush=True); time.sleep(60)"
+    )
+    root = os.path.dirname(os.path.dirname(files.__file__))
+    command = [sys.executable, "-c", code, str(project.root)]
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, text=True, env={**os.environ, "PYTHONPATH": root}
+    ) as child:
+        assert child.stdout is not None
+        assert child.stdout.readline() == "0001-calibrate\n"
+        child.kill()
+        child.wait(timeout=10)
+    start = time.monotonic()
+    with project.new_run("calibrate", seed=1) as run:
+        assert run.resumed
+        assert run.log() == [{"generation": 1}]
+    assert time.monotonic() - start < 10

@@ -1,0 +1,227 @@
+"""Targets: bit-equal round trip, targets.csv alone, and one sentence for every broken cell."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from twin.project import Project, dataset
+from twin.targetfiles import COLUMNS, read_targets, write_targets
+from twin.targets import NODE_UNKNOWN, Noise, Targets
+
+CSV = """block,step,time_s,pressure_MPa,point,u1_mm,u2_mm,u3_mm,sd1_mm,sd2_mm,sd3_mm,valid
+0,0,0.0,0.0,tip,0.0,,0.0,0.1,,0.2,1
+0,0,0.0,0.0,4711,,,0.0,,,0.2,1
+0,1,1.0,0.01,tip,-1.5,,-20.0,0.1,,0.2,1
+0,1,1.0,0.01,4711,,,-7.0,,,0.2,0
+"""
+
+
+def make(*, seed: int = 0) -> Targets:
+    """Two blocks with lost cells, modes, a log of its own and a noise model."""
+    rng = np.random.default_rng(seed)
+    steps, points = 12, 3
+    value = rng.normal(size=(steps, points, 3))
+    value[..., 1] = np.nan
+    value[4, 2] = np.nan
+    root = rng.normal(size=(steps, points, 3, 3))
+    covariance = root @ root.swapaxes(2, 3)
+    covariance[..., 1, :] = covariance[..., :, 1] = np.nan
+    covariance[4, 2] = np.nan
+    valid = ~np.isnan(value)
+    valid[3, 1, 0] = False  # one component of two left out: only the npz can hold that
+    block = np.repeat([0, 1], 6)
+    noise = Noise(rng.random((3, 3)), value[1], rng.random((9, 9)), 300, rng.random((3, 3)), 1.25e-5, 900)
+    return Targets(
+        time=np.arange(steps) * 0.1, pressure=rng.random(steps), block=block, names=("tip", "a.1", "F0"),
+        nodes=np.array([4401, 5848, 0]), points=rng.random((points, 3)), value=value, covariance=covariance,
+        valid=valid, held_out=block == 1, modes=rng.normal(size=(2, steps, points, 3)),
+        mode_names=("scale", "placement:tip:x"), noise=noise, log_time=np.arange(600) / 400 - 0.05,
+        log_pressure=rng.random(600), reference=np.array([0, 1]),
+        gravity=np.array([[0, 0, -1.0], [1.0, 0, 0]]),
+        pressure_sd=rng.random(steps),
+    )  # fmt: skip
+
+
+def bits(thing):
+    """Return something that is equal only for the same bits, NaN included."""
+    if dataclasses.is_dataclass(thing):
+        return {f.name: bits(getattr(thing, f.name)) for f in dataclasses.fields(thing)}
+    return (thing.dtype.str, thing.shape, thing.tobytes()) if isinstance(thing, np.ndarray) else thing
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """A folder with targets.csv alone."""
+    (tmp_path / "targets").mkdir()
+    (tmp_path / "targets" / "targets.csv").write_text(CSV)
+    return tmp_path / "targets"
+
+
+def broken(folder, old, new):
+    text = (folder / "targets.csv").read_text()
+    assert old in text
+    (folder / "targets.csv").write_text(text.replace(old, new, 1))
+    return folder
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [{}, {"noise": None, "gravity": None}, {"modes": np.zeros((0, 12, 3, 3)), "mode_names": ()},
+     {"points": np.full((3, 3), np.nan)}],
+    ids=["all", "no noise", "no modes", "no positions"],
+)  # fmt: skip
+def test_round_trip_is_bit_equal(tmp_path, changes):
+    targets = dataclasses.replace(make(), **changes)
+    write_targets(tmp_path / "targets", targets)
+    assert bits(read_targets(tmp_path / "targets")) == bits(targets)
+    header = (tmp_path / "targets" / "targets.csv").read_text().splitlines()[0]
+    assert tuple(header.split(",")) == COLUMNS
+
+
+def test_without_a_log_pressure_is_linear_between_steps(tmp_path):
+    targets = make()
+    targets = dataclasses.replace(targets, log_time=targets.time, log_pressure=targets.pressure)
+    write_targets(tmp_path / "targets", targets)
+    assert not (tmp_path / "targets" / "pressure.csv").exists()
+    assert bits(read_targets(tmp_path / "targets")) == bits(targets)
+    assert not targets.has_log
+
+
+def test_targets_are_never_overwritten(tmp_path):
+    write_targets(tmp_path / "targets", make())
+    before = (tmp_path / "targets" / "targets.csv").read_bytes()
+    with pytest.raises(ValueError, match="never overwritten"):
+        write_targets(tmp_path / "targets", make(seed=1))
+    assert (tmp_path / "targets" / "targets.csv").read_bytes() == before
+
+
+def test_csv_alone_is_enough(folder):
+    targets = read_targets(folder, nodes={"tip": 4401})
+    assert targets.names == ("tip", "4711")
+    assert targets.nodes.tolist() == [4401, 4711]  # a name that is a number is its node
+    assert targets.noise is None
+    assert targets.modes.shape == (0, 2, 2, 3)
+    assert targets.reference.tolist() == [0]
+    assert targets.valid[1].tolist() == [[True, False, True], [False, False, False]]
+    assert np.isnan(targets.points).all()
+    np.testing.assert_allclose(np.diag(targets.covariance[1, 0])[[0, 2]], [0.01, 0.04], rtol=1e-12)
+    assert targets.covariance[1, 0, 0, 2] == 0  # independent, as the sd columns say
+    assert np.isnan(targets.covariance[1, 0, 1]).all()
+
+
+def test_a_point_without_node_says_so(folder):
+    assert read_targets(folder).nodes.tolist() == [NODE_UNKNOWN, 4711]
+
+
+def test_an_edit_of_the_csv_counts(tmp_path):
+    write_targets(tmp_path / "targets", make())
+    text = (tmp_path / "targets" / "targets.csv").read_text().splitlines()
+    text[1] = text[1].removesuffix("1") + "0"
+    (tmp_path / "targets" / "targets.csv").write_text("\n".join(text))
+    assert not read_targets(tmp_path / "targets").valid[0, 0].any()
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "sentence"),
+    [
+        (
+            "-1.5",
+            "abc",
+            r"targets.csv, line 4, column u1_mm: 'abc': wanted a finite number in mm or an empty cell",
+        ),
+        ("-1.5", "nan", "line 4, column u1_mm: 'nan'"),
+        ("-1.5,,-20.0,0.1", "-1.5,,-20.0,", "line 4, column sd1_mm: '': u1_mm is observed"),
+        ("-20.0,0.1,,0.2", "-20.0,0.1,,0", "line 4, column sd3_mm: '0': u3_mm is observed"),
+        (
+            "0,1,1.0,0.01,4711",
+            "0,1,1.0,0.02,4711",
+            "line 5, column pressure_MPa: '0.02': the step's first row says 0.01",
+        ),
+        ("0,1,1.0,0.01,4711", "0,1,1.5,0.01,4711", "line 5, column time_s: '1.5'"),
+        ("0,1,1.0,0.01,4711", "0,1,1.0,0.01,tip", "line 5, column point: 'tip': .* has this point twice"),
+        ("0,1,1.0,0.01,4711", "0,2,2.0,0.01,4711", "block 0, step 1 has no row for point '4711'"),
+        ("0,1,1.0,0.01,tip", "0.5,1,1.0,0.01,tip", "line 4, column block: '0.5': wanted a whole number"),
+        (",0.2,0\n", ",0.2,no\n", "line 5, column valid: 'no': wanted 1"),
+        ("-20.0,0.1,,0.2,1", "-20.0,0.1,,0.2", "line 4: 11 cells; wanted 12"),
+        ("u3_mm", "U3_mm", "column u3_mm is missing.*rename 'U3_mm'"),
+        ("tip,0.0,,0.0", "tip,0.0,,-3.0", "the first step has U3 = -3 mm at 'tip'; add the unloaded step"),
+    ],
+)
+def test_a_broken_cell_gives_one_sentence(folder, old, new, sentence):
+    with pytest.raises(ValueError, match=sentence):
+        read_targets(broken(folder, old, new))
+
+
+def test_time_must_increase(folder):
+    text = (folder / "targets.csv").read_text().replace("0,1,1.0", "0,1,0.0")
+    (folder / "targets.csv").write_text(text)
+    with pytest.raises(ValueError, match=r"line 4, column time_s: '0.0': wanted more than the 0 s"):
+        read_targets(folder)
+
+
+@pytest.mark.parametrize(
+    ("toml", "sentence"),
+    [
+        ('[[points]]\nname = "top"', "point 'top' is not in targets.csv, which has tip, 4711"),
+        ('[[points]]\nname = "tip"\nnode = 4402', "point 'tip' is node 4402, twin.toml says 4401"),
+        ('[[points]]\nname = "tip"\nposition_mm = [1, 2]', "wanted three numbers"),
+        ("[reference]\nsteps = [7]", "reference block 0, step 7 is not in targets.csv"),
+        ("[[blocks]]\nblock = 3", "block 3 is not in targets.csv"),
+        ("[[blocks]]\nblock = 0\ngravity = [0, 0, -9.81]", "unit vectors"),
+        ("[noise]\nframes = 3", "targets.npz is missing"),
+        ("x = = 1", "not valid TOML"),
+    ],
+)
+def test_a_broken_toml_gives_one_sentence(folder, toml, sentence):
+    (folder / "targets.toml").write_text(toml)
+    with pytest.raises(ValueError, match=sentence):
+        read_targets(folder, nodes={"tip": 4401})
+
+
+def test_a_fixed_marker_keeps_its_role(folder):
+    (folder / "targets.toml").write_text('[[points]]\nname = "4711"\nrole = "fixed"\n')
+    assert read_targets(folder).fixed.tolist() == [False, True]
+
+
+def test_an_npz_of_other_targets_is_refused(tmp_path):
+    write_targets(tmp_path / "targets", make())
+    lines = (tmp_path / "targets" / "targets.csv").read_text().splitlines()
+    cells = lines[1].split(",")
+    cells[10] = str(2 * float(cells[10]))
+    (tmp_path / "targets" / "targets.csv").write_text("\n".join([lines[0], ",".join(cells), *lines[2:]]))
+    with pytest.raises(ValueError, match="standard deviations are not those"):
+        read_targets(tmp_path / "targets")
+
+
+def test_a_log_must_cover_the_steps(tmp_path):
+    write_targets(tmp_path / "targets", make())
+    log = (tmp_path / "targets" / "pressure.csv").read_text().splitlines()
+    (tmp_path / "targets" / "pressure.csv").write_text("\n".join(log[:200]))
+    with pytest.raises(ValueError, match="wanted a log that covers all steps"):
+        read_targets(tmp_path / "targets")
+
+
+@pytest.mark.parametrize(
+    ("changes", "sentence"),
+    [
+        ({"time": np.zeros(12)}, "time must increase"),
+        ({"block": np.repeat([1, 0], 6)}, "numbered 0, 1"),
+        ({"held_out": np.arange(12) == 3}, "block 0 is held out in part"),
+        ({"reference": np.array([12])}, "reference steps"),
+        ({"names": ("a", "a", "b")}, "not all different"),
+        ({"modes": np.zeros((1, 12, 3, 3))}, "modes has shape"),
+        ({"valid": np.ones((12, 3, 3), dtype=bool)}, "step 0, point tip, U2 is valid but has value nan"),
+    ],
+)
+def test_targets_that_do_not_fit_together_are_refused(changes, sentence):
+    with pytest.raises(ValueError, match=sentence):
+        dataclasses.replace(make(), **changes)
+
+
+def test_the_study_holds_table_1():
+    targets = Project.open(dataset("study")).targets()
+    assert dict(zip(targets.names, targets.nodes.tolist(), strict=True)) == {"tip": 4401, "middle": 5848}
+    assert targets.value[targets.pressure == 0.03, :, 2].tolist() == [[-58.0, -19.0]]
+    assert targets.valid.sum() == 2  # the unloaded step is zero by definition, not data
+    assert targets.noise is None

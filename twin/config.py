@@ -1,0 +1,245 @@
+"""Turn twin.toml into a checked, frozen configuration; one field here is one key there."""
+
+import re
+from collections import Counter
+from pathlib import PurePosixPath, PureWindowsPath
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
+
+
+def _relative(path: str) -> str:
+    if PurePosixPath(path).is_absolute() or PureWindowsPath(path).is_absolute() or path.startswith("~"):
+        raise ValueError(
+            "wanted a path relative to the project folder, so that the folder can be moved; put the "
+            "file under raw/ and write raw/..."
+        )
+    return path
+
+
+def _effect(name: str) -> str:
+    if not re.fullmatch(r"[a-z][a-z0-9_]*(:[1-9])?", name):
+        raise ValueError("wanted the name of an effect, creep, or with its number of terms, creep:2")
+    return name
+
+
+RelativePath = Annotated[str, Field(min_length=1), AfterValidator(_relative)]
+Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9_.+-]+$")]  # goes into CSV cells and entity paths
+Effect = Annotated[str, AfterValidator(_effect)]
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+Bounds = tuple[Finite, Finite]
+Position = tuple[Finite, Finite, Finite]
+
+
+class TableModel(BaseModel):
+    """A table of twin.toml: frozen, and a key it does not know is an error."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
+
+
+class ProjectTable(TableModel):
+    name: str = Field(default="batch", min_length=1, description="name of the batch, shown in reports")
+
+
+class ModelTable(TableModel):
+    geometry: Literal["bellows"] = Field(
+        default="bellows", description="finger geometry; bellows is the built-in one"
+    )
+    mesh: int = Field(default=1, ge=1, description="mesh refinement: 1 default, 2 halves the elements")
+    material: Literal["mooney-rivlin"] = Field(default="mooney-rivlin", description="base material law")
+    effects: tuple[Effect, ...] = Field(
+        default=(), description='effects in the model, ["creep:2"]; `twin add` writes them'
+    )
+    top_pressure_MPa: Positive = Field(default=0.03, description="highest pressure of the test, MPa")
+    fixed: dict[str, Finite] = Field(default={}, description="parameters held at a value, MPa: C10 = 0.214")
+
+
+class BoardTable(TableModel):
+    columns: int = Field(ge=2, description="squares across the ChArUco board")
+    rows: int = Field(ge=2, description="squares down the board")
+    square_mm: Positive = Field(description="measured side of a square, mm")
+    marker_mm: Positive = Field(description="measured side of a marker, mm")
+    dictionary: str = Field(
+        default="DICT_4X4_50", pattern=r"^DICT_", description="ArUco dictionary of the board"
+    )
+    inverted: bool = Field(default=False, description="white markers on black")
+
+    @model_validator(mode="after")
+    def _fits(self) -> Self:
+        if self.marker_mm >= self.square_mm:
+            raise ValueError(
+                f"marker_mm = {self.marker_mm:g}: wanted less than square_mm = {self.square_mm:g} mm; "
+                "measure both on the printed board"
+            )
+        return self
+
+
+class CameraTable(TableModel):
+    name: Name = Field(description="name of the camera")
+    film: RelativePath = Field(description="film of the test")
+    static: RelativePath = Field(
+        description="film of the finger at rest, 300 frames or more: gives the noise"
+    )
+    boards: RelativePath = Field(description="images of the ChArUco board (glob)")
+    dictionary: str = Field(
+        default="DICT_4X4_50", pattern=r"^DICT_", description="ArUco dictionary of the markers"
+    )
+    film_start_s: Finite = Field(
+        default=0.0, description="first frame of the film on the clock of the pressure log, s"
+    )
+    static_start_s: Finite | None = Field(
+        default=None,
+        description="the same of the static film, s; without it the gauge "
+        "noise comes from the first rest of the film",
+    )
+    max_rms_px: Positive = Field(default=0.3, description="refuse a camera calibration with a larger RMS, px")
+    board: BoardTable
+
+
+class PressureTable(TableModel):
+    file: RelativePath = Field(
+        default="raw/pressure.csv", description="pressure log: columns time_s, pressure_MPa"
+    )
+    time_shift_s: Finite = Field(default=0.0, description="added to the times of the log, s")
+
+
+class MeasureTable(TableModel):
+    placement_sd_mm: Positive = Field(default=0.3, description="how well a marker sits on its node, sd in mm")
+    scale_sd: Positive = Field(default=0.001, description="how well the mm scale is known, relative sd")
+    reference_s: Positive = Field(
+        default=1.8,
+        description="length of the rest at the start of the film, s: displacements are relative to its mean",
+    )
+
+
+class MarkerTable(TableModel):
+    marker: int | None = Field(default=None, ge=0, description="ArUco id; leave it out for a plain dot")
+    name: Name = Field(description="name in targets and reports")
+    role: Literal["frame", "fixed"] = Field(
+        description="frame: defines the axes (6 or more); "
+        "fixed: data that must show no displacement (4 or more)"
+    )
+    position_mm: Position = Field(description="centre in world axes, mm")
+    size_mm: Positive = Field(description="side (or diameter), mm")
+
+
+class FrameTable(TableModel):
+    markers: tuple[MarkerTable, ...] = Field(default=(), description="markers that do not move")
+
+
+class PointTable(TableModel):
+    name: Name = Field(description="name in targets and reports")
+    node: int = Field(ge=1, description="node label in the model")
+    marker: int | None = Field(default=None, ge=0, description="ArUco id; leave it out for a plain dot")
+    size_mm: Positive | None = Field(default=None, description="side (or diameter), mm")
+    position_mm: Position | None = Field(
+        default=None, description="centre at rest, mm; without it the position of the node"
+    )
+
+
+class CalibrateTable(TableModel):
+    seed: int = Field(default=1, ge=0, description="seed of the genetic algorithm")
+    population: int = Field(default=30, ge=4, description="individuals per generation")
+    generations: int = Field(default=20, ge=1, description="generations")
+    objective_points: tuple[Name, ...] = Field(
+        default=("tip", "middle"), min_length=1, description="points whose RMS the genetic algorithm lowers"
+    )
+    objective_component: Literal[1, 2, 3] = Field(
+        default=3, description="their displacement component: 1 x, 2 y, 3 z"
+    )
+    bounds: dict[str, Bounds] = Field(
+        default={"C10": (0.01, 0.5), "C01": (0.0, 0.5)}, description="low and high of each parameter, MPa"
+    )
+
+
+class DiagnoseTable(TableModel):
+    candidates: tuple[Effect, ...] = Field(
+        default=("creep", "pressure_lag", "stiffening", "clamp", "pressure_gain", "camera_scale"),
+        min_length=1,
+        description="effects that may be missing",
+    )
+    seed: int = Field(default=1, ge=0, description="seed of the diagnosis")
+
+
+class StudyTable(TableModel):
+    other_pressure_MPa: Positive = Field(
+        description="a second pressure that the source of the targets states, MPa"
+    )
+
+
+class Config(TableModel):
+    """The whole of twin.toml."""
+
+    project: ProjectTable = ProjectTable()
+    model: ModelTable = ModelTable()
+    cameras: tuple[CameraTable, ...] = ()
+    pressure: PressureTable | None = None
+    measure: MeasureTable = MeasureTable()
+    frame: FrameTable = FrameTable()
+    points: tuple[PointTable, ...] = Field(min_length=1)
+    calibrate: CalibrateTable = CalibrateTable()
+    diagnose: DiagnoseTable = DiagnoseTable()
+    study: StudyTable | None = None
+
+    @model_validator(mode="after")
+    def _fits(self) -> Self:
+        for check in (_check_names, _check_parameters, _check_film):
+            check(self)
+        return self
+
+
+def _check_names(c: Config) -> None:
+    names = [p.name for p in c.points] + [m.name for m in c.frame.markers]
+    markers = [m for m in [p.marker for p in c.points] + [f.marker for f in c.frame.markers] if m is not None]
+    columns: dict[str, list[Any]] = {"name": names, "marker": markers, "node": [p.node for p in c.points]}
+    for key, used in columns.items():
+        twice = [value for value, count in Counter(used).items() if count > 1]
+        if twice:
+            raise ValueError(
+                f"{key} = {twice[0]!r} stands twice in [[points]] and [[frame.markers]]; give each its own"
+            )
+    for name in c.calibrate.objective_points:
+        if name not in [p.name for p in c.points]:
+            raise ValueError(
+                f"calibrate.objective_points = {name!r}: wanted a name in [[points]], which has "
+                f"{', '.join(p.name for p in c.points)}"
+            )
+
+
+def _check_parameters(c: Config) -> None:
+    bases = [effect.partition(":")[0] for effect in c.model.effects]
+    if len(set(bases)) != len(bases):
+        raise ValueError(f"model.effects = {list(c.model.effects)}: an effect stands twice; keep it once")
+    for name, (low, high) in c.calibrate.bounds.items():
+        if not low < high:
+            raise ValueError(
+                f"calibrate.bounds.{name} = [{low:g}, {high:g}]: wanted low < high; swap or widen them"
+            )
+        value = c.model.fixed.get(name, low)
+        if not low <= value <= high:
+            raise ValueError(
+                f"model.fixed.{name} = {value:g}: wanted a value within calibrate.bounds.{name} = "
+                f"[{low:g}, {high:g}]; widen the bounds or correct the value"
+            )
+
+
+def _check_film(c: Config) -> None:
+    if not c.cameras:
+        return
+    if len(c.cameras) > 1:
+        raise ValueError(f"cameras = {len(c.cameras)} tables: wanted one; films of one camera are measured")
+    if c.pressure is None:
+        raise ValueError(
+            'pressure is missing: a film needs its pressure log; add [pressure] with file = "..."'
+        )
+    roles = [str(m.role) for m in c.frame.markers]
+    for role, least in (("frame", 6), ("fixed", 4)):
+        if roles.count(role) < least:
+            raise ValueError(
+                f"frame.markers: {roles.count(role)} with role {role!r}, wanted {least} or more; "
+                "mount more markers on the rig, or change their roles"
+            )
+    for point in c.points:
+        if point.size_mm is None:
+            raise ValueError(f"points.{point.name}.size_mm is missing: wanted the side of its marker in mm")

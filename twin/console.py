@@ -1,0 +1,104 @@
+"""Turn what a stage says into lines and a bar, and what goes wrong into one sentence and an exit code."""
+
+import json
+import sys
+import time
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:  # rich takes a third of a second to import: only a terminal pays for it
+    from rich.progress import Progress, TaskID
+
+BAD_INPUT, INTERNAL, INTERRUPTED = 2, 1, 130
+PLAIN_EVERY = 5.0  # s between progress lines where no terminal shows a bar
+
+
+class Console:
+    """Prints a stage's lines on stdout (on stderr if stdout is for JSON), its progress on stderr."""
+
+    def __init__(self, *, as_json: bool) -> None:
+        self.as_json = as_json
+        self._bar: Progress | None = None
+        self._tasks: dict[str, TaskID] = {}
+        self._last = time.monotonic()
+
+    def __call__(self, text: str, /) -> None:
+        """Print one line; a bar is cleared first, so that lines never mix with it."""
+        self.close()
+        print(text, file=sys.stderr if self.as_json else sys.stdout, flush=True)
+
+    def progress(self, stage: str, done: int, total: int, /) -> None:
+        """Show how far a part of a stage is: a bar on a terminal, else a line every few seconds."""
+        if sys.stderr.isatty():
+            self._draw(stage, done, total)
+        elif time.monotonic() - self._last >= PLAIN_EVERY:
+            self._last = time.monotonic()
+            print(f"  {stage}: {done} of {total}", file=sys.stderr, flush=True)
+
+    def result(self, result: dict[str, Any]) -> None:
+        """Print a stage's result as one line of JSON, if that was asked for."""
+        self.close()
+        if self.as_json:
+            from twin import files
+
+            print(json.dumps(files.plain(result), allow_nan=False), flush=True)
+
+    def close(self) -> None:
+        """Clear the bar."""
+        if self._bar is not None:
+            self._bar.stop()
+            self._bar, self._tasks = None, {}
+
+    def _draw(self, stage: str, done: int, total: int) -> None:
+        if self._bar is None:
+            from rich.console import Console as Terminal
+            from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+            columns = (
+                TextColumn("  {task.description}"),
+                BarColumn(),
+                TextColumn("{task.completed}/{task.total}"),
+            )
+            self._bar = Progress(*columns, TimeElapsedColumn(), console=Terminal(stderr=True), transient=True)
+            self._bar.start()
+        if stage not in self._tasks:
+            self._tasks[stage] = self._bar.add_task(stage, total=total)
+        self._bar.update(self._tasks[stage], completed=done, total=total)
+
+
+def guarded(work: Callable[[], Any], *, debug: bool) -> int:
+    """Run a command and return its exit code; one sentence on stderr says what went wrong, no traceback.
+
+    0 done, 2 bad input, 130 interrupted, 1 anything else (with `debug` its traceback).
+    """
+    try:
+        work()
+    except KeyboardInterrupt:
+        return _say(
+            "interrupted: what was finished is kept; run the same command again to resume", INTERRUPTED
+        )
+    except Exception as error:
+        if debug:
+            raise
+        if _is_input(error):
+            return _say(f"error: {_sentence(error)}", BAD_INPUT)
+        return _say(f"internal error: {type(error).__name__}: {_sentence(error)} (run it with --debug after "
+                    "`twin` for the traceback)", INTERNAL)  # fmt: skip
+    return 0
+
+
+def _is_input(error: Exception) -> bool:
+    """Return whether the user can mend it: bad input, or a file system that refuses."""
+    # numpy's LinAlgError is a ValueError too, but no user caused it
+    return isinstance(error, ValueError | OSError) and type(error).__name__ != "LinAlgError"
+
+
+def _sentence(error: Exception) -> str:
+    if isinstance(error, OSError) and error.strerror:
+        return f"{error.filename}: {error.strerror}" if error.filename else error.strerror
+    return " ".join(str(error).split())
+
+
+def _say(text: str, code: int) -> int:
+    print(text, file=sys.stderr, flush=True)
+    return code

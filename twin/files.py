@@ -1,0 +1,133 @@
+"""Turn data into files that are written whole or not at all, and read them back without pickle."""
+
+import hashlib
+import io
+import json
+import math
+import os
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+
+def write_bytes(path: Path, data: bytes) -> None:
+    """Write `data` beside `path` and move it there in one step: a killed writer leaves the old file."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    try:
+        with open(temporary, "wb") as file:
+            file.write(data)
+            file.flush()
+            os.fsync(file.fileno())
+        os.replace(temporary, path)
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a UTF-8 text file whole or not at all."""
+    write_bytes(path, text.encode("utf-8"))
+
+
+def write_json(path: Path, data: Any) -> None:
+    """Write JSON whole or not at all; NaN and infinity become null, arrays become lists."""
+    write_text(path, json.dumps(plain(data), indent=1, allow_nan=False, ensure_ascii=False) + "\n")
+
+
+def write_npz(path: Path, arrays: Mapping[str, ArrayLike]) -> None:
+    """Write named arrays whole or not at all; an array that would need pickle raises ValueError."""
+    buffer = io.BytesIO()
+    np.savez_compressed(buffer, allow_pickle=False, **{name: np.asarray(a) for name, a in arrays.items()})
+    write_bytes(path, buffer.getvalue())
+
+
+def append_jsonl(path: Path, record: Mapping[str, Any]) -> None:
+    """Append one record as one line that is on the disk when this returns."""
+    line = json.dumps(plain(record), allow_nan=False, ensure_ascii=False) + "\n"
+    with open(path, "ab") as file:
+        file.write(line.encode("utf-8"))
+        file.flush()
+        os.fsync(file.fileno())
+
+
+def read_jsonl(path: Path) -> list[dict[str, Any]]:
+    """Return the records of a log, [] without a file; a last line cut off by a kill is left out."""
+    if not path.exists():
+        return []
+    lines = path.read_bytes().split(b"\n")[:-1]  # what follows the last newline was cut off
+    return [json.loads(line) for line in lines if line.strip()]
+
+
+def mend_jsonl(path: Path) -> None:
+    """Drop a last line cut off by a kill, so that the next record starts on its own line."""
+    if path.exists():
+        data = path.read_bytes()
+        whole = data[: data.rfind(b"\n") + 1]
+        if whole != data:
+            write_bytes(path, whole)
+
+
+def read_json(path: Path) -> Any:
+    """Return what a JSON file holds; ValueError names the file and the place where it is broken."""
+    try:
+        return json.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise ValueError(f"{path}: no such file") from None
+    except (json.JSONDecodeError, UnicodeDecodeError) as error:
+        raise ValueError(f"{path}: not valid JSON ({error}); remove it and run its stage again") from None
+
+
+def read_npz(path: Path) -> dict[str, NDArray[Any]]:
+    """Return the named arrays of a file; pickled content is refused."""
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            return {name: file[name] for name in file.files}
+    except Exception as error:  # zipfile, numpy and the file system each raise their own kinds
+        raise ValueError(
+            f"{path}: not a readable npz file ({error}); remove it and run its stage again"
+        ) from None
+
+
+def digest_of(paths: Iterable[Path], *, root: Path) -> dict[str, str]:
+    """Return the SHA-256 of every file, a folder standing for all files in it, by its path from `root`."""
+    digests = {}
+    for path in paths:
+        for file in sorted(p for p in path.rglob("*") if p.is_file()) if path.is_dir() else [path]:
+            if not file.is_file():
+                raise ValueError(f"{file}: no such file")
+            with open(file, "rb") as stream:
+                digests[_from(file, root)] = hashlib.file_digest(stream, "sha256").hexdigest()
+    return digests
+
+
+def digest_text(data: Any) -> str:
+    """Return the SHA-256 of plain data, the same for the same content in any order of keys."""
+    text = json.dumps(plain(data), sort_keys=True, allow_nan=False)
+    return hashlib.sha256(text.encode("utf-8")).hexdigest()
+
+
+def plain(data: Any) -> Any:
+    """Return lists, dicts, numbers, strings and None only; NaN and infinity become None."""
+    if isinstance(data, Mapping):
+        return {str(key): plain(value) for key, value in data.items()}
+    if isinstance(data, np.ndarray):
+        return plain(data.tolist())
+    if isinstance(data, list | tuple | set | frozenset):
+        return [plain(value) for value in data]
+    if isinstance(data, np.generic):
+        return plain(data.item())
+    if isinstance(data, float):
+        return data if math.isfinite(data) else None
+    if data is None or isinstance(data, bool | int | str):
+        return data
+    if isinstance(data, Path):
+        return data.as_posix()
+    raise TypeError(f"{type(data).__name__} cannot be written as JSON")
+
+
+def _from(file: Path, root: Path) -> str:
+    """Return the path relative to the project, or the bare name of a file that lies elsewhere."""
+    return file.relative_to(root).as_posix() if file.is_relative_to(root) else file.name

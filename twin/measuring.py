@@ -1,0 +1,292 @@
+"""Turn board images into a camera, and film, static film and pressure log into displacement targets."""
+
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from twin import files
+from twin.config import CameraTable
+from twin.gauge import GaugeNoise, Log, check_covers, gauge_noise, read_log
+from twin.project import Project, Say
+from twin.targetfiles import write_targets
+from twin.targets import Array, Noise, Targets
+
+if TYPE_CHECKING:  # vision takes a second to import: only the stages that measure pay for it
+    from vision import Displacements, Mark
+
+DIGITS = 6  # of mm: a nanometre, far below any sd, keeps targets.csv readable
+
+
+def run_camera(project: Project, say: Say) -> dict[str, Any]:
+    """Calibrate the camera from its board images into runs/NNNN-camera/camera.json, unless that is done."""
+    table = _camera_table(project)
+    how = _camera_inputs(project, table)
+    done = project.done("camera", **how)
+    if done is not None:
+        say(f"camera: already done in {project.shown(done)}, skipped")
+        return _result(project, "camera", done, skipped=True)
+    from vision import Board, calibrate_camera
+
+    with project.new_run("camera", **how) as run:
+        board = Board(**table.board.model_dump())
+        camera = calibrate_camera(how["inputs"], board, max_rms_px=table.max_rms_px)
+        run.write_json("camera.json", camera.to_dict())
+        run.summary.update(rms_px=camera.rms_px, images=camera.images, given=len(how["inputs"]))
+        run.summary["headline"] = f"reprojection RMS {camera.rms_px:.3f} px"
+    say(f"camera: {camera.images} of {len(how['inputs'])} board images, reprojection RMS "
+        f"{camera.rms_px:.3f} px (limit {table.max_rms_px:g}); wrote "
+        f"{project.shown(run.path('camera.json'))}")  # fmt: skip
+    return _result(project, "camera", run.folder)
+
+
+def run_measure(project: Project, say: Say, *, replace: bool = False) -> dict[str, Any]:
+    """Measure the films into targets/ and runs/NNNN-measure, unless that is done.
+
+    Targets that come from other inputs are never overwritten: ValueError, or with `replace` they are kept
+    as targets-0001, -0002, ...
+    """
+    table = _camera_table(project)
+    camera = _camera(project, table)
+    how = _measure_inputs(project, table, camera)
+    done, killed, owner = (
+        project.done("measure", **how),
+        project.killed("measure", **how),
+        _measured_by(project),
+    )
+    if done is not None and owner == done.name:
+        say(f"measure: already done in {project.shown(done)}, targets/ is there, skipped")
+        return _result(project, "measure", done, skipped=True)
+    if project.targets_folder.exists() and not replace and not (killed and owner == killed.name):
+        raise ValueError(
+            f"{project.targets_folder} holds targets from other inputs (or measured elsewhere), which are "
+            "never overwritten; `twin measure --replace` keeps them as targets-0001 and measures anew"
+        )
+    with project.new_run("measure", **how) as run:
+        moved, log, gauge = _measure(project, table, camera, say)
+        targets = make_targets(
+            moved, log, film_start_s=table.film_start_s, gauge=gauge, nodes=_nodes(project)
+        )
+        run.write_npz("tracks.npz", _tracks(moved))
+        run.summary.update(_summary(targets, moved, gauge) | {"headline": _headline(targets)})
+        _put_aside(project, say)
+        write_targets(project.targets_folder, targets, source={"run": run.name})
+    for sentence in run.summary["remarks"]:
+        say(f"measure: {sentence}")
+    say(f"measure: {_headline(targets)}; wrote targets/ and {project.shown(run.folder)}/tracks.npz")
+    return _result(project, "measure", run.folder)
+
+
+def make_targets(
+    moved: "Displacements", log: Log, *, film_start_s: float, gauge: GaugeNoise, nodes: Mapping[str, int]
+) -> Targets:
+    """Join displacements (film clock) with the pressure log into targets of one block on the log's clock.
+
+    Of frames with the same time stamp the first is kept; `nodes` gives the label of every finger marker.
+    """
+    keep = np.concatenate([[True], np.diff(moved.time) > 0])
+    time = moved.time[keep] + film_start_s
+    value, covariance = np.round(moved.value[keep], DIGITS), moved.covariance[keep]
+    variance = np.diagonal(covariance, axis1=2, axis2=3)
+    n = moved.noise
+    noise = Noise(n.sd, n.rho, n.correlation, n.frames, n.codec_sd, gauge.sd_MPa, gauge.samples)
+    return Targets(
+        time=time, pressure=np.round(log.at(time), DIGITS + 3), block=np.zeros(len(time), dtype=np.int64),
+        names=moved.names, nodes=_labels(moved, nodes), points=moved.points, value=value,
+        covariance=covariance, valid=np.isfinite(value) & np.isfinite(variance),
+        held_out=np.zeros(len(time), dtype=bool),
+        modes=moved.modes[:, keep], mode_names=moved.mode_names, noise=noise, log_time=log.time,
+        log_pressure=log.pressure, reference=_kept(moved.reference, keep), gravity=None,
+        pressure_sd=gauge.sd_MPa * log.gain(time),
+    )  # fmt: skip
+
+
+def _labels(moved: "Displacements", nodes: Mapping[str, int]) -> NDArray[np.int64]:
+    """Return the node of every point, 0 for a fixed marker."""
+    return np.array(
+        [nodes[n] if role == "finger" else 0 for n, role in zip(moved.names, moved.roles, strict=True)]
+    )
+
+
+def _kept(indices: NDArray[Any], keep: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """Return where the kept of these steps stand once the others are gone."""
+    new = np.cumsum(keep) - 1
+    return np.array([new[i] for i in indices if keep[i]], dtype=np.int64)
+
+
+# -- what the stages read ---------------------------------------------------------------------------------
+
+
+def _camera_table(project: Project) -> CameraTable:
+    if not project.config.cameras:
+        raise ValueError("twin.toml has no [[cameras]]: there is no film to measure; targets measured "
+                         "elsewhere go into targets/, and `twin calibrate` starts from them")  # fmt: skip
+    return project.config.cameras[0]
+
+
+def _pressure(project: Project) -> Any:
+    return project.config.pressure  # a film without it is refused by the configuration
+
+
+def _camera_inputs(project: Project, table: CameraTable) -> dict[str, Any]:
+    images = sorted(p for p in project.root.glob(table.boards) if p.is_file())
+    if not images:
+        raise ValueError(f"cameras.boards = {table.boards!r}: no file matches in {project.root}; put the "
+                         "images of the ChArUco board there, or correct the glob in twin.toml")  # fmt: skip
+    extra = {"board": table.board.model_dump(), "max_rms_px": table.max_rms_px}
+    return {"tables": (), "inputs": images, "extra": extra}
+
+
+def _camera(project: Project, table: CameraTable) -> Path:
+    """Return camera.json made from the board images as they are now."""
+    done = project.done("camera", **_camera_inputs(project, table))
+    if done is None:
+        older = project.newest("camera", "camera.json")
+        why = (
+            f"{project.shown(older)} was made from other images or settings"
+            if older
+            else "no camera.json yet"
+        )
+        raise ValueError(f"{why}: run `twin camera` first")
+    return done / "camera.json"
+
+
+def _measure_inputs(project: Project, table: CameraTable, camera: Path) -> dict[str, Any]:
+    named = {"film": table.film, "static": table.static}
+    for key, path in [
+        *((f"cameras.{k}", v) for k, v in named.items()),
+        ("pressure.file", _pressure(project).file),
+    ]:
+        if not project.path(path).is_file():
+            raise ValueError(
+                f"{key} = {path!r}: no such file in {project.root}; copy it there or correct twin.toml"
+            )
+    inputs = [project.path(p) for p in (*named.values(), _pressure(project).file)]
+    tables = ("cameras", "pressure", "measure", "frame", "points")
+    return {"tables": tables, "inputs": [*inputs, camera]}
+
+
+def _measured_by(project: Project) -> str | None:
+    """Return the run that targets/ comes from, None if there is no targets/ or it was measured elsewhere."""
+    path = project.targets_folder / "source.json"
+    return files.read_json(path).get("run") if path.exists() else None
+
+
+def _marks(project: Project) -> list["Mark"]:
+    """Return every marker with its nominal centre: those of the frame, and the finger's at their nodes."""
+    from vision import Mark
+
+    marks = [Mark(m.name, m.marker, m.position_mm, m.role, m.size_mm) for m in project.config.frame.markers]
+    case = None
+    for point in project.config.points:
+        position = point.position_mm
+        if position is None:
+            case = case or _model()
+            x, y, z = (float(v) for v in case.position(point.node))
+            position = (x, y, z)
+        assert point.size_mm is not None  # the configuration refuses a film without it
+        marks.append(Mark(point.name, point.marker, position, "finger", point.size_mm))
+    return marks
+
+
+def _model() -> Any:
+    """Return the built-in finger: its nodes do not depend on the material."""
+    from fe.material import Material
+    from fe.mesh import finger_case
+
+    return finger_case(Material(C10=0.2, C01=0.1))
+
+
+# -- measuring ----------------------------------------------------------------------------------------------
+
+
+def _measure(
+    project: Project, table: CameraTable, camera: Path, say: Say
+) -> tuple["Displacements", Log, GaugeNoise]:
+    """Return displacements, log and gauge noise; the log is checked before the film is measured."""
+    from vision import Camera, Video, measure
+
+    film, static = Video(project.path(table.film)), Video(project.path(table.static))
+    for sentence in (*film.issues, *static.issues):
+        say(f"measure: {sentence}")
+    pressure, settings = _pressure(project), project.config.measure
+    log = read_log(project.path(pressure.file), time_shift_s=pressure.time_shift_s)
+    check_covers(log, film.time + table.film_start_s, what="film", key="film_start_s")
+    gauge = _gauge(table, log, film.time, static.time, settings.reference_s)
+    moved = measure(
+        film, static, Camera.from_dict(files.read_json(camera)), _marks(project), dictionary=table.dictionary,
+        placement_sd_mm=settings.placement_sd_mm, scale_sd=settings.scale_sd,
+        reference_s=settings.reference_s, progress=say.progress,
+    )  # fmt: skip
+    return moved, log, gauge
+
+
+def _gauge(table: CameraTable, log: Log, film: Array, static: Array, reference_s: float) -> GaugeNoise:
+    """Return the gauge noise during the static film, or in the film's first rest if its time is unknown."""
+    if table.static_start_s is None:
+        start = table.film_start_s + float(film[0])
+        return gauge_noise(log, start=start, end=start + reference_s)
+    time = static + table.static_start_s
+    check_covers(log, time, what="static film", key="static_start_s")
+    return gauge_noise(log, start=float(time[0]), end=float(time[-1]))
+
+
+def _nodes(project: Project) -> dict[str, int]:
+    return {point.name: point.node for point in project.config.points}
+
+
+def _tracks(moved: "Displacements") -> dict[str, NDArray[Any]]:
+    """Return what review draws over the film."""
+    t = moved.tracks
+    return {
+        "time": t.time, "names": np.array(t.names, dtype=str), "position": t.position,
+        "covariance": t.covariance, "rotation": t.rotation, "method": t.method,
+        "homography": moved.homography,
+    }  # fmt: skip
+
+
+def _summary(targets: Targets, moved: "Displacements", gauge: GaugeNoise) -> dict[str, Any]:
+    """Return what run.json and --json tell."""
+    noise = moved.noise
+    return {
+        "steps": len(targets.time), "points": len(targets.names), "valid": int(targets.valid.sum()),
+        "static_frames": noise.frames, "gauge_sd_MPa": gauge.sd_MPa,
+        "sd_mm": dict(zip(moved.names, noise.sd, strict=True)),
+        "codec_sd_mm": dict(zip(moved.names, noise.codec_sd, strict=True)),
+        "modes": len(targets.mode_names), "remarks": [*moved.lost, *([gauge.remark] if gauge.remark else [])],
+    }  # fmt: skip
+
+
+def _headline(targets: Targets) -> str:
+    """Return the one line that says what was measured."""
+    finger = ~targets.fixed
+    variance = np.diagonal(targets.covariance, axis1=2, axis2=3)[targets.valid]
+    peak = np.nanmax(np.abs(targets.value[:, finger]))
+    return (f"{int(finger.sum())} points and {int(targets.fixed.sum())} fixed markers in "
+            f"{len(targets.time)} frames, up to {peak:.1f} mm, sd {np.sqrt(np.median(variance)):.3f} "
+            "mm")  # fmt: skip
+
+
+def _put_aside(project: Project, say: Say) -> None:
+    """Keep targets that are there under the next free name."""
+    folder = project.targets_folder
+    if not folder.exists():
+        return
+    number = 1
+    while (kept := folder.with_name(f"targets-{number:04d}")).exists():
+        number += 1
+    os.rename(folder, kept)
+    say(f"measure: the targets that were there are kept as {kept.name}")
+
+
+def _result(project: Project, stage: str, folder: Path, *, skipped: bool = False) -> dict[str, Any]:
+    """Return what --json prints."""
+    summary = project.info(folder).get("summary", {})
+    return {
+        "stage": stage,
+        "status": "skipped" if skipped else "done",
+        "run": project.shown(folder),
+    } | summary

@@ -1,0 +1,195 @@
+"""A base test and effects -> predicted displacements, their derivatives, and their discretisation modes."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from calibrate import Parameter
+from fe import Case, Finger, Lattice, Material, Path, Solution, Variation, finger_case, solve
+from twin.effects import Effect, Elasticity, Test, Theta
+from twin.targets import Array, Targets
+
+STEP = 1e-6  # of a parameter's typical size, for differencing the effects' maps
+NEAR = 0.03  # mm: a prediction whose largest change is less is taken along the derivatives of its neighbour
+
+
+class Unsolvable(Exception):
+    """The model has no equilibrium for these parameters; the message says how far it came."""
+
+
+@dataclass(frozen=True)
+class Anchor:
+    """A full solve that others may start from: theta (d,), u (s, p, 3) mm, and derivatives (d, s, p, 3) or None."""
+
+    theta: Array
+    u: Array
+    jacobian: Array | None
+    solution: Solution
+
+
+@dataclass(frozen=True)
+class Model:
+    """The base test with its effects; `predict` and `jacobian` give displacements relative to the reference steps.
+
+    reference (r,): output steps whose mean is subtracted. Solves are kept and reused: a prediction so close to an
+    earlier one that first order serves (NEAR) costs nothing.
+    """
+
+    test: Test
+    effects: tuple[Effect, ...]
+    reference: Array
+    _anchors: list[Anchor] = field(default_factory=list, compare=False, repr=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "effects", tuple(sorted(self.effects, key=lambda e: e.order)))
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """All parameters, in the order of the vector theta."""
+        return tuple(p for e in self.effects for p in e.parameters)
+
+    def theta(self, values: Mapping[str, float]) -> Array:
+        """The vector theta of named values."""
+        return np.array([values[p.name] for p in self.parameters])
+
+    def named(self, theta: Array) -> dict[str, float]:
+        """Named values of the vector theta."""
+        return {p.name: float(x) for p, x in zip(self.parameters, theta, strict=True)}
+
+    def with_effect(self, effect: Effect) -> "Model":
+        """The model with one more effect; a wider or narrower law of the same physics is replaced."""
+        kept = tuple(e for e in self.effects if e.name != effect.name)
+        return Model(self.test, (*kept, effect), self.reference)
+
+    def put(self, theta: Theta) -> Test:
+        """The test with every effect's `before` applied."""
+        test = self.test
+        for e in self.effects:
+            test = e.before(test, theta)
+        return test
+
+    def seen(self, u: Array, test: Test, theta: Theta) -> Array:
+        """Displacements (s, p, 3) mm after every effect's `after`, relative to the reference."""
+        for e in self.effects:
+            u = e.after(u, test, theta)
+        return u - u[self.reference].mean(axis=0)
+
+    def predict(self, theta: Array) -> Array:
+        """Displacements (s, p, 3) mm relative to the reference. Raises Unsolvable where there is no equilibrium."""
+        near = self._nearest(theta)
+        if near is not None and near.jacobian is not None:
+            change = np.tensordot(theta - near.theta, near.jacobian, 1)
+            if np.abs(change).max() < NEAR:
+                return near.u + change
+        return self._solve(theta, near, derivatives=False).u
+
+    def jacobian(self, theta: Array) -> Array:
+        """Derivatives (d, s, p, 3) of `predict`, mm per unit of each parameter."""
+        near = self._nearest(theta)
+        if near is not None and near.jacobian is not None:
+            if np.abs(np.tensordot(theta - near.theta, near.jacobian, 1)).max() < NEAR:
+                return near.jacobian
+        found = self._solve(theta, near, derivatives=True).jacobian
+        assert found is not None
+        return found
+
+    def solution(self, theta: Array) -> Solution:
+        """The full finite-element solution at theta."""
+        for a in self._anchors:
+            if np.array_equal(a.theta, theta):
+                return a.solution
+        return self._solve(theta, self._nearest(theta), derivatives=False).solution
+
+    def _nearest(self, theta: Array) -> Anchor | None:
+        scale = np.array([p.step for p in self.parameters])
+        exact = [a for a in self._anchors if a.jacobian is not None] or self._anchors
+        return min(exact, key=lambda a: float(np.abs((a.theta - theta) / scale).max()), default=None)
+
+    def _solve(self, theta: Array, near: Anchor | None, *, derivatives: bool) -> Anchor:
+        values = self.named(theta)
+        test = self.put(values)
+        changes = [self._change(values, p) for p in self.parameters] if derivatives else []
+        u, du, solution = respond(test, [v for v, _, _, _ in changes], start=near.solution if near else None)
+        jacobian = None
+        if derivatives:
+            jacobian = np.stack([self._through(u, d, c) for d, c in zip(du, changes, strict=True)])
+        anchor = Anchor(theta.copy(), self.seen(u, test, values), jacobian, solution)
+        self._anchors.append(anchor)
+        del self._anchors[:-6]
+        return anchor
+
+    def _change(self, values: dict[str, float], p: Parameter, *, step: float | None = None) -> "Change":
+        h = STEP * p.step if step is None else step
+        plus, minus = {**values, p.name: values[p.name] + h}, {**values, p.name: values[p.name] - h}
+        a, b = self.put(plus), self.put(minus)
+        return Variation((a.case, a.path), (b.case, b.path), h), (a, plus), (b, minus), h
+
+    def _through(self, u: Array, du: Array, change: "Change") -> Array:
+        """The derivative of what is seen, from that of what moves: one difference along (du, theta)."""
+        _, (a, plus), (b, minus), h = change
+        return (self.seen(u + h * du, a, plus) - self.seen(u - h * du, b, minus)) / (2 * h)
+
+    def signatures(self, theta: Array, effects: Sequence[Effect]) -> list[list[Array]]:
+        """For each absent effect, per grid entry, the change (s, p, 3) mm per unit of its first parameter.
+
+        A secant over a typical step from null, all effects in one solve; the other parameters stay at theta.
+        """
+        changes, models = [], []
+        for e in effects:
+            model, p = self.with_effect(e), e.parameters[0]
+            assert p.null is not None
+            for entry in e.grid or ({},):
+                values = {**self.named(theta), **entry, p.name: p.null + p.step / 2}
+                changes.append(model._change(values, p, step=p.step / 2))
+                models.append(model)
+        test = self.put(self.named(theta))
+        near = self._nearest(theta)
+        u, du, _ = respond(test, [v for v, _, _, _ in changes], start=near.solution if near else None)
+        rows = iter([m._through(u, d, c) for m, d, c in zip(models, du, changes, strict=True)])
+        return [[next(rows) for _ in (e.grid or ({},))] for e in effects]
+
+    def per_pressure(self, theta: Array) -> Array:
+        """dU/dp (s, p, 3) mm per MPa of the pressure at the step itself, as seen by the camera."""
+        test, out = self.put(self.named(theta)), np.zeros((len(self.test.path.output), len(self.test.points), 3))
+        out[:, test.moving] = self.solution(theta).per_pressure(test.points[test.moving])
+        return out
+
+
+Change = tuple[Variation, tuple[Test, Theta], tuple[Test, Theta], float]
+
+
+def respond(test: Test, variations: Sequence[Variation], *, start: Solution | None) -> tuple[Array, Array, Solution]:
+    """Displacements (s, p, 3) mm of a test's points, derivatives (v, s, p, 3), and the solution.
+
+    Raises Unsolvable where the load path cannot be followed to its end.
+    """
+    solution = solve(test.case, test.path, start=start, variations=variations)
+    if not solution.converged:
+        raise Unsolvable(f"the finite-element model {solution.reason}")
+    shape = (len(test.path.output), len(test.points), 3)
+    u, du = np.zeros(shape), np.zeros((len(variations), *shape))
+    u[:, test.moving] = solution.at(test.points[test.moving])
+    if len(variations):
+        du[:, :, test.moving] = solution.variations_at(test.points[test.moving])
+    return u, du, solution
+
+
+def base_case(*, finger: Finger | None = None, lattice: Lattice | None = None) -> Case:
+    """The embedded bellows finger with nominal constants, to which every effect is applied."""
+    return finger_case(Material(C10=0.2, C01=0.1), finger=finger, lattice=lattice)
+
+
+def base_test(targets: Targets, case: Case) -> Test:
+    """The test that the targets describe: their points on the case, their log as the path."""
+    moving = ~targets.fixed
+    points = targets.points.copy()
+    for k in np.flatnonzero(moving):
+        points[k] = case.position(int(targets.nodes[k]))
+    path = Path(targets.log_time, targets.log_pressure, targets.time)
+    return Test(case, path, np.nan_to_num(points), moving)
+
+
+def base_model(targets: Targets, case: Case, *, elasticity: Elasticity | None = None, effects: Sequence[Effect] = ()) -> Model:
+    """The model of the targets: elasticity and the given effects."""
+    return Model(base_test(targets, case), (elasticity or Elasticity(), *effects), targets.reference)

@@ -1,0 +1,134 @@
+"""Turns facts into one self-contained HTML page. It computes nothing: every number comes in, as it is."""
+
+import base64
+import math
+import os
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+import jinja2
+from markupsafe import Markup
+
+TEMPLATE = Path(__file__).with_name("report.html")
+
+
+def write_report(path: Path, *, title: str, facts: Mapping[str, Any]) -> None:
+    """Write the page to `path`, atomically; see `render` for the facts."""
+    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    try:
+        temporary.write_text(render(title=title, facts=facts), encoding="utf-8")
+        os.replace(temporary, path)
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def render(*, title: str, facts: Mapping[str, Any]) -> str:
+    """The page as text. All facts are optional; what is absent, empty or None is left out.
+
+    headline     the verdict in one plain sentence
+    summary      two or three sentences below it
+    date         text
+    errors       {before_mm, after_mm, noise_mm, before_note, after_note, noise_note}
+    named        [{effect, text, note, parameters: [{name, value, low, high, unit}]}], low to high: 95 %
+    ranking      [{effect, delta_bic, z, p_value, note, named (bool)}], best first
+    ties         [[effect, ...], ...]
+    next_test    sentence
+    cannot_tell  [sentence, ...]
+    calibration  {parameters: as above, sentence (what can be identified)}
+    chain        [{name, value, unit, note}], the measurement: reprojection RMS, noise, lost markers, ...
+    pictures     [{title, caption, half (bool: two beside each other), svg (text) or png (path or bytes)}]
+    notes        [sentence, ...]
+    provenance   {name: text}, versions, seed, digests
+    commands     [text, ...]
+    ValueError for a picture that has neither svg nor png, and for a fact of another name.
+    """
+    unknown = set(facts) - FACTS
+    if unknown:
+        raise ValueError(f"the report knows no fact {min(unknown)!r}; it knows {', '.join(sorted(FACTS))}")
+    page = jinja2.Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True)
+    page.filters |= FILTERS
+    return page.from_string(TEMPLATE.read_text(encoding="utf-8")).render(title=title, facts=facts)
+
+
+def short(value: Any) -> str:
+    """A number with three significant digits, whole from 100 on; text as it is; a dash for nothing."""
+    if value is None or isinstance(value, jinja2.Undefined):
+        return "–"
+    if isinstance(value, str):
+        return value
+    if isinstance(value, int):
+        return f"{value:,}"
+    if not math.isfinite(value):
+        return "–"
+    if 1e-4 <= abs(value) < 100 or value == 0:
+        return f"{value:.3g}"
+    return f"{value:,.0f}" if 100 <= abs(value) < 1e7 else f"{value:.2e}"
+
+
+def interval(row: Mapping[str, Any]) -> str:
+    """The 95 % interval of a parameter, both ends with the digits that its width gives."""
+    if not _known(row.get("low")) or not _known(row.get("high")):
+        return "–"
+    digits = _digits(row)
+    return f"{row['low']:.{digits}f} to {row['high']:.{digits}f}"
+
+
+def value(row: Mapping[str, Any]) -> str:
+    """The value of a parameter with as many digits as its interval."""
+    if not _known(row.get("value")) or not _known(row.get("low")) or not _known(row.get("high")):
+        return short(row.get("value"))
+    return f"{row['value']:.{_digits(row)}f}"
+
+
+def probability(p: Any) -> str:
+    """A probability with two digits; those too small to print as a bound."""
+    if not _known(p):
+        return "–"
+    return "< 1e-99" if p < 1e-99 else f"{p:.2g}"
+
+
+def _known(number: Any) -> bool:
+    return isinstance(number, int | float) and math.isfinite(number)
+
+
+def _digits(row: Mapping[str, Any]) -> int:
+    """Decimals that show the interval's width with two significant digits."""
+    width = abs(row["high"] - row["low"])
+    return max(0, 1 - math.floor(math.log10(width))) if width > 0 else 6
+
+
+def _groups(pictures: Iterable[Mapping[str, Any]] | None) -> list[list[Mapping[str, Any]]]:
+    """Pictures as rows of the page: consecutive halves stand beside each other, two by two."""
+    rows: list[list[Mapping[str, Any]]] = []
+    for picture in pictures or []:
+        if picture.get("half") and rows and len(rows[-1]) == 1 and rows[-1][0].get("half"):
+            rows[-1].append(picture)
+        else:
+            rows.append([picture])
+    return rows
+
+
+def _drawing(picture: Mapping[str, Any]) -> Markup:
+    """A picture inside the page: SVG as elements, PNG as a data address. Our own plots, so not escaped."""
+    if picture.get("svg"):
+        return Markup(picture["svg"])
+    if picture.get("png") is None:
+        raise ValueError(f"the picture {picture.get('title')!r} has neither svg nor png; give one of them")
+    data = picture["png"] if isinstance(picture["png"], bytes) else Path(picture["png"]).read_bytes()
+    text = base64.b64encode(data).decode("ascii")
+    return Markup('<img alt="{}" src="data:image/png;base64,{}">').format(picture.get("title", ""), text)
+
+
+FACTS = frozenset(
+    {"headline", "summary", "date", "errors", "named", "ranking", "ties", "next_test", "cannot_tell"}
+    | {"calibration", "chain", "pictures", "notes", "provenance", "commands"}
+)
+FILTERS = {
+    "short": short,
+    "interval": interval,
+    "value": value,
+    "probability": probability,
+    "groups": _groups,
+    "drawing": _drawing,
+}

@@ -1,0 +1,101 @@
+"""Displacement targets: what was measured, with all that is known of its errors."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+NODE_UNKNOWN = -1  # a point of targets measured elsewhere whose node twin.toml has yet to state
+
+
+@dataclass(frozen=True)
+class Noise:
+    """What `twin measure` learnt about the noise; diagnose only reads it."""
+
+    sd: Array  # (p,3) mm, static frames; NaN where a component is not observed
+    rho: Array  # (p,3) lag-1 correlation from frame to frame
+    correlation: Array  # (3p,3p) within one step; identity rows where not observed
+    frames: int  # static frames it was estimated from
+    codec_sd: Array  # (p,3) mm, more where the patch moves
+    gauge_sd_MPa: float  # white noise of one sample of the pressure log; 0: none was seen
+    gauge_frames: int  # samples of the log it was estimated from
+
+
+@dataclass(frozen=True)
+class Targets:
+    """Displacements relative to the mean of the reference steps, with all that is known of their errors."""
+
+    time: Array  # (s,) s, absolute across blocks, increasing
+    pressure: Array  # (s,) MPa
+    block: NDArray[np.int64]  # (s,) 0, 1, ...: one recording in one orientation
+    names: tuple[str, ...]  # (p,)
+    nodes: NDArray[np.int64]  # (p,) Abaqus node label; 0 = fixed marker, which has no node
+    points: Array  # (p,3) mm, stress-free; NaN = the node's own position
+    value: Array  # (s,p,3) mm; NaN = not observed
+    covariance: Array  # (s,p,3,3) mm2, independent part; NaN where not observed
+    valid: NDArray[np.bool_]  # (s,p,3) the component is data
+    held_out: NDArray[np.bool_]  # (s,) kept from every fit; the same within a block
+    modes: Array  # (k,s,p,3) mm, errors shared by many values, 1 sd each
+    mode_names: tuple[str, ...]  # (k,)
+    noise: Noise | None  # None: measured elsewhere, and diagnose cannot test
+    log_time: Array  # (t,) s; equal to time where no log is known
+    log_pressure: Array  # (t,) MPa
+    reference: NDArray[np.int64]  # (r,) step indices
+    gravity: Array | None  # (blocks,3) unit vectors in world axes, or None
+    pressure_sd: Array  # (s,) MPa, gauge noise of each step's pressure; 0 where not known
+
+    def __post_init__(self) -> None:
+        s, p, k = len(self.time), len(self.names), len(self.mode_names)
+        shapes = {
+            "time": (s,), "pressure": (s,), "block": (s,), "nodes": (p,), "points": (p, 3),
+            "value": (s, p, 3), "covariance": (s, p, 3, 3), "valid": (s, p, 3), "held_out": (s,),
+            "modes": (k, s, p, 3), "log_pressure": (len(self.log_time),), "pressure_sd": (s,),
+        }  # fmt: skip
+        for name, shape in shapes.items():
+            if getattr(self, name).shape != shape:
+                raise ValueError(f"targets: {name} has shape {getattr(self, name).shape}; wanted {shape}")
+        _check(self)
+
+    @property
+    def fixed(self) -> NDArray[np.bool_]:
+        """(p,) the point is a fixed marker, which should show no displacement."""
+        return self.nodes == 0
+
+    @property
+    def has_log(self) -> bool:
+        """Whether the pressure between the steps was recorded; history effects need it."""
+        return not np.array_equal(self.log_time, self.time)
+
+
+def _check(t: Targets) -> None:
+    """Raise ValueError at the first thing that does not fit together."""
+    if not len(t.time) or not t.names:
+        raise ValueError("targets: no steps or no points; wanted at least one of each")
+    if np.any(np.diff(t.time) <= 0) or np.any(np.diff(t.log_time) <= 0):
+        raise ValueError(
+            "targets: time must increase from step to step and in the pressure log, across blocks too"
+        )
+    if len(set(t.names)) != len(t.names):
+        raise ValueError(f"targets: point names {sorted(t.names)} are not all different")
+    if t.block[0] != 0 or not np.isin(np.diff(t.block), (0, 1)).all():
+        raise ValueError("targets: blocks must be numbered 0, 1, ... in the order of time")
+    for b in range(int(t.block[-1]) + 1):
+        if len(set(t.held_out[t.block == b].tolist())) != 1:
+            raise ValueError(f"targets: block {b} is held out in part; hold out a whole block or none of it")
+    if t.gravity is not None and t.gravity.shape != (int(t.block[-1]) + 1, 3):
+        raise ValueError(
+            f"targets: gravity has shape {t.gravity.shape}; wanted one unit vector for each block"
+        )
+    if not len(t.reference) or t.reference.min() < 0 or t.reference.max() >= len(t.time):
+        raise ValueError(f"targets: reference steps must lie in 0..{len(t.time) - 1} and be at least one")
+    variance = np.diagonal(t.covariance, axis1=2, axis2=3)
+    good = np.isfinite(t.value) & np.isfinite(variance) & (np.nan_to_num(variance) > 0)
+    if (t.valid & ~good).any():
+        step, point, component = (int(i) for i in np.argwhere(t.valid & ~good)[0])
+        raise ValueError(
+            f"targets: step {step}, point {t.names[point]}, U{component + 1} is valid but has value "
+            f"{t.value[step, point, component]:g} mm and variance {variance[step, point, component]:g} mm2; "
+            "wanted a finite value and a variance above 0"
+        )

@@ -1,0 +1,20 @@
+"""Film of a marked finger in, displacements in mm with their uncertainty out; `vision.synthetic` draws film."""
+
+from vision.camera import Board, Camera, calibrate_camera
+from vision.displacements import Displacements, measure
+from vision.marks import Mark
+from vision.noise import NoiseModel
+from vision.tracks import Tracks
+from vision.video import Video
+
+__all__ = [
+    "Board",
+    "Camera",
+    "Displacements",
+    "Mark",
+    "NoiseModel",
+    "Tracks",
+    "Video",
+    "calibrate_camera",
+    "measure",
+]

@@ -1,0 +1,84 @@
+"""Marks: what is glued where, and where a picture shows it, to a few hundredths of a pixel."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from vision.camera import Array, Image, dictionary_of
+
+ROLES = ("frame", "fixed", "finger")
+
+
+@dataclass(frozen=True)
+class Mark:
+    """What is glued where: an ArUco marker (`marker` is its id) or a plain dot (`marker` None)."""
+
+    name: str
+    marker: int | None
+    position: tuple[float, float, float]  # mm, nominal centre at rest, world frame
+    role: str  # "frame" carries the homography, "fixed" is data with u = 0, "finger" moves
+    size_mm: float  # side of the black square, or diameter of the dot
+
+
+def check_names(marks: Sequence[Mark]) -> None:
+    """Raises ValueError for marks that share a name or an id, or have an unknown role or no size."""
+    for what, values in (
+        ("name", [m.name for m in marks]),
+        ("marker", [m.marker for m in marks if m.marker is not None]),
+    ):
+        twice = [v for i, v in enumerate(values) if v in values[:i]]
+        if twice:
+            raise ValueError(f"{what} {twice[0]!r} is given to two marks: every mark needs its own")
+    for mark in marks:
+        if mark.role not in ROLES:
+            raise ValueError(f"mark {mark.name!r} has role {mark.role!r}: use one of {', '.join(ROLES)}")
+        if not mark.size_mm > 0:
+            raise ValueError(
+                f"mark {mark.name!r} has size {mark.size_mm} mm: give the side of its black square "
+                "or the diameter of the dot"
+            )
+
+
+def detect(image: Image, dictionary: str) -> tuple[dict[int, Array], set[int]]:
+    """Corners (4,2) raw px of each marker seen once, and the ids that are seen more often."""
+    parameters = cv2.aruco.DetectorParameters()
+    parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
+    parameters.cornerRefinementWinSize = 3
+    parameters.relativeCornerRefinmentWinSize = 1.0
+    # The default gate grows with the picture: 29 px at 4K. 12 px sides are found at any size.
+    parameters.minMarkerPerimeterRate = 4.0 * 12.0 / max(image.shape)
+    corners, ids, _ = cv2.aruco.ArucoDetector(dictionary_of(dictionary), parameters).detectMarkers(image)
+    if ids is None:
+        return {}, set()
+    names = [int(i) for i in np.asarray(ids).reshape(-1)]
+    once = {
+        name: np.asarray(quad, dtype=np.float64).reshape(4, 2)
+        for name, quad in zip(names, corners, strict=True)
+        if names.count(name) == 1
+    }
+    return once, set(names) - set(once)
+
+
+def corner_warp(corners: Array) -> Array:
+    """Warp (3,3) that takes the local square to the corners (4,2) ideal px, in ArUco's order."""
+    square = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]], dtype=np.float32)
+    offset = corners.mean(axis=0)  # single precision: keep the numbers small
+    warp = np.asarray(
+        cv2.getPerspectiveTransform(square, (corners - offset).astype(np.float32)), dtype=np.float64
+    )
+    shift = np.eye(3)
+    shift[:2, 2] = offset
+    return np.asarray(shift @ warp)
+
+
+def dot_warp(centre: Array, radius: float) -> Array:
+    """Warp (3,3) of a dot: its centre in ideal px and its radius, no rotation."""
+    return np.array([[radius, 0.0, centre[0]], [0.0, radius, centre[1]], [0.0, 0.0, 1.0]])
+
+
+def px_per_unit(warp: Array) -> Array:
+    """Pixels per local unit (p,) at the origin of warps (p,3,3)."""
+    linear = warp[..., :2, :2] - warp[..., :2, 2:] * warp[..., 2:, :2]
+    return np.sqrt(np.abs(linear[..., 0, 0] * linear[..., 1, 1] - linear[..., 0, 1] * linear[..., 1, 0]))

@@ -1,0 +1,247 @@
+"""First seconds of a film in, reference patches out: each mark averaged, and where its true centre is."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from itertools import islice
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from vision import registration
+from vision.camera import Array, Camera, Image, dictionary_of, other_dictionary
+from vision.dots import find_dot
+from vision.marks import Mark, corner_warp, detect, dot_warp, px_per_unit
+from vision.plane import MIN_VISIBLE, fit_homography
+from vision.video import Video
+
+MIN_REFERENCE = 10
+MAX_REFERENCE = 40  # frames averaged into the reference patches; more gain nothing against the codec
+START_FRAMES = 5  # frames searched for marks that the first one does not show
+CELLS_BEYOND = 0.6  # how far a patch reaches into the white border, in marker cells
+# Covering 6 % of a marker lowers its correlation to 0.97 and moves it by up to 0.07 px; motion blur of 5 px
+# leaves 0.98 and 0.01 px.
+MIN_CORRELATION = 0.97
+SURE = 0.87  # another marker of the dictionary reaches 0.86; noisy film may not go below this
+
+
+@dataclass(frozen=True)
+class Follower:
+    """Reference patches of one film and how to lay them on a picture."""
+
+    camera: Camera
+    marks: tuple[Mark, ...]
+    dictionary: str
+    seed: Array  # (p,3,3) local to ideal px in the first reference frame; NaN when never found
+    templates: registration.Templates  # of the coded marks, in their order
+    coded: NDArray[np.intp]  # marks with a code
+    centre: Array  # (p,2) local coordinates of the mark's centre
+    least: Array  # (coded,) correlation below which a coded mark is not believed
+
+
+def prepare(
+    film: Video, camera: Camera, marks: Sequence[Mark], *, dictionary: str, reference_s: float
+) -> Follower:
+    """Reference patches: each mark averaged over the film's first reference_s seconds, and its true centre.
+
+    Raises ValueError when no marker is seen (says which other dictionary finds some), when fewer than 10
+    frames make the reference, or when the picture's size is not the camera's.
+    """
+    if (film.width, film.height) != tuple(camera.size):
+        raise ValueError(
+            f"film {film.path.name} has {film.width} x {film.height} px, the camera was calibrated with "
+            f"{camera.size[0]} x {camera.size[1]}: film and boards must come from the same setting"
+        )
+    reference = reference_frames(film, reference_s)
+    coded = np.flatnonzero([mark.marker is not None for mark in marks])
+    seed, single = _start(film, camera, marks, dictionary, coded)
+    mean, least = _average(
+        islice(film.frames(), min(len(reference), MAX_REFERENCE)), camera, single, seed[coded]
+    )
+    templates = registration.templates(mean, single.grid)
+    centre = np.zeros((len(marks), 2))
+    centre[coded] = _centres(
+        mean[:, 0], single.grid, [mark for mark in marks if mark.marker is not None], dictionary, px_per_unit(seed[coded])
+    )
+    return Follower(camera, tuple(marks), dictionary, seed, templates, coded, centre, least)
+
+
+def _average(
+    frames: Iterable[tuple[int, float, Image]], camera: Camera, single: registration.Templates, seed: Array
+) -> tuple[Array, Array]:
+    """Mean patches with slopes (p,3,n) of the frames, and the least correlation (p,) to believe a match."""
+    total, count, match_sum = (
+        np.zeros((len(seed), 3, single.grid.shape[1])),
+        np.zeros(len(seed)),
+        np.zeros(len(seed)),
+    )
+    seen = np.flatnonzero(np.isfinite(seed[:, 0, 0]))
+    for _, _, image in frames:
+        picture = registration.spline(image)
+        warp, match = registration.register(
+            picture, camera.distort, single, seed[seen], px_per_unit(seed[seen]), seen
+        )
+        good = match > SURE
+        total[seen[good]] += registration.patches(
+            picture, camera.distort, warp[good], single.grid, _delta(single.grid)
+        )
+        count[seen[good]] += 1
+        match_sum[seen[good]] += match[good]
+    mean = total / np.maximum(count, 1)[:, None, None]
+    mean[count == 0] = _blank(single.grid)
+    usual = match_sum / np.maximum(count, 1)
+    return mean, np.maximum(np.minimum(MIN_CORRELATION, 1.0 - 4.0 * (1.0 - usual)), SURE)
+
+
+def reference_frames(film: Video, reference_s: float) -> NDArray[np.intp]:
+    """Frames of the first reference_s seconds; raises ValueError for fewer than 10."""
+    frames = np.flatnonzero(film.time <= film.time[0] + reference_s)
+    if len(frames) < MIN_REFERENCE:
+        raise ValueError(
+            f"film {film.path.name} has {len(frames)} frames in its first {reference_s} s, wanted "
+            f"{MIN_REFERENCE} for the reference: keep the finger at rest longer or raise reference_s"
+        )
+    return frames
+
+
+def _start(
+    film: Video, camera: Camera, marks: Sequence[Mark], dictionary: str, coded: NDArray[np.intp]
+) -> tuple[Array, registration.Templates]:
+    """First warps (p,3,3) and templates from the frame in which each mark is first seen."""
+    seed = np.full((len(marks), 3, 3), np.nan)
+    patch, grid, looked = None, np.empty(0), []
+    for _, _, image in islice(film.frames(), START_FRAMES):
+        fresh = _seed(image, camera, marks, dictionary, seed)
+        looked.append(image)
+        if not np.isfinite(seed[coded]).any():
+            continue
+        if patch is None:
+            grid = registration.local_grid(*_grid_size(seed[coded], dictionary))
+            patch = np.tile(_blank(grid), (len(coded), 1, 1))
+        new = np.flatnonzero(fresh[coded])
+        patch[new] = registration.patches(
+            registration.spline(image), camera.distort, seed[coded[new]], grid, _delta(grid)
+        )
+        if np.isfinite(seed).all():
+            break
+    if patch is None:
+        raise ValueError(_none_found(film, looked, dictionary))
+    _check_start(film, looked[0], marks, dictionary, seed)
+    return seed, registration.templates(patch, grid)
+
+
+def _seed(
+    image: Image, camera: Camera, marks: Sequence[Mark], dictionary: str, seed: Array
+) -> NDArray[np.bool_]:
+    """Fill the warps of marks that the picture shows and that were missing; says which were filled."""
+    missing = np.isnan(seed[:, 0, 0])
+    found, _ = detect(image, dictionary)
+    for p in map(int, np.flatnonzero(missing)):
+        corners = found.get(marks[p].marker) if marks[p].marker is not None else None
+        if corners is not None:
+            seed[p] = corner_warp(camera.undistort(corners))
+    _seed_dots(image, camera, marks, seed)
+    return missing & np.isfinite(seed[:, 0, 0])
+
+
+def _seed_dots(image: Image, camera: Camera, marks: Sequence[Mark], seed: Array) -> None:
+    """Look for missing dots where the frame marks say that they should be."""
+    frame = [p for p, mark in enumerate(marks) if mark.role == "frame" and np.isfinite(seed[p, 0, 0])]
+    nominal = np.array([mark.position for mark in marks])[:, [0, 2]]
+    if len(frame) < 4:
+        return
+    homography = fit_homography(nominal[frame], seed[frame, :2, 2])
+    for p, mark in enumerate(marks):
+        if mark.marker is None and np.isnan(seed[p, 0, 0]):
+            corners = nominal[p] + 0.5 * mark.size_mm * np.array([[0.0, 0.0], [1.0, 0.0], [-1.0, 0.0]])
+            ideal = registration.project(homography, np.concatenate([corners.T, np.ones((1, 3))]))
+            radius = 0.5 * float(np.linalg.norm(ideal[1] - ideal[2]))
+            dot = find_dot(image, camera.distort(ideal[0]), radius, search=2.0 * radius)
+            if dot is not None:
+                seed[p] = dot_warp(camera.undistort(dot), radius)
+
+
+def _check_start(film: Video, first: Image, marks: Sequence[Mark], dictionary: str, seed: Array) -> None:
+    """Raises ValueError for a marker that is seen twice, and when too few frame marks are seen."""
+    missing = {mark.marker for mark, warp in zip(marks, seed, strict=True) if np.isnan(warp[0, 0])}
+    twice = detect(first, dictionary)[1] & missing
+    if twice:
+        raise ValueError(
+            f"film {film.path.name} shows marker {min(twice)} more than once: print and glue every id once"
+        )
+    frame = [np.isfinite(warp[0, 0]) for mark, warp in zip(marks, seed, strict=True) if mark.role == "frame"]
+    if sum(frame) < MIN_VISIBLE:
+        raise ValueError(
+            f"film {film.path.name} shows {sum(frame)} of {len(frame)} frame markers at its start, wanted at "
+            f"least {MIN_VISIBLE}: uncover them, and check their ids and the dictionary {dictionary}"
+        )
+
+
+def _none_found(film: Video, looked: list[Image], dictionary: str) -> str:
+    other = other_dictionary(looked[:1], dictionary)
+    hint = (
+        f"{other[0]} finds {other[1]}: set that dictionary"
+        if other
+        else "no other predefined dictionary finds any: check focus, light and the markers' white border"
+    )
+    return f"film {film.path.name} shows no marker of {dictionary} in its first {len(looked)} frames; {hint}"
+
+
+def _grid_size(seed: Array, dictionary: str) -> tuple[int, float]:
+    """Points along a side of the patch (about one per px) and its half side in local units."""
+    half = 1.0 + CELLS_BEYOND * 2.0 / (dictionary_of(dictionary).markerSize + 2)
+    return int(np.clip(np.ceil(2.0 * half * np.nanmedian(px_per_unit(seed))), 24, 60)), half
+
+
+def _blank(grid: Array) -> Array:
+    """A patch (3,n) that can be normalised and matches nothing: for marks that were never seen."""
+    x, y, _ = grid
+    return np.stack(
+        [np.sin(9 * x) * np.sin(7 * y), 9 * np.cos(9 * x) * np.sin(7 * y), 7 * np.sin(9 * x) * np.cos(7 * y)]
+    )
+
+
+def _delta(grid: Array) -> float:
+    return 0.25 * float(grid[0, 1] - grid[0, 0])
+
+
+def _centres(mean: Array, grid: Array, marks: list[Mark], dictionary: str, scale: Array) -> Array:
+    """Local coordinates (p,2) of the true centres: the printed pattern registered to the mean patch.
+
+    The corners that started the patch are off by some 0.05 px; the pattern as a whole by 0.004.
+    """
+    side = int(np.sqrt(grid.shape[1]))
+    half = float(grid[0].max())
+    pitch = 2.0 * half / (side - 1)
+    inner = registration.local_grid(side, half - 2.0 * pitch)
+    to_index = np.array([[1.0, 0.0, half], [0.0, 1.0, half], [0.0, 0.0, pitch]]) / pitch
+    centre = np.zeros((len(marks), 2))
+    for i, mark in enumerate(marks):
+        if not np.isfinite(scale[i]):
+            continue
+        drawn = registration.templates(_drawn(mark, inner, dictionary, 0.8 / scale[i], _delta(inner)), inner)
+        picture = registration.spline(mean[i].reshape(side, side))
+        warp, match = registration.register(
+            picture, lambda p: p, drawn, to_index[None], scale[i : i + 1], np.zeros(1, int)
+        )
+        if match[0] > SURE:
+            centre[i] = (warp[0, :2, 2] * pitch) - half
+    return centre
+
+
+def _drawn(mark: Mark, grid: Array, dictionary: str, blur: float, delta: float) -> Array:
+    """Grey and slopes (1,3,n) of the printed pattern, blurred with an sd of `blur` local units."""
+    words = dictionary_of(dictionary)
+    cells = words.markerSize + 2
+    bits = np.asarray(words.generateImageMarker(int(mark.marker or 0), cells), dtype=np.float64) / 255.0
+    fine = 16
+    texture = np.kron(np.pad(bits, 1, constant_values=1.0), np.ones((fine, fine)))
+    texture = cv2.GaussianBlur(texture, (0, 0), blur * 0.5 * cells * fine).astype(np.float32)
+    to_texel = np.array(
+        [
+            [1.0, 0.0, 1.0 + 2.0 / cells - 1.0 / (cells * fine)],
+            [0.0, 1.0, 1.0 + 2.0 / cells - 1.0 / (cells * fine)],
+            [0.0, 0.0, 2.0 / (cells * fine)],
+        ]
+    ) * (0.5 * cells * fine)
+    return registration.patches(registration.spline(texture), lambda p: p, to_texel[None], grid, delta)

@@ -1,0 +1,162 @@
+"""Film in, one homography per mark and frame out: marks are followed, lost and found again."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vision import registration
+from vision.camera import Array, Image
+from vision.dots import find_dot
+from vision.marks import corner_warp, detect, dot_warp, px_per_unit
+from vision.reference import Follower, reference_frames
+from vision.video import Video
+
+Progress = Callable[[str, int, int], None]
+
+LOST, REGISTERED, FOUND_AGAIN, DOT = 0, 1, 2, 3  # codes of Tracks.method
+MOVES_PX = 0.3  # px per frame: below it the last place is the better guess
+
+
+@dataclass(frozen=True)
+class Tracks:
+    """Where every mark is in every frame of the film; NaN where it is lost."""
+
+    time: Array  # (t,) s
+    names: tuple[str, ...]  # (p,) all marks, those of the frame too
+    position: Array  # (t,p,2) px in the raw frame
+    covariance: Array  # (t,p,2,2) px2 from the fit's residual
+    rotation: Array  # (t,p) rad in the x-z plane, from x towards z, against the reference; NaN for dots
+    method: NDArray[np.int8]  # (t,p) 0 lost, 1 registered, 2 found again and registered, 3 dot
+
+
+@dataclass(frozen=True)
+class Followed:
+    """One film, followed."""
+
+    time: Array  # (t,) s
+    warp: Array  # (t,p,3,3) local to ideal px; NaN when lost
+    ideal: Array  # (t,p,2) px, centres, undistorted
+    covariance: Array  # (t,p,2,2) px2
+    method: NDArray[np.int8]  # (t,p)
+    reference: NDArray[np.intp]  # (r,) frames of the reference
+
+
+def follow(
+    film: Video, follower: Follower, *, reference_s: float, stage: str, progress: Progress | None = None
+) -> Followed:
+    """Every mark in every frame of the film."""
+    states = list(_states(film, follower, stage, progress))
+    warp = np.array([state[0] for state in states])
+    match = np.array([state[1] for state in states])
+    method = np.array([state[2] for state in states], dtype=np.int8)
+    return Followed(
+        film.time[: len(warp)],
+        warp,
+        centres(warp, follower.centre),
+        _covariance(warp, match, follower),
+        method,
+        reference_frames(film, reference_s),
+    )
+
+
+def centres(warp: Array, centre: Array) -> Array:
+    """Ideal pixels (...,p,2) of the marks' centres (p,2) local under warps (...,p,3,3)."""
+    mapped = warp[..., :2] @ centre[:, :, None] + warp[..., 2:]
+    return np.asarray(mapped[..., :2, 0] / mapped[..., 2:, 0])
+
+
+def _states(
+    film: Video, follower: Follower, stage: str, progress: Progress | None
+) -> Iterator[tuple[Array, Array, NDArray[np.int8]]]:
+    last, before = follower.seed.copy(), follower.seed.copy()
+    for index, _, image in film.frames():
+        warp, match, method = _step(image, follower, _predict(last, before))
+        yield warp, match, method
+        # A lost mark is looked for where it was last seen.
+        before = np.where(np.isfinite(warp), last, before)
+        last = np.where(np.isfinite(warp), warp, last)
+        if progress is not None:
+            progress(stage, index + 1, len(film.time))
+
+
+def _predict(last: Array, before: Array) -> Array:
+    """Warps (p,3,3) after one more step like the last one; marks at rest stay (their step is noise)."""
+    step = last[:, :2, 2] - before[:, :2, 2]
+    moving = np.hypot(step[:, 0], step[:, 1]) > MOVES_PX
+    guess = last.copy()
+    guess[moving] = _advance(last[moving], before[moving])
+    return guess
+
+
+def _advance(last: Array, before: Array) -> Array:
+    """The same turn about the mark's centre and the same shift once more."""
+    turn = last[:, :2, :2] @ np.linalg.inv(before[:, :2, :2])
+    guess = last.copy()
+    guess[:, :2, :2] = turn @ last[:, :2, :2]
+    guess[:, :2, 2] = 2.0 * last[:, :2, 2] - before[:, :2, 2]
+    return guess
+
+
+def _step(image: Image, follower: Follower, guess: Array) -> tuple[Array, Array, NDArray[np.int8]]:
+    """Warps, correlations and methods (p,) in one picture."""
+    count = len(follower.marks)
+    warp, match = np.full((count, 3, 3), np.nan), np.zeros(count)
+    method = np.zeros(count, dtype=np.int8)
+    picture = registration.spline(image)
+    rows = np.flatnonzero(np.isfinite(guess[follower.coded, 0, 0]))
+    _lay(picture, follower, rows, guess, REGISTERED, warp, match, method)
+    failed = [i for i in rows if method[follower.coded[i]] == LOST]
+    if failed:
+        found, _ = detect(image, follower.dictionary)
+        again = [i for i in failed if follower.marks[follower.coded[i]].marker in found]
+        corners = guess.copy()
+        for p in follower.coded[again]:
+            corners[p] = corner_warp(follower.camera.undistort(found[int(follower.marks[p].marker or 0)]))
+        _lay(picture, follower, np.array(again, dtype=np.intp), corners, FOUND_AGAIN, warp, match, method)
+    _dots(image, follower, guess, warp, match, method)
+    return warp, match, method
+
+
+def _lay(
+    picture: NDArray[np.float32],
+    follower: Follower,
+    rows: NDArray[np.intp],
+    guess: Array,
+    code: int,
+    warp: Array,
+    match: Array,
+    method: NDArray[np.int8],
+) -> None:
+    """Register some coded marks from their guesses; those that correlate well enough are written."""
+    marks = follower.coded[rows]
+    if not len(rows):
+        return
+    laid, correlation = registration.register(
+        picture, follower.camera.distort, follower.templates, guess[marks], px_per_unit(guess[marks]), rows
+    )
+    good = correlation > follower.least[rows]
+    warp[marks[good]], match[marks[good]], method[marks[good]] = laid[good], correlation[good], code
+
+
+def _dots(
+    image: Image, follower: Follower, guess: Array, warp: Array, match: Array, method: NDArray[np.int8]
+) -> None:
+    for p, mark in enumerate(follower.marks):
+        if mark.marker is None and np.isfinite(guess[p, 0, 0]):
+            radius = float(px_per_unit(guess[p]))
+            dot = find_dot(image, follower.camera.distort(guess[p, :2, 2]), radius, search=radius)
+            if dot is not None:
+                warp[p], match[p], method[p] = dot_warp(follower.camera.undistort(dot), radius), 1.0, DOT
+
+
+def _covariance(warp: Array, match: Array, follower: Follower) -> Array:
+    """Covariance (t,p,2,2) px2 of the centres from the residual of each fit; NaN for lost marks and dots."""
+    points = follower.templates.grid.shape[1]
+    local = follower.templates.covariance[:, [[2], [5]], [[2, 5]]]
+    residual = (1.0 - np.minimum(match[:, follower.coded], 1.0) ** 2) / (points - 10)
+    linear = warp[:, follower.coded, :2, :2]
+    covariance = np.full((*warp.shape[:2], 2, 2), np.nan)
+    covariance[:, follower.coded] = linear @ local @ np.swapaxes(linear, -1, -2) * residual[..., None, None]
+    return covariance

@@ -1,0 +1,162 @@
+"""Film in, time-stamped grey frames out: the container's own time stamps, one frame in memory at a time."""
+
+import os
+from collections.abc import Iterator
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import av
+import numpy as np
+from av.video.frame import VideoFrame
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Image = NDArray[np.uint8]
+
+_PLANAR = ("yuv420p", "yuvj420p", "yuv422p", "yuvj422p", "yuv444p", "yuvj444p", "nv12", "gray")
+
+
+class Video:
+    """A film file: its size, its time stamps in s, what is wrong with them, and its frames one by one.
+
+    path: film in any container and codec that FFmpeg reads.
+
+    `time` (t,) s is sorted; `issues` holds one sentence each about gaps, duplicates and time stamps that
+    run backwards. Raises ValueError when the file is missing, is not a video, or holds no frame.
+    """
+
+    def __init__(self, path: Path | str) -> None:
+        self.path = Path(path)
+        if not self.path.is_file():
+            raise ValueError(f"film {self.path} does not exist: give the path of a video file")
+        try:
+            first, stamps, backwards = self._scan()
+        except (av.error.FFmpegError, IndexError) as error:
+            raise ValueError(
+                f"film {self.path} cannot be read as a video ({error}): "
+                "give a file that FFmpeg can play, for example mp4 or mkv"
+            ) from error
+        self.height, self.width = first.height, first.width
+        self.time: Array = np.sort(stamps)
+        self.issues: tuple[str, ...] = _issues(self.path.name, self.time, backwards, int(first.rotation))
+
+    def _scan(self) -> tuple[VideoFrame, Array, int]:
+        """First frame, time stamps (t,) s of all frames, number of them that run backwards."""
+        with av.open(str(self.path)) as container:
+            stream = container.streams.video[0]
+            first = next(container.decode(stream), None)
+            reorders = bool(stream.codec_context.has_b_frames)
+        with av.open(str(self.path)) as container:
+            stream = container.streams.video[0]
+            base = float(stream.time_base or 0)
+            packets = [p.pts for p in container.demux(stream) if p.pts is not None and not p.is_discard]
+        if first is None or not packets:
+            raise ValueError(f"film {self.path} holds no frame that can be decoded: record or copy it again")
+        stamps = np.asarray(packets, dtype=np.float64)
+        # Frames that refer to later ones, yet packets in display order: the container (AVI, some MP4) holds
+        # decoding times only. The decoder's order is then the right one; only decoding shows what it is.
+        backwards = 0
+        if reorders and np.all(np.diff(stamps) >= 0):
+            stamps = self._decoded_stamps()
+            backwards = int(np.sum(np.diff(stamps) < 0))
+        return first, stamps * base, backwards
+
+    def _decoded_stamps(self) -> Array:
+        with av.open(str(self.path)) as container:
+            frames = container.decode(container.streams.video[0])
+            return np.array([frame.pts for frame in frames if frame.pts is not None], dtype=np.float64)
+
+    def frames(self) -> Iterator[tuple[int, float, Image]]:
+        """Frames in the order they are shown: (index, time s, grey levels (h,w)).
+
+        The i-th frame shown takes the i-th time stamp in order. Only one frame is held in memory.
+        """
+        with av.open(str(self.path)) as container:
+            stream = container.streams.video[0]
+            for index, frame in enumerate(container.decode(stream)):
+                if index < len(self.time):
+                    yield index, float(self.time[index]), _luma(frame)
+
+
+def _luma(frame: VideoFrame) -> Image:
+    """Grey levels (h,w); the luma plane itself where the format has one, which saves the conversion."""
+    if frame.format.name not in _PLANAR:
+        return np.ascontiguousarray(frame.to_ndarray(format="gray"))
+    plane = frame.planes[0]
+    rows = np.frombuffer(memoryview(plane), dtype=np.uint8).reshape(-1, plane.line_size)
+    return np.ascontiguousarray(rows[: frame.height, : frame.width])
+
+
+def _issues(name: str, time: Array, backwards: int, rotation: int) -> tuple[str, ...]:
+    said = []
+    if backwards:
+        said.append(
+            f"{name}: {backwards} time stamps run backwards; frames keep the decoder's order "
+            "and take the sorted time stamps"
+        )
+    step = np.diff(time)
+    usual = float(np.median(step)) if len(step) else 0.0
+    repeated = np.flatnonzero(step == 0)
+    if len(repeated):
+        said.append(f"{name}: {len(repeated)} duplicate time stamps, the first at {time[repeated[0]]:.3f} s")
+    gaps = np.flatnonzero(step > 1.5 * usual) if usual > 0 else np.empty(0, dtype=np.intp)
+    if len(gaps):
+        longest = gaps[np.argmax(step[gaps])]
+        said.append(
+            f"{name}: {len(gaps)} gaps longer than 1.5 usual steps of {usual:.4f} s, the longest "
+            f"{step[longest]:.3f} s after {time[longest]:.3f} s"
+        )
+    if rotation:
+        said.append(
+            f"{name}: the container asks for a rotation by {rotation} degrees, which is not applied; "
+            "board images must come from the same unrotated pixels"
+        )
+    return tuple(said)
+
+
+class Writer:
+    """Encodes grey pictures with exact time stamps; the file appears under its name when it is complete."""
+
+    def __init__(self, path: Path, size: tuple[int, int], *, fps: float, codec: str, crf: float) -> None:
+        if size[0] % 2 or size[1] % 2:
+            raise ValueError(
+                f"film of {size[0]} x {size[1]} px cannot be coded: width and height must be even"
+            )
+        self.path, self.partial = path, path.with_name(f".partial-{path.name}")
+        self.container = av.open(str(self.partial), "w")
+        rate = Fraction(fps).limit_denominator(1000)
+        options = (
+            {"crf": str(crf), "preset": "medium", "tune": "grain", "bf": "0"} if codec == "libx264" else {}
+        )
+        stream: Any = self.container.add_stream(codec, rate=rate, options=options)
+        stream.width, stream.height = size
+        stream.pix_fmt = "yuv420p"
+        stream.codec_context.time_base = 1 / rate
+        self.stream, self.frames = stream, 0
+
+    def __enter__(self) -> "Writer":
+        return self
+
+    def add(self, grey: Image) -> None:
+        frame = _grey_frame(grey)
+        frame.pts = self.frames
+        frame.time_base = self.stream.codec_context.time_base
+        self.frames += 1
+        self.container.mux(self.stream.encode(frame))
+
+    def __exit__(self, kind: object, *_: object) -> None:
+        if kind is None:
+            self.container.mux(self.stream.encode(None))
+        self.container.close()
+        if kind is None:
+            os.replace(self.partial, self.path)
+        else:
+            self.partial.unlink(missing_ok=True)
+
+
+def _grey_frame(grey: Image) -> av.VideoFrame:
+    """A yuv420p frame whose luma plane is the picture itself."""
+    height, width = grey.shape
+    chroma = np.full((height // 2, width), 128, dtype=np.uint8)
+    return av.VideoFrame.from_ndarray(np.concatenate([grey, chroma]), format="yuv420p")
