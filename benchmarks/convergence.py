@@ -2,25 +2,31 @@
 
     python benchmarks/convergence.py [--quick] [--json]
 
-The lattice is divided by 1, 2 and 3 (--quick: a lattice half as fine along x). From values at h, h/2 and h/3 the order p
-and the limit v solve v(h) = v + c h^p exactly; neither is assumed.
+The default lattice is divided by 1, 2 and 3 (--quick: a short finger of three bellows on a coarser lattice). From
+values at h, h/2 and h/3 the order p and the limit v solve v(h) = v + c h^p exactly; neither is assumed.
 """
 
 import argparse
 import json
 import sys
 import time
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 from scipy.optimize import brentq
 
-from fe import Finger, Lattice, Material, Path, finger_case, solve
+from fe import Finger, Lattice, Material, finger_case
+from fe.curve import trace
+from fe.locate import interpolation
+from fe.newton import Problem
+from fe.path import levels
 
 SILICONE = Material(C10=0.214, C01=0.083)  # MPa, the values of the reference study
 PRESSURE = 0.03  # MPa
 REFINEMENTS = (1, 2, 3)
 NAMES = ("tip", "middle")
+END = 10 + 3 * 100 / 9  # mm, length of the short finger
+SHORT = Finger(length=END, bellows=3, tip_node=(END, 11.5, 0.0), middle_node=(4 + 150 / 9, 11.5, 0.0))
 
 
 @dataclass(frozen=True)
@@ -35,17 +41,16 @@ class Row:
     reason: str
 
 
-def run(lattice: Lattice) -> Row:
-    """U3 at the tip and the middle node of the default finger on `lattice`, at the top pressure."""
-    start, g = time.perf_counter(), Finger()
-    case = finger_case(SILICONE, finger=g, lattice=lattice)
-    ramp = np.array([0.0, PRESSURE])
-    solution = solve(case, Path(time=np.array([0.0, 1.0]), pressure=ramp, output=np.array([1.0])))
-    u = np.full((1, 2, 3), np.nan)
-    if solution.converged:
-        u = solution.at(np.array([g.tip_node, g.middle_node]))
+def run(finger: Finger, lattice: Lattice) -> Row:
+    """U3 at the tip and the middle node of `finger` on `lattice`, at the top pressure."""
+    start = time.perf_counter()
+    case = finger_case(SILICONE, finger=finger, lattice=lattice)
+    curve = trace(Problem.of(case), levels(PRESSURE, count=4))
+    u = np.full((2, 3), np.nan)
+    if curve.reason == "converged":
+        u = interpolation(case, np.array([finger.tip_node, finger.middle_node])) @ curve.u[-1]
     seconds = time.perf_counter() - start
-    return Row(lattice.refine, len(case.nodes), *map(float, u[0, :, 2]), seconds, solution.reason)
+    return Row(lattice.refine, len(case.nodes), *map(float, u[:, 2]), seconds, curve.reason)
 
 
 def extrapolate(value: tuple[float, float, float]) -> tuple[float, float]:
@@ -65,12 +70,13 @@ def extrapolate(value: tuple[float, float, float]) -> tuple[float, float]:
 def main() -> int:
     """Print the table; the exit code is 1 where a mesh did not converge."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--quick", action="store_true", help="a coarser family of meshes, under a minute")
+    parser.add_argument("--quick", action="store_true", help="a short finger, coarser meshes: under a minute")
     parser.add_argument("--json", action="store_true", help="the same as one JSON object")
     options = parser.parse_args()
+    finger, lattice = (SHORT, Lattice(per_bellow=2)) if options.quick else (Finger(), Lattice())
     rows = []
     for refine in REFINEMENTS:
-        rows.append(run(Lattice(per_bellow=2 if options.quick else 4, refine=refine)))
+        rows.append(run(finger, replace(lattice, refine=refine)))
         print(f"refine {refine}: {rows[-1].nodes} nodes, {rows[-1].seconds:.0f} s", file=sys.stderr, flush=True)
     limits = {name: extrapolate(tuple(getattr(r, name) for r in rows)) for name in NAMES}
     if options.json:

@@ -1,7 +1,7 @@
 """A history-free problem -> its equilibrium states over pressure, with slopes and derivatives to parameters."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline, CubicSpline
@@ -43,8 +43,17 @@ class Curve:
 
     def state(self, q: float) -> State:
         """The interpolated state (cubic Hermite) at pressure q MPa."""
+        return self._hermite(q, 0)
+
+    def slope(self, q: float) -> State:
+        """The slope of the interpolated state at pressure q MPa, per MPa."""
+        return self._hermite(q, 1)
+
+    def _hermite(self, q: float, order: int) -> State:
+        k = int(np.clip(np.searchsorted(self.pressure, q) - 1, 0, len(self.pressure) - 2))
+        x, two = self.pressure[k : k + 2], slice(k, k + 2)
         u, p, r = (
-            _hermite(self.pressure, y, s, q)
+            CubicHermiteSpline(x, y[two], s[two], axis=0)(q, order)
             for y, s in ((self.u, self.u_slope), (self.p, self.p_slope), (self.rotation, self.rotation_slope))
         )
         return State(u, p, float(r))
@@ -65,24 +74,22 @@ def _apply(operator: Array, fields: Array) -> Array:
     return np.stack([operator @ f for f in fields])
 
 
-def _hermite(x: Array, y: Array, slope: Array, q: float) -> Array:
-    k = int(np.clip(np.searchsorted(x, q) - 1, 0, len(x) - 2))
-    return CubicHermiteSpline(x[k : k + 2], y[k : k + 2], slope[k : k + 2], axis=0)(q)
-
-
 def sensitivity(
     step: Step, state: State, varied: Differenced, load: tuple[float, float],
     memory: tuple[Memory | None, Memory | None] = (None, None),
 ) -> State:
     """The derivative of the state to one parameter, by direct differentiation with the factorised tangent.
 
-    The residual is differenced at fixed displacement, pressure modes and clamp rotation; `load` (MPa) and `memory`
-    are those of the two neighbouring problems.
+    The residual is differenced at fixed displacement, pressure modes and clamp rotation (a turned clamp moves nodes
+    that differ differently); `load` (MPa) and `memory` are those of the two neighbouring problems.
     """
     plus = imbalance(varied.plus, state, load[0], memory[0])
     minus = imbalance(varied.minus, state, load[1], memory[1])
     force, gap, moment = ((a - b) / (2 * varied.step) for a, b in zip(plus, minus, strict=True))
-    return step.solve(force, float(moment), gap)
+    change = step.solve(force, float(moment), gap)
+    ahead, behind = (q.clamp_motion(state.rotation)[0] for q in (varied.plus, varied.minus))
+    change.u[step.problem.kernel.clamped] += (ahead - behind) / (2 * varied.step)
+    return change
 
 
 def pressure_slope(step: Step, state: State) -> State:
@@ -110,10 +117,11 @@ def trace(
     A step that does not converge is halved, and the level in between stays in the curve. Never raises for lack of
     convergence: the curve then ends early and says why.
     """
-    todo, done, iterations, reason = [float(q) for q in pressures], [], 0, "converged"
+    todo, done, reason = [float(q) for q in pressures], [], "converged"
+    rest, iterations = _loaded(problem, todo[0])
     least = LEAST_STEP * float(pressures[-1] - pressures[0])
     while todo:
-        found = equilibrium(problem, _guess(problem, done, todo[0], near), load=todo[0])
+        found = equilibrium(problem, _guess(rest, done, todo[0], near), load=todo[0])
         iterations += found.iterations
         if found.state is None or found.step is None:
             here = done[-1].pressure if done else 0.0
@@ -128,21 +136,46 @@ def trace(
     return _curve(done, len(varied), iterations, reason)
 
 
-def _guess(problem: Problem, done: list[_Level], target: float, near: Curve | None) -> State:
-    """The next state: from rest, along the slope, or by the cubic through the last two levels."""
-    if near is not None and target <= near.pressure[-1] and done:
-        gap = moved(done[-1].state, near.state(done[-1].pressure), -1.0)
-        return moved(near.state(target), gap)
+def _loaded(problem: Problem, pressure: float) -> tuple[State, int]:
+    """A state near the first level, with the dead forces put on in as many steps as they need."""
+    state, iterations, on, step = problem.start(), 0, 0.0, 1.0
+    while problem.dead.any() and on < 1 and step > LEAST_STEP:
+        found = equilibrium(replace(problem, dead=(on + step) * problem.dead), state, load=(on + step) * pressure)
+        iterations += found.iterations
+        if found.state is None:
+            step /= 2
+            continue
+        state, on = found.state, on + step
+        step = min(step, 1 - on)
+    return state, iterations
+
+
+def _guess(rest: State, done: list[_Level], target: float, near: Curve | None) -> State:
+    """The next state: from rest, ahead of the last levels, or as far from a neighbouring curve as lies ahead."""
     if not done:
-        return problem.start()
+        return rest
+    if near is None or target > near.pressure.max(initial=0.0):
+        return _ahead(done[-2:], target)
+    gaps = [
+        _Level(
+            level.pressure, moved(level.state, near.state(level.pressure), -1.0),
+            moved(level.slope, near.slope(level.pressure), -1.0), (),
+        )
+        for level in done[-2:]
+    ]
+    return moved(near.state(target), _ahead(gaps, target))
+
+
+def _ahead(done: list[_Level], target: float) -> State:
+    """The state at `target` MPa along the slope of one level, or by the cubic through two."""
     last = done[-1]
     if len(done) == 1:
         return moved(last.state, last.slope, target - last.pressure)
-    x = np.array([done[-2].pressure, last.pressure])
+    x = np.array([level.pressure for level in done])
     parts = []
     for name in ("u", "p", "rotation"):
-        y = np.stack([np.asarray(getattr(level.state, name)) for level in done[-2:]])
-        dy = np.stack([np.asarray(getattr(level.slope, name)) for level in done[-2:]])
+        y = np.stack([np.asarray(getattr(level.state, name)) for level in done])
+        dy = np.stack([np.asarray(getattr(level.slope, name)) for level in done])
         parts.append(CubicHermiteSpline(x, y, dy, axis=0)(target))
     return State(parts[0], parts[1], float(parts[2]))
 

@@ -53,7 +53,7 @@ def _parts(F: Array, C10: Array, C01: Array, C20: Array) -> tuple[Array, ...]:
     I1 = _dot(F, F)
     C = np.swapaxes(F, -1, -2) @ F
     I2 = 0.5 * (I1 * I1 - _dot(C, C))
-    j1 = J ** (-2 / 3)
+    j1 = np.where(J > 0, J, np.nan) ** (-2 / 3)  # a cell turned inside out shows as NaN, in silence
     j2 = j1 * j1
     g2 = 2 * (I1[..., None, None] * F - F @ C)
     W1 = C10 + 2 * C20 * (j1 * I1 - 3)

@@ -35,7 +35,7 @@ class Finger:
     side_pleat: float = 2.8  # depth of the side walls' pleats at the ceiling
     radius: float = 1.0  # of all inner edges
     tip_node: tuple[float, float, float] = (110.0, 11.5, 0.0)
-    middle_node: tuple[float, float, float] = (187 / 3, 11.5, 0.0)  # between bellows 5 and 6
+    middle_node: tuple[float, float, float] = (187 / 3, 11.5, 0.0)  # a quarter into the sixth bellow
 
 
 @dataclass(frozen=True)
@@ -232,6 +232,6 @@ def finger_case(material: Material, *, finger: Finger | None = None, lattice: La
         surfaces={"chamber": chamber, "outside": outside},
         materials={"body": material},
         supports=(Support("symmetry", (1,)),),
-        clamp=Clamp("clamp", (0.0, float(nodes[sets["clamp"], 2].mean()))),
+        clamp=Clamp("clamp", (0.0, float(np.ptp(nodes[sets["clamp"], 2])) / 2)),
         pressurised="chamber",
     )

@@ -8,7 +8,9 @@ from fe.assembly import Constants, Geometry, Kernel, Linearised, Memory, State
 from fe.case import Case
 from fe.element import Array
 
-TOLERANCE = 1e-5  # last correction against the structure's size; what is left is its square (quadratic convergence)
+# Last correction: of u against the structure's size, of p against a tenth of the shear modulus. Convergence is
+# quadratic in both, and near incompressibility p settles last: with u alone the tangent can be 1 % off.
+TOLERANCE = 1e-5
 
 
 @dataclass(frozen=True)
@@ -32,6 +34,11 @@ class Problem:
         same = np.array_equal(case.nodes, kernel.geometry.nodes)
         geometry = kernel.geometry if same else Geometry(case.nodes, kernel.connectivity)
         return Problem(kernel, Constants.of(case), case, dead, geometry)
+
+    @property
+    def shear(self) -> float:
+        """The smallest shear modulus 2 (C10 + C01) of the material, MPa."""
+        return float(2 * (self.constants.C10 + self.constants.C01).min())
 
     def start(self) -> State:
         """The undeformed state with the prescribed displacements put in."""
@@ -137,7 +144,8 @@ def equilibrium(
         if not np.isfinite(length) or length > 0.5 * np.ptp(problem.case.nodes, axis=0).max() and iteration > 0:
             return Equilibrium(None, None, iteration + 1, "the correction left the size of the structure")
         state = _consistent(problem, moved(state, change))
-        if length < tolerance * np.ptp(problem.case.nodes, axis=0).max():
+        small = length < tolerance * np.ptp(problem.case.nodes, axis=0).max()
+        if small and np.abs(change.p).max() < 10 * tolerance * problem.shear:
             return Equilibrium(state, step, iteration + 1, "converged")
         before = min(before, size) if np.isfinite(size) else before
     return Equilibrium(None, None, limit, f"no equilibrium in {limit} iterations")
@@ -162,9 +170,11 @@ def _consistent(problem: Problem, state: State) -> State:
 def imbalance(problem: Problem, state: State, load: float, memory: Memory | None) -> tuple[Array, Array, float]:
     """All residuals at a state, not condensed: forces (n, 3) N, volume gaps (e, 4) mm3, clamp equation in rad.
 
-    The problem's own positions are used, so that a problem with other nodes on the same kernel is differenced right.
+    The problem's own positions are used, the clamp's included, so that a problem with other nodes on the same kernel
+    is differenced right.
     """
     kernel, clamp = problem.kernel, problem.case.clamp
+    state = _consistent(problem, state)
     force, gap = kernel.residual(state, problem.constants, load, memory, problem.geometry)
     force -= problem.dead
     _, turn, _ = problem.clamp_motion(state.rotation)

@@ -52,7 +52,7 @@ def knots(path: Path) -> Array:
     p = np.interp(t, path.time, path.pressure)
     out = [t[:1]]
     for a, b, dp in zip(t[:-1], t[1:], np.abs(np.diff(p)), strict=True):
-        ramp = np.linspace(a, b, int(np.ceil(6 * dp / max(np.ptp(p), 1e-15))) + 1)[1:]
+        ramp = np.linspace(a, b, max(int(np.ceil(6 * dp / max(np.ptp(p), 1e-15))), 1) + 1)[1:]
         hold = a + np.cumsum(0.25 * 1.8 ** np.arange(12))
         inside = hold[hold < a + 0.8 * (b - a)] if dp < 0.1 * np.ptp(p) else ramp[:0]
         out.append(np.union1d(ramp, inside))

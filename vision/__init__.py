@@ -1,4 +1,4 @@
-"""Film of a marked finger in, displacements in mm with their uncertainty out; `vision.synthetic` draws film."""
+"""Film of a marked finger in, displacements in mm with their uncertainty out; `synthetic` draws film."""
 
 from vision.camera import Board, Camera, calibrate_camera
 from vision.displacements import Displacements, measure

@@ -14,6 +14,13 @@ Image = NDArray[np.uint8]
 
 MIN_IMAGES = 6
 MIN_CORNERS = 8
+# Largest dictionary of each family, and the sizes of the smaller ones, which are its first words.
+FAMILIES = (
+    *((f"DICT_{bits}X{bits}_1000", (50, 100, 250, 1000)) for bits in (4, 5, 6, 7)),
+    *((f"DICT_{name}", ()) for name in ("ARUCO_ORIGINAL", "ARUCO_MIP_36h12")),
+    *((f"DICT_APRILTAG_{name}", ()) for name in ("16h5", "25h9", "36h10", "36h11")),
+)
+MIN_TILT_DEG = 10.0  # below it focal length and distance are one number, and OpenCV's sd does not tell
 
 
 @dataclass(frozen=True)
@@ -104,14 +111,18 @@ def dictionary_of(name: str) -> cv2.aruco.Dictionary:
 
 def other_dictionary(images: Iterable[Image], tried: str) -> tuple[str, int] | None:
     """The other predefined dictionary that finds most markers in the images, and how many, if any does."""
-    names = sorted((n for n in dir(cv2.aruco) if n.startswith("DICT_")), key=lambda n: getattr(cv2.aruco, n))
-    found = dict.fromkeys((n for n in names if n != tried), 0)
-    for image in images:
-        for name in found:
-            found[name] += len(cv2.aruco.ArucoDetector(dictionary_of(name)).detectMarkers(image)[0])
-    best = max(found, key=lambda n: found[n])
-    # Small dictionaries decode a few marks of anything: one lone marker is no evidence.
-    return (best, found[best]) if found[best] >= 2 else None
+    pictures = list(images)
+    found: dict[str, list[int]] = {}
+    for family, _ in FAMILIES:
+        detector = cv2.aruco.ArucoDetector(dictionary_of(family))
+        ids = [detector.detectMarkers(picture)[1] for picture in pictures]
+        found[family] = [int(i) for some in ids if some is not None for i in np.asarray(some).reshape(-1)]
+    best, sizes = max(FAMILIES, key=lambda f: len(found[f[0]]))
+    if len(found[best]) < 2:  # the larger families decode a mark of anything: a lone one is no evidence
+        return None
+    enough = [best.replace("1000", str(size)) for size in sizes if max(found[best]) < size]
+    name = enough[0] if enough else best
+    return None if name == tried else (name, len(found[best]))
 
 
 def charuco(board: Board) -> cv2.aruco.CharucoBoard:
@@ -151,8 +162,8 @@ def calibrate_camera(images: Sequence[Path], board: Board, *, max_rms_px: float 
     used = [i for i, (_, pixels) in enumerate(detected) if len(pixels) >= MIN_CORNERS]
     if len(used) < MIN_IMAGES:
         raise ValueError(_too_few(len(used), pictures, board))
-    camera, per_view = _solve([detected[i] for i in used], pictures[0].shape)
-    _accept(camera, max_rms_px, Path(images[used[int(np.argmax(per_view))]]), float(per_view.max()))
+    camera, per_view, tilt_deg = _solve([detected[i] for i in used], pictures[0].shape)
+    _accept(camera, max_rms_px, Path(images[used[int(np.argmax(per_view))]]), float(per_view.max()), tilt_deg)
     return camera
 
 
@@ -189,11 +200,12 @@ def _half_window(points: NDArray[Any], pixels: NDArray[Any], board: Board) -> in
     return int(np.clip(margin, 2, 5))
 
 
-def _solve(detected: list[tuple[Array, Array]], shape: tuple[int, ...]) -> tuple[Camera, Array]:
+def _solve(detected: list[tuple[Array, Array]], shape: tuple[int, ...]) -> tuple[Camera, Array, float]:
+    """Camera, rms (n,) px of each picture, and the largest angle in degrees between two of the boards."""
     points = [p.astype(np.float32) for p, _ in detected]
     pixels = [q.astype(np.float32) for _, q in detected]
     size = (int(shape[1]), int(shape[0]))
-    rms, matrix, distortion, _, _, spread, _, per_view = cv2.calibrateCameraExtended(
+    rms, matrix, distortion, turns, _, spread, _, per_view = cv2.calibrateCameraExtended(
         points, pixels, size, np.eye(3), np.zeros(5)
     )
     camera = Camera(
@@ -204,20 +216,22 @@ def _solve(detected: list[tuple[Array, Array]], shape: tuple[int, ...]) -> tuple
         len(points),
         np.asarray(spread, dtype=np.float64).reshape(-1)[:9],
     )
-    return camera, np.asarray(per_view, dtype=np.float64).reshape(-1)
+    normals = np.array([cv2.Rodrigues(np.asarray(turn))[0][:, 2] for turn in turns])
+    tilt = np.degrees(np.arccos(np.clip(normals @ normals.T, -1.0, 1.0).min()))
+    return camera, np.asarray(per_view, dtype=np.float64).reshape(-1), float(tilt)
 
 
-def _accept(camera: Camera, limit: float, worst: Path, worst_rms: float) -> None:
+def _accept(camera: Camera, limit: float, worst: Path, worst_rms: float, tilt_deg: float) -> None:
     if not camera.rms_px <= limit:
         raise ValueError(
             f"reprojection error of the board corners is {camera.rms_px:.3f} px, wanted at most "
             f"{limit} px; {worst.name} is worst with {worst_rms:.3f} px: remove blurred pictures "
             "and check that the board is flat and its squares are as stated"
         )
-    if not camera.stdevs[0] <= 0.01 * camera.matrix[0, 0]:
+    if tilt_deg < MIN_TILT_DEG:
         raise ValueError(
-            f"focal length is known to {camera.stdevs[0]:.1f} px of {camera.matrix[0, 0]:.1f} px, "
-            "wanted 1 %: add pictures with the board tilted by 20 to 40 degrees"
+            f"the boards are tilted by at most {tilt_deg:.1f} degrees against each other, wanted "
+            f"{MIN_TILT_DEG}: the focal length stays unknown; add pictures tilted by 20 to 40 degrees"
         )
 
 
@@ -226,12 +240,12 @@ def _too_few(usable: int, pictures: list[Image], board: Board) -> str:
     markers = sum(len(detector.detectMarkers(picture)[0]) for picture in pictures)
     start = (
         f"{usable} of {len(pictures)} board images show at least {MIN_CORNERS} corners of the "
-        f"{board.columns} x {board.rows} board, wanted {MIN_IMAGES}; {board.dictionary} finds {markers} markers"
+        f"{board.columns} x {board.rows} board, wanted {MIN_IMAGES}; {board.dictionary} finds {markers}"
     )
-    other = other_dictionary(pictures[:3], board.dictionary) if markers < len(pictures) else None
+    other = other_dictionary(pictures[:2], board.dictionary) if markers < len(pictures) else None
     if other:
-        return start + f", {other[0]} finds {other[1]} in the first {len(pictures[:3])}: set that dictionary"
-    inverted = sum(len(detector.detectMarkers(np.asarray(255 - p, dtype=np.uint8))[0]) for p in pictures[:3])
+        return start + f", {other[0]} finds {other[1]} in the first {len(pictures[:2])}: set that dictionary"
+    inverted = sum(len(detector.detectMarkers(np.asarray(255 - p, dtype=np.uint8))[0]) for p in pictures[:2])
     if inverted > 3 and markers == 0:
         return start + f" and {inverted} in the inverted pictures: set inverted"
     return start + ": check columns, rows and dictionary, and photograph the whole board sharply"

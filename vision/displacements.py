@@ -76,7 +76,7 @@ def measure(
     in the static noise of every point. Raises ValueError for marks that do not suffice or share ids, for a
     static film that is too short or shows no marks, and as `prepare` does.
     """
-    frame, points = _check(film, static, marks)
+    frame, points = _check(static, marks)
     follower = prepare(film, camera, marks, dictionary=dictionary, reference_s=reference_s)
     still = _static(static, camera, marks, dictionary, reference_s, progress)
     followed = follow(film, follower, reference_s=reference_s, stage="film", progress=progress)
@@ -93,16 +93,9 @@ def measure(
     place = to_plane(homography, ideal)
     value = with_y(place - _mean(place[followed.reference]))
     output = [marks[p] for p in points]
-    modes, names = _modes(
-        value,
-        output,
-        _turns(value, rotation[:, points], nominal[points], output),
-        noise,
-        codec,
-        len(followed.reference),
-        placement_sd_mm,
-        scale_sd,
-    )
+    turns = _turns(value, rotation[:, points], nominal[points], output)
+    reference = _reference_sd(noise, codec, len(followed.reference))
+    modes, names = _modes(value, output, turns, reference, placement_sd_mm, scale_sd)
     return Displacements(
         followed.time,
         tuple(m.name for m in output),
@@ -120,7 +113,7 @@ def measure(
     )
 
 
-def _check(film: Video, static: Video, marks: Sequence[Mark]) -> tuple[list[int], list[int]]:
+def _check(static: Video, marks: Sequence[Mark]) -> tuple[list[int], list[int]]:
     """Rows of the frame marks and of the output marks; raises ValueError when they do not suffice."""
     check_names(marks)
     for role, wanted in (("frame", MIN_FRAME), ("fixed", MIN_FIXED), ("finger", 1)):
@@ -214,13 +207,21 @@ def _covariance(value: Array, noise: NoiseModel, extra: Array) -> Array:
     return np.asarray(covariance)
 
 
+def _reference_sd(noise: NoiseModel, codec: Codec, frames: int) -> Array:
+    """Sd (p,3) mm of the reference's mean place; 0 in y.
+
+    The mean of n values with lag-1 correlation rho, and the coding error frozen in all of them, which a mark
+    that never moves keeps for the whole film, so that it cancels.
+    """
+    mean = noise.sd**2 / frames * (1.0 + noise.rho) / (1.0 - noise.rho)
+    return np.nan_to_num(np.sqrt(mean + np.where(noise.codec_sd > 0, codec.held**2, 0.0)))
+
+
 def _modes(
     value: Array,
     marks: Sequence[Mark],
     turns: Array,
-    noise: NoiseModel,
-    codec: Codec,
-    frames: int,
+    reference: Array,
     placement_sd_mm: float,
     scale_sd: float,
 ) -> tuple[Array, tuple[str, ...]]:
@@ -235,14 +236,10 @@ def _modes(
                 mode[:, p, 0], mode[:, p, 2] = along_x * placement_sd_mm, along_z * placement_sd_mm
                 modes.append(mode)
                 names.append(f"placement:{mark.name}:{axis}")
-    # The mean of n values with lag-1 correlation rho, and the coding error frozen in all of them, which a
-    # mark that never moves keeps for the whole film, so that it cancels.
-    mean = noise.sd**2 / frames * (1.0 + noise.rho) / (1.0 - noise.rho)
-    size = np.nan_to_num(np.sqrt(mean + np.where(noise.codec_sd > 0, codec.held**2, 0.0)))
     for p, mark in enumerate(marks):
         for component in (0, 2):
             mode = np.zeros(value.shape)
-            mode[:, p, component] = size[p, component]
+            mode[:, p, component] = reference[p, component]
             modes.append(mode)
             names.append(f"reference:{mark.name}:{component + 1}")
     return np.array(modes) * seen[..., None], tuple(names)

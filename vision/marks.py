@@ -50,7 +50,7 @@ def detect(image: Image, dictionary: str) -> tuple[dict[int, Array], set[int]]:
     # The default gate grows with the picture: 29 px at 4K. 12 px sides are found at any size.
     parameters.minMarkerPerimeterRate = 4.0 * 12.0 / max(image.shape)
     corners, ids, _ = cv2.aruco.ArucoDetector(dictionary_of(dictionary), parameters).detectMarkers(image)
-    if ids is None:
+    if not len(corners):
         return {}, set()
     names = [int(i) for i in np.asarray(ids).reshape(-1)]
     once = {

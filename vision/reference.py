@@ -61,7 +61,7 @@ def prepare(
     templates = registration.templates(mean, single.grid)
     centre = np.zeros((len(marks), 2))
     centre[coded] = _centres(
-        mean[:, 0], single.grid, [mark for mark in marks if mark.marker is not None], dictionary, px_per_unit(seed[coded])
+        mean[:, 0], single.grid, [marks[p] for p in map(int, coded)], dictionary, px_per_unit(seed[coded])
     )
     return Follower(camera, tuple(marks), dictionary, seed, templates, coded, centre, least)
 
@@ -136,10 +136,9 @@ def _seed(
     """Fill the warps of marks that the picture shows and that were missing; says which were filled."""
     missing = np.isnan(seed[:, 0, 0])
     found, _ = detect(image, dictionary)
-    for p in map(int, np.flatnonzero(missing)):
-        corners = found.get(marks[p].marker) if marks[p].marker is not None else None
-        if corners is not None:
-            seed[p] = corner_warp(camera.undistort(corners))
+    for p, mark in enumerate(marks):
+        if missing[p] and mark.marker is not None and mark.marker in found:
+            seed[p] = corner_warp(camera.undistort(found[mark.marker]))
     _seed_dots(image, camera, marks, seed)
     return missing & np.isfinite(seed[:, 0, 0])
 
@@ -220,7 +219,7 @@ def _centres(mean: Array, grid: Array, marks: list[Mark], dictionary: str, scale
         if not np.isfinite(scale[i]):
             continue
         drawn = registration.templates(_drawn(mark, inner, dictionary, 0.8 / scale[i], _delta(inner)), inner)
-        picture = registration.spline(mean[i].reshape(side, side))
+        picture = registration.spline(mean[i].reshape(side, side).astype(np.float32))
         warp, match = registration.register(
             picture, lambda p: p, drawn, to_index[None], scale[i : i + 1], np.zeros(1, int)
         )

@@ -33,7 +33,7 @@ class Templates:
     covariance: Array  # (p,8,8) of the parameters for a difference of unit variance per point
 
 
-def spline(image: Image | Array) -> NDArray[np.float32]:
+def spline(image: Image | NDArray[np.float32]) -> NDArray[np.float32]:
     """Cubic B-spline coefficients (h,w) of a picture (h,w)."""
     return cv2.sepFilter2D(
         image, cv2.CV_32F, _PREFILTER, _PREFILTER, borderType=cv2.BORDER_REFLECT_101

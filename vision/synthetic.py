@@ -102,8 +102,8 @@ def board_image(
 ) -> Image:
     """Picture (h,w) of a ChArUco board.
 
-    camera, board: who looks, at what.   pose: (rvec, tvec) from the board (mm, x right, y down) to the camera.
-    blur_px: sd of the lens blur.   noise_grey: sd of the noise, grey levels.
+    camera, board: who looks, at what.   pose: (rvec, tvec) from board (mm, x right, y down) to camera.
+    blur_px: sd of the lens blur.   noise_grey: sd of the noise.
     """
     homography = _plane_homography(Pose(*pose), np.zeros(3), np.eye(3)[0], np.eye(3)[1])
     size = (board.columns * board.square_mm, board.rows * board.square_mm)
@@ -243,7 +243,7 @@ def _plane_homography(pose: Pose, origin: Array, right: Array, down: Array) -> A
     return np.asarray(turned)
 
 
-def _local(inverse: Array, rays: NDArray[np.floating]) -> Array:
+def _local(inverse: NDArray[np.floating], rays: NDArray[np.floating]) -> Array:
     """Plane coordinates mm of rays (...,2)."""
     mapped = rays @ inverse[:, :2].T + inverse[:, 2]
     return np.asarray(mapped[..., :2] / mapped[..., 2:])
@@ -280,7 +280,7 @@ def _marker(marker: int, size_mm: float, px_per_mm: float, dictionary: str) -> t
     bits = np.asarray(words.generateImageMarker(marker, cells), dtype=np.float64) / 255.0
     bits = np.pad(bits, QUIET_CELLS, constant_values=1.0)
     texels = int(np.ceil(TEXELS * px_per_mm * size_mm / cells))
-    return np.kron(bits, np.ones((texels, texels))), cells * texels / size_mm
+    return np.asarray(np.kron(bits, np.ones((texels, texels))), dtype=np.float64), cells * texels / size_mm
 
 
 def _dot(size_mm: float, px_per_mm: float) -> tuple[Array, float]:

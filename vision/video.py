@@ -54,10 +54,10 @@ class Video:
         if first is None or not packets:
             raise ValueError(f"film {self.path} holds no frame that can be decoded: record or copy it again")
         stamps = np.asarray(packets, dtype=np.float64)
-        # Frames that refer to later ones, yet packets in display order: the container (AVI, some MP4) holds
-        # decoding times only. The decoder's order is then the right one; only decoding shows what it is.
+        # Where frames refer to later ones, some containers (AVI, some MP4) hold decoding times in place of
+        # display times. The decoder's order is then the right one; only decoding shows what it is.
         backwards = 0
-        if reorders and np.all(np.diff(stamps) >= 0):
+        if reorders:
             stamps = self._decoded_stamps()
             backwards = int(np.sum(np.diff(stamps) < 0))
         return first, stamps * base, backwards

@@ -1,0 +1,259 @@
+"""The kernel: patch test, rigid bodies, tangents against central differences, Newton's order."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import scipy.sparse as sp
+
+import fe.newton
+from fe import Case, Material, Support
+from fe.assembly import Constants, Kernel, Memory, State
+from fe.element import Array
+from fe.material import stress, tangent
+from fe.newton import Problem, Step, equilibrium
+from fe.pressure import PressureFaces
+
+Cube = Callable[..., Case]
+
+
+def rotation(angle: float, axis: tuple[float, float, float]) -> Array:
+    """Rotation matrix (3, 3) about an axis (Rodrigues)."""
+    n = np.array(axis) / np.linalg.norm(axis)
+    W = np.cross(np.eye(3), -n)
+    return np.eye(3) + np.sin(angle) * W + (1 - np.cos(angle)) * W @ W
+
+
+def settled(kernel: Kernel, u: Array, c: Constants) -> State:
+    """The state at u whose pressure modes close the volume gaps: what condensation stands for."""
+    none = np.zeros((len(kernel.connectivity), 4))
+    _, gap = kernel.residual(State(u, none), c, 0.0, None, kernel.geometry)
+    return State(u, (np.linalg.inv(kernel.geometry.mass / c.bulk[:, None, None]) @ gap[..., None])[..., 0])
+
+
+def full(kernel: Kernel, data: Array) -> sp.csr_matrix:
+    """The whole matrix of the free degrees of freedom from its upper triangle."""
+    indptr, indices, *_ = kernel._pattern
+    upper = sp.csr_matrix((data, indices, indptr), shape=(len(kernel.free),) * 2)
+    return upper + sp.triu(upper, 1).T
+
+
+def linearised(kernel: Kernel, state: State, c: Constants, load: float, memory: Memory | None = None) -> sp.csr_matrix:
+    turn = np.zeros((len(kernel.clamped), 3))
+    return full(kernel, kernel.linearise(state, c, load, memory, turn).data)
+
+
+def test_a_patch_of_curved_cells_carries_a_constant_state(cube: Cube) -> None:
+    F = np.eye(3) + np.array([[0.06, 0.04, -0.03], [0.02, -0.03, 0.05], [0.03, -0.02, 0.0]])
+    F *= (1.001 / np.linalg.det(F)) ** (1 / 3)
+    case = cube((2, 2, 2), shift=0.06, seed=3)
+    u = case.nodes @ (F - np.eye(3)).T
+    held = Support("boundary", (0, 1, 2), u[case.node_sets["boundary"]])
+    problem = Problem.of(replace(case, supports=(held,)))
+    found = equilibrium(problem, problem.start(), load=0.0)
+    assert found.reason == "converged"
+    material = case.materials["body"]
+    K = material.bulk
+    np.testing.assert_allclose(found.state.u, u, atol=1e-9)
+    # the pressure is K (J - 1): rounding of J times K = 594 MPa
+    np.testing.assert_allclose(found.state.p[:, 0], K * 0.001, atol=1e-9)
+    np.testing.assert_allclose(found.state.p[:, 1:], 0, atol=1e-9)
+    everywhere = problem.kernel.gradients(found.state.u, slice(None), problem.geometry)
+    np.testing.assert_allclose(everywhere, np.broadcast_to(F, everywhere.shape), atol=1e-9)
+    # virtual work: the boundary's reactions carry P0, whatever the cells inside look like
+    P, a, J = stress(F, *(np.array(x) for x in (material.C10, material.C01, 0.0)))
+    P = P + K * 0.001 * J * a
+    force, _ = problem.kernel.residual(found.state, problem.constants, 0.0, None, problem.geometry)
+    volume = problem.geometry.weight.sum()
+    np.testing.assert_allclose(force.T @ case.nodes / volume, P, atol=1e-9)
+
+
+def test_a_rigid_body_feels_nothing(cube: Cube) -> None:
+    case = cube((2, 1, 1), shift=0.1, seed=1)
+    kernel, c = Kernel(case), Constants.of(case)
+    u = case.nodes @ (rotation(2.0, (1, -2, 3)) - np.eye(3)).T + np.array([5.0, -3, 1])
+    state = State(u, np.zeros((2, 4)))
+    force, gap = kernel.residual(state, c, 0.0, None, kernel.geometry)
+    np.testing.assert_allclose(force, 0, atol=1e-13)
+    np.testing.assert_allclose(gap, 0, atol=1e-14)
+    K = linearised(kernel, state, c, 0.0)
+    x = case.nodes + u
+    modes = [np.tile(e, len(x)) for e in np.eye(3)] + [np.cross(e, x).ravel() for e in np.eye(3)]
+    # K is of the size of the bulk modulus, 594 MPa mm: zero to rounding
+    for mode in modes:
+        np.testing.assert_allclose(K @ mode, 0, atol=1e-9)
+    stiff = np.linalg.eigvalsh(K.toarray())
+    assert (np.abs(stiff) < 1e-9).sum() == 6  # and nothing else moves freely: no hourglass mode
+    assert stiff[6] > 1e-4
+
+
+def test_a_loaded_body_turns_with_its_forces(cube: Cube) -> None:
+    # f(Q x) = Q f(x), pressure included, so K (w x x) = w x f at any state, with the pressure's update.
+    case = cube((1, 2, 1), shift=0.1, seed=2, pressurised="skin")
+    kernel, c = Kernel(case), Constants.of(case)
+    rng = np.random.default_rng(5)
+    state = settled(kernel, rng.uniform(-0.05, 0.05, case.nodes.shape), c)
+    load, none = 0.2, np.zeros((0, 3))
+    system = kernel.linearise(state, c, load, None, none)
+    K, x = full(kernel, system.data), case.nodes + state.u
+    for e in np.eye(3):
+        mode = np.cross(e, x)
+        np.testing.assert_allclose((K @ mode.ravel()).reshape(-1, 3), np.cross(e, system.force), atol=1e-9)
+        np.testing.assert_allclose(K @ np.tile(e, len(x)), 0, atol=1e-9)
+        turned = np.swapaxes(system.coupling, 1, 2) @ mode[case.connectivity].reshape(-1, 81, 1)
+        np.testing.assert_allclose(turned, 0, atol=1e-12)  # no volume change, so no change of pressure
+
+
+@pytest.mark.parametrize("constants", [(0.2, 0.0, 0.0), (0.0, 0.3, 0.0), (0.0, 0.0, 0.4), (0.2, 0.1, 0.05)])
+def test_the_stress_is_the_gradient_of_the_energy(constants: tuple[float, float, float]) -> None:
+    rng = np.random.default_rng(4)
+    F = np.eye(3) + rng.uniform(-0.3, 0.3, (5, 3, 3))
+
+    def energy(F: Array) -> Array:
+        J, C = np.linalg.det(F), np.swapaxes(F, -1, -2) @ F
+        C = C * J[:, None, None] ** (-2 / 3)
+        I1 = np.trace(C, axis1=-2, axis2=-1)
+        I2 = (I1**2 - np.trace(C @ C, axis1=-2, axis2=-1)) / 2
+        return constants[0] * (I1 - 3) + constants[1] * (I2 - 3) + constants[2] * (I1 - 3) ** 2
+
+    P, a, J = stress(F, *map(np.array, constants))
+    np.testing.assert_allclose(np.swapaxes(a, -1, -2) @ F, np.broadcast_to(np.eye(3), F.shape), atol=1e-13)
+    np.testing.assert_allclose(J, np.linalg.det(F), rtol=1e-13)
+    h = 1e-5
+    for i in range(3):
+        for k in range(3):
+            d = np.zeros((3, 3))
+            d[i, k] = h
+            # error h^2 times a third derivative of order 10
+            np.testing.assert_allclose((energy(F + d) - energy(F - d)) / (2 * h), P[:, i, k], atol=1e-8)
+
+
+def test_the_material_tangent_is_the_gradient_of_the_stress() -> None:
+    rng = np.random.default_rng(6)
+    F = np.eye(3) + rng.uniform(-0.3, 0.3, (5, 3, 3))
+    q, scale = rng.uniform(-1, 1, 5), rng.uniform(0.5, 1, 5)
+    constants = tuple(map(np.array, (0.2, 0.15, 0.3)))
+
+    def total(F: Array) -> Array:
+        P, a, J = stress(F, *constants)
+        return scale[:, None, None] * P + (q * J)[:, None, None] * a
+
+    A = tangent(F, q, scale, *constants)[3]
+    h = 1e-5
+    for i in range(3):
+        for k in range(3):
+            d = np.zeros((3, 3))
+            d[i, k] = h
+            np.testing.assert_allclose((total(F + d) - total(F - d)) / (2 * h), A[:, :, :, i, k], atol=1e-7)
+
+
+def test_the_pressure_is_the_gradient_of_the_enclosed_volume(cube: Cube) -> None:
+    case = cube((2, 1, 1), shift=0.1, seed=7)
+    faces = PressureFaces(case.face_nodes("skin"), len(case.nodes))
+    x = case.nodes + np.random.default_rng(8).uniform(-0.05, 0.05, case.nodes.shape)
+
+    def volume(x: Array) -> float:
+        return -float((faces.force(x) * x).sum()) / 3
+
+    direction = np.random.default_rng(9).normal(size=x.shape)
+    h = 1e-4
+    slope = (volume(x + h * direction) - volume(x - h * direction)) / (2 * h)
+    # a cubic: the central difference is off by h^2 times the direction's own volume
+    assert slope == pytest.approx(-float((faces.force(x) * direction).sum()), rel=1e-6)
+    assert volume(case.nodes) == pytest.approx(Kernel(case).geometry.weight.sum(), rel=1e-12)
+
+
+def test_the_pressure_tangent_is_its_gradient_on_a_closed_surface(cube: Cube) -> None:
+    case = cube((2, 1, 1), shift=0.1, seed=7)
+    faces = PressureFaces(case.face_nodes("skin"), len(case.nodes))
+    rng = np.random.default_rng(8)
+    x = case.nodes + rng.uniform(-0.05, 0.05, case.nodes.shape)
+    d, h = rng.normal(size=x.shape), 1e-4
+    local = faces.tangent(x) @ d.ravel()[faces.dofs][..., None]
+    ours = np.bincount(faces.dofs.ravel(), weights=local.ravel(), minlength=x.size).reshape(-1, 3)
+    # quadratic in x: the central difference is exact up to rounding / h
+    np.testing.assert_allclose((faces.force(x + h * d) - faces.force(x - h * d)) / (2 * h), ours, atol=1e-10)
+
+
+@pytest.mark.parametrize("creeping", [False, True])
+def test_the_condensed_tangent_of_a_finger_at_a_random_state(short: Case, *, creeping: bool) -> None:
+    kernel, c = Kernel(short), Constants.of(short.with_material(C20=0.05))
+    rng = np.random.default_rng(10)
+    u = np.zeros_like(short.nodes)
+    u.ravel()[kernel.free] = rng.uniform(-0.02, 0.02, len(kernel.free))
+    d = np.zeros_like(u)
+    d.ravel()[kernel.free] = rng.normal(size=len(kernel.free))
+    load, h, size = 0.05, 1e-5, len(short.connectivity)
+    memory = None
+    if creeping:
+        carried = rng.normal(scale=0.05, size=(size, 27, 3, 3))
+        memory = Memory(rng.uniform(0.5, 1, size), carried + np.swapaxes(carried, 2, 3))
+
+    def force(u: Array) -> Array:
+        state = settled(kernel, u, c)
+        return kernel.residual(state, c, load, memory, kernel.geometry)[0].ravel()[kernel.free]
+
+    state = settled(kernel, u, c)
+    K = linearised(kernel, state, c, load, memory)
+    ours, differences = K @ d.ravel()[kernel.free], (force(u + h * d) - force(u - h * d)) / (2 * h)
+    # the chamber is closed by the symmetry plane and so the pressure's symmetric tangent is all of it
+    assert np.abs(ours - differences).max() < 1e-6 * np.abs(differences).max()
+
+
+def test_the_tangent_times_the_clamps_rotation(short: Case) -> None:
+    problem = Problem.of(short)
+    kernel, c = problem.kernel, problem.constants
+    rng, angle, h = np.random.default_rng(11), 0.1, 1e-5
+    shape = rng.uniform(-0.02, 0.02, short.nodes.shape)
+
+    def state(angle: float) -> State:
+        u = shape.copy()
+        u[kernel.clamped] = problem.clamp_motion(angle)[0]
+        return settled(kernel, u, c)
+
+    def force(angle: float) -> Array:
+        return kernel.residual(state(angle), c, 0.0, None, kernel.geometry)[0]
+
+    turning = kernel.linearise(state(angle), c, 0.0, None, problem.clamp_motion(angle)[1]).turning
+    differences = (force(angle + h) - force(angle - h)) / (2 * h)
+    assert np.abs(turning - differences).max() < 1e-6 * np.abs(differences).max()
+
+
+@pytest.mark.parametrize("compliance", [0.0, 1e-4])
+def test_newton_converges_quadratically(short: Case, monkeypatch: pytest.MonkeyPatch, compliance: float) -> None:
+    lengths: list[float] = []
+
+    class Recorded(Step):
+        def solve(self, force: Array, moment: float, gap: Array | None) -> State:
+            change = super().solve(force, moment, gap)
+            lengths.append(float(np.abs(change.u).max()))
+            return change
+
+    monkeypatch.setattr(fe.newton, "Step", Recorded)
+    clamp = replace(short.clamp, compliance=compliance)
+    problem = Problem.of(replace(short, clamp=clamp, forces={"tip_face": np.array([0.0, 0.0, -0.01])}))
+    near = equilibrium(problem, problem.start(), load=0.003)
+    lengths.clear()
+    found = equilibrium(problem, near.state, load=0.006, tolerance=1e-11)
+    assert found.reason == "converged"
+    # e_new <= c e^2 with one c (0.3 per mm here) down to rounding; a wrong term leaves a constant ratio instead
+    e = np.array(lengths)
+    assert len(e) >= 4
+    assert (e[1:] <= 1.0 * e[:-1] ** 2 + 1e-12).all()
+
+
+def test_a_held_node_set_keeps_its_values(cube: Cube, silicone: Material) -> None:
+    case = cube((1, 1, 1), shift=0.05, material=silicone)
+    value = np.random.default_rng(12).uniform(-0.02, 0.02, (len(case.node_sets["x0"]), 3))
+    rows = case.node_sets["x1"]
+    supports = (Support("x0", (0, 1, 2), value), Support("x1", (2,)))
+    problem = Problem.of(replace(case, supports=supports, forces={"x1": np.array([0.03, 0.02, 0.0])}))
+    found = equilibrium(problem, problem.start(), load=0.0)
+    assert found.reason == "converged"
+    np.testing.assert_array_equal(found.state.u[case.node_sets["x0"]], value)
+    np.testing.assert_array_equal(found.state.u[rows, 2], 0)
+    force, _ = problem.kernel.residual(found.state, problem.constants, 0.0, None, problem.geometry)
+    # equilibrium: free nodes carry exactly the dead force, spread evenly
+    np.testing.assert_allclose(force[rows, 0], 0.03 / len(rows), atol=1e-9)
+    np.testing.assert_allclose(force[rows, 1], 0.02 / len(rows), atol=1e-9)

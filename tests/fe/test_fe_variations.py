@@ -1,0 +1,158 @@
+"""Derivatives through `Variation` against central differences of whole solves."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from fe import Case, Finger, Lattice, Material, Path, Variation, finger_case, solve
+from fe.element import Array
+from fe.newton import equilibrium
+
+Test = tuple[Case, Path]
+Map = Callable[[float], Test]
+FORCE = np.array([0.0, 0.0, -0.03])  # N: without it the clamp carries no moment
+TIME, TOP = np.array([0.0, 1.0]), 0.02
+
+
+def ramp(gain: float = 0.0) -> Path:
+    return Path(time=TIME, pressure=np.array([0.0, TOP]) * (1 + gain), output=np.array([1.0]))
+
+
+@pytest.fixture(autouse=True)
+def tight(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The derivatives' tangent is TOLERANCE away from the equilibrium; both are to be compared to 1e-5."""
+    monkeypatch.setitem(equilibrium.__kwdefaults__, "tolerance", 1e-8)
+
+
+def difference(test: Map, at: float, h: float) -> Array:
+    """dU/dparameter (s, 2, 3) at the tip and the middle node, to h^2, from two solves."""
+
+    def u(value: float) -> Array:
+        case, path = test(value)
+        solution = solve(case, path)
+        assert solution.converged
+        return solution.at(np.stack([case.position(4401), case.position(5848)]))
+
+    return (u(at + h) - u(at - h)) / (2 * h)
+
+
+def exact(base: Test, tests: list[Map], at: list[float], steps: list[float]) -> Array:
+    """The derivatives (v, s, 2, 3) that one solve with variations gives."""
+    variations = [Variation(f(x + h), f(x - h), h) for f, x, h in zip(tests, at, steps)]
+    solution = solve(*base, variations=variations)
+    assert solution.converged
+    return solution.variations_at(np.stack([base[0].position(4401), base[0].position(5848)]))
+
+
+def loaded(short: Case) -> Case:
+    return replace(short, forces={"tip_face": FORCE}, clamp=replace(short.clamp, compliance=1e-3))
+
+
+def test_derivatives_without_history(short: Case, short_finger: Finger) -> None:
+    case = loaded(short)
+    lattice = Lattice(per_bellow=2)
+
+    def material(name: str) -> Map:
+        return lambda x: (case.with_material(**{name: x}), ramp())
+
+    def clamp(x: float) -> Test:
+        return replace(case, clamp=replace(case.clamp, compliance=x)), ramp()
+
+    def top(x: float) -> Test:
+        changed = finger_case(case.materials["body"], finger=replace(short_finger, top=x), lattice=lattice)
+        return replace(case, nodes=changed.nodes), ramp()
+
+    tests = [material("C10"), material("C01"), material("C20"), clamp, top, lambda x: (case, ramp(x))]
+    at = [0.214, 0.083, 0.0, 1e-3, 2.0, 0.0]
+    typical = np.array([0.02, 0.02, 0.02, 1e-3, 0.1, 0.05])
+    ours = exact((case, ramp()), tests, at, list(1e-6 * typical))
+    for n, name in enumerate(("C10", "C01", "C20", "compliance", "top", "gain")):
+        theirs = difference(tests[n], at[n], 0.005 * typical[n])
+        size = np.abs(theirs).max()
+        assert size * typical[n] > 1e-3, name  # mm: the parameter is felt
+        np.testing.assert_allclose(ours[n], theirs, atol=1e-5 * size, err_msg=name)
+
+
+def test_derivative_to_the_clamps_compliance_at_its_null(short: Case) -> None:
+    case = replace(short, forces={"tip_face": FORCE})
+
+    def clamp(x: float) -> Test:
+        return replace(case, clamp=replace(case.clamp, compliance=x)), ramp()
+
+    ours = exact(clamp(0.0), [clamp], [0.0], [1e-9])[0]
+    theirs = difference(clamp, 0.0, 5e-6)
+    np.testing.assert_allclose(ours, theirs, atol=1e-5 * np.abs(theirs).max())
+
+
+LOG = np.linspace(0, 4, 161)
+CYCLE = np.interp(LOG, [0, 1, 3, 3.5, 4], [0, TOP, TOP, 0.5 * TOP, 0.5 * TOP])
+KNOTS = np.array([1.0, 3.0, 3.5, 4.0])  # corners of the path: history states are solved there
+
+
+def cycle(gain: float = 0.0) -> Path:
+    return Path(time=LOG, pressure=CYCLE * (1 + gain), output=KNOTS)
+
+
+def test_derivatives_with_history(short: Case) -> None:
+    def creep(share: float, tau: float, **constants: float) -> Case:
+        return short.with_material(prony=((share, tau),), **constants)
+
+    tests: list[Map] = [
+        lambda x: (creep(x, 1.5), cycle()),
+        lambda x: (creep(0.2, x), cycle()),
+        lambda x: (creep(0.2, 1.5, C10=x), cycle()),
+        lambda x: (creep(0.2, 1.5), cycle(x)),
+    ]
+    at, typical = [0.2, 1.5, 0.214, 0.0], np.array([0.1, 1.0, 0.02, 0.05])
+    ours = exact(tests[0](0.2), tests, at, list(1e-6 * typical))
+    for n, name in enumerate(("g", "tau", "C10", "gain")):
+        theirs = difference(tests[n], at[n], 0.005 * typical[n])
+        size = np.abs(theirs).max()
+        assert size * typical[n] > 1e-3, name
+        np.testing.assert_allclose(ours[n], theirs, atol=1e-5 * size, err_msg=name)
+
+
+def test_derivatives_to_creep_at_its_null(short: Case) -> None:
+    def creep(share: float, tau: float) -> Test:
+        return short.with_material(prony=((share, tau),)), cycle()
+
+    tests: list[Map] = [lambda x: creep(x, 1.5), lambda x: creep(0.0, x)]
+    ours = exact(creep(0.0, 1.5), tests, [0.0, 1.5], [1e-7, 1e-6])
+    theirs = difference(tests[0], 0.0, 5e-4)
+    size = np.abs(theirs).max()
+    np.testing.assert_allclose(ours[0], theirs, atol=1e-5 * size)
+    np.testing.assert_allclose(ours[1], 0, atol=1e-9)  # tau is not felt without a share
+
+
+def test_a_base_without_creep_has_the_derivative_towards_it(short: Case) -> None:
+    def creep(share: float) -> Test:
+        return short.with_material(prony=((share, 1.5),)), cycle()
+
+    without = exact((short, cycle()), [creep], [0.0], [1e-7])
+    with_null = exact(creep(0.0), [creep], [0.0], [1e-7])
+    assert np.abs(with_null).max() > 0.1
+    # the same equations: only the state that each carries from step to step is rounded apart
+    np.testing.assert_allclose(without, with_null, atol=1e-6 * np.abs(with_null).max())
+
+
+def test_no_creep_and_a_share_of_zero_are_the_same(short: Case) -> None:
+    point = short.position(4401)[None]
+    without, null = (solve(c, cycle()).at(point) for c in (short, short.with_material(prony=((0.0, 1.5),))))
+    np.testing.assert_allclose(null, without, atol=1e-6)  # mm, DESIGN: null values equal the base
+    some = solve(short.with_material(prony=((0.2, 1.5),)), cycle()).at(point)
+    assert np.abs(some - without).max() > 0.05
+    assert (np.diff(some[:, 0, 2])[0] < -0.01).all()  # it creeps during the hold
+
+
+def test_creep_with_two_equal_terms_is_creep_with_their_sum(short: Case) -> None:
+    point = short.position(4401)[None]
+    one, two = (
+        solve(short.with_material(prony=p), cycle()).at(point) for p in (((0.2, 1.5),), ((0.05, 1.5), (0.15, 1.5)))
+    )
+    np.testing.assert_allclose(two, one, atol=1e-7)
+
+
+def test_materials_of_a_case_are_one_each() -> None:
+    assert Material(0.2, 0.1).bulk == pytest.approx(1000 * 2 * 0.3)

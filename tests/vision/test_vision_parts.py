@@ -1,0 +1,146 @@
+"""The parts by themselves: renderer, dots, homography, noise."""
+
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter
+
+from vision import Mark, synthetic
+from vision.dots import find_dot
+from vision.noise import CREEP, FAST, REST, states, static_noise
+from vision.plane import fit_homography, homographies, to_plane
+
+Array = NDArray[np.float64]
+Lab = Any
+
+
+def brute_force(lab: Lab, mark: Mark, centre: Array, angle: float, corner: Array, size: int) -> Array:
+    """Block of pixels by 20 x 20 samples each of the sharp printed marker, blurred on the fine grid."""
+    fine = 20
+    offset = (np.arange(size * fine) + 0.5) / fine - 0.5
+    raw = np.stack(np.meshgrid(corner[0] + offset, corner[1] + offset), axis=-1).reshape(-1, 2)
+    ideal = (lab.camera.undistort(raw) - lab.camera.matrix[:2, 2]) / np.diag(lab.camera.matrix)[:2]
+    turn, _ = cv2.Rodrigues(lab.pose[0])
+    ray = np.column_stack([ideal, np.ones(len(ideal))]) @ turn  # in world axes
+    eye = -turn.T @ lab.pose[1]
+    hit = eye + ray * ((centre[1] - eye[1]) / ray[:, 1])[:, None] - centre
+    right = -hit[:, 0] * np.cos(angle) - hit[:, 2] * np.sin(angle)
+    down = hit[:, 0] * np.sin(angle) - hit[:, 2] * np.cos(angle)
+    dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50)
+    bits = np.pad(dictionary.generateImageMarker(mark.marker, 6) / 255.0, 1, constant_values=1.0)
+    cell = np.floor(np.column_stack([down, right]) / mark.size_mm * 6 + 4).astype(int)
+    inside = ((cell >= 0) & (cell < 8)).all(axis=1)
+    grey = np.full(len(cell), synthetic.BACKGROUND)
+    paper = bits[tuple(np.clip(cell, 0, 7).T)]
+    grey[inside] = (synthetic.INK + (synthetic.PAPER - synthetic.INK) * paper)[inside]
+    blurred = gaussian_filter(grey.reshape(size * fine, size * fine), 0.8 * fine)
+    return blurred.reshape(size, fine, size, fine).mean(axis=(1, 3))
+
+
+def test_renderer_against_brute_force(lab: Lab) -> None:
+    mark, angle = lab.marks[0], 0.4
+    centre = np.array(mark.position)
+    scene = synthetic._Scene(lab.camera, synthetic.Pose(*lab.pose), [mark], 0.8, "DICT_4X4_50")
+    drawn = np.full((400, 640), synthetic.BACKGROUND, dtype=np.float32)
+    scene.draw(drawn, centre[None], np.array([angle]), np.array([0]))
+    corner = np.round(lab.pixels(centre)) - 34
+    exact = brute_force(lab, mark, centre, angle, corner, 68)
+    x, y = corner.astype(int)
+    block = drawn[y : y + 68, x : x + 68].astype(np.float64)
+    inner = (slice(6, -6), slice(6, -6))
+    down, right = (g[inner].ravel() for g in np.gradient(exact))
+    difference = (block - exact)[inner].ravel()
+    shift, *_ = np.linalg.lstsq(np.column_stack([right, down]), difference, rcond=None)
+    assert np.max(np.abs(shift)) < 0.002  # px, the renderer's own error of place
+    assert np.max(np.abs(difference)) < 2.5  # of 175 grey levels; 20 samples leave some at sharp edges
+
+
+@pytest.mark.parametrize("radius", [5.0, 7.3])
+def test_dot_centre(radius: float) -> None:
+    rng = np.random.default_rng(0)
+    y, x = np.mgrid[:60, :60]
+    errors = []
+    for _ in range(20):
+        centre = 30.0 + rng.uniform(-1, 1, 2)
+        edge = np.clip(np.hypot(x - centre[0], y - centre[1]) - radius + 0.5, 0, 1)
+        picture = 40 + 170 * gaussian_filter(edge, 0.8) + rng.normal(0, 1.0, edge.shape)
+        found = find_dot(np.round(picture).astype(np.uint8), np.array([29.0, 31.0]), radius, search=6.0)
+        assert found is not None
+        errors.append(found - centre)
+    assert np.sqrt(np.mean(np.square(errors))) < 0.015
+
+
+def test_no_dot_is_no_dot() -> None:
+    flat = np.full((60, 60), 120, dtype=np.uint8)
+    assert find_dot(flat, np.array([30.0, 30.0]), 6.0, search=6.0) is None
+    assert find_dot(flat, np.array([-300.0, 30.0]), 6.0, search=6.0) is None
+    y, x = np.mgrid[:60, :60]
+    large = np.where(np.hypot(x - 30, y - 30) < 15, 40, 210).astype(np.uint8)
+    assert find_dot(large, np.array([30.0, 30.0]), 6.0, search=6.0) is None  # a dot, but not of that size
+
+
+def test_homography_is_exact_and_follows_the_camera(lab: Lab) -> None:
+    frame = np.array([mark.position for mark in lab.marks if mark.role == "frame"])
+    finger = np.array([[20.0, 12.0, -30.0], [80.0, 12.0, 10.0]])
+    seen = []
+    for shake in (0.0, 0.002, -0.004):
+        points = np.concatenate([frame, finger])
+        pixels, _ = cv2.projectPoints(
+            points, lab.pose[0] + shake, lab.pose[1] - 30 * shake, lab.camera.matrix, None
+        )
+        seen.append(pixels[:, 0])
+    ideal = np.array(seen)
+    plane = homographies(frame[:, [0, 2]], ideal[:, :6])
+    np.testing.assert_allclose(
+        to_plane(plane, ideal[:, 6:]), np.tile(finger[:, [0, 2]], (3, 1, 1)), atol=1e-8
+    )
+
+
+def test_homography_needs_four_points() -> None:
+    plane = np.array([[0.0, 0.0], [10.0, 0.0], [10.0, 8.0], [0.0, 8.0], [5.0, 9.0]])
+    ideal = np.stack([plane * 3.0 + 7.0] * 2)
+    ideal[1, :2] = np.nan
+    found = homographies(plane, ideal)
+    np.testing.assert_allclose(found[0], [[3, 0, 7], [0, 3, 7], [0, 0, 1]], atol=1e-9)
+    assert np.isnan(found[1]).all()
+    np.testing.assert_allclose(fit_homography(plane, ideal[0]), found[0])
+
+
+def test_noise_model_recovers_sd_rho_and_correlation() -> None:
+    rng = np.random.default_rng(4)
+    shocks = rng.standard_normal((3000, 2, 2)) + rng.standard_normal(
+        (3000, 1, 1)
+    )  # half the variance is shared
+    place = np.empty_like(shocks)
+    place[0] = shocks[0]
+    for t in range(1, 3000):
+        place[t] = 0.4 * place[t - 1] + np.sqrt(1 - 0.4**2) * shocks[t]
+    model = static_noise(5.0 + 0.01 * place, ["a", "b"], "still.mp4")
+    seen = [0, 2]
+    np.testing.assert_allclose(model.sd[:, seen], 0.01 * np.sqrt(2.0), rtol=0.06)
+    np.testing.assert_allclose(model.rho[:, seen], 0.4, atol=0.06)  # 3 sd at 3000 frames
+    np.testing.assert_allclose(model.correlation[0, [2, 3, 5]], 0.5, atol=0.06)
+    np.testing.assert_array_equal(model.correlation[1], np.eye(6)[1])
+    assert np.isnan(model.sd[:, 1]).all()
+    assert model.frames == 3000
+
+
+def test_noise_model_refuses_a_mark_that_is_hidden() -> None:
+    place = np.zeros((130, 2, 2))
+    place[:20, 1] = np.nan
+    with pytest.raises(ValueError, match=r"static film still\.mp4 shows mark 'b' in 110 frames, wanted 120"):
+        static_noise(place, ["a", "b"], "still.mp4")
+
+
+def test_what_a_patch_does() -> None:
+    x = np.concatenate(
+        [np.zeros(20), 5.0 * np.arange(1, 11), 50 + 0.01 * np.arange(1, 31), np.full(25, 50.3)]
+    )
+    state = states(np.stack([x, 0 * x], axis=-1)[:, None])[:, 0]
+    assert set(state[:20]) == {REST}
+    assert set(state[20:30]) == {FAST}
+    assert set(state[42:55]) == {CREEP}  # 0.01 px a frame, yet it goes on
+    assert set(state[62:]) == {REST}

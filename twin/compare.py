@@ -1,0 +1,141 @@
+"""Targets, a prediction and a whitener -> whether they agree within the noise, and where not."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from calibrate import chi2_test, omnibus
+from twin.targets import Array, Targets
+from twin.whitening import Whitener
+
+ADEQUATE = 1e-3  # a model is adequate while its lack of fit has at least this probability
+BRANCHES = ("rest", "up", "hold", "down")
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """residual (s, p, 3) = measured - predicted mm; whitened (n,); the lack-of-fit test; where it fails in words."""
+
+    residual: Array
+    whitened: Array
+    chi2: float
+    degrees_of_freedom: int
+    p_value: float
+    rms_mm: float
+    noise_sd_mm: float
+    where: str
+    maps: dict[str, list[dict[str, Any]]]
+
+    @property
+    def adequate(self) -> bool:
+        """Whether noise alone explains the residual."""
+        return self.p_value > ADEQUATE
+
+    def to_dict(self) -> dict[str, Any]:
+        """What comparison.json holds."""
+        plain = {k: getattr(self, k) for k in ("chi2", "degrees_of_freedom", "p_value", "rms_mm", "noise_sd_mm")}
+        return {**plain, "adequate": self.adequate, "where": self.where, "maps": self.maps}
+
+
+def branches(time: Array, pressure: Array, log_time: Array, log_pressure: Array) -> Array:
+    """Branch number (s,) of each step, an index of BRANCHES, from the pressure path around it.
+
+    A step is on a ramp where the log changes by more than 3 % of its range within 0.5 s.
+    """
+    span = max(float(np.ptp(log_pressure)), 1e-12)
+    change = np.interp(time + 0.25, log_time, log_pressure) - np.interp(time - 0.25, log_time, log_pressure)
+    low = pressure < 0.05 * span + log_pressure.min()
+    still = np.where(low, 0, 2)
+    return np.where(change > 0.03 * span, 1, np.where(change < -0.03 * span, 3, still))
+
+
+def compare(targets: Targets, predicted: Array, whitener: Whitener, *, jacobian: Array) -> Comparison:
+    """The comparison of a fitted prediction (s, p, 3) mm; jacobian (d, s, p, 3) mm is that of the fit."""
+    residual = targets.value - predicted
+    z = whitener.whiten(residual)
+    fitted = whitener.whiten(jacobian).T if len(jacobian) else np.zeros((len(z), 0))
+    chi2, degrees = float(z @ z), whitener.count - fitted.shape[1]
+    p = lack_of_fit(targets, whitener, z, fitted)
+    maps = residual_maps(targets, whitener, residual)
+    rms, noise = whitener.rms(residual), whitener.noise_sd
+    return Comparison(residual, z, chi2, degrees, p, rms, noise, _where(maps, rms, noise, p), maps)
+
+
+def lack_of_fit(targets: Targets, w: Whitener, z: Array, fitted: Array) -> float:
+    """Probability of so bad a fit: twice the smaller of the chi2 test and the omnibus test on smooth functions.
+
+    Both know from how many static frames the noise was estimated.
+    """
+    frames = targets.noise.frames if targets.noise else 10**6
+    counts = w.valid.sum(axis=0) - fitted.shape[1] / w.valid.shape[1]
+    nu = np.full(len(counts), float(frames - 2))
+    p = [chi2_test(float(z @ z), counts, nu)]
+    component = np.tile(np.arange(len(counts)), len(w.valid))
+    p.append(omnibus(z, _smooth(targets, w), component=component, static_frames_effective=nu, fitted=fitted))
+    return min(1.0, 2 * min(p))
+
+
+def _smooth(targets: Targets, w: Whitener) -> Array:
+    """Whitened smooth functions (n, b): powers of pressure and branches, for every component."""
+    x = targets.pressure / max(float(np.abs(targets.pressure).max()), 1e-12)
+    branch = branches(targets.time, targets.pressure, targets.log_time, targets.log_pressure)
+    since = np.interp(targets.time, targets.log_time, _memory(targets.log_time, targets.log_pressure))
+    since = since / max(float(np.abs(since).max()), 1e-12)
+    shapes = [x, x**2, x**3, since, (branch == 0).astype(float), x * (branch == 2)]
+    fields = []
+    for point, axis in w.components:
+        for shape in shapes:
+            field = np.zeros((*targets.value.shape[:2], 3))
+            field[:, point, axis] = shape - shape[targets.reference].mean()
+            fields.append(w.whiten(field))
+    return np.array(fields).T
+
+
+def _memory(time: Array, pressure: Array, tau: float = 5.0) -> Array:
+    """What a slow element would still feel: the pressure minus its running mean over tau (s)."""
+    out = np.zeros_like(pressure)
+    mean = pressure[0]
+    for n in range(1, len(time)):
+        mean += (1 - np.exp(-(time[n] - time[n - 1]) / tau)) * (pressure[n] - mean)
+        out[n] = pressure[n] - mean
+    return out
+
+
+def residual_maps(targets: Targets, w: Whitener, residual: Array) -> dict[str, list[dict[str, Any]]]:
+    """Root mean square of the cleaned residual, in mm and in noise sds, by marker, direction, pressure and branch."""
+    left, s = w.cleaned(residual), len(targets.time)
+    noise = np.sqrt(w.sd**2 + (w.modes[w.shared :] ** 2).sum(axis=0))
+    branch = branches(targets.time, targets.pressure, targets.log_time, targets.log_pressure)
+    edges = np.linspace(targets.pressure.min(), targets.pressure.max() + 1e-12, 5)
+    band = np.clip(np.digitize(targets.pressure, edges) - 1, 0, 3)
+    point, axis = w.components.T
+    masks = {
+        "marker": {targets.names[k]: np.broadcast_to(point == k, left.shape) for k in np.unique(point)},
+        "direction": {f"U{k + 1}": np.broadcast_to(axis == k, left.shape) for k in np.unique(axis)},
+        "pressure": {
+            f"{edges[k] * 1e3:.1f} to {edges[k + 1] * 1e3:.1f} kPa": np.broadcast_to((band == k)[:, None], left.shape)
+            for k in range(4)
+        },
+        "branch": {BRANCHES[k]: np.broadcast_to((branch == k)[:, None], left.shape) for k in range(4)},
+    }
+    del s
+    return {kind: [_row(n, left[m], noise[m]) for n, m in rows.items() if m.any()] for kind, rows in masks.items()}
+
+
+def _row(name: str, left: Array, noise: Array) -> dict[str, Any]:
+    good = np.isfinite(left)
+    rms = float(np.sqrt((left[good] ** 2).mean())) if good.any() else float("nan")
+    sd = float(np.sqrt((noise[good] ** 2).mean())) if good.any() else float("nan")
+    return {"name": name, "rms_mm": rms, "noise_sd_mm": sd, "ratio": rms / sd if sd else float("nan")}
+
+
+def _where(maps: dict[str, list[dict[str, Any]]], rms: float, noise: float, p: float) -> str:
+    if p > ADEQUATE:
+        return f"The model agrees with the measurement within the noise ({rms:.3f} mm rms, noise {noise:.3f} mm)."
+    worst = {kind: max(rows, key=lambda r: r["rms_mm"]) for kind, rows in maps.items()}
+    return (
+        f"The model misses the measurement by {rms:.3f} mm rms where the noise is {noise:.3f} mm; most at marker "
+        f"{worst['marker']['name']} ({worst['marker']['rms_mm']:.3f} mm), in {worst['direction']['name']}, at "
+        f"{worst['pressure']['name']}, on the branch '{worst['branch']['name']}'."
+    )

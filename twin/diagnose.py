@@ -1,0 +1,268 @@
+"""A base model, a library of effects and targets -> which physical effect the data ask for, and what cannot be told.
+
+Noise first; fit; lack of fit; the signature of every absent effect with all fitted parameters projected out (score
+test, one-sided where the parameter is); refits of the best; a wider law of the same physics before anything else;
+ties are one answer. Multiplicity: Sidak over an effect's grid, Holm over effects.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from scipy.special import ndtr
+
+from calibrate import Fit, bic, holm, sidak
+from twin.compare import Comparison, compare
+from twin.discretisation import Discretisation
+from twin.effects import Effect
+from twin.fitting import fit_model, whitener_of
+from twin.model import Model
+from twin.targets import Array, Targets
+from twin.whitening import Whitener
+
+DETECTED = 0.01  # after multiplicity
+TIE = 6.0  # BIC
+EXPLAINED = 0.9  # of the excess chi2: right physics, wrong law
+INVISIBLE = 0.02  # of its own size is what an effect keeps apart from the fitted parameters
+REFITS = 4
+
+NEXT_TEST = {
+    frozenset({"creep", "pressure_lag"}): "hold the top pressure for 60 s and film a 0.2 s step at 30 frames/s",
+    frozenset({"pressure_gain", "camera_scale"}): "measure the pressure gauge against a second one",
+    frozenset({"stiffening", "camera_scale"}): "film a ruler in the finger's plane",
+}
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One absent effect: its score z, p-value after multiplicity, and, where refitted, its fit and BIC gain."""
+
+    effect: Effect
+    z: float
+    p_value: float
+    note: str = ""
+    model: Model | None = None
+    fit: Fit | None = None
+    comparison: Comparison | None = None
+    delta_bic: float | None = None
+
+    def to_dict(self) -> dict[str, Any]:
+        """One row of the ranking in diagnosis.json."""
+        parameters = {}
+        if self.fit is not None:
+            rows = zip(self.fit.parameters, self.fit.theta, self.fit.sd, strict=True)
+            parameters = {p.name: {"value": float(x), "sd": float(s), "unit": p.unit} for p, x, s in rows}
+        return {
+            "effect": self.effect.name, "law": self.effect.label, "z": self.z, "p_value": self.p_value,
+            "delta_bic": self.delta_bic, "adequate": self.comparison.adequate if self.comparison else None,
+            "parameters": parameters, "note": self.note,
+        }  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """What the data ask for: verdict, named effects, ties, ranking, next test, and the errors in mm."""
+
+    verdict: str
+    sentence: str
+    named: tuple[str, ...]
+    law: str | None
+    ties: tuple[tuple[str, ...], ...]
+    ranking: tuple[Candidate, ...]
+    next_test: str
+    base: Comparison | None
+    base_fit: Fit | None
+    kept: Candidate | None
+    explained: float | None
+    remainder_mm: float | None
+
+    def to_dict(self) -> dict[str, Any]:
+        """What diagnosis.json holds."""
+        after = self.kept.comparison if self.kept else self.base
+        return {
+            "verdict": self.verdict, "sentence": self.sentence, "named": list(self.named), "law": self.law,
+            "ties": [list(t) for t in self.ties], "ranking": [c.to_dict() for c in self.ranking],
+            "next_test": self.next_test,
+            "rms_before_mm": self.base.rms_mm if self.base else None,
+            "rms_after_mm": after.rms_mm if after else None,
+            "noise_sd_mm": self.base.noise_sd_mm if self.base else None,
+            "adequate": after.adequate if after else None,
+            "p_value_before": self.base.p_value if self.base else None,
+            "p_value_after": after.p_value if after else None,
+            "explained": self.explained, "discretisation_remainder_mm": self.remainder_mm,
+        }  # fmt: skip
+
+
+def diagnose(
+    model: Model, effects: Sequence[Effect], targets: Targets, *, seed: int, start: Array,
+    mesh: Discretisation | None = None, progress: Callable[[str, int, int], None] | None = None,
+) -> Diagnosis:
+    """The diagnosis of a base model. start (d,): its calibrated parameters; mesh: its discretisation error there.
+
+    Reads targets only. Raises Unsolvable where the base model cannot be solved at `start`.
+    """
+    refusal = _refusal(targets)
+    if refusal:
+        return _cannot(refusal)
+    tell = progress or (lambda stage, done, total: None)
+    tell("base model", 0, 3)
+    w = whitener_of(model, start, targets, mesh)
+    if mesh is not None and mesh.remainder_mm > 0.1 * w.noise_sd:
+        return _cannot(
+            f"mesh: {mesh.remainder_mm:.4f} mm of the discretisation error is carried by no mode, more than a tenth of "
+            f"the noise ({w.noise_sd:.4f} mm); refine the mesh"
+        )
+    fit = fit_model(model, targets, w, start=start, seed=seed)
+    jacobian = model.jacobian(fit.theta)
+    base = compare(targets, model.predict(fit.theta), w, jacobian=jacobian)
+    tell("signatures", 1, 3)
+    candidates = screen(model, effects, targets, w, fit.theta, base, jacobian)
+    chosen = _to_refit(candidates, base)
+    refitted = []
+    for k, c in enumerate(chosen):
+        tell(f"refit with {c.effect.label}", k, len(chosen))
+        refitted += refit(c, model, targets, w, fit, base, seed=seed)
+    rows = _ranked([c for c in candidates if c.effect.name not in {r.effect.name for r in chosen}] + refitted)
+    return _conclude(rows, base, fit, mesh.remainder_mm if mesh else None)
+
+
+def _refusal(targets: Targets) -> str:
+    if targets.noise is None:
+        return "no noise model: film the finger at rest (>= 300 frames) and run twin measure"
+    if targets.noise.frames < 30:
+        return f"the noise model rests on {targets.noise.frames} static frames, wanted 300 or more"
+    return ""
+
+
+def _cannot(why: str) -> Diagnosis:
+    verdict = f"cannot test: {why}"
+    return Diagnosis(verdict, f"The data cannot be tested: {why}.", (), None, (), (), "", None, None, None, None, None)
+
+
+def screen(
+    model: Model, effects: Sequence[Effect], targets: Targets, w: Whitener, theta: Array, base: Comparison,
+    jacobian: Array,
+) -> list[Candidate]:
+    """The score of every absent effect at the base fit, adjusted for the number of tries."""
+    present = {e.name for e in model.effects}
+    absent = [e for e in effects if e.name not in present]
+    testable = [e for e in absent if "history" not in e.requires or targets.has_log]
+    fitted, _ = np.linalg.qr(w.whiten(jacobian).T)
+    scored = []
+    for e, rows in zip(testable, model.signatures(theta, testable), strict=True):
+        scored.append(_score(e, [w.whiten(row) for row in rows], fitted, base.whitened))
+    visible = [c for c in scored if not c.note]
+    adjusted = iter(holm([c.p_value for c in visible]))
+    scored = [c if c.note else replace(c, p_value=float(next(adjusted))) for c in scored]
+    untestable = [Candidate(e, 0.0, 1.0, "not testable: needs the pressure between the steps (a dense log)")
+                  for e in absent if e not in testable]
+    return scored + untestable
+
+
+def _score(effect: Effect, rows: Sequence[Array], fitted: Array, z: Array) -> Candidate:
+    """The largest score over the effect's grid; one-sided where its null is a bound."""
+    p = effect.parameters[0]
+    best, least, seen = 0.0, 1.0, False
+    for row in rows:
+        apart = row - fitted @ (fitted.T @ row)
+        size, whole = float(np.linalg.norm(apart)), float(np.linalg.norm(row))
+        if whole * p.step < 1e-3 or size < INVISIBLE * whole:
+            continue
+        seen = True
+        score = float(apart @ z) / size
+        one_sided = p.null == p.low
+        chance = float(ndtr(-score)) if one_sided else float(2 * ndtr(-abs(score)))
+        if chance <= least and (abs(score) > abs(best) or best == 0.0):
+            best, least = score, chance
+    if not seen:
+        return Candidate(effect, 0.0, 1.0, "cannot be seen apart from the fitted parameters with these data")
+    return Candidate(effect, best, sidak(least, len(rows)))
+
+
+def _to_refit(candidates: Sequence[Candidate], base: Comparison) -> list[Candidate]:
+    """The best few by score: the detected ones, or all visible ones where the base is inadequate."""
+    worth = [c for c in candidates if not c.note and (c.p_value < DETECTED or not base.adequate)]
+    return sorted(worth, key=lambda c: -abs(c.z))[:REFITS]
+
+
+def refit(
+    candidate: Candidate, model: Model, targets: Targets, w: Whitener, base_fit: Fit, base: Comparison, *, seed: int
+) -> list[Candidate]:
+    """The candidate fitted, and its wider law as well where the narrow one is inadequate."""
+    effect: Effect | None = candidate.effect
+    values = {**model.named(base_fit.theta)}
+    starts = _starts(candidate.effect, values)
+    out: list[Candidate] = []
+    while effect is not None:
+        wider = model.with_effect(effect)
+        fit = fit_model(wider, targets, w, start=[wider.theta(s) for s in starts], seed=seed)
+        if not np.isfinite(fit.chi2):
+            out.append(replace(candidate, effect=effect, note=fit.reason))
+            break
+        found = compare(targets, wider.predict(fit.theta), w, jacobian=wider.jacobian(fit.theta))
+        gain = bic(base.chi2, len(base_fit.theta), w.count) - bic(found.chi2, len(fit.theta), w.count)
+        out.append(replace(candidate, effect=effect, model=wider, fit=fit, comparison=found, delta_bic=gain))
+        if found.adequate:
+            break
+        effect = effect.wider()
+        starts = effect.starts(wider.named(fit.theta)) if effect else ()
+    return out
+
+
+def _starts(effect: Effect, base: dict[str, float]) -> tuple[dict[str, float], ...]:
+    """Half a typical step from null, at the middle of the grid."""
+    entry = effect.grid[len(effect.grid) // 2] if effect.grid else {}
+    p = effect.parameters[0]
+    assert p.null is not None
+    return ({**base, p.name: float(np.clip(p.null + 0.5 * p.step, p.low, p.high)), **entry},)
+
+
+def _ranked(rows: Sequence[Candidate]) -> tuple[Candidate, ...]:
+    return tuple(sorted(rows, key=lambda c: (-(c.delta_bic if c.delta_bic is not None else -np.inf), -abs(c.z))))
+
+
+def _conclude(rows: tuple[Candidate, ...], base: Comparison, fit: Fit, remainder: float | None) -> Diagnosis:
+    best = rows[0] if rows and rows[0].delta_bic is not None and rows[0].delta_bic > TIE else None
+    blind = [c.effect.name for c in rows if c.note]
+
+    def result(verdict: str, sentence: str, kept: Candidate | None, *, ties: tuple[tuple[str, ...], ...] = (),
+               explained: float | None = None, named: bool = True, test: str = "") -> Diagnosis:
+        names = (kept.effect.name,) if kept and named else ()
+        law = kept.effect.label if kept and named else None
+        if blind:
+            sentence += f" These data cannot tell: {', '.join(blind)}."
+        keep = kept if named else None
+        return Diagnosis(verdict, sentence, names, law, ties, rows, test, base, fit, keep, explained, remainder)
+
+    if best is None or best.comparison is None:
+        if base.adequate:
+            return result("none needed", "The model agrees with the measurement: no effect is missing.", None)
+        return result("none of these", "The model is wrong, and no effect of the library helps.", None)
+    after = best.comparison
+    floor = float(after.degrees_of_freedom)
+    explained = (base.chi2 - after.chi2) / max(base.chi2 - floor, 1.0)
+    change = f"{base.rms_mm:.3f} mm -> {after.rms_mm:.3f} mm rms (noise {base.noise_sd_mm:.3f} mm)"
+    if after.adequate:
+        tied = tuple(c.effect.name for c in rows[1:] if _tied(c, best))
+        if not tied:
+            text = f"{best.effect.name} is missing: {best.effect.sentence}; {change}."
+            return result(best.effect.name, text, best, explained=explained)
+        names = (best.effect.name, *dict.fromkeys(tied))
+        test = NEXT_TEST.get(frozenset(names[:2]), "repeat the film with a 60 s hold and a 0.2 s step")
+        verdict = f"{' or '.join(names)}: run test {test}"
+        return result(verdict, f"These data cannot tell {' from '.join(names)}; {change}.", best, ties=(names,),
+                      explained=explained, test=test)
+    if explained > EXPLAINED:
+        text = (f"{best.effect.name} is the missing physics ({best.effect.sentence}), but its law is not exactly "
+                f"this one; {change}.")
+        return result("right physics, wrong law", text, best, explained=explained)
+    text = (f"The model is wrong by {base.rms_mm:.3f} mm rms, and the best effect of the library, {best.effect.name}, "
+            f"explains only {100 * explained:.0f} % of it: something else is missing.")
+    return result("none of these", text, best, explained=explained, named=False)
+
+
+def _tied(c: Candidate, best: Candidate) -> bool:
+    if c.delta_bic is None or best.delta_bic is None or c.effect.name == best.effect.name:
+        return False
+    return best.delta_bic - c.delta_bic < TIE

@@ -1,0 +1,173 @@
+"""The virtual laboratory: a protocol and a hidden truth -> displacements, pressure logs and noisy targets.
+
+The truth lives on another mesh of another topology than the model's, and may hold effects that no model has.
+Nothing that diagnoses may import this module.
+"""
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from fe import Finger, Lattice, Material, Path, finger_case, solve
+from twin.targets import Array, Noise, Targets
+
+# Film A of the reference protocol: (seconds, kPa) corners, scaled to a top pressure of 30 kPa.
+PROTOCOL = (
+    (0.0, 0.0), (2.0, 0.0), (4.0, 18.0), (10.0, 18.0), (12.0, 30.0), (22.0, 30.0), (25.0, 0.0), (34.0, 0.0),
+    (34.2, 24.0), (38.2, 24.0), (38.4, 0.0), (42.4, 0.0),
+)  # fmt: skip
+LATTICE = Lattice(per_bellow=7, wall=2, across=2, up=2, ring=True)
+
+
+@dataclass(frozen=True)
+class Truth:
+    """What is hidden: material (MPa, Prony pairs), a dead force (3,) N on the tip face, lattice and geometry."""
+
+    material: Material = field(default_factory=lambda: Material(0.214, 0.083))
+    tip_force: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    lattice: Lattice = LATTICE
+    finger: Finger = field(default_factory=Finger)
+
+
+@dataclass(frozen=True)
+class Bench:
+    """The measuring side: film rate (1/s), log rate, ripple of the regulator (MPa), noise of gauge (MPa) and picture.
+
+    sd (mm) and rho (lag 1) are the picture's noise per marker and axis; static_frames are filmed at rest before.
+    """
+
+    film_hz: float = 10.0
+    log_hz: float = 50.0
+    ripple_MPa: float = 1.5e-4
+    gauge_sd_MPa: float = 5e-5
+    sd: float = 0.0015
+    rho: float = 0.3
+    common: float = 0.3  # correlation between the markers of one frame, from the shared axes
+    static_frames: int = 320
+    placement_sd_mm: float = 0.3
+    scale_sd: float = 0.001
+
+
+def pressure(time: Array, *, ripple: float) -> Array:
+    """True pressure (t,) MPa of the protocol at times (t,) s, with the regulator's ripple while it is on."""
+    corner, kpa = np.array(PROTOCOL).T
+    p = np.interp(time, corner, kpa * 1e-3)
+    swing = np.sin(2 * np.pi * 0.7 * time) + 0.5 * np.sin(2 * np.pi * 1.9 * time + 1.0)
+    return p + ripple * swing * np.clip(p / 0.005, 0.0, 1.0)
+
+
+def path(bench: Bench) -> Path:
+    """The true pressure over the film and the film's frame times."""
+    end = PROTOCOL[-1][0]
+    time = np.arange(0.0, end + 0.5 / bench.log_hz, 1 / bench.log_hz)
+    return Path(time, pressure(time, ripple=bench.ripple_MPa), np.arange(0.0, end, 1 / bench.film_hz))
+
+
+def displacements(truth: Truth, course: Path, points: Array) -> tuple[Array, Array]:
+    """True displacements (s, p, 3) mm of material points (p, 3) mm along a course, relative to the unloaded rest,
+    and their gradient dU/dp (s, p, 3) mm per MPa.
+
+    The dead force is there from the start, so that what is seen is relative to a finger that already carries it.
+    Raises RuntimeError where the truth itself has no equilibrium.
+    """
+    case = finger_case(truth.material, finger=truth.finger, lattice=truth.lattice)
+    force = 0.5 * np.array(truth.tip_force)  # half model
+    case = replace(case, forces={"tip_face": force} if force.any() else {})
+    solution = solve(case, course)
+    if not solution.converged:
+        raise RuntimeError(f"the truth {solution.reason}")
+    return solution.at(points), solution.per_pressure(points)
+
+
+def targets(
+    true: Array, slope: Array, course: Path, *, names: tuple[str, ...], nodes: Array, points: Array, bench: Bench,
+    seed: int, fixed: int = 4,
+) -> Targets:
+    """Targets as `twin measure` would give them for true displacements (s, p, 3) mm, with noise drawn from `seed`.
+
+    slope (s, p, 3): dU/dp of the truth. Drawn: picture noise (AR(1), correlated between markers), gauge noise, a
+    placement of every tag on its node, the scale, and the static film from which the noise model is estimated.
+    The gauge's error is put on the displacements (slope times error) and not on the log, to first order the same,
+    so that one set of solves serves every seed. `fixed` markers that do not move are appended.
+    """
+    rng = np.random.default_rng(seed)
+    s, count = len(true), len(names) + fixed
+    u, g = (np.concatenate([x, np.zeros((s, fixed, 3))], axis=1) for x in (true, slope))
+    reference = np.flatnonzero(course.output <= 1.8)
+    shared, shared_names = _shared_modes(u, points, names, bench)
+    u = u + np.tensordot(rng.standard_normal(len(shared)), shared, 1)
+    u = u + g * (bench.gauge_sd_MPa * rng.standard_normal(s))[:, None, None]
+    picture = _picture(rng, bench, bench.static_frames + s, count)
+    noise = _noise(picture[: bench.static_frames], names, fixed, bench)
+    moved = u[..., (0, 2)] + picture[bench.static_frames :]
+    value = np.full((s, count, 3), np.nan)
+    value[..., (0, 2)] = moved - moved[reference].mean(axis=0)
+    variance = np.broadcast_to(noise.sd**2, (s, count, 3))
+    covariance = np.zeros((s, count, 3, 3))
+    covariance[..., range(3), range(3)] = variance
+    covariance[:, :, 1], covariance[:, :, :, 1] = np.nan, np.nan
+    own, own_names = _reference_modes(noise, reference, s, (*names, *(f"fixed{k}" for k in range(fixed))))
+    return Targets(
+        time=course.output, pressure=course.at_output(), block=np.zeros(s, np.int64),
+        names=(*names, *(f"fixed{k}" for k in range(fixed))), nodes=np.append(nodes, np.zeros(fixed)).astype(np.int64),
+        points=np.concatenate([points, _fixed_places(fixed)]), value=value, covariance=covariance,
+        valid=np.isfinite(value), held_out=np.zeros(s, bool), modes=np.concatenate([shared, own]),
+        mode_names=(*shared_names, *own_names), noise=noise, log_time=course.time, log_pressure=course.pressure,
+        reference=reference, gravity=None, pressure_sd=np.full(s, bench.gauge_sd_MPa),
+    )  # fmt: skip
+
+
+def _fixed_places(count: int) -> Array:
+    return np.stack([np.linspace(10.0, 100.0, count), np.full(count, 11.5), np.full(count, 32.0)], axis=1)
+
+
+def _picture(rng: np.random.Generator, bench: Bench, frames: int, count: int) -> Array:
+    """Noise (t, p, 2) mm of measured places: AR(1) in time, with a part that all markers of a frame share."""
+    white = rng.standard_normal((frames, count, 2))
+    common = rng.standard_normal((frames, 1, 2))
+    e = np.sqrt(1 - bench.common) * white + np.sqrt(bench.common) * common
+    out = np.empty_like(e)
+    out[0] = e[0]
+    for t in range(1, frames):
+        out[t] = bench.rho * out[t - 1] + np.sqrt(1 - bench.rho**2) * e[t]
+    return bench.sd * out
+
+
+def _noise(static: Array, names: tuple[str, ...], fixed: int, bench: Bench) -> Noise:
+    """The noise model estimated from a static film, as `twin measure` does it."""
+    from vision.noise import static_noise
+
+    found = static_noise(static, [*names, *(f"fixed{k}" for k in range(fixed))], "virtual")
+    return Noise(
+        found.sd, found.rho, found.correlation, found.frames, found.codec_sd, bench.gauge_sd_MPa, bench.static_frames * 5
+    )
+
+
+def _shared_modes(u: Array, points: Array, names: tuple[str, ...], bench: Bench) -> tuple[Array, tuple[str, ...]]:
+    """Scale and tag placement, 1 sd each; a tag turns with the side face, whose slope its neighbours show."""
+    modes, labels = [u * bench.scale_sd], ["scale"]
+    gradient = np.gradient(u[:, : len(names)], points[:, 0], axis=1)
+    angle = np.arctan2(gradient[..., 2], 1 + gradient[..., 0])
+    for k, name in enumerate(names):
+        c, s = np.cos(angle[:, k]) - 1, np.sin(angle[:, k])
+        for label, (x, z) in (("x", (c, s)), ("z", (-s, c))):
+            mode = np.zeros_like(u)
+            mode[:, k, 0], mode[:, k, 2] = bench.placement_sd_mm * x, bench.placement_sd_mm * z
+            modes.append(mode)
+            labels.append(f"placement:{name}:{label}")
+    return np.array(modes), tuple(labels)
+
+
+def _reference_modes(noise: Noise, reference: Array, steps: int, names: tuple[str, ...]) -> tuple[Array, tuple[str, ...]]:
+    """The noise of the reference mean: the same in every step, one mode for each marker and axis."""
+    modes, labels, r = [], [], len(reference)
+    for k, name in enumerate(names):
+        for axis in (0, 2):
+            rho = noise.rho[k, axis]
+            lags = np.arange(1, r)
+            inflation = 1 + 2 * ((1 - lags / r) * rho**lags).sum()  # variance of a mean of AR(1) values
+            mode = np.zeros((steps, len(names), 3))
+            mode[:, k, axis] = noise.sd[k, axis] * np.sqrt(inflation / r)
+            modes.append(mode)
+            labels.append(f"reference:{name}:{axis + 1}")
+    return np.array(modes), tuple(labels)

@@ -1,0 +1,134 @@
+"""Targets and a model's own errors -> a whitener: residuals in mm become independent values of variance 1.
+
+The covariance is that of a first-order autoregression in time with correlated components (static noise of the
+frames and their shared axes), plus modes: errors shared by many values, 1 sd each, and one gauge error per step.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from twin.targets import Array, Targets
+
+
+@dataclass(frozen=True)
+class Whitener:
+    """What `whitener` returns; `whiten` is W, `amplitudes` the most probable size of each shared mode."""
+
+    components: Array  # (m, 2) int: point and axis of each component that is data
+    valid: Array  # (s, m) bool
+    sd: Array  # (s, m) mm
+    rho: Array  # (m,)
+    root: Array  # (m, m) lower Cholesky factor of the innovations' correlation
+    first_root: Array  # (m, m) the same for the first step of a block
+    first: Array  # (s,) bool: first step of a block
+    modes: Array  # (k, s, m) mm, shared modes first, then one gauge mode per step
+    shared: int  # how many of the modes are shared
+    axes: Array  # (n, r) orthonormal directions in which the modes add variance
+    sizes: Array  # (r,) singular values of the whitened modes
+
+    @property
+    def count(self) -> int:
+        """Number of values that are data."""
+        return int(self.valid.sum())
+
+    def pick(self, field: Array) -> Array:
+        """The components (..., s, m) of a field (..., s, p, 3)."""
+        return field[..., self.components[:, 0], self.components[:, 1]]
+
+    def _innovations(self, y: Array) -> Array:
+        """Independent values (..., n) of fields y (..., s, m), without the modes."""
+        y = np.where(self.valid, y, 0.0) / self.sd
+        past = np.where(self.valid[:-1], 1.0, 0.0)
+        e = y.copy()
+        # after a gap the value stands alone: it is scaled to the innovations' variance
+        e[..., 1:, :] = np.where(past > 0, y[..., 1:, :] - self.rho * y[..., :-1, :], np.sqrt(1 - self.rho**2) * y[..., 1:, :])
+        e[..., self.first, :] = y[..., self.first, :]
+        z = e @ np.linalg.inv(self.root).T
+        z[..., self.first, :] = e[..., self.first, :] @ np.linalg.inv(self.first_root).T
+        return z.reshape(*z.shape[:-2], -1)
+
+    def whiten(self, field: Array) -> Array:
+        """W applied to fields (..., s, p, 3) mm: values (..., n) of variance 1 where the field is noise."""
+        z = self._innovations(self.pick(field))
+        return z - (z @ self.axes) * (1 - 1 / np.sqrt(1 + self.sizes**2)) @ self.axes.T
+
+    def amplitudes(self, residual: Array) -> Array:
+        """Most probable amplitude (k,) of every mode in a residual (s, p, 3) mm, in sds."""
+        z = self._innovations(self.pick(residual))
+        G = self._innovations(self.modes).T  # (n, k)
+        return np.linalg.solve(np.eye(G.shape[1]) + G.T @ G, G.T @ z)
+
+    def cleaned(self, residual: Array) -> Array:
+        """The residual (s, m) mm without its shared modes; gauge noise stays, values that are no data are NaN."""
+        a = self.amplitudes(residual)[: self.shared]
+        left = self.pick(residual) - np.tensordot(a, self.modes[: self.shared], 1)
+        return np.where(self.valid, left, np.nan)
+
+    def rms(self, residual: Array) -> float:
+        """Root mean square in mm of the cleaned residual."""
+        return float(np.sqrt(np.nanmean(self.cleaned(residual) ** 2)))
+
+    @property
+    def noise_sd(self) -> float:
+        """Root mean variance in mm of one value: independent noise and the gauge's."""
+        variance = self.sd**2 + (self.modes[self.shared :] ** 2).sum(axis=0)
+        return float(np.sqrt(variance[self.valid].mean()))
+
+
+def whitener(targets: Targets, *, prediction_modes: Array, gauge: Array) -> Whitener:
+    """The whitener of targets with a model's modes.
+
+    prediction_modes (q, s, p, 3) mm: discretisation errors, 1 sd each. gauge (s, p, 3) mm: the effect on each step
+    of 1 sd of its pressure's gauge noise, relative to the reference.
+    """
+    data = targets.valid & ~targets.held_out[:, None, None]
+    components = np.argwhere(data.any(axis=0))
+    p, i = components.T
+    valid = data[:, p, i]
+    variance = np.diagonal(targets.covariance, axis1=2, axis2=3)[:, p, i]
+    sd = np.sqrt(np.where(valid, variance, 1.0))
+    correlation, rho = np.eye(len(components)), np.zeros(len(components))
+    if targets.noise is not None:
+        flat = p * 3 + i
+        correlation = shrunk(targets.noise.correlation[np.ix_(flat, flat)], targets.noise.frames)
+        rho = np.clip(np.nan_to_num(targets.noise.rho[p, i]), 0.0, 0.95)
+    innovations = correlation * (1 - np.outer(rho, rho))
+    modes = np.concatenate([targets.modes[:, :, p, i], prediction_modes[:, :, p, i]])
+    modes = np.where(valid, np.nan_to_num(modes), 0.0)
+    steps = np.flatnonzero((gauge[:, p, i] != 0).any(axis=1))
+    single = np.zeros((len(steps), *valid.shape))
+    single[np.arange(len(steps)), steps] = gauge[:, p, i][steps]
+    for row, step in enumerate(steps):  # a gauge error in the reference moves every other step against it
+        if step in targets.reference:
+            single[row] -= gauge[step, p, i] / len(targets.reference)
+    single = np.where(valid, single, 0.0)
+    first = np.append(True, np.diff(targets.block) > 0)
+    found = Whitener(
+        components, valid, sd, rho, np.linalg.cholesky(innovations), np.linalg.cholesky(correlation), first,
+        np.concatenate([modes, single]), len(modes), np.zeros((valid.size, 0)), np.zeros(0),
+    )  # fmt: skip
+    return _with_axes(found)
+
+
+def _with_axes(w: Whitener) -> Whitener:
+    G = w._innovations(w.modes)  # (k, n)
+    if not len(G):
+        return w
+    sizes, turn = np.linalg.eigh(G @ G.T)
+    keep = sizes > 1e-10 * max(sizes.max(), 1e-300)
+    root = np.sqrt(sizes[keep])
+    return replace(w, axes=(G.T @ turn[:, keep]) / root, sizes=root)
+
+
+def shrunk(correlation: Array, frames: int) -> Array:
+    """The correlation (m, m) estimated from `frames` frames, drawn towards independence by its own sampling error.
+
+    The weight is the ratio of the sampling variance (1 - r^2)^2 / n to the spread of the off-diagonal values
+    (Schaefer & Strimmer 2005, doi 10.2202/1544-6115.1175).
+    """
+    off = ~np.eye(len(correlation), dtype=bool)
+    spread = float((correlation[off] ** 2).sum())
+    noise = float(((1 - correlation[off] ** 2) ** 2).sum()) / max(frames - 1, 1)
+    weight = min(1.0, noise / spread) if spread > 0 else 1.0
+    return np.where(off, (1 - weight) * correlation, 1.0)
