@@ -2,8 +2,8 @@
 
     python benchmarks/convergence.py [--quick] [--json]
 
-The default lattice is divided by 1, 2 and 3 (--quick: a short finger of three bellows on a coarser lattice). From
-values at h, h/2 and h/3 the order p and the limit v solve v(h) = v + c h^p exactly; neither is assumed.
+The default lattice is divided by 1, 2 and 3 (--quick: a short finger of three bellows on a coarser lattice).
+From values at h, h/2 and h/3 the order p and the limit v solve v(h) = v + c h^p exactly; neither is assumed.
 """
 
 import argparse
@@ -50,11 +50,12 @@ def run(finger: Finger, lattice: Lattice) -> Row:
     if curve.reason == "converged":
         u = interpolation(case, np.array([finger.tip_node, finger.middle_node])) @ curve.u[-1]
     seconds = time.perf_counter() - start
-    return Row(lattice.refine, len(case.nodes), *map(float, u[:, 2]), seconds, curve.reason)
+    return Row(lattice.refine, len(case.nodes), float(u[0, 2]), float(u[1, 2]), seconds, curve.reason)
 
 
 def extrapolate(value: tuple[float, float, float]) -> tuple[float, float]:
-    """The order p and the limit v of v(h) = v + c h^p, from values at h, h/2 and h/3; NaN where they do not settle."""
+    """The order p and the limit v of v(h) = v + c h^p, from values at h, h/2 and h/3; NaN where they do not
+    settle."""
     a, b, c = value
     ratio = (a - b) / (b - c)
 
@@ -69,7 +70,9 @@ def extrapolate(value: tuple[float, float, float]) -> tuple[float, float]:
 
 def main() -> int:
     """Print the table; the exit code is 1 where a mesh did not converge."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--quick", action="store_true", help="a short finger, coarser meshes: under a minute")
     parser.add_argument("--json", action="store_true", help="the same as one JSON object")
     options = parser.parse_args()
@@ -77,7 +80,9 @@ def main() -> int:
     rows = []
     for refine in REFINEMENTS:
         rows.append(run(finger, replace(lattice, refine=refine)))
-        print(f"refine {refine}: {rows[-1].nodes} nodes, {rows[-1].seconds:.0f} s", file=sys.stderr, flush=True)
+        print(
+            f"refine {refine}: {rows[-1].nodes} nodes, {rows[-1].seconds:.0f} s", file=sys.stderr, flush=True
+        )
     limits = {name: extrapolate(tuple(getattr(r, name) for r in rows)) for name in NAMES}
     if options.json:
         found = {name: {"order": p, "limit_mm": v} for name, (p, v) in limits.items()}

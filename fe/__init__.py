@@ -1,12 +1,23 @@
-"""Case in, solution out: a mixed finite-element kernel for nearly incompressible soft structures (mm, N, MPa, s)."""
+"""Case in, solution out: a mixed finite-element kernel for nearly incompressible bodies (mm, N, MPa, s)."""
 
-from fe.case import Block, Case, Clamp, Support, digest
+from fe.case import Block, Case, Clamp, Support
 from fe.material import Material
 from fe.mesh import Finger, Lattice, finger_case
 from fe.path import Path
 from fe.solve import Solution, Variation, solve
 
 __all__ = [
-    "Block", "Case", "Clamp", "Finger", "Lattice", "Material", "Path", "Solution", "Support", "Variation", "digest",
-    "finger_case", "solve",
+    "Block",
+    "Case",
+    "Clamp",
+    "Finger",
+    "Lattice",
+    "Material",
+    "Path",
+    "Solution",
+    "Support",
+    "Variation",
+    
+    "finger_case",
+    "solve",
 ]

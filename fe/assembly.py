@@ -1,8 +1,9 @@
 """A case and a state (displacement, pressure modes) -> residual and condensed symmetric tangent.
 
 Mixed Q2/P1disc form: four discontinuous pressure modes (1, x, y, z about the element's centre) per element,
-eliminated element by element (Sussman & Bathe 1987, doi 10.1016/0045-7949(87)90265-3). Work runs over chunks of
-elements so that the arrays stay in the cache; each sum over quadrature points is one matrix product per element.
+eliminated element by element (Sussman & Bathe 1987, doi 10.1016/0045-7949(87)90265-3). Work runs over chunks
+of elements so that the arrays stay in the cache; each sum over quadrature points is one matrix product per
+element.
 """
 
 from collections.abc import Iterator
@@ -12,13 +13,20 @@ from functools import cached_property
 import numpy as np
 
 from fe.case import Case
-from fe.element import Array, Integers, gauss, shape
+from fe.element import Array, Integers, gauss, scatter, shape
 from fe.linear import Symmetric
 from fe.material import stress, tangent
 from fe.pressure import PressureFaces
 
 CHUNK = 32
-PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))  # component blocks (i, j) of an element matrix, i <= j
+PAIRS = (
+    (0, 0),
+    (1, 1),
+    (2, 2),
+    (0, 1),
+    (0, 2),
+    (1, 2),
+)  # component blocks (i, j) of an element matrix, i <= j
 _I, _J = (np.array(x) for x in zip(*PAIRS, strict=True))
 
 
@@ -41,7 +49,8 @@ class Constants:
         for name, m in case.materials.items():
             for k, pair in enumerate(m.prony):
                 prony[k, case.element_sets[name]] = pair
-        return Constants(*(case.per_element(k) for k in ("C10", "C01", "C20", "bulk")), prony)
+        C10, C01, C20, bulk = (case.per_element(k) for k in ("C10", "C01", "C20", "bulk"))
+        return Constants(C10, C01, C20, bulk, prony)
 
     def at(self, part: slice) -> tuple[Array, Array, Array]:
         """C10, C01, C20 of the elements `part`, shaped to broadcast against quadrature points."""
@@ -52,8 +61,8 @@ class Constants:
 class Memory:
     """What a history material hands to one time step.
 
-    scale (e,) multiplies the new isochoric stress; carried (e, q, 3, 3) MPa is the second Piola-Kirchhoff stress
-    that does not depend on the new displacement.
+    scale (e,) multiplies the new isochoric stress; carried (e, q, 3, 3) MPa is the second Piola-Kirchhoff
+    stress that does not depend on the new displacement.
     """
 
     scale: Array
@@ -92,8 +101,8 @@ class Linearised:
     """Residual and tangent at one state.
 
     force (n, 3) N is the condensed residual; data (nnz,) the free upper triangle of its tangent; coupling
-    (e, 81, 4) and compliance (e, 4, 4) give the pressure update; turning (n, 3) N is the tangent times the clamp's
-    rigid rotation.
+    (e, 81, 4) and compliance (e, 4, 4) give the pressure update; turning (n, 3) N is the tangent times the
+    clamp's rigid rotation.
     """
 
     force: Array
@@ -111,10 +120,12 @@ class Kernel:
         self.connectivity = case.connectivity
         self.dofs = len(case.nodes) * 3
         self.geometry = Geometry(case.nodes, self.connectivity)
-        self.pressure = PressureFaces(case.face_nodes(case.pressurised) if case.pressurised else None, len(case.nodes))
+        self.pressure = PressureFaces(
+            case.face_nodes(case.pressurised) if case.pressurised else None, len(case.nodes)
+        )
         held = np.zeros((len(case.nodes), 3), bool)
         for s in case.supports:
-            held[np.ix_(case.node_sets[s.nodes], s.components)] = True
+            held[np.ix_(case.node_sets[s.nodes], np.array(s.components))] = True
         self.clamped = case.node_sets[case.clamp.nodes] if case.clamp else np.empty(0, np.int64)
         held[self.clamped] = True
         self.free = np.flatnonzero(~held.ravel())
@@ -123,22 +134,29 @@ class Kernel:
 
     @cached_property
     def _pattern(self) -> tuple[Integers, Integers, Integers, Integers]:
-        """CSR pattern of the free upper triangle, and where element and face entries go (nnz means nowhere)."""
+        """CSR pattern of the free upper triangle, and where element and face entries go (nnz means
+        nowhere)."""
         n = len(self.free)
         number = np.full(self.dofs, -1, np.int64)
         number[self.free] = np.arange(n)
         e = number[self._element_dofs].reshape(-1, 27, 3)
-        r, c = e[:, :, _I][:, :, :, None], e.transpose(0, 2, 1)[:, _J][:, None]  # (e, a, pair, 1), (e, 1, pair, b)
+        r, c = (
+            e[:, :, _I][:, :, :, None],
+            e.transpose(0, 2, 1)[:, _J][:, None],
+        )  # (e, a, pair, 1), (e, 1, pair, b)
         r, c = np.broadcast_arrays(r, c)
         twice = (r > c) & (_I == _J)[:, None]  # diagonal blocks hold both (a, b) and (b, a)
         element = np.where((r < 0) | (c < 0) | twice, n * n, np.minimum(r, c) * n + np.maximum(r, c))
         f = number[self.pressure.dofs]
         r, c = np.broadcast_arrays(f[:, :, None], f[:, None, :])
         face = np.where((r < 0) | (c < 0) | (r > c), n * n, r * n + c)
-        unique, place = np.unique(np.concatenate([element.ravel(), face.ravel(), [n * n]]), return_inverse=True)
+        unique, place = np.unique(
+            np.concatenate([element.ravel(), face.ravel(), [n * n]]), return_inverse=True
+        )
         unique = unique[:-1]
-        indptr = np.searchsorted(unique, np.arange(n + 1) * n).astype(np.int32)
-        return indptr, (unique % n).astype(np.int32), place[: element.size], place[element.size : -1]
+        indptr = np.searchsorted(unique, np.arange(n + 1) * n).astype(np.int64)
+        place = place.astype(np.int64, copy=False)
+        return indptr, unique % n, place[: element.size], place[element.size : -1]
 
     @cached_property
     def matrix(self) -> Symmetric:
@@ -176,7 +194,9 @@ class Kernel:
             force[part], gap[part] = _integrate(geometry, part, P, J, q, c.bulk)
         return self.gather(force) - load * self.pressure.force(geometry.nodes + state.u), gap
 
-    def linearise(self, state: State, c: Constants, load: float, memory: Memory | None, turn: Array) -> Linearised:
+    def linearise(
+        self, state: State, c: Constants, load: float, memory: Memory | None, turn: Array
+    ) -> Linearised:
         """Residual and tangent at a state; turn (k, 3) mm/rad is the clamp nodes' motion per rotation.
 
         Any J <= 0 gives NaN entries, which the caller treats as a failed step.
@@ -202,8 +222,8 @@ class Kernel:
         x = g.nodes + state.u
         _, _, element, face = self._pattern
         nnz = len(self._pattern[1])
-        data = np.bincount(element, weights=K.ravel(), minlength=nnz + 1)
-        data -= load * np.bincount(face, weights=self.pressure.tangent(x).ravel(), minlength=nnz + 1)
+        data = scatter(element, K, nnz + 1)
+        data -= load * scatter(face, self.pressure.tangent(x), nnz + 1)
         total = self.gather(force) - load * self.pressure.force(x)
         return Linearised(total, data[:nnz], gap, coupling, compliance, self._turned(K, turn))
 
@@ -225,10 +245,11 @@ class Kernel:
             out[..., i] += np.einsum("eab,eb->ea", block, t[..., j])
             if i != j:
                 out[..., j] += np.einsum("eab,ea->eb", block, t[..., i])
-        return np.bincount(self._element_dofs[chosen].ravel(), weights=out.ravel(), minlength=self.dofs).reshape(-1, 3)
+        return scatter(self._element_dofs[chosen], out, self.dofs).reshape(-1, 3)
 
     def gather(self, force: Array) -> Array:
-        return np.bincount(self._element_dofs.ravel(), weights=force.ravel(), minlength=self.dofs).reshape(-1, 3)
+        """Nodal forces (n, 3) N from element forces (e, 27, 3) N."""
+        return scatter(self._element_dofs, force, self.dofs).reshape(-1, 3)
 
 
 def _total(P: Array, F: Array, a: Array, pressure: Array, memory: Memory | None, part: slice) -> Array:

@@ -20,7 +20,8 @@ class Block:
 
 @dataclass(frozen=True)
 class Support:
-    """Prescribed displacement of a node set: `components` out of 0, 1, 2; `value` (k, 3) mm, None means zero."""
+    """Prescribed displacement of a node set: `components` out of 0, 1, 2; `value` (k, 3) mm, None means
+    zero."""
 
     nodes: str
     components: tuple[int, ...]
@@ -43,9 +44,9 @@ class Clamp:
 class Case:
     """Everything a solve needs, in mm, N, MPa.
 
-    nodes (n, 3) mm; labels (n,) the Abaqus node numbers; one material per element set (together they cover every
-    element once); `pressurised` names the surface that carries the follower pressure; `forces` are dead forces
-    (3,) N, spread evenly over a node set. In a half model forces and moments are those of the half.
+    nodes (n, 3) mm; labels (n,) the Abaqus node numbers; one material per element set (together they cover
+    every element once); `pressurised` names the surface that carries the follower pressure; `forces` are dead
+    forces (3,) N, spread evenly over a node set. In a half model forces and moments are those of the half.
     """
 
     nodes: Array
@@ -66,7 +67,8 @@ class Case:
         return np.concatenate([b.connectivity for b in self.blocks])
 
     def position(self, label: int) -> Array:
-        """Undeformed position (3,) mm of the node with this label; ValueError names the nearest labels if unknown."""
+        """Undeformed position (3,) mm of the node with this label; ValueError names the nearest labels if
+        unknown."""
         row = np.flatnonzero(self.labels == label)
         if not len(row):
             near = np.sort(self.labels[np.argsort(np.abs(self.labels - label))[:3]])

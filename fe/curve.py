@@ -1,10 +1,11 @@
-"""A history-free problem -> its equilibrium states over pressure, with slopes and derivatives to parameters."""
+"""A history-free problem -> its equilibrium states over pressure, with slopes and derivatives."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline, CubicSpline
+from scipy.sparse import csr_matrix
 
 from fe.assembly import Memory, State
 from fe.element import Array
@@ -24,10 +25,10 @@ class Differenced:
 
 @dataclass(frozen=True)
 class Curve:
-    """States over pressure: pressure (k,) MPa, u (k, n, 3) mm, p (k, e, 4) MPa, rotation (k,) and their slopes.
+    """States over pressure (k,) MPa: u (k, n, 3) mm, p (k, e, 4) MPa, rotation (k,) rad, and their slopes.
 
-    derivative (v, k, n, 3): mm per unit of each parameter at fixed pressure. Where the path stopped early, `reason`
-    says why and `pressure[-1]` is what was reached.
+    derivative (v, k, n, 3): mm per unit of each parameter at fixed pressure. Where the path stopped early,
+    `reason` says why and `pressure[-1]` is what was reached.
     """
 
     pressure: Array
@@ -58,19 +59,21 @@ class Curve:
         )
         return State(u, p, float(r))
 
-    def values(self, operator: Array, q: Array, order: int = 0) -> Array:
+    def values(self, operator: csr_matrix, q: Array, order: int = 0) -> Array:
         """Displacement, or its slope with order 1, at pressures q (s,) and points given by `operator` (p, n):
         (s, p, 3)."""
         y, s = _apply(operator, self.u), _apply(operator, self.u_slope)
         return CubicHermiteSpline(self.pressure, y, s, axis=0)(q, order)
 
-    def derivatives(self, operator: Array, q: Array) -> Array:
+    def derivatives(self, operator: csr_matrix, q: Array) -> Array:
         """Derivatives (v, s, p, 3) at pressures q (s,) and points given by `operator` (p, n)."""
-        y = np.stack([_apply(operator, d) for d in self.derivative]) if len(self.derivative) else np.empty((0,))
-        return CubicSpline(self.pressure, y, axis=1)(q) if len(y) else np.empty((0, len(q), operator.shape[0], 3))
+        if not len(self.derivative):
+            return np.empty((0, len(q), operator.shape[0], 3))
+        y = np.stack([_apply(operator, d) for d in self.derivative])
+        return np.asarray(CubicSpline(self.pressure, y, axis=1)(q))
 
 
-def _apply(operator: Array, fields: Array) -> Array:
+def _apply(operator: csr_matrix, fields: Array) -> Array:
     return np.stack([operator @ f for f in fields])
 
 
@@ -80,15 +83,16 @@ def sensitivity(
 ) -> State:
     """The derivative of the state to one parameter, by direct differentiation with the factorised tangent.
 
-    The residual is differenced at fixed displacement, pressure modes and clamp rotation (a turned clamp moves nodes
-    that differ differently); `load` (MPa) and `memory` are those of the two neighbouring problems.
+    The residual is differenced at fixed displacement, pressure modes and clamp rotation (a turned clamp moves
+    nodes that differ differently); `load` (MPa) and `memory` are those of the two neighbouring problems.
     """
     plus = imbalance(varied.plus, state, load[0], memory[0])
     minus = imbalance(varied.minus, state, load[1], memory[1])
-    force, gap, moment = ((a - b) / (2 * varied.step) for a, b in zip(plus, minus, strict=True))
-    change = step.solve(force, float(moment), gap)
+    width = 2 * varied.step
+    force, gap = (plus[0] - minus[0]) / width, (plus[1] - minus[1]) / width
+    change = step.solve(force, (plus[2] - minus[2]) / width, gap)
     ahead, behind = (q.clamp_motion(state.rotation)[0] for q in (varied.plus, varied.minus))
-    change.u[step.problem.kernel.clamped] += (ahead - behind) / (2 * varied.step)
+    change.u[step.problem.kernel.clamped] += (ahead - behind) / width
     return change
 
 
@@ -112,12 +116,14 @@ class _Level:
 def trace(
     problem: Problem, pressures: Array, *, varied: Sequence[Differenced] = (), near: Curve | None = None
 ) -> Curve:
-    """The curve of a problem through increasing `pressures` (k,) MPa, starting from rest or from a `near` curve.
+    """The curve of a problem through increasing `pressures` (k,) MPa, starting from rest or from a `near`
+    curve.
 
-    A step that does not converge is halved, and the level in between stays in the curve. Never raises for lack of
-    convergence: the curve then ends early and says why.
+    A step that does not converge is halved, and the level in between stays in the curve. Never raises for
+    lack of convergence: the curve then ends early and says why.
     """
-    todo, done, reason = [float(q) for q in pressures], [], "converged"
+    todo, reason = [float(q) for q in pressures], "converged"
+    done: list[_Level] = []
     rest, iterations = _loaded(problem, todo[0])
     least = LEAST_STEP * float(pressures[-1] - pressures[0])
     while todo:
@@ -140,7 +146,9 @@ def _loaded(problem: Problem, pressure: float) -> tuple[State, int]:
     """A state near the first level, with the dead forces put on in as many steps as they need."""
     state, iterations, on, step = problem.start(), 0, 0.0, 1.0
     while problem.dead.any() and on < 1 and step > LEAST_STEP:
-        found = equilibrium(replace(problem, dead=(on + step) * problem.dead), state, load=(on + step) * pressure)
+        found = equilibrium(
+            replace(problem, dead=(on + step) * problem.dead), state, load=(on + step) * pressure
+        )
         iterations += found.iterations
         if found.state is None:
             step /= 2
@@ -151,7 +159,7 @@ def _loaded(problem: Problem, pressure: float) -> tuple[State, int]:
 
 
 def _guess(rest: State, done: list[_Level], target: float, near: Curve | None) -> State:
-    """The next state: from rest, ahead of the last levels, or as far from a neighbouring curve as lies ahead."""
+    """The next state: from rest, ahead of the last levels, or beside a neighbouring curve."""
     if not done:
         return rest
     if near is None or target > near.pressure.max(initial=0.0):
@@ -186,6 +194,14 @@ def _curve(done: list[_Level], parameters: int, iterations: int, reason: str) ->
 
     derivative = np.array([[level.derivatives[v].u for level in done] for v in range(parameters)])
     return Curve(
-        np.array([level.pressure for level in done]), of("state", "u"), of("state", "p"), of("state", "rotation"),
-        of("slope", "u"), of("slope", "p"), of("slope", "rotation"), derivative, iterations, reason,
+        np.array([level.pressure for level in done]),
+        of("state", "u"),
+        of("state", "p"),
+        of("state", "rotation"),
+        of("slope", "u"),
+        of("slope", "p"),
+        of("slope", "rotation"),
+        derivative,
+        iterations,
+        reason,
     )

@@ -1,4 +1,4 @@
-"""Reference cube -> shape functions, faces and quadrature of the 27-node hexahedron (tri-quadratic Lagrange, Q2).
+"""Reference cube -> shape functions, faces and quadrature of the 27-node (tri-quadratic, Q2) hexahedron.
 
 Local numbering is the tensor product: node i + 3 j + 9 k sits at (xi, eta, zeta) = (i - 1, j - 1, k - 1).
 """
@@ -43,11 +43,12 @@ def shape(xi: Array) -> tuple[Array, Array]:
 
 
 def face_shape(st: Array) -> tuple[Array, Array]:
-    """Values (n, 9) and gradients (n, 9, 2) of a face's bi-quadratic shape functions at points `st` (n, 2)."""
+    """Values (n, 9) and gradients (n, 9, 2) of a face's bi-quadratic shape functions at `st` (n, 2)."""
     (a, da), (b, db) = (_lagrange(np.asarray(st)[:, d]) for d in range(2))
     value = np.einsum("nt,ns->nts", b, a).reshape(len(a), 9)
     gradient = np.stack(
-        [np.einsum("nt,ns->nts", b, da).reshape(-1, 9), np.einsum("nt,ns->nts", db, a).reshape(-1, 9)], axis=-1
+        [np.einsum("nt,ns->nts", b, da).reshape(-1, 9), np.einsum("nt,ns->nts", db, a).reshape(-1, 9)],
+        axis=-1,
     )
     return value, gradient
 
@@ -57,5 +58,12 @@ def gauss(dimensions: int) -> tuple[Array, Array]:
     x = np.sqrt(0.6) * np.array([-1.0, 0.0, 1.0])
     w = np.array([5.0, 8.0, 5.0]) / 9.0
     points = np.stack(np.meshgrid(*[x] * dimensions, indexing="ij"), axis=-1).reshape(-1, dimensions)
-    weights = np.prod(np.stack(np.meshgrid(*[w] * dimensions, indexing="ij"), axis=-1).reshape(-1, dimensions), -1)
+    weights = np.prod(
+        np.stack(np.meshgrid(*[w] * dimensions, indexing="ij"), axis=-1).reshape(-1, dimensions), -1
+    )
     return points, weights
+
+
+def scatter(rows: Integers, values: Array, count: int) -> Array:
+    """Sums (count,) of `values` over equal `rows`, two arrays of one size."""
+    return np.asarray(np.bincount(rows.ravel(), weights=values.ravel(), minlength=count), np.float64)

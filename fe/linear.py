@@ -20,7 +20,8 @@ class Symmetric:
     """
 
     def __init__(self, indptr: Integers, indices: Integers) -> None:
-        self._indptr, self._indices, self._n = indptr, indices, len(indptr) - 1
+        self._indptr, self._indices = indptr.astype(np.int32), indices.astype(np.int32)  # for MKL
+        self._n = len(indptr) - 1
         self._analysed = False
         self._solver = PyPardisoSolver(mtype=-2) if PyPardisoSolver else None
         if self._solver is not None:  # the factors live outside Python's memory
@@ -31,7 +32,9 @@ class Symmetric:
         matrix = sp.csr_matrix((data, self._indices, self._indptr), shape=(self._n, self._n))
         if self._solver is None:
             full = matrix + sp.triu(matrix, 1).T
-            self._lu = sp.linalg.splu(full.tocsc(), permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True})
+            self._lu = sp.linalg.splu(
+                full.tocsc(), permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True}
+            )
             return
         self._matrix = matrix
         self._solver.set_phase(22 if self._analysed else 12)

@@ -1,9 +1,10 @@
-"""Named constants and a deformation gradient -> stress and tangent of an isotropic, nearly incompressible rubber.
+"""Named constants and a deformation gradient -> stress and tangent of an isotropic, nearly incompressible
+rubber.
 
 W = C10 (I1 - 3) + C01 (I2 - 3) + C20 (I1 - 3)^2 + p (J - 1) - p^2 / (2 K) with the isochoric invariants
 I1 = J^(-2/3) tr C, I2 = J^(-4/3) (tr(C)^2 - tr(C^2)) / 2 (Mooney 1940, doi 10.1063/1.1712836; Rivlin 1948,
-doi 10.1098/rsta.1948.0024) and the pressure field p of the mixed form. Creep is finite-strain Prony relaxation
-of the isochoric second Piola-Kirchhoff stress (Holzapfel 1996,
+doi 10.1098/rsta.1948.0024) and the pressure field p of the mixed form. Creep is finite-strain Prony
+relaxation of the isochoric second Piola-Kirchhoff stress (Holzapfel 1996,
 doi 10.1002/(SICI)1097-0207(19961130)39:22<3903::AID-NME34>3.0.CO;2-C).
 """
 
@@ -18,8 +19,8 @@ from fe.element import Array
 class Material:
     """Mooney-Rivlin constants in MPa, an optional stiffening term and an optional Prony series.
 
-    bulk_ratio: K / mu with mu = 2 (C10 + C01), so that scaling C10 and C01 with the pressure leaves u unchanged.
-    prony: pairs (g, tau s) of the relaxation G(t) = G0 [1 - sum g (1 - exp(-t / tau))].
+    bulk_ratio: K / mu with mu = 2 (C10 + C01), so that scaling C10 and C01 with the pressure leaves u
+    unchanged. prony: pairs (g, tau s) of the relaxation G(t) = G0 [1 - sum g (1 - exp(-t / tau))].
     """
 
     C10: float
@@ -66,7 +67,8 @@ def _parts(F: Array, C10: Array, C01: Array, C20: Array) -> tuple[Array, ...]:
 def tangent(F: Array, p: Array, scale: Array, C10: Array, C01: Array, C20: Array) -> tuple[Array, ...]:
     """(P_iso, F^-T, J, A): as `stress`, and A = d(scale P_iso + p J F^-T)/dF, shape (..., 3, 3, 3, 3) MPa.
 
-    `scale` (...) multiplies the isochoric part (1 without a Prony series); `p` (...) MPa is the pressure field.
+    `scale` (...) multiplies the isochoric part (1 without a Prony series); `p` (...) MPa is the pressure
+    field.
     """
     P, a, J, C, I1, I2, j1, j2, g2, W1, m1 = _parts(F, C10, C01, C20)
     w1, w2, C20 = scale * W1 * j1, scale * C01 * j2, scale * C20

@@ -18,8 +18,8 @@ from fe.material import Material
 class Finger:
     """Dimensions of the bellows finger in mm (x along, y across, z up; the flat bottom is z = 0).
 
-    Both marked nodes lie on the flat lower edge of the side face. middle_node is the node of the default mesh whose
-    U3 comes nearest to the reference study's -19 mm where the tip moves by -58 mm.
+    Both marked nodes lie on the flat lower edge of the side face. middle_node is the node of the default mesh
+    whose U3 comes nearest to the reference study's -19 mm where the tip moves by -58 mm.
     """
 
     length: float = 110.0
@@ -40,7 +40,8 @@ class Finger:
 
 @dataclass(frozen=True)
 class Lattice:
-    """How a finger is divided: cells per bellow, per wall, per fillet, per middle span, per cap; section topology.
+    """How a finger is divided: cells per bellow, per wall, per fillet, per middle span, per cap; section
+    topology.
 
     `ring` divides the walls by mitred corners (an O-grid), `block` by straight lines.
     """
@@ -78,7 +79,8 @@ def _stations(g: Finger, m: Lattice) -> Array:
 
 
 def _section_block(g: Finger, m: Lattice) -> tuple[Array, Flags]:
-    """Quadrilaterals (c, 4, 2) of the reference half section by straight lines, and which of them are core."""
+    """Quadrilaterals (c, 4, 2) of the reference half section by straight lines, and which of them are
+    core."""
     w, top = g.width / 2, g.height - g.top
     wall, fillet, across, up = (m.refine * n for n in (m.wall, m.fillet, m.across, m.up))
     y = _between([0, w - g.side - g.radius, w - g.side, w], [across, fillet, wall])
@@ -102,7 +104,8 @@ def _section_ring(g: Finger, m: Lattice) -> tuple[Array, Flags]:
     inner = np.concatenate([_path(y, g.bottom), _path(w - g.side, z[1:]), _path(y[-2::-1], top)])
     outer = np.concatenate([_path(yo, 0.0), _path(w, zo[1:]), _path(yo[-2::-1], g.height)])
     depth = np.linspace(0, 1, wall + 1)[None, :, None]
-    walls = _grid_quads(inner[:, None] * (1 - depth) + outer[:, None] * depth)[:, [0, 3, 2, 1]]  # counter-clockwise
+    walls = _grid_quads(inner[:, None] * (1 - depth) + outer[:, None] * depth)
+    walls = walls[:, [0, 3, 2, 1]]  # counter-clockwise
     quads = np.concatenate([core, walls])
     return quads, np.arange(len(quads)) < len(core)
 
@@ -112,12 +115,14 @@ def _path(y: Array | float, z: Array | float) -> Array:
 
 
 def _grid_quads(p: Array) -> Array:
-    """Cells (c, 4, 2), in the order (0,0) (1,0) (1,1) (0,1) of the two lattice directions of points (a, b, 2)."""
+    """Cells (c, 4, 2), in the order (0,0) (1,0) (1,1) (0,1) of the two lattice directions of points (a, b,
+    2)."""
     return np.stack([p[:-1, :-1], p[1:, :-1], p[1:, 1:], p[:-1, 1:]], axis=2).reshape(-1, 4, 2)
 
 
 def _extrude(quads: Array, x: Array) -> Array:
-    """Reference positions (stations, c, 27, 3) of tri-quadratic cells; xi runs along x, (eta, zeta) in the section."""
+    """Reference positions (stations, c, 27, 3) of tri-quadratic cells; xi runs along x, (eta, zeta) in the
+    section."""
     t = np.array([0.0, 0.5, 1.0])
     eta, zeta = np.meshgrid(t, t, indexing="ij")  # [j, k]
     corner = np.stack([(1 - eta) * (1 - zeta), eta * (1 - zeta), eta * zeta, (1 - eta) * zeta])
@@ -141,12 +146,15 @@ def _round_and_fold(reference: Array, g: Finger) -> Array:
     longest, norm = np.abs(d).max(-1, keepdims=True), np.linalg.norm(d, axis=-1, keepdims=True)
     moved = core + g.radius * d * np.divide(longest, norm, out=np.ones_like(norm), where=norm > 0) - on
     wall = np.array([g.base_cap, g.side, g.bottom]), np.array([g.tip_cap, g.side, g.top])
-    depth = np.where(reference < on, (on - reference) / wall[0], (reference - on) / wall[1]).max(-1, keepdims=True)
+    depth = np.where(reference < on, (on - reference) / wall[0], (reference - on) / wall[1]).max(
+        -1, keepdims=True
+    )
     return _fold(reference + moved * (1 - depth), g)
 
 
 def _fold(p: Array, g: Finger) -> Array:
-    """The pleats: bands of one radius beside the walls move rigidly, the middle of the chamber is stretched."""
+    """The pleats: bands of one radius beside the walls move rigidly, the middle of the chamber is
+    stretched."""
     x, y, z = p.T
     start, end = g.base_cap, g.length - g.tip_cap
     pitch = (end - start) / g.bellows
@@ -201,7 +209,8 @@ def finger_case(material: Material, *, finger: Finger | None = None, lattice: La
     """The half model (y >= 0) of a finger, clamped at x = 0, with a follower pressure on the chamber.
 
     material is the one silicone; finger (mm) and lattice default to the bundled geometry and mesh. Node sets:
-    clamp, symmetry, tip_face; surfaces: chamber, outside. The labels 4401 and 5848 are the tip and middle nodes.
+    clamp, symmetry, tip_face; surfaces: chamber, outside. The labels 4401 and 5848 are the tip and middle
+    nodes.
     """
     g, m = finger or Finger(), lattice or Lattice()
     quads, core = (_section_ring if m.ring else _section_block)(g, m)

@@ -8,14 +8,15 @@ from fe.assembly import Constants, Geometry, Kernel, Linearised, Memory, State
 from fe.case import Case
 from fe.element import Array
 
-# Last correction: of u against the structure's size, of p against a tenth of the shear modulus. Convergence is
-# quadratic in both, and near incompressibility p settles last: with u alone the tangent can be 1 % off.
+# Last correction: of u against the structure's size, of p against a tenth of the shear modulus. Convergence
+# is quadratic in both, and near incompressibility p settles last: with u alone the tangent can be 1 % off.
 TOLERANCE = 1e-5
 
 
 @dataclass(frozen=True)
 class Problem:
-    """One case made ready: kernel (shared by cases with the same mesh and supports), constants, dead forces (n, 3)."""
+    """One case made ready: kernel (shared by cases with the same mesh and supports), constants, dead forces
+    (n, 3)."""
 
     kernel: Kernel
     constants: Constants
@@ -45,7 +46,8 @@ class Problem:
         u = np.zeros_like(self.case.nodes)
         for s in self.case.supports:
             if s.value is not None:
-                u[np.ix_(self.case.node_sets[s.nodes], s.components)] = s.value[:, s.components]
+                rows = self.case.node_sets[s.nodes]
+                u[np.ix_(rows, np.array(s.components))] = s.value[:, list(s.components)]
         return State(u, np.zeros((len(self.case.connectivity), 4)))
 
     def clamp_motion(self, rotation: float) -> tuple[Array, Array, Array]:
@@ -80,8 +82,8 @@ class Step:
         return float((self._turn * force[self.problem.kernel.clamped]).sum())
 
     def solve(self, force: Array, moment: float, gap: Array | None) -> State:
-        """The change of state that cancels a change of the residuals: nodal `force` (n, 3) N (not condensed where
-        `gap` (e, 4) mm3 is given), and `moment`, the residual of the clamp's equation in rad."""
+        """The change of state that cancels a change of the residuals: nodal `force` (n, 3) N (not condensed
+        where `gap` (e, 4) mm3 is given), and `moment`, the residual of the clamp's equation in rad."""
         kernel, system = self.problem.kernel, self.system
         if gap is not None:
             extra = (system.coupling @ (system.compliance @ gap[..., None])).reshape(-1, 27, 3)
@@ -89,9 +91,8 @@ class Step:
             moment = moment + self._compliance * self.moment(kernel.gather(extra))
         x = kernel.matrix.solve(force.ravel()[kernel.free])
         turn = (-moment + self._compliance * (self._side @ x)) / self._pivot
-        du = np.zeros(kernel.dofs)
-        du[kernel.free] = -x - self._back * turn
-        du = du.reshape(-1, 3)
+        du = np.zeros((kernel.dofs // 3, 3))
+        du.reshape(-1)[kernel.free] = -x - self._back * turn
         du[kernel.clamped] = self._turn * turn
         gap = system.gap if gap is None else gap
         strain = np.swapaxes(system.coupling, 1, 2) @ du[kernel.connectivity].reshape(-1, 81, 1)
@@ -111,7 +112,9 @@ class Equilibrium:
     reason: str
 
 
-def _residuals(problem: Problem, state: State, load: float, memory: Memory | None) -> tuple[Linearised, float]:
+def _residuals(
+    problem: Problem, state: State, load: float, memory: Memory | None
+) -> tuple[Linearised, float]:
     _, turn, _ = problem.clamp_motion(state.rotation)
     system = problem.kernel.linearise(state, problem.constants, load, memory, turn)
     force = system.force - problem.dead
@@ -130,6 +133,7 @@ def equilibrium(
     Never raises for lack of convergence: `reason` then says what stopped it.
     """
     kernel, state, before = problem.kernel, _consistent(problem, start), np.inf
+    extent = float(np.ptp(problem.case.nodes, axis=0).max())
     for iteration in range(limit):
         system, moment = _residuals(problem, state, load, memory)
         free = system.force.ravel()[kernel.free]
@@ -141,10 +145,10 @@ def equilibrium(
         step = Step(problem, state, system)
         change = step.solve(system.force, moment, None)
         length = float(np.abs(change.u).max())
-        if not np.isfinite(length) or length > 0.5 * np.ptp(problem.case.nodes, axis=0).max() and iteration > 0:
+        if not np.isfinite(length) or (iteration > 0 and length > 0.5 * extent):
             return Equilibrium(None, None, iteration + 1, "the correction left the size of the structure")
         state = _consistent(problem, moved(state, change))
-        small = length < tolerance * np.ptp(problem.case.nodes, axis=0).max()
+        small = length < tolerance * extent
         if small and np.abs(change.p).max() < 10 * tolerance * problem.shear:
             return Equilibrium(state, step, iteration + 1, "converged")
         before = min(before, size) if np.isfinite(size) else before
@@ -167,11 +171,13 @@ def _consistent(problem: Problem, state: State) -> State:
     return replace(state, u=u)
 
 
-def imbalance(problem: Problem, state: State, load: float, memory: Memory | None) -> tuple[Array, Array, float]:
-    """All residuals at a state, not condensed: forces (n, 3) N, volume gaps (e, 4) mm3, clamp equation in rad.
+def imbalance(
+    problem: Problem, state: State, load: float, memory: Memory | None
+) -> tuple[Array, Array, float]:
+    """All residuals at a state, not condensed: forces (n, 3) N, volume gaps (e, 4) mm3, clamp in rad.
 
-    The problem's own positions are used, the clamp's included, so that a problem with other nodes on the same kernel
-    is differenced right.
+    The problem's own positions are used, the clamp's included, so that a problem with other nodes on the same
+    kernel is differenced right.
     """
     kernel, clamp = problem.kernel, problem.case.clamp
     state = _consistent(problem, state)

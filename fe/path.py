@@ -9,7 +9,8 @@ from fe.element import Array
 
 @dataclass(frozen=True)
 class Path:
-    """A pressure history: `time` (t,) s increasing and `pressure` (t,) MPa (dense log), and output times (s,) s."""
+    """A pressure history: `time` (t,) s increasing and `pressure` (t,) MPa (dense log), and output times (s,)
+    s."""
 
     time: Array
     pressure: Array
@@ -26,8 +27,8 @@ def levels(top: float, *, count: int = 12) -> Array:
 
 
 def corners(path: Path, *, fraction: float = 0.02) -> Array:
-    """Log times (k,) s that carry the path as a polygon to within `fraction` of its range (Douglas & Peucker 1973,
-    doi 10.3138/FM57-6770-U75U-7727)."""
+    """Log times (k,) s that carry the path as a polygon to within `fraction` of its range (Douglas & Peucker
+    1973, doi 10.3138/FM57-6770-U75U-7727)."""
     t, p = path.time, path.pressure
     tolerance = fraction * float(np.ptp(p)) + 1e-15
     keep, stack = {0, len(t) - 1}, [(0, len(t) - 1)]
@@ -44,7 +45,8 @@ def corners(path: Path, *, fraction: float = 0.02) -> Array:
 
 
 def knots(path: Path) -> Array:
-    """Times (k,) s at which a history is solved: the corners, ramps in sixths of the range, holds geometrically.
+    """Times (k,) s at which a history is solved: the corners, ramps in sixths of the range, holds
+    geometrically.
 
     After a corner the spacing starts at 0.25 s and grows by 1.8, as relaxation slows down.
     """
@@ -62,8 +64,8 @@ def knots(path: Path) -> Array:
 def equivalent(time: Array, pressure: Array, prony: Array) -> Array:
     """The pressure (t,) MPa that an elastic body would need to show the linear creep of a Prony body.
 
-    prony (m, 2) holds g and tau s. Solves p(t) = int [1 - sum g (1 - exp(-(t-s)/tau))] dq(s) for q, with q linear
-    between the times (t,) s; the structure is unloaded before the first time.
+    prony (m, 2) holds g and tau s. Solves p(t) = int [1 - sum g (1 - exp(-(t-s)/tau))] dq(s) for q, with q
+    linear between the times (t,) s; the structure is unloaded before the first time.
     """
     out = np.empty_like(pressure)
     g, tau = prony[:, 0], prony[:, 1]

@@ -1,13 +1,13 @@
 """Deformed surface positions -> nodal forces of a unit follower pressure and their symmetric tangent.
 
-f_a = - int N_a (x,s x x,t) ds dt per unit pressure, with the normal out of the material. On a closed chamber (or
-one closed by symmetry planes) the pressure has the potential p V, so the tangent is symmetric (Bufler 1984,
-doi 10.1002/zamm.19840640704); the antisymmetric part of each face cancels in the sum and is dropped.
+f_a = - int N_a (x,s x x,t) ds dt per unit pressure, with the normal out of the material. On a closed chamber
+(or one closed by symmetry planes) the pressure has the potential p V, so the tangent is symmetric (Bufler
+1984, doi 10.1002/zamm.19840640704); the antisymmetric part of each face cancels in the sum and is dropped.
 """
 
 import numpy as np
 
-from fe.element import Array, Integers, face_shape, gauss
+from fe.element import Array, Integers, face_shape, gauss, scatter
 
 
 class PressureFaces:
@@ -28,14 +28,18 @@ class PressureFaces:
         """Nodal forces (n, 3) mm2 at deformed positions x (n, 3) mm."""
         s, t = self._tangents(x)
         f = -np.einsum("q,qa,fqi->fai", self._weight, self._N, np.cross(s, t), optimize=True)
-        return np.bincount(self.dofs.ravel(), weights=f.ravel(), minlength=3 * self._count).reshape(-1, 3)
+        return scatter(self.dofs, f, 3 * self._count).reshape(-1, 3)
 
     def tangent(self, x: Array) -> Array:
         """Symmetric element tangents (f, 27, 27) mm, d force / d x, at deformed positions x (n, 3) mm."""
         s, t = self._tangents(x)
         # d(s x t) = -[t] ds + [s] dt, with [v] the matrix of v x
-        by_s = np.einsum("q,qa,qb,fqij->faibj", self._weight, self._N, self._dN[..., 0], -_cross_matrix(t), optimize=True)
-        by_t = np.einsum("q,qa,qb,fqij->faibj", self._weight, self._N, self._dN[..., 1], _cross_matrix(s), optimize=True)
+        by_s = np.einsum(
+            "q,qa,qb,fqij->faibj", self._weight, self._N, self._dN[..., 0], -_cross_matrix(t), optimize=True
+        )
+        by_t = np.einsum(
+            "q,qa,qb,fqij->faibj", self._weight, self._N, self._dN[..., 1], _cross_matrix(s), optimize=True
+        )
         full = -(by_s + by_t).reshape(-1, 27, 27)
         return 0.5 * (full + np.swapaxes(full, 1, 2))
 

@@ -6,7 +6,7 @@ ties are one answer. Multiplicity: Sidak over an effect's grid, Holm over effect
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -15,7 +15,7 @@ from scipy.special import ndtr
 from calibrate import Fit, bic, holm, sidak
 from twin.compare import Comparison, compare
 from twin.discretisation import Discretisation
-from twin.effects import Effect
+from twin.effects import Effect, Theta
 from twin.fitting import fit_model, whitener_of
 from twin.model import Model
 from twin.targets import Array, Targets
@@ -25,7 +25,7 @@ DETECTED = 0.01  # after multiplicity
 TIE = 6.0  # BIC
 EXPLAINED = 0.9  # of the excess chi2: right physics, wrong law
 INVISIBLE = 0.02  # of its own size is what an effect keeps apart from the fitted parameters
-REFITS = 4
+REFITS = 3
 
 NEXT_TEST = {
     frozenset({"creep", "pressure_lag"}): "hold the top pressure for 60 s and film a 0.2 s step at 30 frames/s",
@@ -46,6 +46,7 @@ class Candidate:
     fit: Fit | None = None
     comparison: Comparison | None = None
     delta_bic: float | None = None
+    start: Theta = field(default_factory=dict)
 
     def to_dict(self) -> dict[str, Any]:
         """One row of the ranking in diagnosis.json."""
@@ -148,42 +149,62 @@ def screen(
     present = {e.name for e in model.effects}
     absent = [e for e in effects if e.name not in present]
     testable = [e for e in absent if "history" not in e.requires or targets.has_log]
-    fitted, _ = np.linalg.qr(w.whiten(jacobian).T)
-    scored = []
-    for e, rows in zip(testable, model.signatures(theta, testable), strict=True):
-        scored.append(_score(e, [w.whiten(row) for row in rows], fitted, base.whitened))
-    visible = [c for c in scored if not c.note]
-    adjusted = iter(holm([c.p_value for c in visible]))
+    scored = [
+        _score(e, rows, jacobian, w, base.whitened, model.named(theta), model)
+        for e, rows in zip(testable, model.signatures(theta, testable), strict=True)
+    ]
+    adjusted = iter(holm([c.p_value for c in scored if not c.note]))
     scored = [c if c.note else replace(c, p_value=float(next(adjusted))) for c in scored]
-    untestable = [Candidate(e, 0.0, 1.0, "not testable: needs the pressure between the steps (a dense log)")
-                  for e in absent if e not in testable]
-    return scored + untestable
+    why = "not testable: needs the pressure between the steps (a dense log)"
+    return scored + [Candidate(e, 0.0, 1.0, why) for e in absent if e not in testable]
 
 
-def _score(effect: Effect, rows: Sequence[Array], fitted: Array, z: Array) -> Candidate:
-    """The largest score over the effect's grid; one-sided where its null is a bound."""
-    p = effect.parameters[0]
-    best, least, seen = 0.0, 1.0, False
-    for row in rows:
-        apart = row - fitted @ (fitted.T @ row)
-        size, whole = float(np.linalg.norm(apart)), float(np.linalg.norm(row))
-        if whole * p.step < 1e-3 or size < INVISIBLE * whole:
+def _score(
+    effect: Effect, rows: Sequence[Array], jacobian: Array, w: Whitener, z: Array, base: dict[str, float], model: Model
+) -> Candidate:
+    """The largest score over the effect's grid, one-sided where its null is a bound, and the start it suggests."""
+    p, fitted = effect.parameters[0], w.whiten(jacobian).T
+    best = Candidate(effect, 0.0, 1.0, "cannot be seen apart from the fitted parameters with these data")
+    for entry, row in zip(effect.grid or ({},), rows, strict=True):
+        if _hidden(w.pick(row), w.pick(jacobian), p.step):
             continue
-        seen = True
-        score = float(apart @ z) / size
-        one_sided = p.null == p.low
-        chance = float(ndtr(-score)) if one_sided else float(2 * ndtr(-abs(score)))
-        if chance <= least and (abs(score) > abs(best) or best == 0.0):
-            best, least = score, chance
-    if not seen:
-        return Candidate(effect, 0.0, 1.0, "cannot be seen apart from the fitted parameters with these data")
-    return Candidate(effect, best, sidak(least, len(rows)))
+        both = np.column_stack([fitted, w.whiten(row)])
+        step, *_ = np.linalg.lstsq(both, z, rcond=1e-12)
+        apart = both[:, -1] - fitted @ np.linalg.lstsq(fitted, both[:, -1], rcond=1e-12)[0]
+        score = float(apart @ z / np.linalg.norm(apart))
+        chance = float(ndtr(-score)) if p.null == p.low else float(2 * ndtr(-abs(score)))
+        if best.note or chance < best.p_value or (chance == best.p_value and abs(score) > abs(best.z)):
+            assert p.null is not None
+            size = float(np.clip(p.null + step[-1], p.low, p.high))
+            size = size if abs(size - p.null) > 0.02 * p.step else p.null + 0.1 * p.step
+            moved = {k: v + d for (k, v), d in zip(base.items(), step[:-1], strict=True)}
+            best = Candidate(effect, score, chance, start={**_inside(model, moved), p.name: size, **entry})
+    return best if best.note else replace(best, p_value=sidak(best.p_value, len(rows)))
+
+
+def _hidden(row: Array, jacobian: Array, step: float) -> bool:
+    """Whether a signature (s, m) mm is nothing, or a combination of the fitted parameters' (d, s, m)."""
+    whole = np.nan_to_num(row).ravel()
+    if np.abs(whole).max(initial=0.0) * step < 1e-5:  # mm
+        return True
+    fitted = np.nan_to_num(jacobian).reshape(len(jacobian), -1).T
+    fitted = fitted / np.linalg.norm(fitted, axis=0)
+    apart = whole - fitted @ np.linalg.lstsq(fitted, whole, rcond=1e-12)[0]
+    return bool(np.linalg.norm(apart) < INVISIBLE * np.linalg.norm(whole))
+
+
+def _inside(model: Model, values: dict[str, float]) -> dict[str, float]:
+    return {p.name: float(np.clip(values[p.name], p.low, p.high)) for p in model.parameters}
 
 
 def _to_refit(candidates: Sequence[Candidate], base: Comparison) -> list[Candidate]:
-    """The best few by score: the detected ones, or all visible ones where the base is inadequate."""
+    """The best few by score: the detected ones, or all visible ones where the base is inadequate.
+
+    A score whose square is below a fiftieth of the best one's promises too small a fall of chi2 to be worth a refit.
+    """
     worth = [c for c in candidates if not c.note and (c.p_value < DETECTED or not base.adequate)]
-    return sorted(worth, key=lambda c: -abs(c.z))[:REFITS]
+    worth = sorted(worth, key=lambda c: -abs(c.z))[:REFITS]
+    return [c for c in worth if c.z**2 > worth[0].z ** 2 / 50]
 
 
 def refit(
@@ -191,8 +212,7 @@ def refit(
 ) -> list[Candidate]:
     """The candidate fitted, and its wider law as well where the narrow one is inadequate."""
     effect: Effect | None = candidate.effect
-    values = {**model.named(base_fit.theta)}
-    starts = _starts(candidate.effect, values)
+    starts: tuple[Theta, ...] = (candidate.start,)
     out: list[Candidate] = []
     while effect is not None:
         wider = model.with_effect(effect)
@@ -208,14 +228,6 @@ def refit(
         effect = effect.wider()
         starts = effect.starts(wider.named(fit.theta)) if effect else ()
     return out
-
-
-def _starts(effect: Effect, base: dict[str, float]) -> tuple[dict[str, float], ...]:
-    """Half a typical step from null, at the middle of the grid."""
-    entry = effect.grid[len(effect.grid) // 2] if effect.grid else {}
-    p = effect.parameters[0]
-    assert p.null is not None
-    return ({**base, p.name: float(np.clip(p.null + 0.5 * p.step, p.low, p.high)), **entry},)
 
 
 def _ranked(rows: Sequence[Candidate]) -> tuple[Candidate, ...]:

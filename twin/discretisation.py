@@ -11,13 +11,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from fe import Finger, Lattice, Path, digest, finger_case, solve
+from fe import Finger, Lattice, Path, finger_case, solve
+from fe.case import digest
 from twin.model import Model
 from twin.targets import Array
 
 SAMPLES = 40  # pressures at which a finer mesh's response is sampled
 COUNT = 7  # levels of its curve; the base mesh is solved on the same, so that their error cancels
-SMOOTH = (1, 2, 3)  # powers of pressure of the remainder's modes
+# The check mesh is not the limit: against a truth on a still finer mesh the smooth modes are large enough from 2.5
+# times what it shows (benchmarks/controls.py); they are taken twice as large.
+SAFETY = 5.0
+SMOOTH = (0.5, 1, 2, 3)  # powers of pressure of the remainder's modes
 
 
 @dataclass(frozen=True)
@@ -83,13 +87,13 @@ def _at(grid: Array, values: Array, q: Array) -> Array:
 
 def with_remainder(mesh: Discretisation, size: float, pressure: Array, moving: Array, reference: Array) -> Discretisation:
     """The modes and, for what they do not carry, smooth modes of `size` mm for every moving marker and axis."""
-    x = pressure / max(float(pressure.max()), 1e-12)
+    x = np.clip(pressure / max(float(pressure.max()), 1e-12), 0.0, None)
     smooth = []
     for point in np.flatnonzero(moving):
         for axis in range(3):
             for power in SMOOTH:
                 mode = np.zeros(mesh.modes.shape[1:])
-                mode[:, point, axis] = size * x**power
+                mode[:, point, axis] = SAFETY * size * x**power
                 smooth.append(mode - mode[reference].mean(axis=0))
     names = (*mesh.names, *("discretisation:remainder",) * len(smooth))
     return Discretisation(np.concatenate([mesh.modes, np.array(smooth)]), names, mesh.check, size)

@@ -68,18 +68,22 @@ class Effect:
 
 
 class Elasticity(Effect):
-    """The base material: Mooney-Rivlin constants C10 and C01 of every element."""
+    """The base material: Mooney-Rivlin constants C10 and C01 of every element, each free or held at a value."""
 
     name, sentence, order = "elasticity", "Mooney-Rivlin rubber", 0
 
-    def __init__(self, *, C10: tuple[float, float] = (0.01, 0.5), C01: tuple[float, float] = (0.0, 0.5)) -> None:
-        self.parameters = (
-            Parameter("C10", *C10, "MPa", typical=0.02, start=float(np.clip(0.2, *C10))),
-            Parameter("C01", *C01, "MPa", typical=0.02, start=float(np.clip(0.1, *C01))),
+    def __init__(self, *, bounds: Mapping[str, tuple[float, float]] | None = None, fixed: Theta | None = None) -> None:
+        limits = {"C10": (0.01, 0.5), "C01": (0.0, 0.5), **(bounds or {})}
+        self.fixed = dict(fixed or {})
+        self.parameters = tuple(
+            Parameter(name, *limits[name], "MPa", typical=0.02, start=float(np.clip(start, *limits[name])))
+            for name, start in (("C10", 0.2), ("C01", 0.1))
+            if name not in self.fixed
         )
 
     def before(self, test: Test, theta: Theta) -> Test:
-        return replace(test, case=test.case.with_material(C10=theta["C10"], C01=theta["C01"]))
+        values = {**theta, **self.fixed}
+        return replace(test, case=test.case.with_material(C10=values["C10"], C01=values["C01"]))
 
 
 class Creep(Effect):

@@ -1,6 +1,7 @@
 """A model, targets and the errors of both -> the parameters that fit, and the whitened residual's derivatives."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -19,11 +20,15 @@ def whitener_of(model: Model, theta: Array, targets: Targets, mesh: Discretisati
 
 
 def measured_remainder(model: Model, theta: Array, targets: Targets, mesh: Discretisation) -> Discretisation:
-    """The discretisation modes with their remainder: what the check mesh shows that neither they, nor the targets'
-    own modes, nor the fitted parameters carry (rms in mm), as small smooth modes."""
-    w, jacobian = whitener_of(model, theta, targets, mesh), model.jacobian(theta)
+    """The discretisation modes with their remainder, as small smooth modes.
+
+    The remainder (rms in mm) is what the check mesh shows that neither the modes but the finest, nor the targets' own
+    modes, nor the fitted parameters carry: leaving one out tells what a next refinement would still bring.
+    """
+    fewer = replace(mesh, modes=mesh.modes[:-1], names=mesh.names[:-1])
+    w, jacobian = whitener_of(model, theta, targets, fewer), model.jacobian(theta)
     change = np.linalg.lstsq(w.whiten(jacobian).T, w.whiten(mesh.check), rcond=1e-12)[0]
-    size = w.rms(mesh.check - np.tensordot(change, jacobian, 1))
+    size = w.rms(mesh.check - np.tensordot(change, jacobian, 1), gauge=True)
     return with_remainder(mesh, size, model.solution(theta).pressure, model.test.moving, model.reference)
 
 

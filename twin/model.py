@@ -1,7 +1,7 @@
 """A base test and effects -> predicted displacements, their derivatives, and their discretisation modes."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 

@@ -44,9 +44,9 @@ class Whitener:
         # after a gap the value stands alone: it is scaled to the innovations' variance
         e[..., 1:, :] = np.where(past > 0, y[..., 1:, :] - self.rho * y[..., :-1, :], np.sqrt(1 - self.rho**2) * y[..., 1:, :])
         e[..., self.first, :] = y[..., self.first, :]
-        z = e @ np.linalg.inv(self.root).T
+        z = e @ np.linalg.inv(self.root).T  # (..., s, m)
         z[..., self.first, :] = e[..., self.first, :] @ np.linalg.inv(self.first_root).T
-        return z.reshape(*z.shape[:-2], -1)
+        return z.reshape(*z.shape[:-2], z.shape[-2] * z.shape[-1])
 
     def whiten(self, field: Array) -> Array:
         """W applied to fields (..., s, p, 3) mm: values (..., n) of variance 1 where the field is noise."""
@@ -59,15 +59,15 @@ class Whitener:
         G = self._innovations(self.modes).T  # (n, k)
         return np.linalg.solve(np.eye(G.shape[1]) + G.T @ G, G.T @ z)
 
-    def cleaned(self, residual: Array) -> Array:
-        """The residual (s, m) mm without its shared modes; gauge noise stays, values that are no data are NaN."""
-        a = self.amplitudes(residual)[: self.shared]
-        left = self.pick(residual) - np.tensordot(a, self.modes[: self.shared], 1)
+    def cleaned(self, residual: Array, *, gauge: bool = False) -> Array:
+        """The residual (s, m) mm without its shared modes; gauge noise stays unless `gauge`; NaN where no data."""
+        count = len(self.modes) if gauge else self.shared
+        left = self.pick(residual) - np.tensordot(self.amplitudes(residual)[:count], self.modes[:count], 1)
         return np.where(self.valid, left, np.nan)
 
-    def rms(self, residual: Array) -> float:
+    def rms(self, residual: Array, *, gauge: bool = False) -> float:
         """Root mean square in mm of the cleaned residual."""
-        return float(np.sqrt(np.nanmean(self.cleaned(residual) ** 2)))
+        return float(np.sqrt(np.nanmean(self.cleaned(residual, gauge=gauge) ** 2)))
 
     @property
     def noise_sd(self) -> float:
@@ -93,6 +93,10 @@ def whitener(targets: Targets, *, prediction_modes: Array, gauge: Array) -> Whit
         flat = p * 3 + i
         correlation = shrunk(targets.noise.correlation[np.ix_(flat, flat)], targets.noise.frames)
         rho = np.clip(np.nan_to_num(targets.noise.rho[p, i]), 0.0, 0.95)
+        # the inverse of a covariance estimated from n frames is too large by (n - 2) / (n - m - 1) beyond what
+        # single variances are (Hartlap, Simon & Schneider 2007, doi 10.1051/0004-6361:20066170)
+        frames, m = targets.noise.frames, len(components)
+        sd = sd * np.sqrt((frames - 2) / max(frames - m - 1, 1))
     innovations = correlation * (1 - np.outer(rho, rho))
     modes = np.concatenate([targets.modes[:, :, p, i], prediction_modes[:, :, p, i]])
     modes = np.where(valid, np.nan_to_num(modes), 0.0)

@@ -15,8 +15,13 @@ COARSE = Lattice(per_bellow=2)
 
 
 def brick(
-    divisions: tuple[int, int, int], *, material: Material = SILICONE, supports: tuple[Support, ...] = (),
-    shift: float = 0.0, seed: int = 0, pressurised: str | None = None,
+    divisions: tuple[int, int, int],
+    *,
+    material: Material = SILICONE,
+    supports: tuple[Support, ...] = (),
+    shift: float = 0.0,
+    seed: int = 0,
+    pressurised: str | None = None,
 ) -> Case:
     """A unit cube of hexahedra, every node moved at random by up to `shift` of an element's size.
 
@@ -27,7 +32,9 @@ def brick(
     index = np.stack([i, j, k], axis=-1).reshape(-1, 3)
     nodes = index / (n - 1.0)
     local = np.stack(np.meshgrid(*[np.arange(3)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)[:, ::-1]
-    cell = np.stack(np.meshgrid(*(np.arange(d) for d in divisions[::-1]), indexing="ij"), axis=-1).reshape(-1, 3)[:, ::-1]
+    cell = np.stack(np.meshgrid(*(np.arange(d) for d in divisions[::-1]), indexing="ij"), axis=-1).reshape(
+        -1, 3
+    )[:, ::-1]
     connectivity = (2 * cell[:, None] + local) @ np.array([1, n[0], n[0] * n[1]])
     sets, surfaces = {}, {}
     for axis in range(3):
@@ -41,9 +48,15 @@ def brick(
     rng = np.random.default_rng(seed)
     nodes = nodes + shift * rng.uniform(-1, 1, nodes.shape) / np.array(divisions)
     return Case(
-        nodes=nodes, labels=np.arange(1, len(nodes) + 1), blocks=(Block("hex27", connectivity),), node_sets=sets,
-        element_sets={"body": np.arange(len(connectivity))}, surfaces=surfaces, materials={"body": material},
-        supports=supports, pressurised=pressurised,
+        nodes=nodes,
+        labels=np.arange(1, len(nodes) + 1),
+        blocks=(Block("hex27", connectivity),),
+        node_sets=sets,
+        element_sets={"body": np.arange(len(connectivity))},
+        surfaces=surfaces,
+        materials={"body": material},
+        supports=supports,
+        pressurised=pressurised,
     )
 
 

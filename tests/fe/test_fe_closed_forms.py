@@ -1,8 +1,10 @@
-"""Against closed forms and independent integration: thick-walled tube and sphere, Prony cube, linear creep."""
+"""Against closed forms and independent integration: thick-walled tube and sphere, Prony cube, linear
+creep."""
 
 from collections.abc import Callable
 from dataclasses import replace
 from importlib import import_module
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -20,7 +22,8 @@ MESHES = (1, 2, 4)
 
 
 def merged(points: Array, inside: Array, supports: tuple[Support, ...]) -> Case:
-    """Cells (e, 27, 3) of an octant or quarter, zeta outwards -> a case with symmetry planes and pressure `inside`."""
+    """Cells (e, 27, 3) of an octant or quarter, zeta outwards -> a case with symmetry planes and pressure
+    `inside`."""
     keys, first, rows = np.unique(
         np.round(points.reshape(-1, 3), 9), axis=0, return_index=True, return_inverse=True
     )
@@ -29,9 +32,15 @@ def merged(points: Array, inside: Array, supports: tuple[Support, ...]) -> Case:
     planes = {"xyz"[d]: np.flatnonzero(np.abs(nodes[:, d]) < 1e-9) for d in range(3)}
     planes["far"] = np.flatnonzero(nodes[:, 2] > nodes[:, 2].max() - 1e-9)
     return Case(
-        nodes=nodes, labels=np.arange(len(keys)) + 1, blocks=(Block("hex27", cells),), node_sets=planes,
-        element_sets={"body": np.arange(size)}, surfaces={"inside": np.stack([inside, 0 * inside + 4], axis=1)},
-        materials={"body": RUBBER}, supports=supports, pressurised="inside",
+        nodes=nodes,
+        labels=np.arange(len(keys)) + 1,
+        blocks=(Block("hex27", cells),),
+        node_sets=planes,
+        element_sets={"body": np.arange(size)},
+        surfaces={"inside": np.stack([inside, 0 * inside + 4], axis=1)},
+        materials={"body": RUBBER},
+        supports=supports,
+        pressurised="inside",
     )
 
 
@@ -43,7 +52,8 @@ def lattice(n: int) -> Array:
 
 
 def sphere(n: int) -> Case:
-    """An octant of a hollow sphere: three patches of a cube, blown up, n cells along each side and the radius."""
+    """An octant of a hollow sphere: three patches of a cube, blown up, n cells along each side and the
+    radius."""
     s, t, r = np.moveaxis(lattice(n), -1, 0)
     s, t = (np.tan(v * np.pi / 4) for v in (s, t))
     one = np.ones_like(s)
@@ -65,8 +75,8 @@ def tube(n: int) -> Case:
 
 
 def sphere_pressure(stretch: float) -> float:
-    """Pressure of an incompressible sphere at the inner hoop stretch (Ogden, Non-linear Elastic Deformations, 1984,
-    section 5.3): int W'(l) / (l^3 - 1) dl with W = C10 (2 l^2 + l^-4 - 3) + C01 (l^4 + 2 l^-2 - 3)."""
+    """Pressure of an incompressible sphere at the inner hoop stretch (Ogden, Non-linear Elastic Deformations,
+    1984, section 5.3): int W'(l) / (l^3 - 1) dl with W = C10 (2 l^2 + l^-4 - 3) + C01 (l^4 + 2 l^-2 - 3)."""
     outer = (1 + (stretch**3 - 1) * (INNER / OUTER) ** 3) ** (1 / 3)
 
     def slope(x: float) -> float:  # W' / (l^3 - 1), with the factor l^6 - 1 = (l^3 - 1)(l^3 + 1) cancelled
@@ -76,14 +86,17 @@ def sphere_pressure(stretch: float) -> float:
 
 
 def tube_pressure(stretch: float) -> float:
-    """The same for a tube in plane strain: mu [ln l - 1 / (2 l^2)] between the outer and the inner stretch."""
+    """The same for a tube in plane strain: mu [ln l - 1 / (2 l^2)] between the outer and the inner
+    stretch."""
     outer = np.sqrt(1 + (stretch**2 - 1) * (INNER / OUTER) ** 2)
     mu = 2 * (RUBBER.C10 + RUBBER.C01)
     return float(mu * (np.log(stretch / outer) + (outer**-2 - stretch**-2) / 2))
 
 
 @pytest.mark.parametrize(
-    ("body", "pressure", "power"), [(sphere, sphere_pressure, 3), (tube, tube_pressure, 2)], ids=["sphere", "tube"]
+    ("body", "pressure", "power"),
+    [(sphere, sphere_pressure, 3), (tube, tube_pressure, 2)],
+    ids=["sphere", "tube"],
 )
 def test_inflation_of_a_thick_wall(
     body: Callable[[int], Case], pressure: Callable[[float], float], power: int
@@ -104,16 +117,18 @@ def test_inflation_of_a_thick_wall(
         exact = case.nodes[:, axes] * (r / R - 1)[:, None]
         error.append(float(np.sqrt(np.mean((state.u[:, axes] - exact) ** 2))))
     order = np.log2(np.array(error[:-1]) / np.array(error[1:]))
-    # declared for the tri-quadratic cell: 3. The coarsest mesh of one cell is not in the range where it shows.
+    # declared for the tri-quadratic cell: 3. The coarsest mesh of one cell is not in the range where it
+    # shows.
     assert error[-1] < 1e-4 * stretch
     assert 2.7 < order[-1] < 4.0
 
 
 def creep_of_a_cube(material: Material, time: Array, pressure: Array, output: Array) -> Array:
-    """Stretch (s,) of an incompressible cube under `pressure` on two faces, from the rate form of the Prony law.
+    """Stretch (s,) of an incompressible cube under `pressure` on two faces, from the rate form of the Prony
+    law.
 
-    S = (1 - g) S0 + Q, Q' + Q / tau = g S0', S0 = isochoric second Piola-Kirchhoff stress; the free sides give the
-    hydrostatic part, and the axial Cauchy stress is -p. One unknown l, by its rate.
+    S = (1 - g) S0 + Q, Q' + Q / tau = g S0', S0 = isochoric second Piola-Kirchhoff stress; the free sides
+    give the hydrostatic part, and the axial Cauchy stress is -p. One unknown l, by its rate.
     """
     (g, tau), C10, C01 = material.prony[0], material.C10, material.C01
 
@@ -141,7 +156,13 @@ def creep_of_a_cube(material: Material, time: Array, pressure: Array, output: Ar
         now = output[(output > a) & (output <= b)]
         with np.errstate(under="ignore"):  # SciPy asks for the float next to t = 0
             got = solve_ivp(
-                rate, (a, b), y, args=((pb - pa) / (b - a),), method="DOP853", rtol=1e-11, atol=1e-13,
+                rate,
+                (a, b),
+                y,
+                args=((pb - pa) / (b - a),),
+                method="DOP853",
+                rtol=1e-11,
+                atol=1e-13,
                 t_eval=np.union1d(now, [b]),
             )
         out += list(got.y[0, : len(now)])
@@ -179,8 +200,10 @@ def test_the_history_is_of_second_order_in_its_steps(
 ) -> None:
     error = []
     for n in (4, 8, 16):
-        parts = [np.linspace(a, b, n + 1)[1:] for a, b in zip(TIME[:-1], TIME[1:])]
-        monkeypatch.setattr(import_module("fe.solve"), "knots", lambda _, parts=parts: np.concatenate([[0.0], *parts]))
+        parts = [np.linspace(a, b, n + 1)[1:] for a, b in pairwise(TIME)]
+        monkeypatch.setattr(
+            import_module("fe.solve"), "knots", lambda _, parts=parts: np.concatenate([[0.0], *parts])
+        )
         error.append(np.abs(prony_error(cube, TIME[1:])).max())
     orders = np.log2(np.array(error[:-1]) / np.array(error[1:]))
     assert ((orders > 1.6) & (orders < 2.4)).all()
@@ -203,7 +226,9 @@ def test_equivalent_pressure_superposes_and_fades() -> None:
     time = np.cumsum(rng.uniform(0.02, 0.2, 200))
     a, b = rng.uniform(0, 1, (2, 200))
     both = equivalent(time, 2 * a - 3 * b, prony)
-    np.testing.assert_allclose(both, 2 * equivalent(time, a, prony) - 3 * equivalent(time, b, prony), atol=1e-12)
+    np.testing.assert_allclose(
+        both, 2 * equivalent(time, a, prony) - 3 * equivalent(time, b, prony), atol=1e-12
+    )
     np.testing.assert_array_equal(equivalent(time, a, prony * [0, 1]), a)  # no creep: the same pressure
     late = equivalent(np.linspace(0, 400, 4001), np.full(4001, 0.7), prony)[-1]
     assert late == pytest.approx(0.7 / (1 - 0.3), rel=1e-6)  # relaxed: exp(-0.7 x 400 / 8) is gone

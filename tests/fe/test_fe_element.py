@@ -49,7 +49,9 @@ def test_face_gradients_are_the_differences_of_the_values() -> None:
     st, h = RNG.uniform(-1, 1, (7, 2)), 1e-5
     _, dN = face_shape(st)
     for d, e in enumerate(np.eye(2) * h):
-        np.testing.assert_allclose((face_shape(st + e)[0] - face_shape(st - e)[0]) / (2 * h), dN[:, :, d], atol=1e-10)
+        np.testing.assert_allclose(
+            (face_shape(st + e)[0] - face_shape(st - e)[0]) / (2 * h), dN[:, :, d], atol=1e-10
+        )
 
 
 def test_the_quadrature_is_exact_up_to_degree_five_and_not_six() -> None:

@@ -39,7 +39,9 @@ def full(kernel: Kernel, data: Array) -> sp.csr_matrix:
     return upper + sp.triu(upper, 1).T
 
 
-def linearised(kernel: Kernel, state: State, c: Constants, load: float, memory: Memory | None = None) -> sp.csr_matrix:
+def linearised(
+    kernel: Kernel, state: State, c: Constants, load: float, memory: Memory | None = None
+) -> sp.csr_matrix:
     turn = np.zeros((len(kernel.clamped), 3))
     return full(kernel, kernel.linearise(state, c, load, memory, turn).data)
 
@@ -221,7 +223,9 @@ def test_the_tangent_times_the_clamps_rotation(short: Case) -> None:
 
 
 @pytest.mark.parametrize("compliance", [0.0, 1e-4])
-def test_newton_converges_quadratically(short: Case, monkeypatch: pytest.MonkeyPatch, compliance: float) -> None:
+def test_newton_converges_quadratically(
+    short: Case, monkeypatch: pytest.MonkeyPatch, compliance: float
+) -> None:
     lengths: list[float] = []
 
     class Recorded(Step):
@@ -237,7 +241,8 @@ def test_newton_converges_quadratically(short: Case, monkeypatch: pytest.MonkeyP
     lengths.clear()
     found = equilibrium(problem, near.state, load=0.006, tolerance=1e-11)
     assert found.reason == "converged"
-    # e_new <= c e^2 with one c (0.3 per mm here) down to rounding; a wrong term leaves a constant ratio instead
+    # e_new <= c e^2 with one c (0.3 per mm here) down to rounding; a wrong term leaves a constant ratio
+    # instead
     e = np.array(lengths)
     assert len(e) >= 4
     assert (e[1:] <= 1.0 * e[:-1] ** 2 + 1e-12).all()

@@ -13,7 +13,13 @@ from fe.element import face_shape, gauss
 from fe.mesh import MIDDLE_LABEL, TIP_LABEL
 
 MATERIAL = Material(0.2, 0.1)
-LATTICES = [Lattice(), Lattice(ring=True), Lattice(refine=2), Lattice(ring=True, refine=2), Lattice(per_bellow=2)]
+LATTICES = [
+    Lattice(),
+    Lattice(ring=True),
+    Lattice(refine=2),
+    Lattice(ring=True, refine=2),
+    Lattice(per_bellow=2),
+]
 
 
 @cache
@@ -59,7 +65,8 @@ def test_both_topologies_converge_to_one_volume() -> None:
     limit = volume(Lattice(refine=4))
     for ring in (False, True):
         off = [abs(volume(Lattice(refine=r, ring=ring)) / limit - 1) for r in (1, 2, 3)]
-        # quadratic cells: order 3 or more, seen until the limit's own error (4e-5 between the topologies) shows
+        # quadratic cells: order 3 or more, seen until the limit's own error (4e-5 between the topologies)
+        # shows
         assert off[0] < 5e-3
         assert off[1] < off[0] / 8
         assert off[2] < 1e-4
@@ -74,7 +81,8 @@ def test_refinement_keeps_the_nodes_of_the_coarse_mesh() -> None:
 
 
 def test_inner_edges_have_their_radius() -> None:
-    # Without pleats the edge along the chamber's floor is a cylinder about (y, z) = (w - side - r, bottom + r).
+    # Without pleats the edge along the chamber's floor is a cylinder about (y, z) = (w - side - r, bottom +
+    # r).
     g = replace(Finger(), pleat=0.0, side_pleat=0.0)
     case = finger_case(MATERIAL, finger=g, lattice=Lattice(fillet=2))
     x, y, z = case.nodes[np.unique(case.face_nodes("chamber"))].T
@@ -83,6 +91,10 @@ def test_inner_edges_have_their_radius() -> None:
     assert band.sum() > 100
     # 4 fillet cells along the arc: the map is exact at nodes
     np.testing.assert_allclose(np.hypot(y[band] - centre[0], z[band] - centre[1]), g.radius, atol=1e-9)
+    # at equal angles: 8 parts of the quarter circle
+    angles = np.degrees(np.arctan2(centre[1] - z[band], y[band] - centre[0])) / (90 / 8)
+    np.testing.assert_allclose(angles, np.round(angles), atol=1e-9)
+    assert len(np.unique(np.round(angles))) == 9
 
 
 def test_the_corners_of_the_chamber_are_spheres() -> None:
@@ -105,7 +117,9 @@ def test_walls_have_their_thickness() -> None:
     low, high = case.nodes.min(0), case.nodes.max(0)
     np.testing.assert_allclose(low, [0, 0, 0], atol=1e-12)
     np.testing.assert_allclose(high[:2], [g.length, g.width / 2], atol=1e-12)
-    assert high[2] == pytest.approx(g.height, abs=0.5)  # crests: half the wall, measured across, above its middle
+    assert high[2] == pytest.approx(
+        g.height, abs=0.5
+    )  # crests: half the wall, measured across, above its middle
 
 
 @pytest.mark.parametrize("lattice", LATTICES)
@@ -121,7 +135,9 @@ def test_the_labels_of_the_study_sit_at_their_nodes(lattice: Lattice) -> None:
 def test_the_sets_lie_on_their_planes() -> None:
     case = case_of(Lattice())
     for name, axis, value in (("clamp", 0, 0.0), ("symmetry", 1, 0.0), ("tip_face", 0, Finger().length)):
-        np.testing.assert_array_equal(case.node_sets[name], np.flatnonzero(np.abs(case.nodes[:, axis] - value) < 1e-9))
+        np.testing.assert_array_equal(
+            case.node_sets[name], np.flatnonzero(np.abs(case.nodes[:, axis] - value) < 1e-9)
+        )
 
 
 def test_an_unknown_label_names_the_nearest() -> None:

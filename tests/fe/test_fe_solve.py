@@ -1,4 +1,5 @@
-"""`solve`: failures are values, scaling and symmetry hold, points are found, the clamp and the history behave."""
+"""`solve`: failures are values, scaling and symmetry hold, points are found, the clamp and the history
+behave."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -45,12 +46,16 @@ def test_scaling_stiffness_and_pressure_together_changes_nothing(short: Case) ->
 
 
 def test_a_start_nearby_saves_iterations_and_changes_nothing() -> None:
-    soft = finger_case(Material(C10=0.214, C01=0.083), lattice=Lattice(per_bellow=2))  # bends enough to need them
+    soft = finger_case(
+        Material(C10=0.214, C01=0.083), lattice=Lattice(per_bellow=2)
+    )  # bends enough to need them
     first = solve(soft, ramp(0.02))
     near = soft.with_material(C10=0.216)
     cold, warm = solve(near, ramp(0.02)), solve(near, ramp(0.02), start=first)
     assert warm.iterations < cold.iterations
-    np.testing.assert_allclose(warm.fields([0]), cold.fields([0]), atol=1e-7)  # TOLERANCE squared, times 110 mm
+    np.testing.assert_allclose(
+        warm.fields([0]), cold.fields([0]), atol=1e-7
+    )  # TOLERANCE squared, times 110 mm
 
 
 def mirrored(case: Case) -> Case:
@@ -65,8 +70,13 @@ def mirrored(case: Case) -> Case:
     chamber = np.concatenate([case.surfaces["chamber"], np.stack([e + len(other), face[f]], axis=1)])
     sets = {k: np.unique(np.concatenate([v, twin[v]])) for k, v in case.node_sets.items()}
     return replace(
-        case, nodes=nodes, labels=np.arange(len(nodes)) + 1, node_sets=sets, supports=(),
-        blocks=(Block("hex27", np.concatenate([case.connectivity, other])),), surfaces={"chamber": chamber},
+        case,
+        nodes=nodes,
+        labels=np.arange(len(nodes)) + 1,
+        node_sets=sets,
+        supports=(),
+        blocks=(Block("hex27", np.concatenate([case.connectivity, other])),),
+        surfaces={"chamber": chamber},
         element_sets={"body": np.arange(2 * len(other))},
     )
 
@@ -114,7 +124,8 @@ def test_a_clamp_turns_by_its_compliance_times_the_moment(short: Case, short_fin
     clamp = short.node_sets["clamp"]  # rigid: distances stay
     np.testing.assert_allclose(
         np.linalg.norm(x[clamp] - x[clamp[0]], axis=1),
-        np.linalg.norm(short.nodes[clamp] - short.nodes[clamp[0]], axis=1), atol=1e-12,
+        np.linalg.norm(short.nodes[clamp] - short.nodes[clamp[0]], axis=1),
+        atol=1e-12,
     )
 
 
@@ -160,7 +171,9 @@ def test_levels_run_from_rest_to_the_top() -> None:
 
 def test_displacement_follows_the_pressure_without_history(short: Case) -> None:
     time = np.array([0.0, 1.0, 2.0, 3.0])
-    path = Path(time=time, pressure=np.array([0.0, 0.02, 0.007, 0.02]), output=np.array([0.0, 1.0, 2.0, 2.5, 3.0]))
+    path = Path(
+        time=time, pressure=np.array([0.0, 0.02, 0.007, 0.02]), output=np.array([0.0, 1.0, 2.0, 2.5, 3.0])
+    )
     point = short.position(4401)[None]
     solution = solve(short, path)
     u: Array = solution.at(point)[:, 0, 2]
