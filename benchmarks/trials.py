@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fe import digest
+from fe.case import digest
 from twin import virtual
 from twin.targets import Array
 

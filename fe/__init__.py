@@ -17,7 +17,6 @@ __all__ = [
     "Solution",
     "Support",
     "Variation",
-    
     "finger_case",
     "solve",
 ]

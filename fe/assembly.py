@@ -6,7 +6,9 @@ of elements so that the arrays stay in the cache; each sum over quadrature point
 element.
 """
 
-from collections.abc import Iterator
+import os
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -19,6 +21,8 @@ from fe.material import stress, tangent
 from fe.pressure import PressureFaces
 
 CHUNK = 32
+THREADS = int(os.environ.get("OMP_NUM_THREADS") or os.cpu_count() or 1)
+_POOL = ThreadPoolExecutor(THREADS)
 PAIRS = (
     (0, 0),
     (1, 1),
@@ -163,9 +167,12 @@ class Kernel:
         """The solver for this pattern."""
         return Symmetric(*self._pattern[:2])
 
-    def _parts(self) -> Iterator[slice]:
+    def _each(self, work: Callable[[slice], None]) -> None:
+        """Run `work` on every chunk of elements, on all threads: numpy lets go of the interpreter inside."""
         n = len(self.connectivity)
-        return (slice(k, min(k + CHUNK, n)) for k in range(0, n, CHUNK))
+        parts = [slice(k, min(k + CHUNK, n)) for k in range(0, n, CHUNK)]
+        for _ in _POOL.map(work, parts) if THREADS > 1 else map(work, parts):
+            pass
 
     def gradients(self, u: Array, part: slice, geometry: Geometry) -> Array:
         """Deformation gradients (c, q, 3, 3) of the elements `part` at displacements u (n, 3) mm."""
@@ -176,9 +183,12 @@ class Kernel:
     def isochoric(self, u: Array, c: Constants, geometry: Geometry) -> Array:
         """Isochoric second Piola-Kirchhoff stress (e, q, 3, 3) MPa at displacements u (n, 3) mm."""
         out = np.empty((len(self.connectivity), 27, 3, 3))
-        for part in self._parts():
+
+        def work(part: slice) -> None:
             P, a, _ = stress(self.gradients(u, part, geometry), *c.at(part))
             out[part] = np.swapaxes(a, -1, -2) @ P
+
+        self._each(work)
         return out
 
     def residual(
@@ -186,12 +196,15 @@ class Kernel:
     ) -> tuple[Array, Array]:
         """Nodal forces (n, 3) N, internal minus follower pressure `load` MPa, and volume gaps (e, 4) mm3."""
         force, gap = np.empty((len(self.connectivity), 27, 3)), np.empty_like(state.p)
-        for part in self._parts():
+
+        def work(part: slice) -> None:
             F = self.gradients(state.u, part, geometry)
             P, a, J = stress(F, *c.at(part))
             q = (geometry.psi[part] @ state.p[part, :, None])[..., 0]
             P = _total(P, F, a, J * q, memory, part)
             force[part], gap[part] = _integrate(geometry, part, P, J, q, c.bulk)
+
+        self._each(work)
         return self.gather(force) - load * self.pressure.force(geometry.nodes + state.u), gap
 
     def linearise(
@@ -204,7 +217,8 @@ class Kernel:
         g, size = self.geometry, len(self.connectivity)
         force, gap = np.empty((size, 27, 3)), np.empty((size, 4))
         K, B = np.empty((size, 27, 6, 27)), np.empty((size, 27, 3, 4))
-        for part in self._parts():
+
+        def work(part: slice) -> None:
             F = self.gradients(state.u, part, g)
             q = (g.psi[part] @ state.p[part, :, None])[..., 0]
             scale = np.ones_like(q) if memory is None else np.broadcast_to(memory.scale[part, None], q.shape)
@@ -215,6 +229,8 @@ class Kernel:
                     A[..., i, :, i, :] += memory.carried[part]
             force[part], gap[part] = _integrate(g, part, P, J, q, c.bulk)
             K[part], B[part] = _element_matrices(g, part, A, a * J[..., None, None])
+
+        self._each(work)
         compliance = np.linalg.inv(g.mass / c.bulk[:, None, None])
         self._condense(K, B, compliance)
         coupling = B.reshape(size, 81, 4)

@@ -56,14 +56,15 @@ def compare(targets: Targets, predicted: Array, whitener: Whitener, *, jacobian:
     z = whitener.whiten(residual)
     fitted = whitener.whiten(jacobian).T if len(jacobian) else np.zeros((len(z), 0))
     chi2, degrees = float(z @ z), whitener.count - fitted.shape[1]
-    p = lack_of_fit(targets, whitener, z, fitted)
+    p = lack_of_fit(targets, whitener, z, fitted) if degrees > 0 else float("nan")
     maps = residual_maps(targets, whitener, residual)
     rms, noise = whitener.rms(residual), whitener.noise_sd
     return Comparison(residual, z, chi2, degrees, p, rms, noise, _where(maps, rms, noise, p), maps)
 
 
 def lack_of_fit(targets: Targets, w: Whitener, z: Array, fitted: Array) -> float:
-    """Probability of so bad a fit: twice the smaller of the chi2 test and the omnibus test on smooth functions.
+    """Probability of so bad a fit: twice the smaller of the chi2 test and the omnibus test on smooth functions
+    (the first alone where there are too few data for the second).
 
     Both know from how many static frames the noise was estimated.
     """
@@ -71,9 +72,10 @@ def lack_of_fit(targets: Targets, w: Whitener, z: Array, fitted: Array) -> float
     counts = w.valid.sum(axis=0) - fitted.shape[1] / w.valid.shape[1]
     nu = np.full(len(counts), float(frames - 2))
     p = [chi2_test(float(z @ z), counts, nu)]
-    component = np.tile(np.arange(len(counts)), len(w.valid))
-    p.append(omnibus(z, _smooth(targets, w), component=component, static_frames_effective=nu, fitted=fitted))
-    return min(1.0, 2 * min(p))
+    component, smooth = np.tile(np.arange(len(counts)), len(w.valid)), _smooth(targets, w)
+    if len(z) > 2 * smooth.shape[1]:
+        p.append(omnibus(z, smooth, component=component, static_frames_effective=nu, fitted=fitted))
+    return min(1.0, len(p) * min(p))
 
 
 def _smooth(targets: Targets, w: Whitener) -> Array:
@@ -104,7 +106,7 @@ def _memory(time: Array, pressure: Array, tau: float = 5.0) -> Array:
 
 def residual_maps(targets: Targets, w: Whitener, residual: Array) -> dict[str, list[dict[str, Any]]]:
     """Root mean square of the cleaned residual, in mm and in noise sds, by marker, direction, pressure and branch."""
-    left, s = w.cleaned(residual), len(targets.time)
+    left = w.cleaned(residual)
     noise = np.sqrt(w.sd**2 + (w.modes[w.shared :] ** 2).sum(axis=0))
     branch = branches(targets.time, targets.pressure, targets.log_time, targets.log_pressure)
     edges = np.linspace(targets.pressure.min(), targets.pressure.max() + 1e-12, 5)
@@ -119,7 +121,6 @@ def residual_maps(targets: Targets, w: Whitener, residual: Array) -> dict[str, l
         },
         "branch": {BRANCHES[k]: np.broadcast_to((branch == k)[:, None], left.shape) for k in range(4)},
     }
-    del s
     return {kind: [_row(n, left[m], noise[m]) for n, m in rows.items() if m.any()] for kind, rows in masks.items()}
 
 
@@ -131,6 +132,11 @@ def _row(name: str, left: Array, noise: Array) -> dict[str, Any]:
 
 
 def _where(maps: dict[str, list[dict[str, Any]]], rms: float, noise: float, p: float) -> str:
+    if np.isnan(p):
+        return (
+            f"{rms:.3f} mm rms are left, which says nothing: there are no more data than fitted parameters, so no "
+            "agreement and no failure can be seen; measure more markers, pressures or times."
+        )
     if p > ADEQUATE:
         return f"The model agrees with the measurement within the noise ({rms:.3f} mm rms, noise {noise:.3f} mm)."
     worst = {kind: max(rows, key=lambda r: r["rms_mm"]) for kind, rows in maps.items()}
