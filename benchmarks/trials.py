@@ -1,41 +1,137 @@
 """A hidden truth and seeds -> what `twin diagnose` says to each draw of the noise; shared by the benchmarks.
 
-The truth is solved once and kept under the system's temporary folder; all draws of one truth share one base
-model, so that a draw costs the fits only.
+The truth is solved once and kept under the system's temporary folder, as are the discretisation modes. All
+draws of one truth share one base model, whose solves they start from, so that a draw costs its refits only.
 """
 
 import tempfile
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
+from fe import Case, Finger, Lattice
 from fe.case import digest
 from twin import virtual
-from twin.targets import Array
+from twin.diagnose import Diagnosis, diagnose
+from twin.discretisation import Discretisation, discretisation
+from twin.effects import library
+from twin.fitting import fit_model, measured_remainder, whitener_of
+from twin.model import Model, base_case, base_model
+from twin.targets import Array, Targets
 
 # The finger's markers sit on nodes of the flat lower edge of the side face y = 11.5 mm, as far as the tip.
-MIDDLE, TIP = 42, 110.0
-STATIONS = (12, 22, 32, MIDDLE, 52, 64)  # in 1/72 of the bellows' 100 mm
+STATIONS = (12, 22, 32, 42, 52, 64)  # in 1/72 of the bellows' 100 mm; 42 is the node 5848
 NAMES = ("p1", "p2", "p3", "middle", "p5", "p6", "tip")
+WANTED = 0.95  # share of right verdicts: 19 of 20
+# Where every prefit starts: the study's constants.
+NOMINAL = np.array([0.214, 0.083])  # MPa, C10 and C01
 
 
 def marked_points() -> Array:
     """Undeformed places (7, 3) mm of the finger's markers, those of NAMES."""
-    x = np.append(4.0 + np.array(STATIONS) * 100.0 / 72.0, TIP)
+    x = np.append(4.0 + np.array(STATIONS) * 100.0 / 72.0, 110.0)
     return np.stack([x, np.full_like(x, 11.5), np.zeros_like(x)], axis=1)
+
+
+def nodes_of(case: Case) -> np.ndarray:
+    """Labels (7,) of the nodes of a model under the markers; ValueError where one has no node."""
+    gap = np.linalg.norm(case.nodes[:, None] - marked_points(), axis=2)
+    if gap.min(axis=0).max() > 1e-6:
+        raise ValueError(f"a finger tag lies {gap.min(axis=0).max():g} mm from every node; wanted a node")
+    return case.labels[gap.argmin(axis=0)]
+
+
+def kept(kind: str, key: str, make: Callable[[], dict[str, Array]]) -> dict[str, Array]:
+    """The arrays that `make` gives, from the system's temporary folder where they were made before.
+
+    They do not know of changes to the solver: delete softtwin-*.npz there after one.
+    """
+    path = Path(tempfile.gettempdir()) / f"softtwin-{kind}-{key}.npz"
+    if not path.exists():
+        print(f"solving ({kind}), kept as {path}", flush=True)
+        arrays, scratch = make(), path.with_suffix(".part.npz")
+        np.savez(scratch, allow_pickle=False, **arrays)
+        scratch.replace(path)
+    with np.load(path) as data:
+        return dict(data)
 
 
 def solved(truth: virtual.Truth, bench: virtual.Bench, points: Array) -> tuple[Array, Array]:
     """True displacements (s, p, 3) mm of points (p, 3) mm, and dU/dp (s, p, 3) mm per MPa."""
     course = virtual.path(bench)
     key = digest("truth", truth, course.time, course.pressure, course.output, points)
-    kept = Path(tempfile.gettempdir()) / f"softtwin-truth-{key}.npz"
-    if not kept.exists():
-        print(f"solving the truth, a few minutes; kept as {kept}", flush=True)
+
+    def make() -> dict[str, Array]:
         u, slope = virtual.displacements(truth, course, points)
-        scratch = kept.with_suffix(".part.npz")
-        np.savez(scratch, u=u, slope=slope)
-        scratch.replace(kept)
-    with np.load(kept) as data:
-        return data["u"], data["slope"]
-def report(*a,**k): raise NotImplementedError
+        return {"u": u, "slope": slope}
+
+    found = kept("truth", key, make)
+    return found["u"], found["slope"]
+
+
+@dataclass(frozen=True)
+class Laboratory:
+    """The true motion (s, 7, 3) mm and slope (s, 7, 3) mm per MPa of the markers, filmed on a bench."""
+
+    u: Array
+    slope: Array
+    bench: virtual.Bench
+
+    @staticmethod
+    def of(truth: virtual.Truth, bench: virtual.Bench) -> "Laboratory":
+        """The laboratory of a truth."""
+        return Laboratory(*solved(truth, bench, marked_points()), bench)
+
+    def targets(self, case: Case, seed: int) -> Targets:
+        """One draw of what would be measured."""
+        return virtual.targets(
+            self.u, self.slope, virtual.path(self.bench), names=NAMES, nodes=nodes_of(case),
+            points=marked_points(), bench=self.bench, seed=seed,
+        )  # fmt: skip
+
+
+def prepared(case: Case, targets: Targets) -> tuple[Model, Array, Discretisation]:
+    """The base model, its parameters (2,) fitted without modes of its mesh, and these modes."""
+    model = base_model(targets, case)
+    start = fit_model(model, targets, whitener_of(model, NOMINAL, targets, None), start=NOMINAL).theta
+    # the modes' shape hardly changes with the constants: rounded, they are found again in the cache
+    rounded = np.array([float(f"{x:.2g}") for x in start])
+
+    def keep(key: str, make: Callable[[], Array]) -> Array:
+        return kept("mesh", key, lambda: {"array": make()})["array"]
+
+    raw = discretisation(model, rounded, finger=Finger(), lattice=Lattice(), keep=keep)
+    return model, start, measured_remainder(model, rounded, targets, raw)
+
+
+def verdicts(laboratory: Laboratory, count: int, *, first: int = 0) -> list[Diagnosis]:
+    """The diagnoses of draws first, first + 1, ..., a printed line for each."""
+    case, found = base_case(lattice=Lattice()), []
+    model, start, mesh = prepared(case, laboratory.targets(case, first))
+    print(f"{'seed':>5s} {'before':>7s} {'after':>7s} {'noise':>7s}  mm rms   s    verdict (named)")
+    for seed in range(first, first + count):
+        began = time.perf_counter()
+        said = diagnose(model, library(), laboratory.targets(case, seed), seed=0, start=start, mesh=mesh)
+        found.append(said)
+        print(f"{seed:5d} {_numbers(said)} {time.perf_counter() - began:10.0f}    {said.verdict} "
+              f"({', '.join(said.named) or '-'})", flush=True)  # fmt: skip
+    return found
+
+
+def _numbers(said: Diagnosis) -> str:
+    """The error before and after, and the noise, in mm."""
+    row = said.to_dict()
+    cells = [row[key] for key in ("rms_before_mm", "rms_after_mm", "noise_sd_mm")]
+    return " ".join(f"{x:7.4f}" if x is not None else "      -" for x in cells)
+
+
+def report(title: str, laboratory: Laboratory, count: int, *, right: Callable[[Diagnosis], bool]) -> bool:
+    """Prints the table of `count` draws and how many are right; says whether at least 19 of 20 are."""
+    print(f"{title}: {count} draws", flush=True)
+    found = verdicts(laboratory, count)
+    good = sum(right(said) for said in found)
+    print(f"{title}: {good} of {count} right, wanted {WANTED:.0%}", flush=True)
+    return good >= WANTED * count - 1e-9

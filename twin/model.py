@@ -11,7 +11,11 @@ from twin.effects import Effect, Elasticity, Test, Theta
 from twin.targets import Array, Targets
 
 STEP = 1e-6  # of a parameter's typical size, for differencing the effects' maps
-NEAR = 0.03  # mm: a prediction whose largest change is less is taken along the derivatives of its neighbour
+# A prediction that differs from a solved neighbour by less than NEAR mm is taken along the neighbour's derivatives:
+# of 58 mm of motion that leaves an error of about NEAR^2 / 58 = 2e-4 mm. Derivatives change by as large a share as the
+# displacement does, so that within SAME_SLOPE mm they are kept to half a per cent.
+NEAR = 0.1
+SAME_SLOPE = 0.3
 
 
 class Unsolvable(Exception):
@@ -77,34 +81,41 @@ class Model:
 
     def predict(self, theta: Array) -> Array:
         """Displacements (s, p, 3) mm relative to the reference. Raises Unsolvable where there is no equilibrium."""
-        near = self._nearest(theta)
-        if near is not None and near.jacobian is not None:
-            change = np.tensordot(theta - near.theta, near.jacobian, 1)
-            if np.abs(change).max() < NEAR:
+        near, slope = self._nearest(theta), self._nearest(theta, derivatives=True)
+        if near is not None and slope is not None and slope.jacobian is not None:
+            change = np.tensordot(theta - near.theta, slope.jacobian, 1)
+            # derivatives of another anchor are less exact, so they may carry less far
+            if np.abs(change).max() < (NEAR if slope is near else NEAR / 5):
                 return near.u + change
         return self._solve(theta, near, derivatives=False).u
 
     def jacobian(self, theta: Array) -> Array:
         """Derivatives (d, s, p, 3) of `predict`, mm per unit of each parameter."""
-        near = self._nearest(theta)
-        if near is not None and near.jacobian is not None:
-            if np.abs(np.tensordot(theta - near.theta, near.jacobian, 1)).max() < NEAR:
-                return near.jacobian
-        found = self._solve(theta, near, derivatives=True).jacobian
+        slope = self._nearest(theta, derivatives=True)
+        if slope is not None and slope.jacobian is not None:
+            if np.abs(np.tensordot(theta - slope.theta, slope.jacobian, 1)).max() < SAME_SLOPE:
+                return slope.jacobian
+        found = self._solve(theta, self._nearest(theta), derivatives=True).jacobian
         assert found is not None
         return found
 
     def solution(self, theta: Array) -> Solution:
-        """The full finite-element solution at theta."""
-        for a in self._anchors:
-            if np.array_equal(a.theta, theta):
-                return a.solution
-        return self._solve(theta, self._nearest(theta), derivatives=False).solution
+        """The finite-element solution at theta, or at a solved neighbour that differs by less than NEAR."""
+        self.predict(theta)
+        near = self._nearest(theta)
+        assert near is not None
+        return near.solution
 
-    def _nearest(self, theta: Array) -> Anchor | None:
+    def _nearest(self, theta: Array, *, derivatives: bool = False) -> Anchor | None:
+        """The solved neighbour of theta, in typical steps; one with derivatives where they are asked for.
+
+        Of two at the same place the one with derivatives.
+        """
         scale = np.array([p.step for p in self.parameters])
-        exact = [a for a in self._anchors if a.jacobian is not None] or self._anchors
-        return min(exact, key=lambda a: float(np.abs((a.theta - theta) / scale).max()), default=None)
+        known = [a for a in self._anchors if a.jacobian is not None or not derivatives]
+        return min(
+            known, key=lambda a: (float(np.abs((a.theta - theta) / scale).max()), a.jacobian is None), default=None
+        )
 
     def _solve(self, theta: Array, near: Anchor | None, *, derivatives: bool) -> Anchor:
         values = self.named(theta)
