@@ -203,8 +203,8 @@ def identifiability(fit: Fit, names: tuple[str, str]) -> str:
     if sd_share > 0.25:
         # with the share held: the inverse of the information on the sum alone
         turn = np.stack([np.ones(2), slope])
-        known = 1 / math.sqrt(np.linalg.inv(turn @ block @ turn.T)[0, 0])
-        values = f"{a} + {b} = {total:.4g} +- {known:.2g}{unit} at a given share, which may be anything"
+        given = 1 / math.sqrt(np.linalg.inv(turn @ block @ turn.T)[0, 0])
+        values = f"{a} + {b} = {total:.4g} +- {given:.2g}{unit} at a given share, which may be anything"
         return f"{values}. {verdict}: only their sum is known (correlation {correlation:.3f})."
     if abs(correlation) > 0.9:
         return f"{values}. {verdict} one by one: their errors trade off, so quote the sum and the share."

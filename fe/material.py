@@ -40,7 +40,8 @@ def _dot(a: Array, b: Array) -> Array:
 
 
 def _cofactor(F: Array) -> Array:
-    """The cofactors J F^-T (..., 3, 3): cross products of the rows, ten times faster than inverting small matrices."""
+    """The cofactors J F^-T (..., 3, 3): cross products of the rows, ten times faster than inverting small
+    matrices."""
     out = np.empty_like(F)
     for i in range(3):
         b, c = F[..., (i + 1) % 3, :], F[..., (i + 2) % 3, :]

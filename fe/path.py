@@ -48,8 +48,10 @@ def knots(path: Path) -> Array:
     """Times (k,) s at which a history is solved: the corners, ramps in quarters of the range, holds
     geometrically.
 
-    After a corner the spacing starts at 0.35 s and grows by 2.2, as relaxation slows down. On the finger, film A and
-    three Prony terms that leaves 0.5 um rms against three times as many times (18 um at most, on the fast step).
+    After a corner the spacing starts at 0.35 s and grows by 2.2, as relaxation slows down. On the finger,
+    film A and
+    three Prony terms that leaves 0.5 um rms against three times as many times (18 um at most, on the fast
+    step).
     """
     t = corners(path)
     p = np.interp(t, path.time, path.pressure)

@@ -34,30 +34,45 @@ def run_calibrate(project: Project, say: Say) -> dict[str, Any]:
             bench.targets, settings.objective_points, settings.objective_component - 1, bench.elasticity.fixed
         )
         generations = search(
-            bench.elasticity.parameters, lambda v: objective.cost(v, paths, points), run, seed=settings.seed,
-            size=settings.population, generations=settings.generations, tell=say.progress,
+            bench.elasticity.parameters,
+            lambda v: objective.cost(v, paths, points),
+            run,
+            seed=settings.seed,
+            size=settings.population,
+            generations=settings.generations,
+            tell=say.progress,
         )
         best = generations[-1]
         if not np.isfinite(best.rms_mm):
-            raise ValueError("no candidate of the genetic algorithm has an equilibrium; widen [calibrate] bounds")
+            raise ValueError(
+                "no candidate of the genetic algorithm has an equilibrium; widen [calibrate] bounds"
+            )
         history = full_solves(bench, objective, generations, say)
         history.save(run.path("generations.npz"))
         candidates = np.concatenate([g.candidates for g in generations])
-        run.write_npz("candidates.npz", {"x": candidates, "rms_mm": np.concatenate([g.costs for g in generations])})
+        run.write_npz(
+            "candidates.npz", {"x": candidates, "rms_mm": np.concatenate([g.costs for g in generations])}
+        )
         say(f"calibrate: genetic algorithm: {len(candidates)} evaluations, best RMS {best.rms_mm:.3f} mm")
         fit, w, model = least(bench, paths, points, best.best, say)
         words = _words(project, fit)
         run.write_json("fit.json", fit.to_dict() | {"effects": [], "identifiability": words})
         _write_prediction(run, bench.targets, model, fit, w)
         run.summary["headline"] = words.split(". ")[0]
-    say(f"calibrate: least squares {'converged' if fit.converged else 'did not converge'} after {fit.evaluations} "
-        f"evaluations: {fit.reason}")  # fmt: skip
+    ended = "converged" if fit.converged else "did not converge"
+    say(f"calibrate: least squares {ended} after {fit.evaluations} evaluations: {fit.reason}")
     say(f"calibrate: {words}")
     say(f"calibrate: wrote {project.shown(run.folder)}/fit.json and generations.npz")
-    return {"stage": "calibrate", "run": run.name, "rms_mm": best.rms_mm, "fit": fit.to_dict(), "identifiability": words}
+    return {
+        "stage": "calibrate",
+        "run": run.name,
+        "rms_mm": best.rms_mm,
+        "fit": fit.to_dict(),
+        "identifiability": words,
+    }
 
 
-def _paths(bench: Workbench, say: Say) -> tuple[LoadPaths, Array]:
+def _paths(bench: Workbench, say: Say) -> tuple[LoadPaths, Any]:
     """The load paths at the finger's markers, and the rows of the targets they belong to."""
     rows = np.flatnonzero(~bench.targets.fixed)
     where = np.array([bench.case.position(int(n)) for n in bench.targets.nodes[rows]])
@@ -65,8 +80,11 @@ def _paths(bench: Workbench, say: Say) -> tuple[LoadPaths, Array]:
     return load_paths(bench.case, where, keep=bench.keep, progress=say.progress, key=key), rows
 
 
-def full_solves(bench: Workbench, objective: Objective, generations: list[Generation], say: Say) -> Generations:
-    """The best individual of every generation by full finite elements at the first arrival at top pressure."""
+def full_solves(
+    bench: Workbench, objective: Objective, generations: list[Generation], say: Say
+) -> Generations:
+    """The best individual of every generation by full finite elements at the first arrival at top
+    pressure."""
     t, rows = bench.targets, np.flatnonzero(~bench.targets.fixed)
     points = np.array([bench.case.position(int(n)) for n in t.nodes[rows]])
     load = np.array([0.0, objective.pressure[0]])
@@ -87,11 +105,20 @@ def full_solves(bench: Workbench, objective: Objective, generations: list[Genera
     near = np.argmin(np.linalg.norm(bench.case.nodes[None] - points[:, None], axis=2), axis=1)
     quads = bench.case.face_nodes("outside")
     return Generations(
-        np.arange(1, len(generations) + 1), tuple(p.name for p in bench.elasticity.parameters),
-        np.array([g.best for g in generations]), np.array([g.rms_mm for g in generations]), bench.case.nodes,
-        triangles(quads), u.astype(np.float32), tuple(t.names[r] for r in rows), points, u[:, near],
-        t.value[objective.step, rows], float(t.time[objective.step] - t.time[0]), int(objective.step),
-    )  # fmt: skip
+        np.arange(1, len(generations) + 1),
+        tuple(p.name for p in bench.elasticity.parameters),
+        np.array([g.best for g in generations]),
+        np.array([g.rms_mm for g in generations]),
+        bench.case.nodes,
+        triangles(quads),
+        u.astype(np.float32),
+        tuple(t.names[r] for r in rows),
+        points,
+        u[:, near],
+        t.value[objective.step, rows],
+        float(t.time[objective.step] - t.time[0]),
+        int(objective.step),
+    )
 
 
 def triangles(quads: Any) -> Any:
@@ -139,7 +166,11 @@ def _on_paths(
             moved = theta.copy()
             moved[k] += h
             a, b = residual(moved), residual(theta)
-            columns.append(np.full(t.valid.shape[0] * len(w.components), np.nan) if a is None or b is None else (a - b) / h)
+            columns.append(
+                np.full(t.valid.shape[0] * len(w.components), np.nan)
+                if a is None or b is None
+                else (a - b) / h
+            )
         return np.array(columns).T
 
     return least_squares(residual, jacobian, elasticity.parameters, start=starts)
@@ -167,14 +198,19 @@ def _rough_slope(paths: LoadPaths, points: Array, t: Targets, values: dict[str, 
 
 def _words(project: Project, fit: Fit) -> str:
     names = [p.name for p in fit.parameters]
-    words = identifiability(fit, ("C10", "C01")) if {"C10", "C01"} <= set(names) else "One constant was held fixed."
+    words = (
+        identifiability(fit, ("C10", "C01"))
+        if {"C10", "C01"} <= set(names)
+        else "One constant was held fixed."
+    )
     study = project.config.study
     if study is not None:
         top = float(project.targets().pressure.max())
         ratio = top / study.other_pressure_MPa
         words += (
             f" The two pressures of this study contradict each other ({top:g} MPa in its table, "
-            f"{study.other_pressure_MPa:g} MPa in its text): displacements depend on pressure / C, so the other pressure "
+            f"{study.other_pressure_MPa:g} MPa in its text): displacements depend on pressure / C, so the "
+            f"other pressure "
             f"would divide C10 and C01 by {ratio:.3g}."
         )
     return words
@@ -185,5 +221,3 @@ def _write_prediction(run: Run, t: Targets, model: Model, fit: Fit, w: Whitener)
     predicted = model.predict(fit.theta)
     run.write_npz("prediction.npz", {"u": predicted})
     run.write_json("comparison.json", compare(t, predicted, w, jacobian=model.jacobian(fit.theta)).to_dict())
-
-

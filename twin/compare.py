@@ -15,7 +15,8 @@ BRANCHES = ("rest", "up", "hold", "down")
 
 @dataclass(frozen=True)
 class Comparison:
-    """residual (s, p, 3) = measured - predicted mm; whitened (n,); the lack-of-fit test; where it fails in words."""
+    """residual (s, p, 3) = measured - predicted mm; whitened (n,); the lack-of-fit test; where it fails in
+    words."""
 
     residual: Array
     whitened: Array
@@ -34,7 +35,9 @@ class Comparison:
 
     def to_dict(self) -> dict[str, Any]:
         """What comparison.json holds."""
-        plain = {k: getattr(self, k) for k in ("chi2", "degrees_of_freedom", "p_value", "rms_mm", "noise_sd_mm")}
+        plain = {
+            k: getattr(self, k) for k in ("chi2", "degrees_of_freedom", "p_value", "rms_mm", "noise_sd_mm")
+        }
         return {**plain, "adequate": self.adequate, "where": self.where, "maps": self.maps}
 
 
@@ -63,7 +66,8 @@ def compare(targets: Targets, predicted: Array, whitener: Whitener, *, jacobian:
 
 
 def lack_of_fit(targets: Targets, w: Whitener, z: Array, fitted: Array) -> float:
-    """Probability of so bad a fit: twice the smaller of the chi2 test and the omnibus test on smooth functions
+    """Probability of so bad a fit: twice the smaller of the chi2 test and the omnibus test on smooth
+    functions
     (the first alone where there are too few data for the second).
 
     Both know from how many static frames the noise was estimated.
@@ -105,7 +109,8 @@ def _memory(time: Array, pressure: Array, tau: float = 5.0) -> Array:
 
 
 def residual_maps(targets: Targets, w: Whitener, residual: Array) -> dict[str, list[dict[str, Any]]]:
-    """Root mean square of the cleaned residual, in mm and in noise sds, by marker, direction, pressure and branch."""
+    """Root mean square of the cleaned residual, in mm and in noise sds, by marker, direction, pressure and
+    branch."""
     left = w.cleaned(residual)
     noise = np.sqrt(w.sd**2 + (w.modes[w.shared :] ** 2).sum(axis=0))
     branch = branches(targets.time, targets.pressure, targets.log_time, targets.log_pressure)
@@ -116,12 +121,16 @@ def residual_maps(targets: Targets, w: Whitener, residual: Array) -> dict[str, l
         "marker": {targets.names[k]: np.broadcast_to(point == k, left.shape) for k in np.unique(point)},
         "direction": {f"U{k + 1}": np.broadcast_to(axis == k, left.shape) for k in np.unique(axis)},
         "pressure": {
-            f"{edges[k] * 1e3:.1f} to {edges[k + 1] * 1e3:.1f} kPa": np.broadcast_to((band == k)[:, None], left.shape)
+            f"{edges[k] * 1e3:.1f} to {edges[k + 1] * 1e3:.1f} kPa": np.broadcast_to(
+                (band == k)[:, None], left.shape
+            )
             for k in range(4)
         },
         "branch": {BRANCHES[k]: np.broadcast_to((branch == k)[:, None], left.shape) for k in range(4)},
     }
-    return {kind: [_row(n, left[m], noise[m]) for n, m in rows.items() if m.any()] for kind, rows in masks.items()}
+    return {
+        kind: [_row(n, left[m], noise[m]) for n, m in rows.items() if m.any()] for kind, rows in masks.items()
+    }
 
 
 def _row(name: str, left: Array, noise: Array) -> dict[str, Any]:
@@ -134,14 +143,14 @@ def _row(name: str, left: Array, noise: Array) -> dict[str, Any]:
 def _where(maps: dict[str, list[dict[str, Any]]], rms: float, noise: float, p: float) -> str:
     if np.isnan(p):
         return (
-            f"{rms:.3f} mm rms are left, which says nothing: there are no more data than fitted parameters, so no "
-            "agreement and no failure can be seen; measure more markers, pressures or times."
+            f"{rms:.3f} mm rms are left, which says nothing: there are no more data than fitted parameters, "
+            "so no agreement and no failure can be seen; measure more markers, pressures or times."
         )
     if p > ADEQUATE:
-        return f"The model agrees with the measurement within the noise ({rms:.3f} mm rms, noise {noise:.3f} mm)."
+        return f"The model agrees with the measurement within the noise: {rms:.3f} mm rms of {noise:.3f} mm."
     worst = {kind: max(rows, key=lambda r: r["rms_mm"]) for kind, rows in maps.items()}
     return (
-        f"The model misses the measurement by {rms:.3f} mm rms where the noise is {noise:.3f} mm; most at marker "
-        f"{worst['marker']['name']} ({worst['marker']['rms_mm']:.3f} mm), in {worst['direction']['name']}, at "
-        f"{worst['pressure']['name']}, on the branch '{worst['branch']['name']}'."
+        f"The model misses the measurement by {rms:.3f} mm rms where the noise is {noise:.3f} mm; most at "
+        f"marker {worst['marker']['name']} ({worst['marker']['rms_mm']:.3f} mm), in "
+        f"{worst['direction']['name']}, at {worst['pressure']['name']}, on the branch '{worst['branch']['name']}'."
     )

@@ -1,7 +1,10 @@
-"""A base model, a library of effects and targets -> which physical effect the data ask for, and what cannot be told.
+"""A base model, a library of effects and targets -> which physical effect the data ask for, and what cannot
+be told.
 
-Noise first; fit; lack of fit; the signature of every absent effect with all fitted parameters projected out (score
-test, one-sided where the parameter is); refits of the best; a wider law of the same physics before anything else;
+Noise first; fit; lack of fit; the signature of every absent effect with all fitted parameters projected out
+(score
+test, one-sided where the parameter is); refits of the best; a wider law of the same physics before anything
+else;
 ties are one answer. Multiplicity: Sidak over an effect's grid, Holm over effects.
 """
 
@@ -28,7 +31,9 @@ INVISIBLE = 0.02  # of its own size is what an effect keeps apart from the fitte
 REFITS = 3
 
 NEXT_TEST = {
-    frozenset({"creep", "pressure_lag"}): "hold the top pressure for 60 s and film a 0.2 s step at 30 frames/s",
+    frozenset(
+        {"creep", "pressure_lag"}
+    ): "hold the top pressure for 60 s and film a 0.2 s step at 30 frames/s",
     frozenset({"pressure_gain", "camera_scale"}): "measure the pressure gauge against a second one",
     frozenset({"stiffening", "camera_scale"}): "film a ruler in the finger's plane",
 }
@@ -36,7 +41,8 @@ NEXT_TEST = {
 
 @dataclass(frozen=True)
 class Candidate:
-    """One absent effect: its score z, p-value after multiplicity, and, where refitted, its fit and BIC gain."""
+    """One absent effect: its score z, p-value after multiplicity, and, where refitted, its fit and BIC
+    gain."""
 
     effect: Effect
     z: float
@@ -55,10 +61,15 @@ class Candidate:
             rows = zip(self.fit.parameters, self.fit.theta, self.fit.sd, strict=True)
             parameters = {p.name: {"value": float(x), "sd": float(s), "unit": p.unit} for p, x, s in rows}
         return {
-            "effect": self.effect.name, "law": self.effect.label, "z": self.z, "p_value": self.p_value,
-            "delta_bic": self.delta_bic, "adequate": self.comparison.adequate if self.comparison else None,
-            "parameters": parameters, "note": self.note,
-        }  # fmt: skip
+            "effect": self.effect.name,
+            "law": self.effect.label,
+            "z": self.z,
+            "p_value": self.p_value,
+            "delta_bic": self.delta_bic,
+            "adequate": self.comparison.adequate if self.comparison else None,
+            "parameters": parameters,
+            "note": self.note,
+        }
 
 
 @dataclass(frozen=True)
@@ -82,8 +93,12 @@ class Diagnosis:
         """What diagnosis.json holds."""
         after = self.kept.comparison if self.kept else self.base
         return {
-            "verdict": self.verdict, "sentence": self.sentence, "named": list(self.named), "law": self.law,
-            "ties": [list(t) for t in self.ties], "ranking": [c.to_dict() for c in self.ranking],
+            "verdict": self.verdict,
+            "sentence": self.sentence,
+            "named": list(self.named),
+            "law": self.law,
+            "ties": [list(t) for t in self.ties],
+            "ranking": [c.to_dict() for c in self.ranking],
             "next_test": self.next_test,
             "rms_before_mm": self.base.rms_mm if self.base else None,
             "rms_after_mm": after.rms_mm if after else None,
@@ -91,15 +106,23 @@ class Diagnosis:
             "adequate": after.adequate if after else None,
             "p_value_before": self.base.p_value if self.base else None,
             "p_value_after": after.p_value if after else None,
-            "explained": self.explained, "discretisation_remainder_mm": self.remainder_mm,
-        }  # fmt: skip
+            "explained": self.explained,
+            "discretisation_remainder_mm": self.remainder_mm,
+        }
 
 
 def diagnose(
-    model: Model, effects: Sequence[Effect], targets: Targets, *, seed: int, start: Array,
-    mesh: Discretisation | None = None, progress: Callable[[str, int, int], None] | None = None,
+    model: Model,
+    effects: Sequence[Effect],
+    targets: Targets,
+    *,
+    seed: int,
+    start: Array,
+    mesh: Discretisation | None = None,
+    progress: Callable[[str, int, int], None] | None = None,
 ) -> Diagnosis:
-    """The diagnosis of a base model. start (d,): its calibrated parameters; mesh: its discretisation error there.
+    """The diagnosis of a base model. start (d,): its calibrated parameters; mesh: its discretisation error
+    there.
 
     Reads targets only. Raises Unsolvable where the base model cannot be solved at `start`.
     """
@@ -111,7 +134,8 @@ def diagnose(
     w = whitener_of(model, start, targets, mesh)
     if mesh is not None and mesh.remainder_mm > 0.1 * w.noise_sd:
         return _cannot(
-            f"mesh: {mesh.remainder_mm:.4f} mm of the discretisation error is carried by no mode, more than a tenth of "
+            f"mesh: {mesh.remainder_mm:.4f} mm of the discretisation error is carried by no mode, more than "
+            f"a tenth of "
             f"the noise ({w.noise_sd:.4f} mm); refine the mesh"
         )
     fit = fit_model(model, targets, w, start=start, seed=seed)
@@ -138,11 +162,18 @@ def _refusal(targets: Targets) -> str:
 
 def _cannot(why: str) -> Diagnosis:
     verdict = f"cannot test: {why}"
-    return Diagnosis(verdict, f"The data cannot be tested: {why}.", (), None, (), (), "", None, None, None, None, None)
+    return Diagnosis(
+        verdict, f"The data cannot be tested: {why}.", (), None, (), (), "", None, None, None, None, None
+    )
 
 
 def screen(
-    model: Model, effects: Sequence[Effect], targets: Targets, w: Whitener, theta: Array, base: Comparison,
+    model: Model,
+    effects: Sequence[Effect],
+    targets: Targets,
+    w: Whitener,
+    theta: Array,
+    base: Comparison,
     jacobian: Array,
 ) -> list[Candidate]:
     """The score of every absent effect at the base fit, adjusted for the number of tries."""
@@ -160,9 +191,16 @@ def screen(
 
 
 def _score(
-    effect: Effect, rows: Sequence[Array], jacobian: Array, w: Whitener, z: Array, base: dict[str, float], model: Model
+    effect: Effect,
+    rows: Sequence[Array],
+    jacobian: Array,
+    w: Whitener,
+    z: Array,
+    base: dict[str, float],
+    model: Model,
 ) -> Candidate:
-    """The largest score over the effect's grid, one-sided where its null is a bound, and the start it suggests."""
+    """The largest score over the effect's grid, one-sided where its null is a bound, and the start it
+    suggests."""
     p, fitted = effect.parameters[0], w.whiten(jacobian).T
     best = Candidate(effect, 0.0, 1.0, "cannot be seen apart from the fitted parameters with these data")
     for entry, row in zip(effect.grid or ({},), rows, strict=True):
@@ -200,7 +238,8 @@ def _inside(model: Model, values: dict[str, float]) -> dict[str, float]:
 def _to_refit(candidates: Sequence[Candidate], base: Comparison) -> list[Candidate]:
     """The best few by score: the detected ones, or all visible ones where the base is inadequate.
 
-    A score whose square is below a fiftieth of the best one's promises too small a fall of chi2 to be worth a refit.
+    A score whose square is below a fiftieth of the best one's promises too small a fall of chi2 to be worth
+    a refit.
     """
     worth = [c for c in candidates if not c.note and (c.p_value < DETECTED or not base.adequate)]
     worth = sorted(worth, key=lambda c: -abs(c.z))[:REFITS]
@@ -208,7 +247,14 @@ def _to_refit(candidates: Sequence[Candidate], base: Comparison) -> list[Candida
 
 
 def refit(
-    candidate: Candidate, model: Model, targets: Targets, w: Whitener, base_fit: Fit, base: Comparison, *, seed: int
+    candidate: Candidate,
+    model: Model,
+    targets: Targets,
+    w: Whitener,
+    base_fit: Fit,
+    base: Comparison,
+    *,
+    seed: int,
 ) -> list[Candidate]:
     """The candidate fitted, and its wider law as well where the narrow one is inadequate."""
     effect: Effect | None = candidate.effect
@@ -231,21 +277,33 @@ def refit(
 
 
 def _ranked(rows: Sequence[Candidate]) -> tuple[Candidate, ...]:
-    return tuple(sorted(rows, key=lambda c: (-(c.delta_bic if c.delta_bic is not None else -np.inf), -abs(c.z))))
+    return tuple(
+        sorted(rows, key=lambda c: (-(c.delta_bic if c.delta_bic is not None else -np.inf), -abs(c.z)))
+    )
 
 
 def _conclude(rows: tuple[Candidate, ...], base: Comparison, fit: Fit, remainder: float | None) -> Diagnosis:
     best = rows[0] if rows and rows[0].delta_bic is not None and rows[0].delta_bic > TIE else None
     blind = [c.effect.name for c in rows if c.note]
 
-    def result(verdict: str, sentence: str, kept: Candidate | None, *, ties: tuple[tuple[str, ...], ...] = (),
-               explained: float | None = None, named: bool = True, test: str = "") -> Diagnosis:
+    def result(
+        verdict: str,
+        sentence: str,
+        kept: Candidate | None,
+        *,
+        ties: tuple[tuple[str, ...], ...] = (),
+        explained: float | None = None,
+        named: bool = True,
+        test: str = "",
+    ) -> Diagnosis:
         names = (kept.effect.name,) if kept and named else ()
         law = kept.effect.label if kept and named else None
         if blind:
             sentence += f" These data cannot tell: {', '.join(blind)}."
         keep = kept if named else None
-        return Diagnosis(verdict, sentence, names, law, ties, rows, test, base, fit, keep, explained, remainder)
+        return Diagnosis(
+            verdict, sentence, names, law, ties, rows, test, base, fit, keep, explained, remainder
+        )
 
     if best is None or best.comparison is None:
         if base.adequate:
@@ -263,14 +321,25 @@ def _conclude(rows: tuple[Candidate, ...], base: Comparison, fit: Fit, remainder
         names = (best.effect.name, *dict.fromkeys(tied))
         test = NEXT_TEST.get(frozenset(names[:2]), "repeat the film with a 60 s hold and a 0.2 s step")
         verdict = f"{' or '.join(names)}: run test {test}"
-        return result(verdict, f"These data cannot tell {' from '.join(names)}; {change}.", best, ties=(names,),
-                      explained=explained, test=test)
+        return result(
+            verdict,
+            f"These data cannot tell {' from '.join(names)}; {change}.",
+            best,
+            ties=(names,),
+            explained=explained,
+            test=test,
+        )
     if explained > EXPLAINED:
-        text = (f"{best.effect.name} is the missing physics ({best.effect.sentence}), but its law is not exactly "
-                f"this one; {change}.")
+        text = (
+            f"{best.effect.name} is the missing physics ({best.effect.sentence}), but its law is not exactly "
+            f"this one; {change}."
+        )
         return result("right physics, wrong law", text, best, explained=explained)
-    text = (f"The model is wrong by {base.rms_mm:.3f} mm rms, and the best effect of the library, {best.effect.name}, "
-            f"explains only {100 * explained:.0f} % of it: something else is missing.")
+    text = (
+        f"The model is wrong by {base.rms_mm:.3f} mm rms, and the best effect of the library, "
+        f"{best.effect.name}, "
+        f"explains only {100 * explained:.0f} % of it: something else is missing."
+    )
     return result("none of these", text, best, explained=explained, named=False)
 
 

@@ -1,4 +1,5 @@
-"""The stages compare, diagnose, add and drop: what the model misses, which effect it lacks, and with that added."""
+"""The stages compare, diagnose, add and drop: what the model misses, which effect it lacks, and with that
+added."""
 
 from typing import Any
 
@@ -60,14 +61,24 @@ def run_diagnose(project: Project, say: Say) -> dict[str, Any]:
         model = bench.model()
         mesh = bench.mesh(fit.theta, model, say)
         found = diagnose(
-            model, _candidates(project), bench.targets, seed=seed, start=fit.theta, mesh=mesh, progress=say.progress
+            model,
+            _candidates(project),
+            bench.targets,
+            seed=seed,
+            start=fit.theta,
+            mesh=mesh,
+            progress=say.progress,
         )
         data = found.to_dict()
         run.write_json("diagnosis.json", data)
         if found.base is not None and found.base_fit is not None:
-            run.write_npz("prediction.npz", {"u": model.predict(found.base_fit.theta), "residual": found.base.residual})
+            run.write_npz(
+                "prediction.npz", {"u": model.predict(found.base_fit.theta), "residual": found.base.residual}
+            )
         if found.kept is not None and found.kept.fit is not None:
-            run.write_json("kept.json", found.kept.fit.to_dict() | {"effects": [e.label for e in _own(found.kept.model)]})
+            run.write_json(
+                "kept.json", found.kept.fit.to_dict() | {"effects": [e.label for e in _own(found.kept.model)]}
+            )
         run.summary["headline"] = found.verdict
     say(f"diagnose: {found.verdict}")
     say(f"diagnose: {found.sentence}")
@@ -102,7 +113,13 @@ def _law(project: Project, name: str) -> tuple[Effect, dict[str, float]]:
     path = project.newest("diagnose", "diagnosis.json")
     data = files.read_json(path) if path else {}
     kept = path.with_name("kept.json") if path else None
-    if ":" not in name and data.get("law") and data["law"].partition(":")[0] == name and kept and kept.exists():
+    if (
+        ":" not in name
+        and data.get("law")
+        and data["law"].partition(":")[0] == name
+        and kept
+        and kept.exists()
+    ):
         values = {k: float(v["value"]) for k, v in files.read_json(kept)["parameters"].items()}
         return effect(data["law"]), values
     return effect(name), {}
@@ -112,7 +129,9 @@ def run_drop(project: Project, name: str, say: Say) -> dict[str, Any]:
     """The model without one of its effects: refitted and compared."""
     left = tuple(e for e in project.config.model.effects if e.partition(":")[0] != name.partition(":")[0])
     if len(left) == len(project.config.model.effects):
-        raise ValueError(f"effect {name!r} is not in the model, which has {list(project.config.model.effects)}")
+        raise ValueError(
+            f"effect {name!r} is not in the model, which has {list(project.config.model.effects)}"
+        )
     before = project.newest(("calibrate", "compare", "add", "drop"), "comparison.json")
     return _change(project, "drop", left, {}, say, before)
 
@@ -135,18 +154,28 @@ def _change(
     project.set_effects(effects)
     was = old.get("rms_mm")
     text = f"{was:.3f} mm -> " if was is not None else ""
-    say(f"{kind}: error {text}{found.rms_mm:.3f} mm rms; noise {found.noise_sd_mm:.3f} mm "
-        f"({found.rms_mm / found.noise_sd_mm:.2f} of it)")  # fmt: skip
+    say(
+        f"{kind}: error {text}{found.rms_mm:.3f} mm rms; noise {found.noise_sd_mm:.3f} mm "
+        f"({found.rms_mm / found.noise_sd_mm:.2f} of it)"
+    )
     for p, x, s in zip(fit.parameters, fit.theta, fit.sd, strict=True):
         say(f"{kind}:   {p.name} = {x:.4g} +- {s:.2g} {p.unit}")
     say(f"{kind}: {found.where}")
     say(f"{kind}: wrote {project.shown(run.folder)}/fit.json; twin.toml has effects = {list(effects)}")
-    return {"stage": kind, "run": run.name, "rms_before_mm": was, "rms_after_mm": found.rms_mm,
-            "noise_sd_mm": found.noise_sd_mm, "effects": list(effects), "fit": fit.to_dict()}  # fmt: skip
+    return {
+        "stage": kind,
+        "run": run.name,
+        "rms_before_mm": was,
+        "rms_after_mm": found.rms_mm,
+        "noise_sd_mm": found.noise_sd_mm,
+        "effects": list(effects),
+        "fit": fit.to_dict(),
+    }
 
 
 def _nominal(model: Model) -> dict[str, float]:
-    """Start values of effects of which nothing is known: half a typical step from null, the middle of the grid."""
+    """Start values of effects of which nothing is known: half a typical step from null, the middle of the
+    grid."""
     values: dict[str, float] = {}
     for e in model.effects:
         for p in e.parameters:
@@ -164,6 +193,9 @@ def _fields(bench: Workbench, model: Model, theta: Array) -> Fields:
     u, predicted = model.solution(theta).fields(list(steps)), model.predict(theta)
     rest = model.solution(theta).fields(list(t.reference[:: max(1, len(t.reference) // 3)])).mean(axis=0)
     return Fields(
-        t.time[steps] - t.time[0], t.pressure[steps], (u - rest).astype(np.float32), predicted[steps][:, rows],
+        t.time[steps] - t.time[0],
+        t.pressure[steps],
+        (u - rest).astype(np.float32),
+        predicted[steps][:, rows],
         t.value[steps][:, rows],
     )

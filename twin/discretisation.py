@@ -1,12 +1,16 @@
-"""A model at its parameters -> the modes of its own discretisation error, from history-free solves on finer meshes.
+"""A model at its parameters -> the modes of its own discretisation error, from history-free solves on finer
+meshes.
 
-The mesh is refined in one direction at a time (bellows, walls, section) and in two together; the change of the
-prediction on each is one mode, 1 sd. One more mesh, finer in every direction and of the other topology, measures what
+The mesh is refined in one direction at a time (bellows, walls, section) and in two together; the change of
+the
+prediction on each is one mode, 1 sd. One more mesh, finer in every direction and of the other topology,
+measures what
 the modes do not carry; that remainder enters as small smooth modes of every marker and axis.
 """
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -18,7 +22,8 @@ from twin.targets import Array
 
 SAMPLES = 40  # pressures at which a finer mesh's response is sampled
 COUNT = 7  # levels of its curve; the base mesh is solved on the same, so that their error cancels
-# The check mesh is not the limit: against a truth on a still finer mesh the smooth modes are large enough from 2.5
+# The check mesh is not the limit: against a truth on a still finer mesh the smooth modes are large enough
+# from 2.5
 # times what it shows (benchmarks/controls.py); they are taken twice as large.
 SAFETY = 5.0
 SMOOTH = (0.5, 1, 2, 3)  # powers of pressure of the remainder's modes
@@ -26,7 +31,8 @@ SMOOTH = (0.5, 1, 2, 3)  # powers of pressure of the remainder's modes
 
 @dataclass(frozen=True)
 class Discretisation:
-    """modes (q, s, p, 3) mm, 1 sd each, with names; check (s, p, 3) mm: the change on the mesh that tests them;
+    """modes (q, s, p, 3) mm, 1 sd each, with names; check (s, p, 3) mm: the change on the mesh that tests
+    them;
     remainder_mm: rms of what they leave of it (NaN before it is measured)."""
 
     modes: Array
@@ -44,18 +50,25 @@ def finer(lattice: Lattice) -> dict[str, Lattice]:
         "walls": replace(lattice, wall=2 * lattice.wall),
         "section": section,
         "bellows and walls": replace(lattice, per_bellow=bellow, wall=2 * lattice.wall),
-        "check": replace(section, per_bellow=bellow, wall=2 * lattice.wall, fillet=lattice.fillet, ring=not lattice.ring),
+        "check": replace(
+            section, per_bellow=bellow, wall=2 * lattice.wall, fillet=lattice.fillet, ring=not lattice.ring
+        ),
     }
 
 
 def discretisation(
-    model: Model, theta: Array, *, finger: Finger, lattice: Lattice,
+    model: Model,
+    theta: Array,
+    *,
+    finger: Finger,
+    lattice: Lattice,
     keep: Callable[[str, Callable[[], Array]], Array] | None = None,
     progress: Callable[[str, int, int], None] | None = None,
 ) -> Discretisation:
     """The modes of a model of the bellows finger at theta; its remainder is yet to be measured (NaN).
 
-    keep(key, make): returns the array stored under a digest, or makes and stores it. progress(stage, done, total).
+    keep(key, make): returns the array stored under a digest, or makes and stores it. progress(stage, done,
+    total).
     """
     test = model.put(model.named(theta))
     q = model.solution(theta).pressure
@@ -85,8 +98,11 @@ def _at(grid: Array, values: Array, q: Array) -> Array:
     return CubicSpline(grid, values, axis=0)(np.clip(q, grid[0], grid[-1]))
 
 
-def with_remainder(mesh: Discretisation, size: float, pressure: Array, moving: Array, reference: Array) -> Discretisation:
-    """The modes and, for what they do not carry, smooth modes of `size` mm for every moving marker and axis."""
+def with_remainder(
+    mesh: Discretisation, size: float, pressure: Array, moving: Any, reference: Any
+) -> Discretisation:
+    """The modes and, for what they do not carry, smooth modes of `size` mm for every moving marker and
+    axis."""
     x = np.clip(pressure / max(float(pressure.max()), 1e-12), 0.0, None)
     smooth = []
     for point in np.flatnonzero(moving):

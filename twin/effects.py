@@ -1,6 +1,8 @@
-"""The library of physical effects: each is two pure maps, of what goes into a prediction and of what comes out.
+"""The library of physical effects: each is two pure maps, of what goes into a prediction and of what comes
+out.
 
-An effect never states a derivative: `Model` differences its maps. At its null values a prediction equals the base.
+An effect never states a derivative: `Model` differences its maps. At its null values a prediction equals
+the base.
 """
 
 from collections.abc import Mapping
@@ -18,7 +20,8 @@ Theta = Mapping[str, float]
 
 @dataclass(frozen=True)
 class Test:
-    """All that a prediction needs: a case, a pressure path, and material points (p, 3) mm that may move or not."""
+    """All that a prediction needs: a case, a pressure path, and material points (p, 3) mm that may move or
+    not."""
 
     __test__ = False  # the name is the field's word; pytest must not collect it
 
@@ -31,8 +34,10 @@ class Test:
 class Effect:
     """A physical effect: `name`, `parameters` (named `<effect>.<parameter>`), and two pure maps.
 
-    order: maps are applied by increasing order, never by the order of adding (material 10, support 20, gauge 40,
-    line 50, camera 80). grid: values at which a parameter that is invisible at null is tried. requires: what the
+    order: maps are applied by increasing order, never by the order of adding (material 10, support 20,
+    gauge 40,
+    line 50, camera 80). grid: values at which a parameter that is invisible at null is tried. requires:
+    what the
     data must hold ("history"). sentence: what is physically meant, for the report.
     """
 
@@ -68,11 +73,14 @@ class Effect:
 
 
 class Elasticity(Effect):
-    """The base material: Mooney-Rivlin constants C10 and C01 of every element, each free or held at a value."""
+    """The base material: Mooney-Rivlin constants C10 and C01 of every element, each free or held at a
+    value."""
 
     name, sentence, order = "elasticity", "Mooney-Rivlin rubber", 0
 
-    def __init__(self, *, bounds: Mapping[str, tuple[float, float]] | None = None, fixed: Theta | None = None) -> None:
+    def __init__(
+        self, *, bounds: Mapping[str, tuple[float, float]] | None = None, fixed: Theta | None = None
+    ) -> None:
         limits = {"C10": (0.01, 0.5), "C01": (0.0, 0.5), **(bounds or {})}
         self.fixed = dict(fixed or {})
         self.parameters = tuple(
@@ -121,7 +129,9 @@ class Creep(Effect):
         rest = {k: v for k, v in theta.items() if not k.startswith("creep.")}
         g, tau = theta["creep.g1"], theta["creep.tau1"]
         slow = float(np.clip(4 * tau, 0.2, 150.0))
-        return ({**rest, "creep.g1": 0.7 * g, "creep.tau1": 0.6 * tau, "creep.g2": 0.5 * g, "creep.tau2": slow},)
+        return (
+            {**rest, "creep.g1": 0.7 * g, "creep.tau1": 0.6 * tau, "creep.g2": 0.5 * g, "creep.tau2": slow},
+        )
 
 
 class Stiffening(Effect):
@@ -187,7 +197,8 @@ class CameraScale(Effect):
 
 
 def first_order_lag(time: Array, pressure: Array, tau: float) -> Array:
-    """The response (t,) of tau dy/dt + y = p, exact for p linear between the times (t,) s, settled at the start.
+    """The response (t,) of tau dy/dt + y = p, exact for p linear between the times (t,) s, settled at the
+    start.
 
     For tau <= 0 the linear continuation p - tau dp/dt, so that the map can be differenced at tau = 0.
     """
@@ -195,7 +206,7 @@ def first_order_lag(time: Array, pressure: Array, tau: float) -> Array:
     if tau <= 0:
         return pressure - tau * np.concatenate([[0.0], slope])
     x = np.diff(time) / tau
-    decay = np.exp(-np.minimum(x, 700.0))
+    decay = np.exp(-np.minimum(x, 300.0))  # times a pressure this is still a normal number
     out = np.empty_like(pressure)
     out[0] = pressure[0]
     drive = pressure[1:] - decay * pressure[:-1] - tau * slope * (1 - decay)
@@ -219,6 +230,7 @@ def effect(label: str) -> Effect:
             if known is not None:
                 return known
     raise ValueError(
-        f"effect {label!r} is not in the library; wanted one of {', '.join(e.name for e in library())} (creep:2 for "
+        f"effect {label!r} is not in the library; wanted one of {', '.join(e.name for e in library())} "
+        f"(creep:2 for "
         "two terms)" + (f"; {name} has no law with {terms} terms" if terms else "")
     )

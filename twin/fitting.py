@@ -1,4 +1,5 @@
-"""A model, targets and the errors of both -> the parameters that fit, and the whitened residual's derivatives."""
+"""A model, targets and the errors of both -> the parameters that fit, and the whitened residual's
+derivatives."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -22,7 +23,8 @@ def whitener_of(model: Model, theta: Array, targets: Targets, mesh: Discretisati
 def measured_remainder(model: Model, theta: Array, targets: Targets, mesh: Discretisation) -> Discretisation:
     """The discretisation modes with their remainder, as small smooth modes.
 
-    The remainder (rms in mm) is what the check mesh shows that neither the modes but the finest, nor the targets' own
+    The remainder (rms in mm) is what the check mesh shows that neither the modes but the finest, nor the
+    targets' own
     modes, nor the fitted parameters carry: leaving one out tells what a next refinement would still bring.
     """
     fewer = replace(mesh, modes=mesh.modes[:-1], names=mesh.names[:-1])
@@ -33,7 +35,12 @@ def measured_remainder(model: Model, theta: Array, targets: Targets, mesh: Discr
 
 
 def fit_model(
-    model: Model, targets: Targets, w: Whitener, *, start: Array | Sequence[Array], seed: int = 0,
+    model: Model,
+    targets: Targets,
+    w: Whitener,
+    *,
+    start: Array | Sequence[Array],
+    seed: int = 0,
     evaluations: int = 25,
 ) -> Fit:
     """The bounded least-squares fit of all of a model's parameters, from one or several starts (m, d)."""
@@ -50,4 +57,6 @@ def fit_model(
         except Unsolvable:
             return np.full((targets.valid.shape[0] * len(w.components), len(theta)), np.nan)
 
-    return least_squares(residual, jacobian, model.parameters, start=start, seed=seed, max_evaluations=evaluations)
+    return least_squares(
+        residual, jacobian, model.parameters, start=start, seed=seed, max_evaluations=evaluations
+    )

@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 
 from calibrate import Parameter
 from fe import Case, Finger, Lattice, Material, Path, Solution, Variation, finger_case, solve
@@ -11,8 +12,10 @@ from twin.effects import Effect, Elasticity, Test, Theta
 from twin.targets import Array, Targets
 
 STEP = 1e-6  # of a parameter's typical size, for differencing the effects' maps
-# A prediction that differs from a solved neighbour by less than NEAR mm is taken along the neighbour's derivatives:
-# of 58 mm of motion that leaves an error of about NEAR^2 / 58 = 2e-4 mm. Derivatives change by as large a share as the
+# A prediction that differs from a solved neighbour by less than NEAR mm is taken along the neighbour's
+# derivatives:
+# of 58 mm of motion that leaves an error of about NEAR^2 / 58 = 2e-4 mm. Derivatives change by as large a
+# share as the
 # displacement does, so that within SAME_SLOPE mm they are kept to half a per cent.
 NEAR = 0.1
 SAME_SLOPE = 0.3
@@ -24,7 +27,8 @@ class Unsolvable(Exception):
 
 @dataclass(frozen=True)
 class Anchor:
-    """A full solve that others may start from: theta (d,), u (s, p, 3) mm, and derivatives (d, s, p, 3) or None."""
+    """A full solve that others may start from: theta (d,), u (s, p, 3) mm, and derivatives (d, s, p, 3) or
+    None."""
 
     theta: Array
     u: Array
@@ -34,15 +38,17 @@ class Anchor:
 
 @dataclass(frozen=True)
 class Model:
-    """The base test with its effects; `predict` and `jacobian` give displacements relative to the reference steps.
+    """The base test with its effects; `predict` and `jacobian` give displacements relative to the reference
+    steps.
 
-    reference (r,): output steps whose mean is subtracted. Solves are kept and reused: a prediction so close to an
+    reference (r,): output steps whose mean is subtracted. Solves are kept and reused: a prediction so close
+    to an
     earlier one that first order serves (NEAR) costs nothing.
     """
 
     test: Test
     effects: tuple[Effect, ...]
-    reference: Array
+    reference: NDArray[np.int64]
     _anchors: list[Anchor] = field(default_factory=list, compare=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -80,7 +86,8 @@ class Model:
         return u - u[self.reference].mean(axis=0)
 
     def predict(self, theta: Array) -> Array:
-        """Displacements (s, p, 3) mm relative to the reference. Raises Unsolvable where there is no equilibrium."""
+        """Displacements (s, p, 3) mm relative to the reference. Raises Unsolvable where there is no
+        equilibrium."""
         near, slope = self._nearest(theta), self._nearest(theta, derivatives=True)
         if near is not None and slope is not None and slope.jacobian is not None:
             change = np.tensordot(theta - near.theta, slope.jacobian, 1)
@@ -93,7 +100,8 @@ class Model:
         """Derivatives (d, s, p, 3) of `predict`, mm per unit of each parameter."""
         slope = self._nearest(theta, derivatives=True)
         if slope is not None and slope.jacobian is not None:
-            if np.abs(np.tensordot(theta - slope.theta, slope.jacobian, 1)).max() < SAME_SLOPE:
+            change = np.tensordot(theta - slope.theta, slope.jacobian, 1)
+            if np.abs(change).max() < SAME_SLOPE:
                 return slope.jacobian
         found = self._solve(theta, self._nearest(theta), derivatives=True).jacobian
         assert found is not None
@@ -114,7 +122,9 @@ class Model:
         scale = np.array([p.step for p in self.parameters])
         known = [a for a in self._anchors if a.jacobian is not None or not derivatives]
         return min(
-            known, key=lambda a: (float(np.abs((a.theta - theta) / scale).max()), a.jacobian is None), default=None
+            known,
+            key=lambda a: (float(np.abs((a.theta - theta) / scale).max()), a.jacobian is None),
+            default=None,
         )
 
     def _solve(self, theta: Array, near: Anchor | None, *, derivatives: bool) -> Anchor:
@@ -162,7 +172,10 @@ class Model:
 
     def per_pressure(self, theta: Array) -> Array:
         """dU/dp (s, p, 3) mm per MPa of the pressure at the step itself, as seen by the camera."""
-        test, out = self.put(self.named(theta)), np.zeros((len(self.test.path.output), len(self.test.points), 3))
+        test, out = (
+            self.put(self.named(theta)),
+            np.zeros((len(self.test.path.output), len(self.test.points), 3)),
+        )
         out[:, test.moving] = self.solution(theta).per_pressure(test.points[test.moving])
         return out
 
@@ -170,7 +183,9 @@ class Model:
 Change = tuple[Variation, tuple[Test, Theta], tuple[Test, Theta], float]
 
 
-def respond(test: Test, variations: Sequence[Variation], *, start: Solution | None) -> tuple[Array, Array, Solution]:
+def respond(
+    test: Test, variations: Sequence[Variation], *, start: Solution | None
+) -> tuple[Array, Array, Solution]:
     """Displacements (s, p, 3) mm of a test's points, derivatives (v, s, p, 3), and the solution.
 
     Raises Unsolvable where the load path cannot be followed to its end.
@@ -201,6 +216,8 @@ def base_test(targets: Targets, case: Case) -> Test:
     return Test(case, path, np.nan_to_num(points), moving)
 
 
-def base_model(targets: Targets, case: Case, *, elasticity: Elasticity | None = None, effects: Sequence[Effect] = ()) -> Model:
+def base_model(
+    targets: Targets, case: Case, *, elasticity: Elasticity | None = None, effects: Sequence[Effect] = ()
+) -> Model:
     """The model of the targets: elasticity and the given effects."""
     return Model(base_test(targets, case), (elasticity or Elasticity(), *effects), targets.reference)

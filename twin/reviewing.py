@@ -1,4 +1,5 @@
-"""The review stage: what the runs of a project found -> review.rrd for rerun, report.html, pictures, VTU files."""
+"""The review stage: what the runs of a project found -> review.rrd for rerun, report.html, pictures, VTU
+files."""
 
 from datetime import date
 from typing import Any
@@ -69,8 +70,12 @@ class _Story:
         film = self.project.path(cameras[0].film) if cameras else None
         say.progress("review", 0, 2)
         notes = write_review(
-            self.run.path("review.rrd"), film=film, frame_times_s=self.targets.time - self.targets.time[0],
-            generations=self.generations, fields=self.fields, diagnosis_markdown=self._markdown(),
+            self.run.path("review.rrd"),
+            film=film,
+            frame_times_s=self.targets.time - self.targets.time[0],
+            generations=self.generations,
+            fields=self.fields,
+            diagnosis_markdown=self._markdown(),
             comparison=self._rows(),
         )
         say.progress("review", 1, 2)
@@ -84,13 +89,18 @@ class _Story:
 
     def _rows(self) -> list[dict[str, object]]:
         ranking = self.diagnosis.get("ranking", [])
-        return [{"effect": r["law"], "score": _round(r["z"]), "BIC gain": _round(r["delta_bic"])} for r in ranking]
+        return [
+            {"effect": r["law"], "score": _round(r["z"]), "BIC gain": _round(r["delta_bic"])} for r in ranking
+        ]
 
     def deformed(self) -> list[str]:
         """A picture and a VTU series of the deformed finger; returns what could not be done."""
         g, notes = self.generations, []
         note = deformed_picture(
-            self.run.path("deformed.png"), nodes=g.nodes, triangles=g.triangles, u=np.asarray(g.u[-1], float),
+            self.run.path("deformed.png"),
+            nodes=g.nodes,
+            triangles=g.triangles,
+            u=np.asarray(g.u[-1], float),
             points=g.points + g.u_measured,
         )
         notes += [note] if note else []
@@ -100,7 +110,9 @@ class _Story:
         else:
             chosen = np.unique(np.linspace(0, len(self.fields.time_s) - 1, SERIES).round().astype(int))
             times, u = list(self.fields.time_s[chosen]), self.fields.u[chosen]
-        write_vtu_series(self.run.folder, "deformed", nodes=g.nodes, cells=cells, times=times, fields={"U": u})
+        write_vtu_series(
+            self.run.folder, "deformed", nodes=g.nodes, cells=cells, times=times, fields={"U": u}
+        )
         return notes
 
     def facts(self, notes: list[str]) -> dict[str, Any]:
@@ -108,14 +120,31 @@ class _Story:
         d = self.diagnosis
         ranking = [r | {"effect": r["law"], "named": r["effect"] in d["named"]} for r in d.get("ranking", [])]
         return {
-            "headline": self.headline, "date": date.today().isoformat(), "errors": self._errors(),
-            "named": self._named(), "ranking": ranking, "ties": d.get("ties", []), "next_test": d.get("next_test"),
+            "headline": self.headline,
+            "date": date.today().isoformat(),
+            "errors": self._errors(),
+            "named": self._named(),
+            "ranking": ranking,
+            "ties": d.get("ties", []),
+            "next_test": d.get("next_test"),
             "cannot_tell": [f"{r['law']}: {r['note']}" for r in d.get("ranking", []) if r["note"]],
-            "calibration": {"parameters": _parameters(self.calibrated), "sentence": self.calibrated.get("identifiability")},
-            "chain": self._chain(), "pictures": self._pictures(), "notes": notes,
+            "calibration": {
+                "parameters": _parameters(self.calibrated),
+                "sentence": self.calibrated.get("identifiability"),
+            },
+            "chain": self._chain(),
+            "pictures": self._pictures(),
+            "notes": notes,
             "provenance": versions() | {"seed": str(self.calibrated.get("seed"))},
-            "commands": ["twin camera", "twin measure", "twin calibrate", "twin compare", "twin diagnose", "twin review"],
-        }  # fmt: skip
+            "commands": [
+                "twin camera",
+                "twin measure",
+                "twin calibrate",
+                "twin compare",
+                "twin diagnose",
+                "twin review",
+            ],
+        }
 
     def _errors(self) -> dict[str, Any] | None:
         d = self.diagnosis
@@ -139,10 +168,18 @@ class _Story:
             rows.append({"name": "camera, reprojection RMS", "value": camera["rms_px"], "unit": "px"})
         noise = self.targets.noise
         if noise is not None:
-            rows.append({"name": "marker noise at rest, median sd", "value": 1e3 * float(np.nanmedian(noise.sd)), "unit": "um"})
+            rows.append(
+                {
+                    "name": "marker noise at rest, median sd",
+                    "value": 1e3 * float(np.nanmedian(noise.sd)),
+                    "unit": "um",
+                }
+            )
             rows.append({"name": "static frames", "value": noise.frames})
             rows.append({"name": "gauge noise, sd", "value": 1e3 * noise.gauge_sd_MPa, "unit": "kPa"})
-        rows.append({"name": "steps x markers", "value": f"{len(self.targets.time)} x {len(self.targets.names)}"})
+        rows.append(
+            {"name": "steps x markers", "value": f"{len(self.targets.time)} x {len(self.targets.names)}"}
+        )
         return rows
 
     def _pictures(self) -> list[dict[str, Any]]:
@@ -152,48 +189,96 @@ class _Story:
         after = self._prediction(("add", "drop")) if self.fields is not None else None
         if self.diagnosis.get("rms_before_mm") is not None:
             bars = pictures.error_bars(
-                self.diagnosis["rms_before_mm"], after_mm=self.added.get("rms_mm"), noise_mm=self.diagnosis["noise_sd_mm"]
+                self.diagnosis["rms_before_mm"],
+                after_mm=self.added.get("rms_mm"),
+                noise_mm=self.diagnosis["noise_sd_mm"],
             )
-            out.append({"title": "Error", "half": True, "svg": bars, "caption": "Root mean square error of all markers."})
+            out.append(
+                {
+                    "title": "Error",
+                    "half": True,
+                    "svg": bars,
+                    "caption": "Root mean square error of all markers.",
+                }
+            )
         if self.run.path("deformed.png").exists():
-            out.append({"title": "Model at top pressure", "half": True, "png": self.run.path("deformed.png"),
-                        "caption": "Best model of the last generation, and the measured markers."})  # fmt: skip
+            out.append(
+                {
+                    "title": "Model at top pressure",
+                    "half": True,
+                    "png": self.run.path("deformed.png"),
+                    "caption": "Best model of the last generation, and the measured markers.",
+                }
+            )
         out += self._time_pictures(t, rows, before, after)
         g = self.generations
-        out.append({"title": "Genetic algorithm", "caption": "Best RMS and constants of every generation.",
-                    "svg": pictures.generations(g.generation, rms_mm=g.rms_mm, best=g.best, names=g.names)})  # fmt: skip
+        out.append(
+            {
+                "title": "Genetic algorithm",
+                "caption": "Best RMS and constants of every generation.",
+                "svg": pictures.generations(g.generation, rms_mm=g.rms_mm, best=g.best, names=g.names),
+            }
+        )
         if len(g.names) == 2:
             found = files.read_npz(self._file("calibrate", "candidates.npz"))
-            out.append({
-                "title": "Error landscape", "half": True,
-                "caption": "All candidates: the valley is C10 + C01 = constant, which is why the two part badly.",
-                "svg": pictures.landscape(found["x"], rms_mm=found["rms_mm"], names=g.names, best=g.best[-1]),
-            })  # fmt: skip
+            out.append(
+                {
+                    "title": "Error landscape",
+                    "half": True,
+                    "caption": "All candidates: the valley is C10 + C01 = constant, which is why the two part "
+                    "badly.",
+                    "svg": pictures.landscape(
+                        found["x"], rms_mm=found["rms_mm"], names=g.names, best=g.best[-1]
+                    ),
+                }
+            )
         return out
 
-    def _time_pictures(self, t: Targets, rows: Any, before: Array | None, after: Array | None) -> list[dict[str, Any]]:
+    def _time_pictures(
+        self, t: Targets, rows: Any, before: Array | None, after: Array | None
+    ) -> list[dict[str, Any]]:
         if before is None or len(t.time) < 3:
             return []
         time, names = t.time - t.time[0], [t.names[r] for r in rows]
-        shown = [k for k, r in enumerate(rows) if t.names[r] in self.project.config.calibrate.objective_points]
+        shown = [
+            k for k, r in enumerate(rows) if t.names[r] in self.project.config.calibrate.objective_points
+        ]
         own = rows[shown] if shown else rows[-2:]
         maps = {"before": 1e3 * (t.value - before)[:, rows]}
         if after is not None:
             maps["after"] = 1e3 * (t.value - after)[:, rows]
         out = [
-            {"title": "Displacement", "caption": "Measured, and the model before and after.",
-             "svg": pictures.displacements(time, measured=t.value[:, own], before=before[:, own],
-                                           after=None if after is None else after[:, own],
-                                           names=[t.names[r] for r in own])},
-            {"title": "Where the model fails", "caption": "Measured minus model, every marker over time.",
-             "svg": pictures.residual_map(time, maps=maps, names=names, unit="um")},
-        ]  # fmt: skip
+            {
+                "title": "Displacement",
+                "caption": "Measured, and the model before and after.",
+                "svg": pictures.displacements(
+                    time,
+                    measured=t.value[:, own],
+                    before=before[:, own],
+                    after=None if after is None else after[:, own],
+                    names=[t.names[r] for r in own],
+                ),
+            },
+            {
+                "title": "Where the model fails",
+                "caption": "Measured minus model, every marker over time.",
+                "svg": pictures.residual_map(time, maps=maps, names=names, unit="um"),
+            },
+        ]
         initial, step = before[:, own, 2], max(1, len(time) // 150)
-        out.append({"title": "U3 against pressure", "caption": "Measured, base model, model with the added effect.",
-                    "svg": pictures.pressure_curves(t.pressure[::step], measured=t.value[::step][:, own, 2],
-                                                    initial=initial[::step],
-                                                    optimised=None if after is None else after[::step][:, own, 2],
-                                                    names=[t.names[r] for r in own])})  # fmt: skip
+        out.append(
+            {
+                "title": "U3 against pressure",
+                "caption": "Measured, base model, model with the added effect.",
+                "svg": pictures.pressure_curves(
+                    t.pressure[::step],
+                    measured=t.value[::step][:, own, 2],
+                    initial=initial[::step],
+                    optimised=None if after is None else after[::step][:, own, 2],
+                    names=[t.names[r] for r in own],
+                ),
+            }
+        )
         return out
 
     def _prediction(self, kinds: tuple[str, ...]) -> Array | None:
@@ -206,7 +291,9 @@ def _parameters(fit: dict[str, Any]) -> list[dict[str, Any]]:
     for name, p in fit.get("parameters", {}).items():
         sd = p.get("sd")
         span = (None, None) if sd is None else (p["value"] - 1.96 * sd, p["value"] + 1.96 * sd)
-        rows.append({"name": name, "value": p["value"], "low": span[0], "high": span[1], "unit": p.get("unit", "")})
+        rows.append(
+            {"name": name, "value": p["value"], "low": span[0], "high": span[1], "unit": p.get("unit", "")}
+        )
     return rows
 
 

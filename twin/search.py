@@ -15,7 +15,8 @@ from twin.targets import Array, Targets
 class Objective:
     """RMS over points of one displacement component at the first arrival at top pressure.
 
-    step: that step; rows (j,): the points; component: 0, 1, 2; measured (j,) mm; reference pressures (r,) MPa.
+    step: that step; rows (j,): the points; component: 0, 1, 2; measured (j,) mm; reference pressures (r,)
+    MPa.
     """
 
     step: int
@@ -34,7 +35,8 @@ class Objective:
         if not np.isfinite(measured).all():
             lost = names[int(np.flatnonzero(~np.isfinite(measured))[0])]
             raise ValueError(
-                f"point {lost!r} has no U{component + 1} at step {step}, the first arrival at top pressure, wanted a "
+                f"point {lost!r} has no U{component + 1} at step {step}, the first arrival at top pressure, "
+                f"wanted a "
                 "value in mm; choose other [calibrate] objective_points"
             )
         pressure = np.concatenate([[targets.pressure[step]], targets.pressure[targets.reference]])
@@ -69,18 +71,29 @@ class Generation:
 
 
 def search(
-    parameters: tuple[Parameter, ...], cost: Callable[[dict[str, float]], float], run: Run, *, seed: int, size: int,
-    generations: int, tell: Callable[[str, int, int], None],
+    parameters: tuple[Parameter, ...],
+    cost: Callable[[dict[str, float]], float],
+    run: Run,
+    *,
+    seed: int,
+    size: int,
+    generations: int,
+    tell: Callable[[str, int, int], None],
 ) -> list[Generation]:
     """All generations of the genetic algorithm; a killed run's recorded ones are replayed, bit for bit.
 
-    cost(values) -> mm, inf for a model that cannot be solved (logged, ranked last). Each generation is one record of
+    cost(values) -> mm, inf for a model that cannot be solved (logged, ranked last). Each generation is one
+    record of
     log.jsonl before the next begins.
     """
     records = [r for r in run.log() if r.get("event") == "generation"]
-    told = [(np.array(r["candidates"]), np.array([np.inf if c is None else c for c in r["costs"]])) for r in records]
+    told = [
+        (np.array(r["candidates"]), np.array([np.inf if c is None else c for c in r["costs"]]))
+        for r in records
+    ]
     population = Population.replay(parameters, told, seed=seed, size=size)
-    names, out = [p.name for p in parameters], []
+    names = [p.name for p in parameters]
+    out: list[Generation] = []
     best: tuple[Array, float] = (np.zeros(len(names)), np.inf)
     for x, c in told:
         best = _better(best, x, c)

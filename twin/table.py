@@ -1,7 +1,9 @@
 """The bellows model's load paths over material share -> displacements for any C10 and C01, without a solve.
 
-For a pressure load alone U depends on p / (C10 + C01) and the share C01 / (C10 + C01) only. Load paths at a few
-shares (Chebyshev points) are solved once; between them the response is a polynomial in the share, and along them a
+For a pressure load alone U depends on p / (C10 + C01) and the share C01 / (C10 + C01) only. Load paths at a
+few
+shares (Chebyshev points) are solved once; between them the response is a polynomial in the share, and along
+them a
 cubic Hermite curve in the reduced pressure.
 """
 
@@ -15,14 +17,17 @@ from fe import Case, Path, solve
 from twin.targets import Array
 
 TOTAL = 0.3  # MPa, C10 + C01 of the solved paths; any other follows by scaling
-REDUCED = 0.36  # p / (C10 + C01) to which paths are followed; beyond it no finger of this kind has an equilibrium
+REDUCED = (
+    0.36  # p / (C10 + C01) to which paths are followed; beyond it no finger of this kind has an equilibrium
+)
 SHARES = 5
 LEVELS = 18
 
 
 @dataclass(frozen=True)
 class LoadPaths:
-    """shares (h,); reduced (k,) pressures; u (h, k, p, 3) mm at the points, and slopes; reached (h,) per share."""
+    """shares (h,); reduced (k,) pressures; u (h, k, p, 3) mm at the points, and slopes; reached (h,) per
+    share."""
 
     shares: Array
     reduced: Array
@@ -49,8 +54,12 @@ class LoadPaths:
 
 
 def load_paths(
-    case: Case, points: Array, *, keep: Callable[[str, Callable[[], Array]], Array],
-    progress: Callable[[str, int, int], None], key: str,
+    case: Case,
+    points: Array,
+    *,
+    keep: Callable[[str, Callable[[], Array]], Array],
+    progress: Callable[[str, int, int], None],
+    key: str,
 ) -> LoadPaths:
     """The load paths of a case at material points (p, 3) mm; `keep(key, make)` stores them by digest."""
     shares = 0.5 - 0.5 * np.cos(np.pi * (np.arange(SHARES) + 0.5) / SHARES)
@@ -83,7 +92,8 @@ def _one(case: Case, share: float, reduced: Array, points: Array) -> Array:
 
 
 def _extended(u: Array) -> Array:
-    """Paths continued beyond their end by their last value: never used there, but finite for the polynomial."""
+    """Paths continued beyond their end by their last value: never used there, but finite for the
+    polynomial."""
     out = u.copy()
     for path in out:
         good = np.isfinite(path[:, 0, 0])

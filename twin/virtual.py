@@ -7,21 +7,33 @@ Nothing that diagnoses may import this module.
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fe import Finger, Lattice, Material, Path, finger_case, solve
 from twin.targets import Array, Noise, Targets
 
 # Film A of the reference protocol: (seconds, kPa) corners, scaled to a top pressure of 30 kPa.
 PROTOCOL = (
-    (0.0, 0.0), (2.0, 0.0), (4.0, 18.0), (10.0, 18.0), (12.0, 30.0), (22.0, 30.0), (25.0, 0.0), (34.0, 0.0),
-    (34.2, 24.0), (38.2, 24.0), (38.4, 0.0), (42.4, 0.0),
-)  # fmt: skip
+    (0.0, 0.0),
+    (2.0, 0.0),
+    (4.0, 18.0),
+    (10.0, 18.0),
+    (12.0, 30.0),
+    (22.0, 30.0),
+    (25.0, 0.0),
+    (34.0, 0.0),
+    (34.2, 24.0),
+    (38.2, 24.0),
+    (38.4, 0.0),
+    (42.4, 0.0),
+)
 LATTICE = Lattice(per_bellow=7, wall=2, across=2, up=2, ring=True)
 
 
 @dataclass(frozen=True)
 class Truth:
-    """What is hidden: material (MPa, Prony pairs), a dead force (3,) N on the tip face, lattice and geometry."""
+    """What is hidden: material (MPa, Prony pairs), a dead force (3,) N on the tip face, lattice and
+    geometry."""
 
     material: Material = field(default_factory=lambda: Material(0.214, 0.083))
     tip_force: tuple[float, float, float] = (0.0, 0.0, 0.0)
@@ -31,9 +43,11 @@ class Truth:
 
 @dataclass(frozen=True)
 class Bench:
-    """The measuring side: film rate (1/s), log rate, ripple of the regulator (MPa), noise of gauge (MPa) and picture.
+    """The measuring side: film rate (1/s), log rate, ripple of the regulator (MPa), noise of gauge (MPa)
+    and picture.
 
-    sd (mm) and rho (lag 1) are the picture's noise per marker and axis; static_frames are filmed at rest before.
+    sd (mm) and rho (lag 1) are the picture's noise per marker and axis; static_frames are filmed at rest
+    before.
     """
 
     film_hz: float = 10.0
@@ -64,10 +78,12 @@ def path(bench: Bench) -> Path:
 
 
 def displacements(truth: Truth, course: Path, points: Array) -> tuple[Array, Array]:
-    """True displacements (s, p, 3) mm of material points (p, 3) mm along a course, relative to the unloaded rest,
+    """True displacements (s, p, 3) mm of material points (p, 3) mm along a course, relative to the unloaded
+    rest,
     and their gradient dU/dp (s, p, 3) mm per MPa.
 
-    The dead force is there from the start, so that what is seen is relative to a finger that already carries it.
+    The dead force is there from the start, so that what is seen is relative to a finger that already
+    carries it.
     Raises RuntimeError where the truth itself has no equilibrium.
     """
     case = finger_case(truth.material, finger=truth.finger, lattice=truth.lattice)
@@ -80,14 +96,26 @@ def displacements(truth: Truth, course: Path, points: Array) -> tuple[Array, Arr
 
 
 def targets(
-    true: Array, slope: Array, course: Path, *, names: tuple[str, ...], nodes: Array, points: Array, bench: Bench,
-    seed: int, fixed: int = 4,
+    true: Array,
+    slope: Array,
+    course: Path,
+    *,
+    names: tuple[str, ...],
+    nodes: Array,
+    points: Array,
+    bench: Bench,
+    seed: int,
+    fixed: int = 4,
 ) -> Targets:
-    """Targets as `twin measure` would give them for true displacements (s, p, 3) mm, with noise drawn from `seed`.
+    """Targets as `twin measure` would give them for true displacements (s, p, 3) mm, with noise drawn from
+    `seed`.
 
-    slope (s, p, 3): dU/dp of the truth. Drawn: picture noise (AR(1), correlated between markers), gauge noise, a
-    placement of every tag on its node, the scale, and the static film from which the noise model is estimated.
-    The gauge's error is put on the displacements (slope times error) and not on the log, to first order the same,
+    slope (s, p, 3): dU/dp of the truth. Drawn: picture noise (AR(1), correlated between markers), gauge
+    noise, a
+    placement of every tag on its node, the scale, and the static film from which the noise model is
+    estimated.
+    The gauge's error is put on the displacements (slope times error) and not on the log, to first order the
+    same,
     so that one set of solves serves every seed. `fixed` markers that do not move are appended.
     """
     rng = np.random.default_rng(seed)
@@ -108,13 +136,25 @@ def targets(
     covariance[:, :, 1], covariance[:, :, :, 1] = np.nan, np.nan
     own, own_names = _reference_modes(noise, reference, s, (*names, *(f"fixed{k}" for k in range(fixed))))
     return Targets(
-        time=course.output, pressure=course.at_output(), block=np.zeros(s, np.int64),
-        names=(*names, *(f"fixed{k}" for k in range(fixed))), nodes=np.append(nodes, np.zeros(fixed)).astype(np.int64),
-        points=np.concatenate([points, _fixed_places(fixed)]), value=value, covariance=covariance,
-        valid=np.isfinite(value), held_out=np.zeros(s, bool), modes=np.concatenate([shared, own]),
-        mode_names=(*shared_names, *own_names), noise=noise, log_time=course.time, log_pressure=course.pressure,
-        reference=reference, gravity=None, pressure_sd=np.full(s, bench.gauge_sd_MPa),
-    )  # fmt: skip
+        time=course.output,
+        pressure=course.at_output(),
+        block=np.zeros(s, np.int64),
+        names=(*names, *(f"fixed{k}" for k in range(fixed))),
+        nodes=np.append(nodes, np.zeros(fixed)).astype(np.int64),
+        points=np.concatenate([points, _fixed_places(fixed)]),
+        value=value,
+        covariance=covariance,
+        valid=np.isfinite(value),
+        held_out=np.zeros(s, bool),
+        modes=np.concatenate([shared, own]),
+        mode_names=(*shared_names, *own_names),
+        noise=noise,
+        log_time=course.time,
+        log_pressure=course.pressure,
+        reference=reference,
+        gravity=None,
+        pressure_sd=np.full(s, bench.gauge_sd_MPa),
+    )
 
 
 def _fixed_places(count: int) -> Array:
@@ -139,11 +179,19 @@ def _noise(static: Array, names: tuple[str, ...], fixed: int, bench: Bench) -> N
 
     found = static_noise(static, [*names, *(f"fixed{k}" for k in range(fixed))], "virtual")
     return Noise(
-        found.sd, found.rho, found.correlation, found.frames, found.codec_sd, bench.gauge_sd_MPa, bench.static_frames * 5
+        found.sd,
+        found.rho,
+        found.correlation,
+        found.frames,
+        found.codec_sd,
+        bench.gauge_sd_MPa,
+        bench.static_frames * 5,
     )
 
 
-def _shared_modes(u: Array, points: Array, names: tuple[str, ...], bench: Bench) -> tuple[Array, tuple[str, ...]]:
+def _shared_modes(
+    u: Array, points: Array, names: tuple[str, ...], bench: Bench
+) -> tuple[Array, tuple[str, ...]]:
     """Scale and tag placement, 1 sd each; a tag turns with the side face, whose slope its neighbours show."""
     modes, labels = [u * bench.scale_sd], ["scale"]
     gradient = np.gradient(u[:, : len(names)], points[:, 0], axis=1)
@@ -158,7 +206,9 @@ def _shared_modes(u: Array, points: Array, names: tuple[str, ...], bench: Bench)
     return np.array(modes), tuple(labels)
 
 
-def _reference_modes(noise: Noise, reference: Array, steps: int, names: tuple[str, ...]) -> tuple[Array, tuple[str, ...]]:
+def _reference_modes(
+    noise: Noise, reference: NDArray[np.int64], steps: int, names: tuple[str, ...]
+) -> tuple[Array, tuple[str, ...]]:
     """The noise of the reference mean: the same in every step, one mode for each marker and axis."""
     modes, labels, r = [], [], len(reference)
     for k, name in enumerate(names):

@@ -1,12 +1,14 @@
 """Targets and a model's own errors -> a whitener: residuals in mm become independent values of variance 1.
 
 The covariance is that of a first-order autoregression in time with correlated components (static noise of the
-frames and their shared axes), plus modes: errors shared by many values, 1 sd each, and one gauge error per step.
+frames and their shared axes), plus modes: errors shared by many values, 1 sd each, and one gauge error per
+step.
 """
 
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from twin.targets import Array, Targets
 
@@ -15,13 +17,13 @@ from twin.targets import Array, Targets
 class Whitener:
     """What `whitener` returns; `whiten` is W, `amplitudes` the most probable size of each shared mode."""
 
-    components: Array  # (m, 2) int: point and axis of each component that is data
-    valid: Array  # (s, m) bool
+    components: NDArray[np.int64]  # (m, 2): point and axis of each component that is data
+    valid: NDArray[np.bool_]  # (s, m)
     sd: Array  # (s, m) mm
     rho: Array  # (m,)
     root: Array  # (m, m) lower Cholesky factor of the innovations' correlation
     first_root: Array  # (m, m) the same for the first step of a block
-    first: Array  # (s,) bool: first step of a block
+    first: NDArray[np.bool_]  # (s,) first step of a block
     modes: Array  # (k, s, m) mm, shared modes first, then one gauge mode per step
     shared: int  # how many of the modes are shared
     axes: Array  # (n, r) orthonormal directions in which the modes add variance
@@ -42,7 +44,9 @@ class Whitener:
         past = np.where(self.valid[:-1], 1.0, 0.0)
         e = y.copy()
         # after a gap the value stands alone: it is scaled to the innovations' variance
-        e[..., 1:, :] = np.where(past > 0, y[..., 1:, :] - self.rho * y[..., :-1, :], np.sqrt(1 - self.rho**2) * y[..., 1:, :])
+        e[..., 1:, :] = np.where(
+            past > 0, y[..., 1:, :] - self.rho * y[..., :-1, :], np.sqrt(1 - self.rho**2) * y[..., 1:, :]
+        )
         e[..., self.first, :] = y[..., self.first, :]
         z = e @ np.linalg.inv(self.root).T  # (..., s, m)
         z[..., self.first, :] = e[..., self.first, :] @ np.linalg.inv(self.first_root).T
@@ -51,7 +55,8 @@ class Whitener:
     def whiten(self, field: Array) -> Array:
         """W applied to fields (..., s, p, 3) mm: values (..., n) of variance 1 where the field is noise."""
         z = self._innovations(self.pick(field))
-        return z - (z @ self.axes) * (1 - 1 / np.sqrt(1 + self.sizes**2)) @ self.axes.T
+        less = 1 - 1 / np.sqrt(1 + self.sizes**2)
+        return np.asarray(z - (z @ self.axes) * less @ self.axes.T, float)
 
     def amplitudes(self, residual: Array) -> Array:
         """Most probable amplitude (k,) of every mode in a residual (s, p, 3) mm, in sds."""
@@ -60,7 +65,8 @@ class Whitener:
         return np.linalg.solve(np.eye(G.shape[1]) + G.T @ G, G.T @ z)
 
     def cleaned(self, residual: Array, *, gauge: bool = False) -> Array:
-        """The residual (s, m) mm without its shared modes; gauge noise stays unless `gauge`; NaN where no data."""
+        """The residual (s, m) mm without its shared modes; gauge noise stays unless `gauge`; NaN where no
+        data."""
         count = len(self.modes) if gauge else self.shared
         left = self.pick(residual) - np.tensordot(self.amplitudes(residual)[:count], self.modes[:count], 1)
         return np.where(self.valid, left, np.nan)
@@ -79,7 +85,8 @@ class Whitener:
 def whitener(targets: Targets, *, prediction_modes: Array, gauge: Array) -> Whitener:
     """The whitener of targets with a model's modes.
 
-    prediction_modes (q, s, p, 3) mm: discretisation errors, 1 sd each. gauge (s, p, 3) mm: the effect on each step
+    prediction_modes (q, s, p, 3) mm: discretisation errors, 1 sd each. gauge (s, p, 3) mm: the effect on
+    each step
     of 1 sd of its pressure's gauge noise, relative to the reference.
     """
     data = targets.valid & ~targets.held_out[:, None, None]
@@ -93,7 +100,8 @@ def whitener(targets: Targets, *, prediction_modes: Array, gauge: Array) -> Whit
         flat = p * 3 + i
         correlation = shrunk(targets.noise.correlation[np.ix_(flat, flat)], targets.noise.frames)
         rho = np.clip(np.nan_to_num(targets.noise.rho[p, i]), 0.0, 0.95)
-        # the inverse of a covariance estimated from n frames is too large by (n - 2) / (n - m - 1) beyond what
+        # the inverse of a covariance estimated from n frames is too large by (n - 2) / (n - m - 1) beyond
+        # what
         # single variances are (Hartlap, Simon & Schneider 2007, doi 10.1051/0004-6361:20066170)
         frames, m = targets.noise.frames, len(components)
         sd = sd * np.sqrt((frames - 2) / max(frames - m - 1, 1))
@@ -108,8 +116,9 @@ def whitener(targets: Targets, *, prediction_modes: Array, gauge: Array) -> Whit
             single[row] -= gauge[step, p, i] / len(targets.reference)
     single = np.where(valid, single, 0.0)
     first = np.append(True, np.diff(targets.block) > 0)
+    roots = [np.asarray(np.linalg.cholesky(c), float) for c in (innovations, correlation)]
     found = Whitener(
-        components, valid, sd, rho, np.linalg.cholesky(innovations), np.linalg.cholesky(correlation), first,
+        components, valid, sd, rho, roots[0], roots[1], first,
         np.concatenate([modes, single]), len(modes), np.zeros((valid.size, 0)), np.zeros(0),
     )  # fmt: skip
     return _with_axes(found)
@@ -126,7 +135,8 @@ def _with_axes(w: Whitener) -> Whitener:
 
 
 def shrunk(correlation: Array, frames: int) -> Array:
-    """The correlation (m, m) estimated from `frames` frames, drawn towards independence by its own sampling error.
+    """The correlation (m, m) estimated from `frames` frames, drawn towards independence by its own sampling
+    error.
 
     The weight is the ratio of the sampling variance (1 - r^2)^2 / n to the spread of the off-diagonal values
     (Schaefer & Strimmer 2005, doi 10.2202/1544-6115.1175).

@@ -167,7 +167,8 @@ def test_words_for_a_ridge() -> None:
     v, c = (0.3**2 + 0.002**2) / 4, (0.002**2 - 0.3**2) / 4
     words = identifiability(fit_with([[v, c], [c, v]]), ("C10", "C01"))
     assert "C10 and C01 cannot be separated by these targets: only their sum is known" in words
-    # Sum and difference are independent here, so the sum at a given share is known to 0.002 / sqrt(1 + small).
+    # Sum and difference are independent here, so the sum at a given share is known to 0.002 / sqrt(1 +
+    # small).
     assert "C10 + C01 = 0.297 +- 0.002 MPa at a given share, which may be anything" in words
     assert "correlation -1.000" in words
 
@@ -178,7 +179,8 @@ def test_words_for_a_sum_that_only_a_given_share_fixes() -> None:
     axes = np.stack([known / (known @ known), loose / np.linalg.norm(loose)], axis=1)
     covariance = axes @ np.diag([0.002**2, 0.4**2]) @ axes.T
     words = identifiability(fit_with(covariance.tolist()), ("C10", "C01"))
-    # Share held at r = C01 / total: C10 + 0.8 C01 = total (1 - 0.2 r), so sd(total) = 0.002 / (1 - 0.2 * 0.279).
+    # Share held at r = C01 / total: C10 + 0.8 C01 = total (1 - 0.2 r), so sd(total) = 0.002 / (1 - 0.2 *
+    # 0.279).
     assert "C10 + C01 = 0.297 +- 0.0021 MPa at a given share" in words
 
 

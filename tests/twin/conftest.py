@@ -1,0 +1,67 @@
+"""A short finger on a coarse mesh, and targets of it, that the tests of twin share."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from fe import Case, Finger, Lattice
+from twin.model import base_case
+from twin.targets import Noise, Targets
+
+SHORT = Finger(
+    length=10 + 100 / 3, bellows=3, tip_node=(10 + 100 / 3, 11.5, 0.0), middle_node=(4 + 50 / 3, 11.5, 0.0)
+)
+
+
+@pytest.fixture(scope="session")
+def short() -> Finger:
+    """Three of the nine bellows: 1300 nodes where the whole finger has 4700."""
+    return SHORT
+
+
+@pytest.fixture(scope="session")
+def short_case() -> Case:
+    return base_case(finger=SHORT, lattice=Lattice(per_bellow=2))
+
+
+def plain_targets(**changes: object) -> Targets:
+    """Targets of the tip, the middle and a fixed marker over 8 steps of a ramp, a hold and a release."""
+    time = np.array([0.0, 0.5, 1.0, 2.0, 3.5, 6.0, 7.0, 9.0])
+    log_time = np.linspace(0.0, 9.0, 181)
+    log_pressure = 0.02 * np.interp(log_time, [0.0, 0.5, 2.0, 6.0, 7.0, 9.0], [0.0, 0.0, 1.0, 1.0, 0.2, 0.2])
+    s, p = len(time), 3
+    covariance = np.tile(1e-4 * np.eye(3), (s, p, 1, 1))
+    given: dict[str, object] = {
+        "time": time, "pressure": np.interp(time, log_time, log_pressure), "block": np.zeros(s, np.int64),
+        "names": ("tip", "middle", "fixed"), "nodes": np.array([4401, 5848, 0]),
+        "points": np.array([[np.nan] * 3, [np.nan] * 3, [20.0, 11.5, 30.0]]), "value": np.zeros((s, p, 3)),
+        "covariance": covariance, "valid": np.ones((s, p, 3), bool), "held_out": np.zeros(s, bool),
+        "modes": np.zeros((0, s, p, 3)), "mode_names": (), "noise": None, "log_time": log_time,
+        "log_pressure": log_pressure, "reference": np.array([0, 1]), "gravity": None,
+        "pressure_sd": np.zeros(s),
+    }  # fmt: skip
+    return Targets(**{**given, **changes})  # type: ignore[arg-type]
+
+
+@pytest.fixture(scope="session")
+def make_targets() -> Callable[..., Targets]:
+    """`make_targets(**changes)`: small targets of the short finger, with what is changed."""
+    return plain_targets
+
+
+def perfect_noise(points: int, *, sd: float, rho: float, common: float, frames: int = 10**8) -> Noise:
+    """A noise model as if from `frames` static frames: one sd and rho, axes correlated between markers."""
+    correlation = np.eye(3 * points)
+    for i in range(3 * points):
+        for k in range(3 * points):
+            if i != k and i % 3 == k % 3:
+                correlation[i, k] = common
+    full = np.full((points, 3), 1.0)
+    return Noise(sd * full, rho * full, correlation, frames, 0.0 * full, 0.0, 0)
+
+
+@pytest.fixture(scope="session")
+def make_noise() -> Callable[..., Noise]:
+    """`make_noise(points, sd=, rho=, common=, frames=)`."""
+    return perfect_noise

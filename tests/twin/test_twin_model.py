@@ -1,0 +1,118 @@
+"""Derivatives of the whole model against central differences of whole predictions, and what is kept of
+solves."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from fe import Case
+from twin.effects import effect, library
+from twin.model import NEAR, Model, Unsolvable, base_model, respond
+from twin.targets import Array, Targets
+
+THETA = {
+    "C10": 0.214, "C01": 0.083, "creep.g1": 0.05, "creep.tau1": 3.0, "stiffening.C20": 0.01,
+    "clamp.compliance": 1e-4, "pressure_gain.gain": 0.03, "pressure_lag.tau": 0.2, "camera_scale.scale": 0.02,
+}  # fmt: skip
+# Half the width of the central differences. Whole solves are exact to about 1e-8 mm, so that a change of
+# 1e-3 mm
+# leaves 1e-5 of noise; the second-order error of these steps is below 1e-4 of the derivative.
+STEPS = {
+    "C10": 1e-4, "C01": 1e-4, "creep.g1": 1e-3, "creep.tau1": 2e-2, "stiffening.C20": 1e-4,
+    "clamp.compliance": 2e-6, "pressure_gain.gain": 1e-3, "pressure_lag.tau": 2e-3, "camera_scale.scale":
+    1e-3,
+}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def base(short_case: Case, make_targets: Callable[..., Targets]) -> Model:
+    case = replace(short_case, forces={"tip_face": np.array([0.0, 0.0, 0.1])})
+    return base_model(make_targets(), case)
+
+
+def whole(model: Model, values: dict[str, float], start: Array) -> Array:
+    """The prediction by a solve of its own, never along a neighbour's derivatives."""
+    test = model.put(values)
+    u, _, _ = respond(test, (), start=model.solution(start))
+    return model.seen(u, test, values)
+
+
+def differences(model: Model, values: dict[str, float], name: str, *, step: float) -> Array:
+    start = model.theta(values)
+    plus, minus = ({**values, name: values[name] + sign * step} for sign in (1, -1))
+    return (whole(model, plus, start) - whole(model, minus, start)) / (2 * step)
+
+
+def test_all_derivatives_are_those_of_whole_predictions(base: Model) -> None:
+    model = base
+    for e in library():
+        model = model.with_effect(e)
+    theta = model.theta(THETA)
+    rows = model.jacobian(theta)
+    for p, row in zip(model.parameters, rows, strict=True):
+        wanted = differences(model, model.named(theta), p.name, step=STEPS[p.name])
+        size = np.abs(wanted).max()
+        assert size * STEPS[p.name] > 1e-5, p.name  # mm: the difference is more than the solver's noise
+        # a thousandth of the largest: history is interpolated in time, by curves that bend with their values
+        np.testing.assert_allclose(row, wanted, rtol=0, atol=1e-3 * size, err_msg=p.name)
+
+
+@pytest.mark.parametrize(("name", "step"), [("creep.g1", 1e-3), ("pressure_lag.tau", 1e-3), ("stiffening.C20", 1e-4)])
+def test_derivatives_at_null_are_those_of_whole_predictions(base: Model, name: str, step: float) -> None:
+    model = base.with_effect(effect(name.partition(".")[0]))
+    values = {k: v for k, v in {**THETA, name: 0.0}.items() if k in {p.name for p in model.parameters}}
+    row = model.jacobian(model.theta(values))[[p.name for p in model.parameters].index(name)]
+    wanted = differences(model, values, name, step=step)
+    np.testing.assert_allclose(row, wanted, rtol=0, atol=2e-3 * np.abs(wanted).max())
+
+
+def test_signatures_are_secants_of_whole_predictions(base: Model) -> None:
+    theta = base.theta({k: THETA[k] for k in ("C10", "C01")})
+    base.predict(theta)
+    chosen = [effect("camera_scale"), effect("stiffening"), effect("creep")]
+    signatures = base.signatures(theta, chosen)
+    assert [len(rows) for rows in signatures] == [1, 1, len(effect("creep").grid)]
+    for e, rows in zip(chosen, signatures, strict=True):
+        p, entry = e.parameters[0], (e.grid or ({},))[0]
+        model = base.with_effect(e)
+        ends = [
+            model.predict(model.theta({**base.named(theta), **entry, p.name: value})) for value in (0.0,
+            p.step)
+        ]
+        secant = (ends[1] - ends[0]) / p.step
+        # the secant is made of the derivatives at the base, so it is good to the step's square: 2 %
+        np.testing.assert_allclose(rows[0], secant, rtol=0, atol=0.02 * np.abs(secant).max(), err_msg=e.name)
+
+
+def test_a_prediction_beside_a_solved_one_costs_nothing_and_is_true(base: Model) -> None:
+    theta = base.theta({k: THETA[k] for k in ("C10", "C01")})
+    model = Model(base.test, base.effects, base.reference)
+    rows = model.jacobian(theta)
+    near = theta + [0.0, 0.4 * NEAR / np.abs(rows[1]).max()]
+    solves = len(model._anchors)
+    quick = model.predict(near)
+    assert len(model._anchors) == solves
+    # mm: NEAR^2 over the motion of 4 mm, what the remark beside NEAR promises
+    np.testing.assert_allclose(quick, whole(model, model.named(near), theta), rtol=0, atol=2.5e-3)
+    assert np.abs(quick - model.predict(theta)).max() > 0.03
+    model.predict(theta * 1.3)
+    assert len(model._anchors) == solves + 1
+
+
+def test_pressure_slope_and_reference(base: Model) -> None:
+    theta = base.theta({k: THETA[k] for k in ("C10", "C01")})
+    u = base.predict(theta)
+    np.testing.assert_allclose(u[base.reference].mean(axis=0), 0.0, atol=1e-15)
+    h = 1e-5  # MPa
+    paths = [replace(base.test.path, pressure=base.test.path.pressure + s * h) for s in (1, -1)]
+    ends = [respond(replace(base.put(base.named(theta)), path=path), (), start=None)[0] for path in paths]
+    wanted = (ends[0] - ends[1])[2:] / (2 * h)  # a pressure below 0 at the start is outside the curve
+    # the curve over pressure is a cubic of its own in either solve: 1e-3 of the slope
+    np.testing.assert_allclose(base.per_pressure(theta)[2:], wanted, rtol=0, atol=2e-3 * np.abs(wanted).max())
+
+
+def test_a_model_that_cannot_carry_the_load_says_how_far_it_came(base: Model) -> None:
+    with pytest.raises(Unsolvable, match=r"finite-element model stopped at 0\.\d+ MPa of 0\.02"):
+        base.predict(base.theta({"C10": 0.01, "C01": 0.0}))
