@@ -9,7 +9,7 @@ from fe import Path, solve
 from fe.case import digest
 from twin.compare import compare
 from twin.effects import Elasticity
-from twin.fitting import fit_model, whitener_of
+from twin.fitting import fit_model, whitener_of, with_mesh
 from twin.history import Generations
 from twin.model import Model
 from twin.project import Project, Run, Say
@@ -145,7 +145,7 @@ def least(
     say.progress("least squares", 2, 3)
     fit = fit_model(model, t, w, start=second.theta, seed=bench.project.config.calibrate.seed)
     say.progress("least squares", 3, 3)
-    return fit, w, model
+    return with_mesh(fit, mesh), w, model
 
 
 def _values(elasticity: Elasticity, theta: Array) -> dict[str, float]:

@@ -152,5 +152,6 @@ def _where(maps: dict[str, list[dict[str, Any]]], rms: float, noise: float, p: f
     return (
         f"The model misses the measurement by {rms:.3f} mm rms where the noise is {noise:.3f} mm; most at "
         f"marker {worst['marker']['name']} ({worst['marker']['rms_mm']:.3f} mm), in "
-        f"{worst['direction']['name']}, at {worst['pressure']['name']}, on the branch '{worst['branch']['name']}'."
+        f"{worst['direction']['name']}, at {worst['pressure']['name']}, on the branch "
+        f"'{worst['branch']['name']}'."
     )

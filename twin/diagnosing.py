@@ -10,7 +10,7 @@ from twin import files
 from twin.compare import Comparison, compare
 from twin.diagnose import diagnose
 from twin.effects import Effect, effect, library
-from twin.fitting import fit_model, whitener_of
+from twin.fitting import fit_model, whitener_of, with_mesh
 from twin.history import Fields
 from twin.model import Model
 from twin.project import Project, Run, Say
@@ -145,9 +145,10 @@ def _change(
         model = bench.model(tuple(effect(label) for label in effects))
         known = {p.name: float(x) for p, x in zip(base.parameters, base.theta, strict=True)}
         theta = model.theta({**_nominal(model), **known, **start})
-        w = whitener_of(model, theta, bench.targets, bench.mesh(theta, model, say))
+        mesh = bench.mesh(theta, model, say)
+        w = whitener_of(model, theta, bench.targets, mesh)
         say.progress(f"refit with {', '.join(effects) or 'no effect'}", 0, 1)
-        fit = fit_model(model, bench.targets, w, start=theta)
+        fit = with_mesh(fit_model(model, bench.targets, w, start=theta), mesh)
         run.write_json("fit.json", fit.to_dict() | {"effects": list(effects)})
         found = _compared(run, bench, model, fit, w)
         _fields(bench, model, fit.theta).save(run.path("fields.npz"))

@@ -39,6 +39,7 @@ class Discretisation:
     names: tuple[str, ...]
     check: Array
     remainder_mm: float = float("nan")
+    spread: Array | None = None  # (q, d): what each mode shifts the base model's parameters by
 
 
 def finer(lattice: Lattice) -> dict[str, Lattice]:
@@ -112,4 +113,5 @@ def with_remainder(
                 mode[:, point, axis] = SAFETY * size * x**power
                 smooth.append(mode - mode[reference].mean(axis=0))
     names = (*mesh.names, *("discretisation:remainder",) * len(smooth))
-    return Discretisation(np.concatenate([mesh.modes, np.array(smooth)]), names, mesh.check, size)
+    modes = np.concatenate([mesh.modes, np.array(smooth)])
+    return replace(mesh, modes=modes, names=names, remainder_mm=size)

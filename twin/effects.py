@@ -129,9 +129,8 @@ class Creep(Effect):
         rest = {k: v for k, v in theta.items() if not k.startswith("creep.")}
         g, tau = theta["creep.g1"], theta["creep.tau1"]
         slow = float(np.clip(4 * tau, 0.2, 150.0))
-        return (
-            {**rest, "creep.g1": 0.7 * g, "creep.tau1": 0.6 * tau, "creep.g2": 0.5 * g, "creep.tau2": slow},
-        )
+        first = {"creep.g1": 0.7 * g, "creep.tau1": max(0.6 * tau, 0.2)}
+        return ({**rest, **first, "creep.g2": 0.5 * g, "creep.tau2": slow},)
 
 
 class Stiffening(Effect):

@@ -21,17 +21,43 @@ def whitener_of(model: Model, theta: Array, targets: Targets, mesh: Discretisati
 
 
 def measured_remainder(model: Model, theta: Array, targets: Targets, mesh: Discretisation) -> Discretisation:
-    """The discretisation modes with their remainder, as small smooth modes.
+    """The discretisation modes beside the fitted parameters, and their remainder as small smooth modes.
 
-    The remainder (rms in mm) is what the check mesh shows that neither the modes but the finest, nor the
-    targets' own
-    modes, nor the fitted parameters carry: leaving one out tells what a next refinement would still bring.
+    What a mode shares with the parameters of the base model is taken out of it and kept as `spread`: a
+    coarse mesh
+    is mostly too stiff, which the fitted constants take up. The remainder (rms in mm) is what the check
+    mesh shows
+    that neither the modes but the finest, nor the targets' own modes, nor the fitted parameters carry:
+    leaving one
+    out tells what a next refinement would still bring.
     """
+    jacobian = model.jacobian(theta)
+    mesh = _beside(mesh, jacobian)
     fewer = replace(mesh, modes=mesh.modes[:-1], names=mesh.names[:-1])
-    w, jacobian = whitener_of(model, theta, targets, fewer), model.jacobian(theta)
+    w = whitener_of(model, theta, targets, fewer)
     change = np.linalg.lstsq(w.whiten(jacobian).T, w.whiten(mesh.check), rcond=1e-12)[0]
     size = w.rms(mesh.check - np.tensordot(change, jacobian, 1), gauge=True)
     return with_remainder(mesh, size, model.solution(theta).pressure, model.test.moving, model.reference)
+
+
+def _beside(mesh: Discretisation, jacobian: Array) -> Discretisation:
+    """The modes without their projection on the derivatives (d, s, p, 3), which goes into `spread` (q, d)."""
+    rows = jacobian.reshape(len(jacobian), -1)
+    found = np.linalg.lstsq(rows.T, mesh.modes.reshape(len(mesh.modes), -1).T, rcond=1e-10)[0]
+    spread = np.asarray(found.T, float)
+    return replace(mesh, modes=mesh.modes - np.tensordot(spread, jacobian, 1), spread=spread)
+
+
+def with_mesh(fit: Fit, mesh: Discretisation | None) -> Fit:
+    """The fit with the mesh's part in the covariance of C10 and C01, which no residual shows."""
+    if mesh is None or mesh.spread is None:
+        return fit
+    covariance = fit.covariance.copy()
+    names = [p.name for p in fit.parameters]
+    own = [k for k, name in enumerate(names) if name in ("C10", "C01") and name not in fit.at_bound]
+    if len(own) == mesh.spread.shape[1]:
+        covariance[np.ix_(own, own)] += mesh.spread.T @ mesh.spread
+    return replace(fit, covariance=covariance)
 
 
 def fit_model(

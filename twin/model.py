@@ -27,12 +27,12 @@ class Unsolvable(Exception):
 
 @dataclass(frozen=True)
 class Anchor:
-    """A full solve that others may start from: theta (d,), u (s, p, 3) mm, and derivatives (d, s, p, 3) or
-    None."""
+    """A full solve that others may start from: theta (d,), u (s, p, 3) mm and its derivatives (d, s, p,
+    3)."""
 
     theta: Array
     u: Array
-    jacobian: Array | None
+    jacobian: Array
     solution: Solution
 
 
@@ -88,53 +88,39 @@ class Model:
     def predict(self, theta: Array) -> Array:
         """Displacements (s, p, 3) mm relative to the reference. Raises Unsolvable where there is no
         equilibrium."""
-        near, slope = self._nearest(theta), self._nearest(theta, derivatives=True)
-        if near is not None and slope is not None and slope.jacobian is not None:
-            change = np.tensordot(theta - near.theta, slope.jacobian, 1)
-            # derivatives of another anchor are less exact, so they may carry less far
-            if np.abs(change).max() < (NEAR if slope is near else NEAR / 5):
-                return near.u + change
-        return self._solve(theta, near, derivatives=False).u
+        near, change = self._near(theta)
+        if near is not None and np.abs(change).max() < NEAR:
+            return near.u + change
+        return self._solve(theta, near).u
 
     def jacobian(self, theta: Array) -> Array:
         """Derivatives (d, s, p, 3) of `predict`, mm per unit of each parameter."""
-        slope = self._nearest(theta, derivatives=True)
-        if slope is not None and slope.jacobian is not None:
-            change = np.tensordot(theta - slope.theta, slope.jacobian, 1)
-            if np.abs(change).max() < SAME_SLOPE:
-                return slope.jacobian
-        found = self._solve(theta, self._nearest(theta), derivatives=True).jacobian
-        assert found is not None
-        return found
+        near, change = self._near(theta)
+        if near is not None and np.abs(change).max() < SAME_SLOPE:
+            return near.jacobian
+        return self._solve(theta, near).jacobian
 
     def solution(self, theta: Array) -> Solution:
         """The finite-element solution at theta, or at a solved neighbour that differs by less than NEAR."""
-        self.predict(theta)
-        near = self._nearest(theta)
-        assert near is not None
-        return near.solution
+        near, change = self._near(theta)
+        if near is not None and np.abs(change).max() < NEAR:
+            return near.solution
+        return self._solve(theta, near).solution
 
-    def _nearest(self, theta: Array, *, derivatives: bool = False) -> Anchor | None:
-        """The solved neighbour of theta, in typical steps; one with derivatives where they are asked for.
-
-        Of two at the same place the one with derivatives.
-        """
+    def _near(self, theta: Array) -> tuple[Anchor | None, Array]:
+        """The nearest solved neighbour in typical steps, and the change (s, p, 3) mm from it to first
+        order."""
         scale = np.array([p.step for p in self.parameters])
-        known = [a for a in self._anchors if a.jacobian is not None or not derivatives]
-        return min(
-            known,
-            key=lambda a: (float(np.abs((a.theta - theta) / scale).max()), a.jacobian is None),
-            default=None,
-        )
+        near = min(self._anchors, key=lambda a: float(np.abs((a.theta - theta) / scale).max()), default=None)
+        return near, np.zeros(1) if near is None else np.tensordot(theta - near.theta, near.jacobian, 1)
 
-    def _solve(self, theta: Array, near: Anchor | None, *, derivatives: bool) -> Anchor:
+    def _solve(self, theta: Array, near: Anchor | None) -> Anchor:
+        """A full solve with all derivatives, kept for what comes near it."""
         values = self.named(theta)
         test = self.put(values)
-        changes = [self._change(values, p) for p in self.parameters] if derivatives else []
-        u, du, solution = respond(test, [v for v, _, _, _ in changes], start=near.solution if near else None)
-        jacobian = None
-        if derivatives:
-            jacobian = np.stack([self._through(u, d, c) for d, c in zip(du, changes, strict=True)])
+        changes = [self._change(values, p) for p in self.parameters]
+        u, du, solution = respond(test, [c[0] for c in changes], start=near.solution if near else None)
+        jacobian = np.stack([self._through(u, d, c) for d, c in zip(du, changes, strict=True)])
         anchor = Anchor(theta.copy(), self.seen(u, test, values), jacobian, solution)
         self._anchors.append(anchor)
         del self._anchors[:-6]
@@ -165,7 +151,7 @@ class Model:
                 changes.append(model._change(values, p, step=p.step / 2))
                 models.append(model)
         test = self.put(self.named(theta))
-        near = self._nearest(theta)
+        near, _ = self._near(theta)
         u, du, _ = respond(test, [v for v, _, _, _ in changes], start=near.solution if near else None)
         rows = iter([m._through(u, d, c) for m, d, c in zip(models, du, changes, strict=True)])
         return [[next(rows) for _ in (e.grid or ({},))] for e in effects]

@@ -225,8 +225,7 @@ class _Story:
                 {
                     "title": "Error landscape",
                     "half": True,
-                    "caption": "All candidates: the valley is C10 + C01 = constant, which is why the two part "
-                    "badly.",
+                    "caption": "All candidates. The valley is C10 + C01 = constant: the two part badly.",
                     "svg": pictures.landscape(
                         found["x"], rms_mm=found["rms_mm"], names=g.names, best=g.best[-1]
                     ),

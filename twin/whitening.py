@@ -1,8 +1,10 @@
 """Targets and a model's own errors -> a whitener: residuals in mm become independent values of variance 1.
 
-The covariance is that of a first-order autoregression in time with correlated components (static noise of the
-frames and their shared axes), plus modes: errors shared by many values, 1 sd each, and one gauge error per
-step.
+The noise is the static film's, an autoregression of first order in time whose markers are correlated
+within a frame,
+plus the white codec noise of patches that move; a Kalman filter gives its innovations. On top come modes:
+errors
+shared by many values, 1 sd each, and one gauge error per step.
 """
 
 from dataclasses import dataclass, replace
@@ -20,9 +22,8 @@ class Whitener:
     components: NDArray[np.int64]  # (m, 2): point and axis of each component that is data
     valid: NDArray[np.bool_]  # (s, m)
     sd: Array  # (s, m) mm
-    rho: Array  # (m,)
-    root: Array  # (m, m) lower Cholesky factor of the innovations' correlation
-    first_root: Array  # (m, m) the same for the first step of a block
+    rho: Array  # (m,) lag-1 correlation of the static part
+    static: Array  # (m, m) mm2, covariance of the static part within a step
     first: NDArray[np.bool_]  # (s,) first step of a block
     modes: Array  # (k, s, m) mm, shared modes first, then one gauge mode per step
     shared: int  # how many of the modes are shared
@@ -39,18 +40,25 @@ class Whitener:
         return field[..., self.components[:, 0], self.components[:, 1]]
 
     def _innovations(self, y: Array) -> Array:
-        """Independent values (..., n) of fields y (..., s, m), without the modes."""
-        y = np.where(self.valid, y, 0.0) / self.sd
-        past = np.where(self.valid[:-1], 1.0, 0.0)
-        e = y.copy()
-        # after a gap the value stands alone: it is scaled to the innovations' variance
-        e[..., 1:, :] = np.where(
-            past > 0, y[..., 1:, :] - self.rho * y[..., :-1, :], np.sqrt(1 - self.rho**2) * y[..., 1:, :]
-        )
-        e[..., self.first, :] = y[..., self.first, :]
-        z = e @ np.linalg.inv(self.root).T  # (..., s, m)
-        z[..., self.first, :] = e[..., self.first, :] @ np.linalg.inv(self.first_root).T
-        return z.reshape(*z.shape[:-2], z.shape[-2] * z.shape[-1])
+        """Independent values (..., n) of fields y (..., s, m), without the modes; 0 where no data.
+
+        Kalman filter of x_t = rho x_t-1 + w_t observed with white noise (Anderson & Moore 1979, Optimal
+        Filtering).
+        """
+        fields = np.moveaxis(np.where(self.valid, y, 0.0).reshape(-1, *self.valid.shape), 0, 2)  # (s, m, k)
+        out, x, P = np.zeros_like(fields), np.zeros(fields.shape[1:]), self.static
+        drive = self.static * (1 - np.outer(self.rho, self.rho))
+        white = np.maximum(self.sd**2 - np.diag(self.static), 0.0)
+        for t, seen in enumerate(self.valid):
+            if self.first[t]:
+                x, P = np.zeros_like(x), self.static
+            else:
+                x, P = self.rho[:, None] * x, np.outer(self.rho, self.rho) * P + drive
+            root = np.linalg.cholesky(P[np.ix_(seen, seen)] + np.diag(white[t, seen]))
+            out[t, seen] = np.linalg.solve(root, fields[t, seen] - x[seen])
+            gain = np.linalg.solve(root, P[seen])
+            x, P = x + gain.T @ out[t, seen], P - gain.T @ gain
+        return np.moveaxis(out, 2, 0).reshape(*y.shape[:-2], out.shape[0] * out.shape[1])
 
     def whiten(self, field: Array) -> Array:
         """W applied to fields (..., s, p, 3) mm: values (..., n) of variance 1 where the field is noise."""
@@ -62,7 +70,7 @@ class Whitener:
         """Most probable amplitude (k,) of every mode in a residual (s, p, 3) mm, in sds."""
         z = self._innovations(self.pick(residual))
         G = self._innovations(self.modes).T  # (n, k)
-        return np.linalg.solve(np.eye(G.shape[1]) + G.T @ G, G.T @ z)
+        return np.asarray(np.linalg.solve(np.eye(G.shape[1]) + G.T @ G, G.T @ z), float)
 
     def cleaned(self, residual: Array, *, gauge: bool = False) -> Array:
         """The residual (s, m) mm without its shared modes; gauge noise stays unless `gauge`; NaN where no
@@ -95,17 +103,18 @@ def whitener(targets: Targets, *, prediction_modes: Array, gauge: Array) -> Whit
     valid = data[:, p, i]
     variance = np.diagonal(targets.covariance, axis1=2, axis2=3)[:, p, i]
     sd = np.sqrt(np.where(valid, variance, 1.0))
-    correlation, rho = np.eye(len(components)), np.zeros(len(components))
+    static, rho = np.diag(sd.min(axis=0) ** 2), np.zeros(len(components))
     if targets.noise is not None:
-        flat = p * 3 + i
-        correlation = shrunk(targets.noise.correlation[np.ix_(flat, flat)], targets.noise.frames)
-        rho = np.clip(np.nan_to_num(targets.noise.rho[p, i]), 0.0, 0.95)
+        flat, own = p * 3 + i, targets.noise.sd[p, i]
         # the inverse of a covariance estimated from n frames is too large by (n - 2) / (n - m - 1) beyond
         # what
         # single variances are (Hartlap, Simon & Schneider 2007, doi 10.1051/0004-6361:20066170)
         frames, m = targets.noise.frames, len(components)
-        sd = sd * np.sqrt((frames - 2) / max(frames - m - 1, 1))
-    innovations = correlation * (1 - np.outer(rho, rho))
+        inflation = (frames - 2) / max(frames - m - 1, 1)
+        sd = np.sqrt(sd**2 + (inflation - 1) * own**2)
+        correlation = shrunk(targets.noise.correlation[np.ix_(flat, flat)], frames)
+        static = inflation * correlation * np.outer(own, own)
+        rho = np.clip(np.nan_to_num(targets.noise.rho[p, i]), 0.0, 0.95)
     modes = np.concatenate([targets.modes[:, :, p, i], prediction_modes[:, :, p, i]])
     modes = np.where(valid, np.nan_to_num(modes), 0.0)
     steps = np.flatnonzero((gauge[:, p, i] != 0).any(axis=1))
@@ -116,11 +125,18 @@ def whitener(targets: Targets, *, prediction_modes: Array, gauge: Array) -> Whit
             single[row] -= gauge[step, p, i] / len(targets.reference)
     single = np.where(valid, single, 0.0)
     first = np.append(True, np.diff(targets.block) > 0)
-    roots = [np.asarray(np.linalg.cholesky(c), float) for c in (innovations, correlation)]
     found = Whitener(
-        components, valid, sd, rho, roots[0], roots[1], first,
-        np.concatenate([modes, single]), len(modes), np.zeros((valid.size, 0)), np.zeros(0),
-    )  # fmt: skip
+        components=components,
+        valid=valid,
+        sd=sd,
+        rho=rho,
+        static=static,
+        first=first,
+        modes=np.concatenate([modes, single]),
+        shared=len(modes),
+        axes=np.zeros((valid.size, 0)),
+        sizes=np.zeros(0),
+    )
     return _with_axes(found)
 
 

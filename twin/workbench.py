@@ -74,7 +74,9 @@ class Workbench:
         """
         if self.targets.noise is None:
             return None
-        base, values = self.model(()), {**model.named(theta), **self.elasticity.fixed}
+        # one model, one store of solves, where it is the base model itself
+        base = model if len(model.effects) == 1 else self.model(())
+        values = {**model.named(theta), **self.elasticity.fixed}
         made = self._made_for(values["C10"], values["C01"])
         own = np.array([made[("C10", "C01").index(p.name)] for p in base.parameters])
         raw = discretisation(

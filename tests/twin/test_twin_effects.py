@@ -15,8 +15,8 @@ BASE = {"C10": 0.214, "C01": 0.083}
 FELT = {
     "creep": {"creep.g1": 0.05, "creep.tau1": 3.0},
     "creep:2": {"creep.g1": 0.04, "creep.tau1": 1.0, "creep.g2": 0.03, "creep.tau2": 8.0},
-    "stiffening": {"stiffening.C20": 0.01},
-    "clamp": {"clamp.compliance": 1e-4},
+    "stiffening": {"stiffening.C20": 0.1},
+    "clamp": {"clamp.compliance": 1e-3},
     "pressure_gain": {"pressure_gain.gain": 0.05},
     "pressure_lag": {"pressure_lag.tau": 0.4},
     "camera_scale": {"camera_scale.scale": 0.02},

@@ -46,9 +46,10 @@ def differences(model: Model, values: dict[str, float], name: str, *, step: floa
 
 
 def test_all_derivatives_are_those_of_whole_predictions(base: Model) -> None:
-    model = base
+    # Without the outer force: with it the history's first state is loaded, and its derivative is not zero.
+    model = Model(replace(base.test, case=replace(base.test.case, forces={})), base.effects, base.reference)
     for e in library():
-        model = model.with_effect(e)
+        model = model.with_effect(e) if e.name != "clamp" else model
     theta = model.theta(THETA)
     rows = model.jacobian(theta)
     for p, row in zip(model.parameters, rows, strict=True):
@@ -59,7 +60,10 @@ def test_all_derivatives_are_those_of_whole_predictions(base: Model) -> None:
         np.testing.assert_allclose(row, wanted, rtol=0, atol=1e-3 * size, err_msg=p.name)
 
 
-@pytest.mark.parametrize(("name", "step"), [("creep.g1", 1e-3), ("pressure_lag.tau", 1e-3), ("stiffening.C20", 1e-4)])
+@pytest.mark.parametrize(
+    ("name", "step"),
+    [("creep.g1", 1e-3), ("pressure_lag.tau", 1e-3), ("stiffening.C20", 1e-3), ("clamp.compliance", 1e-6)],
+)
 def test_derivatives_at_null_are_those_of_whole_predictions(base: Model, name: str, step: float) -> None:
     model = base.with_effect(effect(name.partition(".")[0]))
     values = {k: v for k, v in {**THETA, name: 0.0}.items() if k in {p.name for p in model.parameters}}
@@ -115,4 +119,4 @@ def test_pressure_slope_and_reference(base: Model) -> None:
 
 def test_a_model_that_cannot_carry_the_load_says_how_far_it_came(base: Model) -> None:
     with pytest.raises(Unsolvable, match=r"finite-element model stopped at 0\.\d+ MPa of 0\.02"):
-        base.predict(base.theta({"C10": 0.01, "C01": 0.0}))
+        base.predict(base.theta({"C10": 0.03, "C01": 0.0}))

@@ -1,0 +1,119 @@
+"""The lack-of-fit test keeps its rate on noise alone, sees a smooth misfit, and says where it is."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from calibrate import least_squares
+from calibrate.parameters import Parameter
+from fe import Path
+from twin import virtual
+from twin.compare import BRANCHES, Comparison, branches, compare
+from twin.targets import Array, Targets
+from twin.whitening import whitener
+
+BENCH = virtual.Bench(film_hz=1.5, static_frames=300)
+NAMES, X = ("p1", "p2", "tip"), np.array([30.0, 70.0, 110.0])
+POINTS = np.stack([X, np.full(3, 11.5), np.zeros(3)], axis=1)
+SLOPE = np.stack([-1.5 * X, 0 * X, -6.0 * X], axis=1)  # (p, 3) mm per MPa
+
+
+@pytest.fixture(scope="module")
+def course() -> Path:
+    return virtual.path(BENCH)
+
+
+def linear(course: Path) -> Array:
+    """Displacements (s, 3, 3) mm of a finger that moves in proportion to the pressure."""
+    return course.at_output()[:, None, None] * SLOPE
+
+
+def draw(course: Path, seed: int, *, misfit: Array | float = 0.0) -> Targets:
+    u = linear(course) + misfit
+    return virtual.targets(
+        u, 0 * u + SLOPE, course, names=NAMES, nodes=np.array([1, 2, 3]), points=POINTS, bench=BENCH, seed=seed,
+        fixed=2,
+    )  # fmt: skip
+
+
+def judged(t: Targets) -> Comparison:
+    """The comparison after a fit of one factor on U1 and one on U3: a model that is linear and right."""
+    shape = np.zeros((2, *t.value.shape))
+    for row, axis in enumerate((0, 2)):
+        shape[row, :, :3, axis] = (t.pressure - t.pressure[t.reference].mean())[:, None] * SLOPE[:, axis]
+    gauge = np.zeros_like(t.value)
+    gauge[:, :3] = SLOPE * t.pressure_sd[:, None, None]
+    w = whitener(t, prediction_modes=np.zeros((0, *t.value.shape)), gauge=gauge)
+    rows, measured = w.whiten(shape).T, w.whiten(t.value)
+    parameters = (Parameter("a", 0.0, 3.0), Parameter("b", 0.0, 3.0))
+    fit = least_squares(lambda x: measured - rows @ x, lambda _: -rows, parameters, start=np.ones(2))
+    return compare(t, np.tensordot(fit.theta, shape, 1), w, jacobian=shape)
+
+
+def test_noise_alone_is_adequate_at_the_stated_rate(course: Path) -> None:
+    found = [judged(draw(course, seed)) for seed in range(200)]
+    p = np.array([c.p_value for c in found])
+    # 0.01 is 2 of 200; 8 and more have a chance of 1e-3, and the larger of two tests makes them fewer
+    assert (p < 0.01).mean() < 0.04
+    assert sum(c.adequate for c in found) >= 198
+    assert p.min() < 0.3  # the test is not asleep
+    # rms over noise: 1 within the spread of noise estimates and cleaned modes
+    assert np.mean([c.rms_mm / c.noise_sd_mm for c in found]) == pytest.approx(1.0, abs=0.05)
+
+
+def test_a_smooth_misfit_is_seen_and_placed(course: Path) -> None:
+    branch = branches(course.output, course.at_output(), course.time, course.pressure)
+    misfit = np.zeros((len(course.output), 3, 3))
+    # what is left after the release, where no mode that grows with the motion can take it
+    misfit[:, 1, 2] = 0.2 * (branch == BRANCHES.index("rest")) * (course.output > 25)
+    found = judged(draw(course, 0, misfit=misfit))
+    assert not found.adequate
+    assert "marker p2" in found.where
+    assert "in U3" in found.where
+    assert "branch 'rest'" in found.where
+    assert found.p_value < 1e-6
+    data = found.to_dict()
+    assert set(data) == {
+        "chi2", "degrees_of_freedom", "p_value", "rms_mm", "noise_sd_mm", "adequate", "where", "maps",
+    }  # fmt: skip
+    assert [row["name"] for row in data["maps"]["marker"]] == [*NAMES, "fixed0", "fixed1"]
+    assert [row["name"] for row in data["maps"]["direction"]] == ["U1", "U3"]
+    assert {row["name"] for row in data["maps"]["branch"]} == set(BRANCHES)
+
+
+def test_a_misfit_below_the_whole_chi2_is_seen_by_its_smoothness(course: Path) -> None:
+    bump = 0.006 * np.sin(np.pi * course.at_output() / 0.03) ** 2
+    misfit = np.zeros((len(course.output), 3, 3))
+    misfit[:, 0, 2] = bump
+    found = judged(draw(course, 3, misfit=misfit))
+    assert abs(found.chi2 / found.degrees_of_freedom - 1) < 0.35
+    assert not found.adequate
+
+
+def test_agreement_is_said_in_words(course: Path) -> None:
+    found = judged(draw(course, 1))
+    assert found.where.startswith("The model agrees with the measurement within the noise")
+    assert found.degrees_of_freedom == 5 * 2 * len(course.output) - 2
+
+
+def test_no_degree_of_freedom_is_said_in_words(make_targets: Callable[..., Targets]) -> None:
+    t = make_targets()
+    only = np.zeros_like(t.valid)
+    only[5, :2, 2] = True
+    t = replace(t, valid=only)
+    w = whitener(t, prediction_modes=np.zeros((0, *t.value.shape)), gauge=np.zeros_like(t.value))
+    found = compare(t, t.value, w, jacobian=np.ones((2, *t.value.shape)))
+    assert found.degrees_of_freedom == 0
+    assert np.isnan(found.p_value)
+    assert not found.adequate
+    assert "no more data than fitted parameters" in found.where
+
+
+def test_branches_follow_the_pressure() -> None:
+    course = virtual.path(virtual.Bench(ripple_MPa=0.0))
+    branch = branches(course.output, course.at_output(), course.time, course.pressure)
+    at = {1.0: "rest", 3.0: "up", 8.0: "hold", 15.0: "hold", 23.0: "down", 30.0: "rest", 36.0: "hold", 40.0: "rest"}
+    for time, name in at.items():
+        assert BRANCHES[branch[np.argmin(np.abs(course.output - time))]] == name, time

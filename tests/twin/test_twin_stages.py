@@ -1,0 +1,251 @@
+"""The stages on targets alone, in a folder of their own: calibrate, compare, diagnose, add, review, and their errors."""
+
+import json
+import sys
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rerun.chunk import RrdReader
+
+from fe import Case, Finger, Lattice, Material
+from twin import cli, virtual, workbench
+from twin.config import CalibrateTable, Config, DiagnoseTable, PointTable, ProjectTable
+from twin.configfile import dump
+from twin.history import Fields, Generations
+from twin.project import Project, dataset
+from twin.stages import run_add, run_calibrate, run_compare, run_diagnose, run_drop, run_review
+from twin.targetfiles import write_targets
+
+FILM = ((0.0, 0.0), (2.0, 0.0), (4.0, 30.0), (12.0, 30.0), (12.4, 0.0), (22.0, 0.0))
+BENCH = virtual.Bench(film_hz=4.0, gauge_sd_MPa=1e-4, sd=0.003)
+NAMES, X = ("p1", "p2", "middle", "p4", "tip"), np.array([9.556, 15.111, 4 + 50 / 3, 31.778, 10 + 100 / 3])
+GENERATIONS = 4
+
+
+@dataclass
+class Silent:
+    """A `say` that keeps the lines."""
+
+    lines: list[str] = field(default_factory=list)
+
+    def __call__(self, text: str, /) -> None:
+        self.lines.append(text)
+
+    def progress(self, stage: str, done: int, total: int, /) -> None:
+        assert 0 <= done <= total, stage
+
+
+@pytest.fixture(scope="module", autouse=True)
+def small(short: Finger) -> Iterator[None]:
+    """Every project of this file has the short finger on the coarse mesh."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(virtual, "PROTOCOL", FILM)
+        patch.setattr(workbench, "Finger", lambda: short)
+        patch.setattr(workbench, "Lattice", lambda refine: Lattice(per_bellow=2, refine=refine))
+        yield
+
+
+def project_at(folder: Path, case: Case, short: Finger) -> Project:
+    """A project with targets of a creeping finger and nothing else."""
+    edge = np.stack([X, np.full_like(X, 11.5), np.zeros_like(X)], axis=1)
+    rows = np.linalg.norm(case.nodes[:, None] - edge, axis=2).argmin(axis=0)
+    points, course = case.nodes[rows], virtual.path(BENCH)
+    material = Material(0.214, 0.083, prony=((0.045, 1.2), (0.035, 3.5), (0.015, 15.0)))
+    truth = virtual.Truth(material, lattice=Lattice(per_bellow=2, ring=True), finger=short)
+    u, slope = virtual.displacements(truth, course, points)
+    targets = virtual.targets(
+        u, slope, course, names=NAMES, nodes=case.labels[rows], points=points, bench=BENCH, seed=1
+    )
+    config = Config(
+        project=ProjectTable(name="short"),
+        points=tuple(PointTable(name=n, node=int(k)) for n, k in zip(NAMES, case.labels[rows])),
+        calibrate=CalibrateTable(population=8, generations=GENERATIONS),
+        diagnose=DiagnoseTable(candidates=("creep", "camera_scale")),
+    )
+    folder.mkdir()
+    (folder / "twin.toml").write_text(dump(config), encoding="utf-8")
+    write_targets(folder / "targets", targets)
+    return Project.open(folder)
+
+
+@pytest.fixture(scope="module")
+def chain(tmp_path_factory: pytest.TempPathFactory, short_case: Case, short: Finger) -> tuple[Project, Silent]:
+    """The project after calibrate, compare, diagnose, add and review."""
+    say = Silent()
+    project = project_at(tmp_path_factory.mktemp("chain") / "batch", short_case, short)
+    with pytest.raises(ValueError, match=r"no fit in this project; run twin calibrate"):
+        run_diagnose(project, say)
+    with pytest.raises(ValueError, match=r"nothing to review: .*run twin calibrate"):
+        run_review(project, say)
+    run_calibrate(project, say)
+    run_compare(project, say)
+    run_diagnose(project, say)
+    run_add(project, "creep", say)
+    project = Project.open(project.root)
+    run_review(project, say)
+    return project, say
+
+
+def read(project: Project, kind: str, name: str) -> dict[str, object]:
+    path = project.newest(kind, name)
+    assert path is not None, f"{kind} wrote no {name}"
+    data = json.loads(path.read_text(encoding="utf-8"))
+    assert isinstance(data, dict)
+    return data
+
+
+def test_calibrate_leaves_its_fit_and_history(chain: tuple[Project, Silent]) -> None:
+    project, say = chain
+    fit = read(project, "calibrate", "fit.json")
+    keys = {"parameters", "covariance", "chi2", "degrees_of_freedom", "seed", "evaluations", "converged", "reason"}
+    assert keys <= set(fit)
+    assert set(fit["parameters"]) == {"C10", "C01"}
+    assert {"value", "sd", "low", "high", "unit"} <= set(fit["parameters"]["C10"])
+    assert fit["effects"] == []
+    found = project.newest("calibrate", "generations.npz")
+    assert found is not None
+    history = Generations.load(found)
+    assert history.generation.tolist() == list(range(1, GENERATIONS + 1))
+    assert np.all(np.diff(history.rms_mm) <= 0)
+    assert history.film_time_s == pytest.approx(4.0, abs=0.3)  # the top of the ramp
+    log = [json.loads(x) for x in (found.parent / "log.jsonl").read_text().splitlines()]
+    assert [r["number"] for r in log if r["event"] == "generation"] == list(range(1, GENERATIONS + 1))
+    # the best by the table is the best by full finite elements: the marks' rms over U3 of tip and middle
+    rows = [history.point_names.index(n) for n in project.config.calibrate.objective_points]
+    error = history.u_points[-1, rows, 2] - history.u_measured[rows, 2]
+    # mm: reference steps carry a little ripple and noise; the table is good to 0.01
+    assert np.sqrt((error**2).mean()) == pytest.approx(history.rms_mm[-1], abs=0.01)
+    assert any("genetic algorithm" in line for line in say.lines)
+
+
+def test_compare_says_what_the_model_misses(chain: tuple[Project, Silent]) -> None:
+    found = read(chain[0], "compare", "comparison.json")
+    keys = {"rms_mm", "noise_sd_mm", "chi2", "degrees_of_freedom", "p_value", "adequate", "where", "maps"}
+    assert keys <= set(found)
+    assert found["adequate"] is False
+    assert f"compare: {found['where']}" in chain[1].lines
+
+
+def test_diagnose_names_creep(chain: tuple[Project, Silent]) -> None:
+    found = read(chain[0], "diagnose", "diagnosis.json")
+    keys = {"verdict", "named", "ties", "ranking", "next_test", "rms_before_mm", "rms_after_mm", "noise_sd_mm"}
+    assert keys | {"adequate"} <= set(found)
+    assert found["named"] == ["creep"]
+    row = found["ranking"][0]
+    assert {"effect", "z", "p_value", "delta_bic", "parameters"} <= set(row)
+    assert {r["effect"] for r in found["ranking"]} == {"creep", "camera_scale"}  # those of twin.toml
+
+
+def test_add_writes_the_law_refits_and_lowers_the_error(chain: tuple[Project, Silent]) -> None:
+    project, _ = chain
+    diagnosis, compared = read(project, "diagnose", "diagnosis.json"), read(project, "add", "comparison.json")
+    assert project.config.model.effects == (diagnosis["law"],)
+    fit = read(project, "add", "fit.json")
+    assert fit["effects"] == [diagnosis["law"]]
+    assert fit["parameters"]["creep.g1"]["value"] > 0.02
+    assert compared["rms_mm"] <= 1.1 * compared["noise_sd_mm"] < diagnosis["rms_before_mm"] / 2
+    assert compared["rms_mm"] == pytest.approx(diagnosis["rms_after_mm"], rel=0.05)
+    runs = [p.name for p in project.runs()]
+    assert [n[5:] for n in runs if "failed" not in project.info(project.root / "runs" / n)["status"]] == [
+        "calibrate", "compare", "diagnose", "add", "review",
+    ]  # fmt: skip
+    folder = next(p for p in project.runs() if p.name.endswith("-add"))
+    assert not (folder / "diagnosis.json").exists()
+    shown = Fields.load(folder / "fields.npz")
+    assert shown.time_s[0] == 0.0
+    assert np.isfinite(shown.u).all()
+
+
+def test_review_holds_every_generation_and_the_numbers(chain: tuple[Project, Silent]) -> None:
+    project, _ = chain
+    path = project.newest("review", "review.rrd")
+    assert path is not None
+    generations: set[int] = set()
+    for chunk in RrdReader(str(path)).stream().filter(content="/model/mesh"):
+        table = chunk.to_record_batch()
+        if {"generation", "Mesh3D:vertex_positions"} <= set(table.schema.names):
+            generations |= set(table.column("generation").cast("int64").to_pylist())
+    assert generations == set(range(1, GENERATIONS + 1))
+    report = path.with_name("report.html").read_text(encoding="utf-8")
+    diagnosis, compared = read(project, "diagnose", "diagnosis.json"), read(project, "add", "comparison.json")
+    assert isinstance(diagnosis["rms_before_mm"], float)
+    assert isinstance(compared["rms_mm"], float)
+    for number in (diagnosis["rms_before_mm"], compared["rms_mm"]):
+        # in the report's own unit and digits: mm or um
+        shown = {f"{number:.3f}", f"{1e3 * number:.1f}", f"{1e3 * number:.0f}", f"{number:.2g}", f"{number:.3g}"}
+        assert any(text in report for text in shown), number
+    assert list(path.parent.glob("deformed*.vtu"))
+
+
+def test_errors_are_one_sentence(chain: tuple[Project, Silent]) -> None:
+    project, say = chain
+    with pytest.raises(ValueError, match="'gravity' is not in the library"):
+        run_add(project, "gravity", say)
+    with pytest.raises(ValueError, match="'stiffening' is not in the model"):
+        run_drop(project, "stiffening", say)
+    with pytest.raises(ValueError, match="calibrate fits the base model; twin add refits"):
+        run_calibrate(project, say)
+    model = project.config.model
+    strange = Project(project.root, project.config.model_copy(update={"model": model.model_copy(
+        update={"fixed": {"bulk": 300.0}})}))  # fmt: skip
+    with pytest.raises(ValueError, match=r"model\.fixed\.bulk: only C10 and C01 can be held"):
+        run_compare(strange, say)
+    points = (*project.config.points[:-1], PointTable(name="tip", node=987654))
+    lost = Project(project.root, project.config.model_copy(update={"points": points}))
+    with pytest.raises(ValueError, match="node 987654: not in the model"):
+        run_compare(lost, say)
+
+
+@pytest.fixture
+def study(tmp_path: Path) -> Path:
+    """The study's data set with a genetic algorithm of three generations."""
+    folder, source = tmp_path / "study", dataset("study")
+    (folder / "targets").mkdir(parents=True)
+    text = (source / "twin.toml").read_text(encoding="utf-8")
+    (folder / "twin.toml").write_text(text.replace("generations = 20", "generations = 3"), encoding="utf-8")
+    (folder / "targets" / "targets.csv").write_bytes((source / "targets" / "targets.csv").read_bytes())
+    return folder
+
+
+def test_the_study_says_what_its_data_cannot(
+    study: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def run(*arguments: str) -> tuple[int, str, str]:
+        monkeypatch.setattr(sys, "argv", ["twin", *arguments, "-p", str(study)])
+        with pytest.raises(SystemExit) as ended:
+            cli.main()
+        out, err = capsys.readouterr()
+        return int(ended.value.code or 0), out, err
+
+    code, out, err = run("calibrate")
+    assert (code, err) == (0, "")
+    assert "C10 and C01" in out
+    assert "cannot be separated" in out
+    assert "contradict each other" in out
+    assert "0.03 MPa in its table, 0.01 MPa in its text" in out
+    code, out, _ = run("compare")
+    assert code == 0
+    assert "no more data than fitted parameters" in out
+    code, out, _ = run("diagnose")
+    assert code == 0
+    assert "cannot test: no noise model" in out
+    code, _, err = run("add", "wobble")
+    assert code == 2
+    assert err.startswith("error: effect 'wobble' is not in the library")
+
+
+def test_a_point_that_is_not_seen_stops_calibrate(tmp_path: Path, short_case: Case, short: Finger) -> None:
+    project = project_at(tmp_path / "batch", short_case, short)
+    t = project.targets()
+    value, valid = t.value.copy(), t.valid.copy()
+    value[:, 4], valid[:, 4] = np.nan, False
+    write_targets(tmp_path / "lost", replace(t, value=value, valid=valid))
+    for name in ("targets.csv", "targets.npz", "targets.toml"):
+        (project.targets_folder / name).write_bytes((tmp_path / "lost" / name).read_bytes())
+    with pytest.raises(ValueError, match="point 'tip' has no U3 at step"):
+        run_calibrate(project, Silent())
+    info = project.info(project.runs()[-1])
+    assert info["status"].startswith("failed: point 'tip'")

@@ -1,0 +1,166 @@
+"""Whitened noise is white: drawn from the stated covariance, with shared modes, gauge noise, gaps and
+blocks."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from twin.targets import Array, Noise, Targets
+from twin.whitening import Whitener, shrunk, whitener
+
+DRAWS = 2000
+SD, RHO, COMMON = 0.02, 0.6, 0.4
+
+
+@pytest.fixture
+def targets(make_targets: Callable[..., Targets], make_noise: Callable[..., Noise]) -> Targets:
+    """Two blocks of four steps; U2 is not seen; one mode over all steps and one on the second block."""
+    plain = make_targets()
+    shape = plain.value.shape
+    valid = np.ones(shape, bool)
+    valid[..., 1] = False
+    rng = np.random.default_rng(5)
+    modes = 0.1 * rng.standard_normal((2, *shape))
+    modes[1, :4] = 0.0
+    return replace(
+        plain, valid=valid, block=np.repeat([0, 1], 4), modes=modes, mode_names=("scale", "tilt"),
+        covariance=np.tile(SD**2 * np.eye(3), (*shape[:2], 1, 1)),
+        noise=make_noise(3, sd=SD, rho=RHO, common=COMMON),
+    )  # fmt: skip
+
+
+def gauge_of(targets: Targets, size: float = 0.05) -> Array:
+    """The effect of 1 sd of gauge noise on each step: the steps without pressure have none."""
+    out = np.zeros_like(targets.value)
+    out[2:, :2] = size * np.array([0.1, 0.0, 1.0])
+    return out
+
+
+def drawn(t: Targets, gauge: Array, count: int, *, seed: int) -> tuple[Array, Array]:
+    """Noise (count, s, p, 3) mm as the whitener's docstring states it, drawn by definition; and
+    amplitudes (count, k)."""
+    rng = np.random.default_rng(seed)
+    s, p, _ = t.value.shape
+    axes = np.kron(np.full((p, p), COMMON) + (1 - COMMON) * np.eye(p), np.eye(3))
+    e = rng.standard_normal((count, s, 3 * p)) @ np.linalg.cholesky(axes).T
+    y = np.empty_like(e)
+    for k in range(s):
+        begins = k == 0 or t.block[k] != t.block[k - 1]
+        y[:, k] = e[:, k] if begins else RHO * y[:, k - 1] + np.sqrt(1 - RHO**2) * e[:, k]
+    amplitudes = rng.standard_normal((count, len(t.modes)))
+    out = SD * y.reshape(count, s, p, 3) + np.tensordot(amplitudes, t.modes, 1)
+    return out + gauge * rng.standard_normal((count, s))[..., None, None], amplitudes
+
+
+def assert_white(z: Array) -> None:
+    """Mean square 1 and no correlation, each within five sds of `DRAWS` draws."""
+    second = z.T @ z / len(z)
+    np.testing.assert_allclose(np.diag(second), 1.0, rtol=0, atol=5 * np.sqrt(2 / len(z)))
+    assert np.abs(second - np.diag(np.diag(second))).max() < 5 / np.sqrt(len(z))
+
+
+def test_noise_of_the_stated_covariance_becomes_white(targets: Targets) -> None:
+    gauge = gauge_of(targets)
+    w = whitener(targets, prediction_modes=np.zeros((0, *targets.value.shape)), gauge=gauge)
+    noise, _ = drawn(targets, gauge, DRAWS, seed=1)
+    z = w.whiten(noise)
+    assert z.shape == (DRAWS, w.count) == (DRAWS, 8 * 3 * 2)
+    assert_white(z)
+    # leaving the modes out must show: here they are far above the noise
+    bare = whitener(replace(targets, modes=0 * targets.modes), prediction_modes=np.zeros((0, *gauge.shape)), gauge=gauge)
+    assert (bare.whiten(noise) ** 2).mean() > 3
+
+
+def test_a_models_own_modes_are_shared_modes_too(targets: Targets) -> None:
+    mode = np.zeros((1, *targets.value.shape))
+    mode[0, :, 0, 2] = np.linspace(0.0, 0.3, 8)
+    none = np.zeros_like(targets.value)
+    w = whitener(targets, prediction_modes=mode, gauge=none)
+    both = replace(targets, modes=np.concatenate([targets.modes, mode]), mode_names=("scale", "tilt", "mesh"))
+    noise, amplitudes = drawn(both, none, DRAWS, seed=2)
+    assert_white(w.whiten(noise))
+    assert w.shared == len(w.modes) == 3
+    found = np.array([w.amplitudes(row) for row in noise[:400]])
+    # pulls: the most probable amplitude is drawn towards 0 by its prior, so that its error and itself have
+    # variances that add to 1; the error's is the diagonal of (1 + G'G)^-1
+    G = w._innovations(w.modes).T
+    wanted = np.diag(np.linalg.inv(np.eye(3) + G.T @ G))
+    pulls = (found - amplitudes[:400]) / np.sqrt(wanted)
+    np.testing.assert_allclose(pulls.std(axis=0), 1.0, atol=5 / np.sqrt(2 * 400))
+    np.testing.assert_allclose(pulls.mean(axis=0), 0.0, atol=5 / np.sqrt(400))
+
+
+def test_a_missing_value_counts_nothing(targets: Targets) -> None:
+    valid = targets.valid.copy()
+    valid[2, 1], valid[6:, 0, 2] = False, False
+    holes = replace(targets, valid=valid, value=np.where(valid, 0.0, np.nan), modes=0 * targets.modes)
+    none = np.zeros_like(targets.value)
+    w = whitener(holes, prediction_modes=np.zeros((0, *none.shape)), gauge=none)
+    noise, _ = drawn(replace(targets, modes=0 * targets.modes), none, DRAWS, seed=3)
+    noise[:, ~valid] = np.nan
+    z = w.whiten(noise)
+    assert w.count == 8 * 6 - 4
+    assert np.isfinite(z).all()
+    # the mean chi2 is the number of values, within five sds of the draws
+    assert (z**2).sum(axis=1).mean() == pytest.approx(w.count, abs=5 * np.sqrt(2 * w.count / DRAWS))
+
+
+def test_what_is_held_out_is_not_data(targets: Targets) -> None:
+    half = replace(targets, held_out=targets.block == 1)
+    none = np.zeros_like(targets.value)
+    w = whitener(half, prediction_modes=np.zeros((0, *none.shape)), gauge=none)
+    residual = np.where(half.held_out[:, None, None], 1e3, 0.0) + 0 * none
+    assert w.count == 4 * 6
+    assert not w.whiten(residual).any()
+    assert w.rms(residual) == 0.0
+
+
+def test_noise_sd_is_its_definition(targets: Targets) -> None:
+    gauge = gauge_of(targets)
+    frames = 302
+    assert targets.noise is not None
+    known = replace(targets, noise=replace(targets.noise, frames=frames))
+    w = whitener(known, prediction_modes=np.zeros((0, *gauge.shape)), gauge=gauge)
+    inflation = (frames - 2) / (frames - 6 - 1)  # Hartlap et al. 2007, for 6 components
+    variances = [SD**2 * inflation + gauge[s, p, i] ** 2 for s in range(8) for p in range(3) for i in (0, 2)]
+    assert w.noise_sd == pytest.approx(np.sqrt(np.mean(variances)), rel=1e-12)
+
+
+def test_rms_is_without_shared_modes_but_with_gauge_noise(targets: Targets) -> None:
+    gauge = gauge_of(targets, size=1.0)  # far above the noise, so that amplitudes are found within 1e-3
+    strong = replace(targets, modes=50 * targets.modes)
+    w = whitener(strong, prediction_modes=np.zeros((0, *gauge.shape)), gauge=gauge)
+    shared = 0.7 * strong.modes[0] - 1.2 * strong.modes[1]
+    assert w.rms(shared) < 0.01 * np.sqrt((w.pick(shared) ** 2).mean())
+    kicked = np.zeros_like(gauge)
+    kicked[3] = 2 * gauge[3]  # the gauge erred by 2 sd in one step
+    assert w.rms(kicked) == pytest.approx(np.sqrt((w.pick(kicked) ** 2).mean()), rel=0.1)
+    assert w.rms(kicked, gauge=True) < 0.05 * w.rms(kicked)
+
+
+def test_a_gauge_error_in_the_reference_moves_every_step(targets: Targets) -> None:
+    gauge = np.zeros_like(targets.value)
+    gauge[:, 0, 2] = 0.05
+    none = np.zeros((0, *gauge.shape))
+    w = whitener(replace(targets, modes=none, mode_names=()), prediction_modes=none, gauge=gauge)
+    rng = np.random.default_rng(4)
+    still = replace(targets, modes=none, mode_names=())
+    noise, _ = drawn(still, 0 * gauge, DRAWS, seed=6)
+    kick = gauge * rng.standard_normal((DRAWS, 8))[..., None, None]
+    noise += kick - kick[:, targets.reference].mean(axis=1, keepdims=True)
+    assert_white(w.whiten(noise))
+
+
+def test_correlation_of_few_frames_is_drawn_to_independence() -> None:
+    rng = np.random.default_rng(7)
+    truth = np.full((8, 8), 0.3) + 0.7 * np.eye(8)
+    sample = rng.standard_normal((20, 8)) @ np.linalg.cholesky(truth).T
+    measured = np.corrcoef(sample.T)
+    near = shrunk(measured, 20)
+    assert np.linalg.norm(near - truth) < np.linalg.norm(measured - truth)
+    np.testing.assert_allclose(shrunk(truth, 10**9), truth, atol=1e-6)
+    np.testing.assert_array_equal(shrunk(np.eye(3), 20), np.eye(3))
+    assert isinstance(near, np.ndarray)
+    assert Whitener.__dataclass_params__.frozen  # type: ignore[attr-defined]
