@@ -94,8 +94,8 @@ def _smooth(targets: Targets, w: Whitener) -> Array:
         for shape in shapes:
             field = np.zeros((*targets.value.shape[:2], 3))
             field[:, point, axis] = shape - shape[targets.reference].mean()
-            fields.append(w.whiten(field))
-    return np.array(fields).T
+            fields.append(field)
+    return w.whiten(np.array(fields)).T  # at once: the filter's steps are what costs
 
 
 def _memory(time: Array, pressure: Array, tau: float = 5.0) -> Array:

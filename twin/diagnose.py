@@ -260,8 +260,9 @@ def refit(
     effect: Effect | None = candidate.effect
     starts: tuple[Theta, ...] = (candidate.start,)
     out: list[Candidate] = []
+    wider = model
     while effect is not None:
-        wider = model.with_effect(effect)
+        wider = wider.with_effect(effect)
         fit = fit_model(wider, targets, w, start=[wider.theta(s) for s in starts], seed=seed)
         if not np.isfinite(fit.chi2):
             out.append(replace(candidate, effect=effect, note=fit.reason))

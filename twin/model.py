@@ -50,6 +50,8 @@ class Model:
     effects: tuple[Effect, ...]
     reference: NDArray[np.int64]
     _anchors: list[Anchor] = field(default_factory=list, compare=False, repr=False)
+    _kin: dict[str, "Model"] = field(default_factory=dict, compare=False, repr=False)
+    _parent: "Model | None" = field(default=None, compare=False, repr=False)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "effects", tuple(sorted(self.effects, key=lambda e: e.order)))
@@ -69,8 +71,10 @@ class Model:
 
     def with_effect(self, effect: Effect) -> "Model":
         """The model with one more effect; a wider or narrower law of the same physics is replaced."""
-        kept = tuple(e for e in self.effects if e.name != effect.name)
-        return Model(self.test, (*kept, effect), self.reference)
+        if effect.label not in self._kin:  # one object for one model, so that its solves are kept
+            kept = tuple(e for e in self.effects if e.name != effect.name)
+            self._kin[effect.label] = Model(self.test, (*kept, effect), self.reference, _parent=self)
+        return self._kin[effect.label]
 
     def put(self, theta: Theta) -> Test:
         """The test with every effect's `before` applied."""
@@ -119,7 +123,9 @@ class Model:
         values = self.named(theta)
         test = self.put(values)
         changes = [self._change(values, p) for p in self.parameters]
-        u, du, solution = respond(test, [c[0] for c in changes], start=near.solution if near else None)
+        # a model's first solve begins from the newest one of the model that it came from
+        begin = near or (self._parent._anchors[-1] if self._parent and self._parent._anchors else None)
+        u, du, solution = respond(test, [c[0] for c in changes], start=begin.solution if begin else None)
         jacobian = np.stack([self._through(u, d, c) for d, c in zip(du, changes, strict=True)])
         anchor = Anchor(theta.copy(), self.seen(u, test, values), jacobian, solution)
         self._anchors.append(anchor)

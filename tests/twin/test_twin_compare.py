@@ -14,7 +14,7 @@ from twin.compare import BRANCHES, Comparison, branches, compare
 from twin.targets import Array, Targets
 from twin.whitening import whitener
 
-BENCH = virtual.Bench(film_hz=1.5, static_frames=300)
+BENCH = virtual.Bench(film_hz=1.0, static_frames=300)
 NAMES, X = ("p1", "p2", "tip"), np.array([30.0, 70.0, 110.0])
 POINTS = np.stack([X, np.full(3, 11.5), np.zeros(3)], axis=1)
 SLOPE = np.stack([-1.5 * X, 0 * X, -6.0 * X], axis=1)  # (p, 3) mm per MPa

@@ -22,7 +22,7 @@ from twin.targets import Array, Targets
 
 # A ramp, a hold, a release in 0.4 s and a rest: seconds and kPa.
 FILM = ((0.0, 0.0), (2.0, 0.0), (4.0, 30.0), (12.0, 30.0), (12.4, 0.0), (22.0, 0.0))
-BENCH = virtual.Bench(film_hz=5.0, gauge_sd_MPa=1e-4, sd=0.003)
+BENCH = virtual.Bench(film_hz=5.0, gauge_sd_MPa=3e-4, sd=0.005)
 NAMES, X = ("p1", "p2", "middle", "p4", "tip"), np.array([9.556, 15.111, 4 + 50 / 3, 31.778, 10 + 100 / 3])
 NOMINAL = np.array([0.214, 0.083])
 # What every verdict is asked of; the two that these films cannot tell from the constants are left to one
@@ -93,9 +93,9 @@ def test_nothing_hidden_needs_nothing(laboratory: Laboratory) -> None:
 
 
 def test_hidden_creep_is_named_and_its_error_goes(laboratory: Laboratory) -> None:
-    truth = laboratory.truth(prony=((0.045, 1.2), (0.035, 3.5), (0.015, 15.0)))
+    truth = laboratory.truth(prony=((0.075, 1.2), (0.055, 3.5), (0.02, 15.0)))
     for found in diagnosed(laboratory, truth, seeds=(1, 2)):
-        assert found.named == ("creep",)
+        assert found.named == ("creep",), found.sentence
         assert found.verdict in ("creep", "right physics, wrong law")
         assert found.law in ("creep", "creep:2")
         data = found.to_dict()
@@ -106,12 +106,12 @@ def test_hidden_creep_is_named_and_its_error_goes(laboratory: Laboratory) -> Non
         assert found.kept is not None
         assert found.kept.fit is not None
         g = sum(x for p, x in zip(found.kept.fit.parameters, found.kept.fit.theta) if p.name.startswith("creep.g"))
-        assert 0.04 < g < 0.14  # of 0.095 hidden, what relaxes within the film
+        assert 0.07 < g < 0.2  # of 0.15 hidden, what relaxes within the film
 
 
 def test_a_force_outside_the_library_is_none_of_these(laboratory: Laboratory) -> None:
-    for found in diagnosed(laboratory, laboratory.truth(force=0.3), seeds=(1, 2)):
-        assert (found.verdict, found.named, found.law, found.kept) == ("none of these", (), None, None)
+    for found in diagnosed(laboratory, laboratory.truth(force=0.12), seeds=(1, 2)):
+        assert (found.verdict, found.named, found.law, found.kept) == ("none of these", (), None, None), found.sentence
         data = found.to_dict()
         assert data["rms_before_mm"] >= 3 * data["noise_sd_mm"]
         assert data["rms_after_mm"] == data["rms_before_mm"]
