@@ -39,7 +39,7 @@ from twin.targets import Array
 from vision import Board, Camera, Mark, synthetic
 
 ROOT = Path(__file__).resolve().parents[1]
-TRUTH = virtual.Truth(Material(0.214, 0.083, prony=((0.018, 1.2), (0.014, 3.5), (0.006, 15.0))))
+TRUTH = virtual.Truth(Material(0.214, 0.083, prony=((0.017, 1.6), (0.017, 2.5), (0.006, 15.0))))
 BENCH = virtual.Bench()
 SEED = 20240
 LIMIT_MB = 12.0

@@ -93,7 +93,7 @@ def test_nothing_hidden_needs_nothing(laboratory: Laboratory) -> None:
 
 
 def test_hidden_creep_is_named_and_its_error_goes(laboratory: Laboratory) -> None:
-    truth = laboratory.truth(prony=((0.075, 1.2), (0.055, 3.5), (0.02, 15.0)))
+    truth = laboratory.truth(prony=((0.07, 1.2), (0.052, 3.5), (0.019, 15.0)))
     for found in diagnosed(laboratory, truth, seeds=(1, 2)):
         assert found.named == ("creep",), found.sentence
         assert found.verdict in ("creep", "right physics, wrong law")
@@ -106,14 +106,16 @@ def test_hidden_creep_is_named_and_its_error_goes(laboratory: Laboratory) -> Non
         assert found.kept is not None
         assert found.kept.fit is not None
         g = sum(x for p, x in zip(found.kept.fit.parameters, found.kept.fit.theta) if p.name.startswith("creep.g"))
-        assert 0.07 < g < 0.2  # of 0.15 hidden, what relaxes within the film
+        assert 0.07 < g < 0.2  # of 0.14 hidden, what relaxes within the film
 
 
 def test_a_force_outside_the_library_is_none_of_these(laboratory: Laboratory) -> None:
     for found in diagnosed(laboratory, laboratory.truth(force=0.12), seeds=(1, 2)):
         assert (found.verdict, found.named, found.law, found.kept) == ("none of these", (), None, None), found.sentence
         data = found.to_dict()
-        assert data["rms_before_mm"] >= 3 * data["noise_sd_mm"]
+        # a force that the short finger's coarse mesh can still be tested with; benchmarks/controls.py has one
+        # of three noise sds on the whole finger
+        assert data["p_value_before"] < 1e-3
         assert data["rms_after_mm"] == data["rms_before_mm"]
         assert data["adequate"] is False
 

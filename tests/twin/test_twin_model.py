@@ -56,8 +56,8 @@ def test_all_derivatives_are_those_of_whole_predictions(base: Model) -> None:
         wanted = differences(model, model.named(theta), p.name, step=STEPS[p.name])
         size = np.abs(wanted).max()
         assert size * STEPS[p.name] > 1e-5, p.name  # mm: the difference is more than the solver's noise
-        # a thousandth of the largest: history is interpolated in time, by curves that bend with their values
-        np.testing.assert_allclose(row, wanted, rtol=0, atol=1e-3 * size, err_msg=p.name)
+        # two thousandths of the largest: history is interpolated in time, by curves that bend with their values
+        np.testing.assert_allclose(row, wanted, rtol=0, atol=2e-3 * size, err_msg=p.name)
 
 
 @pytest.mark.parametrize(
@@ -73,6 +73,8 @@ def test_derivatives_at_null_are_those_of_whole_predictions(base: Model, name: s
 
 
 def test_signatures_are_secants_of_whole_predictions(base: Model) -> None:
+    case = replace(base.test.case, forces={})
+    base = Model(replace(base.test, case=case), base.effects, base.reference)
     theta = base.theta({k: THETA[k] for k in ("C10", "C01")})
     base.predict(theta)
     chosen = [effect("camera_scale"), effect("stiffening"), effect("creep")]

@@ -195,7 +195,7 @@ def test_errors_are_one_sentence(chain: tuple[Project, Silent]) -> None:
         run_compare(strange, say)
     points = (*project.config.points[:-1], PointTable(name="tip", node=987654))
     lost = Project(project.root, project.config.model_copy(update={"points": points}))
-    with pytest.raises(ValueError, match=r"node 4401, twin.toml says 987654"):
+    with pytest.raises(ValueError, match=r"node 4401, twin\.toml says 987654"):
         run_compare(lost, say)
 
 

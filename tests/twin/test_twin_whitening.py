@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from twin.targets import Array, Noise, Targets
-from twin.whitening import shrunk, whitener
+from twin.whitening import NUMERICAL, shrunk, whitener
 
 DRAWS = 2000
 SD, RHO, COMMON = 0.02, 0.6, 0.4
@@ -124,7 +124,8 @@ def test_noise_sd_is_its_definition(targets: Targets) -> None:
     known = replace(targets, noise=replace(targets.noise, frames=frames))
     w = whitener(known, prediction_modes=np.zeros((0, *gauge.shape)), gauge=gauge)
     inflation = (frames - 2) / (frames - 6 - 1)  # Hartlap et al. 2007, for 6 components
-    variances = [SD**2 * inflation + gauge[s, p, i] ** 2 for s in range(8) for p in range(3) for i in (0, 2)]
+    model = np.where((gauge != 0).any(axis=0), NUMERICAL**2, 0.0)  # mm2, of what moves
+    variances = (SD**2 * inflation + model + gauge**2)[..., (0, 2)]
     assert w.noise_sd == pytest.approx(np.sqrt(np.mean(variances)), rel=1e-12)
 
 
