@@ -162,8 +162,8 @@ def check(project: Folder = HERE, json: Json = False) -> None:
 def main() -> None:
     """Run the command line and exit with its code."""
     arguments = sys.argv[1:]
-    # Threads of the numerical libraries that wait for each other cost more here than they bring: measured, twice
-    # as long with two of them. Set before any of these libraries is loaded; the user's own setting holds.
+    # Threads of the numerical libraries that wait for each other cost more than they bring here. Set before
+    # any of these libraries is loaded; the own setting of a user holds.
     for name in ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
         os.environ.setdefault(name, "1")
     sys.exit(guarded(lambda: _run(arguments), debug="--debug" in arguments))

@@ -14,9 +14,8 @@ from numpy.typing import NDArray
 
 from twin.targets import Array, Targets
 
-
-# mm, numerical error of a prediction at one step, taken as white: interpolation of a history between its solved
-# times leaves 0.5 um rms and up to 18 um on a fast step, and the mesh modes are made without history.
+# mm, numerical error of a prediction at one step, taken as white: interpolating a history between its solved
+# times leaves 0.5 um rms, up to 18 um on a fast step, and the mesh modes are made without history.
 NUMERICAL = 0.003
 
 
