@@ -22,8 +22,8 @@ from twin.targets import Array
 
 SAMPLES = 40  # pressures at which a finer mesh's response is sampled
 COUNT = 7  # levels of its curve; the base mesh is solved on the same, so that their error cancels
-# The check mesh is not the limit. Tried on one truth on a still finer mesh: 2.5 times what it shows was too little for
-# an adequate fit, 5 times was enough.
+# The check mesh is not the limit. Tried on one truth on a still finer mesh: 2.5 times what it shows was too
+# little for an adequate fit, 5 times was enough.
 SAFETY = 5.0
 SMOOTH = (0.5, 1, 2, 3)  # powers of pressure of the remainder's modes
 
