@@ -6,7 +6,7 @@ draws of one truth share one base model, whose solves they start from, so that a
 
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -97,14 +97,14 @@ def prepared(case: Case, targets: Targets) -> tuple[Model, Array, Discretisation
     """The base model, its parameters (2,) fitted without modes of its mesh, and these modes."""
     model = base_model(targets, case)
     start = fit_model(model, targets, whitener_of(model, NOMINAL, targets, None), start=NOMINAL).theta
-    # the modes' shape hardly changes with the constants: rounded, they are found again in the cache
-    rounded = np.array([float(f"{x:.2g}") for x in start])
 
-    def keep(key: str, make: Callable[[], Array]) -> Array:
-        return kept("mesh", key, lambda: {"array": make()})["array"]
+    def keep(stage: str, tasks: Mapping[str, Callable[[], Array]]) -> dict[str, Array]:
+        one = {key: lambda make=make: {"array": make()} for key, make in tasks.items()}
+        return {key: kept("mesh", key, one[key])["array"] for key in tasks}
 
-    raw = discretisation(model, rounded, finger=Finger(), lattice=Lattice(), keep=keep)
-    return model, start, measured_remainder(model, rounded, targets, raw)
+    made_for = float(NOMINAL[0]), float(NOMINAL[1])
+    raw = discretisation(model, start, finger=Finger(), lattice=Lattice(), made_for=made_for, keep=keep)
+    return model, start, measured_remainder(model, start, targets, raw)
 
 
 def verdicts(laboratory: Laboratory, count: int, *, first: int = 0) -> list[Diagnosis]:

@@ -242,7 +242,7 @@ def _covariance(jac: Array, free: NDArray[np.bool_], widths: Array) -> tuple[Arr
         covariance[own, own] = np.inf
         return covariance, 0
     lengths = _lengths(jac, widths)[own]
-    _, sizes, rows = np.linalg.svd(jac[:, own] / lengths)
+    _, sizes, rows = np.linalg.svd(np.linalg.qr(jac[:, own] / lengths).R)
     known = np.zeros(len(own), bool)
     known[: len(sizes)] = (sizes > 0) & (sizes**2 * CONDITION > np.max(sizes, initial=0.0) ** 2)
     factor = rows[known].T / sizes[known[: len(sizes)]] / lengths[:, None]

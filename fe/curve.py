@@ -22,6 +22,21 @@ class Differenced:
     minus: Problem
     step: float
 
+    @property
+    def history_only(self) -> bool:
+        """Whether nothing differs but the memory of the material, of which a curve knows nothing."""
+        a, b = self.plus, self.minus
+        same = all(
+            np.array_equal(getattr(a.constants, k), getattr(b.constants, k))
+            for k in ("C10", "C01", "C20", "bulk")
+        )
+        return (
+            same
+            and a.case.clamp == b.case.clamp
+            and np.array_equal(a.dead, b.dead)
+            and np.array_equal(a.geometry.nodes, b.geometry.nodes)
+        )
+
 
 @dataclass(frozen=True)
 class Curve:
@@ -59,6 +74,10 @@ class Curve:
         )
         return State(u, p, float(r))
 
+    def derivative_at(self, number: int, q: float) -> Array:
+        """The derivative (n, 3) of the displacement to parameter `number` at pressure q MPa."""
+        return np.asarray(CubicSpline(self.pressure, self.derivative[number], axis=0)(q))
+
     def values(self, operator: csr_matrix, q: Array, order: int = 0) -> Array:
         """Displacement, or its slope with order 1, at pressures q (s,) and points given by `operator` (p, n):
         (s, p, 3)."""
@@ -78,7 +97,10 @@ def _apply(operator: csr_matrix, fields: Array) -> Array:
 
 
 def sensitivity(
-    step: Step, state: State, varied: Differenced, load: tuple[float, float],
+    step: Step,
+    state: State,
+    varied: Differenced,
+    load: tuple[float, float],
     memory: tuple[Memory | None, Memory | None] = (None, None),
 ) -> State:
     """The derivative of the state to one parameter, by direct differentiation with the factorised tangent.
@@ -125,9 +147,11 @@ def trace(
     todo, reason = [float(q) for q in pressures], "converged"
     done: list[_Level] = []
     rest, iterations = _loaded(problem, todo[0])
+    last, unseen = None, [v.history_only for v in varied]
     least = LEAST_STEP * float(pressures[-1] - pressures[0])
     while todo:
-        found = equilibrium(problem, _guess(rest, done, todo[0], near), load=todo[0])
+        guess = _guess(rest, done, todo[0], near)
+        found = equilibrium(problem, guess, load=todo[0], last=last)
         iterations += found.iterations
         if found.state is None or found.step is None:
             here = done[-1].pressure if done else 0.0
@@ -136,8 +160,12 @@ def trace(
                 break
             todo.insert(0, (here + todo[0]) / 2)
             continue
-        load = todo.pop(0)
-        derivatives = tuple(sensitivity(found.step, found.state, v, (load, load)) for v in varied)
+        load, last = todo.pop(0), found.step
+        none = moved(found.state, found.state, -1.0)
+        derivatives = tuple(
+            none if blind else sensitivity(found.step, found.state, v, (load, load))
+            for v, blind in zip(varied, unseen, strict=True)
+        )
         done.append(_Level(load, found.state, pressure_slope(found.step, found.state), derivatives))
     return _curve(done, len(varied), iterations, reason)
 
@@ -166,8 +194,10 @@ def _guess(rest: State, done: list[_Level], target: float, near: Curve | None) -
         return _ahead(done[-2:], target)
     gaps = [
         _Level(
-            level.pressure, moved(level.state, near.state(level.pressure), -1.0),
-            moved(level.slope, near.slope(level.pressure), -1.0), (),
+            level.pressure,
+            moved(level.state, near.state(level.pressure), -1.0),
+            moved(level.slope, near.slope(level.pressure), -1.0),
+            (),
         )
         for level in done[-2:]
     ]

@@ -1,6 +1,7 @@
 """A case, a load and a starting state -> the equilibrium state, by Newton's method with exact tangents."""
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -11,6 +12,11 @@ from fe.element import Array
 # Last correction: of u against the structure's size, of p against a tenth of the shear modulus. Convergence
 # is quadratic in both, and near incompressibility p settles last: with u alone the tangent can be 1 % off.
 TOLERANCE = 1e-5
+# A factorised tangent serves again, at a quarter of the cost of a new one, for states within NEARBY of the
+# structure's size, as long as every correction is at most SHRINK of the one before.
+NEARBY = 0.02
+SHRINK = 0.2
+EXACT = 1e-3  # of TOLERANCE is what such corrections may leave, as Newton's last one does
 
 
 @dataclass(frozen=True)
@@ -72,10 +78,14 @@ class Step:
         self._compliance = clamp.compliance if clamp else 0.0
         _, self._turn, bend = problem.clamp_motion(state.rotation)
         self._side = system.turning.ravel()[kernel.free]
-        self._back = kernel.matrix.solve(self._side) if clamp else np.zeros(len(kernel.free))
-        held = system.turning[kernel.clamped]
-        s = (held * self._turn).sum() + (bend * system.force[kernel.clamped]).sum()
-        self._pivot = 1 + self._compliance * (s - self._side @ self._back)
+        self._stiffness = float(
+            (system.turning[kernel.clamped] * self._turn).sum() + (bend * system.force[kernel.clamped]).sum()
+        )
+
+    @cached_property
+    def _back(self) -> Array:
+        """The free displacements' answer to a turn of the clamp, mm per rad, but for its sign."""
+        return self.problem.kernel.matrix.solve(self._side)
 
     def moment(self, force: Array) -> float:
         """The generalised force (N mm) of nodal forces (n, 3) on the clamp's rotation."""
@@ -90,9 +100,12 @@ class Step:
             force = force + kernel.gather(extra)
             moment = moment + self._compliance * self.moment(kernel.gather(extra))
         x = kernel.matrix.solve(force.ravel()[kernel.free])
-        turn = (-moment + self._compliance * (self._side @ x)) / self._pivot
+        turn = -moment
+        if self._compliance:
+            pivot = 1 + self._compliance * (self._stiffness - float(self._side @ self._back))
+            turn = (-moment + self._compliance * float(self._side @ x)) / pivot
         du = np.zeros((kernel.dofs // 3, 3))
-        du.reshape(-1)[kernel.free] = -x - self._back * turn
+        du.reshape(-1)[kernel.free] = -x if turn == 0 else -x - self._back * turn
         du[kernel.clamped] = self._turn * turn
         gap = system.gap if gap is None else gap
         strain = np.swapaxes(system.coupling, 1, 2) @ du[kernel.connectivity].reshape(-1, 81, 1)
@@ -125,16 +138,31 @@ def _residuals(
 
 
 def equilibrium(
-    problem: Problem, start: State, *, load: float, memory: Memory | None = None, limit: int = 25,
+    problem: Problem,
+    start: State,
+    *,
+    load: float,
+    memory: Memory | None = None,
+    last: Step | None = None,
+    exact: bool = True,
+    limit: int = 25,
     tolerance: float = TOLERANCE,
 ) -> Equilibrium:
     """The equilibrium at follower pressure `load` MPa, from `start`, in at most `limit` factorisations.
 
+    last: the newest factorised tangent, of a neighbouring state; it serves as far as it can. exact: the
+    result's tangent is that of the equilibrium, as derivatives need it; otherwise it may be a nearby one's.
     Never raises for lack of convergence: `reason` then says what stopped it.
     """
     kernel, state, before = problem.kernel, _consistent(problem, start), np.inf
     extent = float(np.ptp(problem.case.nodes, axis=0).max())
+    small = (tolerance * extent, 10 * tolerance * problem.shear)  # mm, MPa
     for iteration in range(limit):
+        if last is not None and np.abs(state.u - last.state.u).max() < NEARBY * extent:
+            share = 1.0 if exact else EXACT  # an exact tangent brings a correction of its own
+            state, settled = _chord(problem, state, last, load, memory, (share * small[0], share * small[1]))
+            if settled and not exact:
+                return Equilibrium(state, last, iteration, "converged")
         system, moment = _residuals(problem, state, load, memory)
         free = system.force.ravel()[kernel.free]
         if not np.isfinite(system.data).all():
@@ -142,17 +170,38 @@ def equilibrium(
         size = float(np.abs(free).max(initial=0.0))
         if iteration > 2 and size > 1e3 * before:
             return Equilibrium(None, None, iteration, "the residual grew: limit point or too large a step")
-        step = Step(problem, state, system)
-        change = step.solve(system.force, moment, None)
+        last = Step(problem, state, system)
+        change = last.solve(system.force, moment, None)
         length = float(np.abs(change.u).max())
         if not np.isfinite(length) or (iteration > 0 and length > 0.5 * extent):
             return Equilibrium(None, None, iteration + 1, "the correction left the size of the structure")
         state = _consistent(problem, moved(state, change))
-        small = length < tolerance * extent
-        if small and np.abs(change.p).max() < 10 * tolerance * problem.shear:
-            return Equilibrium(state, step, iteration + 1, "converged")
+        if length < small[0] and np.abs(change.p).max() < small[1]:
+            return Equilibrium(state, last, iteration + 1, "converged")
         before = min(before, size) if np.isfinite(size) else before
     return Equilibrium(None, None, limit, f"no equilibrium in {limit} iterations")
+
+
+def _chord(
+    problem: Problem, state: State, step: Step, load: float, memory: Memory | None, small: tuple[float, float]
+) -> tuple[State, bool]:
+    """The state after corrections with a tangent of nearby (the chord method), and whether it is an
+    equilibrium; the best state where they do not shrink fast enough."""
+    before = np.inf
+    while True:
+        change = step.solve(*_swapped(imbalance(problem, state, load, memory)))
+        length = float(np.abs(change.u).max())
+        if not length < SHRINK * before:
+            return state, False
+        left = SHRINK if np.isinf(before) else length / before  # linear convergence: of this correction
+        state, before = _consistent(problem, moved(state, change)), length
+        if left * length < small[0] and left * np.abs(change.p).max() < small[1]:
+            return state, True
+
+
+def _swapped(residuals: tuple[Array, Array, float]) -> tuple[Array, float, Array]:
+    force, gap, moment = residuals
+    return force, moment, gap
 
 
 def moved(state: State, change: State, factor: float = 1.0) -> State:

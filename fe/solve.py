@@ -11,7 +11,6 @@ from dataclasses import dataclass, field
 from functools import lru_cache
 
 import numpy as np
-from scipy.interpolate import PchipInterpolator
 from scipy.sparse import csr_matrix
 
 from fe.assembly import Kernel, Memory, State
@@ -21,7 +20,7 @@ from fe.element import Array
 from fe.locate import interpolation
 from fe.material import relaxation
 from fe.newton import Problem, equilibrium, moved
-from fe.path import Path, equivalent, knots, levels
+from fe.path import Path, equivalent, in_time, knots, levels
 
 
 @dataclass(frozen=True)
@@ -37,13 +36,14 @@ class Variation:
 class History:
     """The solved times of a history material.
 
-    time (k,) s; pressure (k,) MPa, creep-equivalent, and its derivatives slopes (v, k); u (k, n, 3) mm;
-    derivative of those parameters that have a history, each (k, n, 3) mm per unit. `active` is False where
-    every g is 0: then u equals the curve and only the derivatives matter. `drift` is the state minus the
-    curve's, for a neighbouring solve to begin from.
+    time (k,) s; weights (s, k) carry values to the output times; pressure (k,) MPa, creep-equivalent, and its
+    derivatives slopes (v, k); u (k, n, 3) mm; derivative of those parameters that have a history, each
+    (k, n, 3) mm per unit. `active` is False where every g is 0: then u equals the curve and only the
+    derivatives matter. `drift` is the state minus the curve's, for a neighbouring solve to begin from.
     """
 
     time: Array
+    weights: Array
     pressure: Array
     slopes: Array
     u: Array
@@ -93,9 +93,8 @@ class Solution:
         u = self.curve.values(operator, self.pressure)
         if h is None or not h.active:
             return u
-        return u + _in_time(
-            h.time, _apply(operator, h.u) - self.curve.values(operator, h.pressure), self.path.output
-        )
+        rest = _apply(operator, h.u) - self.curve.values(operator, h.pressure)
+        return u + np.tensordot(h.weights, rest, 1)
 
     def per_pressure(self, points: Array) -> Array:
         """dU/dp (s, p, 3) mm per MPa at the output times, at fixed history."""
@@ -109,7 +108,7 @@ class Solution:
             return du
         carrier = self._along(operator, h.pressure, h.slopes)
         for n, d in h.derivative.items():
-            du[n] += _in_time(h.time, _apply(operator, d) - carrier[n], self.path.output)
+            du[n] += np.tensordot(h.weights, _apply(operator, d) - carrier[n], 1)
         return du
 
     def _along(self, operator: csr_matrix, pressure: Array, slopes: Array) -> Array:
@@ -123,15 +122,11 @@ class Solution:
         if h is None or not h.active:
             return u
         rest = h.u - np.stack([self.curve.state(q).u for q in h.pressure])
-        return u + _in_time(h.time, rest, self.path.output[list(steps)])
+        return u + np.tensordot(h.weights[list(steps)], rest, 1)
 
 
 def _apply(operator: csr_matrix, fields: Array) -> Array:
     return np.stack([operator @ f for f in fields])
-
-
-def _in_time(time: Array, values: Array, at: Array) -> Array:
-    return PchipInterpolator(time, values, axis=0)(np.clip(at, time[0], time[-1]))
 
 
 def solve(
@@ -180,6 +175,7 @@ def _slopes(
 ) -> Array:
     """Derivatives (v, k) of the creep-equivalent pressure at `time`, solved on the log's times where
     `dense`."""
+
     def one(problem: Problem, path: Path) -> Array:
         if not dense:
             return _equivalent(problem, path, time)
@@ -231,19 +227,29 @@ def _follow(
     loads = [[np.interp(time, w.time, w.pressure) for w in (v.plus[1], v.minus[1])] for v in variations]
     if near is not None and (near.time.shape != time.shape or not np.array_equal(near.time, time)):
         near = None
-    state, iterations = curve.state(pressure[0]), 0
+    state, iterations, last = curve.state(pressure[0]), 0, None
     drift = [moved(state, state, -1.0)]
-    u, du = [state.u], [[np.zeros_like(state.u) for _ in tracked]]
-    stresses = _first(problem, state)
-    pairs = {n: tuple(_first(q, state) for q in (varied[n].plus, varied[n].minus)) for n in tracked}
+    first = [
+        _first_change(curve, n, varied[n], pressure[0], (loads[n][0][0], loads[n][1][0])) for n in tracked
+    ]
+    u, du = [state.u], [first]
+    stresses = _first(problem, state.u)
+    pairs = {
+        n: tuple(
+            _first(q, state.u + sign * varied[n].step * change)
+            for q, sign in ((varied[n].plus, 1), (varied[n].minus, -1))
+        )
+        for n, change in zip(tracked, first, strict=True)
+    }
     for k in range(1, len(time)):
         dt, carrier = time[k] - time[k - 1], curve.state(pressure[k])
         guess = moved(carrier, near.drift[k] if near else drift[-1])
-        found = equilibrium(problem, guess, load=load[k], memory=stresses.memory(problem, dt))
+        memory = stresses.memory(problem, dt)
+        found = equilibrium(problem, guess, load=load[k], memory=memory, last=last, exact=bool(tracked))
         iterations += found.iterations
         if found.state is None or found.step is None:
             return None, iterations, f"stopped at {time[k]:.4g} s, {load[k]:.4g} MPa: {found.reason}"
-        state = found.state
+        state, last = found.state, found.step
         drift.append(moved(state, carrier, -1.0))
         u.append(state.u)
         row = []
@@ -259,17 +265,26 @@ def _follow(
         du.append(row)
         stresses = stresses.after(problem, dt, _isochoric(problem, state.u))
     slopes = _slopes(varied, variations, time, dense=False)
+    weights = in_time(path, time)
     derivative = {n: np.array([row[i] for row in du]) for i, n in enumerate(tracked)}
     return (
-        History(time, pressure, slopes, np.array(u), derivative, tuple(drift), bool(g.any())),
+        History(time, weights, pressure, slopes, np.array(u), derivative, tuple(drift), bool(g.any())),
         iterations,
         "converged",
     )
 
 
-def _first(problem: Problem, state: State) -> _Stresses:
-    """The stresses of a state that was put on instantly."""
-    now = _isochoric(problem, state.u)
+def _first_change(
+    curve: Curve, n: int, varied: Differenced, pressure: float, load: tuple[float, float]
+) -> Array:
+    """The derivative (n, 3) of the first state, which was put on instantly, to parameter number n."""
+    along = (load[0] - load[1]) / (2 * varied.step)
+    return np.asarray(curve.derivative_at(n, pressure) + along * curve.slope(pressure).u, float)
+
+
+def _first(problem: Problem, u: Array) -> _Stresses:
+    """The stresses of displacements u (n, 3) mm that were put on instantly."""
+    now = _isochoric(problem, u)
     return _Stresses(now, problem.constants.prony[..., 0][..., None, None, None] * now)
 
 

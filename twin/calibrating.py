@@ -77,7 +77,7 @@ def _paths(bench: Workbench, say: Say) -> tuple[LoadPaths, Any]:
     rows = np.flatnonzero(~bench.targets.fixed)
     where = np.array([bench.case.position(int(n)) for n in bench.targets.nodes[rows]])
     key = digest(bench.finger, bench.lattice, where)
-    return load_paths(bench.case, where, keep=bench.keep, progress=say.progress, key=key), rows
+    return load_paths(bench.case, where, keep=bench.keeper(say), key=key), rows
 
 
 def full_solves(

@@ -10,6 +10,7 @@ ties are one answer. Multiplicity: Sidak over an effect's grid, Holm over effect
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -21,8 +22,11 @@ from twin.discretisation import Discretisation
 from twin.effects import Effect, Theta
 from twin.fitting import fit_model, whitener_of
 from twin.model import Model
+from twin.parallel import finished
 from twin.targets import Array, Targets
 from twin.whitening import Whitener
+
+Progress = Callable[[str, int, int], None]
 
 DETECTED = 0.01  # after multiplicity
 TIE = 6.0  # BIC
@@ -48,7 +52,6 @@ class Candidate:
     z: float
     p_value: float
     note: str = ""
-    model: Model | None = None
     fit: Fit | None = None
     comparison: Comparison | None = None
     delta_bic: float | None = None
@@ -119,10 +122,11 @@ def diagnose(
     seed: int,
     start: Array,
     mesh: Discretisation | None = None,
-    progress: Callable[[str, int, int], None] | None = None,
+    workers: int = 1,
+    progress: Progress | None = None,
 ) -> Diagnosis:
     """The diagnosis of a base model. start (d,): its calibrated parameters; mesh: its discretisation error
-    there.
+    there; workers: processes that refit.
 
     Reads targets only. Raises Unsolvable where the base model cannot be solved at `start`.
     """
@@ -135,8 +139,7 @@ def diagnose(
     if mesh is not None and mesh.remainder_mm > 0.1 * w.noise_sd:
         return _cannot(
             f"mesh: {mesh.remainder_mm:.4f} mm of the discretisation error is carried by no mode, more than "
-            f"a tenth of "
-            f"the noise ({w.noise_sd:.4f} mm); refine the mesh"
+            f"a tenth of the noise ({w.noise_sd:.4f} mm); refine the mesh"
         )
     fit = fit_model(model, targets, w, start=start, seed=seed)
     jacobian = model.jacobian(fit.theta)
@@ -144,10 +147,7 @@ def diagnose(
     tell("signatures", 1, 3)
     candidates = screen(model, effects, targets, w, fit.theta, base, jacobian)
     chosen = _to_refit(candidates, base)
-    refitted = []
-    for k, c in enumerate(chosen):
-        tell(f"refit with {c.effect.label}", k, len(chosen))
-        refitted += refit(c, model, targets, w, fit, base, seed=seed)
+    refitted = refits(chosen, model, targets, w, fit, base, seed=seed, workers=workers, tell=tell)
     rows = _ranked([c for c in candidates if c.effect.name not in {r.effect.name for r in chosen}] + refitted)
     return _conclude(rows, base, fit, mesh.remainder_mm if mesh else None)
 
@@ -246,6 +246,59 @@ def _to_refit(candidates: Sequence[Candidate], base: Comparison) -> list[Candida
     return [c for c in worth if c.z**2 > worth[0].z ** 2 / 50]
 
 
+def refits(
+    chosen: Sequence[Candidate],
+    model: Model,
+    targets: Targets,
+    w: Whitener,
+    base_fit: Fit,
+    base: Comparison,
+    *,
+    seed: int,
+    workers: int,
+    tell: Progress,
+) -> list[Candidate]:
+    """The candidates refitted, each with its wider laws where the narrower one is inadequate.
+
+    With several workers the wider laws are fitted meanwhile, and left out where they are not needed.
+    """
+    laws = [law for c in chosen for law in _laws(c)]
+    settled: set[str] = set()
+
+    def task(law: Candidate) -> Callable[[], Candidate | None]:
+        fit = partial(refit, law, model, targets, w, base_fit, base, seed=seed)
+        return fit if workers > 1 else lambda: None if law.effect.name in settled else fit()
+
+    found: dict[int, Candidate] = {}
+    for done, (k, row) in enumerate(finished([task(law) for law in laws], workers=workers)):
+        tell(f"refit with {laws[k].effect.label}", done + 1, len(laws))
+        if row is not None:
+            found[k] = row
+            if row.comparison is not None and row.comparison.adequate:
+                settled.add(row.effect.name)
+    out: list[Candidate] = []
+    for k in sorted(found):
+        row, narrow = found[k], out[-1] if out and out[-1].effect.name == found[k].effect.name else None
+        if narrow is not None and narrow.comparison is not None:
+            if narrow.comparison.adequate:
+                continue
+            if narrow.fit is not None and (row.fit is None or row.fit.chi2 > narrow.fit.chi2):
+                # the wider law holds the narrower one: a worse minimum is not its answer
+                values = dict(zip((p.name for p in narrow.fit.parameters), narrow.fit.theta, strict=True))
+                again = replace(laws[k], start=row.effect.start(values))
+                row = refit(again, model, targets, w, base_fit, base, seed=seed)
+        out.append(row)
+    return out
+
+
+def _laws(candidate: Candidate) -> list[Candidate]:
+    """The candidate, and the same physics with ever wider laws, each with its start."""
+    rows = [candidate]
+    while (wider := rows[-1].effect.wider()) is not None:
+        rows.append(replace(candidate, effect=wider, start=wider.start(rows[-1].start)))
+    return rows
+
+
 def refit(
     candidate: Candidate,
     model: Model,
@@ -255,26 +308,15 @@ def refit(
     base: Comparison,
     *,
     seed: int,
-) -> list[Candidate]:
-    """The candidate fitted, and its wider law as well where the narrow one is inadequate."""
-    effect: Effect | None = candidate.effect
-    starts: tuple[Theta, ...] = (candidate.start,)
-    out: list[Candidate] = []
-    wider = model
-    while effect is not None:
-        wider = wider.with_effect(effect)
-        fit = fit_model(wider, targets, w, start=[wider.theta(s) for s in starts], seed=seed)
-        if not np.isfinite(fit.chi2):
-            out.append(replace(candidate, effect=effect, note=fit.reason))
-            break
-        found = compare(targets, wider.predict(fit.theta), w, jacobian=wider.jacobian(fit.theta))
-        gain = bic(base.chi2, len(base_fit.theta), w.count) - bic(found.chi2, len(fit.theta), w.count)
-        out.append(replace(candidate, effect=effect, model=wider, fit=fit, comparison=found, delta_bic=gain))
-        if found.adequate:
-            break
-        effect = effect.wider()
-        starts = effect.starts(wider.named(fit.theta)) if effect else ()
-    return out
+) -> Candidate:
+    """The candidate with its fit, its comparison and its BIC gain over the base; a note where it has none."""
+    wider = model.with_effect(candidate.effect)
+    fit = fit_model(wider, targets, w, start=wider.theta(candidate.start), seed=seed)
+    if not np.isfinite(fit.chi2):
+        return replace(candidate, note=fit.reason)
+    found = compare(targets, wider.predict(fit.theta), w, jacobian=wider.jacobian(fit.theta))
+    gain = bic(base.chi2, len(base_fit.theta), w.count) - bic(found.chi2, len(fit.theta), w.count)
+    return replace(candidate, fit=fit, comparison=found, delta_bic=gain)
 
 
 def _ranked(rows: Sequence[Candidate]) -> tuple[Candidate, ...]:
@@ -312,7 +354,8 @@ def _conclude(rows: tuple[Candidate, ...], base: Comparison, fit: Fit, remainder
         return result("none of these", "The model is wrong, and no effect of the library helps.", None)
     after = best.comparison
     floor = float(after.degrees_of_freedom)
-    explained = (base.chi2 - after.chi2) / max(base.chi2 - floor, 1.0)
+    # no more can be explained than there is; below the floor lies what the noise model allows for too much
+    explained = min((base.chi2 - after.chi2) / max(base.chi2 - floor, 1.0), 1.0)
     change = f"{base.rms_mm:.3f} mm -> {after.rms_mm:.3f} mm rms (noise {base.noise_sd_mm:.3f} mm)"
     if after.adequate:
         tied = tuple(c.effect.name for c in rows[1:] if _tied(c, best))

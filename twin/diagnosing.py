@@ -16,7 +16,7 @@ from twin.model import Model
 from twin.project import Project, Run, Say
 from twin.targets import Array, Targets
 from twin.whitening import Whitener
-from twin.workbench import Workbench, newest_fit
+from twin.workbench import WORKERS, Workbench, newest_fit
 
 SHOWN = 80  # film times at which the deformed model is stored for the review
 
@@ -67,6 +67,7 @@ def run_diagnose(project: Project, say: Say) -> dict[str, Any]:
             seed=seed,
             start=fit.theta,
             mesh=mesh,
+            workers=WORKERS,
             progress=say.progress,
         )
         data = found.to_dict()
@@ -76,9 +77,8 @@ def run_diagnose(project: Project, say: Say) -> dict[str, Any]:
                 "prediction.npz", {"u": model.predict(found.base_fit.theta), "residual": found.base.residual}
             )
         if found.kept is not None and found.kept.fit is not None:
-            run.write_json(
-                "kept.json", found.kept.fit.to_dict() | {"effects": [e.label for e in _own(found.kept.model)]}
-            )
+            effects = [*project.config.model.effects, found.law]
+            run.write_json("kept.json", found.kept.fit.to_dict() | {"effects": effects})
         run.summary["headline"] = found.verdict
     say(f"diagnose: {found.verdict}")
     say(f"diagnose: {found.sentence}")
@@ -94,10 +94,6 @@ def run_diagnose(project: Project, say: Say) -> dict[str, Any]:
 def _candidates(project: Project) -> tuple[Effect, ...]:
     wanted = project.config.diagnose.candidates
     return tuple(effect(name) for name in wanted) if wanted else library()
-
-
-def _own(model: Model | None) -> list[Effect]:
-    return [e for e in model.effects if e.name != "elasticity"] if model else []
 
 
 def run_add(project: Project, name: str, say: Say) -> dict[str, Any]:
@@ -142,7 +138,7 @@ def _change(
     bench, base = Workbench.of(project), newest_fit(project)
     old = files.read_json(before) if before else {}
     with project.new_run(kind, extra={"effects": list(effects)}) as run:
-        model = bench.model(tuple(effect(label) for label in effects))
+        model = bench.model(effects)
         known = {p.name: float(x) for p, x in zip(base.parameters, base.theta, strict=True)}
         theta = model.theta({**_nominal(model), **known, **start})
         mesh = bench.mesh(theta, model, say)

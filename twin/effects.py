@@ -67,9 +67,9 @@ class Effect:
         """The same physics with a richer law, to be tried where this one is inadequate."""
         return None
 
-    def starts(self, theta: Theta) -> tuple[Theta, ...]:
-        """Starting values from those of the narrower law."""
-        return (theta,)
+    def start(self, theta: Theta) -> Theta:
+        """Starting values, from those of the narrower law."""
+        return theta
 
 
 class Elasticity(Effect):
@@ -110,7 +110,9 @@ class Creep(Effect):
                 Parameter(f"creep.tau{i}", 0.2, 200.0, "s", typical=1.0, plausible=(0.5, 100.0)),
             )
         )
-        self.grid = tuple({"creep.tau1": tau} for tau in (1.0, 4.0, 15.0)) if terms == 1 else ()
+        self.grid = (
+            tuple({"creep.tau1": tau} for tau in (0.6, 1.2, 2.5, 5.0, 10.0, 20.0)) if terms == 1 else ()
+        )
 
     @property
     def label(self) -> str:
@@ -123,14 +125,14 @@ class Creep(Effect):
     def wider(self) -> Effect | None:
         return Creep(2) if self.terms == 1 else None
 
-    def starts(self, theta: Theta) -> tuple[Theta, ...]:
+    def start(self, theta: Theta) -> Theta:
         if self.terms == 1:
-            return (theta,)
+            return theta
         rest = {k: v for k, v in theta.items() if not k.startswith("creep.")}
         g, tau = theta["creep.g1"], theta["creep.tau1"]
         slow = float(np.clip(4 * tau, 0.2, 150.0))
         first = {"creep.g1": 0.7 * g, "creep.tau1": max(0.6 * tau, 0.2)}
-        return ({**rest, **first, "creep.g2": 0.5 * g, "creep.tau2": slow},)
+        return {**rest, **first, "creep.g2": 0.5 * g, "creep.tau2": slow}
 
 
 class Stiffening(Effect):

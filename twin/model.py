@@ -13,11 +13,11 @@ from twin.targets import Array, Targets
 
 STEP = 1e-6  # of a parameter's typical size, for differencing the effects' maps
 # A prediction that differs from a solved neighbour by less than NEAR mm is taken along the neighbour's
-# derivatives:
-# of 58 mm of motion that leaves an error of about NEAR^2 / 58 = 2e-4 mm. Derivatives change by as large a
-# share as the
-# displacement does, so that within SAME_SLOPE mm they are kept to half a per cent.
+# derivatives: of 58 mm of motion that leaves an error of about NEAR^2 / 58 = 2e-4 mm. Derivatives change by
+# as large a share as the displacement does, so that within SAME_SLOPE mm they are kept to half a per cent. A
+# solve without derivatives borrows those of the nearest one that has them, over a third of the way.
 NEAR = 0.1
+BORROWED = 0.03
 SAME_SLOPE = 0.3
 
 
@@ -27,12 +27,12 @@ class Unsolvable(Exception):
 
 @dataclass(frozen=True)
 class Anchor:
-    """A full solve that others may start from: theta (d,), u (s, p, 3) mm and its derivatives (d, s, p,
-    3)."""
+    """A full solve that others may start from: theta (d,), u (s, p, 3) mm, and where they were asked for, its
+    derivatives (d, s, p, 3)."""
 
     theta: Array
     u: Array
-    jacobian: Array
+    jacobian: Array | None
     solution: Solution
 
 
@@ -42,8 +42,7 @@ class Model:
     steps.
 
     reference (r,): output steps whose mean is subtracted. Solves are kept and reused: a prediction so close
-    to an
-    earlier one that first order serves (NEAR) costs nothing.
+    to an earlier one that first order serves (NEAR) costs nothing.
     """
 
     test: Test
@@ -76,6 +75,11 @@ class Model:
             self._kin[effect.label] = Model(self.test, (*kept, effect), self.reference, _parent=self)
         return self._kin[effect.label]
 
+    @property
+    def base(self) -> "Model":
+        """The model that this one came from by adding effects."""
+        return self._parent.base if self._parent is not None else self
+
     def put(self, theta: Theta) -> Test:
         """The test with every effect's `before` applied."""
         test = self.test
@@ -92,53 +96,76 @@ class Model:
     def predict(self, theta: Array) -> Array:
         """Displacements (s, p, 3) mm relative to the reference. Raises Unsolvable where there is no
         equilibrium."""
-        near, change = self._near(theta)
-        if near is not None and np.abs(change).max() < NEAR:
-            return near.u + change
-        return self._solve(theta, near).u
+        near, change = self._beside(theta)
+        if near is None:  # for a first solve derivatives as well: whoever fits asks for them next
+            return self._solve(theta, derivatives=not self._sloped).u
+        return near.u + change
 
     def jacobian(self, theta: Array) -> Array:
         """Derivatives (d, s, p, 3) of `predict`, mm per unit of each parameter."""
-        near, change = self._near(theta)
-        if near is not None and np.abs(change).max() < SAME_SLOPE:
-            return near.jacobian
-        return self._solve(theta, near).jacobian
+        near = self._nearest(self._sloped, theta)
+        if near is None or np.abs(self._change(near, theta)).max() >= SAME_SLOPE:
+            near = self._solve(theta, derivatives=True)
+        assert near.jacobian is not None
+        return near.jacobian
 
     def solution(self, theta: Array) -> Solution:
         """The finite-element solution at theta, or at a solved neighbour that differs by less than NEAR."""
-        near, change = self._near(theta)
-        if near is not None and np.abs(change).max() < NEAR:
-            return near.solution
-        return self._solve(theta, near).solution
+        near, _ = self._beside(theta)
+        return (near or self._solve(theta, derivatives=not self._sloped)).solution
 
-    def _near(self, theta: Array) -> tuple[Anchor | None, Array]:
-        """The nearest solved neighbour in typical steps, and the change (s, p, 3) mm from it to first
-        order."""
+    @property
+    def _sloped(self) -> list[Anchor]:
+        """The solves that have derivatives."""
+        return [a for a in self._anchors if a.jacobian is not None]
+
+    def _nearest(self, anchors: Sequence[Anchor], theta: Array) -> Anchor | None:
+        """The nearest of some solves in typical steps."""
         scale = np.array([p.step for p in self.parameters])
-        near = min(self._anchors, key=lambda a: float(np.abs((a.theta - theta) / scale).max()), default=None)
-        return near, np.zeros(1) if near is None else np.tensordot(theta - near.theta, near.jacobian, 1)
+        return min(anchors, key=lambda a: float(np.abs((a.theta - theta) / scale).max()), default=None)
 
-    def _solve(self, theta: Array, near: Anchor | None) -> Anchor:
-        """A full solve with all derivatives, kept for what comes near it."""
+    def _change(self, near: Anchor, theta: Array) -> Array:
+        """The change (s, p, 3) mm from a solve to theta, to first order."""
+        slope = near if near.jacobian is not None else self._nearest(self._sloped, near.theta)
+        if slope is None or slope.jacobian is None:
+            return np.full(near.u.shape, 0.0 if np.array_equal(near.theta, theta) else np.inf)
+        return np.tensordot(theta - near.theta, slope.jacobian, 1)
+
+    def _beside(self, theta: Array) -> tuple[Anchor | None, Array]:
+        """A solve from which first order leads to theta, and the change (s, p, 3) mm from it; or None."""
+        near = self._nearest(self._anchors, theta)
+        change = np.zeros(1) if near is None else self._change(near, theta)
+        if near is None or np.abs(change).max() >= (BORROWED if near.jacobian is None else NEAR):
+            return None, change
+        return near, change
+
+    def _start(self, theta: Array) -> Solution | None:
+        """The nearest solution; for a model's first, the newest one of the model that it came from."""
+        near = self._nearest(self._anchors, theta)
+        if near is None and self._parent is not None and self._parent._anchors:
+            near = self._parent._anchors[-1]
+        return near.solution if near else None
+
+    def _solve(self, theta: Array, *, derivatives: bool) -> Anchor:
+        """A full solve, kept for what comes near it."""
         values = self.named(theta)
         test = self.put(values)
-        changes = [self._change(values, p) for p in self.parameters]
-        # a model's first solve begins from the newest one of the model that it came from
-        begin = near or (self._parent._anchors[-1] if self._parent and self._parent._anchors else None)
-        u, du, solution = respond(test, [c[0] for c in changes], start=begin.solution if begin else None)
-        jacobian = np.stack([self._through(u, d, c) for d, c in zip(du, changes, strict=True)])
+        changes = [self._direction(values, p) for p in self.parameters] if derivatives else []
+        u, du, solution = respond(test, [c[0] for c in changes], start=self._start(theta))
+        rows = [self._through(u, d, c) for d, c in zip(du, changes, strict=True)]
+        jacobian = np.stack(rows) if derivatives else None
         anchor = Anchor(theta.copy(), self.seen(u, test, values), jacobian, solution)
         self._anchors.append(anchor)
         del self._anchors[:-6]
         return anchor
 
-    def _change(self, values: dict[str, float], p: Parameter, *, step: float | None = None) -> "Change":
+    def _direction(self, values: dict[str, float], p: Parameter, *, step: float | None = None) -> "Direction":
         h = STEP * p.step if step is None else step
         plus, minus = {**values, p.name: values[p.name] + h}, {**values, p.name: values[p.name] - h}
         a, b = self.put(plus), self.put(minus)
         return Variation((a.case, a.path), (b.case, b.path), h), (a, plus), (b, minus), h
 
-    def _through(self, u: Array, du: Array, change: "Change") -> Array:
+    def _through(self, u: Array, du: Array, change: "Direction") -> Array:
         """The derivative of what is seen, from that of what moves: one difference along (du, theta)."""
         _, (a, plus), (b, minus), h = change
         return (self.seen(u + h * du, a, plus) - self.seen(u - h * du, b, minus)) / (2 * h)
@@ -154,11 +181,10 @@ class Model:
             assert p.null is not None
             for entry in e.grid or ({},):
                 values = {**self.named(theta), **entry, p.name: p.null + p.step / 2}
-                changes.append(model._change(values, p, step=p.step / 2))
+                changes.append(model._direction(values, p, step=p.step / 2))
                 models.append(model)
         test = self.put(self.named(theta))
-        near, _ = self._near(theta)
-        u, du, _ = respond(test, [v for v, _, _, _ in changes], start=near.solution if near else None)
+        u, du, _ = respond(test, [v for v, _, _, _ in changes], start=self._start(theta))
         rows = iter([m._through(u, d, c) for m, d, c in zip(models, du, changes, strict=True)])
         return [[next(rows) for _ in (e.grid or ({},))] for e in effects]
 
@@ -172,7 +198,7 @@ class Model:
         return out
 
 
-Change = tuple[Variation, tuple[Test, Theta], tuple[Test, Theta], float]
+Direction = tuple[Variation, tuple[Test, Theta], tuple[Test, Theta], float]
 
 
 def respond(

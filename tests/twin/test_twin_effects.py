@@ -89,7 +89,7 @@ def test_the_order_of_adding_does_not_matter(base: Model) -> None:
 def test_a_wider_law_takes_the_place_of_the_narrow_one(base: Model) -> None:
     model = base.with_effect(Creep()).with_effect(Creep(2))
     assert [e.label for e in model.effects] == ["elasticity", "creep:2"]
-    (start,) = Creep(2).starts({**BASE, "creep.g1": 0.05, "creep.tau1": 190.0})
+    start = Creep(2).start({**BASE, "creep.g1": 0.05, "creep.tau1": 190.0})
     assert set(start) == {p.name for p in model.parameters}
     assert all(p.low <= start[p.name] <= p.high for p in Creep(2).parameters)
     assert [e.wider() for e in library() if e.name != "creep"] == [None] * 5

@@ -16,12 +16,11 @@ THETA = {
     "C10": 0.214, "C01": 0.083, "creep.g1": 0.05, "creep.tau1": 3.0, "stiffening.C20": 0.01,
     "clamp.compliance": 1e-4, "pressure_gain.gain": 0.03, "pressure_lag.tau": 0.2, "camera_scale.scale": 0.02,
 }  # fmt: skip
-# Half the width of the central differences. Whole solves are exact to about 1e-8 mm, so that a change of
-# 1e-3 mm
-# leaves 1e-5 of noise; the second-order error of these steps is below 1e-4 of the derivative.
+# Half the width of the central differences. Whole solves are exact to about 1e-6 mm, so that a change of
+# 4e-3 mm leaves 5e-4 of noise; the second-order error of these steps is below 1e-4 of the derivative.
 STEPS = {
-    "C10": 1e-4, "C01": 1e-4, "creep.g1": 1e-3, "creep.tau1": 2e-2, "stiffening.C20": 1e-4,
-    "clamp.compliance": 2e-6, "pressure_gain.gain": 1e-3, "pressure_lag.tau": 2e-3, "camera_scale.scale":
+    "C10": 5e-4, "C01": 5e-4, "creep.g1": 1e-3, "creep.tau1": 2e-2, "stiffening.C20": 1e-4,
+    "clamp.compliance": 2e-5, "pressure_gain.gain": 1e-3, "pressure_lag.tau": 2e-3, "camera_scale.scale":
     1e-3,
 }  # fmt: skip
 
@@ -46,10 +45,9 @@ def differences(model: Model, values: dict[str, float], name: str, *, step: floa
 
 
 def test_all_derivatives_are_those_of_whole_predictions(base: Model) -> None:
-    # Without the outer force: with it the history's first state is loaded, and its derivative is not zero.
-    model = Model(replace(base.test, case=replace(base.test.case, forces={})), base.effects, base.reference)
+    model = base  # with an outer force: the history begins from a loaded state
     for e in library():
-        model = model.with_effect(e) if e.name != "clamp" else model
+        model = model.with_effect(e)
     theta = model.theta(THETA)
     rows = model.jacobian(theta)
     for p, row in zip(model.parameters, rows, strict=True):

@@ -1,5 +1,6 @@
 """Displacements from the table of load paths against full finite elements, and where the table ends."""
 
+from collections.abc import Mapping
 from pathlib import Path as File
 
 import numpy as np
@@ -9,12 +10,9 @@ from fe import Case, Lattice, Path, solve
 from fe.case import digest
 from twin import files
 from twin.model import base_case
+from twin.parallel import made_at_once
 from twin.table import LoadPaths, load_paths
 from twin.targets import Array
-
-
-def nothing(stage: str, done: int, total: int) -> None:
-    del stage, done, total
 
 
 @pytest.fixture(scope="module")
@@ -30,7 +28,7 @@ def points(case: Case) -> Array:
 
 @pytest.fixture(scope="module")
 def paths(case: Case, points: Array) -> LoadPaths:
-    return load_paths(case, points, keep=lambda key, make: make(), progress=nothing, key="k")
+    return load_paths(case, points, keep=made_at_once, key="k")
 
 
 def test_the_table_is_full_finite_elements_within_a_hundredth(
@@ -77,12 +75,13 @@ def test_paths_are_kept_by_their_key(tmp_path: File, short_case: Case) -> None:
     made: list[str] = []
     points = short_case.position(4401)[None]
 
-    def keep(key: str, make: object) -> Array:
-        made.append(key)
-        return np.linspace(0.0, 1.0, 61)[:, None, None] * np.ones((61, 1, 3))
+    def keep(stage: str, tasks: Mapping[str, object]) -> dict[str, Array]:
+        made.extend(tasks)
+        path = np.linspace(0.0, 1.0, 61)[:, None, None] * np.ones((61, 1, 3))
+        return dict.fromkeys(tasks, path)
 
     key = digest("a", points)
-    load_paths(short_case, points, keep=keep, progress=nothing, key=key)
+    load_paths(short_case, points, keep=keep, key=key)
     assert len(set(made)) == 5
     assert all(name.startswith(key) for name in made)
     files.write_npz(tmp_path / f"{made[0]}.npz", {"array": np.zeros(1)})  # keys are fit for file names

@@ -1,0 +1,52 @@
+"""Independent pieces of work -> their results, on as many processes as asked for."""
+
+import multiprocessing as mp
+import signal
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from typing import Any
+
+from twin.targets import Array
+
+Task = Callable[[], Any]
+Keep = Callable[[str, Mapping[str, Callable[[], Array]]], dict[str, Array]]
+
+
+def made_at_once(stage: str, tasks: Mapping[str, Callable[[], Array]]) -> dict[str, Array]:
+    """The array of every task, by its key: the `keep` that keeps nothing."""
+    del stage
+    return {key: make() for key, make in tasks.items()}
+
+
+def finished(tasks: Sequence[Task], *, workers: int) -> Iterator[tuple[int, Any]]:
+    """Number and result of each task as it ends; with one worker in this process and in order.
+
+    Tasks are pickled (functools.partial of module functions). They start in the order given. Whoever stops
+    listening, or is interrupted, ends them. What a task raises is raised here.
+    """
+    if workers < 2 or len(tasks) < 2:
+        for k, task in enumerate(tasks):
+            yield k, task()
+        return
+    # a fresh interpreter each: a fork would inherit threads of the numerical libraries in mid-work
+    pool = ProcessPoolExecutor(
+        min(workers, len(tasks)), mp_context=mp.get_context("spawn"), initializer=_deaf
+    )
+    try:
+        number: dict[Future[Any], int] = {pool.submit(task): k for k, task in enumerate(tasks)}
+        left = set(number)
+        while left:
+            done, left = wait(left, return_when=FIRST_COMPLETED)
+            for future in sorted(done, key=number.__getitem__):
+                yield number[future], future.result()
+    except BaseException:
+        for process in list((pool._processes or {}).values()):
+            process.terminate()
+        raise
+    finally:
+        pool.shutdown(wait=False, cancel_futures=True)
+
+
+def _deaf() -> None:
+    """Ctrl-C is for the parent, which ends its workers."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
