@@ -4,10 +4,12 @@ The truth is solved once and kept under the system's temporary folder, as are th
 draws of one truth share one base model, whose solves they start from, so that a draw costs its refits only.
 """
 
+import os
 import tempfile
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -20,12 +22,14 @@ from twin.discretisation import Discretisation, discretisation
 from twin.effects import library
 from twin.fitting import fit_model, measured_remainder, whitener_of
 from twin.model import Model, base_case, base_model
+from twin.parallel import finished
 from twin.targets import Array, Targets
 
 # The finger's markers sit on nodes of the flat lower edge of the side face y = 11.5 mm, as far as the tip.
 STATIONS = (12, 22, 32, 42, 52, 64)  # in 1/72 of the bellows' 100 mm; 42 is the node 5848
 NAMES = ("p1", "p2", "p3", "middle", "p5", "p6", "tip")
 WANTED = 0.95  # share of right verdicts: 19 of 20
+WORKERS = os.cpu_count() or 1
 # Where every prefit starts: the study's constants.
 NOMINAL = np.array([0.214, 0.083])  # MPa, C10 and C01
 
@@ -107,17 +111,17 @@ def prepared(case: Case, targets: Targets) -> tuple[Model, Array, Discretisation
     return model, start, measured_remainder(model, start, targets, raw)
 
 
-def verdicts(laboratory: Laboratory, count: int, *, first: int = 0) -> list[Diagnosis]:
-    """The diagnoses of draws first, first + 1, ..., a printed line for each."""
-    case, found = base_case(lattice=Lattice()), []
-    model, start, mesh = prepared(case, laboratory.targets(case, first))
-    print(f"{'seed':>5s} {'before':>7s} {'after':>7s} {'noise':>7s}  mm rms   s    verdict (named)")
-    for seed in range(first, first + count):
+def verdicts(
+    laboratory: Laboratory, prefit: tuple[Model, Array, Discretisation], seeds: Sequence[int]
+) -> list[Diagnosis]:
+    """The diagnoses of these draws, a printed line for each."""
+    case, found, (model, start, mesh) = base_case(lattice=Lattice()), [], prefit
+    for seed in seeds:
         began = time.perf_counter()
         said = diagnose(model, library(), laboratory.targets(case, seed), seed=0, start=start, mesh=mesh)
         found.append(said)
         print(f"{seed:5d} {_numbers(said)} {time.perf_counter() - began:10.0f}    {said.verdict} "
-              f"({', '.join(said.named) or '-'})", flush=True)  # fmt: skip
+              f"({said.law or '-'})", flush=True)  # fmt: skip
     return found
 
 
@@ -131,7 +135,11 @@ def _numbers(said: Diagnosis) -> str:
 def report(title: str, laboratory: Laboratory, count: int, *, right: Callable[[Diagnosis], bool]) -> bool:
     """Prints the table of `count` draws and how many are right; says whether at least 19 of 20 are."""
     print(f"{title}: {count} draws", flush=True)
-    found = verdicts(laboratory, count)
-    good = sum(right(said) for said in found)
+    case = base_case(lattice=Lattice())
+    prefit = prepared(case, laboratory.targets(case, 0))
+    print(f"{'seed':>5s} {'before':>7s} {'after':>7s} {'noise':>7s}  mm rms   s    verdict (law)")
+    shares = [range(k, count, WORKERS) for k in range(min(WORKERS, count))]
+    tasks = [partial(verdicts, laboratory, prefit, seeds) for seeds in shares]
+    good = sum(right(said) for _, found in finished(tasks, workers=WORKERS) for said in found)
     print(f"{title}: {good} of {count} right, wanted {WANTED:.0%}", flush=True)
     return good >= WANTED * count - 1e-9

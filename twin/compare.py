@@ -66,11 +66,11 @@ def compare(targets: Targets, predicted: Array, whitener: Whitener, *, jacobian:
 
 
 def lack_of_fit(targets: Targets, w: Whitener, z: Array, fitted: Array) -> float:
-    """Probability of so bad a fit: twice the smaller of the chi2 test and the omnibus test on smooth
-    functions
-    (the first alone where there are too few data for the second).
+    """Probability of so bad a fit: the smallest of three tests, times their number.
 
-    Both know from how many static frames the noise was estimated.
+    The chi2 of everything; the omnibus test on smooth functions, where there are data enough; and the chi2 of
+    the gauge's errors alone, into which a misfit may creep that looks like another pressure. They know from
+    how many static frames, and samples of the resting log, the noise was estimated.
     """
     frames = targets.noise.frames if targets.noise else 10**6
     counts = w.valid.sum(axis=0) - fitted.shape[1] / w.valid.shape[1]
@@ -79,6 +79,10 @@ def lack_of_fit(targets: Targets, w: Whitener, z: Array, fitted: Array) -> float
     component, smooth = np.tile(np.arange(len(counts)), len(w.valid)), _smooth(targets, w)
     if len(z) > 2 * smooth.shape[1]:
         p.append(omnibus(z, smooth, component=component, static_frames_effective=nu, fitted=fitted))
+    chi2, count = w.along_gauge(z)
+    if targets.noise and count > fitted.shape[1] and targets.noise.gauge_frames > 6:
+        free = np.array([count - fitted.shape[1]])
+        p.append(chi2_test(chi2, free, np.array([targets.noise.gauge_frames - 2.0])))
     return min(1.0, len(p) * min(p))
 
 

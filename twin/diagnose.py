@@ -33,6 +33,7 @@ TIE = 6.0  # BIC
 EXPLAINED = 0.9  # of the excess chi2: right physics, wrong law
 INVISIBLE = 0.02  # of its own size is what an effect keeps apart from the fitted parameters
 REFITS = 3
+PROMISING = 0.25  # of the best z2: what a refit must promise as a fall of chi2
 
 NEXT_TEST = {
     frozenset(
@@ -238,12 +239,11 @@ def _inside(model: Model, values: dict[str, float]) -> dict[str, float]:
 def _to_refit(candidates: Sequence[Candidate], base: Comparison) -> list[Candidate]:
     """The best few by score: the detected ones, or all visible ones where the base is inadequate.
 
-    A score whose square is below a fiftieth of the best one's promises too small a fall of chi2 to be worth
-    a refit.
+    The square of a score is the fall of chi2 that the refit promises.
     """
     worth = [c for c in candidates if not c.note and (c.p_value < DETECTED or not base.adequate)]
     worth = sorted(worth, key=lambda c: -abs(c.z))[:REFITS]
-    return [c for c in worth if c.z**2 > worth[0].z ** 2 / 50]
+    return [c for c in worth if c.z**2 > PROMISING * worth[0].z ** 2]
 
 
 def refits(

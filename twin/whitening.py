@@ -85,9 +85,21 @@ class Whitener:
 
     def whiten(self, field: Array) -> Array:
         """W applied to fields (..., s, p, 3) mm: values (..., n) of variance 1 where the field is noise."""
-        z = self._innovations(self.pick(field))
+        return self._calmed(self._innovations(self.pick(field)))
+
+    def _calmed(self, z: Array) -> Array:
+        """Innovations (..., n) with the variance of the modes taken off their directions."""
         axes, sizes = self._axes
         return np.asarray(z - (z @ axes) * (1 - 1 / np.sqrt(1 + sizes**2)) @ axes.T, float)
+
+    @cached_property
+    def _gauge_axes(self) -> Array:
+        """Orthonormal directions (n, r) of whitened values in which the gauge's errors lie."""
+        return np.linalg.qr(self._calmed(self._whitened_modes[self.shared :]).T).Q
+
+    def along_gauge(self, z: Array) -> tuple[float, int]:
+        """The chi2 of whitened values (n,) along the gauge's errors, and its number of values."""
+        return float(((z @ self._gauge_axes) ** 2).sum()), self._gauge_axes.shape[1]
 
     def amplitudes(self, residual: Array) -> Array:
         """Most probable amplitude (k,) of every mode in a residual (s, p, 3) mm, in sds."""
