@@ -132,14 +132,17 @@ def _numbers(said: Diagnosis) -> str:
     return " ".join(f"{x:7.4f}" if x is not None else "      -" for x in cells)
 
 
-def report(title: str, laboratory: Laboratory, count: int, *, right: Callable[[Diagnosis], bool]) -> bool:
-    """Prints the table of `count` draws and how many are right; says whether at least 19 of 20 are."""
+def report(
+    title: str, laboratory: Laboratory, count: int, *, right: Callable[[Diagnosis], bool]
+) -> tuple[bool, list[Diagnosis]]:
+    """Prints the table of `count` draws and how many are right: whether at least 19 of 20 are, and the draws."""
     print(f"{title}: {count} draws", flush=True)
     case = base_case(lattice=Lattice())
     prefit = prepared(case, laboratory.targets(case, 0))
     print(f"{'seed':>5s} {'before':>7s} {'after':>7s} {'noise':>7s}  mm rms   s    verdict (law)")
     shares = [range(k, count, WORKERS) for k in range(min(WORKERS, count))]
     tasks = [partial(verdicts, laboratory, prefit, seeds) for seeds in shares]
-    good = sum(right(said) for _, found in finished(tasks, workers=WORKERS) for said in found)
+    found = [said for _, some in finished(tasks, workers=WORKERS) for said in some]
+    good = sum(map(right, found))
     print(f"{title}: {good} of {count} right, wanted {WANTED:.0%}", flush=True)
-    return good >= WANTED * count - 1e-9
+    return good >= WANTED * count - 1e-9, found

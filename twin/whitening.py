@@ -28,7 +28,7 @@ class Whitener:
     rho: Array  # (m,) lag-1 correlation of the static part
     static: Array  # (m, m) mm2, covariance of the static part within a step
     first: NDArray[np.bool_]  # (s,) first step of a block
-    modes: Array  # (k, s, m) mm, shared modes first, then one gauge mode per step
+    modes: Array  # (k, s, m) mm, shared modes first (the reference's gauge error last), then one a step
     shared: int  # how many of the modes are shared
 
     @property
@@ -150,15 +150,9 @@ def whitener(targets: Targets, *, prediction_modes: Array, gauge: Array) -> Whit
         rho = np.clip(np.nan_to_num(targets.noise.rho[p, i]), 0.0, 0.95)
     moving = (gauge[:, p, i] != 0).any(axis=0)
     sd = np.sqrt(sd**2 + np.where(moving, NUMERICAL**2, 0.0))
-    modes = np.concatenate([targets.modes[:, :, p, i], prediction_modes[:, :, p, i]])
-    modes = np.where(valid, np.nan_to_num(modes), 0.0)
-    steps = np.flatnonzero((gauge[:, p, i] != 0).any(axis=1))
-    single = np.zeros((len(steps), *valid.shape))
-    single[np.arange(len(steps)), steps] = gauge[:, p, i][steps]
-    for row, step in enumerate(steps):  # a gauge error in the reference moves every other step against it
-        if step in targets.reference:
-            single[row] -= gauge[step, p, i] / len(targets.reference)
-    single = np.where(valid, single, 0.0)
+    shared, single = _gauge_modes(gauge[:, p, i], targets.reference)
+    modes = np.concatenate([targets.modes[:, :, p, i], prediction_modes[:, :, p, i], shared])
+    modes, single = (np.where(valid, np.nan_to_num(x), 0.0) for x in (modes, single))
     first = np.append(True, np.diff(targets.block) > 0)
     return Whitener(
         components=components,
@@ -170,6 +164,23 @@ def whitener(targets: Targets, *, prediction_modes: Array, gauge: Array) -> Whit
         modes=np.concatenate([modes, single]),
         shared=len(modes),
     )
+
+
+def _gauge_modes(gauge: Array, reference: NDArray[np.int64]) -> tuple[Array, Array]:
+    """The gauge's errors as a shared mode (1 or 0, s, m) and single ones (k, s, m), of 1 sd: gauge (s, m) mm a step.
+
+    The mean error of the reference moves all other steps against it by the same; what single steps of the
+    reference are off from that mean, and every other step, is on its own.
+    """
+    inside = np.isin(np.arange(len(gauge)), reference)
+    mean = np.where(inside[:, None], 0.0, -gauge[reference].mean(axis=0) / np.sqrt(len(reference)))
+    steps = np.flatnonzero((gauge != 0).any(axis=1))
+    single = np.zeros((len(steps), *gauge.shape))
+    for row, step in enumerate(steps):
+        single[row, step] = gauge[step]
+        if inside[step]:
+            single[row, reference] -= gauge[step] / len(reference)
+    return mean[None][: int(mean.any())], single
 
 
 def shrunk(correlation: Array, frames: int) -> Array:

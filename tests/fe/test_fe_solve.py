@@ -11,7 +11,7 @@ from fe import Block, Case, Clamp, Finger, Lattice, Material, Path, finger_case,
 from fe.element import Array
 from fe.locate import interpolation
 from fe.newton import Problem, equilibrium
-from fe.path import FIRST, STEP, corners, knots, levels
+from fe.path import FIRST, STEP, corners, equivalent, in_time, knots, levels
 
 LAST = np.array([1.0])
 
@@ -153,6 +153,37 @@ def test_times_of_a_history_hold_every_corner_and_every_end() -> None:
     gaps = np.diff(times[(times >= 5) & (times <= 15)])
     assert gaps[0] == pytest.approx(FIRST * np.expm1(STEP))
     assert (np.diff(gaps[:-1]) > 0).all()  # relaxation slows down
+
+
+@pytest.mark.parametrize("tau", [0.5, 2.0, 10.0])
+def test_what_creeps_between_a_history_s_times_is_interpolated(tau: float) -> None:
+    time = np.linspace(0, 30, 3001)
+    pressure = np.interp(time, [0, 5, 15, 15.2, 30], [0, 0.03, 0.03, 0.0, 0.0])
+    path = Path(time=time, pressure=pressure, output=time)
+    creep = equivalent(time, pressure, np.array([[0.03, tau]])) - pressure
+    times = knots(path)
+    weights = in_time(path, times)
+    np.testing.assert_allclose(weights.sum(axis=1), 1, atol=1e-12)
+    # the curve bends most within the 0.2 s of the release and just after it; a percent of what creeps there
+    error = np.abs(weights @ np.interp(times, time, creep) - creep)
+    assert error.max() < 0.015 * np.abs(creep).max()
+
+
+def test_a_tangent_of_nearby_serves_and_changes_nothing(short: Case) -> None:
+    problem = Problem.of(short)
+    newton = equilibrium(problem, problem.start(), load=0.0061)
+    near = equilibrium(problem, problem.start(), load=0.006)
+    assert near.state is not None
+    cheap = equilibrium(problem, near.state, load=0.0061, last=near.step, exact=False)
+    assert (cheap.iterations, cheap.step) == (0, near.step)
+    exact = equilibrium(problem, near.state, load=0.0061, last=near.step)
+    assert exact.iterations == 1
+    assert exact.step is not near.step
+    for found in (cheap, exact):
+        assert found.state is not None
+        assert newton.state is not None
+        np.testing.assert_allclose(found.state.u, newton.state.u, rtol=0, atol=2e-6)  # mm
+        np.testing.assert_allclose(found.state.p, newton.state.p, rtol=0, atol=1e-6)  # MPa
 
 
 def test_noise_in_the_log_makes_no_corners() -> None:

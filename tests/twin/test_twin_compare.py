@@ -92,6 +92,17 @@ def test_a_misfit_below_the_whole_chi2_is_seen_by_its_smoothness(course: Path) -
     assert not found.adequate
 
 
+def test_a_gauge_worse_than_stated_is_seen(course: Path) -> None:
+    t = draw(course, 1)
+    assert judged(t).adequate
+    kick = 1.5 * t.pressure_sd * np.random.default_rng(8).standard_normal(len(t.time))
+    value = t.value.copy()
+    value[:, :3] += kick[:, None, None] * SLOPE
+    found = judged(replace(t, value=value))
+    assert found.chi2 < 1.25 * found.degrees_of_freedom  # hardly to be seen in the whole
+    assert not found.adequate
+
+
 def test_agreement_is_said_in_words(course: Path) -> None:
     found = judged(draw(course, 1))
     assert found.where.startswith("The model agrees with the measurement within the noise")

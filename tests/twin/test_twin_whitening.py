@@ -73,6 +73,18 @@ def test_noise_of_the_stated_covariance_becomes_white(targets: Targets) -> None:
     assert (bare.whiten(noise) ** 2).mean() > 3
 
 
+def test_what_looks_like_another_pressure_lies_along_the_gauge(targets: Targets) -> None:
+    gauge = gauge_of(targets)
+    w = whitener(targets, prediction_modes=np.zeros((0, *targets.value.shape)), gauge=gauge)
+    rng = np.random.default_rng(6)
+    noise, _ = drawn(targets, gauge, DRAWS, seed=4)
+    chi2, count = zip(*(w.along_gauge(z) for z in w.whiten(noise)), strict=True)
+    assert set(count) == {6}  # steps with pressure
+    assert np.mean(chi2) == pytest.approx(6, abs=5 * np.sqrt(12 / DRAWS))
+    z = w.whiten(gauge * rng.standard_normal(8)[:, None, None])
+    assert w.along_gauge(z)[0] == pytest.approx(z @ z, rel=1e-9)
+
+
 def test_a_models_own_modes_are_shared_modes_too(targets: Targets) -> None:
     mode = np.zeros((1, *targets.value.shape))
     mode[0, :, 0, 2] = np.linspace(0.0, 0.3, 8)
