@@ -135,7 +135,7 @@ def _numbers(said: Diagnosis) -> str:
 def report(
     title: str, laboratory: Laboratory, count: int, *, right: Callable[[Diagnosis], bool]
 ) -> tuple[bool, list[Diagnosis]]:
-    """Prints the table of `count` draws and how many are right: whether at least 19 of 20 are, and the draws."""
+    """Prints a table of `count` draws; says whether at least 19 of 20 are right, and the draws."""
     print(f"{title}: {count} draws", flush=True)
     case = base_case(lattice=Lattice())
     prefit = prepared(case, laboratory.targets(case, 0))

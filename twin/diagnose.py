@@ -2,10 +2,8 @@
 be told.
 
 Noise first; fit; lack of fit; the signature of every absent effect with all fitted parameters projected out
-(score
-test, one-sided where the parameter is); refits of the best; a wider law of the same physics before anything
-else;
-ties are one answer. Multiplicity: Sidak over an effect's grid, Holm over effects.
+(score test, one-sided where the parameter is); refits of the best; a wider law of the same physics before
+anything else; ties are one answer. Multiplicity: Sidak over an effect's grid, Holm over effects.
 """
 
 from collections.abc import Callable, Sequence

@@ -34,11 +34,9 @@ class Test:
 class Effect:
     """A physical effect: `name`, `parameters` (named `<effect>.<parameter>`), and two pure maps.
 
-    order: maps are applied by increasing order, never by the order of adding (material 10, support 20,
-    gauge 40,
-    line 50, camera 80). grid: values at which a parameter that is invisible at null is tried. requires:
-    what the
-    data must hold ("history"). sentence: what is physically meant, for the report.
+    order: maps are applied by increasing order, never by the order of adding (material 10, support 20, gauge
+    40, line 50, camera 80). grid: values at which a parameter that is invisible at null is tried. requires:
+    what the data must hold ("history"). sentence: what is physically meant, for the report.
     """
 
     name: str = ""

@@ -23,13 +23,10 @@ def whitener_of(model: Model, theta: Array, targets: Targets, mesh: Discretisati
 def measured_remainder(model: Model, theta: Array, targets: Targets, mesh: Discretisation) -> Discretisation:
     """The discretisation modes beside the fitted parameters, and their remainder as small smooth modes.
 
-    What a mode shares with the parameters of the base model is taken out of it and kept as `spread`: a
-    coarse mesh
-    is mostly too stiff, which the fitted constants take up. The remainder (rms in mm) is what the check
-    mesh shows
-    that neither the modes but the finest, nor the targets' own modes, nor the fitted parameters carry:
-    leaving one
-    out tells what a next refinement would still bring.
+    What a mode shares with the parameters of the base model is taken out of it and kept as `spread`: a coarse
+    mesh is mostly too stiff, which the fitted constants take up. The remainder (rms in mm) is what the check
+    mesh shows that neither the modes but the finest, nor the targets' own modes, nor the fitted parameters
+    carry: leaving one out tells what a next refinement would still bring.
     """
     jacobian = model.jacobian(theta)
     mesh = _beside(mesh, jacobian)

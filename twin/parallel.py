@@ -1,7 +1,9 @@
 """Independent pieces of work -> their results, on as many processes as asked for."""
 
 import multiprocessing as mp
+import os
 import signal
+import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from typing import Any
@@ -30,7 +32,7 @@ def finished(tasks: Sequence[Task], *, workers: int) -> Iterator[tuple[int, Any]
         return
     # a fresh interpreter each: a fork would inherit threads of the numerical libraries in mid-work
     pool = ProcessPoolExecutor(
-        min(workers, len(tasks)), mp_context=mp.get_context("spawn"), initializer=_deaf
+        min(workers, len(tasks)), mp_context=mp.get_context("spawn"), initializer=_serve
     )
     try:
         number: dict[Future[Any], int] = {pool.submit(task): k for k, task in enumerate(tasks)}
@@ -47,6 +49,14 @@ def finished(tasks: Sequence[Task], *, workers: int) -> Iterator[tuple[int, Any]
         pool.shutdown(wait=False, cancel_futures=True)
 
 
-def _deaf() -> None:
-    """Ctrl-C is for the parent, which ends its workers."""
+def _serve() -> None:
+    """Ctrl-C is for the parent, which ends its workers; and without a parent there is nothing to work for."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_leave_with_parent, daemon=True).start()
+
+
+def _leave_with_parent() -> None:
+    parent = mp.parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)

@@ -83,8 +83,7 @@ def search(
     """All generations of the genetic algorithm; a killed run's recorded ones are replayed, bit for bit.
 
     cost(values) -> mm, inf for a model that cannot be solved (logged, ranked last). Each generation is one
-    record of
-    log.jsonl before the next begins.
+    record of log.jsonl before the next begins.
     """
     records = [r for r in run.log() if r.get("event") == "generation"]
     told = [

@@ -79,8 +79,7 @@ def path(bench: Bench) -> Path:
 
 def displacements(truth: Truth, course: Path, points: Array) -> tuple[Array, Array]:
     """True displacements (s, p, 3) mm of material points (p, 3) mm along a course, relative to the unloaded
-    rest,
-    and their gradient dU/dp (s, p, 3) mm per MPa.
+    rest, and their gradient dU/dp (s, p, 3) mm per MPa.
 
     The dead force is there from the start, so that what is seen is relative to a finger that already
     carries it.
@@ -111,12 +110,10 @@ def targets(
     `seed`.
 
     slope (s, p, 3): dU/dp of the truth. Drawn: picture noise (AR(1), correlated between markers), gauge
-    noise, a
-    placement of every tag on its node, the scale, and the static film from which the noise model is
-    estimated.
-    The gauge's error is put on the displacements (slope times error) and not on the log, to first order the
-    same,
-    so that one set of solves serves every seed. `fixed` markers that do not move are appended.
+    noise, a placement of every tag on its node, the scale, and the static film from which the noise model is
+    estimated. The gauge's error is put on the displacements (slope times error) and not on the log, to first
+    order the same, so that one set of solves serves every seed. `fixed` markers that do not move are
+    appended.
     """
     rng = np.random.default_rng(seed)
     s, count = len(true), len(names) + fixed

@@ -167,7 +167,7 @@ def whitener(targets: Targets, *, prediction_modes: Array, gauge: Array) -> Whit
 
 
 def _gauge_modes(gauge: Array, reference: NDArray[np.int64]) -> tuple[Array, Array]:
-    """The gauge's errors as a shared mode (1 or 0, s, m) and single ones (k, s, m), of 1 sd: gauge (s, m) mm a step.
+    """A shared mode (1 or 0, s, m) and single modes (k, s, m) of 1 sd, of gauge errors (s, m) mm a step.
 
     The mean error of the reference moves all other steps against it by the same; what single steps of the
     reference are off from that mean, and every other step, is on its own.

@@ -2,10 +2,14 @@
 
 import multiprocessing as mp
 import operator
+import subprocess
+import sys
 import time
 from functools import partial
+from pathlib import Path
 
 import numpy as np
+import psutil
 import pytest
 
 from twin.parallel import finished, made_at_once
@@ -39,6 +43,23 @@ def test_a_listener_who_leaves_ends_the_work() -> None:
     while mp.active_children() and time.monotonic() < deadline:
         time.sleep(0.05)
     assert mp.active_children() == []
+
+
+def test_work_ends_with_a_killed_parent(tmp_path: Path) -> None:
+    script = tmp_path / "parent.py"
+    script.write_text(
+        "import time\nfrom functools import partial\nfrom twin.parallel import finished\n"
+        "if __name__ == '__main__':\n"
+        "    for k, _ in finished([partial(time.sleep, 0), partial(time.sleep, 600)], workers=2):\n"
+        "        print(k, flush=True)\n"
+    )
+    with subprocess.Popen([sys.executable, str(script)], stdout=subprocess.PIPE, text=True) as parent:
+        assert parent.stdout is not None
+        assert parent.stdout.readline() == "0\n"
+        children = psutil.Process(parent.pid).children(recursive=True)
+        parent.kill()
+    assert len(children) >= 2
+    assert psutil.wait_procs(children, timeout=60)[1] == []
 
 
 def test_arrays_are_made_by_their_keys() -> None:
