@@ -3,7 +3,16 @@
 from calibrate.fit import least_squares
 from calibrate.genetic import Population
 from calibrate.parameters import Fit, Parameter
-from calibrate.statistics import bic, chi2_test, holm, identifiability, omnibus, profile_likelihood, sidak
+from calibrate.statistics import (
+    bic,
+    chi2_test,
+    excess,
+    holm,
+    identifiability,
+    omnibus,
+    profile_likelihood,
+    sidak,
+)
 
 __all__ = [
     "Fit",
@@ -11,6 +20,7 @@ __all__ = [
     "Population",
     "bic",
     "chi2_test",
+    "excess",
     "holm",
     "identifiability",
     "least_squares",

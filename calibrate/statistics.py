@@ -48,11 +48,7 @@ def omnibus(
     More sensitive than the whole chi2 to misfit that is smooth, which missing physics is. Raises ValueError
     where nothing of the functions is left to test.
     """
-    residual, functions = np.asarray(z, float), np.asarray(basis, float)
-    if fitted is not None:
-        done = _orthonormal(np.asarray(fitted, float))
-        functions = functions - done @ (done.T @ functions)
-    q = _orthonormal(functions, size=np.linalg.norm(np.asarray(basis, float), axis=0))
+    q = _apart(np.asarray(basis, float), fitted)
     if q.shape[1] == 0:
         raise ValueError("omnibus: the fitted parameters explain every function of the basis; give others")
     mean, square = _scales(static_frames_effective)
@@ -64,8 +60,27 @@ def omnibus(
     pairs = np.outer(mean, mean)
     np.fill_diagonal(pairs, square)
     variance = 2 * np.sum(pairs * mixed) + h**2 @ (square - mean**2)
-    total = float(np.sum((q.T @ residual) ** 2))
+    total = float(np.sum((q.T @ np.asarray(z, float)) ** 2))
     return _tail(total, float(h @ mean), float(variance), float(q.shape[1]))
+
+
+def excess(z: ArrayLike, basis: ArrayLike, *, fitted: ArrayLike | None = None) -> float:
+    """What smooth functions take of the whitened residual beyond the one a function that noise gives them.
+
+    Arguments as in `omnibus`. Where the noise is overstated, chi2 may lie below its degrees of freedom though
+    a misfit is plain; this measure of it is then lower by no more than the number of functions.
+    """
+    q = _apart(np.asarray(basis, float), fitted)
+    return float(np.sum((q.T @ np.asarray(z, float)) ** 2)) - q.shape[1]
+
+
+def _apart(basis: Array, fitted: ArrayLike | None) -> Array:
+    """Orthonormal functions (n, q) of a basis with what was fitted projected out."""
+    functions = basis
+    if fitted is not None:
+        done = _orthonormal(np.asarray(fitted, float))
+        functions = functions - done @ (done.T @ functions)
+    return _orthonormal(functions, size=np.linalg.norm(basis, axis=0))
 
 
 def _scales(frames: ArrayLike) -> tuple[Array, Array]:

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from calibrate import chi2_test, omnibus
+from calibrate import chi2_test, excess, omnibus
 from twin.targets import Array, Targets
 from twin.whitening import Whitener
 
@@ -22,6 +22,7 @@ class Comparison:
     whitened: Array
     chi2: float
     degrees_of_freedom: int
+    excess: float  # of chi2 over what noise gives, in smooth functions where there are data enough for them
     p_value: float
     rms_mm: float
     noise_sd_mm: float
@@ -59,16 +60,19 @@ def compare(targets: Targets, predicted: Array, whitener: Whitener, *, jacobian:
     z = whitener.whiten(residual)
     fitted = whitener.whiten(jacobian).T if len(jacobian) else np.zeros((len(z), 0))
     chi2, degrees = float(z @ z), whitener.count - fitted.shape[1]
-    p = lack_of_fit(targets, whitener, z, fitted) if degrees > 0 else float("nan")
+    smooth = _smooth(targets, whitener)
+    enough = len(z) > 2 * smooth.shape[1]
+    p = lack_of_fit(targets, whitener, z, fitted, smooth if enough else None) if degrees > 0 else float("nan")
+    beyond = excess(z, smooth, fitted=fitted) if enough else chi2 - degrees
     maps = residual_maps(targets, whitener, residual)
     rms, noise = whitener.rms(residual), whitener.noise_sd
-    return Comparison(residual, z, chi2, degrees, p, rms, noise, _where(maps, rms, noise, p), maps)
+    return Comparison(residual, z, chi2, degrees, beyond, p, rms, noise, _where(maps, rms, noise, p), maps)
 
 
-def lack_of_fit(targets: Targets, w: Whitener, z: Array, fitted: Array) -> float:
+def lack_of_fit(targets: Targets, w: Whitener, z: Array, fitted: Array, smooth: Array | None) -> float:
     """Probability of so bad a fit: the smallest of three tests, times their number.
 
-    The chi2 of everything; the omnibus test on smooth functions, where there are data enough; and the chi2 of
+    The chi2 of everything; the omnibus test on smooth functions (n, b), where there are any; and the chi2 of
     the gauge's errors alone, into which a misfit may creep that looks like another pressure. They know from
     how many static frames, and samples of the resting log, the noise was estimated.
     """
@@ -76,8 +80,8 @@ def lack_of_fit(targets: Targets, w: Whitener, z: Array, fitted: Array) -> float
     counts = w.valid.sum(axis=0) - fitted.shape[1] / w.valid.shape[1]
     nu = np.full(len(counts), float(frames - 2))
     p = [chi2_test(float(z @ z), counts, nu)]
-    component, smooth = np.tile(np.arange(len(counts)), len(w.valid)), _smooth(targets, w)
-    if len(z) > 2 * smooth.shape[1]:
+    if smooth is not None:
+        component = np.tile(np.arange(len(counts)), len(w.valid))
         p.append(omnibus(z, smooth, component=component, static_frames_effective=nu, fitted=fitted))
     chi2, count = w.along_gauge(z)
     if targets.noise and count > fitted.shape[1] and targets.noise.gauge_frames > 6:

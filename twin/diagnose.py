@@ -351,9 +351,7 @@ def _conclude(rows: tuple[Candidate, ...], base: Comparison, fit: Fit, remainder
             return result("none needed", "The model agrees with the measurement: no effect is missing.", None)
         return result("none of these", "The model is wrong, and no effect of the library helps.", None)
     after = best.comparison
-    floor = float(after.degrees_of_freedom)
-    # no more can be explained than there is; below the floor lies what the noise model allows for too much
-    explained = min((base.chi2 - after.chi2) / max(base.chi2 - floor, 1.0), 1.0)
+    explained = 1 - max(after.excess, 0.0) / max(base.excess, 1.0)
     change = f"{base.rms_mm:.3f} mm -> {after.rms_mm:.3f} mm rms (noise {base.noise_sd_mm:.3f} mm)"
     if after.adequate:
         tied = tuple(c.effect.name for c in rows[1:] if _tied(c, best))

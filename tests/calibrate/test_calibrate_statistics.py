@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from calibrate import Fit, Parameter, bic, chi2_test, holm, identifiability, omnibus, sidak
+from calibrate import Fit, Parameter, bic, chi2_test, excess, holm, identifiability, omnibus, sidak
 
 COMPONENTS = 8  # four markers, two axes
 STEPS = 424  # 42.4 s at 10 frames/s
@@ -201,3 +201,21 @@ def test_words_where_they_part_and_where_a_bound_or_nothing_is_known() -> None:
     assert "the data leave them undetermined" in identifiability(lost, ("C10", "C01"))
     with pytest.raises(ValueError, match=r"no parameter \['C20'\]"):
         identifiability(lost, ("C10", "C20"))
+
+
+def test_excess_is_the_misfit_in_smooth_functions_beyond_noise() -> None:
+    rng = np.random.default_rng(31)
+    basis, fitted = rng.standard_normal((3000, 12)), rng.standard_normal((3000, 2))
+    noise = rng.standard_normal((400, 3000))
+    of_noise = [excess(z, basis, fitted=fitted) for z in noise]
+    assert np.mean(of_noise) == pytest.approx(0, abs=5 * np.sqrt(24 / 400))  # chi2 of 12, less 12
+    misfit = 0.3 * basis[:, 0]
+    apart = misfit - fitted @ np.linalg.lstsq(fitted, misfit, rcond=None)[0]
+    of_both = [excess(z + misfit, basis, fitted=fitted) for z in noise]
+    size = apart @ apart
+    assert np.mean(of_both) == pytest.approx(size, abs=5 * np.sqrt((24 + 4 * size) / 400))
+    # noise stated three times too large hides the misfit from chi2, but not here
+    overstated = (noise[0] + misfit) / 3
+    assert overstated @ overstated < 3000
+    assert excess(overstated, basis, fitted=fitted) > size / 9 - 12 - 5 * np.sqrt(24 + 4 * size / 9)
+    assert excess(overstated, basis, fitted=fitted) > 10
