@@ -23,6 +23,7 @@ from twin.targets import Array, Targets
 # A ramp, a hold, a release in 0.4 s and a rest: seconds and kPa.
 FILM = ((0.0, 0.0), (2.0, 0.0), (4.0, 30.0), (12.0, 30.0), (12.4, 0.0), (22.0, 0.0))
 BENCH = virtual.Bench(film_hz=5.0, gauge_sd_MPa=3e-4, sd=0.005)
+NOISY = virtual.Bench(film_hz=5.0, gauge_sd_MPa=1e-3, sd=0.01)
 NAMES, X = ("p1", "p2", "middle", "p4", "tip"), np.array([9.556, 15.111, 4 + 50 / 3, 31.778, 10 + 100 / 3])
 NOMINAL = np.array([0.214, 0.083])
 # What every verdict is asked of; the two that these films cannot tell from the constants are left to one
@@ -40,12 +41,12 @@ class Laboratory:
     nodes: Array
     mesh: Discretisation
 
-    def film(self, truth: virtual.Truth) -> Callable[[int], Targets]:
+    def film(self, truth: virtual.Truth, bench: virtual.Bench = BENCH) -> Callable[[int], Targets]:
         """Targets of a truth by seed."""
-        course = virtual.path(BENCH)
+        course = virtual.path(bench)
         u, slope = virtual.displacements(truth, course, self.points)
         return lambda seed: virtual.targets(
-            u, slope, course, names=NAMES, nodes=self.nodes, points=self.points, bench=BENCH, seed=seed
+            u, slope, course, names=NAMES, nodes=self.nodes, points=self.points, bench=bench, seed=seed
         )
 
     def truth(self, *, force: float = 0.0, prony: tuple[tuple[float, float], ...] = ()) -> virtual.Truth:
@@ -73,8 +74,10 @@ def laboratory(short_film: None, short: Finger, short_case: Case) -> Laboratory:
     return replace(found, mesh=mesh)
 
 
-def diagnosed(laboratory: Laboratory, truth: virtual.Truth, *, seeds: tuple[int, ...]) -> list[Diagnosis]:
-    film = laboratory.film(truth)
+def diagnosed(
+    laboratory: Laboratory, truth: virtual.Truth, *, seeds: tuple[int, ...], bench: virtual.Bench = BENCH
+) -> list[Diagnosis]:
+    film = laboratory.film(truth, bench)
     first = film(seeds[0])
     model = base_model(first, laboratory.case)
     start = fit_model(model, first, whitener_of(model, NOMINAL, first, None), start=NOMINAL).theta
@@ -93,7 +96,7 @@ def test_nothing_hidden_needs_nothing(laboratory: Laboratory) -> None:
 
 
 def test_hidden_creep_is_named_and_its_error_goes(laboratory: Laboratory) -> None:
-    truth = laboratory.truth(prony=((0.07, 1.2), (0.052, 3.5), (0.019, 15.0)))
+    truth = laboratory.truth(prony=((0.09, 1.2), (0.067, 3.5), (0.024, 15.0)))
     for found in diagnosed(laboratory, truth, seeds=(1, 2)):
         assert found.named == ("creep",), found.sentence
         assert found.verdict in ("creep", "right physics, wrong law")
@@ -106,22 +109,19 @@ def test_hidden_creep_is_named_and_its_error_goes(laboratory: Laboratory) -> Non
         assert found.kept is not None
         assert found.kept.fit is not None
         g = sum(x for p, x in zip(found.kept.fit.parameters, found.kept.fit.theta) if p.name.startswith("creep.g"))
-        assert 0.07 < g < 0.2  # of 0.14 hidden, what relaxes within the film
+        assert 0.09 < g < 0.26  # of 0.18 hidden, what relaxes within the film
 
 
-@pytest.mark.xfail(
-    reason="on this short, coarse finger a force of 0.12 N is below what the numerical error lets be told, and from "
-    "0.2 N the mesh cannot be tested: the control on the whole finger is benchmarks/controls.py --only tube"
-)
 def test_a_force_outside_the_library_is_none_of_these(laboratory: Laboratory) -> None:
-    for found in diagnosed(laboratory, laboratory.truth(force=0.12), seeds=(1, 2)):
+    # so large a force that it is plain, and so much noise that the short finger's coarse mesh can be tested;
+    # benchmarks/controls.py has one of three noise sds on the whole finger
+    for found in diagnosed(laboratory, laboratory.truth(force=0.4), seeds=(1, 2), bench=NOISY):
         assert (found.verdict, found.named, found.law, found.kept) == ("none of these", (), None, None), found.sentence
         data = found.to_dict()
-        # a force that the short finger's coarse mesh can still be tested with; benchmarks/controls.py has one
-        # of three noise sds on the whole finger
-        assert data["p_value_before"] < 1e-3
-        assert data["rms_after_mm"] == data["rms_before_mm"]
+        assert data["p_value_before"] < 1e-9
+        assert data["rms_after_mm"] == data["rms_before_mm"] > data["noise_sd_mm"]
         assert data["adequate"] is False
+        assert data["explained"] < 0.5
 
 
 def test_without_noise_model_or_with_few_frames_nothing_can_be_tested(laboratory: Laboratory) -> None:
