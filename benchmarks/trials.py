@@ -120,7 +120,8 @@ def verdicts(
         began = time.perf_counter()
         said = diagnose(model, library(), laboratory.targets(case, seed), seed=0, start=start, mesh=mesh)
         found.append(said)
-        print(f"{seed:5d} {_numbers(said)} {time.perf_counter() - began:10.0f}    {said.verdict} "
+        print(f"{seed:5d} {_numbers(said)} {time.perf_counter() - began:10.0f} "
+              f"{np.nan if said.explained is None else said.explained:10.2f}  {said.verdict} "
               f"({said.law or '-'})", flush=True)  # fmt: skip
     return found
 
@@ -139,7 +140,7 @@ def report(
     print(f"{title}: {count} draws", flush=True)
     case = base_case(lattice=Lattice())
     prefit = prepared(case, laboratory.targets(case, 0))
-    print(f"{'seed':>5s} {'before':>7s} {'after':>7s} {'noise':>7s}  mm rms   s    verdict (law)")
+    print(f"{'seed':>5s} {'before':>7s} {'after':>7s} {'noise':>7s}  mm rms   s  explained  verdict (law)")
     shares = [range(k, count, WORKERS) for k in range(min(WORKERS, count))]
     tasks = [partial(verdicts, laboratory, prefit, seeds) for seeds in shares]
     found = [said for _, some in finished(tasks, workers=WORKERS) for said in some]

@@ -19,8 +19,7 @@ from calibrate.parameters import Array, Fit, Parameter, bounds
 Residual = Callable[[Array], Array | None]
 Jacobian = Callable[[Array], Array]
 
-GAIN = 1e-3  # converged: the best step would lower chi2 by less than this ...
-STEP = 0.01  # ... and is shorter than this, in sd, in every direction
+GAIN = 10.0  # of tolerance^2, by which the best step would lower chi2 at most where a fit has converged
 CONDITION = 1e12  # of the scaled J'J: a direction beyond it is not determined
 DAMPING = 1e-3, 1e-12, 1e10  # first, least, largest; relative to unit columns
 ACCEPT = 0.05  # share of the predicted fall that makes a step good enough to take
@@ -76,13 +75,15 @@ def least_squares(
     start: ArrayLike,
     seed: int = 0,
     max_evaluations: int = 40,
+    tolerance: float = 0.01,
 ) -> Fit:
     """The Fit with the lowest chi2 = r'r within the bounds, of all starts.
 
     residual: theta (d,) -> r (n,), whitened; None where the model cannot be solved: the step is then
     shortened. jacobian: theta (d,) -> dr/dtheta (n, d). start (d,) or (m, d): one descent each, of at most
     max_evaluations residuals. seed: the one that drew the starts, kept in the Fit. It has converged where
-    the best step would lower chi2 by less than 1e-3 and is shorter than 0.01 sd in every direction.
+    the best step is shorter than `tolerance` sd in every direction and would lower chi2 by less than
+    10 tolerance^2.
     Raises ValueError for a start outside the bounds; what does not converge is a Fit with its reason.
     """
     parameters = tuple(parameters)
@@ -90,7 +91,7 @@ def least_squares(
     starts = inside(np.atleast_2d(np.asarray(start, float)), parameters)
     model = _Model(residual, jacobian)
     with np.errstate(under="ignore"):
-        ends = [_descend(model, theta, low, high, max_evaluations) for theta in starts]
+        ends = [_descend(model, theta, low, high, max_evaluations, tolerance) for theta in starts]
         return _fit(min(ends, key=lambda end: end.chi2), parameters, seed, model)
 
 
@@ -105,20 +106,25 @@ def inside(starts: Array, parameters: tuple[Parameter, ...]) -> Array:
     return starts
 
 
-def _descend(model: _Model, theta: Array, low: Array, high: Array, budget: int) -> _End:
+def _descend(
+    model: _Model, theta: Array, low: Array, high: Array, budget: int, tolerance: float
+) -> _End:
     last = model.evaluations + budget
     r = model.residual(theta)
     if r is None:
         unknown = np.full((0, len(theta)), np.nan)
         return _End(theta, None, unknown, False, "the model cannot be solved at the start")
-    return _Descent(model, theta, r, low=low, high=high, last=last).run()
+    return _Descent(model, theta, r, low=low, high=high, last=last, tolerance=tolerance).run()
 
 
 class _Descent:
     """Levenberg-Marquardt from one start; the Jacobian of an earlier theta serves while it predicts well."""
 
-    def __init__(self, model: _Model, theta: Array, r: Array, *, low: Array, high: Array, last: int) -> None:
+    def __init__(
+        self, model: _Model, theta: Array, r: Array, *, low: Array, high: Array, last: int, tolerance: float
+    ) -> None:
         self.model, self.theta, self.r, self.low, self.high, self.last = model, theta, r, low, high, last
+        self.tolerance = tolerance
         self.damping, self.growth = DAMPING[0], 2.0
         self._renew()
 
@@ -141,7 +147,7 @@ class _Descent:
             return self._end(False, "the Jacobian has values that are not finite")
         best = self._step(DAMPING[1])
         # A rejected step this small is the numerical floor of the misfit.
-        small = best.gain < GAIN and (best.length < STEP or self.rejected)
+        small = best.gain < GAIN * self.tolerance**2 and (best.length < self.tolerance or self.rejected)
         if small and not self.fresh:
             self._renew()
             return self._ended()

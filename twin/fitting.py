@@ -65,8 +65,12 @@ def fit_model(
     start: Array | Sequence[Array],
     seed: int = 0,
     evaluations: int = 25,
+    tolerance: float = 0.01,
 ) -> Fit:
-    """The bounded least-squares fit of all of a model's parameters, from one or several starts (m, d)."""
+    """The bounded least-squares fit of all of a model's parameters, from one or several starts (m, d).
+
+    tolerance: of the parameters, in sds.
+    """
 
     def residual(theta: Array) -> Array | None:
         try:
@@ -81,5 +85,6 @@ def fit_model(
             return np.full((targets.valid.shape[0] * len(w.components), len(theta)), np.nan)
 
     return least_squares(
-        residual, jacobian, model.parameters, start=start, seed=seed, max_evaluations=evaluations
-    )
+        residual, jacobian, model.parameters, start=start, seed=seed, max_evaluations=evaluations,
+        tolerance=tolerance,
+    )  # fmt: skip
