@@ -14,10 +14,8 @@ from twin.targets import Array, Targets
 STEP = 1e-6  # of a parameter's typical size, for differencing the effects' maps
 # A prediction that differs from a solved neighbour by less than NEAR mm is taken along the neighbour's
 # derivatives: of 58 mm of motion that leaves an error of about NEAR^2 / 58 = 2e-4 mm. Derivatives change by
-# as large a share as the displacement does, so that within SAME_SLOPE mm they are kept to half a per cent. A
-# solve without derivatives borrows those of the nearest one that has them, over a third of the way.
+# as large a share as the displacement does, so that within SAME_SLOPE mm they are kept to half a per cent.
 NEAR = 0.1
-BORROWED = 0.03
 SAME_SLOPE = 0.3
 
 
@@ -27,12 +25,11 @@ class Unsolvable(Exception):
 
 @dataclass(frozen=True)
 class Anchor:
-    """A full solve that others may start from: theta (d,), u (s, p, 3) mm, and where they were asked for, its
-    derivatives (d, s, p, 3)."""
+    """A full solve that others may start from: theta (d,), u (s, p, 3) mm, its derivatives (d, s, p, 3)."""
 
     theta: Array
     u: Array
-    jacobian: Array | None
+    jacobian: Array
     solution: Solution
 
 
@@ -96,64 +93,45 @@ class Model:
     def predict(self, theta: Array) -> Array:
         """Displacements (s, p, 3) mm relative to the reference. Raises Unsolvable where there is no
         equilibrium."""
-        near, change = self._beside(theta)
-        if near is None:  # for a first solve derivatives as well: whoever fits asks for them next
-            return self._solve(theta, derivatives=not self._sloped).u
-        return near.u + change
+        near, change = self._near(theta)
+        if near is not None and np.abs(change).max() < NEAR:
+            return near.u + change
+        return self._solve(theta).u
 
     def jacobian(self, theta: Array) -> Array:
         """Derivatives (d, s, p, 3) of `predict`, mm per unit of each parameter."""
-        near = self._nearest(self._sloped, theta)
-        if near is None or np.abs(self._change(near, theta)).max() >= SAME_SLOPE:
-            near = self._solve(theta, derivatives=True)
-        assert near.jacobian is not None
-        return near.jacobian
+        near, change = self._near(theta)
+        if near is not None and np.abs(change).max() < SAME_SLOPE:
+            return near.jacobian
+        return self._solve(theta).jacobian
 
     def solution(self, theta: Array) -> Solution:
         """The finite-element solution at theta, or at a solved neighbour that differs by less than NEAR."""
-        near, _ = self._beside(theta)
-        return (near or self._solve(theta, derivatives=not self._sloped)).solution
+        near, change = self._near(theta)
+        if near is not None and np.abs(change).max() < NEAR:
+            return near.solution
+        return self._solve(theta).solution
 
-    @property
-    def _sloped(self) -> list[Anchor]:
-        """The solves that have derivatives."""
-        return [a for a in self._anchors if a.jacobian is not None]
-
-    def _nearest(self, anchors: Sequence[Anchor], theta: Array) -> Anchor | None:
-        """The nearest of some solves in typical steps."""
+    def _near(self, theta: Array) -> tuple[Anchor | None, Array]:
+        """The nearest solve in typical steps, and the change (s, p, 3) mm from it to first order."""
         scale = np.array([p.step for p in self.parameters])
-        return min(anchors, key=lambda a: float(np.abs((a.theta - theta) / scale).max()), default=None)
-
-    def _change(self, near: Anchor, theta: Array) -> Array:
-        """The change (s, p, 3) mm from a solve to theta, to first order."""
-        slope = near if near.jacobian is not None else self._nearest(self._sloped, near.theta)
-        if slope is None or slope.jacobian is None:
-            return np.full(near.u.shape, 0.0 if np.array_equal(near.theta, theta) else np.inf)
-        return np.tensordot(theta - near.theta, slope.jacobian, 1)
-
-    def _beside(self, theta: Array) -> tuple[Anchor | None, Array]:
-        """A solve from which first order leads to theta, and the change (s, p, 3) mm from it; or None."""
-        near = self._nearest(self._anchors, theta)
-        change = np.zeros(1) if near is None else self._change(near, theta)
-        if near is None or np.abs(change).max() >= (BORROWED if near.jacobian is None else NEAR):
-            return None, change
-        return near, change
+        near = min(self._anchors, key=lambda a: float(np.abs((a.theta - theta) / scale).max()), default=None)
+        return near, np.zeros(1) if near is None else np.tensordot(theta - near.theta, near.jacobian, 1)
 
     def _start(self, theta: Array) -> Solution | None:
         """The nearest solution; for a model's first, the newest one of the model that it came from."""
-        near = self._nearest(self._anchors, theta)
+        near, _ = self._near(theta)
         if near is None and self._parent is not None and self._parent._anchors:
             near = self._parent._anchors[-1]
         return near.solution if near else None
 
-    def _solve(self, theta: Array, *, derivatives: bool) -> Anchor:
-        """A full solve, kept for what comes near it."""
+    def _solve(self, theta: Array) -> Anchor:
+        """A full solve with all derivatives, kept for what comes near it."""
         values = self.named(theta)
         test = self.put(values)
-        changes = [self._direction(values, p) for p in self.parameters] if derivatives else []
+        changes = [self._direction(values, p) for p in self.parameters]
         u, du, solution = respond(test, [c[0] for c in changes], start=self._start(theta))
-        rows = [self._through(u, d, c) for d, c in zip(du, changes, strict=True)]
-        jacobian = np.stack(rows) if derivatives else None
+        jacobian = np.stack([self._through(u, d, c) for d, c in zip(du, changes, strict=True)])
         anchor = Anchor(theta.copy(), self.seen(u, test, values), jacobian, solution)
         self._anchors.append(anchor)
         del self._anchors[:-6]
