@@ -4,7 +4,6 @@ The truth is solved once and kept under the system's temporary folder, as are th
 draws of one truth share one base model, whose solves they start from, so that a draw costs its refits only.
 """
 
-import os
 import tempfile
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -22,14 +21,13 @@ from twin.discretisation import Discretisation, discretisation
 from twin.effects import library
 from twin.fitting import fit_model, measured_remainder, whitener_of
 from twin.model import Model, base_case, base_model
-from twin.parallel import finished
+from twin.parallel import WORKERS, finished
 from twin.targets import Array, Targets
 
 # The finger's markers sit on nodes of the flat lower edge of the side face y = 11.5 mm, as far as the tip.
 STATIONS = (12, 22, 32, 42, 52, 64)  # in 1/72 of the bellows' 100 mm; 42 is the node 5848
 NAMES = ("p1", "p2", "p3", "middle", "p5", "p6", "tip")
 WANTED = 0.95  # share of right verdicts: 19 of 20
-WORKERS = os.cpu_count() or 1
 # Where every prefit starts: the study's constants.
 NOMINAL = np.array([0.214, 0.083])  # MPa, C10 and C01
 

@@ -149,7 +149,8 @@ def diagnose(
     tell("signatures", 1, 3)
     candidates = screen(model, effects, targets, w, fit.theta, base, jacobian)
     chosen = _to_refit(candidates, base)
-    refitted = refits(chosen, model, targets, w, fit, base, seed=seed, workers=workers, tell=tell)
+    one = partial(refit, model=model, targets=targets, w=w, base=base, seed=seed)
+    refitted = refits(chosen, one, workers=workers, tell=tell)
     rows = _ranked([c for c in candidates if c.effect.name not in {r.effect.name for r in chosen}] + refitted)
     return _conclude(rows, base, fit, mesh.remainder_mm if mesh else None)
 
@@ -248,18 +249,9 @@ def _to_refit(candidates: Sequence[Candidate], base: Comparison) -> list[Candida
 
 
 def refits(
-    chosen: Sequence[Candidate],
-    model: Model,
-    targets: Targets,
-    w: Whitener,
-    base_fit: Fit,
-    base: Comparison,
-    *,
-    seed: int,
-    workers: int,
-    tell: Progress,
+    chosen: Sequence[Candidate], fit: Callable[[Candidate], Candidate], *, workers: int, tell: Progress
 ) -> list[Candidate]:
-    """The candidates refitted, each with its wider laws where the narrower one is inadequate.
+    """The candidates as `fit` refits them, each with its wider laws where the narrower one is inadequate.
 
     With several workers the wider laws are fitted meanwhile, and left out where they are not needed.
     """
@@ -267,8 +259,8 @@ def refits(
     settled: set[str] = set()
 
     def task(law: Candidate) -> Callable[[], Candidate | None]:
-        fit = partial(refit, law, model, targets, w, base_fit, base, seed=seed)
-        return fit if workers > 1 else lambda: None if law.effect.name in settled else fit()
+        one = partial(fit, law)
+        return one if workers > 1 else lambda: None if law.effect.name in settled else one()
 
     found: dict[int, Candidate] = {}
     for done, (k, row) in enumerate(finished([task(law) for law in laws], workers=workers)):
@@ -286,8 +278,7 @@ def refits(
             if narrow.fit is not None and (row.fit is None or row.fit.chi2 > narrow.fit.chi2):
                 # the wider law holds the narrower one: a worse minimum is not its answer
                 values = dict(zip((p.name for p in narrow.fit.parameters), narrow.fit.theta, strict=True))
-                again = replace(laws[k], start=row.effect.start(values))
-                row = refit(again, model, targets, w, base_fit, base, seed=seed)
+                row = fit(replace(laws[k], start=row.effect.start(values)))
         out.append(row)
     return out
 
@@ -301,14 +292,7 @@ def _laws(candidate: Candidate) -> list[Candidate]:
 
 
 def refit(
-    candidate: Candidate,
-    model: Model,
-    targets: Targets,
-    w: Whitener,
-    base_fit: Fit,
-    base: Comparison,
-    *,
-    seed: int,
+    candidate: Candidate, *, model: Model, targets: Targets, w: Whitener, base: Comparison, seed: int
 ) -> Candidate:
     """The candidate with its fit, its comparison and its BIC gain over the base; a note where it has none."""
     wider = model.with_effect(candidate.effect)
@@ -317,7 +301,7 @@ def refit(
     if not np.isfinite(fit.chi2):
         return replace(candidate, note=fit.reason)
     found = compare(targets, wider.predict(fit.theta), w, jacobian=wider.jacobian(fit.theta))
-    gain = bic(base.chi2, len(base_fit.theta), w.count) - bic(found.chi2, len(fit.theta), w.count)
+    gain = bic(base.chi2, len(model.parameters), w.count) - bic(found.chi2, len(fit.theta), w.count)
     return replace(candidate, fit=fit, comparison=found, delta_bic=gain)
 
 

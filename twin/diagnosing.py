@@ -13,10 +13,11 @@ from twin.effects import Effect, effect, library
 from twin.fitting import fit_model, whitener_of, with_mesh
 from twin.history import Fields
 from twin.model import Model
+from twin.parallel import WORKERS
 from twin.project import Project, Run, Say
 from twin.targets import Array, Targets
 from twin.whitening import Whitener
-from twin.workbench import WORKERS, Workbench, newest_fit
+from twin.workbench import Workbench, newest_fit
 
 SHOWN = 80  # film times at which the deformed model is stored for the review
 

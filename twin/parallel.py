@@ -10,6 +10,8 @@ from typing import Any
 
 from twin.targets import Array
 
+WORKERS = os.cpu_count() or 1
+
 Task = Callable[[], Any]
 Keep = Callable[[str, Mapping[str, Callable[[], Array]]], dict[str, Array]]
 

@@ -1,6 +1,5 @@
 """A project -> its targets, model and whitener: what every stage after `measure` starts from."""
 
-import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
@@ -9,17 +8,15 @@ import numpy as np
 from calibrate import Fit
 from fe import Case, Finger, Lattice
 from twin import files
-from twin.discretisation import Discretisation, discretisation
+from twin.discretisation import MARGIN, Discretisation, discretisation
 from twin.effects import Elasticity, effect
 from twin.fitting import measured_remainder
 from twin.model import Model, base_case, base_model
-from twin.parallel import Keep, finished
+from twin.parallel import WORKERS, Keep, finished
 from twin.project import Project, Say
 from twin.targets import NODE_UNKNOWN, Array, Targets
 
-# C10 + C01 of finer meshes over that of the model they serve: above, their pressures would not reach
-SERVES = (0.7, 1.15)
-WORKERS = os.cpu_count() or 1
+SOFTEST = 0.7  # C10 + C01 of finer meshes over that of the model they serve; at most MARGIN
 
 
 @dataclass(frozen=True)
@@ -96,7 +93,7 @@ class Workbench:
         path = self.project.root / "cache" / "discretisation.json"
         known = files.read_json(path) if path.exists() else []
         for a, b in known:
-            if SERVES[0] <= (a + b) / (C10 + C01) <= SERVES[1]:
+            if SOFTEST <= (a + b) / (C10 + C01) <= MARGIN:
                 return float(a), float(b)
         files.write_json(path, [*known, [C10, C01]])
         return C10, C01
