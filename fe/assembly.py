@@ -207,6 +207,16 @@ class Kernel:
         self._each(work)
         return self.gather(force) - load * self.pressure.force(geometry.nodes + state.u), gap
 
+    def internal(self, u: Array, stress: Array) -> Array:
+        """Nodal forces (n, 3) N of a second Piola-Kirchhoff stress (e, q, 3, 3) MPa at displacements u."""
+        g, force = self.geometry, np.empty((len(self.connectivity), 27, 3))
+
+        def work(part: slice) -> None:
+            force[part] = _forces(g, part, self.gradients(u, part, g) @ stress[part])
+
+        self._each(work)
+        return self.gather(force)
+
     def linearise(
         self, state: State, c: Constants, load: float, memory: Memory | None, turn: Array
     ) -> Linearised:
@@ -276,10 +286,15 @@ def _total(P: Array, F: Array, a: Array, pressure: Array, memory: Memory | None,
 
 
 def _integrate(g: Geometry, part: slice, P: Array, J: Array, q: Array, bulk: Array) -> tuple[Array, Array]:
+    gap = (J - 1 - q / bulk[part, None]) * g.weight[part]
+    return _forces(g, part, P), (gap[:, None] @ g.psi[part])[:, 0]
+
+
+def _forces(g: Geometry, part: slice, P: Array) -> Array:
+    """Element forces (c, 27, 3) N of a first Piola-Kirchhoff stress (c, q, 3, 3) MPa."""
     w = g.weight[part]
     flux = np.swapaxes(P * w[..., None, None], 2, 3).reshape(len(w), 81, 3)  # ((q, I), i)
-    force = np.swapaxes(g.G[part].reshape(len(w), 81, 27), 1, 2) @ flux
-    return force, (((J - 1 - q / bulk[part, None]) * w)[:, None] @ g.psi[part])[:, 0]
+    return np.swapaxes(g.G[part].reshape(len(w), 81, 27), 1, 2) @ flux
 
 
 def _element_matrices(g: Geometry, part: slice, A: Array, cofactor: Array) -> tuple[Array, Array]:

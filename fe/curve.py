@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline, CubicSpline
@@ -9,7 +10,7 @@ from scipy.sparse import csr_matrix
 
 from fe.assembly import Memory, State
 from fe.element import Array
-from fe.newton import Problem, Step, equilibrium, imbalance, moved
+from fe.newton import Problem, Residual, Step, equilibrium, imbalance, moved
 
 LEAST_STEP = 1 / 64  # of the distance between two levels; below that the path is given up
 
@@ -22,7 +23,7 @@ class Differenced:
     minus: Problem
     step: float
 
-    @property
+    @cached_property
     def history_only(self) -> bool:
         """Whether nothing differs but the memory of the material, of which a curve knows nothing."""
         a, b = self.plus, self.minus
@@ -96,35 +97,65 @@ def _apply(operator: csr_matrix, fields: Array) -> Array:
     return np.stack([operator @ f for f in fields])
 
 
-def sensitivity(
+@dataclass(frozen=True)
+class Neighbours:
+    """A varied parameter at one time: the loads in MPa and the memories of its two neighbouring problems."""
+
+    varied: Differenced
+    load: tuple[float, float]
+    memory: tuple[Memory | None, Memory | None] = (None, None)
+
+    def residual(self, state: State, isochoric: Array | None) -> Residual:
+        """The residuals' derivative at fixed displacement, pressure modes and clamp rotation.
+
+        isochoric: the state's stress, where it is known; what only the memory changes is linear in it.
+        """
+        v, (a, b) = self.varied, self.memory
+        if isochoric is not None and a is not None and b is not None and v.history_only:
+            change = (a.scale - b.scale)[:, None, None, None] * isochoric + a.carried - b.carried
+            force = v.plus.kernel.internal(state.u, change)
+            force -= (self.load[0] - self.load[1]) * v.plus.kernel.pressure.force(v.plus.case.nodes + state.u)
+            step = force / (2 * v.step)
+            return Residual(step, np.zeros_like(state.p), v.plus.clamp_gap(state.rotation, step))
+        plus, minus = (
+            imbalance(q, state, load, memory)
+            for q, load, memory in zip((v.plus, v.minus), self.load, self.memory, strict=True)
+        )
+        return plus.minus(minus, 1 / (2 * v.step))
+
+    def clamp(self, rotation: float) -> Array:
+        """The derivative (k, 3) of the clamp nodes' displacements: turned nodes that differ move
+        differently."""
+        ahead, behind = (q.clamp_motion(rotation)[0] for q in (self.varied.plus, self.varied.minus))
+        return (ahead - behind) / (2 * self.varied.step)
+
+
+def sensitivities(
     step: Step,
     state: State,
-    varied: Differenced,
-    load: tuple[float, float],
-    memory: tuple[Memory | None, Memory | None] = (None, None),
-) -> State:
-    """The derivative of the state to one parameter, by direct differentiation with the factorised tangent.
+    neighbours: Sequence[Neighbours],
+    *,
+    isochoric: Array | None = None,
+    more: Sequence[Residual] = (),
+) -> list[State]:
+    """The derivatives of the state to parameters, by direct differentiation with the factorised tangent.
 
-    The residual is differenced at fixed displacement, pressure modes and clamp rotation (a turned clamp moves
-    nodes that differ differently); `load` (MPa) and `memory` are those of the two neighbouring problems.
+    isochoric (e, q, 3, 3) MPa: the state's isochoric second Piola-Kirchhoff stress, where it is known. more:
+    derivatives of the residuals to other things, whose changes of state come last.
     """
-    plus = imbalance(varied.plus, state, load[0], memory[0])
-    minus = imbalance(varied.minus, state, load[1], memory[1])
-    width = 2 * varied.step
-    force, gap = (plus[0] - minus[0]) / width, (plus[1] - minus[1]) / width
-    change = step.solve(force, (plus[2] - minus[2]) / width, gap)
-    ahead, behind = (q.clamp_motion(state.rotation)[0] for q in (varied.plus, varied.minus))
-    change.u[step.problem.kernel.clamped] += (ahead - behind) / width
-    return change
+    if not neighbours and not more:
+        return []
+    changes = step.solve([*(n.residual(state, isochoric) for n in neighbours), *more])
+    for change, n in zip(changes, neighbours, strict=False):
+        change.u[step.problem.kernel.clamped] += n.clamp(state.rotation)
+    return changes
 
 
-def pressure_slope(step: Step, state: State) -> State:
-    """The derivative of the state to the follower pressure, per MPa."""
+def _per_pressure(step: Step, state: State) -> Residual:
+    """The residuals' derivative to the follower pressure, per MPa."""
     kernel = step.problem.kernel
     force = -kernel.pressure.force(kernel.geometry.nodes + state.u)
-    clamp = step.problem.case.clamp
-    moment = (clamp.compliance if clamp else 0.0) * step.moment(force)
-    return step.solve(force, moment, np.zeros_like(state.p))
+    return Residual(force, np.zeros_like(state.p), step.problem.clamp_gap(state.rotation, force))
 
 
 @dataclass(frozen=True)
@@ -147,7 +178,7 @@ def trace(
     todo, reason = [float(q) for q in pressures], "converged"
     done: list[_Level] = []
     rest, iterations = _loaded(problem, todo[0])
-    last, unseen = None, [v.history_only for v in varied]
+    last, seen = None, [v for v in varied if not v.history_only]
     least = LEAST_STEP * float(pressures[-1] - pressures[0])
     while todo:
         guess = _guess(rest, done, todo[0], near)
@@ -162,11 +193,10 @@ def trace(
             continue
         load, last = todo.pop(0), found.step
         none = moved(found.state, found.state, -1.0)
-        derivatives = tuple(
-            none if blind else sensitivity(found.step, found.state, v, (load, load))
-            for v, blind in zip(varied, unseen, strict=True)
-        )
-        done.append(_Level(load, found.state, pressure_slope(found.step, found.state), derivatives))
+        beside, along = [Neighbours(v, (load, load)) for v in seen], _per_pressure(last, found.state)
+        changes = iter(sensitivities(last, found.state, beside, more=[along]))
+        derivatives = tuple(none if v.history_only else next(changes) for v in varied)
+        done.append(_Level(load, found.state, next(changes), derivatives))
     return _curve(done, len(varied), iterations, reason)
 
 

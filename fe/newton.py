@@ -1,5 +1,6 @@
 """A case, a load and a starting state -> the equilibrium state, by Newton's method with exact tangents."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -13,7 +14,8 @@ from fe.element import Array
 # is quadratic in both, and near incompressibility p settles last: with u alone the tangent can be 1 % off.
 TOLERANCE = 1e-5
 # A factorised tangent serves again, at a quarter of the cost of a new one, for states within NEARBY of the
-# structure's size, as long as every correction is at most SHRINK of the one before.
+# structure's size, as long as every correction is at most SHRINK of the last but one: a wrong p first pushes
+# u away, and the next correction brings it back.
 NEARBY = 0.02
 SHRINK = 0.2
 EXACT = 1e-3  # of TOLERANCE is what such corrections may leave, as Newton's last one does
@@ -67,6 +69,28 @@ class Problem:
         first = np.stack([c * dz - s * dx, none, -s * dz - c * dx], axis=1)
         return moved, first, np.stack([-s * dz - c * dx, none, s * dx - c * dz], axis=1)
 
+    def clamp_gap(self, rotation: float, force: Array) -> float:
+        """The rotation in rad by which an elastic clamp gives way to nodal forces (n, 3) N."""
+        if self.case.clamp is None or not self.case.clamp.compliance:
+            return 0.0
+        _, turn, _ = self.clamp_motion(rotation)
+        return float(self.case.clamp.compliance * (turn * force[self.kernel.clamped]).sum())
+
+
+@dataclass(frozen=True)
+class Residual:
+    """What is out of balance at a state: nodal forces (n, 3) N; volume gaps (e, 4) mm3, or None where they
+    are condensed into the forces already; the moment, residual of the clamp's equation in rad."""
+
+    force: Array
+    gap: Array | None
+    moment: float
+
+    def minus(self, other: "Residual", factor: float) -> "Residual":
+        """`factor` times the difference of two residuals."""
+        gap = None if self.gap is None or other.gap is None else factor * (self.gap - other.gap)
+        return Residual(factor * (self.force - other.force), gap, factor * (self.moment - other.moment))
+
 
 class Step:
     """A factorised tangent at one state: solves for any right-hand side, clamp rotation included."""
@@ -87,20 +111,28 @@ class Step:
         """The free displacements' answer to a turn of the clamp, mm per rad, but for its sign."""
         return self.problem.kernel.matrix.solve(self._side)
 
-    def moment(self, force: Array) -> float:
-        """The generalised force (N mm) of nodal forces (n, 3) on the clamp's rotation."""
-        return float((self._turn * force[self.problem.kernel.clamped]).sum())
+    def solve(self, residuals: Sequence[Residual]) -> list[State]:
+        """For each change of the residuals the change of state that cancels it."""
+        kernel = self.problem.kernel
+        condensed = [self._condensed(r) for r in residuals]
+        forces = np.stack([force.ravel()[kernel.free] for force, _ in condensed], axis=1)
+        x = kernel.matrix.solve(forces)  # together: the factors are read once
+        return [
+            self._spread(x[:, k], moment, r.gap)
+            for k, (r, (_, moment)) in enumerate(zip(residuals, condensed, strict=True))
+        ]
 
-    def solve(self, force: Array, moment: float, gap: Array | None) -> State:
-        """The change of state that cancels a change of the residuals: nodal `force` (n, 3) N (not condensed
-        where `gap` (e, 4) mm3 is given), and `moment`, the residual of the clamp's equation in rad."""
+    def _condensed(self, r: Residual) -> tuple[Array, float]:
+        """Force (n, 3) N and moment with the volume gaps eliminated."""
+        if r.gap is None:
+            return r.force, r.moment
         kernel, system = self.problem.kernel, self.system
-        if gap is not None:
-            extra = (system.coupling @ (system.compliance @ gap[..., None])).reshape(-1, 27, 3)
-            force = force + kernel.gather(extra)
-            moment = moment + self._compliance * self.moment(kernel.gather(extra))
-        x = kernel.matrix.solve(force.ravel()[kernel.free])
-        turn = -moment
+        extra = kernel.gather((system.coupling @ (system.compliance @ r.gap[..., None])).reshape(-1, 27, 3))
+        return r.force + extra, r.moment + self.problem.clamp_gap(self.state.rotation, extra)
+
+    def _spread(self, x: Array, moment: float, gap: Array | None) -> State:
+        """The change of state from the solution (f,) for the free displacements with the clamp held."""
+        kernel, system, turn = self.problem.kernel, self.system, -moment
         if self._compliance:
             pivot = 1 + self._compliance * (self._stiffness - float(self._side @ self._back))
             turn = (-moment + self._compliance * float(self._side @ x)) / pivot
@@ -131,10 +163,7 @@ def _residuals(
     _, turn, _ = problem.clamp_motion(state.rotation)
     system = problem.kernel.linearise(state, problem.constants, load, memory, turn)
     force = system.force - problem.dead
-    system = replace(system, force=force)
-    clamp = problem.case.clamp
-    compliance = clamp.compliance if clamp else 0.0
-    return system, state.rotation + compliance * float((turn * force[problem.kernel.clamped]).sum())
+    return replace(system, force=force), state.rotation + problem.clamp_gap(state.rotation, force)
 
 
 def equilibrium(
@@ -171,7 +200,7 @@ def equilibrium(
         if iteration > 2 and size > 1e3 * before:
             return Equilibrium(None, None, iteration, "the residual grew: limit point or too large a step")
         last = Step(problem, state, system)
-        change = last.solve(system.force, moment, None)
+        (change,) = last.solve([Residual(system.force, None, moment)])
         length = float(np.abs(change.u).max())
         if not np.isfinite(length) or (iteration > 0 and length > 0.5 * extent):
             return Equilibrium(None, None, iteration + 1, "the correction left the size of the structure")
@@ -187,21 +216,17 @@ def _chord(
 ) -> tuple[State, bool]:
     """The state after corrections with a tangent of nearby (the chord method), and whether it is an
     equilibrium; the best state where they do not shrink fast enough."""
-    before = np.inf
+    older = before = np.inf
     while True:
-        change = step.solve(*_swapped(imbalance(problem, state, load, memory)))
+        (change,) = step.solve([imbalance(problem, state, load, memory)])
         length = float(np.abs(change.u).max())
-        if not length < SHRINK * before:
+        if not (length < SHRINK * older and length < 2 * before):
             return state, False
-        left = SHRINK if np.isinf(before) else length / before  # linear convergence: of this correction
-        state, before = _consistent(problem, moved(state, change)), length
+        # what is left of this correction: linear convergence, the slower of one and of two steps
+        left = SHRINK if np.isinf(before) else max(length / before, np.sqrt(length / older))
+        state, older, before = _consistent(problem, moved(state, change)), before, length
         if left * length < small[0] and left * np.abs(change.p).max() < small[1]:
             return state, True
-
-
-def _swapped(residuals: tuple[Array, Array, float]) -> tuple[Array, float, Array]:
-    force, gap, moment = residuals
-    return force, moment, gap
 
 
 def moved(state: State, change: State, factor: float = 1.0) -> State:
@@ -220,18 +245,13 @@ def _consistent(problem: Problem, state: State) -> State:
     return replace(state, u=u)
 
 
-def imbalance(
-    problem: Problem, state: State, load: float, memory: Memory | None
-) -> tuple[Array, Array, float]:
-    """All residuals at a state, not condensed: forces (n, 3) N, volume gaps (e, 4) mm3, clamp in rad.
+def imbalance(problem: Problem, state: State, load: float, memory: Memory | None) -> Residual:
+    """All residuals at a state, not condensed.
 
     The problem's own positions are used, the clamp's included, so that a problem with other nodes on the same
     kernel is differenced right.
     """
-    kernel, clamp = problem.kernel, problem.case.clamp
     state = _consistent(problem, state)
-    force, gap = kernel.residual(state, problem.constants, load, memory, problem.geometry)
+    force, gap = problem.kernel.residual(state, problem.constants, load, memory, problem.geometry)
     force -= problem.dead
-    _, turn, _ = problem.clamp_motion(state.rotation)
-    moment = float((turn * force[kernel.clamped]).sum())
-    return force, gap, state.rotation + (clamp.compliance if clamp else 0.0) * moment
+    return Residual(force, gap, state.rotation + problem.clamp_gap(state.rotation, force))

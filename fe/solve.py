@@ -15,7 +15,7 @@ from scipy.sparse import csr_matrix
 
 from fe.assembly import Kernel, Memory, State
 from fe.case import Case, digest
-from fe.curve import Curve, Differenced, sensitivity, trace
+from fe.curve import Curve, Differenced, Neighbours, sensitivities, trace
 from fe.element import Array
 from fe.locate import interpolation
 from fe.material import relaxation
@@ -252,18 +252,24 @@ def _follow(
         state, last = found.state, found.step
         drift.append(moved(state, carrier, -1.0))
         u.append(state.u)
-        row = []
-        for n in tracked:
+        neighbours = [
+            Neighbours(
+                v := varied[n],
+                (loads[n][0][k], loads[n][1][k]),
+                (pairs[n][0].memory(v.plus, dt), pairs[n][1].memory(v.minus, dt)),
+            )
+            for n in tracked
+        ]
+        now = _isochoric(problem, state.u)
+        changes = sensitivities(last, state, neighbours, isochoric=now)
+        for n, change in zip(tracked, changes, strict=True):
             v = varied[n]
-            plus, minus = (s.memory(q, dt) for s, q in zip(pairs[n], (v.plus, v.minus), strict=True))
-            change = sensitivity(found.step, state, v, (loads[n][0][k], loads[n][1][k]), (plus, minus))
             pairs[n] = tuple(
                 s.after(q, dt, _isochoric(q, state.u + sign * v.step * change.u))
                 for s, q, sign in zip(pairs[n], (v.plus, v.minus), (1, -1), strict=True)
             )
-            row.append(change.u)
-        du.append(row)
-        stresses = stresses.after(problem, dt, _isochoric(problem, state.u))
+        du.append([change.u for change in changes])
+        stresses = stresses.after(problem, dt, now)
     slopes = _slopes(varied, variations, time, dense=False)
     weights = in_time(path, time)
     derivative = {n: np.array([row[i] for row in du]) for i, n in enumerate(tracked)}

@@ -1,6 +1,6 @@
 """The kernel: patch test, rigid bodies, tangents against central differences, Newton's order."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -12,7 +12,7 @@ from fe import Case, Material, Support
 from fe.assembly import Constants, Kernel, Memory, State
 from fe.element import Array
 from fe.material import stress, tangent
-from fe.newton import Problem, Step, equilibrium
+from fe.newton import Problem, Residual, Step, equilibrium
 from fe.pressure import PressureFaces
 
 Cube = Callable[..., Case]
@@ -229,10 +229,10 @@ def test_newton_converges_quadratically(
     lengths: list[float] = []
 
     class Recorded(Step):
-        def solve(self, force: Array, moment: float, gap: Array | None) -> State:
-            change = super().solve(force, moment, gap)
-            lengths.append(float(np.abs(change.u).max()))
-            return change
+        def solve(self, residuals: Sequence[Residual]) -> list[State]:
+            changes = super().solve(residuals)
+            lengths.append(float(np.abs(changes[0].u).max()))
+            return changes
 
     monkeypatch.setattr(fe.newton, "Step", Recorded)
     monkeypatch.setattr(fe.newton, "NEARBY", 0.0)  # no correction with a tangent of nearby
