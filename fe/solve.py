@@ -243,7 +243,9 @@ def _follow(
     }
     for k in range(1, len(time)):
         dt, carrier = time[k] - time[k - 1], curve.state(pressure[k])
-        guess = moved(carrier, near.drift[k] if near else drift[-1])
+        guess = moved(carrier, drift[-1])
+        if near is not None:  # as the neighbour goes on from the last time
+            guess = moved(moved(guess, near.drift[k]), near.drift[k - 1], -1.0)
         memory = stresses.memory(problem, dt)
         found = equilibrium(problem, guess, load=load[k], memory=memory, last=last, exact=bool(tracked))
         iterations += found.iterations

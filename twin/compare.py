@@ -15,10 +15,11 @@ BRANCHES = ("rest", "up", "hold", "down")
 
 @dataclass(frozen=True)
 class Comparison:
-    """residual (s, p, 3) = measured - predicted mm; whitened (n,); the lack-of-fit test; where it fails in
-    words."""
+    """residual (s, p, 3) = measured - predicted mm; cleaned, the same without the errors of measurement and
+    mesh that many values share, NaN where no data; whitened (n,); the lack-of-fit test; where it fails."""
 
     residual: Array
+    cleaned: Array
     whitened: Array
     chi2: float
     degrees_of_freedom: int
@@ -64,9 +65,11 @@ def compare(targets: Targets, predicted: Array, whitener: Whitener, *, jacobian:
     enough = len(z) > 2 * smooth.shape[1]
     p = lack_of_fit(targets, whitener, z, fitted, smooth if enough else None) if degrees > 0 else float("nan")
     beyond = excess(z, smooth, fitted=fitted) if enough else chi2 - degrees
-    maps = residual_maps(targets, whitener, residual)
+    cleaned, maps = np.full(residual.shape, np.nan), residual_maps(targets, whitener, residual)
+    cleaned[:, whitener.components[:, 0], whitener.components[:, 1]] = whitener.cleaned(residual)
     rms, noise = whitener.rms(residual), whitener.noise_sd
-    return Comparison(residual, z, chi2, degrees, beyond, p, rms, noise, _where(maps, rms, noise, p), maps)
+    where = _where(maps, rms, noise, p)
+    return Comparison(residual, cleaned, z, chi2, degrees, beyond, p, rms, noise, where, maps)
 
 
 def lack_of_fit(targets: Targets, w: Whitener, z: Array, fitted: Array, smooth: Array | None) -> float:
@@ -156,10 +159,11 @@ def _where(maps: dict[str, list[dict[str, Any]]], rms: float, noise: float, p: f
         )
     if p > ADEQUATE:
         return f"The model agrees with the measurement within the noise: {rms:.3f} mm rms of {noise:.3f} mm."
-    worst = {kind: max(rows, key=lambda r: r["rms_mm"]) for kind, rows in maps.items()}
+    worst = {kind: max(rows, key=lambda r: r["ratio"]) for kind, rows in maps.items()}
+    marker = worst["marker"]
     return (
         f"The model misses the measurement by {rms:.3f} mm rms where the noise is {noise:.3f} mm; most at "
-        f"marker {worst['marker']['name']} ({worst['marker']['rms_mm']:.3f} mm), in "
+        f"marker {marker['name']} ({marker['rms_mm']:.3f} mm, {marker['ratio']:.1f} of its noise), in "
         f"{worst['direction']['name']}, at {worst['pressure']['name']}, on the branch "
         f"'{worst['branch']['name']}'."
     )

@@ -40,9 +40,14 @@ def _compared(run: Run, bench: Workbench, model: Model, fit: Fit, w: Whitener) -
     predicted = model.predict(fit.theta)
     found = compare(bench.targets, predicted, w, jacobian=model.jacobian(fit.theta))
     run.write_json("comparison.json", found.to_dict())
-    run.write_npz("prediction.npz", {"u": predicted, "residual": found.residual})
+    _write_prediction(run, predicted, found)
     run.summary["headline"] = found.where
     return found
+
+
+def _write_prediction(run: Run, predicted: Array, found: Comparison) -> None:
+    """prediction.npz, (s, p, 3) mm each."""
+    run.write_npz("prediction.npz", {"u": predicted, "residual": found.residual, "cleaned": found.cleaned})
 
 
 def _lines(found: Comparison) -> list[str]:
@@ -74,9 +79,7 @@ def run_diagnose(project: Project, say: Say) -> dict[str, Any]:
         data = found.to_dict()
         run.write_json("diagnosis.json", data)
         if found.base is not None and found.base_fit is not None:
-            run.write_npz(
-                "prediction.npz", {"u": model.predict(found.base_fit.theta), "residual": found.base.residual}
-            )
+            _write_prediction(run, model.predict(found.base_fit.theta), found.base)
         if found.kept is not None and found.kept.fit is not None:
             effects = [*project.config.model.effects, found.law]
             run.write_json("kept.json", found.kept.fit.to_dict() | {"effects": effects})

@@ -90,7 +90,12 @@ class _Story:
     def _rows(self) -> list[dict[str, object]]:
         ranking = self.diagnosis.get("ranking", [])
         return [
-            {"effect": r["law"], "score": _round(r["z"]), "BIC gain": _round(r["delta_bic"])} for r in ranking
+            {
+                "effect": r["law"],
+                "score": _round(r["z"]),
+                "BIC gain": "not refitted" if r["delta_bic"] is None else _round(r["delta_bic"]),
+            }
+            for r in ranking
         ]
 
     def deformed(self) -> list[str]:
@@ -186,7 +191,7 @@ class _Story:
         t, out = self.targets, []
         rows = np.flatnonzero(~t.fixed)
         before = self._prediction(("diagnose", "compare", "calibrate"))
-        after = self._prediction(("add", "drop")) if self.fields is not None else None
+        after = self._prediction(("add", "drop")) if self.fields is not None else {}
         if self.diagnosis.get("rms_before_mm") is not None:
             bars = pictures.error_bars(
                 self.diagnosis["rms_before_mm"],
@@ -234,18 +239,21 @@ class _Story:
         return out
 
     def _time_pictures(
-        self, t: Targets, rows: Any, before: Array | None, after: Array | None
+        self, t: Targets, rows: Any, before: dict[str, Array], after: dict[str, Array]
     ) -> list[dict[str, Any]]:
-        if before is None or len(t.time) < 3:
+        if not before or len(t.time) < 3:
             return []
         time, names = t.time - t.time[0], [t.names[r] for r in rows]
         shown = [
             k for k, r in enumerate(rows) if t.names[r] in self.project.config.calibrate.objective_points
         ]
         own = rows[shown] if shown else rows[-2:]
-        maps = {"before": 1e3 * (t.value - before)[:, rows]}
-        if after is not None:
-            maps["after"] = 1e3 * (t.value - after)[:, rows]
+        maps = {
+            title: 1e3 * found["cleaned"][:, rows]
+            for title, found in (("before", before), ("after", after))
+            if "cleaned" in found
+        }
+        start, end = before["u"], after.get("u")
         out = [
             {
                 "title": "Displacement",
@@ -253,18 +261,22 @@ class _Story:
                 "svg": pictures.displacements(
                     time,
                     measured=t.value[:, own],
-                    before=before[:, own],
-                    after=None if after is None else after[:, own],
+                    before=start[:, own],
+                    after=None if end is None else end[:, own],
                     names=[t.names[r] for r in own],
                 ),
             },
-            {
-                "title": "Where the model fails",
-                "caption": "Measured minus model, every marker over time.",
-                "svg": pictures.residual_map(time, maps=maps, names=names, unit="um"),
-            },
         ]
-        initial, step = before[:, own, 2], max(1, len(time) // 150)
+        if maps:
+            out.append(
+                {
+                    "title": "Where the model fails",
+                    "caption": "Measured minus model, without the errors (scale, placement, mesh) that many "
+                    "values share.",
+                    "svg": pictures.residual_map(time, maps=maps, names=names, unit="um"),
+                }
+            )
+        initial, step = start[:, own, 2], max(1, len(time) // 150)
         out.append(
             {
                 "title": "U3 against pressure",
@@ -273,16 +285,17 @@ class _Story:
                     t.pressure[::step],
                     measured=t.value[::step][:, own, 2],
                     initial=initial[::step],
-                    optimised=None if after is None else after[::step][:, own, 2],
+                    optimised=None if end is None else end[::step][:, own, 2],
                     names=[t.names[r] for r in own],
                 ),
             }
         )
         return out
 
-    def _prediction(self, kinds: tuple[str, ...]) -> Array | None:
+    def _prediction(self, kinds: tuple[str, ...]) -> dict[str, Array]:
+        """What the newest run of these kinds predicted and left, or nothing."""
         path = self.project.newest(kinds, "prediction.npz")
-        return np.asarray(files.read_npz(path)["u"], float) if path else None
+        return dict(files.read_npz(path)) if path else {}
 
 
 def _parameters(fit: dict[str, Any]) -> list[dict[str, Any]]:
