@@ -1,9 +1,7 @@
 """A case and a state (displacement, pressure modes) -> residual and condensed symmetric tangent.
 
 Mixed Q2/P1disc form: four discontinuous pressure modes (1, x, y, z about the element's centre) per element,
-eliminated element by element (Sussman & Bathe 1987, doi 10.1016/0045-7949(87)90265-3). Work runs over chunks
-of elements so that the arrays stay in the cache; each sum over quadrature points is one matrix product per
-element.
+eliminated element by element (Sussman & Bathe 1987, doi 10.1016/0045-7949(87)90265-3).
 """
 
 import os
@@ -14,23 +12,15 @@ from functools import cached_property
 
 import numpy as np
 
+from fe import compiled
 from fe.case import Case
+from fe.compiled import PAIRS
 from fe.element import Array, Integers, gauss, scatter, shape
 from fe.linear import Symmetric
-from fe.material import stress, tangent
 from fe.pressure import PressureFaces
 
-CHUNK = 32
 THREADS = int(os.environ.get("OMP_NUM_THREADS") or os.cpu_count() or 1)
 _POOL = ThreadPoolExecutor(THREADS)
-PAIRS = (
-    (0, 0),
-    (1, 1),
-    (2, 2),
-    (0, 1),
-    (0, 2),
-    (1, 2),
-)  # component blocks (i, j) of an element matrix, i <= j
 _I, _J = (np.array(x) for x in zip(*PAIRS, strict=True))
 
 
@@ -56,9 +46,10 @@ class Constants:
         C10, C01, C20, bulk = (case.per_element(k) for k in ("C10", "C01", "C20", "bulk"))
         return Constants(C10, C01, C20, bulk, prony)
 
-    def at(self, part: slice) -> tuple[Array, Array, Array]:
-        """C10, C01, C20 of the elements `part`, shaped to broadcast against quadrature points."""
-        return self.C10[part, None], self.C01[part, None], self.C20[part, None]
+    @cached_property
+    def table(self) -> Array:
+        """C10, C01, C20 of every element (e, 3), as `fe.compiled` wants them."""
+        return np.stack([self.C10, self.C01, self.C20], axis=1)
 
 
 @dataclass(frozen=True)
@@ -92,12 +83,17 @@ class Geometry:
         X = nodes[connectivity]  # (e, 27, 3)
         jacobian = np.einsum("eai,qaJ->eqiJ", X, dN, optimize=True)
         self.weight = np.linalg.det(jacobian) * weight  # (e, q)
-        # (e, q, I, a): rows (q, I) of one element are contiguous, as the matrix products want them
+        # (e, q, I, a), as fe.compiled wants them
         self.G = np.ascontiguousarray(np.swapaxes(np.linalg.inv(jacobian), 2, 3) @ np.swapaxes(dN, 1, 2))
         size = np.ptp(X, axis=1).max(-1)[:, None, None]
         x = (np.einsum("qa,eai->eqi", N, X) - X.mean(axis=1, keepdims=True)) / size
         self.psi = np.concatenate([np.ones((*x.shape[:2], 1)), x], axis=-1)  # (e, q, 4)
         self.mass = np.einsum("eq,eqk,eql->ekl", self.weight, self.psi, self.psi)
+        self._flexible = np.linalg.inv(self.mass)
+
+    def compliance(self, bulk: Array) -> Array:
+        """The pressure modes' answer (e, 4, 4) to volume gaps, at bulk moduli (e,) MPa."""
+        return self._flexible * bulk[:, None, None]
 
 
 @dataclass(frozen=True)
@@ -167,55 +163,47 @@ class Kernel:
         """The solver for this pattern."""
         return Symmetric(*self._pattern[:2])
 
-    def _each(self, work: Callable[[slice], None]) -> None:
-        """Run `work` on every chunk of elements, on all threads: numpy lets go of the interpreter inside."""
-        n = len(self.connectivity)
-        parts = [slice(k, min(k + CHUNK, n)) for k in range(0, n, CHUNK)]
-        for _ in _POOL.map(work, parts) if THREADS > 1 else map(work, parts):
-            pass
+    def _each(self, work: Callable[[int, int], None]) -> None:
+        """Run `work` on the elements first .. last, shared by all threads: compiled code lets go of the
+        interpreter."""
+        ends = np.linspace(0, len(self.connectivity), THREADS + 1).astype(int).tolist()
+        if THREADS == 1:
+            work(0, ends[-1])
+        else:
+            list(_POOL.map(work, ends[:-1], ends[1:]))
 
-    def gradients(self, u: Array, part: slice, geometry: Geometry) -> Array:
-        """Deformation gradients (c, q, 3, 3) of the elements `part` at displacements u (n, 3) mm."""
-        G = geometry.G[part]
-        H = G.reshape(len(G), 81, 27) @ u[self.connectivity[part]]  # (c, (q, I), i)
-        return np.swapaxes(H.reshape(len(G), 27, 3, 3), 2, 3) + np.eye(3)
+    def _remembered(self, memory: Memory | None) -> tuple[Array, Array]:
+        """Scale (e,) and carried stress of a memory, or of none."""
+        size = len(self.connectivity)
+        if memory is None:
+            return np.ones(size), np.zeros((1, 27, 3, 3))
+        return np.ascontiguousarray(np.broadcast_to(memory.scale, (size,))), memory.carried
 
     def isochoric(self, u: Array, c: Constants, geometry: Geometry) -> Array:
         """Isochoric second Piola-Kirchhoff stress (e, q, 3, 3) MPa at displacements u (n, 3) mm."""
         out = np.empty((len(self.connectivity), 27, 3, 3))
-
-        def work(part: slice) -> None:
-            P, a, _ = stress(self.gradients(u, part, geometry), *c.at(part))
-            out[part] = np.swapaxes(a, -1, -2) @ P
-
-        self._each(work)
+        self._each(lambda a, b: compiled.isochoric(geometry.G, self.connectivity, u, c.table, a, b, out))
         return out
+
+    def internal(self, u: Array, stress: Array) -> Array:
+        """Nodal forces (n, 3) N of a second Piola-Kirchhoff stress (e, q, 3, 3) MPa at displacements u."""
+        g, force = self.geometry, np.empty((len(self.connectivity), 27, 3))
+        self._each(lambda a, b: compiled.internal(g.G, g.weight, self.connectivity, u, stress, a, b, force))
+        return self.gather(force)
 
     def residual(
         self, state: State, c: Constants, load: float, memory: Memory | None, geometry: Geometry
     ) -> tuple[Array, Array]:
         """Nodal forces (n, 3) N, internal minus follower pressure `load` MPa, and volume gaps (e, 4) mm3."""
-        force, gap = np.empty((len(self.connectivity), 27, 3)), np.empty_like(state.p)
-
-        def work(part: slice) -> None:
-            F = self.gradients(state.u, part, geometry)
-            P, a, J = stress(F, *c.at(part))
-            q = (geometry.psi[part] @ state.p[part, :, None])[..., 0]
-            P = _total(P, F, a, J * q, memory, part)
-            force[part], gap[part] = _integrate(geometry, part, P, J, q, c.bulk)
-
-        self._each(work)
+        g, force, gap = geometry, np.empty((len(self.connectivity), 27, 3)), np.empty_like(state.p)
+        scale, carried = self._remembered(memory)
+        self._each(
+            lambda a, b: compiled.residual(
+                g.G, g.weight, g.psi, self.connectivity, state.u, state.p, c.table, c.bulk, scale, carried,
+                a, b, force, gap,
+            )
+        )  # fmt: skip
         return self.gather(force) - load * self.pressure.force(geometry.nodes + state.u), gap
-
-    def internal(self, u: Array, stress: Array) -> Array:
-        """Nodal forces (n, 3) N of a second Piola-Kirchhoff stress (e, q, 3, 3) MPa at displacements u."""
-        g, force = self.geometry, np.empty((len(self.connectivity), 27, 3))
-
-        def work(part: slice) -> None:
-            force[part] = _forces(g, part, self.gradients(u, part, g) @ stress[part])
-
-        self._each(work)
-        return self.gather(force)
 
     def linearise(
         self, state: State, c: Constants, load: float, memory: Memory | None, turn: Array
@@ -227,37 +215,20 @@ class Kernel:
         g, size = self.geometry, len(self.connectivity)
         force, gap = np.empty((size, 27, 3)), np.empty((size, 4))
         K, B = np.empty((size, 27, 6, 27)), np.empty((size, 27, 3, 4))
-
-        def work(part: slice) -> None:
-            F = self.gradients(state.u, part, g)
-            q = (g.psi[part] @ state.p[part, :, None])[..., 0]
-            scale = np.ones_like(q) if memory is None else np.broadcast_to(memory.scale[part, None], q.shape)
-            P, a, J, A = tangent(F, q, scale, *c.at(part))
-            P = _total(P, F, a, J * q, memory, part)
-            if memory is not None:
-                for i in range(3):
-                    A[..., i, :, i, :] += memory.carried[part]
-            force[part], gap[part] = _integrate(g, part, P, J, q, c.bulk)
-            K[part], B[part] = _element_matrices(g, part, A, a * J[..., None, None])
-
-        self._each(work)
-        compliance = np.linalg.inv(g.mass / c.bulk[:, None, None])
-        self._condense(K, B, compliance)
-        coupling = B.reshape(size, 81, 4)
-        force += (coupling @ (compliance @ gap[..., None])).reshape(size, 27, 3)
+        compliance, (scale, carried) = g.compliance(c.bulk), self._remembered(memory)
+        self._each(
+            lambda a, b: compiled.linearise(
+                g.G, g.weight, g.psi, self.connectivity, state.u, state.p, c.table, c.bulk, scale, carried,
+                compliance, a, b, force, gap, K, B,
+            )
+        )  # fmt: skip
         x = g.nodes + state.u
-        _, _, element, face = self._pattern
-        nnz = len(self._pattern[1])
-        data = scatter(element, K, nnz + 1)
-        data -= load * scatter(face, self.pressure.tangent(x), nnz + 1)
+        _, indices, element, face = self._pattern
+        data = np.zeros(len(indices) + 1)
+        compiled.scatter_add(element, K.ravel(), data)
+        compiled.scatter_add(face, -load * self.pressure.tangent(x).ravel(), data)
         total = self.gather(force) - load * self.pressure.force(x)
-        return Linearised(total, data[:nnz], gap, coupling, compliance, self._turned(K, turn))
-
-    @staticmethod
-    def _condense(K: Array, B: Array, compliance: Array) -> None:
-        weighted = (B.reshape(len(B), 81, 4) @ compliance).reshape(B.shape)
-        for n, (i, j) in enumerate(PAIRS):
-            K[:, :, n] += weighted[:, :, i] @ np.swapaxes(B[:, :, j], 1, 2)
+        return Linearised(total, data[:-1], gap, B.reshape(size, 81, 4), compliance, self._turned(K, turn))
 
     def _turned(self, K: Array, turn: Array) -> Array:
         """The tangent times a rigid rotation of the clamp, (n, 3) N per rad."""
@@ -276,35 +247,3 @@ class Kernel:
     def gather(self, force: Array) -> Array:
         """Nodal forces (n, 3) N from element forces (e, 27, 3) N."""
         return scatter(self._element_dofs, force, self.dofs).reshape(-1, 3)
-
-
-def _total(P: Array, F: Array, a: Array, pressure: Array, memory: Memory | None, part: slice) -> Array:
-    """First Piola-Kirchhoff stress: isochoric, carried over from earlier times, and volumetric."""
-    if memory is not None:
-        P = P * memory.scale[part, None, None, None] + F @ memory.carried[part]
-    return P + pressure[..., None, None] * a
-
-
-def _integrate(g: Geometry, part: slice, P: Array, J: Array, q: Array, bulk: Array) -> tuple[Array, Array]:
-    gap = (J - 1 - q / bulk[part, None]) * g.weight[part]
-    return _forces(g, part, P), (gap[:, None] @ g.psi[part])[:, 0]
-
-
-def _forces(g: Geometry, part: slice, P: Array) -> Array:
-    """Element forces (c, 27, 3) N of a first Piola-Kirchhoff stress (c, q, 3, 3) MPa."""
-    w = g.weight[part]
-    flux = np.swapaxes(P * w[..., None, None], 2, 3).reshape(len(w), 81, 3)  # ((q, I), i)
-    return np.swapaxes(g.G[part].reshape(len(w), 81, 27), 1, 2) @ flux
-
-
-def _element_matrices(g: Geometry, part: slice, A: Array, cofactor: Array) -> tuple[Array, Array]:
-    """Blocks (c, a, pair, b) of the displacement tangent and the pressure coupling (c, a, i, k)."""
-    G, w = g.G[part], g.weight[part]
-    n = len(w)
-    Aw = A[:, :, _I, :, _J, :] * w[:, :, None, None]  # advanced indices first: (pair, c, q, I, J)
-    Aw = np.ascontiguousarray(Aw.transpose(1, 2, 3, 0, 4)).reshape(n, 27, 18, 3)
-    T = (Aw @ G).reshape(n, 81, 162)
-    Gt = np.swapaxes(G.reshape(n, 81, 27), 1, 2)
-    K = (Gt @ T).reshape(n, 27, 6, 27)
-    spread = np.swapaxes(cofactor * w[..., None, None], 2, 3)[..., None] * g.psi[part][:, :, None, None, :]
-    return K, (Gt @ spread.reshape(n, 81, 12)).reshape(n, 27, 3, 4)

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fe import compiled
 from fe.element import Array
 
 
@@ -35,77 +36,37 @@ class Material:
         return self.bulk_ratio * 2 * (self.C10 + self.C01)
 
 
-def _dot(a: Array, b: Array) -> Array:
-    return np.einsum("...iI,...iI->...", a, b)
-
-
-def _cofactor(F: Array) -> Array:
-    """The cofactors J F^-T (..., 3, 3): cross products of the rows, ten times faster than inverting small
-    matrices."""
-    out = np.empty_like(F)
-    for i in range(3):
-        b, c = F[..., (i + 1) % 3, :], F[..., (i + 2) % 3, :]
-        for k in range(3):
-            m, n = (k + 1) % 3, (k + 2) % 3
-            out[..., i, k] = b[..., m] * c[..., n] - b[..., n] * c[..., m]
-    return out
-
-
 def stress(F: Array, C10: Array, C01: Array, C20: Array) -> tuple[Array, Array, Array]:
     """Isochoric first Piola-Kirchhoff stress (..., 3, 3) MPa, F^-T (..., 3, 3) and J (...) at F (..., 3, 3).
 
     Constants broadcast against the leading axes. J must be positive.
     """
-    parts = _parts(F, C10, C01, C20)
-    return parts[0], parts[1], parts[2]
+    shape = F.shape[:-2]
+    P, a, J = np.empty((*shape, 3, 3)), np.empty((*shape, 3, 3)), np.empty(shape)
+    c = np.stack(np.broadcast_arrays(C10, C01, C20, J)[:3], axis=-1)
+    compiled.stresses(_flat(F), c.reshape(-1, 3), _flat(P), _flat(a), J.reshape(-1))
+    return P, a, J
 
 
-def _parts(F: Array, C10: Array, C01: Array, C20: Array) -> tuple[Array, ...]:
-    cofactor = _cofactor(F)
-    J = (F[..., 0, :] * cofactor[..., 0, :]).sum(-1)
-    a = cofactor / np.where(J > 0, J, np.nan)[..., None, None]
-    I1 = _dot(F, F)
-    C = np.swapaxes(F, -1, -2) @ F
-    I2 = 0.5 * (I1 * I1 - _dot(C, C))
-    j1 = np.where(J > 0, J, np.nan) ** (-2 / 3)  # a cell turned inside out shows as NaN, in silence
-    j2 = j1 * j1
-    g2 = 2 * (I1[..., None, None] * F - F @ C)
-    W1 = C10 + 2 * C20 * (j1 * I1 - 3)
-    m1 = j1[..., None, None] * (2 * F - (2 / 3) * I1[..., None, None] * a)
-    m2 = j2[..., None, None] * (g2 - (4 / 3) * I2[..., None, None] * a)
-    P = W1[..., None, None] * m1 + (C01 + 0 * W1)[..., None, None] * m2
-    return P, a, J, C, I1, I2, j1, j2, g2, W1, m1
-
-
-def tangent(F: Array, p: Array, scale: Array, C10: Array, C01: Array, C20: Array) -> tuple[Array, ...]:
-    """(P_iso, F^-T, J, A): as `stress`, and A = d(scale P_iso + p J F^-T)/dF, shape (..., 3, 3, 3, 3) MPa.
+def tangent(F: Array, p: Array, scale: Array, C10: Array, C01: Array, C20: Array) -> Array:
+    """d(scale P_iso + p J F^-T)/dF, shape (..., 3, 3, 3, 3) MPa, at F (..., 3, 3).
 
     `scale` (...) multiplies the isochoric part (1 without a Prony series); `p` (...) MPa is the pressure
     field.
     """
-    P, a, J, C, I1, I2, j1, j2, g2, W1, m1 = _parts(F, C10, C01, C20)
-    w1, w2, C20 = scale * W1 * j1, scale * C01 * j2, scale * C20
-    pJ = p * J
     shape = F.shape[:-2]
-    f, b, g, m = (x.reshape(*shape, 9) for x in (F, a, g2, m1))
-    v = np.stack([f, b, g, m], axis=-1)  # (..., 9, 4)
-    M = np.zeros((*shape, 4, 4))
-    M[..., 0, 0] = 4 * w2
-    M[..., 0, 1] = M[..., 1, 0] = -4 / 3 * w1
-    M[..., 1, 1] = 4 / 9 * w1 * I1 + 16 / 9 * w2 * I2 + pJ
-    M[..., 1, 2] = M[..., 2, 1] = -4 / 3 * w2
-    M[..., 3, 3] = 2 * C20
-    A = (v @ M @ np.swapaxes(v, -1, -2)).reshape(*shape, 3, 3, 3, 3)
-    cross = (2 / 3 * w1 * I1 + 4 / 3 * w2 * I2 - pJ)[..., None, None, None, None]
-    A += cross * np.einsum("...iJ,...jI->...iIjJ", a, a)
-    A -= (2 * w2)[..., None, None, None, None] * np.einsum("...iJ,...jI->...iIjJ", F, F)
-    eye = np.eye(3)
-    inner = (2 * w1 + 2 * w2 * I1)[..., None, None] * eye - (2 * w2)[..., None, None] * C
-    left = (-2 * w2)[..., None, None] * (F @ np.swapaxes(F, -1, -2))
-    for i in range(3):
-        A[..., i, :, i, :] += inner
-        A[..., :, i, :, i] += left
-    return P, a, J, A
+    half = np.empty((*shape, 6, 3, 3))
+    c = np.stack(np.broadcast_arrays(C10, C01, C20, scale, p, np.empty(shape))[:5], axis=-1)
+    compiled.tangents(_flat(F), c.reshape(-1, 5), half.reshape(-1, 6, 3, 3))
+    A = np.empty((*shape, 3, 3, 3, 3))
+    for n, (i, j) in enumerate(compiled.PAIRS):
+        A[..., i, :, j, :] = half[..., n, :, :]
+        A[..., j, :, i, :] = np.swapaxes(half[..., n, :, :], -1, -2)
+    return A
+
+
+def _flat(x: Array) -> Array:
+    return np.ascontiguousarray(x).reshape(-1, 3, 3)
 
 
 def relaxation(prony: Array, dt: float) -> tuple[Array, Array]:

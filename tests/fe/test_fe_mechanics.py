@@ -61,7 +61,8 @@ def test_a_patch_of_curved_cells_carries_a_constant_state(cube: Cube) -> None:
     # the pressure is K (J - 1): rounding of J times K = 594 MPa
     np.testing.assert_allclose(found.state.p[:, 0], K * 0.001, atol=1e-9)
     np.testing.assert_allclose(found.state.p[:, 1:], 0, atol=1e-9)
-    everywhere = problem.kernel.gradients(found.state.u, slice(None), problem.geometry)
+    G = problem.geometry.G
+    everywhere = np.einsum("eqIa,eai->eqiI", G, found.state.u[case.connectivity]) + np.eye(3)
     np.testing.assert_allclose(everywhere, np.broadcast_to(F, everywhere.shape), atol=1e-9)
     # virtual work: the boundary's reactions carry P0, whatever the cells inside look like
     P, a, J = stress(F, *(np.array(x) for x in (material.C10, material.C01, 0.0)))
@@ -141,7 +142,7 @@ def test_the_material_tangent_is_the_gradient_of_the_stress() -> None:
         P, a, J = stress(F, *constants)
         return scale[:, None, None] * P + (q * J)[:, None, None] * a
 
-    A = tangent(F, q, scale, *constants)[3]
+    A = tangent(F, q, scale, *constants)
     h = 1e-5
     for i in range(3):
         for k in range(3):
