@@ -14,8 +14,8 @@ except ImportError:  # MKL is not available on this platform
 
 
 # iparm of PARDISO, by number: own settings (1); refinement (8) only where pivots were perturbed, as otherwise
-# its two steps treble the time of a solve and leave the residual as it is; perturbation (10) and pivots (21) as
-# by default. Below SMALL unknowns minimum degree (2: 0) factorises in 0.8 of the time of nested dissection.
+# its two steps treble the time of a solve and leave the residual as it is; 10 and 21 as by default. Below
+# SMALL unknowns minimum degree (2: 0) factorises in 0.8 of the time of nested dissection.
 SETTINGS = {1: 1, 2: 2, 8: 0, 10: 8, 21: 1}
 SMALL = 20_000
 
