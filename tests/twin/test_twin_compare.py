@@ -83,6 +83,29 @@ def test_a_smooth_misfit_is_seen_and_placed(course: Path) -> None:
     assert {row["name"] for row in data["maps"]["branch"]} == set(BRANCHES)
 
 
+def test_where_it_fails_is_judged_by_significance(course: Path) -> None:
+    misfit = np.zeros((len(course.output), 3, 3))
+    misfit[:, 0, 2] = 0.06 * np.sin(np.pi * course.at_output() / 0.03) ** 2
+    found = judged(draw(course, 3, misfit=misfit))
+    row = {r["name"]: r for r in found.maps["marker"]}
+    assert row["tip"]["rms_mm"] > row["p1"]["rms_mm"]  # the gauge's noise moves the tip most
+    assert row["p1"]["ratio"] > row["tip"]["ratio"]
+    assert f"marker p1 ({row['p1']['rms_mm']:.3f} mm, {row['p1']['ratio']:.1f} of its noise)" in found.where
+
+
+def test_what_many_values_share_is_not_called_a_misfit(course: Path) -> None:
+    t = draw(course, 1)
+    before = judged(t)
+    seen = np.isfinite(before.cleaned)
+    np.testing.assert_array_equal(seen.any(axis=(0, 1)), [True, False, True])
+    assert before.rms_mm == pytest.approx(np.sqrt((before.cleaned[seen] ** 2).mean()))
+    for mode in t.modes:
+        after = judged(replace(t, value=t.value + 5 * mode))
+        change = np.abs(after.residual - before.residual)[seen].max()
+        # a single tag's placement is known poorly from its own noisy values: a third of it may be left
+        assert np.abs(after.cleaned - before.cleaned)[seen].max() < 0.4 * change + 1e-9
+
+
 def test_a_misfit_below_the_whole_chi2_is_seen_by_its_smoothness(course: Path) -> None:
     bump = 0.11 * np.sin(np.pi * course.at_output() / 0.03) ** 2
     misfit = np.zeros((len(course.output), 3, 3))

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from twin.targets import Array, Noise, Targets
-from twin.whitening import NUMERICAL, shrunk, whitener
+from twin.whitening import NUMERICAL, _gauge_modes, shrunk, whitener
 
 DRAWS = 2000
 SD, RHO, COMMON = 0.02, 0.6, 0.4
@@ -164,6 +164,17 @@ def test_a_gauge_error_in_the_reference_moves_every_step(targets: Targets) -> No
     kick = gauge * rng.standard_normal((DRAWS, 8))[..., None, None]
     noise += kick - kick[:, targets.reference].mean(axis=1, keepdims=True)
     assert_white(w.whiten(noise))
+
+
+def test_the_gauges_errors_have_the_covariance_of_what_they_do_to_the_reference() -> None:
+    gauge = np.linspace(0.5, 3.0, 7)[:, None] * np.array([1.0, -2.0])
+    reference = np.array([0, 2, 3])
+    gauge[reference] = gauge[2]  # one pressure, as it is for a reference
+    shared, single = _gauge_modes(gauge, reference)
+    modes = np.concatenate([shared, single]).reshape(-1, gauge.size)
+    moved = np.eye(7)[:, :, None] * gauge  # an error of 1 sd at each step
+    moved = (moved - moved[:, reference].mean(axis=1, keepdims=True)).reshape(7, gauge.size)
+    np.testing.assert_allclose(modes.T @ modes, moved.T @ moved, atol=1e-14)
 
 
 def test_correlation_of_few_frames_is_drawn_to_independence() -> None:
