@@ -1,21 +1,22 @@
 """A case and a state (displacement, pressure modes) -> residual and condensed symmetric tangent.
 
-Mixed Q2/P1disc form: four discontinuous pressure modes (1, x, y, z about the element's centre) per element,
-eliminated element by element (Sussman & Bathe 1987, doi 10.1016/0045-7949(87)90265-3).
+Mixed form: pressure modes of each element are eliminated element by element (Sussman & Bathe 1987,
+doi 10.1016/0045-7949(87)90265-3); those that belong to corners are unknowns of the system.
 """
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 
 from fe import compiled
 from fe.case import Case
 from fe.compiled import PAIRS
-from fe.element import Array, Integers, gauss, scatter, shape
+from fe.element import Array, Element, Integers, scatter
 from fe.linear import Symmetric
 from fe.pressure import PressureFaces
 
@@ -26,11 +27,11 @@ _I, _J = (np.array(x) for x in zip(*PAIRS, strict=True))
 
 @dataclass(frozen=True)
 class Constants:
-    """Material constants per element, (e,) MPa, and Prony pairs (m, e, 2) of g and tau s."""
+    """Material constants per element: table (e, k) as `Material.constants` gives them, shear and bulk moduli
+    (e,) MPa, and Prony pairs (m, e, 2) of g and tau s."""
 
-    C10: Array
-    C01: Array
-    C20: Array
+    table: Array
+    shear: Array
     bulk: Array
     prony: Array
 
@@ -38,18 +39,16 @@ class Constants:
     def of(case: Case) -> "Constants":
         """The constants of every element of a case."""
         terms = max(len(m.prony) for m in case.materials.values())
-        prony = np.zeros((terms, len(case.connectivity), 2))
+        width = max(len(m.constants) for m in case.materials.values())
+        prony, table = np.zeros((terms, len(case.connectivity), 2)), np.zeros((len(case.connectivity), width))
         prony[..., 1] = 1.0  # an absent term has g = 0
+        table[:, 7::2] = 1.0  # or mu = 0
         for name, m in case.materials.items():
+            rows, own = case.element_sets[name], m.constants
+            table[rows, : len(own)] = own
             for k, pair in enumerate(m.prony):
-                prony[k, case.element_sets[name]] = pair
-        C10, C01, C20, bulk = (case.per_element(k) for k in ("C10", "C01", "C20", "bulk"))
-        return Constants(C10, C01, C20, bulk, prony)
-
-    @cached_property
-    def table(self) -> Array:
-        """C10, C01, C20 of every element (e, 3), as `fe.compiled` wants them."""
-        return np.stack([self.C10, self.C01, self.C20], axis=1)
+                prony[k, rows] = pair
+        return Constants(table, case.per_element("shear"), case.per_element("bulk"), prony)
 
 
 @dataclass(frozen=True)
@@ -66,7 +65,7 @@ class Memory:
 
 @dataclass(frozen=True)
 class State:
-    """Displacement u (n, 3) mm, pressure modes p (e, 4) MPa and the clamp's rotation in rad."""
+    """Displacement u (n, 3) mm, pressure modes p (e, m) MPa of every element, the clamp's rotation in rad."""
 
     u: Array
     p: Array
@@ -76,23 +75,23 @@ class State:
 class Geometry:
     """Quadrature data of undeformed positions (n, 3) mm: gradients, weights, pressure modes."""
 
-    def __init__(self, nodes: Array, connectivity: Integers) -> None:
-        xi, weight = gauss(3)
-        N, dN = shape(xi)
+    def __init__(self, nodes: Array, connectivity: Integers, element: Element) -> None:
+        N, dN = element.at_points
         self.nodes = nodes
-        X = nodes[connectivity]  # (e, 27, 3)
+        X = nodes[connectivity]  # (e, n, 3)
         jacobian = np.einsum("eai,qaJ->eqiJ", X, dN, optimize=True)
-        self.weight = np.linalg.det(jacobian) * weight  # (e, q)
+        self.weight = np.linalg.det(jacobian) * element.weights  # (e, q)
         # (e, q, I, a), as fe.compiled wants them
         self.G = np.ascontiguousarray(np.swapaxes(np.linalg.inv(jacobian), 2, 3) @ np.swapaxes(dN, 1, 2))
         size = np.ptp(X, axis=1).max(-1)[:, None, None]
         x = (np.einsum("qa,eai->eqi", N, X) - X.mean(axis=1, keepdims=True)) / size
-        self.psi = np.concatenate([np.ones((*x.shape[:2], 1)), x], axis=-1)  # (e, q, 4)
+        self.psi = element.pressure_modes(x)  # (e, q, m)
         self.mass = np.einsum("eq,eqk,eql->ekl", self.weight, self.psi, self.psi)
-        self._flexible = np.linalg.inv(self.mass)
+        # pressures of corners are not eliminated: no answer of one element's own
+        self._flexible = np.zeros_like(self.mass) if element.shared else np.linalg.inv(self.mass)
 
     def compliance(self, bulk: Array) -> Array:
-        """The pressure modes' answer (e, 4, 4) to volume gaps, at bulk moduli (e,) MPa."""
+        """The pressure modes' answer (e, m, m) to volume gaps, at bulk moduli (e,) MPa."""
         return self._flexible * bulk[:, None, None]
 
 
@@ -100,9 +99,10 @@ class Geometry:
 class Linearised:
     """Residual and tangent at one state.
 
-    force (n, 3) N is the condensed residual; data (nnz,) the free upper triangle of its tangent; coupling
-    (e, 81, 4) and compliance (e, 4, 4) give the pressure update; turning (n, 3) N is the tangent times the
-    clamp's rigid rotation.
+    force (n, 3) N is the condensed residual; data (nnz,) the upper triangle of its tangent, free
+    displacements and then shared pressures; coupling (e, 3 n, m) and compliance (e, m, m) give the pressure
+    update; turning (f,) is the tangent times the clamp's rigid rotation for the unknowns, lever (n, 3) N the
+    same for the clamp nodes.
     """
 
     force: Array
@@ -111,17 +111,49 @@ class Linearised:
     coupling: Array
     compliance: Array
     turning: Array
+    lever: Array
+
+
+@dataclass(frozen=True)
+class Pattern:
+    """A sparse upper triangle (CSR) and where the entries of each family of small matrices go in it."""
+
+    indptr: Integers
+    indices: Integers
+    places: tuple[Integers, ...]
+
+    @staticmethod
+    def of(families: Sequence[tuple[Integers, Integers]], size: int) -> "Pattern":
+        """The pattern of entries at rows and columns of each family; -1 means nowhere."""
+        nowhere = size * size
+        keys = [np.where((r < 0) | (c < 0), nowhere, r * size + c).ravel() for r, c in families]
+        unique, place = np.unique(np.concatenate([*keys, [nowhere]]), return_inverse=True)
+        unique = unique[:-1]
+        indptr = np.searchsorted(unique, np.arange(size + 1) * size).astype(np.int64)
+        ends = np.cumsum([0, *(len(k) for k in keys)])
+        place = place.astype(np.int64, copy=False)
+        return Pattern(
+            indptr, unique % size, tuple(place[a:b] for a, b in pairwise(ends))
+        )
+
+    def fill(self, parts: Sequence[Array]) -> Array:
+        """The sum (nnz,) of the entries of the first families."""
+        data = np.zeros(len(self.indices) + 1)
+        for place, values in zip(self.places, parts, strict=False):
+            compiled.scatter_add(place, values.ravel(), data)
+        return data[:-1]
 
 
 class Kernel:
     """One mesh with its supports: the sparsity pattern, and residual and tangent at any state."""
 
     def __init__(self, case: Case) -> None:
-        self.connectivity = case.connectivity
+        self.connectivity, self.element = case.connectivity, case.element
         self.dofs = len(case.nodes) * 3
-        self.geometry = Geometry(case.nodes, self.connectivity)
+        self.geometry = Geometry(case.nodes, self.connectivity, self.element)
+        self.modes = self.geometry.psi.shape[2]
         self.pressure = PressureFaces(
-            case.face_nodes(case.pressurised) if case.pressurised else None, len(case.nodes)
+            case.face_nodes(case.pressurised) if case.pressurised else None, self.element, len(case.nodes)
         )
         held = np.zeros((len(case.nodes), 3), bool)
         for s in case.supports:
@@ -129,39 +161,39 @@ class Kernel:
         self.clamped = case.node_sets[case.clamp.nodes] if case.clamp else np.empty(0, np.int64)
         held[self.clamped] = True
         self.free = np.flatnonzero(~held.ravel())
-        self._element_dofs = (self.connectivity[:, :, None] * 3 + np.arange(3)).reshape(-1, 81)
+        width = self.connectivity.shape[1]
+        self._element_dofs = (self.connectivity[:, :, None] * 3 + np.arange(3)).reshape(-1, 3 * width)
+        # numbers (e, m) of shared pressures, from 0
+        corners = self.connectivity[:, : self.modes] if self.element.shared else np.empty((0, 0), np.int64)
+        self._corner = np.unique(corners, return_inverse=True)[1].reshape(corners.shape)
+        self.shared = int(self._corner.max(initial=-1)) + 1
         self._clamp_elements = np.flatnonzero(np.isin(self.connectivity, self.clamped).any(axis=1))
 
     @cached_property
-    def _pattern(self) -> tuple[Integers, Integers, Integers, Integers]:
-        """CSR pattern of the free upper triangle, and where element and face entries go (nnz means
-        nowhere)."""
-        n = len(self.free)
+    def _pattern(self) -> "Pattern":
+        """Where the entries of elements and faces go in the free upper triangle."""
+        free = len(self.free)
         number = np.full(self.dofs, -1, np.int64)
-        number[self.free] = np.arange(n)
-        e = number[self._element_dofs].reshape(-1, 27, 3)
-        r, c = (
-            e[:, :, _I][:, :, :, None],
-            e.transpose(0, 2, 1)[:, _J][:, None],
-        )  # (e, a, pair, 1), (e, 1, pair, b)
-        r, c = np.broadcast_arrays(r, c)
-        twice = (r > c) & (_I == _J)[:, None]  # diagonal blocks hold both (a, b) and (b, a)
-        element = np.where((r < 0) | (c < 0) | twice, n * n, np.minimum(r, c) * n + np.maximum(r, c))
+        number[self.free] = np.arange(free)
+        e = number[self._element_dofs].reshape(len(self.connectivity), -1, 3)
+        # (e, a, pair, b); diagonal blocks hold both (a, b) and (b, a): only one of them counts
+        r, c = np.broadcast_arrays(e[:, :, _I][:, :, :, None], e.transpose(0, 2, 1)[:, _J][:, None])
+        twice = (r > c) & (_I == _J)[:, None]
+        stiffness = np.where(twice, -1, np.minimum(r, c)), np.where(twice, -1, np.maximum(r, c))
         f = number[self.pressure.dofs]
         r, c = np.broadcast_arrays(f[:, :, None], f[:, None, :])
-        face = np.where((r < 0) | (c < 0) | (r > c), n * n, r * n + c)
-        unique, place = np.unique(
-            np.concatenate([element.ravel(), face.ravel(), [n * n]]), return_inverse=True
-        )
-        unique = unique[:-1]
-        indptr = np.searchsorted(unique, np.arange(n + 1) * n).astype(np.int64)
-        place = place.astype(np.int64, copy=False)
-        return indptr, unique % n, place[: element.size], place[element.size : -1]
+        face = np.where(r > c, -1, r), c
+        k = free + self._corner  # (e, m), or nothing where pressures are not shared
+        rows = e.reshape(len(e), -1) if k.size else np.empty((0, 0), np.int64)
+        a, b = np.broadcast_arrays(rows[:, :, None], k[:, None, :])
+        r, c = np.broadcast_arrays(k[:, :, None], k[:, None, :])
+        storage = np.where(r > c, -1, r), c
+        return Pattern.of([stiffness, face, (a, b), storage], free + self.shared)
 
     @cached_property
     def matrix(self) -> Symmetric:
         """The solver for this pattern."""
-        return Symmetric(*self._pattern[:2])
+        return Symmetric(self._pattern.indptr, self._pattern.indices)
 
     def _each(self, work: Callable[[int, int], None]) -> None:
         """Run `work` on the elements first .. last, shared by all threads: compiled code lets go of the
@@ -176,26 +208,26 @@ class Kernel:
         """Scale (e,) and carried stress of a memory, or of none."""
         size = len(self.connectivity)
         if memory is None:
-            return np.ones(size), np.zeros((1, 27, 3, 3))
+            return np.ones(size), np.zeros((1, self.geometry.G.shape[1], 3, 3))
         return np.ascontiguousarray(np.broadcast_to(memory.scale, (size,))), memory.carried
 
     def isochoric(self, u: Array, c: Constants, geometry: Geometry) -> Array:
         """Isochoric second Piola-Kirchhoff stress (e, q, 3, 3) MPa at displacements u (n, 3) mm."""
-        out = np.empty((len(self.connectivity), 27, 3, 3))
+        out = np.empty((*geometry.G.shape[:2], 3, 3))
         self._each(lambda a, b: compiled.isochoric(geometry.G, self.connectivity, u, c.table, a, b, out))
         return out
 
     def internal(self, u: Array, stress: Array) -> Array:
         """Nodal forces (n, 3) N of a second Piola-Kirchhoff stress (e, q, 3, 3) MPa at displacements u."""
-        g, force = self.geometry, np.empty((len(self.connectivity), 27, 3))
+        g, force = self.geometry, np.empty((*self.connectivity.shape, 3))
         self._each(lambda a, b: compiled.internal(g.G, g.weight, self.connectivity, u, stress, a, b, force))
         return self.gather(force)
 
     def residual(
         self, state: State, c: Constants, load: float, memory: Memory | None, geometry: Geometry
     ) -> tuple[Array, Array]:
-        """Nodal forces (n, 3) N, internal minus follower pressure `load` MPa, and volume gaps (e, 4) mm3."""
-        g, force, gap = geometry, np.empty((len(self.connectivity), 27, 3)), np.empty_like(state.p)
+        """Nodal forces (n, 3) N, internal minus follower pressure `load` MPa, and volume gaps (e, m) mm3."""
+        g, force, gap = geometry, np.empty((*self.connectivity.shape, 3)), np.empty_like(state.p)
         scale, carried = self._remembered(memory)
         self._each(
             lambda a, b: compiled.residual(
@@ -212,9 +244,9 @@ class Kernel:
 
         Any J <= 0 gives NaN entries, which the caller treats as a failed step.
         """
-        g, size = self.geometry, len(self.connectivity)
-        force, gap = np.empty((size, 27, 3)), np.empty((size, 4))
-        K, B = np.empty((size, 27, 6, 27)), np.empty((size, 27, 3, 4))
+        g, (size, n), m = self.geometry, self.connectivity.shape, self.modes
+        force, gap = np.empty((size, n, 3)), np.empty((size, m))
+        K, B = np.empty((size, n, 6, n)), np.empty((size, n, 3, m))
         compliance, (scale, carried) = g.compliance(c.bulk), self._remembered(memory)
         self._each(
             lambda a, b: compiled.linearise(
@@ -223,27 +255,42 @@ class Kernel:
             )
         )  # fmt: skip
         x = g.nodes + state.u
-        _, indices, element, face = self._pattern
-        data = np.zeros(len(indices) + 1)
-        compiled.scatter_add(element, K.ravel(), data)
-        compiled.scatter_add(face, -load * self.pressure.tangent(x).ravel(), data)
+        parts = [K, -load * self.pressure.tangent(x)]
+        if self.element.shared:
+            parts += [B, -g.mass / c.bulk[:, None, None]]
         total = self.gather(force) - load * self.pressure.force(x)
-        return Linearised(total, data[:-1], gap, B.reshape(size, 81, 4), compliance, self._turned(K, turn))
+        turning, lever = self._turned(K, B, turn)
+        data = self._pattern.fill(parts)
+        return Linearised(total, data, gap, B.reshape(size, 3 * n, m), compliance, turning, lever)
 
-    def _turned(self, K: Array, turn: Array) -> Array:
-        """The tangent times a rigid rotation of the clamp, (n, 3) N per rad."""
+    def _turned(self, K: Array, B: Array, turn: Array) -> tuple[Array, Array]:
+        """The tangent times a rigid rotation of the clamp: for the unknowns (f,) and for the nodes (n, 3)."""
         motion = np.zeros((self.dofs // 3, 3))
         motion[self.clamped] = turn
         chosen = self._clamp_elements
-        t = motion[self.connectivity[chosen]]  # (e, 27, 3)
-        out = np.zeros((len(chosen), 27, 3))
-        for n, (i, j) in enumerate(PAIRS):
-            block = K[chosen, :, n]
+        t = motion[self.connectivity[chosen]]  # (e, n, 3)
+        out = np.zeros_like(t)
+        for k, (i, j) in enumerate(PAIRS):
+            block = K[chosen, :, k]
             out[..., i] += np.einsum("eab,eb->ea", block, t[..., j])
             if i != j:
                 out[..., j] += np.einsum("eab,ea->eb", block, t[..., i])
-        return scatter(self._element_dofs[chosen], out, self.dofs).reshape(-1, 3)
+        lever = scatter(self._element_dofs[chosen], out, self.dofs)
+        gap = np.einsum("eaik,eai->ek", B[chosen], t) if self.shared else np.empty((0, 0))
+        corner = self._corner[chosen] if self.shared else np.empty((0, 0), np.int64)
+        return np.concatenate([lever[self.free], scatter(corner, gap, self.shared)]), lever.reshape(-1, 3)
+
+    def unknowns(self, force: Array, gap: Array | None) -> Array:
+        """The right-hand side (f,) of nodal forces (n, 3) N and, where pressures are shared, gaps (e, m)."""
+        rows = force.ravel()[self.free]
+        if not self.shared or gap is None:
+            return np.concatenate([rows, np.zeros(self.shared)])
+        return np.concatenate([rows, scatter(self._corner, gap, self.shared)])
+
+    def pressures(self, x: Array) -> Array:
+        """The shared pressures (e, m) of every element in a solution (f,)."""
+        return x[len(self.free) :][self._corner]
 
     def gather(self, force: Array) -> Array:
-        """Nodal forces (n, 3) N from element forces (e, 27, 3) N."""
+        """Nodal forces (n, 3) N from element forces (e, n, 3) N."""
         return scatter(self._element_dofs, force, self.dofs).reshape(-1, 3)

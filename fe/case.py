@@ -6,13 +6,14 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from fe.element import FACES, Array, Integers
+from fe.element import ELEMENTS, Array, Element, Integers
 from fe.material import Material
 
 
 @dataclass(frozen=True)
 class Block:
-    """Elements of one type: `connectivity` (e, 27) holds row numbers of `Case.nodes`."""
+    """Elements of one type (a name of `fe.element.ELEMENTS`): `connectivity` (e, n) holds row numbers of
+    `Case.nodes`."""
 
     type: str
     connectivity: Integers
@@ -63,8 +64,21 @@ class Case:
 
     @property
     def connectivity(self) -> Integers:
-        """The rows (e, 27) of all blocks, in order."""
+        """The rows (e, n) of all blocks, in order."""
         return np.concatenate([b.connectivity for b in self.blocks])
+
+    @property
+    def element(self) -> Element:
+        """The type of its elements; ValueError where they are of several types, or of an unknown one."""
+        types = sorted({b.type for b in self.blocks})
+        unknown = [t for t in types if t not in ELEMENTS]
+        if unknown:
+            raise ValueError(f"element type {unknown[0]}: wanted one of {', '.join(ELEMENTS)}")
+        if len(types) != 1:
+            raise ValueError(
+                f"elements of the types {', '.join(types)} in one model: wanted one type; mesh it with one"
+            )
+        return ELEMENTS[types[0]]
 
     def position(self, label: int) -> Array:
         """Undeformed position (3,) mm of the node with this label; ValueError names the nearest labels if
@@ -79,9 +93,9 @@ class Case:
         return self.nodes[row[0]]
 
     def face_nodes(self, surface: str) -> Integers:
-        """Node rows (f, 9) of a surface's faces, ordered so that their normal points out of the material."""
+        """Node rows (f, m) of a surface's faces, ordered so that their normal points out of the material."""
         element, face = self.surfaces[surface].T
-        return np.take_along_axis(self.connectivity[element], FACES[face], axis=1)
+        return np.take_along_axis(self.connectivity[element], self.element.faces[face], axis=1)
 
     def per_element(self, name: str) -> Array:
         """The constant `name` of each element's material, shape (e,)."""

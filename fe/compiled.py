@@ -1,8 +1,8 @@
 """Element loops over quadrature points, compiled to machine code by numba, one element after the other.
 
 Arrays of a mesh with e elements of n nodes, q quadrature points and m pressure modes: gradients G
-(e, q, 3, n) per mm, weights w (e, q) mm3, modes psi (e, q, m), connectivity (e, n), constants c (e, 3) C10,
-C01, C20 in MPa. Loops run over the elements first .. last. The formulas are those of `fe.material`.
+(e, q, 3, n) per mm, weights w (e, q) mm3, modes psi (e, q, m), connectivity (e, n), constants c (e, k) of
+`Material.constants`. Loops run over the elements first .. last. The formulas are those of `fe.material`.
 """
 
 from collections.abc import Callable
@@ -58,17 +58,108 @@ def _invariants(F: Array, C: Array, a: Array) -> tuple[float, float, float]:
 def _stress(
     F: Array, C: Array, a: Array, J: float, I1: float, I2: float, c: Array, g: Array, m: Array, P: Array
 ) -> tuple[float, float, float, float]:
-    """W1, W11 = dW1/dI1 and J^(-2/3), J^(-4/3); fills P isochoric, g = dI2/dF and m = d(J^(-2/3) I1)/dF."""
+    """W1, W11 = dW1/dI1 and J^(-2/3), J^(-4/3) of the terms in invariants; fills P, their isochoric stress,
+    g = dI2/dF and m = d(J^(-2/3) I1)/dF. NaN beyond the limit of Gent's term."""
     j1 = J ** (-2.0 / 3.0)
     j2 = j1 * j1
-    W1 = c[0] + 2.0 * c[2] * (j1 * I1 - 3.0)
+    x = j1 * I1 - 3.0
+    W1 = c[0] + (2.0 * c[2] + 3.0 * c[3] * x) * x
+    W11 = 2.0 * c[2] + 6.0 * c[3] * x
+    if c[4] != 0.0:
+        left = c[5] - x
+        if not left > 0.0:
+            left = np.nan
+        W1 += 0.5 * c[4] * c[5] / left
+        W11 += 0.5 * c[4] * c[5] / (left * left)
     for i in range(3):
         for k in range(3):
             FC = F[i, 0] * C[0, k] + F[i, 1] * C[1, k] + F[i, 2] * C[2, k]
             g[i, k] = 2.0 * (I1 * F[i, k] - FC)
             m[i, k] = j1 * (2.0 * F[i, k] - 2.0 / 3.0 * I1 * a[i, k])
             P[i, k] = W1 * m[i, k] + c[1] * j2 * (g[i, k] - 4.0 / 3.0 * I2 * a[i, k])
-    return W1, 2.0 * c[2], j1, j2
+    return W1, W11, j1, j2
+
+
+@_compiled
+def _eigen(C: Array, D: Array, N: Array) -> None:
+    """Diagonalises C (3, 3), symmetric, into D with eigenvectors in the columns of N, by Jacobi rotations."""
+    for i in range(3):
+        for k in range(3):
+            D[i, k] = C[i, k]
+            N[i, k] = 1.0 if i == k else 0.0
+    for _ in range(12):
+        if abs(D[0, 1]) + abs(D[0, 2]) + abs(D[1, 2]) < 1e-15 * (D[0, 0] + D[1, 1] + D[2, 2]):
+            break
+        for p, q in ((0, 1), (0, 2), (1, 2)):
+            if D[p, q] == 0.0:
+                continue
+            cot = 0.5 * (D[q, q] - D[p, p]) / D[p, q]
+            t = (1.0 if cot >= 0.0 else -1.0) / (abs(cot) + np.sqrt(1.0 + cot * cot))
+            cos = 1.0 / np.sqrt(1.0 + t * t)
+            sin = t * cos
+            for k in range(3):
+                D[k, p], D[k, q] = cos * D[k, p] - sin * D[k, q], sin * D[k, p] + cos * D[k, q]
+            for k in range(3):
+                D[p, k], D[q, k] = cos * D[p, k] - sin * D[q, k], sin * D[p, k] + cos * D[q, k]
+                N[k, p], N[k, q] = cos * N[k, p] - sin * N[k, q], sin * N[k, p] + cos * N[k, q]
+
+
+@_compiled
+def _ogden(F: Array, C: Array, J: float, scale: float, c: Array, P: Array, A: Array) -> None:
+    """Adds Ogden's terms to P, and `scale` times their tangent to A (6 or 0, 3, 3), by principal stretches
+    (Holzapfel 2000, Nonlinear Solid Mechanics, section 6.6)."""
+    work = np.empty((5, 3, 3))
+    D, N, n, moduli, geometric = work[0], work[1], work[2], work[3], work[4]
+    beta, S = np.zeros(3), np.zeros(3)
+    _eigen(C, D, N)
+    moduli[:, :] = 0.0
+    for k in range(6, len(c), 2):
+        mu, alpha = c[k], c[k + 1]
+        if mu == 0.0:
+            continue
+        power, total = np.zeros(3), 0.0
+        for a in range(3):
+            power[a] = (D[a, a] * J ** (-2.0 / 3.0)) ** (0.5 * alpha)
+            total += power[a]
+        for a in range(3):
+            beta[a] += 2.0 * mu / alpha * (power[a] - total / 3.0)
+            for b in range(3):
+                own = power[a] if a == b else 0.0
+                moduli[a, b] += 2.0 * mu * (own - (power[a] + power[b]) / 3.0 + total / 9.0)
+    for a in range(3):
+        S[a] = beta[a] / D[a, a]
+        for i in range(3):
+            n[i, a] = F[i, 0] * N[0, a] + F[i, 1] * N[1, a] + F[i, 2] * N[2, a]
+    for i in range(3):
+        for p in range(3):
+            P[i, p] += S[0] * n[i, 0] * N[p, 0] + S[1] * n[i, 1] * N[p, 1] + S[2] * n[i, 2] * N[p, 2]
+    if len(A) == 0:
+        return
+    for a in range(3):
+        for b in range(3):
+            moduli[a, b] = (moduli[a, b] - (2.0 * beta[a] if a == b else 0.0)) / (D[a, a] * D[b, b])
+    for a in range(3):
+        for b in range(3):
+            apart = D[b, b] - D[a, a]
+            if abs(apart) > 1e-6 * (D[a, a] + D[b, b]):
+                geometric[a, b] = (S[b] - S[a]) / apart
+            else:  # the limit of equal stretches
+                geometric[a, b] = 0.25 * (moduli[a, a] + moduli[b, b] - moduli[a, b] - moduli[b, a])
+    for pair in range(6):
+        i, j = PAIRS[pair]
+        for p in range(3):
+            for q in range(3):
+                value = 0.0
+                for a in range(3):
+                    if i == j:
+                        value += S[a] * N[p, a] * N[q, a]
+                    for b in range(3):
+                        value += moduli[a, b] * n[i, a] * N[p, a] * n[j, b] * N[q, b]
+                        if a != b:
+                            value += geometric[a, b] * n[i, a] * N[p, b] * (
+                                n[j, a] * N[q, b] + n[j, b] * N[q, a]
+                            )
+                A[pair, p, q] += scale * value
 
 
 @_compiled
@@ -119,7 +210,7 @@ def isochoric(
     G: Array, connectivity: Integers, u: Array, c: Array, first: int, last: int, S: Array
 ) -> None:
     """Isochoric second Piola-Kirchhoff stress S (e, q, 3, 3) MPa at displacements u (n, 3) mm."""
-    ue, work = np.empty((3, connectivity.shape[1])), np.empty((6, 3, 3))
+    ue, work, none = np.empty((3, connectivity.shape[1])), np.empty((6, 3, 3)), np.empty((0, 3, 3))
     F, C, a, g, m, P = work[0], work[1], work[2], work[3], work[4], work[5]
     for e in range(first, last):
         _gathered(u, connectivity[e], ue)
@@ -127,6 +218,8 @@ def isochoric(
             _deformation(G[e, q], ue, F)
             J, I1, I2 = _invariants(F, C, a)
             _stress(F, C, a, J, I1, I2, c[e], g, m, P)
+            if c.shape[1] > 6:
+                _ogden(F, C, J, 1.0, c[e], P, none)
             for i in range(3):
                 for k in range(3):
                     S[e, q, i, k] = a[0, i] * P[0, k] + a[1, i] * P[1, k] + a[2, i] * P[2, k]
@@ -159,6 +252,7 @@ def residual(
     a history's."""
     points, n = G.shape[1], connectivity.shape[1]
     ue, work, flux = np.empty((3, n)), np.empty((6, 3, 3)), np.empty((points, 3, 3))
+    none = np.empty((0, 3, 3))
     F, C, a, g, m, P = work[0], work[1], work[2], work[3], work[4], work[5]
     for e in range(first, last):
         _gathered(u, connectivity[e], ue)
@@ -167,6 +261,8 @@ def residual(
             _deformation(G[e, q], ue, F)
             J, I1, I2 = _invariants(F, C, a)
             _stress(F, C, a, J, I1, I2, c[e], g, m, P)
+            if c.shape[1] > 6:
+                _ogden(F, C, J, 1.0, c[e], P, none)
             pressure = 0.0
             for k in range(psi.shape[2]):
                 pressure += psi[e, q, k] * p[e, k]
@@ -205,6 +301,8 @@ def linearise(
                 pressure += psi[e, q, k] * p[e, k]
             s = scale[e]
             _tangent(F, C, a, g, m, I1, I2, s * W1 * j1, s * c[e, 1] * j2, s * W11, J * pressure, A)
+            if c.shape[1] > 6:
+                _ogden(F, C, J, s, c[e], P, A)
             _total(P, F, a, J * pressure, s, S[q])
             for k in range(modes):
                 gap[e, k] += w[e, q] * (J - 1.0 - pressure / bulk[e]) * psi[e, q, k]
@@ -246,23 +344,25 @@ def linearise(
 
 @_compiled
 def stresses(F: Array, c: Array, P: Array, a: Array, J: Array) -> None:
-    """Fills P_iso, F^-T (k, 3, 3) and J (k,) at F (k, 3, 3) with constants c (k, 3)."""
-    C, g, m = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
+    """Fills P_iso, F^-T (k, 3, 3) and J (k,) at F (k, 3, 3) with one row of constants c."""
+    C, g, m, none = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3)), np.empty((0, 3, 3))
     for k in range(len(F)):
         J[k], I1, I2 = _invariants(F[k], C, a[k])
-        _stress(F[k], C, a[k], J[k], I1, I2, c[k], g, m, P[k])
+        _stress(F[k], C, a[k], J[k], I1, I2, c, g, m, P[k])
+        _ogden(F[k], C, J[k], 1.0, c, P[k], none)
 
 
 @_compiled
-def tangents(F: Array, c: Array, A: Array) -> None:
-    """Fills A (k, 6, 3, 3) at F (k, 3, 3), with C10, C01, C20, scale and pressure in c (k, 5)."""
+def tangents(F: Array, c: Array, scale: Array, pressure: Array, A: Array) -> None:
+    """Fills A (k, 6, 3, 3) at F (k, 3, 3), `scale` (k,) and `pressure` (k,) with one row of constants c."""
     work = np.empty((5, 3, 3))
     C, a, g, m, P = work[0], work[1], work[2], work[3], work[4]
     for k in range(len(F)):
         J, I1, I2 = _invariants(F[k], C, a)
-        W1, W11, j1, j2 = _stress(F[k], C, a, J, I1, I2, c[k], g, m, P)
-        s = c[k, 3]
-        _tangent(F[k], C, a, g, m, I1, I2, s * W1 * j1, s * c[k, 1] * j2, s * W11, J * c[k, 4], A[k])
+        W1, W11, j1, j2 = _stress(F[k], C, a, J, I1, I2, c, g, m, P)
+        s = scale[k]
+        _tangent(F[k], C, a, g, m, I1, I2, s * W1 * j1, s * c[1] * j2, s * W11, J * pressure[k], A[k])
+        _ogden(F[k], C, J, s, c, P, A[k])
 
 
 @_compiled

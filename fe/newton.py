@@ -41,13 +41,13 @@ class Problem:
             dead[rows] += np.asarray(force, float) / len(rows)
         kernel = kernel or Kernel(case)
         same = np.array_equal(case.nodes, kernel.geometry.nodes)
-        geometry = kernel.geometry if same else Geometry(case.nodes, kernel.connectivity)
+        geometry = kernel.geometry if same else Geometry(case.nodes, kernel.connectivity, kernel.element)
         return Problem(kernel, Constants.of(case), case, dead, geometry)
 
     @property
     def shear(self) -> float:
-        """The smallest shear modulus 2 (C10 + C01) of the material, MPa."""
-        return float(2 * (self.constants.C10 + self.constants.C01).min())
+        """The smallest shear modulus of the materials, MPa."""
+        return float(self.constants.shear.min())
 
     def start(self) -> State:
         """The undeformed state with the prescribed displacements put in."""
@@ -56,7 +56,7 @@ class Problem:
             if s.value is not None:
                 rows = self.case.node_sets[s.nodes]
                 u[np.ix_(rows, np.array(s.components))] = s.value[:, list(s.components)]
-        return State(u, np.zeros((len(self.case.connectivity), 4)))
+        return State(u, np.zeros((len(self.case.connectivity), self.kernel.modes)))
 
     def clamp_motion(self, rotation: float) -> tuple[Array, Array, Array]:
         """Displacement (k, 3) mm of the clamp nodes at a rotation, and its first two derivatives."""
@@ -101,9 +101,9 @@ class Step:
         kernel.matrix.factorise(system.data)
         self._compliance = clamp.compliance if clamp else 0.0
         _, self._turn, bend = problem.clamp_motion(state.rotation)
-        self._side = system.turning.ravel()[kernel.free]
+        self._side = system.turning
         self._stiffness = float(
-            (system.turning[kernel.clamped] * self._turn).sum() + (bend * system.force[kernel.clamped]).sum()
+            (system.lever[kernel.clamped] * self._turn).sum() + (bend * system.force[kernel.clamped]).sum()
         )
 
     @cached_property
@@ -115,11 +115,12 @@ class Step:
         """For each change of the residuals the change of state that cancels it."""
         kernel = self.problem.kernel
         condensed = [self._condensed(r) for r in residuals]
-        forces = np.stack([force.ravel()[kernel.free] for force, _ in condensed], axis=1)
-        x = kernel.matrix.solve(forces)  # together: the factors are read once
+        gaps = [self.system.gap if r.gap is None else r.gap for r in residuals]
+        sides = [kernel.unknowns(force, gap) for (force, _), gap in zip(condensed, gaps, strict=True)]
+        x = kernel.matrix.solve(np.stack(sides, axis=1))  # together: the factors are read once
         return [
-            self._spread(x[:, k], moment, r.gap)
-            for k, (r, (_, moment)) in enumerate(zip(residuals, condensed, strict=True))
+            self._spread(x[:, k], moment, gap)
+            for k, (gap, (_, moment)) in enumerate(zip(gaps, condensed, strict=True))
         ]
 
     def _condensed(self, r: Residual) -> tuple[Array, float]:
@@ -127,20 +128,23 @@ class Step:
         if r.gap is None:
             return r.force, r.moment
         kernel, system = self.problem.kernel, self.system
-        extra = kernel.gather((system.coupling @ (system.compliance @ r.gap[..., None])).reshape(-1, 27, 3))
+        extra = system.coupling @ (system.compliance @ r.gap[..., None])
+        extra = kernel.gather(extra.reshape(*kernel.connectivity.shape, 3))
         return r.force + extra, r.moment + self.problem.clamp_gap(self.state.rotation, extra)
 
-    def _spread(self, x: Array, moment: float, gap: Array | None) -> State:
-        """The change of state from the solution (f,) for the free displacements with the clamp held."""
+    def _spread(self, x: Array, moment: float, gap: Array) -> State:
+        """The change of state from the solution (f,) for the unknowns with the clamp held."""
         kernel, system, turn = self.problem.kernel, self.system, -moment
         if self._compliance:
             pivot = 1 + self._compliance * (self._stiffness - float(self._side @ self._back))
             turn = (-moment + self._compliance * float(self._side @ x)) / pivot
         du = np.zeros((kernel.dofs // 3, 3))
-        du.reshape(-1)[kernel.free] = -x if turn == 0 else -x - self._back * turn
+        x = -x if turn == 0 else -x - self._back * turn
+        du.reshape(-1)[kernel.free] = x[: len(kernel.free)]
         du[kernel.clamped] = self._turn * turn
-        gap = system.gap if gap is None else gap
-        strain = np.swapaxes(system.coupling, 1, 2) @ du[kernel.connectivity].reshape(-1, 81, 1)
+        if kernel.shared:
+            return State(du, kernel.pressures(x), float(turn))
+        strain = np.swapaxes(system.coupling, 1, 2) @ du[kernel.connectivity].reshape(len(gap), -1, 1)
         return State(du, (system.compliance @ (gap[..., None] + strain))[..., 0], float(turn))
 
 

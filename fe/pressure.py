@@ -7,17 +7,18 @@ f_a = - int N_a (x,s x x,t) ds dt per unit pressure, with the normal out of the 
 
 import numpy as np
 
-from fe.element import Array, Integers, face_shape, gauss, scatter
+from fe.element import Array, Element, Integers, scatter
 
 
 class PressureFaces:
-    """The faces (f, 9) of a pressurised surface of a mesh with `count` nodes."""
+    """The faces (f, m) of a pressurised surface of a mesh with `count` nodes."""
 
-    def __init__(self, faces: Integers | None, count: int) -> None:
-        self.faces = np.empty((0, 9), np.int64) if faces is None else faces
-        self.dofs = (self.faces[:, :, None] * 3 + np.arange(3)).reshape(-1, 27)
-        points, self._weight = gauss(2)
-        self._N, self._dN = face_shape(points)
+    def __init__(self, faces: Integers | None, element: Element, count: int) -> None:
+        width = element.faces.shape[1]
+        self.faces = np.empty((0, width), np.int64) if faces is None else faces
+        self.dofs = (self.faces[:, :, None] * 3 + np.arange(3)).reshape(-1, 3 * width)
+        self._weight = element.face_weights
+        self._N, self._dN = element.on_face(element.face_points)
         self._count = count
 
     def _tangents(self, x: Array) -> tuple[Array, Array]:
@@ -31,7 +32,7 @@ class PressureFaces:
         return scatter(self.dofs, f, 3 * self._count).reshape(-1, 3)
 
     def tangent(self, x: Array) -> Array:
-        """Symmetric element tangents (f, 27, 27) mm, d force / d x, at deformed positions x (n, 3) mm."""
+        """Symmetric element tangents (f, 3 m, 3 m) mm, d force / d x, at deformed positions x (n, 3) mm."""
         s, t = self._tangents(x)
         # d(s x t) = -[t] ds + [s] dt, with [v] the matrix of v x
         by_s = np.einsum(
@@ -40,7 +41,7 @@ class PressureFaces:
         by_t = np.einsum(
             "q,qa,qb,fqij->faibj", self._weight, self._N, self._dN[..., 1], _cross_matrix(s), optimize=True
         )
-        full = -(by_s + by_t).reshape(-1, 27, 27)
+        full = -(by_s + by_t).reshape(len(s), self.dofs.shape[1], self.dofs.shape[1])
         return 0.5 * (full + np.swapaxes(full, 1, 2))
 
 

@@ -308,7 +308,8 @@ class _Key:
         held = [(s.nodes, s.components, case.node_sets[s.nodes]) for s in case.supports]
         clamp = case.node_sets[case.clamp.nodes] if case.clamp else ()
         surface = case.surfaces[case.pressurised] if case.pressurised else ()
-        self.digest = digest(case.nodes, case.connectivity, surface, clamp, *(x for h in held for x in h))
+        parts = [case.element.name, case.nodes, case.connectivity, surface, clamp]
+        self.digest = digest(*parts, *(x for h in held for x in h))
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, _Key) and other.digest == self.digest

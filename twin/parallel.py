@@ -48,7 +48,7 @@ def finished(tasks: Sequence[Task], *, workers: int) -> Iterator[tuple[int, Any]
             process.terminate()
         raise
     finally:
-        pool.shutdown(wait=False, cancel_futures=True)
+        pool.shutdown(cancel_futures=True)
 
 
 def _serve() -> None:

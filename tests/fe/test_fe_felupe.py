@@ -7,7 +7,7 @@ import pytest
 
 from fe import Case, Material
 from fe.assembly import Constants, Kernel, State
-from fe.element import Array, shape
+from fe.element import HEX27, Array
 
 felupe = pytest.importorskip("felupe")
 
@@ -42,7 +42,7 @@ def test_one_element_against_felupe(cube: Callable[..., Case]) -> None:
     # the pressure, projected on 1, x, y, z by FElupe's volumes: q = sum psi (int psi psi)^-1 int K (J - 1)
     # psi
     dV = region.dV[:, 0]
-    N = shape(rule.points)[0]
+    N = HEX27.shape(rule.points)[0]
     x = N @ case.nodes[case.connectivity[0]]
     psi = np.concatenate([np.ones((len(x), 1)), x], axis=1)
     modes = np.linalg.solve(psi.T @ (dV[:, None] * psi), psi.T @ (dV * material.bulk * (J[:, 0] - 1)))

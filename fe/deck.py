@@ -1,0 +1,109 @@
+"""A case and a pressure -> an Abaqus input deck, which CalculiX reads too but for the H of its elements."""
+
+from collections.abc import Iterable, Sequence
+from itertools import chain
+
+import numpy as np
+
+from fe.case import Case, Support
+from fe.convert import converted
+from fe.element import Integers
+from fe.material import Material
+
+INCREMENTS = 1000  # at most, of the automatic ones
+FIRST_INCREMENT, LARGEST_INCREMENT = 0.05, 0.1  # of the step
+
+
+def deck(case: Case, pressure: float, *, kind: str = "C3D20RH") -> str:
+    """The text of a deck (mm, N, MPa): the structure under a follower pressure in MPa, large displacements.
+
+    kind: the Abaqus element that takes the place of hex27, on the mesh's own nodes and labels (see
+    `fe.convert.converted`); a case that has Abaqus elements already keeps them. Names of sets are written in
+    capitals. ValueError for what such a deck cannot hold: an elastic clamp, a Prony series.
+    """
+    _check(case)
+    changed = converted(case, kind) if case.element.name == "hex27" else case
+    supports = list(changed.supports)
+    if changed.clamp:
+        supports.append(Support(changed.clamp.nodes, (0, 1, 2)))
+    lines = ["*HEADING", "softtwin; units mm, N, MPa, s", "*NODE, NSET=ALL_NODES"]
+    places = zip(changed.labels, changed.nodes, strict=True)
+    lines += [f"{n}, {x:.10g}, {y:.10g}, {z:.10g}" for n, (x, y, z) in places]
+    lines += [f"*ELEMENT, TYPE={changed.element.name}, ELSET=ALL_ELEMENTS"]
+    lines += chain.from_iterable(
+        _wrapped((e, *changed.labels[row])) for e, row in enumerate(changed.connectivity, start=1)
+    )
+    for name, rows in changed.node_sets.items():
+        lines += [f"*NSET, NSET={name.upper()}", *_wrapped(changed.labels[rows], last=False)]
+    for name, rows in changed.element_sets.items():
+        lines += [f"*ELSET, ELSET={name.upper()}", *_wrapped(rows + 1, last=False)]
+    for name, faces in changed.surfaces.items():
+        lines += [f"*SURFACE, NAME={name.upper()}, TYPE=ELEMENT"]
+        lines += [f"{e + 1}, S{f + 1}" for e, f in faces]
+    for name, material in changed.materials.items():
+        lines += [f"*MATERIAL, NAME={name.upper()}", *_hyperelastic(material)]
+        lines += [f"*SOLID SECTION, ELSET={name.upper()}, MATERIAL={name.upper()}"]
+    lines += ["*BOUNDARY", *(line for s in supports if s.value is None for line in _held(s))]
+    lines += [f"*STEP, NLGEOM=YES, INC={INCREMENTS}", "*STATIC"]
+    lines += [f"{FIRST_INCREMENT}, 1., 1e-6, {LARGEST_INCREMENT}"]
+    for s in supports:
+        if s.value is not None:
+            lines += ["*BOUNDARY", *_moved(changed, s, s.value)]
+    for name, force in changed.forces.items():
+        labels = changed.labels[changed.node_sets[name]]
+        share = {d + 1: f / len(labels) for d, f in enumerate(force) if f}
+        lines += ["*CLOAD", *(f"{n}, {d}, {f:.10g}" for n in labels for d, f in share.items())]
+    if changed.pressurised:
+        lines += ["*DSLOAD", f"{changed.pressurised.upper()}, P, {pressure:.10g}"]
+    return "\n".join([*lines, "*NODE FILE", "U", "*END STEP", ""])
+
+
+def _check(case: Case) -> None:
+    if case.clamp and case.clamp.compliance:
+        raise ValueError(
+            f"clamp of compliance {case.clamp.compliance:g} rad/(N mm): a deck holds a rigid clamp only; "
+            "set it to 0"
+        )
+    for name, m in case.materials.items():
+        if m.prony or m.gent:
+            what = "Prony series" if m.prony else "term of Gent"
+            raise ValueError(f"material {name!r} has a {what}: a deck of one static step holds none; drop it")
+
+
+def _hyperelastic(m: Material) -> list[str]:
+    """The keyword and its data, of at most 8 values a line; compressibility by its first term D1 = 2 / K."""
+    D1, terms = 2 / m.bulk, len(m.ogden)
+    if m.ogden and (m.C10 or m.C01 or m.C20 or m.C30):
+        raise ValueError("a material of Ogden's terms and others: a deck holds one kind; write one of them")
+    if m.ogden:
+        law, values = f"N={terms}, OGDEN", [*(x for pair in m.ogden for x in pair), D1, *[0.0] * (terms - 1)]
+    elif m.C30 and m.C01:
+        raise ValueError("a material with C01 and C30: a deck holds Yeoh's law without C01; drop one of them")
+    elif m.C30:
+        law, values = "YEOH", [m.C10, m.C20, m.C30, D1, 0.0, 0.0]
+    elif m.C20:
+        law, values = "N=2, POLYNOMIAL", [m.C10, m.C01, m.C20, 0.0, 0.0, D1, 0.0]
+    else:
+        law, values = "MOONEY-RIVLIN", [m.C10, m.C01, D1]
+    text = [f"{x:.10g}" for x in values]
+    return [f"*HYPERELASTIC, {law}", *(", ".join(text[k : k + 8]) for k in range(0, len(text), 8))]
+
+
+def _held(s: Support) -> list[str]:
+    return [f"{s.nodes.upper()}, {d + 1}, {d + 1}" for d in s.components]
+
+
+def _moved(case: Case, s: Support, value: np.ndarray) -> list[str]:
+    return [
+        f"{label}, {d + 1}, {d + 1}, {row[d]:.10g}"
+        for label, row in zip(case.labels[case.node_sets[s.nodes]], value, strict=True)
+        for d in s.components
+    ]
+
+
+def _wrapped(numbers: Sequence[int] | Integers, *, last: bool = True) -> Iterable[str]:
+    """Lines of at most 16 numbers; all but the last end in a comma where one record goes on (`last`)."""
+    parts = [numbers[k : k + 16] for k in range(0, len(numbers), 16)]
+    for k, part in enumerate(parts):
+        text = ", ".join(str(int(n)) for n in part)
+        yield text + ("," if last and k < len(parts) - 1 else "")

@@ -1,0 +1,251 @@
+"""Abaqus decks out and in: a round trip, other people's ways to write one, CalculiX on the same deck, errors."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path as File
+
+import numpy as np
+import pytest
+
+from fe import Case, Material, Path, Support, solve
+from fe.calculix import CalculiX, without_hybrid
+from fe.convert import converted
+from fe.deck import deck
+from fe.element import ELEMENTS, Array
+from fe.newton import Problem, equilibrium
+from fe.read_deck import read_deck
+
+Cube = Callable[..., Case]
+PRESSURE = 0.02  # MPa
+ABAQUS = [name for name in ELEMENTS if name != "hex27"]
+
+
+def at_pressure(case: Case, pressure: float = PRESSURE) -> Array:
+    """Displacements (n, 3) mm of all nodes."""
+    solution = solve(case, Path(np.array([0.0, 1.0]), np.array([0.0, pressure]), np.array([1.0])))
+    assert solution.reason == "converged"
+    return solution.fields([0])[0]
+
+
+@pytest.mark.parametrize("kind", ABAQUS)
+def test_patches_of_every_element_carry_a_constant_strain(cube: Cube, kind: str) -> None:
+    case = converted(cube((2, 2, 2), shift=0.08, seed=1), kind)
+    F = np.eye(3) + np.array([[0.1, 0.05, 0.0], [0.02, -0.06, 0.04], [0.0, 0.03, 0.02]])
+    F *= np.linalg.det(F) ** (-1 / 3) * 1.001 ** (1 / 3)
+    straight = _straightened(case)
+    u = straight.nodes @ (F - np.eye(3)).T
+    rows = straight.node_sets["boundary"]
+    held = Support("boundary", (0, 1, 2), u[rows])
+    problem = Problem.of(replace(straight, supports=(held,)))
+    found = equilibrium(problem, problem.start(), load=0.0)
+    assert found.reason == "converged"
+    np.testing.assert_allclose(found.state.u, u, atol=1e-9)
+
+
+def _straightened(case: Case) -> Case:
+    """The case with middle nodes in the middle of their edges, where polynomials of degree 2 are kept."""
+    nodes, kind = case.nodes.copy(), case.element
+    corners = 4 if kind.simplex else 8
+    X = case.nodes[case.connectivity]
+    linear = ELEMENTS["C3D8"].shape(kind.local)[0] if corners == 8 else np.column_stack(
+        [1 - kind.local.sum(axis=1), kind.local]
+    )  # fmt: skip
+    nodes[case.connectivity] = np.einsum("ab,ebi->eai", linear, X[:, :corners])
+    return replace(case, nodes=nodes)
+
+
+@pytest.mark.parametrize("kind", ABAQUS)
+def test_a_deck_that_was_written_reads_as_it_was(short: Case, tmp_path: File, kind: str) -> None:
+    case = converted(short, kind)
+    file = tmp_path / "finger.inp"
+    file.write_text(deck(short, PRESSURE, kind=kind))
+    found = read_deck(file)
+    assert found.pressures == (PRESSURE,)
+    order = np.argsort(case.labels)
+    np.testing.assert_array_equal(found.case.labels, case.labels[order])
+    np.testing.assert_allclose(found.case.nodes, case.nodes[order], rtol=1e-9, atol=1e-12)
+    np.testing.assert_array_equal(order[found.case.connectivity], case.connectivity)
+    np.testing.assert_array_equal(found.case.surfaces["chamber"], case.surfaces["chamber"])
+    assert found.case.materials["body"].bulk_ratio == pytest.approx(1000.0)
+    np.testing.assert_allclose(at_pressure(found.case), at_pressure(case)[order], atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    "law",
+    [
+        Material(0.2, 0.1),
+        Material(0.2, 0.1, C20=0.05),
+        Material(C10=0.2, C20=-0.01, C30=0.003, bulk_ratio=500),
+        Material(ogden=((0.3, 1.8), (0.02, 6.0), (-0.05, -2.0))),
+    ],
+)
+def test_every_law_survives_the_round_trip(short: Case, tmp_path: File, law: Material) -> None:
+    file = tmp_path / "finger.inp"
+    file.write_text(deck(replace(short, materials={"body": law}), PRESSURE))
+    found = read_deck(file).case.materials["body"]
+    np.testing.assert_allclose(found.constants, law.constants)
+    assert found.bulk == pytest.approx(law.bulk)
+
+
+def test_calculix_agrees_on_the_very_deck(short: Case, require: Callable[[str], None], tmp_path: File) -> None:
+    require("ccx")
+    text = deck(replace(short, forces={"tip_face": np.array([0.0, 0.0, -0.01])}), PRESSURE, kind="C3D20RH")
+    theirs = CalculiX().run(text)
+    assert theirs.reason == "converged"
+    file = tmp_path / "finger.inp"
+    file.write_text(text)
+    case = read_deck(file).case
+    ours = at_pressure(case)
+    # 0.1 %: both interpolate alike; the pressure at its 8 Gauss points stands for a bulk modulus there
+    assert np.abs(ours - theirs.u).max() < 1e-3 * np.abs(theirs.u).max()
+    np.testing.assert_array_equal(theirs.labels, case.labels)
+
+
+def test_calculix_that_is_absent_or_fails_says_so(short: Case, require: Callable[[str], None]) -> None:
+    with pytest.raises(FileNotFoundError, match="calculix-ccx"):
+        CalculiX(executable="no-such-ccx").run("")
+    require("ccx")
+    found = CalculiX().run("*STEP\n*STATIC\n*END STEP\n")
+    assert not found.converged
+    assert found.reason
+
+
+def test_only_the_h_of_the_element_type_is_dropped(short: Case) -> None:
+    text = deck(short, PRESSURE)
+    changed = [(a, b) for a, b in zip(text.splitlines(), without_hybrid(text).splitlines(), strict=True) if a != b]
+    assert changed == [
+        ("*ELEMENT, TYPE=C3D20RH, ELSET=ALL_ELEMENTS", "*ELEMENT, TYPE=C3D20R, ELSET=ALL_ELEMENTS")
+    ]
+
+
+def test_tetrahedra_bend_without_locking(cube: Cube) -> None:
+    def tip(kind: str, ratio: float) -> float:
+        case = cube((6, 1, 1), material=Material(0.2, 0.1, bulk_ratio=ratio))
+        nodes = case.nodes * [10.0, 1.0, 1.0]
+        beam = replace(case, nodes=nodes, supports=(Support("x0", (0, 1, 2)),), forces={"x1": np.array([0, 0, -5e-5])})
+        beam = converted(beam, kind) if kind != "hex27" else beam
+        problem = Problem.of(beam)
+        found = equilibrium(problem, problem.start(), load=0.0)
+        assert found.reason == "converged"
+        return float(found.state.u[beam.node_sets["x1"], 2].mean())
+
+    # a locked mesh stiffens without bound as K / mu grows
+    assert tip("C3D10", 1e5) == pytest.approx(tip("C3D10", 1e2), rel=0.02)
+    # one cell through the depth: the tetrahedra's own error is 7 %
+    assert tip("C3D10", 1e5) == pytest.approx(tip("hex27", 1e5), rel=0.1)
+
+
+CAE = """\
+*Heading
+** written as Abaqus/CAE does
+*Part, name=Bar
+*Node
+      1, 0., 0., 0.
+      2, 2., 0., 0.
+      3, 2., 1., 0.
+      4, 0., 1., 0.
+      5, 0., 0., 1.
+      6, 2., 0., 1.
+      7, 2., 1., 1.
+      8, 0., 1., 1.
+    900, 5., 5., 5.
+*Element, type=C3D8H
+7, 1, 2, 3, 4,
+ 5, 6, 7, 8
+*Nset, nset=Base
+ 1, 4, 5, 8
+*Elset, elset=All, generate
+ 7, 7, 1
+*Solid Section, elset=All, material=Silicone
+,
+*End Part
+*Assembly, name=Assembly
+*Instance, name=Bar-1, part=Bar
+*End Instance
+*Elset, elset=_Press_S4, internal, instance=Bar-1
+ 7,
+*Surface, type=ELEMENT, name=Press
+_Press_S4, S4
+*End Assembly
+*Material, name=Silicone
+*Density
+1.1e-9,
+*Hyperelastic, neo hooke
+0.2, 0.005
+*Boundary
+Base, ENCASTRE
+*Step, name=Step-1, nlgeom=YES
+*Static
+0.1, 1., 1e-05, 1.
+*Dsload
+Press, P, 0.01
+*Output, field, variable=PRESELECT
+*End Step
+"""
+
+
+def test_a_deck_of_abaqus_cae(tmp_path: File) -> None:
+    file = tmp_path / "cae.inp"
+    file.write_text(CAE)
+    found = read_deck(file)
+    assert found.pressures == (0.01,)
+    assert found.case.element.name == "C3D8H"
+    assert list(found.case.labels) == [1, 2, 3, 4, 5, 6, 7, 8]  # 900 belongs to no element
+    assert found.case.materials["all"] == Material(0.2, bulk_ratio=2 / 0.005 / 0.4)
+    u = at_pressure(found.case, 0.01)
+    # a pressure on the end face: shortened by about p L / (3 mu), less for the clamped base
+    assert -0.01 * 2 / 1.2 < u[1, 0] < -0.6 * 0.01 * 2 / 1.2
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "told"),
+    [
+        ("*Density", "*Viscoelastic, time=PRONY", r"not supported: \*VISCOELASTIC \(line 33\)"),
+        ("type=C3D8H", "type=C3D4", "line 14: element type C3D4: wanted one of C3D20R"),
+        (" 5, 6, 7, 8\n", " 5, 6, 7\n", "line 14: element 7 has 7 nodes; C3D8H wants 8"),
+        ("7, 1, 2, 3, 4,", "7, 1, 2, 3, 44,", "node 44 is used but not defined"),
+        ("5., 5., 5.", "5., x, 5.", "line 13: 900, 5., x, 5.: wanted numbers"),
+        ("nlgeom=YES", "nlgeom=NO", r"line 39: \*STEP without NLGEOM"),
+        ("Base, ENCASTRE", "Bass, ENCASTRE", "line 38: set bass: not defined above; wanted one of base"),
+        ("Press, P, 0.01", "Pres, P, 0.01", "surface Pres: not defined; wanted one of press"),
+        ("Press, P, 0.01", "Press, HP, 0.01", r"\*DSLOAD HP: wanted P"),
+        ("*Dsload", "*Dsload, amplitude=A", r"\*DSLOAD, AMPLITUDE: not supported"),
+        ("_Press_S4, S4", "_Press_S4, SPOS", "face SPOS: wanted S1"),
+        ("neo hooke", "arruda-boyce", r"\*HYPERELASTIC ARRUDA-BOYCE: wanted Mooney-Rivlin"),
+        ("neo hooke", "test data input", "from test data: wanted constants"),
+        ("*Hyperelastic, neo hooke\n0.2, 0.005\n", "", r"material 'silicone' has no \*HYPERELASTIC"),
+        ("*Solid Section, elset=All, material=Silicone\n,\n", "", r"element 7 has 0 \*SOLID SECTIONs"),
+        ("*Instance, name=Bar-1, part=Bar\n", "*Instance, name=Bar-1, part=Bar\n1., 0., 0.\n", "that is moved"),
+    ],
+)  # fmt: skip
+def test_what_a_deck_lacks_is_named_with_its_line(tmp_path: File, old: str, new: str, told: str) -> None:
+    assert old in CAE
+    file = tmp_path / "bad.inp"
+    file.write_text(CAE.replace(old, new))
+    with pytest.raises(ValueError, match=told):
+        read_deck(file)
+
+
+def test_two_types_of_elements_are_refused(tmp_path: File) -> None:
+    file = tmp_path / "two.inp"
+    file.write_text(CAE.replace("*Nset, nset=Base", "*Element, type=C3D8\n8, 1, 2, 3, 4, 5, 6, 7, 8\n*Nset, nset=Base"))
+    with pytest.raises(ValueError, match=r"(elements of the types C3D8, C3D8H|element 8 has 0)"):
+        read_deck(file)
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        ({"materials": {"body": Material(0.2, 0.1, prony=((0.1, 2.0),))}}, "has a Prony series"),
+        ({"materials": {"body": Material(0.2, ogden=((0.1, 3.0),))}}, "Ogden's terms and others"),
+    ],
+)
+def test_what_a_deck_cannot_hold_is_refused(short: Case, change: dict[str, object], told: str) -> None:
+    with pytest.raises(ValueError, match=told):
+        deck(replace(short, **change), PRESSURE)  # type: ignore[arg-type]
+
+
+def test_an_elastic_clamp_is_refused(short: Case) -> None:
+    assert short.clamp
+    with pytest.raises(ValueError, match="a deck holds a rigid clamp only"):
+        deck(replace(short, clamp=replace(short.clamp, compliance=1e-3)), PRESSURE)

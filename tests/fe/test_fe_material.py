@@ -1,0 +1,142 @@
+"""Every law: stress and tangent against differences of the energy, and the curves of real rubbers."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.optimize import least_squares
+
+from fe import Material
+from fe.element import Array
+from fe.material import energy, nominal_stress, stress, tangent
+
+LAWS = {
+    "neo-Hooke": Material(C10=0.2),
+    "Mooney-Rivlin": Material(C10=0.2, C01=0.15),
+    "Yeoh": Material(C10=0.2, C20=-0.02, C30=0.01),
+    "Gent": Material(gent=(0.4, 3.0)),
+    "Ogden": Material(ogden=((0.3, 1.8), (0.02, 6.0), (-0.05, -2.0))),
+    "all terms": Material(0.2, 0.1, 0.05, C30=0.01, gent=(0.3, 4.0), ogden=((0.1, 3.0),)),
+}
+EACH = pytest.mark.parametrize("law", LAWS.values(), ids=LAWS)
+
+
+def deformed(seed: int) -> Array:
+    return np.eye(3) + np.random.default_rng(seed).uniform(-0.25, 0.25, (5, 3, 3))
+
+
+@EACH
+def test_the_stress_is_the_gradient_of_the_energy(law: Material) -> None:
+    F, h = deformed(5), 1e-5
+    P, a, J = stress(F, law)
+    np.testing.assert_allclose(np.swapaxes(a, -1, -2) @ F, np.broadcast_to(np.eye(3), F.shape), atol=1e-13)
+    np.testing.assert_allclose(J, np.linalg.det(F), rtol=1e-13)
+    for i in range(3):
+        for k in range(3):
+            d = np.zeros((3, 3))
+            d[i, k] = h
+            # error h^2 times a third derivative of order 10
+            change = (energy(F + d, law) - energy(F - d, law)) / (2 * h)
+            np.testing.assert_allclose(change, P[:, i, k], atol=1e-8)
+
+
+@EACH
+@pytest.mark.parametrize("equal", [False, True])
+def test_the_tangent_is_the_gradient_of_the_stress(law: Material, equal: bool) -> None:
+    rng, h = np.random.default_rng(6), 1e-5
+    F = deformed(6)
+    if equal:  # two equal stretches, and three
+        F[0], F[1] = np.diag([1.3, 1.3, 0.6]), np.eye(3)
+    q, scale = rng.uniform(-1, 1, 5), rng.uniform(0.5, 1, 5)
+
+    def total(F: Array) -> Array:
+        P, a, J = stress(F, law)
+        return scale[:, None, None] * P + (q * J)[:, None, None] * a
+
+    A = tangent(F, law, q, scale)
+    for i in range(3):
+        for k in range(3):
+            d = np.zeros((3, 3))
+            d[i, k] = h
+            np.testing.assert_allclose((total(F + d) - total(F - d)) / (2 * h), A[:, :, :, i, k], atol=1e-7)
+
+
+@EACH
+def test_the_shear_modulus_is_the_slope_at_rest(law: Material) -> None:
+    h = 1e-4
+    F = np.array([[[1, h, 0], [0, 1, 0], [0, 0, 1]]])
+    assert stress(F, law)[0][0, 0, 1] / h == pytest.approx(law.shear, rel=1e-6)
+    assert nominal_stress(law, np.array([1 + h]), "uniaxial")[0] / h == pytest.approx(3 * law.shear, rel=1e-3)
+
+
+def test_one_law_is_another_in_its_special_case() -> None:
+    F = deformed(7)
+    two = Material(ogden=((0.4, 2.0),))
+    np.testing.assert_allclose(stress(F, two)[0], stress(F, LAWS["neo-Hooke"])[0], atol=1e-13)
+    minus = Material(C10=0.2, ogden=((0.3, -2.0),))
+    np.testing.assert_allclose(stress(F, minus)[0], stress(F, LAWS["Mooney-Rivlin"])[0], atol=1e-13)
+    far = Material(gent=(0.4, 1e9))
+    np.testing.assert_allclose(stress(F, far)[0], stress(F, LAWS["neo-Hooke"])[0], rtol=1e-8, atol=1e-9)
+
+
+def test_beyond_the_limit_of_gent_there_is_no_stress() -> None:
+    F = np.diag([2.5, 2.5**-0.5, 2.5**-0.5])[None]  # I1 - 3 = 4.05
+    assert np.isnan(stress(F, replace(LAWS["Gent"], gent=(0.4, 4.0)))[0]).all()
+    assert np.isfinite(stress(F, replace(LAWS["Gent"], gent=(0.4, 4.1)))[0]).all()
+
+
+def curves(source: str, h5py: Any, data: Any) -> dict[str, tuple[Array, Array]]:
+    """Stretch and nominal stress (k,) MPa of the uniaxial, equibiaxial and planar tests of one source."""
+    with h5py.File(data / "hyperelastic" / "data.h5") as file:
+        return {
+            mode: (np.array(file[source][key]["stretch"]), np.array(file[source][key]["stress"])[:, 0, 0])
+            for mode, key in (("uniaxial", "UT"), ("equibiaxial", "ET"), ("planar", "PS"))
+        }
+
+
+def misfit(law: Material, tests: dict[str, tuple[Array, Array]], modes: Sequence[str]) -> Array:
+    """Residuals, measured minus predicted, MPa."""
+    return np.concatenate([tests[m][1] - nominal_stress(law, tests[m][0], m) for m in modes])
+
+
+def rms(x: Array) -> float:
+    return float(np.sqrt((x**2).mean()))
+
+
+def test_ogdens_constants_of_treloars_rubber(shared_data: Any) -> None:
+    h5py = pytest.importorskip("h5py")
+    tests = curves("Treloar_1944", h5py, shared_data)
+    # Ogden 1972, doi 10.1098/rspa.1972.0026, in his form sum mu / alpha (l^alpha ..): mu alpha / 2 in Abaqus's
+    published = [(0.63, 1.3), (0.0012, 5.0), (-0.01, -2.0)]
+    law = Material(ogden=tuple((mu * alpha / 2, alpha) for mu, alpha in published))
+    assert law.shear == pytest.approx(0.4225)
+    every = tuple(tests)
+    largest = max(np.abs(stress).max() for _, stress in tests.values())
+    assert rms(misfit(law, tests, every)) < 0.05 * largest
+
+    def residual(x: Array) -> Array:
+        return misfit(Material(ogden=tuple(zip(x[:3], x[3:]))), tests, every)
+
+    start = np.array([*(mu for mu, _ in law.ogden), *(alpha for _, alpha in law.ogden)])
+    found = least_squares(residual, start, x_scale=np.abs(start))
+    assert rms(found.fun) < rms(residual(start))
+
+
+def test_one_kind_of_test_does_not_tell_mooney_rivlin(shared_data: Any) -> None:
+    h5py = pytest.importorskip("h5py")
+    tests = curves("Meunier_2008", h5py, shared_data)
+
+    def fit(modes: Sequence[str]) -> Material:
+        x = least_squares(lambda x: misfit(Material(*x), tests, modes), [0.1, 0.05]).x
+        return Material(*x)
+
+    stretch, stress = tests["uniaxial"]
+    joint = fit(list(tests))
+    tests["uniaxial"] = stretch[stretch >= 1], stress[stretch >= 1]  # tension alone
+    alone = fit(["uniaxial"])
+    # measured: 0.085 MPa, and the constants of tension alone are no use for a bubble
+    assert rms(misfit(joint, tests, ["equibiaxial"])) == pytest.approx(0.085, abs=0.002)
+    assert rms(misfit(alone, tests, ["uniaxial"])) < rms(misfit(joint, tests, ["uniaxial"]))
+    assert rms(misfit(alone, tests, ["equibiaxial"])) > 10 * rms(misfit(joint, tests, ["equibiaxial"]))
