@@ -164,29 +164,30 @@ def _ogden(F: Array, C: Array, J: float, scale: float, c: Array, P: Array, A: Ar
 
 @_compiled
 def _tangent(
-    F: Array, C: Array, a: Array, g: Array, m: Array, I1: float, I2: float,
+    F: Array, C: Array, a: Array, g: Array, m: Array, h: Array, I1: float, I2: float,
     w1: float, w2: float, w11: float, pJ: float, A: Array,
 ) -> None:  # fmt: skip
-    """A (6, 3, 3): d(scale P + p J F^-T)_iI / dF_jJ of the PAIRS (i, j); w = scale (W1 j1, W2 j2, W11)."""
+    """A (6, 3, 3): d(scale P + p J F^-T)_iI / dF_jJ of the PAIRS (i, j); w = scale (W1 j1, W2 j2, W11); h is
+    scratch."""
     aa = 4.0 / 9.0 * w1 * I1 + 16.0 / 9.0 * w2 * I2 + pJ
     cross = 2.0 / 3.0 * w1 * I1 + 4.0 / 3.0 * w2 * I2 - pJ
+    for i in range(3):
+        for p in range(3):
+            h[i, p] = -4.0 / 3.0 * (w1 * F[i, p] + w2 * g[i, p])
     for n in range(6):
         i, j = PAIRS[n]
         left = -2.0 * w2 * (F[i, 0] * F[j, 0] + F[i, 1] * F[j, 1] + F[i, 2] * F[j, 2])
         for p in range(3):
             for q in range(3):
-                value = 4.0 * w2 * F[i, p] * F[j, q] - 2.0 * w2 * F[i, q] * F[j, p]
-                value += aa * a[i, p] * a[j, q] + cross * a[i, q] * a[j, p]
-                value -= 4.0 / 3.0 * w1 * (F[i, p] * a[j, q] + a[i, p] * F[j, q])
-                value -= 4.0 / 3.0 * w2 * (a[i, p] * g[j, q] + g[i, p] * a[j, q])
-                value += w11 * m[i, p] * m[j, q]
-                if i == j:
-                    value -= 2.0 * w2 * C[p, q]
-                if p == q:
-                    value += left
-                    if i == j:
-                        value += 2.0 * w1 + 2.0 * w2 * I1
-                A[n, p, q] = value
+                value = 2.0 * w2 * (2.0 * F[i, p] * F[j, q] - F[i, q] * F[j, p])
+                value += a[i, p] * (aa * a[j, q] + h[j, q]) + h[i, p] * a[j, q] + cross * a[i, q] * a[j, p]
+                A[n, p, q] = value + w11 * m[i, p] * m[j, q]
+            A[n, p, p] += left
+        if i == j:
+            for p in range(3):
+                A[n, p, p] += 2.0 * w1 + 2.0 * w2 * I1
+                for q in range(3):
+                    A[n, p, q] -= 2.0 * w2 * C[p, q]
 
 
 @_compiled
@@ -284,10 +285,11 @@ def linearise(
     """As `residual`, with the pressure eliminated by its compliance (e, m, m): condensed forces, the blocks
     K (e, n, 6, n) of the tangent's PAIRS, and the coupling B (e, n, 3, m)."""
     points, n, modes = G.shape[1], connectivity.shape[1], psi.shape[2]
-    ue, work, A = np.empty((3, n)), np.empty((6, 3, 3)), np.empty((6, 3, 3))
-    F, C, a, g, m, P = work[0], work[1], work[2], work[3], work[4], work[5]
+    ue, work, A = np.empty((3, n)), np.empty((7, 3, 3)), np.empty((6, 3, 3))
+    F, C, a, g, m, P, h = work[0], work[1], work[2], work[3], work[4], work[5], work[6]
     flux, spread = np.empty((points, 3, 3)), np.empty((points, 3, 3, modes))
-    T, rows, eliminated = np.empty((points, 3, 6, n)), np.empty((3, modes, n)), np.empty(modes)
+    T, rows = np.empty((points, 3, 6, n)), np.empty((3, modes, n))
+    eliminated, given = np.empty(modes), np.empty((3, modes))
     for e in range(first, last):
         _gathered(u, connectivity[e], ue)
         gap[e] = 0.0
@@ -300,7 +302,7 @@ def linearise(
             for k in range(modes):
                 pressure += psi[e, q, k] * p[e, k]
             s = scale[e]
-            _tangent(F, C, a, g, m, I1, I2, s * W1 * j1, s * c[e, 1] * j2, s * W11, J * pressure, A)
+            _tangent(F, C, a, g, m, h, I1, I2, s * W1 * j1, s * c[e, 1] * j2, s * W11, J * pressure, A)
             if c.shape[1] > 6:
                 _ogden(F, C, J, s, c[e], P, A)
             _total(P, F, a, J * pressure, s, S[q])
@@ -332,14 +334,24 @@ def linearise(
                     rows[j, r, b] = B[e, b, j, r]
                     force[e, b, j] += B[e, b, j, r] * eliminated[r]
         for d in range(n):
-            for pair in range(6):
-                i, j = PAIRS[pair]
+            for i in range(3):
                 for r in range(modes):
                     value = 0.0
                     for k in range(modes):
                         value += B[e, d, i, k] * compliance[e, k, r]
+                    given[i, r] = value
+            for pair in range(6):
+                i, j = PAIRS[pair]
+                if modes == 4:  # at once, or the row is read and written four times
+                    x0, x1, x2, x3 = given[i, 0], given[i, 1], given[i, 2], given[i, 3]
                     for b in range(n):
-                        K[e, d, pair, b] += value * rows[j, r, b]
+                        K[e, d, pair, b] += (
+                            x0 * rows[j, 0, b] + x1 * rows[j, 1, b] + x2 * rows[j, 2, b] + x3 * rows[j, 3, b]
+                        )
+                    continue
+                for r in range(modes):
+                    for b in range(n):
+                        K[e, d, pair, b] += given[i, r] * rows[j, r, b]
 
 
 @_compiled
@@ -355,13 +367,13 @@ def stresses(F: Array, c: Array, P: Array, a: Array, J: Array) -> None:
 @_compiled
 def tangents(F: Array, c: Array, scale: Array, pressure: Array, A: Array) -> None:
     """Fills A (k, 6, 3, 3) at F (k, 3, 3), `scale` (k,) and `pressure` (k,) with one row of constants c."""
-    work = np.empty((5, 3, 3))
-    C, a, g, m, P = work[0], work[1], work[2], work[3], work[4]
+    work = np.empty((6, 3, 3))
+    C, a, g, m, P, h = work[0], work[1], work[2], work[3], work[4], work[5]
     for k in range(len(F)):
         J, I1, I2 = _invariants(F[k], C, a)
         W1, W11, j1, j2 = _stress(F[k], C, a, J, I1, I2, c, g, m, P)
         s = scale[k]
-        _tangent(F[k], C, a, g, m, I1, I2, s * W1 * j1, s * c[1] * j2, s * W11, J * pressure[k], A[k])
+        _tangent(F[k], C, a, g, m, h, I1, I2, s * W1 * j1, s * c[1] * j2, s * W11, J * pressure[k], A[k])
         _ogden(F[k], C, J, s, c, P, A[k])
 
 

@@ -77,6 +77,12 @@ class Curve:
         """The derivative (n, 3) of the displacement to parameter `number` at pressure q MPa."""
         return np.asarray(CubicSpline(self.pressure, self.derivative[number], axis=0)(q))
 
+    def ahead(self, change: Array) -> "Curve":
+        """The curve to first order where its parameters change by `change` (v,)."""
+        u = np.tensordot(change, self.derivative, 1)
+        slope = CubicSpline(self.pressure, u, axis=0)(self.pressure, 1)
+        return replace(self, u=self.u + u, u_slope=self.u_slope + slope)
+
     def values(self, operator: csr_matrix, q: Array, order: int = 0) -> Array:
         """Displacement, or its slope with order 1, at pressures q (s,) and points given by `operator` (p, n):
         (s, p, 3)."""

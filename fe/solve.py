@@ -7,7 +7,7 @@ interpolated.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 
 import numpy as np
@@ -21,6 +21,8 @@ from fe.locate import interpolation
 from fe.material import relaxation
 from fe.newton import Problem, equilibrium, moved
 from fe.path import Path, equivalent, in_time, knots, levels
+
+FEW = 4  # pressures that are solved as they are, without a curve through levels
 
 
 @dataclass(frozen=True)
@@ -81,6 +83,26 @@ class Solution:
         """The last pressure in MPa with an equilibrium."""
         return float(self.curve.pressure[-1]) if len(self.curve.pressure) else 0.0
 
+    def ahead(self, change: Array) -> "Solution":
+        """The solution to first order where the parameters of its variations change by `change` (v,): a start
+        for the solve there."""
+        if not len(self.curve.derivative) or not np.any(change):
+            return self
+        h = self.history
+        if h is not None:
+            shift = np.zeros_like(h.u)
+            for n, d in h.derivative.items():
+                shift += change[n] * (d - self._carried(n, h))
+            drift = tuple(replace(x, u=x.u + s) for x, s in zip(h.drift, shift, strict=True))
+            h = replace(h, drift=drift)
+        return replace(self, curve=self.curve.ahead(change), history=h)
+
+    def _carried(self, number: int, h: History) -> Array:
+        """The derivative (k, n, 3) to parameter `number` of the curve's states that carry the history."""
+        along = np.stack([self.curve.slope(q).u for q in h.pressure])
+        own = np.stack([self.curve.derivative_at(number, q) for q in h.pressure])
+        return np.asarray(own + h.slopes[number][:, None, None] * along, float)
+
     def _operator(self, points: Array) -> csr_matrix:
         key = np.ascontiguousarray(points).tobytes()
         if key not in self._operators:
@@ -140,7 +162,8 @@ def solve(
     """The displacements of `case` along `path`, and their derivatives along `variations`.
 
     start: a solution of a neighbouring case with the same mesh and path, to begin from. count: levels of
-    pressure that carry the history-free curve (10 leave 2e-4 mm of the finger's 58). Never raises for lack of
+    pressure that carry the history-free curve (10 leave 2e-4 mm of the finger's 58); where the output times
+    see a few pressures only, these are solved and no others. Never raises for lack of
     convergence: see `Solution.converged`, `reason` and `reached`.
     """
     kernel = _kernel(_Key(case))
@@ -149,15 +172,17 @@ def solve(
         Differenced(Problem.of(v.plus[0], kernel), Problem.of(v.minus[0], kernel), v.step) for v in variations
     ]
     dense = _equivalent(problem, path, path.time)
-    pressures = levels(max(float(dense.max()), 1e-9), count=count)
-    curve = trace(problem, pressures, varied=varied, near=start.curve if start else None)
+    remember = any(len(q.constants.prony) for q in (problem, *(v.plus for v in varied)))
+    wanted = np.unique(np.interp(path.output, path.time, dense))
+    if remember or len(wanted) > FEW or wanted[0] < 0:
+        wanted = levels(max(float(dense.max()), 1e-9), count=count)
+    curve = trace(problem, np.union1d(0.0, wanted), varied=varied, near=start.curve if start else None)
 
     def result(history: History | None, iterations: int, reason: str) -> Solution:
         pressure = np.interp(path.output, path.time, dense)
         slopes = _slopes(varied, variations, path.output, dense=True)
         return Solution(case, path, curve, pressure, slopes, history, curve.iterations + iterations, reason)
 
-    remember = any(len(q.constants.prony) for q in (problem, *(v.plus for v in varied)))
     if curve.reason != "converged" or not remember:
         return result(None, 0, curve.reason)
     return result(*_follow(problem, path, curve, variations, varied, start.history if start else None))

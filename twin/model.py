@@ -119,11 +119,14 @@ class Model:
         return near, np.zeros(1) if near is None else np.tensordot(theta - near.theta, near.jacobian, 1)
 
     def _start(self, theta: Array) -> Solution | None:
-        """The nearest solution; for a model's first, the newest one of the model that it came from."""
-        near, _ = self._near(theta)
+        """The nearest solution to first order here; for a model's first, that of the model it came from."""
+        near, model = self._near(theta)[0], self
         if near is None and self._parent is not None and self._parent._anchors:
-            near = self._parent._anchors[-1]
-        return near.solution if near else None
+            near, model = self._parent._anchors[-1], self._parent
+        if near is None:
+            return None
+        values = self.named(theta)
+        return near.solution.ahead(np.array([values.get(p.name, 0.0) for p in model.parameters]) - near.theta)
 
     def _solve(self, theta: Array) -> Anchor:
         """A full solve with all derivatives, kept for what comes near it."""

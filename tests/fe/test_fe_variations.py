@@ -121,6 +121,22 @@ def test_derivatives_with_history(short: Case) -> None:
         np.testing.assert_allclose(ours[n], theirs, atol=1e-5 * size, err_msg=name)
 
 
+def test_derivatives_of_a_history_that_begins_under_load(short: Case) -> None:
+    hanging = replace(short, forces={"tip_face": FORCE}).with_material(prony=((0.2, 1.5),))
+    pressure = 0.005 + 0.5 * CYCLE
+
+    def test(gain: float, **constants: float) -> Test:
+        return hanging.with_material(**constants), Path(LOG, pressure * (1 + gain), np.array([0.0, *KNOTS]))
+
+    tests: list[Map] = [lambda x: test(0.0, C10=x), test]
+    ours = exact(test(0.0), tests, [0.214, 0.0], [2e-8, 5e-8])
+    for n, (at, h) in enumerate(((0.214, 1e-4), (0.0, 2.5e-4))):
+        theirs = difference(tests[n], at, h)
+        size = np.abs(theirs).max()
+        assert np.abs(theirs[0]).max() > 0.05 * size  # the first state is moved, too
+        np.testing.assert_allclose(ours[n], theirs, atol=1e-5 * size)
+
+
 def test_derivatives_to_creep_at_its_null(short: Case) -> None:
     def creep(share: float, tau: float) -> Test:
         return short.with_material(prony=((share, tau),)), cycle()
