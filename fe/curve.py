@@ -140,17 +140,15 @@ def sensitivities(
     neighbours: Sequence[Neighbours],
     *,
     isochoric: Array | None = None,
-    more: Sequence[Residual] = (),
 ) -> list[State]:
     """The derivatives of the state to parameters, by direct differentiation with the factorised tangent.
 
-    isochoric (e, q, 3, 3) MPa: the state's isochoric second Piola-Kirchhoff stress, where it is known. more:
-    derivatives of the residuals to other things, whose changes of state come last.
+    isochoric (e, q, 3, 3) MPa: the state's isochoric second Piola-Kirchhoff stress, where it is known.
     """
-    if not neighbours and not more:
+    if not neighbours:
         return []
-    changes = step.solve([*(n.residual(state, isochoric) for n in neighbours), *more])
-    for change, n in zip(changes, neighbours, strict=False):
+    changes = step.solve([n.residual(state, isochoric) for n in neighbours])
+    for change, n in zip(changes, neighbours, strict=True):
         change.u[step.problem.kernel.clamped] += n.clamp(state.rotation)
     return changes
 
@@ -197,10 +195,11 @@ def trace(
             continue
         load, last = todo.pop(0), found.step
         none = moved(found.state, found.state, -1.0)
-        beside, along = [Neighbours(v, (load, load)) for v in seen], _per_pressure(last, found.state)
-        changes = iter(sensitivities(last, found.state, beside, more=[along]))
+        changes = iter(sensitivities(last, found.state, [Neighbours(v, (load, load)) for v in seen]))
         derivatives = tuple(none if v.history_only else next(changes) for v in varied)
-        done.append(_Level(load, found.state, next(changes), derivatives))
+        # alone: solved together with the derivatives its last bits would depend on their number
+        (slope,) = last.solve([_per_pressure(last, found.state)])
+        done.append(_Level(load, found.state, slope, derivatives))
     return _curve(done, len(varied), iterations, reason)
 
 

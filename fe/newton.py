@@ -10,15 +10,15 @@ from fe.assembly import Constants, Geometry, Kernel, Linearised, Memory, State
 from fe.case import Case
 from fe.element import Array
 
-# Last correction: of u against the structure's size, of p against a tenth of the shear modulus. Convergence
-# is quadratic in both, and near incompressibility p settles last: with u alone the tangent can be 1 % off.
-TOLERANCE = 1e-5
+# Last correction: of u against the structure's size, of p against a tenth of the shear modulus. The tangent
+# that serves derivatives is that far from the equilibrium: 1e-7 leaves them 1e-6 wrong, 1e-5 left 2e-3.
+TOLERANCE = 1e-7
 # A factorised tangent serves again, at a quarter of the cost of a new one, for states within NEARBY of the
 # structure's size, as long as every correction is at most SHRINK of the last but one: a wrong p first pushes
 # u away, and the next correction brings it back.
 NEARBY = 0.02
 SHRINK = 0.2
-EXACT = 1e-3  # of TOLERANCE is what such corrections may leave, as Newton's last one does
+EXACT = 0.01  # of TOLERANCE is what such corrections may leave, as Newton's last one does
 
 
 @dataclass(frozen=True)

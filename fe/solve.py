@@ -22,8 +22,6 @@ from fe.material import relaxation
 from fe.newton import Problem, equilibrium, moved
 from fe.path import Path, equivalent, in_time, knots, levels
 
-FEW = 4  # pressures that are solved as they are, without a curve through levels
-
 
 @dataclass(frozen=True)
 class Variation:
@@ -162,8 +160,8 @@ def solve(
     """The displacements of `case` along `path`, and their derivatives along `variations`.
 
     start: a solution of a neighbouring case with the same mesh and path, to begin from. count: levels of
-    pressure that carry the history-free curve (10 leave 2e-4 mm of the finger's 58); where the output times
-    see a few pressures only, these are solved and no others. Never raises for lack of
+    pressure that carry the history-free curve (10 leave 2e-4 mm of the finger's 58); one output time needs no
+    curve. Never raises for lack of
     convergence: see `Solution.converged`, `reason` and `reached`.
     """
     kernel = _kernel(_Key(case))
@@ -173,10 +171,10 @@ def solve(
     ]
     dense = _equivalent(problem, path, path.time)
     remember = any(len(q.constants.prony) for q in (problem, *(v.plus for v in varied)))
-    wanted = np.unique(np.interp(path.output, path.time, dense))
-    if remember or len(wanted) > FEW or wanted[0] < 0:
-        wanted = levels(max(float(dense.max()), 1e-9), count=count)
-    curve = trace(problem, np.union1d(0.0, wanted), varied=varied, near=start.curve if start else None)
+    top, only = max(float(dense.max()), 1e-9), float(np.interp(path.output[0], path.time, dense))
+    if len(path.output) == 1 and only > 0 and not remember:
+        top, count = only, 1
+    curve = trace(problem, levels(top, count=count), varied=varied, near=start.curve if start else None)
 
     def result(history: History | None, iterations: int, reason: str) -> Solution:
         pressure = np.interp(path.output, path.time, dense)
