@@ -12,6 +12,7 @@ import sys
 import time
 from dataclasses import asdict, dataclass, replace
 
+import _first  # noqa: F401
 import numpy as np
 from scipy.optimize import brentq
 

@@ -14,6 +14,7 @@ import tempfile
 import time
 from pathlib import Path
 
+import _first  # noqa: F401
 import cv2
 import numpy as np
 from numpy.typing import NDArray

@@ -14,6 +14,7 @@ import sys
 from dataclasses import dataclass
 from pathlib import Path
 
+import _first  # noqa: F401
 import cv2
 import numpy as np
 from trials import NAMES, Laboratory, marked_points, nodes_of, report, solved

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
+import _first  # noqa: F401
 import numpy as np
 
 from fe import Case, Finger, Lattice

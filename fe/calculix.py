@@ -11,38 +11,24 @@ from pathlib import Path
 import numpy as np
 
 from fe.case import Case
-from fe.deck import deck
-from fe.element import Array, Integers
-
-
-@dataclass(frozen=True)
-class Response:
-    """Final displacements u (n, 3) mm of the nodes `labels` (n,), or the reason why there are none; the time
-    it took in s."""
-
-    labels: Integers
-    u: Array
-    converged: bool
-    reason: str
-    seconds: float
-
-    def at(self, label: int) -> Array:
-        """The displacement (3,) mm of one node."""
-        return np.asarray(self.u[np.flatnonzero(self.labels == label)[0]], float)
+from fe.deck_out import deck
+from fe.engine import Response
 
 
 @dataclass(frozen=True)
 class CalculiX:
-    """The engine `ccx`; folder: where its files stay, by default nowhere."""
+    """The engine `ccx`; folder: where its files stay, by default nowhere; kind: the element that takes the
+    place of hex27, without its H."""
 
     executable: str = "ccx"
     folder: Path | None = None
     threads: int = 1
+    kind: str = "C3D20RH"
     name: str = "CalculiX"
 
-    def solve(self, case: Case, pressure: float, *, kind: str = "C3D20RH") -> Response:
-        """The response of a case to a follower pressure in MPa, in elements `kind` (without their H)."""
-        return self.run(deck(case, pressure, kind=kind))
+    def solve(self, case: Case, pressure: float) -> Response:
+        """The response of a case to a follower pressure in MPa; see `run`."""
+        return self.run(deck(case, pressure, kind=self.kind))
 
     def run(self, text: str) -> Response:
         """The response of a deck. FileNotFoundError where ccx is not installed; never raises for lack of
@@ -95,7 +81,9 @@ def _read(path: Path, done: "subprocess.CompletedProcess[str]", seconds: float) 
     finished = done.returncode == 0 and "Job finished" in done.stdout
     told = [line.strip() for line in done.stdout.splitlines() if "*ERROR" in line]
     reason = "converged" if finished and blocks else (told[0] if told else "ccx stopped before the end")
-    rows = blocks[-1] if blocks else []
+    if reason != "converged":
+        return Response.failed(reason, seconds)
+    rows = blocks[-1]
     labels = np.array([int(r[3:13]) for r in rows], np.int64)
     u = np.array([[float(r[13 + 12 * k : 25 + 12 * k]) for k in range(3)] for r in rows]).reshape(-1, 3)
-    return Response(labels, u, reason == "converged", reason, seconds)
+    return Response(labels, u, True, reason, seconds)

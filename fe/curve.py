@@ -41,7 +41,8 @@ class Differenced:
 class Curve:
     """States over pressure (k,) MPa: u (k, n, 3) mm, p (k, e, 4) MPa, rotation (k,) rad, and their slopes.
 
-    derivative (v, k, n, 3): mm per unit of each parameter at fixed pressure. Where the path stopped early,
+    derivative (v, k, n, 3): mm per unit of each parameter at fixed pressure, p_derivative (v, k, e, m) the
+    same of the pressure modes. Where the path stopped early,
     `reason` says why and `pressure[-1]` is what was reached.
     """
 
@@ -53,6 +54,7 @@ class Curve:
     p_slope: Array
     rotation_slope: Array
     derivative: Array
+    p_derivative: Array
     iterations: int
     reason: str
 
@@ -73,15 +75,20 @@ class Curve:
         )
         return State(u, p, float(r))
 
-    def derivative_at(self, number: int, q: float) -> Array:
-        """The derivative (n, 3) of the displacement to parameter `number` at pressure q MPa."""
-        return np.asarray(CubicSpline(self.pressure, self.derivative[number], axis=0)(q))
+    def derivative_at(self, number: int, q: float) -> State:
+        """The derivative of the state (but for the clamp's rotation) to parameter `number` at q MPa."""
+        return State(
+            CubicSpline(self.pressure, self.derivative[number], axis=0)(q),
+            CubicSpline(self.pressure, self.p_derivative[number], axis=0)(q),
+        )
 
     def ahead(self, change: Array) -> "Curve":
         """The curve to first order where its parameters change by `change` (v,)."""
-        u = np.tensordot(change, self.derivative, 1)
-        slope = CubicSpline(self.pressure, u, axis=0)(self.pressure, 1)
-        return replace(self, u=self.u + u, u_slope=self.u_slope + slope)
+        u, p = (np.tensordot(change, x, 1) for x in (self.derivative, self.p_derivative))
+        u_slope, p_slope = (CubicSpline(self.pressure, x, axis=0)(self.pressure, 1) for x in (u, p))
+        return replace(
+            self, u=self.u + u, p=self.p + p, u_slope=self.u_slope + u_slope, p_slope=self.p_slope + p_slope
+        )
 
     def values(self, operator: csr_matrix, q: Array, order: int = 0) -> Array:
         """Displacement, or its slope with order 1, at pressures q (s,) and points given by `operator` (p, n):
@@ -225,16 +232,13 @@ def _guess(rest: State, done: list[_Level], target: float, near: Curve | None) -
         return rest
     if near is None or target > near.pressure.max(initial=0.0):
         return _ahead(done[-2:], target)
-    gaps = [
-        _Level(
-            level.pressure,
-            moved(level.state, near.state(level.pressure), -1.0),
-            moved(level.slope, near.slope(level.pressure), -1.0),
-            (),
-        )
-        for level in done[-2:]
-    ]
-    return moved(near.state(target), _ahead(gaps, target))
+    # what the neighbour is off by at the last levels goes on as a straight line: its slopes are less sure
+    x = [level.pressure for level in done[-2:]]
+    gaps = [moved(level.state, near.state(level.pressure), -1.0) for level in done[-2:]]
+    guess = moved(near.state(target), gaps[-1])
+    if len(gaps) == 1:
+        return guess
+    return moved(guess, moved(gaps[1], gaps[0], -1.0), (target - x[1]) / (x[1] - x[0]))
 
 
 def _ahead(done: list[_Level], target: float) -> State:
@@ -255,7 +259,10 @@ def _curve(done: list[_Level], parameters: int, iterations: int, reason: str) ->
     def of(kind: str, name: str) -> Array:
         return np.array([getattr(getattr(level, kind), name) for level in done])
 
-    derivative = np.array([[level.derivatives[v].u for level in done] for v in range(parameters)])
+    derivative, p_derivative = (
+        np.array([[getattr(level.derivatives[v], name) for level in done] for v in range(parameters)])
+        for name in ("u", "p")
+    )
     return Curve(
         np.array([level.pressure for level in done]),
         of("state", "u"),
@@ -265,6 +272,7 @@ def _curve(done: list[_Level], parameters: int, iterations: int, reason: str) ->
         of("slope", "p"),
         of("slope", "rotation"),
         derivative,
+        p_derivative,
         iterations,
         reason,
     )

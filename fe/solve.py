@@ -36,10 +36,11 @@ class Variation:
 class History:
     """The solved times of a history material.
 
-    time (k,) s; weights (s, k) carry values to the output times; pressure (k,) MPa, creep-equivalent, and its
-    derivatives slopes (v, k); u (k, n, 3) mm; derivative of those parameters that have a history, each
-    (k, n, 3) mm per unit. `active` is False where every g is 0: then u equals the curve and only the
-    derivatives matter. `drift` is the state minus the curve's, for a neighbouring solve to begin from.
+    time (k,) s; weights (s, k) carry values to the output times; pressure (k,) MPa, creep-equivalent, and
+    its derivatives slopes (v, k); u (k, n, 3) mm; derivative of those parameters that have a history, each
+    (k, n, 3) mm per unit, and p_derivative (k, e, m) MPa per unit of the pressure modes. `active` is False
+    where every g is 0: then u equals the curve and only the derivatives matter. `drift` is the state minus
+    the curve's, for a neighbouring solve to begin from.
     """
 
     time: Array
@@ -48,6 +49,7 @@ class History:
     slopes: Array
     u: Array
     derivative: dict[int, Array]
+    p_derivative: dict[int, Array]
     drift: tuple[State, ...]
     active: bool
 
@@ -88,18 +90,14 @@ class Solution:
             return self
         h = self.history
         if h is not None:
-            shift = np.zeros_like(h.u)
-            for n, d in h.derivative.items():
-                shift += change[n] * (d - self._carried(n, h))
-            drift = tuple(replace(x, u=x.u + s) for x, s in zip(h.drift, shift, strict=True))
-            h = replace(h, drift=drift)
+            drift = list(h.drift)
+            for n in h.derivative:
+                for k, q in enumerate(h.pressure):
+                    carried = moved(self.curve.derivative_at(n, q), self.curve.slope(q), h.slopes[n, k])
+                    own = State(h.derivative[n][k], h.p_derivative[n][k], carried.rotation)
+                    drift[k] = moved(drift[k], moved(own, carried, -1.0), change[n])
+            h = replace(h, drift=tuple(drift))
         return replace(self, curve=self.curve.ahead(change), history=h)
-
-    def _carried(self, number: int, h: History) -> Array:
-        """The derivative (k, n, 3) to parameter `number` of the curve's states that carry the history."""
-        along = np.stack([self.curve.slope(q).u for q in h.pressure])
-        own = np.stack([self.curve.derivative_at(number, q) for q in h.pressure])
-        return np.asarray(own + h.slopes[number][:, None, None] * along, float)
 
     def _operator(self, points: Array) -> csr_matrix:
         key = np.ascontiguousarray(points).tobytes()
@@ -255,7 +253,7 @@ def _follow(
     first = [
         _first_change(curve, n, varied[n], pressure[0], (loads[n][0][0], loads[n][1][0])) for n in tracked
     ]
-    u, du = [state.u], [first]
+    u, du, dp = [state.u], [first], [[np.zeros_like(state.p)] * len(tracked)]
     stresses = _first(problem, state.u)
     pairs = {
         n: tuple(
@@ -294,12 +292,18 @@ def _follow(
                 for s, q, sign in zip(pairs[n], (v.plus, v.minus), (1, -1), strict=True)
             )
         du.append([change.u for change in changes])
+        dp.append([change.p for change in changes])
         stresses = stresses.after(problem, dt, now)
     slopes = _slopes(varied, variations, time, dense=False)
     weights = in_time(path, time)
-    derivative = {n: np.array([row[i] for row in du]) for i, n in enumerate(tracked)}
+    derivative, p_derivative = (
+        {n: np.array([row[i] for row in rows]) for i, n in enumerate(tracked)} for rows in (du, dp)
+    )
     return (
-        History(time, weights, pressure, slopes, np.array(u), derivative, tuple(drift), bool(g.any())),
+        History(
+            time, weights, pressure, slopes, np.array(u), derivative, p_derivative, tuple(drift),
+            bool(g.any()),
+        ),
         iterations,
         "converged",
     )
@@ -310,7 +314,7 @@ def _first_change(
 ) -> Array:
     """The derivative (n, 3) of the first state, which was put on instantly, to parameter number n."""
     along = (load[0] - load[1]) / (2 * varied.step)
-    return np.asarray(curve.derivative_at(n, pressure) + along * curve.slope(pressure).u, float)
+    return np.asarray(curve.derivative_at(n, pressure).u + along * curve.slope(pressure).u, float)
 
 
 def _first(problem: Problem, u: Array) -> _Stresses:

@@ -10,10 +10,10 @@ import pytest
 from fe import Case, Material, Path, Support, solve
 from fe.calculix import CalculiX, without_hybrid
 from fe.convert import converted
-from fe.deck import deck
+from fe.deck_in import read_deck
+from fe.deck_out import deck
 from fe.element import ELEMENTS, Array
 from fe.newton import Problem, equilibrium
-from fe.read_deck import read_deck
 
 Cube = Callable[..., Case]
 PRESSURE = 0.02  # MPa

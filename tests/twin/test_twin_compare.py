@@ -83,7 +83,7 @@ def test_a_smooth_misfit_is_seen_and_placed(course: Path) -> None:
     assert {row["name"] for row in data["maps"]["branch"]} == set(BRANCHES)
 
 
-def test_where_it_fails_is_judged_by_significance(course: Path) -> None:
+def test_where_it_fails_is_where_the_most_is_beyond_noise(course: Path) -> None:
     misfit = np.zeros((len(course.output), 3, 3))
     misfit[:, 0, 2] = 0.06 * np.sin(np.pi * course.at_output() / 0.03) ** 2
     found = judged(draw(course, 3, misfit=misfit))

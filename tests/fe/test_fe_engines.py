@@ -1,0 +1,121 @@
+"""Three engines behind one protocol: the same case, the same answer; Abaqus by a stand-in that records."""
+
+import ast
+import json
+import stat
+import sys
+from collections.abc import Callable
+from pathlib import Path as File
+
+import numpy as np
+import pytest
+
+from fe import Case
+from fe.abaqus import EXTRACT, Abaqus
+from fe.calculix import CalculiX
+from fe.convert import converted
+from fe.deck_in import read_deck
+from fe.engine import Embedded, Engine
+
+PRESSURE = 0.01  # MPa
+# Records its command line; "solves" by copying a recorded result where the extraction script would write it.
+STAND_IN = """\
+#!{python}
+import json, pathlib, shutil, sys
+log = pathlib.Path({log!r})
+seen = json.loads(log.read_text()) if log.exists() else []
+seen.append({{"arguments": sys.argv[1:], "files": sorted(p.name for p in pathlib.Path(".").iterdir())}})
+log.write_text(json.dumps(seen))
+if sys.argv[1] == "python":
+    assert pathlib.Path("job.odb").exists()
+    shutil.copy({result!r}, sys.argv[4])
+else:
+    if {fails!r}:
+        sys.exit("Abaqus/Analysis exited with errors")
+    pathlib.Path("job.odb").write_text("")
+"""
+
+
+@pytest.fixture
+def stand_in(tmp_path: File) -> Callable[..., tuple[Abaqus, File]]:
+    """`stand_in(csv_text, fails=False)`: an Abaqus whose extraction gives that text, and its log."""
+
+    def make(text: str, *, fails: bool = False) -> tuple[Abaqus, File]:
+        program, log, result = (tmp_path / name for name in ("abaqus", "log.json", "result.csv"))
+        result.write_text(text)
+        code = STAND_IN.format(python=sys.executable, log=str(log), result=str(result), fails=fails)
+        program.write_text(code)
+        program.chmod(program.stat().st_mode | stat.S_IXUSR)
+        return Abaqus(executable=str(program), folder=tmp_path / "job"), log
+
+    return make
+
+
+def recorded(case: Case) -> str:
+    """What the extraction script writes, from the embedded engine's displacements."""
+    found = Embedded().solve(case, PRESSURE)
+    rows = [f"{n},{u[0]:.9g},{u[1]:.9g},{u[2]:.9g}" for n, u in zip(found.labels, found.u)]
+    return "\n".join(["# 1 of 1 s", "label,u1,u2,u3", *rows[::-1], ""])  # in any order
+
+
+def test_abaqus_is_run_with_the_studys_settings_and_read(
+    short: Case, stand_in: Callable[..., tuple[Abaqus, File]]
+) -> None:
+    case = converted(short, "C3D20RH")
+    abaqus, log = stand_in(recorded(case))
+    found = abaqus.solve(short, PRESSURE)
+    assert found.reason == "converged"
+    expected = Embedded().solve(case, PRESSURE)
+    np.testing.assert_allclose(found.at(4401), expected.at(4401), atol=1e-7)
+    job, extraction = json.loads(log.read_text())
+    assert job["arguments"] == [
+        "job=job", "input=job.inp", "cpus=4", "domains=4", "memory=60%", "interactive", "ask_delete=OFF",
+    ]  # fmt: skip
+    assert extraction["arguments"] == ["python", "extract.py", "job.odb", "job.csv"]
+    assert {"job.inp", "extract.py"} <= set(job["files"])
+    assert abaqus.folder
+    assert read_deck(abaqus.folder / "job.inp").case.element.name == "C3D20RH"  # hybrid, as Abaqus wants it
+
+
+def test_an_abaqus_that_fails_or_stops_early_says_so(
+    short: Case, stand_in: Callable[..., tuple[Abaqus, File]]
+) -> None:
+    abaqus, _ = stand_in("", fails=True)
+    found = abaqus.solve(short, PRESSURE)
+    assert not found.converged
+    assert "exited with errors" in found.reason
+    with pytest.raises(ValueError, match=r"no displacement of node 4401.*exited with errors"):
+        found.at(4401)
+    abaqus, _ = stand_in("# 0.25 of 1 s\nlabel,u1,u2,u3\n4401,1,2,3\n")
+    assert abaqus.solve(short, PRESSURE).reason == "stopped at 0.25 of the step"
+
+
+@pytest.mark.parametrize("engine", [Abaqus(executable="no-such-abaqus"), CalculiX(executable="no-such-ccx")])
+def test_an_engine_that_is_absent_says_what_to_install(short: Case, engine: Engine) -> None:
+    with pytest.raises(FileNotFoundError, match=r"not found, wanted .*install"):
+        engine.solve(short, PRESSURE)
+
+
+def test_the_extraction_script_is_python_and_uses_what_an_odb_has() -> None:
+    tree = ast.parse(EXTRACT)
+    used = {node.attr for node in ast.walk(tree) if isinstance(node, ast.Attribute)}
+    # names of the odb's object model: Abaqus Scripting Reference Guide, "Odb commands"
+    model = {"steps", "frames", "fieldOutputs", "values", "nodeLabel", "data", "dataDouble", "precision"}
+    assert model <= used
+    assert used - model <= {"frameValue", "timePeriod", "argv", "write", "close"}
+
+
+def test_the_embedded_engine_and_calculix_give_one_answer(short: Case, require: Callable[[str], None]) -> None:
+    require("ccx")
+    case = converted(short, "C3D20RH")
+    engines: list[Engine] = [Embedded(), CalculiX()]
+    ours, theirs = (e.solve(case, PRESSURE) for e in engines)
+    assert ours.converged
+    assert theirs.converged
+    np.testing.assert_allclose(theirs.at(4401), ours.at(4401), rtol=1e-3)
+
+
+def test_the_embedded_engine_never_raises_for_lack_of_convergence(short: Case) -> None:
+    found = Embedded().solve(short, 5.0)
+    assert not found.converged
+    assert "stopped at" in found.reason
