@@ -315,11 +315,12 @@ def linearise(
                         spread[q, k, i, r] = w[e, q] * J * a[i, k] * psi[e, q, r]
             for k in range(3):
                 for pair in range(6):
-                    t = w[e, q] * A[pair, k]
-                    if pair < 3:  # the same component on both sides: what is carried adds to the stiffness
-                        t += w[e, q] * S[q, k]
+                    same = w[e, q] if pair < 3 else 0.0  # what is carried couples a component with itself
+                    t0 = w[e, q] * A[pair, k, 0] + same * S[q, k, 0]
+                    t1 = w[e, q] * A[pair, k, 1] + same * S[q, k, 1]
+                    t2 = w[e, q] * A[pair, k, 2] + same * S[q, k, 2]
                     for b in range(n):
-                        T[q, k, pair, b] = t[0] * G[e, q, 0, b] + t[1] * G[e, q, 1, b] + t[2] * G[e, q, 2, b]
+                        T[q, k, pair, b] = t0 * G[e, q, 0, b] + t1 * G[e, q, 1, b] + t2 * G[e, q, 2, b]
         Gt = G[e].reshape(3 * points, n).T
         np.dot(Gt, flux.reshape(3 * points, 3), force[e])
         np.dot(Gt, T.reshape(3 * points, 6 * n), K[e].reshape(n, 6 * n))
