@@ -6,7 +6,7 @@ from itertools import permutations
 import numpy as np
 
 from fe.case import Block, Case
-from fe.element import ELEMENTS, FACES, HEX27, Integers
+from fe.element import ELEMENTS, FACES, HEX27, Integers, barycentric
 
 _TETS = {name for name, e in ELEMENTS.items() if e.simplex}
 
@@ -48,8 +48,7 @@ def _into_tetrahedra(case: Case, kind: str) -> Case:
             corners[step + 1 :, axis] = 1
         if np.linalg.det(corners[1:] - corners[0]) < 0:
             corners = corners[[0, 2, 1, 3]]
-        weights = np.column_stack([1 - element.local.sum(axis=1), element.local])
-        paths.append(_same_places(weights @ corners))
+        paths.append(_same_places(barycentric(element.local) @ corners))
     local = np.array(paths)  # (6, 10)
     connectivity = case.connectivity[:, local].reshape(-1, 10)
     _check_conforming(connectivity[:, element.faces[:, :3]].reshape(-1, 3))

@@ -75,8 +75,9 @@ class Curve:
         )
         return State(u, p, float(r))
 
-    def derivative_at(self, number: int, q: float) -> State:
-        """The derivative of the state (but for the clamp's rotation) to parameter `number` at q MPa."""
+    def derivative_at(self, number: int, q: float | Array) -> State:
+        """The derivative of the state (but for the clamp's rotation) to parameter `number` at q MPa, or those
+        at several q (s,)."""
         return State(
             CubicSpline(self.pressure, self.derivative[number], axis=0)(q),
             CubicSpline(self.pressure, self.p_derivative[number], axis=0)(q),

@@ -66,23 +66,21 @@ def _nodes(draft: Draft, k: Keyword) -> None:
 
 def _elements(draft: Draft, k: Keyword) -> None:
     kind = k.parameters.get("TYPE", "").upper()
-    if kind not in ELEMENTS or kind == "HEX27":
+    if kind not in ELEMENTS:
         wanted = ", ".join(name for name in ELEMENTS if name != "hex27")
         raise k.error(f"element type {kind or 'absent'}: wanted one of {wanted}; mesh it with one")
-    wanted_nodes, record = len(ELEMENTS[kind].local) + 1, list[int]()
+    count, record = len(ELEMENTS[kind].local), list[int]()
     for line, words in k.data:
         record += [int(x) for x in k.numbers(line, [w for w in words if w])]
-        if len(record) > wanted_nodes:
-            raise k.error(
-                f"element {record[0]} has {len(record) - 1} nodes; {kind} wants {wanted_nodes - 1}", line
-            )
-        if len(record) == wanted_nodes:
+        if len(record) > count + 1:
+            raise k.error(f"element {record[0]} has {len(record) - 1} nodes; {kind} wants {count}", line)
+        if len(record) == count + 1:
             draft.elements[record[0]] = kind, record[1:]
             if "ELSET" in k.parameters:
                 draft.element_sets.setdefault(_name(k.text("ELSET")), []).append(record[0])
             record = []
     if record:
-        raise k.error(f"element {record[0]} has {len(record) - 1} nodes; {kind} wants {wanted_nodes - 1}")
+        raise k.error(f"element {record[0]} has {len(record) - 1} nodes; {kind} wants {count}")
 
 
 def _set(sets: str, parameter: str) -> Callable[[Draft, Keyword], None]:
@@ -96,7 +94,7 @@ def _set(sets: str, parameter: str) -> Callable[[Draft, Keyword], None]:
                 members += range(first, last + 1, step)
                 continue
             for word in given:
-                members += [int(word)] if word.lstrip("-").isdigit() else _known(k, known, word, line)
+                members += _members(k, known, word, line)
 
     return read
 

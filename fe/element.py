@@ -69,7 +69,7 @@ class Element:
             return np.concatenate([one, x], axis=-1)
         if self.modes == "constant":
             return one
-        fixed = np.eye(len(self.points)) if self.modes == "points" else _barycentric(self.points)
+        fixed = np.eye(len(self.points)) if self.modes == "points" else barycentric(self.points)
         return np.broadcast_to(fixed, (len(x), *fixed.shape)).copy()
 
     def on_face(self, st: Array) -> tuple[Array, Array]:
@@ -147,7 +147,8 @@ def _serendipity(nodes: Array) -> Shape:
     return shape
 
 
-def _barycentric(xi: Array) -> Array:
+def barycentric(xi: Array) -> Array:
+    """The four linear functions (k, 4) of a tetrahedron's corners at local points (k, 3)."""
     return np.column_stack([1 - xi.sum(axis=1), xi])
 
 
@@ -156,7 +157,7 @@ _TET_EDGES = ((0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3))
 
 def _quadratic_tet(xi: Array) -> tuple[Array, Array]:
     """10-node tetrahedron."""
-    L = _barycentric(np.asarray(xi))
+    L = barycentric(np.asarray(xi))
     dL = np.vstack([-np.ones(3), np.eye(3)])
     value = np.column_stack([L * (2 * L - 1)] + [4 * L[:, a] * L[:, b] for a, b in _TET_EDGES])
     corner = (4 * L - 1)[..., None] * dL

@@ -13,7 +13,7 @@ from fe.element import Array
 # Last correction: of u against the structure's size, of p against a tenth of the shear modulus. The tangent
 # that serves derivatives is that far from the equilibrium: 1e-7 leaves them 1e-6 wrong, 1e-5 left 2e-3.
 TOLERANCE = 1e-7
-# A factorised tangent serves again, at a quarter of the cost of a new one, for states within NEARBY of the
+# A factorised tangent serves again, at an eighth of the cost of a new one, for states within NEARBY of the
 # structure's size, as long as every correction is at most SHRINK of the last but one: a wrong p first pushes
 # u away, and the next correction brings it back.
 NEARBY = 0.02
@@ -79,7 +79,7 @@ class Problem:
 
 @dataclass(frozen=True)
 class Residual:
-    """What is out of balance at a state: nodal forces (n, 3) N; volume gaps (e, 4) mm3, or None where they
+    """What is out of balance at a state: nodal forces (n, 3) N; volume gaps (e, m) mm3, or None where they
     are condensed into the forces already; the moment, residual of the clamp's equation in rad."""
 
     force: Array

@@ -91,9 +91,11 @@ class Solution:
         h = self.history
         if h is not None:
             drift = list(h.drift)
+            slopes = [self.curve.slope(q) for q in h.pressure]
             for n in h.derivative:
-                for k, q in enumerate(h.pressure):
-                    carried = moved(self.curve.derivative_at(n, q), self.curve.slope(q), h.slopes[n, k])
+                along = self.curve.derivative_at(n, h.pressure)
+                for k, slope in enumerate(slopes):
+                    carried = moved(State(along.u[k], along.p[k]), slope, h.slopes[n, k])
                     own = State(h.derivative[n][k], h.p_derivative[n][k], carried.rotation)
                     drift[k] = moved(drift[k], moved(own, carried, -1.0), change[n])
             h = replace(h, drift=tuple(drift))

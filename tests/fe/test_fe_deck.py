@@ -7,12 +7,12 @@ from pathlib import Path as File
 import numpy as np
 import pytest
 
-from fe import Case, Material, Path, Support, solve
+from fe import Case, Lattice, Material, Path, Support, finger_case, solve
 from fe.calculix import CalculiX, without_hybrid
 from fe.convert import converted
 from fe.deck_in import read_deck
 from fe.deck_out import deck
-from fe.element import ELEMENTS, Array
+from fe.element import ELEMENTS, Array, barycentric
 from fe.newton import Problem, equilibrium
 
 Cube = Callable[..., Case]
@@ -47,9 +47,7 @@ def _straightened(case: Case) -> Case:
     nodes, kind = case.nodes.copy(), case.element
     corners = 4 if kind.simplex else 8
     X = case.nodes[case.connectivity]
-    linear = ELEMENTS["C3D8"].shape(kind.local)[0] if corners == 8 else np.column_stack(
-        [1 - kind.local.sum(axis=1), kind.local]
-    )  # fmt: skip
+    linear = ELEMENTS["C3D8"].shape(kind.local)[0] if corners == 8 else barycentric(kind.local)
     nodes[case.connectivity] = np.einsum("ab,ebi->eai", linear, X[:, :corners])
     return replace(case, nodes=nodes)
 
@@ -228,9 +226,20 @@ def test_what_a_deck_lacks_is_named_with_its_line(tmp_path: File, old: str, new:
 
 def test_two_types_of_elements_are_refused(tmp_path: File) -> None:
     file = tmp_path / "two.inp"
-    file.write_text(CAE.replace("*Nset, nset=Base", "*Element, type=C3D8\n8, 1, 2, 3, 4, 5, 6, 7, 8\n*Nset, nset=Base"))
-    with pytest.raises(ValueError, match=r"(elements of the types C3D8, C3D8H|element 8 has 0)"):
+    another = "*Element, type=C3D8\n8, 1, 2, 3, 4, 5, 6, 7, 8\n*Nset, nset=Base"
+    file.write_text(CAE.replace("*Nset, nset=Base", another).replace(" 7, 7, 1", " 7, 8, 1"))
+    with pytest.raises(ValueError, match="elements of the types C3D8, C3D8H in one model"):
         read_deck(file)
+
+
+def test_two_types_on_the_same_nodes_are_two_meshes(short: Case) -> None:
+    reduced, full = (at_pressure(converted(short, kind)) for kind in ("C3D20R", "C3D20"))
+    assert np.abs(reduced - full).max() > 0.05 * np.abs(full).max()
+
+
+def test_tetrahedra_that_do_not_fit_each_other_are_refused() -> None:
+    with pytest.raises(ValueError, match="do not fit each other"):
+        converted(finger_case(Material(0.2, 0.1), lattice=Lattice(per_bellow=2, ring=True)), "C3D10")
 
 
 @pytest.mark.parametrize(
