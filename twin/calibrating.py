@@ -8,7 +8,7 @@ from calibrate import Fit, identifiability, least_squares
 from fe import Path, solve
 from fe.case import digest
 from twin.compare import compare
-from twin.effects import Elasticity
+from twin.effects_material import Elasticity
 from twin.fitting import fit_model, whitener_of, with_mesh
 from twin.history import Generations
 from twin.model import Model

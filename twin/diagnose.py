@@ -17,7 +17,7 @@ from scipy.special import ndtr
 from calibrate import Fit, bic, holm, sidak
 from twin.compare import Comparison, compare
 from twin.discretisation import Discretisation
-from twin.effects import Effect, Theta
+from twin.effect import Effect, Theta
 from twin.fitting import fit_model, whitener_of
 from twin.model import Model
 from twin.parallel import finished

@@ -9,7 +9,8 @@ from calibrate import Fit
 from twin import files
 from twin.compare import Comparison, compare
 from twin.diagnose import diagnose
-from twin.effects import Effect, effect, library
+from twin.effect import Effect
+from twin.effects import effect, library
 from twin.fitting import fit_model, whitener_of, with_mesh
 from twin.history import Fields
 from twin.model import Model

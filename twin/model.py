@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 
 from calibrate import Parameter
 from fe import Case, Finger, Lattice, Material, Path, Solution, Variation, finger_case, solve
-from twin.effects import Effect, Elasticity, Test, Theta
+from twin.effect import Effect, Test, Theta
+from twin.effects_material import Elasticity
 from twin.targets import Array, Targets
 
 STEP = 1e-6  # of a parameter's typical size, for differencing the effects' maps

@@ -9,7 +9,8 @@ from calibrate import Fit
 from fe import Case, Finger, Lattice
 from twin import files
 from twin.discretisation import MARGIN, Discretisation, discretisation
-from twin.effects import Elasticity, effect
+from twin.effects import effect
+from twin.effects_material import Elasticity
 from twin.fitting import measured_remainder
 from twin.model import Model, base_case, base_model
 from twin.parallel import WORKERS, Keep, finished

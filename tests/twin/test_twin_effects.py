@@ -7,7 +7,10 @@ import numpy as np
 import pytest
 
 from fe import Case
-from twin.effects import Creep, Effect, effect, first_order_lag, library
+from twin.effect import Effect
+from twin.effects import effect, library
+from twin.effects_load import first_order_lag
+from twin.effects_material import Creep
 from twin.model import Model, base_model
 from twin.targets import Array, Targets
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from twin.effects import Elasticity
+from twin.effects_material import Elasticity
 from twin.project import Run
 from twin.search import Generation, Objective, first_arrival, search
 from twin.table import LoadPaths

@@ -1,0 +1,53 @@
+"""Effects of what loads the structure: the pressure as the chamber feels it."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from calibrate import Parameter
+from twin.effect import Effect, Test, Theta
+from twin.targets import Array
+
+
+class PressureGain(Effect):
+    """The gauge reads wrong by a constant factor: true pressure = (1 + gain) recorded."""
+
+    name, order = "pressure_gain", 40
+    sentence = "the pressure gauge is off by a constant factor"
+    parameters = (Parameter("pressure_gain.gain", -0.3, 0.3, "", null=0.0, typical=0.02),)
+
+    def before(self, test: Test, theta: Theta) -> Test:
+        gain = 1 + theta["pressure_gain.gain"]
+        return replace(test, path=replace(test.path, pressure=test.path.pressure * gain))
+
+
+class PressureLag(Effect):
+    """The chamber follows the gauge as a first-order line: tau dp/dt = recorded - p."""
+
+    name, order, requires = "pressure_lag", 50, ("history",)
+    sentence = "the chamber's pressure lags behind the gauge (hose and orifice)"
+    parameters = (Parameter("pressure_lag.tau", 0.0, 5.0, "s", null=0.0, typical=0.1),)
+
+    def before(self, test: Test, theta: Theta) -> Test:
+        path = test.path
+        lagged = first_order_lag(path.time, path.pressure, theta["pressure_lag.tau"])
+        return replace(test, path=replace(path, pressure=lagged))
+
+
+def first_order_lag(time: Array, pressure: Array, tau: float) -> Array:
+    """The response (t,) of tau dy/dt + y = p, exact for p linear between the times (t,) s, settled at the
+    start.
+
+    For tau <= 0 the linear continuation p - tau dp/dt, so that the map can be differenced at tau = 0.
+    """
+    slope = np.diff(pressure) / np.diff(time)
+    if tau <= 0:
+        return pressure - tau * np.concatenate([[0.0], slope])
+    x = np.diff(time) / tau
+    decay = np.exp(-np.minimum(x, 300.0))  # times a pressure this is still a normal number
+    out = np.empty_like(pressure)
+    out[0] = pressure[0]
+    drive = pressure[1:] - decay * pressure[:-1] - tau * slope * (1 - decay)
+    for n in range(len(x)):
+        out[n + 1] = decay[n] * out[n] + drive[n]
+    return out

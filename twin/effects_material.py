@@ -1,0 +1,83 @@
+"""Effects of the silicone itself: its law and its memory."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from calibrate import Parameter
+from twin.effect import Effect, Test, Theta
+
+
+class Elasticity(Effect):
+    """The base material: Mooney-Rivlin constants C10 and C01 of every element, each free or held at a
+    value."""
+
+    name, sentence, order = "elasticity", "Mooney-Rivlin rubber", 0
+
+    def __init__(
+        self, *, bounds: Mapping[str, tuple[float, float]] | None = None, fixed: Theta | None = None
+    ) -> None:
+        limits = {"C10": (0.01, 0.5), "C01": (0.0, 0.5), **(bounds or {})}
+        self.fixed = dict(fixed or {})
+        self.parameters = tuple(
+            Parameter(name, *limits[name], "MPa", typical=0.02, start=float(np.clip(start, *limits[name])))
+            for name, start in (("C10", 0.2), ("C01", 0.1))
+            if name not in self.fixed
+        )
+
+    def before(self, test: Test, theta: Theta) -> Test:
+        values = {**theta, **self.fixed}
+        return replace(test, case=test.case.with_material(C10=values["C10"], C01=values["C01"]))
+
+
+class Creep(Effect):
+    """Finite-strain Prony relaxation G(t) = G0 [1 - sum g_i (1 - exp(-t / tau_i))] with one or two terms."""
+
+    name, order, requires = "creep", 10, ("history",)
+    sentence = "the silicone keeps yielding under a held pressure and recovers slowly (viscoelasticity)"
+
+    def __init__(self, terms: int = 1) -> None:
+        self.terms = terms
+        self.parameters = tuple(
+            p
+            for i in range(1, terms + 1)
+            for p in (
+                Parameter(f"creep.g{i}", 0.0, 0.4, "", null=0.0, typical=0.02, plausible=(0.003, 0.2)),
+                Parameter(f"creep.tau{i}", 0.2, 200.0, "s", typical=1.0, plausible=(0.5, 100.0)),
+            )
+        )
+        self.grid = (
+            tuple({"creep.tau1": tau} for tau in (0.6, 1.2, 2.5, 5.0, 10.0, 20.0)) if terms == 1 else ()
+        )
+
+    @property
+    def label(self) -> str:
+        return self.name if self.terms == 1 else f"{self.name}:{self.terms}"
+
+    def before(self, test: Test, theta: Theta) -> Test:
+        series = tuple((theta[f"creep.g{i}"], theta[f"creep.tau{i}"]) for i in range(1, self.terms + 1))
+        return replace(test, case=test.case.with_material(prony=series))
+
+    def wider(self) -> Effect | None:
+        return Creep(2) if self.terms == 1 else None
+
+    def start(self, theta: Theta) -> Theta:
+        if self.terms == 1:
+            return theta
+        rest = {k: v for k, v in theta.items() if not k.startswith("creep.")}
+        g, tau = theta["creep.g1"], theta["creep.tau1"]
+        slow = float(np.clip(4 * tau, 0.2, 150.0))
+        first = {"creep.g1": 0.7 * g, "creep.tau1": max(0.6 * tau, 0.2)}
+        return {**rest, **first, "creep.g2": 0.5 * g, "creep.tau2": slow}
+
+
+class Stiffening(Effect):
+    """A quadratic term C20 (I1 - 3)^2 in the energy: the rubber stiffens, or softens, with strain."""
+
+    name, order = "stiffening", 10
+    sentence = "the silicone stiffens (or softens) with strain beyond the Mooney-Rivlin law"
+    parameters = (Parameter("stiffening.C20", -0.05, 0.5, "MPa", null=0.0, typical=0.005),)
+
+    def before(self, test: Test, theta: Theta) -> Test:
+        return replace(test, case=test.case.with_material(C20=theta["stiffening.C20"]))
