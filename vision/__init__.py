@@ -1,6 +1,8 @@
 """Film of a marked finger in, displacements in mm with their uncertainty out; `synthetic` draws film."""
 
-from vision.camera import Board, Camera, calibrate_camera
+from vision.boards import Board
+from vision.calibration import calibrate_camera
+from vision.camera import Camera
 from vision.displacements import Displacements, measure
 from vision.marks import Mark
 from vision.noise import NoiseModel

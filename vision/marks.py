@@ -6,7 +6,8 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from vision.camera import Array, Image, dictionary_of
+from vision.camera import Array, Image
+from vision.dictionaries import dictionary_of
 
 ROLES = ("frame", "fixed", "finger")
 

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vision import registration
-from vision.camera import Array, Camera, Image, dictionary_of, other_dictionary
+from vision.camera import Array, Camera, Image
+from vision.dictionaries import dictionary_of, other_dictionary
 from vision.dots import find_dot
 from vision.marks import Mark, corner_warp, detect, dot_warp, px_per_unit
 from vision.plane import MIN_VISIBLE, fit_homography

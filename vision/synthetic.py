@@ -13,7 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter, map_coordinates
 
-from vision.camera import Array, Board, Camera, Image, charuco, dictionary_of
+from vision.boards import Board, charuco
+from vision.camera import Array, Camera, Image
+from vision.dictionaries import dictionary_of
 from vision.marks import Mark, check_names
 from vision.video import Writer
 

@@ -83,7 +83,7 @@ def measured(monkeypatch):
 
     def calibrate_camera(images, board, *, max_rms_px):
         calls.camera.append((images, board, max_rms_px))
-        return vision.Camera(np.eye(3), np.zeros(5), (1280, 720), 0.11, len(images), np.zeros(9))
+        return vision.Camera(np.eye(3), np.zeros(5), (1280, 720), 0.11, len(images))
 
     def video(path):
         frames = FRAMES if Path(path).name.startswith("film") else STATIC
