@@ -107,6 +107,15 @@ class PressureTable(TableModel):
 class MeasureTable(TableModel):
     placement_sd_mm: Positive = Field(default=0.3, description="how well a marker sits on its node, sd in mm")
     scale_sd: Positive = Field(default=0.001, description="how well the mm scale is known, relative sd")
+    height_sd_mm: Positive = Field(
+        default=0.3,
+        description="how well a marker's distance from the frame markers' plane is known, sd in mm",
+    )
+    out_of_plane_sd_mm: Positive = Field(
+        default=0.3,
+        description="motion of a marker towards the camera at its largest displacement, sd in mm; the side "
+        "face of the built-in finger bulges by 0.3 mm",
+    )
     reference_s: Positive = Field(
         default=1.8,
         description="length of the rest at the start of the film, s: displacements are relative to its mean",

@@ -219,6 +219,7 @@ def _measure(
     moved = measure(
         film, static, Camera.from_dict(files.read_json(camera)), _marks(project), dictionary=table.dictionary,
         placement_sd_mm=settings.placement_sd_mm, scale_sd=settings.scale_sd,
+        height_sd_mm=settings.height_sd_mm, out_of_plane_sd_mm=settings.out_of_plane_sd_mm,
         reference_s=settings.reference_s, progress=say.progress,
     )  # fmt: skip
     return moved, log, gauge
@@ -256,7 +257,9 @@ def _summary(targets: Targets, moved: "Displacements", gauge: GaugeNoise) -> dic
         "static_frames": noise.frames, "gauge_sd_MPa": gauge.sd_MPa,
         "sd_mm": dict(zip(moved.names, noise.sd, strict=True)),
         "codec_sd_mm": dict(zip(moved.names, noise.codec_sd, strict=True)),
-        "modes": len(targets.mode_names), "remarks": [*moved.lost, *([gauge.remark] if gauge.remark else [])],
+        "modes": len(targets.mode_names), "remarks": [
+            *moved.lost, *moved.remarks, *([gauge.remark] if gauge.remark else [])
+        ],
     }  # fmt: skip
 
 

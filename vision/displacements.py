@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from vision import depth
 from vision.camera import Array, Camera
 from vision.marks import Mark, check_names
 from vision.noise import (
@@ -25,7 +26,8 @@ from vision.tracks import DOT, LOST, Followed, Progress, Tracks, follow
 from vision.video import Video
 
 MIN_FRAME, MIN_FIXED = 6, 4
-MAX_DEPTH_MM = 0.1
+MAX_DEPTH_MM = 0.1  # of the frame marks
+MAX_HEIGHT = 0.2  # of the camera's distance, for all other marks
 
 
 @dataclass(frozen=True)
@@ -43,12 +45,13 @@ class Displacements:
     value: Array  # (s,p,3) mm
     covariance: Array  # (s,p,3,3) mm2, independent part: static noise and, where the patch has moved, codec
     modes: Array  # (k,s,p,3) mm, errors shared by many values, 1 sd each
-    mode_names: tuple[str, ...]  # (k,) scale, placement:<name>:x|z, reference:<name>:1|3
+    mode_names: tuple[str, ...]  # (k,) scale, placement:<name>:x|z, reference:<name>:1|3, those of `depth`
     noise: NoiseModel
     reference: NDArray[np.intp]  # (r,) frames of the reference
     tracks: Tracks
     homography: Array  # (s,3,3) plane (x, z, 1) mm to undistorted px
     lost: tuple[str, ...]  # what was lost and when, one sentence each
+    remarks: tuple[str, ...] = ()  # marks off the plane: what was corrected, what seems to have left it
 
 
 def measure(
@@ -60,6 +63,8 @@ def measure(
     dictionary: str = "DICT_4X4_50",
     placement_sd_mm: float = 0.3,
     scale_sd: float = 0.001,
+    height_sd_mm: float = 0.3,
+    out_of_plane_sd_mm: float = 0.3,
     reference_s: float = 1.8,
     progress: Progress | None = None,
 ) -> Displacements:
@@ -70,6 +75,8 @@ def measure(
     camera: from `calibrate_camera`, same setting.   marks: at least 6 "frame" and 4 "fixed" ones.
     placement_sd_mm: mm, how well a finger mark's centre sits on its nominal place.
     scale_sd: relative 1 sd of lengths.
+    height_sd_mm: mm, how well a finger mark's distance from the frame marks' plane is known (its y).
+    out_of_plane_sd_mm: mm, 1 sd of a finger mark's motion towards the camera at its largest displacement.
     reference_s: s.   progress: called with (stage, frames done, frames in all).
 
     Every frame has its own homography from the frame marks, so a shaken tripod does no harm; its noise is
@@ -89,13 +96,32 @@ def measure(
     ideal = followed.ideal[:, points]
     extra = codec_sd(codec, ideal, _mean(ideal[followed.reference]))
     noise = replace(noise, codec_sd=_while_moving(extra, states(ideal) != REST))
-    rotation = _rotation(followed, homography)
-    place = to_plane(homography, ideal)
+    linear = _linear(followed, homography)
+    rotation = _rotation(linear)
+    view, height = depth.viewpoint(camera, homography), depth.heights(marks, frame)
+    _check_heights(marks, height, view)
+    place = depth.to_own_plane(to_plane(homography, ideal), height[points], view)
     value = with_y(place - _mean(place[followed.reference]))
     output = [marks[p] for p in points]
     turns = _turns(value, rotation[:, points], nominal[points], output)
     reference = _reference_sd(noise, codec, len(followed.reference))
     modes, names = _modes(value, output, turns, reference, placement_sd_mm, scale_sd)
+    for more, called in (
+        depth.height_modes(value, output, view, sd_mm=height_sd_mm),
+        depth.out_of_plane_modes(value, place, output, view, sd_mm=out_of_plane_sd_mm),
+        depth.calibration_modes(
+            camera,
+            followed.ideal,
+            homography,
+            plane=plane,
+            frame=frame,
+            points=points,
+            height=height[points],
+            reference=followed.reference,
+        ),
+    ):
+        modes, names = modes + more, names + called
+    size, size_sd = _sizes(linear, still, noise, extra, points, plane, frame)
     return Displacements(
         followed.time,
         tuple(m.name for m in output),
@@ -103,13 +129,17 @@ def measure(
         nominal[points],
         value,
         _covariance(value, noise, extra),
-        modes,
-        names,
+        np.array(modes) * np.isfinite(value[..., :1]),
+        tuple(names),
         noise,
         followed.reference,
         _tracks(followed, marks, camera, rotation),
         homography,
         _lost(followed, marks, homography),
+        (
+            *_corrected(output, height[points], view),
+            *depth.alarms(followed.time, size, size_sd, output, view, sd_mm=out_of_plane_sd_mm),
+        ),
     )
 
 
@@ -123,11 +153,11 @@ def _check(static: Video, marks: Sequence[Mark]) -> tuple[list[int], list[int]]:
                 f"{count} marks have the role {role!r}, wanted at least {wanted}: add some in the "
                 "finger's plane"
             )
-    depth = [mark.position[1] for mark in marks]
-    if max(depth) - min(depth) > MAX_DEPTH_MM:
+    y = [mark.position[1] for mark in marks if mark.role == "frame"]
+    if max(y) - min(y) > MAX_DEPTH_MM:
         raise ValueError(
-            f"marks lie at y from {min(depth)} to {max(depth)} mm, wanted one plane within "
-            f"{MAX_DEPTH_MM} mm: one camera measures in one plane only"
+            f"frame marks lie at y from {min(y)} to {max(y)} mm, wanted one plane within "
+            f"{MAX_DEPTH_MM} mm: they define the plane; other marks may lie in front of it or behind"
         )
     if len(static.time) < MIN_STATIC:
         raise ValueError(
@@ -156,8 +186,52 @@ def _mean(place: Array) -> Array:
     return np.where(count > 0, np.nan_to_num(place).sum(axis=0) / np.maximum(count, 1), np.nan)
 
 
-def _rotation(followed: Followed, homography: Array) -> Array:
-    """Rotation (t,p) rad of each mark in the plane, from x towards z, against its mean over the reference."""
+def _check_heights(marks: Sequence[Mark], height: Array, view: depth.Viewpoint) -> None:
+    worst = int(np.argmax(np.abs(height)))
+    if abs(height[worst]) > MAX_HEIGHT * abs(view.distance):
+        raise ValueError(
+            f"mark {marks[worst].name!r} lies {height[worst]:.1f} mm off the frame marks' plane and the "
+            f"camera stands {abs(view.distance):.0f} mm away, wanted at most {MAX_HEIGHT:g} of that: "
+            "check its y in mm"
+        )
+
+
+def _corrected(marks: Sequence[Mark], height: Array, view: depth.Viewpoint) -> tuple[str, ...]:
+    """One sentence where finger marks off the plane were corrected for their height."""
+    off = [p for p, m in enumerate(marks) if m.role == "finger" and abs(height[p]) > MAX_DEPTH_MM]
+    if not off:
+        return ()
+    worst = max(off, key=lambda p: abs(height[p]))
+    return (
+        f"{len(off)} finger marks lie off the frame marks' plane, by {height[worst]:.1f} mm at "
+        f"{marks[worst].name!r}: corrected with the camera {view.distance:.0f} mm away",
+    )
+
+
+def _sizes(
+    linear: Array,
+    still: Followed,
+    noise: NoiseModel,
+    extra: Array,
+    points: list[int],
+    plane: Array,
+    frame: list[int],
+) -> tuple[Array, Array]:
+    """Side (s,p) of each output mark against its mean in the reference, and its sd (s,p); NaN for dots."""
+    at_rest = _linear(still, homographies(plane, still.ideal[:, frame]))[:, points]
+    side = _side(at_rest)
+    sd = np.array([np.std(s[np.isfinite(s)]) if np.isfinite(s).any() else np.nan for s in side.T])
+    grown = np.sqrt(1.0 + np.nanmax(np.nan_to_num(extra / noise.sd) ** 2, axis=2))
+    return _side(linear[:, points]), sd * grown
+
+
+def _side(linear: Array) -> Array:
+    """Root of the area by which linear maps (...,2,2) change a square."""
+    return np.sqrt(np.abs(linear[..., 0, 0] * linear[..., 1, 1] - linear[..., 0, 1] * linear[..., 1, 0]))
+
+
+def _linear(followed: Followed, homography: Array) -> Array:
+    """Linear map (t,p,2,2) of each mark in the plane against its mean over the reference; NaN for dots."""
     ends = [
         to_plane(homography, _local_point(followed.warp, x, y))
         for x, y in ((0.5, 0), (-0.5, 0), (0, 0.5), (0, -0.5))
@@ -168,8 +242,17 @@ def _rotation(followed: Followed, homography: Array) -> Array:
     turn = np.full(linear.shape, np.nan)
     known = np.isfinite(reference[:, 0, 0])
     turn[:, known] = linear[:, known] @ np.linalg.inv(reference[known])
+    turn[followed.method == DOT] = np.nan
+    return turn
+
+
+def _rotation(turn: Array) -> Array:
+    """Rotation (t,p) rad of each mark in the plane, from x towards z, from its linear map (t,p,2,2)."""
     angle = np.arctan2(turn[..., 1, 0] - turn[..., 0, 1], turn[..., 0, 0] + turn[..., 1, 1])
-    return np.where(followed.method == DOT, np.nan, np.unwrap(angle, axis=0))
+    for of_mark in angle.T:  # a lost frame must not spoil those after it
+        seen = np.isfinite(of_mark)
+        of_mark[seen] = np.unwrap(of_mark[seen])
+    return np.asarray(angle)
 
 
 def _local_point(warp: Array, x: float, y: float) -> Array:
@@ -224,9 +307,8 @@ def _modes(
     reference: Array,
     placement_sd_mm: float,
     scale_sd: float,
-) -> tuple[Array, tuple[str, ...]]:
-    """Shared errors (k,s,p,3) mm, 1 sd each, and their names."""
-    seen = np.isfinite(value[..., 0])
+) -> depth.Modes:
+    """Shared errors (s,p,3) mm, 1 sd each, and their names: scale, placement, reference."""
     modes, names = [np.nan_to_num(value) * scale_sd], ["scale"]
     for p, mark in enumerate(marks):
         if mark.role == "finger":
@@ -242,7 +324,7 @@ def _modes(
             mode[:, p, component] = reference[p, component]
             modes.append(mode)
             names.append(f"reference:{mark.name}:{component + 1}")
-    return np.array(modes) * seen[..., None], tuple(names)
+    return modes, names
 
 
 def _tracks(followed: Followed, marks: Sequence[Mark], camera: Camera, rotation: Array) -> Tracks:

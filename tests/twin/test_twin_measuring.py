@@ -89,9 +89,9 @@ def measured(monkeypatch):
         frames = FRAMES if Path(path).name.startswith("film") else STATIC
         return types.SimpleNamespace(time=np.arange(frames) / FPS, issues=())
 
-    def measure(film, static, camera, marks, *, dictionary, placement_sd_mm, scale_sd, reference_s, progress):
+    def measure(film, static, camera, marks, *, dictionary, progress, **settings):
         progress("track", 1, len(film.time))
-        calls.measure.append((camera, marks, dictionary, placement_sd_mm, scale_sd, reference_s))
+        calls.measure.append((camera, marks, dictionary, settings))
         return displacements(marks, film.time, seed=len(calls.measure))
 
     monkeypatch.setattr(vision, "calibrate_camera", calibrate_camera)
@@ -129,8 +129,9 @@ def test_film_and_log_become_targets(project, measured):
     np.testing.assert_allclose(targets.pressure_sd, targets.noise.gauge_sd_MPa, rtol=1e-6)
     assert "measure: tip is lost in 1 frame" in say
     assert result["remarks"] == ["tip is lost in 1 frame"]
-    (camera, marks, *settings) = measured.measure[0]
-    assert (camera.rms_px, len(marks), settings) == (0.11, 12, ["DICT_4X4_50", 0.3, 0.001, 1.8])
+    camera, marks, dictionary, settings = measured.measure[0]
+    assert (camera.rms_px, len(marks), dictionary) == (0.11, 12, "DICT_4X4_50")
+    assert settings == MeasureTable().model_dump()
     tracks = files.read_npz(project.root / "runs/0002-measure/tracks.npz")
     assert set(tracks) == {"time", "names", "position", "covariance", "rotation", "method", "homography"}
 

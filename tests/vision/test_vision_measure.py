@@ -99,7 +99,7 @@ def test_a_film_without_motion_gives_zero_within_its_sd(lab: Lab, still: Video, 
 
 def test_modes(measured: Displacements) -> None:
     modes = dict(zip(measured.mode_names, measured.modes, strict=True))
-    assert len(modes) == 1 + 2 * 3 + 2 * 7
+    assert len(modes) == 1 + 2 * 3 + 2 * 7 + 2 * 3  # scale, placement, reference, height and out of plane
     np.testing.assert_allclose(modes["scale"], np.nan_to_num(measured.value) * 0.001)
     name = measured.names[-1]
     theta = measured.tracks.rotation[40, -1]
@@ -205,8 +205,8 @@ def test_dots_without_a_code(lab: Lab, tmp_path: Path) -> None:
         ),
         (lambda marks: [*marks[:-1], replace(marks[-1], role="tip")], "has role 'tip': use one of"),
         (
-            lambda marks: [*marks[:-1], replace(marks[-1], position=(90.0, 0.0, 0.0))],
-            "one plane within 0.1 mm",
+            lambda marks: [replace(marks[0], position=(-30.0, 0.0, 30.0)), *marks[1:]],
+            "frame marks lie at y from 0.0 to 12.0 mm, wanted one plane within 0.1 mm",
         ),
     ],
 )

@@ -1,0 +1,200 @@
+"""What one camera cannot see: heights off the plane, motion towards it, and errors of its calibration.
+
+The plane is that of the frame marks; a mark's height is how far its own plane is in front of it (+y).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vision.camera import Array, Camera
+from vision.marks import Mark
+from vision.plane import fit_homography, to_plane
+
+MOST_FRAMES = 200  # that the viewpoint is the median of
+NEGLIGIBLE = 1e-4  # share of the calibration's variance that is left out of its modes
+ALARM_SD = 5.0  # sds beyond which a change of apparent size is reported: once in 2 million values
+# Interpolation and blur change the apparent size of a tag that turns by up to this much (drawn film).
+SIZE_FLOOR = 3e-4
+Modes = tuple[list[Array], list[str]]
+
+
+@dataclass(frozen=True)
+class Viewpoint:
+    """Where the camera stands over the plane."""
+
+    foot: Array  # (2,) mm, x and z of the point of the plane right below it
+    distance: float  # mm from the plane, positive towards +y
+
+
+def viewpoint(camera: Camera, homography: Array) -> Viewpoint:
+    """Where a camera stands that sees the plane under homographies (t,3,3), mm to ideal px.
+
+    H = K [r1 r2 t] up to scale, doi 10.1109/34.888718; the median over the frames, because one frame's six
+    marks leave it uncertain by a millimetre or so.
+    """
+    known = homography[np.isfinite(homography[:, 0, 0])]
+    known = known[:: max(len(known) // MOST_FRAMES, 1)]
+    if not len(known):
+        return Viewpoint(np.full(2, np.nan), np.nan)
+    columns = np.linalg.inv(camera.matrix) @ known
+    columns = (
+        columns
+        / np.sqrt(np.linalg.norm(columns[..., 0], axis=1) * np.linalg.norm(columns[..., 1], axis=1))[
+            :, None, None
+        ]
+    )
+    columns = columns * np.sign(columns[:, 2:, 2:])  # the plane lies before the camera
+    across = np.cross(columns[..., 0], columns[..., 1])  # ex x ez = -ey
+    turn = np.stack([columns[..., 0], columns[..., 1], across], axis=-1)
+    u, _, v = np.linalg.svd(turn)
+    centre = -np.einsum("tji,tj->ti", u @ v, columns[..., 2])
+    x, z, behind = np.median(centre, axis=0)
+    return Viewpoint(np.array([x, z]), -float(behind))
+
+
+def to_own_plane(place: Array, height: Array, view: Viewpoint) -> Array:
+    """Places (t,p,2) mm on the marks' own planes, from where their rays meet the frame's plane.
+
+    height: (p,) mm.   Rays meet in the camera: x = foot + (x' - foot) (1 - h / distance), for any tilt.
+    """
+    return view.foot + (place - view.foot) * (1.0 - height / view.distance)[:, None]
+
+
+def height_modes(value: Array, marks: Sequence[Mark], view: Viewpoint, *, sd_mm: float) -> Modes:
+    """Errors (s,p,3) mm from the marks' heights, known to sd_mm: each is off by u dh / distance."""
+    modes, names = [], []
+    for p, mark in _fingers(marks):
+        mode = np.zeros(value.shape)
+        mode[:, p] = np.nan_to_num(value[:, p]) * sd_mm / view.distance
+        modes.append(mode)
+        names.append(f"height:{mark.name}")
+    return modes, names
+
+
+def out_of_plane_modes(
+    value: Array, place: Array, marks: Sequence[Mark], view: Viewpoint, *, sd_mm: float
+) -> Modes:
+    """Errors (s,p,3) mm from motion towards the camera: it looks like one away from its foot.
+
+    The mode is r dy / distance, r (mm) from the foot.
+    value: (s,p,3) mm displacements.   place: (s,p,2) mm in the plane.   sd_mm: sd of dy at the largest
+    displacement. At rest there is none; between, it grows as the square root of the displacement, as the
+    bulge of a finger's side face does (half of it is there at 0.3 of the displacement).
+    """
+    modes, names = [], []
+    for p, mark in _fingers(marks):
+        size = np.hypot(value[:, p, 0], value[:, p, 2])
+        top = np.nanmax(size, initial=0.0)
+        share = np.sqrt(size / top) if top > 0 else np.zeros(len(size))
+        mode = np.zeros(value.shape)
+        mode[:, p, ::2] = (place[:, p] - view.foot) * (share * sd_mm / view.distance)[:, None]
+        modes.append(np.nan_to_num(mode))
+        names.append(f"out_of_plane:{mark.name}")
+    return modes, names
+
+
+def calibration_modes(
+    camera: Camera,
+    ideal: Array,
+    homography: Array,
+    *,
+    plane: Array,
+    frame: Sequence[int],
+    points: Sequence[int],
+    height: Array,
+    reference: NDArray[np.intp],
+) -> Modes:
+    """Errors (s,p,3) mm from the camera's parameters, as far as the frame marks do not take them up.
+
+    ideal: (s,m,2) px of all marks.   homography: (s,3,3).   plane: (f,2) mm places of the marks `frame`.
+    points: the p rows that are given out.   height: (p,) mm.   reference: (r,) frames.
+
+    Each principal direction of the parameters' covariance moves the camera by 1 sd; the film's raw pixels
+    are measured with it anew, the difference is a mode. The modes are then turned to be uncorrelated over
+    the film and those that add nothing are dropped.
+    """
+    if not camera.covariance.any():
+        return [], []
+    raw = camera.distort(ideal)
+
+    def value(changed: Camera) -> Array:
+        seen = to_plane(homography, changed.undistort(raw))
+        rest = seen[reference][:, frame]
+        shown = np.isfinite(rest[..., 0]).any(axis=0)
+        moved = fit_homography(plane[shown], np.nanmean(rest[:, shown], axis=0))
+        place = to_plane(np.tile(moved, (len(seen), 1, 1)), seen[:, points])
+        place = to_own_plane(place, height, viewpoint(changed, homography[reference] @ moved))
+        start = place[reference]
+        count = np.maximum(np.isfinite(start).sum(axis=0), 1)
+        return np.nan_to_num(place - np.nan_to_num(start).sum(axis=0) / count)
+
+    nominal = value(camera)
+    errors = np.array([value(camera.moved(step)) - nominal for step in principal(camera.covariance)])
+    return _uncorrelated(errors)
+
+
+def principal(covariance: Array) -> Array:
+    """Principal directions (k,n) of a covariance (n,n), 1 sd each: covariance = sum of their squares."""
+    sd = np.sqrt(np.diag(covariance))
+    known = sd > 0
+    scale = sd[known]
+    power, direction = np.linalg.eigh(covariance[np.ix_(known, known)] / np.outer(scale, scale))
+    steps = np.zeros((len(scale), len(sd)))
+    steps[:, known] = (direction * np.sqrt(np.maximum(power, 0.0))).T * scale
+    return steps[::-1]
+
+
+def _uncorrelated(errors: Array) -> Modes:
+    """Modes (s,p,3) with the covariance of errors (k,s,p,2), largest first, none that adds nothing."""
+    flat = errors.reshape(len(errors), -1)
+    power, turn = np.linalg.eigh(flat @ flat.T)
+    order = np.argsort(power)[::-1]
+    left = 1.0 - np.cumsum(power[order]) / max(float(power.sum()), 1e-300)
+    kept = order[: int(np.count_nonzero(left > NEGLIGIBLE)) + 1]
+    turned = (turn[:, kept].T @ flat).reshape(-1, *errors.shape[1:])
+    modes = [np.stack([m[..., 0], np.zeros(m.shape[:-1]), m[..., 1]], axis=-1) for m in turned]
+    return modes, [f"calibration:{k + 1}" for k in range(len(kept))]
+
+
+def alarms(
+    time: Array, size: Array, size_sd: Array, marks: Sequence[Mark], view: Viewpoint, *, sd_mm: float
+) -> tuple[str, ...]:
+    """One sentence for each mark whose apparent size says that it left the plane by more than is stated.
+
+    time: (s,) s.   size: (s,p) side against the reference's.   size_sd: (s,p) its sd.
+    sd_mm: what is stated as out of plane. A mark nearer by dy looks larger by distance / (distance - dy); a
+    tilted one looks smaller, so a smaller one may be either.
+    """
+    said = []
+    for p, mark in enumerate(marks):
+        if not np.isfinite(size[:, p]).any():
+            continue
+        shift = view.distance * (1.0 - 1.0 / size[:, p])
+        sd = view.distance * np.hypot(size_sd[:, p], SIZE_FLOOR)
+        score = np.nan_to_num(np.abs(shift) / np.hypot(sd, sd_mm))
+        worst = int(np.argmax(score))
+        if score[worst] > ALARM_SD:
+            said.append(_alarm(mark.name, float(time[worst]), float(shift[worst]), float(sd[worst]), sd_mm))
+    return tuple(said)
+
+
+def _alarm(name: str, time: float, shift: float, sd: float, sd_mm: float) -> str:
+    where = "towards the camera" if shift > 0 else "away from the camera, or tilted by it"
+    return (
+        f"mark {name!r} looks {'larger' if shift > 0 else 'smaller'} at {time:.3f} s than at rest, as if "
+        f"moved {abs(shift):.1f} +- {sd:.1f} mm {where}; out_of_plane_sd_mm = {sd_mm:g} does not cover that: "
+        "raise it, keep the finger from twisting, or add a second camera"
+    )
+
+
+def heights(marks: Sequence[Mark], frame: Sequence[int]) -> Array:
+    """Heights (m,) mm of all marks over the plane of the frame marks."""
+    y = np.array([mark.position[1] for mark in marks])
+    return np.asarray(y - y[list(frame)].mean())
+
+
+def _fingers(marks: Sequence[Mark]) -> list[tuple[int, Mark]]:
+    return [(p, mark) for p, mark in enumerate(marks) if mark.role == "finger"]
