@@ -7,16 +7,17 @@ doi 10.1016/0045-7949(87)90265-3); those that belong to corners are unknowns of 
 import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
+from scipy.special import erf
 
 from fe import compiled
 from fe.case import Case
 from fe.compiled import PAIRS
-from fe.element import Array, Element, Integers, scatter
+from fe.element import Array, Element, Flags, Integers, scatter
 from fe.linear import Symmetric
 from fe.pressure import PressureFaces
 
@@ -28,12 +29,14 @@ _I, _J = (np.array(x) for x in zip(*PAIRS, strict=True))
 @dataclass(frozen=True)
 class Constants:
     """Material constants per element: table (e, k) as `Material.constants` gives them, shear and bulk moduli
-    (e,) MPa, and Prony pairs (m, e, 2) of g and tau s."""
+    (e,) MPa, Prony pairs (m, e, 2) of g and tau s, and Mullins softening (e, 3), or (0, 3) where no material
+    has any: amount, m in MPa, beta."""
 
     table: Array
     shear: Array
     bulk: Array
     prony: Array
+    softening: Array
 
     @staticmethod
     def of(case: Case) -> "Constants":
@@ -48,19 +51,87 @@ class Constants:
             table[rows, : len(own)] = own
             for k, pair in enumerate(m.prony):
                 prony[k, rows] = pair
-        return Constants(table, case.per_element("shear"), case.per_element("bulk"), prony)
+        softening = np.zeros((0, 3))
+        if any(m.mullins for m in case.materials.values()):
+            softening = np.tile([0.0, 1.0, 0.0], (len(table), 1))
+            for name, m in case.materials.items():
+                softening[case.element_sets[name]] = m.mullins or (0.0, 1.0, 0.0)
+        return Constants(table, case.per_element("shear"), case.per_element("bulk"), prony, softening)
+
+    def times(self, factor: float) -> "Constants":
+        """All moduli multiplied."""
+        table = self.table.copy()
+        table[:, :5] *= factor
+        table[:, 6::2] *= factor
+        return replace(self, table=table, shear=factor * self.shear, bulk=factor * self.bulk)
+
+
+@dataclass(frozen=True)
+class Response:
+    """A law's answer to displacements: isochoric second Piola-Kirchhoff stress (e, q, 3, 3) MPa, and energy
+    (e, q) N mm/mm3 where softening asks for it."""
+
+    stress: Array
+    energy: Array | None
+
+    def times(self, factor: float) -> "Response":
+        """The answer of a law whose moduli are all multiplied."""
+        return (
+            self
+            if factor == 1
+            else Response(factor * self.stress, None if self.energy is None else factor * self.energy)
+        )
+
+
+@dataclass(frozen=True)
+class Softening:
+    """Mullins softening of one time step: table (e, 3) of amount, m in MPa, beta; the largest energy so far,
+    peak (e, q) N mm/mm3; and whether each point (e, q) is below it, or None where its own energy tells."""
+
+    table: Array
+    peak: Array
+    below: Flags | None
+
+    def drop(self, energy: Array) -> Array:
+        """What it takes off the scale of the stress (e, q)."""
+        amount, m, beta = self.table.T[:, :, None]
+        below = energy < self.peak if self.below is None else self.below
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            x = (self.peak - energy) / (m + beta * self.peak)
+        return np.where(below, amount * erf(np.where(below, x, 0.0)), 0.0)
 
 
 @dataclass(frozen=True)
 class Memory:
     """What a history material hands to one time step.
 
-    scale (e,) multiplies the new isochoric stress; carried (e, q, 3, 3) MPa is the second Piola-Kirchhoff
-    stress that does not depend on the new displacement.
+    scale (e,) multiplies the new isochoric stress, less what softening takes off; carried (e, q, 3, 3) MPa is
+    the second Piola-Kirchhoff stress that does not depend on the new displacement.
     """
 
     scale: Array
     carried: Array
+    softening: Softening | None = None
+
+    def times(self, factor: float) -> "Memory":
+        """The memory of a material whose moduli are all multiplied."""
+        soft = self.softening
+        if factor == 1:
+            return self
+        if soft is not None:
+            soft = replace(soft, table=soft.table * [1.0, factor, 1.0], peak=factor * soft.peak)
+        return Memory(self.scale, factor * self.carried, soft)
+
+    def stress(self, response: Response) -> Array:
+        """Isochoric second Piola-Kirchhoff stress (e, q, 3, 3) MPa, history included."""
+        scale = self.scale[:, None]
+        if self.softening is not None and response.energy is not None:
+            scale = scale - self.softening.drop(response.energy)
+        return np.asarray(scale[..., None, None] * response.stress + self.carried)
+
+
+# The softening of none.
+_HARD: tuple[Array, Array, Flags] = (np.zeros((0, 3)), np.zeros((0, 0)), np.zeros((0, 0), bool))
 
 
 @dataclass(frozen=True)
@@ -132,9 +203,7 @@ class Pattern:
         indptr = np.searchsorted(unique, np.arange(size + 1) * size).astype(np.int64)
         ends = np.cumsum([0, *(len(k) for k in keys)])
         place = place.astype(np.int64, copy=False)
-        return Pattern(
-            indptr, unique % size, tuple(place[a:b] for a, b in pairwise(ends))
-        )
+        return Pattern(indptr, unique % size, tuple(place[a:b] for a, b in pairwise(ends)))
 
     def fill(self, parts: Sequence[Array]) -> Array:
         """The sum (nnz,) of the entries of the first families."""
@@ -204,17 +273,26 @@ class Kernel:
         else:
             list(_POOL.map(work, ends[:-1], ends[1:]))
 
-    def _remembered(self, memory: Memory | None) -> tuple[Array, Array]:
-        """Scale (e,) and carried stress of a memory, or of none."""
+    def _remembered(self, memory: Memory | None) -> tuple[Array, Array, Array, Array, Flags]:
+        """Scale (e,), carried stress and softening of a memory, or of none."""
         size = len(self.connectivity)
         if memory is None:
-            return np.ones(size), np.zeros((1, self.geometry.G.shape[1], 3, 3))
-        return np.ascontiguousarray(np.broadcast_to(memory.scale, (size,))), memory.carried
+            return np.ones(size), np.zeros((1, self.geometry.G.shape[1], 3, 3)), *_HARD
+        soft, scale = memory.softening, np.ascontiguousarray(np.broadcast_to(memory.scale, (size,)))
+        if soft is None or not soft.table[:, 0].any():
+            return scale, memory.carried, *_HARD
+        return scale, memory.carried, soft.table, soft.peak, _HARD[2] if soft.below is None else soft.below
 
     def isochoric(self, u: Array, c: Constants, geometry: Geometry) -> Array:
         """Isochoric second Piola-Kirchhoff stress (e, q, 3, 3) MPa at displacements u (n, 3) mm."""
         out = np.empty((*geometry.G.shape[:2], 3, 3))
         self._each(lambda a, b: compiled.isochoric(geometry.G, self.connectivity, u, c.table, a, b, out))
+        return out
+
+    def energies(self, u: Array, c: Constants, geometry: Geometry) -> Array:
+        """Isochoric energy (e, q) N mm/mm3 at displacements u (n, 3) mm."""
+        out = np.empty(geometry.G.shape[:2])
+        self._each(lambda a, b: compiled.energies(geometry.G, self.connectivity, u, c.table, a, b, out))
         return out
 
     def internal(self, u: Array, stress: Array) -> Array:
@@ -228,11 +306,11 @@ class Kernel:
     ) -> tuple[Array, Array]:
         """Nodal forces (n, 3) N, internal minus follower pressure `load` MPa, and volume gaps (e, m) mm3."""
         g, force, gap = geometry, np.empty((*self.connectivity.shape, 3)), np.empty_like(state.p)
-        scale, carried = self._remembered(memory)
+        remembered = self._remembered(memory)
         self._each(
             lambda a, b: compiled.residual(
-                g.G, g.weight, g.psi, self.connectivity, state.u, state.p, c.table, c.bulk, scale, carried,
-                a, b, force, gap,
+                g.G, g.weight, g.psi, self.connectivity, state.u, state.p, c.table, c.bulk,
+                *remembered, a, b, force, gap,
             )
         )  # fmt: skip
         return self.gather(force) - load * self.pressure.force(geometry.nodes + state.u), gap
@@ -247,11 +325,11 @@ class Kernel:
         g, (size, n), m = self.geometry, self.connectivity.shape, self.modes
         force, gap = np.empty((size, n, 3)), np.empty((size, m))
         K, B = np.empty((size, n, 6, n)), np.empty((size, n, 3, m))
-        compliance, (scale, carried) = g.compliance(c.bulk), self._remembered(memory)
+        compliance, remembered = g.compliance(c.bulk), self._remembered(memory)
         self._each(
             lambda a, b: compiled.linearise(
-                g.G, g.weight, g.psi, self.connectivity, state.u, state.p, c.table, c.bulk, scale, carried,
-                compliance, a, b, force, gap, K, B,
+                g.G, g.weight, g.psi, self.connectivity, state.u, state.p, c.table, c.bulk,
+                *remembered, compliance, a, b, force, gap, K, B,
             )
         )  # fmt: skip
         x = g.nodes + state.u

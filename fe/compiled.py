@@ -5,13 +5,14 @@ Arrays of a mesh with e elements of n nodes, q quadrature points and m pressure 
 `Material.constants`. Loops run over the elements first .. last. The formulas are those of `fe.material`.
 """
 
+import math
 from collections.abc import Callable
 from typing import Any
 
 import numba
 import numpy as np
 
-from fe.element import Array, Integers
+from fe.element import Array, Flags, Integers
 
 # Component blocks (i, j) of an element matrix, i <= j.
 PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
@@ -66,10 +67,10 @@ def _stress(
     W1 = c[0] + (2.0 * c[2] + 3.0 * c[3] * x) * x
     W11 = 2.0 * c[2] + 6.0 * c[3] * x
     if c[4] != 0.0:
-        left = c[5] - x
+        left = 1.0 - c[5] * x
         if not left > 0.0:
             left = np.nan
-        W1 += 0.5 * c[4] * c[5] / left
+        W1 += 0.5 * c[4] / left
         W11 += 0.5 * c[4] * c[5] / (left * left)
     for i in range(3):
         for k in range(3):
@@ -191,6 +192,37 @@ def _tangent(
 
 
 @_compiled
+def _energy(C: Array, J: float, I1: float, I2: float, c: Array) -> float:
+    """Isochoric energy of the law, N mm/mm3."""
+    j1 = J ** (-2.0 / 3.0)
+    x = j1 * I1 - 3.0
+    W = (c[0] + (c[2] + c[3] * x) * x) * x + c[1] * (j1 * j1 * I2 - 3.0)
+    if c[4] != 0.0:
+        W -= 0.5 * c[4] * (math.log1p(-c[5] * x) / c[5] if c[5] != 0.0 else -x)
+    if len(c) > 6:
+        work = np.empty((2, 3, 3))
+        D, N = work[0], work[1]
+        _eigen(C, D, N)
+        for k in range(6, len(c), 2):
+            for a in range(3):
+                W += 2.0 * c[k] / (c[k + 1] * c[k + 1]) * ((D[a, a] * j1) ** (0.5 * c[k + 1]) - 1.0)
+    return W
+
+
+@_compiled
+def _softening(W: float, soft: Array, peak: float, side: int) -> tuple[float, float]:
+    """What Mullins softening (amount, m, beta) takes off the scale, and the slope of the scale with W.
+
+    side: 1 below the largest energy so far, 0 at it, -1 to be told from W.
+    """
+    if side == 0 or (side < 0 and peak <= W):
+        return 0.0, 0.0
+    width = soft[1] + soft[2] * peak
+    x = (peak - W) / width
+    return soft[0] * math.erf(x), soft[0] * 2.0 / math.sqrt(math.pi) * math.exp(-x * x) / width
+
+
+@_compiled
 def _gathered(u: Array, nodes: Integers, out: Array) -> None:
     for a in range(len(nodes)):
         for i in range(3):
@@ -227,6 +259,31 @@ def isochoric(
 
 
 @_compiled
+def _stiffened(P: Array, slope: float, A: Array) -> None:
+    """Adds what the scale's slope with the energy, whose gradient is P, puts into the tangent A (6, 3, 3)."""
+    for pair in range(6):
+        i, j = PAIRS[pair]
+        for p in range(3):
+            for q in range(3):
+                A[pair, p, q] += slope * P[i, p] * P[j, q]
+
+
+@_compiled
+def energies(
+    G: Array, connectivity: Integers, u: Array, c: Array, first: int, last: int, W: Array
+) -> None:
+    """Isochoric energy W (e, q) N mm/mm3 of the law at displacements u (n, 3) mm."""
+    ue, work = np.empty((3, connectivity.shape[1])), np.empty((3, 3, 3))
+    F, C, a = work[0], work[1], work[2]
+    for e in range(first, last):
+        _gathered(u, connectivity[e], ue)
+        for q in range(G.shape[1]):
+            _deformation(G[e, q], ue, F)
+            J, I1, I2 = _invariants(F, C, a)
+            W[e, q] = _energy(C, J, I1, I2, c[e])
+
+
+@_compiled
 def internal(
     G: Array, w: Array, connectivity: Integers, u: Array, S: Array, first: int, last: int, force: Array
 ) -> None:
@@ -247,10 +304,15 @@ def internal(
 @_compiled
 def residual(
     G: Array, w: Array, psi: Array, connectivity: Integers, u: Array, p: Array, c: Array, bulk: Array,
-    scale: Array, carried: Array, first: int, last: int, force: Array, gap: Array,
+    scale: Array, carried: Array, soft: Array, peak: Array, sides: Flags, first: int, last: int,
+    force: Array, gap: Array,
 ) -> None:  # fmt: skip
-    """Element forces (e, n, 3) N and volume gaps (e, m) mm3; scale (e,) and carried (e or 1, q, 3, 3) MPa are
-    a history's."""
+    """Element forces (e, n, 3) N and volume gaps (e, m) mm3.
+
+    A history's: scale (e,) and carried (e or 1, q, 3, 3) MPa; and of Mullins softening, or empty: soft (e, 3)
+    of amount, m, beta, the largest energy so far peak (e, q), and, where it is given, on which side of it
+    each point is, sides (e, q).
+    """
     points, n = G.shape[1], connectivity.shape[1]
     ue, work, flux = np.empty((3, n)), np.empty((6, 3, 3)), np.empty((points, 3, 3))
     none = np.empty((0, 3, 3))
@@ -267,7 +329,11 @@ def residual(
             pressure = 0.0
             for k in range(psi.shape[2]):
                 pressure += psi[e, q, k] * p[e, k]
-            _total(P, F, a, J * pressure, scale[e], carried[e % len(carried), q])
+            s = scale[e]
+            if len(soft) > 0:
+                side = int(sides[e, q]) if len(sides) > 0 else -1
+                s -= _softening(_energy(C, J, I1, I2, c[e]), soft[e], peak[e, q], side)[0]
+            _total(P, F, a, J * pressure, s, carried[e % len(carried), q])
             for k in range(psi.shape[2]):
                 gap[e, k] += w[e, q] * (J - 1.0 - pressure / bulk[e]) * psi[e, q, k]
             for i in range(3):
@@ -279,8 +345,8 @@ def residual(
 @_compiled
 def linearise(
     G: Array, w: Array, psi: Array, connectivity: Integers, u: Array, p: Array, c: Array, bulk: Array,
-    scale: Array, carried: Array, compliance: Array, first: int, last: int,
-    force: Array, gap: Array, K: Array, B: Array,
+    scale: Array, carried: Array, soft: Array, peak: Array, sides: Flags, compliance: Array,
+    first: int, last: int, force: Array, gap: Array, K: Array, B: Array,
 ) -> None:  # fmt: skip
     """As `residual`, with the pressure eliminated by its compliance (e, m, m): condensed forces, the blocks
     K (e, n, 6, n) of the tangent's PAIRS, and the coupling B (e, n, 3, m)."""
@@ -301,10 +367,16 @@ def linearise(
             pressure = 0.0
             for k in range(modes):
                 pressure += psi[e, q, k] * p[e, k]
-            s = scale[e]
+            s, slope = scale[e], 0.0
+            if len(soft) > 0:
+                side = int(sides[e, q]) if len(sides) > 0 else -1
+                drop, slope = _softening(_energy(C, J, I1, I2, c[e]), soft[e], peak[e, q], side)
+                s -= drop
             _tangent(F, C, a, g, m, h, I1, I2, s * W1 * j1, s * c[e, 1] * j2, s * W11, J * pressure, A)
             if c.shape[1] > 6:
                 _ogden(F, C, J, s, c[e], P, A)
+            if slope != 0.0:
+                _stiffened(P, slope, A)
             _total(P, F, a, J * pressure, s, S[q])
             for k in range(modes):
                 gap[e, k] += w[e, q] * (J - 1.0 - pressure / bulk[e]) * psi[e, q, k]

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.interpolate import CubicHermiteSpline, CubicSpline
 from scipy.sparse import csr_matrix
 
-from fe.assembly import Memory, State
+from fe.assembly import Memory, Response, State
 from fe.element import Array
 from fe.newton import Problem, Residual, Step, equilibrium, imbalance, moved
 
@@ -117,15 +117,14 @@ class Neighbours:
     load: tuple[float, float]
     memory: tuple[Memory | None, Memory | None] = (None, None)
 
-    def residual(self, state: State, isochoric: Array | None) -> Residual:
+    def residual(self, state: State, response: Response | None) -> Residual:
         """The residuals' derivative at fixed displacement, pressure modes and clamp rotation.
 
-        isochoric: the state's stress, where it is known; what only the memory changes is linear in it.
+        response: the law's to the state, where it is known; what only the memory changes follows from it.
         """
         v, (a, b) = self.varied, self.memory
-        if isochoric is not None and a is not None and b is not None and v.history_only:
-            change = (a.scale - b.scale)[:, None, None, None] * isochoric + a.carried - b.carried
-            force = v.plus.kernel.internal(state.u, change)
+        if response is not None and a is not None and b is not None and v.history_only:
+            force = v.plus.kernel.internal(state.u, a.stress(response) - b.stress(response))
             force -= (self.load[0] - self.load[1]) * v.plus.kernel.pressure.force(v.plus.case.nodes + state.u)
             step = force / (2 * v.step)
             return Residual(step, np.zeros_like(state.p), v.plus.clamp_gap(state.rotation, step))
@@ -147,15 +146,13 @@ def sensitivities(
     state: State,
     neighbours: Sequence[Neighbours],
     *,
-    isochoric: Array | None = None,
+    response: Response | None = None,
 ) -> list[State]:
-    """The derivatives of the state to parameters, by direct differentiation with the factorised tangent.
-
-    isochoric (e, q, 3, 3) MPa: the state's isochoric second Piola-Kirchhoff stress, where it is known.
-    """
+    """The derivatives of the state to parameters, by direct differentiation with the factorised tangent;
+    response: the law's to the state, where it is known."""
     if not neighbours:
         return []
-    changes = step.solve([n.residual(state, isochoric) for n in neighbours])
+    changes = step.solve([n.residual(state, response) for n in neighbours])
     for change, n in zip(changes, neighbours, strict=True):
         change.u[step.problem.kernel.clamped] += n.clamp(state.rotation)
     return changes

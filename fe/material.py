@@ -7,9 +7,17 @@ W = C10 (I1 - 3) + C01 (I2 - 3) + C20 (I1 - 3)^2 + C30 (I1 - 3)^3 - mu Jm / 2 ln
 with the isochoric invariants I1 = J^(-2/3) tr C, I2 = J^(-4/3) (tr(C)^2 - tr(C^2)) / 2 and stretches
 l = J^(-1/3) lambda: neo-Hooke, Mooney (1940, doi 10.1063/1.1712836), Rivlin (1948, doi
 10.1098/rsta.1948.0024), Yeoh (1993, doi 10.5254/1.3538343), Gent (1996, doi 10.5254/1.3538357), Ogden (1972,
-doi 10.1098/rspa.1972.0026, in the form that Abaqus uses), and the pressure field p of the mixed form. Creep
-is finite-strain Prony relaxation of the isochoric second Piola-Kirchhoff stress (Holzapfel 1996,
-doi 10.1002/(SICI)1097-0207(19961130)39:22<3903::AID-NME34>3.0.CO;2-C).
+doi 10.1098/rspa.1972.0026, in the form that Abaqus uses), and the pressure field p of the mixed form.
+
+Creep is finite-strain Prony relaxation of the isochoric second Piola-Kirchhoff stress (Holzapfel 1996,
+doi 10.1002/(SICI)1097-0207(19961130)39:22<3903::AID-NME34>3.0.CO;2-C). Mullins softening (Ogden & Roxburgh
+1999, doi 10.1098/rspa.1999.0431, with Abaqus's beta) multiplies the isochoric stress by
+
+eta = 1 - 1/r erf((W_max - W) / (m + beta W_max)),
+
+W_max being the largest W so far at that point, from rest. With both, as in Abaqus, eta multiplies the
+long-term part: S = (eta (1 - sum g) S0 + sum Q), where S0 and W are of the constants as given (instantaneous)
+and the Q relax as without softening.
 """
 
 from dataclasses import dataclass
@@ -25,9 +33,9 @@ from fe.element import Array
 class Material:
     """Constants in MPa of the terms that a rubber has; those left out are 0.
 
-    gent: mu in MPa and the limit Jm of I1 - 3. ogden: pairs (mu MPa, alpha). bulk_ratio: K / shear modulus,
-    so that scaling all constants with the pressure leaves u unchanged. prony: pairs (g, tau s) of the
-    relaxation G(t) = G0 [1 - sum g (1 - exp(-t / tau))].
+    gent: mu in MPa and the limit Jm of I1 - 3 (infinite: none). ogden: pairs (mu MPa, alpha). bulk_ratio: K /
+    shear modulus, so that scaling all constants with the pressure leaves u unchanged. prony: pairs (g, tau s)
+    of the relaxation G(t) = G0 [1 - sum g (1 - exp(-t / tau))]. mullins: 1/r (below 1), m in MPa, beta.
     """
 
     C10: float = 0.0
@@ -38,6 +46,7 @@ class Material:
     C30: float = 0.0
     gent: tuple[float, float] | None = None
     ogden: tuple[tuple[float, float], ...] = ()
+    mullins: tuple[float, float, float] | None = None
 
     @property
     def shear(self) -> float:
@@ -52,10 +61,10 @@ class Material:
 
     @property
     def constants(self) -> Array:
-        """C10, C01, C20, C30, mu and Jm of Gent, and the pairs of Ogden, as `fe.compiled` wants them."""
-        gent = self.gent or (0.0, 1.0)
+        """C10, C01, C20, C30, mu and 1/Jm of Gent, and the pairs of Ogden, as `fe.compiled` wants them."""
+        mu, limit = self.gent or (0.0, np.inf)
         pairs = [x for pair in self.ogden for x in pair]
-        return np.array([self.C10, self.C01, self.C20, self.C30, *gent, *pairs], float)
+        return np.array([self.C10, self.C01, self.C20, self.C30, mu, 1 / limit, *pairs], float)
 
 
 def energy(F: Array, m: Material) -> Array:
@@ -66,7 +75,8 @@ def energy(F: Array, m: Material) -> Array:
     I2 = ((x + 3) ** 2 - np.trace(C @ C, axis1=-2, axis2=-1)) / 2
     W = m.C10 * x + m.C01 * (I2 - 3) + m.C20 * x**2 + m.C30 * x**3
     if m.gent:
-        W = W - m.gent[0] * m.gent[1] / 2 * np.log1p(-x / m.gent[1])
+        mu, limit = m.gent
+        W = W + (mu / 2 * x if np.isinf(limit) else -mu * limit / 2 * np.log1p(-x / limit))
     for mu, alpha in m.ogden:
         W = W + 2 * mu / alpha**2 * ((np.linalg.eigvalsh(C) ** (alpha / 2)).sum(-1) - 3)
     return np.asarray(W, float)

@@ -45,6 +45,16 @@ class Problem:
         return Problem(kernel, Constants.of(case), case, dead, geometry)
 
     @property
+    def proportional(self) -> bool:
+        """Whether pressure alone loads it, so that u is a function of pressure over the moduli."""
+        clamp = self.case.clamp
+        return not self.dead.any() and not (clamp and clamp.compliance)
+
+    def stiffened(self, factor: float) -> "Problem":
+        """The problem with all moduli multiplied."""
+        return self if factor == 1 else replace(self, constants=self.constants.times(factor))
+
+    @property
     def shear(self) -> float:
         """The smallest shear modulus of the materials, MPa."""
         return float(self.constants.shear.min())

@@ -18,16 +18,25 @@ GRADING = 1.5  # of a ramp's steps towards its lower pressure
 
 @dataclass(frozen=True)
 class Path:
-    """A pressure history: `time` (t,) s increasing and `pressure` (t,) MPa (dense log), and output times (s,)
-    s."""
+    """A pressure history: `time` (t,) s increasing and `pressure` (t,) MPa (dense log), output times (s,) s,
+    and, where they drift, the factor `stiffness` (t,) by which all moduli are multiplied at `time`."""
 
     time: Array
     pressure: Array
     output: Array
+    stiffness: Array | None = None
 
     def at_output(self) -> Array:
         """Pressure (s,) MPa at the output times, linear between log entries."""
-        return np.interp(self.output, self.time, self.pressure)
+        return self.pressure_at(self.output)
+
+    def pressure_at(self, time: Array) -> Array:
+        """Pressure (k,) MPa at times (k,) s, linear between log entries."""
+        return np.interp(time, self.time, self.pressure)
+
+    def stiffness_at(self, time: Array) -> Array:
+        """Factor (k,) of all moduli at times (k,) s, linear between log entries."""
+        return np.ones(len(time)) if self.stiffness is None else np.interp(time, self.time, self.stiffness)
 
 
 def levels(top: float, *, count: int = 12) -> Array:
@@ -53,21 +62,35 @@ def corners(path: Path, *, fraction: float = 0.02) -> Array:
     return t[sorted(keep)]
 
 
-def knots(path: Path) -> Array:
-    """Times (k,) s at which a history is solved: the corners, and between them even steps of `_Span.even`."""
-    spans = _spans(path)
+def rejoins(path: Path, *, fraction: float = 0.02) -> Array:
+    """Times (k,) s inside a rise at which the pressure comes back to its largest so far, where Mullins
+    softening ends; nothing nearer to a corner than `fraction` of the range."""
+    t = corners(path)
+    p, out, top = path.pressure_at(t), [], -np.inf
+    near = fraction * float(np.ptp(path.pressure))
+    for (a, b), (low, high) in zip(pairwise(t), pairwise(p), strict=True):
+        top = max(top, low)
+        if low < top - near and high > top + near:
+            out.append(a + (b - a) * (top - low) / (high - low))
+    return np.array(out)
+
+
+def knots(path: Path, *, again: bool = False) -> Array:
+    """Times (k,) s at which a history is solved: the corners, with `again` the `rejoins`, and between them
+    even steps of `_Span.even`."""
+    spans = _spans(path, again)
     return np.concatenate([[spans[0].begin], *(span.inside() for span in spans)])
 
 
-def in_time(path: Path, time: Array) -> Array:
-    """Weights (s, k) that carry values at the knots `time` (k,) s to the output times.
+def in_time(path: Path, time: Array, *, again: bool = False) -> Array:
+    """Weights (s, k) that carry values at the `knots`, `time` (k,) s, to the output times.
 
     Between corners of the pressure a cubic spline over `_Span.even`; at the corners the slope may jump. It is
     linear in the values: the derivative of what is interpolated is what interpolates the derivatives.
     """
     at = np.clip(path.output, time[0], time[-1])
     weights, unit = np.zeros((len(at), len(time))), np.eye(len(time))
-    for span in _spans(path):
+    for span in _spans(path, again):
         own = np.flatnonzero((time >= span.begin) & (time <= span.end))
         inside = (at >= span.begin) & (at <= span.end)
         weights[inside] = CubicSpline(span.even(time[own]), unit[own])(span.even(at[inside]))
@@ -105,8 +128,10 @@ class _Span:
         return np.append(self.begin + (self.end - self.begin) * part[:-1], self.end)
 
 
-def _spans(path: Path) -> list[_Span]:
+def _spans(path: Path, again: bool) -> list[_Span]:
     t = corners(path)
+    if again:
+        t = np.union1d(t, rejoins(path))
     change = np.diff(np.interp(t, path.time, path.pressure)) / max(float(np.ptp(path.pressure)), 1e-15)
     return [_Span(float(a), float(b), float(d)) for (a, b), d in zip(pairwise(t), change, strict=True)]
 
