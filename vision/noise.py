@@ -220,8 +220,8 @@ def _laid(image: Image, follower: Follower, warp: Array) -> Array:
     marks = follower.coded[rows]
     result = np.full(warp.shape, np.nan)
     result[marks], match = registration.register(
-        registration.spline(image),
-        lambda p: follower.camera.distort(p) + SHIFT,
+        image,
+        registration.lens(follower.camera, (SHIFT[0], SHIFT[1])),
         follower.templates,
         warp[marks],
         px_per_unit(warp[marks]),

@@ -76,16 +76,11 @@ def _average(
         np.zeros(len(seed)),
         np.zeros(len(seed)),
     )
-    seen = np.flatnonzero(np.isfinite(seed[:, 0, 0]))
+    seen, lens = np.flatnonzero(np.isfinite(seed[:, 0, 0])), registration.lens(camera)
     for _, _, image in frames:
-        picture = registration.spline(image)
-        warp, match = registration.register(
-            picture, camera.distort, single, seed[seen], px_per_unit(seed[seen]), seen
-        )
+        warp, match = registration.register(image, lens, single, seed[seen], px_per_unit(seed[seen]), seen)
         good = match > SURE
-        total[seen[good]] += registration.patches(
-            picture, camera.distort, warp[good], single.grid, _delta(single.grid)
-        )
+        total[seen[good]] += registration.patches(image, lens, warp[good], single.grid)
         count[seen[good]] += 1
         match_sum[seen[good]] += match[good]
     mean = total / np.maximum(count, 1)[:, None, None]
@@ -120,9 +115,7 @@ def _start(
             grid = registration.local_grid(*_grid_size(seed[coded], dictionary))
             patch = np.tile(_blank(grid), (len(coded), 1, 1))
         new = np.flatnonzero(fresh[coded])
-        patch[new] = registration.patches(
-            registration.spline(image), camera.distort, seed[coded[new]], grid, _delta(grid)
-        )
+        patch[new] = registration.patches(image, registration.lens(camera), seed[coded[new]], grid)
         if np.isfinite(seed).all():
             break
     if patch is None:
@@ -190,7 +183,7 @@ def _none_found(film: Video, looked: list[Image], dictionary: str) -> str:
 def _grid_size(seed: Array, dictionary: str) -> tuple[int, float]:
     """Points along a side of the patch (about one per px) and its half side in local units."""
     half = 1.0 + CELLS_BEYOND * 2.0 / (dictionary_of(dictionary).markerSize + 2)
-    return int(np.clip(np.ceil(2.0 * half * np.nanmedian(px_per_unit(seed))), 24, 60)), half
+    return int(np.clip(np.ceil(2.0 * half * np.nanmedian(px_per_unit(seed))), 24, 160)), half
 
 
 def _blank(grid: Array) -> Array:
@@ -199,10 +192,6 @@ def _blank(grid: Array) -> Array:
     return np.stack(
         [np.sin(9 * x) * np.sin(7 * y), 9 * np.cos(9 * x) * np.sin(7 * y), 7 * np.sin(9 * x) * np.cos(7 * y)]
     )
-
-
-def _delta(grid: Array) -> float:
-    return 0.25 * float(grid[0, 1] - grid[0, 0])
 
 
 def _centres(mean: Array, grid: Array, marks: list[Mark], dictionary: str, scale: Array) -> Array:
@@ -219,17 +208,21 @@ def _centres(mean: Array, grid: Array, marks: list[Mark], dictionary: str, scale
     for i, mark in enumerate(marks):
         if not np.isfinite(scale[i]):
             continue
-        drawn = registration.templates(_drawn(mark, inner, dictionary, 0.8 / scale[i], _delta(inner)), inner)
-        picture = registration.spline(mean[i].reshape(side, side).astype(np.float32))
+        drawn = registration.templates(_drawn(mark, inner, dictionary, 0.8 / scale[i]), inner)
         warp, match = registration.register(
-            picture, lambda p: p, drawn, to_index[None], scale[i : i + 1], np.zeros(1, int)
+            mean[i].reshape(side, side).astype(np.float32),
+            registration.NO_LENS,
+            drawn,
+            to_index[None],
+            scale[i : i + 1],
+            np.zeros(1, int),
         )
         if match[0] > SURE:
             centre[i] = (warp[0, :2, 2] * pitch) - half
     return centre
 
 
-def _drawn(mark: Mark, grid: Array, dictionary: str, blur: float, delta: float) -> Array:
+def _drawn(mark: Mark, grid: Array, dictionary: str, blur: float) -> Array:
     """Grey and slopes (1,3,n) of the printed pattern, blurred with an sd of `blur` local units."""
     words = dictionary_of(dictionary)
     cells = words.markerSize + 2
@@ -244,4 +237,4 @@ def _drawn(mark: Mark, grid: Array, dictionary: str, blur: float, delta: float) 
             [0.0, 0.0, 2.0 / (cells * fine)],
         ]
     ) * (0.5 * cells * fine)
-    return registration.patches(registration.spline(texture), lambda p: p, to_texel[None], grid, delta)
+    return registration.patches(texture, registration.NO_LENS, to_texel[None], grid)

@@ -1,43 +1,41 @@
 """Marker patches in, sub-pixel homographies out: inverse-compositional Gauss-Newton on grey levels.
 
 A patch lives in local coordinates: the printed mark is the square (-1..1)^2, x to the right and y down in
-its own upright picture. A warp (3,3) takes local coordinates to ideal (undistorted) pixels.
+its own upright picture. A warp (3,3) takes local coordinates to ideal (undistorted) pixels, a lens those to
+raw ones.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import map_coordinates
+
+from vision import compiled
+from vision.camera import Camera
 
 Array = NDArray[np.float64]
-Image = NDArray[np.uint8]
-ToPixels = Callable[[Array], Array]
+Picture = NDArray[np.uint8] | NDArray[np.float32]
 
-_POLE = np.sqrt(3.0) - 2.0
-# Impulse response of the cubic B-spline prefilter (Unser 1999, doi 10.1109/79.799930), 1e-5 at its cut ends.
-_PREFILTER = np.array([np.sqrt(3.0) * _POLE ** abs(k) for k in range(-8, 9)])
-MAX_ITERATIONS = 20
-CONVERGED_PX = 0.002
+NO_LENS = np.array([1.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+# Share of the variance of white noise that a cubic B-spline keeps between the pixels, mean over all places:
+# the square of the energy of its cardinal function, 0.87423.
+INTERPOLATED = 0.76428
 
 
 @dataclass(frozen=True)
 class Templates:
-    """Reference patches of p marks on one local grid, ready for Gauss-Newton steps."""
+    """Reference patches of p marks on one square local grid, ready for Gauss-Newton steps."""
 
     grid: Array  # (3,n) local homogeneous coordinates of the patch points
     grey: Array  # (p,n) grey levels with mean 0 and norm 1
-    step: Array  # (p,8,n) takes a grey difference (of norm-1 patches) to the eight warp parameters
+    step: Array  # (p,n,8) takes a grey difference (of norm-1 patches) to the eight warp parameters
     covariance: Array  # (p,8,8) of the parameters for a difference of unit variance per point
 
 
-def spline(image: Image | NDArray[np.float32]) -> NDArray[np.float32]:
-    """Cubic B-spline coefficients (h,w) of a picture (h,w)."""
-    return cv2.sepFilter2D(
-        image, cv2.CV_32F, _PREFILTER, _PREFILTER, borderType=cv2.BORDER_REFLECT_101
-    ).astype(np.float32, copy=False)
+def lens(camera: Camera, shift: tuple[float, float] = (0.0, 0.0)) -> Array:
+    """Ideal to raw pixels as `register` wants it, (11,): fx fy cx cy k1 k2 p1 p2 k3 and a shift in raw px."""
+    (fx, _, cx), (_, fy, cy), _ = camera.matrix
+    return np.array([fx, fy, cx, cy, *camera.distortion, *shift], dtype=np.float64)
 
 
 def local_grid(points: int, half: float) -> Array:
@@ -53,27 +51,18 @@ def project(warp: Array, local: Array) -> Array:
     return np.stack([mapped[..., 0, :], mapped[..., 1, :]], axis=-1) / mapped[..., 2, :, None]
 
 
-def sample(coefficients: NDArray[np.float32], pixels: Array) -> Array:
-    """Grey levels of the spline picture at pixels (...,2) (x, y); points outside take the nearest edge."""
-    return map_coordinates(
-        coefficients,
-        [pixels[..., 1], pixels[..., 0]],
-        output=np.float64,
-        order=3,
-        mode="nearest",
-        prefilter=False,
-    )
+def patches(image: Picture, lens: Array, warp: Array, grid: Array) -> Array:
+    """Grey levels (p,3,n) at the warped grid and their local derivatives in x and y (central differences).
 
-
-def patches(
-    coefficients: NDArray[np.float32], to_pixels: ToPixels, warp: Array, grid: Array, delta: float
-) -> Array:
-    """Grey levels (p,3,n) at the warped grid and their local derivatives in x and y (central, step delta)."""
-    shifts = np.array([[0.0, 0.0], [delta, 0.0], [-delta, 0.0], [0.0, delta], [0.0, -delta]])
-    moved = grid[None] + np.concatenate([shifts, np.zeros((5, 1))], axis=1)[:, :, None]
-    grey = sample(coefficients, to_pixels(project(warp[:, None], moved[None])))
-    slope = (grey[:, 1::2] - grey[:, 2::2]) / (2.0 * delta)
-    return np.concatenate([grey[:, :1], slope], axis=1)
+    Points outside the picture take its nearest grey level.
+    """
+    side = _side(grid)
+    delta = 0.25 * float(grid[0, 1] - grid[0, 0])
+    grey = np.empty((5, len(warp), grid.shape[1]))
+    for k, shift in enumerate(((0.0, 0.0), (delta, 0.0), (-delta, 0.0), (0.0, delta), (0.0, -delta))):
+        moved = grid[:2] + np.array(shift)[:, None]
+        compiled.sample(image, lens, np.ascontiguousarray(warp), moved, side, grey[k])
+    return np.stack([grey[0], (grey[1] - grey[2]) / (2 * delta), (grey[3] - grey[4]) / (2 * delta)], axis=1)
 
 
 def templates(patch: Array, grid: Array) -> Templates:
@@ -91,69 +80,55 @@ def templates(patch: Array, grid: Array) -> Templates:
     descent = descent - descent.mean(axis=2, keepdims=True)
     descent = descent - (descent @ grey[:, :, None]) * grey[:, None, :]
     covariance = np.linalg.inv(descent @ descent.transpose(0, 2, 1))
-    return Templates(grid, grey, covariance @ descent, covariance)
+    step = np.ascontiguousarray((covariance @ descent).transpose(0, 2, 1))
+    return Templates(grid, grey, step, covariance)
 
 
 def register(
-    coefficients: NDArray[np.float32],
-    to_pixels: ToPixels,
-    reference: Templates,
-    start: Array,
-    scale: Array,
-    which: NDArray[np.intp],
+    image: Picture, lens: Array, reference: Templates, start: Array, scale: Array, which: NDArray[np.intp]
 ) -> tuple[Array, Array]:
     """Warps (m,3,3) that lay the reference patches on the picture, and their correlation (m,) with it.
 
-    coefficients: (h,w) spline coefficients of the picture.   to_pixels: ideal to raw pixels.
+    image: (h,w) grey levels.   lens: (11,) ideal to raw pixels, from `lens` or NO_LENS.
     start: (m,3,3) first guess, within about half a marker cell.   scale: (m,) px per local unit.
     which: (m,) rows of the reference.
 
-    Inverse compositional, doi 10.1023/B:VISI.0000011205.11775.fd. A correlation of 0 means that the search
-    left the picture or folded; nothing is raised.
+    Inverse compositional, doi 10.1023/B:VISI.0000011205.11775.fd, on the cubic B-spline of the picture. A
+    correlation of 0 means that the search left the picture, folded, or did not settle; nothing is raised.
     """
-    warp, correlation = start.copy(), np.zeros(len(start))
-    active = np.arange(len(start))
-    for _ in range(MAX_ITERATIONS):
-        grey, correlation[active] = _normalised(
-            coefficients, to_pixels, warp[active], reference, which[active]
-        )
-        active = active[correlation[active] > 0.0]
-        if not active.size:
-            break
-        change = (reference.step[which[active]] @ grey[:, :, None])[..., 0]
-        warp[active] = _compose(warp[active], change)
-        moved = np.abs(change[:, [2, 5]]).max(axis=1) * scale[active]
-        active = active[moved > CONVERGED_PX]
-        if not active.size:
-            return warp, correlation
-    correlation[active] = 0.0
+    warp, correlation = np.array(start, dtype=np.float64), np.zeros(len(start))
+    grid = reference.grid
+    compiled.lay(
+        image,
+        lens,
+        grid[:2],
+        _side(grid),
+        reference.grey,
+        reference.step,
+        which,
+        scale,
+        warp,
+        correlation,
+    )
     return warp, correlation
 
 
-def _normalised(
-    coefficients: NDArray[np.float32],
-    to_pixels: ToPixels,
-    warp: Array,
-    reference: Templates,
-    which: NDArray[np.intp],
-) -> tuple[Array, Array]:
-    """Sampled patches with mean 0 and norm 1 (those with positive correlation only), and all correlations."""
-    height, width = coefficients.shape
-    pixels = to_pixels(project(warp, reference.grid))
-    inside = (np.abs(2.0 * pixels - (width - 1, height - 1)) <= (width - 1, height - 1)).all(axis=(1, 2))
-    correlation = np.zeros(len(warp))
-    grey = sample(coefficients, pixels[inside])
-    grey = grey - grey.mean(axis=1, keepdims=True)
-    grey = grey / np.maximum(np.linalg.norm(grey, axis=1, keepdims=True), 1e-6)
-    correlation[inside] = np.einsum("pn,pn->p", grey, reference.grey[which[inside]])
-    return grey[correlation[inside] > 0.0], correlation
+def centre_covariance(reference: Templates, linear: Array, correlation: Array) -> Array:
+    """Covariance (...,p,2,2) px2 of the patch centres, from what the fit leaves.
+
+    linear: (...,p,2,2) px per local unit at the centre.   correlation: (...,p) with the reference.
+
+    Residual variance times (J^T J)^-1 of the patch points, as if these were the pixels that they stand for:
+    white noise is correlated between points that lie closer, and smaller between pixels.
+    """
+    grid = reference.grid
+    count, pitch = grid.shape[1], float(grid[0, 1] - grid[0, 0])
+    pixels = pitch**2 * np.abs(linear[..., 0, 0] * linear[..., 1, 1] - linear[..., 0, 1] * linear[..., 1, 0])
+    residual = np.maximum(1.0 - correlation**2, 0.0) / np.maximum(count - 10.0 / pixels, 1.0)
+    local = reference.covariance[:, [[2], [5]], [[2, 5]]]
+    spread = residual * np.maximum(1.0 / (INTERPOLATED * pixels), 1.0)
+    return np.asarray(linear @ local @ np.swapaxes(linear, -1, -2) * spread[..., None, None])
 
 
-def _compose(warp: Array, change: Array) -> Array:
-    """Warp after the inverse of the step (m,8) is put before it, scaled so that its last entry is 1."""
-    step = np.concatenate([change, np.zeros((len(change), 1))], axis=1).reshape(-1, 3, 3) + np.eye(3)
-    determinant = np.linalg.det(step)
-    step[np.abs(determinant) < 1e-3] = np.eye(3)  # a folded step: keep the guess, its correlation will tell
-    composed = warp @ np.linalg.inv(step)
-    last = composed[:, 2:, 2:]
-    return composed / np.where(np.abs(last) < 1e-9, 1.0, last)
+def _side(grid: Array) -> int:
+    return round(float(np.sqrt(grid.shape[1])))

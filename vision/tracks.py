@@ -104,9 +104,8 @@ def _step(image: Image, follower: Follower, guess: Array) -> tuple[Array, Array,
     count = len(follower.marks)
     warp, match = np.full((count, 3, 3), np.nan), np.zeros(count)
     method = np.zeros(count, dtype=np.int8)
-    picture = registration.spline(image)
     rows = np.flatnonzero(np.isfinite(guess[follower.coded, 0, 0]))
-    _lay(picture, follower, rows, guess, REGISTERED, warp, match, method)
+    _lay(image, follower, rows, guess, REGISTERED, warp, match, method)
     failed = [i for i in rows if method[follower.coded[i]] == LOST]
     if failed:
         found, _ = detect(image, follower.dictionary)
@@ -114,13 +113,13 @@ def _step(image: Image, follower: Follower, guess: Array) -> tuple[Array, Array,
         corners = guess.copy()
         for p in follower.coded[again]:
             corners[p] = corner_warp(follower.camera.undistort(found[int(follower.marks[p].marker or 0)]))
-        _lay(picture, follower, np.array(again, dtype=np.intp), corners, FOUND_AGAIN, warp, match, method)
+        _lay(image, follower, np.array(again, dtype=np.intp), corners, FOUND_AGAIN, warp, match, method)
     _dots(image, follower, guess, warp, match, method)
     return warp, match, method
 
 
 def _lay(
-    picture: NDArray[np.float32],
+    image: Image,
     follower: Follower,
     rows: NDArray[np.intp],
     guess: Array,
@@ -134,7 +133,12 @@ def _lay(
     if not len(rows):
         return
     laid, correlation = registration.register(
-        picture, follower.camera.distort, follower.templates, guess[marks], px_per_unit(guess[marks]), rows
+        image,
+        registration.lens(follower.camera),
+        follower.templates,
+        guess[marks],
+        px_per_unit(guess[marks]),
+        rows,
     )
     good = correlation > follower.least[rows]
     warp[marks[good]], match[marks[good]], method[marks[good]] = laid[good], correlation[good], code
@@ -153,10 +157,8 @@ def _dots(
 
 def _covariance(warp: Array, match: Array, follower: Follower) -> Array:
     """Covariance (t,p,2,2) px2 of the centres from the residual of each fit; NaN for lost marks and dots."""
-    points = follower.templates.grid.shape[1]
-    local = follower.templates.covariance[:, [[2], [5]], [[2, 5]]]
-    residual = (1.0 - np.minimum(match[:, follower.coded], 1.0) ** 2) / (points - 10)
-    linear = warp[:, follower.coded, :2, :2]
     covariance = np.full((*warp.shape[:2], 2, 2), np.nan)
-    covariance[:, follower.coded] = linear @ local @ np.swapaxes(linear, -1, -2) * residual[..., None, None]
+    covariance[:, follower.coded] = registration.centre_covariance(
+        follower.templates, warp[:, follower.coded, :2, :2], match[:, follower.coded]
+    )
     return covariance
