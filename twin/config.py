@@ -23,6 +23,18 @@ def _effect(name: str) -> str:
     return name
 
 
+def _dictionary(name: str) -> str:
+    if name.startswith("DICT_"):
+        return name
+    if PurePosixPath(name).suffix.lower() not in (".yml", ".yaml", ".xml", ".json"):
+        raise ValueError(
+            "wanted one of OpenCV's names, such as DICT_4X4_50 or DICT_APRILTAG_36h11, or a file such as "
+            "raw/dictionary.yml"
+        )
+    return _relative(name)
+
+
+Dictionary = Annotated[str, AfterValidator(_dictionary)]
 RelativePath = Annotated[str, Field(min_length=1), AfterValidator(_relative)]
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9_.+-]+$")]  # goes into CSV cells and entity paths
 Effect = Annotated[str, AfterValidator(_effect)]
@@ -56,17 +68,24 @@ class ModelTable(TableModel):
 
 
 class BoardTable(TableModel):
-    columns: int = Field(ge=2, description="squares across the ChArUco board")
-    rows: int = Field(ge=2, description="squares down the board")
-    square_mm: Positive = Field(description="measured side of a square, mm")
-    marker_mm: Positive = Field(description="measured side of a marker, mm")
-    dictionary: str = Field(
-        default="DICT_4X4_50", pattern=r"^DICT_", description="ArUco dictionary of the board"
+    kind: Literal["charuco", "chessboard", "circles", "acircles"] = Field(
+        default="charuco", description="charuco, chessboard, circles, or acircles (every other row shifted)"
     )
-    inverted: bool = Field(default=False, description="white markers on black")
+    columns: int = Field(ge=2, description="across: squares (charuco), inner corners (chessboard) or circles")
+    rows: int = Field(ge=2, description="the same down the board")
+    square_mm: Positive = Field(
+        description="measured side of a square, or distance of two circles (acircles: of two rows), mm"
+    )
+    marker_mm: Positive | None = Field(default=None, description="measured side of a charuco marker, mm")
+    dictionary: Dictionary = Field(default="DICT_4X4_50", description="ArUco dictionary of the board")
+    inverted: bool = Field(default=False, description="white on black")
 
     @model_validator(mode="after")
     def _fits(self) -> Self:
+        if self.kind != "charuco":
+            return self
+        if self.marker_mm is None:
+            raise ValueError("marker_mm is missing: wanted the measured side of the charuco markers in mm")
         if self.marker_mm >= self.square_mm:
             raise ValueError(
                 f"marker_mm = {self.marker_mm:g}: wanted less than square_mm = {self.square_mm:g} mm; "
@@ -81,9 +100,12 @@ class CameraTable(TableModel):
     static: RelativePath = Field(
         description="film of the finger at rest, 300 frames or more: gives the noise"
     )
-    boards: RelativePath = Field(description="images of the ChArUco board (glob)")
-    dictionary: str = Field(
-        default="DICT_4X4_50", pattern=r"^DICT_", description="ArUco dictionary of the markers"
+    boards: RelativePath | None = Field(default=None, description="images of the calibration board (glob)")
+    camera_file: RelativePath | None = Field(
+        default=None, description="in place of boards: OpenCV YAML or caliscope TOML of another program"
+    )
+    dictionary: Dictionary = Field(
+        default="DICT_4X4_50", description="ArUco dictionary of the markers: a name, or a file of your own"
     )
     film_start_s: Finite = Field(
         default=0.0, description="first frame of the film on the clock of the pressure log, s"
@@ -94,7 +116,17 @@ class CameraTable(TableModel):
         "noise comes from the first rest of the film",
     )
     max_rms_px: Positive = Field(default=0.3, description="refuse a camera calibration with a larger RMS, px")
-    board: BoardTable
+    board: BoardTable | None = None
+
+    @model_validator(mode="after")
+    def _calibrated(self) -> Self:
+        if self.camera_file is None and (self.boards is None or self.board is None):
+            raise ValueError(
+                f"cameras {self.name!r} has no calibration: give boards and [cameras.board], or camera_file"
+            )
+        if self.camera_file is not None and self.boards is not None:
+            raise ValueError(f"cameras {self.name!r} has boards and camera_file: keep one of them")
+        return self
 
 
 class PressureTable(TableModel):

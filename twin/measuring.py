@@ -16,8 +16,9 @@ from twin.targetfiles import write_targets
 from twin.targets import Array, Noise, Targets
 
 if TYPE_CHECKING:  # vision takes a second to import: only the stages that measure pay for it
-    from vision import Displacements, Mark
+    from vision import Camera, Displacements, Mark
 
+PARAMETERS = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3")
 DIGITS = 6  # of mm: a nanometre, far below any sd, keeps targets.csv readable
 
 
@@ -29,18 +30,38 @@ def run_camera(project: Project, say: Say) -> dict[str, Any]:
     if done is not None:
         say(f"camera: already done in {project.shown(done)}, skipped")
         return _result(project, "camera", done, skipped=True)
-    from vision import Board, calibrate_camera
-
     with project.new_run("camera", **how) as run:
-        board = Board(**table.board.model_dump())
-        camera = calibrate_camera(how["inputs"], board, max_rms_px=table.max_rms_px)
+        camera = _read_camera(project, table) if table.camera_file else _calibrated(project, table)
+        given = 0 if table.camera_file else len(_images(project, table))
         run.write_json("camera.json", camera.to_dict())
-        run.summary.update(rms_px=camera.rms_px, images=camera.images, given=len(how["inputs"]))
+        run.summary.update(
+            rms_px=camera.rms_px, images=camera.images, given=given, model=" ".join(camera.model),
+            sd=dict(zip(PARAMETERS, camera.stdevs.tolist(), strict=True)), remarks=list(camera.remarks),
+        )  # fmt: skip
         run.summary["headline"] = f"reprojection RMS {camera.rms_px:.3f} px"
-    say(f"camera: {camera.images} of {len(how['inputs'])} board images, reprojection RMS "
-        f"{camera.rms_px:.3f} px (limit {table.max_rms_px:g}); wrote "
+    for sentence in camera.remarks:
+        say(f"camera: {sentence}")
+    source = table.camera_file or f"{camera.images} of {given} board images"
+    say(f"camera: {source}, reprojection RMS {camera.rms_px:.3f} px (limit {table.max_rms_px:g}); wrote "
         f"{project.shown(run.path('camera.json'))}")  # fmt: skip
     return _result(project, "camera", run.folder)
+
+
+def _calibrated(project: Project, table: CameraTable) -> "Camera":
+    from vision import Board, calibrate_camera
+
+    assert table.board is not None  # the configuration refuses boards without it
+    stated = table.board.model_dump() | {"marker_mm": table.board.marker_mm or 0.0}
+    board = Board(**stated | {"dictionary": _dictionary(project, table.board.dictionary)})
+    return calibrate_camera(_images(project, table), board, max_rms_px=table.max_rms_px)
+
+
+def _read_camera(project: Project, table: CameraTable) -> "Camera":
+    from vision import Video, read_camera
+
+    film = Video(project.path(table.film))
+    path = project.path(table.camera_file or "")
+    return read_camera(path, name=table.name, size=(film.width, film.height))
 
 
 def run_measure(project: Project, say: Say, *, replace: bool = False) -> dict[str, Any]:
@@ -132,12 +153,44 @@ def _pressure(project: Project) -> Any:
 
 
 def _camera_inputs(project: Project, table: CameraTable) -> dict[str, Any]:
-    images = sorted(p for p in project.root.glob(table.boards) if p.is_file())
+    if table.camera_file is not None:
+        path = project.path(table.camera_file)
+        if not path.is_file():
+            raise ValueError(
+                f"cameras.camera_file = {table.camera_file!r}: no such file in {project.root}; copy it there "
+                "or correct twin.toml"
+            )
+        return {"tables": (), "inputs": [path], "extra": {"name": table.name, "film": table.film}}
+    board = table.board
+    assert board is not None  # the configuration refuses boards without it
+    extra = {"board": board.model_dump(), "max_rms_px": table.max_rms_px}
+    own = _dictionary_files(project, board.dictionary)
+    return {"tables": (), "inputs": [*_images(project, table), *own], "extra": extra}
+
+
+def _images(project: Project, table: CameraTable) -> list[Path]:
+    """Return the pictures of the board."""
+    images = sorted(p for p in project.root.glob(table.boards or "") if p.is_file())
     if not images:
         raise ValueError(f"cameras.boards = {table.boards!r}: no file matches in {project.root}; put the "
-                         "images of the ChArUco board there, or correct the glob in twin.toml")  # fmt: skip
-    extra = {"board": table.board.model_dump(), "max_rms_px": table.max_rms_px}
-    return {"tables": (), "inputs": images, "extra": extra}
+                         "images of the board there, or correct the glob in twin.toml")  # fmt: skip
+    return images
+
+
+def _dictionary(project: Project, name: str) -> str:
+    """Return a dictionary as vision takes it: OpenCV's name, or the path of a file in the project."""
+    return name if name.startswith("DICT_") else str(project.path(name))
+
+
+def _dictionary_files(project: Project, name: str) -> list[Path]:
+    """Return the file of a dictionary that is none of OpenCV's."""
+    if name.startswith("DICT_"):
+        return []
+    if not project.path(name).is_file():
+        raise ValueError(
+            f"dictionary = {name!r}: no such file in {project.root}; copy it there or correct twin.toml"
+        )
+    return [project.path(name)]
 
 
 def _camera(project: Project, table: CameraTable) -> Path:
@@ -166,7 +219,7 @@ def _measure_inputs(project: Project, table: CameraTable, camera: Path) -> dict[
             )
     inputs = [project.path(p) for p in (*named.values(), _pressure(project).file)]
     tables = ("cameras", "pressure", "measure", "frame", "points")
-    return {"tables": tables, "inputs": [*inputs, camera]}
+    return {"tables": tables, "inputs": [*inputs, camera, *_dictionary_files(project, table.dictionary)]}
 
 
 def _measured_by(project: Project) -> str | None:
@@ -217,7 +270,8 @@ def _measure(
     check_covers(log, film.time + table.film_start_s, what="film", key="film_start_s")
     gauge = _gauge(table, log, film.time, static.time, settings.reference_s)
     moved = measure(
-        film, static, Camera.from_dict(files.read_json(camera)), _marks(project), dictionary=table.dictionary,
+        film, static, Camera.from_dict(files.read_json(camera)), _marks(project),
+        dictionary=_dictionary(project, table.dictionary),
         placement_sd_mm=settings.placement_sd_mm, scale_sd=settings.scale_sd,
         height_sd_mm=settings.height_sd_mm, out_of_plane_sd_mm=settings.out_of_plane_sd_mm,
         reference_s=settings.reference_s, progress=say.progress,

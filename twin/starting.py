@@ -146,9 +146,9 @@ def _missing_files(project: Project) -> list[str]:
         "pressure.file": project.config.pressure.file,
     }
     missing = [f"{path} ({key})" for key, path in named.items() if not project.path(path).is_file()]
-    return (
-        missing if any(project.root.glob(camera.boards)) else [*missing, f"{camera.boards} (cameras.boards)"]
-    )
+    calibration = camera.camera_file or camera.boards or ""
+    key = "camera_file" if camera.camera_file else "boards"
+    return missing if any(project.root.glob(calibration)) else [*missing, f"{calibration} (cameras.{key})"]
 
 
 def _check_points(project: Project, targets: Targets) -> None:

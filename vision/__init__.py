@@ -3,6 +3,7 @@
 from vision.boards import Board
 from vision.calibration import calibrate_camera
 from vision.camera import Camera
+from vision.camerafile import read_camera
 from vision.displacements import Displacements, measure
 from vision.marks import Mark
 from vision.noise import NoiseModel
@@ -19,4 +20,5 @@ __all__ = [
     "Video",
     "calibrate_camera",
     "measure",
+    "read_camera",
 ]

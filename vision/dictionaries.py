@@ -1,6 +1,8 @@
-"""Marker dictionaries: OpenCV's predefined ones by name."""
+"""Marker dictionaries: OpenCV's predefined ones by name, the AprilTag families among them, and own ones."""
 
 from collections.abc import Iterable
+from functools import lru_cache
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -8,6 +10,7 @@ from numpy.typing import NDArray
 
 Image = NDArray[np.uint8]
 
+FILES = (".yml", ".yaml", ".xml", ".json")
 # Largest dictionary of each family, and the sizes of the smaller ones, which are its first words.
 FAMILIES = (
     *((f"DICT_{bits}X{bits}_1000", (50, 100, 250, 1000)) for bits in (4, 5, 6, 7)),
@@ -17,10 +20,38 @@ FAMILIES = (
 
 
 def dictionary_of(name: str) -> cv2.aruco.Dictionary:
-    """OpenCV's predefined marker dictionary of that name; raises ValueError for a name it does not have."""
+    """A marker dictionary: OpenCV's predefined one of that name, or the one in a file.
+
+    name: "DICT_4X4_50", "DICT_APRILTAG_36h11", ..., or the path of a file as OpenCV writes it, with
+    nmarkers, markersize, maxCorrectionBits and marker_0, ... of zeros and ones (.yml, .xml, .json).
+    Raises ValueError for a name that OpenCV does not have and for a file that is none.
+    """
+    if Path(name).suffix.lower() in FILES:
+        return _from_file(name)
     if not name.startswith("DICT_") or not hasattr(cv2.aruco, name):
-        raise ValueError(f"marker dictionary {name!r} is not known: use a name such as DICT_4X4_50")
+        raise ValueError(
+            f"marker dictionary {name!r} is not known: use a name such as DICT_4X4_50 or a file such as "
+            "raw/dictionary.yml"
+        )
     return cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, name))
+
+
+@lru_cache(maxsize=8)
+def _from_file(name: str) -> cv2.aruco.Dictionary:
+    if not Path(name).is_file():
+        raise ValueError(f"marker dictionary {name} does not exist: give the path of an OpenCV YAML file")
+    wrong = (
+        f"marker dictionary {name} cannot be read: wanted nmarkers, markersize and marker_0, marker_1, ..."
+    )
+    try:
+        storage = cv2.FileStorage(name, cv2.FILE_STORAGE_READ)
+        dictionary = cv2.aruco.Dictionary()
+        read = dictionary.readDictionary(storage.root())
+    except (cv2.error, SystemError) as error:
+        raise ValueError(wrong) from error
+    if not read or not len(dictionary.bytesList):
+        raise ValueError(wrong)
+    return dictionary
 
 
 def other_dictionary(images: Iterable[Image], tried: str) -> tuple[str, int] | None:
