@@ -4,7 +4,6 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import islice
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -14,6 +13,7 @@ from vision.dictionaries import dictionary_of, other_dictionary
 from vision.dots import find_dot
 from vision.marks import Mark, corner_warp, detect, dot_warp, px_per_unit
 from vision.plane import MIN_VISIBLE, fit_homography
+from vision.printed import printed_centres
 from vision.video import Video
 
 MIN_REFERENCE = 10
@@ -61,8 +61,8 @@ def prepare(
     )
     templates = registration.templates(mean, single.grid)
     centre = np.zeros((len(marks), 2))
-    centre[coded] = _centres(
-        mean[:, 0], single.grid, [marks[p] for p in map(int, coded)], dictionary, px_per_unit(seed[coded])
+    centre[coded] = printed_centres(
+        mean[:, 0], single.grid, [marks[int(p)] for p in coded], dictionary, px_per_unit(seed[coded])
     )
     return Follower(camera, tuple(marks), dictionary, seed, templates, coded, centre, least)
 
@@ -192,49 +192,3 @@ def _blank(grid: Array) -> Array:
     return np.stack(
         [np.sin(9 * x) * np.sin(7 * y), 9 * np.cos(9 * x) * np.sin(7 * y), 7 * np.sin(9 * x) * np.cos(7 * y)]
     )
-
-
-def _centres(mean: Array, grid: Array, marks: list[Mark], dictionary: str, scale: Array) -> Array:
-    """Local coordinates (p,2) of the true centres: the printed pattern registered to the mean patch.
-
-    The corners that started the patch are off by some 0.05 px; the pattern as a whole by 0.004.
-    """
-    side = int(np.sqrt(grid.shape[1]))
-    half = float(grid[0].max())
-    pitch = 2.0 * half / (side - 1)
-    inner = registration.local_grid(side, half - 2.0 * pitch)
-    to_index = np.array([[1.0, 0.0, half], [0.0, 1.0, half], [0.0, 0.0, pitch]]) / pitch
-    centre = np.zeros((len(marks), 2))
-    for i, mark in enumerate(marks):
-        if not np.isfinite(scale[i]):
-            continue
-        drawn = registration.templates(_drawn(mark, inner, dictionary, 0.8 / scale[i]), inner)
-        warp, match = registration.register(
-            mean[i].reshape(side, side).astype(np.float32),
-            registration.NO_LENS,
-            drawn,
-            to_index[None],
-            scale[i : i + 1],
-            np.zeros(1, int),
-        )
-        if match[0] > SURE:
-            centre[i] = (warp[0, :2, 2] * pitch) - half
-    return centre
-
-
-def _drawn(mark: Mark, grid: Array, dictionary: str, blur: float) -> Array:
-    """Grey and slopes (1,3,n) of the printed pattern, blurred with an sd of `blur` local units."""
-    words = dictionary_of(dictionary)
-    cells = words.markerSize + 2
-    bits = np.asarray(words.generateImageMarker(int(mark.marker or 0), cells), dtype=np.float64) / 255.0
-    fine = 16
-    texture = np.kron(np.pad(bits, 1, constant_values=1.0), np.ones((fine, fine)))
-    texture = cv2.GaussianBlur(texture, (0, 0), blur * 0.5 * cells * fine).astype(np.float32)
-    to_texel = np.array(
-        [
-            [1.0, 0.0, 1.0 + 2.0 / cells - 1.0 / (cells * fine)],
-            [0.0, 1.0, 1.0 + 2.0 / cells - 1.0 / (cells * fine)],
-            [0.0, 0.0, 2.0 / (cells * fine)],
-        ]
-    ) * (0.5 * cells * fine)
-    return registration.patches(texture, registration.NO_LENS, to_texel[None], grid)
