@@ -75,12 +75,15 @@ def measure(
     replace: Annotated[
         bool, typer.Option("--replace", help="measure anew; keep old targets as targets-0001")
     ] = False,
+    budget: Annotated[
+        bool, typer.Option("--budget", help="print what each marker's uncertainty is made of")
+    ] = False,
     json: Json = False,
 ) -> None:
     """Measure film and pressure log into targets/."""
     from twin.measuring import run_measure
 
-    _stage("measure", lambda p, say: run_measure(p, say, replace=replace), project, json)
+    _stage("measure", lambda p, say: run_measure(p, say, replace=replace, budget=budget), project, json)
 
 
 @app.command()

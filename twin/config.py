@@ -134,11 +134,20 @@ class PressureTable(TableModel):
         default="raw/pressure.csv", description="pressure log: columns time_s, pressure_MPa"
     )
     time_shift_s: Finite = Field(default=0.0, description="added to the times of the log, s")
+    sync_sd_s: Annotated[float, Field(ge=0, allow_inf_nan=False)] = Field(
+        default=0.002, description="how well the film's clock is the log's, sd in s"
+    )
 
 
 class MeasureTable(TableModel):
     placement_sd_mm: Positive = Field(default=0.3, description="how well a marker sits on its node, sd in mm")
     scale_sd: Positive = Field(default=0.001, description="how well the mm scale is known, relative sd")
+    frame_sd_mm: Positive = Field(
+        default=0.1, description="how well a frame marker sits on its stated place, sd in mm"
+    )
+    node_sd_mm: Positive = Field(
+        default=0.1, description="how well the finger's point is the model's node, sd in mm"
+    )
     height_sd_mm: Positive = Field(
         default=0.3,
         description="how well a marker's distance from the frame markers' plane is known, sd in mm",

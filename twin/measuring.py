@@ -9,14 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twin import files
-from twin.config import CameraTable
+from twin.config import CameraTable, MeasureTable
 from twin.gauge import GaugeNoise, Log, check_covers, gauge_noise, read_log
 from twin.project import Project, Say
 from twin.targetfiles import write_targets
 from twin.targets import Array, Noise, Targets
 
 if TYPE_CHECKING:  # vision takes a second to import: only the stages that measure pay for it
-    from vision import Camera, Displacements, Mark
+    from vision import Camera, Displacements, Mark, Stated
 
 PARAMETERS = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3")
 DIGITS = 6  # of mm: a nanometre, far below any sd, keeps targets.csv readable
@@ -64,12 +64,21 @@ def _read_camera(project: Project, table: CameraTable) -> "Camera":
     return read_camera(path, name=table.name, size=(film.width, film.height))
 
 
-def run_measure(project: Project, say: Say, *, replace: bool = False) -> dict[str, Any]:
+def run_measure(
+    project: Project, say: Say, *, replace: bool = False, budget: bool = False
+) -> dict[str, Any]:
     """Measure the films into targets/ and runs/NNNN-measure, unless that is done.
 
     Targets that come from other inputs are never overwritten: ValueError, or with `replace` they are kept
-    as targets-0001, -0002, ...
+    as targets-0001, -0002, ... With `budget` the table of what the uncertainty is made of is said.
     """
+    result = _measured(project, say, replace)
+    if budget:
+        result["budget"] = _say_budget(project.path(result["run"]) / "budget.csv", say)
+    return result
+
+
+def _measured(project: Project, say: Say, replace: bool) -> dict[str, Any]:
     table = _camera_table(project)
     camera = _camera(project, table)
     how = _measure_inputs(project, table, camera)
@@ -89,9 +98,11 @@ def run_measure(project: Project, say: Say, *, replace: bool = False) -> dict[st
     with project.new_run("measure", **how) as run:
         moved, log, gauge = _measure(project, table, camera, say)
         targets = make_targets(
-            moved, log, film_start_s=table.film_start_s, gauge=gauge, nodes=_nodes(project)
-        )
+            moved, log, film_start_s=table.film_start_s, gauge=gauge, nodes=_nodes(project),
+            sync_sd_s=_pressure(project).sync_sd_s,
+        )  # fmt: skip
         run.write_npz("tracks.npz", _tracks(moved))
+        run.write_text("budget.csv", _budget_csv(moved, targets))
         run.summary.update(_summary(targets, moved, gauge) | {"headline": _headline(targets)})
         _put_aside(project, say)
         write_targets(project.targets_folder, targets, source={"run": run.name})
@@ -102,24 +113,30 @@ def run_measure(project: Project, say: Say, *, replace: bool = False) -> dict[st
 
 
 def make_targets(
-    moved: "Displacements", log: Log, *, film_start_s: float, gauge: GaugeNoise, nodes: Mapping[str, int]
+    moved: "Displacements", log: Log, *, film_start_s: float, gauge: GaugeNoise, nodes: Mapping[str, int],
+    sync_sd_s: float,
 ) -> Targets:
     """Join displacements (film clock) with the pressure log into targets of one block on the log's clock.
 
     Of frames with the same time stamp the first is kept; `nodes` gives the label of every finger marker.
+    sync_sd_s: s, how well the film's clock is the log's; it becomes the mode "sync".
     """
+    from vision.modes import sync
+
     keep = np.concatenate([[True], np.diff(moved.time) > 0])
     time = moved.time[keep] + film_start_s
     value, covariance = np.round(moved.value[keep], DIGITS), moved.covariance[keep]
     variance = np.diagonal(covariance, axis1=2, axis2=3)
     n = moved.noise
     noise = Noise(n.sd, n.rho, n.correlation, n.frames, n.codec_sd, gauge.sd_MPa, gauge.samples)
+    clock = sync(time, moved.value[keep], sync_sd_s) * np.isfinite(moved.value[keep])
     return Targets(
         time=time, pressure=np.round(log.at(time), DIGITS + 3), block=np.zeros(len(time), dtype=np.int64),
         names=moved.names, nodes=_labels(moved, nodes), points=moved.points, value=value,
         covariance=covariance, valid=np.isfinite(value) & np.isfinite(variance),
         held_out=np.zeros(len(time), dtype=bool),
-        modes=moved.modes[:, keep], mode_names=moved.mode_names, noise=noise, log_time=log.time,
+        modes=np.concatenate([moved.modes[:, keep], clock[None]]), mode_names=(*moved.mode_names, "sync"),
+        noise=noise, log_time=log.time,
         log_pressure=log.pressure, reference=_kept(moved.reference, keep), gravity=None,
         pressure_sd=gauge.sd_MPa * log.gain(time),
     )  # fmt: skip
@@ -271,12 +288,21 @@ def _measure(
     gauge = _gauge(table, log, film.time, static.time, settings.reference_s)
     moved = measure(
         film, static, Camera.from_dict(files.read_json(camera)), _marks(project),
-        dictionary=_dictionary(project, table.dictionary),
-        placement_sd_mm=settings.placement_sd_mm, scale_sd=settings.scale_sd,
-        height_sd_mm=settings.height_sd_mm, out_of_plane_sd_mm=settings.out_of_plane_sd_mm,
+        dictionary=_dictionary(project, table.dictionary), stated=_stated(settings),
         reference_s=settings.reference_s, progress=say.progress,
     )  # fmt: skip
     return moved, log, gauge
+
+
+def _stated(settings: MeasureTable) -> "Stated":
+    """Return how well the rig is known."""
+    from vision import Stated
+
+    return Stated(
+        placement_mm=settings.placement_sd_mm, scale=settings.scale_sd, frame_mm=settings.frame_sd_mm,
+        node_mm=settings.node_sd_mm, height_mm=settings.height_sd_mm,
+        out_of_plane_mm=settings.out_of_plane_sd_mm,
+    )  # fmt: skip
 
 
 def _gauge(table: CameraTable, log: Log, film: Array, static: Array, reference_s: float) -> GaugeNoise:
@@ -303,6 +329,27 @@ def _tracks(moved: "Displacements") -> dict[str, NDArray[Any]]:
     }  # fmt: skip
 
 
+def _budget_csv(moved: "Displacements", targets: Targets) -> str:
+    """Return the budget as vision has it, with what the join with the log adds."""
+    from vision.budget import to_csv, with_mode
+
+    clock, seen = targets.modes[targets.mode_names.index("sync")], np.asarray(targets.valid.any(axis=2))
+    return to_csv(with_mode(moved.budget, "sync", clock, seen), moved.names)
+
+
+def _say_budget(path: Path, say: Say) -> dict[str, Any]:
+    """Say the table in budget.csv, and return it as point -> source -> sd of u1, u2, u3 in mm."""
+    from vision.budget import from_csv, lines
+
+    table, names = from_csv(path.read_text(encoding="utf-8"))
+    for line in lines(table, names):
+        say(line)
+    say(f"measure: the whole table, with the largest sd of each source, is in {path.parent.name}/{path.name}")
+    return {
+        name: dict(zip(table.sources, table.sd[:, p].tolist(), strict=True)) for p, name in enumerate(names)
+    }
+
+
 def _summary(targets: Targets, moved: "Displacements", gauge: GaugeNoise) -> dict[str, Any]:
     """Return what run.json and --json tell."""
     noise = moved.noise
@@ -311,9 +358,8 @@ def _summary(targets: Targets, moved: "Displacements", gauge: GaugeNoise) -> dic
         "static_frames": noise.frames, "gauge_sd_MPa": gauge.sd_MPa,
         "sd_mm": dict(zip(moved.names, noise.sd, strict=True)),
         "codec_sd_mm": dict(zip(moved.names, noise.codec_sd, strict=True)),
-        "modes": len(targets.mode_names), "remarks": [
-            *moved.lost, *moved.remarks, *([gauge.remark] if gauge.remark else [])
-        ],
+        "modes": len(targets.mode_names),
+        "remarks": [*moved.lost, *moved.remarks, *([gauge.remark] if gauge.remark else [])],
     }  # fmt: skip
 
 

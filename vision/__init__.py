@@ -1,21 +1,25 @@
 """Film of a marked finger in, displacements in mm with their uncertainty out; `synthetic` draws film."""
 
 from vision.boards import Board
+from vision.budget import Budget
 from vision.calibration import calibrate_camera
 from vision.camera import Camera
 from vision.camerafile import read_camera
 from vision.displacements import Displacements, measure
 from vision.marks import Mark
+from vision.modes import Stated
 from vision.noise import NoiseModel
 from vision.tracks import Tracks
 from vision.video import Video
 
 __all__ = [
     "Board",
+    "Budget",
     "Camera",
     "Displacements",
     "Mark",
     "NoiseModel",
+    "Stated",
     "Tracks",
     "Video",
     "calibrate_camera",

@@ -5,10 +5,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import chi2
 
-from vision import depth
+from vision import depth, modes
+from vision.budget import Budget, budget
 from vision.camera import Array, Camera
 from vision.marks import Mark, check_names
+from vision.modes import Stated
 from vision.noise import (
     MIN_STATIC,
     REST,
@@ -20,14 +23,17 @@ from vision.noise import (
     static_noise,
     with_y,
 )
-from vision.plane import homographies, to_plane
+from vision.plane import Plane, misplaced, plane_of, to_plane
 from vision.reference import prepare
-from vision.tracks import DOT, LOST, Followed, Progress, Tracks, follow
+from vision.tracks import LOST, Followed, Progress, Tracks, follow
+from vision.turns import finger_turns, linear_maps, mean_seen, rotations, sides
+from vision.variance import at_rest, independent, misfit
 from vision.video import Video
 
 MIN_FRAME, MIN_FIXED = 6, 4
 MAX_DEPTH_MM = 0.1  # of the frame marks
 MAX_HEIGHT = 0.2  # of the camera's distance, for all other marks
+UNLIKELY = 0.001  # chance below which residuals contradict what is stated
 
 
 @dataclass(frozen=True)
@@ -43,15 +49,16 @@ class Displacements:
     roles: tuple[str, ...]  # (p,) "fixed" or "finger"
     points: Array  # (p,3) mm, nominal places at rest
     value: Array  # (s,p,3) mm
-    covariance: Array  # (s,p,3,3) mm2, independent part: static noise and, where the patch has moved, codec
+    covariance: Array  # (s,p,3,3) mm2, independent part: static noise, homography, blur, codec
     modes: Array  # (k,s,p,3) mm, errors shared by many values, 1 sd each
-    mode_names: tuple[str, ...]  # (k,) scale, placement:<name>:x|z, reference:<name>:1|3, those of `depth`
+    mode_names: tuple[str, ...]  # (k,) see vision.modes: scale, placement:<name>:x|z, frame:<k>, ...
     noise: NoiseModel
     reference: NDArray[np.intp]  # (r,) frames of the reference
     tracks: Tracks
     homography: Array  # (s,3,3) plane (x, z, 1) mm to undistorted px
     lost: tuple[str, ...]  # what was lost and when, one sentence each
-    remarks: tuple[str, ...] = ()  # marks off the plane: what was corrected, what seems to have left it
+    budget: Budget  # what each mark's sd is made of
+    remarks: tuple[str, ...]  # what was corrected and what contradicts what was stated, one sentence each
 
 
 def measure(
@@ -61,10 +68,7 @@ def measure(
     marks: Sequence[Mark],
     *,
     dictionary: str = "DICT_4X4_50",
-    placement_sd_mm: float = 0.3,
-    scale_sd: float = 0.001,
-    height_sd_mm: float = 0.3,
-    out_of_plane_sd_mm: float = 0.3,
+    stated: Stated = Stated(),  # noqa: B008 - frozen
     reference_s: float = 1.8,
     progress: Progress | None = None,
 ) -> Displacements:
@@ -73,78 +77,111 @@ def measure(
     film: the test; at rest for its first reference_s seconds.
     static: at least 120 frames of the finger at rest, better 300.
     camera: from `calibrate_camera`, same setting.   marks: at least 6 "frame" and 4 "fixed" ones.
-    placement_sd_mm: mm, how well a finger mark's centre sits on its nominal place.
-    scale_sd: relative 1 sd of lengths.
-    height_sd_mm: mm, how well a finger mark's distance from the frame marks' plane is known (its y).
-    out_of_plane_sd_mm: mm, 1 sd of a finger mark's motion towards the camera at its largest displacement.
+    stated: how well the rig is known.
     reference_s: s.   progress: called with (stage, frames done, frames in all).
 
     Every frame has its own homography from the frame marks, so a shaken tripod does no harm; its noise is
-    in the static noise of every point. Raises ValueError for marks that do not suffice or share ids, for a
+    in the covariance of every place. Raises ValueError for marks that do not suffice or share ids, for a
     static film that is too short or shows no marks, and as `prepare` does.
     """
-    frame, points = _check(static, marks)
+    _check(static, marks)
     follower = prepare(film, camera, marks, dictionary=dictionary, reference_s=reference_s)
     still = _static(static, camera, marks, dictionary, reference_s, progress)
     followed = follow(film, follower, reference_s=reference_s, stage="film", progress=progress)
-    nominal = np.array([mark.position for mark in marks])
-    plane = nominal[frame][:, [0, 2]]
-    homography = homographies(plane, followed.ideal[:, frame])
-    rest = to_plane(homographies(plane, still.ideal[:, frame]), still.ideal[:, points])
-    noise = static_noise(rest, [marks[p].name for p in points], static.path.name)
-    codec = codec_noise(film, follower, followed, plane, frame, points, progress)
-    ideal = followed.ideal[:, points]
-    extra = codec_sd(codec, ideal, _mean(ideal[followed.reference]))
-    noise = replace(noise, codec_sd=_while_moving(extra, states(ideal) != REST))
-    linear = _linear(followed, homography)
-    rotation = _rotation(linear)
-    view, height = depth.viewpoint(camera, homography), depth.heights(marks, frame)
-    _check_heights(marks, height, view)
-    place = depth.to_own_plane(to_plane(homography, ideal), height[points], view)
-    value = with_y(place - _mean(place[followed.reference]))
+    frame, points = _rows(marks)
+    codec = codec_noise(film, follower, followed, _xz(marks)[frame], frame, points, progress)
+    return displacements(followed, still, camera, marks, codec=codec, stated=stated, static=static.path.name)
+
+
+def displacements(
+    followed: Followed,
+    still: Followed,
+    camera: Camera,
+    marks: Sequence[Mark],
+    *,
+    codec: Codec,
+    stated: Stated,
+    static: str,
+) -> Displacements:
+    """Displacements from what was followed in the film and in the static one, as `measure` gives them.
+
+    static: name of the static film.
+    """
+    frame, points = _rows(marks)
     output = [marks[p] for p in points]
-    turns = _turns(value, rotation[:, points], nominal[points], output)
-    reference = _reference_sd(noise, codec, len(followed.reference))
-    modes, names = _modes(value, output, turns, reference, placement_sd_mm, scale_sd)
-    for more, called in (
-        depth.height_modes(value, output, view, sd_mm=height_sd_mm),
-        depth.out_of_plane_modes(value, place, output, view, sd_mm=out_of_plane_sd_mm),
-        depth.calibration_modes(
-            camera,
-            followed.ideal,
-            homography,
-            plane=plane,
-            frame=frame,
-            points=points,
-            height=height[points],
-            reference=followed.reference,
-        ),
-    ):
-        modes, names = modes + more, names + called
-    size, size_sd = _sizes(linear, still, noise, extra, points, plane, frame)
+    nominal = np.array([mark.position for mark in output])
+    quiet = plane_of(_xz(marks)[frame], still.ideal[:, frame])
+    rest_place = to_plane(quiet.homography, still.ideal[:, points])
+    noise = static_noise(rest_place, [mark.name for mark in output], static)
+    ideal, reference = followed.ideal[:, points], followed.reference
+    extra = codec_sd(codec, ideal, mean_seen(ideal[reference]))
+    noise = replace(noise, codec_sd=_while_moving(extra, states(ideal) != REST))
+    plane = plane_of(_xz(marks)[frame], followed.ideal[:, frame])
+    view, height = depth.viewpoint(camera, plane.homography), depth.heights(marks, frame)
+    _check_heights(marks, height, view)
+    place = to_plane(plane.homography, ideal)
+    own_place = depth.to_own_plane(place, height[points], view)
+    value = with_y(own_place - mean_seen(own_place[reference]))
+    seen = np.isfinite(value[..., 0])
+    linear = linear_maps(followed, plane.homography)
+    rotation = rotations(linear)
+    turns = finger_turns(value, rotation[:, points], nominal, output)
+    rest = at_rest(noise, quiet, rest_place)
+    noisy = rest.frame_variance / len(reference)
+    frame_mm, remarks = _frame_sd(plane, reference, [marks[p].name for p in frame], stated.frame_mm, noisy)
+    fields, names = modes.stacked(
+        [
+            modes.scale(value, stated.scale),
+            modes.placement(value, output, turns, stated.placement_mm),
+            modes.node(value, nominal, output, turns, stated.node_mm),
+            modes.frame(misplaced(plane, place), reference, frame_mm),
+            modes.reference(value, output, _reference_sd(noise, codec, len(reference))),
+            modes.named(depth.height_modes(value, output, view, sd_mm=stated.height_mm)),
+            modes.named(
+                depth.out_of_plane_modes(value, own_place, output, view, sd_mm=stated.out_of_plane_mm)
+            ),
+            modes.named(
+                depth.calibration_modes(
+                    camera,
+                    followed.ideal,
+                    plane.homography,
+                    plane=plane.nominal,
+                    frame=frame,
+                    points=points,
+                    height=height[points],
+                    reference=reference,
+                )
+            ),
+        ],
+        seen,
+    )
+    size, size_sd = sides(linear[:, points]), _grown(still, quiet, points, noise, extra)
+    parts = independent(rest, plane, place, misfit(followed), frame, points, extra)
     return Displacements(
         followed.time,
         tuple(m.name for m in output),
         tuple(m.role for m in output),
-        nominal[points],
+        nominal,
         value,
-        _covariance(value, noise, extra),
-        np.array(modes) * np.isfinite(value[..., :1]),
-        tuple(names),
+        _covariance(sum(parts.values(), np.zeros(value.shape)), noise, seen),
+        fields,
+        names,
         noise,
-        followed.reference,
+        reference,
         _tracks(followed, marks, camera, rotation),
-        homography,
-        _lost(followed, marks, homography),
+        plane.homography,
+        _lost(followed, marks, plane.homography),
+        budget(parts, fields, names, seen),
         (
+            *remarks,
             *_corrected(output, height[points], view),
-            *depth.alarms(followed.time, size, size_sd, output, view, sd_mm=out_of_plane_sd_mm),
+            *depth.alarms(followed.time, size, size_sd, output, view, sd_mm=stated.out_of_plane_mm),
         ),
     )
 
 
-def _check(static: Video, marks: Sequence[Mark]) -> tuple[list[int], list[int]]:
-    """Rows of the frame marks and of the output marks; raises ValueError when they do not suffice."""
+def _check(static: Video, marks: Sequence[Mark]) -> None:
+    """Raises ValueError when the marks or the static film do not suffice."""
     check_names(marks)
     for role, wanted in (("frame", MIN_FRAME), ("fixed", MIN_FIXED), ("finger", 1)):
         count = sum(mark.role == role for mark in marks)
@@ -164,8 +201,17 @@ def _check(static: Video, marks: Sequence[Mark]) -> tuple[list[int], list[int]]:
             f"static film {static.path.name} has {len(static.time)} frames, wanted at least {MIN_STATIC}: "
             "film the finger at rest for longer"
         )
-    rows = range(len(marks))
-    return [p for p in rows if marks[p].role == "frame"], [p for p in rows if marks[p].role != "frame"]
+
+
+def _rows(marks: Sequence[Mark]) -> tuple[list[int], list[int]]:
+    """Rows of the frame marks and of the output marks."""
+    frame = [p for p, mark in enumerate(marks) if mark.role == "frame"]
+    return frame, [p for p in range(len(marks)) if p not in frame]
+
+
+def _xz(marks: Sequence[Mark]) -> Array:
+    """Nominal places (m,2) mm in the plane."""
+    return np.array([mark.position for mark in marks])[:, [0, 2]]
 
 
 def _static(
@@ -180,10 +226,48 @@ def _static(
     return follow(static, follower, reference_s=reference_s, stage="static", progress=progress)
 
 
-def _mean(place: Array) -> Array:
-    """Mean (p,2) over the frames in which a point is seen; NaN for one never seen."""
-    count = np.isfinite(place).sum(axis=0)
-    return np.where(count > 0, np.nan_to_num(place).sum(axis=0) / np.maximum(count, 1), np.nan)
+def _while_moving(extra: Array, moves: NDArray[np.bool_]) -> Array:
+    """Rms (p,3) of the codec's sd (s,p,3) over the frames in which a point moves, 0 if it never does."""
+    chosen = moves[..., None]
+    return np.sqrt(np.sum(extra**2 * chosen, axis=0) / np.maximum(chosen.sum(axis=0), 1))
+
+
+def _covariance(variance: Array, noise: NoiseModel, seen: NDArray[np.bool_]) -> Array:
+    """Independent covariance (s,p,3,3) mm2 of variances (s,p,3), correlated between the axes as at rest."""
+    sd, count = np.sqrt(variance), len(noise.sd)
+    own = noise.correlation.reshape(count, 3, count, 3)[np.arange(count), :, np.arange(count)]
+    covariance = sd[..., :, None] * sd[..., None, :] * own
+    covariance[~seen] = np.nan
+    return np.asarray(covariance)
+
+
+def _reference_sd(noise: NoiseModel, codec: Codec, frames: int) -> Array:
+    """Sd (p,3) mm of the reference's mean place; 0 in y.
+
+    The mean of n values with lag-1 correlation rho, and the coding error frozen in all of them, which a mark
+    that never moves keeps for the whole film, so that it cancels.
+    """
+    mean = noise.sd**2 / frames * (1.0 + noise.rho) / (1.0 - noise.rho)
+    return np.nan_to_num(np.sqrt(mean + np.where(noise.codec_sd > 0, codec.held**2, 0.0)))
+
+
+def _frame_sd(
+    plane: Plane, reference: NDArray[np.intp], names: Sequence[str], stated: float, noise: float
+) -> tuple[float, tuple[str, ...]]:
+    """How far frame marks are off their nominal places, mm: as stated, or what the reference shows if more.
+
+    Their residuals about the homography have 2 f - 8 degrees of freedom.   noise: mm2, of their mean places.
+    """
+    mean = mean_seen(plane.residual[reference])
+    seen = np.isfinite(mean[:, 0])
+    free, power = 2 * int(seen.sum()) - 8, np.nan_to_num(mean**2).sum(axis=1)
+    if free < 1 or chi2.sf(power.sum() / (stated**2 + noise), free) > UNLIKELY:
+        return stated, ()
+    found = float(np.sqrt(power.sum() / free - noise))
+    return found, (
+        f"the frame marks are {found:.3f} mm off their stated places, {names[int(np.argmax(power))]!r} most, "
+        f"and not {stated:g} mm (frame_sd_mm): {found:.3f} mm is used; measure their places again",
+    )
 
 
 def _check_heights(marks: Sequence[Mark], height: Array, view: depth.Viewpoint) -> None:
@@ -208,123 +292,11 @@ def _corrected(marks: Sequence[Mark], height: Array, view: depth.Viewpoint) -> t
     )
 
 
-def _sizes(
-    linear: Array,
-    still: Followed,
-    noise: NoiseModel,
-    extra: Array,
-    points: list[int],
-    plane: Array,
-    frame: list[int],
-) -> tuple[Array, Array]:
-    """Side (s,p) of each output mark against its mean in the reference, and its sd (s,p); NaN for dots."""
-    at_rest = _linear(still, homographies(plane, still.ideal[:, frame]))[:, points]
-    side = _side(at_rest)
+def _grown(still: Followed, quiet: Plane, points: list[int], noise: NoiseModel, extra: Array) -> Array:
+    """Sd (s,p) of each mark's apparent size: as in the static film, more where the codec adds."""
+    side = sides(linear_maps(still, quiet.homography)[:, points])
     sd = np.array([np.std(s[np.isfinite(s)]) if np.isfinite(s).any() else np.nan for s in side.T])
-    grown = np.sqrt(1.0 + np.nanmax(np.nan_to_num(extra / noise.sd) ** 2, axis=2))
-    return _side(linear[:, points]), sd * grown
-
-
-def _side(linear: Array) -> Array:
-    """Root of the area by which linear maps (...,2,2) change a square."""
-    return np.sqrt(np.abs(linear[..., 0, 0] * linear[..., 1, 1] - linear[..., 0, 1] * linear[..., 1, 0]))
-
-
-def _linear(followed: Followed, homography: Array) -> Array:
-    """Linear map (t,p,2,2) of each mark in the plane against its mean over the reference; NaN for dots."""
-    ends = [
-        to_plane(homography, _local_point(followed.warp, x, y))
-        for x, y in ((0.5, 0), (-0.5, 0), (0, 0.5), (0, -0.5))
-    ]
-    across, down = ends[0] - ends[1], ends[2] - ends[3]
-    linear = np.stack([across, down], axis=-1)
-    reference = _mean(linear[followed.reference].reshape(len(followed.reference), -1, 4)).reshape(-1, 2, 2)
-    turn = np.full(linear.shape, np.nan)
-    known = np.isfinite(reference[:, 0, 0])
-    turn[:, known] = linear[:, known] @ np.linalg.inv(reference[known])
-    turn[followed.method == DOT] = np.nan
-    return turn
-
-
-def _rotation(turn: Array) -> Array:
-    """Rotation (t,p) rad of each mark in the plane, from x towards z, from its linear map (t,p,2,2)."""
-    angle = np.arctan2(turn[..., 1, 0] - turn[..., 0, 1], turn[..., 0, 0] + turn[..., 1, 1])
-    for of_mark in angle.T:  # a lost frame must not spoil those after it
-        seen = np.isfinite(of_mark)
-        of_mark[seen] = np.unwrap(of_mark[seen])
-    return np.asarray(angle)
-
-
-def _local_point(warp: Array, x: float, y: float) -> Array:
-    mapped = warp @ np.array([x, y, 1.0])
-    return np.asarray(mapped[..., :2] / mapped[..., 2:])
-
-
-def _turns(value: Array, rotation: Array, points: Array, marks: Sequence[Mark]) -> Array:
-    """Rotation (s,p) rad of the finger where each mark sits; a dot takes the chord between its neighbours."""
-    finger = sorted((p for p, mark in enumerate(marks) if mark.role == "finger"), key=lambda p: points[p, 0])
-    turned = np.where(np.isfinite(value[:, :, 0]), rotation, 0.0)
-    for i, p in enumerate(finger):
-        if marks[p].marker is not None or len(finger) < 2:
-            continue
-        a, b = finger[max(i - 1, 0)], finger[min(i + 1, len(finger) - 1)]
-        chord = (points[b] - points[a])[[0, 2]]
-        now = chord + (value[:, b] - value[:, a])[:, [0, 2]]
-        turned[:, p] = np.arctan2(chord[0] * now[:, 1] - chord[1] * now[:, 0], now @ chord)
-    return np.nan_to_num(turned)
-
-
-def _while_moving(extra: Array, moves: NDArray[np.bool_]) -> Array:
-    """Rms (p,3) of the codec's sd (s,p,3) over the frames in which a point moves, 0 if it never does."""
-    chosen = moves[..., None]
-    return np.sqrt(np.sum(extra**2 * chosen, axis=0) / np.maximum(chosen.sum(axis=0), 1))
-
-
-def _covariance(value: Array, noise: NoiseModel, extra: Array) -> Array:
-    """Independent covariance (s,p,3,3) mm2: static, plus the codec's where a patch moves or has moved."""
-    sd = np.sqrt(noise.sd**2 + extra**2)
-    count = len(noise.sd)
-    own = noise.correlation.reshape(count, 3, count, 3)[np.arange(count), :, np.arange(count)]
-    covariance = sd[..., :, None] * sd[..., None, :] * own
-    covariance[np.isnan(value[..., 0])] = np.nan
-    return np.asarray(covariance)
-
-
-def _reference_sd(noise: NoiseModel, codec: Codec, frames: int) -> Array:
-    """Sd (p,3) mm of the reference's mean place; 0 in y.
-
-    The mean of n values with lag-1 correlation rho, and the coding error frozen in all of them, which a mark
-    that never moves keeps for the whole film, so that it cancels.
-    """
-    mean = noise.sd**2 / frames * (1.0 + noise.rho) / (1.0 - noise.rho)
-    return np.nan_to_num(np.sqrt(mean + np.where(noise.codec_sd > 0, codec.held**2, 0.0)))
-
-
-def _modes(
-    value: Array,
-    marks: Sequence[Mark],
-    turns: Array,
-    reference: Array,
-    placement_sd_mm: float,
-    scale_sd: float,
-) -> depth.Modes:
-    """Shared errors (s,p,3) mm, 1 sd each, and their names: scale, placement, reference."""
-    modes, names = [np.nan_to_num(value) * scale_sd], ["scale"]
-    for p, mark in enumerate(marks):
-        if mark.role == "finger":
-            cosine, sine = np.cos(turns[:, p]) - 1.0, np.sin(turns[:, p])
-            for axis, along_x, along_z in (("x", cosine, sine), ("z", -sine, cosine)):
-                mode = np.zeros(value.shape)
-                mode[:, p, 0], mode[:, p, 2] = along_x * placement_sd_mm, along_z * placement_sd_mm
-                modes.append(mode)
-                names.append(f"placement:{mark.name}:{axis}")
-    for p, mark in enumerate(marks):
-        for component in (0, 2):
-            mode = np.zeros(value.shape)
-            mode[:, p, component] = reference[p, component]
-            modes.append(mode)
-            names.append(f"reference:{mark.name}:{component + 1}")
-    return modes, names
+    return np.asarray(sd * np.sqrt(1.0 + np.nanmax(np.nan_to_num(extra / noise.sd) ** 2, axis=2)))
 
 
 def _tracks(followed: Followed, marks: Sequence[Mark], camera: Camera, rotation: Array) -> Tracks:

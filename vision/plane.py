@@ -1,54 +1,110 @@
-"""Frame marks in, homography between the finger's plane (mm) and ideal pixels out, one per frame."""
+"""Frame marks in, homography between the finger's plane (mm) and ideal pixels out, one per frame, and how
+its errors move a place."""
 
-import cv2
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
 MIN_VISIBLE = 4
+STEPS = 4  # of Gauss-Newton from the direct solution: quadratic, so that three reach rounding
+FLAT = 1e-9  # of the largest power in the equations: below it the marks lie on one line
+
+
+@dataclass(frozen=True)
+class Plane:
+    """The homographies of a film and the frame marks that made them."""
+
+    nominal: Array  # (f,2) mm, x and z of the frame marks
+    seen: NDArray[np.bool_]  # (t,f)
+    homography: Array  # (t,3,3) plane (x, z, 1) mm to ideal px; NaN with fewer than 4 marks
+    spread: Array  # (t,8,8) covariance of its amplitudes, see `_field`, for pixel noise of unit variance
+    residual: Array  # (t,f,2) mm, where the frame marks are seen minus their nominal places
+
+
+def plane_of(nominal: Array, ideal: Array) -> Plane:
+    """The plane from the frame marks' nominal places (f,2) mm and ideal pixels (t,f,2).
+
+    The homography's fit minimises sum |G B(X) a - du|^2 in pixels, G (2,2) px/mm, so that its amplitudes a
+    have the covariance (sum B' G' G B)^-1.
+    """
+    homography = homographies(nominal, ideal)
+    seen = np.isfinite(ideal[..., 0])
+    field = _field(nominal, nominal)
+    normal = np.einsum("fia,tfij,fjb->tab", field, _weights(nominal, seen, homography), field)
+    spread = np.full(normal.shape, np.nan)
+    known = np.isfinite(homography[:, 0, 0])
+    spread[known] = np.linalg.inv(normal[known])
+    return Plane(nominal, seen, homography, spread, to_plane(homography, ideal) - nominal)
 
 
 def fit_homography(plane: Array, pixels: Array) -> Array:
     """Least-squares homography (3,3) from plane points (n,2) mm to ideal pixels (n,2), n >= 4."""
-    shift, spread = plane.mean(axis=0), float(np.ptp(plane, axis=0).max())
-    local = (plane - shift) / spread
-    found = np.asarray(cv2.findHomography(local, pixels, 0)[0], dtype=np.float64)
-    if found.shape != (3, 3):
-        return np.full((3, 3), np.nan)  # all points on one line
-    homography = _refine(found, local, pixels)
-    to_local = np.array([[1.0, 0.0, -shift[0]], [0.0, 1.0, -shift[1]], [0.0, 0.0, spread]]) / spread
-    full = homography @ to_local
-    return np.asarray(full / full[2, 2])
-
-
-def _refine(homography: Array, plane: Array, pixels: Array) -> Array:
-    """Three Gauss-Newton steps on the reprojection error (cv2 stops at 1e-3 px or so)."""
-    x, y = plane.T
-    homography = homography / homography[2, 2]
-    for _ in range(3):
-        u, v, w = homography @ np.stack([x, y, np.ones_like(x)])
-        u, v = u / w, v / w
-        zero = np.zeros_like(x)
-        du = np.stack([x, y, 1 + zero, zero, zero, zero, -u * x, -u * y], axis=1) / w[:, None]
-        dv = np.stack([zero, zero, zero, x, y, 1 + zero, -v * x, -v * y], axis=1) / w[:, None]
-        error = np.concatenate([pixels[:, 0] - u, pixels[:, 1] - v])
-        step, *_ = np.linalg.lstsq(np.concatenate([du, dv]), error, rcond=None)
-        homography = homography + np.append(step, 0.0).reshape(3, 3)
-    return homography
+    return np.asarray(homographies(plane, pixels[None])[0])
 
 
 def homographies(plane: Array, ideal: Array) -> Array:
     """Homographies (t,3,3) from the frame marks' nominal places (f,2) mm and ideal pixels (t,f,2).
 
-    A frame that shows fewer than 4 of the marks gets NaN.
+    Least squares of the reprojection error, all frames at once. A frame that shows fewer than 4 of the marks,
+    or only marks on one line, gets NaN.
     """
+    seen = np.isfinite(ideal[..., 0])
     result = np.full((len(ideal), 3, 3), np.nan)
-    for t, pixels in enumerate(ideal):
-        seen = np.isfinite(pixels[:, 0])
-        if np.count_nonzero(seen) >= MIN_VISIBLE:
-            result[t] = fit_homography(plane[seen], pixels[seen])
+    rows = np.flatnonzero(seen.sum(axis=1) >= MIN_VISIBLE)
+    if not len(rows):
+        return result
+    to_local, to_unit = _centring(plane), _centring(ideal[seen])
+    local = np.column_stack([plane, np.ones(len(plane))]) @ to_local.T
+    pixels = np.where(seen[rows, :, None], ideal[rows], 0.0) * to_unit[0, 0] + to_unit[:2, 2]
+    found, fit = _direct(local, pixels, seen[rows])
+    for _ in range(STEPS):
+        found[fit] = _improved(found[fit], local, pixels[fit], seen[rows][fit])
+    full = np.linalg.inv(to_unit) @ found[fit] @ to_local
+    result[rows[fit]] = full / full[:, 2:, 2:]
     return result
+
+
+def _centring(points: Array) -> Array:
+    """Map (3,3) of points (n,2) to their middle and spread: near 0, of size 1."""
+    shift, spread = points.mean(axis=0), float(np.ptp(points, axis=0).max())
+    return np.array([[1.0, 0.0, -shift[0]], [0.0, 1.0, -shift[1]], [0.0, 0.0, spread]]) / spread
+
+
+def _direct(local: Array, pixels: Array, seen: NDArray[np.bool_]) -> tuple[Array, NDArray[np.bool_]]:
+    """Homographies (t,3,3) of least algebraic error, last entry 1, and for which frames (t,) there is one."""
+    zero = np.zeros((*pixels.shape[:2], 3))
+    wide = np.broadcast_to(local, zero.shape)
+    rows = [
+        np.concatenate(parts, axis=2) * seen[..., None]
+        for parts in (
+            (wide, zero, -pixels[..., :1] * wide),
+            (zero, wide, -pixels[..., 1:] * wide),
+        )
+    ]
+    equations = np.concatenate(rows, axis=1)
+    power, vectors = np.linalg.eigh(np.swapaxes(equations, 1, 2) @ equations)
+    found = vectors[:, :, 0].reshape(-1, 3, 3)
+    fit = (power[:, 1] > FLAT * power[:, -1]) & (np.abs(found[:, 2, 2]) > FLAT)
+    return found / np.where(fit, found[:, 2, 2], 1.0)[:, None, None], fit
+
+
+def _improved(homography: Array, local: Array, pixels: Array, seen: NDArray[np.bool_]) -> Array:
+    """Homographies (t,3,3) after one Gauss-Newton step on the reprojection error."""
+    mapped = np.einsum("tij,fj->tfi", homography, local)
+    u, v, w = np.moveaxis(mapped, -1, 0)
+    x, y = local[:, 0], local[:, 1]
+    u, v, one, zero = u / w, v / w, np.ones_like(w), np.zeros_like(w)
+    across = np.stack([x * one, y * one, one, zero, zero, zero, -u * x, -u * y], axis=-1)
+    down = np.stack([zero, zero, zero, x * one, y * one, one, -v * x, -v * y], axis=-1)
+    slope = np.concatenate([across, down], axis=1) / np.concatenate([w, w], axis=1)[..., None]
+    slope = slope * np.concatenate([seen, seen], axis=1)[..., None]
+    error = np.concatenate([pixels[..., 0] - u, pixels[..., 1] - v], axis=1)
+    turned = np.swapaxes(slope, 1, 2)
+    step = np.linalg.solve(turned @ slope, turned @ error[..., None])[..., 0]
+    return homography + np.concatenate([step, np.zeros((len(step), 1))], axis=1).reshape(-1, 3, 3)
 
 
 def to_plane(homography: Array, ideal: Array) -> Array:
@@ -58,3 +114,44 @@ def to_plane(homography: Array, ideal: Array) -> Array:
     inverse[known] = np.linalg.inv(homography[known])
     mapped = np.einsum("tij,tpj->tpi", inverse[:, :, :2], ideal) + inverse[:, None, :, 2]
     return np.asarray(mapped[..., :2] / mapped[..., 2:])
+
+
+def place_noise(plane: Plane, place: Array) -> Array:
+    """Covariance (t,p,2,2) mm2 of places (t,p,2) mm for pixel noise of unit variance in the frame marks."""
+    field = _field(plane.nominal, place)
+    return np.asarray(np.einsum("tpia,tab,tpjb->tpij", field, plane.spread, field))
+
+
+def misplaced(plane: Plane, place: Array) -> Array:
+    """Shift (2f,t,p,2) of places (t,p,2) mm for each frame mark 1 mm off its nominal place, in x and then z.
+
+    A mark that is off by d takes the homography with it, a = (sum B'WB)^-1 B_f' W_f d with W = G'G, and a
+    place is measured B(X) a short.
+    """
+    weight = _weights(plane.nominal, plane.seen, plane.homography)
+    amplitude = np.einsum("tab,fib,tfij->tafj", plane.spread, _field(plane.nominal, plane.nominal), weight)
+    shift = -np.einsum("tpia,tafj->fjtpi", _field(plane.nominal, place), amplitude)
+    return np.asarray(shift.reshape(-1, *place.shape))
+
+
+def _weights(plane: Array, seen: NDArray[np.bool_], homography: Array) -> Array:
+    """G'G (t,f,2,2) px2/mm2 at plane points (f,2) mm, G the homography's slope; 0 for those not seen."""
+    mapped = np.einsum("tij,fj->tfi", homography, np.column_stack([plane, np.ones(len(plane))]))
+    pixel = mapped[..., :2] / mapped[..., 2:]
+    slope = homography[:, None, :2, :2] - pixel[..., None] * homography[:, None, 2:, :2]
+    weight = np.swapaxes(slope, -1, -2) @ slope / mapped[..., 2, None, None] ** 2
+    return np.where(seen[..., None, None], weight, 0.0)
+
+
+def _field(plane: Array, place: Array) -> Array:
+    """Plane fields B (...,2,8) at places (...,2) mm: the tangent of all homographies at the identity.
+
+    (x, z) -> (1, x, z) in both components, and the two perspective ones; x, z from the middle of the frame
+    marks (f,2) in units of their half width, so that the eight are of one size.
+    """
+    middle, half = plane.mean(axis=0), 0.5 * float(np.ptp(plane, axis=0).max())
+    x, z = np.moveaxis((place - middle) / half, -1, 0)
+    one, zero = np.ones_like(x), np.zeros_like(x)
+    across = np.stack([one, x, z, zero, zero, zero, x * x, x * z], axis=-1)
+    up = np.stack([zero, zero, zero, one, x, z, x * z, z * z], axis=-1)
+    return np.stack([across, up], axis=-2)

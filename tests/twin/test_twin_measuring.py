@@ -14,6 +14,7 @@ from twin.gauge import Log, check_covers, gauge_noise, read_log
 from twin.measuring import make_targets, run_camera, run_measure
 from twin.project import Project
 from twin.starting import film_config
+from vision.budget import budget
 
 FPS, FRAMES, STATIC = 10.0, 60, 50  # film from 100 s on, static film from 90 s on, log 50 Hz from 89 to 107 s
 GAUGE = 2e-5  # MPa
@@ -73,6 +74,7 @@ def displacements(marks, time, *, seed=0):
         points=np.array([m.position for m in shown]), value=value, covariance=covariance,
         modes=0.001 * value[None], mode_names=("scale",), noise=noise, reference=np.arange(18),
         tracks=tracks, homography=np.tile(np.eye(3), (s, 1, 1)), lost=("tip is lost in 1 frame",),
+        budget=budget({}, 0.001 * value[None], ("scale",), seen.any(axis=2)), remarks=(),
     )  # fmt: skip
 
 
@@ -89,9 +91,9 @@ def measured(monkeypatch):
         frames = FRAMES if Path(path).name.startswith("film") else STATIC
         return types.SimpleNamespace(time=np.arange(frames) / FPS, issues=())
 
-    def measure(film, static, camera, marks, *, dictionary, progress, **settings):
+    def measure(film, static, camera, marks, *, dictionary, stated, reference_s, progress):
         progress("track", 1, len(film.time))
-        calls.measure.append((camera, marks, dictionary, settings))
+        calls.measure.append((camera, marks, dictionary, stated, reference_s))
         return displacements(marks, film.time, seed=len(calls.measure))
 
     monkeypatch.setattr(vision, "calibrate_camera", calibrate_camera)
@@ -129,9 +131,8 @@ def test_film_and_log_become_targets(project, measured):
     np.testing.assert_allclose(targets.pressure_sd, targets.noise.gauge_sd_MPa, rtol=1e-6)
     assert "measure: tip is lost in 1 frame" in say
     assert result["remarks"] == ["tip is lost in 1 frame"]
-    camera, marks, dictionary, settings = measured.measure[0]
-    assert (camera.rms_px, len(marks), dictionary) == (0.11, 12, "DICT_4X4_50")
-    assert settings == MeasureTable().model_dump()
+    (camera, marks, *settings) = measured.measure[0]
+    assert (camera.rms_px, len(marks), settings) == (0.11, 12, ["DICT_4X4_50", vision.Stated(), 1.8])
     tracks = files.read_npz(project.root / "runs/0002-measure/tracks.npz")
     assert set(tracks) == {"time", "names", "position", "covariance", "rotation", "method", "homography"}
 
@@ -248,7 +249,7 @@ def test_a_repeated_time_stamp_keeps_the_first_frame(project):
     moved = displacements(marks, time)
     log = Log(Path("p.csv"), np.linspace(-1, 5, 600), np.zeros(600))
     gauge = gauge_noise(Log(log.path, log.time, np.random.default_rng(0).normal(size=600)), start=0, end=3)
-    targets = make_targets(moved, log, film_start_s=0.0, gauge=gauge, nodes={"tip": 4401})
+    targets = make_targets(moved, log, film_start_s=0.0, gauge=gauge, nodes={"tip": 4401}, sync_sd_s=0.01)
     assert len(targets.time) == 29
     assert targets.reference.tolist() == list(range(17))  # 18 frames, one of them a repeat
     np.testing.assert_allclose(targets.value[5], moved.value[6], atol=1e-6)  # rounded to a nanometre

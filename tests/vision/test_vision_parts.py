@@ -106,7 +106,7 @@ def test_homography_needs_four_points() -> None:
     found = homographies(plane, ideal)
     np.testing.assert_allclose(found[0], [[3, 0, 7], [0, 3, 7], [0, 0, 1]], atol=1e-9)
     assert np.isnan(found[1]).all()
-    np.testing.assert_allclose(fit_homography(plane, ideal[0]), found[0])
+    np.testing.assert_allclose(fit_homography(plane, ideal[0]), found[0], atol=1e-12)
 
 
 def test_noise_model_recovers_sd_rho_and_correlation() -> None:

@@ -1,0 +1,112 @@
+"""Variances and modes in, the table of the error budget out: how much of each mark's sd comes from where."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vision.camera import Array
+
+# Source of an error, and what makes it smaller.
+SOURCES = {
+    "static": "more light, larger or sharper markers, more pixels per mm",
+    "homography": "more frame markers, and none of them hidden",
+    "blur": "shorter exposure, sharper focus, no glare or shadow",
+    "codec": "a lossless or high-rate recording",
+    "reference": "a longer rest before the test",
+    "frame": "frame markers measured or printed more exactly (frame_sd_mm)",
+    "scale": "a more exact length between the frame markers (scale_sd)",
+    "calibration": "more board pictures, in more tilts, all over the picture",
+    "out_of_plane": "a longer lens from farther away, or a second camera",
+    "height": "the markers' distances from the plane measured",
+    "placement": "markers placed with a jig, or their places measured (placement_sd_mm)",
+    "node": "points measured where they are on the finger (node_sd_mm)",
+    "sync": "one clock, or a flash in the film",
+}
+
+
+@dataclass(frozen=True)
+class Budget:
+    """Standard deviation of each source at each mark, mm; 0 in y, which one camera does not see."""
+
+    sources: tuple[str, ...]  # (r,)
+    sd: Array  # (r,p,3) mm, rms over the steps in which the mark is seen
+    peak: Array  # (r,p,3) mm, largest of them
+
+    def total(self) -> Array:
+        """All sources together (p,3) mm, rms over the steps."""
+        return np.asarray(np.sqrt((self.sd**2).sum(axis=0)))
+
+    def largest(self) -> str:
+        """The source with the largest rms over all marks."""
+        return self.sources[int(np.argmax((self.sd**2).sum(axis=(1, 2))))]
+
+
+def budget(
+    variance: Mapping[str, Array], modes: Array, names: Sequence[str], seen: NDArray[np.bool_]
+) -> Budget:
+    """The budget of independent variances and modes.
+
+    variance: source to (s,p,3) mm2, the parts of the independent covariance's diagonal.
+    modes: (k,s,p,3) mm, 1 sd each.   names: (k,), the source first: "placement:tip:x".
+    seen: (s,p) whether the mark is.
+    """
+    parts = {source: np.zeros((*seen.shape, 3)) for source in SOURCES}
+    for source, part in variance.items():
+        parts[source] = np.nan_to_num(part)
+    for name, mode in zip(names, modes, strict=True):
+        source = name.partition(":")[0]
+        parts[source] = parts.get(source, 0.0) + np.nan_to_num(mode) ** 2
+    shown = {source: part * seen[..., None] for source, part in parts.items()}
+    count = np.maximum(seen.sum(axis=0), 1)[:, None]
+    return Budget(
+        tuple(shown),
+        np.array([np.sqrt(np.maximum(part.sum(axis=0), 0.0) / count) for part in shown.values()]),
+        np.array([np.sqrt(np.maximum(part.max(axis=0), 0.0)) for part in shown.values()]),
+    )
+
+
+def with_mode(table: Budget, source: str, mode: Array, seen: NDArray[np.bool_]) -> Budget:
+    """The table with one more mode (s,p,3) mm of a source; seen: (s,p)."""
+    more = budget({}, mode[None], [source], seen)
+    row = more.sources.index(source)
+    same = np.array([name == source for name in table.sources])[:, None, None]
+    return replace(
+        table,
+        sd=np.sqrt(table.sd**2 + same * more.sd[row] ** 2),
+        peak=np.sqrt(table.peak**2 + same * more.peak[row] ** 2),
+    )
+
+
+def lines(table: Budget, names: Sequence[str]) -> list[str]:
+    """The table as text: one row a source, one column a mark, mm, rms over the steps (x and z together)."""
+    size = np.sqrt((table.sd**2).sum(axis=2))
+    width = max(9, *(len(name) + 1 for name in names))
+    head = f"{'mm, rms':14s}" + "".join(f"{name:>{width}s}" for name in names)
+    rows = [
+        f"{source:14s}" + "".join(f"{v:{width}.4f}" for v in row)
+        for source, row in zip(table.sources, size, strict=True)
+    ]
+    total = f"{'all':14s}" + "".join(f"{v:{width}.4f}" for v in np.sqrt((size**2).sum(axis=0)))
+    largest = table.largest()
+    return [head, *rows, total, f"largest: {largest}; smaller by {SOURCES.get(largest, 'its own means')}"]
+
+
+def to_csv(table: Budget, names: Sequence[str]) -> str:
+    """The table as CSV: one row a mark and source, rms and largest sd in mm."""
+    rows = ["point,source,sd1_mm,sd2_mm,sd3_mm,peak1_mm,peak2_mm,peak3_mm"]
+    for p, name in enumerate(names):
+        for r, source in enumerate(table.sources):
+            cells = [*table.sd[r, p], *table.peak[r, p]]
+            rows.append(f"{name},{source}," + ",".join(f"{v:.6g}" for v in cells))
+    return "\n".join(rows) + "\n"
+
+
+def from_csv(text: str) -> tuple[Budget, tuple[str, ...]]:
+    """The table and the marks' names that `to_csv` wrote."""
+    rows = [line.split(",") for line in text.splitlines()[1:]]
+    names, sources = (tuple(dict.fromkeys(row[k] for row in rows)) for k in (0, 1))
+    cells = np.array([[float(cell) for cell in row[2:]] for row in rows])
+    both = cells.reshape(len(names), len(sources), 2, 3).transpose(2, 1, 0, 3)
+    return Budget(sources, both[0], both[1]), names

@@ -1,0 +1,141 @@
+"""What is known of the rig in, errors shared by many values out: one field a mode, 1 sd each, by name.
+
+A name is its source, then what it belongs to: `placement:tip:x`. `vision.budget` sums them by source.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vision.camera import Array
+from vision.marks import Mark
+
+Named = Mapping[str, Array]  # name to (s,p,3) mm
+LEAST = 1e-8  # of the largest combined mode's power: below it a mode is left out
+
+
+@dataclass(frozen=True)
+class Stated:
+    """How well the rig is known, 1 sd each."""
+
+    placement_mm: float = 0.3  # mm, a finger mark's centre from its nominal place, each axis
+    scale: float = 0.001  # relative, all lengths together
+    frame_mm: float = 0.1  # mm, a frame mark's centre from its nominal place, each axis
+    node_mm: float = 0.1  # mm, the material point at a nominal place from the model's, each axis
+    height_mm: float = 0.3  # mm, a finger mark's distance from the frame marks' plane (its y)
+    out_of_plane_mm: float = 0.3  # mm, a finger mark's motion towards the camera at its largest displacement
+
+
+def scale(value: Array, sd: float) -> Named:
+    """All lengths wrong by one factor: displacements (s,p,3) mm times its sd."""
+    return {"scale": value * sd}
+
+
+def placement(value: Array, marks: Sequence[Mark], turns: Array, sd: float) -> Named:
+    """Tags glued off their nominal place by sd mm: the offset d turns with the tag, u errs by (R - 1) d.
+
+    turns: (s,p) rad from x towards z.
+    """
+    modes = {}
+    for p in _finger(marks):
+        for axis, field in zip("xz", _turned(turns[:, p]), strict=True):
+            modes[f"placement:{marks[p].name}:{axis}"] = _of_point(value, p, sd * field)
+    return modes
+
+
+def node(value: Array, points: Array, marks: Sequence[Mark], turns: Array, sd: float) -> Named:
+    """Material points that are not the model's by sd mm: u errs by (du/dx) d along the finger, (R - 1) d
+    across it.
+
+    du/dx is the chord between the neighbouring finger marks, stretch included; without one, the turn's.
+    points: (p,3) mm.   turns: (s,p) rad.
+    """
+    finger = sorted(_finger(marks), key=lambda p: points[p, 0])
+    modes = {}
+    for i, p in enumerate(finger):
+        along, across = _turned(turns[:, p])
+        a, b = finger[max(i - 1, 0)], finger[min(i + 1, len(finger) - 1)]
+        if points[b, 0] > points[a, 0]:
+            chord = (value[:, b] - value[:, a])[:, [0, 2]] / (points[b, 0] - points[a, 0])
+            along = np.where(np.isfinite(chord), chord, along)
+        modes[f"node:{marks[p].name}:x"] = _of_point(value, p, sd * along)
+        modes[f"node:{marks[p].name}:z"] = _of_point(value, p, sd * across)
+    return modes
+
+
+def reference(value: Array, marks: Sequence[Mark], sd: Array) -> Named:
+    """The reference's own error, subtracted from every step: sd (p,3) mm of its mean."""
+    modes = {}
+    for p, mark in enumerate(marks):
+        for component in (0, 2):
+            field = np.zeros((len(value), 2))
+            field[:, component // 2] = sd[p, component]
+            modes[f"reference:{mark.name}:{component + 1}"] = _of_point(value, p, field)
+    return modes
+
+
+def frame(shift: Array, rest: NDArray[np.intp], sd: float) -> Named:
+    """Frame marks off their nominal places by sd mm: the frame they span is wrong, the same in all steps.
+
+    shift: (2f,s,p,2) mm of places for each of them 1 mm off, from `vision.plane.misplaced`.
+    rest: (r,) steps of the reference, whose shift is subtracted like their places.
+
+    Only six combinations of them are seen while all frame marks are (an affine map and two perspective
+    terms); the orthogonal ones that matter are returned, the largest first.
+    """
+    count = np.maximum(np.isfinite(shift[:, rest]).sum(axis=1), 1)
+    moved = shift - (np.nansum(shift[:, rest], axis=1) / count)[:, None]
+    flat = sd * np.nan_to_num(moved).reshape(len(moved), -1)
+    power, turn = np.linalg.eigh(flat @ flat.T)
+    kept = [k for k in np.argsort(power)[::-1] if power[k] > LEAST * max(power[-1], 1e-30)]
+    fields = (flat.T @ turn[:, kept]).T.reshape(-1, *shift.shape[1:])
+    return {f"frame:{k + 1}": _with_zero_y(field) for k, field in enumerate(fields)}
+
+
+def sync(time: Array, value: Array, sd_s: float) -> Array:
+    """The film's clock off the pressure's by sd_s: velocity (s,p,3) mm/s times it.
+
+    time: (s,) s, increasing.   value: (s,p,3) mm; where a mark is lost its velocity is that of the steps
+    round the gap.
+    """
+    result = np.zeros(value.shape)
+    for p in range(value.shape[1]):
+        seen = np.isfinite(value[:, p, 0])
+        if np.count_nonzero(seen) > 1:
+            for component in (0, 2):
+                filled = np.interp(time, time[seen], value[seen, p, component])
+                result[:, p, component] = sd_s * np.gradient(filled, time)
+    return result
+
+
+def named(listed: tuple[list[Array], list[str]]) -> Named:
+    """Modes and their names as one mapping."""
+    return dict(zip(listed[1], listed[0], strict=True))
+
+
+def stacked(parts: Sequence[Named], seen: NDArray[np.bool_]) -> tuple[Array, tuple[str, ...]]:
+    """Modes (k,s,p,3) mm and their names (k,); 0 where a point is not seen (s,p)."""
+    fields = {name: field for part in parts for name, field in part.items()}
+    return np.array([np.nan_to_num(f) * seen[..., None] for f in fields.values()]), tuple(fields)
+
+
+def _finger(marks: Sequence[Mark]) -> list[int]:
+    return [p for p, mark in enumerate(marks) if mark.role == "finger"]
+
+
+def _turned(turn: Array) -> tuple[Array, Array]:
+    """(R - 1) e_x and (R - 1) e_z, (s,2) each, of turns (s,) rad from x towards z."""
+    cosine, sine = np.cos(turn) - 1.0, np.sin(turn)
+    return np.stack([cosine, sine], axis=1), np.stack([-sine, cosine], axis=1)
+
+
+def _of_point(value: Array, p: int, xz: Array) -> Array:
+    mode = np.zeros(value.shape)
+    mode[:, p, 0], mode[:, p, 2] = xz.T
+    return mode
+
+
+def _with_zero_y(xz: Array) -> Array:
+    return np.stack([xz[..., 0], np.zeros(xz.shape[:-1]), xz[..., 1]], axis=-1)
