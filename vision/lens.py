@@ -104,8 +104,9 @@ def _projected(view: View, camera: Camera, turn: Array, shift: Array) -> tuple[A
 def _centred(view: View, camera: Camera) -> View:
     """The view with each circle's centre where the centre of its outline lies on the board."""
     board = fit_homography(view.points[:, :2], camera.undistort(view.pixels))
-    flat = [to_plane(board[None], camera.undistort(outline)[None])[0] for outline in view.outlines]
-    middle = np.array([[*centroid(outline), 1.0] for outline in flat])
+    together = to_plane(board[None], camera.undistort(np.concatenate(view.outlines))[None])[0]
+    outlines = np.split(together, np.cumsum([len(outline) for outline in view.outlines])[:-1])
+    middle = np.array([[*centroid(outline), 1.0] for outline in outlines])
     return View(view.points, camera.distort(project(board, middle.T)), view.outlines)
 
 

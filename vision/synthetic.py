@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter, map_coordinates
 
-from vision.boards import Board, charuco
+from vision.boards import Board, charuco, grid
 from vision.camera import Array, Camera, Image
 from vision.dictionaries import dictionary_of
 from vision.marks import Mark, check_names
@@ -24,6 +24,7 @@ INK, PAPER, BODY, BACKGROUND = 35.0, 210.0, 70.0, 120.0
 QUIET_CELLS = 1  # white border round a marker, in marker cells
 DOT_PAPER = 1.6  # side of the white square round a dot, in dot diameters
 TEXELS = 8  # texture points per pixel
+CIRCLE = 0.3  # radius of a circle of a board, in distances of two circles
 _GAUSS = np.array([(x, y) for x in (-1.0, 1.0) for y in (-1.0, 1.0)]) / np.sqrt(12.0)
 
 
@@ -102,33 +103,47 @@ def board_image(
     noise_grey: float = 1.0,
     seed: int = 0,
 ) -> Image:
-    """Picture (h,w) of a ChArUco board.
+    """Picture (h,w) of a board of any kind.
 
     camera, board: who looks, at what.   pose: (rvec, tvec) from board (mm, x right, y down) to camera.
     blur_px: sd of the lens blur.   noise_grey: sd of the noise.
     """
     homography = _plane_homography(Pose(*pose), np.zeros(3), np.eye(3)[0], np.eye(3)[1])
-    size = (board.columns * board.square_mm, board.rows * board.square_mm)
-    middle = homography @ (size[0] / 2.0, size[1] / 2.0, 1.0)
+    middle = homography @ (board.columns * board.square_mm / 2.0, board.rows * board.square_mm / 2.0, 1.0)
     px_per_mm = camera.matrix[0, 0] * np.linalg.norm(homography[:, 0]) / middle[2]
-    square = _square_texels(board, max(3.0 * px_per_mm * board.square_mm, 24.0))
-    printed = charuco(board).generateImage(
-        (board.columns * square, board.rows * square), marginSize=0, borderBits=1
-    )
-    paper = np.asarray(printed, dtype=np.float64) / 255.0
-    border = square // 2
-    paper = np.pad(paper, border, constant_values=1.0)
+    paper, origin, per_mm = _paper(board, max(3.0 * px_per_mm * board.square_mm, 24.0))
     paper = 1.0 - paper if board.inverted else paper
-    per_mm = square / board.square_mm
     blurred = gaussian_filter(paper, blur_px * per_mm / px_per_mm)
     picture = _background(camera.size, np.random.default_rng(seed))
     rays = _Rays(camera)
     local = _local(np.linalg.inv(homography), rays.at(slice(None), slice(None)))
-    texel = local * per_mm + border - 0.5
+    texel = local * per_mm + origin - 0.5
     inside = ((texel > 0) & (texel < np.array(paper.shape[::-1]) - 1)).all(axis=-1)
     seen = np.where(inside, _lookup(blurred, texel), -1.0).reshape((*picture.shape, 4))
     drawn = np.where(seen >= 0, INK + (PAPER - INK) * seen, picture[..., None]).mean(axis=-1)
     return _expose(drawn, noise_grey, np.random.default_rng([seed, 1]))
+
+
+def _paper(board: Board, wanted: float) -> tuple[Array, float, float]:
+    """The printed board (h,w) 1 white, the texel of its point (0, 0) in x and y, and texels per mm."""
+    if board.kind == "charuco":
+        square = _square_texels(board, wanted)
+        size = (board.columns * square, board.rows * square)
+        printed = np.asarray(charuco(board).generateImage(size, marginSize=0, borderBits=1))
+        border = square // 2
+        return np.pad(printed / 255.0, border, constant_values=1.0), border, square / board.square_mm
+    square = 2 * int(np.ceil(0.5 * wanted))  # halves are whole texels
+    if board.kind == "chessboard":  # (0, 0) is an inner corner
+        row, column = np.indices((board.rows + 1, board.columns + 1))
+        paper = np.kron((row + column) % 2, np.ones((square, square)))
+        return np.pad(paper, square, constant_values=1.0), 2.0 * square, square / board.square_mm
+    centre = grid(board)[:, :2] / board.square_mm + 1.0
+    paper = np.ones(np.asarray((centre.max(axis=0)[::-1] + 1.0) * square, dtype=int))
+    offset = np.arange(square) + 0.5 - 0.5 * square
+    circle = np.clip(np.hypot(offset[:, None], offset) - CIRCLE * square + 0.5, 0.0, 1.0)
+    for column, row in np.asarray((centre - 0.5) * square, dtype=int):
+        paper[row : row + square, column : column + square] = circle
+    return paper, float(square), square / board.square_mm
 
 
 def _square_texels(board: Board, wanted: float) -> int:
