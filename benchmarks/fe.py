@@ -193,7 +193,7 @@ def sensitivity_error(case: Case) -> float:
 
         wide, narrow = ((field(h) - field(-h)) / (2 * h) for h in (2e-3, 1e-3))
         exact = (4 * narrow - wide) / 3
-        ours = found.curve.derivative[n][-1]
+        ours = found.curves[0].derivative[n][-1]
         worst = max(worst, float(np.abs(ours - exact).max() / np.abs(exact).max()))
     return worst
 

@@ -16,6 +16,7 @@ import numpy as np
 
 from fe.case import Case
 from fe.deck_out import deck
+from fe.element import Array
 from fe.engine import Response
 
 # Runs under Abaqus's own Python, of any version: the last frame's displacements of every node as text.
@@ -59,9 +60,9 @@ class Abaqus:
         job = [self.executable, "job=job", "input=job.inp", *parallel, "interactive", "ask_delete=OFF"]
         return job, [self.executable, "python", "extract.py", "job.odb", "job.csv"]
 
-    def solve(self, case: Case, pressure: float) -> Response:
-        """The response of a case to a follower pressure in MPa. FileNotFoundError where Abaqus is not
-        installed; never raises for lack of convergence."""
+    def solve(self, case: Case, pressure: float, *, gravity: Array | None = None) -> Response:
+        """The response of a case to a follower pressure in MPa and a gravity (3,) mm/s2. FileNotFoundError
+        where Abaqus is not installed; never raises for lack of convergence."""
         program = shutil.which(self.executable)
         if program is None:
             raise FileNotFoundError(
@@ -71,7 +72,7 @@ class Abaqus:
         with tempfile.TemporaryDirectory() as scratch:
             folder = self.folder or Path(scratch)
             folder.mkdir(parents=True, exist_ok=True)
-            (folder / "job.inp").write_text(deck(case, pressure, kind=self.kind))
+            (folder / "job.inp").write_text(deck(case, pressure, kind=self.kind, gravity=gravity))
             (folder / "extract.py").write_text(EXTRACT)
             (folder / "job.csv").unlink(missing_ok=True)  # of an earlier run
             start = time.perf_counter()

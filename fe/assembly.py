@@ -283,6 +283,11 @@ class Kernel:
             return scale, memory.carried, *_HARD
         return scale, memory.carried, soft.table, soft.peak, _HARD[2] if soft.below is None else soft.below
 
+    def masses(self, density: Array, geometry: Geometry) -> Array:
+        """Consistent nodal masses (n,) tonne of elements of densities (e,) tonne/mm3."""
+        N, _ = self.element.at_points
+        return scatter(self.connectivity, (density[:, None] * geometry.weight) @ N, self.dofs // 3)
+
     def isochoric(self, u: Array, c: Constants, geometry: Geometry) -> Array:
         """Isochoric second Piola-Kirchhoff stress (e, q, 3, 3) MPa at displacements u (n, 3) mm."""
         out = np.empty((*geometry.G.shape[:2], 3, 3))

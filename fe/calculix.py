@@ -12,6 +12,7 @@ import numpy as np
 
 from fe.case import Case
 from fe.deck_out import deck
+from fe.element import Array
 from fe.engine import Response
 
 
@@ -26,9 +27,9 @@ class CalculiX:
     kind: str = "C3D20RH"
     name: str = "CalculiX"
 
-    def solve(self, case: Case, pressure: float) -> Response:
-        """The response of a case to a follower pressure in MPa; see `run`."""
-        return self.run(deck(case, pressure, kind=self.kind))
+    def solve(self, case: Case, pressure: float, *, gravity: Array | None = None) -> Response:
+        """The response of a case to a follower pressure in MPa and a gravity (3,) mm/s2; see `run`."""
+        return self.run(deck(case, pressure, kind=self.kind, gravity=gravity))
 
     def run(self, text: str) -> Response:
         """The response of a deck. FileNotFoundError where ccx is not installed; never raises for lack of

@@ -182,9 +182,11 @@ def trace(
     A step that does not converge is halved, and the level in between stays in the curve. Never raises for
     lack of convergence: the curve then ends early and says why.
     """
-    todo, reason = [float(q) for q in pressures], "converged"
+    todo = [float(q) for q in pressures]
     done: list[_Level] = []
-    rest, iterations = _loaded(problem, todo[0])
+    rest, iterations, reason = _loaded(problem, todo[0], near)
+    if reason:
+        return _curve(done, len(varied), iterations, reason)
     last, seen = None, [v for v in varied if not v.history_only]
     least = LEAST_STEP * float(pressures[-1] - pressures[0])
     while todo:
@@ -205,23 +207,33 @@ def trace(
         # alone: solved together with the derivatives its last bits would depend on their number
         (slope,) = last.solve([_per_pressure(last, found.state)])
         done.append(_Level(load, found.state, slope, derivatives))
-    return _curve(done, len(varied), iterations, reason)
+    return _curve(done, len(varied), iterations, reason or "converged")
 
 
-def _loaded(problem: Problem, pressure: float) -> tuple[State, int]:
-    """A state near the first level, with the dead forces put on in as many steps as they need."""
+def _loaded(problem: Problem, pressure: float, near: Curve | None) -> tuple[State, int, str]:
+    """A state near the first level, that of a `near` curve or with the dead forces and the weight put on in
+    as many steps as they need; the factorisations it took, and why there is none, or nothing."""
     state, iterations, on, step = problem.start(), 0, 0.0, 1.0
-    while problem.dead.any() and on < 1 and step > LEAST_STEP:
-        found = equilibrium(
-            replace(problem, dead=(on + step) * problem.dead), state, load=(on + step) * pressure
-        )
+    if not problem.dead.any():
+        return state, 0, ""
+    if near is not None and len(near.pressure) and near.pressure[0] == pressure:
+        found = equilibrium(problem, near.state(pressure), load=pressure)
+        if found.state is not None:
+            return found.state, found.iterations, ""
+        iterations += found.iterations
+    while on < 1:
+        part = replace(problem, dead=(on + step) * problem.dead)
+        found = equilibrium(part, state, load=(on + step) * pressure)
         iterations += found.iterations
         if found.state is None:
             step /= 2
+            if step < LEAST_STEP:
+                why = f"{100 * on:.0f} % of its weight and dead forces, without pressure"
+                return state, iterations, f"stopped at {why}: {found.reason}"
             continue
         state, on = found.state, on + step
-        step = min(step, 1 - on)
-    return state, iterations
+        step = min(2 * step, 1 - on)
+    return state, iterations, ""
 
 
 def _guess(rest: State, done: list[_Level], target: float, near: Curve | None) -> State:

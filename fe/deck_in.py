@@ -8,7 +8,7 @@ import numpy as np
 
 from fe.case import Case
 from fe.draft import Draft
-from fe.element import ELEMENTS
+from fe.element import ELEMENTS, Array
 from fe.keywords import Keyword, read_keywords
 from fe.material import Material
 
@@ -16,7 +16,7 @@ from fe.material import Material
 SILENT = {
     "HEADING", "PREPRINT", "RESTART", "OUTPUT", "NODE OUTPUT", "ELEMENT OUTPUT", "CONTACT OUTPUT",
     "ENERGY OUTPUT", "NODE FILE", "EL FILE", "NODE PRINT", "EL PRINT", "ENERGY PRINT", "MONITOR", "PRINT",
-    "DENSITY", "STATIC", "END STEP", "PART", "END PART", "ASSEMBLY", "END ASSEMBLY", "END INSTANCE",
+    "STATIC", "END STEP", "PART", "END PART", "ASSEMBLY", "END ASSEMBLY", "END INSTANCE",
     "FILE FORMAT", "CONTROLS",
 }  # fmt: skip
 NAMED = {"ENCASTRE": (0, 1, 2), "PINNED": (0, 1, 2), "XSYMM": (0,), "YSYMM": (1,), "ZSYMM": (2,)}
@@ -25,10 +25,12 @@ INCOMPRESSIBLE = 1e4  # K / shear modulus where D1 = 0, which stands for incompr
 
 @dataclass(frozen=True)
 class Deck:
-    """A structure and the follower pressure in MPa on its pressurised surface at the end of each step."""
+    """A structure, the follower pressure in MPa on its pressurised surface at the end of each step, and the
+    gravity (3,) mm/s2 that its weight feels."""
 
     case: Case
     pressures: tuple[float, ...]
+    gravity: Array
 
 
 def read_deck(path: Path) -> Deck:
@@ -49,7 +51,7 @@ def read_deck(path: Path) -> Deck:
     for keyword in keywords:
         if keyword.name in _READERS:
             _READERS[keyword.name](draft, keyword)
-    return Deck(draft.case(), tuple(draft.pressures) or (0.0,))
+    return Deck(draft.case(), tuple(draft.pressures) or (0.0,), draft.gravity)
 
 
 def _name(text: str) -> str:
@@ -156,7 +158,19 @@ def _hyperelastic(draft: Draft, k: Keyword) -> None:
             f"*HYPERELASTIC {', '.join(k.parameters) or 'POLYNOMIAL'}: wanted Mooney-Rivlin, neo-Hooke, "
             "Yeoh, Ogden, or a polynomial without the terms C11 and C02"
         )
-    draft.materials[draft.material] = _with_bulk(law, D1)
+    _add(draft, _with_bulk(law, D1))
+
+
+def _add(draft: Draft, law: Material) -> None:
+    """The law of the material that is being read; its density may stand before it."""
+    draft.materials[draft.material] = replace(law, density=draft.densities.get(draft.material, 0.0))
+
+
+def _density(draft: Draft, k: Keyword) -> None:
+    line, words = k.data[0]
+    draft.densities[draft.material] = k.numbers(line, words[:1])[0]
+    if draft.material in draft.materials:
+        _add(draft, draft.materials[draft.material])
 
 
 def _with_bulk(m: Material, D1: list[float]) -> Material:
@@ -218,12 +232,26 @@ def _dsload(draft: Draft, k: Keyword) -> None:
 def _dload(draft: Draft, k: Keyword) -> None:
     k.only("OP")
     for line, words in k.data:
+        if words[1].upper() == "GRAV":
+            _gravity(draft, k, line, words)
+            continue
         face = _face(k, line, words[1], "P")
         members = [(e, face) for e in _members(k, draft.element_sets, words[0], line)]
         name, value = f"dload_{words[2]}", k.numbers(line, words[2:3])[0]
         draft.surfaces[name] = [*draft.surfaces.get(name, []), *members]
         draft.loads[name] = value
-    _note_pressure(draft, k)
+    if any(words[1].upper() != "GRAV" for _, words in k.data):
+        _note_pressure(draft, k)
+
+
+def _gravity(draft: Draft, k: Keyword, line: int, words: list[str]) -> None:
+    if words[0] and len(set(_members(k, draft.element_sets, words[0], line))) < len(draft.elements):
+        raise k.error(f"GRAV on {words[0]}, a part of the elements: wanted all of them", line)
+    size, *direction = k.numbers(line, words[2:6])
+    length = float(np.linalg.norm(direction))
+    if len(direction) != 3 or not length:
+        raise k.error("GRAV: wanted its size in mm/s2 and a direction of three components", line)
+    draft.gravity = size * np.array(direction) / length
 
 
 def _note_pressure(draft: Draft, k: Keyword) -> None:
@@ -247,6 +275,7 @@ _READERS: dict[str, Callable[[Draft, Keyword], None]] = {
     "SURFACE": _surface,
     "MATERIAL": _material,
     "HYPERELASTIC": _hyperelastic,
+    "DENSITY": _density,
     "SOLID SECTION": _section,
     "BOUNDARY": _boundary,
     "STEP": _step,

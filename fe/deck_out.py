@@ -7,15 +7,16 @@ import numpy as np
 
 from fe.case import Case, Support
 from fe.convert import converted
-from fe.element import Integers
+from fe.element import Array, Integers
 from fe.material import Material
 
 INCREMENTS = 1000  # at most, of the automatic ones
 FIRST_INCREMENT, LARGEST_INCREMENT = 0.05, 0.1  # of the step
 
 
-def deck(case: Case, pressure: float, *, kind: str = "C3D20RH") -> str:
-    """The text of a deck (mm, N, MPa): the structure under a follower pressure in MPa, large displacements.
+def deck(case: Case, pressure: float, *, kind: str = "C3D20RH", gravity: Array | None = None) -> str:
+    """The text of a deck (mm, N, MPa): the structure under a follower pressure in MPa and its weight in a
+    gravity (3,) mm/s2, large displacements.
 
     kind: the Abaqus element that takes the place of hex27, on the mesh's own nodes and labels (see
     `fe.convert.converted`); a case that has Abaqus elements already keeps them. Names of sets are written in
@@ -42,6 +43,8 @@ def deck(case: Case, pressure: float, *, kind: str = "C3D20RH") -> str:
         lines += [f"{e + 1}, S{f + 1}" for e, f in faces]
     for name, material in changed.materials.items():
         lines += [f"*MATERIAL, NAME={name.upper()}", *_hyperelastic(material)]
+        if material.density:
+            lines += ["*DENSITY", f"{material.density:.10g},"]
         lines += [f"*SOLID SECTION, ELSET={name.upper()}, MATERIAL={name.upper()}"]
     lines += ["*BOUNDARY", *(line for s in supports if s.value is None for line in _held(s))]
     lines += [f"*STEP, NLGEOM=YES, INC={INCREMENTS}", "*STATIC"]
@@ -55,6 +58,10 @@ def deck(case: Case, pressure: float, *, kind: str = "C3D20RH") -> str:
         lines += ["*CLOAD", *(f"{n}, {d}, {f:.10g}" for n in labels for d, f in share.items())]
     if changed.pressurised:
         lines += ["*DSLOAD", f"{changed.pressurised.upper()}, P, {pressure:.10g}"]
+    if gravity is not None and np.any(gravity):
+        size = float(np.linalg.norm(gravity))
+        direction = ", ".join(f"{x:.10g}" for x in np.asarray(gravity) / size)
+        lines += ["*DLOAD", f"ALL_ELEMENTS, GRAV, {size:.10g}, {direction}"]
     return "\n".join([*lines, "*NODE FILE", "U", "*END STEP", ""])
 
 

@@ -26,6 +26,8 @@ class Draft:
     forces: dict[tuple[str, int], float] = field(default_factory=dict)
     loads: dict[str, float] = field(default_factory=dict)
     pressures: list[float] = field(default_factory=list)
+    gravity: Array = field(default_factory=lambda: np.zeros(3))
+    densities: dict[str, float] = field(default_factory=dict)
     material: str = ""
     instances: int = 0
 

@@ -44,8 +44,9 @@ class Engine(Protocol):
     def name(self) -> str:
         """What it is called."""
 
-    def solve(self, case: Case, pressure: float) -> Response:
-        """The response of a case to a pressure in MPa; never raises for lack of convergence."""
+    def solve(self, case: Case, pressure: float, *, gravity: Array | None = None) -> Response:
+        """The response of a case to a pressure in MPa and a gravity (3,) mm/s2, by default none; never raises
+        for lack of convergence."""
 
 
 @dataclass(frozen=True)
@@ -54,10 +55,11 @@ class Embedded:
 
     name: str = "embedded"
 
-    def solve(self, case: Case, pressure: float) -> Response:
-        """The response of a case to a pressure in MPa."""
-        start = time.perf_counter()
-        found = solve(case, Path(np.array([0.0, 1.0]), np.array([0.0, pressure]), np.array([1.0])))
+    def solve(self, case: Case, pressure: float, *, gravity: Array | None = None) -> Response:
+        """The response of a case to a pressure in MPa and a gravity (3,) mm/s2, by default none."""
+        start, weight = time.perf_counter(), np.zeros(3) if gravity is None else gravity
+        ramp = np.array([0.0, 1.0])
+        found = solve(case, Path(ramp, pressure * ramp, ramp[1:], gravity=weight))
         seconds = time.perf_counter() - start
         if not found.converged:
             return Response.failed(found.reason, seconds)

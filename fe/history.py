@@ -12,7 +12,8 @@ import numpy as np
 
 from fe.assembly import Memory, Softening, State
 from fe.curve import Curve, Differenced, Neighbours, Response, sensitivities
-from fe.element import Array, Flags
+from fe.element import Array, Flags, Integers
+from fe.loadings import Loadings
 from fe.material import relaxation
 from fe.newton import Equilibrium, Problem, Step, equilibrium, moved
 from fe.path import Path, equivalent, in_time, knots
@@ -26,14 +27,15 @@ SHY = 1e-6
 class History:
     """The solved times of a history material.
 
-    time (k,) s; weights (s, k) carry values to the output times; pressure (k,) MPa, creep-equivalent, and
-    its derivatives slopes (v, k); u (k, n, 3) mm; derivative of those parameters that have a history, each
-    (k, n, 3) mm per unit, and p_derivative (k, e, m) MPa per unit of the pressure modes. `active` is False
-    where the material remembers nothing: then u equals the curve and only the derivatives matter. `drift` is
-    the state minus the curve's, for a neighbouring solve to begin from.
+    time (k,) s, and which curve (k,) belongs to it; weights (s, k) carry values to the output times; pressure
+    (k,) MPa, creep-equivalent, and its derivatives slopes (v, k); u (k, n, 3) mm; derivative of those
+    parameters that have a history, each (k, n, 3) mm per unit, and p_derivative (k, e, m) MPa per unit of the
+    pressure modes. `active` is False where the material remembers nothing: then u equals the curve and only
+    the derivatives matter. `drift` is the state minus the curve's, for a neighbouring solve to begin from.
     """
 
     time: Array
+    number: Integers
     weights: Array
     pressure: Array
     slopes: Array
@@ -150,46 +152,56 @@ class _Point:
 
 @dataclass(frozen=True)
 class _March:
-    """A problem on its way through the times `time` (k,) s of a course, with the tracked parameters."""
+    """A problem on its way through the times `time` (k,) s of a course, with the tracked parameters; number
+    (k,): which loading and which curve is each time's."""
 
-    problem: Problem
-    curve: Curve
+    loadings: Loadings
+    curves: Sequence[Curve]
     time: Array
+    number: Integers
     course: Course
-    tracked: dict[int, Direction]
+    directions: dict[int, Direction]
     near: History | None
     soft: bool  # whether anyone asks for energies
 
+    def _problem(self, k: int) -> Problem:
+        return self.loadings.problems[self.number[k]]
+
+    def _tracked(self, k: int) -> dict[int, Direction]:
+        """The tracked parameters under the gravity of time number k."""
+        varied = self.loadings.varied[self.number[k]]
+        return {n: replace(d, varied=varied[n]) for n, d in self.directions.items()}
+
     def first(self) -> tuple[_Point, Equilibrium | None]:
         """The state that the first pressure has put on instantly."""
-        state, found = self._carrier(0), None
-        changes = tuple(self._along(n, d, 0) for n, d in self.tracked.items())
-        if self.course.stiffness[0] != 1 and not self.problem.proportional:
+        state, found, problem, tracked = self._carrier(0), None, self._problem(0), self._tracked(0)
+        changes = tuple(self._along(n, d, 0) for n, d in tracked.items())
+        if self.course.stiffness[0] != 1 and not problem.proportional:
             found = self._equilibrium(0, state, None, None)
             if found.state is not None and found.step is not None:
                 state = found.state
-                around = [d.neighbours(0, (None, None)) for d in self.tracked.values()]
+                around = [d.neighbours(0, (None, None)) for d in tracked.values()]
                 changes = tuple(sensitivities(found.step, state, around))
         pasts = tuple(
             (Past.first(v.plus, plus), Past.first(v.minus, minus))
-            for v, plus, minus in self._around(state, changes)
+            for v, plus, minus in self._around(0, state, changes)
         )
-        past = Past.first(self.problem, self.response(self.problem, state.u))
+        past = Past.first(problem, self.response(problem, state.u))
         return _Point(state, moved(state, self._carrier(0), -1.0), past, changes, pasts), found
 
     def _carrier(self, k: int) -> State:
-        return self.curve.state(self.course.pressure[k])
+        return self.curves[self.number[k]].state(self.course.pressure[k])
 
     def _along(self, n: int, direction: Direction, k: int) -> State:
         """The derivative of the curve's state at time number k to parameter number n."""
-        q = float(self.course.pressure[k])
-        return moved(self.curve.derivative_at(n, q), self.curve.slope(q), direction.slopes[k])
+        q, curve = float(self.course.pressure[k]), self.curves[self.number[k]]
+        return moved(curve.derivative_at(n, q), curve.slope(q), direction.slopes[k])
 
     def _around(
-        self, state: State, changes: Sequence[State]
+        self, k: int, state: State, changes: Sequence[State]
     ) -> Iterator[tuple[Differenced, Response, Response]]:
         """For every parameter the law's answers in its neighbouring problems, at their own displacements."""
-        for d, change in zip(self.tracked.values(), changes, strict=True):
+        for d, change in zip(self._tracked(k).values(), changes, strict=True):
             v, step = d.varied, d.varied.step * change.u
             yield v, self.response(v.plus, state.u + step), self.response(v.minus, state.u - step)
 
@@ -205,26 +217,27 @@ class _March:
     ) -> Equilibrium:
         factor = self.course.stiffness[k]
         return equilibrium(
-            self.problem.stiffened(factor),
+            self._problem(k).stiffened(factor),
             guess,
             load=self.course.load[k],
             memory=memory.times(factor) if memory else None,
             last=last.step if last else None,
-            exact=bool(self.tracked),
+            exact=bool(self.directions),
         )
 
     def virgin(self, k: int, before: _Point) -> _Point | None:
         """The point at time number k if it is the curve's: where only softening remembers, and nothing is
         below its largest energy."""
-        problems = [self.problem, *(d.varied.plus for d in self.tracked.values())]
-        if any(len(q.constants.prony) for q in problems) or _drifts(self.problem, self.course.stiffness):
+        problem, tracked = self._problem(k), self._tracked(k)
+        problems = [problem, *(d.varied.plus for d in tracked.values())]
+        if any(len(q.constants.prony) for q in problems) or _drifts(problem, self.course.stiffness):
             return None
         state = self._carrier(k)
-        response = self.response(self.problem, state.u)
+        response = self.response(problem, state.u)
         below = before.past.below(response)
         if below is None or below.any():
             return None
-        changes = tuple(self._along(n, d, k) for n, d in self.tracked.items())
+        changes = tuple(self._along(n, d, k) for n, d in tracked.items())
         return self._point(k, before, state, response, changes)
 
     def found(self, k: int, before: _Point, last: Equilibrium | None) -> Equilibrium:
@@ -232,15 +245,15 @@ class _March:
         guess = moved(self._carrier(k), before.drift)
         if self.near is not None:  # as the neighbour goes on from the last time
             guess = moved(moved(guess, self.near.drift[k]), self.near.drift[k - 1], -1.0)
-        return self._equilibrium(k, guess, before.past.memory(self.problem, self._dt(k)), last)
+        return self._equilibrium(k, guess, before.past.memory(self._problem(k), self._dt(k)), last)
 
     def point(self, k: int, before: _Point, state: State, step: Step) -> _Point:
         """The point at time number k, from the equilibrium there and its tangent."""
-        response, dt = self.response(self.problem, state.u), self._dt(k)
+        response, dt = self.response(self._problem(k), state.u), self._dt(k)
         below = before.past.below(response)
         around = [
             d.neighbours(k, (a.memory(d.varied.plus, dt, below), b.memory(d.varied.minus, dt, below)))
-            for d, (a, b) in zip(self.tracked.values(), before.pasts, strict=True)
+            for d, (a, b) in zip(self._tracked(k).values(), before.pasts, strict=True)
         ]
         known = response.times(self.course.stiffness[k])
         changes = tuple(sensitivities(step, state, around, response=known))
@@ -252,25 +265,30 @@ class _March:
         dt, below = self._dt(k), before.past.below(response)
         pasts = tuple(
             (a.after(v.plus, dt, plus, below), b.after(v.minus, dt, minus, below))
-            for (v, plus, minus), (a, b) in zip(self._around(state, changes), before.pasts, strict=True)
+            for (v, plus, minus), (a, b) in zip(self._around(k, state, changes), before.pasts, strict=True)
         )
-        past = before.past.after(self.problem, dt, response, below)
+        past = before.past.after(self._problem(k), dt, response, below)
         return _Point(state, moved(state, self._carrier(k), -1.0), past, changes, pasts)
 
     def _dt(self, k: int) -> float:
         return float(self.time[k] - self.time[k - 1])
 
-    def history(self, path: Path, points: Sequence[_Point], slopes: Array) -> History:
+    def history(self, points: Sequence[_Point], slopes: Array) -> History:
         """What is kept of the points."""
         u, p = (
-            {n: np.stack([getattr(x.changes[i], name) for x in points]) for i, n in enumerate(self.tracked)}
+            {
+                n: np.stack([getattr(x.changes[i], name) for x in points])
+                for i, n in enumerate(self.directions)
+            }
             for name in ("u", "p")
         )
-        c, weights = self.problem.constants, in_time(path, self.time, again=self.soft)
-        drifts = _drifts(self.problem, self.course.stiffness)
+        c, weights = self._problem(0).constants, in_time(self.loadings.path, self.time, again=self.soft)
+        drifts = any(_drifts(q, self.course.stiffness) for q in self.loadings.problems)
         active = bool(drifts or c.prony[..., 0].any() or c.softening[:, 0].any())
         states, drift = np.stack([x.state.u for x in points]), tuple(x.drift for x in points)
-        return History(self.time, weights, self.course.pressure, slopes, states, u, p, drift, active)
+        return History(
+            self.time, self.number, weights, self.course.pressure, slopes, states, u, p, drift, active
+        )
 
 
 def _drifts(problem: Problem, stiffness: Array) -> bool:
@@ -285,27 +303,32 @@ def remembers(problem: Problem, path: Path) -> bool:
 
 
 def follow(
-    problem: Problem,
-    path: Path,
-    curve: Curve,
-    varied: Sequence[Differenced],
+    loadings: Loadings,
+    curves: Sequence[Curve],
     paths: Sequence[tuple[Path, Path]],
     *,
     near: History | None,
 ) -> tuple[History | None, int, str]:
     """The history at its solved times, the factorisations it took, and the reason where it stopped.
 
-    varied, paths: the parameters' neighbouring problems and paths; near: the history of a neighbouring case.
+    curves: one for each loading; paths: those of the parameters' neighbouring problems; near: the history of
+    a neighbouring case.
     """
-    soft = any(len(q.constants.softening) for q in (problem, *(v.plus for v in varied)))
+    path, problem = loadings.path, loadings.problems[0]
+    soft = any(len(q.constants.softening) for q in (problem, *(v.plus for v in loadings.varied[0])))
     time = knots(path, again=soft)
     if near is not None and not np.array_equal(near.time, time):
         near = None
-    directions = [Direction.of(v, pair, time) for v, pair in zip(varied, paths, strict=True)]
-    own = remembers(problem, path)
+    directions = [Direction.of(v, pair, time) for v, pair in zip(loadings.varied[0], paths, strict=True)]
+    own = any(remembers(q, path) for q in loadings.problems)
     # without a memory in the base, only the derivatives towards one have a history of their own
-    tracked = {n: d for n, d in enumerate(directions) if own or remembers(d.varied.plus, paths[n][0])}
-    march = _March(problem, curve, time, Course.of(problem, path, time), tracked, near, soft)
+    tracked = {
+        n: d
+        for n, d in enumerate(directions)
+        if own or any(remembers(around[n].plus, paths[n][0]) for around in loadings.varied)
+    }
+    course, number = Course.of(problem, path, time), loadings.at(time)
+    march = _March(loadings, curves, time, number, course, tracked, near, soft)
     point, last = march.first()
     points, iterations = [point], last.iterations if last else 0
     for k in range(1, len(time)):
@@ -320,4 +343,4 @@ def follow(
             return None, iterations, f"stopped at {time[k]:.4g} s, {load:.4g} MPa: {last.reason}"
         points.append(march.point(k, points[-1], last.state, last.step))
     slopes = np.array([d.slopes for d in directions]).reshape(len(directions), len(time))
-    return march.history(path, points, slopes), iterations, "converged"
+    return march.history(points, slopes), iterations, "converged"

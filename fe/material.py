@@ -36,6 +36,7 @@ class Material:
     gent: mu in MPa and the limit Jm of I1 - 3 (infinite: none). ogden: pairs (mu MPa, alpha). bulk_ratio: K /
     shear modulus, so that scaling all constants with the pressure leaves u unchanged. prony: pairs (g, tau s)
     of the relaxation G(t) = G0 [1 - sum g (1 - exp(-t / tau))]. mullins: 1/r (below 1), m in MPa, beta.
+    density: tonne/mm3 at rest, felt where a path has gravity.
     """
 
     C10: float = 0.0
@@ -47,6 +48,7 @@ class Material:
     gent: tuple[float, float] | None = None
     ogden: tuple[tuple[float, float], ...] = ()
     mullins: tuple[float, float, float] | None = None
+    density: float = 0.0
 
     @property
     def shear(self) -> float:

@@ -12,6 +12,7 @@ import numpy as np
 from fe.case import Block, Case, Clamp, Support
 from fe.element import FACES, Array, Flags, Integers
 from fe.material import Material
+from fe.mirror import mirrored
 
 
 @dataclass(frozen=True)
@@ -205,12 +206,14 @@ def _labels(nodes: Array, g: Finger) -> Integers:
     return labels
 
 
-def finger_case(material: Material, *, finger: Finger | None = None, lattice: Lattice | None = None) -> Case:
+def finger_case(
+    material: Material, *, finger: Finger | None = None, lattice: Lattice | None = None, full: bool = False
+) -> Case:
     """The half model (y >= 0) of a finger, clamped at x = 0, with a follower pressure on the chamber.
 
-    material is the one silicone; finger (mm) and lattice default to the bundled geometry and mesh. Node sets:
-    clamp, symmetry, tip_face; surfaces: chamber, outside. The labels 4401 and 5848 are the tip and middle
-    nodes.
+    material is the one silicone; finger (mm) and lattice default to the bundled geometry and mesh; full: the
+    whole finger instead of its half. Node sets: clamp, symmetry, tip_face; surfaces: chamber, outside. The
+    labels 4401 and 5848 are the tip and middle nodes, on the marked side y = width / 2.
     """
     g, m = finger or Finger(), lattice or Lattice()
     quads, core = (_section_ring if m.ring else _section_block)(g, m)
@@ -232,7 +235,7 @@ def finger_case(material: Material, *, finger: Finger | None = None, lattice: La
         "symmetry": np.flatnonzero(on_plane),
         "tip_face": np.flatnonzero(reference[:, 0] > g.length - 1e-9),
     }
-    return Case(
+    half = Case(
         nodes=nodes,
         labels=_labels(nodes, g),
         blocks=(boundary,),
@@ -244,3 +247,4 @@ def finger_case(material: Material, *, finger: Finger | None = None, lattice: La
         clamp=Clamp("clamp", (0.0, float(np.ptp(nodes[sets["clamp"], 2])) / 2)),
         pressurised="chamber",
     )
+    return mirrored(half) if full else half

@@ -24,7 +24,7 @@ EXACT = 0.01  # of TOLERANCE is what such corrections may leave, as Newton's las
 @dataclass(frozen=True)
 class Problem:
     """One case made ready: kernel (shared by cases with the same mesh and supports), constants, dead forces
-    (n, 3)."""
+    (n, 3) N."""
 
     kernel: Kernel
     constants: Constants
@@ -34,7 +34,7 @@ class Problem:
 
     @staticmethod
     def of(case: Case, kernel: Kernel | None = None) -> "Problem":
-        """The problem of a case, on an existing kernel of the same mesh where given."""
+        """The problem of a case without weight, on an existing kernel of the same mesh where given."""
         dead = np.zeros_like(case.nodes)
         for name, force in case.forces.items():
             rows = case.node_sets[name]
@@ -53,6 +53,19 @@ class Problem:
     def stiffened(self, factor: float) -> "Problem":
         """The problem with all moduli multiplied."""
         return self if factor == 1 else replace(self, constants=self.constants.times(factor))
+
+    @property
+    def heavy(self) -> bool:
+        """Whether any material has a density."""
+        return any(m.density for m in self.case.materials.values())
+
+    def under(self, gravity: Array) -> "Problem":
+        """The problem with its weight in a gravity (3,) mm/s2, as consistent nodal forces of the mass at
+        rest."""
+        if not self.heavy:
+            return self
+        mass = self.kernel.masses(self.case.per_element("density"), self.geometry)
+        return replace(self, dead=self.dead + mass[:, None] * gravity)
 
     @property
     def shear(self) -> float:

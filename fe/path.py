@@ -1,12 +1,12 @@
 """A recorded pressure -> the loads that a solve needs: levels, times, and the creep-equivalent pressure."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import pairwise
 
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from fe.element import Array
+from fe.element import Array, Integers
 
 # Times at which a history is solved. On the finger, film A and three Prony terms they leave 0.3 um rms, 5 um
 # at most, against times three times as dense.
@@ -19,12 +19,39 @@ GRADING = 1.5  # of a ramp's steps towards its lower pressure
 @dataclass(frozen=True)
 class Path:
     """A pressure history: `time` (t,) s increasing and `pressure` (t,) MPa (dense log), output times (s,) s,
-    and, where they drift, the factor `stiffness` (t,) by which all moduli are multiplied at `time`."""
+    and, where they drift, the factor `stiffness` (t,) by which all moduli are multiplied at `time`.
+
+    gravity: the acceleration (3,) mm/s2, or (t, 3) at every log time where the structure is turned between
+    recordings. It changes half way between two log times, and is there from the first time on.
+    """
 
     time: Array
     pressure: Array
     output: Array
     stiffness: Array | None = None
+    gravity: Array = field(default_factory=lambda: np.zeros(3))
+
+    def __post_init__(self) -> None:
+        if self.gravity.shape not in ((3,), (len(self.time), 3)):
+            raise ValueError(
+                f"gravity of shape {self.gravity.shape}: wanted (3,) or one row for each of the "
+                f"{len(self.time)} log times, mm/s2"
+            )
+
+    @property
+    def turns(self) -> Integers:
+        """The log entries (k,) after which gravity changes."""
+        g = self.gravity
+        return np.flatnonzero((g[1:] != g[:-1]).any(axis=1)) if g.ndim == 2 else np.empty(0, np.int64)
+
+    def run(self, time: Array) -> Integers:
+        """The number (k,) of the stretch of constant gravity, from 0, that times (k,) s belong to."""
+        switch = (self.time[self.turns] + self.time[self.turns + 1]) / 2
+        return np.searchsorted(switch, time, side="right")
+
+    def gravity_of(self, entries: Integers) -> Array:
+        """Gravity (k, 3) mm/s2 at log entries (k,)."""
+        return np.broadcast_to(self.gravity, (len(self.time), 3))[entries]
 
     def at_output(self) -> Array:
         """Pressure (s,) MPa at the output times, linear between log entries."""
@@ -99,11 +126,13 @@ def in_time(path: Path, time: Array, *, again: bool = False) -> Array:
 
 @dataclass(frozen=True)
 class _Span:
-    """The path between two corners: `begin` and `end` in s, and the pressure's change over its range."""
+    """The path between two corners: `begin` and `end` in s, the pressure's change over its range, and whether
+    gravity turns on the way."""
 
     begin: float
     end: float
     change: float
+    turns: bool = False
 
     @property
     def _holds(self) -> bool:
@@ -120,6 +149,8 @@ class _Span:
 
     def inside(self) -> Array:
         """The knots after the beginning, with the end."""
+        if self.turns:
+            return np.array([self.end])
         if self._holds:
             t = self.begin + FIRST * np.expm1(STEP * np.arange(1, 20))
             return np.append(t[t < self.end - 0.2 * (self.end - self.begin)], self.end)
@@ -129,11 +160,15 @@ class _Span:
 
 
 def _spans(path: Path, again: bool) -> list[_Span]:
-    t = corners(path)
+    turning = path.time[path.turns]
+    t = np.unique(np.concatenate([corners(path), turning, path.time[path.turns + 1]]))
     if again:
         t = np.union1d(t, rejoins(path))
     change = np.diff(np.interp(t, path.time, path.pressure)) / max(float(np.ptp(path.pressure)), 1e-15)
-    return [_Span(float(a), float(b), float(d)) for (a, b), d in zip(pairwise(t), change, strict=True)]
+    return [
+        _Span(float(a), float(b), float(d), bool(np.isin(a, turning)))
+        for (a, b), d in zip(pairwise(t), change, strict=True)
+    ]
 
 
 def equivalent(time: Array, pressure: Array, prony: Array) -> Array:

@@ -1,9 +1,10 @@
 """A case and a pressure history -> displacements at the output times, by one call: `solve`.
 
-Without a memory the response is a function of pressure: one curve of equilibrium states serves every time.
-Else the history is solved at a few times; between them u(t) = U(q(t)) + D(t), where U is the history-free
-curve, q the creep-equivalent pressure of linear viscoelasticity over the moduli's drift, and D, small and
-slow, is interpolated.
+Without a memory the response is a function of pressure and gravity: one curve of equilibrium states in each
+direction of gravity serves every time. Else the history is solved at a few times; between them
+u(t) = U(q(t)) + D(t), where U is the history-free curve, q the creep-equivalent pressure of linear
+viscoelasticity over the moduli's drift, and D, small and slow, is interpolated. Gravity is put on at the
+first time, at once.
 """
 
 from collections.abc import Sequence
@@ -16,8 +17,9 @@ from scipy.sparse import csr_matrix
 from fe.assembly import Kernel, State
 from fe.case import Case, digest
 from fe.curve import Curve, Differenced, trace
-from fe.element import Array
+from fe.element import Array, Integers
 from fe.history import Course, Direction, History, follow, remembers
+from fe.loadings import Loadings
 from fe.locate import interpolation
 from fe.newton import Problem, moved
 from fe.path import Path, levels
@@ -37,13 +39,15 @@ class Solution:
     """The response of a case to a path.
 
     `converged`, or else `reason` says why not and `reached` (MPa) how far; `iterations` counts
-    factorisations. pressure (s,) MPa is the (creep-equivalent) pressure at the output times; slopes (v, s)
-    its derivatives.
+    factorisations. curves: one for each direction of gravity; number (s,) of that which belongs to an output
+    time. pressure (s,) MPa is the (creep-equivalent) pressure at the output times; slopes (v, s) its
+    derivatives.
     """
 
     case: Case
     path: Path
-    curve: Curve
+    curves: tuple[Curve, ...]
+    number: Integers
     pressure: Array
     slopes: Array
     history: History | None
@@ -58,26 +62,27 @@ class Solution:
 
     @property
     def reached(self) -> float:
-        """The last pressure in MPa with an equilibrium."""
-        return float(self.curve.pressure[-1]) if len(self.curve.pressure) else 0.0
+        """The last pressure in MPa with an equilibrium in every direction of gravity."""
+        return min(float(c.pressure[-1]) if len(c.pressure) else 0.0 for c in self.curves)
 
     def ahead(self, change: Array) -> "Solution":
         """The solution to first order where the parameters of its variations change by `change` (v,): a start
         for the solve there."""
-        if not len(self.curve.derivative) or not np.any(change):
+        if not len(self.curves[0].derivative) or not np.any(change):
             return self
         h = self.history
         if h is not None:
             drift = list(h.drift)
-            slopes = [self.curve.slope(q) for q in h.pressure]
-            for n in h.derivative:
-                along = self.curve.derivative_at(n, h.pressure)
-                for k, slope in enumerate(slopes):
-                    carried = moved(State(along.u[k], along.p[k]), slope, h.slopes[n, k])
-                    own = State(h.derivative[n][k], h.p_derivative[n][k], carried.rotation)
-                    drift[k] = moved(drift[k], moved(own, carried, -1.0), change[n])
+            for c, curve in enumerate(self.curves):
+                own = np.flatnonzero(h.number == c)
+                for n in h.derivative if len(own) else ():
+                    along = curve.derivative_at(n, h.pressure[own])
+                    for k, u, p in zip(own, along.u, along.p, strict=True):
+                        carried = moved(State(u, p), curve.slope(h.pressure[k]), h.slopes[n, k])
+                        state = State(h.derivative[n][k], h.p_derivative[n][k], carried.rotation)
+                        drift[k] = moved(drift[k], moved(state, carried, -1.0), change[n])
             h = replace(h, drift=tuple(drift))
-        return replace(self, curve=self.curve.ahead(change), history=h)
+        return replace(self, curves=tuple(c.ahead(change) for c in self.curves), history=h)
 
     def _operator(self, points: Array) -> csr_matrix:
         key = np.ascontiguousarray(points).tobytes()
@@ -88,40 +93,51 @@ class Solution:
     def at(self, points: Array) -> Array:
         """Displacements (s, p, 3) mm at the output times of undeformed points (p, 3) mm."""
         operator, h = self._operator(points), self.history
-        u = self.curve.values(operator, self.pressure)
+        u = self._carried(operator, self.number, self.pressure)
         if h is None or not h.active:
             return u
-        rest = _apply(operator, h.u) - self.curve.values(operator, h.pressure)
+        rest = _apply(operator, h.u) - self._carried(operator, h.number, h.pressure)
         return u + np.tensordot(h.weights, rest, 1)
+
+    def _carried(self, operator: csr_matrix, number: Integers, pressure: Array, order: int = 0) -> Array:
+        """Displacements (k, p, 3) mm on the curves `number` (k,) at pressures (k,) MPa, or their slopes."""
+        out = np.empty((len(pressure), operator.shape[0], 3))
+        for k, curve in enumerate(self.curves):
+            out[number == k] = curve.values(operator, pressure[number == k], order)
+        return out
 
     def per_pressure(self, points: Array) -> Array:
         """dU/dp (s, p, 3) mm per MPa at the output times, at fixed history."""
-        slope = self.curve.values(self._operator(points), self.pressure, 1)
+        slope = self._carried(self._operator(points), self.number, self.pressure, 1)
         return slope / self.path.stiffness_at(self.path.output)[:, None, None]
 
     def variations_at(self, points: Array) -> Array:
         """Derivatives (v, s, p, 3) of `at` to the parameters of the variations, mm per unit."""
         operator, h = self._operator(points), self.history
-        du = self._along(operator, self.pressure, self.slopes)
+        du = self._along(operator, self.number, self.pressure, self.slopes)
         if h is None or not len(du):
             return du
-        carrier = self._along(operator, h.pressure, h.slopes)
+        carrier = self._along(operator, h.number, h.pressure, h.slopes)
         for n, d in h.derivative.items():
             du[n] += np.tensordot(h.weights, _apply(operator, d) - carrier[n], 1)
         return du
 
-    def _along(self, operator: csr_matrix, pressure: Array, slopes: Array) -> Array:
-        return self.curve.derivatives(operator, pressure) + slopes[..., None, None] * self.curve.values(
-            operator, pressure, 1
-        )
+    def _along(self, operator: csr_matrix, number: Integers, pressure: Array, slopes: Array) -> Array:
+        du = slopes[..., None, None] * self._carried(operator, number, pressure, 1)
+        for k, curve in enumerate(self.curves):
+            du[:, number == k] += curve.derivatives(operator, pressure[number == k])
+        return du
 
     def fields(self, steps: Sequence[int]) -> Array:
         """Displacements (k, n, 3) mm of all nodes at the output times number `steps`."""
-        u, h = np.stack([self.curve.state(q).u for q in self.pressure[list(steps)]]), self.history
+        rows, h = list(steps), self.history
+        u = self._states(self.number[rows], self.pressure[rows])
         if h is None or not h.active:
             return u
-        rest = h.u - np.stack([self.curve.state(q).u for q in h.pressure])
-        return u + np.tensordot(h.weights[list(steps)], rest, 1)
+        return u + np.tensordot(h.weights[rows], h.u - self._states(h.number, h.pressure), 1)
+
+    def _states(self, number: Integers, pressure: Array) -> Array:
+        return np.stack([self.curves[k].state(q).u for k, q in zip(number, pressure, strict=True)])
 
 
 def _apply(operator: csr_matrix, fields: Array) -> Array:
@@ -151,26 +167,38 @@ def solve(
     pairs = [(v.plus[1], v.minus[1]) for v in variations]
     dense = Course.of(problem, path, path.time)
     directions = [Direction.of(v, paths, path.time) for v, paths in zip(varied, pairs, strict=True)]
-    ahead = [(v.plus, paths[0]) for v, paths in zip(varied, pairs, strict=True)]
-    remember = any(remembers(*one) for one in ((problem, path), *ahead))
+    loadings = Loadings.of(problem, path, varied, pairs)
+    remember = any(
+        remembers(q, path) or any(remembers(v.plus, pair[0]) for v, pair in zip(around, pairs, strict=True))
+        for q, around in zip(loadings.problems, loadings.varied, strict=True)
+    )
     top, only = (
         max(float(dense.pressure.max()), 1e-9),
         float(np.interp(path.output[0], path.time, dense.pressure)),
     )
     if len(path.output) == 1 and only > 0 and not remember:
-        top, count = only, 1
-    curve = trace(problem, levels(top, count=count), varied=varied, near=start.curve if start else None)
+        top, count, loadings = only, 1, loadings.only(int(loadings.at(path.output)[0]))
+    steps, low = levels(top, count=count), float(dense.pressure.min())
+    if low < -0.01 * top:  # above that is a gauge's noise, which the first cubic carries
+        steps = np.append(low, steps)
+    near = start.curves if start is not None and len(start.curves) == len(loadings.problems) else None
+    curves = tuple(
+        trace(q, steps, varied=around, near=near[k] if near else None)
+        for k, (q, around) in enumerate(zip(loadings.problems, loadings.varied, strict=True))
+    )
+    reason = next((c.reason for c in curves if c.reason != "converged"), "converged")
 
     def result(history: History | None, iterations: int, reason: str) -> Solution:
         pressure, *slopes = (
             np.interp(path.output, path.time, x) for x in (dense.pressure, *(d.slopes for d in directions))
         )
         shape = np.reshape(slopes, (len(varied), len(path.output)))
-        return Solution(case, path, curve, pressure, shape, history, curve.iterations + iterations, reason)
+        number, count = loadings.at(path.output), iterations + sum(c.iterations for c in curves)
+        return Solution(case, path, curves, number, pressure, shape, history, count, reason)
 
-    if curve.reason != "converged" or not remember:
-        return result(None, 0, curve.reason)
-    return result(*follow(problem, path, curve, varied, pairs, near=start.history if start else None))
+    if reason != "converged" or not remember:
+        return result(None, 0, reason)
+    return result(*follow(loadings, curves, pairs, near=start.history if start else None))
 
 
 class _Key:

@@ -26,7 +26,7 @@ def test_a_pressure_beyond_the_limit_is_a_value_with_a_reason(short: Case) -> No
     assert "stopped at" in solution.reason
     assert "MPa of 3" in solution.reason
     assert 0 < solution.reached < 3.0
-    assert len(solution.curve.pressure) == len(solution.curve.u)  # what was reached is kept
+    assert len(solution.curves[0].pressure) == len(solution.curves[0].u)  # what was reached is kept
 
 
 def test_a_creeping_case_beyond_the_limit_is_a_value_with_a_reason(cube: Callable[..., Case]) -> None:
