@@ -1,0 +1,110 @@
+"""Real film of a board by four cameras: squares of 54 mm on frames that the calibration never saw.
+
+    python benchmarks/stereo.py
+
+Every second instant calibrates all four cameras together; in the others the board's squares are measured by
+each pair of cameras and by all four. Then the other way round. `stereo_mean_mm` is the mean error of the
+pair that is worst; `stereo_pull_sd` the rms of error over stated sd, over all pairs and both halves. Data:
+$SOFTTWIN_DATA/charuco_4cam, from caliscope.
+"""
+
+import csv
+import itertools
+import os
+import sys
+from pathlib import Path
+from typing import Any
+
+import _first  # noqa: F401
+import cv2
+import numpy as np
+
+from vision import Board, Camera, Video
+from vision.bundle import CornerNoise, View, bundle
+from vision.camera import Array
+from vision.rig import Rig
+from vision.stereo import film_corners, locate, synchronous_views
+
+ROOT = Path(__file__).resolve().parents[1]
+DATA = Path(os.environ.get("SOFTTWIN_DATA", ROOT.parent / "shared" / "data")) / "charuco_4cam"
+BOARD = Board(4, 5, 54.0, 40.5, "DICT_4X4_1000", inverted=True)
+SIZE = (1280, 720)  # px
+
+
+def read(folder: Path) -> tuple[list[Any], list[Array]]:
+    """Corners in every frame of every camera, and the frames' time stamps (t,) s."""
+    with (folder / "timestamps.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    times = [np.array([float(r["frame_time"]) for r in rows if int(r["cam_id"]) == c]) for c in range(4)]
+    return [film_corners(Video(folder / f"cam_{c}.mp4"), BOARD) for c in range(4)], times
+
+
+def alone(found: list[tuple[Array, Array]]) -> Camera:
+    """One camera from its own pictures, k3 held: twelve corners a picture do not tell it."""
+    used = [(p.astype(np.float32), q.astype(np.float32)) for p, q in found if len(p) >= 8]
+    rms, matrix, distortion, *_ = cv2.calibrateCamera(
+        [p for p, _ in used], [q for _, q in used], SIZE, np.eye(3), np.zeros(5), flags=cv2.CALIB_FIX_K3
+    )
+    return Camera(
+        np.asarray(matrix), np.asarray(distortion).ravel()[:5], SIZE, rms, len(used),
+        model=("k1", "k2", "p1", "p2"),
+    )  # fmt: skip
+
+
+def squares(rig: Rig, noise: CornerNoise, views: list[View], cameras: tuple[int, ...]) -> Array:
+    """Errors (n,) mm of the squares' sides and their stated sd (n,), as (2,n)."""
+    rows = []
+    for instant in sorted({v.instant for v in views}):
+        here = [v for v in views if v.instant == instant and v.camera in cameras]
+        if len(here) < 2:
+            continue
+        points, place, covariance = locate(rig, here, noise, square_mm=BOARD.square_mm)
+        apart = np.linalg.norm(points[:, None] - points[None], axis=-1)
+        for i, j in zip(*np.nonzero(np.triu(np.abs(apart - BOARD.square_mm) < 1e-3)), strict=True):
+            side = place[j] - place[i]
+            length = float(np.linalg.norm(side))
+            slope = np.zeros(place.shape)
+            slope[j], slope[i] = side / length, -side / length
+            rows.append((length - BOARD.square_mm, np.sqrt(slope.ravel() @ covariance @ slope.ravel())))
+    return np.array(rows).T
+
+
+def held_out(folder: Path, *, halves: tuple[int, ...] = (0, 1)) -> dict[str, Array]:
+    """Errors and stated sds (2,n) mm of each pair of cameras and of all four; each half is held out once."""
+    found, times = read(folder)
+    result: dict[str, list[Array]] = {}
+    whole = [alone(pictures) for pictures in found]
+    views, lags = synchronous_views(found, times, whole)
+    print(f"frames by which the cameras lag: {lags.tolist()}", file=sys.stderr)
+    for half in halves:
+        calibrating = [v for v in views if v.instant % 2 != half]
+        own = [[(v.points, v.pixels) for v in calibrating if v.camera == c] for c in range(4)]
+        cameras = [alone(pictures) for pictures in own]
+        rig, noise = bundle(calibrating, cameras, square_mm=BOARD.square_mm)
+        kept = [v for v in views if v.instant % 2 == half]
+        for group in (*itertools.combinations(range(4), 2), (0, 1, 2, 3)):
+            result.setdefault("-".join(map(str, group)), []).append(squares(rig, noise, kept, group))
+    return {name: np.concatenate(parts, axis=1) for name, parts in result.items()}
+
+
+def figures(quick: bool) -> dict[str, Any]:
+    """Mean error of the worst pair and rms pull; None where the films are absent."""
+    if not DATA.is_dir():
+        return {"stereo_mean_mm": None, "stereo_pull_sd": None}
+    found = held_out(DATA)
+    pairs = {name: value for name, value in found.items() if len(name) == 3}
+    print(
+        "| cameras | squares | mean mm | sd mm | stated sd mm | pull rms |\n|---|---|---|---|---|---|",
+        file=sys.stderr,
+    )
+    for name, (error, sd) in found.items():
+        stated, pull = (np.sqrt(np.mean(x**2)) for x in (sd, error / sd))
+        told = f"{len(error)} | {error.mean():+.3f} | {error.std():.3f} | {stated:.3f} | {pull:.2f}"
+        print(f"| {name} | {told} |", file=sys.stderr)
+    pulls = np.concatenate([error / sd for error, sd in pairs.values()])
+    worst = max((error.mean() for error, _ in pairs.values()), key=abs)
+    return {"stereo_mean_mm": float(worst), "stereo_pull_sd": float(np.sqrt(np.mean(pulls**2)))}
+
+
+if __name__ == "__main__":
+    print(figures(quick=False))
