@@ -12,6 +12,7 @@ import csv
 import itertools
 import os
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -20,10 +21,11 @@ import cv2
 import numpy as np
 
 from vision import Board, Camera, Video
-from vision.bundle import CornerNoise, View, bundle
+from vision.boards import View
+from vision.bundle import CornerNoise, Shot, bundle
 from vision.camera import Array
 from vision.rig import Rig
-from vision.stereo import film_corners, locate, synchronous_views
+from vision.stereo import film_corners, locate, synchronous_shots
 
 ROOT = Path(__file__).resolve().parents[1]
 DATA = Path(os.environ.get("SOFTTWIN_DATA", ROOT.parent / "shared" / "data")) / "charuco_4cam"
@@ -39,9 +41,9 @@ def read(folder: Path) -> tuple[list[Any], list[Array]]:
     return [film_corners(Video(folder / f"cam_{c}.mp4"), BOARD) for c in range(4)], times
 
 
-def alone(found: list[tuple[Array, Array]]) -> Camera:
+def alone(found: Sequence[View]) -> Camera:
     """One camera from its own pictures, k3 held: twelve corners a picture do not tell it."""
-    used = [(p.astype(np.float32), q.astype(np.float32)) for p, q in found if len(p) >= 8]
+    used = [(v.points.astype(np.float32), v.pixels.astype(np.float32)) for v in found if len(v) >= 8]
     rms, matrix, distortion, *_ = cv2.calibrateCamera(
         [p for p, _ in used], [q for _, q in used], SIZE, np.eye(3), np.zeros(5), flags=cv2.CALIB_FIX_K3
     )
@@ -51,11 +53,11 @@ def alone(found: list[tuple[Array, Array]]) -> Camera:
     )  # fmt: skip
 
 
-def squares(rig: Rig, noise: CornerNoise, views: list[View], cameras: tuple[int, ...]) -> Array:
+def squares(rig: Rig, noise: CornerNoise, shots: list[Shot], cameras: tuple[int, ...]) -> Array:
     """Errors (n,) mm of the squares' sides and their stated sd (n,), as (2,n)."""
     rows = []
-    for instant in sorted({v.instant for v in views}):
-        here = [v for v in views if v.instant == instant and v.camera in cameras]
+    for instant in sorted({v.instant for v in shots}):
+        here = [v for v in shots if v.instant == instant and v.camera in cameras]
         if len(here) < 2:
             continue
         points, place, covariance = locate(rig, here, noise, square_mm=BOARD.square_mm)
@@ -74,14 +76,14 @@ def held_out(folder: Path, *, halves: tuple[int, ...] = (0, 1)) -> dict[str, Arr
     found, times = read(folder)
     result: dict[str, list[Array]] = {}
     whole = [alone(pictures) for pictures in found]
-    views, lags = synchronous_views(found, times, whole)
+    shots, lags = synchronous_shots(found, times, whole)
     print(f"frames by which the cameras lag: {lags.tolist()}", file=sys.stderr)
     for half in halves:
-        calibrating = [v for v in views if v.instant % 2 != half]
-        own = [[(v.points, v.pixels) for v in calibrating if v.camera == c] for c in range(4)]
+        calibrating = [v for v in shots if v.instant % 2 != half]
+        own = [[View(v.points, v.pixels) for v in calibrating if v.camera == c] for c in range(4)]
         cameras = [alone(pictures) for pictures in own]
         rig, noise = bundle(calibrating, cameras, square_mm=BOARD.square_mm)
-        kept = [v for v in views if v.instant % 2 == half]
+        kept = [v for v in shots if v.instant % 2 == half]
         for group in (*itertools.combinations(range(4), 2), (0, 1, 2, 3)):
             result.setdefault("-".join(map(str, group)), []).append(squares(rig, noise, kept, group))
     return {name: np.concatenate(parts, axis=1) for name, parts in result.items()}

@@ -18,20 +18,20 @@ START = (0.04, 0.01, 1e-4, 1e-7, 1e-8)  # px2, px2, s2, s4, s2
 
 
 @dataclass(frozen=True)
-class View:
+class Shot:
     """One camera's picture of the board at one instant."""
 
     camera: int
-    instant: int  # views with the same instant show the board in one pose
+    instant: int  # shots with the same instant show the board in one pose
     points: Array  # (n,3) mm on the board
     pixels: Array  # (n,2) raw px
     speed: Array  # (n,2) px/s of the corners in the picture; 0 for a board at rest
     acceleration: Array  # (n,2) px/s2
 
-    def only(self, rows: NDArray[np.intp]) -> "View":
-        """The view with some of its corners."""
+    def only(self, rows: NDArray[np.intp]) -> "Shot":
+        """The shot with some of its corners."""
         points, pixels = self.points[rows], self.pixels[rows]
-        return View(self.camera, self.instant, points, pixels, self.speed[rows], self.acceleration[rows])
+        return Shot(self.camera, self.instant, points, pixels, self.speed[rows], self.acceleration[rows])
 
 
 @dataclass(frozen=True)
@@ -48,41 +48,41 @@ class CornerNoise:
     late: Array  # (c,) s4, of its square
     blur: float  # s2, time error of every corner for itself: motion blur, rolling shutter
 
-    def covariance(self, view: View, square_mm: float) -> Array:
-        """Covariance (2n,2n) px2 of a view's corners, x and y of each in turn."""
-        c = view.camera
+    def covariance(self, shot: Shot, square_mm: float) -> Array:
+        """Covariance (2n,2n) px2 of a shot's corners, x and y of each in turn."""
+        c = shot.camera
         power = (self.own[c], self.shared[c], self.time[c], self.late[c], self.blur)
-        return np.asarray(np.tensordot(power, _bases(view, square_mm), 1))
+        return np.asarray(np.tensordot(power, _bases(shot, square_mm), 1))
 
 
-def _bases(view: View, square_mm: float) -> Array:
+def _bases(shot: Shot, square_mm: float) -> Array:
     """Covariances (5,2n,2n) that unit variances give."""
-    n, speed, acceleration = len(view.points), view.speed.ravel(), view.acceleration.ravel()
-    apart = np.linalg.norm(view.points[:, None] - view.points[None], axis=-1)
+    n, speed, acceleration = len(shot.points), shot.speed.ravel(), shot.acceleration.ravel()
+    apart = np.linalg.norm(shot.points[:, None] - shot.points[None], axis=-1)
     shared = np.kron(np.exp(-apart / (REACH * square_mm)), np.eye(2))
     along = np.outer(speed, speed)
     alone = along * np.kron(np.eye(n), np.ones((2, 2)))
     return np.array([np.eye(2 * n), shared, along, np.outer(acceleration, acceleration), alone])
 
 
-def bundle(views: Sequence[View], cameras: Sequence[Camera], *, square_mm: float) -> tuple[Rig, CornerNoise]:
+def bundle(shots: Sequence[Shot], cameras: Sequence[Camera], *, square_mm: float) -> tuple[Rig, CornerNoise]:
     """The rig whose cameras and board poses fit all corners best, weighted by their noise; and that noise.
 
-    views: corners of the board, at least 4 each; every camera shares instants with some other.
+    shots: corners of the board, at least 4 each; every camera shares instants with some other.
     cameras: first guesses; of their distortion only what their `model` names is fitted.   square_mm: mm.
 
     Bundle adjustment by Gauss-Newton with the board poses eliminated, doi 10.1007/3-540-44480-7_21; the
     noise by restricted maximum likelihood from the same residuals, doi 10.1093/biomet/58.3.545. Raises
     ValueError when a camera shares no instant with the others.
     """
-    theta, poses = _start(views, cameras)
+    theta, poses = _start(shots, cameras)
     columns = np.flatnonzero(_free(cameras))
     own, shared, time, late = np.outer(START[:4], np.ones(len(cameras)))
     noise = CornerNoise(own, shared, time, late, START[4])
     inverse = np.empty(0)
     for _ in range(MAX_ROUNDS):
-        theta, poses, inverse = _fit(views, theta, poses, noise, columns, square_mm)
-        before, noise = noise, _noise(views, theta, poses, noise, square_mm)
+        theta, poses, inverse = _fit(shots, theta, poses, noise, columns, square_mm)
+        before, noise = noise, _noise(shots, theta, poses, noise, square_mm)
         if _same(before, noise):
             break
     covariance = np.zeros((theta.size, theta.size))
@@ -112,7 +112,7 @@ class _Instant:
     """All corners of one instant."""
 
     key: int
-    views: list[View]
+    shots: list[Shot]
     residual: Array  # (m,) px
     shared: Array  # (m,15c) derivatives to the rig's parameters
     pose: Array  # (m,6) to the board's pose
@@ -126,10 +126,10 @@ class _Instant:
 
 
 def _instants(
-    views: Sequence[View], theta: Array, poses: Poses, noise: CornerNoise, square_mm: float
+    shots: Sequence[Shot], theta: Array, poses: Poses, noise: CornerNoise, square_mm: float
 ) -> Iterator[_Instant]:
     for key, pose in poses.items():
-        here = [v for v in views if v.instant == key]
+        here = [v for v in shots if v.instant == key]
         m = 2 * sum(len(v.points) for v in here)
         shared, slope, weight, residual = (
             np.zeros((m, theta.size)),
@@ -145,15 +145,15 @@ def _instants(
         yield _Instant(key, here, residual, shared, slope, weight)
 
 
-def _rows(views: Sequence[View]) -> Iterator[tuple[View, slice]]:
+def _rows(shots: Sequence[Shot]) -> Iterator[tuple[Shot, slice]]:
     row = 0
-    for v in views:
+    for v in shots:
         yield v, slice(row, row + 2 * len(v.points))
         row += 2 * len(v.points)
 
 
 def _fit(
-    views: Sequence[View],
+    shots: Sequence[Shot],
     theta: Array,
     poses: Poses,
     noise: CornerNoise,
@@ -164,7 +164,7 @@ def _fit(
     inverse = np.empty(0)
     for _ in range(MAX_STEPS):
         normal, right, each = np.zeros((len(columns),) * 2), np.zeros(len(columns)), {}
-        for at in _instants(views, theta, poses, noise, square_mm):
+        for at in _instants(shots, theta, poses, noise, square_mm):
             shared, weight, heavy = at.shared[:, columns], at.projected, at.weight @ at.pose
             normal += shared.T @ weight @ shared
             right += shared.T @ weight @ at.residual
@@ -181,15 +181,15 @@ def _fit(
 
 
 def _noise(
-    views: Sequence[View], theta: Array, poses: Poses, noise: CornerNoise, square_mm: float
+    shots: Sequence[Shot], theta: Array, poses: Poses, noise: CornerNoise, square_mm: float
 ) -> CornerNoise:
     """One Fisher step of the restricted likelihood: the variances that the residuals speak for."""
     c = len(theta)
     count = 4 * c + 1
     normal, right = np.zeros((count, count)), np.zeros(count)
-    for at in _instants(views, theta, poses, noise, square_mm):
+    for at in _instants(shots, theta, poses, noise, square_mm):
         bases = np.zeros((count, *at.weight.shape))
-        for v, rows in _rows(at.views):
+        for v, rows in _rows(at.shots):
             which = [v.camera, c + v.camera, 2 * c + v.camera, 3 * c + v.camera, 4 * c]
             bases[which, rows, rows] = _bases(v, square_mm)
         heavy, turned = at.weight @ at.residual, bases @ at.projected
@@ -211,11 +211,11 @@ def _same(a: CornerNoise, b: CornerNoise) -> bool:
     return bool(np.all(np.abs(after - before) <= SETTLED * after + 1e-9))
 
 
-def board_pose(view: View, camera: Camera) -> Array:
-    """Board to camera (4,4) of one view: the better of a plane's two, doi 10.1007/s11263-014-0725-5."""
-    ideal = camera.undistort(view.pixels)
-    _, rvec, tvec = cv2.solvePnP(view.points, ideal, camera.matrix, None, flags=cv2.SOLVEPNP_IPPE)
-    _, rvec, tvec = cv2.solvePnP(view.points, ideal, camera.matrix, None, rvec, tvec, True)
+def board_pose(shot: Shot, camera: Camera) -> Array:
+    """Board to camera (4,4) of one shot: the better of a plane's two, doi 10.1007/s11263-014-0725-5."""
+    ideal = camera.undistort(shot.pixels)
+    _, rvec, tvec = cv2.solvePnP(shot.points, ideal, camera.matrix, None, flags=cv2.SOLVEPNP_IPPE)
+    _, rvec, tvec = cv2.solvePnP(shot.points, ideal, camera.matrix, None, rvec, tvec, True)
     pose = np.eye(4)
     pose[:3, :3], pose[:3, 3] = cv2.Rodrigues(rvec)[0], np.ravel(tvec)
     return pose
@@ -230,9 +230,9 @@ def middle(poses: Array) -> tuple[Array, float]:
     return np.asarray(poses[best]), float(apart[best])
 
 
-def _start(views: Sequence[View], cameras: Sequence[Camera]) -> tuple[Array, Poses]:
+def _start(shots: Sequence[Shot], cameras: Sequence[Camera]) -> tuple[Array, Poses]:
     """First parameters (c,15) and board poses, the cameras chained by common instants."""
-    seen = {(v.camera, v.instant): board_pose(v, cameras[v.camera]) for v in views}
+    seen = {(v.camera, v.instant): board_pose(v, cameras[v.camera]) for v in shots}
     world = {0: np.eye(4)}
     while len(world) < len(cameras):
         links = {

@@ -47,7 +47,7 @@ def calibrate_camera(images: Sequence[Path], board: Board, *, max_rms_px: float 
         raise ValueError(
             f"no board images were given: film or photograph the board in at least {MIN_IMAGES} poses"
         )
-    pictures = [_read(Path(path), board) for path in images]
+    pictures = [read_picture(Path(path), board) for path in images]
     sizes = {picture.shape for picture in pictures}
     if len(sizes) > 1:
         raise ValueError(
@@ -69,7 +69,8 @@ def calibrate_camera(images: Sequence[Path], board: Board, *, max_rms_px: float 
     return replace(fits[0].camera, covariance=covariance, remarks=remarks)
 
 
-def _read(path: Path, board: Board) -> Image:
+def read_picture(path: Path, board: Board) -> Image:
+    """A board picture in grey, black on white. Raises ValueError when there is none."""
     picture = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE) if path.is_file() else None
     if picture is None:
         raise ValueError(f"board image {path} is missing or cannot be read: give a PNG or JPEG file")

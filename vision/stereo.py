@@ -4,23 +4,24 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
-from vision.boards import Board, corners
-from vision.bundle import CornerNoise, View, board_pose, bundle, middle
+from vision.boards import Board, View, find_board
+from vision.bundle import CornerNoise, Shot, board_pose, bundle, middle
+from vision.calibration import read_picture
 from vision.camera import Array, Camera
 from vision.rig import OWN, Rig, common, project, same, triangulate
 from vision.video import Video
 
+KINDS = ("charuco", "chessboard")
 MIN_CORNERS = 7
 MIN_COMMON = 5  # instants at which two cameras must see the board
 MAX_LAG = 2.0  # frames by which a camera may be stamped late or early
 LAG_STEP = 0.25  # frames
 ENOUGH = 20  # instants that tell a lag
-Found = list[tuple[Array, Array]]  # of each picture: points (n,3) mm, pixels (n,2)
+Found = Sequence[View]  # what each picture shows of the board
 
 
 def calibrate_rig(
@@ -41,30 +42,29 @@ def calibrate_rig(
             f"{len(shared)} board pictures have the same file name in two cameras, wanted {MIN_COMMON} or "
             "more: photograph the board, at rest, with all cameras and give the pictures of one pose one name"
         )
-    views = []
+    if board.kind not in KINDS:
+        raise ValueError(f"board kind {board.kind!r} does not join cameras: use one of {', '.join(KINDS)}")
+    shots = []
     for c, own in enumerate(images):
         for path in own:
-            grey = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
-            if grey is None:
-                raise ValueError(f"board image {path} cannot be read: give a PNG or JPEG file")
-            points, pixels = corners(np.asarray(grey if not board.inverted else 255 - grey, np.uint8), board)
-            if len(points) >= MIN_CORNERS:
-                still = np.zeros(pixels.shape)
-                views.append(View(c, names.index(Path(path).name), points, pixels, still, still))
-    rig, noise = bundle(views, cameras, square_mm=board.square_mm)
+            seen = find_board(read_picture(Path(path), board), board)
+            if len(seen) >= MIN_CORNERS:
+                still = np.zeros(seen.pixels.shape)
+                shots.append(Shot(c, names.index(Path(path).name), seen.points, seen.pixels, still, still))
+    rig, noise = bundle(shots, cameras, square_mm=board.square_mm)
     rms = np.sqrt(noise.own + noise.shared)
     if rms.max() > max_rms_px:
         raise ValueError(
             f"board corners fit the cameras together to {rms.max():.3f} px only, wanted at most {max_rms_px} "
             "px: the board must not move between the pictures of one name; remove the pairs where it did"
         )
-    return replace(rig, remarks=(_remark(rig, views, rms),))
+    return replace(rig, remarks=(_remark(rig, shots, rms),))
 
 
-def _remark(rig: Rig, views: Sequence[View], rms: Array) -> str:
+def _remark(rig: Rig, shots: Sequence[Shot], rms: Array) -> str:
     base = np.linalg.norm(rig.shift[1:], axis=1)
     return (
-        f"{len(rig.cameras)} cameras from {len({v.instant for v in views})} board poses, corners to "
+        f"{len(rig.cameras)} cameras from {len({v.instant for v in shots})} board poses, corners to "
         f"{rms.max():.3f} px, baseline {base.max():.1f} mm"
     )
 
@@ -72,14 +72,14 @@ def _remark(rig: Rig, views: Sequence[View], rms: Array) -> str:
 def film_corners(film: Video, board: Board) -> Found:
     """Board corners in every frame of a film."""
     return [
-        corners(np.asarray(255 - image if board.inverted else image, dtype=np.uint8), board)
+        find_board(np.asarray(255 - image if board.inverted else image, dtype=np.uint8), board)
         for _, _, image in film.frames()
     ]
 
 
-def synchronous_views(
+def synchronous_shots(
     found: Sequence[Found], times: Sequence[Array], cameras: Sequence[Camera]
-) -> tuple[list[View], Array]:
+) -> tuple[list[Shot], Array]:
     """Views of films of a moving board, joined by time stamps, and by how many frames (c,) each camera lags.
 
     found: of each camera the corners in its frames, from `film_corners`.   times: (t,) s of its frames on
@@ -92,29 +92,29 @@ def synchronous_views(
     period = float(np.median(np.concatenate([np.diff(t) for t in times])))
     begin = min(float(t[0]) for t in times)
     moving = [_moving(f, t) for f, t in zip(found, times, strict=True)]
-    views, lags = [_views(0, moving[0], times[0], begin, period, 0.0)], [0.0]
+    shots, lags = [_shots(0, moving[0], times[0], begin, period, 0.0)], [0.0]
     tried = sorted(np.arange(-MAX_LAG, MAX_LAG + LAG_STEP, LAG_STEP), key=abs)
     for c in range(1, len(found)):
-        before = [v for own in views for v in own]
-        tries = [_views(c, moving[c], times[c], begin, period, lag) for lag in tried]
+        before = [v for own in shots for v in own]
+        tries = [_shots(c, moving[c], times[c], begin, period, lag) for lag in tried]
         best = int(np.argmin([_disagreement(before, own, cameras) for own in tries]))
         lags.append(tried[best])
-        views.append(tries[best])
-    return [v for own in views for v in own], np.array(lags)
+        shots.append(tries[best])
+    return [v for own in shots for v in own], np.array(lags)
 
 
 def _moving(found: Found, time: Array) -> list[tuple[Array, Array, Array, Array]]:
     """Points, pixels, speed (px/s) and acceleration (px/s2) of each frame's corners, from the frames beside
     it; a corner that they do not show moves as the others do."""
     moving = []
-    for i, (points, pixels) in enumerate(found):
+    for i, (points, pixels) in enumerate((v.points, v.pixels) for v in found):
         rates = np.full((len(points), 2, 2), np.nan)
         beside = [k for k in (i - 1, i + 1) if 0 <= k < len(found)]
         shifts = []
         for k in beside:
-            here, there = same(points, found[k][0])
+            here, there = same(points, found[k].points)
             shift = np.full(pixels.shape, np.nan)
-            shift[here] = found[k][1][there] - pixels[here]
+            shift[here] = found[k].pixels[there] - pixels[here]
             shifts.append((time[k] - time[i], shift))
         if len(shifts) == 2:
             (a, before), (b, after) = shifts
@@ -129,26 +129,26 @@ def _moving(found: Found, time: Array) -> list[tuple[Array, Array, Array, Array]
     return moving
 
 
-def _views(
+def _shots(
     camera: int,
     moving: list[tuple[Array, Array, Array, Array]],
     time: Array,
     begin: float,
     period: float,
     lag: float,
-) -> list[View]:
-    views: dict[int, View] = {}
+) -> list[Shot]:
+    shots: dict[int, Shot] = {}
     for (points, pixels, speed, gain), t in zip(moving, time, strict=True):
         place = (t - begin) / period - lag
         instant = round(place)
-        if len(points) < MIN_CORNERS or np.isnan(speed).any() or instant in views:
+        if len(points) < MIN_CORNERS or np.isnan(speed).any() or instant in shots:
             continue
         dt = (instant - place) * period
-        views[instant] = View(camera, instant, points, pixels + speed * dt + 0.5 * gain * dt**2, speed, gain)
-    return list(views.values())
+        shots[instant] = Shot(camera, instant, points, pixels + speed * dt + 0.5 * gain * dt**2, speed, gain)
+    return list(shots.values())
 
 
-def _disagreement(before: list[View], own: list[View], cameras: Sequence[Camera]) -> float:
+def _disagreement(before: list[Shot], own: list[Shot], cameras: Sequence[Camera]) -> float:
     """How far the relative poses of a camera and the one that shares most instants with it scatter."""
     instants = {v.instant: v for v in own}
     partners = [[v for v in before if v.camera == c and v.instant in instants] for c in range(len(cameras))]
@@ -165,22 +165,22 @@ def _disagreement(before: list[View], own: list[View], cameras: Sequence[Camera]
 
 
 def locate(
-    rig: Rig, views: Sequence[View], noise: CornerNoise, *, square_mm: float
+    rig: Rig, shots: Sequence[Shot], noise: CornerNoise, *, square_mm: float
 ) -> tuple[Array, Array, Array]:
     """Corners of one board at one instant: which (n,3) mm on the board, where (n,3) mm in the rig's frame,
     and the covariance (3n,3n) mm2 of all these places, calibration included.
 
-    views: of one instant, of different cameras; corners that only one of them shows are left out.
+    shots: of one instant, of different cameras; corners that only one of them shows are left out.
     noise: of the corners, from `bundle`.
 
     Generalised least squares of all corners at once: a time error moves a whole picture, shows as distance
     from the epipolar lines and is taken out.
     """
-    points = common([v.points for v in views])
+    points = common([v.points for v in shots])
     if not len(points):
         return points, np.empty((0, 3)), np.empty((0, 0))
-    rows = [same(v.points, points) for v in views]
-    kept = [v.only(mine) for v, (mine, _) in zip(views, rows, strict=True)]
+    rows = [same(v.points, points) for v in shots]
+    kept = [v.only(mine) for v, (mine, _) in zip(shots, rows, strict=True)]
     ideal = np.full((len(kept), len(points), 2), np.nan)
     for pixels, v, (_, row) in zip(ideal, kept, rows, strict=True):
         pixels[row] = rig.cameras[v.camera].undistort(v.pixels)
@@ -198,11 +198,11 @@ def locate(
 
 
 def _free_points(
-    theta: Array, views: list[View], rows: list[NDArray[np.intp]], place: Array
+    theta: Array, shots: list[Shot], rows: list[NDArray[np.intp]], place: Array
 ) -> tuple[Array, Array, Array]:
     """Residual (m,), derivatives to the places (m,3n) and to the rig's parameters (m,15c)."""
     residual, slope, shared = [], [], []
-    for v, row in zip(views, rows, strict=True):
+    for v, row in zip(shots, rows, strict=True):
         m = 2 * len(row)
         pixels, to_camera, to_pose = project(theta[v.camera], np.zeros(3), np.zeros(3), place[row])
         own, wide = np.zeros((m, *place.shape)), np.zeros((m, theta.size))

@@ -8,10 +8,10 @@ import pytest
 from numpy.typing import NDArray
 
 from vision import Board, Camera
-from vision.boards import charuco
-from vision.bundle import View, bundle
+from vision.boards import View, charuco
+from vision.bundle import Shot, bundle
 from vision.rig import OWN, Rig, project, triangulate
-from vision.stereo import locate, synchronous_views
+from vision.stereo import locate, synchronous_shots
 
 Array = NDArray[np.float64]
 BOARD = Board(5, 4, 36.0, 26.0)
@@ -43,18 +43,18 @@ def poses(count: int, rng: np.random.Generator) -> Array:
     return np.hstack([turn, shift])
 
 
-def views_of(rig: Rig, pose: Array, rng: np.random.Generator, *, own: float, shared: float) -> list[View]:
+def shots_of(rig: Rig, pose: Array, rng: np.random.Generator, *, own: float, shared: float) -> list[Shot]:
     apart = np.linalg.norm(CORNERS[:, None] - CORNERS[None], axis=-1)
     root = np.linalg.cholesky(
         own**2 * np.eye(len(CORNERS)) + shared**2 * np.exp(-apart / (2 * BOARD.square_mm))
     )
-    views = []
+    shots = []
     for c, theta in enumerate(rig.parameters):
         for i, p in enumerate(pose):
             pixels, _, _ = project(theta, p[:3], p[3:], CORNERS)
             still = np.zeros(pixels.shape)
-            views.append(View(c, i, CORNERS, pixels + root @ rng.standard_normal(pixels.shape), still, still))
-    return views
+            shots.append(Shot(c, i, CORNERS, pixels + root @ rng.standard_normal(pixels.shape), still, still))
+    return shots
 
 
 def test_derivatives_of_the_projection_are_those_of_finite_differences() -> None:
@@ -99,8 +99,8 @@ def test_pulls_of_the_rig_and_of_lengths_on_new_pictures_are_one(shared: float) 
     chi2, pulls = [], []
     for trial in range(12):
         rng, truth = np.random.default_rng([trial, 7]), rig_of(trial)
-        views = views_of(truth, poses(18, rng), rng, own=0.15, shared=shared)
-        rig, noise = bundle(views, rig_of(trial).cameras, square_mm=BOARD.square_mm)
+        shots = shots_of(truth, poses(18, rng), rng, own=0.15, shared=shared)
+        rig, noise = bundle(shots, rig_of(trial).cameras, square_mm=BOARD.square_mm)
         assert np.sqrt(noise.own + noise.shared).mean() == pytest.approx(np.hypot(0.15, shared), rel=0.25)
         error = (rig.parameters - truth.parameters).ravel()
         free = np.flatnonzero(np.diag(rig.covariance) > 0)
@@ -108,7 +108,7 @@ def test_pulls_of_the_rig_and_of_lengths_on_new_pictures_are_one(shared: float) 
             error[free] @ np.linalg.solve(rig.covariance[np.ix_(free, free)], error[free]) / len(free)
         )
         for pose in poses(4, rng):
-            new = views_of(truth, pose[None], rng, own=0.15, shared=shared)
+            new = shots_of(truth, pose[None], rng, own=0.15, shared=shared)
             _, place, spread = locate(rig, new, noise, square_mm=BOARD.square_mm)
             side = place[-1] - place[0]
             along = np.zeros(place.shape)
@@ -134,18 +134,18 @@ def test_a_camera_that_lags_is_found_out_from_the_boards_motion() -> None:
     found = []
     for c, late in enumerate((0.0, 0.05)):  # s, half a frame
         shown = [project(rig.parameters[c], at(t - late)[:3], at(t - late)[3:], CORNERS)[0] for t in time]
-        found.append([(CORNERS, pixels) for pixels in shown])
-    views, lags = synchronous_views(found, [time, time], rig.cameras)
+        found.append([View(CORNERS, pixels) for pixels in shown])
+    shots, lags = synchronous_shots(found, [time, time], rig.cameras)
     assert lags.tolist() == [0.0, 0.5]
-    fitted, _ = bundle(views, rig.cameras, square_mm=BOARD.square_mm)
+    fitted, _ = bundle(shots, rig.cameras, square_mm=BOARD.square_mm)
     # what quadratic motion between frames leaves of it
     assert fitted.shift[1] == pytest.approx(rig.shift[1], abs=1.5)
 
 
 def test_cameras_that_share_no_picture_are_refused() -> None:
     rng = np.random.default_rng(0)
-    views = views_of(rig_of(), poses(4, rng), rng, own=0.1, shared=0.0)
-    alone = [v for v in views if (v.instant < 2) == (v.camera == 0)]
+    shots = shots_of(rig_of(), poses(4, rng), rng, own=0.1, shared=0.0)
+    alone = [v for v in shots if (v.instant < 2) == (v.camera == 0)]
     with pytest.raises(ValueError, match="camera 2 sees no board together with another camera"):
         bundle(alone, rig_of().cameras, square_mm=BOARD.square_mm)
 
