@@ -57,7 +57,8 @@ def _calibrated(project: Project, table: CameraTable) -> "Camera":
 
 
 def _read_camera(project: Project, table: CameraTable) -> "Camera":
-    from vision import Video, read_camera
+    from vision import Video
+    from vision.camerafile import read_camera
 
     film = Video(project.path(table.film))
     path = project.path(table.camera_file or "")

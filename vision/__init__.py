@@ -4,8 +4,8 @@ from vision.boards import Board
 from vision.budget import Budget
 from vision.calibration import calibrate_camera
 from vision.camera import Camera
-from vision.camerafile import read_camera
 from vision.displacements import Displacements, measure
+from vision.locate import locate
 from vision.marks import Mark
 from vision.modes import Stated
 from vision.noise import NoiseModel
@@ -23,6 +23,6 @@ __all__ = [
     "Tracks",
     "Video",
     "calibrate_camera",
+    "locate",
     "measure",
-    "read_camera",
 ]

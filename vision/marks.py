@@ -10,6 +10,7 @@ from vision.camera import Array, Image
 from vision.dictionaries import dictionary_of
 
 ROLES = ("frame", "fixed", "finger")
+FEW = 4  # markers, below which the picture may be one of inverted markers
 
 
 @dataclass(frozen=True)
@@ -43,7 +44,19 @@ def check_names(marks: Sequence[Mark]) -> None:
 
 
 def detect(image: Image, dictionary: str) -> tuple[dict[int, Array], set[int]]:
-    """Corners (4,2) raw px of each marker seen once, and the ids that are seen more often."""
+    """Corners (4,2) raw px of each marker seen once, and the ids that are seen more often.
+
+    Where hardly any black marker on white is seen, white ones on black are looked for too. (OpenCV's
+    detectInvertedMarker sees some of both, but loses one in twenty.)
+    """
+    seen = _detect(image, dictionary)
+    if len(seen) >= FEW:
+        return _once(seen)
+    return _once(max(seen, _detect(np.asarray(255 - image, dtype=np.uint8), dictionary), key=len))
+
+
+def _detect(image: Image, dictionary: str) -> list[tuple[int, Array]]:
+    """Ids and corners (4,2) raw px of all black markers on white."""
     parameters = cv2.aruco.DetectorParameters()
     parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
     parameters.cornerRefinementWinSize = 3
@@ -51,15 +64,16 @@ def detect(image: Image, dictionary: str) -> tuple[dict[int, Array], set[int]]:
     # The default gate grows with the picture: 29 px at 4K. 12 px sides are found at any size.
     parameters.minMarkerPerimeterRate = 4.0 * 12.0 / max(image.shape)
     corners, ids, _ = cv2.aruco.ArucoDetector(dictionary_of(dictionary), parameters).detectMarkers(image)
-    if not len(corners):
-        return {}, set()
-    names = [int(i) for i in np.asarray(ids).reshape(-1)]
-    once = {
-        name: np.asarray(quad, dtype=np.float64).reshape(4, 2)
-        for name, quad in zip(names, corners, strict=True)
-        if names.count(name) == 1
+    names = [] if ids is None else [int(i) for i in np.asarray(ids).reshape(-1)]
+    quads = [np.asarray(quad, dtype=np.float64).reshape(4, 2) for quad in corners]
+    return list(zip(names, quads, strict=True))
+
+
+def _once(seen: list[tuple[int, Array]]) -> tuple[dict[int, Array], set[int]]:
+    names = [name for name, _ in seen]
+    return {name: quad for name, quad in seen if names.count(name) == 1}, {
+        n for n in names if names.count(n) > 1
     }
-    return once, set(names) - set(once)
 
 
 def corner_warp(corners: Array) -> Array:

@@ -13,6 +13,7 @@ from vision.marks import Mark
 
 BLUR_PX = (0.3, 3.0)  # px, sd of lens blur and pixel together, between which it is sought
 SHOWS_BLUR = 6  # marks that are enough to see it
+CELLS_BEYOND = 0.6  # how far a patch reaches into the border round a marker, in marker cells
 MATCHES = 0.87  # correlation that shows the pattern, as for a registered mark
 
 
@@ -45,10 +46,11 @@ def _found(mean: Array, grid: Array, mark: Mark, dictionary: str, blur: float) -
     pitch = 2.0 * half / (side - 1)
     inner = registration.local_grid(side, half - 2.0 * pitch)
     to_index = np.array([[1.0, 0.0, half], [0.0, 1.0, half], [0.0, 0.0, pitch]]) / pitch
+    upright = polarity(mean, grid, dictionary_of(dictionary).markerSize + 2)
     warp, match = registration.register(
         mean.reshape(side, side).astype(np.float32),
         registration.NO_LENS,
-        registration.templates(_drawn(mark, inner, dictionary, blur), inner),
+        registration.templates(upright * drawn(mark, inner, dictionary, blur), inner),
         to_index[None],
         np.array([1.0 / pitch]),
         np.zeros(1, int),
@@ -56,7 +58,17 @@ def _found(mean: Array, grid: Array, mark: Mark, dictionary: str, blur: float) -
     return warp[0, :2, 2] * pitch - half, float(match[0])
 
 
-def _drawn(mark: Mark, grid: Array, dictionary: str, blur: float) -> Array:
+def polarity(patch: Array, grid: Array, cells: int) -> float:
+    """1 for a black marker on white, -1 for an inverted one, from a patch (n,) on the grid (3,n).
+
+    cells: along the marker's side, its border included.   The border tells from what surrounds it.
+    """
+    distance, cell = np.abs(grid[:2]).max(axis=0), 2.0 / cells
+    border = (distance < 1.0 - 0.25 * cell) & (distance > 1.0 - 0.75 * cell)
+    return 1.0 if patch[distance > 1.0 + 0.25 * cell].mean() > patch[border].mean() else -1.0
+
+
+def drawn(mark: Mark, grid: Array, dictionary: str, blur: float) -> Array:
     """Grey and slopes (1,3,n) of the printed pattern, blurred with an sd of `blur` local units."""
     words = dictionary_of(dictionary)
     cells = words.markerSize + 2

@@ -13,13 +13,12 @@ from vision.dictionaries import dictionary_of, other_dictionary
 from vision.dots import find_dot
 from vision.marks import Mark, corner_warp, detect, dot_warp, px_per_unit
 from vision.plane import MIN_VISIBLE, fit_homography
-from vision.printed import printed_centres
+from vision.printed import CELLS_BEYOND, printed_centres
 from vision.video import Video
 
 MIN_REFERENCE = 10
 MAX_REFERENCE = 40  # frames averaged into the reference patches; more gain nothing against the codec
 START_FRAMES = 5  # frames searched for marks that the first one does not show
-CELLS_BEYOND = 0.6  # how far a patch reaches into the white border, in marker cells
 # Covering 6 % of a marker lowers its correlation to 0.97 and moves it by up to 0.07 px; motion blur of 5 px
 # leaves 0.98 and 0.01 px.
 MIN_CORRELATION = 0.97
