@@ -23,6 +23,7 @@ from twin.effects import library
 from twin.fitting import fit_model, measured_remainder, whitener_of
 from twin.model import Model, base_case, base_model
 from twin.parallel import WORKERS, finished
+from twin.structure import of_finger
 from twin.targets import Array, Targets
 
 # The finger's markers sit on nodes of the flat lower edge of the side face y = 11.5 mm, as far as the tip.
@@ -106,7 +107,7 @@ def prepared(case: Case, targets: Targets) -> tuple[Model, Array, Discretisation
         return {key: kept("mesh", key, one[key])["array"] for key in tasks}
 
     made_for = float(NOMINAL[0]), float(NOMINAL[1])
-    raw = discretisation(model, start, finger=Finger(), lattice=Lattice(), made_for=made_for, keep=keep)
+    raw = discretisation(model, start, structure=of_finger(Finger(), Lattice()), made_for=made_for, keep=keep)
     return model, start, measured_remainder(model, start, targets, raw)
 
 

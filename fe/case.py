@@ -46,8 +46,9 @@ class Case:
     """Everything a solve needs, in mm, N, MPa.
 
     nodes (n, 3) mm; labels (n,) the Abaqus node numbers; one material per element set (together they cover
-    every element once); `pressurised` names the surface that carries the follower pressure; `forces` are dead
-    forces (3,) N, spread evenly over a node set. In a half model forces and moments are those of the half.
+    every element once), of which `with_material` leaves those `kept` as they are; `pressurised` names the
+    surface that carries the follower pressure; `forces` are dead forces (3,) N, spread evenly over a node
+    set. In a half model forces and moments are those of the half.
     """
 
     nodes: Array
@@ -61,6 +62,7 @@ class Case:
     clamp: Clamp | None = None
     pressurised: str | None = None
     forces: Mapping[str, Array] = field(default_factory=dict)
+    kept: tuple[str, ...] = ()
 
     @property
     def connectivity(self) -> Integers:
@@ -105,8 +107,9 @@ class Case:
         return out
 
     def with_material(self, **constants: object) -> "Case":
-        """The same case with these constants changed in every material."""
-        return replace(self, materials={k: replace(m, **constants) for k, m in self.materials.items()})  # type: ignore[arg-type]
+        """The same case with these constants changed in every material but those kept."""
+        changed = {k: replace(m, **constants) for k, m in self.materials.items() if k not in self.kept}  # type: ignore[arg-type]
+        return replace(self, materials={**self.materials, **changed})
 
 
 def digest(*arrays: object) -> str:

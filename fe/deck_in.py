@@ -5,11 +5,12 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from fe.case import Case
 from fe.draft import Draft
 from fe.element import ELEMENTS, Array
-from fe.keywords import Keyword, read_keywords
+from fe.keywords import Keyword, Place, files_of, read_keywords
 from fe.material import Material
 
 # Read over: they change no displacement of a static solution.
@@ -26,11 +27,12 @@ INCOMPRESSIBLE = 1e4  # K / shear modulus where D1 = 0, which stands for incompr
 @dataclass(frozen=True)
 class Deck:
     """A structure, the follower pressure in MPa on its pressurised surface at the end of each step, and the
-    gravity (3,) mm/s2 that its weight feels."""
+    gravity (3,) mm/s2 that its weight feels, and the files that were read."""
 
     case: Case
     pressures: tuple[float, ...]
     gravity: Array
+    files: tuple[Path, ...]
 
 
 def read_deck(path: Path) -> Deck:
@@ -42,7 +44,7 @@ def read_deck(path: Path) -> Deck:
     keywords = list(read_keywords(path))
     unknown = [k for k in keywords if k.name not in _READERS and k.name not in SILENT]
     if unknown:
-        named = ", ".join(f"*{k.name} (line {k.line})" for k in unknown)
+        named = ", ".join(f"*{k.name} ({_where(k, path)})" for k in unknown)
         raise ValueError(
             f"{path}: not supported: {named}; wanted {', '.join('*' + n for n in _READERS)}; remove them or "
             "express them by these"
@@ -51,14 +53,25 @@ def read_deck(path: Path) -> Deck:
     for keyword in keywords:
         if keyword.name in _READERS:
             _READERS[keyword.name](draft, keyword)
-    return Deck(draft.case(), tuple(draft.pressures) or (0.0,), draft.gravity)
+    return Deck(draft.case(), tuple(draft.pressures) or (0.0,), draft.gravity, files_of(keywords))
+
+
+def _where(k: Keyword, deck: Path) -> str:
+    return f"line {k.place.line}" + ("" if k.place.file == deck else f" of {k.place.file}")
 
 
 def _name(text: str) -> str:
     return text.strip('"').rpartition(".")[2].lower()
 
 
+def _label(word: str) -> int | None:
+    """The number that a word is, with or without the name of its instance, or None."""
+    number = word.rpartition(".")[2]
+    return int(number) if number.isdigit() else None
+
+
 def _nodes(draft: Draft, k: Keyword) -> None:
+    k.only("NSET")
     for line, words in k.data:
         label, *x = k.numbers(line, words[:4])
         draft.nodes[int(label)] = np.array([*x, 0.0, 0.0, 0.0][:3])
@@ -97,11 +110,14 @@ def _set(sets: str, parameter: str) -> Callable[[Draft, Keyword], None]:
                 continue
             for word in given:
                 members += _members(k, known, word, line)
+        if parameter == "NSET" and "ELSET" in k.parameters:
+            elements = _known(k, draft.element_sets, k.text("ELSET"), k.place)
+            members += sorted({n for e in elements for n in draft.elements[e][1]})
 
     return read
 
 
-def _known(k: Keyword, sets: dict[str, list[int]], word: str, line: int) -> list[int]:
+def _known(k: Keyword, sets: dict[str, list[int]], word: str, line: Place) -> list[int]:
     if _name(word) not in sets:
         raise k.error(
             f"set {word}: not defined above; wanted one of {', '.join(sorted(sets)) or 'none'}", line
@@ -109,8 +125,9 @@ def _known(k: Keyword, sets: dict[str, list[int]], word: str, line: int) -> list
     return sets[_name(word)]
 
 
-def _members(k: Keyword, sets: dict[str, list[int]], word: str, line: int) -> list[int]:
-    return [int(word)] if word.isdigit() else _known(k, sets, word, line)
+def _members(k: Keyword, sets: dict[str, list[int]], word: str, line: Place) -> list[int]:
+    label = _label(word)
+    return _known(k, sets, word, line) if label is None else [label]
 
 
 def _surface(draft: Draft, k: Keyword) -> None:
@@ -124,7 +141,7 @@ def _surface(draft: Draft, k: Keyword) -> None:
         ]
 
 
-def _face(k: Keyword, line: int, word: str, letter: str) -> int:
+def _face(k: Keyword, line: Place, word: str, letter: str) -> int:
     digits = word.upper().removeprefix(letter)
     if not digits.isdigit() or word.upper() == digits:
         raise k.error(f"face {word or 'absent'}: wanted {letter}1, {letter}2 ..", line)
@@ -186,9 +203,21 @@ def _instance(draft: Draft, k: Keyword) -> None:
     draft.instances += 1
     if draft.instances > 1:
         raise k.error("a second *INSTANCE: wanted one; merge the parts in the assembly")
-    moved = [x for line, words in k.data for x in k.numbers(line, words)]
-    if any(moved):
-        raise k.error("an *INSTANCE that is moved: wanted one in place; move the part itself")
+    moved = [k.numbers(line, [w for w in words if w]) for line, words in k.data]
+    if any(any(row) for row in moved) and not draft.nodes:
+        raise k.error("an *INSTANCE that is moved and has its own nodes: wanted one in place")
+    draft.nodes = {label: _placed(x, moved) for label, x in draft.nodes.items()}
+
+
+def _placed(x: Array, moved: list[list[float]]) -> Array:
+    """Where an instance puts a node: translated, then turned about an axis through two points, in degrees."""
+    if moved:
+        x = x + np.array([*moved[0], 0.0, 0.0, 0.0][:3])
+    if len(moved) > 1:
+        a, b, degrees = np.array(moved[1][:3]), np.array(moved[1][3:6]), moved[1][6]
+        turn = Rotation.from_rotvec(np.radians(degrees) * (b - a) / np.linalg.norm(b - a))
+        x = a + turn.apply(x - a)
+    return np.asarray(x, float)
 
 
 def _boundary(draft: Draft, k: Keyword) -> None:
@@ -196,10 +225,10 @@ def _boundary(draft: Draft, k: Keyword) -> None:
     if k.parameters.get("OP", "MOD").upper() == "NEW":
         raise k.error("*BOUNDARY, OP=NEW: wanted boundary conditions that stay; leave OP out")
     for line, words in k.data:
-        where = words[0] if words[0].isdigit() else _name(words[0])
-        if where.isdigit():
-            draft.node_sets.setdefault(f"node_{where}", [int(where)])
-            where = f"node_{where}"
+        where, label = _name(words[0]), _label(words[0])
+        if label is not None:
+            where = f"node_{label}"
+            draft.node_sets.setdefault(where, [label])
         else:
             _known(k, draft.node_sets, where, line)
         if words[1].upper() in NAMED:
@@ -264,7 +293,13 @@ def _note_pressure(draft: Draft, k: Keyword) -> None:
 def _cload(draft: Draft, k: Keyword) -> None:
     k.only("OP")
     for line, words in k.data:
-        draft.forces[words[0].lower(), int(words[1]) - 1] = k.numbers(line, words[2:3])[0]
+        where, label = _name(words[0]), _label(words[0])
+        if label is None:
+            _known(k, draft.node_sets, where, line)
+        component = k.whole(line, words[1])
+        if component > 3:
+            raise k.error(f"*CLOAD in component {component}: wanted 1, 2 or 3", line)
+        draft.forces[where if label is None else str(label), component - 1] = k.numbers(line, words[2:3])[0]
 
 
 _READERS: dict[str, Callable[[Draft, Keyword], None]] = {

@@ -38,7 +38,7 @@ class Draft:
         labels = np.array(sorted(self.nodes), np.int64)
         numbers = np.array(sorted(self.elements), np.int64)
 
-        def rows(known: Integers, wanted: list[int], what: str) -> Integers:
+        def rows(known: Integers, wanted: list[int] | Integers, what: str) -> Integers:
             found = np.asarray(wanted, np.int64)
             at = np.minimum(np.searchsorted(known, found), len(known) - 1)
             missing = found[known[at] != found]
@@ -48,12 +48,14 @@ class Draft:
                 )
             return at
 
-        blocks = []
-        for kind in sorted({kind for kind, _ in self.elements.values()}):
-            own = [self.elements[n][1] for n in numbers if self.elements[n][0] == kind]
-            blocks.append(
-                Block(kind, rows(labels, [n for e in own for n in e], "node").reshape(len(own), -1))
+        kind, *others = sorted({kind for kind, _ in self.elements.values()})
+        if others:
+            raise ValueError(
+                f"{self.file}: elements of the types {', '.join([kind, *others])} in one model: wanted one "
+                "type; mesh it with one"
             )
+        nodes_of = np.array([self.elements[n][1] for n in numbers])
+        connectivity = rows(labels, nodes_of.ravel(), "node").reshape(nodes_of.shape)
         node_sets = {name: rows(labels, sorted(set(s)), "node") for name, s in self.node_sets.items()}
         element_sets = {
             name: rows(numbers, sorted(set(s)), "element") for name, s in self.element_sets.items()
@@ -70,7 +72,7 @@ class Draft:
         case = Case(
             nodes=np.array([self.nodes[n] for n in labels]),
             labels=labels,
-            blocks=tuple(blocks),
+            blocks=(Block(kind, connectivity),),
             node_sets=node_sets,
             element_sets=element_sets,
             surfaces=surfaces,
@@ -79,7 +81,6 @@ class Draft:
             pressurised=pressurised,
             forces=forces,
         )
-        assert case.element  # one type, or an error
         return without_unused_nodes(case)
 
 

@@ -57,3 +57,107 @@ def require() -> Callable[[str], None]:
         pytest.skip(HINTS[tool])
 
     return check
+
+
+# -- a deck that no code of the project has made -----------------------------------------------------------
+# Node orders and faces as the Abaqus Analysis User's Guide draws them ("Three-dimensional solid element
+# library"), in half steps of a cell along x, y, z.
+HEX = [(0, 0, 0), (2, 0, 0), (2, 2, 0), (0, 2, 0), (0, 0, 2), (2, 0, 2), (2, 2, 2), (0, 2, 2),
+       (1, 0, 0), (2, 1, 0), (1, 2, 0), (0, 1, 0), (1, 0, 2), (2, 1, 2), (1, 2, 2), (0, 1, 2),
+       (0, 0, 1), (2, 0, 1), (2, 2, 1), (0, 2, 1)]  # fmt: skip
+HEX_FACES = {"S1": "1234", "S2": "5876", "S3": "1562", "S4": "2673", "S5": "3784", "S6": "4851"}
+TET_FACES = {"S1": "123", "S2": "142", "S3": "243", "S4": "341"}
+# Six tetrahedra around the diagonal from corner 1 to 7, by the hexahedron's corners.
+SIX = ["1237", "1347", "1487", "1857", "1567", "1627"]
+HEAD = """\
+*Heading
+ a tube in half, clamped at x = 0, thicker below: it bends to -z
+** made by hand
+*PART, NAME=Tube
+*Include, input=mesh.inc
+*Solid section, elset="All of it", material=Ecoflex
+,
+*End Part
+*Assembly, name=Assembly
+*Instance, name=Tube-1, part=Tube
+*End Instance
+*Nset, nset=Root, instance=Tube-1
+ Tube-1.ROOT
+"""
+TAIL = """\
+*End Assembly
+*Material, name=ECOFLEX
+*hyperelastic, mooney-rivlin
+ 0.18D0, 0.06, 0.005
+*Boundary
+Root, 1, 3
+Middle plane, YSYMM
+*Step, name=Inflation,
+ nlgeom, inc=500
+*STATIC
+0.05, 1., 1e-06, 0.1
+*Dsload
+Tube-1.Chamber, P, {pressure}
+*Output, field, variable=PRESELECT
+*End step
+"""
+
+
+def write_tube(folder: Path, kind: str, *, pressure: float = 0.08, cells: int = 10) -> Path:
+    """`tube.inp` and `mesh.inc` in a folder: a half tube 50 mm long of elements `kind`, with a round bend in
+    its walls; node 70001 is the lower edge of its tip, 70002 a third of the way back."""
+    x = np.concatenate([[0], np.linspace(4, 45, cells - 1), [50]])
+    y, z = np.array([0, 2, 3, 4]), np.array([0, 4, 5, 6, 7])
+    grid = [np.interp(np.arange(2 * len(v) - 1) / 2, np.arange(len(v)), v) for v in (x, y, z)]
+    tets, corners_only = kind.startswith("C3D10"), kind.startswith("C3D8")
+    elements, void = [], set()
+    for i, j, k in np.ndindex(len(x) - 1, 3, 4):
+        if 0 < i < len(x) - 2 and j < 2 and 0 < k < 3:
+            void.add((i, j, k))
+            continue
+        at = [(2 * i + a, 2 * j + b, 2 * k + c) for a, b, c in HEX]
+        if not tets:
+            elements.append(at[:8] if corners_only else at)
+            continue
+        for four in SIX:
+            c = [np.array(at[int(n) - 1]) for n in four]
+            middles = [(c[a] + c[b]) // 2 for a, b in ((0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3))]
+            elements.append([tuple(int(v) for v in p) for p in (*c, *middles)])
+    used = sorted({p for e in elements for p in e})
+    label = {p: 11 + 3 * n for n, p in enumerate(used)}  # with gaps
+    last = 2 * (len(x) - 1), 6, 0
+    label[last], label[(2 * round((len(x) - 1) * 2 / 3), 6, 0)] = 70001, 70002
+    text = ["*NODE, nset=Everything"]
+    for p in used:
+        px, py, pz = (g[n] for g, n in zip(grid, p))
+        bulge = 0.6 * np.sin(np.pi * px / 50) ** 2 * pz / 7  # curved faces, but for the flat bottom
+        text.append(f"{label[p]:8d}, {px:.7f}, {py * (1 + 0.1 * bulge):.7f}, {pz + bulge:.7f}")
+    text.append(f"*Element, type={kind.lower()}, elset=Body")
+    for n, e in enumerate(elements):
+        row = [str(501 + n), *(str(label[p]) for p in e)]
+        text += [", ".join(row[:11]) + ",", ", ".join(row[11:])] if len(row) > 11 else [", ".join(row)]
+    text += ["*Elset, elset=\"All of it\", generate", f"501, {500 + len(elements)}, 1"]
+    sets = {"ROOT": [label[p] for p in used if p[0] == 0], "Middle plane": [label[p] for p in used if p[1] == 0]}
+    for name, members in sets.items():
+        text += [f"*NSET, Nset={name}"] + [", ".join(map(str, members[m : m + 9])) for m in range(0, len(members), 9)]
+    faces = TET_FACES if tets else HEX_FACES
+    inner = {(2 * i + a, 2 * j + b, 2 * k + c) for i, j, k in void for a, b, c in HEX}
+    plane = {p for p in inner if p[1] == 0}
+    surface = []
+    for name, digits in faces.items():
+        own = [501 + n for n, e in enumerate(elements)
+               if (on := {e[int(d) - 1] for d in digits}) <= inner and not on <= plane]  # fmt: skip
+        if own:
+            text += [f"*Elset, elset=_Chamber_{name}, internal", *(f" {n}," for n in own)]
+            surface.append(f"_Chamber_{name}, {name}")
+    text += ["*Surface, type=ELEMENT, name=Chamber", *surface]
+    (folder / "mesh.inc").write_text("\n".join(text) + "\n")
+    deck = folder / "tube.inp"
+    deck.write_text(HEAD + TAIL.format(pressure=pressure))
+    return deck
+
+
+@pytest.fixture(scope="session")
+def tube_deck() -> Callable[..., Path]:
+    """`tube_deck(folder, kind, pressure=, cells=)`: see `write_tube`."""
+    return write_tube

@@ -14,7 +14,7 @@ from twin.history import Generations
 from twin.model import Model
 from twin.project import Project, Run, Say
 from twin.search import Generation, Objective, search
-from twin.table import LoadPaths, load_paths
+from twin.table import REDUCED, LoadPaths, Sheets, load_paths, reach, sheets
 from twin.targets import Array, Targets
 from twin.whitening import Whitener, whitener
 from twin.workbench import Workbench
@@ -72,12 +72,19 @@ def run_calibrate(project: Project, say: Say) -> dict[str, Any]:
     }
 
 
-def _paths(bench: Workbench, say: Say) -> tuple[LoadPaths, Any]:
+def _paths(bench: Workbench, say: Say) -> tuple[LoadPaths | Sheets, Any]:
     """The load paths at the finger's markers, and the rows of the targets they belong to."""
     rows = np.flatnonzero(~bench.targets.fixed)
     where = np.array([bench.case.position(int(n)) for n in bench.targets.nodes[rows]])
-    key = digest(bench.finger, bench.lattice, where)
-    return load_paths(bench.case, where, keep=bench.keeper(say), key=key), rows
+    key = digest(bench.structure.key, where)
+    keep, top = bench.keeper(say), REDUCED
+    if bench.project.config.model.deck is not None:
+        softest = sum(bench.elasticity.lowest.values())
+        top = reach(bench.case, float(bench.targets.pressure.max()) / softest, keep=keep, key=key)
+    if bench.structure.scales:
+        return load_paths(bench.case, where, keep=keep, key=key, top=top), rows
+    totals = sum(bench.elasticity.lowest.values()), sum(bench.elasticity.highest.values())
+    return sheets(bench.case, where, keep=keep, key=key, top=top, totals=totals), rows
 
 
 def full_solves(
@@ -103,14 +110,13 @@ def full_solves(
     u = np.array([fields[g.best.tobytes()] for g in generations])
     assert start is not None
     near = np.argmin(np.linalg.norm(bench.case.nodes[None] - points[:, None], axis=2), axis=1)
-    quads = bench.case.face_nodes("outside")
     return Generations(
         np.arange(1, len(generations) + 1),
         tuple(p.name for p in bench.elasticity.parameters),
         np.array([g.best for g in generations]),
         np.array([g.rms_mm for g in generations]),
         bench.case.nodes,
-        triangles(quads),
+        triangles(bench.structure.outside),
         u.astype(np.float32),
         tuple(t.names[r] for r in rows),
         points,
@@ -121,15 +127,23 @@ def full_solves(
     )
 
 
-def triangles(quads: Any) -> Any:
-    """Triangles (t, 3) of bi-quadratic faces (f, 9), eight to a face, counter-clockwise from outside."""
-    cells = [(i + 3 * j, i + 1 + 3 * j, i + 4 + 3 * j, i + 3 + 3 * j) for j in (0, 1) for i in (0, 1)]
-    corners = [t for a, b, c, d in cells for t in ((a, b, c), (a, c, d))]
-    return quads[:, np.array(corners)].reshape(-1, 3)
+# Triangles of a face with so many nodes, counter-clockwise from outside: Abaqus lists corners in a turn and
+# then the middles of their edges, hex27 row by row.
+_CUT = {
+    4: [(0, 1, 2), (0, 2, 3)],
+    6: [(0, 3, 5), (3, 1, 4), (5, 4, 2), (3, 4, 5)],
+    8: [(0, 4, 7), (4, 1, 5), (5, 2, 6), (6, 3, 7), (4, 5, 6), (4, 6, 7)],
+    9: [(a, *two) for a in (0, 1, 3, 4) for two in ((a + 1, a + 4), (a + 4, a + 3))],
+}
+
+
+def triangles(faces: Any) -> Any:
+    """Triangles (t, 3) of faces (f, m) of any element, counter-clockwise from outside."""
+    return faces[:, np.array(_CUT[faces.shape[1]])].reshape(-1, 3)
 
 
 def least(
-    bench: Workbench, paths: LoadPaths, points: Array, best: Array, say: Say
+    bench: Workbench, paths: LoadPaths | Sheets, points: Array, best: Array, say: Say
 ) -> tuple[Fit, Whitener, Model]:
     """The least-squares fit of C10 and C01 to all targets: on the load paths from several starts, then on the
     finite-element model with its discretisation modes from there."""
@@ -153,7 +167,7 @@ def _values(elasticity: Elasticity, theta: Array) -> dict[str, float]:
 
 
 def _on_paths(
-    paths: LoadPaths, points: Array, t: Targets, elasticity: Elasticity, w: Whitener, starts: Array
+    paths: LoadPaths | Sheets, points: Array, t: Targets, elasticity: Elasticity, w: Whitener, starts: Array
 ) -> Fit:
     def residual(theta: Array) -> Array | None:
         u = _predicted(paths, points, t, _values(elasticity, theta))
@@ -176,7 +190,9 @@ def _on_paths(
     return least_squares(residual, jacobian, elasticity.parameters, start=starts)
 
 
-def _predicted(paths: LoadPaths, points: Array, t: Targets, values: dict[str, float]) -> Array | None:
+def _predicted(
+    paths: LoadPaths | Sheets, points: Array, t: Targets, values: dict[str, float]
+) -> Array | None:
     total = values["C10"] + values["C01"]
     u = paths.predict(total, values["C01"] / total, t.pressure)
     if u is None:
@@ -186,7 +202,7 @@ def _predicted(paths: LoadPaths, points: Array, t: Targets, values: dict[str, fl
     return out
 
 
-def _rough_slope(paths: LoadPaths, points: Array, t: Targets, values: dict[str, float]) -> Array:
+def _rough_slope(paths: LoadPaths | Sheets, points: Array, t: Targets, values: dict[str, float]) -> Array:
     """The effect of 1 sd of gauge noise on each step, from two nearby pressures."""
     out, total = np.zeros_like(t.value), values["C10"] + values["C01"]
     h = 1e-3 * float(t.pressure.max())

@@ -52,13 +52,14 @@ def init(
     folder: Annotated[Path, typer.Argument(help="project folder to make")],
     targets: Annotated[Path | None, typer.Option(help="folder with targets.csv, measured elsewhere")] = None,
     node: Annotated[list[str] | None, typer.Option(help="node of a point, NAME=LABEL; repeat it")] = None,
+    deck: Annotated[Path | None, typer.Option(help="Abaqus deck of your own mesh (mm, N, MPa)")] = None,
     json: Json = False,
 ) -> None:
-    """Make a project for a film or for targets."""
+    """Make a project for a film or for targets, of the built-in finger or of your own mesh."""
     from twin.starting import run_init
 
     say = Console(as_json=json)
-    say.result(run_init(folder, say, targets=targets, nodes=node or []))
+    say.result(run_init(folder, say, targets=targets, nodes=node or [], deck=deck))
 
 
 @app.command()

@@ -58,6 +58,13 @@ class ModelTable(TableModel):
     geometry: Literal["bellows"] = Field(
         default="bellows", description="finger geometry; bellows is the built-in one"
     )
+    deck: RelativePath | None = Field(
+        default=None,
+        description="your own mesh as an Abaqus deck, raw/finger.inp; without it the built-in finger",
+    )
+    silicone: tuple[Name, ...] = Field(
+        default=(), description="element sets of the deck whose C10 and C01 are fitted; [] means all"
+    )
     mesh: int = Field(default=1, ge=1, description="mesh refinement: 1 default, 2 halves the elements")
     material: Literal["mooney-rivlin"] = Field(default="mooney-rivlin", description="base material law")
     effects: tuple[Effect, ...] = Field(

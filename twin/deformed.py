@@ -40,7 +40,8 @@ VTK_HEX27 = np.array(
         13,  # centre
     ]
 )
-VTK_TYPES = {3: 5, 4: 9, 27: 29}  # nodes per cell: triangle, quadrilateral, triquadratic hexahedron
+# By nodes per cell: triangle, quadrilateral, then solids in Abaqus's order, which is VTK's, and hex27.
+VTK_TYPES = {3: 5, 4: 9, 8: 12, 10: 24, 20: 25, 27: 29}
 
 
 @functools.cache
@@ -110,13 +111,16 @@ def write_vtu_series(
 ) -> Path:
     """Write one .vtu per time and `name`.pvd that lists them; returns the path of the latter for ParaView.
 
-    nodes (n,3) mm undeformed; cells (e,27) hexahedra (tensor order, see VTK_HEX27), (e,4) or (e,3) surface
-    cells; times (k,) s; fields {name: (k,n,...)} at the nodes. "Warp by vector" with U shows the shape.
+    nodes (n,3) mm undeformed; cells (e,27) hexahedra (tensor order, see VTK_HEX27), (e,20), (e,8) or (e,10)
+    hexahedra and tetrahedra as Abaqus orders them, (e,4) or (e,3) surface cells; times (k,) s; fields {name:
+    (k,n,...)} at the nodes. "Warp by vector" with U shows the shape.
     ValueError for other cells and for fields of another length.
     """
     width = cells.shape[1]
     if width not in VTK_TYPES:
-        raise ValueError(f"cells have {width} nodes; wanted 27 (hexahedra), 4 or 3 (surface)")
+        raise ValueError(
+            f"cells have {width} nodes; wanted 27, 20, 8 (hexahedra), 10 (tetrahedra), 4 or 3 (surface)"
+        )
     for key, field in fields.items():
         if field.shape[:2] != (len(times), len(nodes)):
             wanted = (len(times), len(nodes))

@@ -136,6 +136,8 @@ def diagnose(
     if refusal:
         return _cannot(refusal)
     tell = progress or (lambda stage, done, total: None)
+    if mesh is not None and mesh.unknown:
+        return _cannot(f"mesh: {mesh.unknown}")
     tell("base model", 0, 3)
     w = whitener_of(model, start, targets, mesh)
     if mesh is not None and mesh.remainder_mm > 0.1 * w.noise_sd:

@@ -13,11 +13,12 @@ from typing import Any
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from fe import Finger, Lattice, Material, Path, finger_case, solve
+from fe import Path, solve
 from fe.case import digest
 from twin.model import Model
 from twin.parallel import Keep, made_at_once
-from twin.targets import Array
+from twin.structure import Mesh, Structure
+from twin.targets import Array, Targets
 
 SAMPLES = 40  # pressures at which a finer mesh's response is sampled
 COUNT = 7  # levels of its curve; the base mesh is solved on the same, so that their error cancels
@@ -31,40 +32,26 @@ SMOOTH = (0.5, 1, 2, 3)  # powers of pressure of the remainder's modes
 @dataclass(frozen=True)
 class Discretisation:
     """modes (q, s, p, 3) mm, 1 sd each, with names; check (s, p, 3) mm: the change on the mesh that tests
-    them; remainder_mm: rms of what they leave of it (NaN before it is measured)."""
+    them; remainder_mm: rms of what they leave of it (NaN before it is measured); unknown: why there
+    are no modes."""
 
     modes: Array
     names: tuple[str, ...]
     check: Array
     remainder_mm: float = float("nan")
     spread: Array | None = None  # (q, d): what each mode shifts the base model's parameters by
-
-
-def finer(lattice: Lattice) -> dict[str, Lattice]:
-    """The refined lattices; the last is finer in every direction and of the other topology."""
-    bellow = max(lattice.per_bellow + 1, round(1.5 * lattice.per_bellow))
-    section = replace(lattice, fillet=2 * lattice.fillet, across=2 * lattice.across, up=2 * lattice.up)
-    return {
-        "bellows": replace(lattice, per_bellow=bellow),
-        "walls": replace(lattice, wall=2 * lattice.wall),
-        "section": section,
-        "bellows and walls": replace(lattice, per_bellow=bellow, wall=2 * lattice.wall),
-        "check": replace(
-            section, per_bellow=bellow, wall=2 * lattice.wall, fillet=lattice.fillet, ring=not lattice.ring
-        ),
-    }
+    unknown: str = ""
 
 
 def discretisation(
     model: Model,
     theta: Array,
     *,
-    finger: Finger,
-    lattice: Lattice,
+    structure: Structure,
     made_for: tuple[float, float] | None = None,
     keep: Keep = made_at_once,
 ) -> Discretisation:
-    """The modes of a model of the bellows finger at theta; its remainder is yet to be measured (NaN).
+    """The modes of a model of this structure at theta; their remainder is yet to be measured (NaN).
 
     made_for: C10 and C01 in MPa at which the finer meshes are solved, by default the model's own. Where only
     pressure loads the finger, U depends on p / (C10 + C01) and the share alone, so that they serve for any
@@ -72,20 +59,21 @@ def discretisation(
     every task by its key, made or stored. Raises ValueError where a finer mesh has no equilibrium.
     """
     test = model.put(model.named(theta))
-    q, own = model.solution(theta).pressure, test.case.materials["body"]
+    q = model.solution(theta).pressure
+    own = next(m for name, m in test.case.materials.items() if name not in test.case.kept)
     C10, C01 = made_for or (own.C10, own.C01)
-    material = replace(test.case.with_material(C10=C10, C01=C01).materials["body"], prony=())
+    constants = {"C10": C10, "C01": C01}
     scale = (C10 + C01) / (own.C10 + own.C01)
-    points, meshes = test.points[test.moving], {"base": lattice, **finer(lattice)}
+    points, meshes = test.points[test.moving], {"base": structure.base, **structure.finer}
     top = MARGIN * max(float(test.path.pressure.max()), 1e-6)
     grid = np.linspace(0.0, top, SAMPLES)
     forces = {name: tuple(map(float, f)) for name, f in test.case.forces.items()}
     keys = {
-        name: digest("discretisation", finger, mesh, material, points, grid, COUNT, repr(forces))
+        name: digest("discretisation", mesh.key, constants, points, grid, COUNT, repr(forces))
         for name, mesh in meshes.items()
     }
     tasks = {
-        keys[name]: partial(_response, material, finger, mesh, forces, grid, points)
+        keys[name]: partial(_response, mesh, constants, forces, grid, points)
         for name, mesh in reversed(meshes.items())  # the largest first
     }
     made = keep("discretisation error", tasks)
@@ -97,16 +85,22 @@ def discretisation(
     return Discretisation(modes[:-1], names[:-1], modes[-1])
 
 
+def unknown(targets: Targets, why: str) -> Discretisation:
+    """What stands for the modes of a mesh that cannot be refined."""
+    shape = targets.value.shape
+    return Discretisation(np.zeros((0, *shape)), (), np.zeros(shape), unknown=why)
+
+
 def _response(
-    material: Material, finger: Finger, lattice: Lattice, forces: dict[str, Any], grid: Array, points: Array
+    mesh: Mesh, constants: dict[str, float], forces: dict[str, Any], grid: Array, points: Array
 ) -> Array:
     """Displacements (k, p, 3) mm of points (p, 3) mm at pressures (k,) MPa, without history."""
-    case = replace(finger_case(material, finger=finger, lattice=lattice), forces=forces)
+    case = replace(mesh.build().with_material(**constants), forces=forces)
     solution = solve(case, Path(grid, grid, grid), count=COUNT)
     if not solution.converged:
         raise ValueError(
-            f"discretisation error: the finer mesh {lattice} {solution.reason}; fix C10 or C01 in twin.toml "
-            "[model] fixed, or film at a lower pressure"
+            f"discretisation error: the finer mesh of {len(case.nodes)} nodes {solution.reason}; fix C10 or "
+            "C01 in twin.toml [model] fixed, or film at a lower pressure"
         )
     return solution.at(points)
 

@@ -26,6 +26,16 @@ class Elasticity(Effect):
             if name not in self.fixed
         )
 
+    @property
+    def lowest(self) -> dict[str, float]:
+        """The smallest values that C10 and C01 may take, MPa."""
+        return {**{p.name: p.low for p in self.parameters}, **self.fixed}
+
+    @property
+    def highest(self) -> dict[str, float]:
+        """The largest values that they may take, MPa."""
+        return {**{p.name: p.high for p in self.parameters}, **self.fixed}
+
     def before(self, test: Test, theta: Theta) -> Test:
         values = {**theta, **self.fixed}
         return replace(test, case=test.case.with_material(C10=values["C10"], C01=values["C01"]))

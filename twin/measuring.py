@@ -237,7 +237,8 @@ def _measure_inputs(project: Project, table: CameraTable, camera: Path) -> dict[
             )
     inputs = [project.path(p) for p in (*named.values(), _pressure(project).file)]
     tables = ("cameras", "pressure", "measure", "frame", "points")
-    return {"tables": tables, "inputs": [*inputs, camera, *_dictionary_files(project, table.dictionary)]}
+    extra = [*_dictionary_files(project, table.dictionary), *project.deck_files()]
+    return {"tables": tables, "inputs": [*inputs, camera, *extra]}
 
 
 def _measured_by(project: Project) -> str | None:
@@ -248,6 +249,7 @@ def _measured_by(project: Project) -> str | None:
 
 def _marks(project: Project) -> list["Mark"]:
     """Return every marker with its nominal centre: those of the frame, and the finger's at their nodes."""
+    from twin.workbench import structure_of
     from vision import Mark
 
     marks = [Mark(m.name, m.marker, m.position_mm, m.role, m.size_mm) for m in project.config.frame.markers]
@@ -255,20 +257,12 @@ def _marks(project: Project) -> list["Mark"]:
     for point in project.config.points:
         position = point.position_mm
         if position is None:
-            case = case or _model()
+            case = case or structure_of(project).case
             x, y, z = (float(v) for v in case.position(point.node))
             position = (x, y, z)
         assert point.size_mm is not None  # the configuration refuses a film without it
         marks.append(Mark(point.name, point.marker, position, "finger", point.size_mm))
     return marks
-
-
-def _model() -> Any:
-    """Return the built-in finger: its nodes do not depend on the material."""
-    from fe.material import Material
-    from fe.mesh import finger_case
-
-    return finger_case(Material(C10=0.2, C01=0.1))
 
 
 # -- measuring ----------------------------------------------------------------------------------------------

@@ -108,6 +108,14 @@ class Project:
         nodes = {point.name: point.node for point in self.config.points}
         return read_targets(self.targets_folder, nodes=nodes)
 
+    def deck_files(self) -> list[Path]:
+        """Return the files of the user's own mesh, none for the built-in finger."""
+        if self.config.model.deck is None or not self.path(self.config.model.deck).is_file():
+            return []
+        from fe.keywords import files_of, read_keywords
+
+        return sorted(files_of(read_keywords(self.path(self.config.model.deck))))
+
     def lock(self, command: str) -> AbstractContextManager[None]:
         """Hold the project for one writing command; ValueError if a living process holds it."""
         return lock(self.root / ".lock", command)
@@ -154,7 +162,8 @@ class Project:
         Leaving the block marks it done, an exception failed with its sentence; after a kill or Ctrl-C it
         stays "running", and the same command resumes it.
         `how` (all optional): seed int; tables: names of the twin.toml tables it depends on (default all);
-        inputs: files and folders it reads (default targets/); extra: what else makes it another run.
+        inputs: files and folders it reads (default targets/ and the deck); extra: what else makes it another
+        run.
         """
         stamp = self._stamp(kind, **how)
         killed = self._with_status(kind, "running", stamp["digest"])
@@ -193,7 +202,9 @@ class Project:
     ) -> dict[str, Any]:
         """Return what makes a run what it is, with the digest over all of it."""
         config = self.config.model_dump(mode="json")
-        read = [self.targets_folder] if inputs is None and self.targets_folder.is_dir() else inputs or []
+        read = list(inputs or [])
+        if inputs is None:
+            read = [*([self.targets_folder] if self.targets_folder.is_dir() else []), *self.deck_files()]
         stamp: dict[str, Any] = {
             "kind": kind,
             "seed": seed,

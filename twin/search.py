@@ -7,7 +7,7 @@ import numpy as np
 
 from calibrate import Parameter, Population
 from twin.project import Run
-from twin.table import LoadPaths
+from twin.table import LoadPaths, Sheets
 from twin.targets import Array, Targets
 
 
@@ -42,7 +42,7 @@ class Objective:
         pressure = np.concatenate([[targets.pressure[step]], targets.pressure[targets.reference]])
         return Objective(step, rows, component, measured, pressure, fixed)
 
-    def cost(self, values: dict[str, float], paths: LoadPaths, points: Array) -> float:
+    def cost(self, values: dict[str, float], paths: LoadPaths | Sheets, points: Array) -> float:
         """The RMS in mm; inf where the model has no equilibrium at that pressure."""
         values = {**values, **self.fixed}
         total = values["C10"] + values["C01"]

@@ -28,15 +28,24 @@ STUDY_NODES = {"tip": 4401, "middle": 5848}  # the built-in finger's, used where
 NEXT = ("calibrate", "compare", "diagnose", "review")
 
 
-def run_init(folder: Path, say: Say, *, targets: Path | None, nodes: Sequence[str]) -> dict[str, Any]:
-    """Make a folder with a complete twin.toml; `targets` (a folder) are checked and copied."""
+def run_init(
+    folder: Path, say: Say, *, targets: Path | None, nodes: Sequence[str], deck: Path | None = None
+) -> dict[str, Any]:
+    """Make a folder with a complete twin.toml; `targets` (a folder) and `deck` are checked and copied.
+
+    nodes: NAME=LABEL of the points; all of them where a deck takes the place of the built-in finger.
+    """
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise ValueError(
             f"{folder} is there already and is never overwritten; name a folder that does not exist"
         )
     labels = dict(_node(text) for text in nodes)
-    config = film_config(folder.resolve().name) if targets is None else targets_config(
-        folder.resolve().name, read_targets(targets, nodes=labels), labels)  # fmt: skip
+    known = STUDY_NODES if deck is None else {}
+    own, files_of = (None, ()) if deck is None else _own_mesh(deck, labels, ask=targets is None)
+    config = film_config(folder.resolve().name, known | labels) if targets is None else targets_config(
+        folder.resolve().name, read_targets(targets, nodes=labels), known | labels)  # fmt: skip
+    if own is not None:
+        config = config.model_copy(update={"model": config.model.model_copy(update={"deck": own})})
     root = folder.resolve()
     draft = root.with_name(f".{root.name}.partial")
     shutil.rmtree(draft, ignore_errors=True)
@@ -45,6 +54,10 @@ def run_init(folder: Path, say: Say, *, targets: Path | None, nodes: Sequence[st
         (draft / "raw" / "boards").mkdir(parents=True)
     else:
         _copy_targets(targets, draft / "targets")
+    for file in files_of:
+        place = draft / "raw" / file.relative_to(files_of[0].parent)
+        place.parent.mkdir(parents=True, exist_ok=True)
+        shutil.copy2(file, place)
     if root.is_dir():
         root.rmdir()
     os.rename(draft, root)
@@ -57,7 +70,7 @@ def targets_config(name: str, targets: Targets, nodes: Mapping[str, int]) -> Con
     known = {
         n: int(node) for n, node in zip(targets.names, targets.nodes, strict=True) if node != NODE_UNKNOWN
     }
-    known = {n: STUDY_NODES[n] for n in targets.names if n in STUDY_NODES} | known | dict(nodes)
+    known = {n: nodes[n] for n in targets.names if n in nodes} | known
     missing = [n for n in targets.names if n not in known]
     if missing:
         raise ValueError(f"the node of point {', '.join(missing)} is not known: state it, as in --node "
@@ -65,15 +78,38 @@ def targets_config(name: str, targets: Targets, nodes: Mapping[str, int]) -> Con
     points = tuple(PointTable(name=n, node=known[n]) for n in targets.names if known[n] != 0)
     if not points:
         raise ValueError("targets: all points are fixed markers; wanted at least one on the finger")
-    names = [p.name for p in points]
-    objective = tuple(n for n in STUDY_NODES if n in names) or tuple(names)
+    objective = _objective(tuple(p.name for p in points))
     return Config(
         project=ProjectTable(name=name), points=points, calibrate=CalibrateTable(objective_points=objective),
         model=ModelTable(top_pressure_MPa=float(targets.pressure.max())),
     )  # fmt: skip
 
 
-def film_config(name: str) -> Config:
+def _objective(names: tuple[str, ...]) -> tuple[str, ...]:
+    return tuple(n for n in STUDY_NODES if n in names) or names
+
+
+def _own_mesh(deck: Path, nodes: Mapping[str, int], *, ask: bool) -> tuple[str, tuple[Path, ...]]:
+    """Return where a deck goes in the project, and its files; ValueError where it is not right.
+
+    ask: whether nodes have to be named, as no targets name them.
+    """
+    from fe.deck_in import read_deck
+
+    if not deck.is_file():
+        raise ValueError(f"--deck {deck}: no such file; wanted an Abaqus input deck")
+    if ask and not nodes:
+        raise ValueError("--deck without --node: name the nodes of your points, as in --node tip=4401")
+    found = read_deck(deck)
+    for label in nodes.values():
+        found.case.position(label)  # names what is wrong with an unknown node
+    for file in found.files:
+        if not file.resolve().is_relative_to(deck.resolve().parent):
+            raise ValueError(f"{deck.name} includes {file}: wanted it in the deck's folder or below")
+    return f"raw/{deck.name}", found.files
+
+
+def film_config(name: str, nodes: Mapping[str, int] = STUDY_NODES) -> Config:
     """Return a configuration for one film, to be filled in: the values of a typical rig stand in it."""
     rig = [(x, z) for z in (12.0, -75.0) for x in (-20.0, 15.0, 50.0, 85.0, 120.0)]
     markers = tuple(
@@ -85,12 +121,13 @@ def film_config(name: str) -> Config:
         name="side", film="raw/film.mp4", static="raw/static.mp4", boards="raw/boards/*.png",
         board=BoardTable(columns=9, rows=6, square_mm=15.0, marker_mm=11.0),
     )  # fmt: skip
-    points = (
-        PointTable(name="tip", node=4401, marker=0, size_mm=6.0),
-        PointTable(name="middle", node=5848, marker=1, size_mm=6.0),
+    points = tuple(
+        PointTable(name=point, node=node, marker=number, size_mm=6.0)
+        for number, (point, node) in enumerate(nodes.items())
     )
     return Config(project=ProjectTable(name=name), cameras=(camera,), pressure=PressureTable(),
-                  frame=FrameTable(markers=markers), points=points)  # fmt: skip
+                  frame=FrameTable(markers=markers), points=points,
+                  calibrate=CalibrateTable(objective_points=_objective(tuple(nodes))))  # fmt: skip
 
 
 def run_list(project: Project, *, stderr: bool) -> dict[str, Any]:
@@ -123,6 +160,8 @@ def run_check(project: Project, say: Say) -> dict[str, Any]:
     if missing:
         raise ValueError(f"missing in {project.root}: {'; '.join(missing)}")
     step = _next(project)
+    for line in _check_deck(project):
+        say(f"check: {line}")
     if project.targets_folder.is_dir():
         targets = project.targets()
         _check_points(project, targets)
@@ -133,8 +172,23 @@ def run_check(project: Project, say: Say) -> dict[str, Any]:
     return {"stage": "check", "status": "done", "next": step}
 
 
+def _check_deck(project: Project) -> tuple[str, ...]:
+    """Return what is to be known of the project's own mesh; ValueError where it is not right."""
+    if project.config.model.deck is None:
+        return ()
+    from twin.workbench import structure_of
+
+    structure = structure_of(project)
+    for point in project.config.points:
+        structure.case.position(point.node)
+    return structure.remarks
+
+
 def _missing_files(project: Project) -> list[str]:
     """Return what twin.toml names and is not there; a film is not asked for once its targets are there."""
+    deck = project.config.model.deck
+    if deck is not None and not project.path(deck).is_file():
+        return [f"{deck} (model.deck)"]
     if project.targets_folder.is_dir():
         return []
     if not project.config.cameras or project.config.pressure is None:

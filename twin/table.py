@@ -5,7 +5,7 @@ few shares (Chebyshev points) are solved once; between them the response is a po
 along them a cubic Hermite curve in the reduced pressure.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
@@ -19,8 +19,10 @@ TOTAL = 0.3  # MPa, C10 + C01 of the solved paths; any other follows by scaling
 REDUCED = (
     0.36  # p / (C10 + C01) to which paths are followed; beyond it no finger of this kind has an equilibrium
 )
+FIRST = 0.1  # reduced pressure that is tried first on a structure of which nothing is known
 SHARES = 5
 LEVELS = 18
+TOTALS = 7
 
 
 @dataclass(frozen=True)
@@ -52,26 +54,74 @@ class LoadPaths:
         return np.asarray(CubicSpline(self.reduced, blended, axis=0)(q))
 
 
-def load_paths(case: Case, points: Array, *, keep: Keep, key: str) -> LoadPaths:
-    """The load paths of a case at material points (p, 3) mm; `keep(stage, tasks)` makes or has them."""
+def reach(case: Case, wanted: float, *, keep: Keep, key: str) -> float:
+    """The reduced pressure p / (C10 + C01) to which a case can be followed, at most `wanted`."""
+    made = keep("reach of the load paths", {f"{key}-reach": partial(_reach, case, wanted)})
+    return float(made[f"{key}-reach"][0])
+
+
+def _reach(case: Case, wanted: float) -> Array:
+    """One number (1,): doubled until there is no equilibrium, as nothing is known of the structure."""
+    case, top = case.with_material(C10=0.7 * TOTAL, C01=0.3 * TOTAL), min(FIRST, wanted)
+    while True:
+        pressure = np.array([0.0, top * TOTAL])
+        reached = solve(case, Path(pressure, pressure, pressure), count=8).reached / TOTAL
+        if reached < top * (1 - 1e-9) or top >= wanted:
+            return np.array([min(1.2 * reached, wanted)])  # other shares may go a little further
+        top = min(2 * top, wanted)
+
+
+@dataclass(frozen=True)
+class Sheets:
+    """Load paths at several totals C10 + C01 (m,) MPa, increasing: of a structure that is not of one material
+    or has forces of its own, whose displacements depend on the total, too."""
+
+    totals: Array
+    paths: tuple[LoadPaths, ...]
+
+    def predict(self, total: float, share: float, pressure: Array) -> Array | None:
+        """As `LoadPaths.predict`, by a polynomial in the logarithm of the total."""
+        found = [one.predict(1.0, share, pressure / total) for one in self.paths]
+        beside = int(np.clip(np.searchsorted(self.totals, total), 1, len(self.totals) - 1))
+        if found[beside - 1] is None or found[beside] is None:
+            return None
+        known = [k for k, u in enumerate(found) if u is not None]
+        weights = BarycentricInterpolator(np.log(self.totals[known]), np.eye(len(known)))(np.log(total))
+        return np.asarray(sum(w * u for w, u in zip(weights, (found[k] for k in known), strict=True)), float)
+
+
+def sheets(
+    case: Case, points: Array, *, keep: Keep, key: str, top: float, totals: tuple[float, float]
+) -> Sheets:
+    """The load paths of a case between two totals C10 + C01 in MPa; see `load_paths`."""
+    x = 0.5 - 0.5 * np.cos(np.pi * (np.arange(TOTALS) + 0.5) / TOTALS)
+    at = totals[0] * (totals[1] / totals[0]) ** x
+    every = [load_paths(case, points, keep=keep, key=f"{key}-{t:.6g}", top=top, total=float(t)) for t in at]
+    return Sheets(at, tuple(every))
+
+
+def load_paths(
+    case: Case, points: Array, *, keep: Keep, key: str, top: float = REDUCED, total: float = TOTAL
+) -> LoadPaths:
+    """The load paths of a case at material points (p, 3) mm, followed to a reduced pressure `top` or to their
+    end; `keep(stage, tasks)` makes or has them. total: C10 + C01 in MPa at which they are solved."""
     shares = 0.5 - 0.5 * np.cos(np.pi * (np.arange(SHARES) + 0.5) / SHARES)
-    reduced = np.linspace(0, 1, 61) ** 1.3 * REDUCED
+    reduced = np.linspace(0, 1, 61) ** 1.3 * top
     keys = [f"{key}-path-{share:.6f}" for share in shares]
     tasks = {
-        k: partial(_one, case, float(share), reduced, points) for k, share in zip(keys, shares, strict=True)
+        k: partial(_one, case, float(share), total, reduced, points)
+        for k, share in zip(keys, shares, strict=True)
     }
     made = keep("load paths", tasks)
     u = np.array([made[k] for k in keys])
-    reached = np.array([reduced[np.isfinite(row[:, 0, 0])].max() for row in u])
-    top = np.where(reached < reduced[-1], reached, reduced[-1])
-    return LoadPaths(shares, reduced, _extended(u), top)
+    reached = np.array([reduced[np.isfinite(row[:, 0, 0])].max(initial=0.0) for row in u])
+    return LoadPaths(shares, reduced, _extended(u), np.minimum(reached, reduced[-1]))
 
 
-def _one(case: Case, share: float, reduced: Array, points: Array) -> Array:
+def _one(case: Case, share: float, total: float, reduced: Array, points: Array) -> Array:
     """Displacements (k, p, 3) mm along one path; NaN beyond its end."""
-    material = replace(case.materials["body"], C10=(1 - share) * TOTAL, C01=share * TOTAL, C20=0.0, prony=())
-    pressure = reduced * TOTAL
-    solution = solve(case.with_material(**vars(material)), Path(pressure, pressure, pressure), count=LEVELS)
+    pressure, case = reduced * total, case.with_material(C10=(1 - share) * total, C01=share * total)
+    solution = solve(case, Path(pressure, pressure, pressure), count=LEVELS)
     u = np.full((len(reduced), len(points), 3), np.nan)
     inside = pressure <= solution.reached * (1 + 1e-9)
     if inside.sum() > 3:
@@ -84,6 +134,7 @@ def _extended(u: Array) -> Array:
     polynomial."""
     out = u.copy()
     for path in out:
-        good = np.isfinite(path[:, 0, 0])
-        path[~good] = path[np.flatnonzero(good)[-1]]
+        good = np.flatnonzero(np.isfinite(path[:, 0, 0]))
+        last = path[good[-1]] if len(good) else 0.0
+        path[len(good) :] = last
     return out

@@ -8,13 +8,14 @@ import numpy as np
 from calibrate import Fit
 from fe import Case, Finger, Lattice
 from twin import files
-from twin.discretisation import MARGIN, Discretisation, discretisation
+from twin.discretisation import MARGIN, Discretisation, discretisation, unknown
 from twin.effects import effect
 from twin.effects_material import Elasticity
 from twin.fitting import measured_remainder
-from twin.model import Model, base_case, base_model
+from twin.model import Model, base_model
 from twin.parallel import WORKERS, Keep, finished
 from twin.project import Project, Say
+from twin.structure import Structure, of_deck, of_finger
 from twin.targets import NODE_UNKNOWN, Array, Targets
 
 SOFTEST = 0.7  # C10 + C01 of finer meshes over that of the model they serve; at most MARGIN
@@ -22,14 +23,17 @@ SOFTEST = 0.7  # C10 + C01 of finer meshes over that of the model they serve; at
 
 @dataclass(frozen=True)
 class Workbench:
-    """What a stage works with; `finger` and `lattice` are those of the embedded model."""
+    """What a stage works with."""
 
     project: Project
     targets: Targets
-    case: Case
-    finger: Finger
-    lattice: Lattice
+    structure: Structure
     elasticity: Elasticity
+
+    @property
+    def case(self) -> Case:
+        """The structure with nominal constants."""
+        return self.structure.case
 
     @staticmethod
     def of(project: Project) -> "Workbench":
@@ -40,15 +44,14 @@ class Workbench:
             raise ValueError(
                 f"model.fixed.{unknown[0]}: only C10 and C01 can be held; remove it from twin.toml"
             )
-        finger, lattice = Finger(), Lattice(refine=config.model.mesh)
-        targets, case = project.targets(), base_case(finger=finger, lattice=lattice)
+        structure, targets = structure_of(project), project.targets()
         for name, node in zip(targets.names, targets.nodes, strict=True):
             if node == NODE_UNKNOWN:
                 raise ValueError(f"point {name!r} has no node; give its node label in twin.toml [[points]]")
             if node:
-                case.position(int(node))  # names what is wrong with an unknown node
+                structure.case.position(int(node))  # names what is wrong with an unknown node
         elasticity = Elasticity(bounds=config.calibrate.bounds, fixed=config.model.fixed)
-        return Workbench(project, targets, case, finger, lattice, elasticity)
+        return Workbench(project, targets, structure, elasticity)
 
     def model(self, labels: Sequence[str] | None = None) -> Model:
         """The base model with the effects of these labels, by default those of twin.toml."""
@@ -81,11 +84,13 @@ class Workbench:
         """
         if self.targets.noise is None:
             return None
+        if self.structure.unknown:
+            return unknown(self.targets, self.structure.unknown)
         base, values = model.base, {**model.named(theta), **self.elasticity.fixed}
         own = base.theta(values)
         raw = discretisation(
-            base, own, finger=self.finger, lattice=self.lattice, keep=self.keeper(say),
-            made_for=self._made_for(values["C10"], values["C01"]),
+            base, own, structure=self.structure, keep=self.keeper(say),
+            made_for=self._made_for(values["C10"], values["C01"]) if self.structure.scales else None,
         )  # fmt: skip
         return measured_remainder(base, own, self.targets, raw)
 
@@ -98,6 +103,19 @@ class Workbench:
                 return float(a), float(b)
         files.write_json(path, [*known, [C10, C01]])
         return C10, C01
+
+
+def structure_of(project: Project) -> Structure:
+    """What the model of a project is made of. ValueError where its deck is not there or not right."""
+    table = project.config.model
+    if table.deck is None:
+        return of_finger(Finger(), Lattice(refine=table.mesh))
+    path = project.path(table.deck)
+    if not path.is_file():
+        raise ValueError(
+            f"model.deck = {table.deck!r}: no such file in {project.root}; copy it there or correct twin.toml"
+        )
+    return of_deck(path, mesh=table.mesh, silicone=table.silicone)
 
 
 def newest_fit(project: Project) -> Fit:

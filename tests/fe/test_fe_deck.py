@@ -213,7 +213,6 @@ def test_a_deck_of_abaqus_cae(tmp_path: File) -> None:
         ("neo hooke", "test data input", "from test data: wanted constants"),
         ("*Hyperelastic, neo hooke\n0.2, 0.005\n", "", r"material 'silicone' has no \*HYPERELASTIC"),
         ("*Solid Section, elset=All, material=Silicone\n,\n", "", r"element 7 has 0 \*SOLID SECTIONs"),
-        ("*Instance, name=Bar-1, part=Bar\n", "*Instance, name=Bar-1, part=Bar\n1., 0., 0.\n", "that is moved"),
     ],
 )  # fmt: skip
 def test_what_a_deck_lacks_is_named_with_its_line(tmp_path: File, old: str, new: str, told: str) -> None:

@@ -18,6 +18,7 @@ from twin.discretisation import Discretisation, discretisation
 from twin.effects import effect, library
 from twin.fitting import fit_model, measured_remainder, whitener_of
 from twin.model import Model, base_model
+from twin.structure import of_finger
 from twin.targets import Array, Targets
 
 # A ramp, a hold, a release in 0.4 s and a rest: seconds and kPa.
@@ -70,7 +71,8 @@ def laboratory(short_film: None, short: Finger, short_case: Case) -> Laboratory:
     nothing = Discretisation(np.zeros((0, 0, 0, 3)), (), np.zeros((0, 0, 3)))
     found = Laboratory(short, short_case, points, nodes, nothing)
     t = found.film(found.truth())(0)
-    mesh = discretisation(base_model(t, short_case), NOMINAL, finger=short, lattice=Lattice(per_bellow=2))
+    structure = of_finger(short, Lattice(per_bellow=2))
+    mesh = discretisation(base_model(t, short_case), NOMINAL, structure=structure)
     return replace(found, mesh=mesh)
 
 

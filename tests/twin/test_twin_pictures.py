@@ -191,9 +191,9 @@ def test_a_series_of_surface_cells_reads_back(tmp_path: Path, width: int, kind: 
 
 def test_cells_and_fields_that_do_not_fit_are_refused(tmp_path: Path) -> None:
     nodes = np.zeros((20, 3))
-    with pytest.raises(ValueError, match="cells have 20 nodes; wanted 27"):
+    with pytest.raises(ValueError, match="cells have 26 nodes; wanted 27"):
         deformed.write_vtu_series(
-            tmp_path, "s", nodes=nodes, cells=np.arange(20)[None], times=[0.0], fields={}
+            tmp_path, "s", nodes=nodes, cells=np.arange(26)[None], times=[0.0], fields={}
         )
     with pytest.raises(ValueError, match=r"field 'U' has shape \(2, 20, 3\); wanted \(1, 20\)"):
         deformed.write_vtu_series(

@@ -1,17 +1,18 @@
 """Displacements from the table of load paths against full finite elements, and where the table ends."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path as File
 
 import numpy as np
 import pytest
 
-from fe import Case, Lattice, Path, solve
+from fe import Case, Finger, Lattice, Material, Path, solve
 from fe.case import digest
 from twin import files
 from twin.model import base_case
 from twin.parallel import made_at_once
-from twin.table import LoadPaths, load_paths
+from twin.table import LoadPaths, load_paths, sheets
 from twin.targets import Array
 
 
@@ -85,3 +86,27 @@ def test_paths_are_kept_by_their_key(tmp_path: File, short_case: Case) -> None:
     assert len(set(made)) == 5
     assert all(name.startswith(key) for name in made)
     files.write_npz(tmp_path / f"{made[0]}.npz", {"array": np.zeros(1)})  # keys are fit for file names
+
+
+def test_of_two_materials_the_table_holds_the_total_as_well(short: Finger, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name, value in (("TOTALS", 4), ("SHARES", 3), ("LEVELS", 6)):
+        monkeypatch.setattr(f"twin.table.{name}", value)  # quick, and still within the tolerance
+    case = base_case(finger=short, lattice=Lattice(per_bellow=1))
+    low = np.flatnonzero(case.nodes[case.connectivity][..., 2].max(axis=1) < 3)
+    sets = {"body": np.setdiff1d(case.element_sets["body"], low), "sole": low}
+    stiff = Material(C10=1.0)
+    case = replace(case, element_sets=sets, materials={**case.materials, "sole": stiff}, kept=("sole",))
+    points = case.position(4401)[None]
+    table = sheets(case, points, keep=made_at_once, key="s", top=0.2, totals=(0.1, 0.5))
+    for total, share in ((0.15, 0.2), (0.33, 0.6)):
+        pressure = np.array([0.0, 0.1, 0.2]) * total
+        full = solve(case.with_material(C10=(1 - share) * total, C01=share * total), Path(pressure, pressure, pressure), count=6)
+        quick = table.predict(total, share, pressure)
+        assert quick is not None
+        u = full.at(points)
+        np.testing.assert_allclose(quick[[0, 2]], u[[0, 2]], rtol=0, atol=2e-3 * np.abs(u).max())
+        # one total for all would be wrong: the sole does not soften with the silicone
+        other = table.paths[0].predict(total, share, pressure)
+        assert other is not None
+        assert np.abs(other[2] - u[2]).max() > 0.02 * np.abs(u).max()
+    assert table.predict(0.3, 0.3, np.array([0.3 * 0.21])) is None
