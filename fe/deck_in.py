@@ -273,7 +273,7 @@ def _dload(draft: Draft, k: Keyword) -> None:
         _note_pressure(draft, k)
 
 
-def _gravity(draft: Draft, k: Keyword, line: int, words: list[str]) -> None:
+def _gravity(draft: Draft, k: Keyword, line: Place, words: list[str]) -> None:
     if words[0] and len(set(_members(k, draft.element_sets, words[0], line))) < len(draft.elements):
         raise k.error(f"GRAV on {words[0]}, a part of the elements: wanted all of them", line)
     size, *direction = k.numbers(line, words[2:6])

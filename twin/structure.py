@@ -131,8 +131,9 @@ def _divided(case: Case, mesh: int) -> Case:
 
 
 def _rubber(case: Case, fitted: tuple[str, ...]) -> Case:
-    """The case with the base law in the fitted sets, as compressible as in the deck."""
-    changed = {k: Material(*NOMINAL, bulk_ratio=case.materials[k].bulk_ratio) for k in fitted}
+    """The case with the base law in the fitted sets, as compressible and heavy as in the deck."""
+    own = {k: case.materials[k] for k in fitted}
+    changed = {k: Material(*NOMINAL, bulk_ratio=m.bulk_ratio, density=m.density) for k, m in own.items()}
     kept = tuple(k for k in case.materials if k not in fitted)
     return replace(case, materials={**case.materials, **changed}, kept=kept)
 
