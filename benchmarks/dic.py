@@ -1,0 +1,73 @@
+"""Registration of subsets on pictures of the DIC Challenge, sample 5, whose shifts are commanded.
+
+    python benchmarks/dic.py
+
+Subsets of 41x41 px side by side over the whole picture. `dic_bias_px` is the largest distance between mean
+and commanded shift, `dic_sd_px` the largest sd, over both axes and both pictures. Data:
+$SOFTTWIN_DATA/dic_challenge_5.
+"""
+
+import os
+import sys
+from pathlib import Path
+from typing import Any
+
+import _first  # noqa: F401
+import cv2
+import numpy as np
+
+from vision import dic
+
+ROOT = Path(__file__).resolve().parents[1]
+DATA = Path(os.environ.get("SOFTTWIN_DATA", ROOT.parent / "shared" / "data")) / "dic_challenge_5"
+PICTURES = {
+    0.0: "Sample5-000_X0.00_Y0.00_N2_C75_R10.tif",
+    0.1: "Sample5-001_X0.10_Y0.10_N2_C100_R20.tif",
+}  # commanded shift px in x and y
+
+
+def read(path: Path) -> Any:
+    """A picture in grey."""
+    picture = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+    assert picture is not None, path
+    return picture
+
+
+def trial(folder: Path, subset: int) -> list[tuple[float, dic.Field]]:
+    """Commanded shift px and measured field for each picture."""
+    reference = read(folder / "Sample5_Reference.tif")
+    centre = dic.grid_of(np.ones(reference.shape, dtype=bool), subset=subset, step=subset)
+    subsets = dic.cut(dic.smooth(reference), centre, subset=subset)
+    return [(shift, dic.field(subsets, dic.smooth(read(folder / name)))) for shift, name in PICTURES.items()]
+
+
+def figures(quick: bool) -> dict[str, Any]:
+    """Bias and sd at 41x41; None where the pictures are absent."""
+    if not DATA.is_dir():
+        return {"dic_bias_px": None, "dic_sd_px": None}
+    print(
+        "| subset | shift px | found | mean x, y px | sd x, y px | pull |\n|---|---|---|---|---|---|",
+        file=sys.stderr,
+    )
+    worst: dict[str, float] = {}
+    for subset in (21, 31, 41, 61):
+        for shift, found in trial(DATA, subset):
+            seen = np.isfinite(found.correlation)
+            moved = found.displacement[seen]
+            mean, sd = moved.mean(axis=0), moved.std(axis=0, ddof=1)
+            stated = np.sqrt(found.covariance[seen][:, [0, 1], [0, 1]])
+            pull = np.sqrt(np.mean(((moved - mean) / stated) ** 2))
+            print(
+                f"| {subset} | {shift:.2f} | {seen.sum()} of {len(seen)} | {mean[0]:.4f}, {mean[1]:.4f} | "
+                f"{sd[0]:.4f}, {sd[1]:.4f} | {pull:.2f} |",
+                file=sys.stderr,
+            )
+            if subset == 41:
+                bias = float(np.abs(mean - shift).max())
+                worst["dic_bias_px"] = max(bias, worst.get("dic_bias_px", 0.0))
+                worst["dic_sd_px"] = max(float(sd.max()), worst.get("dic_sd_px", 0.0))
+    return worst
+
+
+if __name__ == "__main__":
+    print(figures(quick=False))

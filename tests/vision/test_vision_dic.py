@@ -1,0 +1,130 @@
+"""Full-field registration: known fields, pulls, occlusion, and a real picture pair with a commanded shift."""
+
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from vision import dic
+
+Array = NDArray[np.float64]
+SIZE = 240  # px
+NOISE = 2.0  # grey levels
+
+
+def speckled(
+    place: Callable[[Array], Array], *, noise: float = NOISE, seed: int = 0, cover: float = 0.0
+) -> NDArray[np.uint8]:
+    """Picture of Gaussian blobs: the material point at pixel x is place(x); drawn in closed form, no warping."""
+    rng = np.random.default_rng(5)
+    blobs = rng.uniform(-40, SIZE + 40, (4200, 2))
+    y, x = np.mgrid[0:SIZE, 0:SIZE].astype(np.float64)
+    pixel = np.stack([x.ravel(), y.ravel()], axis=1)
+    material = place(pixel)
+    grey = np.zeros(len(pixel))
+    order = np.argsort(material[:, 1], kind="stable")
+    rows = material[order, 1]
+    for bx, by in blobs:
+        first, last = np.searchsorted(rows, [by - 9.0, by + 9.0])
+        near = order[first:last]
+        distance = (material[near, 0] - bx) ** 2 + (material[near, 1] - by) ** 2
+        grey[near] += np.exp(-np.minimum(distance, 100.0) / (2 * 1.6**2))
+    picture = (200.0 - 60.0 * np.minimum(grey, 2.5)).reshape(SIZE, SIZE)
+    if cover:
+        picture[:, : int(cover * SIZE)] = 120.0
+    picture = picture + noise * np.random.default_rng([seed, 9]).standard_normal(picture.shape)
+    return np.asarray(np.clip(np.rint(picture), 0, 255), dtype=np.uint8)
+
+
+def measured(picture: NDArray[np.uint8], *, subset: int = 25, step: int = 18) -> dic.Field:
+    reference = dic.smooth(speckled(lambda x: x))
+    centre = dic.grid_of(np.ones((SIZE, SIZE), dtype=bool), subset=subset, step=step)
+    return dic.field(dic.cut(reference, centre, subset=subset), dic.smooth(picture))
+
+
+def affine(matrix: Array, shift: Array) -> tuple[Callable[[Array], Array], Callable[[Array], Array]]:
+    """Material point of a pixel, and displacement of a material point, for y = c + F (x - c) + shift."""
+    middle = np.full(2, SIZE / 2)
+    inverse = np.linalg.inv(matrix)
+
+    def place(pixel: Array) -> Array:
+        return np.asarray(middle + (pixel - middle - shift) @ inverse.T)
+
+    def displacement(x: Array) -> Array:
+        return np.asarray((x - middle) @ (matrix - np.eye(2)).T + shift)
+
+    return place, displacement
+
+
+def turned(angle: float) -> Array:
+    return np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+
+
+@pytest.mark.parametrize(
+    "matrix",
+    [np.eye(2), np.array([[1.012, 0.004], [-0.003, 0.991]]), turned(0.15)],
+    ids=["shift", "strain", "rotation"],
+)
+def test_a_known_field_is_measured_with_pulls_of_one(matrix: Array) -> None:
+    place, displacement = affine(matrix, np.array([3.37, -2.81]))
+    found = measured(speckled(place, seed=1))
+    seen = np.isfinite(found.correlation)
+    assert seen.sum() > 0.7 * len(seen)  # the others leave the picture
+    error = found.displacement[seen] - displacement(found.centre[seen])
+    chi2 = np.einsum("pi,pij,pj->p", error, np.linalg.inv(found.covariance[seen]), error) / 2
+    # 100 subsets of 2 components that share a third of their pixels: sd of the mean about 0.1
+    assert chi2.mean() == pytest.approx(1.0, abs=0.3)
+    assert np.abs(error.mean(axis=0)).max() < 0.002
+    assert found.gradient[seen].mean(axis=0) == pytest.approx(matrix - np.eye(2), abs=2e-4)
+
+
+def test_what_is_covered_is_lost_with_a_reason_and_nothing_is_invented() -> None:
+    place, displacement = affine(np.eye(2), np.array([1.3, 0.4]))
+    found = measured(speckled(place, seed=1, cover=0.45))
+    hidden, shown = found.centre[:, 0] < 0.40 * SIZE, found.centre[:, 0] > 0.52 * SIZE
+    lost = np.array([bool(why) for why in found.reason])
+    assert lost[hidden].all()
+    assert np.isnan(found.displacement[lost]).all()
+    assert np.isnan(found.covariance[lost]).all()
+    assert (~lost[shown]).mean() > 0.85
+    assert found.displacement[~lost] == pytest.approx(displacement(found.centre[~lost]), abs=0.05)
+    assert found.reason[int(np.flatnonzero(hidden)[0])].startswith("nothing like it within reach")
+
+
+def test_a_patch_without_texture_is_refused() -> None:
+    picture = speckled(lambda x: x)
+    picture[60:140, 60:140] = 128
+    centre = np.array([[100.0, 100.0], [180.0, 180.0], [3.0, 100.0]])
+    subsets = dic.cut(dic.smooth(picture), centre, subset=25)
+    assert subsets.refused == ("no texture", "", "outside the picture")
+    found = dic.field(subsets, dic.smooth(picture))
+    assert np.isfinite(found.correlation).tolist() == [False, True, False]
+
+
+def test_a_grid_stays_inside_its_mask() -> None:
+    mask = np.zeros((100, 120), dtype=bool)
+    mask[20:80, 30:110] = True
+    centre = dic.grid_of(mask, subset=21, step=10)
+    assert len(centre)
+    assert centre.min(axis=0).tolist() >= [40.0, 30.0]
+    assert centre.max(axis=0).tolist() <= [99.0, 69.0]
+    with pytest.raises(ValueError, match="wanted an odd subset of 9 px"):
+        dic.grid_of(mask, subset=20, step=10)
+
+
+def test_shifts_of_real_pictures_are_the_commanded_ones(shared_data: Path) -> None:
+    sys.path.append(str(Path(__file__).resolve().parents[2] / "benchmarks"))
+    import dic as benchmark
+
+    for shift, found in benchmark.trial(shared_data / "dic_challenge_5", 41):
+        seen = np.isfinite(found.correlation)
+        moved = found.displacement[seen]
+        assert seen.sum() >= 120  # of 144; those at the picture's edge leave it
+        assert np.abs(moved.mean(axis=0) - shift).max() <= 0.002
+        assert moved.std(axis=0, ddof=1).max() <= 0.003
+        stated = np.sqrt(found.covariance[seen][:, [0, 1], [0, 1]])
+        pulls = (moved - moved.mean(axis=0)) / stated
+        assert np.sqrt(np.mean(pulls**2)) == pytest.approx(1.0, abs=0.2)
