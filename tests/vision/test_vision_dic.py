@@ -111,7 +111,7 @@ def test_a_grid_stays_inside_its_mask() -> None:
     assert len(centre)
     assert centre.min(axis=0).tolist() >= [40.0, 30.0]
     assert centre.max(axis=0).tolist() <= [99.0, 69.0]
-    with pytest.raises(ValueError, match="wanted an odd subset of 9 px"):
+    with pytest.raises(ValueError, match="wanted an odd subset of at least 9 px"):
         dic.grid_of(mask, subset=20, step=10)
 
 
