@@ -3,11 +3,11 @@
     python benchmarks/budget.py [--quick] [--films N] [--seed N]
 
 Every film has its own camera (pose, lens; the stated camera differs from the true one by a draw from the
-stated covariance), noise, codec (every fourth film H.264, the others lossless) and rig. Drawn at a size of their own, between
-stated / 10 and stated of the defaults: frame marks off their places, scale, tags off their nodes, nodes off
-the model's, heights, motion out of the plane (its law is not the budget's), and the film's clock. A pull is
-measured minus true displacement of the model's point over the stated sd, modes included; 1 is right. Exits
-with 1 unless all are within 0.9 to 1.1 (0.8 to 1.2 with --quick).
+stated covariance), noise, codec (every fourth film H.264, the others lossless) and rig. Drawn at a size of
+their own, between stated / 10 and stated of the defaults: frame marks off their places, scale, tags off their
+nodes, nodes off the model's, heights, motion out of the plane (its law is not the budget's), and the film's
+clock. A pull is measured minus true displacement of the model's point over the stated sd, modes included; 1
+is right. Exits with 1 unless all are within 0.9 to 1.1 (0.8 to 1.2 with --quick).
 """
 
 import argparse
