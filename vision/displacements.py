@@ -19,6 +19,7 @@ from vision.noise import (
     NoiseModel,
     codec_noise,
     codec_sd,
+    hidden_in_static,
     states,
     static_noise,
     with_y,
@@ -173,6 +174,7 @@ def displacements(
         _lost(followed, marks, plane.homography),
         budget(parts, fields, names, seen),
         (
+            *hidden_in_static(rest_place, [mark.name for mark in output], static),
             *remarks,
             *_corrected(output, height[points], view),
             *depth.alarms(followed.time, size, size_sd, output, view, sd_mm=stated.out_of_plane_mm),

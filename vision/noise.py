@@ -1,13 +1,11 @@
 """Static film and re-coded film in, noise model in mm out: what scatters at rest, and what the codec adds."""
 
-import re
 import tempfile
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
 
-import av
 import numpy as np
 from numpy.typing import NDArray
 
@@ -17,10 +15,12 @@ from vision.marks import px_per_unit
 from vision.plane import homographies, to_plane
 from vision.reference import Follower
 from vision.tracks import Followed, Progress, centres
+from vision.turns import mean_seen
 from vision.video import Image, Video, Writer
 
 MIN_STATIC = 120
 WINDOW = 60  # frames coded again
+LEAST_MM = 1e-6  # mm, sd of a mark that coding freezes
 MIN_SAMPLES = 10  # values that make an estimate of their own
 SETTLE = 5  # first frames of the window, near the key frame, left out
 SHIFT = np.array([5.0, 3.0])  # px, off every block grid
@@ -30,7 +30,6 @@ FAST_PX = 1.0  # px per frame: below it a moving patch creeps
 # A pass over decoded frames errs by 0.75 to 0.95 of what the first pass did (drawn film).
 FIRST_PASS = 1.2
 LOSSLESS = ("ffv1", "huffyuv", "ffvhuff", "utvideo", "png", "rawvideo", "qtrle")
-DEFAULT_CRF = 18.0
 CODERS = {"hevc": "libx265"}
 
 
@@ -58,26 +57,41 @@ def static_noise(place: Array, names: Sequence[str], film: str) -> NoiseModel:
     """Noise model of places (t,p,2) mm (x, z) at rest, without its codec term.
 
     names: (p,) of the points.   film: name of the static film.
-    sd with t - 1 degrees of freedom; rho = sum e_t e_t+1 / sum e_t^2. Raises ValueError for a point that
-    is seen in fewer than 120 frames.
+    sd with t - 1 degrees of freedom; rho = sum e_t e_t+1 / sum e_t^2. A point that is seen in fewer than 120
+    frames takes the largest sd and rho of the others. Raises ValueError when none is seen more often.
     """
-    seen = np.isfinite(place[..., 0])
-    few = np.flatnonzero(seen.sum(axis=0) < MIN_STATIC)
-    if len(few):
+    count = np.isfinite(place[..., 0]).sum(axis=0)
+    enough = count >= MIN_STATIC
+    if not enough.any():
+        most = int(np.argmax(count))
         raise ValueError(
-            f"static film {film} shows mark {names[few[0]]!r} in {seen[:, few[0]].sum()} frames, wanted "
-            f"{MIN_STATIC}: film every mark at rest for longer"
+            f"static film {film} shows mark {names[most]!r} in {count[most]} frames and none in more, wanted "
+            f"{MIN_STATIC}: film the marks at rest for longer"
         )
-    error = place - np.nanmean(place, axis=0)
-    power = np.nanmean(error**2, axis=0)
-    sd = np.sqrt(power * (seen.sum(axis=0) / (seen.sum(axis=0) - 1.0))[:, None])
-    rho = np.nanmean(error[1:] * error[:-1], axis=0) / power
+    error = np.nan_to_num(place - mean_seen(place)) * enough[:, None]
+    power = np.maximum((error**2).sum(axis=0), count[:, None] * LEAST_MM**2)
+    sd, rho = np.zeros(power.shape), np.zeros(power.shape)
+    sd[enough] = np.sqrt(power / np.maximum(count - 1, 1)[:, None])[enough]
+    rho[enough] = np.clip((error[1:] * error[:-1]).sum(axis=0)[enough] / power[enough], 0.0, 0.95)
+    sd[~enough], rho[~enough] = sd.max(axis=0), rho.max(axis=0)
     return NoiseModel(
         with_y(sd),
-        with_y(np.clip(rho, 0.0, 0.95)),
-        _correlation(np.nan_to_num(error)),
-        int(seen.all(axis=1).sum()),
+        with_y(rho),
+        _correlation(error, enough),
+        int(np.isfinite(place[:, enough, 0]).all(axis=1).sum()),
         np.zeros((len(names), 3)),
+    )
+
+
+def hidden_in_static(place: Array, names: Sequence[str], film: str) -> tuple[str, ...]:
+    """One sentence about the points (t,p,2) that the static film shows too rarely to tell their noise."""
+    count = np.isfinite(place[..., 0]).sum(axis=0)
+    few = [name for name, n in zip(names, count, strict=True) if n < MIN_STATIC]
+    if not few:
+        return ()
+    return (
+        f"static film {film} shows {', '.join(map(repr, few))} in fewer than {MIN_STATIC} frames: the "
+        "largest noise of the other marks is taken",
     )
 
 
@@ -86,11 +100,11 @@ def with_y(xz: Array) -> Array:
     return np.stack([xz[..., 0], np.full(xz.shape[:-1], np.nan), xz[..., 1]], axis=-1)
 
 
-def _correlation(error: Array) -> Array:
-    count = error.shape[1]
-    full = np.eye(3 * count)
-    rows = np.flatnonzero(np.tile([True, False, True], count))
-    full[np.ix_(rows, rows)] = np.corrcoef(error.reshape(len(error), -1), rowvar=False)
+def _correlation(error: Array, known: NDArray[np.bool_]) -> Array:
+    """Correlation (3p,3p) of errors (t,p,2) of the known points (p,); identity where nothing is known."""
+    full = np.eye(3 * error.shape[1])
+    rows = np.flatnonzero((known[:, None] & [True, False, True]).ravel())
+    full[np.ix_(rows, rows)] = np.corrcoef(error[:, known].reshape(len(error), -1), rowvar=False)
     return full
 
 
@@ -139,7 +153,7 @@ def codec_noise(
     plane: (f,2) mm nominal places of the frame marks, rows `frame` of the marks.
     points: rows of the output.
     """
-    name, crf = _coding(film.path)
+    name, crf = film.coding()
     if name in LOSSLESS:
         return Codec(np.zeros(3), np.zeros(3), np.zeros(3))
     first = _fastest(followed.ideal)
@@ -170,15 +184,6 @@ def _mean_square(error: Array) -> Array:
     """Mean square (2,) over all values that are seen, 0 without any."""
     seen = error[np.isfinite(error).all(axis=-1)]
     return np.mean(seen**2, axis=0) if len(seen) else np.zeros(2)
-
-
-def _coding(path: Path) -> tuple[str, float]:
-    """Codec of the film and its constant rate factor, where x264 or x265 left it in the stream."""
-    with av.open(str(path)) as container:
-        stream = container.streams.video[0]
-        packet = next(container.demux(stream))
-        told = re.search(rb"crf=([0-9.]+)", bytes(packet)[:4000])
-        return stream.codec_context.name, float(told.group(1)) if told else DEFAULT_CRF
 
 
 def _fastest(ideal: Array) -> int:

@@ -6,8 +6,9 @@ import numpy as np
 
 from vision.camera import Array
 from vision.noise import NoiseModel, with_y
-from vision.plane import Plane, place_noise
+from vision.plane import MIN_VISIBLE, Plane, place_noise
 from vision.tracks import Followed
+from vision.turns import mean_seen
 
 OWN = 0.1  # least share of a mark's static variance that is its own and not the frame marks'
 CLEARLY = 3.0  # times the usual residual variance
@@ -28,14 +29,17 @@ def at_rest(noise: NoiseModel, plane: Plane, place: Array) -> Rest:
 
     place: (t,p,2) mm in the static film.
 
-    The frame marks' scatter about their own homography has 2 f - 8 degrees of freedom in every frame.
+    The scatter of f frame marks about their own homography has 2 f - 8 degrees of freedom in every frame.
     """
-    whole = plane.seen.all(axis=1)
-    scatter = plane.residual[whole] - plane.residual[whole].mean(axis=0)
-    free = max(len(scatter) - 1, 1) * (2 * len(plane.nominal) - 8)
-    variance = float(np.sum(scatter**2)) / free  # mm2
-    unit = np.nanmean(np.diagonal(place_noise(plane, place), axis1=2, axis2=3), axis=0)
+    scatter = plane.residual - mean_seen(plane.residual)
+    count = plane.seen.sum(axis=1)
+    # Every mark's mean place is fitted too, the homography's own part of it not.
+    free = np.sum(2 * count[count > MIN_VISIBLE] - 8) - (2 * np.count_nonzero(plane.seen.any(axis=0)) - 8)
+    variance = float(np.nansum(scatter**2) / max(free, 1))  # mm2
+    unit = mean_seen(np.diagonal(place_noise(plane, place), axis1=2, axis2=3))
     pixel_variance = variance * _px2_per_mm2(plane)
+    # A mark that the static film hides takes the largest of the others, as its noise does.
+    unit = np.where(np.isnan(unit), np.nanmax(unit, axis=0), unit)
     return Rest(noise, variance, pixel_variance, pixel_variance * unit)
 
 

@@ -1,6 +1,7 @@
 """Film in, time-stamped grey frames out: the container's own time stamps, one frame in memory at a time."""
 
 import os
+import re
 from collections.abc import Iterator
 from fractions import Fraction
 from pathlib import Path
@@ -8,12 +9,16 @@ from typing import Any
 
 import av
 import numpy as np
+from av.container import InputContainer
+from av.packet import Packet
 from av.video.frame import VideoFrame
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
 
+HALF_TICK = 1e-6  # s, below every time base
+DEFAULT_CRF = 18.0
 _PLANAR = ("yuv420p", "yuvj420p", "yuv422p", "yuvj422p", "yuv444p", "yuvj444p", "nv12", "gray")
 
 
@@ -23,7 +28,8 @@ class Video:
     path: film in any container and codec that FFmpeg reads.
 
     `time` (t,) s is sorted; `issues` holds one sentence each about gaps, duplicates and time stamps that
-    run backwards. Raises ValueError when the file is missing, is not a video, or holds no frame.
+    run backwards. Frames are turned as the container asks (phones film on their side), like OpenCV turns
+    pictures. Raises ValueError when the file is missing, is not a video, or holds no frame.
     """
 
     def __init__(self, path: Path | str) -> None:
@@ -37,20 +43,21 @@ class Video:
                 f"film {self.path} cannot be read as a video ({error}): "
                 "give a file that FFmpeg can play, for example mp4 or mkv"
             ) from error
-        self.height, self.width = first.height, first.width
+        self.turns = round(first.rotation / 90) % 4  # quarter turns to the left
+        size = (first.height, first.width)
+        self.height, self.width = size if self.turns % 2 == 0 else size[::-1]
         self.time: Array = np.sort(stamps)
-        self.issues: tuple[str, ...] = _issues(self.path.name, self.time, backwards, int(first.rotation))
+        self._in_order = backwards > 0  # the frames' own stamps are of no use, only their order
+        self.issues: tuple[str, ...] = _issues(self.path.name, self.time, backwards, 90 * self.turns)
 
     def _scan(self) -> tuple[VideoFrame, Array, int]:
         """First frame, time stamps (t,) s of all frames, number of them that run backwards."""
+        first = next(self._decoded(), None)
         with av.open(str(self.path)) as container:
             stream = container.streams.video[0]
-            first = next(container.decode(stream), None)
             reorders = bool(stream.codec_context.has_b_frames)
-        with av.open(str(self.path)) as container:
-            stream = container.streams.video[0]
             base = float(stream.time_base or 0)
-            packets = [p.pts for p in container.demux(stream) if p.pts is not None and not p.is_discard]
+            packets = [p.pts for p in _packets(container) if p.pts is not None and not p.is_discard]
         if first is None or not packets:
             raise ValueError(f"film {self.path} holds no frame that can be decoded: record or copy it again")
         stamps = np.asarray(packets, dtype=np.float64)
@@ -58,25 +65,53 @@ class Video:
         # display times. The decoder's order is then the right one; only decoding shows what it is.
         backwards = 0
         if reorders:
-            stamps = self._decoded_stamps()
+            stamps = np.array([f.pts for f in self._decoded() if f.pts is not None], dtype=np.float64)
             backwards = int(np.sum(np.diff(stamps) < 0))
         return first, stamps * base, backwards
 
-    def _decoded_stamps(self) -> Array:
+    def _decoded(self) -> Iterator[VideoFrame]:
+        """Frames in the order they are shown; a packet that cannot be decoded is passed over."""
         with av.open(str(self.path)) as container:
-            frames = container.decode(container.streams.video[0])
-            return np.array([frame.pts for frame in frames if frame.pts is not None], dtype=np.float64)
+            for packet in _packets(container):
+                try:
+                    yield from packet.decode()
+                except av.error.InvalidDataError:
+                    continue
 
     def frames(self) -> Iterator[tuple[int, float, Image]]:
-        """Frames in the order they are shown: (index, time s, grey levels (h,w)).
+        """Frames in the order they are shown: (index into `time`, time s, grey levels (h,w)).
 
-        The i-th frame shown takes the i-th time stamp in order. Only one frame is held in memory.
+        A frame that cannot be decoded is left out. Where time stamps run backwards, the i-th frame shown
+        takes the i-th of them in order. Only one frame is held in memory.
         """
+        index = -1
+        for frame in self._decoded():
+            index += 1
+            if not self._in_order and frame.pts is not None:
+                stamp = float(frame.pts * (frame.time_base or 0))
+                index = max(index, int(np.searchsorted(self.time, stamp - HALF_TICK)))
+            if index < len(self.time):
+                yield index, float(self.time[index]), np.ascontiguousarray(np.rot90(_luma(frame), self.turns))
+
+    def coding(self) -> tuple[str, float]:
+        """Codec of the film and its constant rate factor, where x264 or x265 left it in the stream."""
         with av.open(str(self.path)) as container:
-            stream = container.streams.video[0]
-            for index, frame in enumerate(container.decode(stream)):
-                if index < len(self.time):
-                    yield index, float(self.time[index]), _luma(frame)
+            packet = next(_packets(container))
+            told = re.search(rb"crf=([0-9.]+)", bytes(packet)[:4000])
+            name = container.streams.video[0].codec_context.name
+            return name, float(told.group(1)) if told else DEFAULT_CRF
+
+
+def _packets(container: InputContainer) -> Iterator[Packet]:
+    """Packets of the film; a file that was cut off ends where it was cut."""
+    packets = container.demux(container.streams.video[0])
+    while True:
+        try:
+            yield next(packets)
+        except StopIteration:
+            return
+        except (av.error.InvalidDataError, av.error.EOFError):
+            return
 
 
 def _luma(frame: VideoFrame) -> Image:
@@ -109,8 +144,8 @@ def _issues(name: str, time: Array, backwards: int, rotation: int) -> tuple[str,
         )
     if rotation:
         said.append(
-            f"{name}: the container asks for a rotation by {rotation} degrees, which is not applied; "
-            "board images must come from the same unrotated pixels"
+            f"{name}: turned by {rotation} degrees to the left, as the container asks; board images must "
+            "be turned the same way"
         )
     return tuple(said)
 

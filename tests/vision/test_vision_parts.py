@@ -10,7 +10,7 @@ from scipy.ndimage import gaussian_filter
 
 from vision import Mark, synthetic
 from vision.dots import find_dot
-from vision.noise import CREEP, FAST, REST, states, static_noise
+from vision.noise import CREEP, FAST, REST, hidden_in_static, states, static_noise
 from vision.plane import fit_homography, homographies, to_plane
 
 Array = NDArray[np.float64]
@@ -128,11 +128,17 @@ def test_noise_model_recovers_sd_rho_and_correlation() -> None:
     assert model.frames == 3000
 
 
-def test_noise_model_refuses_a_mark_that_is_hidden() -> None:
-    place = np.zeros((130, 2, 2))
-    place[:20, 1] = np.nan
-    with pytest.raises(ValueError, match=r"static film still\.mp4 shows mark 'b' in 110 frames, wanted 120"):
-        static_noise(place, ["a", "b"], "still.mp4")
+def test_a_mark_hidden_in_the_static_film_takes_the_largest_noise_of_the_others() -> None:
+    place = np.array([0.01, 0.03, 0.02])[:, None] * np.random.default_rng(5).standard_normal((400, 3, 2))
+    place[:300, 2] = np.nan
+    model = static_noise(place, ["a", "b", "c"], "still.mp4")
+    np.testing.assert_allclose(model.sd[:, 0], [0.01, 0.03, 0.03], rtol=0.12)  # 3 sd at 400 frames
+    np.testing.assert_array_equal(model.sd[2], model.sd[1])
+    np.testing.assert_array_equal(model.correlation[6:], np.eye(9)[6:])
+    (said,) = hidden_in_static(place, ["a", "b", "c"], "still.mp4")
+    assert "static film still.mp4 shows 'c' in fewer than 120 frames" in said
+    with pytest.raises(ValueError, match=r"still\.mp4 shows mark 'a' in 110 frames and none in more, wanted"):
+        static_noise(place[:110], ["a", "b", "c"], "still.mp4")
 
 
 def test_what_a_patch_does() -> None:
