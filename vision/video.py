@@ -48,7 +48,7 @@ class Video:
         self.height, self.width = size if self.turns % 2 == 0 else size[::-1]
         self.time: Array = np.sort(stamps)
         self._in_order = backwards > 0  # the frames' own stamps are of no use, only their order
-        self.issues: tuple[str, ...] = _issues(self.path.name, self.time, backwards, 90 * self.turns)
+        self.issues: tuple[str, ...] = stamp_issues(self.path.name, self.time, backwards, 90 * self.turns)
 
     def _scan(self) -> tuple[VideoFrame, Array, int]:
         """First frame, time stamps (t,) s of all frames, number of them that run backwards."""
@@ -123,7 +123,8 @@ def _luma(frame: VideoFrame) -> Image:
     return np.ascontiguousarray(rows[: frame.height, : frame.width])
 
 
-def _issues(name: str, time: Array, backwards: int, rotation: int) -> tuple[str, ...]:
+def stamp_issues(name: str, time: Array, backwards: int, rotation: int) -> tuple[str, ...]:
+    """What is wrong with time stamps (t,) s in order, and what was done about it, one sentence each."""
     said = []
     if backwards:
         said.append(
