@@ -9,7 +9,6 @@ from vision.locate import locate
 from vision.marks import Mark
 from vision.modes import Stated
 from vision.noise import NoiseModel
-from vision.series import open_film
 from vision.tracks import Tracks
 from vision.video import Video
 
@@ -26,6 +25,4 @@ __all__ = [
     "calibrate_camera",
     "locate",
     "measure",
-    "open_film",
-    "read_camera",
 ]

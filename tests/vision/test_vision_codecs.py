@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from vision import Video, open_film
+from vision import Video
+from vision.series import open_film
 
 Image = NDArray[np.uint8]
 STAMPS = [0, 40, 80, 130, 160, 200, 260, 280, 320, 360, 400, 440]  # ms, not even
