@@ -18,6 +18,7 @@ np.seterr(all="raise")
 ROOT = Path(__file__).resolve().parents[1]
 HINTS = {
     "ccx": "CalculiX is not installed (apt package calculix-ccx)",
+    "pdftoppm": "poppler is not installed (apt package poppler-utils)",
     "egl": "pyvista cannot draw off screen (apt packages libegl1 libegl-mesa0 libgl1-mesa-dri)",
 }
 EGL_PROBE = "import pyvista as pv; p = pv.Plotter(off_screen=True); p.add_mesh(pv.Sphere()); p.screenshot()"
@@ -39,7 +40,11 @@ def _probe_egl() -> bool:
     return subprocess.run(command, env=environment, capture_output=True, timeout=120).returncode == 0
 
 
-PROBES = {"ccx": lambda: shutil.which("ccx") is not None, "egl": _probe_egl}
+PROBES = {
+    "ccx": lambda: shutil.which("ccx") is not None,
+    "pdftoppm": lambda: shutil.which("pdftoppm") is not None,
+    "egl": _probe_egl,
+}
 
 
 @pytest.fixture(scope="session")

@@ -62,6 +62,18 @@ def init(
     say.result(run_init(folder, say, targets=targets, nodes=node or [], deck=deck))
 
 
+@app.command("print")
+def print_sheets(
+    project: Folder = HERE,
+    paper: Annotated[str, typer.Option(help="a4, letter or a3")] = "a4",
+    json: Json = False,
+) -> None:
+    """Write a PDF of board and markers at true scale."""
+    from twin.printing import run_print
+
+    _stage("print", lambda p, say: run_print(p, say, paper=paper), project, json)
+
+
 @app.command()
 def camera(project: Folder = HERE, json: Json = False) -> None:
     """Calibrate the camera from board images."""

@@ -52,7 +52,7 @@ def _calibrated(project: Project, table: CameraTable) -> "Camera":
 
     assert table.board is not None  # the configuration refuses boards without it
     stated = table.board.model_dump() | {"marker_mm": table.board.marker_mm or 0.0}
-    board = Board(**stated | {"dictionary": _dictionary(project, table.board.dictionary)})
+    board = Board(**stated | {"dictionary": dictionary_name(project, table.board.dictionary)})
     return calibrate_camera(_images(project, table), board, max_rms_px=table.max_rms_px)
 
 
@@ -182,7 +182,7 @@ def _camera_inputs(project: Project, table: CameraTable) -> dict[str, Any]:
     board = table.board
     assert board is not None  # the configuration refuses boards without it
     extra = {"board": board.model_dump(), "max_rms_px": table.max_rms_px}
-    own = _dictionary_files(project, board.dictionary)
+    own = dictionary_files(project, board.dictionary)
     return {"tables": (), "inputs": [*_images(project, table), *own], "extra": extra}
 
 
@@ -195,12 +195,12 @@ def _images(project: Project, table: CameraTable) -> list[Path]:
     return images
 
 
-def _dictionary(project: Project, name: str) -> str:
+def dictionary_name(project: Project, name: str) -> str:
     """Return a dictionary as vision takes it: OpenCV's name, or the path of a file in the project."""
     return name if name.startswith("DICT_") else str(project.path(name))
 
 
-def _dictionary_files(project: Project, name: str) -> list[Path]:
+def dictionary_files(project: Project, name: str) -> list[Path]:
     """Return the file of a dictionary that is none of OpenCV's."""
     if name.startswith("DICT_"):
         return []
@@ -237,7 +237,7 @@ def _measure_inputs(project: Project, table: CameraTable, camera: Path) -> dict[
             )
     inputs = [project.path(p) for p in (*named.values(), _pressure(project).file)]
     tables = ("cameras", "pressure", "measure", "frame", "points")
-    extra = [*_dictionary_files(project, table.dictionary), *project.deck_files()]
+    extra = [*dictionary_files(project, table.dictionary), *project.deck_files()]
     return {"tables": tables, "inputs": [*inputs, camera, *extra]}
 
 
@@ -283,7 +283,7 @@ def _measure(
     gauge = _gauge(table, log, film.time, static.time, settings.reference_s)
     moved = measure(
         film, static, Camera.from_dict(files.read_json(camera)), _marks(project),
-        dictionary=_dictionary(project, table.dictionary), stated=_stated(settings),
+        dictionary=dictionary_name(project, table.dictionary), stated=_stated(settings),
         reference_s=settings.reference_s, progress=say.progress,
     )  # fmt: skip
     return moved, log, gauge

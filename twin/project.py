@@ -59,6 +59,10 @@ class Run:
         """Write text atomically."""
         files.write_text(self.path(name), text)
 
+    def write_bytes(self, name: str, data: bytes) -> None:
+        """Write a binary file atomically."""
+        files.write_bytes(self.path(name), data)
+
     def write_npz(self, name: str, arrays: Mapping[str, ArrayLike]) -> None:
         """Write arrays atomically."""
         files.write_npz(self.path(name), arrays)

@@ -60,9 +60,15 @@ def charuco(board: Board) -> cv2.aruco.CharucoBoard:
             f"board marker is {board.marker_mm} mm in squares of {board.square_mm} mm: "
             "the marker must be smaller than the square, both in mm"
         )
-    printed = cv2.aruco.CharucoBoard(
-        (board.columns, board.rows), board.square_mm, board.marker_mm, dictionary_of(board.dictionary)
-    )
+    words = dictionary_of(board.dictionary)
+    needed = board.columns * board.rows // 2
+    if needed > len(words.bytesList):
+        raise ValueError(
+            f"a charuco board of {board.columns} x {board.rows} squares needs {needed} markers, "
+            f"{board.dictionary} has {len(words.bytesList)}: take a larger dictionary or fewer squares"
+        )
+    size = (board.columns, board.rows)
+    printed = cv2.aruco.CharucoBoard(size, board.square_mm, board.marker_mm, words)
     printed.setLegacyPattern(board.legacy)
     return printed
 

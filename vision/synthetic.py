@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter, map_coordinates
 
+from vision.artwork import CIRCLE, DOT_PAPER, QUIET_CELLS
 from vision.boards import Board, charuco, grid
 from vision.camera import Array, Camera, Image
 from vision.dictionaries import dictionary_of
@@ -21,10 +22,7 @@ from vision.video import Writer
 
 # Grey levels inside the 16..235 range of video luma, so that no player clips them.
 INK, PAPER, BODY, BACKGROUND = 35.0, 210.0, 70.0, 120.0
-QUIET_CELLS = 1  # white border round a marker, in marker cells
-DOT_PAPER = 1.6  # side of the white square round a dot, in dot diameters
 TEXELS = 8  # texture points per pixel
-CIRCLE = 0.3  # radius of a circle of a board, in distances of two circles
 _GAUSS = np.array([(x, y) for x in (-1.0, 1.0) for y in (-1.0, 1.0)]) / np.sqrt(12.0)
 
 
