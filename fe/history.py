@@ -282,7 +282,7 @@ class _March:
             }
             for name in ("u", "p")
         )
-        c, weights = self._problem(0).constants, in_time(self.loadings.path, self.time, again=self.soft)
+        c, weights = self._problem(0).constants, in_time(self.loadings.path, self.time, softening=self.soft)
         drifts = any(_drifts(q, self.course.stiffness) for q in self.loadings.problems)
         active = bool(drifts or c.prony[..., 0].any() or c.softening[:, 0].any())
         states, drift = np.stack([x.state.u for x in points]), tuple(x.drift for x in points)
@@ -316,7 +316,7 @@ def follow(
     """
     path, problem = loadings.path, loadings.problems[0]
     soft = any(len(q.constants.softening) for q in (problem, *(v.plus for v in loadings.varied[0])))
-    time = knots(path, again=soft)
+    time = knots(path, softening=soft)
     if near is not None and not np.array_equal(near.time, time):
         near = None
     directions = [Direction.of(v, pair, time) for v, pair in zip(loadings.varied[0], paths, strict=True)]

@@ -18,6 +18,11 @@ TOLERANCE = 1e-7
 # u away, and the next correction brings it back.
 NEARBY = 0.02
 SHRINK = 0.2
+# Where a tangent jumps: how far the forces along a correction may turn round before it is shortened, and to
+# what share at least; and how small a correction shows that the jumps are behind, of NEARBY.
+OVERSHOT = 0.3
+LEAST_SHARE = 0.1
+SETTLING = 0.1
 EXACT = 0.01  # of TOLERANCE is what such corrections may leave, as Newton's last one does
 
 
@@ -146,6 +151,12 @@ class Step:
             for k, (gap, (_, moment)) in enumerate(zip(gaps, condensed, strict=True))
         ]
 
+    def work(self, r: Residual, change: State) -> float:
+        """What residuals, but for their gaps, do along a change of state, N mm."""
+        free = self.problem.kernel.free
+        turned = r.moment * change.rotation / self._compliance if self._compliance else 0.0
+        return float(r.force.ravel()[free] @ change.u.ravel()[free]) + turned
+
     def _condensed(self, r: Residual) -> tuple[Array, float]:
         """Force (n, 3) N and moment with the volume gaps eliminated."""
         if r.gap is None:
@@ -213,8 +224,10 @@ def equilibrium(
     kernel, state, before = problem.kernel, _consistent(problem, start), np.inf
     extent = float(np.ptp(problem.case.nodes, axis=0).max())
     small = (tolerance * extent, 10 * tolerance * problem.shear)  # mm, MPa
+    kinked = memory is not None and memory.softening is not None
+    smooth = not kinked  # so far: whether the tangent may be expected to serve again
     for iteration in range(limit):
-        if last is not None and np.abs(state.u - last.state.u).max() < NEARBY * extent:
+        if last is not None and smooth and np.abs(state.u - last.state.u).max() < NEARBY * extent:
             share = 1.0 if exact else EXACT  # an exact tangent brings a correction of its own
             state, settled = _chord(problem, state, last, load, memory, (share * small[0], share * small[1]))
             if settled and not exact:
@@ -231,11 +244,27 @@ def equilibrium(
         length = float(np.abs(change.u).max())
         if not np.isfinite(length) or (iteration > 0 and length > 0.5 * extent):
             return Equilibrium(None, None, iteration + 1, "the correction left the size of the structure")
+        if kinked and length > small[0]:
+            whole, change = change, _shortened(last, state, change, load, memory)
+            smooth = change is whole and length < SETTLING * NEARBY * extent
         state = _consistent(problem, moved(state, change))
         if length < small[0] and np.abs(change.p).max() < small[1]:
             return Equilibrium(state, last, iteration + 1, "converged")
         before = min(before, size) if np.isfinite(size) else before
     return Equilibrium(None, None, limit, f"no equilibrium in {limit} iterations")
+
+
+def _shortened(step: Step, state: State, change: State, load: float, memory: Memory | None) -> State:
+    """The correction, or so much of it as brings the forces to rest along it.
+
+    The tangent jumps where softening sets in, and full corrections may go to and fro across that kink. Gaps
+    are left out: along a long way they are far from linear, but the next correction closes them.
+    """
+    before, after = (imbalance(step.problem, x, load, memory) for x in (state, moved(state, change)))
+    a, b = step.work(before, change), step.work(after, change)
+    if b <= OVERSHOT * abs(a):
+        return change
+    return moved(moved(change, change, -1.0), change, max(-a / (b - a), LEAST_SHARE))
 
 
 def _chord(

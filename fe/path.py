@@ -12,7 +12,8 @@ from fe.element import Array, Integers
 # at most, against times three times as dense.
 FIRST = 0.45  # s, and
 STEP = 0.6  # of log(1 + t / FIRST) in a hold
-RAMP = 6  # steps for a ramp over the whole range of pressure
+RAMP = 6  # steps for a ramp over the whole range of pressure, and
+SOFT_RAMP = 12  # where softening bends it: 0.1 % of its effect rms, 1 % at most, where it ends while creeping
 GRADING = 1.5  # of a ramp's steps towards its lower pressure
 
 
@@ -102,14 +103,14 @@ def rejoins(path: Path, *, fraction: float = 0.02) -> Array:
     return np.array(out)
 
 
-def knots(path: Path, *, again: bool = False) -> Array:
-    """Times (k,) s at which a history is solved: the corners, with `again` the `rejoins`, and between them
-    even steps of `_Span.even`."""
-    spans = _spans(path, again)
+def knots(path: Path, *, softening: bool = False) -> Array:
+    """Times (k,) s at which a history is solved: the corners, with `softening` the `rejoins`, and between
+    them even steps of `_Span.even`."""
+    spans = _spans(path, softening)
     return np.concatenate([[spans[0].begin], *(span.inside() for span in spans)])
 
 
-def in_time(path: Path, time: Array, *, again: bool = False) -> Array:
+def in_time(path: Path, time: Array, *, softening: bool = False) -> Array:
     """Weights (s, k) that carry values at the `knots`, `time` (k,) s, to the output times.
 
     Between corners of the pressure a cubic spline over `_Span.even`; at the corners the slope may jump. It is
@@ -117,7 +118,7 @@ def in_time(path: Path, time: Array, *, again: bool = False) -> Array:
     """
     at = np.clip(path.output, time[0], time[-1])
     weights, unit = np.zeros((len(at), len(time))), np.eye(len(time))
-    for span in _spans(path, again):
+    for span in _spans(path, softening):
         own = np.flatnonzero((time >= span.begin) & (time <= span.end))
         inside = (at >= span.begin) & (at <= span.end)
         weights[inside] = CubicSpline(span.even(time[own]), unit[own])(span.even(at[inside]))
@@ -126,12 +127,13 @@ def in_time(path: Path, time: Array, *, again: bool = False) -> Array:
 
 @dataclass(frozen=True)
 class _Span:
-    """The path between two corners: `begin` and `end` in s, the pressure's change over its range, and whether
-    gravity turns on the way."""
+    """The path between two corners: `begin` and `end` in s, the pressure's change over its range, the steps
+    of a ramp over the whole range, and whether gravity turns on the way."""
 
     begin: float
     end: float
     change: float
+    ramp: int
     turns: bool = False
 
     @property
@@ -154,19 +156,20 @@ class _Span:
         if self._holds:
             t = self.begin + FIRST * np.expm1(STEP * np.arange(1, 20))
             return np.append(t[t < self.end - 0.2 * (self.end - self.begin)], self.end)
-        x = np.linspace(0, 1, int(np.ceil(RAMP * abs(self.change))) + 1)[1:]
+        x = np.linspace(0, 1, int(np.ceil(self.ramp * abs(self.change))) + 1)[1:]
         part = x**GRADING if self.change > 0 else 1 - (1 - x) ** GRADING
         return np.append(self.begin + (self.end - self.begin) * part[:-1], self.end)
 
 
-def _spans(path: Path, again: bool) -> list[_Span]:
+def _spans(path: Path, softening: bool) -> list[_Span]:
     turning = path.time[path.turns]
     t = np.unique(np.concatenate([corners(path), turning, path.time[path.turns + 1]]))
-    if again:
+    if softening:
         t = np.union1d(t, rejoins(path))
-    change = np.diff(np.interp(t, path.time, path.pressure)) / max(float(np.ptp(path.pressure)), 1e-15)
+    change = np.diff(path.pressure_at(t)) / max(float(np.ptp(path.pressure)), 1e-15)
+    ramp = SOFT_RAMP if softening else RAMP
     return [
-        _Span(float(a), float(b), float(d), bool(np.isin(a, turning)))
+        _Span(float(a), float(b), float(d), ramp, bool(np.isin(a, turning)))
         for (a, b), d in zip(pairwise(t), change, strict=True)
     ]
 

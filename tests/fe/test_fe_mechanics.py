@@ -9,7 +9,7 @@ import scipy.sparse as sp
 
 import fe.newton
 from fe import Case, Material, Support
-from fe.assembly import Constants, Kernel, Memory, State
+from fe.assembly import Constants, Kernel, Memory, Softening, State
 from fe.element import Array
 from fe.material import stress
 from fe.newton import Problem, Residual, Step, equilibrium
@@ -136,9 +136,11 @@ def test_the_pressure_tangent_is_its_gradient_on_a_closed_surface(cube: Cube) ->
     np.testing.assert_allclose((faces.force(x + h * d) - faces.force(x - h * d)) / (2 * h), ours, atol=1e-10)
 
 
-@pytest.mark.parametrize("creeping", [False, True])
-def test_the_condensed_tangent_of_a_finger_at_a_random_state(short: Case, *, creeping: bool) -> None:
-    kernel, c = Kernel(short), Constants.of(short.with_material(C20=0.05))
+@pytest.mark.parametrize(("creeping", "softened"), [(False, False), (True, False), (True, True)])
+def test_the_condensed_tangent_of_a_finger_at_a_random_state(
+    short: Case, *, creeping: bool, softened: bool
+) -> None:
+    kernel, c = Kernel(short), Constants.of(short.with_material(C20=0.05, ogden=((0.1, 3.0),)))
     rng = np.random.default_rng(10)
     u = np.zeros_like(short.nodes)
     u.ravel()[kernel.free] = rng.uniform(-0.02, 0.02, len(kernel.free))
@@ -149,6 +151,9 @@ def test_the_condensed_tangent_of_a_finger_at_a_random_state(short: Case, *, cre
     if creeping:
         carried = rng.normal(scale=0.05, size=(size, 27, 3, 3))
         memory = Memory(rng.uniform(0.5, 1, size), carried + np.swapaxes(carried, 2, 3))
+    if softened:  # half of the points below their largest energy by far, the others above it
+        peak = kernel.energies(u, c, kernel.geometry) * rng.choice([0.2, 3.0], (size, 27))
+        memory = replace(memory, softening=Softening(np.tile([0.4, 2e-3, 0.3], (size, 1)), peak, None))
 
     def force(u: Array) -> Array:
         state = settled(kernel, u, c)
