@@ -50,12 +50,13 @@ class Scene:
 
     def drawing(self, *, paper: bool = False) -> synthetic._Scene:
         """The renderer; `paper` draws the marks on white paper without end."""
-        quiet = synthetic.QUIET_CELLS
-        synthetic.QUIET_CELLS = 4 if paper else quiet
+        usual = synthetic.QUIET_CELLS, synthetic.DOT_PAPER
+        if paper:
+            synthetic.QUIET_CELLS, synthetic.DOT_PAPER = 4, 4.0
         try:
             return synthetic._Scene(self.camera, self.pose, self.marks, BLUR, "DICT_4X4_50")
         finally:
-            synthetic.QUIET_CELLS = quiet
+            synthetic.QUIET_CELLS, synthetic.DOT_PAPER = usual
 
     def ideal(self) -> Array:
         """True centres (t,p,2) in undistorted px."""
@@ -133,7 +134,9 @@ def bound(s: Scene, frames: NDArray[np.intp]) -> Array:
 def _bound(s: Scene, drawing: synthetic._Scene, p: int, centre: Array, angle: float) -> Array:
     size, delta = s.marks[p].size_mm, 1e-2 * AWAY / FOCAL
     right, down = np.array([-np.cos(angle), 0, -np.sin(angle)]), np.array([np.sin(angle), 0, -np.cos(angle)])
-    corners = centre + 0.75 * size * np.array([right + down, right - down, -right + down, -right - down])
+    corners = centre + (0.75 * size + 5.0 * AWAY / FOCAL) * np.array(
+        [right + down, right - down, -right + down, -right - down]
+    )
     block = synthetic._block(drawing.pixels(corners), (s.camera.size[1], s.camera.size[0]))
     assert block is not None
     grey = {}
@@ -144,7 +147,10 @@ def _bound(s: Scene, drawing: synthetic._Scene, p: int, centre: Array, angle: fl
     gx, gy = (grey["l"] - grey["r"]) / (2 * delta), (grey["u"] - grey["d"]) / (2 * delta)
     plane = synthetic._plane_homography(s.pose, centre, right, down)
     x, y = synthetic._local(np.linalg.inv(plane), drawing.rays.centre[block].reshape(-1, 2)).T
-    columns = [gx, gy, gx * x, gx * y, gy * x, gy * y, x * (gx * x + gy * y), y * (gx * x + gy * y)]
+    if s.marks[p].marker is None:  # a dot does not show its turn, nor perspective
+        columns = [gx, gy, gx * x, gy * y, gx * y + gy * x]
+    else:
+        columns = [gx, gy, gx * x, gx * y, gy * x, gy * y, x * (gx * x + gy * y), y * (gx * x + gy * y)]
     columns = np.stack([*columns, grey["0"], np.ones_like(x)], axis=1)
     scale = np.linalg.norm(columns, axis=0)
     inverse = np.linalg.inv((columns / scale).T @ (columns / scale)) / np.outer(scale, scale)
@@ -161,6 +167,11 @@ class Trial:
     sd: Array  # (t,p,2) px
     bound: Array  # (t,p,2) px, 1 sd
     lost: int
+
+    @property
+    def rms(self) -> float:
+        """Root mean square error of a component, px."""
+        return float(np.sqrt(np.nanmean(self.error**2)))
 
     @property
     def ratio(self) -> float:

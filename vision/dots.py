@@ -1,47 +1,162 @@
-"""A plain dot in a picture, its centre out: sub-pixel iso-contour and ellipse fit."""
+"""Plain dots in a picture, their centres out: iso-contour, ellipse, and what perspective does to it."""
 
+from dataclasses import dataclass
+
+import cv2
 import numpy as np
 from numpy.typing import NDArray
-from skimage.measure import EllipseModel, find_contours
+from scipy.ndimage import map_coordinates, spline_filter
+from skimage.measure import find_contours
 
-Array = NDArray[np.float64]
-Image = NDArray[np.uint8]
+from vision.camera import Array, Camera, Image
 
 MIN_CONTRAST = 20.0  # grey levels between dot and paper
+SMOOTH_PX = 0.8  # sd of the Gaussian before the contour, which rests on two pixels a point without it
+# Length over which the smoothed noise is correlated along a contour.
+CORRELATED_PX = 2.0 * np.sqrt(np.pi) * SMOOTH_PX
+SIZE_TOLERANCE = 0.35  # relative, of either half-axis
+LEVELS = (0.5, 0.25, 0.75)  # of the grey range round the guess, at which dots are looked for
+INSIDE, OUTSIDE = 0.4, 1.45  # radii at which the grey of dot and paper are read
+ROUND_PX = 0.35  # px, rms distance of a contour from its ellipse above which it is no dot
 
 
-def find_dot(image: Image, guess: Array, radius: float, *, search: float) -> Array | None:
-    """Centre (2,) raw px of the dark dot nearest to the guess, or None when none of that size is there.
+@dataclass(frozen=True)
+class Dot:
+    """One dot as the picture shows it."""
 
-    image: (h,w) grey levels.   guess: (2,) px.   radius: px.
-    search: px, how far the centre may be from the guess.
+    centre: Array  # (2,) of its ellipse in ideal px
+    radius: float  # px, geometric mean of the half-axes
+    dark: bool  # dark on light, or light on dark
+    spread: Array  # (2,2) covariance of the centre for contour noise of unit variance
+    variance: float  # px2, of the contour about its ellipse
 
-    The contour runs at half the grey step from dot to paper; its ellipse is fitted by least squares,
-    doi 10.1109/34.765658. The centre of the ellipse is off the dot's by the square of its size over the
-    distance (0.01 px for 20 px tilted by 15 degrees): keep dots below 15 px.
+
+def find_dots(
+    image: Image, camera: Camera, guess: Array, radius: float, *, search: float, dark: bool
+) -> list[Dot]:
+    """Dots of about the radius (px) whose centres are within `search` px of the guess (2,) in ideal px.
+
+    The contour runs at half the grey step from dot to paper on the cubic spline of the slightly smoothed
+    picture; its points are undistorted, and an ellipse is fitted by least squares of the algebraic distance
+    with unit trace.
     """
-    reach = search + 1.5 * radius + 2.0
-    low = np.maximum(np.floor(guess - reach).astype(int), 0)
-    high = np.minimum(np.ceil(guess + reach).astype(int) + 1, image.shape[::-1])
-    if np.any(high - low < 5):
-        return None
+    raw = camera.distort(guess)
+    reach = search + 1.6 * radius + 4.0
+    low = np.maximum(np.floor(raw - reach).astype(int), 0)
+    high = np.minimum(np.ceil(raw + reach).astype(int) + 1, image.shape[::-1])
+    if not np.all(high - low >= 5):
+        return []
     part = image[low[1] : high[1], low[0] : high[0]].astype(np.float64)
-    dark, light = np.percentile(part, 2.0), np.percentile(part, 90.0)
-    if light - dark < MIN_CONTRAST:
-        return None
-    fits = [_ellipse(contour, radius) for contour in find_contours(part, 0.5 * (dark + light))]
-    centres = [fit + low for fit in fits if fit is not None and np.hypot(*(fit + low - guess)) <= search]
-    return min(centres, key=lambda c: float(np.hypot(*(c - guess)))) if centres else None
+    part = part if dark else 255.0 - part
+    low_grey, high_grey = np.percentile(part, [2.0, 98.0])
+    if high_grey - low_grey < MIN_CONTRAST:
+        return []
+    smooth = np.asarray(cv2.GaussianBlur(part, (0, 0), SMOOTH_PX), dtype=np.float64)
+    coefficients = spline_filter(smooth, order=3, mode="mirror")
+    found: list[Dot] = []
+    for share in LEVELS:
+        for contour in find_contours(smooth, low_grey + share * (high_grey - low_grey)):
+            if not _is_round(smooth, contour, radius) or _known(contour, found, low, camera):
+                continue
+            edge = _at_half_step(coefficients, contour[:-1])
+            dot = None if edge is None else _dot(camera.undistort(edge[:, ::-1] + low), radius, dark)
+            if dot is not None and np.hypot(*(dot.centre - guess)) <= search:
+                found.append(dot)
+    return found
 
 
-def _ellipse(contour: Array, radius: float) -> Array | None:
-    """Centre (x, y) of the ellipse through a closed contour of about the radius, else None."""
-    if len(contour) < 8 or np.any(contour[0] != contour[-1]):
+def _known(contour: Array, found: list[Dot], low: NDArray[np.int_], camera: Camera) -> bool:
+    """Whether a contour belongs to a dot that another level has shown."""
+    centre = camera.undistort(contour.mean(axis=0)[::-1] + low)
+    return any(np.hypot(*(dot.centre - centre)) < 0.5 * dot.radius for dot in found)
+
+
+def _at_half_step(coefficients: Array, contour: Array) -> Array | None:
+    """A contour (k,2) (row, column), moved along the slope to half the step between dot and paper.
+
+    A linear contour is off by up to 0.01 px between the pixels, and more where light or a coarse level
+    misplace it. None where the step is faint.
+    """
+
+    def grey(at: Array) -> Array:
+        return map_coordinates(coefficients, at.T, order=3, mode="mirror", prefilter=False)
+
+    centre = contour.mean(axis=0)
+    ink = float(np.mean(grey(centre + INSIDE * (contour - centre))))
+    paper = float(np.median(grey(centre + OUTSIDE * (contour - centre))))
+    if paper - ink < MIN_CONTRAST:
         return None
-    model = EllipseModel.from_estimate(contour[:-1, ::-1])
-    if not model:
+    edge = contour
+    for _ in range(3):
+        slope = np.stack([grey(edge + h) - grey(edge - h) for h in 0.05 * np.eye(2)], axis=1) / 0.1
+        steep = np.maximum(np.sum(slope**2, axis=1), (0.02 * (paper - ink)) ** 2)
+        step = slope * ((0.5 * (ink + paper) - grey(edge)) / steep)[:, None]
+        edge = edge + np.clip(step, -1.0, 1.0)
+    return edge
+
+
+def _is_round(part: Array, contour: Array, radius: float) -> bool:
+    """Whether a contour (k,2) (row, column) is closed, of about the size, and dark inside."""
+    if len(contour) < 9 or np.any(contour[0] != contour[-1]):
+        return False
+    size = np.ptp(contour, axis=0) / (2.0 * radius)
+    if not np.all(np.abs(size - 1.0) < SIZE_TOLERANCE):
+        return False
+    row, column = np.round(contour.mean(axis=0)).astype(int)
+    return bool(part[row, column] < part[tuple(np.round(contour[0]).astype(int))] + 1.0)
+
+
+def _dot(points: Array, radius: float, dark: bool) -> Dot | None:
+    """The dot whose contour are the points (k,2); None where they are no ellipse of about the radius."""
+    offset, unit = points.mean(axis=0), float(points.std())
+    x, y = ((points - offset) / unit).T
+    length = np.linalg.norm(np.roll(points, -1, axis=0) - np.roll(points, 1, axis=0), axis=1) / 2.0
+    root = np.sqrt(length)[:, None]  # points lie unevenly on the contour
+    columns = np.stack([x * x - y * y, 2.0 * x * y, x, y, np.ones_like(x)], axis=1)
+    (a, b, *linear, constant), *_ = np.linalg.lstsq(columns * root, -(x * x + y * y) * root[:, 0], rcond=None)
+    shape = np.array([[1.0 + a, b], [b, 1.0 - a]])
+    if not np.linalg.det(shape) > 0.05:
         return None
-    axes = np.asarray(model.axis_lengths, dtype=np.float64)
-    if np.any(np.abs(axes / radius - 1.0) > 0.35):
+    centre = np.linalg.solve(-2.0 * shape, linear)
+    level = float(centre @ shape @ centre) - constant
+    axes = unit * np.sqrt(max(level, 0.0) / np.linalg.eigvalsh(shape))
+    slope = 2.0 * (np.stack([x, y], axis=1) - centre) @ shape
+    steep = np.linalg.norm(slope, axis=1)
+    away = unit * (columns @ [a, b, *linear, constant] + x * x + y * y) / steep
+    if not (np.all(np.abs(axes / radius - 1.0) < SIZE_TOLERANCE) and np.sqrt(np.mean(away**2)) < ROUND_PX):
         return None
-    return np.asarray(model.center, dtype=np.float64)
+    normal = slope / steep[:, None]
+    spread = np.linalg.inv((normal * (length / CORRELATED_PX)[:, None]).T @ normal)
+    size = float(np.sqrt(axes.prod()))
+    variance = float(np.average(away**2, weights=length)) / (1.0 - _explained(size))
+    return Dot(offset + unit * centre, size, dark, spread, variance)
+
+
+def _explained(radius: float) -> float:
+    """Share of contour noise that the ellipse's five numbers take up: harmonics 0, 1 and 2 round the dot."""
+    order = np.arange(-60, 61)
+    power = np.exp(-((SMOOTH_PX * order / radius) ** 2))
+    return float(power[np.abs(order) <= 2].sum() / power.sum())
+
+
+def eccentricity(homography: Array, places: Array, radius: Array) -> Array:
+    """What the centre of the ellipse is off the projected centre, (...,2) ideal px: centre of the conic
+    H^-T C H^-1 minus the projection, for circles C of the plane, doi 10.1109/34.879788.
+
+    homography: (...,3,3) plane mm to ideal px.   places: (...,2) mm centres.   radius: (...) mm.
+    """
+    x, z = places[..., 0], places[..., 1]
+    one, zero = np.ones_like(x), np.zeros_like(x)
+    circle = np.stack(
+        [
+            np.stack([one, zero, -x], axis=-1),
+            np.stack([zero, one, -z], axis=-1),
+            np.stack([-x, -z, x * x + z * z - radius**2], axis=-1),
+        ],
+        axis=-2,
+    )
+    inverse = np.linalg.inv(homography)
+    conic = np.swapaxes(inverse, -1, -2) @ circle @ inverse
+    centre = -np.linalg.solve(conic[..., :2, :2], conic[..., :2, 2:])[..., 0]
+    seen = (homography @ np.stack([x, z, one], axis=-1)[..., None])[..., 0]
+    return np.asarray(centre - seen[..., :2] / seen[..., 2:])

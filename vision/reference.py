@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from vision import registration
 from vision.camera import Array, Camera, Image
 from vision.dictionaries import dictionary_of, other_dictionary
-from vision.dots import find_dot
+from vision.dots import Dot, find_dots
+from vision.identity import GATE, assign
 from vision.marks import Mark, corner_warp, detect, dot_warp, px_per_unit
 from vision.plane import MIN_VISIBLE, fit_homography
 from vision.printed import CELLS_BEYOND, printed_centres
@@ -36,6 +37,7 @@ class Follower:
     templates: registration.Templates  # of the coded marks, in their order
     coded: NDArray[np.intp]  # marks with a code
     centre: Array  # (p,2) local coordinates of the mark's centre
+    dark: NDArray[np.bool_]  # (p,) dark on light; of dots
     least: Array  # (coded,) correlation below which a coded mark is not believed
 
 
@@ -54,7 +56,7 @@ def prepare(
         )
     reference = reference_frames(film, reference_s)
     coded = np.flatnonzero([mark.marker is not None for mark in marks])
-    seed, single = _start(film, camera, marks, dictionary, coded)
+    seed, dark, single = _start(film, camera, marks, dictionary, coded)
     mean, least = _average(
         islice(film.frames(), min(len(reference), MAX_REFERENCE)), camera, single, seed[coded]
     )
@@ -63,7 +65,7 @@ def prepare(
     centre[coded] = printed_centres(
         mean[:, 0], single.grid, [marks[int(p)] for p in coded], dictionary, px_per_unit(seed[coded])
     )
-    return Follower(camera, tuple(marks), dictionary, seed, templates, coded, centre, least)
+    return Follower(camera, tuple(marks), dictionary, seed, templates, coded, centre, dark, least)
 
 
 def _average(
@@ -101,12 +103,12 @@ def reference_frames(film: Video, reference_s: float) -> NDArray[np.intp]:
 
 def _start(
     film: Video, camera: Camera, marks: Sequence[Mark], dictionary: str, coded: NDArray[np.intp]
-) -> tuple[Array, registration.Templates]:
-    """First warps (p,3,3) and templates from the frame in which each mark is first seen."""
-    seed = np.full((len(marks), 3, 3), np.nan)
+) -> tuple[Array, NDArray[np.bool_], registration.Templates]:
+    """First warps (p,3,3), whether dots are dark (p,), and templates, each from its first frame."""
+    seed, dark = np.full((len(marks), 3, 3), np.nan), np.ones(len(marks), dtype=bool)
     patch, grid, looked = None, np.empty(0), []
     for _, _, image in islice(film.frames(), START_FRAMES):
-        fresh = _seed(image, camera, marks, dictionary, seed)
+        fresh = _seed(image, camera, marks, dictionary, seed, dark)
         looked.append(image)
         if not np.isfinite(seed[coded]).any():
             continue
@@ -120,11 +122,16 @@ def _start(
     if patch is None:
         raise ValueError(_none_found(film, looked, dictionary))
     _check_start(film, looked[0], marks, dictionary, seed)
-    return seed, registration.templates(patch, grid)
+    return seed, dark, registration.templates(patch, grid)
 
 
 def _seed(
-    image: Image, camera: Camera, marks: Sequence[Mark], dictionary: str, seed: Array
+    image: Image,
+    camera: Camera,
+    marks: Sequence[Mark],
+    dictionary: str,
+    seed: Array,
+    dark: NDArray[np.bool_],
 ) -> NDArray[np.bool_]:
     """Fill the warps of marks that the picture shows and that were missing; says which were filled."""
     missing = np.isnan(seed[:, 0, 0])
@@ -132,25 +139,44 @@ def _seed(
     for p, mark in enumerate(marks):
         if missing[p] and mark.marker is not None and mark.marker in found:
             seed[p] = corner_warp(camera.undistort(found[mark.marker]))
-    _seed_dots(image, camera, marks, seed)
+    _seed_dots(image, camera, marks, seed, dark)
     return missing & np.isfinite(seed[:, 0, 0])
 
 
-def _seed_dots(image: Image, camera: Camera, marks: Sequence[Mark], seed: Array) -> None:
-    """Look for missing dots where the frame marks say that they should be."""
+def _seed_dots(
+    image: Image, camera: Camera, marks: Sequence[Mark], seed: Array, dark: NDArray[np.bool_]
+) -> None:
+    """Look for missing dots where the frame marks say that they should be, dark or light ones."""
     frame = [p for p, mark in enumerate(marks) if mark.role == "frame" and np.isfinite(seed[p, 0, 0])]
-    nominal = np.array([mark.position for mark in marks])[:, [0, 2]]
-    if len(frame) < 4:
+    missing = [p for p, mark in enumerate(marks) if mark.marker is None and np.isnan(seed[p, 0, 0])]
+    if len(frame) < 4 or not missing:
         return
+    nominal = np.array([mark.position for mark in marks])[:, [0, 2]]
     homography = fit_homography(nominal[frame], seed[frame, :2, 2])
-    for p, mark in enumerate(marks):
-        if mark.marker is None and np.isnan(seed[p, 0, 0]):
-            corners = nominal[p] + 0.5 * mark.size_mm * np.array([[0.0, 0.0], [1.0, 0.0], [-1.0, 0.0]])
-            ideal = registration.project(homography, np.concatenate([corners.T, np.ones((1, 3))]))
-            radius = 0.5 * float(np.linalg.norm(ideal[1] - ideal[2]))
-            dot = find_dot(image, camera.distort(ideal[0]), radius, search=2.0 * radius)
-            if dot is not None:
-                seed[p] = dot_warp(camera.undistort(dot), radius)
+    guess = _in_picture(homography, nominal)
+    size = np.array([mark.size_mm for mark in marks])
+    rim = _in_picture(homography, nominal + 0.5 * size[:, None] * (1.0, 0.0))
+    radius = np.linalg.norm(rim - guess, axis=1)
+    found: list[Dot] = []
+    for p in missing:
+        for is_dark in (True, False):
+            seen = find_dots(image, camera, guess[p], radius[p], search=2.0 * radius[p], dark=is_dark)
+            found += [
+                d for d in seen if all(np.hypot(*(d.centre - f.centre)) > 0.5 * d.radius for f in found)
+            ]
+    apart = np.linalg.norm(guess[missing][:, None] - guess[missing][None], axis=-1) + np.diag(
+        [np.inf] * len(missing)
+    )
+    gate = np.minimum(2.0 * radius[missing], GATE * apart.min(axis=1))
+    chosen, _ = assign(guess[missing], np.array([dot.centre for dot in found]).reshape(-1, 2), gate)
+    for p, j in zip(missing, chosen, strict=True):
+        if j >= 0:
+            seed[p], dark[p] = dot_warp(found[j].centre, found[j].radius), found[j].dark
+
+
+def _in_picture(homography: Array, places: Array) -> Array:
+    """Ideal pixels (n,2) of places (n,2) mm in the plane."""
+    return registration.project(homography, np.concatenate([places.T, np.ones((1, len(places)))]))
 
 
 def _check_start(film: Video, first: Image, marks: Sequence[Mark], dictionary: str, seed: Array) -> None:

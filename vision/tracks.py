@@ -8,14 +8,18 @@ from numpy.typing import NDArray
 
 from vision import registration
 from vision.camera import Array, Image
-from vision.dots import find_dot
+from vision.dots import eccentricity
+from vision.identity import Memory, follow_dots
+from vision.identity import start as memory_of
 from vision.marks import corner_warp, detect, dot_warp, px_per_unit
+from vision.plane import homographies, to_plane
 from vision.reference import Follower, reference_frames
 from vision.video import Video
 
 Progress = Callable[[str, int, int], None]
 
 LOST, REGISTERED, FOUND_AGAIN, DOT = 0, 1, 2, 3  # codes of Tracks.method
+POOLED = 4.0  # a dot's contour in one frame counts for one part in so many of its variance
 MOVES_PX = 0.3  # px per frame: below it the last place is the better guess
 
 
@@ -48,14 +52,14 @@ def follow(
 ) -> Followed:
     """Every mark in every frame of the film."""
     states = list(_states(film, follower, stage, progress))
-    warp = np.array([state[0] for state in states])
-    match = np.array([state[1] for state in states])
-    method = np.array([state[2] for state in states], dtype=np.int8)
+    warp, match, method, spread = (np.array([state[k] for state in states]) for k in range(4))
+    ideal = centres(warp, follower.centre)
+    _straighten(follower, ideal)
     return Followed(
         film.time[: len(warp)],
         warp,
-        centres(warp, follower.centre),
-        _covariance(warp, match, follower),
+        ideal,
+        _covariance(warp, match, spread, follower),
         method,
         reference_frames(film, reference_s),
     )
@@ -69,11 +73,13 @@ def centres(warp: Array, centre: Array) -> Array:
 
 def _states(
     film: Video, follower: Follower, stage: str, progress: Progress | None
-) -> Iterator[tuple[Array, Array, NDArray[np.int8]]]:
+) -> Iterator[tuple[Array, Array, NDArray[np.int8], Array]]:
     last, before = follower.seed.copy(), follower.seed.copy()
+    memory = _memory(follower)
     for index, _, image in film.frames():
         warp, match, method = _step(image, follower, _predict(last, before))
-        yield warp, match, method
+        memory, spread = _dots(image, follower, memory, warp, match, method)
+        yield warp, match, method, spread
         # A lost mark is looked for where it was last seen.
         before = np.where(np.isfinite(warp), last, before)
         last = np.where(np.isfinite(warp), warp, last)
@@ -114,7 +120,6 @@ def _step(image: Image, follower: Follower, guess: Array) -> tuple[Array, Array,
         for p in follower.coded[again]:
             corners[p] = corner_warp(follower.camera.undistort(found[int(follower.marks[p].marker or 0)]))
         _lay(image, follower, np.array(again, dtype=np.intp), corners, FOUND_AGAIN, warp, match, method)
-    _dots(image, follower, guess, warp, match, method)
     return warp, match, method
 
 
@@ -144,21 +149,56 @@ def _lay(
     warp[marks[good]], match[marks[good]], method[marks[good]] = laid[good], correlation[good], code
 
 
+def _memory(follower: Follower) -> Memory:
+    dots = np.setdiff1d(np.arange(len(follower.marks)), follower.coded)
+    return memory_of(
+        follower.seed[:, :2, 2],
+        rows=dots,
+        body=np.array([mark.role == "finger" for mark in follower.marks]),
+        radius=px_per_unit(follower.seed[dots]),
+        dark=follower.dark[dots],
+    )
+
+
 def _dots(
-    image: Image, follower: Follower, guess: Array, warp: Array, match: Array, method: NDArray[np.int8]
-) -> None:
-    for p, mark in enumerate(follower.marks):
-        if mark.marker is None and np.isfinite(guess[p, 0, 0]):
-            radius = float(px_per_unit(guess[p]))
-            dot = find_dot(image, follower.camera.distort(guess[p, :2, 2]), radius, search=radius)
-            if dot is not None:
-                warp[p], match[p], method[p] = dot_warp(follower.camera.undistort(dot), radius), 1.0, DOT
+    image: Image, follower: Follower, memory: Memory, warp: Array, match: Array, method: NDArray[np.int8]
+) -> tuple[Memory, Array]:
+    """Dots written beside the coded marks (`match` is the variance of a contour), and the spread (p,2,2)."""
+    spread = np.full((len(warp), 2, 2), np.nan)
+    if not len(memory.rows):
+        return memory, spread
+    memory, dots = follow_dots(image, follower.camera, memory, warp[:, :2, 2])
+    for p, radius, dot in zip(memory.rows, memory.radius, dots, strict=True):
+        if dot is not None:
+            warp[p], match[p], method[p] = dot_warp(dot.centre, float(radius)), dot.variance, DOT
+            spread[p] = dot.spread
+    return memory, spread
 
 
-def _covariance(warp: Array, match: Array, follower: Follower) -> Array:
-    """Covariance (t,p,2,2) px2 of the centres from the residual of each fit; NaN for lost marks and dots."""
+def _straighten(follower: Follower, ideal: Array) -> None:
+    """Take from the dots (t,p,2) px what the centres of their ellipses are off their own, in place."""
+    frame = [p for p, mark in enumerate(follower.marks) if mark.role == "frame"]
+    dots = np.setdiff1d(np.arange(len(follower.marks)), follower.coded)
+    nominal = np.array([mark.position for mark in follower.marks])[frame][:, [0, 2]]
+    homography = homographies(nominal, ideal[:, frame])
+    radius = np.array([0.5 * follower.marks[p].size_mm for p in dots])
+    known = np.isfinite(homography[:, 0, 0])
+    place = to_plane(homography[known], ideal[known][:, dots])
+    off = eccentricity(homography[known][:, None], place, radius)
+    ideal[np.ix_(known, dots)] -= off
+
+
+def _covariance(warp: Array, match: Array, spread: Array, follower: Follower) -> Array:
+    """Covariance (t,p,2,2) px2 of the centres from the residual of each fit; NaN for lost marks.
+
+    The contour of one dot in one frame tells little of its own variance: it is drawn to the dot's mean.
+    """
     covariance = np.full((*warp.shape[:2], 2, 2), np.nan)
     covariance[:, follower.coded] = registration.centre_covariance(
         follower.templates, warp[:, follower.coded, :2, :2], match[:, follower.coded]
     )
+    dots = np.setdiff1d(np.arange(len(follower.marks)), follower.coded)
+    seen, own = np.isfinite(warp[:, dots, 0, 0]), match[:, dots]
+    usual = np.sum(own * seen, axis=0) / np.maximum(seen.sum(axis=0), 1)
+    covariance[:, dots] = spread[:, dots] * (usual + (own - usual) / POOLED)[..., None, None]
     return covariance

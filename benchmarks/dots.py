@@ -1,0 +1,74 @@
+"""Plain dots followed through a drawn film: displacement error against the Cramer-Rao bound.
+
+    python benchmarks/dots.py [--quick]
+
+22 dots of 8, 12 and 20 px among 6 coded frame markers, in the scene of markers.py: at rest, then moving by
+8 px. The bound is that of an ellipse (5), gain and offset, plus that of the mean of the reference.
+"""
+
+import argparse
+import sys
+from dataclasses import replace
+from typing import Any
+
+import _first  # noqa: F401
+import numpy as np
+from markers import REFERENCE, Scene, Trial, bound, displacement, film, scene, tracked
+
+from vision import Mark
+
+SIZES = (8, 12, 20)  # px, diameter
+FRAME = (0, 3, 6, 21, 24, 27)
+
+
+def dotted(size_px: float, moving: int, seed: int) -> Scene:
+    """The scene with dots in place of all markers but six, which rest."""
+    s = scene(size_px, moving, seed)
+    large = scene(40.0, 1, seed).marks
+    marks = tuple(
+        large[i] if i in FRAME else Mark(m.name, None, m.position, "finger", m.size_mm)
+        for i, m in enumerate(s.marks)
+    )
+    place, turn = s.place.copy(), s.turn.copy()
+    for i in FRAME:
+        place[:, i], turn[:, i] = marks[i].position, 0.0
+    return replace(s, marks=marks, place=place, turn=turn)
+
+
+def trial(size_px: float, moving: int, seed: int) -> Trial:
+    """One film of dots of one size."""
+    s = dotted(size_px, moving, seed)
+    _, followed = tracked(s, film(s, seed))
+    dots = [p for p, mark in enumerate(s.marks) if mark.marker is None]
+    error = (displacement(followed.ideal) - displacement(s.ideal()))[:, dots]
+    stated = followed.covariance[REFERENCE:] + np.nanmean(followed.covariance[:REFERENCE], axis=0) / REFERENCE
+    sd = np.sqrt(np.diagonal(stated[:, dots], axis1=2, axis2=3))
+    total = (bound(s, np.array([REFERENCE])) + bound(s, np.array([0])) / REFERENCE)[:, dots]
+    limit = np.sqrt(np.diagonal(total, axis1=2, axis2=3))
+    return Trial(error, sd, limit, int(np.isnan(error[..., 0]).sum()))
+
+
+def figures(quick: bool) -> dict[str, Any]:
+    """`dot_rms_px`, `dot_crb_ratio` and `dot_pull_sd` by diameter in px."""
+    trials = {str(size): trial(size, 12 if quick else 60, size) for size in SIZES}
+    print("| dot diameter / px | rms / px | bound / px | ratio | pull sd | lost |\n|---|---|---|---|---|---|")
+    for size, t in trials.items():
+        limit = np.sqrt(np.mean(t.bound**2))
+        print(f"| {size} | {t.rms:.4f} | {limit:.4f} | {t.ratio:.2f} | {t.pull:.2f} | {t.lost} |")
+    return {
+        "dot_rms_px": {size: round(t.rms, 5) for size, t in trials.items()},
+        "dot_crb_ratio": {size: round(t.ratio, 3) for size, t in trials.items()},
+        "dot_pull_sd": {size: round(t.pull, 3) for size, t in trials.items()},
+    }
+
+
+def main() -> int:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--quick", action="store_true", help="12 moving frames instead of 60")
+    figures(parser.parse_args().quick)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
