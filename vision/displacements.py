@@ -328,4 +328,4 @@ def _lost(followed: Followed, marks: Sequence[Mark], homography: Array) -> tuple
             f"{len(blind)} of {total} frames show fewer than 4 frame marks and give nothing, first at "
             f"{followed.time[blind[0]]:.3f} s"
         )
-    return tuple(said)
+    return (*said, *followed.said)

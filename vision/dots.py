@@ -14,10 +14,10 @@ MIN_CONTRAST = 20.0  # grey levels between dot and paper
 SMOOTH_PX = 0.8  # sd of the Gaussian before the contour, which rests on two pixels a point without it
 # Length over which the smoothed noise is correlated along a contour.
 CORRELATED_PX = 2.0 * np.sqrt(np.pi) * SMOOTH_PX
-SIZE_TOLERANCE = 0.35  # relative, of either half-axis
+ROUGH = 0.5  # relative, of the extent of a contour that is looked at
 LEVELS = (0.5, 0.25, 0.75)  # of the grey range round the guess, at which dots are looked for
 INSIDE, OUTSIDE = 0.4, 1.45  # radii at which the grey of dot and paper are read
-ROUND_PX = 0.35  # px, rms distance of a contour from its ellipse above which it is no dot
+ROUND_PX = 0.2  # px, rms distance of a contour from its ellipse above which it is no dot
 
 
 @dataclass(frozen=True)
@@ -25,22 +25,37 @@ class Dot:
     """One dot as the picture shows it."""
 
     centre: Array  # (2,) of its ellipse in ideal px
-    radius: float  # px, geometric mean of the half-axes
+    axes: Array  # (2,) px, half-axes, the smaller first
     dark: bool  # dark on light, or light on dark
     spread: Array  # (2,2) covariance of the centre for contour noise of unit variance
     variance: float  # px2, of the contour about its ellipse
 
+    @property
+    def radius(self) -> float:
+        """Geometric mean of the half-axes, px."""
+        return float(np.sqrt(self.axes.prod()))
+
 
 def find_dots(
-    image: Image, camera: Camera, guess: Array, radius: float, *, search: float, dark: bool
+    image: Image,
+    camera: Camera,
+    guess: Array,
+    axes: Array,
+    *,
+    search: float,
+    dark: bool,
+    tolerance: float = 0.35,
 ) -> list[Dot]:
-    """Dots of about the radius (px) whose centres are within `search` px of the guess (2,) in ideal px.
+    """Dots with about the half-axes (2,) px and centres within `search` px of the guess (2,) in ideal px.
+
+    tolerance: relative, of either half-axis. A dot of which a part is covered is smaller across; its centre
+    is off by as much.
 
     The contour runs at half the grey step from dot to paper on the cubic spline of the slightly smoothed
     picture; its points are undistorted, and an ellipse is fitted by least squares of the algebraic distance
     with unit trace.
     """
-    raw = camera.distort(guess)
+    raw, radius = camera.distort(guess), float(np.mean(axes))
     reach = search + 1.6 * radius + 4.0
     low = np.maximum(np.floor(raw - reach).astype(int), 0)
     high = np.minimum(np.ceil(raw + reach).astype(int) + 1, image.shape[::-1])
@@ -59,8 +74,10 @@ def find_dots(
             if not _is_round(smooth, contour, radius) or _known(contour, found, low, camera):
                 continue
             edge = _at_half_step(coefficients, contour[:-1])
-            dot = None if edge is None else _dot(camera.undistort(edge[:, ::-1] + low), radius, dark)
-            if dot is not None and np.hypot(*(dot.centre - guess)) <= search:
+            dot = None if edge is None else _dot(camera.undistort(edge[:, ::-1] + low), dark)
+            if dot is None or np.hypot(*(dot.centre - guess)) > search:
+                continue
+            if np.all(np.abs(dot.axes / axes - 1.0) < tolerance):
                 found.append(dot)
     return found
 
@@ -100,14 +117,14 @@ def _is_round(part: Array, contour: Array, radius: float) -> bool:
     if len(contour) < 9 or np.any(contour[0] != contour[-1]):
         return False
     size = np.ptp(contour, axis=0) / (2.0 * radius)
-    if not np.all(np.abs(size - 1.0) < SIZE_TOLERANCE):
+    if not np.all(np.abs(size - 1.0) < ROUGH):
         return False
     row, column = np.round(contour.mean(axis=0)).astype(int)
     return bool(part[row, column] < part[tuple(np.round(contour[0]).astype(int))] + 1.0)
 
 
-def _dot(points: Array, radius: float, dark: bool) -> Dot | None:
-    """The dot whose contour are the points (k,2); None where they are no ellipse of about the radius."""
+def _dot(points: Array, dark: bool) -> Dot | None:
+    """The dot whose contour are the points (k,2); None where they are no ellipse."""
     offset, unit = points.mean(axis=0), float(points.std())
     x, y = ((points - offset) / unit).T
     length = np.linalg.norm(np.roll(points, -1, axis=0) - np.roll(points, 1, axis=0), axis=1) / 2.0
@@ -119,17 +136,17 @@ def _dot(points: Array, radius: float, dark: bool) -> Dot | None:
         return None
     centre = np.linalg.solve(-2.0 * shape, linear)
     level = float(centre @ shape @ centre) - constant
-    axes = unit * np.sqrt(max(level, 0.0) / np.linalg.eigvalsh(shape))
+    axes = unit * np.sqrt(max(level, 0.0) / np.linalg.eigvalsh(shape)[::-1])
     slope = 2.0 * (np.stack([x, y], axis=1) - centre) @ shape
     steep = np.linalg.norm(slope, axis=1)
     away = unit * (columns @ [a, b, *linear, constant] + x * x + y * y) / steep
-    if not (np.all(np.abs(axes / radius - 1.0) < SIZE_TOLERANCE) and np.sqrt(np.mean(away**2)) < ROUND_PX):
+    if not np.sqrt(np.mean(away**2)) < ROUND_PX:
         return None
     normal = slope / steep[:, None]
     spread = np.linalg.inv((normal * (length / CORRELATED_PX)[:, None]).T @ normal)
-    size = float(np.sqrt(axes.prod()))
-    variance = float(np.average(away**2, weights=length)) / (1.0 - _explained(size))
-    return Dot(offset + unit * centre, size, dark, spread, variance)
+    free = 1.0 - _explained(float(np.sqrt(axes.prod())))
+    variance = float(np.average(away**2, weights=length)) / free
+    return Dot(offset + unit * centre, axes, dark, spread, variance)
 
 
 def _explained(radius: float) -> float:

@@ -13,6 +13,8 @@ CLEAR = 2.0  # another match must be so many times worse,
 CLEAR_PX = 1.0  # and so many px besides, for an assignment to be believed
 GATE = 0.4  # of the distance to the nearest other dot: nearer to its own place than to any other's
 TOUCH_PX = 3.0  # rims that come nearer than this while dots vanish leave their identity open
+SAME_SIZE = 0.05  # relative, of a half-axis from frame to frame
+ADAPTS = 0.1  # share of a frame in the half-axes that are expected: the view changes slowly
 NEIGHBOURS = 3  # marks of the body that carry the guess of a hidden dot
 PATIENCE = 10  # frames for which a hidden dot without neighbours is looked for where it was
 
@@ -23,7 +25,7 @@ class Memory:
 
     rows: NDArray[np.intp]  # (q,) their rows among the marks
     body: NDArray[np.bool_]  # (p,) marks that move with the finger
-    radius: Array  # (q,) px
+    axes: Array  # (q,2) px, half-axes as they were lately
     dark: NDArray[np.bool_]  # (q,)
     place: Array  # (q,2) ideal px where they were last seen
     step: Array  # (q,2) px, their last step; 0 for a dot at rest or lost
@@ -102,9 +104,10 @@ def _look(
             image,
             camera,
             guess[q],
-            float(memory.radius[q]),
+            memory.axes[q],
             search=float(max(reach, 2.0)),
             dark=bool(memory.dark[q]),
+            tolerance=SAME_SIZE,
         )
         for dot in seen:
             known = [*taken, *(other.centre for other in found)]
@@ -125,7 +128,7 @@ def _gates(memory: Memory, which: NDArray[np.intp]) -> Array:
         others = np.delete(memory.snapshot[q][memory.rows], q, axis=0)
         others = others[np.isfinite(others[:, 0])]
         nearest = np.linalg.norm(others - memory.place[q], axis=1).min() if len(others) else np.inf
-        gates[i] = min(GATE * nearest, 3.0 * memory.radius[q] + np.hypot(*memory.step[q]))
+        gates[i] = min(GATE * nearest, 3.0 * memory.axes[q, 1] + np.hypot(*memory.step[q]))
     return gates
 
 
@@ -144,14 +147,14 @@ def _carried(memory: Memory, q: int, now: Array) -> Array:
 
 
 def start(
-    seed: Array, *, rows: NDArray[np.intp], body: NDArray[np.bool_], radius: Array, dark: NDArray[np.bool_]
+    seed: Array, *, rows: NDArray[np.intp], body: NDArray[np.bool_], axes: Array, dark: NDArray[np.bool_]
 ) -> Memory:
     """Memory of q dots at rest, from the places (p,2) ideal px of all marks; NaN for those not seen."""
     count = len(rows)
     return Memory(
         rows,
         body,
-        radius,
+        axes,
         dark,
         seed[rows],
         np.zeros((count, 2)),
@@ -164,20 +167,25 @@ def start(
 def _remember(memory: Memory, dots: list[Dot | None], now: Array, doubt: NDArray[np.int8]) -> Memory:
     seen = np.array([dot is not None for dot in dots])
     place, step, snapshot = memory.place.copy(), np.zeros_like(memory.step), memory.snapshot.copy()
-    for q in np.flatnonzero(seen):
-        place[q] = now[memory.rows[q]]
+    axes = memory.axes.copy()
+    for q, dot in enumerate(dots):
+        if dot is None:
+            continue
+        place[q] = dot.centre
+        axes[q] += ADAPTS * (dot.axes - axes[q])
         if memory.hidden[q] == 0:
             step[q] = place[q] - memory.place[q]
         snapshot[q] = now
     vanished = ~seen & (memory.hidden == 0)
     guess = memory.place + memory.step
     apart = np.linalg.norm(guess[:, None] - guess[None], axis=-1)
-    near = apart < memory.radius[:, None] + memory.radius[None] + TOUCH_PX
+    near = apart < memory.axes[:, None, 1] + memory.axes[None, :, 1] + TOUCH_PX
     np.fill_diagonal(near, False)
     touching = vanished & (near & vanished).any(axis=1)
     hidden = np.where(seen, 0, memory.hidden + 1)
     return replace(
         memory,
+        axes=axes,
         place=place,
         step=step,
         snapshot=snapshot,

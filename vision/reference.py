@@ -37,7 +37,7 @@ class Follower:
     templates: registration.Templates  # of the coded marks, in their order
     coded: NDArray[np.intp]  # marks with a code
     centre: Array  # (p,2) local coordinates of the mark's centre
-    dark: NDArray[np.bool_]  # (p,) dark on light; of dots
+    dots: dict[int, Dot]  # by row of the marks, as the first frame shows them
     least: Array  # (coded,) correlation below which a coded mark is not believed
 
 
@@ -56,7 +56,7 @@ def prepare(
         )
     reference = reference_frames(film, reference_s)
     coded = np.flatnonzero([mark.marker is not None for mark in marks])
-    seed, dark, single = _start(film, camera, marks, dictionary, coded)
+    seed, dots, single = _start(film, camera, marks, dictionary, coded)
     mean, least = _average(
         islice(film.frames(), min(len(reference), MAX_REFERENCE)), camera, single, seed[coded]
     )
@@ -65,7 +65,7 @@ def prepare(
     centre[coded] = printed_centres(
         mean[:, 0], single.grid, [marks[int(p)] for p in coded], dictionary, px_per_unit(seed[coded])
     )
-    return Follower(camera, tuple(marks), dictionary, seed, templates, coded, centre, dark, least)
+    return Follower(camera, tuple(marks), dictionary, seed, templates, coded, centre, dots, least)
 
 
 def _average(
@@ -103,12 +103,13 @@ def reference_frames(film: Video, reference_s: float) -> NDArray[np.intp]:
 
 def _start(
     film: Video, camera: Camera, marks: Sequence[Mark], dictionary: str, coded: NDArray[np.intp]
-) -> tuple[Array, NDArray[np.bool_], registration.Templates]:
-    """First warps (p,3,3), whether dots are dark (p,), and templates, each from its first frame."""
-    seed, dark = np.full((len(marks), 3, 3), np.nan), np.ones(len(marks), dtype=bool)
+) -> tuple[Array, dict[int, Dot], registration.Templates]:
+    """First warps (p,3,3), dots and templates from the frame in which each mark is first seen."""
+    seed: Array = np.full((len(marks), 3, 3), np.nan)
+    dots: dict[int, Dot] = {}
     patch, grid, looked = None, np.empty(0), []
     for _, _, image in islice(film.frames(), START_FRAMES):
-        fresh = _seed(image, camera, marks, dictionary, seed, dark)
+        fresh = _seed(image, camera, marks, dictionary, seed, dots)
         looked.append(image)
         if not np.isfinite(seed[coded]).any():
             continue
@@ -122,7 +123,7 @@ def _start(
     if patch is None:
         raise ValueError(_none_found(film, looked, dictionary))
     _check_start(film, looked[0], marks, dictionary, seed)
-    return seed, dark, registration.templates(patch, grid)
+    return seed, dots, registration.templates(patch, grid)
 
 
 def _seed(
@@ -131,7 +132,7 @@ def _seed(
     marks: Sequence[Mark],
     dictionary: str,
     seed: Array,
-    dark: NDArray[np.bool_],
+    dots: dict[int, Dot],
 ) -> NDArray[np.bool_]:
     """Fill the warps of marks that the picture shows and that were missing; says which were filled."""
     missing = np.isnan(seed[:, 0, 0])
@@ -139,12 +140,12 @@ def _seed(
     for p, mark in enumerate(marks):
         if missing[p] and mark.marker is not None and mark.marker in found:
             seed[p] = corner_warp(camera.undistort(found[mark.marker]))
-    _seed_dots(image, camera, marks, seed, dark)
+    _seed_dots(image, camera, marks, seed, dots)
     return missing & np.isfinite(seed[:, 0, 0])
 
 
 def _seed_dots(
-    image: Image, camera: Camera, marks: Sequence[Mark], seed: Array, dark: NDArray[np.bool_]
+    image: Image, camera: Camera, marks: Sequence[Mark], seed: Array, dots: dict[int, Dot]
 ) -> None:
     """Look for missing dots where the frame marks say that they should be, dark or light ones."""
     frame = [p for p, mark in enumerate(marks) if mark.role == "frame" and np.isfinite(seed[p, 0, 0])]
@@ -160,7 +161,9 @@ def _seed_dots(
     found: list[Dot] = []
     for p in missing:
         for is_dark in (True, False):
-            seen = find_dots(image, camera, guess[p], radius[p], search=2.0 * radius[p], dark=is_dark)
+            seen = find_dots(
+                image, camera, guess[p], np.full(2, radius[p]), search=2.0 * radius[p], dark=is_dark
+            )
             found += [
                 d for d in seen if all(np.hypot(*(d.centre - f.centre)) > 0.5 * d.radius for f in found)
             ]
@@ -171,7 +174,7 @@ def _seed_dots(
     chosen, _ = assign(guess[missing], np.array([dot.centre for dot in found]).reshape(-1, 2), gate)
     for p, j in zip(missing, chosen, strict=True):
         if j >= 0:
-            seed[p], dark[p] = dot_warp(found[j].centre, found[j].radius), found[j].dark
+            seed[p], dots[p] = dot_warp(found[j].centre, found[j].radius), found[j]
 
 
 def _in_picture(homography: Array, places: Array) -> Array:

@@ -45,6 +45,7 @@ class Followed:
     covariance: Array  # (t,p,2,2) px2
     method: NDArray[np.int8]  # (t,p)
     reference: NDArray[np.intp]  # (r,) frames of the reference
+    said: tuple[str, ...] = ()  # what else is to be said of lost marks, one sentence each
 
 
 def follow(
@@ -52,7 +53,7 @@ def follow(
 ) -> Followed:
     """Every mark in every frame of the film."""
     states = list(_states(film, follower, stage, progress))
-    warp, match, method, spread = (np.array([state[k] for state in states]) for k in range(4))
+    warp, match, method, spread, unknown = (np.array([state[k] for state in states]) for k in range(5))
     ideal = centres(warp, follower.centre)
     _straighten(follower, ideal)
     return Followed(
@@ -62,6 +63,16 @@ def follow(
         _covariance(warp, match, spread, follower),
         method,
         reference_frames(film, reference_s),
+        _unknown([mark.name for mark in follower.marks], unknown, film.time),
+    )
+
+
+def _unknown(names: list[str], unknown: NDArray[np.bool_], time: Array) -> tuple[str, ...]:
+    """A sentence for each mark that has lost its name (t,p)."""
+    return tuple(
+        f"dot {names[p]!r} came too near to another at {time[np.argmax(unknown[:, p])]:.3f} s: which is "
+        "which cannot be told after that, and it stays lost"
+        for p in np.flatnonzero(unknown.any(axis=0))
     )
 
 
@@ -73,13 +84,15 @@ def centres(warp: Array, centre: Array) -> Array:
 
 def _states(
     film: Video, follower: Follower, stage: str, progress: Progress | None
-) -> Iterator[tuple[Array, Array, NDArray[np.int8], Array]]:
+) -> Iterator[tuple[Array, Array, NDArray[np.int8], Array, NDArray[np.bool_]]]:
     last, before = follower.seed.copy(), follower.seed.copy()
     memory = _memory(follower)
     for index, _, image in film.frames():
         warp, match, method = _step(image, follower, _predict(last, before))
         memory, spread = _dots(image, follower, memory, warp, match, method)
-        yield warp, match, method, spread
+        unknown = np.zeros(len(warp), dtype=bool)
+        unknown[memory.rows] = memory.open
+        yield warp, match, method, spread, unknown
         # A lost mark is looked for where it was last seen.
         before = np.where(np.isfinite(warp), last, before)
         last = np.where(np.isfinite(warp), warp, last)
@@ -155,8 +168,10 @@ def _memory(follower: Follower) -> Memory:
         follower.seed[:, :2, 2],
         rows=dots,
         body=np.array([mark.role == "finger" for mark in follower.marks]),
-        radius=px_per_unit(follower.seed[dots]),
-        dark=follower.dark[dots],
+        axes=np.array([follower.dots[p].axes if p in follower.dots else (1.0, 1.0) for p in dots]).reshape(
+            -1, 2
+        ),
+        dark=np.array([p in follower.dots and follower.dots[p].dark for p in dots], dtype=bool),
     )
 
 
@@ -168,9 +183,9 @@ def _dots(
     if not len(memory.rows):
         return memory, spread
     memory, dots = follow_dots(image, follower.camera, memory, warp[:, :2, 2])
-    for p, radius, dot in zip(memory.rows, memory.radius, dots, strict=True):
+    for p, dot in zip(memory.rows, dots, strict=True):
         if dot is not None:
-            warp[p], match[p], method[p] = dot_warp(dot.centre, float(radius)), dot.variance, DOT
+            warp[p], match[p], method[p] = dot_warp(dot.centre, follower.dots[p].radius), dot.variance, DOT
             spread[p] = dot.spread
     return memory, spread
 

@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
 from vision import Mark, synthetic
-from vision.dots import find_dot
 from vision.noise import CREEP, FAST, REST, hidden_in_static, states, static_noise
 from vision.plane import fit_homography, homographies, to_plane
 
@@ -56,30 +55,6 @@ def test_renderer_against_brute_force(lab: Lab) -> None:
     shift, *_ = np.linalg.lstsq(np.column_stack([right, down]), difference, rcond=None)
     assert np.max(np.abs(shift)) < 0.002  # px, the renderer's own error of place
     assert np.max(np.abs(difference)) < 2.5  # of 175 grey levels; 20 samples leave some at sharp edges
-
-
-@pytest.mark.parametrize("radius", [5.0, 7.3])
-def test_dot_centre(radius: float) -> None:
-    rng = np.random.default_rng(0)
-    y, x = np.mgrid[:60, :60]
-    errors = []
-    for _ in range(20):
-        centre = 30.0 + rng.uniform(-1, 1, 2)
-        edge = np.clip(np.hypot(x - centre[0], y - centre[1]) - radius + 0.5, 0, 1)
-        picture = 40 + 170 * gaussian_filter(edge, 0.8) + rng.normal(0, 1.0, edge.shape)
-        found = find_dot(np.round(picture).astype(np.uint8), np.array([29.0, 31.0]), radius, search=6.0)
-        assert found is not None
-        errors.append(found - centre)
-    assert np.sqrt(np.mean(np.square(errors))) < 0.015
-
-
-def test_no_dot_is_no_dot() -> None:
-    flat = np.full((60, 60), 120, dtype=np.uint8)
-    assert find_dot(flat, np.array([30.0, 30.0]), 6.0, search=6.0) is None
-    assert find_dot(flat, np.array([-300.0, 30.0]), 6.0, search=6.0) is None
-    y, x = np.mgrid[:60, :60]
-    large = np.where(np.hypot(x - 30, y - 30) < 15, 40, 210).astype(np.uint8)
-    assert find_dot(large, np.array([30.0, 30.0]), 6.0, search=6.0) is None  # a dot, but not of that size
 
 
 def test_homography_is_exact_and_follows_the_camera(lab: Lab) -> None:
