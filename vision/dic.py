@@ -120,7 +120,6 @@ def field(subsets: Subsets, picture: Smooth) -> Field:
     lost = f"nothing like it within reach (correlation above {MIN_CORRELATION:g})"
     reason = [why or ("" if match[p] > 0 else lost) for p, why in enumerate(subsets.refused)]
     good = np.array([not why for why in reason])
-    warp[~good] = np.nan
     covariance = centre_covariance(subsets.templates, np.full(count, half), np.where(good, match, np.nan))
     return Field(
         subsets.centre,

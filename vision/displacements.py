@@ -85,11 +85,11 @@ def measure(
     in the covariance of every place. Raises ValueError for marks that do not suffice or share ids, for a
     static film that is too short or shows no marks, and as `prepare` does.
     """
-    _check(static, marks)
+    check_films(static, marks)
     follower = prepare(film, camera, marks, dictionary=dictionary, reference_s=reference_s)
     still = _static(static, camera, marks, dictionary, reference_s, progress)
     followed = follow(film, follower, reference_s=reference_s, stage="film", progress=progress)
-    frame, points = _rows(marks)
+    frame, points = rows_of(marks)
     codec = codec_noise(film, follower, followed, _xz(marks)[frame], frame, points, progress)
     return displacements(followed, still, camera, marks, codec=codec, stated=stated, static=static.path.name)
 
@@ -108,7 +108,7 @@ def displacements(
 
     static: name of the static film.
     """
-    frame, points = _rows(marks)
+    frame, points = rows_of(marks)
     output = [marks[p] for p in points]
     nominal = np.array([mark.position for mark in output])
     quiet = plane_of(_xz(marks)[frame], still.ideal[:, frame])
@@ -116,7 +116,7 @@ def displacements(
     noise = static_noise(rest_place, [mark.name for mark in output], static)
     ideal, reference = followed.ideal[:, points], followed.reference
     extra = codec_sd(codec, ideal, mean_seen(ideal[reference]))
-    noise = replace(noise, codec_sd=_while_moving(extra, states(ideal) != REST))
+    noise = replace(noise, codec_sd=while_moving(extra, states(ideal) != REST))
     plane = plane_of(_xz(marks)[frame], followed.ideal[:, frame])
     view, height = depth.viewpoint(camera, plane.homography), depth.heights(marks, frame)
     _check_heights(marks, height, view)
@@ -169,9 +169,9 @@ def displacements(
         names,
         noise,
         reference,
-        _tracks(followed, marks, camera, rotation),
+        tracks_of(followed, marks, camera, rotation),
         plane.homography,
-        _lost(followed, marks, plane.homography),
+        lost_marks(followed, marks, plane.homography),
         budget(parts, fields, names, seen),
         (
             *hidden_in_static(rest_place, [mark.name for mark in output], static),
@@ -182,7 +182,7 @@ def displacements(
     )
 
 
-def _check(static: Video, marks: Sequence[Mark]) -> None:
+def check_films(static: Video, marks: Sequence[Mark]) -> None:
     """Raises ValueError when the marks or the static film do not suffice."""
     check_names(marks)
     for role, wanted in (("frame", MIN_FRAME), ("fixed", MIN_FIXED), ("finger", 1)):
@@ -205,7 +205,7 @@ def _check(static: Video, marks: Sequence[Mark]) -> None:
         )
 
 
-def _rows(marks: Sequence[Mark]) -> tuple[list[int], list[int]]:
+def rows_of(marks: Sequence[Mark]) -> tuple[list[int], list[int]]:
     """Rows of the frame marks and of the output marks."""
     frame = [p for p, mark in enumerate(marks) if mark.role == "frame"]
     return frame, [p for p in range(len(marks)) if p not in frame]
@@ -228,7 +228,7 @@ def _static(
     return follow(static, follower, reference_s=reference_s, stage="static", progress=progress)
 
 
-def _while_moving(extra: Array, moves: NDArray[np.bool_]) -> Array:
+def while_moving(extra: Array, moves: NDArray[np.bool_]) -> Array:
     """Rms (p,3) of the codec's sd (s,p,3) over the frames in which a point moves, 0 if it never does."""
     chosen = moves[..., None]
     return np.sqrt(np.sum(extra**2 * chosen, axis=0) / np.maximum(chosen.sum(axis=0), 1))
@@ -301,7 +301,7 @@ def _grown(still: Followed, quiet: Plane, points: list[int], noise: NoiseModel, 
     return np.asarray(sd * np.sqrt(1.0 + np.nanmax(np.nan_to_num(extra / noise.sd) ** 2, axis=2)))
 
 
-def _tracks(followed: Followed, marks: Sequence[Mark], camera: Camera, rotation: Array) -> Tracks:
+def tracks_of(followed: Followed, marks: Sequence[Mark], camera: Camera, rotation: Array) -> Tracks:
     return Tracks(
         followed.time,
         tuple(mark.name for mark in marks),
@@ -312,7 +312,7 @@ def _tracks(followed: Followed, marks: Sequence[Mark], camera: Camera, rotation:
     )
 
 
-def _lost(followed: Followed, marks: Sequence[Mark], homography: Array) -> tuple[str, ...]:
+def lost_marks(followed: Followed, marks: Sequence[Mark], homography: Array) -> tuple[str, ...]:
     total = len(followed.time)
     said = []
     for p, mark in enumerate(marks):

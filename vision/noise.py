@@ -54,7 +54,7 @@ class Codec:
 
 
 def static_noise(place: Array, names: Sequence[str], film: str) -> NoiseModel:
-    """Noise model of places (t,p,2) mm (x, z) at rest, without its codec term.
+    """Noise model of places (t,p,2) mm (x, z) or (t,p,3) mm at rest, without its codec term.
 
     names: (p,) of the points.   film: name of the static film.
     sd with t - 1 degrees of freedom; rho = sum e_t e_t+1 / sum e_t^2. A point that is seen in fewer than 120
@@ -74,9 +74,10 @@ def static_noise(place: Array, names: Sequence[str], film: str) -> NoiseModel:
     sd[enough] = np.sqrt(power / np.maximum(count - 1, 1)[:, None])[enough]
     rho[enough] = np.clip((error[1:] * error[:-1]).sum(axis=0)[enough] / power[enough], 0.0, 0.95)
     sd[~enough], rho[~enough] = sd.max(axis=0), rho.max(axis=0)
+    whole = with_y if place.shape[-1] == 2 else np.asarray
     return NoiseModel(
-        with_y(sd),
-        with_y(rho),
+        whole(sd),
+        whole(rho),
         _correlation(error, enough),
         int(np.isfinite(place[:, enough, 0]).all(axis=1).sum()),
         np.zeros((len(names), 3)),
@@ -101,9 +102,9 @@ def with_y(xz: Array) -> Array:
 
 
 def _correlation(error: Array, known: NDArray[np.bool_]) -> Array:
-    """Correlation (3p,3p) of errors (t,p,2) of the known points (p,); identity where nothing is known."""
+    """Correlation (3p,3p) of errors (t,p,2 or 3) of the known points (p,); identity where nothing is known."""
     full = np.eye(3 * error.shape[1])
-    rows = np.flatnonzero((known[:, None] & [True, False, True]).ravel())
+    rows = np.flatnonzero((known[:, None] & [True, error.shape[2] == 3, True]).ravel())
     full[np.ix_(rows, rows)] = np.corrcoef(error[:, known].reshape(len(error), -1), rowvar=False)
     return full
 

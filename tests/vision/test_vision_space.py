@@ -1,0 +1,181 @@
+"""Two cameras on drawn film: motion out of the plane, pulls, clocks apart, a shaken camera, calibration error."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from vision import Camera, Displacements, Video, measure, spacemodes, synthetic
+from vision.depth import principal
+from vision.modes import Stated
+from vision.rig import OWN, Rig
+from vision.space import Recording, measure_in_space
+from vision.world import Sight, places_of, rigid_fit
+
+Array = NDArray[np.float64]
+FRAMES, RATE = 50, 10.0
+REFERENCE_S = 1.5
+PERFECT = Stated(placement_mm=1e-6, scale=1e-9, frame_mm=1e-6, node_mm=1e-6)
+
+
+def second(pose: tuple[Array, Array], degrees: float) -> tuple[Array, Array]:
+    """The pose of a camera that looks at the same middle from a place turned about the vertical."""
+    turn, _ = cv2.Rodrigues(np.array([0.0, 0.0, np.deg2rad(degrees)]))
+    first, _ = cv2.Rodrigues(pose[0])
+    middle = np.array([45.0, 12.0, -15.0])
+    rotation = first @ turn
+    return cv2.Rodrigues(rotation)[0].ravel(), pose[1] + first @ middle - rotation @ middle
+
+
+def rig_of(cameras: tuple[Camera, ...], poses: list[tuple[Array, Array]]) -> Rig:
+    turns = [cv2.Rodrigues(p[0])[0] for p in poses]
+    relative = [t @ turns[0].T for t in turns]
+    turn = np.array([cv2.Rodrigues(r)[0].ravel() for r in relative])
+    shift = np.array(
+        [np.ravel(p[1]) - r @ np.ravel(poses[0][1]) for p, r in zip(poses, relative, strict=True)]
+    )
+    return Rig(cameras, turn, shift, np.zeros((len(cameras) * OWN,) * 2))
+
+
+def motion(lab: Any, time: Array) -> tuple[Array, Array]:
+    """Centres (t,p,3) mm and rotations (t,p) rad: bent towards -z, and out of the plane by up to 7 mm."""
+    ramp = np.clip((time - 1.6) / 3.0, 0.0, 1.0)
+    bend = 0.009 * ramp**2 * (3.0 - 2.0 * ramp)
+    place, turn = lab.motion(bend)
+    for p in lab.rows("finger"):
+        place[:, p, 1] += 7.0 * ramp**2 * (3.0 - 2.0 * ramp) * (lab.marks[p].position[0] / 90.0) ** 2
+    return place, turn
+
+
+class Pair:
+    """Both cameras' films of one motion."""
+
+    def __init__(self, lab: Any, folder: Path) -> None:
+        self.lab, self.poses = lab, [lab.pose, second(lab.pose, 24.0)]
+        moved = np.array([[-20.0, 0, 4], [0, -21, -5], [0, 0, 0]])
+        self.cameras = (lab.camera, replace(lab.camera, matrix=lab.camera.matrix + moved))
+        self.rig = rig_of(self.cameras, self.poses)
+        self.time = np.arange(FRAMES) / RATE
+        films = [
+            self.drawn(folder / f"{name}{c}.mkv", c, time)
+            for name, time in (("film", self.time), ("static", np.zeros(120)))
+            for c in range(2)
+        ]
+        self.recordings = [Recording(films[c], films[2 + c]) for c in range(2)]
+        self.places = motion(lab, self.time)[0]
+        self.truth = self.places - self.places[self.time <= REFERENCE_S].mean(axis=0)
+        self.output = lab.rows("fixed", "finger")
+
+    def drawn(self, path: Path, c: int, time: Array) -> Video:
+        place, turn = motion(self.lab, time)
+        synthetic.film(
+            path,
+            camera=self.cameras[c],
+            pose=self.poses[c],
+            marks=self.lab.marks,
+            positions=place,
+            rotations=turn,
+            codec="ffv1",
+            seed=10 * c + len(time),
+        )
+        return Video(path)
+
+    def sight(self) -> Sight:
+        """What the cameras would see without noise."""
+        raw = []
+        for camera, matrix in zip(self.cameras, self.rig.matrices, strict=True):
+            turn, _ = cv2.Rodrigues(self.poses[0][0])
+            own = self.places @ turn.T + np.ravel(self.poses[0][1])
+            mapped = own @ matrix[:, :3].T + matrix[:, 3]
+            raw.append(camera.distort(mapped[..., :2] / mapped[..., 2:]))
+        nominal = np.array([m.position for m in self.lab.marks])
+        still = np.flatnonzero(self.time <= REFERENCE_S)
+        variance = np.full((2, len(nominal)), 1e-5)
+        return Sight(np.array(raw), variance, nominal, self.lab.rows("frame"), self.output, still)
+
+
+@pytest.fixture(scope="module")
+def pair(lab: Any, tmp_path_factory: pytest.TempPathFactory) -> Pair:
+    return Pair(lab, tmp_path_factory.mktemp("pair"))
+
+
+def measured(pair: Pair, **changed: Any) -> Displacements:
+    recordings = changed.pop("recordings", pair.recordings)
+    return measure_in_space(
+        recordings, pair.rig, pair.lab.marks, stated=PERFECT, reference_s=REFERENCE_S, **changed
+    )
+
+
+def test_motion_out_of_the_plane_is_measured_with_pulls_of_one(pair: Pair) -> None:
+    found = measured(pair)
+    error = found.value - pair.truth[:, pair.output]
+    assert np.abs(pair.truth[..., 1]).max() > 5.0
+    assert np.sqrt(np.mean(error**2, axis=(0, 1))) == pytest.approx([0, 0, 0], abs=0.003)  # 0.01 px
+    pulls = error / np.sqrt(np.diagonal(found.covariance, axis1=2, axis2=3) + (found.modes**2).sum(axis=0))
+    finger = np.array([role == "finger" for role in found.roles])
+    # 150 or 200 values of a component, those of a mark share its reference: sd 0.06
+    assert np.sqrt(np.mean(pulls[:, ~finger] ** 2, axis=(0, 1))) == pytest.approx([1, 1, 1], abs=0.2)
+    assert np.sqrt(np.mean(pulls[:, finger] ** 2, axis=(0, 1))) == pytest.approx([1, 1, 1], abs=0.25)
+    assert all("frame1" in sentence for sentence in found.lost)  # outside the second camera's picture
+    assert np.isfinite(found.noise.sd).all()
+
+
+def test_one_camera_is_wrong_where_two_are_right(pair: Pair) -> None:
+    one = pair.recordings[0]
+    alone = measure(one.film, one.static, pair.cameras[0], pair.lab.marks, stated=PERFECT, reference_s=1.5)
+    error = (alone.value - pair.truth[:, pair.output])[..., [0, 2]]
+    assert np.isnan(alone.value[..., 1]).all()
+    assert np.nanmax(np.abs(error)) > 0.5  # r dy / Z = 50 mm x 7 mm / 380 mm = 0.9 mm
+
+
+def test_a_late_camera_is_found_out_and_corrected(pair: Pair) -> None:
+    """The second camera's stamps are 30 ms late, a third of a frame."""
+    recordings = [pair.recordings[0], replace(pair.recordings[1], start_s=0.03)]
+    found = measured(pair, recordings=recordings)
+    lags = [float(r.split("motion ")[1].split(" ms")[0]) for r in found.remarks if "motion" in r]
+    assert lags == [pytest.approx(30.0, abs=0.5)]
+    error = found.value - pair.truth[:, pair.output]
+    assert np.sqrt(np.nanmean(error**2)) < 0.004  # 0.1 mm without the correction
+    assert "camera_clock:2" in found.mode_names
+
+
+def test_errors_of_the_calibration_are_covered_by_its_modes(pair: Pair) -> None:
+    """The rig is off by draws from its stated covariance, the pixels are exact."""
+    sd = np.zeros((2, OWN))
+    sd[:, :5] = 2.0, 2.0, 3.0, 3.0, 2e-3
+    sd[1, 9:] = 1e-3, 1e-3, 1e-3, 0.3, 0.3, 0.5
+    covariance = np.diag(sd.ravel() ** 2)
+    sight, pulls = pair.sight(), []
+    exact = spacemodes.displacement(places_of(pair.rig, sight), sight.reference)
+    assert exact == pytest.approx(pair.truth[:, pair.output], abs=1e-6)
+    for trial in range(12):
+        draw = np.random.default_rng(trial).standard_normal(int((sd > 0).sum())) @ principal(covariance)
+        wrong = replace(pair.rig.moved(draw), covariance=covariance)
+        value = spacemodes.displacement(places_of(wrong, sight), sight.reference)
+        modes = np.array(list(spacemodes.calibration(wrong, sight, value).values()))
+        error = (value - exact)[-1, -1]
+        assert np.linalg.norm(error) > 1e-3  # mm
+        pulls.append(error / np.sqrt((modes[:, -1, -1] ** 2).sum(axis=0)))
+    # 12 draws of three correlated components: sd 0.15
+    assert np.sqrt(np.mean(np.square(pulls))) == pytest.approx(1.0, abs=0.4)
+
+
+def test_a_rigid_fit_finds_the_pose_and_refuses_a_line() -> None:
+    rng = np.random.default_rng(0)
+    points = rng.normal(0, 50, (7, 3)) * (1, 0, 1)
+    turn, _ = cv2.Rodrigues(np.array([0.3, -1.2, 0.8]))
+    moved = points @ turn.T + (10.0, 20.0, 900.0)
+    moved[3] = np.nan
+    found, shift = rigid_fit(moved, points)
+    assert moved[0] @ found.T + shift == pytest.approx(points[0], abs=1e-9)
+    with pytest.raises(ValueError, match="lie on one line"):
+        rigid_fit(points * (1, 0, 0), points)
+
+
+def test_one_recording_for_each_camera(pair: Pair) -> None:
+    with pytest.raises(ValueError, match="1 recordings for 2 cameras"):
+        measure_in_space(pair.recordings[:1], pair.rig, pair.lab.marks)
