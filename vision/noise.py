@@ -102,7 +102,7 @@ def with_y(xz: Array) -> Array:
 
 
 def _correlation(error: Array, known: NDArray[np.bool_]) -> Array:
-    """Correlation (3p,3p) of errors (t,p,2 or 3) of the known points (p,); identity where nothing is known."""
+    """Correlation (3p,3p) of errors (t,p,2|3) of the known points (p,); identity elsewhere."""
     full = np.eye(3 * error.shape[1])
     rows = np.flatnonzero((known[:, None] & [True, error.shape[2] == 3, True]).ravel())
     full[np.ix_(rows, rows)] = np.corrcoef(error[:, known].reshape(len(error), -1), rowvar=False)
