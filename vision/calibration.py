@@ -9,14 +9,16 @@ import numpy as np
 
 from vision import lens
 from vision.boards import Board, View, find_board
-from vision.camera import Camera, Image
+from vision.camera import Array, Camera, Image
 from vision.dictionaries import dictionary_of, other_dictionary
 from vision.plane import fit_homography, to_plane
 
 MIN_IMAGES = 6
 MIN_CORNERS = 8
 MIN_TILT_DEG = 10.0  # below it focal length and distance are one number, and OpenCV's sd does not tell
-MIN_COVERAGE, GOOD_COVERAGE = 0.15, 0.6  # share of the picture inside the hull of all corners
+# Share of the picture inside the hull of all corners. A small board far away may leave 5 % and calibrate well
+# there; what lies outside is told where a film shows marks there.
+MIN_COVERAGE, GOOD_COVERAGE = 0.02, 0.6
 MAX_SCALE_ERROR = 1e-3  # of lengths on boards that were held out
 FOLDS = 3
 
@@ -41,7 +43,7 @@ def calibrate_camera(images: Sequence[Path], board: Board, *, max_rms_px: float 
     lowest BIC. The camera's `remarks` say what was chosen and checked. Raises ValueError when pictures are
     missing or differ in size, when fewer than 6 show the board (says which other dictionary finds markers),
     when the error is above max_rms_px, when the boards are not tilted against each other or cover less than
-    15 % of the picture, and when lengths on held-out boards are off by more than 0.1 %.
+    2 % of the picture, and when lengths on held-out boards are off by more than 0.1 %.
     """
     if not images:
         raise ValueError(
@@ -57,7 +59,9 @@ def calibrate_camera(images: Sequence[Path], board: Board, *, max_rms_px: float 
     size = (int(pictures[0].shape[1]), int(pictures[0].shape[0]))
     fits = lens.fit_models(seen.views, size)
     covariance, enlarged = lens.covariance(fits[0], seen.views)
-    tilt_deg, coverage = _tilt(fits[0]), _coverage(seen.views, size)
+    covered = _hull(seen.views)
+    tilt_deg = _tilt(fits[0])
+    coverage = float(cv2.contourArea(covered.astype(np.float32))) / (size[0] * size[1])
     _accept(fits[0], max_rms_px, [Path(images[i]) for i in seen.rows], tilt_deg, coverage)
     scale = _held_out_scale(seen.views, size, fits[0].camera.model)
     _accept_scale(*scale)
@@ -66,7 +70,7 @@ def calibrate_camera(images: Sequence[Path], board: Board, *, max_rms_px: float 
         _evidence(fits, enlarged),
         _checks(tilt_deg, coverage, scale),
     )
-    return replace(fits[0].camera, covariance=covariance, remarks=remarks)
+    return replace(fits[0].camera, covariance=covariance, covered=covered, remarks=remarks)
 
 
 def read_picture(path: Path, board: Board) -> Image:
@@ -115,7 +119,8 @@ def _reading(seen: _Seen, board: Board, paths: list[Path]) -> list[str]:
         )
     left_out = [path.name for i, path in enumerate(paths) if i not in seen.rows]
     if left_out:
-        said.append(f"the board was not found in {', '.join(left_out)}")
+        more = ", ..." if len(left_out) > 4 else ""
+        said.append(f"the board was not found in {len(left_out)} pictures: {', '.join(left_out[:4])}{more}")
     return said
 
 
@@ -142,8 +147,10 @@ def _called(fit: lens.Fit) -> str:
 def _checks(tilt_deg: float, coverage: float, scale: tuple[float, float]) -> str:
     said = (
         f"boards tilted by up to {tilt_deg:.0f} degrees against each other, {100 * coverage:.0f} % of the "
-        f"picture covered, lengths on held-out boards off by {100 * scale[0]:.3f} +- {100 * scale[1]:.3f} %"
+        "picture covered"
     )
+    if np.isfinite(scale[0]):
+        said += f", lengths on held-out boards off by {100 * scale[0]:.3f} +- {100 * scale[1]:.3f} %"
     if coverage < GOOD_COVERAGE:
         said += "; the lens is known less well outside that part: hold the board into the corners too"
     return said
@@ -155,15 +162,16 @@ def _tilt(fit: lens.Fit) -> float:
     return float(np.degrees(np.arccos(np.clip(normals @ normals.T, -1.0, 1.0).min())))
 
 
-def _coverage(views: Sequence[View], size: tuple[int, int]) -> float:
+def _hull(views: Sequence[View]) -> Array:
+    """Convex polygon (k,2) px round all corners."""
     hull = cv2.convexHull(np.concatenate([view.pixels for view in views]).astype(np.float32))
-    return float(cv2.contourArea(hull)) / (size[0] * size[1])
+    return np.asarray(hull, dtype=np.float64).reshape(-1, 2)
 
 
 def _held_out_scale(
     views: Sequence[View], size: tuple[int, int], model: tuple[str, ...]
 ) -> tuple[float, float]:
-    """Mean relative error of lengths on boards that took no part, and its sd.
+    """Mean relative error of lengths on boards that took no part, and its sd; NaN if too few show enough.
 
     As in a film, the outer corners of a board give the homography, the inner ones are measured with it.
     """
@@ -173,14 +181,22 @@ def _held_out_scale(
         kept = [view for i, view in enumerate(views) if i % folds != fold]
         camera = lens.fit_lens(kept, size, model).camera
         errors += [_scale_error(view, camera) for i, view in enumerate(views) if i % folds == fold]
-    return float(np.mean(errors)), float(np.std(errors, ddof=1) / np.sqrt(len(errors)))
+    known = [error for error in errors if np.isfinite(error)]
+    if len(known) < MIN_IMAGES:
+        return np.nan, np.nan
+    return float(np.mean(known)), float(np.std(known, ddof=1) / np.sqrt(len(known)))
 
 
 def _scale_error(view: View, camera: Camera) -> float:
-    """Relative size of the inner corners' figure, measured with the homography of the outer ones."""
+    """Relative size of the inner corners' figure, measured with the homography of the outer ones.
+
+    NaN where the view has too few of them.
+    """
     place = view.points[:, :2]
     distance = np.linalg.norm(place - place.mean(axis=0), axis=1)
     inner = distance < np.median(distance)
+    if inner.sum() < 4 or (~inner).sum() < 6:
+        return np.nan
     ideal = camera.undistort(view.pixels)
     homography = fit_homography(place[~inner], ideal[~inner])
     found = to_plane(homography[None], ideal[None, inner])[0]
@@ -232,7 +248,10 @@ def _too_few(usable: int, pictures: list[Image], board: Board) -> str:
     other = other_dictionary(pictures[:2], board.dictionary) if markers < len(pictures) else None
     if other:
         return start + f", {other[0]} finds {other[1]} in the first {len(pictures[:2])}: set that dictionary"
-    inverted = sum(len(detector.detectMarkers(np.asarray(255 - p, dtype=np.uint8))[0]) for p in pictures[:2])
-    if inverted > 3 and markers == 0:
+    inverted = sum(len(detector.detectMarkers(np.asarray(255 - p, dtype=np.uint8))[0]) for p in pictures)
+    if inverted > 2 * markers + 3:
         return start + f" and {inverted} in the inverted pictures: set inverted"
+    turned = _seen(pictures, replace(board, columns=board.rows, rows=board.columns))
+    if len(turned.rows) >= MIN_IMAGES:
+        return start + f": the board is one of {board.rows} columns and {board.columns} rows, set these"
     return start + ": check columns, rows and dictionary, and photograph the whole board sharply"

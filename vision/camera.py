@@ -23,6 +23,7 @@ class Camera:
     images: int = 0  # number of board pictures used
     covariance: Array = field(default_factory=lambda: np.zeros((9, 9)))  # of `parameters`
     model: tuple[str, ...] = DISTORTION  # what was fitted of the distortion; the rest is 0
+    covered: Array = field(default_factory=lambda: np.empty((0, 2)))  # (k,2) px, polygon that boards filled
     remarks: tuple[str, ...] = ()  # how it was made and what was checked, one sentence each
 
     @property
@@ -83,6 +84,7 @@ class Camera:
             "images": self.images,
             "covariance": self.covariance.tolist(),
             "model": list(self.model),
+            "covered": self.covered.tolist(),
             "remarks": list(self.remarks),
         }
 
@@ -98,5 +100,6 @@ class Camera:
             int(data["images"]),
             np.array(data["covariance"], dtype=np.float64),
             tuple(data["model"]),
+            np.array(data["covered"], dtype=np.float64).reshape(-1, 2),
             tuple(data["remarks"]),
         )

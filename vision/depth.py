@@ -6,6 +6,7 @@ The plane is that of the frame marks; a mark's height is how far its own plane i
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -14,6 +15,7 @@ from vision.marks import Mark
 from vision.plane import fit_homography, to_plane
 
 MOST_FRAMES = 200  # that the viewpoint is the median of
+FAR_SHARE = 0.03  # of the picture's longer side, beyond the outermost corners: one square of a board or so
 NEGLIGIBLE = 1e-4  # share of the calibration's variance that is left out of its modes
 ALARM_SD = 5.0  # sds beyond which a change of apparent size is reported: once in 2 million values
 # Interpolation and blur change the apparent size of a tag that turns by up to this much (drawn film).
@@ -187,6 +189,27 @@ def _alarm(name: str, time: float, shift: float, sd: float, sd_mm: float) -> str
         f"mark {name!r} looks {'larger' if shift > 0 else 'smaller'} at {time:.3f} s than at rest, as if "
         f"moved {abs(shift):.1f} +- {sd:.1f} mm {where}; out_of_plane_sd_mm = {sd_mm:g} does not cover that: "
         "raise it, keep the finger from twisting, or add a second camera"
+    )
+
+
+def extrapolated(camera: Camera, ideal: Array, names: Sequence[str]) -> tuple[str, ...]:
+    """One sentence where marks (t,m,2) ideal px come to where no board was seen in the calibration."""
+    if not len(camera.covered):
+        return ()
+    hull = camera.covered.astype(np.float32)
+    raw = camera.distort(ideal[:: max(len(ideal) // MOST_FRAMES, 1)])
+    beyond = {}
+    for p, name in enumerate(names):
+        places = raw[np.isfinite(raw[:, p, 0]), p]
+        distance = [-cv2.pointPolygonTest(hull, (float(x), float(y)), True) for x, y in places]
+        if max(distance, default=0.0) > FAR_SHARE * max(camera.size):
+            beyond[name] = max(distance)
+    if not beyond:
+        return ()
+    far = max(beyond, key=lambda name: beyond[name])
+    return (
+        f"{len(beyond)} marks come to where no board was seen, {far!r} by {beyond[far]:.0f} px: the lens is "
+        "extrapolated there, and its stated error holds for its model only; calibrate with boards there too",
     )
 
 

@@ -177,6 +177,7 @@ def displacements(
             *hidden_in_static(rest_place, [mark.name for mark in output], static),
             *remarks,
             *_corrected(output, height[points], view),
+            *depth.extrapolated(camera, followed.ideal, [mark.name for mark in marks]),
             *depth.alarms(followed.time, size, size_sd, output, view, sd_mm=stated.out_of_plane_mm),
         ),
     )

@@ -208,3 +208,17 @@ def test_a_mark_that_twists_out_of_the_plane_is_reported(lab: Lab, still: Video,
     assert 0.002 < np.abs(modes["calibration:1"]).max() < 0.1
     shift = modes["out_of_plane:finger12"][-1, -1, ::2] * 4.0 / 0.3
     np.testing.assert_allclose(error[-1, -1], shift, atol=0.02)
+
+
+def test_marks_beyond_the_boards_are_named() -> None:
+    camera = bench(np.random.default_rng(3)).camera
+    hull = np.array([[100.0, 50.0], [500.0, 50.0], [500.0, 350.0], [100.0, 350.0]])
+    raw = np.array(
+        [[[300.0, 200.0], [495.0, 60.0], [np.nan, np.nan]], [[90.0, 200.0], [560.0, 60.0], [1.0, 1.0]]]
+    )
+    ideal = camera.undistort(raw)
+    covered = replace(camera, covered=hull)
+    (said,) = depth.extrapolated(covered, ideal, ["a", "b", "c"])
+    assert "2 marks come to where no board was seen, 'c' by 110 px" in said  # 10 px are less than a square
+    assert depth.extrapolated(covered, ideal[:1], ["a", "b", "c"]) == ()
+    assert depth.extrapolated(camera, ideal, ["a", "b", "c"]) == ()

@@ -1,0 +1,102 @@
+"""twin camera on real pictures, on a file of another program, and what twin.toml may say of it."""
+
+import shutil
+
+import numpy as np
+import pytest
+
+from twin import files
+from twin.config import BoardTable, CameraTable
+from twin.configfile import dump
+from twin.measuring import run_camera
+from twin.project import Project
+from twin.starting import film_config
+from vision import Camera
+from vision.video import Writer
+
+CHESS = BoardTable(kind="chessboard", columns=9, rows=6, square_mm=25.0)
+
+
+class Lines(list):
+    """A say that keeps its lines."""
+
+    def __call__(self, text):
+        self.append(text)
+
+
+def make(folder, **changes):
+    config = film_config("batch")
+    stated = config.cameras[0].model_dump() | changes
+    config = config.model_copy(update={"cameras": (CameraTable(**stated),)})
+    files.write_text(folder / "twin.toml", dump(config))
+    return Project.open(folder)
+
+
+@pytest.mark.parametrize(("side", "limit"), [("left", 0.20), ("right", 0.21)])
+def test_real_chessboard_pictures_of_a_project(tmp_path, shared_data, side, limit):
+    (tmp_path / "raw").mkdir()
+    for picture in (shared_data / "opencv_boards").glob(f"{side}*.jpg"):
+        shutil.copy(picture, tmp_path / "raw" / picture.name)
+    project = make(tmp_path, boards="raw/*.jpg", board=CHESS.model_dump())
+    say = Lines()
+    result = run_camera(project, say)
+    assert result["rms_px"] <= limit
+    assert (result["images"], result["given"]) == (13, 13)
+    assert set(result["model"].split()) >= {"k1", "k2", "p1", "p2"}
+    assert any("lens model" in line for line in say)
+    assert "13 of 13 board images" in say[-1]
+    camera = Camera.from_dict(files.read_json(tmp_path / result["run"] / "camera.json"))
+    np.testing.assert_allclose(camera.stdevs, list(result["sd"].values()))
+    assert 0.3 < camera.stdevs[0] < 2.0
+    assert len(camera.covered) > 4
+
+
+def test_a_camera_of_another_program(tmp_path):
+    (tmp_path / "raw").mkdir()
+    with Writer(tmp_path / "raw/film.mp4", (64, 48), fps=10.0, codec="libx264", crf=18) as writer:
+        writer.add(np.zeros((48, 64), dtype=np.uint8))
+    text = "%YAML:1.0\n---\nK: [80., 0., 32., 0., 80., 24., 0., 0., 1.]\nD: [-0.1, 0.02, 0., 0.]\n"
+    files.write_text(tmp_path / "raw/lens.yml", text)
+    project = make(tmp_path, boards=None, board=None, camera_file="raw/lens.yml")
+    say = Lines()
+    result = run_camera(project, say)
+    assert "camera read from lens.yml: how well it is known is not in it" in say[0]
+    camera = Camera.from_dict(files.read_json(tmp_path / result["run"] / "camera.json"))
+    assert camera.distortion.tolist() == [-0.1, 0.02, 0.0, 0.0, 0.0]
+    assert run_camera(project, Lines())["status"] == "skipped"
+    files.write_text(tmp_path / "raw/lens.yml", text.replace("-0.1", "-0.2"))
+    assert run_camera(project, Lines())["status"] == "done"
+    (tmp_path / "raw/lens.yml").unlink()
+    with pytest.raises(ValueError, match=r"cameras.camera_file = 'raw/lens.yml': no such file"):
+        run_camera(project, Lines())
+
+
+@pytest.mark.parametrize(
+    ("changes", "sentence"),
+    [
+        (
+            {"boards": None},
+            "cameras 'side' has no calibration: give boards and .cameras.board., or camera_file",
+        ),
+        ({"board": None}, "cameras 'side' has no calibration"),
+        ({"camera_file": "raw/lens.yml"}, "has boards and camera_file: keep one of them"),
+        ({"dictionary": "APRILTAG"}, "wanted one of OpenCV's names, such as DICT_4X4_50"),
+        ({"dictionary": "/tmp/own.yml"}, "wanted a path relative to the project folder"),
+        ({"board": {"columns": 9, "rows": 6, "square_mm": 15.0}}, "marker_mm is missing"),
+        (
+            {"board": CHESS.model_dump() | {"kind": "dots"}},
+            "'charuco', 'chessboard', 'circles' or 'acircles'",
+        ),
+    ],
+)
+def test_what_twin_toml_may_not_say(changes, sentence):
+    stated = film_config("batch").cameras[0].model_dump()
+    with pytest.raises(ValueError, match=sentence):
+        CameraTable(**stated | changes)
+
+
+def test_own_dictionary_and_board_kind_survive_the_file(tmp_path):
+    project = make(tmp_path, dictionary="raw/own.yml", board=CHESS.model_dump())
+    table = project.config.cameras[0]
+    assert table.dictionary == "raw/own.yml"
+    assert table.board == CHESS

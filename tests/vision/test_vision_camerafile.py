@@ -1,0 +1,106 @@
+"""Cameras of other programs read in: the numbers, and one sentence for what is wrong."""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from vision.camerafile import read_camera
+
+MATRIX = np.array([[910.0, 0.0, 640.5], [0.0, 912.0, 355.0], [0.0, 0.0, 1.0]])
+LENS = np.array([-0.2, 0.05, 1e-3, -2e-3, 0.01])
+SIZE = (1280, 720)
+ROS = """image_width: 1280
+image_height: 720
+camera_name: side
+camera_matrix:
+  rows: 3
+  cols: 3
+  data: [910.0, 0.0, 640.5, 0.0, 912.0, 355.0, 0.0, 0.0, 1.0]
+distortion_model: plumb_bob
+distortion_coefficients:
+  rows: 1
+  cols: 5
+  data: [-0.2, 0.05, 0.001, -0.002, 0.01]
+"""
+CALISCOPE = """[cameras.0]
+size = [640, 480]
+matrix = [[1.0, 0, 0], [0, 1.0, 0], [0, 0, 1]]
+distortions = [0, 0, 0, 0, 0]
+[cameras.1]
+size = [1280, 720]
+error = 0.4
+matrix = [[910.0, 0.0, 640.5], [0.0, 912.0, 355.0], [0.0, 0.0, 1.0]]
+distortions = [-0.2, 0.05, 0.001, -0.002, 0.01]
+"""
+
+
+def written(path: Path, lens: np.ndarray, size: tuple[int, int] | None = SIZE) -> Path:
+    storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_WRITE)
+    if size is not None:
+        storage.write("image_width", size[0])
+        storage.write("image_height", size[1])
+    storage.write("camera_matrix", MATRIX)
+    storage.write("distortion_coefficients", lens)
+    storage.write("avg_reprojection_error", 0.21)
+    storage.release()
+    return path
+
+
+@pytest.mark.parametrize("suffix", ["yml", "xml", "json"])
+@pytest.mark.parametrize("size", [SIZE, None])
+def test_what_opencv_writes(tmp_path: Path, suffix: str, size: tuple[int, int] | None) -> None:
+    camera = read_camera(written(tmp_path / f"camera.{suffix}", LENS, size), name="side", size=SIZE)
+    np.testing.assert_allclose(camera.matrix, MATRIX)
+    np.testing.assert_allclose(camera.distortion, LENS)
+    assert (camera.size, camera.rms_px, camera.images) == (SIZE, pytest.approx(0.21), 0)
+    assert not camera.covariance.any()
+    assert "how well it is known is not in it" in camera.remarks[0]
+
+
+def test_ros_and_caliscope(tmp_path: Path) -> None:
+    (tmp_path / "ros.yaml").write_text(ROS)
+    (tmp_path / "array.toml").write_text(CALISCOPE)
+    for path, name in (("ros.yaml", "side"), ("array.toml", "cam_1"), ("array.toml", "1")):
+        camera = read_camera(tmp_path / path, name=name, size=SIZE)
+        np.testing.assert_allclose(camera.matrix, MATRIX)
+        np.testing.assert_allclose(camera.distortion, LENS)
+
+
+def test_fewer_terms_are_zeros_and_trailing_zeros_are_nothing(tmp_path: Path) -> None:
+    four = read_camera(written(tmp_path / "four.yml", LENS[:4]), name="side", size=SIZE)
+    np.testing.assert_allclose(four.distortion, [*LENS[:4], 0.0])
+    assert four.model == ("k1", "k2", "p1", "p2")
+    longer = np.concatenate([LENS, np.zeros(3)])
+    np.testing.assert_allclose(
+        read_camera(written(tmp_path / "8.yml", longer), name="side", size=SIZE).distortion, LENS
+    )
+
+
+def test_real_files(shared_data: Path) -> None:
+    path = shared_data / "opencv_boards" / "tutorial_camera_params.yml"
+    camera = read_camera(path, name="side", size=(640, 480))
+    assert camera.matrix[0, 0] == pytest.approx(628.158)
+    assert camera.distortion[2] == pytest.approx(0.00754589)
+    array = shared_data / "charuco_4cam" / "camera_array.toml"
+    assert read_camera(array, name="cam_2", size=SIZE).matrix[0, 0] == pytest.approx(650.8019, abs=1e-4)
+
+
+def test_bad_files(tmp_path: Path) -> None:
+    def refused(path: Path, sentence: str, *, size: tuple[int, int] = SIZE) -> None:
+        with pytest.raises(ValueError, match=sentence):
+            read_camera(path, name="side", size=size)
+
+    refused(tmp_path / "absent.yml", "does not exist: give an OpenCV YAML, XML or caliscope TOML")
+    refused(written(tmp_path / "a.yml", LENS), r"is for \(1280, 720\) px, the film has", size=(640, 480))
+    refused(written(tmp_path / "b.yml", np.full(8, 0.1)), "8 distortion terms, wanted k1 k2 p1 p2 k3 alone")
+    for name, text, sentence in (
+        ("c.yml", "%YAML:1.0\n---\nimage_width: 1280\n", "no camera matrix of 9 numbers"),
+        ("d.yml", "%YAML:1.0\n---\nK: [1., 0., 0., 0., 1., 0., 0., 0., 1.]\n", "has no distortion"),
+        ("e.toml", CALISCOPE, "holds the cameras 0, 1, wanted 'side'"),
+        ("f.toml", "[cameras", "is no TOML"),
+        ("g.xml", "<nothing", "cannot be read as YAML, XML or JSON|no camera matrix"),
+    ):
+        (tmp_path / name).write_text(text)
+        refused(tmp_path / name, sentence)
