@@ -103,7 +103,10 @@ class BoardTable(TableModel):
 
 class CameraTable(TableModel):
     name: Name = Field(description="name of the camera")
-    film: RelativePath = Field(description="film of the test")
+    film: RelativePath = Field(description="film of the test, or a folder of pictures")
+    fps: Positive | None = Field(
+        default=None, description="frame rate of folders of pictures without times.csv, 1/s"
+    )
     static: RelativePath = Field(
         description="film of the finger at rest, 300 frames or more: gives the noise"
     )
@@ -142,8 +145,24 @@ class PressureTable(TableModel):
     )
     time_shift_s: Finite = Field(default=0.0, description="added to the times of the log, s")
     sync_sd_s: Annotated[float, Field(ge=0, allow_inf_nan=False)] = Field(
-        default=0.002, description="how well the film's clock is the log's, sd in s"
+        default=0.002, description="how well the film's clock is the log's with join stamps, sd in s"
     )
+    join: Literal["stamps", "flash", "onset"] = Field(
+        default="stamps",
+        description="stamps: film_start_s; flash: a lamp in the film; onset: where motion fits the pressure",
+    )
+    flash_region: tuple[int, int, int, int] | None = Field(
+        default=None, description="the lamp in the film: [x, y, width, height] in px"
+    )
+    flash_time_s: Finite | None = Field(
+        default=None, description="when it goes on, on the log's clock, s; without it the log's column flash"
+    )
+
+    @model_validator(mode="after")
+    def _joined(self) -> Self:
+        if self.join == "flash" and self.flash_region is None:
+            raise ValueError('join = "flash" needs flash_region = [x, y, width, height] in px of the film')
+        return self
 
 
 class MeasureTable(TableModel):

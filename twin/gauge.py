@@ -20,6 +20,7 @@ class Log:
     path: Path
     time: Array  # (t,) s, increasing
     pressure: Array  # (t,) MPa
+    lamp: Array | None = None  # (t,) column flash: 0, and 1 from when a lamp in the film went on
 
     def at(self, time: Array) -> Array:
         """Return the pressure (s,) MPa at times (s,) s within the log, linear between its samples."""
@@ -32,6 +33,18 @@ class Log:
         return np.hypot(weight, 1 - weight)
 
 
+    def flash(self) -> tuple[float, float]:
+        """Return when the lamp went on, and its sd, in s: between two samples. ValueError if it did not."""
+        on = np.flatnonzero(self.lamp > 0.5) if self.lamp is not None else np.empty(0, dtype=np.intp)
+        if not len(on) or on[0] == 0:
+            raise ValueError(
+                f"{self.path.name}: column flash is missing or does not go from 0 to 1; add it, or set "
+                "[pressure] flash_time_s in twin.toml"
+            )
+        before, after = self.time[on[0] - 1], self.time[on[0]]
+        return float(0.5 * (before + after)), float((after - before) / np.sqrt(12.0))
+
+
 @dataclass(frozen=True)
 class GaugeNoise:
     """White noise of one sample of a log, in MPa, and what to say about it ("" if nothing)."""
@@ -42,8 +55,11 @@ class GaugeNoise:
 
 
 def read_log(path: Path, *, time_shift_s: float) -> Log:
-    """Return the log in a CSV with columns time_s, pressure_MPa; ValueError names line, column and value."""
-    table = read_table(path, ("time_s", "pressure_MPa"))
+    """Return the log in a CSV with columns time_s, pressure_MPa and, where there is one, flash.
+
+    ValueError names line, column and value.
+    """
+    table = read_table(path, ("time_s", "pressure_MPa"), also=("flash",))
     time = table.numbers("time_s", unit="s")
     table.increasing("time_s", time, unit="s")
     pressure = table.numbers("pressure_MPa", unit="MPa")
@@ -54,7 +70,8 @@ def read_log(path: Path, *, time_shift_s: float) -> Log:
             f"{path}: pressure_MPa reaches {np.abs(pressure).max():g}; wanted MPa, below 1: divide kPa by "
             "1000"
         )
-    return Log(path, time + time_shift_s, pressure)
+    lamp = table.numbers("flash", unit="1") if "flash" in table.cells else None
+    return Log(path, time + time_shift_s, pressure, lamp)
 
 
 def check_covers(log: Log, time: Array, *, what: str, key: str) -> None:

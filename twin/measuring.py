@@ -11,12 +11,13 @@ from numpy.typing import NDArray
 from twin import files
 from twin.config import CameraTable, MeasureTable
 from twin.gauge import GaugeNoise, Log, check_covers, gauge_noise, read_log
+from twin.joining import Join, by_flash, by_onset
 from twin.project import Project, Say
 from twin.targetfiles import write_targets
 from twin.targets import Array, Noise, Targets
 
 if TYPE_CHECKING:  # vision takes a second to import: only the stages that measure pay for it
-    from vision import Camera, Displacements, Mark, Stated
+    from vision import Camera, Displacements, Mark, Stated, Video
 
 PARAMETERS = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3")
 DIGITS = 6  # of mm: a nanometre, far below any sd, keeps targets.csv readable
@@ -97,14 +98,11 @@ def _measured(project: Project, say: Say, replace: bool) -> dict[str, Any]:
             "never overwritten; `twin measure --replace` keeps them as targets-0001 and measures anew"
         )
     with project.new_run("measure", **how) as run:
-        moved, log, gauge = _measure(project, table, camera, say)
-        targets = make_targets(
-            moved, log, film_start_s=table.film_start_s, gauge=gauge, nodes=_nodes(project),
-            sync_sd_s=_pressure(project).sync_sd_s,
-        )  # fmt: skip
+        moved, log, gauge, join = _measure(project, table, camera, say)
+        targets = make_targets(moved, log, join=join, gauge=gauge, nodes=_nodes(project))
         run.write_npz("tracks.npz", _tracks(moved))
         run.write_text("budget.csv", _budget_csv(moved, targets))
-        run.summary.update(_summary(targets, moved, gauge) | {"headline": _headline(targets)})
+        run.summary.update(_summary(targets, moved, gauge, join) | {"headline": _headline(targets)})
         _put_aside(project, say)
         write_targets(project.targets_folder, targets, source={"run": run.name})
     for sentence in run.summary["remarks"]:
@@ -114,23 +112,22 @@ def _measured(project: Project, say: Say, replace: bool) -> dict[str, Any]:
 
 
 def make_targets(
-    moved: "Displacements", log: Log, *, film_start_s: float, gauge: GaugeNoise, nodes: Mapping[str, int],
-    sync_sd_s: float,
+    moved: "Displacements", log: Log, *, join: Join, gauge: GaugeNoise, nodes: Mapping[str, int]
 ) -> Targets:
     """Join displacements (film clock) with the pressure log into targets of one block on the log's clock.
 
     Of frames with the same time stamp the first is kept; `nodes` gives the label of every finger marker.
-    sync_sd_s: s, how well the film's clock is the log's; it becomes the mode "sync".
+    What the join leaves uncertain becomes the mode "sync".
     """
     from vision.modes import sync
 
     keep = np.concatenate([[True], np.diff(moved.time) > 0])
-    time = moved.time[keep] + film_start_s
+    time = moved.time[keep] - moved.time[0] + join.start_s
     value, covariance = np.round(moved.value[keep], DIGITS), moved.covariance[keep]
     variance = np.diagonal(covariance, axis1=2, axis2=3)
     n = moved.noise
     noise = Noise(n.sd, n.rho, n.correlation, n.frames, n.codec_sd, gauge.sd_MPa, gauge.samples)
-    clock = sync(time, moved.value[keep], sync_sd_s) * np.isfinite(moved.value[keep])
+    clock = sync(time, moved.value[keep], join.sd_s) * np.isfinite(moved.value[keep])
     return Targets(
         time=time, pressure=np.round(log.at(time), DIGITS + 3), block=np.zeros(len(time), dtype=np.int64),
         names=moved.names, nodes=_labels(moved, nodes), points=moved.points, value=value,
@@ -231,7 +228,7 @@ def _measure_inputs(project: Project, table: CameraTable, camera: Path) -> dict[
         *((f"cameras.{k}", v) for k, v in named.items()),
         ("pressure.file", _pressure(project).file),
     ]:
-        if not project.path(path).is_file():
+        if not project.path(path).exists():
             raise ValueError(
                 f"{key} = {path!r}: no such file in {project.root}; copy it there or correct twin.toml"
             )
@@ -270,23 +267,51 @@ def _marks(project: Project) -> list["Mark"]:
 
 def _measure(
     project: Project, table: CameraTable, camera: Path, say: Say
-) -> tuple["Displacements", Log, GaugeNoise]:
-    """Return displacements, log and gauge noise; the log is checked before the film is measured."""
-    from vision import Camera, Video, measure
+) -> tuple["Displacements", Log, GaugeNoise, Join]:
+    """Return displacements, log, gauge noise and join; the log is checked before the film is measured."""
+    from vision import Camera, measure
+    from vision.series import open_film
 
-    film, static = Video(project.path(table.film)), Video(project.path(table.static))
+    film, static = (open_film(project.path(path), fps=table.fps) for path in (table.film, table.static))
     for sentence in (*film.issues, *static.issues):
         say(f"measure: {sentence}")
     pressure, settings = _pressure(project), project.config.measure
     log = read_log(project.path(pressure.file), time_shift_s=pressure.time_shift_s)
-    check_covers(log, film.time + table.film_start_s, what="film", key="film_start_s")
-    gauge = _gauge(table, log, film.time, static.time, settings.reference_s)
+    time = film.time - film.time[0]
+    join = _join_before(pressure, table, film, log)
+    if join is not None:
+        check_covers(log, time + join.start_s, what="film", key="film_start_s")
+        gauge = _gauge(table, log, join, static.time - static.time[0], settings.reference_s)
     moved = measure(
         film, static, Camera.from_dict(files.read_json(camera)), _marks(project),
         dictionary=dictionary_name(project, table.dictionary), stated=_stated(settings),
         reference_s=settings.reference_s, progress=say.progress,
     )  # fmt: skip
-    return moved, log, gauge
+    if join is None:
+        join = by_onset(moved.time - moved.time[0], *_motion(moved), log)
+        gauge = _gauge(table, log, join, static.time - static.time[0], settings.reference_s)
+    return moved, log, gauge, join
+
+
+def _join_before(pressure: Any, table: CameraTable, film: "Video", log: Log) -> Join | None:
+    """Return the join, as far as it needs no displacements; None for that by the onset of motion."""
+    if pressure.join == "stamps":
+        return Join(table.film_start_s, pressure.sync_sd_s, "")
+    if pressure.join == "onset":
+        return None
+    from vision.flash import flash_onset
+
+    onset, sd = flash_onset(film, pressure.flash_region)
+    return by_flash(onset - float(film.time[0]), sd, log, told_s=pressure.flash_time_s)
+
+
+def _motion(moved: "Displacements") -> tuple[Array, float]:
+    """Return the rms displacement (s,) mm of the finger's marks, NaN where one is lost, and its noise."""
+    finger = [p for p, role in enumerate(moved.roles) if role == "finger"]
+    squares = (moved.value[:, finger][..., [0, 2]] ** 2).sum(axis=2)
+    seen = np.isfinite(squares).all(axis=1)
+    motion = np.sqrt(np.where(seen[:, None], np.nan_to_num(squares), 0.0).mean(axis=1))
+    return np.where(seen, motion, np.nan), float(np.nanmean(moved.noise.sd[finger]))
 
 
 def _stated(settings: MeasureTable) -> "Stated":
@@ -300,11 +325,10 @@ def _stated(settings: MeasureTable) -> "Stated":
     )  # fmt: skip
 
 
-def _gauge(table: CameraTable, log: Log, film: Array, static: Array, reference_s: float) -> GaugeNoise:
+def _gauge(table: CameraTable, log: Log, join: Join, static: Array, reference_s: float) -> GaugeNoise:
     """Return the gauge noise during the static film, or in the film's first rest if its time is unknown."""
     if table.static_start_s is None:
-        start = table.film_start_s + float(film[0])
-        return gauge_noise(log, start=start, end=start + reference_s)
+        return gauge_noise(log, start=join.start_s, end=join.start_s + reference_s)
     time = static + table.static_start_s
     check_covers(log, time, what="static film", key="static_start_s")
     return gauge_noise(log, start=float(time[0]), end=float(time[-1]))
@@ -345,7 +369,7 @@ def _say_budget(path: Path, say: Say) -> dict[str, Any]:
     }
 
 
-def _summary(targets: Targets, moved: "Displacements", gauge: GaugeNoise) -> dict[str, Any]:
+def _summary(targets: Targets, moved: "Displacements", gauge: GaugeNoise, join: Join) -> dict[str, Any]:
     """Return what run.json and --json tell."""
     noise = moved.noise
     return {
@@ -354,7 +378,7 @@ def _summary(targets: Targets, moved: "Displacements", gauge: GaugeNoise) -> dic
         "sd_mm": dict(zip(moved.names, noise.sd, strict=True)),
         "codec_sd_mm": dict(zip(moved.names, noise.codec_sd, strict=True)),
         "modes": len(targets.mode_names),
-        "remarks": [*moved.lost, *moved.remarks, *([gauge.remark] if gauge.remark else [])],
+        "remarks": [*moved.lost, *moved.remarks, *filter(None, (gauge.remark, join.remark))],
     }  # fmt: skip
 
 

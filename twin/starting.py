@@ -199,7 +199,7 @@ def _missing_files(project: Project) -> list[str]:
         "cameras.static": camera.static,
         "pressure.file": project.config.pressure.file,
     }
-    missing = [f"{path} ({key})" for key, path in named.items() if not project.path(path).is_file()]
+    missing = [f"{path} ({key})" for key, path in named.items() if not project.path(path).exists()]
     calibration = camera.camera_file or camera.boards or ""
     key = "camera_file" if camera.camera_file else "boards"
     return missing if any(project.root.glob(calibration)) else [*missing, f"{calibration} (cameras.{key})"]

@@ -73,8 +73,11 @@ class Table:
         return value
 
 
-def read_table(path: Path, columns: Sequence[str]) -> Table:
-    """Return the named columns of a CSV file; ValueError if a column or cells are missing or all rows."""
+def read_table(path: Path, columns: Sequence[str], *, also: Sequence[str] = ()) -> Table:
+    """Return the named columns of a CSV file, and those of `also` that it has.
+
+    ValueError if a column or cells are missing or all rows.
+    """
     try:
         text = path.read_text(encoding="utf-8-sig")  # spreadsheets write a byte order mark
     except FileNotFoundError:
@@ -95,7 +98,7 @@ def read_table(path: Path, columns: Sequence[str]) -> Table:
             raise ValueError(
                 f"{path}, line {line}: {len(row)} cells; wanted {len(header)}, one for each column"
             )
-    at = {name: header.index(name) for name in columns}
+    at = {name: header.index(name) for name in (*columns, *also) if name in header}
     cells = {name: [row[i] for _, row in rows[1:]] for name, i in at.items()}
     return Table(path, cells, [line for line, _ in rows[1:]])
 

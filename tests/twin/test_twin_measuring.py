@@ -7,10 +7,12 @@ import numpy as np
 import pytest
 
 import vision
+import vision.series
 from twin import files
 from twin.config import MeasureTable
 from twin.configfile import dump
 from twin.gauge import Log, check_covers, gauge_noise, read_log
+from twin.joining import Join
 from twin.measuring import make_targets, run_camera, run_measure
 from twin.project import Project
 from twin.starting import film_config
@@ -87,7 +89,7 @@ def measured(monkeypatch):
         calls.camera.append((images, board, max_rms_px))
         return vision.Camera(np.eye(3), np.zeros(5), (1280, 720), 0.11, len(images))
 
-    def video(path):
+    def video(path, *, fps):
         frames = FRAMES if Path(path).name.startswith("film") else STATIC
         return types.SimpleNamespace(time=np.arange(frames) / FPS, issues=())
 
@@ -97,7 +99,7 @@ def measured(monkeypatch):
         return displacements(marks, film.time, seed=len(calls.measure))
 
     monkeypatch.setattr(vision, "calibrate_camera", calibrate_camera)
-    monkeypatch.setattr(vision, "Video", video)
+    monkeypatch.setattr(vision.series, "open_film", video)
     monkeypatch.setattr(vision, "measure", measure)
     return calls
 
@@ -249,7 +251,7 @@ def test_a_repeated_time_stamp_keeps_the_first_frame(project):
     moved = displacements(marks, time)
     log = Log(Path("p.csv"), np.linspace(-1, 5, 600), np.zeros(600))
     gauge = gauge_noise(Log(log.path, log.time, np.random.default_rng(0).normal(size=600)), start=0, end=3)
-    targets = make_targets(moved, log, film_start_s=0.0, gauge=gauge, nodes={"tip": 4401}, sync_sd_s=0.01)
+    targets = make_targets(moved, log, join=Join(0.0, 0.01, ""), gauge=gauge, nodes={"tip": 4401})
     assert len(targets.time) == 29
     assert targets.reference.tolist() == list(range(17))  # 18 frames, one of them a repeat
     np.testing.assert_allclose(targets.value[5], moved.value[6], atol=1e-6)  # rounded to a nanometre
