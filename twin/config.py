@@ -303,8 +303,7 @@ def _check_parameters(c: Config) -> None:
 def _check_film(c: Config) -> None:
     if not c.cameras:
         return
-    if len(c.cameras) > 1:
-        raise ValueError(f"cameras = {len(c.cameras)} tables: wanted one; films of one camera are measured")
+    _check_rig(c)
     if c.pressure is None:
         raise ValueError(
             'pressure is missing: a film needs its pressure log; add [pressure] with file = "..."'
@@ -319,3 +318,22 @@ def _check_film(c: Config) -> None:
     for point in c.points:
         if point.size_mm is None:
             raise ValueError(f"points.{point.name}.size_mm is missing: wanted the side of its marker in mm")
+
+
+def _check_rig(c: Config) -> None:
+    """Several cameras look at one board and at the same markers."""
+    names = [camera.name for camera in c.cameras]
+    twice = [name for name, count in Counter(names).items() if count > 1]
+    if twice:
+        raise ValueError(f"cameras.name = {twice[0]!r} stands twice; give each camera its own")
+    for camera in c.cameras[1:]:
+        if camera.board != c.cameras[0].board or None in (camera.board, c.cameras[0].board):
+            raise ValueError(
+                f"cameras {names[0]!r} and {camera.name!r}: wanted boards and one [cameras.board] in both; "
+                "where they stand to each other is known from pictures of one board that both take"
+            )
+        if camera.dictionary != c.cameras[0].dictionary:
+            raise ValueError(
+                f"cameras {names[0]!r} and {camera.name!r} have different dictionaries: they see the same "
+                "markers; write the same in both"
+            )

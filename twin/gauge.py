@@ -32,7 +32,6 @@ class Log:
         weight = (time - self.time[after - 1]) / (self.time[after] - self.time[after - 1])
         return np.hypot(weight, 1 - weight)
 
-
     def flash(self) -> tuple[float, float]:
         """Return when the lamp went on, and its sd, in s: between two samples. ValueError if it did not."""
         on = np.flatnonzero(self.lamp > 0.5) if self.lamp is not None else np.empty(0, dtype=np.intp)

@@ -109,9 +109,7 @@ def _check_rivals(shifts: Array, squares: Array, best: int, log: Log) -> None:
         )
 
 
-def _refined(
-    t: Array, m: Array, log: Log, shifts: Array, best: int, degree: int
-) -> tuple[float, float]:
+def _refined(t: Array, m: Array, log: Log, shifts: Array, best: int, degree: int) -> tuple[float, float]:
     """Minimum of the squares near a shift, by ever narrower parabolas, and its sd.
 
     The last reaches a quarter of a frame interval to each side: the log's noise makes the squares rough from

@@ -17,20 +17,25 @@ from twin.targetfiles import write_targets
 from twin.targets import Array, Noise, Targets
 
 if TYPE_CHECKING:  # vision takes a second to import: only the stages that measure pay for it
-    from vision import Camera, Displacements, Mark, Stated, Video
+    from vision import Board, Camera, Displacements, Mark, Stated, Video
 
 PARAMETERS = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3")
 DIGITS = 6  # of mm: a nanometre, far below any sd, keeps targets.csv readable
 
 
 def run_camera(project: Project, say: Say) -> dict[str, Any]:
-    """Calibrate the camera from its board images into runs/NNNN-camera/camera.json, unless that is done."""
+    """Calibrate the camera from its board images into runs/NNNN-camera/camera.json, unless that is done.
+
+    Several cameras are calibrated together, into rig.json.
+    """
     table = _camera_table(project)
-    how = _camera_inputs(project, table)
+    how = _camera_inputs(project)
     done = project.done("camera", **how)
     if done is not None:
         say(f"camera: already done in {project.shown(done)}, skipped")
         return _result(project, "camera", done, skipped=True)
+    if len(project.config.cameras) > 1:
+        return _run_rig(project, say, how)
     with project.new_run("camera", **how) as run:
         camera = _read_camera(project, table) if table.camera_file else _calibrated(project, table)
         given = 0 if table.camera_file else len(_images(project, table))
@@ -49,12 +54,41 @@ def run_camera(project: Project, say: Say) -> dict[str, Any]:
 
 
 def _calibrated(project: Project, table: CameraTable) -> "Camera":
-    from vision import Board, calibrate_camera
+    from vision import calibrate_camera
+
+    return calibrate_camera(_images(project, table), _board(project, table), max_rms_px=table.max_rms_px)
+
+
+def _board(project: Project, table: CameraTable) -> "Board":
+    from vision import Board
 
     assert table.board is not None  # the configuration refuses boards without it
     stated = table.board.model_dump() | {"marker_mm": table.board.marker_mm or 0.0}
-    board = Board(**stated | {"dictionary": dictionary_name(project, table.board.dictionary)})
-    return calibrate_camera(_images(project, table), board, max_rms_px=table.max_rms_px)
+    return Board(**stated | {"dictionary": dictionary_name(project, table.board.dictionary)})
+
+
+def _run_rig(project: Project, say: Say, how: dict[str, Any]) -> dict[str, Any]:
+    """Calibrate every camera, then all of them together from the pictures of one name."""
+    from vision import calibrate_rig
+
+    tables = project.config.cameras
+    with project.new_run("camera", **how) as run:
+        cameras = [_calibrated(project, table) for table in tables]
+        rig = calibrate_rig(
+            [_images(project, table) for table in tables], _board(project, tables[0]), cameras,
+            max_rms_px=max(table.max_rms_px for table in tables),
+        )  # fmt: skip
+        remarks = [f"{t.name}: {r}" for t, c in zip(tables, cameras, strict=True) for r in c.remarks]
+        run.write_json("rig.json", rig.to_dict())
+        run.summary.update(
+            rms_px={t.name: c.rms_px for t, c in zip(tables, cameras, strict=True)},
+            images={t.name: c.images for t, c in zip(tables, cameras, strict=True)},
+            remarks=[*remarks, *rig.remarks], headline=rig.remarks[0],
+        )  # fmt: skip
+    for sentence in remarks:
+        say(f"camera: {sentence}")
+    say(f"camera: {rig.remarks[0]}; wrote {project.shown(run.path('rig.json'))}")
+    return _result(project, "camera", run.folder)
 
 
 def _read_camera(project: Project, table: CameraTable) -> "Camera":
@@ -66,9 +100,7 @@ def _read_camera(project: Project, table: CameraTable) -> "Camera":
     return read_camera(path, name=table.name, size=(film.width, film.height))
 
 
-def run_measure(
-    project: Project, say: Say, *, replace: bool = False, budget: bool = False
-) -> dict[str, Any]:
+def run_measure(project: Project, say: Say, *, replace: bool = False, budget: bool = False) -> dict[str, Any]:
     """Measure the films into targets/ and runs/NNNN-measure, unless that is done.
 
     Targets that come from other inputs are never overwritten: ValueError, or with `replace` they are kept
@@ -82,8 +114,8 @@ def run_measure(
 
 def _measured(project: Project, say: Say, replace: bool) -> dict[str, Any]:
     table = _camera_table(project)
-    camera = _camera(project, table)
-    how = _measure_inputs(project, table, camera)
+    camera = _camera(project)
+    how = _measure_inputs(project, camera)
     done, killed, owner = (
         project.done("measure", **how),
         project.killed("measure", **how),
@@ -167,7 +199,17 @@ def _pressure(project: Project) -> Any:
     return project.config.pressure  # a film without it is refused by the configuration
 
 
-def _camera_inputs(project: Project, table: CameraTable) -> dict[str, Any]:
+def _camera_inputs(project: Project) -> dict[str, Any]:
+    tables = project.config.cameras
+    if len(tables) == 1:
+        return _one_camera_inputs(project, tables[0])
+    each = [_one_camera_inputs(project, table) for table in tables]
+    inputs = list(dict.fromkeys(path for one in each for path in one["inputs"]))
+    extra = {table.name: one["extra"] for table, one in zip(tables, each, strict=True)}
+    return {"tables": (), "inputs": inputs, "extra": {"rig": extra}}
+
+
+def _one_camera_inputs(project: Project, table: CameraTable) -> dict[str, Any]:
     if table.camera_file is not None:
         path = project.path(table.camera_file)
         if not path.is_file():
@@ -208,33 +250,28 @@ def dictionary_files(project: Project, name: str) -> list[Path]:
     return [project.path(name)]
 
 
-def _camera(project: Project, table: CameraTable) -> Path:
-    """Return camera.json made from the board images as they are now."""
-    done = project.done("camera", **_camera_inputs(project, table))
+def _camera(project: Project) -> Path:
+    """Return camera.json, or rig.json of several cameras, made from the board images as they are now."""
+    name = "camera.json" if len(project.config.cameras) == 1 else "rig.json"
+    done = project.done("camera", **_camera_inputs(project))
     if done is None:
-        older = project.newest("camera", "camera.json")
-        why = (
-            f"{project.shown(older)} was made from other images or settings"
-            if older
-            else "no camera.json yet"
-        )
+        older = project.newest("camera", name)
+        why = f"{project.shown(older)} was made from other images or settings" if older else f"no {name} yet"
         raise ValueError(f"{why}: run `twin camera` first")
-    return done / "camera.json"
+    return done / name
 
 
-def _measure_inputs(project: Project, table: CameraTable, camera: Path) -> dict[str, Any]:
-    named = {"film": table.film, "static": table.static}
-    for key, path in [
-        *((f"cameras.{k}", v) for k, v in named.items()),
-        ("pressure.file", _pressure(project).file),
-    ]:
+def _measure_inputs(project: Project, camera: Path) -> dict[str, Any]:
+    recorded = [(f"cameras.{k}", getattr(t, k)) for t in project.config.cameras for k in ("film", "static")]
+    named = [*recorded, ("pressure.file", _pressure(project).file)]
+    for key, path in named:
         if not project.path(path).exists():
             raise ValueError(
                 f"{key} = {path!r}: no such file in {project.root}; copy it there or correct twin.toml"
             )
-    inputs = [project.path(p) for p in (*named.values(), _pressure(project).file)]
+    inputs = [project.path(path) for _, path in named]
     tables = ("cameras", "pressure", "measure", "frame", "points")
-    extra = [*dictionary_files(project, table.dictionary), *project.deck_files()]
+    extra = [*dictionary_files(project, _camera_table(project).dictionary), *project.deck_files()]
     return {"tables": tables, "inputs": [*inputs, camera, *extra]}
 
 
@@ -269,11 +306,20 @@ def _measure(
     project: Project, table: CameraTable, camera: Path, say: Say
 ) -> tuple["Displacements", Log, GaugeNoise, Join]:
     """Return displacements, log, gauge noise and join; the log is checked before the film is measured."""
-    from vision import Camera, measure
+    from vision import Camera, Recording, Rig, measure, measure_in_space
     from vision.series import open_film
 
-    film, static = (open_film(project.path(path), fps=table.fps) for path in (table.film, table.static))
-    for sentence in (*film.issues, *static.issues):
+    tables = project.config.cameras
+    recordings = [
+        Recording(
+            film=open_film(project.path(t.film), fps=t.fps),
+            static=open_film(project.path(t.static), fps=t.fps),
+            start_s=t.film_start_s,
+        )
+        for t in tables
+    ]
+    film, static = recordings[0].film, recordings[0].static
+    for sentence in (s for r in recordings for s in (*r.film.issues, *r.static.issues)):
         say(f"measure: {sentence}")
     pressure, settings = _pressure(project), project.config.measure
     log = read_log(project.path(pressure.file), time_shift_s=pressure.time_shift_s)
@@ -282,11 +328,15 @@ def _measure(
     if join is not None:
         check_covers(log, time + join.start_s, what="film", key="film_start_s")
         gauge = _gauge(table, log, join, static.time - static.time[0], settings.reference_s)
-    moved = measure(
-        film, static, Camera.from_dict(files.read_json(camera)), _marks(project),
-        dictionary=dictionary_name(project, table.dictionary), stated=_stated(settings),
-        reference_s=settings.reference_s, progress=say.progress,
-    )  # fmt: skip
+    how: dict[str, Any] = {
+        "dictionary": dictionary_name(project, table.dictionary), "stated": _stated(settings),
+        "reference_s": settings.reference_s, "progress": say.progress,
+    }  # fmt: skip
+    stored, marks = files.read_json(camera), _marks(project)
+    if len(tables) > 1:
+        moved = measure_in_space(recordings, Rig.from_dict(stored), marks, **how)
+    else:
+        moved = measure(film, static, Camera.from_dict(stored), marks, **how)
     if join is None:
         join = by_onset(moved.time - moved.time[0], *_motion(moved), log)
         gauge = _gauge(table, log, join, static.time - static.time[0], settings.reference_s)

@@ -193,16 +193,15 @@ def _missing_files(project: Project) -> list[str]:
         return []
     if not project.config.cameras or project.config.pressure is None:
         return ["targets/targets.csv (there is no [[cameras]] to measure them with)"]
-    camera = project.config.cameras[0]
-    named = {
-        "cameras.film": camera.film,
-        "cameras.static": camera.static,
-        "pressure.file": project.config.pressure.file,
-    }
-    missing = [f"{path} ({key})" for key, path in named.items() if not project.path(path).exists()]
-    calibration = camera.camera_file or camera.boards or ""
-    key = "camera_file" if camera.camera_file else "boards"
-    return missing if any(project.root.glob(calibration)) else [*missing, f"{calibration} (cameras.{key})"]
+    missing = []
+    for camera in project.config.cameras:
+        named = {"cameras.film": camera.film, "cameras.static": camera.static}
+        missing += [f"{path} ({key})" for key, path in named.items() if not project.path(path).exists()]
+        calibration = camera.camera_file or camera.boards or ""
+        key = "camera_file" if camera.camera_file else "boards"
+        missing += [] if any(project.root.glob(calibration)) else [f"{calibration} (cameras.{key})"]
+    log = project.config.pressure.file
+    return missing if project.path(log).is_file() else [*missing, f"{log} (pressure.file)"]
 
 
 def _check_points(project: Project, targets: Targets) -> None:

@@ -155,7 +155,7 @@ def _followed(
         )
     )
     codec = codec_noise(recording.film, ready[0], film, plane, frame, points, progress)
-    time = film.time + recording.start_s
+    time = film.time - film.time[0] + recording.start_s
     return _Seen(film, still, codec, Track(time, camera.distort(film.ideal)))
 
 

@@ -97,7 +97,7 @@ def test_a_point_that_one_camera_lost_is_nan() -> None:
 def test_pulls_of_the_rig_and_of_lengths_on_new_pictures_are_one(shared: float) -> None:
     """Corner errors alone for each corner, and correlated ones: the noise model must find out."""
     chi2, pulls = [], []
-    for trial in range(12):
+    for trial in range(9):
         rng, truth = np.random.default_rng([trial, 7]), rig_of(trial)
         shots = shots_of(truth, poses(18, rng), rng, own=0.15, shared=shared)
         rig, noise = bundle(shots, rig_of(trial).cameras, square_mm=BOARD.square_mm)
@@ -117,7 +117,7 @@ def test_pulls_of_the_rig_and_of_lengths_on_new_pictures_are_one(shared: float) 
             length = np.linalg.norm(CORNERS[-1] - CORNERS[0])
             sd = np.sqrt(along.ravel() @ spread @ along.ravel())
             pulls.append((np.linalg.norm(side) - length) / sd)
-    # 12 trials of 16 parameters: sd of the mean 0.10; 48 lengths, four to a calibration: 0.15 or so
+    # 9 trials of 16 parameters: sd of the mean 0.12; 36 lengths, four to a calibration: 0.17 or so
     assert np.mean(chi2) == pytest.approx(1.0, abs=0.35)
     assert np.sqrt(np.mean(np.square(pulls))) == pytest.approx(1.0, abs=0.35)
 
