@@ -69,7 +69,7 @@ def _board(project: Project, table: CameraTable) -> "Board":
 
 def _run_rig(project: Project, say: Say, how: dict[str, Any]) -> dict[str, Any]:
     """Calibrate every camera, then all of them together from the pictures of one name."""
-    from vision import calibrate_rig
+    from vision.stereo import calibrate_rig
 
     tables = project.config.cameras
     with project.new_run("camera", **how) as run:
@@ -306,8 +306,10 @@ def _measure(
     project: Project, table: CameraTable, camera: Path, say: Say
 ) -> tuple["Displacements", Log, GaugeNoise, Join]:
     """Return displacements, log, gauge noise and join; the log is checked before the film is measured."""
-    from vision import Camera, Recording, Rig, measure, measure_in_space
+    from vision import Camera, measure
+    from vision.rig import Rig
     from vision.series import open_film
+    from vision.space import Recording, measure_in_space
 
     tables = project.config.cameras
     recordings = [

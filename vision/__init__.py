@@ -9,9 +9,6 @@ from vision.locate import locate
 from vision.marks import Mark
 from vision.modes import Stated
 from vision.noise import NoiseModel
-from vision.rig import Rig
-from vision.space import Recording, measure_in_space
-from vision.stereo import calibrate_rig
 from vision.tracks import Tracks
 from vision.video import Video
 
@@ -22,14 +19,10 @@ __all__ = [
     "Displacements",
     "Mark",
     "NoiseModel",
-    "Recording",
-    "Rig",
     "Stated",
     "Tracks",
     "Video",
     "calibrate_camera",
-    "calibrate_rig",
     "locate",
     "measure",
-    "measure_in_space",
 ]
