@@ -144,9 +144,16 @@ class State:
 
 
 class Geometry:
-    """Quadrature data of undeformed positions (n, 3) mm: gradients, weights, pressure modes."""
+    """Quadrature data of undeformed positions (n, 3) mm: gradients, weights, pressure modes.
 
-    def __init__(self, nodes: Array, connectivity: Integers, element: Element) -> None:
+    precurvature: 1/mm that the structure is curved by where it is free of stress, about y, towards -z. Then
+    F = Fe Fg with the isochoric Fg = diag(l, l^-1/2, l^-1/2) and l = 1 + precurvature (z - z of the centroid)
+    (Rodriguez, Hoger & McCulloch 1994, doi 10.1016/0021-9290(94)90021-3): gradients are those of Fe.
+    """
+
+    def __init__(
+        self, nodes: Array, connectivity: Integers, element: Element, precurvature: float = 0.0
+    ) -> None:
         N, dN = element.at_points
         self.nodes = nodes
         X = nodes[connectivity]  # (e, n, 3)
@@ -160,6 +167,16 @@ class Geometry:
         self.mass = np.einsum("eq,eqk,eql->ekl", self.weight, self.psi, self.psi)
         # pressures of corners are not eliminated: no answer of one element's own
         self._flexible = np.zeros_like(self.mass) if element.shared else np.linalg.inv(self.mass)
+        self.precurvature, self.rest = precurvature, np.empty((0, 0, 3, 3))
+        if precurvature:
+            self._curve(np.einsum("qa,eai->eqi", N, X)[..., 2])
+
+    def _curve(self, z: Array) -> None:
+        """Make gradients those of Fe, by heights z (e, q) mm."""
+        stretch = 1 + self.precurvature * (z - (self.weight * z).sum() / self.weight.sum())
+        inverse = np.stack([1 / stretch, np.sqrt(stretch), np.sqrt(stretch)], axis=-1)
+        self.G *= inverse[..., None]
+        self.rest = (inverse - 1)[..., None] * np.eye(3)
 
     def compliance(self, bulk: Array) -> Array:
         """The pressure modes' answer (e, m, m) to volume gaps, at bulk moduli (e,) MPa."""
@@ -205,6 +222,15 @@ class Pattern:
         place = place.astype(np.int64, copy=False)
         return Pattern(indptr, unique % size, tuple(place[a:b] for a, b in pairwise(ends)))
 
+    @cached_property
+    def _keys(self) -> Integers:
+        size = len(self.indptr) - 1
+        return np.repeat(np.arange(size), np.diff(self.indptr)) * size + self.indices
+
+    def at(self, rows: Integers, columns: Integers) -> Integers:
+        """The places of entries of the pattern."""
+        return np.searchsorted(self._keys, rows * (len(self.indptr) - 1) + columns)
+
     def fill(self, parts: Sequence[Array]) -> Array:
         """The sum (nnz,) of the entries of the first families."""
         data = np.zeros(len(self.indices) + 1)
@@ -219,7 +245,7 @@ class Kernel:
     def __init__(self, case: Case) -> None:
         self.connectivity, self.element = case.connectivity, case.element
         self.dofs = len(case.nodes) * 3
-        self.geometry = Geometry(case.nodes, self.connectivity, self.element)
+        self.geometry = Geometry(case.nodes, self.connectivity, self.element, case.precurvature)
         self.modes = self.geometry.psi.shape[2]
         self.pressure = PressureFaces(
             case.face_nodes(case.pressurised) if case.pressurised else None, self.element, len(case.nodes)
@@ -290,20 +316,22 @@ class Kernel:
 
     def isochoric(self, u: Array, c: Constants, geometry: Geometry) -> Array:
         """Isochoric second Piola-Kirchhoff stress (e, q, 3, 3) MPa at displacements u (n, 3) mm."""
-        out = np.empty((*geometry.G.shape[:2], 3, 3))
-        self._each(lambda a, b: compiled.isochoric(geometry.G, self.connectivity, u, c.table, a, b, out))
+        g, out = geometry, np.empty((*geometry.G.shape[:2], 3, 3))
+        self._each(lambda a, b: compiled.isochoric(g.G, g.rest, self.connectivity, u, c.table, a, b, out))
         return out
 
     def energies(self, u: Array, c: Constants, geometry: Geometry) -> Array:
         """Isochoric energy (e, q) N mm/mm3 at displacements u (n, 3) mm."""
-        out = np.empty(geometry.G.shape[:2])
-        self._each(lambda a, b: compiled.energies(geometry.G, self.connectivity, u, c.table, a, b, out))
+        g, out = geometry, np.empty(geometry.G.shape[:2])
+        self._each(lambda a, b: compiled.energies(g.G, g.rest, self.connectivity, u, c.table, a, b, out))
         return out
 
     def internal(self, u: Array, stress: Array) -> Array:
         """Nodal forces (n, 3) N of a second Piola-Kirchhoff stress (e, q, 3, 3) MPa at displacements u."""
         g, force = self.geometry, np.empty((*self.connectivity.shape, 3))
-        self._each(lambda a, b: compiled.internal(g.G, g.weight, self.connectivity, u, stress, a, b, force))
+        self._each(
+            lambda a, b: compiled.internal(g.G, g.rest, g.weight, self.connectivity, u, stress, a, b, force)
+        )
         return self.gather(force)
 
     def residual(
@@ -314,7 +342,7 @@ class Kernel:
         remembered = self._remembered(memory)
         self._each(
             lambda a, b: compiled.residual(
-                g.G, g.weight, g.psi, self.connectivity, state.u, state.p, c.table, c.bulk,
+                g.G, g.rest, g.weight, g.psi, self.connectivity, state.u, state.p, c.table, c.bulk,
                 *remembered, a, b, force, gap,
             )
         )  # fmt: skip
@@ -333,7 +361,7 @@ class Kernel:
         compliance, remembered = g.compliance(c.bulk), self._remembered(memory)
         self._each(
             lambda a, b: compiled.linearise(
-                g.G, g.weight, g.psi, self.connectivity, state.u, state.p, c.table, c.bulk,
+                g.G, g.rest, g.weight, g.psi, self.connectivity, state.u, state.p, c.table, c.bulk,
                 *remembered, compliance, a, b, force, gap, K, B,
             )
         )  # fmt: skip
@@ -345,6 +373,31 @@ class Kernel:
         turning, lever = self._turned(K, B, turn)
         data = self._pattern.fill(parts)
         return Linearised(total, data, gap, B.reshape(size, 3 * n, m), compliance, turning, lever)
+
+    def with_faces(self, data: Array, dofs: Integers, K: Array) -> Array:
+        """The upper triangle `data` with symmetric matrices K (g, k, k) of faces of elements added, which are
+        at the degrees of freedom (g, k)."""
+        number = np.full(self.dofs, -1, np.int64)
+        number[self.free] = np.arange(len(self.free))
+        r, c = np.broadcast_arrays(number[dofs][:, :, None], number[dofs][:, None, :])
+        kept = (r >= 0) & (r <= c)
+        data = data.copy()
+        np.add.at(data, self._pattern.at(r[kept], c[kept]), K[kept])
+        return data
+
+    def with_turned_faces(self, system: Linearised, dofs: Integers, K: Array, turn: Array) -> Linearised:
+        """The system with the matrices K (g, k, k) of faces added, of which some may belong to the clamp."""
+        motion = np.zeros((self.dofs // 3, 3))
+        motion[self.clamped] = turn
+        lever = scatter(dofs, (K @ motion.ravel()[dofs][..., None])[..., 0], self.dofs)
+        turning = system.turning.copy()
+        turning[: len(self.free)] += lever[self.free]
+        return replace(
+            system,
+            data=self.with_faces(system.data, dofs, K),
+            turning=turning,
+            lever=system.lever + lever.reshape(-1, 3),
+        )
 
     def _turned(self, K: Array, B: Array, turn: Array) -> tuple[Array, Array]:
         """The tangent times a rigid rotation of the clamp: for the unknowns (f,) and for the nodes (n, 3)."""

@@ -42,13 +42,24 @@ class Clamp:
 
 
 @dataclass(frozen=True)
+class Layer:
+    """An elastic sheet bonded to a surface: stiffness (thickness x modulus, N/mm) and Poisson's ratio."""
+
+    surface: str
+    stiffness: float
+    poisson: float = 0.3
+
+
+@dataclass(frozen=True)
 class Case:
     """Everything a solve needs, in mm, N, MPa.
 
     nodes (n, 3) mm; labels (n,) the Abaqus node numbers; one material per element set (together they cover
     every element once), of which `with_material` leaves those `kept` as they are; `pressurised` names the
     surface that carries the follower pressure; `forces` are dead forces (3,) N, spread evenly over a node
-    set. In a half model forces and moments are those of the half.
+    set. precurvature (1/mm): the structure is free of stress where it is curved by so much towards -z (see
+    `fe.assembly.Geometry`). layer: a sheet bonded to it. In a half model forces and moments are those of the
+    half.
     """
 
     nodes: Array
@@ -63,6 +74,8 @@ class Case:
     pressurised: str | None = None
     forces: Mapping[str, Array] = field(default_factory=dict)
     kept: tuple[str, ...] = ()
+    precurvature: float = 0.0
+    layer: Layer | None = None
 
     @property
     def connectivity(self) -> Integers:

@@ -1,8 +1,9 @@
 """Element loops over quadrature points, compiled to machine code by numba, one element after the other.
 
 Arrays of a mesh with e elements of n nodes, q quadrature points and m pressure modes: gradients G
-(e, q, 3, n) per mm, weights w (e, q) mm3, modes psi (e, q, m), connectivity (e, n), constants c (e, k) of
-`Material.constants`. Loops run over the elements first .. last. The formulas are those of `fe.material`.
+(e, q, 3, n) per mm, rest (e, q, 3, 3) where it is not free of stress as it is meshed, or empty, weights w
+(e, q) mm3, modes psi (e, q, m), connectivity (e, n), constants c (e, k) of `Material.constants`. Loops run
+over the elements first .. last. The formulas are those of `fe.material`.
 """
 
 import math
@@ -24,14 +25,19 @@ _compiled: Callable[[Any], Any] = numba.njit(
 
 
 @_compiled
-def _deformation(G: Array, u: Array, F: Array) -> None:
-    """F (3, 3) at one point from its gradients (3, n) and the element's displacements (3, n)."""
+def _deformation(G: Array, u: Array, rest: Array, e: int, q: int, F: Array) -> None:
+    """F (3, 3) at one point from its gradients (3, n) and the element's displacements (3, n); rest
+    (e, q, 3, 3) is what it is without displacements, beyond 1, or empty."""
     for i in range(3):
         for k in range(3):
             value = 0.0
             for a in range(G.shape[1]):
                 value += u[i, a] * G[k, a]
             F[i, k] = value + (1.0 if i == k else 0.0)
+    if len(rest) > 0:
+        for i in range(3):
+            for k in range(3):
+                F[i, k] += rest[e, q, i, k]
 
 
 @_compiled
@@ -240,7 +246,7 @@ def _total(P: Array, F: Array, a: Array, pressure: float, scale: float, S: Array
 
 @_compiled
 def isochoric(
-    G: Array, connectivity: Integers, u: Array, c: Array, first: int, last: int, S: Array
+    G: Array, rest: Array, connectivity: Integers, u: Array, c: Array, first: int, last: int, S: Array
 ) -> None:
     """Isochoric second Piola-Kirchhoff stress S (e, q, 3, 3) MPa at displacements u (n, 3) mm."""
     ue, work, none = np.empty((3, connectivity.shape[1])), np.empty((6, 3, 3)), np.empty((0, 3, 3))
@@ -248,7 +254,7 @@ def isochoric(
     for e in range(first, last):
         _gathered(u, connectivity[e], ue)
         for q in range(G.shape[1]):
-            _deformation(G[e, q], ue, F)
+            _deformation(G[e, q], ue, rest, e, q, F)
             J, I1, I2 = _invariants(F, C, a)
             _stress(F, C, a, J, I1, I2, c[e], g, m, P)
             if c.shape[1] > 6:
@@ -270,7 +276,7 @@ def _stiffened(P: Array, slope: float, A: Array) -> None:
 
 @_compiled
 def energies(
-    G: Array, connectivity: Integers, u: Array, c: Array, first: int, last: int, W: Array
+    G: Array, rest: Array, connectivity: Integers, u: Array, c: Array, first: int, last: int, W: Array
 ) -> None:
     """Isochoric energy W (e, q) N mm/mm3 of the law at displacements u (n, 3) mm."""
     ue, work = np.empty((3, connectivity.shape[1])), np.empty((3, 3, 3))
@@ -278,22 +284,23 @@ def energies(
     for e in range(first, last):
         _gathered(u, connectivity[e], ue)
         for q in range(G.shape[1]):
-            _deformation(G[e, q], ue, F)
+            _deformation(G[e, q], ue, rest, e, q, F)
             J, I1, I2 = _invariants(F, C, a)
             W[e, q] = _energy(C, J, I1, I2, c[e])
 
 
 @_compiled
 def internal(
-    G: Array, w: Array, connectivity: Integers, u: Array, S: Array, first: int, last: int, force: Array
-) -> None:
+    G: Array, rest: Array, w: Array, connectivity: Integers, u: Array, S: Array, first: int, last: int,
+    force: Array,
+) -> None:  # fmt: skip
     """Element forces (e, n, 3) N of a second Piola-Kirchhoff stress S (e, q, 3, 3) MPa."""
     points, n = G.shape[1], connectivity.shape[1]
     ue, F, flux = np.empty((3, n)), np.empty((3, 3)), np.empty((points, 3, 3))
     for e in range(first, last):
         _gathered(u, connectivity[e], ue)
         for q in range(points):
-            _deformation(G[e, q], ue, F)
+            _deformation(G[e, q], ue, rest, e, q, F)
             for i in range(3):
                 for k in range(3):
                     FS = F[i, 0] * S[e, q, 0, k] + F[i, 1] * S[e, q, 1, k] + F[i, 2] * S[e, q, 2, k]
@@ -303,7 +310,8 @@ def internal(
 
 @_compiled
 def residual(
-    G: Array, w: Array, psi: Array, connectivity: Integers, u: Array, p: Array, c: Array, bulk: Array,
+    G: Array, rest: Array, w: Array, psi: Array, connectivity: Integers, u: Array, p: Array, c: Array,
+    bulk: Array,
     scale: Array, carried: Array, soft: Array, peak: Array, sides: Flags, first: int, last: int,
     force: Array, gap: Array,
 ) -> None:  # fmt: skip
@@ -321,7 +329,7 @@ def residual(
         _gathered(u, connectivity[e], ue)
         gap[e] = 0.0
         for q in range(points):
-            _deformation(G[e, q], ue, F)
+            _deformation(G[e, q], ue, rest, e, q, F)
             J, I1, I2 = _invariants(F, C, a)
             _stress(F, C, a, J, I1, I2, c[e], g, m, P)
             if c.shape[1] > 6:
@@ -344,7 +352,8 @@ def residual(
 
 @_compiled
 def linearise(
-    G: Array, w: Array, psi: Array, connectivity: Integers, u: Array, p: Array, c: Array, bulk: Array,
+    G: Array, rest: Array, w: Array, psi: Array, connectivity: Integers, u: Array, p: Array, c: Array,
+    bulk: Array,
     scale: Array, carried: Array, soft: Array, peak: Array, sides: Flags, compliance: Array,
     first: int, last: int, force: Array, gap: Array, K: Array, B: Array,
 ) -> None:  # fmt: skip
@@ -361,7 +370,7 @@ def linearise(
         gap[e] = 0.0
         S = carried[e % len(carried)]
         for q in range(points):
-            _deformation(G[e, q], ue, F)
+            _deformation(G[e, q], ue, rest, e, q, F)
             J, I1, I2 = _invariants(F, C, a)
             W1, W11, j1, j2 = _stress(F, C, a, J, I1, I2, c[e], g, m, P)
             pressure = 0.0

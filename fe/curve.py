@@ -34,6 +34,8 @@ class Differenced:
             and a.case.clamp == b.case.clamp
             and np.array_equal(a.dead, b.dead)
             and np.array_equal(a.geometry.nodes, b.geometry.nodes)
+            and a.geometry.precurvature == b.geometry.precurvature
+            and a.case.layer == b.case.layer
         )
 
 

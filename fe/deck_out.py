@@ -71,6 +71,10 @@ def _check(case: Case) -> None:
             f"clamp of compliance {case.clamp.compliance:g} rad/(N mm): a deck holds a rigid clamp only; "
             "set it to 0"
         )
+    if case.precurvature:
+        raise ValueError("a precurvature: a deck holds a structure without stress at rest; set it to 0")
+    if case.layer and case.layer.stiffness:
+        raise ValueError("a layer: a deck holds solid elements only; model it by some, or set it to 0")
     for name, m in case.materials.items():
         if m.prony or m.gent:
             what = "Prony series" if m.prony else "term of Gent"

@@ -9,6 +9,7 @@ import numpy as np
 from fe.assembly import Constants, Geometry, Kernel, Linearised, Memory, State
 from fe.case import Case
 from fe.element import Array
+from fe.layer import LayerFaces
 
 # Last correction: of u against the structure's size, of p against a tenth of the shear modulus. The tangent
 # that serves derivatives is that far from the equilibrium: 1e-7 leaves them 1e-6 wrong, 1e-5 left 2e-3.
@@ -36,6 +37,7 @@ class Problem:
     case: Case
     dead: Array
     geometry: Geometry
+    layer: LayerFaces | None
 
     @staticmethod
     def of(case: Case, kernel: Kernel | None = None) -> "Problem":
@@ -45,15 +47,17 @@ class Problem:
             rows = case.node_sets[name]
             dead[rows] += np.asarray(force, float) / len(rows)
         kernel = kernel or Kernel(case)
-        same = np.array_equal(case.nodes, kernel.geometry.nodes)
-        geometry = kernel.geometry if same else Geometry(case.nodes, kernel.connectivity, kernel.element)
-        return Problem(kernel, Constants.of(case), case, dead, geometry)
+        own, curved = kernel.geometry, case.precurvature
+        same = np.array_equal(case.nodes, own.nodes) and curved == own.precurvature
+        geometry = own if same else Geometry(case.nodes, kernel.connectivity, kernel.element, curved)
+        layer = LayerFaces(case) if case.layer and case.layer.stiffness else None
+        return Problem(kernel, Constants.of(case), case, dead, geometry, layer)
 
     @property
     def proportional(self) -> bool:
         """Whether pressure alone loads it, so that u is a function of pressure over the moduli."""
         clamp = self.case.clamp
-        return not self.dead.any() and not (clamp and clamp.compliance)
+        return not self.dead.any() and not (clamp and clamp.compliance) and self.layer is None
 
     def stiffened(self, factor: float) -> "Problem":
         """The problem with all moduli multiplied."""
@@ -200,8 +204,13 @@ def _residuals(
 ) -> tuple[Linearised, float]:
     _, turn, _ = problem.clamp_motion(state.rotation)
     system = problem.kernel.linearise(state, problem.constants, load, memory, turn)
-    force = system.force - problem.dead
-    return replace(system, force=force), state.rotation + problem.clamp_gap(state.rotation, force)
+    system = replace(system, force=system.force - problem.dead)
+    if problem.layer is not None:
+        x = problem.case.nodes + state.u
+        dofs, K = problem.layer.tangent(x)
+        system = problem.kernel.with_turned_faces(system, dofs, K, turn)
+        system = replace(system, force=system.force - problem.layer.force(x))
+    return system, state.rotation + problem.clamp_gap(state.rotation, system.force)
 
 
 def equilibrium(
@@ -310,4 +319,6 @@ def imbalance(problem: Problem, state: State, load: float, memory: Memory | None
     state = _consistent(problem, state)
     force, gap = problem.kernel.residual(state, problem.constants, load, memory, problem.geometry)
     force -= problem.dead
+    if problem.layer is not None:
+        force -= problem.layer.force(problem.case.nodes + state.u)
     return Residual(force, gap, state.rotation + problem.clamp_gap(state.rotation, force))

@@ -209,7 +209,7 @@ class _Key:
         held = [(s.nodes, s.components, case.node_sets[s.nodes]) for s in case.supports]
         clamp = case.node_sets[case.clamp.nodes] if case.clamp else ()
         surface = case.surfaces[case.pressurised] if case.pressurised else ()
-        parts = [case.element.name, case.nodes, case.connectivity, surface, clamp]
+        parts = [case.element.name, case.nodes, case.connectivity, surface, clamp, case.precurvature]
         self.digest = digest(*parts, *(x for h in held for x in h))
 
     def __eq__(self, other: object) -> bool:

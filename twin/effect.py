@@ -15,6 +15,10 @@ from twin.targets import Array
 Theta = Mapping[str, float]
 
 
+class Unsolvable(Exception):
+    """The model has no equilibrium for these parameters; the message says how far it came, or why."""
+
+
 @dataclass(frozen=True)
 class Test:
     """All that a prediction needs: a case, a pressure path, and material points (p, 3) mm that may move or

@@ -2,7 +2,12 @@
 
 from dataclasses import replace
 
+import numpy as np
+
 from calibrate import Parameter
+from fe import Case, Layer
+from fe.element import Integers
+from fe.refine import free_faces
 from twin.effect import Effect, Test, Theta
 
 
@@ -18,3 +23,29 @@ class ElasticClamp(Effect):
             return test
         clamp = replace(test.case.clamp, compliance=theta["clamp.compliance"])
         return replace(test, case=replace(test.case, clamp=clamp))
+
+
+class StrainLimitingLayer(Effect):
+    """A sheet of fabric or paper in the flat bottom: stiff along it, without stiffness to bending."""
+
+    name, order = "strain_limiting_layer", 10
+    sentence = "a sheet in the bottom (fabric, paper, a skin of glue) stops it from stretching"
+    parameters = (
+        Parameter("strain_limiting_layer.stiffness", 0.0, 50.0, "N/mm", null=0.0, typical=0.05),
+    )
+
+    def before(self, test: Test, theta: Theta) -> Test:
+        case, name = test.case, "strain_limiting_layer"
+        bottom = flat_bottom(case)
+        if not len(bottom):
+            return test
+        layer = Layer(name, theta["strain_limiting_layer.stiffness"])
+        return replace(test, case=replace(case, surfaces={**case.surfaces, name: bottom}, layer=layer))
+
+
+def flat_bottom(case: Case) -> Integers:
+    """The faces (f, 2) of the skin whose nodes all lie at the lowest height; none on a curved bottom."""
+    faces, z = free_faces(case), case.nodes[:, 2]
+    nodes = np.take_along_axis(case.connectivity[faces[:, 0]], case.element.faces[faces[:, 1]], axis=1)
+    low = z.min() + 1e-6 * float(np.ptp(case.nodes, axis=0).max())
+    return faces[(z[nodes] < low).all(axis=1)]

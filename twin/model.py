@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from calibrate import Parameter
 from fe import Case, Finger, Lattice, Material, Path, Solution, Variation, finger_case, solve
-from twin.effect import Effect, Test, Theta
+from twin.effect import Effect, Test, Theta, Unsolvable
 from twin.effects_material import Elasticity
 from twin.targets import Array, Targets
 
@@ -18,10 +18,6 @@ STEP = 1e-6  # of a parameter's typical size, for differencing the effects' maps
 # as large a share as the displacement does, so that within SAME_SLOPE mm they are kept to half a per cent.
 NEAR = 0.1
 SAME_SLOPE = 0.3
-
-
-class Unsolvable(Exception):
-    """The model has no equilibrium for these parameters; the message says how far it came."""
 
 
 @dataclass(frozen=True)
