@@ -1,6 +1,6 @@
 """Case in, solution out: a mixed finite-element kernel for nearly incompressible bodies (mm, N, MPa, s)."""
 
-from fe.case import Block, Case, Clamp, Layer, Support
+from fe.case import Block, Case, Clamp, Support
 from fe.material import Material
 from fe.mesh import Finger, Lattice, finger_case
 from fe.path import Path
@@ -12,7 +12,6 @@ __all__ = [
     "Clamp",
     "Finger",
     "Lattice",
-    "Layer",
     "Material",
     "Path",
     "Solution",

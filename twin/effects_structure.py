@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 
 from calibrate import Parameter
-from fe import Case, Layer
+from fe import Case
+from fe.case import Layer
 from fe.element import Integers
 from fe.refine import free_faces
 from twin.effect import Effect, Test, Theta

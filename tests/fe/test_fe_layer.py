@@ -6,7 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fe import Case, Layer, Material, Path, Support, Variation, solve
+from fe import Case, Material, Path, Support, Variation, solve
+from fe.case import Layer
 from fe.layer import LayerFaces
 from fe.newton import Problem, equilibrium
 
