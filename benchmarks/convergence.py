@@ -16,11 +16,7 @@ import _first  # noqa: F401
 import numpy as np
 from scipy.optimize import brentq
 
-from fe import Finger, Lattice, Material, finger_case
-from fe.curve import trace
-from fe.locate import interpolation
-from fe.newton import Problem
-from fe.path import levels
+from fe import Finger, Lattice, Material, Path, finger_case, solve
 
 SILICONE = Material(C10=0.214, C01=0.083)  # MPa, the values of the reference study
 PRESSURE = 0.03  # MPa
@@ -46,15 +42,15 @@ def run(finger: Finger, lattice: Lattice) -> Row:
     """U3 at the tip and the middle node of `finger` on `lattice`, at the top pressure."""
     start = time.perf_counter()
     case = finger_case(SILICONE, finger=finger, lattice=lattice)
-    curve = trace(Problem.of(case), levels(PRESSURE, count=4))
+    found = solve(case, Path(np.array([0.0, 1.0]), np.array([0.0, PRESSURE]), np.array([1.0])))
     u = np.full((2, 3), np.nan)
-    if curve.reason == "converged":
-        u = interpolation(case, np.array([finger.tip_node, finger.middle_node])) @ curve.u[-1]
+    if found.converged:
+        u = found.at(np.array([finger.tip_node, finger.middle_node]))[0]
     seconds = time.perf_counter() - start
-    return Row(lattice.refine, len(case.nodes), float(u[0, 2]), float(u[1, 2]), seconds, curve.reason)
+    return Row(lattice.refine, len(case.nodes), float(u[0, 2]), float(u[1, 2]), seconds, found.reason)
 
 
-def extrapolate(value: tuple[float, float, float]) -> tuple[float, float]:
+def extrapolate(value: tuple[float, ...]) -> tuple[float, float]:
     """The order p and the limit v of v(h) = v + c h^p, from values at h, h/2 and h/3; NaN where they do not
     settle."""
     a, b, c = value
@@ -77,7 +73,8 @@ def main() -> int:
     parser.add_argument("--quick", action="store_true", help="a short finger, coarser meshes: under a minute")
     parser.add_argument("--json", action="store_true", help="the same as one JSON object")
     options = parser.parse_args()
-    finger, lattice = (SHORT, Lattice(per_bellow=2)) if options.quick else (Finger(), Lattice())
+    finger = SHORT if options.quick else Finger()
+    lattice = Lattice(per_bellow=4, centred=False) if options.quick else Lattice()
     rows = []
     for refine in REFINEMENTS:
         rows.append(run(finger, replace(lattice, refine=refine)))

@@ -72,7 +72,7 @@ def of_finger(finger: Finger, lattice: Lattice) -> Structure:
 
 def finer(lattice: Lattice) -> dict[str, Lattice]:
     """The refined lattices; the last is finer in every direction and of the other topology."""
-    bellow = max(lattice.per_bellow + 1, round(1.5 * lattice.per_bellow))
+    bellow = max(lattice.per_bellow + 1, round(4 / 3 * lattice.per_bellow))
     section = replace(lattice, fillet=2 * lattice.fillet, across=2 * lattice.across, up=2 * lattice.up)
     return {
         "bellows": replace(lattice, per_bellow=bellow),

@@ -27,7 +27,7 @@ PROTOCOL = (
     (38.4, 0.0),
     (42.4, 0.0),
 )
-LATTICE = Lattice(per_bellow=7, wall=2, across=2, up=2, ring=True)
+LATTICE = Lattice(per_bellow=7, wall=2, across=2, up=2, centred=False)
 
 
 @dataclass(frozen=True)

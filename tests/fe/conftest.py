@@ -11,7 +11,7 @@ SILICONE = Material(C10=0.214, C01=0.083)
 SHORT = Finger(
     length=10 + 100 / 3, bellows=3, tip_node=(10 + 100 / 3, 11.5, 0.0), middle_node=(4 + 50 / 3, 11.5, 0.0)
 )
-COARSE = Lattice(per_bellow=2)
+COARSE = Lattice(per_bellow=2, ring=False, centred=False)
 
 
 def brick(

@@ -238,7 +238,7 @@ def test_two_types_on_the_same_nodes_are_two_meshes(short: Case) -> None:
 
 def test_tetrahedra_that_do_not_fit_each_other_are_refused() -> None:
     with pytest.raises(ValueError, match="do not fit each other"):
-        converted(finger_case(Material(0.2, 0.1), lattice=Lattice(per_bellow=2, ring=True)), "C3D10")
+        converted(finger_case(Material(0.2, 0.1), lattice=Lattice(per_bellow=2, centred=False)), "C3D10")
 
 
 @pytest.mark.parametrize(

@@ -20,7 +20,7 @@ from fe.newton import Problem, equilibrium
 
 Cube = Callable[..., Case]
 DENSITY, G = 1.07e-9, 9810.0  # tonne/mm3, mm/s2
-COARSE = Lattice(per_bellow=2)
+COARSE = Lattice(per_bellow=2, ring=False, centred=False)
 DOWN = np.array([0.0, 0.0, -G])
 TIME, TOP = np.array([0.0, 1.0]), 0.02  # s, MPa
 

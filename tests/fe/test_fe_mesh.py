@@ -15,10 +15,11 @@ from fe.mesh import MIDDLE_LABEL, TIP_LABEL
 MATERIAL = Material(0.2, 0.1)
 LATTICES = [
     Lattice(),
-    Lattice(ring=True),
+    Lattice(ring=False),
     Lattice(refine=2),
-    Lattice(ring=True, refine=2),
-    Lattice(per_bellow=2),
+    Lattice(ring=False, refine=2),
+    Lattice(per_bellow=4, centred=False),
+    Lattice(per_bellow=2, ring=False, centred=False),
 ]
 
 

@@ -59,7 +59,7 @@ def loaded(short: Case) -> Case:
 
 def test_derivatives_without_history(short: Case, short_finger: Finger) -> None:
     case = loaded(short)
-    lattice = Lattice(per_bellow=2)
+    lattice = Lattice(per_bellow=2, ring=False, centred=False)
 
     def material(name: str) -> Map:
         return lambda x: (case.with_material(**{name: x}), ramp())

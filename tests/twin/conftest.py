@@ -22,7 +22,7 @@ def short() -> Finger:
 
 @pytest.fixture(scope="session")
 def short_case() -> Case:
-    return base_case(finger=SHORT, lattice=Lattice(per_bellow=2))
+    return base_case(finger=SHORT, lattice=Lattice(per_bellow=2, ring=False, centred=False))
 
 
 def plain_targets(**changes: object) -> Targets:

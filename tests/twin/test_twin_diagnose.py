@@ -51,7 +51,7 @@ class Laboratory:
         )
 
     def truth(self, *, force: float = 0.0, prony: tuple[tuple[float, float], ...] = ()) -> virtual.Truth:
-        lattice = Lattice(per_bellow=2, ring=True)
+        lattice = Lattice(per_bellow=2, centred=False)
         return virtual.Truth(Material(*NOMINAL, prony=prony), (0.0, 0.0, force), lattice, self.finger)
 
 
@@ -71,7 +71,7 @@ def laboratory(short_film: None, short: Finger, short_case: Case) -> Laboratory:
     nothing = Discretisation(np.zeros((0, 0, 0, 3)), (), np.zeros((0, 0, 3)))
     found = Laboratory(short, short_case, points, nodes, nothing)
     t = found.film(found.truth())(0)
-    structure = of_finger(short, Lattice(per_bellow=2))
+    structure = of_finger(short, Lattice(per_bellow=2, ring=False, centred=False))
     mesh = discretisation(base_model(t, short_case), NOMINAL, structure=structure)
     return replace(found, mesh=mesh)
 

@@ -44,7 +44,7 @@ def small(short: Finger) -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(virtual, "PROTOCOL", FILM)
         patch.setattr(workbench, "Finger", lambda: short)
-        patch.setattr(workbench, "Lattice", lambda refine: Lattice(per_bellow=2, refine=refine))
+        patch.setattr(workbench, "Lattice", lambda refine: Lattice(per_bellow=2, ring=False, centred=False, refine=refine))
         yield
 
 
@@ -54,7 +54,7 @@ def project_at(folder: Path, case: Case, short: Finger) -> Project:
     rows = np.linalg.norm(case.nodes[:, None] - edge, axis=2).argmin(axis=0)
     points, course = case.nodes[rows], virtual.path(BENCH)
     material = Material(0.214, 0.083, prony=((0.075, 1.2), (0.055, 3.5), (0.02, 15.0)))
-    truth = virtual.Truth(material, lattice=Lattice(per_bellow=2, ring=True), finger=short)
+    truth = virtual.Truth(material, lattice=Lattice(per_bellow=2, centred=False), finger=short)
     u, slope = virtual.displacements(truth, course, points)
     targets = virtual.targets(
         u, slope, course, names=NAMES, nodes=case.labels[rows], points=points, bench=BENCH, seed=1

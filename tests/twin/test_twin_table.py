@@ -19,7 +19,7 @@ from twin.targets import Array
 @pytest.fixture(scope="module")
 def case() -> Case:
     """The whole finger, coarse: its tip moves far, which is what the table must follow."""
-    return base_case(lattice=Lattice(per_bellow=1))
+    return base_case(lattice=Lattice(per_bellow=1, ring=False, centred=False))
 
 
 @pytest.fixture(scope="module")
@@ -91,7 +91,7 @@ def test_paths_are_kept_by_their_key(tmp_path: File, short_case: Case) -> None:
 def test_of_two_materials_the_table_holds_the_total_as_well(short: Finger, monkeypatch: pytest.MonkeyPatch) -> None:
     for name, value in (("TOTALS", 4), ("SHARES", 3), ("LEVELS", 6)):
         monkeypatch.setattr(f"twin.table.{name}", value)  # quick, and still within the tolerance
-    case = base_case(finger=short, lattice=Lattice(per_bellow=1))
+    case = base_case(finger=short, lattice=Lattice(per_bellow=1, ring=False, centred=False))
     low = np.flatnonzero(case.nodes[case.connectivity][..., 2].max(axis=1) < 3)
     sets = {"body": np.setdiff1d(case.element_sets["body"], low), "sole": low}
     stiff = Material(C10=1.0)
