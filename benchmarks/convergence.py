@@ -1,8 +1,9 @@
 """Three uniformly refined meshes of the finger -> the order and the limit of its displacements, measured.
 
-    python benchmarks/convergence.py [--quick] [--json]
+    python benchmarks/convergence.py [--quick] [--block] [--json]
 
-The default lattice is divided by 1, 2 and 3 (--quick: a short finger of three bellows on a coarser lattice).
+The default lattice is divided by 1, 2 and 3 (--quick: a short finger of three bellows on a coarser lattice;
+--block: four cells a bellow, walls by straight lines).
 From values at h, h/2 and h/3 the order p and the limit v solve v(h) = v + c h^p exactly; neither is assumed.
 """
 
@@ -71,10 +72,12 @@ def main() -> int:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--quick", action="store_true", help="a short finger, coarser meshes: under a minute")
+    parser.add_argument("--block", action="store_true", help="four cells a bellow, walls by straight lines")
     parser.add_argument("--json", action="store_true", help="the same as one JSON object")
     options = parser.parse_args()
     finger = SHORT if options.quick else Finger()
-    lattice = Lattice(per_bellow=4, centred=False) if options.quick else Lattice()
+    coarse = options.quick or options.block
+    lattice = Lattice(per_bellow=4, centred=False, ring=not options.block) if coarse else Lattice()
     rows = []
     for refine in REFINEMENTS:
         rows.append(run(finger, replace(lattice, refine=refine)))

@@ -52,10 +52,10 @@ class Row:
 def measured(name: str, finger: Finger, lattice: Lattice, limit: tuple[float, float]) -> Row:
     """A candidate's row; RuntimeError where it has no equilibrium."""
     case = finger_case(SILICONE, finger=finger, lattice=lattice)
-    first, whole = (Path(np.arange(2.0), np.array([0, p]), np.ones(1)) for p in (1e-3 * PRESSURE, PRESSURE))
-    solve(case, first)
+    path = Path(np.array([0.0, 1.0]), np.array([0.0, PRESSURE]), np.ones(1))
+    solve(case, replace(path, pressure=1e-3 * path.pressure))
     start = time.process_time()
-    found = solve(case, whole)
+    found = solve(case, path)
     seconds = time.process_time() - start
     if not found.converged:
         raise RuntimeError(f"{name}: {found.reason}")

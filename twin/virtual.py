@@ -1,6 +1,6 @@
 """The virtual laboratory: a protocol and a hidden truth -> displacements, pressure logs and noisy targets.
 
-The truth lives on another mesh of another topology than the model's, and may hold effects that no model has.
+The truth lives on a finer mesh than the model's, its cells elsewhere, and may hold effects that no model has.
 Nothing that diagnoses may import this module.
 """
 
