@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 from skimage.measure import find_contours
 
 from vision.camera import Array, Image
@@ -90,7 +91,12 @@ def find_board(picture: Image, board: Board) -> View:
 
 def _charuco(picture: Image, board: Board) -> View:
     printed = charuco(board)
-    corners, ids, _, _ = cv2.aruco.CharucoDetector(printed).detectBoard(picture)
+    detector = cv2.aruco.CharucoDetector(printed)
+    corners, ids, _, _ = detector.detectBoard(picture)
+    if ids is None or len(ids) < 4:
+        # One foreign marker with an id of the board and OpenCV sees no board: those seen twice are left out.
+        once = _once(picture, board)
+        corners, ids, _, _ = detector.detectBoard(picture, markerCorners=once[0], markerIds=once[1])
     if corners is None or ids is None or len(corners) < 4:
         return NOTHING
     points = np.asarray(printed.getChessboardCorners(), dtype=np.float64)[np.asarray(ids).reshape(-1)]
@@ -101,6 +107,15 @@ def _charuco(picture: Image, board: Board) -> View:
         np.asarray(corners, dtype=np.float64).reshape(-1, 2),
         min(WINDOW * board.square_mm, margin),
     )
+
+
+def _once(picture: Image, board: Board) -> tuple[list[NDArray[np.float32]], NDArray[np.int32]]:
+    """Corners and ids of the markers that the picture shows once."""
+    corners, ids, _ = cv2.aruco.ArucoDetector(dictionary_of(board.dictionary)).detectMarkers(picture)
+    names = [] if ids is None else np.asarray(ids).ravel().tolist()
+    kept = [i for i, name in enumerate(names) if names.count(name) == 1]
+    quads = [np.asarray(corners[i], dtype=np.float32) for i in kept]
+    return quads, np.array([names[i] for i in kept], dtype=np.int32)
 
 
 def _chessboard(picture: Image, board: Board) -> View:

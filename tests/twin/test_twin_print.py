@@ -123,9 +123,8 @@ def check_page(picture, project):
         np.testing.assert_allclose(side, wanted[marker], atol=0.1)  # corners to half a pixel of 0.1 mm
     stated = config.cameras[0].board
     board = Board(**stated.model_dump() | {"marker_mm": stated.marker_mm or 0.0})
-    # Cut out: OpenCV finds no board beside markers that have the same ids.
-    view = find_board(picture[: round((12 + 2.5 + (stated.rows + 1) * stated.square_mm) * PX)], board)
-    assert len(view) == (stated.columns - 1) * (stated.rows - 1)
+    view = find_board(picture, board)  # found beside markers with the same ids, from those seen once
+    assert len(view) >= 0.5 * (stated.columns - 1) * (stated.rows - 1)  # nine of 27 markers are seen twice
     span = np.linalg.norm(view.pixels[-1] - view.pixels[0]) / PX
     assert span == pytest.approx(np.linalg.norm(view.points[-1] - view.points[0]), abs=0.02)
     check_rulers(picture)
