@@ -13,6 +13,7 @@ from vision.camera import Array
 from vision.marks import Mark
 
 Named = Mapping[str, Array]  # name to (s,p,3) mm
+LEVEL = 0.2  # slope of the line to a neighbour that still runs along the finger
 LEAST = 1e-8  # of the largest combined mode's power: below it a mode is left out
 
 
@@ -52,17 +53,24 @@ def node(value: Array, points: Array, marks: Sequence[Mark], turns: Array, sd: f
     du/dx is the chord between the neighbouring finger marks, stretch included; without one, the turn's.
     points: (p,3) mm.   turns: (s,p) rad.
     """
-    finger = sorted(_finger(marks), key=lambda p: points[p, 0])
-    modes = {}
-    for i, p in enumerate(finger):
+    modes, finger = {}, _finger(marks)
+    for p in finger:
         along, across = _turned(turns[:, p])
-        a, b = finger[max(i - 1, 0)], finger[min(i + 1, len(finger) - 1)]
+        a, b = _beside(points, finger, p)
         if points[b, 0] > points[a, 0]:
             chord = (value[:, b] - value[:, a])[:, [0, 2]] / (points[b, 0] - points[a, 0])
             along = np.where(np.isfinite(chord), chord, along)
         modes[f"node:{marks[p].name}:x"] = _of_point(value, p, sd * along)
         modes[f"node:{marks[p].name}:z"] = _of_point(value, p, sd * across)
     return modes
+
+
+def _beside(points: Array, finger: Sequence[int], p: int) -> tuple[int, int]:
+    """The next finger marks along the finger on either side; the mark itself where there is none."""
+    apart = {q: points[q] - points[p] for q in finger}
+    level = [q for q, d in apart.items() if abs(d[2]) <= LEVEL * abs(d[0])]
+    before = max((q for q in level if apart[q][0] < 0), key=lambda q: apart[q][0], default=p)
+    return before, min((q for q in level if apart[q][0] > 0), key=lambda q: apart[q][0], default=p)
 
 
 def reference(value: Array, marks: Sequence[Mark], sd: Array) -> Named:

@@ -4,7 +4,9 @@ Every mark is a texture, eight texels to a pixel or finer, already blurred; each
 Gauss-Legendre samples of it. The plane of the mark, perspective and lens distortion are in the mapping.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -54,6 +56,7 @@ def film(
     seed: int = 0,
     dictionary: str = "DICT_4X4_50",
     outline: Array | None = None,
+    face: tuple[float, Callable[[int, Array], Array]] | None = None,
     codec: str = "libx264",
     crf: int = 18,
 ) -> None:
@@ -65,6 +68,8 @@ def film(
     positions: (t,p,3) mm centres.   rotations: (t,p) rad in the x-z plane, from x towards z.
     fps: 1/s.   blur_px: sd of the lens blur.   noise_grey: sd of the sensor noise, grey levels.
     outline: (t,k,3) mm polygon of the body behind the marks, or None.
+    face: y in mm of a speckled plane behind the marks, and its grey levels (n,) in frame t at points (n,2) mm
+    (x, z): f(t, points), NaN where it is not. As sharp as f is: it is not blurred.
     codec: "libx264" (crf, preset medium, tune grain, no B-frames) or a lossless one such as "ffv1".
 
     Marks face +y, upright when seen from +y with z up; at rotation 0 their right-hand side points to -x.
@@ -88,6 +93,8 @@ def film(
             picture = still.copy()
             if outline is not None:
                 scene.body(picture, outline[t])
+            if face is not None:
+                scene.face(picture, face[0], partial(face[1], t))
             scene.draw(picture, positions[t], rotations[t], np.flatnonzero(front))
             writer.add(_expose(picture, noise_grey, rng))
 
@@ -186,6 +193,7 @@ class _Scene:
     ) -> None:
         self.camera, self.pose, self.marks, self.blur_px = camera, pose, marks, blur_px
         self.rays = _Rays(camera)
+        self.planes: dict[float, Array] = {}  # by y mm, where the rays meet that plane
         depth = self._to_camera(np.array([mark.position for mark in marks]))[:, 2]
         px_per_mm = camera.matrix[0, 0] / depth
         self.textures = [
@@ -227,6 +235,18 @@ class _Scene:
         cover = _lookup(texture.cover, texel).mean(axis=1).reshape(picture[block].shape)
         ink = _lookup(texture.ink, texel).mean(axis=1).reshape(picture[block].shape)
         picture[block] = picture[block] * (1.0 - cover) + INK * cover + (PAPER - INK) * ink
+
+    def face(self, picture: NDArray[np.float32], y: float, grey: Callable[[Array], Array]) -> None:
+        """Lay a plane of that y mm on the picture, from its grey levels (n,) at points (n,2) mm (x, z)."""
+        if y not in self.planes:
+            axes = np.eye(3)
+            homography = _plane_homography(self.pose, y * axes[1], axes[0], axes[2])
+            every = self.rays.at(slice(None), slice(None))
+            self.planes[y] = _local(np.linalg.inv(homography), every)
+        places = self.planes[y]
+        seen = grey(places.reshape(-1, 2)).reshape(places.shape[:2]).mean(axis=1).reshape(picture.shape)
+        inside = np.isfinite(seen)
+        picture[inside] = seen[inside]
 
     def body(self, picture: NDArray[np.float32], polygon: Array) -> None:
         """Fill the body's polygon (k,3) mm in dark grey, its edge blurred like the rest."""

@@ -1,0 +1,132 @@
+"""A speckled face on drawn film: an analytic field measured with pulls, shared errors, a region without speckles."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from vision import Displacements, Video, synthetic
+from vision.face import Face, measure_with_face
+from vision.modes import Stated
+
+Array = NDArray[np.float64]
+DEPTH, TIMES = 12.0, 24  # mm, frames
+LOW, HIGH = (10.0, -42.0), (80.0, -12.0)  # mm, where the speckles are at rest
+PERFECT = Stated(
+    placement_mm=1e-6, scale=1e-9, frame_mm=1e-6, node_mm=1e-6, height_mm=1e-6, out_of_plane_mm=1e-6
+)
+
+
+def deformation(t: int) -> tuple[Array, Array]:
+    """Gradient F (2,2) and shift (2,) mm in frame t: at rest for 1.5 s, then turned, stretched and moved."""
+    ramp = max(0.0, (t - 15) / 8.0)
+    turn = -0.22 * ramp
+    rotation = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
+    return rotation @ np.diag([1.0 + 0.03 * ramp, 1.0 - 0.015 * ramp]), ramp * np.array([-3.0, -6.0])
+
+
+def moved(points: Array, t: int) -> Array:
+    gradient, shift = deformation(t)
+    return np.asarray((points - LOW) @ gradient.T + LOW + shift)
+
+
+class Speckles:
+    """Gaussian blobs on the material, evaluated in closed form: nothing is interpolated."""
+
+    def __init__(self) -> None:
+        rng, self.size = np.random.default_rng(4), 0.55  # mm, sd of a blob
+        self.blobs = rng.uniform(np.array(LOW) - 1, np.array(HIGH) + 1, (1500, 2))
+        self.cell = 4 * self.size
+        self.cells: dict[tuple[int, int], Array] = {}
+        index = np.floor(self.blobs / self.cell).astype(int)
+        for key in np.unique(index, axis=0):
+            near = (np.abs(index - key) <= 1).all(axis=1)
+            self.cells[int(key[0]), int(key[1])] = self.blobs[near]
+
+    def __call__(self, t: int, place: Array) -> Array:
+        gradient, shift = deformation(t)
+        material = (place - np.array(LOW) - shift) @ np.linalg.inv(gradient).T + LOW
+        grey = np.full(len(place), np.nan)
+        inside = np.flatnonzero(((material >= LOW) & (material <= HIGH)).all(axis=1))
+        index = np.floor(material[inside] / self.cell).astype(int)
+        keys, which = np.unique(index, axis=0, return_inverse=True)
+        for k, key in enumerate(keys):
+            rows = inside[which.ravel() == k]
+            blobs = self.cells.get((int(key[0]), int(key[1])), np.empty((0, 2)))
+            distance = ((material[rows, None] - blobs[None]) ** 2).sum(axis=2) / (2 * self.size**2)
+            grey[rows] = 205.0 - 55.0 * np.minimum(np.exp(-np.minimum(distance, 50.0)).sum(axis=1), 2.8)
+        return grey
+
+
+@pytest.fixture(scope="module")
+def films(lab: Any, tmp_path_factory: pytest.TempPathFactory) -> tuple[Video, Video]:
+    folder: Path = tmp_path_factory.mktemp("face")
+    speckles, kept = Speckles(), {}
+
+    def drawn(t: int, place: Array) -> Array:
+        """The speckles; what is at rest is worked out once."""
+        if t > 15:
+            return speckles(t, place)
+        if not kept:
+            kept[0] = speckles(0, place)
+        return np.asarray(kept[0])
+
+    for name, count, face in (("film", TIMES, drawn), ("static", 120, lambda _, place: drawn(0, place))):
+        place, turn = lab.motion(np.zeros(count))
+        synthetic.film(
+            folder / f"{name}.mkv", camera=lab.camera, pose=lab.pose, marks=lab.marks, positions=place,
+            rotations=turn, codec="ffv1", seed=count, face=(DEPTH, face),
+        )  # fmt: skip
+    return Video(folder / "film.mkv"), Video(folder / "static.mkv")
+
+
+@pytest.fixture(scope="module")
+def found(lab: Any, films: tuple[Video, Video]) -> Displacements:
+    face = Face(LOW, HIGH, DEPTH, step_mm=10.0, subset_mm=9.0)
+    return measure_with_face(*films, lab.camera, lab.marks, face, stated=PERFECT, reference_s=1.5)
+
+
+def rows(found: Displacements) -> list[int]:
+    return [p for p, name in enumerate(found.names) if name.startswith("face")]
+
+
+def test_a_known_field_of_the_face_is_measured_with_pulls_of_one(found: Displacements) -> None:
+    face = rows(found)
+    assert len(face) == 21
+    points = found.points[face][:, [0, 2]]
+    truth = np.array([moved(points, t) - points for t in range(TIMES)])
+    error = found.value[:, face][..., [0, 2]] - truth
+    assert np.abs(truth).max() > 15.0
+    assert np.isfinite(error).all()
+    variance = np.diagonal(found.covariance, axis1=2, axis2=3) + (found.modes**2).sum(axis=0)
+    pulls = error / np.sqrt(variance[:, face][..., [0, 2]])
+    assert np.sqrt(np.mean(error**2)) < 0.003  # mm, 0.01 px at 3.4 px/mm
+    still = slice(0, 16)
+    assert np.sqrt(np.mean(pulls[still] ** 2)) == pytest.approx(1.0, abs=0.2)
+    # a stretched, turned patch is interpolated otherwise than at rest: twice the noise is the most it adds
+    assert np.sqrt(np.mean(pulls[16:] ** 2)) < 2.0
+
+
+def test_errors_of_the_whole_face_are_one_mode(found: Displacements) -> None:
+    shared = [name for name in found.mode_names if name.split(":")[1:2] == ["face"]]
+    assert sorted(shared) == [
+        "height:face",
+        "node:face:x",
+        "node:face:z",
+        "out_of_plane:face",
+        "placement:face:x",
+        "placement:face:z",
+    ]
+    assert not any(name.startswith("placement:face0") for name in found.mode_names)
+
+
+def test_a_region_without_speckles_is_refused(lab: Any, films: tuple[Video, Video]) -> None:
+    face = Face((10.0, -42.0), (80.0, 20.0), DEPTH, step_mm=10.0, subset_mm=9.0)
+    with pytest.raises(ValueError, match="subsets show no speckles, the first at x"):
+        measure_with_face(*films, lab.camera, lab.marks, face, stated=PERFECT, reference_s=1.5)
+    with pytest.raises(ValueError, match=r"a subset of 2 mm is \d+ px wide, wanted 15"):
+        measure_with_face(*films, lab.camera, lab.marks, Face(LOW, HIGH, DEPTH, 10.0, 2.0), reference_s=1.5)
+    with pytest.raises(ValueError, match="holds 0 subsets of 40 mm"):
+        Face(LOW, HIGH, DEPTH, 10.0, 40.0).points()
