@@ -212,6 +212,11 @@ def trace(
     return _curve(done, len(varied), iterations, reason or "converged")
 
 
+def nothing(reason: str) -> Curve:
+    """The curve of a problem that cannot be begun."""
+    return _curve([], 0, 0, reason)
+
+
 def _loaded(problem: Problem, pressure: float, near: Curve | None) -> tuple[State, int, str]:
     """A state near the first level, that of a `near` curve or with the dead forces and the weight put on in
     as many steps as they need; the factorisations it took, and why there is none, or nothing."""

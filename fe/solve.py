@@ -16,7 +16,7 @@ from scipy.sparse import csr_matrix
 
 from fe.assembly import Kernel, State
 from fe.case import Case, digest
-from fe.curve import Curve, Differenced, trace
+from fe.curve import Curve, Differenced, nothing, trace
 from fe.element import Array, Integers
 from fe.history import Course, Direction, History, follow, remembers
 from fe.loadings import Loadings
@@ -156,9 +156,12 @@ def solve(
 
     start: a solution of a neighbouring case with the same mesh and path, to begin from. count: levels of
     pressure that carry the history-free curve (10 leave 2e-4 mm of the finger's 58); one output time needs no
-    curve. Never raises for lack of
-    convergence: see `Solution.converged`, `reason` and `reached`.
+    curve. Never raises for lack of convergence: see `Solution.converged`, `reason` and `reached`.
     """
+    if path.stiffness is not None and path.stiffness.min() <= 0:
+        none, slopes = np.zeros(len(path.output)), np.zeros((len(variations), len(path.output)))
+        reason = f"stopped: the factor of its moduli falls to {path.stiffness.min():.3g}, wanted above 0"
+        return Solution(case, path, (nothing(reason),), none.astype(int), none, slopes, None, 0, reason)
     kernel = _kernel(_Key(case))
     problem = Problem.of(case, kernel)
     varied = [

@@ -33,6 +33,7 @@ TIE = 6.0  # BIC
 EXPLAINED = 0.8
 INVISIBLE = 0.02  # of its own size is what an effect keeps apart from the fitted parameters
 REFITS = 3
+UNLOADED = 0.1  # of the top pressure is how far it must fall, for an effect that shows in unloading
 SETTLED = 0.1  # sd to which refits are carried; `twin add` carries on from there
 PROMISING = 0.25  # of the best z2: what a refit must promise as a fall of chi2
 
@@ -41,6 +42,8 @@ NEXT_TEST = {
         {"creep", "pressure_lag"}
     ): "hold the top pressure for 60 s and film a 0.2 s step at 30 frames/s",
     frozenset({"pressure_gain", "camera_scale"}): "measure the pressure gauge against a second one",
+    frozenset({"creep", "mullins"}): "repeat the cycle after a minute of rest: softening stays, creep fades",
+    frozenset({"creep", "thermal"}): "repeat the film ten minutes later: creep fades, a drift goes on",
     frozenset({"stiffening", "camera_scale"}): "film a ruler in the finger's plane",
 }
 
@@ -184,15 +187,24 @@ def screen(
     """The score of every absent effect at the base fit, adjusted for the number of tries."""
     present = {e.name for e in model.effects}
     absent = [e for e in effects if e.name not in present]
-    testable = [e for e in absent if "history" not in e.requires or targets.has_log]
+    testable = [e for e in absent if not lacking(e, targets)]
     scored = [
         _score(e, rows, jacobian, w, base.whitened, model.named(theta), model)
         for e, rows in zip(testable, model.signatures(theta, testable), strict=True)
     ]
     adjusted = iter(holm([c.p_value for c in scored if not c.note]))
     scored = [c if c.note else replace(c, p_value=float(next(adjusted))) for c in scored]
-    why = "not testable: needs the pressure between the steps (a dense log)"
-    return scored + [Candidate(e, 0.0, 1.0, why) for e in absent if e not in testable]
+    return scored + [Candidate(e, 0.0, 1.0, lacking(e, targets)) for e in absent if e not in testable]
+
+
+def lacking(effect: Effect, targets: Targets) -> str:
+    """What an effect requires and the data do not hold, or nothing."""
+    if "history" in effect.requires and not targets.has_log:
+        return "not testable: needs the pressure between the steps (a dense log)"
+    p = np.interp(targets.time, targets.log_time, targets.log_pressure)
+    if "unloading" in effect.requires and (np.maximum.accumulate(p) - p).max() < UNLOADED * p.max():
+        return "not testable: needs steps at which the pressure has fallen again"
+    return ""
 
 
 def _score(

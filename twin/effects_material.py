@@ -83,11 +83,101 @@ class Creep(Effect):
 
 
 class Stiffening(Effect):
-    """A quadratic term C20 (I1 - 3)^2 in the energy: the rubber stiffens, or softens, with strain."""
+    """A quadratic term C20 (I1 - 3)^2 in the energy: the rubber stiffens, or softens, with strain. With two
+    terms a cubic one, C30 (I1 - 3)^3, too: Yeoh's law, and Gent's to third order."""
 
     name, order = "stiffening", 10
     sentence = "the silicone stiffens (or softens) with strain beyond the Mooney-Rivlin law"
-    parameters = (Parameter("stiffening.C20", -0.05, 0.5, "MPa", null=0.0, typical=0.005),)
+
+    def __init__(self, terms: int = 1) -> None:
+        self.terms = terms
+        self.parameters = (
+            Parameter("stiffening.C20", -0.05, 0.5, "MPa", null=0.0, typical=0.005),
+            Parameter("stiffening.C30", -0.02, 0.2, "MPa", null=0.0, typical=0.002),
+        )[:terms]
+
+    @property
+    def label(self) -> str:
+        return self.name if self.terms == 1 else f"{self.name}:{self.terms}"
 
     def before(self, test: Test, theta: Theta) -> Test:
-        return replace(test, case=test.case.with_material(C20=theta["stiffening.C20"]))
+        terms = {p.name.partition(".")[2]: theta[p.name] for p in self.parameters}
+        return replace(test, case=test.case.with_material(**terms))
+
+    def wider(self) -> Effect | None:
+        return Stiffening(2) if self.terms == 1 else None
+
+    def start(self, theta: Theta) -> Theta:
+        return {"stiffening.C30": 0.0, **theta} if self.terms == 2 else theta
+
+
+class Mullins(Effect):
+    """Mullins softening below the largest energy that a point has carried: the stress is multiplied by
+    1 - softening erf((W_max - W) / (m + beta W_max)), softening = 1/r (Ogden & Roxburgh 1999,
+    doi 10.1098/rspa.1999.0431). One term: beta = 0. The finger is virgin at the beginning of the path.
+
+    Derivatives are those on the side of W_max on which each point is: where a parameter moves the moment at
+    which W_max is met again, an output there has another slope on either side.
+    """
+
+    name, order, requires = "mullins", 10, ("history", "unloading")
+    sentence = "the silicone is softer below the largest load it has carried (Mullins softening)"
+
+    def __init__(self, terms: int = 1) -> None:
+        self.terms = terms
+        self.parameters = (
+            Parameter("mullins.softening", 0.0, 0.9, "", null=0.0, typical=0.1, plausible=(0.02, 0.6)),
+            Parameter("mullins.m", 1e-4, 0.1, "MPa", typical=2e-3, plausible=(3e-4, 0.03)),
+            Parameter("mullins.beta", 0.0, 2.0, "", null=0.0, typical=0.1, plausible=(0.0, 1.0)),
+        )[: 1 + terms]
+        self.grid = tuple({"mullins.m": m} for m in (5e-4, 2e-3, 8e-3, 3e-2)) if terms == 1 else ()
+
+    @property
+    def label(self) -> str:
+        return self.name if self.terms == 1 else f"{self.name}:{self.terms}"
+
+    def before(self, test: Test, theta: Theta) -> Test:
+        law = (theta["mullins.softening"], theta["mullins.m"], theta.get("mullins.beta", 0.0))
+        return replace(test, case=test.case.with_material(mullins=law))
+
+    def wider(self) -> Effect | None:
+        return Mullins(2) if self.terms == 1 else None
+
+    def start(self, theta: Theta) -> Theta:
+        return {"mullins.beta": 0.1, **theta} if self.terms == 2 else theta
+
+
+class Compressibility(Effect):
+    """The bulk modulus K is finite beyond the base's: 1/K = 1/K_base + excess."""
+
+    name, order = "compressibility", 15
+    sentence = "the silicone is compressible (bubbles, or a bulk modulus near its shear modulus)"
+    parameters = (
+        Parameter(
+            "compressibility.excess", 0.0, 0.5, "1/MPa", null=0.0, typical=0.02, plausible=(1e-3, 0.2)
+        ),
+    )
+
+    def before(self, test: Test, theta: Theta) -> Test:
+        excess = theta["compressibility.excess"]
+        materials = {
+            name: replace(m, bulk_ratio=m.bulk_ratio / (1 + m.bulk * excess))
+            for name, m in test.case.materials.items()
+            if name not in test.case.kept
+        }
+        case = replace(test.case, materials={**test.case.materials, **materials})
+        return replace(test, case=case)
+
+
+class Thermal(Effect):
+    """All moduli drift with time: times 1 + rate t, t on the clock of the pressure log."""
+
+    name, order = "thermal", 15
+    sentence = "the silicone gets stiffer or softer with time (its temperature drifts)"
+    parameters = (
+        Parameter("thermal.rate", -5e-3, 5e-3, "1/s", null=0.0, typical=2e-4, plausible=(-1e-3, 1e-3)),
+    )
+
+    def before(self, test: Test, theta: Theta) -> Test:
+        factor = 1 + theta["thermal.rate"] * test.path.time
+        return replace(test, path=replace(test.path, stiffness=factor))

@@ -10,7 +10,7 @@ from fe import Case
 from twin.effect import Effect
 from twin.effects import effect, library
 from twin.effects_load import first_order_lag
-from twin.effects_material import Creep
+from twin.effects_material import Creep, Mullins, Stiffening
 from twin.model import Model, base_model
 from twin.targets import Array, Targets
 
@@ -19,6 +19,11 @@ FELT = {
     "creep": {"creep.g1": 0.05, "creep.tau1": 3.0},
     "creep:2": {"creep.g1": 0.04, "creep.tau1": 1.0, "creep.g2": 0.03, "creep.tau2": 8.0},
     "stiffening": {"stiffening.C20": 0.1},
+    "stiffening:2": {"stiffening.C20": 0.1, "stiffening.C30": 0.05},
+    "mullins": {"mullins.softening": 0.3, "mullins.m": 1e-3},
+    "mullins:2": {"mullins.softening": 0.3, "mullins.m": 1e-3, "mullins.beta": 0.2},
+    "compressibility": {"compressibility.excess": 0.05},
+    "thermal": {"thermal.rate": -2e-3},
     "clamp": {"clamp.compliance": 1e-3},
     "pressure_gain": {"pressure_gain.gain": 0.05},
     "pressure_lag": {"pressure_lag.tau": 0.4},
@@ -32,7 +37,7 @@ FELT = {
 
 
 def effects() -> list[Effect]:
-    return [*library(), Creep(2)]
+    return [*library(), Creep(2), Stiffening(2), Mullins(2)]
 
 
 def at_null(e: Effect) -> dict[str, float]:
@@ -100,7 +105,12 @@ def test_a_wider_law_takes_the_place_of_the_narrow_one(base: Model) -> None:
     start = Creep(2).start({**BASE, "creep.g1": 0.05, "creep.tau1": 190.0})
     assert set(start) == {p.name for p in model.parameters}
     assert all(p.low <= start[p.name] <= p.high for p in Creep(2).parameters)
-    assert all(e.wider() is None for e in library() if e.name != "creep")
+    for e in library():
+        wider = e.wider()
+        if wider is not None:
+            assert (wider.label, wider.wider()) == (f"{e.name}:2", None)
+            narrow = {p.name: 0.5 * (p.low + p.high) for p in e.parameters}
+            assert set(wider.start(narrow)) == {p.name for p in wider.parameters}
 
 
 def test_labels_name_effects_and_an_unknown_one_lists_them() -> None:
