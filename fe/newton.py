@@ -19,10 +19,10 @@ TOLERANCE = 1e-7
 # u away, and the next correction brings it back.
 NEARBY = 0.02
 SHRINK = 0.2
-# Where a tangent jumps: how far the forces along a correction may turn round before it is shortened, and to
-# what share at least; and how small a correction shows that the jumps are behind, of NEARBY.
+# Where a tangent jumps: how far the forces along a correction may turn round before it is shortened, in how
+# many tries; and how small a correction shows that the jumps are behind, of NEARBY.
 OVERSHOT = 0.3
-LEAST_SHARE = 0.1
+SEARCHES = 6
 SETTLING = 0.1
 EXACT = 0.01  # of TOLERANCE is what such corrections may leave, as Newton's last one does
 
@@ -269,11 +269,21 @@ def _shortened(step: Step, state: State, change: State, load: float, memory: Mem
     The tangent jumps where softening sets in, and full corrections may go to and fro across that kink. Gaps
     are left out: along a long way they are far from linear, but the next correction closes them.
     """
-    before, after = (imbalance(step.problem, x, load, memory) for x in (state, moved(state, change)))
-    a, b = step.work(before, change), step.work(after, change)
-    if b <= OVERSHOT * abs(a):
+
+    def work(factor: float) -> float:
+        return step.work(imbalance(step.problem, moved(state, change, factor), load, memory), change)
+
+    low, high, first = 0.0, 1.0, work(0.0)
+    a, b = first, work(1.0)
+    if b <= OVERSHOT * abs(first):
         return change
-    return moved(moved(change, change, -1.0), change, max(-a / (b - a), LEAST_SHARE))
+    for _ in range(SEARCHES):
+        factor = low + (high - low) * min(max(-a / (b - a), 0.1), 0.9)
+        here = work(factor)
+        if abs(here) <= OVERSHOT * abs(first):
+            break
+        low, a, high, b = (factor, here, high, b) if here < 0 else (low, a, factor, here)
+    return moved(moved(change, change, -1.0), change, factor)
 
 
 def _chord(

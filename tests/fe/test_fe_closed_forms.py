@@ -8,11 +8,12 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from scipy.integrate import quad, solve_ivp
+from scipy.integrate import quad, solve_bvp, solve_ivp
 from scipy.optimize import brentq
 
-from fe import Block, Case, Material, Path, Support, solve
+from fe import Block, Case, Material, Path, Support, Variation, solve
 from fe.element import Array
+from fe.material import nominal_stress
 from fe.newton import Problem, equilibrium
 from fe.path import equivalent
 
@@ -246,3 +247,153 @@ def test_stretches_of_the_closed_forms_are_consistent() -> None:
 
     assert shell(x) == pytest.approx(2 * thickness / radius * stress, rel=5e-3)
     assert brentq(lambda y: sphere_pressure(y) - sphere_pressure(1.3), 1.0, 1.5) == pytest.approx(1.3)
+
+
+def compressible_sphere(material: Material, pressure: float, radii: Array) -> Array:
+    """Radial displacement (k,) of a compressible hollow sphere at radii (k,), by SciPy's boundary value solver.
+
+    d P_r/dR + 2 (P_r - P_t) / R = 0 with W = C10 (I1 - 3) + C01 (I2 - 3) + K (J - 1)^2 / 2 of the stretches
+    r' and r / R, isochoric invariants; P_r = -p (r / R)^2 inside and 0 outside.
+    """
+
+    def stresses(a: Array, b: Array) -> tuple[Array, Array]:
+        J = a * b * b
+        I1, I2 = J ** (-2 / 3) * (a * a + 2 * b * b), J ** (-4 / 3) * (2 * a * a * b * b + b**4)
+        hydrostatic = -2 / 3 * material.C10 * I1 - 4 / 3 * material.C01 * I2 + material.bulk * (J - 1) * J
+        s1, s2 = 2 * material.C10 * J ** (-2 / 3), 2 * material.C01 * J ** (-4 / 3)
+        return (s1 * a * a + s2 * 2 * a * a * b * b + hydrostatic) / a, (
+            s1 * b * b + s2 * (a * a * b * b + b**4) + hydrostatic
+        ) / b
+
+    def rate(R: Array, y: Array) -> Array:
+        a, b, h = y[1], y[0] / R, 1e-6
+        radial, hoop = stresses(a, b)
+        along = (stresses(a + h, b)[0] - stresses(a - h, b)[0]) / (2 * h)
+        across = (stresses(a, b + h)[0] - stresses(a, b - h)[0]) / (2 * h)
+        return np.stack([a, (-2 * (radial - hoop) / R - across * (a - b) / R) / along])
+
+    def ends(y0: Array, y1: Array) -> Array:
+        inner, outer = stresses(y0[1], y0[0] / INNER)[0], stresses(y1[1], y1[0] / OUTER)[0]
+        return np.array([inner + pressure * (y0[0] / INNER) ** 2, outer])
+
+    R = np.linspace(INNER, OUTER, 81)
+    found = solve_bvp(rate, ends, R, np.stack([R, np.ones_like(R)]), tol=1e-8)
+    assert found.success
+    return found.sol(radii)[0] - radii
+
+
+def test_a_compressible_sphere_against_its_differential_equation() -> None:
+    mu, points = 2 * (RUBBER.C10 + RUBBER.C01), np.array([[INNER, 0.0, 0.0], [OUTER, 0.0, 0.0]])
+    load, moved, exact = 0.2, [], []
+    ramp = Path(np.array([0.0, 1.0]), np.array([0.0, load]), np.array([1.0]))
+    for ratio in (1000.0, 1000.0 / (1 + 1000 * mu * 0.3)):  # 1/K raised by 0.3/MPa: K = 5.5 mu
+        law = replace(RUBBER, bulk_ratio=ratio)
+        assert 1 / law.bulk == pytest.approx(1 / (1000 * mu) + (0.0 if ratio == 1000 else 0.3))
+        solution = solve(replace(sphere(4), materials={"body": law}), ramp)
+        moved.append(solution.at(points)[0, :, 0])
+        exact.append(compressible_sphere(law, load, np.array([INNER, OUTER])))
+    effect = exact[1] - exact[0]
+    assert np.abs(effect).min() > 5e-3  # mm
+    # of the effect: the mesh of 192 cells
+    np.testing.assert_allclose(moved[1] - moved[0], effect, rtol=5e-3)
+
+
+def test_a_drift_of_the_moduli_is_a_drift_of_the_load(cube: Callable[..., Case]) -> None:
+    # a cube between symmetry planes, pulled by a dead force in a drifting material: nominal stress F / s
+    held = tuple(Support(f"{'xyz'[d]}0", (d,)) for d in range(3))
+    case = replace(cube((1, 1, 1), material=RUBBER), supports=held)
+    time, factor = np.linspace(0.0, 10.0, 101), 1 - 0.01 * np.linspace(0.0, 10.0, 101)
+    rows = case.node_sets["x1"]
+    sets, forces = dict(case.node_sets), {}
+    weight = np.array([1.0, 4.0, 1.0]) / 6
+    for row in rows:
+        j, k = np.rint(2 * case.nodes[row, 1:]).astype(int)
+        sets[f"pull{row}"] = np.array([row])
+        forces[f"pull{row}"] = np.array([0.3 * weight[j] * weight[k], 0.0, 0.0])
+    pulled = replace(case, node_sets=sets, forces=forces)
+    output = np.linspace(0.0, 10.0, 21)
+    solution = solve(pulled, Path(time, 0 * time, output, stiffness=factor))
+    assert solution.converged, solution.reason
+    x = 1 + solution.at(np.array([[1.0, 0.5, 0.5]]))[:, 0, 0]
+    nominal = nominal_stress(RUBBER, x, "uniaxial")
+    np.testing.assert_allclose(nominal * np.interp(output, time, factor), 0.3, rtol=1e-3)  # the few times
+    assert x[-1] - x[0] > 0.02  # 10 % less stiff
+    # under pressure alone the drift is that of the pressure
+    pressed = replace(case, pressurised="x1")
+    ramp = 0.2 * time / 10
+    drifting = solve(pressed, Path(time, ramp, output, stiffness=factor)).at(np.array([[1.0, 0.5, 0.5]]))
+    np.testing.assert_allclose(
+        drifting, solve(pressed, Path(time, ramp / factor, output)).at(np.array([[1.0, 0.5, 0.5]])), atol=1e-12
+    )
+
+
+def test_moduli_that_drift_below_zero_are_no_equilibrium(cube: Callable[..., Case]) -> None:
+    time = np.linspace(0.0, 10.0, 11)
+    path = Path(time, 0.01 * time, time, stiffness=1 - 0.2 * time)
+    assert "moduli falls to -1, wanted above 0" in solve(cube((1, 1, 1)), path).reason
+
+
+def layered_pressure(stretch: float, inside: float, outside: float) -> float:
+    """Pressure of a tube in plane strain of two layers with shear moduli in MPa, which meet half way: the sum
+    of mu [ln l - 1 / (2 l^2)] over the layers."""
+    R = np.array([INNER, (INNER + OUTER) / 2, OUTER])
+    x = np.sqrt(1 + (stretch**2 - 1) * (INNER / R) ** 2)
+    part = np.log(x[:-1] / x[1:]) + (x[1:] ** -2 - x[:-1] ** -2) / 2
+    return float(np.array([inside, outside]) @ part)
+
+
+def test_a_tube_of_two_materials_and_its_derivative_to_each() -> None:
+    inside, outside = Material(C10=0.05, C01=0.02, bulk_ratio=1e6), Material(C10=0.3, bulk_ratio=1e6)
+    case, stretch = tube(4), 1.15
+    radius = np.linalg.norm(case.nodes[case.connectivity].mean(axis=1)[:, :2], axis=1)
+    sets = {"soft": np.flatnonzero(radius < 1.5), "hard": np.flatnonzero(radius > 1.5)}
+    case = replace(case, element_sets=sets, materials={"soft": inside, "hard": outside})
+    load = layered_pressure(stretch, inside.shear, outside.shear)
+    ramp = Path(np.array([0.0, 1.0]), np.array([0.0, load]), np.array([1.0]))
+
+    def varied(name: str) -> Variation:
+        def one(change: float) -> tuple[Case, Path]:
+            law = replace(case.materials[name], C10=case.materials[name].C10 + change)
+            return replace(case, materials={**case.materials, name: law}), ramp
+
+        return Variation(one(1e-7), one(-1e-7), 1e-7)
+
+    solution = solve(case, ramp, variations=[varied("soft"), varied("hard")])
+    point, h = np.array([[INNER, 0.0, 0.0]]), 1e-5
+    assert solution.at(point)[0, 0, 0] == pytest.approx(stretch - 1, rel=2e-3)
+
+    def closed(soft: float, hard: float) -> float:
+        return brentq(
+            lambda x: layered_pressure(x, inside.shear + 2 * soft, outside.shear + 2 * hard) - load, 1.01, 1.4
+        )
+
+    ours = solution.variations_at(point)[:, 0, 0, 0]
+    exact = [(closed(h, 0) - closed(-h, 0)) / (2 * h), (closed(0, h) - closed(0, -h)) / (2 * h)]
+    np.testing.assert_allclose(ours, exact, rtol=5e-3)  # mesh of 64 cells
+    assert abs(exact[0] - exact[1]) > 0.1 * abs(exact[1])
+
+
+def test_two_materials_with_a_memory_of_their_own(cube: Callable[..., Case]) -> None:
+    # one behind the other in a smooth tube, each under the same pressure: each moves as it does alone
+    soft = replace(RUBBER, prony=((0.3, 1.5),), bulk_ratio=2.0)
+    hard = replace(RUBBER, C10=0.3, mullins=(0.4, 0.003, 0.2), bulk_ratio=2.0)
+    case = replace(cube((2, 1, 1)), pressurised="x1")
+    held = tuple(Support(f"{'xyz'[d]}0", (d,)) for d in range(3))
+    slide = (Support("y1", (1,)), Support("z1", (2,)))
+    log = np.linspace(0, 10, 401)
+    path = Path(log, np.interp(log, TIME, LOAD), TIME[1:])
+    ends = np.array([[0.5, 0.5, 0.5], [1.0, 0.5, 0.5]])
+
+    def moved(left: Material, right: Material) -> Array:
+        sets = {"left": np.array([0]), "right": np.array([1])}
+        both = replace(case, element_sets=sets, materials={"left": left, "right": right}, supports=held + slide)
+        solution = solve(both, path)
+        assert solution.converged, solution.reason
+        return solution.at(ends)[:, :, 0]
+
+    mixed, left, right = moved(soft, hard), moved(soft, soft), moved(hard, hard)
+    scale = np.abs(mixed).max()
+    np.testing.assert_allclose(mixed[:, 0], left[:, 0], atol=1e-4 * scale)
+    # between the solved times all are carried by the creep of the first element's material
+    np.testing.assert_allclose(mixed[:, 1] - mixed[:, 0], right[:, 1] - right[:, 0], atol=2e-3 * scale)
+    assert np.abs(left[1, 0] - left[0, 0]) > 1e-3 * scale  # the soft one creeps
