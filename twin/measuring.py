@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -21,6 +22,30 @@ if TYPE_CHECKING:  # vision takes a second to import: only the stages that measu
 
 PARAMETERS = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3")
 DIGITS = 6  # of mm: a nanometre, far below any sd, keeps targets.csv readable
+
+
+@dataclass(frozen=True)
+class Followed:
+    """What a run has followed so far, as files in its folder: a killed one goes on from there."""
+
+    folder: Path
+
+    def load(self, name: str) -> dict[str, NDArray[Any]] | None:
+        """Return the arrays kept under a name, None without any."""
+        path = self._path(name)
+        return files.read_npz(path) if path.exists() else None
+
+    def save(self, name: str, arrays: Mapping[str, NDArray[Any]]) -> None:
+        """Keep arrays under a name."""
+        files.write_npz(self._path(name), arrays)
+
+    def remove(self) -> None:
+        """Remove all of them."""
+        for path in self.folder.glob("followed-*.npz"):
+            path.unlink()
+
+    def _path(self, name: str) -> Path:
+        return self.folder / f"followed-{name}.npz"
 
 
 def run_camera(project: Project, say: Say) -> dict[str, Any]:
@@ -130,13 +155,15 @@ def _measured(project: Project, say: Say, replace: bool) -> dict[str, Any]:
             "never overwritten; `twin measure --replace` keeps them as targets-0001 and measures anew"
         )
     with project.new_run("measure", **how) as run:
-        moved, log, gauge, join = _measure(project, table, camera, say)
+        keeper = Followed(run.folder)
+        moved, log, gauge, join = _measure(project, table, camera, say, keeper)
         targets = make_targets(moved, log, join=join, gauge=gauge, nodes=_nodes(project))
         run.write_npz("tracks.npz", _tracks(moved))
         run.write_text("budget.csv", _budget_csv(moved, targets))
         run.summary.update(_summary(targets, moved, gauge, join) | {"headline": _headline(targets)})
         _put_aside(project, say)
         write_targets(project.targets_folder, targets, source={"run": run.name})
+        keeper.remove()
     for sentence in run.summary["remarks"]:
         say(f"measure: {sentence}")
     say(f"measure: {_headline(targets)}; wrote targets/ and {project.shown(run.folder)}/tracks.npz")
@@ -303,7 +330,7 @@ def _marks(project: Project) -> list["Mark"]:
 
 
 def _measure(
-    project: Project, table: CameraTable, camera: Path, say: Say
+    project: Project, table: CameraTable, camera: Path, say: Say, keeper: "Followed"
 ) -> tuple["Displacements", Log, GaugeNoise, Join]:
     """Return displacements, log, gauge noise and join; the log is checked before the film is measured."""
     from vision import Camera, measure
@@ -338,7 +365,7 @@ def _measure(
     if len(tables) > 1:
         moved = measure_in_space(recordings, Rig.from_dict(stored), marks, **how)
     else:
-        moved = measure(film, static, Camera.from_dict(stored), marks, **how)
+        moved = measure(film, static, Camera.from_dict(stored), marks, keeper=keeper, **how)
     if join is None:
         join = by_onset(moved.time - moved.time[0], *_motion(moved), log)
         gauge = _gauge(table, log, join, static.time - static.time[0], settings.reference_s)

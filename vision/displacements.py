@@ -10,6 +10,7 @@ from scipy.stats import chi2
 from vision import depth, modes
 from vision.budget import Budget, budget
 from vision.camera import Array, Camera
+from vision.checkpoint import Keeper
 from vision.marks import Mark, check_names
 from vision.modes import Stated
 from vision.noise import (
@@ -72,6 +73,7 @@ def measure(
     stated: Stated = Stated(),  # noqa: B008 - frozen
     reference_s: float = 1.8,
     progress: Progress | None = None,
+    keeper: Keeper | None = None,
 ) -> Displacements:
     """Displacements of the marks in the film.
 
@@ -80,6 +82,7 @@ def measure(
     camera: from `calibrate_camera`, same setting.   marks: at least 6 "frame" and 4 "fixed" ones.
     stated: how well the rig is known.
     reference_s: s.   progress: called with (stage, frames done, frames in all).
+    keeper: keeps what was followed, so that a killed measurement goes on where it was, bit for bit.
 
     Every frame has its own homography from the frame marks, so a shaken tripod does no harm; its noise is
     in the covariance of every place. Raises ValueError for marks that do not suffice or share ids, for a
@@ -87,8 +90,8 @@ def measure(
     """
     check_films(static, marks)
     follower = prepare(film, camera, marks, dictionary=dictionary, reference_s=reference_s)
-    still = _static(static, camera, marks, dictionary, reference_s, progress)
-    followed = follow(film, follower, reference_s=reference_s, stage="film", progress=progress)
+    still = _static(static, camera, marks, dictionary, reference_s, progress, keeper)
+    followed = follow(film, follower, reference_s=reference_s, stage="film", progress=progress, keeper=keeper)
     frame, points = rows_of(marks)
     codec = codec_noise(film, follower, followed, _xz(marks)[frame], frame, points, progress)
     return displacements(followed, still, camera, marks, codec=codec, stated=stated, static=static.path.name)
@@ -224,9 +227,10 @@ def _static(
     dictionary: str,
     reference_s: float,
     progress: Progress | None,
+    keeper: Keeper | None,
 ) -> Followed:
     follower = prepare(static, camera, marks, dictionary=dictionary, reference_s=reference_s)
-    return follow(static, follower, reference_s=reference_s, stage="static", progress=progress)
+    return follow(static, follower, reference_s=reference_s, stage="static", progress=progress, keeper=keeper)
 
 
 def while_moving(extra: Array, moves: NDArray[np.bool_]) -> Array:

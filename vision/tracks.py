@@ -1,6 +1,6 @@
 """Film in, one homography per mark and frame out: marks are followed, lost and found again."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from vision import registration
 from vision.camera import Array, Image
+from vision.checkpoint import EVERY, Keeper, Row, State, restored, stored
 from vision.dots import eccentricity
 from vision.identity import Memory, follow_dots
 from vision.identity import start as memory_of
@@ -49,11 +50,20 @@ class Followed:
 
 
 def follow(
-    film: Video, follower: Follower, *, reference_s: float, stage: str, progress: Progress | None = None
+    film: Video,
+    follower: Follower,
+    *,
+    reference_s: float,
+    stage: str,
+    progress: Progress | None = None,
+    keeper: Keeper | None = None,
 ) -> Followed:
-    """Every mark in every frame of the film."""
-    states = list(_states(film, follower, stage, progress))
-    warp, match, method, spread, unknown = (np.array([state[k] for state in states]) for k in range(5))
+    """Every mark in every frame of the film; a frame that cannot be decoded shows none.
+
+    keeper: where a killed run left what it had followed, and where this one does.
+    """
+    rows, absent = _rows(film, follower, stage, progress, keeper)
+    warp, match, method, spread, unknown = (np.array([row[k] for row in rows]) for k in range(5))
     ideal = centres(warp, follower.centre)
     _straighten(follower, ideal)
     return Followed(
@@ -63,7 +73,49 @@ def follow(
         _covariance(warp, match, spread, follower),
         method,
         reference_frames(film, reference_s),
-        _unknown([mark.name for mark in follower.marks], unknown, film.time),
+        (
+            *_absent(film, absent),
+            *_unknown([mark.name for mark in follower.marks], unknown, film.time),
+        ),
+    )
+
+
+def _rows(
+    film: Video, follower: Follower, stage: str, progress: Progress | None, keeper: Keeper | None
+) -> tuple[list[Row], list[int]]:
+    """What every frame shows, from the first on, and which frames are not there."""
+    rows, state, part = restored(keeper, stage) if keeper is not None else ([], None, 0)
+    state = state or State(follower.seed.copy(), follower.seed.copy(), _memory(follower))
+    fresh: list[Row] = []
+    for index, _, image in film.frames():
+        if index < len(rows):
+            continue
+        gap = [_nothing(len(follower.marks)) for _ in range(len(rows), index)]
+        row, state = _next(image, follower, state)
+        rows += [*gap, row]
+        fresh += [*gap, row]
+        if keeper is not None and len(fresh) >= EVERY:
+            stored(keeper, stage, part, fresh, state)
+            fresh, part = [], part + 1
+        if progress is not None:
+            progress(stage, index + 1, len(film.time))
+    absent = [i for i, row in enumerate(rows) if row[1][0] < 0.0]
+    return rows, [*absent, *range(len(rows), len(film.time))]
+
+
+def _nothing(count: int) -> Row:
+    """The row of a frame that is not there: its correlations are -1."""
+    lost = np.full((count, 3, 3), np.nan)
+    none = np.zeros(count, dtype=bool)
+    return lost, np.full(count, -1.0), none.astype(np.int8), np.full((count, 2, 2), np.nan), none
+
+
+def _absent(film: Video, absent: list[int]) -> tuple[str, ...]:
+    if not absent:
+        return ()
+    return (
+        f"{len(absent)} of {len(film.time)} frames of {film.path.name} cannot be decoded and give nothing, "
+        f"first at {film.time[absent[0]]:.3f} s, last at {film.time[absent[-1]]:.3f} s",
     )
 
 
@@ -82,22 +134,16 @@ def centres(warp: Array, centre: Array) -> Array:
     return np.asarray(mapped[..., :2, 0] / mapped[..., 2:, 0])
 
 
-def _states(
-    film: Video, follower: Follower, stage: str, progress: Progress | None
-) -> Iterator[tuple[Array, Array, NDArray[np.int8], Array, NDArray[np.bool_]]]:
-    last, before = follower.seed.copy(), follower.seed.copy()
-    memory = _memory(follower)
-    for index, _, image in film.frames():
-        warp, match, method = _step(image, follower, _predict(last, before))
-        memory, spread = _dots(image, follower, memory, warp, match, method)
-        unknown = np.zeros(len(warp), dtype=bool)
-        unknown[memory.rows] = memory.open
-        yield warp, match, method, spread, unknown
-        # A lost mark is looked for where it was last seen.
-        before = np.where(np.isfinite(warp), last, before)
-        last = np.where(np.isfinite(warp), warp, last)
-        if progress is not None:
-            progress(stage, index + 1, len(film.time))
+def _next(image: Image, follower: Follower, state: State) -> tuple[Row, State]:
+    """What one frame shows (warp, match, method, spread, unknown), and the state for the next one."""
+    warp, match, method = _step(image, follower, _predict(state.last, state.before))
+    memory, spread = _dots(image, follower, state.memory, warp, match, method)
+    unknown = np.zeros(len(warp), dtype=bool)
+    unknown[memory.rows] = memory.open
+    # A lost mark is looked for where it was last seen.
+    seen = np.isfinite(warp)
+    before, last = np.where(seen, state.last, state.before), np.where(seen, warp, state.last)
+    return (warp, match, method, spread, unknown), State(last, before, memory)
 
 
 def _predict(last: Array, before: Array) -> Array:

@@ -93,7 +93,7 @@ def measured(monkeypatch):
         frames = FRAMES if Path(path).name.startswith("film") else STATIC
         return types.SimpleNamespace(time=np.arange(frames) / FPS, issues=())
 
-    def measure(film, static, camera, marks, *, dictionary, stated, reference_s, progress):
+    def measure(film, static, camera, marks, *, dictionary, stated, reference_s, progress, keeper):
         progress("track", 1, len(film.time))
         calls.measure.append((camera, marks, dictionary, stated, reference_s))
         return displacements(marks, film.time, seed=len(calls.measure))

@@ -1,0 +1,91 @@
+"""A film that is followed in two goes is followed as in one, bit for bit; frames that are not there are said."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import fields, replace
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from vision import Video, tracks
+from vision.reference import prepare
+from vision.tracks import LOST, Followed, follow
+
+Lab = Any
+BEND = np.concatenate([np.zeros(12), np.linspace(0, 0.012, 16)[1:], np.full(8, 0.012)])
+
+
+class Kept(dict[str, Mapping[str, NDArray[Any]]]):
+    """A keeper in memory."""
+
+    def load(self, name: str) -> Mapping[str, NDArray[Any]] | None:
+        return self.get(name)
+
+    def save(self, name: str, arrays: Mapping[str, NDArray[Any]]) -> None:
+        assert name not in self  # no part is written twice
+        self[name] = {key: array.copy() for key, array in arrays.items()}
+
+
+class Killed(Exception):
+    pass
+
+
+@pytest.fixture(scope="module")
+def film(lab: Lab, tmp_path_factory: pytest.TempPathFactory) -> Video:
+    marks = [replace(m, marker=None, size_mm=3.5) if m.name == "finger11" else m for m in lab.marks]
+    return lab.film(tmp_path_factory.mktemp("kept") / "film.mkv", BEND, marks=marks, seed=3)
+
+
+def followed(film: Video, lab: Lab, keeper: Kept | None, progress: Any = None) -> Followed:
+    marks = [replace(m, marker=None, size_mm=3.5) if m.name == "finger11" else m for m in lab.marks]
+    follower = prepare(film, lab.camera, marks, dictionary="DICT_4X4_50", reference_s=1.15)
+    return follow(film, follower, reference_s=1.15, stage="film", progress=progress, keeper=keeper)
+
+
+@pytest.mark.parametrize("frames", [11, 24])
+def test_a_killed_run_goes_on_bit_for_bit(
+    film: Video, lab: Lab, frames: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(tracks, "EVERY", 5)
+    whole, kept = followed(film, lab, None), Kept()
+
+    def kill(stage: str, done: int, total: int) -> None:
+        if done == frames:
+            raise Killed
+
+    with pytest.raises(Killed):
+        followed(film, lab, kept, kill)
+    assert len(kept) == frames // 5
+    seen: list[int] = []
+    again = followed(film, lab, kept, lambda stage, done, total: seen.append(done))
+    assert seen[0] == 5 * (frames // 5) + 1  # nothing that was kept is followed again
+    for field in fields(Followed):
+        one, two = getattr(whole, field.name), getattr(again, field.name)
+        np.testing.assert_array_equal(one, two, err_msg=field.name)
+    assert np.isfinite(again.ideal).all()
+
+
+def test_frames_that_are_not_there_are_lost_and_said(
+    film: Video, lab: Lab, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    whole = followed(film, lab, None)
+    gone = [16, 20, 21, len(BEND) - 1]  # 10 % of the frames
+    every = Video.frames
+
+    def some(self: Video) -> Iterator[tuple[int, float, Any]]:
+        return (shown for shown in every(self) if shown[0] not in gone)
+
+    monkeypatch.setattr(Video, "frames", some)
+    holed = followed(film, lab, None)
+    assert (holed.method[[16, 20, 21]] == LOST).all()
+    assert np.isnan(holed.ideal[[16, 20, 21]]).all()
+    there = [t for t in range(len(BEND) - 1) if t not in gone]
+    np.testing.assert_allclose(
+        holed.ideal[there], whole.ideal[there], atol=0.004
+    )  # px: other starts, same ends
+    assert any(
+        "4 of 35 frames of film.mkv cannot be decoded and give nothing, first at 1.600 s, last at 3.400 s"
+        in sentence
+        for sentence in holed.said
+    )
