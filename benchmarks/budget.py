@@ -184,16 +184,30 @@ def _pulls(truth: Truth, result: Displacements, model: Array, turn: Array) -> di
 
 
 def trial(films: int, seed: int) -> dict[str, Array]:
-    """Pulls (films, 2) of each kind: sum of squares and number of each film."""
+    """Of each kind (films, 2): sum of squares and number of the pulls; a film that is refused adds none."""
     sums: dict[str, list[tuple[float, int]]] = {kind: [] for kind in KINDS}
     for n in range(films):
+        truth = draw(np.random.default_rng([seed, n]))
         with tempfile.TemporaryDirectory() as folder:
-            truth = draw(np.random.default_rng([seed, n]))
-            found = one(truth, seed + n, ("libx264" if n % 4 == 3 else "ffv1"), Path(folder))
+            try:
+                found = one(truth, seed + n, "libx264" if n % 4 == 3 else "ffv1", Path(folder))
+            except ValueError as error:
+                print(f"  film {n} is refused: {error}", file=sys.stderr)
+                continue
         for kind, pull in found.items():
             seen = pull[~np.isnan(pull)]  # lost marks are NaN in value and covariance
             sums[kind].append((float(np.sum(seen**2)), len(seen)))
+        if (n + 1) % 10 == 0:
+            print(
+                f"  {n + 1} films: {_rms(np.concatenate([np.array(rows) for rows in sums.values()]))}",
+                file=sys.stderr,
+                flush=True,
+            )
     return {kind: np.array(rows, dtype=np.float64) for kind, rows in sums.items()}
+
+
+def _rms(rows: Array) -> float:
+    return round(float(np.sqrt(rows[:, 0].sum() / max(rows[:, 1].sum(), 1))), 3)
 
 
 def figures(quick: bool, *, films: int | None = None, seed: int = 1) -> dict[str, Any]:
@@ -205,7 +219,7 @@ def figures(quick: bool, *, films: int | None = None, seed: int = 1) -> dict[str
     told: dict[str, float] = {}
     print(f"{count} drawn films, {took:.1f} s of CPU each: rms of error over stated sd", file=sys.stderr)
     for kind, rows in (*found.items(), ("all", np.concatenate(list(found.values())))):
-        told[kind] = round(float(np.sqrt(rows[:, 0].sum() / rows[:, 1].sum())), 3)
+        told[kind] = _rms(rows)
         share = rows[:, 0][rows[:, 1] > 0] / rows[:, 1][rows[:, 1] > 0]
         about = float(np.std(share) / np.sqrt(len(share)) / (2.0 * told[kind]))
         print(
