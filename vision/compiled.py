@@ -89,7 +89,7 @@ def _pixel(lens: Any, warp: Any, x: float, y: float) -> tuple[float, float, floa
 @_compiled
 def _box(lens: Any, warp: Any, grid: Any, side: int, box: Any) -> bool:
     """Left, top, right, bottom in px of the warped corners of the square grid; False for a fold."""
-    box[:2], box[2:] = np.inf, -np.inf
+    box[0], box[1], box[2], box[3] = np.inf, np.inf, -np.inf, -np.inf
     count = grid.shape[1]
     for i in (0, side - 1, count - side, count - 1):
         x, y, w = _pixel(lens, warp, grid[0, i], grid[1, i])
@@ -114,7 +114,8 @@ def sample(image: Any, lens: Any, warps: Any, grid: Any, side: int, grey: Any) -
     box, cut = np.empty(4), np.empty(4, np.int64)
     for m in range(len(warps)):
         if not _box(lens, warps[m], grid, side, box):
-            grey[m] = 0.0
+            for i in range(grid.shape[1]):
+                grey[m, i] = 0.0
             continue
         _cut(box, image.shape, MARGIN, cut)
         block = coefficients(image, cut[0], cut[1], cut[2], cut[3])
@@ -124,34 +125,22 @@ def sample(image: Any, lens: Any, warps: Any, grid: Any, side: int, grey: Any) -
 
 
 @_compiled
-def _compose(warp: Any, change: Any) -> bool:
-    """Put the inverse of a step (8,) before the warp, in place; False where the step folds."""
-    step = np.array(
-        [
-            [1.0 + change[0], change[1], change[2]],
-            [change[3], 1.0 + change[4], change[5]],
-            [change[6], change[7], 1.0],
-        ]
-    )
-    a, b, c = step[0]
-    d, e, f = step[1]
-    g, h, i = step[2]
-    adjugate = np.array(
-        [
-            [e * i - f * h, c * h - b * i, b * f - c * e],
-            [f * g - d * i, a * i - c * g, c * d - a * f],
-            [d * h - e * g, b * g - a * h, a * e - b * d],
-        ]
-    )
-    determinant = a * adjugate[0, 0] + b * adjugate[1, 0] + c * adjugate[2, 0]
-    composed = np.zeros((3, 3))
+def _compose(warp: Any, change: Any, after: Any) -> bool:
+    """Put the inverse of a step (8,) before the warp, in place; False where it folds. `after` is room."""
+    a, b, c = 1.0 + change[0], change[1], change[2]
+    d, e, f = change[3], 1.0 + change[4], change[5]
+    g, h = change[6], change[7]
+    for row in range(3):
+        p, q, r = warp[row, 0], warp[row, 1], warp[row, 2]
+        after[row, 0] = p * (e - f * h) + q * (f * g - d) + r * (d * h - e * g)
+        after[row, 1] = p * (c * h - b) + q * (a - c * g) + r * (b * g - a * h)
+        after[row, 2] = p * (b * f - c * e) + q * (c * d - a * f) + r * (a * e - b * d)
+    if not a * (e - f * h) + b * (f * g - d) + c * (d * h - e * g) > 1e-3 or not abs(after[2, 2]) > 1e-9:
+        return False
+    last = after[2, 2]
     for row in range(3):
         for column in range(3):
-            for k in range(3):
-                composed[row, column] += warp[row, k] * adjugate[k, column]
-    if not determinant > 1e-3 or not abs(composed[2, 2]) > 1e-9:
-        return False
-    warp[:] = composed / composed[2, 2]
+            warp[row, column] = after[row, column] / last
     return True
 
 
@@ -174,13 +163,13 @@ def lay(
     the template, so that the sampled grey levels need no normalising first.
     """
     box, cut, held = np.empty(4), np.empty(4, np.int64), np.empty(4)
-    change = np.empty(8)
+    change, after = np.empty(8), np.empty((3, 3))
     count = grid.shape[1]
     height, width = image.shape
     for m in range(len(warps)):
         template, steps, warp = grey[which[m]], step[which[m]], warps[m]
         block = np.empty((0, 0))
-        held[:2], held[2:] = np.inf, -np.inf  # where the block can be trusted
+        held[0], held[2] = np.inf, -np.inf  # where the block can be trusted: nowhere yet
         correlation[m] = 0.0
         for _ in range(MAX_ITERATIONS):
             if not _box(lens, warp, grid, side, box):
@@ -195,7 +184,8 @@ def lay(
                 held[2] = cut[2] - 1 - TRUSTED if cut[2] < width else width - 1.0
                 held[3] = cut[3] - 1 - TRUSTED if cut[3] < height else height - 1.0
             total, power, product = 0.0, 0.0, 0.0
-            change[:] = 0.0
+            for k in range(8):
+                change[k] = 0.0
             for i in range(count):
                 x, y, _ = _pixel(lens, warp, grid[0, i], grid[1, i])
                 value = _spline_at(block, x - cut[0], y - cut[1])
@@ -207,8 +197,9 @@ def lay(
             norm = np.sqrt(max(power - total * total / count, 1e-12))
             if not product > 0.0:
                 break
-            change /= norm
-            if not _compose(warp, change):
+            for k in range(8):
+                change[k] /= norm
+            if not _compose(warp, change, after):
                 break
             if scale[m] * max(abs(change[2]), abs(change[5])) <= CONVERGED_PX:
                 correlation[m] = product / norm

@@ -58,10 +58,11 @@ def patches(image: Picture, lens: Array, warp: Array, grid: Array) -> Array:
     """
     side = _side(grid)
     delta = 0.25 * float(grid[0, 1] - grid[0, 0])
+    picture = np.asarray(image, dtype=np.float32)
     grey = np.empty((5, len(warp), grid.shape[1]))
     for k, shift in enumerate(((0.0, 0.0), (delta, 0.0), (-delta, 0.0), (0.0, delta), (0.0, -delta))):
         moved = grid[:2] + np.array(shift)[:, None]
-        compiled.sample(image, lens, np.ascontiguousarray(warp), moved, side, grey[k])
+        compiled.sample(picture, lens, np.ascontiguousarray(warp), moved, side, grey[k])
     return np.stack([grey[0], (grey[1] - grey[2]) / (2 * delta), (grey[3] - grey[4]) / (2 * delta)], axis=1)
 
 
@@ -99,7 +100,7 @@ def register(
     warp, correlation = np.array(start, dtype=np.float64), np.zeros(len(start))
     grid = reference.grid
     compiled.lay(
-        image,
+        np.asarray(image, dtype=np.float32),  # one type, compiled once
         lens,
         grid[:2],
         _side(grid),
