@@ -99,7 +99,7 @@ def by_lk(s: Scene, pictures: Frames) -> Array:
     """Pyramidal Lucas-Kanade from frame to frame of the reference picture's centres."""
     reference = np.clip(np.rint(mean_picture(pictures)), 0, 255).astype(np.uint8)
     raw = np.ascontiguousarray(s.camera.distort(s.ideal()[0])[:, None], dtype=np.float32)
-    side = int(round(s.marks[0].size_mm * 4.0))
+    side = round(s.marks[0].size_mm * 4.0)
     place, guess = np.full((*s.place.shape[:2], 2), np.nan), raw.copy()
     for t, picture in enumerate(pictures.pictures):
         guess, good, _ = cv2.calcOpticalFlowPyrLK(
