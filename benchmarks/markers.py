@@ -71,8 +71,8 @@ class Scene:
     def drawing(self, *, paper: bool = False) -> synthetic._Scene:
         """The renderer; `paper` draws the marks on white paper without end."""
         wide = {"QUIET_CELLS": 4, "DOT_PAPER": 4.0} if paper else {}
-        zoom = self.camera.size[1] // 1080
-        with patch.multiple(synthetic, _Rays=lambda _: rays(zoom), **wide):
+        known = rays(self.camera.size[1] // 1080)
+        with patch.multiple(synthetic, _Rays=lambda _: known, **wide):
             return synthetic._Scene(self.camera, self.pose, self.marks, BLUR, "DICT_4X4_50")
 
     def ideal(self) -> Array:
