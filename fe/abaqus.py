@@ -19,7 +19,8 @@ from fe.deck_out import deck
 from fe.element import Array
 from fe.engine import Response
 
-# Runs under Abaqus's own Python, of any version: the last frame's displacements of every node as text.
+# Runs under Abaqus's own Python, of any version: the last frame's displacements of every node as text. The
+# deck's step takes 1 s; the time period of a step is not among the documented members of the odb's steps.
 EXTRACT = '''\
 import sys
 from odbAccess import openOdb
@@ -29,11 +30,11 @@ try:
     step = list(odb.steps.values())[-1]
     frame = step.frames[-1]
     out = open(sys.argv[-1], "w")
-    out.write("# %.9g of %.9g s\\n" % (frame.frameValue, step.timePeriod))
+    out.write("# %.9g of 1 s\\n" % frame.frameValue)
     out.write("label,u1,u2,u3\\n")
-    for v in frame.fieldOutputs["U"].values:
+    for v in frame.fieldOutputs["U"].values or []:
         u = v.data if str(v.precision) == "SINGLE_PRECISION" else v.dataDouble
-        out.write("%d,%.9g,%.9g,%.9g\\n" % (v.nodeLabel, u[0], u[1], u[2]))
+        out.write("%s,%.9g,%.9g,%.9g\\n" % (v.nodeLabel, u[0], u[1], u[2]))
     out.close()
 finally:
     odb.close()

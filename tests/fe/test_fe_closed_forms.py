@@ -11,7 +11,7 @@ import pytest
 from scipy.integrate import quad, solve_bvp, solve_ivp
 from scipy.optimize import brentq
 
-from fe import Block, Case, Material, Path, Support, Variation, solve
+from fe import Block, Case, Clamp, Material, Path, Support, Variation, solve
 from fe.element import Array
 from fe.material import nominal_stress
 from fe.newton import Problem, equilibrium
@@ -397,3 +397,22 @@ def test_two_materials_with_a_memory_of_their_own(cube: Callable[..., Case]) -> 
     # between the solved times all are carried by the creep of the first element's material
     np.testing.assert_allclose(mixed[:, 1] - mixed[:, 0], right[:, 1] - right[:, 0], atol=2e-3 * scale)
     assert np.abs(left[1, 0] - left[0, 0]) > 1e-3 * scale  # the soft one creeps
+
+
+@pytest.mark.parametrize("compliance", [1e-3, 0.3])
+def test_an_elastic_clamp_turns_by_its_compliance_times_the_moment(
+    cube: Callable[..., Case], compliance: float
+) -> None:
+    length, depth, force = 20.0, 2.0, 1e-5
+    case = cube((8, 1, 2))
+    beam = replace(
+        case, nodes=case.nodes * [length, depth, depth], forces={"x1": np.array([0.0, 0.0, -force])},
+        clamp=Clamp("x0", (0.0, depth / 2)),
+    )  # fmt: skip
+    problems = [Problem.of(replace(beam, clamp=replace(beam.clamp, compliance=c))) for c in (0.0, compliance)]
+    rigid, soft = (equilibrium(q, q.start(), load=0.0).state for q in problems)
+    # the force pulls the tip down: about y it turns the clamp by + force length (x towards -z)
+    assert soft.rotation == pytest.approx(compliance * force * length, rel=1e-4)
+    tip = case.node_sets["x1"]
+    change = (soft.u - rigid.u)[tip, 2].mean()
+    assert change == pytest.approx(-soft.rotation * length, rel=1e-3)  # a rigid turn, on top of bending

@@ -2,8 +2,11 @@
 
 import ast
 import json
+import os
 import stat
+import subprocess
 import sys
+import zipfile
 from collections.abc import Callable
 from pathlib import Path as File
 
@@ -102,7 +105,50 @@ def test_the_extraction_script_is_python_and_uses_what_an_odb_has() -> None:
     # names of the odb's object model: Abaqus Scripting Reference Guide, "Odb commands"
     model = {"steps", "frames", "fieldOutputs", "values", "nodeLabel", "data", "dataDouble", "precision"}
     assert model <= used
-    assert used - model <= {"frameValue", "timePeriod", "argv", "write", "close"}
+    assert used - model <= {"frameValue", "argv", "write", "close"}
+
+
+# abqpy decorates all it documents by functions without types, behind which everything would be Any.
+DECORATORS = """\
+from typing import Any, TypeVar
+_T = TypeVar("_T")
+def abaqus_function_doc(f: _T) -> _T: ...
+def abaqus_class_doc(f: _T) -> _T: ...
+def abaqus_method_doc(f: _T) -> _T: ...
+def __getattr__(name: str) -> Any: ...
+"""
+
+
+@pytest.fixture(scope="module")
+def stubs(tmp_path_factory: pytest.TempPathFactory) -> File:
+    """abqpy's types of the odb's objects, unpacked: its modules have names such as `mesh`, so that it is never
+    installed. Skips where no package index is there, fails where SOFTTWIN_REQUIRE names abqpy."""
+    folder = tmp_path_factory.mktemp("abqpy")
+    pip = [sys.executable, "-m", "pip", "download", "-q", "--no-deps", "-d", str(folder), "abqpy==2026.10"]
+    done = subprocess.run(pip, capture_output=True, text=True, timeout=120)
+    if done.returncode != 0:
+        if "abqpy" in os.environ.get("SOFTTWIN_REQUIRE", "").split():
+            pytest.fail(f"abqpy cannot be had, and SOFTTWIN_REQUIRE asks for it: {done.stderr}")
+        pytest.skip("abqpy==2026.10 cannot be had from a package index")
+    (wheel,) = folder.glob("*.whl")
+    zipfile.ZipFile(wheel).extractall(folder / "unpacked")
+    (folder / "unpacked" / "abqpy" / "decorators.pyi").write_text(DECORATORS)
+    return folder / "unpacked"
+
+
+def test_the_extraction_script_has_the_types_of_an_odb(stubs: File, tmp_path: File) -> None:
+    pytest.importorskip("mypy")
+    (tmp_path / "extract.py").write_text(EXTRACT)
+    (tmp_path / "wrong.py").write_text(EXTRACT.replace("frame.frameValue", "frame.time"))
+    check = [sys.executable, "-m", "mypy", "--config-file=", "--follow-imports=silent", "--cache-dir", str(tmp_path / "c")]
+    found = {
+        name: subprocess.run(
+            [*check, name], cwd=tmp_path, env={**os.environ, "MYPYPATH": str(stubs)}, capture_output=True, text=True
+        )
+        for name in ("extract.py", "wrong.py")
+    }
+    assert found["extract.py"].returncode == 0, found["extract.py"].stdout
+    assert '"OdbFrame" has no attribute "time"' in found["wrong.py"].stdout
 
 
 def test_the_embedded_engine_and_calculix_give_one_answer(short: Case, require: Callable[[str], None]) -> None:
