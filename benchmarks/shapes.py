@@ -40,7 +40,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args()
-    case = converted(finger_case(SILICONE, finger=SHORT, lattice=Lattice(per_bellow=2)), "C3D20RH")
+    case = converted(finger_case(SILICONE, finger=SHORT, lattice=Lattice(per_bellow=2, ring=False, centred=False)), "C3D20RH")
     path = Path(np.array([0.0, 1.0]), np.array([0.0, PRESSURE]), np.array([1.0]))
     test = Test(case, path, case.position(4401)[None], np.array([True]))
     cases = {"base": case} | {e.name: e.before(test, values).case for e, values in CHOSEN}
