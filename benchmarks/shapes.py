@@ -3,11 +3,10 @@
 python benchmarks/shapes.py [--json]     a short finger, about two minutes; needs ccx
 """
 
-import _first  # noqa: F401
-
 import argparse
 import json
 
+import _first  # noqa: F401
 import numpy as np
 from convergence import SHORT, SILICONE
 
@@ -40,7 +39,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args()
-    case = converted(finger_case(SILICONE, finger=SHORT, lattice=Lattice(per_bellow=2, ring=False, centred=False)), "C3D20RH")
+    lattice = Lattice(per_bellow=2, ring=False, centred=False)
+    case = converted(finger_case(SILICONE, finger=SHORT, lattice=lattice), "C3D20RH")
     path = Path(np.array([0.0, 1.0]), np.array([0.0, PRESSURE]), np.array([1.0]))
     test = Test(case, path, case.position(4401)[None], np.array([True]))
     cases = {"base": case} | {e.name: e.before(test, values).case for e, values in CHOSEN}
