@@ -51,6 +51,17 @@ class Layer:
 
 
 @dataclass(frozen=True)
+class Contact:
+    """A rigid plane without friction that a surface cannot pass: `distance` mm from the origin along `normal`
+    (3,), which points to the body's side; stiffness in MPa per mm of depth, on the area at rest."""
+
+    surface: str
+    normal: tuple[float, float, float]
+    distance: float
+    stiffness: float
+
+
+@dataclass(frozen=True)
 class Case:
     """Everything a solve needs, in mm, N, MPa.
 
@@ -76,6 +87,7 @@ class Case:
     kept: tuple[str, ...] = ()
     precurvature: float = 0.0
     layer: Layer | None = None
+    contact: Contact | None = None
 
     @property
     def connectivity(self) -> Integers:

@@ -10,8 +10,9 @@ from scipy.sparse import csr_matrix
 
 from fe.assembly import Memory, Response, State
 from fe.element import Array
-from fe.newton import Problem, Residual, Step, equilibrium, imbalance, moved
+from fe.newton import Equilibrium, Problem, Residual, Step, eased, imbalance, moved
 
+BENT = 5e-3  # mm: more than that between a cubic and a state on it asks for more levels
 LEAST_STEP = 1 / 64  # of the distance between two levels; below that the path is given up
 
 
@@ -33,6 +34,7 @@ class Differenced:
             same
             and a.case.clamp == b.case.clamp
             and np.array_equal(a.dead, b.dead)
+            and a.case.contact == b.case.contact
             and np.array_equal(a.geometry.nodes, b.geometry.nodes)
             and a.geometry.precurvature == b.geometry.precurvature
             and a.case.layer == b.case.layer
@@ -173,6 +175,7 @@ class _Level:
     state: State
     slope: State
     derivatives: tuple[State, ...]
+    checked: bool = False  # the cubic that ends here is known to be good
 
 
 def trace(
@@ -189,32 +192,69 @@ def trace(
     rest, iterations, reason = _loaded(problem, todo[0], near)
     if reason:
         return _curve(done, len(varied), iterations, reason)
-    last, seen = None, [v for v in varied if not v.history_only]
+    last: Step | None = None
     least = LEAST_STEP * float(pressures[-1] - pressures[0])
     while todo:
         guess = _guess(rest, done, todo[0], near)
-        found = equilibrium(problem, guess, load=todo[0], last=last)
+        level, found = _level(problem, todo[0], guess, last, varied)
         iterations += found.iterations
-        if found.state is None or found.step is None:
+        if level is None:
             here = done[-1].pressure if done else 0.0
             if not done or todo[0] - here < least:
                 reason = f"stopped at {here:.4g} MPa of {pressures[-1]:.4g}: {found.reason}"
                 break
             todo.insert(0, (here + todo[0]) / 2)
             continue
-        load, last = todo.pop(0), found.step
-        none = moved(found.state, found.state, -1.0)
-        changes = iter(sensitivities(last, found.state, [Neighbours(v, (load, load)) for v in seen]))
-        derivatives = tuple(none if v.history_only else next(changes) for v in varied)
-        # alone: solved together with the derivatives its last bits would depend on their number
-        (slope,) = last.solve([_per_pressure(last, found.state)])
-        done.append(_Level(load, found.state, slope, derivatives))
+        todo.pop(0)
+        last = found.step
+        done.append(level)
+    if problem.plane is not None:
+        done, more = _bent(problem, done, varied)
+        iterations += more
     return _curve(done, len(varied), iterations, reason or "converged")
 
 
 def nothing(reason: str) -> Curve:
     """The curve of a problem that cannot be begun."""
     return _curve([], 0, 0, reason)
+
+
+def _level(
+    problem: Problem, load: float, guess: State, last: Step | None, varied: Sequence[Differenced]
+) -> tuple[_Level | None, Equilibrium]:
+    """The level at `load` MPa, or None where there is no equilibrium, and how it was found."""
+    found = eased(problem, guess, load=load, last=last)
+    if found.state is None or found.step is None:
+        return None, found
+    seen = [Neighbours(v, (load, load)) for v in varied if not v.history_only]
+    none, changes = moved(found.state, found.state, -1.0), iter(sensitivities(found.step, found.state, seen))
+    derivatives = tuple(none if v.history_only else next(changes) for v in varied)
+    # alone: solved together with the derivatives its last bits would depend on their number
+    (slope,) = found.step.solve([_per_pressure(found.step, found.state)])
+    return _Level(load, found.state, slope, derivatives), found
+
+
+def _bent(problem: Problem, done: list[_Level], varied: Sequence[Differenced]) -> tuple[list[_Level], int]:
+    """The levels, with more of them where touching a plane bends the curve more than a cubic follows, and the
+    factorisations that took."""
+    assert problem.plane is not None
+    out, todo, count = done[:1], done[:0:-1], 0
+    least = LEAST_STEP * (done[-1].pressure - done[0].pressure) if done else 0.0
+    while todo:
+        a, b = out[-1], todo[-1]
+        touches = problem.plane.touches(problem.case.nodes + b.state.u)
+        middle = None
+        if touches and b.pressure - a.pressure > least and not b.checked:
+            guess = _ahead([a, b], (a.pressure + b.pressure) / 2)
+            middle, found = _level(problem, (a.pressure + b.pressure) / 2, guess, None, varied)
+            count += found.iterations
+        if middle is None:
+            out.append(todo.pop())
+            continue
+        near = bool(np.abs(middle.state.u - guess.u).max() < BENT)
+        todo[-1] = replace(b, checked=near)
+        todo.append(replace(middle, checked=near))
+    return out, count
 
 
 def _loaded(problem: Problem, pressure: float, near: Curve | None) -> tuple[State, int, str]:
@@ -224,13 +264,13 @@ def _loaded(problem: Problem, pressure: float, near: Curve | None) -> tuple[Stat
     if not problem.dead.any():
         return state, 0, ""
     if near is not None and len(near.pressure) and near.pressure[0] == pressure:
-        found = equilibrium(problem, near.state(pressure), load=pressure)
+        found = eased(problem, near.state(pressure), load=pressure)
         if found.state is not None:
             return found.state, found.iterations, ""
         iterations += found.iterations
     while on < 1:
         part = replace(problem, dead=(on + step) * problem.dead)
-        found = equilibrium(part, state, load=(on + step) * pressure)
+        found = eased(part, state, load=(on + step) * pressure)
         iterations += found.iterations
         if found.state is None:
             step /= 2

@@ -15,7 +15,7 @@ from fe.curve import Curve, Differenced, Neighbours, Response, sensitivities
 from fe.element import Array, Flags, Integers
 from fe.loadings import Loadings
 from fe.material import relaxation
-from fe.newton import Equilibrium, Problem, Step, equilibrium, moved
+from fe.newton import Equilibrium, Problem, Step, eased, moved
 from fe.path import Path, equivalent, in_time, knots
 
 # The largest energy so far is kept this much smaller. A held state, or one that comes back to its largest
@@ -216,7 +216,7 @@ class _March:
         self, k: int, guess: State, memory: Memory | None, last: Equilibrium | None
     ) -> Equilibrium:
         factor = self.course.stiffness[k]
-        return equilibrium(
+        return eased(
             self._problem(k).stiffened(factor),
             guess,
             load=self.course.load[k],

@@ -8,6 +8,7 @@ import numpy as np
 
 from fe.assembly import Constants, Geometry, Kernel, Linearised, Memory, State
 from fe.case import Case
+from fe.contact import PlaneFaces
 from fe.element import Array
 from fe.layer import LayerFaces
 
@@ -24,6 +25,7 @@ SHRINK = 0.2
 OVERSHOT = 0.3
 SEARCHES = 6
 SETTLING = 0.1
+SOFTEST = 1 / 512  # of a plane's stiffness: with that it is met first where it cannot be met at once
 EXACT = 0.01  # of TOLERANCE is what such corrections may leave, as Newton's last one does
 
 
@@ -38,6 +40,7 @@ class Problem:
     dead: Array
     geometry: Geometry
     layer: LayerFaces | None
+    plane: PlaneFaces | None
 
     @staticmethod
     def of(case: Case, kernel: Kernel | None = None) -> "Problem":
@@ -51,13 +54,15 @@ class Problem:
         same = np.array_equal(case.nodes, own.nodes) and curved == own.precurvature
         geometry = own if same else Geometry(case.nodes, kernel.connectivity, kernel.element, curved)
         layer = LayerFaces(case) if case.layer and case.layer.stiffness else None
-        return Problem(kernel, Constants.of(case), case, dead, geometry, layer)
+        plane = PlaneFaces(case) if case.contact and case.contact.stiffness else None
+        return Problem(kernel, Constants.of(case), case, dead, geometry, layer, plane)
 
     @property
     def proportional(self) -> bool:
         """Whether pressure alone loads it, so that u is a function of pressure over the moduli."""
         clamp = self.case.clamp
-        return not self.dead.any() and not (clamp and clamp.compliance) and self.layer is None
+        held = bool(clamp and clamp.compliance) or self.layer is not None or self.plane is not None
+        return not self.dead.any() and not held
 
     def stiffened(self, factor: float) -> "Problem":
         """The problem with all moduli multiplied."""
@@ -205,11 +210,11 @@ def _residuals(
     _, turn, _ = problem.clamp_motion(state.rotation)
     system = problem.kernel.linearise(state, problem.constants, load, memory, turn)
     system = replace(system, force=system.force - problem.dead)
-    if problem.layer is not None:
-        x = problem.case.nodes + state.u
-        dofs, K = problem.layer.tangent(x)
-        system = problem.kernel.with_turned_faces(system, dofs, K, turn)
-        system = replace(system, force=system.force - problem.layer.force(x))
+    x = problem.case.nodes + state.u
+    for faces in (problem.layer, problem.plane):
+        if faces is not None:
+            system = problem.kernel.with_turned_faces(system, *faces.tangent(x), turn)
+            system = replace(system, force=system.force - faces.force(x))
     return system, state.rotation + problem.clamp_gap(state.rotation, system.force)
 
 
@@ -286,6 +291,32 @@ def _shortened(step: Step, state: State, change: State, load: float, memory: Mem
     return moved(moved(change, change, -1.0), change, factor)
 
 
+def eased(
+    problem: Problem,
+    start: State,
+    *,
+    load: float,
+    memory: Memory | None = None,
+    last: Step | None = None,
+    exact: bool = True,
+) -> Equilibrium:
+    """As `equilibrium`; where a plane is too stiff to be met from `start`, it is met softer first."""
+    found = equilibrium(problem, start, load=load, memory=memory, last=last, exact=exact)
+    if problem.plane is None or found.state is not None:
+        return found
+    state, count, met, step = start, found.iterations, SOFTEST / 8, 8.0
+    while met < 1 and step > 1.1:
+        factor = min(1.0, met * step)
+        softer = replace(problem, plane=problem.plane.softer(factor))
+        found = equilibrium(softer, state, load=load, memory=memory)
+        count += found.iterations
+        if found.state is None:
+            step **= 0.5
+        else:
+            state, met = found.state, factor
+    return replace(found, iterations=count)
+
+
 def _chord(
     problem: Problem, state: State, step: Step, load: float, memory: Memory | None, small: tuple[float, float]
 ) -> tuple[State, bool]:
@@ -329,6 +360,7 @@ def imbalance(problem: Problem, state: State, load: float, memory: Memory | None
     state = _consistent(problem, state)
     force, gap = problem.kernel.residual(state, problem.constants, load, memory, problem.geometry)
     force -= problem.dead
-    if problem.layer is not None:
-        force -= problem.layer.force(problem.case.nodes + state.u)
+    for faces in (problem.layer, problem.plane):
+        if faces is not None:
+            force -= faces.force(problem.case.nodes + state.u)
     return Residual(force, gap, state.rotation + problem.clamp_gap(state.rotation, force))

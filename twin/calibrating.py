@@ -61,6 +61,7 @@ def run_calibrate(project: Project, say: Say) -> dict[str, Any]:
         run.summary["headline"] = words.split(". ")[0]
     ended = "converged" if fit.converged else "did not converge"
     say(f"calibrate: least squares {ended} after {fit.evaluations} evaluations: {fit.reason}")
+    say(f"calibrate: {model.extent}")
     say(f"calibrate: {words}")
     say(f"calibrate: wrote {project.shown(run.folder)}/fit.json and generations.npz")
     return {

@@ -30,6 +30,7 @@ def run_compare(project: Project, say: Say) -> dict[str, Any]:
         model = bench.model()
         w = whitener_of(model, fit.theta, bench.targets, bench.mesh(fit.theta, model, say))
         found = _compared(run, bench, model, fit, w)
+    say(f"compare: {model.extent}")
     say(f"compare: {found.where}")
     for line in _lines(found):
         say(line)
@@ -85,6 +86,7 @@ def run_diagnose(project: Project, say: Say) -> dict[str, Any]:
             effects = [*project.config.model.effects, found.law]
             run.write_json("kept.json", found.kept.fit.to_dict() | {"effects": effects})
         run.summary["headline"] = found.verdict
+    say(f"diagnose: {model.extent}")
     say(f"diagnose: {found.verdict}")
     say(f"diagnose: {found.sentence}")
     for c in found.ranking:
@@ -162,6 +164,7 @@ def _change(
     )
     for p, x, s in zip(fit.parameters, fit.theta, fit.sd, strict=True):
         say(f"{kind}:   {p.name} = {x:.4g} +- {s:.2g} {p.unit}")
+    say(f"{kind}: {model.extent}")
     say(f"{kind}: {found.where}")
     say(f"{kind}: wrote {project.shown(run.folder)}/fit.json; twin.toml has effects = {list(effects)}")
     return {
@@ -194,10 +197,11 @@ def _fields(bench: Workbench, model: Model, theta: Array) -> Fields:
     rows = np.flatnonzero(~t.fixed)
     u, predicted = model.solution(theta).fields(list(steps)), model.predict(theta)
     rest = model.solution(theta).fields(list(t.reference[:: max(1, len(t.reference) // 3)])).mean(axis=0)
+    shown = len(bench.case.nodes)  # of a whole made of a half, the half comes first
     return Fields(
         t.time[steps] - t.time[0],
         t.pressure[steps],
-        (u - rest).astype(np.float32),
+        (u - rest)[:, :shown].astype(np.float32),
         predicted[steps][:, rows],
         t.value[steps][:, rows],
     )

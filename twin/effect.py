@@ -37,9 +37,11 @@ class Effect:
 
     order: maps are applied by increasing order, never by the order of adding (material 10, support 20, gauge
     40, line 50, camera 80). grid: values at which a parameter that is invisible at null is tried. requires:
-    what the data must hold ("history"). sentence: what is physically meant, for the report.
+    what the data must hold ("history", "unloading", "gravity"; see `twin.diagnose.lacking`). sentence: what
+    is physically meant, for the report.
     """
 
+    smooth: bool = True  # False: its signature is the difference of whole solves, not of first order
     name: str = ""
     sentence: str = ""
     order: int = 0
@@ -51,6 +53,12 @@ class Effect:
         """The test with the effect in it; at null values the same object's content."""
         del theta
         return test
+
+    def breaks_symmetry(self, test: Test) -> bool:
+        """Whether it loads or shapes the halves y > 0 and y < 0 of the test differently; then the whole is
+        modelled. Nothing but this says so."""
+        del test
+        return False
 
     def after(self, u: Array, test: Test, theta: Theta) -> Array:
         """What the camera makes of displacements u (s, p, 3) mm of the test's points."""

@@ -2,18 +2,18 @@
 
 from twin.effect import Effect
 from twin.effects_camera import CameraScale
-from twin.effects_load import PressureGain, PressureLag
+from twin.effects_load import Gravity, PressureGain, PressureLag, PressureOffset
 from twin.effects_material import Compressibility, Creep, Mullins, Stiffening, Thermal
 from twin.effects_shape import Ballooning, EccentricCore, Precurvature, WallTaper
-from twin.effects_structure import ElasticClamp, StrainLimitingLayer
+from twin.effects_structure import ElasticClamp, StrainLimitingLayer, TableContact
 
 
 def library() -> tuple[Effect, ...]:
     """All effects that `twin diagnose` tries, each in its narrowest law."""
     return (
-        Creep(), PressureLag(), Stiffening(), ElasticClamp(), PressureGain(), CameraScale(), WallTaper(),
-        EccentricCore(), Ballooning(), Precurvature(), StrainLimitingLayer(), Mullins(), Compressibility(),
-        Thermal(),
+        Creep(), PressureLag(), Stiffening(), ElasticClamp(), PressureGain(), PressureOffset(), Gravity(),
+        CameraScale(), WallTaper(), EccentricCore(), Ballooning(), Precurvature(), StrainLimitingLayer(),
+        Mullins(), Compressibility(), Thermal(), TableContact(),
     )  # fmt: skip
 
 

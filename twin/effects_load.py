@@ -1,4 +1,4 @@
-"""Effects of what loads the structure: the pressure as the chamber feels it."""
+"""Effects of what loads the structure: the pressure as the chamber feels it, and weight."""
 
 from dataclasses import replace
 
@@ -19,6 +19,46 @@ class PressureGain(Effect):
     def before(self, test: Test, theta: Theta) -> Test:
         gain = 1 + theta["pressure_gain.gain"]
         return replace(test, path=replace(test.path, pressure=test.path.pressure * gain))
+
+
+class PressureOffset(Effect):
+    """The gauge's zero is off: true pressure = recorded + offset, after any gain."""
+
+    name, order = "pressure_offset", 41
+    sentence = "the pressure gauge's zero is off by a constant"
+    parameters = (Parameter("pressure_offset.offset", -5e-3, 5e-3, "MPa", null=0.0, typical=2e-4),)
+
+    def before(self, test: Test, theta: Theta) -> Test:
+        pressure = test.path.pressure + theta["pressure_offset.offset"]
+        return replace(test, path=replace(test.path, pressure=pressure))
+
+
+class Gravity(Effect):
+    """The silicone has a density, or more than the base model: its weight bends the finger, at rest too."""
+
+    name, order, requires = "gravity", 10, ("gravity",)
+    sentence = "the finger is bent by its own weight"
+    parameters = (
+        Parameter(
+            "gravity.density", 0.0, 5e-9, "tonne/mm3", null=0.0, typical=1e-9, plausible=(0.9e-9, 1.3e-9)
+        ),
+    )
+
+    def before(self, test: Test, theta: Theta) -> Test:
+        case, materials = test.case, dict(test.case.materials)
+        for name in materials.keys() - set(case.kept):
+            density = materials[name].density + theta["gravity.density"]
+            materials[name] = replace(materials[name], density=density)
+        return replace(test, case=replace(case, materials=materials))
+
+    def breaks_symmetry(self, test: Test) -> bool:
+        return pulls_across(test)
+
+
+def pulls_across(test: Test) -> bool:
+    """Whether gravity has a part across the plane y = 0, at any time."""
+    g = np.atleast_2d(test.path.gravity)
+    return bool((np.abs(g[:, 1]) > 1e-6 * np.linalg.norm(g, axis=1)).any())
 
 
 class PressureLag(Effect):

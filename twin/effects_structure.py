@@ -6,14 +6,41 @@ import numpy as np
 
 from calibrate import Parameter
 from fe import Case
-from fe.case import Layer
+from fe.case import Contact, Layer
 from fe.element import Integers
+from fe.mirror import symmetry_support
 from fe.refine import free_faces
 from twin.effect import Effect, Test, Theta
 
 
+class TableContact(Effect):
+    """A table under the finger, `distance` mm below its flat bottom, pushes it back by its depth;
+    no friction."""
+
+    name, order, smooth = "contact", 20, False
+    sentence = "the finger touches a table below it"
+    parameters = (
+        Parameter("contact.stiffness", 0.0, 2.0, "MPa/mm", null=0.0, typical=0.1),
+        Parameter("contact.distance", -5.0, 100.0, "mm", typical=1.0),
+    )
+    grid = tuple({"contact.distance": d} for d in (3.0, 8.0, 15.0, 25.0, 40.0))
+
+    def before(self, test: Test, theta: Theta) -> Test:
+        stiffness, case = theta["contact.stiffness"], test.case
+        if stiffness == 0:
+            return test
+        if "outside" not in case.surfaces:
+            raise ValueError(
+                "contact: no surface 'outside' in the model, wanted the faces that may touch the table; name "
+                f"them so (there are {', '.join(case.surfaces) or 'none'})"
+            )
+        height = float(case.nodes[:, 2].min()) - theta["contact.distance"]
+        table = Contact("outside", (0.0, 0.0, 1.0), height, stiffness)
+        return replace(test, case=replace(case, contact=table))
+
+
 class ElasticClamp(Effect):
-    """The clamped face turns about the y axis in proportion to the moment on it."""
+    """The clamped face turns about the y axis in proportion to the moment on it, that of the whole finger."""
 
     name, order = "clamp", 20
     sentence = "the clamp gives way and turns with the moment on it"
@@ -22,7 +49,8 @@ class ElasticClamp(Effect):
     def before(self, test: Test, theta: Theta) -> Test:
         if test.case.clamp is None:
             return test
-        clamp = replace(test.case.clamp, compliance=theta["clamp.compliance"])
+        shown = 1.0 if symmetry_support(test.case) is None else 0.5  # of the moment, by half a model
+        clamp = replace(test.case.clamp, compliance=theta["clamp.compliance"] / shown)
         return replace(test, case=replace(test.case, clamp=clamp))
 
 

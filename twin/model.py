@@ -1,17 +1,21 @@
 """A base test and effects -> predicted displacements, their derivatives, and their discretisation modes."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from calibrate import Parameter
 from fe import Case, Finger, Lattice, Material, Path, Solution, Variation, finger_case, solve
+from fe.mirror import mirrored, symmetry_support
 from twin.effect import Effect, Test, Theta, Unsolvable
+from twin.effects_load import pulls_across
 from twin.effects_material import Elasticity
 from twin.targets import Array, Targets
 
+G = 9810.0  # mm/s2
 STEP = 1e-6  # of a parameter's typical size, for differencing the effects' maps
 # A prediction that differs from a solved neighbour by less than NEAR mm is taken along the neighbour's
 # derivatives: of 58 mm of motion that leaves an error of about NEAR^2 / 58 = 2e-4 mm. Derivatives change by
@@ -74,9 +78,27 @@ class Model:
         """The model that this one came from by adding effects."""
         return self._parent.base if self._parent is not None else self
 
+    @cached_property
+    def _whole(self) -> tuple[Test, str]:
+        """The base test, of the whole structure where half of it is not enough, and why that is."""
+        case, names = self.test.case, [e.name for e in self.effects if e.breaks_symmetry(self.test)]
+        if pulls_across(self.test) and any(m.density for m in case.materials.values()):
+            names.append("weight")
+        if symmetry_support(case) is None:
+            return self.test, "the mesh has no plane of symmetry: all of it is solved"
+        if not names:
+            return self.test, "half of the mesh is solved: nothing breaks its symmetry"
+        whole = replace(self.test, case=mirrored(case))
+        return whole, f"the whole mesh is solved: {', '.join(names)} breaks its symmetry"
+
+    @property
+    def extent(self) -> str:
+        """Whether half of a symmetric mesh is solved or all of it, and why, in words."""
+        return self._whole[1]
+
     def put(self, theta: Theta) -> Test:
         """The test with every effect's `before` applied."""
-        test = self.test
+        test = self._whole[0]
         for e in self.effects:
             test = e.before(test, theta)
         return test
@@ -118,12 +140,16 @@ class Model:
     def _start(self, theta: Array) -> Solution | None:
         """The nearest solution to first order here; for a model's first, that of the model it came from."""
         near, model = self._near(theta)[0], self
-        if near is None and self._parent is not None and self._parent._anchors:
+        if near is None and self._parent is not None and self._parent._anchors and self._is_as(self._parent):
             near, model = self._parent._anchors[-1], self._parent
         if near is None:
             return None
         values = self.named(theta)
         return near.solution.ahead(np.array([values.get(p.name, 0.0) for p in model.parameters]) - near.theta)
+
+    def _is_as(self, other: "Model") -> bool:
+        """Whether both solve the same mesh."""
+        return len(self._whole[0].case.nodes) == len(other._whole[0].case.nodes)
 
     def _solve(self, theta: Array) -> Anchor:
         """A full solve with all derivatives, kept for what comes near it."""
@@ -151,20 +177,49 @@ class Model:
     def signatures(self, theta: Array, effects: Sequence[Effect]) -> list[list[Array]]:
         """For each absent effect, per grid entry, the change (s, p, 3) mm per unit of its first parameter.
 
-        A secant over a typical step from null, all effects in one solve; the other parameters stay at theta.
+        A secant over a typical step from null, to first order and all effects on the same mesh in one solve,
+        or, where an effect is not smooth, by whole solves; the other parameters stay at theta.
         """
+        models = [self.with_effect(e) for e in effects]
+        found = {e.label: self._whole_secants(theta, e) for e in effects if not e.smooth}
+        for same in (True, False):
+            some = [
+                (e, m) for e, m in zip(effects, models, strict=True) if e.smooth and self._is_as(m) == same
+            ]
+            if some:
+                found |= self._secants(theta, some)
+        return [found[e.label] for e in effects]
+
+    def _whole_secants(self, theta: Array, effect: Effect) -> list[Array]:
+        """The rows of `signatures` for one effect, each from a solve with it; nothing where there is none."""
+        p, model, base, rows = effect.parameters[0], self.with_effect(effect), self.predict(theta), []
+        assert p.null is not None
+        for entry in effect.grid or ({},):
+            values = {**self.named(theta), **entry, p.name: p.null + p.step}
+            test = model.put(values)
+            try:
+                u = model.seen(respond(test, (), start=None)[0], test, values)
+            except Unsolvable:
+                u = base
+            rows.append((u - base) / p.step)
+        return rows
+
+    def _secants(self, theta: Array, some: "Sequence[tuple[Effect, Model]]") -> dict[str, list[Array]]:
+        """The rows of `signatures` for effects whose models solve one mesh."""
         changes, models = [], []
-        for e in effects:
-            model, p = self.with_effect(e), e.parameters[0]
+        for e, model in some:
+            p = e.parameters[0]
             assert p.null is not None
             for entry in e.grid or ({},):
                 values = {**self.named(theta), **entry, p.name: p.null + p.step / 2}
                 changes.append(model._direction(values, p, step=p.step / 2))
                 models.append(model)
-        test = self.put(self.named(theta))
-        u, du, _ = respond(test, [v for v, _, _, _ in changes], start=self._start(theta))
+        same, test = self._is_as(models[0]), self.put(self.named(theta))
+        if not same:  # the base's effects, on the mesh of those that break the symmetry
+            test = Model(models[0]._whole[0], self.effects, self.reference).put(self.named(theta))
+        u, du, _ = respond(test, [c[0] for c in changes], start=self._start(theta) if same else None)
         rows = iter([m._through(u, d, c) for m, d, c in zip(models, du, changes, strict=True)])
-        return [[next(rows) for _ in (e.grid or ({},))] for e in effects]
+        return {e.label: [next(rows) for _ in (e.grid or ({},))] for e, _ in some}
 
     def per_pressure(self, theta: Array) -> Array:
         """dU/dp (s, p, 3) mm per MPa of the pressure at the step itself, as seen by the camera."""
@@ -208,8 +263,17 @@ def base_test(targets: Targets, case: Case) -> Test:
     points = targets.points.copy()
     for k in np.flatnonzero(moving):
         points[k] = case.position(int(targets.nodes[k]))
-    path = Path(targets.log_time, targets.log_pressure, targets.time)
+    path = Path(targets.log_time, targets.log_pressure, targets.time, gravity=_gravity(targets))
     return Test(case, path, np.nan_to_num(points), moving)
+
+
+def _gravity(targets: Targets) -> Array:
+    """Gravity (3,) or (t, 3) mm/s2 at the log's times: that of the block whose steps are nearest."""
+    if targets.gravity is None:
+        return np.zeros(3)
+    last = np.flatnonzero(np.diff(targets.block))
+    switch = (targets.time[last] + targets.time[last + 1]) / 2
+    return G * targets.gravity[np.searchsorted(switch, targets.log_time)]
 
 
 def base_model(

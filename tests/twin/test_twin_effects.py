@@ -7,10 +7,13 @@ import numpy as np
 import pytest
 
 from fe import Case
+from fe.mirror import mirrored
+from twin.diagnose import lacking
 from twin.effect import Effect
 from twin.effects import effect, library
 from twin.effects_load import first_order_lag
 from twin.effects_material import Creep, Mullins, Stiffening
+from twin.effects_structure import TableContact
 from twin.model import Model, base_model
 from twin.targets import Array, Targets
 
@@ -26,6 +29,9 @@ FELT = {
     "thermal": {"thermal.rate": -2e-3},
     "clamp": {"clamp.compliance": 1e-3},
     "pressure_gain": {"pressure_gain.gain": 0.05},
+    "contact": {"contact.stiffness": 0.5, "contact.distance": 1.0},
+    "pressure_offset": {"pressure_offset.offset": -4e-4},
+    "gravity": {"gravity.density": 1.1e-9},
     "pressure_lag": {"pressure_lag.tau": 0.4},
     "camera_scale": {"camera_scale.scale": 0.02},
     "wall_taper": {"wall_taper.mm": 0.3},
@@ -48,7 +54,7 @@ def at_null(e: Effect) -> dict[str, float]:
 def base(short_case: Case, make_targets: Callable[..., Targets]) -> Model:
     """The base model with a dead force on the tip, without which the clamp carries no moment."""
     case = replace(short_case, forces={"tip_face": np.array([0.0, 0.0, 0.1])})
-    return base_model(make_targets(), case)
+    return base_model(make_targets(gravity=np.array([[0.6, 0.0, -0.8]])), case)
 
 
 @pytest.fixture(scope="module")
@@ -116,8 +122,10 @@ def test_a_wider_law_takes_the_place_of_the_narrow_one(base: Model) -> None:
 def test_labels_name_effects_and_an_unknown_one_lists_them() -> None:
     assert [effect(e.label).label for e in effects()] == [e.label for e in effects()]
     assert [p.name for p in effect("creep:2").parameters][-1] == "creep.tau2"
-    with pytest.raises(ValueError, match="'gravity' is not in the library; wanted one of creep, pressure_lag"):
-        effect("gravity")
+    with pytest.raises(
+        ValueError, match="'gravitation' is not in the library; wanted one of creep, pressure_lag"
+    ):
+        effect("gravitation")
     with pytest.raises(ValueError, match="creep has no law with 3 terms"):
         effect("creep:3")
 
@@ -147,3 +155,78 @@ def test_the_lag_goes_smoothly_through_zero() -> None:
     # d/dtau at 0 is minus the slope from either side; 1e-6 of the largest change (3e-9 MPa): rounding
     np.testing.assert_allclose(ahead, -behind, rtol=0, atol=1e-6 * np.abs(ahead).max())
     np.testing.assert_allclose(ahead[1:], -h * np.diff(pressure) / np.diff(time), rtol=0, atol=1e-15)
+
+
+def test_gravity_turns_with_the_blocks_and_asks_for_the_whole_finger_where_it_pulls_across(
+    short_case: Case, make_targets: Callable[..., Targets]
+) -> None:
+    block = np.array([0, 0, 0, 0, 1, 1, 1, 1])  # the second begins at 3.5 s, the first ends at 2 s
+    down, across = np.array([[0.6, 0.0, -0.8]] * 2), np.array([[0.6, 0.0, -0.8], [0.0, 1.0, 0.0]])
+    models = [base_model(make_targets(gravity=g, block=block), short_case) for g in (down, across)]
+    heavy = [m.with_effect(effect("gravity")) for m in models]
+    assert [len(m.put({**BASE, "gravity.density": 1e-9}).case.nodes) for m in heavy] == [
+        len(short_case.nodes), 2 * len(short_case.nodes) - len(short_case.node_sets["symmetry"])
+    ]  # fmt: skip
+    assert heavy[0].extent == models[1].extent == "half of the mesh is solved: nothing breaks its symmetry"
+    assert heavy[1].extent == "the whole mesh is solved: gravity breaks its symmetry"
+    bare = models[1].predict(models[1].theta(BASE))
+    null, felt = (predicted(heavy[1], {"gravity.density": x}) for x in (0.0, 1.1e-9))
+    np.testing.assert_allclose(null, bare, rtol=0, atol=1e-6)  # mm: another mesh, so not to the last bit
+    change = (felt - null)[:, 0]
+    # relative to a reference in the first block: the second shows its gravity less that of the first
+    assert np.abs(change[block == 0]).max() < 0.1
+    assert (change[block == 1, 1] > 0.05).all()
+
+
+def test_signatures_of_effects_that_break_the_symmetry_are_those_of_the_whole_finger(
+    short_case: Case, make_targets: Callable[..., Targets]
+) -> None:
+    block = np.array([0, 0, 0, 0, 1, 1, 1, 1])
+    gravity = np.array([[0.6, 0.0, -0.8], [0.0, 1.0, 0.0]])
+    model = base_model(make_targets(gravity=gravity, block=block), short_case)
+    theta = model.theta(BASE)
+    gain, weight = model.signatures(theta, [effect("pressure_gain"), effect("gravity")])
+    (alone,) = model.signatures(theta, [effect("pressure_gain")])
+    np.testing.assert_array_equal(gain[0], alone[0])
+    felt = predicted(model.with_effect(effect("gravity")), {"gravity.density": 1e-10}) - model.predict(theta)
+    # linear to the density's square: a tenth of 5 % of the whole sag
+    np.testing.assert_allclose(weight[0] * 1e-10, felt, rtol=0, atol=0.02 * np.abs(felt).max())
+
+
+def test_an_effect_is_not_testable_without_what_it_requires(make_targets: Callable[..., Targets]) -> None:
+    t = make_targets()
+    assert lacking(effect("gravity"), t) == "not testable: needs the direction of gravity in every block (targets.toml)"
+    assert lacking(effect("gravity"), make_targets(gravity=np.array([[0.0, 0.0, -1.0]]))) == ""
+    assert lacking(effect("creep"), t) == ""
+    bare = make_targets(log_time=t.time, log_pressure=t.pressure)
+    assert lacking(effect("creep"), bare) == "not testable: needs the pressure between the steps (a dense log)"
+
+
+def test_the_clamps_compliance_is_to_the_moment_of_the_whole_finger(base: Model) -> None:
+    whole = replace(base.test, case=mirrored(base.test.case))
+    models = [Model(t, base.effects, base.reference) for t in (base.test, whole)]
+    felt = [predicted(m.with_effect(effect("clamp")), FELT["clamp"]) for m in models]
+    np.testing.assert_allclose(felt[0], felt[1], rtol=0, atol=1e-6)
+
+
+class NearTable(TableContact):
+    grid = ({"contact.distance": 1.0}, {"contact.distance": 50.0})
+
+
+def test_the_signature_of_a_touch_is_the_difference_of_whole_solves(
+    short_case: Case, make_targets: Callable[..., Targets]
+) -> None:
+    model, table = base_model(make_targets(), short_case), NearTable()
+    theta = model.theta(BASE)
+    ((near, far),) = model.signatures(theta, [table])
+    step = table.parameters[0].step
+    touched = predicted(model.with_effect(table), {"contact.stiffness": step, "contact.distance": 1.0})
+    np.testing.assert_allclose(step * near, touched - model.predict(theta), rtol=0, atol=1e-6)
+    assert np.abs(step * near).max() > 0.1
+    np.testing.assert_allclose(far, 0.0, rtol=0, atol=1e-5)
+
+
+def test_a_table_needs_to_know_what_may_touch_it(base: Model) -> None:
+    case = replace(base.test.case, surfaces={"chamber": base.test.case.surfaces["chamber"]})
+    with pytest.raises(ValueError, match=r"contact: no surface 'outside' in the model.*there are chamber"):
+        effect("contact").before(replace(base.test, case=case), FELT["contact"])
