@@ -11,6 +11,7 @@ import importlib
 import json
 import sys
 import time
+from contextlib import redirect_stdout
 from typing import Any
 
 import _first  # noqa: F401
@@ -33,7 +34,8 @@ def collect(parts: list[str], quick: bool) -> dict[str, Any]:
     for part in parts:
         began = time.perf_counter()
         try:
-            told = importlib.import_module(part).figures(quick)
+            with redirect_stdout(sys.stderr):  # the tables: stdout holds the figures alone
+                told = importlib.import_module(part).figures(quick)
         except ModuleNotFoundError as error:
             if error.name != part:
                 raise
