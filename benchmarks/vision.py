@@ -33,13 +33,8 @@ def collect(parts: list[str], quick: bool) -> dict[str, Any]:
     found: dict[str, Any] = {}
     for part in parts:
         began = time.perf_counter()
-        try:
-            with redirect_stdout(sys.stderr):  # the tables: stdout holds the figures alone
-                told = importlib.import_module(part).figures(quick)
-        except ModuleNotFoundError as error:
-            if error.name != part:
-                raise
-            told = {}
+        with redirect_stdout(sys.stderr):  # the tables: stdout holds the figures alone
+            told = importlib.import_module(part).figures(quick)
         found |= dict.fromkeys(PARTS[part]) | told
         print(f"{part}: {time.perf_counter() - began:.0f} s", file=sys.stderr)
         for key in PARTS[part]:
