@@ -76,7 +76,7 @@ def run_calibrate(project: Project, say: Say) -> dict[str, Any]:
 def _paths(bench: Workbench, say: Say) -> tuple[LoadPaths | Sheets, Any]:
     """The load paths at the finger's markers, and the rows of the targets they belong to."""
     rows = np.flatnonzero(~bench.targets.fixed)
-    where = np.array([bench.case.position(int(n)) for n in bench.targets.nodes[rows]])
+    where = bench.targets.places(bench.case.position)[rows]
     key = digest(bench.structure.key, where)
     keep, top = bench.keeper(say), REDUCED
     if bench.project.config.model.deck is not None:
@@ -94,7 +94,7 @@ def full_solves(
     """The best individual of every generation by full finite elements at the first arrival at top
     pressure."""
     t, rows = bench.targets, np.flatnonzero(~bench.targets.fixed)
-    points = np.array([bench.case.position(int(n)) for n in t.nodes[rows]])
+    points = t.places(bench.case.position)[rows]
     load = np.array([0.0, objective.pressure[0]])
     fields: dict[bytes, Array] = {}
     start = None

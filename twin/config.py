@@ -214,6 +214,14 @@ class PointTable(TableModel):
     )
 
 
+class DicTable(TableModel):
+    low_mm: tuple[Finite, Finite] = Field(description="smallest x and z of the speckled face at rest, mm")
+    high_mm: tuple[Finite, Finite] = Field(description="largest x and z, mm")
+    y_mm: Finite = Field(description="y of the face, which must be flat, mm")
+    step_mm: Positive = Field(default=4.0, description="from subset to subset, mm")
+    subset_mm: Positive = Field(default=6.0, description="side of a subset, mm: 15 px or more, 5 speckles")
+
+
 class CalibrateTable(TableModel):
     seed: int = Field(default=1, ge=0, description="seed of the genetic algorithm")
     population: int = Field(default=30, ge=4, description="individuals per generation")
@@ -254,6 +262,7 @@ class Config(TableModel):
     measure: MeasureTable = MeasureTable()
     frame: FrameTable = FrameTable()
     points: tuple[PointTable, ...] = Field(min_length=1)
+    dic: DicTable | None = None
     calibrate: CalibrateTable = CalibrateTable()
     diagnose: DiagnoseTable = DiagnoseTable()
     study: StudyTable | None = None
@@ -322,6 +331,10 @@ def _check_film(c: Config) -> None:
 
 def _check_rig(c: Config) -> None:
     """Several cameras look at one board and at the same markers."""
+    if c.dic is not None and len(c.cameras) > 1:
+        raise ValueError(
+            "dic: wanted one [[cameras]]; the speckled face is measured with one camera in its plane"
+        )
     names = [camera.name for camera in c.cameras]
     twice = [name for name, count in Counter(names).items() if count > 1]
     if twice:

@@ -101,9 +101,7 @@ class Ballooning(InnerShape):
         Parameter("ballooning.place", 0.0, 1.0, "", typical=0.1),
         Parameter("ballooning.width", 3.0, 30.0, "mm", typical=2.0),
     )
-    grid = tuple(
-        {"ballooning.place": place, "ballooning.width": 8.0} for place in (0.1, 0.3, 0.5, 0.7, 0.9)
-    )
+    grid = tuple({"ballooning.place": place, "ballooning.width": 8.0} for place in (0.1, 0.3, 0.5, 0.7, 0.9))
 
     def motion(self, inner: Inside, theta: Theta) -> Array:
         off = (_along(inner) - theta["ballooning.place"]) * np.ptp(inner.position[:, 0])

@@ -59,9 +59,7 @@ class StrainLimitingLayer(Effect):
 
     name, order = "strain_limiting_layer", 10
     sentence = "a sheet in the bottom (fabric, paper, a skin of glue) stops it from stretching"
-    parameters = (
-        Parameter("strain_limiting_layer.stiffness", 0.0, 50.0, "N/mm", null=0.0, typical=0.05),
-    )
+    parameters = (Parameter("strain_limiting_layer.stiffness", 0.0, 50.0, "N/mm", null=0.0, typical=0.05),)
 
     def before(self, test: Test, theta: Theta) -> Test:
         case, name = test.case, "strain_limiting_layer"

@@ -15,7 +15,7 @@ from twin.gauge import GaugeNoise, Log, check_covers, gauge_noise, read_log
 from twin.joining import Join, by_flash, by_onset
 from twin.project import Project, Say
 from twin.targetfiles import write_targets
-from twin.targets import Array, Noise, Targets
+from twin.targets import MATERIAL, Array, Noise, Targets
 
 if TYPE_CHECKING:  # vision takes a second to import: only the stages that measure pay for it
     from vision import Board, Camera, Displacements, Mark, Stated, Video
@@ -202,7 +202,10 @@ def make_targets(
 def _labels(moved: "Displacements", nodes: Mapping[str, int]) -> NDArray[np.int64]:
     """Return the node of every point, 0 for a fixed marker."""
     return np.array(
-        [nodes[n] if role == "finger" else 0 for n, role in zip(moved.names, moved.roles, strict=True)]
+        [
+            nodes.get(n, MATERIAL) if role == "finger" else 0
+            for n, role in zip(moved.names, moved.roles, strict=True)
+        ]
     )
 
 
@@ -297,7 +300,7 @@ def _measure_inputs(project: Project, camera: Path) -> dict[str, Any]:
                 f"{key} = {path!r}: no such file in {project.root}; copy it there or correct twin.toml"
             )
     inputs = [project.path(path) for _, path in named]
-    tables = ("cameras", "pressure", "measure", "frame", "points")
+    tables = ("cameras", "pressure", "measure", "frame", "points", "dic")
     extra = [*dictionary_files(project, _camera_table(project).dictionary), *project.deck_files()]
     return {"tables": tables, "inputs": [*inputs, camera, *extra]}
 
@@ -364,6 +367,12 @@ def _measure(
     stored, marks = files.read_json(camera), _marks(project)
     if len(tables) > 1:
         moved = measure_in_space(recordings, Rig.from_dict(stored), marks, **how)
+    elif project.config.dic is not None:
+        from vision.face import Face, measure_with_face
+
+        d = project.config.dic
+        face = Face(d.low_mm, d.high_mm, d.y_mm, d.step_mm, d.subset_mm)
+        moved = measure_with_face(film, static, Camera.from_dict(stored), marks, face, **how)
     else:
         moved = measure(film, static, Camera.from_dict(stored), marks, keeper=keeper, **how)
     if join is None:

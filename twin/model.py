@@ -260,9 +260,7 @@ def base_case(*, finger: Finger | None = None, lattice: Lattice | None = None) -
 def base_test(targets: Targets, case: Case) -> Test:
     """The test that the targets describe: their points on the case, their log as the path."""
     moving = ~targets.fixed
-    points = targets.points.copy()
-    for k in np.flatnonzero(moving):
-        points[k] = case.position(int(targets.nodes[k]))
+    points = targets.places(case.position)
     path = Path(targets.log_time, targets.log_pressure, targets.time, gravity=_gravity(targets))
     return Test(case, path, np.nan_to_num(points), moving)
 

@@ -1,5 +1,6 @@
 """Displacement targets: what was measured, with all that is known of its errors."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -7,6 +8,7 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
+MATERIAL = -2  # a point of the finger that is no node: its stated place is the material point
 NODE_UNKNOWN = -1  # a point of targets measured elsewhere whose node twin.toml has yet to state
 
 
@@ -62,6 +64,12 @@ class Targets:
     def fixed(self) -> NDArray[np.bool_]:
         """(p,) the point is a fixed marker, which should show no displacement."""
         return self.nodes == 0
+
+    def places(self, position: Callable[[int], Array]) -> Array:
+        """Where the points are in the model (p,3) mm: at their nodes, whose place is position(label); a fixed
+        marker and a material point at their own."""
+        own = [self.points[p] if n in (0, MATERIAL) else position(int(n)) for p, n in enumerate(self.nodes)]
+        return np.array(own, dtype=np.float64)
 
     @property
     def has_log(self) -> bool:

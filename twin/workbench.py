@@ -16,7 +16,7 @@ from twin.model import Model, base_model
 from twin.parallel import WORKERS, Keep, finished
 from twin.project import Project, Say
 from twin.structure import Structure, of_deck, of_finger
-from twin.targets import NODE_UNKNOWN, Array, Targets
+from twin.targets import MATERIAL, NODE_UNKNOWN, Array, Targets
 
 SOFTEST = 0.7  # C10 + C01 of finer meshes over that of the model they serve; at most MARGIN
 
@@ -48,7 +48,7 @@ class Workbench:
         for name, node in zip(targets.names, targets.nodes, strict=True):
             if node == NODE_UNKNOWN:
                 raise ValueError(f"point {name!r} has no node; give its node label in twin.toml [[points]]")
-            if node:
+            if node not in (0, MATERIAL):
                 structure.case.position(int(node))  # names what is wrong with an unknown node
         elasticity = Elasticity(bounds=config.calibrate.bounds, fixed=config.model.fixed)
         return Workbench(project, targets, structure, elasticity)

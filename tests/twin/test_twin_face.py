@@ -1,0 +1,45 @@
+"""Points of a speckled face in targets: no node, their own place in the model, through files and the model."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fe import Case, solve
+from fe import Path as Load
+from twin.model import base_test
+from twin.targetfiles import read_targets, write_targets
+from twin.targets import MATERIAL, Targets
+
+
+@pytest.fixture
+def targets(make_targets: Callable[..., Targets], short_case: Case) -> Targets:
+    """The tip, a point between two nodes of the lower edge, a fixed marker."""
+    t = make_targets()
+    a, b = short_case.position(4401), short_case.position(5848)
+    return replace(
+        t,
+        names=("tip", "face001", "fixed"),
+        nodes=np.array([4401, MATERIAL, 0]),
+        points=np.array([[np.nan] * 3, 0.3 * a + 0.7 * b, [20.0, 11.5, 30.0]]),
+    )
+
+
+def test_a_point_that_is_no_node_is_predicted_where_it_is(targets: Targets, short_case: Case) -> None:
+    test = base_test(targets, short_case)
+    assert test.points[1] == pytest.approx(targets.points[1])
+    assert test.points[0] == pytest.approx(short_case.position(4401))
+    u = solve(short_case, Load(np.array([0.0, 1.0]), np.array([0.0, 0.005]), np.array([1.0]))).at(
+        test.points[:2]
+    )
+    assert u[0, 1, 2] < -0.01  # mm: it bends, and less than the tip
+    assert u[0, 0, 2] < u[0, 1, 2]
+
+
+def test_its_place_survives_the_files(targets: Targets, tmp_path: Path) -> None:
+    write_targets(tmp_path / "targets", targets)
+    again = read_targets(tmp_path / "targets", nodes={"tip": 4401})
+    assert again.nodes.tolist() == [4401, MATERIAL, 0]
+    assert np.array_equal(again.points[1], targets.points[1])
