@@ -211,7 +211,8 @@ def _states(
 
 
 def _shared(found: Displacements) -> Displacements:
-    """The displacements with one mode for the whole face where errors are the face's, not a point's."""
+    """The displacements with one mode for the whole face where errors are the face's, not a point's; without
+    what the growth of a tag would say."""
     kept: list[tuple[str, Array]] = []
     merged: dict[str, Array] = {}
     for name, mode in zip(found.mode_names, found.modes, strict=True):
@@ -223,4 +224,8 @@ def _shared(found: Displacements) -> Displacements:
         else:
             kept.append((name, mode))
     every = [*kept, *merged.items()]
-    return replace(found, modes=np.array([m for _, m in every]), mode_names=tuple(n for n, _ in every))
+    # Skin stretches: that a subset grows says nothing of how far away it is.
+    remarks = tuple(r for r in found.remarks if not r.startswith("mark 'face"))
+    return replace(
+        found, modes=np.array([m for _, m in every]), mode_names=tuple(n for n, _ in every), remarks=remarks
+    )

@@ -99,6 +99,7 @@ def test_a_known_field_of_the_face_is_measured_with_pulls_of_one(found: Displace
     truth = np.array([moved(points, t) - points for t in range(TIMES)])
     error = found.value[:, face][..., [0, 2]] - truth
     assert np.abs(truth).max() > 15.0
+    assert not any("face" in remark for remark in found.remarks)  # it stretches: no alarm of depth
     assert np.isfinite(error).all()
     variance = np.diagonal(found.covariance, axis1=2, axis2=3) + (found.modes**2).sum(axis=0)
     pulls = error / np.sqrt(variance[:, face][..., [0, 2]])
