@@ -4,9 +4,8 @@
     python benchmarks/make_demo.py --seeds 20        what `twin diagnose` says to other draws of its noise
 
 The truth is solved on a finer mesh than the model's, its cells elsewhere, and holds three terms of creep.
-Film,
-log, tags and their errors are drawn from it with one seed, so that a second run writes the same data. With
---seeds nothing is written; the exit code is 1 where in fewer than 19 draws of 20 creep is named alone for an
+Film, log, tags and their errors are drawn from it with one seed, so that a second run writes the same data.
+With --seeds nothing is written; the exit code is 1 where in fewer than 19 draws of 20 creep is named alone for an
 error of three times the noise, or where the law that is kept leaves more than 1.1 of the noise in the median.
 """
 

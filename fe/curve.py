@@ -11,6 +11,7 @@ from scipy.sparse import csr_matrix
 from fe.assembly import Memory, Response, State
 from fe.element import Array
 from fe.newton import Equilibrium, Problem, Residual, Step, eased, imbalance, moved
+from fe.reach import why
 
 BENT = 5e-3  # mm: more than that between a cubic and a state on it asks for more levels
 LEAST_STEP = 1 / 64  # of the distance between two levels; below that the path is given up
@@ -201,7 +202,7 @@ def trace(
         if level is None:
             here = done[-1].pressure if done else 0.0
             if not done or todo[0] - here < least:
-                reason = f"stopped at {here:.4g} MPa of {pressures[-1]:.4g}: {found.reason}"
+                reason = f"stopped at {here:.4g} MPa of {pressures[-1]:.4g}: {_cause(done, last, found)}"
                 break
             todo.insert(0, (here + todo[0]) / 2)
             continue
@@ -257,6 +258,15 @@ def _bent(problem: Problem, done: list[_Level], varied: Sequence[Differenced]) -
     return out, count
 
 
+def _cause(done: list[_Level], last: Step | None, found: Equilibrium) -> str:
+    """Why there is nothing beyond the last level: what its state says, else how the iterations failed."""
+    if not done or last is None:
+        return found.reason
+    slope = np.array([np.abs(level.slope.u).max() for level in done])
+    said = why(last, done[-1].state.u, np.array([level.pressure for level in done]), slope)
+    return said or found.reason
+
+
 def _loaded(problem: Problem, pressure: float, near: Curve | None) -> tuple[State, int, str]:
     """A state near the first level, that of a `near` curve or with the dead forces and the weight put on in
     as many steps as they need; the factorisations it took, and why there is none, or nothing."""
@@ -275,8 +285,8 @@ def _loaded(problem: Problem, pressure: float, near: Curve | None) -> tuple[Stat
         if found.state is None:
             step /= 2
             if step < LEAST_STEP:
-                why = f"{100 * on:.0f} % of its weight and dead forces, without pressure"
-                return state, iterations, f"stopped at {why}: {found.reason}"
+                part_on = f"{100 * on:.0f} % of its weight and dead forces, without pressure"
+                return state, iterations, f"stopped at {part_on}: {found.reason}"
             continue
         state, on = found.state, on + step
         step = min(2 * step, 1 - on)

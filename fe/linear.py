@@ -51,6 +51,12 @@ class Symmetric:
         self._solver._call_pardiso(matrix, np.zeros((self._n, 1)))
         self._analysed = True
 
+    @property
+    def negative(self) -> int | None:
+        """How many eigenvalues of the newest factorised matrix are negative; None from SuperLU, which does
+        not tell."""
+        return None if self._solver is None else int(self._solver.get_iparm(23))
+
     def solve(self, b: Array) -> Array:
         """The solution (n,) or (n, k) for right-hand sides `b` of the same shape, with the newest factors."""
         if self._solver is None:

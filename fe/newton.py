@@ -136,6 +136,9 @@ class Step:
         self.problem, self.state, self.system = problem, state, system
         kernel, clamp = problem.kernel, problem.case.clamp
         kernel.matrix.factorise(system.data)
+        below = kernel.matrix.negative
+        # as many as there are shared pressures belong to the mixed form
+        self.negative = max(0, (below or 0) - kernel.shared)
         self._compliance = clamp.compliance if clamp else 0.0
         _, self._turn, bend = problem.clamp_motion(state.rotation)
         self._side = system.turning

@@ -9,7 +9,7 @@ first time, at once.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 from scipy.sparse import csr_matrix
@@ -23,6 +23,7 @@ from fe.loadings import Loadings
 from fe.locate import interpolation
 from fe.newton import Problem, moved
 from fe.path import Path, levels
+from fe.reach import crossing
 
 
 @dataclass(frozen=True)
@@ -64,6 +65,19 @@ class Solution:
     def reached(self) -> float:
         """The last pressure in MPa with an equilibrium in every direction of gravity."""
         return min(float(c.pressure[-1]) if len(c.pressure) else 0.0 for c in self.curves)
+
+    @cached_property
+    def crossed(self) -> str:
+        """A sentence where walls have passed through each other at the highest load, which nothing in the
+        model hinders, or nothing."""
+        for curve in self.curves:
+            place = crossing(self.case, curve.u[-1]) if len(curve.u) else None
+            if place is not None:
+                return (
+                    f"self-contact: at {curve.pressure[-1]:.4g} MPa walls pass through each other at "
+                    "x {:.1f}, y {:.1f}, z {:.1f} mm".format(*place)
+                )
+        return ""
 
     def ahead(self, change: Array) -> "Solution":
         """The solution to first order where the parameters of its variations change by `change` (v,): a start

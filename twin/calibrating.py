@@ -59,10 +59,13 @@ def run_calibrate(project: Project, say: Say) -> dict[str, Any]:
         run.write_json("fit.json", fit.to_dict() | {"effects": [], "identifiability": words})
         _write_prediction(run, bench.targets, model, fit, w)
         run.summary["headline"] = words.split(". ")[0]
+        crossed = model.solution(fit.theta).crossed
     ended = "converged" if fit.converged else "did not converge"
     say(f"calibrate: least squares {ended} after {fit.evaluations} evaluations: {fit.reason}")
     say(f"calibrate: {model.extent}")
     say(f"calibrate: {words}")
+    if crossed:
+        say(f"calibrate: {crossed}; the model knows no such contact")
     say(f"calibrate: wrote {project.shown(run.folder)}/fit.json and generations.npz")
     return {
         "stage": "calibrate",

@@ -30,8 +30,11 @@ def run_compare(project: Project, say: Say) -> dict[str, Any]:
         model = bench.model()
         w = whitener_of(model, fit.theta, bench.targets, bench.mesh(fit.theta, model, say))
         found = _compared(run, bench, model, fit, w)
+        crossed = model.solution(fit.theta).crossed
     say(f"compare: {model.extent}")
     say(f"compare: {found.where}")
+    if crossed:
+        say(f"compare: {crossed}; the model knows no such contact")
     for line in _lines(found):
         say(line)
     say(f"compare: wrote {project.shown(run.folder)}/comparison.json")
