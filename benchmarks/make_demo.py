@@ -5,8 +5,9 @@
 
 The truth is solved on a finer mesh than the model's, its cells elsewhere, and holds three terms of creep.
 Film, log, tags and their errors are drawn from it with one seed, so that a second run writes the same data.
-With --seeds nothing is written; the exit code is 1 where in fewer than 19 draws of 20 creep is named alone for an
-error of three times the noise, or where the law that is kept leaves more than 1.1 of the noise in the median.
+With --seeds nothing is written; the exit code is 1 where in fewer than 19 draws of 20 creep is named alone
+for an error of three times the noise, or where the law that is kept leaves more than 1.1 of the noise in the
+median.
 """
 
 import argparse
