@@ -20,7 +20,8 @@ def deck(case: Case, pressure: float, *, kind: str = "C3D20RH", gravity: Array |
 
     kind: the Abaqus element that takes the place of hex27, on the mesh's own nodes and labels (see
     `fe.convert.converted`); a case that has Abaqus elements already keeps them. Names of sets are written in
-    capitals. ValueError for what such a deck cannot hold: an elastic clamp, a Prony series.
+    capitals. ValueError for what one static step of solids cannot hold: an elastic clamp, a precurvature, a
+    layer, a Prony series, Mullins softening, a term of Gent.
     """
     _check(case)
     changed = converted(case, kind) if case.element.name == "hex27" else case
@@ -76,9 +77,10 @@ def _check(case: Case) -> None:
     if case.layer and case.layer.stiffness:
         raise ValueError("a layer: a deck holds solid elements only; model it by some, or set it to 0")
     for name, m in case.materials.items():
-        if m.prony or m.gent:
-            what = "Prony series" if m.prony else "term of Gent"
-            raise ValueError(f"material {name!r} has a {what}: a deck of one static step holds none; drop it")
+        softens = m.mullins is not None and m.mullins[0] != 0
+        refused = {"a Prony series": m.prony, "Mullins softening": softens, "a term of Gent": m.gent}
+        for what in (what for what, there in refused.items() if there):
+            raise ValueError(f"material {name!r} has {what}: a deck of one static step holds none; drop it")
 
 
 def _hyperelastic(m: Material) -> list[str]:

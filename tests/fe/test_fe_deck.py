@@ -1,7 +1,7 @@
 """Abaqus decks out and in: a round trip, other people's ways to write one, CalculiX on the same deck, errors."""
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path as File
 
 import numpy as np
@@ -9,6 +9,7 @@ import pytest
 
 from fe import Case, Lattice, Material, Path, Support, finger_case, solve
 from fe.calculix import CalculiX, without_hybrid
+from fe.case import Block, Clamp, Layer
 from fe.convert import converted
 from fe.deck_in import read_deck
 from fe.deck_out import deck
@@ -241,19 +242,45 @@ def test_tetrahedra_that_do_not_fit_each_other_are_refused() -> None:
         converted(finger_case(Material(0.2, 0.1), lattice=Lattice(per_bellow=2, centred=False)), "C3D10")
 
 
-@pytest.mark.parametrize(
-    ("change", "told"),
-    [
-        ({"materials": {"body": Material(0.2, 0.1, prony=((0.1, 2.0),))}}, "has a Prony series"),
-        ({"materials": {"body": Material(0.2, ogden=((0.1, 3.0),))}}, "Ogden's terms and others"),
-    ],
-)
-def test_what_a_deck_cannot_hold_is_refused(short: Case, change: dict[str, object], told: str) -> None:
-    with pytest.raises(ValueError, match=told):
-        deck(replace(short, **change), PRESSURE)  # type: ignore[arg-type]
+WRITTEN, NOT_OF_A_DECK = "", "-"
+# What is told where a field of a case or a material has an unusual value, and that value.
+FIELDS: dict[str, tuple[Callable[[Case], object], str]] = {
+    "nodes": (lambda c: 1.1 * c.nodes, WRITTEN),
+    "labels": (lambda c: c.labels + 10_000, WRITTEN),
+    "blocks": (lambda c: (Block("C3D8", c.connectivity[:, :8]), *c.blocks), "elements of the types C3D8, hex27"),
+    "node_sets": (lambda c: {**c.node_sets, "own": np.arange(3)}, WRITTEN),
+    "element_sets": (lambda c: {**c.element_sets, "own": np.arange(3)}, WRITTEN),
+    "surfaces": (lambda c: {**c.surfaces, "own": c.surfaces["chamber"][:3]}, WRITTEN),
+    "materials": (lambda c: {"body": Material(0.3)}, WRITTEN),
+    "supports": (lambda c: (), WRITTEN),
+    "clamp": (lambda c: Clamp("base", (0.0, 10.0), 1e-3), "a deck holds a rigid clamp only"),
+    "pressurised": (lambda c: None, WRITTEN),
+    "forces": (lambda c: {"tip_face": np.array([0.0, 0.0, -0.01])}, WRITTEN),
+    "kept": (lambda c: ("body",), NOT_OF_A_DECK),  # it is of the fit alone
+    "precurvature": (lambda c: 1e-3, "without stress at rest"),
+    "layer": (lambda c: Layer("outside", 1.0), "a deck holds solid elements only"),
+    "C10": (lambda c: 0.3, WRITTEN),
+    "C01": (lambda c: 0.2, WRITTEN),
+    "C20": (lambda c: 0.1, WRITTEN),
+    "C30": (lambda c: 0.1, "Yeoh's law without C01"),
+    "bulk_ratio": (lambda c: 500.0, WRITTEN),
+    "prony": (lambda c: ((0.1, 2.0),), "has a Prony series"),
+    "gent": (lambda c: (0.3, 50.0), "has a term of Gent"),
+    "ogden": (lambda c: ((0.1, 3.0),), "Ogden's terms and others"),
+    "mullins": (lambda c: (0.5, 0.01, 0.1), "has Mullins softening"),
+    "density": (lambda c: 1.1e-9, WRITTEN),
+}
 
 
-def test_an_elastic_clamp_is_refused(short: Case) -> None:
-    assert short.clamp
-    with pytest.raises(ValueError, match="a deck holds a rigid clamp only"):
-        deck(replace(short, clamp=replace(short.clamp, compliance=1e-3)), PRESSURE)
+@pytest.mark.parametrize("name", [f.name for kind in (Case, Material) for f in fields(kind)])
+def test_every_field_is_written_or_refused_by_name(short: Case, name: str) -> None:
+    value, told = FIELDS[name]
+    if name in {f.name for f in fields(Material)}:
+        changed = short.with_material(**{name: value(short)})
+    else:
+        changed = replace(short, **{name: value(short)})  # type: ignore[arg-type]
+    if told in (WRITTEN, NOT_OF_A_DECK):
+        assert (deck(changed, PRESSURE) == deck(short, PRESSURE)) == (told == NOT_OF_A_DECK)
+    else:
+        with pytest.raises(ValueError, match=told):
+            deck(changed, PRESSURE)
