@@ -100,6 +100,32 @@ def test_calculix_agrees_on_the_very_deck(short: Case, require: Callable[[str], 
     np.testing.assert_array_equal(theirs.labels, case.labels)
 
 
+def test_calculix_agrees_on_a_deck_of_two_materials(
+    short: Case, require: Callable[[str], None], tmp_path: File
+) -> None:
+    require("ccx")
+    under = short.nodes[short.connectivity].mean(axis=1)[:, 2] < 10.0  # mm, half the height
+    sets = {"wall": np.flatnonzero(~under), "sole": np.flatnonzero(under)}
+    soft = Material(0.2, 0.1)
+    ours, theirs = [], []
+    for sole in (soft, Material(0.5, 0.15, bulk_ratio=500)):
+        text = deck(replace(short, element_sets=sets, materials={"wall": soft, "sole": sole}), PRESSURE)
+        file = tmp_path / "two.inp"
+        file.write_text(text)
+        case, found = read_deck(file).case, CalculiX().run(text)
+        assert (case.materials["sole"].C10, case.materials["sole"].C01) == (sole.C10, sole.C01)
+        np.testing.assert_array_equal(case.element_sets["sole"], sets["sole"])
+        assert found.reason == "converged"
+        tip = int(np.flatnonzero(case.labels == 4401)[0])
+        ours.append(at_pressure(case)[tip])
+        theirs.append(found.at(4401))
+    for mine, other in zip(ours, theirs, strict=True):  # 0.1 %: as on a deck of one material
+        assert np.linalg.norm(mine - other) < 1e-3 * np.linalg.norm(other)
+    change = theirs[1] - theirs[0]
+    assert np.linalg.norm(change) > 0.1 * np.linalg.norm(theirs[0])
+    assert np.linalg.norm(ours[1] - ours[0] - change) < 0.02 * np.linalg.norm(change)
+
+
 def test_calculix_that_is_absent_or_fails_says_so(short: Case, require: Callable[[str], None]) -> None:
     with pytest.raises(FileNotFoundError, match="calculix-ccx"):
         CalculiX(executable="no-such-ccx").run("")
