@@ -20,8 +20,8 @@ def deck(case: Case, pressure: float, *, kind: str = "C3D20RH", gravity: Array |
 
     kind: the Abaqus element that takes the place of hex27, on the mesh's own nodes and labels (see
     `fe.convert.converted`); a case that has Abaqus elements already keeps them. Names of sets are written in
-    capitals. ValueError for what one static step of solids cannot hold: an elastic clamp, a precurvature, a
-    layer, a Prony series, Mullins softening, a term of Gent.
+    capitals. ValueError for what one static step of solids cannot hold: an elastic clamp, contact, a
+    precurvature, a layer, a Prony series, Mullins softening, a term of Gent.
     """
     _check(case)
     changed = converted(case, kind) if case.element.name == "hex27" else case
@@ -76,6 +76,8 @@ def _check(case: Case) -> None:
         raise ValueError("a precurvature: a deck holds a structure without stress at rest; set it to 0")
     if case.layer and case.layer.stiffness:
         raise ValueError("a layer: a deck holds solid elements only; model it by some, or set it to 0")
+    if case.contact and case.contact.stiffness:
+        raise ValueError("contact with a plane: a deck holds none; leave it out, or add it by hand")
     for name, m in case.materials.items():
         softens = m.mullins is not None and m.mullins[0] != 0
         refused = {"a Prony series": m.prony, "Mullins softening": softens, "a term of Gent": m.gent}

@@ -9,7 +9,7 @@ import pytest
 
 from fe import Case, Lattice, Material, Path, Support, finger_case, solve
 from fe.calculix import CalculiX, without_hybrid
-from fe.case import Block, Clamp, Layer
+from fe.case import Block, Clamp, Contact, Layer
 from fe.convert import converted
 from fe.deck_in import read_deck
 from fe.deck_out import deck
@@ -285,6 +285,7 @@ FIELDS: dict[str, tuple[Callable[[Case], object], str]] = {
     "kept": (lambda c: ("body",), NOT_OF_A_DECK),  # it is of the fit alone
     "precurvature": (lambda c: 1e-3, "without stress at rest"),
     "layer": (lambda c: Layer("outside", 1.0), "a deck holds solid elements only"),
+    "contact": (lambda c: Contact("outside", (0.0, 0.0, 1.0), -5.0, 1.0), "contact with a plane: a deck holds none"),
     "C10": (lambda c: 0.3, WRITTEN),
     "C01": (lambda c: 0.2, WRITTEN),
     "C20": (lambda c: 0.1, WRITTEN),
