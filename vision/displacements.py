@@ -27,6 +27,7 @@ from vision.noise import (
 )
 from vision.plane import Plane, misplaced, plane_of, to_plane
 from vision.reference import prepare
+from vision.slip import slips
 from vision.tracks import LOST, Followed, Progress, Tracks, follow
 from vision.turns import finger_turns, linear_maps, mean_seen, rotations, sides
 from vision.variance import at_rest, independent, misfit
@@ -180,6 +181,7 @@ def displacements(
             *hidden_in_static(rest_place, [mark.name for mark in output], static),
             *remarks,
             *_corrected(output, height[points], view),
+            *slips(followed.time, value, turns, np.hypot(noise.sd, noise.codec_sd), output),
             *depth.extrapolated(camera, followed.ideal, [mark.name for mark in marks]),
             *depth.alarms(followed.time, size, size_sd, output, view, sd_mm=stated.out_of_plane_mm),
         ),

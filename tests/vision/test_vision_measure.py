@@ -73,6 +73,7 @@ def test_rotation_is_from_x_to_z(measured: Displacements, lab: Lab) -> None:
 def test_displacement_and_its_stated_sd(measured: Displacements, lab: Lab) -> None:
     error = errors(measured, lab, BEND)
     assert np.sqrt(np.mean(error**2)) < 0.0015  # 0.005 px at 3.4 px/mm
+    assert not any("peels" in remark for remark in measured.remarks)
     assert np.isnan(measured.value[..., 1]).all()
     assert np.isnan(measured.covariance[..., 1, :]).all()
     reference = [i for i, name in enumerate(measured.mode_names) if name.startswith("reference:")]
