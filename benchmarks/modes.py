@@ -1,0 +1,188 @@
+"""Pulls of the discretisation modes: a much finer mesh is the truth, the default mesh is fitted to it.
+
+    python benchmarks/modes.py [--quick] [--json] [--draws N]
+
+C10, C01 and the pressure of film A are drawn between 0.7 and 1.3 of their nominal values. The truth, without
+noise, is solved on the default lattice with every cell divided in two in each direction and cells not
+centred on the pleats. The model fits C10 and C01 to it as `twin calibrate` does, with modes made at these
+constants; what it then misses is the mesh's error alone. --quick takes a finger of three bellows and 8 draws
+(about five minutes), else the whole finger and 12.
+"""
+
+import argparse
+import json
+import sys
+from dataclasses import asdict, dataclass, replace
+
+import _first  # noqa: F401
+import numpy as np
+from convergence import SHORT
+from trials import NOMINAL
+
+from fe import Case, Finger, Lattice, Material
+from twin import virtual
+from twin.discretisation import Discretisation, discretisation
+from twin.fitting import fit_model, measured_remainder, whitener_of
+from twin.model import Model, base_case, base_model
+from twin.structure import of_finger
+from twin.targets import Array, Targets
+
+TRUTH = 2  # divisions of every cell
+LATTICE = Lattice()
+FINE = replace(LATTICE, refine=TRUTH, centred=False)
+BENCH = virtual.Bench(film_hz=2.0)  # the demo's noise, every fifth frame of its film
+SPREAD = (0.7, 1.3)  # of the nominal values
+LARGE_PULL = 2.0
+HEAD = (
+    "C10  C01  p    before   after mm stated   C pull  bellows walls section both  smooth  beyond mm  "
+    "sds     left sds  chi2"
+)
+
+
+@dataclass(frozen=True)
+class Row:
+    """One draw: errors of all markers and axes against the truth in mm, rms, and pulls.
+
+    before_mm: with the truth's own constants; after_mm: fitted; stated_mm: 1 sd of the modes. parameters:
+    error of the fitted C10 + C01 over its sd from the mesh alone. modes: amplitudes of the named modes in
+    sds; remainder: rms amplitude of the smooth ones. beyond_mm: what the named modes alone leave, beyond_sd:
+    the same over the noise of one value; left_sd: what all modes leave. chi2: square of the whitened error
+    over the number of values, 1 for noise alone.
+    """
+
+    factors: tuple[float, ...]
+    before_mm: float
+    after_mm: float
+    stated_mm: float
+    parameters: float
+    modes: tuple[float, ...]
+    remainder: float
+    beyond_mm: float
+    beyond_sd: float
+    left_sd: float
+    chi2: float
+
+
+def measured(finger: Finger, factors: Array) -> Row:
+    """The row of one draw; ValueError or RuntimeError where a mesh has no equilibrium."""
+    theta, case = NOMINAL * factors[:2], base_case(finger=finger, lattice=LATTICE)
+    course = virtual.path(BENCH)
+    course = replace(course, pressure=factors[2] * course.pressure)
+    points, nodes = markers(finger, case)
+    truth = virtual.Truth(Material(*theta), lattice=FINE, finger=finger)
+    u, slope = virtual.displacements(truth, course, points)
+    names = (*(f"p{k}" for k in range(len(points) - 1)), "tip")
+    film = virtual.targets(u, slope, course, names=names, nodes=nodes, points=points, bench=BENCH, seed=1)
+    targets = exact(film, u)
+    model = base_model(targets, case)
+    start = fit_model(model, targets, whitener_of(model, theta, targets, None), start=theta).theta
+    raw = discretisation(model, start, structure=of_finger(finger, LATTICE))
+    return replace(judged(model, targets, raw, theta=theta, start=start), factors=tuple(factors.tolist()))
+
+
+def exact(film: Targets, u: Array) -> Targets:
+    """The targets of a film with the true displacements u (s, p, 3) mm in place of what was measured."""
+    value = np.where(film.valid, 0.0, np.nan)
+    value[:, : u.shape[1]] += u - u[film.reference].mean(axis=0)
+    return replace(film, value=value)
+
+
+def judged(model: Model, targets: Targets, raw: Discretisation, *, theta: Array, start: Array) -> Row:
+    """The pulls of a model's modes in targets without noise, whose truth has the constants theta (2,)."""
+    mesh = measured_remainder(model, start, targets, raw)
+    w = whitener_of(model, start, targets, mesh)
+    fitted = fit_model(model, targets, w, start=start).theta
+    error = targets.value - model.predict(fitted)
+    first, named = len(targets.mode_names), len(raw.names)
+    pulls = w.amplitudes(error)[first : first + len(mesh.names)]
+    none = replace(targets, modes=targets.modes[:0], mode_names=(), pressure_sd=0 * targets.pressure_sd)
+    alone = whitener_of(model, start, none, replace(mesh, modes=mesh.modes[:named]))
+    beyond, moving = alone.rms(error), ~targets.fixed
+    assert mesh.spread is not None
+    return Row(
+        factors=(),
+        before_mm=_rms((targets.value - model.predict(theta))[:, moving]),
+        after_mm=_rms(error[:, moving]),
+        stated_mm=_rms(np.sqrt((mesh.modes**2).sum(axis=0))[targets.valid & moving[:, None]]),
+        parameters=float((fitted - theta).sum() / np.linalg.norm(mesh.spread.sum(axis=1))),
+        modes=tuple(pulls[:named].tolist()),
+        remainder=_rms(pulls[named:]),
+        beyond_mm=beyond,
+        beyond_sd=beyond / w.noise_sd,
+        left_sd=w.rms(error, gauge=True) / w.noise_sd,
+        chi2=float((w.whiten(error) ** 2).sum()) / w.count,
+    )
+
+
+def markers(finger: Finger, case: Case) -> tuple[Array, Array]:
+    """Places (p, 3) mm and node labels (p,) of markers on the flat lower edge of the side, the tip last."""
+    bellow = (finger.length - finger.base_cap - finger.tip_cap) / finger.bellows
+    x = finger.base_cap + bellow * np.linspace(0.5, finger.bellows - 0.5, 6)
+    x = np.append(x, finger.length)
+    wanted = np.stack([x, np.full_like(x, finger.width / 2), np.zeros_like(x)], axis=1)
+    rows = np.linalg.norm(case.nodes[:, None] - wanted, axis=2).argmin(axis=0)
+    return case.nodes[rows], case.labels[rows]
+
+
+def _rms(x: Array) -> float:
+    return float(np.sqrt(np.nanmean(np.square(x))))
+
+
+def line(r: Row) -> str:
+    """One line of the table."""
+    factors, modes = " ".join(f"{x:.2f}" for x in r.factors), " ".join(f"{x:+6.2f}" for x in r.modes)
+    return (
+        f"{factors} {r.before_mm:8.4f} {r.after_mm:8.4f} {r.stated_mm:8.4f} {r.parameters:+7.2f}  {modes} "
+        f"{r.remainder:7.2f} {r.beyond_mm:8.4f} {r.beyond_sd:8.2f} {r.left_sd:8.3f} {r.chi2:8.4f}"
+    )
+
+
+def summary(rows: list[Row]) -> dict[str, float]:
+    """Figures of all draws; `covered` is the share of draws whose error is no larger than stated."""
+    pulls = np.array([r.modes for r in rows])
+    return {
+        "draws": len(rows),
+        "mode_pull_rms": _rms(pulls),
+        "mode_pull_largest": float(np.abs(pulls).max()),
+        "parameter_pull_rms": _rms(np.array([r.parameters for r in rows])),
+        "remainder_pull_rms": _rms(np.array([r.remainder for r in rows])),
+        "beyond_mm": max(r.beyond_mm for r in rows),
+        "beyond_sd": max(r.beyond_sd for r in rows),
+        "left_sd": max(r.left_sd for r in rows),
+        "chi2": max(r.chi2 for r in rows),
+        "covered": float(np.mean([r.after_mm <= r.stated_mm for r in rows])),
+    }
+
+
+def main() -> int:
+    """Print the table; the exit code is 1 where a pull of a mode is larger than LARGE_PULL."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--quick", action="store_true", help="a finger of three bellows, 8 draws")
+    parser.add_argument("--json", action="store_true", help="the same as one JSON object")
+    parser.add_argument("--draws", type=int, help="how many (12)")
+    parser.add_argument("--seed", type=int, default=1)
+    options = parser.parse_args()
+    count = options.draws or (8 if options.quick else 12)
+    rows: list[Row] = []
+    print(HEAD, file=sys.stderr)
+    for factors in np.random.default_rng(options.seed).uniform(*SPREAD, (count, 3)):
+        try:
+            rows.append(measured(SHORT if options.quick else Finger(), factors))
+        except (ValueError, RuntimeError) as error:  # a mesh has no equilibrium
+            print(f"{factors.round(2)} {error}", file=sys.stderr, flush=True)
+        else:
+            print(line(rows[-1]), file=sys.stderr, flush=True)
+    if not rows:
+        return 1
+    found = {"tried": count} | summary(rows)
+    if options.json:
+        print(json.dumps(found | {"rows": [asdict(r) for r in rows]}))
+    else:
+        print("\n".join(f"{name:20s} {value:.3g}" for name, value in found.items()))
+    return int(found["mode_pull_largest"] > LARGE_PULL)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
