@@ -184,7 +184,7 @@ def alarms(
 
 
 def _alarm(name: str, time: float, shift: float, sd: float, sd_mm: float) -> str:
-    where = "towards the camera" if shift > 0 else "away from the camera, or tilted by it"
+    where = "towards the camera" if shift > 0 else "away from the camera, tilted, or out of focus"
     return (
         f"mark {name!r} looks {'larger' if shift > 0 else 'smaller'} at {time:.3f} s than at rest, as if "
         f"moved {abs(shift):.1f} +- {sd:.1f} mm {where}; out_of_plane_sd_mm = {sd_mm:g} does not cover that: "

@@ -13,10 +13,10 @@ MIN_FRAMES = 24
 SIDE = 4  # frames at least on either side of a jump
 SHARP = 2  # frames on either side of it that must show it
 DEGREE = 5  # of a place as a polynomial of the finger's state
-SEEN = 0.8  # share of the frames in which a mark must be seen to tell the state
+SEEN = 0.8  # share of the frames in which a mark must be seen to be compared
 TOLD = 0.3  # of a frame's weight: below it a jump is as good a part of the polynomial
 ALARM_SD = 8.0  # a jump over the sd of one place
-LEAST_MM = 0.02  # below it the codec's frozen errors jump as well
+LEAST_MM = 0.05  # below it the codec's frozen errors jump as well
 HALF = 0.5  # of the jump must be there at once, and at the film's end
 
 
@@ -36,13 +36,15 @@ def slips(time: Array, value: Array, turns: Array, sd: Array, marks: Sequence[Ma
 
     Without a slip a mark's place is a smooth function of where the other marks of the finger are: a
     polynomial of degree 5, 2 and 1 in their first three principal components. A slip adds a shift that from
-    one frame on turns with the finger to the end. It is said when it exceeds 0.02 mm and 8 sd of one place
+    one frame on turns with the finger to the end. It is said when it exceeds 0.05 mm and 8 sd of one place
     (the stated sd and what the polynomial leaves, summed in squares), when the frames next to it show half of
-    it, and so do the last ones. The finger needs at least three marks. A mark that slips spoils what its
-    neighbours are compared with: the one without which the others agree best is the one that is named.
+    it, and so do the last ones. At least three marks must be seen in 80 % of the
+    frames. A mark that slips spoils what its neighbours are compared with: the one without which the others
+    agree best is the one that is named.
     """
-    finger = [p for p, mark in enumerate(marks) if mark.role == "finger"]
-    xz, steady, said = value[..., [0, 2]], finger, []
+    seen = np.isfinite(value[..., 0]).mean(axis=0) >= SEEN
+    steady = [p for p, mark in enumerate(marks) if mark.role == "finger" and seen[p]]
+    xz, said = value[..., [0, 2]], []
     while len(steady) >= MIN_MARKS:
         found = _jumps(xz, turns, sd, steady)
         if not found:
@@ -67,7 +69,7 @@ def _jumps(xz: Array, turns: Array, sd: Array, marks: Sequence[int]) -> dict[int
     """The jumps of these marks, each against the others."""
     jumps = {}
     for p in marks:
-        others = [q for q in marks if q != p and np.isfinite(xz[:, q, 0]).mean() >= SEEN]
+        others = [q for q in marks if q != p]
         known = np.flatnonzero(np.isfinite(xz[:, [p, *others], 0]).all(axis=1))
         if not others or len(known) < MIN_FRAMES:
             continue
