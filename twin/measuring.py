@@ -159,6 +159,7 @@ def _measured(project: Project, say: Say, replace: bool) -> dict[str, Any]:
         moved, log, gauge, join = _measure(project, table, camera, say, keeper)
         targets = make_targets(moved, log, join=join, gauge=gauge, nodes=_nodes(project))
         run.write_npz("tracks.npz", _tracks(moved))
+        run.write_bytes("overlay.png", _overlay(project, table, moved))
         run.write_text("budget.csv", _budget_csv(moved, targets))
         run.summary.update(_summary(targets, moved, gauge, join) | {"headline": _headline(targets)})
         _put_aside(project, say)
@@ -434,6 +435,17 @@ def _tracks(moved: "Displacements") -> dict[str, NDArray[Any]]:
         "covariance": t.covariance, "rotation": t.rotation, "method": t.method,
         "homography": moved.homography,
     }  # fmt: skip
+
+
+def _overlay(project: Project, table: CameraTable, moved: "Displacements") -> bytes:
+    """Return the frame of the largest displacement with the marks drawn in, as PNG."""
+    import cv2
+
+    from vision.overlay import overlay
+    from vision.series import open_film
+
+    picture = overlay(open_film(project.path(table.film), fps=table.fps), moved.tracks)
+    return bytes(cv2.imencode(".png", picture)[1])
 
 
 def _budget_csv(moved: "Displacements", targets: Targets) -> str:

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import vision
+import vision.overlay
 import vision.series
 from twin import files
 from twin.config import MeasureTable
@@ -101,6 +102,7 @@ def measured(monkeypatch):
     monkeypatch.setattr(vision, "calibrate_camera", calibrate_camera)
     monkeypatch.setattr(vision.series, "open_film", video)
     monkeypatch.setattr(vision, "measure", measure)
+    monkeypatch.setattr(vision.overlay, "overlay", lambda film, tracks: np.zeros((4, 6, 3), np.uint8))
     return calls
 
 
@@ -135,6 +137,7 @@ def test_film_and_log_become_targets(project, measured):
     assert result["remarks"] == ["tip is lost in 1 frame"]
     (camera, marks, *settings) = measured.measure[0]
     assert (camera.rms_px, len(marks), settings) == (0.11, 12, ["DICT_4X4_50", vision.Stated(), 1.8])
+    assert (project.root / "runs/0002-measure/overlay.png").read_bytes().startswith(b"\x89PNG")
     tracks = files.read_npz(project.root / "runs/0002-measure/tracks.npz")
     assert set(tracks) == {"time", "names", "position", "covariance", "rotation", "method", "homography"}
 
