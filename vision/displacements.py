@@ -11,6 +11,7 @@ from vision import depth, modes
 from vision.budget import Budget, budget
 from vision.camera import Array, Camera
 from vision.checkpoint import Keeper
+from vision.fallback import CORNERS, ECC, LOST
 from vision.marks import Mark, check_names
 from vision.modes import Stated
 from vision.noise import (
@@ -28,7 +29,7 @@ from vision.noise import (
 from vision.plane import Plane, misplaced, plane_of, to_plane
 from vision.reference import prepare
 from vision.slip import slips
-from vision.tracks import LOST, Followed, Progress, Tracks, follow
+from vision.tracks import Followed, Progress, Tracks, follow
 from vision.turns import finger_turns, linear_maps, mean_seen, rotations, sides
 from vision.variance import at_rest, independent, misfit
 from vision.video import Video
@@ -36,6 +37,7 @@ from vision.video import Video
 MIN_FRAME, MIN_FIXED = 6, 4
 MAX_DEPTH_MM = 0.1  # of the frame marks
 MAX_HEIGHT = 0.2  # of the camera's distance, for all other marks
+FALLBACKS = {ECC: "smoothed correlation (ECC)", CORNERS: "its corners"}
 UNLIKELY = 0.001  # chance below which residuals contradict what is stated
 
 
@@ -160,6 +162,8 @@ def displacements(
         ],
         seen,
     )
+    # Only registration tells size well enough for an alarm.
+    linear = np.where(np.isin(followed.method, list(FALLBACKS))[..., None, None], np.nan, linear)
     size, size_sd = sides(linear[:, points]), _grown(still, quiet, points, noise, extra)
     parts = independent(rest, plane, place, misfit(followed), frame, points, extra)
     return Displacements(
@@ -329,6 +333,13 @@ def lost_marks(followed: Followed, marks: Sequence[Mark], homography: Array) -> 
                 f"mark {mark.name!r} is lost in {len(gone)} of {total} frames, first at "
                 f"{followed.time[gone[0]]:.3f} s, last at {followed.time[gone[-1]]:.3f} s"
             )
+        for code, how in FALLBACKS.items():
+            used = np.flatnonzero(followed.method[:, p] == code)
+            if len(used):
+                said.append(
+                    f"mark {mark.name!r} does not register in {len(used)} of {total} frames and is placed by "
+                    f"{how} there, with a larger sd, first at {followed.time[used[0]]:.3f} s"
+                )
     blind = np.flatnonzero(np.isnan(homography[:, 0, 0]))
     if len(blind):
         said.append(

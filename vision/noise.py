@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from vision import registration
 from vision.camera import Array
+from vision.fallback import CORNERS, ECC
 from vision.marks import px_per_unit
 from vision.plane import homographies, to_plane
 from vision.reference import Follower
@@ -211,7 +212,9 @@ def _again(
             for _, _, image in islice(film.frames(), window.start, window.stop):
                 writer.add(_shifted(image)[: size[1], : size[0]])
         for index, _, image in Video(path).frames():
-            yield _laid(image, follower, followed.warp[window.start + index])
+            at = window.start + index
+            plain = ~np.isin(followed.method[at], (ECC, CORNERS))[:, None, None]
+            yield _laid(image, follower, np.where(plain, followed.warp[at], np.nan))
             if progress is not None:
                 progress("codec", index + 1, window.stop - window.start)
 

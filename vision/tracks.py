@@ -6,10 +6,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from vision import registration
+from vision import fallback, registration
 from vision.camera import Array, Image
 from vision.checkpoint import EVERY, Keeper, Row, State, restored, stored
 from vision.dots import eccentricity
+from vision.fallback import CORNERS, ECC, ECC_SD, LOST
 from vision.identity import Memory, follow_dots
 from vision.identity import start as memory_of
 from vision.marks import corner_warp, detect, dot_warp, px_per_unit
@@ -19,7 +20,7 @@ from vision.video import Video
 
 Progress = Callable[[str, int, int], None]
 
-LOST, REGISTERED, FOUND_AGAIN, DOT = 0, 1, 2, 3  # codes of Tracks.method
+REGISTERED, FOUND_AGAIN, DOT = 1, 2, 3  # codes of Tracks.method, with those of the fallbacks
 POOLED = 4.0  # a dot's contour in one frame counts for one part in so many of its variance
 MOVES_PX = 0.3  # px per frame: below it the last place is the better guess
 
@@ -33,7 +34,7 @@ class Tracks:
     position: Array  # (t,p,2) px in the raw frame
     covariance: Array  # (t,p,2,2) px2 from the fit's residual
     rotation: Array  # (t,p) rad in the x-z plane, from x towards z, against the reference; NaN for dots
-    method: NDArray[np.int8]  # (t,p) 0 lost, 1 registered, 2 found again and registered, 3 dot
+    method: NDArray[np.int8]  # (t,p) 0 lost, 1 registered, 2 found again, 3 dot, 4 ECC, 5 corners
 
 
 @dataclass(frozen=True)
@@ -70,7 +71,7 @@ def follow(
         film.time[: len(warp)],
         warp,
         ideal,
-        _covariance(warp, match, spread, follower),
+        _covariance(warp, match, method, spread, follower),
         method,
         reference_frames(film, reference_s),
         (
@@ -136,8 +137,8 @@ def centres(warp: Array, centre: Array) -> Array:
 
 def _next(image: Image, follower: Follower, state: State) -> tuple[Row, State]:
     """What one frame shows (warp, match, method, spread, unknown), and the state for the next one."""
-    warp, match, method = _step(image, follower, _predict(state.last, state.before))
-    memory, spread = _dots(image, follower, state.memory, warp, match, method)
+    warp, match, method, spread = _step(image, follower, state)
+    memory = _dots(image, follower, state.memory, warp, match, method, spread)
     unknown = np.zeros(len(warp), dtype=bool)
     unknown[memory.rows] = memory.open
     # A lost mark is looked for where it was last seen.
@@ -164,22 +165,30 @@ def _advance(last: Array, before: Array) -> Array:
     return guess
 
 
-def _step(image: Image, follower: Follower, guess: Array) -> tuple[Array, Array, NDArray[np.int8]]:
-    """Warps, correlations and methods (p,) in one picture."""
-    count = len(follower.marks)
+def _step(image: Image, follower: Follower, state: State) -> tuple[Array, Array, NDArray[np.int8], Array]:
+    """Warps, correlations, methods (p,) and corners' covariances (p,2,2) px2 in one picture."""
+    guess, count = _predict(state.last, state.before), len(follower.marks)
     warp, match = np.full((count, 3, 3), np.nan), np.zeros(count)
-    method = np.zeros(count, dtype=np.int8)
+    method, spread = np.zeros(count, dtype=np.int8), np.full((count, 2, 2), np.nan)
     rows = np.flatnonzero(np.isfinite(guess[follower.coded, 0, 0]))
     _lay(image, follower, rows, guess, REGISTERED, warp, match, method)
     failed = [i for i in rows if method[follower.coded[i]] == LOST]
     if failed:
         found, _ = detect(image, follower.dictionary)
-        again = [i for i in failed if follower.marks[follower.coded[i]].marker in found]
-        corners = guess.copy()
-        for p in follower.coded[again]:
-            corners[p] = corner_warp(follower.camera.undistort(found[int(follower.marks[p].marker or 0)]))
-        _lay(image, follower, np.array(again, dtype=np.intp), corners, FOUND_AGAIN, warp, match, method)
-    return warp, match, method
+        quads = {
+            i: follower.camera.undistort(found[marker])
+            for i in failed
+            if (marker := follower.marks[follower.coded[i]].marker) in found and marker is not None
+        }
+        for i, corners in quads.items():
+            guess[follower.coded[i]] = corner_warp(corners)
+        _lay(image, follower, np.array(list(quads), dtype=np.intp), guess, FOUND_AGAIN, warp, match, method)
+        for i in failed:
+            p = int(follower.coded[i])
+            if method[p] == LOST:
+                place = fallback.place(image, follower, int(i), guess[p], quads.get(i), state.last[p])
+                warp[p], match[p], method[p], spread[p] = place
+    return warp, match, method, spread
 
 
 def _lay(
@@ -222,18 +231,23 @@ def _memory(follower: Follower) -> Memory:
 
 
 def _dots(
-    image: Image, follower: Follower, memory: Memory, warp: Array, match: Array, method: NDArray[np.int8]
-) -> tuple[Memory, Array]:
-    """Dots written beside the coded marks (`match` is the variance of a contour), and the spread (p,2,2)."""
-    spread = np.full((len(warp), 2, 2), np.nan)
+    image: Image,
+    follower: Follower,
+    memory: Memory,
+    warp: Array,
+    match: Array,
+    method: NDArray[np.int8],
+    spread: Array,
+) -> Memory:
+    """Dots written beside the coded marks (`match` is the variance of a contour); their new memory."""
     if not len(memory.rows):
-        return memory, spread
+        return memory
     memory, dots = follow_dots(image, follower.camera, memory, warp[:, :2, 2])
     for p, dot in zip(memory.rows, dots, strict=True):
         if dot is not None:
             warp[p], match[p], method[p] = dot_warp(dot.centre, follower.dots[p].radius), dot.variance, DOT
             spread[p] = dot.spread
-    return memory, spread
+    return memory
 
 
 def _straighten(follower: Follower, ideal: Array) -> None:
@@ -249,7 +263,9 @@ def _straighten(follower: Follower, ideal: Array) -> None:
     ideal[np.ix_(known, dots)] -= off
 
 
-def _covariance(warp: Array, match: Array, spread: Array, follower: Follower) -> Array:
+def _covariance(
+    warp: Array, match: Array, method: NDArray[np.int8], spread: Array, follower: Follower
+) -> Array:
     """Covariance (t,p,2,2) px2 of the centres from the residual of each fit; NaN for lost marks.
 
     The contour of one dot in one frame tells little of its own variance: it is drawn to the dot's mean.
@@ -258,6 +274,8 @@ def _covariance(warp: Array, match: Array, spread: Array, follower: Follower) ->
     covariance[:, follower.coded] = registration.centre_covariance(
         follower.templates, warp[:, follower.coded, :2, :2], match[:, follower.coded]
     )
+    covariance[method == ECC] *= ECC_SD**2
+    covariance[method == CORNERS] = spread[method == CORNERS]
     dots = np.setdiff1d(np.arange(len(follower.marks)), follower.coded)
     seen, own = np.isfinite(warp[:, dots, 0, 0]), match[:, dots]
     usual = np.sum(own * seen, axis=0) / np.maximum(seen.sum(axis=0), 1)

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from vision.camera import Array
+from vision.fallback import CORNERS, ECC
 from vision.noise import NoiseModel, with_y
 from vision.plane import MIN_VISIBLE, Plane, place_noise
 from vision.tracks import Followed
@@ -81,9 +82,12 @@ def misfit(followed: Followed) -> Array:
     """How many times its usual variance a patch's fit states (t,m), from the residual; 1 where it is usual.
 
     Blur, glare and what covers a part of a mark leave a residual. Usual is the median over the film: coding
-    leaves two to three times more in some frames than in others, which the codec's term has.
+    leaves two to three times more in some frames than in others, which the codec's term has. ECC and corners
+    are never usual: a mark without plain registration takes the median of the others.
     """
     size = np.trace(followed.covariance, axis1=2, axis2=3)
-    usual = np.array([np.median(x[np.isfinite(x)]) if np.isfinite(x).any() else np.inf for x in size.T])
-    ratio = size / usual
+    plain = np.isfinite(size) & ~np.isin(followed.method, (ECC, CORNERS))
+    usual = np.array([np.median(x[s]) if s.any() else np.nan for x, s in zip(size.T, plain.T, strict=True)])
+    others = np.nanmedian(usual) if np.isfinite(usual).any() else np.inf
+    ratio = size / np.where(np.isfinite(usual), usual, others)
     return np.where(ratio > CLEARLY, ratio, 1.0)
