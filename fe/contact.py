@@ -4,6 +4,12 @@ A penalty of pressure type: every mm2 of the surface at rest is pushed out with 
 plane, so that the answer converges as the mesh is refined. s(d) is max(d, 0) but for a parabola over SMOOTH
 about the touch, so that the tangent is continuous, Newton's method quadratic, and derivatives to parameters
 are there. The plane's forces have a potential; the tangent is symmetric.
+
+Friction is Coulomb's, elastic below the limit: the traction along the plane is -k e, with the same k, where e
+is the slip since the anchor, cut to mu p / k (radial return). An anchor is where a point would be without
+traction; it follows where the point slides or is off the plane, and is carried from one equilibrium to the
+next (`PlaneFaces.after`). As the limit is a pressure too, the answer converges with the mesh. What sliding
+adds to the tangent, the limit's change with depth, is not symmetric: it is apart (`PlaneFaces.coupling`).
 """
 
 from copy import copy
@@ -33,6 +39,8 @@ class PlaneFaces:
         self.faces, self._count = faces, len(case.nodes)
         self.normal = np.asarray(contact.normal, float) / np.linalg.norm(contact.normal)
         self._distance, self._stiffness = contact.distance, contact.stiffness
+        self.friction = contact.friction
+        self._anchor = self._along(case.nodes) if contact.friction else np.zeros(3)  # (f, q, 3) mm
 
     def softer(self, factor: float) -> "PlaneFaces":
         """The same plane with `factor` of its stiffness."""
@@ -50,19 +58,81 @@ class PlaneFaces:
 
     def force(self, x: Array) -> Array:
         """Forces (n, 3) N of the plane on the nodes at deformed positions x (n, 3) mm."""
-        d = np.clip(self.depth(x) + SMOOTH / 2, 0.0, None)
-        pressure = self._stiffness * np.where(d < SMOOTH, d**2 / (2 * SMOOTH), d - SMOOTH / 2)
+        pressure = self._pressure(x)
         push = scatter(self.faces, (self._area * pressure) @ self._N, self._count)
-        return push[:, None] * self.normal
+        force = push[:, None] * self.normal
+        if self.friction:
+            drag = -self._stiffness * self._area[..., None] * self._slip(x, pressure)[0]
+            nodal = np.einsum("fqi,qa->fai", drag, self._N, optimize=True)
+            force += np.stack([scatter(self.faces, nodal[..., i], self._count) for i in range(3)], axis=1)
+        return np.asarray(force)
+
+    def _pressure(self, x: Array) -> Array:
+        """Pressure (f, q) MPa of the plane at deformed positions x (n, 3) mm."""
+        d = np.clip(self.depth(x) + SMOOTH / 2, 0.0, None)
+        return np.asarray(self._stiffness * np.where(d < SMOOTH, d**2 / (2 * SMOOTH), d - SMOOTH / 2))
+
+    def _along(self, x: Array) -> Array:
+        """Places (f, q, 3) mm along the plane at deformed positions x (n, 3) mm."""
+        place = np.einsum("fai,qa->fqi", x[self.faces], self._N, optimize=True)
+        return np.asarray(place - (place @ self.normal)[..., None] * self.normal)
+
+    def _slip(self, x: Array, pressure: Array) -> tuple[Array, Array, Array]:
+        """The elastic slip (f, q, 3) mm, its direction, and its share (f, q) of the slip since the anchor:
+        below 1 where the surface slides."""
+        slip = self._along(x) - self._anchor
+        length = np.linalg.norm(slip, axis=-1)
+        limit = self.friction * pressure / self._stiffness
+        share = np.where(length > limit, limit / np.maximum(length, 1e-300), 1.0)
+        return share[..., None] * slip, slip / np.maximum(length, 1e-300)[..., None], share
+
+    def after(self, x: Array) -> "PlaneFaces":
+        """The plane as it is met from the equilibrium at deformed positions x (n, 3) mm on."""
+        if not self.friction:
+            return self
+        other = copy(self)
+        other._anchor = self._along(x) - self._slip(x, self._pressure(x))[0]
+        return other
 
     def tangent(self, x: Array) -> tuple[Integers, Array]:
         """Degrees of freedom (g, 3 m) of the faces in contact and their matrices (g, 3 m, 3 m) N/mm, the
-        derivative of minus their forces."""
-        d = self.depth(x) + SMOOTH / 2
-        touching = np.flatnonzero((d > 0).any(axis=1))
-        slope = self._stiffness * np.clip(d[touching] / SMOOTH, 0.0, 1.0) * self._area[touching]
+        derivative of minus their forces but for `coupling`."""
+        touching, slope = self._slope(x)
         along = np.einsum("gq,qa,qb->gab", slope, self._N, self._N, optimize=True)
         faces = self.faces[touching]
         size = 3 * faces.shape[1]
         K = np.einsum("gab,i,j->gaibj", along, self.normal, self.normal).reshape(len(faces), size, size)
+        if self.friction:
+            K += self._dragged(x, touching).reshape(K.shape)
         return (faces[:, :, None] * 3 + np.arange(3)).reshape(len(faces), size), K
+
+    def _slope(self, x: Array) -> tuple[Integers, Array]:
+        """The faces (g,) in contact, and their pressures' derivative (g, q) to depth times area, N/mm."""
+        d = self.depth(x) + SMOOTH / 2
+        touching = np.flatnonzero((d > 0).any(axis=1))
+        return touching, self._stiffness * np.clip(d[touching] / SMOOTH, 0.0, 1.0) * self._area[touching]
+
+    def _dragged(self, x: Array, touching: Integers) -> Array:
+        """The derivative (g, m, 3, m, 3) N/mm of minus the touching faces' friction at fixed pressure."""
+        pressure = self._pressure(x)
+        _, way, share = (v[touching] for v in self._slip(x, pressure))
+        plane = np.eye(3) - np.outer(self.normal, self.normal)
+        turn = plane - (share < 1)[..., None, None] * way[..., :, None] * way[..., None, :]
+        stiff = self._stiffness * self._area[touching] * share * (pressure[touching] > 0)
+        return np.einsum("gq,gqij,qa,qb->gaibj", stiff, turn, self._N, self._N, optimize=True)
+
+    def coupling(self, x: Array) -> tuple[Integers, Array] | None:
+        """As `tangent`, what sliding adds to it: minus the friction's derivative to pressure; None where
+        nothing slides."""
+        if not self.friction:
+            return None
+        touching, slope = self._slope(x)
+        _, way, share = (v[touching] for v in self._slip(x, self._pressure(x)))
+        slides = share < 1
+        if not (slides & (slope > 0)).any():
+            return None
+        faces = self.faces[touching]
+        size, slope = 3 * faces.shape[1], -self.friction * slope * slides
+        C = np.einsum("gq,gqi,qa,qb,j->gaibj", slope, way, self._N, self._N, self.normal, optimize=True)
+        dofs = (faces[:, :, None] * 3 + np.arange(3)).reshape(len(faces), size)
+        return dofs, C.reshape(len(faces), size, size)

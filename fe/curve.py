@@ -14,6 +14,7 @@ from fe.newton import Equilibrium, Problem, Residual, Step, eased, imbalance, mo
 from fe.reach import why
 
 BENT = 5e-3  # mm: more than that between a cubic and a state on it asks for more levels
+STRAYED = 0.05  # mm: a guess of the next level that is off by more, with friction, asks for one in between
 LEAST_STEP = 1 / 64  # of the distance between two levels; below that the path is given up
 
 
@@ -24,6 +25,13 @@ class Differenced:
     plus: Problem
     minus: Problem
     step: float
+
+    def after(self, state: State, change: State) -> "Differenced":
+        """The neighbours as they go on from the equilibrium `state`, of which `change` is the derivative."""
+        plus, minus = (
+            q.after(state.u + sign * self.step * change.u) for q, sign in ((self.plus, 1), (self.minus, -1))
+        )
+        return replace(self, plus=plus, minus=minus)
 
     @cached_property
     def history_only(self) -> bool:
@@ -185,11 +193,14 @@ def trace(
     """The curve of a problem through increasing `pressures` (k,) MPa, starting from rest or from a `near`
     curve.
 
-    A step that does not converge is halved, and the level in between stays in the curve. Never raises for
-    lack of convergence: the curve then ends early and says why.
+    A step that does not converge is halved, and the level in between stays in the curve. With friction every
+    level goes on from the slip of the one before. Never raises for lack of convergence: the curve then ends
+    early and says why.
     """
     todo = [float(q) for q in pressures]
     done: list[_Level] = []
+    rubs = problem.rubs or any(v.plus.rubs or v.minus.rubs for v in varied)
+    near = None if rubs else near  # which levels there are must not depend on where it is begun
     rest, iterations, reason = _loaded(problem, todo[0], near)
     if reason:
         return _curve(done, len(varied), iterations, reason)
@@ -206,13 +217,24 @@ def trace(
                 break
             todo.insert(0, (here + todo[0]) / 2)
             continue
+        if rubs and done and _strays(problem, guess, level) and todo[0] - done[-1].pressure > least:
+            todo.insert(0, (done[-1].pressure + todo[0]) / 2)
+            continue
         todo.pop(0)
         last = found.step
         done.append(level)
-    if problem.plane is not None:
+        varied = [v.after(level.state, d) for v, d in zip(varied, level.derivatives, strict=True)]
+        problem = problem.after(level.state.u)
+    if problem.plane is not None and not rubs:
         done, more = _bent(problem, done, varied)
         iterations += more
     return _curve(done, len(varied), iterations, reason or "converged")
+
+
+def _strays(problem: Problem, guess: State, level: _Level) -> bool:
+    """Whether a level on the plane is far from where it was expected."""
+    touches = problem.plane is not None and problem.plane.touches(problem.case.nodes + level.state.u)
+    return touches and bool(np.abs(level.state.u - guess.u).max() > STRAYED)
 
 
 def nothing(reason: str) -> Curve:

@@ -9,7 +9,8 @@ import numpy as np
 from fe.assembly import Constants, Geometry, Kernel, Linearised, Memory, State
 from fe.case import Case
 from fe.contact import PlaneFaces
-from fe.element import Array
+from fe.coupled import coupled
+from fe.element import Array, Integers
 from fe.layer import LayerFaces
 
 # Last correction: of u against the structure's size, of p against a tenth of the shear modulus. The tangent
@@ -67,6 +68,18 @@ class Problem:
     def stiffened(self, factor: float) -> "Problem":
         """The problem with all moduli multiplied."""
         return self if factor == 1 else replace(self, constants=self.constants.times(factor))
+
+    @property
+    def rubs(self) -> bool:
+        """Whether a plane has friction, so that a state depends on those before."""
+        return self.plane is not None and self.plane.friction > 0
+
+    def after(self, u: Array) -> "Problem":
+        """The problem as it goes on from the equilibrium at displacements u (n, 3) mm: the same but for
+        slip."""
+        if self.plane is None or not self.rubs:
+            return self
+        return replace(self, plane=self.plane.after(self.case.nodes + u))
 
     @property
     def heavy(self) -> bool:
@@ -140,6 +153,7 @@ class Step:
         # as many as there are shared pressures belong to the mixed form
         self.negative = max(0, (below or 0) - kernel.shared)
         self._compliance = clamp.compliance if clamp else 0.0
+        self._sliding = problem.plane.coupling(problem.case.nodes + state.u) if problem.plane else None
         _, self._turn, bend = problem.clamp_motion(state.rotation)
         self._side = system.turning
         self._stiffness = float(
@@ -153,6 +167,22 @@ class Step:
 
     def solve(self, residuals: Sequence[Residual]) -> list[State]:
         """For each change of the residuals the change of state that cancels it."""
+        changes = self._symmetric(residuals)
+        if self._sliding is None:
+            return changes
+        return [self._slid(change, *self._sliding) for change in changes]
+
+    def _slid(self, change: State, dofs: Integers, C: Array) -> State:
+        """The change of state with what sliding adds to the tangent."""
+        none = np.zeros_like(self.system.gap)
+
+        def answer(force: Array) -> State:
+            return self._symmetric([Residual(force.reshape(-1, 3), none, 0.0)])[0]  # no face is clamped
+
+        force = coupled(dofs, C, change.u.ravel(), lambda f: answer(f).u.ravel())
+        return moved(change, answer(force))
+
+    def _symmetric(self, residuals: Sequence[Residual]) -> list[State]:
         kernel = self.problem.kernel
         condensed = [self._condensed(r) for r in residuals]
         gaps = [self.system.gap if r.gap is None else r.gap for r in residuals]
@@ -241,7 +271,7 @@ def equilibrium(
     kernel, state, before = problem.kernel, _consistent(problem, start), np.inf
     extent = float(np.ptp(problem.case.nodes, axis=0).max())
     small = (tolerance * extent, 10 * tolerance * problem.shear)  # mm, MPa
-    kinked = memory is not None and memory.softening is not None
+    kinked = problem.rubs or (memory is not None and memory.softening is not None)
     smooth = not kinked  # so far: whether the tangent may be expected to serve again
     for iteration in range(limit):
         if last is not None and smooth and np.abs(state.u - last.state.u).max() < NEARBY * extent:
@@ -274,8 +304,8 @@ def equilibrium(
 def _shortened(step: Step, state: State, change: State, load: float, memory: Memory | None) -> State:
     """The correction, or so much of it as brings the forces to rest along it.
 
-    The tangent jumps where softening sets in, and full corrections may go to and fro across that kink. Gaps
-    are left out: along a long way they are far from linear, but the next correction closes them.
+    The tangent jumps where softening or sliding sets in, and full corrections may go to and fro across that
+    kink. Gaps are left out: along a long way they are far from linear, but the next correction closes them.
     """
 
     def work(factor: float) -> float:

@@ -4,7 +4,8 @@ Without a memory the response is a function of pressure and gravity: one curve o
 direction of gravity serves every time. Else the history is solved at a few times; between them
 u(t) = U(q(t)) + D(t), where U is the history-free curve, q the creep-equivalent pressure of linear
 viscoelasticity over the moduli's drift, and D, small and slow, is interpolated. Gravity is put on at the
-first time, at once.
+first time, at once. Friction on a plane is followed along the curve, while the pressure rises: a path that
+falls, turns or remembers is refused where the plane is touched.
 """
 
 from collections.abc import Sequence
@@ -194,7 +195,8 @@ def solve(
         float(np.interp(path.output[0], path.time, dense.pressure)),
     )
     if len(path.output) == 1 and only > 0 and not remember:
-        top, count, loadings = only, 1, loadings.only(int(loadings.at(path.output)[0]))
+        top, loadings = only, loadings.only(int(loadings.at(path.output)[0]))
+        count = count if any(q.rubs for q in _all(loadings)) else 1
     steps, low = levels(top, count=count), float(dense.pressure.min())
     if low < -0.01 * top:  # above that is a gauge's noise, which the first cubic carries
         steps = np.append(low, steps)
@@ -204,6 +206,8 @@ def solve(
         for k, (q, around) in enumerate(zip(loadings.problems, loadings.varied, strict=True))
     )
     reason = next((c.reason for c in curves if c.reason != "converged"), "converged")
+    if reason == "converged" and any(q.rubs for q in _all(loadings)):
+        reason = _unfollowed(problem, dense.pressure, path, curves, remember) or reason
 
     def result(history: History | None, iterations: int, reason: str) -> Solution:
         pressure, *slopes = (
@@ -216,6 +220,35 @@ def solve(
     if reason != "converged" or not remember:
         return result(None, 0, reason)
     return result(*follow(loadings, curves, pairs, near=start.history if start else None))
+
+
+FALL = 0.02  # of the range: a fall of the pressure by less is a gauge's noise
+
+
+def _all(loadings: Loadings) -> list[Problem]:
+    return [*loadings.problems, *(q for v in loadings.varied for d in v for q in (d.plus, d.minus))]
+
+
+def _unfollowed(
+    problem: Problem, pressure: Array, path: Path, curves: Sequence[Curve], remember: bool
+) -> str:
+    """Why friction cannot be followed along a path of pressures (t,) MPa, or nothing."""
+    plane = problem.plane
+    if plane is None or not any(plane.touches(problem.case.nodes + u) for c in curves for u in c.u):
+        return ""
+    p = pressure[: int(np.searchsorted(path.time, path.output.max())) + 1]
+    highest = np.maximum.accumulate(p)
+    k = int(np.argmax(highest - p))
+    if highest[k] - p[k] > FALL * np.ptp(pressure):
+        return (
+            f"friction: the pressure falls from {highest[k]:.4g} to {p[k]:.4g} MPa at {path.time[k]:.4g} s, "
+            f"and slip is followed in loading only; wanted a path that rises, or friction 0"
+        )
+    if len(curves) > 1:
+        return "friction: gravity turns on the way, of which slip is not followed; wanted one direction"
+    if remember:
+        return "friction: the material has a memory, with which slip is not followed; wanted none"
+    return ""
 
 
 class _Key:
