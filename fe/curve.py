@@ -223,8 +223,9 @@ def trace(
         todo.pop(0)
         last = found.step
         done.append(level)
-        varied = [v.after(level.state, d) for v, d in zip(varied, level.derivatives, strict=True)]
-        problem = problem.after(level.state.u)
+        if rubs:
+            varied = [v.after(level.state, d) for v, d in zip(varied, level.derivatives, strict=True)]
+            problem = problem.after(level.state.u)
     if problem.plane is not None and not rubs:
         done, more = _bent(problem, done, varied)
         iterations += more

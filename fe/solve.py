@@ -245,9 +245,11 @@ def _unfollowed(
             f"and slip is followed in loading only; wanted a path that rises, or friction 0"
         )
     if len(curves) > 1:
-        return "friction: gravity turns on the way, of which slip is not followed; wanted one direction"
+        return (
+            "friction: gravity turns, along which slip is not followed; wanted one direction, or friction 0"
+        )
     if remember:
-        return "friction: the material has a memory, with which slip is not followed; wanted none"
+        return "friction: a material has a memory, with which no slip is followed; wanted none, or friction 0"
     return ""
 
 
