@@ -15,6 +15,7 @@ from fe.reach import why
 
 BENT = 5e-3  # mm: more than that between a cubic and a state on it asks for more levels
 STRAYED = 0.05  # mm: a guess of the next level that is off by more, with friction, asks for one in between
+SHARE = 0.4  # of a step that failed: 13 factorisations to 0.03 MPa on the default mesh, where a half takes 16
 LEAST_STEP = 1 / 64  # of the distance between two levels; below that the path is given up
 
 
@@ -193,7 +194,7 @@ def trace(
     """The curve of a problem through increasing `pressures` (k,) MPa, starting from rest or from a `near`
     curve.
 
-    A step that does not converge is halved, and the level in between stays in the curve. With friction every
+    A step that does not converge is shortened, and the level in between stays in the curve. With friction every
     level goes on from the slip of the one before. Never raises for lack of convergence: the curve then ends
     early and says why.
     """
@@ -215,7 +216,7 @@ def trace(
             if not done or todo[0] - here < least:
                 reason = f"stopped at {here:.4g} MPa of {pressures[-1]:.4g}: {_cause(done, last, found)}"
                 break
-            todo.insert(0, (here + todo[0]) / 2)
+            todo.insert(0, here + SHARE * (todo[0] - here))
             continue
         if rubs and done and _strays(problem, guess, level) and todo[0] - done[-1].pressure > least:
             todo.insert(0, (done[-1].pressure + todo[0]) / 2)

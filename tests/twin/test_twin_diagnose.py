@@ -154,7 +154,8 @@ def test_without_a_log_history_is_not_testable(laboratory: Laboratory) -> None:
     mesh = measured_remainder(model, NOMINAL, bare, laboratory.mesh)
     found = diagnose(model, library(), bare, seed=0, start=NOMINAL, mesh=mesh)
     notes = {c.effect.name: c.note for c in found.ranking}
-    asking = {"creep", "pressure_lag", "gravity"}  # for a log, and for gravity's direction
+    # for a log, for gravity's direction, and for its way down
+    asking = {"creep", "mullins", "pressure_lag", "gravity"}
     assert {name for name, note in notes.items() if note.startswith("not testable")} == asking
     assert "cannot be seen apart" in notes["pressure_gain"]  # C10 and C01 do the same
     assert "cannot tell: " in found.sentence

@@ -182,8 +182,8 @@ def test_review_holds_every_generation_and_the_numbers(chain: tuple[Project, Sil
 
 def test_errors_are_one_sentence(chain: tuple[Project, Silent]) -> None:
     project, say = chain
-    with pytest.raises(ValueError, match="'gravity' is not in the library"):
-        run_add(project, "gravity", say)
+    with pytest.raises(ValueError, match="'wind' is not in the library"):
+        run_add(project, "wind", say)
     with pytest.raises(ValueError, match="'stiffening' is not in the model"):
         run_drop(project, "stiffening", say)
     with pytest.raises(ValueError, match="calibrate fits the base model; twin add refits"):
