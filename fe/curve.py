@@ -194,9 +194,9 @@ def trace(
     """The curve of a problem through increasing `pressures` (k,) MPa, starting from rest or from a `near`
     curve.
 
-    A step that does not converge is shortened, and the level in between stays in the curve. With friction every
-    level goes on from the slip of the one before. Never raises for lack of convergence: the curve then ends
-    early and says why.
+    A step that does not converge is shortened, and the level in between stays in the curve. With friction
+    every level goes on from the slip of the one before. Never raises for lack of convergence: the curve then
+    ends early and says why.
     """
     todo = [float(q) for q in pressures]
     done: list[_Level] = []

@@ -130,7 +130,7 @@ def test_real_chessboards(shared_data: Path) -> None:
         assert any("makes the sds 2." in sentence for sentence in camera.remarks)
     # Who counts squares in place of corners is understood, and told so.
     squares = calibrate_camera(paths, Board(10, 7, 25.0, kind="chessboard"))
-    np.testing.assert_allclose(squares.matrix, camera.matrix, rtol=1e-9)  # refined from other first guesses
+    np.testing.assert_allclose(squares.matrix, camera.matrix, rtol=1e-6)  # refined from other first guesses
     assert "columns = 10, rows = 7 were read as squares" in squares.remarks[0]
 
 
