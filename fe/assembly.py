@@ -5,10 +5,11 @@ doi 10.1016/0045-7949(87)90265-3); those that belong to corners are unknowns of 
 """
 
 import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 from scipy.special import erf
@@ -22,7 +23,6 @@ from fe.pressure import PressureFaces
 
 THREADS = int(os.environ.get("OMP_NUM_THREADS") or os.cpu_count() or 1)
 _POOL = ThreadPoolExecutor(THREADS)
-PARTS = 8  # in which the entries of a pattern are sorted
 _I, _J = (np.array(x) for x in zip(*PAIRS, strict=True))
 
 
@@ -214,22 +214,13 @@ class Pattern:
     def of(families: Sequence[tuple[Integers, Integers]], size: int) -> "Pattern":
         """The pattern of entries at rows and columns of each family; -1 means nowhere."""
         nowhere = size * size
-
-        def keys(family: tuple[Integers, Integers]) -> Iterator[Integers]:
-            """The place of each entry among all of the matrix; in parts, as whole they outweigh the solve."""
-            for r, c in zip(*(np.array_split(x.ravel(), PARTS) for x in family), strict=True):
-                yield np.where((r < 0) | (c < 0), nowhere, r.astype(np.int64) * size + c)
-
-        unique = np.array([nowhere])
-        for family in families:
-            for part in keys(family):
-                unique = np.union1d(unique, part)
-        places = tuple(
-            np.concatenate([np.searchsorted(unique, part).astype(np.int32) for part in keys(family)])
-            for family in families
-        )
+        keys = [np.where((r < 0) | (c < 0), nowhere, r * size + c).ravel() for r, c in families]
+        unique, place = np.unique(np.concatenate([*keys, [nowhere]]), return_inverse=True)
         unique = unique[:-1]
-        return Pattern(np.searchsorted(unique, np.arange(size + 1) * size), unique % size, places)
+        indptr = np.searchsorted(unique, np.arange(size + 1) * size).astype(np.int64)
+        ends = np.cumsum([0, *(len(k) for k in keys)])
+        place = place.astype(np.int64, copy=False)
+        return Pattern(indptr, unique % size, tuple(place[a:b] for a, b in pairwise(ends)))
 
     @cached_property
     def _keys(self) -> Integers:
@@ -277,7 +268,7 @@ class Kernel:
     def _pattern(self) -> "Pattern":
         """Where the entries of elements and faces go in the free upper triangle."""
         free = len(self.free)
-        number = np.full(self.dofs, -1, np.int32)  # half the memory of the arrays below
+        number = np.full(self.dofs, -1, np.int64)
         number[self.free] = np.arange(free)
         e = number[self._element_dofs].reshape(len(self.connectivity), -1, 3)
         # (e, a, pair, b); diagonal blocks hold both (a, b) and (b, a): only one of them counts
