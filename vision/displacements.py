@@ -172,7 +172,7 @@ def displacements(
         tuple(m.role for m in output),
         nominal,
         value,
-        _covariance(sum(parts.values(), np.zeros(value.shape)), noise, seen),
+        covariance_of(sum(parts.values(), np.zeros(value.shape)), noise, seen),
         fields,
         names,
         noise,
@@ -245,7 +245,7 @@ def while_moving(extra: Array, moves: NDArray[np.bool_]) -> Array:
     return np.sqrt(np.sum(extra**2 * chosen, axis=0) / np.maximum(chosen.sum(axis=0), 1))
 
 
-def _covariance(variance: Array, noise: NoiseModel, seen: NDArray[np.bool_]) -> Array:
+def covariance_of(variance: Array, noise: NoiseModel, seen: NDArray[np.bool_]) -> Array:
     """Independent covariance (s,p,3,3) mm2 of variances (s,p,3), correlated between the axes as at rest."""
     sd, count = np.sqrt(variance), len(noise.sd)
     own = noise.correlation.reshape(count, 3, count, 3)[np.arange(count), :, np.arange(count)]

@@ -14,6 +14,7 @@ from vision.displacements import (
     UNLIKELY,
     Displacements,
     check_films,
+    covariance_of,
     lost_marks,
     rows_of,
     tracks_of,
@@ -118,7 +119,7 @@ def measure_in_space(
         tuple(m.role for m in output),
         nominal[points],
         value,
-        _covariance(parts, noise, value),
+        covariance_of(sum(parts.values(), np.zeros(value.shape)), noise, np.isfinite(value[..., 0])),
         fields,
         names,
         noise,
@@ -203,15 +204,6 @@ def _reference_variance(noise: NoiseModel, held: Array, sight: Sight) -> Array:
     """Variance (p,3) mm2 of the reference's mean place."""
     mean = noise.sd**2 / len(sight.reference) * (1.0 + noise.rho) / (1.0 - noise.rho)
     return np.asarray(mean + np.nan_to_num(held[sight.reference]).mean(axis=0))
-
-
-def _covariance(parts: dict[str, Array], noise: NoiseModel, value: Array) -> Array:
-    """Independent covariance (s,p,3,3) mm2, correlated between the axes as at rest."""
-    sd, count = np.sqrt(sum(parts.values(), np.zeros(value.shape))), value.shape[1]
-    own = noise.correlation.reshape(count, 3, count, 3)[np.arange(count), :, np.arange(count)]
-    covariance = sd[..., :, None] * sd[..., None, :] * own
-    covariance[np.isnan(value[..., 0])] = np.nan
-    return np.asarray(covariance)
 
 
 def _frame_sd(misfit: Array, names: Sequence[str], stated: float) -> tuple[float, tuple[str, ...]]:
