@@ -86,16 +86,16 @@ class Diagnosis:
 
     verdict: str
     sentence: str
-    named: tuple[str, ...]
-    law: str | None
-    ties: tuple[tuple[str, ...], ...]
-    ranking: tuple[Candidate, ...]
-    next_test: str
-    base: Comparison | None
-    base_fit: Fit | None
-    kept: Candidate | None
-    explained: float | None
-    remainder_mm: float | None
+    named: tuple[str, ...] = ()
+    law: str | None = None
+    ties: tuple[tuple[str, ...], ...] = ()
+    ranking: tuple[Candidate, ...] = ()
+    next_test: str = ""
+    base: Comparison | None = None
+    base_fit: Fit | None = None
+    kept: Candidate | None = None
+    explained: float | None = None
+    remainder_mm: float | None = None
 
     def to_dict(self) -> dict[str, Any]:
         """What diagnosis.json holds."""
@@ -169,10 +169,7 @@ def _refusal(targets: Targets) -> str:
 
 
 def _cannot(why: str) -> Diagnosis:
-    verdict = f"cannot test: {why}"
-    return Diagnosis(
-        verdict, f"The data cannot be tested: {why}.", (), None, (), (), "", None, None, None, None, None
-    )
+    return Diagnosis(f"cannot test: {why}", f"The data cannot be tested: {why}.")
 
 
 def screen(
@@ -329,62 +326,50 @@ def _ranked(rows: Sequence[Candidate]) -> tuple[Candidate, ...]:
 
 def _conclude(rows: tuple[Candidate, ...], base: Comparison, fit: Fit, remainder: float | None) -> Diagnosis:
     best = rows[0] if rows and rows[0].delta_bic is not None and rows[0].delta_bic > TIE else None
+    if best is not None and best.comparison is not None:
+        found = _judged(rows, best, base, best.comparison)
+    elif base.adequate:
+        found = Diagnosis("none needed", "The model agrees with the measurement: no effect is missing.")
+    else:
+        found = Diagnosis("none of these", "The model is wrong, and no effect of the library helps.")
     blind = [c.effect.name for c in rows if c.note]
+    unseen = f" These data cannot tell: {', '.join(blind)}." if blind else ""
+    return replace(
+        found,
+        sentence=found.sentence + unseen,
+        ranking=rows,
+        base=base,
+        base_fit=fit,
+        remainder_mm=remainder,
+    )
 
-    def result(
-        verdict: str,
-        sentence: str,
-        kept: Candidate | None,
-        *,
-        ties: tuple[tuple[str, ...], ...] = (),
-        explained: float | None = None,
-        named: bool = True,
-        test: str = "",
-    ) -> Diagnosis:
-        names = (kept.effect.name,) if kept and named else ()
-        law = kept.effect.label if kept and named else None
-        if blind:
-            sentence += f" These data cannot tell: {', '.join(blind)}."
-        keep = kept if named else None
-        return Diagnosis(
-            verdict, sentence, names, law, ties, rows, test, base, fit, keep, explained, remainder
-        )
 
-    if best is None or best.comparison is None:
-        if base.adequate:
-            return result("none needed", "The model agrees with the measurement: no effect is missing.", None)
-        return result("none of these", "The model is wrong, and no effect of the library helps.", None)
-    after = best.comparison
+def _judged(rows: tuple[Candidate, ...], best: Candidate, base: Comparison, after: Comparison) -> Diagnosis:
+    """The verdict on the best effect, whose refit leaves `after`."""
     explained = 1 - max(after.excess, 0.0) / max(base.excess, 1.0)
+    name, law = best.effect.name, best.effect.label
     change = f"{base.rms_mm:.3f} mm -> {after.rms_mm:.3f} mm rms (noise {base.noise_sd_mm:.3f} mm)"
-    if after.adequate:
-        tied = tuple(c.effect.name for c in rows[1:] if _tied(c, best))
-        if not tied:
-            text = f"{best.effect.name} is missing: {best.effect.sentence}; {change}."
-            return result(best.effect.name, text, best, explained=explained)
-        names = (best.effect.name, *dict.fromkeys(tied))
+    named = Diagnosis(name, "", (name,), law, kept=best, explained=explained)
+    tied = tuple(c.effect.name for c in rows[1:] if _tied(c, best))
+    if after.adequate and tied:
+        names = (name, *dict.fromkeys(tied))
         test = NEXT_TEST.get(frozenset(names[:2]), "repeat the film with a 60 s hold and a 0.2 s step")
+        sentence = f"These data cannot tell {' from '.join(names)}; {change}."
         verdict = f"{' or '.join(names)}: run test {test}"
-        return result(
-            verdict,
-            f"These data cannot tell {' from '.join(names)}; {change}.",
-            best,
-            ties=(names,),
-            explained=explained,
-            test=test,
-        )
+        return replace(named, verdict=verdict, sentence=sentence, ties=(names,), next_test=test)
+    if after.adequate:
+        return replace(named, sentence=f"{name} is missing: {best.effect.sentence}; {change}.")
     if explained > EXPLAINED:
-        text = (
-            f"{best.effect.name} is the missing physics ({best.effect.sentence}), but its law is not exactly "
-            f"this one; {change}."
+        sentence = (
+            f"{name} is the missing physics ({best.effect.sentence}), but its law is not exactly this one; "
+            f"{change}."
         )
-        return result("right physics, wrong law", text, best, explained=explained)
-    text = (
-        f"The model is wrong by {base.rms_mm:.3f} mm rms, and the best effect of the library, "
-        f"{best.effect.name}, "
+        return replace(named, verdict="right physics, wrong law", sentence=sentence)
+    sentence = (
+        f"The model is wrong by {base.rms_mm:.3f} mm rms, and the best effect of the library, {name}, "
         f"explains only {100 * explained:.0f} % of it: something else is missing."
     )
-    return result("none of these", text, best, explained=explained, named=False)
+    return Diagnosis("none of these", sentence, explained=explained)
 
 
 def _tied(c: Candidate, best: Candidate) -> bool:
