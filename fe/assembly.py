@@ -5,11 +5,10 @@ doi 10.1016/0045-7949(87)90265-3); those that belong to corners are unknowns of 
 """
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import pairwise
 
 import numpy as np
 from scipy.special import erf
@@ -19,11 +18,11 @@ from fe.case import Case
 from fe.compiled import PAIRS
 from fe.element import Array, Element, Flags, Integers, scatter
 from fe.linear import Symmetric
+from fe.pattern import Pattern, Places
 from fe.pressure import PressureFaces
 
 THREADS = int(os.environ.get("OMP_NUM_THREADS") or os.cpu_count() or 1)
 _POOL = ThreadPoolExecutor(THREADS)
-_I, _J = (np.array(x) for x in zip(*PAIRS, strict=True))
 
 
 @dataclass(frozen=True)
@@ -202,43 +201,6 @@ class Linearised:
     lever: Array
 
 
-@dataclass(frozen=True)
-class Pattern:
-    """A sparse upper triangle (CSR) and where the entries of each family of small matrices go in it."""
-
-    indptr: Integers
-    indices: Integers
-    places: tuple[Integers, ...]
-
-    @staticmethod
-    def of(families: Sequence[tuple[Integers, Integers]], size: int) -> "Pattern":
-        """The pattern of entries at rows and columns of each family; -1 means nowhere."""
-        nowhere = size * size
-        keys = [np.where((r < 0) | (c < 0), nowhere, r * size + c).ravel() for r, c in families]
-        unique, place = np.unique(np.concatenate([*keys, [nowhere]]), return_inverse=True)
-        unique = unique[:-1]
-        indptr = np.searchsorted(unique, np.arange(size + 1) * size).astype(np.int64)
-        ends = np.cumsum([0, *(len(k) for k in keys)])
-        place = place.astype(np.int64, copy=False)
-        return Pattern(indptr, unique % size, tuple(place[a:b] for a, b in pairwise(ends)))
-
-    @cached_property
-    def _keys(self) -> Integers:
-        size = len(self.indptr) - 1
-        return np.repeat(np.arange(size), np.diff(self.indptr)) * size + self.indices
-
-    def at(self, rows: Integers, columns: Integers) -> Integers:
-        """The places of entries of the pattern."""
-        return np.searchsorted(self._keys, rows * (len(self.indptr) - 1) + columns)
-
-    def fill(self, parts: Sequence[Array]) -> Array:
-        """The sum (nnz,) of the entries of the first families."""
-        data = np.zeros(len(self.indices) + 1)
-        for place, values in zip(self.places, parts, strict=False):
-            compiled.scatter_add(place, values.ravel(), data)
-        return data[:-1]
-
-
 class Kernel:
     """One mesh with its supports: the sparsity pattern, and residual and tangent at any state."""
 
@@ -265,25 +227,32 @@ class Kernel:
         self._clamp_elements = np.flatnonzero(np.isin(self.connectivity, self.clamped).any(axis=1))
 
     @cached_property
-    def _pattern(self) -> "Pattern":
-        """Where the entries of elements and faces go in the free upper triangle."""
-        free = len(self.free)
+    def _number(self) -> Integers:
+        """The numbers (dofs,) of the free degrees of freedom among the unknowns; -1 where one is held."""
         number = np.full(self.dofs, -1, np.int64)
-        number[self.free] = np.arange(free)
-        e = number[self._element_dofs].reshape(len(self.connectivity), -1, 3)
-        # (e, a, pair, b); diagonal blocks hold both (a, b) and (b, a): only one of them counts
-        r, c = np.broadcast_arrays(e[:, :, _I][:, :, :, None], e.transpose(0, 2, 1)[:, _J][:, None])
-        twice = (r > c) & (_I == _J)[:, None]
-        stiffness = np.where(twice, -1, np.minimum(r, c)), np.where(twice, -1, np.maximum(r, c))
-        f = number[self.pressure.dofs]
-        r, c = np.broadcast_arrays(f[:, :, None], f[:, None, :])
-        face = np.where(r > c, -1, r), c
-        k = free + self._corner  # (e, m), or nothing where pressures are not shared
-        rows = e.reshape(len(e), -1) if k.size else np.empty((0, 0), np.int64)
-        a, b = np.broadcast_arrays(rows[:, :, None], k[:, None, :])
-        r, c = np.broadcast_arrays(k[:, :, None], k[:, None, :])
-        storage = np.where(r > c, -1, r), c
-        return Pattern.of([stiffness, face, (a, b), storage], free + self.shared)
+        number[self.free] = np.arange(len(self.free))
+        return number
+
+    @cached_property
+    def _pattern(self) -> Pattern:
+        """Of the free displacements and then the shared pressures."""
+        corners = len(self.free) + self._corner if self.shared else np.empty((len(self.connectivity), 0), int)
+        unknowns = np.concatenate([self._number[self._element_dofs], corners], axis=1)
+        return Pattern.of(unknowns, len(self.free) + self.shared)
+
+    @cached_property
+    def _places(self) -> tuple[Places, ...]:
+        """Where the entries of elements, of pressurised faces, and of shared pressures go in the pattern."""
+        pattern, e = self._pattern, self._number[self._element_dofs].reshape(*self.connectivity.shape, 3)
+        stiffness = np.empty((*e.shape[:2], len(PAIRS), e.shape[1]), np.int32)
+        for k, (i, j) in enumerate(PAIRS):  # a diagonal block holds both (a, b) and (b, a): only one counts
+            stiffness[:, :, k] = pattern.places(e[..., i], e[..., j], mirrored=i != j)
+        face = self._number[self.pressure.dofs]
+        found = stiffness, pattern.places(face, face)
+        if not self.shared:
+            return found
+        corners = len(self.free) + self._corner
+        return *found, pattern.places(e.reshape(len(e), -1), corners), pattern.places(corners, corners)
 
     @cached_property
     def matrix(self) -> Symmetric:
@@ -371,19 +340,16 @@ class Kernel:
             parts += [B, -g.mass / c.bulk[:, None, None]]
         total = self.gather(force) - load * self.pressure.force(x)
         turning, lever = self._turned(K, B, turn)
-        data = self._pattern.fill(parts)
+        data = self._pattern.fill(list(zip(self._places, parts, strict=True)))
         return Linearised(total, data, gap, B.reshape(size, 3 * n, m), compliance, turning, lever)
 
     def with_faces(self, data: Array, dofs: Integers, K: Array) -> Array:
         """The upper triangle `data` with symmetric matrices K (g, k, k) of faces of elements added, which are
         at the degrees of freedom (g, k)."""
-        number = np.full(self.dofs, -1, np.int64)
-        number[self.free] = np.arange(len(self.free))
-        r, c = np.broadcast_arrays(number[dofs][:, :, None], number[dofs][:, None, :])
-        kept = (r >= 0) & (r <= c)
-        data = data.copy()
-        np.add.at(data, self._pattern.at(r[kept], c[kept]), K[kept])
-        return data
+        rows = self._number[dofs]
+        data = np.append(data, 0.0)
+        np.add.at(data, self._pattern.places(rows, rows), K)
+        return data[:-1]
 
     def with_turned_faces(self, system: Linearised, dofs: Integers, K: Array, turn: Array) -> Linearised:
         """The system with the matrices K (g, k, k) of faces added, of which some may belong to the clamp."""

@@ -460,6 +460,30 @@ def tangents(F: Array, c: Array, scale: Array, pressure: Array, A: Array) -> Non
 
 
 @_compiled
+def places(
+    indptr: Integers, indices: Integers, rows: Integers, columns: Integers, mirrored: bool, out: Integers
+) -> None:
+    """Fills out (e, a, b): see `Pattern.places`."""
+    for e in range(len(rows)):
+        for a in range(rows.shape[1]):
+            for b in range(columns.shape[1]):
+                r, c = rows[e, a], columns[e, b]
+                if mirrored and r > c:
+                    r, c = c, r
+                if r < 0 or r > c:
+                    out[e, a, b] = len(indices)
+                    continue
+                low, high = indptr[r], indptr[r + 1]
+                while low < high:
+                    middle = (low + high) // 2
+                    if indices[middle] < c:
+                        low = middle + 1
+                    else:
+                        high = middle
+                out[e, a, b] = low
+
+
+@_compiled
 def scatter_add(place: Integers, values: Array, out: Array) -> None:
     """out[place] += values, both flat."""
     for k in range(len(values)):

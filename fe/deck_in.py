@@ -35,12 +35,13 @@ class Deck:
     files: tuple[Path, ...]
 
 
-def read_deck(path: Path) -> Deck:
+def read_deck(path: str | Path) -> Deck:
     """The case of a deck (its units are taken for mm, N, MPa), names of sets in small letters.
 
     Raises ValueError, with the line, for what is not supported or not complete; FileNotFoundError where there
     is no such file.
     """
+    path = Path(path)
     keywords = list(read_keywords(path))
     unknown = [k for k in keywords if k.name not in _READERS and k.name not in SILENT]
     if unknown:

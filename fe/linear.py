@@ -5,7 +5,8 @@ import weakref
 import numpy as np
 import scipy.sparse as sp
 
-from fe.element import Array, Integers
+from fe.element import Array
+from fe.pattern import Places
 
 try:
     from pypardiso import PyPardisoSolver
@@ -23,11 +24,11 @@ SMALL = 20_000
 class Symmetric:
     """One sparsity pattern, factorised many times; the symbolic analysis is done once.
 
-    indptr, indices: the CSR pattern of the upper triangle including the diagonal.
+    indptr, indices: the CSR pattern of the upper triangle including the diagonal, numbers of 32 bits.
     """
 
-    def __init__(self, indptr: Integers, indices: Integers) -> None:
-        self._indptr, self._indices = indptr.astype(np.int32), indices.astype(np.int32)  # for MKL
+    def __init__(self, indptr: Places, indices: Places) -> None:
+        self._indptr, self._indices = indptr, indices
         self._n = len(indptr) - 1
         self._analysed = False
         self._solver = PyPardisoSolver(mtype=-2) if PyPardisoSolver else None

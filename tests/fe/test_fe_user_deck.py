@@ -160,6 +160,16 @@ def test_data_lines_come_from_another_file(tube_deck: Tube, tmp_path: File) -> N
         np.testing.assert_array_equal(read_deck(deck).case.nodes, expected)
 
 
+def test_a_path_may_be_text(tube_deck: Tube, tmp_path: File) -> None:
+    deck = tube_deck(tmp_path, "C3D8H", cells=4)
+    here, there = read_deck(str(deck)), read_deck(deck)
+    np.testing.assert_array_equal(here.case.nodes, there.case.nodes)
+    assert here.files == there.files == (deck, tmp_path / "mesh.inc")
+    deck.write_text(deck.read_text().replace("*Output, field", "*Contact pair, x"))
+    with pytest.raises(ValueError, match=r"\*CONTACT PAIR \(line \d+\)"):
+        read_deck(str(deck))
+
+
 def test_an_instance_that_was_moved_and_turned(tube_deck: Tube, tmp_path: File) -> None:
     deck = tube_deck(tmp_path, "C3D8H", cells=4)
     here = read_deck(deck).case.nodes

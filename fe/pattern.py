@@ -1,0 +1,52 @@
+"""The unknowns of every element -> the sparse upper triangle of their matrix, and where entries go in it."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+from fe import compiled
+from fe.element import Array, Integers
+
+Places = NDArray[np.int32]
+ROWS = 4096  # found at once: a product of the whole weighs as much as the factors
+
+
+@dataclass(frozen=True)
+class Pattern:
+    """A sparse upper triangle with its diagonal (CSR)."""
+
+    indptr: Places
+    indices: Places
+
+    @staticmethod
+    def of(unknowns: Integers, size: int) -> "Pattern":
+        """The pattern in which all unknowns (e, k) of an element meet each other; -1 is none of them."""
+        e, k = np.nonzero(unknowns >= 0)
+        member = sp.csr_matrix((np.ones(len(e), bool), (e, unknowns[e, k])), shape=(len(unknowns), size))
+        of, indptr, indices = member.T.tocsr(), [np.zeros(1, np.int32)], []
+        for first in range(0, size, ROWS):
+            part = sp.triu(of[first : first + ROWS] @ member, first, format="csr")
+            part.sort_indices()
+            indptr.append(indptr[-1][-1] + part.indptr[1:])
+            indices.append(part.indices)
+        return Pattern(np.concatenate(indptr), np.concatenate(indices))
+
+    def places(self, rows: Integers, columns: Integers, *, mirrored: bool = False) -> Places:
+        """Where the entries (e, a, b) at rows (e, a) and columns (e, b) of its elements are.
+
+        Those below the diagonal are where their mirror images are if `mirrored`; else, as all at -1, they are
+        nowhere: behind the last.
+        """
+        out = np.empty((*rows.shape, columns.shape[1]), np.int32)
+        compiled.places(self.indptr, self.indices, rows, columns, mirrored, out)
+        return out
+
+    def fill(self, parts: Sequence[tuple[Places, Array]]) -> Array:
+        """The entries (nnz,): sums of values at places of one shape with them."""
+        data = np.zeros(len(self.indices) + 1)
+        for places, values in parts:
+            compiled.scatter_add(places.ravel(), values.ravel(), data)
+        return data[:-1]
