@@ -2,9 +2,10 @@
 
     python benchmarks/meshes.py [--quick] [--json]
 
-The error is U3 over the limit of the same geometry, to which the default lattice extrapolates when divided by
-1, 2 and 3 (benchmarks/convergence.py), minus 1. Seconds are of the processor, one thread, for a cold solve to
-0.03 MPa, what is done once for a mesh done before; a candidate needs the markers' stations among its nodes.
+The error is U3 over the limit of the same geometry, to which the default lattice, not centred on the pleats,
+extrapolates when divided by 1, 2 and 3 (benchmarks/convergence.py), minus 1. Seconds are of the processor, one
+thread, for a cold solve to 0.03 MPa, what is done once for a mesh done before; a candidate needs the markers'
+stations among its nodes.
 --quick takes a finger of three bellows: two minutes, else about ten and 5 GB.
 """
 
@@ -21,6 +22,8 @@ from convergence import PRESSURE, REFINEMENTS, SHORT, SILICONE, extrapolate, run
 from fe import Finger, Lattice, Path, finger_case, solve
 
 BASE = Lattice()
+# Centred cells are nearer to the limit than their size says until they are divided: no order is to be had.
+SETTLING = replace(BASE, centred=False)
 CANDIDATES = {
     **{f"{n} cells a bellow": replace(BASE, per_bellow=n) for n in (4, 6, 8)},
     **{f"{n}, not centred": replace(BASE, per_bellow=n, centred=False) for n in (4, 6, 8)},
@@ -85,7 +88,7 @@ def main() -> int:
     parser.add_argument("--json", action="store_true", help="the same as one JSON object")
     options = parser.parse_args()
     finger = SHORT if options.quick else Finger()
-    meshes = [run(finger, replace(BASE, refine=n)) for n in REFINEMENTS]
+    meshes = [run(finger, replace(SETTLING, refine=n)) for n in REFINEMENTS]
     limit = (extrapolate(tuple(r.tip for r in meshes))[1], extrapolate(tuple(r.middle for r in meshes))[1])
     rows = []
     for name, lattice in CANDIDATES.items():
@@ -98,7 +101,8 @@ def main() -> int:
         print(json.dumps(found | {"rows": [asdict(r) for r in rows]}))
     else:
         print_table(rows, limit, chosen)
-    return int(max(abs(default.tip_error), abs(default.middle_error)) > WANTED)
+    # not "> WANTED", which is false of a limit that is not to be had
+    return int(not max(abs(default.tip_error), abs(default.middle_error)) <= WANTED)
 
 
 def print_table(rows: list[Row], limit: tuple[float, float], chosen: Row | None) -> None:
