@@ -12,7 +12,9 @@ from vision.identity import Memory
 
 EVERY = 250  # frames in one file
 
-Row = tuple[Array, Array, NDArray[np.int8], Array, NDArray[np.bool_]]  # of a frame, see `vision.tracks`
+# What a frame shows, see `vision.tracks`.
+Row = tuple[Array, Array, NDArray[np.int8], Array, NDArray[np.bool_], Array]
+COLUMNS = 6
 
 
 class Keeper(Protocol):
@@ -38,7 +40,7 @@ class State:
 
 def stored(keeper: Keeper, stage: str, part: int, rows: list[Row], state: State) -> None:
     """Keep the rows of one part of a stage, and the state after them."""
-    arrays = {f"row{k}": np.array([row[k] for row in rows]) for k in range(5)}
+    arrays = {f"row{k}": np.array([row[k] for row in rows]) for k in range(COLUMNS)}
     kept = {f"memory_{f.name}": getattr(state.memory, f.name) for f in fields(Memory)}
     keeper.save(f"{stage}-{part:04d}", arrays | kept | {"last": state.last, "before": state.before})
 
@@ -48,7 +50,7 @@ def restored(keeper: Keeper, stage: str) -> tuple[list[Row], State | None, int]:
     rows: list[Row] = []
     state, part = None, 0
     while (found := keeper.load(f"{stage}-{part:04d}")) is not None:
-        columns = [found[f"row{k}"] for k in range(5)]
+        columns = [found[f"row{k}"] for k in range(COLUMNS)]
         rows += [tuple(column[i] for column in columns) for i in range(len(columns[0]))]
         memory = Memory(**{f.name: found[f"memory_{f.name}"] for f in fields(Memory)})
         state, part = State(found["last"], found["before"], memory), part + 1

@@ -156,15 +156,19 @@ def lay(
     scale: Any,
     warps: Any,
     correlation: Any,
+    sums: Any,
 ) -> None:
     """Move the warps (m,3,3) until the patches lie on the picture, in place; correlation (m,), 0 for failed.
 
     One pass over the points gives all sums of a step: the rows of `step` are orthogonal to a constant and to
-    the template, so that the sampled grey levels need no normalising first.
+    the template, so that the sampled grey levels need no normalising first. They are kept by quarters of the
+    patch: sums (m,4,10) with `step`, with the template and with 1, of normalised grey levels.
     """
     box, cut, held = np.empty(4), np.empty(4, np.int64), np.empty(4)
     change, after = np.empty(8), np.empty((3, 3))
+    quarter = np.empty((4, 10))
     count = grid.shape[1]
+    half = side // 2
     height, width = image.shape
     for m in range(len(warps)):
         template, steps, warp = grey[which[m]], step[which[m]], warps[m]
@@ -183,24 +187,31 @@ def lay(
                 held[1] = cut[1] + TRUSTED if cut[1] > 0 else 0.0
                 held[2] = cut[2] - 1 - TRUSTED if cut[2] < width else width - 1.0
                 held[3] = cut[3] - 1 - TRUSTED if cut[3] < height else height - 1.0
-            total, power, product = 0.0, 0.0, 0.0
-            for k in range(8):
-                change[k] = 0.0
-            for i in range(count):
-                x, y, _ = _pixel(lens, warp, grid[0, i], grid[1, i])
-                value = _spline_at(block, x - cut[0], y - cut[1])
-                total += value
-                power += value * value
-                product += value * template[i]
-                for k in range(8):
-                    change[k] += steps[i, k] * value
+            power = 0.0
+            quarter[:] = 0.0
+            for row in range(side):
+                for right in range(2):
+                    part = quarter[(2 if row >= half else 0) + right]
+                    total, product = 0.0, 0.0
+                    for i in range(row * side + right * half, row * side + (side if right else half)):
+                        x, y, _ = _pixel(lens, warp, grid[0, i], grid[1, i])
+                        value = _spline_at(block, x - cut[0], y - cut[1])
+                        total += value
+                        power += value * value
+                        product += value * template[i]
+                        for k in range(8):
+                            part[k] += steps[i, k] * value
+                    part[8] += product
+                    part[9] += total
+            product, total = quarter[:, 8].sum(), quarter[:, 9].sum()
             norm = np.sqrt(max(power - total * total / count, 1e-12))
             if not product > 0.0:
                 break
             for k in range(8):
-                change[k] /= norm
+                change[k] = quarter[:, k].sum() / norm
             if not _compose(warp, change, after):
                 break
             if scale[m] * max(abs(change[2]), abs(change[5])) <= CONVERGED_PX:
                 correlation[m] = product / norm
+                sums[m] = quarter / norm
                 break

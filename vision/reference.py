@@ -15,6 +15,7 @@ from vision.identity import GATE, assign
 from vision.marks import Mark, corner_warp, detect, dot_warp, px_per_unit
 from vision.plane import MIN_VISIBLE, fit_homography
 from vision.printed import CELLS_BEYOND, printed_centres
+from vision.uneven import Quarters, quarters
 from vision.video import Video
 
 MIN_REFERENCE = 10
@@ -39,6 +40,7 @@ class Follower:
     centre: Array  # (p,2) local coordinates of the mark's centre
     dots: dict[int, Dot]  # by row of the marks, as the first frame shows them
     least: Array  # (coded,) correlation below which a coded mark is not believed
+    quarters: Quarters  # of the templates
 
 
 def prepare(
@@ -65,7 +67,9 @@ def prepare(
     centre[coded] = printed_centres(
         mean[:, 0], single.grid, [marks[int(p)] for p in coded], dictionary, px_per_unit(seed[coded])
     )
-    return Follower(camera, tuple(marks), dictionary, seed, templates, coded, centre, dots, least)
+    return Follower(
+        camera, tuple(marks), dictionary, seed, templates, coded, centre, dots, least, quarters(templates)
+    )
 
 
 def _average(

@@ -97,7 +97,18 @@ def register(
     Inverse compositional, doi 10.1023/B:VISI.0000011205.11775.fd, on the cubic B-spline of the picture. A
     correlation of 0 means that the search left the picture, folded, or did not settle; nothing is raised.
     """
+    return register_quarters(image, lens, reference, start, scale, which)[:2]
+
+
+def register_quarters(
+    image: Picture, lens: Array, reference: Templates, start: Array, scale: Array, which: NDArray[np.intp]
+) -> tuple[Array, Array, Array]:
+    """Warps, correlations as from `register`, and sums (m,4,10) of each patch's quarters, see `uneven`.
+
+    The sums are those of normalised grey levels with `step`, with the template and with 1.
+    """
     warp, correlation = np.array(start, dtype=np.float64), np.zeros(len(start))
+    sums = np.zeros((len(start), 4, 10))
     grid = reference.grid
     compiled.lay(
         np.asarray(image, dtype=np.float32),  # one type, compiled once
@@ -110,8 +121,9 @@ def register(
         scale,
         warp,
         correlation,
+        sums,
     )
-    return warp, correlation
+    return warp, correlation, sums
 
 
 def centre_covariance(reference: Templates, linear: Array, correlation: Array) -> Array:

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from vision import fallback, registration
+from vision import fallback, registration, uneven
 from vision.camera import Array, Image
-from vision.checkpoint import EVERY, Keeper, Row, State, restored, stored
+from vision.checkpoint import COLUMNS, EVERY, Keeper, Row, State, restored, stored
 from vision.dots import eccentricity
 from vision.fallback import CORNERS, ECC, ECC_SD, LOST
 from vision.identity import Memory, follow_dots
@@ -64,14 +64,19 @@ def follow(
     keeper: where a killed run left what it had followed, and where this one does.
     """
     rows, absent = _rows(film, follower, stage, progress, keeper)
-    warp, match, method, spread, unknown = (np.array([row[k] for row in rows]) for k in range(5))
+    warp, match, method, spread, unknown, leaning = (
+        np.array([row[k] for row in rows]) for k in range(COLUMNS)
+    )
+    more = uneven.stated(leaning, np.isin(method, (REGISTERED, FOUND_AGAIN)))
+    given_up = np.isinf(more)
+    warp[given_up], method[given_up], more[given_up] = np.nan, LOST, 0.0
     ideal = centres(warp, follower.centre)
     _straighten(follower, ideal)
     return Followed(
         film.time[: len(warp)],
         warp,
         ideal,
-        _covariance(warp, match, method, spread, follower),
+        _covariance(warp, match, method, spread, follower) + more[..., None, None] * np.eye(2),
         method,
         reference_frames(film, reference_s),
         (
@@ -108,7 +113,8 @@ def _nothing(count: int) -> Row:
     """The row of a frame that is not there: its correlations are -1."""
     lost = np.full((count, 3, 3), np.nan)
     none = np.zeros(count, dtype=bool)
-    return lost, np.full(count, -1.0), none.astype(np.int8), np.full((count, 2, 2), np.nan), none
+    spread, leaning = np.full((count, 2, 2), np.nan), np.full((count, 2), np.nan)
+    return lost, np.full(count, -1.0), none.astype(np.int8), spread, none, leaning
 
 
 def _absent(film: Video, absent: list[int]) -> tuple[str, ...]:
@@ -136,15 +142,15 @@ def centres(warp: Array, centre: Array) -> Array:
 
 
 def _next(image: Image, follower: Follower, state: State) -> tuple[Row, State]:
-    """What one frame shows (warp, match, method, spread, unknown), and the state for the next one."""
-    warp, match, method, spread = _step(image, follower, state)
+    """What one frame shows (warp, match, method, spread, unknown, leaning), and the state after it."""
+    warp, match, method, spread, leaning = _step(image, follower, state)
     memory = _dots(image, follower, state.memory, warp, match, method, spread)
     unknown = np.zeros(len(warp), dtype=bool)
     unknown[memory.rows] = memory.open
     # A lost mark is looked for where it was last seen.
     seen = np.isfinite(warp)
     before, last = np.where(seen, state.last, state.before), np.where(seen, warp, state.last)
-    return (warp, match, method, spread, unknown), State(last, before, memory)
+    return (warp, match, method, spread, unknown, leaning), State(last, before, memory)
 
 
 def _predict(last: Array, before: Array) -> Array:
@@ -165,13 +171,16 @@ def _advance(last: Array, before: Array) -> Array:
     return guess
 
 
-def _step(image: Image, follower: Follower, state: State) -> tuple[Array, Array, NDArray[np.int8], Array]:
-    """Warps, correlations, methods (p,) and corners' covariances (p,2,2) px2 in one picture."""
+def _step(
+    image: Image, follower: Follower, state: State
+) -> tuple[Array, Array, NDArray[np.int8], Array, Array]:
+    """Warps, correlations, methods (p,), corners' covariances (p,2,2) px2 and `lean` (p,2) in one picture."""
     guess, count = _predict(state.last, state.before), len(follower.marks)
     warp, match = np.full((count, 3, 3), np.nan), np.zeros(count)
     method, spread = np.zeros(count, dtype=np.int8), np.full((count, 2, 2), np.nan)
+    leaning = np.full((count, 2), np.nan)
     rows = np.flatnonzero(np.isfinite(guess[follower.coded, 0, 0]))
-    _lay(image, follower, rows, guess, REGISTERED, warp, match, method)
+    _lay(image, follower, rows, guess, REGISTERED, warp, match, method, leaning)
     failed = [i for i in rows if method[follower.coded[i]] == LOST]
     if failed:
         found, _ = detect(image, follower.dictionary)
@@ -182,13 +191,14 @@ def _step(image: Image, follower: Follower, state: State) -> tuple[Array, Array,
         }
         for i, corners in quads.items():
             guess[follower.coded[i]] = corner_warp(corners)
-        _lay(image, follower, np.array(list(quads), dtype=np.intp), guess, FOUND_AGAIN, warp, match, method)
+        again = np.array(list(quads), dtype=np.intp)
+        _lay(image, follower, again, guess, FOUND_AGAIN, warp, match, method, leaning)
         for i in failed:
             p = int(follower.coded[i])
             if method[p] == LOST:
                 place = fallback.place(image, follower, int(i), guess[p], quads.get(i), state.last[p])
                 warp[p], match[p], method[p], spread[p] = place
-    return warp, match, method, spread
+    return warp, match, method, spread, leaning
 
 
 def _lay(
@@ -200,12 +210,13 @@ def _lay(
     warp: Array,
     match: Array,
     method: NDArray[np.int8],
+    leaning: Array,
 ) -> None:
     """Register some coded marks from their guesses; those that correlate well enough are written."""
     marks = follower.coded[rows]
     if not len(rows):
         return
-    laid, correlation = registration.register(
+    laid, correlation, sums = registration.register_quarters(
         image,
         registration.lens(follower.camera),
         follower.templates,
@@ -215,6 +226,7 @@ def _lay(
     )
     good = correlation > follower.least[rows]
     warp[marks[good]], match[marks[good]], method[marks[good]] = laid[good], correlation[good], code
+    leaning[marks[good]] = uneven.lean(follower.quarters, rows[good], sums[good], laid[good, :2, :2])
 
 
 def _memory(follower: Follower) -> Memory:
