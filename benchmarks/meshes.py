@@ -3,9 +3,9 @@
     python benchmarks/meshes.py [--quick] [--json]
 
 The error is U3 over the limit of the same geometry, to which the default lattice, not centred on the pleats,
-extrapolates when divided by 1, 2 and 3 (benchmarks/convergence.py), minus 1. Seconds are of the processor, one
-thread, for a cold solve to 0.03 MPa, what is done once for a mesh done before; a candidate needs the markers'
-stations among its nodes.
+extrapolates when divided by 1, 2 and 3 (benchmarks/convergence.py), minus 1. Seconds are of the processor,
+one thread, for a cold solve to 0.03 MPa, what is done once for a mesh done before; a candidate needs the
+markers' stations among its nodes.
 --quick takes a finger of three bellows: two minutes, else about ten and 5 GB.
 """
 
