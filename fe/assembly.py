@@ -8,7 +8,8 @@ import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, reduce
+from typing import TypeVar
 
 import numpy as np
 from scipy.special import erf
@@ -23,6 +24,7 @@ from fe.pressure import PressureFaces
 
 THREADS = int(os.environ.get("OMP_NUM_THREADS") or os.cpu_count() or 1)
 _POOL = ThreadPoolExecutor(THREADS)
+_T = TypeVar("_T")
 
 
 @dataclass(frozen=True)
@@ -245,8 +247,8 @@ class Kernel:
         """Where the entries of elements, of pressurised faces, and of shared pressures go in the pattern."""
         pattern, e = self._pattern, self._number[self._element_dofs].reshape(*self.connectivity.shape, 3)
         stiffness = np.empty((*e.shape[:2], len(PAIRS), e.shape[1]), np.int32)
-        for k, (i, j) in enumerate(PAIRS):  # a diagonal block holds both (a, b) and (b, a): only one counts
-            stiffness[:, :, k] = pattern.places(e[..., i], e[..., j], mirrored=i != j)
+        for k, (i, j) in enumerate(PAIRS):
+            stiffness[:, :, k] = pattern.places(e[..., i], e[..., j], mirrored=True)
         face = self._number[self.pressure.dofs]
         found = stiffness, pattern.places(face, face)
         if not self.shared:
@@ -259,14 +261,11 @@ class Kernel:
         """The solver for this pattern."""
         return Symmetric(self._pattern.indptr, self._pattern.indices)
 
-    def _each(self, work: Callable[[int, int], None]) -> None:
-        """Run `work` on the elements first .. last, shared by all threads: compiled code lets go of the
-        interpreter."""
+    def _each(self, work: Callable[[int, int], _T]) -> list[_T]:
+        """The results of `work` on the elements first .. last, shared by all threads: compiled code lets go
+        of the interpreter."""
         ends = np.linspace(0, len(self.connectivity), THREADS + 1).astype(int).tolist()
-        if THREADS == 1:
-            work(0, ends[-1])
-        else:
-            list(_POOL.map(work, ends[:-1], ends[1:]))
+        return [work(0, ends[-1])] if THREADS == 1 else list(_POOL.map(work, ends[:-1], ends[1:]))
 
     def _remembered(self, memory: Memory | None) -> tuple[Array, Array, Array, Array, Flags]:
         """Scale (e,), carried stress and softening of a memory, or of none."""
@@ -325,23 +324,31 @@ class Kernel:
         Any J <= 0 gives NaN entries, which the caller treats as a failed step.
         """
         g, (size, n), m = self.geometry, self.connectivity.shape, self.modes
-        force, gap = np.empty((size, n, 3)), np.empty((size, m))
-        K, B = np.empty((size, n, 6, n)), np.empty((size, n, 3, m))
+        force, gap, B = np.empty((size, n, 3)), np.empty((size, m)), np.empty((size, n, 3, m))
+        kept = np.empty((len(self._clamp_elements), n, len(PAIRS), n))
+        slots = np.full(size, -1)
+        slots[self._clamp_elements] = np.arange(len(kept))
         compliance, remembered = g.compliance(c.bulk), self._remembered(memory)
-        self._each(
-            lambda a, b: compiled.linearise(
+        stiffness, *places = self._places
+
+        def assembled(a: int, b: int) -> Array:
+            data = np.zeros(len(self._pattern.indices) + 1)  # and one for what is nowhere
+            compiled.linearise(
                 g.G, g.rest, g.weight, g.psi, self.connectivity, state.u, state.p, c.table, c.bulk,
-                *remembered, compliance, a, b, force, gap, K, B,
-            )
-        )  # fmt: skip
+                *remembered, compliance, a, b, force, gap, B, stiffness, data, slots, kept,
+            )  # fmt: skip
+            return data
+
+        data = reduce(np.add, self._each(assembled))
         x = g.nodes + state.u
-        parts = [K, -load * self.pressure.tangent(x)]
+        parts = [-load * self.pressure.tangent(x)]
         if self.element.shared:
             parts += [B, -g.mass / c.bulk[:, None, None]]
+        for place, values in zip(places, parts, strict=True):
+            compiled.scatter_add(place.ravel(), values.ravel(), data)
         total = self.gather(force) - load * self.pressure.force(x)
-        turning, lever = self._turned(K, B, turn)
-        data = self._pattern.fill(list(zip(self._places, parts, strict=True)))
-        return Linearised(total, data, gap, B.reshape(size, 3 * n, m), compliance, turning, lever)
+        turning, lever = self._turned(kept, B[self._clamp_elements], turn)
+        return Linearised(total, data[:-1], gap, B.reshape(size, 3 * n, m), compliance, turning, lever)
 
     def with_faces(self, data: Array, dofs: Integers, K: Array) -> Array:
         """The upper triangle `data` with symmetric matrices K (g, k, k) of faces of elements added, which are
@@ -366,19 +373,20 @@ class Kernel:
         )
 
     def _turned(self, K: Array, B: Array, turn: Array) -> tuple[Array, Array]:
-        """The tangent times a rigid rotation of the clamp: for the unknowns (f,) and for the nodes (n, 3)."""
+        """The tangent of the clamp's elements, blocks K (k, n, 6, n) and coupling B (k, n, 3, m), times a
+        rigid rotation of the clamp: for the unknowns (f,) and for the nodes (n, 3)."""
         motion = np.zeros((self.dofs // 3, 3))
         motion[self.clamped] = turn
         chosen = self._clamp_elements
         t = motion[self.connectivity[chosen]]  # (e, n, 3)
         out = np.zeros_like(t)
         for k, (i, j) in enumerate(PAIRS):
-            block = K[chosen, :, k]
+            block = K[:, :, k]
             out[..., i] += np.einsum("eab,eb->ea", block, t[..., j])
             if i != j:
                 out[..., j] += np.einsum("eab,ea->eb", block, t[..., i])
         lever = scatter(self._element_dofs[chosen], out, self.dofs)
-        gap = np.einsum("eaik,eai->ek", B[chosen], t) if self.shared else np.empty((0, 0))
+        gap = np.einsum("eaik,eai->ek", B, t) if self.shared else np.empty((0, 0))
         corner = self._corner[chosen] if self.shared else np.empty((0, 0), np.int64)
         return np.concatenate([lever[self.free], scatter(corner, gap, self.shared)]), lever.reshape(-1, 3)
 

@@ -355,16 +355,21 @@ def linearise(
     G: Array, rest: Array, w: Array, psi: Array, connectivity: Integers, u: Array, p: Array, c: Array,
     bulk: Array,
     scale: Array, carried: Array, soft: Array, peak: Array, sides: Flags, compliance: Array,
-    first: int, last: int, force: Array, gap: Array, K: Array, B: Array,
+    first: int, last: int, force: Array, gap: Array, B: Array, places: Integers, data: Array,
+    slots: Integers, kept: Array,
 ) -> None:  # fmt: skip
-    """As `residual`, with the pressure eliminated by its compliance (e, m, m): condensed forces, the blocks
-    K (e, n, 6, n) of the tangent's PAIRS, and the coupling B (e, n, 3, m)."""
+    """As `residual`, with the pressure eliminated by its compliance (e, m, m): condensed forces and the
+    coupling B (e, n, 3, m).
+
+    The blocks (n, 6, n) of the tangent's PAIRS are added to `data` at their `places` (e, n, 6, n), of those
+    on the diagonal one half; those of elements with slots (e,) from 0 on are kept there, (k, n, 6, n).
+    """
     points, n, modes = G.shape[1], connectivity.shape[1], psi.shape[2]
     ue, work, A = np.empty((3, n)), np.empty((7, 3, 3)), np.empty((6, 3, 3))
     F, C, a, g, m, P, h = work[0], work[1], work[2], work[3], work[4], work[5], work[6]
     flux, spread = np.empty((points, 3, 3)), np.empty((points, 3, 3, modes))
     T, rows = np.empty((points, 3, 6, n)), np.empty((3, modes, n))
-    eliminated, given = np.empty(modes), np.empty((3, modes))
+    eliminated, given, K = np.empty(modes), np.empty((3, modes)), np.empty((n, 6, n))
     for e in range(first, last):
         _gathered(u, connectivity[e], ue)
         gap[e] = 0.0
@@ -404,7 +409,7 @@ def linearise(
                         T[q, k, pair, b] = t0 * G[e, q, 0, b] + t1 * G[e, q, 1, b] + t2 * G[e, q, 2, b]
         Gt = G[e].reshape(3 * points, n).T
         np.dot(Gt, flux.reshape(3 * points, 3), force[e])
-        np.dot(Gt, T.reshape(3 * points, 6 * n), K[e].reshape(n, 6 * n))
+        np.dot(Gt, T.reshape(3 * points, 6 * n), K.reshape(n, 6 * n))
         np.dot(Gt, spread.reshape(3 * points, 3 * modes), B[e].reshape(n, 3 * modes))
         for r in range(modes):
             eliminated[r] = 0.0
@@ -424,16 +429,22 @@ def linearise(
                     given[i, r] = value
             for pair in range(6):
                 i, j = PAIRS[pair]
+                half = d if pair < 3 else 0
+                begin = 0 if slots[e] >= 0 else half
                 if modes == 4:  # at once, or the row is read and written four times
                     x0, x1, x2, x3 = given[i, 0], given[i, 1], given[i, 2], given[i, 3]
-                    for b in range(n):
-                        K[e, d, pair, b] += (
+                    for b in range(begin, n):
+                        K[d, pair, b] += (
                             x0 * rows[j, 0, b] + x1 * rows[j, 1, b] + x2 * rows[j, 2, b] + x3 * rows[j, 3, b]
                         )
-                    continue
-                for r in range(modes):
-                    for b in range(n):
-                        K[e, d, pair, b] += given[i, r] * rows[j, r, b]
+                else:
+                    for r in range(modes):
+                        for b in range(begin, n):
+                            K[d, pair, b] += given[i, r] * rows[j, r, b]
+                for b in range(half, n):
+                    data[places[e, d, pair, b]] += K[d, pair, b]
+        if slots[e] >= 0:
+            kept[slots[e]] = K
 
 
 @_compiled

@@ -1,6 +1,5 @@
 """The unknowns of every element -> the sparse upper triangle of their matrix, and where entries go in it."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -8,7 +7,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from fe import compiled
-from fe.element import Array, Integers
+from fe.element import Integers
 
 Places = NDArray[np.int32]
 ROWS = 4096  # found at once: a product of the whole weighs as much as the factors
@@ -43,10 +42,3 @@ class Pattern:
         out = np.empty((*rows.shape, columns.shape[1]), np.int32)
         compiled.places(self.indptr, self.indices, rows, columns, mirrored, out)
         return out
-
-    def fill(self, parts: Sequence[tuple[Places, Array]]) -> Array:
-        """The entries (nnz,): sums of values at places of one shape with them."""
-        data = np.zeros(len(self.indices) + 1)
-        for places, values in parts:
-            compiled.scatter_add(places.ravel(), values.ravel(), data)
-        return data[:-1]

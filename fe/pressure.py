@@ -20,6 +20,9 @@ class PressureFaces:
         self._weight = element.face_weights
         self._N, self._dN = element.on_face(element.face_points)
         self._count = count
+        # w (N_a dN_b - dN_a N_b) / 2, of the slopes along s and t (2, q, a, b)
+        along = np.einsum("q,qa,qbk->kqab", self._weight, self._N, self._dN)
+        self._swept = 0.5 * (along - np.swapaxes(along, 2, 3))
 
     def _tangents(self, x: Array) -> tuple[Array, Array]:
         t = np.einsum("fai,qak->kfqi", x[self.faces], self._dN, optimize=True)
@@ -33,19 +36,11 @@ class PressureFaces:
 
     def tangent(self, x: Array) -> Array:
         """Symmetric element tangents (f, 3 m, 3 m) mm, d force / d x, at deformed positions x (n, 3) mm."""
+        # d(s x t) = ds x t - dt x s; the symmetric part of N_a dN_b [t]_ij, a matrix of t x, turns a and b
         s, t = self._tangents(x)
-        # d(s x t) = -[t] ds + [s] dt, with [v] the matrix of v x
-        by_s = np.einsum(
-            "q,qa,qb,fqij->faibj", self._weight, self._N, self._dN[..., 0], -_cross_matrix(t), optimize=True
-        )
-        by_t = np.einsum(
-            "q,qa,qb,fqij->faibj", self._weight, self._N, self._dN[..., 1], _cross_matrix(s), optimize=True
-        )
-        full = -(by_s + by_t).reshape(len(s), self.dofs.shape[1], self.dofs.shape[1])
-        return 0.5 * (full + np.swapaxes(full, 1, 2))
-
-
-def _cross_matrix(v: Array) -> Array:
-    out = np.zeros((*v.shape, 3))
-    out[..., 0, 1], out[..., 0, 2], out[..., 1, 2] = -v[..., 2], v[..., 1], -v[..., 0]
-    return out - np.swapaxes(out, -1, -2)
+        v = np.einsum("kqab,kfqi->ifab", self._swept, np.stack([t, -s]), optimize=True)
+        faces, nodes = self.faces.shape
+        out = np.zeros((faces, nodes, 3, nodes, 3))
+        for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+            out[:, :, i, :, j], out[:, :, j, :, i] = -v[k], v[k]
+        return out.reshape(faces, 3 * nodes, 3 * nodes)
