@@ -17,9 +17,11 @@ import numpy as np
 from fe import Case, Finger, Lattice
 from fe.case import digest
 from twin import virtual
+from twin.config import DiagnoseTable
 from twin.diagnose import Diagnosis, diagnose
 from twin.discretisation import Discretisation, discretisation
-from twin.effects import library
+from twin.effect import Effect
+from twin.effects import effect
 from twin.fitting import fit_model, measured_remainder, whitener_of
 from twin.model import Model, base_case, base_model
 from twin.parallel import WORKERS, finished
@@ -32,6 +34,7 @@ NAMES = ("p1", "p2", "p3", "middle", "p5", "p6", "tip")
 WANTED = 0.95  # share of right verdicts: 19 of 20
 # Where every prefit starts: the study's constants.
 NOMINAL = np.array([0.214, 0.083])  # MPa, C10 and C01
+CANDIDATES = tuple(effect(label) for label in DiagnoseTable().candidates)  # those of a new project
 
 
 def marked_points() -> Array:
@@ -112,13 +115,16 @@ def prepared(case: Case, targets: Targets) -> tuple[Model, Array, Discretisation
 
 
 def verdicts(
-    laboratory: Laboratory, prefit: tuple[Model, Array, Discretisation], seeds: Sequence[int]
+    laboratory: Laboratory,
+    prefit: tuple[Model, Array, Discretisation],
+    effects: Sequence[Effect],
+    seeds: Sequence[int],
 ) -> list[Diagnosis]:
     """The diagnoses of these draws, a printed line for each."""
     case, found, (model, start, mesh) = base_case(lattice=Lattice()), [], prefit
     for seed in seeds:
         began = time.perf_counter()
-        said = diagnose(model, library(), laboratory.targets(case, seed), seed=0, start=start, mesh=mesh)
+        said = diagnose(model, effects, laboratory.targets(case, seed), seed=0, start=start, mesh=mesh)
         found.append(said)
         print(f"{seed:5d} {_numbers(said)} {time.perf_counter() - began:10.0f} "
               f"{np.nan if said.explained is None else said.explained:10.2f}  {said.verdict} "
@@ -134,7 +140,12 @@ def _numbers(said: Diagnosis) -> str:
 
 
 def report(
-    title: str, laboratory: Laboratory, count: int, *, right: Callable[[Diagnosis], bool]
+    title: str,
+    laboratory: Laboratory,
+    count: int,
+    *,
+    right: Callable[[Diagnosis], bool],
+    effects: Sequence[Effect] = CANDIDATES,
 ) -> tuple[bool, list[Diagnosis]]:
     """Prints a table of `count` draws; says whether at least 19 of 20 are right, and the draws."""
     print(f"{title}: {count} draws", flush=True)
@@ -142,7 +153,7 @@ def report(
     prefit = prepared(case, laboratory.targets(case, 0))
     print(f"{'seed':>5s} {'before':>7s} {'after':>7s} {'noise':>7s}  mm rms   s  explained  verdict (law)")
     shares = [range(k, count, WORKERS) for k in range(min(WORKERS, count))]
-    tasks = [partial(verdicts, laboratory, prefit, seeds) for seeds in shares]
+    tasks = [partial(verdicts, laboratory, prefit, effects, seeds) for seeds in shares]
     found = [said for _, some in finished(tasks, workers=WORKERS) for said in some]
     good = sum(map(right, found))
     print(f"{title}: {good} of {count} right, wanted {WANTED:.0%}", flush=True)
