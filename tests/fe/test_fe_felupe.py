@@ -1,30 +1,21 @@
-"""One distorted element against FElupe, an independent code: the condensed nodal forces at a random state."""
+"""Against FElupe, an independent code: condensed forces of one distorted element, and a whole finger."""
 
+import sys
 from collections.abc import Callable
+from pathlib import Path as File
 
 import numpy as np
 import pytest
 
-from fe import Case, Material
+from fe import Case, Material, Path, solve
 from fe.assembly import Constants, Kernel, State
-from fe.element import HEX27, Array
+from fe.convert import converted
+from fe.element import HEX27
 
 felupe = pytest.importorskip("felupe")
+sys.path.append(str(File(__file__).resolve().parents[2] / "benchmarks"))
 
-# FElupe's local order of the 27 nodes, from its own element's points
-ORDER = np.array([1, 3, 9]) @ (np.array(felupe.TriQuadraticHexahedron().points, int).T + 1)
-
-
-def transposed_inverse(F: Array) -> Array:
-    """F^-T for F (3, 3, q, e)."""
-    return felupe.math.transpose(felupe.math.inv(F))
-
-
-def rivlin(F: Array, J: Array, C01: float) -> Array:
-    """FElupe has no closed-form C01 term: P = tau F^-T, tau = dev 2 C01 (I1 b - b b) with the isochoric b."""
-    b = felupe.math.dot(F, felupe.math.transpose(F)) * J ** (-2 / 3)
-    tau = 2 * C01 * (felupe.math.trace(b) * b - felupe.math.dot(b, b))
-    return felupe.math.dot(felupe.math.dev(tau), transposed_inverse(F))
+from felupe_model import ORDER, MooneyRivlin, solved  # noqa: E402
 
 
 def test_one_element_against_felupe(cube: Callable[..., Case]) -> None:
@@ -47,8 +38,8 @@ def test_one_element_against_felupe(cube: Callable[..., Case]) -> None:
     psi = np.concatenate([np.ones((len(x), 1)), x], axis=1)
     modes = np.linalg.solve(psi.T @ (dV[:, None] * psi), psi.T @ (dV * material.bulk * (J[:, 0] - 1)))
     q = (psi @ modes)[:, None]
-    neo_hooke = felupe.NeoHooke(mu=2 * material.C10, bulk=0.0).gradient([F, None])[0]
-    P = neo_hooke + rivlin(F, J, material.C01) + q * J * transposed_inverse(F)
+    P = MooneyRivlin(material).gradient([F, None])[0]
+    P = P + q * J * felupe.math.transpose(felupe.math.inv(F))
     theirs = felupe.IntegralForm([P], field, region.dV).assemble().toarray().reshape(-1, 3)
     kernel, c = Kernel(case), Constants.of(case)
     none = State(u, np.zeros((1, 4)))
@@ -57,3 +48,13 @@ def test_one_element_against_felupe(cube: Callable[..., Case]) -> None:
     ours, _ = kernel.residual(State(u, p), c, 0.0, None, kernel.geometry)
     assert np.abs(ours).max() > 0.01  # N
     np.testing.assert_allclose(ours, theirs, atol=1e-10)
+
+
+def test_a_finger_against_felupe(short: Case) -> None:
+    # the same discrete problem: three fields whose volume ratio and pressure are constant in each element
+    case, pressure = converted(short, "C3D8"), 0.02
+    ours = solve(case, Path(np.array([0.0, 1.0]), np.array([0.0, pressure]), np.array([1.0])))
+    theirs = solved(case, pressure, steps=4)
+    assert np.abs(theirs.u).max() > 1.0  # mm
+    # Newton's last correction is below 1e-7 of the size of 43 mm, and what it leaves its square
+    np.testing.assert_allclose(ours.fields([0])[0], theirs.u, atol=1e-8)
