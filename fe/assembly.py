@@ -191,7 +191,8 @@ class Linearised:
     force (n, 3) N is the condensed residual; data (nnz,) the upper triangle of its tangent, free
     displacements and then shared pressures; coupling (e, 3 n, m) and compliance (e, m, m) give the pressure
     update; turning (f,) is the tangent times the clamp's rigid rotation for the unknowns, lever (n, 3) N the
-    same for the clamp nodes.
+    same for the clamp nodes; border, degrees of freedom (g, k) and matrices (g, k, k) N/mm, is what of the
+    tangent is not symmetric, where the pressurised surface has open edges.
     """
 
     force: Array
@@ -201,6 +202,7 @@ class Linearised:
     compliance: Array
     turning: Array
     lever: Array
+    border: tuple[Integers, Array] | None = None
 
 
 class Kernel:
@@ -220,6 +222,7 @@ class Kernel:
         self.clamped = case.node_sets[case.clamp.nodes] if case.clamp else np.empty(0, np.int64)
         held[self.clamped] = True
         self.free = np.flatnonzero(~held.ravel())
+        self._open = self.pressure.open_edges(case.nodes, ~held.ravel())
         width = self.connectivity.shape[1]
         self._element_dofs = (self.connectivity[:, :, None] * 3 + np.arange(3)).reshape(-1, 3 * width)
         # numbers (e, m) of shared pressures, from 0
@@ -348,7 +351,13 @@ class Kernel:
             compiled.scatter_add(place.ravel(), values.ravel(), data)
         total = self.gather(force) - load * self.pressure.force(x)
         turning, lever = self._turned(kept, B[self._clamp_elements], turn)
-        return Linearised(total, data[:-1], gap, B.reshape(size, 3 * n, m), compliance, turning, lever)
+        border = None
+        if len(self._open):
+            dofs, C = self.pressure.antisymmetric(x, self._open)
+            border = dofs, -load * C
+        return Linearised(
+            total, data[:-1], gap, B.reshape(size, 3 * n, m), compliance, turning, lever, border
+        )
 
     def with_faces(self, data: Array, dofs: Integers, K: Array) -> Array:
         """The upper triangle `data` with symmetric matrices K (g, k, k) of faces of elements added, which are

@@ -19,6 +19,9 @@ except ImportError:  # MKL is not available on this platform
 # SMALL unknowns minimum degree (2: 0) factorises in 0.8 of the time of nested dissection.
 SETTINGS = {1: 1, 2: 2, 8: 0, 10: 8, 21: 1}
 SMALL = 20_000
+# Of a column's largest entry, the least that SuperLU keeps on the diagonal: with 1, the default, factors fill
+# and take twenty times as long.
+PIVOT = 0.01
 
 
 class Symmetric:
@@ -44,7 +47,10 @@ class Symmetric:
         if self._solver is None:
             full = matrix + sp.triu(matrix, 1).T
             self._lu = sp.linalg.splu(
-                full.tocsc(), permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True}
+                full.tocsc(),
+                permc_spec="MMD_AT_PLUS_A",
+                diag_pivot_thresh=PIVOT,
+                options={"SymmetricMode": True},
             )
             return
         self._matrix = matrix

@@ -5,12 +5,13 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from scipy.sparse import csr_matrix
 
 from fe.assembly import Constants, Geometry, Kernel, Linearised, Memory, State
 from fe.case import Case
 from fe.contact import PlaneFaces
-from fe.coupled import coupled
-from fe.element import Array, Integers
+from fe.coupled import addition, coupled
+from fe.element import Array
 from fe.layer import LayerFaces
 
 # Last correction: of u against the structure's size, of p against a tenth of the shear modulus. The tangent
@@ -153,7 +154,9 @@ class Step:
         # as many as there are shared pressures belong to the mixed form
         self.negative = max(0, (below or 0) - kernel.shared)
         self._compliance = clamp.compliance if clamp else 0.0
-        self._sliding = problem.plane.coupling(problem.case.nodes + state.u) if problem.plane else None
+        sliding = problem.plane.coupling(problem.case.nodes + state.u) if problem.plane else None
+        parts = [part for part in (sliding, system.border) if part is not None]
+        self._addition = addition(parts, kernel.dofs) if parts else None
         _, self._turn, bend = problem.clamp_motion(state.rotation)
         self._side = system.turning
         self._stiffness = float(
@@ -168,19 +171,16 @@ class Step:
     def solve(self, residuals: Sequence[Residual]) -> list[State]:
         """For each change of the residuals the change of state that cancels it."""
         changes = self._symmetric(residuals)
-        if self._sliding is None:
-            return changes
-        return [self._slid(change, *self._sliding) for change in changes]
+        return changes if self._addition is None else [self._with(self._addition, c) for c in changes]
 
-    def _slid(self, change: State, dofs: Integers, C: Array) -> State:
-        """The change of state with what sliding adds to the tangent."""
+    def _with(self, C: csr_matrix, change: State) -> State:
+        """The change of state with an addition C (3 n, 3 n) to the tangent."""
         none = np.zeros_like(self.system.gap)
 
         def answer(force: Array) -> State:
-            return self._symmetric([Residual(force.reshape(-1, 3), none, 0.0)])[0]  # no face is clamped
+            return self._symmetric([Residual(force.reshape(-1, 3), none, 0.0)])[0]  # the clamp feels none
 
-        force = coupled(dofs, C, change.u.ravel(), lambda f: answer(f).u.ravel())
-        return moved(change, answer(force))
+        return moved(change, answer(coupled(C, change.u.ravel(), lambda f: answer(f).u.ravel())))
 
     def _symmetric(self, residuals: Sequence[Residual]) -> list[State]:
         kernel = self.problem.kernel

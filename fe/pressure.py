@@ -2,12 +2,13 @@
 
 f_a = - int N_a (x,s x x,t) ds dt per unit pressure, with the normal out of the material. On a closed chamber
 (or one closed by symmetry planes) the pressure has the potential p V, so the tangent is symmetric (Bufler
-1984, doi 10.1002/zamm.19840640704); the antisymmetric part of each face cancels in the sum and is dropped.
+1984, doi 10.1002/zamm.19840640704): the antisymmetric parts of faces cancel but for an integral along edges
+that belong to one face alone.
 """
 
 import numpy as np
 
-from fe.element import Array, Element, Integers, scatter
+from fe.element import Array, Element, Flags, Integers, gauss, scatter
 
 
 class PressureFaces:
@@ -23,6 +24,7 @@ class PressureFaces:
         # w (N_a dN_b - dN_a N_b) / 2, of the slopes along s and t (2, q, a, b)
         along = np.einsum("q,qa,qbk->kqab", self._weight, self._N, self._dN)
         self._swept = 0.5 * (along - np.swapaxes(along, 2, 3))
+        self.edges = _edges(self.faces, element)
 
     def _tangents(self, x: Array) -> tuple[Array, Array]:
         t = np.einsum("fai,qak->kfqi", x[self.faces], self._dN, optimize=True)
@@ -44,3 +46,41 @@ class PressureFaces:
         for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
             out[:, :, i, :, j], out[:, :, j, :, i] = -v[k], v[k]
         return out.reshape(faces, 3 * nodes, 3 * nodes)
+
+    def open_edges(self, x: Array, free: Flags) -> Integers:
+        """The edges (g, k), of one face alone, along which the work of the pressure depends on the way: not
+        those on held degrees of freedom or in planes of symmetry. x (n, 3) mm, free (3 n,)."""
+        dofs, C = self.antisymmetric(x, self.edges)
+        both = free[dofs][:, :, None] & free[dofs][:, None]
+        return self.edges[(np.abs(C) * both).max(axis=(1, 2), initial=0.0) > 0.0]
+
+    def antisymmetric(self, x: Array, edges: Integers) -> tuple[Integers, Array]:
+        """Degrees of freedom (g, 3 k) of edges (g, k), and what they add to the tangent (g, 3 k, 3 k) mm at
+        deformed positions x (n, 3) mm: half the integral of N_a N_b [dx], [v] being the matrix of v x."""
+        (s, w), size = gauss(1), edges.shape[1]
+        s = s[:, 0]
+        value = [s * (s - 1) / 2, 1 - s * s, s * (s + 1) / 2] if size == 3 else [(1 - s) / 2, (1 + s) / 2]
+        slope = [s - 0.5, -2 * s, s + 0.5] if size == 3 else [0 * s - 0.5, 0 * s + 0.5]
+        N, dN = np.stack(value, axis=1), np.stack(slope, axis=1)
+        turn = _cross_matrix(np.einsum("qa,gai->gqi", dN, x[edges]))
+        C = 0.5 * np.einsum("q,qa,qb,gqij->gaibj", w, N, N, turn, optimize=True)
+        dofs = (edges[:, :, None] * 3 + np.arange(3)).reshape(len(edges), 3 * size)
+        return dofs, C.reshape(len(edges), 3 * size, 3 * size)
+
+
+def _edges(faces: Integers, element: Element) -> Integers:
+    """The edges (g, 2 or 3) of one face alone, each from end to end with its middle node, in their turn."""
+    places, corners, own = element.local[element.faces[0]], element.corners, []
+    for a, b in zip(corners, (*corners[1:], corners[0]), strict=True):
+        middle = np.flatnonzero(np.abs(places - (places[a] + places[b]) / 2).max(axis=1) < 1e-9)
+        own.append([a, *middle, b])
+    found = faces[:, own].reshape(-1, len(own[0]))
+    ends = np.sort(found[:, [0, -1]], axis=1)
+    _, first, count = np.unique(ends, axis=0, return_index=True, return_counts=True)
+    return found[first[count == 1]]
+
+
+def _cross_matrix(v: Array) -> Array:
+    out = np.zeros((*v.shape, 3))
+    out[..., 0, 1], out[..., 0, 2], out[..., 1, 2] = -v[..., 2], v[..., 1], -v[..., 0]
+    return out - np.swapaxes(out, -1, -2)

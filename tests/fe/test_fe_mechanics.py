@@ -7,9 +7,11 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 
+import fe.linear
 import fe.newton
 from fe import Case, Material, Support
 from fe.assembly import Constants, Kernel, Memory, Softening, State
+from fe.convert import converted
 from fe.element import Array
 from fe.material import stress
 from fe.newton import Problem, Residual, Step, equilibrium
@@ -134,6 +136,41 @@ def test_the_pressure_tangent_is_its_gradient_on_a_closed_surface(cube: Cube) ->
     ours = np.bincount(faces.dofs.ravel(), weights=local.ravel(), minlength=x.size).reshape(-1, 3)
     # quadratic in x: the central difference is exact up to rounding / h
     np.testing.assert_allclose((faces.force(x + h * d) - faces.force(x - h * d)) / (2 * h), ours, atol=1e-10)
+
+
+@pytest.mark.parametrize("kind", ["hex27", "C3D8", "C3D10"])
+def test_the_pressure_tangent_on_an_open_surface(cube: Cube, kind: str) -> None:
+    case = cube((1, 2, 2), shift=0.1, seed=7)
+    case = case if kind == "hex27" else converted(case, kind)
+    faces = PressureFaces(case.face_nodes("x1"), case.element, len(case.nodes))
+    rng = np.random.default_rng(8)
+    x = case.nodes + rng.uniform(-0.05, 0.05, case.nodes.shape)
+    d, h, ours = rng.normal(size=x.shape), 1e-4, np.zeros(x.size)
+    edges = faces.open_edges(case.nodes, np.ones(x.size, bool))
+    assert len(edges) == 8  # round two by two cells
+    for dofs, K in ((faces.dofs, faces.tangent(x)), faces.antisymmetric(x, edges)):
+        np.add.at(ours, dofs, (K @ d.ravel()[dofs][..., None])[..., 0])
+    theirs = (faces.force(x + h * d) - faces.force(x - h * d)).ravel() / (2 * h)
+    np.testing.assert_allclose(theirs, ours, atol=1e-10)
+
+
+@pytest.mark.parametrize("kind", ["hex27", "C3D10H"])
+def test_superlu_takes_the_place_of_pardiso(short: Case, kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    case = short if kind == "hex27" else converted(short, kind)
+    found = []
+    for _ in range(2):
+        problem = Problem.of(case)
+        found.append(equilibrium(problem, problem.start(), load=0.01))
+        assert found[-1].reason == "converged"
+        monkeypatch.setattr(fe.linear, "PyPardisoSolver", None)
+    assert found[1].step is not None
+    assert found[1].step.problem.kernel.matrix.negative is None  # PARDISO tells them, SuperLU does not
+    np.testing.assert_allclose(found[1].state.u, found[0].state.u, atol=1e-9)
+
+
+def test_planes_of_symmetry_close_a_surface(short: Case) -> None:
+    assert len(Kernel(short)._open) == 0
+    assert len(Kernel(replace(short, supports=()))._open) > 0
 
 
 @pytest.mark.parametrize(("creeping", "softened"), [(False, False), (True, False), (True, True)])
