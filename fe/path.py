@@ -54,6 +54,10 @@ class Path:
         """Gravity (k, 3) mm/s2 at log entries (k,)."""
         return np.broadcast_to(self.gravity, (len(self.time), 3))[entries]
 
+    def gravity_at(self, time: Array) -> Array:
+        """Gravity (k, 3) mm/s2 at times (k,) s."""
+        return self.gravity_of(np.append(0, self.turns + 1))[self.run(time)]
+
     def at_output(self) -> Array:
         """Pressure (s,) MPa at the output times, linear between log entries."""
         return self.pressure_at(self.output)

@@ -5,16 +5,16 @@ from typing import Any
 import numpy as np
 
 from calibrate import Fit, identifiability, least_squares
-from fe import Path, solve
+from fe import Case, Path, solve
 from fe.case import digest
 from twin.compare import compare
 from twin.effects_material import Elasticity
 from twin.fitting import fit_model, whitener_of, with_mesh
 from twin.history import Generations
-from twin.model import Model
+from twin.model import Model, under, ways
 from twin.project import Project, Run, Say
 from twin.search import Generation, Objective, search
-from twin.table import REDUCED, LoadPaths, Sheets, load_paths, reach, sheets
+from twin.table import REDUCED, Turned, load_paths, reach, sheets
 from twin.targets import Array, Targets
 from twin.whitening import Whitener, whitener
 from twin.workbench import Workbench
@@ -76,8 +76,9 @@ def run_calibrate(project: Project, say: Say) -> dict[str, Any]:
     }
 
 
-def _paths(bench: Workbench, say: Say) -> tuple[LoadPaths | Sheets, Any]:
-    """The load paths at the finger's markers, and the rows of the targets they belong to."""
+def _paths(bench: Workbench, say: Say) -> tuple[Turned, Any]:
+    """The load paths at the finger's markers under the weight in every direction of gravity, and the rows of
+    the targets they belong to."""
     rows = np.flatnonzero(~bench.targets.fixed)
     where = bench.targets.places(bench.case.position)[rows]
     key = digest(bench.structure.key, where)
@@ -85,20 +86,31 @@ def _paths(bench: Workbench, say: Say) -> tuple[LoadPaths | Sheets, Any]:
     if bench.project.config.model.deck is not None:
         softest = sum(bench.elasticity.lowest.values())
         top = reach(bench.case, float(bench.targets.pressure.max()) / softest, keep=keep, key=key)
-    if bench.structure.scales:
-        return load_paths(bench.case, where, keep=keep, key=key, top=top), rows
-    totals = sum(bench.elasticity.lowest.values()), sum(bench.elasticity.highest.values())
-    return sheets(bench.case, where, keep=keep, key=key, top=top, totals=totals), rows
+    gravities, of_step = ways(bench.model(()).test)
+    if bench.scales:
+        return Turned((load_paths(bench.case, where, keep=keep, key=key, top=top),), of_step), rows
+    high = sum(bench.elasticity.highest.values())
+    # softer ones do not reach the top pressure: the table need not hold them
+    low = max(sum(bench.elasticity.lowest.values()), float(bench.targets.pressure.max()) / top)
+    totals = min(low, 0.9 * high), high
+    made = tuple(
+        sheets(
+            under(bench.case, g), where, keep=keep, key=digest(key, g) if g.any() else key, top=top,
+            totals=totals, gravity=g,
+        )
+        for g in gravities
+    )  # fmt: skip
+    return Turned(made, of_step), rows
 
 
 def full_solves(
     bench: Workbench, objective: Objective, generations: list[Generation], say: Say
 ) -> Generations:
     """The best individual of every generation by full finite elements at the first arrival at top
-    pressure."""
+    pressure; where it has weight relative to its rest, as it is measured."""
     t, rows = bench.targets, np.flatnonzero(~bench.targets.fixed)
     points = t.places(bench.case.position)[rows]
-    load = np.array([0.0, objective.pressure[0]])
+    whole, path = _to_the_top(bench, objective)
     fields: dict[bytes, Array] = {}
     start = None
     for k, g in enumerate(generations):
@@ -106,11 +118,11 @@ def full_solves(
         if g.best.tobytes() not in fields:
             values = {p.name: float(x) for p, x in zip(bench.elasticity.parameters, g.best, strict=True)}
             values |= bench.elasticity.fixed
-            case = bench.case.with_material(**values)
-            start = solve(case, Path(load, load, load[1:]), start=start, count=4)
+            start = solve(whole.with_material(**values), path, start=start, count=4)
             if not start.converged:
                 raise ValueError(f"the best of generation {g.number} ({values}) {start.reason}")
-            fields[g.best.tobytes()] = start.fields([0])[0]
+            *rest, top = start.fields(range(len(path.output)))[:, : len(bench.case.nodes)]
+            fields[g.best.tobytes()] = top - rest[0] if rest else top
     u = np.array([fields[g.best.tobytes()] for g in generations])
     assert start is not None
     near = np.argmin(np.linalg.norm(bench.case.nodes[None] - points[:, None], axis=2), axis=1)
@@ -125,10 +137,22 @@ def full_solves(
         tuple(t.names[r] for r in rows),
         points,
         u[:, near],
-        t.value[objective.step, rows],
-        float(t.time[objective.step] - t.time[0]),
-        int(objective.step),
+        t.value[objective.steps[0], rows],
+        float(t.time[objective.steps[0]] - t.time[0]),
+        int(objective.steps[0]),
     )
+
+
+def _to_the_top(bench: Workbench, objective: Objective) -> tuple[Case, Path]:
+    """The case, and its load from rest to the first arrival at top pressure; where it has weight, the rest is
+    an output, too."""
+    gravities, of_step = ways(bench.model(()).test)
+    top, rest = gravities[of_step[objective.steps[:2]]]
+    load = np.array([0.0, objective.pressure[0]])
+    if not gravities.any():
+        return bench.case, Path(load, load, load[1:])
+    case = under(under(bench.case, top), rest)
+    return case, Path(np.array([0.0, 1.0]), load, np.array([0.0, 1.0]), gravity=np.stack([rest, top]))
 
 
 # Triangles of a face with so many nodes, counter-clockwise from outside: Abaqus lists corners in a turn and
@@ -147,7 +171,7 @@ def triangles(faces: Any) -> Any:
 
 
 def least(
-    bench: Workbench, paths: LoadPaths | Sheets, points: Array, best: Array, say: Say
+    bench: Workbench, paths: Turned, points: Array, best: Array, say: Say
 ) -> tuple[Fit, Whitener, Model]:
     """The least-squares fit of C10 and C01 to all targets: on the load paths from several starts, then on the
     finite-element model with its discretisation modes from there."""
@@ -171,7 +195,7 @@ def _values(elasticity: Elasticity, theta: Array) -> dict[str, float]:
 
 
 def _on_paths(
-    paths: LoadPaths | Sheets, points: Array, t: Targets, elasticity: Elasticity, w: Whitener, starts: Array
+    paths: Turned, points: Array, t: Targets, elasticity: Elasticity, w: Whitener, starts: Array
 ) -> Fit:
     def residual(theta: Array) -> Array | None:
         u = _predicted(paths, points, t, _values(elasticity, theta))
@@ -195,7 +219,7 @@ def _on_paths(
 
 
 def _predicted(
-    paths: LoadPaths | Sheets, points: Array, t: Targets, values: dict[str, float]
+    paths: Turned, points: Array, t: Targets, values: dict[str, float]
 ) -> Array | None:
     total = values["C10"] + values["C01"]
     u = paths.predict(total, values["C01"] / total, t.pressure)
@@ -206,7 +230,7 @@ def _predicted(
     return out
 
 
-def _rough_slope(paths: LoadPaths | Sheets, points: Array, t: Targets, values: dict[str, float]) -> Array:
+def _rough_slope(paths: Turned, points: Array, t: Targets, values: dict[str, float]) -> Array:
     """The effect of 1 sd of gauge noise on each step, from two nearby pressures."""
     out, total = np.zeros_like(t.value), values["C10"] + values["C01"]
     h = 1e-3 * float(t.pressure.max())

@@ -70,6 +70,11 @@ class ModelTable(TableModel):
     effects: tuple[Effect, ...] = Field(
         default=(), description='effects in the model, ["creep:2"]; `twin add` writes them'
     )
+    density_kg_m3: Positive | None = Field(
+        default=None,
+        description="density of the silicone where the finger was weighed, kg/m3: its weight is in the model "
+        "(wants frame.gravity)",
+    )
     top_pressure_MPa: Positive = Field(default=0.03, description="highest pressure of the test, MPa")
     fixed: dict[str, Finite] = Field(default={}, description="parameters held at a value, MPa: C10 = 0.214")
 
@@ -201,7 +206,17 @@ class MarkerTable(TableModel):
 
 
 class FrameTable(TableModel):
+    gravity: Position | None = Field(
+        default=None,
+        description="direction of gravity in world axes, [0.0, 0.0, -1.0], unless targets.toml states it",
+    )
     markers: tuple[MarkerTable, ...] = Field(default=(), description="markers that do not move")
+
+    @model_validator(mode="after")
+    def _fits(self) -> Self:
+        if self.gravity is not None and not any(self.gravity):
+            raise ValueError(f"gravity = {list(self.gravity)}: wanted a direction, such as [0.0, 0.0, -1.0]")
+        return self
 
 
 class PointTable(TableModel):

@@ -3,7 +3,7 @@
 The mesh is refined in one direction at a time (bellows, walls, section) and in two together; the change of
 the prediction on each is one mode, 1 sd. One more mesh, finer in every direction and of the other topology,
 measures what the modes do not carry; that remainder enters as small smooth modes of every marker and axis.
-The finer meshes are solved without history.
+The finer meshes are solved without history, under the weight in each direction of gravity.
 """
 
 from dataclasses import dataclass, replace
@@ -15,7 +15,7 @@ from scipy.interpolate import CubicSpline
 
 from fe import Path, solve
 from fe.case import digest
-from twin.model import Model
+from twin.model import Model, under, ways
 from twin.parallel import Keep, made_at_once
 from twin.structure import Mesh, Structure
 from twin.targets import Array, Targets
@@ -54,32 +54,40 @@ def discretisation(
     """The modes of a model of this structure at theta; their remainder is yet to be measured (NaN).
 
     made_for: C10 and C01 in MPa at which the finer meshes are solved, by default the model's own. Where only
-    pressure loads the finger, U depends on p / (C10 + C01) and the share alone, so that they serve for any
-    sum; with the share the shapes hardly change (0.12 of it: 2 um of 60). keep(stage, tasks): the array of
-    every task by its key, made or stored. Raises ValueError where a finer mesh has no equilibrium.
+    pressure loads the finger, and no weight, U depends on p / (C10 + C01) and the share alone, so that they
+    serve for any sum; with the share the shapes hardly change (0.12 of it: 2 um of 60). keep(stage, tasks):
+    the array of every task by its key, made or stored. Raises ValueError where a finer mesh has no
+    equilibrium.
     """
     test = model.put(model.named(theta))
+    gravities, of_step = ways(test)
     q = model.solution(theta).pressure
     own = next(m for name, m in test.case.materials.items() if name not in test.case.kept)
     C10, C01 = made_for or (own.C10, own.C01)
-    constants = {"C10": C10, "C01": C01}
+    constants = {"C10": C10, "C01": C01, **({"density": own.density} if gravities.any() else {})}
     scale = (C10 + C01) / (own.C10 + own.C01)
     points, meshes = test.points[test.moving], {"base": structure.base, **structure.finer}
     top = MARGIN * max(float(test.path.pressure.max()), 1e-6)
     grid = np.linspace(0.0, top, SAMPLES)
     forces = {name: tuple(map(float, f)) for name, f in test.case.forces.items()}
     keys = {
-        name: digest("discretisation", mesh.key, constants, points, grid, COUNT, repr(forces))
+        (name, way): digest("discretisation", mesh.key, constants, points, grid, COUNT, repr(forces), *weight)
         for name, mesh in meshes.items()
+        for way, weight in enumerate([g] if g.any() else [] for g in gravities)
     }
     tasks = {
-        keys[name]: partial(_response, mesh, constants, forces, grid, points)
+        keys[name, way]: partial(_response, mesh, constants, forces, g, grid, points)
         for name, mesh in reversed(meshes.items())  # the largest first
+        for way, g in enumerate(gravities)
     }
     made = keep("discretisation error", tasks)
     modes = np.zeros((len(meshes) - 1, len(q), len(test.points), 3))
     for k, name in enumerate(list(meshes)[1:]):
-        change = _at(grid, made[keys[name]] - made[keys["base"]], q * scale)
+        change = np.zeros((len(q), len(points), 3))
+        for way in range(len(gravities)):
+            own_steps = of_step == way
+            differs = made[keys[name, way]] - made[keys["base", way]]
+            change[own_steps] = _at(grid, differs, q[own_steps] * scale)
         modes[k][:, test.moving] = change - change[model.reference].mean(axis=0)
     names = tuple(f"discretisation:{name}" for name in list(meshes)[1:])
     return Discretisation(modes[:-1], names[:-1], modes[-1])
@@ -92,11 +100,17 @@ def unknown(targets: Targets, why: str) -> Discretisation:
 
 
 def _response(
-    mesh: Mesh, constants: dict[str, float], forces: dict[str, Any], grid: Array, points: Array
+    mesh: Mesh,
+    constants: dict[str, float],
+    forces: dict[str, Any],
+    gravity: Array,
+    grid: Array,
+    points: Array,
 ) -> Array:
-    """Displacements (k, p, 3) mm of points (p, 3) mm at pressures (k,) MPa, without history."""
-    case = replace(mesh.build().with_material(**constants), forces=forces)
-    solution = solve(case, Path(grid, grid, grid), count=COUNT)
+    """Displacements (k, p, 3) mm of points (p, 3) mm at pressures (k,) MPa in a gravity (3,) mm/s2, without
+    history."""
+    case = under(replace(mesh.build().with_material(**constants), forces=forces), gravity)
+    solution = solve(case, Path(grid, grid, grid, gravity=gravity), count=COUNT)
     if not solution.converged:
         raise ValueError(
             f"discretisation error: the finer mesh of {len(case.nodes)} nodes {solution.reason}; fix C10 or "

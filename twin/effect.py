@@ -1,7 +1,7 @@
 """What a physical effect is: two pure maps, of what goes into a prediction and of what comes out.
 
 An effect never states a derivative: `Model` differences its maps. At its null values a prediction equals
-the base.
+the base, bit for bit on the same mesh (`Model.over`: half of a symmetric one, or all of it).
 """
 
 from collections.abc import Mapping

@@ -4,7 +4,7 @@ from twin.effect import Effect
 from twin.effects_camera import CameraScale
 from twin.effects_load import Gravity, PressureGain, PressureLag, PressureOffset
 from twin.effects_material import Compressibility, Creep, Mullins, Stiffening, Thermal
-from twin.effects_shape import Ballooning, EccentricCore, Precurvature, WallTaper
+from twin.effects_shape import Ballooning, EccentricCore, Precurvature, SidewaysCore, WallTaper
 from twin.effects_structure import ElasticClamp, StrainLimitingLayer, TableContact
 
 
@@ -12,8 +12,8 @@ def library() -> tuple[Effect, ...]:
     """All effects that `twin diagnose` tries, each in its narrowest law."""
     return (
         Creep(), PressureLag(), Stiffening(), ElasticClamp(), PressureGain(), PressureOffset(), Gravity(),
-        CameraScale(), WallTaper(), EccentricCore(), Ballooning(), Precurvature(), StrainLimitingLayer(),
-        Mullins(), Compressibility(), Thermal(), TableContact(),
+        CameraScale(), WallTaper(), EccentricCore(), SidewaysCore(), Ballooning(), Precurvature(),
+        StrainLimitingLayer(), Mullins(), Compressibility(), Thermal(), TableContact(),
     )  # fmt: skip
 
 

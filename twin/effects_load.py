@@ -57,8 +57,12 @@ class Gravity(Effect):
 
 def pulls_across(test: Test) -> bool:
     """Whether gravity has a part across the plane y = 0, at any time."""
-    g = np.atleast_2d(test.path.gravity)
-    return bool((np.abs(g[:, 1]) > 1e-6 * np.linalg.norm(g, axis=1)).any())
+    return any(is_across(g) for g in np.atleast_2d(test.path.gravity))
+
+
+def is_across(gravity: Array) -> bool:
+    """Whether a gravity (3,) has a part across the plane y = 0."""
+    return bool(abs(gravity[1]) > 1e-6 * np.linalg.norm(gravity))
 
 
 class PressureLag(Effect):

@@ -9,9 +9,10 @@ from numpy.typing import NDArray
 
 from calibrate import Parameter
 from fe import Case, Finger, Lattice, Material, Path, Solution, Variation, finger_case, solve
+from fe.element import Integers
 from fe.mirror import mirrored, symmetry_support
 from twin.effect import Effect, Test, Theta, Unsolvable
-from twin.effects_load import pulls_across
+from twin.effects_load import is_across, pulls_across
 from twin.effects_material import Elasticity
 from twin.targets import Array, Targets
 
@@ -82,7 +83,7 @@ class Model:
     def _whole(self) -> tuple[Test, str]:
         """The base test, of the whole structure where half of it is not enough, and why that is."""
         case, names = self.test.case, [e.name for e in self.effects if e.breaks_symmetry(self.test)]
-        if pulls_across(self.test) and any(m.density for m in case.materials.values()):
+        if pulls_across(self.test) and is_heavy(case):
             names.append("weight")
         if symmetry_support(case) is None:
             return self.test, "the mesh has no plane of symmetry: all of it is solved"
@@ -90,6 +91,11 @@ class Model:
             return self.test, "half of the mesh is solved: nothing breaks its symmetry"
         whole = replace(self.test, case=mirrored(case))
         return whole, f"the whole mesh is solved: {', '.join(names)} breaks its symmetry"
+
+    def over(self, other: "Model") -> "Model":
+        """This model on the mesh of another that came from it: halves and wholes agree to 1e-7 mm only, as
+        Newton's method leaves them, so that what an effect does is told on one mesh."""
+        return self if self._is_as(other) else Model(other._whole[0], self.effects, self.reference)
 
     @property
     def extent(self) -> str:
@@ -192,7 +198,8 @@ class Model:
 
     def _whole_secants(self, theta: Array, effect: Effect) -> list[Array]:
         """The rows of `signatures` for one effect, each from a solve with it; nothing where there is none."""
-        p, model, base, rows = effect.parameters[0], self.with_effect(effect), self.predict(theta), []
+        p, model, rows = effect.parameters[0], self.with_effect(effect), []
+        base = self.over(model).predict(theta)
         assert p.null is not None
         for entry in effect.grid or ({},):
             values = {**self.named(theta), **entry, p.name: p.null + p.step}
@@ -214,10 +221,9 @@ class Model:
                 values = {**self.named(theta), **entry, p.name: p.null + p.step / 2}
                 changes.append(model._direction(values, p, step=p.step / 2))
                 models.append(model)
-        same, test = self._is_as(models[0]), self.put(self.named(theta))
-        if not same:  # the base's effects, on the mesh of those that break the symmetry
-            test = Model(models[0]._whole[0], self.effects, self.reference).put(self.named(theta))
-        u, du, _ = respond(test, [c[0] for c in changes], start=self._start(theta) if same else None)
+        own = self.over(models[0])  # of effects that break the symmetry, the whole
+        start = self._start(theta) if own is self else None
+        u, du, _ = respond(own.put(self.named(theta)), [c[0] for c in changes], start=start)
         rows = iter([m._through(u, d, c) for m, d, c in zip(models, du, changes, strict=True)])
         return {e.label: [next(rows) for _ in (e.grid or ({},))] for e, _ in some}
 
@@ -250,6 +256,25 @@ def respond(
     if len(variations):
         du[:, :, test.moving] = solution.variations_at(test.points[test.moving])
     return u, du, solution
+
+
+def is_heavy(case: Case) -> bool:
+    """Whether any of its materials has a density."""
+    return any(m.density for m in case.materials.values())
+
+
+def under(case: Case, gravity: Array) -> Case:
+    """The case as a gravity (3,) asks for it: the whole, where weight pulls across the plane of a half."""
+    halved = is_heavy(case) and is_across(gravity) and symmetry_support(case) is not None
+    return mirrored(case) if halved else case
+
+
+def ways(test: Test) -> tuple[Array, Integers]:
+    """The different gravities (g, 3) mm/s2 that act on a test's steps, and which of them (s,) on each; none
+    but zero where nothing has a density."""
+    every = test.path.gravity_at(test.path.output) * is_heavy(test.case)
+    found, number = np.unique(every, axis=0, return_inverse=True)
+    return found, number.reshape(-1)
 
 
 def base_case(*, finger: Finger | None = None, lattice: Lattice | None = None) -> Case:

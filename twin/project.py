@@ -6,11 +6,12 @@ import re
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from importlib import metadata
 from pathlib import Path
 from typing import Any, Protocol
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from twin import files
@@ -108,9 +109,19 @@ class Project:
         return path.relative_to(self.root).as_posix() if path.is_relative_to(self.root) else str(path)
 
     def targets(self) -> Targets:
-        """Return the targets, their nodes as twin.toml [[points]] has them; ValueError if there are none."""
+        """Return the targets, their nodes and gravity as twin.toml has them; ValueError if there are none, or
+        if gravity is stated twice."""
         nodes = {point.name: point.node for point in self.config.points}
-        return read_targets(self.targets_folder, nodes=nodes)
+        found, gravity = read_targets(self.targets_folder, nodes=nodes), self.config.frame.gravity
+        if gravity is None:
+            return found
+        if found.gravity is not None:
+            raise ValueError(
+                f"frame.gravity = {list(gravity)}: targets.toml states gravity for each block; wanted it in "
+                "one place; remove it from twin.toml"
+            )
+        way = np.array(gravity) / np.linalg.norm(gravity)
+        return replace(found, gravity=np.tile(way, (int(found.block[-1]) + 1, 1)))
 
     def deck_files(self) -> list[Path]:
         """Return the files of the user's own mesh, none for the built-in finger."""

@@ -4,10 +4,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from calibrate import Parameter, Population
 from twin.project import Run
-from twin.table import LoadPaths, Sheets
+from twin.table import Turned
 from twin.targets import Array, Targets
 
 
@@ -15,11 +16,11 @@ from twin.targets import Array, Targets
 class Objective:
     """RMS over points of one displacement component at the first arrival at top pressure.
 
-    step: that step; rows (j,): the points; component: 0, 1, 2; measured (j,) mm; reference pressures (r,)
-    MPa.
+    steps (1 + r,): that step and those of the reference, with their pressures in MPa; rows (j,): the points;
+    component: 0, 1, 2; measured (j,) mm.
     """
 
-    step: int
+    steps: NDArray[np.int64]
     rows: Array
     component: int
     measured: Array
@@ -39,14 +40,14 @@ class Objective:
                 f"wanted a "
                 "value in mm; choose other [calibrate] objective_points"
             )
-        pressure = np.concatenate([[targets.pressure[step]], targets.pressure[targets.reference]])
-        return Objective(step, rows, component, measured, pressure, fixed)
+        steps = np.append(step, targets.reference)
+        return Objective(steps, rows, component, measured, targets.pressure[steps], fixed)
 
-    def cost(self, values: dict[str, float], paths: LoadPaths | Sheets, points: Array) -> float:
+    def cost(self, values: dict[str, float], paths: Turned, points: Array) -> float:
         """The RMS in mm; inf where the model has no equilibrium at that pressure."""
         values = {**values, **self.fixed}
         total = values["C10"] + values["C01"]
-        u = paths.predict(total, values["C01"] / total, self.pressure)
+        u = paths.predict(total, values["C01"] / total, self.pressure, steps=self.steps)
         if u is None:
             return float("inf")
         seen = u[0] - u[1:].mean(axis=0)

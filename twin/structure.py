@@ -57,6 +57,21 @@ def _itself(case: Case) -> Case:
     return case
 
 
+def weighed(structure: Structure, density: float) -> Structure:
+    """The structure whose silicone has a density in tonne/mm3."""
+
+    def heavy(mesh: Mesh) -> Mesh:
+        return Mesh(f"{mesh.key}-{density:.9g}", partial(_weighed, mesh.build, density))
+
+    finer = {name: heavy(mesh) for name, mesh in structure.finer.items()}
+    base = heavy(structure.base)
+    return replace(structure, case=base.build(), key=base.key, finer=finer)
+
+
+def _weighed(build: Callable[[], Case], density: float) -> Case:
+    return build().with_material(density=density)
+
+
 # -- the built-in finger -----------------------------------------------------------------------------------
 
 

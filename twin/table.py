@@ -2,7 +2,8 @@
 
 For a pressure load alone U depends on p / (C10 + C01) and the share C01 / (C10 + C01) only. Load paths at a
 few shares (Chebyshev points) are solved once; between them the response is a polynomial in the share, and
-along them a cubic Hermite curve in the reduced pressure.
+along them a cubic Hermite curve in the reduced pressure. Weight (of every direction of gravity its own) asks
+for the total as well.
 """
 
 from dataclasses import dataclass
@@ -12,6 +13,7 @@ import numpy as np
 from scipy.interpolate import BarycentricInterpolator
 
 from fe import Case, Path, solve
+from fe.element import Integers
 from twin.parallel import Keep
 from twin.targets import Array
 
@@ -38,10 +40,11 @@ class LoadPaths:
     def predict(self, total: float, share: float, pressure: Array) -> Array | None:
         """Displacements (s, p, 3) mm at pressures (s,) MPa for C10 + C01 = total MPa and a share.
 
-        None where the reduced pressure lies beyond what the neighbouring paths reached.
+        None where the reduced pressure lies beyond what the neighbouring paths reached, or where one share
+        cannot even carry its weight.
         """
         q = pressure / total
-        if q.max(initial=0.0) > np.interp(share, self.shares, self.reached):
+        if not self.reached.all() or q.max(initial=0.0) > np.interp(share, self.shares, self.reached):
             return None
         q = np.clip(q, self.reduced[0], self.reduced[-1])
         weights = BarycentricInterpolator(self.shares, np.eye(len(self.shares)))(share)
@@ -74,7 +77,7 @@ def _reach(case: Case, wanted: float) -> Array:
 @dataclass(frozen=True)
 class Sheets:
     """Load paths at several totals C10 + C01 (m,) MPa, increasing: of a structure that is not of one material
-    or has forces of its own, whose displacements depend on the total, too."""
+    or has weight or forces of its own, whose displacements depend on the total, too."""
 
     totals: Array
     paths: tuple[LoadPaths, ...]
@@ -90,26 +93,64 @@ class Sheets:
         return np.asarray(sum(w * u for w, u in zip(weights, (found[k] for k in known), strict=True)), float)
 
 
+@dataclass(frozen=True)
+class Turned:
+    """Load paths in every direction of gravity, and which of them (s,) acts on each step of the targets."""
+
+    ways: tuple[LoadPaths | Sheets, ...]
+    of_step: Integers
+
+    def predict(
+        self, total: float, share: float, pressure: Array, *, steps: Integers | None = None
+    ) -> Array | None:
+        """As `LoadPaths.predict`, the pressures (k,) MPa being those of the steps (k,), by default all."""
+        number, out = self.of_step if steps is None else self.of_step[steps], []
+        for k in np.unique(number):
+            u = self.ways[k].predict(total, share, pressure[number == k])
+            if u is None:
+                return None
+            out.append(u)
+        return np.concatenate(out)[np.argsort(np.argsort(number, kind="stable"))]
+
+
 def sheets(
-    case: Case, points: Array, *, keep: Keep, key: str, top: float, totals: tuple[float, float]
+    case: Case,
+    points: Array,
+    *,
+    keep: Keep,
+    key: str,
+    top: float,
+    totals: tuple[float, float],
+    gravity: Array | None = None,
 ) -> Sheets:
     """The load paths of a case between two totals C10 + C01 in MPa; see `load_paths`."""
     x = 0.5 - 0.5 * np.cos(np.pi * (np.arange(TOTALS) + 0.5) / TOTALS)
     at = totals[0] * (totals[1] / totals[0]) ** x
-    every = [load_paths(case, points, keep=keep, key=f"{key}-{t:.6g}", top=top, total=float(t)) for t in at]
+    every = [
+        load_paths(case, points, keep=keep, key=f"{key}-{t:.6g}", top=top, total=float(t), gravity=gravity)
+        for t in at
+    ]
     return Sheets(at, tuple(every))
 
 
 def load_paths(
-    case: Case, points: Array, *, keep: Keep, key: str, top: float = REDUCED, total: float = TOTAL
+    case: Case,
+    points: Array,
+    *,
+    keep: Keep,
+    key: str,
+    top: float = REDUCED,
+    total: float = TOTAL,
+    gravity: Array | None = None,
 ) -> LoadPaths:
     """The load paths of a case at material points (p, 3) mm, followed to a reduced pressure `top` or to their
-    end; `keep(stage, tasks)` makes or has them. total: C10 + C01 in MPa at which they are solved."""
+    end; `keep(stage, tasks)` makes or has them. total: C10 + C01 in MPa at which they are solved; gravity
+    (3,) mm/s2, by default none."""
     shares = 0.5 - 0.5 * np.cos(np.pi * (np.arange(SHARES) + 0.5) / SHARES)
     reduced = np.linspace(0, 1, 61) ** 1.3 * top
     keys = [f"{key}-path-{share:.6f}" for share in shares]
     tasks = {
-        k: partial(_one, case, float(share), total, reduced, points)
+        k: partial(_one, case, float(share), total, reduced, points, gravity)
         for k, share in zip(keys, shares, strict=True)
     }
     made = keep("load paths", tasks)
@@ -118,10 +159,13 @@ def load_paths(
     return LoadPaths(shares, reduced, _extended(u), np.minimum(reached, reduced[-1]))
 
 
-def _one(case: Case, share: float, total: float, reduced: Array, points: Array) -> Array:
+def _one(
+    case: Case, share: float, total: float, reduced: Array, points: Array, gravity: Array | None
+) -> Array:
     """Displacements (k, p, 3) mm along one path; NaN beyond its end."""
     pressure, case = reduced * total, case.with_material(C10=(1 - share) * total, C01=share * total)
-    solution = solve(case, Path(pressure, pressure, pressure), count=LEVELS)
+    weight = np.zeros(3) if gravity is None else gravity
+    solution = solve(case, Path(pressure, pressure, pressure, gravity=weight), count=LEVELS)
     u = np.full((len(reduced), len(points), 3), np.nan)
     inside = pressure <= solution.reached * (1 + 1e-9)
     if inside.sum() > 3:

@@ -12,12 +12,13 @@ from twin.discretisation import MARGIN, Discretisation, discretisation, unknown
 from twin.effects import effect
 from twin.effects_material import Elasticity
 from twin.fitting import measured_remainder
-from twin.model import Model, base_model
+from twin.model import Model, base_model, ways
 from twin.parallel import WORKERS, Keep, finished
 from twin.project import Project, Say
-from twin.structure import Structure, of_deck, of_finger
+from twin.structure import Structure, of_deck, of_finger, weighed
 from twin.targets import MATERIAL, NODE_UNKNOWN, Array, Targets
 
+TONNE_MM3 = 1e-12  # of one kg/m3
 SOFTEST = 0.7  # C10 + C01 of finer meshes over that of the model they serve; at most MARGIN
 
 
@@ -35,6 +36,11 @@ class Workbench:
         """The structure with nominal constants."""
         return self.structure.case
 
+    @property
+    def scales(self) -> bool:
+        """Whether U depends on pressure / (C10 + C01) and the share alone."""
+        return self.structure.scales and not ways(self.model(()).test)[0].any()
+
     @staticmethod
     def of(project: Project) -> "Workbench":
         """The workbench of a project. ValueError for unknown nodes or fixed parameters of no use."""
@@ -42,9 +48,16 @@ class Workbench:
         unknown = sorted(set(config.model.fixed) - {"C10", "C01"})
         if unknown:
             raise ValueError(
-                f"model.fixed.{unknown[0]}: only C10 and C01 can be held; remove it from twin.toml"
+                f"model.fixed.{unknown[0]}: only C10 and C01 can be held; remove it from twin.toml (the "
+                "density of a weighed finger is model.density_kg_m3)"
             )
         structure, targets = structure_of(project), project.targets()
+        if config.model.density_kg_m3 is not None and targets.gravity is None:
+            raise ValueError(
+                f"model.density_kg_m3 = {config.model.density_kg_m3:g}: its weight wants the direction of "
+                "gravity; state frame.gravity = [0.0, 0.0, -1.0] in twin.toml, or one for each block in "
+                "targets.toml"
+            )
         for name, node in zip(targets.names, targets.nodes, strict=True):
             if node == NODE_UNKNOWN:
                 raise ValueError(f"point {name!r} has no node; give its node label in twin.toml [[points]]")
@@ -90,7 +103,7 @@ class Workbench:
         own = base.theta(values)
         raw = discretisation(
             base, own, structure=self.structure, keep=self.keeper(say),
-            made_for=self._made_for(values["C10"], values["C01"]) if self.structure.scales else None,
+            made_for=self._made_for(values["C10"], values["C01"]) if self.scales else None,
         )  # fmt: skip
         return measured_remainder(base, own, self.targets, raw)
 
@@ -106,7 +119,14 @@ class Workbench:
 
 
 def structure_of(project: Project) -> Structure:
-    """What the model of a project is made of. ValueError where its deck is not there or not right."""
+    """What the model of a project is made of, as heavy as it was weighed. ValueError where its deck is not
+    there or not right."""
+    density = project.config.model.density_kg_m3
+    found = _unweighed(project)
+    return found if density is None else weighed(found, TONNE_MM3 * density)
+
+
+def _unweighed(project: Project) -> Structure:
     table = project.config.model
     if table.deck is None:
         return of_finger(Finger(), Lattice(refine=table.mesh))

@@ -10,7 +10,7 @@ import pytest
 from twin.effects_material import Elasticity
 from twin.project import Run
 from twin.search import Generation, Objective, first_arrival, search
-from twin.table import LoadPaths
+from twin.table import LoadPaths, Turned
 from twin.targets import Targets
 
 PARAMETERS = Elasticity().parameters
@@ -87,16 +87,16 @@ def test_a_search_without_any_equilibrium_ends(tmp_path: Path) -> None:
 
 
 @pytest.fixture
-def paths() -> LoadPaths:
+def paths() -> Turned:
     """Two points whose U3 is -100 and -40 mm per unit of p / C, reached up to 0.2."""
     reduced = np.linspace(0.0, 0.3, 11)
     u = np.zeros((3, 11, 2, 3))
     u[:, :, 0, 2], u[:, :, 1, 2] = -100 * reduced, -40 * reduced
-    return LoadPaths(np.array([0.1, 0.5, 0.9]), reduced, u, np.full(3, 0.2))
+    return Turned((LoadPaths(np.array([0.1, 0.5, 0.9]), reduced, u, np.full(3, 0.2)),), np.zeros(8, int))
 
 
 def test_the_objective_is_the_rms_at_the_first_arrival(
-    paths: LoadPaths, make_targets: Callable[..., Targets]
+    paths: Turned, make_targets: Callable[..., Targets]
 ) -> None:
     t = make_targets()
     assert first_arrival(t) == 3  # the top of the ramp, at 2 s; it is held until 6 s
