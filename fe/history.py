@@ -102,11 +102,22 @@ class Course:
 
     @staticmethod
     def of(problem: Problem, path: Path, time: Array) -> "Course":
-        """At the times (k,) s. The first element's Prony series serves as everyone's."""
-        load, stiffness = path.pressure_at(time), path.stiffness_at(time)
-        prony = problem.constants.prony[:, 0]
+        """At the times (k,) s."""
+        load, stiffness, prony = path.pressure_at(time), path.stiffness_at(time), _series(problem)
         plain = load / stiffness
         return Course(load, stiffness, equivalent(time, plain, prony) if prony[:, 0].any() else plain)
+
+
+def _series(problem: Problem) -> Array:
+    """The Prony pairs (m, 2) by which the structure as a whole comes near to its creep: those of all
+    materials, each by its share of volume over modulus, as the softer ones move more."""
+    c, weight = problem.constants, problem.geometry.weight
+    if (c.prony == c.prony[:, :1]).all():
+        return c.prony[:, 0]
+    kinds, number = np.unique(c.prony, axis=1, return_inverse=True)
+    share = np.bincount(number.reshape(-1), weights=weight.sum(axis=1) / c.shear)
+    g, tau = kinds[..., 0] * (share / share.sum()), kinds[..., 1]
+    return np.stack([g.ravel(), tau.ravel()], axis=1)[g.ravel() != 0]
 
 
 @dataclass(frozen=True)

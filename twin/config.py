@@ -73,10 +73,20 @@ class ModelTable(TableModel):
     density_kg_m3: Positive | None = Field(
         default=None,
         description="density of the silicone where the finger was weighed, kg/m3: its weight is in the model "
-        "(wants frame.gravity)",
+        "(wants gravity)",
+    )
+    gravity: Position | None = Field(
+        default=None,
+        description="direction of gravity in world axes, [0.0, 0.0, -1.0], unless targets.toml states it",
     )
     top_pressure_MPa: Positive = Field(default=0.03, description="highest pressure of the test, MPa")
     fixed: dict[str, Finite] = Field(default={}, description="parameters held at a value, MPa: C10 = 0.214")
+
+    @model_validator(mode="after")
+    def _fits(self) -> Self:
+        if self.gravity is not None and not any(self.gravity):
+            raise ValueError(f"gravity = {list(self.gravity)}: wanted a direction, such as [0.0, 0.0, -1.0]")
+        return self
 
 
 class BoardTable(TableModel):
@@ -206,17 +216,7 @@ class MarkerTable(TableModel):
 
 
 class FrameTable(TableModel):
-    gravity: Position | None = Field(
-        default=None,
-        description="direction of gravity in world axes, [0.0, 0.0, -1.0], unless targets.toml states it",
-    )
     markers: tuple[MarkerTable, ...] = Field(default=(), description="markers that do not move")
-
-    @model_validator(mode="after")
-    def _fits(self) -> Self:
-        if self.gravity is not None and not any(self.gravity):
-            raise ValueError(f"gravity = {list(self.gravity)}: wanted a direction, such as [0.0, 0.0, -1.0]")
-        return self
 
 
 class PointTable(TableModel):

@@ -199,7 +199,7 @@ def lacking(effect: Effect, targets: Targets) -> str:
     if "history" in effect.requires and not targets.has_log:
         return "not testable: needs the pressure between the steps (a dense log)"
     if "gravity" in effect.requires and targets.gravity is None:
-        return "not testable: needs the direction of gravity in every block (targets.toml)"
+        return "not testable: needs the direction of gravity (twin.toml [model], or targets.toml by block)"
     p = np.interp(targets.time, targets.log_time, targets.log_pressure)
     if "unloading" in effect.requires and (np.maximum.accumulate(p) - p).max() < UNLOADED * p.max():
         return "not testable: needs steps at which the pressure has fallen again"

@@ -112,12 +112,12 @@ class Project:
         """Return the targets, their nodes and gravity as twin.toml has them; ValueError if there are none, or
         if gravity is stated twice."""
         nodes = {point.name: point.node for point in self.config.points}
-        found, gravity = read_targets(self.targets_folder, nodes=nodes), self.config.frame.gravity
+        found, gravity = read_targets(self.targets_folder, nodes=nodes), self.config.model.gravity
         if gravity is None:
             return found
         if found.gravity is not None:
             raise ValueError(
-                f"frame.gravity = {list(gravity)}: targets.toml states gravity for each block; wanted it in "
+                f"model.gravity = {list(gravity)}: targets.toml states gravity for each block; wanted it in "
                 "one place; remove it from twin.toml"
             )
         way = np.array(gravity) / np.linalg.norm(gravity)

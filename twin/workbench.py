@@ -55,7 +55,7 @@ class Workbench:
         if config.model.density_kg_m3 is not None and targets.gravity is None:
             raise ValueError(
                 f"model.density_kg_m3 = {config.model.density_kg_m3:g}: its weight wants the direction of "
-                "gravity; state frame.gravity = [0.0, 0.0, -1.0] in twin.toml, or one for each block in "
+                "gravity; state model.gravity = [0.0, 0.0, -1.0] in twin.toml, or one for each block in "
                 "targets.toml"
             )
         for name, node in zip(targets.names, targets.nodes, strict=True):

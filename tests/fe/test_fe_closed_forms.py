@@ -393,10 +393,14 @@ def test_two_materials_with_a_memory_of_their_own(cube: Callable[..., Case]) -> 
 
     mixed, left, right = moved(soft, hard), moved(soft, soft), moved(hard, hard)
     scale = np.abs(mixed).max()
-    np.testing.assert_allclose(mixed[:, 0], left[:, 0], atol=1e-4 * scale)
-    # between the solved times all are carried by the creep of the first element's material
-    np.testing.assert_allclose(mixed[:, 1] - mixed[:, 0], right[:, 1] - right[:, 0], atol=2e-3 * scale)
+    # between the solved times both are carried by one creep, that of their mean
+    np.testing.assert_allclose(mixed[:, 0], left[:, 0], atol=1.2e-3 * scale)
+    np.testing.assert_allclose(mixed[:, 1] - mixed[:, 0], right[:, 1] - right[:, 0], atol=5e-4 * scale)
     assert np.abs(left[1, 0] - left[0, 0]) > 1e-3 * scale  # the soft one creeps
+    # which of them the first element has does not matter, nor does one that hardly moves
+    turned, stiff = moved(hard, soft), moved(replace(RUBBER, C10=20.0, bulk_ratio=2.0), soft)
+    np.testing.assert_allclose(turned[:, 1], mixed[:, 1], atol=1e-9 * scale)
+    np.testing.assert_allclose(stiff[:, 1] - stiff[:, 0], left[:, 0], atol=1.5e-4 * scale)
 
 
 @pytest.mark.parametrize("compliance", [1e-3, 0.3])

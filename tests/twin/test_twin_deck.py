@@ -9,9 +9,13 @@ import numpy as np
 import pytest
 
 from fe import Material, solve
+from fe import Path as Course
+from fe.assembly import Geometry
 from fe.deck_in import read_deck
 from fe.refine import enriched
 from twin import cli, structure, virtual
+from twin.calibrating import triangles
+from twin.deformed import deformed_picture, write_vtu_series
 from twin.project import Project
 from twin.structure import of_deck
 from twin.targetfiles import write_targets
@@ -88,6 +92,45 @@ def test_the_deformed_deck_is_written_in_its_own_elements(batch: Path) -> None:
     assert set(mesh.celltypes) == {25}  # quadratic hexahedra
     np.testing.assert_allclose(mesh.points, case.nodes, atol=1e-5)
     assert np.abs(np.asarray(mesh["U"])).max() > 0.5  # mm
+
+
+@pytest.mark.parametrize(("kind", "cell"), [("C3D10H", 24), ("C3D20RH", 25), ("C3D8H", 12)])
+def test_a_deformed_deck_opens_in_paraview(tube_deck: Tube, tmp_path: Path, kind: str, cell: int) -> None:
+    import pyvista as pv
+
+    case, output = of_deck(tube_deck(tmp_path, kind, cells=4)).case, np.array([0.5, 1.0])
+    u = solve(case, Course(np.array([0.0, 1.0]), np.array([0.0, 0.02]), output)).fields([0, 1])
+    cells = case.connectivity
+    pvd = write_vtu_series(tmp_path, "deformed", nodes=case.nodes, cells=cells, times=output, fields={"U": u})
+    reader = pv.get_reader(pvd)
+    reader.set_active_time_value(1.0)
+    mesh = reader.read()[0]
+    assert set(mesh.celltypes) == {cell}
+    assert np.abs(u[1]).max() > 0.5  # mm
+    moved = mesh.warp_by_vector("U")
+    np.testing.assert_allclose(moved.points, case.nodes + u[1], atol=1e-5)
+    parts = moved.triangulate().compute_cell_sizes()["Volume"]
+    assert parts.min() > 0  # no cell is inside out
+    solid = Geometry(case.nodes + u[1], case.connectivity, case.element).weight
+    # VTK cuts curved cells by planes; wrong orders of nodes miss by far more
+    assert parts.sum() == pytest.approx(solid.sum(), rel=0.02)
+
+
+@pytest.mark.parametrize("kind", ["C3D10H", "C3D20RH", "C3D8H"])
+def test_the_picture_of_a_deck_is_drawn(
+    tube_deck: Tube, tmp_path: Path, kind: str, require: Callable[[str], None]
+) -> None:
+    require("egl")
+    import pyvista as pv
+
+    found = of_deck(tube_deck(tmp_path, kind, cells=4))
+    path, nodes = tmp_path / "deformed.png", found.case.nodes
+    u = np.zeros_like(nodes)
+    u[:, 2] = -0.02 * nodes[:, 0] ** 2
+    note = deformed_picture(path, nodes=nodes, triangles=triangles(found.outside), u=u, size=(300, 200))
+    assert note is None
+    pixels = np.asarray(pv.read(path).point_data.active_scalars)[:, :3].astype(float)
+    assert ((pixels.max(axis=1) - pixels.min(axis=1)) > 60).sum() > 500  # coloured by displacement
 
 
 @pytest.mark.parametrize(

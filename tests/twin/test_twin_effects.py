@@ -200,7 +200,7 @@ def test_signatures_of_effects_that_break_the_symmetry_are_those_of_the_whole_fi
 
 def test_an_effect_is_not_testable_without_what_it_requires(make_targets: Callable[..., Targets]) -> None:
     t = make_targets()
-    assert lacking(effect("gravity"), t) == "not testable: needs the direction of gravity in every block (targets.toml)"
+    assert lacking(effect("gravity"), t) == "not testable: needs the direction of gravity (twin.toml [model], or targets.toml by block)"
     assert lacking(effect("gravity"), make_targets(gravity=np.array([[0.0, 0.0, -1.0]]))) == ""
     assert lacking(effect("creep"), t) == ""
     bare = make_targets(log_time=t.time, log_pressure=t.pressure)

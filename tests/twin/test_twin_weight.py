@@ -11,7 +11,7 @@ import pytest
 
 from fe import Case, Finger, Lattice, Material, Path, finger_case, solve
 from twin import cli, table, virtual, workbench
-from twin.config import CalibrateTable, Config, FrameTable, ModelTable, PointTable, ProjectTable
+from twin.config import CalibrateTable, Config, ModelTable, PointTable, ProjectTable
 from twin.configfile import dump
 from twin.discretisation import discretisation
 from twin.history import Generations
@@ -115,12 +115,14 @@ def project(tmp_path_factory: pytest.TempPathFactory, short_case: Case, short: F
     targets = film(short, short_case, DENSITY, DOWN, lattice=Lattice(per_bellow=3, centred=False))
     config = Config(
         project=ProjectTable(name="weighed"),
-        model=ModelTable(density_kg_m3=DENSITY * 1e12),
-        frame=FrameTable(gravity=(0.0, 0.0, -9.81)),  # a direction: its length is of no matter
+        # gravity is a direction: its length is of no matter
+        model=ModelTable(density_kg_m3=DENSITY * 1e12, gravity=(0.0, 0.0, -9.81)),
         points=tuple(
             PointTable(name=n, node=int(k)) for n, k in zip(targets.names, targets.nodes, strict=True) if k
         ),
-        calibrate=CalibrateTable(population=8, generations=3, objective_points=("tip",)),
+        calibrate=CalibrateTable(
+            population=8, generations=3, objective_points=("tip",), bounds={"C10": (0.1, 0.3), "C01": (0.03, 0.2)}
+        ),
     )
     folder = tmp_path_factory.mktemp("weighed") / "batch"
     folder.mkdir()
@@ -179,8 +181,8 @@ def test_what_is_wrong_with_the_weight_is_one_sentence(project: Project) -> None
         return Workbench.of(Project(project.root, config.model_copy(update=changes)))
 
     with pytest.raises(ValueError, match=r"model.density_kg_m3 = 8560: its weight wants the direction of gravity"):
-        bench(frame=FrameTable())
+        bench(model=config.model.model_copy(update={"gravity": None}))
     with pytest.raises(ValueError, match=r"model.fixed.density: only C10 and C01 can be held; .* model.density_kg_m3"):
         bench(model=ModelTable(fixed={"density": 1e-9}))
     with pytest.raises(ValueError, match=r"gravity = \[0.0, 0.0, 0.0\]: wanted a direction"):
-        FrameTable(gravity=(0.0, 0.0, 0.0))
+        ModelTable(gravity=(0.0, 0.0, 0.0))
