@@ -64,7 +64,7 @@ def discretisation(
     q = model.solution(theta).pressure
     own = next(m for name, m in test.case.materials.items() if name not in test.case.kept)
     C10, C01 = made_for or (own.C10, own.C01)
-    constants = {"C10": C10, "C01": C01, **({"density": own.density} if gravities.any() else {})}
+    constants = {"C10": C10, "C01": C01}
     scale = (C10 + C01) / (own.C10 + own.C01)
     points, meshes = test.points[test.moving], {"base": structure.base, **structure.finer}
     top = MARGIN * max(float(test.path.pressure.max()), 1e-6)

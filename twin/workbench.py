@@ -20,6 +20,7 @@ from twin.targets import MATERIAL, NODE_UNKNOWN, Array, Targets
 
 TONNE_MM3 = 1e-12  # of one kg/m3
 SOFTEST = 0.7  # C10 + C01 of finer meshes over that of the model they serve; at most MARGIN
+SAME = 1.05  # at most, either way, where it does more than to scale the pressure
 
 
 @dataclass(frozen=True)
@@ -103,7 +104,7 @@ class Workbench:
         own = base.theta(values)
         raw = discretisation(
             base, own, structure=self.structure, keep=self.keeper(say),
-            made_for=self._made_for(values["C10"], values["C01"]) if self.scales else None,
+            made_for=self._made_for(values["C10"], values["C01"]),
         )  # fmt: skip
         return measured_remainder(base, own, self.targets, raw)
 
@@ -111,8 +112,9 @@ class Workbench:
         """The constants that serve for these, of those for which finer meshes were solved, or these."""
         path = self.project.root / "cache" / "discretisation.json"
         known = files.read_json(path) if path.exists() else []
+        low, high = (SOFTEST, MARGIN) if self.scales else (1 / SAME, SAME)
         for a, b in known:
-            if SOFTEST <= (a + b) / (C10 + C01) <= MARGIN:
+            if low <= (a + b) / (C10 + C01) <= high:
                 return float(a), float(b)
         files.write_json(path, [*known, [C10, C01]])
         return C10, C01
