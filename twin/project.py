@@ -110,9 +110,14 @@ class Project:
 
     def targets(self) -> Targets:
         """Return the targets, their nodes and gravity as twin.toml has them; ValueError if there are none, or
-        if gravity is stated twice."""
-        nodes = {point.name: point.node for point in self.config.points}
-        found, gravity = read_targets(self.targets_folder, nodes=nodes), self.config.model.gravity
+        if gravity is stated twice, or not and the finger has weight."""
+        nodes, model = {point.name: point.node for point in self.config.points}, self.config.model
+        found, gravity = read_targets(self.targets_folder, nodes=nodes), model.gravity
+        if model.density_kg_m3 is not None and gravity is None and found.gravity is None:
+            raise ValueError(
+                f"model.density_kg_m3 = {model.density_kg_m3:g}: its weight wants the direction of gravity; "
+                "add gravity = [0.0, 0.0, -1.0] under [model] of twin.toml, or one for each block in targets.toml"
+            )
         if gravity is None:
             return found
         if found.gravity is not None:

@@ -53,12 +53,6 @@ class Workbench:
                 "density of a weighed finger is model.density_kg_m3)"
             )
         structure, targets = structure_of(project), project.targets()
-        if config.model.density_kg_m3 is not None and targets.gravity is None:
-            raise ValueError(
-                f"model.density_kg_m3 = {config.model.density_kg_m3:g}: its weight wants the direction of "
-                "gravity; state model.gravity = [0.0, 0.0, -1.0] in twin.toml, or one for each block in "
-                "targets.toml"
-            )
         for name, node in zip(targets.names, targets.nodes, strict=True):
             if node == NODE_UNKNOWN:
                 raise ValueError(f"point {name!r} has no node; give its node label in twin.toml [[points]]")

@@ -174,8 +174,11 @@ def test_the_genetic_algorithm_knows_the_weight(project: Project) -> None:
     assert values["C10"] + values["C01"] == pytest.approx(THETA.sum(), rel=0.4)
 
 
-def test_what_is_wrong_with_the_weight_is_one_sentence(project: Project) -> None:
+def test_what_is_wrong_with_the_weight_is_one_sentence(project: Project, tmp_path: File) -> None:
     config = project.config
+    write_targets(tmp_path / "targets", project.targets())
+    with pytest.raises(ValueError, match=r"model.gravity = .* targets.toml states gravity for each block"):
+        Project(tmp_path, config).targets()
 
     def bench(**changes: object) -> Workbench:
         return Workbench.of(Project(project.root, config.model_copy(update=changes)))
