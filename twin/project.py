@@ -116,7 +116,7 @@ class Project:
         if model.density_kg_m3 is not None and gravity is None and found.gravity is None:
             raise ValueError(
                 f"model.density_kg_m3 = {model.density_kg_m3:g}: its weight wants the direction of gravity; "
-                "add gravity = [0.0, 0.0, -1.0] under [model] of twin.toml, or one for each block in targets.toml"
+                "add gravity = [0.0, 0.0, -1.0] under [model] of twin.toml, or one a block in targets.toml"
             )
         if gravity is None:
             return found
