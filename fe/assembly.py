@@ -8,7 +8,7 @@ import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from functools import cached_property, reduce
+from functools import cached_property
 from typing import TypeVar
 
 import numpy as np
@@ -342,7 +342,9 @@ class Kernel:
             )  # fmt: skip
             return data
 
-        data = reduce(np.add, self._each(assembled))
+        data, *others = self._each(assembled)
+        for other in others:
+            data += other
         x = g.nodes + state.u
         parts = [-load * self.pressure.tangent(x)]
         if self.element.shared:

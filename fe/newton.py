@@ -147,9 +147,10 @@ class Step:
     """A factorised tangent at one state: solves for any right-hand side, clamp rotation included."""
 
     def __init__(self, problem: Problem, state: State, system: Linearised) -> None:
-        self.problem, self.state, self.system = problem, state, system
+        self.problem, self.state = problem, state
         kernel, clamp = problem.kernel, problem.case.clamp
         kernel.matrix.factorise(system.data)
+        self.system = replace(system, data=np.empty(0))  # the matrix has it, and not longer than it needs
         below = kernel.matrix.negative
         # as many as there are shared pressures belong to the mixed form
         self.negative = max(0, (below or 0) - kernel.shared)
