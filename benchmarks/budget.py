@@ -23,7 +23,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from vision import Camera, Displacements, Mark, Stated, Video, measure, synthetic
+from vision import Camera, Displacements, Mark, Stated, Video, View, measure, synthetic
 from vision.modes import sync
 
 Array = NDArray[np.float64]
@@ -158,10 +158,8 @@ def one(truth: Truth, seed: int, codec: str, folder: Path) -> dict[str, Array]:
     place, turns, _ = motion(truth, still)
     synthetic.film(folder / "still.mkv", positions=place, rotations=turns, seed=2 * seed, **look)
     synthetic.film(folder / "film.mkv", positions=filmed, rotations=turn, seed=2 * seed + 1, **look)
-    result = measure(
-        Video(folder / "film.mkv"), Video(folder / "still.mkv"), truth.stated_camera, truth.marks,
-        stated=truth.stated, reference_s=(REST - 0.5) / FPS,
-    )  # fmt: skip
+    view = View(Video(folder / "film.mkv"), Video(folder / "still.mkv"), truth.stated_camera)
+    result = measure([view], truth.marks, stated=truth.stated, reference=(REST - 0.5) / FPS)
     return _pulls(truth, result, motion(truth, at)[2], turn)
 
 

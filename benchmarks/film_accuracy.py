@@ -19,7 +19,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from vision import Camera, Displacements, Mark, Video, measure, synthetic
+from vision import Camera, Displacements, Mark, Video, View, measure, synthetic
 from vision.noise import CREEP, FAST, states
 
 Array = NDArray[np.float64]
@@ -134,7 +134,7 @@ def main() -> int:
                 )
             count = len(place) + len(still)
             drawn, began = (time.process_time() - began) / count, time.process_time()
-            result = measure(Video(paths[0]), Video(paths[1]), camera, marks)
+            result = measure([View(Video(paths[0]), Video(paths[1]), camera)], marks)
             took = (time.process_time() - began) / count
             size = [path.stat().st_size / 1e3 for path in paths]
         print(

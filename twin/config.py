@@ -202,6 +202,11 @@ class MeasureTable(TableModel):
         default=1.8,
         description="length of the rest at the start of the film, s: displacements are relative to its mean",
     )
+    steps: int = Field(
+        default=2000,
+        ge=2,
+        description="of a film with more frames so many, evenly, become steps; all are followed",
+    )
 
 
 class MarkerTable(TableModel):

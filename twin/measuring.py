@@ -18,7 +18,9 @@ from twin.targetfiles import write_targets
 from twin.targets import MATERIAL, Array, Noise, Targets
 
 if TYPE_CHECKING:  # vision takes a second to import: only the stages that measure pay for it
-    from vision import Board, Camera, Displacements, Mark, Stated, Video
+    from vision import Board, Camera, Displacements, Mark, Stated, Video, View
+    from vision.face import Face
+    from vision.rig import Rig
 
 PARAMETERS = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3")
 DIGITS = 6  # of mm: a nanometre, far below any sd, keeps targets.csv readable
@@ -337,22 +339,11 @@ def _measure(
     project: Project, table: CameraTable, camera: Path, say: Say, keeper: "Followed"
 ) -> tuple["Displacements", Log, GaugeNoise, Join]:
     """Return displacements, log, gauge noise and join; the log is checked before the film is measured."""
-    from vision import Camera, measure
-    from vision.rig import Rig
-    from vision.series import open_film
-    from vision.space import Recording, measure_in_space
+    from vision import measure
 
-    tables = project.config.cameras
-    recordings = [
-        Recording(
-            film=open_film(project.path(t.film), fps=t.fps),
-            static=open_film(project.path(t.static), fps=t.fps),
-            start_s=t.film_start_s,
-        )
-        for t in tables
-    ]
-    film, static = recordings[0].film, recordings[0].static
-    for sentence in (s for r in recordings for s in (*r.film.issues, *r.static.issues)):
+    views, rig = _views(project, camera)
+    film, static = views[0].film, views[0].static
+    for sentence in (s for v in views for s in (*v.film.issues, *v.static.issues)):
         say(f"measure: {sentence}")
     pressure, settings = _pressure(project), project.config.measure
     log = read_log(project.path(pressure.file), time_shift_s=pressure.time_shift_s)
@@ -361,25 +352,42 @@ def _measure(
     if join is not None:
         check_covers(log, time + join.start_s, what="film", key="film_start_s")
         gauge = _gauge(table, log, join, static.time - static.time[0], settings.reference_s)
-    how: dict[str, Any] = {
-        "dictionary": dictionary_name(project, table.dictionary), "stated": _stated(settings),
-        "reference_s": settings.reference_s, "progress": say.progress,
-    }  # fmt: skip
-    stored, marks = files.read_json(camera), _marks(project)
-    if len(tables) > 1:
-        moved = measure_in_space(recordings, Rig.from_dict(stored), marks, **how)
-    elif project.config.dic is not None:
-        from vision.face import Face, measure_with_face
-
-        d = project.config.dic
-        face = Face(d.low_mm, d.high_mm, d.y_mm, d.step_mm, d.subset_mm)
-        moved = measure_with_face(film, static, Camera.from_dict(stored), marks, face, **how)
-    else:
-        moved = measure(film, static, Camera.from_dict(stored), marks, keeper=keeper, **how)
+    moved = measure(
+        views, _marks(project), reference=settings.reference_s, rig=rig, face=_face(project),
+        dictionary=dictionary_name(project, table.dictionary), stated=_stated(settings),
+        steps=settings.steps, progress=say.progress, keeper=keeper,
+    )  # fmt: skip
     if join is None:
         join = by_onset(moved.time - moved.time[0], *_motion(moved), log)
         gauge = _gauge(table, log, join, static.time - static.time[0], settings.reference_s)
     return moved, log, gauge, join
+
+
+def _views(project: Project, camera: Path) -> tuple[list["View"], "Rig | None"]:
+    """Return what every camera recorded, and how several cameras stand to each other."""
+    from vision import Camera, View
+    from vision.rig import Rig
+    from vision.series import open_film
+
+    tables, stored = project.config.cameras, files.read_json(camera)
+    rig = Rig.from_dict(stored) if len(tables) > 1 else None
+    cameras = rig.cameras if rig is not None else (Camera.from_dict(stored),)
+    views = [
+        View(
+            open_film(project.path(t.film), fps=t.fps), open_film(project.path(t.static), fps=t.fps), own,
+            t.film_start_s,
+        )
+        for t, own in zip(tables, cameras, strict=True)
+    ]  # fmt: skip
+    return views, rig
+
+
+def _face(project: Project) -> "Face | None":
+    """Return the speckled face, None without [dic]."""
+    from vision.face import Face
+
+    d = project.config.dic
+    return None if d is None else Face(d.low_mm, d.high_mm, d.y_mm, d.step_mm, d.subset_mm)
 
 
 def _join_before(pressure: Any, table: CameraTable, film: "Video", log: Log) -> Join | None:

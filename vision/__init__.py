@@ -1,7 +1,6 @@
 """Film of a marked finger in, displacements in mm with their uncertainty out; `synthetic` draws film."""
 
 from vision.boards import Board
-from vision.budget import Budget
 from vision.calibration import calibrate_camera
 from vision.camera import Camera
 from vision.displacements import Displacements, measure
@@ -11,10 +10,10 @@ from vision.modes import Stated
 from vision.noise import NoiseModel
 from vision.tracks import Tracks
 from vision.video import Video
+from vision.views import View
 
 __all__ = [
     "Board",
-    "Budget",
     "Camera",
     "Displacements",
     "Mark",
@@ -22,6 +21,7 @@ __all__ = [
     "Stated",
     "Tracks",
     "Video",
+    "View",
     "calibrate_camera",
     "locate",
     "measure",

@@ -20,7 +20,6 @@ NEGLIGIBLE = 1e-4  # share of the calibration's variance that is left out of its
 ALARM_SD = 5.0  # sds beyond which a change of apparent size is reported: once in 2 million values
 # Interpolation and blur change the apparent size of a tag that turns by up to this much (drawn film).
 SIZE_FLOOR = 3e-4
-Modes = tuple[list[Array], list[str]]
 
 
 @dataclass(frozen=True)
@@ -65,20 +64,18 @@ def to_own_plane(place: Array, height: Array, view: Viewpoint) -> Array:
     return view.foot + (place - view.foot) * (1.0 - height / view.distance)[:, None]
 
 
-def height_modes(value: Array, marks: Sequence[Mark], view: Viewpoint, *, sd_mm: float) -> Modes:
+def height_modes(value: Array, marks: Sequence[Mark], view: Viewpoint, *, sd_mm: float) -> dict[str, Array]:
     """Errors (s,p,3) mm from the marks' heights, known to sd_mm: each is off by u dh / distance."""
-    modes, names = [], []
+    modes: dict[str, Array] = {}
     for p, mark in _fingers(marks):
-        mode = np.zeros(value.shape)
+        mode = modes.setdefault(f"height:{mark.owner}", np.zeros(value.shape))
         mode[:, p] = np.nan_to_num(value[:, p]) * sd_mm / view.distance
-        modes.append(mode)
-        names.append(f"height:{mark.name}")
-    return modes, names
+    return modes
 
 
 def out_of_plane_modes(
     value: Array, place: Array, marks: Sequence[Mark], view: Viewpoint, *, sd_mm: float
-) -> Modes:
+) -> dict[str, Array]:
     """Errors (s,p,3) mm from motion towards the camera: it looks like one away from its foot.
 
     The mode is r dy / distance, r (mm) from the foot.
@@ -86,16 +83,14 @@ def out_of_plane_modes(
     displacement. At rest there is none; between, it grows as the square root of the displacement, as the
     bulge of a finger's side face does (half of it is there at 0.3 of the displacement).
     """
-    modes, names = [], []
+    modes: dict[str, Array] = {}
     for p, mark in _fingers(marks):
         size = np.hypot(value[:, p, 0], value[:, p, 2])
         top = np.nanmax(size, initial=0.0)
         share = np.sqrt(size / top) if top > 0 else np.zeros(len(size))
-        mode = np.zeros(value.shape)
-        mode[:, p, ::2] = (place[:, p] - view.foot) * (share * sd_mm / view.distance)[:, None]
-        modes.append(np.nan_to_num(mode))
-        names.append(f"out_of_plane:{mark.name}")
-    return modes, names
+        mode = modes.setdefault(f"out_of_plane:{mark.owner}", np.zeros(value.shape))
+        mode[:, p, ::2] = np.nan_to_num((place[:, p] - view.foot) * (share * sd_mm / view.distance)[:, None])
+    return modes
 
 
 def calibration_modes(
@@ -108,7 +103,7 @@ def calibration_modes(
     points: Sequence[int],
     height: Array,
     reference: NDArray[np.intp],
-) -> Modes:
+) -> dict[str, Array]:
     """Errors (s,p,3) mm from the camera's parameters, as far as the frame marks do not take them up.
 
     ideal: (s,m,2) px of all marks.   homography: (s,3,3).   plane: (f,2) mm places of the marks `frame`.
@@ -119,7 +114,7 @@ def calibration_modes(
     the film and those that add nothing are dropped.
     """
     if not camera.covariance.any():
-        return [], []
+        return {}
     raw = camera.distort(ideal)
 
     def value(changed: Camera) -> Array:
@@ -135,7 +130,9 @@ def calibration_modes(
 
     nominal = value(camera)
     errors = np.array([value(camera.moved(step)) - nominal for step in principal(camera.covariance)])
-    return _uncorrelated(errors)
+    turned = uncorrelated(errors)
+    modes = np.stack([turned[..., 0], np.zeros(turned.shape[:-1]), turned[..., 1]], axis=-1)
+    return {f"calibration:{k + 1}": mode for k, mode in enumerate(modes)}
 
 
 def principal(covariance: Array) -> Array:
@@ -149,16 +146,14 @@ def principal(covariance: Array) -> Array:
     return steps[::-1]
 
 
-def _uncorrelated(errors: Array) -> Modes:
-    """Modes (s,p,3) with the covariance of errors (k,s,p,2), largest first, none that adds nothing."""
+def uncorrelated(errors: Array) -> Array:
+    """Modes (l,...) with the covariance of errors (k,...), largest first, none that adds nothing."""
     flat = errors.reshape(len(errors), -1)
     power, turn = np.linalg.eigh(flat @ flat.T)
     order = np.argsort(power)[::-1]
     left = 1.0 - np.cumsum(power[order]) / max(float(power.sum()), 1e-300)
     kept = order[: int(np.count_nonzero(left > NEGLIGIBLE)) + 1]
-    turned = (turn[:, kept].T @ flat).reshape(-1, *errors.shape[1:])
-    modes = [np.stack([m[..., 0], np.zeros(m.shape[:-1]), m[..., 1]], axis=-1) for m in turned]
-    return modes, [f"calibration:{k + 1}" for k in range(len(kept))]
+    return np.asarray((turn[:, kept].T @ flat).reshape(-1, *errors.shape[1:]))
 
 
 def alarms(
@@ -172,7 +167,8 @@ def alarms(
     """
     said = []
     for p, mark in enumerate(marks):
-        if not np.isfinite(size[:, p]).any():
+        # Skin stretches: that a part of a face grows says nothing of how far away it is.
+        if mark.group or not np.isfinite(size[:, p]).any():
             continue
         shift = view.distance * (1.0 - 1.0 / size[:, p])
         sd = view.distance * np.hypot(size_sd[:, p], SIZE_FLOOR)

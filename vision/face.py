@@ -3,27 +3,27 @@
 Subsets are cut on a grid in mm on the face and laid, affinely in the face's plane, on every frame.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import islice
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vision import depth, registration
-from vision.camera import Array, Camera
+from vision.camera import Array, Camera, Image
+from vision.checkpoint import Row, every_frame
 from vision.dic import MIN_CONTRAST, MIN_CORRELATION, NEIGHBOURS, affine_templates, smooth
-from vision.displacements import Displacements, displacements, rows_of
-from vision.marks import Mark, px_per_unit
-from vision.modes import Stated
-from vision.noise import codec_noise
+from vision.marks import Mark, frame_places, px_per_unit, rows_of
 from vision.plane import homographies
-from vision.reference import MAX_REFERENCE, prepare
-from vision.tracks import LOST, REGISTERED, Followed, Progress, follow
+from vision.reference import MAX_REFERENCE
+from vision.tracks import LOST, REGISTERED, Followed
 from vision.video import Video
+from vision.views import How, Seen, View
 
 MAX_POINTS = 150  # two errors of the reference each: more would fill the memory with modes
-SHARED = ("placement", "node", "height", "out_of_plane")  # the whole face is off alike
+GROUP = "face"  # all of it is off its place, its nodes, its height alike
 LEAST_PX = 15.0  # side of a subset
 
 
@@ -54,46 +54,27 @@ class Face:
         return np.stack([x.ravel(), z.ravel()], axis=1)
 
 
-def measure_with_face(
-    film: Video,
-    static: Video,
-    camera: Camera,
-    marks: Sequence[Mark],
-    face: Face,
-    *,
-    dictionary: str = "DICT_4X4_50",
-    stated: Stated = Stated(),  # noqa: B008 - frozen
-    reference_s: float = 1.8,
-    progress: Progress | None = None,
-) -> Displacements:
-    """Displacements of the marks and of points of the face, named face001, face002 and so on.
+def with_face(seen: Seen, view: View, marks: Sequence[Mark], face: Face, how: How) -> tuple[Seen, list[Mark]]:
+    """What the camera saw with the face's subsets as more marks, named face001, face002 and so on.
 
-    face: where the speckles are at rest.   The others as for `vision.measure`. A finger mark is still wanted.
+    face: where the speckles are at rest. Placement, node, height and motion out of the plane are one error
+    for all of it.
 
-    Placement, node, height and motion out of the plane are one error for the whole face. Raises ValueError
-    as `measure` does, for a region without texture, and for subsets below 15 px.
+    Raises ValueError for a region without texture, and for subsets below 15 px.
     """
-    frame, points = rows_of(marks)
-    plane = np.array([mark.position for mark in marks])[frame][:, [0, 2]]
-    both, codec = [], None
-    for video, stage in ((film, "film"), (static, "static")):
-        follower = prepare(video, camera, marks, dictionary=dictionary, reference_s=reference_s)
-        own = follow(video, follower, reference_s=reference_s, stage=stage, progress=progress)
-        if codec is None:
-            codec = codec_noise(video, follower, own, plane, frame, points, progress)
-        homography = homographies(plane, own.ideal[:, frame])
-        height = face.y - float(np.mean([marks[p].position[1] for p in frame]))
-        both.append(_joined(own, _follow(video, camera, own, homography, face, height, progress)))
-    assert codec is not None
+    frame, _ = rows_of(marks)
+    height = face.y - float(np.mean([marks[p].position[1] for p in frame]))
+    still, film = (
+        _joined(own, _follow(video, seen.camera, own, homography, face, height, how, stage))
+        for video, own, stage in ((view.static, seen.still, "static-face"), (view.film, seen.film, "face"))
+        for homography in [homographies(frame_places(marks), own.ideal[:, frame])]
+    )
     # Ids that no dictionary has: each subset knows its own rotation.
     spots = [
-        Mark(f"face{k + 1:03d}", -1 - k, (float(x), face.y, float(z)), "finger", face.subset_mm)
+        Mark(f"face{k + 1:03d}", -1 - k, (float(x), face.y, float(z)), "finger", face.subset_mm, GROUP)
         for k, (x, z) in enumerate(face.points())
     ]
-    found = displacements(
-        both[0], both[1], camera, [*marks, *spots], codec=codec, stated=stated, static=static.path.name
-    )
-    return _shared(found)
+    return replace(seen, film=film, still=still), [*marks, *spots]
 
 
 def _joined(marks: Followed, face: Followed) -> Followed:
@@ -113,7 +94,8 @@ def _follow(
     homography: Array,
     face: Face,
     height: float,
-    progress: Progress | None,
+    how: How,
+    stage: str,
 ) -> Followed:
     """The face's subsets in every frame."""
     view = depth.viewpoint(camera, homography[marks.reference])
@@ -130,8 +112,18 @@ def _follow(
     grid = registration.local_grid(int(np.clip(np.ceil(2.0 * np.median(scale)), 15, 60)), 1.0)
     lens = registration.lens(camera)
     templates = _templates(film, lens, homography, centre, start, grid, marks.reference)
-    states = list(_states(film, lens, templates, start / start[:, 2:, 2:], centre, progress))
-    warp, match = (np.array([s[k] for s in states]) for k in (0, 1))
+    start = start / start[:, 2:, 2:]
+    near = [np.argsort(np.hypot(*(centre - c).T), kind="stable")[1 : NEIGHBOURS + 1] for c in centre]
+    rows = every_frame(
+        film,
+        partial(_step, lens=lens, templates=templates, rest=start, near=near),
+        start,
+        nothing=(np.full(start.shape, np.nan), np.full(len(start), np.nan)),
+        stage=stage,
+        progress=how.progress,
+        keeper=how.keeper,
+    )
+    warp, match = (np.array([row[k] for row in rows]) for k in (0, 1))
     seen = np.isfinite(warp[..., 0, 0])
     return Followed(
         marks.time,
@@ -180,52 +172,30 @@ def _templates(
     return affine_templates(mean, grid)
 
 
-def _states(
-    film: Video,
+def _step(
+    image: Image,
+    last: Array,
+    *,
     lens: Array,
     templates: registration.Templates,
-    start: Array,
-    centre: Array,
-    progress: Progress | None,
-) -> Iterator[tuple[Array, Array]]:
-    """Warps (p,3,3) and correlations (p,) in each frame; a lost subset is looked for by its neighbours."""
-    near = [np.argsort(np.hypot(*(centre - c).T), kind="stable")[1 : NEIGHBOURS + 1] for c in centre]
-    rest, last = start, start
-    for index, _, image in film.frames():
-        picture, every = smooth(image), np.arange(len(start))
-        warp, match = registration.register(picture, lens, templates, last, px_per_unit(last), every)
-        for p in np.flatnonzero(match < MIN_CORRELATION):
-            good = [q for q in near[p] if match[q] >= MIN_CORRELATION]
-            if good:  # as the neighbour moved since the start
-                guess = (warp[good[0]] @ np.linalg.inv(rest[good[0]]) @ rest[p])[None]
-                again, found = registration.register(
-                    picture, lens, templates, guess / guess[:, 2:, 2:], px_per_unit(guess), every[p : p + 1]
-                )
-                warp[p], match[p] = again[0], found[0]
-        lost = match < MIN_CORRELATION
-        last = np.where(lost[:, None, None], last, warp)
-        warp[lost], match[lost] = np.nan, np.nan
-        yield warp, match
-        if progress is not None:
-            progress("face", index + 1, len(film.time))
+    rest: Array,
+    near: list[NDArray[np.intp]],
+) -> tuple[Row, Array]:
+    """Warps (p,3,3) and correlations (p,) in one picture, and where subsets were last seen.
 
-
-def _shared(found: Displacements) -> Displacements:
-    """The displacements with one mode for the whole face where errors are the face's, not a point's; without
-    what the growth of a tag would say."""
-    kept: list[tuple[str, Array]] = []
-    merged: dict[str, Array] = {}
-    for name, mode in zip(found.mode_names, found.modes, strict=True):
-        source, _, rest = name.partition(":")
-        if source in SHARED and rest.startswith("face"):
-            axis = rest.split(":")[1:]
-            key = ":".join([source, "face", *axis])
-            merged[key] = merged.get(key, np.zeros(mode.shape)) + mode
-        else:
-            kept.append((name, mode))
-    every = [*kept, *merged.items()]
-    # Skin stretches: that a subset grows says nothing of how far away it is.
-    remarks = tuple(r for r in found.remarks if not r.startswith("mark 'face"))
-    return replace(
-        found, modes=np.array([m for _, m in every]), mode_names=tuple(n for n, _ in every), remarks=remarks
-    )
+    rest: (p,3,3) warps at the start.   near: the neighbours by which a lost subset is looked for.
+    """
+    picture, every = smooth(image), np.arange(len(rest))
+    warp, match = registration.register(picture, lens, templates, last, px_per_unit(last), every)
+    for p in np.flatnonzero(match < MIN_CORRELATION):
+        good = [q for q in near[p] if match[q] >= MIN_CORRELATION]
+        if good:  # as the neighbour moved since the start
+            guess = (warp[good[0]] @ np.linalg.inv(rest[good[0]]) @ rest[p])[None]
+            again, found = registration.register(
+                picture, lens, templates, guess / guess[:, 2:, 2:], px_per_unit(guess), every[p : p + 1]
+            )
+            warp[p], match[p] = again[0], found[0]
+    lost = match < MIN_CORRELATION
+    last = np.where(lost[:, None, None], last, warp)
+    warp[lost], match[lost] = np.nan, np.nan
+    return (warp, match), last

@@ -22,6 +22,23 @@ class Mark:
     position: tuple[float, float, float]  # mm, nominal centre at rest, world frame
     role: str  # "frame" carries the homography, "fixed" is data with u = 0, "finger" moves
     size_mm: float  # side of the black square, or diameter of the dot
+    group: str = ""  # marks of one group are off their places alike, as the points of one face are
+
+    @property
+    def owner(self) -> str:
+        """What an error of its place is named after."""
+        return self.group or self.name
+
+
+def rows_of(marks: Sequence[Mark]) -> tuple[list[int], list[int]]:
+    """Rows of the frame marks and of all others, which are given out."""
+    frame = [p for p, mark in enumerate(marks) if mark.role == "frame"]
+    return frame, [p for p in range(len(marks)) if p not in frame]
+
+
+def frame_places(marks: Sequence[Mark]) -> Array:
+    """Nominal places (f,2) mm, x and z, of the frame marks."""
+    return np.array([mark.position for mark in marks if mark.role == "frame"])[:, [0, 2]]
 
 
 def check_names(marks: Sequence[Mark]) -> None:

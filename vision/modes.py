@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import chi2
 
 from vision.camera import Array
 from vision.marks import Mark
@@ -15,6 +16,7 @@ from vision.marks import Mark
 Named = Mapping[str, Array]  # name to (s,p,3) mm
 LEVEL = 0.2  # slope of the line to a neighbour that still runs along the finger
 LEAST = 1e-8  # of the largest combined mode's power: below it a mode is left out
+UNLIKELY = 0.001  # chance below which residuals contradict what is stated
 
 
 @dataclass(frozen=True)
@@ -39,10 +41,10 @@ def placement(value: Array, marks: Sequence[Mark], turns: Array, sd: float) -> N
 
     turns: (s,p) rad from x towards z.
     """
-    modes = {}
+    modes: dict[str, Array] = {}
     for p in _finger(marks):
         for axis, field in zip("xz", _turned(turns[:, p]), strict=True):
-            modes[f"placement:{marks[p].name}:{axis}"] = _of_point(value, p, sd * field)
+            _add(modes, f"placement:{marks[p].owner}:{axis}", value, p, sd * field)
     return modes
 
 
@@ -53,15 +55,16 @@ def node(value: Array, points: Array, marks: Sequence[Mark], turns: Array, sd: f
     du/dx is the chord between the neighbouring finger marks, stretch included; without one, the turn's.
     points: (p,3) mm.   turns: (s,p) rad.
     """
-    modes, finger = {}, _finger(marks)
+    modes: dict[str, Array] = {}
+    finger = _finger(marks)
     for p in finger:
         along, across = _turned(turns[:, p])
         a, b = _beside(points, finger, p)
         if points[b, 0] > points[a, 0]:
             chord = (value[:, b] - value[:, a])[:, [0, 2]] / (points[b, 0] - points[a, 0])
             along = np.where(np.isfinite(chord), chord, along)
-        modes[f"node:{marks[p].name}:x"] = _of_point(value, p, sd * along)
-        modes[f"node:{marks[p].name}:z"] = _of_point(value, p, sd * across)
+        _add(modes, f"node:{marks[p].owner}:x", value, p, sd * along)
+        _add(modes, f"node:{marks[p].owner}:z", value, p, sd * across)
     return modes
 
 
@@ -75,12 +78,12 @@ def _beside(points: Array, finger: Sequence[int], p: int) -> tuple[int, int]:
 
 def reference(value: Array, marks: Sequence[Mark], sd: Array) -> Named:
     """The reference's own error, subtracted from every step: sd (p,3) mm of its mean."""
-    modes = {}
+    modes: dict[str, Array] = {}
     for p, mark in enumerate(marks):
         for component in (0, 2):
             field = np.zeros((len(value), 2))
             field[:, component // 2] = sd[p, component]
-            modes[f"reference:{mark.name}:{component + 1}"] = _of_point(value, p, field)
+            _add(modes, f"reference:{mark.name}:{component + 1}", value, p, field)
     return modes
 
 
@@ -102,6 +105,26 @@ def frame(shift: Array, rest: NDArray[np.intp], sd: float) -> Named:
     return {f"frame:{k + 1}": _with_zero_y(field) for k, field in enumerate(fields)}
 
 
+def frame_sd(
+    misfit: Array, names: Sequence[str], stated: float, *, fitted: int, noise: float = 0.0, advice: str = ""
+) -> tuple[float, tuple[str, ...]]:
+    """How far frame marks are off their nominal places, mm: as stated, or what their misfit shows if more.
+
+    misfit: (f,2) or (f,3) mm, what is left of them after the fit of `fitted` numbers (8 of a homography, 6 of
+    a rigid motion), which takes up as many of their degrees of freedom; NaN for marks never seen.
+    noise: mm2, of one component's mean.   advice: what else may be wrong.
+    """
+    seen, power = np.isfinite(misfit[:, 0]), np.nan_to_num(misfit**2).sum(axis=1)
+    free = int(seen.sum()) * misfit.shape[1] - fitted
+    if free < 1 or chi2.sf(power.sum() / (stated**2 + noise), free) > UNLIKELY:
+        return stated, ()
+    found = float(np.sqrt(power.sum() / free - noise))
+    return found, (
+        f"the frame marks are {found:.3f} mm off their stated places, {names[int(np.argmax(power))]!r} most, "
+        f"and not {stated:g} mm (frame_sd_mm): {found:.3f} mm is used; measure their places again{advice}",
+    )
+
+
 def sync(time: Array, value: Array, sd_s: float) -> Array:
     """The film's clock off the pressure's by sd_s: velocity (s,p,3) mm/s times it.
 
@@ -118,15 +141,13 @@ def sync(time: Array, value: Array, sd_s: float) -> Array:
     return result
 
 
-def named(listed: tuple[list[Array], list[str]]) -> Named:
-    """Modes and their names as one mapping."""
-    return dict(zip(listed[1], listed[0], strict=True))
-
-
 def stacked(parts: Sequence[Named], seen: NDArray[np.bool_]) -> tuple[Array, tuple[str, ...]]:
     """Modes (k,s,p,3) mm and their names (k,); 0 where a point is not seen (s,p)."""
     fields = {name: field for part in parts for name, field in part.items()}
-    return np.array([np.nan_to_num(f) * seen[..., None] for f in fields.values()]), tuple(fields)
+    result = np.zeros((len(fields), *seen.shape, 3))
+    for row, field in zip(result, fields.values(), strict=True):
+        np.multiply(np.nan_to_num(field), seen[..., None], out=row)
+    return result, tuple(fields)
 
 
 def _finger(marks: Sequence[Mark]) -> list[int]:
@@ -139,10 +160,9 @@ def _turned(turn: Array) -> tuple[Array, Array]:
     return np.stack([cosine, sine], axis=1), np.stack([-sine, cosine], axis=1)
 
 
-def _of_point(value: Array, p: int, xz: Array) -> Array:
-    mode = np.zeros(value.shape)
-    mode[:, p, 0], mode[:, p, 2] = xz.T
-    return mode
+def _add(modes: dict[str, Array], name: str, value: Array, p: int, xz: Array) -> None:
+    """Write (s,2) mm of point p into the mode of that name."""
+    modes.setdefault(name, np.zeros(value.shape))[:, p, ::2] = xz
 
 
 def _with_zero_y(xz: Array) -> Array:

@@ -11,11 +11,12 @@ from numpy.typing import NDArray
 
 from vision import registration
 from vision.camera import Array
+from vision.checkpoint import Progress
 from vision.fallback import CORNERS, ECC
 from vision.marks import px_per_unit
 from vision.plane import homographies, to_plane
 from vision.reference import Follower
-from vision.tracks import Followed, Progress, centres
+from vision.tracks import Followed, centres
 from vision.turns import mean_seen
 from vision.video import Image, Video, Writer
 

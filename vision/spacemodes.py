@@ -7,15 +7,13 @@ from numpy.typing import NDArray
 
 from vision.camera import Array
 from vision.clocks import Track, joined
-from vision.depth import principal
+from vision.depth import principal, uncorrelated
 from vision.marks import Mark
 from vision.modes import Named
 from vision.noise import NoiseModel
 from vision.rig import Rig
 from vision.turns import mean_seen
 from vision.world import Places, Sight, places_of
-
-NEGLIGIBLE = 1e-4  # share of the calibration's variance that is left out of its modes
 
 
 def displacement(places: Places, reference: NDArray[np.intp]) -> Array:
@@ -106,10 +104,5 @@ def calibration(rig: Rig, sight: Sight, value: Array) -> Named:
         np.nan_to_num(displacement(places_of(rig.moved(step), sight), sight.reference) - value)
         for step in principal(rig.covariance)
     ]
-    flat = np.reshape(errors, (len(errors), -1))
-    power, turn = np.linalg.eigh(flat @ flat.T)
-    order = np.argsort(power)[::-1]
-    left = 1.0 - np.cumsum(power[order]) / max(float(power.sum()), 1e-300)
-    kept = order[: int(np.count_nonzero(left > NEGLIGIBLE)) + 1]
-    turned = (turn[:, kept].T @ flat).reshape(-1, *value.shape)
+    turned = uncorrelated(np.array(errors))
     return {f"calibration:{k + 1}": mode for k, mode in enumerate(turned)}

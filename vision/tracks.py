@@ -1,6 +1,5 @@
 """Film in, one homography per mark and frame out: marks are followed, lost and found again."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -8,7 +7,7 @@ from numpy.typing import NDArray
 
 from vision import fallback, registration, uneven
 from vision.camera import Array, Image
-from vision.checkpoint import COLUMNS, EVERY, Keeper, Row, State, restored, stored
+from vision.checkpoint import Keeper, Progress, Row, every_frame
 from vision.dots import eccentricity
 from vision.fallback import CORNERS, ECC, ECC_SD, LOST
 from vision.identity import Memory, follow_dots
@@ -17,8 +16,6 @@ from vision.marks import corner_warp, detect, dot_warp, px_per_unit
 from vision.plane import homographies, to_plane
 from vision.reference import Follower, reference_frames
 from vision.video import Video
-
-Progress = Callable[[str, int, int], None]
 
 REGISTERED, FOUND_AGAIN, DOT = 1, 2, 3  # codes of Tracks.method, with those of the fallbacks
 POOLED = 4.0  # a dot's contour in one frame counts for one part in so many of its variance
@@ -50,6 +47,15 @@ class Followed:
     said: tuple[str, ...] = ()  # what else is to be said of lost marks, one sentence each
 
 
+@dataclass(frozen=True)
+class State:
+    """What the next frame is followed from."""
+
+    last: Array  # (p,3,3) warps where marks were last seen
+    before: Array  # (p,3,3) and a frame before that
+    memory: Memory
+
+
 def follow(
     film: Video,
     follower: Follower,
@@ -63,10 +69,17 @@ def follow(
 
     keeper: where a killed run left what it had followed, and where this one does.
     """
-    rows, absent = _rows(film, follower, stage, progress, keeper)
-    warp, match, method, spread, unknown, leaning = (
-        np.array([row[k] for row in rows]) for k in range(COLUMNS)
+    rows = every_frame(
+        film,
+        lambda image, state: _next(image, follower, state),
+        State(follower.seed.copy(), follower.seed.copy(), _memory(follower)),
+        nothing=_nothing(len(follower.marks)),
+        stage=stage,
+        progress=progress,
+        keeper=keeper,
     )
+    absent = [*(i for i, row in enumerate(rows) if row[1][0] < 0.0), *range(len(rows), len(film.time))]
+    warp, match, method, spread, unknown, leaning = (np.array(column) for column in zip(*rows, strict=True))
     more = uneven.stated(leaning, np.isin(method, (REGISTERED, FOUND_AGAIN)))
     given_up = np.isinf(more)
     warp[given_up], method[given_up], more[given_up] = np.nan, LOST, 0.0
@@ -84,29 +97,6 @@ def follow(
             *_unknown([mark.name for mark in follower.marks], unknown, film.time),
         ),
     )
-
-
-def _rows(
-    film: Video, follower: Follower, stage: str, progress: Progress | None, keeper: Keeper | None
-) -> tuple[list[Row], list[int]]:
-    """What every frame shows, from the first on, and which frames are not there."""
-    rows, state, part = restored(keeper, stage) if keeper is not None else ([], None, 0)
-    state = state or State(follower.seed.copy(), follower.seed.copy(), _memory(follower))
-    fresh: list[Row] = []
-    for index, _, image in film.frames():
-        if index < len(rows):
-            continue
-        gap = [_nothing(len(follower.marks)) for _ in range(len(rows), index)]
-        row, state = _next(image, follower, state)
-        rows += [*gap, row]
-        fresh += [*gap, row]
-        if keeper is not None and len(fresh) >= EVERY:
-            stored(keeper, stage, part, fresh, state)
-            fresh, part = [], part + 1
-        if progress is not None:
-            progress(stage, index + 1, len(film.time))
-    absent = [i for i, row in enumerate(rows) if row[1][0] < 0.0]
-    return rows, [*absent, *range(len(rows), len(film.time))]
 
 
 def _nothing(count: int) -> Row:

@@ -15,7 +15,7 @@ from vision.video import Writer
 
 ROOT = Path(__file__).resolve().parents[2]
 # Parts of 20 frames, so that a short film has some.
-TWIN = "import sys; import vision.tracks as t; t.EVERY = 20; from twin.cli import main; sys.exit(main())"
+TWIN = "import sys; import vision.checkpoint as c; c.EVERY = 20; from twin.cli import main; sys.exit(main())"
 
 
 def shortened(film: Path, target: Path, frames: int) -> None:

@@ -94,10 +94,11 @@ def measured(monkeypatch):
         frames = FRAMES if Path(path).name.startswith("film") else STATIC
         return types.SimpleNamespace(time=np.arange(frames) / FPS, issues=())
 
-    def measure(film, static, camera, marks, *, dictionary, stated, reference_s, progress, keeper):
-        progress("track", 1, len(film.time))
-        calls.measure.append((camera, marks, dictionary, stated, reference_s))
-        return displacements(marks, film.time, seed=len(calls.measure))
+    def measure(views, marks, *, reference, rig, face, dictionary, stated, steps, progress, keeper):
+        assert (rig, face, steps) == (None, None, 2000)
+        progress("track", 1, len(views[0].film.time))
+        calls.measure.append((views[0].camera, marks, dictionary, stated, reference))
+        return displacements(marks, views[0].film.time, seed=len(calls.measure))
 
     monkeypatch.setattr(vision, "calibrate_camera", calibrate_camera)
     monkeypatch.setattr(vision.series, "open_film", video)

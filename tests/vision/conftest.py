@@ -1,8 +1,9 @@
 """A small drawn laboratory: one camera, 6 frame, 4 fixed and 3 finger marks, 640 x 400 px at 3.4 px/mm."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -65,6 +66,22 @@ class Lab:
         flat = np.ascontiguousarray(points.reshape(-1, 3))
         seen, _ = cv2.projectPoints(flat, *self.pose, self.camera.matrix, self.camera.distortion)
         return np.asarray(seen, dtype=np.float64).reshape((*points.shape[:-1], 2))
+
+
+class Kept(dict[str, Mapping[str, NDArray[Any]]]):
+    """A keeper in memory."""
+
+    def load(self, name: str) -> Mapping[str, NDArray[Any]] | None:
+        return self.get(name)
+
+    def save(self, name: str, arrays: Mapping[str, NDArray[Any]]) -> None:
+        assert name not in self  # no part is written twice
+        self[name] = {key: array.copy() for key, array in arrays.items()}
+
+
+@pytest.fixture
+def kept() -> Kept:
+    return Kept()
 
 
 @pytest.fixture(scope="session")

@@ -17,6 +17,7 @@ from vision.displacements import displacements
 from vision.modes import sync
 from vision.noise import Codec
 from vision.tracks import REGISTERED, Followed
+from vision.views import Seen
 
 Array = NDArray[np.float64]
 DRAWS = 100
@@ -127,7 +128,7 @@ def measured(d: Drawn, stated: Stated, seed: int, noise: float = NOISE_PX) -> tu
     H = camera(rng)
     film, still = followed(d, H, d.bend, rng, noise), followed(d, H, np.zeros(STILL), rng, noise)
     none = Codec(np.zeros(3), np.zeros(3), np.zeros(3))
-    result = displacements(film, still, LENS, d.marks, codec=none, stated=stated, static="still.mkv")
+    result = displacements([Seen(LENS, film, still, none)], d.marks, stated=stated)
     model = truth(d, d.bend)[2][:, [i for i, m in enumerate(d.marks) if m.role != "frame"]]
     return result, result.value[..., [0, 2]] - (model - model[:REST].mean(axis=0))
 

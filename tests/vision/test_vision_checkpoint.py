@@ -1,30 +1,18 @@
 """A film that is followed in two goes is followed as in one, bit for bit; frames that are not there are said."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import fields, replace
 from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
-from vision import Video, tracks
+from vision import Video, checkpoint
 from vision.reference import prepare
 from vision.tracks import LOST, Followed, follow
 
 Lab = Any
 BEND = np.concatenate([np.zeros(12), np.linspace(0, 0.012, 16)[1:], np.full(8, 0.012)])
-
-
-class Kept(dict[str, Mapping[str, NDArray[Any]]]):
-    """A keeper in memory."""
-
-    def load(self, name: str) -> Mapping[str, NDArray[Any]] | None:
-        return self.get(name)
-
-    def save(self, name: str, arrays: Mapping[str, NDArray[Any]]) -> None:
-        assert name not in self  # no part is written twice
-        self[name] = {key: array.copy() for key, array in arrays.items()}
 
 
 class Killed(Exception):
@@ -37,7 +25,7 @@ def film(lab: Lab, tmp_path_factory: pytest.TempPathFactory) -> Video:
     return lab.film(tmp_path_factory.mktemp("kept") / "film.mkv", BEND, marks=marks, seed=3)
 
 
-def followed(film: Video, lab: Lab, keeper: Kept | None, progress: Any = None) -> Followed:
+def followed(film: Video, lab: Lab, keeper: Any, progress: Any = None) -> Followed:
     marks = [replace(m, marker=None, size_mm=3.5) if m.name == "finger11" else m for m in lab.marks]
     follower = prepare(film, lab.camera, marks, dictionary="DICT_4X4_50", reference_s=1.15)
     return follow(film, follower, reference_s=1.15, stage="film", progress=progress, keeper=keeper)
@@ -45,10 +33,10 @@ def followed(film: Video, lab: Lab, keeper: Kept | None, progress: Any = None) -
 
 @pytest.mark.parametrize("frames", [11, 24])
 def test_a_killed_run_goes_on_bit_for_bit(
-    film: Video, lab: Lab, frames: int, monkeypatch: pytest.MonkeyPatch
+    film: Video, lab: Lab, kept: Any, frames: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(tracks, "EVERY", 5)
-    whole, kept = followed(film, lab, None), Kept()
+    monkeypatch.setattr(checkpoint, "EVERY", 5)
+    whole = followed(film, lab, None)
 
     def kill(stage: str, done: int, total: int) -> None:
         if done == frames:

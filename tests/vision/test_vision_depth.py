@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from vision import Camera, Mark, Video, depth, measure, synthetic
+from vision import Camera, Mark, Video, View, depth, measure, synthetic
 from vision.noise import with_y
 from vision.plane import homographies, to_plane
 
@@ -117,18 +117,18 @@ def pulls_of_heights(rng: np.random.Generator, sd: float) -> tuple[Array, float]
     lab, place, drawn = bench(rng), motion(rng), rng.normal(0, sd, 3)
     place[:, 6:, 1] += drawn
     value, _, _, view = lab.measured(lab.camera, place, np.zeros(3))
-    modes, names = depth.height_modes(value, MARKS[6:], view, sd_mm=sd)
-    assert names == ["height:finger0", "height:finger1", "height:finger2"]
-    return amplitudes(value - value_of(place), modes)
+    modes = depth.height_modes(value, MARKS[6:], view, sd_mm=sd)
+    assert list(modes) == ["height:finger0", "height:finger1", "height:finger2"]
+    return amplitudes(value - value_of(place), list(modes.values()))
 
 
 def pulls_out_of_plane(rng: np.random.Generator, sd: float) -> tuple[Array, float]:
     lab, place, drawn = bench(rng), motion(rng), rng.normal(0, sd, 3)
     place[:, 6:, 1] += drawn * SHARE[:, None]
     value, seen, _, view = lab.measured(lab.camera, place, np.zeros(3))
-    modes, names = depth.out_of_plane_modes(value, seen, MARKS[6:], view, sd_mm=sd)
-    assert names == ["out_of_plane:finger0", "out_of_plane:finger1", "out_of_plane:finger2"]
-    return amplitudes(value - value_of(place), modes)
+    modes = depth.out_of_plane_modes(value, seen, MARKS[6:], view, sd_mm=sd)
+    assert list(modes) == ["out_of_plane:finger0", "out_of_plane:finger1", "out_of_plane:finger2"]
+    return amplitudes(value - value_of(place), list(modes.values()))
 
 
 def lens() -> Array:
@@ -147,7 +147,7 @@ def pulls_of_calibration(rng: np.random.Generator, sd: float) -> tuple[Array, fl
     place[:, 6:, 1] += height
     true = camera.moved(rng.multivariate_normal(np.zeros(9), camera.covariance, method="eigh"))
     value, _, homography, _ = lab.measured(true, place, height)
-    modes, names = depth.calibration_modes(
+    modes = depth.calibration_modes(
         camera,
         lab.ideal(true, place),
         homography,
@@ -157,8 +157,8 @@ def pulls_of_calibration(rng: np.random.Generator, sd: float) -> tuple[Array, fl
         height=height,
         reference=REFERENCE,
     )
-    assert names == [f"calibration:{k + 1}" for k in range(len(modes))]
-    return amplitudes(value - value_of(place), modes[:2])
+    assert list(modes) == [f"calibration:{k + 1}" for k in range(len(modes))]
+    return amplitudes(value - value_of(place), list(modes.values())[:2])
 
 
 @pytest.mark.parametrize("pulls", [pulls_of_heights, pulls_out_of_plane, pulls_of_calibration])
@@ -194,7 +194,7 @@ def test_a_mark_that_twists_out_of_the_plane_is_reported(lab: Lab, still: Video,
         codec="ffv1",
     )
     camera = replace(lab.camera, covariance=lens())
-    result = measure(Video(tmp_path / "twist.mkv"), still, camera, marks, reference_s=1.05)
+    result = measure([View(Video(tmp_path / "twist.mkv"), still, camera)], marks, reference=1.05)
     told = "\n".join(result.remarks)
     assert "1 finger marks lie off the frame marks' plane, by 3.0 mm at 'finger11'" in told
     said = [sentence for sentence in result.remarks if "looks" in sentence]

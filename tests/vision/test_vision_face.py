@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from vision import Displacements, Video, synthetic
-from vision.face import Face, measure_with_face
+from vision import Displacements, Video, View, measure, synthetic
+from vision.face import Face
 from vision.modes import Stated
 
 Array = NDArray[np.float64]
@@ -85,7 +85,7 @@ def films(lab: Any, tmp_path_factory: pytest.TempPathFactory) -> tuple[Video, Vi
 @pytest.fixture(scope="module")
 def found(lab: Any, films: tuple[Video, Video]) -> Displacements:
     face = Face(LOW, HIGH, DEPTH, step_mm=10.0, subset_mm=9.0)
-    return measure_with_face(*films, lab.camera, lab.marks, face, stated=PERFECT, reference_s=1.5)
+    return measure([View(*films, lab.camera)], lab.marks, face=face, stated=PERFECT, reference=1.5)
 
 
 def rows(found: Displacements) -> list[int]:
@@ -126,8 +126,9 @@ def test_errors_of_the_whole_face_are_one_mode(found: Displacements) -> None:
 def test_a_region_without_speckles_is_refused(lab: Any, films: tuple[Video, Video]) -> None:
     face = Face((10.0, -42.0), (80.0, 20.0), DEPTH, step_mm=10.0, subset_mm=9.0)
     with pytest.raises(ValueError, match="subsets show no speckles, the first at x"):
-        measure_with_face(*films, lab.camera, lab.marks, face, stated=PERFECT, reference_s=1.5)
+        measure([View(*films, lab.camera)], lab.marks, face=face, stated=PERFECT, reference=1.5)
+    small = Face(LOW, HIGH, DEPTH, 10.0, 2.0)
     with pytest.raises(ValueError, match=r"a subset of 2 mm is \d+ px wide, wanted 15"):
-        measure_with_face(*films, lab.camera, lab.marks, Face(LOW, HIGH, DEPTH, 10.0, 2.0), reference_s=1.5)
+        measure([View(*films, lab.camera)], lab.marks, face=small, reference=1.5)
     with pytest.raises(ValueError, match="holds 0 subsets of 40 mm"):
         Face(LOW, HIGH, DEPTH, 10.0, 40.0).points()

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from vision import Displacements, fallback, measure
+from vision import Displacements, View, fallback, measure
 from vision.fallback import CORNERS, ECC, LOST
 from vision.marks import corner_warp
 from vision.reference import prepare
@@ -145,7 +145,7 @@ def measured(
             writer.add(picture)
     from vision import Video
 
-    return measure(Video(path), still, lab.camera, lab.marks, reference_s=1.15)
+    return measure([View(Video(path), still, lab.camera)], lab.marks, reference=1.15)
 
 
 def test_a_fallback_grows_the_covariance_and_is_said(lab: Lab, measured: Displacements) -> None:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from vision import Displacements, Mark, Video, measure
+from vision import Displacements, Mark, Video, View, measure
 from vision.video import Writer
 
 Array = NDArray[np.float64]
@@ -44,7 +44,7 @@ def measured(lab: Lab, bending: Video, still: Video, told: list[tuple[str, int, 
     def progress(*call: Any) -> None:
         told.append(call)
 
-    return measure(bending, still, lab.camera, lab.marks, reference_s=FRAME_S, progress=progress)
+    return measure([View(bending, still, lab.camera)], lab.marks, reference=FRAME_S, progress=progress)
 
 
 def errors(measured: Displacements, lab: Lab, bend: Array) -> Array:
@@ -89,7 +89,7 @@ def test_displacement_and_its_stated_sd(measured: Displacements, lab: Lab) -> No
 
 def test_a_film_without_motion_gives_zero_within_its_sd(lab: Lab, still: Video, tmp_path: Path) -> None:
     film = lab.film(tmp_path / "rest.mkv", np.zeros(60), seed=3)
-    result = measure(film, still, lab.camera, lab.marks, reference_s=FRAME_S)
+    result = measure([View(film, still, lab.camera)], lab.marks, reference=FRAME_S)
     variance = np.diagonal(result.covariance, axis1=2, axis2=3)[..., [0, 2]]
     pull = result.value[12:, :, [0, 2]] / np.sqrt(variance[12:] * (1.0 + 1.0 / 12.0))
     assert 0.85 < np.sqrt(np.mean(pull**2)) < 1.2
@@ -137,7 +137,7 @@ def test_covered_marks_are_lost_and_never_invented(
                 paint(p, 0.0)
 
     film = repainted(bending, tmp_path / "covered.mkv", cover)
-    result = measure(film, still, lab.camera, lab.marks, reference_s=FRAME_S)
+    result = measure([View(film, still, lab.camera)], lab.marks, reference=FRAME_S)
     gone = np.isnan(result.value[..., 0])
     expected = np.zeros_like(gone)
     names = list(result.names)
@@ -164,7 +164,7 @@ def test_progress_is_told(measured: Displacements, told: list[tuple[str, int, in
 def test_lossy_film_states_the_sd_of_moving_and_held_marks(lab: Lab, still: Video, tmp_path: Path) -> None:
     bend = np.concatenate([np.zeros(14), np.linspace(0, 0.006, 20)[1:], 0.006 + 6e-6 * np.arange(24)])
     film = lab.film(tmp_path / "lossy.mp4", bend, codec="libx264", seed=5)
-    result = measure(film, still, lab.camera, lab.marks, reference_s=FRAME_S)
+    result = measure([View(film, still, lab.camera)], lab.marks, reference=FRAME_S)
     finger = [i for i, role in enumerate(result.roles) if role == "finger"]
     assert np.all(result.noise.codec_sd[finger][:, [0, 2]] > result.noise.sd[finger][:, [0, 2]])
     reference = [i for i, name in enumerate(result.mode_names) if name.startswith("reference:")]
@@ -179,7 +179,7 @@ def test_dots_without_a_code(lab: Lab, tmp_path: Path) -> None:
     bend = np.concatenate([np.zeros(12), np.linspace(0, 0.006, 20)])
     film = lab.film(tmp_path / "dots.mkv", bend, marks=marks, seed=7)
     static = lab.film(tmp_path / "static.mkv", np.zeros(120), marks=marks, seed=8)
-    result = measure(film, static, lab.camera, marks, reference_s=FRAME_S)
+    result = measure([View(film, static, lab.camera)], marks, reference=FRAME_S)
     finger = [i for i, role in enumerate(result.roles) if role == "finger"]
     error = errors(result, lab, bend)[:, finger]
     assert np.sqrt(np.mean(error**2)) < 0.006  # 0.02 px at 3.4 px/mm, 12 px dots
@@ -216,18 +216,18 @@ def test_marks_that_do_not_suffice(
     lab: Lab, still: Video, change: Callable[[Any], list[Mark]], sentence: str
 ) -> None:
     with pytest.raises(ValueError, match=sentence):
-        measure(still, still, lab.camera, change(list(lab.marks)))
+        measure([View(still, still, lab.camera)], change(list(lab.marks)))
 
 
 def test_films_that_do_not_suffice(lab: Lab, bending: Video, still: Video, tmp_path: Path) -> None:
     with pytest.raises(ValueError, match=r"static film bend\.mkv has 51 frames, wanted at least 120"):
-        measure(bending, bending, lab.camera, lab.marks)
+        measure([View(bending, bending, lab.camera)], lab.marks)
     with pytest.raises(ValueError, match="was calibrated with 641 x 400"):
-        measure(still, still, replace(lab.camera, size=(641, 400)), lab.marks)
+        measure([View(still, still, replace(lab.camera, size=(641, 400)))], lab.marks)
     with pytest.raises(ValueError, match=r"has 3 frames in its first 0\.2 s, wanted 10"):
-        measure(still, still, lab.camera, lab.marks, reference_s=0.2)
+        measure([View(still, still, lab.camera)], lab.marks, reference=0.2)
     with pytest.raises(ValueError, match=r"shows no marker of DICT_6X6_50 .* DICT_4X4_50 finds 1\d"):
-        measure(still, still, lab.camera, lab.marks, dictionary="DICT_6X6_50")
+        measure([View(still, still, lab.camera)], lab.marks, dictionary="DICT_6X6_50")
 
 
 def test_film_without_markers(lab: Lab, still: Video, tmp_path: Path) -> None:
@@ -235,9 +235,9 @@ def test_film_without_markers(lab: Lab, still: Video, tmp_path: Path) -> None:
     with pytest.raises(
         ValueError, match=r"blank\.mkv shows no marker of DICT_4X4_50 in its first 5 frames; no other"
     ):
-        measure(blank, still, lab.camera, lab.marks)
+        measure([View(blank, still, lab.camera)], lab.marks)
     with pytest.raises(ValueError, match=r"blank\.mkv shows no marker"):
-        measure(still, blank, lab.camera, lab.marks)
+        measure([View(still, blank, lab.camera)], lab.marks)
 
 
 def test_a_marker_seen_twice(lab: Lab, still: Video, tmp_path: Path) -> None:
@@ -248,4 +248,4 @@ def test_a_marker_seen_twice(lab: Lab, still: Video, tmp_path: Path) -> None:
         grey[y1 - 22 : y1 + 23, x1 - 22 : x1 + 23] = grey[y0 - 22 : y0 + 23, x0 - 22 : x0 + 23]
 
     with pytest.raises(ValueError, match="shows marker 0 more than once"):
-        measure(repainted(still, tmp_path / "twice.mkv", copy), still, lab.camera, lab.marks)
+        measure([View(repainted(still, tmp_path / "twice.mkv", copy), still, lab.camera)], lab.marks)

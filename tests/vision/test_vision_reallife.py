@@ -9,12 +9,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from vision import Displacements, Stated, Video
+from vision import Displacements, Video
 from vision.displacements import displacements
 from vision.noise import Codec
 from vision.reference import prepare
 from vision.tracks import Followed, follow
 from vision.video import Writer
+from vision.views import Seen
 
 Array = NDArray[np.float64]
 Lab = Any  # the fixture's class, see conftest.py
@@ -59,7 +60,7 @@ def measured(
             writer.add(np.clip(np.round(noisy), 0, 255).astype(np.uint8))
     film = followed(Video(path), lab)
     result = displacements(
-        film, drawn.still, lab.camera, lab.marks, codec=NONE, stated=Stated(), static="still.mkv"
+        [Seen(lab.camera, film, drawn.still, NONE)], lab.marks
     )
     kept = np.round(result.time * 10.0).astype(int)
     true = lab.motion(BEND)[0][kept][:, lab.rows("fixed", "finger")]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from vision import Mark, measure, synthetic
+from vision import Mark, View, measure, synthetic
 from vision.slip import slips
 from vision.video import Video
 
@@ -109,7 +109,7 @@ def test_a_tag_that_peels_off_in_a_drawn_film(lab: Lab, still: Video, tmp_path: 
     path = tmp_path / "peeled.mkv"
     drawn = {"camera": lab.camera, "pose": lab.pose, "marks": lab.marks, "codec": "ffv1", "seed": 4}
     synthetic.film(path, positions=place, rotations=turn, **drawn)
-    result = measure(Video(path), still, lab.camera, lab.marks, reference_s=1.15)
+    result = measure([View(Video(path), still, lab.camera)], lab.marks, reference=1.15)
     (one,) = [remark for remark in result.remarks if "peels" in remark]
     assert f"mark {lab.marks[tip].name!r} jumps by 0.60 mm (x +0.60, z" in one
     assert "at 2.200 s" in one

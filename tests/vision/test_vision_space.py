@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from vision import Camera, Displacements, Video, measure, spacemodes, synthetic
+from vision import Camera, Displacements, Video, View, checkpoint, measure, spacemodes, synthetic
 from vision.depth import principal
+from vision.face import Face
 from vision.modes import Stated
 from vision.rig import OWN, Rig
-from vision.space import Recording, measure_in_space
 from vision.world import Sight, places_of, rigid_fit
 
 Array = NDArray[np.float64]
@@ -65,13 +65,17 @@ class Pair:
             for name, time in (("film", self.time), ("static", np.zeros(120)))
             for c in range(2)
         ]
-        self.recordings = [Recording(films[c], films[2 + c]) for c in range(2)]
+        self.views = [View(films[c], films[2 + c], self.cameras[c]) for c in range(2)]
         self.places = motion(lab, self.time)[0]
         self.truth = self.places - self.places[self.time <= REFERENCE_S].mean(axis=0)
         self.output = lab.rows("fixed", "finger")
 
-    def drawn(self, path: Path, c: int, time: Array) -> Video:
+    def drawn(self, path: Path, c: int, time: Array, slip: float = 0.0) -> Video:
+        """What camera c films; the finger's last marker slips by so many mm along it at 3 s."""
         place, turn = motion(self.lab, time)
+        last = self.lab.rows("finger")[-1]
+        after = time > 3.0
+        place[after, last] += slip * np.stack([np.cos(turn), 0 * turn, np.sin(turn)], axis=-1)[after, last]
         synthetic.film(
             path,
             camera=self.cameras[c],
@@ -104,10 +108,8 @@ def pair(lab: Any, tmp_path_factory: pytest.TempPathFactory) -> Pair:
 
 
 def measured(pair: Pair, **changed: Any) -> Displacements:
-    recordings = changed.pop("recordings", pair.recordings)
-    return measure_in_space(
-        recordings, pair.rig, pair.lab.marks, stated=PERFECT, reference_s=REFERENCE_S, **changed
-    )
+    views = changed.pop("views", pair.views)
+    return measure(views, pair.lab.marks, rig=pair.rig, stated=PERFECT, reference=REFERENCE_S, **changed)
 
 
 def test_motion_out_of_the_plane_is_measured_with_pulls_of_one(pair: Pair) -> None:
@@ -122,25 +124,63 @@ def test_motion_out_of_the_plane_is_measured_with_pulls_of_one(pair: Pair) -> No
     assert np.sqrt(np.mean(pulls[:, finger] ** 2, axis=(0, 1))) == pytest.approx([1, 1, 1], abs=0.25)
     assert all("frame1" in sentence for sentence in found.lost)  # outside the second camera's picture
     assert np.isfinite(found.noise.sd).all()
+    assert not any("does not come back" in remark for remark in found.remarks)
 
 
 def test_one_camera_is_wrong_where_two_are_right(pair: Pair) -> None:
-    one = pair.recordings[0]
-    alone = measure(one.film, one.static, pair.cameras[0], pair.lab.marks, stated=PERFECT, reference_s=1.5)
+    alone = measure(pair.views[:1], pair.lab.marks, stated=PERFECT, reference=1.5)
     error = (alone.value - pair.truth[:, pair.output])[..., [0, 2]]
     assert np.isnan(alone.value[..., 1]).all()
     assert np.nanmax(np.abs(error)) > 0.5  # r dy / Z = 50 mm x 7 mm / 380 mm = 0.9 mm
 
 
+def test_a_marker_that_slips_is_named(pair: Pair, tmp_path: Path) -> None:
+    views = [
+        replace(view, film=pair.drawn(tmp_path / f"slip{c}.mkv", c, pair.time, slip=0.5))
+        for c, view in enumerate(pair.views)
+    ]
+    (said,) = [remark for remark in measured(pair, views=views).remarks if "does not come back" in remark]
+    assert said.startswith(f"mark {pair.lab.marks[-1].name!r} jumps by 0.5")
+    assert "at 3.100 s" in said
+
+
 def test_a_late_camera_is_found_out_and_corrected(pair: Pair) -> None:
     """The second camera's stamps are 30 ms late, a third of a frame."""
-    recordings = [pair.recordings[0], replace(pair.recordings[1], start_s=0.03)]
-    found = measured(pair, recordings=recordings)
+    found = measured(pair, views=[pair.views[0], replace(pair.views[1], start=0.03)])
     lags = [float(r.split("motion ")[1].split(" ms")[0]) for r in found.remarks if "motion" in r]
     assert lags == [pytest.approx(30.0, abs=0.5)]
     error = found.value - pair.truth[:, pair.output]
     assert np.sqrt(np.nanmean(error**2)) < 0.004  # 0.1 mm without the correction
     assert "camera_clock:2" in found.mode_names
+
+
+class Killed(Exception):
+    pass
+
+
+def test_a_killed_measurement_goes_on_bit_for_bit(
+    pair: Pair, kept: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(checkpoint, "EVERY", 20)
+    whole = measured(pair)
+
+    def kill(stage: str, done: int, total: int) -> None:
+        if (stage, done) == ("film-2", 45):
+            raise Killed
+
+    with pytest.raises(Killed):
+        measured(pair, keeper=kept, progress=kill)
+    parts = {"static-1": 6, "film-1": 2, "static-2": 6, "film-2": 2}
+    assert sorted(kept) == sorted(f"{stage}-{k:04d}" for stage, count in parts.items() for k in range(count))
+    first: dict[str, int] = {}
+    again = measured(
+        pair, keeper=kept, progress=lambda stage, done, total: first.setdefault(stage, done)
+    )
+    # Nothing that was kept is followed again; static films are whole in six parts of 20 frames.
+    assert first == {"film-1": 41, "film-2": 41}
+    for field in ("value", "covariance", "modes", "homography", "mode_names", "lost", "remarks"):
+        np.testing.assert_array_equal(getattr(whole, field), getattr(again, field), err_msg=field)
+    np.testing.assert_array_equal(whole.tracks.position, again.tracks.position)
 
 
 def test_errors_of_the_calibration_are_covered_by_its_modes(pair: Pair) -> None:
@@ -176,6 +216,12 @@ def test_a_rigid_fit_finds_the_pose_and_refuses_a_line() -> None:
         rigid_fit(points * (1, 0, 0), points)
 
 
-def test_one_recording_for_each_camera(pair: Pair) -> None:
-    with pytest.raises(ValueError, match="1 recordings for 2 cameras"):
-        measure_in_space(pair.recordings[:1], pair.rig, pair.lab.marks)
+def test_views_must_be_those_of_the_rig(pair: Pair) -> None:
+    with pytest.raises(ValueError, match="1 views for 2 cameras"):
+        measured(pair, views=pair.views[:1])
+    with pytest.raises(ValueError, match=r"2 views for 1 cameras.* several cameras need a rig"):
+        measure(pair.views, pair.lab.marks)
+    with pytest.raises(ValueError, match=r"view 1 has another camera .* wanted rig\.cameras\[0\]"):
+        measured(pair, views=pair.views[::-1])
+    with pytest.raises(ValueError, match="a speckled face is measured by one camera"):
+        measured(pair, face=Face((0.0, -40.0), (80.0, -10.0), 12.0, 10.0, 9.0))
