@@ -217,12 +217,12 @@ def twin(root: Path, stage: str, *, until: Path | None = None) -> Ran:
     began, said = time.perf_counter(), root / f"{stage}.txt"
     with open(said, "w") as out:
         process = subprocess.Popen(command, cwd=root, stdout=out, stderr=out)
-        while until is not None and process.poll() is None:
-            if until.exists():
-                process.send_signal(signal.SIGKILL)
-                break
+        ended, status, used = os.wait4(process.pid, os.WNOHANG)
+        while not ended:
             time.sleep(0.05)
-        _, status, used = os.wait4(process.pid, 0)
+            if until is not None and until.exists():
+                os.kill(process.pid, signal.SIGKILL)
+            ended, status, used = os.wait4(process.pid, os.WNOHANG)
     lines = said.read_text().splitlines()
     wall = time.perf_counter() - began
     return Ran(wall, used.ru_utime + used.ru_stime, used.ru_maxrss / 1024, lines, status)
@@ -243,7 +243,9 @@ def row(minutes: float, folder: Path, films: Path, *, whole: bool) -> dict[str, 
     if again.code:
         raise SystemExit("\n".join(again.progress))
     told: dict[str, Any] = {
-        "minutes": minutes, "frames": frames, "killed_peak_MB": round(first.peak),
+        "minutes": minutes, "frames": frames,
+        "film_MB": round((root / "raw" / "film.mp4").stat().st_size / 2**20),
+        "killed_peak_MB": round(first.peak),
         "resumed_peak_MB": round(again.peak), "resumed_at": EVERY * (half + 1),
         "resumed_s": round(again.wall), "progress": len([x for x in first.progress if " of " in x]),
         "targets_MB": round(sum(p.stat().st_size for p in (root / "targets").iterdir()) / 2**20),

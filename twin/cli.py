@@ -77,7 +77,7 @@ def print_sheets(
 @app.command()
 def camera(project: Folder = HERE, json: Json = False) -> None:
     """Calibrate the camera from board images."""
-    from twin.measuring import run_camera
+    from twin.cameras import run_camera
 
     _stage("camera", run_camera, project, json)
 

@@ -118,7 +118,7 @@ class BoardTable(TableModel):
 
 class CameraTable(TableModel):
     name: Name = Field(description="name of the camera")
-    film: RelativePath = Field(description="film of the test, or a folder of pictures")
+    film: RelativePath = Field(description="film of the test, or pictures: a folder, or raw/film-*.png")
     fps: Positive | None = Field(
         default=None, description="frame rate of folders of pictures without times.csv, 1/s"
     )

@@ -71,10 +71,10 @@ def _copy(source: Path, folder: Path, stamp: dict[str, str]) -> None:
 
 
 def _stages() -> dict[str, Stage]:
-    from twin import measuring, stages
+    from twin import cameras, measuring, stages
 
     return {
-        "camera": measuring.run_camera, "measure": measuring.run_measure,
+        "camera": cameras.run_camera, "measure": measuring.run_measure,
         "calibrate": stages.run_calibrate, "compare": stages.run_compare, "diagnose": stages.run_diagnose,
         "add": _add, "review": stages.run_review,
     }  # fmt: skip

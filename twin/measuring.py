@@ -1,4 +1,4 @@
-"""Turn board images into a camera, and film, static film and pressure log into displacement targets."""
+"""Turn film, static film and pressure log into displacement targets."""
 
 import os
 from collections.abc import Mapping
@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twin import files
+from twin.cameras import camera_path, camera_table, dictionary_files, dictionary_name, result_of
 from twin.config import CameraTable, MeasureTable
 from twin.gauge import GaugeNoise, Log, check_covers, gauge_noise, read_log
 from twin.joining import Join, by_flash, by_onset
@@ -18,11 +19,10 @@ from twin.targetfiles import write_targets
 from twin.targets import MATERIAL, Array, Noise, Targets
 
 if TYPE_CHECKING:  # vision takes a second to import: only the stages that measure pay for it
-    from vision import Board, Camera, Displacements, Mark, Stated, Video, View
+    from vision import Displacements, Mark, Stated, Video, View
     from vision.face import Face
     from vision.rig import Rig
 
-PARAMETERS = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3")
 DIGITS = 6  # of mm: a nanometre, far below any sd, keeps targets.csv readable
 
 
@@ -50,83 +50,6 @@ class Followed:
         return self.folder / f"followed-{name}.npz"
 
 
-def run_camera(project: Project, say: Say) -> dict[str, Any]:
-    """Calibrate the camera from its board images into runs/NNNN-camera/camera.json, unless that is done.
-
-    Several cameras are calibrated together, into rig.json.
-    """
-    table = _camera_table(project)
-    how = _camera_inputs(project)
-    done = project.done("camera", **how)
-    if done is not None:
-        say(f"camera: already done in {project.shown(done)}, skipped")
-        return _result(project, "camera", done, skipped=True)
-    if len(project.config.cameras) > 1:
-        return _run_rig(project, say, how)
-    with project.new_run("camera", **how) as run:
-        camera = _read_camera(project, table) if table.camera_file else _calibrated(project, table)
-        given = 0 if table.camera_file else len(_images(project, table))
-        run.write_json("camera.json", camera.to_dict())
-        run.summary.update(
-            rms_px=camera.rms_px, images=camera.images, given=given, model=" ".join(camera.model),
-            sd=dict(zip(PARAMETERS, camera.stdevs.tolist(), strict=True)), remarks=list(camera.remarks),
-        )  # fmt: skip
-        run.summary["headline"] = f"reprojection RMS {camera.rms_px:.3f} px"
-    for sentence in camera.remarks:
-        say(f"camera: {sentence}")
-    source = table.camera_file or f"{camera.images} of {given} board images"
-    say(f"camera: {source}, reprojection RMS {camera.rms_px:.3f} px (limit {table.max_rms_px:g}); wrote "
-        f"{project.shown(run.path('camera.json'))}")  # fmt: skip
-    return _result(project, "camera", run.folder)
-
-
-def _calibrated(project: Project, table: CameraTable) -> "Camera":
-    from vision import calibrate_camera
-
-    return calibrate_camera(_images(project, table), _board(project, table), max_rms_px=table.max_rms_px)
-
-
-def _board(project: Project, table: CameraTable) -> "Board":
-    from vision import Board
-
-    assert table.board is not None  # the configuration refuses boards without it
-    stated = table.board.model_dump() | {"marker_mm": table.board.marker_mm or 0.0}
-    return Board(**stated | {"dictionary": dictionary_name(project, table.board.dictionary)})
-
-
-def _run_rig(project: Project, say: Say, how: dict[str, Any]) -> dict[str, Any]:
-    """Calibrate every camera, then all of them together from the pictures of one name."""
-    from vision.stereo import calibrate_rig
-
-    tables = project.config.cameras
-    with project.new_run("camera", **how) as run:
-        cameras = [_calibrated(project, table) for table in tables]
-        rig = calibrate_rig(
-            [_images(project, table) for table in tables], _board(project, tables[0]), cameras,
-            max_rms_px=max(table.max_rms_px for table in tables),
-        )  # fmt: skip
-        remarks = [f"{t.name}: {r}" for t, c in zip(tables, cameras, strict=True) for r in c.remarks]
-        run.write_json("rig.json", rig.to_dict())
-        run.summary.update(
-            rms_px={t.name: c.rms_px for t, c in zip(tables, cameras, strict=True)},
-            images={t.name: c.images for t, c in zip(tables, cameras, strict=True)},
-            remarks=[*remarks, *rig.remarks], headline=rig.remarks[0],
-        )  # fmt: skip
-    for sentence in remarks:
-        say(f"camera: {sentence}")
-    say(f"camera: {rig.remarks[0]}; wrote {project.shown(run.path('rig.json'))}")
-    return _result(project, "camera", run.folder)
-
-
-def _read_camera(project: Project, table: CameraTable) -> "Camera":
-    from vision import Video
-    from vision.camerafile import read_camera
-
-    film = Video(project.path(table.film))
-    path = project.path(table.camera_file or "")
-    return read_camera(path, name=table.name, size=(film.width, film.height))
-
-
 def run_measure(project: Project, say: Say, *, replace: bool = False, budget: bool = False) -> dict[str, Any]:
     """Measure the films into targets/ and runs/NNNN-measure, unless that is done.
 
@@ -140,8 +63,8 @@ def run_measure(project: Project, say: Say, *, replace: bool = False, budget: bo
 
 
 def _measured(project: Project, say: Say, replace: bool) -> dict[str, Any]:
-    table = _camera_table(project)
-    camera = _camera(project)
+    table = camera_table(project)
+    camera = camera_path(project)
     how = _measure_inputs(project, camera)
     done, killed, owner = (
         project.done("measure", **how),
@@ -150,7 +73,7 @@ def _measured(project: Project, say: Say, replace: bool) -> dict[str, Any]:
     )
     if done is not None and owner == done.name:
         say(f"measure: already done in {project.shown(done)}, targets/ is there, skipped")
-        return _result(project, "measure", done, skipped=True)
+        return result_of(project, "measure", done, skipped=True)
     if project.targets_folder.exists() and not replace and not (killed and owner == killed.name):
         raise ValueError(
             f"{project.targets_folder} holds targets from other inputs (or measured elsewhere), which are "
@@ -170,7 +93,7 @@ def _measured(project: Project, say: Say, replace: bool) -> dict[str, Any]:
     for sentence in run.summary["remarks"]:
         say(f"measure: {sentence}")
     say(f"measure: {_headline(targets)}; wrote targets/ and {project.shown(run.folder)}/tracks.npz")
-    return _result(project, "measure", run.folder)
+    return result_of(project, "measure", run.folder)
 
 
 def make_targets(
@@ -221,91 +144,28 @@ def _kept(indices: NDArray[Any], keep: NDArray[np.bool_]) -> NDArray[np.int64]:
 # -- what the stages read ---------------------------------------------------------------------------------
 
 
-def _camera_table(project: Project) -> CameraTable:
-    if not project.config.cameras:
-        raise ValueError("twin.toml has no [[cameras]]: there is no film to measure; targets measured "
-                         "elsewhere go into targets/, and `twin calibrate` starts from them")  # fmt: skip
-    return project.config.cameras[0]
-
-
 def _pressure(project: Project) -> Any:
     return project.config.pressure  # a film without it is refused by the configuration
-
-
-def _camera_inputs(project: Project) -> dict[str, Any]:
-    tables = project.config.cameras
-    if len(tables) == 1:
-        return _one_camera_inputs(project, tables[0])
-    each = [_one_camera_inputs(project, table) for table in tables]
-    inputs = list(dict.fromkeys(path for one in each for path in one["inputs"]))
-    extra = {table.name: one["extra"] for table, one in zip(tables, each, strict=True)}
-    return {"tables": (), "inputs": inputs, "extra": {"rig": extra}}
-
-
-def _one_camera_inputs(project: Project, table: CameraTable) -> dict[str, Any]:
-    if table.camera_file is not None:
-        path = project.path(table.camera_file)
-        if not path.is_file():
-            raise ValueError(
-                f"cameras.camera_file = {table.camera_file!r}: no such file in {project.root}; copy it there "
-                "or correct twin.toml"
-            )
-        return {"tables": (), "inputs": [path], "extra": {"name": table.name, "film": table.film}}
-    board = table.board
-    assert board is not None  # the configuration refuses boards without it
-    extra = {"board": board.model_dump(), "max_rms_px": table.max_rms_px}
-    own = dictionary_files(project, board.dictionary)
-    return {"tables": (), "inputs": [*_images(project, table), *own], "extra": extra}
-
-
-def _images(project: Project, table: CameraTable) -> list[Path]:
-    """Return the pictures of the board."""
-    images = sorted(p for p in project.root.glob(table.boards or "") if p.is_file())
-    if not images:
-        raise ValueError(f"cameras.boards = {table.boards!r}: no file matches in {project.root}; put the "
-                         "images of the board there, or correct the glob in twin.toml")  # fmt: skip
-    return images
-
-
-def dictionary_name(project: Project, name: str) -> str:
-    """Return a dictionary as vision takes it: OpenCV's name, or the path of a file in the project."""
-    return name if name.startswith("DICT_") else str(project.path(name))
-
-
-def dictionary_files(project: Project, name: str) -> list[Path]:
-    """Return the file of a dictionary that is none of OpenCV's."""
-    if name.startswith("DICT_"):
-        return []
-    if not project.path(name).is_file():
-        raise ValueError(
-            f"dictionary = {name!r}: no such file in {project.root}; copy it there or correct twin.toml"
-        )
-    return [project.path(name)]
-
-
-def _camera(project: Project) -> Path:
-    """Return camera.json, or rig.json of several cameras, made from the board images as they are now."""
-    name = "camera.json" if len(project.config.cameras) == 1 else "rig.json"
-    done = project.done("camera", **_camera_inputs(project))
-    if done is None:
-        older = project.newest("camera", name)
-        why = f"{project.shown(older)} was made from other images or settings" if older else f"no {name} yet"
-        raise ValueError(f"{why}: run `twin camera` first")
-    return done / name
 
 
 def _measure_inputs(project: Project, camera: Path) -> dict[str, Any]:
     recorded = [(f"cameras.{k}", getattr(t, k)) for t in project.config.cameras for k in ("film", "static")]
     named = [*recorded, ("pressure.file", _pressure(project).file)]
-    for key, path in named:
-        if not project.path(path).exists():
-            raise ValueError(
-                f"{key} = {path!r}: no such file in {project.root}; copy it there or correct twin.toml"
-            )
-    inputs = [project.path(path) for _, path in named]
+    inputs = [path for key, told in named for path in _recorded(project, key, told)]
     tables = ("cameras", "pressure", "measure", "frame", "points", "dic")
-    extra = [*dictionary_files(project, _camera_table(project).dictionary), *project.deck_files()]
+    extra = [*dictionary_files(project, camera_table(project).dictionary), *project.deck_files()]
     return {"tables": tables, "inputs": [*inputs, camera, *extra]}
+
+
+def _recorded(project: Project, key: str, told: str) -> list[Path]:
+    """Return the file, the folder, or the pictures of a pattern that twin.toml names; ValueError for none."""
+    path = project.path(told)
+    found = [path] if path.exists() else sorted(p for p in path.parent.glob(path.name) if p.is_file())
+    if not found:
+        raise ValueError(
+            f"{key} = {told!r}: no such file in {project.root}; copy it there or correct twin.toml"
+        )
+    return found
 
 
 def _measured_by(project: Project) -> str | None:
@@ -510,13 +370,3 @@ def _put_aside(project: Project, say: Say) -> None:
         number += 1
     os.rename(folder, kept)
     say(f"measure: the targets that were there are kept as {kept.name}")
-
-
-def _result(project: Project, stage: str, folder: Path, *, skipped: bool = False) -> dict[str, Any]:
-    """Return what --json prints."""
-    summary = project.info(folder).get("summary", {})
-    return {
-        "stage": stage,
-        "status": "skipped" if skipped else "done",
-        "run": project.shown(folder),
-    } | summary

@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from twin.cameras import dictionary_files, dictionary_name
 from twin.config import CameraTable
-from twin.measuring import dictionary_files, dictionary_name
 from twin.pdf import Page, pdf
 from twin.project import Project, Say
 

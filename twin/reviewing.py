@@ -68,6 +68,7 @@ class _Story:
         """Write review.rrd; returns its notes."""
         cameras = self.project.config.cameras
         film = self.project.path(cameras[0].film) if cameras else None
+        film = film if film is not None and film.is_file() else None  # pictures are no video
         say.progress("review", 0, 2)
         notes = write_review(
             self.run.path("review.rrd"),

@@ -196,7 +196,7 @@ def _missing_files(project: Project) -> list[str]:
     missing = []
     for camera in project.config.cameras:
         named = {"cameras.film": camera.film, "cameras.static": camera.static}
-        missing += [f"{path} ({key})" for key, path in named.items() if not project.path(path).exists()]
+        missing += [f"{path} ({key})" for key, path in named.items() if not any(project.root.glob(path))]
         calibration = camera.camera_file or camera.boards or ""
         key = "camera_file" if camera.camera_file else "boards"
         missing += [] if any(project.root.glob(calibration)) else [f"{calibration} (cameras.{key})"]

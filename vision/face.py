@@ -22,7 +22,7 @@ from vision.tracks import LOST, REGISTERED, Followed
 from vision.video import Video
 from vision.views import How, Seen, View
 
-MAX_POINTS = 150  # two errors of the reference each: more would fill the memory with modes
+MAX_POINTS = 150  # two modes of its own each, of all points in all steps: 1 GB at 800 steps
 GROUP = "face"  # all of it is off its place, its nodes, its height alike
 LEAST_PX = 15.0  # side of a subset
 
@@ -48,7 +48,8 @@ class Face:
         if not 0 < count <= MAX_POINTS:
             raise ValueError(
                 f"the face from {self.low} to {self.high} mm holds {count} subsets of {self.subset_mm:g} mm "
-                f"every {self.step_mm:g} mm, wanted 1 to {MAX_POINTS}: change step_mm, subset_mm or region"
+                f"every {self.step_mm:g} mm, wanted 1 to {MAX_POINTS} (every point has two modes "
+                "of its own, and their memory grows with the square): change step_mm, subset_mm or region"
             )
         x, z = np.meshgrid(*axes, indexing="ij")
         return np.stack([x.ravel(), z.ravel()], axis=1)

@@ -18,7 +18,8 @@ LOSSY = (".jpg", ".jpeg")
 class Pictures(Video):
     """A film that lies there as pictures, in the order of the numbers in their names.
 
-    path: folder of PNG, JPEG, BMP or TIFF pictures.   fps: 1/s, where the folder holds no times.csv.
+    path: folder of PNG, JPEG, BMP or TIFF pictures, or a pattern of their names, "raw/film-*.png".
+    fps: 1/s, where the folder holds no times.csv.
 
     times.csv has the columns file, time_s, or time_s alone with one row a picture. Raises ValueError for a
     folder without pictures, for pictures without times and for times that do not fit the pictures.
@@ -27,7 +28,7 @@ class Pictures(Video):
     def __init__(self, path: Path | str, *, fps: float | None = None) -> None:
         self.path = Path(path)
         self.files = _pictures(self.path)
-        self.time = _times(self.path, self.files, fps)
+        self.time = _times(self.files[0].parent, self.files, fps)
         first = _read(self.files[0])
         self.height, self.width = first.shape
         self.turns = 0
@@ -50,16 +51,26 @@ class Pictures(Video):
 
 
 def open_film(path: Path | str, *, fps: float | None = None) -> Video:
-    """The film in a video file, or in a folder of pictures (`Pictures`, with its fps)."""
-    return Pictures(path, fps=fps) if Path(path).is_dir() else Video(path)
+    """The film in a video file, or in pictures (`Pictures`, with its fps): a folder, or a name with *."""
+    return Pictures(path, fps=fps) if Path(path).is_dir() or is_pattern(path) else Video(path)
 
 
-def _pictures(folder: Path) -> tuple[Path, ...]:
+def is_pattern(path: Path | str) -> bool:
+    """Whether a path stands for many files: its name has one of * ? [ and no file is called so."""
+    return any(c in Path(path).name for c in "*?[") and not Path(path).exists()
+
+
+def _pictures(path: Path) -> tuple[Path, ...]:
+    pattern = is_pattern(path)
+    folder = path.parent if pattern else path
     if not folder.is_dir():
         raise ValueError(f"film {folder} does not exist: give a video file or a folder of pictures")
-    found = [p for p in folder.iterdir() if p.suffix.lower() in SUFFIXES]
+    every = folder.glob(path.name) if pattern else folder.iterdir()
+    found = [p for p in every if p.suffix.lower() in SUFFIXES]
     if not found:
-        raise ValueError(f"folder {folder} holds no picture: wanted {', '.join(SUFFIXES)}")
+        raise ValueError(
+            f"{'pattern' if pattern else 'folder'} {path} holds no picture: wanted {', '.join(SUFFIXES)}"
+        )
     return tuple(sorted(found, key=lambda p: [int(n) for n in re.findall(r"\d+", p.stem)] or [-1]))
 
 

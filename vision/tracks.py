@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from vision import fallback, registration, uneven
+from vision import fallback, registration, stutter, uneven
 from vision.camera import Array, Image
 from vision.checkpoint import Keeper, Progress, Row, every_frame
 from vision.dots import eccentricity
@@ -54,6 +54,7 @@ class State:
     last: Array  # (p,3,3) warps where marks were last seen
     before: Array  # (p,3,3) and a frame before that
     memory: Memory
+    picture: Image  # some of its pixels
 
 
 def follow(
@@ -72,18 +73,22 @@ def follow(
     rows = every_frame(
         film,
         lambda image, state: _next(image, follower, state),
-        State(follower.seed.copy(), follower.seed.copy(), _memory(follower)),
+        State(follower.seed.copy(), follower.seed.copy(), _memory(follower), np.zeros((0, 0), np.uint8)),
         nothing=_nothing(len(follower.marks)),
         stage=stage,
         progress=progress,
         keeper=keeper,
     )
     absent = [*(i for i, row in enumerate(rows) if row[1][0] < 0.0), *range(len(rows), len(film.time))]
-    warp, match, method, spread, unknown, leaning = (np.array(column) for column in zip(*rows, strict=True))
+    warp, match, method, spread, unknown, leaning, same = (
+        np.array(column) for column in zip(*rows, strict=True)
+    )
     more = uneven.stated(leaning, np.isin(method, (REGISTERED, FOUND_AGAIN)))
     given_up = np.isinf(more)
     warp[given_up], method[given_up], more[given_up] = np.nan, LOST, 0.0
     ideal = centres(warp, follower.centre)
+    old = stutter.stale(same, ideal)
+    warp[old], ideal[old], method[old] = np.nan, np.nan, LOST
     _straighten(follower, ideal)
     return Followed(
         film.time[: len(warp)],
@@ -94,6 +99,7 @@ def follow(
         reference_frames(film, reference_s),
         (
             *_absent(film, absent),
+            *_stale(film, np.flatnonzero(old)),
             *_unknown([mark.name for mark in follower.marks], unknown, film.time),
         ),
     )
@@ -104,7 +110,7 @@ def _nothing(count: int) -> Row:
     lost = np.full((count, 3, 3), np.nan)
     none = np.zeros(count, dtype=bool)
     spread, leaning = np.full((count, 2, 2), np.nan), np.full((count, 2), np.nan)
-    return lost, np.full(count, -1.0), none.astype(np.int8), spread, none, leaning
+    return lost, np.full(count, -1.0), none.astype(np.int8), spread, none, leaning, np.array(False)
 
 
 def _absent(film: Video, absent: list[int]) -> tuple[str, ...]:
@@ -113,6 +119,16 @@ def _absent(film: Video, absent: list[int]) -> tuple[str, ...]:
     return (
         f"{len(absent)} of {len(film.time)} frames of {film.path.name} cannot be decoded and give nothing, "
         f"first at {film.time[absent[0]]:.3f} s, last at {film.time[absent[-1]]:.3f} s",
+    )
+
+
+def _stale(film: Video, old: NDArray[np.intp]) -> tuple[str, ...]:
+    if not len(old):
+        return ()
+    return (
+        f"{len(old)} of {len(film.time)} frames of {film.path.name} repeat the picture before them while "
+        "marks move, as a camera that stutters gives them: they are left out, first at "
+        f"{film.time[old[0]]:.3f} s, last at {film.time[old[-1]]:.3f} s",
     )
 
 
@@ -132,7 +148,7 @@ def centres(warp: Array, centre: Array) -> Array:
 
 
 def _next(image: Image, follower: Follower, state: State) -> tuple[Row, State]:
-    """What one frame shows (warp, match, method, spread, unknown, leaning), and the state after it."""
+    """What one frame shows (warp, match, method, spread, unknown, leaning, same), and the state after it."""
     warp, match, method, spread, leaning = _step(image, follower, state)
     memory = _dots(image, follower, state.memory, warp, match, method, spread)
     unknown = np.zeros(len(warp), dtype=bool)
@@ -140,7 +156,9 @@ def _next(image: Image, follower: Follower, state: State) -> tuple[Row, State]:
     # A lost mark is looked for where it was last seen.
     seen = np.isfinite(warp)
     before, last = np.where(seen, state.last, state.before), np.where(seen, warp, state.last)
-    return (warp, match, method, spread, unknown, leaning), State(last, before, memory)
+    picture = stutter.sample(image)
+    same = np.array(np.array_equal(picture, state.picture))
+    return (warp, match, method, spread, unknown, leaning, same), State(last, before, memory, picture)
 
 
 def _predict(last: Array, before: Array) -> Array:

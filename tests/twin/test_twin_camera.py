@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from twin import files
+from twin.cameras import run_camera
 from twin.config import BoardTable, CameraTable
 from twin.configfile import dump
-from twin.measuring import run_camera
 from twin.project import Project
 from twin.starting import film_config
 from vision import Camera

@@ -194,10 +194,10 @@ def test_init_for_a_film_says_what_is_missing(run, tmp_path):
 @pytest.fixture
 def demo_data(monkeypatch, stages, study):
     """A data set without a film, measured by stand-ins."""
-    from twin import measuring
+    from twin import cameras, measuring
 
     monkeypatch.setattr(demo, "dataset", lambda name: study)
-    monkeypatch.setattr(measuring, "run_camera", stages.stage("camera"))
+    monkeypatch.setattr(cameras, "run_camera", stages.stage("camera"))
     monkeypatch.setattr(measuring, "run_measure", stages.stage("measure"))
     return stages
 

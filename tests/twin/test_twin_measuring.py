@@ -10,11 +10,12 @@ import vision
 import vision.overlay
 import vision.series
 from twin import files
+from twin.cameras import run_camera
 from twin.config import MeasureTable
 from twin.configfile import dump
 from twin.gauge import Log, check_covers, gauge_noise, read_log
 from twin.joining import Join
-from twin.measuring import make_targets, run_camera, run_measure
+from twin.measuring import make_targets, run_measure
 from twin.project import Project
 from twin.starting import film_config
 from vision.budget import budget

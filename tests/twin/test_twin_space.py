@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from twin import files
+from twin.cameras import run_camera
 from twin.config import (
     BoardTable,
     CameraTable,
@@ -19,7 +20,7 @@ from twin.config import (
     ProjectTable,
 )
 from twin.configfile import dump, parse
-from twin.measuring import run_camera, run_measure
+from twin.measuring import run_measure
 from twin.project import Project
 from vision import Board, Camera, Mark, synthetic
 from vision.camera import Array

@@ -133,6 +133,28 @@ def measured(d: Drawn, stated: Stated, seed: int, noise: float = NOISE_PX) -> tu
     return result, result.value[..., [0, 2]] - (model - model[:REST].mean(axis=0))
 
 
+def test_fewer_steps_are_the_same_steps() -> None:
+    """Of 40 frames 7, evenly, and the 10 of the reference: what they say is what they said among all."""
+    zero = np.zeros((len(rig()), 2))
+    d, rng = Drawn(rig(), zero, zero, zero, hidden=(2,)), np.random.default_rng(3)
+    H, none = camera(rng), Codec(np.zeros(3), np.zeros(3), np.zeros(3))
+    seen = Seen(LENS, followed(d, H, d.bend, rng, 1e-2), followed(d, H, np.zeros(STILL), rng, 1e-2), none)
+    stated = Stated(height_mm=1e-6, out_of_plane_mm=1e-6)
+    whole, fewer = (displacements([seen], d.marks, stated=stated, steps=most) for most in (STEPS, 7))
+    kept = [*range(REST), 13, 20, 26, 32, 39]
+    np.testing.assert_array_equal(fewer.time, whole.time[kept])
+    np.testing.assert_array_equal(fewer.reference, np.arange(REST))
+    np.testing.assert_allclose(fewer.value, whole.value[kept], atol=1e-9)
+    np.testing.assert_allclose(fewer.covariance, whole.covariance[kept], rtol=1e-6, atol=1e-15)
+    # The frame's modes are turned to be orthogonal over the steps, so that only their sum is the same.
+    power = [(r.modes**2).sum(axis=0) for r in (fewer, whole)]
+    np.testing.assert_allclose(power[0], power[1][kept], rtol=1e-4, atol=1e-12)
+    np.testing.assert_array_equal(fewer.tracks.position, whole.tracks.position)
+    np.testing.assert_allclose(fewer.noise.rho, whole.noise.rho ** (STEPS / len(kept)))
+    assert fewer.remarks[0].startswith("40 frames are followed, 15 of them are given out as steps")
+    assert not any("are followed" in remark for remark in whole.remarks)
+
+
 def pulls(drawn: list[tuple[Displacements, Array]], role: str, *, mean: bool = False) -> float:
     """Rms of error over stated sd after the rest; with `mean` of each mark's mean over the steps."""
     found = []

@@ -54,6 +54,32 @@ def test_a_killed_run_goes_on_bit_for_bit(
     assert np.isfinite(again.ideal).all()
 
 
+def test_repeated_pictures_are_left_out_where_marks_move(
+    film: Video, lab: Lab, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    whole, every = followed(film, lab, None), Video.frames
+
+    def stuttering(self: Video) -> Iterator[tuple[int, float, Any]]:
+        shown = [image for *_, image in every(self)]
+        for index, stamp, _ in every(self):
+            yield index, stamp, shown[{5: 4, 6: 4, 18: 17, 22: 20, 21: 20}.get(index, index)]
+
+    monkeypatch.setattr(Video, "frames", stuttering)
+    found = followed(film, lab, None)
+    lost = np.flatnonzero((found.method == LOST).all(axis=1))
+    assert lost.tolist() == [18, 21, 22]  # 5 and 6 show a finger at rest, and are right
+    assert np.isnan(found.ideal[lost]).all()
+    assert np.isnan(found.covariance[lost]).all()
+    kept = [t for t in range(19, len(BEND)) if t not in lost]
+    np.testing.assert_allclose(found.ideal[kept], whole.ideal[kept], atol=0.02)  # px, another reference
+    assert any(
+        "3 of 35 frames of film.mkv repeat the picture before them while marks move" in sentence
+        and "first at 1.800 s, last at 2.200 s" in sentence
+        for sentence in found.said
+    )
+    assert not any("repeat" in sentence for sentence in whole.said)
+
+
 def test_frames_that_are_not_there_are_lost_and_said(
     film: Video, lab: Lab, monkeypatch: pytest.MonkeyPatch
 ) -> None:

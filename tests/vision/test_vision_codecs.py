@@ -176,6 +176,21 @@ def test_pictures_with_a_file_of_times(tmp_path: Path) -> None:
     np.testing.assert_allclose(open_film(folder).time, [0, 1, 2, 3])
 
 
+def test_a_pattern_of_names_takes_its_pictures_alone(tmp_path: Path) -> None:
+    folder = pictures(tmp_path / "raw", ".png", [1, 2, 3, 4, 5])
+    for k in (1, 2):
+        (folder / f"frame{k}.png").rename(folder / f"still-{k}.png")
+    film = open_film(folder / "frame*.png", fps=10.0)
+    where = [block(grey) for *_, grey in film.frames()]
+    np.testing.assert_allclose(where, 15.5 + 4.0 * np.arange(2, 5), atol=0.3)
+    (folder / "times.csv").write_text(
+        "file,time_s\n" + "".join(f"{p.name},{k}\n" for k, p in enumerate(sorted(folder.glob("*.png"))))
+    )
+    np.testing.assert_allclose(open_film(folder / "still-?.png").time, [3, 4])
+    with pytest.raises(ValueError, match=r"pattern .*none-\*\.png holds no picture"):
+        open_film(folder / "none-*.png", fps=10.0)
+
+
 def test_pictures_that_are_no_film(tmp_path: Path) -> None:
     folder = pictures(tmp_path / "run3", ".png", [1, 2])
     with pytest.raises(
