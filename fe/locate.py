@@ -6,11 +6,14 @@ import scipy.sparse as sp
 from fe.case import Case
 from fe.element import Array, Element
 
+OUTSIDE = 0.02  # local units, of which an element has two
+
 
 def interpolation(case: Case, points: Array) -> sp.csr_matrix:
     """Operator (p, n) with the shape functions of undeformed `points` (p, 3) mm.
 
-    Raises ValueError for a point more than 1e-3 of its element's size outside the structure.
+    Raises ValueError for a point more than 1e-2 of its element's size outside the structure: by as much the
+    surfaces of meshes differ that follow one geometry.
     """
     rows, cols, values = [], [], []
     for r, x in enumerate(np.atleast_2d(points)):
@@ -27,12 +30,43 @@ def _locate(case: Case, x: Array) -> tuple[int, Array]:
     near = ((X.min(1) - margin <= x) & (X.max(1) + margin >= x)).all(axis=1)
     for element in np.flatnonzero(near):
         xi = _inverse(kind, X[element], x)
-        if kind.inside(xi) < 1e-3:
+        if kind.inside(xi) < OUTSIDE:
             return int(element), kind.shape(xi[None])[0][0]
     raise ValueError(
         f"point ({x[0]:g}, {x[1]:g}, {x[2]:g}) mm: not in the structure, wanted a material point of it "
         "(mm, undeformed); correct the point's position or its node"
     )
+
+
+def nearest(case: Case, x: Array) -> Array:
+    """The material point (3,) mm of the structure that is nearest to the place x (3,) mm: itself inside."""
+    X, kind = case.nodes[case.connectivity], case.element
+    box = np.linalg.norm(np.maximum(np.maximum(X.min(1) - x, x - X.max(1)), 0.0), axis=1)
+    best, away = x, np.inf
+    for e in np.argsort(box, kind="stable"):
+        if box[e] >= away:
+            break
+        point = kind.shape(_within(kind, X[e], x)[None])[0][0] @ X[e]
+        if np.linalg.norm(point - x) < away:
+            best, away = point, float(np.linalg.norm(point - x))
+    return best
+
+
+def _within(kind: Element, X: Array, x: Array) -> Array:
+    """Local coordinates of the element's point nearest to x; of a tetrahedron, where the way from its middle
+    to x leaves it."""
+    xi = _inverse(kind, X, x)
+    if kind.simplex:
+        middle = kind.local.mean(axis=0)
+        ways = middle + np.linspace(0.0, 1.0, 1001)[:, None] * (xi - middle)
+        return np.asarray(max(enumerate(ways), key=lambda way: (kind.inside(way[1]) <= 0, way[0]))[1])
+    xi = np.clip(xi, -1.0, 1.0)
+    for _ in range(5):  # along the faces that it lies on
+        N, dN = kind.shape(xi[None])
+        free = np.abs(xi) < 1.0
+        slope = np.einsum("ai,aJ->iJ", X, dN[0])[:, free]
+        xi[free] = np.clip(xi[free] + np.linalg.lstsq(slope, x - N[0] @ X, rcond=None)[0], -1.0, 1.0)
+    return xi
 
 
 def _inverse(kind: Element, X: Array, x: Array) -> Array:

@@ -28,6 +28,8 @@ def run_calibrate(project: Project, say: Say) -> dict[str, Any]:
             f"model.effects = {list(project.config.model.effects)}: calibrate fits the base model; "
             "twin add refits with effects, twin drop takes one out"
         )
+    for sentence in bench.remarks:
+        say(f"calibrate: {sentence}")
     with project.new_run("calibrate", seed=settings.seed) as run:
         paths, points = _paths(bench, say)
         objective = Objective.of(

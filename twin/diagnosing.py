@@ -31,7 +31,8 @@ def run_compare(project: Project, say: Say) -> dict[str, Any]:
         w = whitener_of(model, fit.theta, bench.targets, bench.mesh(fit.theta, model, say))
         found = _compared(run, bench, model, fit, w)
         crossed = model.solution(fit.theta).crossed
-    say(f"compare: {model.extent}")
+    for sentence in (*bench.remarks, model.extent):
+        say(f"compare: {sentence}")
     say(f"compare: {found.where}")
     if crossed:
         say(f"compare: {crossed}; the model knows no such contact")

@@ -1,12 +1,13 @@
 """A project -> its targets, model and whitener: what every stage after `measure` starts from."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from calibrate import Fit
 from fe import Case, Finger, Lattice
+from fe.locate import nearest
 from twin import files
 from twin.discretisation import MARGIN, Discretisation, discretisation, unknown
 from twin.effects import effect
@@ -19,6 +20,7 @@ from twin.structure import Structure, of_deck, of_finger, weighed
 from twin.targets import MATERIAL, NODE_UNKNOWN, Array, Targets
 
 TONNE_MM3 = 1e-12  # of one kg/m3
+OFF_MODEL_MM, ROUNDING_MM = 0.5, 1e-6
 SOFTEST = 0.7  # C10 + C01 of finer meshes over that of the model they serve; at most MARGIN
 SAME = 1.05  # at most, either way, where it does more than to scale the pressure
 
@@ -31,6 +33,7 @@ class Workbench:
     targets: Targets
     structure: Structure
     elasticity: Elasticity
+    remarks: tuple[str, ...] = ()  # what was done to the targets, one sentence each
 
     @property
     def case(self) -> Case:
@@ -58,8 +61,9 @@ class Workbench:
                 raise ValueError(f"point {name!r} has no node; give its node label in twin.toml [[points]]")
             if node not in (0, MATERIAL):
                 structure.case.position(int(node))  # names what is wrong with an unknown node
+        targets, remarks = _on_model(targets, structure.case)
         elasticity = Elasticity(bounds=config.calibrate.bounds, fixed=config.model.fixed)
-        return Workbench(project, targets, structure, elasticity)
+        return Workbench(project, targets, structure, elasticity, remarks)
 
     def model(self, labels: Sequence[str] | None = None) -> Model:
         """The base model with the effects of these labels, by default those of twin.toml."""
@@ -132,6 +136,27 @@ def _unweighed(project: Project) -> Structure:
             f"model.deck = {table.deck!r}: no such file in {project.root}; copy it there or correct twin.toml"
         )
     return of_deck(path, mesh=table.mesh, silicone=table.silicone)
+
+
+def _on_model(targets: Targets, case: Case) -> tuple[Targets, tuple[str, ...]]:
+    """Targets whose material points lie on the model, and what was moved for that."""
+    points, off = targets.points.copy(), {}
+    for p in np.flatnonzero(targets.nodes == MATERIAL):
+        points[p] = nearest(case, targets.points[p])
+        off[targets.names[p]] = float(np.linalg.norm(points[p] - targets.points[p]))
+    worst = max(off, key=lambda name: off[name], default="")
+    if off.get(worst, 0.0) > OFF_MODEL_MM:
+        raise ValueError(
+            f"point {worst!r} lies {off[worst]:.2f} mm off the model, wanted at most {OFF_MODEL_MM} mm: "
+            "correct the region or y_mm in [dic], or the model's geometry, and measure anew"
+        )
+    moved = sum(distance > ROUNDING_MM for distance in off.values())
+    if not moved:
+        return targets, ()
+    return replace(targets, points=points), (
+        f"{moved} of {len(off)} points that are no nodes lie off the model, up to {off[worst]:.2f} mm "
+        f"({worst}), and are taken at the nearest point of it",
+    )
 
 
 def newest_fit(project: Project) -> Fit:

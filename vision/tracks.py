@@ -88,7 +88,7 @@ def follow(
     warp[given_up], method[given_up], more[given_up] = np.nan, LOST, 0.0
     ideal = centres(warp, follower.centre)
     old = stutter.stale(same, ideal)
-    warp[old], ideal[old], method[old] = np.nan, np.nan, LOST
+    warp[old], ideal[old], spread[old], method[old] = np.nan, np.nan, np.nan, LOST
     _straighten(follower, ideal)
     return Followed(
         film.time[: len(warp)],

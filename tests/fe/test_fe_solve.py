@@ -9,7 +9,7 @@ import pytest
 
 from fe import Block, Case, Clamp, Finger, Lattice, Material, Path, finger_case, solve
 from fe.element import Array
-from fe.locate import interpolation
+from fe.locate import interpolation, nearest
 from fe.newton import Problem, equilibrium
 from fe.path import FIRST, STEP, corners, equivalent, in_time, knots, levels
 
@@ -104,6 +104,15 @@ def test_a_point_outside_is_refused(short: Case, point: tuple[float, float, floa
     # before the clamp; in the cavity; below the floor; far away
     with pytest.raises(ValueError, match=r"point \(.*\) mm: not in the structure, wanted a material point"):
         interpolation(short, np.array([point]))
+
+
+@pytest.mark.parametrize(
+    ("place", "found"),
+    [((20.0, 5.0, 1.0), (20.0, 5.0, 1.0)), ((20.0, 11.8, 1.0), (20.0, 11.5, 1.0)), ((-1.0, 12.0, -1.0), (0.0, 11.5, 0.0))],
+)
+def test_the_nearest_material_point(short: Case, place: tuple[float, ...], found: tuple[float, ...]) -> None:
+    # inside; beside a side face; beyond a corner
+    assert nearest(short, np.array(place)) == pytest.approx(found, abs=1e-6)
 
 
 def test_a_clamp_turns_by_its_compliance_times_the_moment(short: Case, short_finger: Finger) -> None:

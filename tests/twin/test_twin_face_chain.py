@@ -1,7 +1,8 @@
 """Points of a speckled face beside two markers through calibrate, compare and review: no node, found by place."""
 
-import json
+import shutil
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,11 +16,12 @@ from twin.project import Project
 from twin.stages import run_calibrate, run_compare, run_review
 from twin.targetfiles import write_targets
 from twin.targets import MATERIAL
+from twin.workbench import Workbench
 
 FILM = ((0.0, 0.0), (2.0, 0.0), (6.0, 25.0), (8.0, 25.0))
 BENCH = virtual.Bench(film_hz=2.0, gauge_sd_MPa=1e-5, ripple_MPa=0.0, sd=0.005, placement_sd_mm=0.02)
 # x and z mm on the flat edge of the side face, none of them at a node, in the order of x that the noise needs
-FACE = [(6.3, 0.9), (9.1, 0.3), (13.7, 0.4), (22.9, 1.2), (27.2, 0.8), (33.1, 1.1), (38.4, 0.6)]
+FACE = [(6.3, 0.9), (9.1, 2.1), (13.7, 0.4), (22.9, 1.7), (27.2, 0.8), (33.1, 2.2), (38.4, 1.3)]
 
 
 class Silent:
@@ -87,20 +89,30 @@ def test_face_points_are_calibrated_compared_and_reviewed(project: Project) -> N
     assert "face007" in page.read_text(encoding="utf-8")
 
 
+def changed(project: Project, folder: Path, rows: slice, move: tuple[float, float, float]) -> Project:
+    """The project with some face points stated elsewhere, mm."""
+    shutil.copytree(project.root, folder, ignore=shutil.ignore_patterns("targets"))
+    targets = project.targets()
+    points = targets.points.copy()
+    points[np.flatnonzero(targets.nodes == MATERIAL)[rows]] += move
+    write_targets(folder / "targets", replace(targets, points=points))
+    return Project.open(folder)
+
+
 def test_a_face_point_off_its_place_is_found_by_compare(project: Project, tmp_path: Path) -> None:
-    """The same chain with one point stated 4 mm farther along: it stands out."""
-    import shutil
-
-    from twin.targetfiles import read_targets
-
-    folder = tmp_path / "off"
-    shutil.copytree(project.root, folder)
-    shutil.rmtree(folder / "targets")
-    targets = read_targets(project.targets_folder, nodes={"middle": 5848, "tip": 4401})
-    row = targets.names.index("face006")
-    targets.points[row, 0] += 4.0
-    write_targets(folder / "targets", targets)
-    told = run_compare(Project.open(folder), Silent())
+    told = run_compare(changed(project, tmp_path / "off", slice(5, 6), (4.0, 0.0, 0.0)), Silent())
     assert not told["adequate"]
     assert max(told["maps"]["marker"], key=lambda r: float(r["rms_mm"]))["name"] == "face006"
-    json.dumps(told["where"])
+
+
+def test_points_beside_the_surface_are_taken_on_it(project: Project, tmp_path: Path) -> None:
+    """y_mm of the face is measured with a ruler: 0.3 mm too much is no reason to stop, 0.8 mm is."""
+    bench = Workbench.of(changed(project, tmp_path / "near", slice(2, 5), (0.0, 0.3, 0.0)))
+    own = bench.targets.nodes == MATERIAL
+    # a hundredth of an element's side is the surfaces' own difference
+    assert bench.targets.points[own] == pytest.approx(project.targets().points[own], abs=0.01)
+    (said,) = bench.remarks
+    assert said.startswith("3 of 7 points that are no nodes lie off the model, up to 0.30 mm (face00")
+    assert Workbench.of(project).remarks == ()
+    with pytest.raises(ValueError, match=r"'face003' lies 0\.80 mm off the model, wanted at most 0\.5 mm.*y_mm in"):
+        Workbench.of(changed(project, tmp_path / "far", slice(2, 3), (0.0, 0.8, 0.0)))
