@@ -7,6 +7,7 @@ from fe.case import Case
 from fe.element import Array, Element
 
 OUTSIDE = 0.02  # local units, of which an element has two
+ROUNDING_MM = 1e-9
 
 
 def interpolation(case: Case, points: Array) -> sp.csr_matrix:
@@ -49,7 +50,7 @@ def nearest(case: Case, x: Array) -> Array:
         point = kind.shape(_within(kind, X[e], x)[None])[0][0] @ X[e]
         if np.linalg.norm(point - x) < away:
             best, away = point, float(np.linalg.norm(point - x))
-    return best
+    return x if away < ROUNDING_MM else best
 
 
 def _within(kind: Element, X: Array, x: Array) -> Array:

@@ -15,6 +15,7 @@ from scipy.interpolate import CubicSpline
 
 from fe import Path, solve
 from fe.case import digest
+from fe.locate import nearest
 from twin.model import Model, under, ways
 from twin.parallel import Keep, made_at_once
 from twin.structure import Mesh, Structure
@@ -116,7 +117,8 @@ def _response(
             f"discretisation error: the finer mesh of {len(case.nodes)} nodes {solution.reason}; fix C10 or "
             "C01 in twin.toml [model] fixed, or film at a lower pressure"
         )
-    return solution.at(points)
+    # Surfaces of meshes that follow one geometry differ a little: a point of one may lie beside another.
+    return solution.at(np.array([nearest(solution.case, x) for x in points]))
 
 
 def _at(grid: Array, values: Array, q: Array) -> Array:

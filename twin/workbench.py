@@ -20,7 +20,7 @@ from twin.structure import Structure, of_deck, of_finger, weighed
 from twin.targets import MATERIAL, NODE_UNKNOWN, Array, Targets
 
 TONNE_MM3 = 1e-12  # of one kg/m3
-OFF_MODEL_MM, ROUNDING_MM = 0.5, 1e-6
+OFF_MODEL_MM = 0.5
 SOFTEST = 0.7  # C10 + C01 of finer meshes over that of the model they serve; at most MARGIN
 SAME = 1.05  # at most, either way, where it does more than to scale the pressure
 
@@ -150,7 +150,7 @@ def _on_model(targets: Targets, case: Case) -> tuple[Targets, tuple[str, ...]]:
             f"point {worst!r} lies {off[worst]:.2f} mm off the model, wanted at most {OFF_MODEL_MM} mm: "
             "correct the region or y_mm in [dic], or the model's geometry, and measure anew"
         )
-    moved = sum(distance > ROUNDING_MM for distance in off.values())
+    moved = sum(distance > 0.0 for distance in off.values())
     if not moved:
         return targets, ()
     return replace(targets, points=points), (
