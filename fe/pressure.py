@@ -10,6 +10,8 @@ import numpy as np
 
 from fe.element import Array, Element, Flags, Integers, gauss, scatter
 
+FLAT = 1e-6  # of an edge: how far a user's nodes may lie beside their plane of symmetry
+
 
 class PressureFaces:
     """The faces (f, m) of a pressurised surface of a mesh with `count` nodes."""
@@ -49,10 +51,11 @@ class PressureFaces:
 
     def open_edges(self, x: Array, free: Flags) -> Integers:
         """The edges (g, k), of one face alone, along which the work of the pressure depends on the way: not
-        those on held degrees of freedom or in planes of symmetry. x (n, 3) mm, free (3 n,)."""
+        those on held degrees of freedom or in planes of symmetry, to FLAT. x (n, 3) mm, free (3 n,)."""
         dofs, C = self.antisymmetric(x, self.edges)
         both = free[dofs][:, :, None] & free[dofs][:, None]
-        return self.edges[(np.abs(C) * both).max(axis=(1, 2), initial=0.0) > 0.0]
+        size = np.abs(C)
+        return self.edges[(size * both).max(axis=(1, 2), initial=0.0) > FLAT * size.max(initial=0.0)]
 
     def antisymmetric(self, x: Array, edges: Integers) -> tuple[Integers, Array]:
         """Degrees of freedom (g, 3 k) of edges (g, k), and what they add to the tangent (g, 3 k, 3 k) mm at

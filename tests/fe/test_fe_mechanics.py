@@ -169,7 +169,8 @@ def test_superlu_takes_the_place_of_pardiso(short: Case, kind: str, monkeypatch:
 
 
 def test_planes_of_symmetry_close_a_surface(short: Case) -> None:
-    assert len(Kernel(short)._open) == 0
+    rough = short.nodes + np.random.default_rng(4).uniform(-1e-8, 1e-8, short.nodes.shape)
+    assert len(Kernel(short)._open) == len(Kernel(replace(short, nodes=rough))._open) == 0
     assert len(Kernel(replace(short, supports=()))._open) > 0
 
 
