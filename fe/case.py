@@ -54,17 +54,13 @@ class Layer:
 class Contact:
     """A rigid plane that a surface cannot pass: `distance` mm from the origin along `normal`
     (3,), which points to the body's side; stiffness in MPa per mm of depth, on the area at rest; friction:
-    Coulomb's coefficient; slip is followed while the pressure rises (see `fe.contact`)."""
+    Coulomb's coefficient (see `fe.contact`; below 0 in a neighbour of a derivative at 0 only)."""
 
     surface: str
     normal: tuple[float, float, float]
     distance: float
     stiffness: float
     friction: float = 0.0
-
-    def __post_init__(self) -> None:
-        if not self.friction >= 0:
-            raise ValueError(f"friction {self.friction}: wanted a coefficient of 0 or more, without unit")
 
 
 @dataclass(frozen=True)

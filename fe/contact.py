@@ -8,7 +8,8 @@ are there. The plane's forces have a potential; the tangent is symmetric.
 Friction is Coulomb's, elastic below the limit: the traction along the plane is -k e, with the same k, where e
 is the slip since the anchor, cut to mu p / k (radial return). An anchor is where a point would be without
 traction; it follows where the point slides or is off the plane, and is carried from one equilibrium to the
-next (`PlaneFaces.after`). As the limit is a pressure too, the answer converges with the mesh. What sliding
+next (`PlaneFaces.after`). Below 0, where only neighbouring problems of a derivative at 0 are, friction is
+odd in its coefficient. As the limit is a pressure too, the answer converges with the mesh. What sliding
 adds to the tangent, the limit's change with depth, is not symmetric: it is apart (`PlaneFaces.coupling`).
 """
 
@@ -39,7 +40,7 @@ class PlaneFaces:
         self.faces, self._count = faces, len(case.nodes)
         self.normal = np.asarray(contact.normal, float) / np.linalg.norm(contact.normal)
         self._distance, self._stiffness = contact.distance, contact.stiffness
-        self.friction = contact.friction
+        self.friction, self._sign = contact.friction, np.sign(contact.friction)
         self._anchor = self._along(case.nodes) if contact.friction else np.zeros(3)  # (f, q, 3) mm
 
     def softer(self, factor: float) -> "PlaneFaces":
@@ -62,7 +63,7 @@ class PlaneFaces:
         push = scatter(self.faces, (self._area * pressure) @ self._N, self._count)
         force = push[:, None] * self.normal
         if self.friction:
-            drag = -self._stiffness * self._area[..., None] * self._slip(x, pressure)[0]
+            drag = -self._sign * self._stiffness * self._area[..., None] * self._slip(x, pressure)[0]
             nodal = np.einsum("fqi,qa->fai", drag, self._N, optimize=True)
             force += np.stack([scatter(self.faces, nodal[..., i], self._count) for i in range(3)], axis=1)
         return np.asarray(force)
@@ -82,7 +83,7 @@ class PlaneFaces:
         below 1 where the surface slides."""
         slip = self._along(x) - self._anchor
         length = np.linalg.norm(slip, axis=-1)
-        limit = self.friction * pressure / self._stiffness
+        limit = abs(self.friction) * pressure / self._stiffness
         share = np.where(length > limit, limit / np.maximum(length, 1e-300), 1.0)
         return share[..., None] * slip, slip / np.maximum(length, 1e-300)[..., None], share
 
@@ -118,7 +119,7 @@ class PlaneFaces:
         _, way, share = (v[touching] for v in self._slip(x, pressure))
         plane = np.eye(3) - np.outer(self.normal, self.normal)
         turn = plane - (share < 1)[..., None, None] * way[..., :, None] * way[..., None, :]
-        stiff = self._stiffness * self._area[touching] * share * (pressure[touching] > 0)
+        stiff = self._sign * self._stiffness * self._area[touching] * share * (pressure[touching] > 0)
         return np.einsum("gq,gqij,qa,qb->gaibj", stiff, turn, self._N, self._N, optimize=True)
 
     def coupling(self, x: Array) -> tuple[Integers, Array] | None:

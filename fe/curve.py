@@ -29,6 +29,8 @@ class Differenced:
 
     def after(self, state: State, change: State) -> "Differenced":
         """The neighbours as they go on from the equilibrium `state`, of which `change` is the derivative."""
+        if not (self.plus.rubs or self.minus.rubs):
+            return self
         plus, minus = (
             q.after(state.u + sign * self.step * change.u) for q, sign in ((self.plus, 1), (self.minus, -1))
         )
@@ -137,7 +139,8 @@ class Neighbours:
         response: the law's to the state, where it is known; what only the memory changes follows from it.
         """
         v, (a, b) = self.varied, self.memory
-        if response is not None and a is not None and b is not None and v.history_only:
+        apart = v.plus.rubs or v.minus.rubs  # the slips of the two differ too
+        if response is not None and a is not None and b is not None and v.history_only and not apart:
             force = v.plus.kernel.internal(state.u, a.stress(response) - b.stress(response))
             force -= (self.load[0] - self.load[1]) * v.plus.kernel.pressure.force(v.plus.case.nodes + state.u)
             step = force / (2 * v.step)
@@ -185,6 +188,7 @@ class _Level:
     state: State
     slope: State
     derivatives: tuple[State, ...]
+    varied: tuple[Differenced, ...]  # as they go on from here
     checked: bool = False  # the cubic that ends here is known to be good
 
 
@@ -195,13 +199,12 @@ def trace(
     curve.
 
     A step that does not converge is shortened, and the level in between stays in the curve. With friction
-    every level goes on from the slip of the one before. Never raises for lack of convergence: the curve then
-    ends early and says why.
+    every level goes on from the slip of the one before, also that of varied neighbours alone. Never raises
+    for lack of convergence: the curve then ends early and says why.
     """
     todo = [float(q) for q in pressures]
     done: list[_Level] = []
-    rubs = problem.rubs or any(v.plus.rubs or v.minus.rubs for v in varied)
-    near = None if rubs else near  # which levels there are must not depend on where it is begun
+    near = None if problem.rubs else near  # which levels there are must not depend on where it is begun
     rest, iterations, reason = _loaded(problem, todo[0], near)
     if reason:
         return _curve(done, len(varied), iterations, reason)
@@ -218,25 +221,24 @@ def trace(
                 break
             todo.insert(0, here + SHARE * (todo[0] - here))
             continue
-        if rubs and done and _strays(problem, guess, level) and todo[0] - done[-1].pressure > least:
+        strayed = bool(done) and problem.rubs and strays(problem, guess, level.state)
+        if strayed and todo[0] - done[-1].pressure > least:
             todo.insert(0, (done[-1].pressure + todo[0]) / 2)
             continue
         todo.pop(0)
         last = found.step
         done.append(level)
-        if rubs:
-            varied = [v.after(level.state, d) for v, d in zip(varied, level.derivatives, strict=True)]
-            problem = problem.after(level.state.u)
-    if problem.plane is not None and not rubs:
-        done, more = _bent(problem, done, varied)
+        problem, varied = problem.after(level.state.u), level.varied
+    if problem.plane is not None and not problem.rubs:
+        done, more = _bent(problem, done)
         iterations += more
     return _curve(done, len(varied), iterations, reason or "converged")
 
 
-def _strays(problem: Problem, guess: State, level: _Level) -> bool:
-    """Whether a level on the plane is far from where it was expected."""
-    touches = problem.plane is not None and problem.plane.touches(problem.case.nodes + level.state.u)
-    return touches and bool(np.abs(level.state.u - guess.u).max() > STRAYED)
+def strays(problem: Problem, guess: State, state: State) -> bool:
+    """Whether a state on the plane is far from where it was expected."""
+    touches = problem.plane is not None and problem.plane.touches(problem.case.nodes + state.u)
+    return touches and bool(np.abs(state.u - guess.u).max() > STRAYED)
 
 
 def nothing(reason: str) -> Curve:
@@ -256,10 +258,11 @@ def _level(
     derivatives = tuple(none if v.history_only else next(changes) for v in varied)
     # alone: solved together with the derivatives its last bits would depend on their number
     (slope,) = found.step.solve([_per_pressure(found.step, found.state)])
-    return _Level(load, found.state, slope, derivatives), found
+    after = tuple(v.after(found.state, d) for v, d in zip(varied, derivatives, strict=True))
+    return _Level(load, found.state, slope, derivatives, after), found
 
 
-def _bent(problem: Problem, done: list[_Level], varied: Sequence[Differenced]) -> tuple[list[_Level], int]:
+def _bent(problem: Problem, done: list[_Level]) -> tuple[list[_Level], int]:
     """The levels, with more of them where touching a plane bends the curve more than a cubic follows, and the
     factorisations that took."""
     assert problem.plane is not None
@@ -271,7 +274,7 @@ def _bent(problem: Problem, done: list[_Level], varied: Sequence[Differenced]) -
         middle = None
         if touches and b.pressure - a.pressure > least and not b.checked:
             guess = _ahead([a, b], (a.pressure + b.pressure) / 2)
-            middle, found = _level(problem, (a.pressure + b.pressure) / 2, guess, None, varied)
+            middle, found = _level(problem, (a.pressure + b.pressure) / 2, guess, None, a.varied)
             count += found.iterations
         if middle is None:
             out.append(todo.pop())

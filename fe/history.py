@@ -1,8 +1,9 @@
-"""A material with a memory along a path -> its states at a few times, and their derivatives.
+"""A memory along a path -> states at a few times, and their derivatives.
 
-What is remembered (`Past`): the stresses of the Prony terms, and the largest energy so far, which Mullins
-softening asks for. Every parameter carries two pasts of its own, those of its neighbouring problems, so that
-derivatives go from time to time as the states do.
+What is remembered (`Past`): the stresses of the Prony terms, the largest energy so far, which Mullins
+softening asks for, and the slip on a plane with friction. Between two times that are solved, slip takes
+smaller steps where a guess is off (`fe.curve.strays`). Every parameter carries two pasts of its own, those
+of its neighbouring problems, so that derivatives go from time to time as the states do.
 """
 
 from collections.abc import Iterator, Sequence
@@ -10,27 +11,23 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fe.assembly import Memory, Softening, State
-from fe.curve import Curve, Differenced, Neighbours, Response, sensitivities
-from fe.element import Array, Flags, Integers
+from fe.assembly import Memory, State
+from fe.curve import LEAST_STEP, Curve, Differenced, Neighbours, Response, sensitivities, strays
+from fe.element import Array, Integers
 from fe.loadings import Loadings
-from fe.material import relaxation
 from fe.newton import Equilibrium, Problem, Step, eased, moved
+from fe.past import Past, Seen
 from fe.path import Path, equivalent, in_time, knots
-
-# The largest energy so far is kept this much smaller. A held state, or one that comes back to its largest
-# load, then lies clearly on the virgin side of the kink at W = W_max and not on either by rounding.
-SHY = 1e-6
 
 
 @dataclass(frozen=True)
 class History:
-    """The solved times of a history material.
+    """The solved times of a history.
 
     time (k,) s, and which curve (k,) belongs to it; weights (s, k) carry values to the output times; pressure
     (k,) MPa, creep-equivalent, and its derivatives slopes (v, k); u (k, n, 3) mm; derivative of those
     parameters that have a history, each (k, n, 3) mm per unit, and p_derivative (k, e, m) MPa per unit of the
-    pressure modes. `active` is False where the material remembers nothing: then u equals the curve and only
+    pressure modes. `active` is False where nothing is remembered: then u equals the curve and only
     the derivatives matter. `drift` is the state minus the curve's, for a neighbouring solve to begin from.
     """
 
@@ -44,51 +41,6 @@ class History:
     p_derivative: dict[int, Array]
     drift: tuple[State, ...]
     active: bool
-
-
-@dataclass(frozen=True)
-class Past:
-    """The law's stress (e, q, 3, 3) MPa at the last time, the Prony terms' (m, e, q, 3, 3), and the largest
-    energy so far (e, q) N mm/mm3 where anyone asks for it."""
-
-    now: Array
-    terms: Array
-    peak: Array | None
-
-    @staticmethod
-    def first(problem: Problem, response: Response) -> "Past":
-        """The past of a state that was put on instantly, from rest."""
-        terms = problem.constants.prony[..., 0][..., None, None, None] * response.stress
-        return Past(response.stress, terms, None if response.energy is None else (1 - SHY) * response.energy)
-
-    def below(self, response: Response) -> Flags | None:
-        """Where (e, q) a state's energy is below the largest so far."""
-        if self.peak is None or response.energy is None:
-            return None
-        return np.asarray(response.energy < self.peak)
-
-    def memory(self, problem: Problem, dt: float, below: Flags | None = None) -> Memory:
-        """What the next time step, dt s long, is to know; `below`: the side of the kink, where given."""
-        c, prony = problem.constants, problem.constants.prony
-        g, (decay, ramp) = prony[..., 0], relaxation(prony, dt)
-        viscous = (g * ramp).sum(0)
-        carried = np.einsum("me,meqij->eqij", decay, self.terms) - viscous[:, None, None, None] * self.now
-        softening = None
-        if self.peak is not None and len(c.softening):
-            table = c.softening * np.stack([1 - g.sum(0), *np.ones((2, len(viscous)))], axis=1)
-            softening = Softening(table, self.peak, below)
-        return Memory(1 - g.sum(0) + viscous, carried, softening)
-
-    def after(self, problem: Problem, dt: float, response: Response, below: Flags | None = None) -> "Past":
-        """The past after one more time step."""
-        prony = problem.constants.prony
-        decay, ramp = relaxation(prony, dt)
-        weight = (prony[..., 0] * ramp)[..., None, None, None]
-        terms = decay[..., None, None, None] * self.terms + weight * (response.stress - self.now)
-        peak = self.peak
-        if peak is not None and response.energy is not None and below is not None:
-            peak = np.where(below, peak, (1 - SHY) * response.energy)
-        return Past(response.stress, terms, peak)
 
 
 @dataclass(frozen=True)
@@ -106,6 +58,14 @@ class Course:
         load, stiffness, prony = path.pressure_at(time), path.stiffness_at(time), _series(problem)
         plain = load / stiffness
         return Course(load, stiffness, equivalent(time, plain, prony) if prony[:, 0].any() else plain)
+
+    def halved(self, k: int) -> "Course":
+        """With one more time, half way from number k - 1 to number k."""
+        return Course(*(_halved(x, k) for x in (self.load, self.stiffness, self.pressure)))
+
+
+def _halved(values: Array, k: int) -> Array:
+    return np.insert(values, k, (values[k - 1] + values[k]) / 2)
 
 
 def _series(problem: Problem) -> Array:
@@ -134,6 +94,15 @@ class Direction:
             Course.of(q, path, time) for q, path in zip((varied.plus, varied.minus), paths, strict=True)
         )
         return Direction(varied, (plus, minus))
+
+    def halved(self, k: int) -> "Direction":
+        """With one more time, half way from number k - 1 to number k."""
+        return replace(self, courses=(self.courses[0].halved(k), self.courses[1].halved(k)))
+
+    def on(self, pasts: tuple[Past, Past]) -> "Direction":
+        """With the slip of the neighbours so far."""
+        plus, minus = pasts[0].on(self.varied.plus), pasts[1].on(self.varied.minus)
+        return replace(self, varied=replace(self.varied, plus=plus, minus=minus))
 
     @property
     def slopes(self) -> Array:
@@ -188,16 +157,15 @@ class _March:
         state, found, problem, tracked = self._carrier(0), None, self._problem(0), self._tracked(0)
         changes = tuple(self._along(n, d, 0) for n, d in tracked.items())
         if self.course.stiffness[0] != 1 and not problem.proportional:
-            found = self._equilibrium(0, state, None, None)
+            found = self._equilibrium(0, problem, state, None, None)
             if found.state is not None and found.step is not None:
                 state = found.state
                 around = [d.neighbours(0, (None, None)) for d in tracked.values()]
                 changes = tuple(sensitivities(found.step, state, around))
         pasts = tuple(
-            (Past.first(v.plus, plus), Past.first(v.minus, minus))
-            for v, plus, minus in self._around(0, state, changes)
+            (Past.first(plus), Past.first(minus)) for plus, minus in self._around(0, state, changes)
         )
-        past = Past.first(problem, self.response(problem, state.u))
+        past = Past.first(Seen(problem, state.u, self.response(problem, state.u)))
         return _Point(state, moved(state, self._carrier(0), -1.0), past, changes, pasts), found
 
     def _carrier(self, k: int) -> State:
@@ -208,13 +176,15 @@ class _March:
         q, curve = float(self.course.pressure[k]), self.curves[self.number[k]]
         return moved(curve.derivative_at(n, q), curve.slope(q), direction.slopes[k])
 
-    def _around(
-        self, k: int, state: State, changes: Sequence[State]
-    ) -> Iterator[tuple[Differenced, Response, Response]]:
-        """For every parameter the law's answers in its neighbouring problems, at their own displacements."""
+    def _around(self, k: int, state: State, changes: Sequence[State]) -> Iterator[tuple[Seen, Seen]]:
+        """For every parameter its neighbouring problems at their own displacements."""
         for d, change in zip(self._tracked(k).values(), changes, strict=True):
             v, step = d.varied, d.varied.step * change.u
-            yield v, self.response(v.plus, state.u + step), self.response(v.minus, state.u - step)
+            ahead, behind = state.u + step, state.u - step
+            yield (
+                Seen(v.plus, ahead, self.response(v.plus, ahead)),
+                Seen(v.minus, behind, self.response(v.minus, behind)),
+            )
 
     def response(self, problem: Problem, u: Array) -> Response:
         """The law's answer to displacements u (n, 3) mm, the moduli as at the beginning."""
@@ -224,11 +194,11 @@ class _March:
         )
 
     def _equilibrium(
-        self, k: int, guess: State, memory: Memory | None, last: Equilibrium | None
+        self, k: int, problem: Problem, guess: State, memory: Memory | None, last: Equilibrium | None
     ) -> Equilibrium:
         factor = self.course.stiffness[k]
         return eased(
-            self._problem(k).stiffened(factor),
+            problem.stiffened(factor),
             guess,
             load=self.course.load[k],
             memory=memory.times(factor) if memory else None,
@@ -241,7 +211,7 @@ class _March:
         below its largest energy."""
         problem, tracked = self._problem(k), self._tracked(k)
         problems = [problem, *(d.varied.plus for d in tracked.values())]
-        if any(len(q.constants.prony) for q in problems) or _drifts(problem, self.course.stiffness):
+        if any(len(q.constants.prony) or q.rubs for q in problems) or _drifts(problem, self.course.stiffness):
             return None
         state = self._carrier(k)
         response = self.response(problem, state.u)
@@ -251,19 +221,37 @@ class _March:
         changes = tuple(self._along(n, d, k) for n, d in tracked.items())
         return self._point(k, before, state, response, changes)
 
+    def divisible(self, k: int) -> bool:
+        """Whether the step to time number k may be halved: with slip, while the load changes by enough."""
+        load = self.course.load
+        return self._problem(k).rubs and abs(load[k] - load[k - 1]) > LEAST_STEP * float(np.ptp(load))
+
     def found(self, k: int, before: _Point, last: Equilibrium | None) -> Equilibrium:
-        """The equilibrium at time number k, after the point before."""
+        """The equilibrium at time number k, after the point before; none if it is far from where it was
+        expected and the step may be halved."""
+        problem = before.past.on(self._problem(k))
         guess = moved(self._carrier(k), before.drift)
         if self.near is not None:  # as the neighbour goes on from the last time
             guess = moved(moved(guess, self.near.drift[k]), self.near.drift[k - 1], -1.0)
-        return self._equilibrium(k, guess, before.past.memory(self._problem(k), self._dt(k)), last)
+        found = self._equilibrium(k, problem, guess, before.past.memory(problem, self._dt(k)), last)
+        strayed = found.state is not None and self.divisible(k) and strays(problem, guess, found.state)
+        return replace(found, state=None) if strayed else found
+
+    def halved(self, k: int) -> "_March":
+        """With one more time, half way from number k - 1 to number k."""
+        directions = {n: d.halved(k) for n, d in self.directions.items()}
+        number = np.insert(self.number, k, self.number[k])
+        time, course = _halved(self.time, k), self.course.halved(k)
+        return replace(self, time=time, number=number, course=course, directions=directions)
 
     def point(self, k: int, before: _Point, state: State, step: Step) -> _Point:
         """The point at time number k, from the equilibrium there and its tangent."""
         response, dt = self.response(self._problem(k), state.u), self._dt(k)
         below = before.past.below(response)
         around = [
-            d.neighbours(k, (a.memory(d.varied.plus, dt, below), b.memory(d.varied.minus, dt, below)))
+            d.on((a, b)).neighbours(
+                k, (a.memory(d.varied.plus, dt, below), b.memory(d.varied.minus, dt, below))
+            )
             for d, (a, b) in zip(self._tracked(k).values(), before.pasts, strict=True)
         ]
         known = response.times(self.course.stiffness[k])
@@ -275,10 +263,10 @@ class _March:
     ) -> _Point:
         dt, below = self._dt(k), before.past.below(response)
         pasts = tuple(
-            (a.after(v.plus, dt, plus, below), b.after(v.minus, dt, minus, below))
-            for (v, plus, minus), (a, b) in zip(self._around(k, state, changes), before.pasts, strict=True)
+            (a.after(plus, dt, below), b.after(minus, dt, below))
+            for (plus, minus), (a, b) in zip(self._around(k, state, changes), before.pasts, strict=True)
         )
-        past = before.past.after(self._problem(k), dt, response, below)
+        past = before.past.after(Seen(self._problem(k), state.u, response), dt, below)
         return _Point(state, moved(state, self._carrier(k), -1.0), past, changes, pasts)
 
     def _dt(self, k: int) -> float:
@@ -293,9 +281,10 @@ class _March:
             }
             for name in ("u", "p")
         )
-        c, weights = self._problem(0).constants, in_time(self.loadings.path, self.time, softening=self.soft)
+        c, problem = self._problem(0).constants, self._problem(0)
+        weights = in_time(self.loadings.path, self.time, **_pace(self.loadings))
         drifts = any(_drifts(q, self.course.stiffness) for q in self.loadings.problems)
-        active = bool(drifts or c.prony[..., 0].any() or c.softening[:, 0].any())
+        active = bool(drifts or problem.rubs or c.prony[..., 0].any() or c.softening[:, 0].any())
         states, drift = np.stack([x.state.u for x in points]), tuple(x.drift for x in points)
         return History(
             self.time, self.number, weights, self.course.pressure, slopes, states, u, p, drift, active
@@ -307,8 +296,16 @@ def _drifts(problem: Problem, stiffness: Array) -> bool:
     return bool((stiffness != 1).any()) and not problem.proportional
 
 
+def _pace(loadings: Loadings) -> dict[str, bool]:
+    """How densely a history is to be solved: what `fe.path.knots` asks."""
+    every = loadings.everyone
+    rubs = any(q.rubs for q in every)
+    creeping = not rubs or any(remembers(q, loadings.path) for q in every)
+    return {"softening": rubs or any(len(q.constants.softening) for q in every), "creeping": creeping}
+
+
 def remembers(problem: Problem, path: Path) -> bool:
-    """Whether the response may be other than a function of pressure over the moduli."""
+    """Whether the material may answer by other than a function of pressure over the moduli."""
     c = problem.constants
     return bool(len(c.prony) or len(c.softening)) or (path.stiffness is not None and not problem.proportional)
 
@@ -326,32 +323,38 @@ def follow(
     a neighbouring case.
     """
     path, problem = loadings.path, loadings.problems[0]
-    soft = any(len(q.constants.softening) for q in (problem, *(v.plus for v in loadings.varied[0])))
-    time = knots(path, softening=soft)
-    if near is not None and not np.array_equal(near.time, time):
+    soft = any(len(q.constants.softening) for q in loadings.everyone)
+    time = knots(path, **_pace(loadings))
+    if near is not None and (problem.rubs or not np.array_equal(near.time, time)):
         near = None
     directions = [Direction.of(v, pair, time) for v, pair in zip(loadings.varied[0], paths, strict=True)]
-    own = any(remembers(q, path) for q in loadings.problems)
+    own = any(remembers(q, path) or q.rubs for q in loadings.problems)
     # without a memory in the base, only the derivatives towards one have a history of their own
     tracked = {
         n: d
         for n, d in enumerate(directions)
-        if own or any(remembers(around[n].plus, paths[n][0]) for around in loadings.varied)
+        if own or any(remembers(v[n].plus, paths[n][0]) or v[n].plus.rubs for v in loadings.varied)
     }
     course, number = Course.of(problem, path, time), loadings.at(time)
     march = _March(loadings, curves, time, number, course, tracked, near, soft)
     point, last = march.first()
     points, iterations = [point], last.iterations if last else 0
-    for k in range(1, len(time)):
-        virgin = march.virgin(k, points[-1])
+    going, asked = march, np.ones(len(time), bool)  # slip may need times in between
+    while (k := len(points)) < len(asked):
+        virgin = going.virgin(k, points[-1])
         if virgin is not None:
             points.append(virgin)
             continue
-        last = march.found(k, points[-1], last)
-        iterations += last.iterations
-        if last.state is None or last.step is None:
-            load = march.course.load[k]
-            return None, iterations, f"stopped at {time[k]:.4g} s, {load:.4g} MPa: {last.reason}"
-        points.append(march.point(k, points[-1], last.state, last.step))
+        found = going.found(k, points[-1], last)
+        iterations += found.iterations
+        if found.state is not None and found.step is not None:
+            points.append(going.point(k, points[-1], found.state, found.step))
+            last = found
+        elif going.divisible(k):
+            going, asked = going.halved(k), np.insert(asked, k, False)
+        else:
+            where = f"{going.time[k]:.4g} s, {going.course.load[k]:.4g} MPa"
+            return None, iterations, f"stopped at {where}: {found.reason}"
     slopes = np.array([d.slopes for d in directions]).reshape(len(directions), len(time))
+    points = [p for p, kept in zip(points, asked, strict=True) if kept]
     return march.history(points, slopes), iterations, "converged"

@@ -42,6 +42,11 @@ class Loadings:
             inverse.reshape(-1),
         )
 
+    @property
+    def everyone(self) -> list[Problem]:
+        """All problems and neighbours."""
+        return [*self.problems, *(q for v in self.varied for d in v for q in (d.plus, d.minus))]
+
     def at(self, time: Array) -> Integers:
         """The numbers (k,) of those that act at times (k,) s."""
         return self.of_run[self.path.run(time)]

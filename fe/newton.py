@@ -73,7 +73,7 @@ class Problem:
     @property
     def rubs(self) -> bool:
         """Whether a plane has friction, so that a state depends on those before."""
-        return self.plane is not None and self.plane.friction > 0
+        return self.plane is not None and self.plane.friction != 0
 
     def after(self, u: Array) -> "Problem":
         """The problem as it goes on from the equilibrium at displacements u (n, 3) mm: the same but for

@@ -13,7 +13,7 @@ from fe.element import Array, Integers
 FIRST = 0.45  # s, and
 STEP = 0.6  # of log(1 + t / FIRST) in a hold
 RAMP = 6  # steps for a ramp over the whole range of pressure, and
-SOFT_RAMP = 12  # where softening bends it: 0.1 % of its effect rms, 1 % at most, where it ends while creeping
+SOFT_RAMP = 12  # where softening or slip on a plane bends it: of softening's effect 0.1 % rms, 1 % at most
 GRADING = 1.5  # of a ramp's steps towards its lower pressure
 
 
@@ -96,7 +96,7 @@ def corners(path: Path, *, fraction: float = 0.02) -> Array:
 
 def rejoins(path: Path, *, fraction: float = 0.02) -> Array:
     """Times (k,) s inside a rise at which the pressure comes back to its largest so far, where Mullins
-    softening ends; nothing nearer to a corner than `fraction` of the range."""
+    softening ends and new slip begins; nothing nearer to a corner than `fraction` of the range."""
     t = corners(path)
     p, out, top = path.pressure_at(t), [], -np.inf
     near = fraction * float(np.ptp(path.pressure))
@@ -107,14 +107,14 @@ def rejoins(path: Path, *, fraction: float = 0.02) -> Array:
     return np.array(out)
 
 
-def knots(path: Path, *, softening: bool = False) -> Array:
+def knots(path: Path, *, softening: bool = False, creeping: bool = True) -> Array:
     """Times (k,) s at which a history is solved: the corners, with `softening` the `rejoins`, and between
-    them even steps of `_Span.even`."""
-    spans = _spans(path, softening)
+    them even steps of `_Span.even`, in holds only with `creeping`."""
+    spans = _spans(path, softening, creeping)
     return np.concatenate([[spans[0].begin], *(span.inside() for span in spans)])
 
 
-def in_time(path: Path, time: Array, *, softening: bool = False) -> Array:
+def in_time(path: Path, time: Array, *, softening: bool = False, creeping: bool = True) -> Array:
     """Weights (s, k) that carry values at the `knots`, `time` (k,) s, to the output times.
 
     Between corners of the pressure a cubic spline over `_Span.even`; at the corners the slope may jump. It is
@@ -122,7 +122,7 @@ def in_time(path: Path, time: Array, *, softening: bool = False) -> Array:
     """
     at = np.clip(path.output, time[0], time[-1])
     weights, unit = np.zeros((len(at), len(time))), np.eye(len(time))
-    for span in _spans(path, softening):
+    for span in _spans(path, softening, creeping):
         own = np.flatnonzero((time >= span.begin) & (time <= span.end))
         inside = (at >= span.begin) & (at <= span.end)
         weights[inside] = CubicSpline(span.even(time[own]), unit[own])(span.even(at[inside]))
@@ -132,13 +132,14 @@ def in_time(path: Path, time: Array, *, softening: bool = False) -> Array:
 @dataclass(frozen=True)
 class _Span:
     """The path between two corners: `begin` and `end` in s, the pressure's change over its range, the steps
-    of a ramp over the whole range, and whether gravity turns on the way."""
+    of a ramp over the whole range, and whether one step is enough, as gravity turns or nothing creeps."""
 
     begin: float
     end: float
     change: float
     ramp: int
     turns: bool = False
+    creeping: bool = True
 
     @property
     def _holds(self) -> bool:
@@ -155,7 +156,7 @@ class _Span:
 
     def inside(self) -> Array:
         """The knots after the beginning, with the end."""
-        if self.turns:
+        if self.turns or (self._holds and not self.creeping):
             return np.array([self.end])
         if self._holds:
             t = self.begin + FIRST * np.expm1(STEP * np.arange(1, 20))
@@ -165,7 +166,7 @@ class _Span:
         return np.append(self.begin + (self.end - self.begin) * part[:-1], self.end)
 
 
-def _spans(path: Path, softening: bool) -> list[_Span]:
+def _spans(path: Path, softening: bool, creeping: bool) -> list[_Span]:
     turning = path.time[path.turns]
     t = np.unique(np.concatenate([corners(path), turning, path.time[path.turns + 1]]))
     if softening:
@@ -173,7 +174,7 @@ def _spans(path: Path, softening: bool) -> list[_Span]:
     change = np.diff(path.pressure_at(t)) / max(float(np.ptp(path.pressure)), 1e-15)
     ramp = SOFT_RAMP if softening else RAMP
     return [
-        _Span(float(a), float(b), float(d), ramp, bool(np.isin(a, turning)))
+        _Span(float(a), float(b), float(d), ramp, bool(np.isin(a, turning)), creeping)
         for (a, b), d in zip(pairwise(t), change, strict=True)
     ]
 

@@ -4,8 +4,8 @@ Without a memory the response is a function of pressure and gravity: one curve o
 direction of gravity serves every time. Else the history is solved at a few times; between them
 u(t) = U(q(t)) + D(t), where U is the history-free curve, q the creep-equivalent pressure of linear
 viscoelasticity over the moduli's drift, and D, small and slow, is interpolated. Gravity is put on at the
-first time, at once. Friction on a plane is followed along the curve, while the pressure rises: a path that
-falls, turns or remembers is refused where the plane is touched.
+first time, at once. Friction on a plane is followed along the curve while the pressure rises, and as a
+history where it falls, gravity turns, or a material has a memory.
 """
 
 from collections.abc import Sequence
@@ -173,6 +173,10 @@ def solve(
     pressure that carry the history-free curve (10 leave 2e-4 mm of the finger's 58); one output time needs no
     curve. Never raises for lack of convergence: see `Solution.converged`, `reason` and `reached`.
     """
+    if case.contact is not None and case.contact.friction < 0:
+        raise ValueError(
+            f"friction {case.contact.friction}: wanted a coefficient of 0 or more, without unit; correct it"
+        )
     if path.stiffness is not None and path.stiffness.min() <= 0:
         none, slopes = np.zeros(len(path.output)), np.zeros((len(variations), len(path.output)))
         reason = f"stopped: the factor of its moduli falls to {path.stiffness.min():.3g}, wanted above 0"
@@ -190,13 +194,15 @@ def solve(
         remembers(q, path) or any(remembers(v.plus, pair[0]) for v, pair in zip(around, pairs, strict=True))
         for q, around in zip(loadings.problems, loadings.varied, strict=True)
     )
+    rubs = any(q.rubs for q in loadings.everyone)
+    slips = rubs and (remember or len(loadings.problems) > 1 or _falls(path, dense.pressure))
     top, only = (
         max(float(dense.pressure.max()), 1e-9),
         float(np.interp(path.output[0], path.time, dense.pressure)),
     )
-    if len(path.output) == 1 and only > 0 and not remember:
+    if len(path.output) == 1 and only > 0 and not (remember or slips):
         top, loadings = only, loadings.only(int(loadings.at(path.output)[0]))
-        count = count if any(q.rubs for q in _all(loadings)) else 1
+        count = count if rubs else 1
     steps, low = levels(top, count=count), float(dense.pressure.min())
     if low < -0.01 * top:  # above that is a gauge's noise, which the first cubic carries
         steps = np.append(low, steps)
@@ -206,8 +212,9 @@ def solve(
         for k, (q, around) in enumerate(zip(loadings.problems, loadings.varied, strict=True))
     )
     reason = next((c.reason for c in curves if c.reason != "converged"), "converged")
-    if reason == "converged" and any(q.rubs for q in _all(loadings)):
-        reason = _unfollowed(problem, dense.pressure, path, curves, remember) or reason
+    slips = slips and any(
+        _touched(*them) for them in zip(loadings.problems, loadings.varied, curves, strict=True)
+    )
 
     def result(history: History | None, iterations: int, reason: str) -> Solution:
         pressure, *slopes = (
@@ -217,7 +224,7 @@ def solve(
         number, count = loadings.at(path.output), iterations + sum(c.iterations for c in curves)
         return Solution(case, path, curves, number, pressure, shape, history, count, reason)
 
-    if reason != "converged" or not remember:
+    if reason != "converged" or not (remember or slips):
         return result(None, 0, reason)
     return result(*follow(loadings, curves, pairs, near=start.history if start else None))
 
@@ -225,32 +232,16 @@ def solve(
 FALL = 0.02  # of the range: a fall of the pressure by less is a gauge's noise
 
 
-def _all(loadings: Loadings) -> list[Problem]:
-    return [*loadings.problems, *(q for v in loadings.varied for d in v for q in (d.plus, d.minus))]
-
-
-def _unfollowed(
-    problem: Problem, pressure: Array, path: Path, curves: Sequence[Curve], remember: bool
-) -> str:
-    """Why friction cannot be followed along a path of pressures (t,) MPa, or nothing."""
-    plane = problem.plane
-    if plane is None or not any(plane.touches(problem.case.nodes + u) for c in curves for u in c.u):
-        return ""
+def _falls(path: Path, pressure: Array) -> bool:
+    """Whether the pressure (t,) MPa falls before the last output."""
     p = pressure[: int(np.searchsorted(path.time, path.output.max())) + 1]
-    highest = np.maximum.accumulate(p)
-    k = int(np.argmax(highest - p))
-    if highest[k] - p[k] > FALL * np.ptp(pressure):
-        return (
-            f"friction: the pressure falls from {highest[k]:.4g} to {p[k]:.4g} MPa at {path.time[k]:.4g} s, "
-            f"and slip is followed in loading only; wanted a path that rises, or friction 0"
-        )
-    if len(curves) > 1:
-        return (
-            "friction: gravity turns, along which slip is not followed; wanted one direction, or friction 0"
-        )
-    if remember:
-        return "friction: a material has a memory, with which no slip is followed; wanted none, or friction 0"
-    return ""
+    return bool((np.maximum.accumulate(p) - p).max() > FALL * np.ptp(pressure))
+
+
+def _touched(problem: Problem, varied: Sequence[Differenced], curve: Curve) -> bool:
+    """Whether a problem or a neighbour is on its plane anywhere on the curve."""
+    every = [problem, *(q for v in varied for q in (v.plus, v.minus))]
+    return any(q.plane is not None and q.plane.touches(q.case.nodes + u) for q in every for u in curve.u)
 
 
 class _Key:

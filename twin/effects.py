@@ -17,10 +17,15 @@ def library() -> tuple[Effect, ...]:
     )  # fmt: skip
 
 
+def on_request() -> tuple[Effect, ...]:
+    """Effects that are never tried, only added by name: dear ones."""
+    return (TableContact(2),)
+
+
 def effect(label: str) -> Effect:
     """The effect that a label of twin.toml names, `creep` or `creep:2`; ValueError lists the known ones."""
     name, _, terms = label.partition(":")
-    for known in library():
+    for known in (*library(), *on_request()):
         if known.name == name:
             while known is not None and known.label != label:
                 known = known.wider()  # type: ignore[assignment]
@@ -29,5 +34,5 @@ def effect(label: str) -> Effect:
     raise ValueError(
         f"effect {label!r} is not in the library; wanted one of {', '.join(e.name for e in library())} "
         f"(creep:2 for "
-        "two terms)" + (f"; {name} has no law with {terms} terms" if terms else "")
+        "two terms, contact:2 with friction)" + (f"; {name} has no law with {terms} terms" if terms else "")
     )

@@ -14,16 +14,30 @@ from twin.effect import Effect, Test, Theta
 
 
 class TableContact(Effect):
-    """A table under the finger, `distance` mm below its flat bottom, pushes it back by its depth;
-    no friction."""
+    """A table under the finger, `distance` mm below its flat bottom, pushes it back by its depth; with two
+    terms Coulomb's friction on it too, along the whole path.
+
+    The second is no wider law that `twin diagnose` tries by itself: on the default finger a solve with it
+    takes several times as long.
+    """
 
     name, order, smooth = "contact", 20, False
     sentence = "the finger touches a table below it"
-    parameters = (
-        Parameter("contact.stiffness", 0.0, 2.0, "MPa/mm", null=0.0, typical=0.1),
-        Parameter("contact.distance", -5.0, 100.0, "mm", typical=1.0),
-    )
-    grid = tuple({"contact.distance": d} for d in (3.0, 8.0, 15.0, 25.0, 40.0))
+
+    def __init__(self, terms: int = 1) -> None:
+        self.terms = terms
+        self.parameters = (
+            Parameter("contact.stiffness", 0.0, 2.0, "MPa/mm", null=0.0, typical=0.1),
+            Parameter("contact.distance", -5.0, 100.0, "mm", typical=1.0),
+            Parameter("contact.friction", 0.0, 2.0, "", null=0.0, typical=0.1),
+        )[: terms + 1]
+        self.grid = (
+            tuple({"contact.distance": d} for d in (3.0, 8.0, 15.0, 25.0, 40.0)) if terms == 1 else ()
+        )
+
+    @property
+    def label(self) -> str:
+        return self.name if self.terms == 1 else f"{self.name}:{self.terms}"
 
     def before(self, test: Test, theta: Theta) -> Test:
         stiffness, case = theta["contact.stiffness"], test.case
@@ -35,7 +49,7 @@ class TableContact(Effect):
                 f"them so (there are {', '.join(case.surfaces) or 'none'})"
             )
         height = float(case.nodes[:, 2].min()) - theta["contact.distance"]
-        table = Contact("outside", (0.0, 0.0, 1.0), height, stiffness)
+        table = Contact("outside", (0.0, 0.0, 1.0), height, stiffness, theta.get("contact.friction", 0.0))
         return replace(test, case=replace(case, contact=table))
 
 

@@ -10,7 +10,7 @@ from fe import Case
 from fe.mirror import mirrored
 from twin.diagnose import lacking
 from twin.effect import Effect
-from twin.effects import effect, library
+from twin.effects import effect, library, on_request
 from twin.effects_load import first_order_lag
 from twin.effects_material import Creep, Mullins, Stiffening
 from twin.effects_structure import TableContact
@@ -30,6 +30,7 @@ FELT = {
     "clamp": {"clamp.compliance": 1e-3},
     "pressure_gain": {"pressure_gain.gain": 0.05},
     "contact": {"contact.stiffness": 0.5, "contact.distance": 1.0},
+    "contact:2": {"contact.stiffness": 0.5, "contact.distance": 1.0, "contact.friction": 0.4},
     "pressure_offset": {"pressure_offset.offset": -4e-4},
     "gravity": {"gravity.density": 1.1e-9},
     "pressure_lag": {"pressure_lag.tau": 0.4},
@@ -44,7 +45,7 @@ FELT = {
 
 
 def effects() -> list[Effect]:
-    return [*library(), Creep(2), Stiffening(2), Mullins(2)]
+    return [*library(), *on_request(), Creep(2), Stiffening(2), Mullins(2)]
 
 
 def at_null(e: Effect) -> dict[str, float]:
@@ -214,14 +215,11 @@ def test_the_clamps_compliance_is_to_the_moment_of_the_whole_finger(base: Model)
     np.testing.assert_allclose(felt[0], felt[1], rtol=0, atol=1e-6)
 
 
-class NearTable(TableContact):
-    grid = ({"contact.distance": 1.0}, {"contact.distance": 50.0})
-
-
 def test_the_signature_of_a_touch_is_the_difference_of_whole_solves(
     short_case: Case, make_targets: Callable[..., Targets]
 ) -> None:
-    model, table = base_model(make_targets(), short_case), NearTable()
+    model, table = base_model(make_targets(), short_case), TableContact()
+    table.grid = ({"contact.distance": 1.0}, {"contact.distance": 50.0})
     theta = model.theta(BASE)
     ((near, far),) = model.signatures(theta, [table])
     step = table.parameters[0].step
@@ -235,3 +233,23 @@ def test_a_table_needs_to_know_what_may_touch_it(base: Model) -> None:
     case = replace(base.test.case, surfaces={"chamber": base.test.case.surfaces["chamber"]})
     with pytest.raises(ValueError, match=r"contact: no surface 'outside' in the model.*there are chamber"):
         effect("contact").before(replace(base.test, case=case), FELT["contact"])
+
+
+def test_friction_on_the_table_is_followed_up_and_down(
+    short_case: Case, make_targets: Callable[..., Targets]
+) -> None:
+    base = base_model(make_targets(), short_case)
+    rubbing, felt = base.with_effect(effect("contact:2")), {**BASE, **FELT["contact:2"]}
+    plain = predicted(base.with_effect(effect("contact")), FELT["contact"])
+    np.testing.assert_array_equal(predicted(rubbing, {**felt, "contact.friction": 0.0}), plain)
+    theta = rubbing.theta(felt)
+    rows, solution = rubbing.jacobian(theta), rubbing.solution(theta)
+    assert solution.history is not None  # the pressure falls to a fifth
+    held = np.linalg.norm(rubbing.predict(theta) - plain, axis=2).max(axis=1)
+    assert held[4] > 0.003
+    for name, step in (("contact.friction", 1e-2), ("contact.distance", 1e-3)):
+        k = [p.name for p in rubbing.parameters].index(name)
+        plus, minus = (predicted(rubbing, {**felt, name: felt[name] + h}) for h in (step, -step))
+        wanted = (plus - minus) / (2 * step)
+        print(name, np.abs(wanted).max(axis=(1,2)), np.abs(rows[k]-wanted).max(axis=(1,2)))
+    print(held)
