@@ -28,7 +28,13 @@ class CalculiX:
     name: str = "CalculiX"
 
     def solve(self, case: Case, pressure: float, *, gravity: Array | None = None) -> Response:
-        """The response of a case to a follower pressure in MPa and a gravity (3,) mm/s2; see `run`."""
+        """The response of a case to a follower pressure in MPa and a gravity (3,) mm/s2; see `run`.
+
+        ValueError for Mullins softening, which it does not know.
+        """
+        soft = [name for name, m in case.materials.items() if m.mullins and m.mullins[0]]
+        if soft:
+            raise ValueError(f"material {soft[0]!r} has Mullins softening: CalculiX knows none; drop it")
         return self.run(deck(case, pressure, kind=self.kind, gravity=gravity))
 
     def run(self, text: str) -> Response:

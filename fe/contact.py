@@ -18,10 +18,18 @@ from copy import copy
 import numpy as np
 
 from fe.case import Case
-from fe.element import Array, Integers, gauss, scatter
+from fe.element import Array, Flags, Integers, gauss, scatter
 
 SMOOTH = 0.01  # mm
 POINTS = 4  # of quadrature in each direction of a quadrilateral face: the edge of contact runs inside faces
+
+
+def off_the_clamp(case: Case, surface: str) -> Flags:
+    """Which faces (f,) of a surface do not touch the clamp."""
+    faces = case.face_nodes(surface)
+    if case.clamp is None:
+        return np.ones(len(faces), bool)
+    return np.asarray(~np.isin(faces, case.node_sets[case.clamp.nodes]).any(axis=1))
 
 
 class PlaneFaces:
@@ -30,9 +38,7 @@ class PlaneFaces:
     def __init__(self, case: Case) -> None:
         contact = case.contact
         assert contact is not None
-        element, faces = case.element, case.face_nodes(contact.surface)
-        if case.clamp:
-            faces = faces[~np.isin(faces, case.node_sets[case.clamp.nodes]).any(axis=1)]
+        element, faces = case.element, case.face_nodes(contact.surface)[off_the_clamp(case, contact.surface)]
         rule = (element.face_points, element.face_weights) if element.simplex else gauss(2, POINTS)
         self._N, slopes = element.on_face(rule[0])
         s, t = np.einsum("fai,qak->kfqi", case.nodes[faces], slopes, optimize=True)
@@ -41,6 +47,7 @@ class PlaneFaces:
         self.normal = np.asarray(contact.normal, float) / np.linalg.norm(contact.normal)
         self._distance, self._stiffness = contact.distance, contact.stiffness
         self.friction, self._sign = contact.friction, np.sign(contact.friction)
+        self._slides: Flags | None = None  # where given, not by how far it has slipped
         self._anchor = self._along(case.nodes) if contact.friction else np.zeros(3)  # (f, q, 3) mm
 
     def softer(self, factor: float) -> "PlaneFaces":
@@ -84,7 +91,8 @@ class PlaneFaces:
         slip = self._along(x) - self._anchor
         length = np.linalg.norm(slip, axis=-1)
         limit = abs(self.friction) * pressure / self._stiffness
-        share = np.where(length > limit, limit / np.maximum(length, 1e-300), 1.0)
+        slides = length > limit if self._slides is None else self._slides
+        share = np.where(slides, limit / np.maximum(length, 1e-300), 1.0)
         return share[..., None] * slip, slip / np.maximum(length, 1e-300)[..., None], share
 
     def after(self, x: Array) -> "PlaneFaces":
@@ -93,6 +101,19 @@ class PlaneFaces:
             return self
         other = copy(self)
         other._anchor = self._along(x) - self._slip(x, self._pressure(x))[0]
+        other._slides = None
+        return other
+
+    def slides(self, x: Array) -> Flags:
+        """Where (f, q) the surface slides at deformed positions x (n, 3) mm, or is off the plane."""
+        limit = abs(self.friction) * self._pressure(x) / self._stiffness
+        return np.asarray(np.linalg.norm(self._along(x) - self._anchor, axis=-1) >= limit)
+
+    def sliding(self, where: Flags) -> "PlaneFaces":
+        """The same plane, on which the surface slides there (f, q) and nowhere else: what is held lies on the
+        kink between stick and slip, and neighbours of a derivative must be on one side of it."""
+        other = copy(self)
+        other._slides = where
         return other
 
     def tangent(self, x: Array) -> tuple[Integers, Array]:

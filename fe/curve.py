@@ -9,7 +9,7 @@ from scipy.interpolate import CubicHermiteSpline, CubicSpline
 from scipy.sparse import csr_matrix
 
 from fe.assembly import Memory, Response, State
-from fe.element import Array
+from fe.element import Array, Flags
 from fe.newton import Equilibrium, Problem, Residual, Step, eased, imbalance, moved
 from fe.reach import why
 
@@ -27,14 +27,24 @@ class Differenced:
     minus: Problem
     step: float
 
-    def after(self, state: State, change: State) -> "Differenced":
-        """The neighbours as they go on from the equilibrium `state`, of which `change` is the derivative."""
-        if not (self.plus.rubs or self.minus.rubs):
+    @property
+    def rubs(self) -> bool:
+        """Whether there is friction in either."""
+        return self.plus.rubs or self.minus.rubs
+
+    def sliding(self, where: Flags | None) -> "Differenced":
+        """The neighbours, sliding there (f, q) and nowhere else."""
+        if not self.rubs:
             return self
-        plus, minus = (
-            q.after(state.u + sign * self.step * change.u) for q, sign in ((self.plus, 1), (self.minus, -1))
-        )
-        return replace(self, plus=plus, minus=minus)
+        return replace(self, plus=self.plus.sliding(where), minus=self.minus.sliding(where))
+
+    def after(self, state: State, change: State, slides: Flags | None) -> "Differenced":
+        """The neighbours as they go on from the equilibrium `state`, which slides there (f, q), and of which
+        `change` is the derivative."""
+        if not self.rubs:
+            return self
+        step, v = self.step * change.u, self.sliding(slides)
+        return replace(self, plus=v.plus.after(state.u + step), minus=v.minus.after(state.u - step))
 
     @cached_property
     def history_only(self) -> bool:
@@ -139,8 +149,8 @@ class Neighbours:
         response: the law's to the state, where it is known; what only the memory changes follows from it.
         """
         v, (a, b) = self.varied, self.memory
-        apart = v.plus.rubs or v.minus.rubs  # the slips of the two differ too
-        if response is not None and a is not None and b is not None and v.history_only and not apart:
+        alike = v.history_only and not v.rubs  # else the slips of the two differ too
+        if response is not None and a is not None and b is not None and alike:
             force = v.plus.kernel.internal(state.u, a.stress(response) - b.stress(response))
             force -= (self.load[0] - self.load[1]) * v.plus.kernel.pressure.force(v.plus.case.nodes + state.u)
             step = force / (2 * v.step)
@@ -169,6 +179,7 @@ def sensitivities(
     response: the law's to the state, where it is known."""
     if not neighbours:
         return []
+    neighbours = [replace(n, varied=n.varied.sliding(step.slides)) for n in neighbours]
     changes = step.solve([n.residual(state, response) for n in neighbours])
     for change, n in zip(changes, neighbours, strict=True):
         change.u[step.problem.kernel.clamped] += n.clamp(state.rotation)
@@ -258,7 +269,9 @@ def _level(
     derivatives = tuple(none if v.history_only else next(changes) for v in varied)
     # alone: solved together with the derivatives its last bits would depend on their number
     (slope,) = found.step.solve([_per_pressure(found.step, found.state)])
-    after = tuple(v.after(found.state, d) for v, d in zip(varied, derivatives, strict=True))
+    after = tuple(
+        v.after(found.state, d, found.step.slides) for v, d in zip(varied, derivatives, strict=True)
+    )
     return _Level(load, found.state, slope, derivatives, after), found
 
 

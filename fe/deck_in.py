@@ -179,6 +179,20 @@ def _hyperelastic(draft: Draft, k: Keyword) -> None:
     _add(draft, _with_bulk(law, D1))
 
 
+def _mullins(draft: Draft, k: Keyword) -> None:
+    if k.parameters:
+        raise k.error(
+            f"*MULLINS EFFECT, {', '.join(k.parameters)}: wanted constants; let Abaqus print its fit"
+        )
+    if draft.material not in draft.materials:
+        raise k.error("*MULLINS EFFECT before *HYPERELASTIC: wanted it below; move it")
+    line, words = k.data[0]
+    r, m, beta = (*k.numbers(line, [w for w in words if w]), 0.0, 0.0)[:3]
+    if r <= 1 or m < 0 or beta < 0 or m + beta <= 0:
+        raise k.error(f"*MULLINS EFFECT r {r:g}, m {m:g}, beta {beta:g}: wanted r > 1 and m, beta >= 0", line)
+    draft.materials[draft.material] = replace(draft.materials[draft.material], mullins=(1 / r, m, beta))
+
+
 def _add(draft: Draft, law: Material) -> None:
     """The law of the material that is being read; its density may stand before it."""
     draft.materials[draft.material] = replace(law, density=draft.densities.get(draft.material, 0.0))
@@ -311,6 +325,7 @@ _READERS: dict[str, Callable[[Draft, Keyword], None]] = {
     "SURFACE": _surface,
     "MATERIAL": _material,
     "HYPERELASTIC": _hyperelastic,
+    "MULLINS EFFECT": _mullins,
     "DENSITY": _density,
     "SOLID SECTION": _section,
     "BOUNDARY": _boundary,

@@ -5,7 +5,8 @@ from itertools import chain
 
 import numpy as np
 
-from fe.case import Case, Support
+from fe.case import Case, Contact, Support
+from fe.contact import off_the_clamp
 from fe.convert import converted
 from fe.element import Array, Integers
 from fe.material import Material
@@ -20,8 +21,9 @@ def deck(case: Case, pressure: float, *, kind: str = "C3D20RH", gravity: Array |
 
     kind: the Abaqus element that takes the place of hex27, on the mesh's own nodes and labels (see
     `fe.convert.converted`); a case that has Abaqus elements already keeps them. Names of sets are written in
-    capitals. ValueError for what one static step of solids cannot hold: an elastic clamp, contact, a
-    precurvature, a layer, a Prony series, Mullins softening, a term of Gent.
+    capitals. A plane is written as a held plate of one element under it and a contact pair (surface to
+    surface, the same stiffness; `_plane`). ValueError for what one static step of solids cannot hold: an
+    elastic clamp, a precurvature, a layer, a Prony series, a term of Gent.
     """
     _check(case)
     changed = converted(case, kind) if case.element.name == "hex27" else case
@@ -47,6 +49,8 @@ def deck(case: Case, pressure: float, *, kind: str = "C3D20RH", gravity: Array |
         if material.density:
             lines += ["*DENSITY", f"{material.density:.10g},"]
         lines += [f"*SOLID SECTION, ELSET={name.upper()}, MATERIAL={name.upper()}"]
+    if changed.contact and changed.contact.stiffness:
+        lines += _plane(changed, changed.contact)
     lines += ["*BOUNDARY", *(line for s in supports if s.value is None for line in _held(s))]
     lines += [f"*STEP, NLGEOM=YES, INC={INCREMENTS}", "*STATIC"]
     lines += [f"{FIRST_INCREMENT}, 1., 1e-6, {LARGEST_INCREMENT}"]
@@ -76,11 +80,8 @@ def _check(case: Case) -> None:
         raise ValueError("a precurvature: a deck holds a structure without stress at rest; set it to 0")
     if case.layer and case.layer.stiffness:
         raise ValueError("a layer: a deck holds solid elements only; model it by some, or set it to 0")
-    if case.contact and case.contact.stiffness:
-        raise ValueError("contact with a plane: a deck holds none; leave it out, or add it by hand")
     for name, m in case.materials.items():
-        softens = m.mullins is not None and m.mullins[0] != 0
-        refused = {"a Prony series": m.prony, "Mullins softening": softens, "a term of Gent": m.gent}
+        refused = {"a Prony series": m.prony, "a term of Gent": m.gent}
         for what in (what for what, there in refused.items() if there):
             raise ValueError(f"material {name!r} has {what}: a deck of one static step holds none; drop it")
 
@@ -101,7 +102,45 @@ def _hyperelastic(m: Material) -> list[str]:
     else:
         law, values = "MOONEY-RIVLIN", [m.C10, m.C01, D1]
     text = [f"{x:.10g}" for x in values]
-    return [f"*HYPERELASTIC, {law}", *(", ".join(text[k : k + 8]) for k in range(0, len(text), 8))]
+    lines = [f"*HYPERELASTIC, {law}", *(", ".join(text[k : k + 8]) for k in range(0, len(text), 8))]
+    if m.mullins and m.mullins[0]:
+        softening, scale, beta = m.mullins
+        lines += ["*MULLINS EFFECT", f"{1 / softening:.10g}, {scale:.10g}, {beta:.10g}"]
+    return lines
+
+
+PLATE_SIZE, PLATE_DEPTH = 3.0, 0.2  # of the structure's size: its half width and its thickness
+
+
+def _plane(case: Case, contact: Contact) -> list[str]:
+    """The plane as one held brick, S2 its upper face, and what happens between the two surfaces.
+
+    After the coefficient of friction stands the stick slope (MPa/mm), for CalculiX; Abaqus, which takes that
+    place for a slip rate, sees one coefficient for all rates and sets a slope of its own.
+    """
+    n = np.asarray(contact.normal, float) / np.linalg.norm(contact.normal)
+    first = np.cross(n, np.eye(3)[np.abs(n).argmin()])
+    first /= np.linalg.norm(first)
+    second, size = np.cross(n, first), float(np.ptp(case.nodes, axis=0).max())
+    middle = case.nodes.mean(axis=0)
+    middle = middle + (contact.distance - middle @ n) * n
+    square = [PLATE_SIZE * size * (a * first + b * second) for a, b in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
+    corners = [middle + x - depth * n for depth in (PLATE_DEPTH * size, 0.0) for x in square]
+    labels, element = int(case.labels.max()) + 1 + np.arange(8), len(case.connectivity) + 1
+    touching = case.surfaces[contact.surface][off_the_clamp(case, contact.surface)]
+    rubs = ["*FRICTION", f"{contact.friction:.10g}, {contact.stiffness:.10g}"] if contact.friction else []
+    return [
+        "*NODE, NSET=PLANE_NODES",
+        *(f"{k}, {x:.10g}, {y:.10g}, {z:.10g}" for k, (x, y, z) in zip(labels, corners, strict=True)),
+        *("*ELEMENT, TYPE=C3D8, ELSET=PLANE", f"{element}, {', '.join(map(str, labels))}"),
+        *("*MATERIAL, NAME=PLANE", "*ELASTIC", "1000., 0.3", "*SOLID SECTION, ELSET=PLANE, MATERIAL=PLANE"),
+        *("*BOUNDARY", "PLANE_NODES, 1, 3"),
+        *("*SURFACE, NAME=PLANE_TOP, TYPE=ELEMENT", f"{element}, S2"),
+        *("*SURFACE, NAME=TOUCHING, TYPE=ELEMENT", *(f"{e + 1}, S{f + 1}" for e, f in touching)),
+        "*SURFACE INTERACTION, NAME=TOUCH",
+        *("*SURFACE BEHAVIOR, PRESSURE-OVERCLOSURE=LINEAR", f"{contact.stiffness:.10g},", *rubs),
+        *("*CONTACT PAIR, INTERACTION=TOUCH, TYPE=SURFACE TO SURFACE", "TOUCHING, PLANE_TOP"),
+    ]
 
 
 def _held(s: Support) -> list[str]:

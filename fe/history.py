@@ -13,7 +13,7 @@ import numpy as np
 
 from fe.assembly import Memory, State
 from fe.curve import LEAST_STEP, Curve, Differenced, Neighbours, Response, sensitivities, strays
-from fe.element import Array, Integers
+from fe.element import Array, Flags, Integers
 from fe.loadings import Loadings
 from fe.newton import Equilibrium, Problem, Step, eased, moved
 from fe.past import Past, Seen
@@ -219,7 +219,7 @@ class _March:
         if below is None or below.any():
             return None
         changes = tuple(self._along(n, d, k) for n, d in tracked.items())
-        return self._point(k, before, state, response, changes)
+        return self._point(k, before, state, response, changes, None)
 
     def divisible(self, k: int) -> bool:
         """Whether the step to time number k may be halved: with slip, while the load changes by enough."""
@@ -256,17 +256,23 @@ class _March:
         ]
         known = response.times(self.course.stiffness[k])
         changes = tuple(sensitivities(step, state, around, response=known))
-        return self._point(k, before, state, response, changes)
+        return self._point(k, before, state, response, changes, step.slides)
 
     def _point(
-        self, k: int, before: _Point, state: State, response: Response, changes: tuple[State, ...]
+        self,
+        k: int,
+        before: _Point,
+        state: State,
+        response: Response,
+        changes: tuple[State, ...],
+        slides: Flags | None,
     ) -> _Point:
         dt, below = self._dt(k), before.past.below(response)
         pasts = tuple(
-            (a.after(plus, dt, below), b.after(minus, dt, below))
+            (a.after(plus, dt, below, slides), b.after(minus, dt, below, slides))
             for (plus, minus), (a, b) in zip(self._around(k, state, changes), before.pasts, strict=True)
         )
-        past = before.past.after(Seen(self._problem(k), state.u, response), dt, below)
+        past = before.past.after(Seen(self._problem(k), state.u, response), dt, below, slides)
         return _Point(state, moved(state, self._carrier(k), -1.0), past, changes, pasts)
 
     def _dt(self, k: int) -> float:

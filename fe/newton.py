@@ -11,7 +11,7 @@ from fe.assembly import Constants, Geometry, Kernel, Linearised, Memory, State
 from fe.case import Case
 from fe.contact import PlaneFaces
 from fe.coupled import addition, coupled
-from fe.element import Array
+from fe.element import Array, Flags
 from fe.layer import LayerFaces
 
 # Last correction: of u against the structure's size, of p against a tenth of the shear modulus. The tangent
@@ -74,6 +74,12 @@ class Problem:
     def rubs(self) -> bool:
         """Whether a plane has friction, so that a state depends on those before."""
         return self.plane is not None and self.plane.friction != 0
+
+    def sliding(self, where: Flags | None) -> "Problem":
+        """The same problem, sliding there (f, q) and nowhere else; None: where it does."""
+        if self.plane is None or not self.rubs or where is None:
+            return self
+        return replace(self, plane=self.plane.sliding(where))
 
     def after(self, u: Array) -> "Problem":
         """The problem as it goes on from the equilibrium at displacements u (n, 3) mm: the same but for
@@ -163,6 +169,12 @@ class Step:
         self._stiffness = float(
             (system.lever[kernel.clamped] * self._turn).sum() + (bend * system.force[kernel.clamped]).sum()
         )
+
+    @cached_property
+    def slides(self) -> Flags | None:
+        """Where (f, q) the surface slides on a plane, as this tangent has it, or None without a plane."""
+        plane, x = self.problem.plane, self.problem.case.nodes + self.state.u
+        return None if plane is None else plane.slides(x)
 
     @cached_property
     def _back(self) -> Array:

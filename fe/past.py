@@ -64,8 +64,8 @@ class Past:
             softening = Softening(table, self.peak, below)
         return Memory(1 - g.sum(0) + viscous, carried, softening)
 
-    def after(self, seen: Seen, dt: float, below: Flags | None = None) -> "Past":
-        """The past after one more time step."""
+    def after(self, seen: Seen, dt: float, below: Flags | None, slides: Flags | None) -> "Past":
+        """The past after one more time step; the sides of the kinks are those of the base."""
         response, prony = seen.response, seen.problem.constants.prony
         decay, ramp = relaxation(prony, dt)
         weight = (prony[..., 0] * ramp)[..., None, None, None]
@@ -73,4 +73,4 @@ class Past:
         peak = self.peak
         if peak is not None and response.energy is not None and below is not None:
             peak = np.where(below, peak, (1 - SHY) * response.energy)
-        return Past(response.stress, terms, peak, self.on(seen.problem).after(seen.u).plane)
+        return Past(response.stress, terms, peak, self.on(seen.problem).sliding(slides).after(seen.u).plane)

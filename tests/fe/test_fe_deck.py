@@ -76,6 +76,7 @@ def test_a_deck_that_was_written_reads_as_it_was(short: Case, tmp_path: File, ki
         Material(0.2, 0.1, C20=0.05),
         Material(C10=0.2, C20=-0.01, C30=0.003, bulk_ratio=500),
         Material(ogden=((0.3, 1.8), (0.02, 6.0), (-0.05, -2.0))),
+        Material(0.2, 0.1, mullins=(0.4, 0.003, 0.2)),
     ],
 )
 def test_every_law_survives_the_round_trip(short: Case, tmp_path: File, law: Material) -> None:
@@ -84,6 +85,7 @@ def test_every_law_survives_the_round_trip(short: Case, tmp_path: File, law: Mat
     found = read_deck(file).case.materials["body"]
     np.testing.assert_allclose(found.constants, law.constants)
     assert found.bulk == pytest.approx(law.bulk)
+    assert found.mullins == (pytest.approx(law.mullins) if law.mullins else None)
 
 
 def test_calculix_agrees_on_the_very_deck(short: Case, require: Callable[[str], None], tmp_path: File) -> None:
@@ -238,6 +240,8 @@ def test_a_deck_of_abaqus_cae(tmp_path: File) -> None:
         ("_Press_S4, S4", "_Press_S4, SPOS", "face SPOS: wanted S1"),
         ("neo hooke", "arruda-boyce", r"\*HYPERELASTIC ARRUDA-BOYCE: wanted Mooney-Rivlin"),
         ("neo hooke", "test data input", "from test data: wanted constants"),
+        ("*Boundary", "*Mullins Effect\n0.9, 0.01, 0.1\n*Boundary", "line 38: .*r 0.9, m 0.01, beta 0.1: wanted r > 1"),
+        ("*Density", "*Mullins Effect\n2., 0.01, 0.1\n*Density", "before .HYPERELASTIC: wanted it below"),
         ("*Hyperelastic, neo hooke\n0.2, 0.005\n", "", r"material 'silicone' has no \*HYPERELASTIC"),
         ("*Solid Section, elset=All, material=Silicone\n,\n", "", r"element 7 has 0 \*SOLID SECTIONs"),
     ],
@@ -268,6 +272,36 @@ def test_tetrahedra_that_do_not_fit_each_other_are_refused() -> None:
         converted(finger_case(Material(0.2, 0.1), lattice=Lattice(per_bellow=2, centred=False)), "C3D10")
 
 
+def test_a_plane_stands_under_the_structure_with_all_it_does(short: Case) -> None:
+    tilted = Contact("outside", (0.3, 0.0, 2.0), -5.0, 0.7, 0.4)
+    lines = deck(replace(short, contact=tilted), PRESSURE).splitlines()
+    at = lines.index("*NODE, NSET=PLANE_NODES")
+    x = np.array([[float(w) for w in line.split(",")[1:]] for line in lines[at + 1 : at + 9]])
+    n = np.array([0.3, 0.0, 2.0]) / np.hypot(0.3, 2.0)
+    np.testing.assert_allclose(x[4:] @ n, -5.0, atol=1e-8)  # S2, the upper face of C3D8, is on the plane
+    assert (x[:4] @ n < -6.0).all()
+    assert np.cross(x[5] - x[4], x[7] - x[4]) @ n > 0  # its numbering is right-handed
+    pair = lines.index("*SURFACE INTERACTION, NAME=TOUCH")
+    assert lines[pair + 1 : pair + 7] == [
+        "*SURFACE BEHAVIOR, PRESSURE-OVERCLOSURE=LINEAR", "0.7,", "*FRICTION", "0.4, 0.7",
+        "*CONTACT PAIR, INTERACTION=TOUCH, TYPE=SURFACE TO SURFACE", "TOUCHING, PLANE_TOP",
+    ]  # fmt: skip
+    assert short.clamp is not None
+    held = set(short.labels[short.node_sets[short.clamp.nodes]])
+    first = lines.index("*SURFACE, NAME=TOUCHING, TYPE=ELEMENT")
+    faces = lines[first + 1 : lines.index("*SURFACE INTERACTION, NAME=TOUCH")]
+    element, side = np.array([[int(w.strip(" S")) for w in line.split(",")] for line in faces]).T
+    case = converted(short, "C3D20RH")
+    rows = np.take_along_axis(case.connectivity[element - 1], case.element.faces[side - 1], axis=1)
+    assert len(rows) > 50
+    assert not held & set(case.labels[rows].ravel())  # as in the kernel
+
+
+def test_calculix_refuses_what_it_does_not_know(short: Case) -> None:
+    with pytest.raises(ValueError, match="Mullins softening: CalculiX knows none"):
+        CalculiX().solve(short.with_material(mullins=(0.4, 0.003, 0.2)), PRESSURE)
+
+
 WRITTEN, NOT_OF_A_DECK = "", "-"
 # What is told where a field of a case or a material has an unusual value, and that value.
 FIELDS: dict[str, tuple[Callable[[Case], object], str]] = {
@@ -285,7 +319,7 @@ FIELDS: dict[str, tuple[Callable[[Case], object], str]] = {
     "kept": (lambda c: ("body",), NOT_OF_A_DECK),  # it is of the fit alone
     "precurvature": (lambda c: 1e-3, "without stress at rest"),
     "layer": (lambda c: Layer("outside", 1.0), "a deck holds solid elements only"),
-    "contact": (lambda c: Contact("outside", (0.0, 0.0, 1.0), -5.0, 1.0), "contact with a plane: a deck holds none"),
+    "contact": (lambda c: Contact("outside", (0.0, 0.0, 1.0), -5.0, 1.0), WRITTEN),
     "C10": (lambda c: 0.3, WRITTEN),
     "C01": (lambda c: 0.2, WRITTEN),
     "C20": (lambda c: 0.1, WRITTEN),
@@ -294,7 +328,7 @@ FIELDS: dict[str, tuple[Callable[[Case], object], str]] = {
     "prony": (lambda c: ((0.1, 2.0),), "has a Prony series"),
     "gent": (lambda c: (0.3, 50.0), "has a term of Gent"),
     "ogden": (lambda c: ((0.1, 3.0),), "Ogden's terms and others"),
-    "mullins": (lambda c: (0.5, 0.01, 0.1), "has Mullins softening"),
+    "mullins": (lambda c: (0.5, 0.01, 0.1), WRITTEN),
     "density": (lambda c: 1.1e-9, WRITTEN),
 }
 

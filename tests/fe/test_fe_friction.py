@@ -11,9 +11,7 @@ from fe.calculix import CalculiX
 from fe.case import Contact
 from fe.contact import PlaneFaces
 from fe.convert import converted
-from fe.deck_out import deck
 from fe.newton import Problem, equilibrium
-from tests.fe.test_fe_contact import with_plate
 
 Cube = Callable[..., Case]
 UP = (0.0, 0.0, 1.0)
@@ -185,11 +183,7 @@ def test_friction_agrees_with_calculix(cube: Cube, require: Callable[[str], None
     )
     effect = np.abs(free - ours).max()
     assert effect > 0.05  # mm, what friction does, of 0.06
-    text = with_plate(deck(case, 0.02), contact.distance, contact.stiffness)
-    # its stick slope, MPa/mm, is ours
-    found = CalculiX().run(
-        text.replace("*CONTACT PAIR", f"*FRICTION\n{MU}, {contact.stiffness}\n*CONTACT PAIR", 1)
-    )
+    found = CalculiX().solve(replace(case, contact=contact), 0.02)
     assert found.reason == "converged"
     theirs = np.array([found.at(n) for n in case.labels])
     np.testing.assert_allclose(ours, theirs, rtol=0, atol=0.02 * effect)
