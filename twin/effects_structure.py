@@ -31,9 +31,8 @@ class TableContact(Effect):
             Parameter("contact.distance", -5.0, 100.0, "mm", typical=1.0),
             Parameter("contact.friction", 0.0, 2.0, "", null=0.0, typical=0.1),
         )[: terms + 1]
-        self.grid = (
-            tuple({"contact.distance": d} for d in (3.0, 8.0, 15.0, 25.0, 40.0)) if terms == 1 else ()
-        )
+        friction = {"contact.friction": 0.3} if terms == 2 else {}
+        self.grid = tuple({"contact.distance": d, **friction} for d in (3.0, 8.0, 15.0, 25.0, 40.0))
 
     @property
     def label(self) -> str:
