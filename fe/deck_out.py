@@ -5,7 +5,7 @@ from itertools import chain
 
 import numpy as np
 
-from fe.case import Case, Contact, Support
+from fe.case import Case, Contact, Layer, Support
 from fe.contact import off_the_clamp
 from fe.convert import converted
 from fe.element import Array, Integers
@@ -22,8 +22,8 @@ def deck(case: Case, pressure: float, *, kind: str = "C3D20RH", gravity: Array |
     kind: the Abaqus element that takes the place of hex27, on the mesh's own nodes and labels (see
     `fe.convert.converted`); a case that has Abaqus elements already keeps them. Names of sets are written in
     capitals. A plane is written as a held plate of one element under it and a contact pair (surface to
-    surface, the same stiffness; `_plane`). ValueError for what one static step of solids cannot hold: an
-    elastic clamp, a precurvature, a layer, a Prony series, a term of Gent.
+    surface, the same stiffness; `_plane`), a layer as membranes on the solids' own nodes. ValueError for what
+    one static step cannot hold: an elastic clamp, a precurvature, a Prony series, a term of Gent.
     """
     _check(case)
     changed = converted(case, kind) if case.element.name == "hex27" else case
@@ -49,6 +49,8 @@ def deck(case: Case, pressure: float, *, kind: str = "C3D20RH", gravity: Array |
         if material.density:
             lines += ["*DENSITY", f"{material.density:.10g},"]
         lines += [f"*SOLID SECTION, ELSET={name.upper()}, MATERIAL={name.upper()}"]
+    if changed.layer and changed.layer.stiffness:
+        lines += _sheet(changed, changed.layer)
     if changed.contact and changed.contact.stiffness:
         lines += _plane(changed, changed.contact)
     lines += ["*BOUNDARY", *(line for s in supports if s.value is None for line in _held(s))]
@@ -78,8 +80,6 @@ def _check(case: Case) -> None:
         )
     if case.precurvature:
         raise ValueError("a precurvature: a deck holds a structure without stress at rest; set it to 0")
-    if case.layer and case.layer.stiffness:
-        raise ValueError("a layer: a deck holds solid elements only; model it by some, or set it to 0")
     for name, m in case.materials.items():
         refused = {"a Prony series": m.prony, "a term of Gent": m.gent}
         for what in (what for what, there in refused.items() if there):
@@ -107,6 +107,22 @@ def _hyperelastic(m: Material) -> list[str]:
         softening, scale, beta = m.mullins
         lines += ["*MULLINS EFFECT", f"{1 / softening:.10g}, {scale:.10g}, {beta:.10g}"]
     return lines
+
+
+MEMBRANES = {8: "M3D8", 6: "M3D6", 4: "M3D4"}  # by the nodes of a face
+SHEET = 0.01  # mm, a thickness for what only has thickness x modulus: in CalculiX 0.1 does 0.1 % less
+
+
+def _sheet(case: Case, layer: Layer) -> list[str]:
+    """The layer as membranes, numbered after the solids and the plane's brick."""
+    faces = case.labels[case.face_nodes(layer.surface)]
+    first = len(case.connectivity) + 2
+    return [
+        f"*ELEMENT, TYPE={MEMBRANES[faces.shape[1]]}, ELSET=SHEET",
+        *chain.from_iterable(_wrapped((e, *row)) for e, row in enumerate(faces, start=first)),
+        *("*MATERIAL, NAME=SHEET", "*ELASTIC", f"{layer.stiffness / SHEET:.10g}, {layer.poisson:.10g}"),
+        *("*MEMBRANE SECTION, ELSET=SHEET, MATERIAL=SHEET", f"{SHEET},"),
+    ]
 
 
 PLATE_SIZE, PLATE_DEPTH = 3.0, 0.2  # of the structure's size: its half width and its thickness
