@@ -272,7 +272,7 @@ class _March:
             (a.after(plus, dt, below, slides), b.after(minus, dt, below, slides))
             for (plus, minus), (a, b) in zip(self._around(k, state, changes), before.pasts, strict=True)
         )
-        past = before.past.after(Seen(self._problem(k), state.u, response), dt, below, slides)
+        past = before.past.after(Seen(self._problem(k), state.u, response), dt, below, None)
         return _Point(state, moved(state, self._carrier(k), -1.0), past, changes, pasts)
 
     def _dt(self, k: int) -> float:

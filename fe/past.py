@@ -65,7 +65,7 @@ class Past:
         return Memory(1 - g.sum(0) + viscous, carried, softening)
 
     def after(self, seen: Seen, dt: float, below: Flags | None, slides: Flags | None) -> "Past":
-        """The past after one more time step; the sides of the kinks are those of the base."""
+        """The past after one more time step; of a neighbour, on the base's sides of the kinks."""
         response, prony = seen.response, seen.problem.constants.prony
         decay, ramp = relaxation(prony, dt)
         weight = (prony[..., 0] * ramp)[..., None, None, None]
