@@ -10,12 +10,13 @@ import numpy as np
 import pytest
 
 from fe import Case, Finger, Lattice, Material, Path, finger_case, solve
+from fe.mirror import symmetry_support
 from twin import cli, table, virtual, workbench
 from twin.config import CalibrateTable, Config, ModelTable, PointTable, ProjectTable
 from twin.configfile import dump
 from twin.discretisation import discretisation
 from twin.history import Generations
-from twin.model import G, base_model, ways
+from twin.model import G, base_model, under, ways
 from twin.parallel import made_at_once
 from twin.project import Project
 from twin.structure import of_finger, weighed
@@ -189,3 +190,13 @@ def test_what_is_wrong_with_the_weight_is_one_sentence(project: Project, tmp_pat
         bench(model=ModelTable(fixed={"density": 1e-9}))
     with pytest.raises(ValueError, match=r"gravity = \[0.0, 0.0, 0.0\]: wanted a direction"):
         ModelTable(gravity=(0.0, 0.0, 0.0))
+
+
+def test_weight_across_the_finger_asks_for_the_whole(short_case: Case) -> None:
+    heavy, across = short_case.with_material(density=DENSITY), np.array([0.0, G, 0.0])
+    assert under(short_case, across) is short_case
+    assert under(heavy, G * DOWN) is heavy
+    whole = under(heavy, across)
+    assert symmetry_support(whole) is None
+    assert under(whole, across) is whole
+    np.testing.assert_array_equal(whole.nodes[: len(heavy.nodes)], heavy.nodes)  # the half comes first
