@@ -43,6 +43,7 @@ PROTOCOL = [
     (38.4, 0),
     (42.4, 0),
 ]
+HOLDS = [(4, 10), (12, 22), (25, 34), (34.2, 38.2), (38.4, 42.4)]  # s
 
 
 def laboratory() -> tuple[Camera, tuple[Array, Array], tuple[Mark, ...]]:
@@ -81,8 +82,9 @@ def table(result: Displacements, place: Array) -> bool:
     """Prints the rows of one film; says whether every pull is right."""
     rows = [result.tracks.names.index(name) for name in result.names]
     error = (result.value - (place - place[0])[:, rows])[..., [0, 2]]
-    reference = [k for k, name in enumerate(result.mode_names) if name.startswith("reference:")]
-    variance = np.diagonal(result.covariance, axis1=2, axis2=3) + np.sum(result.modes[reference] ** 2, axis=0)
+    shared = [k for k, n in enumerate(result.mode_names) if n.startswith(("reference:", "codec:"))]
+    own = np.diagonal(result.covariance, axis1=2, axis2=3)
+    variance = own + np.sum(result.modes[shared] ** 2, axis=0)
     sd = np.sqrt(variance)[..., [0, 2]]
     state = states(result.tracks.position[:, rows])
     fixed = np.array([role == "fixed" for role in result.roles])
@@ -102,6 +104,18 @@ def table(result: Displacements, place: Array) -> bool:
                 f"stated {stated * 1e3:5.2f} um   pull {pull:5.2f}   {chosen.sum():5d} values"
             )
             good &= 0.7 < pull < 1.4
+    pulls = []
+    for start, stop in HOLDS:
+        frames = np.flatnonzero((result.time >= start + 0.5) & (result.time < stop))
+        moving = ~fixed & np.isfinite(error[frames][..., 0]).all(axis=0)
+        if len(frames):
+            modes = result.modes[shared][:, frames].mean(axis=1)[..., [0, 2]]
+            of_mean = own[frames].mean(axis=0)[..., [0, 2]] / len(frames) + (modes**2).sum(axis=0)
+            pulls.append((error[frames].mean(axis=0) / np.sqrt(of_mean))[moving].ravel())
+    if pulls:
+        pull = np.sqrt(np.mean(np.concatenate(pulls) ** 2))
+        print(f"  means of holds {'':45s} pull {pull:5.2f}   {np.concatenate(pulls).size:5d} values")
+        good &= 0.7 < pull < 1.4
     return good
 
 

@@ -32,11 +32,13 @@ def collect(parts: list[str], quick: bool) -> dict[str, Any]:
     """Figures of the parts, None where there is no data for them."""
     found: dict[str, Any] = {}
     for part in parts:
-        began = time.perf_counter()
+        began, spent = time.perf_counter(), time.process_time()
+        print(f"{part} ...", file=sys.stderr, flush=True)
         with redirect_stdout(sys.stderr):  # the tables: stdout holds the figures alone
             told = importlib.import_module(part).figures(quick)
         found |= dict.fromkeys(PARTS[part]) | told
-        print(f"{part}: {time.perf_counter() - began:.0f} s", file=sys.stderr)
+        took, spent = time.perf_counter() - began, time.process_time() - spent
+        print(f"{part}: {took:.0f} s, {spent:.0f} s of the processor", file=sys.stderr, flush=True)
         for key in PARTS[part]:
             if found[key] is None:
                 print(f"{part}: {key} is null, its data is absent (SOFTTWIN_DATA)", file=sys.stderr)

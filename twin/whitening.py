@@ -145,7 +145,7 @@ def whitener(targets: Targets, *, prediction_modes: Array, gauge: Array) -> Whit
         frames, m = targets.noise.frames, len(components)
         inflation = (frames - 2) / max(frames - m - 1, 1)
         sd = np.sqrt(sd**2 + (inflation - 1) * own**2)
-        correlation = shrunk(targets.noise.correlation[np.ix_(flat, flat)], frames)
+        correlation = shrunk(targets.noise.correlation[np.ix_(flat, flat)], frames, i)
         static = inflation * correlation * np.outer(own, own)
         rho = np.clip(np.nan_to_num(targets.noise.rho[p, i]), 0.0, 0.95)
     moving = (gauge[:, p, i] != 0).any(axis=0)
@@ -183,15 +183,20 @@ def _gauge_modes(gauge: Array, reference: NDArray[np.int64]) -> tuple[Array, Arr
     return mean[None][: int(mean.any())], single
 
 
-def shrunk(correlation: Array, frames: int) -> Array:
-    """The correlation (m, m) estimated from `frames` frames, drawn towards independence by its own sampling
-    error.
+def shrunk(correlation: Array, frames: int, axis: NDArray[np.int64]) -> Array:
+    """The correlation (m, m) estimated from `frames` frames, drawn by its own sampling error towards what all
+    components of one axis (m,) share, and independence between axes.
 
     The weight is the ratio of the sampling variance (1 - r^2)^2 / n to the spread of the off-diagonal values
-    (Schaefer & Strimmer 2005, doi 10.2202/1544-6115.1175).
+    about that target (Schaefer & Strimmer 2005, doi 10.2202/1544-6115.1175). Towards plain independence,
+    markers that jitter together would lose a part of it, and their mean would be stated too small.
     """
     off = ~np.eye(len(correlation), dtype=bool)
-    spread = float((correlation[off] ** 2).sum())
+    target = np.zeros_like(correlation)
+    for k in np.unique(axis):
+        same = np.outer(axis == k, axis == k) & off
+        target[same] = max(float(correlation[same].mean()), 0.0) if same.any() else 0.0
+    spread = float(((correlation - target)[off] ** 2).sum())
     noise = float(((1 - correlation[off] ** 2) ** 2).sum()) / max(frames - 1, 1)
     weight = min(1.0, noise / spread) if spread > 0 else 1.0
-    return np.where(off, (1 - weight) * correlation, 1.0)
+    return np.where(off, correlation + weight * (target - correlation), 1.0)

@@ -11,6 +11,7 @@ from vision.camera import Array
 # Source of an error, and what makes it smaller.
 SOURCES = {
     "static": "more light, larger or sharper markers, more pixels per mm",
+    "jitter": "camera and frame markers on one stiff support, steady light",
     "homography": "more frame markers, and none of them hidden",
     "blur": "shorter exposure, sharper focus, no glare or shadow",
     "codec": "a lossless or high-rate recording",

@@ -15,7 +15,7 @@ from vision import depth, registration
 from vision.camera import Array, Camera, Image
 from vision.checkpoint import Row, every_frame
 from vision.dic import MIN_CONTRAST, MIN_CORRELATION, NEIGHBOURS, affine_templates, smooth
-from vision.marks import Mark, frame_places, px_per_unit, rows_of
+from vision.marks import Mark, frame_places, linear_at_centre, px_per_unit, rows_of
 from vision.plane import homographies
 from vision.reference import MAX_REFERENCE
 from vision.tracks import LOST, REGISTERED, Followed
@@ -130,7 +130,7 @@ def _follow(
         marks.time,
         warp,
         warp[..., :2, 2] / warp[..., 2:, 2],
-        registration.centre_covariance(templates, warp[..., :2, :2], match),
+        registration.centre_covariance(templates, linear_at_centre(warp), match),
         np.where(seen, REGISTERED, LOST).astype(np.int8),
         marks.reference,
         (),

@@ -69,9 +69,11 @@ def in_plane(seen: Seen, marks: Sequence[Mark], stated: Stated, steps: NDArray[n
     place = to_plane(scene.quiet.homography, seen.still.ideal[:, scene.points])
     noise = static_noise(place, [mark.name for mark in scene.output], seen.static)
     extra = _codec(seen, scene)
-    moves = states(seen.film.ideal[:, scene.points]) != REST
-    noise = replace(noise, codec_sd=while_moving(extra, moves))
+    state = states(seen.film.ideal[:, scene.points])
+    noise = replace(noise, codec_sd=while_moving(extra, state != REST))
     extra, rest = extra[steps], at_rest(noise, scene.quiet, place)
+    holds, loose = modes.codec(extra, state[steps], scene.output)
+    start = _reference_sd(noise, seen.codec, len(scene.film.reference))
     linear = linear_maps(seen.film, seen.homography(marks))
     rotation = rotations(linear)
     nominal = np.array([mark.position for mark in scene.output])
@@ -82,8 +84,8 @@ def in_plane(seen: Seen, marks: Sequence[Mark], stated: Stated, steps: NDArray[n
         scene.value,
         noise,
         place,
-        independent(rest, scene.plane, scene.place, worse, scene.frame, scene.points, extra),
-        _modes(scene, turns, stated, frame_mm, _reference_sd(noise, seen.codec, len(scene.film.reference))),
+        independent(rest, scene.plane, scene.place, worse, scene.frame, scene.points, loose),
+        [*_modes(scene, turns, stated, frame_mm, start), holds],
         turns,
         rotation,
         (
@@ -111,8 +113,10 @@ def _codec(seen: Seen, scene: _Scene) -> Array:
     return codec_sd(seen.codec, ideal, mean_seen(ideal[seen.film.reference]))
 
 
-def _modes(scene: _Scene, turns: Array, stated: Stated, frame_mm: float, start: Array) -> list[Named]:
-    """Errors shared by many values.   start: (p,3) mm, sd of the reference."""
+def _modes(
+    scene: _Scene, turns: Array, stated: Stated, frame_mm: float, start: tuple[Array, Array]
+) -> list[Named]:
+    """Errors shared by many values.   start: of the reference, from `_reference_sd`."""
     value, output, film = scene.value, scene.output, scene.film
     nominal = np.array([mark.position for mark in output])
     return [
@@ -120,7 +124,7 @@ def _modes(scene: _Scene, turns: Array, stated: Stated, frame_mm: float, start: 
         modes.placement(value, output, turns, stated.placement_mm),
         modes.node(value, nominal, output, turns, stated.node_mm),
         modes.frame(misplaced(scene.plane, scene.place), film.reference, frame_mm),
-        modes.reference(value, output, start),
+        modes.reference(value, output, *start),
         depth.height_modes(value, output, scene.view, sd_mm=stated.height_mm),
         depth.out_of_plane_modes(value, scene.own_place, output, scene.view, sd_mm=stated.out_of_plane_mm),
         depth.calibration_modes(
@@ -147,14 +151,17 @@ def _frame_sd(scene: _Scene, rest: Rest, stated: Stated) -> tuple[float, tuple[s
     )
 
 
-def _reference_sd(noise: NoiseModel, codec: Codec, frames: int) -> Array:
-    """Sd (p,3) mm of the reference's mean place; 0 in y.
+def _reference_sd(noise: NoiseModel, codec: Codec, frames: int) -> tuple[Array, Array]:
+    """Sd of the reference's mean places, mm: (p,3) each mark's own, (3,) what all marks share; 0 in y.
 
     The mean of n values with lag-1 correlation rho, and the coding error frozen in all of them, which a mark
     that never moves keeps for the whole film, so that it cancels.
     """
-    mean = noise.sd**2 / frames * (1.0 + noise.rho) / (1.0 - noise.rho)
-    return np.nan_to_num(np.sqrt(mean + np.where(noise.codec_sd > 0, codec.held**2, 0.0)))
+    grown = (1.0 + noise.rho) / (1.0 - noise.rho) / frames
+    own = np.maximum(noise.sd**2 - noise.common_sd**2, 0.0) * grown
+    own = np.sqrt(own + np.where(noise.codec_sd > 0, codec.held**2, 0.0))
+    shared = noise.common_sd * np.sqrt(np.median(np.nan_to_num(grown), axis=0))
+    return np.nan_to_num(own), shared
 
 
 def _check_heights(marks: Sequence[Mark], height: Array, view: depth.Viewpoint) -> None:

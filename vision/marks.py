@@ -110,7 +110,15 @@ def dot_warp(centre: Array, radius: float) -> Array:
     return np.array([[radius, 0.0, centre[0]], [0.0, radius, centre[1]], [0.0, 0.0, 1.0]])
 
 
+def linear_at_centre(warp: Array) -> Array:
+    """Linear maps (...,2,2), px per local unit, of warps (...,3,3) at the origin.
+
+    Perspective counts: times the distance from the picture's corner it is as large as the rest.
+    """
+    return np.asarray(warp[..., :2, :2] - warp[..., :2, 2:] * warp[..., 2:, :2])
+
+
 def px_per_unit(warp: Array) -> Array:
     """Pixels per local unit (p,) at the origin of warps (p,3,3)."""
-    linear = warp[..., :2, :2] - warp[..., :2, 2:] * warp[..., 2:, :2]
+    linear = linear_at_centre(warp)
     return np.sqrt(np.abs(linear[..., 0, 0] * linear[..., 1, 1] - linear[..., 0, 1] * linear[..., 1, 0]))

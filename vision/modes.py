@@ -12,9 +12,12 @@ from scipy.stats import chi2
 
 from vision.camera import Array
 from vision.marks import Mark
+from vision.noise import CREEP, FAST
 
 Named = Mapping[str, Array]  # name to (s,p,3) mm
 LEVEL = 0.2  # slope of the line to a neighbour that still runs along the finger
+MIN_HOLD, MAX_HOLDS = 3, 60  # frames that make a hold; how many of all marks get modes, the longest first
+CREEP_SHARED = 0.75  # of a creeping patch's variance; correlation at lags of 1 to 30 frames: 0.73 to 0.76
 LEAST = 1e-8  # of the largest combined mode's power: below it a mode is left out
 UNLIKELY = 0.001  # chance below which residuals contradict what is stated
 
@@ -76,15 +79,47 @@ def _beside(points: Array, finger: Sequence[int], p: int) -> tuple[int, int]:
     return before, min((q for q in level if apart[q][0] > 0), key=lambda q: apart[q][0], default=p)
 
 
-def reference(value: Array, marks: Sequence[Mark], sd: Array) -> Named:
-    """The reference's own error, subtracted from every step: sd (p,3) mm of its mean."""
-    modes: dict[str, Array] = {}
+def reference(value: Array, marks: Sequence[Mark], sd: Array, shared: Array) -> Named:
+    """The reference's own error, subtracted from every step: sd (p,3) mm of its mean, and what all marks
+    share, sd (3,) mm."""
+    modes: dict[str, Array] = {
+        f"reference:shared:{component + 1}": np.broadcast_to(shared * np.eye(3)[component], value.shape)
+        for component in (0, 2)
+    }
     for p, mark in enumerate(marks):
         for component in (0, 2):
             field = np.zeros((len(value), 2))
             field[:, component // 2] = sd[p, component]
             _add(modes, f"reference:{mark.name}:{component + 1}", value, p, field)
     return modes
+
+
+def codec(extra: Array, state: NDArray[np.int8], marks: Sequence[Mark]) -> tuple[Named, Array]:
+    """The coding error that all frames of a hold share, and what sd (s,p,3) mm is left as independent.
+
+    extra: (s,p,3) mm, sd of the coding error.   state: (s,p) from `vision.noise.states`.
+
+    P-frames repeat a picture that hardly changes, with its error: no mean over the hold makes it smaller.
+    """
+    slow = (state != FAST) & (np.nan_to_num(extra) > 0).any(axis=2)
+    share = np.where(state == CREEP, CREEP_SHARED, 1.0)
+    runs = [(stop - start, p, start) for p in range(slow.shape[1]) for start, stop in _runs(slow[:, p])]
+    modes, left = {}, extra.copy()
+    for count, (length, p, start) in enumerate(sorted(runs, reverse=True)[:MAX_HOLDS]):
+        frames = slice(start, start + length)
+        left[frames, p] *= np.sqrt(1.0 - share[frames, p])[:, None]
+        shared = extra[frames, p] * np.sqrt(share[frames, p])[:, None]
+        for component in (0, 2):
+            mode = np.zeros(extra.shape)
+            mode[frames, p, component] = shared[:, component]
+            modes[f"codec:{marks[p].name}:{component + 1}:{count + 1}"] = mode
+    return modes, left
+
+
+def _runs(held: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    """First and one past the last frame of every hold."""
+    edge = np.flatnonzero(np.diff(np.concatenate([[0], held.astype(np.int8), [0]])))
+    return [(int(a), int(b)) for a, b in edge.reshape(-1, 2) if b - a >= MIN_HOLD]
 
 
 def frame(shift: Array, rest: NDArray[np.intp], sd: float) -> Named:

@@ -2,7 +2,7 @@
 
 import tempfile
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import islice
 from pathlib import Path
 
@@ -44,6 +44,7 @@ class NoiseModel:
     correlation: Array  # (3p,3p) within one frame, order point then component; from the shared homography
     frames: int  # number of static frames
     codec_sd: Array  # (p,3) mm, rms of what is added to it while a patch moves
+    common_sd: Array = field(default_factory=lambda: np.zeros(3))  # (3,) mm, of sd: what all points share
 
 
 @dataclass(frozen=True)
@@ -77,13 +78,27 @@ def static_noise(place: Array, names: Sequence[str], film: str) -> NoiseModel:
     rho[enough] = np.clip((error[1:] * error[:-1]).sum(axis=0)[enough] / power[enough], 0.0, 0.95)
     sd[~enough], rho[~enough] = sd.max(axis=0), rho.max(axis=0)
     whole = with_y if place.shape[-1] == 2 else np.asarray
+    shared = np.sqrt(np.maximum(common(place[:, enough]), 0.0))
     return NoiseModel(
         whole(sd),
         whole(rho),
         _correlation(error, enough),
         int(np.isfinite(place[:, enough, 0]).all(axis=1).sum()),
         np.zeros((len(names), 3)),
+        np.nan_to_num(whole(shared)),
     )
+
+
+def common(place: Array) -> Array:
+    """Mean covariance (c,) mm2 of two different points' places (t,p,c) at rest: of what all of them share.
+
+    It is 0, give or take s^2 (2 / (t p (p - 1)))^1/2, where points err by s each on its own.
+    """
+    seen = np.isfinite(place[..., 0])
+    error = np.nan_to_num(place - mean_seen(place))
+    count = seen.sum(axis=1)
+    pairs = (error.sum(axis=1) ** 2 - (error**2).sum(axis=1)).sum(axis=0)
+    return np.asarray(pairs / max(int(np.sum(count * (count - 1))), 1))
 
 
 def hidden_in_static(place: Array, names: Sequence[str], film: str) -> tuple[str, ...]:

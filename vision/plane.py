@@ -122,6 +122,15 @@ def place_noise(plane: Plane, place: Array) -> Array:
     return np.asarray(np.einsum("tpia,tab,tpjb->tpij", field, plane.spread, field))
 
 
+def shared_noise(plane: Plane, place: Array) -> Array:
+    """Mean covariance (2,) mm2 of two different places (p,2) mm for pixel noise of unit variance in the frame
+    marks, mean over the frames."""
+    field, spread = _field(plane.nominal, place), np.nanmean(plane.spread, axis=0)
+    every = np.einsum("pia,ab,pib->i", field, spread, field)
+    whole = np.einsum("ia,ab,ib->i", field.sum(axis=0), spread, field.sum(axis=0))
+    return np.asarray((whole - every) / max(len(place) * (len(place) - 1), 1))
+
+
 def misplaced(plane: Plane, place: Array) -> Array:
     """Shift (2f,t,p,2) of places (t,p,2) mm for each frame mark 1 mm off its nominal place, in x and then z.
 

@@ -32,7 +32,8 @@ def variances(
     usual = np.nanmean(np.diagonal(rest.spread, axis1=2, axis2=3), axis=0)
     grown = np.diagonal(now.spread, axis1=2, axis2=3) / usual
     parts = {
-        "static": noise.sd**2 * grown,
+        "static": np.maximum(noise.sd**2 - noise.common_sd**2, 0.0) * grown,
+        "jitter": np.minimum(noise.common_sd, noise.sd) ** 2 * grown,
         "blur": through(now, sight, blur),
         "codec": through(now, sight, codec),
     }

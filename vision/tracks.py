@@ -12,7 +12,7 @@ from vision.dots import eccentricity
 from vision.fallback import CORNERS, ECC, ECC_SD, LOST
 from vision.identity import Memory, follow_dots
 from vision.identity import start as memory_of
-from vision.marks import corner_warp, detect, dot_warp, px_per_unit
+from vision.marks import corner_warp, detect, dot_warp, linear_at_centre, px_per_unit
 from vision.plane import homographies, to_plane
 from vision.reference import Follower, reference_frames
 from vision.video import Video
@@ -234,7 +234,9 @@ def _lay(
     )
     good = correlation > follower.least[rows]
     warp[marks[good]], match[marks[good]], method[marks[good]] = laid[good], correlation[good], code
-    leaning[marks[good]] = uneven.lean(follower.quarters, rows[good], sums[good], laid[good, :2, :2])
+    leaning[marks[good]] = uneven.lean(
+        follower.quarters, rows[good], sums[good], linear_at_centre(laid[good])
+    )
 
 
 def _memory(follower: Follower) -> Memory:
@@ -292,7 +294,7 @@ def _covariance(
     """
     covariance = np.full((*warp.shape[:2], 2, 2), np.nan)
     covariance[:, follower.coded] = registration.centre_covariance(
-        follower.templates, warp[:, follower.coded, :2, :2], match[:, follower.coded]
+        follower.templates, linear_at_centre(warp[:, follower.coded]), match[:, follower.coded]
     )
     covariance[method == ECC] *= ECC_SD**2
     covariance[method == CORNERS] = spread[method == CORNERS]

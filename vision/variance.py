@@ -7,7 +7,7 @@ import numpy as np
 from vision.camera import Array
 from vision.fallback import CORNERS, ECC
 from vision.noise import NoiseModel, with_y
-from vision.plane import MIN_VISIBLE, Plane, place_noise
+from vision.plane import MIN_VISIBLE, Plane, place_noise, shared_noise
 from vision.tracks import Followed
 from vision.turns import mean_seen
 
@@ -23,6 +23,7 @@ class Rest:
     frame_variance: float  # mm2, noise of one frame mark's centre in each axis
     pixel_variance: float  # px2, the same in the picture
     homography: Array  # (p,2) mm2, what the frame marks' noise adds to every place at rest
+    common: Array  # (2,) mm2, what all marks share beyond that: shake that the frame marks do not show, light
 
 
 def at_rest(noise: NoiseModel, plane: Plane, place: Array) -> Rest:
@@ -41,7 +42,11 @@ def at_rest(noise: NoiseModel, plane: Plane, place: Array) -> Rest:
     pixel_variance = variance * _px2_per_mm2(plane)
     # A mark that the static film hides takes the largest of the others, as its noise does.
     unit = np.where(np.isnan(unit), np.nanmax(unit, axis=0), unit)
-    return Rest(noise, variance, pixel_variance, pixel_variance * unit)
+    mean = mean_seen(place)
+    shared = pixel_variance * shared_noise(plane, mean[np.isfinite(mean[:, 0])])
+    together = noise.common_sd[[0, 2]] ** 2 - shared
+    most = np.maximum(noise.sd[:, [0, 2]] ** 2 - pixel_variance * unit, 0.0).min(axis=0)
+    return Rest(noise, variance, pixel_variance, pixel_variance * unit, np.clip(together, 0.0, most))
 
 
 def _px2_per_mm2(plane: Plane) -> float:
@@ -70,7 +75,8 @@ def independent(
     own = np.maximum(static - rest.homography, OWN * static)
     now = rest.pixel_variance * share[:, None, None] * unit
     parts = {
-        "static": np.broadcast_to(static, now.shape),
+        "static": np.broadcast_to(static - rest.common, now.shape),
+        "jitter": np.broadcast_to(rest.common, now.shape),
         "homography": np.maximum(now - rest.homography, own - static),
         "blur": (worse[:, points, None] - 1.0) * own,
         "codec": codec[..., [0, 2]] ** 2,

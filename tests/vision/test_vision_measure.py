@@ -100,8 +100,8 @@ def test_a_film_without_motion_gives_zero_within_its_sd(lab: Lab, still: Video, 
 
 def test_modes(measured: Displacements) -> None:
     modes = dict(zip(measured.mode_names, measured.modes, strict=True))
-    # scale, placement, node, frame, reference, height and out of plane
-    assert len(modes) == 1 + 2 * 3 + 2 * 3 + 6 + 2 * 7 + 2 * 3
+    # scale, placement, node, frame, reference (each mark's and what all share), height and out of plane
+    assert len(modes) == 1 + 2 * 3 + 2 * 3 + 6 + (2 * 7 + 2) + 2 * 3
     np.testing.assert_allclose(modes["scale"], np.nan_to_num(measured.value) * 0.001)
     name = measured.names[-1]
     theta = measured.tracks.rotation[40, -1]
@@ -112,8 +112,9 @@ def test_modes(measured: Displacements) -> None:
     np.testing.assert_allclose(shift, 0.3 * np.array([-np.sin(theta), 0.0, np.cos(theta) - 1.0]), atol=1e-9)
     assert not modes[f"placement:{name}:z"][:, :-1].any()
     size = modes[f"reference:{name}:3"][:, -1, 2]
-    sd, rho = measured.noise.sd[-1, 2], measured.noise.rho[-1, 2]
-    np.testing.assert_allclose(size, sd * np.sqrt((1 + rho) / (1 - rho) / 12.0))
+    variance = measured.noise.sd[-1, 2] ** 2 - measured.noise.common_sd[2] ** 2
+    rho = measured.noise.rho[-1, 2]
+    np.testing.assert_allclose(size, np.sqrt(variance * (1 + rho) / (1 - rho) / 12.0))
 
 
 def test_covered_marks_are_lost_and_never_invented(
@@ -167,8 +168,8 @@ def test_lossy_film_states_the_sd_of_moving_and_held_marks(lab: Lab, still: Vide
     result = measure([View(film, still, lab.camera)], lab.marks, reference=FRAME_S)
     finger = [i for i, role in enumerate(result.roles) if role == "finger"]
     assert np.all(result.noise.codec_sd[finger][:, [0, 2]] > result.noise.sd[finger][:, [0, 2]])
-    reference = [i for i, name in enumerate(result.mode_names) if name.startswith("reference:")]
-    variance = np.diagonal(result.covariance, axis1=2, axis2=3) + np.sum(result.modes[reference] ** 2, axis=0)
+    own = [i for i, name in enumerate(result.mode_names) if name.startswith(("reference:", "codec:"))]
+    variance = np.diagonal(result.covariance, axis1=2, axis2=3) + np.sum(result.modes[own] ** 2, axis=0)
     pull = (errors(result, lab, bend) / np.sqrt(variance)[..., [0, 2]])[14:, finger]
     # Three marks, and errors that last for seconds: a coarse bound; the benchmark has the figures.
     assert 0.6 < np.sqrt(np.mean(pull**2)) < 1.6

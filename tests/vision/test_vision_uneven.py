@@ -8,7 +8,7 @@ import pytest
 from numpy.typing import NDArray
 
 from vision import registration, uneven
-from vision.marks import px_per_unit
+from vision.marks import linear_at_centre, px_per_unit
 from vision.reference import Follower, prepare
 from vision.tracks import centres
 
@@ -83,7 +83,7 @@ def spoilt(
             noisy(picture, rng), registration.lens(lab.camera), follower.templates, follower.seed,
             px_per_unit(follower.seed), rows,
         )  # fmt: skip
-        linear = warp[:, :2, :2]
+        linear = linear_at_centre(warp)
         plain = 0.5 * np.trace(
             registration.centre_covariance(follower.templates, linear, match), axis1=1, axis2=2
         )
@@ -155,3 +155,11 @@ def test_leaving_a_quarter_out_is_a_fit_without_it(lab: Lab, drawn: tuple[Array,
         without = np.linalg.lstsq(design[part != q], seen[part != q], rcond=None)[0]
         found = follower.quarters.without[3, 2 * q : 2 * q + 2] @ sums
         np.testing.assert_allclose(found, (whole - without)[[2, 5]], rtol=1e-6, atol=1e-12)
+
+
+def test_the_slope_of_a_warp_at_its_centre() -> None:
+    warp = np.array([[10.0, 1.0, 900.0], [-2.0, 11.0, 700.0], [-0.011, 0.004, 1.0]])
+    step = 1e-6
+    ends = registration.project(warp, np.array([[step, 0, -step, 0], [0, step, 0, -step], [1, 1, 1, 1.0]]))
+    slope = np.stack([ends[0] - ends[2], ends[1] - ends[3]], axis=1) / (2 * step)
+    np.testing.assert_allclose(linear_at_centre(warp), slope, rtol=1e-6)

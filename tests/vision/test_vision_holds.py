@@ -1,0 +1,69 @@
+"""H.264 keeps one image, and its error, through a hold: the mean over a hold is as far off as is stated."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vision import View, measure
+from vision.budget import budget
+from vision.modes import codec
+from vision.noise import CREEP, FAST, REST
+
+Array = NDArray[np.float64]
+Lab = Any  # the fixture's class, see conftest.py
+RAMP, HOLD, LEVELS = 3, 12, (0.003, 0.006, 0.002, 0.007, 0.004)
+CREEPS = 0.02  # of the bend, over every second hold
+
+
+def bend() -> tuple[Array, list[slice]]:
+    """Bend of every frame (1/mm), and the holds without their first two frames."""
+    parts, holds, last = [np.zeros(14)], [], 0.0
+    for k, level in enumerate(LEVELS):
+        begins = sum(map(len, parts)) + RAMP
+        holds.append(slice(begins + 2, begins + HOLD))
+        end = level * (1.0 + CREEPS * (k % 2))
+        parts += [np.linspace(last, level, RAMP + 1)[1:], np.linspace(level, end, HOLD)]
+        last = end
+    return np.concatenate(parts), holds
+
+
+def test_means_of_holds_in_a_film_coded_with_loss(lab: Lab, tmp_path: Path) -> None:
+    bent, holds = bend()
+    film = lab.film(tmp_path / "film.mkv", bent, codec="libx264", seed=3)
+    still = lab.film(tmp_path / "still.mkv", np.zeros(120), codec="libx264", seed=4)
+    result = measure([View(film, still, lab.camera)], lab.marks, reference=1.15)
+    place = lab.motion(bent)[0][:, lab.rows("fixed", "finger")]
+    error = result.value - (place - place[:12].mean(axis=0))
+    finger = [p for p, role in enumerate(result.roles) if role == "finger"]
+    shared = [k for k, n in enumerate(result.mode_names) if n.startswith(("reference:", "codec:"))]
+    own = np.diagonal(result.covariance, axis1=2, axis2=3)
+    pulls, alone = [], []
+    for hold in holds:
+        mean = error[hold].mean(axis=0)
+        independent = own[hold].mean(axis=0) / HOLD
+        modes = (result.modes[shared][:, hold].mean(axis=1) ** 2).sum(axis=0)
+        pulls.append((mean / np.sqrt(independent + modes))[finger][:, [0, 2]])
+        alone.append((mean / np.sqrt(independent))[finger][:, [0, 2]])
+    # 30 values, those of one mark not quite independent: the rms is known to some 15 %.
+    assert 0.65 < np.sqrt(np.mean(np.square(pulls))) < 1.3
+    assert np.sqrt(np.mean(np.square(alone))) > 3.0  # as independent errors they are stated far too small
+
+
+def test_every_hold_has_its_mode_and_the_variance_stays(lab: Lab) -> None:
+    state = np.array([[REST] * 4 + [FAST] * 2 + [REST] * 5 + [CREEP] * 3 + [FAST], [REST] * 15]).T
+    extra = np.zeros((15, 2, 3))
+    extra[4:, 0] = [0.3, np.nan, 0.5]
+    marks = lab.marks[-2:]
+    modes, left = codec(extra, state, marks)
+    assert list(modes) == [f"codec:{marks[0].name}:1:1", f"codec:{marks[0].name}:3:1"]
+    whole = np.nan_to_num(left) ** 2 + sum(mode**2 for mode in modes.values())
+    np.testing.assert_allclose(whole, np.nan_to_num(extra) ** 2)
+    assert not np.nan_to_num(left[6:11]).any()  # at rest all of it is shared
+    np.testing.assert_allclose(left[11:14, 0, 0] ** 2, 0.25 * 0.09)
+    np.testing.assert_allclose(left[[4, 5, 14], 0, 2], 0.5)  # fast: independent
+    seen = np.ones((15, 2), dtype=bool)
+    table = budget({"codec": left**2}, np.array(list(modes.values())), list(modes), seen)
+    row = table.sd[table.sources.index("codec")]
+    np.testing.assert_allclose(row[0, 0], 0.3 * np.sqrt(11 / 15))
