@@ -31,6 +31,7 @@ from vision import Camera, Mark, Video, synthetic
 from vision.marks import detect
 from vision.reference import Follower, prepare
 from vision.tracks import REGISTERED, Followed, follow
+from vision.turns import mean_seen
 from vision.video import Writer
 
 Array = NDArray[np.float64]
@@ -206,7 +207,7 @@ class Trial:
 
 def displacement(ideal: Array) -> Array:
     """Displacements (t,p,2) of the moving frames against the mean of the reference."""
-    return ideal[REFERENCE:] - np.nanmean(ideal[:REFERENCE], axis=0)
+    return ideal[REFERENCE:] - mean_seen(ideal[:REFERENCE])
 
 
 def tracked(s: Scene, pictures: Frames) -> tuple[Follower, Followed]:
