@@ -17,12 +17,13 @@ def sample(image: Image) -> Image:
 def stale(same: NDArray[np.bool_], ideal: Array) -> NDArray[np.bool_]:
     """Frames (t,) whose picture is the one before it while marks move from that to the next new one.
 
-    same: (t,) whether a frame's picture is the one before it.   ideal: (t,p,2) px, the marks.
+    same: (t,) whether a frame's picture is the one before it.   ideal: (t,p,2) px, the marks; NaN for all of
+    a frame that is not there, which is no new picture.
     """
-    fresh = np.flatnonzero(~same)
+    fresh = np.flatnonzero(~same & np.isfinite(ideal).any(axis=(1, 2)))
     if not len(fresh):
         return np.zeros(len(same), dtype=bool)
-    own = fresh[np.searchsorted(fresh, np.arange(len(same)), side="right") - 1]
-    after = fresh[np.minimum(np.searchsorted(fresh, np.arange(len(same)), side="right"), len(fresh) - 1)]
+    later = np.searchsorted(fresh, np.arange(len(same)), side="right")
+    own, after = fresh[np.maximum(later - 1, 0)], fresh[np.minimum(later, len(fresh) - 1)]
     step = np.nan_to_num(np.hypot(*np.moveaxis(ideal[after] - ideal[own], -1, 0)))
     return np.asarray(same & (step.max(axis=1) > MOVES_PX))

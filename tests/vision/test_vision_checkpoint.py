@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from vision import Video, checkpoint
+from vision import Video, checkpoint, stutter
 from vision.reference import prepare
 from vision.tracks import LOST, Followed, follow
 
@@ -78,6 +78,14 @@ def test_repeated_pictures_are_left_out_where_marks_move(
         for sentence in found.said
     )
     assert not any("repeat" in sentence for sentence in whole.said)
+
+
+def test_a_picture_repeated_round_a_frame_that_is_not_there_is_stale() -> None:
+    ideal = np.arange(8.0)[:, None, None] * np.ones((8, 2, 2))  # px: all marks move
+    ideal[[0, 3]] = np.nan  # no mark is seen in the first, the fourth cannot be decoded
+    same = np.array([False, True, False, False, True, False, False, False])
+    ideal[4] = ideal[2]
+    assert np.flatnonzero(stutter.stale(same, ideal)).tolist() == [4]
 
 
 def test_frames_that_are_not_there_are_lost_and_said(
