@@ -158,9 +158,12 @@ def _measure_inputs(project: Project, camera: Path) -> dict[str, Any]:
 
 
 def _recorded(project: Project, key: str, told: str) -> list[Path]:
-    """Return the file, the folder, or the pictures of a pattern that twin.toml names; ValueError for none."""
+    """Return the file, the folder, or the pictures of a pattern, with their times, that twin.toml names;
+    ValueError for none."""
     path = project.path(told)
     found = [path] if path.exists() else sorted(p for p in path.parent.glob(path.name) if p.is_file())
+    if found and found != [path]:
+        found += [p for p in [path.parent / "times.csv"] if p.is_file() and p not in found]
     if not found:
         raise ValueError(
             f"{key} = {told!r}: no such file in {project.root}; copy it there or correct twin.toml"

@@ -209,6 +209,20 @@ def test_a_missing_file_is_named(project, measured, missing, sentence):
     assert measured.measure == []
 
 
+def test_the_times_beside_a_pattern_of_pictures_are_read_again(project, measured):
+    for name in ("film", "static"):
+        files.write_text(project.root / f"raw/{name}-1.png", name)
+        project = edit(project, f"raw/{name}.mp4", f"raw/{name}-*.png")
+    files.write_text(project.root / "raw/times.csv", "file,time_s")
+    run_camera(project, Lines())
+    run_measure(project, Lines())
+    run_measure(project, Lines())
+    assert len(measured.measure) == 1
+    files.write_text(project.root / "raw/times.csv", "file,time_s\n")
+    run_measure(project, Lines(), replace=True)
+    assert len(measured.measure) == 2
+
+
 def test_missing_boards_are_named(project, measured):
     with pytest.raises(ValueError, match=r"cameras.boards = 'raw/none/\*.png': no file matches"):
         run_camera(edit(project, "raw/boards/*.png", "raw/none/*.png"), Lines())
