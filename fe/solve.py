@@ -173,7 +173,7 @@ def solve(
     pressure that carry the history-free curve (10 leave 2e-4 mm of the finger's 58); one output time needs no
     curve. Never raises for lack of convergence: see `Solution.converged`, `reason` and `reached`.
     """
-    if case.contact is not None and case.contact.friction < 0:
+    if case.contact is not None and not case.contact.friction >= 0:
         raise ValueError(
             f"friction {case.contact.friction}: wanted a coefficient of 0 or more, without unit; correct it"
         )

@@ -168,9 +168,10 @@ def test_a_plane_that_is_not_touched_needs_no_path(cube: Cube) -> None:
     assert solved(bar(cube, MU), replace(falls, output=np.array([0.5, 1.0]))).history is None  # before it falls
 
 
-def test_friction_below_nothing_is_refused(cube: Cube) -> None:
-    with pytest.raises(ValueError, match=r"friction -0.1: wanted a coefficient of 0 or more"):
-        solve(bar(cube, -0.1), PUSH)
+@pytest.mark.parametrize("friction", [-0.1, float("nan")])
+def test_friction_that_is_none_is_refused(cube: Cube, friction: float) -> None:
+    with pytest.raises(ValueError, match=f"friction {friction}: wanted a coefficient of 0 or more"):
+        solve(bar(cube, friction), PUSH)
 
 
 def test_friction_agrees_with_calculix(cube: Cube, require: Callable[[str], None]) -> None:
