@@ -53,7 +53,10 @@ def read_deck(path: str | Path) -> Deck:
     draft = Draft(str(path))
     for keyword in keywords:
         if keyword.name in _READERS:
-            _READERS[keyword.name](draft, keyword)
+            try:
+                _READERS[keyword.name](draft, keyword)
+            except IndexError:
+                raise keyword.error(f"*{keyword.name}: its data lines hold too little; complete it") from None
     return Deck(draft.case(), tuple(draft.pressures) or (0.0,), draft.gravity, files_of(keywords))
 
 
@@ -187,7 +190,7 @@ def _mullins(draft: Draft, k: Keyword) -> None:
     if draft.material not in draft.materials:
         raise k.error("*MULLINS EFFECT before *HYPERELASTIC: wanted it below; move it")
     line, words = k.data[0]
-    r, m, beta = (*k.numbers(line, [w for w in words if w]), 0.0, 0.0)[:3]
+    r, m, beta = (*k.numbers(line, [w for w in words if w]), 0.0, 0.0, 0.0)[:3]
     if r <= 1 or m < 0 or beta < 0 or m + beta <= 0:
         raise k.error(f"*MULLINS EFFECT r {r:g}, m {m:g}, beta {beta:g}: wanted r > 1 and m, beta >= 0", line)
     draft.materials[draft.material] = replace(draft.materials[draft.material], mullins=(1 / r, m, beta))
