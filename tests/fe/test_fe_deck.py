@@ -242,7 +242,7 @@ def test_a_deck_of_abaqus_cae(tmp_path: File) -> None:
         ("neo hooke", "test data input", "from test data: wanted constants"),
         ("*Boundary", "*Mullins Effect\n0.9, 0.01, 0.1\n*Boundary", "line 38: .*r 0.9, m 0.01, beta 0.1: wanted r > 1"),
         ("*Hyperelastic, neo hooke\n0.2, 0.005\n", "*Hyperelastic, neo hooke\n", "line 35: .HYPERELASTIC: its data lines hold too little"),
-        ("*Boundary", "*Mullins Effect\n*Boundary", "line 38: .MULLINS EFFECT: its data lines hold too little"),
+        ("*Boundary", "*Mullins Effect\n*Boundary", "line 37: .MULLINS EFFECT: its data lines hold too little"),
         ("*Density", "*Mullins Effect\n2., 0.01, 0.1\n*Density", "before .HYPERELASTIC: wanted it below"),
         ("*Hyperelastic, neo hooke\n0.2, 0.005\n", "", r"material 'silicone' has no \*HYPERELASTIC"),
         ("*Solid Section, elset=All, material=Silicone\n,\n", "", r"element 7 has 0 \*SOLID SECTIONs"),
