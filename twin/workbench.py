@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
@@ -100,22 +101,26 @@ class Workbench:
             return unknown(self.targets, self.structure.unknown)
         base, values = model.base, {**model.named(theta), **self.elasticity.fixed}
         own = base.theta(values)
-        raw = discretisation(
-            base, own, structure=self.structure, keep=self.keeper(say),
-            made_for=self._made_for(values["C10"], values["C01"]),
-        )  # fmt: skip
+        made_for = self._made_for(values["C10"], values["C01"])
+        raw = discretisation(base, own, structure=self.structure, keep=self.keeper(say), made_for=made_for)
+        if made_for not in self._solved_for:  # not before: constants without an equilibrium must not serve
+            files.write_json(self._made, [*self._solved_for, made_for])
         return measured_remainder(base, own, self.targets, raw)
 
     def _made_for(self, C10: float, C01: float) -> tuple[float, float]:
         """The constants that serve for these, of those for which finer meshes were solved, or these."""
-        path = self.project.root / "cache" / "discretisation.json"
-        known = files.read_json(path) if path.exists() else []
         low, high = (SOFTEST, MARGIN) if self.scales else (1 / SAME, SAME)
-        for a, b in known:
-            if low <= (a + b) / (C10 + C01) <= high:
-                return float(a), float(b)
-        files.write_json(path, [*known, [C10, C01]])
-        return C10, C01
+        near = (made for made in self._solved_for if low <= sum(made) / (C10 + C01) <= high)
+        return next(near, (C10, C01))
+
+    @property
+    def _made(self) -> Path:
+        return self.project.root / "cache" / "discretisation.json"
+
+    @property
+    def _solved_for(self) -> list[tuple[float, float]]:
+        known = files.read_json(self._made) if self._made.exists() else []
+        return [(float(a), float(b)) for a, b in known]
 
 
 def structure_of(project: Project) -> Structure:
