@@ -167,7 +167,7 @@ def _change(
         f"({found.rms_mm / found.noise_sd_mm:.2f} of it)"
     )
     for p, x, s in zip(fit.parameters, fit.theta, fit.sd, strict=True):
-        say(f"{kind}:   {p.name} = {x:.4g} +- {s:.2g} {p.unit}")
+        say(f"{kind}:   {p.name} = {x:.4g} +- {s:.2g} {p.unit}".rstrip())
     say(f"{kind}: {model.extent}")
     say(f"{kind}: {found.where}")
     say(f"{kind}: wrote {project.shown(run.folder)}/fit.json; twin.toml has effects = {list(effects)}")
