@@ -72,7 +72,7 @@ def in_plane(seen: Seen, marks: Sequence[Mark], stated: Stated, steps: NDArray[n
     state = states(seen.film.ideal[:, scene.points])
     noise = replace(noise, codec_sd=while_moving(extra, state != REST))
     extra, rest = extra[steps], at_rest(noise, scene.quiet, place)
-    holds, loose = modes.codec(extra, state[steps], scene.output)
+    holds, loose, unshared = modes.codec(extra, state[steps], scene.output)
     start = _reference_sd(noise, seen.codec, len(scene.film.reference))
     linear = linear_maps(seen.film, seen.homography(marks))
     rotation = rotations(linear)
@@ -90,6 +90,7 @@ def in_plane(seen: Seen, marks: Sequence[Mark], stated: Stated, steps: NDArray[n
         rotation,
         (
             *said,
+            *unshared,
             *_corrected(scene),
             *depth.extrapolated(scene.camera, seen.film.ideal, [mark.name for mark in marks]),
             *_grown(scene, linear[steps], extra / noise.sd, stated),

@@ -94,8 +94,11 @@ def reference(value: Array, marks: Sequence[Mark], sd: Array, shared: Array) -> 
     return modes
 
 
-def codec(extra: Array, state: NDArray[np.int8], marks: Sequence[Mark]) -> tuple[Named, Array]:
-    """The coding error that all frames of a hold share, and what sd (s,p,3) mm is left as independent.
+def codec(
+    extra: Array, state: NDArray[np.int8], marks: Sequence[Mark]
+) -> tuple[Named, Array, tuple[str, ...]]:
+    """The coding error that all frames of a hold share, what sd (s,p,3) mm is left as independent, and a
+    sentence where there are more holds than modes.
 
     extra: (s,p,3) mm, sd of the coding error.   state: (s,p) from `vision.noise.states`.
 
@@ -113,7 +116,13 @@ def codec(extra: Array, state: NDArray[np.int8], marks: Sequence[Mark]) -> tuple
             mode = np.zeros(extra.shape)
             mode[frames, p, component] = shared[:, component]
             modes[f"codec:{marks[p].name}:{component + 1}:{count + 1}"] = mode
-    return modes, left
+    if len(runs) <= MAX_HOLDS:
+        return modes, left, ()
+    longest = sorted(runs, reverse=True)[MAX_HOLDS][0]
+    return modes, left, (
+        f"{len(runs)} holds of marks keep a coding error, {MAX_HOLDS} of them as a mode: that of the others, "
+        f"of {longest} steps at most, is stated as independent, and too small in their means",
+    )
 
 
 def _runs(held: NDArray[np.bool_]) -> list[tuple[int, int]]:

@@ -4,9 +4,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 from numpy.typing import NDArray
 
-from vision import View, measure
+from vision import View, measure, modes
 from vision.budget import budget
 from vision.modes import codec
 from vision.noise import CREEP, FAST, REST
@@ -43,12 +44,21 @@ def test_means_of_holds_in_a_film_coded_with_loss(lab: Lab, tmp_path: Path) -> N
     for hold in holds:
         mean = error[hold].mean(axis=0)
         independent = own[hold].mean(axis=0) / HOLD
-        modes = (result.modes[shared][:, hold].mean(axis=1) ** 2).sum(axis=0)
-        pulls.append((mean / np.sqrt(independent + modes))[finger][:, [0, 2]])
+        together = (result.modes[shared][:, hold].mean(axis=1) ** 2).sum(axis=0)
+        pulls.append((mean / np.sqrt(independent + together))[finger][:, [0, 2]])
         alone.append((mean / np.sqrt(independent))[finger][:, [0, 2]])
     # 30 values, those of one mark not quite independent: the rms is known to some 15 %.
     assert 0.65 < np.sqrt(np.mean(np.square(pulls))) < 1.3
     assert np.sqrt(np.mean(np.square(alone))) > 3.0  # as independent errors they are stated far too small
+
+
+def test_more_holds_than_modes_are_said(lab: Lab, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(modes, "MAX_HOLDS", 2)
+    state = np.array([[REST] * 6 + [FAST] + [REST] * 4 + [FAST] + [REST] * 5]).T
+    found, left, (said,) = codec(np.full((17, 1, 3), 0.3), state, lab.marks[-1:])
+    assert len(found) == 4  # x and z of two holds
+    assert left[7:11].all()
+    assert said.startswith("3 holds of marks keep a coding error, 2 of them as a mode: that of the others, of 4 steps")
 
 
 def test_every_hold_has_its_mode_and_the_variance_stays(lab: Lab) -> None:
@@ -56,14 +66,15 @@ def test_every_hold_has_its_mode_and_the_variance_stays(lab: Lab) -> None:
     extra = np.zeros((15, 2, 3))
     extra[4:, 0] = [0.3, np.nan, 0.5]
     marks = lab.marks[-2:]
-    modes, left = codec(extra, state, marks)
-    assert list(modes) == [f"codec:{marks[0].name}:1:1", f"codec:{marks[0].name}:3:1"]
-    whole = np.nan_to_num(left) ** 2 + sum(mode**2 for mode in modes.values())
+    shared, left, said = codec(extra, state, marks)
+    assert said == ()
+    assert list(shared) == [f"codec:{marks[0].name}:1:1", f"codec:{marks[0].name}:3:1"]
+    whole = np.nan_to_num(left) ** 2 + sum(mode**2 for mode in shared.values())
     np.testing.assert_allclose(whole, np.nan_to_num(extra) ** 2)
     assert not np.nan_to_num(left[6:11]).any()  # at rest all of it is shared
     np.testing.assert_allclose(left[11:14, 0, 0] ** 2, 0.25 * 0.09)
     np.testing.assert_allclose(left[[4, 5, 14], 0, 2], 0.5)  # fast: independent
     seen = np.ones((15, 2), dtype=bool)
-    table = budget({"codec": left**2}, np.array(list(modes.values())), list(modes), seen)
+    table = budget({"codec": left**2}, np.array(list(shared.values())), list(shared), seen)
     row = table.sd[table.sources.index("codec")]
     np.testing.assert_allclose(row[0, 0], 0.3 * np.sqrt(11 / 15))
