@@ -3,7 +3,8 @@ ccx.
 
 python benchmarks/shapes.py [--json]     a short finger, about four minutes; needs ccx
 
-The layer is ccx's own: membranes (M3D8) of a linear elastic material on the faces of the flat bottom.
+The layer is ccx's own, as `fe.deck_out` writes it: membranes (M3D8) of a linear elastic material on the faces
+of the flat bottom.
 """
 
 import argparse
@@ -33,7 +34,7 @@ CHOSEN: list[tuple[Effect, dict[str, float]]] = [
 ]
 
 
-STIFFNESS, POISSON, THICKNESS = 0.3, 0.3, 0.05  # N/mm, -, mm of ccx's membranes
+LAYER = Layer("bottom", 0.3, 0.3)  # N/mm, -
 CELLS = (1, 2, 4)  # a bellow
 
 
@@ -95,24 +96,10 @@ def layered(per_bellow: int, *, pressure: float = PRESSURE) -> Effects:
     """A layer in the flat bottom. Without it both agree to 2e-5 of the motion: the kernel's is the base."""
     case = finger(per_bellow)
     case = replace(case, surfaces={**case.surfaces, "bottom": flat_bottom(case)})
-    bare, ours = (
-        sorted_field(Embedded().solve(c, pressure))
-        for c in (case, replace(case, layer=Layer("bottom", STIFFNESS, POISSON)))
-    )
-    theirs = sorted_field(CalculiX().run(with_membranes(tight(deck(case, pressure)), case)))
+    with_it = replace(case, layer=LAYER)
+    bare, ours = (sorted_field(Embedded().solve(c, pressure)) for c in (case, with_it))
+    theirs = sorted_field(CalculiX().run(tight(deck(with_it, pressure))))
     return Effects(ours - bare, theirs - bare, tip(case))
-
-
-def with_membranes(text: str, case: Case) -> str:
-    """A deck with ccx's membranes on the surface `bottom`."""
-    first, faces = len(case.connectivity) + 1, case.labels[case.face_nodes("bottom")]
-    sheet = [
-        "*ELEMENT, TYPE=M3D8, ELSET=SHEET",
-        *(", ".join(map(str, (first + k, *face))) for k, face in enumerate(faces)),
-        "*MATERIAL, NAME=SHEET", "*ELASTIC", f"{STIFFNESS / THICKNESS:.10g}, {POISSON:g}",
-        "*MEMBRANE SECTION, ELSET=SHEET, MATERIAL=SHEET", f"{THICKNESS:g}",
-    ]  # fmt: skip
-    return text.replace("*BOUNDARY", "\n".join([*sheet, "*BOUNDARY"]), 1)
 
 
 def main() -> None:
