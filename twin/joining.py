@@ -13,6 +13,7 @@ REACHED = 0.6  # of the largest motion: the first rise ends there
 MOVES = 30.0  # times its noise that the motion must reach
 RIVAL = 4.0  # times the best fit's squares: another time whose fit is better than that is a rival
 MOST_SHIFTS = 2000
+RISING = 8  # places within the first rise that a polynomial and its scatter want
 
 
 @dataclass(frozen=True)
@@ -45,8 +46,8 @@ def by_onset(time: Array, motion: Array, noise_mm: float, log: Log) -> Join:
 
     motion = a p + b p^2 + c p^3 is fitted for every shift of the log; sd from the curvature of the squares,
     with the residual's lag-1 correlation, and from what the shift changes without c. A lag of the finger
-    itself cannot be told from one of the clock. Raises ValueError where nothing moves and where the log fits
-    at two times.
+    itself cannot be told from one of the clock. Raises ValueError where nothing moves, where too few places
+    are within the rise, and where the log fits at two times.
     """
     seen = np.isfinite(motion)
     peak = float(np.max(motion[seen])) if seen.any() else 0.0
@@ -57,6 +58,12 @@ def by_onset(time: Array, motion: Array, noise_mm: float, log: Log) -> Join:
         )
     end = int(np.argmax(np.where(seen, motion, 0.0) > REACHED * peak)) + 1
     t, m = time[:end][seen[:end]], motion[:end][seen[:end]]
+    rising = int(np.count_nonzero(m > MOVES * noise_mm))
+    if rising < RISING:
+        raise ValueError(
+            f"pressure.join = 'onset': {rising} steps lie within the film's first rise, wanted {RISING}: "
+            "raise [measure] steps, film at a higher rate, or join by stamps or by a flash"
+        )
     shifts = _shifts(log, t, time)
     squares = np.array([_squares(t, m, log, s, 3) for s in shifts])
     best = int(np.argmin(squares))
@@ -126,6 +133,9 @@ def _refined(t: Array, m: Array, log: Log, shifts: Array, best: int, degree: int
     left = _residual(t, m, log, shift, degree)
     power = float(left @ left)
     rho = float(np.clip(left[1:] @ left[:-1] / max(power, 1e-30), 0.0, 0.95))
-    variance = power / max(len(left) - degree - 1, 1) * (1.0 + rho) / (1.0 - rho)
+    # The log's noise moves the prediction within the rise only, which alone tells the shift.
+    rise = left[m > 0.05 * m.max()]
+    scatter = max(power / max(len(left) - degree - 1, 1), float(rise @ rise) / max(len(rise) - degree - 1, 1))
+    variance = scatter * (1.0 + rho) / (1.0 - rho)
     sd = np.sqrt(2.0 * variance / curvature) if curvature > 0 else width
     return shift, float(sd)

@@ -221,7 +221,9 @@ def _measure(
         steps=settings.steps, progress=say.progress, keeper=keeper,
     )  # fmt: skip
     if join is None:
-        join = by_onset(moved.time - moved.time[0], *_motion(moved), log)
+        even = _even(moved, settings.steps)
+        motion, noise_mm = _motion(moved)
+        join = by_onset((moved.time - moved.time[0])[even], motion[even], noise_mm, log)
         gauge = _gauge(table, log, join, static.time - static.time[0], settings.reference_s)
     return moved, log, gauge, join
 
@@ -263,6 +265,15 @@ def _join_before(pressure: Any, table: CameraTable, film: "Video", log: Log) -> 
 
     onset, sd = flash_onset(film, pressure.flash_region)
     return by_flash(onset - float(film.time[0]), sd, log, told_s=pressure.flash_time_s)
+
+
+def _even(moved: "Displacements", most: int) -> NDArray[np.bool_]:
+    """Return which steps (s,) are evenly spaced: those of a longer film without the rest of its reference,
+    whose density would make the scatter of the others look correlated."""
+    from vision.views import even_steps
+
+    frames = np.searchsorted(moved.tracks.time, moved.time)
+    return np.isin(frames, even_steps(len(moved.tracks.time), most))
 
 
 def _motion(moved: "Displacements") -> tuple[Array, float]:

@@ -79,7 +79,9 @@ def look(view: View, marks: Sequence[Mark], how: How, *, camera: str = "") -> Se
 
 def steps_of(film: Followed, most: int) -> NDArray[np.intp]:
     """Frames that become steps: all, or in a longer film `most` even ones and those of the reference."""
-    count = len(film.time)
-    if count <= most:
-        return np.arange(count)
-    return np.union1d(film.reference, np.linspace(0, count - 1, most).round().astype(np.intp))
+    return np.union1d(film.reference, even_steps(len(film.time), most))
+
+
+def even_steps(count: int, most: int) -> NDArray[np.intp]:
+    """Frames of `count`: all, or `most` even ones."""
+    return np.linspace(0, count - 1, min(count, most)).round().astype(np.intp)

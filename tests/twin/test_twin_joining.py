@@ -1,6 +1,7 @@
 """Film and pressure log on one clock: by a flash and by the onset of motion, with the sd that is stated."""
 
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -8,10 +9,12 @@ import pytest
 from twin.configfile import dump, parse
 from twin.gauge import Log, read_log
 from twin.joining import by_flash, by_onset
+from twin.measuring import _even
 from twin.starting import film_config
 from vision import Video
 from vision.flash import flash_onset
 from vision.video import Writer
+from vision.views import even_steps
 
 HZ, FPS = 200.0, 20.0
 
@@ -50,6 +53,29 @@ def test_a_lag_of_the_finger_is_said_and_taken_for_the_clocks():
     join = by_onset(*motion(log, 5.0, seed=1, late=0.1), 0.01, log)
     assert join.start_s == pytest.approx(4.9, abs=0.01)
     assert "a lag of the finger itself is taken for one of the clock" in join.remark
+
+
+def test_steps_of_a_long_film_are_joined_without_the_density_of_its_reference():
+    pulls = []
+    for seed in range(30):
+        start = 4.0 + 2.0 * np.random.default_rng([seed, 3]).random()
+        log = make_log(seed=seed)
+        time, moved = motion(log, start, seed=seed)
+        steps = np.union1d(np.arange(40), even_steps(len(time), 140))  # 2 s at rest are whole
+        film = SimpleNamespace(time=time[steps], tracks=SimpleNamespace(time=time))
+        even = _even(film, 140)
+        assert np.diff(time[steps][even]).min() > 1.5 / FPS
+        join = by_onset(time[steps][even], moved[steps][even], 0.01, log)
+        pulls.append((join.start_s - start) / join.sd_s)
+    assert 0.65 < np.sqrt(np.mean(np.square(pulls))) < 1.4  # as above
+    assert _even(SimpleNamespace(time=time, tracks=SimpleNamespace(time=time)), 280).all()
+
+
+def test_a_rise_of_few_steps_is_refused():
+    log = make_log()
+    time, moved = motion(log, 5.0, seed=1)
+    with pytest.raises(ValueError, match=r"[3-6] steps lie within the film's first rise, wanted 8: raise \[measure\] steps"):
+        by_onset(time[::4], moved[::4], 0.01, log)
 
 
 def test_two_rises_in_the_log_are_not_guessed_at():
