@@ -22,7 +22,7 @@ from vision.tracks import LOST, REGISTERED, Followed
 from vision.video import Video
 from vision.views import How, Seen, View
 
-MAX_POINTS = 150  # two modes of its own each, of all points in all steps: 1 GB at 800 steps
+MAX_POINTS = 150  # two modes of its own each, of all points in all steps: 2.2 GB at 2000 steps
 GROUP = "face"  # all of it is off its place, its nodes, its height alike
 LEAST_PX = 15.0  # side of a subset
 
