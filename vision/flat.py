@@ -160,7 +160,7 @@ def _reference_sd(noise: NoiseModel, codec: Codec, frames: int) -> tuple[Array, 
     """
     grown = (1.0 + noise.rho) / (1.0 - noise.rho) / frames
     own = np.maximum(noise.sd**2 - noise.common_sd**2, 0.0) * grown
-    own = np.sqrt(own + np.where(noise.codec_sd > 0, codec.held**2, 0.0))
+    own = np.sqrt(own + np.where(noise.codec_sd > 0, codec.rest**2, 0.0))
     shared = noise.common_sd * np.sqrt(np.median(np.nan_to_num(grown), axis=0))
     return np.nan_to_num(own), shared
 

@@ -112,9 +112,9 @@ def codec(
         frames = slice(start, start + length)
         left[frames, p] *= np.sqrt(1.0 - share[frames, p])[:, None]
         shared = extra[frames, p] * np.sqrt(share[frames, p])[:, None]
-        for component in (0, 2):
+        for component in np.flatnonzero((np.nan_to_num(shared) > 0).any(axis=0)):
             mode = np.zeros(extra.shape)
-            mode[frames, p, component] = shared[:, component]
+            mode[frames, p, component] = np.nan_to_num(shared[:, component])
             modes[f"codec:{marks[p].name}:{component + 1}:{count + 1}"] = mode
     if len(runs) <= MAX_HOLDS:
         return modes, left, ()

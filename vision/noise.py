@@ -53,7 +53,8 @@ class Codec:
 
     fast: Array  # sd while it moves by more than FAST_PX a frame: P-frames predict it
     creep: Array  # sd while it moves more slowly: P-frames lag behind it
-    held: Array  # sd of the error that stays frozen in a patch at rest
+    held: Array  # sd of the error that stays frozen in a patch that has come to rest
+    rest: Array  # the same in one that has not moved yet
 
 
 def static_noise(place: Array, names: Sequence[str], film: str) -> NoiseModel:
@@ -173,7 +174,7 @@ def codec_noise(
     """
     name, crf = film.coding()
     if name in LOSSLESS:
-        return Codec(np.zeros(3), np.zeros(3), np.zeros(3))
+        return Codec(*np.zeros((4, 3)))
     first = _fastest(followed.ideal)
     window = slice(first, min(first + WINDOW, len(followed.ideal)))
     again = np.array(list(_again(film, follower, followed, window, name, crf, progress)))
@@ -186,15 +187,21 @@ def codec_noise(
 
 
 def _terms(error: Array, state: NDArray[np.int8]) -> Codec:
-    """Codec terms from the differences (t,p,2) mm of two passes and what the patches did (t,p)."""
-    still = error[:, (state == REST).all(axis=0)]
+    """Codec terms from the differences (t,p,2) mm of two passes and what the patches did (t,p).
+
+    A patch that has come to rest keeps the error of its motion, which is larger than that of one that never
+    moved.
+    """
+    never = (state == REST).all(axis=0)
+    still = error[:, never]
     frozen = _mean_square(still.mean(axis=0))
     jitter = _mean_square(still - still.mean(axis=0))  # is in the static noise already
     everywhere = _mean_square(error[state != REST])
-    terms = []
-    for chosen in (state == FAST, state == CREEP):
+    come = (state == REST) & (np.cumsum(state != REST, axis=0) > 0)
+    terms, kept = [], frozen + jitter
+    for chosen, otherwise in ((state == FAST, everywhere), (state == CREEP, everywhere), (come, kept)):
         enough = np.count_nonzero(chosen) >= MIN_SAMPLES
-        terms.append(np.maximum((_mean_square(error[chosen]) if enough else everywhere) - jitter, frozen))
+        terms.append(np.maximum((_mean_square(error[chosen]) if enough else otherwise) - jitter, frozen))
     return Codec(*(with_y(FIRST_PASS * np.sqrt(term)) for term in (*terms, frozen)))
 
 

@@ -59,8 +59,10 @@ def in_space(
     turns = finger_turns(value, rotation[steps][:, list(scene.sight.points)], points, output)
     blur, codec, held = _worse(scene)
     parts = spacemodes.variances(noise, scene.rest, scene.places, scene.sight, blur, codec)
-    moves = (states(seen[0].film.ideal[:, list(scene.sight.points)]) != REST)[steps]
-    noise = replace(noise, codec_sd=while_moving(np.nan_to_num(np.sqrt(parts["codec"])), moves))
+    state, extra = states(seen[0].film.ideal[:, list(scene.sight.points)])[steps], np.sqrt(parts["codec"])
+    noise = replace(noise, codec_sd=while_moving(np.nan_to_num(extra), state != REST))
+    holds, loose, left = modes.codec(extra, state, output)
+    parts["codec"] = loose**2
     start = _reference_variance(noise, spacemodes.through(scene.places, scene.sight, held), scene.sight)
     frame_mm, said = modes.frame_sd(
         scene.places.misfit,
@@ -69,8 +71,8 @@ def in_space(
         fitted=6,
         advice=", or the board's square, which sets the scale",
     )
-    shared = _modes(scene, value, turns, stated, frame_mm, start)
-    remarks = (*said, *_clock_remarks(scene.lag, scene.lag_sd))
+    shared = [*_modes(scene, value, turns, stated, frame_mm, start), holds]
+    remarks = (*said, *left, *_clock_remarks(scene.lag, scene.lag_sd))
     return Placed(value, noise, scene.rest.place, parts, shared, turns, rotation, remarks)
 
 
@@ -128,7 +130,7 @@ def _worse(scene: _Scene) -> tuple[Array, Array, Array]:
         extra = codec_sd(s.codec, ideal, mean_seen(ideal[s.film.reference]))[near][..., [0, 2]]
         codec.append(0.5 * (extra**2).sum(axis=-1) * scale[c] ** 2)
         ever = (extra > 0).any(axis=(0, 2))  # a mark that never moves keeps its error, so that it cancels
-        held.append(0.5 * (s.codec.held[[0, 2]] ** 2).sum() * scale[c] ** 2 * ever)
+        held.append(0.5 * (s.codec.rest[[0, 2]] ** 2).sum() * scale[c] ** 2 * ever)
     return np.array(blur), np.array(codec), np.array(held)
 
 

@@ -131,7 +131,7 @@ def measured(d: Drawn, stated: Stated, seed: int, noise: float = NOISE_PX) -> tu
     rng = np.random.default_rng(seed)
     H = camera(rng)
     film, still = followed(d, H, d.bend, rng, noise), followed(d, H, np.zeros(STILL), rng, noise)
-    none = Codec(np.zeros(3), np.zeros(3), np.zeros(3))
+    none = Codec(*np.zeros((4, 3)))
     result = displacements([Seen(LENS, film, still, none)], d.marks, stated=stated)
     model = truth(d, d.bend)[2][:, [i for i, m in enumerate(d.marks) if m.role != "frame"]]
     return result, result.value[..., [0, 2]] - (model - model[:REST].mean(axis=0))
@@ -141,7 +141,7 @@ def test_fewer_steps_are_the_same_steps() -> None:
     """Of 40 frames 7, evenly, and the 10 of the reference: what they say is what they said among all."""
     zero = np.zeros((len(rig()), 2))
     d, rng = Drawn(rig(), zero, zero, zero, hidden=(2,)), np.random.default_rng(3)
-    H, none = camera(rng), Codec(np.zeros(3), np.zeros(3), np.zeros(3))
+    H, none = camera(rng), Codec(*np.zeros((4, 3)))
     seen = Seen(LENS, followed(d, H, d.bend, rng, 1e-2), followed(d, H, np.zeros(STILL), rng, 1e-2), none)
     stated = Stated(height_mm=1e-6, out_of_plane_mm=1e-6)
     whole, fewer = (displacements([seen], d.marks, stated=stated, steps=most) for most in (STEPS, 7))

@@ -56,7 +56,7 @@ def test_more_holds_than_modes_are_said(lab: Lab, monkeypatch: pytest.MonkeyPatc
     monkeypatch.setattr(modes, "MAX_HOLDS", 2)
     state = np.array([[REST] * 6 + [FAST] + [REST] * 4 + [FAST] + [REST] * 5]).T
     found, left, (said,) = codec(np.full((17, 1, 3), 0.3), state, lab.marks[-1:])
-    assert len(found) == 4  # x and z of two holds
+    assert len(found) == 6  # all components of two holds
     assert left[7:11].all()
     assert said.startswith("3 holds of marks keep a coding error, 2 of them as a mode: that of the others, of 4 steps")
 

@@ -23,7 +23,7 @@ Paint = Callable[[Array, Array], Array]  # picture (h,w) and the marks' pixels (
 REST_S = 1.15
 BEND = np.concatenate([np.zeros(14), np.linspace(0, 0.006, 18)[1:], np.full(9, 0.006)])
 FROM, TO = 18, 34  # frames with the trouble, in motion and in the hold
-NONE = Codec(np.zeros(3), np.zeros(3), np.zeros(3))
+NONE = Codec(*np.zeros((4, 3)))
 
 
 class Followable(NamedTuple):

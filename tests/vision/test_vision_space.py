@@ -70,7 +70,7 @@ class Pair:
         self.truth = self.places - self.places[self.time <= REFERENCE_S].mean(axis=0)
         self.output = lab.rows("fixed", "finger")
 
-    def drawn(self, path: Path, c: int, time: Array, slip: float = 0.0) -> Video:
+    def drawn(self, path: Path, c: int, time: Array, slip: float = 0.0, codec: str = "ffv1") -> Video:
         """What camera c films; the finger's last marker slips by so many mm along it at 3 s."""
         place, turn = motion(self.lab, time)
         last = self.lab.rows("finger")[-1]
@@ -83,7 +83,7 @@ class Pair:
             marks=self.lab.marks,
             positions=place,
             rotations=turn,
-            codec="ffv1",
+            codec=codec,
             seed=10 * c + len(time),
         )
         return Video(path)
@@ -142,6 +142,29 @@ def test_a_marker_that_slips_is_named(pair: Pair, tmp_path: Path) -> None:
     (said,) = [remark for remark in measured(pair, views=views).remarks if "does not come back" in remark]
     assert said.startswith(f"mark {pair.lab.marks[-1].name!r} jumps by 0.5")
     assert "at 3.100 s" in said
+
+
+def test_the_mean_of_a_hold_is_as_far_off_as_its_coding_error(pair: Pair, tmp_path: Path) -> None:
+    time = np.arange(72) / RATE  # at rest again from 4.6 s on
+    views = [
+        View(
+            pair.drawn(tmp_path / f"film{c}.mkv", c, time, codec="libx264"),
+            pair.drawn(tmp_path / f"static{c}.mkv", c, np.zeros(120), codec="libx264"),
+            pair.cameras[c],
+        )
+        for c in range(2)
+    ]
+    found = measured(pair, views=views)
+    place = motion(pair.lab, time)[0]
+    error = found.value - (place - place[time <= REFERENCE_S].mean(axis=0))[:, pair.output]
+    hold = slice(50, 72)
+    finger = np.array([role == "finger" for role in found.roles])
+    own = np.diagonal(found.covariance, axis1=2, axis2=3)[hold].mean(axis=0) / 22
+    mean, shared = error[hold].mean(axis=0), (found.modes[:, hold].mean(axis=1) ** 2).sum(axis=0)
+    # 9 values: the rms is known to a quarter
+    assert 0.5 < np.sqrt(np.mean((mean / np.sqrt(own + shared))[finger] ** 2)) < 1.6
+    assert np.sqrt(np.mean((mean / np.sqrt(own))[finger] ** 2)) > 4.0  # as independent: stated far too small
+    assert {n.split(":")[2] for n in found.mode_names if n.startswith("codec:")} >= {"1", "2", "3"}  # all components
 
 
 def test_a_late_camera_is_found_out_and_corrected(pair: Pair) -> None:
