@@ -104,17 +104,22 @@ def table(result: Displacements, place: Array) -> bool:
                 f"stated {stated * 1e3:5.2f} um   pull {pull:5.2f}   {chosen.sum():5d} values"
             )
             good &= 0.7 < pull < 1.4
-    pulls = []
+    pulls, alone = [], []
     for start, stop in HOLDS:
         frames = np.flatnonzero((result.time >= start + 0.5) & (result.time < stop))
         moving = ~fixed & np.isfinite(error[frames][..., 0]).all(axis=0)
         if len(frames):
             modes = result.modes[shared][:, frames].mean(axis=1)[..., [0, 2]]
-            of_mean = own[frames].mean(axis=0)[..., [0, 2]] / len(frames) + (modes**2).sum(axis=0)
-            pulls.append((error[frames].mean(axis=0) / np.sqrt(of_mean))[moving].ravel())
+            mean, independent = error[frames].mean(axis=0), own[frames].mean(axis=0)[..., [0, 2]]
+            pulls.append((mean / np.sqrt(independent / len(frames) + (modes**2).sum(axis=0)))[moving].ravel())
+            # every sd as if it were new in each frame
+            each = (sd[frames] ** 2).mean(axis=0) / len(frames)
+            alone.append((mean / np.sqrt(each))[moving].ravel())
     if pulls:
         pull = np.sqrt(np.mean(np.concatenate(pulls) ** 2))
         print(f"  means of holds {'':45s} pull {pull:5.2f}   {np.concatenate(pulls).size:5d} values")
+        as_new = np.sqrt(np.mean(np.concatenate(alone) ** 2))
+        print(f"  the same, were all errors new in every frame {'':15s} pull {as_new:5.2f}")
         good &= 0.7 < pull < 1.4
     return good
 

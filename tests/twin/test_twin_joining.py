@@ -67,7 +67,7 @@ def test_steps_of_a_long_film_are_joined_without_the_density_of_its_reference():
         assert np.diff(time[steps][even]).min() > 1.5 / FPS
         join = by_onset(time[steps][even], moved[steps][even], 0.01, log)
         pulls.append((join.start_s - start) / join.sd_s)
-    assert 0.65 < np.sqrt(np.mean(np.square(pulls))) < 1.4  # as above
+    assert 0.65 < np.sqrt(np.mean(np.square(pulls))) < 1.27  # with the scatter over rest and rise alike it is 1.35
     assert _even(SimpleNamespace(time=time, tracks=SimpleNamespace(time=time)), 280).all()
 
 
