@@ -25,8 +25,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from vision import Camera, Displacements, Mark, Stated, Video, View, measure, synthetic
-from vision.modes import sync
+from vision import Camera, Displacements, Mark, Stated, Video, View, measure
+from vision.drawing import synthetic
+from vision.errors.modes import sync
 
 Array = NDArray[np.float64]
 SIZE = (512, 320)  # px

@@ -20,10 +20,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from vision import Board, Camera, calibrate_camera, lens, locate, synthetic
-from vision.boards import find_board, grid
+from vision import Board, Camera, calibrate_camera, locate
+from vision.calibration import lens
+from vision.calibration.boards import find_board, grid
+from vision.drawing import synthetic
+from vision.following.registration import project
 from vision.plane import fit_homography
-from vision.registration import project
 
 Array = NDArray[np.float64]
 BOARDS = (

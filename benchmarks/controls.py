@@ -16,8 +16,8 @@ from trials import CANDIDATES, Laboratory, report
 
 from fe import Material
 from twin import virtual
-from twin.diagnose import Diagnosis
-from twin.effects import library
+from twin.diagnosis.procedure import Diagnosis
+from twin.effects.library import all_effects
 
 MATERIAL = Material(0.214, 0.083)
 TUBE_N = 0.02  # upward on the whole tip face: soft as the finger is, its base error is six noise sds
@@ -49,7 +49,7 @@ def main() -> int:
     options = parser.parse_args()
     if options.seeds < 1:
         parser.error(f"--seeds {options.seeds}: wanted one or more")
-    bench, good, effects = virtual.Bench(), True, library() if options.library else CANDIDATES
+    bench, good, effects = virtual.Bench(), True, all_effects() if options.library else CANDIDATES
     for name in [options.only] if options.only else CONTROLS:
         truth, right = CONTROLS[name]
         good &= report(name, Laboratory.of(truth, bench), options.seeds, right=right, effects=effects)[0]

@@ -16,7 +16,7 @@ import _first  # noqa: F401
 import cv2
 import numpy as np
 
-from vision import dic
+from vision.following import dic
 
 ROOT = Path(__file__).resolve().parents[1]
 DATA = Path(os.environ.get("SOFTTWIN_DATA", ROOT.parent / "shared" / "data")) / "dic_challenge_5"

@@ -25,17 +25,17 @@ import _first  # noqa: F401
 import numpy as np
 from convergence import PRESSURE, SHORT, SILICONE
 
-import fe.linear
+import fe.kernel.matrix
 from fe import Case, Finger, Lattice, Path, finger_case
-from fe.calculix import CalculiX
-from fe.convert import converted
+from fe.deck.calculix import CalculiX
+from fe.mesh.convert import converted
 
 try:
     import felupe_model
 except ImportError:  # FElupe is not installed
     felupe_model = None  # type: ignore[assignment]
 
-kernel: ModuleType = importlib.import_module("fe.solve")  # `fe.solve` itself is the function
+kernel: ModuleType = importlib.import_module("fe.solving")  # `fe.solving` itself is the function
 TIP = 4401
 MESH = Lattice(per_bellow=4, ring=False, centred=False)
 COARSE = replace(MESH, per_bellow=2)  # of the finer meshes
@@ -92,12 +92,12 @@ def told(row: Row) -> Row:
 @contextmanager
 def without_pardiso() -> Iterator[None]:
     """What the kernel does where MKL is not available."""
-    pardiso, fe.linear.PyPardisoSolver = fe.linear.PyPardisoSolver, None
+    pardiso, fe.kernel.matrix.PyPardisoSolver = fe.kernel.matrix.PyPardisoSolver, None
     kernel._kernel.cache_clear()
     try:
         yield
     finally:
-        fe.linear.PyPardisoSolver = pardiso
+        fe.kernel.matrix.PyPardisoSolver = pardiso
         kernel._kernel.cache_clear()
 
 

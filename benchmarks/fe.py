@@ -24,9 +24,9 @@ import numpy as np
 from convergence import SHORT, SILICONE, extrapolate
 
 from fe import Case, Finger, Lattice, Path, Solution, Variation, finger_case, solve
-from fe.calculix import CalculiX
-from fe.convert import converted
-from fe.linear import Symmetric
+from fe.deck.calculix import CalculiX
+from fe.kernel.matrix import Symmetric
+from fe.mesh.convert import converted
 
 PRESSURE = 0.03  # MPa
 TIP = 4401

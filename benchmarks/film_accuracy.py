@@ -19,8 +19,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from vision import Camera, Displacements, Mark, Video, View, measure, synthetic
-from vision.noise import CREEP, FAST, states
+from vision import Camera, Displacements, Mark, Video, View, measure
+from vision.drawing import synthetic
+from vision.errors.noise import CREEP, FAST, states
 
 Array = NDArray[np.float64]
 DEPTH = 12.0  # mm

@@ -31,8 +31,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from twin import files
-from twin.config import (
+from twin.project import files
+from twin.project.config import (
     CalibrateTable,
     CameraTable,
     Config,
@@ -43,9 +43,10 @@ from twin.config import (
     PressureTable,
     ProjectTable,
 )
-from twin.configfile import dump
-from vision import Camera, Mark, synthetic
-from vision.checkpoint import EVERY
+from twin.project.toml import dump
+from vision import Camera, Mark
+from vision.drawing import synthetic
+from vision.film.checkpoint import EVERY
 
 Array = NDArray[np.float64]
 RATE, JITTER_S = 30, 0.002  # 1/s, s

@@ -22,7 +22,8 @@ from trials import NAMES, Laboratory, marked_points, nodes_of, report, solved
 
 from fe import Material, finger_case
 from twin import virtual
-from twin.config import (
+from twin.diagnosis.procedure import Diagnosis
+from twin.project.config import (
     BoardTable,
     CalibrateTable,
     CameraTable,
@@ -36,10 +37,10 @@ from twin.config import (
     PressureTable,
     ProjectTable,
 )
-from twin.configfile import dump
-from twin.diagnose import Diagnosis
+from twin.project.toml import dump
 from twin.targets import Array
-from vision import Board, Camera, Mark, synthetic
+from vision import Board, Camera, Mark
+from vision.drawing import synthetic
 
 ROOT = Path(__file__).resolve().parents[1]
 TRUTH = virtual.Truth(Material(0.214, 0.083, prony=((0.017, 1.6), (0.017, 2.5), (0.006, 15.0))))

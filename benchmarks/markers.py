@@ -27,12 +27,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from vision import Camera, Mark, Video, synthetic
+from vision import Camera, Mark, Video
+from vision.drawing import synthetic
+from vision.film.video import Writer
+from vision.following.reference import Follower, prepare
+from vision.following.tracks import REGISTERED, Followed, follow
+from vision.following.turns import mean_seen
 from vision.marks import detect
-from vision.reference import Follower, prepare
-from vision.tracks import REGISTERED, Followed, follow
-from vision.turns import mean_seen
-from vision.video import Writer
 
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8]

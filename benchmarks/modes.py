@@ -21,10 +21,10 @@ from trials import NOMINAL
 
 from fe import Case, Finger, Lattice, Material
 from twin import virtual
-from twin.discretisation import Discretisation, discretisation
-from twin.fitting import fit_model, measured_remainder, whitener_of
-from twin.model import Model, base_case, base_model
-from twin.structure import of_finger
+from twin.diagnosis.fitting import fit_model, measured_remainder, whitener_of
+from twin.model.discretisation import Discretisation, discretisation_error
+from twin.model.prediction import Model, base_case, base_model
+from twin.model.structure import of_finger
 from twin.targets import Array, Targets
 
 TRUTH = 2  # divisions of every cell
@@ -72,11 +72,13 @@ def measured(finger: Finger, factors: Array) -> Row:
     truth = virtual.Truth(Material(*theta), lattice=FINE, finger=finger)
     u, slope = virtual.displacements(truth, course, points)
     names = (*(f"p{k}" for k in range(len(points) - 1)), "tip")
-    film = virtual.targets(u, slope, course, names=names, nodes=nodes, points=points, bench=BENCH, seed=1)
+    film = virtual.noisy_targets(
+        u, slope, course, names=names, nodes=nodes, points=points, bench=BENCH, seed=1
+    )
     targets = exact(film, u)
     model = base_model(targets, case)
     start = fit_model(model, targets, whitener_of(model, theta, targets, None), start=theta).theta
-    raw = discretisation(model, start, structure=of_finger(finger, LATTICE))
+    raw = discretisation_error(model, start, structure=of_finger(finger, LATTICE))
     return replace(judged(model, targets, raw, theta=theta, start=start), factors=tuple(factors.tolist()))
 
 

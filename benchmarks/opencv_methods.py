@@ -22,11 +22,11 @@ import numpy as np
 from markers import REFERENCE, Frames, Scene, bound, displacement, film, scene, tracked
 from numpy.typing import NDArray
 
-from vision import fallback
 from vision.dictionaries import dictionary_of
+from vision.following import fallback
+from vision.following.registration import centre_covariance, project
+from vision.following.tracks import centres
 from vision.marks import corner_warp, detect, linear_at_centre
-from vision.registration import centre_covariance, project
-from vision.tracks import centres
 
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
@@ -67,7 +67,7 @@ def by_corners(mode: int) -> Method:
 
 
 def by_fallback(code: int) -> Method:
-    """ECC or corners of `vision.fallback`, on every marker."""
+    """ECC or corners of `vision.following.fallback`, on every marker."""
 
     def track(s: Scene, pictures: Frames) -> tuple[Array, Array]:
         follower, found = tracked(s, pictures)

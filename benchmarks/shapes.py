@@ -3,7 +3,7 @@ ccx.
 
 python benchmarks/shapes.py [--json]     a short finger, about four minutes; needs ccx
 
-The layer is ccx's own, as `fe.deck_out` writes it: membranes (M3D8) of a linear elastic material on the faces
+The layer is ccx's own, as `deck.writer` writes it: membranes (M3D8) of a linear elastic material on the faces
 of the flat bottom.
 """
 
@@ -16,14 +16,14 @@ import numpy as np
 from convergence import SHORT, SILICONE
 
 from fe import Case, Lattice, Path, finger_case
-from fe.calculix import CalculiX
 from fe.case import Layer
-from fe.convert import converted
-from fe.deck_out import deck
-from fe.engine import Embedded, Response
-from twin.effect import Effect, Test
-from twin.effects_shape import Ballooning, EccentricCore, WallTaper
-from twin.effects_structure import flat_bottom
+from fe.deck.calculix import CalculiX
+from fe.deck.engine import Embedded, EngineResult
+from fe.deck.writer import deck
+from fe.mesh.convert import converted
+from twin.effects.protocol import Effect, Test
+from twin.effects.shape import Ballooning, EccentricCore, WallTaper
+from twin.effects.supports import flat_bottom
 
 PRESSURE = 0.02  # MPa
 TIGHT = "*CONTROLS, PARAMETERS=FIELD\n1e-6,1e-6\n*STATIC"  # by default ccx stops at half a per cent
@@ -57,7 +57,7 @@ class Effects:
         return f"| {name} | {a:.4f} | {b:.4f} | {self.difference:.1e} |"
 
 
-def sorted_field(found: Response) -> np.ndarray:
+def sorted_field(found: EngineResult) -> np.ndarray:
     """Displacements (n, 3) mm by increasing label."""
     if not found.converged:
         raise SystemExit(found.reason)

@@ -21,11 +21,11 @@ import cv2
 import numpy as np
 
 from vision import Board, Camera, Video
-from vision.boards import View
-from vision.bundle import CornerNoise, Shot, bundle
+from vision.calibration.boards import BoardView
+from vision.calibration.bundle import CornerNoise, Shot, bundle_adjust
+from vision.calibration.rig import Rig
+from vision.calibration.stereo import film_corners, locate, synchronous_shots
 from vision.camera import Array
-from vision.rig import Rig
-from vision.stereo import film_corners, locate, synchronous_shots
 
 ROOT = Path(__file__).resolve().parents[1]
 DATA = Path(os.environ.get("SOFTTWIN_DATA", ROOT.parent / "shared" / "data")) / "charuco_4cam"
@@ -41,7 +41,7 @@ def read(folder: Path) -> tuple[list[Any], list[Array]]:
     return [film_corners(Video(folder / f"cam_{c}.mp4"), BOARD) for c in range(4)], times
 
 
-def alone(found: Sequence[View]) -> Camera:
+def alone(found: Sequence[BoardView]) -> Camera:
     """One camera from its own pictures, k3 held: twelve corners a picture do not tell it."""
     used = [(v.points.astype(np.float32), v.pixels.astype(np.float32)) for v in found if len(v) >= 8]
     rms, matrix, distortion, *_ = cv2.calibrateCamera(
@@ -80,9 +80,9 @@ def held_out(folder: Path, *, halves: tuple[int, ...] = (0, 1)) -> dict[str, Arr
     print(f"frames by which the cameras lag: {lags.tolist()}", file=sys.stderr)
     for half in halves:
         calibrating = [v for v in shots if v.instant % 2 != half]
-        own = [[View(v.points, v.pixels) for v in calibrating if v.camera == c] for c in range(4)]
+        own = [[BoardView(v.points, v.pixels) for v in calibrating if v.camera == c] for c in range(4)]
         cameras = [alone(pictures) for pictures in own]
-        rig, noise = bundle(calibrating, cameras, square_mm=BOARD.square_mm)
+        rig, noise = bundle_adjust(calibrating, cameras, square_mm=BOARD.square_mm)
         kept = [v for v in shots if v.instant % 2 == half]
         for group in (*itertools.combinations(range(4), 2), (0, 1, 2, 3)):
             result.setdefault("-".join(map(str, group)), []).append(squares(rig, noise, kept, group))

@@ -17,15 +17,15 @@ import numpy as np
 from fe import Case, Finger, Lattice
 from fe.case import digest
 from twin import virtual
-from twin.config import DiagnoseTable
-from twin.diagnose import Diagnosis, diagnose
-from twin.discretisation import Discretisation, discretisation
-from twin.effect import Effect
-from twin.effects import effect
-from twin.fitting import fit_model, measured_remainder, whitener_of
-from twin.model import Model, base_case, base_model
+from twin.diagnosis.fitting import fit_model, measured_remainder, whitener_of
+from twin.diagnosis.procedure import Diagnosis, diagnose
+from twin.effects.library import effect
+from twin.effects.protocol import Effect
+from twin.model.discretisation import Discretisation, discretisation_error
+from twin.model.prediction import Model, base_case, base_model
+from twin.model.structure import of_finger
 from twin.parallel import WORKERS, finished
-from twin.structure import of_finger
+from twin.project.config import DiagnoseTable
 from twin.targets import Array, Targets
 
 # The finger's markers sit on nodes of the flat lower edge of the side face y = 11.5 mm, as far as the tip.
@@ -94,7 +94,7 @@ class Laboratory:
 
     def targets(self, case: Case, seed: int) -> Targets:
         """One draw of what would be measured."""
-        return virtual.targets(
+        return virtual.noisy_targets(
             self.u, self.slope, virtual.path(self.bench), names=NAMES, nodes=nodes_of(case),
             points=marked_points(), bench=self.bench, seed=seed,
         )  # fmt: skip
@@ -110,7 +110,9 @@ def prepared(case: Case, targets: Targets) -> tuple[Model, Array, Discretisation
         return {key: kept("mesh", key, one[key])["array"] for key in tasks}
 
     made_for = float(NOMINAL[0]), float(NOMINAL[1])
-    raw = discretisation(model, start, structure=of_finger(Finger(), Lattice()), made_for=made_for, keep=keep)
+    raw = discretisation_error(
+        model, start, structure=of_finger(Finger(), Lattice()), made_for=made_for, keep=keep
+    )
     return model, start, measured_remainder(model, start, targets, raw)
 
 

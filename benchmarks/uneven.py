@@ -20,10 +20,11 @@ import numpy as np
 from markers import NOISE, REFERENCE, Frames, Scene, displacement, scene
 from numpy.typing import NDArray
 
-from vision import registration, synthetic
+from vision.drawing import synthetic
+from vision.following import registration
+from vision.following.reference import prepare
+from vision.following.tracks import FOUND_AGAIN, REGISTERED, follow
 from vision.marks import corner_warp
-from vision.reference import prepare
-from vision.tracks import FOUND_AGAIN, REGISTERED, follow
 
 Array = NDArray[np.float64]
 SIZES = (20, 30, 40, 60)  # px

@@ -1,10 +1,10 @@
 """Case in, solution out: a mixed finite-element kernel for nearly incompressible bodies (mm, N, MPa, s)."""
 
 from fe.case import Block, Case, Clamp, Support
-from fe.material import Material
-from fe.mesh import Finger, Lattice, finger_case
+from fe.laws import Material
+from fe.mesh.finger import Finger, Lattice, finger_case
 from fe.path import Path
-from fe.solve import Solution, Variation, solve
+from fe.solving import Solution, Variation, solve
 
 __all__ = [
     "Block",

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from fe.element import ELEMENTS, Array, Element, Integers
-from fe.material import Material
+from fe.laws import Material
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,7 @@ class Layer:
 class Contact:
     """A rigid plane that a surface cannot pass: `distance` mm from the origin along `normal`
     (3,), which points to the body's side; stiffness in MPa per mm of depth, on the area at rest; friction:
-    Coulomb's coefficient (see `fe.contact`; below 0 in a neighbour of a derivative at 0 only)."""
+    Coulomb's coefficient (see `fe.kernel.contact`; below 0 in a neighbour of a derivative at 0 only)."""
 
     surface: str
     normal: tuple[float, float, float]
@@ -71,7 +71,7 @@ class Case:
     every element once), of which `with_material` leaves those `kept` as they are; `pressurised` names the
     surface that carries the follower pressure; `forces` are dead forces (3,) N, spread evenly over a node
     set. precurvature (1/mm): the structure is free of stress where it is curved by so much towards -z (see
-    `fe.assembly.Geometry`). layer: a sheet bonded to it. In a half model forces and moments are those of the
+    `assembly.Geometry`). layer: a sheet bonded to it. In a half model forces and moments are those of the
     half.
     """
 

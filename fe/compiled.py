@@ -3,7 +3,7 @@
 Arrays of a mesh with e elements of n nodes, q quadrature points and m pressure modes: gradients G
 (e, q, 3, n) per mm, rest (e, q, 3, 3) where it is not free of stress as it is meshed, or empty, weights w
 (e, q) mm3, modes psi (e, q, m), connectivity (e, n), constants c (e, k) of `Material.constants`. Loops run
-over the elements first .. last. The formulas are those of `fe.material`.
+over the elements first .. last. The formulas are those of `fe.laws`.
 """
 
 import math

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from twin import cli
-from twin.project import Project
+from twin.project.folder import Project
 
 DEMO = Path(__file__).resolve().parents[1] / "datasets" / "demo"
 LIMIT_MB = 12.0

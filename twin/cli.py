@@ -41,7 +41,7 @@ def demo(
     json: Json = False,
 ) -> None:
     """Run the whole chain on the recorded demo."""
-    from twin.demo import run_demo
+    from twin.stages.demonstrating import run_demo
 
     say = Console(as_json=json)
     say.result(run_demo(folder, say))
@@ -56,7 +56,7 @@ def init(
     json: Json = False,
 ) -> None:
     """Make a project for a film or for targets, of the built-in finger or of your own mesh."""
-    from twin.starting import run_init
+    from twin.stages.starting import run_init
 
     say = Console(as_json=json)
     say.result(run_init(folder, say, targets=targets, nodes=node or [], deck=deck))
@@ -69,7 +69,7 @@ def print_sheets(
     json: Json = False,
 ) -> None:
     """Write a PDF of board and markers at true scale."""
-    from twin.printing import run_print
+    from twin.stages.printing import run_print
 
     _stage("print", lambda p, say: run_print(p, say, paper=paper), project, json)
 
@@ -77,7 +77,7 @@ def print_sheets(
 @app.command()
 def camera(project: Folder = HERE, json: Json = False) -> None:
     """Calibrate the camera from board images."""
-    from twin.cameras import run_camera
+    from twin.stages.cameras import run_camera
 
     _stage("camera", run_camera, project, json)
 
@@ -94,7 +94,7 @@ def measure(
     json: Json = False,
 ) -> None:
     """Measure film and pressure log into targets/."""
-    from twin.measuring import run_measure
+    from twin.stages.measuring import run_measure
 
     _stage("measure", lambda p, say: run_measure(p, say, replace=replace, budget=budget), project, json)
 
@@ -102,7 +102,7 @@ def measure(
 @app.command()
 def calibrate(project: Folder = HERE, json: Json = False) -> None:
     """Fit the material to the targets."""
-    from twin.stages import run_calibrate
+    from twin.stages.chain import run_calibrate
 
     _stage("calibrate", run_calibrate, project, json)
 
@@ -110,7 +110,7 @@ def calibrate(project: Folder = HERE, json: Json = False) -> None:
 @app.command()
 def compare(project: Folder = HERE, json: Json = False) -> None:
     """Say where model and measurement differ."""
-    from twin.stages import run_compare
+    from twin.stages.chain import run_compare
 
     _stage("compare", run_compare, project, json)
 
@@ -118,7 +118,7 @@ def compare(project: Folder = HERE, json: Json = False) -> None:
 @app.command()
 def diagnose(project: Folder = HERE, json: Json = False) -> None:
     """Name the physical effect that the model lacks."""
-    from twin.stages import run_diagnose
+    from twin.stages.chain import run_diagnose
 
     _stage("diagnose", run_diagnose, project, json)
 
@@ -130,7 +130,7 @@ def add(
     json: Json = False,
 ) -> None:
     """Add an effect to the model, fit again and compare."""
-    from twin.stages import run_add
+    from twin.stages.chain import run_add
 
     _stage("add", lambda p, say: run_add(p, effect, say), project, json)
 
@@ -142,7 +142,7 @@ def drop(
     json: Json = False,
 ) -> None:
     """Take an effect out of the model, fit again and compare."""
-    from twin.stages import run_drop
+    from twin.stages.chain import run_drop
 
     _stage("drop", lambda p, say: run_drop(p, effect, say), project, json)
 
@@ -150,7 +150,7 @@ def drop(
 @app.command()
 def review(project: Folder = HERE, json: Json = False) -> None:
     """Write review.rrd (for rerun) and report.html."""
-    from twin.stages import run_review
+    from twin.stages.chain import run_review
 
     _stage("review", run_review, project, json)
 
@@ -158,8 +158,8 @@ def review(project: Folder = HERE, json: Json = False) -> None:
 @app.command("list")
 def list_runs(project: Folder = HERE, json: Json = False) -> None:
     """List the runs of a project."""
-    from twin.project import Project
-    from twin.starting import run_list
+    from twin.project.folder import Project
+    from twin.stages.starting import run_list
 
     say = Console(as_json=json)
     say.result(run_list(Project.open(project), stderr=json))
@@ -168,8 +168,8 @@ def list_runs(project: Folder = HERE, json: Json = False) -> None:
 @app.command()
 def check(project: Folder = HERE, json: Json = False) -> None:
     """Check the project and say what comes next."""
-    from twin.project import Project
-    from twin.starting import run_check
+    from twin.project.folder import Project
+    from twin.stages.starting import run_check
 
     say = Console(as_json=json)
     say.result(run_check(Project.open(project), say))
@@ -204,7 +204,7 @@ def _run(arguments: list[str]) -> None:
 
 def _stage(name: str, stage: Stage, folder: Path, as_json: bool) -> None:
     """Run a stage with the project locked, and print its result."""
-    from twin.project import Project
+    from twin.project.folder import Project
 
     say = Console(as_json=as_json)
     project = Project.open(folder)

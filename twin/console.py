@@ -39,7 +39,7 @@ class Console:
         """Print a stage's result as one line of JSON, if that was asked for."""
         self.close()
         if self.as_json:
-            from twin import files
+            from twin.project import files
 
             print(json.dumps(files.plain(result), allow_nan=False), flush=True)
 

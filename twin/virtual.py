@@ -94,7 +94,7 @@ def displacements(truth: Truth, course: Path, points: Array) -> tuple[Array, Arr
     return solution.at(points), solution.per_pressure(points)
 
 
-def targets(
+def noisy_targets(
     true: Array,
     slope: Array,
     course: Path,
@@ -172,7 +172,7 @@ def _picture(rng: np.random.Generator, bench: Bench, frames: int, count: int) ->
 
 def _noise(static: Array, names: tuple[str, ...], fixed: int, bench: Bench) -> Noise:
     """The noise model estimated from a static film, as `twin measure` does it."""
-    from vision.noise import static_noise
+    from vision.errors.noise import static_noise
 
     found = static_noise(static, [*names, *(f"fixed{k}" for k in range(fixed))], "virtual")
     return Noise(

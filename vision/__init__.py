@@ -1,16 +1,16 @@
 """Film of a marked finger in, displacements in mm with their uncertainty out; `synthetic` draws film."""
 
-from vision.boards import Board
-from vision.calibration import calibrate_camera
+from vision.calibration.boards import Board
+from vision.calibration.intrinsics import calibrate_camera
 from vision.camera import Camera
-from vision.displacements import Displacements, measure
-from vision.locate import locate
+from vision.errors.modes import Stated
+from vision.errors.noise import NoiseModel
+from vision.film.video import Video
+from vision.following.locating import locate
+from vision.following.tracks import Tracks
 from vision.marks import Mark
-from vision.modes import Stated
-from vision.noise import NoiseModel
-from vision.tracks import Tracks
-from vision.video import Video
-from vision.views import View
+from vision.measuring.displacements import Displacements, measure
+from vision.placing.views import View
 
 __all__ = [
     "Board",

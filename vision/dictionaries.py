@@ -6,9 +6,8 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-Image = NDArray[np.uint8]
+from vision.camera import Image
 
 FILES = (".yml", ".yaml", ".xml", ".json")
 # Largest dictionary of each family, and the sizes of the smaller ones, which are its first words.

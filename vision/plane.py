@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from vision.camera import Array
 
 MIN_VISIBLE = 4
 STEPS = 4  # of Gauss-Newton from the direct solution: quadratic, so that three reach rounding

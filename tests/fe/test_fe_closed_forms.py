@@ -13,9 +13,9 @@ from scipy.optimize import brentq
 
 from fe import Block, Case, Clamp, Material, Path, Support, Variation, solve
 from fe.element import Array
-from fe.material import nominal_stress
-from fe.newton import Problem, equilibrium
+from fe.laws import nominal_stress
 from fe.path import equivalent
+from fe.solver.newton import Problem, equilibrium
 
 INNER, OUTER = 1.0, 2.0  # mm
 RUBBER = Material(C10=0.2, C01=0.1, bulk_ratio=1e6)  # nearly incompressible: 1e-6 of the strain
@@ -203,7 +203,7 @@ def test_the_history_is_of_second_order_in_its_steps(
     for n in (4, 8, 16):
         parts = [np.linspace(a, b, n + 1)[1:] for a, b in pairwise(TIME)]
         monkeypatch.setattr(
-            import_module("fe.history"), "knots", lambda _, parts=parts, **__: np.concatenate([[0.0], *parts])
+            import_module("fe.solver.memory"), "knots", lambda _, parts=parts, **__: np.concatenate([[0.0], *parts])
         )
         error.append(np.abs(prony_error(cube, TIME[1:])).max())
     orders = np.log2(np.array(error[:-1]) / np.array(error[1:]))

@@ -8,14 +8,14 @@ import pytest
 from scipy.optimize import brentq
 
 from fe import Case, Material, Path, Support, Variation, solve
-from fe.calculix import CalculiX
 from fe.case import Contact
-from fe.contact import SMOOTH, PlaneFaces
-from fe.convert import converted
-from fe.curve import trace
-from fe.deck_out import deck
+from fe.deck.calculix import CalculiX
+from fe.deck.writer import deck
 from fe.element import Array
-from fe.newton import Problem, equilibrium
+from fe.kernel.contact import SMOOTH, PlaneFaces
+from fe.mesh.convert import converted
+from fe.solver.curve import trace
+from fe.solver.newton import Problem, equilibrium
 
 Cube = Callable[..., Case]
 TOP = 0.03  # MPa

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from fe import Case, Lattice, Material, Path, Support, finger_case, solve
-from fe.calculix import CalculiX, without_hybrid
 from fe.case import Block, Clamp, Contact, Layer
-from fe.convert import converted
-from fe.deck_in import read_deck
-from fe.deck_out import deck
+from fe.deck.calculix import CalculiX, without_hybrid
+from fe.deck.reader import read_deck
+from fe.deck.writer import deck
 from fe.element import ELEMENTS, Array, barycentric
-from fe.newton import Problem, equilibrium
+from fe.mesh.convert import converted
+from fe.solver.newton import Problem, equilibrium
 
 Cube = Callable[..., Case]
 PRESSURE = 0.02  # MPa

@@ -14,11 +14,11 @@ import numpy as np
 import pytest
 
 from fe import Case
-from fe.abaqus import EXTRACT, Abaqus
-from fe.calculix import CalculiX
-from fe.convert import converted
-from fe.deck_in import read_deck
-from fe.engine import Embedded, Engine
+from fe.deck.abaqus import EXTRACT, Abaqus
+from fe.deck.calculix import CalculiX
+from fe.deck.engine import Embedded, Engine
+from fe.deck.reader import read_deck
+from fe.mesh.convert import converted
 
 PRESSURE = 0.01  # MPa
 # Records its command line; "solves" by copying a recorded result where the extraction script would write it.

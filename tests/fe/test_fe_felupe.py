@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 
 from fe import Case, Finger, Lattice, Material, Path, finger_case, solve
-from fe.assembly import Constants, Kernel, State
-from fe.convert import converted
+from fe.deck.engine import Embedded
 from fe.element import HEX27, Array
-from fe.engine import Embedded
+from fe.kernel.assembly import Constants, Kernel, State
+from fe.mesh.convert import converted
 
 felupe = pytest.importorskip("felupe")
 sys.path.append(str(File(__file__).resolve().parents[2] / "benchmarks"))

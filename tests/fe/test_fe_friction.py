@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from fe import Case, Path, Solution, Support, Variation, solve
-from fe.calculix import CalculiX
 from fe.case import Contact
-from fe.contact import PlaneFaces
-from fe.convert import converted
-from fe.newton import Problem, equilibrium
+from fe.deck.calculix import CalculiX
+from fe.kernel.contact import PlaneFaces
+from fe.mesh.convert import converted
+from fe.solver.newton import Problem, equilibrium
 
 Cube = Callable[..., Case]
 UP = (0.0, 0.0, 1.0)

@@ -8,8 +8,8 @@ from scipy.integrate import solve_bvp
 
 from fe import Case, Path, Support, solve
 from fe.case import Contact
-from fe.contact import SMOOTH
 from fe.element import Array
+from fe.kernel.contact import SMOOTH
 from tests.fe.conftest import SILICONE
 
 Cube = Callable[..., Case]

@@ -10,8 +10,8 @@ from scipy.optimize import brentq
 import fe.path
 from fe import Case, Path, Solution, Support, Variation, solve
 from fe.case import Contact
-from fe.contact import PlaneFaces
-from fe.newton import equilibrium
+from fe.kernel.contact import PlaneFaces
+from fe.solver.newton import equilibrium
 from tests.fe.conftest import SILICONE
 
 Cube = Callable[..., Case]

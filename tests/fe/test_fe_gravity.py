@@ -10,13 +10,13 @@ from scipy.integrate import quad
 from scipy.optimize import brentq
 
 from fe import Case, Finger, Lattice, Material, Path, Solution, Support, Variation, finger_case, solve
-from fe.calculix import CalculiX
-from fe.convert import converted
-from fe.deck_in import read_deck
-from fe.deck_out import deck
+from fe.deck.calculix import CalculiX
+from fe.deck.reader import read_deck
+from fe.deck.writer import deck
 from fe.element import ELEMENTS, Array
-from fe.mirror import mirrored, symmetry_support
-from fe.newton import Problem, equilibrium
+from fe.mesh.convert import converted
+from fe.mesh.mirror import mirrored, symmetry_support
+from fe.solver.newton import Problem, equilibrium
 
 Cube = Callable[..., Case]
 DENSITY, G = 1.07e-9, 9810.0  # tonne/mm3, mm/s2

@@ -10,8 +10,8 @@ import pytest
 
 from fe import Case, Material, Path, Support, Variation, solve
 from fe.case import Layer
-from fe.layer import LayerFaces
-from fe.newton import Problem, equilibrium
+from fe.kernel.layer import LayerFaces
+from fe.solver.newton import Problem, equilibrium
 
 sys.path.append(str(File(__file__).resolve().parents[2] / "benchmarks"))
 import shapes

@@ -7,15 +7,15 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 
-import fe.linear
-import fe.newton
+import fe.kernel.matrix
+import fe.solver.newton
 from fe import Case, Material, Support
-from fe.assembly import Constants, Kernel, Memory, Softening, State
-from fe.convert import converted
 from fe.element import Array
-from fe.material import stress
-from fe.newton import Problem, Residual, Step, equilibrium
-from fe.pressure import PressureFaces
+from fe.kernel.assembly import Constants, Kernel, Memory, Softening, State
+from fe.kernel.pressure import PressureFaces
+from fe.laws import stress
+from fe.mesh.convert import converted
+from fe.solver.newton import Problem, Residual, Step, equilibrium
 
 Cube = Callable[..., Case]
 
@@ -162,7 +162,7 @@ def test_superlu_takes_the_place_of_pardiso(short: Case, kind: str, monkeypatch:
         problem = Problem.of(case)
         found.append(equilibrium(problem, problem.start(), load=0.01))
         assert found[-1].reason == "converged"
-        monkeypatch.setattr(fe.linear, "PyPardisoSolver", None)
+        monkeypatch.setattr(fe.kernel.matrix, "PyPardisoSolver", None)
     assert found[1].step is not None
     assert found[1].step.problem.kernel.matrix.negative is None  # PARDISO tells them, SuperLU does not
     np.testing.assert_allclose(found[1].state.u, found[0].state.u, atol=1e-9)
@@ -235,8 +235,8 @@ def test_newton_converges_quadratically(
             lengths.append(float(np.abs(changes[0].u).max()))
             return changes
 
-    monkeypatch.setattr(fe.newton, "Step", Recorded)
-    monkeypatch.setattr(fe.newton, "NEARBY", 0.0)  # no correction with a tangent of nearby
+    monkeypatch.setattr(fe.solver.newton, "Step", Recorded)
+    monkeypatch.setattr(fe.solver.newton, "NEARBY", 0.0)  # no correction with a tangent of nearby
     clamp = replace(short.clamp, compliance=compliance)
     problem = Problem.of(replace(short, clamp=clamp, forces={"tip_face": np.array([0.0, 0.0, -0.01])}))
     near = equilibrium(problem, problem.start(), load=0.003)

@@ -12,9 +12,9 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from fe import Case, Material, Path, Support, solve
-from fe.assembly import Memory, Softening
 from fe.element import Array
-from fe.newton import Problem, _residuals, imbalance
+from fe.kernel.assembly import Memory, Softening
+from fe.solver.newton import Problem, _residuals, imbalance
 
 Cube = Callable[..., Case]
 BASE = Material(C10=0.2, C01=0.1, bulk_ratio=1e6)  # nearly incompressible: 1e-6 of the strain
@@ -145,7 +145,7 @@ def test_a_history_is_of_second_order_in_its_steps(
     for n in (4, 8, 16):
         parts = [np.linspace(a, b, n + 1)[1:] for a, b in pairwise(TIME)]
         times = np.concatenate([[0.0], *parts])
-        monkeypatch.setattr(import_module("fe.history"), "knots", lambda *_, times=times, **__: times)
+        monkeypatch.setattr(import_module("fe.solver.memory"), "knots", lambda *_, times=times, **__: times)
         error.append(np.abs(displaced(cube, law, -1.0, output) + 1 - Sheet(law, -1.0).stretches(output)).max())
     orders = np.log2(np.array(error[:-1]) / np.array(error[1:]))
     assert ((orders > 1.6) & (orders < 2.4)).all()

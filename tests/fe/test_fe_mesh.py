@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from fe import Case, Finger, Lattice, Material, finger_case
-from fe.assembly import Geometry
 from fe.element import HEX27, gauss
-from fe.mesh import MIDDLE_LABEL, TIP_LABEL
+from fe.kernel.assembly import Geometry
+from fe.mesh.finger import MIDDLE_LABEL, TIP_LABEL
 
 MATERIAL = Material(0.2, 0.1)
 LATTICES = [

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from fe import pattern
-from fe.pattern import Pattern
+from fe.kernel import pattern
+from fe.kernel.pattern import Pattern
 
 
 @pytest.mark.parametrize("rows", [7, 4096])

@@ -8,8 +8,8 @@ import pytest
 import scipy.sparse as sp
 
 from fe import Case, Path, Support, Variation, solve
-from fe.assembly import Constants, Geometry, Kernel
-from fe.newton import Problem, equilibrium
+from fe.kernel.assembly import Constants, Geometry, Kernel
+from fe.solver.newton import Problem, equilibrium
 
 LENGTH, DEPTH = 40.0, 2.0  # mm
 

@@ -9,9 +9,9 @@ import pytest
 
 from fe import Block, Case, Clamp, Finger, Lattice, Material, Path, finger_case, solve
 from fe.element import Array
-from fe.locate import interpolation, nearest
-from fe.newton import Problem, equilibrium
+from fe.mesh.points import interpolation, nearest
 from fe.path import FIRST, STEP, corners, equivalent, in_time, knots, levels
+from fe.solver.newton import Problem, equilibrium
 
 LAST = np.array([1.0])
 

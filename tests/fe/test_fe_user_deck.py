@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 
 from fe import Case, Support
-from fe.assembly import Kernel
-from fe.calculix import CalculiX
-from fe.convert import converted
-from fe.deck_in import read_deck
+from fe.deck.calculix import CalculiX
+from fe.deck.engine import Embedded
+from fe.deck.reader import read_deck
 from fe.element import ELEMENTS
-from fe.engine import Embedded
-from fe.pressure import PressureFaces
-from fe.refine import enriched, free_faces, refined
+from fe.kernel.assembly import Kernel
+from fe.kernel.pressure import PressureFaces
+from fe.mesh.convert import converted
+from fe.mesh.refine import enriched, free_faces, refined
 
 TIP = 70001
 Tube = Callable[..., File]
@@ -185,7 +185,7 @@ def test_two_types_of_elements_are_an_error_without_assertions_too(tube_deck: Tu
     mesh = tmp_path / "mesh.inc"
     first = mesh.read_text().partition("elset=Body\n501, ")[2].partition("\n")[0]
     mesh.write_text(mesh.read_text() + f"*Element, type=C3D8\n9001, {first}\n")
-    code = f"from pathlib import Path; from fe.deck_in import read_deck; read_deck(Path({str(deck)!r}))"
+    code = f"from pathlib import Path; from fe.deck.reader import read_deck; read_deck(Path({str(deck)!r}))"
     done = subprocess.run([sys.executable, "-O", "-c", code], capture_output=True, text=True)
     assert "ValueError" in done.stderr
     assert "elements of the types C3D8, C3D8H in one model: wanted one type" in done.stderr

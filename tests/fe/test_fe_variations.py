@@ -8,7 +8,7 @@ import pytest
 
 from fe import Case, Finger, Lattice, Material, Path, Support, Variation, finger_case, solve
 from fe.element import Array
-from fe.newton import equilibrium
+from fe.solver.newton import equilibrium
 
 Test = tuple[Case, Path]
 Map = Callable[[float], Test]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from fe import Case, Finger, Lattice
-from twin.model import base_case
+from twin.model.prediction import base_case
 from twin.targets import Noise, Targets
 
 SHORT = Finger(

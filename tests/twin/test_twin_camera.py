@@ -5,14 +5,14 @@ import shutil
 import numpy as np
 import pytest
 
-from twin import files
-from twin.cameras import run_camera
-from twin.config import BoardTable, CameraTable
-from twin.configfile import dump
-from twin.project import Project
-from twin.starting import film_config
+from twin.project import files
+from twin.project.config import BoardTable, CameraTable
+from twin.project.folder import Project
+from twin.project.toml import dump
+from twin.stages.cameras import run_camera
+from twin.stages.starting import film_config
 from vision import Camera
-from vision.video import Writer
+from vision.film.video import Writer
 
 CHESS = BoardTable(kind="chessboard", columns=9, rows=6, square_mm=25.0)
 

@@ -10,8 +10,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from twin import cli, demo, files
-from twin.project import Project, dataset
+from twin import cli
+from twin.project import files
+from twin.project.folder import Project, dataset
+from twin.stages import demonstrating
 
 ROOT = Path(cli.__file__).resolve().parents[1]
 
@@ -56,12 +58,12 @@ def stages(monkeypatch):
 
         return run_stage
 
-    fake = types.ModuleType("twin.stages")
+    fake = types.ModuleType("twin.stages.chain")
     fake.run_calibrate, fake.run_compare = stage("calibrate"), stage("compare")
     fake.run_diagnose = stage("diagnose", diagnosis_json={"named": ["creep"]})
     fake.run_add, fake.run_drop = stage("add"), stage("drop")
     fake.run_review = stage("review", report_html="", review_rrd="")
-    monkeypatch.setitem(sys.modules, "twin.stages", fake)
+    monkeypatch.setitem(sys.modules, "twin.stages.chain", fake)
     import twin
 
     monkeypatch.setattr(twin, "stages", fake, raising=False)
@@ -194,9 +196,9 @@ def test_init_for_a_film_says_what_is_missing(run, tmp_path):
 @pytest.fixture
 def demo_data(monkeypatch, stages, study):
     """A data set without a film, measured by stand-ins."""
-    from twin import cameras, measuring
+    from twin.stages import cameras, measuring
 
-    monkeypatch.setattr(demo, "dataset", lambda name: study)
+    monkeypatch.setattr(demonstrating, "dataset", lambda name: study)
     monkeypatch.setattr(cameras, "run_camera", stages.stage("camera"))
     monkeypatch.setattr(measuring, "run_measure", stages.stage("measure"))
     return stages

@@ -10,9 +10,9 @@ from calibrate import least_squares
 from calibrate.parameters import Parameter
 from fe import Path
 from twin import virtual
-from twin.compare import BRANCHES, Comparison, branches, compare
+from twin.diagnosis.comparison import BRANCHES, Comparison, branches, compare
+from twin.diagnosis.whitening import whitener
 from twin.targets import Array, Targets
-from twin.whitening import whitener
 
 BENCH = virtual.Bench(film_hz=1.0, sd=0.02, static_frames=300)  # mm: far above the solver's own error
 NAMES, X = ("p1", "p2", "tip"), np.array([30.0, 70.0, 110.0])
@@ -32,7 +32,7 @@ def linear(course: Path) -> Array:
 
 def draw(course: Path, seed: int, *, misfit: Array | float = 0.0) -> Targets:
     u = linear(course) + misfit
-    return virtual.targets(
+    return virtual.noisy_targets(
         u, 0 * u + SLOPE, course, names=NAMES, nodes=np.array([1, 2, 3]), points=POINTS, bench=BENCH, seed=seed,
         fixed=2,
     )  # fmt: skip

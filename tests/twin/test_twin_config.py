@@ -4,10 +4,10 @@ import tomllib
 
 import pytest
 
-from twin.config import Config, PointTable, StudyTable
-from twin.configfile import dump, parse, with_effects
-from twin.project import dataset
-from twin.starting import film_config
+from twin.project.config import Config, PointTable, StudyTable
+from twin.project.folder import dataset
+from twin.project.toml import dump, parse, with_effects
+from twin.stages.starting import film_config
 
 TEXT = """
 [model]

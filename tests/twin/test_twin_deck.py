@@ -10,16 +10,17 @@ import pytest
 
 from fe import Material, solve
 from fe import Path as Course
-from fe.assembly import Geometry
-from fe.deck_in import read_deck
-from fe.refine import enriched
-from twin import cli, structure, virtual
-from twin.calibrating import triangles
-from twin.deformed import deformed_picture, write_vtu_series
-from twin.project import Project
-from twin.structure import of_deck
-from twin.targetfiles import write_targets
-from twin.workbench import structure_of
+from fe.deck.reader import read_deck
+from fe.kernel.assembly import Geometry
+from fe.mesh.refine import enriched
+from twin import cli, virtual
+from twin.model import structure
+from twin.model.structure import of_deck
+from twin.project.folder import Project
+from twin.project.targetfiles import write_targets
+from twin.review.deformed import deformed_picture, write_vtu_series
+from twin.stages.calibrating import triangles
+from twin.stages.workbench import structure_of
 
 Tube = Callable[..., Path]
 FILM = ((0.0, 0.0), (2.0, 0.0), (4.0, 60.0), (8.0, 60.0), (8.4, 0.0), (12.0, 0.0))  # kPa
@@ -45,7 +46,7 @@ def batch(tube_deck: Tube, tmp_path_factory: pytest.TempPathFactory) -> Path:
         course = virtual.path(bench)
     points = np.array([case.position(n) for n in NODES.values()])
     response = solve(truth, course)
-    write_targets(root / "targets", virtual.targets(
+    write_targets(root / "targets", virtual.noisy_targets(
         response.at(points), response.per_pressure(points), course, names=tuple(NODES),
         nodes=np.array(list(NODES.values())), points=points, bench=bench, seed=1,
     ))  # fmt: skip

@@ -13,12 +13,12 @@ import pytest
 
 from fe import Case, Finger, Lattice, Material
 from twin import virtual
-from twin.diagnose import Diagnosis, diagnose, lacking
-from twin.discretisation import Discretisation, discretisation
-from twin.effects import effect, library
-from twin.fitting import fit_model, measured_remainder, whitener_of
-from twin.model import Model, base_model
-from twin.structure import of_finger
+from twin.diagnosis.fitting import fit_model, measured_remainder, whitener_of
+from twin.diagnosis.procedure import Diagnosis, diagnose, lacking
+from twin.effects.library import all_effects, effect
+from twin.model.discretisation import Discretisation, discretisation_error
+from twin.model.prediction import Model, base_model
+from twin.model.structure import of_finger
 from twin.targets import Array, Targets
 
 # A ramp, a hold, a release in 0.4 s and a rest: seconds and kPa.
@@ -46,7 +46,7 @@ class Laboratory:
         """Targets of a truth by seed."""
         course = virtual.path(bench)
         u, slope = virtual.displacements(truth, course, self.points)
-        return lambda seed: virtual.targets(
+        return lambda seed: virtual.noisy_targets(
             u, slope, course, names=NAMES, nodes=self.nodes, points=self.points, bench=bench, seed=seed
         )
 
@@ -72,7 +72,7 @@ def laboratory(short_film: None, short: Finger, short_case: Case) -> Laboratory:
     found = Laboratory(short, short_case, points, nodes, nothing)
     t = found.film(found.truth())(0)
     structure = of_finger(short, Lattice(per_bellow=2, ring=False, centred=False))
-    mesh = discretisation(base_model(t, short_case), NOMINAL, structure=structure)
+    mesh = discretisation_error(base_model(t, short_case), NOMINAL, structure=structure)
     return replace(found, mesh=mesh)
 
 
@@ -132,7 +132,7 @@ def test_without_noise_model_or_with_few_frames_nothing_can_be_tested(laboratory
     model = base_model(t, laboratory.case)
     assert t.noise is not None
     for noise, why in ((None, "no noise model"), (replace(t.noise, frames=20), "20 static frames")):
-        found = diagnose(model, library(), replace(t, noise=noise), seed=0, start=NOMINAL)
+        found = diagnose(model, all_effects(), replace(t, noise=noise), seed=0, start=NOMINAL)
         assert found.verdict.startswith("cannot test: ")
         assert why in found.verdict
         assert (found.named, found.ranking) == ((), ())
@@ -143,7 +143,7 @@ def test_a_mesh_too_coarse_for_the_noise_is_refused(laboratory: Laboratory) -> N
     t = laboratory.film(laboratory.truth())(1)
     model: Model = base_model(t, laboratory.case)
     coarse = replace(measured_remainder(model, NOMINAL, t, laboratory.mesh), remainder_mm=0.1)
-    found = diagnose(model, library(), t, seed=0, start=NOMINAL, mesh=coarse)
+    found = diagnose(model, all_effects(), t, seed=0, start=NOMINAL, mesh=coarse)
     assert found.verdict.startswith("cannot test: mesh: 0.1000 mm")
 
 
@@ -152,7 +152,7 @@ def test_without_a_log_history_is_not_testable(laboratory: Laboratory) -> None:
     bare = replace(t, log_time=t.time, log_pressure=t.pressure)
     model = base_model(bare, laboratory.case)
     mesh = measured_remainder(model, NOMINAL, bare, laboratory.mesh)
-    found = diagnose(model, library(), bare, seed=0, start=NOMINAL, mesh=mesh)
+    found = diagnose(model, all_effects(), bare, seed=0, start=NOMINAL, mesh=mesh)
     notes = {c.effect.name: c.note for c in found.ranking}
     # for a log, for gravity's direction, and for its way down
     asking = {"creep", "mullins", "pressure_lag", "gravity"}

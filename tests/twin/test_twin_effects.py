@@ -8,14 +8,14 @@ import pytest
 
 import fe.path
 from fe import Case
-from fe.mirror import mirrored
-from twin.diagnose import lacking
-from twin.effect import Effect
-from twin.effects import effect, library, on_request
-from twin.effects_load import first_order_lag
-from twin.effects_material import Creep, Mullins, Stiffening
-from twin.effects_structure import TableContact
-from twin.model import Model, base_model, respond
+from fe.mesh.mirror import mirrored
+from twin.diagnosis.procedure import lacking
+from twin.effects.library import all_effects, effect, on_request
+from twin.effects.loads import first_order_lag
+from twin.effects.material import Creep, Mullins, Stiffening
+from twin.effects.protocol import Effect
+from twin.effects.supports import TableContact
+from twin.model.prediction import Model, base_model, respond
 from twin.targets import Array, Targets
 
 BASE = {"C10": 0.214, "C01": 0.083}
@@ -46,7 +46,7 @@ FELT = {
 
 
 def effects() -> list[Effect]:
-    return [*library(), *on_request(), Creep(2), Stiffening(2), Mullins(2)]
+    return [*all_effects(), *on_request(), Creep(2), Stiffening(2), Mullins(2)]
 
 
 def at_null(e: Effect) -> dict[str, float]:
@@ -118,7 +118,7 @@ def test_a_wider_law_takes_the_place_of_the_narrow_one(base: Model) -> None:
     start = Creep(2).start({**BASE, "creep.g1": 0.05, "creep.tau1": 190.0})
     assert set(start) == {p.name for p in model.parameters}
     assert all(p.low <= start[p.name] <= p.high for p in Creep(2).parameters)
-    for e in library():
+    for e in all_effects():
         wider = e.wider()
         if wider is not None:
             assert (wider.label, wider.wider()) == (f"{e.name}:2", None)

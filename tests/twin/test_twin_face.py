@@ -9,8 +9,8 @@ import pytest
 
 from fe import Case, solve
 from fe import Path as Load
-from twin.model import base_test
-from twin.targetfiles import read_targets, write_targets
+from twin.model.prediction import base_test
+from twin.project.targetfiles import read_targets, write_targets
 from twin.targets import MATERIAL, Targets
 
 

@@ -9,15 +9,16 @@ import numpy as np
 import pytest
 
 from fe import Case, Finger, Lattice, Material
-from twin import virtual, workbench
-from twin.config import CalibrateTable, Config, PointTable, ProjectTable
-from twin.configfile import dump
-from twin.files import read_json
-from twin.project import Project
-from twin.stages import run_calibrate, run_compare, run_review
-from twin.targetfiles import write_targets
+from twin import virtual
+from twin.project.config import CalibrateTable, Config, PointTable, ProjectTable
+from twin.project.files import read_json
+from twin.project.folder import Project
+from twin.project.targetfiles import write_targets
+from twin.project.toml import dump
+from twin.stages import workbench
+from twin.stages.chain import run_calibrate, run_compare, run_review
+from twin.stages.workbench import Workbench
 from twin.targets import MATERIAL
-from twin.workbench import Workbench
 
 FILM = ((0.0, 0.0), (2.0, 0.0), (5.0, 25.0), (6.0, 25.0))
 BENCH = virtual.Bench(film_hz=2.0, gauge_sd_MPa=1e-5, ripple_MPa=0.0, sd=0.005, placement_sd_mm=0.02)
@@ -58,7 +59,7 @@ def project(tmp_path_factory: pytest.TempPathFactory, short_case: Case, short: F
     truth = virtual.Truth(Material(0.214, 0.083), lattice=Lattice(per_bellow=2, centred=False), finger=short)
     course = virtual.path(BENCH)
     u, slope = virtual.displacements(truth, course, points)
-    targets = virtual.targets(u, slope, course, names=names, nodes=nodes, points=points, bench=BENCH, seed=3)
+    targets = virtual.noisy_targets(u, slope, course, names=names, nodes=nodes, points=points, bench=BENCH, seed=3)
     config = Config(
         project=ProjectTable(name="face"),
         points=tuple(PointTable(name=n, node=k) for n, k in named),

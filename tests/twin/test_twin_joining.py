@@ -6,15 +6,15 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from twin.configfile import dump, parse
-from twin.gauge import Log, read_log
-from twin.joining import by_flash, by_onset
-from twin.measuring import _even
-from twin.starting import film_config
+from twin.gauge.joining import by_flash, by_onset
+from twin.gauge.pressurelog import Log, read_log
+from twin.project.toml import dump, parse
+from twin.stages.measuring import _even
+from twin.stages.starting import film_config
 from vision import Video
-from vision.flash import flash_onset
-from vision.video import Writer
-from vision.views import even_steps
+from vision.film.flash import flash_onset
+from vision.film.video import Writer
+from vision.placing.views import even_steps
 
 HZ, FPS = 200.0, 20.0
 

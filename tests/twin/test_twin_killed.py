@@ -9,13 +9,13 @@ from pathlib import Path
 
 import numpy as np
 
-from twin import files
+from twin.project import files
 from vision import Video
-from vision.video import Writer
+from vision.film.video import Writer
 
 ROOT = Path(__file__).resolve().parents[2]
 # Parts of 20 frames, so that a short film has some.
-TWIN = "import sys; import vision.checkpoint as c; c.EVERY = 20; from twin.cli import main; sys.exit(main())"
+TWIN = "import sys; import vision.film.checkpoint as c; c.EVERY = 20; from twin.cli import main; sys.exit(main())"
 
 
 def shortened(film: Path, target: Path, frames: int) -> None:

@@ -6,10 +6,10 @@ import pytest
 
 from fe import Block, Case, Material, Path, Support, solve
 from fe.element import Array
-from fe.newton import equilibrium
-from twin.effect import Effect, Test
-from twin.effects_material import Compressibility, Creep, Mullins, Stiffening, Thermal
-from twin.model import Model, respond
+from fe.solver.newton import equilibrium
+from twin.effects.material import Compressibility, Creep, Mullins, Stiffening, Thermal
+from twin.effects.protocol import Effect, Test
+from twin.model.prediction import Model, respond
 
 # A rise, a hold, a fall, a rise beyond the first and a fall, in s and MPa; outputs where the history is solved.
 LOG = np.linspace(0.0, 6.0, 121)

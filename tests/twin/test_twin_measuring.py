@@ -7,18 +7,18 @@ import numpy as np
 import pytest
 
 import vision
-import vision.overlay
-import vision.series
-from twin import files
-from twin.cameras import run_camera
-from twin.config import MeasureTable
-from twin.configfile import dump
-from twin.gauge import Log, check_covers, gauge_noise, read_log
-from twin.joining import Join
-from twin.measuring import make_targets, run_measure
-from twin.project import Project
-from twin.starting import film_config
-from vision.budget import budget
+import vision.drawing.overlays
+import vision.film.series
+from twin.gauge.joining import Join
+from twin.gauge.pressurelog import Log, check_covers, gauge_noise, read_log
+from twin.project import files
+from twin.project.config import MeasureTable
+from twin.project.folder import Project
+from twin.project.toml import dump
+from twin.stages.cameras import run_camera
+from twin.stages.measuring import make_targets, run_measure
+from twin.stages.starting import film_config
+from vision.errors.budgeting import budget
 
 FPS, FRAMES, STATIC = 10.0, 60, 50  # film from 100 s on, static film from 90 s on, log 50 Hz from 89 to 107 s
 GAUGE = 2e-5  # MPa
@@ -102,9 +102,9 @@ def measured(monkeypatch):
         return displacements(marks, views[0].film.time, seed=len(calls.measure))
 
     monkeypatch.setattr(vision, "calibrate_camera", calibrate_camera)
-    monkeypatch.setattr(vision.series, "open_film", video)
+    monkeypatch.setattr(vision.film.series, "open_film", video)
     monkeypatch.setattr(vision, "measure", measure)
-    monkeypatch.setattr(vision.overlay, "overlay", lambda film, tracks: np.zeros((4, 6, 3), np.uint8))
+    monkeypatch.setattr(vision.drawing.overlays, "overlay", lambda film, tracks: np.zeros((4, 6, 3), np.uint8))
     return calls
 
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from fe import Case
-from twin.effects import effect, library
-from twin.model import NEAR, Model, Unsolvable, base_model, respond
+from twin.effects.library import all_effects, effect
+from twin.model.prediction import NEAR, Model, Unsolvable, base_model, respond
 from twin.targets import Array, Targets
 
 THETA = {
@@ -47,7 +47,7 @@ def differences(model: Model, values: dict[str, float], name: str, *, step: floa
 
 def test_all_derivatives_are_those_of_whole_predictions(base: Model) -> None:
     model = base  # with an outer force: the history begins from a loaded state
-    for e in library():  # those of shape and material have tests of their own
+    for e in all_effects():  # those of shape and material have tests of their own
         model = model.with_effect(e) if {p.name for p in e.parameters} <= set(THETA) else model
     theta = model.theta(THETA)
     rows = model.jacobian(theta)

@@ -14,13 +14,14 @@ import numpy as np
 import pytest
 
 from fe import Case, Finger, Lattice, Material
-from twin import virtual, workbench
-from twin.discretisation import Discretisation, discretisation
-from twin.effects_material import Elasticity
-from twin.model import Model, base_model
-from twin.structure import of_finger
+from twin import virtual
+from twin.effects.material import Elasticity
+from twin.model.discretisation import Discretisation, discretisation_error
+from twin.model.prediction import Model, base_model
+from twin.model.structure import of_finger
+from twin.stages import workbench
+from twin.stages.workbench import Workbench
 from twin.targets import Array, Noise, Targets
-from twin.workbench import Workbench
 
 sys.path.append(str(Path(__file__).resolve().parents[2] / "benchmarks"))
 import modes
@@ -54,11 +55,11 @@ def draw(short: Finger, short_case: Case) -> Draw:
     lattice = Lattice(per_bellow=4, wall=2, across=2, up=2, centred=False)
     u, slope = virtual.displacements(virtual.Truth(Material(*THETA), lattice=lattice, finger=short), course, points)
     names = tuple(f"p{k}" for k in range(len(points)))
-    film = virtual.targets(u, slope, course, names=names, nodes=nodes, points=points, bench=BENCH, seed=1)
+    film = virtual.noisy_targets(u, slope, course, names=names, nodes=nodes, points=points, bench=BENCH, seed=1)
     targets = modes.exact(film, u)
     model = base_model(targets, short_case)
     structure = of_finger(short, Lattice(per_bellow=2, ring=False, centred=False))
-    return Draw(model, targets, discretisation(model, THETA, structure=structure))
+    return Draw(model, targets, discretisation_error(model, THETA, structure=structure))
 
 
 def within(row: modes.Row) -> bool:
@@ -94,7 +95,7 @@ def test_finer_meshes_serve_for_constants_nearby_once_they_are_solved(
             raise ValueError("no equilibrium")
         made.append(made_for)
 
-    monkeypatch.setattr(workbench, "discretisation", solved)
+    monkeypatch.setattr(workbench, "discretisation_error", solved)
     monkeypatch.setattr(workbench, "measured_remainder", lambda *_: None)
     structure = of_finger(short, Lattice(per_bellow=2, ring=False, centred=False))
     targets = make_targets(noise=make_noise(3, sd=0.01, rho=0.0, common=0.0))

@@ -10,7 +10,7 @@ import pytest
 import pyvista as pv
 from vtkmodules.vtkCommonDataModel import vtkTriQuadraticHexahedron
 
-from twin import deformed, pictures
+from twin.review import deformed, plots
 
 STEPS, MARKERS = 30, ("5848", "4401", "m<3")
 TIME = np.linspace(0.0, 6.0, STEPS)
@@ -22,33 +22,33 @@ MEASURED[10:15, 1] = np.nan
 BEFORE, AFTER = 1.1 * MEASURED, MEASURED + 0.01
 GAPS = np.full((STEPS, 3, 3), np.nan)
 PLOTS: dict[str, Callable[[], str]] = {
-    "displacements": lambda: pictures.displacements(
+    "displacements": lambda: plots.displacements(
         TIME, measured=MEASURED, before=BEFORE, after=AFTER, names=MARKERS
     ),
-    "residual_map": lambda: pictures.residual_map(
+    "residual_map": lambda: plots.residual_map(
         TIME, maps={"before": MEASURED - BEFORE, "after creep": GAPS}, names=MARKERS, unit="mm"
     ),
-    "generations": lambda: pictures.generations(
+    "generations": lambda: plots.generations(
         np.arange(1, 21),
         rms_mm=58.0 * 0.6 ** np.arange(20),
         best=np.full((20, 2), [0.214, np.nan]),
         names=("C10", "C01"),
     ),
-    "landscape": lambda: pictures.landscape(
+    "landscape": lambda: plots.landscape(
         np.random.default_rng(1).uniform(0.01, 0.5, (60, 2)),
         rms_mm=np.where(np.arange(60) % 7 == 0, np.nan, np.arange(60) + 1.0),
         best=np.array([0.214, 0.083]),
         ridge=np.array([[0.0, 0.3], [0.3, 0.0]]),
     ),
-    "pressure_curves": lambda: pictures.pressure_curves(
+    "pressure_curves": lambda: plots.pressure_curves(
         PRESSURE,
         measured=MEASURED[:, :2, 2],
         initial=BEFORE[:, :2, 2],
         optimised=AFTER[:, :2, 2],
         names=("4401 (tip)", "5848 (middle)"),
     ),
-    "error_bars": lambda: pictures.error_bars(0.2123, after_mm=0.0531, noise_mm=0.0502),
-    "ranking": lambda: pictures.ranking(
+    "error_bars": lambda: plots.error_bars(0.2123, after_mm=0.0531, noise_mm=0.0502),
+    "ranking": lambda: plots.ranking(
         ["creep", "pressure_lag", "clamp", "gravity"],
         value=[10043.0, 41.2, -3.0, np.nan],
         named=["creep"],
@@ -112,11 +112,11 @@ def test_the_same_data_give_the_same_text(name: str) -> None:
 
 
 def test_plots_of_nothing_but_gaps_are_drawn() -> None:
-    pictures.displacements(TIME, measured=GAPS, names=MARKERS)
-    pictures.residual_map(TIME[:1], maps={"before": GAPS[:1]}, names=MARKERS)
-    pictures.landscape(np.ones((3, 2)), rms_mm=np.full(3, np.nan))
-    pictures.ranking([], value=[])
-    assert "not known" in words(pictures.error_bars(np.nan, after_mm=None, noise_mm=0.05))
+    plots.displacements(TIME, measured=GAPS, names=MARKERS)
+    plots.residual_map(TIME[:1], maps={"before": GAPS[:1]}, names=MARKERS)
+    plots.landscape(np.ones((3, 2)), rms_mm=np.full(3, np.nan))
+    plots.ranking([], value=[])
+    assert "not known" in words(plots.error_bars(np.nan, after_mm=None, noise_mm=0.05))
 
 
 def bar_lengths(svg: str, colour: str) -> list[float]:
@@ -130,9 +130,9 @@ def bar_lengths(svg: str, colour: str) -> list[float]:
 
 
 def test_bars_are_as_long_as_the_errors() -> None:
-    svg = pictures.error_bars(0.2, after_mm=0.1, noise_mm=0.05)
+    svg = plots.error_bars(0.2, after_mm=0.1, noise_mm=0.05)
     before, after, noise = (
-        bar_lengths(svg, colour)[0] for colour in (pictures.BEFORE, pictures.AFTER, pictures.NOISE)
+        bar_lengths(svg, colour)[0] for colour in (plots.BEFORE, plots.AFTER, plots.NOISE)
     )
     # 1e-4: coordinates are written with six decimals
     assert before / after == pytest.approx(2.0, rel=1e-4)
@@ -141,8 +141,8 @@ def test_bars_are_as_long_as_the_errors() -> None:
 
 def test_only_the_named_effect_stands_out() -> None:
     svg = PLOTS["ranking"]()
-    assert len(bar_lengths(svg, pictures.AFTER)) == 1
-    assert len(bar_lengths(svg, pictures.NOISE)) == 3
+    assert len(bar_lengths(svg, plots.AFTER)) == 1
+    assert len(bar_lengths(svg, plots.NOISE)) == 3
 
 
 def tensor_hexahedron() -> np.ndarray:

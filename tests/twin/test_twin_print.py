@@ -7,15 +7,15 @@ import cv2
 import numpy as np
 import pytest
 
-from twin import files
-from twin.config import BoardTable, PointTable
-from twin.configfile import dump
-from twin.printing import RULER, layout, run_print
-from twin.project import Project
-from twin.starting import film_config
+from twin.project import files
+from twin.project.config import BoardTable, PointTable
+from twin.project.folder import Project
+from twin.project.toml import dump
+from twin.stages.printing import RULER, layout, run_print
+from twin.stages.starting import film_config
 from vision import Board, locate
-from vision.artwork import board_artwork, dot_artwork, marker_artwork
-from vision.boards import find_board
+from vision.calibration.boards import find_board
+from vision.drawing.artwork import board_artwork, dot_artwork, marker_artwork
 from vision.marks import detect
 
 DPI = 254
@@ -168,8 +168,8 @@ def test_poppler_sees_the_same(tmp_path, require):
 @pytest.mark.parametrize("dictionary", ["DICT_4X4_50", "DICT_APRILTAG_36h11"])
 @pytest.mark.parametrize("inverted", [False, True])
 def test_markers_measure_what_is_said(dictionary, inverted):
-    from twin.pdf import pdf
-    from twin.printing import Item
+    from twin.review.pdf import pdf
+    from twin.stages.printing import Item
 
     ids = [0, 1, 2, 33]
     items = [Item(marker_artwork(i, 5.5 + i % 3, dictionary, inverted=inverted), (f"id {i}",)) for i in ids]
@@ -191,8 +191,8 @@ def test_markers_measure_what_is_said(dictionary, inverted):
 
 @pytest.mark.parametrize("kind", ["chessboard", "circles", "acircles"])
 def test_other_boards(kind):
-    from twin.pdf import pdf
-    from twin.printing import Item
+    from twin.review.pdf import pdf
+    from twin.stages.printing import Item
 
     board = Board(columns=4, rows=7, square_mm=14.0, kind=kind)
     pages = layout([Item(board_artwork(board), ("board",))], paper="a4", title="t")
@@ -207,8 +207,8 @@ def test_other_boards(kind):
 
 
 def test_a_long_list_goes_on_over_pages():
-    from twin.pdf import pdf
-    from twin.printing import Item
+    from twin.review.pdf import pdf
+    from twin.stages.printing import Item
 
     items = [Item(marker_artwork(i % 50, 20.0, "DICT_4X4_50"), (f"{i}",)) for i in range(50)]
     pictures = list(pages_of(pdf(layout(items, paper="a4", title="t"))))
@@ -219,8 +219,8 @@ def test_a_long_list_goes_on_over_pages():
 
 
 def test_dots_are_round_and_measure_what_is_said():
-    from twin.pdf import pdf
-    from twin.printing import Item
+    from twin.review.pdf import pdf
+    from twin.stages.printing import Item
 
     (picture,) = pages_of(pdf(layout([Item(dot_artwork(8.0), ("dot",))], paper="a4", title="t")))
     top = picture[: round(40 * PX), : round(60 * PX)]

@@ -10,8 +10,8 @@ import time
 import numpy as np
 import pytest
 
-from twin import files
-from twin.project import Project
+from twin.project import files
+from twin.project.folder import Project
 
 TOML = '[[points]]\nname = "tip"\nnode = 4401\n[[points]]\nname = "middle"\nnode = 5848\n'
 
@@ -189,7 +189,7 @@ def test_two_writers_at_once_are_refused(project):
 
 def test_the_lock_of_a_killed_process_is_taken_over(project):
     code = (
-        "import sys, time; from pathlib import Path; from twin.lock import lock\n"
+        "import sys, time; from pathlib import Path; from twin.project.locking import lock\n"
         "with lock(Path(sys.argv[1]), 'measure'): print('held', flush=True); time.sleep(60)"
     )
     command = [sys.executable, "-c", code, str(project.root / ".lock")]
@@ -223,7 +223,7 @@ def test_a_process_number_given_to_another_process_locks_nothing(project):
 
 def test_a_killed_process_resumes_in_its_folder(project):
     code = (
-        "import sys, time; from twin.project import Project\n"
+        "import sys, time; from twin.project.folder import Project\n"
         "with Project.open(sys.argv[1]).new_run('calibrate', seed=1) as run:\n"
         "    run.append({'generation': 1}); print(run.name, flush=True); time.sleep(60)"
     )

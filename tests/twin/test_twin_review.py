@@ -9,9 +9,9 @@ import pytest
 from numpy.typing import NDArray
 from rerun.chunk import RrdReader
 
-from twin.history import Fields, Generations
-from twin.review import encode_av1, write_review
-from twin.scene import RAMP, colours
+from twin.review.recording import encode_av1, write_review
+from twin.review.scene import RAMP, colours
+from twin.review.states import Fields, Generations
 
 Array = NDArray[np.float64]
 FRAMES, TOP = 12, 5

@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from twin.effects_material import Elasticity
-from twin.project import Run
-from twin.search import Generation, Objective, first_arrival, search
-from twin.table import LoadPaths, Turned
+from twin.effects.material import Elasticity
+from twin.model.loadpaths import LoadPaths, Turned
+from twin.project.folder import Run
+from twin.stages.searching import Generation, Objective, first_arrival, search
 from twin.targets import Targets
 
 PARAMETERS = Elasticity().parameters

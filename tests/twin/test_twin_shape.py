@@ -8,18 +8,18 @@ import numpy as np
 import pytest
 
 from fe import Case, Path, Variation, solve
-from fe.assembly import Geometry
-from fe.calculix import CalculiX
-from fe.convert import converted
-from fe.deck_in import read_deck
-from fe.deck_out import deck
+from fe.deck.calculix import CalculiX
+from fe.deck.engine import Embedded
+from fe.deck.reader import read_deck
+from fe.deck.writer import deck
 from fe.element import ELEMENTS, Array
-from fe.engine import Embedded
-from fe.inner import inside
-from fe.mirror import mirrored
-from twin.effect import Effect, Test, Unsolvable
-from twin.effects_shape import Ballooning, EccentricCore, Precurvature, SidewaysCore, WallTaper
-from twin.effects_structure import StrainLimitingLayer, flat_bottom
+from fe.kernel.assembly import Geometry
+from fe.mesh.convert import converted
+from fe.mesh.inner import inside
+from fe.mesh.mirror import mirrored
+from twin.effects.protocol import Effect, Test, Unsolvable
+from twin.effects.shape import Ballooning, EccentricCore, Precurvature, SidewaysCore, WallTaper
+from twin.effects.supports import StrainLimitingLayer, flat_bottom
 
 RAMP = Path(np.array([0.0, 1.0]), np.array([0.0, 0.02]), np.array([1.0]))
 SHAPES: dict[Effect, dict[str, float]] = {

@@ -6,9 +6,8 @@ import cv2
 import numpy as np
 import pytest
 
-from twin import files
-from twin.cameras import run_camera
-from twin.config import (
+from twin.project import files
+from twin.project.config import (
     BoardTable,
     CameraTable,
     Config,
@@ -19,11 +18,13 @@ from twin.config import (
     PressureTable,
     ProjectTable,
 )
-from twin.configfile import dump, parse
-from twin.measuring import run_measure
-from twin.project import Project
-from vision import Board, Camera, Mark, synthetic
+from twin.project.folder import Project
+from twin.project.toml import dump, parse
+from twin.stages.cameras import run_camera
+from twin.stages.measuring import run_measure
+from vision import Board, Camera, Mark
 from vision.camera import Array
+from vision.drawing import synthetic
 
 BOARD = BoardTable(columns=7, rows=5, square_mm=22.0, marker_mm=16.0)
 SIZE = (640, 400)

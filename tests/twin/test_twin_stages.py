@@ -11,13 +11,14 @@ import pytest
 from rerun.chunk import RrdReader
 
 from fe import Case, Finger, Lattice, Material
-from twin import cli, virtual, workbench
-from twin.config import CalibrateTable, Config, DiagnoseTable, PointTable, ProjectTable
-from twin.configfile import dump
-from twin.history import Fields, Generations
-from twin.project import Project, dataset
-from twin.stages import run_add, run_calibrate, run_compare, run_diagnose, run_drop, run_review
-from twin.targetfiles import write_targets
+from twin import cli, virtual
+from twin.project.config import CalibrateTable, Config, DiagnoseTable, PointTable, ProjectTable
+from twin.project.folder import Project, dataset
+from twin.project.targetfiles import write_targets
+from twin.project.toml import dump
+from twin.review.states import Fields, Generations
+from twin.stages import workbench
+from twin.stages.chain import run_add, run_calibrate, run_compare, run_diagnose, run_drop, run_review
 
 FILM = ((0.0, 0.0), (2.0, 0.0), (4.0, 30.0), (12.0, 30.0), (12.4, 0.0), (22.0, 0.0))
 BENCH = virtual.Bench(film_hz=4.0, gauge_sd_MPa=3e-4, sd=0.005)
@@ -56,7 +57,7 @@ def project_at(folder: Path, case: Case, short: Finger) -> Project:
     material = Material(0.214, 0.083, prony=((0.075, 1.2), (0.055, 3.5), (0.02, 15.0)))
     truth = virtual.Truth(material, lattice=Lattice(per_bellow=2, centred=False), finger=short)
     u, slope = virtual.displacements(truth, course, points)
-    targets = virtual.targets(
+    targets = virtual.noisy_targets(
         u, slope, course, names=NAMES, nodes=case.labels[rows], points=points, bench=BENCH, seed=1
     )
     config = Config(

@@ -9,10 +9,10 @@ import pytest
 
 from fe import Case, Finger, Lattice, Material, Path, solve
 from fe.case import digest
-from twin import files
-from twin.model import base_case
+from twin.model.loadpaths import LoadPaths, load_paths, sheets
+from twin.model.prediction import base_case
 from twin.parallel import made_at_once
-from twin.table import LoadPaths, load_paths, sheets
+from twin.project import files
 from twin.targets import Array
 
 
@@ -90,7 +90,7 @@ def test_paths_are_kept_by_their_key(tmp_path: File, short_case: Case) -> None:
 
 def test_of_two_materials_the_table_holds_the_total_as_well(short: Finger, monkeypatch: pytest.MonkeyPatch) -> None:
     for name, value in (("TOTALS", 4), ("SHARES", 3), ("LEVELS", 6)):
-        monkeypatch.setattr(f"twin.table.{name}", value)  # quick, and still within the tolerance
+        monkeypatch.setattr(f"twin.model.loadpaths.{name}", value)  # quick, and still within the tolerance
     case = base_case(finger=short, lattice=Lattice(per_bellow=1, ring=False, centred=False))
     low = np.flatnonzero(case.nodes[case.connectivity][..., 2].max(axis=1) < 3)
     sets = {"body": np.setdiff1d(case.element_sets["body"], low), "sole": low}

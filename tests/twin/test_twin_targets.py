@@ -5,8 +5,8 @@ import dataclasses
 import numpy as np
 import pytest
 
-from twin.project import Project, dataset
-from twin.targetfiles import COLUMNS, read_targets, write_targets
+from twin.project.folder import Project, dataset
+from twin.project.targetfiles import COLUMNS, read_targets, write_targets
 from twin.targets import NODE_UNKNOWN, Noise, Targets
 
 CSV = """block,step,time_s,pressure_MPa,point,u1_mm,u2_mm,u3_mm,sd1_mm,sd2_mm,sd3_mm,valid

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from calibrate import Fit
-from twin.compare import Comparison
-from twin.diagnose import Candidate, Diagnosis, _conclude
-from twin.effects import effect
+from twin.diagnosis.comparison import Comparison
+from twin.diagnosis.procedure import Candidate, Diagnosis, _conclude
+from twin.effects.library import effect
 
 BASE_EXCESS = 1000.0
 FIT = Fit.__new__(Fit)  # is handed on only

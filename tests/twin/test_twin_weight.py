@@ -10,21 +10,23 @@ import numpy as np
 import pytest
 
 from fe import Case, Finger, Lattice, Material, Path, finger_case, solve
-from fe.mirror import symmetry_support
-from twin import cli, table, virtual, workbench
-from twin import discretisation as mesh_error
-from twin.config import CalibrateTable, Config, ModelTable, PointTable, ProjectTable
-from twin.configfile import dump
-from twin.discretisation import discretisation
-from twin.history import Generations
-from twin.model import G, base_model, under, ways
+from fe.mesh.mirror import symmetry_support
+from twin import cli, virtual
+from twin.model import discretisation as mesh_error
+from twin.model import loadpaths
+from twin.model.discretisation import discretisation_error
+from twin.model.loadpaths import Turned, sheets
+from twin.model.prediction import G, base_model, under, ways
+from twin.model.structure import of_finger, weighed
 from twin.parallel import made_at_once
-from twin.project import Project
-from twin.structure import of_finger, weighed
-from twin.table import Turned, sheets
-from twin.targetfiles import write_targets
+from twin.project.config import CalibrateTable, Config, ModelTable, PointTable, ProjectTable
+from twin.project.folder import Project
+from twin.project.targetfiles import write_targets
+from twin.project.toml import dump
+from twin.review.states import Generations
+from twin.stages import workbench
+from twin.stages.workbench import Workbench
 from twin.targets import Array, Targets
-from twin.workbench import Workbench
 
 sys.path.append(str(File(__file__).resolve().parents[2] / "benchmarks"))
 import modes
@@ -57,7 +59,7 @@ def film(finger: Finger, case: Case, density: float, *gravity: Array, lattice: L
     assert solution.converged
     u = solution.at(points)
     names = (*(f"p{k}" for k in range(len(points) - 1)), "tip")
-    seen = virtual.targets(
+    seen = virtual.noisy_targets(
         u, solution.per_pressure(points), course, names=names, nodes=nodes, points=points, bench=BENCH, seed=1
     )
     return turned(modes.exact(seen, u), *gravity)
@@ -67,7 +69,7 @@ def test_the_table_under_weight_is_full_finite_elements(
     short_case: Case, make_targets: Callable[..., Targets], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     for name, value in (("TOTALS", 4), ("SHARES", 3), ("LEVELS", 6)):
-        monkeypatch.setattr(table, name, value)  # quick, and still within the tolerance
+        monkeypatch.setattr(loadpaths, name, value)  # quick, and still within the tolerance
     heavy, where = short_case.with_material(density=DENSITY), short_case.position(4401)[None]
     t = make_targets(gravity=np.stack([DOWN, -DOWN]), block=np.array([0, 0, 0, 0, 1, 1, 1, 1]))
     gravities, of_step = ways(base_model(t, heavy).test)
@@ -102,7 +104,7 @@ def test_the_meshs_error_under_weight_lies_within_its_modes(
     targets = film(short, short_case, density, DOWN, -DOWN)
     structure = weighed(of_finger(short, COARSE), density)
     model = base_model(targets, structure.case)
-    raw = discretisation(model, THETA, structure=structure)
+    raw = discretisation_error(model, THETA, structure=structure)
     row = modes.judged(model, targets, raw, theta=THETA, start=THETA)
     assert row.after_mm > 20 * BENCH.sd  # there is something to state
     assert max(abs(x) for x in (*row.modes, row.parameters, row.remainder)) < 2.0
@@ -137,7 +139,7 @@ def project(tmp_path_factory: pytest.TempPathFactory, short_case: Case, short: F
         patch.setattr(workbench, "Finger", lambda: short)
         patch.setattr(workbench, "Lattice", lambda refine: COARSE)
         for name, value in (("TOTALS", 4), ("SHARES", 3), ("LEVELS", 6)):
-            patch.setattr(table, name, value)
+            patch.setattr(loadpaths, name, value)
         for stage in ("check", "calibrate", "compare"):
             assert cli.app(args=[stage, "--project", str(folder)], standalone_mode=False) in (None, 0)
         yield Project.open(folder)

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from twin.diagnosis.whitening import NUMERICAL, _gauge_modes, shrunk, whitener
 from twin.targets import Array, Noise, Targets
-from twin.whitening import NUMERICAL, _gauge_modes, shrunk, whitener
 
 DRAWS = 2000
 SD, RHO, COMMON = 0.02, 0.6, 0.4

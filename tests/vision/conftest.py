@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from vision import Camera, Mark, Video, synthetic
+from vision import Camera, Mark, Video
+from vision.drawing import synthetic
 
 Array = NDArray[np.float64]
 DEPTH = 12.0  # mm, y of the plane of all marks

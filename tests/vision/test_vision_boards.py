@@ -8,8 +8,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from vision import Board, Camera, calibrate_camera, lens, synthetic
-from vision.boards import View, centroid, find_board, grid
+from vision import Board, Camera, calibrate_camera
+from vision.calibration import lens
+from vision.calibration.boards import BoardView, centroid, find_board, grid
+from vision.drawing import synthetic
 
 Array = NDArray[np.float64]
 TRUTH = Camera(
@@ -38,7 +40,7 @@ def poses(board: Board) -> list[tuple[Array, Array]]:
     return found
 
 
-def views(rng: np.random.Generator, camera: Camera, *, noise: float, warp: float = 0.0) -> list[View]:
+def views(rng: np.random.Generator, camera: Camera, *, noise: float, warp: float = 0.0) -> list[BoardView]:
     """Corners of a chessboard with white noise (px), each picture bent by a smooth field of its own (px)."""
     found = []
     for rvec, tvec in poses(CHESS):
@@ -46,7 +48,7 @@ def views(rng: np.random.Generator, camera: Camera, *, noise: float, warp: float
         pixels, _ = cv2.projectPoints(points, rvec, tvec, camera.matrix, camera.distortion)
         x, y = (points[:, :2] - points[:, :2].mean(axis=0)).T / 36.0
         bend = warp * np.stack([x * x, x * y, y * y, x**3]).T @ rng.standard_normal((4, 2))
-        found.append(View(points, pixels[:, 0] + bend + rng.normal(0.0, noise, (len(points), 2))))
+        found.append(BoardView(points, pixels[:, 0] + bend + rng.normal(0.0, noise, (len(points), 2))))
     return found
 
 
@@ -148,12 +150,12 @@ def test_gates(tmp_path: Path) -> None:
 
 
 def test_lengths_on_held_out_boards() -> None:
-    from vision import calibration
+    from vision.calibration import intrinsics
 
     rng = np.random.default_rng(6)
     good = views(rng, TRUTH, noise=0.05)
-    error, sd = calibration._held_out_scale(good, TRUTH.size, ("k1", "k2"))
+    error, sd = intrinsics._held_out_scale(good, TRUTH.size, ("k1", "k2"))
     assert abs(error) < 4.0 * sd
-    calibration._accept_scale(error, sd)
+    intrinsics._accept_scale(error, sd)
     with pytest.raises(ValueError, match=r"held-out boards are off by 0.20 \+- 0.02 %, wanted at most 0.1 %"):
-        calibration._accept_scale(2e-3, 2e-4)
+        intrinsics._accept_scale(2e-3, 2e-4)

@@ -12,12 +12,12 @@ import pytest
 from numpy.typing import NDArray
 
 from vision import Camera, Displacements, Mark, Stated
-from vision.budget import budget, from_csv, lines, to_csv, with_mode
-from vision.displacements import displacements
-from vision.modes import sync
-from vision.noise import Codec
-from vision.tracks import REGISTERED, Followed
-from vision.views import Seen
+from vision.errors.budgeting import budget, from_csv, lines, to_csv, with_mode
+from vision.errors.modes import sync
+from vision.errors.noise import Codec
+from vision.following.tracks import REGISTERED, Followed
+from vision.measuring.displacements import displacements_of
+from vision.placing.views import Seen
 
 Array = NDArray[np.float64]
 DRAWS = 100
@@ -132,7 +132,7 @@ def measured(d: Drawn, stated: Stated, seed: int, noise: float = NOISE_PX) -> tu
     H = camera(rng)
     film, still = followed(d, H, d.bend, rng, noise), followed(d, H, np.zeros(STILL), rng, noise)
     none = Codec(*np.zeros((4, 3)))
-    result = displacements([Seen(LENS, film, still, none)], d.marks, stated=stated)
+    result = displacements_of([Seen(LENS, film, still, none)], d.marks, stated=stated)
     model = truth(d, d.bend)[2][:, [i for i, m in enumerate(d.marks) if m.role != "frame"]]
     return result, result.value[..., [0, 2]] - (model - model[:REST].mean(axis=0))
 
@@ -144,7 +144,7 @@ def test_fewer_steps_are_the_same_steps() -> None:
     H, none = camera(rng), Codec(*np.zeros((4, 3)))
     seen = Seen(LENS, followed(d, H, d.bend, rng, 1e-2), followed(d, H, np.zeros(STILL), rng, 1e-2), none)
     stated = Stated(height_mm=1e-6, out_of_plane_mm=1e-6)
-    whole, fewer = (displacements([seen], d.marks, stated=stated, steps=most) for most in (STEPS, 7))
+    whole, fewer = (displacements_of([seen], d.marks, stated=stated, steps=most) for most in (STEPS, 7))
     kept = [*range(REST), 13, 20, 26, 32, 39]
     np.testing.assert_array_equal(fewer.time, whole.time[kept])
     np.testing.assert_array_equal(fewer.reference, np.arange(REST))

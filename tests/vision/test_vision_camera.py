@@ -9,7 +9,8 @@ import cv2
 import numpy as np
 import pytest
 
-from vision import Board, Camera, calibrate_camera, synthetic
+from vision import Board, Camera, calibrate_camera
+from vision.drawing import synthetic
 
 BOARD = Board(columns=7, rows=5, square_mm=12.0, marker_mm=9.0, dictionary="DICT_5X5_50")
 TRUTH = Camera(

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from vision.camerafile import read_camera
+from vision.calibration.camerafile import read_camera
 
 MATRIX = np.array([[910.0, 0.0, 640.5], [0.0, 912.0, 355.0], [0.0, 0.0, 1.0]])
 LENS = np.array([-0.2, 0.05, 1e-3, -2e-3, 0.01])

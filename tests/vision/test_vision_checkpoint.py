@@ -7,9 +7,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from vision import Video, checkpoint, stutter
-from vision.reference import prepare
-from vision.tracks import LOST, Followed, follow
+from vision import Video
+from vision.film import checkpoint, stutter
+from vision.following.reference import prepare
+from vision.following.tracks import LOST, Followed, follow
 
 Lab = Any
 BEND = np.concatenate([np.zeros(12), np.linspace(0, 0.012, 16)[1:], np.full(8, 0.012)])

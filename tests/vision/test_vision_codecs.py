@@ -12,7 +12,7 @@ import pytest
 from numpy.typing import NDArray
 
 from vision import Video
-from vision.series import open_film
+from vision.film.series import open_film
 
 Image = NDArray[np.uint8]
 STAMPS = [0, 40, 80, 130, 160, 200, 260, 280, 320, 360, 400, 440]  # ms, not even

@@ -9,8 +9,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from vision import Camera, Mark, Video, View, depth, measure, synthetic
-from vision.noise import with_y
+from vision import Camera, Mark, Video, View, measure
+from vision.drawing import synthetic
+from vision.errors.noise import with_y
+from vision.placing import depth
 from vision.plane import homographies, to_plane
 
 Array = NDArray[np.float64]

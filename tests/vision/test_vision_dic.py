@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from vision import dic
+from vision.following import dic
 
 Array = NDArray[np.float64]
 SIZE = 240  # px

@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
 from vision.camera import Camera
-from vision.dots import eccentricity, find_dots
-from vision.identity import Memory, assign, follow_dots, start
-from vision.tracks import _unknown
+from vision.following.dots import eccentricity, find_dots
+from vision.following.identity import DotMemory, assign, follow_dots, start
+from vision.following.tracks import _unknown
 
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
@@ -113,7 +113,7 @@ def test_assignment_is_of_least_distance_or_none() -> None:
     assert list(assign(guess, np.array([[10.0, 20.0]]), gate)[0]) == [-1, -1]  # beyond the gate
 
 
-def followed(paths: Array, radius: float, bars: dict[int, tuple[int, int]]) -> tuple[Array, Memory]:
+def followed(paths: Array, radius: float, bars: dict[int, tuple[int, int]]) -> tuple[Array, DotMemory]:
     """Errors (t,q) px of dots on paths (t,q,2), NaN where lost, and the last memory."""
     rng, count = np.random.default_rng(3), paths.shape[1]
     memory = start(

@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from vision import Displacements, Video, View, measure, synthetic
-from vision.face import Face
-from vision.modes import Stated
+from vision import Displacements, Video, View, measure
+from vision.drawing import synthetic
+from vision.errors.modes import Stated
+from vision.measuring.face import Face
 
 Array = NDArray[np.float64]
 DEPTH, TIMES = 12.0, 24  # mm, frames

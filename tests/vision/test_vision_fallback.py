@@ -9,12 +9,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from vision import Displacements, View, fallback, measure
-from vision.fallback import CORNERS, ECC, LOST
+from vision import Displacements, View, measure
+from vision.film.video import Writer
+from vision.following import fallback
+from vision.following.fallback import CORNERS, ECC, LOST
+from vision.following.reference import prepare
+from vision.following.tracks import FOUND_AGAIN, REGISTERED, Followed, follow
 from vision.marks import corner_warp
-from vision.reference import prepare
-from vision.tracks import FOUND_AGAIN, REGISTERED, Followed, follow
-from vision.video import Writer
 
 Array = NDArray[np.float64]
 Lab = Any  # the fixture's class, see conftest.py

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from vision.modes import frame_sd
+from vision.errors.modes import frame_sd
+from vision.placing.world import rigid_fit
 from vision.plane import plane_of
-from vision.world import rigid_fit
 
 Array = NDArray[np.float64]
 NOMINAL = np.array(

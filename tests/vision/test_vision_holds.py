@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from vision import View, measure, modes
-from vision.budget import budget
-from vision.modes import codec
-from vision.noise import CREEP, FAST, REST
+from vision import View, measure
+from vision.errors import modes
+from vision.errors.budgeting import budget
+from vision.errors.modes import codec
+from vision.errors.noise import CREEP, FAST, REST
 
 Array = NDArray[np.float64]
 Lab = Any  # the fixture's class, see conftest.py

@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 
 from vision import Video, locate
 from vision.dictionaries import dictionary_of
-from vision.locate import Located
+from vision.film.video import Writer
+from vision.following.locating import Located
+from vision.following.reference import prepare
+from vision.following.registration import project
 from vision.plane import fit_homography
-from vision.reference import prepare
-from vision.registration import project
-from vision.video import Writer
 
 Array = NDArray[np.float64]
 NAMES = sorted(name for name in dir(cv2.aruco) if name.startswith("DICT_"))

@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from vision import Displacements, Mark, Video, View, measure
-from vision.video import Writer
+from vision.film.video import Writer
 
 Array = NDArray[np.float64]
 Lab = Any  # the fixture's class, see conftest.py

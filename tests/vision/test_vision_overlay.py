@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from vision.overlay import CENTRE, GONE, PATH, SPREAD, farthest, overlay
-from vision.tracks import LOST, REGISTERED, Tracks
+from vision.drawing.overlays import CENTRE, GONE, PATH, SPREAD, farthest, overlay
+from vision.following.tracks import LOST, REGISTERED, Tracks
 
 FRAMES, TURN = 20, 12  # the farthest frame
 

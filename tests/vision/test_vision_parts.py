@@ -8,8 +8,9 @@ import pytest
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
-from vision import Mark, synthetic
-from vision.noise import CREEP, FAST, REST, hidden_in_static, states, static_noise
+from vision import Mark
+from vision.drawing import synthetic
+from vision.errors.noise import CREEP, FAST, REST, hidden_in_static, states, static_noise
 from vision.plane import fit_homography, homographies, to_plane
 
 Array = NDArray[np.float64]

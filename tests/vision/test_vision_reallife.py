@@ -10,12 +10,12 @@ import pytest
 from numpy.typing import NDArray
 
 from vision import Displacements, Video
-from vision.displacements import displacements
-from vision.noise import Codec
-from vision.reference import prepare
-from vision.tracks import Followed, follow
-from vision.video import Writer
-from vision.views import Seen
+from vision.errors.noise import Codec
+from vision.film.video import Writer
+from vision.following.reference import prepare
+from vision.following.tracks import Followed, follow
+from vision.measuring.displacements import displacements_of
+from vision.placing.views import Seen
 
 Array = NDArray[np.float64]
 Lab = Any  # the fixture's class, see conftest.py
@@ -59,7 +59,7 @@ def measured(
             noisy = picture + rng.standard_normal(picture.shape)
             writer.add(np.clip(np.round(noisy), 0, 255).astype(np.uint8))
     film = followed(Video(path), lab)
-    result = displacements(
+    result = displacements_of(
         [Seen(lab.camera, film, drawn.still, NONE)], lab.marks
     )
     kept = np.round(result.time * 10.0).astype(int)

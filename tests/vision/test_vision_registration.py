@@ -11,10 +11,11 @@ import pytest
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
-from vision import Camera, Mark, registration
+from vision import Camera, Mark
 from vision.dictionaries import dictionary_of
-from vision.reference import prepare
-from vision.tracks import REGISTERED, follow
+from vision.following import registration
+from vision.following.reference import prepare
+from vision.following.tracks import REGISTERED, follow
 
 Array = NDArray[np.float64]
 HALF, SIDE = 1.2, 40  # of the patch: local units, points

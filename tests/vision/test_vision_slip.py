@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from vision import Mark, View, measure, synthetic
-from vision.slip import slips
-from vision.video import Video
+from vision import Mark, View, measure
+from vision.drawing import synthetic
+from vision.film.video import Video
+from vision.placing.slips import find_slips
 
 Array = NDArray[np.float64]
 Lab = Any
@@ -46,7 +47,7 @@ def slipped(value: Array, turn: Array, p: int, frame: int, shift: tuple[float, f
 
 
 def said(value: Array, turn: Array) -> tuple[str, ...]:
-    return slips(
+    return find_slips(
         np.arange(len(value)) / 10.0, value, turn, np.full((value.shape[1], 3), SD), MARKS[: value.shape[1]]
     )
 
@@ -93,7 +94,7 @@ def test_the_smallest_slip_that_is_said_follows_the_stated_sd() -> None:
     for shift, alarms in ((4 * SD, 0), (20 * SD, 1)):
         moved = slipped(value, turn, 2, 62, (shift, 0.0), rng)
         assert len(said(moved, turn)) == alarms
-    unsure = slips(np.arange(125) / 10.0, moved, turn, np.full((5, 3), 10 * SD), MARKS)
+    unsure = find_slips(np.arange(125) / 10.0, moved, turn, np.full((5, 3), 10 * SD), MARKS)
     assert unsure == ()  # the same slip is within what is stated
 
 

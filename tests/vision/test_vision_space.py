@@ -9,12 +9,15 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from vision import Camera, Displacements, Video, View, checkpoint, measure, spacemodes, synthetic
-from vision.depth import principal
-from vision.face import Face
-from vision.modes import Stated
-from vision.rig import OWN, Rig
-from vision.world import Sight, places_of, rigid_fit
+from vision import Camera, Displacements, Video, View, measure
+from vision.calibration.rig import OWN, Rig
+from vision.drawing import synthetic
+from vision.errors.modes import Stated
+from vision.film import checkpoint
+from vision.measuring.face import Face
+from vision.placing import spacemodes
+from vision.placing.depth import principal
+from vision.placing.world import Sight, places_of, rigid_fit
 
 Array = NDArray[np.float64]
 FRAMES, RATE = 50, 10.0

@@ -8,10 +8,10 @@ import pytest
 from numpy.typing import NDArray
 
 from vision import Board, Camera
-from vision.boards import View, charuco
-from vision.bundle import Shot, bundle
-from vision.rig import OWN, Rig, project, triangulate
-from vision.stereo import locate, synchronous_shots
+from vision.calibration.boards import BoardView, charuco
+from vision.calibration.bundle import Shot, bundle_adjust
+from vision.calibration.rig import OWN, Rig, project, triangulate
+from vision.calibration.stereo import locate, synchronous_shots
 
 Array = NDArray[np.float64]
 BOARD = Board(5, 4, 36.0, 26.0)
@@ -100,7 +100,7 @@ def test_pulls_of_the_rig_and_of_lengths_on_new_pictures_are_one(shared: float) 
     for trial in range(9):
         rng, truth = np.random.default_rng([trial, 7]), rig_of(trial)
         shots = shots_of(truth, poses(18, rng), rng, own=0.15, shared=shared)
-        rig, noise = bundle(shots, rig_of(trial).cameras, square_mm=BOARD.square_mm)
+        rig, noise = bundle_adjust(shots, rig_of(trial).cameras, square_mm=BOARD.square_mm)
         assert np.sqrt(noise.own + noise.shared).mean() == pytest.approx(np.hypot(0.15, shared), rel=0.25)
         error = (rig.parameters - truth.parameters).ravel()
         free = np.flatnonzero(np.diag(rig.covariance) > 0)
@@ -134,10 +134,10 @@ def test_a_camera_that_lags_is_found_out_from_the_boards_motion() -> None:
     found = []
     for c, late in enumerate((0.0, 0.05)):  # s, half a frame
         shown = [project(rig.parameters[c], at(t - late)[:3], at(t - late)[3:], CORNERS)[0] for t in time]
-        found.append([View(CORNERS, pixels) for pixels in shown])
+        found.append([BoardView(CORNERS, pixels) for pixels in shown])
     shots, lags = synchronous_shots(found, [time, time], rig.cameras)
     assert lags.tolist() == [0.0, 0.5]
-    fitted, _ = bundle(shots, rig.cameras, square_mm=BOARD.square_mm)
+    fitted, _ = bundle_adjust(shots, rig.cameras, square_mm=BOARD.square_mm)
     # what quadratic motion between frames leaves of it
     assert fitted.shift[1] == pytest.approx(rig.shift[1], abs=1.5)
 
@@ -147,7 +147,7 @@ def test_cameras_that_share_no_picture_are_refused() -> None:
     shots = shots_of(rig_of(), poses(4, rng), rng, own=0.1, shared=0.0)
     alone = [v for v in shots if (v.instant < 2) == (v.camera == 0)]
     with pytest.raises(ValueError, match="camera 2 sees no board together with another camera"):
-        bundle(alone, rig_of().cameras, square_mm=BOARD.square_mm)
+        bundle_adjust(alone, rig_of().cameras, square_mm=BOARD.square_mm)
 
 
 def test_squares_of_a_real_board_on_frames_held_out(shared_data: Path) -> None:

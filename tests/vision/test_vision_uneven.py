@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from vision import registration, uneven
+from vision.following import registration, uneven
+from vision.following.reference import Follower, prepare
+from vision.following.tracks import centres
 from vision.marks import linear_at_centre, px_per_unit
-from vision.reference import Follower, prepare
-from vision.tracks import centres
 
 Array = NDArray[np.float64]
 Lab = Any  # the fixture's class, see conftest.py
@@ -80,7 +80,7 @@ def spoilt(
             block = np.s_[round(v) - 26 : round(v) + 27, round(u) - 26 : round(u) + 27]
             picture[block] = paint(COLUMNS[block] - u, ROWS[block] - v, picture[block], rng)
         warp, match, sums = registration.register_quarters(
-            noisy(picture, rng), registration.lens(lab.camera), follower.templates, follower.seed,
+            noisy(picture, rng), registration.lens_of(lab.camera), follower.templates, follower.seed,
             px_per_unit(follower.seed), rows,
         )  # fmt: skip
         linear = linear_at_centre(warp)

@@ -1,0 +1,129 @@
+"""What a deck said, by labels and names -> a case, by rows."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from fe.case import Block, Case, Support
+from fe.element import Array, Integers
+from fe.laws import Material
+from fe.mesh.convert import without_unused_nodes
+
+
+@dataclass
+class Draft:
+    """What was read so far: sets hold labels, supports (set, component, mm), forces N on each node."""
+
+    file: str
+    nodes: dict[int, Array] = field(default_factory=dict)
+    elements: dict[int, tuple[str, list[int]]] = field(default_factory=dict)
+    node_sets: dict[str, list[int]] = field(default_factory=dict)
+    element_sets: dict[str, list[int]] = field(default_factory=dict)
+    surfaces: dict[str, list[tuple[int, int]]] = field(default_factory=dict)
+    materials: dict[str, Material] = field(default_factory=dict)
+    sections: dict[str, str] = field(default_factory=dict)
+    supports: list[tuple[str, int, float]] = field(default_factory=list)
+    forces: dict[tuple[str, int], float] = field(default_factory=dict)
+    loads: dict[str, float] = field(default_factory=dict)
+    pressures: list[float] = field(default_factory=list)
+    gravity: Array = field(default_factory=lambda: np.zeros(3))
+    densities: dict[str, float] = field(default_factory=dict)
+    material: str = ""
+    instances: int = 0
+
+    def case(self) -> Case:
+        """The case: labels become rows. ValueError for what is used but not defined, or not complete."""
+        if not self.elements:
+            raise ValueError(f"{self.file}: no elements; wanted *NODE and *ELEMENT")
+        labels = np.array(sorted(self.nodes), np.int64)
+        numbers = np.array(sorted(self.elements), np.int64)
+
+        def rows(known: Integers, wanted: list[int] | Integers, what: str) -> Integers:
+            found = np.asarray(wanted, np.int64)
+            at = np.minimum(np.searchsorted(known, found), len(known) - 1)
+            missing = found[known[at] != found]
+            if len(missing):
+                raise ValueError(
+                    f"{self.file}: {what} {missing[0]} is used but not defined; define it or leave it out"
+                )
+            return at
+
+        kind, *others = sorted({kind for kind, _ in self.elements.values()})
+        if others:
+            raise ValueError(
+                f"{self.file}: elements of the types {', '.join([kind, *others])} in one model: wanted one "
+                "type; mesh it with one"
+            )
+        nodes_of = np.array([self.elements[n][1] for n in numbers])
+        connectivity = rows(labels, nodes_of.ravel(), "node").reshape(nodes_of.shape)
+        node_sets = {name: rows(labels, sorted(set(s)), "node") for name, s in self.node_sets.items()}
+        element_sets = {
+            name: rows(numbers, sorted(set(s)), "element") for name, s in self.element_sets.items()
+        }
+        surfaces = {}
+        for name, faces in self.surfaces.items():
+            e, f = np.array(faces, np.int64).reshape(-1, 2).T
+            surfaces[name] = np.stack([rows(numbers, list(e), "element"), f], axis=1)
+        pressurised = None
+        if self.loads:
+            pressurised = "+".join(self.loads)
+            surfaces[pressurised] = np.concatenate([surfaces[name] for name in self.loads])
+        forces = _forces(self, node_sets, labels)
+        case = Case(
+            nodes=np.array([self.nodes[n] for n in labels]),
+            labels=labels,
+            blocks=(Block(kind, connectivity),),
+            node_sets=node_sets,
+            element_sets=element_sets,
+            surfaces=surfaces,
+            materials=_materials(self, element_sets, len(numbers)),
+            supports=_supports(self, node_sets),
+            pressurised=pressurised,
+            forces=forces,
+        )
+        return without_unused_nodes(case)
+
+
+def _materials(draft: Draft, sets: dict[str, Integers], count: int) -> dict[str, Material]:
+    covered, out = np.zeros(count, int), {}
+    for name, material in draft.sections.items():
+        if material not in draft.materials:
+            raise ValueError(f"{draft.file}: material {material!r} has no *HYPERELASTIC; give it constants")
+        if name not in sets:
+            raise ValueError(
+                f"{draft.file}: *SOLID SECTION for the element set {name!r}, which is not defined"
+            )
+        covered[sets[name]] += 1
+        out[name] = draft.materials[material]
+    if (covered != 1).any():
+        number = sorted(draft.elements)[int(np.flatnonzero(covered != 1)[0])]
+        raise ValueError(
+            f"{draft.file}: element {number} has {covered[covered != 1][0]} *SOLID SECTIONs; wanted one"
+        )
+    return out
+
+
+def _supports(draft: Draft, sets: dict[str, Integers]) -> tuple[Support, ...]:
+    """One support for each set: its components, and its value where any is moved. Later lines count."""
+    out = []
+    for name in dict.fromkeys(where for where, _, _ in draft.supports):
+        values = {d: v for where, d, v in draft.supports if where == name}
+        moved = np.zeros((len(sets[name]), 3))
+        for d, v in values.items():
+            moved[:, d] = v
+        out.append(Support(name, tuple(sorted(values)), moved if any(values.values()) else None))
+    return tuple(out)
+
+
+def _forces(draft: Draft, sets: dict[str, Integers], labels: Integers) -> dict[str, Array]:
+    """*CLOAD acts on every node of a set; a case spreads one force over it."""
+    out: dict[str, Array] = {}
+    for (where, d), value in draft.forces.items():
+        name = where
+        if where.isdigit():
+            name = f"node_{where}"
+            sets.setdefault(name, np.flatnonzero(labels == int(where)))
+        if name not in sets:
+            raise ValueError(f"{draft.file}: *CLOAD on the node set {name!r}, which is not defined")
+        out.setdefault(name, np.zeros(3))[d] += value * len(sets[name])
+    return out

@@ -1,0 +1,340 @@
+"""An Abaqus input deck -> a case and its pressure. What is not understood is named with its line."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from fe.case import Case
+from fe.deck.draft import Draft
+from fe.deck.keywords import Keyword, Place, files_of, read_keywords
+from fe.element import ELEMENTS, Array
+from fe.laws import Material
+
+# Read over: they change no displacement of a static solution.
+SILENT = {
+    "HEADING", "PREPRINT", "RESTART", "OUTPUT", "NODE OUTPUT", "ELEMENT OUTPUT", "CONTACT OUTPUT",
+    "ENERGY OUTPUT", "NODE FILE", "EL FILE", "NODE PRINT", "EL PRINT", "ENERGY PRINT", "MONITOR", "PRINT",
+    "STATIC", "END STEP", "PART", "END PART", "ASSEMBLY", "END ASSEMBLY", "END INSTANCE",
+    "FILE FORMAT", "CONTROLS",
+}  # fmt: skip
+NAMED = {"ENCASTRE": (0, 1, 2), "PINNED": (0, 1, 2), "XSYMM": (0,), "YSYMM": (1,), "ZSYMM": (2,)}
+INCOMPRESSIBLE = 1e4  # K / shear modulus where D1 = 0, which stands for incompressible
+
+
+@dataclass(frozen=True)
+class Deck:
+    """A structure, the follower pressure in MPa on its pressurised surface at the end of each step, and the
+    gravity (3,) mm/s2 that its weight feels, and the files that were read."""
+
+    case: Case
+    pressures: tuple[float, ...]
+    gravity: Array
+    files: tuple[Path, ...]
+
+
+def read_deck(path: str | Path) -> Deck:
+    """The case of a deck (its units are taken for mm, N, MPa), names of sets in small letters.
+
+    Raises ValueError, with the line, for what is not supported or not complete; FileNotFoundError where there
+    is no such file.
+    """
+    path = Path(path)
+    keywords = list(read_keywords(path))
+    unknown = [k for k in keywords if k.name not in _READERS and k.name not in SILENT]
+    if unknown:
+        named = ", ".join(f"*{k.name} ({_where(k, path)})" for k in unknown)
+        raise ValueError(
+            f"{path}: not supported: {named}; wanted {', '.join('*' + n for n in _READERS)}; remove them or "
+            "express them by these"
+        )
+    draft = Draft(str(path))
+    for keyword in keywords:
+        if keyword.name in _READERS:
+            try:
+                _READERS[keyword.name](draft, keyword)
+            except IndexError:
+                raise keyword.error(f"*{keyword.name}: its data lines hold too little; complete it") from None
+    return Deck(draft.case(), tuple(draft.pressures) or (0.0,), draft.gravity, files_of(keywords))
+
+
+def _where(k: Keyword, deck: Path) -> str:
+    return f"line {k.place.line}" + ("" if k.place.file == deck else f" of {k.place.file}")
+
+
+def _name(text: str) -> str:
+    return text.strip('"').rpartition(".")[2].lower()
+
+
+def _label(word: str) -> int | None:
+    """The number that a word is, with or without the name of its instance, or None."""
+    number = word.rpartition(".")[2]
+    return int(number) if number.isdigit() else None
+
+
+def _nodes(draft: Draft, k: Keyword) -> None:
+    k.only("NSET")
+    for line, words in k.data:
+        label, *x = k.numbers(line, words[:4])
+        draft.nodes[int(label)] = np.array([*x, 0.0, 0.0, 0.0][:3])
+        if "NSET" in k.parameters:
+            draft.node_sets.setdefault(_name(k.text("NSET")), []).append(int(label))
+
+
+def _elements(draft: Draft, k: Keyword) -> None:
+    kind = k.parameters.get("TYPE", "").upper()
+    if kind not in ELEMENTS:
+        wanted = ", ".join(name for name in ELEMENTS if name != "hex27")
+        raise k.error(f"element type {kind or 'absent'}: wanted one of {wanted}; mesh it with one")
+    count, record = len(ELEMENTS[kind].local), list[int]()
+    for line, words in k.data:
+        record += [int(x) for x in k.numbers(line, [w for w in words if w])]
+        if len(record) > count + 1:
+            raise k.error(f"element {record[0]} has {len(record) - 1} nodes; {kind} wants {count}", line)
+        if len(record) == count + 1:
+            draft.elements[record[0]] = kind, record[1:]
+            if "ELSET" in k.parameters:
+                draft.element_sets.setdefault(_name(k.text("ELSET")), []).append(record[0])
+            record = []
+    if record:
+        raise k.error(f"element {record[0]} has {len(record) - 1} nodes; {kind} wants {count}")
+
+
+def _set(sets: str, parameter: str) -> Callable[[Draft, Keyword], None]:
+    def read(draft: Draft, k: Keyword) -> None:
+        known = getattr(draft, sets)
+        members = known.setdefault(_name(k.text(parameter)), [])
+        for line, words in k.data:
+            given = [w for w in words if w]
+            if "GENERATE" in k.parameters:
+                first, last, step = [int(x) for x in k.numbers(line, [*given, "1"][:3])]
+                members += range(first, last + 1, step)
+                continue
+            for word in given:
+                members += _members(k, known, word, line)
+        if parameter == "NSET" and "ELSET" in k.parameters:
+            elements = _known(k, draft.element_sets, k.text("ELSET"), k.place)
+            members += sorted({n for e in elements for n in draft.elements[e][1]})
+
+    return read
+
+
+def _known(k: Keyword, sets: dict[str, list[int]], word: str, line: Place) -> list[int]:
+    if _name(word) not in sets:
+        raise k.error(
+            f"set {word}: not defined above; wanted one of {', '.join(sorted(sets)) or 'none'}", line
+        )
+    return sets[_name(word)]
+
+
+def _members(k: Keyword, sets: dict[str, list[int]], word: str, line: Place) -> list[int]:
+    label = _label(word)
+    return _known(k, sets, word, line) if label is None else [label]
+
+
+def _surface(draft: Draft, k: Keyword) -> None:
+    if k.parameters.get("TYPE", "ELEMENT").upper() != "ELEMENT":
+        raise k.error(f"*SURFACE of type {k.parameters['TYPE']}: wanted TYPE=ELEMENT with faces S1, S2 ..")
+    faces = draft.surfaces.setdefault(_name(k.text("NAME")), [])
+    for line, words in k.data:
+        faces += [
+            (e, _face(k, line, words[1] if len(words) > 1 else "", "S"))
+            for e in _members(k, draft.element_sets, words[0], line)
+        ]
+
+
+def _face(k: Keyword, line: Place, word: str, letter: str) -> int:
+    digits = word.upper().removeprefix(letter)
+    if not digits.isdigit() or word.upper() == digits:
+        raise k.error(f"face {word or 'absent'}: wanted {letter}1, {letter}2 ..", line)
+    return int(digits) - 1
+
+
+def _material(draft: Draft, k: Keyword) -> None:
+    draft.material = _name(k.text("NAME"))
+
+
+def _hyperelastic(draft: Draft, k: Keyword) -> None:
+    if "TEST DATA INPUT" in k.parameters:
+        raise k.error("*HYPERELASTIC from test data: wanted constants; let Abaqus print its fit")
+    c = [x for line, words in k.data for x in k.numbers(line, [w for w in words if w])]
+    order = int(k.parameters.get("N", 1))
+    if "MOONEY-RIVLIN" in k.parameters or ("POLYNOMIAL" in k.parameters and order == 1):
+        law, D1 = Material(c[0], c[1]), c[2:3]
+    elif "NEO HOOKE" in k.parameters or ("REDUCED POLYNOMIAL" in k.parameters and order == 1):
+        law, D1 = Material(c[0]), c[1:2]
+    elif "YEOH" in k.parameters or ("REDUCED POLYNOMIAL" in k.parameters and order == 3):
+        law, D1 = Material(c[0], C20=c[1], C30=c[2]), c[3:4]
+    elif "REDUCED POLYNOMIAL" in k.parameters and order == 2:
+        law, D1 = Material(c[0], C20=c[1]), c[2:3]
+    elif "POLYNOMIAL" in k.parameters and order == 2 and not any(c[3:5]):
+        law, D1 = Material(c[0], c[1], c[2]), c[5:6]
+    elif "OGDEN" in k.parameters:
+        pairs = tuple(zip(c[0 : 2 * order : 2], c[1 : 2 * order : 2], strict=True))
+        law, D1 = Material(ogden=pairs), c[2 * order : 2 * order + 1]
+    else:
+        raise k.error(
+            f"*HYPERELASTIC {', '.join(k.parameters) or 'POLYNOMIAL'}: wanted Mooney-Rivlin, neo-Hooke, "
+            "Yeoh, Ogden, or a polynomial without the terms C11 and C02"
+        )
+    _add(draft, _with_bulk(law, D1))
+
+
+def _mullins(draft: Draft, k: Keyword) -> None:
+    if k.parameters:
+        raise k.error(
+            f"*MULLINS EFFECT, {', '.join(k.parameters)}: wanted constants; let Abaqus print its fit"
+        )
+    if draft.material not in draft.materials:
+        raise k.error("*MULLINS EFFECT before *HYPERELASTIC: wanted it below; move it")
+    line, words = k.data[0]
+    r, m, beta = (*k.numbers(line, [w for w in words if w]), 0.0, 0.0, 0.0)[:3]
+    if r <= 1 or m < 0 or beta < 0 or m + beta <= 0:
+        raise k.error(f"*MULLINS EFFECT r {r:g}, m {m:g}, beta {beta:g}: wanted r > 1 and m, beta >= 0", line)
+    draft.materials[draft.material] = replace(draft.materials[draft.material], mullins=(1 / r, m, beta))
+
+
+def _add(draft: Draft, law: Material) -> None:
+    """The law of the material that is being read; its density may stand before it."""
+    draft.materials[draft.material] = replace(law, density=draft.densities.get(draft.material, 0.0))
+
+
+def _density(draft: Draft, k: Keyword) -> None:
+    line, words = k.data[0]
+    draft.densities[draft.material] = k.numbers(line, words[:1])[0]
+    if draft.material in draft.materials:
+        _add(draft, draft.materials[draft.material])
+
+
+def _with_bulk(m: Material, D1: list[float]) -> Material:
+    ratio = 2 / D1[0] / m.shear if D1 and D1[0] > 0 else INCOMPRESSIBLE
+    return replace(m, bulk_ratio=ratio)
+
+
+def _section(draft: Draft, k: Keyword) -> None:
+    draft.sections[_name(k.text("ELSET"))] = _name(k.text("MATERIAL"))
+
+
+def _instance(draft: Draft, k: Keyword) -> None:
+    draft.instances += 1
+    if draft.instances > 1:
+        raise k.error("a second *INSTANCE: wanted one; merge the parts in the assembly")
+    moved = [k.numbers(line, [w for w in words if w]) for line, words in k.data]
+    if any(any(row) for row in moved) and not draft.nodes:
+        raise k.error("an *INSTANCE that is moved and has its own nodes: wanted one in place")
+    draft.nodes = {label: _placed(x, moved) for label, x in draft.nodes.items()}
+
+
+def _placed(x: Array, moved: list[list[float]]) -> Array:
+    """Where an instance puts a node: translated, then turned about an axis through two points, in degrees."""
+    if moved:
+        x = x + np.array([*moved[0], 0.0, 0.0, 0.0][:3])
+    if len(moved) > 1:
+        a, b, degrees = np.array(moved[1][:3]), np.array(moved[1][3:6]), moved[1][6]
+        turn = Rotation.from_rotvec(np.radians(degrees) * (b - a) / np.linalg.norm(b - a))
+        x = a + turn.apply(x - a)
+    return np.asarray(x, float)
+
+
+def _boundary(draft: Draft, k: Keyword) -> None:
+    k.only("OP")
+    if k.parameters.get("OP", "MOD").upper() == "NEW":
+        raise k.error("*BOUNDARY, OP=NEW: wanted boundary conditions that stay; leave OP out")
+    for line, words in k.data:
+        where, label = _name(words[0]), _label(words[0])
+        if label is not None:
+            where = f"node_{label}"
+            draft.node_sets.setdefault(where, [label])
+        else:
+            _known(k, draft.node_sets, where, line)
+        if words[1].upper() in NAMED:
+            draft.supports += [(where, d, 0.0) for d in NAMED[words[1].upper()]]
+            continue
+        first, *rest = k.numbers(line, words[1:4])
+        last, value = int(rest[0]) if rest and rest[0] else int(first), rest[1] if len(rest) > 1 else 0.0
+        draft.supports += [
+            (where, d - 1, value) for d in range(int(first), last + 1) if d <= 3
+        ]  # no rotations
+
+
+def _step(draft: Draft, k: Keyword) -> None:
+    if k.parameters.get("NLGEOM", "NO" if "NLGEOM" not in k.parameters else "YES").upper() == "NO":
+        raise k.error("*STEP without NLGEOM: wanted NLGEOM=YES, as displacements are large here")
+
+
+def _dsload(draft: Draft, k: Keyword) -> None:
+    k.only("OP")
+    for line, words in k.data:
+        name = _name(words[0])
+        if name not in draft.surfaces:
+            raise k.error(f"surface {words[0]}: not defined; wanted one of {', '.join(draft.surfaces)}", line)
+        if words[1].upper() != "P":
+            raise k.error(f"*DSLOAD {words[1]}: wanted P, a pressure", line)
+        draft.loads[name] = k.numbers(line, words[2:3])[0]
+    _note_pressure(draft, k)
+
+
+def _dload(draft: Draft, k: Keyword) -> None:
+    k.only("OP")
+    for line, words in k.data:
+        if words[1].upper() == "GRAV":
+            _gravity(draft, k, line, words)
+            continue
+        face = _face(k, line, words[1], "P")
+        members = [(e, face) for e in _members(k, draft.element_sets, words[0], line)]
+        name, value = f"dload_{words[2]}", k.numbers(line, words[2:3])[0]
+        draft.surfaces[name] = [*draft.surfaces.get(name, []), *members]
+        draft.loads[name] = value
+    if any(words[1].upper() != "GRAV" for _, words in k.data):
+        _note_pressure(draft, k)
+
+
+def _gravity(draft: Draft, k: Keyword, line: Place, words: list[str]) -> None:
+    if words[0] and len(set(_members(k, draft.element_sets, words[0], line))) < len(draft.elements):
+        raise k.error(f"GRAV on {words[0]}, a part of the elements: wanted all of them", line)
+    size, *direction = k.numbers(line, words[2:6])
+    length = float(np.linalg.norm(direction))
+    if len(direction) != 3 or not length:
+        raise k.error("GRAV: wanted its size in mm/s2 and a direction of three components", line)
+    draft.gravity = size * np.array(direction) / length
+
+
+def _note_pressure(draft: Draft, k: Keyword) -> None:
+    values = sorted(set(draft.loads.values()))
+    if len(values) > 1:
+        raise k.error(f"pressures of {', '.join(f'{v:g}' for v in values)} MPa at once: wanted one pressure")
+    draft.pressures.append(values[0])
+
+
+def _cload(draft: Draft, k: Keyword) -> None:
+    k.only("OP")
+    for line, words in k.data:
+        where, label = _name(words[0]), _label(words[0])
+        if label is None:
+            _known(k, draft.node_sets, where, line)
+        component = k.whole(line, words[1])
+        if component > 3:
+            raise k.error(f"*CLOAD in component {component}: wanted 1, 2 or 3", line)
+        draft.forces[where if label is None else str(label), component - 1] = k.numbers(line, words[2:3])[0]
+
+
+_READERS: dict[str, Callable[[Draft, Keyword], None]] = {
+    "NODE": _nodes,
+    "ELEMENT": _elements,
+    "NSET": _set("node_sets", "NSET"),
+    "ELSET": _set("element_sets", "ELSET"),
+    "SURFACE": _surface,
+    "MATERIAL": _material,
+    "HYPERELASTIC": _hyperelastic,
+    "MULLINS EFFECT": _mullins,
+    "DENSITY": _density,
+    "SOLID SECTION": _section,
+    "BOUNDARY": _boundary,
+    "STEP": _step,
+    "DSLOAD": _dsload,
+    "DLOAD": _dload,
+    "CLOAD": _cload,
+    "INSTANCE": _instance,
+}

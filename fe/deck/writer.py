@@ -1,0 +1,179 @@
+"""A case and a pressure -> an Abaqus input deck, which CalculiX reads too but for the H of its elements."""
+
+from collections.abc import Iterable, Sequence
+from itertools import chain
+
+import numpy as np
+
+from fe.case import Case, Contact, Layer, Support
+from fe.element import Array, Integers
+from fe.kernel.contact import off_the_clamp
+from fe.laws import Material
+from fe.mesh.convert import converted
+
+INCREMENTS = 1000  # at most, of the automatic ones
+FIRST_INCREMENT, LARGEST_INCREMENT = 0.05, 0.1  # of the step
+
+
+def deck(case: Case, pressure: float, *, kind: str = "C3D20RH", gravity: Array | None = None) -> str:
+    """The text of a deck (mm, N, MPa): the structure under a follower pressure in MPa and its weight in a
+    gravity (3,) mm/s2, large displacements.
+
+    kind: the Abaqus element that takes the place of hex27, on the mesh's own nodes and labels (see
+    `convert.converted`); a case that has Abaqus elements already keeps them. Names of sets are written in
+    capitals. A plane is written as a held plate of one element under it and a contact pair (surface to
+    surface, the same stiffness; `_plane`), a layer as membranes on the solids' own nodes. ValueError for what
+    one static step cannot hold: an elastic clamp, a precurvature, a Prony series, a term of Gent.
+    """
+    _check(case)
+    changed = converted(case, kind) if case.element.name == "hex27" else case
+    supports = list(changed.supports)
+    if changed.clamp:
+        supports.append(Support(changed.clamp.nodes, (0, 1, 2)))
+    lines = ["*HEADING", "softtwin; units mm, N, MPa, s", "*NODE, NSET=ALL_NODES"]
+    places = zip(changed.labels, changed.nodes, strict=True)
+    lines += [f"{n}, {x:.10g}, {y:.10g}, {z:.10g}" for n, (x, y, z) in places]
+    lines += [f"*ELEMENT, TYPE={changed.element.name}, ELSET=ALL_ELEMENTS"]
+    lines += chain.from_iterable(
+        _wrapped((e, *changed.labels[row])) for e, row in enumerate(changed.connectivity, start=1)
+    )
+    for name, rows in changed.node_sets.items():
+        lines += [f"*NSET, NSET={name.upper()}", *_wrapped(changed.labels[rows], last=False)]
+    for name, rows in changed.element_sets.items():
+        lines += [f"*ELSET, ELSET={name.upper()}", *_wrapped(rows + 1, last=False)]
+    for name, faces in changed.surfaces.items():
+        lines += [f"*SURFACE, NAME={name.upper()}, TYPE=ELEMENT"]
+        lines += [f"{e + 1}, S{f + 1}" for e, f in faces]
+    for name, material in changed.materials.items():
+        lines += [f"*MATERIAL, NAME={name.upper()}", *_hyperelastic(material)]
+        if material.density:
+            lines += ["*DENSITY", f"{material.density:.10g},"]
+        lines += [f"*SOLID SECTION, ELSET={name.upper()}, MATERIAL={name.upper()}"]
+    if changed.layer and changed.layer.stiffness:
+        lines += _sheet(changed, changed.layer)
+    if changed.contact and changed.contact.stiffness:
+        lines += _plane(changed, changed.contact)
+    lines += ["*BOUNDARY", *(line for s in supports if s.value is None for line in _held(s))]
+    lines += [f"*STEP, NLGEOM=YES, INC={INCREMENTS}", "*STATIC"]
+    lines += [f"{FIRST_INCREMENT}, 1., 1e-6, {LARGEST_INCREMENT}"]
+    for s in supports:
+        if s.value is not None:
+            lines += ["*BOUNDARY", *_moved(changed, s, s.value)]
+    for name, force in changed.forces.items():
+        labels = changed.labels[changed.node_sets[name]]
+        share = {d + 1: f / len(labels) for d, f in enumerate(force) if f}
+        lines += ["*CLOAD", *(f"{n}, {d}, {f:.10g}" for n in labels for d, f in share.items())]
+    if changed.pressurised:
+        lines += ["*DSLOAD", f"{changed.pressurised.upper()}, P, {pressure:.10g}"]
+    if gravity is not None and np.any(gravity):
+        size = float(np.linalg.norm(gravity))
+        direction = ", ".join(f"{x:.10g}" for x in np.asarray(gravity) / size)
+        lines += ["*DLOAD", f"ALL_ELEMENTS, GRAV, {size:.10g}, {direction}"]
+    return "\n".join([*lines, "*NODE FILE", "U", "*END STEP", ""])
+
+
+def _check(case: Case) -> None:
+    if case.clamp and case.clamp.compliance:
+        raise ValueError(
+            f"clamp of compliance {case.clamp.compliance:g} rad/(N mm): a deck holds a rigid clamp only; "
+            "set it to 0"
+        )
+    if case.precurvature:
+        raise ValueError("a precurvature: a deck holds a structure without stress at rest; set it to 0")
+    for name, m in case.materials.items():
+        refused = {"a Prony series": m.prony, "a term of Gent": m.gent}
+        for what in (what for what, there in refused.items() if there):
+            raise ValueError(f"material {name!r} has {what}: a deck of one static step holds none; drop it")
+
+
+def _hyperelastic(m: Material) -> list[str]:
+    """The keyword and its data, of at most 8 values a line; compressibility by its first term D1 = 2 / K."""
+    D1, terms = 2 / m.bulk, len(m.ogden)
+    if m.ogden and (m.C10 or m.C01 or m.C20 or m.C30):
+        raise ValueError("a material of Ogden's terms and others: a deck holds one kind; write one of them")
+    if m.ogden:
+        law, values = f"N={terms}, OGDEN", [*(x for pair in m.ogden for x in pair), D1, *[0.0] * (terms - 1)]
+    elif m.C30 and m.C01:
+        raise ValueError("a material with C01 and C30: a deck holds Yeoh's law without C01; drop one of them")
+    elif m.C30:
+        law, values = "YEOH", [m.C10, m.C20, m.C30, D1, 0.0, 0.0]
+    elif m.C20:
+        law, values = "N=2, POLYNOMIAL", [m.C10, m.C01, m.C20, 0.0, 0.0, D1, 0.0]
+    else:
+        law, values = "MOONEY-RIVLIN", [m.C10, m.C01, D1]
+    text = [f"{x:.10g}" for x in values]
+    lines = [f"*HYPERELASTIC, {law}", *(", ".join(text[k : k + 8]) for k in range(0, len(text), 8))]
+    if m.mullins and m.mullins[0]:
+        softening, scale, beta = m.mullins
+        lines += ["*MULLINS EFFECT", f"{1 / softening:.10g}, {scale:.10g}, {beta:.10g}"]
+    return lines
+
+
+MEMBRANES = {8: "M3D8", 6: "M3D6", 4: "M3D4"}  # by the nodes of a face
+SHEET = 0.01  # mm, a thickness for what only has thickness x modulus: in CalculiX 0.1 does 0.1 % less
+
+
+def _sheet(case: Case, layer: Layer) -> list[str]:
+    """The layer as membranes, numbered after the solids and the plane's brick."""
+    faces = case.labels[case.face_nodes(layer.surface)]
+    first = len(case.connectivity) + 2
+    return [
+        f"*ELEMENT, TYPE={MEMBRANES[faces.shape[1]]}, ELSET=SHEET",
+        *chain.from_iterable(_wrapped((e, *row)) for e, row in enumerate(faces, start=first)),
+        *("*MATERIAL, NAME=SHEET", "*ELASTIC", f"{layer.stiffness / SHEET:.10g}, {layer.poisson:.10g}"),
+        *("*MEMBRANE SECTION, ELSET=SHEET, MATERIAL=SHEET", f"{SHEET},"),
+    ]
+
+
+PLATE_SIZE, PLATE_DEPTH = 3.0, 0.2  # of the structure's size: its half width and its thickness
+
+
+def _plane(case: Case, contact: Contact) -> list[str]:
+    """The plane as one held brick, S2 its upper face, and what happens between the two surfaces.
+
+    After the coefficient of friction stands the stick slope (MPa/mm), for CalculiX; Abaqus, which takes that
+    place for a slip rate, sees one coefficient for all rates and sets a slope of its own.
+    """
+    n = np.asarray(contact.normal, float) / np.linalg.norm(contact.normal)
+    first = np.cross(n, np.eye(3)[np.abs(n).argmin()])
+    first /= np.linalg.norm(first)
+    second, size = np.cross(n, first), float(np.ptp(case.nodes, axis=0).max())
+    middle = case.nodes.mean(axis=0)
+    middle = middle + (contact.distance - middle @ n) * n
+    square = [PLATE_SIZE * size * (a * first + b * second) for a, b in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
+    corners = [middle + x - depth * n for depth in (PLATE_DEPTH * size, 0.0) for x in square]
+    labels, element = int(case.labels.max()) + 1 + np.arange(8), len(case.connectivity) + 1
+    touching = case.surfaces[contact.surface][off_the_clamp(case, contact.surface)]
+    rubs = ["*FRICTION", f"{contact.friction:.10g}, {contact.stiffness:.10g}"] if contact.friction else []
+    return [
+        "*NODE, NSET=PLANE_NODES",
+        *(f"{k}, {x:.10g}, {y:.10g}, {z:.10g}" for k, (x, y, z) in zip(labels, corners, strict=True)),
+        *("*ELEMENT, TYPE=C3D8, ELSET=PLANE", f"{element}, {', '.join(map(str, labels))}"),
+        *("*MATERIAL, NAME=PLANE", "*ELASTIC", "1000., 0.3", "*SOLID SECTION, ELSET=PLANE, MATERIAL=PLANE"),
+        *("*BOUNDARY", "PLANE_NODES, 1, 3"),
+        *("*SURFACE, NAME=PLANE_TOP, TYPE=ELEMENT", f"{element}, S2"),
+        *("*SURFACE, NAME=TOUCHING, TYPE=ELEMENT", *(f"{e + 1}, S{f + 1}" for e, f in touching)),
+        "*SURFACE INTERACTION, NAME=TOUCH",
+        *("*SURFACE BEHAVIOR, PRESSURE-OVERCLOSURE=LINEAR", f"{contact.stiffness:.10g},", *rubs),
+        *("*CONTACT PAIR, INTERACTION=TOUCH, TYPE=SURFACE TO SURFACE", "TOUCHING, PLANE_TOP"),
+    ]
+
+
+def _held(s: Support) -> list[str]:
+    return [f"{s.nodes.upper()}, {d + 1}, {d + 1}" for d in s.components]
+
+
+def _moved(case: Case, s: Support, value: np.ndarray) -> list[str]:
+    return [
+        f"{label}, {d + 1}, {d + 1}, {row[d]:.10g}"
+        for label, row in zip(case.labels[case.node_sets[s.nodes]], value, strict=True)
+        for d in s.components
+    ]
+
+
+def _wrapped(numbers: Sequence[int] | Integers, *, last: bool = True) -> Iterable[str]:
+    """Lines of at most 16 numbers; all but the last end in a comma where one record goes on (`last`)."""
+    parts = [numbers[k : k + 16] for k in range(0, len(numbers), 16)]
+    for k, part in enumerate(parts):
+        text = ", ".join(str(int(n)) for n in part)
+        yield text + ("," if last and k < len(parts) - 1 else "")

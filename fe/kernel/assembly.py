@@ -1,0 +1,417 @@
+"""A case and a state (displacement, pressure modes) -> residual and condensed symmetric tangent.
+
+Mixed form: pressure modes of each element are eliminated element by element (Sussman & Bathe 1987,
+doi 10.1016/0045-7949(87)90265-3); those that belong to corners are unknowns of the system.
+"""
+
+import os
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TypeVar
+
+import numpy as np
+from scipy.special import erf
+
+from fe import compiled
+from fe.case import Case
+from fe.compiled import PAIRS
+from fe.element import Array, Element, Flags, Integers, scatter
+from fe.kernel.matrix import Symmetric
+from fe.kernel.pattern import Pattern, Places
+from fe.kernel.pressure import PressureFaces
+
+THREADS = int(os.environ.get("OMP_NUM_THREADS") or os.cpu_count() or 1)
+_POOL = ThreadPoolExecutor(THREADS)
+_T = TypeVar("_T")
+
+
+@dataclass(frozen=True)
+class Constants:
+    """Material constants per element: table (e, k) as `Material.constants` gives them, shear and bulk moduli
+    (e,) MPa, Prony pairs (m, e, 2) of g and tau s, and Mullins softening (e, 3), or (0, 3) where no material
+    has any: amount, m in MPa, beta."""
+
+    table: Array
+    shear: Array
+    bulk: Array
+    prony: Array
+    softening: Array
+
+    @staticmethod
+    def of(case: Case) -> "Constants":
+        """The constants of every element of a case."""
+        terms = max(len(m.prony) for m in case.materials.values())
+        width = max(len(m.constants) for m in case.materials.values())
+        prony, table = np.zeros((terms, len(case.connectivity), 2)), np.zeros((len(case.connectivity), width))
+        prony[..., 1] = 1.0  # an absent term has g = 0
+        table[:, 7::2] = 1.0  # or mu = 0
+        for name, m in case.materials.items():
+            rows, own = case.element_sets[name], m.constants
+            table[rows, : len(own)] = own
+            for k, pair in enumerate(m.prony):
+                prony[k, rows] = pair
+        softening = np.zeros((0, 3))
+        if any(m.mullins for m in case.materials.values()):
+            softening = np.tile([0.0, 1.0, 0.0], (len(table), 1))
+            for name, m in case.materials.items():
+                softening[case.element_sets[name]] = m.mullins or (0.0, 1.0, 0.0)
+        return Constants(table, case.per_element("shear"), case.per_element("bulk"), prony, softening)
+
+    def times(self, factor: float) -> "Constants":
+        """All moduli multiplied."""
+        table = self.table.copy()
+        table[:, :5] *= factor
+        table[:, 6::2] *= factor
+        return replace(self, table=table, shear=factor * self.shear, bulk=factor * self.bulk)
+
+
+@dataclass(frozen=True)
+class Response:
+    """A law's answer to displacements: isochoric second Piola-Kirchhoff stress (e, q, 3, 3) MPa, and energy
+    (e, q) N mm/mm3 where softening asks for it."""
+
+    stress: Array
+    energy: Array | None
+
+    def times(self, factor: float) -> "Response":
+        """The answer of a law whose moduli are all multiplied."""
+        return (
+            self
+            if factor == 1
+            else Response(factor * self.stress, None if self.energy is None else factor * self.energy)
+        )
+
+
+@dataclass(frozen=True)
+class Softening:
+    """Mullins softening of one time step: table (e, 3) of amount, m in MPa, beta; the largest energy so far,
+    peak (e, q) N mm/mm3; and whether each point (e, q) is below it, or None where its own energy tells."""
+
+    table: Array
+    peak: Array
+    below: Flags | None
+
+    def drop(self, energy: Array) -> Array:
+        """What it takes off the scale of the stress (e, q)."""
+        amount, m, beta = self.table.T[:, :, None]
+        below = energy < self.peak if self.below is None else self.below
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            x = (self.peak - energy) / (m + beta * self.peak)
+        return np.where(below, amount * erf(np.where(below, x, 0.0)), 0.0)
+
+
+@dataclass(frozen=True)
+class Memory:
+    """What a history material hands to one time step.
+
+    scale (e,) multiplies the new isochoric stress, less what softening takes off; carried (e, q, 3, 3) MPa is
+    the second Piola-Kirchhoff stress that does not depend on the new displacement.
+    """
+
+    scale: Array
+    carried: Array
+    softening: Softening | None = None
+
+    def times(self, factor: float) -> "Memory":
+        """The memory of a material whose moduli are all multiplied."""
+        soft = self.softening
+        if factor == 1:
+            return self
+        if soft is not None:
+            soft = replace(soft, table=soft.table * [1.0, factor, 1.0], peak=factor * soft.peak)
+        return Memory(self.scale, factor * self.carried, soft)
+
+    def stress(self, response: Response) -> Array:
+        """Isochoric second Piola-Kirchhoff stress (e, q, 3, 3) MPa, history included."""
+        scale = self.scale[:, None]
+        if self.softening is not None and response.energy is not None:
+            scale = scale - self.softening.drop(response.energy)
+        return np.asarray(scale[..., None, None] * response.stress + self.carried)
+
+
+# The softening of none.
+_HARD: tuple[Array, Array, Flags] = (np.zeros((0, 3)), np.zeros((0, 0)), np.zeros((0, 0), bool))
+
+
+@dataclass(frozen=True)
+class State:
+    """Displacement u (n, 3) mm, pressure modes p (e, m) MPa of every element, the clamp's rotation in rad."""
+
+    u: Array
+    p: Array
+    rotation: float = 0.0
+
+
+class Geometry:
+    """Quadrature data of undeformed positions (n, 3) mm: gradients, weights, pressure modes.
+
+    precurvature: 1/mm that the structure is curved by where it is free of stress, about y, towards -z. Then
+    F = Fe Fg with the isochoric Fg = diag(l, l^-1/2, l^-1/2) and l = 1 + precurvature (z - z of the centroid)
+    (Rodriguez, Hoger & McCulloch 1994, doi 10.1016/0021-9290(94)90021-3): gradients are those of Fe.
+    """
+
+    def __init__(
+        self, nodes: Array, connectivity: Integers, element: Element, precurvature: float = 0.0
+    ) -> None:
+        N, dN = element.at_points
+        self.nodes = nodes
+        X = nodes[connectivity]  # (e, n, 3)
+        jacobian = np.einsum("eai,qaJ->eqiJ", X, dN, optimize=True)
+        self.weight = np.linalg.det(jacobian) * element.weights  # (e, q)
+        # (e, q, I, a), as fe.compiled wants them
+        self.G = np.ascontiguousarray(np.swapaxes(np.linalg.inv(jacobian), 2, 3) @ np.swapaxes(dN, 1, 2))
+        size = np.ptp(X, axis=1).max(-1)[:, None, None]
+        x = (np.einsum("qa,eai->eqi", N, X) - X.mean(axis=1, keepdims=True)) / size
+        self.psi = element.pressure_modes(x)  # (e, q, m)
+        self.mass = np.einsum("eq,eqk,eql->ekl", self.weight, self.psi, self.psi)
+        # pressures of corners are not eliminated: no answer of one element's own
+        self._flexible = np.zeros_like(self.mass) if element.shared else np.linalg.inv(self.mass)
+        self.precurvature, self.rest = precurvature, np.empty((0, 0, 3, 3))
+        if precurvature:
+            self._curve(np.einsum("qa,eai->eqi", N, X)[..., 2])
+
+    def _curve(self, z: Array) -> None:
+        """Make gradients those of Fe, by heights z (e, q) mm."""
+        stretch = 1 + self.precurvature * (z - (self.weight * z).sum() / self.weight.sum())
+        inverse = np.stack([1 / stretch, np.sqrt(stretch), np.sqrt(stretch)], axis=-1)
+        self.G *= inverse[..., None]
+        self.rest = (inverse - 1)[..., None] * np.eye(3)
+
+    def compliance(self, bulk: Array) -> Array:
+        """The pressure modes' answer (e, m, m) to volume gaps, at bulk moduli (e,) MPa."""
+        return self._flexible * bulk[:, None, None]
+
+
+@dataclass(frozen=True)
+class Linearised:
+    """Residual and tangent at one state.
+
+    force (n, 3) N is the condensed residual; data (nnz,) the upper triangle of its tangent, free
+    displacements and then shared pressures; coupling (e, 3 n, m) and compliance (e, m, m) give the pressure
+    update; turning (f,) is the tangent times the clamp's rigid rotation for the unknowns, lever (n, 3) N the
+    same for the clamp nodes; border, degrees of freedom (g, k) and matrices (g, k, k) N/mm, is what of the
+    tangent is not symmetric, where the pressurised surface has open edges.
+    """
+
+    force: Array
+    data: Array
+    gap: Array
+    coupling: Array
+    compliance: Array
+    turning: Array
+    lever: Array
+    border: tuple[Integers, Array] | None = None
+
+
+class Kernel:
+    """One mesh with its supports: the sparsity pattern, and residual and tangent at any state."""
+
+    def __init__(self, case: Case) -> None:
+        self.connectivity, self.element = case.connectivity, case.element
+        self.dofs = len(case.nodes) * 3
+        self.geometry = Geometry(case.nodes, self.connectivity, self.element, case.precurvature)
+        self.modes = self.geometry.psi.shape[2]
+        self.pressure = PressureFaces(
+            case.face_nodes(case.pressurised) if case.pressurised else None, self.element, len(case.nodes)
+        )
+        held = np.zeros((len(case.nodes), 3), bool)
+        for s in case.supports:
+            held[np.ix_(case.node_sets[s.nodes], np.array(s.components))] = True
+        self.clamped = case.node_sets[case.clamp.nodes] if case.clamp else np.empty(0, np.int64)
+        held[self.clamped] = True
+        self.free = np.flatnonzero(~held.ravel())
+        self._open = self.pressure.open_edges(case.nodes, ~held.ravel())
+        width = self.connectivity.shape[1]
+        self._element_dofs = (self.connectivity[:, :, None] * 3 + np.arange(3)).reshape(-1, 3 * width)
+        # numbers (e, m) of shared pressures, from 0
+        corners = self.connectivity[:, : self.modes] if self.element.shared else np.empty((0, 0), np.int64)
+        self._corner = np.unique(corners, return_inverse=True)[1].reshape(corners.shape)
+        self.shared = int(self._corner.max(initial=-1)) + 1
+        self._clamp_elements = np.flatnonzero(np.isin(self.connectivity, self.clamped).any(axis=1))
+
+    @cached_property
+    def _number(self) -> Integers:
+        """The numbers (dofs,) of the free degrees of freedom among the unknowns; -1 where one is held."""
+        number = np.full(self.dofs, -1, np.int64)
+        number[self.free] = np.arange(len(self.free))
+        return number
+
+    @cached_property
+    def _pattern(self) -> Pattern:
+        """Of the free displacements and then the shared pressures."""
+        corners = len(self.free) + self._corner if self.shared else np.empty((len(self.connectivity), 0), int)
+        unknowns = np.concatenate([self._number[self._element_dofs], corners], axis=1)
+        return Pattern.of(unknowns, len(self.free) + self.shared)
+
+    @cached_property
+    def _places(self) -> tuple[Places, ...]:
+        """Where the entries of elements, of pressurised faces, and of shared pressures go in the pattern."""
+        pattern, e = self._pattern, self._number[self._element_dofs].reshape(*self.connectivity.shape, 3)
+        stiffness = np.empty((*e.shape[:2], len(PAIRS), e.shape[1]), np.int32)
+        for k, (i, j) in enumerate(PAIRS):
+            stiffness[:, :, k] = pattern.places(e[..., i], e[..., j], mirrored=True)
+        face = self._number[self.pressure.dofs]
+        found = stiffness, pattern.places(face, face)
+        if not self.shared:
+            return found
+        corners = len(self.free) + self._corner
+        return *found, pattern.places(e.reshape(len(e), -1), corners), pattern.places(corners, corners)
+
+    @cached_property
+    def matrix(self) -> Symmetric:
+        """The solver for this pattern."""
+        return Symmetric(self._pattern.indptr, self._pattern.indices)
+
+    def _each(self, work: Callable[[int, int], _T]) -> list[_T]:
+        """The results of `work` on the elements first .. last, shared by all threads: compiled code lets go
+        of the interpreter."""
+        ends = np.linspace(0, len(self.connectivity), THREADS + 1).astype(int).tolist()
+        return [work(0, ends[-1])] if THREADS == 1 else list(_POOL.map(work, ends[:-1], ends[1:]))
+
+    def _remembered(self, memory: Memory | None) -> tuple[Array, Array, Array, Array, Flags]:
+        """Scale (e,), carried stress and softening of a memory, or of none."""
+        size = len(self.connectivity)
+        if memory is None:
+            return np.ones(size), np.zeros((1, self.geometry.G.shape[1], 3, 3)), *_HARD
+        soft, scale = memory.softening, np.ascontiguousarray(np.broadcast_to(memory.scale, (size,)))
+        if soft is None or not soft.table[:, 0].any():
+            return scale, memory.carried, *_HARD
+        return scale, memory.carried, soft.table, soft.peak, _HARD[2] if soft.below is None else soft.below
+
+    def masses(self, density: Array, geometry: Geometry) -> Array:
+        """Consistent nodal masses (n,) tonne of elements of densities (e,) tonne/mm3."""
+        N, _ = self.element.at_points
+        return scatter(self.connectivity, (density[:, None] * geometry.weight) @ N, self.dofs // 3)
+
+    def isochoric(self, u: Array, c: Constants, geometry: Geometry) -> Array:
+        """Isochoric second Piola-Kirchhoff stress (e, q, 3, 3) MPa at displacements u (n, 3) mm."""
+        g, out = geometry, np.empty((*geometry.G.shape[:2], 3, 3))
+        self._each(lambda a, b: compiled.isochoric(g.G, g.rest, self.connectivity, u, c.table, a, b, out))
+        return out
+
+    def energies(self, u: Array, c: Constants, geometry: Geometry) -> Array:
+        """Isochoric energy (e, q) N mm/mm3 at displacements u (n, 3) mm."""
+        g, out = geometry, np.empty(geometry.G.shape[:2])
+        self._each(lambda a, b: compiled.energies(g.G, g.rest, self.connectivity, u, c.table, a, b, out))
+        return out
+
+    def internal(self, u: Array, stress: Array) -> Array:
+        """Nodal forces (n, 3) N of a second Piola-Kirchhoff stress (e, q, 3, 3) MPa at displacements u."""
+        g, force = self.geometry, np.empty((*self.connectivity.shape, 3))
+        self._each(
+            lambda a, b: compiled.internal(g.G, g.rest, g.weight, self.connectivity, u, stress, a, b, force)
+        )
+        return self.gather(force)
+
+    def residual(
+        self, state: State, c: Constants, load: float, memory: Memory | None, geometry: Geometry
+    ) -> tuple[Array, Array]:
+        """Nodal forces (n, 3) N, internal minus follower pressure `load` MPa, and volume gaps (e, m) mm3."""
+        g, force, gap = geometry, np.empty((*self.connectivity.shape, 3)), np.empty_like(state.p)
+        remembered = self._remembered(memory)
+        self._each(
+            lambda a, b: compiled.residual(
+                g.G, g.rest, g.weight, g.psi, self.connectivity, state.u, state.p, c.table, c.bulk,
+                *remembered, a, b, force, gap,
+            )
+        )  # fmt: skip
+        return self.gather(force) - load * self.pressure.force(geometry.nodes + state.u), gap
+
+    def linearise(
+        self, state: State, c: Constants, load: float, memory: Memory | None, turn: Array
+    ) -> Linearised:
+        """Residual and tangent at a state; turn (k, 3) mm/rad is the clamp nodes' motion per rotation.
+
+        Any J <= 0 gives NaN entries, which the caller treats as a failed step.
+        """
+        g, (size, n), m = self.geometry, self.connectivity.shape, self.modes
+        force, gap, B = np.empty((size, n, 3)), np.empty((size, m)), np.empty((size, n, 3, m))
+        kept = np.empty((len(self._clamp_elements), n, len(PAIRS), n))
+        slots = np.full(size, -1)
+        slots[self._clamp_elements] = np.arange(len(kept))
+        compliance, remembered = g.compliance(c.bulk), self._remembered(memory)
+        stiffness, *places = self._places
+
+        def assembled(a: int, b: int) -> Array:
+            data = np.zeros(len(self._pattern.indices) + 1)  # and one for what is nowhere
+            compiled.linearise(
+                g.G, g.rest, g.weight, g.psi, self.connectivity, state.u, state.p, c.table, c.bulk,
+                *remembered, compliance, a, b, force, gap, B, stiffness, data, slots, kept,
+            )  # fmt: skip
+            return data
+
+        data, *others = self._each(assembled)
+        for other in others:
+            data += other
+        x = g.nodes + state.u
+        parts = [-load * self.pressure.tangent(x)]
+        if self.element.shared:
+            parts += [B, -g.mass / c.bulk[:, None, None]]
+        for place, values in zip(places, parts, strict=True):
+            compiled.scatter_add(place.ravel(), values.ravel(), data)
+        total = self.gather(force) - load * self.pressure.force(x)
+        turning, lever = self._turned(kept, B[self._clamp_elements], turn)
+        border = None
+        if len(self._open):
+            dofs, C = self.pressure.antisymmetric(x, self._open)
+            border = dofs, -load * C
+        return Linearised(
+            total, data[:-1], gap, B.reshape(size, 3 * n, m), compliance, turning, lever, border
+        )
+
+    def with_faces(self, data: Array, dofs: Integers, K: Array) -> Array:
+        """The upper triangle `data` with symmetric matrices K (g, k, k) of faces of elements added, which are
+        at the degrees of freedom (g, k)."""
+        rows = self._number[dofs]
+        data = np.append(data, 0.0)
+        np.add.at(data, self._pattern.places(rows, rows), K)
+        return data[:-1]
+
+    def with_turned_faces(self, system: Linearised, dofs: Integers, K: Array, turn: Array) -> Linearised:
+        """The system with the matrices K (g, k, k) of faces added, of which some may belong to the clamp."""
+        motion = np.zeros((self.dofs // 3, 3))
+        motion[self.clamped] = turn
+        lever = scatter(dofs, (K @ motion.ravel()[dofs][..., None])[..., 0], self.dofs)
+        turning = system.turning.copy()
+        turning[: len(self.free)] += lever[self.free]
+        return replace(
+            system,
+            data=self.with_faces(system.data, dofs, K),
+            turning=turning,
+            lever=system.lever + lever.reshape(-1, 3),
+        )
+
+    def _turned(self, K: Array, B: Array, turn: Array) -> tuple[Array, Array]:
+        """The tangent of the clamp's elements, blocks K (k, n, 6, n) and coupling B (k, n, 3, m), times a
+        rigid rotation of the clamp: for the unknowns (f,) and for the nodes (n, 3)."""
+        motion = np.zeros((self.dofs // 3, 3))
+        motion[self.clamped] = turn
+        chosen = self._clamp_elements
+        t = motion[self.connectivity[chosen]]  # (e, n, 3)
+        out = np.zeros_like(t)
+        for k, (i, j) in enumerate(PAIRS):
+            block = K[:, :, k]
+            out[..., i] += np.einsum("eab,eb->ea", block, t[..., j])
+            if i != j:
+                out[..., j] += np.einsum("eab,ea->eb", block, t[..., i])
+        lever = scatter(self._element_dofs[chosen], out, self.dofs)
+        gap = np.einsum("eaik,eai->ek", B, t) if self.shared else np.empty((0, 0))
+        corner = self._corner[chosen] if self.shared else np.empty((0, 0), np.int64)
+        return np.concatenate([lever[self.free], scatter(corner, gap, self.shared)]), lever.reshape(-1, 3)
+
+    def unknowns(self, force: Array, gap: Array | None) -> Array:
+        """The right-hand side (f,) of nodal forces (n, 3) N and, where pressures are shared, gaps (e, m)."""
+        rows = force.ravel()[self.free]
+        if not self.shared or gap is None:
+            return np.concatenate([rows, np.zeros(self.shared)])
+        return np.concatenate([rows, scatter(self._corner, gap, self.shared)])
+
+    def pressures(self, x: Array) -> Array:
+        """The shared pressures (e, m) of every element in a solution (f,)."""
+        return x[len(self.free) :][self._corner]
+
+    def gather(self, force: Array) -> Array:
+        """Nodal forces (n, 3) N from element forces (e, n, 3) N."""
+        return scatter(self._element_dofs, force, self.dofs).reshape(-1, 3)

@@ -1,0 +1,138 @@
+"""Named constants and a deformation gradient -> stress and tangent of an isotropic, nearly incompressible
+rubber.
+
+W = C10 (I1 - 3) + C01 (I2 - 3) + C20 (I1 - 3)^2 + C30 (I1 - 3)^3 - mu Jm / 2 ln(1 - (I1 - 3) / Jm)
+    + sum 2 mu_k / alpha_k^2 (l1^alpha_k + l2^alpha_k + l3^alpha_k - 3) + p (J - 1) - p^2 / (2 K)
+
+with the isochoric invariants I1 = J^(-2/3) tr C, I2 = J^(-4/3) (tr(C)^2 - tr(C^2)) / 2 and stretches
+l = J^(-1/3) lambda: neo-Hooke, Mooney (1940, doi 10.1063/1.1712836), Rivlin (1948, doi
+10.1098/rsta.1948.0024), Yeoh (1993, doi 10.5254/1.3538343), Gent (1996, doi 10.5254/1.3538357), Ogden (1972,
+doi 10.1098/rspa.1972.0026, in the form that Abaqus uses), and the pressure field p of the mixed form.
+
+Creep is finite-strain Prony relaxation of the isochoric second Piola-Kirchhoff stress (Holzapfel 1996,
+doi 10.1002/(SICI)1097-0207(19961130)39:22<3903::AID-NME34>3.0.CO;2-C). Mullins softening (Ogden & Roxburgh
+1999, doi 10.1098/rspa.1999.0431, with Abaqus's beta) multiplies the isochoric stress by
+
+eta = 1 - 1/r erf((W_max - W) / (m + beta W_max)),
+
+W_max being the largest W so far at that point, from rest. With both, as in Abaqus, eta multiplies the
+long-term part: S = (eta (1 - sum g) S0 + sum Q), where S0 and W are of the constants as given (instantaneous)
+and the Q relax as without softening.
+"""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from fe import compiled
+from fe.element import Array
+
+
+@dataclass(frozen=True)
+class Material:
+    """Constants in MPa of the terms that a rubber has; those left out are 0.
+
+    gent: mu in MPa and the limit Jm of I1 - 3 (infinite: none). ogden: pairs (mu MPa, alpha). bulk_ratio: K /
+    shear modulus, so that scaling all constants with the pressure leaves u unchanged. prony: pairs (g, tau s)
+    of the relaxation G(t) = G0 [1 - sum g (1 - exp(-t / tau))]. mullins: 1/r (below 1), m in MPa, beta.
+    density: tonne/mm3 at rest, felt where a path has gravity.
+    """
+
+    C10: float = 0.0
+    C01: float = 0.0
+    C20: float = 0.0
+    bulk_ratio: float = 1000.0
+    prony: tuple[tuple[float, float], ...] = ()
+    C30: float = 0.0
+    gent: tuple[float, float] | None = None
+    ogden: tuple[tuple[float, float], ...] = ()
+    mullins: tuple[float, float, float] | None = None
+    density: float = 0.0
+
+    @property
+    def shear(self) -> float:
+        """Shear modulus in MPa at rest."""
+        gent = self.gent[0] if self.gent else 0.0
+        return 2 * (self.C10 + self.C01) + gent + sum(mu for mu, _ in self.ogden)
+
+    @property
+    def bulk(self) -> float:
+        """Bulk modulus K in MPa."""
+        return self.bulk_ratio * self.shear
+
+    @property
+    def constants(self) -> Array:
+        """C10, C01, C20, C30, mu and 1/Jm of Gent, and the pairs of Ogden, as `compiled` wants them."""
+        mu, limit = self.gent or (0.0, np.inf)
+        pairs = [x for pair in self.ogden for x in pair]
+        return np.array([self.C10, self.C01, self.C20, self.C30, mu, 1 / limit, *pairs], float)
+
+
+def energy(F: Array, m: Material) -> Array:
+    """Isochoric energy W (...) in N mm/mm3 at deformation gradients F (..., 3, 3)."""
+    J = np.linalg.det(F)
+    C = np.swapaxes(F, -1, -2) @ F * J[..., None, None] ** (-2 / 3)
+    x = np.trace(C, axis1=-2, axis2=-1) - 3
+    I2 = ((x + 3) ** 2 - np.trace(C @ C, axis1=-2, axis2=-1)) / 2
+    W = m.C10 * x + m.C01 * (I2 - 3) + m.C20 * x**2 + m.C30 * x**3
+    if m.gent:
+        mu, limit = m.gent
+        W = W + (mu / 2 * x if np.isinf(limit) else -mu * limit / 2 * np.log1p(-x / limit))
+    for mu, alpha in m.ogden:
+        W = W + 2 * mu / alpha**2 * ((np.linalg.eigvalsh(C) ** (alpha / 2)).sum(-1) - 3)
+    return np.asarray(W, float)
+
+
+def stress(F: Array, m: Material) -> tuple[Array, Array, Array]:
+    """Isochoric first Piola-Kirchhoff stress (..., 3, 3) MPa, F^-T (..., 3, 3) and J (...) at F (..., 3, 3).
+
+    J must be positive.
+    """
+    shape = F.shape[:-2]
+    P, a, J = np.empty((*shape, 3, 3)), np.empty((*shape, 3, 3)), np.empty(shape)
+    compiled.stresses(_flat(F), m.constants, _flat(P), _flat(a), J.reshape(-1))
+    return P, a, J
+
+
+def tangent(F: Array, m: Material, p: Array, scale: Array) -> Array:
+    """d(scale P_iso + p J F^-T)/dF, shape (..., 3, 3, 3, 3) MPa, at F (..., 3, 3).
+
+    `scale` (...) multiplies the isochoric part (1 without a Prony series); `p` (...) MPa is the pressure
+    field.
+    """
+    shape = F.shape[:-2]
+    half = np.empty((*shape, 6, 3, 3))
+    p, scale = (np.ascontiguousarray(np.broadcast_to(x, shape), float).reshape(-1) for x in (p, scale))
+    compiled.tangents(_flat(F), m.constants, scale, p, half.reshape(-1, 6, 3, 3))
+    A = np.empty((*shape, 3, 3, 3, 3))
+    for n, (i, j) in enumerate(compiled.PAIRS):
+        A[..., i, :, j, :] = half[..., n, :, :]
+        A[..., j, :, i, :] = np.swapaxes(half[..., n, :, :], -1, -2)
+    return A
+
+
+def nominal_stress(m: Material, stretch: Array, mode: Literal["uniaxial", "equibiaxial", "planar"]) -> Array:
+    """Nominal stress (k,) MPa in the direction of `stretch` (k,) of an incompressible sheet that is free
+    across it: what a tensile, a bubble or a pure-shear test measures."""
+    x = np.asarray(stretch, float)
+    across = {"uniaxial": x**-0.5, "equibiaxial": x, "planar": np.ones_like(x)}[mode]
+    F = np.zeros((len(x), 3, 3))
+    F[:, 0, 0], F[:, 1, 1], F[:, 2, 2] = x, across, 1 / (x * across)
+    P, _, _ = stress(F, m)
+    # the pressure is such that the free side is free
+    return np.asarray(P[:, 0, 0] - P[:, 2, 2] * F[:, 2, 2] / x, float)
+
+
+def _flat(x: Array) -> Array:
+    return np.ascontiguousarray(x).reshape(-1, 3, 3)
+
+
+def relaxation(prony: Array, dt: float) -> tuple[Array, Array]:
+    """Decay exp(-dt/tau) and ramp weight (1 - exp(-dt/tau)) tau/dt (m, e) of Prony terms `prony` (m, e, 2).
+
+    With them one step that is linear in the stress is exact: Q1 = decay Q0 + g ramp (S1 - S0)
+    (Taylor, Pister, Goudreau 1970, doi 10.1002/nme.1620020106).
+    """
+    x = dt / prony[..., 1]
+    return np.exp(-x), -np.expm1(-x) / x

@@ -1,0 +1,255 @@
+"""Numbers -> the structured mesh of the bellows finger, with rounded inner edges, as a Case.
+
+A 2-D section of quadrilaterals (walls and core) is extruded along x; core cells inside the chamber are void.
+The lattice lives in a reference box; a map then rounds the chamber's edges and folds the pleats. Refinement
+changes the lattice, never the geometry.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from fe.case import Block, Case, Clamp, Support
+from fe.element import FACES, Array, Flags, Integers
+from fe.laws import Material
+from fe.mesh.mirror import mirrored
+
+
+@dataclass(frozen=True)
+class Finger:
+    """Dimensions of the bellows finger in mm (x along, y across, z up; the flat bottom is z = 0).
+
+    Both marked nodes lie on the flat lower edge of the side face. middle_node is the node of the default mesh
+    whose U3 comes nearest to the reference study's -19 mm where the tip moves by -58 mm.
+    """
+
+    length: float = 110.0
+    width: float = 23.0
+    height: float = 20.0
+    side: float = 2.0  # wall thicknesses
+    bottom: float = 2.5
+    top: float = 2.0
+    base_cap: float = 4.0
+    tip_cap: float = 6.0
+    bellows: int = 9
+    pleat: float = 3.8  # amplitude A: the top wall's pleats are 2 A deep
+    side_pleat: float = 2.8  # depth of the side walls' pleats at the ceiling
+    radius: float = 1.0  # of all inner edges
+    tip_node: tuple[float, float, float] = (110.0, 11.5, 0.0)
+    middle_node: tuple[float, float, float] = (187 / 3, 11.5, 0.0)  # a quarter into the sixth bellow
+
+
+@dataclass(frozen=True)
+class Lattice:
+    """How a finger is divided: cells per bellow, per wall, per fillet, per middle span, per cap; section
+    topology.
+
+    ring: walls divided by mitred corners (an O-grid), not by straight lines. centred: a cell's middle, not a
+    boundary, at every crest and valley, whose bend one cell then follows. The default is the cheapest of
+    `benchmarks/meshes.py` within 2 % of the limit.
+    """
+
+    per_bellow: int = 6
+    wall: int = 1
+    fillet: int = 1
+    across: int = 1  # the straight middle part in y
+    up: int = 1  # the straight middle part in z
+    caps: int = 1
+    ring: bool = True
+    centred: bool = True
+    refine: int = 1  # every cell of the lattice divided so many times in each direction
+
+
+TIP_LABEL, MIDDLE_LABEL = 4401, 5848  # the node numbers of the reference study
+
+
+def _between(stops: list[float], counts: list[int]) -> Array:
+    parts = [np.linspace(a, b, n + 1)[:-1] for a, b, n in zip(stops[:-1], stops[1:], counts, strict=True)]
+    return np.append(np.concatenate(parts), stops[-1])
+
+
+def _stations(g: Finger, m: Lattice) -> Array:
+    """Cell boundaries along x: the caps, the fillets at the chamber's ends, the bellows, the middle node."""
+    start, end = g.base_cap, g.length - g.tip_cap
+    cell = (end - start) / (g.bellows * m.per_bellow)
+    pleats = start + cell * (np.arange(g.bellows * m.per_bellow + 1) + 0.5 * m.centred)
+    # no slivers between the fillets and the first pleat cell
+    inner = pleats[(pleats > start + 1.25 * g.radius) & (pleats < end - 1.25 * g.radius)]
+    fillet = np.linspace(0, g.radius, m.fillet + 1)
+    caps = np.linspace(0, start, m.caps + 1)[:-1], np.linspace(end, g.length, m.caps + 1)[1:]
+    # the rest of the first and last pleat cell is divided as finely as the fillet beside it
+    first = np.linspace(start + g.radius, inner[0], m.fillet + 1)[1:-1]
+    last = np.linspace(inner[-1], end - g.radius, m.fillet + 1)[1:-1]
+    stops = np.concatenate([caps[0], start + fillet, first, inner, last, end - fillet[::-1], caps[1]])
+    return _between(list(stops), [m.refine] * (len(stops) - 1))
+
+
+def _section_block(g: Finger, m: Lattice) -> tuple[Array, Flags]:
+    """Quadrilaterals (c, 4, 2) of the reference half section by straight lines, and which of them are
+    core."""
+    w, top = g.width / 2, g.height - g.top
+    wall, fillet, across, up = (m.refine * n for n in (m.wall, m.fillet, m.across, m.up))
+    y = _between([0, w - g.side - g.radius, w - g.side, w], [across, fillet, wall])
+    stops = [0, g.bottom, g.bottom + g.radius, top - g.radius, top, g.height]
+    z = _between(stops, [wall, fillet, up, fillet, wall])
+    quads = _grid_quads(np.stack(np.meshgrid(y, z, indexing="ij"), axis=-1))
+    centre = quads.mean(axis=1)
+    core = (centre[:, 0] < w - g.side) & (centre[:, 1] > g.bottom) & (centre[:, 1] < top)
+    return quads, core
+
+
+def _section_ring(g: Finger, m: Lattice) -> tuple[Array, Flags]:
+    """The same section as an O-grid of walls with mitred corners around a lattice core."""
+    w, top, r = g.width / 2, g.height - g.top, g.radius
+    wall, fillet, across, up = (m.refine * n for n in (m.wall, m.fillet, m.across, m.up))
+    y = _between([0, w - g.side - r, w - g.side], [across, fillet])
+    z = _between([g.bottom, g.bottom + r, top - r, top], [fillet, up, fillet])
+    core = _grid_quads(np.stack(np.meshgrid(y, z, indexing="ij"), axis=-1))
+    yo = _between([0, w - g.side - r / 2, w], [across, fillet])  # outer ends of the spokes
+    zo = _between([0, g.bottom + r / 2, top - r / 2, g.height], [fillet, up, fillet])
+    inner = np.concatenate([_path(y, g.bottom), _path(w - g.side, z[1:]), _path(y[-2::-1], top)])
+    outer = np.concatenate([_path(yo, 0.0), _path(w, zo[1:]), _path(yo[-2::-1], g.height)])
+    depth = np.linspace(0, 1, wall + 1)[None, :, None]
+    walls = _grid_quads(inner[:, None] * (1 - depth) + outer[:, None] * depth)
+    walls = walls[:, [0, 3, 2, 1]]  # counter-clockwise
+    quads = np.concatenate([core, walls])
+    return quads, np.arange(len(quads)) < len(core)
+
+
+def _path(y: Array | float, z: Array | float) -> Array:
+    return np.stack(np.broadcast_arrays(np.asarray(y, float), np.asarray(z, float)), axis=-1)
+
+
+def _grid_quads(p: Array) -> Array:
+    """Cells (c, 4, 2), in the order (0,0) (1,0) (1,1) (0,1) of the two lattice directions of points (a, b,
+    2)."""
+    return np.stack([p[:-1, :-1], p[1:, :-1], p[1:, 1:], p[:-1, 1:]], axis=2).reshape(-1, 4, 2)
+
+
+def _extrude(quads: Array, x: Array) -> Array:
+    """Reference positions (stations, c, 27, 3) of tri-quadratic cells; xi runs along x, (eta, zeta) in the
+    section."""
+    t = np.array([0.0, 0.5, 1.0])
+    eta, zeta = np.meshgrid(t, t, indexing="ij")  # [j, k]
+    corner = np.stack([(1 - eta) * (1 - zeta), eta * (1 - zeta), eta * zeta, (1 - eta) * zeta])
+    section = np.einsum("vjk,cvd->ckjd", corner, quads)  # (c, k, j, 2)
+    along = x[:-1, None] + np.diff(x)[:, None] * t  # (s, i)
+    out = np.empty((len(along), len(quads), 3, 3, 3, 3))
+    out[..., 0] = along[:, None, None, None, :]
+    out[..., 1:] = section[None, :, :, :, None, :]
+    return out.reshape(len(along), len(quads), 27, 3)
+
+
+def _round_and_fold(reference: Array, g: Finger) -> Array:
+    """Positions (n, 3) mm in the finger of reference points (n, 3): chamber edges rounded, pleats folded."""
+    w = g.width / 2
+    low = np.array([g.base_cap, -(w - g.side), g.bottom])
+    high = np.array([g.length - g.tip_cap, w - g.side, g.height - g.top])
+    on = np.clip(reference, low, high)  # nearest chamber point
+    core = np.clip(on, low + g.radius, high - g.radius)
+    d = (on - core) / g.radius
+    d = np.tan(d * np.pi / 4)  # equal angles along the arc
+    longest, norm = np.abs(d).max(-1, keepdims=True), np.linalg.norm(d, axis=-1, keepdims=True)
+    moved = core + g.radius * d * np.divide(longest, norm, out=np.ones_like(norm), where=norm > 0) - on
+    wall = np.array([g.base_cap, g.side, g.bottom]), np.array([g.tip_cap, g.side, g.top])
+    depth = np.where(reference < on, (on - reference) / wall[0], (reference - on) / wall[1]).max(
+        -1, keepdims=True
+    )
+    return _fold(reference + moved * (1 - depth), g)
+
+
+def _fold(p: Array, g: Finger) -> Array:
+    """The pleats: bands of one radius beside the walls move rigidly, the middle of the chamber is
+    stretched."""
+    x, y, z = p.T
+    start, end = g.base_cap, g.length - g.tip_cap
+    pitch = (end - start) / g.bellows
+    phase = 2 * np.pi * (np.clip(x, start, end) - start) / pitch
+    slope = g.pleat * 2 * np.pi / pitch * np.sin(phase)
+    thickness = g.top * np.sqrt(1 + slope**2)  # vertical, so that it is g.top across the wall
+    drop = g.pleat * (1 + np.cos(phase))
+    ceiling = g.height - g.top / 2 - drop - thickness / 2
+    flat, top = g.bottom + g.radius, g.height - g.top
+    height = np.clip((z - flat) / (top - g.radius - flat), 0, 1)
+    folded = z + height * (ceiling - top)
+    folded = np.where(z > top, ceiling + (z - top) / g.top * thickness, folded)
+    inner = g.width / 2 - g.side - g.radius
+    inward = g.side_pleat * (1 + np.cos(phase)) / 2 * np.clip((z - g.bottom) / (top - g.bottom), 0, 1)
+    return np.stack([x, y - inward * np.clip(y / inner, 0, 1), folded], axis=-1)
+
+
+def _merge(points: Array) -> tuple[Array, Integers]:
+    """Distinct points (n, 3), in the order x, y, z, and the rows (e, 27) of `points` (e, 27, 3)."""
+    keys = np.round(points.reshape(-1, 3) * 1e6).astype(np.int64)
+    _, first, rows = np.unique(keys, axis=0, return_index=True, return_inverse=True)
+    return points.reshape(-1, 3)[first], rows.reshape(points.shape[:2])
+
+
+def _interface(cells: Integers, solid: Flags) -> tuple[Integers, Integers]:
+    """Faces (f, 2) = (solid element, face) that touch a void cell, and those that touch nothing."""
+    faces = np.sort(cells[:, FACES].reshape(-1, 9), axis=1)
+    _, group, count = np.unique(faces, axis=0, return_inverse=True, return_counts=True)
+    group = group.reshape(-1)
+    owner, face = np.repeat(np.arange(len(cells)), 6), np.tile(np.arange(6), len(cells))
+    solids = np.bincount(group, weights=solid[owner])[group]
+    number = np.cumsum(solid) - 1
+    chosen = [solid[owner] & (count[group] == 2) & (solids == 1), solid[owner] & (count[group] == 1)]
+    touching, free = (np.stack([number[owner[c]], face[c]], axis=1) for c in chosen)
+    return touching, free
+
+
+def _labels(nodes: Array, g: Finger) -> Integers:
+    """1-based numbers, exchanged so that the study's labels sit at the tip and the middle node."""
+    n = len(nodes)
+    labels = np.arange(1, n + 1)
+    for label, position in ((TIP_LABEL, g.tip_node), (MIDDLE_LABEL, g.middle_node)):
+        row = int(np.argmin(np.linalg.norm(nodes - np.array(position), axis=1)))
+        other = np.flatnonzero(labels == label)
+        if len(other):
+            labels[other[0]] = labels[row]
+        labels[row] = label
+    return labels
+
+
+def finger_case(
+    material: Material, *, finger: Finger | None = None, lattice: Lattice | None = None, full: bool = False
+) -> Case:
+    """The half model (y >= 0) of a finger, clamped at x = 0, with a follower pressure on the chamber.
+
+    material is the one silicone; finger (mm) and lattice default to the bundled geometry and mesh; full: the
+    whole finger instead of its half. Node sets: clamp, symmetry, tip_face; surfaces: chamber, outside. The
+    labels 4401 and 5848 are the tip and middle nodes, on the marked side y = width / 2.
+    """
+    g, m = finger or Finger(), lattice or Lattice()
+    quads, core = (_section_ring if m.ring else _section_block)(g, m)
+    x = _stations(g, m)
+    cells = _extrude(quads, x)
+    inside = (x[:-1] > g.base_cap - 1e-9) & (x[1:] < g.length - g.tip_cap + 1e-9)
+    solid = ~(inside[:, None] & core[None, :]).ravel()
+    reference, rows = _merge(cells.reshape(-1, 27, 3))
+    chamber, outside = _interface(rows, solid)
+    used, connectivity = np.unique(rows[solid], return_inverse=True)
+    reference = reference[used]
+    nodes = _round_and_fold(reference, g)
+    on_plane = reference[:, 1] < 1e-9
+    boundary = Block("hex27", connectivity.reshape(-1, 27))
+    face_y = reference[boundary.connectivity[:, FACES]][..., 1].max(-1)  # (e, 6)
+    outside = outside[face_y[outside[:, 0], outside[:, 1]] > 1e-9]
+    sets = {
+        "clamp": np.flatnonzero(reference[:, 0] < 1e-9),
+        "symmetry": np.flatnonzero(on_plane),
+        "tip_face": np.flatnonzero(reference[:, 0] > g.length - 1e-9),
+    }
+    half = Case(
+        nodes=nodes,
+        labels=_labels(nodes, g),
+        blocks=(boundary,),
+        node_sets=sets,
+        element_sets={"body": np.arange(int(solid.sum()))},
+        surfaces={"chamber": chamber, "outside": outside},
+        materials={"body": material},
+        supports=(Support("symmetry", (1,)),),
+        clamp=Clamp("clamp", (0.0, float(np.ptp(nodes[sets["clamp"], 2])) / 2)),
+        pressurised="chamber",
+    )
+    return mirrored(half) if full else half

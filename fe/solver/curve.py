@@ -1,0 +1,385 @@
+"""A history-free problem -> its equilibrium states over pressure, with slopes and derivatives."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from scipy.interpolate import CubicHermiteSpline, CubicSpline
+from scipy.sparse import csr_matrix
+
+from fe.element import Array, Flags
+from fe.kernel.assembly import Memory, Response, State
+from fe.solver.newton import Equilibrium, Problem, Residual, Step, eased, imbalance, moved
+from fe.solver.reach import why
+
+BENT = 5e-3  # mm: more than that between a cubic and a state on it asks for more levels
+STRAYED = 0.05  # mm: a guess of the next level that is off by more, with friction, asks for one in between
+SHARE = 0.4  # of a step that failed: 13 factorisations to 0.03 MPa on the default mesh, where a half takes 16
+LEAST_STEP = 1 / 64  # of the distance between two levels; below that the path is given up
+
+
+@dataclass(frozen=True)
+class Differenced:
+    """A parameter seen by its two neighbouring problems, `step` apart on either side: `plus` and `minus`."""
+
+    plus: Problem
+    minus: Problem
+    step: float
+
+    @property
+    def rubs(self) -> bool:
+        """Whether there is friction in either."""
+        return self.plus.rubs or self.minus.rubs
+
+    def sliding(self, where: Flags | None) -> "Differenced":
+        """The neighbours, sliding there (f, q) and nowhere else."""
+        if not self.rubs:
+            return self
+        return replace(self, plus=self.plus.sliding(where), minus=self.minus.sliding(where))
+
+    def after(self, state: State, change: State, slides: Flags | None) -> "Differenced":
+        """The neighbours as they go on from the equilibrium `state`, which slides there (f, q), and of which
+        `change` is the derivative."""
+        if not self.rubs:
+            return self
+        step, v = self.step * change.u, self.sliding(slides)
+        return replace(self, plus=v.plus.after(state.u + step), minus=v.minus.after(state.u - step))
+
+    @cached_property
+    def history_only(self) -> bool:
+        """Whether nothing differs but the memory of the material, of which a curve knows nothing."""
+        a, b = self.plus, self.minus
+        x, y = a.constants, b.constants
+        same = np.array_equal(x.table, y.table) and np.array_equal(x.bulk, y.bulk)
+        return (
+            same
+            and a.case.clamp == b.case.clamp
+            and np.array_equal(a.dead, b.dead)
+            and a.case.contact == b.case.contact
+            and np.array_equal(a.geometry.nodes, b.geometry.nodes)
+            and a.geometry.precurvature == b.geometry.precurvature
+            and a.case.layer == b.case.layer
+        )
+
+
+@dataclass(frozen=True)
+class Curve:
+    """States over pressure (k,) MPa: u (k, n, 3) mm, p (k, e, 4) MPa, rotation (k,) rad, and their slopes.
+
+    derivative (v, k, n, 3): mm per unit of each parameter at fixed pressure, p_derivative (v, k, e, m) the
+    same of the pressure modes. Where the path stopped early,
+    `reason` says why and `pressure[-1]` is what was reached.
+    """
+
+    pressure: Array
+    u: Array
+    p: Array
+    rotation: Array
+    u_slope: Array
+    p_slope: Array
+    rotation_slope: Array
+    derivative: Array
+    p_derivative: Array
+    iterations: int
+    reason: str
+
+    def state(self, q: float) -> State:
+        """The interpolated state (cubic Hermite) at pressure q MPa."""
+        return self._hermite(q, 0)
+
+    def slope(self, q: float) -> State:
+        """The slope of the interpolated state at pressure q MPa, per MPa."""
+        return self._hermite(q, 1)
+
+    def _hermite(self, q: float, order: int) -> State:
+        k = int(np.clip(np.searchsorted(self.pressure, q) - 1, 0, len(self.pressure) - 2))
+        x, two = self.pressure[k : k + 2], slice(k, k + 2)
+        u, p, r = (
+            CubicHermiteSpline(x, y[two], s[two], axis=0)(q, order)
+            for y, s in ((self.u, self.u_slope), (self.p, self.p_slope), (self.rotation, self.rotation_slope))
+        )
+        return State(u, p, float(r))
+
+    def derivative_at(self, number: int, q: float | Array) -> State:
+        """The derivative of the state (but for the clamp's rotation) to parameter `number` at q MPa, or those
+        at several q (s,)."""
+        return State(
+            CubicSpline(self.pressure, self.derivative[number], axis=0)(q),
+            CubicSpline(self.pressure, self.p_derivative[number], axis=0)(q),
+        )
+
+    def ahead(self, change: Array) -> "Curve":
+        """The curve to first order where its parameters change by `change` (v,)."""
+        u, p = (np.tensordot(change, x, 1) for x in (self.derivative, self.p_derivative))
+        u_slope, p_slope = (CubicSpline(self.pressure, x, axis=0)(self.pressure, 1) for x in (u, p))
+        return replace(
+            self, u=self.u + u, p=self.p + p, u_slope=self.u_slope + u_slope, p_slope=self.p_slope + p_slope
+        )
+
+    def values(self, operator: csr_matrix, q: Array, order: int = 0) -> Array:
+        """Displacement, or its slope with order 1, at pressures q (s,) and points given by `operator` (p, n):
+        (s, p, 3)."""
+        y, s = _apply(operator, self.u), _apply(operator, self.u_slope)
+        return CubicHermiteSpline(self.pressure, y, s, axis=0)(q, order)
+
+    def derivatives(self, operator: csr_matrix, q: Array) -> Array:
+        """Derivatives (v, s, p, 3) at pressures q (s,) and points given by `operator` (p, n)."""
+        if not len(self.derivative):
+            return np.empty((0, len(q), operator.shape[0], 3))
+        y = np.stack([_apply(operator, d) for d in self.derivative])
+        return np.asarray(CubicSpline(self.pressure, y, axis=1)(q))
+
+
+def _apply(operator: csr_matrix, fields: Array) -> Array:
+    return np.stack([operator @ f for f in fields])
+
+
+@dataclass(frozen=True)
+class Neighbours:
+    """A varied parameter at one time: the loads in MPa and the memories of its two neighbouring problems."""
+
+    varied: Differenced
+    load: tuple[float, float]
+    memory: tuple[Memory | None, Memory | None] = (None, None)
+
+    def residual(self, state: State, response: Response | None) -> Residual:
+        """The residuals' derivative at fixed displacement, pressure modes and clamp rotation.
+
+        response: the law's to the state, where it is known; what only the memory changes follows from it.
+        """
+        v, (a, b) = self.varied, self.memory
+        alike = v.history_only and not v.rubs  # else the slips of the two differ too
+        if response is not None and a is not None and b is not None and alike:
+            force = v.plus.kernel.internal(state.u, a.stress(response) - b.stress(response))
+            force -= (self.load[0] - self.load[1]) * v.plus.kernel.pressure.force(v.plus.case.nodes + state.u)
+            step = force / (2 * v.step)
+            return Residual(step, np.zeros_like(state.p), v.plus.clamp_gap(state.rotation, step))
+        plus, minus = (
+            imbalance(q, state, load, memory)
+            for q, load, memory in zip((v.plus, v.minus), self.load, self.memory, strict=True)
+        )
+        return plus.minus(minus, 1 / (2 * v.step))
+
+    def clamp(self, rotation: float) -> Array:
+        """The derivative (k, 3) of the clamp nodes' displacements: turned nodes that differ move
+        differently."""
+        ahead, behind = (q.clamp_motion(rotation)[0] for q in (self.varied.plus, self.varied.minus))
+        return (ahead - behind) / (2 * self.varied.step)
+
+
+def sensitivities(
+    step: Step,
+    state: State,
+    neighbours: Sequence[Neighbours],
+    *,
+    response: Response | None = None,
+) -> list[State]:
+    """The derivatives of the state to parameters, by direct differentiation with the factorised tangent;
+    response: the law's to the state, where it is known."""
+    if not neighbours:
+        return []
+    neighbours = [replace(n, varied=n.varied.sliding(step.slides)) for n in neighbours]
+    changes = step.solve([n.residual(state, response) for n in neighbours])
+    for change, n in zip(changes, neighbours, strict=True):
+        change.u[step.problem.kernel.clamped] += n.clamp(state.rotation)
+    return changes
+
+
+def _per_pressure(step: Step, state: State) -> Residual:
+    """The residuals' derivative to the follower pressure, per MPa."""
+    kernel = step.problem.kernel
+    force = -kernel.pressure.force(kernel.geometry.nodes + state.u)
+    return Residual(force, np.zeros_like(state.p), step.problem.clamp_gap(state.rotation, force))
+
+
+@dataclass(frozen=True)
+class _Level:
+    pressure: float
+    state: State
+    slope: State
+    derivatives: tuple[State, ...]
+    varied: tuple[Differenced, ...]  # as they go on from here
+    checked: bool = False  # the cubic that ends here is known to be good
+
+
+def trace(
+    problem: Problem, pressures: Array, *, varied: Sequence[Differenced] = (), near: Curve | None = None
+) -> Curve:
+    """The curve of a problem through increasing `pressures` (k,) MPa, starting from rest or from a `near`
+    curve.
+
+    A step that does not converge is shortened, and the level in between stays in the curve. With friction
+    every level goes on from the slip of the one before, also that of varied neighbours alone. Never raises
+    for lack of convergence: the curve then ends early and says why.
+    """
+    todo = [float(q) for q in pressures]
+    done: list[_Level] = []
+    near = None if problem.rubs else near  # which levels there are must not depend on where it is begun
+    rest, iterations, reason = _loaded(problem, todo[0], near)
+    if reason:
+        return _curve(done, len(varied), iterations, reason)
+    last: Step | None = None
+    least = LEAST_STEP * float(pressures[-1] - pressures[0])
+    while todo:
+        guess = _guess(rest, done, todo[0], near)
+        level, found = _level(problem, todo[0], guess, last, varied)
+        iterations += found.iterations
+        if level is None:
+            here = done[-1].pressure if done else 0.0
+            if not done or todo[0] - here < least:
+                reason = f"stopped at {here:.4g} MPa of {pressures[-1]:.4g}: {_cause(done, last, found)}"
+                break
+            todo.insert(0, here + SHARE * (todo[0] - here))
+            continue
+        strayed = bool(done) and problem.rubs and strays(problem, guess, level.state)
+        if strayed and todo[0] - done[-1].pressure > least:
+            todo.insert(0, (done[-1].pressure + todo[0]) / 2)
+            continue
+        todo.pop(0)
+        last = found.step
+        done.append(level)
+        problem, varied = problem.after(level.state.u), level.varied
+    if problem.plane is not None and not problem.rubs:
+        done, more = _bent(problem, done)
+        iterations += more
+    return _curve(done, len(varied), iterations, reason or "converged")
+
+
+def strays(problem: Problem, guess: State, state: State) -> bool:
+    """Whether a state on the plane is far from where it was expected."""
+    touches = problem.plane is not None and problem.plane.touches(problem.case.nodes + state.u)
+    return touches and bool(np.abs(state.u - guess.u).max() > STRAYED)
+
+
+def nothing(reason: str) -> Curve:
+    """The curve of a problem that cannot be begun."""
+    return _curve([], 0, 0, reason)
+
+
+def _level(
+    problem: Problem, load: float, guess: State, last: Step | None, varied: Sequence[Differenced]
+) -> tuple[_Level | None, Equilibrium]:
+    """The level at `load` MPa, or None where there is no equilibrium, and how it was found."""
+    found = eased(problem, guess, load=load, last=last)
+    if found.state is None or found.step is None:
+        return None, found
+    seen = [Neighbours(v, (load, load)) for v in varied if not v.history_only]
+    none, changes = moved(found.state, found.state, -1.0), iter(sensitivities(found.step, found.state, seen))
+    derivatives = tuple(none if v.history_only else next(changes) for v in varied)
+    # alone: solved together with the derivatives its last bits would depend on their number
+    (slope,) = found.step.solve([_per_pressure(found.step, found.state)])
+    after = tuple(
+        v.after(found.state, d, found.step.slides) for v, d in zip(varied, derivatives, strict=True)
+    )
+    return _Level(load, found.state, slope, derivatives, after), found
+
+
+def _bent(problem: Problem, done: list[_Level]) -> tuple[list[_Level], int]:
+    """The levels, with more of them where touching a plane bends the curve more than a cubic follows, and the
+    factorisations that took."""
+    assert problem.plane is not None
+    out, todo, count = done[:1], done[:0:-1], 0
+    least = LEAST_STEP * (done[-1].pressure - done[0].pressure) if done else 0.0
+    while todo:
+        a, b = out[-1], todo[-1]
+        touches = problem.plane.touches(problem.case.nodes + b.state.u)
+        middle = None
+        if touches and b.pressure - a.pressure > least and not b.checked:
+            guess = _ahead([a, b], (a.pressure + b.pressure) / 2)
+            middle, found = _level(problem, (a.pressure + b.pressure) / 2, guess, None, a.varied)
+            count += found.iterations
+        if middle is None:
+            out.append(todo.pop())
+            continue
+        near = bool(np.abs(middle.state.u - guess.u).max() < BENT)
+        todo[-1] = replace(b, checked=near)
+        todo.append(replace(middle, checked=near))
+    return out, count
+
+
+def _cause(done: list[_Level], last: Step | None, found: Equilibrium) -> str:
+    """Why there is nothing beyond the last level: what its state says, else how the iterations failed."""
+    if not done or last is None:
+        return found.reason
+    slope = np.array([np.abs(level.slope.u).max() for level in done])
+    said = why(last, done[-1].state.u, np.array([level.pressure for level in done]), slope)
+    return said or found.reason
+
+
+def _loaded(problem: Problem, pressure: float, near: Curve | None) -> tuple[State, int, str]:
+    """A state near the first level, that of a `near` curve or with the dead forces and the weight put on in
+    as many steps as they need; the factorisations it took, and why there is none, or nothing."""
+    state, iterations, on, step = problem.start(), 0, 0.0, 1.0
+    if not problem.dead.any():
+        return state, 0, ""
+    if near is not None and len(near.pressure) and near.pressure[0] == pressure:
+        found = eased(problem, near.state(pressure), load=pressure)
+        if found.state is not None:
+            return found.state, found.iterations, ""
+        iterations += found.iterations
+    while on < 1:
+        part = replace(problem, dead=(on + step) * problem.dead)
+        found = eased(part, state, load=(on + step) * pressure)
+        iterations += found.iterations
+        if found.state is None:
+            step /= 2
+            if step < LEAST_STEP:
+                part_on = f"{100 * on:.0f} % of its weight and dead forces, without pressure"
+                return state, iterations, f"stopped at {part_on}: {found.reason}"
+            continue
+        state, on = found.state, on + step
+        step = min(2 * step, 1 - on)
+    return state, iterations, ""
+
+
+def _guess(rest: State, done: list[_Level], target: float, near: Curve | None) -> State:
+    """The next state: from rest, ahead of the last levels, or beside a neighbouring curve."""
+    if not done:
+        return rest
+    if near is None or target > near.pressure.max(initial=0.0):
+        return _ahead(done[-2:], target)
+    # what the neighbour is off by at the last levels goes on as a straight line: its slopes are less sure
+    x = [level.pressure for level in done[-2:]]
+    gaps = [moved(level.state, near.state(level.pressure), -1.0) for level in done[-2:]]
+    guess = moved(near.state(target), gaps[-1])
+    if len(gaps) == 1:
+        return guess
+    return moved(guess, moved(gaps[1], gaps[0], -1.0), (target - x[1]) / (x[1] - x[0]))
+
+
+def _ahead(done: list[_Level], target: float) -> State:
+    """The state at `target` MPa along the slope of one level, or by the cubic through two."""
+    last = done[-1]
+    if len(done) == 1:
+        return moved(last.state, last.slope, target - last.pressure)
+    x = np.array([level.pressure for level in done])
+    parts = []
+    for name in ("u", "p", "rotation"):
+        y = np.stack([np.asarray(getattr(level.state, name)) for level in done])
+        dy = np.stack([np.asarray(getattr(level.slope, name)) for level in done])
+        parts.append(CubicHermiteSpline(x, y, dy, axis=0)(target))
+    return State(parts[0], parts[1], float(parts[2]))
+
+
+def _curve(done: list[_Level], parameters: int, iterations: int, reason: str) -> Curve:
+    def of(kind: str, name: str) -> Array:
+        return np.array([getattr(getattr(level, kind), name) for level in done])
+
+    derivative, p_derivative = (
+        np.array([[getattr(level.derivatives[v], name) for level in done] for v in range(parameters)])
+        for name in ("u", "p")
+    )
+    return Curve(
+        np.array([level.pressure for level in done]),
+        of("state", "u"),
+        of("state", "p"),
+        of("state", "rotation"),
+        of("slope", "u"),
+        of("slope", "p"),
+        of("slope", "rotation"),
+        derivative,
+        p_derivative,
+        iterations,
+        reason,
+    )

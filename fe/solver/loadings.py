@@ -1,0 +1,62 @@
+"""A path with gravity -> a problem and its varied neighbours under their weight in each direction."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from fe.element import Array, Integers
+from fe.path import Path
+from fe.solver.curve import Differenced
+from fe.solver.newton import Problem
+
+
+@dataclass(frozen=True)
+class Loadings:
+    """Problems (g,) and the neighbours of each in every varied parameter; `of_run` (r,): which of them
+    belongs to each of the path's stretches of constant gravity."""
+
+    path: Path
+    problems: tuple[Problem, ...]
+    varied: tuple[tuple[Differenced, ...], ...]
+    of_run: Integers
+
+    @staticmethod
+    def of(
+        problem: Problem, path: Path, varied: Sequence[Differenced], paths: Sequence[tuple[Path, Path]]
+    ) -> "Loadings":
+        """Those of a problem without weight; equal ones are there once. paths: of the varied neighbours."""
+        first = np.append(0, path.turns + 1)
+        if not any(q.heavy for q in (problem, *(q for v in varied for q in (v.plus, v.minus)))):
+            return Loadings(path, (problem,), (tuple(varied),), np.zeros(len(first), np.int64))
+        every = [path, *(w for pair in paths for w in pair)]
+        rows = np.concatenate([w.gravity_of(first) for w in every], axis=1)  # (r, 3 (1 + 2 v))
+        _, at, inverse = np.unique(rows, axis=0, return_index=True, return_inverse=True)
+        ways = [rows[k].reshape(-1, 3) for k in at]
+        return Loadings(
+            path,
+            tuple(problem.under(g[0]) for g in ways),
+            tuple(
+                tuple(_under(v, a, b) for v, a, b in zip(varied, g[1::2], g[2::2], strict=True)) for g in ways
+            ),
+            inverse.reshape(-1),
+        )
+
+    @property
+    def everyone(self) -> list[Problem]:
+        """All problems and neighbours."""
+        return [*self.problems, *(q for v in self.varied for d in v for q in (d.plus, d.minus))]
+
+    def at(self, time: Array) -> Integers:
+        """The numbers (k,) of those that act at times (k,) s."""
+        return self.of_run[self.path.run(time)]
+
+    def only(self, number: int) -> "Loadings":
+        """That one alone, for all of the path."""
+        return Loadings(
+            self.path, (self.problems[number],), (self.varied[number],), np.zeros_like(self.of_run)
+        )
+
+
+def _under(v: Differenced, plus: Array, minus: Array) -> Differenced:
+    return Differenced(v.plus.under(plus), v.minus.under(minus), v.step)

@@ -1,0 +1,368 @@
+"""A memory along a path -> states at a few times, and their derivatives.
+
+What is remembered (`Past`): the stresses of the Prony terms, the largest energy so far, which Mullins
+softening asks for, and the slip on a plane with friction. Between two times that are solved, slip takes
+smaller steps where a guess is off (`curve.strays`). Every parameter carries two pasts of its own, those
+of its neighbouring problems, so that derivatives go from time to time as the states do.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from fe.element import Array, Flags, Integers
+from fe.kernel.assembly import Memory, State
+from fe.path import Path, equivalent, in_time, knots
+from fe.solver.curve import LEAST_STEP, Curve, Differenced, Neighbours, Response, sensitivities, strays
+from fe.solver.loadings import Loadings
+from fe.solver.newton import Equilibrium, Problem, Step, eased, moved
+from fe.solver.past import Evaluated, Past
+
+
+@dataclass(frozen=True)
+class History:
+    """The solved times of a history.
+
+    time (k,) s, and which curve (k,) belongs to it; weights (s, k) carry values to the output times; pressure
+    (k,) MPa, creep-equivalent, and its derivatives slopes (v, k); u (k, n, 3) mm; derivative of those
+    parameters that have a history, each (k, n, 3) mm per unit, and p_derivative (k, e, m) MPa per unit of the
+    pressure modes. `active` is False where nothing is remembered: then u equals the curve and only
+    the derivatives matter. `drift` is the state minus the curve's, for a neighbouring solve to begin from.
+    """
+
+    time: Array
+    number: Integers
+    weights: Array
+    pressure: Array
+    slopes: Array
+    u: Array
+    derivative: dict[int, Array]
+    p_derivative: dict[int, Array]
+    drift: tuple[State, ...]
+    active: bool
+
+
+@dataclass(frozen=True)
+class Course:
+    """What a path asks of a problem at the solved times: load (k,) MPa, the factor (k,) of all moduli, and
+    the pressure (k,) MPa at which the history-free curve comes near."""
+
+    load: Array
+    stiffness: Array
+    pressure: Array
+
+    @staticmethod
+    def of(problem: Problem, path: Path, time: Array) -> "Course":
+        """At the times (k,) s."""
+        load, stiffness, prony = path.pressure_at(time), path.stiffness_at(time), _series(problem)
+        plain = load / stiffness
+        return Course(load, stiffness, equivalent(time, plain, prony) if prony[:, 0].any() else plain)
+
+    def halved(self, k: int) -> "Course":
+        """With one more time, half way from number k - 1 to number k."""
+        return Course(*(_halved(x, k) for x in (self.load, self.stiffness, self.pressure)))
+
+
+def _halved(values: Array, k: int) -> Array:
+    return np.insert(values, k, (values[k - 1] + values[k]) / 2)
+
+
+def _series(problem: Problem) -> Array:
+    """The Prony pairs (m, 2) by which the structure as a whole comes near to its creep: those of all
+    materials, each by its share of volume over modulus, as the softer ones move more."""
+    c, weight = problem.constants, problem.geometry.weight
+    if (c.prony == c.prony[:, :1]).all():
+        return c.prony[:, 0]
+    kinds, number = np.unique(c.prony, axis=1, return_inverse=True)
+    share = np.bincount(number.reshape(-1), weights=weight.sum(axis=1) / c.shear)
+    g, tau = kinds[..., 0] * (share / share.sum()), kinds[..., 1]
+    return np.stack([g.ravel(), tau.ravel()], axis=1)[g.ravel() != 0]
+
+
+@dataclass(frozen=True)
+class Direction:
+    """A parameter along a history: its neighbouring problems and their courses."""
+
+    varied: Differenced
+    courses: tuple[Course, Course]
+
+    @staticmethod
+    def of(varied: Differenced, paths: tuple[Path, Path], time: Array) -> "Direction":
+        """At the times (k,) s."""
+        plus, minus = (
+            Course.of(q, path, time) for q, path in zip((varied.plus, varied.minus), paths, strict=True)
+        )
+        return Direction(varied, (plus, minus))
+
+    def halved(self, k: int) -> "Direction":
+        """With one more time, half way from number k - 1 to number k."""
+        return replace(self, courses=(self.courses[0].halved(k), self.courses[1].halved(k)))
+
+    def on(self, pasts: tuple[Past, Past]) -> "Direction":
+        """With the slip of the neighbours so far."""
+        plus, minus = pasts[0].on(self.varied.plus), pasts[1].on(self.varied.minus)
+        return replace(self, varied=replace(self.varied, plus=plus, minus=minus))
+
+    @property
+    def slopes(self) -> Array:
+        """Derivative (k,) of the curve's pressure, MPa per unit."""
+        return (self.courses[0].pressure - self.courses[1].pressure) / (2 * self.varied.step)
+
+    def neighbours(self, k: int, memory: tuple[Memory | None, Memory | None]) -> Neighbours:
+        """The two problems at time number k."""
+        (a, b), v = self.courses, self.varied
+        plus, minus = v.plus.stiffened(a.stiffness[k]), v.minus.stiffened(b.stiffness[k])
+        if memory[0] is not None and memory[1] is not None:
+            memory = memory[0].times(a.stiffness[k]), memory[1].times(b.stiffness[k])
+        return Neighbours(replace(v, plus=plus, minus=minus), (a.load[k], b.load[k]), memory)
+
+
+@dataclass(frozen=True)
+class _Point:
+    """One solved time: state, past, and for every parameter its derivative and the pasts of its
+    neighbours."""
+
+    state: State
+    drift: State
+    past: Past
+    changes: tuple[State, ...]
+    pasts: tuple[tuple[Past, Past], ...]
+
+
+@dataclass(frozen=True)
+class _March:
+    """A problem on its way through the times `time` (k,) s of a course, with the tracked parameters; number
+    (k,): which loading and which curve is each time's."""
+
+    loadings: Loadings
+    curves: Sequence[Curve]
+    time: Array
+    number: Integers
+    course: Course
+    directions: dict[int, Direction]
+    near: History | None
+    soft: bool  # whether anyone asks for energies
+
+    def _problem(self, k: int) -> Problem:
+        return self.loadings.problems[self.number[k]]
+
+    def _tracked(self, k: int) -> dict[int, Direction]:
+        """The tracked parameters under the gravity of time number k."""
+        varied = self.loadings.varied[self.number[k]]
+        return {n: replace(d, varied=varied[n]) for n, d in self.directions.items()}
+
+    def first(self) -> tuple[_Point, Equilibrium | None]:
+        """The state that the first pressure has put on instantly."""
+        state, found, problem, tracked = self._carrier(0), None, self._problem(0), self._tracked(0)
+        changes = tuple(self._along(n, d, 0) for n, d in tracked.items())
+        if self.course.stiffness[0] != 1 and not problem.proportional:
+            found = self._equilibrium(0, problem, state, None, None)
+            if found.state is not None and found.step is not None:
+                state = found.state
+                around = [d.neighbours(0, (None, None)) for d in tracked.values()]
+                changes = tuple(sensitivities(found.step, state, around))
+        pasts = tuple(
+            (Past.first(plus), Past.first(minus)) for plus, minus in self._around(0, state, changes)
+        )
+        past = Past.first(Evaluated(problem, state.u, self.response(problem, state.u)))
+        return _Point(state, moved(state, self._carrier(0), -1.0), past, changes, pasts), found
+
+    def _carrier(self, k: int) -> State:
+        return self.curves[self.number[k]].state(self.course.pressure[k])
+
+    def _along(self, n: int, direction: Direction, k: int) -> State:
+        """The derivative of the curve's state at time number k to parameter number n."""
+        q, curve = float(self.course.pressure[k]), self.curves[self.number[k]]
+        return moved(curve.derivative_at(n, q), curve.slope(q), direction.slopes[k])
+
+    def _around(
+        self, k: int, state: State, changes: Sequence[State]
+    ) -> Iterator[tuple[Evaluated, Evaluated]]:
+        """For every parameter its neighbouring problems at their own displacements."""
+        for d, change in zip(self._tracked(k).values(), changes, strict=True):
+            v, step = d.varied, d.varied.step * change.u
+            ahead, behind = state.u + step, state.u - step
+            yield (
+                Evaluated(v.plus, ahead, self.response(v.plus, ahead)),
+                Evaluated(v.minus, behind, self.response(v.minus, behind)),
+            )
+
+    def response(self, problem: Problem, u: Array) -> Response:
+        """The law's answer to displacements u (n, 3) mm, the moduli as at the beginning."""
+        kernel, c, geometry = problem.kernel, problem.constants, problem.geometry
+        return Response(
+            kernel.isochoric(u, c, geometry), kernel.energies(u, c, geometry) if self.soft else None
+        )
+
+    def _equilibrium(
+        self, k: int, problem: Problem, guess: State, memory: Memory | None, last: Equilibrium | None
+    ) -> Equilibrium:
+        factor = self.course.stiffness[k]
+        return eased(
+            problem.stiffened(factor),
+            guess,
+            load=self.course.load[k],
+            memory=memory.times(factor) if memory else None,
+            last=last.step if last else None,
+            exact=bool(self.directions),
+        )
+
+    def virgin(self, k: int, before: _Point) -> _Point | None:
+        """The point at time number k if it is the curve's: where only softening remembers, and nothing is
+        below its largest energy."""
+        problem, tracked = self._problem(k), self._tracked(k)
+        problems = [problem, *(d.varied.plus for d in tracked.values())]
+        if any(len(q.constants.prony) or q.rubs for q in problems) or _drifts(problem, self.course.stiffness):
+            return None
+        state = self._carrier(k)
+        response = self.response(problem, state.u)
+        below = before.past.below(response)
+        if below is None or below.any():
+            return None
+        changes = tuple(self._along(n, d, k) for n, d in tracked.items())
+        return self._point(k, before, state, response, changes, None)
+
+    def divisible(self, k: int) -> bool:
+        """Whether the step to time number k may be halved: with slip, while the load changes by enough."""
+        load = self.course.load
+        return self._problem(k).rubs and abs(load[k] - load[k - 1]) > LEAST_STEP * float(np.ptp(load))
+
+    def found(self, k: int, before: _Point, last: Equilibrium | None) -> Equilibrium:
+        """The equilibrium at time number k, after the point before; none if it is far from where it was
+        expected and the step may be halved."""
+        problem = before.past.on(self._problem(k))
+        guess = moved(self._carrier(k), before.drift)
+        if self.near is not None:  # as the neighbour goes on from the last time
+            guess = moved(moved(guess, self.near.drift[k]), self.near.drift[k - 1], -1.0)
+        found = self._equilibrium(k, problem, guess, before.past.memory(problem, self._dt(k)), last)
+        strayed = found.state is not None and self.divisible(k) and strays(problem, guess, found.state)
+        return replace(found, state=None) if strayed else found
+
+    def halved(self, k: int) -> "_March":
+        """With one more time, half way from number k - 1 to number k."""
+        directions = {n: d.halved(k) for n, d in self.directions.items()}
+        number = np.insert(self.number, k, self.number[k])
+        time, course = _halved(self.time, k), self.course.halved(k)
+        return replace(self, time=time, number=number, course=course, directions=directions)
+
+    def point(self, k: int, before: _Point, state: State, step: Step) -> _Point:
+        """The point at time number k, from the equilibrium there and its tangent."""
+        response, dt = self.response(self._problem(k), state.u), self._dt(k)
+        below = before.past.below(response)
+        around = [
+            d.on((a, b)).neighbours(
+                k, (a.memory(d.varied.plus, dt, below), b.memory(d.varied.minus, dt, below))
+            )
+            for d, (a, b) in zip(self._tracked(k).values(), before.pasts, strict=True)
+        ]
+        known = response.times(self.course.stiffness[k])
+        changes = tuple(sensitivities(step, state, around, response=known))
+        return self._point(k, before, state, response, changes, step.slides)
+
+    def _point(
+        self,
+        k: int,
+        before: _Point,
+        state: State,
+        response: Response,
+        changes: tuple[State, ...],
+        slides: Flags | None,
+    ) -> _Point:
+        dt, below = self._dt(k), before.past.below(response)
+        pasts = tuple(
+            (a.after(plus, dt, below, slides), b.after(minus, dt, below, slides))
+            for (plus, minus), (a, b) in zip(self._around(k, state, changes), before.pasts, strict=True)
+        )
+        past = before.past.after(Evaluated(self._problem(k), state.u, response), dt, below, None)
+        return _Point(state, moved(state, self._carrier(k), -1.0), past, changes, pasts)
+
+    def _dt(self, k: int) -> float:
+        return float(self.time[k] - self.time[k - 1])
+
+    def history(self, points: Sequence[_Point], slopes: Array) -> History:
+        """What is kept of the points."""
+        u, p = (
+            {
+                n: np.stack([getattr(x.changes[i], name) for x in points])
+                for i, n in enumerate(self.directions)
+            }
+            for name in ("u", "p")
+        )
+        c, problem = self._problem(0).constants, self._problem(0)
+        weights = in_time(self.loadings.path, self.time, **_pace(self.loadings))
+        drifts = any(_drifts(q, self.course.stiffness) for q in self.loadings.problems)
+        active = bool(drifts or problem.rubs or c.prony[..., 0].any() or c.softening[:, 0].any())
+        states, drift = np.stack([x.state.u for x in points]), tuple(x.drift for x in points)
+        return History(
+            self.time, self.number, weights, self.course.pressure, slopes, states, u, p, drift, active
+        )
+
+
+def _drifts(problem: Problem, stiffness: Array) -> bool:
+    """Whether a drift of the moduli does more than a change of pressure does."""
+    return bool((stiffness != 1).any()) and not problem.proportional
+
+
+def _pace(loadings: Loadings) -> dict[str, bool]:
+    """How densely a history is to be solved: what `fe.path.knots` asks."""
+    every = loadings.everyone
+    rubs = any(q.rubs for q in every)
+    creeping = not rubs or any(remembers(q, loadings.path) for q in every)
+    return {"softening": rubs or any(len(q.constants.softening) for q in every), "creeping": creeping}
+
+
+def remembers(problem: Problem, path: Path) -> bool:
+    """Whether the material may answer by other than a function of pressure over the moduli."""
+    c = problem.constants
+    return bool(len(c.prony) or len(c.softening)) or (path.stiffness is not None and not problem.proportional)
+
+
+def follow(
+    loadings: Loadings,
+    curves: Sequence[Curve],
+    paths: Sequence[tuple[Path, Path]],
+    *,
+    near: History | None,
+) -> tuple[History | None, int, str]:
+    """The history at its solved times, the factorisations it took, and the reason where it stopped.
+
+    curves: one for each loading; paths: those of the parameters' neighbouring problems; near: the history of
+    a neighbouring case.
+    """
+    path, problem = loadings.path, loadings.problems[0]
+    soft = any(len(q.constants.softening) for q in loadings.everyone)
+    time = knots(path, **_pace(loadings))
+    if near is not None and (problem.rubs or not np.array_equal(near.time, time)):
+        near = None
+    directions = [Direction.of(v, pair, time) for v, pair in zip(loadings.varied[0], paths, strict=True)]
+    own = any(remembers(q, path) or q.rubs for q in loadings.problems)
+    # without a memory in the base, only the derivatives towards one have a history of their own
+    tracked = {
+        n: d
+        for n, d in enumerate(directions)
+        if own or any(remembers(v[n].plus, paths[n][0]) or v[n].plus.rubs for v in loadings.varied)
+    }
+    course, number = Course.of(problem, path, time), loadings.at(time)
+    march = _March(loadings, curves, time, number, course, tracked, near, soft)
+    point, last = march.first()
+    points, iterations = [point], last.iterations if last else 0
+    going, asked = march, np.ones(len(time), bool)  # slip may need times in between
+    while (k := len(points)) < len(asked):
+        virgin = going.virgin(k, points[-1])
+        if virgin is not None:
+            points.append(virgin)
+            continue
+        found = going.found(k, points[-1], last)
+        iterations += found.iterations
+        if found.state is not None and found.step is not None:
+            points.append(going.point(k, points[-1], found.state, found.step))
+            last = found
+        elif going.divisible(k):
+            going, asked = going.halved(k), np.insert(asked, k, False)
+        else:
+            where = f"{going.time[k]:.4g} s, {going.course.load[k]:.4g} MPa"
+            return None, iterations, f"stopped at {where}: {found.reason}"
+    slopes = np.array([d.slopes for d in directions]).reshape(len(directions), len(time))
+    points = [p for p, kept in zip(points, asked, strict=True) if kept]
+    return march.history(points, slopes), iterations, "converged"

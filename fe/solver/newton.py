@@ -1,0 +1,412 @@
+"""A case, a load and a starting state -> the equilibrium state, by Newton's method with exact tangents."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from scipy.sparse import csr_matrix
+
+from fe.case import Case
+from fe.element import Array, Flags
+from fe.kernel.assembly import Constants, Geometry, Kernel, Linearised, Memory, State
+from fe.kernel.contact import PlaneFaces
+from fe.kernel.coupling import addition, coupled
+from fe.kernel.layer import LayerFaces
+
+# Last correction: of u against the structure's size, of p against a tenth of the shear modulus. The tangent
+# that serves derivatives is that far from the equilibrium: 1e-7 leaves them 1e-6 wrong, 1e-5 left 2e-3.
+TOLERANCE = 1e-7
+# A factorised tangent serves again, at an eighth of the cost of a new one, for states within NEARBY of the
+# structure's size, as long as every correction is at most SHRINK of the last but one: a wrong p first pushes
+# u away, and the next correction brings it back.
+NEARBY = 0.02
+SHRINK = 0.2
+# Where a tangent jumps: how far the forces along a correction may turn round before it is shortened, in how
+# many tries; and how small a correction shows that the jumps are behind, of NEARBY.
+OVERSHOT = 0.3
+SEARCHES = 6
+SETTLING = 0.1
+SOFTEST = 1 / 512  # of a plane's stiffness: with that it is met first where it cannot be met at once
+EXACT = 0.01  # of TOLERANCE is what such corrections may leave, as Newton's last one does
+
+
+@dataclass(frozen=True)
+class Problem:
+    """One case made ready: kernel (shared by cases with the same mesh and supports), constants, dead forces
+    (n, 3) N."""
+
+    kernel: Kernel
+    constants: Constants
+    case: Case
+    dead: Array
+    geometry: Geometry
+    layer: LayerFaces | None
+    plane: PlaneFaces | None
+
+    @staticmethod
+    def of(case: Case, kernel: Kernel | None = None) -> "Problem":
+        """The problem of a case without weight, on an existing kernel of the same mesh where given."""
+        dead = np.zeros_like(case.nodes)
+        for name, force in case.forces.items():
+            rows = case.node_sets[name]
+            dead[rows] += np.asarray(force, float) / len(rows)
+        kernel = kernel or Kernel(case)
+        own, curved = kernel.geometry, case.precurvature
+        same = np.array_equal(case.nodes, own.nodes) and curved == own.precurvature
+        geometry = own if same else Geometry(case.nodes, kernel.connectivity, kernel.element, curved)
+        layer = LayerFaces(case) if case.layer and case.layer.stiffness else None
+        plane = PlaneFaces(case) if case.contact and case.contact.stiffness else None
+        return Problem(kernel, Constants.of(case), case, dead, geometry, layer, plane)
+
+    @property
+    def proportional(self) -> bool:
+        """Whether pressure alone loads it, so that u is a function of pressure over the moduli."""
+        clamp = self.case.clamp
+        held = bool(clamp and clamp.compliance) or self.layer is not None or self.plane is not None
+        return not self.dead.any() and not held
+
+    def stiffened(self, factor: float) -> "Problem":
+        """The problem with all moduli multiplied."""
+        return self if factor == 1 else replace(self, constants=self.constants.times(factor))
+
+    @property
+    def rubs(self) -> bool:
+        """Whether a plane has friction, so that a state depends on those before."""
+        return self.plane is not None and self.plane.friction != 0
+
+    def sliding(self, where: Flags | None) -> "Problem":
+        """The same problem, sliding there (f, q) and nowhere else; None: where it does."""
+        if self.plane is None or not self.rubs or where is None:
+            return self
+        return replace(self, plane=self.plane.sliding(where))
+
+    def after(self, u: Array) -> "Problem":
+        """The problem as it goes on from the equilibrium at displacements u (n, 3) mm: the same but for
+        slip."""
+        if self.plane is None or not self.rubs:
+            return self
+        return replace(self, plane=self.plane.after(self.case.nodes + u))
+
+    @property
+    def heavy(self) -> bool:
+        """Whether any material has a density."""
+        return any(m.density for m in self.case.materials.values())
+
+    def under(self, gravity: Array) -> "Problem":
+        """The problem with its weight in a gravity (3,) mm/s2, as consistent nodal forces of the mass at
+        rest."""
+        if not self.heavy:
+            return self
+        mass = self.kernel.masses(self.case.per_element("density"), self.geometry)
+        return replace(self, dead=self.dead + mass[:, None] * gravity)
+
+    @property
+    def shear(self) -> float:
+        """The smallest shear modulus of the materials, MPa."""
+        return float(self.constants.shear.min())
+
+    def start(self) -> State:
+        """The undeformed state with the prescribed displacements put in."""
+        u = np.zeros_like(self.case.nodes)
+        for s in self.case.supports:
+            if s.value is not None:
+                rows = self.case.node_sets[s.nodes]
+                u[np.ix_(rows, np.array(s.components))] = s.value[:, list(s.components)]
+        return State(u, np.zeros((len(self.case.connectivity), self.kernel.modes)))
+
+    def clamp_motion(self, rotation: float) -> tuple[Array, Array, Array]:
+        """Displacement (k, 3) mm of the clamp nodes at a rotation, and its first two derivatives."""
+        if self.case.clamp is None:
+            return (np.empty((0, 3)),) * 3
+        x = self.case.nodes[self.kernel.clamped]
+        dx, dz = x[:, 0] - self.case.clamp.centre[0], x[:, 2] - self.case.clamp.centre[1]
+        s, c, none = np.sin(rotation), np.cos(rotation), np.zeros(len(x))
+        moved = np.stack([c * dx + s * dz - dx, none, c * dz - s * dx - dz], axis=1)
+        first = np.stack([c * dz - s * dx, none, -s * dz - c * dx], axis=1)
+        return moved, first, np.stack([-s * dz - c * dx, none, s * dx - c * dz], axis=1)
+
+    def clamp_gap(self, rotation: float, force: Array) -> float:
+        """The rotation in rad by which an elastic clamp gives way to nodal forces (n, 3) N."""
+        if self.case.clamp is None or not self.case.clamp.compliance:
+            return 0.0
+        _, turn, _ = self.clamp_motion(rotation)
+        return float(self.case.clamp.compliance * (turn * force[self.kernel.clamped]).sum())
+
+
+@dataclass(frozen=True)
+class Residual:
+    """What is out of balance at a state: nodal forces (n, 3) N; volume gaps (e, m) mm3, or None where they
+    are condensed into the forces already; the moment, residual of the clamp's equation in rad."""
+
+    force: Array
+    gap: Array | None
+    moment: float
+
+    def minus(self, other: "Residual", factor: float) -> "Residual":
+        """`factor` times the difference of two residuals."""
+        gap = None if self.gap is None or other.gap is None else factor * (self.gap - other.gap)
+        return Residual(factor * (self.force - other.force), gap, factor * (self.moment - other.moment))
+
+
+class Step:
+    """A factorised tangent at one state: solves for any right-hand side, clamp rotation included."""
+
+    def __init__(self, problem: Problem, state: State, system: Linearised) -> None:
+        self.problem, self.state = problem, state
+        kernel, clamp = problem.kernel, problem.case.clamp
+        kernel.matrix.factorise(system.data)
+        self.system = replace(system, data=np.empty(0))  # the matrix has it, and not longer than it needs
+        below = kernel.matrix.negative
+        # as many as there are shared pressures belong to the mixed form
+        self.negative = max(0, (below or 0) - kernel.shared)
+        self._compliance = clamp.compliance if clamp else 0.0
+        sliding = problem.plane.coupling(problem.case.nodes + state.u) if problem.plane else None
+        parts = [part for part in (sliding, system.border) if part is not None]
+        self._addition = addition(parts, kernel.dofs) if parts else None
+        _, self._turn, bend = problem.clamp_motion(state.rotation)
+        self._side = system.turning
+        self._stiffness = float(
+            (system.lever[kernel.clamped] * self._turn).sum() + (bend * system.force[kernel.clamped]).sum()
+        )
+
+    @cached_property
+    def slides(self) -> Flags | None:
+        """Where (f, q) the surface slides on a plane, as this tangent has it, or None without a plane."""
+        plane, x = self.problem.plane, self.problem.case.nodes + self.state.u
+        return None if plane is None else plane.slides(x)
+
+    @cached_property
+    def _back(self) -> Array:
+        """The free displacements' answer to a turn of the clamp, mm per rad, but for its sign."""
+        return self.problem.kernel.matrix.solve(self._side)
+
+    def solve(self, residuals: Sequence[Residual]) -> list[State]:
+        """For each change of the residuals the change of state that cancels it."""
+        changes = self._symmetric(residuals)
+        return changes if self._addition is None else [self._with(self._addition, c) for c in changes]
+
+    def _with(self, C: csr_matrix, change: State) -> State:
+        """The change of state with an addition C (3 n, 3 n) to the tangent."""
+        none = np.zeros_like(self.system.gap)
+
+        def answer(force: Array) -> State:
+            return self._symmetric([Residual(force.reshape(-1, 3), none, 0.0)])[0]  # the clamp feels none
+
+        return moved(change, answer(coupled(C, change.u.ravel(), lambda f: answer(f).u.ravel())))
+
+    def _symmetric(self, residuals: Sequence[Residual]) -> list[State]:
+        kernel = self.problem.kernel
+        condensed = [self._condensed(r) for r in residuals]
+        gaps = [self.system.gap if r.gap is None else r.gap for r in residuals]
+        sides = [kernel.unknowns(force, gap) for (force, _), gap in zip(condensed, gaps, strict=True)]
+        x = kernel.matrix.solve(np.stack(sides, axis=1))  # together: the factors are read once
+        return [
+            self._spread(x[:, k], moment, gap)
+            for k, (gap, (_, moment)) in enumerate(zip(gaps, condensed, strict=True))
+        ]
+
+    def work(self, r: Residual, change: State) -> float:
+        """What residuals, but for their gaps, do along a change of state, N mm."""
+        free = self.problem.kernel.free
+        turned = r.moment * change.rotation / self._compliance if self._compliance else 0.0
+        return float(r.force.ravel()[free] @ change.u.ravel()[free]) + turned
+
+    def _condensed(self, r: Residual) -> tuple[Array, float]:
+        """Force (n, 3) N and moment with the volume gaps eliminated."""
+        if r.gap is None:
+            return r.force, r.moment
+        kernel, system = self.problem.kernel, self.system
+        extra = system.coupling @ (system.compliance @ r.gap[..., None])
+        extra = kernel.gather(extra.reshape(*kernel.connectivity.shape, 3))
+        return r.force + extra, r.moment + self.problem.clamp_gap(self.state.rotation, extra)
+
+    def _spread(self, x: Array, moment: float, gap: Array) -> State:
+        """The change of state from the solution (f,) for the unknowns with the clamp held."""
+        kernel, system, turn = self.problem.kernel, self.system, -moment
+        if self._compliance:
+            pivot = 1 + self._compliance * (self._stiffness - float(self._side @ self._back))
+            turn = (-moment + self._compliance * float(self._side @ x)) / pivot
+        du = np.zeros((kernel.dofs // 3, 3))
+        x = -x if turn == 0 else -x - self._back * turn
+        du.reshape(-1)[kernel.free] = x[: len(kernel.free)]
+        du[kernel.clamped] = self._turn * turn
+        if kernel.shared:
+            return State(du, kernel.pressures(x), float(turn))
+        strain = np.swapaxes(system.coupling, 1, 2) @ du[kernel.connectivity].reshape(len(gap), -1, 1)
+        return State(du, (system.compliance @ (gap[..., None] + strain))[..., 0], float(turn))
+
+
+@dataclass(frozen=True)
+class Equilibrium:
+    """The equilibrium state and the tangent factorised next to it, or the reason why there is none.
+
+    The tangent's state and the equilibrium differ by less than TOLERANCE of the structure's size.
+    """
+
+    state: State | None
+    step: Step | None
+    iterations: int
+    reason: str
+
+
+def _residuals(
+    problem: Problem, state: State, load: float, memory: Memory | None
+) -> tuple[Linearised, float]:
+    _, turn, _ = problem.clamp_motion(state.rotation)
+    system = problem.kernel.linearise(state, problem.constants, load, memory, turn)
+    system = replace(system, force=system.force - problem.dead)
+    x = problem.case.nodes + state.u
+    for faces in (problem.layer, problem.plane):
+        if faces is not None:
+            system = problem.kernel.with_turned_faces(system, *faces.tangent(x), turn)
+            system = replace(system, force=system.force - faces.force(x))
+    return system, state.rotation + problem.clamp_gap(state.rotation, system.force)
+
+
+def equilibrium(
+    problem: Problem,
+    start: State,
+    *,
+    load: float,
+    memory: Memory | None = None,
+    last: Step | None = None,
+    exact: bool = True,
+    limit: int = 25,
+    tolerance: float = TOLERANCE,
+) -> Equilibrium:
+    """The equilibrium at follower pressure `load` MPa, from `start`, in at most `limit` factorisations.
+
+    last: the newest factorised tangent, of a neighbouring state; it serves as far as it can. exact: the
+    result's tangent is that of the equilibrium, as derivatives need it; otherwise it may be a nearby one's.
+    Never raises for lack of convergence: `reason` then says what stopped it.
+    """
+    kernel, state, before = problem.kernel, _consistent(problem, start), np.inf
+    extent = float(np.ptp(problem.case.nodes, axis=0).max())
+    small = (tolerance * extent, 10 * tolerance * problem.shear)  # mm, MPa
+    kinked = problem.rubs or (memory is not None and memory.softening is not None)
+    smooth = not kinked  # so far: whether the tangent may be expected to serve again
+    for iteration in range(limit):
+        if last is not None and smooth and np.abs(state.u - last.state.u).max() < NEARBY * extent:
+            share = 1.0 if exact else EXACT  # an exact tangent brings a correction of its own
+            state, settled = _chord(problem, state, last, load, memory, (share * small[0], share * small[1]))
+            if settled and not exact:
+                return Equilibrium(state, last, iteration, "converged")
+        system, moment = _residuals(problem, state, load, memory)
+        free = system.force.ravel()[kernel.free]
+        if not np.isfinite(system.data).all():
+            return Equilibrium(None, None, iteration, "an element turned inside out")
+        size = float(np.abs(free).max(initial=0.0))
+        if iteration > 2 and size > 1e3 * before:
+            return Equilibrium(None, None, iteration, "the residual grew: limit point or too large a step")
+        last = Step(problem, state, system)
+        (change,) = last.solve([Residual(system.force, None, moment)])
+        length = float(np.abs(change.u).max())
+        if not np.isfinite(length) or (iteration > 0 and length > 0.5 * extent):
+            return Equilibrium(None, None, iteration + 1, "the correction left the size of the structure")
+        if kinked and length > small[0]:
+            whole, change = change, _shortened(last, state, change, load, memory)
+            smooth = change is whole and length < SETTLING * NEARBY * extent
+        state = _consistent(problem, moved(state, change))
+        if length < small[0] and np.abs(change.p).max() < small[1]:
+            return Equilibrium(state, last, iteration + 1, "converged")
+        before = min(before, size) if np.isfinite(size) else before
+    return Equilibrium(None, None, limit, f"no equilibrium in {limit} iterations")
+
+
+def _shortened(step: Step, state: State, change: State, load: float, memory: Memory | None) -> State:
+    """The correction, or so much of it as brings the forces to rest along it.
+
+    The tangent jumps where softening or sliding sets in, and full corrections may go to and fro across that
+    kink. Gaps are left out: along a long way they are far from linear, but the next correction closes them.
+    """
+
+    def work(factor: float) -> float:
+        return step.work(imbalance(step.problem, moved(state, change, factor), load, memory), change)
+
+    low, high, first = 0.0, 1.0, work(0.0)
+    a, b = first, work(1.0)
+    if b <= OVERSHOT * abs(first):
+        return change
+    for _ in range(SEARCHES):
+        factor = low + (high - low) * min(max(-a / (b - a), 0.1), 0.9)
+        here = work(factor)
+        if abs(here) <= OVERSHOT * abs(first):
+            break
+        low, a, high, b = (factor, here, high, b) if here < 0 else (low, a, factor, here)
+    return moved(moved(change, change, -1.0), change, factor)
+
+
+def eased(
+    problem: Problem,
+    start: State,
+    *,
+    load: float,
+    memory: Memory | None = None,
+    last: Step | None = None,
+    exact: bool = True,
+) -> Equilibrium:
+    """As `equilibrium`; where a plane is too stiff to be met from `start`, it is met softer first."""
+    found = equilibrium(problem, start, load=load, memory=memory, last=last, exact=exact)
+    if problem.plane is None or found.state is not None:
+        return found
+    state, count, met, step = start, found.iterations, SOFTEST / 8, 8.0
+    while met < 1 and step > 1.1:
+        factor = min(1.0, met * step)
+        softer = replace(problem, plane=problem.plane.softer(factor))
+        found = equilibrium(softer, state, load=load, memory=memory)
+        count += found.iterations
+        if found.state is None:
+            step **= 0.5
+        else:
+            state, met = found.state, factor
+    return replace(found, iterations=count)
+
+
+def _chord(
+    problem: Problem, state: State, step: Step, load: float, memory: Memory | None, small: tuple[float, float]
+) -> tuple[State, bool]:
+    """The state after corrections with a tangent of nearby (the chord method), and whether it is an
+    equilibrium; the best state where they do not shrink fast enough."""
+    older = before = np.inf
+    while True:
+        (change,) = step.solve([imbalance(problem, state, load, memory)])
+        length = float(np.abs(change.u).max())
+        if not (length < SHRINK * older and length < 2 * before):
+            return state, False
+        # what is left of this correction: linear convergence, the slower of one and of two steps
+        left = SHRINK if np.isinf(before) else max(length / before, np.sqrt(length / older))
+        state, older, before = _consistent(problem, moved(state, change)), before, length
+        if left * length < small[0] and left * np.abs(change.p).max() < small[1]:
+            return state, True
+
+
+def moved(state: State, change: State, factor: float = 1.0) -> State:
+    """The state plus `factor` times a change of state."""
+    return State(
+        state.u + factor * change.u, state.p + factor * change.p, state.rotation + factor * change.rotation
+    )
+
+
+def _consistent(problem: Problem, state: State) -> State:
+    """The state with the clamp nodes exactly where its rotation puts them."""
+    if problem.case.clamp is None:
+        return state
+    u = state.u.copy()
+    u[problem.kernel.clamped] = problem.clamp_motion(state.rotation)[0]
+    return replace(state, u=u)
+
+
+def imbalance(problem: Problem, state: State, load: float, memory: Memory | None) -> Residual:
+    """All residuals at a state, not condensed.
+
+    The problem's own positions are used, the clamp's included, so that a problem with other nodes on the same
+    kernel is differenced right.
+    """
+    state = _consistent(problem, state)
+    force, gap = problem.kernel.residual(state, problem.constants, load, memory, problem.geometry)
+    force -= problem.dead
+    for faces in (problem.layer, problem.plane):
+        if faces is not None:
+            force -= faces.force(problem.case.nodes + state.u)
+    return Residual(force, gap, state.rotation + problem.clamp_gap(state.rotation, force))

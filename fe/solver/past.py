@@ -1,0 +1,76 @@
+"""What a path has left behind at one time: stresses of Prony terms, largest energies, slip on a plane."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from fe.element import Array, Flags
+from fe.kernel.assembly import Memory, Response, Softening
+from fe.kernel.contact import PlaneFaces
+from fe.laws import relaxation
+from fe.solver.newton import Problem
+
+# The largest energy so far is kept this much smaller. A held state, or one that comes back to its largest
+# load, then lies clearly on the virgin side of the kink at W = W_max and not on either by rounding.
+SHY = 1e-6
+
+
+@dataclass(frozen=True)
+class Evaluated:
+    """Displacements u (n, 3) mm of a problem, and its law's answer to them."""
+
+    problem: Problem
+    u: Array
+    response: Response
+
+
+@dataclass(frozen=True)
+class Past:
+    """The law's stress (e, q, 3, 3) MPa at the last time, the Prony terms' (m, e, q, 3, 3), the largest
+    energy so far (e, q) N mm/mm3 where anyone asks for it, and the plane with the slip so far."""
+
+    now: Array
+    terms: Array
+    peak: Array | None
+    plane: PlaneFaces | None
+
+    @staticmethod
+    def first(seen: Evaluated) -> "Past":
+        """The past of a state that was put on instantly, from rest."""
+        response, problem = seen.response, seen.problem.after(seen.u)
+        terms = problem.constants.prony[..., 0][..., None, None, None] * response.stress
+        peak = None if response.energy is None else (1 - SHY) * response.energy
+        return Past(response.stress, terms, peak, problem.plane)
+
+    def on(self, problem: Problem) -> Problem:
+        """The problem as it goes on from here: with the slip so far."""
+        return replace(problem, plane=self.plane) if problem.rubs else problem
+
+    def below(self, response: Response) -> Flags | None:
+        """Where (e, q) a state's energy is below the largest so far."""
+        if self.peak is None or response.energy is None:
+            return None
+        return np.asarray(response.energy < self.peak)
+
+    def memory(self, problem: Problem, dt: float, below: Flags | None = None) -> Memory:
+        """What the next time step, dt s long, is to know; `below`: the side of the kink, where given."""
+        c, prony = problem.constants, problem.constants.prony
+        g, (decay, ramp) = prony[..., 0], relaxation(prony, dt)
+        viscous = (g * ramp).sum(0)
+        carried = np.einsum("me,meqij->eqij", decay, self.terms) - viscous[:, None, None, None] * self.now
+        softening = None
+        if self.peak is not None and len(c.softening):
+            table = c.softening * np.stack([1 - g.sum(0), *np.ones((2, len(viscous)))], axis=1)
+            softening = Softening(table, self.peak, below)
+        return Memory(1 - g.sum(0) + viscous, carried, softening)
+
+    def after(self, seen: Evaluated, dt: float, below: Flags | None, slides: Flags | None) -> "Past":
+        """The past after one more time step; of a neighbour, on the base's sides of the kinks."""
+        response, prony = seen.response, seen.problem.constants.prony
+        decay, ramp = relaxation(prony, dt)
+        weight = (prony[..., 0] * ramp)[..., None, None, None]
+        terms = decay[..., None, None, None] * self.terms + weight * (response.stress - self.now)
+        peak = self.peak
+        if peak is not None and response.energy is not None and below is not None:
+            peak = np.where(below, peak, (1 - SHY) * response.energy)
+        return Past(response.stress, terms, peak, self.on(seen.problem).sliding(slides).after(seen.u).plane)

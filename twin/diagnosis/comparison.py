@@ -1,0 +1,174 @@
+"""Targets, a prediction and a whitener -> whether they agree within the noise, and where not."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from calibrate import chi2_test, excess, omnibus
+from twin.diagnosis.whitening import Whitener
+from twin.targets import Array, Targets
+
+ADEQUATE = 1e-3  # a model is adequate while its lack of fit has at least this probability
+BRANCHES = ("rest", "up", "hold", "down")
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """residual (s, p, 3) = measured - predicted mm; cleaned, the same without the errors of measurement and
+    mesh that many values share, NaN where no data; whitened (n,); the lack-of-fit test; where it fails."""
+
+    residual: Array
+    cleaned: Array
+    whitened: Array
+    chi2: float
+    degrees_of_freedom: int
+    excess: float  # of chi2 over what noise gives, in smooth functions where there are data enough for them
+    p_value: float
+    rms_mm: float
+    noise_sd_mm: float
+    where: str
+    maps: dict[str, list[dict[str, Any]]]
+
+    @property
+    def adequate(self) -> bool:
+        """Whether noise alone explains the residual."""
+        return self.p_value > ADEQUATE
+
+    def to_dict(self) -> dict[str, Any]:
+        """What comparison.json holds."""
+        plain = {
+            k: getattr(self, k) for k in ("chi2", "degrees_of_freedom", "p_value", "rms_mm", "noise_sd_mm")
+        }
+        return {**plain, "adequate": self.adequate, "where": self.where, "maps": self.maps}
+
+
+def branches(time: Array, pressure: Array, log_time: Array, log_pressure: Array) -> Array:
+    """Branch number (s,) of each step, an index of BRANCHES, from the pressure path around it.
+
+    A step is on a ramp where the log changes by more than 3 % of its range within 0.5 s.
+    """
+    span = max(float(np.ptp(log_pressure)), 1e-12)
+    change = np.interp(time + 0.25, log_time, log_pressure) - np.interp(time - 0.25, log_time, log_pressure)
+    low = pressure < 0.05 * span + log_pressure.min()
+    still = np.where(low, 0, 2)
+    return np.where(change > 0.03 * span, 1, np.where(change < -0.03 * span, 3, still))
+
+
+def compare(targets: Targets, predicted: Array, whitener: Whitener, *, jacobian: Array) -> Comparison:
+    """The comparison of a fitted prediction (s, p, 3) mm; jacobian (d, s, p, 3) mm is that of the fit."""
+    residual = targets.value - predicted
+    z = whitener.whiten(residual)
+    fitted = whitener.whiten(jacobian).T if len(jacobian) else np.zeros((len(z), 0))
+    chi2, degrees = float(z @ z), whitener.count - fitted.shape[1]
+    smooth = _smooth(targets, whitener)
+    enough = len(z) > 2 * smooth.shape[1]
+    p = lack_of_fit(targets, whitener, z, fitted, smooth if enough else None) if degrees > 0 else float("nan")
+    beyond = excess(z, smooth, fitted=fitted) if enough else chi2 - degrees
+    cleaned, maps = np.full(residual.shape, np.nan), residual_maps(targets, whitener, residual)
+    cleaned[:, whitener.components[:, 0], whitener.components[:, 1]] = whitener.cleaned(residual)
+    rms, noise = whitener.rms(residual), whitener.noise_sd
+    where = _where(maps, rms, noise, p)
+    return Comparison(residual, cleaned, z, chi2, degrees, beyond, p, rms, noise, where, maps)
+
+
+def lack_of_fit(targets: Targets, w: Whitener, z: Array, fitted: Array, smooth: Array | None) -> float:
+    """Probability of so bad a fit: the smallest of three tests, times their number.
+
+    The chi2 of everything; the omnibus test on smooth functions (n, b), where there are any; and the chi2 of
+    the gauge's errors alone, into which a misfit may creep that looks like another pressure. They know from
+    how many static frames, and samples of the resting log, the noise was estimated.
+    """
+    frames = targets.noise.frames if targets.noise else 10**6
+    counts = w.valid.sum(axis=0) - fitted.shape[1] / w.valid.shape[1]
+    nu = np.full(len(counts), float(frames - 2))
+    p = [chi2_test(float(z @ z), counts, nu)]
+    if smooth is not None:
+        component = np.tile(np.arange(len(counts)), len(w.valid))
+        p.append(omnibus(z, smooth, component=component, static_frames_effective=nu, fitted=fitted))
+    chi2, count = w.along_gauge(z)
+    if targets.noise and count > fitted.shape[1] and targets.noise.gauge_frames > 6:
+        free = np.array([count - fitted.shape[1]])
+        p.append(chi2_test(chi2, free, np.array([targets.noise.gauge_frames - 2.0])))
+    return min(1.0, len(p) * min(p))
+
+
+def _smooth(targets: Targets, w: Whitener) -> Array:
+    """Whitened smooth functions (n, b): powers of pressure and branches, for every component."""
+    x = targets.pressure / max(float(np.abs(targets.pressure).max()), 1e-12)
+    branch = branches(targets.time, targets.pressure, targets.log_time, targets.log_pressure)
+    since = np.interp(targets.time, targets.log_time, _memory(targets.log_time, targets.log_pressure))
+    since = since / max(float(np.abs(since).max()), 1e-12)
+    shapes = [x, x**2, x**3, since, (branch == 0).astype(float), x * (branch == 2)]
+    fields = []
+    for point, axis in w.components:
+        for shape in shapes:
+            field = np.zeros((*targets.value.shape[:2], 3))
+            field[:, point, axis] = shape - shape[targets.reference].mean()
+            fields.append(field)
+    return w.whiten(np.array(fields)).T  # at once: the filter's steps are what costs
+
+
+def _memory(time: Array, pressure: Array, tau: float = 5.0) -> Array:
+    """What a slow element would still feel: the pressure minus its running mean over tau (s)."""
+    out = np.zeros_like(pressure)
+    mean = pressure[0]
+    for n in range(1, len(time)):
+        mean += (1 - np.exp(-(time[n] - time[n - 1]) / tau)) * (pressure[n] - mean)
+        out[n] = pressure[n] - mean
+    return out
+
+
+def residual_maps(targets: Targets, w: Whitener, residual: Array) -> dict[str, list[dict[str, Any]]]:
+    """Root mean square of the cleaned residual, in mm and in noise sds, by marker, direction, pressure and
+    branch."""
+    left = w.cleaned(residual)
+    noise = np.sqrt(w.sd**2 + (w.modes[w.shared :] ** 2).sum(axis=0))
+    branch = branches(targets.time, targets.pressure, targets.log_time, targets.log_pressure)
+    edges = np.linspace(targets.pressure.min(), targets.pressure.max() + 1e-12, 5)
+    band = np.clip(np.digitize(targets.pressure, edges) - 1, 0, 3)
+    point, axis = w.components.T
+    masks = {
+        "marker": {targets.names[k]: np.broadcast_to(point == k, left.shape) for k in np.unique(point)},
+        "direction": {f"U{k + 1}": np.broadcast_to(axis == k, left.shape) for k in np.unique(axis)},
+        "pressure": {
+            f"{edges[k] * 1e3:.1f} to {edges[k + 1] * 1e3:.1f} kPa": np.broadcast_to(
+                (band == k)[:, None], left.shape
+            )
+            for k in range(4)
+        },
+        "branch": {BRANCHES[k]: np.broadcast_to((branch == k)[:, None], left.shape) for k in range(4)},
+    }
+    return {
+        kind: [_row(n, left[m], noise[m]) for n, m in rows.items() if m.any()] for kind, rows in masks.items()
+    }
+
+
+def _row(name: str, left: Array, noise: Array) -> dict[str, Any]:
+    good = np.isfinite(left)
+    rms = float(np.sqrt((left[good] ** 2).mean())) if good.any() else float("nan")
+    sd = float(np.sqrt((noise[good] ** 2).mean())) if good.any() else float("nan")
+    return {"name": name, "rms_mm": rms, "noise_sd_mm": sd, "ratio": rms / sd if sd else float("nan")}
+
+
+def _beyond_noise(row: dict[str, Any]) -> float:
+    """The mean square in mm2 that noise does not explain."""
+    return float(row["rms_mm"] ** 2 - row["noise_sd_mm"] ** 2)
+
+
+def _where(maps: dict[str, list[dict[str, Any]]], rms: float, noise: float, p: float) -> str:
+    if np.isnan(p):
+        return (
+            f"{rms:.3f} mm rms are left, which says nothing: there are no more data than fitted parameters, "
+            "so no agreement and no failure can be seen; measure more markers, pressures or times."
+        )
+    if p > ADEQUATE:
+        return f"The model agrees with the measurement within the noise: {rms:.3f} mm rms of {noise:.3f} mm."
+    worst = {kind: max(rows, key=_beyond_noise) for kind, rows in maps.items()}
+    marker = worst["marker"]
+    return (
+        f"The model misses the measurement by {rms:.3f} mm rms where the noise is {noise:.3f} mm; most at "
+        f"marker {marker['name']} ({marker['rms_mm']:.3f} mm, {marker['ratio']:.1f} of its noise), in "
+        f"{worst['direction']['name']}, at {worst['pressure']['name']}, on the branch "
+        f"'{worst['branch']['name']}'."
+    )

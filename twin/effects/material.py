@@ -1,0 +1,183 @@
+"""Effects of the silicone itself: its law and its memory."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from calibrate import Parameter
+from twin.effects.protocol import Effect, Test, Theta
+
+
+class Elasticity(Effect):
+    """The base material: Mooney-Rivlin constants C10 and C01 of every element, each free or held at a
+    value."""
+
+    name, sentence, order = "elasticity", "Mooney-Rivlin rubber", 0
+
+    def __init__(
+        self, *, bounds: Mapping[str, tuple[float, float]] | None = None, fixed: Theta | None = None
+    ) -> None:
+        limits = {"C10": (0.01, 0.5), "C01": (0.0, 0.5), **(bounds or {})}
+        self.fixed = dict(fixed or {})
+        self.parameters = tuple(
+            Parameter(name, *limits[name], "MPa", typical=0.02, start=float(np.clip(start, *limits[name])))
+            for name, start in (("C10", 0.2), ("C01", 0.1))
+            if name not in self.fixed
+        )
+
+    @property
+    def lowest(self) -> dict[str, float]:
+        """The smallest values that C10 and C01 may take, MPa."""
+        return {**{p.name: p.low for p in self.parameters}, **self.fixed}
+
+    @property
+    def highest(self) -> dict[str, float]:
+        """The largest values that they may take, MPa."""
+        return {**{p.name: p.high for p in self.parameters}, **self.fixed}
+
+    def before(self, test: Test, theta: Theta) -> Test:
+        values = {**theta, **self.fixed}
+        return replace(test, case=test.case.with_material(C10=values["C10"], C01=values["C01"]))
+
+
+class Creep(Effect):
+    """Finite-strain Prony relaxation G(t) = G0 [1 - sum g_i (1 - exp(-t / tau_i))] with one or two terms."""
+
+    name, order, requires = "creep", 10, ("history",)
+    sentence = "the silicone keeps yielding under a held pressure and recovers slowly (viscoelasticity)"
+
+    def __init__(self, terms: int = 1) -> None:
+        self.terms = terms
+        self.parameters = tuple(
+            p
+            for i in range(1, terms + 1)
+            for p in (
+                Parameter(f"creep.g{i}", 0.0, 0.4, "", null=0.0, typical=0.02, plausible=(0.003, 0.2)),
+                Parameter(f"creep.tau{i}", 0.2, 200.0, "s", typical=1.0, plausible=(0.5, 100.0)),
+            )
+        )
+        self.grid = (
+            tuple({"creep.tau1": tau} for tau in (0.6, 1.2, 2.5, 5.0, 10.0, 20.0)) if terms == 1 else ()
+        )
+
+    @property
+    def label(self) -> str:
+        return self.name if self.terms == 1 else f"{self.name}:{self.terms}"
+
+    def before(self, test: Test, theta: Theta) -> Test:
+        series = tuple((theta[f"creep.g{i}"], theta[f"creep.tau{i}"]) for i in range(1, self.terms + 1))
+        return replace(test, case=test.case.with_material(prony=series))
+
+    def wider(self) -> Effect | None:
+        return Creep(2) if self.terms == 1 else None
+
+    def start(self, theta: Theta) -> Theta:
+        if self.terms == 1:
+            return theta
+        rest = {k: v for k, v in theta.items() if not k.startswith("creep.")}
+        g, tau = theta["creep.g1"], theta["creep.tau1"]
+        slow = float(np.clip(4 * tau, 0.2, 150.0))
+        first = {"creep.g1": 0.7 * g, "creep.tau1": max(0.6 * tau, 0.2)}
+        return {**rest, **first, "creep.g2": 0.5 * g, "creep.tau2": slow}
+
+
+class Stiffening(Effect):
+    """A quadratic term C20 (I1 - 3)^2 in the energy: the rubber stiffens, or softens, with strain. With two
+    terms a cubic one, C30 (I1 - 3)^3, too: Yeoh's law, and Gent's to third order."""
+
+    name, order = "stiffening", 10
+    sentence = "the silicone stiffens (or softens) with strain beyond the Mooney-Rivlin law"
+
+    def __init__(self, terms: int = 1) -> None:
+        self.terms = terms
+        self.parameters = (
+            Parameter("stiffening.C20", -0.05, 0.5, "MPa", null=0.0, typical=0.005),
+            Parameter("stiffening.C30", -0.02, 0.2, "MPa", null=0.0, typical=0.002),
+        )[:terms]
+
+    @property
+    def label(self) -> str:
+        return self.name if self.terms == 1 else f"{self.name}:{self.terms}"
+
+    def before(self, test: Test, theta: Theta) -> Test:
+        terms = {p.name.partition(".")[2]: theta[p.name] for p in self.parameters}
+        return replace(test, case=test.case.with_material(**terms))
+
+    def wider(self) -> Effect | None:
+        return Stiffening(2) if self.terms == 1 else None
+
+    def start(self, theta: Theta) -> Theta:
+        return {"stiffening.C30": 0.0, **theta} if self.terms == 2 else theta
+
+
+class Mullins(Effect):
+    """Mullins softening below the largest energy that a point has carried: the stress is multiplied by
+    1 - softening erf((W_max - W) / (m + beta W_max)), softening = 1/r (Ogden & Roxburgh 1999,
+    doi 10.1098/rspa.1999.0431). One term: beta = 0. The finger is virgin at the beginning of the path.
+
+    Derivatives are those on the side of W_max on which each point is: where a parameter moves the moment at
+    which W_max is met again, an output there has another slope on either side.
+    """
+
+    name, order, requires = "mullins", 10, ("history", "unloading")
+    sentence = "the silicone is softer below the largest load it has carried (Mullins softening)"
+
+    def __init__(self, terms: int = 1) -> None:
+        self.terms = terms
+        self.parameters = (
+            Parameter("mullins.softening", 0.0, 0.9, "", null=0.0, typical=0.1, plausible=(0.02, 0.6)),
+            Parameter("mullins.m", 1e-4, 0.1, "MPa", typical=2e-3, plausible=(3e-4, 0.03)),
+            Parameter("mullins.beta", 0.0, 2.0, "", null=0.0, typical=0.1, plausible=(0.0, 1.0)),
+        )[: 1 + terms]
+        self.grid = tuple({"mullins.m": m} for m in (5e-4, 2e-3, 8e-3, 3e-2)) if terms == 1 else ()
+
+    @property
+    def label(self) -> str:
+        return self.name if self.terms == 1 else f"{self.name}:{self.terms}"
+
+    def before(self, test: Test, theta: Theta) -> Test:
+        law = (theta["mullins.softening"], theta["mullins.m"], theta.get("mullins.beta", 0.0))
+        return replace(test, case=test.case.with_material(mullins=law))
+
+    def wider(self) -> Effect | None:
+        return Mullins(2) if self.terms == 1 else None
+
+    def start(self, theta: Theta) -> Theta:
+        return {"mullins.beta": 0.1, **theta} if self.terms == 2 else theta
+
+
+class Compressibility(Effect):
+    """The bulk modulus K is finite beyond the base's: 1/K = 1/K_base + excess."""
+
+    name, order = "compressibility", 15
+    sentence = "the silicone is compressible (bubbles, or a bulk modulus near its shear modulus)"
+    parameters = (
+        Parameter(
+            "compressibility.excess", 0.0, 0.5, "1/MPa", null=0.0, typical=0.02, plausible=(1e-3, 0.2)
+        ),
+    )
+
+    def before(self, test: Test, theta: Theta) -> Test:
+        excess = theta["compressibility.excess"]
+        materials = {
+            name: replace(m, bulk_ratio=m.bulk_ratio / (1 + m.bulk * excess))
+            for name, m in test.case.materials.items()
+            if name not in test.case.kept
+        }
+        case = replace(test.case, materials={**test.case.materials, **materials})
+        return replace(test, case=case)
+
+
+class Thermal(Effect):
+    """All moduli drift with time: times 1 + rate t, t on the clock of the pressure log."""
+
+    name, order = "thermal", 15
+    sentence = "the silicone gets stiffer or softer with time (its temperature drifts)"
+    parameters = (
+        Parameter("thermal.rate", -5e-3, 5e-3, "1/s", null=0.0, typical=2e-4, plausible=(-1e-3, 1e-3)),
+    )
+
+    def before(self, test: Test, theta: Theta) -> Test:
+        factor = 1 + theta["thermal.rate"] * test.path.time
+        return replace(test, path=replace(test.path, stiffness=factor))

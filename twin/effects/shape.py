@@ -1,0 +1,123 @@
+"""Effects of the shape: the chamber is not where the drawing has it, or the finger is not straight at rest.
+
+Only inner surfaces move, so that markers stay where they are. At one value the map is a displacement of the
+chamber's surface, spread through the walls (`fe.mesh.inner`); it works on any mesh with a named chamber.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from calibrate import Parameter
+from fe.mesh.inner import Inside, inside, least_volume_ratio
+from twin.effects.protocol import Effect, Test, Theta, Unsolvable
+from twin.targets import Array
+
+LEAST = 0.05  # of an element's volume must be left anywhere: beyond, the walls are all but closed
+
+
+class InnerShape(Effect):
+    """A displacement of the chamber's surface."""
+
+    order = 5
+
+    def motion(self, inner: Inside, theta: Theta) -> Array:
+        """The displacement (k, 3) mm of the nodes of the inner surface, 0 at null."""
+        raise NotImplementedError
+
+    def before(self, test: Test, theta: Theta) -> Test:
+        """Raises Unsolvable where the walls do not leave room for it."""
+        inner = inside(test.case)
+        moved = self.motion(inner, theta)
+        if not moved.any():
+            return test
+        nodes = test.case.nodes + inner.spread(moved)
+        left = least_volume_ratio(test.case, nodes)
+        if left < LEAST:
+            values = ", ".join(f"{p.name} = {theta[p.name]:.3g} {p.unit}".rstrip() for p in self.parameters)
+            raise Unsolvable(
+                f"{values}: an element of the wall keeps {left:.2g} of its volume, wanted {LEAST:g}; the "
+                "walls are too thin for it, or the mesh too coarse"
+            )
+        return replace(test, case=replace(test.case, nodes=nodes))
+
+
+def _along(inner: Inside) -> Array:
+    """Places (k,) along the chamber: 0 at its base, 1 at its tip."""
+    x = inner.position[:, 0]
+    return np.asarray((x - x.min()) / np.ptp(x), float)
+
+
+def _across(inner: Inside) -> Array:
+    """The normals' part (k, 3) across the finger's axis: walls get thicker by it, end caps do not."""
+    return inner.normal * [0.0, 1.0, 1.0]
+
+
+class WallTaper(InnerShape):
+    """Walls get thicker from base to tip by `mm` in all, thinner before the middle, thicker behind it."""
+
+    name = "wall_taper"
+    sentence = "the walls' thickness changes along the finger (the core was thinner at one end)"
+    parameters = (Parameter("wall_taper.mm", -1.2, 1.2, "mm", null=0.0, typical=0.1),)
+
+    def motion(self, inner: Inside, theta: Theta) -> Array:
+        return theta["wall_taper.mm"] * (_along(inner) - 0.5)[:, None] * _across(inner)
+
+
+class EccentricCore(InnerShape):
+    """The chamber as a whole lies higher by `mm`: the bottom is thicker, the top thinner."""
+
+    name = "eccentric_core"
+    sentence = "the core sat off its place in height: top and bottom walls are not as drawn"
+    parameters = (Parameter("eccentric_core.mm", -1.0, 1.0, "mm", null=0.0, typical=0.1),)
+
+    def motion(self, inner: Inside, theta: Theta) -> Array:
+        return np.tile([0.0, 0.0, theta["eccentric_core.mm"]], (len(inner.rows), 1))
+
+
+class SidewaysCore(InnerShape):
+    """The chamber as a whole lies off the middle plane by `mm` towards +y: the finger bends sideways and
+    twists."""
+
+    name = "eccentric_core_y"
+    sentence = "the core sat off the middle plane: one side wall is thicker than the other"
+    parameters = (Parameter("eccentric_core_y.mm", -0.8, 0.8, "mm", null=0.0, typical=0.1),)
+
+    def breaks_symmetry(self, test: Test) -> bool:
+        del test
+        return True
+
+    def motion(self, inner: Inside, theta: Theta) -> Array:
+        return np.tile([0.0, theta["eccentric_core_y.mm"], 0.0], (len(inner.rows), 1))
+
+
+class Ballooning(InnerShape):
+    """A band around the chamber is thinner by `depth`: a Gaussian of sd `width` along x, about `place`."""
+
+    name = "ballooning"
+    sentence = "the wall is thin at one place along the finger, where it balloons"
+    parameters = (
+        Parameter("ballooning.depth", 0.0, 0.9, "mm", null=0.0, typical=0.1),
+        Parameter("ballooning.place", 0.0, 1.0, "", typical=0.1),
+        Parameter("ballooning.width", 3.0, 30.0, "mm", typical=2.0),
+    )
+    grid = tuple({"ballooning.place": place, "ballooning.width": 8.0} for place in (0.1, 0.3, 0.5, 0.7, 0.9))
+
+    def motion(self, inner: Inside, theta: Theta) -> Array:
+        off = (_along(inner) - theta["ballooning.place"]) * np.ptp(inner.position[:, 0])
+        bell = np.exp(-0.5 * (off / theta["ballooning.width"]) ** 2)
+        return -theta["ballooning.depth"] * bell[:, None] * _across(inner)
+
+
+class Precurvature(Effect):
+    """The finger is free of stress where it is curved: straight, as it is meshed, it would be held by force.
+
+    At rest it lies as much lower as that; displacements are relative to the rest.
+    """
+
+    name, order = "precurvature", 5
+    sentence = "the finger is curved where it is free of stress (it shrank, or cured, more on one side)"
+    parameters = (Parameter("precurvature.per_mm", -3e-3, 3e-3, "1/mm", null=0.0, typical=1e-4),)
+
+    def before(self, test: Test, theta: Theta) -> Test:
+        return replace(test, case=replace(test.case, precurvature=theta["precurvature.per_mm"]))

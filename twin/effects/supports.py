@@ -1,0 +1,91 @@
+"""Effects of the structure: its supports and its shape."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from calibrate import Parameter
+from fe import Case
+from fe.case import Contact, Layer
+from fe.element import Integers
+from fe.mesh.mirror import symmetry_support
+from fe.mesh.refine import free_faces
+from twin.effects.protocol import Effect, Test, Theta
+
+
+class TableContact(Effect):
+    """A table under the finger, `distance` mm below its flat bottom, pushes it back by its depth; with two
+    terms Coulomb's friction on it too, along the whole path.
+
+    The second is no wider law that `twin diagnose` tries by itself: on the default finger a solve with it
+    takes several times as long.
+    """
+
+    name, order, smooth = "contact", 20, False
+    sentence = "the finger touches a table below it"
+
+    def __init__(self, terms: int = 1) -> None:
+        self.terms = terms
+        self.parameters = (
+            Parameter("contact.stiffness", 0.0, 2.0, "MPa/mm", null=0.0, typical=0.1),
+            Parameter("contact.distance", -5.0, 100.0, "mm", typical=1.0),
+            Parameter("contact.friction", 0.0, 2.0, "", null=0.0, typical=0.1),
+        )[: terms + 1]
+        friction = {"contact.friction": 0.3} if terms == 2 else {}
+        self.grid = tuple({"contact.distance": d, **friction} for d in (3.0, 8.0, 15.0, 25.0, 40.0))
+
+    @property
+    def label(self) -> str:
+        return self.name if self.terms == 1 else f"{self.name}:{self.terms}"
+
+    def before(self, test: Test, theta: Theta) -> Test:
+        stiffness, case = theta["contact.stiffness"], test.case
+        if stiffness == 0:
+            return test
+        if "outside" not in case.surfaces:
+            raise ValueError(
+                "contact: no surface 'outside' in the model, wanted the faces that may touch the table; name "
+                f"them so (there are {', '.join(case.surfaces) or 'none'})"
+            )
+        height = float(case.nodes[:, 2].min()) - theta["contact.distance"]
+        table = Contact("outside", (0.0, 0.0, 1.0), height, stiffness, theta.get("contact.friction", 0.0))
+        return replace(test, case=replace(case, contact=table))
+
+
+class ElasticClamp(Effect):
+    """The clamped face turns about the y axis in proportion to the moment on it, that of the whole finger."""
+
+    name, order = "clamp", 20
+    sentence = "the clamp gives way and turns with the moment on it"
+    parameters = (Parameter("clamp.compliance", 0.0, 1e-2, "rad/(N mm)", null=0.0, typical=1e-5),)
+
+    def before(self, test: Test, theta: Theta) -> Test:
+        if test.case.clamp is None:
+            return test
+        shown = 1.0 if symmetry_support(test.case) is None else 0.5  # of the moment, by half a model
+        clamp = replace(test.case.clamp, compliance=theta["clamp.compliance"] / shown)
+        return replace(test, case=replace(test.case, clamp=clamp))
+
+
+class StrainLimitingLayer(Effect):
+    """A sheet of fabric or paper in the flat bottom: stiff along it, without stiffness to bending."""
+
+    name, order = "strain_limiting_layer", 10
+    sentence = "a sheet in the bottom (fabric, paper, a skin of glue) stops it from stretching"
+    parameters = (Parameter("strain_limiting_layer.stiffness", 0.0, 50.0, "N/mm", null=0.0, typical=0.05),)
+
+    def before(self, test: Test, theta: Theta) -> Test:
+        case, name = test.case, "strain_limiting_layer"
+        bottom = flat_bottom(case)
+        if not len(bottom):
+            return test
+        layer = Layer(name, theta["strain_limiting_layer.stiffness"])
+        return replace(test, case=replace(case, surfaces={**case.surfaces, name: bottom}, layer=layer))
+
+
+def flat_bottom(case: Case) -> Integers:
+    """The faces (f, 2) of the skin whose nodes all lie at the lowest height; none on a curved bottom."""
+    faces, z = free_faces(case), case.nodes[:, 2]
+    nodes = np.take_along_axis(case.connectivity[faces[:, 0]], case.element.faces[faces[:, 1]], axis=1)
+    low = z.min() + 1e-6 * float(np.ptp(case.nodes, axis=0).max())
+    return faces[(z[nodes] < low).all(axis=1)]

@@ -1,0 +1,116 @@
+"""Turn a pressure log into the pressure at each film frame, with the noise of the gauge."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from twin.project.csvtable import read_table
+from twin.targets import Array
+
+MIN_SAMPLES = 30  # the sd of 30 white samples is known to 13 %
+
+
+@dataclass(frozen=True)
+class Log:
+    """A pressure log on its own clock, `time_shift_s` already added."""
+
+    path: Path
+    time: Array  # (t,) s, increasing
+    pressure: Array  # (t,) MPa
+    lamp: Array | None = None  # (t,) column flash: 0, and 1 from when a lamp in the film went on
+
+    def at(self, time: Array) -> Array:
+        """Return the pressure (s,) MPa at times (s,) s within the log, linear between its samples."""
+        return np.interp(time, self.time, self.pressure)
+
+    def gain(self, time: Array) -> Array:
+        """Return sd of the interpolated pressure over sd of one sample (s,): 1 at a sample, 0.71 midway."""
+        after = np.clip(np.searchsorted(self.time, time), 1, len(self.time) - 1)
+        weight = (time - self.time[after - 1]) / (self.time[after] - self.time[after - 1])
+        return np.hypot(weight, 1 - weight)
+
+    def flash(self) -> tuple[float, float]:
+        """Return when the lamp went on, and its sd, in s: between two samples. ValueError if it did not."""
+        on = np.flatnonzero(self.lamp > 0.5) if self.lamp is not None else np.empty(0, dtype=np.intp)
+        if not len(on) or on[0] == 0:
+            raise ValueError(
+                f"{self.path.name}: column flash is missing or does not go from 0 to 1; add it, or set "
+                "[pressure] flash_time_s in twin.toml"
+            )
+        before, after = self.time[on[0] - 1], self.time[on[0]]
+        return float(0.5 * (before + after)), float((after - before) / np.sqrt(12.0))
+
+
+@dataclass(frozen=True)
+class GaugeNoise:
+    """White noise of one sample of a log, in MPa, and what to say about it ("" if nothing)."""
+
+    sd_MPa: float
+    samples: int
+    remark: str
+
+
+def read_log(path: Path, *, time_shift_s: float) -> Log:
+    """Return the log in a CSV with columns time_s, pressure_MPa and, where there is one, flash.
+
+    ValueError names line, column and value.
+    """
+    table = read_table(path, ("time_s", "pressure_MPa"), also=("flash",))
+    time = table.numbers("time_s", unit="s")
+    table.increasing("time_s", time, unit="s")
+    pressure = table.numbers("pressure_MPa", unit="MPa")
+    if len(time) < 2:
+        raise ValueError(f"{path}: {len(time)} sample; wanted two or more")
+    if np.abs(pressure).max() > 1:
+        raise ValueError(
+            f"{path}: pressure_MPa reaches {np.abs(pressure).max():g}; wanted MPa, below 1: divide kPa by "
+            "1000"
+        )
+    lamp = table.numbers("flash", unit="1") if "flash" in table.cells else None
+    return Log(path, time + time_shift_s, pressure, lamp)
+
+
+def check_covers(log: Log, time: Array, *, what: str, key: str) -> None:
+    """Raise ValueError unless the log covers the times (s,) s of `what`, which starts where `key` says."""
+    if time[0] < log.time[0] or time[-1] > log.time[-1]:
+        raise ValueError(
+            f"{log.path.name} covers {log.time[0]:.3f} to {log.time[-1]:.3f} s, the {what} "
+            f"{time[0]:.3f} to {time[-1]:.3f} s of the same clock: wanted a log that covers all of it; "
+            f"correct [pressure] time_shift_s or {key} in twin.toml, or record the whole test"
+        )
+
+
+def gauge_noise(log: Log, *, start: float, end: float) -> GaugeNoise:
+    """Return the white noise of the gauge from the log between two times (s) at which nothing moves.
+
+    sd = sd of first differences / sqrt 2, which a slow drift hardly touches. Differences of white noise have
+    lag-1 correlation -1/2; where it is larger by more than 4 of its sds the log is filtered or the pressure
+    ripples, differences understate the noise, and the sd about a straight line is taken instead.
+    Raises ValueError below 30 samples.
+    """
+    inside = (log.time >= start) & (log.time <= end)
+    samples = log.pressure[inside]
+    if len(samples) < MIN_SAMPLES:
+        raise ValueError(
+            f"{log.path.name}: {len(samples)} samples between {start:.3f} and {end:.3f} s, where the gauge "
+            f"noise is read; wanted {MIN_SAMPLES} or more: log faster, or correct static_start_s in twin.toml"
+        )
+    steps = np.diff(samples)
+    sd = float(np.std(steps) / np.sqrt(2))
+    if sd == 0:
+        return GaugeNoise(0.0, len(samples), f"{log.path.name} shows no noise at rest: its steps are too "
+                          "coarse, and the gauge noise is taken as 0")  # fmt: skip
+    if _lag_one(steps) <= -0.5 + 4 / np.sqrt(len(steps)):
+        return GaugeNoise(sd, len(samples), "")
+    line = np.polynomial.Polynomial.fit(log.time[inside], samples, 1)
+    about = float(np.std(samples - line(log.time[inside]), ddof=2))
+    return GaugeNoise(about, len(samples), f"the noise of {log.path.name} at rest is not white (filtered, "
+                      f"or the pressure ripples): {about:.2g} MPa about a line is taken, differences say "
+                      f"{sd:.2g}")  # fmt: skip
+
+
+def _lag_one(x: Array) -> float:
+    """Return the lag-1 correlation of a series."""
+    centred = x - x.mean()
+    return float(centred[1:] @ centred[:-1] / (centred @ centred))

@@ -1,0 +1,218 @@
+"""What a project's model is made of: the built-in finger, or the mesh of the user's own Abaqus deck.
+
+Either gives a case with nominal constants, and the finer meshes that its discretisation modes come from.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from fe import Case, Clamp, Finger, Lattice, Material
+from fe.case import digest
+from fe.deck.reader import Deck, read_deck
+from fe.element import Integers
+from fe.mesh.refine import enriched, free_faces, refined
+from twin.model.prediction import base_case
+
+NOMINAL = (0.2, 0.1)  # C10 and C01 in MPa of a deck's silicone, until they are fitted
+LARGEST = 80_000  # nodes of a mesh that is solved for the discretisation error: about 4 GB
+
+
+@dataclass(frozen=True)
+class Mesh:
+    """One way to mesh a structure: its fingerprint, and what builds its case."""
+
+    key: str
+    build: Callable[[], Case]
+
+
+@dataclass(frozen=True)
+class Structure:
+    """A case with nominal constants and what belongs to it.
+
+    key: fingerprint; base and finer: meshes of the discretisation error, the last of which tests the others
+    (see `model.discretisation`); none where `unknown` says why. outside (f, m): the faces that are drawn, as
+    node rows. scales: whether U depends on pressure / (C10 + C01) and the share alone, as where nothing but
+    pressure loads one material. remarks: what a user should know of it.
+    """
+
+    case: Case
+    key: str
+    finer: Mapping[str, Mesh]
+    outside: Integers
+    scales: bool = True
+    unknown: str = ""
+    remarks: tuple[str, ...] = ()
+
+    @property
+    def base(self) -> Mesh:
+        """The mesh of the model itself."""
+        return Mesh(self.key, partial(_itself, self.case))
+
+
+def _itself(case: Case) -> Case:
+    return case
+
+
+def weighed(structure: Structure, density: float) -> Structure:
+    """The structure whose silicone has a density in tonne/mm3."""
+
+    def heavy(mesh: Mesh) -> Mesh:
+        return Mesh(f"{mesh.key}-{density:.9g}", partial(_weighed, mesh.build, density))
+
+    finer = {name: heavy(mesh) for name, mesh in structure.finer.items()}
+    base = heavy(structure.base)
+    return replace(structure, case=base.build(), key=base.key, finer=finer)
+
+
+def _weighed(build: Callable[[], Case], density: float) -> Case:
+    return build().with_material(density=density)
+
+
+# -- the built-in finger -----------------------------------------------------------------------------------
+
+
+def of_finger(finger: Finger, lattice: Lattice) -> Structure:
+    """The built-in finger on a lattice."""
+    case = base_case(finger=finger, lattice=lattice)
+    meshes = {
+        name: Mesh(digest(finger, mesh), partial(base_case, finger=finger, lattice=mesh))
+        for name, mesh in finer(lattice).items()
+    }
+    return Structure(case, digest(finger, lattice), meshes, case.face_nodes("outside"))
+
+
+def finer(lattice: Lattice) -> dict[str, Lattice]:
+    """The refined lattices; the last is finer in every direction and of the other topology."""
+    bellow = max(lattice.per_bellow + 1, round(4 / 3 * lattice.per_bellow))
+    section = replace(lattice, fillet=2 * lattice.fillet, across=2 * lattice.across, up=2 * lattice.up)
+    return {
+        "bellows": replace(lattice, per_bellow=bellow),
+        "walls": replace(lattice, wall=2 * lattice.wall),
+        "section": section,
+        "bellows and walls": replace(lattice, per_bellow=bellow, wall=2 * lattice.wall),
+        "check": replace(
+            section, per_bellow=bellow, wall=2 * lattice.wall, fillet=lattice.fillet, ring=not lattice.ring
+        ),
+    }
+
+
+# -- a deck ------------------------------------------------------------------------------------------------
+
+
+def of_deck(path: Path, *, mesh: int = 1, silicone: tuple[str, ...] = ()) -> Structure:
+    """The structure of a user's deck, every element divided `mesh` times in each direction (1, 2, 4 ..).
+
+    silicone: element sets that are Mooney-Rivlin rubber with constants to be fitted, by default all; the
+    others keep the deck's law. Raises ValueError where the deck cannot be read or lacks something, and says
+    what is wanted; FileNotFoundError where it is not there.
+    """
+    deck = read_deck(path)
+    if deck.case.pressurised is None:
+        raise ValueError(f"{path.name}: no pressure; wanted *DSLOAD with P on the surface of the chamber")
+    fitted = _fitted(deck.case, silicone, path)
+    case = _clamped(_rubber(_divided(deck.case, mesh), fitted))
+    key = digest(mesh, fitted, *(file.read_bytes() for file in deck.files))
+    meshes, unknown = _refinements(case, key)
+    alone = not case.kept and not case.forces and all(s.value is None for s in case.supports)
+    remarks = _remarks(path, deck, case, fitted, meshes)
+    return Structure(case, key, meshes, _outside(case), alone, unknown, remarks)
+
+
+def _fitted(case: Case, wanted: tuple[str, ...], path: Path) -> tuple[str, ...]:
+    """The element sets of the silicone; ValueError where they are not known."""
+    known = ", ".join(case.materials)
+    names = tuple(name.lower() for name in wanted)
+    for name in names:
+        if name not in case.materials:
+            raise ValueError(
+                f"model.silicone = {name!r}: {path.name} has no *SOLID SECTION of that name, but {known}"
+            )
+    if not names and len(set(case.materials.values())) > 1:
+        raise ValueError(
+            f"{path.name} has several materials ({known}): say which element sets are the silicone that is "
+            f'calibrated, as in silicone = ["{next(iter(case.materials))}"] under [model] in twin.toml'
+        )
+    return names or tuple(case.materials)
+
+
+def _divided(case: Case, mesh: int) -> Case:
+    if mesh & (mesh - 1):
+        raise ValueError(f"model.mesh = {mesh}: a deck's elements are halved, wanted 1, 2, 4 ..")
+    return case if mesh == 1 else _divided(refined(case), mesh // 2)
+
+
+def _rubber(case: Case, fitted: tuple[str, ...]) -> Case:
+    """The case with the base law in the fitted sets, as compressible and heavy as in the deck."""
+    own = {k: case.materials[k] for k in fitted}
+    changed = {k: Material(*NOMINAL, bulk_ratio=m.bulk_ratio, density=m.density) for k, m in own.items()}
+    kept = tuple(k for k in case.materials if k not in fitted)
+    return replace(case, materials={**case.materials, **changed}, kept=kept)
+
+
+def _clamped(case: Case) -> Case:
+    """The case with its one fully held node set as the clamp, which an effect may let give way."""
+    held = [s for s in case.supports if s.components == (0, 1, 2) and s.value is None]
+    if len(held) != 1:
+        return case
+    x = case.nodes[case.node_sets[held[0].nodes]]
+    centre = (x.min(axis=0) + x.max(axis=0)) / 2
+    clamp = Clamp(held[0].nodes, (float(centre[0]), float(centre[2])))
+    return replace(case, clamp=clamp, supports=tuple(s for s in case.supports if s is not held[0]))
+
+
+def _refinements(case: Case, key: str) -> tuple[dict[str, Mesh], str]:
+    """Meshes for the discretisation error, the largest last and twice: as a mode, and to test the others."""
+    meshes, count = {}, len(case.nodes)
+    if not case.element.simplex and case.element.name != "hex27" and 2 * count <= LARGEST:
+        meshes["27-node elements"] = Mesh(f"{key}-27", partial(enriched, case))
+    if 8 * count <= LARGEST:
+        meshes["halved elements"] = Mesh(f"{key}-halved", partial(refined, case))
+    if not meshes:
+        return {}, (
+            f"the discretisation error of the deck's mesh is not known: refined, it would have some "
+            f"{8 * count} nodes, more than the {LARGEST} that are solved for it; wanted a mesh of at most "
+            f"{LARGEST // 8} nodes"
+        )
+    return {**meshes, "check": meshes[list(meshes)[-1]]}, ""
+
+
+def _outside(case: Case) -> Integers:
+    """The skin but for the chamber and the planes of symmetry."""
+    assert case.pressurised
+    chamber = {tuple(row) for row in case.surfaces[case.pressurised].tolist()}
+    faces = np.array([row for row in free_faces(case).tolist() if tuple(row) not in chamber], np.int64)
+    rows = np.take_along_axis(case.connectivity[faces[:, 0]], case.element.faces[faces[:, 1]], axis=1)
+    for s in case.supports:
+        if len(s.components) == 1:
+            rows = rows[~np.isin(rows, case.node_sets[s.nodes]).all(axis=1)]
+    return rows
+
+
+def _remarks(
+    path: Path, deck: Deck, case: Case, fitted: tuple[str, ...], meshes: Mapping[str, Mesh]
+) -> tuple[str, ...]:
+    low, high = (", ".join(f"{x:g}" for x in f(axis=0)) for f in (case.nodes.min, case.nodes.max))
+    law = "Mooney-Rivlin with fitted C10 and C01 takes the place of the deck's law"
+    tested = (
+        f"discretisation error from {' and '.join(list(meshes)[:-1])}"
+        if meshes
+        else f"a mesh of at most {LARGEST // 8} nodes is wanted for the discretisation error: calibrate and "
+        "compare leave it out, diagnose cannot test"
+    )
+    clamp = "" if case.clamp else "no single node set is fully held: the clamp's compliance cannot be tested"
+    return tuple(
+        text
+        for text in (
+            f"{path.name}: {len(case.nodes)} nodes, {len(case.connectivity)} elements {case.element.name}, "
+            f"from ({low}) to ({high}) mm; x is taken to run along the finger, z up",
+            f"{path.name}: {law} in {', '.join(fitted)}"
+            + (f"; {', '.join(case.kept)} stays as it is" if case.kept else ""),
+            f"{path.name}: {tested}",
+            clamp and f"{path.name}: {clamp}",
+        )
+        if text
+    )

@@ -1,0 +1,285 @@
+"""Turn a project folder into numbered runs that say how they were made and resume if killed."""
+
+import os
+import platform
+import re
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, contextmanager
+from dataclasses import dataclass, field, replace
+from importlib import metadata
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from twin.project import files
+from twin.project.config import Config
+from twin.project.locking import lock
+from twin.project.targetfiles import read_targets
+from twin.project.toml import dump, parse, with_effects
+from twin.targets import Targets
+
+PACKAGES = (
+    "softtwin", "numpy", "scipy", "opencv-contrib-python-headless", "scikit-image", "av", "pymoo",
+    "pypardiso", "mkl", "numba", "rerun-sdk", "pyvista", "pydantic",
+)  # fmt: skip
+
+
+class Say(Protocol):
+    """How a stage talks: one line of text, or how far a part of it is."""
+
+    def __call__(self, text: str, /) -> None: ...
+
+    def progress(self, stage: str, done: int, total: int, /) -> None: ...
+
+
+@dataclass(frozen=True)
+class Run:
+    """One folder under runs/: what a stage writes goes in here, atomically."""
+
+    folder: Path
+    resumed: bool  # the folder of a killed run: its log.jsonl and checkpoints are there
+    summary: dict[str, Any] = field(default_factory=dict)  # the stage fills it; stored in run.json
+
+    @property
+    def name(self) -> str:
+        """The folder's name, 0003-calibrate."""
+        return self.folder.name
+
+    def path(self, name: str) -> Path:
+        """Return where a file of this run lies."""
+        return self.folder / name
+
+    def write_json(self, name: str, data: Any) -> None:
+        """Write JSON atomically; NaN becomes null."""
+        files.write_json(self.path(name), data)
+
+    def write_text(self, name: str, text: str) -> None:
+        """Write text atomically."""
+        files.write_text(self.path(name), text)
+
+    def write_bytes(self, name: str, data: bytes) -> None:
+        """Write a binary file atomically."""
+        files.write_bytes(self.path(name), data)
+
+    def write_npz(self, name: str, arrays: Mapping[str, ArrayLike]) -> None:
+        """Write arrays atomically."""
+        files.write_npz(self.path(name), arrays)
+
+    def append(self, record: Mapping[str, Any]) -> None:
+        """Append one record to log.jsonl; it is on the disk when this returns."""
+        files.append_jsonl(self.path("log.jsonl"), record)
+
+    def log(self) -> list[dict[str, Any]]:
+        """Return the records of log.jsonl, those from before a kill included."""
+        return files.read_jsonl(self.path("log.jsonl"))
+
+
+@dataclass(frozen=True)
+class Project:
+    """A folder with twin.toml; every path in it is relative to the folder."""
+
+    root: Path
+    config: Config
+
+    @classmethod
+    def open(cls, root: Path | str) -> "Project":
+        """Return the project in a folder; ValueError if twin.toml is not there or not right."""
+        folder = Path(root).resolve()
+        if not (folder / "twin.toml").is_file():
+            raise ValueError(
+                f"{folder / 'twin.toml'} does not exist: make a project with `twin demo FOLDER` or "
+                "`twin init FOLDER`, or name its folder with `--project FOLDER`"
+            )
+        return cls(folder, parse((folder / "twin.toml").read_bytes(), name="twin.toml"))
+
+    @property
+    def targets_folder(self) -> Path:
+        """Where the targets lie."""
+        return self.root / "targets"
+
+    def path(self, relative: str) -> Path:
+        """Return a path of twin.toml from the project folder."""
+        return self.root / relative
+
+    def shown(self, path: Path) -> str:
+        """Return a path as a person reads it: from the project folder."""
+        return path.relative_to(self.root).as_posix() if path.is_relative_to(self.root) else str(path)
+
+    def targets(self) -> Targets:
+        """Return the targets, their nodes and gravity as twin.toml has them; ValueError if there are none, or
+        if gravity is stated twice, or not and the finger has weight."""
+        nodes, model = {point.name: point.node for point in self.config.points}, self.config.model
+        found, gravity = read_targets(self.targets_folder, nodes=nodes), model.gravity
+        if model.density_kg_m3 is not None and gravity is None and found.gravity is None:
+            raise ValueError(
+                f"model.density_kg_m3 = {model.density_kg_m3:g}: its weight wants the direction of gravity; "
+                "add gravity = [0.0, 0.0, -1.0] under [model] of twin.toml, or one a block in targets.toml"
+            )
+        if gravity is None:
+            return found
+        if found.gravity is not None:
+            raise ValueError(
+                f"model.gravity = {list(gravity)}: targets.toml states gravity for each block; wanted it in "
+                "one place; remove it from twin.toml"
+            )
+        way = np.array(gravity) / np.linalg.norm(gravity)
+        return replace(found, gravity=np.tile(way, (int(found.block[-1]) + 1, 1)))
+
+    def deck_files(self) -> list[Path]:
+        """Return the files of the user's own mesh, none for the built-in finger."""
+        if self.config.model.deck is None or not self.path(self.config.model.deck).is_file():
+            return []
+        from fe.deck.keywords import files_of, read_keywords
+
+        return sorted(files_of(read_keywords(self.path(self.config.model.deck))))
+
+    def lock(self, command: str) -> AbstractContextManager[None]:
+        """Hold the project for one writing command; ValueError if a living process holds it."""
+        return lock(self.root / ".lock", command)
+
+    def set_effects(self, effects: Sequence[str]) -> "Project":
+        """Write [model] effects into twin.toml, leave every other line as it is; return the new project."""
+        path = self.root / "twin.toml"
+        files.write_text(path, with_effects(path.read_text(encoding="utf-8"), effects))
+        return Project.open(self.root)
+
+    # -- runs -----------------------------------------------------------------------------------------
+
+    def runs(self) -> list[Path]:
+        """Return the run folders, oldest first."""
+        folders = [p for p in (self.root / "runs").glob("*-*") if p.is_dir() and re.match(r"\d{4,}-", p.name)]
+        return sorted(folders, key=lambda p: int(p.name.partition("-")[0]))
+
+    def info(self, folder: Path) -> dict[str, Any]:
+        """Return run.json of a run, its status "incomplete" where a kill came before the first write."""
+        path = folder / "run.json"
+        return files.read_json(path) if path.exists() else {"kind": kind_of(folder), "status": "incomplete"}
+
+    def newest(self, kind: str | tuple[str, ...] | None, file: str) -> Path | None:
+        """Return a file of the newest done run of that kind (None: of any kind) that has it, or None."""
+        kinds = (kind,) if isinstance(kind, str) else kind
+        for folder in reversed(self.runs()):
+            wanted = kinds is None or kind_of(folder) in kinds
+            if wanted and (folder / file).is_file() and self.info(folder)["status"] == "done":
+                return folder / file
+        return None
+
+    def done(self, kind: str, **how: Any) -> Path | None:
+        """Return the newest done run made from the same configuration and inputs (as `new_run`), or None."""
+        return self._with_status(kind, "done", self._stamp(kind, **how)["digest"])
+
+    def killed(self, kind: str, **how: Any) -> Path | None:
+        """Return the run that `new_run` with the same arguments would resume, or None."""
+        return self._with_status(kind, "running", self._stamp(kind, **how)["digest"])
+
+    @contextmanager
+    def new_run(self, kind: str, **how: Any) -> Iterator[Run]:
+        """Open a run folder: that of a killed run of the same configuration and inputs, else a new number.
+
+        Leaving the block marks it done, an exception failed with its sentence; after a kill or Ctrl-C it
+        stays "running", and the same command resumes it.
+        `how` (all optional): seed int; tables: names of the twin.toml tables it depends on (default all);
+        inputs: files and folders it reads (default targets/ and the deck); extra: what else makes it another
+        run.
+        """
+        stamp = self._stamp(kind, **how)
+        killed = self._with_status(kind, "running", stamp["digest"])
+        run = Run(killed or self._next(kind), resumed=killed is not None)
+        files.mend_jsonl(run.path("log.jsonl"))
+        before = self.info(run.folder).get("started", []) if run.resumed else []
+        stamp["started"] = [*before, _now()]  # one entry for every time it was started
+        run.write_json("run.json", stamp | {"status": "running"})
+        run.write_text("twin.toml", dump(self.config))
+        with _recorded(run, stamp):
+            yield run
+
+    def _with_status(self, kind: str, status: str, digest: str) -> Path | None:
+        for folder in reversed(self.runs()):
+            if kind_of(folder) == kind:
+                info = self.info(folder)
+                if info["status"] == status and info["digest"] == digest:
+                    return folder
+        return None
+
+    def _next(self, kind: str) -> Path:
+        runs = self.runs()
+        number = int(runs[-1].name.partition("-")[0]) + 1 if runs else 1
+        folder = self.root / "runs" / f"{number:04d}-{kind}"
+        folder.mkdir(parents=True)
+        return folder
+
+    def _stamp(
+        self,
+        kind: str,
+        *,
+        seed: int | None = None,
+        tables: Sequence[str] | None = None,
+        inputs: Sequence[Path] | None = None,
+        extra: Mapping[str, Any] | None = None,
+    ) -> dict[str, Any]:
+        """Return what makes a run what it is, with the digest over all of it."""
+        config = self.config.model_dump(mode="json")
+        read = list(inputs or [])
+        if inputs is None:
+            read = [*([self.targets_folder] if self.targets_folder.is_dir() else []), *self.deck_files()]
+        stamp: dict[str, Any] = {
+            "kind": kind,
+            "seed": seed,
+            "extra": dict(extra or {}),
+            "config": config if tables is None else {name: config[name] for name in tables},
+            "inputs": files.digest_of(read, root=self.root),
+            "versions": versions(),
+        }
+        return stamp | {"digest": files.digest_text(stamp)}
+
+
+def kind_of(folder: Path) -> str:
+    """Return the kind in a run folder's name: calibrate for 0003-calibrate."""
+    return folder.name.partition("-")[2]
+
+
+def versions() -> dict[str, str]:
+    """Return the versions that a run depends on; packages that are not installed are left out."""
+    found = {"python": platform.python_version()}
+    for name in PACKAGES:
+        try:
+            found[name] = metadata.version(name)
+        except metadata.PackageNotFoundError:
+            continue
+    return found
+
+
+def dataset(name: str) -> Path:
+    """Return the folder of a data set of the repository; ValueError where it is not installed."""
+    folder = Path(__file__).resolve().parents[2] / "datasets" / name
+    if not (folder / "twin.toml").is_file():
+        raise ValueError(
+            f"{folder}: data set {name!r} is not there; install from a clone of the repository "
+            "(`pip install -e .`), which holds the data sets"
+        )
+    return folder
+
+
+@contextmanager
+def _recorded(run: Run, stamp: dict[str, Any]) -> Iterator[None]:
+    """Write in run.json how the block ended."""
+    start = time.monotonic()
+    status = "running"  # what an interrupt leaves
+    try:
+        yield
+        status = "done"
+    except Exception as error:
+        name = "" if isinstance(error, ValueError) else f"{type(error).__name__}: "
+        status = f"failed: {name}{error}"
+        raise
+    finally:
+        end = {"status": status, "seconds": round(time.monotonic() - start, 3), "finished": _now()}
+        if status != "running" and os.path.isdir(run.folder):
+            run.write_json("run.json", stamp | end | {"summary": run.summary})
+
+
+def _now() -> str:
+    return time.strftime("%Y-%m-%dT%H:%M:%S%z")

@@ -1,0 +1,377 @@
+"""Turn displacement targets into files a person can read, and back, bit for bit."""
+
+import math
+import os
+import shutil
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from twin.project import files
+from twin.project.csvtable import Table, read_table
+from twin.targets import NODE_UNKNOWN, Array, Noise, Targets
+
+COLUMNS = (
+    "block", "step", "time_s", "pressure_MPa", "point",
+    "u1_mm", "u2_mm", "u3_mm", "sd1_mm", "sd2_mm", "sd3_mm", "valid",
+)  # fmt: skip
+EXACT = ("covariance", "valid", "modes", "mode_names", "pressure_sd")  # what targets.npz adds to the text
+
+
+def write_targets(folder: Path, targets: Targets, *, source: Mapping[str, Any] | None = None) -> None:
+    """Write the folder in one step; `source` says what it was measured from. ValueError if it is there."""
+    if folder.exists():
+        raise ValueError(f"{folder} is there already and is never overwritten; move it away first")
+    draft = folder.with_name(f".{folder.name}.partial")
+    shutil.rmtree(draft, ignore_errors=True)  # of a killed writer
+    files.write_text(draft / "targets.csv", _csv(targets))
+    files.write_text(draft / "targets.toml", _toml(targets))
+    exact = {name: getattr(targets, name) for name in EXACT} | {
+        "mode_names": np.array(targets.mode_names, dtype=str)
+    }
+    if targets.noise is not None:
+        exact["correlation"] = targets.noise.correlation
+    files.write_npz(draft / "targets.npz", exact)
+    if targets.has_log:
+        files.write_text(draft / "pressure.csv", _log_csv(targets))
+    if source is not None:
+        files.write_json(draft / "source.json", source)
+    os.rename(draft, folder)
+
+
+def _csv(t: Targets) -> str:
+    """Return one row a step and point; values in full, sds rounded (their exact form is in targets.npz)."""
+    variance = np.diagonal(t.covariance, axis1=2, axis2=3)
+    sd = np.sqrt(np.where(np.isnan(t.value), np.nan, variance))
+    lines = [",".join(COLUMNS)]
+    for s, first in enumerate(np.searchsorted(t.block, t.block)):  # steps are counted within their block
+        head = f"{t.block[s]},{s - first},{float(t.time[s])!r},{float(t.pressure[s])!r}"
+        for p, name in enumerate(t.names):
+            cells = [_cell(float(v)) for v in t.value[s, p]] + [_cell(float(f"{v:.6g}")) for v in sd[s, p]]
+            lines.append(f"{head},{name},{','.join(cells)},{int(t.valid[s, p].any())}")
+    return "\n".join(lines) + "\n"
+
+
+def _cell(value: float) -> str:
+    return "" if math.isnan(value) else repr(value)
+
+
+def _log_csv(t: Targets) -> str:
+    """Return the dense log; a sample between two blocks belongs to the nearer one."""
+    starts = np.flatnonzero(np.diff(t.block))
+    borders = (t.time[starts] + t.time[starts + 1]) / 2
+    blocks = np.searchsorted(borders, t.log_time, side="right")
+    rows = zip(blocks.tolist(), t.log_time.tolist(), t.log_pressure.tolist(), strict=True)
+    return "block,time_s,pressure_MPa\n" + "".join(f"{b},{time!r},{p!r}\n" for b, time, p in rows)
+
+
+def _toml(t: Targets) -> str:
+    """Return what the columns mean: reference, blocks, points, noise."""
+    first = int(np.searchsorted(t.block, t.block[t.reference[0]]))
+    lines = [
+        "# What targets.csv holds: displacements in mm relative to the mean of the reference steps.",
+        "# World axes: x along the finger from the clamp, y across the width, z up; the finger bends to -z.",
+        "", "[reference]", f"block = {t.block[t.reference[0]]}", f"steps = {(t.reference - first).tolist()}",
+    ]  # fmt: skip
+    for b in range(int(t.block[-1]) + 1):
+        held_out = str(bool(t.held_out[t.block == b][0])).lower()
+        lines += ["", "[[blocks]]", f"block = {b}", f"held_out = {held_out}  # true: kept from every fit"]
+        if t.gravity is not None:
+            lines.append(f"gravity = {t.gravity[b].tolist()}  # unit vector in world axes")
+    for p, name in enumerate(t.names):
+        role = "fixed" if t.fixed[p] else "finger"
+        lines += ["", "[[points]]", f"name = {_quoted(name)}", f'role = "{role}"']
+        if not t.fixed[p]:
+            lines.append(f"node = {t.nodes[p]}")
+        if not np.isnan(t.points[p]).any():
+            lines.append(f"position_mm = {t.points[p].tolist()}")
+    return "\n".join(lines + _noise_toml(t)) + "\n"
+
+
+def _noise_toml(t: Targets) -> list[str]:
+    if t.noise is None:
+        return []
+    n = t.noise
+    lines = [
+        "", "[noise]  # independent variance = static variance + codec variance (where the patch moves)",
+        f"frames = {n.frames}  # static frames it was estimated from",
+        f"gauge_sd_MPa = {float(n.gauge_sd_MPa)!r}  # white noise of the pressure log",
+        f"gauge_frames = {n.gauge_frames}",
+    ]  # fmt: skip
+    for p, name in enumerate(t.names):
+        lines += ["", "[[noise.points]]  # nan: not observed", f"name = {_quoted(name)}"]
+        for key, values in (("sd_mm", n.sd), ("rho", n.rho), ("codec_sd_mm", n.codec_sd)):
+            lines.append(f"{key} = {values[p].tolist()}")
+    return lines
+
+
+def _quoted(text: str) -> str:
+    return '"' + text.replace("\\", "\\\\").replace('"', '\\"') + '"'
+
+
+# -- reading ------------------------------------------------------------------------------------------
+
+
+def read_targets(folder: Path, *, nodes: Mapping[str, int] | None = None) -> Targets:
+    """Return the targets of a folder; targets.csv alone is enough (no modes, no noise model then).
+
+    `nodes` gives node labels by point name (twin.toml [[points]]); they must agree with targets.toml where it
+    states them. A point whose node nobody states gets NODE_UNKNOWN. ValueError names file, line and column.
+    """
+    table = read_table(folder / "targets.csv", COLUMNS)
+    about = _read_toml(folder / "targets.toml")
+    exact = files.read_npz(folder / "targets.npz") if (folder / "targets.npz").exists() else {}
+    if "noise" in about and not exact:
+        raise ValueError(
+            f"{folder / 'targets.npz'} is missing, but targets.toml has a noise model whose modes and "
+            "covariances it holds; put it back, or remove [noise] from targets.toml"
+        )
+    grid = _Grid.of(table)
+    told = _points(folder, about, grid.names, nodes or {})
+    columns = _columns(table, grid, exact, folder)
+    log = _read_log(folder, grid)
+    return Targets(
+        time=grid.time, pressure=grid.pressure, block=grid.block, names=grid.names, **told, **columns,
+        **_blocks(folder, about, grid), noise=_read_noise(folder, about, grid.names, exact),
+        log_time=log[0], log_pressure=log[1], reference=_reference(folder, about, grid, columns),
+    )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class _Grid:
+    """Where each row of the file stands: its step and point."""
+
+    time: Array
+    pressure: Array
+    block: NDArray[np.int64]  # (s,) rank of the label
+    labels: list[tuple[int, int]]  # (s,) block and step as the file has them
+    names: tuple[str, ...]
+    row: NDArray[np.int64]  # (s,p) row of the table
+
+    @classmethod
+    def of(cls, table: Table) -> "_Grid":
+        keys = list(zip(table.integers("block").tolist(), table.integers("step").tolist(), strict=True))
+        labels, names = sorted(set(keys)), tuple(dict.fromkeys(table.cells["point"]))
+        at, point = {key: s for s, key in enumerate(labels)}, {name: p for p, name in enumerate(names)}
+        row = np.full((len(labels), len(names)), -1, dtype=np.int64)
+        for r, (key, name) in enumerate(zip(keys, table.cells["point"], strict=True)):
+            if row[at[key], point[name]] >= 0:
+                raise table.error(r, "point", f"block {key[0]}, step {key[1]} has this point twice")
+            row[at[key], point[name]] = r
+        if (row < 0).any():
+            s, p = (int(i) for i in np.argwhere(row < 0)[0])
+            raise ValueError(
+                f"{table.path}: block {labels[s][0]}, step {labels[s][1]} has no row for point "
+                f"{names[p]!r}; add one with empty cells where it was not observed and valid 0"
+            )
+        time = _per_step(table, "time_s", "s", row)
+        table_rows = row[:, 0].tolist()
+        for s in np.flatnonzero(np.diff(time) <= 0)[:1].tolist():
+            raise table.error(
+                table_rows[s + 1],
+                "time_s",
+                f"wanted more than the {time[s]:g} s of the step before it: time is absolute across blocks",
+            )
+        blocks = sorted({b for b, _ in labels})
+        block = np.array([blocks.index(b) for b, _ in labels], dtype=np.int64)
+        return cls(time, _per_step(table, "pressure_MPa", "MPa", row), block, labels, names, row)
+
+
+def _per_step(table: Table, column: str, unit: str, row: NDArray[np.int64]) -> Array:
+    """Return the value (s,) that all points of a step must share."""
+    values: Array = table.numbers(column, unit=unit)[row]
+    odd = np.argwhere(values != values[:, :1])
+    if odd.size:
+        s, p = (int(i) for i in odd[0])
+        raise table.error(int(row[s, p]), column, f"the step's first row says {values[s, 0]:g} {unit}")
+    return values[:, 0]
+
+
+def _columns(table: Table, grid: _Grid, exact: dict[str, NDArray[Any]], folder: Path) -> dict[str, Any]:
+    """Return value, covariance, valid, modes and pressure_sd."""
+    value = np.stack([table.numbers(f"u{i}_mm", unit="mm", empty=True)[grid.row] for i in (1, 2, 3)], axis=-1)
+    sd = np.stack([table.numbers(f"sd{i}_mm", unit="mm", empty=True)[grid.row] for i in (1, 2, 3)], axis=-1)
+    valid = table.flags("valid")[grid.row][..., None] & ~np.isnan(value)
+    for s, p, i in np.argwhere(valid & ~(np.nan_to_num(sd) > 0))[:1].tolist():
+        raise table.error(
+            int(grid.row[s, p]),
+            f"sd{i + 1}_mm",
+            f"u{i + 1}_mm is observed: wanted its standard deviation in mm, above 0, or valid 0",
+        )
+    if not exact:
+        steps, points = value.shape[:2]
+        covariance = np.full((steps, points, 3, 3), np.nan)
+        variance = np.where(np.isnan(value), np.nan, sd**2)
+        covariance[:] = np.where(
+            np.isnan(variance)[..., :, None] | np.isnan(variance)[..., None, :], np.nan, 0.0
+        )
+        covariance[..., range(3), range(3)] = variance
+        modes = {"modes": np.zeros((0, steps, points, 3)), "mode_names": ()}
+        return {
+            "value": value,
+            "covariance": covariance,
+            "valid": valid,
+            "pressure_sd": np.zeros(steps),
+        } | modes
+    _check_exact(folder, exact, value, sd, valid)
+    names = tuple(str(name) for name in exact["mode_names"])
+    return (
+        {"value": value}
+        | {n: exact[n] for n in EXACT}
+        | {"mode_names": names, "valid": exact["valid"] & valid}
+    )
+
+
+def _check_exact(
+    folder: Path, exact: dict[str, NDArray[Any]], value: Array, sd: Array, valid: NDArray[Any]
+) -> None:
+    """Raise ValueError where targets.npz does not belong to targets.csv."""
+    path, way_out = folder / "targets.npz", "restore targets.csv, or remove targets.npz to use the csv alone"
+    missing = [name for name in EXACT if name not in exact]
+    if missing:
+        raise ValueError(f"{path}: array {missing[0]!r} is missing; {way_out}")
+    if exact["valid"].shape != value.shape or exact["covariance"].shape != (*value.shape, 3):
+        raise ValueError(
+            f"{path}: made for {exact['valid'].shape[:2]} steps and points, targets.csv has "
+            f"{value.shape[:2]}; {way_out}"
+        )
+    known = np.sqrt(np.diagonal(exact["covariance"], axis1=2, axis2=3)[valid])
+    if not np.allclose(known, sd[valid], rtol=1e-4, atol=0):  # the csv holds 6 digits
+        raise ValueError(f"{path}: its standard deviations are not those of targets.csv; {way_out}")
+
+
+def _read_toml(path: Path) -> dict[str, Any]:
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise ValueError(f"{path}: not valid TOML: {error}") from None
+
+
+def _by_name(path: Path, rows: list[dict[str, Any]], names: tuple[str, ...]) -> dict[str, dict[str, Any]]:
+    """Return the tables by point name; ValueError if one names a point that targets.csv does not have."""
+    for row in rows:
+        if row.get("name") not in names:
+            raise ValueError(
+                f"{path}: point {row.get('name')!r} is not in targets.csv, which has {', '.join(names)}"
+            )
+    return {row["name"]: row for row in rows}
+
+
+def _points(
+    folder: Path, about: dict[str, Any], names: tuple[str, ...], nodes: Mapping[str, int]
+) -> dict[str, Any]:
+    """Return nodes (p,) and nominal positions (p,3) mm."""
+    path = folder / "targets.toml"
+    rows = _by_name(path, about.get("points", []), names)
+    labels, positions = [], []
+    for name in names:
+        row = rows.get(name, {})
+        stated = 0 if row.get("role") == "fixed" else row.get("node")
+        label = (
+            stated if stated is not None else nodes.get(name, int(name) if name.isdigit() else NODE_UNKNOWN)
+        )
+        if nodes.get(name, label) != label:
+            raise ValueError(
+                f"{path}: point {name!r} is node {label}, twin.toml says {nodes[name]}; correct one"
+            )
+        labels.append(label)
+        positions.append(
+            _vector(path, f"position_mm of point {name!r}", row.get("position_mm", [math.nan] * 3))
+        )
+    return {"nodes": np.array(labels, dtype=np.int64), "points": np.array(positions)}
+
+
+def _vector(path: Path, what: str, value: Any) -> list[float]:
+    if isinstance(value, list) and len(value) == 3 and all(isinstance(v, int | float) for v in value):
+        return [float(v) for v in value]
+    raise ValueError(f"{path}: {what} is {value!r}; wanted three numbers [x, y, z]")
+
+
+def _blocks(folder: Path, about: dict[str, Any], grid: _Grid) -> dict[str, Any]:
+    """Return held_out (s,) and gravity (blocks,3) or None."""
+    path = folder / "targets.toml"
+    labels = sorted({b for b, _ in grid.labels})
+    rows = {row.get("block"): row for row in about.get("blocks", [])}
+    for label in rows.keys() - set(labels):
+        raise ValueError(f"{path}: block {label} is not in targets.csv, which has {labels}")
+    held_out = np.array([bool(rows.get(b, {}).get("held_out", False)) for b, _ in grid.labels])
+    stated = [rows[b]["gravity"] for b in labels if "gravity" in rows.get(b, {})]
+    if not stated:
+        return {"held_out": held_out, "gravity": None}
+    if len(stated) != len(labels):
+        raise ValueError(
+            f"{path}: gravity is stated for {len(stated)} of {len(labels)} blocks; state all or none"
+        )
+    gravity = np.array([_vector(path, "gravity", g) for g in stated])
+    if not np.allclose(np.linalg.norm(gravity, axis=1), 1, atol=1e-6):
+        raise ValueError(f"{path}: gravity {gravity.tolist()} must be unit vectors in world axes")
+    return {"held_out": held_out, "gravity": gravity}
+
+
+def _reference(
+    folder: Path, about: dict[str, Any], grid: _Grid, columns: dict[str, Any]
+) -> NDArray[np.int64]:
+    """Return the steps that displacements are relative to; default the first, if it shows none."""
+    if "reference" in about:
+        table = about["reference"]
+        wanted = [(table.get("block", grid.labels[0][0]), step) for step in table.get("steps", [])]
+        for block, step in wanted:
+            if (block, step) not in grid.labels:
+                raise ValueError(
+                    f"{folder / 'targets.toml'}: reference block {block}, step {step} is not in targets.csv"
+                )
+        return np.array([grid.labels.index(key) for key in wanted], dtype=np.int64)
+    value = columns["value"][0]
+    sd = np.sqrt(np.nan_to_num(np.diagonal(columns["covariance"][0], axis1=1, axis2=2)))
+    for p, i in np.argwhere(np.abs(np.nan_to_num(value)) > 5 * sd)[:1].tolist():
+        raise ValueError(
+            f"{folder / 'targets.csv'}: displacements are relative to a reference step, but the first step "
+            f"has U{i + 1} = {value[p, i]:g} mm at {grid.names[p]!r}; add the unloaded step with "
+            "displacement 0 before it, or name the steps in targets.toml under [reference]"
+        )
+    return np.array([0], dtype=np.int64)
+
+
+def _read_noise(
+    folder: Path, about: dict[str, Any], names: tuple[str, ...], exact: dict[str, Any]
+) -> Noise | None:
+    if "noise" not in about:
+        return None
+    path, table = folder / "targets.toml", about["noise"]
+    rows = _by_name(path, table.get("points", []), names)
+    missing = [key for key in ("frames", "gauge_sd_MPa", "gauge_frames") if key not in table]
+    missing += [f"points {name!r}" for name in names if name not in rows]
+    if missing or "correlation" not in exact:
+        raise ValueError(
+            f"{path}: [noise] lacks {missing[0] if missing else 'correlation in targets.npz'}; "
+            "measure again, or remove [noise]"
+        )
+    per = {key: np.array([_vector(path, f"{key} of point {n!r}", rows[n].get(key)) for n in names])
+           for key in ("sd_mm", "rho", "codec_sd_mm")}  # fmt: skip
+    return Noise(
+        sd=per["sd_mm"], rho=per["rho"], codec_sd=per["codec_sd_mm"], correlation=exact["correlation"],
+        frames=int(table["frames"]), gauge_sd_MPa=float(table["gauge_sd_MPa"]),
+        gauge_frames=int(table["gauge_frames"]),
+    )  # fmt: skip
+
+
+def _read_log(folder: Path, grid: _Grid) -> tuple[Array, Array]:
+    """Return the dense log, or the steps themselves (linear between them) where there is none."""
+    path = folder / "pressure.csv"
+    if not path.exists():
+        return grid.time, grid.pressure
+    table = read_table(path, ("block", "time_s", "pressure_MPa"))
+    table.integers("block")
+    time = table.numbers("time_s", unit="s")
+    table.increasing("time_s", time, unit="s")
+    if time[0] > grid.time[0] or time[-1] < grid.time[-1]:
+        raise ValueError(
+            f"{path}: covers {time[0]:g} to {time[-1]:g} s, targets.csv {grid.time[0]:g} to "
+            f"{grid.time[-1]:g} s; wanted a log that covers all steps"
+        )
+    return time, table.numbers("pressure_MPa", unit="MPa")

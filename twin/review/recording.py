@@ -1,0 +1,232 @@
+"""Turns the history of a calibration and its film into one rerun file: film beside the simulated finger.
+
+Timelines `generation` (the best individual of every generation beside the frame at top pressure) and
+`film_time` (the calibrated model along the film). The viewer shows one timeline at a time, so film and mesh
+are logged on both. The layout travels inside the file.
+"""
+
+import os
+import tempfile
+import uuid
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import av
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+
+from twin.review.scene import Scene, States, log_constants, log_states, scene_of
+from twin.review.states import Array, Fields, Generations, Integers
+
+SERIES = ((86, 180, 233), (230, 159, 0), (0, 190, 140), (204, 121, 167), (240, 228, 66), (213, 94, 0))
+REVIEW_WIDTH = 1280  # px: wider films are scaled down for review
+LEGEND = (
+    "*On `generation`: the best individual of each generation, at {time:.2f} s of the film. White: "
+    "measured markers. Red: measured - model, drawn x{0} (on `film_time` x{1}). "
+    "Colour: displacement, 0 to {top:g} mm.*"
+)
+
+
+@np.errstate(under="ignore")  # colours and normals of nearly plane parts end in exact zeros
+def write_review(
+    path: Path,
+    *,
+    film: Path | None,
+    frame_times_s: Array,
+    generations: Generations,
+    fields: Fields | None,
+    diagnosis_markdown: str,
+    comparison: Sequence[Mapping[str, object]] = (),
+) -> list[str]:
+    """Write the rerun file `path`, atomically, and return notes: what it does not show, and why.
+
+    film file or None; frame_times_s (t,) s of its frames; generations, fields as in `review.states`;
+    diagnosis_markdown text; comparison rows of a table that is shown below it, all with the same keys.
+    ValueError where the frame at top pressure is not in the film.
+    """
+    video, stamps, notes = _video(film, frame_times_s)
+    if video is not None and not 0 <= generations.film_frame < len(stamps):
+        raise ValueError(
+            f"the first frame at top pressure is {generations.film_frame}, but {film} has {len(stamps)} "
+            "frames: measure this film again"
+        )
+    times: Array = (
+        frame_times_s if len(frame_times_s) == len(stamps) else np.asarray(stamps * 1e-9, dtype=float)
+    )
+    scene = scene_of(generations, fields)
+    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    recording = rr.RecordingStream("softtwin", recording_id=uuid.uuid4())  # two files never mix in one viewer
+    try:
+        recording.save(temporary, default_blueprint=_layout(scene, has_film=video is not None))
+        if video is not None:
+            recording.log("film/frame", video, static=True)
+            _log_frames(recording, stamps, times=times, generations=generations)
+        log_constants(recording, scene)
+        _log_curves(recording, generations=generations, fields=fields)
+        scales = _log_states(recording, scene, generations=generations, fields=fields, times=times)
+        if fields is None:
+            notes.append(
+                "no calibrated model yet: along the film the last generation is shown at top pressure"
+            )
+        legend = LEGEND.format(*scales, time=generations.film_time_s, top=scene.top_mm)
+        text = [
+            diagnosis_markdown.strip(),
+            _table(comparison),
+            legend,
+            *(f"*Note: {note}.*" for note in notes),
+        ]
+        document = rr.TextDocument("\n\n".join(filter(None, text)), media_type=rr.MediaType.MARKDOWN)
+        recording.log("diagnosis", document, static=True)
+        recording.disconnect()  # writes the footer
+        os.replace(temporary, path)
+    finally:
+        recording.disconnect()
+        temporary.unlink(missing_ok=True)
+    return notes
+
+
+def encode_av1(film: Path, copy: Path) -> None:
+    """Write `copy` (mp4, AV1, at most 1280 px wide), same time stamps: for review, not to measure."""
+    # The encoder reads its log level when it starts, and prints a banner on stderr without it.
+    os.environ.setdefault("SVT_LOG", "1")
+    with av.open(film) as source, av.open(copy, "w") as target:
+        video = source.streams.video[0]
+        stream = target.add_stream(
+            "libsvtav1", rate=video.average_rate, options={"preset": "10", "crf": "32"}
+        )
+        shrink = min(1.0, REVIEW_WIDTH / video.width)
+        stream.width, stream.height = (2 * round(side * shrink / 2) for side in (video.width, video.height))
+        stream.pix_fmt, stream.gop_size = "yuv420p", 20  # short groups of pictures scrub smoothly
+        if video.time_base is not None:
+            stream.codec_context.time_base = video.time_base
+        for frame in source.decode(video):
+            small = frame.reformat(width=stream.width, height=stream.height, format="yuv420p")
+            small.pts, small.time_base = frame.pts, frame.time_base
+            small.pict_type = 0  # the encoder chooses its own key frames
+            target.mux(stream.encode(small))
+        target.mux(stream.encode(None))
+
+
+def _video(film: Path | None, times: Array) -> tuple[rr.AssetVideo | None, Integers, list[str]]:
+    """The film as an asset that the viewer shows without ffmpeg, its time stamps (t,) ns, and notes."""
+    if film is None:
+        return None, np.zeros(0, dtype=np.int64), ["no film in this project: the model is shown without it"]
+    notes = []
+    with tempfile.TemporaryDirectory() as folder:
+        try:
+            copy = Path(folder) / "review.mp4"
+            encode_av1(film, copy)
+            data = copy.read_bytes()
+        except av.codec.codec.UnknownCodecError:
+            data = film.read_bytes()
+            notes.append("PyAV has no AV1 encoder here: the viewer needs ffmpeg on PATH to show the film")
+    video = rr.AssetVideo(contents=data, media_type="video/mp4")
+    stamps = np.asarray(video.read_frame_timestamps_nanos(), dtype=np.int64)
+    if len(stamps) != len(times):
+        notes.append(
+            f"the film has {len(stamps)} frames but {len(times)} times were given: its own clock is used"
+        )
+    return video, stamps, notes
+
+
+def _log_frames(
+    recording: rr.RecordingStream, stamps: Integers, *, times: Array, generations: Generations
+) -> None:
+    at_top = np.full(len(generations.generation), stamps[generations.film_frame])
+    for column, frames in (
+        (rr.TimeColumn("film_time", duration=times), stamps),
+        (_generation(generations), at_top),
+    ):
+        recording.send_columns("film/frame", [column], rr.VideoFrameReference.columns_nanos(frames))
+
+
+def _log_states(
+    recording: rr.RecordingStream,
+    scene: Scene,
+    *,
+    generations: Generations,
+    fields: Fields | None,
+    times: Array,
+) -> tuple[int, int]:
+    """Log the finger on both timelines; returns how much longer than the errors the arrows are on each."""
+    measured = np.broadcast_to(generations.u_measured, generations.u_points.shape)
+    states = States(generations.u, generations.u_points, measured)
+    first = log_states(recording, scene, _generation(generations), states=states)
+    if fields is None:
+        start = times[:1] if len(times) else np.array([generations.film_time_s])
+        states = States(states.u[-1:], states.model[-1:], states.measured[-1:])
+        return first, log_states(recording, scene, rr.TimeColumn("film_time", duration=start), states=states)
+    states = States(fields.u, fields.u_points, fields.u_measured)
+    return first, log_states(
+        recording, scene, rr.TimeColumn("film_time", duration=fields.time_s), states=states
+    )
+
+
+def _log_curves(recording: rr.RecordingStream, *, generations: Generations, fields: Fields | None) -> None:
+    """Log error and parameters over generations, error and pressure over film time, each with its name."""
+    column = _generation(generations)
+    curves = [("rms/best", "best of generation", column, generations.rms_mm)]
+    curves += [
+        (f"parameters/{rr.escape_entity_path_part(name)}", name, column, value)
+        for name, value in zip(generations.names, generations.best.T)
+    ]
+    if fields is not None:
+        column = rr.TimeColumn("film_time", duration=fields.time_s)
+        curves.append(
+            ("rms/calibrated", "calibrated model", column, _rms(fields.u_measured - fields.u_points))
+        )
+        curves.append(("parameters/pressure", "pressure, MPa", column, fields.pressure))
+    for number, (entity, name, column, value) in enumerate(curves):
+        style = rr.SeriesLines(colors=SERIES[number % len(SERIES)], widths=2.5, names=name)
+        recording.log(entity, style, static=True)
+        recording.send_columns(entity, [column], rr.Scalars.columns(scalars=value))
+
+
+def _generation(generations: Generations) -> rr.TimeColumn:
+    return rr.TimeColumn("generation", sequence=generations.generation)
+
+
+def _rms(error: Array) -> Array:
+    """Root mean square (s,) of the observed components of error (s,p,3); NaN where nothing is observed."""
+    seen = np.isfinite(error)
+    count = seen.sum(axis=(1, 2))
+    total = (np.where(seen, error, 0.0) ** 2).sum(axis=(1, 2))
+    return np.where(count > 0, np.sqrt(total / np.maximum(count, 1)), np.nan)
+
+
+def _table(rows: Sequence[Mapping[str, object]]) -> str:
+    """A markdown table of rows; empty without rows."""
+    if not rows:
+        return ""
+    names = list(rows[0])
+    lines = [names, ["---"] * len(names), *([str(row[name]) for name in names] for row in rows)]
+    return "\n".join("| " + " | ".join(cells) + " |" for cells in lines)
+
+
+def _layout(scene: Scene, *, has_film: bool) -> rrb.Blueprint:
+    """Film beside the finger, seen from the film's side (x runs to the left); curves and text below."""
+    centre, extent = 0.5 * (scene.low + scene.high), scene.high - scene.low
+    # The viewer's vertical angle is about 55 degrees; beside the film the view is 1.6 times as wide as high.
+    distance = max(0.75 * extent[0], 1.15 * extent[2]) + 0.5 * extent[1]
+    position = centre + distance * np.array([0.0, 1.0, 0.16])
+    finger = rrb.Spatial3DView(
+        origin="/model",
+        name="model: displacement, mm",
+        eye_controls=rrb.EyeControls3D(position=position, look_target=centre, eye_up=(0, 0, 1)),
+        background=(38, 41, 48),
+        line_grid=False,
+    )
+    film = [rrb.Spatial2DView(origin="/film", name="film")] if has_film else []
+    below = rrb.Horizontal(
+        rrb.TimeSeriesView(origin="/rms", name="RMS error, mm"),
+        rrb.TimeSeriesView(origin="/parameters", name="parameters by generation, pressure by film time"),
+        rrb.TextDocumentView(origin="/diagnosis", name="diagnosis"),
+        column_shares=[1, 1, 1.4],
+    )
+    return rrb.Blueprint(
+        rrb.Vertical(rrb.Horizontal(*film, finger), below, row_shares=[3, 2]),
+        rrb.TimePanel(timeline="generation", state="collapsed", fps=2.0),
+        rrb.SelectionPanel(state="hidden"),
+        rrb.BlueprintPanel(state="hidden"),
+    )

@@ -1,0 +1,109 @@
+"""The states that review and report show, as plain arrays: one per generation, one per film time.
+
+`Generations` is what the genetic algorithm went through; `Fields` is the calibrated model along the film.
+Both are saved as .npz without pickle, so a run folder can be reviewed long after the run.
+"""
+
+import os
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from twin.targets import Array
+
+Single = NDArray[np.float32]
+Integers = NDArray[np.int64]
+
+
+class _Stored:
+    """Gives a frozen dataclass of arrays and numbers `.save(path)` and `.load(path)`."""
+
+    def save(self, path: Path) -> None:
+        """Write all fields to `path` (.npz, compressed, no pickle), atomically."""
+        temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+        try:
+            with open(temporary, "wb") as file:
+                np.savez_compressed(file, **{name: getattr(self, name) for name in _names(type(self))})
+            os.replace(temporary, path)
+        finally:
+            temporary.unlink(missing_ok=True)
+
+    @classmethod
+    def load(cls, path: Path) -> Self:
+        """Read what `save` wrote. ValueError where a field is missing."""
+        with np.load(path, allow_pickle=False) as stored:
+            missing = [name for name in _names(cls) if name not in stored.files]
+            if missing:
+                raise ValueError(
+                    f"{path} has no array {missing[0]!r}, so it is not a file of {cls.__name__}: "
+                    "run the stage that writes it again"
+                )
+            return cls(**{name: _plain(stored[name]) for name in _names(cls)})
+
+
+@dataclass(frozen=True)
+class Generations(_Stored):
+    """The best individual of every generation at the first arrival at top pressure."""
+
+    generation: Integers  # (g,) number of the generation, increasing
+    names: tuple[str, ...]  # (d,) parameters
+    best: Array  # (g,d) parameters of the best individual
+    rms_mm: Array  # (g,) its root mean square error, mm
+    nodes: Array  # (n,3) undeformed, mm
+    triangles: Integers  # (t,3) surface, node indices, counter-clockwise from outside
+    u: Single  # (g,n,3) displacement at top pressure, mm
+    point_names: tuple[str, ...]  # (p,) markers
+    points: Array  # (p,3) markers at rest, mm
+    u_points: Array  # (g,p,3) model at the markers, mm
+    u_measured: Array  # (p,3) measured at the same step, mm; NaN = not observed
+    film_time_s: float  # first arrival at top pressure, s
+    film_frame: int  # the frame shown for it
+
+    def __post_init__(self) -> None:
+        g, n, p = len(self.generation), len(self.nodes), len(self.points)
+        _check_triangles(self.triangles, n)
+        _check(self, {"best": (g, len(self.names)), "rms_mm": (g,), "nodes": (n, 3), "u": (g, n, 3)})
+        _check(self, {"points": (len(self.point_names), 3), "u_points": (g, p, 3), "u_measured": (p, 3)})
+
+
+@dataclass(frozen=True)
+class Fields(_Stored):
+    """The calibrated model (with its named effect) at k times of the film."""
+
+    time_s: Array  # (k,) film time, s, increasing
+    pressure: Array  # (k,) MPa
+    u: Single  # (k,n,3) displacement of the nodes of `Generations`, mm
+    u_points: Array  # (k,p,3) model at the markers, mm
+    u_measured: Array  # (k,p,3) measured, mm; NaN = not observed
+
+    def __post_init__(self) -> None:
+        k, n, p = len(self.time_s), self.u.shape[1], self.u_points.shape[1]
+        _check(self, {"pressure": (k,), "u": (k, n, 3), "u_points": (k, p, 3), "u_measured": (k, p, 3)})
+
+
+def _names(cls: type) -> tuple[str, ...]:
+    return tuple(field.name for field in fields(cls))
+
+
+def _plain(array: NDArray[Any]) -> Any:
+    """A stored array as the dataclass holds it: tuples of text, Python numbers, arrays."""
+    if array.dtype.kind == "U":
+        return tuple(str(text) for text in array)
+    return array if array.ndim else array.item()
+
+
+def _check(data: object, shapes: dict[str, tuple[int, ...]]) -> None:
+    for name, wanted in shapes.items():
+        got = np.shape(getattr(data, name))
+        if got != wanted:
+            raise ValueError(f"{type(data).__name__}.{name} has shape {got}, wanted {wanted}")
+
+
+def _check_triangles(triangles: Integers, nodes: int) -> None:
+    if triangles.ndim != 2 or triangles.shape[1] != 3 or triangles.size == 0:
+        raise ValueError(f"Generations.triangles has shape {triangles.shape}, wanted (t,3) with t > 0")
+    if triangles.min() < 0 or triangles.max() >= nodes:
+        raise ValueError(f"Generations.triangles names node {triangles.max()}, but there are {nodes} nodes")

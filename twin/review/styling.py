@@ -1,0 +1,99 @@
+"""The look that all plots share: colours, letters, and the way from a figure to an SVG text."""
+
+import io
+import re
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from typing import Any
+
+import matplotlib
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from twin.targets import Array
+
+# Okabe and Ito, https://jfly.uni-koeln.de/color/ : distinct with every kind of colour vision.
+INK, MUTED, FAINT, MEASURED = "#1d2733", "#66717f", "#d5dae0", "#aab2bc"
+BEFORE, AFTER, NOISE, EXTRA = "#d55e00", "#0072b2", "#8a94a0", "#009e73"
+STYLE: dict[str, Any] = {
+    "svg.fonttype": "none",
+    "svg.hashsalt": "softtwin",
+    "figure.facecolor": "white",
+    "font.size": 9.0,
+    "axes.edgecolor": MUTED,
+    "axes.labelcolor": INK,
+    "axes.titlesize": 9.5,
+    "axes.titlelocation": "left",
+    "axes.titlecolor": INK,
+    "axes.linewidth": 0.8,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "grid.color": FAINT,
+    "grid.linewidth": 0.5,
+    "lines.linewidth": 1.4,
+    "path.simplify_threshold": 0.4,
+    "text.color": INK,
+    "xtick.color": MUTED,
+    "ytick.color": MUTED,
+    "xtick.labelcolor": INK,
+    "ytick.labelcolor": INK,
+    "legend.frameon": False,
+    "legend.handlelength": 1.6,
+}
+FONTS = "system-ui, 'Segoe UI', Roboto, 'Helvetica Neue', Arial, 'DejaVu Sans', sans-serif"
+
+
+@contextmanager
+def style(more: Mapping[str, Any] | None = None) -> Iterator[None]:
+    """The look of all plots, and silence about underflow: a pixel that rounds to 0 is right."""
+    look: Any = {**STYLE, **(more or {})}
+    with matplotlib.rc_context(look), np.errstate(under="ignore"):
+        yield
+
+
+def svg(figure: Figure) -> str:
+    """The figure as an <svg> element that can stand in a page: no prolog, no date, the page's own fonts."""
+    buffer = io.StringIO()
+    nothing = dict.fromkeys(("Date", "Creator", "Format", "Type"))
+    figure.savefig(buffer, format="svg", metadata=nothing)
+    text = buffer.getvalue()
+    text = text[text.index("<svg") :]
+    text = re.sub(r"<style type=\"text/css\">.*?</style>", "", text, flags=re.DOTALL)
+    return text.replace("'DejaVu Sans'", FONTS).strip()
+
+
+def legend_above(figure: Figure, axes: Axes) -> None:
+    """Name the curves of all panels once, above them."""
+    handles, labels = axes.get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside upper right", ncols=len(labels), fontsize=8.5)
+
+
+def label_end(axes: Axes, x: NDArray[Any], y: Array, *, text: str, colour: str) -> None:
+    """Write a curve's name at its last point instead of in a legend."""
+    last = np.flatnonzero(np.isfinite(y))
+    if len(last):
+        place = (float(x[last[-1]]), float(y[last[-1]]))
+        axes.annotate(text, place, xytext=(5, 0), textcoords="offset points", color=colour, va="center")
+
+
+def log_if_wide(axes: Axes, values: Array) -> None:
+    """A logarithmic axis where positive values span more than a factor of 30."""
+    known = values[np.isfinite(values)]
+    if len(known) and known.min() > 0 and known.max() > 30 * known.min():
+        axes.set_yscale("log")
+
+
+def beside(axes: Axes, value: float, row: float, *, text: str) -> None:
+    """Write text just right of the end of a bar; where there is no bar, at its foot."""
+    end = max(value, 0.0) if np.isfinite(value) else 0.0
+    axes.annotate(text, (end, row), xytext=(4, 0), textcoords="offset points", va="center")
+
+
+def cycle(count: int) -> list[str]:
+    """Colours for that many curves."""
+    palette = (AFTER, BEFORE, EXTRA, "#cc79a7", "#e69f00", "#56b4e9")
+    return [palette[i % len(palette)] for i in range(count)]

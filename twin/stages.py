@@ -1,7 +1,0 @@
-"""The stages after `measure`, in the order in which a project goes through them."""
-
-from twin.calibrating import run_calibrate
-from twin.diagnosing import run_add, run_compare, run_diagnose, run_drop
-from twin.reviewing import run_review
-
-__all__ = ["run_add", "run_calibrate", "run_compare", "run_diagnose", "run_drop", "run_review"]

@@ -1,0 +1,269 @@
+"""The calibrate stage: targets in, the genetic algorithm's history and a least-squares fit out."""
+
+from typing import Any
+
+import numpy as np
+
+from calibrate import Fit, identifiability, least_squares
+from fe import Case, Path, solve
+from fe.case import digest
+from twin.diagnosis.comparison import compare
+from twin.diagnosis.fitting import fit_model, whitener_of, with_mesh
+from twin.diagnosis.whitening import Whitener, whitener
+from twin.effects.material import Elasticity
+from twin.model.loadpaths import REDUCED, Turned, load_paths, reach, sheets
+from twin.model.prediction import Model, under, ways
+from twin.project.folder import Project, Run, Say
+from twin.review.states import Generations
+from twin.stages.searching import Generation, Objective, search
+from twin.stages.workbench import Workbench
+from twin.targets import Array, Targets
+
+
+def run_calibrate(project: Project, say: Say) -> dict[str, Any]:
+    """Genetic algorithm on the study's objective, then bounded least squares on all targets."""
+    bench, settings = Workbench.of(project), project.config.calibrate
+    if project.config.model.effects:
+        raise ValueError(
+            f"model.effects = {list(project.config.model.effects)}: calibrate fits the base model; "
+            "twin add refits with effects, twin drop takes one out"
+        )
+    for sentence in bench.remarks:
+        say(f"calibrate: {sentence}")
+    with project.new_run("calibrate", seed=settings.seed) as run:
+        paths, points = _paths(bench, say)
+        objective = Objective.of(
+            bench.targets, settings.objective_points, settings.objective_component - 1, bench.elasticity.fixed
+        )
+        generations = search(
+            bench.elasticity.parameters,
+            lambda v: objective.cost(v, paths, points),
+            run,
+            seed=settings.seed,
+            size=settings.population,
+            generations=settings.generations,
+            tell=say.progress,
+        )
+        best = generations[-1]
+        if not np.isfinite(best.rms_mm):
+            raise ValueError(
+                "no candidate of the genetic algorithm has an equilibrium; widen [calibrate] bounds"
+            )
+        history = full_solves(bench, objective, generations, say)
+        history.save(run.path("generations.npz"))
+        candidates = np.concatenate([g.candidates for g in generations])
+        run.write_npz(
+            "candidates.npz", {"x": candidates, "rms_mm": np.concatenate([g.costs for g in generations])}
+        )
+        say(f"calibrate: genetic algorithm: {len(candidates)} evaluations, best RMS {best.rms_mm:.3f} mm")
+        fit, w, model = least(bench, paths, points, best.best, say)
+        words = _words(project, fit)
+        run.write_json("fit.json", fit.to_dict() | {"effects": [], "identifiability": words})
+        _write_prediction(run, bench.targets, model, fit, w)
+        run.summary["headline"] = words.split(". ")[0]
+        crossed = model.solution(fit.theta).crossed
+    ended = "converged" if fit.converged else "did not converge"
+    say(f"calibrate: least squares {ended} after {fit.evaluations} evaluations: {fit.reason}")
+    say(f"calibrate: {model.extent}")
+    say(f"calibrate: {words}")
+    if crossed:
+        say(f"calibrate: {crossed}; the model knows no such contact")
+    say(f"calibrate: wrote {project.shown(run.folder)}/fit.json and generations.npz")
+    return {
+        "stage": "calibrate",
+        "run": run.name,
+        "rms_mm": best.rms_mm,
+        "fit": fit.to_dict(),
+        "identifiability": words,
+    }
+
+
+def _paths(bench: Workbench, say: Say) -> tuple[Turned, Any]:
+    """The load paths at the finger's markers under the weight in every direction of gravity, and the rows of
+    the targets they belong to."""
+    rows = np.flatnonzero(~bench.targets.fixed)
+    where = bench.targets.places(bench.case.position)[rows]
+    key = digest(bench.structure.key, where)
+    keep, top = bench.keeper(say), REDUCED
+    if bench.project.config.model.deck is not None:
+        softest = sum(bench.elasticity.lowest.values())
+        top = reach(bench.case, float(bench.targets.pressure.max()) / softest, keep=keep, key=key)
+    gravities, of_step = ways(bench.model(()).test)
+    if bench.scales:
+        return Turned((load_paths(bench.case, where, keep=keep, key=key, top=top),), of_step), rows
+    high = sum(bench.elasticity.highest.values())
+    # softer ones do not reach the top pressure: the table need not hold them
+    low = max(sum(bench.elasticity.lowest.values()), float(bench.targets.pressure.max()) / top)
+    totals = min(low, 0.9 * high), high
+    made = tuple(
+        sheets(
+            under(bench.case, g), where, keep=keep, key=digest(key, g) if g.any() else key, top=top,
+            totals=totals, gravity=g,
+        )
+        for g in gravities
+    )  # fmt: skip
+    return Turned(made, of_step), rows
+
+
+def full_solves(
+    bench: Workbench, objective: Objective, generations: list[Generation], say: Say
+) -> Generations:
+    """The best individual of every generation by full finite elements at the first arrival at top
+    pressure; where it has weight relative to its rest, as it is measured."""
+    t, rows = bench.targets, np.flatnonzero(~bench.targets.fixed)
+    points = t.places(bench.case.position)[rows]
+    whole, path = _to_the_top(bench, objective)
+    fields: dict[bytes, Array] = {}
+    start = None
+    for k, g in enumerate(generations):
+        say.progress("best of each generation by full FE", k, len(generations))
+        if g.best.tobytes() not in fields:
+            values = {p.name: float(x) for p, x in zip(bench.elasticity.parameters, g.best, strict=True)}
+            values |= bench.elasticity.fixed
+            start = solve(whole.with_material(**values), path, start=start, count=4)
+            if not start.converged:
+                raise ValueError(f"the best of generation {g.number} ({values}) {start.reason}")
+            *rest, top = start.fields(range(len(path.output)))[:, : len(bench.case.nodes)]
+            fields[g.best.tobytes()] = top - rest[0] if rest else top
+    u = np.array([fields[g.best.tobytes()] for g in generations])
+    assert start is not None
+    near = np.argmin(np.linalg.norm(bench.case.nodes[None] - points[:, None], axis=2), axis=1)
+    return Generations(
+        np.arange(1, len(generations) + 1),
+        tuple(p.name for p in bench.elasticity.parameters),
+        np.array([g.best for g in generations]),
+        np.array([g.rms_mm for g in generations]),
+        bench.case.nodes,
+        triangles(bench.structure.outside),
+        u.astype(np.float32),
+        tuple(t.names[r] for r in rows),
+        points,
+        u[:, near],
+        t.value[objective.steps[0], rows],
+        float(t.time[objective.steps[0]] - t.time[0]),
+        int(objective.steps[0]),
+    )
+
+
+def _to_the_top(bench: Workbench, objective: Objective) -> tuple[Case, Path]:
+    """The case, and its load from rest to the first arrival at top pressure; where it has weight, the rest is
+    an output, too."""
+    gravities, of_step = ways(bench.model(()).test)
+    top, rest = gravities[of_step[objective.steps[:2]]]
+    load = np.array([0.0, objective.pressure[0]])
+    if not gravities.any():
+        return bench.case, Path(load, load, load[1:])
+    case = under(under(bench.case, top), rest)
+    return case, Path(np.array([0.0, 1.0]), load, np.array([0.0, 1.0]), gravity=np.stack([rest, top]))
+
+
+# Triangles of a face with so many nodes, counter-clockwise from outside: Abaqus lists corners in a turn and
+# then the middles of their edges, hex27 row by row.
+_CUT = {
+    4: [(0, 1, 2), (0, 2, 3)],
+    6: [(0, 3, 5), (3, 1, 4), (5, 4, 2), (3, 4, 5)],
+    8: [(0, 4, 7), (4, 1, 5), (5, 2, 6), (6, 3, 7), (4, 5, 6), (4, 6, 7)],
+    9: [(a, *two) for a in (0, 1, 3, 4) for two in ((a + 1, a + 4), (a + 4, a + 3))],
+}
+
+
+def triangles(faces: Any) -> Any:
+    """Triangles (t, 3) of faces (f, m) of any element, counter-clockwise from outside."""
+    return faces[:, np.array(_CUT[faces.shape[1]])].reshape(-1, 3)
+
+
+def least(
+    bench: Workbench, paths: Turned, points: Array, best: Array, say: Say
+) -> tuple[Fit, Whitener, Model]:
+    """The least-squares fit of C10 and C01 to all targets: on the load paths from several starts, then on the
+    finite-element model with its discretisation modes from there."""
+    t, model = bench.targets, bench.model(())
+    elasticity, nothing = bench.elasticity, np.zeros((0, *bench.targets.value.shape))
+    w = whitener(t, prediction_modes=nothing, gauge=_rough_slope(paths, points, t, _values(elasticity, best)))
+    starts = np.array([best, [p.start for p in model.parameters]])
+    first = _on_paths(paths, points, t, elasticity, w, starts)
+    say.progress("least squares", 1, 3)
+    mesh = bench.mesh(first.theta, model, say)
+    w = whitener_of(model, first.theta, t, mesh)
+    second = _on_paths(paths, points, t, elasticity, w, first.theta[None])
+    say.progress("least squares", 2, 3)
+    fit = fit_model(model, t, w, start=second.theta, seed=bench.project.config.calibrate.seed)
+    say.progress("least squares", 3, 3)
+    return with_mesh(fit, mesh), w, model
+
+
+def _values(elasticity: Elasticity, theta: Array) -> dict[str, float]:
+    return {p.name: float(x) for p, x in zip(elasticity.parameters, theta, strict=True)} | elasticity.fixed
+
+
+def _on_paths(
+    paths: Turned, points: Array, t: Targets, elasticity: Elasticity, w: Whitener, starts: Array
+) -> Fit:
+    def residual(theta: Array) -> Array | None:
+        u = _predicted(paths, points, t, _values(elasticity, theta))
+        return None if u is None else w.whiten(t.value - u)
+
+    def jacobian(theta: Array) -> Array:
+        columns = []
+        for k, p in enumerate(elasticity.parameters):
+            h = 1e-3 * p.step * (1 if theta[k] + 1e-3 * p.step <= p.high else -1)
+            moved = theta.copy()
+            moved[k] += h
+            a, b = residual(moved), residual(theta)
+            columns.append(
+                np.full(t.valid.shape[0] * len(w.components), np.nan)
+                if a is None or b is None
+                else (a - b) / h
+            )
+        return np.array(columns).T
+
+    return least_squares(residual, jacobian, elasticity.parameters, start=starts)
+
+
+def _predicted(
+    paths: Turned, points: Array, t: Targets, values: dict[str, float]
+) -> Array | None:
+    total = values["C10"] + values["C01"]
+    u = paths.predict(total, values["C01"] / total, t.pressure)
+    if u is None:
+        return None
+    out = np.zeros_like(t.value)
+    out[:, points] = u - u[t.reference].mean(axis=0)
+    return out
+
+
+def _rough_slope(paths: Turned, points: Array, t: Targets, values: dict[str, float]) -> Array:
+    """The effect of 1 sd of gauge noise on each step, from two nearby pressures."""
+    out, total = np.zeros_like(t.value), values["C10"] + values["C01"]
+    h = 1e-3 * float(t.pressure.max())
+    a, b = (paths.predict(total, values["C01"] / total, np.maximum(t.pressure, h) + d) for d in (-h, h / 2))
+    if a is not None and b is not None:
+        out[:, points] = (b - a) / (1.5 * h) * t.pressure_sd[:, None, None]
+    return out
+
+
+def _words(project: Project, fit: Fit) -> str:
+    names = [p.name for p in fit.parameters]
+    words = (
+        identifiability(fit, ("C10", "C01"))
+        if {"C10", "C01"} <= set(names)
+        else "One constant was held fixed."
+    )
+    study = project.config.study
+    if study is not None:
+        top = float(project.targets().pressure.max())
+        ratio = top / study.other_pressure_MPa
+        words += (
+            f" The two pressures of this study contradict each other ({top:g} MPa in its table, "
+            f"{study.other_pressure_MPa:g} MPa in its text): displacements depend on pressure / C, so the "
+            f"other pressure "
+            f"would divide C10 and C01 by {ratio:.3g}."
+        )
+    return words
+
+
+def _write_prediction(run: Run, t: Targets, model: Model, fit: Fit, w: Whitener) -> None:
+    """Predicted displacements and the comparison, for the stages that follow."""
+    predicted = model.predict(fit.theta)
+    run.write_npz("prediction.npz", {"u": predicted})
+    run.write_json("comparison.json", compare(t, predicted, w, jacobian=model.jacobian(fit.theta)).to_dict())

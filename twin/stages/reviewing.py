@@ -1,0 +1,315 @@
+"""The review stage: what the runs of a project found -> review.rrd for rerun, report.html, pictures, VTU
+files."""
+
+from datetime import date
+from typing import Any
+
+import numpy as np
+
+from twin.project import files
+from twin.project.folder import Project, Run, Say, versions
+from twin.review import plots
+from twin.review.deformed import deformed_picture, write_vtu_series
+from twin.review.page import write_report
+from twin.review.recording import write_review
+from twin.review.states import Fields, Generations
+from twin.stages.workbench import Workbench
+from twin.targets import Array, Targets
+
+FITS = ("calibrate", "add", "drop")
+SERIES = 12  # deformed states in the VTU series
+
+
+def run_review(project: Project, say: Say) -> dict[str, Any]:
+    """review.rrd and report.html from the newest runs. ValueError where nothing is calibrated yet."""
+    found = project.newest("calibrate", "generations.npz")
+    if found is None:
+        raise ValueError("nothing to review: no calibrated model in this project; run twin calibrate")
+    with project.new_run("review") as run:
+        story = _Story(project, run)
+        notes = story.recording(say)
+        notes += story.deformed()
+        write_report(run.path("report.html"), title=project.config.project.name, facts=story.facts(notes))
+        run.summary["headline"] = story.headline
+    for note in notes:
+        say(f"review: {note}")
+    say(f"review: wrote {project.shown(run.folder)}/review.rrd and report.html")
+    return {"stage": "review", "run": run.name, "notes": notes}
+
+
+class _Story:
+    """What the newest runs say, gathered once; no number is computed here."""
+
+    def __init__(self, project: Project, run: Run) -> None:
+        self.project, self.run, self.targets = project, run, project.targets()
+        self.generations = Generations.load(self._file("calibrate", "generations.npz"))
+        self.calibrated = files.read_json(self._file("calibrate", "fit.json"))
+        self.fit = files.read_json(project.newest(FITS, "fit.json") or self._file("calibrate", "fit.json"))
+        self.diagnosis = self._json("diagnose", "diagnosis.json")
+        self.added = self._json(("add", "drop"), "comparison.json")
+        path = project.newest(("add", "drop"), "fields.npz")
+        self.fields = Fields.load(path) if path else None
+
+    def _file(self, kind: str, name: str) -> Any:
+        path = self.project.newest(kind, name)
+        if path is None:
+            raise ValueError(f"{name} of {kind} is missing; run twin {kind}")
+        return path
+
+    def _json(self, kind: str | tuple[str, ...], name: str) -> dict[str, Any]:
+        path = self.project.newest(kind, name)
+        return files.read_json(path) if path else {}
+
+    @property
+    def headline(self) -> str:
+        """The diagnosis in one sentence, or what is to be done for one."""
+        return self.diagnosis.get("sentence") or "Not diagnosed yet: run twin diagnose."
+
+    def recording(self, say: Say) -> list[str]:
+        """Write review.rrd; returns its notes."""
+        cameras = self.project.config.cameras
+        film = self.project.path(cameras[0].film) if cameras else None
+        film = film if film is not None and film.is_file() else None  # pictures are no video
+        say.progress("review", 0, 2)
+        notes = write_review(
+            self.run.path("review.rrd"),
+            film=film,
+            frame_times_s=self.targets.time - self.targets.time[0],
+            generations=self.generations,
+            fields=self.fields,
+            diagnosis_markdown=self._markdown(),
+            comparison=self._rows(),
+        )
+        say.progress("review", 1, 2)
+        return notes
+
+    def _markdown(self) -> str:
+        d = self.diagnosis
+        lines = [f"# {d.get('verdict', 'not diagnosed')}", "", self.headline]
+        lines += ["", f"Calibration: {self.calibrated.get('identifiability', '')}"]
+        return "\n".join(lines)
+
+    def _rows(self) -> list[dict[str, object]]:
+        ranking = self.diagnosis.get("ranking", [])
+        return [
+            {
+                "effect": r["law"],
+                "score": _round(r["z"]),
+                "BIC gain": "not refitted" if r["delta_bic"] is None else _round(r["delta_bic"]),
+            }
+            for r in ranking
+        ]
+
+    def deformed(self) -> list[str]:
+        """A picture and a VTU series of the deformed finger; returns what could not be done."""
+        g, notes = self.generations, []
+        note = deformed_picture(
+            self.run.path("deformed.png"),
+            nodes=g.nodes,
+            triangles=g.triangles,
+            u=np.asarray(g.u[-1], float),
+            points=g.points + g.u_measured,
+        )
+        notes += [note] if note else []
+        cells = Workbench.of(self.project).case.connectivity
+        if self.fields is None:
+            times, u = [g.film_time_s], g.u[-1:]
+        else:
+            chosen = np.unique(np.linspace(0, len(self.fields.time_s) - 1, SERIES).round().astype(int))
+            times, u = list(self.fields.time_s[chosen]), self.fields.u[chosen]
+        write_vtu_series(
+            self.run.folder, "deformed", nodes=g.nodes, cells=cells, times=times, fields={"U": u}
+        )
+        return notes
+
+    def facts(self, notes: list[str]) -> dict[str, Any]:
+        """Everything that the report shows."""
+        d = self.diagnosis
+        ranking = [r | {"effect": r["law"], "named": r["effect"] in d["named"]} for r in d.get("ranking", [])]
+        return {
+            "headline": self.headline,
+            "date": date.today().isoformat(),
+            "errors": self._errors(),
+            "named": self._named(),
+            "ranking": ranking,
+            "ties": d.get("ties", []),
+            "next_test": d.get("next_test"),
+            "cannot_tell": [f"{r['law']}: {r['note']}" for r in d.get("ranking", []) if r["note"]],
+            "calibration": {
+                "parameters": _parameters(self.calibrated),
+                "sentence": self.calibrated.get("identifiability"),
+            },
+            "chain": self._chain(),
+            "pictures": self._pictures(),
+            "notes": notes,
+            "provenance": versions() | {"seed": str(self.calibrated.get("seed"))},
+            "commands": [
+                "twin camera",
+                "twin measure",
+                "twin calibrate",
+                "twin compare",
+                "twin diagnose",
+                "twin review",
+            ],
+        }
+
+    def _errors(self) -> dict[str, Any] | None:
+        d = self.diagnosis
+        if d.get("rms_before_mm") is None:
+            return None
+        after = self.added.get("rms_mm") if self.added else None
+        return {"before_mm": d["rms_before_mm"], "after_mm": after, "noise_mm": d["noise_sd_mm"]}
+
+    def _named(self) -> list[dict[str, Any]]:
+        rows = []
+        for label in self.fit.get("effects", []):
+            name = label.partition(":")[0]
+            own = [p for p in _parameters(self.fit) if p["name"].startswith(f"{name}.")]
+            rows.append({"effect": label, "text": "", "parameters": own})
+        return rows
+
+    def _chain(self) -> list[dict[str, Any]]:
+        rows: list[dict[str, Any]] = []
+        camera = self._json("camera", "camera.json")
+        if camera:
+            rows.append({"name": "camera, reprojection RMS", "value": camera["rms_px"], "unit": "px"})
+        noise = self.targets.noise
+        if noise is not None:
+            rows.append(
+                {
+                    "name": "marker noise at rest, median sd",
+                    "value": 1e3 * float(np.nanmedian(noise.sd)),
+                    "unit": "um",
+                }
+            )
+            rows.append({"name": "static frames", "value": noise.frames})
+            rows.append({"name": "gauge noise, sd", "value": 1e3 * noise.gauge_sd_MPa, "unit": "kPa"})
+        rows.append(
+            {"name": "steps x markers", "value": f"{len(self.targets.time)} x {len(self.targets.names)}"}
+        )
+        return rows
+
+    def _pictures(self) -> list[dict[str, Any]]:
+        t, out = self.targets, []
+        rows = np.flatnonzero(~t.fixed)
+        before = self._prediction(("diagnose", "compare", "calibrate"))
+        after = self._prediction(("add", "drop")) if self.fields is not None else {}
+        if self.diagnosis.get("rms_before_mm") is not None:
+            bars = plots.error_bars(
+                self.diagnosis["rms_before_mm"],
+                after_mm=self.added.get("rms_mm"),
+                noise_mm=self.diagnosis["noise_sd_mm"],
+            )
+            out.append(
+                {
+                    "title": "Error",
+                    "half": True,
+                    "svg": bars,
+                    "caption": "Root mean square error of all markers.",
+                }
+            )
+        if self.run.path("deformed.png").exists():
+            out.append(
+                {
+                    "title": "Model at top pressure",
+                    "half": True,
+                    "png": self.run.path("deformed.png"),
+                    "caption": "Best model of the last generation, and the measured markers.",
+                }
+            )
+        out += self._time_pictures(t, rows, before, after)
+        g = self.generations
+        out.append(
+            {
+                "title": "Genetic algorithm",
+                "caption": "Best RMS and constants of every generation.",
+                "svg": plots.generations(g.generation, rms_mm=g.rms_mm, best=g.best, names=g.names),
+            }
+        )
+        if len(g.names) == 2:
+            found = files.read_npz(self._file("calibrate", "candidates.npz"))
+            out.append(
+                {
+                    "title": "Error landscape",
+                    "half": True,
+                    "caption": "All candidates. The valley is C10 + C01 = constant: the two part badly.",
+                    "svg": plots.landscape(
+                        found["x"], rms_mm=found["rms_mm"], names=g.names, best=g.best[-1]
+                    ),
+                }
+            )
+        return out
+
+    def _time_pictures(
+        self, t: Targets, rows: Any, before: dict[str, Array], after: dict[str, Array]
+    ) -> list[dict[str, Any]]:
+        if not before or len(t.time) < 3:
+            return []
+        time, names = t.time - t.time[0], [t.names[r] for r in rows]
+        shown = [
+            k for k, r in enumerate(rows) if t.names[r] in self.project.config.calibrate.objective_points
+        ]
+        own = rows[shown] if shown else rows[-2:]
+        maps = {
+            title: 1e3 * found["cleaned"][:, rows]
+            for title, found in (("before", before), ("after", after))
+            if "cleaned" in found
+        }
+        start, end = before["u"], after.get("u")
+        out = [
+            {
+                "title": "Displacement",
+                "caption": "Measured, and the model before and after.",
+                "svg": plots.displacements(
+                    time,
+                    measured=t.value[:, own],
+                    before=start[:, own],
+                    after=None if end is None else end[:, own],
+                    names=[t.names[r] for r in own],
+                ),
+            },
+        ]
+        if maps:
+            out.append(
+                {
+                    "title": "Where the model fails",
+                    "caption": "Measured minus model, without the errors (scale, placement, mesh) that many "
+                    "values share.",
+                    "svg": plots.residual_map(time, maps=maps, names=names, unit="um"),
+                }
+            )
+        initial, step = start[:, own, 2], max(1, len(time) // 150)
+        out.append(
+            {
+                "title": "U3 against pressure",
+                "caption": "Measured, base model, model with the added effect.",
+                "svg": plots.pressure_curves(
+                    t.pressure[::step],
+                    measured=t.value[::step][:, own, 2],
+                    initial=initial[::step],
+                    optimised=None if end is None else end[::step][:, own, 2],
+                    names=[t.names[r] for r in own],
+                ),
+            }
+        )
+        return out
+
+    def _prediction(self, kinds: tuple[str, ...]) -> dict[str, Array]:
+        """What the newest run of these kinds predicted and left, or nothing."""
+        path = self.project.newest(kinds, "prediction.npz")
+        return dict(files.read_npz(path)) if path else {}
+
+
+def _parameters(fit: dict[str, Any]) -> list[dict[str, Any]]:
+    rows = []
+    for name, p in fit.get("parameters", {}).items():
+        sd = p.get("sd")
+        span = (None, None) if sd is None else (p["value"] - 1.96 * sd, p["value"] + 1.96 * sd)
+        rows.append(
+            {"name": name, "value": p["value"], "low": span[0], "high": span[1], "unit": p.get("unit", "")}
+        )
+    return rows
+
+
+def _round(x: Any) -> Any:
+    return None if x is None else round(float(x), 1)

@@ -1,0 +1,115 @@
+"""Load paths and targets -> the reference study's genetic algorithm, generation by generation, resumable."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibrate import Parameter, Population
+from twin.model.loadpaths import Turned
+from twin.project.folder import Run
+from twin.targets import Array, Targets
+
+
+@dataclass(frozen=True)
+class Objective:
+    """RMS over points of one displacement component at the first arrival at top pressure.
+
+    steps (1 + r,): that step and those of the reference, with their pressures in MPa; rows (j,): the points;
+    component: 0, 1, 2; measured (j,) mm.
+    """
+
+    steps: NDArray[np.int64]
+    rows: Array
+    component: int
+    measured: Array
+    pressure: Array
+    fixed: dict[str, float]
+
+    @staticmethod
+    def of(targets: Targets, names: tuple[str, ...], component: int, fixed: dict[str, float]) -> "Objective":
+        """The objective of targets; ValueError where a point is not observed at that step."""
+        step = first_arrival(targets)
+        rows = np.array([targets.names.index(n) for n in names])
+        measured = targets.value[step, rows, component]
+        if not np.isfinite(measured).all():
+            lost = names[int(np.flatnonzero(~np.isfinite(measured))[0])]
+            raise ValueError(
+                f"point {lost!r} has no U{component + 1} at step {step}, the first arrival at top pressure, "
+                f"wanted a "
+                "value in mm; choose other [calibrate] objective_points"
+            )
+        steps = np.append(step, targets.reference)
+        return Objective(steps, rows, component, measured, targets.pressure[steps], fixed)
+
+    def cost(self, values: dict[str, float], paths: Turned, points: Array) -> float:
+        """The RMS in mm; inf where the model has no equilibrium at that pressure."""
+        values = {**values, **self.fixed}
+        total = values["C10"] + values["C01"]
+        u = paths.predict(total, values["C01"] / total, self.pressure, steps=self.steps)
+        if u is None:
+            return float("inf")
+        seen = u[0] - u[1:].mean(axis=0)
+        own = [int(np.flatnonzero(points == r)[0]) for r in self.rows]
+        return float(np.sqrt(((seen[own, self.component] - self.measured) ** 2).mean()))
+
+
+def first_arrival(targets: Targets) -> int:
+    """The first step within 1 % of the top pressure."""
+    return int(np.flatnonzero(targets.pressure >= 0.99 * targets.pressure.max())[0])
+
+
+@dataclass(frozen=True)
+class Generation:
+    """Best individual so far, its RMS in mm, all candidates (m, d) and their costs (m,) in mm."""
+
+    number: int
+    best: Array
+    rms_mm: float
+    candidates: Array
+    costs: Array
+
+
+def search(
+    parameters: tuple[Parameter, ...],
+    cost: Callable[[dict[str, float]], float],
+    run: Run,
+    *,
+    seed: int,
+    size: int,
+    generations: int,
+    tell: Callable[[str, int, int], None],
+) -> list[Generation]:
+    """All generations of the genetic algorithm; a killed run's recorded ones are replayed, bit for bit.
+
+    cost(values) -> mm, inf for a model that cannot be solved (logged, ranked last). Each generation is one
+    record of log.jsonl before the next begins.
+    """
+    records = [r for r in run.log() if r.get("event") == "generation"]
+    told = [
+        (np.array(r["candidates"]), np.array([np.inf if c is None else c for c in r["costs"]]))
+        for r in records
+    ]
+    population = Population.replay(parameters, told, seed=seed, size=size)
+    names = [p.name for p in parameters]
+    out: list[Generation] = []
+    best: tuple[Array, float] = (np.zeros(len(names)), np.inf)
+    for x, c in told:
+        best = _better(best, x, c)
+        out.append(Generation(len(out) + 1, best[0], best[1], x, c))
+    while len(out) < generations:
+        x = population.ask()
+        c = np.array([cost(dict(zip(names, row, strict=True))) for row in x])
+        population.tell(x, c)
+        best = _better(best, x, c)
+        out.append(Generation(len(out) + 1, best[0], best[1], x, c))
+        costs = [float(v) if np.isfinite(v) else None for v in c]
+        run.append({"event": "generation", "number": len(out), "candidates": x.tolist(), "costs": costs})
+        tell("genetic algorithm", len(out), generations)
+    return out
+
+
+def _better(best: tuple[Array, float], x: Array, c: Array) -> tuple[Array, float]:
+    k = int(np.argmin(c))
+    return (x[k].copy(), float(c[k])) if c[k] < best[1] else best

@@ -1,0 +1,182 @@
+"""A project -> its targets, model and whitener: what every stage after `measure` starts from."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from calibrate import Fit
+from fe import Case, Finger, Lattice
+from fe.mesh.points import nearest
+from twin.diagnosis.fitting import measured_remainder
+from twin.effects.library import effect
+from twin.effects.material import Elasticity
+from twin.model.discretisation import MARGIN, Discretisation, discretisation_error, unknown
+from twin.model.prediction import Model, base_model, ways
+from twin.model.structure import Structure, of_deck, of_finger, weighed
+from twin.parallel import WORKERS, Keep, finished
+from twin.project import files
+from twin.project.folder import Project, Say
+from twin.targets import MATERIAL, NODE_UNKNOWN, Array, Targets
+
+TONNE_MM3 = 1e-12  # of one kg/m3
+OFF_MODEL_MM = 0.5
+SOFTEST = 0.7  # C10 + C01 of finer meshes over that of the model they serve; at most MARGIN
+SAME = 1.05  # at most, either way, where it does more than to scale the pressure
+
+
+@dataclass(frozen=True)
+class Workbench:
+    """What a stage works with."""
+
+    project: Project
+    targets: Targets
+    structure: Structure
+    elasticity: Elasticity
+    remarks: tuple[str, ...] = ()  # what was done to the targets, one sentence each
+
+    @property
+    def case(self) -> Case:
+        """The structure with nominal constants."""
+        return self.structure.case
+
+    @property
+    def scales(self) -> bool:
+        """Whether U depends on pressure / (C10 + C01) and the share alone."""
+        return self.structure.scales and not ways(self.model(()).test)[0].any()
+
+    @staticmethod
+    def of(project: Project) -> "Workbench":
+        """The workbench of a project. ValueError for unknown nodes or fixed parameters of no use."""
+        config = project.config
+        unknown = sorted(set(config.model.fixed) - {"C10", "C01"})
+        if unknown:
+            raise ValueError(
+                f"model.fixed.{unknown[0]}: only C10 and C01 can be held; remove it from twin.toml (the "
+                "density of a weighed finger is model.density_kg_m3)"
+            )
+        structure, targets = structure_of(project), project.targets()
+        for name, node in zip(targets.names, targets.nodes, strict=True):
+            if node == NODE_UNKNOWN:
+                raise ValueError(f"point {name!r} has no node; give its node label in twin.toml [[points]]")
+            if node not in (0, MATERIAL):
+                structure.case.position(int(node))  # names what is wrong with an unknown node
+        targets, remarks = _on_model(targets, structure.case)
+        elasticity = Elasticity(bounds=config.calibrate.bounds, fixed=config.model.fixed)
+        return Workbench(project, targets, structure, elasticity, remarks)
+
+    def model(self, labels: Sequence[str] | None = None) -> Model:
+        """The base model with the effects of these labels, by default those of twin.toml."""
+        model = base_model(self.targets, self.case, elasticity=self.elasticity)
+        for label in self.project.config.model.effects if labels is None else labels:
+            model = model.with_effect(effect(label))
+        return model
+
+    def keeper(self, say: Say) -> Keep:
+        """keep(stage, tasks): the array of every task by its key, from the project's cache where it was made
+        before; a killed run keeps what was finished."""
+
+        def keep(stage: str, tasks: Mapping[str, Callable[[], Array]]) -> dict[str, Array]:
+            path = {key: self.project.root / "cache" / f"{key}.npz" for key in tasks}
+            missing = [key for key in tasks if not path[key].exists()]
+            made = finished([tasks[key] for key in missing], workers=WORKERS)
+            for done, (k, array) in enumerate(made, start=1):
+                say.progress(stage, done, len(missing))
+                files.write_npz(path[missing[k]], {"array": array})
+            return {key: np.asarray(files.read_npz(path[key])["array"], float) for key in tasks}
+
+        return keep
+
+    def mesh(self, theta: Array, model: Model, say: Say) -> Discretisation | None:
+        """The discretisation modes of a model without its effects; None without a noise model: no test needs
+        them.
+
+        Modes have free amplitudes and their shape hardly changes with the constants, so the finer meshes are
+        solved once for a project and serve again for constants nearby.
+        """
+        if self.targets.noise is None:
+            return None
+        if self.structure.unknown:
+            return unknown(self.targets, self.structure.unknown)
+        base, values = model.base, {**model.named(theta), **self.elasticity.fixed}
+        own = base.theta(values)
+        made_for = self._made_for(values["C10"], values["C01"])
+        raw = discretisation_error(
+            base, own, structure=self.structure, keep=self.keeper(say), made_for=made_for
+        )
+        if made_for not in self._solved_for:  # not before: constants without an equilibrium must not serve
+            files.write_json(self._made, [*self._solved_for, made_for])
+        return measured_remainder(base, own, self.targets, raw)
+
+    def _made_for(self, C10: float, C01: float) -> tuple[float, float]:
+        """The constants that serve for these, of those for which finer meshes were solved, or these."""
+        low, high = (SOFTEST, MARGIN) if self.scales else (1 / SAME, SAME)
+        near = (made for made in self._solved_for if low <= sum(made) / (C10 + C01) <= high)
+        return next(near, (C10, C01))
+
+    @property
+    def _made(self) -> Path:
+        return self.project.root / "cache" / "discretisation.json"
+
+    @property
+    def _solved_for(self) -> list[tuple[float, float]]:
+        known = files.read_json(self._made) if self._made.exists() else []
+        return [(float(a), float(b)) for a, b in known]
+
+
+def structure_of(project: Project) -> Structure:
+    """What the model of a project is made of, as heavy as it was weighed. ValueError where its deck is not
+    there or not right."""
+    density = project.config.model.density_kg_m3
+    found = _unweighed(project)
+    return found if density is None else weighed(found, TONNE_MM3 * density)
+
+
+def _unweighed(project: Project) -> Structure:
+    table = project.config.model
+    if table.deck is None:
+        return of_finger(Finger(), Lattice(refine=table.mesh))
+    path = project.path(table.deck)
+    if not path.is_file():
+        raise ValueError(
+            f"model.deck = {table.deck!r}: no such file in {project.root}; copy it there or correct twin.toml"
+        )
+    return of_deck(path, mesh=table.mesh, silicone=table.silicone)
+
+
+def _on_model(targets: Targets, case: Case) -> tuple[Targets, tuple[str, ...]]:
+    """Targets whose material points lie on the model, and what was moved for that."""
+    points, off = targets.points.copy(), {}
+    for p in np.flatnonzero(targets.nodes == MATERIAL):
+        points[p] = nearest(case, targets.points[p])
+        off[targets.names[p]] = float(np.linalg.norm(points[p] - targets.points[p]))
+    worst = max(off, key=lambda name: off[name], default="")
+    if off.get(worst, 0.0) > OFF_MODEL_MM:
+        raise ValueError(
+            f"point {worst!r} lies {off[worst]:.2f} mm off the model, wanted at most {OFF_MODEL_MM} mm: "
+            "correct the region or y_mm in [dic], or the model's geometry, and measure anew"
+        )
+    moved = sum(distance > 0.0 for distance in off.values())
+    if not moved:
+        return targets, ()
+    return replace(targets, points=points), (
+        f"{moved} of {len(off)} points that are no nodes lie off the model, up to {off[worst]:.2f} mm "
+        f"({worst}), and are taken at the nearest point of it",
+    )
+
+
+def newest_fit(project: Project) -> Fit:
+    """The newest fit of the model that twin.toml has now; ValueError says to calibrate first."""
+    names = None
+    for folder in reversed(project.runs()):
+        path = folder / "fit.json"
+        if path.is_file() and project.info(folder)["status"] == "done":
+            data = files.read_json(path)
+            if data.get("effects") == list(project.config.model.effects):
+                return Fit.from_dict(
+                    {k: v for k, v in data.items() if k not in ("effects", "identifiability")}
+                )
+            names = names or data.get("effects")
+    what = f"for effects {list(project.config.model.effects)}" if names is not None else "in this project"
+    raise ValueError(f"no fit {what}; run twin calibrate" + (" or twin add" if names is not None else ""))

@@ -1,0 +1,257 @@
+"""Board pictures in, camera out: lens model by evidence, covariance, and gates that say why they refuse."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from vision.calibration import lens
+from vision.calibration.boards import Board, BoardView, find_board
+from vision.camera import Array, Camera, Image
+from vision.dictionaries import dictionary_of, other_dictionary
+from vision.plane import fit_homography, to_plane
+
+MIN_IMAGES = 6
+MIN_CORNERS = 8
+MIN_TILT_DEG = 10.0  # below it focal length and distance are one number, and OpenCV's sd does not tell
+# Share of the picture inside the hull of all corners. A small board far away may leave 5 % and calibrate well
+# there; what lies outside is told where a film shows marks there.
+MIN_COVERAGE, GOOD_COVERAGE = 0.02, 0.6
+MAX_SCALE_ERROR = 1e-3  # of lengths on boards that were held out
+FOLDS = 3
+
+
+@dataclass(frozen=True)
+class _Seen:
+    """What the pictures show of a board."""
+
+    board: Board
+    views: tuple[BoardView, ...]  # those with enough corners
+    rows: tuple[int, ...]  # their pictures
+
+
+def calibrate_camera(images: Sequence[Path], board: Board, *, max_rms_px: float = 0.3) -> Camera:
+    """The camera that took the pictures of a board.
+
+    images: picture files, all of one size, the board tilted differently in each.
+    board: the printed board; its square sets the scale.
+    max_rms_px: px, the largest reprojection error that is accepted.
+
+    Zhang's method, doi 10.1109/34.888718; of six lens models from none to k1 k2 p1 p2 k3 the one with the
+    lowest BIC. The camera's `remarks` say what was chosen and checked. Raises ValueError when pictures are
+    missing or differ in size, when fewer than 6 show the board (says which other dictionary finds markers),
+    when the error is above max_rms_px, when the boards are not tilted against each other or cover less than
+    2 % of the picture, and when lengths on held-out boards are off by more than 0.1 %.
+    """
+    if not images:
+        raise ValueError(
+            f"no board images were given: film or photograph the board in at least {MIN_IMAGES} poses"
+        )
+    pictures = [read_picture(Path(path), board) for path in images]
+    sizes = {picture.shape for picture in pictures}
+    if len(sizes) > 1:
+        raise ValueError(
+            f"board images differ in size ({sorted(sizes)} px): use pictures of one camera setting"
+        )
+    seen = _look(pictures, board)
+    size = (int(pictures[0].shape[1]), int(pictures[0].shape[0]))
+    fits = lens.fit_models(seen.views, size)
+    covariance, enlarged = lens.covariance(fits[0], seen.views)
+    covered = _hull(seen.views)
+    tilt_deg = _tilt(fits[0])
+    coverage = float(cv2.contourArea(covered.astype(np.float32))) / (size[0] * size[1])
+    _accept(fits[0], max_rms_px, [Path(images[i]) for i in seen.rows], tilt_deg, coverage)
+    scale = _held_out_scale(seen.views, size, fits[0].camera.model)
+    _accept_scale(*scale)
+    remarks = (
+        *_reading(seen, board, [Path(path) for path in images]),
+        _evidence(fits, enlarged),
+        _checks(tilt_deg, coverage, scale),
+    )
+    return replace(fits[0].camera, covariance=covariance, covered=covered, remarks=remarks)
+
+
+def read_picture(path: Path, board: Board) -> Image:
+    """A board picture in grey, black on white. Raises ValueError when there is none."""
+    picture = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE) if path.is_file() else None
+    if picture is None:
+        raise ValueError(f"board image {path} is missing or cannot be read: give a PNG or JPEG file")
+    grey = np.asarray(picture, dtype=np.uint8)
+    return np.asarray(255 - grey, dtype=np.uint8) if board.inverted else grey
+
+
+def _look(pictures: list[Image], board: Board) -> _Seen:
+    """The board in all pictures; read in the other usual way where it is not found as stated."""
+    first = _seen(pictures, board)
+    for other in _other_readings(board) if len(first.rows) < MIN_IMAGES else ():
+        seen = _seen(pictures, other)
+        if len(seen.rows) >= MIN_IMAGES:
+            return seen
+    if len(first.rows) < MIN_IMAGES:
+        raise ValueError(_too_few(len(first.rows), pictures, board))
+    return first
+
+
+def _seen(pictures: list[Image], board: Board) -> _Seen:
+    views = [find_board(picture, board) for picture in pictures]
+    rows = tuple(i for i, view in enumerate(views) if len(view) >= MIN_CORNERS)
+    return _Seen(board, tuple(views[i] for i in rows), rows)
+
+
+def _other_readings(board: Board) -> list[Board]:
+    """The same print, counted or drawn otherwise: squares in place of inner corners; before OpenCV 4.6."""
+    if board.kind == "chessboard" and min(board.columns, board.rows) > 3:
+        return [replace(board, columns=board.columns - 1, rows=board.rows - 1)]
+    return [replace(board, legacy=True)] if board.kind == "charuco" and board.rows % 2 == 0 else []
+
+
+def _reading(seen: _Seen, board: Board, paths: list[Path]) -> list[str]:
+    """What is to be said of how the board was read and where it was not found."""
+    said = []
+    if seen.board.legacy:
+        said.append("the ChArUco board was read as drawn by OpenCV before 4.6 (white square first)")
+    elif seen.board.columns < board.columns:
+        said.append(
+            f"columns = {board.columns}, rows = {board.rows} were read as squares of the chessboard: it has "
+            f"{seen.board.columns} x {seen.board.rows} inner corners"
+        )
+    left_out = [path.name for i, path in enumerate(paths) if i not in seen.rows]
+    if left_out:
+        more = ", ..." if len(left_out) > 4 else ""
+        said.append(f"the board was not found in {len(left_out)} pictures: {', '.join(left_out[:4])}{more}")
+    return said
+
+
+def _evidence(fits: list[lens.LensFit], enlarged: float) -> str:
+    """Which lens model was chosen, and why."""
+    best, others = fits[0], fits[1:]
+    said = (
+        f"lens model {_called(best)} of {len(fits)}: reprojection RMS {best.camera.rms_px:.3f} px; the "
+        f"next, {_called(others[0])}, has {others[0].camera.rms_px:.3f} px and a BIC that "
+        f"is {others[0].bic - best.bic:.1f} higher"
+    )
+    if enlarged > 1.2:
+        said += (
+            f"; errors differ from picture to picture (board not flat, light), which makes the sds "
+            f"{enlarged:.1f} times larger"
+        )
+    return said
+
+
+def _called(fit: lens.LensFit) -> str:
+    return " ".join(fit.camera.model) or "without distortion"
+
+
+def _checks(tilt_deg: float, coverage: float, scale: tuple[float, float]) -> str:
+    said = (
+        f"boards tilted by up to {tilt_deg:.0f} degrees against each other, {100 * coverage:.0f} % of the "
+        "picture covered"
+    )
+    if np.isfinite(scale[0]):
+        said += f", lengths on held-out boards off by {100 * scale[0]:.3f} +- {100 * scale[1]:.3f} %"
+    if coverage < GOOD_COVERAGE:
+        said += "; the lens is known less well outside that part: hold the board into the corners too"
+    return said
+
+
+def _tilt(fit: lens.LensFit) -> float:
+    """Largest angle in degrees between two of the boards."""
+    normals = np.array([cv2.Rodrigues(turn)[0][:, 2] for turn in fit.turns])
+    return float(np.degrees(np.arccos(np.clip(normals @ normals.T, -1.0, 1.0).min())))
+
+
+def _hull(views: Sequence[BoardView]) -> Array:
+    """Convex polygon (k,2) px round all corners."""
+    hull = cv2.convexHull(np.concatenate([view.pixels for view in views]).astype(np.float32))
+    return np.asarray(hull, dtype=np.float64).reshape(-1, 2)
+
+
+def _held_out_scale(
+    views: Sequence[BoardView], size: tuple[int, int], model: tuple[str, ...]
+) -> tuple[float, float]:
+    """Mean relative error of lengths on boards that took no part, and its sd; NaN if too few show enough.
+
+    As in a film, the outer corners of a board give the homography, the inner ones are measured with it.
+    """
+    folds = FOLDS if len(views) >= 3 * FOLDS else len(views)
+    errors = []
+    for fold in range(folds):
+        kept = [view for i, view in enumerate(views) if i % folds != fold]
+        camera = lens.fit_lens(kept, size, model).camera
+        errors += [_scale_error(view, camera) for i, view in enumerate(views) if i % folds == fold]
+    known = [error for error in errors if np.isfinite(error)]
+    if len(known) < MIN_IMAGES:
+        return np.nan, np.nan
+    return float(np.mean(known)), float(np.std(known, ddof=1) / np.sqrt(len(known)))
+
+
+def _scale_error(view: BoardView, camera: Camera) -> float:
+    """Relative size of the inner corners' figure, measured with the homography of the outer ones.
+
+    NaN where the view has too few of them.
+    """
+    place = view.points[:, :2]
+    distance = np.linalg.norm(place - place.mean(axis=0), axis=1)
+    inner = distance < np.median(distance)
+    if inner.sum() < 4 or (~inner).sum() < 6:
+        return np.nan
+    ideal = camera.undistort(view.pixels)
+    homography = fit_homography(place[~inner], ideal[~inner])
+    found = to_plane(homography[None], ideal[None, inner])[0]
+    nominal = place[inner] - place[inner].mean(axis=0)
+    return float(np.sum(found * nominal) / np.sum(nominal**2) - 1.0)
+
+
+def _accept(fit: lens.LensFit, limit: float, paths: list[Path], tilt_deg: float, coverage: float) -> None:
+    if not fit.camera.rms_px <= limit:
+        rms = fit.view_rms()
+        worst = int(np.argmax(rms))
+        raise ValueError(
+            f"reprojection error of the board corners is {fit.camera.rms_px:.3f} px, wanted at most "
+            f"{limit} px; {paths[worst].name} is worst with {rms[worst]:.3f} px: remove blurred pictures "
+            "and check that the board is flat and its squares are as stated"
+        )
+    if tilt_deg < MIN_TILT_DEG:
+        raise ValueError(
+            f"the boards are tilted by at most {tilt_deg:.1f} degrees against each other, wanted "
+            f"{MIN_TILT_DEG}: the focal length stays unknown; add pictures tilted by 20 to 40 degrees"
+        )
+    if coverage < MIN_COVERAGE:
+        raise ValueError(
+            f"the boards cover {100 * coverage:.0f} % of the picture, wanted {100 * MIN_COVERAGE:.0f} %: the "
+            "lens stays unknown elsewhere; hold the board nearer and into the corners of the picture"
+        )
+
+
+def _accept_scale(error: float, sd: float) -> None:
+    if abs(error) > MAX_SCALE_ERROR and abs(error) > 3.0 * sd:
+        raise ValueError(
+            f"lengths on held-out boards are off by {100 * error:.2f} +- {100 * sd:.2f} %, wanted at most "
+            f"{100 * MAX_SCALE_ERROR} %: the lens model does not hold from picture to picture; fix focus and "
+            "zoom, and take sharp pictures of a flat board all over the picture"
+        )
+
+
+def _too_few(usable: int, pictures: list[Image], board: Board) -> str:
+    start = (
+        f"{usable} of {len(pictures)} board images show at least {MIN_CORNERS} "
+        f"{'circles' if 'circles' in board.kind else 'corners'} of the "
+        f"{board.columns} x {board.rows} {board.kind} board, wanted {MIN_IMAGES}"
+    )
+    if board.kind != "charuco":
+        return start + ": check kind, columns and rows, and photograph the whole board sharply"
+    detector = cv2.aruco.ArucoDetector(dictionary_of(board.dictionary))
+    markers = sum(len(detector.detectMarkers(picture)[0]) for picture in pictures)
+    start += f"; {board.dictionary} finds {markers}"
+    other = other_dictionary(pictures[:2], board.dictionary) if markers < len(pictures) else None
+    if other:
+        return start + f", {other[0]} finds {other[1]} in the first {len(pictures[:2])}: set that dictionary"
+    inverted = sum(len(detector.detectMarkers(np.asarray(255 - p, dtype=np.uint8))[0]) for p in pictures)
+    if inverted > 2 * markers + 3:
+        return start + f" and {inverted} in the inverted pictures: set inverted"
+    turned = _seen(pictures, replace(board, columns=board.rows, rows=board.columns))
+    if len(turned.rows) >= MIN_IMAGES:
+        return start + f": the board is one of {board.rows} columns and {board.columns} rows, set these"
+    return start + ": check columns, rows and dictionary, and photograph the whole board sharply"

@@ -1,0 +1,214 @@
+"""Board pictures or films of several cameras in, their rig out; board corners in space from that rig."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import block_diag
+
+from vision.calibration.boards import Board, BoardView, find_board
+from vision.calibration.bundle import CornerNoise, Shot, board_pose, bundle_adjust, middle
+from vision.calibration.intrinsics import read_picture
+from vision.calibration.rig import OWN, Rig, common, project, same, triangulate
+from vision.camera import Array, Camera
+from vision.film.video import Video
+
+KINDS = ("charuco", "chessboard")
+MIN_CORNERS = 7
+MIN_COMMON = 5  # instants at which two cameras must see the board
+MAX_LAG = 2.0  # frames by which a camera may be stamped late or early
+LAG_STEP = 0.25  # frames
+ENOUGH = 20  # instants that tell a lag
+Found = Sequence[BoardView]  # what each picture shows of the board
+
+
+def calibrate_rig(
+    images: Sequence[Sequence[Path]], board: Board, cameras: Sequence[Camera], *, max_rms_px: float = 0.3
+) -> Rig:
+    """The rig of cameras that photographed a board at rest.
+
+    images: of each camera its picture files; pictures of the same file name show the same pose.
+    cameras: each from `calibrate_camera`.   max_rms_px: px, largest error of the corners that is accepted.
+
+    Raises ValueError when two cameras share fewer than 5 pictures, or when the error is above the limit
+    (the board moved between two pictures of one name).
+    """
+    names = sorted({Path(p).name for of_camera in images for p in of_camera})
+    shared = [n for n in names if sum(n in {Path(p).name for p in own} for own in images) > 1]
+    if len(shared) < MIN_COMMON:
+        raise ValueError(
+            f"{len(shared)} board pictures have the same file name in two cameras, wanted {MIN_COMMON} or "
+            "more: photograph the board, at rest, with all cameras and give the pictures of one pose one name"
+        )
+    if board.kind not in KINDS:
+        raise ValueError(f"board kind {board.kind!r} does not join cameras: use one of {', '.join(KINDS)}")
+    shots = []
+    for c, own in enumerate(images):
+        for path in own:
+            seen = find_board(read_picture(Path(path), board), board)
+            if len(seen) >= MIN_CORNERS:
+                still = np.zeros(seen.pixels.shape)
+                shots.append(Shot(c, names.index(Path(path).name), seen.points, seen.pixels, still, still))
+    rig, noise = bundle_adjust(shots, cameras, square_mm=board.square_mm)
+    rms = np.sqrt(noise.own + noise.shared)
+    if rms.max() > max_rms_px:
+        raise ValueError(
+            f"board corners fit the cameras together to {rms.max():.3f} px only, wanted at most {max_rms_px} "
+            "px: the board must not move between the pictures of one name; remove the pairs where it did"
+        )
+    return replace(rig, remarks=(_remark(rig, shots, rms),))
+
+
+def _remark(rig: Rig, shots: Sequence[Shot], rms: Array) -> str:
+    base = np.linalg.norm(rig.shift[1:], axis=1)
+    return (
+        f"{len(rig.cameras)} cameras from {len({v.instant for v in shots})} board poses, corners to "
+        f"{rms.max():.3f} px, baseline {base.max():.1f} mm"
+    )
+
+
+def film_corners(film: Video, board: Board) -> Found:
+    """Board corners in every frame of a film."""
+    return [
+        find_board(np.asarray(255 - image if board.inverted else image, dtype=np.uint8), board)
+        for _, _, image in film.frames()
+    ]
+
+
+def synchronous_shots(
+    found: Sequence[Found], times: Sequence[Array], cameras: Sequence[Camera]
+) -> tuple[list[Shot], Array]:
+    """Views of films of a moving board, joined by time stamps, and by how many frames (c,) each camera lags.
+
+    found: of each camera the corners in its frames, from `film_corners`.   times: (t,) s of its frames on
+    one clock.   cameras: each from its own calibration.
+
+    Time stamps are often those of the transfer, late by a part of a frame or more. It shows: the cameras'
+    relative pose then changes from instant to instant; the lag is taken for which it changes least. Corners
+    are moved along their speed to the common time. What is left is estimated by `bundle` as a time error.
+    """
+    period = float(np.median(np.concatenate([np.diff(t) for t in times])))
+    begin = min(float(t[0]) for t in times)
+    moving = [_moving(f, t) for f, t in zip(found, times, strict=True)]
+    shots, lags = [_shots(0, moving[0], times[0], begin, period, 0.0)], [0.0]
+    tried = sorted(np.arange(-MAX_LAG, MAX_LAG + LAG_STEP, LAG_STEP), key=abs)
+    for c in range(1, len(found)):
+        before = [v for own in shots for v in own]
+        tries = [_shots(c, moving[c], times[c], begin, period, lag) for lag in tried]
+        best = int(np.argmin([_disagreement(before, own, cameras) for own in tries]))
+        lags.append(tried[best])
+        shots.append(tries[best])
+    return [v for own in shots for v in own], np.array(lags)
+
+
+def _moving(found: Found, time: Array) -> list[tuple[Array, Array, Array, Array]]:
+    """Points, pixels, speed (px/s) and acceleration (px/s2) of each frame's corners, from the frames beside
+    it; a corner that they do not show moves as the others do."""
+    moving = []
+    for i, (points, pixels) in enumerate((v.points, v.pixels) for v in found):
+        rates = np.full((len(points), 2, 2), np.nan)
+        beside = [k for k in (i - 1, i + 1) if 0 <= k < len(found)]
+        shifts = []
+        for k in beside:
+            here, there = same(points, found[k].points)
+            shift = np.full(pixels.shape, np.nan)
+            shift[here] = found[k].pixels[there] - pixels[here]
+            shifts.append((time[k] - time[i], shift))
+        if len(shifts) == 2:
+            (a, before), (b, after) = shifts
+            rates[:, 0] = (before * b / a - after * a / b) / (b - a)
+            rates[:, 1] = 2.0 * (after / b - before / a) / (b - a)
+        for dt, shift in shifts:
+            lone = np.isnan(rates[:, 0, 0]) & np.isfinite(shift[:, 0])
+            rates[lone, 0], rates[lone, 1] = shift[lone] / dt, 0.0
+        known = np.isfinite(rates[:, 0, 0])
+        rates[~known] = rates[known].mean(axis=0) if known.any() else np.nan
+        moving.append((points, pixels, rates[:, 0], rates[:, 1]))
+    return moving
+
+
+def _shots(
+    camera: int,
+    moving: list[tuple[Array, Array, Array, Array]],
+    time: Array,
+    begin: float,
+    period: float,
+    lag: float,
+) -> list[Shot]:
+    shots: dict[int, Shot] = {}
+    for (points, pixels, speed, gain), t in zip(moving, time, strict=True):
+        place = (t - begin) / period - lag
+        instant = round(place)
+        if len(points) < MIN_CORNERS or np.isnan(speed).any() or instant in shots:
+            continue
+        dt = (instant - place) * period
+        shots[instant] = Shot(camera, instant, points, pixels + speed * dt + 0.5 * gain * dt**2, speed, gain)
+    return list(shots.values())
+
+
+def _disagreement(before: list[Shot], own: list[Shot], cameras: Sequence[Camera]) -> float:
+    """How far the relative poses of a camera and the one that shares most instants with it scatter."""
+    instants = {v.instant: v for v in own}
+    partners = [[v for v in before if v.camera == c and v.instant in instants] for c in range(len(cameras))]
+    most = max(partners, key=len)
+    if len(most) < MIN_COMMON:
+        return np.inf
+    most = most[:: max(len(most) // ENOUGH, 1)]
+    relative = [
+        board_pose(instants[v.instant], cameras[instants[v.instant].camera])
+        @ np.linalg.inv(board_pose(v, cameras[v.camera]))
+        for v in most
+    ]
+    return middle(np.array(relative))[1]
+
+
+def locate(
+    rig: Rig, shots: Sequence[Shot], noise: CornerNoise, *, square_mm: float
+) -> tuple[Array, Array, Array]:
+    """Corners of one board at one instant: which (n,3) mm on the board, where (n,3) mm in the rig's frame,
+    and the covariance (3n,3n) mm2 of all these places, calibration included.
+
+    shots: of one instant, of different cameras; corners that only one of them shows are left out.
+    noise: of the corners, from `bundle`.
+
+    Generalised least squares of all corners at once: a time error moves a whole picture, shows as distance
+    from the epipolar lines and is taken out.
+    """
+    points = common([v.points for v in shots])
+    if not len(points):
+        return points, np.empty((0, 3)), np.empty((0, 0))
+    rows = [same(v.points, points) for v in shots]
+    kept = [v.only(mine) for v, (mine, _) in zip(shots, rows, strict=True)]
+    ideal = np.full((len(kept), len(points), 2), np.nan)
+    for pixels, v, (_, row) in zip(ideal, kept, rows, strict=True):
+        pixels[row] = rig.cameras[v.camera].undistort(v.pixels)
+    unit = np.broadcast_to(np.eye(2), (*ideal.shape, 2))
+    place, _ = triangulate(rig.matrices[[v.camera for v in kept]], ideal, unit)
+    weight = block_diag(*[np.linalg.inv(noise.covariance(v, square_mm)) for v in kept])
+    spread, turned = np.empty((0, 0)), np.empty((0, 0))
+    for _ in range(4):
+        residual, slope, shared = _free_points(rig.parameters, kept, [row for _, row in rows], place)
+        heavy = weight @ slope
+        spread = np.asarray(np.linalg.inv(slope.T @ heavy), dtype=np.float64)
+        place = place + (spread @ (heavy.T @ residual)).reshape(-1, 3)
+        turned = spread @ (heavy.T @ shared)
+    return points, place, spread + turned @ rig.covariance @ turned.T
+
+
+def _free_points(
+    theta: Array, shots: list[Shot], rows: list[NDArray[np.intp]], place: Array
+) -> tuple[Array, Array, Array]:
+    """Residual (m,), derivatives to the places (m,3n) and to the rig's parameters (m,15c)."""
+    residual, slope, shared = [], [], []
+    for v, row in zip(shots, rows, strict=True):
+        m = 2 * len(row)
+        pixels, to_camera, to_pose = project(theta[v.camera], np.zeros(3), np.zeros(3), place[row])
+        own, wide = np.zeros((m, *place.shape)), np.zeros((m, theta.size))
+        own[np.arange(m), np.repeat(row, 2)] = to_pose[:, 3:]
+        wide[:, OWN * v.camera : OWN * (v.camera + 1)] = to_camera
+        residual.append((v.pixels - pixels).ravel())
+        slope.append(own.reshape(m, -1))
+        shared.append(wide)
+    return np.concatenate(residual), np.concatenate(slope), np.concatenate(shared)

@@ -1,0 +1,112 @@
+"""Film and tracks in, one picture out: the frame of the largest motion with every mark as it was followed."""
+
+from itertools import pairwise
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from vision.camera import Array, Image
+from vision.film.video import Video
+from vision.following.tracks import LOST, Tracks
+
+PATH, CENTRE, SPREAD, GONE, DARK = (
+    (0, 159, 230), (233, 180, 86), (115, 230, 60), (60, 60, 255), (25, 25, 25),
+)  # fmt: skip
+ELLIPSE_PX = 12.0  # semi-axis that the usual ellipse is enlarged to
+BESIDE = np.array([24.0, -18.0])  # px in a picture 1280 px wide, name from centre
+FINE = 4  # bits of a pixel's fraction that OpenCV draws with
+
+
+def farthest(tracks: Tracks) -> int:
+    """The frame in which the marks are farthest from where each was first seen."""
+    seen = np.isfinite(tracks.position[..., 0])
+    first = tracks.position[np.argmax(seen, axis=0), np.arange(seen.shape[1])]
+    return int(np.argmax(np.nan_to_num((tracks.position - first) ** 2).sum(axis=(1, 2))))
+
+
+def overlay(film: Video, tracks: Tracks) -> NDArray[np.uint8]:
+    """Picture (h,w,3), blue green red, of the film's frame in which the marks are farthest from their start.
+
+    Each mark with its name, its centre, its path up to that frame and the ellipse of the fit's covariance,
+    enlarged by the factor that is written below; a lost one in red where it was last seen, or, not seen
+    before, not at all. Raises ValueError when the film does not show that frame.
+    """
+    frame = farthest(tracks)
+    grey: Image | None = next((image for index, _, image in film.frames() if index == frame), None)
+    if grey is None:
+        raise ValueError(
+            f"{film.path.name} does not show frame {frame}: it has changed since it was followed"
+        )
+    picture = np.asarray(cv2.cvtColor(grey, cv2.COLOR_GRAY2BGR), dtype=np.uint8)
+    factor = _factor(tracks.covariance[frame])
+    unit = max(picture.shape[1] / 1280.0, 0.5)  # lines and letters keep their share of the picture
+    for p in range(len(tracks.names)):
+        _path(picture, tracks.position[: frame + 1, p])
+    for p, name in enumerate(tracks.names):
+        seen = np.flatnonzero(tracks.method[: frame + 1, p] != LOST)
+        if not len(seen):
+            continue
+        place, lost = tracks.position[seen[-1], p], seen[-1] != frame
+        if lost:
+            _mark(picture, place, cv2.MARKER_TILTED_CROSS, GONE, unit)
+            name += f" lost since {tracks.time[seen[-1] + 1]:.2f} s"
+        else:
+            _ellipse(picture, place, tracks.covariance[frame, p] * factor**2)
+            _mark(picture, place, cv2.MARKER_CROSS, CENTRE, unit)
+        _text(picture, name, place + unit * BESIDE, unit, GONE if lost else (255, 255, 255))
+    caption = f"{tracks.time[frame]:.2f} s; paths up to here; ellipses: 1 sd of the fit x {factor:g}"
+    _text(picture, caption, np.array([8.0, picture.shape[0] - 10.0]), unit, (255, 255, 255))
+    return picture
+
+
+def _factor(covariance: Array) -> float:
+    """Round factor that brings the usual sd (p,2,2) px2 to some pixels."""
+    variance = 0.5 * np.trace(covariance, axis1=1, axis2=2)
+    known = variance[np.isfinite(variance) & (variance > 0)]
+    if not len(known):
+        return 1.0
+    wanted = ELLIPSE_PX / float(np.sqrt(np.median(known)))
+    power = 10.0 ** np.floor(np.log10(wanted))
+    return float(power * max(step for step in (1, 2, 5) if step * power <= wanted * (1 + 1e-9)))
+
+
+def _path(picture: NDArray[np.uint8], position: Array) -> None:
+    """The way (t,2) px, with gaps where the mark is lost."""
+    for a, b in pairwise(position):
+        if np.isfinite(a[0]) and np.isfinite(b[0]):
+            cv2.line(picture, _fixed(a), _fixed(b), PATH, 1, cv2.LINE_AA, FINE)
+
+
+def _ellipse(picture: NDArray[np.uint8], place: Array, covariance: Array) -> None:
+    if not np.isfinite(covariance).all():
+        return
+    power, axes = np.linalg.eigh(covariance)
+    angle = float(np.degrees(np.arctan2(axes[1, 1], axes[0, 1])))
+    size = np.sqrt(np.maximum(power[::-1], 0.0))
+    cv2.ellipse(picture, _fixed(place), _fixed(size), angle, 0.0, 360.0, SPREAD, 1, cv2.LINE_AA, FINE)
+
+
+def _mark(
+    picture: NDArray[np.uint8], place: Array, kind: int, colour: tuple[int, int, int], unit: float
+) -> None:
+    x, y = np.round(place).astype(int)
+    cv2.drawMarker(picture, (int(x), int(y)), colour, kind, round(14 * unit), 1, cv2.LINE_AA)
+
+
+def _text(
+    picture: NDArray[np.uint8], text: str, place: Array, unit: float, colour: tuple[int, int, int]
+) -> None:
+    """Letters with a dark rim, inside the picture."""
+    (width, height), _ = cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, 0.5 * unit, 1)
+    x = int(np.clip(place[0], 2, max(picture.shape[1] - width - 2, 2)))
+    y = int(np.clip(place[1], height + 2, picture.shape[0] - 4))
+    # A thicker stroke would be a wider font: the rim is the same letters a pixel off.
+    for dx, dy, ink in ((-1, 0, DARK), (1, 0, DARK), (0, -1, DARK), (0, 1, DARK), (0, 0, colour)):
+        at = (x + dx, y + dy)
+        cv2.putText(picture, text, at, cv2.FONT_HERSHEY_SIMPLEX, 0.5 * unit, ink, 1, cv2.LINE_AA)
+
+
+def _fixed(place: Array) -> tuple[int, int]:
+    x, y = np.round(place * 2**FINE).astype(int)
+    return int(x), int(y)

@@ -1,0 +1,213 @@
+"""What is known of the rig in, errors shared by many values out: one field a mode, 1 sd each, by name.
+
+A name is its source, then what it belongs to: `placement:tip:x`. `errors.budgeting` sums them by source.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2
+
+from vision.camera import Array
+from vision.errors.noise import CREEP, FAST
+from vision.marks import Mark
+
+Named = Mapping[str, Array]  # name to (s,p,3) mm
+LEVEL = 0.2  # slope of the line to a neighbour that still runs along the finger
+MIN_HOLD, MAX_HOLDS = 3, 60  # frames that make a hold; how many of all marks get modes, the longest first
+CREEP_SHARED = 0.75  # of a creeping patch's variance; correlation at lags of 1 to 30 frames: 0.73 to 0.76
+LEAST = 1e-8  # of the largest combined mode's power: below it a mode is left out
+UNLIKELY = 0.001  # chance below which residuals contradict what is stated
+
+
+@dataclass(frozen=True)
+class Stated:
+    """How well the rig is known, 1 sd each."""
+
+    placement_mm: float = 0.3  # mm, a finger mark's centre from its nominal place, each axis
+    scale: float = 0.001  # relative, all lengths together
+    frame_mm: float = 0.1  # mm, a frame mark's centre from its nominal place, each axis
+    node_mm: float = 0.1  # mm, the material point at a nominal place from the model's, each axis
+    height_mm: float = 0.3  # mm, a finger mark's distance from the frame marks' plane (its y)
+    out_of_plane_mm: float = 0.3  # mm, a finger mark's motion towards the camera at its largest displacement
+
+
+def scale(value: Array, sd: float) -> Named:
+    """All lengths wrong by one factor: displacements (s,p,3) mm times its sd."""
+    return {"scale": value * sd}
+
+
+def placement(value: Array, marks: Sequence[Mark], turns: Array, sd: float) -> Named:
+    """Tags glued off their nominal place by sd mm: the offset d turns with the tag, u errs by (R - 1) d.
+
+    turns: (s,p) rad from x towards z.
+    """
+    modes: dict[str, Array] = {}
+    for p in _finger(marks):
+        for axis, field in zip("xz", _turned(turns[:, p]), strict=True):
+            _add(modes, f"placement:{marks[p].owner}:{axis}", value, p, sd * field)
+    return modes
+
+
+def node(value: Array, points: Array, marks: Sequence[Mark], turns: Array, sd: float) -> Named:
+    """Material points that are not the model's by sd mm: u errs by (du/dx) d along the finger, (R - 1) d
+    across it.
+
+    du/dx is the chord between the neighbouring finger marks, stretch included; without one, the turn's.
+    points: (p,3) mm.   turns: (s,p) rad.
+    """
+    modes: dict[str, Array] = {}
+    finger = _finger(marks)
+    for p in finger:
+        along, across = _turned(turns[:, p])
+        a, b = _beside(points, finger, p)
+        if points[b, 0] > points[a, 0]:
+            chord = (value[:, b] - value[:, a])[:, [0, 2]] / (points[b, 0] - points[a, 0])
+            along = np.where(np.isfinite(chord), chord, along)
+        _add(modes, f"node:{marks[p].owner}:x", value, p, sd * along)
+        _add(modes, f"node:{marks[p].owner}:z", value, p, sd * across)
+    return modes
+
+
+def _beside(points: Array, finger: Sequence[int], p: int) -> tuple[int, int]:
+    """The next finger marks along the finger on either side; the mark itself where there is none."""
+    apart = {q: points[q] - points[p] for q in finger}
+    level = [q for q, d in apart.items() if abs(d[2]) <= LEVEL * abs(d[0])]
+    before = max((q for q in level if apart[q][0] < 0), key=lambda q: apart[q][0], default=p)
+    return before, min((q for q in level if apart[q][0] > 0), key=lambda q: apart[q][0], default=p)
+
+
+def reference_mode(value: Array, marks: Sequence[Mark], sd: Array, shared: Array) -> Named:
+    """The reference's own error, subtracted from every step: sd (p,3) mm of its mean, and what all marks
+    share, sd (3,) mm."""
+    modes: dict[str, Array] = {
+        f"reference:shared:{component + 1}": np.broadcast_to(shared * np.eye(3)[component], value.shape)
+        for component in (0, 2)
+    }
+    for p, mark in enumerate(marks):
+        for component in (0, 2):
+            field = np.zeros((len(value), 2))
+            field[:, component // 2] = sd[p, component]
+            _add(modes, f"reference:{mark.name}:{component + 1}", value, p, field)
+    return modes
+
+
+def codec(
+    extra: Array, state: NDArray[np.int8], marks: Sequence[Mark]
+) -> tuple[Named, Array, tuple[str, ...]]:
+    """The coding error that all frames of a hold share, what sd (s,p,3) mm is left as independent, and a
+    sentence where there are more holds than modes.
+
+    extra: (s,p,3) mm, sd of the coding error.   state: (s,p) from `vision.errors.noise.states`.
+
+    P-frames repeat a picture that hardly changes, with its error: no mean over the hold makes it smaller.
+    """
+    slow = (state != FAST) & (np.nan_to_num(extra) > 0).any(axis=2)
+    share = np.where(state == CREEP, CREEP_SHARED, 1.0)
+    runs = [(stop - start, p, start) for p in range(slow.shape[1]) for start, stop in _runs(slow[:, p])]
+    modes, left = {}, extra.copy()
+    for count, (length, p, start) in enumerate(sorted(runs, reverse=True)[:MAX_HOLDS]):
+        frames = slice(start, start + length)
+        left[frames, p] *= np.sqrt(1.0 - share[frames, p])[:, None]
+        shared = extra[frames, p] * np.sqrt(share[frames, p])[:, None]
+        for component in np.flatnonzero((np.nan_to_num(shared) > 0).any(axis=0)):
+            mode = np.zeros(extra.shape)
+            mode[frames, p, component] = np.nan_to_num(shared[:, component])
+            modes[f"codec:{marks[p].name}:{component + 1}:{count + 1}"] = mode
+    if len(runs) <= MAX_HOLDS:
+        return modes, left, ()
+    longest = sorted(runs, reverse=True)[MAX_HOLDS][0]
+    return modes, left, (
+        f"{len(runs)} holds of marks keep a coding error, {MAX_HOLDS} of them as a mode: that of the others, "
+        f"of {longest} steps at most, is stated as independent, and too small in their means",
+    )
+
+
+def _runs(held: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    """First and one past the last frame of every hold."""
+    edge = np.flatnonzero(np.diff(np.concatenate([[0], held.astype(np.int8), [0]])))
+    return [(int(a), int(b)) for a, b in edge.reshape(-1, 2) if b - a >= MIN_HOLD]
+
+
+def frame(shift: Array, rest: NDArray[np.intp], sd: float) -> Named:
+    """Frame marks off their nominal places by sd mm: the frame they span is wrong, the same in all steps.
+
+    shift: (2f,s,p,2) mm of places for each of them 1 mm off, from `vision.plane.misplaced`.
+    rest: (r,) steps of the reference, whose shift is subtracted like their places.
+
+    Only six combinations of them are seen while all frame marks are (an affine map and two perspective
+    terms); the orthogonal ones that matter are returned, the largest first.
+    """
+    count = np.maximum(np.isfinite(shift[:, rest]).sum(axis=1), 1)
+    moved = shift - (np.nansum(shift[:, rest], axis=1) / count)[:, None]
+    flat = sd * np.nan_to_num(moved).reshape(len(moved), -1)
+    power, turn = np.linalg.eigh(flat @ flat.T)
+    kept = [k for k in np.argsort(power)[::-1] if power[k] > LEAST * max(power[-1], 1e-30)]
+    fields = (flat.T @ turn[:, kept]).T.reshape(-1, *shift.shape[1:])
+    return {f"frame:{k + 1}": _with_zero_y(field) for k, field in enumerate(fields)}
+
+
+def frame_sd(
+    misfit: Array, names: Sequence[str], stated: float, *, fitted: int, noise: float = 0.0, advice: str = ""
+) -> tuple[float, tuple[str, ...]]:
+    """How far frame marks are off their nominal places, mm: as stated, or what their misfit shows if more.
+
+    misfit: (f,2) or (f,3) mm, what is left of them after the fit of `fitted` numbers (8 of a homography, 6 of
+    a rigid motion), which takes up as many of their degrees of freedom; NaN for marks never seen.
+    noise: mm2, of one component's mean.   advice: what else may be wrong.
+    """
+    seen, power = np.isfinite(misfit[:, 0]), np.nan_to_num(misfit**2).sum(axis=1)
+    free = int(seen.sum()) * misfit.shape[1] - fitted
+    if free < 1 or chi2.sf(power.sum() / (stated**2 + noise), free) > UNLIKELY:
+        return stated, ()
+    found = float(np.sqrt(power.sum() / free - noise))
+    return found, (
+        f"the frame marks are {found:.3f} mm off their stated places, {names[int(np.argmax(power))]!r} most, "
+        f"and not {stated:g} mm (frame_sd_mm): {found:.3f} mm is used; measure their places again{advice}",
+    )
+
+
+def sync(time: Array, value: Array, sd_s: float) -> Array:
+    """The film's clock off the pressure's by sd_s: velocity (s,p,3) mm/s times it.
+
+    time: (s,) s, increasing.   value: (s,p,3) mm; where a mark is lost its velocity is that of the steps
+    round the gap.
+    """
+    result = np.zeros(value.shape)
+    for p in range(value.shape[1]):
+        seen = np.isfinite(value[:, p, 0])
+        if np.count_nonzero(seen) > 1:
+            for component in (0, 2):
+                filled = np.interp(time, time[seen], value[seen, p, component])
+                result[:, p, component] = sd_s * np.gradient(filled, time)
+    return result
+
+
+def stacked(parts: Sequence[Named], seen: NDArray[np.bool_]) -> tuple[Array, tuple[str, ...]]:
+    """Modes (k,s,p,3) mm and their names (k,); 0 where a point is not seen (s,p)."""
+    fields = {name: field for part in parts for name, field in part.items()}
+    result = np.zeros((len(fields), *seen.shape, 3))
+    for row, field in zip(result, fields.values(), strict=True):
+        np.multiply(np.nan_to_num(field), seen[..., None], out=row)
+    return result, tuple(fields)
+
+
+def _finger(marks: Sequence[Mark]) -> list[int]:
+    return [p for p, mark in enumerate(marks) if mark.role == "finger"]
+
+
+def _turned(turn: Array) -> tuple[Array, Array]:
+    """(R - 1) e_x and (R - 1) e_z, (s,2) each, of turns (s,) rad from x towards z."""
+    cosine, sine = np.cos(turn) - 1.0, np.sin(turn)
+    return np.stack([cosine, sine], axis=1), np.stack([-sine, cosine], axis=1)
+
+
+def _add(modes: dict[str, Array], name: str, value: Array, p: int, xz: Array) -> None:
+    """Write (s,2) mm of point p into the mode of that name."""
+    modes.setdefault(name, np.zeros(value.shape))[:, p, ::2] = xz
+
+
+def _with_zero_y(xz: Array) -> Array:
+    return np.stack([xz[..., 0], np.zeros(xz.shape[:-1]), xz[..., 1]], axis=-1)

@@ -1,0 +1,99 @@
+"""Static noise, frame marks and fits in, the independent variance of every place out, source by source."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from vision.camera import Array
+from vision.errors.noise import NoiseModel, with_y
+from vision.following.fallback import CORNERS, ECC
+from vision.following.tracks import Followed
+from vision.following.turns import mean_seen
+from vision.plane import MIN_VISIBLE, Plane, place_noise, shared_noise
+
+OWN = 0.1  # least share of a mark's static variance that is its own and not the frame marks'
+CLEARLY = 3.0  # times the usual residual variance
+
+
+@dataclass(frozen=True)
+class Rest:
+    """What the static film tells."""
+
+    noise: NoiseModel
+    frame_variance: float  # mm2, noise of one frame mark's centre in each axis
+    pixel_variance: float  # px2, the same in the picture
+    homography: Array  # (p,2) mm2, what the frame marks' noise adds to every place at rest
+    common: Array  # (2,) mm2, what all marks share beyond that: shake that the frame marks do not show, light
+
+
+def at_rest(noise: NoiseModel, plane: Plane, place: Array) -> Rest:
+    """The static film's noise split into the marks' own and the homography's.
+
+    place: (t,p,2) mm in the static film.
+
+    The scatter of f frame marks about their own homography has 2 f - 8 degrees of freedom in every frame.
+    """
+    scatter = plane.residual - mean_seen(plane.residual)
+    count = plane.seen.sum(axis=1)
+    # Every mark's mean place is fitted too, the homography's own part of it not.
+    free = np.sum(2 * count[count > MIN_VISIBLE] - 8) - (2 * np.count_nonzero(plane.seen.any(axis=0)) - 8)
+    variance = float(np.nansum(scatter**2) / max(free, 1))  # mm2
+    unit = mean_seen(np.diagonal(place_noise(plane, place), axis1=2, axis2=3))
+    pixel_variance = variance * _px2_per_mm2(plane)
+    # A mark that the static film hides takes the largest of the others, as its noise does.
+    unit = np.where(np.isnan(unit), np.nanmax(unit, axis=0), unit)
+    mean = mean_seen(place)
+    shared = pixel_variance * shared_noise(plane, mean[np.isfinite(mean[:, 0])])
+    together = noise.common_sd[[0, 2]] ** 2 - shared
+    most = np.maximum(noise.sd[:, [0, 2]] ** 2 - pixel_variance * unit, 0.0).min(axis=0)
+    return Rest(noise, variance, pixel_variance, pixel_variance * unit, np.clip(together, 0.0, most))
+
+
+def _px2_per_mm2(plane: Plane) -> float:
+    """Mean area scale of the homographies at the frame marks."""
+    known = plane.homography[np.isfinite(plane.homography[:, 0, 0])]
+    x = np.column_stack([plane.nominal, np.ones(len(plane.nominal))])
+    depth = np.einsum("tj,fj->tf", known[:, 2], x)
+    return float(np.mean(np.abs(np.linalg.det(known))[:, None] / np.abs(depth) ** 3))
+
+
+def independent(
+    rest: Rest, plane: Plane, place: Array, worse: Array, frame: list[int], points: list[int], codec: Array
+) -> dict[str, Array]:
+    """Variance (s,p,3) mm2 of every place by its source; y is NaN.
+
+    place: (s,p,2) mm.   worse: (s,m) from `misfit`, rows frame and points of it.
+    codec: (s,p,3) mm, the codec's sd.
+
+    The static noise holds the homography's as it was at rest; what that is more or less now, where the mark
+    is and with the frame marks that are seen, is a part of its own.
+    """
+    seen = plane.seen
+    share = np.where(seen, worse[:, frame], 0.0).sum(axis=1) / np.maximum(seen.sum(axis=1), 1)
+    unit = np.diagonal(place_noise(plane, np.nan_to_num(place)), axis1=2, axis2=3)
+    static = rest.noise.sd[:, [0, 2]] ** 2
+    own = np.maximum(static - rest.homography, OWN * static)
+    now = rest.pixel_variance * share[:, None, None] * unit
+    parts = {
+        "static": np.broadcast_to(static - rest.common, now.shape),
+        "jitter": np.broadcast_to(rest.common, now.shape),
+        "homography": np.maximum(now - rest.homography, own - static),
+        "blur": (worse[:, points, None] - 1.0) * own,
+        "codec": codec[..., [0, 2]] ** 2,
+    }
+    return {source: with_y(np.asarray(part)) for source, part in parts.items()}
+
+
+def misfit(followed: Followed) -> Array:
+    """How many times its usual variance a patch's fit states (t,m), from the residual; 1 where it is usual.
+
+    Blur, glare and what covers a part of a mark leave a residual. Usual is the median over the film: coding
+    leaves two to three times more in some frames than in others, which the codec's term has. ECC and corners
+    are never usual: a mark without plain registration takes the median of the others.
+    """
+    size = np.trace(followed.covariance, axis1=2, axis2=3)
+    plain = np.isfinite(size) & ~np.isin(followed.method, (ECC, CORNERS))
+    usual = np.array([np.median(x[s]) if s.any() else np.nan for x, s in zip(size.T, plain.T, strict=True)])
+    others = np.nanmedian(usual) if np.isfinite(usual).any() else np.inf
+    ratio = size / np.where(np.isfinite(usual), usual, others)
+    return np.where(ratio > CLEARLY, ratio, 1.0)

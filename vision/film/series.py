@@ -1,0 +1,112 @@
+"""A folder of pictures in, a film out: time stamps from a file or a frame rate."""
+
+import csv
+import re
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from vision.film.video import Array, Image, Video, stamp_issues
+
+SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
+TIMES = "times.csv"
+LOSSY = (".jpg", ".jpeg")
+
+
+class Pictures(Video):
+    """A film that lies there as pictures, in the order of the numbers in their names.
+
+    path: folder of PNG, JPEG, BMP or TIFF pictures, or a pattern of their names, "raw/film-*.png".
+    fps: 1/s, where the folder holds no times.csv.
+
+    times.csv has the columns file, time_s, or time_s alone with one row a picture. Raises ValueError for a
+    folder without pictures, for pictures without times and for times that do not fit the pictures.
+    """
+
+    def __init__(self, path: Path | str, *, fps: float | None = None) -> None:
+        self.path = Path(path)
+        self.files = _pictures(self.path)
+        self.time = _times(self.files[0].parent, self.files, fps)
+        first = _read(self.files[0])
+        self.height, self.width = first.shape
+        self.turns = 0
+        self.issues = stamp_issues(self.path.name, self.time, 0, 0)
+
+    def frames(self) -> Iterator[tuple[int, float, Image]]:
+        """Frames in the order of time: (index into `time`, time s, grey levels (h,w))."""
+        for index, file in enumerate(self.files):
+            picture = _read(file)
+            if picture.shape != (self.height, self.width):
+                raise ValueError(
+                    f"picture {file} has {picture.shape[1]} x {picture.shape[0]} px, "
+                    f"{self.files[0].name} has {self.width} x {self.height}: wanted one size in {self.path}"
+                )
+            yield index, float(self.time[index]), picture
+
+    def coding(self) -> tuple[str, float]:
+        """mjpeg for JPEG, else png; the rate factor means nothing here."""
+        return ("mjpeg" if self.files[0].suffix.lower() in LOSSY else "png"), 0.0
+
+
+def open_film(path: Path | str, *, fps: float | None = None) -> Video:
+    """The film in a video file, or in pictures (`Pictures`, with its fps): a folder, or a name with *."""
+    return Pictures(path, fps=fps) if Path(path).is_dir() or is_pattern(path) else Video(path)
+
+
+def is_pattern(path: Path | str) -> bool:
+    """Whether a path stands for many files: its name has one of * ? [ and no file is called so."""
+    return any(c in Path(path).name for c in "*?[") and not Path(path).exists()
+
+
+def _pictures(path: Path) -> tuple[Path, ...]:
+    pattern = is_pattern(path)
+    folder = path.parent if pattern else path
+    if not folder.is_dir():
+        raise ValueError(f"film {folder} does not exist: give a video file or a folder of pictures")
+    every = folder.glob(path.name) if pattern else folder.iterdir()
+    found = [p for p in every if p.suffix.lower() in SUFFIXES]
+    if not found:
+        raise ValueError(
+            f"{'pattern' if pattern else 'folder'} {path} holds no picture: wanted {', '.join(SUFFIXES)}"
+        )
+    return tuple(sorted(found, key=lambda p: [int(n) for n in re.findall(r"\d+", p.stem)] or [-1]))
+
+
+def _times(folder: Path, files: Sequence[Path], fps: float | None) -> Array:
+    """Times (t,) s of the files, increasing; the files are put into their order by their names."""
+    table = folder / TIMES
+    if not table.is_file():
+        if fps is None:
+            raise ValueError(
+                f"folder {folder} has no {TIMES} (columns file, time_s) and no frame rate is given: add one "
+                "of them; for a project set fps in twin.toml"
+            )
+        return np.arange(len(files)) / fps
+    with open(table, newline="", encoding="utf-8-sig") as file:
+        rows = list(csv.DictReader(file))
+    try:
+        if rows and "file" in rows[0]:
+            told = {row["file"]: float(row["time_s"]) for row in rows}
+            time = np.array([told[p.name] for p in files])
+        else:
+            time = np.array([float(row["time_s"]) for row in rows])
+    except (KeyError, TypeError, ValueError) as error:
+        raise ValueError(
+            f"{table}: {error} is missing or is no time in s; wanted the columns file, time_s with one row "
+            "for every picture"
+        ) from None
+    if len(time) != len(files) or not np.isfinite(time).all() or np.any(np.diff(time) < 0):
+        raise ValueError(
+            f"{table} has {len(time)} times for {len(files)} pictures, or times that are not increasing: "
+            "wanted one row for every picture, in the order of the numbers in their names"
+        )
+    return time
+
+
+def _read(file: Path) -> Image:
+    picture = cv2.imread(str(file), cv2.IMREAD_GRAYSCALE)
+    if picture is None:
+        raise ValueError(f"picture {file} cannot be read: remove it or copy it again")
+    return np.asarray(picture, dtype=np.uint8)

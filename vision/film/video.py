@@ -1,0 +1,196 @@
+"""Film in, time-stamped grey frames out: the container's own time stamps, one frame in memory at a time."""
+
+import os
+import re
+from collections.abc import Iterator
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import av
+import numpy as np
+from av.container import InputContainer
+from av.packet import Packet
+from av.video.frame import VideoFrame
+
+from vision.camera import Array, Image
+
+HALF_TICK = 1e-6  # s, below every time base
+DEFAULT_CRF = 18.0
+_PLANAR = ("yuv420p", "yuvj420p", "yuv422p", "yuvj422p", "yuv444p", "yuvj444p", "nv12", "gray")
+
+
+class Video:
+    """A film file: its size, its time stamps in s, what is wrong with them, and its frames one by one.
+
+    path: film in any container and codec that FFmpeg reads.
+
+    `time` (t,) s is sorted; `issues` holds one sentence each about gaps, duplicates and time stamps that
+    run backwards. Frames are turned as the container asks (phones film on their side), like OpenCV turns
+    pictures. Raises ValueError when the file is missing, is not a video, or holds no frame.
+    """
+
+    def __init__(self, path: Path | str) -> None:
+        self.path = Path(path)
+        if not self.path.is_file():
+            raise ValueError(f"film {self.path} does not exist: give the path of a video file")
+        try:
+            first, stamps, backwards = self._scan()
+        except (av.error.FFmpegError, IndexError) as error:
+            raise ValueError(
+                f"film {self.path} cannot be read as a video ({error}): "
+                "give a file that FFmpeg can play, for example mp4 or mkv"
+            ) from error
+        self.turns = round(first.rotation / 90) % 4  # quarter turns to the left
+        size = (first.height, first.width)
+        self.height, self.width = size if self.turns % 2 == 0 else size[::-1]
+        self.time: Array = np.sort(stamps)
+        self._in_order = backwards > 0  # the frames' own stamps are of no use, only their order
+        self.issues: tuple[str, ...] = stamp_issues(self.path.name, self.time, backwards, 90 * self.turns)
+
+    def _scan(self) -> tuple[VideoFrame, Array, int]:
+        """First frame, time stamps (t,) s of all frames, number of them that run backwards."""
+        first = next(self._decoded(), None)
+        with av.open(str(self.path)) as container:
+            stream = container.streams.video[0]
+            reorders = bool(stream.codec_context.has_b_frames)
+            base = float(stream.time_base or 0)
+            packets = [p.pts for p in _packets(container) if p.pts is not None and not p.is_discard]
+        if first is None or not packets:
+            raise ValueError(f"film {self.path} holds no frame that can be decoded: record or copy it again")
+        stamps = np.asarray(packets, dtype=np.float64)
+        # Where frames refer to later ones, some containers (AVI, some MP4) hold decoding times in place of
+        # display times. The decoder's order is then the right one; only decoding shows what it is.
+        backwards = 0
+        if reorders:
+            stamps = np.array([f.pts for f in self._decoded() if f.pts is not None], dtype=np.float64)
+            backwards = int(np.sum(np.diff(stamps) < 0))
+        return first, stamps * base, backwards
+
+    def _decoded(self) -> Iterator[VideoFrame]:
+        """Frames in the order they are shown; a packet that cannot be decoded is passed over."""
+        with av.open(str(self.path)) as container:
+            for packet in _packets(container):
+                try:
+                    yield from packet.decode()
+                except av.error.InvalidDataError:
+                    continue
+
+    def frames(self) -> Iterator[tuple[int, float, Image]]:
+        """Frames in the order they are shown: (index into `time`, time s, grey levels (h,w)).
+
+        A frame that cannot be decoded is left out. Where time stamps run backwards, the i-th frame shown
+        takes the i-th of them in order. Only one frame is held in memory.
+        """
+        index = -1
+        for frame in self._decoded():
+            index += 1
+            if not self._in_order and frame.pts is not None:
+                stamp = float(frame.pts * (frame.time_base or 0))
+                index = max(index, int(np.searchsorted(self.time, stamp - HALF_TICK)))
+            if index < len(self.time):
+                yield index, float(self.time[index]), np.ascontiguousarray(np.rot90(_luma(frame), self.turns))
+
+    def coding(self) -> tuple[str, float]:
+        """Codec of the film and its constant rate factor, where x264 or x265 left it in the stream."""
+        with av.open(str(self.path)) as container:
+            packet = next(_packets(container))
+            told = re.search(rb"crf=([0-9.]+)", bytes(packet)[:4000])
+            name = container.streams.video[0].codec_context.name
+            return name, float(told.group(1)) if told else DEFAULT_CRF
+
+
+def _packets(container: InputContainer) -> Iterator[Packet]:
+    """Packets of the film; a file that was cut off ends where it was cut."""
+    packets = container.demux(container.streams.video[0])
+    while True:
+        try:
+            yield next(packets)
+        except StopIteration:
+            return
+        except (av.error.InvalidDataError, av.error.EOFError):
+            return
+
+
+def _luma(frame: VideoFrame) -> Image:
+    """Grey levels (h,w); the luma plane itself where the format has one, which saves the conversion."""
+    if frame.format.name not in _PLANAR:
+        return np.ascontiguousarray(frame.to_ndarray(format="gray"))
+    plane = frame.planes[0]
+    rows = np.frombuffer(memoryview(plane), dtype=np.uint8).reshape(-1, plane.line_size)
+    return np.ascontiguousarray(rows[: frame.height, : frame.width])
+
+
+def stamp_issues(name: str, time: Array, backwards: int, rotation: int) -> tuple[str, ...]:
+    """What is wrong with time stamps (t,) s in order, and what was done about it, one sentence each."""
+    said = []
+    if backwards:
+        said.append(
+            f"{name}: {backwards} time stamps run backwards; frames keep the decoder's order "
+            "and take the sorted time stamps"
+        )
+    step = np.diff(time)
+    usual = float(np.median(step)) if len(step) else 0.0
+    repeated = np.flatnonzero(step == 0)
+    if len(repeated):
+        said.append(f"{name}: {len(repeated)} duplicate time stamps, the first at {time[repeated[0]]:.3f} s")
+    gaps = np.flatnonzero(step > 1.5 * usual) if usual > 0 else np.empty(0, dtype=np.intp)
+    if len(gaps):
+        longest = gaps[np.argmax(step[gaps])]
+        said.append(
+            f"{name}: {len(gaps)} gaps longer than 1.5 usual steps of {usual:.4f} s, the longest "
+            f"{step[longest]:.3f} s after {time[longest]:.3f} s"
+        )
+    if rotation:
+        said.append(
+            f"{name}: turned by {rotation} degrees to the left, as the container asks; board images must "
+            "be turned the same way"
+        )
+    return tuple(said)
+
+
+class Writer:
+    """Encodes grey pictures with exact time stamps; the file appears under its name when it is complete."""
+
+    def __init__(self, path: Path, size: tuple[int, int], *, fps: float, codec: str, crf: float) -> None:
+        if size[0] % 2 or size[1] % 2:
+            raise ValueError(
+                f"film of {size[0]} x {size[1]} px cannot be coded: width and height must be even"
+            )
+        self.path, self.partial = path, path.with_name(f".partial-{path.name}")
+        self.container = av.open(str(self.partial), "w")
+        rate = Fraction(fps).limit_denominator(1000)
+        options = (
+            {"crf": str(crf), "preset": "medium", "tune": "grain", "bf": "0"} if codec == "libx264" else {}
+        )
+        stream: Any = self.container.add_stream(codec, rate=rate, options=options)
+        stream.width, stream.height = size
+        stream.pix_fmt = "yuv420p"
+        stream.codec_context.time_base = 1 / rate
+        self.stream, self.frames = stream, 0
+
+    def __enter__(self) -> "Writer":
+        return self
+
+    def add(self, grey: Image) -> None:
+        frame = _grey_frame(grey)
+        frame.pts = self.frames
+        frame.time_base = self.stream.codec_context.time_base
+        self.frames += 1
+        self.container.mux(self.stream.encode(frame))
+
+    def __exit__(self, kind: object, *_: object) -> None:
+        if kind is None:
+            self.container.mux(self.stream.encode(None))
+        self.container.close()
+        if kind is None:
+            os.replace(self.partial, self.path)
+        else:
+            self.partial.unlink(missing_ok=True)
+
+
+def _grey_frame(grey: Image) -> av.VideoFrame:
+    """A yuv420p frame whose luma plane is the picture itself."""
+    height, width = grey.shape
+    chroma = np.full((height // 2, width), 128, dtype=np.uint8)
+    return av.VideoFrame.from_ndarray(np.concatenate([grey, chroma]), format="yuv420p")

@@ -1,0 +1,83 @@
+"""One picture in, centres of all markers of a dictionary out, to a few hundredths of a pixel or better."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize_scalar
+
+from vision.camera import Array, Camera, Image
+from vision.dictionaries import dictionary_of
+from vision.following import registration
+from vision.following.printed import BLUR_PX, CELLS_BEYOND, SHOWS_BLUR, drawn, polarity
+from vision.marks import Mark, corner_warp, detect, px_per_unit
+
+
+@dataclass(frozen=True)
+class Located:
+    """Markers in one picture."""
+
+    ids: NDArray[np.intp]  # (m,) sorted; an id that is seen twice is left out
+    centre: Array  # (m,2) raw px
+    covariance: Array  # (m,2,2) px2, from what the fit leaves: of noise and of what the pattern is not
+    correlation: Array  # (m,) of the picture with the printed pattern; 0 where the fit failed
+    inverted: NDArray[np.bool_]  # (m,) white on black
+
+
+def locate(image: Image, *, dictionary: str, camera: Camera | None = None) -> Located:
+    """Centres of the markers in a picture.
+
+    image: (h,w) grey levels.   dictionary: name or file, as `dictionary_of`.
+    camera: its lens; without it the lens is taken as free of distortion across one marker.
+
+    The printed pattern, blurred as the picture is, is registered to it by a homography; OpenCV's corners
+    are the start only. Raises ValueError for an unknown dictionary.
+    """
+    found, _ = detect(image, dictionary)
+    ids = np.array(sorted(found), dtype=np.intp)
+    if not len(ids):
+        return Located(ids, np.empty((0, 2)), np.empty((0, 2, 2)), np.empty(0), np.empty(0, dtype=bool))
+    used = camera or _no_lens(image)
+    start = np.array([corner_warp(used.undistort(found[int(i)])) for i in ids])
+    fit = _Fit(image, registration.lens_of(used), start, ids, dictionary)
+    few = np.arange(len(ids))[:: max(len(ids) // SHOWS_BLUR, 1)]
+    blur = minimize_scalar(
+        lambda b: -fit.at(b, few)[1].sum(), bounds=BLUR_PX, method="bounded", options={"xatol": 0.02}
+    ).x
+    warp, correlation, covariance = fit.at(float(blur), np.arange(len(ids)))
+    centre = warp[:, :2, 2] / warp[:, 2:, 2]
+    return Located(ids, used.distort(centre), covariance, correlation, fit.sign < 0)
+
+
+class _Fit:
+    """The printed patterns of the markers that were detected, laid on the picture with any blur."""
+
+    def __init__(
+        self, image: Image, lens: Array, start: Array, ids: NDArray[np.intp], dictionary: str
+    ) -> None:
+        self.image, self.lens, self.start, self.dictionary = image, lens, start, dictionary
+        self.marks = [Mark(str(i), int(i), (0.0, 0.0, 0.0), "fixed", 1.0) for i in ids]
+        self.scale = px_per_unit(start)
+        cells = dictionary_of(dictionary).markerSize + 2
+        half = 1.0 + CELLS_BEYOND * 2.0 / cells
+        points = int(np.clip(np.ceil(2.0 * half * np.median(self.scale)), 24, 160))
+        self.grid = registration.local_grid(points, half)
+        grey = registration.patches(image, lens, start, self.grid)[:, 0]
+        self.sign = np.array([polarity(patch, self.grid, cells) for patch in grey])
+
+    def at(self, blur_px: float, which: NDArray[np.intp]) -> tuple[Array, Array, Array]:
+        """Warps (m,3,3), correlations (m,) and covariances of the centres (m,2,2) px2 with this blur."""
+        patch = [
+            self.sign[i] * drawn(self.marks[i], self.grid, self.dictionary, blur_px / self.scale[i])
+            for i in which
+        ]
+        templates = registration.templates(np.concatenate(patch), self.grid)
+        warp, correlation = registration.register(
+            self.image, self.lens, templates, self.start[which], self.scale[which], np.arange(len(which))
+        )
+        linear = warp[:, :2, :2] - warp[:, :2, 2:] * warp[:, 2:, :2]
+        return warp, correlation, registration.centre_covariance(templates, linear, correlation)
+
+
+def _no_lens(image: Image) -> Camera:
+    return replace(Camera(np.eye(3), np.zeros(5), (image.shape[1], image.shape[0])), model=())

@@ -1,0 +1,86 @@
+"""Reference patches and the printed pattern in, true centres of the marks out."""
+
+from collections.abc import Sequence
+
+import cv2
+import numpy as np
+from scipy.optimize import minimize_scalar
+
+from vision.camera import Array
+from vision.dictionaries import dictionary_of
+from vision.following import registration
+from vision.marks import Mark
+
+BLUR_PX = (0.3, 3.0)  # px, sd of lens blur and pixel together, between which it is sought
+SHOWS_BLUR = 6  # marks that are enough to see it
+CELLS_BEYOND = 0.6  # how far a patch reaches into the border round a marker, in marker cells
+MATCHES = 0.87  # correlation that shows the pattern, as for a registered mark
+
+
+def printed_centres(mean: Array, grid: Array, marks: Sequence[Mark], dictionary: str, scale: Array) -> Array:
+    """Local coordinates (p,2) of the true centres: the printed pattern registered to the mean patches.
+
+    mean: (p,n) grey levels on the grid (3,n).   scale: (p,) px per local unit, NaN for a mark not seen.
+
+    The corners that started a patch are off by some 0.05 px; the pattern as a whole by 0.004, if it is
+    blurred as the picture is: the blur that matches best is found first. (0, 0) where nothing matches.
+    """
+    seen = [int(i) for i in np.flatnonzero(np.isfinite(scale))]
+    few = seen[:: max(len(seen) // SHOWS_BLUR, 1)]
+
+    def mismatch(blur: float) -> float:
+        return -float(sum(_found(mean[i], grid, marks[i], dictionary, blur / scale[i])[1] for i in few))
+
+    best = minimize_scalar(mismatch, bounds=BLUR_PX, method="bounded", options={"xatol": 0.02}).x
+    centre = np.zeros((len(marks), 2))
+    for i in seen:
+        place, match = _found(mean[i], grid, marks[i], dictionary, best / scale[i])
+        centre[i] = place if match > MATCHES else 0.0
+    return centre
+
+
+def _found(mean: Array, grid: Array, mark: Mark, dictionary: str, blur: float) -> tuple[Array, float]:
+    """Where (2,) in local coordinates the patch (n,) shows the pattern's centre, and the correlation."""
+    side = round(float(np.sqrt(grid.shape[1])))
+    half = float(grid[0].max())
+    pitch = 2.0 * half / (side - 1)
+    inner = registration.local_grid(side, half - 2.0 * pitch)
+    to_index = np.array([[1.0, 0.0, half], [0.0, 1.0, half], [0.0, 0.0, pitch]]) / pitch
+    upright = polarity(mean, grid, dictionary_of(dictionary).markerSize + 2)
+    warp, match = registration.register(
+        mean.reshape(side, side).astype(np.float32),
+        registration.NO_LENS,
+        registration.templates(upright * drawn(mark, inner, dictionary, blur), inner),
+        to_index[None],
+        np.array([1.0 / pitch]),
+        np.zeros(1, int),
+    )
+    return warp[0, :2, 2] * pitch - half, float(match[0])
+
+
+def polarity(patch: Array, grid: Array, cells: int) -> float:
+    """1 for a black marker on white, -1 for an inverted one, from a patch (n,) on the grid (3,n).
+
+    cells: along the marker's side, its border included.   The border tells from what surrounds it.
+    """
+    distance, cell = np.abs(grid[:2]).max(axis=0), 2.0 / cells
+    border = (distance < 1.0 - 0.25 * cell) & (distance > 1.0 - 0.75 * cell)
+    return 1.0 if patch[distance > 1.0 + 0.25 * cell].mean() > patch[border].mean() else -1.0
+
+
+def drawn(mark: Mark, grid: Array, dictionary: str, blur: float) -> Array:
+    """Grey and slopes (1,3,n) of the printed pattern, blurred with an sd of `blur` local units."""
+    words = dictionary_of(dictionary)
+    cells = words.markerSize + 2
+    bits = np.asarray(words.generateImageMarker(int(mark.marker or 0), cells), dtype=np.float64) / 255.0
+    fine = max(16, int(np.ceil(2.0 * 2.0 / (cells * blur))))  # the blur is at least two texels
+    texture = np.kron(np.pad(bits, 1, constant_values=1.0), np.ones((fine, fine)))
+    texture = cv2.GaussianBlur(texture, (0, 0), blur * 0.5 * cells * fine).astype(np.float32)
+    to_texel = np.array(
+        [
+            [1.0, 0.0, 1.0 + 2.0 / cells - 1.0 / (cells * fine)],
+            [0.0, 1.0, 1.0 + 2.0 / cells - 1.0 / (cells * fine)],
+            [0.0, 0.0, 2.0 / (cells * fine)],
+        ]
+    ) * (0.5 * cells * fine)
+    return registration.patches(texture, registration.NO_LENS, to_texel[None], grid)

@@ -1,0 +1,226 @@
+"""First seconds of a film in, reference patches out: each mark averaged, and where its true centre is."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from itertools import islice
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vision.camera import Array, Camera, Image
+from vision.dictionaries import dictionary_of, other_dictionary
+from vision.film.video import Video
+from vision.following import registration
+from vision.following.dots import Dot, find_dots
+from vision.following.identity import GATE, assign
+from vision.following.printed import CELLS_BEYOND, printed_centres
+from vision.following.uneven import Quarters, quarters
+from vision.marks import Mark, corner_warp, detect, dot_warp, px_per_unit
+from vision.plane import MIN_VISIBLE, fit_homography
+
+MIN_REFERENCE = 10
+MAX_REFERENCE = 40  # frames averaged into the reference patches; more gain nothing against the codec
+START_FRAMES = 5  # frames searched for marks that the first one does not show
+# Covering 6 % of a marker lowers its correlation to 0.97 and moves it by up to 0.07 px; motion blur of 5 px
+# leaves 0.98 and 0.01 px.
+MIN_CORRELATION = 0.97
+SURE = 0.87  # another marker of the dictionary reaches 0.86; noisy film may not go below this
+
+
+@dataclass(frozen=True)
+class Follower:
+    """Reference patches of one film and how to lay them on a picture."""
+
+    camera: Camera
+    marks: tuple[Mark, ...]
+    dictionary: str
+    seed: Array  # (p,3,3) local to ideal px in the first reference frame; NaN when never found
+    templates: registration.Templates  # of the coded marks, in their order
+    coded: NDArray[np.intp]  # marks with a code
+    centre: Array  # (p,2) local coordinates of the mark's centre
+    dots: dict[int, Dot]  # by row of the marks, as the first frame shows them
+    least: Array  # (coded,) correlation below which a coded mark is not believed
+    quarters: Quarters  # of the templates
+
+
+def prepare(
+    film: Video, camera: Camera, marks: Sequence[Mark], *, dictionary: str, reference_s: float
+) -> Follower:
+    """Reference patches: each mark averaged over the film's first reference_s seconds, and its true centre.
+
+    Raises ValueError when no marker is seen (says which other dictionary finds some), when fewer than 10
+    frames make the reference, or when the picture's size is not the camera's.
+    """
+    if (film.width, film.height) != tuple(camera.size):
+        raise ValueError(
+            f"film {film.path.name} has {film.width} x {film.height} px, the camera was calibrated with "
+            f"{camera.size[0]} x {camera.size[1]}: film and boards must come from the same setting"
+        )
+    reference = reference_frames(film, reference_s)
+    coded = np.flatnonzero([mark.marker is not None for mark in marks])
+    seed, dots, single = _start(film, camera, marks, dictionary, coded)
+    mean, least = _average(
+        islice(film.frames(), min(len(reference), MAX_REFERENCE)), camera, single, seed[coded]
+    )
+    templates = registration.templates(mean, single.grid)
+    centre = np.zeros((len(marks), 2))
+    centre[coded] = printed_centres(
+        mean[:, 0], single.grid, [marks[int(p)] for p in coded], dictionary, px_per_unit(seed[coded])
+    )
+    return Follower(
+        camera, tuple(marks), dictionary, seed, templates, coded, centre, dots, least, quarters(templates)
+    )
+
+
+def _average(
+    frames: Iterable[tuple[int, float, Image]], camera: Camera, single: registration.Templates, seed: Array
+) -> tuple[Array, Array]:
+    """Mean patches with slopes (p,3,n) of the frames, and the least correlation (p,) to believe a match."""
+    total, count, match_sum = (
+        np.zeros((len(seed), 3, single.grid.shape[1])),
+        np.zeros(len(seed)),
+        np.zeros(len(seed)),
+    )
+    seen, lens = np.flatnonzero(np.isfinite(seed[:, 0, 0])), registration.lens_of(camera)
+    for _, _, image in frames:
+        warp, match = registration.register(image, lens, single, seed[seen], px_per_unit(seed[seen]), seen)
+        good = match > SURE
+        total[seen[good]] += registration.patches(image, lens, warp[good], single.grid)
+        count[seen[good]] += 1
+        match_sum[seen[good]] += match[good]
+    mean = total / np.maximum(count, 1)[:, None, None]
+    mean[count == 0] = _blank(single.grid)
+    usual = match_sum / np.maximum(count, 1)
+    return mean, np.maximum(np.minimum(MIN_CORRELATION, 1.0 - 4.0 * (1.0 - usual)), SURE)
+
+
+def reference_frames(film: Video, reference_s: float) -> NDArray[np.intp]:
+    """Frames of the first reference_s seconds; raises ValueError for fewer than 10."""
+    frames = np.flatnonzero(film.time <= film.time[0] + reference_s)
+    if len(frames) < MIN_REFERENCE:
+        raise ValueError(
+            f"film {film.path.name} has {len(frames)} frames in its first {reference_s} s, wanted "
+            f"{MIN_REFERENCE} for the reference: keep the finger at rest longer or raise reference_s"
+        )
+    return frames
+
+
+def _start(
+    film: Video, camera: Camera, marks: Sequence[Mark], dictionary: str, coded: NDArray[np.intp]
+) -> tuple[Array, dict[int, Dot], registration.Templates]:
+    """First warps (p,3,3), dots and templates from the frame in which each mark is first seen."""
+    seed: Array = np.full((len(marks), 3, 3), np.nan)
+    dots: dict[int, Dot] = {}
+    patch, grid, looked = None, np.empty(0), []
+    for _, _, image in islice(film.frames(), START_FRAMES):
+        fresh = _seed(image, camera, marks, dictionary, seed, dots)
+        looked.append(image)
+        if not np.isfinite(seed[coded]).any():
+            continue
+        if patch is None:
+            grid = registration.local_grid(*_grid_size(seed[coded], dictionary))
+            patch = np.tile(_blank(grid), (len(coded), 1, 1))
+        new = np.flatnonzero(fresh[coded])
+        patch[new] = registration.patches(image, registration.lens_of(camera), seed[coded[new]], grid)
+        if np.isfinite(seed).all():
+            break
+    if patch is None:
+        raise ValueError(_none_found(film, looked, dictionary))
+    _check_start(film, looked[0], marks, dictionary, seed)
+    return seed, dots, registration.templates(patch, grid)
+
+
+def _seed(
+    image: Image,
+    camera: Camera,
+    marks: Sequence[Mark],
+    dictionary: str,
+    seed: Array,
+    dots: dict[int, Dot],
+) -> NDArray[np.bool_]:
+    """Fill the warps of marks that the picture shows and that were missing; says which were filled."""
+    missing = np.isnan(seed[:, 0, 0])
+    found, _ = detect(image, dictionary)
+    for p, mark in enumerate(marks):
+        if missing[p] and mark.marker is not None and mark.marker in found:
+            seed[p] = corner_warp(camera.undistort(found[mark.marker]))
+    _seed_dots(image, camera, marks, seed, dots)
+    return missing & np.isfinite(seed[:, 0, 0])
+
+
+def _seed_dots(
+    image: Image, camera: Camera, marks: Sequence[Mark], seed: Array, dots: dict[int, Dot]
+) -> None:
+    """Look for missing dots where the frame marks say that they should be, dark or light ones."""
+    frame = [p for p, mark in enumerate(marks) if mark.role == "frame" and np.isfinite(seed[p, 0, 0])]
+    missing = [p for p, mark in enumerate(marks) if mark.marker is None and np.isnan(seed[p, 0, 0])]
+    if len(frame) < 4 or not missing:
+        return
+    nominal = np.array([mark.position for mark in marks])[:, [0, 2]]
+    homography = fit_homography(nominal[frame], seed[frame, :2, 2])
+    guess = _in_picture(homography, nominal)
+    size = np.array([mark.size_mm for mark in marks])
+    rim = _in_picture(homography, nominal + 0.5 * size[:, None] * (1.0, 0.0))
+    radius = np.linalg.norm(rim - guess, axis=1)
+    found: list[Dot] = []
+    for p in missing:
+        for is_dark in (True, False):
+            seen = find_dots(
+                image, camera, guess[p], np.full(2, radius[p]), search=2.0 * radius[p], dark=is_dark
+            )
+            found += [
+                d for d in seen if all(np.hypot(*(d.centre - f.centre)) > 0.5 * d.radius for f in found)
+            ]
+    apart = np.linalg.norm(guess[missing][:, None] - guess[missing][None], axis=-1) + np.diag(
+        [np.inf] * len(missing)
+    )
+    gate = np.minimum(2.0 * radius[missing], GATE * apart.min(axis=1))
+    chosen, _ = assign(guess[missing], np.array([dot.centre for dot in found]).reshape(-1, 2), gate)
+    for p, j in zip(missing, chosen, strict=True):
+        if j >= 0:
+            seed[p], dots[p] = dot_warp(found[j].centre, found[j].radius), found[j]
+
+
+def _in_picture(homography: Array, places: Array) -> Array:
+    """Ideal pixels (n,2) of places (n,2) mm in the plane."""
+    return registration.project(homography, np.concatenate([places.T, np.ones((1, len(places)))]))
+
+
+def _check_start(film: Video, first: Image, marks: Sequence[Mark], dictionary: str, seed: Array) -> None:
+    """Raises ValueError for a marker that is seen twice, and when too few frame marks are seen."""
+    missing = {mark.marker for mark, warp in zip(marks, seed, strict=True) if np.isnan(warp[0, 0])}
+    twice = detect(first, dictionary)[1] & missing
+    if twice:
+        raise ValueError(
+            f"film {film.path.name} shows marker {min(twice)} more than once: print and glue every id once"
+        )
+    frame = [np.isfinite(warp[0, 0]) for mark, warp in zip(marks, seed, strict=True) if mark.role == "frame"]
+    if sum(frame) < MIN_VISIBLE:
+        raise ValueError(
+            f"film {film.path.name} shows {sum(frame)} of {len(frame)} frame markers at its start, wanted at "
+            f"least {MIN_VISIBLE}: uncover them, and check their ids and the dictionary {dictionary}"
+        )
+
+
+def _none_found(film: Video, looked: list[Image], dictionary: str) -> str:
+    other = other_dictionary(looked[:1], dictionary)
+    hint = (
+        f"{other[0]} finds {other[1]}: set that dictionary"
+        if other
+        else "no other predefined dictionary finds any: check focus, light and the markers' white border"
+    )
+    return f"film {film.path.name} shows no marker of {dictionary} in its first {len(looked)} frames; {hint}"
+
+
+def _grid_size(seed: Array, dictionary: str) -> tuple[int, float]:
+    """Points along a side of the patch (about one per px) and its half side in local units."""
+    half = 1.0 + CELLS_BEYOND * 2.0 / (dictionary_of(dictionary).markerSize + 2)
+    return int(np.clip(np.ceil(2.0 * half * np.nanmedian(px_per_unit(seed))), 24, 160)), half
+
+
+def _blank(grid: Array) -> Array:
+    """A patch (3,n) that can be normalised and matches nothing: for marks that were never seen."""
+    x, y, _ = grid
+    return np.stack(
+        [np.sin(9 * x) * np.sin(7 * y), 9 * np.cos(9 * x) * np.sin(7 * y), 7 * np.sin(9 * x) * np.cos(7 * y)]
+    )

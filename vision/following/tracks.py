@@ -1,0 +1,306 @@
+"""Film in, one homography per mark and frame out: marks are followed, lost and found again."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vision.camera import Array, Image
+from vision.film import stutter
+from vision.film.checkpoint import Keeper, Progress, Row, every_frame
+from vision.film.video import Video
+from vision.following import fallback, registration, uneven
+from vision.following.dots import eccentricity
+from vision.following.fallback import CORNERS, ECC, ECC_SD, LOST
+from vision.following.identity import DotMemory, follow_dots
+from vision.following.identity import start as memory_of
+from vision.following.reference import Follower, reference_frames
+from vision.marks import corner_warp, detect, dot_warp, linear_at_centre, px_per_unit
+from vision.plane import homographies, to_plane
+
+REGISTERED, FOUND_AGAIN, DOT = 1, 2, 3  # codes of Tracks.method, with those of the fallbacks
+POOLED = 4.0  # a dot's contour in one frame counts for one part in so many of its variance
+MOVES_PX = 0.3  # px per frame: below it the last place is the better guess
+
+
+@dataclass(frozen=True)
+class Tracks:
+    """Where every mark is in every frame of the film; NaN where it is lost."""
+
+    time: Array  # (t,) s
+    names: tuple[str, ...]  # (p,) all marks, those of the frame too
+    position: Array  # (t,p,2) px in the raw frame
+    covariance: Array  # (t,p,2,2) px2 from the fit's residual
+    rotation: Array  # (t,p) rad in the x-z plane, from x towards z, against the reference; NaN for dots
+    method: NDArray[np.int8]  # (t,p) 0 lost, 1 registered, 2 found again, 3 dot, 4 ECC, 5 corners
+
+
+@dataclass(frozen=True)
+class Followed:
+    """One film, followed."""
+
+    time: Array  # (t,) s
+    warp: Array  # (t,p,3,3) local to ideal px; NaN when lost
+    ideal: Array  # (t,p,2) px, centres, undistorted
+    covariance: Array  # (t,p,2,2) px2
+    method: NDArray[np.int8]  # (t,p)
+    reference: NDArray[np.intp]  # (r,) frames of the reference
+    said: tuple[str, ...] = ()  # what else is to be said of lost marks, one sentence each
+
+
+@dataclass(frozen=True)
+class FrameState:
+    """What the next frame is followed from."""
+
+    last: Array  # (p,3,3) warps where marks were last seen
+    before: Array  # (p,3,3) and a frame before that
+    memory: DotMemory
+    picture: Image  # some of its pixels
+
+
+def follow(
+    film: Video,
+    follower: Follower,
+    *,
+    reference_s: float,
+    stage: str,
+    progress: Progress | None = None,
+    keeper: Keeper | None = None,
+) -> Followed:
+    """Every mark in every frame of the film; a frame that cannot be decoded shows none.
+
+    keeper: where a killed run left what it had followed, and where this one does.
+    """
+    rows = every_frame(
+        film,
+        lambda image, state: _next(image, follower, state),
+        FrameState(follower.seed.copy(), follower.seed.copy(), _memory(follower), np.zeros((0, 0), np.uint8)),
+        nothing=_nothing(len(follower.marks)),
+        stage=stage,
+        progress=progress,
+        keeper=keeper,
+    )
+    absent = [*(i for i, row in enumerate(rows) if row[1][0] < 0.0), *range(len(rows), len(film.time))]
+    warp, match, method, spread, unknown, leaning, same = (
+        np.array(column) for column in zip(*rows, strict=True)
+    )
+    more = uneven.stated(leaning, np.isin(method, (REGISTERED, FOUND_AGAIN)))
+    given_up = np.isinf(more)
+    warp[given_up], method[given_up], more[given_up] = np.nan, LOST, 0.0
+    ideal = centres(warp, follower.centre)
+    old = stutter.stale(same, ideal)
+    warp[old], ideal[old], spread[old], method[old] = np.nan, np.nan, np.nan, LOST
+    _straighten(follower, ideal)
+    return Followed(
+        film.time[: len(warp)],
+        warp,
+        ideal,
+        _covariance(warp, match, method, spread, follower) + more[..., None, None] * np.eye(2),
+        method,
+        reference_frames(film, reference_s),
+        (
+            *_absent(film, absent),
+            *_stale(film, np.flatnonzero(old)),
+            *_unknown([mark.name for mark in follower.marks], unknown, film.time),
+        ),
+    )
+
+
+def _nothing(count: int) -> Row:
+    """The row of a frame that is not there: its correlations are -1."""
+    lost = np.full((count, 3, 3), np.nan)
+    none = np.zeros(count, dtype=bool)
+    spread, leaning = np.full((count, 2, 2), np.nan), np.full((count, 2), np.nan)
+    return lost, np.full(count, -1.0), none.astype(np.int8), spread, none, leaning, np.array(False)
+
+
+def _absent(film: Video, absent: list[int]) -> tuple[str, ...]:
+    if not absent:
+        return ()
+    return (
+        f"{len(absent)} of {len(film.time)} frames of {film.path.name} cannot be decoded and give nothing, "
+        f"first at {film.time[absent[0]]:.3f} s, last at {film.time[absent[-1]]:.3f} s",
+    )
+
+
+def _stale(film: Video, old: NDArray[np.intp]) -> tuple[str, ...]:
+    if not len(old):
+        return ()
+    return (
+        f"{len(old)} of {len(film.time)} frames of {film.path.name} repeat the picture before them while "
+        "marks move, as a camera that stutters gives them: they are left out, first at "
+        f"{film.time[old[0]]:.3f} s, last at {film.time[old[-1]]:.3f} s",
+    )
+
+
+def _unknown(names: list[str], unknown: NDArray[np.bool_], time: Array) -> tuple[str, ...]:
+    """A sentence for each mark that has lost its name (t,p)."""
+    return tuple(
+        f"dot {names[p]!r} came too near to another at {time[np.argmax(unknown[:, p])]:.3f} s: which is "
+        "which cannot be told after that, and it stays lost"
+        for p in np.flatnonzero(unknown.any(axis=0))
+    )
+
+
+def centres(warp: Array, centre: Array) -> Array:
+    """Ideal pixels (...,p,2) of the marks' centres (p,2) local under warps (...,p,3,3)."""
+    mapped = warp[..., :2] @ centre[:, :, None] + warp[..., 2:]
+    return np.asarray(mapped[..., :2, 0] / mapped[..., 2:, 0])
+
+
+def _next(image: Image, follower: Follower, state: FrameState) -> tuple[Row, FrameState]:
+    """What one frame shows (warp, match, method, spread, unknown, leaning, same), and the state after it."""
+    warp, match, method, spread, leaning = _step(image, follower, state)
+    memory = _dots(image, follower, state.memory, warp, match, method, spread)
+    unknown = np.zeros(len(warp), dtype=bool)
+    unknown[memory.rows] = memory.open
+    # A lost mark is looked for where it was last seen.
+    seen = np.isfinite(warp)
+    before, last = np.where(seen, state.last, state.before), np.where(seen, warp, state.last)
+    picture = stutter.sample(image)
+    same = np.array(np.array_equal(picture, state.picture))
+    return (warp, match, method, spread, unknown, leaning, same), FrameState(last, before, memory, picture)
+
+
+def _predict(last: Array, before: Array) -> Array:
+    """Warps (p,3,3) after one more step like the last one; marks at rest stay (their step is noise)."""
+    step = last[:, :2, 2] - before[:, :2, 2]
+    moving = np.hypot(step[:, 0], step[:, 1]) > MOVES_PX
+    guess = last.copy()
+    guess[moving] = _advance(last[moving], before[moving])
+    return guess
+
+
+def _advance(last: Array, before: Array) -> Array:
+    """The same turn about the mark's centre and the same shift once more."""
+    turn = last[:, :2, :2] @ np.linalg.inv(before[:, :2, :2])
+    guess = last.copy()
+    guess[:, :2, :2] = turn @ last[:, :2, :2]
+    guess[:, :2, 2] = 2.0 * last[:, :2, 2] - before[:, :2, 2]
+    return guess
+
+
+def _step(
+    image: Image, follower: Follower, state: FrameState
+) -> tuple[Array, Array, NDArray[np.int8], Array, Array]:
+    """Warps, correlations, methods (p,), corners' covariances (p,2,2) px2 and `lean` (p,2) in one picture."""
+    guess, count = _predict(state.last, state.before), len(follower.marks)
+    warp, match = np.full((count, 3, 3), np.nan), np.zeros(count)
+    method, spread = np.zeros(count, dtype=np.int8), np.full((count, 2, 2), np.nan)
+    leaning = np.full((count, 2), np.nan)
+    rows = np.flatnonzero(np.isfinite(guess[follower.coded, 0, 0]))
+    _lay(image, follower, rows, guess, REGISTERED, warp, match, method, leaning)
+    failed = [i for i in rows if method[follower.coded[i]] == LOST]
+    if failed:
+        found, _ = detect(image, follower.dictionary)
+        quads = {
+            i: follower.camera.undistort(found[marker])
+            for i in failed
+            if (marker := follower.marks[follower.coded[i]].marker) in found and marker is not None
+        }
+        for i, corners in quads.items():
+            guess[follower.coded[i]] = corner_warp(corners)
+        again = np.array(list(quads), dtype=np.intp)
+        _lay(image, follower, again, guess, FOUND_AGAIN, warp, match, method, leaning)
+        for i in failed:
+            p = int(follower.coded[i])
+            if method[p] == LOST:
+                place = fallback.place(image, follower, int(i), guess[p], quads.get(i), state.last[p])
+                warp[p], match[p], method[p], spread[p] = place
+    return warp, match, method, spread, leaning
+
+
+def _lay(
+    image: Image,
+    follower: Follower,
+    rows: NDArray[np.intp],
+    guess: Array,
+    code: int,
+    warp: Array,
+    match: Array,
+    method: NDArray[np.int8],
+    leaning: Array,
+) -> None:
+    """Register some coded marks from their guesses; those that correlate well enough are written."""
+    marks = follower.coded[rows]
+    if not len(rows):
+        return
+    laid, correlation, sums = registration.register_quarters(
+        image,
+        registration.lens_of(follower.camera),
+        follower.templates,
+        guess[marks],
+        px_per_unit(guess[marks]),
+        rows,
+    )
+    good = correlation > follower.least[rows]
+    warp[marks[good]], match[marks[good]], method[marks[good]] = laid[good], correlation[good], code
+    leaning[marks[good]] = uneven.lean(
+        follower.quarters, rows[good], sums[good], linear_at_centre(laid[good])
+    )
+
+
+def _memory(follower: Follower) -> DotMemory:
+    dots = np.setdiff1d(np.arange(len(follower.marks)), follower.coded)
+    return memory_of(
+        follower.seed[:, :2, 2],
+        rows=dots,
+        body=np.array([mark.role == "finger" for mark in follower.marks]),
+        axes=np.array([follower.dots[p].axes if p in follower.dots else (1.0, 1.0) for p in dots]).reshape(
+            -1, 2
+        ),
+        dark=np.array([p in follower.dots and follower.dots[p].dark for p in dots], dtype=bool),
+    )
+
+
+def _dots(
+    image: Image,
+    follower: Follower,
+    memory: DotMemory,
+    warp: Array,
+    match: Array,
+    method: NDArray[np.int8],
+    spread: Array,
+) -> DotMemory:
+    """Dots written beside the coded marks (`match` is the variance of a contour); their new memory."""
+    if not len(memory.rows):
+        return memory
+    memory, dots = follow_dots(image, follower.camera, memory, warp[:, :2, 2])
+    for p, dot in zip(memory.rows, dots, strict=True):
+        if dot is not None:
+            warp[p], match[p], method[p] = dot_warp(dot.centre, follower.dots[p].radius), dot.variance, DOT
+            spread[p] = dot.spread
+    return memory
+
+
+def _straighten(follower: Follower, ideal: Array) -> None:
+    """Take from the dots (t,p,2) px what the centres of their ellipses are off their own, in place."""
+    frame = [p for p, mark in enumerate(follower.marks) if mark.role == "frame"]
+    dots = np.setdiff1d(np.arange(len(follower.marks)), follower.coded)
+    nominal = np.array([mark.position for mark in follower.marks])[frame][:, [0, 2]]
+    homography = homographies(nominal, ideal[:, frame])
+    radius = np.array([0.5 * follower.marks[p].size_mm for p in dots])
+    known = np.isfinite(homography[:, 0, 0])
+    place = to_plane(homography[known], ideal[known][:, dots])
+    off = eccentricity(homography[known][:, None], place, radius)
+    ideal[np.ix_(known, dots)] -= off
+
+
+def _covariance(
+    warp: Array, match: Array, method: NDArray[np.int8], spread: Array, follower: Follower
+) -> Array:
+    """Covariance (t,p,2,2) px2 of the centres from the residual of each fit; NaN for lost marks.
+
+    The contour of one dot in one frame tells little of its own variance: it is drawn to the dot's mean.
+    """
+    covariance = np.full((*warp.shape[:2], 2, 2), np.nan)
+    covariance[:, follower.coded] = registration.centre_covariance(
+        follower.templates, linear_at_centre(warp[:, follower.coded]), match[:, follower.coded]
+    )
+    covariance[method == ECC] *= ECC_SD**2
+    covariance[method == CORNERS] = spread[method == CORNERS]
+    dots = np.setdiff1d(np.arange(len(follower.marks)), follower.coded)
+    seen, own = np.isfinite(warp[:, dots, 0, 0]), match[:, dots]
+    usual = np.sum(own * seen, axis=0) / np.maximum(seen.sum(axis=0), 1)
+    covariance[:, dots] = spread[:, dots] * (usual + (own - usual) / POOLED)[..., None, None]
+    return covariance

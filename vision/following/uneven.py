@@ -1,0 +1,94 @@
+"""Residuals of patches by quarters in, what lies unevenly on a mark out: glare, cover, the edge of a shadow.
+
+Such a thing pulls the fit aside and leaves a residual that noise does not explain. Its pull shows when a
+quarter of the patch is left out: the centre then moves by more than noise moves it.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vision.camera import Array
+from vision.following.registration import Templates
+
+# Times the mark's usual strength; 0.05 % of drawn marks of 20 to 60 px with nothing on them reach it.
+UNEVEN = 6.0
+ALIKE = 3.0  # a mark's usual strength is at most so many times that of all marks
+# A place is given up where the two estimates differ by so much, and the sd is not small: four of five marks
+# of which a strip covers 3 to 15 %, one of twenty with glare or the edge of a shadow.
+APART, SMALL_PX = 3.0, 0.1
+
+
+@dataclass(frozen=True)
+class Quarters:
+    """What takes the sums (40,) of the quarters of a patch to moves of its centre, local units."""
+
+    without: Array  # (p,8,40) centre of the whole patch minus that without a quarter, two rows a quarter
+    within: Array  # (p,8,40) what the residual of a quarter moves the centre of the whole patch by
+    weight: Array  # (p,4,2,2) inverse covariance of the former for noise of unit variance per point
+
+
+def quarters(reference: Templates) -> Quarters:
+    """The linear maps of reference patches, exact for small moves.
+
+    With design J (warp, contrast, brightness) and M_q = J_q'J_q of a quarter, whose residual r_q is left, the
+    fit without it differs by (J'J - M_q)^-1 J_q'r_q (Cook & Weisberg 1982, Residuals and Influence in
+    Regression), with the covariance (J'J - M_q)^-1 - (J'J)^-1.
+    """
+    points, side = reference.grid.shape[1], round(float(np.sqrt(reference.grid.shape[1])))
+    information = np.linalg.inv(reference.covariance)
+    flat = np.full((*reference.grey.shape, 1), points**-0.5)
+    design = np.concatenate([reference.step @ information, reference.grey[..., None], flat], axis=2)
+    low = np.arange(side) >= side // 2
+    part = (2 * low[:, None] + low[None]).ravel()
+    own = np.stack([_square(design[:, part == q]) for q in range(4)], axis=1)
+    whole = np.linalg.inv(own.sum(axis=1))[:, None]
+    left = np.linalg.inv(own.sum(axis=1)[:, None] - own)
+    scores = np.zeros((len(design), 10, 10))
+    scores[:, :8, :8], scores[:, 8, 8], scores[:, 9, 9] = information, 1.0, points**-0.5
+    residual = np.eye(4)[:, None, :, None] * np.eye(10)[:, None] - (own @ whole)[:, :, :, None, :]
+    residual = np.einsum("pqirj,pjk->pqirk", residual, scores).reshape(len(design), 4, 10, 40)
+    return Quarters(
+        (left @ residual)[:, :, [2, 5]].reshape(-1, 8, 40),
+        (whole @ residual)[:, :, [2, 5]].reshape(-1, 8, 40),
+        np.linalg.inv((left - whole)[:, :, [[2], [5]], [[2, 5]]]),
+    )
+
+
+def lean(known: Quarters, rows: NDArray[np.intp], sums: Array, linear: Array) -> Array:
+    """Strength and variance px2 (m,2) of what lies unevenly on some marks.
+
+    rows: (m,) of the patches.   sums: (m,4,10) from `register_quarters`.   linear: (m,2,2) px per local unit.
+
+    Strength is the largest squared move of the centre without a quarter, over its variance for noise of unit
+    variance. The variance sums the squares over the quarters, as the jackknife does; it is the geometric mean
+    of that with and without the leverage of each: the one states too much, the other too little. It is inf
+    where they are too far apart for that.
+    """
+    stacked = sums.reshape(len(rows), 40, 1)
+    without, within = ((take[rows] @ stacked).reshape(-1, 4, 2, 1) for take in (known.without, known.within))
+    strength = (np.swapaxes(without, 2, 3) @ known.weight[rows] @ without)[..., 0, 0].max(axis=1)
+    above, below = (0.5 * np.sum((linear[:, None] @ move) ** 2, axis=(1, 2, 3)) for move in (without, within))
+    variance = np.sqrt(above * below)
+    untold = (above > APART**2 * below) & (variance > SMALL_PX**2)
+    return np.stack([strength, np.where(untold, np.inf, variance)], axis=1)
+
+
+def stated(leaning: Array, plain: NDArray[np.bool_]) -> Array:
+    """Variance (t,p) px2 that the centres have more: 0 where the residual is usual, inf for one to give up.
+
+    leaning: (t,p,2) from `lean`.   plain: (t,p) whether the mark was registered.
+
+    Usual is the mark's median over the film, unless that is far above the other marks'.
+    """
+    strength = leaning[..., 0]
+    both = zip(strength.T, plain.T, strict=True)
+    usual = np.array([np.median(x[s]) if s.any() else np.nan for x, s in both])
+    most = ALIKE * np.nanmedian(usual) if plain.any() else np.inf
+    uneven = plain & (strength > UNEVEN * np.fmin(usual, most))
+    return np.where(uneven, leaning[..., 1], 0.0)
+
+
+def _square(design: Array) -> Array:
+    return np.asarray(np.swapaxes(design, 1, 2) @ design)

@@ -1,0 +1,4 @@
+"""The one door of this package: `measure(views, marks, ...)` in `displacements`.
+
+It looks at every film, places the marks and states their errors; `face` adds points of a speckled side face.
+"""

@@ -1,0 +1,242 @@
+"""What one camera or several recorded, and marks, in; displacements in mm with their uncertainty out."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vision.calibration.rig import Rig
+from vision.camera import Array
+from vision.errors.budgeting import Budget, budget
+from vision.errors.modes import Stated, stacked
+from vision.errors.noise import MIN_STATIC, NoiseModel, hidden_in_static
+from vision.film.checkpoint import Keeper, Progress
+from vision.following.fallback import CORNERS, ECC, LOST
+from vision.following.tracks import Tracks
+from vision.marks import Mark, check_names, rows_of
+from vision.measuring.face import Face, with_face
+from vision.placing.flat import MAX_DEPTH_MM, in_plane
+from vision.placing.placed import Placed, thinned_noise
+from vision.placing.slips import find_slips
+from vision.placing.space import in_space
+from vision.placing.views import How, Seen, View, look, steps_of
+
+MIN_FRAME, MIN_FIXED = 6, 4
+STEPS = 2000  # a film of a minute; every step takes the memory of all modes
+FALLBACKS = {ECC: "smoothed correlation (ECC)", CORNERS: "its corners"}
+
+
+@dataclass(frozen=True)
+class Displacements:
+    """Displacements of the finger's and the fixed marks, relative to the mean of the reference.
+
+    y (component 1) is not observed by one camera: NaN in value and covariance, 0 in the modes. A lost mark
+    is NaN in value and covariance and 0 in the modes.
+    """
+
+    time: Array  # (s,) s of the film
+    names: tuple[str, ...]  # (p,)
+    roles: tuple[str, ...]  # (p,) "fixed" or "finger"
+    points: Array  # (p,3) mm, nominal places at rest
+    value: Array  # (s,p,3) mm
+    covariance: Array  # (s,p,3,3) mm2, independent part: static noise, homography, blur, codec
+    modes: Array  # (k,s,p,3) mm, errors shared by many values, 1 sd each
+    mode_names: tuple[str, ...]  # (k,) see vision.errors.modes: scale, placement:<name>:x|z, frame:<k>, ...
+    noise: NoiseModel
+    reference: NDArray[np.intp]  # (r,) steps of the reference
+    tracks: Tracks  # of the first camera, in all t frames
+    homography: Array  # (t,3,3) plane (x, z, 1) mm to undistorted px of the first camera
+    lost: tuple[str, ...]  # what was lost and when, one sentence each
+    budget: Budget  # what each mark's sd is made of
+    remarks: tuple[str, ...]  # what was corrected and what contradicts what was stated, one sentence each
+
+
+def measure(
+    views: Sequence[View],
+    marks: Sequence[Mark],
+    *,
+    reference: float = 1.8,
+    rig: Rig | None = None,
+    face: Face | None = None,
+    dictionary: str = "DICT_4X4_50",
+    stated: Stated = Stated(),  # noqa: B008 - frozen
+    steps: int = STEPS,
+    progress: Progress | None = None,
+    keeper: Keeper | None = None,
+) -> Displacements:
+    """Displacements of the marks: in the frame marks' plane from one camera, in all axes from several.
+
+    views: what each camera recorded.   marks: at least 6 "frame", 4 "fixed" and 1 "finger" ones.
+    reference: s, rest at the start of the first film that displacements are relative to.
+    rig: how several cameras, those of the views, stand to each other, from `stereo.calibrate_rig`.
+    face: where one camera sees speckles, as `vision.measuring.face.Face`; its points follow the marks.
+    dictionary: of the markers, a name or a file.   stated: how well the rig is known.
+    steps: of a film with more frames so many, evenly, are given out, and all of the reference; all frames
+    are followed.   progress: called with (stage, frames done, frames in all).
+    keeper: keeps what was followed, so that a killed measurement goes on where it was, bit for bit.
+
+    Raises ValueError for marks that do not suffice or share ids, for a static film that is too short or shows
+    no marks, for cameras that are not the rig's, and as `prepare` and `with_face` do.
+    """
+    _check(views, marks, rig, face)
+    how = How(dictionary, reference, progress, keeper)
+    seen = [look(v, marks, how, camera=f"-{c + 1}" if rig else "") for c, v in enumerate(views)]
+    every = list(marks)
+    if face is not None:
+        seen[0], every = with_face(seen[0], views[0], marks, face, how)
+    return displacements_of(seen, every, rig=rig, stated=stated, steps=steps)
+
+
+def displacements_of(
+    seen: Sequence[Seen],
+    marks: Sequence[Mark],
+    *,
+    rig: Rig | None = None,
+    stated: Stated = Stated(),  # noqa: B008 - frozen
+    steps: int = STEPS,
+) -> Displacements:
+    """Displacements from what was followed in the films, as `measure` gives them."""
+    chosen = steps_of(seen[0].film, steps)
+    if rig is None:
+        placed = in_plane(seen[0], marks, stated, chosen)
+    else:
+        placed = in_space(seen, rig, marks, stated, chosen)
+    return _record(placed, seen, marks, chosen)
+
+
+def _record(
+    placed: Placed, seen: Sequence[Seen], marks: Sequence[Mark], steps: NDArray[np.intp]
+) -> Displacements:
+    film, output = seen[0].film, [marks[p] for p in rows_of(marks)[1]]
+    names, time = [m.name for m in output], film.time[steps]
+    there = np.isfinite(placed.value[..., 0])
+    fields, mode_names = stacked(placed.modes, there)
+    return Displacements(
+        time,
+        tuple(names),
+        tuple(m.role for m in output),
+        np.array([m.position for m in output]),
+        placed.value,
+        _covariance(placed, there),
+        fields,
+        mode_names,
+        thinned_noise(placed.noise, len(film.time), len(steps)),
+        np.searchsorted(steps, film.reference),
+        _tracks(seen[0], marks, placed.rotation),
+        seen[0].homography(marks),
+        _lost(seen, marks),
+        budget(placed.variance, fields, mode_names, there),
+        (
+            *_fewer(len(steps), len(film.time)),
+            *hidden_in_static(placed.rest, names, seen[0].static),
+            *placed.remarks,
+            *find_slips(
+                time, placed.value, placed.turns, np.hypot(placed.noise.sd, placed.noise.codec_sd), output
+            ),
+        ),
+    )
+
+
+def _check(views: Sequence[View], marks: Sequence[Mark], rig: Rig | None, face: Face | None) -> None:
+    """Raises ValueError when views, rig, marks or static films do not suffice."""
+    cameras = len(rig.cameras) if rig is not None else 1
+    if len(views) != cameras:
+        raise ValueError(
+            f"{len(views)} views for {cameras} cameras: wanted one view of each camera of the rig, in its "
+            "order; several cameras need a rig, one camera has none"
+        )
+    for c, (view, camera) in enumerate(zip(views, rig.cameras if rig is not None else (), strict=False)):
+        if not np.array_equal(view.camera.parameters, camera.parameters):
+            raise ValueError(
+                f"view {c + 1} has another camera than the rig has there: wanted rig.cameras[{c}]"
+            )
+    if face is not None and rig is not None:
+        raise ValueError("a speckled face is measured by one camera: leave out the face or the other cameras")
+    _check_marks(marks)
+    for view in views:
+        if len(view.static.time) < MIN_STATIC:
+            raise ValueError(
+                f"static film {view.static.path.name} has {len(view.static.time)} frames, wanted at least "
+                f"{MIN_STATIC}: film the finger at rest for longer"
+            )
+
+
+def _check_marks(marks: Sequence[Mark]) -> None:
+    check_names(marks)
+    for role, wanted in (("frame", MIN_FRAME), ("fixed", MIN_FIXED), ("finger", 1)):
+        count = sum(mark.role == role for mark in marks)
+        if count < wanted:
+            raise ValueError(
+                f"{count} marks have the role {role!r}, wanted at least {wanted}: add some in the "
+                "finger's plane"
+            )
+    y = [mark.position[1] for mark in marks if mark.role == "frame"]
+    if max(y) - min(y) > MAX_DEPTH_MM:
+        raise ValueError(
+            f"frame marks lie at y from {min(y)} to {max(y)} mm, wanted one plane within "
+            f"{MAX_DEPTH_MM} mm: they define the plane; other marks may lie in front of it or behind"
+        )
+
+
+def _covariance(placed: Placed, there: NDArray[np.bool_]) -> Array:
+    """Independent covariance (s,p,3,3) mm2, correlated between the axes as at rest."""
+    variance: Array = sum(placed.variance.values(), np.zeros(placed.value.shape))
+    sd, count = np.sqrt(variance), len(placed.noise.sd)
+    own = placed.noise.correlation.reshape(count, 3, count, 3)[np.arange(count), :, np.arange(count)]
+    covariance = sd[..., :, None] * sd[..., None, :] * own
+    covariance[~there] = np.nan
+    return np.asarray(covariance)
+
+
+def _tracks(seen: Seen, marks: Sequence[Mark], rotation: Array) -> Tracks:
+    film, names = seen.film, tuple(mark.name for mark in marks)
+    position = seen.camera.distort(film.ideal)
+    return Tracks(film.time, names, position, film.covariance, rotation, film.method)
+
+
+def _fewer(steps: int, frames: int) -> tuple[str, ...]:
+    if steps == frames:
+        return ()
+    return (
+        f"{frames} frames are followed, {steps} of them are given out as steps, all of the reference and the "
+        "others evenly",
+    )
+
+
+def _lost(seen: Sequence[Seen], marks: Sequence[Mark]) -> tuple[str, ...]:
+    """What each camera lost, with the camera's number where there are several."""
+    return tuple(
+        f"camera {c + 1}: {sentence}" if len(seen) > 1 else sentence
+        for c, s in enumerate(seen)
+        for sentence in (*_lost_marks(s, marks), *_blind(s, marks), *s.film.said)
+    )
+
+
+def _lost_marks(seen: Seen, marks: Sequence[Mark]) -> list[str]:
+    film, total, said = seen.film, len(seen.film.time), []
+    for p, mark in enumerate(marks):
+        gone = np.flatnonzero(film.method[:, p] == LOST)
+        if len(gone):
+            said.append(
+                f"mark {mark.name!r} is lost in {len(gone)} of {total} frames, first at "
+                f"{film.time[gone[0]]:.3f} s, last at {film.time[gone[-1]]:.3f} s"
+            )
+        for code, way in FALLBACKS.items():
+            used = np.flatnonzero(film.method[:, p] == code)
+            if len(used):
+                said.append(
+                    f"mark {mark.name!r} does not register in {len(used)} of {total} frames and is placed by "
+                    f"{way} there, with a larger sd, first at {film.time[used[0]]:.3f} s"
+                )
+    return said
+
+
+def _blind(seen: Seen, marks: Sequence[Mark]) -> tuple[str, ...]:
+    blind = np.flatnonzero(np.isnan(seen.homography(marks)[:, 0, 0]))
+    if not len(blind):
+        return ()
+    return (
+        f"{len(blind)} of {len(seen.film.time)} frames show fewer than 4 frame marks and give nothing, first "
+        f"at {seen.film.time[blind[0]]:.3f} s",
+    )

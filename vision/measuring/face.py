@@ -1,0 +1,203 @@
+"""A speckled side face beside the marks: its displacement field, as more points of the same measurement.
+
+Subsets are cut on a grid in mm on the face and laid, affinely in the face's plane, on every frame.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from itertools import islice
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vision.camera import Array, Camera, Image
+from vision.film.checkpoint import Row, every_frame
+from vision.film.video import Video
+from vision.following import registration
+from vision.following.dic import MIN_CONTRAST, MIN_CORRELATION, NEIGHBOURS, affine_templates, smooth
+from vision.following.reference import MAX_REFERENCE
+from vision.following.tracks import LOST, REGISTERED, Followed
+from vision.marks import Mark, frame_places, linear_at_centre, px_per_unit, rows_of
+from vision.placing import depth
+from vision.placing.views import How, Seen, View
+from vision.plane import homographies
+
+MAX_POINTS = 150  # two modes of its own each, of all points in all steps: 2.2 GB at 2000 steps
+GROUP = "face"  # all of it is off its place, its nodes, its height alike
+LEAST_PX = 15.0  # side of a subset
+
+
+@dataclass(frozen=True)
+class Face:
+    """A flat speckled part of the finger at rest, and how it is cut up."""
+
+    low: tuple[float, float]  # mm, smallest x and z of the speckles
+    high: tuple[float, float]  # mm, largest x and z
+    y: float  # mm
+    step_mm: float  # between the subsets' centres
+    subset_mm: float  # side of a subset
+
+    def points(self) -> Array:
+        """Centres (p,2) mm, x and z, of the subsets that lie wholly within. Raises ValueError for none."""
+        half = 0.5 * self.subset_mm
+        axes = [
+            np.arange(a + half, b - half + 1e-9, self.step_mm)
+            for a, b in zip(self.low, self.high, strict=True)
+        ]
+        count = len(axes[0]) * len(axes[1])
+        if not 0 < count <= MAX_POINTS:
+            raise ValueError(
+                f"the face from {self.low} to {self.high} mm holds {count} subsets of {self.subset_mm:g} mm "
+                f"every {self.step_mm:g} mm, wanted 1 to {MAX_POINTS} (every point has two modes "
+                "of its own, and their memory grows with the square): change step_mm, subset_mm or region"
+            )
+        x, z = np.meshgrid(*axes, indexing="ij")
+        return np.stack([x.ravel(), z.ravel()], axis=1)
+
+
+def with_face(seen: Seen, view: View, marks: Sequence[Mark], face: Face, how: How) -> tuple[Seen, list[Mark]]:
+    """What the camera saw with the face's subsets as more marks, named face001, face002 and so on.
+
+    face: where the speckles are at rest. Placement, node, height and motion out of the plane are one error
+    for all of it.
+
+    Raises ValueError for a region without texture, and for subsets below 15 px.
+    """
+    frame, _ = rows_of(marks)
+    height = face.y - float(np.mean([marks[p].position[1] for p in frame]))
+    still, film = (
+        _joined(own, _follow(video, seen.camera, own, homography, face, height, how, stage))
+        for video, own, stage in ((view.static, seen.still, "static-face"), (view.film, seen.film, "face"))
+        for homography in [homographies(frame_places(marks), own.ideal[:, frame])]
+    )
+    # Ids that no dictionary has: each subset knows its own rotation.
+    spots = [
+        Mark(f"face{k + 1:03d}", -1 - k, (float(x), face.y, float(z)), "finger", face.subset_mm, GROUP)
+        for k, (x, z) in enumerate(face.points())
+    ]
+    return replace(seen, film=film, still=still), [*marks, *spots]
+
+
+def _joined(marks: Followed, face: Followed) -> Followed:
+    return replace(
+        marks,
+        warp=np.concatenate([marks.warp, face.warp], axis=1),
+        ideal=np.concatenate([marks.ideal, face.ideal], axis=1),
+        covariance=np.concatenate([marks.covariance, face.covariance], axis=1),
+        method=np.concatenate([marks.method, face.method], axis=1),
+    )
+
+
+def _follow(
+    film: Video,
+    camera: Camera,
+    marks: Followed,
+    homography: Array,
+    face: Face,
+    height: float,
+    how: How,
+    stage: str,
+) -> Followed:
+    """The face's subsets in every frame."""
+    view = depth.viewpoint(camera, homography[marks.reference])
+    centre = view.foot + (face.points() - view.foot) / (1.0 - height / view.distance)
+    start = homography[marks.reference[0]] @ _local(
+        centre, 0.5 * face.subset_mm / (1.0 - height / view.distance)
+    )
+    scale = px_per_unit(start / start[:, 2:, 2:])
+    if 2.0 * np.median(scale) < LEAST_PX:
+        raise ValueError(
+            f"a subset of {face.subset_mm:g} mm is {2 * np.median(scale):.0f} px wide, wanted {LEAST_PX:g} "
+            "or more: take larger subsets or a closer camera"
+        )
+    grid = registration.local_grid(int(np.clip(np.ceil(2.0 * np.median(scale)), 15, 60)), 1.0)
+    lens = registration.lens_of(camera)
+    templates = _templates(film, lens, homography, centre, start, grid, marks.reference)
+    start = start / start[:, 2:, 2:]
+    near = [np.argsort(np.hypot(*(centre - c).T), kind="stable")[1 : NEIGHBOURS + 1] for c in centre]
+    rows = every_frame(
+        film,
+        partial(_step, lens=lens, templates=templates, rest=start, near=near),
+        start,
+        nothing=(np.full(start.shape, np.nan), np.full(len(start), np.nan)),
+        stage=stage,
+        progress=how.progress,
+        keeper=how.keeper,
+    )
+    warp, match = (np.array([row[k] for row in rows]) for k in (0, 1))
+    seen = np.isfinite(warp[..., 0, 0])
+    return Followed(
+        marks.time,
+        warp,
+        warp[..., :2, 2] / warp[..., 2:, 2],
+        registration.centre_covariance(templates, linear_at_centre(warp), match),
+        np.where(seen, REGISTERED, LOST).astype(np.int8),
+        marks.reference,
+        (),
+    )
+
+
+def _local(centre: Array, half: float) -> Array:
+    """From the subset's local square to the plane (x, z, 1) mm, (p,3,3)."""
+    local = np.zeros((len(centre), 3, 3))
+    local[:, 0, 0], local[:, 1, 1], local[:, 2, 2] = -half, -half, 1.0
+    local[:, :2, 2] = centre
+    return local
+
+
+def _templates(
+    film: Video,
+    lens: Array,
+    homography: Array,
+    centre: Array,
+    start: Array,
+    grid: Array,
+    reference: NDArray[np.intp],
+) -> registration.Templates:
+    """Mean patches of the reference frames, laid by each frame's own homography."""
+    local = np.linalg.inv(homography[reference[0]]) @ start
+    total, count = np.zeros((len(centre), 3, grid.shape[1])), 0
+    for index, _, image in islice(film.frames(), min(len(reference), MAX_REFERENCE)):
+        if np.isfinite(homography[index, 0, 0]):
+            warp = homography[index] @ local
+            total += registration.patches(smooth(image), lens, warp / warp[:, 2:, 2:], grid)
+            count += 1
+    mean = total / max(count, 1)
+    flat = np.flatnonzero(mean[:, 0].std(axis=1) < MIN_CONTRAST)
+    if len(flat):
+        x, z = centre[flat[0]]
+        raise ValueError(
+            f"{len(flat)} of {len(centre)} subsets show no speckles, the first at x {x:.1f}, z {z:.1f} mm: "
+            "correct the region, or take larger subsets"
+        )
+    return affine_templates(mean, grid)
+
+
+def _step(
+    image: Image,
+    last: Array,
+    *,
+    lens: Array,
+    templates: registration.Templates,
+    rest: Array,
+    near: list[NDArray[np.intp]],
+) -> tuple[Row, Array]:
+    """Warps (p,3,3) and correlations (p,) in one picture, and where subsets were last seen.
+
+    rest: (p,3,3) warps at the start.   near: the neighbours by which a lost subset is looked for.
+    """
+    picture, every = smooth(image), np.arange(len(rest))
+    warp, match = registration.register(picture, lens, templates, last, px_per_unit(last), every)
+    for p in np.flatnonzero(match < MIN_CORRELATION):
+        good = [q for q in near[p] if match[q] >= MIN_CORRELATION]
+        if good:  # as the neighbour moved since the start
+            guess = (warp[good[0]] @ np.linalg.inv(rest[good[0]]) @ rest[p])[None]
+            again, found = registration.register(
+                picture, lens, templates, guess / guess[:, 2:, 2:], px_per_unit(guess), every[p : p + 1]
+            )
+            warp[p], match[p] = again[0], found[0]
+    lost = match < MIN_CORRELATION
+    last = np.where(lost[:, None, None], last, warp)
+    warp[lost], match[lost] = np.nan, np.nan
+    return (warp, match), last

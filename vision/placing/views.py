@@ -1,0 +1,87 @@
+"""What cameras recorded in, what was followed in it out: the film, the film at rest, the codec's error."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vision.camera import Array, Camera
+from vision.errors.noise import Codec, codec_noise
+from vision.film.checkpoint import Keeper, Progress
+from vision.film.video import Video
+from vision.following.reference import prepare
+from vision.following.tracks import Followed, follow
+from vision.marks import Mark, frame_places, rows_of
+from vision.plane import homographies
+
+
+@dataclass(frozen=True)
+class View:
+    """What one camera recorded."""
+
+    film: Video  # the test; the finger is at rest at its start
+    static: Video  # at least 120 frames of the finger at rest, better 300
+    camera: Camera  # of the same setting
+    start: float = 0.0  # s, first frame of the film on the clock that all cameras share
+
+
+@dataclass(frozen=True)
+class How:
+    """How films are followed."""
+
+    dictionary: str
+    reference_s: float
+    progress: Progress | None = None
+    keeper: Keeper | None = None
+
+
+@dataclass(frozen=True)
+class Seen:
+    """What one camera saw."""
+
+    camera: Camera
+    film: Followed
+    still: Followed  # the static film
+    codec: Codec
+    static: str = "static film"  # its name
+    start: float = 0.0  # s, as of the view
+
+    def homography(self, marks: Sequence[Mark]) -> Array:
+        """Homography (t,3,3) from the frame marks' plane (x, z, 1) mm to ideal px in every frame."""
+        return homographies(frame_places(marks), self.film.ideal[:, rows_of(marks)[0]])
+
+
+def look(view: View, marks: Sequence[Mark], how: How, *, camera: str = "") -> Seen:
+    """The view, followed.   camera: what its stages have behind their names, "-2" for the second camera."""
+    ready, still_ready = (
+        prepare(film, view.camera, marks, dictionary=how.dictionary, reference_s=how.reference_s)
+        for film in (view.film, view.static)
+    )
+    still, film = (
+        follow(
+            video,
+            follower,
+            reference_s=how.reference_s,
+            stage=stage + camera,
+            progress=how.progress,
+            keeper=how.keeper,
+        )
+        for video, follower, stage in (
+            (view.static, still_ready, "static"),
+            (view.film, ready, "film"),
+        )
+    )
+    frame, points = rows_of(marks)
+    codec = codec_noise(view.film, ready, film, frame_places(marks), frame, points, how.progress)
+    return Seen(view.camera, film, still, codec, view.static.path.name, view.start)
+
+
+def steps_of(film: Followed, most: int) -> NDArray[np.intp]:
+    """Frames that become steps: all, or in a longer film `most` even ones and those of the reference."""
+    return np.union1d(film.reference, even_steps(len(film.time), most))
+
+
+def even_steps(count: int, most: int) -> NDArray[np.intp]:
+    """Frames of `count`: all, or `most` even ones."""
+    return np.linspace(0, count - 1, min(count, most)).round().astype(np.intp)
