@@ -1,16 +1,19 @@
-# make demo: the whole chain on the recorded demo film | make test | make check | make clean
+# make demo: the whole chain on the recorded demo film | make test | make test-slow | make check | make clean
 PYTHON ?= python3
 BIN := .venv/bin
 # One thread each for BLAS and OpenMP: two test workers share the machine.
 ONE_THREAD := OMP_NUM_THREADS=1 MKL_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1
 
-.PHONY: demo test check clean
+.PHONY: demo test test-slow check clean
 
 demo: .venv/run.stamp
 	$(BIN)/twin demo
 
 test: .venv/dev.stamp
 	$(ONE_THREAD) $(BIN)/python -m pytest -n 2
+
+test-slow: .venv/dev.stamp
+	$(ONE_THREAD) $(BIN)/python -m pytest -n 2 -m slow
 
 check: .venv/dev.stamp
 	$(BIN)/ruff check .

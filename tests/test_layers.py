@@ -1,6 +1,9 @@
 """The layers of CONTRIBUTING.md, read from the import statements (nothing is imported here)."""
 
 import ast
+from collections import Counter, defaultdict
+from functools import cache
+from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
 import pytest
@@ -31,6 +34,7 @@ def imports(source: str, *, package: str) -> set[str]:
     return found
 
 
+@cache
 def imports_of(name: str) -> set[str]:
     package = name if FILES[name].name == "__init__.py" else name.rpartition(".")[0]
     return imports(FILES[name].read_text(encoding="utf-8"), package=package)
@@ -99,3 +103,98 @@ def test_a_package_exports_at_most_twelve_names(package: str) -> None:
     assigned = {ast.unparse(n.targets[0]): n.value for n in tree.body if isinstance(n, ast.Assign)}
     assert "__all__" in assigned, f"{package}/__init__.py states its __all__"
     assert len(ast.literal_eval(assigned["__all__"])) <= 12
+
+
+# -- rooms: the sub-packages, and every module that lies beside them -----------------------------------------
+
+
+def room_of(module: str) -> str:
+    """The room a module lies in: its sub-package, or itself where it lies in the package's own folder."""
+    return ".".join(module.split(".")[:2])
+
+
+def rooms(package: str, imported: dict[str, set[str]]) -> dict[str, set[str]]:
+    """For each room of a package the rooms that its modules import (the API in `__init__` is none)."""
+    found: dict[str, set[str]] = {}
+    for module, names in imported.items():
+        if module.split(".")[0] != package or module == package:
+            continue
+        used = {room_of(name) for name in names if name in FILES and name.count(".") >= 1}
+        own = found.setdefault(room_of(module), set())
+        own |= {room for room in used if room.split(".")[0] == package} - {room_of(module)}
+    return found
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_the_rooms_of_a_package_have_an_order(package: str) -> None:
+    imported = {name: imports_of(name) for name in FILES}
+    graph = rooms(package, imported)
+    assert len(graph) > 2, f"{package}: this test would see nothing"
+    try:
+        TopologicalSorter(graph).prepare()
+    except CycleError as error:
+        pytest.fail(f"rooms import each other in a circle: {' <- '.join(error.args[1])}")
+
+
+def test_a_circle_of_rooms_is_seen() -> None:
+    imported = {"fe.mesh.finger": {"fe.kernel.assembly"}, "fe.kernel.assembly": {"fe.mesh.finger"}}
+    with pytest.raises(CycleError):
+        TopologicalSorter(rooms("fe", imported)).prepare()
+
+
+def test_every_room_says_what_it_is_for() -> None:
+    silent = [
+        name
+        for name, path in FILES.items()
+        if path.name == "__init__.py" and len((ast.get_docstring(parsed(name)) or "").split()) < 8
+    ]
+    assert silent == []
+
+
+# -- names ---------------------------------------------------------------------------------------------------
+
+
+@cache
+def parsed(name: str) -> ast.Module:
+    return ast.parse(FILES[name].read_text(encoding="utf-8"))
+
+
+def defined(name: str, kinds: tuple[type[ast.stmt], ...]) -> set[str]:
+    """Public names of one kind that a module defines at its top level."""
+    body = (node for node in parsed(name).body if isinstance(node, kinds))
+    return {node.name for node in body if not node.name.startswith("_")}  # type: ignore[attr-defined]
+
+
+MODULES = [name for name, path in FILES.items() if path.name != "__init__.py"]
+
+
+def test_no_two_modules_share_a_name() -> None:
+    count = Counter(name.rpartition(".")[2] for name in MODULES)
+    assert [name for name, times in count.items() if times > 1] == []
+
+
+def test_no_two_public_classes_share_a_name() -> None:
+    where = defaultdict(list)
+    for module in MODULES:
+        for name in defined(module, (ast.ClassDef,)):
+            where[name].append(module)
+    assert {name: modules for name, modules in where.items() if len(modules) > 1} == {}
+
+
+def test_no_module_has_the_name_of_a_function_or_class_beside_it() -> None:
+    own = {package: set() for package in PACKAGES}
+    for module in MODULES:
+        if module != "twin.cli":  # its functions are the subcommands
+            own[module.split(".")[0]] |= defined(module, (ast.FunctionDef, ast.ClassDef))
+    assert [module for module in MODULES if module.rpartition(".")[2] in own[module.split(".")[0]]] == []
+
+
+def test_array_is_defined_once_in_a_package() -> None:
+    """Leaves share numpy arrays and nothing else, so each package has the alias once."""
+    defining = Counter(
+        module.split(".")[0]
+        for module in MODULES
+        for node in parsed(module).body
+        if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "Array"
+    )
+    assert defining == dict.fromkeys(PACKAGES, 1)

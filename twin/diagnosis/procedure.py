@@ -29,7 +29,7 @@ Progress = Callable[[str, int, int], None]
 DETECTED = 0.01  # after multiplicity
 TIE = 6.0  # BIC
 # Of the misfit: right physics, wrong law. Measured: 0.88 on the demo's film, where two terms stand for three;
-# 0.2 to 0.3 for a tube that pulls the tip (tests/twin/test_twin_diagnose.py).
+# 0.2 to 0.3 for a tube that pulls the tip (tests/twin/diagnosis/test_twin_diagnose.py).
 EXPLAINED = 0.8
 INVISIBLE = 0.02  # of its own size is what an effect keeps apart from the fitted parameters
 REFITS = 3

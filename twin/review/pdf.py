@@ -45,7 +45,7 @@ class Page:
         return "\n".join([f"{MM:.9f} 0 0 {MM:.9f} 0 0 cm", *self._parts]).encode(ANSI)
 
 
-def pdf(pages: Sequence[Page]) -> bytes:
+def pdf_bytes(pages: Sequence[Page]) -> bytes:
     """Return the PDF file (version 1.4) of the pages, which viewers are told not to scale when printing."""
     kids = " ".join(f"{4 + 2 * i} 0 R" for i in range(len(pages)))
     objects = [

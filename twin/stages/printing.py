@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from twin.project.config import CameraTable
 from twin.project.folder import Project, Say
-from twin.review.pdf import Page, pdf
+from twin.review.pdf import Page, pdf_bytes
 from twin.stages.cameras import dictionary_files, dictionary_name
 
 if TYPE_CHECKING:
@@ -55,7 +55,7 @@ def run_print(project: Project, say: Say, *, paper: str = "a4") -> dict[str, Any
     with project.new_run("print", **how) as run:
         items = _items(project, table)
         pages = layout(items, paper=paper, title=project.config.project.name)
-        run.write_bytes("print.pdf", pdf(pages))
+        run.write_bytes("print.pdf", pdf_bytes(pages))
         run.summary.update(items=len(items), pages=len(pages), paper=paper)
         run.summary["headline"] = f"{len(items)} items on {len(pages)} {paper.upper()} pages"
     say(f"print: {run.summary['headline']}; wrote {project.shown(run.path('print.pdf'))}")

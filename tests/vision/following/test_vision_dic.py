@@ -116,7 +116,7 @@ def test_a_grid_stays_inside_its_mask() -> None:
 
 
 def test_shifts_of_real_pictures_are_the_commanded_ones(shared_data: Path) -> None:
-    sys.path.append(str(Path(__file__).resolve().parents[2] / "benchmarks"))
+    sys.path.append(str(Path(__file__).resolve().parents[3] / "benchmarks"))
     import dic as benchmark
 
     for shift, found in benchmark.trial(shared_data / "dic_challenge_5", 41):

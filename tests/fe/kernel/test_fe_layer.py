@@ -13,7 +13,7 @@ from fe.case import Layer
 from fe.kernel.layer import LayerFaces
 from fe.solver.newton import Problem, equilibrium
 
-sys.path.append(str(File(__file__).resolve().parents[2] / "benchmarks"))
+sys.path.append(str(File(__file__).resolve().parents[3] / "benchmarks"))
 import shapes
 
 Cube = Callable[..., Case]

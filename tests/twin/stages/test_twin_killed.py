@@ -13,7 +13,7 @@ from twin.project import files
 from vision import Video
 from vision.film.video import Writer
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[3]
 # Parts of 20 frames, so that a short film has some.
 TWIN = "import sys; import vision.film.checkpoint as c; c.EVERY = 20; from twin.cli import main; sys.exit(main())"
 

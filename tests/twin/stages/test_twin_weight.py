@@ -28,7 +28,7 @@ from twin.stages import workbench
 from twin.stages.workbench import Workbench
 from twin.targets import Array, Targets
 
-sys.path.append(str(File(__file__).resolve().parents[2] / "benchmarks"))
+sys.path.append(str(File(__file__).resolve().parents[3] / "benchmarks"))
 import modes
 
 COARSE = Lattice(per_bellow=2, ring=False, centred=False)

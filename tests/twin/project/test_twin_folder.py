@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -193,7 +194,7 @@ def test_the_lock_of_a_killed_process_is_taken_over(project):
         "with lock(Path(sys.argv[1]), 'measure'): print('held', flush=True); time.sleep(60)"
     )
     command = [sys.executable, "-c", code, str(project.root / ".lock")]
-    root = os.path.dirname(os.path.dirname(files.__file__))
+    root = str(Path(files.__file__).parents[2])
     with subprocess.Popen(
         command, stdout=subprocess.PIPE, text=True, env={**os.environ, "PYTHONPATH": root}
     ) as child:
@@ -227,7 +228,7 @@ def test_a_killed_process_resumes_in_its_folder(project):
         "with Project.open(sys.argv[1]).new_run('calibrate', seed=1) as run:\n"
         "    run.append({'generation': 1}); print(run.name, flush=True); time.sleep(60)"
     )
-    root = os.path.dirname(os.path.dirname(files.__file__))
+    root = str(Path(files.__file__).parents[2])
     command = [sys.executable, "-c", code, str(project.root)]
     with subprocess.Popen(
         command, stdout=subprocess.PIPE, text=True, env={**os.environ, "PYTHONPATH": root}

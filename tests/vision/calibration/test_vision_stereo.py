@@ -151,7 +151,7 @@ def test_cameras_that_share_no_picture_are_refused() -> None:
 
 
 def test_squares_of_a_real_board_on_frames_held_out(shared_data: Path) -> None:
-    sys.path.append(str(Path(__file__).resolve().parents[2] / "benchmarks"))
+    sys.path.append(str(Path(__file__).resolve().parents[3] / "benchmarks"))
     import stereo as benchmark
 
     found = benchmark.held_out(shared_data / "charuco_4cam", halves=(0,))

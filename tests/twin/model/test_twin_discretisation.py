@@ -23,7 +23,7 @@ from twin.stages import workbench
 from twin.stages.workbench import Workbench
 from twin.targets import Array, Noise, Targets
 
-sys.path.append(str(Path(__file__).resolve().parents[2] / "benchmarks"))
+sys.path.append(str(Path(__file__).resolve().parents[3] / "benchmarks"))
 import modes
 
 THETA = np.array([0.26, 0.07])  # MPa, C10 and C01: other shares than the nominal ones

@@ -168,12 +168,12 @@ def test_poppler_sees_the_same(tmp_path, require):
 @pytest.mark.parametrize("dictionary", ["DICT_4X4_50", "DICT_APRILTAG_36h11"])
 @pytest.mark.parametrize("inverted", [False, True])
 def test_markers_measure_what_is_said(dictionary, inverted):
-    from twin.review.pdf import pdf
+    from twin.review.pdf import pdf_bytes
     from twin.stages.printing import Item
 
     ids = [0, 1, 2, 33]
     items = [Item(marker_artwork(i, 5.5 + i % 3, dictionary, inverted=inverted), (f"id {i}",)) for i in ids]
-    (picture,) = pages_of(pdf(layout(items, paper="a4", title="t")))
+    (picture,) = pages_of(pdf_bytes(layout(items, paper="a4", title="t")))
     found = locate(picture, dictionary=dictionary)
     assert found.ids.tolist() == ids
     assert np.all(found.inverted == inverted)
@@ -191,12 +191,12 @@ def test_markers_measure_what_is_said(dictionary, inverted):
 
 @pytest.mark.parametrize("kind", ["chessboard", "circles", "acircles"])
 def test_other_boards(kind):
-    from twin.review.pdf import pdf
+    from twin.review.pdf import pdf_bytes
     from twin.stages.printing import Item
 
     board = Board(columns=4, rows=7, square_mm=14.0, kind=kind)
     pages = layout([Item(board_artwork(board), ("board",))], paper="a4", title="t")
-    (picture,) = pages_of(pdf(pages))
+    (picture,) = pages_of(pdf_bytes(pages))
     view = find_board(
         np.asarray(cv2.resize(picture, None, fx=0.3, fy=0.3, interpolation=cv2.INTER_AREA)), board
     )
@@ -207,11 +207,11 @@ def test_other_boards(kind):
 
 
 def test_a_long_list_goes_on_over_pages():
-    from twin.review.pdf import pdf
+    from twin.review.pdf import pdf_bytes
     from twin.stages.printing import Item
 
     items = [Item(marker_artwork(i % 50, 20.0, "DICT_4X4_50"), (f"{i}",)) for i in range(50)]
-    pictures = list(pages_of(pdf(layout(items, paper="a4", title="t"))))
+    pictures = list(pages_of(pdf_bytes(layout(items, paper="a4", title="t"))))
     assert len(pictures) == 2
     seen = [set(detect(picture, "DICT_4X4_50")[0]) for picture in pictures]
     assert seen[0] | seen[1] == set(range(50))
@@ -219,10 +219,10 @@ def test_a_long_list_goes_on_over_pages():
 
 
 def test_dots_are_round_and_measure_what_is_said():
-    from twin.review.pdf import pdf
+    from twin.review.pdf import pdf_bytes
     from twin.stages.printing import Item
 
-    (picture,) = pages_of(pdf(layout([Item(dot_artwork(8.0), ("dot",))], paper="a4", title="t")))
+    (picture,) = pages_of(pdf_bytes(layout([Item(dot_artwork(8.0), ("dot",))], paper="a4", title="t")))
     top = picture[: round(40 * PX), : round(60 * PX)]
     _, _, stats, _ = cv2.connectedComponentsWithStats((top < 128).astype(np.uint8))
     *_, width, height, area = max(stats[1:].tolist(), key=lambda s: s[-1])
