@@ -28,7 +28,11 @@ PACKAGES = (
 
 
 class Say(Protocol):
-    """How a stage talks: one line of text, or how far a part of it is."""
+    """How a stage talks to the user: one line of text, or how far a part of it is.
+
+    Only what asks something of the user, or is a result, is said. A remark that asks nothing goes to the run's
+    log with `Run.note(text)`, which prints nothing.
+    """
 
     def __call__(self, text: str, /) -> None: ...
 
@@ -71,6 +75,10 @@ class Run:
     def append(self, record: Mapping[str, Any]) -> None:
         """Append one record to log.jsonl; it is on the disk when this returns."""
         files.append_jsonl(self.path("log.jsonl"), record)
+
+    def note(self, text: str) -> None:
+        """Append a remark that asks nothing of the user to log.jsonl, as {"note": text}; prints nothing."""
+        self.append({"note": text})
 
     def log(self) -> list[dict[str, Any]]:
         """Return the records of log.jsonl, those from before a kill included."""

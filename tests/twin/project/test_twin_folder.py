@@ -242,3 +242,10 @@ def test_a_killed_process_resumes_in_its_folder(project):
         assert run.resumed
         assert run.log() == [{"generation": 1}]
     assert time.monotonic() - start < 10
+
+
+def test_a_note_goes_to_the_log_and_not_to_the_screen(project, capsys):
+    with project.new_run("calibrate") as run:
+        run.note("half model: load and shape are symmetric")
+    assert run.log() == [{"note": "half model: load and shape are symmetric"}]
+    assert capsys.readouterr() == ("", "")
