@@ -30,8 +30,8 @@ PACKAGES = (
 class Say(Protocol):
     """How a stage talks to the user: one line of text, or how far a part of it is.
 
-    Only what asks something of the user, or is a result, is said. A remark that asks nothing goes to the run's
-    log with `Run.note(text)`, which prints nothing.
+    Only what asks something of the user, or is a result, is said. A remark that asks nothing goes to the
+    run's log with `Run.note(text)`, which prints nothing.
     """
 
     def __call__(self, text: str, /) -> None: ...
