@@ -24,6 +24,12 @@ HINTS = {
 EGL_PROBE = "import pyvista as pv; p = pv.Plotter(off_screen=True); p.add_mesh(pv.Sphere()); p.screenshot()"
 
 
+def pytest_sessionstart(session: pytest.Session) -> None:
+    """Compile the element loops once, before the workers start: each would compile them all."""
+    if getattr(session.config.option, "numprocesses", None) and not hasattr(session.config, "workerinput"):
+        subprocess.run([sys.executable, "-m", "tests.compile_loops"], cwd=ROOT, check=True)
+
+
 @pytest.fixture(scope="session")
 def shared_data() -> Path:
     """Folder of real recordings: $SOFTTWIN_DATA, else ../shared/data beside the checkout; else skip."""
