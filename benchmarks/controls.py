@@ -16,7 +16,7 @@ from trials import CANDIDATES, Laboratory, report
 
 from fe import Material
 from twin import virtual
-from twin.diagnosis.procedure import Diagnosis
+from twin.diagnosis.verdicts import Diagnosis
 from twin.effects.library import all_effects
 
 MATERIAL = Material(0.214, 0.083)

@@ -22,7 +22,7 @@ from trials import NAMES, Laboratory, marked_points, nodes_of, report, solved
 
 from fe import Material, finger_case
 from twin import virtual
-from twin.diagnosis.procedure import Diagnosis
+from twin.diagnosis.verdicts import Diagnosis
 from twin.project.config import (
     BoardTable,
     CalibrateTable,

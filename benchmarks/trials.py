@@ -18,7 +18,8 @@ from fe import Case, Finger, Lattice
 from fe.case import digest
 from twin import virtual
 from twin.diagnosis.fitting import fit_model, measured_remainder, whitener_of
-from twin.diagnosis.procedure import Diagnosis, diagnose
+from twin.diagnosis.procedure import diagnose
+from twin.diagnosis.verdicts import Diagnosis
 from twin.effects.library import effect
 from twin.effects.protocol import Effect
 from twin.model.discretisation import Discretisation, discretisation_error

@@ -14,7 +14,9 @@ import pytest
 from fe import Case, Finger, Lattice, Material
 from twin import virtual
 from twin.diagnosis.fitting import fit_model, measured_remainder, whitener_of
-from twin.diagnosis.procedure import Diagnosis, diagnose, lacking
+from twin.diagnosis.procedure import diagnose
+from twin.diagnosis.screening import lacking
+from twin.diagnosis.verdicts import Diagnosis
 from twin.effects.library import all_effects, effect
 from twin.model.discretisation import Discretisation, discretisation_error
 from twin.model.prediction import Model, base_model

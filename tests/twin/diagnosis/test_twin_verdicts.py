@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from calibrate import Fit
+from twin.diagnosis.candidates import Candidate
 from twin.diagnosis.comparison import Comparison
-from twin.diagnosis.procedure import Candidate, Diagnosis, _conclude
+from twin.diagnosis.verdicts import Diagnosis, concluded
 from twin.effects.library import effect
 
 BASE_EXCESS = 1000.0
@@ -21,12 +22,12 @@ def tried(name: str, gain: float, excess: float, p_value: float) -> Candidate:
     return Candidate(effect(name), 5.0, 1e-6, fit=FIT, comparison=compared(excess, p_value), delta_bic=gain)
 
 
-def concluded(*rows: Candidate, p_value: float = 1e-9) -> Diagnosis:
-    return _conclude(rows, compared(BASE_EXCESS, p_value), FIT, 0.001)
+def verdict_on(*rows: Candidate, p_value: float = 1e-9) -> Diagnosis:
+    return concluded(rows, compared(BASE_EXCESS, p_value), FIT, 0.001)
 
 
 def test_a_best_effect_that_explains_all_is_named() -> None:
-    found = concluded(tried("creep", 900.0, 0.0, 0.4), tried("pressure_lag", 100.0, 800.0, 1e-9))
+    found = verdict_on(tried("creep", 900.0, 0.0, 0.4), tried("pressure_lag", 100.0, 800.0, 1e-9))
     assert (found.verdict, found.named, found.law, found.ties) == ("creep", ("creep",), "creep", ())
     assert found.explained == pytest.approx(1.0)
     assert found.kept is found.ranking[0]
@@ -35,7 +36,7 @@ def test_a_best_effect_that_explains_all_is_named() -> None:
 
 def test_effects_within_six_of_bic_are_tied_and_the_next_test_is_told() -> None:
     tie = tried("pressure_lag", 895.0, 0.0, 0.3)
-    found = concluded(tried("creep", 900.0, 0.0, 0.4), tie, tried("stiffening", 893.0, 0.0, 0.3))
+    found = verdict_on(tried("creep", 900.0, 0.0, 0.4), tie, tried("stiffening", 893.0, 0.0, 0.3))
     assert found.ties == (("creep", "pressure_lag"),)  # 7 is apart
     assert found.next_test.startswith("hold the top pressure")
     assert found.verdict == f"creep or pressure_lag: run test {found.next_test}"
@@ -43,7 +44,7 @@ def test_effects_within_six_of_bic_are_tied_and_the_next_test_is_told() -> None:
 
 
 def test_two_laws_of_one_effect_are_no_tie() -> None:
-    found = concluded(tried("creep:2", 900.0, 0.0, 0.4), tried("creep", 897.0, 0.0, 0.3))
+    found = verdict_on(tried("creep:2", 900.0, 0.0, 0.4), tried("creep", 897.0, 0.0, 0.3))
     assert (found.verdict, found.law, found.ties) == ("creep", "creep:2", ())
 
 
@@ -54,7 +55,7 @@ def test_two_laws_of_one_effect_are_no_tie() -> None:
 def test_an_inadequate_law_needs_four_fifths_of_the_misfit(
     left: float, verdict: str, named: tuple[str, ...]
 ) -> None:
-    found = concluded(tried("creep", 900.0, left, 1e-9))
+    found = verdict_on(tried("creep", 900.0, left, 1e-9))
     assert (found.verdict, found.named) == (verdict, named)
     assert (found.kept is not None) == bool(named)
     assert found.explained == pytest.approx(1 - left / BASE_EXCESS)
@@ -62,10 +63,10 @@ def test_an_inadequate_law_needs_four_fifths_of_the_misfit(
 
 @pytest.mark.parametrize(("p_value", "verdict"), [(0.2, "none needed"), (1e-9, "none of these")])
 def test_an_effect_that_gains_too_little_is_not_named(p_value: float, verdict: str) -> None:
-    found = concluded(tried("creep", 5.9, 0.0, 0.4), p_value=p_value)
+    found = verdict_on(tried("creep", 5.9, 0.0, 0.4), p_value=p_value)
     assert (found.verdict, found.named, found.kept, found.explained) == (verdict, (), None, None)
 
 
 def test_what_the_data_cannot_tell_is_said() -> None:
     blind = Candidate(effect("clamp"), 0.0, 1.0, "cannot be seen")
-    assert "These data cannot tell: clamp." in concluded(tried("creep", 900.0, 0.0, 0.4), blind).sentence
+    assert "These data cannot tell: clamp." in verdict_on(tried("creep", 900.0, 0.0, 0.4), blind).sentence

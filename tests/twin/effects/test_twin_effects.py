@@ -9,7 +9,7 @@ import pytest
 import fe.path
 from fe import Case
 from fe.mesh.mirror import mirrored
-from twin.diagnosis.procedure import lacking
+from twin.diagnosis.screening import lacking
 from twin.effects.library import all_effects, effect, on_request
 from twin.effects.loads import first_order_lag
 from twin.effects.material import Creep, Mullins, Stiffening

@@ -1,0 +1,122 @@
+"""The stages add and drop: the model with one effect more or less, refitted and compared."""
+
+from typing import Any
+
+import numpy as np
+
+from twin.diagnosis.fitting import fit_model, whitener_of, with_mesh
+from twin.effects.library import effect
+from twin.effects.protocol import Effect
+from twin.model.prediction import Model
+from twin.project import files
+from twin.project.folder import Project, Say
+from twin.review.states import Fields
+from twin.stages.comparing import compared
+from twin.stages.workbench import Workbench, newest_fit
+from twin.targets import Array, Targets
+
+SHOWN = 80  # film times at which the deformed model is stored for the review
+
+
+def run_add(project: Project, name: str, say: Say) -> dict[str, Any]:
+    """The model with one more effect, in the law that the newest diagnosis kept: refitted and compared."""
+    chosen, start = _law(project, name)
+    kept = [e for e in project.config.model.effects if e.partition(":")[0] != chosen.name]
+    before = project.newest(("calibrate", "compare", "add", "drop"), "comparison.json")
+    return _change(project, "add", (*kept, chosen.label), start, say, before)
+
+
+def _law(project: Project, name: str) -> tuple[Effect, dict[str, float]]:
+    """The effect, and the parameters that the newest diagnosis found for it."""
+    path = project.newest("diagnose", "diagnosis.json")
+    data = files.read_json(path) if path else {}
+    kept = path.with_name("kept.json") if path else None
+    if (
+        ":" not in name
+        and data.get("law")
+        and data["law"].partition(":")[0] == name
+        and kept
+        and kept.exists()
+    ):
+        values = {k: float(v["value"]) for k, v in files.read_json(kept)["parameters"].items()}
+        return effect(data["law"]), values
+    return effect(name), {}
+
+
+def run_drop(project: Project, name: str, say: Say) -> dict[str, Any]:
+    """The model without one of its effects: refitted and compared."""
+    left = tuple(e for e in project.config.model.effects if e.partition(":")[0] != name.partition(":")[0])
+    if len(left) == len(project.config.model.effects):
+        raise ValueError(
+            f"effect {name!r} is not in the model, which has {list(project.config.model.effects)}"
+        )
+    before = project.newest(("calibrate", "compare", "add", "drop"), "comparison.json")
+    return _change(project, "drop", left, {}, say, before)
+
+
+def _change(
+    project: Project, kind: str, effects: tuple[str, ...], start: dict[str, float], say: Say, before: Any
+) -> dict[str, Any]:
+    bench, base = Workbench.of(project), newest_fit(project)
+    old = files.read_json(before) if before else {}
+    with project.new_run(kind, extra={"effects": list(effects)}) as run:
+        model = bench.model(effects)
+        known = {p.name: float(x) for p, x in zip(base.parameters, base.theta, strict=True)}
+        theta = model.theta({**_nominal(model), **known, **start})
+        mesh = bench.mesh(theta, model, say)
+        w = whitener_of(model, theta, bench.targets, mesh)
+        say.progress(f"refit with {', '.join(effects) or 'no effect'}", 0, 1)
+        fit = with_mesh(fit_model(model, bench.targets, w, start=theta), mesh)
+        run.write_json("fit.json", fit.to_dict() | {"effects": list(effects)})
+        found = compared(run, bench, model, fit, w)
+        _fields(bench, model, fit.theta).save(run.path("fields.npz"))
+    project.set_effects(effects)
+    was = old.get("rms_mm")
+    text = f"{was:.3f} mm -> " if was is not None else ""
+    say(
+        f"{kind}: error {text}{found.rms_mm:.3f} mm rms; noise {found.noise_sd_mm:.3f} mm "
+        f"({found.rms_mm / found.noise_sd_mm:.2f} of it)"
+    )
+    for p, x, s in zip(fit.parameters, fit.theta, fit.sd, strict=True):
+        say(f"{kind}:   {p.name} = {x:.4g} +- {s:.2g} {p.unit}".rstrip())
+    say(f"{kind}: {model.extent}")
+    say(f"{kind}: {found.where}")
+    say(f"{kind}: wrote {project.shown(run.folder)}/fit.json; twin.toml has effects = {list(effects)}")
+    return {
+        "stage": kind,
+        "run": run.name,
+        "rms_before_mm": was,
+        "rms_after_mm": found.rms_mm,
+        "noise_sd_mm": found.noise_sd_mm,
+        "effects": list(effects),
+        "fit": fit.to_dict(),
+    }
+
+
+def _nominal(model: Model) -> dict[str, float]:
+    """Start values of effects of which nothing is known: half a typical step from null, the middle of the
+    grid."""
+    values: dict[str, float] = {}
+    for e in model.effects:
+        for p in e.parameters:
+            values[p.name] = p.start if p.start is not None else (p.null or 0.0) + 0.5 * p.step
+        if e.grid:
+            values |= e.grid[len(e.grid) // 2]
+    return {p.name: float(np.clip(values[p.name], p.low, p.high)) for p in model.parameters}
+
+
+def _fields(bench: Workbench, model: Model, theta: Array) -> Fields:
+    """The fitted model at evenly spread film times, for the review."""
+    t: Targets = bench.targets
+    steps = np.unique(np.linspace(0, len(t.time) - 1, min(SHOWN, len(t.time))).round().astype(int))
+    rows = np.flatnonzero(~t.fixed)
+    u, predicted = model.solution(theta).fields(list(steps)), model.predict(theta)
+    rest = model.solution(theta).fields(list(t.reference[:: max(1, len(t.reference) // 3)])).mean(axis=0)
+    shown = len(bench.case.nodes)  # of a whole made of a half, the half comes first
+    return Fields(
+        t.time[steps] - t.time[0],
+        t.pressure[steps],
+        (u - rest)[:, :shown].astype(np.float32),
+        predicted[steps][:, rows],
+        t.value[steps][:, rows],
+    )
