@@ -73,7 +73,7 @@ def measured(finger: Finger, factors: Array) -> Row:
     u, slope = virtual.displacements(truth, course, points)
     names = (*(f"p{k}" for k in range(len(points) - 1)), "tip")
     film = virtual.noisy_targets(
-        u, slope, course, names=names, nodes=nodes, points=points, bench=BENCH, seed=1
+        u, slope, course, points=virtual.at_nodes(names, nodes, points), bench=BENCH, seed=1
     )
     targets = exact(film, u)
     model = base_model(targets, case)

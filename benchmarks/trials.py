@@ -96,8 +96,8 @@ class Laboratory:
     def targets(self, case: Case, seed: int) -> Targets:
         """One draw of what would be measured."""
         return virtual.noisy_targets(
-            self.u, self.slope, virtual.path(self.bench), names=NAMES, nodes=nodes_of(case),
-            points=marked_points(), bench=self.bench, seed=seed,
+            self.u, self.slope, virtual.path(self.bench), bench=self.bench, seed=seed,
+            points=virtual.at_nodes(NAMES, nodes_of(case), marked_points()),
         )  # fmt: skip
 
 

@@ -1,18 +1,69 @@
 """Displacement targets: what was measured, with all that is known of its errors."""
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from enum import StrEnum
 
 import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-MATERIAL = -2  # a point of the finger that is no node: its stated place is the material point
-NODE_UNKNOWN = -1  # a point of targets measured elsewhere whose node twin.toml has yet to state
+
+class PointKind(StrEnum):
+    """What a target point is in the model; targets.toml has it as the point's role."""
+
+    FIXED = "fixed"  # a marker on the rig: it has no node and should show no displacement
+    NODE = "finger"  # a marker on the finger, at a node of the mesh
+    PLACE = "place"  # a point of the finger between nodes: its position is the material point
+    UNKNOWN = "unknown"  # on the finger, its node yet to be stated in twin.toml
 
 
 @dataclass(frozen=True)
+class TargetPoint:
+    """A measured point: its name, what it is in the model, and where.
+
+    node: label in the mesh, of kind NODE only.   position (3,) mm, stress-free; None: not stated, the node's
+    own. A PLACE must state it.
+    """
+
+    name: str
+    kind: PointKind
+    node: int | None = None
+    position: tuple[float, float, float] | None = None
+
+    def __post_init__(self) -> None:
+        if (self.node is not None) != (self.kind is PointKind.NODE):
+            raise ValueError(
+                f"targets: point {self.name!r} is {self.kind.value!r} with node {self.node}; wanted a node "
+                "label for a point at a node and for no other"
+            )
+        if self.kind is PointKind.PLACE and self.position is None:
+            raise ValueError(
+                f"targets: point {self.name!r} lies at no node and has no position; wanted position_mm "
+                "[x, y, z]"
+            )
+
+    def place(self, position: Callable[[int], Array]) -> Array:
+        """Position (3,) mm in the model: that of its node, position(label), else its own; NaN if unstated."""
+        if self.node is not None:
+            return np.asarray(position(self.node), dtype=np.float64)
+        return np.array(self.position or [math.nan] * 3, dtype=np.float64)
+
+
+def at_node(name: str, node: int, position: tuple[float, float, float] | None = None) -> TargetPoint:
+    """The target point of a marker at a node."""
+    return TargetPoint(name, PointKind.NODE, int(node), position)
+
+
+def as_position(values: Array) -> tuple[float, float, float] | None:
+    """Position (3,) mm as a point keeps it; None where it is not stated (NaN)."""
+    x, y, z = (float(v) for v in values)
+    return None if math.isnan(x + y + z) else (x, y, z)
+
+
+@dataclass(frozen=True, kw_only=True)
 class Noise:
     """What `twin measure` learnt about the noise; diagnose only reads it."""
 
@@ -25,16 +76,14 @@ class Noise:
     gauge_frames: int  # samples of the log it was estimated from
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Targets:
     """Displacements relative to the mean of the reference steps, with all that is known of their errors."""
 
     time: Array  # (s,) s, absolute across blocks, increasing
     pressure: Array  # (s,) MPa
     block: NDArray[np.int64]  # (s,) 0, 1, ...: one recording in one orientation
-    names: tuple[str, ...]  # (p,)
-    nodes: NDArray[np.int64]  # (p,) Abaqus node label; 0 = fixed marker, which has no node
-    points: Array  # (p,3) mm, stress-free; NaN = the node's own position
+    points: tuple[TargetPoint, ...]  # (p,)
     value: Array  # (s,p,3) mm; NaN = not observed
     covariance: Array  # (s,p,3,3) mm2, independent part; NaN where not observed
     valid: NDArray[np.bool_]  # (s,p,3) the component is data
@@ -49,11 +98,11 @@ class Targets:
     pressure_sd: Array  # (s,) MPa, gauge noise of each step's pressure; 0 where not known
 
     def __post_init__(self) -> None:
-        s, p, k = len(self.time), len(self.names), len(self.mode_names)
+        s, p, k = len(self.time), len(self.points), len(self.mode_names)
         shapes = {
-            "time": (s,), "pressure": (s,), "block": (s,), "nodes": (p,), "points": (p, 3),
-            "value": (s, p, 3), "covariance": (s, p, 3, 3), "valid": (s, p, 3), "held_out": (s,),
-            "modes": (k, s, p, 3), "log_pressure": (len(self.log_time),), "pressure_sd": (s,),
+            "time": (s,), "pressure": (s,), "block": (s,), "value": (s, p, 3), "covariance": (s, p, 3, 3),
+            "valid": (s, p, 3), "held_out": (s,), "modes": (k, s, p, 3),
+            "log_pressure": (len(self.log_time),), "pressure_sd": (s,),
         }  # fmt: skip
         for name, shape in shapes.items():
             if getattr(self, name).shape != shape:
@@ -61,15 +110,22 @@ class Targets:
         _check(self)
 
     @property
+    def names(self) -> tuple[str, ...]:
+        """Names (p,) of the points."""
+        return tuple(point.name for point in self.points)
+
+    @property
     def fixed(self) -> NDArray[np.bool_]:
-        """(p,) the point is a fixed marker, which should show no displacement."""
-        return self.nodes == 0
+        """Mask (p,) of the fixed markers."""
+        return self.of_kind(PointKind.FIXED)
+
+    def of_kind(self, kind: PointKind) -> NDArray[np.bool_]:
+        """Mask (p,) of the points of a kind."""
+        return np.array([point.kind is kind for point in self.points], dtype=bool)
 
     def places(self, position: Callable[[int], Array]) -> Array:
-        """Where the points are in the model (p,3) mm: at their nodes, whose place is position(label); a fixed
-        marker and a material point at their own."""
-        own = [self.points[p] if n in (0, MATERIAL) else position(int(n)) for p, n in enumerate(self.nodes)]
-        return np.array(own, dtype=np.float64)
+        """Positions (p,3) mm in the model; position(label) is that of a node."""
+        return np.array([point.place(position) for point in self.points])
 
     @property
     def has_log(self) -> bool:
@@ -79,7 +135,7 @@ class Targets:
 
 def _check(t: Targets) -> None:
     """Raise ValueError at the first thing that does not fit together."""
-    if not len(t.time) or not t.names:
+    if not len(t.time) or not t.points:
         raise ValueError("targets: no steps or no points; wanted at least one of each")
     if np.any(np.diff(t.time) <= 0) or np.any(np.diff(t.log_time) <= 0):
         raise ValueError(

@@ -4,13 +4,14 @@ The truth lives on a finer mesh than the model's, its cells elsewhere, and may h
 Nothing that diagnoses may import this module.
 """
 
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fe import Finger, Lattice, Material, Path, finger_case, solve
-from twin.targets import Array, Noise, Targets
+from twin.targets import Array, Noise, PointKind, TargetPoint, Targets, as_position, at_node
 
 # Film A of the reference protocol: (seconds, kPa) corners, scaled to a top pressure of 30 kPa.
 PROTOCOL = (
@@ -99,9 +100,7 @@ def noisy_targets(
     slope: Array,
     course: Path,
     *,
-    names: tuple[str, ...],
-    nodes: Array,
-    points: Array,
+    points: Sequence[TargetPoint],
     bench: Bench,
     seed: int,
     fixed: int = 4,
@@ -109,21 +108,24 @@ def noisy_targets(
     """Targets as `twin measure` would give them for true displacements (s, p, 3) mm, with noise drawn from
     `seed`.
 
-    slope (s, p, 3): dU/dp of the truth. Drawn: picture noise (AR(1), correlated between markers), gauge
-    noise, a placement of every tag on its node, the scale, and the static film from which the noise model is
-    estimated. The gauge's error is put on the displacements (slope times error) and not on the log, to first
-    order the same, so that one set of solves serves every seed. `fixed` markers that do not move are
-    appended.
+    slope (s, p, 3): dU/dp of the truth.   points (p,): the markers, each with its position.
+
+    Drawn: picture noise (AR(1), correlated between markers), gauge noise, a placement of every tag on its
+    node, the scale, and the static film from which the noise model is estimated. The gauge's error is put on
+    the displacements (slope times error) and not on the log, to first order the same, so that one set of
+    solves serves every seed. `fixed` markers that do not move are appended.
     """
     rng = np.random.default_rng(seed)
-    s, count = len(true), len(names) + fixed
+    markers = (*points, *_fixed_markers(fixed))
+    names, every = tuple(p.name for p in points), tuple(p.name for p in markers)
+    s, count = len(true), len(markers)
     u, g = (np.concatenate([x, np.zeros((s, fixed, 3))], axis=1) for x in (true, slope))
     reference = np.flatnonzero(course.output <= 1.8)
-    shared, shared_names = _shared_modes(u, points, names, bench)
+    shared, shared_names = _shared_modes(u, np.array([p.position for p in points]), names, bench)
     u = u + np.tensordot(rng.standard_normal(len(shared)), shared, 1)
     u = u + g * (bench.gauge_sd_MPa * rng.standard_normal(s))[:, None, None]
     picture = _picture(rng, bench, bench.static_frames + s, count)
-    noise = _noise(picture[: bench.static_frames], names, fixed, bench)
+    noise = _noise(picture[: bench.static_frames], every, bench)
     moved = u[..., (0, 2)] + picture[bench.static_frames :]
     value = np.full((s, count, 3), np.nan)
     value[..., (0, 2)] = moved - moved[reference].mean(axis=0)
@@ -131,14 +133,12 @@ def noisy_targets(
     covariance = np.zeros((s, count, 3, 3))
     covariance[..., range(3), range(3)] = variance
     covariance[:, :, 1], covariance[:, :, :, 1] = np.nan, np.nan
-    own, own_names = _reference_modes(noise, reference, s, (*names, *(f"fixed{k}" for k in range(fixed))))
+    own, own_names = _reference_modes(noise, reference, s, every)
     return Targets(
         time=course.output,
         pressure=course.at_output(),
         block=np.zeros(s, np.int64),
-        names=(*names, *(f"fixed{k}" for k in range(fixed))),
-        nodes=np.append(nodes, np.zeros(fixed)).astype(np.int64),
-        points=np.concatenate([points, _fixed_places(fixed)]),
+        points=markers,
         value=value,
         covariance=covariance,
         valid=np.isfinite(value),
@@ -154,8 +154,17 @@ def noisy_targets(
     )
 
 
-def _fixed_places(count: int) -> Array:
-    return np.stack([np.linspace(10.0, 100.0, count), np.full(count, 11.5), np.full(count, 32.0)], axis=1)
+def at_nodes(
+    names: Sequence[str], nodes: Iterable[int] | Array, positions: Array
+) -> tuple[TargetPoint, ...]:
+    """Points (p,) at nodes with these labels (p,) and positions (p, 3) mm."""
+    rows = zip(names, nodes, positions, strict=True)
+    return tuple(at_node(name, int(node), as_position(position)) for name, node, position in rows)
+
+
+def _fixed_markers(count: int) -> list[TargetPoint]:
+    x = np.linspace(10.0, 100.0, count)
+    return [TargetPoint(f"fixed{k}", PointKind.FIXED, None, (float(x[k]), 11.5, 32.0)) for k in range(count)]
 
 
 def _picture(rng: np.random.Generator, bench: Bench, frames: int, count: int) -> Array:
@@ -170,19 +179,19 @@ def _picture(rng: np.random.Generator, bench: Bench, frames: int, count: int) ->
     return bench.sd * out
 
 
-def _noise(static: Array, names: tuple[str, ...], fixed: int, bench: Bench) -> Noise:
+def _noise(static: Array, names: tuple[str, ...], bench: Bench) -> Noise:
     """The noise model estimated from a static film, as `twin measure` does it."""
     from vision.errors.noise import static_noise
 
-    found = static_noise(static, [*names, *(f"fixed{k}" for k in range(fixed))], "virtual")
+    found = static_noise(static, names, "virtual")
     return Noise(
-        found.sd,
-        found.rho,
-        found.correlation,
-        found.frames,
-        found.codec_sd,
-        bench.gauge_sd_MPa,
-        bench.static_frames * 5,
+        sd=found.sd,
+        rho=found.rho,
+        correlation=found.correlation,
+        frames=found.frames,
+        codec_sd=found.codec_sd,
+        gauge_sd_MPa=bench.gauge_sd_MPa,
+        gauge_frames=bench.static_frames * 5,
     )
 
 

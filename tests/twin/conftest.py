@@ -7,7 +7,7 @@ import pytest
 
 from fe import Case, Finger, Lattice
 from twin.model.prediction import base_case
-from twin.targets import Noise, Targets
+from twin.targets import Noise, PointKind, TargetPoint, Targets, at_node
 
 SHORT = Finger(
     length=10 + 100 / 3, bellows=3, tip_node=(10 + 100 / 3, 11.5, 0.0), middle_node=(4 + 50 / 3, 11.5, 0.0)
@@ -34,8 +34,10 @@ def plain_targets(**changes: object) -> Targets:
     covariance = np.tile(1e-4 * np.eye(3), (s, p, 1, 1))
     given: dict[str, object] = {
         "time": time, "pressure": np.interp(time, log_time, log_pressure), "block": np.zeros(s, np.int64),
-        "names": ("tip", "middle", "fixed"), "nodes": np.array([4401, 5848, 0]),
-        "points": np.array([[np.nan] * 3, [np.nan] * 3, [20.0, 11.5, 30.0]]), "value": np.zeros((s, p, 3)),
+        "points": (
+            at_node("tip", 4401), at_node("middle", 5848),
+            TargetPoint("fixed", PointKind.FIXED, None, (20.0, 11.5, 30.0)),
+        ), "value": np.zeros((s, p, 3)),
         "covariance": covariance, "valid": np.ones((s, p, 3), bool), "held_out": np.zeros(s, bool),
         "modes": np.zeros((0, s, p, 3)), "mode_names": (), "noise": None, "log_time": log_time,
         "log_pressure": log_pressure, "reference": np.array([0, 1]), "gravity": None,
@@ -58,7 +60,10 @@ def perfect_noise(points: int, *, sd: float, rho: float, common: float, frames: 
             if i != k and i % 3 == k % 3:
                 correlation[i, k] = common
     full = np.full((points, 3), 1.0)
-    return Noise(sd * full, rho * full, correlation, frames, 0.0 * full, 0.0, 0)
+    return Noise(
+        sd=sd * full, rho=rho * full, correlation=correlation, frames=frames, codec_sd=0.0 * full,
+        gauge_sd_MPa=0.0, gauge_frames=0,
+    )  # fmt: skip
 
 
 @pytest.fixture(scope="session")

@@ -182,7 +182,7 @@ def test_init_asks_for_nodes_that_it_cannot_know(run, study, tmp_path):
     assert "--node knee=4401" in err
     assert not (tmp_path / "new").exists()
     assert run("init", tmp_path / "new", "--targets", study / "targets", "--node", "knee=17")[0] == 0
-    assert Project.open(tmp_path / "new").targets().nodes.tolist() == [4401, 17]
+    assert [p.node for p in Project.open(tmp_path / "new").targets().points] == [4401, 17]
 
 
 def test_init_for_a_film_says_what_is_missing(run, tmp_path):

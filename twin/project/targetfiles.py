@@ -14,12 +14,13 @@ from numpy.typing import NDArray
 
 from twin.project import files
 from twin.project.csvtable import Table, read_table
-from twin.targets import NODE_UNKNOWN, Array, Noise, Targets
+from twin.targets import Array, Noise, PointKind, TargetPoint, Targets, as_position
 
 COLUMNS = (
     "block", "step", "time_s", "pressure_MPa", "point",
     "u1_mm", "u2_mm", "u3_mm", "sd1_mm", "sd2_mm", "sd3_mm", "valid",
 )  # fmt: skip
+FORMER_PLACE = -2  # node of a point between nodes in targets.toml of older versions; now its role is "place"
 EXACT = ("covariance", "valid", "modes", "mode_names", "pressure_sd")  # what targets.npz adds to the text
 
 
@@ -83,13 +84,14 @@ def _toml(t: Targets) -> str:
         lines += ["", "[[blocks]]", f"block = {b}", f"held_out = {held_out}  # true: kept from every fit"]
         if t.gravity is not None:
             lines.append(f"gravity = {t.gravity[b].tolist()}  # unit vector in world axes")
-    for p, name in enumerate(t.names):
-        role = "fixed" if t.fixed[p] else "finger"
-        lines += ["", "[[points]]", f"name = {_quoted(name)}", f'role = "{role}"']
-        if not t.fixed[p]:
-            lines.append(f"node = {t.nodes[p]}")
-        if not np.isnan(t.points[p]).any():
-            lines.append(f"position_mm = {t.points[p].tolist()}")
+    for point in t.points:
+        lines += ["", "[[points]]", f"name = {_quoted(point.name)}"]
+        if point.kind is not PointKind.UNKNOWN:
+            lines.append(f'role = "{point.kind.value}"')
+        if point.node is not None:
+            lines.append(f"node = {point.node}")
+        if point.position is not None:
+            lines.append(f"position_mm = {list(point.position)}")
     return "\n".join(lines + _noise_toml(t)) + "\n"
 
 
@@ -121,7 +123,7 @@ def read_targets(folder: Path, *, nodes: Mapping[str, int] | None = None) -> Tar
     """Return the targets of a folder; targets.csv alone is enough (no modes, no noise model then).
 
     `nodes` gives node labels by point name (twin.toml [[points]]); they must agree with targets.toml where it
-    states them. A point whose node nobody states gets NODE_UNKNOWN. ValueError names file, line and column.
+    states them. A point whose node nobody states is of kind UNKNOWN. ValueError names file, line and column.
     """
     table = read_table(folder / "targets.csv", COLUMNS)
     about = _read_toml(folder / "targets.toml")
@@ -136,7 +138,7 @@ def read_targets(folder: Path, *, nodes: Mapping[str, int] | None = None) -> Tar
     columns = _columns(table, grid, exact, folder)
     log = _read_log(folder, grid)
     return Targets(
-        time=grid.time, pressure=grid.pressure, block=grid.block, names=grid.names, **told, **columns,
+        time=grid.time, pressure=grid.pressure, block=grid.block, points=told, **columns,
         **_blocks(folder, about, grid), noise=_read_noise(folder, about, grid.names, exact),
         log_time=log[0], log_pressure=log[1], reference=_reference(folder, about, grid, columns),
     )  # fmt: skip
@@ -264,26 +266,46 @@ def _by_name(path: Path, rows: list[dict[str, Any]], names: tuple[str, ...]) -> 
 
 def _points(
     folder: Path, about: dict[str, Any], names: tuple[str, ...], nodes: Mapping[str, int]
-) -> dict[str, Any]:
-    """Return nodes (p,) and nominal positions (p,3) mm."""
+) -> tuple[TargetPoint, ...]:
+    """The points (p,) of targets.csv with what targets.toml and twin.toml say of them."""
     path = folder / "targets.toml"
     rows = _by_name(path, about.get("points", []), names)
-    labels, positions = [], []
-    for name in names:
-        row = rows.get(name, {})
-        stated = 0 if row.get("role") == "fixed" else row.get("node")
-        label = (
-            stated if stated is not None else nodes.get(name, int(name) if name.isdigit() else NODE_UNKNOWN)
+    return tuple(_point(path, name, rows.get(name, {}), nodes.get(name)) for name in names)
+
+
+def _point(path: Path, name: str, row: dict[str, Any], told: int | None) -> TargetPoint:
+    """The point of a name: `row` is its table in targets.toml, `told` its node in twin.toml."""
+    stated = row.get("position_mm")
+    at = None if stated is None else as_position(
+        np.array(_vector(path, f"position_mm of point {name!r}", stated)))  # fmt: skip
+    kind, node = _kind_and_node(path, name, row)
+    if told is not None and kind not in (PointKind.NODE, PointKind.UNKNOWN):
+        raise ValueError(
+            f"{path}: point {name!r} has role {kind.value!r}, twin.toml gives it node {told}; correct one"
         )
-        if nodes.get(name, label) != label:
-            raise ValueError(
-                f"{path}: point {name!r} is node {label}, twin.toml says {nodes[name]}; correct one"
-            )
-        labels.append(label)
-        positions.append(
-            _vector(path, f"position_mm of point {name!r}", row.get("position_mm", [math.nan] * 3))
+    if told is not None and node is not None and node != told:
+        raise ValueError(f"{path}: point {name!r} is node {node}, twin.toml says {told}; correct one")
+    node = told if node is None else node
+    if kind is PointKind.UNKNOWN and node is None and name.isdigit():
+        node = int(name)
+    return TargetPoint(name, kind if node is None else PointKind.NODE, node, at)
+
+
+def _kind_and_node(path: Path, name: str, row: dict[str, Any]) -> tuple[PointKind, int | None]:
+    """What targets.toml says a point is, and its node; UNKNOWN and None where it does not say."""
+    role, node = row.get("role", "finger"), row.get("node")
+    if role not in ("fixed", "finger", "place"):
+        raise ValueError(
+            f"{path}: role of point {name!r} is {role!r}; wanted 'finger' (a marker at a node), 'place' (a "
+            "point between nodes) or 'fixed' (a marker on the rig)"
         )
-    return {"nodes": np.array(labels, dtype=np.int64), "points": np.array(positions)}
+    if role == "place" or node == FORMER_PLACE:
+        return PointKind.PLACE, None
+    if role == "fixed":
+        return PointKind.FIXED, None
+    if node is not None and (not isinstance(node, int) or node < 1):
+        raise ValueError(f"{path}: node of point {name!r} is {node!r}; wanted a node label, 1 or more")
+    return (PointKind.UNKNOWN, None) if node is None else (PointKind.NODE, node)
 
 
 def _vector(path: Path, what: str, value: Any) -> list[float]:

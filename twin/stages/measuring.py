@@ -16,7 +16,7 @@ from twin.project.config import CameraTable, MeasureTable
 from twin.project.folder import Project, Say
 from twin.project.targetfiles import write_targets
 from twin.stages.cameras import camera_path, camera_table, dictionary_files, dictionary_name, result_of
-from twin.targets import MATERIAL, Array, Noise, Targets
+from twin.targets import Array, Noise, PointKind, TargetPoint, Targets, as_position, at_node
 
 if TYPE_CHECKING:  # vision takes a second to import: only the stages that measure pay for it
     from vision import Displacements, Mark, Stated, Video, View
@@ -111,13 +111,15 @@ def make_targets(
     value, covariance = np.round(moved.value[keep], DIGITS), moved.covariance[keep]
     variance = np.diagonal(covariance, axis1=2, axis2=3)
     n = moved.noise
-    noise = Noise(n.sd, n.rho, n.correlation, n.frames, n.codec_sd, gauge.sd_MPa, gauge.samples)
+    noise = Noise(
+        sd=n.sd, rho=n.rho, correlation=n.correlation, frames=n.frames, codec_sd=n.codec_sd,
+        gauge_sd_MPa=gauge.sd_MPa, gauge_frames=gauge.samples,
+    )  # fmt: skip
     clock = sync(time, moved.value[keep], join.sd_s) * np.isfinite(moved.value[keep])
     return Targets(
         time=time, pressure=np.round(log.at(time), DIGITS + 3), block=np.zeros(len(time), dtype=np.int64),
-        names=moved.names, nodes=_labels(moved, nodes), points=moved.points, value=value,
-        covariance=covariance, valid=np.isfinite(value) & np.isfinite(variance),
-        held_out=np.zeros(len(time), dtype=bool),
+        points=_target_points(moved, nodes), value=value, covariance=covariance,
+        valid=np.isfinite(value) & np.isfinite(variance), held_out=np.zeros(len(time), dtype=bool),
         modes=np.concatenate([moved.modes[:, keep], clock[None]]), mode_names=(*moved.mode_names, "sync"),
         noise=noise, log_time=log.time,
         log_pressure=log.pressure, reference=_kept(moved.reference, keep), gravity=None,
@@ -125,14 +127,20 @@ def make_targets(
     )  # fmt: skip
 
 
-def _labels(moved: "Displacements", nodes: Mapping[str, int]) -> NDArray[np.int64]:
-    """Return the node of every point, 0 for a fixed marker."""
-    return np.array(
-        [
-            nodes.get(n, MATERIAL) if role == "finger" else 0
-            for n, role in zip(moved.names, moved.roles, strict=True)
-        ]
-    )
+def _target_points(moved: "Displacements", nodes: Mapping[str, int]) -> tuple[TargetPoint, ...]:
+    """The target point of every measured one: at its node, at its place on the face, or fixed."""
+    rows = zip(moved.names, moved.roles, moved.points, strict=True)
+    return tuple(_target_point(name, role, as_position(own), nodes.get(name)) for name, role, own in rows)
+
+
+def _target_point(
+    name: str, role: str, position: tuple[float, float, float] | None, node: int | None
+) -> TargetPoint:
+    if role != "finger":
+        return TargetPoint(name, PointKind.FIXED, None, position)
+    if node is None:
+        return TargetPoint(name, PointKind.PLACE, None, position)
+    return at_node(name, node, position)
 
 
 def _kept(indices: NDArray[Any], keep: NDArray[np.bool_]) -> NDArray[np.int64]:

@@ -22,7 +22,7 @@ from twin.project.config import (
 from twin.project.folder import Project, Say, kind_of
 from twin.project.targetfiles import read_targets
 from twin.project.toml import dump
-from twin.targets import NODE_UNKNOWN, Targets
+from twin.targets import PointKind, Targets
 
 STUDY_NODES = {"tip": 4401, "middle": 5848}  # the built-in finger's, used where nobody states another
 NEXT = ("calibrate", "compare", "diagnose", "review")
@@ -67,15 +67,13 @@ def run_init(
 
 def targets_config(name: str, targets: Targets, nodes: Mapping[str, int]) -> Config:
     """Return a configuration for targets measured elsewhere; ValueError names points without a node."""
-    known = {
-        n: int(node) for n, node in zip(targets.names, targets.nodes, strict=True) if node != NODE_UNKNOWN
-    }
-    known = {n: nodes[n] for n in targets.names if n in nodes} | known
-    missing = [n for n in targets.names if n not in known]
+    finger = [p for p in targets.points if p.kind in (PointKind.NODE, PointKind.UNKNOWN)]
+    known = {p.name: nodes.get(p.name) if p.node is None else p.node for p in finger}
+    missing = [name for name, node in known.items() if node is None]
     if missing:
         raise ValueError(f"the node of point {', '.join(missing)} is not known: state it, as in --node "
                          f"{missing[0]}=4401, or in targets.toml under [[points]]")  # fmt: skip
-    points = tuple(PointTable(name=n, node=known[n]) for n in targets.names if known[n] != 0)
+    points = tuple(PointTable(name=n, node=node) for n, node in known.items() if node is not None)
     if not points:
         raise ValueError("targets: all points are fixed markers; wanted at least one on the finger")
     objective = _objective(tuple(p.name for p in points))
@@ -206,7 +204,7 @@ def _missing_files(project: Project) -> list[str]:
 
 def _check_points(project: Project, targets: Targets) -> None:
     """Raise ValueError where twin.toml and the targets do not name the same points."""
-    unknown = [n for n, node in zip(targets.names, targets.nodes, strict=True) if node == NODE_UNKNOWN]
+    unknown = [p.name for p in targets.points if p.kind is PointKind.UNKNOWN]
     if unknown:
         raise ValueError(f"targets point {unknown[0]!r} has no node: add it to [[points]] in twin.toml")
     for name in project.config.calibrate.objective_points:

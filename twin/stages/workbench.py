@@ -18,7 +18,7 @@ from twin.model.structure import Structure, of_deck, of_finger, weighed
 from twin.parallel import WORKERS, Keep, finished
 from twin.project import files
 from twin.project.folder import Project, Say
-from twin.targets import MATERIAL, NODE_UNKNOWN, Array, Targets
+from twin.targets import Array, PointKind, Targets, as_position
 
 TONNE_MM3 = 1e-12  # of one kg/m3
 OFF_MODEL_MM = 0.5
@@ -57,11 +57,13 @@ class Workbench:
                 "density of a weighed finger is model.density_kg_m3)"
             )
         structure, targets = structure_of(project), project.targets()
-        for name, node in zip(targets.names, targets.nodes, strict=True):
-            if node == NODE_UNKNOWN:
-                raise ValueError(f"point {name!r} has no node; give its node label in twin.toml [[points]]")
-            if node not in (0, MATERIAL):
-                structure.case.position(int(node))  # names what is wrong with an unknown node
+        for point in targets.points:
+            if point.kind is PointKind.UNKNOWN:
+                raise ValueError(
+                    f"point {point.name!r} has no node; give its node label in twin.toml [[points]]"
+                )
+            if point.node is not None:
+                structure.case.position(point.node)  # names what is wrong with an unknown node
         targets, remarks = _on_model(targets, structure.case)
         elasticity = Elasticity(bounds=config.calibrate.bounds, fixed=config.model.fixed)
         return Workbench(project, targets, structure, elasticity, remarks)
@@ -147,10 +149,12 @@ def _unweighed(project: Project) -> Structure:
 
 def _on_model(targets: Targets, case: Case) -> tuple[Targets, tuple[str, ...]]:
     """Targets whose material points lie on the model, and what was moved for that."""
-    points, off = targets.points.copy(), {}
-    for p in np.flatnonzero(targets.nodes == MATERIAL):
-        points[p] = nearest(case, targets.points[p])
-        off[targets.names[p]] = float(np.linalg.norm(points[p] - targets.points[p]))
+    points, off = list(targets.points), {}
+    for p in np.flatnonzero(targets.of_kind(PointKind.PLACE)):
+        own = np.array(points[p].position)
+        moved_to = nearest(case, own)
+        off[points[p].name] = float(np.linalg.norm(moved_to - own))
+        points[p] = replace(points[p], position=as_position(moved_to))
     worst = max(off, key=lambda name: off[name], default="")
     if off.get(worst, 0.0) > OFF_MODEL_MM:
         raise ValueError(
@@ -160,7 +164,7 @@ def _on_model(targets: Targets, case: Case) -> tuple[Targets, tuple[str, ...]]:
     moved = sum(distance > 0.0 for distance in off.values())
     if not moved:
         return targets, ()
-    return replace(targets, points=points), (
+    return replace(targets, points=tuple(points)), (
         f"{moved} of {len(off)} points that are no nodes lie off the model, up to {off[worst]:.2f} mm "
         f"({worst}), and are taken at the nearest point of it",
     )

@@ -33,8 +33,7 @@ def linear(course: Path) -> Array:
 def draw(course: Path, seed: int, *, misfit: Array | float = 0.0) -> Targets:
     u = linear(course) + misfit
     return virtual.noisy_targets(
-        u, 0 * u + SLOPE, course, names=NAMES, nodes=np.array([1, 2, 3]), points=POINTS, bench=BENCH, seed=seed,
-        fixed=2,
+        u, 0 * u + SLOPE, course, points=virtual.at_nodes(NAMES, (1, 2, 3), POINTS), bench=BENCH, seed=seed, fixed=2,
     )  # fmt: skip
 
 

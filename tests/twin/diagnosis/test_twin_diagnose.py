@@ -49,7 +49,7 @@ class Laboratory:
         course = virtual.path(bench)
         u, slope = virtual.displacements(truth, course, self.points)
         return lambda seed: virtual.noisy_targets(
-            u, slope, course, names=NAMES, nodes=self.nodes, points=self.points, bench=bench, seed=seed
+            u, slope, course, points=virtual.at_nodes(NAMES, self.nodes, self.points), bench=bench, seed=seed
         )
 
     def truth(self, *, force: float = 0.0, prony: tuple[tuple[float, float], ...] = ()) -> virtual.Truth:

@@ -55,7 +55,7 @@ def draw(short: Finger, short_case: Case) -> Draw:
     lattice = Lattice(per_bellow=4, wall=2, across=2, up=2, centred=False)
     u, slope = virtual.displacements(virtual.Truth(Material(*THETA), lattice=lattice, finger=short), course, points)
     names = tuple(f"p{k}" for k in range(len(points)))
-    film = virtual.noisy_targets(u, slope, course, names=names, nodes=nodes, points=points, bench=BENCH, seed=1)
+    film = virtual.noisy_targets(u, slope, course, points=virtual.at_nodes(names, nodes, points), bench=BENCH, seed=1)
     targets = modes.exact(film, u)
     model = base_model(targets, short_case)
     structure = of_finger(short, Lattice(per_bellow=2, ring=False, centred=False))

@@ -7,7 +7,7 @@ import pytest
 
 from twin.project.folder import Project, dataset
 from twin.project.targetfiles import COLUMNS, read_targets, write_targets
-from twin.targets import NODE_UNKNOWN, Noise, Targets
+from twin.targets import Noise, PointKind, TargetPoint, Targets, as_position, at_node
 
 CSV = """block,step,time_s,pressure_MPa,point,u1_mm,u2_mm,u3_mm,sd1_mm,sd2_mm,sd3_mm,valid
 0,0,0.0,0.0,tip,0.0,,0.0,0.1,,0.2,1
@@ -15,6 +15,14 @@ CSV = """block,step,time_s,pressure_MPa,point,u1_mm,u2_mm,u3_mm,sd1_mm,sd2_mm,sd
 0,1,1.0,0.01,tip,-1.5,,-20.0,0.1,,0.2,1
 0,1,1.0,0.01,4711,,,-7.0,,,0.2,0
 """
+
+
+def make_points():
+    """A point at a node, one between nodes and a fixed marker."""
+    a, b, c = (as_position(x) for x in np.random.default_rng(7).random((3, 3)))
+    return (
+        at_node("tip", 4401, a), TargetPoint("a.1", PointKind.PLACE, None, b), TargetPoint("F0", PointKind.FIXED, None, c),
+    )  # fmt: skip
 
 
 def make(*, seed: int = 0) -> Targets:
@@ -31,10 +39,12 @@ def make(*, seed: int = 0) -> Targets:
     valid = ~np.isnan(value)
     valid[3, 1, 0] = False  # one component of two left out: only the npz can hold that
     block = np.repeat([0, 1], 6)
-    noise = Noise(rng.random((3, 3)), value[1], rng.random((9, 9)), 300, rng.random((3, 3)), 1.25e-5, 900)
+    noise = Noise(
+        sd=rng.random((3, 3)), rho=value[1], correlation=rng.random((9, 9)), frames=300, codec_sd=rng.random((3, 3)),
+        gauge_sd_MPa=1.25e-5, gauge_frames=900,
+    )  # fmt: skip
     return Targets(
-        time=np.arange(steps) * 0.1, pressure=rng.random(steps), block=block, names=("tip", "a.1", "F0"),
-        nodes=np.array([4401, 5848, 0]), points=rng.random((points, 3)), value=value, covariance=covariance,
+        time=np.arange(steps) * 0.1, pressure=rng.random(steps), block=block, points=make_points(), value=value, covariance=covariance,
         valid=valid, held_out=block == 1, modes=rng.normal(size=(2, steps, points, 3)),
         mode_names=("scale", "placement:tip:x"), noise=noise, log_time=np.arange(600) / 400 - 0.05,
         log_pressure=rng.random(600), reference=np.array([0, 1]),
@@ -47,6 +57,8 @@ def bits(thing):
     """Return something that is equal only for the same bits, NaN included."""
     if dataclasses.is_dataclass(thing):
         return {f.name: bits(getattr(thing, f.name)) for f in dataclasses.fields(thing)}
+    if isinstance(thing, tuple):
+        return tuple(bits(part) for part in thing)
     return (thing.dtype.str, thing.shape, thing.tobytes()) if isinstance(thing, np.ndarray) else thing
 
 
@@ -68,8 +80,9 @@ def broken(folder, old, new):
 @pytest.mark.parametrize(
     "changes",
     [{}, {"noise": None, "gravity": None}, {"modes": np.zeros((0, 12, 3, 3)), "mode_names": ()},
-     {"points": np.full((3, 3), np.nan)}],
-    ids=["all", "no noise", "no modes", "no positions"],
+     {"points": (at_node("tip", 4401), at_node("a.1", 3), TargetPoint("F0", PointKind.FIXED))},
+     {"points": (TargetPoint("tip", PointKind.UNKNOWN), *make_points()[1:])}],
+    ids=["all", "no noise", "no modes", "no positions", "no node"],
 )  # fmt: skip
 def test_round_trip_is_bit_equal(tmp_path, changes):
     targets = dataclasses.replace(make(), **changes)
@@ -99,19 +112,19 @@ def test_targets_are_never_overwritten(tmp_path):
 def test_csv_alone_is_enough(folder):
     targets = read_targets(folder, nodes={"tip": 4401})
     assert targets.names == ("tip", "4711")
-    assert targets.nodes.tolist() == [4401, 4711]  # a name that is a number is its node
+    # a name that is a number is its node
+    assert targets.points == (at_node("tip", 4401), at_node("4711", 4711))
     assert targets.noise is None
     assert targets.modes.shape == (0, 2, 2, 3)
     assert targets.reference.tolist() == [0]
     assert targets.valid[1].tolist() == [[True, False, True], [False, False, False]]
-    assert np.isnan(targets.points).all()
     np.testing.assert_allclose(np.diag(targets.covariance[1, 0])[[0, 2]], [0.01, 0.04], rtol=1e-12)
     assert targets.covariance[1, 0, 0, 2] == 0  # independent, as the sd columns say
     assert np.isnan(targets.covariance[1, 0, 1]).all()
 
 
 def test_a_point_without_node_says_so(folder):
-    assert read_targets(folder).nodes.tolist() == [NODE_UNKNOWN, 4711]
+    assert read_targets(folder).points == (TargetPoint("tip", PointKind.UNKNOWN), at_node("4711", 4711))
 
 
 def test_an_edit_of_the_csv_counts(tmp_path):
@@ -165,6 +178,10 @@ def test_time_must_increase(folder):
     [
         ('[[points]]\nname = "top"', "point 'top' is not in targets.csv, which has tip, 4711"),
         ('[[points]]\nname = "tip"\nnode = 4402', "point 'tip' is node 4402, twin.toml says 4401"),
+        ('[[points]]\nname = "tip"\nrole = "fixed"', "has role 'fixed', twin.toml gives it node 4401; correct one"),
+        ('[[points]]\nname = "tip"\nrole = "fixd"', "role of point 'tip' is 'fixd'; wanted 'finger'"),
+        ('[[points]]\nname = "tip"\nnode = "4401"', "node of point 'tip' is '4401'; wanted a node label, 1 or more"),
+        ('[[points]]\nname = "4711"\nrole = "place"', "'4711' lies at no node and has no position"),
         ('[[points]]\nname = "tip"\nposition_mm = [1, 2]', "wanted three numbers"),
         ("[reference]\nsteps = [7]", "reference block 0, step 7 is not in targets.csv"),
         ("[[blocks]]\nblock = 3", "block 3 is not in targets.csv"),
@@ -209,7 +226,8 @@ def test_a_log_must_cover_the_steps(tmp_path):
         ({"block": np.repeat([1, 0], 6)}, "numbered 0, 1"),
         ({"held_out": np.arange(12) == 3}, "block 0 is held out in part"),
         ({"reference": np.array([12])}, "reference steps"),
-        ({"names": ("a", "a", "b")}, "not all different"),
+        ({"points": tuple(at_node(n, k) for k, n in enumerate("aab"))}, "not all different"),
+        ({"points": (at_node("a", 1),)}, r"value has shape \(12, 3, 3\); wanted \(12, 1, 3\)"),
         ({"modes": np.zeros((1, 12, 3, 3))}, "modes has shape"),
         ({"valid": np.ones((12, 3, 3), dtype=bool)}, "step 0, point tip, U2 is valid but has value nan"),
     ],
@@ -221,7 +239,7 @@ def test_targets_that_do_not_fit_together_are_refused(changes, sentence):
 
 def test_the_study_holds_table_1():
     targets = Project.open(dataset("study")).targets()
-    assert dict(zip(targets.names, targets.nodes.tolist(), strict=True)) == {"tip": 4401, "middle": 5848}
+    assert {p.name: p.node for p in targets.points} == {"tip": 4401, "middle": 5848}
     assert targets.value[targets.pressure == 0.03, :, 2].tolist() == [[-58.0, -19.0]]
     assert targets.valid.sum() == 2  # the unloaded step is zero by definition, not data
     assert targets.noise is None

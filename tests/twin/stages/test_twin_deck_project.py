@@ -47,8 +47,8 @@ def batch(tube_deck: Tube, tmp_path_factory: pytest.TempPathFactory) -> Path:
     points = np.array([case.position(n) for n in NODES.values()])
     response = solve(truth, course)
     write_targets(root / "targets", virtual.noisy_targets(
-        response.at(points), response.per_pressure(points), course, names=tuple(NODES),
-        nodes=np.array(list(NODES.values())), points=points, bench=bench, seed=1,
+        response.at(points), response.per_pressure(points), course, points=virtual.at_nodes(NODES, NODES.values(), points),
+        bench=bench, seed=1,
     ))  # fmt: skip
     named = [a for name, label in NODES.items() for a in ("--node", f"{name}={label}")]
     run("init", root / "batch", "--targets", root / "targets", "--deck", deck, *named)

@@ -18,7 +18,7 @@ from twin.project.toml import dump
 from twin.stages import workbench
 from twin.stages.chain import run_calibrate, run_compare, run_review
 from twin.stages.workbench import Workbench
-from twin.targets import MATERIAL
+from twin.targets import PointKind, TargetPoint, as_position, at_node
 
 FILM = ((0.0, 0.0), (2.0, 0.0), (5.0, 25.0), (6.0, 25.0))
 BENCH = virtual.Bench(film_hz=2.0, gauge_sd_MPa=1e-5, ripple_MPa=0.0, sd=0.005, placement_sd_mm=0.02)
@@ -53,13 +53,14 @@ def small(short: Finger) -> Iterator[None]:
 def project(tmp_path_factory: pytest.TempPathFactory, short_case: Case, short: Finger) -> Project:
     """Targets of another mesh: the markers tip and middle, and seven points of the face."""
     named = [("middle", 5848), ("tip", 4401)]
-    spots = [(f"face{k + 1:03d}", MATERIAL, np.array([x, 11.5, z])) for k, (x, z) in enumerate(FACE)]
-    rows = sorted([*spots, *((n, k, short_case.position(k)) for n, k in named)], key=lambda row: float(row[2][0]))
-    names, nodes, points = (tuple(r[0] for r in rows), np.array([r[1] for r in rows]), np.array([r[2] for r in rows]))
+    spots = [TargetPoint(f"face{k + 1:03d}", PointKind.PLACE, None, (x, 11.5, z)) for k, (x, z) in enumerate(FACE)]
+    marks = [at_node(n, k, as_position(short_case.position(k))) for n, k in named]
+    along = sorted([*spots, *marks], key=lambda point: point.position[0])
+    points = np.array([point.position for point in along])
     truth = virtual.Truth(Material(0.214, 0.083), lattice=Lattice(per_bellow=2, centred=False), finger=short)
     course = virtual.path(BENCH)
     u, slope = virtual.displacements(truth, course, points)
-    targets = virtual.noisy_targets(u, slope, course, names=names, nodes=nodes, points=points, bench=BENCH, seed=3)
+    targets = virtual.noisy_targets(u, slope, course, points=along, bench=BENCH, seed=3)
     config = Config(
         project=ProjectTable(name="face"),
         points=tuple(PointTable(name=n, node=k) for n, k in named),
@@ -97,9 +98,10 @@ def changed(project: Project, folder: Path, rows: slice, move: tuple[float, floa
     """The project with some face points stated elsewhere, mm."""
     shutil.copytree(project.root, folder, ignore=shutil.ignore_patterns("targets"))
     targets = project.targets()
-    points = targets.points.copy()
-    points[np.flatnonzero(targets.nodes == MATERIAL)[rows]] += move
-    write_targets(folder / "targets", replace(targets, points=points))
+    points = list(targets.points)
+    for k in np.flatnonzero(targets.of_kind(PointKind.PLACE))[rows]:
+        points[k] = replace(points[k], position=as_position(np.add(points[k].position, move)))
+    write_targets(folder / "targets", replace(targets, points=tuple(points)))
     return Project.open(folder)
 
 
@@ -112,9 +114,9 @@ def test_a_face_point_off_its_place_is_found_by_compare(project: Project, tmp_pa
 def test_points_beside_the_surface_are_taken_on_it(project: Project, tmp_path: Path) -> None:
     """y_mm of the face is measured with a ruler: 0.3 mm too much is no reason to stop, 0.8 mm is."""
     bench = Workbench.of(changed(project, tmp_path / "near", slice(2, 5), (0.0, 0.3, 0.0)))
-    own = bench.targets.nodes == MATERIAL
+    now, before = (np.array([p.position for p in t.points]) for t in (bench.targets, project.targets()))
     # a hundredth of an element's side is the surfaces' own difference
-    assert bench.targets.points[own] == pytest.approx(project.targets().points[own], abs=0.01)
+    assert now == pytest.approx(before, abs=0.01)
     (said,) = bench.remarks
     assert said.startswith("3 of 7 points that are no nodes lie off the model, up to 0.30 mm (face00")
     assert Workbench.of(project).remarks == ()

@@ -120,7 +120,7 @@ def test_film_and_log_become_targets(project, measured):
     say = Lines()
     result = run_measure(project, say)
     targets = project.targets()
-    assert targets.nodes[targets.names.index("tip")] == 4401
+    assert targets.points[targets.names.index("tip")].node == 4401
     assert targets.fixed.sum() == 4
     np.testing.assert_allclose(targets.time, 100 + np.arange(FRAMES) / FPS, rtol=0, atol=1e-12)
     # every film frame falls on a sample of the log here, so the pressure is that sample, noise and all

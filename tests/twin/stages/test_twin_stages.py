@@ -58,7 +58,7 @@ def project_at(folder: Path, case: Case, short: Finger) -> Project:
     truth = virtual.Truth(material, lattice=Lattice(per_bellow=2, centred=False), finger=short)
     u, slope = virtual.displacements(truth, course, points)
     targets = virtual.noisy_targets(
-        u, slope, course, names=NAMES, nodes=case.labels[rows], points=points, bench=BENCH, seed=1
+        u, slope, course, points=virtual.at_nodes(NAMES, case.labels[rows], points), bench=BENCH, seed=1
     )
     config = Config(
         project=ProjectTable(name="short"),
@@ -244,7 +244,8 @@ def test_the_study_says_what_its_data_cannot(
 def test_an_unknown_node_or_an_unseen_point_stops_calibrate(tmp_path: Path, short_case: Case, short: Finger) -> None:
     project = project_at(tmp_path / "batch", short_case, short)
     t = project.targets()
-    write_targets(tmp_path / "other", replace(t, nodes=np.where(t.nodes == 4401, 987654, t.nodes)))
+    moved = tuple(replace(p, node=987654) if p.node == 4401 else p for p in t.points)
+    write_targets(tmp_path / "other", replace(t, points=moved))
     points = tuple(p.model_copy(update={"node": 987654}) if p.name == "tip" else p for p in project.config.points)
     for name in ("targets.csv", "targets.npz", "targets.toml"):
         (project.targets_folder / name).write_bytes((tmp_path / "other" / name).read_bytes())

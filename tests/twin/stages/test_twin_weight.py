@@ -60,7 +60,7 @@ def film(finger: Finger, case: Case, density: float, *gravity: Array, lattice: L
     u = solution.at(points)
     names = (*(f"p{k}" for k in range(len(points) - 1)), "tip")
     seen = virtual.noisy_targets(
-        u, solution.per_pressure(points), course, names=names, nodes=nodes, points=points, bench=BENCH, seed=1
+        u, solution.per_pressure(points), course, points=virtual.at_nodes(names, nodes, points), bench=BENCH, seed=1
     )
     return turned(modes.exact(seen, u), *gravity)
 
@@ -125,7 +125,7 @@ def project(tmp_path_factory: pytest.TempPathFactory, short_case: Case, short: F
         # gravity is a direction: its length is of no matter
         model=ModelTable(density_kg_m3=DENSITY * 1e12, gravity=(0.0, 0.0, -9.81)),
         points=tuple(
-            PointTable(name=n, node=int(k)) for n, k in zip(targets.names, targets.nodes, strict=True) if k
+            PointTable(name=p.name, node=p.node) for p in targets.points if p.node is not None
         ),
         calibrate=CalibrateTable(
             population=8, generations=3, objective_points=("tip",), bounds={"C10": (0.1, 0.3), "C01": (0.03, 0.2)}
