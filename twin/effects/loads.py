@@ -6,6 +6,7 @@ import numpy as np
 
 from calibrate import Parameter
 from twin.effects.protocol import Effect, Test, Theta
+from twin.gravity import pulls_across
 from twin.targets import Array
 
 
@@ -52,17 +53,7 @@ class Gravity(Effect):
         return replace(test, case=replace(case, materials=materials))
 
     def breaks_symmetry(self, test: Test) -> bool:
-        return pulls_across(test)
-
-
-def pulls_across(test: Test) -> bool:
-    """Whether gravity has a part across the plane y = 0, at any time."""
-    return any(is_across(g) for g in np.atleast_2d(test.path.gravity))
-
-
-def is_across(gravity: Array) -> bool:
-    """Whether a gravity (3,) has a part across the plane y = 0."""
-    return bool(abs(gravity[1]) > 1e-6 * np.linalg.norm(gravity))
+        return pulls_across(test.path)
 
 
 class PressureLag(Effect):

@@ -16,7 +16,8 @@ from scipy.interpolate import CubicSpline
 from fe import Path, solve
 from fe.case import digest
 from fe.mesh.points import nearest
-from twin.model.prediction import Model, under, ways
+from twin.gravity import under, ways
+from twin.model.prediction import Model
 from twin.model.structure import Mesh, Structure
 from twin.parallel import Keep, made_at_once
 from twin.targets import Array, Targets
@@ -61,7 +62,7 @@ def discretisation_error(
     equilibrium.
     """
     test = model.put(model.named(theta))
-    gravities, of_step = ways(test)
+    gravities, of_step = ways(test.case, test.path)
     q = model.solution(theta).pressure
     own = next(m for name, m in test.case.materials.items() if name not in test.case.kept)
     C10, C01 = made_for or (own.C10, own.C01)

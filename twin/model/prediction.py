@@ -9,14 +9,12 @@ from numpy.typing import NDArray
 
 from calibrate import Parameter
 from fe import Case, Finger, Lattice, Material, Path, Solution, Variation, finger_case, solve
-from fe.element import Integers
 from fe.mesh.mirror import mirrored, symmetry_support
-from twin.effects.loads import is_across, pulls_across
 from twin.effects.material import Elasticity
 from twin.effects.protocol import Effect, Test, Theta, Unsolvable
+from twin.gravity import is_heavy, of_targets, pulls_across
 from twin.targets import Array, Targets
 
-G = 9810.0  # mm/s2
 STEP = 1e-6  # of a parameter's typical size, for differencing the effects' maps
 # A prediction that differs from a solved neighbour by less than NEAR mm is taken along the neighbour's
 # derivatives: of 58 mm of motion that leaves an error of about NEAR^2 / 58 = 2e-4 mm. Derivatives change by
@@ -83,7 +81,7 @@ class Model:
     def _whole(self) -> tuple[Test, str]:
         """The base test, of the whole structure where half of it is not enough, and why that is."""
         case, names = self.test.case, [e.name for e in self.effects if e.breaks_symmetry(self.test)]
-        if pulls_across(self.test) and is_heavy(case):
+        if pulls_across(self.test.path) and is_heavy(case):
             names.append("weight")
         if symmetry_support(case) is None:
             return self.test, "the mesh has no plane of symmetry: all of it is solved"
@@ -258,25 +256,6 @@ def respond(
     return u, du, solution
 
 
-def is_heavy(case: Case) -> bool:
-    """Whether any of its materials has a density."""
-    return any(m.density for m in case.materials.values())
-
-
-def under(case: Case, gravity: Array) -> Case:
-    """The case as a gravity (3,) asks for it: the whole, where weight pulls across the plane of a half."""
-    halved = is_heavy(case) and is_across(gravity) and symmetry_support(case) is not None
-    return mirrored(case) if halved else case
-
-
-def ways(test: Test) -> tuple[Array, Integers]:
-    """The different gravities (g, 3) mm/s2 that act on a test's steps, and which of them (s,) on each; none
-    but zero where nothing has a density."""
-    every = test.path.gravity_at(test.path.output) * is_heavy(test.case)
-    found, number = np.unique(every, axis=0, return_inverse=True)
-    return found, number.reshape(-1)
-
-
 def base_case(*, finger: Finger | None = None, lattice: Lattice | None = None) -> Case:
     """The embedded bellows finger with nominal constants, to which every effect is applied."""
     return finger_case(Material(C10=0.2, C01=0.1), finger=finger, lattice=lattice)
@@ -286,17 +265,8 @@ def base_test(targets: Targets, case: Case) -> Test:
     """The test that the targets describe: their points on the case, their log as the path."""
     moving = ~targets.fixed
     points = targets.places(case.position)
-    path = Path(targets.log_time, targets.log_pressure, targets.time, gravity=_gravity(targets))
+    path = Path(targets.log_time, targets.log_pressure, targets.time, gravity=of_targets(targets))
     return Test(case, path, np.nan_to_num(points), moving)
-
-
-def _gravity(targets: Targets) -> Array:
-    """Gravity (3,) or (t, 3) mm/s2 at the log's times: that of the block whose steps are nearest."""
-    if targets.gravity is None:
-        return np.zeros(3)
-    last = np.flatnonzero(np.diff(targets.block))
-    switch = (targets.time[last] + targets.time[last + 1]) / 2
-    return G * targets.gravity[np.searchsorted(switch, targets.log_time)]
 
 
 def base_model(

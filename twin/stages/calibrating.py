@@ -11,8 +11,9 @@ from twin.diagnosis.comparison import compare
 from twin.diagnosis.fitting import fit_model, whitener_of, with_mesh
 from twin.diagnosis.whitening import Whitener, whitener
 from twin.effects.material import Elasticity
+from twin.gravity import under
 from twin.model.loadpaths import REDUCED, Turned, load_paths, reach, sheets
-from twin.model.prediction import Model, under, ways
+from twin.model.prediction import Model
 from twin.project.folder import Project, Run, Say
 from twin.review.states import Generations
 from twin.stages.searching import Generation, Objective, search
@@ -88,7 +89,7 @@ def _paths(bench: Workbench, say: Say) -> tuple[Turned, Any]:
     if bench.project.config.model.deck is not None:
         softest = sum(bench.elasticity.lowest.values())
         top = reach(bench.case, float(bench.targets.pressure.max()) / softest, keep=keep, key=key)
-    gravities, of_step = ways(bench.model(()).test)
+    gravities, of_step = bench.gravities
     if bench.scales:
         return Turned((load_paths(bench.case, where, keep=keep, key=key, top=top),), of_step), rows
     high = sum(bench.elasticity.highest.values())
@@ -148,7 +149,7 @@ def full_solves(
 def _to_the_top(bench: Workbench, objective: Objective) -> tuple[Case, Path]:
     """The case, and its load from rest to the first arrival at top pressure; where it has weight, the rest is
     an output, too."""
-    gravities, of_step = ways(bench.model(()).test)
+    gravities, of_step = bench.gravities
     top, rest = gravities[of_step[objective.steps[:2]]]
     load = np.array([0.0, objective.pressure[0]])
     if not gravities.any():

@@ -8,19 +8,20 @@ import numpy as np
 
 from calibrate import Fit
 from fe import Case, Finger, Lattice
+from fe.element import Integers
 from fe.mesh.points import nearest
 from twin.diagnosis.fitting import measured_remainder
 from twin.effects.library import effect
 from twin.effects.material import Elasticity
+from twin.gravity import density, ways
 from twin.model.discretisation import MARGIN, Discretisation, discretisation_error, unknown
-from twin.model.prediction import Model, base_model, ways
+from twin.model.prediction import Model, base_model, base_test
 from twin.model.structure import Structure, of_deck, of_finger, weighed
 from twin.parallel import WORKERS, Keep, finished
 from twin.project import files
 from twin.project.folder import Project, Say
 from twin.targets import Array, PointKind, Targets, as_position
 
-TONNE_MM3 = 1e-12  # of one kg/m3
 OFF_MODEL_MM = 0.5
 SOFTEST = 0.7  # C10 + C01 of finer meshes over that of the model they serve; at most MARGIN
 SAME = 1.05  # at most, either way, where it does more than to scale the pressure
@@ -44,7 +45,13 @@ class Workbench:
     @property
     def scales(self) -> bool:
         """Whether U depends on pressure / (C10 + C01) and the share alone."""
-        return self.structure.scales and not ways(self.model(()).test)[0].any()
+        return self.structure.scales and not self.gravities[0].any()
+
+    @property
+    def gravities(self) -> tuple[Array, Integers]:
+        """The different gravities (g, 3) mm/s2 of the targets' steps, and which of them (s,) acts on each."""
+        test = base_test(self.targets, self.case)
+        return ways(test.case, test.path)
 
     @staticmethod
     def of(project: Project) -> "Workbench":
@@ -130,9 +137,9 @@ class Workbench:
 def structure_of(project: Project) -> Structure:
     """What the model of a project is made of, as heavy as it was weighed. ValueError where its deck is not
     there or not right."""
-    density = project.config.model.density_kg_m3
+    kg_m3 = project.config.model.density_kg_m3
     found = _unweighed(project)
-    return found if density is None else weighed(found, TONNE_MM3 * density)
+    return found if kg_m3 is None else weighed(found, density(kg_m3))
 
 
 def _unweighed(project: Project) -> Structure:

@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 
 from fe import Case, Finger, Lattice, Material, Path, finger_case, solve
-from fe.mesh.mirror import symmetry_support
 from twin import cli, virtual
+from twin.gravity import G, ways
 from twin.model import discretisation as mesh_error
 from twin.model import loadpaths
 from twin.model.discretisation import discretisation_error
 from twin.model.loadpaths import Turned, sheets
-from twin.model.prediction import G, base_model, under, ways
+from twin.model.prediction import base_model, base_test
 from twin.model.structure import of_finger, weighed
 from twin.parallel import made_at_once
 from twin.project.config import CalibrateTable, Config, ModelTable, PointTable, ProjectTable
@@ -72,10 +72,11 @@ def test_the_table_under_weight_is_full_finite_elements(
         monkeypatch.setattr(loadpaths, name, value)  # quick, and still within the tolerance
     heavy, where = short_case.with_material(density=DENSITY), short_case.position(4401)[None]
     t = make_targets(gravity=np.stack([DOWN, -DOWN]), block=np.array([0, 0, 0, 0, 1, 1, 1, 1]))
-    gravities, of_step = ways(base_model(t, heavy).test)
+    course = base_test(t, heavy).path
+    gravities, of_step = ways(heavy, course)
     assert gravities.tolist() == [[0, 0, -G], [0, 0, G]]
     assert of_step.tolist() == [0, 0, 0, 0, 1, 1, 1, 1]
-    assert not ways(base_model(t, short_case).test)[0].any()  # nothing is heavy
+    assert not ways(short_case, course)[0].any()  # nothing is heavy
     paths = Turned(
         tuple(
             sheets(heavy, where, keep=made_at_once, key=f"{k}", top=0.2, totals=(0.15, 0.6), gravity=g)
@@ -196,13 +197,3 @@ def test_what_is_wrong_with_the_weight_is_one_sentence(project: Project, tmp_pat
         bench(model=ModelTable(fixed={"density": 1e-9}))
     with pytest.raises(ValueError, match=r"gravity = \[0.0, 0.0, 0.0\]: wanted a direction"):
         ModelTable(gravity=(0.0, 0.0, 0.0))
-
-
-def test_weight_across_the_finger_asks_for_the_whole(short_case: Case) -> None:
-    heavy, across = short_case.with_material(density=DENSITY), np.array([0.0, G, 0.0])
-    assert under(short_case, across) is short_case
-    assert under(heavy, G * DOWN) is heavy
-    whole = under(heavy, across)
-    assert symmetry_support(whole) is None
-    assert under(whole, across) is whole
-    np.testing.assert_array_equal(whole.nodes[: len(heavy.nodes)], heavy.nodes)  # the half comes first

@@ -1,0 +1,51 @@
+"""Gravity over a recording: its course from the targets' blocks, and what it asks of a model."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from fe import Case, Path
+from fe.mesh.mirror import symmetry_support
+from twin.gravity import G, density, is_heavy, of_targets, pulls_across, under, ways
+from twin.targets import Targets
+
+DOWN, UP, ACROSS = np.array([0.0, 0.0, -1.0]), np.array([0.0, 0.0, 1.0]), np.array([0.0, 1.0, 0.0])
+SILICONE = 1.07e-9  # tonne/mm3
+
+
+def test_a_density_is_told_in_tonnes_a_cubic_millimetre() -> None:
+    assert density(1070.0) == pytest.approx(SILICONE)
+
+
+def test_gravity_turns_half_way_between_two_blocks(make_targets: Callable[..., Targets]) -> None:
+    block = np.array([0, 0, 0, 0, 0, 1, 1, 1])  # steps at .. 3.5, 6.0 s: the finger is turned at 4.75 s
+    t = make_targets(gravity=np.stack([DOWN, UP]), block=block)
+    course = of_targets(t)
+    assert course.shape == (len(t.log_time), 3)
+    np.testing.assert_array_equal(course[t.log_time < 4.74], G * np.tile(DOWN, (int((t.log_time < 4.74).sum()), 1)))
+    np.testing.assert_array_equal(course[t.log_time > 4.76][:, 2], G)
+    np.testing.assert_array_equal(of_targets(make_targets()), np.zeros(3))
+
+
+def test_the_ways_of_gravity_are_those_that_a_heavy_case_feels(short_case: Case) -> None:
+    time = np.array([0.0, 1.0, 2.0, 3.0])
+    gravity = G * np.stack([DOWN, DOWN, UP, UP])
+    path, heavy = Path(time, 0.01 * time, time, gravity=gravity), short_case.with_material(density=SILICONE)
+    found, of_step = ways(heavy, path)
+    np.testing.assert_array_equal(found[of_step], gravity)
+    assert len(found) == 2
+    assert not ways(short_case, path)[0].any()  # nothing is heavy
+    assert (is_heavy(heavy), is_heavy(short_case)) == (True, False)
+    assert not pulls_across(path)
+    assert pulls_across(Path(time, 0.01 * time, time, gravity=G * np.stack([DOWN, DOWN, ACROSS, ACROSS])))
+
+
+def test_weight_across_the_finger_asks_for_the_whole(short_case: Case) -> None:
+    heavy, across = short_case.with_material(density=SILICONE), G * ACROSS
+    assert under(short_case, across) is short_case
+    assert under(heavy, G * DOWN) is heavy
+    whole = under(heavy, across)
+    assert symmetry_support(whole) is None
+    assert under(whole, across) is whole
+    np.testing.assert_array_equal(whole.nodes[: len(heavy.nodes)], heavy.nodes)  # the half comes first
