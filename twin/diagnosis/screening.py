@@ -16,11 +16,11 @@ from twin.diagnosis.candidates import Candidate
 from twin.diagnosis.comparison import Comparison
 from twin.diagnosis.whitening import Whitener
 from twin.effects.protocol import Effect
+from twin.effects.requirements import lacking
 from twin.model.prediction import Model
 from twin.targets import Array, Targets
 
 INVISIBLE = 0.02  # of its own size is what an effect keeps apart from the fitted parameters
-UNLOADED = 0.1  # of the top pressure is how far it must fall, for an effect that shows in unloading
 
 
 def screen(
@@ -35,26 +35,15 @@ def screen(
     """The score of every absent effect at the base fit, adjusted for the number of tries."""
     present = {e.name for e in model.effects}
     absent = [e for e in effects if e.name not in present]
-    testable = [e for e in absent if not lacking(e, targets)]
+    testable = [e for e in absent if not lacking(e.requires, targets)]
     scored = [
         _score(e, rows, jacobian, w, base.whitened, model.named(theta), model)
         for e, rows in zip(testable, model.signatures(theta, testable), strict=True)
     ]
     adjusted = iter(holm([c.p_value for c in scored if not c.note]))
     scored = [c if c.note else replace(c, p_value=float(next(adjusted))) for c in scored]
-    return scored + [Candidate(e, 0.0, 1.0, lacking(e, targets)) for e in absent if e not in testable]
-
-
-def lacking(effect: Effect, targets: Targets) -> str:
-    """What an effect requires and the data do not hold, or nothing."""
-    if "history" in effect.requires and not targets.has_log:
-        return "not testable: needs the pressure between the steps (a dense log)"
-    if "gravity" in effect.requires and targets.gravity is None:
-        return "not testable: needs the direction of gravity (twin.toml [model], or targets.toml by block)"
-    p = np.interp(targets.time, targets.log_time, targets.log_pressure)
-    if "unloading" in effect.requires and (np.maximum.accumulate(p) - p).max() < UNLOADED * p.max():
-        return "not testable: needs steps at which the pressure has fallen again"
-    return ""
+    silent = [e for e in absent if e not in testable]
+    return scored + [Candidate(e, 0.0, 1.0, lacking(e.requires, targets)) for e in silent]
 
 
 def _score(

@@ -9,21 +9,14 @@ import numpy as np
 from calibrate import Fit
 from twin.diagnosis.candidates import Candidate
 from twin.diagnosis.comparison import Comparison
+from twin.effects.protocol import Effect
 
 TIE = 6.0  # BIC
 # Of the misfit: right physics, wrong law. Measured: 0.88 on the demo's film, where two terms stand for three;
 # 0.2 to 0.3 for a tube that pulls the tip (tests/twin/diagnosis/test_twin_diagnose.py).
 EXPLAINED = 0.8
 
-NEXT_TEST = {
-    frozenset(
-        {"creep", "pressure_lag"}
-    ): "hold the top pressure for 60 s and film a 0.2 s step at 30 frames/s",
-    frozenset({"pressure_gain", "camera_scale"}): "measure the pressure gauge against a second one",
-    frozenset({"creep", "mullins"}): "repeat the cycle after a minute of rest: softening stays, creep fades",
-    frozenset({"creep", "thermal"}): "repeat the film ten minutes later: creep fades, a drift goes on",
-    frozenset({"stiffening", "camera_scale"}): "film a ruler in the finger's plane",
-}
+ANY_TWO = "repeat the film with a 60 s hold and a 0.2 s step"  # the next test where effects name none
 
 
 @dataclass(frozen=True)
@@ -97,10 +90,10 @@ def _judged(rows: tuple[Candidate, ...], best: Candidate, base: Comparison, afte
     name, law = best.effect.name, best.effect.label
     change = f"{base.rms_mm:.3f} mm -> {after.rms_mm:.3f} mm rms (noise {base.noise_sd_mm:.3f} mm)"
     named = Diagnosis(name, "", (name,), law, kept=best, explained=explained)
-    tied = tuple(c.effect.name for c in rows[1:] if _tied(c, best))
+    tied = [c.effect for c in rows[1:] if _tied(c, best)]
     if after.adequate and tied:
-        names = (name, *dict.fromkeys(tied))
-        test = NEXT_TEST.get(frozenset(names[:2]), "repeat the film with a 60 s hold and a 0.2 s step")
+        names = (name, *dict.fromkeys(e.name for e in tied))
+        test = next_test(best.effect, tied[0])
         sentence = f"These data cannot tell {' from '.join(names)}; {change}."
         verdict = f"{' or '.join(names)}: run test {test}"
         return replace(named, verdict=verdict, sentence=sentence, ties=(names,), next_test=test)
@@ -117,6 +110,11 @@ def _judged(rows: tuple[Candidate, ...], best: Candidate, base: Comparison, afte
         f"explains only {100 * explained:.0f} % of it: something else is missing."
     )
     return Diagnosis("none of these", sentence, explained=explained)
+
+
+def next_test(one: Effect, other: Effect) -> str:
+    """The test that tells two effects apart, as either of them names it."""
+    return one.separations.get(other.name) or other.separations.get(one.name) or ANY_TWO
 
 
 def _tied(c: Candidate, best: Candidate) -> bool:

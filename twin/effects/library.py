@@ -17,22 +17,13 @@ def all_effects() -> tuple[Effect, ...]:
     )  # fmt: skip
 
 
-def on_request() -> tuple[Effect, ...]:
-    """Effects that are never tried, only added by name: dear ones."""
-    return (TableContact(2),)
-
-
 def effect(label: str) -> Effect:
-    """The effect that a label of twin.toml names, `creep` or `creep:2`; ValueError lists the known ones."""
-    name, _, terms = label.partition(":")
-    for known in (*all_effects(), *on_request()):
-        if known.name == name:
-            while known is not None and known.label != label:
-                known = known.wider()  # type: ignore[assignment]
-            if known is not None:
-                return known
-    raise ValueError(
-        f"effect {label!r} is not in the library; wanted one of {', '.join(e.name for e in all_effects())} "
-        f"(creep:2 for "
-        "two terms, contact:2 with friction)" + (f"; {name} has no law with {terms} terms" if terms else "")
-    )
+    """The effect named by a label in twin.toml, for example `creep` or `creep:2`; ValueError if unknown."""
+    name = label.partition(":")[0]
+    known = {e.name: e.laws() for e in all_effects()}
+    if name not in known:
+        raise ValueError(f"effect {label!r} is not in the library, wanted one of {', '.join(known)}")
+    laws = {law.label: law for law in known[name]}
+    if label not in laws:
+        raise ValueError(f"effect {label!r}: no such law of {name}, wanted one of {', '.join(laws)}")
+    return laws[label]

@@ -1,11 +1,14 @@
 """Effects of what loads the structure: the pressure as the chamber feels it, and weight."""
 
+from collections.abc import Mapping
 from dataclasses import replace
+from typing import ClassVar
 
 import numpy as np
 
 from calibrate import Parameter
-from twin.effects.protocol import Effect, Test, Theta
+from twin.effects.protocol import Effect, Order, Test, Theta
+from twin.effects.requirements import Requirement
 from twin.gravity import pulls_across
 from twin.targets import Array
 
@@ -13,9 +16,12 @@ from twin.targets import Array
 class PressureGain(Effect):
     """The gauge reads wrong by a constant factor: true pressure = (1 + gain) recorded."""
 
-    name, order = "pressure_gain", 40
+    name, order = "pressure_gain", Order.GAUGE_GAIN
     sentence = "the pressure gauge is off by a constant factor"
     parameters = (Parameter("pressure_gain.gain", -0.3, 0.3, "", null=0.0, typical=0.02),)
+    separations: ClassVar[Mapping[str, str]] = {
+        "camera_scale": "measure the pressure gauge against a second one"
+    }
 
     def before(self, test: Test, theta: Theta) -> Test:
         gain = 1 + theta["pressure_gain.gain"]
@@ -25,7 +31,7 @@ class PressureGain(Effect):
 class PressureOffset(Effect):
     """The gauge's zero is off: true pressure = recorded + offset, after any gain."""
 
-    name, order = "pressure_offset", 41
+    name, order = "pressure_offset", Order.GAUGE_OFFSET
     sentence = "the pressure gauge's zero is off by a constant"
     parameters = (Parameter("pressure_offset.offset", -5e-3, 5e-3, "MPa", null=0.0, typical=2e-4),)
 
@@ -37,7 +43,7 @@ class PressureOffset(Effect):
 class Gravity(Effect):
     """The silicone has a density, or more than the base model: its weight bends the finger, at rest too."""
 
-    name, order, requires = "gravity", 10, ("gravity",)
+    name, order, requires = "gravity", Order.MATERIAL, (Requirement.GRAVITY,)
     sentence = "the finger is bent by its own weight"
     parameters = (
         Parameter(
@@ -59,7 +65,7 @@ class Gravity(Effect):
 class PressureLag(Effect):
     """The chamber follows the gauge as a first-order line: tau dp/dt = recorded - p."""
 
-    name, order, requires = "pressure_lag", 50, ("history",)
+    name, order, requires = "pressure_lag", Order.LINE, (Requirement.HISTORY,)
     sentence = "the chamber's pressure lags behind the gauge (hose and orifice)"
     parameters = (Parameter("pressure_lag.tau", 0.0, 5.0, "s", null=0.0, typical=0.1),)
 

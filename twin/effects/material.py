@@ -2,18 +2,20 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
+from typing import ClassVar
 
 import numpy as np
 
 from calibrate import Parameter
-from twin.effects.protocol import Effect, Test, Theta
+from twin.effects.protocol import Effect, Family, Order, Test, Theta
+from twin.effects.requirements import Requirement
 
 
 class Elasticity(Effect):
     """The base material: Mooney-Rivlin constants C10 and C01 of every element, each free or held at a
     value."""
 
-    name, sentence, order = "elasticity", "Mooney-Rivlin rubber", 0
+    name, sentence, order = "elasticity", "Mooney-Rivlin rubber", Order.LAW
 
     def __init__(
         self, *, bounds: Mapping[str, tuple[float, float]] | None = None, fixed: Theta | None = None
@@ -41,15 +43,19 @@ class Elasticity(Effect):
         return replace(test, case=test.case.with_material(C10=values["C10"], C01=values["C01"]))
 
 
-class Creep(Effect):
+class Creep(Family):
     """Finite-strain Prony relaxation G(t) = G0 [1 - sum g_i (1 - exp(-t / tau_i))] with one or two terms."""
 
-    name, order, requires = "creep", 10, ("history",)
+    name, order, requires = "creep", Order.MATERIAL, (Requirement.HISTORY,)
     sentence = "the silicone keeps yielding under a held pressure and recovers slowly (viscoelasticity)"
+    separations: ClassVar[Mapping[str, str]] = {
+        "pressure_lag": "hold the top pressure for 60 s and film a 0.2 s step at 30 frames/s",
+        "mullins": "repeat the cycle after a minute of rest: softening stays, creep fades",
+        "thermal": "repeat the film ten minutes later: creep fades, a drift goes on",
+    }
 
-    def __init__(self, terms: int = 1) -> None:
-        self.terms = terms
-        self.parameters = tuple(
+    def law(self, terms: int) -> tuple[Parameter, ...]:
+        return tuple(
             p
             for i in range(1, terms + 1)
             for p in (
@@ -57,20 +63,14 @@ class Creep(Effect):
                 Parameter(f"creep.tau{i}", 0.2, 200.0, "s", typical=1.0, plausible=(0.5, 100.0)),
             )
         )
-        self.grid = (
-            tuple({"creep.tau1": tau} for tau in (0.6, 1.2, 2.5, 5.0, 10.0, 20.0)) if terms == 1 else ()
-        )
 
-    @property
-    def label(self) -> str:
-        return self.name if self.terms == 1 else f"{self.name}:{self.terms}"
+    def tried(self, terms: int) -> tuple[Theta, ...]:
+        times = (0.6, 1.2, 2.5, 5.0, 10.0, 20.0) if terms == 1 else ()
+        return tuple({"creep.tau1": tau} for tau in times)
 
     def before(self, test: Test, theta: Theta) -> Test:
         series = tuple((theta[f"creep.g{i}"], theta[f"creep.tau{i}"]) for i in range(1, self.terms + 1))
         return replace(test, case=test.case.with_material(prony=series))
-
-    def wider(self) -> Effect | None:
-        return Creep(2) if self.terms == 1 else None
 
     def start(self, theta: Theta) -> Theta:
         if self.terms == 1:
@@ -82,36 +82,27 @@ class Creep(Effect):
         return {**rest, **first, "creep.g2": 0.5 * g, "creep.tau2": slow}
 
 
-class Stiffening(Effect):
+class Stiffening(Family):
     """A quadratic term C20 (I1 - 3)^2 in the energy: the rubber stiffens, or softens, with strain. With two
     terms a cubic one, C30 (I1 - 3)^3, too: Yeoh's law, and Gent's to third order."""
 
-    name, order = "stiffening", 10
+    name, order = "stiffening", Order.MATERIAL
     sentence = "the silicone stiffens (or softens) with strain beyond the Mooney-Rivlin law"
+    separations: ClassVar[Mapping[str, str]] = {"camera_scale": "film a ruler in the finger's plane"}
+    added: ClassVar[Theta] = {"stiffening.C30": 0.0}
 
-    def __init__(self, terms: int = 1) -> None:
-        self.terms = terms
-        self.parameters = (
+    def law(self, terms: int) -> tuple[Parameter, ...]:
+        return (
             Parameter("stiffening.C20", -0.05, 0.5, "MPa", null=0.0, typical=0.005),
             Parameter("stiffening.C30", -0.02, 0.2, "MPa", null=0.0, typical=0.002),
         )[:terms]
-
-    @property
-    def label(self) -> str:
-        return self.name if self.terms == 1 else f"{self.name}:{self.terms}"
 
     def before(self, test: Test, theta: Theta) -> Test:
         terms = {p.name.partition(".")[2]: theta[p.name] for p in self.parameters}
         return replace(test, case=test.case.with_material(**terms))
 
-    def wider(self) -> Effect | None:
-        return Stiffening(2) if self.terms == 1 else None
 
-    def start(self, theta: Theta) -> Theta:
-        return {"stiffening.C30": 0.0, **theta} if self.terms == 2 else theta
-
-
-class Mullins(Effect):
+class Mullins(Family):
     """Mullins softening below the largest energy that a point has carried: the stress is multiplied by
     1 - softening erf((W_max - W) / (m + beta W_max)), softening = 1/r (Ogden & Roxburgh 1999,
     doi 10.1098/rspa.1999.0431). One term: beta = 0. The finger is virgin at the beginning of the path.
@@ -120,37 +111,30 @@ class Mullins(Effect):
     which W_max is met again, an output there has another slope on either side.
     """
 
-    name, order, requires = "mullins", 10, ("history", "unloading")
+    name, order = "mullins", Order.MATERIAL
+    requires = (Requirement.HISTORY, Requirement.UNLOADING)
     sentence = "the silicone is softer below the largest load it has carried (Mullins softening)"
+    added: ClassVar[Theta] = {"mullins.beta": 0.1}
 
-    def __init__(self, terms: int = 1) -> None:
-        self.terms = terms
-        self.parameters = (
+    def law(self, terms: int) -> tuple[Parameter, ...]:
+        return (
             Parameter("mullins.softening", 0.0, 0.9, "", null=0.0, typical=0.1, plausible=(0.02, 0.6)),
             Parameter("mullins.m", 1e-4, 0.1, "MPa", typical=2e-3, plausible=(3e-4, 0.03)),
             Parameter("mullins.beta", 0.0, 2.0, "", null=0.0, typical=0.1, plausible=(0.0, 1.0)),
         )[: 1 + terms]
-        self.grid = tuple({"mullins.m": m} for m in (5e-4, 2e-3, 8e-3, 3e-2)) if terms == 1 else ()
 
-    @property
-    def label(self) -> str:
-        return self.name if self.terms == 1 else f"{self.name}:{self.terms}"
+    def tried(self, terms: int) -> tuple[Theta, ...]:
+        return tuple({"mullins.m": m} for m in (5e-4, 2e-3, 8e-3, 3e-2)) if terms == 1 else ()
 
     def before(self, test: Test, theta: Theta) -> Test:
         law = (theta["mullins.softening"], theta["mullins.m"], theta.get("mullins.beta", 0.0))
         return replace(test, case=test.case.with_material(mullins=law))
 
-    def wider(self) -> Effect | None:
-        return Mullins(2) if self.terms == 1 else None
-
-    def start(self, theta: Theta) -> Theta:
-        return {"mullins.beta": 0.1, **theta} if self.terms == 2 else theta
-
 
 class Compressibility(Effect):
     """The bulk modulus K is finite beyond the base's: 1/K = 1/K_base + excess."""
 
-    name, order = "compressibility", 15
+    name, order = "compressibility", Order.MATERIAL
     sentence = "the silicone is compressible (bubbles, or a bulk modulus near its shear modulus)"
     parameters = (
         Parameter(
@@ -172,7 +156,7 @@ class Compressibility(Effect):
 class Thermal(Effect):
     """All moduli drift with time: times 1 + rate t, t on the clock of the pressure log."""
 
-    name, order = "thermal", 15
+    name, order = "thermal", Order.MATERIAL
     sentence = "the silicone gets stiffer or softer with time (its temperature drifts)"
     parameters = (
         Parameter("thermal.rate", -5e-3, 5e-3, "1/s", null=0.0, typical=2e-4, plausible=(-1e-3, 1e-3)),

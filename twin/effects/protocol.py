@@ -4,19 +4,41 @@ An effect never states a derivative: `Model` differences its maps. At its null v
 the base, bit for bit on the same mesh (`Model.over`: half of a symmetric one, or all of it).
 """
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from enum import IntEnum
+from typing import Any, ClassVar
 
 from calibrate import Parameter
 from fe import Case, Path
+from twin.effects.requirements import Requirement
 from twin.targets import Array
 
 Theta = Mapping[str, float]
+NAME = re.compile(r"[a-z][a-z0-9_]*")
 
 
 class Unsolvable(Exception):
     """The model has no equilibrium for these parameters; the message says how far it came, or why."""
+
+
+class Order(IntEnum):
+    """When an effect's maps are applied: from first to last, whatever order the effects were added in.
+
+    Two effects of the same order must give the same result in either sequence.
+    """
+
+    LAW = 0  # the base material, to which all others add
+    GEOMETRY = 5
+    MATERIAL = 10
+    SUPPORT = 20  # supports, outside forces, contact
+    GAUGE_GAIN = 40  # the pressure: first what the gauge read wrong, then what the hose made of it
+    GAUGE_OFFSET = 41
+    LINE = 50
+    CLOCK = 60
+    SLIP = 70  # markers, then the picture of them
+    CAMERA = 80
 
 
 @dataclass(frozen=True)
@@ -33,21 +55,36 @@ class Test:
 
 
 class Effect:
-    """A physical effect: `name`, `parameters` (named `<effect>.<parameter>`), and two pure maps.
+    """A physical effect: a name, parameters, and two pure maps.
 
-    order: maps are applied by increasing order, never by the order of adding (material 10, support 20, gauge
-    40, line 50, camera 80). grid: values at which a parameter that is invisible at null is tried. requires:
-    what the data must hold ("history", "unloading", "gravity"; see `procedure.lacking`). sentence: what
-    is physically meant, for the report.
+    name: as twin.toml writes it, of small letters, digits and _. sentence: what is physically meant, for the
+    report. order: when its maps are applied. parameters: each named `<effect>.<parameter>`; a null is the
+    value at which the effect is absent. grid: values at which parameters that are invisible at null are
+    tried. requires: what the data must hold, else the effect is listed as not testable. separations: for
+    the name of another effect, the test that tells the two apart. smooth: False where its signature is the
+    difference of whole solves, not of first order.
+
+    Raises ValueError where a class is defined with a name, an order or a requirement that does not exist.
     """
 
-    smooth: bool = True  # False: its signature is the difference of whole solves, not of first order
     name: str = ""
     sentence: str = ""
-    order: int = 0
+    order: Order = Order.SUPPORT
     parameters: tuple[Parameter, ...] = ()
     grid: tuple[Theta, ...] = ()
-    requires: tuple[str, ...] = ()
+    requires: tuple[Requirement, ...] = ()
+    separations: ClassVar[Mapping[str, str]] = {}
+    smooth: bool = True
+
+    def __init_subclass__(cls) -> None:
+        super().__init_subclass__()
+        if cls.name and not NAME.fullmatch(cls.name):
+            raise ValueError(f"effect {cls.name!r}: wanted a name of small letters, digits and _: my_effect")
+        order: object = cls.order  # a file of the user's may have anything here
+        if not isinstance(order, Order):
+            names = ", ".join(f"Order.{o.name}" for o in Order)
+            raise ValueError(f"effect {cls.name!r}: order = {order!r}, wanted one of {names}")
+        cls.requires = tuple(_requirement(cls.name, r) for r in cls.requires)
 
     def before(self, test: Test, theta: Theta) -> Test:
         """The test with the effect in it; at null values the same object's content."""
@@ -67,8 +104,12 @@ class Effect:
 
     @property
     def label(self) -> str:
-        """How twin.toml writes it: the name, with its number of terms where there is a choice."""
+        """The effect as twin.toml writes it: its name, with its number of terms where there is a choice."""
         return self.name
+
+    def laws(self) -> tuple["Effect", ...]:
+        """Every law of the same physics that can be named in twin.toml, the narrowest first."""
+        return (self,)
 
     def wider(self) -> "Effect | None":
         """The same physics with a richer law, to be tried where this one is inadequate."""
@@ -77,3 +118,52 @@ class Effect:
     def start(self, theta: Theta) -> Theta:
         """Starting values, from those of the narrower law."""
         return theta
+
+
+class Family(Effect):
+    """An effect with laws of one, two or more terms, `creep` and `creep:2`; the wider holds the narrower.
+
+    most: terms of its widest law. widens: whether `twin diagnose` tries a wider law by itself. added: values
+    at which the parameters of a wider law start. ValueError for a number of terms that it does not have.
+    """
+
+    most: int = 2
+    widens: bool = True
+    added: ClassVar[Theta] = {}
+
+    def __init__(self, terms: int = 1) -> None:
+        if not 1 <= terms <= self.most:
+            raise ValueError(f"effect {self.name!r} has no law with {terms} terms, wanted 1 to {self.most}")
+        self.terms = terms
+        self.parameters = self.law(terms)
+        self.grid = self.tried(terms)
+
+    def law(self, terms: int) -> tuple[Parameter, ...]:
+        """The parameters of the law with so many terms."""
+        raise NotImplementedError
+
+    def tried(self, terms: int) -> tuple[Theta, ...]:
+        """The grid of the law with so many terms."""
+        del terms
+        return ()
+
+    @property
+    def label(self) -> str:
+        return self.name if self.terms == 1 else f"{self.name}:{self.terms}"
+
+    def laws(self) -> tuple[Effect, ...]:
+        return tuple(type(self)(terms) for terms in range(1, self.most + 1))
+
+    def wider(self) -> Effect | None:
+        return type(self)(self.terms + 1) if self.widens and self.terms < self.most else None
+
+    def start(self, theta: Theta) -> Theta:
+        return {**self.added, **theta} if self.terms > 1 else theta
+
+
+def _requirement(name: str, wanted: str) -> Requirement:
+    try:
+        return Requirement(wanted)
+    except ValueError:
+        known = ", ".join(repr(r.value) for r in Requirement)
+        raise ValueError(f"effect {name!r} requires {wanted!r}, wanted one of {known}") from None

@@ -10,7 +10,7 @@ import numpy as np
 
 from calibrate import Parameter
 from fe.mesh.inner import Inside, inside, least_volume_ratio
-from twin.effects.protocol import Effect, Test, Theta, Unsolvable
+from twin.effects.protocol import Effect, Order, Test, Theta, Unsolvable
 from twin.targets import Array
 
 LEAST = 0.05  # of an element's volume must be left anywhere: beyond, the walls are all but closed
@@ -19,7 +19,7 @@ LEAST = 0.05  # of an element's volume must be left anywhere: beyond, the walls 
 class InnerShape(Effect):
     """A displacement of the chamber's surface."""
 
-    order = 5
+    order = Order.GEOMETRY
 
     def motion(self, inner: Inside, theta: Theta) -> Array:
         """The displacement (k, 3) mm of the nodes of the inner surface, 0 at null."""
@@ -115,7 +115,7 @@ class Precurvature(Effect):
     At rest it lies as much lower as that; displacements are relative to the rest.
     """
 
-    name, order = "precurvature", 5
+    name, order = "precurvature", Order.GEOMETRY
     sentence = "the finger is curved where it is free of stress (it shrank, or cured, more on one side)"
     parameters = (Parameter("precurvature.per_mm", -3e-3, 3e-3, "1/mm", null=0.0, typical=1e-4),)
 

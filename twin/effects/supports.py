@@ -10,10 +10,10 @@ from fe.case import Contact, Layer
 from fe.element import Integers
 from fe.mesh.mirror import symmetry_support
 from fe.mesh.refine import free_faces
-from twin.effects.protocol import Effect, Test, Theta
+from twin.effects.protocol import Effect, Family, Order, Test, Theta
 
 
-class TableContact(Effect):
+class TableContact(Family):
     """A table under the finger, `distance` mm below its flat bottom, pushes it back by its depth; with two
     terms Coulomb's friction on it too, along the whole path.
 
@@ -21,22 +21,19 @@ class TableContact(Effect):
     takes several times as long.
     """
 
-    name, order, smooth = "contact", 20, False
+    name, order, smooth, widens = "contact", Order.SUPPORT, False, False
     sentence = "the finger touches a table below it"
 
-    def __init__(self, terms: int = 1) -> None:
-        self.terms = terms
-        self.parameters = (
+    def law(self, terms: int) -> tuple[Parameter, ...]:
+        return (
             Parameter("contact.stiffness", 0.0, 2.0, "MPa/mm", null=0.0, typical=0.1),
             Parameter("contact.distance", -5.0, 100.0, "mm", typical=1.0),
             Parameter("contact.friction", 0.0, 2.0, "", null=0.0, typical=0.1),
         )[: terms + 1]
-        friction = {"contact.friction": 0.3} if terms == 2 else {}
-        self.grid = tuple({"contact.distance": d, **friction} for d in (3.0, 8.0, 15.0, 25.0, 40.0))
 
-    @property
-    def label(self) -> str:
-        return self.name if self.terms == 1 else f"{self.name}:{self.terms}"
+    def tried(self, terms: int) -> tuple[Theta, ...]:
+        friction = {"contact.friction": 0.3} if terms == 2 else {}
+        return tuple({"contact.distance": d, **friction} for d in (3.0, 8.0, 15.0, 25.0, 40.0))
 
     def before(self, test: Test, theta: Theta) -> Test:
         stiffness, case = theta["contact.stiffness"], test.case
@@ -55,7 +52,7 @@ class TableContact(Effect):
 class ElasticClamp(Effect):
     """The clamped face turns about the y axis in proportion to the moment on it, that of the whole finger."""
 
-    name, order = "clamp", 20
+    name, order = "clamp", Order.SUPPORT
     sentence = "the clamp gives way and turns with the moment on it"
     parameters = (Parameter("clamp.compliance", 0.0, 1e-2, "rad/(N mm)", null=0.0, typical=1e-5),)
 
@@ -70,7 +67,7 @@ class ElasticClamp(Effect):
 class StrainLimitingLayer(Effect):
     """A sheet of fabric or paper in the flat bottom: stiff along it, without stiffness to bending."""
 
-    name, order = "strain_limiting_layer", 10
+    name, order = "strain_limiting_layer", Order.MATERIAL
     sentence = "a sheet in the bottom (fabric, paper, a skin of glue) stops it from stretching"
     parameters = (Parameter("strain_limiting_layer.stiffness", 0.0, 50.0, "N/mm", null=0.0, typical=0.05),)
 

@@ -15,9 +15,9 @@ from fe import Case, Finger, Lattice, Material
 from twin import virtual
 from twin.diagnosis.fitting import fit_model, measured_remainder, whitener_of
 from twin.diagnosis.procedure import diagnose
-from twin.diagnosis.screening import lacking
 from twin.diagnosis.verdicts import Diagnosis
 from twin.effects.library import all_effects, effect
+from twin.effects.requirements import lacking
 from twin.model.discretisation import Discretisation, discretisation_error
 from twin.model.prediction import Model, base_model
 from twin.model.structure import of_finger
@@ -176,7 +176,7 @@ def test_hidden_softening_of_another_law_is_named(laboratory: Laboratory) -> Non
 
 def test_softening_needs_steps_of_falling_pressure(laboratory: Laboratory) -> None:
     t = laboratory.film(laboratory.truth())(1)
-    assert lacking(effect("mullins"), t) == ""
+    assert lacking(effect("mullins").requires, t) == ""
     rising = replace(t, log_pressure=np.maximum.accumulate(t.log_pressure))
-    assert "needs steps at which the pressure has fallen" in lacking(effect("mullins"), rising)
-    assert lacking(effect("creep"), rising) == ""
+    assert "needs steps at which the pressure has fallen" in lacking(effect("mullins").requires, rising)
+    assert lacking(effect("creep").requires, rising) == ""

@@ -1,0 +1,75 @@
+"""What an effect may declare: names that do not exist are refused where its class is defined."""
+
+from collections.abc import Callable
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from twin.effects.library import all_effects
+from twin.effects.protocol import Effect, Family, Order
+from twin.effects.requirements import MEANING, Requirement, lacking
+from twin.targets import Targets
+
+
+def test_an_unknown_requirement_is_an_error_at_definition() -> None:
+    with pytest.raises(ValueError, match="effect 'ageing' requires 'films', wanted one of 'history', 'unloading'"):
+
+        class Ageing(Effect):
+            name, requires = "ageing", ("films",)  # type: ignore[assignment]
+
+
+def test_an_order_without_a_name_is_an_error_at_definition() -> None:
+    with pytest.raises(ValueError, match=r"effect 'ageing': order = 12, wanted one of Order\.LAW, Order\.GEOMETRY"):
+
+        class Ageing(Effect):
+            name, order = "ageing", 12  # type: ignore[assignment]
+
+
+def test_a_name_that_no_label_can_hold_is_an_error_at_definition() -> None:
+    with pytest.raises(ValueError, match="effect 'Old:2': wanted a name of small letters"):
+
+        class Ageing(Effect):
+            name = "Old:2"
+
+
+def test_a_requirement_may_be_written_as_its_word() -> None:
+    class Ageing(Effect):
+        name, requires = "ageing", ("history",)  # type: ignore[assignment]
+
+    assert Ageing.requires == (Requirement.HISTORY,)
+
+
+def test_every_requirement_has_a_meaning(make_targets: Callable[..., Targets]) -> None:
+    assert set(MEANING) == set(Requirement)
+    t = make_targets(gravity=np.array([[0.0, 0.0, -1.0]]))
+    poor = make_targets(log_time=t.time, log_pressure=t.pressure)
+    rising = make_targets(log_pressure=np.maximum.accumulate(t.log_pressure))
+    for requirement, without in zip(Requirement, (poor, rising, poor), strict=True):
+        assert lacking((requirement,), t) == ""
+        assert lacking((requirement,), without).startswith("not testable: needs ")
+        others = [r for r in Requirement if r is not requirement]
+        assert lacking(others, t) == lacking((), without) == ""
+
+
+def test_a_family_has_the_laws_that_it_says() -> None:
+    for e in all_effects():
+        laws = e.laws()
+        assert [law.label for law in laws] == [e.name, *(f"{e.name}:{k}" for k in range(2, len(laws) + 1))]
+        for narrow, wide in pairwise(laws):
+            assert {p.name for p in narrow.parameters} < {p.name for p in wide.parameters}
+        if isinstance(e, Family):
+            with pytest.raises(ValueError, match=f"effect '{e.name}' has no law with 3 terms, wanted 1 to 2"):
+                type(e)(3)
+
+
+def test_next_tests_name_effects_of_the_library() -> None:
+    known = {e.name for e in all_effects()}
+    for e in all_effects():
+        assert set(e.separations) <= known - {e.name}
+        # one place a pair: two sentences for one pair would depend on which effect won
+        assert not [name for name in e.separations for o in all_effects() if o.name == name and e.name in o.separations]
+
+
+def test_orders_come_as_they_act() -> None:
+    assert [o.name for o in sorted(Order)] == [o.name for o in Order]
