@@ -17,6 +17,9 @@ from vision.camera import Array, Image
 
 HALF_TICK = 1e-6  # s, below every time base
 DEFAULT_CRF = 18.0
+# x264 cuts each picture into one slice a thread, which changes the coded picture: the number is part of the
+# result, and not that of the machine's CPUs. Decoders conceal damage differently with every number.
+CODING_THREADS, DECODING_THREADS = 2, 1
 _PLANAR = ("yuv420p", "yuvj420p", "yuv422p", "yuvj422p", "yuv444p", "yuvj444p", "nv12", "gray")
 
 
@@ -70,6 +73,7 @@ class Video:
     def _decoded(self) -> Iterator[VideoFrame]:
         """Frames in the order they are shown; a packet that cannot be decoded is passed over."""
         with av.open(str(self.path)) as container:
+            container.streams.video[0].codec_context.thread_count = DECODING_THREADS
             for packet in _packets(container):
                 try:
                     yield from packet.decode()
@@ -167,6 +171,7 @@ class Writer:
         stream.width, stream.height = size
         stream.pix_fmt = "yuv420p"
         stream.codec_context.time_base = 1 / rate
+        stream.codec_context.thread_count = CODING_THREADS
         self.stream, self.frames = stream, 0
 
     def __enter__(self) -> "Writer":
