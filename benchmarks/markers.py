@@ -30,8 +30,9 @@ from numpy.typing import NDArray
 from vision import Camera, Mark, Video
 from vision.drawing import synthetic
 from vision.film.video import Writer
+from vision.following.methods import Method
 from vision.following.reference import Follower, prepare
-from vision.following.tracks import REGISTERED, Followed, follow
+from vision.following.tracks import Followed, follow
 from vision.following.turns import mean_seen
 from vision.marks import detect
 
@@ -242,7 +243,11 @@ def speed(size_px: float, frames: int, zoom: int) -> tuple[float, float, float]:
     each = (time.process_time() - began) / len(s.place)
     began = time.process_time()
     detect(pictures.pictures[0], "DICT_4X4_50")
-    return 1e3 * each, 1e3 * (time.process_time() - began), float(np.mean(followed.method == REGISTERED))
+    return (
+        1e3 * each,
+        1e3 * (time.process_time() - began),
+        float(np.mean(followed.method == Method.REGISTERED)),
+    )
 
 
 def decoding(pictures: Frames, codec: str) -> float:

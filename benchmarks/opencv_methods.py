@@ -23,7 +23,7 @@ from markers import REFERENCE, Frames, Scene, bound, displacement, film, scene, 
 from numpy.typing import NDArray
 
 from vision.dictionaries import dictionary_of
-from vision.following import fallback
+from vision.following import fallback, methods
 from vision.following.registration import centre_covariance, project
 from vision.following.tracks import centres
 from vision.marks import corner_warp, detect, linear_at_centre
@@ -66,24 +66,24 @@ def by_corners(mode: int) -> Method:
     return track
 
 
-def by_fallback(code: int) -> Method:
+def by_fallback(code: methods.Method) -> Method:
     """ECC or corners of `vision.following.fallback`, on every marker."""
 
     def track(s: Scene, pictures: Frames) -> tuple[Array, Array]:
         follower, found = tracked(s, pictures)
         warp, match = np.full_like(found.warp, np.nan), np.zeros(found.method.shape)
         spread = np.full_like(found.covariance, np.nan)
-        least = 2.0 if code == fallback.CORNERS else fallback.MIN_ECC  # no correlation is above 1
+        least = 2.0 if code == methods.Method.CORNERS else fallback.MIN_ECC  # no correlation is above 1
         with patch.object(fallback, "MIN_ECC", least):
             for t, picture in enumerate(pictures.pictures):
                 seen = detect(picture, "DICT_4X4_50")[0]
                 for p in seen.keys() & set(range(len(s.marks))):
                     quad = s.camera.undistort(seen[p])
-                    corners = quad if code == fallback.CORNERS else None
+                    corners = quad if code == methods.Method.CORNERS else None
                     warp[t, p], match[t, p], _, spread[t, p] = fallback.place(
                         picture, follower, p, corner_warp(quad), corners, found.warp[max(t - 1, 0), p]
                     )
-        if code == fallback.ECC:
+        if code == methods.Method.ECC:
             plain = centre_covariance(follower.templates, linear_at_centre(warp), match)
             spread = fallback.ECC_SD**2 * plain
         return centres(warp, follower.centre), np.diagonal(spread, axis1=2, axis2=3)
@@ -149,8 +149,8 @@ def ours(s: Scene, pictures: Frames) -> tuple[Array, Array]:
 
 METHODS: dict[str, Method] = {
     "this package": ours,
-    "its fallback, ECC": by_fallback(fallback.ECC),
-    "its fallback, corners": by_fallback(fallback.CORNERS),
+    "its fallback, ECC": by_fallback(methods.Method.ECC),
+    "its fallback, corners": by_fallback(methods.Method.CORNERS),
     "ECC homography": by_ecc,
     "corners CONTOUR": by_corners(cv2.aruco.CORNER_REFINE_CONTOUR),
     "corners SUBPIX 3": by_corners(cv2.aruco.CORNER_REFINE_SUBPIX),

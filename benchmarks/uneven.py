@@ -22,8 +22,9 @@ from numpy.typing import NDArray
 
 from vision.drawing import synthetic
 from vision.following import registration
+from vision.following.methods import FIRM
 from vision.following.reference import prepare
-from vision.following.tracks import FOUND_AGAIN, REGISTERED, follow
+from vision.following.tracks import follow
 from vision.marks import corner_warp
 
 Array = NDArray[np.float64]
@@ -148,7 +149,7 @@ def trial(size_px: float, kind: str, poses: int, seed: int) -> Trial:
         np.sqrt(np.broadcast_to(v, variance[REFERENCE:].shape)[chosen][seen])
         for v in (variance[REFERENCE:] + rest, usual + rest)
     )
-    registered = np.isin(found.method, (REGISTERED, FOUND_AGAIN))[REFERENCE:][chosen][seen]
+    registered = np.isin(found.method, FIRM)[REFERENCE:][chosen][seen]
     return Trial(1.0 - float(seen.mean()), error[seen][registered], stated[registered], plain[registered])
 
 

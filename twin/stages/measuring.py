@@ -318,12 +318,14 @@ def _nodes(project: Project) -> dict[str, int]:
 
 
 def _tracks(moved: "Displacements") -> dict[str, NDArray[Any]]:
-    """Return what review draws over the film."""
+    """Return what review draws over the film; `methods` names the codes of `method`."""
+    from vision.following.methods import Method
+
     t = moved.tracks
     return {
         "time": t.time, "names": np.array(t.names, dtype=str), "position": t.position,
         "covariance": t.covariance, "rotation": t.rotation, "method": t.method,
-        "homography": moved.homography,
+        "homography": moved.homography, "methods": np.array([m.name.lower() for m in Method], dtype=str),
     }  # fmt: skip
 
 

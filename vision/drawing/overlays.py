@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 
 from vision.camera import Array, Image
 from vision.film.video import Video
-from vision.following.tracks import LOST, Tracks
+from vision.following.methods import Method
+from vision.following.tracks import Tracks
 
 PATH, CENTRE, SPREAD, GONE, DARK = (
     (0, 159, 230), (233, 180, 86), (115, 230, 60), (60, 60, 255), (25, 25, 25),
@@ -44,7 +45,7 @@ def overlay(film: Video, tracks: Tracks) -> NDArray[np.uint8]:
     for p in range(len(tracks.names)):
         _path(picture, tracks.position[: frame + 1, p])
     for p, name in enumerate(tracks.names):
-        seen = np.flatnonzero(tracks.method[: frame + 1, p] != LOST)
+        seen = np.flatnonzero(tracks.method[: frame + 1, p] != Method.LOST)
         if not len(seen):
             continue
         place, lost = tracks.position[seen[-1], p], seen[-1] != frame

@@ -13,7 +13,7 @@ from vision.camera import Array
 from vision.film.checkpoint import Progress
 from vision.film.video import Image, Video, Writer
 from vision.following import registration
-from vision.following.fallback import CORNERS, ECC
+from vision.following.methods import COARSE
 from vision.following.reference import Follower
 from vision.following.tracks import Followed, centres
 from vision.following.turns import mean_seen
@@ -236,7 +236,7 @@ def _again(
                 writer.add(_shifted(image)[: size[1], : size[0]])
         for index, _, image in Video(path).frames():
             at = window.start + index
-            plain = ~np.isin(followed.method[at], (ECC, CORNERS))[:, None, None]
+            plain = ~np.isin(followed.method[at], COARSE)[:, None, None]
             yield _laid(image, follower, np.where(plain, followed.warp[at], np.nan))
             if progress is not None:
                 progress("codec", index + 1, window.stop - window.start)

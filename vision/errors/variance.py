@@ -6,7 +6,7 @@ import numpy as np
 
 from vision.camera import Array
 from vision.errors.noise import NoiseModel, with_y
-from vision.following.fallback import CORNERS, ECC
+from vision.following.methods import COARSE
 from vision.following.tracks import Followed
 from vision.following.turns import mean_seen
 from vision.plane import MIN_VISIBLE, Plane, place_noise, shared_noise
@@ -92,7 +92,7 @@ def misfit(followed: Followed) -> Array:
     are never usual: a mark without plain registration takes the median of the others.
     """
     size = np.trace(followed.covariance, axis1=2, axis2=3)
-    plain = np.isfinite(size) & ~np.isin(followed.method, (ECC, CORNERS))
+    plain = np.isfinite(size) & ~np.isin(followed.method, COARSE)
     usual = np.array([np.median(x[s]) if s.any() else np.nan for x, s in zip(size.T, plain.T, strict=True)])
     others = np.nanmedian(usual) if np.isfinite(usual).any() else np.inf
     ratio = size / np.where(np.isfinite(usual), usual, others)

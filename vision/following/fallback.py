@@ -9,10 +9,10 @@ import numpy as np
 
 from vision.camera import Array, Camera, Image
 from vision.following import registration
+from vision.following.methods import Method
 from vision.following.reference import Follower
 from vision.marks import px_per_unit
 
-LOST, ECC, CORNERS = 0, 4, 5  # codes of Tracks.method
 SMOOTH = 5  # points (about px), side of the Gaussian filter on both patches
 # Drawn marks of 20 to 46 px: in weak light (contrast 21 to 35 of 175, noise 4 to 6) the smoothed patches
 # correlate by 0.98 to 0.996; where a strip covers 6 to 30 %, and registration fails, by 0.983 at the most.
@@ -29,7 +29,7 @@ ITERATIONS, CHANGE = 60, 1e-6
 AROUND = 0.25  # of the patch: what is cut round it, for it to move in
 SQUARE = np.array([[-1.0, 1.0, 1.0, -1.0], [-1.0, -1.0, 1.0, 1.0], [1.0, 1.0, 1.0, 1.0]])  # in ArUco's order
 
-Place = tuple[Array, float, int, Array]
+Place = tuple[Array, float, Method, Array]
 
 
 def place(
@@ -43,13 +43,13 @@ def place(
     none = np.full((2, 2), np.nan)
     warp, alike = ecc(image, follower.camera, follower.templates, row, start)
     if alike > MIN_ECC:
-        return warp, _correlation(image, follower, row, warp), ECC, none
+        return warp, _correlation(image, follower, row, warp), Method.ECC, none
     if corners is not None:
         warp, misfit = quad(corners, last)
         if misfit < min(MAX_MISFIT * 2.0 * float(px_per_unit(last)), MAX_MISFIT_PX):
             variance = (CORNERS_SD * misfit) ** 2 + CORNERS_SD_PX**2
-            return warp, 0.0, CORNERS, variance * np.eye(2)
-    return np.full((3, 3), np.nan), 0.0, LOST, none
+            return warp, 0.0, Method.CORNERS, variance * np.eye(2)
+    return np.full((3, 3), np.nan), 0.0, Method.LOST, none
 
 
 def ecc(

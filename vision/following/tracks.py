@@ -11,14 +11,14 @@ from vision.film.checkpoint import Keeper, Progress, Row, every_frame
 from vision.film.video import Video
 from vision.following import fallback, registration, uneven
 from vision.following.dots import eccentricity
-from vision.following.fallback import CORNERS, ECC, ECC_SD, LOST
+from vision.following.fallback import ECC_SD
 from vision.following.identity import DotMemory, follow_dots
 from vision.following.identity import start as memory_of
+from vision.following.methods import FIRM, Method
 from vision.following.reference import Follower, reference_frames
 from vision.marks import corner_warp, detect, dot_warp, linear_at_centre, px_per_unit
 from vision.plane import homographies, to_plane
 
-REGISTERED, FOUND_AGAIN, DOT = 1, 2, 3  # codes of Tracks.method, with those of the fallbacks
 POOLED = 4.0  # a dot's contour in one frame counts for one part in so many of its variance
 MOVES_PX = 0.3  # px per frame: below it the last place is the better guess
 
@@ -32,7 +32,7 @@ class Tracks:
     position: Array  # (t,p,2) px in the raw frame
     covariance: Array  # (t,p,2,2) px2 from the fit's residual
     rotation: Array  # (t,p) rad in the x-z plane, from x towards z, against the reference; NaN for dots
-    method: NDArray[np.int8]  # (t,p) 0 lost, 1 registered, 2 found again, 3 dot, 4 ECC, 5 corners
+    method: NDArray[np.int8]  # (t,p) of `Method`
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ class Followed:
     warp: Array  # (t,p,3,3) local to ideal px; NaN when lost
     ideal: Array  # (t,p,2) px, centres, undistorted
     covariance: Array  # (t,p,2,2) px2
-    method: NDArray[np.int8]  # (t,p)
+    method: NDArray[np.int8]  # (t,p) of `Method`
     reference: NDArray[np.intp]  # (r,) frames of the reference
     said: tuple[str, ...] = ()  # what else is to be said of lost marks, one sentence each
 
@@ -84,12 +84,12 @@ def follow(
     warp, match, method, spread, unknown, leaning, same = (
         np.array(column) for column in zip(*rows, strict=True)
     )
-    more = uneven.stated(leaning, np.isin(method, (REGISTERED, FOUND_AGAIN)))
+    more = uneven.stated(leaning, np.isin(method, FIRM))
     given_up = np.isinf(more)
-    warp[given_up], method[given_up], more[given_up] = np.nan, LOST, 0.0
+    warp[given_up], method[given_up], more[given_up] = np.nan, Method.LOST, 0.0
     ideal = centres(warp, follower.centre)
     old = stutter.stale(same, ideal)
-    warp[old], ideal[old], spread[old], method[old] = np.nan, np.nan, np.nan, LOST
+    warp[old], ideal[old], spread[old], method[old] = np.nan, np.nan, np.nan, Method.LOST
     _straighten(follower, ideal)
     return Followed(
         film.time[: len(warp)],
@@ -189,8 +189,8 @@ def _step(
     method, spread = np.zeros(count, dtype=np.int8), np.full((count, 2, 2), np.nan)
     leaning = np.full((count, 2), np.nan)
     rows = np.flatnonzero(np.isfinite(guess[follower.coded, 0, 0]))
-    _lay(image, follower, rows, guess, REGISTERED, warp, match, method, leaning)
-    failed = [i for i in rows if method[follower.coded[i]] == LOST]
+    _lay(image, follower, rows, guess, Method.REGISTERED, warp, match, method, leaning)
+    failed = [i for i in rows if method[follower.coded[i]] == Method.LOST]
     if failed:
         found, _ = detect(image, follower.dictionary)
         quads = {
@@ -201,10 +201,10 @@ def _step(
         for i, corners in quads.items():
             guess[follower.coded[i]] = corner_warp(corners)
         again = np.array(list(quads), dtype=np.intp)
-        _lay(image, follower, again, guess, FOUND_AGAIN, warp, match, method, leaning)
+        _lay(image, follower, again, guess, Method.FOUND_AGAIN, warp, match, method, leaning)
         for i in failed:
             p = int(follower.coded[i])
-            if method[p] == LOST:
+            if method[p] == Method.LOST:
                 place = fallback.place(image, follower, int(i), guess[p], quads.get(i), state.last[p])
                 warp[p], match[p], method[p], spread[p] = place
     return warp, match, method, spread, leaning
@@ -215,7 +215,7 @@ def _lay(
     follower: Follower,
     rows: NDArray[np.intp],
     guess: Array,
-    code: int,
+    way: Method,
     warp: Array,
     match: Array,
     method: NDArray[np.int8],
@@ -234,7 +234,7 @@ def _lay(
         rows,
     )
     good = correlation > follower.least[rows]
-    warp[marks[good]], match[marks[good]], method[marks[good]] = laid[good], correlation[good], code
+    warp[marks[good]], match[marks[good]], method[marks[good]] = laid[good], correlation[good], way
     leaning[marks[good]] = uneven.lean(
         follower.quarters, rows[good], sums[good], linear_at_centre(laid[good])
     )
@@ -268,7 +268,11 @@ def _dots(
     memory, dots = follow_dots(image, follower.camera, memory, warp[:, :2, 2])
     for p, dot in zip(memory.rows, dots, strict=True):
         if dot is not None:
-            warp[p], match[p], method[p] = dot_warp(dot.centre, follower.dots[p].radius), dot.variance, DOT
+            warp[p], match[p], method[p] = (
+                dot_warp(dot.centre, follower.dots[p].radius),
+                dot.variance,
+                Method.DOT,
+            )
             spread[p] = dot.spread
     return memory
 
@@ -297,8 +301,9 @@ def _covariance(
     covariance[:, follower.coded] = registration.centre_covariance(
         follower.templates, linear_at_centre(warp[:, follower.coded]), match[:, follower.coded]
     )
-    covariance[method == ECC] *= ECC_SD**2
-    covariance[method == CORNERS] = spread[method == CORNERS]
+    covariance[method == Method.ECC] *= ECC_SD**2
+    corners = method == Method.CORNERS
+    covariance[corners] = spread[corners]
     dots = np.setdiff1d(np.arange(len(follower.marks)), follower.coded)
     seen, own = np.isfinite(warp[:, dots, 0, 0]), match[:, dots]
     usual = np.sum(own * seen, axis=0) / np.maximum(seen.sum(axis=0), 1)

@@ -5,7 +5,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from vision.camera import Array
-from vision.following.tracks import DOT, Followed
+from vision.following.methods import Method
+from vision.following.tracks import Followed
 from vision.marks import Mark
 from vision.plane import to_plane
 
@@ -24,7 +25,7 @@ def linear_maps(followed: Followed, homography: Array) -> Array:
     turn = np.full(linear.shape, np.nan)
     known = np.isfinite(reference[:, 0, 0])
     turn[:, known] = linear[:, known] @ np.linalg.inv(reference[known])
-    turn[followed.method == DOT] = np.nan
+    turn[followed.method == Method.DOT] = np.nan
     return turn
 
 

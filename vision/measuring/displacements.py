@@ -12,7 +12,7 @@ from vision.errors.budgeting import Budget, budget
 from vision.errors.modes import Stated, stacked
 from vision.errors.noise import MIN_STATIC, NoiseModel, hidden_in_static
 from vision.film.checkpoint import Keeper, Progress
-from vision.following.fallback import CORNERS, ECC, LOST
+from vision.following.methods import Method
 from vision.following.tracks import Tracks
 from vision.marks import Mark, check_names, rows_of
 from vision.measuring.face import Face, with_face
@@ -24,7 +24,7 @@ from vision.placing.views import How, Seen, View, look, steps_of
 
 MIN_FRAME, MIN_FIXED = 6, 4
 STEPS = 2000  # a film of a minute; every step takes the memory of all modes
-FALLBACKS = {ECC: "smoothed correlation (ECC)", CORNERS: "its corners"}
+FALLBACKS = {Method.ECC: "smoothed correlation (ECC)", Method.CORNERS: "its corners"}
 
 
 @dataclass(frozen=True)
@@ -216,14 +216,14 @@ def _lost(seen: Sequence[Seen], marks: Sequence[Mark]) -> tuple[str, ...]:
 def _lost_marks(seen: Seen, marks: Sequence[Mark]) -> list[str]:
     film, total, said = seen.film, len(seen.film.time), []
     for p, mark in enumerate(marks):
-        gone = np.flatnonzero(film.method[:, p] == LOST)
+        gone = np.flatnonzero(film.method[:, p] == Method.LOST)
         if len(gone):
             said.append(
                 f"mark {mark.name!r} is lost in {len(gone)} of {total} frames, first at "
                 f"{film.time[gone[0]]:.3f} s, last at {film.time[gone[-1]]:.3f} s"
             )
-        for code, way in FALLBACKS.items():
-            used = np.flatnonzero(film.method[:, p] == code)
+        for method, way in FALLBACKS.items():
+            used = np.flatnonzero(film.method[:, p] == method)
             if len(used):
                 said.append(
                     f"mark {mark.name!r} does not register in {len(used)} of {total} frames and is placed by "

@@ -16,8 +16,9 @@ from vision.film.checkpoint import Row, every_frame
 from vision.film.video import Video
 from vision.following import registration
 from vision.following.dic import MIN_CONTRAST, MIN_CORRELATION, NEIGHBOURS, affine_templates, smooth
+from vision.following.methods import Method
 from vision.following.reference import MAX_REFERENCE
-from vision.following.tracks import LOST, REGISTERED, Followed
+from vision.following.tracks import Followed
 from vision.marks import Mark, frame_places, linear_at_centre, px_per_unit, rows_of
 from vision.placing import depth
 from vision.placing.views import How, Seen, View
@@ -132,7 +133,7 @@ def _follow(
         warp,
         warp[..., :2, 2] / warp[..., 2:, 2],
         registration.centre_covariance(templates, linear_at_centre(warp), match),
-        np.where(seen, REGISTERED, LOST).astype(np.int8),
+        np.where(seen, Method.REGISTERED, Method.LOST).astype(np.int8),
         marks.reference,
         (),
     )

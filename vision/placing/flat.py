@@ -12,7 +12,7 @@ from vision.errors import modes
 from vision.errors.modes import Named, Stated
 from vision.errors.noise import REST, Codec, NoiseModel, codec_sd, states, static_noise, with_y
 from vision.errors.variance import Rest, at_rest, independent, misfit
-from vision.following.fallback import CORNERS, ECC
+from vision.following.methods import COARSE
 from vision.following.tracks import Followed
 from vision.following.turns import finger_turns, linear_maps, mean_seen, rotations, sides
 from vision.marks import Mark, frame_places, rows_of
@@ -196,7 +196,7 @@ def _grown(scene: _Scene, linear: Array, extra: Array, stated: Stated) -> tuple[
     """Marks whose apparent size says that they leave the plane.   extra: (s,p,3), the codec's sd over that
     at rest, by which the size's sd grows."""
     # Only registration tells size well enough for an alarm.
-    coarse = np.isin(scene.film.method, (ECC, CORNERS))
+    coarse = np.isin(scene.film.method, COARSE)
     size = sides(np.where(coarse[..., None, None], np.nan, linear)[:, scene.points])
     side = sides(linear_maps(scene.still, scene.quiet.homography)[:, scene.points])
     usual = np.array([np.std(s[np.isfinite(s)]) if np.isfinite(s).any() else np.nan for s in side.T])

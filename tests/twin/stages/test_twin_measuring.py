@@ -141,7 +141,8 @@ def test_film_and_log_become_targets(project, measured):
     assert (camera.rms_px, len(marks), settings) == (0.11, 12, ["DICT_4X4_50", vision.Stated(), 1.8])
     assert (project.root / "runs/0002-measure/overlay.png").read_bytes().startswith(b"\x89PNG")
     tracks = files.read_npz(project.root / "runs/0002-measure/tracks.npz")
-    assert set(tracks) == {"time", "names", "position", "covariance", "rotation", "method", "homography"}
+    assert set(tracks) == {"time", "names", "position", "covariance", "rotation", "method", "methods", "homography"}
+    assert tracks["methods"].tolist()[:2] == ["lost", "registered"]
 
 
 def test_nothing_is_measured_twice(project, measured):

@@ -9,7 +9,8 @@ import pytest
 from numpy.typing import NDArray
 
 from vision.drawing.overlays import CENTRE, GONE, PATH, SPREAD, farthest, overlay
-from vision.following.tracks import LOST, REGISTERED, Tracks
+from vision.following.methods import Method
+from vision.following.tracks import Tracks
 
 FRAMES, TURN = 20, 12  # the farthest frame
 
@@ -19,11 +20,11 @@ def tracks() -> Tracks:
     away = np.interp(np.arange(FRAMES), [0, TURN, FRAMES - 1], [0.0, 200.0, 50.0])
     position = np.tile([[100.0, 100.0], [100.0, 200.0], [100.0, 300.0]], (FRAMES, 1, 1))
     position[:, 0, 0] += away
-    method = np.full((FRAMES, 3), REGISTERED, dtype=np.int8)
-    method[8:, 1], method[:, 2] = LOST, LOST
-    position[method == LOST] = np.nan
+    method = np.full((FRAMES, 3), Method.REGISTERED, dtype=np.int8)
+    method[8:, 1], method[:, 2] = Method.LOST, Method.LOST
+    position[method == Method.LOST] = np.nan
     covariance = np.tile(np.diag([0.004**2, 0.002**2]), (FRAMES, 3, 1, 1))
-    covariance[method == LOST] = np.nan
+    covariance[method == Method.LOST] = np.nan
     names = ("goes", "falls", "absent")
     return Tracks(np.arange(FRAMES) / 10.0, names, position, covariance, np.zeros((FRAMES, 3)), method)
 

@@ -15,7 +15,8 @@ from vision import Camera, Displacements, Mark, Stated
 from vision.errors.budgeting import budget, from_csv, lines, to_csv, with_mode
 from vision.errors.modes import sync
 from vision.errors.noise import Codec
-from vision.following.tracks import REGISTERED, Followed
+from vision.following.methods import Method
+from vision.following.tracks import Followed
 from vision.measuring.displacements import displacements_of
 from vision.placing.views import Seen
 
@@ -120,7 +121,7 @@ def followed(d: Drawn, H: Array, bend: Array, rng: np.random.Generator, noise: f
         warp[REST:, list(d.hidden)] = np.nan
     seen = np.isfinite(warp[..., 0, 0])
     covariance = np.where(seen[..., None, None], NOISE_PX**2 * np.eye(2), np.nan)
-    method = np.where(seen, REGISTERED, 0).astype(np.int8)
+    method = np.where(seen, Method.REGISTERED, Method.LOST).astype(np.int8)
     return Followed(
         np.arange(len(bend)) / 10.0, warp, warp[..., :2, 2].copy(), covariance, method, np.arange(REST)
     )

@@ -9,8 +9,9 @@ import pytest
 
 from vision import Video
 from vision.film import checkpoint, stutter
+from vision.following.methods import Method
 from vision.following.reference import prepare
-from vision.following.tracks import LOST, Followed, follow
+from vision.following.tracks import Followed, follow
 
 Lab = Any
 BEND = np.concatenate([np.zeros(12), np.linspace(0, 0.012, 16)[1:], np.full(8, 0.012)])
@@ -67,7 +68,7 @@ def test_repeated_pictures_are_left_out_where_marks_move(
 
     monkeypatch.setattr(Video, "frames", stuttering)
     found = followed(film, lab, None)
-    lost = np.flatnonzero((found.method == LOST).all(axis=1))
+    lost = np.flatnonzero((found.method == Method.LOST).all(axis=1))
     assert lost.tolist() == [18, 21, 22]  # 5 and 6 show a finger at rest, and are right
     assert np.isnan(found.ideal[lost]).all()
     assert np.isnan(found.covariance[lost]).all()
@@ -101,7 +102,7 @@ def test_frames_that_are_not_there_are_lost_and_said(
 
     monkeypatch.setattr(Video, "frames", some)
     holed = followed(film, lab, None)
-    assert (holed.method[[16, 20, 21]] == LOST).all()
+    assert (holed.method[[16, 20, 21]] == Method.LOST).all()
     assert np.isnan(holed.ideal[[16, 20, 21]]).all()
     there = [t for t in range(len(BEND) - 1) if t not in gone]
     np.testing.assert_allclose(

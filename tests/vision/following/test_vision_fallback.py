@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from vision import Displacements, View, measure
 from vision.film.video import Writer
 from vision.following import fallback
-from vision.following.fallback import CORNERS, ECC, LOST
+from vision.following.methods import FIRM, Method
 from vision.following.reference import prepare
-from vision.following.tracks import FOUND_AGAIN, REGISTERED, Followed, follow
+from vision.following.tracks import Followed, follow
 from vision.marks import corner_warp
 
 Array = NDArray[np.float64]
@@ -75,11 +75,11 @@ def pulls(found: Followed, lab: Lab, code: int) -> Array:
 def test_ecc_in_weak_light(lab: Lab, clean: list[Array]) -> None:
     found = followed(lab, clean, lambda _, grey: 0.2 * grey, 6.0)
     bad = np.arange(SPOILT, len(BEND), 2)
-    assert np.mean(found.method[bad] == ECC) > 0.95
+    assert np.mean(found.method[bad] == Method.ECC) > 0.95
     good = np.setdiff1d(np.arange(len(BEND)), bad)
-    assert np.isin(found.method[good], (REGISTERED, FOUND_AGAIN)).all()
+    assert np.isin(found.method[good], FIRM).all()
     # 208 values: sd 5 %. As a plain fit states it, the pull is 1.25 times as large.
-    assert 0.85 < np.sqrt(np.mean(pulls(found, lab, ECC) ** 2)) < 1.15
+    assert 0.85 < np.sqrt(np.mean(pulls(found, lab, Method.ECC) ** 2)) < 1.15
 
 
 def test_corners_in_stripes_of_shadow(lab: Lab, clean: list[Array]) -> None:
@@ -87,7 +87,7 @@ def test_corners_in_stripes_of_shadow(lab: Lab, clean: list[Array]) -> None:
         return grey * np.where((ROWS + COLUMNS + 5 * t) % 46 < 23, 0.6, 1.0)
 
     found = followed(lab, clean, shadow, 1.0)
-    pull = pulls(found, lab, CORNERS)
+    pull = pulls(found, lab, Method.CORNERS)
     assert len(pull) > 15
     # At least 30 values, of heavy tails: the sd of each comes from one misfit.
     assert 0.7 < np.sqrt(np.mean(pull**2)) < 1.3
@@ -108,11 +108,11 @@ def test_a_covered_mark_is_not_placed(lab: Lab, clean: list[Array], grey: int) -
 
     found = followed(lab, clean, cover, 1.0)
     bad = found.method[SPOILT::2]
-    assert not np.any(bad == ECC)
+    assert not np.any(bad == Method.ECC)
     # One that shows its four corners well is placed by them, and not far off what it states.
-    assert np.mean(bad == LOST) > 0.6
-    assert np.sum(bad == CORNERS) <= 2
-    assert np.all(np.abs(pulls(found, lab, CORNERS)) < 4.0)
+    assert np.mean(bad == Method.LOST) > 0.6
+    assert np.sum(bad == Method.CORNERS) <= 2
+    assert np.all(np.abs(pulls(found, lab, Method.CORNERS)) < 4.0)
 
 
 def test_a_wrong_edge_leaves_twice_the_error_of_the_centre() -> None:
@@ -151,7 +151,7 @@ def measured(
 
 def test_a_fallback_grows_the_covariance_and_is_said(lab: Lab, measured: Displacements) -> None:
     p = measured.names.index(lab.marks[lab.rows("finger")[2]].name)
-    assert (measured.tracks.method[20:26, lab.rows("finger")[2]] == ECC).all()
+    assert (measured.tracks.method[20:26, lab.rows("finger")[2]] == Method.ECC).all()
     true = lab.motion(BEND)[0][:, lab.rows("fixed", "finger")]
     error = (measured.value - (true - true[0]))[20:26, p][:, [0, 2]]
     sd = np.sqrt(np.diagonal(measured.covariance[:, p], axis1=1, axis2=2)[:, [0, 2]])
