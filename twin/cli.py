@@ -2,35 +2,42 @@
 
 import os
 import sys
+from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated, Any, Protocol
+from typing import Annotated, Any
 
 import typer
 
 from twin.console import BAD_INPUT, INTERRUPTED, Console, guarded
+from twin.stages.chain import STAGES, Stage, stage_of
 
 app = typer.Typer(
-    help="From the film of a soft finger's inflation test to a calibrated twin that names its missing "
-         "effect.",
+    help="Calibrate the model of a soft finger from the film of an inflation test, and find the physical "
+         "effect that it lacks.",
     no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None,
 )  # fmt: skip
 
-Folder = Annotated[Path, typer.Option("--project", "-p", help="project folder (with twin.toml)")]
+Folder = Annotated[Path, typer.Option("--project", "-p", help="project folder, the one with twin.toml")]
 Json = Annotated[
-    bool, typer.Option("--json", help="end with one line of JSON on stdout; text goes to stderr")
+    bool, typer.Option("--json", help="print the result as one line of JSON; all text goes to stderr")
 ]
 HERE = Path()
 
 
-class Stage(Protocol):
-    """What runs a stage of an open project."""
+def _version(wanted: bool) -> None:
+    if wanted:
+        from importlib.metadata import version
 
-    def __call__(self, project: Any, say: Any, /) -> dict[str, Any]: ...
+        print(f"softtwin {version('softtwin')}")
+        raise typer.Exit
 
 
 @app.callback()
 def settings(
     debug: Annotated[bool, typer.Option("--debug", help="show the traceback of an error")] = False,
+    version: Annotated[
+        bool, typer.Option("--version", help="print the version and end", callback=_version, is_eager=True)
+    ] = False,
 ) -> None:
     """Options before the subcommand; `main` reads --debug itself."""
 
@@ -40,7 +47,7 @@ def demo(
     folder: Annotated[Path, typer.Argument(help="project folder to make")] = Path("softtwin-demo"),
     json: Json = False,
 ) -> None:
-    """Run the whole chain on the recorded demo."""
+    """Run all stages on the recorded demo."""
     from twin.stages.demonstrating import run_demo
 
     say = Console(as_json=json)
@@ -50,12 +57,18 @@ def demo(
 @app.command()
 def init(
     folder: Annotated[Path, typer.Argument(help="project folder to make")],
-    targets: Annotated[Path | None, typer.Option(help="folder with targets.csv, measured elsewhere")] = None,
-    node: Annotated[list[str] | None, typer.Option(help="node of a point, NAME=LABEL; repeat it")] = None,
-    deck: Annotated[Path | None, typer.Option(help="Abaqus deck of your own mesh (mm, N, MPa)")] = None,
+    targets: Annotated[
+        Path | None, typer.Option(help="folder with targets.csv: displacements measured elsewhere")
+    ] = None,
+    node: Annotated[
+        list[str] | None, typer.Option(help="node of a point, NAME=LABEL; once for each point")
+    ] = None,
+    deck: Annotated[
+        Path | None, typer.Option(help="Abaqus deck of your own mesh, in mm, N and MPa")
+    ] = None,
     json: Json = False,
 ) -> None:
-    """Make a project for a film or for targets, of the built-in finger or of your own mesh."""
+    """Make a project folder with a commented twin.toml."""
     from twin.stages.starting import run_init
 
     say = Console(as_json=json)
@@ -68,108 +81,75 @@ def print_sheets(
     paper: Annotated[str, typer.Option(help="a4, letter or a3")] = "a4",
     json: Json = False,
 ) -> None:
-    """Write a PDF of board and markers at true scale."""
+    """Write a PDF of the calibration board and the markers at true scale."""
     from twin.stages.printing import run_print
 
-    _stage("print", lambda p, say: run_print(p, say, paper=paper), project, json)
+    _locked("print", lambda p, say: run_print(p, say, paper=paper), project, json)
 
 
-@app.command()
-def camera(project: Folder = HERE, json: Json = False) -> None:
-    """Calibrate the camera from board images."""
-    from twin.stages.cameras import run_camera
-
-    _stage("camera", run_camera, project, json)
-
-
-@app.command()
 def measure(
     project: Folder = HERE,
     replace: Annotated[
-        bool, typer.Option("--replace", help="measure anew; keep old targets as targets-0001")
+        bool, typer.Option("--replace", help="measure again; the targets that are there become targets-0001")
     ] = False,
     budget: Annotated[
-        bool, typer.Option("--budget", help="print what each marker's uncertainty is made of")
+        bool, typer.Option("--budget", help="print what the uncertainty of each marker consists of")
     ] = False,
     json: Json = False,
 ) -> None:
-    """Measure film and pressure log into targets/."""
-    from twin.stages.measuring import run_measure
-
-    _stage("measure", lambda p, say: run_measure(p, say, replace=replace, budget=budget), project, json)
+    _run_stage("measure", project, json, replace=replace, budget=budget)
 
 
-@app.command()
-def calibrate(project: Folder = HERE, json: Json = False) -> None:
-    """Fit the material to the targets."""
-    from twin.stages.chain import run_calibrate
-
-    _stage("calibrate", run_calibrate, project, json)
-
-
-@app.command()
-def compare(project: Folder = HERE, json: Json = False) -> None:
-    """Say where model and measurement differ."""
-    from twin.stages.chain import run_compare
-
-    _stage("compare", run_compare, project, json)
-
-
-@app.command()
-def diagnose(project: Folder = HERE, json: Json = False) -> None:
-    """Name the physical effect that the model lacks."""
-    from twin.stages.chain import run_diagnose
-
-    _stage("diagnose", run_diagnose, project, json)
-
-
-@app.command()
 def add(
-    effect: Annotated[str, typer.Argument(help="name of the effect, such as creep")],
+    effect: Annotated[
+        str | None,
+        typer.Argument(help="name of the effect, such as creep; without it the one that the diagnosis names"),
+    ] = None,
     project: Folder = HERE,
     json: Json = False,
 ) -> None:
-    """Add an effect to the model, fit again and compare."""
-    from twin.stages.chain import run_add
-
-    _stage("add", lambda p, say: run_add(p, effect, say), project, json)
+    _run_stage("add", project, json, name=effect)
 
 
-@app.command()
 def drop(
     effect: Annotated[str, typer.Argument(help="name of the effect, such as creep")],
     project: Folder = HERE,
     json: Json = False,
 ) -> None:
-    """Take an effect out of the model, fit again and compare."""
-    from twin.stages.chain import run_drop
-
-    _stage("drop", lambda p, say: run_drop(p, effect, say), project, json)
+    _run_stage("drop", project, json, name=effect)
 
 
-@app.command()
-def review(project: Folder = HERE, json: Json = False) -> None:
-    """Write review.rrd (for rerun) and report.html."""
-    from twin.stages.chain import run_review
+WITH_OPTIONS: dict[str, Callable[..., None]] = {"measure": measure, "add": add, "drop": drop}
 
-    _stage("review", run_review, project, json)
+
+def _plain(stage: Stage) -> Callable[..., None]:
+    """The command of a stage without options of its own."""
+
+    def command(project: Folder = HERE, json: Json = False) -> None:
+        _run_stage(stage.name, project, json)
+
+    return command
+
+
+for _stage in STAGES:
+    app.command(_stage.name, help=_stage.title)(WITH_OPTIONS.get(_stage.name) or _plain(_stage))
 
 
 @app.command("list")
 def list_runs(project: Folder = HERE, json: Json = False) -> None:
-    """List the runs of a project."""
+    """List the runs of a project and what each found."""
     from twin.project.folder import Project
-    from twin.stages.starting import run_list
+    from twin.stages.listing import run_list
 
     say = Console(as_json=json)
-    say.result(run_list(Project.open(project), stderr=json))
+    say.result(run_list(Project.open(project), say))
 
 
 @app.command()
 def check(project: Folder = HERE, json: Json = False) -> None:
-    """Check the project and say what comes next."""
+    """Check twin.toml and its files, and name the next command."""
     from twin.project.folder import Project
-    from twin.stages.starting import run_check
+    from twin.stages.checking import run_check
 
     say = Console(as_json=json)
     say.result(run_check(Project.open(project), say))
@@ -202,15 +182,22 @@ def _run(arguments: list[str]) -> None:
         sys.exit(code)
 
 
-def _stage(name: str, stage: Stage, folder: Path, as_json: bool) -> None:
-    """Run a stage with the project locked, and print its result."""
+def _run_stage(stage: str, folder: Path, as_json: bool, /, **options: Any) -> None:
+    """Run a stage of the list with the project locked, and print its result."""
+    _locked(stage, lambda project, say: stage_of(stage).run(project, say, **options), folder, as_json)
+
+
+def _locked(
+    name: str, work: Callable[[Any, Any], dict[str, Any]], folder: Path, as_json: bool
+) -> None:
+    """Do something with the project locked, and print its result."""
     from twin.project.folder import Project
 
     say = Console(as_json=as_json)
     project = Project.open(folder)
     try:
         with project.lock(name):
-            result = stage(project, say)
+            result = work(project, say)
     finally:
         say.close()
     say.result(result)

@@ -4,7 +4,7 @@ import json
 import os
 import subprocess
 import sys
-import types
+from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
@@ -12,8 +12,9 @@ import pytest
 
 from twin import cli
 from twin.project import files
+from twin.project.config import Config
 from twin.project.folder import Project, dataset
-from twin.stages import demonstrating
+from twin.stages import chain, demonstrating
 
 ROOT = Path(cli.__file__).resolve().parents[1]
 
@@ -40,34 +41,33 @@ def study(tmp_path):
     return folder
 
 
+class Standin:
+    """Stands for the stages: every one records its call and writes what is told; their own code is not loaded."""
+
+    def __init__(self) -> None:
+        self.calls = []
+        self.writes = {"diagnose": {"diagnosis.json": {"named": ["creep"]}}, "review": {"report.html": "", "review.rrd": ""}}
+        self.instead = {}
+
+    def function_at(self, place):
+        name = place.rpartition("run_")[2]
+        return self.instead.get(name) or (lambda project, say, **options: self.run(name, project, say, **options))
+
+    def run(self, name, project, say, /, **options):
+        self.calls.append((name, *(v for v in options.values() if v)))
+        say.progress(name, 1, 2)
+        say(f"{name}: did it")
+        with project.new_run(name) as run:
+            for file, data in self.writes.get(name, {}).items():
+                run.write_json(file, data)
+        return {"stage": name, "value": float("nan")}
+
+
 @pytest.fixture
 def stages(monkeypatch):
-    """Stand-ins for the stages that solve, recording their calls."""
-    calls = []
-
-    def stage(name, **writes):
-        def run_stage(project, *more):
-            say = more[-1]
-            calls.append((name, *more[:-1]))
-            say.progress(name, 1, 2)
-            say(f"{name}: did it")
-            with project.new_run(name, inputs=[]) as run:
-                for file, data in writes.items():
-                    run.write_json(file.replace("_", "."), data)
-            return {"stage": name, "value": float("nan")}
-
-        return run_stage
-
-    fake = types.ModuleType("twin.stages.chain")
-    fake.run_calibrate, fake.run_compare = stage("calibrate"), stage("compare")
-    fake.run_diagnose = stage("diagnose", diagnosis_json={"named": ["creep"]})
-    fake.run_add, fake.run_drop = stage("add"), stage("drop")
-    fake.run_review = stage("review", report_html="", review_rrd="")
-    monkeypatch.setitem(sys.modules, "twin.stages.chain", fake)
-    import twin
-
-    monkeypatch.setattr(twin, "stages", fake, raising=False)
-    return types.SimpleNamespace(calls=calls, module=fake, stage=stage)
+    standin = Standin()
+    monkeypatch.setattr(chain, "function_at", standin.function_at)
+    return standin
 
 
 def test_help_lists_every_command_of_this_version(run):
@@ -112,7 +112,7 @@ def test_what_goes_wrong_is_one_sentence_and_a_code(run, study, stages, error, c
     def fails(project, say):
         raise error
 
-    stages.module.run_calibrate = fails
+    stages.instead["calibrate"] = fails
     got, out, err = run("calibrate", "-p", study)
     assert (got, out) == (code, "")
     assert err.startswith(sentence)
@@ -121,13 +121,13 @@ def test_what_goes_wrong_is_one_sentence_and_a_code(run, study, stages, error, c
 
 
 def test_debug_shows_the_traceback(monkeypatch, study, stages):
-    stages.module.run_calibrate = lambda project, say: 1 / 0
+    stages.instead["calibrate"] = lambda project, say: 1 / 0
     monkeypatch.setattr(sys, "argv", ["twin", "--debug", "calibrate", "-p", str(study)])
     with pytest.raises(ZeroDivisionError):
         cli.main()
 
 
-@pytest.mark.parametrize("arguments", [("bogus",), ("add",), ("check", "--bogus")])
+@pytest.mark.parametrize("arguments", [("bogus",), ("drop",), ("check", "--bogus")])
 def test_wrong_usage_exits_2(run, arguments):
     code, _, err = run(*arguments)
     assert code == 2
@@ -152,6 +152,34 @@ def test_check_says_what_comes_next(run, study, stages):
     assert run("check", "-p", study)[1].endswith("check: next: `twin calibrate`\n")
     run("calibrate", "-p", study)
     assert json.loads(run("check", "-p", study, "--json")[1])["next"] == "compare"
+
+
+def test_check_names_the_effect_of_the_diagnosis(run, study, stages):
+    for name in ("calibrate", "compare", "diagnose"):
+        run(name, "-p", study)
+    assert json.loads(run("check", "-p", study, "--json")[1])["next"] == "add creep"
+    stages.writes["diagnose"] = {"diagnosis.json": {"named": ["creep", "clamp"]}}
+    run("diagnose", "-p", study)
+    assert json.loads(run("check", "-p", study, "--json")[1])["next"] == "review"
+
+
+def test_check_asks_for_what_is_stale_again(run, study, stages):
+    run("calibrate", "-p", study)
+    csv = study / "targets" / "targets.csv"
+    csv.write_text(csv.read_text().replace("-58.0", "-57.0"))
+    assert json.loads(run("check", "-p", study, "--json")[1])["next"] == "calibrate"
+    assert "stale: targets/targets.csv has changed since" in run("list", "-p", study)[1]
+
+
+def test_the_version_is_that_of_the_package(run):
+    assert run("--version")[:2] == (0, f"softtwin {version('softtwin')}\n")
+
+
+@pytest.mark.parametrize("stage", chain.STAGES, ids=lambda stage: stage.name)
+def test_every_stage_of_the_list_has_its_function(stage):
+    assert callable(chain.function_at(stage.function))
+    assert stage.title.endswith(".")
+    assert set(stage.tables) <= set(Config.model_fields)
 
 
 def test_list_shows_the_runs(run, study, stages):
@@ -196,11 +224,7 @@ def test_init_for_a_film_says_what_is_missing(run, tmp_path):
 @pytest.fixture
 def demo_data(monkeypatch, stages, study):
     """A data set without a film, measured by stand-ins."""
-    from twin.stages import cameras, measuring
-
     monkeypatch.setattr(demonstrating, "dataset", lambda name: study)
-    monkeypatch.setattr(cameras, "run_camera", stages.stage("camera"))
-    monkeypatch.setattr(measuring, "run_measure", stages.stage("measure"))
     return stages
 
 
@@ -211,35 +235,23 @@ def test_demo_runs_every_stage_and_says_where_the_results_are(run, demo_data, tm
     code, out, _ = run("demo", tmp_path / "demo")
     assert code == 0
     assert [call[0] for call in demo_data.calls] == ALL
-    assert ("add", "creep") in demo_data.calls  # what the diagnosis named
     assert "rerun " + str(tmp_path / "demo/runs/0007-review/review.rrd") in out
     assert "report.html: " + str(tmp_path / "demo/runs/0007-review/report.html") in out
-    assert out.index("[1/7] camera") < out.index("[7/7] review")
+    assert out.index("[1/7] twin camera: Calib") < out.index("[7/7] twin review: Write")
 
 
 def test_an_interrupted_demo_is_resumed(run, demo_data, tmp_path):
-    works = demo_data.module.run_diagnose
-
     def interrupted(project, say):
         raise KeyboardInterrupt
 
-    demo_data.module.run_diagnose = interrupted
+    demo_data.instead["diagnose"] = interrupted
     assert run("demo", tmp_path / "demo")[0] == 130
-    demo_data.module.run_diagnose = works
+    demo_data.instead.clear()
     demo_data.calls.clear()
     code, out, _ = run("demo", tmp_path / "demo")
     assert code == 0
     assert [call[0] for call in demo_data.calls] == ["camera", "measure", "diagnose", "add", "review"]
-    assert "calibrate: already done in runs/0003-calibrate, skipped" in out
-
-
-@pytest.mark.parametrize("named", [[], ["creep", "pressure_lag"]])
-def test_the_demo_adds_nothing_that_is_not_one_effect(run, demo_data, tmp_path, named):
-    demo_data.module.run_diagnose = demo_data.stage("diagnose", diagnosis_json={"named": named})
-    code, out, _ = run("demo", tmp_path / "demo")
-    assert code == 0
-    assert "add" not in [call[0] for call in demo_data.calls]
-    assert "so nothing is added" in out
+    assert "already done in runs/0003-calibrate, skipped" in out
 
 
 def test_the_demo_refuses_a_folder_of_something_else(run, demo_data, tmp_path):

@@ -11,24 +11,36 @@ from twin.model.prediction import Model
 from twin.project import files
 from twin.project.folder import Project, Say
 from twin.review.states import Fields
+from twin.stages.chain import kinds_writing
 from twin.stages.comparing import compared
-from twin.stages.workbench import Workbench, newest_fit
+from twin.stages.fits import fresh, named_effects, newest_fit
+from twin.stages.workbench import Workbench
 from twin.targets import Array, Targets
 
 SHOWN = 80  # film times at which the deformed model is stored for the review
 
 
-def run_add(project: Project, name: str, say: Say) -> dict[str, Any]:
-    """The model with one more effect, in the law that the newest diagnosis kept: refitted and compared."""
+def run_add(project: Project, say: Say, *, name: str | None = None) -> dict[str, Any]:
+    """The model with one more effect, in the law that the newest diagnosis kept: refitted and compared.
+
+    Without a name the effect is the one that the newest diagnosis names; where it names none or several,
+    nothing is added.
+    """
+    if name is None:
+        named = named_effects(project)
+        if len(named) != 1:
+            say(f"The diagnosis names {' or '.join(named) or 'no effect'}: nothing is added.")
+            return {"stage": "add", "status": "skipped", "named": named}
+        (name,) = named
     chosen, start = _law(project, name)
     kept = [e for e in project.config.model.effects if e.partition(":")[0] != chosen.name]
-    before = project.newest(("calibrate", "compare", "add", "drop"), "comparison.json")
+    before = fresh(project, kinds_writing("comparison.json"), "comparison.json")
     return _change(project, "add", (*kept, chosen.label), start, say, before)
 
 
 def _law(project: Project, name: str) -> tuple[Effect, dict[str, float]]:
     """The effect, and the parameters that the newest diagnosis found for it."""
-    path = project.newest("diagnose", "diagnosis.json")
+    path = fresh(project, ("diagnose",), "diagnosis.json")
     data = files.read_json(path) if path else {}
     kept = path.with_name("kept.json") if path else None
     if (
@@ -43,14 +55,14 @@ def _law(project: Project, name: str) -> tuple[Effect, dict[str, float]]:
     return effect(name), {}
 
 
-def run_drop(project: Project, name: str, say: Say) -> dict[str, Any]:
+def run_drop(project: Project, say: Say, *, name: str) -> dict[str, Any]:
     """The model without one of its effects: refitted and compared."""
     left = tuple(e for e in project.config.model.effects if e.partition(":")[0] != name.partition(":")[0])
     if len(left) == len(project.config.model.effects):
         raise ValueError(
             f"effect {name!r} is not in the model, which has {list(project.config.model.effects)}"
         )
-    before = project.newest(("calibrate", "compare", "add", "drop"), "comparison.json")
+    before = fresh(project, kinds_writing("comparison.json"), "comparison.json")
     return _change(project, "drop", left, {}, say, before)
 
 

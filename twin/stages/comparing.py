@@ -8,7 +8,8 @@ from twin.diagnosis.fitting import whitener_of
 from twin.diagnosis.whitening import Whitener
 from twin.model.prediction import Model
 from twin.project.folder import Project, Run, Say
-from twin.stages.workbench import Workbench, newest_fit
+from twin.stages.fits import newest_fit
+from twin.stages.workbench import Workbench
 from twin.targets import Array
 
 

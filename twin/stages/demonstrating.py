@@ -3,24 +3,13 @@
 import os
 import shutil
 import time
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 from twin.project import files
-from twin.project.folder import Project, Say, dataset, kind_of
-
-Stage = Callable[[Project, Say], dict[str, Any]]
-
-TITLES = {
-    "camera": "camera from images of a ChArUco board",
-    "measure": "film, static film and pressure log into displacements",
-    "calibrate": "genetic algorithm, then least squares",
-    "compare": "where model and measurement differ",
-    "diagnose": "which effect is missing",
-    "add": "the named effect joins the model",
-    "review": "film beside simulation, and the report",
-}
+from twin.project.folder import Project, Say, dataset
+from twin.stages.chain import STAGES, Stage, When
+from twin.stages.fits import fresh
 
 
 def run_demo(folder: Path, say: Say) -> dict[str, Any]:
@@ -29,12 +18,11 @@ def run_demo(folder: Path, say: Say) -> dict[str, Any]:
     project = copy_demo(folder, say)
     results = {}
     with project.lock("demo"):
-        for number, (name, stage) in enumerate(_stages().items(), 1):
-            say(f"[{number}/{len(TITLES)}] {name}: {TITLES[name]}")
-            began = time.monotonic()
-            results[name] = _once(project, name, stage, say)
+        stages = [stage for stage in STAGES if stage.when is not When.ASKED]
+        for number, stage in enumerate(stages, 1):
+            say(f"[{number}/{len(stages)}] twin {stage.name}: {stage.title}")
+            results[stage.name] = _once(project, stage, say)
             project = Project.open(project.root)  # add has written its effect into twin.toml
-            say(f"      {time.monotonic() - began:.1f} s")
     say(f"demo: finished in {time.monotonic() - start:.0f} s")
     return {"stage": "demo", "folder": str(folder), "stages": results} | _show(project, folder, say)
 
@@ -70,36 +58,13 @@ def _copy(source: Path, folder: Path, stamp: dict[str, str]) -> None:
     os.rename(draft, target)
 
 
-def _stages() -> dict[str, Stage]:
-    from twin.stages import cameras, chain, measuring
-
-    return {
-        "camera": cameras.run_camera, "measure": measuring.run_measure,
-        "calibrate": chain.run_calibrate, "compare": chain.run_compare, "diagnose": chain.run_diagnose,
-        "add": _add, "review": chain.run_review,
-    }  # fmt: skip
-
-
-def _once(project: Project, name: str, stage: Stage, say: Say) -> dict[str, Any]:
-    """Run a stage unless a run of it is done; camera and measure look at their inputs themselves."""
-    kind = [run for run in project.runs() if kind_of(run) == name and name not in ("camera", "measure")]
-    done = [run for run in kind if project.info(run)["status"] == "done"]
-    if done:
-        say(f"{name}: already done in {project.shown(done[-1])}, skipped")
-        return {"stage": name, "status": "skipped", "run": project.shown(done[-1])}
-    return stage(project, say)
-
-
-def _add(project: Project, say: Say) -> dict[str, Any]:
-    """Add what the newest diagnosis named, if it is one effect."""
-    from twin.stages.chain import run_add
-
-    path = project.newest("diagnose", "diagnosis.json")
-    named = files.read_json(path)["named"] if path else []
-    if len(named) != 1:
-        say(f"add: the diagnosis names {' or '.join(named) or 'nothing'}, so nothing is added")
-        return {"stage": "add", "status": "skipped", "named": named}
-    return run_add(project, named[0], say)
+def _once(project: Project, stage: Stage, say: Say) -> dict[str, Any]:
+    """Run a stage unless it is done, which some stages find out themselves."""
+    done = None if stage.skips else fresh(project, (stage.name,))
+    if done is None:
+        return stage.run(project, say)
+    say(f"already done in {project.shown(done.parent)}, skipped")
+    return {"stage": stage.name, "status": "skipped", "run": project.shown(done.parent)}
 
 
 def _show(project: Project, folder: Path, say: Say) -> dict[str, Any]:

@@ -8,7 +8,8 @@ from twin.effects.protocol import Effect
 from twin.parallel import WORKERS
 from twin.project.folder import Project, Say
 from twin.stages.comparing import write_prediction
-from twin.stages.workbench import Workbench, newest_fit
+from twin.stages.fits import newest_fit
+from twin.stages.workbench import Workbench
 
 
 def run_diagnose(project: Project, say: Say) -> dict[str, Any]:

@@ -13,21 +13,24 @@ from twin.review.deformed import deformed_picture, write_vtu_series
 from twin.review.page import write_report
 from twin.review.recording import write_review
 from twin.review.states import Fields, Generations
+from twin.stages.chain import STAGES, When, kinds_writing
+from twin.stages.fits import fresh, stale_sentences
 from twin.stages.workbench import Workbench
 from twin.targets import Array, Targets
 
-FITS = ("calibrate", "add", "drop")
+CHANGES = ("add", "drop")  # the stages that change the effects
 SERIES = 12  # deformed states in the VTU series
 
 
 def run_review(project: Project, say: Say) -> dict[str, Any]:
     """review.rrd and report.html from the newest runs. ValueError where nothing is calibrated yet."""
-    found = project.newest("calibrate", "generations.npz")
-    if found is None:
-        raise ValueError("nothing to review: no calibrated model in this project; run twin calibrate")
+    if fresh(project, ("calibrate",), "generations.npz") is None:
+        why = stale_sentences(project, ("calibrate",), "generations.npz")
+        reason = why[0] if why else "no calibrated model in this project"
+        raise ValueError(f"nothing to review: {reason}; run twin calibrate")
     with project.new_run("review") as run:
         story = _Story(project, run)
-        notes = story.recording(say)
+        notes = [*_not_shown(project), *story.recording(say)]
         notes += story.deformed()
         write_report(run.path("report.html"), title=project.config.project.name, facts=story.facts(notes))
         run.summary["headline"] = story.headline
@@ -37,6 +40,12 @@ def run_review(project: Project, say: Say) -> dict[str, Any]:
     return {"stage": "review", "run": run.name, "notes": notes}
 
 
+def _not_shown(project: Project) -> list[str]:
+    """What is stale and therefore not shown, one sentence for the newest run of each stage."""
+    others = [stage.name for stage in STAGES if stage.name != "review"]
+    return [sentence for name in others for sentence in stale_sentences(project, (name,))[:1]]
+
+
 class _Story:
     """What the newest runs say, gathered once; no number is computed here."""
 
@@ -44,20 +53,20 @@ class _Story:
         self.project, self.run, self.targets = project, run, project.targets()
         self.generations = Generations.load(self._file("calibrate", "generations.npz"))
         self.calibrated = files.read_json(self._file("calibrate", "fit.json"))
-        self.fit = files.read_json(project.newest(FITS, "fit.json") or self._file("calibrate", "fit.json"))
-        self.diagnosis = self._json("diagnose", "diagnosis.json")
-        self.added = self._json(("add", "drop"), "comparison.json")
-        path = project.newest(("add", "drop"), "fields.npz")
+        self.fit = self._json(kinds_writing("fit.json"), "fit.json")
+        self.diagnosis = self._json(("diagnose",), "diagnosis.json")
+        self.added = self._json(CHANGES, "comparison.json")
+        path = fresh(project, CHANGES, "fields.npz")
         self.fields = Fields.load(path) if path else None
 
     def _file(self, kind: str, name: str) -> Any:
-        path = self.project.newest(kind, name)
+        path = fresh(self.project, (kind,), name)
         if path is None:
             raise ValueError(f"{name} of {kind} is missing; run twin {kind}")
         return path
 
-    def _json(self, kind: str | tuple[str, ...], name: str) -> dict[str, Any]:
-        path = self.project.newest(kind, name)
+    def _json(self, kinds: tuple[str, ...], name: str) -> dict[str, Any]:
+        path = fresh(self.project, kinds, name)
         return files.read_json(path) if path else {}
 
     @property
@@ -143,15 +152,14 @@ class _Story:
             "pictures": self._pictures(),
             "notes": notes,
             "provenance": versions() | {"seed": str(self.calibrated.get("seed"))},
-            "commands": [
-                "twin camera",
-                "twin measure",
-                "twin calibrate",
-                "twin compare",
-                "twin diagnose",
-                "twin review",
-            ],
+            "commands": self._commands(),
         }
+
+    def _commands(self) -> list[str]:
+        """The commands that lead to this report, with the effects that were added."""
+        added = [f"twin add {label}" for label in self.fit.get("effects", [])]
+        before = [f"twin {stage.name}" for stage in STAGES if stage.when is When.ALWAYS]
+        return [*before[:-1], *added, before[-1]]
 
     def _errors(self) -> dict[str, Any] | None:
         d = self.diagnosis
@@ -170,7 +178,7 @@ class _Story:
 
     def _chain(self) -> list[dict[str, Any]]:
         rows: list[dict[str, Any]] = []
-        camera = self._json("camera", "camera.json")
+        camera = self._json(("camera",), "camera.json")
         if camera:
             rows.append({"name": "camera, reprojection RMS", "value": camera["rms_px"], "unit": "px"})
         noise = self.targets.noise
@@ -193,7 +201,7 @@ class _Story:
         t, out = self.targets, []
         rows = np.flatnonzero(~t.fixed)
         before = self._prediction(("diagnose", "compare", "calibrate"))
-        after = self._prediction(("add", "drop")) if self.fields is not None else {}
+        after = self._prediction(CHANGES) if self.fields is not None else {}
         if self.diagnosis.get("rms_before_mm") is not None:
             bars = plots.error_bars(
                 self.diagnosis["rms_before_mm"],
@@ -296,7 +304,7 @@ class _Story:
 
     def _prediction(self, kinds: tuple[str, ...]) -> dict[str, Array]:
         """What the newest run of these kinds predicted and left, or nothing."""
-        path = self.project.newest(kinds, "prediction.npz")
+        path = fresh(self.project, kinds, "prediction.npz")
         return dict(files.read_npz(path)) if path else {}
 
 

@@ -1,8 +1,8 @@
-"""Make a project, check it and list its runs."""
+"""Make a project folder: for a film or for targets measured elsewhere, of the built-in finger or a deck."""
 
 import os
 import shutil
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -19,13 +19,12 @@ from twin.project.config import (
     PressureTable,
     ProjectTable,
 )
-from twin.project.folder import Project, Say, kind_of
+from twin.project.folder import Say
 from twin.project.targetfiles import read_targets
 from twin.project.toml import dump
 from twin.targets import PointKind, Targets
 
 STUDY_NODES = {"tip": 4401, "middle": 5848}  # the built-in finger's, used where nobody states another
-NEXT = ("calibrate", "compare", "diagnose", "review")
 
 
 def run_init(
@@ -126,99 +125,6 @@ def film_config(name: str, nodes: Mapping[str, int] = STUDY_NODES) -> Config:
     return Config(project=ProjectTable(name=name), cameras=(camera,), pressure=PressureTable(),
                   frame=FrameTable(markers=markers), points=points,
                   calibrate=CalibrateTable(objective_points=_objective(tuple(nodes))))  # fmt: skip
-
-
-def run_list(project: Project, *, stderr: bool) -> dict[str, Any]:
-    """Print the runs as a table on stdout or stderr, and return them."""
-    from rich.console import Console
-    from rich.table import Table
-
-    table = Table("run", "status", "started", "took", "result")
-    rows = [{"run": run.name} | _row(project.info(run)) for run in project.runs()]
-    for row in rows:
-        took = "" if row["seconds"] is None else f"{row['seconds']:.1f} s"
-        table.add_row(row["run"], row["status"], row["started"], took, row["headline"])
-    Console(stderr=stderr).print(table if rows else "no runs yet")
-    return {"stage": "list", "runs": rows}
-
-
-def _row(info: Mapping[str, Any]) -> dict[str, Any]:
-    return {
-        "status": info["status"], "started": (info.get("started") or [""])[-1][:19],
-        "seconds": info.get("seconds"),
-        "headline": info.get("summary", {}).get("headline", ""),
-    }  # fmt: skip
-
-
-def run_check(project: Project, say: Say) -> dict[str, Any]:
-    """Say what is missing and what comes next; ValueError at the first thing that is wrong."""
-    say(f"check: twin.toml is right: {len(project.config.points)} points, effects "
-        f"{', '.join(project.config.model.effects) or 'none'}")  # fmt: skip
-    missing = _missing_files(project)
-    if missing:
-        raise ValueError(f"missing in {project.root}: {'; '.join(missing)}")
-    step = _next(project)
-    for line in _check_deck(project):
-        say(f"check: {line}")
-    if project.targets_folder.is_dir():
-        targets = project.targets()
-        _check_points(project, targets)
-        say(f"check: targets: {len(targets.time)} steps, {len(targets.names)} points, "
-            f"{int(targets.valid.sum())} valid components, noise model "
-            f"{'yes' if targets.noise else 'none: diagnose cannot test'}")  # fmt: skip
-    say(f"check: next: `twin {step}`")
-    return {"stage": "check", "status": "done", "next": step}
-
-
-def _check_deck(project: Project) -> tuple[str, ...]:
-    """Return what is to be known of the project's own mesh; ValueError where it is not right."""
-    if project.config.model.deck is None:
-        return ()
-    from twin.stages.workbench import structure_of
-
-    structure = structure_of(project)
-    for point in project.config.points:
-        structure.case.position(point.node)
-    return structure.remarks
-
-
-def _missing_files(project: Project) -> list[str]:
-    """Return what twin.toml names and is not there; a film is not asked for once its targets are there."""
-    deck = project.config.model.deck
-    if deck is not None and not project.path(deck).is_file():
-        return [f"{deck} (model.deck)"]
-    if project.targets_folder.is_dir():
-        return []
-    if not project.config.cameras or project.config.pressure is None:
-        return ["targets/targets.csv (there is no [[cameras]] to measure them with)"]
-    missing = []
-    for camera in project.config.cameras:
-        named = {"cameras.film": camera.film, "cameras.static": camera.static}
-        missing += [f"{path} ({key})" for key, path in named.items() if not any(project.root.glob(path))]
-        calibration = camera.camera_file or camera.boards or ""
-        key = "camera_file" if camera.camera_file else "boards"
-        missing += [] if any(project.root.glob(calibration)) else [f"{calibration} (cameras.{key})"]
-    log = project.config.pressure.file
-    return missing if project.path(log).is_file() else [*missing, f"{log} (pressure.file)"]
-
-
-def _check_points(project: Project, targets: Targets) -> None:
-    """Raise ValueError where twin.toml and the targets do not name the same points."""
-    unknown = [p.name for p in targets.points if p.kind is PointKind.UNKNOWN]
-    if unknown:
-        raise ValueError(f"targets point {unknown[0]!r} has no node: add it to [[points]] in twin.toml")
-    for name in project.config.calibrate.objective_points:
-        if name not in targets.names:
-            raise ValueError(
-                f"calibrate.objective_points = {name!r}: targets have {', '.join(targets.names)}"
-            )
-
-
-def _next(project: Project) -> str:
-    """Return the first stage without a done run."""
-    done = {kind_of(run) for run in project.runs() if project.info(run)["status"] == "done"}
-    stages: Iterable[str] = NEXT if project.targets_folder.is_dir() else ("camera", "measure", *NEXT)
-    return next((stage for stage in stages if stage not in done), "list")
 
 
 def _node(text: str) -> tuple[str, int]:

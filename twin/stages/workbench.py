@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 
-from calibrate import Fit
 from fe import Case, Finger, Lattice
 from fe.element import Integers
 from fe.mesh.points import nearest
@@ -175,19 +174,3 @@ def _on_model(targets: Targets, case: Case) -> tuple[Targets, tuple[str, ...]]:
         f"{moved} of {len(off)} points that are no nodes lie off the model, up to {off[worst]:.2f} mm "
         f"({worst}), and are taken at the nearest point of it",
     )
-
-
-def newest_fit(project: Project) -> Fit:
-    """The newest fit of the model that twin.toml has now; ValueError says to calibrate first."""
-    names = None
-    for folder in reversed(project.runs()):
-        path = folder / "fit.json"
-        if path.is_file() and project.info(folder)["status"] == "done":
-            data = files.read_json(path)
-            if data.get("effects") == list(project.config.model.effects):
-                return Fit.from_dict(
-                    {k: v for k, v in data.items() if k not in ("effects", "identifiability")}
-                )
-            names = names or data.get("effects")
-    what = f"for effects {list(project.config.model.effects)}" if names is not None else "in this project"
-    raise ValueError(f"no fit {what}; run twin calibrate" + (" or twin add" if names is not None else ""))

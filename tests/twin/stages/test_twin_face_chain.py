@@ -16,7 +16,9 @@ from twin.project.folder import Project
 from twin.project.targetfiles import write_targets
 from twin.project.toml import dump
 from twin.stages import workbench
-from twin.stages.chain import run_calibrate, run_compare, run_review
+from twin.stages.calibrating import run_calibrate
+from twin.stages.comparing import run_compare
+from twin.stages.reviewing import run_review
 from twin.stages.workbench import Workbench
 from twin.targets import PointKind, TargetPoint, as_position, at_node
 
@@ -88,10 +90,16 @@ def test_face_points_are_calibrated_compared_and_reviewed(project: Project) -> N
     # what is left at a face point is noise, as at a marker: 5 um a value, its gauge and mesh modes taken off
     left = np.array([rows[f"face{k + 1:03d}"]["rms_mm"] for k in range(len(FACE))])
     assert left.max() < 0.02
-    run_review(project, say)
+    other = project.config.model_copy(update={"diagnose": DiagnoseTable(candidates=("clamp",))})
+    with replace(project, config=other).new_run("diagnose") as run:
+        run.write_json("diagnosis.json", {"sentence": "of other candidates", "named": [], "rms_before_mm": 1.0})
+    notes = run_review(project, say)["notes"]
+    stale = "is stale: [diagnose] candidates of twin.toml has changed since; it is not used"
+    assert [n for n in notes if "stale" in n] == [f"runs/{run.name} {stale}"]
     page = project.newest("review", "report.html")
     assert page is not None
     assert "face007" in page.read_text(encoding="utf-8")
+    assert "of other candidates" not in page.read_text(encoding="utf-8")
 
 
 def changed(project: Project, folder: Path, rows: slice, move: tuple[float, float, float]) -> Project:

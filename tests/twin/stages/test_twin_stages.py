@@ -18,7 +18,11 @@ from twin.project.targetfiles import write_targets
 from twin.project.toml import dump
 from twin.review.states import Fields, Generations
 from twin.stages import workbench
-from twin.stages.chain import run_add, run_calibrate, run_compare, run_diagnose, run_drop, run_review
+from twin.stages.adding import run_add, run_drop
+from twin.stages.calibrating import run_calibrate
+from twin.stages.comparing import run_compare
+from twin.stages.diagnosing import run_diagnose
+from twin.stages.reviewing import run_review
 
 FILM = ((0.0, 0.0), (2.0, 0.0), (4.0, 30.0), (12.0, 30.0), (12.4, 0.0), (22.0, 0.0))
 BENCH = virtual.Bench(film_hz=4.0, gauge_sd_MPa=3e-4, sd=0.005)
@@ -84,7 +88,7 @@ def chain(tmp_path_factory: pytest.TempPathFactory, short_case: Case, short: Fin
     run_calibrate(project, say)
     run_compare(project, say)
     run_diagnose(project, say)
-    run_add(project, "creep", say)
+    run_add(project, say, name="creep")
     project = Project.open(project.root)
     run_review(project, say)
     return project, say
@@ -113,7 +117,7 @@ def test_calibrate_leaves_its_fit_and_history(chain: tuple[Project, Silent]) -> 
     assert np.all(np.diff(history.rms_mm) <= 0)
     assert history.film_time_s == pytest.approx(4.0, abs=0.3)  # the top of the ramp
     log = [json.loads(x) for x in (found.parent / "log.jsonl").read_text().splitlines()]
-    assert [r["number"] for r in log if r["event"] == "generation"] == list(range(1, GENERATIONS + 1))
+    assert [r["number"] for r in log if r.get("event") == "generation"] == list(range(1, GENERATIONS + 1))
     # the best by the table is the best by full finite elements: the marks' rms over U3 of tip and middle
     rows = [history.point_names.index(n) for n in project.config.calibrate.objective_points]
     error = history.u_points[-1, rows, 2] - history.u_measured[rows, 2]
@@ -184,9 +188,9 @@ def test_review_holds_every_generation_and_the_numbers(chain: tuple[Project, Sil
 def test_errors_are_one_sentence(chain: tuple[Project, Silent]) -> None:
     project, say = chain
     with pytest.raises(ValueError, match="'wind' is not in the library"):
-        run_add(project, "wind", say)
+        run_add(project, say, name="wind")
     with pytest.raises(ValueError, match="'stiffening' is not in the model"):
-        run_drop(project, "stiffening", say)
+        run_drop(project, say, name="stiffening")
     with pytest.raises(ValueError, match="calibrate fits the base model; twin add refits"):
         run_calibrate(project, say)
     model = project.config.model

@@ -1,0 +1,70 @@
+"""What has changed in a project since one of its runs was made."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from twin.project import files
+from twin.project.folder import Project, versions
+
+# The effects of a fit stand in fit.json: twin.toml gets them after the fit. Names of own effect files say
+# nothing of what they hold, which the digests do.
+ELSEWHERE = {("model", "effects"), ("model", "effect_files")}
+NEEDED = ("softtwin",)  # of the recorded versions, those of the code that makes the figures
+
+
+def changes(
+    project: Project, folder: Path, *, tables: Sequence[str], present: Sequence[Path], but: Sequence[str] = ()
+) -> list[str]:
+    """What differs from when the run in `folder` was made, one clause each; [] where nothing does.
+
+    tables: names of the tables of twin.toml that it depends on.   present: the files and folders that it
+    would read now, next to those that it has recorded.   but: recorded files that do not count.
+    """
+    info = project.info(folder)
+    if "inputs" not in info or "config" not in info:
+        return ["its run.json does not say what it was made from"]
+    recorded = {name: digest for name, digest in info["inputs"].items() if name not in but}
+    return [
+        *_changed_files(project, recorded, present),
+        *_changed_tables(project, info["config"], tables),
+        *_changed_versions(info.get("versions", {})),
+    ]
+
+
+def _changed_files(project: Project, recorded: Mapping[str, str], present: Sequence[Path]) -> list[str]:
+    now = files.digest_of([path for path in present if path.exists()], root=project.root)
+    elsewhere = [project.path(name) for name in recorded if name not in now]
+    now |= files.digest_of([path for path in elsewhere if path.is_file()], root=project.root)
+    changed = [name for name in recorded if name in now and now[name] != recorded[name]]
+    return [
+        *(f"{name} has changed since" for name in changed),
+        *(f"{name} is gone" for name in recorded.keys() - now.keys()),
+        *(f"{name} is new" for name in now.keys() - recorded.keys()),
+    ]
+
+
+def _changed_tables(project: Project, was: Mapping[str, Any], tables: Sequence[str]) -> list[str]:
+    now = project.config.model_dump(mode="json", include=set(tables))
+    found = []
+    for name in tables:
+        for key, value in _keys(now.get(name)).items():
+            before = _keys(was.get(name)).get(key, value)  # a key that older versions did not have
+            if before != value and (name, key) not in ELSEWHERE:
+                where = f"[{name}] {key}" if key else f"[[{name}]]"
+                found.append(f"{where} of twin.toml has changed since")
+    return found
+
+
+def _keys(table: Any) -> Mapping[str, Any]:
+    """The keys of a table; an array of tables and a missing table count as one value."""
+    return table if isinstance(table, Mapping) else {"": table}
+
+
+def _changed_versions(was: Mapping[str, str]) -> list[str]:
+    now = versions()
+    return [
+        f"{name} was {was[name]} and is {now[name]}"
+        for name in NEEDED
+        if name in was and name in now and was[name] != now[name]
+    ]

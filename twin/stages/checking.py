@@ -1,0 +1,88 @@
+"""Whether a project is complete and right, and what to run next."""
+
+from typing import Any
+
+from twin.project.folder import Project, Say
+from twin.stages.chain import STAGES, TARGETS, Stage, When
+from twin.stages.fits import fresh, named_effects
+from twin.targets import PointKind, Targets
+
+
+def run_check(project: Project, say: Say) -> dict[str, Any]:
+    """Say what is missing and what comes next; ValueError at the first thing that is wrong."""
+    say(f"check: twin.toml is right: {len(project.config.points)} points, effects "
+        f"{', '.join(project.config.model.effects) or 'none'}")  # fmt: skip
+    missing = _missing_files(project)
+    if missing:
+        raise ValueError(f"missing in {project.root}: {'; '.join(missing)}")
+    step = _next(project)
+    for line in _check_deck(project):
+        say(f"check: {line}")
+    if project.targets_folder.is_dir():
+        targets = project.targets()
+        _check_points(project, targets)
+        say(f"check: targets: {len(targets.time)} steps, {len(targets.names)} points, "
+            f"{int(targets.valid.sum())} valid components, noise model "
+            f"{'yes' if targets.noise else 'none: diagnose cannot test'}")  # fmt: skip
+    say(f"check: next: `twin {step}`")
+    return {"stage": "check", "status": "done", "next": step}
+
+
+def _check_deck(project: Project) -> tuple[str, ...]:
+    """Return what is to be known of the project's own mesh; ValueError where it is not right."""
+    if project.config.model.deck is None:
+        return ()
+    from twin.stages.workbench import structure_of
+
+    structure = structure_of(project)
+    for point in project.config.points:
+        structure.case.position(point.node)
+    return structure.remarks
+
+
+def _missing_files(project: Project) -> list[str]:
+    """Return what twin.toml names and is not there; a film is not asked for once its targets are there."""
+    deck = project.config.model.deck
+    if deck is not None and not project.path(deck).is_file():
+        return [f"{deck} (model.deck)"]
+    if project.targets_folder.is_dir():
+        return []
+    if not project.config.cameras or project.config.pressure is None:
+        return ["targets/targets.csv (there is no [[cameras]] to measure them with)"]
+    missing = []
+    for camera in project.config.cameras:
+        named = {"cameras.film": camera.film, "cameras.static": camera.static}
+        missing += [f"{path} ({key})" for key, path in named.items() if not any(project.root.glob(path))]
+        calibration = camera.camera_file or camera.boards or ""
+        key = "camera_file" if camera.camera_file else "boards"
+        missing += [] if any(project.root.glob(calibration)) else [f"{calibration} (cameras.{key})"]
+    log = project.config.pressure.file
+    return missing if project.path(log).is_file() else [*missing, f"{log} (pressure.file)"]
+
+
+def _check_points(project: Project, targets: Targets) -> None:
+    """Raise ValueError where twin.toml and the targets do not name the same points."""
+    unknown = [p.name for p in targets.points if p.kind is PointKind.UNKNOWN]
+    if unknown:
+        raise ValueError(f"targets point {unknown[0]!r} has no node: add it to [[points]] in twin.toml")
+    for name in project.config.calibrate.objective_points:
+        if name not in targets.names:
+            raise ValueError(
+                f"calibrate.objective_points = {name!r}: targets have {', '.join(targets.names)}"
+            )
+
+
+def _next(project: Project) -> str:
+    """The next command: the first stage that is not done or stale, "list" where all are done."""
+    todo = (stage for stage in _ahead(project) if fresh(project, (stage.name,)) is None)
+    for stage in todo:
+        named = named_effects(project) if stage.when is When.NAMED else []
+        if stage.when is When.ALWAYS or len(named) == 1:
+            return " ".join([stage.name, *named])
+    return "list"
+
+
+def _ahead(project: Project) -> list[Stage]:
+    """The stages that a project goes through: with targets there, those that come after them."""
+    last = [k for k, stage in enumerate(STAGES) if TARGETS in stage.writes][-1]
+    return list(STAGES[last + 1 :] if project.targets_folder.is_dir() else STAGES)
