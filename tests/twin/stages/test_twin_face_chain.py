@@ -10,7 +10,7 @@ import pytest
 
 from fe import Case, Finger, Lattice, Material
 from twin import virtual
-from twin.project.config import CalibrateTable, Config, PointTable, ProjectTable
+from twin.project.config import CalibrateTable, Config, DiagnoseTable, PointTable, ProjectTable
 from twin.project.files import read_json
 from twin.project.folder import Project
 from twin.project.targetfiles import write_targets
