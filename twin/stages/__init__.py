@@ -1,4 +1,5 @@
-"""The stages of `twin`, one file each, in the order of a project.
+"""The stages of `twin`, one file each, named as what one does: calibrating, comparing, diagnosing.
 
-`chain` lists them. `workbench` is what every stage after `measure` starts from: targets, model, whitener.
+Begin with `chain`, the one list of stages with what each reads and writes. `workbench` is what every stage
+after `measure` starts from: targets, model, whitener. `fits` says which runs still belong to the project.
 """
