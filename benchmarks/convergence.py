@@ -95,7 +95,7 @@ def main() -> int:
 
 
 def print_table(rows: list[Row], limits: dict[str, tuple[float, float]]) -> None:
-    """The table as it stands in docs/fe.md."""
+    """The table as it stands in docs/records/meshes.md."""
     print("| mesh | nodes | U3 tip / mm | U3 middle / mm |\n|---|---|---|---|")
     for r in rows:
         print(f"| h/{r.refine} | {r.nodes} | {r.tip:.3f} | {r.middle:.3f} |")

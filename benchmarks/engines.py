@@ -146,7 +146,7 @@ def on_finer_meshes() -> dict[str, list[Row]]:
 
 
 def print_tables(rows: list[Row], finer: dict[str, list[Row]]) -> None:
-    """The tables as they stand in docs/fe.md."""
+    """The tables as they stand in docs/records/engines.md."""
     print("| engine, element | nodes | U3 tip / mm | factorisations | s |\n|---|---|---|---|---|")
     for r in rows:
         print(f"| {r.engine} | {r.nodes} | {r.tip:.3f} | {r.iterations or ''} | {r.seconds:.1f} |")

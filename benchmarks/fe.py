@@ -236,7 +236,7 @@ def main() -> int:
 
 
 def print_tables(figures: dict[str, Any], rows: list[Row], tips: dict[str, Any]) -> None:
-    """The tables as they stand in docs/fe.md."""
+    """The tables as they stand in docs/records/engines.md."""
     print("| engine, element | cells a bellow | nodes | U3 tip / mm | s |\n|---|---|---|---|---|")
     for r in rows:
         print(f"| {r.engine} | {r.per_bellow} | {r.nodes} | {r.tip:.3f} | {r.seconds:.2f} |")

@@ -106,7 +106,7 @@ def main() -> int:
 
 
 def print_table(rows: list[Row], limit: tuple[float, float], chosen: Row | None) -> None:
-    """The table as it stands in docs/fe.md, cheapest first."""
+    """The table as it stands in docs/records/meshes.md, cheapest first."""
     least = min(r.seconds for r in rows)
     print(f"limit: tip {limit[0]:.3f} mm, middle {limit[1]:.3f} mm; 1 is {least:.2f} s\n")
     print("| cells | nodes | tip | middle | time | factorisations |\n|---|---|---|---|---|---|")
