@@ -14,9 +14,11 @@ mesa-vulkan-drivers). The drawings flow.svg and rig.svg are made by hand.
 """
 
 import argparse
+import os
 import shutil
 import socket
 import subprocess
+import sys
 import tempfile
 import time
 from collections.abc import Callable
@@ -31,6 +33,7 @@ import cv2
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
+from reference import edge_nodes
 from scipy.spatial import ConvexHull
 
 from fe import Finger, Lattice, Material, finger_case
@@ -62,6 +65,7 @@ SIDEWAYS = ("tip U2", 0, 1, "#7d3c98", ":")
 def review(demo: Path) -> None:
     """The viewer at the last generation."""
     shot = TO / "review.png"
+    os.environ["PATH"] = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])  # rerun
     with tempfile.TemporaryDirectory() as folder:
         raw = Path(folder) / "raw.png"
         screenshot(newest(demo, "review.rrd"), raw, "generation", 20)
@@ -186,7 +190,8 @@ def _draw_effect(effect: Effect, course: Course, change: Array, left: Array, mot
         axes[0].plot(course.output, change[:, point, component], colour, ls=style, lw=1.4, label=name)
         axes[1].plot(course.output, left[:, point, component], colour, ls=style, lw=1.4)
     _axis(axes[0], f"change by {title}", course, _largest(change), motion)
-    _axis(axes[1], "left when C10, C01 are refitted", course, max(_largest(left), 0.02 * _largest(change)), motion)
+    seen = max(_largest(left), 0.02 * _largest(change))  # smaller than that, a line on the axis
+    _axis(axes[1], "left when C10, C01 are refitted", course, seen, motion)
     axes[0].legend(
         fontsize=7, frameon=False, ncols=len(lines), loc="upper left", handlelength=1.5, columnspacing=1.0
     )
@@ -246,16 +251,6 @@ def _outline(points: Array) -> Array:
     if np.linalg.matrix_rank(points - points[0], tol=1e-6) < 2:
         return np.array([points.min(axis=0), points.max(axis=0)])
     return points[ConvexHull(points).vertices]
-
-
-def edge_nodes() -> list[tuple[float, int]]:
-    """x (mm) and label of the nodes at ends and quarters of the bellows, on the side face's lower edge."""
-    case, finger = finger_case(Material(0.214, 0.083)), Finger()
-    on = np.flatnonzero(np.isclose(case.nodes[:, 1], finger.width / 2) & np.isclose(case.nodes[:, 2], 0.0))
-    start, end = finger.base_cap, finger.length - finger.tip_cap
-    wanted = [*np.linspace(start, end, 4 * finger.bellows + 1), finger.length]
-    rows = [on[np.argmin(np.abs(case.nodes[on, 0] - x))] for x in wanted]
-    return [(float(case.nodes[r, 0]), int(case.labels[r])) for r in rows]
 
 
 PICTURES: dict[str, Callable[[Path], None]] = {

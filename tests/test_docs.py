@@ -1,16 +1,23 @@
 """What the docs name exists: pages, files, commands and their options, keys of twin.toml."""
 
 import re
+import subprocess
+import sys
 import tomllib
 from functools import cache
 from pathlib import Path
 
+import numpy as np
 import pytest
 import typer
 from pydantic import BaseModel
 
 from twin.cli import app
+from twin.diagnosis.whitening import whitener
+from twin.effects.library import all_effects
 from twin.project.config import Config
+from twin.project.targetfiles import read_targets
+from twin.project.toml import parse
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = sorted(
@@ -114,10 +121,16 @@ def test_files_that_code_spans_name_exist(page: Path) -> None:
     assert sorted(path for path in named if not list(ROOT.glob(path)) and not path.startswith("datasets/demo-")) == []
 
 
+def blocks(text: str) -> list[tuple[str, str]]:
+    """(kind, body) of every code block; of one that stands below a line "`targets/FILE`:" the kind is FILE."""
+    named = {body: file for file, body in re.findall(r"^`targets/(\S+)`:\n\n```\w+\n(.*?)^```$", text, re.S | re.M)}
+    return [(named.get(body, kind), body) for kind, body in BLOCK.findall(text)]
+
+
 @pytest.mark.parametrize("page", PAGES, ids=name_of)
 def test_pieces_of_twin_toml_have_keys_that_exist(page: Path) -> None:
     text = page.read_text(encoding="utf-8")
-    pieces = [tomllib.loads(body) for kind, body in BLOCK.findall(text) if kind == "toml"]
+    pieces = [tomllib.loads(body) for kind, body in blocks(text) if kind == "toml"]
     assert [key for piece in pieces for key in unknown_keys(piece)] == []
     for key, table in re.findall(r"`(\w+)(?: = [^`]*)?`\s+under\s+`\[+([\w.]+)\]+`", text):
         assert unknown_keys(_nested(f"{table}.{key}".split("."))) == []
@@ -149,6 +162,78 @@ def test_every_page_of_docs_is_reached_from_the_readme() -> None:
 
 def test_the_readme_has_the_main_command_on_a_line_of_its_own() -> None:
     assert re.search(r"^make demo$", (ROOT / "README.md").read_text(encoding="utf-8"), re.M)
+
+
+def test_made_pages_are_as_the_program_makes_them(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(str(ROOT / "benchmarks"))
+    import reference
+
+    made = reference.pages()
+    stale = [name for name, text in made.items() if (ROOT / "docs" / name).read_text(encoding="utf-8") != text]
+    assert stale == [], "run: python benchmarks/reference.py"
+    assert all(f"`{key}`" in made["twin-toml.md"] for table in all_tables() for key in table.model_fields if key not in tables(table))
+
+
+def all_tables(model: type[BaseModel] = Config) -> list[type[BaseModel]]:
+    return [model, *(deep for one in tables(model).values() for deep in all_tables(one))]
+
+
+def test_every_effect_has_its_section_and_its_picture() -> None:
+    text = (ROOT / "docs" / "effects.md").read_text(encoding="utf-8")
+    assert [e.name for e in all_effects() if f"\n### {e.name}\n" not in text] == []
+    pictures = {path.stem for path in (ROOT / "docs" / "pictures" / "effects").glob("*.png")}
+    assert pictures == {e.name for e in all_effects()}, "run: python benchmarks/pictures.py --only effects"
+
+
+def test_pictures_are_small() -> None:
+    assert sum(path.stat().st_size for path in (ROOT / "docs").rglob("*.*") if path.suffix in (".png", ".svg")) <= 2.5e6
+
+
+@pytest.fixture
+def example(tmp_path: Path) -> Path:
+    """The folder with the files of docs/files.md as they stand there."""
+    text = (ROOT / "docs" / "files.md").read_text(encoding="utf-8")
+    folder = tmp_path / "targets"
+    folder.mkdir()
+    for name, body in blocks(text):
+        if name in ("targets.csv", "targets.toml", "pressure.csv"):
+            (folder / name).write_text(body, encoding="utf-8")
+    script = next(body for kind, body in blocks(text) if kind == "python")
+    (tmp_path / "noise.py").write_text(script, encoding="utf-8")
+    return folder
+
+
+def test_the_smallest_example_of_files_is_read(example: Path) -> None:
+    for name in ("targets.toml", "pressure.csv"):
+        (example / name).unlink()
+    targets = read_targets(example, nodes={"tip": 4401, "middle": 5848})
+    assert targets.value[2, 0].tolist()[::2] == [-21.4, -57.3]
+    assert np.isnan(targets.value[..., 1]).all()
+    assert targets.valid.sum() == 8
+    assert targets.noise is None
+    assert not targets.has_log
+
+
+def test_the_example_with_a_noise_model_is_read(example: Path) -> None:
+    subprocess.run([sys.executable, "noise.py"], cwd=example.parent, check=True, timeout=60)
+    targets = read_targets(example)
+    assert targets.noise is not None
+    assert targets.noise.frames == 400
+    assert targets.noise.sd[0].tolist()[::2] == [0.05, 0.05]
+    assert targets.mode_names == ("scale",)
+    assert targets.modes[0, 2, 0, 2] == pytest.approx(-0.0573)
+    assert targets.covariance[2, 1, 0, 0] == pytest.approx(0.0025)
+    assert targets.pressure_sd.tolist() == [5e-5] * 3
+    assert targets.has_log
+    assert targets.gravity is not None
+    weights = whitener(targets, prediction_modes=np.zeros((0, *targets.value.shape)), gauge=np.zeros(targets.value.shape))
+    assert np.isfinite(weights.whiten(np.nan_to_num(targets.value))).all()
+
+
+def test_the_shortest_twin_toml_is_a_configuration() -> None:
+    text = (ROOT / "docs" / "twin-toml.md").read_text(encoding="utf-8")
+    piece = next(body for kind, body in blocks(text) if kind == "toml")
+    assert parse(piece.encode(), name="the example").points[0].node == 4401
 
 
 def test_these_checks_see_what_is_wrong() -> None:
