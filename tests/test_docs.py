@@ -82,7 +82,7 @@ def tables(model: type[BaseModel]) -> dict[str, type[BaseModel]]:
     """The tables below a table of twin.toml, by their key."""
     found = {}
     for key, field in model.model_fields.items():
-        inner = [t for t in re.findall(r"\b(\w+Table)\b", str(field.annotation))]
+        inner = re.findall(r"\b(\w+Table)\b", str(field.annotation))
         if inner:
             found[key] = next(t for t in _table_models() if t.__name__ == inner[0])
     return found
