@@ -5,7 +5,9 @@ import io
 import json
 import math
 import os
-from collections.abc import Iterable, Mapping
+import shutil
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -13,18 +15,49 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 
-def write_bytes(path: Path, data: bytes) -> None:
-    """Write `data` beside `path` and move it there in one step: a killed writer leaves the old file."""
+@contextmanager
+def whole(path: Path) -> Iterator[Path]:
+    """The path of a draft beside `path`, moved there in one step when the block ends: the one atomic writer.
+
+    A killed or failed writer leaves the old file. The draft has the suffix of `path`, by which many programs
+    choose a format. An OSError names the file.
+    """
     path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    draft = path.with_name(f".{path.stem}.{os.getpid()}{path.suffix}")
     try:
-        with open(temporary, "wb") as file:
-            file.write(data)
-            file.flush()
-            os.fsync(file.fileno())
-        os.replace(temporary, path)
+        yield draft
+        _to_disk(draft)
+        os.replace(draft, path)
+    except OSError as error:
+        raise OSError(error.errno, error.strerror, str(path)) if error.filename is None else error from None
     finally:
-        temporary.unlink(missing_ok=True)
+        draft.unlink(missing_ok=True)
+
+
+@contextmanager
+def whole_folder(folder: Path) -> Iterator[Path]:
+    """The path of a draft folder, moved to `folder` in one step when the block ends.
+
+    `folder` must be absent or empty. The draft of a killed writer is removed.
+    """
+    draft = folder.with_name(f".{folder.name}.partial")
+    shutil.rmtree(draft, ignore_errors=True)
+    draft.mkdir(parents=True)
+    yield draft
+    if folder.is_dir():
+        folder.rmdir()
+    os.rename(draft, folder)
+
+
+def _to_disk(path: Path) -> None:
+    with open(path, "rb") as file:
+        os.fsync(file.fileno())
+
+
+def write_bytes(path: Path, data: bytes) -> None:
+    """Write a file whole or not at all."""
+    with whole(path) as draft:
+        draft.write_bytes(data)
 
 
 def write_text(path: Path, text: str) -> None:

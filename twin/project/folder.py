@@ -18,7 +18,7 @@ from twin.project import files
 from twin.project.config import Config
 from twin.project.locking import lock
 from twin.project.targetfiles import read_targets
-from twin.project.toml import dump, parse, with_effects
+from twin.project.toml import decoded, dump, parse, with_effects
 from twin.targets import Targets
 
 PACKAGES = (
@@ -151,7 +151,7 @@ class Project:
     def set_effects(self, effects: Sequence[str]) -> "Project":
         """Write [model] effects into twin.toml, leave every other line as it is; return the new project."""
         path = self.root / "twin.toml"
-        files.write_text(path, with_effects(path.read_text(encoding="utf-8"), effects))
+        files.write_text(path, with_effects(decoded(path.read_bytes()), effects))
         return Project.open(self.root)
 
     # -- runs -----------------------------------------------------------------------------------------

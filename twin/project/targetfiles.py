@@ -1,8 +1,6 @@
 """Turn displacement targets into files a person can read, and back, bit for bit."""
 
 import math
-import os
-import shutil
 import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -28,21 +26,21 @@ def write_targets(folder: Path, targets: Targets, *, source: Mapping[str, Any] |
     """Write the folder in one step; `source` says what it was measured from. ValueError if it is there."""
     if folder.exists():
         raise ValueError(f"{folder} is there already and is never overwritten; move it away first")
-    draft = folder.with_name(f".{folder.name}.partial")
-    shutil.rmtree(draft, ignore_errors=True)  # of a killed writer
-    files.write_text(draft / "targets.csv", _csv(targets))
-    files.write_text(draft / "targets.toml", _toml(targets))
-    exact = {name: getattr(targets, name) for name in EXACT} | {
-        "mode_names": np.array(targets.mode_names, dtype=str)
-    }
-    if targets.noise is not None:
-        exact["correlation"] = targets.noise.correlation
-    files.write_npz(draft / "targets.npz", exact)
-    if targets.has_log:
-        files.write_text(draft / "pressure.csv", _log_csv(targets))
-    if source is not None:
-        files.write_json(draft / "source.json", source)
-    os.rename(draft, folder)
+    with files.whole_folder(folder) as draft:
+        files.write_text(draft / "targets.csv", _csv(targets))
+        files.write_text(draft / "targets.toml", _toml(targets))
+        files.write_npz(draft / "targets.npz", _exact(targets))
+        if targets.has_log:
+            files.write_text(draft / "pressure.csv", _log_csv(targets))
+        if source is not None:
+            files.write_json(draft / "source.json", source)
+
+
+def _exact(targets: Targets) -> dict[str, NDArray[Any]]:
+    """The arrays of targets.npz."""
+    exact = {name: np.asarray(getattr(targets, name)) for name in EXACT}
+    exact["mode_names"] = np.array(targets.mode_names, dtype=str)
+    return exact if targets.noise is None else exact | {"correlation": targets.noise.correlation}
 
 
 def _csv(t: Targets) -> str:

@@ -1,12 +1,12 @@
 """Turn the text of twin.toml into a configuration and back, with errors and comments for a person."""
 
 import json
-import re
 import tomllib
 from collections.abc import Iterator, Sequence
 from difflib import get_close_matches
 from typing import Any, get_args
 
+import tomlkit
 from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
 
@@ -16,7 +16,7 @@ from twin.project.config import Config
 def parse(data: bytes, *, name: str) -> Config:
     """Return the configuration in a file's bytes; ValueError is one sentence that begins with its name."""
     try:
-        tables = tomllib.loads(data.decode("utf-8"))
+        tables = tomllib.loads(decoded(data))
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise ValueError(f"{name}: not valid TOML: {error}") from None
     try:
@@ -24,6 +24,11 @@ def parse(data: bytes, *, name: str) -> Config:
         return Config.model_validate_json(json.dumps(tables, default=str))
     except ValidationError as error:
         raise ValueError(f"{name}: {_sentence(error)}") from None
+
+
+def decoded(data: bytes) -> str:
+    """The text of a file's bytes, without the byte order mark that some editors write."""
+    return data.decode("utf-8-sig")
 
 
 def dump(config: Config) -> str:
@@ -44,18 +49,12 @@ def dump(config: Config) -> str:
 
 
 def with_effects(text: str, effects: Sequence[str]) -> str:
-    """Return the text of a twin.toml with [model] effects replaced and every other line as it was."""
-    line = f"effects = {_value(list(effects))}"
-    head = re.search(r"^\[model\][^\n]*\n", text, flags=re.M)
-    if head is None:
-        changed = text.rstrip("\n") + f"\n\n[model]\n{line}\n"
-    else:
-        end = re.compile(r"^\[", flags=re.M).search(text, head.end())
-        table = text[head.end() : end.start() if end else len(text)]
-        new, found = re.subn(r"^effects\s*=\s*\[[^\]]*\]", line, table, count=1, flags=re.M)
-        changed = (
-            text[: head.end()] + (new if found else f"{line}\n{table}") + (text[end.start() :] if end else "")
-        )
+    """The text of a twin.toml with [model] effects replaced; comments, order and every other value stay."""
+    document = tomlkit.parse(text)
+    if "model" not in document:
+        document["model"] = tomlkit.table()
+    document["model"]["effects"] = list(effects)
+    changed = tomlkit.dumps(document)
     _check_only_effects(text, changed, list(effects))
     return changed
 

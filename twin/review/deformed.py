@@ -16,6 +16,7 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 from numpy.typing import NDArray
 
+from twin.project import files
 from twin.review.scene import RAMP, normals, round_up
 from twin.targets import Array
 
@@ -90,13 +91,11 @@ def deformed_picture(
         dots = points[np.isfinite(points).all(axis=1)]
         plotter.add_mesh(pv.PolyData(dots), color=INK, point_size=13, render_points_as_spheres=True)
     _look(plotter, np.concatenate([nodes, nodes + u]), size=size)
-    temporary = path.with_name(f".{path.stem}.{os.getpid()}.png")
     try:
-        plotter.screenshot(temporary)
-        os.replace(temporary, path)
+        with files.whole(path) as draft:
+            plotter.screenshot(draft)
     finally:
         plotter.close()
-        temporary.unlink(missing_ok=True)
     return None
 
 
@@ -130,24 +129,21 @@ def write_vtu_series(
     order = VTK_HEX27 if width == 27 else np.arange(width)
     stacked = np.column_stack([np.full(len(cells), width), cells[:, order]]).ravel()
     grid = pv.UnstructuredGrid(stacked, np.full(len(cells), VTK_TYPES[width], dtype=np.uint8), nodes)
-    files = [f"{name}-{step:04d}.vtu" for step in range(len(times))]
-    for step, file in enumerate(files):
+    names = [f"{name}-{step:04d}.vtu" for step in range(len(times))]
+    for step, file in enumerate(names):
         for key, field in fields.items():
             grid.point_data[key] = np.asarray(field[step])
-        temporary = folder / f".{os.getpid()}.{file}"
-        grid.save(temporary)
-        os.replace(temporary, folder / file)
-    return _write_pvd(folder / f"{name}.pvd", times=times, files=files)
+        with files.whole(folder / file) as draft:
+            grid.save(draft)
+    return _write_pvd(folder / f"{name}.pvd", times=times, names=names)
 
 
-def _write_pvd(path: Path, *, times: Sequence[float], files: Sequence[str]) -> Path:
+def _write_pvd(path: Path, *, times: Sequence[float], names: Sequence[str]) -> Path:
     rows = [
-        f'    <DataSet timestep="{time:.9g}" file={quoteattr(file)}/>' for time, file in zip(times, files)
+        f'    <DataSet timestep="{time:.9g}" file={quoteattr(file)}/>' for time, file in zip(times, names)
     ]
     head = ['<?xml version="1.0"?>', '<VTKFile type="Collection" version="0.1">', "  <Collection>"]
-    temporary = path.with_name(f".{os.getpid()}.{path.name}")
-    temporary.write_text("\n".join([*head, *rows, "  </Collection>", "</VTKFile>", ""]), encoding="utf-8")
-    os.replace(temporary, path)
+    files.write_text(path, "\n".join([*head, *rows, "  </Collection>", "</VTKFile>", ""]))
     return path
 
 

@@ -2,7 +2,6 @@
 
 import base64
 import math
-import os
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
@@ -10,17 +9,14 @@ from typing import Any
 import jinja2
 from markupsafe import Markup
 
+from twin.project import files
+
 TEMPLATE = Path(__file__).with_name("report.html")
 
 
 def write_report(path: Path, *, title: str, facts: Mapping[str, Any]) -> None:
     """Write the page to `path`, atomically; see `render` for the facts."""
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-    try:
-        temporary.write_text(render(title=title, facts=facts), encoding="utf-8")
-        os.replace(temporary, path)
-    finally:
-        temporary.unlink(missing_ok=True)
+    files.write_text(path, render(title=title, facts=facts))
 
 
 def render(*, title: str, facts: Mapping[str, Any]) -> str:

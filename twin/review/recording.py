@@ -16,6 +16,7 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
+from twin.project import files
 from twin.review.scene import Scene, States, log_constants, log_states, scene_of
 from twin.review.states import Array, Fields, Generations, Integers
 
@@ -55,34 +56,32 @@ def write_review(
         frame_times_s if len(frame_times_s) == len(stamps) else np.asarray(stamps * 1e-9, dtype=float)
     )
     scene = scene_of(generations, fields)
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
     recording = rr.RecordingStream("softtwin", recording_id=uuid.uuid4())  # two files never mix in one viewer
     try:
-        recording.save(temporary, default_blueprint=_layout(scene, has_film=video is not None))
-        if video is not None:
-            recording.log("film/frame", video, static=True)
-            _log_frames(recording, stamps, times=times, generations=generations)
-        log_constants(recording, scene)
-        _log_curves(recording, generations=generations, fields=fields)
-        scales = _log_states(recording, scene, generations=generations, fields=fields, times=times)
-        if fields is None:
-            notes.append(
-                "no calibrated model yet: along the film the last generation is shown at top pressure"
-            )
-        legend = LEGEND.format(*scales, time=generations.film_time_s, top=scene.top_mm)
-        text = [
-            diagnosis_markdown.strip(),
-            _table(comparison),
-            legend,
-            *(f"*Note: {note}.*" for note in notes),
-        ]
-        document = rr.TextDocument("\n\n".join(filter(None, text)), media_type=rr.MediaType.MARKDOWN)
-        recording.log("diagnosis", document, static=True)
-        recording.disconnect()  # writes the footer
-        os.replace(temporary, path)
+        with files.whole(path) as draft:
+            recording.save(draft, default_blueprint=_layout(scene, has_film=video is not None))
+            if video is not None:
+                recording.log("film/frame", video, static=True)
+                _log_frames(recording, stamps, times=times, generations=generations)
+            log_constants(recording, scene)
+            _log_curves(recording, generations=generations, fields=fields)
+            scales = _log_states(recording, scene, generations=generations, fields=fields, times=times)
+            if fields is None:
+                notes.append(
+                    "no calibrated model yet: along the film the last generation is shown at top pressure"
+                )
+            legend = LEGEND.format(*scales, time=generations.film_time_s, top=scene.top_mm)
+            text = [
+                diagnosis_markdown.strip(),
+                _table(comparison),
+                legend,
+                *(f"*Note: {note}.*" for note in notes),
+            ]
+            document = rr.TextDocument("\n\n".join(filter(None, text)), media_type=rr.MediaType.MARKDOWN)
+            recording.log("diagnosis", document, static=True)
+            recording.disconnect()  # writes the footer
     finally:
         recording.disconnect()
-        temporary.unlink(missing_ok=True)
     return notes
 
 

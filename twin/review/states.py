@@ -4,7 +4,6 @@
 Both are saved as .npz without pickle, so a run folder can be reviewed long after the run.
 """
 
-import os
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any, Self
@@ -12,6 +11,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from twin.project import files
 from twin.targets import Array
 
 Single = NDArray[np.float32]
@@ -23,13 +23,7 @@ class _Stored:
 
     def save(self, path: Path) -> None:
         """Write all fields to `path` (.npz, compressed, no pickle), atomically."""
-        temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-        try:
-            with open(temporary, "wb") as file:
-                np.savez_compressed(file, **{name: getattr(self, name) for name in _names(type(self))})
-            os.replace(temporary, path)
-        finally:
-            temporary.unlink(missing_ok=True)
+        files.write_npz(path, {name: getattr(self, name) for name in _names(type(self))})
 
     @classmethod
     def load(cls, path: Path) -> Self:

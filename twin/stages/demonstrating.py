@@ -1,6 +1,5 @@
 """Turn the recorded demo into a finished project: every stage in order, each skipped if it is done."""
 
-import os
 import shutil
 import time
 from pathlib import Path
@@ -48,14 +47,9 @@ def copy_demo(folder: Path, say: Say) -> Project:
 
 def _copy(source: Path, folder: Path, stamp: dict[str, str]) -> None:
     """Copy in one step: a killed copy leaves no half project."""
-    target = folder.resolve()
-    draft = target.with_name(f".{target.name}.partial")
-    shutil.rmtree(draft, ignore_errors=True)
-    shutil.copytree(source, draft)
-    files.write_json(draft / "demo.json", stamp)
-    if target.is_dir():
-        target.rmdir()  # empty, as checked
-    os.rename(draft, target)
+    with files.whole_folder(folder.resolve()) as draft:
+        shutil.copytree(source, draft, dirs_exist_ok=True)
+        files.write_json(draft / "demo.json", stamp)
 
 
 def _once(project: Project, stage: Stage, say: Say) -> dict[str, Any]:

@@ -1,6 +1,5 @@
 """Make a project folder: for a film or for targets measured elsewhere, of the built-in finger or a deck."""
 
-import os
 import shutil
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -46,20 +45,16 @@ def run_init(
     if own is not None:
         config = config.model_copy(update={"model": config.model.model_copy(update={"deck": own})})
     root = folder.resolve()
-    draft = root.with_name(f".{root.name}.partial")
-    shutil.rmtree(draft, ignore_errors=True)
-    files.write_text(draft / "twin.toml", dump(config))
-    if targets is None:
-        (draft / "raw" / "boards").mkdir(parents=True)
-    else:
-        _copy_targets(targets, draft / "targets")
-    for file in files_of:
-        place = draft / "raw" / file.relative_to(files_of[0].parent)
-        place.parent.mkdir(parents=True, exist_ok=True)
-        shutil.copy2(file, place)
-    if root.is_dir():
-        root.rmdir()
-    os.rename(draft, root)
+    with files.whole_folder(root) as draft:
+        files.write_text(draft / "twin.toml", dump(config))
+        if targets is None:
+            (draft / "raw" / "boards").mkdir(parents=True)
+        else:
+            _copy_targets(targets, draft / "targets")
+        for file in files_of:
+            place = draft / "raw" / file.relative_to(files_of[0].parent)
+            place.parent.mkdir(parents=True, exist_ok=True)
+            shutil.copy2(file, place)
     say(f"init: wrote {folder / 'twin.toml'}; next: `twin check --project {folder}` says what it still needs")
     return {"stage": "init", "status": "done", "project": str(folder)}
 

@@ -4,8 +4,9 @@ import tomllib
 
 import pytest
 
+from twin.project import toml
 from twin.project.config import Config, PointTable, StudyTable
-from twin.project.folder import dataset
+from twin.project.folder import Project, dataset
 from twin.project.toml import dump, parse, with_effects
 from twin.stages.starting import film_config
 
@@ -143,9 +144,29 @@ def test_effects_are_written_and_nothing_else(text):
     assert all(line in new.splitlines() for line in kept)
 
 
-def test_an_edit_that_would_go_wrong_is_refused():
+@pytest.mark.parametrize(
+    ("text", "new"),
+    [
+        ('[model]  # mine\neffects = ["a]b"]  # why\nmesh = 2 # fine\n', '[model]  # mine\neffects = ["creep"]  # why\nmesh = 2 # fine\n'),
+        ("# top\r\n[model]\r\neffects = []\r\n", '# top\r\n[model]\r\neffects = ["creep"]\r\n'),
+        ("model.mesh = 2\n", 'model.mesh = 2\nmodel.effects = ["creep"]\n'),
+        ("model = {mesh = 2}\n", 'model = {mesh = 2,effects = ["creep"]}\n'),
+    ],
+)  # fmt: skip
+def test_every_other_character_of_the_file_stays(text, new):
+    assert with_effects(text, ["creep"]) == new
+
+
+def test_an_edit_that_would_go_wrong_is_refused(monkeypatch):
+    monkeypatch.setattr(toml.tomlkit, "dumps", lambda document: "[model]\nmesh = 3\n")
     with pytest.raises(ValueError, match="by hand"):
-        with_effects('[model]\neffects = ["a]b"]\n', ["creep"])
+        with_effects("[model]\nmesh = 2\n", ["creep"])
+
+
+def test_a_byte_order_mark_does_not_matter(tmp_path):
+    (tmp_path / "twin.toml").write_bytes(b"\xef\xbb\xbf" + TEXT.encode())
+    assert Project.open(tmp_path).config == read(TEXT)
+    assert Project.open(tmp_path).set_effects(["creep"]).config.model.effects == ("creep",)
 
 
 def test_the_study_says_its_second_pressure():
