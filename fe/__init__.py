@@ -4,7 +4,8 @@ from fe.case import Block, Case, Clamp, Support
 from fe.laws import Material
 from fe.mesh.finger import Finger, Lattice, finger_case
 from fe.path import Path
-from fe.solving import Solution, Variation, solve
+from fe.solver.varied import Variation
+from fe.solving import Solution, solve
 
 __all__ = [
     "Block",

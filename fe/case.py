@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from fe.element import ELEMENTS, Array, Element, Integers
+from fe.element import ELEMENTS, Array, Element, Flags, Integers
 from fe.laws import Material
 
 
@@ -108,6 +108,30 @@ class Case:
                 f"elements of the types {', '.join(types)} in one model: wanted one type; mesh it with one"
             )
         return ELEMENTS[types[0]]
+
+    @property
+    def clamped(self) -> Integers:
+        """The rows (k,) of the nodes that the clamp holds."""
+        return self.node_sets[self.clamp.nodes] if self.clamp else np.empty(0, np.int64)
+
+    @property
+    def supported(self) -> Flags:
+        """Which components (n, 3) of the nodes supports hold, those of the clamp's nodes aside."""
+        out = np.zeros((len(self.nodes), 3), bool)
+        for s in self.supports:
+            out[np.ix_(self.node_sets[s.nodes], np.array(s.components))] = True
+        out[self.clamped] = False
+        return out
+
+    @property
+    def prescribed(self) -> Array:
+        """Displacements (n, 3) mm that supports prescribe, 0 elsewhere."""
+        out = np.zeros_like(self.nodes)
+        for s in self.supports:
+            if s.value is not None:
+                rows, components = self.node_sets[s.nodes], list(s.components)
+                out[np.ix_(rows, np.array(components))] = s.value[:, components]
+        return out
 
     def position(self, label: int) -> Array:
         """Undeformed position (3,) mm of the node with this label; ValueError names the nearest labels if

@@ -20,7 +20,7 @@ long-term part: S = (eta (1 - sum g) S0 + sum Q), where S0 and W are of the cons
 and the Q relax as without softening.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -60,6 +60,11 @@ class Material:
     def bulk(self) -> float:
         """Bulk modulus K in MPa."""
         return self.bulk_ratio * self.shear
+
+    @property
+    def instant(self) -> "Material":
+        """The same material without memory: it neither creeps nor softens."""
+        return replace(self, prony=(), mullins=None)
 
     @property
     def constants(self) -> Array:

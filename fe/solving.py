@@ -20,20 +20,12 @@ from fe.element import Array, Integers
 from fe.kernel.assembly import Kernel, State
 from fe.mesh.points import interpolation
 from fe.path import Path, levels
-from fe.solver.curve import Curve, Differenced, nothing, trace
+from fe.solver.curve import Curve, nothing, trace
 from fe.solver.loadings import Loadings
-from fe.solver.memory import Course, Direction, History, follow, remembers
+from fe.solver.memory import Course, Direction, History, follow
 from fe.solver.newton import Problem, moved
 from fe.solver.reach import crossing
-
-
-@dataclass(frozen=True)
-class Variation:
-    """A parameter's direction: the test on either side of the present one, `step` of the parameter apart."""
-
-    plus: tuple[Case, Path]
-    minus: tuple[Case, Path]
-    step: float
+from fe.solver.varied import Differenced, Variation, refused
 
 
 @dataclass(frozen=True)
@@ -181,6 +173,7 @@ def solve(
         none, slopes = np.zeros(len(path.output)), np.zeros((len(variations), len(path.output)))
         reason = f"stopped: the factor of its moduli falls to {path.stiffness.min():.3g}, wanted above 0"
         return Solution(case, path, (nothing(reason),), none.astype(int), none, slopes, None, 0, reason)
+    refused(case, path, variations)
     kernel = _kernel(_Key(case))
     problem = Problem.of(case, kernel)
     varied = [
@@ -191,7 +184,7 @@ def solve(
     directions = [Direction.of(v, paths, path.time) for v, paths in zip(varied, pairs, strict=True)]
     loadings = Loadings.of(problem, path, varied, pairs)
     remember = any(
-        remembers(q, path) or any(remembers(v.plus, pair[0]) for v, pair in zip(around, pairs, strict=True))
+        q.remembers(path) or any(v.remembers(*pair) for v, pair in zip(around, pairs, strict=True))
         for q, around in zip(loadings.problems, loadings.varied, strict=True)
     )
     rubs = any(q.rubs for q in loadings.everyone)
@@ -249,11 +242,10 @@ class _Key:
 
     def __init__(self, case: Case) -> None:
         self.case = case
-        held = [(s.nodes, s.components, case.node_sets[s.nodes]) for s in case.supports]
-        clamp = case.node_sets[case.clamp.nodes] if case.clamp else ()
         surface = case.surfaces[case.pressurised] if case.pressurised else ()
-        parts = [case.element.name, case.nodes, case.connectivity, surface, clamp, case.precurvature]
-        self.digest = digest(*parts, *(x for h in held for x in h))
+        held = case.supported, case.clamped
+        mesh = case.element.name, case.nodes, case.connectivity, case.precurvature
+        self.digest = digest(*mesh, surface, *held)
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, _Key) and other.digest == self.digest

@@ -59,6 +59,11 @@ class Constants:
                 softening[case.element_sets[name]] = m.mullins or (0.0, 1.0, 0.0)
         return Constants(table, case.per_element("shear"), case.per_element("bulk"), prony, softening)
 
+    @property
+    def instant(self) -> "Constants":
+        """Those of the same materials without memory."""
+        return replace(self, prony=np.zeros((0, len(self.table), 2)), softening=np.zeros((0, 3)))
+
     def times(self, factor: float) -> "Constants":
         """All moduli multiplied."""
         table = self.table.copy()
@@ -216,10 +221,8 @@ class Kernel:
         self.pressure = PressureFaces(
             case.face_nodes(case.pressurised) if case.pressurised else None, self.element, len(case.nodes)
         )
-        held = np.zeros((len(case.nodes), 3), bool)
-        for s in case.supports:
-            held[np.ix_(case.node_sets[s.nodes], np.array(s.components))] = True
-        self.clamped = case.node_sets[case.clamp.nodes] if case.clamp else np.empty(0, np.int64)
+        held, self.clamped = case.supported, case.clamped
+        self.supported = np.flatnonzero(held)  # degrees of freedom
         held[self.clamped] = True
         self.free = np.flatnonzero(~held.ravel())
         self._open = self.pressure.open_edges(case.nodes, ~held.ravel())
@@ -229,6 +232,7 @@ class Kernel:
         corners = self.connectivity[:, : self.modes] if self.element.shared else np.empty((0, 0), np.int64)
         self._corner = np.unique(corners, return_inverse=True)[1].reshape(corners.shape)
         self.shared = int(self._corner.max(initial=-1)) + 1
+        self._clamp_faces = np.flatnonzero(np.isin(self.pressure.faces, self.clamped).any(axis=1))
         self._clamp_elements = np.flatnonzero(np.isin(self.connectivity, self.clamped).any(axis=1))
 
     @cached_property
@@ -353,6 +357,10 @@ class Kernel:
             compiled.scatter_add(place.ravel(), values.ravel(), data)
         total = self.gather(force) - load * self.pressure.force(x)
         turning, lever = self._turned(kept, B[self._clamp_elements], turn)
+        if len(self._clamp_faces):
+            turned = self._levered(self.pressure.dofs[self._clamp_faces], parts[0][self._clamp_faces], turn)
+            turning[: len(self.free)] += turned.ravel()[self.free]
+            lever += turned
         border = None
         if len(self._open):
             dofs, C = self.pressure.antisymmetric(x, self._open)
@@ -371,17 +379,18 @@ class Kernel:
 
     def with_turned_faces(self, system: Linearised, dofs: Integers, K: Array, turn: Array) -> Linearised:
         """The system with the matrices K (g, k, k) of faces added, of which some may belong to the clamp."""
+        turned, turning = self._levered(dofs, K, turn), system.turning.copy()
+        turning[: len(self.free)] += turned.ravel()[self.free]
+        data = self.with_faces(system.data, dofs, K)
+        return replace(system, data=data, turning=turning, lever=system.lever + turned)
+
+    def _levered(self, dofs: Integers, K: Array, turn: Array) -> Array:
+        """Nodal forces (n, 3) N that matrices K (g, k, k) N/mm of faces, at dofs (g, k), give for a
+        rigid rotation of the clamp."""
         motion = np.zeros((self.dofs // 3, 3))
         motion[self.clamped] = turn
-        lever = scatter(dofs, (K @ motion.ravel()[dofs][..., None])[..., 0], self.dofs)
-        turning = system.turning.copy()
-        turning[: len(self.free)] += lever[self.free]
-        return replace(
-            system,
-            data=self.with_faces(system.data, dofs, K),
-            turning=turning,
-            lever=system.lever + lever.reshape(-1, 3),
-        )
+        turned = (K @ motion.ravel()[dofs][..., None])[..., 0]
+        return scatter(dofs, turned, self.dofs).reshape(-1, 3)
 
     def _turned(self, K: Array, B: Array, turn: Array) -> tuple[Array, Array]:
         """The tangent of the clamp's elements, blocks K (k, n, 6, n) and coupling B (k, n, 3, m), times a

@@ -2,65 +2,21 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline, CubicSpline
 from scipy.sparse import csr_matrix
 
-from fe.element import Array, Flags
-from fe.kernel.assembly import Memory, Response, State
-from fe.solver.newton import Equilibrium, Problem, Residual, Step, eased, imbalance, moved
+from fe.element import Array
+from fe.kernel.assembly import State
+from fe.solver.newton import Equilibrium, Problem, Residual, Step, eased, moved
 from fe.solver.reach import why
+from fe.solver.varied import Differenced, Neighbours, sensitivities
 
 BENT = 5e-3  # mm: more than that between a cubic and a state on it asks for more levels
 STRAYED = 0.05  # mm: a guess of the next level that is off by more, with friction, asks for one in between
 SHARE = 0.4  # of a step that failed: 13 factorisations to 0.03 MPa on the default mesh, where a half takes 16
 LEAST_STEP = 1 / 64  # of the distance between two levels; below that the path is given up
-
-
-@dataclass(frozen=True)
-class Differenced:
-    """A parameter seen by its two neighbouring problems, `step` apart on either side: `plus` and `minus`."""
-
-    plus: Problem
-    minus: Problem
-    step: float
-
-    @property
-    def rubs(self) -> bool:
-        """Whether there is friction in either."""
-        return self.plus.rubs or self.minus.rubs
-
-    def sliding(self, where: Flags | None) -> "Differenced":
-        """The neighbours, sliding there (f, q) and nowhere else."""
-        if not self.rubs:
-            return self
-        return replace(self, plus=self.plus.sliding(where), minus=self.minus.sliding(where))
-
-    def after(self, state: State, change: State, slides: Flags | None) -> "Differenced":
-        """The neighbours as they go on from the equilibrium `state`, which slides there (f, q), and of which
-        `change` is the derivative."""
-        if not self.rubs:
-            return self
-        step, v = self.step * change.u, self.sliding(slides)
-        return replace(self, plus=v.plus.after(state.u + step), minus=v.minus.after(state.u - step))
-
-    @cached_property
-    def history_only(self) -> bool:
-        """Whether nothing differs but the memory of the material, of which a curve knows nothing."""
-        a, b = self.plus, self.minus
-        x, y = a.constants, b.constants
-        same = np.array_equal(x.table, y.table) and np.array_equal(x.bulk, y.bulk)
-        return (
-            same
-            and a.case.clamp == b.case.clamp
-            and np.array_equal(a.dead, b.dead)
-            and a.case.contact == b.case.contact
-            and np.array_equal(a.geometry.nodes, b.geometry.nodes)
-            and a.geometry.precurvature == b.geometry.precurvature
-            and a.case.layer == b.case.layer
-        )
 
 
 @dataclass(frozen=True)
@@ -133,57 +89,6 @@ class Curve:
 
 def _apply(operator: csr_matrix, fields: Array) -> Array:
     return np.stack([operator @ f for f in fields])
-
-
-@dataclass(frozen=True)
-class Neighbours:
-    """A varied parameter at one time: the loads in MPa and the memories of its two neighbouring problems."""
-
-    varied: Differenced
-    load: tuple[float, float]
-    memory: tuple[Memory | None, Memory | None] = (None, None)
-
-    def residual(self, state: State, response: Response | None) -> Residual:
-        """The residuals' derivative at fixed displacement, pressure modes and clamp rotation.
-
-        response: the law's to the state, where it is known; what only the memory changes follows from it.
-        """
-        v, (a, b) = self.varied, self.memory
-        alike = v.history_only and not v.rubs  # else the slips of the two differ too
-        if response is not None and a is not None and b is not None and alike:
-            force = v.plus.kernel.internal(state.u, a.stress(response) - b.stress(response))
-            force -= (self.load[0] - self.load[1]) * v.plus.kernel.pressure.force(v.plus.case.nodes + state.u)
-            step = force / (2 * v.step)
-            return Residual(step, np.zeros_like(state.p), v.plus.clamp_gap(state.rotation, step))
-        plus, minus = (
-            imbalance(q, state, load, memory)
-            for q, load, memory in zip((v.plus, v.minus), self.load, self.memory, strict=True)
-        )
-        return plus.minus(minus, 1 / (2 * v.step))
-
-    def clamp(self, rotation: float) -> Array:
-        """The derivative (k, 3) of the clamp nodes' displacements: turned nodes that differ move
-        differently."""
-        ahead, behind = (q.clamp_motion(rotation)[0] for q in (self.varied.plus, self.varied.minus))
-        return (ahead - behind) / (2 * self.varied.step)
-
-
-def sensitivities(
-    step: Step,
-    state: State,
-    neighbours: Sequence[Neighbours],
-    *,
-    response: Response | None = None,
-) -> list[State]:
-    """The derivatives of the state to parameters, by direct differentiation with the factorised tangent;
-    response: the law's to the state, where it is known."""
-    if not neighbours:
-        return []
-    neighbours = [replace(n, varied=n.varied.sliding(step.slides)) for n in neighbours]
-    changes = step.solve([n.residual(state, response) for n in neighbours])
-    for change, n in zip(changes, neighbours, strict=True):
-        change.u[step.problem.kernel.clamped] += n.clamp(state.rotation)
-    return changes
 
 
 def _per_pressure(step: Step, state: State) -> Residual:

@@ -7,8 +7,8 @@ import numpy as np
 
 from fe.element import Array, Integers
 from fe.path import Path
-from fe.solver.curve import Differenced
 from fe.solver.newton import Problem
+from fe.solver.varied import Differenced
 
 
 @dataclass(frozen=True)

@@ -12,12 +12,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fe.element import Array, Flags, Integers
-from fe.kernel.assembly import Memory, State
+from fe.kernel.assembly import Memory, Response, State
 from fe.path import Path, equivalent, in_time, knots
-from fe.solver.curve import LEAST_STEP, Curve, Differenced, Neighbours, Response, sensitivities, strays
+from fe.solver.curve import LEAST_STEP, Curve, strays
 from fe.solver.loadings import Loadings
 from fe.solver.newton import Equilibrium, Problem, Step, eased, moved
 from fe.solver.past import Evaluated, Past
+from fe.solver.varied import Differenced, Neighbours, sensitivities
 
 
 @dataclass(frozen=True)
@@ -308,14 +309,8 @@ def _pace(loadings: Loadings) -> dict[str, bool]:
     """How densely a history is to be solved: what `fe.path.knots` asks."""
     every = loadings.everyone
     rubs = any(q.rubs for q in every)
-    creeping = not rubs or any(remembers(q, loadings.path) for q in every)
+    creeping = not rubs or any(q.remembers(loadings.path) for q in every)
     return {"softening": rubs or any(len(q.constants.softening) for q in every), "creeping": creeping}
-
-
-def remembers(problem: Problem, path: Path) -> bool:
-    """Whether the material may answer by other than a function of pressure over the moduli."""
-    c = problem.constants
-    return bool(len(c.prony) or len(c.softening)) or (path.stiffness is not None and not problem.proportional)
 
 
 def follow(
@@ -336,12 +331,12 @@ def follow(
     if near is not None and (problem.rubs or not np.array_equal(near.time, time)):
         near = None
     directions = [Direction.of(v, pair, time) for v, pair in zip(loadings.varied[0], paths, strict=True)]
-    own = any(remembers(q, path) or q.rubs for q in loadings.problems)
+    own = any(q.remembers(path) or q.rubs for q in loadings.problems)
     # without a memory in the base, only the derivatives towards one have a history of their own
     tracked = {
         n: d
         for n, d in enumerate(directions)
-        if own or any(remembers(v[n].plus, paths[n][0]) or v[n].plus.rubs for v in loadings.varied)
+        if own or any(v[n].remembers(*paths[n]) or v[n].rubs for v in loadings.varied)
     }
     course, number = Course.of(problem, path, time), loadings.at(time)
     march = _March(loadings, curves, time, number, course, tracked, near, soft)

@@ -13,6 +13,7 @@ from fe.kernel.assembly import Constants, Geometry, Kernel, Linearised, Memory, 
 from fe.kernel.contact import PlaneFaces
 from fe.kernel.coupling import addition, coupled
 from fe.kernel.layer import LayerFaces
+from fe.path import Path
 
 # Last correction: of u against the structure's size, of p against a tenth of the shear modulus. The tangent
 # that serves derivatives is that far from the equilibrium: 1e-7 leaves them 1e-6 wrong, 1e-5 left 2e-3.
@@ -34,12 +35,13 @@ EXACT = 0.01  # of TOLERANCE is what such corrections may leave, as Newton's las
 @dataclass(frozen=True)
 class Problem:
     """One case made ready: kernel (shared by cases with the same mesh and supports), constants, dead forces
-    (n, 3) N."""
+    (n, 3) N, prescribed displacements (k,) mm at the supported degrees of freedom."""
 
     kernel: Kernel
     constants: Constants
     case: Case
     dead: Array
+    prescribed: Array
     geometry: Geometry
     layer: LayerFaces | None
     plane: PlaneFaces | None
@@ -57,7 +59,8 @@ class Problem:
         geometry = own if same else Geometry(case.nodes, kernel.connectivity, kernel.element, curved)
         layer = LayerFaces(case) if case.layer and case.layer.stiffness else None
         plane = PlaneFaces(case) if case.contact and case.contact.stiffness else None
-        return Problem(kernel, Constants.of(case), case, dead, geometry, layer, plane)
+        prescribed = case.prescribed.ravel()[kernel.supported]
+        return Problem(kernel, Constants.of(case), case, dead, prescribed, geometry, layer, plane)
 
     @property
     def proportional(self) -> bool:
@@ -65,6 +68,12 @@ class Problem:
         clamp = self.case.clamp
         held = bool(clamp and clamp.compliance) or self.layer is not None or self.plane is not None
         return not self.dead.any() and not held
+
+    def remembers(self, path: Path) -> bool:
+        """Whether the material may answer by other than a function of pressure over the moduli."""
+        c = self.constants
+        drifts = path.stiffness is not None and not self.proportional
+        return bool(len(c.prony) or len(c.softening)) or drifts
 
     def stiffened(self, factor: float) -> "Problem":
         """The problem with all moduli multiplied."""
@@ -109,10 +118,7 @@ class Problem:
     def start(self) -> State:
         """The undeformed state with the prescribed displacements put in."""
         u = np.zeros_like(self.case.nodes)
-        for s in self.case.supports:
-            if s.value is not None:
-                rows = self.case.node_sets[s.nodes]
-                u[np.ix_(rows, np.array(s.components))] = s.value[:, list(s.components)]
+        u.flat[self.kernel.supported] = self.prescribed
         return State(u, np.zeros((len(self.case.connectivity), self.kernel.modes)))
 
     def clamp_motion(self, rotation: float) -> tuple[Array, Array, Array]:
@@ -191,7 +197,9 @@ class Step:
         none = np.zeros_like(self.system.gap)
 
         def answer(force: Array) -> State:
-            return self._symmetric([Residual(force.reshape(-1, 3), none, 0.0)])[0]  # the clamp feels none
+            nodal = force.reshape(-1, 3)
+            moment = self.problem.clamp_gap(self.state.rotation, nodal)
+            return self._symmetric([Residual(nodal, none, moment)])[0]
 
         return moved(change, answer(coupled(C, change.u.ravel(), lambda f: answer(f).u.ravel())))
 
@@ -389,10 +397,9 @@ def moved(state: State, change: State, factor: float = 1.0) -> State:
 
 
 def _consistent(problem: Problem, state: State) -> State:
-    """The state with the clamp nodes exactly where its rotation puts them."""
-    if problem.case.clamp is None:
-        return state
+    """The state with held nodes exactly where supports and the clamp's rotation put them."""
     u = state.u.copy()
+    u.flat[problem.kernel.supported] = problem.prescribed
     u[problem.kernel.clamped] = problem.clamp_motion(state.rotation)[0]
     return replace(state, u=u)
 
@@ -400,8 +407,8 @@ def _consistent(problem: Problem, state: State) -> State:
 def imbalance(problem: Problem, state: State, load: float, memory: Memory | None) -> Residual:
     """All residuals at a state, not condensed.
 
-    The problem's own positions are used, the clamp's included, so that a problem with other nodes on the same
-    kernel is differenced right.
+    The problem's own positions are used, those of held nodes included, so that a problem with other nodes or
+    prescribed displacements on the same kernel is differenced right.
     """
     state = _consistent(problem, state)
     force, gap = problem.kernel.residual(state, problem.constants, load, memory, problem.geometry)

@@ -1,0 +1,192 @@
+"""Derivatives to parameters: a parameter is the test on either side of the present one, and the equilibrium
+answers to the difference of their residuals by the tangent that it has (direct differentiation).
+
+The two sides are solved nowhere; they share the base's mesh and held nodes. What they may change besides is
+carried whole: positions, materials, prescribed displacements, clamp, forces, layer, plane, precurvature,
+pressure, drift of the moduli, gravity. `refused` names what they may not.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields, is_dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from fe.case import Case
+from fe.element import Array, Flags, Integers
+from fe.kernel.assembly import Memory, Response, State
+from fe.kernel.contact import off_the_clamp
+from fe.path import Path
+from fe.solver.newton import Problem, Residual, Step, imbalance
+
+
+@dataclass(frozen=True)
+class Variation:
+    """A parameter's direction: the test on either side of the present one, `step` of the parameter apart."""
+
+    plus: tuple[Case, Path]
+    minus: tuple[Case, Path]
+    step: float
+
+
+def refused(case: Case, path: Path, variations: Sequence[Variation]) -> None:
+    """Nothing, or ValueError that names what of a case or a path a variation changes, and whose derivative is
+    not computed."""
+    for v in variations:
+        for other, way in (v.plus, v.minus):
+            found = _not_carried(case, other) or _path_not_carried(path, way)
+            if found:
+                raise ValueError(
+                    f"a variation changes {found}: that derivative is not computed; keep it as it is in the "
+                    "base, or solve both sides and take their difference"
+                )
+
+
+def _not_carried(base: Case, side: Case) -> str:
+    """What of a case differs that the derivative does not carry, or nothing."""
+    if side is base:
+        return ""
+    if side.element is not base.element or not _same(side.connectivity, base.connectivity):
+        return "`blocks`, the elements of the mesh"
+    if len(side.nodes) != len(base.nodes):
+        return f"`nodes`, their number ({len(base.nodes)} to {len(side.nodes)})"
+    if not np.array_equal(side.supported, base.supported):
+        return "`supports`, which components of which nodes they hold"
+    if not _same(side.clamped, base.clamped):
+        return "`clamp`, the nodes that it holds"
+    if not _same(_loaded_faces(side), _loaded_faces(base)):
+        return "`pressurised`, the faces under pressure"
+    if base.contact and side.contact and not _same(_touching(side), _touching(base)):
+        return "`contact`, the faces that may touch its plane"
+    return ""
+
+
+def _path_not_carried(base: Path, side: Path) -> str:
+    """What of a path differs that the derivative does not carry, or nothing."""
+    if not _same(side.time, base.time):
+        return "`time`, when the pressure is given"
+    if not _same(side.output, base.output):
+        return "`output`, the output times"
+    return "" if _same(side.turns, base.turns) else "`gravity`, when it turns"
+
+
+def _loaded_faces(case: Case) -> Integers | None:
+    return case.face_nodes(case.pressurised) if case.pressurised else None
+
+
+def _touching(case: Case) -> Integers:
+    surface = case.contact.surface if case.contact else ""
+    return case.face_nodes(surface)[off_the_clamp(case, surface)]
+
+
+def _without_memory(case: Case) -> Case:
+    return replace(case, materials={name: m.instant for name, m in case.materials.items()})
+
+
+def _same(a: object, b: object) -> bool:
+    """Whether two values are equal throughout: arrays, records, mappings and tuples of them."""
+    if a is b:
+        return True
+    if is_dataclass(a) and type(a) is type(b):
+        return all(_same(getattr(a, f.name), getattr(b, f.name)) for f in fields(a))
+    if isinstance(a, Mapping) and isinstance(b, Mapping):
+        return a.keys() == b.keys() and all(_same(a[k], b[k]) for k in a)
+    if isinstance(a, tuple) and isinstance(b, tuple):
+        return len(a) == len(b) and all(_same(x, y) for x, y in zip(a, b, strict=True))
+    return np.array_equal(a, b)  # type: ignore[arg-type]
+
+
+@dataclass(frozen=True)
+class Differenced:
+    """A parameter seen by its two neighbouring problems, `step` apart on either side: `plus` and `minus`."""
+
+    plus: Problem
+    minus: Problem
+    step: float
+
+    @property
+    def rubs(self) -> bool:
+        """Whether there is friction in either."""
+        return self.plus.rubs or self.minus.rubs
+
+    def remembers(self, plus: Path, minus: Path) -> bool:
+        """Whether the material of either may answer by other than a function of pressure over the moduli."""
+        return self.plus.remembers(plus) or self.minus.remembers(minus)
+
+    def sliding(self, where: Flags | None) -> "Differenced":
+        """The neighbours, sliding there (f, q) and nowhere else."""
+        if not self.rubs:
+            return self
+        return replace(self, plus=self.plus.sliding(where), minus=self.minus.sliding(where))
+
+    def after(self, state: State, change: State, slides: Flags | None) -> "Differenced":
+        """The neighbours as they go on from the equilibrium `state`, which slides there (f, q), and of which
+        `change` is the derivative."""
+        if not self.rubs:
+            return self
+        step, v = self.step * change.u, self.sliding(slides)
+        return replace(self, plus=v.plus.after(state.u + step), minus=v.minus.after(state.u - step))
+
+    @cached_property
+    def history_only(self) -> bool:
+        """Whether nothing differs but the memory of the material, of which a curve knows nothing."""
+        a, b = self.plus, self.minus
+        return (
+            np.array_equal(a.dead, b.dead)
+            and _same(a.constants.instant, b.constants.instant)
+            and _same(_without_memory(a.case), _without_memory(b.case))
+        )
+
+
+@dataclass(frozen=True)
+class Neighbours:
+    """A varied parameter at one time: the loads in MPa and the memories of its two neighbouring problems."""
+
+    varied: Differenced
+    load: tuple[float, float]
+    memory: tuple[Memory | None, Memory | None] = (None, None)
+
+    def residual(self, state: State, response: Response | None) -> Residual:
+        """The residuals' derivative at fixed displacement, pressure modes and clamp rotation.
+
+        response: the law's to the state, where it is known; what only the memory changes follows from it.
+        """
+        v, (a, b) = self.varied, self.memory
+        alike = v.history_only and not v.rubs  # else the slips of the two differ too
+        if response is not None and a is not None and b is not None and alike:
+            force = v.plus.kernel.internal(state.u, a.stress(response) - b.stress(response))
+            force -= (self.load[0] - self.load[1]) * v.plus.kernel.pressure.force(v.plus.case.nodes + state.u)
+            step = force / (2 * v.step)
+            return Residual(step, np.zeros_like(state.p), v.plus.clamp_gap(state.rotation, step))
+        plus, minus = (
+            imbalance(q, state, load, memory)
+            for q, load, memory in zip((v.plus, v.minus), self.load, self.memory, strict=True)
+        )
+        return plus.minus(minus, 1 / (2 * v.step))
+
+    def held(self, rotation: float) -> Array:
+        """The derivative (n, 3) of what is not free to move: prescribed displacements, and the clamp's nodes,
+        which turn differently where they lie elsewhere."""
+        out, v = np.zeros_like(self.varied.plus.dead), self.varied
+        out.flat[v.plus.kernel.supported] = (v.plus.prescribed - v.minus.prescribed) / (2 * v.step)
+        ahead, behind = (q.clamp_motion(rotation)[0] for q in (v.plus, v.minus))
+        out[v.plus.kernel.clamped] = (ahead - behind) / (2 * v.step)
+        return out
+
+
+def sensitivities(
+    step: Step,
+    state: State,
+    neighbours: Sequence[Neighbours],
+    *,
+    response: Response | None = None,
+) -> list[State]:
+    """The derivatives of the state to parameters, by direct differentiation with the factorised tangent;
+    response: the law's to the state, where it is known."""
+    if not neighbours:
+        return []
+    neighbours = [replace(n, varied=n.varied.sliding(step.slides)) for n in neighbours]
+    changes = step.solve([n.residual(state, response) for n in neighbours])
+    for change, n in zip(changes, neighbours, strict=True):
+        change.u[:] += n.held(state.rotation)
+    return changes
