@@ -1,4 +1,4 @@
-"""Makes the tables of docs/twin-toml.md, docs/effects.md and docs/nodes.md from the program itself.
+"""Makes the tables of docs/twin-toml.md, effects.md, files.md and nodes.md from the program itself.
 
     python benchmarks/reference.py
 
@@ -19,6 +19,7 @@ from twin.effects.library import all_effects
 from twin.effects.protocol import Effect
 from twin.effects.requirements import MEANING
 from twin.project.config import Config, DiagnoseTable
+from twin.stages.chain import STAGES, Stage
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"
 Schema = Mapping[str, Any]
@@ -176,6 +177,20 @@ def edge_nodes() -> list[tuple[float, int]]:
     return [(float(case.nodes[r, 0]), int(case.labels[r])) for r in rows]
 
 
+# -- commands ----------------------------------------------------------------------------------------------
+
+
+def command_table() -> str:
+    """What every command that runs on a project reads and writes."""
+    head = ["| command | | reads | writes |", "|---|---|---|---|"]
+    return "\n".join([*head, *(_command(stage) for stage in STAGES)]) + "\n"
+
+
+def _command(stage: Stage) -> str:
+    reads, writes = (", ".join(f"`{name}`" for name in names) for names in (stage.reads, stage.writes))
+    return f"| `twin {stage.name}` | {stage.title} | {reads} | {writes} |"
+
+
 # -- pages -------------------------------------------------------------------------------------------------
 
 
@@ -187,7 +202,10 @@ def renewed(page: str, made: str) -> str:
 
 def pages() -> dict[str, str]:
     """The text of every page that is made, by its name in docs/."""
-    made = {"twin-toml.md": key_tables(), "effects.md": effect_tables(), "nodes.md": node_table()}
+    made = {
+        "twin-toml.md": key_tables(), "effects.md": effect_tables(), "nodes.md": node_table(),
+        "files.md": command_table(),
+    }  # fmt: skip
     return {name: renewed((DOCS / name).read_text(encoding="utf-8"), part) for name, part in made.items()}
 
 

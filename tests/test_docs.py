@@ -18,6 +18,7 @@ from twin.effects.library import all_effects
 from twin.project.config import Config
 from twin.project.targetfiles import read_targets
 from twin.project.toml import parse
+from twin.stages.chain import STAGES, TARGETS
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = sorted(
@@ -183,6 +184,12 @@ def test_every_effect_has_its_section_and_its_picture() -> None:
     assert [e.name for e in all_effects() if f"\n### {e.name}\n" not in text] == []
     pictures = {path.stem for path in (ROOT / "docs" / "pictures" / "effects").glob("*.png")}
     assert pictures == {e.name for e in all_effects()}, "run: python benchmarks/pictures.py --only effects"
+
+
+def test_every_file_that_a_stage_writes_is_explained() -> None:
+    text = (ROOT / "docs" / "files.md").read_text(encoding="utf-8").split("<!-- end -->")[1]
+    written = {name for stage in STAGES for name in stage.writes if name != TARGETS}
+    assert sorted(name for name in written if f"`{name}`" not in text) == []
 
 
 def test_pictures_are_small() -> None:
