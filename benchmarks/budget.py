@@ -28,6 +28,7 @@ from numpy.typing import NDArray
 from vision import Camera, Displacements, Mark, Stated, Video, View, measure
 from vision.drawing import synthetic
 from vision.errors.modes import sync
+from vision.kinds.coded import CodedMarker
 
 Array = NDArray[np.float64]
 SIZE = (512, 320)  # px
@@ -69,7 +70,7 @@ def draw(rng: np.random.Generator) -> Truth:
     sync_s = SYNC_S * 10.0 ** rng.uniform(-1.0, 0.0)
     flat = [(role, *spot) for role, spots in (("frame", FRAME), ("fixed", FIXED), ("finger", FINGER))
             for spot in spots]  # fmt: skip
-    marks = tuple(Mark(f"{role}{i}", i, (float(x), DEPTH, float(z)), role, 9.0)
+    marks = tuple(Mark(f"{role}{i}", CodedMarker(i, 9.0), (float(x), DEPTH, float(z)), role)
                   for i, (role, x, z) in enumerate(flat))  # fmt: skip
     frame, finger = (np.array([[m.role == role] for m in marks]) for role in ("frame", "finger"))
     off = np.zeros((len(marks), 3))

@@ -21,18 +21,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vision import Board, Camera, calibrate_camera, locate
+from vision.boards.charuco import CharucoBoard
+from vision.boards.chessboard import Chessboard
+from vision.boards.circles import AsymmetricCircleBoard, CircleBoard
 from vision.calibration import lens
-from vision.calibration.boards import find_board, grid
 from vision.drawing import synthetic
 from vision.following.registration import project
 from vision.plane import fit_homography
 
 Array = NDArray[np.float64]
 BOARDS = (
-    Board(columns=8, rows=6, square_mm=11.0, marker_mm=8.0, dictionary="DICT_5X5_100"),
-    Board(columns=8, rows=6, square_mm=10.0, kind="chessboard"),
-    Board(columns=8, rows=6, square_mm=10.0, kind="circles"),
-    Board(columns=4, rows=11, square_mm=7.0, kind="acircles"),
+    CharucoBoard(columns=8, rows=6, square_mm=11.0, marker_mm=8.0, dictionary="DICT_5X5_100"),
+    Chessboard(columns=8, rows=6, square_mm=10.0),
+    CircleBoard(columns=8, rows=6, square_mm=10.0),
+    AsymmetricCircleBoard(columns=4, rows=11, square_mm=7.0),
 )
 PICTURES, HALVES = 10, 40
 MODEL = ("k1", "k2", "p1", "p2")
@@ -49,7 +51,7 @@ def drawn_camera(rng: np.random.Generator) -> Camera:
 
 def pose(rng: np.random.Generator, camera: Camera, board: Board) -> tuple[Array, Array]:
     """A board tilted by up to 30 degrees that fills about half of the picture, anywhere in it."""
-    points = grid(board)
+    points = board.points
     rvec = np.array([*np.deg2rad(rng.uniform(-30, 30, 2)), rng.uniform(-0.3, 0.3)])
     extent = np.max(np.ptp(points[:, :2], axis=0) / camera.size)
     distance = camera.matrix[0, 0] * extent / rng.uniform(0.5, 0.65)
@@ -87,7 +89,7 @@ def real_halves(paths: list[Path], board: Board) -> tuple[float, float]:
     """Reprojection rms (px) of all pictures, and the mean normalised difference of random halves."""
     camera = calibrate_camera(paths, board)
     views = [
-        find_board(np.asarray(cv2.imread(str(p), cv2.IMREAD_GRAYSCALE), dtype=np.uint8), board) for p in paths
+        board.find(np.asarray(cv2.imread(str(p), cv2.IMREAD_GRAYSCALE), dtype=np.uint8)) for p in paths
     ]
     rng, found = np.random.default_rng(0), []
     for _ in range(HALVES):
@@ -104,7 +106,7 @@ def real(folder: Path) -> dict[str, Any]:
     """Figures of the real pictures."""
     told: dict[str, Any] = {}
     for side in ("left", "right"):
-        board = Board(9, 6, 25.0, kind="chessboard")
+        board = Chessboard(columns=9, rows=6, square_mm=25.0)
         rms, halves = real_halves(sorted(folder.glob(f"{side}*.jpg")), board)
         told |= {f"camera_{side}_rms_px": rms, f"camera_{side}_halves": halves}
         print(f"{side}: rms {rms:.4f} px; halves differ by {halves:.2f} of their covariance", file=sys.stderr)

@@ -16,6 +16,8 @@ import numpy as np
 from markers import REFERENCE, Scene, Trial, bound, displacement, film, scene, tracked
 
 from vision import Mark
+from vision.kinds.plaindot import PlainDot
+from vision.marks import dots_of
 
 SIZES = (8, 12, 20)  # px, diameter
 FRAME = (0, 3, 6, 21, 24, 27)
@@ -26,7 +28,7 @@ def dotted(size_px: float, moving: int, seed: int) -> Scene:
     s = scene(size_px, moving, seed)
     large = scene(40.0, 1, seed).marks
     marks = tuple(
-        large[i] if i in FRAME else Mark(m.name, None, m.position, "finger", m.size_mm)
+        large[i] if i in FRAME else Mark(m.name, PlainDot(m.size_mm), m.position, "finger")
         for i, m in enumerate(s.marks)
     )
     place, turn = s.place.copy(), s.turn.copy()
@@ -39,7 +41,7 @@ def trial(size_px: float, moving: int, seed: int, every: int = 1) -> Trial:
     """One film of dots of one size; the bound is that of every n-th mark."""
     s = dotted(size_px, moving, seed)
     _, followed = tracked(s, film(s, seed))
-    dots = [p for p, mark in enumerate(s.marks) if mark.marker is None]
+    dots = dots_of(s.marks)
     error = (displacement(followed.ideal) - displacement(s.ideal()))[:, dots]
     stated = followed.covariance[REFERENCE:] + np.nanmean(followed.covariance[:REFERENCE], axis=0) / REFERENCE
     sd = np.sqrt(np.diagonal(stated[:, dots], axis1=2, axis2=3))

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from vision import Camera, Displacements, Mark, Video, View, measure
 from vision.drawing import synthetic
 from vision.errors.noise import CREEP, FAST, states
+from vision.kinds.coded import CodedMarker
 
 Array = NDArray[np.float64]
 DEPTH = 12.0  # mm
@@ -59,7 +60,7 @@ def laboratory() -> tuple[Camera, tuple[Array, Array], tuple[Mark, ...]]:
     tvec = np.array([0.0, 0.0, 420.0]) - turned @ np.array([55.0, DEPTH, -20.0])
     spots = [("frame", s) for s in FRAME] + [("fixed", s) for s in FIXED] + [("finger", s) for s in FINGER]
     marks = tuple(
-        Mark(f"{role}{i}", i, (float(x), DEPTH, float(z)), role, 5.5)
+        Mark(f"{role}{i}", CodedMarker(i, 5.5), (float(x), DEPTH, float(z)), role)
         for i, (role, (x, z)) in enumerate(spots)
     )
     return camera, (np.asarray(cv2.Rodrigues(turned)[0]).ravel(), tvec), marks

@@ -47,6 +47,7 @@ from twin.project.toml import dump
 from vision import Camera, Mark
 from vision.drawing import synthetic
 from vision.film.checkpoint import EVERY
+from vision.kinds.coded import CodedMarker
 
 Array = NDArray[np.float64]
 RATE, JITTER_S = 30, 0.002  # 1/s, s
@@ -72,7 +73,10 @@ def marks() -> list[Mark]:
     """6 frame markers, 4 fixed ones, 18 on the finger in two rows."""
     places = [("frame", x, z) for x, z in FRAME] + [("fixed", x, z) for x, z in FIXED]
     places += [("finger", x, z) for z in (40.0, 60.0) for x in np.linspace(-80.0, 96.0, 9)]
-    return [Mark(f"{role}{i}", i, (x, 0.0, z), role, SIZE_MM) for i, (role, x, z) in enumerate(places)]
+    return [
+        Mark(f"{role}{i}", CodedMarker(i, SIZE_MM), (x, 0.0, z), role)
+        for i, (role, x, z) in enumerate(places)
+    ]
 
 
 def bent(curvature: Array) -> tuple[Array, Array]:
@@ -190,13 +194,13 @@ def config() -> Config:
         frame=FrameTable(
             markers=tuple(
                 MarkerTable(
-                    marker=m.marker, name=m.name, role=m.role, position_mm=m.position, size_mm=SIZE_MM
+                    marker=m.kind.code, name=m.name, role=m.role, position_mm=m.position, size_mm=SIZE_MM
                 )
                 for m in still
             )
         ),
         points=tuple(
-            PointTable(name=m.name, node=1 + i, marker=m.marker, size_mm=SIZE_MM, position_mm=m.position)
+            PointTable(name=m.name, node=1 + i, marker=m.kind.code, size_mm=SIZE_MM, position_mm=m.position)
             for i, m in enumerate(own)
         ),
     )

@@ -39,8 +39,10 @@ from twin.project.config import (
 )
 from twin.project.toml import dump
 from twin.targets import Array
-from vision import Board, Camera, Mark
+from vision import Camera, Mark
+from vision.boards.charuco import CharucoBoard
 from vision.drawing import synthetic
+from vision.kinds.coded import CodedMarker
 
 ROOT = Path(__file__).resolve().parents[1]
 TRUTH = virtual.Truth(Material(0.214, 0.083, prony=((0.017, 1.6), (0.017, 2.5), (0.006, 15.0))))
@@ -52,7 +54,7 @@ LIMIT_MB = 12.0
 DISTANCE, PX_PER_MM, LOOKS_AT = 3000.0, 6.3, (55.0, 11.5, -19.0)  # mm, px/mm, mm
 SIZE, TILT_DEG = (1280, 720), (0.3, -0.3, 0.6)
 BLUR_PX, NOISE_GREY = 0.8, 0.7
-BOARD = Board(columns=8, rows=6, square_mm=16.0, marker_mm=12.0)
+BOARD = CharucoBoard(columns=8, rows=6, square_mm=16.0, marker_mm=12.0)
 BOARD_JPEG = 93
 
 # Clock of the log: the static film, the film, the end, in s.
@@ -117,11 +119,14 @@ def motion() -> Motion:
 
 def marks_of() -> tuple[Mark, ...]:
     """All tags as twin.toml states them: finger, frame, fixed; places in world mm."""
-    finger = [Mark(n, k, tuple(p), "finger", TAG_MM) for k, (n, p) in enumerate(zip(NAMES, marked_points()))]
+    finger = [
+        Mark(n, CodedMarker(k, TAG_MM), tuple(p), "finger")
+        for k, (n, p) in enumerate(zip(NAMES, marked_points()))
+    ]
     still = [("frame", f"f{k + 1}", at) for k, at in enumerate(FRAME)]
     still += [("fixed", f"c{k + 1}", at) for k, at in enumerate(FIXED)]
     rest = [
-        Mark(name, 10 + k, (float(x), Y, float(z)), role, TAG_MM)
+        Mark(name, CodedMarker(10 + k, TAG_MM), (float(x), Y, float(z)), role)
         for k, (role, name, (x, z)) in enumerate(still)
     ]
     return (*finger, *rest)
@@ -207,11 +212,11 @@ def config(marks: tuple[Mark, ...]) -> Config:
     """The twin.toml that a user who made this test would write."""
     labels = dict(zip(NAMES, nodes_of(finger_case(TRUTH.material)).tolist()))
     points = tuple(
-        PointTable(name=m.name, node=labels[m.name], marker=m.marker, size_mm=m.size_mm)
+        PointTable(name=m.name, node=labels[m.name], marker=m.kind.code, size_mm=m.size_mm)
         for m in marks if m.role == "finger"
     )  # fmt: skip
     still = tuple(
-        MarkerTable(marker=m.marker, name=m.name, role=m.role, position_mm=m.position, size_mm=m.size_mm)
+        MarkerTable(marker=m.kind.code, name=m.name, role=m.role, position_mm=m.position, size_mm=m.size_mm)
         for m in marks if m.role != "finger"
     )  # fmt: skip
     board = BoardTable(

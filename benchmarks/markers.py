@@ -34,6 +34,8 @@ from vision.following.methods import Method
 from vision.following.reference import Follower, prepare
 from vision.following.tracks import Followed, follow
 from vision.following.turns import mean_seen
+from vision.kinds.coded import CodedMarker
+from vision.kinds.plaindot import PlainDot
 from vision.marks import detect
 
 Array = NDArray[np.float64]
@@ -113,8 +115,9 @@ def scene(size_px: float, moving: int, seed: int, *, zoom: int = 1, marker: bool
     facing = np.array([[-1.0, 0, 0], [0, 0, -1.0], [0, -1.0, 0]])
     rotation = np.asarray(cv2.Rodrigues(np.deg2rad([15.0, 5.0, 0.0]))[0]) @ facing
     pose = synthetic.Pose(np.asarray(cv2.Rodrigues(rotation)[0]).ravel(), np.array([0.0, 0.0, AWAY]))
+    size = size_px * AWAY / FOCAL
     marks = tuple(
-        Mark(f"m{i}", i if marker else None, (x * zoom, 0.0, z * zoom), "frame", size_px * AWAY / FOCAL)
+        Mark(f"m{i}", CodedMarker(i, size) if marker else PlainDot(size), (x * zoom, 0.0, z * zoom), "frame")
         for i, (x, z) in enumerate(SPOTS)
     )
     rng = np.random.default_rng(seed)
@@ -164,7 +167,7 @@ def _bound(s: Scene, drawing: synthetic._Scene, canvas: NDArray[np.float32], p: 
     gx, gy = (grey["l"] - grey["r"]) / (2 * delta), (grey["u"] - grey["d"]) / (2 * delta)
     plane = synthetic._plane_homography(s.pose, centre, right, down)
     x, y = synthetic._local(np.linalg.inv(plane), drawing.rays.centre[block].reshape(-1, 2)).T
-    if s.marks[p].marker is None:  # a dot does not show its turn, nor perspective
+    if not s.marks[p].kind.shows_turn:  # a dot does not show its turn, nor perspective
         columns = [gx, gy, gx * x, gy * y, gx * y + gy * x]
     else:
         columns = [gx, gy, gx * x, gx * y, gy * x, gy * y, x * (gx * x + gy * y), y * (gx * x + gy * y)]

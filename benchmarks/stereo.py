@@ -20,8 +20,9 @@ import _first  # noqa: F401
 import cv2
 import numpy as np
 
-from vision import Board, Camera, Video
-from vision.calibration.boards import BoardView
+from vision import Camera, Video
+from vision.boards.board import BoardView
+from vision.boards.charuco import CharucoBoard
 from vision.calibration.bundle import CornerNoise, Shot, bundle_adjust
 from vision.calibration.rig import Rig
 from vision.calibration.stereo import film_corners, locate, synchronous_shots
@@ -29,7 +30,9 @@ from vision.camera import Array
 
 ROOT = Path(__file__).resolve().parents[1]
 DATA = Path(os.environ.get("SOFTTWIN_DATA", ROOT.parent / "shared" / "data")) / "charuco_4cam"
-BOARD = Board(4, 5, 54.0, 40.5, "DICT_4X4_1000", inverted=True)
+BOARD = CharucoBoard(
+    columns=4, rows=5, square_mm=54.0, marker_mm=40.5, dictionary="DICT_4X4_1000", inverted=True
+)
 SIZE = (1280, 720)  # px
 
 

@@ -1,6 +1,6 @@
 """Film of a marked finger in, displacements in mm with their uncertainty out; `synthetic` draws film."""
 
-from vision.calibration.boards import Board
+from vision.boards.board import Board
 from vision.calibration.intrinsics import calibrate_camera
 from vision.camera import Camera
 from vision.errors.modes import Stated

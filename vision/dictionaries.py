@@ -6,6 +6,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from vision.camera import Image
 
@@ -33,6 +34,19 @@ def dictionary_of(name: str) -> cv2.aruco.Dictionary:
             "raw/dictionary.yml"
         )
     return cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, name))
+
+
+def bits_of(marker: int, dictionary: str) -> NDArray[np.uint8]:
+    """Cells (n,n) of a marker with its black border, 0 black and 255 white.
+
+    Raises ValueError for an id that the dictionary does not have.
+    """
+    words = dictionary_of(dictionary)
+    if not 0 <= marker < len(words.bytesList):
+        raise ValueError(
+            f"marker {marker} is not in {dictionary}: it has ids 0 to {len(words.bytesList) - 1}"
+        )
+    return np.asarray(words.generateImageMarker(marker, words.markerSize + 2), dtype=np.uint8)
 
 
 @lru_cache(maxsize=8)

@@ -8,6 +8,9 @@ import numpy as np
 
 from vision.camera import Array, Image
 from vision.dictionaries import dictionary_of
+from vision.kinds.coded import CodedMarker
+from vision.kinds.markkind import MarkKind
+from vision.kinds.plaindot import PlainDot
 
 ROLES = ("frame", "fixed", "finger")
 FEW = 4  # markers, below which the picture may be one of inverted markers
@@ -15,14 +18,18 @@ FEW = 4  # markers, below which the picture may be one of inverted markers
 
 @dataclass(frozen=True)
 class Mark:
-    """What is glued where: an ArUco marker (`marker` is its id) or a plain dot (`marker` None)."""
+    """What is glued where."""
 
     name: str
-    marker: int | None
+    kind: MarkKind  # `CodedMarker(code, size_mm)`, `PlainDot(size_mm)`, `FacePoint(size_mm)`
     position: tuple[float, float, float]  # mm, nominal centre at rest, world frame
     role: str  # "frame" carries the homography, "fixed" is data with u = 0, "finger" moves
-    size_mm: float  # side of the black square, or diameter of the dot
     group: str = ""  # marks of one group are off their places alike, as the points of one face are
+
+    @property
+    def size_mm(self) -> float:
+        """Side or diameter of what is glued, mm."""
+        return self.kind.size_mm
 
     @property
     def owner(self) -> str:
@@ -41,11 +48,21 @@ def frame_places(marks: Sequence[Mark]) -> Array:
     return np.array([mark.position for mark in marks if mark.role == "frame"])[:, [0, 2]]
 
 
+def codes_of(marks: Sequence[Mark]) -> dict[int, int]:
+    """Row of every coded marker, and its code."""
+    return {p: mark.kind.code for p, mark in enumerate(marks) if isinstance(mark.kind, CodedMarker)}
+
+
+def dots_of(marks: Sequence[Mark]) -> list[int]:
+    """Rows of the plain dots."""
+    return [p for p, mark in enumerate(marks) if isinstance(mark.kind, PlainDot)]
+
+
 def check_names(marks: Sequence[Mark]) -> None:
     """Raises ValueError for marks that share a name or an id, or have an unknown role or no size."""
     for what, values in (
         ("name", [m.name for m in marks]),
-        ("marker", [m.marker for m in marks if m.marker is not None]),
+        ("marker", list(codes_of(marks).values())),
     ):
         twice = [v for i, v in enumerate(values) if v in values[:i]]
         if twice:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from vision import Camera, Mark, Video
 from vision.drawing import synthetic
+from vision.kinds.coded import CodedMarker
 
 Array = NDArray[np.float64]
 DEPTH = 12.0  # mm, y of the plane of all marks
@@ -101,7 +102,8 @@ def lab() -> Lab:
     }
     flat = [(role, x, z) for role, spots in places.items() for x, z in spots]
     marks = tuple(
-        Mark(f"{role}{i}", i, (float(x), DEPTH, float(z)), role, 9.0) for i, (role, x, z) in enumerate(flat)
+        Mark(f"{role}{i}", CodedMarker(i, 9.0), (float(x), DEPTH, float(z)), role)
+        for i, (role, x, z) in enumerate(flat)
     )
     return Lab(camera, pose, marks)
 

@@ -1,5 +1,6 @@
 """The parts by themselves: renderer, dots, homography, noise."""
 
+from functools import partial
 from typing import Any
 
 import cv2
@@ -11,6 +12,10 @@ from scipy.ndimage import gaussian_filter
 from vision import Mark
 from vision.drawing import synthetic
 from vision.errors.noise import CREEP, FAST, REST, hidden_in_static, states, static_noise
+from vision.kinds.coded import CodedMarker
+from vision.kinds.facepoint import FacePoint
+from vision.kinds.plaindot import PlainDot
+from vision.marks import codes_of, dots_of
 from vision.plane import fit_homography, homographies, to_plane
 
 Array = NDArray[np.float64]
@@ -30,7 +35,7 @@ def brute_force(lab: Lab, mark: Mark, centre: Array, angle: float, corner: Array
     right = -hit[:, 0] * np.cos(angle) - hit[:, 2] * np.sin(angle)
     down = hit[:, 0] * np.sin(angle) - hit[:, 2] * np.cos(angle)
     dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50)
-    bits = np.pad(dictionary.generateImageMarker(mark.marker, 6) / 255.0, 1, constant_values=1.0)
+    bits = np.pad(dictionary.generateImageMarker(mark.kind.code, 6) / 255.0, 1, constant_values=1.0)
     cell = np.floor(np.column_stack([down, right]) / mark.size_mm * 6 + 4).astype(int)
     inside = ((cell >= 0) & (cell < 8)).all(axis=1)
     grey = np.full(len(cell), synthetic.BACKGROUND)
@@ -126,3 +131,15 @@ def test_what_a_patch_does() -> None:
     assert set(state[20:30]) == {FAST}
     assert set(state[42:55]) == {CREEP}  # 0.01 px a frame, yet it goes on
     assert set(state[62:]) == {REST}
+
+
+def test_a_mark_tells_its_size_its_turn_and_whether_it_stretches() -> None:
+    kinds = [CodedMarker(3, 9.0), PlainDot(3.5), FacePoint(6.0)]
+    assert [kind.size_mm for kind in kinds] == [9.0, 3.5, 6.0]
+    assert [kind.shows_turn for kind in kinds] == [True, False, True]
+    assert [kind.stretches for kind in kinds] == [False, False, True]
+    for draw in (kinds[2].artwork, partial(kinds[2].texture, 8.0)):
+        with pytest.raises(ValueError, match="a point of the speckled face is not"):
+            draw("DICT_4X4_50")
+    marks = [Mark(str(k), kind, (0.0, 0.0, 0.0), "fixed") for k, kind in enumerate(kinds)]
+    assert (codes_of(marks), dots_of(marks)) == ({0: 3}, [1])

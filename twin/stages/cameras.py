@@ -53,7 +53,7 @@ def _board(project: Project, table: CameraTable) -> "Board":
 
     assert table.board is not None  # the configuration refuses boards without it
     stated = table.board.model_dump() | {"marker_mm": table.board.marker_mm or 0.0}
-    return Board(**stated | {"dictionary": dictionary_name(project, table.board.dictionary)})
+    return Board.of(**stated | {"dictionary": dictionary_name(project, table.board.dictionary)})
 
 
 def _run_rig(project: Project, say: Say, how: dict[str, Any]) -> dict[str, Any]:

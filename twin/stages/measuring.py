@@ -21,6 +21,7 @@ from twin.targets import Array, Noise, PointKind, TargetPoint, Targets, as_posit
 if TYPE_CHECKING:  # vision takes a second to import: only the stages that measure pay for it
     from vision import Displacements, Mark, Stated, Video, View
     from vision.calibration.rig import Rig
+    from vision.kinds.markkind import MarkKind
     from vision.measuring.face import Face
 
 DIGITS = 6  # of mm: a nanometre, far below any sd, keeps targets.csv readable
@@ -190,7 +191,10 @@ def _marks(project: Project) -> list["Mark"]:
     from twin.stages.workbench import structure_of
     from vision import Mark
 
-    marks = [Mark(m.name, m.marker, m.position_mm, m.role, m.size_mm) for m in project.config.frame.markers]
+    marks = [
+        Mark(m.name, mark_kind(m.marker, m.size_mm), m.position_mm, m.role)
+        for m in project.config.frame.markers
+    ]
     case = None
     for point in project.config.points:
         position = point.position_mm
@@ -199,8 +203,16 @@ def _marks(project: Project) -> list["Mark"]:
             x, y, z = (float(v) for v in case.position(point.node))
             position = (x, y, z)
         assert point.size_mm is not None  # the configuration refuses a film without it
-        marks.append(Mark(point.name, point.marker, position, "finger", point.size_mm))
+        marks.append(Mark(point.name, mark_kind(point.marker, point.size_mm), position, "finger"))
     return marks
+
+
+def mark_kind(marker: int | None, size_mm: float) -> "MarkKind":
+    """Return what is glued, as twin.toml states it: a marker by its id, or a dot without one."""
+    from vision.kinds.coded import CodedMarker
+    from vision.kinds.plaindot import PlainDot
+
+    return PlainDot(size_mm) if marker is None else CodedMarker(marker, size_mm)
 
 
 # -- measuring ----------------------------------------------------------------------------------------------

@@ -8,9 +8,10 @@ from twin.project.config import CameraTable
 from twin.project.folder import Project, Say
 from twin.review.pdf import Page, pdf_bytes
 from twin.stages.cameras import dictionary_files, dictionary_name
+from twin.stages.measuring import mark_kind
 
 if TYPE_CHECKING:
-    from vision.drawing.artwork import Artwork
+    from vision.artwork import Artwork
 
 PAPERS = {"a4": (210.0, 297.0), "letter": (215.9, 279.4), "a3": (297.0, 420.0)}  # mm
 MARGIN = 12.0  # mm, that no printer reaches
@@ -70,7 +71,6 @@ def _dictionaries(table: CameraTable) -> list[str]:
 
 def _items(project: Project, table: CameraTable) -> list[Item]:
     """Return the board, if the camera has one, and the markers: the finger's, then those of the frame."""
-    from vision.drawing.artwork import dot_artwork, marker_artwork
 
     items = []
     if table.board is not None:
@@ -81,27 +81,22 @@ def _items(project: Project, table: CameraTable) -> list[Item]:
     for name, marker, size, role in marks:
         assert size is not None  # the configuration refuses a film without it
         what = "dot" if marker is None else f"id {marker}"
-        art = (
-            dot_artwork(size)
-            if marker is None
-            else marker_artwork(marker, size, dictionary_name(project, table.dictionary))
-        )
+        art = mark_kind(marker, size).artwork(dictionary_name(project, table.dictionary))
         items.append(Item(art, (f"{name}  {what}", f"{role}  {size:g} mm")))
     return items
 
 
 def _board(project: Project, table: CameraTable) -> Item:
     from vision import Board
-    from vision.drawing.artwork import board_artwork
 
     stated = table.board
     assert stated is not None
     name = dictionary_name(project, stated.dictionary)
-    board = Board(**stated.model_dump() | {"marker_mm": stated.marker_mm or 0.0, "dictionary": name})
+    board = Board.of(**stated.model_dump() | {"marker_mm": stated.marker_mm or 0.0, "dictionary": name})
     said = f"board {stated.kind}  {stated.columns} x {stated.rows}  squares {stated.square_mm:g} mm"
     if stated.kind == "charuco":
         said += f"  markers {stated.marker_mm:g} mm  {stated.dictionary}"
-    return Item(board_artwork(board), (said,))
+    return Item(board.artwork(), (said,))
 
 
 def layout(items: Sequence[Item], *, paper: str, title: str) -> list[Page]:

@@ -7,14 +7,12 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from vision.boards.board import MIN_CORNERS, Board, BoardView
 from vision.calibration import lens
-from vision.calibration.boards import Board, BoardView, find_board
 from vision.camera import Array, Camera, Image
-from vision.dictionaries import dictionary_of, other_dictionary
 from vision.plane import fit_homography, to_plane
 
 MIN_IMAGES = 6
-MIN_CORNERS = 8
 MIN_TILT_DEG = 10.0  # below it focal length and distance are one number, and OpenCV's sd does not tell
 # Share of the picture inside the hull of all corners. A small board far away may leave 5 % and calibrate well
 # there; what lies outside is told where a film shows marks there.
@@ -27,9 +25,9 @@ FOLDS = 3
 class _Seen:
     """What the pictures show of a board."""
 
-    board: Board
     views: tuple[BoardView, ...]  # those with enough corners
     rows: tuple[int, ...]  # their pictures
+    said: tuple[str, ...] = ()  # how else the board was read
 
 
 def calibrate_camera(images: Sequence[Path], board: Board, *, max_rms_px: float = 0.3) -> Camera:
@@ -66,7 +64,8 @@ def calibrate_camera(images: Sequence[Path], board: Board, *, max_rms_px: float 
     scale = _held_out_scale(seen.views, size, fits[0].camera.model)
     _accept_scale(*scale)
     remarks = (
-        *_reading(seen, board, [Path(path) for path in images]),
+        *seen.said,
+        *_not_found(seen, [Path(path) for path in images]),
         _evidence(fits, enlarged),
         _checks(tilt_deg, coverage, scale),
     )
@@ -79,49 +78,34 @@ def read_picture(path: Path, board: Board) -> Image:
     if picture is None:
         raise ValueError(f"board image {path} is missing or cannot be read: give a PNG or JPEG file")
     grey = np.asarray(picture, dtype=np.uint8)
-    return np.asarray(255 - grey, dtype=np.uint8) if board.inverted else grey
+    return board.black_on_white(grey)
 
 
 def _look(pictures: list[Image], board: Board) -> _Seen:
     """The board in all pictures; read in the other usual way where it is not found as stated."""
     first = _seen(pictures, board)
-    for other in _other_readings(board) if len(first.rows) < MIN_IMAGES else ():
+    for other, said in board.other_readings() if len(first.rows) < MIN_IMAGES else ():
         seen = _seen(pictures, other)
         if len(seen.rows) >= MIN_IMAGES:
-            return seen
+            return replace(seen, said=(said,))
     if len(first.rows) < MIN_IMAGES:
         raise ValueError(_too_few(len(first.rows), pictures, board))
     return first
 
 
 def _seen(pictures: list[Image], board: Board) -> _Seen:
-    views = [find_board(picture, board) for picture in pictures]
+    views = [board.find(picture) for picture in pictures]
     rows = tuple(i for i, view in enumerate(views) if len(view) >= MIN_CORNERS)
-    return _Seen(board, tuple(views[i] for i in rows), rows)
+    return _Seen(tuple(views[i] for i in rows), rows)
 
 
-def _other_readings(board: Board) -> list[Board]:
-    """The same print, counted or drawn otherwise: squares in place of inner corners; before OpenCV 4.6."""
-    if board.kind == "chessboard" and min(board.columns, board.rows) > 3:
-        return [replace(board, columns=board.columns - 1, rows=board.rows - 1)]
-    return [replace(board, legacy=True)] if board.kind == "charuco" and board.rows % 2 == 0 else []
-
-
-def _reading(seen: _Seen, board: Board, paths: list[Path]) -> list[str]:
-    """What is to be said of how the board was read and where it was not found."""
-    said = []
-    if seen.board.legacy:
-        said.append("the ChArUco board was read as drawn by OpenCV before 4.6 (white square first)")
-    elif seen.board.columns < board.columns:
-        said.append(
-            f"columns = {board.columns}, rows = {board.rows} were read as squares of the chessboard: it has "
-            f"{seen.board.columns} x {seen.board.rows} inner corners"
-        )
+def _not_found(seen: _Seen, paths: list[Path]) -> list[str]:
+    """A sentence about pictures that do not show the board."""
     left_out = [path.name for i, path in enumerate(paths) if i not in seen.rows]
-    if left_out:
-        more = ", ..." if len(left_out) > 4 else ""
-        said.append(f"the board was not found in {len(left_out)} pictures: {', '.join(left_out[:4])}{more}")
-    return said
+    if not left_out:
+        return []
+    more = ", ..." if len(left_out) > 4 else ""
+    return [f"the board was not found in {len(left_out)} pictures: {', '.join(left_out[:4])}{more}"]
 
 
 def _evidence(fits: list[lens.LensFit], enlarged: float) -> str:
@@ -235,23 +219,7 @@ def _accept_scale(error: float, sd: float) -> None:
 
 
 def _too_few(usable: int, pictures: list[Image], board: Board) -> str:
-    start = (
-        f"{usable} of {len(pictures)} board images show at least {MIN_CORNERS} "
-        f"{'circles' if 'circles' in board.kind else 'corners'} of the "
+    return (
+        f"{usable} of {len(pictures)} board images show at least {MIN_CORNERS} {board.shows} of the "
         f"{board.columns} x {board.rows} {board.kind} board, wanted {MIN_IMAGES}"
-    )
-    if board.kind != "charuco":
-        return start + ": check kind, columns and rows, and photograph the whole board sharply"
-    detector = cv2.aruco.ArucoDetector(dictionary_of(board.dictionary))
-    markers = sum(len(detector.detectMarkers(picture)[0]) for picture in pictures)
-    start += f"; {board.dictionary} finds {markers}"
-    other = other_dictionary(pictures[:2], board.dictionary) if markers < len(pictures) else None
-    if other:
-        return start + f", {other[0]} finds {other[1]} in the first {len(pictures[:2])}: set that dictionary"
-    inverted = sum(len(detector.detectMarkers(np.asarray(255 - p, dtype=np.uint8))[0]) for p in pictures)
-    if inverted > 2 * markers + 3:
-        return start + f" and {inverted} in the inverted pictures: set inverted"
-    turned = _seen(pictures, replace(board, columns=board.rows, rows=board.columns))
-    if len(turned.rows) >= MIN_IMAGES:
-        return start + f": the board is one of {board.rows} columns and {board.columns} rows, set these"
-    return start + ": check columns, rows and dictionary, and photograph the whole board sharply"
+    ) + board.advice(pictures, MIN_IMAGES)

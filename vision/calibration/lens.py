@@ -6,7 +6,8 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from vision.calibration.boards import BoardView, centroid
+from vision.boards.board import BoardView
+from vision.boards.circles import centroid
 from vision.camera import DISTORTION, Array, Camera
 from vision.following.registration import project
 from vision.plane import fit_homography, to_plane

@@ -8,14 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
-from vision.calibration.boards import Board, BoardView, find_board
+from vision.boards.board import Board, BoardView
 from vision.calibration.bundle import CornerNoise, Shot, board_pose, bundle_adjust, middle
 from vision.calibration.intrinsics import read_picture
 from vision.calibration.rig import OWN, Rig, common, project, same, triangulate
 from vision.camera import Array, Camera
 from vision.film.video import Video
 
-KINDS = ("charuco", "chessboard")
 MIN_CORNERS = 7
 MIN_COMMON = 5  # instants at which two cameras must see the board
 MAX_LAG = 2.0  # frames by which a camera may be stamped late or early
@@ -42,12 +41,13 @@ def calibrate_rig(
             f"{len(shared)} board pictures have the same file name in two cameras, wanted {MIN_COMMON} or "
             "more: photograph the board, at rest, with all cameras and give the pictures of one pose one name"
         )
-    if board.kind not in KINDS:
-        raise ValueError(f"board kind {board.kind!r} does not join cameras: use one of {', '.join(KINDS)}")
+    if not board.joins_cameras:
+        able = ", ".join(name for name, kind in Board.kinds().items() if kind.joins_cameras)
+        raise ValueError(f"board kind {board.kind!r} does not join cameras: use one of {able}")
     shots = []
     for c, own in enumerate(images):
         for path in own:
-            seen = find_board(read_picture(Path(path), board), board)
+            seen = board.find(read_picture(Path(path), board))
             if len(seen) >= MIN_CORNERS:
                 still = np.zeros(seen.pixels.shape)
                 shots.append(Shot(c, names.index(Path(path).name), seen.points, seen.pixels, still, still))
@@ -71,10 +71,7 @@ def _remark(rig: Rig, shots: Sequence[Shot], rms: Array) -> str:
 
 def film_corners(film: Video, board: Board) -> Found:
     """Board corners in every frame of a film."""
-    return [
-        find_board(np.asarray(255 - image if board.inverted else image, dtype=np.uint8), board)
-        for _, _, image in film.frames()
-    ]
+    return [board.find(board.black_on_white(image)) for _, _, image in film.frames()]
 
 
 def synchronous_shots(

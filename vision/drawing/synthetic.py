@@ -15,10 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter, map_coordinates
 
-from vision.calibration.boards import Board, charuco, grid
+from vision.boards.board import Board
 from vision.camera import Array, Camera, Image
-from vision.dictionaries import dictionary_of
-from vision.drawing.artwork import CIRCLE, DOT_PAPER, QUIET_CELLS
 from vision.film.video import Writer
 from vision.marks import Mark, check_names
 
@@ -116,7 +114,7 @@ def board_image(
     homography = _plane_homography(Pose(*pose), np.zeros(3), np.eye(3)[0], np.eye(3)[1])
     middle = homography @ (board.columns * board.square_mm / 2.0, board.rows * board.square_mm / 2.0, 1.0)
     px_per_mm = camera.matrix[0, 0] * np.linalg.norm(homography[:, 0]) / middle[2]
-    paper, origin, per_mm = _paper(board, max(3.0 * px_per_mm * board.square_mm, 24.0))
+    paper, origin, per_mm = board.print_of(max(3.0 * px_per_mm * board.square_mm, 24.0))
     paper = 1.0 - paper if board.inverted else paper
     blurred = gaussian_filter(paper, blur_px * per_mm / px_per_mm)
     picture = _background(camera.size, np.random.default_rng(seed))
@@ -127,38 +125,6 @@ def board_image(
     seen = np.where(inside, _lookup(blurred, texel), -1.0).reshape((*picture.shape, 4))
     drawn = np.where(seen >= 0, INK + (PAPER - INK) * seen, picture[..., None]).mean(axis=-1)
     return _expose(drawn, noise_grey, np.random.default_rng([seed, 1]))
-
-
-def _paper(board: Board, wanted: float) -> tuple[Array, float, float]:
-    """The printed board (h,w) 1 white, the texel of its point (0, 0) in x and y, and texels per mm."""
-    if board.kind == "charuco":
-        square = _square_texels(board, wanted)
-        size = (board.columns * square, board.rows * square)
-        printed = np.asarray(charuco(board).generateImage(size, marginSize=0, borderBits=1))
-        border = square // 2
-        return np.pad(printed / 255.0, border, constant_values=1.0), border, square / board.square_mm
-    square = 2 * int(np.ceil(0.5 * wanted))  # halves are whole texels
-    if board.kind == "chessboard":  # (0, 0) is an inner corner
-        row, column = np.indices((board.rows + 1, board.columns + 1))
-        paper = np.kron((row + column) % 2, np.ones((square, square)))
-        return np.pad(paper, square, constant_values=1.0), 2.0 * square, square / board.square_mm
-    centre = grid(board)[:, :2] / board.square_mm + 1.0
-    paper = np.ones(np.asarray((centre.max(axis=0)[::-1] + 1.0) * square, dtype=int))
-    offset = np.arange(square) + 0.5 - 0.5 * square
-    circle = np.clip(np.hypot(offset[:, None], offset) - CIRCLE * square + 0.5, 0.0, 1.0)
-    for column, row in np.asarray((centre - 0.5) * square, dtype=int):
-        paper[row : row + square, column : column + square] = circle
-    return paper, float(square), square / board.square_mm
-
-
-def _square_texels(board: Board, wanted: float) -> int:
-    """Texels per square, at least the wanted number, for which the marker's cells come out whole."""
-    cells = dictionary_of(board.dictionary).markerSize + 2
-    for square in range(int(wanted), int(wanted) + 400):
-        marker = square * board.marker_mm / board.square_mm
-        if abs(marker / cells - round(marker / cells)) < 1e-6 and (square - round(marker)) % 2 == 0:
-            return square
-    return int(wanted) + int(wanted) % 2
 
 
 class _Rays:
@@ -290,10 +256,7 @@ def _lookup(texture: Array, texel: Array) -> Array:
 
 def _texture(mark: Mark, px_per_mm: float, blur_px: float, dictionary: str) -> _Texture:
     """The printed mark on its white paper, blurred as the lens will blur it."""
-    if mark.marker is None:
-        paper, per_mm = _dot(mark.size_mm, px_per_mm)
-    else:
-        paper, per_mm = _marker(mark.marker, mark.size_mm, px_per_mm, dictionary)
+    paper, per_mm = mark.kind.texture(TEXELS * px_per_mm, dictionary)
     sigma = blur_px * per_mm / px_per_mm
     pad = int(np.ceil(4 * sigma)) + 1
     cover = np.pad(np.ones_like(paper), pad)
@@ -303,27 +266,6 @@ def _texture(mark: Mark, px_per_mm: float, blur_px: float, dictionary: str) -> _
 def _blur(texture: Array, sigma: float) -> Array:
     blurred = gaussian_filter(texture, sigma, truncate=4.0, mode="constant") if sigma > 0 else texture
     return np.asarray(blurred)
-
-
-def _marker(marker: int, size_mm: float, px_per_mm: float, dictionary: str) -> tuple[Array, float]:
-    words = dictionary_of(dictionary)
-    if not 0 <= marker < len(words.bytesList):
-        raise ValueError(
-            f"marker {marker} is not in {dictionary}: it has ids 0 to {len(words.bytesList) - 1}"
-        )
-    cells = words.markerSize + 2
-    bits = np.asarray(words.generateImageMarker(marker, cells), dtype=np.float64) / 255.0
-    bits = np.pad(bits, QUIET_CELLS, constant_values=1.0)
-    texels = int(np.ceil(TEXELS * px_per_mm * size_mm / cells))
-    return np.asarray(np.kron(bits, np.ones((texels, texels))), dtype=np.float64), cells * texels / size_mm
-
-
-def _dot(size_mm: float, px_per_mm: float) -> tuple[Array, float]:
-    per_mm = TEXELS * px_per_mm
-    side = int(np.ceil(DOT_PAPER * size_mm * per_mm))
-    offset = np.arange(side) - 0.5 * (side - 1)
-    edge = np.hypot(offset[:, None], offset[None]) - 0.5 * size_mm * per_mm
-    return np.asarray(np.clip(edge + 0.5, 0.0, 1.0), dtype=np.float64), per_mm
 
 
 def _background(size: tuple[int, int], rng: np.random.Generator) -> NDArray[np.float32]:

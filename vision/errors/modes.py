@@ -119,9 +119,13 @@ def codec(
     if len(runs) <= MAX_HOLDS:
         return modes, left, ()
     longest = sorted(runs, reverse=True)[MAX_HOLDS][0]
-    return modes, left, (
-        f"{len(runs)} holds of marks keep a coding error, {MAX_HOLDS} of them as a mode: that of the others, "
-        f"of {longest} steps at most, is stated as independent, and too small in their means",
+    return (
+        modes,
+        left,
+        (
+            f"{len(runs)} holds of marks keep a coding error, {MAX_HOLDS} of them as a mode: that of the others, "
+            f"of {longest} steps at most, is stated as independent, and too small in their means",
+        ),
     )
 
 

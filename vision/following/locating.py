@@ -10,7 +10,7 @@ from vision.camera import Array, Camera, Image
 from vision.dictionaries import dictionary_of
 from vision.following import registration
 from vision.following.printed import BLUR_PX, CELLS_BEYOND, SHOWS_BLUR, drawn, polarity
-from vision.marks import Mark, corner_warp, detect, px_per_unit
+from vision.marks import corner_warp, detect, px_per_unit
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,7 @@ class _Fit:
         self, image: Image, lens: Array, start: Array, ids: NDArray[np.intp], dictionary: str
     ) -> None:
         self.image, self.lens, self.start, self.dictionary = image, lens, start, dictionary
-        self.marks = [Mark(str(i), int(i), (0.0, 0.0, 0.0), "fixed", 1.0) for i in ids]
+        self.codes = [int(i) for i in ids]
         self.scale = px_per_unit(start)
         cells = dictionary_of(dictionary).markerSize + 2
         half = 1.0 + CELLS_BEYOND * 2.0 / cells
@@ -68,7 +68,7 @@ class _Fit:
     def at(self, blur_px: float, which: NDArray[np.intp]) -> tuple[Array, Array, Array]:
         """Warps (m,3,3), correlations (m,) and covariances of the centres (m,2,2) px2 with this blur."""
         patch = [
-            self.sign[i] * drawn(self.marks[i], self.grid, self.dictionary, blur_px / self.scale[i])
+            self.sign[i] * drawn(self.codes[i], self.grid, self.dictionary, blur_px / self.scale[i])
             for i in which
         ]
         templates = registration.templates(np.concatenate(patch), self.grid)

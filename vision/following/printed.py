@@ -7,9 +7,8 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from vision.camera import Array
-from vision.dictionaries import dictionary_of
+from vision.dictionaries import bits_of, dictionary_of
 from vision.following import registration
-from vision.marks import Mark
 
 BLUR_PX = (0.3, 3.0)  # px, sd of lens blur and pixel together, between which it is sought
 SHOWS_BLUR = 6  # marks that are enough to see it
@@ -17,10 +16,11 @@ CELLS_BEYOND = 0.6  # how far a patch reaches into the border round a marker, in
 MATCHES = 0.87  # correlation that shows the pattern, as for a registered mark
 
 
-def printed_centres(mean: Array, grid: Array, marks: Sequence[Mark], dictionary: str, scale: Array) -> Array:
+def printed_centres(mean: Array, grid: Array, codes: Sequence[int], dictionary: str, scale: Array) -> Array:
     """Local coordinates (p,2) of the true centres: the printed pattern registered to the mean patches.
 
-    mean: (p,n) grey levels on the grid (3,n).   scale: (p,) px per local unit, NaN for a mark not seen.
+    mean: (p,n) grey levels on the grid (3,n).   codes: (p,) of the markers.
+    scale: (p,) px per local unit, NaN for a mark not seen.
 
     The corners that started a patch are off by some 0.05 px; the pattern as a whole by 0.004, if it is
     blurred as the picture is: the blur that matches best is found first. (0, 0) where nothing matches.
@@ -29,17 +29,17 @@ def printed_centres(mean: Array, grid: Array, marks: Sequence[Mark], dictionary:
     few = seen[:: max(len(seen) // SHOWS_BLUR, 1)]
 
     def mismatch(blur: float) -> float:
-        return -float(sum(_found(mean[i], grid, marks[i], dictionary, blur / scale[i])[1] for i in few))
+        return -float(sum(_found(mean[i], grid, codes[i], dictionary, blur / scale[i])[1] for i in few))
 
     best = minimize_scalar(mismatch, bounds=BLUR_PX, method="bounded", options={"xatol": 0.02}).x
-    centre = np.zeros((len(marks), 2))
+    centre = np.zeros((len(codes), 2))
     for i in seen:
-        place, match = _found(mean[i], grid, marks[i], dictionary, best / scale[i])
+        place, match = _found(mean[i], grid, codes[i], dictionary, best / scale[i])
         centre[i] = place if match > MATCHES else 0.0
     return centre
 
 
-def _found(mean: Array, grid: Array, mark: Mark, dictionary: str, blur: float) -> tuple[Array, float]:
+def _found(mean: Array, grid: Array, code: int, dictionary: str, blur: float) -> tuple[Array, float]:
     """Where (2,) in local coordinates the patch (n,) shows the pattern's centre, and the correlation."""
     side = round(float(np.sqrt(grid.shape[1])))
     half = float(grid[0].max())
@@ -50,7 +50,7 @@ def _found(mean: Array, grid: Array, mark: Mark, dictionary: str, blur: float) -
     warp, match = registration.register(
         mean.reshape(side, side).astype(np.float32),
         registration.NO_LENS,
-        registration.templates(upright * drawn(mark, inner, dictionary, blur), inner),
+        registration.templates(upright * drawn(code, inner, dictionary, blur), inner),
         to_index[None],
         np.array([1.0 / pitch]),
         np.zeros(1, int),
@@ -68,11 +68,10 @@ def polarity(patch: Array, grid: Array, cells: int) -> float:
     return 1.0 if patch[distance > 1.0 + 0.25 * cell].mean() > patch[border].mean() else -1.0
 
 
-def drawn(mark: Mark, grid: Array, dictionary: str, blur: float) -> Array:
+def drawn(code: int, grid: Array, dictionary: str, blur: float) -> Array:
     """Grey and slopes (1,3,n) of the printed pattern, blurred with an sd of `blur` local units."""
-    words = dictionary_of(dictionary)
-    cells = words.markerSize + 2
-    bits = np.asarray(words.generateImageMarker(int(mark.marker or 0), cells), dtype=np.float64) / 255.0
+    bits = np.asarray(bits_of(code, dictionary), dtype=np.float64) / 255.0
+    cells = len(bits)
     fine = max(16, int(np.ceil(2.0 * 2.0 / (cells * blur))))  # the blur is at least two texels
     texture = np.kron(np.pad(bits, 1, constant_values=1.0), np.ones((fine, fine)))
     texture = cv2.GaussianBlur(texture, (0, 0), blur * 0.5 * cells * fine).astype(np.float32)

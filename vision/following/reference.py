@@ -15,7 +15,7 @@ from vision.following.dots import Dot, find_dots
 from vision.following.identity import GATE, assign
 from vision.following.printed import CELLS_BEYOND, printed_centres
 from vision.following.uneven import Quarters, quarters
-from vision.marks import Mark, corner_warp, detect, dot_warp, px_per_unit
+from vision.marks import Mark, codes_of, corner_warp, detect, dot_warp, dots_of, px_per_unit
 from vision.plane import MIN_VISIBLE, fit_homography
 
 MIN_REFERENCE = 10
@@ -57,16 +57,15 @@ def prepare(
             f"{camera.size[0]} x {camera.size[1]}: film and boards must come from the same setting"
         )
     reference = reference_frames(film, reference_s)
-    coded = np.flatnonzero([mark.marker is not None for mark in marks])
+    coded = np.array(list(codes_of(marks)), dtype=np.intp)
     seed, dots, single = _start(film, camera, marks, dictionary, coded)
     mean, least = _average(
         islice(film.frames(), min(len(reference), MAX_REFERENCE)), camera, single, seed[coded]
     )
     templates = registration.templates(mean, single.grid)
     centre = np.zeros((len(marks), 2))
-    centre[coded] = printed_centres(
-        mean[:, 0], single.grid, [marks[int(p)] for p in coded], dictionary, px_per_unit(seed[coded])
-    )
+    codes = list(codes_of(marks).values())
+    centre[coded] = printed_centres(mean[:, 0], single.grid, codes, dictionary, px_per_unit(seed[coded]))
     return Follower(
         camera, tuple(marks), dictionary, seed, templates, coded, centre, dots, least, quarters(templates)
     )
@@ -141,9 +140,9 @@ def _seed(
     """Fill the warps of marks that the picture shows and that were missing; says which were filled."""
     missing = np.isnan(seed[:, 0, 0])
     found, _ = detect(image, dictionary)
-    for p, mark in enumerate(marks):
-        if missing[p] and mark.marker is not None and mark.marker in found:
-            seed[p] = corner_warp(camera.undistort(found[mark.marker]))
+    for p, code in codes_of(marks).items():
+        if missing[p] and code in found:
+            seed[p] = corner_warp(camera.undistort(found[code]))
     _seed_dots(image, camera, marks, seed, dots)
     return missing & np.isfinite(seed[:, 0, 0])
 
@@ -153,7 +152,7 @@ def _seed_dots(
 ) -> None:
     """Look for missing dots where the frame marks say that they should be, dark or light ones."""
     frame = [p for p, mark in enumerate(marks) if mark.role == "frame" and np.isfinite(seed[p, 0, 0])]
-    missing = [p for p, mark in enumerate(marks) if mark.marker is None and np.isnan(seed[p, 0, 0])]
+    missing = [p for p in dots_of(marks) if np.isnan(seed[p, 0, 0])]
     if len(frame) < 4 or not missing:
         return
     nominal = np.array([mark.position for mark in marks])[:, [0, 2]]
@@ -188,7 +187,7 @@ def _in_picture(homography: Array, places: Array) -> Array:
 
 def _check_start(film: Video, first: Image, marks: Sequence[Mark], dictionary: str, seed: Array) -> None:
     """Raises ValueError for a marker that is seen twice, and when too few frame marks are seen."""
-    missing = {mark.marker for mark, warp in zip(marks, seed, strict=True) if np.isnan(warp[0, 0])}
+    missing = {code for p, code in codes_of(marks).items() if np.isnan(seed[p, 0, 0])}
     twice = detect(first, dictionary)[1] & missing
     if twice:
         raise ValueError(

@@ -16,7 +16,7 @@ from vision.following.identity import DotMemory, follow_dots
 from vision.following.identity import start as memory_of
 from vision.following.methods import FIRM, Method
 from vision.following.reference import Follower, reference_frames
-from vision.marks import corner_warp, detect, dot_warp, linear_at_centre, px_per_unit
+from vision.marks import codes_of, corner_warp, detect, dot_warp, linear_at_centre, px_per_unit
 from vision.plane import homographies, to_plane
 
 POOLED = 4.0  # a dot's contour in one frame counts for one part in so many of its variance
@@ -193,10 +193,11 @@ def _step(
     failed = [i for i in rows if method[follower.coded[i]] == Method.LOST]
     if failed:
         found, _ = detect(image, follower.dictionary)
+        codes = codes_of(follower.marks)
         quads = {
-            i: follower.camera.undistort(found[marker])
+            i: follower.camera.undistort(found[code])
             for i in failed
-            if (marker := follower.marks[follower.coded[i]].marker) in found and marker is not None
+            if (code := codes[int(follower.coded[i])]) in found
         }
         for i, corners in quads.items():
             guess[follower.coded[i]] = corner_warp(corners)

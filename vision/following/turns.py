@@ -48,7 +48,7 @@ def finger_turns(value: Array, rotation: Array, points: Array, marks: Sequence[M
     finger = sorted((p for p, mark in enumerate(marks) if mark.role == "finger"), key=lambda p: points[p, 0])
     turned = np.where(np.isfinite(value[:, :, 0]), rotation, 0.0)
     for i, p in enumerate(finger):
-        if marks[p].marker is not None or len(finger) < 2:
+        if marks[p].kind.shows_turn or len(finger) < 2:
             continue
         a, b = finger[max(i - 1, 0)], finger[min(i + 1, len(finger) - 1)]
         chord = (points[b] - points[a])[[0, 2]]

@@ -19,6 +19,7 @@ from vision.following.dic import MIN_CONTRAST, MIN_CORRELATION, NEIGHBOURS, affi
 from vision.following.methods import Method
 from vision.following.reference import MAX_REFERENCE
 from vision.following.tracks import Followed
+from vision.kinds.facepoint import FacePoint
 from vision.marks import Mark, frame_places, linear_at_centre, px_per_unit, rows_of
 from vision.placing import depth
 from vision.placing.views import How, Seen, View
@@ -72,9 +73,9 @@ def with_face(seen: Seen, view: View, marks: Sequence[Mark], face: Face, how: Ho
         for video, own, stage in ((view.static, seen.still, "static-face"), (view.film, seen.film, "face"))
         for homography in [homographies(frame_places(marks), own.ideal[:, frame])]
     )
-    # Ids that no dictionary has: each subset knows its own rotation.
+    kind = FacePoint(face.subset_mm)
     spots = [
-        Mark(f"face{k + 1:03d}", -1 - k, (float(x), face.y, float(z)), "finger", face.subset_mm, GROUP)
+        Mark(f"face{k + 1:03d}", kind, (float(x), face.y, float(z)), "finger", GROUP)
         for k, (x, z) in enumerate(face.points())
     ]
     return replace(seen, film=film, still=still), [*marks, *spots]

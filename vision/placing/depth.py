@@ -168,7 +168,7 @@ def alarms(
     said = []
     for p, mark in enumerate(marks):
         # Skin stretches: that a part of a face grows says nothing of how far away it is.
-        if mark.group or not np.isfinite(size[:, p]).any():
+        if mark.kind.stretches or not np.isfinite(size[:, p]).any():
             continue
         shift = view.distance * (1.0 - 1.0 / size[:, p])
         sd = view.distance * np.hypot(size_sd[:, p], SIZE_FLOOR)

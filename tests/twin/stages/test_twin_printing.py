@@ -14,8 +14,8 @@ from twin.project.toml import dump
 from twin.stages.printing import RULER, layout, run_print
 from twin.stages.starting import film_config
 from vision import Board, locate
-from vision.calibration.boards import find_board
-from vision.drawing.artwork import board_artwork, dot_artwork, marker_artwork
+from vision.kinds.coded import CodedMarker
+from vision.kinds.plaindot import PlainDot
 from vision.marks import detect
 
 DPI = 254
@@ -122,8 +122,8 @@ def check_page(picture, project):
         side = np.linalg.norm(np.diff(found[marker], axis=0), axis=1) / PX
         np.testing.assert_allclose(side, wanted[marker], atol=0.1)  # corners to half a pixel of 0.1 mm
     stated = config.cameras[0].board
-    board = Board(**stated.model_dump() | {"marker_mm": stated.marker_mm or 0.0})
-    view = find_board(picture, board)  # found beside markers with the same ids, from those seen once
+    board = Board.of(**stated.model_dump() | {"marker_mm": stated.marker_mm or 0.0})
+    view = board.find(picture)  # found beside markers with the same ids, from those seen once
     assert len(view) >= 0.5 * (stated.columns - 1) * (stated.rows - 1)  # nine of 27 markers are seen twice
     span = np.linalg.norm(view.pixels[-1] - view.pixels[0]) / PX
     assert span == pytest.approx(np.linalg.norm(view.points[-1] - view.points[0]), abs=0.02)
@@ -166,27 +166,25 @@ def test_poppler_sees_the_same(tmp_path, require):
 
 
 @pytest.mark.parametrize("dictionary", ["DICT_4X4_50", "DICT_APRILTAG_36h11"])
-@pytest.mark.parametrize("inverted", [False, True])
-def test_markers_measure_what_is_said(dictionary, inverted):
+def test_markers_measure_what_is_said(dictionary):
     from twin.review.pdf import pdf_bytes
     from twin.stages.printing import Item
 
     ids = [0, 1, 2, 33]
-    items = [Item(marker_artwork(i, 5.5 + i % 3, dictionary, inverted=inverted), (f"id {i}",)) for i in ids]
+    items = [Item(CodedMarker(i, 5.5 + i % 3).artwork(dictionary), (f"id {i}",)) for i in ids]
     (picture,) = pages_of(pdf_bytes(layout(items, paper="a4", title="t")))
     found = locate(picture, dictionary=dictionary)
     assert found.ids.tolist() == ids
-    assert np.all(found.inverted == inverted)
+    assert not found.inverted.any()
     for marker, centre in zip(ids, found.centre, strict=True):
         side = (5.5 + marker % 3) * PX
         low, high = (centre - 0.75 * side).astype(int), (centre + 0.75 * side).astype(int)
         part = picture[low[1] : high[1], low[0] : high[0]].astype(float)
         # The border is black all round: the middle rows and columns of the picture show both its edges.
-        ink = (255 - part if not inverted else part) / 255
+        ink = (255 - part) / 255
         edge = ink[:, round(len(ink) / 2) - 2 : round(len(ink) / 2) + 2].mean(axis=1)
         outer = np.flatnonzero(edge > 0.5)
-        if not inverted:
-            assert (outer[-1] - outer[0] + 1) / PX == pytest.approx(5.5 + marker % 3, abs=0.1)
+        assert (outer[-1] - outer[0] + 1) / PX == pytest.approx(5.5 + marker % 3, abs=0.1)
 
 
 @pytest.mark.parametrize("kind", ["chessboard", "circles", "acircles"])
@@ -194,12 +192,10 @@ def test_other_boards(kind):
     from twin.review.pdf import pdf_bytes
     from twin.stages.printing import Item
 
-    board = Board(columns=4, rows=7, square_mm=14.0, kind=kind)
-    pages = layout([Item(board_artwork(board), ("board",))], paper="a4", title="t")
+    board = Board.of(columns=4, rows=7, square_mm=14.0, kind=kind)
+    pages = layout([Item(board.artwork(), ("board",))], paper="a4", title="t")
     (picture,) = pages_of(pdf_bytes(pages))
-    view = find_board(
-        np.asarray(cv2.resize(picture, None, fx=0.3, fy=0.3, interpolation=cv2.INTER_AREA)), board
-    )
+    view = board.find(np.asarray(cv2.resize(picture, None, fx=0.3, fy=0.3, interpolation=cv2.INTER_AREA)))
     assert len(view) == 28
     step = np.linalg.norm(np.diff(view.pixels, axis=0), axis=1) / (0.3 * PX)
     nominal = np.linalg.norm(np.diff(view.points, axis=0), axis=1)
@@ -210,7 +206,7 @@ def test_a_long_list_goes_on_over_pages():
     from twin.review.pdf import pdf_bytes
     from twin.stages.printing import Item
 
-    items = [Item(marker_artwork(i % 50, 20.0, "DICT_4X4_50"), (f"{i}",)) for i in range(50)]
+    items = [Item(CodedMarker(i % 50, 20.0).artwork("DICT_4X4_50"), (f"{i}",)) for i in range(50)]
     pictures = list(pages_of(pdf_bytes(layout(items, paper="a4", title="t"))))
     assert len(pictures) == 2
     seen = [set(detect(picture, "DICT_4X4_50")[0]) for picture in pictures]
@@ -222,7 +218,7 @@ def test_dots_are_round_and_measure_what_is_said():
     from twin.review.pdf import pdf_bytes
     from twin.stages.printing import Item
 
-    (picture,) = pages_of(pdf_bytes(layout([Item(dot_artwork(8.0), ("dot",))], paper="a4", title="t")))
+    (picture,) = pages_of(pdf_bytes(layout([Item(PlainDot(8.0).artwork("DICT_4X4_50"), ("dot",))], paper="a4", title="t")))
     top = picture[: round(40 * PX), : round(60 * PX)]
     _, _, stats, _ = cv2.connectedComponentsWithStats((top < 128).astype(np.uint8))
     *_, width, height, area = max(stats[1:].tolist(), key=lambda s: s[-1])
@@ -243,4 +239,4 @@ def test_what_cannot_be_printed_is_said(tmp_path):
     with pytest.raises(ValueError, match="--paper 'a5': wanted one of a4, letter, a3"):
         run_print(project, Lines(), paper="a5")
     with pytest.raises(ValueError, match="marker 50 is not in DICT_4X4_50: it has ids 0 to 49"):
-        marker_artwork(50, 6.0, "DICT_4X4_50")
+        CodedMarker(50, 6.0).artwork("DICT_4X4_50")

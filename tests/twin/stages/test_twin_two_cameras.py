@@ -25,6 +25,7 @@ from twin.stages.measuring import run_measure
 from vision import Board, Camera, Mark
 from vision.camera import Array
 from vision.drawing import synthetic
+from vision.kinds.coded import CodedMarker
 
 BOARD = BoardTable(columns=7, rows=5, square_mm=22.0, marker_mm=16.0)
 SIZE = (640, 400)
@@ -68,8 +69,8 @@ def camera_of(name: str) -> Camera:
 
 def marks() -> list[Mark]:
     flat = [(role, x, z) for role, spots in PLACES.items() for x, z in spots]
-    still = [Mark(f"{role}{i}", i, (x, 12.0, z), role, 9.0) for i, (role, x, z) in enumerate(flat)]
-    return still + [Mark(n, 20 + i, p, "finger", 9.0) for i, (n, p) in enumerate(POINTS.items())]
+    still = [Mark(f"{role}{i}", CodedMarker(i, 9.0), (x, 12.0, z), role) for i, (role, x, z) in enumerate(flat)]
+    return still + [Mark(n, CodedMarker(20 + i, 9.0), p, "finger") for i, (n, p) in enumerate(POINTS.items())]
 
 
 def motion(time: Array) -> tuple[Array, Array]:
@@ -84,7 +85,7 @@ def motion(time: Array) -> tuple[Array, Array]:
 def draw_boards(root: Path) -> None:
     """The board in 11 poses before both cameras, all tilted otherwise."""
     rng = np.random.default_rng(3)
-    board = Board(**BOARD.model_dump())
+    board = Board.of(**BOARD.model_dump())
     first, _ = cv2.Rodrigues(CAMERAS["left"][1][0])
     for k in range(11):
         tilt, _ = cv2.Rodrigues(
@@ -124,7 +125,7 @@ def project(tmp_path_factory: pytest.TempPathFactory) -> Project:
         ),
         pressure=PressureTable(), measure=MeasureTable(placement_sd_mm=0.01, node_sd_mm=0.01),
         frame=FrameTable(markers=tuple(
-            MarkerTable(marker=m.marker, name=m.name, role=m.role, position_mm=m.position, size_mm=9.0)
+            MarkerTable(marker=m.kind.code, name=m.name, role=m.role, position_mm=m.position, size_mm=9.0)
             for m in marks() if m.role != "finger"
         )),
         points=tuple(

@@ -9,8 +9,10 @@ import pytest
 from numpy.typing import NDArray
 
 from vision import Board, Camera, calibrate_camera
+from vision.boards.board import BoardView
+from vision.boards.chessboard import Chessboard
+from vision.boards.circles import AsymmetricCircleBoard, CircleBoard, centroid
 from vision.calibration import lens
-from vision.calibration.boards import BoardView, centroid, find_board, grid
 from vision.drawing import synthetic
 
 Array = NDArray[np.float64]
@@ -20,18 +22,18 @@ TRUTH = Camera(
     (640, 480),
 )
 TILTS = [(25, 0), (-25, 5), (0, 28), (5, -28), (20, 20), (-20, 18), (18, -22), (-24, -20)]
-CHESS = Board(columns=8, rows=5, square_mm=9.0, kind="chessboard")
+CHESS = Chessboard(columns=8, rows=5, square_mm=9.0)
 DRAWN = [
     CHESS,
     replace(CHESS, inverted=True),
-    Board(columns=7, rows=5, square_mm=10.0, kind="circles"),
-    Board(columns=4, rows=9, square_mm=8.0, kind="acircles"),
+    CircleBoard(columns=7, rows=5, square_mm=10.0),
+    AsymmetricCircleBoard(columns=4, rows=9, square_mm=8.0),
 ]
 
 
 def poses(board: Board) -> list[tuple[Array, Array]]:
     """Eight poses of a board that fills much of the picture."""
-    middle = grid(board).mean(axis=0)
+    middle = board.points.mean(axis=0)
     found = []
     for i, (a, b) in enumerate(TILTS):
         rvec = np.deg2rad([a, b, 4.0 * i])
@@ -44,7 +46,7 @@ def views(rng: np.random.Generator, camera: Camera, *, noise: float, warp: float
     """Corners of a chessboard with white noise (px), each picture bent by a smooth field of its own (px)."""
     found = []
     for rvec, tvec in poses(CHESS):
-        points = grid(CHESS)
+        points = CHESS.points
         pixels, _ = cv2.projectPoints(points, rvec, tvec, camera.matrix, camera.distortion)
         x, y = (points[:, :2] - points[:, :2].mean(axis=0)).T / 36.0
         bend = warp * np.stack([x * x, x * y, y * y, x**3]).T @ rng.standard_normal((4, 2))
@@ -69,11 +71,18 @@ def test_every_kind_of_board_gives_the_camera(board: Board, tmp_path: Path) -> N
     assert np.abs(rays[0] - rays[1]).max() < 0.004  # 3.6 px at the picture's edge, where no corner was
 
 
+def test_every_kind_is_tried_here() -> None:
+    """A new kind of board is drawn and calibrated with, as ChArUco boards are in `test_vision_intrinsics`."""
+    assert {board.kind for board in DRAWN} | {"charuco"} == set(Board.kinds())
+    stated = {"columns": 8, "rows": 5, "square_mm": 9.0, "marker_mm": 6.0, "dictionary": "DICT_4X4_50"}
+    assert [Board.of(kind, **stated).kind for kind in Board.kinds()] == list(Board.kinds())
+
+
 def test_perspective_does_not_shift_circles() -> None:
-    board = Board(columns=5, rows=4, square_mm=14.0, kind="circles")  # circles of 50 px
+    board = CircleBoard(columns=5, rows=4, square_mm=14.0)  # circles of 50 px
     found = []
     for i, pose in enumerate(poses(board)):
-        found.append(find_board(synthetic.board_image(TRUTH, board, pose, seed=i), board))
+        found.append(board.find(synthetic.board_image(TRUTH, board, pose, seed=i)))
     model = ("k1", "k2", "p1", "p2")
     centred = lens.fit_lens(found, TRUTH.size, model)
     ellipses = lens.fit_lens([replace(view, outlines=()) for view in found], TRUTH.size, model)
@@ -125,13 +134,13 @@ def test_real_chessboards(shared_data: Path) -> None:
     folder = shared_data / "opencv_boards"
     for side, limit in (("left", 0.20), ("right", 0.21)):
         paths = sorted(folder.glob(f"{side}*.jpg"))
-        camera = calibrate_camera(paths, Board(9, 6, 25.0, kind="chessboard"))
+        camera = calibrate_camera(paths, Chessboard(columns=9, rows=6, square_mm=25.0))
         assert camera.images == len(paths) == 13
         assert camera.rms_px <= limit
         assert {"k1", "k2", "p1", "p2"} <= set(camera.model)
         assert any("makes the sds 2." in sentence for sentence in camera.remarks)
     # Who counts squares in place of corners is understood, and told so.
-    squares = calibrate_camera(paths, Board(10, 7, 25.0, kind="chessboard"))
+    squares = calibrate_camera(paths, Chessboard(columns=10, rows=7, square_mm=25.0))
     np.testing.assert_allclose(squares.matrix, camera.matrix, rtol=1e-6)  # refined from other first guesses
     assert "columns = 10, rows = 7 were read as squares" in squares.remarks[0]
 
@@ -144,9 +153,9 @@ def test_gates(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match=r"cover 1 % of the picture, wanted 2 %"):
         calibrate_camera(paths, CHESS)
     with pytest.raises(ValueError, match=r"0 of 8 board images show at least 8 circles of the 8 x 5 circles"):
-        calibrate_camera(paths, replace(CHESS, kind="circles"))
+        calibrate_camera(paths, CircleBoard(columns=8, rows=5, square_mm=9.0))
     with pytest.raises(ValueError, match="kind 'hexagon' is not known: use one of charuco, chessboard"):
-        calibrate_camera(paths, replace(CHESS, kind="hexagon"))
+        Board.of(kind="hexagon", columns=8, rows=5, square_mm=9.0)
 
 
 def test_lengths_on_held_out_boards() -> None:

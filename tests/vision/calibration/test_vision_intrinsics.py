@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 
 from vision import Board, Camera, calibrate_camera
+from vision.boards.charuco import CharucoBoard
 from vision.drawing import synthetic
 
-BOARD = Board(columns=7, rows=5, square_mm=12.0, marker_mm=9.0, dictionary="DICT_5X5_50")
+BOARD = CharucoBoard(columns=7, rows=5, square_mm=12.0, marker_mm=9.0, dictionary="DICT_5X5_50")
 TRUTH = Camera(
     np.array([[900.0, 0, 322.0], [0, 902.0, 238.0], [0, 0, 1.0]]),
     np.array([-0.15, 0.06, 0.0006, -0.0004, 0.0]),

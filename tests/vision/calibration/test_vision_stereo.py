@@ -7,15 +7,16 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from vision import Board, Camera
-from vision.calibration.boards import BoardView, charuco
+from vision import Camera
+from vision.boards.board import BoardView
+from vision.boards.charuco import CharucoBoard
 from vision.calibration.bundle import Shot, bundle_adjust
 from vision.calibration.rig import OWN, Rig, project, triangulate
 from vision.calibration.stereo import locate, synchronous_shots
 
 Array = NDArray[np.float64]
-BOARD = Board(5, 4, 36.0, 26.0)
-CORNERS = np.asarray(charuco(BOARD).getChessboardCorners(), dtype=np.float64)
+BOARD = CharucoBoard(columns=5, rows=4, square_mm=36.0, marker_mm=26.0)
+CORNERS = BOARD.points
 SIZE = (1280, 720)
 PINHOLE = ("k1",)
 

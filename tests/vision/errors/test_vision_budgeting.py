@@ -17,6 +17,7 @@ from vision.errors.modes import sync
 from vision.errors.noise import Codec
 from vision.following.methods import Method
 from vision.following.tracks import Followed
+from vision.kinds.coded import CodedMarker
 from vision.measuring.displacements import displacements_of
 from vision.placing.views import Seen
 
@@ -57,7 +58,8 @@ def rig() -> tuple[Mark, ...]:
         for x, z in spots
     ]
     return tuple(
-        Mark(f"{role}{i}", i, (float(x), DEPTH, float(z)), role, 9.0) for i, (role, x, z) in enumerate(flat)
+        Mark(f"{role}{i}", CodedMarker(i, 9.0), (float(x), DEPTH, float(z)), role)
+        for i, (role, x, z) in enumerate(flat)
     )
 
 

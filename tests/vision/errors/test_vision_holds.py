@@ -59,7 +59,9 @@ def test_more_holds_than_modes_are_said(lab: Lab, monkeypatch: pytest.MonkeyPatc
     found, left, (said,) = codec(np.full((17, 1, 3), 0.3), state, lab.marks[-1:])
     assert len(found) == 6  # all components of two holds
     assert left[7:11].all()
-    assert said.startswith("3 holds of marks keep a coding error, 2 of them as a mode: that of the others, of 4 steps")
+    assert said.startswith(
+        "3 holds of marks keep a coding error, 2 of them as a mode: that of the others, of 4 steps"
+    )
 
 
 def test_every_hold_has_its_mode_and_the_variance_stays(lab: Lab) -> None:

@@ -12,6 +12,7 @@ from vision.film import checkpoint, stutter
 from vision.following.methods import Method
 from vision.following.reference import prepare
 from vision.following.tracks import Followed, follow
+from vision.kinds.plaindot import PlainDot
 
 Lab = Any
 BEND = np.concatenate([np.zeros(12), np.linspace(0, 0.012, 16)[1:], np.full(8, 0.012)])
@@ -23,12 +24,12 @@ class Killed(Exception):
 
 @pytest.fixture(scope="module")
 def film(lab: Lab, tmp_path_factory: pytest.TempPathFactory) -> Video:
-    marks = [replace(m, marker=None, size_mm=3.5) if m.name == "finger11" else m for m in lab.marks]
+    marks = [replace(m, kind=PlainDot(3.5)) if m.name == "finger11" else m for m in lab.marks]
     return lab.film(tmp_path_factory.mktemp("kept") / "film.mkv", BEND, marks=marks, seed=3)
 
 
 def followed(film: Video, lab: Lab, keeper: Any, progress: Any = None) -> Followed:
-    marks = [replace(m, marker=None, size_mm=3.5) if m.name == "finger11" else m for m in lab.marks]
+    marks = [replace(m, kind=PlainDot(3.5)) if m.name == "finger11" else m for m in lab.marks]
     follower = prepare(film, lab.camera, marks, dictionary="DICT_4X4_50", reference_s=1.15)
     return follow(film, follower, reference_s=1.15, stage="film", progress=progress, keeper=keeper)
 

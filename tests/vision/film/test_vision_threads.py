@@ -25,8 +25,9 @@ MEASURE = """
 import hashlib, json, os, sys
 os.sched_setaffinity(0, set(json.loads(sys.argv[1])))
 from vision import Camera, Mark, Video, View, measure
+from vision.kinds.coded import CodedMarker
 told = json.loads(sys.argv[2])
-marks = [Mark(*m) for m in told["marks"]]
+marks = [Mark(name, CodedMarker(*kind), *rest) for name, kind, *rest in told["marks"]]
 view = View(Video(told["film"]), Video(told["still"]), Camera.from_dict(told["camera"]))
 found = measure([view], marks, reference=1.15)
 arrays = (found.value, found.covariance, found.modes, found.noise.sd, found.noise.codec_sd)

@@ -17,6 +17,7 @@ from vision.following import registration
 from vision.following.methods import Method
 from vision.following.reference import prepare
 from vision.following.tracks import follow
+from vision.kinds.coded import CodedMarker
 
 Array = NDArray[np.float64]
 HALF, SIDE = 1.2, 40  # of the patch: local units, points
@@ -138,7 +139,10 @@ def test_small_markers_of_a_4k_film_are_found_and_followed() -> None:
             noisy = block + rng.normal(0, 1.0, block.shape)
             picture[y : y + len(block), x : x + len(block)] = np.rint(noisy)
         pictures.append(picture)
-    marks = [Mark(f"m{i}", i, (float(x), 0.0, float(y)), "frame", 5.0) for i, (x, y) in enumerate(spots)]
+    marks = [
+        Mark(f"m{i}", CodedMarker(i, 5.0), (float(x), 0.0, float(y)), "frame")
+        for i, (x, y) in enumerate(spots)
+    ]
     film: Any = Drawn(pictures)
     follower = prepare(film, camera, marks, dictionary="DICT_4X4_50", reference_s=1.15)
     followed = follow(film, follower, reference_s=1.15, stage="film")

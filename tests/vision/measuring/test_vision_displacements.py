@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 
 from vision import Displacements, Mark, Video, View, measure
 from vision.film.video import Writer
+from vision.kinds.coded import CodedMarker
+from vision.kinds.plaindot import PlainDot
 
 Array = NDArray[np.float64]
 Lab = Any  # the fixture's class, see conftest.py
@@ -176,7 +178,7 @@ def test_lossy_film_states_the_sd_of_moving_and_held_marks(lab: Lab, still: Vide
 
 
 def test_dots_without_a_code(lab: Lab, tmp_path: Path) -> None:
-    marks = [replace(m, marker=None, size_mm=3.5) if m.role == "finger" else m for m in lab.marks]
+    marks = [replace(m, kind=PlainDot(3.5)) if m.role == "finger" else m for m in lab.marks]
     bend = np.concatenate([np.zeros(12), np.linspace(0, 0.006, 20)])
     film = lab.film(tmp_path / "dots.mkv", bend, marks=marks, seed=7)
     static = lab.film(tmp_path / "static.mkv", np.zeros(120), marks=marks, seed=8)
@@ -201,7 +203,10 @@ def test_dots_without_a_code(lab: Lab, tmp_path: Path) -> None:
             lambda marks: [m for m in marks if m.name != "fixed6"],
             "3 marks have the role 'fixed', wanted at least 4",
         ),
-        (lambda marks: [*marks[:-1], replace(marks[-1], marker=0)], "marker 0 is given to two marks"),
+        (
+            lambda marks: [*marks[:-1], replace(marks[-1], kind=CodedMarker(0, 9.0))],
+            "marker 0 is given to two marks",
+        ),
         (
             lambda marks: [*marks[:-1], replace(marks[-1], name="frame0")],
             "name 'frame0' is given to two marks",

@@ -59,9 +59,7 @@ def measured(
             noisy = picture + rng.standard_normal(picture.shape)
             writer.add(np.clip(np.round(noisy), 0, 255).astype(np.uint8))
     film = followed(Video(path), lab)
-    result = displacements_of(
-        [Seen(lab.camera, film, drawn.still, NONE)], lab.marks
-    )
+    result = displacements_of([Seen(lab.camera, film, drawn.still, NONE)], lab.marks)
     kept = np.round(result.time * 10.0).astype(int)
     true = lab.motion(BEND)[0][kept][:, lab.rows("fixed", "finger")]
     error = (result.value - (true - true[0]))[..., [0, 2]]

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from vision import Camera, Mark, Video, View, measure
 from vision.drawing import synthetic
 from vision.errors.noise import with_y
+from vision.kinds.coded import CodedMarker
 from vision.placing import depth
 from vision.plane import homographies, to_plane
 
@@ -24,7 +25,7 @@ SHARE = np.sqrt(np.concatenate([np.zeros(3), np.linspace(0.0, 1.0, 9)]))
 FRAME = [(-30, 30), (45, 34), (120, 30), (-30, -60), (45, -64), (120, -60)]
 FINGER = [(30, 0), (60, 0), (90, 0)]
 MARKS = tuple(
-    Mark(f"{role}{i}", i, (float(x), Y, float(z)), role, 9.0)
+    Mark(f"{role}{i}", CodedMarker(i, 9.0), (float(x), Y, float(z)), role)
     for role, spots in (("frame", FRAME), ("finger", FINGER))
     for i, (x, z) in enumerate(spots)
 )

@@ -9,13 +9,14 @@ from numpy.typing import NDArray
 from vision import Mark, View, measure
 from vision.drawing import synthetic
 from vision.film.video import Video
+from vision.kinds.coded import CodedMarker
 from vision.placing.slips import find_slips
 
 Array = NDArray[np.float64]
 Lab = Any
 SD = 0.004  # mm
 X = np.array([20.0, 40.0, 60.0, 80.0, 95.0])
-MARKS = tuple(Mark(f"m{i}", i, (float(x), 12.0, 0.0), "finger", 9.0) for i, x in enumerate(X))
+MARKS = tuple(Mark(f"m{i}", CodedMarker(i, 9.0), (float(x), 12.0, 0.0), "finger") for i, x in enumerate(X))
 LOAD = np.concatenate([np.zeros(15), np.linspace(0, 1, 40), np.ones(15), np.linspace(1, 0, 40), np.zeros(15)])
 
 

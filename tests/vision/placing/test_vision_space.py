@@ -167,7 +167,11 @@ def test_the_mean_of_a_hold_is_as_far_off_as_its_coding_error(pair: Pair, tmp_pa
     # 9 values: the rms is known to a quarter
     assert 0.5 < np.sqrt(np.mean((mean / np.sqrt(own + shared))[finger] ** 2)) < 1.6
     assert np.sqrt(np.mean((mean / np.sqrt(own))[finger] ** 2)) > 4.0  # as independent: stated far too small
-    assert {n.split(":")[2] for n in found.mode_names if n.startswith("codec:")} >= {"1", "2", "3"}  # all components
+    assert {n.split(":")[2] for n in found.mode_names if n.startswith("codec:")} >= {
+        "1",
+        "2",
+        "3",
+    }  # all components
 
 
 def test_a_late_camera_is_found_out_and_corrected(pair: Pair) -> None:
@@ -199,9 +203,7 @@ def test_a_killed_measurement_goes_on_bit_for_bit(
     parts = {"static-1": 6, "film-1": 2, "static-2": 6, "film-2": 2}
     assert sorted(kept) == sorted(f"{stage}-{k:04d}" for stage, count in parts.items() for k in range(count))
     first: dict[str, int] = {}
-    again = measured(
-        pair, keeper=kept, progress=lambda stage, done, total: first.setdefault(stage, done)
-    )
+    again = measured(pair, keeper=kept, progress=lambda stage, done, total: first.setdefault(stage, done))
     # Nothing that was kept is followed again; static films are whole in six parts of 20 frames.
     assert first == {"film-1": 41, "film-2": 41}
     for field in ("value", "covariance", "modes", "homography", "mode_names", "lost", "remarks"):

@@ -1,0 +1,53 @@
+"""A chessboard, counted by its inner corners."""
+
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+
+from vision.artwork import Artwork, dark_runs, dark_squares, sheet, shifted
+from vision.boards.board import NOTHING, Board, BoardView, Print, Reading
+from vision.boards.corners import WINDOW, refined, shrunk
+from vision.camera import Image
+
+
+@dataclass(frozen=True, kw_only=True)
+class Chessboard(Board, kind="chessboard"):
+    """Columns x rows inner corners."""
+
+    def find(self, picture: Image) -> BoardView:
+        """All corners, by OpenCV's classic finder, and its sector-based one where that fails."""
+        size = (self.columns, self.rows)
+        small, factor = shrunk(picture)
+        found, corners = cv2.findChessboardCorners(small, size)
+        if not found:
+            found, corners = cv2.findChessboardCornersSB(small, size, flags=cv2.CALIB_CB_NORMALIZE_IMAGE)
+        if not found:
+            return NOTHING
+        pixels = (np.asarray(corners, dtype=np.float64).reshape(-1, 2) + 0.5) * factor - 0.5
+        return refined(picture, self.points, pixels, WINDOW * self.square_mm)
+
+    def artwork(self) -> Artwork:
+        """The sheet to print, with a clear border of half a square."""
+        border, square = 0.5 * self.square_mm, self.square_mm
+        columns, rows = self.columns + 1, self.rows + 1
+        dark = dark_runs(dark_squares(columns, rows)) * square
+        size = (columns * square + 2.0 * border, rows * square + 2.0 * border)
+        return sheet(size, rectangles=shifted(dark, border, border), inverted=self.inverted)
+
+    def print_of(self, texels: float) -> Print:
+        """The print with at least so many texels a square; (0, 0) is an inner corner."""
+        square = 2 * int(np.ceil(0.5 * texels))  # halves are whole texels
+        white = ~dark_squares(self.columns + 1, self.rows + 1)
+        paper = np.kron(white, np.ones((square, square)))
+        return Print(np.pad(paper, square, constant_values=1.0), 2.0 * square, square / self.square_mm)
+
+    def other_readings(self) -> list[Reading]:
+        """Counted by its squares in place of its inner corners."""
+        columns, rows = self.columns - 1, self.rows - 1
+        said = (
+            f"columns = {self.columns}, rows = {self.rows} were read as squares of the chessboard: it has "
+            f"{columns} x {rows} inner corners"
+        )
+        fewer = min(self.columns, self.rows) > 3
+        return [Reading(replace(self, columns=columns, rows=rows), said)] if fewer else []
