@@ -236,7 +236,7 @@ def config(marks: tuple[Mark, ...]) -> Config:
 def truth_text(chance: Drawn) -> str:
     """The truth as TOML: what the demo's chain must not see, and what its tests compare with."""
     prony = ", ".join(f"[{g}, {tau}]" for g, tau in TRUTH.material.prony)
-    corners = ", ".join(f"[{t}, {round(p * 1e-3, 6)}]" for t, p in virtual.PROTOCOL)
+    corners = ", ".join(f"[{t}, {round(p * 1e-3, 6)}]" for t, p in virtual.FILM_A)
     lines = [
         "# The hidden truth of datasets/demo, written by benchmarks/make_demo.py. Units: mm, MPa, s, rad.",
         f"seed = {SEED}",

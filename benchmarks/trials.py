@@ -20,6 +20,7 @@ from twin import virtual
 from twin.diagnosis.fitting import fit_model, measured_remainder, whitener_of
 from twin.diagnosis.procedure import diagnose
 from twin.diagnosis.verdicts import Diagnosis
+from twin.effects.baselaw import Constants
 from twin.effects.library import effect
 from twin.effects.protocol import Effect
 from twin.model.discretisation import Discretisation, discretisation_error
@@ -110,7 +111,7 @@ def prepared(case: Case, targets: Targets) -> tuple[Model, Array, Discretisation
         one = {key: lambda make=make: {"array": make()} for key, make in tasks.items()}
         return {key: kept("mesh", key, one[key])["array"] for key in tasks}
 
-    made_for = float(NOMINAL[0]), float(NOMINAL[1])
+    made_for = Constants(*map(float, NOMINAL))
     raw = discretisation_error(
         model, start, structure=of_finger(Finger(), Lattice()), made_for=made_for, keep=keep
     )

@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 from fe import Finger, Lattice, Material, Path, finger_case, solve
 from twin.targets import Array, Noise, PointKind, TargetPoint, Targets, as_position, at_node
 
-# Film A of the reference protocol: (seconds, kPa) corners, scaled to a top pressure of 30 kPa.
-PROTOCOL = (
+Protocol = Sequence[tuple[float, float]]  # (seconds, kPa) corners, with straight lines between them
+
+FILM_A: Protocol = (  # of the reference study, scaled to a top pressure of 30 kPa
     (0.0, 0.0),
     (2.0, 0.0),
     (4.0, 18.0),
@@ -63,19 +64,21 @@ class Bench:
     scale_sd: float = 0.001
 
 
-def pressure(time: Array, *, ripple: float) -> Array:
-    """True pressure (t,) MPa of the protocol at times (t,) s, with the regulator's ripple while it is on."""
-    corner, kpa = np.array(PROTOCOL).T
+def pressure(protocol: Protocol, time: Array, *, ripple: float) -> Array:
+    """True pressure (t,) MPa of a protocol at times (t,) s, with the regulator's ripple in MPa while it is
+    on."""
+    corner, kpa = np.array(protocol).T
     p = np.interp(time, corner, kpa * 1e-3)
     swing = np.sin(2 * np.pi * 0.7 * time) + 0.5 * np.sin(2 * np.pi * 1.9 * time + 1.0)
     return p + ripple * swing * np.clip(p / 0.005, 0.0, 1.0)
 
 
-def path(bench: Bench) -> Path:
-    """The true pressure over the film and the film's frame times."""
-    end = PROTOCOL[-1][0]
+def path(bench: Bench, *, protocol: Protocol = FILM_A) -> Path:
+    """The true pressure in MPa over a film, by default film A, and the film's frame times in s."""
+    end = protocol[-1][0]
     time = np.arange(0.0, end + 0.5 / bench.log_hz, 1 / bench.log_hz)
-    return Path(time, pressure(time, ripple=bench.ripple_MPa), np.arange(0.0, end, 1 / bench.film_hz))
+    true = pressure(protocol, time, ripple=bench.ripple_MPa)
+    return Path(time, true, np.arange(0.0, end, 1 / bench.film_hz))
 
 
 def displacements(truth: Truth, course: Path, points: Array) -> tuple[Array, Array]:

@@ -60,7 +60,7 @@ class Lattice:
     refine: int = 1  # every cell of the lattice divided so many times in each direction
 
 
-TIP_LABEL, MIDDLE_LABEL = 4401, 5848  # the node numbers of the reference study
+NAMED_NODES = {"tip": 4401, "middle": 5848}  # the node numbers of the reference study
 
 
 def _between(stops: list[float], counts: list[int]) -> Array:
@@ -202,7 +202,8 @@ def _labels(nodes: Array, g: Finger) -> Integers:
     """1-based numbers, exchanged so that the study's labels sit at the tip and the middle node."""
     n = len(nodes)
     labels = np.arange(1, n + 1)
-    for label, position in ((TIP_LABEL, g.tip_node), (MIDDLE_LABEL, g.middle_node)):
+    for name, position in (("tip", g.tip_node), ("middle", g.middle_node)):
+        label = NAMED_NODES[name]
         row = int(np.argmin(np.linalg.norm(nodes - np.array(position), axis=1)))
         other = np.flatnonzero(labels == label)
         if len(other):
@@ -218,7 +219,7 @@ def finger_case(
 
     material is the one silicone; finger (mm) and lattice default to the bundled geometry and mesh; full: the
     whole finger instead of its half. Node sets: clamp, symmetry, tip_face; surfaces: chamber, outside. The
-    labels 4401 and 5848 are the tip and middle nodes, on the marked side y = width / 2.
+    labels of `NAMED_NODES` are the tip and middle nodes, on the marked side y = width / 2.
     """
     g, m = finger or Finger(), lattice or Lattice()
     quads, core = (_section_ring if m.ring else _section_block)(g, m)

@@ -7,11 +7,13 @@ import pytest
 
 from fe import Case, Finger, Lattice
 from twin.model.prediction import base_case
+from twin.model.structure import BuiltIn
 from twin.targets import Noise, PointKind, TargetPoint, Targets, at_node
 
 SHORT = Finger(
     length=10 + 100 / 3, bellows=3, tip_node=(10 + 100 / 3, 11.5, 0.0), middle_node=(4 + 50 / 3, 11.5, 0.0)
 )
+COARSE = Lattice(per_bellow=2, ring=False, centred=False)
 
 
 @pytest.fixture(scope="session")
@@ -21,8 +23,33 @@ def short() -> Finger:
 
 
 @pytest.fixture(scope="session")
+def short_builtin() -> BuiltIn:
+    """The short finger on its coarse mesh, as a project takes it: `Project.open(folder, builtin=...)`."""
+    return BuiltIn(SHORT, COARSE)
+
+
+@pytest.fixture(scope="session")
 def short_case() -> Case:
-    return base_case(finger=SHORT, lattice=Lattice(per_bellow=2, ring=False, centred=False))
+    return base_case(finger=SHORT, lattice=COARSE)
+
+
+class Lines:
+    """A `say` that keeps the lines."""
+
+    def __init__(self) -> None:
+        self.lines: list[str] = []
+
+    def __call__(self, text: str, /) -> None:
+        self.lines.append(text)
+
+    def progress(self, stage: str, done: int, total: int, /) -> None:
+        assert 0 <= done <= total, stage
+
+
+@pytest.fixture(scope="module")
+def say() -> Lines:
+    """What a stage says, kept in `say.lines`."""
+    return Lines()
 
 
 def plain_targets(**changes: object) -> Targets:

@@ -8,6 +8,7 @@ import numpy as np
 
 from calibrate import Fit, least_squares
 from twin.diagnosis.whitening import Whitener, whitener
+from twin.effects.baselaw import NAMES
 from twin.model.discretisation import Discretisation, with_remainder
 from twin.model.prediction import Model, Unsolvable
 from twin.targets import Array, Targets
@@ -51,7 +52,7 @@ def with_mesh(fit: Fit, mesh: Discretisation | None) -> Fit:
         return fit
     covariance = fit.covariance.copy()
     names = [p.name for p in fit.parameters]
-    own = [k for k, name in enumerate(names) if name in ("C10", "C01") and name not in fit.at_bound]
+    own = [k for k, name in enumerate(names) if name in NAMES and name not in fit.at_bound]
     if len(own) == mesh.spread.shape[1]:
         covariance[np.ix_(own, own)] += mesh.spread.T @ mesh.spread
     return replace(fit, covariance=covariance)

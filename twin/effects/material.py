@@ -7,6 +7,8 @@ from typing import ClassVar
 import numpy as np
 
 from calibrate import Parameter
+from twin.effects import baselaw
+from twin.effects.baselaw import Constants
 from twin.effects.protocol import Effect, Family, Order, Test, Theta
 from twin.effects.requirements import Requirement
 
@@ -20,27 +22,36 @@ class Elasticity(Effect):
     def __init__(
         self, *, bounds: Mapping[str, tuple[float, float]] | None = None, fixed: Theta | None = None
     ) -> None:
-        limits = {"C10": (0.01, 0.5), "C01": (0.0, 0.5), **(bounds or {})}
+        limits = {**baselaw.BOUNDS, **(bounds or {})}
         self.fixed = dict(fixed or {})
         self.parameters = tuple(
-            Parameter(name, *limits[name], "MPa", typical=0.02, start=float(np.clip(start, *limits[name])))
-            for name, start in (("C10", 0.2), ("C01", 0.1))
+            Parameter(
+                name,
+                *limits[name],
+                "MPa",
+                typical=baselaw.TYPICAL,
+                start=float(np.clip(nominal, *limits[name])),
+            )
+            for name, nominal in baselaw.NOMINAL.named.items()
             if name not in self.fixed
         )
 
     @property
-    def lowest(self) -> dict[str, float]:
-        """The smallest values that C10 and C01 may take, MPa."""
-        return {**{p.name: p.low for p in self.parameters}, **self.fixed}
+    def lowest(self) -> Constants:
+        """The smallest values that the constants may take, MPa."""
+        return Constants.of({**{p.name: p.low for p in self.parameters}, **self.fixed})
 
     @property
-    def highest(self) -> dict[str, float]:
+    def highest(self) -> Constants:
         """The largest values that they may take, MPa."""
-        return {**{p.name: p.high for p in self.parameters}, **self.fixed}
+        return Constants.of({**{p.name: p.high for p in self.parameters}, **self.fixed})
+
+    def constants(self, values: Theta) -> Constants:
+        """The constants among named values, those held at a value included."""
+        return Constants.of({**values, **self.fixed})
 
     def before(self, test: Test, theta: Theta) -> Test:
-        values = {**theta, **self.fixed}
-        return replace(test, case=test.case.with_material(C10=values["C10"], C01=values["C01"]))
+        return replace(test, case=test.case.with_material(**self.constants(theta).named))
 
 
 class Creep(Family):

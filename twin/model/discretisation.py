@@ -16,6 +16,7 @@ from scipy.interpolate import CubicSpline
 from fe import Path, solve
 from fe.case import digest
 from fe.mesh.points import nearest
+from twin.effects.baselaw import Constants
 from twin.gravity import under, ways
 from twin.model.prediction import Model
 from twin.model.structure import Mesh, Structure
@@ -50,12 +51,12 @@ def discretisation_error(
     theta: Array,
     *,
     structure: Structure,
-    made_for: tuple[float, float] | None = None,
+    made_for: Constants | None = None,
     keep: Keep = made_at_once,
 ) -> Discretisation:
     """The modes of a model of this structure at theta; their remainder is yet to be measured (NaN).
 
-    made_for: C10 and C01 in MPa at which the finer meshes are solved, by default the model's own. Where only
+    made_for: the constants at which the finer meshes are solved, by default the model's own. Where only
     pressure loads the finger, and no weight, U depends on p / (C10 + C01) and the share alone, so that they
     serve for any sum; with the share the shapes hardly change (0.12 of it: 2 um of 60). keep(stage, tasks):
     the array of every task by its key, made or stored. Raises ValueError where a finer mesh has no
@@ -65,15 +66,16 @@ def discretisation_error(
     gravities, of_step = ways(test.case, test.path)
     q = model.solution(theta).pressure
     own = next(m for name, m in test.case.materials.items() if name not in test.case.kept)
-    C10, C01 = made_for or (own.C10, own.C01)
-    constants = {"C10": C10, "C01": C01}
-    scale = (C10 + C01) / (own.C10 + own.C01)
+    constants = made_for or Constants(own.C10, own.C01)
+    scale = constants.total / (own.C10 + own.C01)
     points, meshes = test.points[test.moving], {"base": structure.base, **structure.finer}
     top = MARGIN * max(float(test.path.pressure.max()), 1e-6)
     grid = np.linspace(0.0, top, SAMPLES)
     forces = {name: tuple(map(float, f)) for name, f in test.case.forces.items()}
     keys = {
-        (name, way): digest("discretisation", mesh.key, constants, points, grid, COUNT, repr(forces), *weight)
+        (name, way): digest(
+            "discretisation", mesh.key, constants.named, points, grid, COUNT, repr(forces), *weight
+        )
         for name, mesh in meshes.items()
         for way, weight in enumerate([g] if g.any() else [] for g in gravities)
     }
@@ -103,7 +105,7 @@ def unknown(targets: Targets, why: str) -> Discretisation:
 
 def _response(
     mesh: Mesh,
-    constants: dict[str, float],
+    constants: Constants,
     forces: dict[str, Any],
     gravity: Array,
     grid: Array,
@@ -111,7 +113,7 @@ def _response(
 ) -> Array:
     """Displacements (k, p, 3) mm of points (p, 3) mm at pressures (k,) MPa in a gravity (3,) mm/s2, without
     history."""
-    case = under(replace(mesh.build().with_material(**constants), forces=forces), gravity)
+    case = under(replace(mesh.build().with_material(**constants.named), forces=forces), gravity)
     solution = solve(case, Path(grid, grid, grid, gravity=gravity), count=COUNT)
     if not solution.converged:
         raise ValueError(

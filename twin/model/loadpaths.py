@@ -14,6 +14,7 @@ from scipy.interpolate import BarycentricInterpolator
 
 from fe import Case, Path, solve
 from fe.element import Integers
+from twin.effects.baselaw import Constants
 from twin.parallel import Keep
 from twin.targets import Array
 
@@ -37,13 +38,16 @@ class LoadPaths:
     u: Array
     reached: Array
 
-    def predict(self, total: float, share: float, pressure: Array) -> Array | None:
-        """Displacements (s, p, 3) mm at pressures (s,) MPa for C10 + C01 = total MPa and a share.
+    def predict(self, constants: Constants, pressure: Array) -> Array | None:
+        """Displacements (s, p, 3) mm at pressures (s,) MPa for constants of the silicone.
 
         None where the reduced pressure lies beyond what the neighbouring paths reached, or where one share
         cannot even carry its weight.
         """
-        q = pressure / total
+        return self.along(constants.share, pressure / constants.total)
+
+    def along(self, share: float, q: Array) -> Array | None:
+        """As `predict`, for a share and reduced pressures (s,)."""
         if not self.reached.all() or q.max(initial=0.0) > np.interp(share, self.shares, self.reached):
             return None
         q = np.clip(q, self.reduced[0], self.reduced[-1])
@@ -65,7 +69,7 @@ def reach(case: Case, wanted: float, *, keep: Keep, key: str) -> float:
 
 def _reach(case: Case, wanted: float) -> Array:
     """One number (1,): doubled until there is no equilibrium, as nothing is known of the structure."""
-    case, top = case.with_material(C10=0.7 * TOTAL, C01=0.3 * TOTAL), min(FIRST, wanted)
+    case, top = case.with_material(**Constants.at(TOTAL, 0.3).named), min(FIRST, wanted)
     while True:
         pressure = np.array([0.0, top * TOTAL])
         reached = solve(case, Path(pressure, pressure, pressure), count=8).reached / TOTAL
@@ -82,9 +86,10 @@ class Sheets:
     totals: Array
     paths: tuple[LoadPaths, ...]
 
-    def predict(self, total: float, share: float, pressure: Array) -> Array | None:
+    def predict(self, constants: Constants, pressure: Array) -> Array | None:
         """As `LoadPaths.predict`, by a polynomial in the logarithm of the total."""
-        found = [one.predict(1.0, share, pressure / total) for one in self.paths]
+        total = constants.total
+        found = [one.along(constants.share, pressure / total) for one in self.paths]
         beside = int(np.clip(np.searchsorted(self.totals, total), 1, len(self.totals) - 1))
         if found[beside - 1] is None or found[beside] is None:
             return None
@@ -101,12 +106,12 @@ class Turned:
     of_step: Integers
 
     def predict(
-        self, total: float, share: float, pressure: Array, *, steps: Integers | None = None
+        self, constants: Constants, pressure: Array, *, steps: Integers | None = None
     ) -> Array | None:
         """As `LoadPaths.predict`, the pressures (k,) MPa being those of the steps (k,), by default all."""
         number, out = self.of_step if steps is None else self.of_step[steps], []
         for k in np.unique(number):
-            u = self.ways[k].predict(total, share, pressure[number == k])
+            u = self.ways[k].predict(constants, pressure[number == k])
             if u is None:
                 return None
             out.append(u)
@@ -163,7 +168,7 @@ def _one(
     case: Case, share: float, total: float, reduced: Array, points: Array, gravity: Array | None
 ) -> Array:
     """Displacements (k, p, 3) mm along one path; NaN beyond its end."""
-    pressure, case = reduced * total, case.with_material(C10=(1 - share) * total, C01=share * total)
+    pressure, case = reduced * total, case.with_material(**Constants.at(total, share).named)
     weight = np.zeros(3) if gravity is None else gravity
     solution = solve(case, Path(pressure, pressure, pressure, gravity=weight), count=LEVELS)
     u = np.full((len(reduced), len(points), 3), np.nan)

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from calibrate import Parameter
 from fe import Case, Finger, Lattice, Material, Path, Solution, Variation, finger_case, solve
 from fe.mesh.mirror import mirrored, symmetry_support
+from twin.effects.baselaw import NOMINAL
 from twin.effects.material import Elasticity
 from twin.effects.protocol import Effect, Test, Theta, Unsolvable
 from twin.gravity import is_heavy, of_targets, pulls_across
@@ -258,7 +259,7 @@ def respond(
 
 def base_case(*, finger: Finger | None = None, lattice: Lattice | None = None) -> Case:
     """The embedded bellows finger with nominal constants, to which every effect is applied."""
-    return finger_case(Material(C10=0.2, C01=0.1), finger=finger, lattice=lattice)
+    return finger_case(Material(NOMINAL.C10, NOMINAL.C01), finger=finger, lattice=lattice)
 
 
 def base_test(targets: Targets, case: Case) -> Test:

@@ -4,7 +4,7 @@ Either gives a case with nominal constants, and the finer meshes that its discre
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 
@@ -15,10 +15,19 @@ from fe.case import digest
 from fe.deck.reader import Deck, read_deck
 from fe.element import Integers
 from fe.mesh.refine import enriched, free_faces, refined
+from twin.effects.baselaw import NOMINAL
 from twin.model.prediction import base_case
 
-NOMINAL = (0.2, 0.1)  # C10 and C01 in MPa of a deck's silicone, until they are fitted
 LARGEST = 80_000  # nodes of a mesh that is solved for the discretisation error: about 4 GB
+
+
+@dataclass(frozen=True)
+class BuiltIn:
+    """The built-in finger: its dimensions in mm, and the lattice that divides it into elements. By default
+    the reference study's."""
+
+    finger: Finger = field(default_factory=Finger)
+    lattice: Lattice = field(default_factory=Lattice)
 
 
 @dataclass(frozen=True)
@@ -148,7 +157,8 @@ def _divided(case: Case, mesh: int) -> Case:
 def _rubber(case: Case, fitted: tuple[str, ...]) -> Case:
     """The case with the base law in the fitted sets, as compressible and heavy as in the deck."""
     own = {k: case.materials[k] for k in fitted}
-    changed = {k: Material(*NOMINAL, bulk_ratio=m.bulk_ratio, density=m.density) for k, m in own.items()}
+    base = Material(NOMINAL.C10, NOMINAL.C01)
+    changed = {k: replace(base, bulk_ratio=m.bulk_ratio, density=m.density) for k, m in own.items()}
     kept = tuple(k for k in case.materials if k not in fitted)
     return replace(case, materials={**case.materials, **changed}, kept=kept)
 

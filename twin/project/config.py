@@ -7,6 +7,8 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
+from twin.effects.baselaw import BOUNDS
+
 
 def _relative(path: str) -> str:
     if PurePosixPath(path).is_absolute() or PureWindowsPath(path).is_absolute() or path.startswith("~"):
@@ -253,7 +255,7 @@ class CalibrateTable(TableModel):
         default=3, description="their displacement component: 1 x, 2 y, 3 z"
     )
     bounds: dict[str, Bounds] = Field(
-        default={"C10": (0.01, 0.5), "C01": (0.0, 0.5)}, description="low and high of each parameter, MPa"
+        default=dict(BOUNDS), description="low and high of each parameter, MPa"
     )
 
 

@@ -9,7 +9,7 @@ from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, field, replace
 from importlib import metadata
 from pathlib import Path
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -20,6 +20,9 @@ from twin.project.locking import lock
 from twin.project.targetfiles import read_targets
 from twin.project.toml import decoded, dump, parse, with_effects
 from twin.targets import Targets
+
+if TYPE_CHECKING:  # the finite elements are loaded by whoever needs them
+    from twin.model.structure import BuiltIn
 
 PACKAGES = (
     "softtwin", "numpy", "scipy", "opencv-contrib-python-headless", "scikit-image", "av", "pymoo",
@@ -91,9 +94,10 @@ class Project:
 
     root: Path
     config: Config
+    builtin: "BuiltIn | None" = None  # another built-in finger than the reference study's
 
     @classmethod
-    def open(cls, root: Path | str) -> "Project":
+    def open(cls, root: Path | str, *, builtin: "BuiltIn | None" = None) -> "Project":
         """Return the project in a folder; ValueError if twin.toml is not there or not right."""
         folder = Path(root).resolve()
         if not (folder / "twin.toml").is_file():
@@ -101,7 +105,7 @@ class Project:
                 f"{folder / 'twin.toml'} does not exist: make a project with `twin demo FOLDER` or "
                 "`twin init FOLDER`, or name its folder with `--project FOLDER`"
             )
-        return cls(folder, parse((folder / "twin.toml").read_bytes(), name="twin.toml"))
+        return cls(folder, parse((folder / "twin.toml").read_bytes(), name="twin.toml"), builtin)
 
     @property
     def targets_folder(self) -> Path:
@@ -152,7 +156,7 @@ class Project:
         """Write [model] effects into twin.toml, leave every other line as it is; return the new project."""
         path = self.root / "twin.toml"
         files.write_text(path, with_effects(decoded(path.read_bytes()), effects))
-        return Project.open(self.root)
+        return Project.open(self.root, builtin=self.builtin)
 
     # -- runs -----------------------------------------------------------------------------------------
 
@@ -241,6 +245,8 @@ class Project:
             "inputs": files.digest_of(read, root=self.root),
             "versions": versions(),
         }
+        if self.builtin is not None:
+            stamp["builtin"] = repr(self.builtin)
         return stamp | {"digest": files.digest_text(stamp)}
 
 

@@ -133,7 +133,7 @@ def landscape(
     candidates: Array,
     *,
     rms_mm: Array,
-    names: Sequence[str] = ("C10", "C01"),
+    names: Sequence[str],
     unit: str = "MPa",
     best: Array | None = None,
     ridge: Array | None = None,

@@ -10,6 +10,7 @@ from fe.case import digest
 from twin.diagnosis.comparison import compare
 from twin.diagnosis.fitting import fit_model, whitener_of, with_mesh
 from twin.diagnosis.whitening import Whitener, whitener
+from twin.effects.baselaw import NAMES, Constants
 from twin.effects.material import Elasticity
 from twin.gravity import under
 from twin.model.loadpaths import REDUCED, Turned, load_paths, reach, sheets
@@ -87,14 +88,14 @@ def _paths(bench: Workbench, say: Say) -> tuple[Turned, Any]:
     key = digest(bench.structure.key, where)
     keep, top = bench.keeper(say), REDUCED
     if bench.project.config.model.deck is not None:
-        softest = sum(bench.elasticity.lowest.values())
+        softest = bench.elasticity.lowest.total
         top = reach(bench.case, float(bench.targets.pressure.max()) / softest, keep=keep, key=key)
     gravities, of_step = bench.gravities
     if bench.scales:
         return Turned((load_paths(bench.case, where, keep=keep, key=key, top=top),), of_step), rows
-    high = sum(bench.elasticity.highest.values())
+    high = bench.elasticity.highest.total
     # softer ones do not reach the top pressure: the table need not hold them
-    low = max(sum(bench.elasticity.lowest.values()), float(bench.targets.pressure.max()) / top)
+    low = max(bench.elasticity.lowest.total, float(bench.targets.pressure.max()) / top)
     totals = min(low, 0.9 * high), high
     made = tuple(
         sheets(
@@ -119,11 +120,10 @@ def full_solves(
     for k, g in enumerate(generations):
         say.progress("best of each generation by full FE", k, len(generations))
         if g.best.tobytes() not in fields:
-            values = {p.name: float(x) for p, x in zip(bench.elasticity.parameters, g.best, strict=True)}
-            values |= bench.elasticity.fixed
-            start = solve(whole.with_material(**values), path, start=start, count=4)
+            constants = _constants(bench.elasticity, g.best)
+            start = solve(whole.with_material(**constants.named), path, start=start, count=4)
             if not start.converged:
-                raise ValueError(f"the best of generation {g.number} ({values}) {start.reason}")
+                raise ValueError(f"the best of generation {g.number} ({constants.named}) {start.reason}")
             *rest, top = start.fields(range(len(path.output)))[:, : len(bench.case.nodes)]
             fields[g.best.tobytes()] = top - rest[0] if rest else top
     u = np.array([fields[g.best.tobytes()] for g in generations])
@@ -180,7 +180,8 @@ def least(
     finite-element model with its discretisation modes from there."""
     t, model = bench.targets, bench.model(())
     elasticity, nothing = bench.elasticity, np.zeros((0, *bench.targets.value.shape))
-    w = whitener(t, prediction_modes=nothing, gauge=_rough_slope(paths, points, t, _values(elasticity, best)))
+    slope = _rough_slope(paths, points, t, _constants(elasticity, best))
+    w = whitener(t, prediction_modes=nothing, gauge=slope)
     starts = np.array([best, [p.start for p in model.parameters]])
     first = _on_paths(paths, points, t, elasticity, w, starts)
     say.progress("least squares", 1, 3)
@@ -193,15 +194,15 @@ def least(
     return with_mesh(fit, mesh), w, model
 
 
-def _values(elasticity: Elasticity, theta: Array) -> dict[str, float]:
-    return {p.name: float(x) for p, x in zip(elasticity.parameters, theta, strict=True)} | elasticity.fixed
+def _constants(elasticity: Elasticity, theta: Array) -> Constants:
+    return elasticity.constants({p.name: x for p, x in zip(elasticity.parameters, theta, strict=True)})
 
 
 def _on_paths(
     paths: Turned, points: Array, t: Targets, elasticity: Elasticity, w: Whitener, starts: Array
 ) -> Fit:
     def residual(theta: Array) -> Array | None:
-        u = _predicted(paths, points, t, _values(elasticity, theta))
+        u = _predicted(paths, points, t, _constants(elasticity, theta))
         return None if u is None else w.whiten(t.value - u)
 
     def jacobian(theta: Array) -> Array:
@@ -222,10 +223,9 @@ def _on_paths(
 
 
 def _predicted(
-    paths: Turned, points: Array, t: Targets, values: dict[str, float]
+    paths: Turned, points: Array, t: Targets, constants: Constants
 ) -> Array | None:
-    total = values["C10"] + values["C01"]
-    u = paths.predict(total, values["C01"] / total, t.pressure)
+    u = paths.predict(constants, t.pressure)
     if u is None:
         return None
     out = np.zeros_like(t.value)
@@ -233,11 +233,11 @@ def _predicted(
     return out
 
 
-def _rough_slope(paths: Turned, points: Array, t: Targets, values: dict[str, float]) -> Array:
+def _rough_slope(paths: Turned, points: Array, t: Targets, constants: Constants) -> Array:
     """The effect of 1 sd of gauge noise on each step, from two nearby pressures."""
-    out, total = np.zeros_like(t.value), values["C10"] + values["C01"]
+    out = np.zeros_like(t.value)
     h = 1e-3 * float(t.pressure.max())
-    a, b = (paths.predict(total, values["C01"] / total, np.maximum(t.pressure, h) + d) for d in (-h, h / 2))
+    a, b = (paths.predict(constants, np.maximum(t.pressure, h) + d) for d in (-h, h / 2))
     if a is not None and b is not None:
         out[:, points] = (b - a) / (1.5 * h) * t.pressure_sd[:, None, None]
     return out
@@ -246,8 +246,8 @@ def _rough_slope(paths: Turned, points: Array, t: Targets, values: dict[str, flo
 def _words(project: Project, fit: Fit) -> str:
     names = [p.name for p in fit.parameters]
     words = (
-        identifiability(fit, ("C10", "C01"))
-        if {"C10", "C01"} <= set(names)
+        identifiability(fit, NAMES)
+        if set(NAMES) <= set(names)
         else "One constant was held fixed."
     )
     study = project.config.study

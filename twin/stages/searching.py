@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibrate import Parameter, Population
+from twin.effects.baselaw import Constants
 from twin.model.loadpaths import Turned
 from twin.project.folder import Run
 from twin.targets import Array, Targets
@@ -45,9 +46,8 @@ class Objective:
 
     def cost(self, values: dict[str, float], paths: Turned, points: Array) -> float:
         """The RMS in mm; inf where the model has no equilibrium at that pressure."""
-        values = {**values, **self.fixed}
-        total = values["C10"] + values["C01"]
-        u = paths.predict(total, values["C01"] / total, self.pressure, steps=self.steps)
+        constants = Constants.of({**values, **self.fixed})
+        u = paths.predict(constants, self.pressure, steps=self.steps)
         if u is None:
             return float("inf")
         seen = u[0] - u[1:].mean(axis=0)

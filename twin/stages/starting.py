@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from fe.mesh.finger import NAMED_NODES
 from twin.project import files
 from twin.project.config import (
     BoardTable,
@@ -23,8 +24,6 @@ from twin.project.targetfiles import read_targets
 from twin.project.toml import dump
 from twin.targets import PointKind, Targets
 
-STUDY_NODES = {"tip": 4401, "middle": 5848}  # the built-in finger's, used where nobody states another
-
 
 def run_init(
     folder: Path, say: Say, *, targets: Path | None, nodes: Sequence[str], deck: Path | None = None
@@ -38,7 +37,7 @@ def run_init(
             f"{folder} is there already and is never overwritten; name a folder that does not exist"
         )
     labels = dict(_node(text) for text in nodes)
-    known = STUDY_NODES if deck is None else {}
+    known = NAMED_NODES if deck is None else {}
     own, files_of = (None, ()) if deck is None else _own_mesh(deck, labels, ask=targets is None)
     config = film_config(folder.resolve().name, known | labels) if targets is None else targets_config(
         folder.resolve().name, read_targets(targets, nodes=labels), known | labels)  # fmt: skip
@@ -78,7 +77,7 @@ def targets_config(name: str, targets: Targets, nodes: Mapping[str, int]) -> Con
 
 
 def _objective(names: tuple[str, ...]) -> tuple[str, ...]:
-    return tuple(n for n in STUDY_NODES if n in names) or names
+    return tuple(n for n in NAMED_NODES if n in names) or names
 
 
 def _own_mesh(deck: Path, nodes: Mapping[str, int], *, ask: bool) -> tuple[str, tuple[Path, ...]]:
@@ -101,7 +100,7 @@ def _own_mesh(deck: Path, nodes: Mapping[str, int], *, ask: bool) -> tuple[str, 
     return f"raw/{deck.name}", found.files
 
 
-def film_config(name: str, nodes: Mapping[str, int] = STUDY_NODES) -> Config:
+def film_config(name: str, nodes: Mapping[str, int] = NAMED_NODES) -> Config:
     """Return a configuration for one film, to be filled in: the values of a typical rig stand in it."""
     rig = [(x, z) for z in (12.0, -75.0) for x in (-20.0, 15.0, 50.0, 85.0, 120.0)]
     markers = tuple(

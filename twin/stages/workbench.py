@@ -6,16 +6,17 @@ from pathlib import Path
 
 import numpy as np
 
-from fe import Case, Finger, Lattice
+from fe import Case
 from fe.element import Integers
 from fe.mesh.points import nearest
 from twin.diagnosis.fitting import measured_remainder
+from twin.effects.baselaw import NAMES, Constants
 from twin.effects.library import effect
 from twin.effects.material import Elasticity
 from twin.gravity import density, ways
 from twin.model.discretisation import MARGIN, Discretisation, discretisation_error, unknown
 from twin.model.prediction import Model, base_model, base_test
-from twin.model.structure import Structure, of_deck, of_finger, weighed
+from twin.model.structure import BuiltIn, Structure, of_deck, of_finger, weighed
 from twin.parallel import WORKERS, Keep, finished
 from twin.project import files
 from twin.project.folder import Project, Say
@@ -56,11 +57,11 @@ class Workbench:
     def of(project: Project) -> "Workbench":
         """The workbench of a project. ValueError for unknown nodes or fixed parameters of no use."""
         config = project.config
-        unknown = sorted(set(config.model.fixed) - {"C10", "C01"})
+        unknown = sorted(set(config.model.fixed) - set(NAMES))
         if unknown:
             raise ValueError(
-                f"model.fixed.{unknown[0]}: only C10 and C01 can be held; remove it from twin.toml (the "
-                "density of a weighed finger is model.density_kg_m3)"
+                f"model.fixed.{unknown[0]}: only {' and '.join(NAMES)} can be held; remove it from "
+                "twin.toml (the density of a weighed finger is model.density_kg_m3)"
             )
         structure, targets = structure_of(project), project.targets()
         for point in targets.points:
@@ -109,28 +110,28 @@ class Workbench:
             return unknown(self.targets, self.structure.unknown)
         base, values = model.base, {**model.named(theta), **self.elasticity.fixed}
         own = base.theta(values)
-        made_for = self._made_for(values["C10"], values["C01"])
+        made_for = self._made_for(Constants.of(values))
         raw = discretisation_error(
             base, own, structure=self.structure, keep=self.keeper(say), made_for=made_for
         )
         if made_for not in self._solved_for:  # not before: constants without an equilibrium must not serve
-            files.write_json(self._made, [*self._solved_for, made_for])
+            files.write_json(self._made, [[*made.named.values()] for made in (*self._solved_for, made_for)])
         return measured_remainder(base, own, self.targets, raw)
 
-    def _made_for(self, C10: float, C01: float) -> tuple[float, float]:
+    def _made_for(self, own: Constants) -> Constants:
         """The constants that serve for these, of those for which finer meshes were solved, or these."""
         low, high = (SOFTEST, MARGIN) if self.scales else (1 / SAME, SAME)
-        near = (made for made in self._solved_for if low <= sum(made) / (C10 + C01) <= high)
-        return next(near, (C10, C01))
+        near = (made for made in self._solved_for if low <= made.total / own.total <= high)
+        return next(near, own)
 
     @property
     def _made(self) -> Path:
         return self.project.root / "cache" / "discretisation.json"
 
     @property
-    def _solved_for(self) -> list[tuple[float, float]]:
+    def _solved_for(self) -> list[Constants]:
         known = files.read_json(self._made) if self._made.exists() else []
-        return [(float(a), float(b)) for a, b in known]
+        return [Constants(*map(float, made)) for made in known]
 
 
 def structure_of(project: Project) -> Structure:
@@ -144,7 +145,8 @@ def structure_of(project: Project) -> Structure:
 def _unweighed(project: Project) -> Structure:
     table = project.config.model
     if table.deck is None:
-        return of_finger(Finger(), Lattice(refine=table.mesh))
+        own = project.builtin or BuiltIn()
+        return of_finger(own.finger, replace(own.lattice, refine=table.mesh))
     path = project.path(table.deck)
     if not path.is_file():
         raise ValueError(

@@ -10,7 +10,7 @@ import pytest
 from fe import Case, Finger, Lattice, Material, finger_case
 from fe.element import HEX27, gauss
 from fe.kernel.assembly import Geometry
-from fe.mesh.finger import MIDDLE_LABEL, TIP_LABEL
+from fe.mesh.finger import NAMED_NODES
 
 MATERIAL = Material(0.2, 0.1)
 LATTICES = [
@@ -127,8 +127,8 @@ def test_walls_have_their_thickness() -> None:
 def test_the_labels_of_the_study_sit_at_their_nodes(lattice: Lattice) -> None:
     case, g = case_of(lattice), Finger()
     assert len(np.unique(case.labels)) == len(case.nodes)
-    np.testing.assert_allclose(case.position(TIP_LABEL), g.tip_node, atol=1e-9)
-    np.testing.assert_allclose(case.position(MIDDLE_LABEL), g.middle_node, atol=1e-9)
+    np.testing.assert_allclose(case.position(NAMED_NODES["tip"]), g.tip_node, atol=1e-9)
+    np.testing.assert_allclose(case.position(NAMED_NODES["middle"]), g.middle_node, atol=1e-9)
     for x in (g.tip_node, g.middle_node):  # on the flat lower edge of the side face
         assert x[1:] == (g.width / 2, 0.0)
 

@@ -5,7 +5,7 @@ The truth is on a mesh of the other topology; base model, discretisation modes a
 the seeds.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -46,7 +46,7 @@ class Laboratory:
 
     def film(self, truth: virtual.Truth, bench: virtual.Bench = BENCH) -> Callable[[int], Targets]:
         """Targets of a truth by seed."""
-        course = virtual.path(bench)
+        course = virtual.path(bench, protocol=FILM)
         u, slope = virtual.displacements(truth, course, self.points)
         return lambda seed: virtual.noisy_targets(
             u, slope, course, points=virtual.at_nodes(NAMES, self.nodes, self.points), bench=bench, seed=seed
@@ -57,15 +57,8 @@ class Laboratory:
         return virtual.Truth(Material(*NOMINAL, prony=prony), (0.0, 0.0, force), lattice, self.finger)
 
 
-@pytest.fixture(scope="module", autouse=True)
-def short_film() -> Iterator[None]:
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(virtual, "PROTOCOL", FILM)
-        yield
-
-
 @pytest.fixture(scope="module")
-def laboratory(short_film: None, short: Finger, short_case: Case) -> Laboratory:
+def laboratory(short: Finger, short_case: Case) -> Laboratory:
     edge = np.stack([X, np.full_like(X, 11.5), np.zeros_like(X)], axis=1)
     rows = np.linalg.norm(short_case.nodes[:, None] - edge, axis=2).argmin(axis=0)
     points, nodes = short_case.nodes[rows], short_case.labels[rows]

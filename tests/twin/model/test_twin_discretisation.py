@@ -15,6 +15,7 @@ import pytest
 
 from fe import Case, Finger, Lattice, Material
 from twin import virtual
+from twin.effects.baselaw import Constants
 from twin.effects.material import Elasticity
 from twin.model.discretisation import Discretisation, discretisation_error
 from twin.model.prediction import Model, base_model
@@ -48,9 +49,7 @@ class Draw:
 @pytest.fixture(scope="module")
 def draw(short: Finger, short_case: Case) -> Draw:
     points, nodes = modes.markers(short, short_case)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(virtual, "PROTOCOL", FILM)
-        course = virtual.path(BENCH)
+    course = virtual.path(BENCH, protocol=FILM)
     # of the other topology, and finer than the mesh that checks the modes
     lattice = Lattice(per_bellow=4, wall=2, across=2, up=2, centred=False)
     u, slope = virtual.displacements(virtual.Truth(Material(*THETA), lattice=lattice, finger=short), course, points)
@@ -88,10 +87,10 @@ def test_finer_meshes_serve_for_constants_nearby_once_they_are_solved(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Constants at which they have no equilibrium must not serve for stiffer ones."""
-    made: list[tuple[float, float]] = []
+    made: list[Constants] = []
 
-    def solved(*_: object, made_for: tuple[float, float], **__: object) -> None:
-        if sum(made_for) < 0.25:
+    def solved(*_: object, made_for: Constants, **__: object) -> None:
+        if made_for.total < 0.25:
             raise ValueError("no equilibrium")
         made.append(made_for)
 
@@ -106,4 +105,4 @@ def test_finer_meshes_serve_for_constants_nearby_once_they_are_solved(
         bench.mesh(np.array([0.2, 0.04]), bench.model(()), say)
     for C10 in (0.22, 0.2, 0.3, 0.5):  # the first has 1.08, 0.76 and 0.48 of the others' C10 + C01
         bench.mesh(np.array([C10, 0.04]), bench.model(()), say)
-    assert made == [(0.22, 0.04)] * 3 + [(0.5, 0.04)]
+    assert made == [Constants(0.22, 0.04)] * 3 + [Constants(0.5, 0.04)]

@@ -9,6 +9,7 @@ import pytest
 
 from fe import Case, Finger, Lattice, Material, Path, solve
 from fe.case import digest
+from twin.effects.baselaw import Constants
 from twin.model.loadpaths import LoadPaths, load_paths, sheets
 from twin.model.prediction import base_case
 from twin.parallel import made_at_once
@@ -43,7 +44,7 @@ def test_the_table_is_full_finite_elements_within_a_hundredth(
         pressure = top * np.array([0.0, 0.37, 1.0])
         full = solve(case.with_material(C10=C10, C01=C01), Path(pressure, pressure, pressure), count=6)
         assert full.converged
-        quick = paths.predict(C10 + C01, C01 / (C10 + C01), pressure)
+        quick = paths.predict(Constants(C10, C01), pressure)
         assert quick is not None
         # mm: 0.01 of the 58 that the fine finger moves is what the table is held to; this one moves 4.5, so
         # that it gets as small a share. In between the full solve itself interpolates: the ends are compared.
@@ -56,9 +57,9 @@ def test_beyond_what_a_path_reached_there_is_no_prediction() -> None:
     reduced = np.linspace(0.0, 0.3, 7)
     u = np.tile(reduced[:, None, None] * np.ones((1, 1, 3)), (3, 1, 1, 1))
     table = LoadPaths(np.array([0.1, 0.5, 0.9]), reduced, u, np.array([0.1, 0.2, 0.3]))
-    assert table.predict(0.3, 0.3, np.array([0.0, 0.3 * 0.149])) is not None  # 0.15 between two paths
-    assert table.predict(0.3, 0.3, np.array([0.0, 0.3 * 0.151])) is None
-    found = table.predict(0.2, 0.9, np.array([0.02]))
+    assert table.predict(Constants.at(0.3, 0.3), np.array([0.0, 0.3 * 0.149])) is not None  # 0.15 between two paths
+    assert table.predict(Constants.at(0.3, 0.3), np.array([0.0, 0.3 * 0.151])) is None
+    found = table.predict(Constants.at(0.2, 0.9), np.array([0.02]))
     assert found is not None
     np.testing.assert_allclose(found, 0.1, rtol=1e-9)  # linear in p / C, as made
 
@@ -66,8 +67,8 @@ def test_beyond_what_a_path_reached_there_is_no_prediction() -> None:
 def test_a_soft_share_ends_where_its_path_did(paths: LoadPaths) -> None:
     assert (paths.reached > 0.05).all()
     top = float(paths.reached.min())
-    assert paths.predict(0.3, float(paths.shares[0]), np.array([0.3 * 1.01 * paths.reached[0]])) is None
-    found = paths.predict(0.3, float(paths.shares[0]), np.array([0.3 * 0.9 * top]))
+    assert paths.predict(Constants.at(0.3, float(paths.shares[0])), np.array([0.3 * 1.01 * paths.reached[0]])) is None
+    found = paths.predict(Constants.at(0.3, float(paths.shares[0])), np.array([0.3 * 0.9 * top]))
     assert found is not None
     assert np.isfinite(found).all()
 
@@ -100,13 +101,13 @@ def test_of_two_materials_the_table_holds_the_total_as_well(short: Finger, monke
     table = sheets(case, points, keep=made_at_once, key="s", top=0.2, totals=(0.1, 0.5))
     for total, share in ((0.15, 0.2), (0.33, 0.6)):
         pressure = np.array([0.0, 0.1, 0.2]) * total
-        full = solve(case.with_material(C10=(1 - share) * total, C01=share * total), Path(pressure, pressure, pressure), count=6)
-        quick = table.predict(total, share, pressure)
+        full = solve(case.with_material(**Constants.at(total, share).named), Path(pressure, pressure, pressure), count=6)
+        quick = table.predict(Constants.at(total, share), pressure)
         assert quick is not None
         u = full.at(points)
         np.testing.assert_allclose(quick[[0, 2]], u[[0, 2]], rtol=0, atol=2e-3 * np.abs(u).max())
         # one total for all would be wrong: the sole does not soften with the silicone
-        other = table.paths[0].predict(total, share, pressure)
+        other = table.paths[0].predict(Constants.at(total, share), pressure)
         assert other is not None
         assert np.abs(other[2] - u[2]).max() > 0.02 * np.abs(u).max()
-    assert table.predict(0.3, 0.3, np.array([0.3 * 0.21])) is None
+    assert table.predict(Constants.at(0.3, 0.3), np.array([0.3 * 0.21])) is None

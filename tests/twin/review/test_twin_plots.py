@@ -37,6 +37,7 @@ PLOTS: dict[str, Callable[[], str]] = {
     "landscape": lambda: plots.landscape(
         np.random.default_rng(1).uniform(0.01, 0.5, (60, 2)),
         rms_mm=np.where(np.arange(60) % 7 == 0, np.nan, np.arange(60) + 1.0),
+        names=("C10", "C01"),
         best=np.array([0.214, 0.083]),
         ridge=np.array([[0.0, 0.3], [0.3, 0.0]]),
     ),
@@ -114,7 +115,7 @@ def test_the_same_data_give_the_same_text(name: str) -> None:
 def test_plots_of_nothing_but_gaps_are_drawn() -> None:
     plots.displacements(TIME, measured=GAPS, names=MARKERS)
     plots.residual_map(TIME[:1], maps={"before": GAPS[:1]}, names=MARKERS)
-    plots.landscape(np.ones((3, 2)), rms_mm=np.full(3, np.nan))
+    plots.landscape(np.ones((3, 2)), rms_mm=np.full(3, np.nan), names=("C10", "C01"))
     plots.ranking([], value=[])
     assert "not known" in words(plots.error_bars(np.nan, after_mm=None, noise_mm=0.05))
 

@@ -41,9 +41,7 @@ def batch(tube_deck: Tube, tmp_path_factory: pytest.TempPathFactory) -> Path:
     case = read_deck(deck).case
     truth = replace(enriched(case), materials=dict.fromkeys(case.materials, SILICONE))
     bench = virtual.Bench(film_hz=2.0, gauge_sd_MPa=1e-4, sd=0.002)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(virtual, "PROTOCOL", FILM)
-        course = virtual.path(bench)
+    course = virtual.path(bench, protocol=FILM)
     points = np.array([case.position(n) for n in NODES.values()])
     response = solve(truth, course)
     write_targets(root / "targets", virtual.noisy_targets(

@@ -1,21 +1,20 @@
 """Points of a speckled face beside two markers through calibrate, compare and review: no node, found by place."""
 
 import shutil
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from fe import Case, Finger, Lattice, Material
+from fe import Case, Lattice, Material
 from twin import virtual
+from twin.model.structure import BuiltIn
 from twin.project.config import CalibrateTable, Config, DiagnoseTable, PointTable, ProjectTable
 from twin.project.files import read_json
 from twin.project.folder import Project
 from twin.project.targetfiles import write_targets
 from twin.project.toml import dump
-from twin.stages import workbench
 from twin.stages.calibrating import run_calibrate
 from twin.stages.comparing import run_compare
 from twin.stages.reviewing import run_review
@@ -41,26 +40,16 @@ class Silent:
         pass
 
 
-@pytest.fixture(scope="module", autouse=True)
-def small(short: Finger) -> Iterator[None]:
-    """The project of this file has the short finger on the coarse mesh."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(virtual, "PROTOCOL", FILM)
-        patch.setattr(workbench, "Finger", lambda: short)
-        patch.setattr(workbench, "Lattice", lambda refine: Lattice(per_bellow=2, ring=False, centred=False, refine=refine))
-        yield
-
-
 @pytest.fixture(scope="module")
-def project(tmp_path_factory: pytest.TempPathFactory, short_case: Case, short: Finger) -> Project:
+def project(tmp_path_factory: pytest.TempPathFactory, short_case: Case, short_builtin: BuiltIn) -> Project:
     """Targets of another mesh: the markers tip and middle, and seven points of the face."""
     named = [("middle", 5848), ("tip", 4401)]
     spots = [TargetPoint(f"face{k + 1:03d}", PointKind.PLACE, None, (x, 11.5, z)) for k, (x, z) in enumerate(FACE)]
     marks = [at_node(n, k, as_position(short_case.position(k))) for n, k in named]
     along = sorted([*spots, *marks], key=lambda point: point.position[0])
     points = np.array([point.position for point in along])
-    truth = virtual.Truth(Material(0.214, 0.083), lattice=Lattice(per_bellow=2, centred=False), finger=short)
-    course = virtual.path(BENCH)
+    truth = virtual.Truth(Material(0.214, 0.083), lattice=Lattice(per_bellow=2, centred=False), finger=short_builtin.finger)
+    course = virtual.path(BENCH, protocol=FILM)
     u, slope = virtual.displacements(truth, course, points)
     targets = virtual.noisy_targets(u, slope, course, points=along, bench=BENCH, seed=3)
     config = Config(
@@ -72,8 +61,9 @@ def project(tmp_path_factory: pytest.TempPathFactory, short_case: Case, short: F
     folder.mkdir()
     (folder / "twin.toml").write_text(dump(config), encoding="utf-8")
     write_targets(folder / "targets", targets)
-    run_calibrate(Project.open(folder), Silent())
-    return Project.open(folder)
+    found = Project.open(folder, builtin=short_builtin)
+    run_calibrate(found, Silent())
+    return found
 
 
 def test_face_points_are_calibrated_compared_and_reviewed(project: Project) -> None:
@@ -110,7 +100,7 @@ def changed(project: Project, folder: Path, rows: slice, move: tuple[float, floa
     for k in np.flatnonzero(targets.of_kind(PointKind.PLACE))[rows]:
         points[k] = replace(points[k], position=as_position(np.add(points[k].position, move)))
     write_targets(folder / "targets", replace(targets, points=tuple(points)))
-    return Project.open(folder)
+    return replace(project, root=folder)
 
 
 def test_a_face_point_off_its_place_is_found_by_compare(project: Project, tmp_path: Path) -> None:

@@ -1,8 +1,6 @@
 """The stages on targets alone, in a folder of their own: calibrate, compare, diagnose, add, review, and their errors."""
 
 import json
-import sys
-from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -10,14 +8,14 @@ import numpy as np
 import pytest
 from rerun.chunk import RrdReader
 
-from fe import Case, Finger, Lattice, Material
-from twin import cli, virtual
+from fe import Case, Lattice, Material
+from twin import virtual
+from twin.model.structure import BuiltIn
 from twin.project.config import CalibrateTable, Config, DiagnoseTable, PointTable, ProjectTable
 from twin.project.folder import Project, dataset
 from twin.project.targetfiles import write_targets
 from twin.project.toml import dump
 from twin.review.states import Fields, Generations
-from twin.stages import workbench
 from twin.stages.adding import run_add, run_drop
 from twin.stages.calibrating import run_calibrate
 from twin.stages.comparing import run_compare
@@ -43,23 +41,13 @@ class Silent:
         assert 0 <= done <= total, stage
 
 
-@pytest.fixture(scope="module", autouse=True)
-def small(short: Finger) -> Iterator[None]:
-    """Every project of this file has the short finger on the coarse mesh."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(virtual, "PROTOCOL", FILM)
-        patch.setattr(workbench, "Finger", lambda: short)
-        patch.setattr(workbench, "Lattice", lambda refine: Lattice(per_bellow=2, ring=False, centred=False, refine=refine))
-        yield
-
-
-def project_at(folder: Path, case: Case, short: Finger) -> Project:
+def project_at(folder: Path, case: Case, short: BuiltIn) -> Project:
     """A project with targets of a creeping finger and nothing else."""
     edge = np.stack([X, np.full_like(X, 11.5), np.zeros_like(X)], axis=1)
     rows = np.linalg.norm(case.nodes[:, None] - edge, axis=2).argmin(axis=0)
-    points, course = case.nodes[rows], virtual.path(BENCH)
+    points, course = case.nodes[rows], virtual.path(BENCH, protocol=FILM)
     material = Material(0.214, 0.083, prony=((0.075, 1.2), (0.055, 3.5), (0.02, 15.0)))
-    truth = virtual.Truth(material, lattice=Lattice(per_bellow=2, centred=False), finger=short)
+    truth = virtual.Truth(material, lattice=Lattice(per_bellow=2, centred=False), finger=short.finger)
     u, slope = virtual.displacements(truth, course, points)
     targets = virtual.noisy_targets(
         u, slope, course, points=virtual.at_nodes(NAMES, case.labels[rows], points), bench=BENCH, seed=1
@@ -73,14 +61,14 @@ def project_at(folder: Path, case: Case, short: Finger) -> Project:
     folder.mkdir()
     (folder / "twin.toml").write_text(dump(config), encoding="utf-8")
     write_targets(folder / "targets", targets)
-    return Project.open(folder)
+    return Project.open(folder, builtin=short)
 
 
 @pytest.fixture(scope="module")
-def chain(tmp_path_factory: pytest.TempPathFactory, short_case: Case, short: Finger) -> tuple[Project, Silent]:
+def chain(tmp_path_factory: pytest.TempPathFactory, short_case: Case, short_builtin: BuiltIn) -> tuple[Project, Silent]:
     """The project after calibrate, compare, diagnose, add and review."""
     say = Silent()
-    project = project_at(tmp_path_factory.mktemp("chain") / "batch", short_case, short)
+    project = project_at(tmp_path_factory.mktemp("chain") / "batch", short_case, short_builtin)
     with pytest.raises(ValueError, match=r"no fit in this project; run twin calibrate"):
         run_diagnose(project, say)
     with pytest.raises(ValueError, match=r"nothing to review: .*run twin calibrate"):
@@ -89,7 +77,7 @@ def chain(tmp_path_factory: pytest.TempPathFactory, short_case: Case, short: Fin
     run_compare(project, say)
     run_diagnose(project, say)
     run_add(project, say, name="creep")
-    project = Project.open(project.root)
+    project = Project.open(project.root, builtin=project.builtin)
     run_review(project, say)
     return project, say
 
@@ -194,12 +182,12 @@ def test_errors_are_one_sentence(chain: tuple[Project, Silent]) -> None:
     with pytest.raises(ValueError, match="calibrate fits the base model; twin add refits"):
         run_calibrate(project, say)
     model = project.config.model
-    strange = Project(project.root, project.config.model_copy(update={"model": model.model_copy(
+    strange = replace(project, config=project.config.model_copy(update={"model": model.model_copy(
         update={"fixed": {"bulk": 300.0}})}))  # fmt: skip
     with pytest.raises(ValueError, match=r"model\.fixed\.bulk: only C10 and C01 can be held"):
         run_compare(strange, say)
     points = (*project.config.points[:-1], PointTable(name="tip", node=987654))
-    lost = Project(project.root, project.config.model_copy(update={"points": points}))
+    lost = replace(project, config=project.config.model_copy(update={"points": points}))
     with pytest.raises(ValueError, match=r"node 4401, twin\.toml says 987654"):
         run_compare(lost, say)
 
@@ -218,42 +206,31 @@ def study(tmp_path: Path) -> Path:
     return folder
 
 
-def test_the_study_says_what_its_data_cannot(
-    study: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    def run(*arguments: str) -> tuple[int, str, str]:
-        monkeypatch.setattr(sys, "argv", ["twin", *arguments, "-p", str(study)])
-        with pytest.raises(SystemExit) as ended:
-            cli.main()
-        out, err = capsys.readouterr()
-        return int(ended.value.code or 0), out, err
-
-    code, out, _ = run("calibrate")
-    assert code == 0
-    assert "C10 and C01" in out
-    assert "cannot be separated" in out
-    assert "contradict each other" in out
-    assert "0.03 MPa in its table, 0.01 MPa in its text" in out
-    code, out, _ = run("compare")
-    assert code == 0
-    assert "no more data than fitted parameters" in out
-    code, out, _ = run("diagnose")
-    assert code == 0
-    assert "cannot test: no noise model" in out
-    code, _, err = run("add", "wobble")
-    assert code == 2
-    assert err.startswith("error: effect 'wobble' is not in the library")
+def test_the_study_says_what_its_data_cannot(study: Path, short_builtin: BuiltIn) -> None:
+    project, say = Project.open(study, builtin=short_builtin), Silent()
+    run_calibrate(project, say)
+    told = " ".join(say.lines)
+    assert "C10 and C01" in told
+    assert "cannot be separated" in told
+    assert "contradict each other" in told
+    assert "0.03 MPa in its table, 0.01 MPa in its text" in told
+    run_compare(project, say)
+    assert "no more data than fitted parameters" in " ".join(say.lines)
+    run_diagnose(project, say)
+    assert "cannot test: no noise model" in " ".join(say.lines)
+    with pytest.raises(ValueError, match="effect 'wobble' is not in the library"):
+        run_add(project, say, name="wobble")
 
 
-def test_an_unknown_node_or_an_unseen_point_stops_calibrate(tmp_path: Path, short_case: Case, short: Finger) -> None:
-    project = project_at(tmp_path / "batch", short_case, short)
+def test_an_unknown_node_or_an_unseen_point_stops_calibrate(tmp_path: Path, short_case: Case, short_builtin: BuiltIn) -> None:
+    project = project_at(tmp_path / "batch", short_case, short_builtin)
     t = project.targets()
     moved = tuple(replace(p, node=987654) if p.node == 4401 else p for p in t.points)
     write_targets(tmp_path / "other", replace(t, points=moved))
     points = tuple(p.model_copy(update={"node": 987654}) if p.name == "tip" else p for p in project.config.points)
     for name in ("targets.csv", "targets.npz", "targets.toml"):
         (project.targets_folder / name).write_bytes((tmp_path / "other" / name).read_bytes())
-    other = Project(project.root, project.config.model_copy(update={"points": points}))
+    other = replace(project, config=project.config.model_copy(update={"points": points}))
     with pytest.raises(ValueError, match="node 987654: not in the model"):
         run_calibrate(other, Silent())
     value, valid = t.value.copy(), t.valid.copy()

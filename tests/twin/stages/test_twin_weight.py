@@ -2,7 +2,7 @@
 
 import json
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path as File
 
@@ -10,21 +10,23 @@ import numpy as np
 import pytest
 
 from fe import Case, Finger, Lattice, Material, Path, finger_case, solve
-from twin import cli, virtual
+from twin import virtual
+from twin.effects.baselaw import Constants
 from twin.gravity import G, ways
 from twin.model import discretisation as mesh_error
 from twin.model import loadpaths
 from twin.model.discretisation import discretisation_error
 from twin.model.loadpaths import Turned, sheets
 from twin.model.prediction import base_model, base_test
-from twin.model.structure import of_finger, weighed
+from twin.model.structure import BuiltIn, of_finger, weighed
 from twin.parallel import made_at_once
 from twin.project.config import CalibrateTable, Config, ModelTable, PointTable, ProjectTable
-from twin.project.folder import Project
+from twin.project.folder import Project, Say
 from twin.project.targetfiles import write_targets
 from twin.project.toml import dump
 from twin.review.states import Generations
-from twin.stages import workbench
+from twin.stages.chain import run_calibrate, run_compare
+from twin.stages.checking import run_check
 from twin.stages.workbench import Workbench
 from twin.targets import Array, Targets
 
@@ -50,9 +52,7 @@ def turned(targets: Targets, *gravity: Array) -> Targets:
 def film(finger: Finger, case: Case, density: float, *gravity: Array, lattice: Lattice = TRUTH) -> Targets:
     """Targets of a heavy finger on another, finer mesh."""
     points, nodes = modes.markers(finger, case)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(virtual, "PROTOCOL", FILM)
-        course = virtual.path(BENCH)
+    course = virtual.path(BENCH, protocol=FILM)
     way = np.stack(gravity)[(course.time > SECOND).astype(int) * (len(gravity) > 1)]
     truth = finger_case(Material(*THETA, density=density), finger=finger, lattice=lattice)
     solution = solve(truth, replace(course, gravity=G * way))
@@ -84,9 +84,9 @@ def test_the_table_under_weight_is_full_finite_elements(
         ),
         of_step,
     )
-    total, share, steps = 0.27, 0.4, np.array([6, 1, 3])
-    case = heavy.with_material(C10=(1 - share) * total, C01=share * total)
-    quick = paths.predict(total, share, t.pressure[steps], steps=steps)
+    constants, steps = Constants.at(0.27, 0.4), np.array([6, 1, 3])
+    case = heavy.with_material(**constants.named)
+    quick = paths.predict(constants, t.pressure[steps], steps=steps)
     assert quick is not None
     for row, k in zip(quick, steps, strict=True):
         load = np.array([0.0, max(t.pressure[k], 1e-6)])
@@ -94,7 +94,7 @@ def test_the_table_under_weight_is_full_finite_elements(
         sag = solve(case, Path(load, load, load[:1], gravity=gravities[of_step[k]])).at(where)[0]
         assert np.abs(sag).max() > 2.5  # mm
         np.testing.assert_allclose(row, full.at(where)[0], rtol=0, atol=0.01 * np.abs(sag).max())
-    assert paths.predict(total, share, np.full(8, 0.21 * total)) is None
+    assert paths.predict(constants, np.full(8, 0.21 * constants.total)) is None
 
 
 def test_the_meshs_error_under_weight_lies_within_its_modes(
@@ -118,7 +118,7 @@ def test_the_meshs_error_under_weight_lies_within_its_modes(
 
 
 @pytest.fixture(scope="module")
-def project(tmp_path_factory: pytest.TempPathFactory, short_case: Case, short: Finger) -> Iterator[Project]:
+def project(tmp_path_factory: pytest.TempPathFactory, short_case: Case, short: Finger, say: Say) -> Project:
     """A weighed finger in one orientation, without a noise model, after calibrate and compare."""
     targets = film(short, short_case, DENSITY, DOWN, lattice=Lattice(per_bellow=3, centred=False))
     config = Config(
@@ -137,13 +137,12 @@ def project(tmp_path_factory: pytest.TempPathFactory, short_case: Case, short: F
     (folder / "twin.toml").write_text(dump(config), encoding="utf-8")
     write_targets(folder / "targets", replace(targets, gravity=None, noise=None))
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(workbench, "Finger", lambda: short)
-        patch.setattr(workbench, "Lattice", lambda refine: COARSE)
         for name, value in (("TOTALS", 4), ("SHARES", 3), ("LEVELS", 6)):
             patch.setattr(loadpaths, name, value)
-        for stage in ("check", "calibrate", "compare"):
-            assert cli.app(args=[stage, "--project", str(folder)], standalone_mode=False) in (None, 0)
-        yield Project.open(folder)
+        found = Project.open(folder, builtin=BuiltIn(short, COARSE))
+        for run in (run_check, run_calibrate, run_compare):
+            run(found, say)
+        return found
 
 
 def read(project: Project, kind: str, name: str) -> dict[str, object]:
@@ -159,7 +158,7 @@ def test_a_weighed_finger_has_its_weight_in_every_prediction(project: Project) -
     np.testing.assert_allclose(model.test.path.gravity_at(np.zeros(1)), [[0.0, 0.0, -G]])
     assert not bench.scales
     light = project.config.model.model_copy(update={"density_kg_m3": None})
-    bare = Workbench.of(Project(project.root, project.config.model_copy(update={"model": light}))).model(())
+    bare = Workbench.of(replace(project, config=project.config.model_copy(update={"model": light}))).model(())
     top, tip = int(bench.targets.pressure.argmax()), bench.targets.names.index("tip")
     u, none = (m.predict(THETA)[top, tip] for m in (model, bare))
     ends = np.array([0.0, 1.0])
@@ -189,7 +188,7 @@ def test_what_is_wrong_with_the_weight_is_one_sentence(project: Project, tmp_pat
         Project(tmp_path, config).targets()
 
     def bench(**changes: object) -> Workbench:
-        return Workbench.of(Project(project.root, config.model_copy(update=changes)))
+        return Workbench.of(replace(project, config=config.model_copy(update=changes)))
 
     with pytest.raises(ValueError, match=r"model.density_kg_m3 = 8560: its weight wants the direction of gravity"):
         bench(model=config.model.model_copy(update={"gravity": None}))
