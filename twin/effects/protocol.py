@@ -12,6 +12,7 @@ from typing import Any, ClassVar
 
 from calibrate import Parameter
 from fe import Case, Path
+from fe.mesh.mirror import symmetry_support
 from twin.effects.requirements import Requirement
 from twin.targets import Array
 
@@ -52,6 +53,11 @@ class Test:
     path: Path
     points: Array
     moving: Any  # (p,) bool: False for fixed markers, whose displacement is 0
+
+    @property
+    def share(self) -> float:
+        """The share of the whole structure's forces and moments that the case carries: 0.5 for a half."""
+        return 1.0 if symmetry_support(self.case) is None else 0.5
 
 
 class Effect:

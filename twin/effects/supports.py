@@ -8,7 +8,6 @@ from calibrate import Parameter
 from fe import Case
 from fe.case import Contact, Layer
 from fe.element import Integers
-from fe.mesh.mirror import symmetry_support
 from fe.mesh.refine import free_faces
 from twin.effects.protocol import Effect, Family, Order, Test, Theta
 
@@ -59,8 +58,7 @@ class ElasticClamp(Effect):
     def before(self, test: Test, theta: Theta) -> Test:
         if test.case.clamp is None:
             return test
-        shown = 1.0 if symmetry_support(test.case) is None else 0.5  # of the moment, by half a model
-        clamp = replace(test.case.clamp, compliance=theta["clamp.compliance"] / shown)
+        clamp = replace(test.case.clamp, compliance=theta["clamp.compliance"] / test.share)
         return replace(test, case=replace(test.case, clamp=clamp))
 
 
