@@ -195,6 +195,8 @@ def _locked(
 
     say = Console(as_json=as_json)
     project = Project.open(folder)
+    for sentence in project.remarks:
+        say(sentence)
     try:
         with project.lock(name):
             result = work(project, say)

@@ -196,7 +196,6 @@ def test_init_makes_a_project_of_targets(run, study, tmp_path):
     assert run("init", tmp_path / "new", "--targets", study / "targets")[0] == 0
     project = Project.open(tmp_path / "new")
     assert {p.name: p.node for p in project.config.points} == {"tip": 4401, "middle": 5848}
-    assert project.config.model.top_pressure_MPa == 0.03
     assert project.targets().value[1, 0, 2] == -58
     code, _, err = run("init", tmp_path / "new", "--targets", study / "targets")
     assert code == 2

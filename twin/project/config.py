@@ -46,6 +46,10 @@ Bounds = tuple[Finite, Finite]
 Position = tuple[Finite, Finite, Finite]
 
 
+# Keys of older versions on which nothing depended: a file that has them still counts.
+FORMER = {"model": ("geometry", "material", "top_pressure_MPa")}
+
+
 class TableModel(BaseModel):
     """A table of twin.toml: frozen, and a key it does not know is an error."""
 
@@ -57,32 +61,32 @@ class ProjectTable(TableModel):
 
 
 class ModelTable(TableModel):
-    geometry: Literal["bellows"] = Field(
-        default="bellows", description="finger geometry; bellows is the built-in one"
-    )
     deck: RelativePath | None = Field(
         default=None,
-        description="your own mesh as an Abaqus deck, raw/finger.inp; without it the built-in finger",
+        description="your own mesh: an Abaqus deck such as raw/finger.inp; without it the built-in bellows "
+        "finger",
     )
     silicone: tuple[Name, ...] = Field(
-        default=(), description="element sets of the deck whose C10 and C01 are fitted; [] means all"
+        default=(), description="element sets of the deck whose C10 and C01 are fitted; [] means all of them"
     )
-    mesh: int = Field(default=1, ge=1, description="mesh refinement: 1 default, 2 halves the elements")
-    material: Literal["mooney-rivlin"] = Field(default="mooney-rivlin", description="base material law")
+    mesh: int = Field(default=1, ge=1, description="mesh refinement: 2 halves the sides of all elements")
     effects: tuple[Effect, ...] = Field(
-        default=(), description='effects in the model, ["creep:2"]; `twin add` writes them'
+        default=(),
+        description='effects in the model, such as ["creep:2"]; `twin add` and `twin drop` write them',
     )
     density_kg_m3: Positive | None = Field(
         default=None,
-        description="density of the silicone where the finger was weighed, kg/m3: its weight is in the model "
-        "(wants gravity)",
+        description="density of the silicone, kg/m3; with it the model has weight, and gravity must be "
+        "stated",
     )
     gravity: Position | None = Field(
         default=None,
-        description="direction of gravity in world axes, [0.0, 0.0, -1.0], unless targets.toml states it",
+        description="direction of gravity in world axes, such as [0.0, 0.0, -1.0]; leave it out where "
+        "targets.toml states it for each block",
     )
-    top_pressure_MPa: Positive = Field(default=0.03, description="highest pressure of the test, MPa")
-    fixed: dict[str, Finite] = Field(default={}, description="parameters held at a value, MPa: C10 = 0.214")
+    fixed: dict[str, Finite] = Field(
+        default={}, description="constants that are not fitted, MPa, such as {C10 = 0.214}"
+    )
 
     @model_validator(mode="after")
     def _fits(self) -> Self:
@@ -93,16 +97,24 @@ class ModelTable(TableModel):
 
 class BoardTable(TableModel):
     kind: Literal["charuco", "chessboard", "circles", "acircles"] = Field(
-        default="charuco", description="charuco, chessboard, circles, or acircles (every other row shifted)"
+        default="charuco",
+        description="charuco, chessboard, circles, or acircles (circles with every other row shifted)",
     )
-    columns: int = Field(ge=2, description="across: squares (charuco), inner corners (chessboard) or circles")
-    rows: int = Field(ge=2, description="the same down the board")
+    columns: int = Field(
+        ge=2, description="number across: squares (charuco), inner corners (chessboard) or circles"
+    )
+    rows: int = Field(ge=2, description="number down the board, counted in the same way")
     square_mm: Positive = Field(
-        description="measured side of a square, or distance of two circles (acircles: of two rows), mm"
+        description="measured side of a square, mm; for circles the distance of two circles, for acircles of "
+        "two rows"
     )
-    marker_mm: Positive | None = Field(default=None, description="measured side of a charuco marker, mm")
-    dictionary: Dictionary = Field(default="DICT_4X4_50", description="ArUco dictionary of the board")
-    inverted: bool = Field(default=False, description="white on black")
+    marker_mm: Positive | None = Field(
+        default=None, description="measured side of a marker of a charuco board, mm"
+    )
+    dictionary: Dictionary = Field(
+        default="DICT_4X4_50", description="ArUco dictionary of the board: a name, or a file of your own"
+    )
+    inverted: bool = Field(default=False, description="whether the board is white on black")
 
     @model_validator(mode="after")
     def _fits(self) -> Self:
@@ -120,29 +132,36 @@ class BoardTable(TableModel):
 
 class CameraTable(TableModel):
     name: Name = Field(description="name of the camera")
-    film: RelativePath = Field(description="film of the test, or pictures: a folder, or raw/film-*.png")
+    film: RelativePath = Field(
+        description="film of the test; or pictures: a folder, or a pattern such as raw/film-*.png"
+    )
     fps: Positive | None = Field(
-        default=None, description="frame rate of folders of pictures without times.csv, 1/s"
+        default=None, description="frame rate of pictures that have no times.csv, 1/s"
     )
     static: RelativePath = Field(
-        description="film of the finger at rest, 300 frames or more: gives the noise"
+        description="film of the finger at rest, 300 frames or more; the noise is estimated from it"
     )
-    boards: RelativePath | None = Field(default=None, description="images of the calibration board (glob)")
+    boards: RelativePath | None = Field(
+        default=None, description="images of the calibration board, a pattern such as raw/boards/*.png"
+    )
     camera_file: RelativePath | None = Field(
-        default=None, description="in place of boards: OpenCV YAML or caliscope TOML of another program"
+        default=None,
+        description="in place of boards: a calibration by another program, OpenCV YAML or caliscope TOML",
     )
     dictionary: Dictionary = Field(
         default="DICT_4X4_50", description="ArUco dictionary of the markers: a name, or a file of your own"
     )
     film_start_s: Finite = Field(
-        default=0.0, description="first frame of the film on the clock of the pressure log, s"
+        default=0.0, description="time of the film's first frame on the clock of the pressure log, s"
     )
     static_start_s: Finite | None = Field(
         default=None,
-        description="the same of the static film, s; without it the gauge "
-        "noise comes from the first rest of the film",
+        description="time of the static film's first frame on that clock, s; without it the noise of the "
+        "pressure gauge is estimated from the first rest of the film",
     )
-    max_rms_px: Positive = Field(default=0.3, description="refuse a camera calibration with a larger RMS, px")
+    max_rms_px: Positive = Field(
+        default=0.3, description="largest reprojection RMS of a camera calibration that is accepted, px"
+    )
     board: BoardTable | None = None
 
     @model_validator(mode="after")
@@ -158,21 +177,25 @@ class CameraTable(TableModel):
 
 class PressureTable(TableModel):
     file: RelativePath = Field(
-        default="raw/pressure.csv", description="pressure log: columns time_s, pressure_MPa"
+        default="raw/pressure.csv",
+        description="pressure log, a CSV file with the columns time_s and pressure_MPa",
     )
-    time_shift_s: Finite = Field(default=0.0, description="added to the times of the log, s")
+    time_shift_s: Finite = Field(default=0.0, description="number added to the times of the log, s")
     sync_sd_s: Annotated[float, Field(ge=0, allow_inf_nan=False)] = Field(
-        default=0.002, description="how well the film's clock is the log's with join stamps, sd in s"
+        default=0.002, description="uncertainty of film_start_s where join is stamps, 1 sd, s"
     )
     join: Literal["stamps", "flash", "onset"] = Field(
         default="stamps",
-        description="stamps: film_start_s; flash: a lamp in the film; onset: where motion fits the pressure",
+        description="how film and log are synchronised; stamps: by film_start_s; flash: by a lamp in the "
+        "film; onset: by the first motion",
     )
     flash_region: tuple[int, int, int, int] | None = Field(
-        default=None, description="the lamp in the film: [x, y, width, height] in px"
+        default=None, description="where the lamp is in the film, [x, y, width, height] in px"
     )
     flash_time_s: Finite | None = Field(
-        default=None, description="when it goes on, on the log's clock, s; without it the log's column flash"
+        default=None,
+        description="time at which the lamp goes on, on the clock of the log, s; without it the column flash "
+        "of the log tells",
     )
 
     @model_validator(mode="after")
@@ -183,31 +206,32 @@ class PressureTable(TableModel):
 
 
 class MeasureTable(TableModel):
-    placement_sd_mm: Positive = Field(default=0.3, description="how well a marker sits on its node, sd in mm")
-    scale_sd: Positive = Field(default=0.001, description="how well the mm scale is known, relative sd")
+    placement_sd_mm: Positive = Field(default=0.3, description="distance of a marker from its node, 1 sd, mm")
+    scale_sd: Positive = Field(default=0.001, description="relative uncertainty of the mm scale, 1 sd")
     frame_sd_mm: Positive = Field(
-        default=0.1, description="how well a frame marker sits on its stated place, sd in mm"
+        default=0.1, description="distance of a frame marker from its stated position, 1 sd, mm"
     )
     node_sd_mm: Positive = Field(
-        default=0.1, description="how well the finger's point is the model's node, sd in mm"
+        default=0.1, description="distance of the real finger's point from the model's node, 1 sd, mm"
     )
     height_sd_mm: Positive = Field(
         default=0.3,
-        description="how well a marker's distance from the frame markers' plane is known, sd in mm",
+        description="uncertainty of a marker's distance from the plane of the frame markers, 1 sd, mm",
     )
     out_of_plane_sd_mm: Positive = Field(
         default=0.3,
-        description="motion of a marker towards the camera at its largest displacement, sd in mm; the side "
-        "face of the built-in finger bulges by 0.3 mm",
+        description="motion of a marker towards the camera when its displacement is largest, 1 sd, mm; the "
+        "side face of the built-in finger bulges by 0.3 mm",
     )
     reference_s: Positive = Field(
         default=1.8,
-        description="length of the rest at the start of the film, s: displacements are relative to its mean",
+        description="length of the rest at the start of the film, s; displacements are relative to its mean",
     )
     steps: int = Field(
         default=2000,
         ge=2,
-        description="of a film with more frames so many, evenly, become steps; all are followed",
+        description="largest number of frames that become targets, evenly spaced; tracking always uses every "
+        "frame",
     )
 
 
@@ -215,47 +239,53 @@ class MarkerTable(TableModel):
     marker: int | None = Field(default=None, ge=0, description="ArUco id; leave it out for a plain dot")
     name: Name = Field(description="name in targets and reports")
     role: Literal["frame", "fixed"] = Field(
-        description="frame: defines the axes (6 or more); "
-        "fixed: data that must show no displacement (4 or more)"
+        description="frame: defines the world axes (6 or more); fixed: a check, it must show no displacement "
+        "(4 or more)"
     )
-    position_mm: Position = Field(description="centre in world axes, mm")
-    size_mm: Positive = Field(description="side (or diameter), mm")
+    position_mm: Position = Field(description="position of its centre in world axes, mm")
+    size_mm: Positive = Field(description="side of the marker, or diameter of a dot, mm")
 
 
 class FrameTable(TableModel):
-    markers: tuple[MarkerTable, ...] = Field(default=(), description="markers that do not move")
+    markers: tuple[MarkerTable, ...] = Field(default=(), description="markers on the rig")
 
 
 class PointTable(TableModel):
     name: Name = Field(description="name in targets and reports")
-    node: int = Field(ge=1, description="node label in the model")
+    node: int = Field(ge=1, description="label of the node in the model")
     marker: int | None = Field(default=None, ge=0, description="ArUco id; leave it out for a plain dot")
-    size_mm: Positive | None = Field(default=None, description="side (or diameter), mm")
+    size_mm: Positive | None = Field(default=None, description="side of the marker, or diameter of a dot, mm")
     position_mm: Position | None = Field(
-        default=None, description="centre at rest, mm; without it the position of the node"
+        default=None, description="position of its centre at rest, mm; without it that of the node"
     )
 
 
 class DicTable(TableModel):
-    low_mm: tuple[Finite, Finite] = Field(description="smallest x and z of the speckled face at rest, mm")
-    high_mm: tuple[Finite, Finite] = Field(description="largest x and z, mm")
-    y_mm: Finite = Field(description="y of the face, which must be flat, mm")
-    step_mm: Positive = Field(default=4.0, description="from subset to subset, mm")
-    subset_mm: Positive = Field(default=6.0, description="side of a subset, mm: 15 px or more, 5 speckles")
+    low_mm: tuple[Finite, Finite] = Field(description="smallest x and z of the speckled part at rest, mm")
+    high_mm: tuple[Finite, Finite] = Field(description="largest x and z of the speckled part at rest, mm")
+    y_mm: Finite = Field(description="y of the face, mm; it must be flat")
+    step_mm: Positive = Field(default=4.0, description="distance from one measured point to the next, mm")
+    subset_mm: Positive = Field(
+        default=6.0,
+        description="side of the square that is followed around each point, mm; wanted 15 px and 5 speckles "
+        "or more",
+    )
 
 
 class CalibrateTable(TableModel):
     seed: int = Field(default=1, ge=0, description="seed of the genetic algorithm")
-    population: int = Field(default=30, ge=4, description="individuals per generation")
-    generations: int = Field(default=20, ge=1, description="generations")
+    population: int = Field(default=30, ge=4, description="number of candidates in a generation")
+    generations: int = Field(default=20, ge=1, description="number of generations")
     objective_points: tuple[Name, ...] = Field(
-        default=("tip", "middle"), min_length=1, description="points whose RMS the genetic algorithm lowers"
+        default=("tip", "middle"),
+        min_length=1,
+        description="points whose RMS error the genetic algorithm minimises",
     )
     objective_component: Literal[1, 2, 3] = Field(
-        default=3, description="their displacement component: 1 x, 2 y, 3 z"
+        default=3, description="displacement component of that error: 1 x, 2 y, 3 z"
     )
     bounds: dict[str, Bounds] = Field(
-        default=dict(BOUNDS), description="low and high of each parameter, MPa"
+        default=dict(BOUNDS), description="lowest and highest value of each constant, MPa"
     )
 
 
@@ -263,7 +293,7 @@ class DiagnoseTable(TableModel):
     candidates: tuple[Effect, ...] = Field(
         default=("creep", "pressure_lag", "stiffening", "clamp", "pressure_gain", "camera_scale"),
         min_length=1,
-        description="effects that may be missing",
+        description="effects that `twin diagnose` tries",
     )
     seed: int = Field(default=1, ge=0, description="seed of the diagnosis")
 

@@ -18,7 +18,7 @@ from twin.project import files
 from twin.project.config import Config
 from twin.project.locking import lock
 from twin.project.targetfiles import read_targets
-from twin.project.toml import decoded, dump, parse, with_effects
+from twin.project.toml import decoded, dump, former_keys, parse, with_effects
 from twin.targets import Targets
 
 if TYPE_CHECKING:  # the finite elements are loaded by whoever needs them
@@ -95,6 +95,17 @@ class Project:
     root: Path
     config: Config
     builtin: "BuiltIn | None" = None  # another built-in finger than the reference study's
+    former_keys: tuple[str, ...] = ()  # keys of twin.toml that older versions had and that change nothing
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """What the user should know of twin.toml, one sentence each."""
+        keys = self.former_keys
+        if not keys:
+            return ()
+        one = len(keys) == 1
+        return (f"{', '.join(keys)} in twin.toml {'changes' if one else 'change'} nothing: remove "
+                f"{'that line' if one else 'those lines'}.",)  # fmt: skip
 
     @classmethod
     def open(cls, root: Path | str, *, builtin: "BuiltIn | None" = None) -> "Project":
@@ -105,7 +116,8 @@ class Project:
                 f"{folder / 'twin.toml'} does not exist: make a project with `twin demo FOLDER` or "
                 "`twin init FOLDER`, or name its folder with `--project FOLDER`"
             )
-        return cls(folder, parse((folder / "twin.toml").read_bytes(), name="twin.toml"), builtin)
+        data = (folder / "twin.toml").read_bytes()
+        return cls(folder, parse(data, name="twin.toml"), builtin, tuple(former_keys(data)))
 
     @property
     def targets_folder(self) -> Path:

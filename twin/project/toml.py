@@ -10,7 +10,7 @@ import tomlkit
 from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
 
-from twin.project.config import Config
+from twin.project.config import FORMER, Config
 
 
 def parse(data: bytes, *, name: str) -> Config:
@@ -21,9 +21,28 @@ def parse(data: bytes, *, name: str) -> Config:
         raise ValueError(f"{name}: not valid TOML: {error}") from None
     try:
         # through JSON, where strict means strict numbers and text but an array is still a tuple
-        return Config.model_validate_json(json.dumps(tables, default=str))
+        return Config.model_validate_json(json.dumps(_without_former(tables), default=str))
     except ValidationError as error:
         raise ValueError(f"{name}: {_sentence(error)}") from None
+
+
+def former_keys(data: bytes) -> list[str]:
+    """The keys of a twin.toml that older versions had and that change nothing, such as model.geometry."""
+    tables = tomllib.loads(decoded(data))
+    return [f"{name}.{key}" for name, keys in FORMER.items() for key in keys if key in _keys(tables, name)]
+
+
+def _keys(tables: dict[str, Any], name: str) -> dict[str, Any]:
+    table = tables.get(name)
+    return table if isinstance(table, dict) else {}
+
+
+def _without_former(tables: dict[str, Any]) -> dict[str, Any]:
+    kept = dict(tables)
+    for name, keys in FORMER.items():
+        if isinstance(tables.get(name), dict):
+            kept[name] = {key: value for key, value in tables[name].items() if key not in keys}
+    return kept
 
 
 def decoded(data: bytes) -> str:

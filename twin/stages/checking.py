@@ -12,6 +12,8 @@ def run_check(project: Project, say: Say) -> dict[str, Any]:
     """Say what is missing and what comes next; ValueError at the first thing that is wrong."""
     say(f"check: twin.toml is right: {len(project.config.points)} points, effects "
         f"{', '.join(project.config.model.effects) or 'none'}")  # fmt: skip
+    for sentence in project.remarks:
+        say(sentence)
     missing = _missing_files(project)
     if missing:
         raise ValueError(f"missing in {project.root}: {'; '.join(missing)}")

@@ -14,7 +14,6 @@ from twin.project.config import (
     Config,
     FrameTable,
     MarkerTable,
-    ModelTable,
     PointTable,
     PressureTable,
     ProjectTable,
@@ -71,9 +70,8 @@ def targets_config(name: str, targets: Targets, nodes: Mapping[str, int]) -> Con
         raise ValueError("targets: all points are fixed markers; wanted at least one on the finger")
     objective = _objective(tuple(p.name for p in points))
     return Config(
-        project=ProjectTable(name=name), points=points, calibrate=CalibrateTable(objective_points=objective),
-        model=ModelTable(top_pressure_MPa=float(targets.pressure.max())),
-    )  # fmt: skip
+        project=ProjectTable(name=name), points=points, calibrate=CalibrateTable(objective_points=objective)
+    )
 
 
 def _objective(names: tuple[str, ...]) -> tuple[str, ...]:

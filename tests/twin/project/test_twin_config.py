@@ -1,14 +1,21 @@
 """twin.toml: what is written reads back, and every mistake gives one sentence."""
 
+import ast
+import dataclasses
 import tomllib
+from pathlib import Path
 
 import pytest
 
+from twin.project import config as config_module
 from twin.project import toml
-from twin.project.config import Config, PointTable, StudyTable
+from twin.project.config import BoardTable, Config, PointTable, StudyTable, TableModel
 from twin.project.folder import Project, dataset
 from twin.project.toml import dump, parse, with_effects
 from twin.stages.starting import film_config
+from vision import Board
+
+ROOT = Path(__file__).resolve().parents[3]
 
 TEXT = """
 [model]
@@ -126,7 +133,7 @@ def test_a_mistake_gives_one_sentence(text, sentence):
 
 def test_several_mistakes_are_counted():
     with pytest.raises(ValueError, match=r"\(and 1 more\)"):
-        read(TEXT.replace("[model]", "[model]\nmesh = 0\nmaterial = 'ogden'"))
+        read(TEXT.replace("[model]", "[model]\nmesh = 0\ndeck = ''"))
 
 
 @pytest.mark.parametrize(
@@ -169,8 +176,37 @@ def test_a_byte_order_mark_does_not_matter(tmp_path):
     assert Project.open(tmp_path).set_effects(["creep"]).config.model.effects == ("creep",)
 
 
+def test_keys_of_older_versions_change_nothing_and_are_named(tmp_path):
+    (tmp_path / "twin.toml").write_text(TEXT.replace("[model]", '[model]\ngeometry = "x"\ntop_pressure_MPa = 0.1'))
+    project = Project.open(tmp_path)
+    assert project.config == read(TEXT)
+    assert project.remarks == (
+        "model.geometry, model.top_pressure_MPa in twin.toml change nothing: remove those lines.",
+    )
+    assert project.set_effects([]).remarks == project.remarks
+    (tmp_path / "twin.toml").write_text(TEXT)
+    assert Project.open(tmp_path).remarks == ()
+
+
+TABLES = [t for t in vars(config_module).values() if isinstance(t, type) and issubclass(t, TableModel)]
+
+
+@pytest.mark.parametrize("table", [t for t in TABLES if t not in (TableModel, BoardTable)])
+def test_every_key_is_read_somewhere(table):
+    """As an attribute in the code that has the configuration at hand, other than the configuration itself."""
+    rooms = [path for room in ("project", "stages", "gauge") for path in (ROOT / "twin" / room).glob("*.py")]
+    trees = [ast.parse(path.read_text(encoding="utf-8")) for path in rooms if path.name != "config.py"]
+    read_keys = {node.attr for tree in trees for node in ast.walk(tree) if isinstance(node, ast.Attribute)}
+    assert [key for key in table.model_fields if key not in read_keys] == []
+
+
+def test_every_key_of_the_board_goes_to_the_board():
+    assert set(BoardTable.model_fields) <= {field.name for field in dataclasses.fields(Board)}
+
+
 def test_the_study_says_its_second_pressure():
     config = parse((dataset("study") / "twin.toml").read_bytes(), name="twin.toml")
     assert config.study is not None
-    assert config.model.top_pressure_MPa / config.study.other_pressure_MPa == pytest.approx(3, rel=1e-12)
+    top = Project.open(dataset("study")).targets().pressure.max()
+    assert top / config.study.other_pressure_MPa == pytest.approx(3, rel=1e-12)
     assert tomllib.loads(dump(config)) == tomllib.loads((dataset("study") / "twin.toml").read_text())
