@@ -94,7 +94,7 @@ def test_a_config_is_frozen():
         ),
         (TEXT.replace("[model]", '[model]\nmesh = "2"'), "model.mesh = '2': it should be a valid integer"),
         (TEXT.replace("[model]", "[model]\nmesh = true"), "model.mesh = True: it should be a valid integer"),
-        (TEXT.replace("node = 5848", ""), r"points\[2\].node is missing \(node label in the model\); add it"),
+        (TEXT.replace("node = 5848", ""), r"points\[2\].node is missing \(label of the node in the model\); add it"),
         (TEXT.replace("node = 5848", "node = 4401"), "node = 4401 stands twice"),
         (TEXT.replace("middle", "tip"), "name = 'tip' stands twice"),
         (TEXT.replace("middle", "centre"), "objective_points = 'middle': wanted a name in .*tip, centre"),
