@@ -4,6 +4,7 @@ import ast
 import dataclasses
 import tomllib
 from pathlib import Path
+from typing import get_args
 
 import pytest
 
@@ -200,8 +201,10 @@ def test_every_key_is_read_somewhere(table):
     assert [key for key in table.model_fields if key not in read_keys] == []
 
 
-def test_every_key_of_the_board_goes_to_the_board():
-    assert set(BoardTable.model_fields) <= {field.name for field in dataclasses.fields(Board)}
+def test_every_key_of_the_board_goes_to_a_kind_of_board():
+    taken = {field.name for kind in Board.kinds().values() for field in dataclasses.fields(kind)}
+    assert set(BoardTable.model_fields) <= {"kind", *taken}
+    assert get_args(BoardTable.model_fields["kind"].annotation) == tuple(Board.kinds())
 
 
 def test_the_study_says_its_second_pressure():
