@@ -78,7 +78,7 @@ def consistent(specimen: Specimen) -> Iterator[str]:
     """Labels, wider laws and where these start; and that it can be sent to a worker process."""
     e, wider = specimen.effect, specimen.effect.wider()
     if not re.fullmatch(f"{e.name}(:[2-9])?", e.label) or e.label not in [law.label for law in e.laws()]:
-        yield f"its label {e.label!r} names none of its laws, wanted {e.name!r} or, for a wider one, {e.name}:2"
+        yield f"its label {e.label!r} names none of its laws, wanted {e.name} or, for a wider one, {e.name}:2"
     if wider is not None:
         names = {p.name for p in wider.parameters}
         if wider.name != e.name or not {p.name for p in e.parameters} < names:
