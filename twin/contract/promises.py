@@ -1,6 +1,6 @@
 """An effect -> the promises of its contract that it breaks, one sentence each.
 
-`PROMISES` lists them in the order in which they are tried; the first ask for no solve.
+`UNSOLVED` and `SOLVED` list them in the order in which they are tried.
 """
 
 import re
@@ -24,14 +24,15 @@ SHARE = 0.02  # of a typical step, or of the value, over which whole solves are 
 SLOPE = 0.05  # of the largest derivative: what the curvature over that step, or a touch, may make of it
 
 
-def check_effect(effect: Effect, *, at: Theta | None = None) -> tuple[str, ...]:
+def check_effect(effect: Effect, *, at: Theta | None = None, solves: bool = True) -> tuple[str, ...]:
     """One sentence for each promise that an effect breaks; empty where it keeps them all.
 
     at: values of parameters at which it is tried on a short finger, where its defaults show nothing there.
-    Default: its first grid entry, and a typical step from null. Takes some seconds, with history about 15.
+    Default: its first grid entry, and a typical step from null. solves: False leaves out the promises that
+    need a finite-element solve; these take some seconds, with history about 15.
     """
     specimen = Specimen(effect, dict(at or {}))
-    for promise in PROMISES:
+    for promise in (*UNSOLVED, *SOLVED) if solves else UNSOLVED:
         broken = tuple(_tried(promise, specimen))
         if broken:
             return tuple(f"effect {effect.name!r}: {sentence}" for sentence in broken)
@@ -191,9 +192,8 @@ def _sloped_at(specimen: Specimen, values: dict[str, float], u: Array) -> Iterat
 
 
 Promise = Callable[[Specimen], Iterator[str]]
-PROMISES: tuple[Promise, ...] = (
-    declared, consistent, pure, defined, nothing_at_null, something_beyond, symmetric, sloped,
-)  # fmt: skip
+UNSOLVED: tuple[Promise, ...] = (declared, consistent, pure, defined)
+SOLVED: tuple[Promise, ...] = (nothing_at_null, something_beyond, symmetric, sloped)
 
 
 def _tried(promise: Promise, specimen: Specimen) -> Iterator[str]:

@@ -1,5 +1,7 @@
 """The library of physical effects, and the one that a label of twin.toml names."""
 
+from collections.abc import Sequence
+
 from twin.effects.loads import Gravity, PressureGain, PressureLag, PressureOffset
 from twin.effects.material import Compressibility, Creep, Mullins, Stiffening, Thermal
 from twin.effects.optics import CameraScale
@@ -17,12 +19,18 @@ def all_effects() -> tuple[Effect, ...]:
     )  # fmt: skip
 
 
-def effect(label: str) -> Effect:
-    """The effect named by a label in twin.toml, for example `creep` or `creep:2`; ValueError if unknown."""
+def effect(label: str, *, own: Sequence[Effect] = ()) -> Effect:
+    """The effect named by a label in twin.toml, for example `creep` or `creep:2`; ValueError if unknown.
+
+    own: the effects of the user's own files.
+    """
     name = label.partition(":")[0]
-    known = {e.name: e.laws() for e in all_effects()}
+    known = {e.name: e.laws() for e in (*all_effects(), *own)}
     if name not in known:
-        raise ValueError(f"effect {label!r} is not in the library, wanted one of {', '.join(known)}")
+        raise ValueError(
+            f"effect {label!r} is not in the library, wanted one of {', '.join(known)}; one of your own "
+            "stands in a file that twin.toml names under [model] effect_files"
+        )
     laws = {law.label: law for law in known[name]}
     if label not in laws:
         raise ValueError(f"effect {label!r}: no such law of {name}, wanted one of {', '.join(laws)}")

@@ -13,6 +13,7 @@ from typing import Any, ClassVar
 from calibrate import Parameter
 from fe import Case, Path
 from fe.mesh.mirror import symmetry_support
+from twin.effects.origin import Origin, sent
 from twin.effects.requirements import Requirement
 from twin.targets import Array
 
@@ -81,6 +82,7 @@ class Effect:
     requires: tuple[Requirement, ...] = ()
     separations: ClassVar[Mapping[str, str]] = {}
     smooth: bool = True
+    origin: ClassVar[Origin | None] = None  # the file of the user's that defines it; set where that is read
 
     def __init_subclass__(cls) -> None:
         super().__init_subclass__()
@@ -91,6 +93,12 @@ class Effect:
             names = ", ".join(f"Order.{o.name}" for o in Order)
             raise ValueError(f"effect {cls.name!r}: order = {order!r}, wanted one of {names}")
         cls.requires = tuple(_requirement(cls.name, r) for r in cls.requires)
+
+    def __reduce_ex__(self, protocol: Any) -> Any:
+        """What is sent to a worker process: of an effect from a file, the file's text too."""
+        if self.origin is None:
+            return super().__reduce_ex__(protocol)
+        return sent(self.origin, self)
 
     def before(self, test: Test, theta: Theta) -> Test:
         """The test with the effect in it; at null values the same object's content."""

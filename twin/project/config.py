@@ -74,6 +74,10 @@ class ModelTable(TableModel):
         default=(),
         description='effects in the model, such as ["creep:2"]; `twin add` and `twin drop` write them',
     )
+    effect_files: tuple[RelativePath, ...] = Field(
+        default=(),
+        description='Python files of your own effects, ["effects/tube.py"]; no others are run',
+    )
     density_kg_m3: Positive | None = Field(
         default=None,
         description="density of the silicone, kg/m3; with it the model has weight, and gravity must be "

@@ -160,6 +160,11 @@ class Project:
 
         return sorted(files_of(read_keywords(self.path(self.config.model.deck))))
 
+    def effect_files(self) -> list[Path]:
+        """Return the files of the user's own effects that are there."""
+        named = (self.path(name) for name in self.config.model.effect_files)
+        return [path for path in named if path.is_file()]
+
     def lock(self, command: str) -> AbstractContextManager[None]:
         """Hold the project for one writing command; ValueError if a living process holds it."""
         return lock(self.root / ".lock", command)
@@ -206,8 +211,8 @@ class Project:
         Leaving the block marks it done, an exception failed with its sentence; after a kill or Ctrl-C it
         stays "running", and the same command resumes it.
         `how` (all optional): seed int; tables: names of the twin.toml tables it depends on (default all);
-        inputs: files and folders it reads (default targets/ and the deck); extra: what else makes it another
-        run.
+        inputs: files and folders it reads (default targets/, the deck and the files of own effects); extra:
+        what else makes it another run.
         """
         stamp = self._stamp(kind, **how)
         killed = self._with_status(kind, "running", stamp["digest"])
@@ -248,7 +253,8 @@ class Project:
         config = self.config.model_dump(mode="json")
         read = list(inputs or [])
         if inputs is None:
-            read = [*([self.targets_folder] if self.targets_folder.is_dir() else []), *self.deck_files()]
+            read = [self.targets_folder] if self.targets_folder.is_dir() else []
+            read += [*self.deck_files(), *self.effect_files()]
         stamp: dict[str, Any] = {
             "kind": kind,
             "seed": seed,

@@ -14,7 +14,7 @@ from twin.review.states import Fields
 from twin.stages.chain import kinds_writing
 from twin.stages.comparing import compared
 from twin.stages.fits import fresh, named_effects, newest_fit
-from twin.stages.workbench import Workbench
+from twin.stages.workbench import Workbench, own_of
 from twin.targets import Array, Targets
 
 SHOWN = 80  # film times at which the deformed model is stored for the review
@@ -40,7 +40,7 @@ def run_add(project: Project, say: Say, *, name: str | None = None) -> dict[str,
 
 def _law(project: Project, name: str) -> tuple[Effect, dict[str, float]]:
     """The effect, and the parameters that the newest diagnosis found for it."""
-    path = fresh(project, ("diagnose",), "diagnosis.json")
+    path, own = fresh(project, ("diagnose",), "diagnosis.json"), own_of(project)
     data = files.read_json(path) if path else {}
     kept = path.with_name("kept.json") if path else None
     if (
@@ -51,8 +51,8 @@ def _law(project: Project, name: str) -> tuple[Effect, dict[str, float]]:
         and kept.exists()
     ):
         values = {k: float(v["value"]) for k, v in files.read_json(kept)["parameters"].items()}
-        return effect(data["law"]), values
-    return effect(name), {}
+        return effect(data["law"], own=own), values
+    return effect(name, own=own), {}
 
 
 def run_drop(project: Project, say: Say, *, name: str) -> dict[str, Any]:

@@ -20,6 +20,7 @@ def run_check(project: Project, say: Say) -> dict[str, Any]:
     step = _next(project)
     for line in _check_deck(project):
         say(f"check: {line}")
+    _check_effects(project)
     if project.targets_folder.is_dir():
         targets = project.targets()
         _check_points(project, targets)
@@ -40,6 +41,22 @@ def _check_deck(project: Project) -> tuple[str, ...]:
     for point in project.config.points:
         structure.case.position(point.node)
     return structure.remarks
+
+
+def _check_effects(project: Project) -> None:
+    """Raise ValueError where an effect that twin.toml names is unknown, or one of its own files not right."""
+    named = (*project.config.model.effects, *project.config.diagnose.candidates)
+    if not named and not project.config.model.effect_files:
+        return
+    from twin.contract.promises import check_effect
+    from twin.effects.library import effect
+    from twin.stages.workbench import own_of
+
+    own = own_of(project)
+    for label in named:
+        effect(label, own=own)
+    for sentence in (s for e in own for s in check_effect(e, solves=False)):
+        raise ValueError(sentence)
 
 
 def _missing_files(project: Project) -> list[str]:

@@ -9,7 +9,7 @@ from twin.parallel import WORKERS
 from twin.project.folder import Project, Say
 from twin.stages.comparing import write_prediction
 from twin.stages.fits import newest_fit
-from twin.stages.workbench import Workbench
+from twin.stages.workbench import Workbench, own_of
 
 
 def run_diagnose(project: Project, say: Say) -> dict[str, Any]:
@@ -50,5 +50,6 @@ def run_diagnose(project: Project, say: Say) -> dict[str, Any]:
 
 
 def _candidates(project: Project) -> tuple[Effect, ...]:
-    wanted = project.config.diagnose.candidates
-    return tuple(effect(name) for name in wanted) if wanted else all_effects()
+    """The effects that twin.toml names, or the library and the project's own."""
+    wanted, own = project.config.diagnose.candidates, own_of(project)
+    return tuple(effect(name, own=own) for name in wanted) if wanted else (*all_effects(), *own)

@@ -1,5 +1,6 @@
 """Which runs of a project still hold: a fit, a comparison or a diagnosis made from what is there now."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -21,7 +22,23 @@ def stale(project: Project, folder: Path) -> list[str]:
         return []
     present = [project.targets_folder] if TARGETS in stage.reads else []
     present += project.deck_files() if DECK in stage.reads else []
-    return changes(project, folder, tables=stage.tables, present=present)
+    info = project.info(folder)
+    model = info.get("config", {}).get("model", {})
+    labels = info.get("extra", {}).get("effects", model.get("effects", ()))
+    if "[diagnose]" in stage.reads or _has_own(labels):
+        return changes(project, folder, tables=stage.tables, present=[*present, *project.effect_files()])
+    return changes(project, folder, tables=stage.tables, present=present, but=model.get("effect_files", ()))
+
+
+def _has_own(labels: Sequence[str]) -> bool:
+    """Whether a model has an effect of the user's own files. Only then does its fit depend on them; a
+    diagnosis tries them all."""
+    if not labels:
+        return False
+    from twin.effects.library import all_effects
+
+    known = {e.name for e in all_effects()}
+    return any(label.partition(":")[0] not in known for label in labels)
 
 
 def fresh(project: Project, kinds: tuple[str, ...], file: str = "run.json") -> Path | None:

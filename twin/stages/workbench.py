@@ -13,6 +13,8 @@ from twin.diagnosis.fitting import measured_remainder
 from twin.effects.baselaw import NAMES, Constants
 from twin.effects.library import effect
 from twin.effects.material import Elasticity
+from twin.effects.ownfiles import own_effects
+from twin.effects.protocol import Effect
 from twin.gravity import density, ways
 from twin.model.discretisation import MARGIN, Discretisation, discretisation_error, unknown
 from twin.model.prediction import Model, base_model, base_test
@@ -79,7 +81,7 @@ class Workbench:
         """The base model with the effects of these labels, by default those of twin.toml."""
         model = base_model(self.targets, self.case, elasticity=self.elasticity)
         for label in self.project.config.model.effects if labels is None else labels:
-            model = model.with_effect(effect(label))
+            model = model.with_effect(effect(label, own=own_of(self.project)))
         return model
 
     def keeper(self, say: Say) -> Keep:
@@ -132,6 +134,11 @@ class Workbench:
     def _solved_for(self) -> list[Constants]:
         known = files.read_json(self._made) if self._made.exists() else []
         return [Constants(*map(float, made)) for made in known]
+
+
+def own_of(project: Project) -> tuple[Effect, ...]:
+    """The effects of the project's own files. ValueError where one of them is not right."""
+    return own_effects(project.root, project.config.model.effect_files)
 
 
 def structure_of(project: Project) -> Structure:
