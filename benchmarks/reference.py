@@ -118,7 +118,7 @@ def _literal(value: Any) -> str:
         return f"[{', '.join(_literal(v) for v in value)}]"
     if isinstance(value, Mapping):
         return "{" + ", ".join(f"{k} = {_literal(v)}" for k, v in value.items()) + "}"
-    return f"{value:g}" if isinstance(value, float) else str(value)
+    return repr(value)
 
 
 # -- effects -----------------------------------------------------------------------------------------------

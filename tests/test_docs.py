@@ -161,6 +161,16 @@ def test_every_page_of_docs_is_reached_from_the_readme() -> None:
     assert [name_of(page) for page in PAGES if page not in seen] == []
 
 
+@pytest.mark.parametrize("package", ["vision", "fe", "twin"])
+def test_contributing_names_the_rooms(package: str) -> None:
+    text = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
+    row = next(line for line in text.partition("## Rooms")[2].splitlines() if line.startswith(f"| `{package}`"))
+    named = set(re.findall(r"`(\w+)`", row)) - {package}
+    rooms = {path.parent.name for path in (ROOT / package).glob("*/__init__.py")}
+    modules = {path.stem for path in (ROOT / package).rglob("*.py")}
+    assert rooms <= named <= rooms | modules
+
+
 def test_the_readme_has_the_main_command_on_a_line_of_its_own() -> None:
     assert re.search(r"^make demo$", (ROOT / "README.md").read_text(encoding="utf-8"), re.M)
 
