@@ -25,7 +25,7 @@ from typing import Literal
 
 import numpy as np
 
-from fe import compiled
+from fe import terms
 from fe.element import Array
 
 
@@ -68,7 +68,7 @@ class Material:
 
     @property
     def constants(self) -> Array:
-        """C10, C01, C20, C30, mu and 1/Jm of Gent, and the pairs of Ogden, as `compiled` wants them."""
+        """C10, C01, C20, C30, mu and 1/Jm of Gent, and the pairs of Ogden: the columns of `terms`."""
         mu, limit = self.gent or (0.0, np.inf)
         pairs = [x for pair in self.ogden for x in pair]
         return np.array([self.C10, self.C01, self.C20, self.C30, mu, 1 / limit, *pairs], float)
@@ -76,17 +76,9 @@ class Material:
 
 def energy(F: Array, m: Material) -> Array:
     """Isochoric energy W (...) in N mm/mm3 at deformation gradients F (..., 3, 3)."""
-    J = np.linalg.det(F)
-    C = np.swapaxes(F, -1, -2) @ F * J[..., None, None] ** (-2 / 3)
-    x = np.trace(C, axis1=-2, axis2=-1) - 3
-    I2 = ((x + 3) ** 2 - np.trace(C @ C, axis1=-2, axis2=-1)) / 2
-    W = m.C10 * x + m.C01 * (I2 - 3) + m.C20 * x**2 + m.C30 * x**3
-    if m.gent:
-        mu, limit = m.gent
-        W = W + (mu / 2 * x if np.isinf(limit) else -mu * limit / 2 * np.log1p(-x / limit))
-    for mu, alpha in m.ogden:
-        W = W + 2 * mu / alpha**2 * ((np.linalg.eigvalsh(C) ** (alpha / 2)).sum(-1) - 3)
-    return np.asarray(W, float)
+    W = np.empty(F.shape[:-2])
+    terms.energies(_flat(F), m.constants, W.reshape(-1))
+    return W
 
 
 def stress(F: Array, m: Material) -> tuple[Array, Array, Array]:
@@ -96,7 +88,7 @@ def stress(F: Array, m: Material) -> tuple[Array, Array, Array]:
     """
     shape = F.shape[:-2]
     P, a, J = np.empty((*shape, 3, 3)), np.empty((*shape, 3, 3)), np.empty(shape)
-    compiled.stresses(_flat(F), m.constants, _flat(P), _flat(a), J.reshape(-1))
+    terms.stresses(_flat(F), m.constants, _flat(P), _flat(a), J.reshape(-1))
     return P, a, J
 
 
@@ -109,9 +101,9 @@ def tangent(F: Array, m: Material, p: Array, scale: Array) -> Array:
     shape = F.shape[:-2]
     half = np.empty((*shape, 6, 3, 3))
     p, scale = (np.ascontiguousarray(np.broadcast_to(x, shape), float).reshape(-1) for x in (p, scale))
-    compiled.tangents(_flat(F), m.constants, scale, p, half.reshape(-1, 6, 3, 3))
+    terms.tangents(_flat(F), m.constants, scale, p, half.reshape(-1, 6, 3, 3))
     A = np.empty((*shape, 3, 3, 3, 3))
-    for n, (i, j) in enumerate(compiled.PAIRS):
+    for n, (i, j) in enumerate(terms.PAIRS):
         A[..., i, :, j, :] = half[..., n, :, :]
         A[..., j, :, i, :] = np.swapaxes(half[..., n, :, :], -1, -2)
     return A
@@ -127,6 +119,14 @@ def nominal_stress(m: Material, stretch: Array, mode: Literal["uniaxial", "equib
     P, _, _ = stress(F, m)
     # the pressure is such that the free side is free
     return np.asarray(P[:, 0, 0] - P[:, 2, 2] * F[:, 2, 2] / x, float)
+
+
+def scaled(table: Array, factor: float) -> Array:
+    """Rows of constants (e, k) with all moduli multiplied, and no limit or exponent."""
+    out = table.copy()
+    out[:, : terms.GENT_INVERSE] *= factor
+    out[:, terms.OGDEN :: 2] *= factor
+    return out
 
 
 def _flat(x: Array) -> Array:

@@ -14,13 +14,15 @@ from typing import TypeVar
 import numpy as np
 from scipy.special import erf
 
-from fe import compiled
 from fe.case import Case
-from fe.compiled import PAIRS
 from fe.element import Array, Element, Flags, Integers, scatter
+from fe.kernel import compiled
+from fe.kernel.compiled import Balance, Carried, Fields, Law, Mesh, Tangent
 from fe.kernel.matrix import Symmetric
 from fe.kernel.pattern import Pattern, Places
 from fe.kernel.pressure import PressureFaces
+from fe.laws import scaled
+from fe.terms import OGDEN, PAIRS
 
 THREADS = int(os.environ.get("OMP_NUM_THREADS") or os.cpu_count() or 1)
 _POOL = ThreadPoolExecutor(THREADS)
@@ -46,7 +48,7 @@ class Constants:
         width = max(len(m.constants) for m in case.materials.values())
         prony, table = np.zeros((terms, len(case.connectivity), 2)), np.zeros((len(case.connectivity), width))
         prony[..., 1] = 1.0  # an absent term has g = 0
-        table[:, 7::2] = 1.0  # or mu = 0
+        table[:, OGDEN + 1 :: 2] = 1.0  # or mu = 0
         for name, m in case.materials.items():
             rows, own = case.element_sets[name], m.constants
             table[rows, : len(own)] = own
@@ -66,10 +68,13 @@ class Constants:
 
     def times(self, factor: float) -> "Constants":
         """All moduli multiplied."""
-        table = self.table.copy()
-        table[:, :5] *= factor
-        table[:, 6::2] *= factor
+        table = scaled(self.table, factor)
         return replace(self, table=table, shear=factor * self.shear, bulk=factor * self.bulk)
+
+    @property
+    def law(self) -> Law:
+        """What the compiled loops want of them."""
+        return Law(self.table, self.bulk)
 
 
 @dataclass(frozen=True)
@@ -165,7 +170,7 @@ class Geometry:
         X = nodes[connectivity]  # (e, n, 3)
         jacobian = np.einsum("eai,qaJ->eqiJ", X, dN, optimize=True)
         self.weight = np.linalg.det(jacobian) * element.weights  # (e, q)
-        # (e, q, I, a), as fe.compiled wants them
+        # (e, q, I, a), as the compiled loops want them
         self.G = np.ascontiguousarray(np.swapaxes(np.linalg.inv(jacobian), 2, 3) @ np.swapaxes(dN, 1, 2))
         size = np.ptp(X, axis=1).max(-1)[:, None, None]
         x = (np.einsum("qa,eai->eqi", N, X) - X.mean(axis=1, keepdims=True)) / size
@@ -274,15 +279,20 @@ class Kernel:
         ends = np.linspace(0, len(self.connectivity), THREADS + 1).astype(int).tolist()
         return [work(0, ends[-1])] if THREADS == 1 else list(_POOL.map(work, ends[:-1], ends[1:]))
 
-    def _remembered(self, memory: Memory | None) -> tuple[Array, Array, Array, Array, Flags]:
-        """Scale (e,), carried stress and softening of a memory, or of none."""
+    def _mesh(self, g: Geometry) -> Mesh:
+        """What the compiled loops want of a geometry."""
+        return Mesh(g.G, g.rest, g.weight, g.psi, self.connectivity)
+
+    def _remembered(self, memory: Memory | None) -> Carried:
+        """What the compiled loops want of a memory, or of none."""
         size = len(self.connectivity)
         if memory is None:
-            return np.ones(size), np.zeros((1, self.geometry.G.shape[1], 3, 3)), *_HARD
+            return Carried(np.ones(size), np.zeros((1, self.geometry.G.shape[1], 3, 3)), *_HARD)
         soft, scale = memory.softening, np.ascontiguousarray(np.broadcast_to(memory.scale, (size,)))
         if soft is None or not soft.table[:, 0].any():
-            return scale, memory.carried, *_HARD
-        return scale, memory.carried, soft.table, soft.peak, _HARD[2] if soft.below is None else soft.below
+            return Carried(scale, memory.carried, *_HARD)
+        below = _HARD[2] if soft.below is None else soft.below
+        return Carried(scale, memory.carried, soft.table, soft.peak, below)
 
     def masses(self, density: Array, geometry: Geometry) -> Array:
         """Consistent nodal masses (n,) tonne of elements of densities (e,) tonne/mm3."""
@@ -291,37 +301,30 @@ class Kernel:
 
     def isochoric(self, u: Array, c: Constants, geometry: Geometry) -> Array:
         """Isochoric second Piola-Kirchhoff stress (e, q, 3, 3) MPa at displacements u (n, 3) mm."""
-        g, out = geometry, np.empty((*geometry.G.shape[:2], 3, 3))
-        self._each(lambda a, b: compiled.isochoric(g.G, g.rest, self.connectivity, u, c.table, a, b, out))
+        mesh, out = self._mesh(geometry), np.empty((*geometry.G.shape[:2], 3, 3))
+        self._each(lambda a, b: compiled.isochoric(mesh, u, c.table, a, b, out))
         return out
 
     def energies(self, u: Array, c: Constants, geometry: Geometry) -> Array:
         """Isochoric energy (e, q) N mm/mm3 at displacements u (n, 3) mm."""
-        g, out = geometry, np.empty(geometry.G.shape[:2])
-        self._each(lambda a, b: compiled.energies(g.G, g.rest, self.connectivity, u, c.table, a, b, out))
+        mesh, out = self._mesh(geometry), np.empty(geometry.G.shape[:2])
+        self._each(lambda a, b: compiled.energies(mesh, u, c.table, a, b, out))
         return out
 
     def internal(self, u: Array, stress: Array) -> Array:
         """Nodal forces (n, 3) N of a second Piola-Kirchhoff stress (e, q, 3, 3) MPa at displacements u."""
-        g, force = self.geometry, np.empty((*self.connectivity.shape, 3))
-        self._each(
-            lambda a, b: compiled.internal(g.G, g.rest, g.weight, self.connectivity, u, stress, a, b, force)
-        )
+        mesh, force = self._mesh(self.geometry), np.empty((*self.connectivity.shape, 3))
+        self._each(lambda a, b: compiled.internal(mesh, u, stress, a, b, force))
         return self.gather(force)
 
     def residual(
         self, state: State, c: Constants, load: float, memory: Memory | None, geometry: Geometry
     ) -> tuple[Array, Array]:
         """Nodal forces (n, 3) N, internal minus follower pressure `load` MPa, and volume gaps (e, m) mm3."""
-        g, force, gap = geometry, np.empty((*self.connectivity.shape, 3)), np.empty_like(state.p)
-        remembered = self._remembered(memory)
-        self._each(
-            lambda a, b: compiled.residual(
-                g.G, g.rest, g.weight, g.psi, self.connectivity, state.u, state.p, c.table, c.bulk,
-                *remembered, a, b, force, gap,
-            )
-        )  # fmt: skip
-        return self.gather(force) - load * self.pressure.force(geometry.nodes + state.u), gap
+        mesh, fields, past = self._mesh(geometry), Fields(state.u, state.p), self._remembered(memory)
+        out = Balance(np.empty((*self.connectivity.shape, 3)), np.empty_like(state.p))
+        self._each(lambda a, b: compiled.residual(mesh, c.law, fields, past, a, b, out))
+        return self.gather(out.force) - load * self.pressure.force(geometry.nodes + state.u), out.gap
 
     def linearise(
         self, state: State, c: Constants, load: float, memory: Memory | None, turn: Array
@@ -331,19 +334,17 @@ class Kernel:
         Any J <= 0 gives NaN entries, which the caller treats as a failed step.
         """
         g, (size, n), m = self.geometry, self.connectivity.shape, self.modes
-        force, gap, B = np.empty((size, n, 3)), np.empty((size, m)), np.empty((size, n, 3, m))
+        out, B = Balance(np.empty((size, n, 3)), np.empty((size, m))), np.empty((size, n, 3, m))
         kept = np.empty((len(self._clamp_elements), n, len(PAIRS), n))
         slots = np.full(size, -1)
         slots[self._clamp_elements] = np.arange(len(kept))
-        compliance, remembered = g.compliance(c.bulk), self._remembered(memory)
-        stiffness, *places = self._places
+        mesh, fields, past = self._mesh(g), Fields(state.u, state.p), self._remembered(memory)
+        (stiffness, *places), compliance = self._places, g.compliance(c.bulk)
 
         def assembled(a: int, b: int) -> Array:
             data = np.zeros(len(self._pattern.indices) + 1)  # and one for what is nowhere
-            compiled.linearise(
-                g.G, g.rest, g.weight, g.psi, self.connectivity, state.u, state.p, c.table, c.bulk,
-                *remembered, compliance, a, b, force, gap, B, stiffness, data, slots, kept,
-            )  # fmt: skip
+            to = Tangent(compliance, B, stiffness, data, slots, kept)
+            compiled.linearise(mesh, c.law, fields, past, a, b, out, to)
             return data
 
         data, *others = self._each(assembled)
@@ -355,7 +356,7 @@ class Kernel:
             parts += [B, -g.mass / c.bulk[:, None, None]]
         for place, values in zip(places, parts, strict=True):
             compiled.scatter_add(place.ravel(), values.ravel(), data)
-        total = self.gather(force) - load * self.pressure.force(x)
+        total = self.gather(out.force) - load * self.pressure.force(x)
         turning, lever = self._turned(kept, B[self._clamp_elements], turn)
         if len(self._clamp_faces):
             turned = self._levered(self.pressure.dofs[self._clamp_faces], parts[0][self._clamp_faces], turn)
@@ -366,7 +367,7 @@ class Kernel:
             dofs, C = self.pressure.antisymmetric(x, self._open)
             border = dofs, -load * C
         return Linearised(
-            total, data[:-1], gap, B.reshape(size, 3 * n, m), compliance, turning, lever, border
+            total, data[:-1], out.gap, B.reshape(size, 3 * n, m), compliance, turning, lever, border
         )
 
     def with_faces(self, data: Array, dofs: Integers, K: Array) -> Array:

@@ -6,8 +6,8 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from fe import compiled
 from fe.element import Integers
+from fe.kernel import compiled
 
 Places = NDArray[np.int32]
 ROWS = 4096  # found at once: a product of the whole weighs as much as the factors

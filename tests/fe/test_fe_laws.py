@@ -27,6 +27,27 @@ def deformed(seed: int) -> Array:
     return np.eye(3) + np.random.default_rng(seed).uniform(-0.25, 0.25, (5, 3, 3))
 
 
+def formula(F: Array, m: Material) -> Array:
+    """The energy as `fe.laws` states it, written out once more."""
+    J = np.linalg.det(F)
+    C = np.swapaxes(F, -1, -2) @ F * J[..., None, None] ** (-2 / 3)
+    x = np.trace(C, axis1=-2, axis2=-1) - 3
+    I2 = ((x + 3) ** 2 - np.trace(C @ C, axis1=-2, axis2=-1)) / 2
+    W = m.C10 * x + m.C01 * (I2 - 3) + m.C20 * x**2 + m.C30 * x**3
+    if m.gent:
+        mu, limit = m.gent
+        W = W + (mu / 2 * x if np.isinf(limit) else -mu * limit / 2 * np.log1p(-x / limit))
+    for mu, alpha in m.ogden:
+        W = W + 2 * mu / alpha**2 * ((np.linalg.eigvalsh(C) ** (alpha / 2)).sum(-1) - 3)
+    return np.asarray(W, float)
+
+
+@EACH
+def test_the_energy_is_its_formula(law: Material) -> None:
+    F = deformed(4)
+    np.testing.assert_allclose(energy(F, law), formula(F, law), rtol=1e-12, atol=1e-14)
+
+
 @EACH
 def test_the_stress_is_the_gradient_of_the_energy(law: Material) -> None:
     F, h = deformed(5), 1e-5

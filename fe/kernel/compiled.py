@@ -1,0 +1,380 @@
+"""Element loops over quadrature points, compiled to machine code by numba, one element after the other.
+
+A mesh has e elements of n nodes, q quadrature points and m pressure modes. Loops run over the elements
+first .. last and fill what they are given; the law at a point is `fe.terms`.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fe.element import Array, Flags, Integers
+from fe.terms import (
+    OGDEN,
+    PAIRS,
+    Point,
+    energy,
+    in_invariants,
+    invariants,
+    machine_code,
+    new_point,
+    ogden,
+    softened,
+    tangent,
+)  # fmt: skip
+
+
+class Mesh(NamedTuple):
+    """Gradients G (e, q, 3, n) per mm; rest (e, q, 3, 3), F - 1 without displacements, or empty for 0;
+    weights w (e, q) mm3; pressure modes psi (e, q, m); connectivity (e, n)."""
+
+    G: Array
+    rest: Array
+    w: Array
+    psi: Array
+    connectivity: Integers
+
+
+class Law(NamedTuple):
+    """Constants c (e, k) of `Material.constants` and bulk moduli (e,) MPa."""
+
+    c: Array
+    bulk: Array
+
+
+class Fields(NamedTuple):
+    """Displacements u (n, 3) mm and pressure modes p (e, m) MPa."""
+
+    u: Array
+    p: Array
+
+
+class Carried(NamedTuple):
+    """What a history hands on: scale (e,) and stress (e or 1, q, 3, 3) MPa; of Mullins softening, or empty:
+    soft (e, 3) of amount, m, beta, the largest energy so far peak (e, q), and, where it is given, on which
+    side of it each point is, sides (e, q)."""
+
+    scale: Array
+    stress: Array
+    soft: Array
+    peak: Array
+    sides: Flags
+
+
+class Balance(NamedTuple):
+    """Element forces (e, n, 3) N and volume gaps (e, m) mm3."""
+
+    force: Array
+    gap: Array
+
+
+class Tangent(NamedTuple):
+    """What of the tangent is wanted.
+
+    compliance (e, m, m) eliminates the pressure modes. coupling B (e, n, 3, m); the blocks (n, 6, n) of the
+    PAIRS are added to `data` at their `places` (e, n, 6, n), of those on the diagonal one half; those of
+    elements with slots (e,) from 0 on are kept there, (k, n, 6, n).
+    """
+
+    compliance: Array
+    coupling: Array
+    places: NDArray[np.int32]
+    data: Array
+    slots: Integers
+    kept: Array
+
+
+class Work(NamedTuple):
+    """Scratch of one element: flux (q, 3, 3), spread (q, 3, 3, m) and T (q, 3, 6, n) at its points, the
+    tangent A (6, 3, 3) at one of them, and its blocks K (n, 6, n)."""
+
+    flux: Array
+    spread: Array
+    T: Array
+    A: Array
+    K: Array
+
+
+@machine_code
+def _deformed(G: Array, u: Array, rest: Array, e: int, q: int, F: Array) -> None:
+    """F (3, 3) at one point from its gradients (3, n) and the element's displacements u (3, n)."""
+    for i in range(3):
+        for k in range(3):
+            value = 0.0
+            for a in range(G.shape[1]):
+                value += u[i, a] * G[k, a]
+            F[i, k] = value + (1.0 if i == k else 0.0)
+    if len(rest) > 0:
+        for i in range(3):
+            for k in range(3):
+                F[i, k] += rest[e, q, i, k]
+
+
+@machine_code
+def _gathered(u: Array, nodes: Integers, out: Array) -> None:
+    """The element's displacements, out (3, n)."""
+    for a in range(len(nodes)):
+        for i in range(3):
+            out[i, a] = u[nodes[a], i]
+
+
+@machine_code
+def _pressure(psi: Array, p: Array) -> float:
+    value = 0.0
+    for k in range(len(psi)):
+        value += psi[k] * p[k]
+    return value
+
+
+@machine_code
+def _drop(past: Carried, W: float, e: int, q: int) -> tuple[float, float]:
+    """What softening takes off the scale at one point of energy W, and the slope of the scale."""
+    side = int(past.sides[e, q]) if len(past.sides) > 0 else -1
+    return softened(W, past.soft[e], past.peak[e, q], side)
+
+
+@machine_code
+def _total(at: Point, pressure: float, scale: float, S: Array) -> None:
+    """P becomes scale P + F S + pressure a."""
+    P, F, a = at.P, at.F, at.a
+    for i in range(3):
+        for k in range(3):
+            FS = F[i, 0] * S[0, k] + F[i, 1] * S[1, k] + F[i, 2] * S[2, k]
+            P[i, k] = scale * P[i, k] + FS + pressure * a[i, k]
+
+
+@machine_code
+def isochoric(mesh: Mesh, u: Array, c: Array, first: int, last: int, S: Array) -> None:
+    """Isochoric second Piola-Kirchhoff stress S (e, q, 3, 3) MPa at displacements u (n, 3) mm."""
+    ue, at, none = np.empty((3, mesh.connectivity.shape[1])), new_point(), np.empty((0, 3, 3))
+    a, P = at.a, at.P
+    for e in range(first, last):
+        _gathered(u, mesh.connectivity[e], ue)
+        for q in range(mesh.G.shape[1]):
+            _deformed(mesh.G[e, q], ue, mesh.rest, e, q, at.F)
+            J, I1, I2 = invariants(at)
+            in_invariants(at, J, I1, I2, c[e])
+            if c.shape[1] > OGDEN:
+                ogden(at, J, 1.0, c[e], none)
+            for i in range(3):
+                for k in range(3):
+                    S[e, q, i, k] = a[0, i] * P[0, k] + a[1, i] * P[1, k] + a[2, i] * P[2, k]
+
+
+@machine_code
+def energies(mesh: Mesh, u: Array, c: Array, first: int, last: int, W: Array) -> None:
+    """Isochoric energy W (e, q) N mm/mm3 of the law at displacements u (n, 3) mm."""
+    ue, at = np.empty((3, mesh.connectivity.shape[1])), new_point()
+    for e in range(first, last):
+        _gathered(u, mesh.connectivity[e], ue)
+        for q in range(mesh.G.shape[1]):
+            _deformed(mesh.G[e, q], ue, mesh.rest, e, q, at.F)
+            J, I1, I2 = invariants(at)
+            W[e, q] = energy(at, J, I1, I2, c[e])
+
+
+@machine_code
+def internal(mesh: Mesh, u: Array, S: Array, first: int, last: int, force: Array) -> None:
+    """Element forces (e, n, 3) N of a second Piola-Kirchhoff stress S (e, q, 3, 3) MPa."""
+    points, n = mesh.G.shape[1], mesh.G.shape[3]
+    ue, F, flux = np.empty((3, n)), np.empty((3, 3)), np.empty((points, 3, 3))
+    for e in range(first, last):
+        _gathered(u, mesh.connectivity[e], ue)
+        for q in range(points):
+            _deformed(mesh.G[e, q], ue, mesh.rest, e, q, F)
+            for i in range(3):
+                for k in range(3):
+                    FS = F[i, 0] * S[e, q, 0, k] + F[i, 1] * S[e, q, 1, k] + F[i, 2] * S[e, q, 2, k]
+                    flux[q, k, i] = mesh.w[e, q] * FS
+        np.dot(mesh.G[e].reshape(3 * points, n).T, flux.reshape(3 * points, 3), force[e])
+
+
+@machine_code
+def residual(
+    mesh: Mesh, law: Law, fields: Fields, past: Carried, first: int, last: int, out: Balance
+) -> None:
+    """Fills the balance of elements."""
+    points, n, modes = mesh.G.shape[1], mesh.G.shape[3], mesh.psi.shape[2]
+    ue, at, flux = np.empty((3, n)), new_point(), np.empty((points, 3, 3))
+    none = np.empty((0, 3, 3))
+    for e in range(first, last):
+        _gathered(fields.u, mesh.connectivity[e], ue)
+        out.gap[e] = 0.0
+        for q in range(points):
+            _deformed(mesh.G[e, q], ue, mesh.rest, e, q, at.F)
+            J, I1, I2 = invariants(at)
+            in_invariants(at, J, I1, I2, law.c[e])
+            if law.c.shape[1] > OGDEN:
+                ogden(at, J, 1.0, law.c[e], none)
+            s, w, pressure = past.scale[e], mesh.w[e, q], _pressure(mesh.psi[e, q], fields.p[e])
+            if len(past.soft) > 0:
+                s -= _drop(past, energy(at, J, I1, I2, law.c[e]), e, q)[0]
+            _total(at, J * pressure, s, past.stress[e % len(past.stress), q])
+            for k in range(modes):
+                out.gap[e, k] += w * (J - 1.0 - pressure / law.bulk[e]) * mesh.psi[e, q, k]
+            for i in range(3):
+                for k in range(3):
+                    flux[q, k, i] = w * at.P[i, k]
+        np.dot(mesh.G[e].reshape(3 * points, n).T, flux.reshape(3 * points, 3), out.force[e])
+
+
+@machine_code
+def _stiffened(P: Array, slope: float, A: Array) -> None:
+    """Adds what the scale's slope with the energy, whose gradient is P, puts into the tangent A (6, 3, 3)."""
+    for pair in range(6):
+        i, j = PAIRS[pair]
+        for p in range(3):
+            for q in range(3):
+                A[pair, p, q] += slope * P[i, p] * P[j, q]
+
+
+@machine_code
+def _stiffness_at(
+    mesh: Mesh, law: Law, past: Carried, at: Point, pressure: float, e: int, q: int, A: Array
+) -> float:
+    """J at one point; fills its stress, and the tangent A (6, 3, 3) but for what is carried."""
+    c = law.c[e]
+    J, I1, I2 = invariants(at)
+    w1, w2, w11 = in_invariants(at, J, I1, I2, c)
+    s, slope = past.scale[e], 0.0
+    if len(past.soft) > 0:
+        drop, slope = _drop(past, energy(at, J, I1, I2, c), e, q)
+        s -= drop
+    tangent(at, I1, I2, s * w1, s * w2, s * w11, J * pressure, A)
+    if len(c) > OGDEN:
+        ogden(at, J, s, c, A)
+    if slope != 0.0:
+        _stiffened(at.P, slope, A)
+    _total(at, J * pressure, s, past.stress[e % len(past.stress), q])
+    return J
+
+
+@machine_code
+def _spread(mesh: Mesh, at: Point, S: Array, J: float, e: int, q: int, work: Work) -> None:
+    """Puts a point's stress, volume gradient and tangent, with the carried stress S (3, 3), into an element's
+    scratch."""
+    w, G, A = mesh.w[e, q], mesh.G[e, q], work.A
+    for i in range(3):
+        for k in range(3):
+            work.flux[q, k, i] = w * at.P[i, k]
+            for r in range(mesh.psi.shape[2]):
+                work.spread[q, k, i, r] = w * J * at.a[i, k] * mesh.psi[e, q, r]
+    for k in range(3):
+        for pair in range(6):
+            same = w if pair < 3 else 0.0  # what is carried couples a component with itself
+            t0 = w * A[pair, k, 0] + same * S[k, 0]
+            t1 = w * A[pair, k, 1] + same * S[k, 1]
+            t2 = w * A[pair, k, 2] + same * S[k, 2]
+            for b in range(G.shape[1]):
+                work.T[q, k, pair, b] = t0 * G[0, b] + t1 * G[1, b] + t2 * G[2, b]
+
+
+@machine_code
+def _condense(C: Array, B: Array, gap: Array, force: Array) -> None:
+    """Adds to an element's force (n, 3) what the elimination of its modes, of compliance C (m, m), gives."""
+    modes = len(gap)
+    for r in range(modes):
+        eliminated = 0.0
+        for k in range(modes):
+            eliminated += C[r, k] * gap[k]
+        for b in range(len(force)):
+            for j in range(3):
+                force[b, j] += B[b, j, r] * eliminated
+
+
+@machine_code
+def _assemble(e: int, out: Tangent, rows: Array, given: Array, K: Array) -> None:
+    """Eliminates an element's modes from its blocks K (n, 6, n) and adds them to the matrix; rows (3, m, n)
+    and given (3, m) are scratch."""
+    B, C, kept = out.coupling[e], out.compliance[e], out.slots[e] >= 0
+    n, modes = len(B), len(C)
+    for b in range(n):
+        for j in range(3):
+            for r in range(modes):
+                rows[j, r, b] = B[b, j, r]
+    for d in range(n):
+        for i in range(3):
+            for r in range(modes):
+                value = 0.0
+                for k in range(modes):
+                    value += B[d, i, k] * C[k, r]
+                given[i, r] = value
+        for pair in range(6):
+            i, j = PAIRS[pair]
+            half = d if pair < 3 else 0
+            begin = 0 if kept else half
+            if modes == 4:  # at once, or the row is read and written four times
+                x0, x1, x2, x3 = given[i, 0], given[i, 1], given[i, 2], given[i, 3]
+                for b in range(begin, n):
+                    K[d, pair, b] += (
+                        x0 * rows[j, 0, b] + x1 * rows[j, 1, b] + x2 * rows[j, 2, b] + x3 * rows[j, 3, b]
+                    )
+            else:
+                for r in range(modes):
+                    for b in range(begin, n):
+                        K[d, pair, b] += given[i, r] * rows[j, r, b]
+            for b in range(half, n):
+                out.data[out.places[e, d, pair, b]] += K[d, pair, b]
+    if kept:
+        out.kept[out.slots[e]] = K
+
+
+@machine_code
+def linearise(
+    mesh: Mesh, law: Law, fields: Fields, past: Carried, first: int, last: int, out: Balance, to: Tangent
+) -> None:
+    """As `residual`, with the pressure eliminated: condensed forces, and the tangent."""
+    points, n, modes = mesh.G.shape[1], mesh.G.shape[3], mesh.psi.shape[2]
+    ue, at, rows, given = np.empty((3, n)), new_point(), np.empty((3, modes, n)), np.empty((3, modes))
+    work = Work(
+        np.empty((points, 3, 3)), np.empty((points, 3, 3, modes)), np.empty((points, 3, 6, n)),
+        np.empty((6, 3, 3)), np.empty((n, 6, n)),
+    )  # fmt: skip
+    for e in range(first, last):
+        _gathered(fields.u, mesh.connectivity[e], ue)
+        out.gap[e] = 0.0
+        for q in range(points):
+            pressure = _pressure(mesh.psi[e, q], fields.p[e])
+            _deformed(mesh.G[e, q], ue, mesh.rest, e, q, at.F)
+            J = _stiffness_at(mesh, law, past, at, pressure, e, q, work.A)
+            for k in range(modes):
+                out.gap[e, k] += mesh.w[e, q] * (J - 1.0 - pressure / law.bulk[e]) * mesh.psi[e, q, k]
+            _spread(mesh, at, past.stress[e % len(past.stress), q], J, e, q, work)
+        G = mesh.G[e].reshape(3 * points, n).T
+        np.dot(G, work.flux.reshape(3 * points, 3), out.force[e])
+        np.dot(G, work.T.reshape(3 * points, 6 * n), work.K.reshape(n, 6 * n))
+        np.dot(G, work.spread.reshape(3 * points, 3 * modes), to.coupling[e].reshape(n, 3 * modes))
+        _condense(to.compliance[e], to.coupling[e], out.gap[e], out.force[e])
+        _assemble(e, to, rows, given, work.K)
+
+
+@machine_code
+def places(
+    indptr: Integers, indices: Integers, rows: Integers, columns: Integers, mirrored: bool, out: Integers
+) -> None:
+    """Fills out (e, a, b): see `Pattern.places`."""
+    for e in range(len(rows)):
+        for a in range(rows.shape[1]):
+            for b in range(columns.shape[1]):
+                r, c = rows[e, a], columns[e, b]
+                if mirrored and r > c:
+                    r, c = c, r
+                if r < 0 or r > c:
+                    out[e, a, b] = len(indices)
+                    continue
+                low, high = indptr[r], indptr[r + 1]
+                while low < high:
+                    middle = (low + high) // 2
+                    if indices[middle] < c:
+                        low = middle + 1
+                    else:
+                        high = middle
+                out[e, a, b] = low
+
+
+@machine_code
+def scatter_add(place: Integers, values: Array, out: Array) -> None:
+    """out[place] += values, both flat."""
+    for k in range(len(values)):
+        out[place[k]] += values[k]
