@@ -18,7 +18,8 @@ from convergence import SHORT, SILICONE
 from fe import Case, Lattice, Path, finger_case
 from fe.case import Layer
 from fe.deck.calculix import CalculiX
-from fe.deck.engine import Embedded, EngineResult
+from fe.deck.embedded import Embedded
+from fe.deck.engine import EngineResult
 from fe.deck.writer import deck
 from fe.mesh.convert import converted
 from twin.effects.protocol import Effect, Test

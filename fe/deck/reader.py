@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from fe.case import Case
 from fe.deck.draft import Draft
+from fe.deck.hyperelastic import read_law
 from fe.deck.keywords import Keyword, Place, files_of, read_keywords
 from fe.element import ELEMENTS, Array
 from fe.laws import Material
@@ -21,7 +22,6 @@ SILENT = {
     "FILE FORMAT", "CONTROLS",
 }  # fmt: skip
 NAMED = {"ENCASTRE": (0, 1, 2), "PINNED": (0, 1, 2), "XSYMM": (0,), "YSYMM": (1,), "ZSYMM": (2,)}
-INCOMPRESSIBLE = 1e4  # K / shear modulus where D1 = 0, which stands for incompressible
 
 
 @dataclass(frozen=True)
@@ -157,29 +157,7 @@ def _material(draft: Draft, k: Keyword) -> None:
 
 
 def _hyperelastic(draft: Draft, k: Keyword) -> None:
-    if "TEST DATA INPUT" in k.parameters:
-        raise k.error("*HYPERELASTIC from test data: wanted constants; let Abaqus print its fit")
-    c = [x for line, words in k.data for x in k.numbers(line, [w for w in words if w])]
-    order = int(k.parameters.get("N", 1))
-    if "MOONEY-RIVLIN" in k.parameters or ("POLYNOMIAL" in k.parameters and order == 1):
-        law, D1 = Material(c[0], c[1]), c[2:3]
-    elif "NEO HOOKE" in k.parameters or ("REDUCED POLYNOMIAL" in k.parameters and order == 1):
-        law, D1 = Material(c[0]), c[1:2]
-    elif "YEOH" in k.parameters or ("REDUCED POLYNOMIAL" in k.parameters and order == 3):
-        law, D1 = Material(c[0], C20=c[1], C30=c[2]), c[3:4]
-    elif "REDUCED POLYNOMIAL" in k.parameters and order == 2:
-        law, D1 = Material(c[0], C20=c[1]), c[2:3]
-    elif "POLYNOMIAL" in k.parameters and order == 2 and not any(c[3:5]):
-        law, D1 = Material(c[0], c[1], c[2]), c[5:6]
-    elif "OGDEN" in k.parameters:
-        pairs = tuple(zip(c[0 : 2 * order : 2], c[1 : 2 * order : 2], strict=True))
-        law, D1 = Material(ogden=pairs), c[2 * order : 2 * order + 1]
-    else:
-        raise k.error(
-            f"*HYPERELASTIC {', '.join(k.parameters) or 'POLYNOMIAL'}: wanted Mooney-Rivlin, neo-Hooke, "
-            "Yeoh, Ogden, or a polynomial without the terms C11 and C02"
-        )
-    _add(draft, _with_bulk(law, D1))
+    _add(draft, read_law(k))
 
 
 def _mullins(draft: Draft, k: Keyword) -> None:
@@ -206,11 +184,6 @@ def _density(draft: Draft, k: Keyword) -> None:
     draft.densities[draft.material] = k.numbers(line, words[:1])[0]
     if draft.material in draft.materials:
         _add(draft, draft.materials[draft.material])
-
-
-def _with_bulk(m: Material, D1: list[float]) -> Material:
-    ratio = 2 / D1[0] / m.shear if D1 and D1[0] > 0 else INCOMPRESSIBLE
-    return replace(m, bulk_ratio=ratio)
 
 
 def _section(draft: Draft, k: Keyword) -> None:

@@ -6,6 +6,7 @@ from itertools import chain
 import numpy as np
 
 from fe.case import Case, Contact, Layer, Support
+from fe.deck.hyperelastic import written_law
 from fe.element import Array, Integers
 from fe.kernel.contact import off_the_clamp
 from fe.laws import Material
@@ -45,9 +46,7 @@ def deck(case: Case, pressure: float, *, kind: str = "C3D20RH", gravity: Array |
         lines += [f"*SURFACE, NAME={name.upper()}, TYPE=ELEMENT"]
         lines += [f"{e + 1}, S{f + 1}" for e, f in faces]
     for name, material in changed.materials.items():
-        lines += [f"*MATERIAL, NAME={name.upper()}", *_hyperelastic(material)]
-        if material.density:
-            lines += ["*DENSITY", f"{material.density:.10g},"]
+        lines += _material(name, material)
         lines += [f"*SOLID SECTION, ELSET={name.upper()}, MATERIAL={name.upper()}"]
     if changed.layer and changed.layer.stiffness:
         lines += _sheet(changed, changed.layer)
@@ -86,27 +85,12 @@ def _check(case: Case) -> None:
             raise ValueError(f"material {name!r} has {what}: a deck of one static step holds none; drop it")
 
 
-def _hyperelastic(m: Material) -> list[str]:
-    """The keyword and its data, of at most 8 values a line; compressibility by its first term D1 = 2 / K."""
-    D1, terms = 2 / m.bulk, len(m.ogden)
-    if m.ogden and (m.C10 or m.C01 or m.C20 or m.C30):
-        raise ValueError("a material of Ogden's terms and others: a deck holds one kind; write one of them")
-    if m.ogden:
-        law, values = f"N={terms}, OGDEN", [*(x for pair in m.ogden for x in pair), D1, *[0.0] * (terms - 1)]
-    elif m.C30 and m.C01:
-        raise ValueError("a material with C01 and C30: a deck holds Yeoh's law without C01; drop one of them")
-    elif m.C30:
-        law, values = "YEOH", [m.C10, m.C20, m.C30, D1, 0.0, 0.0]
-    elif m.C20:
-        law, values = "N=2, POLYNOMIAL", [m.C10, m.C01, m.C20, 0.0, 0.0, D1, 0.0]
-    else:
-        law, values = "MOONEY-RIVLIN", [m.C10, m.C01, D1]
-    text = [f"{x:.10g}" for x in values]
-    lines = [f"*HYPERELASTIC, {law}", *(", ".join(text[k : k + 8]) for k in range(0, len(text), 8))]
+def _material(name: str, m: Material) -> list[str]:
+    lines = [f"*MATERIAL, NAME={name.upper()}", *written_law(name, m)]
     if m.mullins and m.mullins[0]:
         softening, scale, beta = m.mullins
         lines += ["*MULLINS EFFECT", f"{1 / softening:.10g}, {scale:.10g}, {beta:.10g}"]
-    return lines
+    return [*lines, "*DENSITY", f"{m.density:.10g},"] if m.density else lines
 
 
 MEMBRANES = {8: "M3D8", 6: "M3D6", 4: "M3D4"}  # by the nodes of a face

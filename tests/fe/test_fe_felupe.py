@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from fe import Case, Finger, Lattice, Material, Path, finger_case, solve
-from fe.deck.engine import Embedded
+from fe.deck.embedded import Embedded
 from fe.element import HEX27, Array
 from fe.kernel.assembly import Constants, Kernel, State
 from fe.mesh.convert import converted

@@ -341,11 +341,11 @@ FIELDS: dict[str, tuple[Callable[[Case], object], str]] = {
     "C10": (lambda c: 0.3, WRITTEN),
     "C01": (lambda c: 0.2, WRITTEN),
     "C20": (lambda c: 0.1, WRITTEN),
-    "C30": (lambda c: 0.1, "Yeoh's law without C01"),
+    "C30": (lambda c: 0.1, "C10, C01, C30: no law of a deck"),
     "bulk_ratio": (lambda c: 500.0, WRITTEN),
     "prony": (lambda c: ((0.1, 2.0),), "has a Prony series"),
     "gent": (lambda c: (0.3, 50.0), "has a term of Gent"),
-    "ogden": (lambda c: ((0.1, 3.0),), "Ogden's terms and others"),
+    "ogden": (lambda c: ((0.1, 3.0),), "C10, C01, ogden: no law of a deck"),
     "mullins": (lambda c: (0.5, 0.01, 0.1), WRITTEN),
     "density": (lambda c: 1.1e-9, WRITTEN),
 }

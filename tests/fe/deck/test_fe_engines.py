@@ -16,7 +16,8 @@ import pytest
 from fe import Case
 from fe.deck.abaqus import EXTRACT, Abaqus
 from fe.deck.calculix import CalculiX
-from fe.deck.engine import Embedded, Engine
+from fe.deck.embedded import Embedded
+from fe.deck.engine import Engine
 from fe.deck.reader import read_deck
 from fe.mesh.convert import converted
 

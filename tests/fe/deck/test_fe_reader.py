@@ -11,7 +11,7 @@ import pytest
 
 from fe import Case, Support
 from fe.deck.calculix import CalculiX
-from fe.deck.engine import Embedded
+from fe.deck.embedded import Embedded
 from fe.deck.reader import read_deck
 from fe.element import ELEMENTS
 from fe.kernel.assembly import Kernel

@@ -9,7 +9,7 @@ import pytest
 
 from fe import Case, Path, Variation, solve
 from fe.deck.calculix import CalculiX
-from fe.deck.engine import Embedded
+from fe.deck.embedded import Embedded
 from fe.deck.reader import read_deck
 from fe.deck.writer import deck
 from fe.element import ELEMENTS, Array

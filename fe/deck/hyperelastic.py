@@ -1,0 +1,109 @@
+"""The laws of *HYPERELASTIC: how a deck states each of them, read and written.
+
+A new law is one more entry of FORMS. Compressibility is stated by the first term alone, D1 = 2 / K.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+from fe.deck.keywords import Keyword
+from fe.laws import Material
+
+INCOMPRESSIBLE = 1e4  # K / shear modulus where D1 = 0, which stands for incompressible
+TERMS = ("C10", "C01", "C20", "C30", "ogden")  # of a material: those of its constants that a form may hold
+
+
+@dataclass(frozen=True)
+class Form:
+    """One way to state a law: the keyword's parameter `kind`, and N where that is given.
+
+    holds: the constants of a material that it may hold. read: the material of its data and of N, without its
+    bulk modulus, and what follows its constants, D1 first; no material where a term is there that none has;
+    IndexError where the data end early. write: the keyword's parameters and its data.
+    """
+
+    kind: str
+    holds: tuple[str, ...]
+    read: Callable[[Sequence[float], int], tuple[Material | None, Sequence[float]]]
+    write: Callable[[Material], tuple[str, list[float]]]
+    order: int | None = None
+
+    def fits(self, parameters: Mapping[str, str]) -> bool:
+        """Whether the parameters of a keyword ask for it."""
+        return self.kind in parameters and self.order in (None, int(parameters.get("N", 1)))
+
+
+def polynomial(kind: str, *constants: str, order: int | None = None, compressible: int = 1) -> Form:
+    """A form with one number for each of these constants of a material, in their order, or "" for a term that
+    none has; compressible: how many D1 .. it has, `order` where that is given."""
+
+    def read(c: Sequence[float], _: int) -> tuple[Material | None, Sequence[float]]:
+        given = [(name, c[k]) for k, name in enumerate(constants)]
+        if any(value for name, value in given if not name):
+            return None, ()
+        own = {name: value for name, value in given if name}
+        return Material(**own), c[len(given) :]  # type: ignore[arg-type]
+
+    def write(m: Material) -> tuple[str, list[float]]:
+        values = [getattr(m, name) if name else 0.0 for name in constants]
+        return f"N={order}, {kind}" if order else kind, values + _compressibility(m, order or compressible)
+
+    return Form(kind, constants, read, write, order)
+
+
+def _compressibility(m: Material, terms: int) -> list[float]:
+    return [2 / m.bulk, *[0.0] * (terms - 1)]
+
+
+def _read_ogden(c: Sequence[float], order: int) -> tuple[Material | None, Sequence[float]]:
+    return Material(ogden=tuple((c[2 * k], c[2 * k + 1]) for k in range(order))), c[2 * order :]
+
+
+def _write_ogden(m: Material) -> tuple[str, list[float]]:
+    order = len(m.ogden)
+    return f"N={order}, OGDEN", [*(x for pair in m.ogden for x in pair), *_compressibility(m, order)]
+
+
+# A material is written in the first form that holds all its terms.
+FORMS = (
+    polynomial("MOONEY-RIVLIN", "C10", "C01"),
+    polynomial("POLYNOMIAL", "C10", "C01", order=1),
+    polynomial("NEO HOOKE", "C10"),
+    polynomial("REDUCED POLYNOMIAL", "C10", order=1),
+    polynomial("POLYNOMIAL", "C10", "C01", "C20", "", "", order=2),
+    polynomial("REDUCED POLYNOMIAL", "C10", "C20", order=2),
+    polynomial("YEOH", "C10", "C20", "C30", compressible=3),
+    polynomial("REDUCED POLYNOMIAL", "C10", "C20", "C30", order=3),
+    Form("OGDEN", ("ogden",), _read_ogden, _write_ogden),
+)
+
+
+def read_law(k: Keyword) -> Material:
+    """The material of a *HYPERELASTIC. ValueError for a law that is not among FORMS."""
+    if "TEST DATA INPUT" in k.parameters:
+        raise k.error("*HYPERELASTIC from test data: wanted constants; let Abaqus print its fit")
+    c = [x for line, words in k.data for x in k.numbers(line, [w for w in words if w])]
+    for form in FORMS:
+        if form.fits(k.parameters):
+            law, left = form.read(c, int(k.parameters.get("N", 1)))
+            if law is not None:
+                ratio = 2 / left[0] / law.shear if left and left[0] > 0 else INCOMPRESSIBLE
+                return replace(law, bulk_ratio=ratio)
+    raise k.error(
+        f"*HYPERELASTIC {', '.join(k.parameters) or 'POLYNOMIAL'}: wanted Mooney-Rivlin, neo-Hooke, "
+        "Yeoh, Ogden, or a polynomial without the terms C11 and C02"
+    )
+
+
+def written_law(name: str, m: Material) -> list[str]:
+    """The lines of *HYPERELASTIC for the material of that name, of at most 8 values each. ValueError where no
+    form holds all its terms."""
+    there = [term for term in TERMS if getattr(m, term)]
+    form = next((f for f in FORMS if set(there) <= set(f.holds)), None)
+    if form is None:
+        raise ValueError(
+            f"material {name!r} with {', '.join(there)}: no law of a deck has all these terms; leave one out"
+        )
+    law, values = form.write(m)
+    text = [f"{x:.10g}" for x in values]
+    return [f"*HYPERELASTIC, {law}", *(", ".join(text[k : k + 8]) for k in range(0, len(text), 8))]
