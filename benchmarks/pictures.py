@@ -109,7 +109,7 @@ def report(demo: Path) -> None:
         command = [browser, "--headless", "--no-sandbox", "--hide-scrollbars", "--window-size=1000,1500",
                    f"--screenshot={png}", newest(demo, "report.html").resolve().as_uri()]  # fmt: skip
         subprocess.run(command, check=True, capture_output=True, timeout=120)
-        _smaller(png, TO / "report.png", width=900)
+        _smaller(png, TO / "report.png", width=700)
 
 
 def newest(demo: Path, name: str) -> Path:

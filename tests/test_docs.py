@@ -202,8 +202,14 @@ def test_every_file_that_a_stage_writes_is_explained() -> None:
     assert sorted(name for name in written if f"`{name}`" not in text) == []
 
 
+def test_every_picture_stands_in_a_page() -> None:
+    shown = {(page.parent / link).resolve() for page in PAGES for link in re.findall(r"\]\(([^)\s#]+)", page.read_text(encoding="utf-8"))}
+    pictures = list((ROOT / "docs" / "pictures").rglob("*.*"))
+    assert [path.name for path in pictures if path.resolve() not in shown] == []
+
+
 def test_pictures_are_small() -> None:
-    assert sum(path.stat().st_size for path in (ROOT / "docs").rglob("*.*") if path.suffix in (".png", ".svg")) <= 2.5e6
+    assert sum(path.stat().st_size for path in (ROOT / "docs").rglob("*.*") if path.suffix in (".png", ".svg")) <= 1.6e6
 
 
 @pytest.fixture
