@@ -33,7 +33,7 @@ def test_twin_check_finds_nothing_missing(
         cli.main()
     out, err = capsys.readouterr()
     assert (ended.value.code, err) == (0, "")
-    assert "check: next: `twin camera`" in out
+    assert "Next: `twin camera`." in out
     assert sorted(p.name for p in demo.rglob("*")) == before  # checking writes nothing
 
 

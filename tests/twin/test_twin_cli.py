@@ -150,7 +150,7 @@ def test_a_second_writer_is_refused(run, study, stages):
 
 
 def test_check_says_what_comes_next(run, study, stages):
-    assert run("check", "-p", study)[1].endswith("check: next: `twin calibrate`\n")
+    assert run("check", "-p", study)[1].endswith("Next: `twin calibrate`.\n")
     run("calibrate", "-p", study)
     assert json.loads(run("check", "-p", study, "--json")[1])["next"] == "compare"
 
@@ -236,7 +236,7 @@ def test_demo_runs_every_stage_and_says_where_the_results_are(run, demo_data, tm
     assert code == 0
     assert [call[0] for call in demo_data.calls] == ALL
     assert "rerun " + str(tmp_path / "demo/runs/0007-review/review.rrd") in out
-    assert "report.html: " + str(tmp_path / "demo/runs/0007-review/report.html") in out
+    assert f"report.html: open {tmp_path / 'demo/runs/0007-review/report.html'} in a browser" in out
     assert out.index("[1/7] twin camera: Calib") < out.index("[7/7] twin review: Write")
 
 
@@ -251,7 +251,7 @@ def test_an_interrupted_demo_is_resumed(run, demo_data, tmp_path):
     code, out, _ = run("demo", tmp_path / "demo")
     assert code == 0
     assert [call[0] for call in demo_data.calls] == ["camera", "measure", "diagnose", "add", "review"]
-    assert "already done in runs/0003-calibrate, skipped" in out
+    assert "already done in runs/0003-calibrate: skipped" in out
 
 
 def test_the_demo_refuses_a_folder_of_something_else(run, demo_data, tmp_path):

@@ -1,5 +1,5 @@
-"""The pressure log and how it is put on the film's clock.
+"""The pressure log, and how it is put on the film's clock.
 
-`pressurelog` reads the log and the noise of the gauge; `joining` finds the time shift between log and
-film.
+Read `pressurelog` first: the log, and the noise of its gauge. `synchrony` says what a way to synchronise film
+and log gives; `stamps`, `lamp` and `onset` are one way each; `joining` finds the one that twin.toml names.
 """

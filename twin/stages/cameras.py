@@ -21,7 +21,7 @@ def run_camera(project: Project, say: Say) -> dict[str, Any]:
     how = _camera_inputs(project)
     done = project.done("camera", **how)
     if done is not None:
-        say(f"camera: already done in {project.shown(done)}, skipped")
+        say(f"already done in {project.shown(done)}: skipped")
         return result_of(project, "camera", done, skipped=True)
     if len(project.config.cameras) > 1:
         return _run_rig(project, say, how)
@@ -35,10 +35,10 @@ def run_camera(project: Project, say: Say) -> dict[str, Any]:
         )  # fmt: skip
         run.summary["headline"] = f"reprojection RMS {camera.rms_px:.3f} px"
     for sentence in camera.remarks:
-        say(f"camera: {sentence}")
+        say(sentence)
     source = table.camera_file or f"{camera.images} of {given} board images"
-    say(f"camera: {source}, reprojection RMS {camera.rms_px:.3f} px (limit {table.max_rms_px:g}); wrote "
-        f"{project.shown(run.path('camera.json'))}")  # fmt: skip
+    say(f"Calibrated from {source}. Reprojection RMS {camera.rms_px:.3f} px, accepted up to "
+        f"{table.max_rms_px:g} px. Wrote {project.shown(run.path('camera.json'))}.")  # fmt: skip
     return result_of(project, "camera", run.folder)
 
 
@@ -75,8 +75,8 @@ def _run_rig(project: Project, say: Say, how: dict[str, Any]) -> dict[str, Any]:
             remarks=[*remarks, *rig.remarks], headline=rig.remarks[0],
         )  # fmt: skip
     for sentence in remarks:
-        say(f"camera: {sentence}")
-    say(f"camera: {rig.remarks[0]}; wrote {project.shown(run.path('rig.json'))}")
+        say(sentence)
+    say(f"{rig.remarks[0]} Wrote {project.shown(run.path('rig.json'))}.")
     return result_of(project, "camera", run.folder)
 
 

@@ -10,8 +10,8 @@ from twin.targets import PointKind, Targets
 
 def run_check(project: Project, say: Say) -> dict[str, Any]:
     """Say what is missing and what comes next; ValueError at the first thing that is wrong."""
-    say(f"check: twin.toml is right: {len(project.config.points)} points, effects "
-        f"{', '.join(project.config.model.effects) or 'none'}")  # fmt: skip
+    say(f"twin.toml is right. Points: {', '.join(point.name for point in project.config.points)}. "
+        f"Effects: {', '.join(project.config.model.effects) or 'none'}.")  # fmt: skip
     for sentence in project.remarks:
         say(sentence)
     missing = _missing_files(project)
@@ -19,15 +19,17 @@ def run_check(project: Project, say: Say) -> dict[str, Any]:
         raise ValueError(f"missing in {project.root}: {'; '.join(missing)}")
     step = _next(project)
     for line in _check_deck(project):
-        say(f"check: {line}")
+        say(line)
     _check_effects(project)
     if project.targets_folder.is_dir():
         targets = project.targets()
         _check_points(project, targets)
-        say(f"check: targets: {len(targets.time)} steps, {len(targets.names)} points, "
-            f"{int(targets.valid.sum())} valid components, noise model "
-            f"{'yes' if targets.noise else 'none: diagnose cannot test'}")  # fmt: skip
-    say(f"check: next: `twin {step}`")
+        say(f"The targets have {len(targets.time)} steps and {len(targets.names)} points, with "
+            f"{int(targets.valid.sum())} measured values in all.")  # fmt: skip
+        if targets.noise is None:
+            say("The targets have no noise model. Without one `twin diagnose` cannot test: measure them with "
+                "`twin measure`, or state it in targets/targets.toml (docs/files.md).")  # fmt: skip
+    say(f"Next: `twin {step}`.")
     return {"stage": "check", "status": "done", "next": step}
 
 

@@ -22,7 +22,7 @@ def run_demo(folder: Path, say: Say) -> dict[str, Any]:
             say(f"[{number}/{len(stages)}] twin {stage.name}: {stage.title}")
             results[stage.name] = _once(project, stage, say)
             project = Project.open(project.root)  # add has written its effect into twin.toml
-    say(f"demo: finished in {time.monotonic() - start:.0f} s")
+    say(f"Finished in {time.monotonic() - start:.0f} s.")
     return {"stage": "demo", "folder": str(folder), "stages": results} | _show(project, folder, say)
 
 
@@ -34,14 +34,14 @@ def copy_demo(folder: Path, say: Say) -> Project:
     if begun.is_file():
         if files.read_json(begun) != stamp:
             raise ValueError(f"{folder} is a demo of another version of the data; name another folder")
-        say(f"demo: resumed in {folder}")
+        say(f"Going on in {folder}.")
     elif folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise ValueError(
             f"{folder} is there already and is not a demo project; name a folder that does not exist"
         )
     else:
         _copy(source, folder, stamp)
-        say(f"demo: copied to {folder}")
+        say(f"Copied the demo to {folder}.")
     return Project.open(folder)
 
 
@@ -57,16 +57,16 @@ def _once(project: Project, stage: Stage, say: Say) -> dict[str, Any]:
     done = None if stage.skips else fresh(project, (stage.name,))
     if done is None:
         return stage.run(project, say)
-    say(f"already done in {project.shown(done.parent)}, skipped")
+    say(f"already done in {project.shown(done.parent)}: skipped")
     return {"stage": stage.name, "status": "skipped", "run": project.shown(done.parent)}
 
 
 def _show(project: Project, folder: Path, say: Say) -> dict[str, Any]:
     """Say where the report and the recording are, and how to open them."""
     shown = {}
-    for name, how in (("report.html", "open it in a browser"), ("review.rrd", "open it with: rerun {}")):
+    for name, how in (("report.html", "open {} in a browser"), ("review.rrd", "rerun {}")):
         path = project.newest(None, name)
         if path is not None:
             shown[name] = str(folder / project.shown(path))
-            say(f"{name}: {shown[name]}  ({how.format(shown[name])})")
+            say(f"{name}: {how.format(shown[name])}")
     return shown

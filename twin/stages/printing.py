@@ -8,7 +8,7 @@ from twin.project.config import CameraTable
 from twin.project.folder import Project, Say
 from twin.review.pdf import Page, pdf_bytes
 from twin.stages.cameras import dictionary_files, dictionary_name
-from twin.stages.measuring import mark_kind
+from twin.stages.recordings import mark_kind
 
 if TYPE_CHECKING:
     from vision.artwork import Artwork

@@ -53,7 +53,7 @@ def run_init(
             place = draft / "raw" / file.relative_to(files_of[0].parent)
             place.parent.mkdir(parents=True, exist_ok=True)
             shutil.copy2(file, place)
-    say(f"init: wrote {folder / 'twin.toml'}; next: `twin check --project {folder}` says what it still needs")
+    say(f"Wrote {folder / 'twin.toml'}. Next: `twin check --project {folder}` says what is still missing.")
     return {"stage": "init", "status": "done", "project": str(folder)}
 
 

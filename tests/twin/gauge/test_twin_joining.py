@@ -2,12 +2,18 @@
 
 from pathlib import Path
 from types import SimpleNamespace
+from typing import get_args
 
 import numpy as np
 import pytest
 
-from twin.gauge.joining import by_flash, by_onset
+from twin.gauge.joining import WAYS, joining_of
+from twin.gauge.lamp import ByLamp, lamp_join
+from twin.gauge.onset import ByOnset, onset_join
 from twin.gauge.pressurelog import Log, read_log
+from twin.gauge.stamps import ByStamps
+from twin.gauge.synchrony import Join, Motion
+from twin.project.config import PressureTable
 from twin.project.toml import dump, parse
 from twin.stages.measuring import _even
 from twin.stages.starting import film_config
@@ -41,7 +47,7 @@ def test_pulls_of_the_join_by_onset():
     for seed in range(30):
         start = 4.0 + 2.0 * np.random.default_rng([seed, 3]).random()
         log = make_log(seed=seed)
-        join = by_onset(*motion(log, start, seed=seed), 0.01, log)
+        join = onset_join(Motion(*motion(log, start, seed=seed), 0.01), log)
         assert join.sd_s < 0.01
         pulls.append((join.start_s - start) / join.sd_s)
     # 30 draws: the rms of the pulls is known to 13 %
@@ -50,9 +56,9 @@ def test_pulls_of_the_join_by_onset():
 
 def test_a_lag_of_the_finger_is_said_and_taken_for_the_clocks():
     log = make_log()
-    join = by_onset(*motion(log, 5.0, seed=1, late=0.1), 0.01, log)
+    join = onset_join(Motion(*motion(log, 5.0, seed=1, late=0.1), 0.01), log)
     assert join.start_s == pytest.approx(4.9, abs=0.01)
-    assert "a lag of the finger itself is taken for one of the clock" in join.remark
+    assert "A lag of the finger itself cannot be told from one of the clock." in join.remark
 
 
 def test_steps_of_a_long_film_are_joined_without_the_density_of_its_reference():
@@ -65,7 +71,7 @@ def test_steps_of_a_long_film_are_joined_without_the_density_of_its_reference():
         film = SimpleNamespace(time=time[steps], tracks=SimpleNamespace(time=time))
         even = _even(film, 140)
         assert np.diff(time[steps][even]).min() > 1.5 / FPS
-        join = by_onset(time[steps][even], moved[steps][even], 0.01, log)
+        join = onset_join(Motion(time[steps][even], moved[steps][even], 0.01), log)
         pulls.append((join.start_s - start) / join.sd_s)
     assert 0.65 < np.sqrt(np.mean(np.square(pulls))) < 1.27  # with the scatter over rest and rise alike it is 1.35
     assert _even(SimpleNamespace(time=time, tracks=SimpleNamespace(time=time)), 280).all()
@@ -75,23 +81,23 @@ def test_a_rise_of_few_steps_is_refused():
     log = make_log()
     time, moved = motion(log, 5.0, seed=1)
     with pytest.raises(ValueError, match=r"[3-6] steps lie within the film's first rise, wanted 8: raise \[measure\] steps"):
-        by_onset(time[::4], moved[::4], 0.01, log)
+        onset_join(Motion(time[::4], moved[::4], 0.01), log)
 
 
 def test_two_rises_in_the_log_are_not_guessed_at():
     log = make_log(rises=(6.0, 15.0))
     time, moved = motion(log, 5.0, seed=1)
     with pytest.raises(ValueError, match=r"fits pressure.csv at \d+\.\d+ s and at \d+\.\d+ s; cut the log"):
-        by_onset(time[: int(6 * FPS)], moved[: int(6 * FPS)], 0.01, log)
+        onset_join(Motion(time[: int(6 * FPS)], moved[: int(6 * FPS)], 0.01), log)
 
 
 def test_no_motion_and_a_short_log_are_refused():
     log = make_log()
     time = np.arange(0, 5, 1 / FPS)
     with pytest.raises(ValueError, match=r"moves by 0.0\d+ mm in the film, wanted 30 times the noise of 0.0100"):
-        by_onset(time, np.abs(0.01 * np.random.default_rng(0).normal(size=len(time))), 0.01, log)
+        onset_join(Motion(time, np.abs(0.01 * np.random.default_rng(0).normal(size=len(time))), 0.01), log)
     with pytest.raises(ValueError, match=r"covers 29.995 s, the film 40.000 s"):
-        by_onset(np.linspace(0, 40, 400), np.linspace(0, 10, 400), 0.01, log)
+        onset_join(Motion(np.linspace(0, 40, 400), np.linspace(0, 10, 400), 0.01), log)
 
 
 def lamp_film(path, onset, *, exposure, seed):
@@ -126,12 +132,12 @@ def test_flash_and_log_make_a_join(tmp_path):
     lines = [f"{t:.3f},0.0,{int(t >= 3.0)}" for t in np.arange(0, 6, 0.01)]
     (tmp_path / "p.csv").write_text("time_s,pressure_MPa,flash\n" + "\n".join(lines) + "\n")
     log = read_log(tmp_path / "p.csv", time_shift_s=100.0)
-    join = by_flash(1.25, 0.004, log, told_s=None)
+    join = lamp_join(1.25, 0.004, log, on_s=None)
     assert join.start_s == pytest.approx(103.0 - 0.005 - 1.25, abs=1e-9)
     assert join.sd_s == pytest.approx(np.hypot(0.004, 0.01 / np.sqrt(12)), rel=1e-6)
-    assert by_flash(1.25, 0.004, log, told_s=50.0).start_s == 48.75
+    assert lamp_join(1.25, 0.004, log, on_s=50.0).start_s == 48.75
     with pytest.raises(ValueError, match="column flash is missing or does not go from 0 to 1"):
-        by_flash(1.25, 0.004, make_log(), told_s=None)
+        lamp_join(1.25, 0.004, make_log(), on_s=None)
 
 
 def test_a_region_without_a_lamp_is_refused(tmp_path):
@@ -146,3 +152,28 @@ def test_a_flash_needs_its_region():
     text = dump(film_config("batch")).replace('join = "stamps"', 'join = "flash"')
     with pytest.raises(ValueError, match=r'join = "flash" needs flash_region'):
         parse(text.encode(), name="twin.toml")
+
+
+def test_each_join_of_twin_toml_is_one_way():
+    assert get_args(PressureTable.model_fields["join"].annotation) == tuple(WAYS)
+    config = film_config("batch")
+    camera = config.cameras[0].model_copy(update={"film_start_s": 3.0})
+    table = PressureTable(join="flash", flash_region=(1, 2, 3, 4), flash_time_s=9.0, sync_sd_s=0.01)
+    assert joining_of(table, camera) == ByLamp((1, 2, 3, 4), 9.0)
+    assert joining_of(table.model_copy(update={"join": "stamps"}), camera) == ByStamps(3.0, 0.01)
+    assert joining_of(table.model_copy(update={"join": "onset"}), camera) == ByOnset()
+
+
+def test_only_the_onset_asks_for_the_displacements(tmp_path):
+    film, log = lamp_film(tmp_path / "lamp.mkv", 1.0, exposure=0.5, seed=0), make_log()
+    seen, asked = Motion(*motion(log, 5.0, seed=1), 0.01), []
+
+    def measured():
+        asked.append(1)
+        return seen
+
+    assert ByStamps(5.0, 0.01).join(film, log, measured) == Join(5.0, 0.01, "")
+    assert ByLamp((28, 18, 14, 14), 20.0).join(film, log, measured).start_s == pytest.approx(19.0, abs=0.05)
+    assert asked == []
+    assert ByOnset().join(film, log, measured) == onset_join(seen, log)
+    assert asked == [1]

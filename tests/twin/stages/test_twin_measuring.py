@@ -9,15 +9,16 @@ import pytest
 import vision
 import vision.drawing.overlays
 import vision.film.series
-from twin.gauge.joining import Join
 from twin.gauge.pressurelog import Log, check_covers, gauge_noise, read_log
+from twin.gauge.synchrony import Join
 from twin.project import files
 from twin.project.config import MeasureTable
 from twin.project.folder import Project
 from twin.project.toml import dump
 from twin.stages.cameras import run_camera
-from twin.stages.measuring import make_targets, run_measure
+from twin.stages.measuring import run_measure
 from twin.stages.starting import film_config
+from twin.stages.targetmaking import make_targets
 from vision.errors.budgeting import budget
 
 FPS, FRAMES, STATIC = 10.0, 60, 50  # film from 100 s on, static film from 90 s on, log 50 Hz from 89 to 107 s
@@ -135,7 +136,7 @@ def test_film_and_log_become_targets(project, measured):
     assert targets.noise.gauge_sd_MPa == pytest.approx(GAUGE, rel=0.25)
     assert targets.noise.gauge_frames == pytest.approx(245, abs=1)  # 4.9 s of static film at 50 Hz
     np.testing.assert_allclose(targets.pressure_sd, targets.noise.gauge_sd_MPa, rtol=1e-6)
-    assert "measure: tip is lost in 1 frame" in say
+    assert "tip is lost in 1 frame" in say
     assert result["remarks"] == ["tip is lost in 1 frame"]
     (camera, marks, *settings) = measured.measure[0]
     assert (camera.rms_px, len(marks), settings) == (0.11, 12, ["DICT_4X4_50", vision.Stated(), 1.8])

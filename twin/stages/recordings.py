@@ -1,0 +1,112 @@
+"""What a project has recorded, as `vision` takes it: films with their cameras, markers, the speckled face."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from twin.project import files
+from twin.project.config import MeasureTable, PressureTable
+from twin.project.folder import Project
+from twin.stages.cameras import camera_table, dictionary_files
+
+if TYPE_CHECKING:  # vision takes a second to import: only the stages that measure pay for it
+    from vision import Mark, Stated, View
+    from vision.calibration.rig import Rig
+    from vision.kinds.markkind import MarkKind
+    from vision.measuring.face import Face
+
+
+def pressure_table(project: Project) -> PressureTable:
+    """[pressure] of twin.toml."""
+    assert project.config.pressure is not None  # the configuration refuses a film without it
+    return project.config.pressure
+
+
+def measure_inputs(project: Project, camera: Path) -> dict[str, Any]:
+    """What makes a run of `measure` what it is: tables and files, as `Project.new_run` takes them."""
+    recorded = [(f"cameras.{k}", getattr(t, k)) for t in project.config.cameras for k in ("film", "static")]
+    named = [*recorded, ("pressure.file", pressure_table(project).file)]
+    inputs = [path for key, told in named for path in _recorded(project, key, told)]
+    tables = ("cameras", "pressure", "measure", "frame", "points", "dic")
+    extra = [*dictionary_files(project, camera_table(project).dictionary), *project.deck_files()]
+    return {"tables": tables, "inputs": [*inputs, camera, *extra]}
+
+
+def _recorded(project: Project, key: str, told: str) -> list[Path]:
+    """The file, the folder, or the pictures of a pattern, with their times, that twin.toml names;
+    ValueError for none."""
+    path = project.path(told)
+    found = [path] if path.exists() else sorted(p for p in path.parent.glob(path.name) if p.is_file())
+    if found and found != [path]:
+        found += [p for p in [path.parent / "times.csv"] if p.is_file() and p not in found]
+    if not found:
+        raise ValueError(
+            f"{key} = {told!r}: no such file in {project.root}; copy it there or correct twin.toml"
+        )
+    return found
+
+
+def marks_of(project: Project) -> list["Mark"]:
+    """Every marker with its nominal centre: those of the frame, and the finger's at their nodes."""
+    from twin.stages.workbench import structure_of
+    from vision import Mark
+
+    marks = [
+        Mark(m.name, mark_kind(m.marker, m.size_mm), m.position_mm, m.role)
+        for m in project.config.frame.markers
+    ]
+    case = None
+    for point in project.config.points:
+        position = point.position_mm
+        if position is None:
+            case = case or structure_of(project).case
+            x, y, z = (float(v) for v in case.position(point.node))
+            position = (x, y, z)
+        assert point.size_mm is not None  # the configuration refuses a film without it
+        marks.append(Mark(point.name, mark_kind(point.marker, point.size_mm), position, "finger"))
+    return marks
+
+
+def mark_kind(marker: int | None, size_mm: float) -> "MarkKind":
+    """What is glued, as twin.toml states it: a marker by its id, or a dot without one."""
+    from vision.kinds.coded import CodedMarker
+    from vision.kinds.plaindot import PlainDot
+
+    return PlainDot(size_mm) if marker is None else CodedMarker(marker, size_mm)
+
+
+def views_of(project: Project, camera: Path) -> tuple[list["View"], "Rig | None"]:
+    """What every camera recorded, and how several cameras stand to each other."""
+    from vision import Camera, View
+    from vision.calibration.rig import Rig
+    from vision.film.series import open_film
+
+    tables, stored = project.config.cameras, files.read_json(camera)
+    rig = Rig.from_dict(stored) if len(tables) > 1 else None
+    cameras = rig.cameras if rig is not None else (Camera.from_dict(stored),)
+    views = [
+        View(
+            open_film(project.path(t.film), fps=t.fps), open_film(project.path(t.static), fps=t.fps), own,
+            t.film_start_s,
+        )
+        for t, own in zip(tables, cameras, strict=True)
+    ]  # fmt: skip
+    return views, rig
+
+
+def face_of(project: Project) -> "Face | None":
+    """The speckled face, None without [dic]."""
+    from vision.measuring.face import Face
+
+    d = project.config.dic
+    return None if d is None else Face(d.low_mm, d.high_mm, d.y_mm, d.step_mm, d.subset_mm)
+
+
+def stated_of(settings: MeasureTable) -> "Stated":
+    """How well the rig is known."""
+    from vision import Stated
+
+    return Stated(
+        placement_mm=settings.placement_sd_mm, scale=settings.scale_sd, frame_mm=settings.frame_sd_mm,
+        node_mm=settings.node_sd_mm, height_mm=settings.height_sd_mm,
+        out_of_plane_mm=settings.out_of_plane_sd_mm,
+    )  # fmt: skip

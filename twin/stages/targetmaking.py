@@ -1,0 +1,69 @@
+"""Displacements of a film and the pressure log -> targets on the log's clock."""
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from twin.gauge.pressurelog import GaugeNoise, Log
+from twin.gauge.synchrony import Join
+from twin.targets import Noise, PointKind, TargetPoint, Targets, as_position, at_node
+
+if TYPE_CHECKING:
+    from vision import Displacements
+
+DIGITS = 6  # of mm: a nanometre, far below any sd, keeps targets.csv readable
+
+
+def make_targets(
+    moved: "Displacements", log: Log, *, join: Join, gauge: GaugeNoise, nodes: Mapping[str, int]
+) -> Targets:
+    """Targets of one block on the log's clock, from displacements on the film's.
+
+    Of frames with the same time stamp the first is kept; `nodes` gives the label of every finger marker.
+    What the join leaves uncertain becomes the mode "sync".
+    """
+    from vision.errors.modes import sync
+
+    keep = np.concatenate([[True], np.diff(moved.time) > 0])
+    time = moved.time[keep] - moved.time[0] + join.start_s
+    value, covariance = np.round(moved.value[keep], DIGITS), moved.covariance[keep]
+    variance = np.diagonal(covariance, axis1=2, axis2=3)
+    n = moved.noise
+    noise = Noise(
+        sd=n.sd, rho=n.rho, correlation=n.correlation, frames=n.frames, codec_sd=n.codec_sd,
+        gauge_sd_MPa=gauge.sd_MPa, gauge_frames=gauge.samples,
+    )  # fmt: skip
+    clock = sync(time, moved.value[keep], join.sd_s) * np.isfinite(moved.value[keep])
+    return Targets(
+        time=time, pressure=np.round(log.at(time), DIGITS + 3), block=np.zeros(len(time), dtype=np.int64),
+        points=_target_points(moved, nodes), value=value, covariance=covariance,
+        valid=np.isfinite(value) & np.isfinite(variance), held_out=np.zeros(len(time), dtype=bool),
+        modes=np.concatenate([moved.modes[:, keep], clock[None]]), mode_names=(*moved.mode_names, "sync"),
+        noise=noise, log_time=log.time,
+        log_pressure=log.pressure, reference=_kept(moved.reference, keep), gravity=None,
+        pressure_sd=gauge.sd_MPa * log.gain(time),
+    )  # fmt: skip
+
+
+def _target_points(moved: "Displacements", nodes: Mapping[str, int]) -> tuple[TargetPoint, ...]:
+    """The target point of every measured one: at its node, at its place on the face, or fixed."""
+    rows = zip(moved.names, moved.roles, moved.points, strict=True)
+    return tuple(_target_point(name, role, as_position(own), nodes.get(name)) for name, role, own in rows)
+
+
+def _target_point(
+    name: str, role: str, position: tuple[float, float, float] | None, node: int | None
+) -> TargetPoint:
+    if role != "finger":
+        return TargetPoint(name, PointKind.FIXED, None, position)
+    if node is None:
+        return TargetPoint(name, PointKind.PLACE, None, position)
+    return at_node(name, node, position)
+
+
+def _kept(indices: NDArray[Any], keep: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """Where the kept of these steps stand once the others are gone."""
+    new = np.cumsum(keep) - 1
+    return np.array([new[i] for i in indices if keep[i]], dtype=np.int64)
