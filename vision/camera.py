@@ -24,7 +24,8 @@ class Camera:
     covariance: Array = field(default_factory=lambda: np.zeros((9, 9)))  # of `parameters`
     model: tuple[str, ...] = DISTORTION  # what was fitted of the distortion; the rest is 0
     covered: Array = field(default_factory=lambda: np.empty((0, 2)))  # (k,2) px, polygon that boards filled
-    remarks: tuple[str, ...] = ()  # how it was made and what was checked, one sentence each
+    remarks: tuple[str, ...] = ()  # what the user should check or change, in sentences
+    notes: tuple[str, ...] = ()  # how it was made and what was checked: for a log
 
     @property
     def parameters(self) -> Array:
@@ -86,6 +87,7 @@ class Camera:
             "model": list(self.model),
             "covered": self.covered.tolist(),
             "remarks": list(self.remarks),
+            "notes": list(self.notes),
         }
 
     @classmethod
@@ -102,4 +104,5 @@ class Camera:
             tuple(data["model"]),
             np.array(data["covered"], dtype=np.float64).reshape(-1, 2),
             tuple(data["remarks"]),
+            tuple(data.get("notes", ())),
         )

@@ -118,7 +118,9 @@ def test_a_mark_hidden_in_the_static_film_takes_the_largest_noise_of_the_others(
     np.testing.assert_array_equal(model.correlation[6:], np.eye(9)[6:])
     (said,) = hidden_in_static(place, ["a", "b", "c"], "still.mp4")
     assert "static film still.mp4 shows 'c' in fewer than 120 frames" in said
-    with pytest.raises(ValueError, match=r"still\.mp4 shows mark 'a' in 110 frames and none in more, wanted"):
+    with pytest.raises(
+        ValueError, match=r"still\.mp4 shows marker 'a' in 110 frames and none in more, wanted"
+    ):
         static_noise(place[:110], ["a", "b", "c"], "still.mp4")
 
 

@@ -32,8 +32,11 @@ def run_camera(project: Project, say: Say) -> dict[str, Any]:
         run.summary.update(
             rms_px=camera.rms_px, images=camera.images, given=given, model=" ".join(camera.model),
             sd=dict(zip(PARAMETERS, camera.stdevs.tolist(), strict=True)), remarks=list(camera.remarks),
+            notes=list(camera.notes),
         )  # fmt: skip
         run.summary["headline"] = f"reprojection RMS {camera.rms_px:.3f} px"
+        for sentence in camera.notes:
+            run.note(sentence)
     for sentence in camera.remarks:
         say(sentence)
     source = table.camera_file or f"{camera.images} of {given} board images"
@@ -74,6 +77,8 @@ def _run_rig(project: Project, say: Say, how: dict[str, Any]) -> dict[str, Any]:
             images={t.name: c.images for t, c in zip(tables, cameras, strict=True)},
             remarks=[*remarks, *rig.remarks], headline=rig.remarks[0],
         )  # fmt: skip
+        for sentence in (f"{t.name}: {n}" for t, c in zip(tables, cameras, strict=True) for n in c.notes):
+            run.note(sentence)
     for sentence in remarks:
         say(sentence)
     say(f"{rig.remarks[0]} Wrote {project.shown(run.path('rig.json'))}.")

@@ -95,6 +95,8 @@ def _measured(project: Project, say: Say, replace: bool) -> dict[str, Any]:
         run.write_bytes("overlay.png", _overlay(project, moved))
         run.write_text("budget.csv", _budget_csv(moved, targets))
         run.summary.update(_summary(targets, found) | {"headline": _headline(targets)})
+        for sentence in moved.notes:
+            run.note(sentence)
         _put_aside(project, say)
         write_targets(project.targets_folder, targets, source={"run": run.name})
         FollowedFiles(run.folder).remove()

@@ -38,10 +38,11 @@ class Print(NamedTuple):
 
 
 class Reading(NamedTuple):
-    """Another way to read a print, and what is to be said where it is the right one."""
+    """Another way to read a print, and a sentence where it is the right one."""
 
     board: "Board"
-    said: str
+    text: str
+    asks: bool  # whether the user should state it so
 
 
 @dataclass(frozen=True, kw_only=True)

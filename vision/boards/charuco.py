@@ -117,8 +117,9 @@ class CharucoBoard(Board, kind="charuco"):
 
     def other_readings(self) -> list[Reading]:
         """As OpenCV drew it before 4.6, where that is different."""
-        said = "the ChArUco board was read as drawn by OpenCV before 4.6 (white square first)"
-        return [Reading(replace(self, legacy=True), said)] if self.rows % 2 == 0 and not self.legacy else []
+        said = "The ChArUco board was read as OpenCV before 4.6 drew it, with a white square first."
+        differs = self.rows % 2 == 0 and not self.legacy
+        return [Reading(replace(self, legacy=True), said, asks=False)] if differs else []
 
     def advice(self, pictures: Sequence[Image], wanted: int) -> str:
         """What to do: another dictionary, inverted, columns for rows, or a sharper picture."""

@@ -46,8 +46,8 @@ class Chessboard(Board, kind="chessboard"):
         """Counted by its squares in place of its inner corners."""
         columns, rows = self.columns - 1, self.rows - 1
         said = (
-            f"columns = {self.columns}, rows = {self.rows} were read as squares of the chessboard: it has "
-            f"{columns} x {rows} inner corners"
+            f"columns = {self.columns}, rows = {self.rows} were read as squares. A chessboard is counted by "
+            f"its inner corners: write columns = {columns}, rows = {rows}."
         )
         fewer = min(self.columns, self.rows) > 3
-        return [Reading(replace(self, columns=columns, rows=rows), said)] if fewer else []
+        return [Reading(replace(self, columns=columns, rows=rows), said, asks=True)] if fewer else []

@@ -17,7 +17,7 @@ LEAST = 1e-4  # smallest variance of a camera's corners, relative to the largest
 START = (0.04, 0.01, 1e-4, 1e-7, 1e-8)  # px2, px2, s2, s4, s2
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Shot:
     """One camera's picture of the board at one instant."""
 
@@ -30,8 +30,13 @@ class Shot:
 
     def only(self, rows: NDArray[np.intp]) -> "Shot":
         """The shot with some of its corners."""
-        points, pixels = self.points[rows], self.pixels[rows]
-        return Shot(self.camera, self.instant, points, pixels, self.speed[rows], self.acceleration[rows])
+        return replace(
+            self,
+            points=self.points[rows],
+            pixels=self.pixels[rows],
+            speed=self.speed[rows],
+            acceleration=self.acceleration[rows],
+        )
 
 
 @dataclass(frozen=True)
@@ -109,7 +114,7 @@ def _free(cameras: Sequence[Camera]) -> NDArray[np.bool_]:
 Poses = dict[int, Array]  # rotation vector (rad) and place (mm) of the board at each instant
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class _Instant:
     """All corners of one instant."""
 
@@ -144,7 +149,7 @@ def _instants(
             residual[rows] = (v.pixels - pixels).ravel()
             shared[rows, OWN * v.camera : OWN * (v.camera + 1)] = to_camera
             weight[rows, rows] = np.linalg.inv(noise.covariance(v, square_mm))
-        yield _Instant(key, here, residual, shared, slope, weight)
+        yield _Instant(key=key, shots=here, residual=residual, shared=shared, pose=slope, weight=weight)
 
 
 def _rows(shots: Sequence[Shot]) -> Iterator[tuple[Shot, slice]]:

@@ -48,7 +48,10 @@ def read_camera(path: Path, *, name: str, size: tuple[int, int]) -> Camera:
             "same setting, not scaled or cropped"
         )
     matrix, distortion = _matrix(path, found.matrix), _distortion(path, found.lens)
-    remark = f"camera read from {path.name}: how well it is known is not in it, and so not in the uncertainty"
+    remark = (
+        f"{path.name} does not say how well the camera is known, so that its error is not in the stated "
+        "uncertainty: calibrate with board images to include it."
+    )
     used = tuple(term for term, value in zip(DISTORTION, distortion, strict=True) if value != 0.0)
     return Camera(matrix, distortion, size, found.rms_px, 0, model=used, remarks=(remark,))
 

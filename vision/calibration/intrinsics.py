@@ -27,7 +27,8 @@ class _Seen:
 
     views: tuple[BoardView, ...]  # those with enough corners
     rows: tuple[int, ...]  # their pictures
-    said: tuple[str, ...] = ()  # how else the board was read
+    said: tuple[str, ...] = ()  # how else the board was read, and what to do about it
+    noted: tuple[str, ...] = ()  # the same where nothing is to be done
 
 
 def calibrate_camera(images: Sequence[Path], board: Board, *, max_rms_px: float = 0.3) -> Camera:
@@ -38,7 +39,8 @@ def calibrate_camera(images: Sequence[Path], board: Board, *, max_rms_px: float 
     max_rms_px: px, the largest reprojection error that is accepted.
 
     Zhang's method, doi 10.1109/34.888718; of six lens models from none to k1 k2 p1 p2 k3 the one with the
-    lowest BIC. The camera's `remarks` say what was chosen and checked. Raises ValueError when pictures are
+    lowest BIC. The camera's `notes` say what was chosen and checked, its `remarks`
+    what to do better. Raises ValueError when pictures are
     missing or differ in size, when fewer than 6 show the board (says which other dictionary finds markers),
     when the error is above max_rms_px, when the boards are not tilted against each other or cover less than
     2 % of the picture, and when lengths on held-out boards are off by more than 0.1 %.
@@ -63,13 +65,18 @@ def calibrate_camera(images: Sequence[Path], board: Board, *, max_rms_px: float 
     _accept(fits[0], max_rms_px, [Path(images[i]) for i in seen.rows], tilt_deg, coverage)
     scale = _held_out_scale(seen.views, size, fits[0].camera.model)
     _accept_scale(*scale)
-    remarks = (
-        *seen.said,
-        *_not_found(seen, [Path(path) for path in images]),
-        _evidence(fits, enlarged),
-        _checks(tilt_deg, coverage, scale),
+    return replace(
+        fits[0].camera,
+        covariance=covariance,
+        covered=covered,
+        remarks=(*seen.said, *_uncovered(coverage)),
+        notes=(
+            *seen.noted,
+            *_not_found(seen, [Path(path) for path in images]),
+            _evidence(fits, enlarged),
+            _checks(tilt_deg, scale),
+        ),
     )
-    return replace(fits[0].camera, covariance=covariance, covered=covered, remarks=remarks)
 
 
 def read_picture(path: Path, board: Board) -> Image:
@@ -84,10 +91,11 @@ def read_picture(path: Path, board: Board) -> Image:
 def _look(pictures: list[Image], board: Board) -> _Seen:
     """The board in all pictures; read in the other usual way where it is not found as stated."""
     first = _seen(pictures, board)
-    for other, said in board.other_readings() if len(first.rows) < MIN_IMAGES else ():
-        seen = _seen(pictures, other)
+    for other in board.other_readings() if len(first.rows) < MIN_IMAGES else ():
+        seen = _seen(pictures, other.board)
         if len(seen.rows) >= MIN_IMAGES:
-            return replace(seen, said=(said,))
+            text = (other.text,)
+            return replace(seen, said=text) if other.asks else replace(seen, noted=text)
     if len(first.rows) < MIN_IMAGES:
         raise ValueError(_too_few(len(first.rows), pictures, board))
     return first
@@ -105,21 +113,21 @@ def _not_found(seen: _Seen, paths: list[Path]) -> list[str]:
     if not left_out:
         return []
     more = ", ..." if len(left_out) > 4 else ""
-    return [f"the board was not found in {len(left_out)} pictures: {', '.join(left_out[:4])}{more}"]
+    return [f"The board was not found in {len(left_out)} pictures: {', '.join(left_out[:4])}{more}."]
 
 
 def _evidence(fits: list[lens.LensFit], enlarged: float) -> str:
     """Which lens model was chosen, and why."""
     best, others = fits[0], fits[1:]
     said = (
-        f"lens model {_called(best)} of {len(fits)}: reprojection RMS {best.camera.rms_px:.3f} px; the "
-        f"next, {_called(others[0])}, has {others[0].camera.rms_px:.3f} px and a BIC that "
-        f"is {others[0].bic - best.bic:.1f} higher"
+        f"The lens model is {_called(best)}, the best of {len(fits)}: its reprojection error is "
+        f"{best.camera.rms_px:.3f} px. The next best, {_called(others[0])}, has "
+        f"{others[0].camera.rms_px:.3f} px and a BIC that is {others[0].bic - best.bic:.1f} higher."
     )
     if enlarged > 1.2:
         said += (
-            f"; errors differ from picture to picture (board not flat, light), which makes the sds "
-            f"{enlarged:.1f} times larger"
+            " Errors differ from picture to picture (board not flat, light), which makes the sds "
+            f"{enlarged:.1f} times larger."
         )
     return said
 
@@ -128,16 +136,23 @@ def _called(fit: lens.LensFit) -> str:
     return " ".join(fit.camera.model) or "without distortion"
 
 
-def _checks(tilt_deg: float, coverage: float, scale: tuple[float, float]) -> str:
-    said = (
-        f"boards tilted by up to {tilt_deg:.0f} degrees against each other, {100 * coverage:.0f} % of the "
-        "picture covered"
-    )
+def _checks(tilt_deg: float, scale: tuple[float, float]) -> str:
+    said = f"The boards are tilted by up to {tilt_deg:.0f} degrees against each other."
     if np.isfinite(scale[0]):
-        said += f", lengths on held-out boards off by {100 * scale[0]:.3f} +- {100 * scale[1]:.3f} %"
-    if coverage < GOOD_COVERAGE:
-        said += "; the lens is known less well outside that part: hold the board into the corners too"
+        said += (
+            f" Lengths on boards that took no part in the fit are off by {100 * scale[0]:.3f} +- "
+            f"{100 * scale[1]:.3f} %."
+        )
     return said
+
+
+def _uncovered(coverage: float) -> tuple[str, ...]:
+    if coverage >= GOOD_COVERAGE:
+        return ()
+    return (
+        f"The boards cover {100 * coverage:.0f} % of the picture. Outside that area the lens is uncertain: "
+        "photograph the board in the corners too.",
+    )
 
 
 def _tilt(fit: lens.LensFit) -> float:

@@ -50,7 +50,16 @@ def calibrate_rig(
             seen = board.find(read_picture(Path(path), board))
             if len(seen) >= MIN_CORNERS:
                 still = np.zeros(seen.pixels.shape)
-                shots.append(Shot(c, names.index(Path(path).name), seen.points, seen.pixels, still, still))
+                shots.append(
+                    Shot(
+                        camera=c,
+                        instant=names.index(Path(path).name),
+                        points=seen.points,
+                        pixels=seen.pixels,
+                        speed=still,
+                        acceleration=still,
+                    )
+                )
     rig, noise = bundle_adjust(shots, cameras, square_mm=board.square_mm)
     rms = np.sqrt(noise.own + noise.shared)
     if rms.max() > max_rms_px:
@@ -64,8 +73,8 @@ def calibrate_rig(
 def _remark(rig: Rig, shots: Sequence[Shot], rms: Array) -> str:
     base = np.linalg.norm(rig.shift[1:], axis=1)
     return (
-        f"{len(rig.cameras)} cameras from {len({v.instant for v in shots})} board poses, corners to "
-        f"{rms.max():.3f} px, baseline {base.max():.1f} mm"
+        f"{len(rig.cameras)} cameras from {len({v.instant for v in shots})} board poses, reprojection RMS "
+        f"{rms.max():.3f} px, up to {base.max():.1f} mm apart"
     )
 
 
@@ -141,7 +150,14 @@ def _shots(
         if len(points) < MIN_CORNERS or np.isnan(speed).any() or instant in shots:
             continue
         dt = (instant - place) * period
-        shots[instant] = Shot(camera, instant, points, pixels + speed * dt + 0.5 * gain * dt**2, speed, gain)
+        shots[instant] = Shot(
+            camera=camera,
+            instant=instant,
+            points=points,
+            pixels=pixels + speed * dt + 0.5 * gain * dt**2,
+            speed=speed,
+            acceleration=gain,
+        )
     return list(shots.values())
 
 

@@ -97,8 +97,8 @@ def reference_mode(value: Array, marks: Sequence[Mark], sd: Array, shared: Array
 def codec(
     extra: Array, state: NDArray[np.int8], marks: Sequence[Mark]
 ) -> tuple[Named, Array, tuple[str, ...]]:
-    """The coding error that all frames of a hold share, what sd (s,p,3) mm is left as independent, and a
-    sentence where there are more holds than modes.
+    """Compression error in three parts: modes that all frames of a rest share, the sd (s,p,3) mm that is left
+    as independent, and a sentence where there are more rests than modes.
 
     extra: (s,p,3) mm, sd of the coding error.   state: (s,p) from `vision.errors.noise.states`.
 
@@ -118,14 +118,14 @@ def codec(
             modes[f"codec:{marks[p].name}:{component + 1}:{count + 1}"] = mode
     if len(runs) <= MAX_HOLDS:
         return modes, left, ()
-    longest = sorted(runs, reverse=True)[MAX_HOLDS][0]
+    return modes, left, (_unshared(len(runs)),)
+
+
+def _unshared(rests: int) -> str:
+    few = rests - MAX_HOLDS
     return (
-        modes,
-        left,
-        (
-            f"{len(runs)} holds of marks keep a coding error, {MAX_HOLDS} of them as a mode: that of the others, "
-            f"of {longest} steps at most, is stated as independent, and too small in their means",
-        ),
+        f"Video compression leaves a constant error while a marker rests ({rests} rests). The {MAX_HOLDS} "
+        f"longest are modelled; for the {few} shortest, averages look more precise than they are."
     )
 
 
@@ -168,8 +168,9 @@ def frame_sd(
         return stated, ()
     found = float(np.sqrt(power.sum() / free - noise))
     return found, (
-        f"the frame marks are {found:.3f} mm off their stated places, {names[int(np.argmax(power))]!r} most, "
-        f"and not {stated:g} mm (frame_sd_mm): {found:.3f} mm is used; measure their places again{advice}",
+        f"The frame markers are {found:.3f} mm off their stated places, {names[int(np.argmax(power))]!r} "
+        f"most; stated is {stated:g} mm (frame_sd_mm). {found:.3f} mm is used: measure their places again"
+        f"{advice}.",
     )
 
 

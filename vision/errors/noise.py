@@ -35,7 +35,7 @@ LOSSLESS = ("ffv1", "huffyuv", "ffvhuff", "utvideo", "png", "rawvideo", "qtrle")
 CODERS = {"hevc": "libx265"}
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class NoiseModel:
     """How measured places scatter; component 1 (y) is not observed: NaN, identity in the correlation."""
 
@@ -69,8 +69,8 @@ def static_noise(place: Array, names: Sequence[str], film: str) -> NoiseModel:
     if not enough.any():
         most = int(np.argmax(count))
         raise ValueError(
-            f"static film {film} shows mark {names[most]!r} in {count[most]} frames and none in more, wanted "
-            f"{MIN_STATIC}: film the marks at rest for longer"
+            f"static film {film} shows marker {names[most]!r} in {count[most]} frames and none in more, "
+            f"wanted {MIN_STATIC}: film the markers at rest for longer"
         )
     error = np.nan_to_num(place - mean_seen(place)) * enough[:, None]
     power = np.maximum((error**2).sum(axis=0), count[:, None] * LEAST_MM**2)
@@ -81,12 +81,12 @@ def static_noise(place: Array, names: Sequence[str], film: str) -> NoiseModel:
     whole = with_y if place.shape[-1] == 2 else np.asarray
     shared = np.sqrt(np.maximum(common(place[:, enough]), 0.0))
     return NoiseModel(
-        whole(sd),
-        whole(rho),
-        _correlation(error, enough),
-        int(np.isfinite(place[:, enough, 0]).all(axis=1).sum()),
-        np.zeros((len(names), 3)),
-        np.nan_to_num(whole(shared)),
+        sd=whole(sd),
+        rho=whole(rho),
+        correlation=_correlation(error, enough),
+        frames=int(np.isfinite(place[:, enough, 0]).all(axis=1).sum()),
+        codec_sd=np.zeros((len(names), 3)),
+        common_sd=np.nan_to_num(whole(shared)),
     )
 
 
@@ -109,8 +109,8 @@ def hidden_in_static(place: Array, names: Sequence[str], film: str) -> tuple[str
     if not few:
         return ()
     return (
-        f"static film {film} shows {', '.join(map(repr, few))} in fewer than {MIN_STATIC} frames: the "
-        "largest noise of the other marks is taken",
+        f"The static film {film} shows {', '.join(map(repr, few))} in fewer than {MIN_STATIC} frames: the "
+        "largest noise of the other markers is taken. Film these at rest for longer.",
     )
 
 

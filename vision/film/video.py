@@ -130,25 +130,28 @@ def stamp_issues(name: str, time: Array, backwards: int, rotation: int) -> tuple
     said = []
     if backwards:
         said.append(
-            f"{name}: {backwards} time stamps run backwards; frames keep the decoder's order "
-            "and take the sorted time stamps"
+            f"{name}: {backwards} time stamps run backwards. Frames keep the decoder's order and take the "
+            "sorted time stamps."
         )
     step = np.diff(time)
     usual = float(np.median(step)) if len(step) else 0.0
     repeated = np.flatnonzero(step == 0)
     if len(repeated):
-        said.append(f"{name}: {len(repeated)} duplicate time stamps, the first at {time[repeated[0]]:.3f} s")
+        said.append(
+            f"{name}: {len(repeated)} frames repeat the time stamp before them, the first at "
+            f"{time[repeated[0]]:.3f} s."
+        )
     gaps = np.flatnonzero(step > 1.5 * usual) if usual > 0 else np.empty(0, dtype=np.intp)
     if len(gaps):
         longest = gaps[np.argmax(step[gaps])]
         said.append(
-            f"{name}: {len(gaps)} gaps longer than 1.5 usual steps of {usual:.4f} s, the longest "
-            f"{step[longest]:.3f} s after {time[longest]:.3f} s"
+            f"{name}: frames are missing in {len(gaps)} places. The longest gap is {step[longest]:.3f} s "
+            f"after {time[longest]:.3f} s, the usual step {usual:.4f} s."
         )
     if rotation:
         said.append(
-            f"{name}: turned by {rotation} degrees to the left, as the container asks; board images must "
-            "be turned the same way"
+            f"{name}: the file asks to be turned by {rotation} degrees to the left, which is done. Turn the "
+            "board images the same way."
         )
     return tuple(said)
 

@@ -38,7 +38,7 @@ class Subsets:
     refused: tuple[str, ...]  # (p,) why a subset cannot be used, "" where it can
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Field:
     """Displacements of subsets; NaN with a reason where one is lost."""
 
@@ -122,12 +122,12 @@ def field(subsets: Subsets, picture: Smooth) -> Field:
     good = np.array([not why for why in reason])
     covariance = centre_covariance(subsets.templates, np.full(count, half), np.where(good, match, np.nan))
     return Field(
-        subsets.centre,
-        warp[:, :2, 2] - subsets.centre,
-        warp[:, :2, :2] / half - np.eye(2),
-        np.einsum("pij,pjk,plk->pil", warp[:, :2, :2], covariance, warp[:, :2, :2]),
-        np.where(good, match, np.nan),
-        tuple(reason),
+        centre=subsets.centre,
+        displacement=warp[:, :2, 2] - subsets.centre,
+        gradient=warp[:, :2, :2] / half - np.eye(2),
+        covariance=np.einsum("pij,pjk,plk->pil", warp[:, :2, :2], covariance, warp[:, :2, :2]),
+        correlation=np.where(good, match, np.nan),
+        reason=tuple(reason),
     )
 
 

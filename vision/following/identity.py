@@ -19,7 +19,7 @@ NEIGHBOURS = 3  # marks of the body that carry the guess of a hidden dot
 PATIENCE = 10  # frames for which a hidden dot without neighbours is looked for where it was
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class DotMemory:
     """What is known of q dots among p marks before a frame."""
 
@@ -152,15 +152,15 @@ def start(
     """Memory of q dots at rest, from the places (p,2) ideal px of all marks; NaN for those not seen."""
     count = len(rows)
     return DotMemory(
-        rows,
-        body,
-        axes,
-        dark,
-        seed[rows],
-        np.zeros((count, 2)),
-        np.tile(seed, (count, 1, 1)),
-        np.where(np.isfinite(seed[rows, 0]), 0, PATIENCE),
-        np.zeros(count, dtype=bool),
+        rows=rows,
+        body=body,
+        axes=axes,
+        dark=dark,
+        place=seed[rows],
+        step=np.zeros((count, 2)),
+        snapshot=np.tile(seed, (count, 1, 1)),
+        hidden=np.where(np.isfinite(seed[rows, 0]), 0, PATIENCE),
+        open=np.zeros(count, dtype=bool),
     )
 
 

@@ -27,7 +27,7 @@ MIN_CORRELATION = 0.97
 SURE = 0.87  # another marker of the dictionary reaches 0.86; noisy film may not go below this
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Follower:
     """Reference patches of one film and how to lay them on a picture."""
 
@@ -67,7 +67,16 @@ def prepare(
     codes = list(codes_of(marks).values())
     centre[coded] = printed_centres(mean[:, 0], single.grid, codes, dictionary, px_per_unit(seed[coded]))
     return Follower(
-        camera, tuple(marks), dictionary, seed, templates, coded, centre, dots, least, quarters(templates)
+        camera=camera,
+        marks=tuple(marks),
+        dictionary=dictionary,
+        seed=seed,
+        templates=templates,
+        coded=coded,
+        centre=centre,
+        dots=dots,
+        least=least,
+        quarters=quarters(templates),
     )
 
 

@@ -23,7 +23,7 @@ POOLED = 4.0  # a dot's contour in one frame counts for one part in so many of i
 MOVES_PX = 0.3  # px per frame: below it the last place is the better guess
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Tracks:
     """Where every mark is in every frame of the film; NaN where it is lost."""
 
@@ -35,7 +35,7 @@ class Tracks:
     method: NDArray[np.int8]  # (t,p) of `Method`
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Followed:
     """One film, followed."""
 
@@ -45,7 +45,8 @@ class Followed:
     covariance: Array  # (t,p,2,2) px2
     method: NDArray[np.int8]  # (t,p) of `Method`
     reference: NDArray[np.intp]  # (r,) frames of the reference
-    said: tuple[str, ...] = ()  # what else is to be said of lost marks, one sentence each
+    said: tuple[str, ...] = ()  # what else is to be said of lost marks, in sentences for the user
+    noted: tuple[str, ...] = ()  # what was left out without asking anything of the user
 
 
 @dataclass(frozen=True)
@@ -91,18 +92,17 @@ def follow(
     old = stutter.stale(same, ideal)
     warp[old], ideal[old], spread[old], method[old] = np.nan, np.nan, np.nan, Method.LOST
     _straighten(follower, ideal)
+    own = _covariance(warp, match, method, spread, follower)
+    names = [mark.name for mark in follower.marks]
     return Followed(
-        film.time[: len(warp)],
-        warp,
-        ideal,
-        _covariance(warp, match, method, spread, follower) + more[..., None, None] * np.eye(2),
-        method,
-        reference_frames(film, reference_s),
-        (
-            *_absent(film, absent),
-            *_stale(film, np.flatnonzero(old)),
-            *_unknown([mark.name for mark in follower.marks], unknown, film.time),
-        ),
+        time=film.time[: len(warp)],
+        warp=warp,
+        ideal=ideal,
+        covariance=own + more[..., None, None] * np.eye(2),
+        method=method,
+        reference=reference_frames(film, reference_s),
+        said=(*_absent(film, absent), *_unknown(names, unknown, film.time)),
+        noted=_stale(film, np.flatnonzero(old)),
     )
 
 
@@ -118,8 +118,9 @@ def _absent(film: Video, absent: list[int]) -> tuple[str, ...]:
     if not absent:
         return ()
     return (
-        f"{len(absent)} of {len(film.time)} frames of {film.path.name} cannot be decoded and give nothing, "
-        f"first at {film.time[absent[0]]:.3f} s, last at {film.time[absent[-1]]:.3f} s",
+        f"{len(absent)} of {len(film.time)} frames of {film.path.name} cannot be decoded, first at "
+        f"{film.time[absent[0]]:.3f} s, last at {film.time[absent[-1]]:.3f} s: nothing is measured there. "
+        "Copy the film from the camera again.",
     )
 
 
@@ -128,16 +129,17 @@ def _stale(film: Video, old: NDArray[np.intp]) -> tuple[str, ...]:
         return ()
     return (
         f"{len(old)} of {len(film.time)} frames of {film.path.name} repeat the picture before them while "
-        "marks move, as a camera that stutters gives them: they are left out, first at "
-        f"{film.time[old[0]]:.3f} s, last at {film.time[old[-1]]:.3f} s",
+        f"markers move, first at {film.time[old[0]]:.3f} s, last at {film.time[old[-1]]:.3f} s. They are "
+        "left out: the camera did not keep up.",
     )
 
 
 def _unknown(names: list[str], unknown: NDArray[np.bool_], time: Array) -> tuple[str, ...]:
     """A sentence for each mark that has lost its name (t,p)."""
     return tuple(
-        f"dot {names[p]!r} came too near to another at {time[np.argmax(unknown[:, p])]:.3f} s: which is "
-        "which cannot be told after that, and it stays lost"
+        f"Dot {names[p]!r} came too near to another dot at {time[np.argmax(unknown[:, p])]:.3f} s. "
+        "After that the two cannot be told apart, and it stays lost: place dots farther apart, or use "
+        "coded markers."
         for p in np.flatnonzero(unknown.any(axis=0))
     )
 

@@ -21,13 +21,14 @@ from vision.placing.placed import Placed, thinned_noise
 from vision.placing.slips import find_slips
 from vision.placing.space import in_space
 from vision.placing.views import How, Seen, View, look, steps_of
+from vision.plane import MIN_VISIBLE
 
 MIN_FRAME, MIN_FIXED = 6, 4
 STEPS = 2000  # a film of a minute; every step takes the memory of all modes
 FALLBACKS = {Method.ECC: "smoothed correlation (ECC)", Method.CORNERS: "its corners"}
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Displacements:
     """Displacements of the finger's and the fixed marks, relative to the mean of the reference.
 
@@ -47,9 +48,10 @@ class Displacements:
     reference: NDArray[np.intp]  # (r,) steps of the reference
     tracks: Tracks  # of the first camera, in all t frames
     homography: Array  # (t,3,3) plane (x, z, 1) mm to undistorted px of the first camera
-    lost: tuple[str, ...]  # what was lost and when, one sentence each
+    lost: tuple[str, ...]  # what was lost and when, in sentences for the user
     budget: Budget  # what each mark's sd is made of
-    remarks: tuple[str, ...]  # what was corrected and what contradicts what was stated, one sentence each
+    remarks: tuple[str, ...]  # what the user should check or change
+    notes: tuple[str, ...] = ()  # what was done without asking anything of the user: for a log
 
 
 def measure(
@@ -112,29 +114,28 @@ def _record(
     names, time = [m.name for m in output], film.time[steps]
     there = np.isfinite(placed.value[..., 0])
     fields, mode_names = stacked(placed.modes, there)
+    sd = np.hypot(placed.noise.sd, placed.noise.codec_sd)
     return Displacements(
-        time,
-        tuple(names),
-        tuple(m.role for m in output),
-        np.array([m.position for m in output]),
-        placed.value,
-        _covariance(placed, there),
-        fields,
-        mode_names,
-        thinned_noise(placed.noise, len(film.time), len(steps)),
-        np.searchsorted(steps, film.reference),
-        _tracks(seen[0], marks, placed.rotation),
-        seen[0].homography(marks),
-        _lost(seen, marks),
-        budget(placed.variance, fields, mode_names, there),
-        (
-            *_fewer(len(steps), len(film.time)),
+        time=time,
+        names=tuple(names),
+        roles=tuple(m.role for m in output),
+        points=np.array([m.position for m in output]),
+        value=placed.value,
+        covariance=_covariance(placed, there),
+        modes=fields,
+        mode_names=mode_names,
+        noise=thinned_noise(placed.noise, len(film.time), len(steps)),
+        reference=np.searchsorted(steps, film.reference),
+        tracks=_tracks(seen[0], marks, placed.rotation),
+        homography=seen[0].homography(marks),
+        lost=_lost(seen, marks),
+        budget=budget(placed.variance, fields, mode_names, there),
+        remarks=(
             *hidden_in_static(placed.rest, names, seen[0].static),
             *placed.remarks,
-            *find_slips(
-                time, placed.value, placed.turns, np.hypot(placed.noise.sd, placed.noise.codec_sd), output
-            ),
+            *find_slips(time, placed.value, placed.turns, sd, output),
         ),
+        notes=(*_fewer(len(steps), len(film.time)), *_noted(seen, marks), *placed.notes),
     )
 
 
@@ -192,51 +193,76 @@ def _covariance(placed: Placed, there: NDArray[np.bool_]) -> Array:
 def _tracks(seen: Seen, marks: Sequence[Mark], rotation: Array) -> Tracks:
     film, names = seen.film, tuple(mark.name for mark in marks)
     position = seen.camera.distort(film.ideal)
-    return Tracks(film.time, names, position, film.covariance, rotation, film.method)
+    return Tracks(
+        time=film.time,
+        names=names,
+        position=position,
+        covariance=film.covariance,
+        rotation=rotation,
+        method=film.method,
+    )
 
 
 def _fewer(steps: int, frames: int) -> tuple[str, ...]:
+    """A sentence where not every frame became a step."""
     if steps == frames:
         return ()
     return (
-        f"{frames} frames are followed, {steps} of them are given out as steps, all of the reference and the "
-        "others evenly",
+        f"All {frames} frames were tracked; {steps} of them are kept as targets: the reference, and the "
+        "others evenly spaced.",
     )
 
 
 def _lost(seen: Sequence[Seen], marks: Sequence[Mark]) -> tuple[str, ...]:
-    """What each camera lost, with the camera's number where there are several."""
+    """Sentences about what each camera lost, with the camera's number where there are several."""
+    each = [(*_lost_marks(s, marks), *_blind(s, marks), *s.film.said) for s in seen]
+    return _by_camera(each)
+
+
+def _noted(seen: Sequence[Seen], marks: Sequence[Mark]) -> tuple[str, ...]:
+    """Sentences about what each camera placed less certainly or left out, as in `_lost`."""
+    return _by_camera([(*_fallen_back(s, marks), *s.film.noted) for s in seen])
+
+
+def _by_camera(each: Sequence[Sequence[str]]) -> tuple[str, ...]:
     return tuple(
-        f"camera {c + 1}: {sentence}" if len(seen) > 1 else sentence
-        for c, s in enumerate(seen)
-        for sentence in (*_lost_marks(s, marks), *_blind(s, marks), *s.film.said)
+        f"Camera {c + 1}: {sentence}" if len(each) > 1 else sentence
+        for c, sentences in enumerate(each)
+        for sentence in sentences
     )
 
 
 def _lost_marks(seen: Seen, marks: Sequence[Mark]) -> list[str]:
-    film, total, said = seen.film, len(seen.film.time), []
+    film, said = seen.film, []
     for p, mark in enumerate(marks):
-        gone = np.flatnonzero(film.method[:, p] == Method.LOST)
+        gone = film.time[film.method[:, p] == Method.LOST]
         if len(gone):
             said.append(
-                f"mark {mark.name!r} is lost in {len(gone)} of {total} frames, first at "
-                f"{film.time[gone[0]]:.3f} s, last at {film.time[gone[-1]]:.3f} s"
+                f"Marker {mark.name!r} is lost in {len(gone)} of {len(film.time)} frames, from {gone[0]:.3f} "
+                f"to {gone[-1]:.3f} s: there it has no displacement."
             )
+    return said
+
+
+def _fallen_back(seen: Seen, marks: Sequence[Mark]) -> list[str]:
+    film, said = seen.film, []
+    for p, mark in enumerate(marks):
         for method, way in FALLBACKS.items():
-            used = np.flatnonzero(film.method[:, p] == method)
+            used = film.time[film.method[:, p] == method]
             if len(used):
                 said.append(
-                    f"mark {mark.name!r} does not register in {len(used)} of {total} frames and is placed by "
-                    f"{way} there, with a larger sd, first at {film.time[used[0]]:.3f} s"
+                    f"Marker {mark.name!r} does not match its reference picture in {len(used)} of "
+                    f"{len(film.time)} frames, first at {used[0]:.3f} s. It is placed by {way} there, with a "
+                    "larger sd."
                 )
     return said
 
 
 def _blind(seen: Seen, marks: Sequence[Mark]) -> tuple[str, ...]:
-    blind = np.flatnonzero(np.isnan(seen.homography(marks)[:, 0, 0]))
+    blind = seen.film.time[np.isnan(seen.homography(marks)[:, 0, 0])]
     if not len(blind):
         return ()
     return (
-        f"{len(blind)} of {len(seen.film.time)} frames show fewer than 4 frame marks and give nothing, first "
-        f"at {seen.film.time[blind[0]]:.3f} s",
+        f"{len(blind)} of {len(seen.film.time)} frames show fewer than {MIN_VISIBLE} frame markers, first at "
+        f"{blind[0]:.3f} s: nothing is measured there. Keep the frame markers uncovered.",
     )

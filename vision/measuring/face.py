@@ -130,13 +130,12 @@ def _follow(
     warp, match = (np.array([row[k] for row in rows]) for k in (0, 1))
     seen = np.isfinite(warp[..., 0, 0])
     return Followed(
-        marks.time,
-        warp,
-        warp[..., :2, 2] / warp[..., 2:, 2],
-        registration.centre_covariance(templates, linear_at_centre(warp), match),
-        np.where(seen, Method.REGISTERED, Method.LOST).astype(np.int8),
-        marks.reference,
-        (),
+        time=marks.time,
+        warp=warp,
+        ideal=warp[..., :2, 2] / warp[..., 2:, 2],
+        covariance=registration.centre_covariance(templates, linear_at_centre(warp), match),
+        method=np.where(seen, Method.REGISTERED, Method.LOST).astype(np.int8),
+        reference=marks.reference,
     )
 
 

@@ -180,11 +180,12 @@ def alarms(
 
 
 def _alarm(name: str, time: float, shift: float, sd: float, sd_mm: float) -> str:
-    where = "towards the camera" if shift > 0 else "away from the camera, tilted, or out of focus"
+    larger = shift > 0
+    where = "towards the camera" if larger else "away from the camera, tilted, or out of focus"
     return (
-        f"mark {name!r} looks {'larger' if shift > 0 else 'smaller'} at {time:.3f} s than at rest, as if "
-        f"moved {abs(shift):.1f} +- {sd:.1f} mm {where}; out_of_plane_sd_mm = {sd_mm:g} does not cover that: "
-        "raise it, keep the finger from twisting, or add a second camera"
+        f"Marker {name!r} looks {'larger' if larger else 'smaller'} at {time:.3f} s than at rest, as if it "
+        f"moved {abs(shift):.1f} +- {sd:.1f} mm {where}. out_of_plane_sd_mm = {sd_mm:g} does not cover that: "
+        "raise it, keep the finger from twisting, or add a second camera."
     )
 
 
@@ -204,8 +205,8 @@ def extrapolated(camera: Camera, ideal: Array, names: Sequence[str]) -> tuple[st
         return ()
     far = max(beyond, key=lambda name: beyond[name])
     return (
-        f"{len(beyond)} marks come to where no board was seen, {far!r} by {beyond[far]:.0f} px: the lens is "
-        "extrapolated there, and its stated error holds for its model only; calibrate with boards there too",
+        f"{len(beyond)} markers move to where no board was photographed, {far!r} by {beyond[far]:.0f} px. "
+        "The lens is extrapolated there: photograph the board there too.",
     )
 
 

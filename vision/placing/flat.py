@@ -25,7 +25,7 @@ MAX_DEPTH_MM = 0.1  # of the frame marks
 MAX_HEIGHT = 0.2  # of the camera's distance, for all other marks
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class _Scene:
     """Where the camera sees the marks; rows of arrays are steps."""
 
@@ -82,20 +82,19 @@ def in_plane(seen: Seen, marks: Sequence[Mark], stated: Stated, steps: NDArray[n
     frame_mm, said = _frame_sd(scene, rest, stated)
     worse = misfit(seen.film)[steps]
     return Placed(
-        scene.value,
-        noise,
-        place,
-        independent(rest, scene.plane, scene.place, worse, scene.frame, scene.points, loose),
-        [*_modes(scene, turns, stated, frame_mm, start), holds],
-        turns,
-        rotation,
-        (
+        value=scene.value,
+        noise=noise,
+        rest=place,
+        variance=independent(rest, scene.plane, scene.place, worse, scene.frame, scene.points, loose),
+        modes=[*_modes(scene, turns, stated, frame_mm, start), holds],
+        turns=turns,
+        rotation=rotation,
+        remarks=(
             *said,
-            *unshared,
-            *_corrected(scene),
             *depth.extrapolated(scene.camera, seen.film.ideal, [mark.name for mark in marks]),
             *_grown(scene, linear[steps], extra / noise.sd, stated),
         ),
+        notes=(*unshared, *_corrected(scene)),
     )
 
 
@@ -106,7 +105,18 @@ def _scene(seen: Seen, marks: Sequence[Mark], steps: NDArray[np.intp]) -> _Scene
     plane = plane_of(nominal, film.ideal[:, frame])
     view, height = depth.viewpoint(seen.camera, plane.homography), depth.heights(marks, frame)
     _check_heights(marks, height, view)
-    return _Scene(seen.camera, marks, frame, points, film, seen.still, plane, quiet, view, height)
+    return _Scene(
+        camera=seen.camera,
+        marks=marks,
+        frame=frame,
+        points=points,
+        film=film,
+        still=seen.still,
+        plane=plane,
+        quiet=quiet,
+        view=view,
+        height=height,
+    )
 
 
 def _codec(seen: Seen, scene: _Scene) -> Array:
@@ -170,7 +180,7 @@ def _check_heights(marks: Sequence[Mark], height: Array, view: depth.Viewpoint) 
     worst = int(np.argmax(np.abs(height)))
     if abs(height[worst]) > MAX_HEIGHT * abs(view.distance):
         raise ValueError(
-            f"mark {marks[worst].name!r} lies {height[worst]:.1f} mm off the frame marks' plane and the "
+            f"marker {marks[worst].name!r} lies {height[worst]:.1f} mm off the frame markers' plane and the "
             f"camera stands {abs(view.distance):.0f} mm away, wanted at most {MAX_HEIGHT:g} of that: "
             "check its y in mm"
         )
@@ -187,8 +197,8 @@ def _corrected(scene: _Scene) -> tuple[str, ...]:
         return ()
     worst = max(off, key=lambda p: abs(scene.height[p]))
     return (
-        f"{len(off)} finger marks lie off the frame marks' plane, by {scene.height[worst]:.1f} mm at "
-        f"{scene.marks[worst].name!r}: corrected with the camera {scene.view.distance:.0f} mm away",
+        f"{len(off)} finger markers lie off the plane of the frame markers, {scene.marks[worst].name!r} by "
+        f"{scene.height[worst]:.1f} mm. This is corrected for a camera {scene.view.distance:.0f} mm away.",
     )
 
 

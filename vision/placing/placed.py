@@ -12,7 +12,7 @@ from vision.errors.noise import NoiseModel
 from vision.following.tracks import Followed
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Placed:
     """Displacements of the fixed and finger marks in some of the film's frames."""
 
@@ -23,7 +23,8 @@ class Placed:
     modes: Sequence[Named]  # errors shared by many values
     turns: Array  # (s,p) rad of the finger at each mark
     rotation: Array  # (t,m) rad of all marks in all frames
-    remarks: tuple[str, ...]  # one sentence each
+    remarks: tuple[str, ...]  # what the user should check or change
+    notes: tuple[str, ...]  # what was done without asking anything of the user
 
 
 def thinned(followed: Followed, steps: NDArray[np.intp]) -> Followed:

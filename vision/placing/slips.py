@@ -58,10 +58,10 @@ def find_slips(time: Array, value: Array, turns: Array, sd: Array, marks: Sequen
 
 def _sentence(name: str, jump: Jump, time: Array) -> str:
     return (
-        f"mark {name!r} jumps by {np.hypot(*jump.shift):.2f} mm (x {jump.shift[0]:+.2f}, "
-        f"z {jump.shift[1]:+.2f} as it lay at rest) against the finger's other marks at "
-        f"{time[jump.frame]:.3f} s and does not come back, as one that peels off: nothing is corrected; "
-        "glue it again and film anew, or take its point out"
+        f"Marker {name!r} jumps by {np.hypot(*jump.shift):.2f} mm against the finger's other markers at "
+        f"{time[jump.frame]:.3f} s (x {jump.shift[0]:+.2f}, z {jump.shift[1]:+.2f} mm as it lay at rest) and "
+        "does not come back, like one that peels off. Nothing is corrected: glue it again and film anew, or "
+        "remove its point."
     )
 
 

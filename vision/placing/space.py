@@ -27,7 +27,7 @@ from vision.placing.views import Seen
 from vision.placing.world import Places, Sight, places_of
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class _Scene:
     """Where the cameras see the marks, in steps of the first film."""
 
@@ -73,19 +73,45 @@ def in_space(
         advice=", or the board's square, which sets the scale",
     )
     shared = [*_modes(scene, value, turns, stated, frame_mm, start), holds]
-    remarks = (*said, *left, *_clock_remarks(scene.lag, scene.lag_sd))
-    return Placed(value, noise, scene.rest.place, parts, shared, turns, rotation, remarks)
+    return Placed(
+        value=value,
+        noise=noise,
+        rest=scene.rest.place,
+        variance=parts,
+        modes=shared,
+        turns=turns,
+        rotation=rotation,
+        remarks=said,
+        notes=(*left, *_clock_notes(scene.lag, scene.lag_sd)),
+    )
 
 
 def _scene(seen: Sequence[Seen], rig: Rig, marks: Sequence[Mark], steps: NDArray[np.intp]) -> _Scene:
     (frame, points), nominal = rows_of(marks), np.array([mark.position for mark in marks])
     tracks = [Track(s.film.time - s.film.time[0] + s.start, s.camera.distort(s.film.ideal)) for s in seen]
     when, reference = tracks[0].time[steps], np.searchsorted(steps, seen[0].film.reference)
-    sight = Sight(np.empty(0), np.array([_usual(s.film) for s in seen]), nominal, frame, points, reference)
+    sight = Sight(
+        raw=np.empty(0),
+        variance=np.array([_usual(s.film) for s in seen]),
+        nominal=nominal,
+        frame=frame,
+        points=points,
+        reference=reference,
+    )
     lag, lag_sd = lags(rig, sight, tracks, when)
     sight = joined(sight, tracks, when, lag)
-    rest = places_of(rig, _at_rest(sight, seen))
-    return _Scene(rig, marks, seen, tracks, when, lag, lag_sd, sight, places_of(rig, sight), rest)
+    return _Scene(
+        rig=rig,
+        marks=marks,
+        seen=seen,
+        tracks=tracks,
+        when=when,
+        lag=lag,
+        lag_sd=lag_sd,
+        sight=sight,
+        places=places_of(rig, sight),
+        rest=places_of(rig, _at_rest(sight, seen)),
+    )
 
 
 def _modes(
@@ -141,9 +167,9 @@ def _reference_variance(noise: NoiseModel, held: Array, sight: Sight) -> Array:
     return np.asarray(mean + np.nan_to_num(held[sight.reference]).mean(axis=0))
 
 
-def _clock_remarks(lag: Array, sd: Array) -> tuple[str, ...]:
+def _clock_notes(lag: Array, sd: Array) -> tuple[str, ...]:
     return tuple(
-        f"camera {c + 1} shows the motion {1e3 * lag[c]:+.2f} ms later than its time stamps say (sd "
-        f"{1e3 * sd[c]:.2f} ms): taken out"
+        f"Camera {c + 1} shows the motion {1e3 * lag[c]:+.2f} ms later than its time stamps say "
+        f"(sd {1e3 * sd[c]:.2f} ms). This is corrected."
         for c in np.flatnonzero(lag)
     )

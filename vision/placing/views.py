@@ -36,7 +36,7 @@ class How:
     keeper: Keeper | None = None
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Seen:
     """What one camera saw."""
 
@@ -74,7 +74,14 @@ def look(view: View, marks: Sequence[Mark], how: How, *, camera: str = "") -> Se
     )
     frame, points = rows_of(marks)
     codec = codec_noise(view.film, ready, film, frame_places(marks), frame, points, how.progress)
-    return Seen(view.camera, film, still, codec, view.static.path.name, view.start)
+    return Seen(
+        camera=view.camera,
+        film=film,
+        still=still,
+        codec=codec,
+        static=view.static.path.name,
+        start=view.start,
+    )
 
 
 def steps_of(film: Followed, most: int) -> NDArray[np.intp]:

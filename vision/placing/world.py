@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from vision.calibration.rig import Rig, triangulate
 from vision.camera import Array
@@ -19,7 +20,7 @@ from vision.plane import MIN_VISIBLE
 STEPS = 5  # of Gauss-Newton from the rig's pose
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Sight:
     """What c cameras see of m marks in t frames on one clock."""
 
@@ -75,21 +76,21 @@ def places_of(rig: Rig, sight: Sight) -> Places:
 
 
 def rigid_fit(points: Array, nominal: Array) -> tuple[Array, Array]:
-    """Rotation (3,3) and shift (3,) that lay points (n,3) on nominal ones best, doi 10.1109/34.88573.
+    """Rotation (3,3) and shift (3,) mm that lay points (n,3) mm on nominal ones (n,3) by least squares.
 
     Points that are NaN are left out. Raises ValueError for fewer than 4, or when they lie on one line.
     """
     known = np.isfinite(points[:, 0])
     if known.sum() < MIN_VISIBLE:
         raise ValueError(
-            f"{known.sum()} frame marks are seen by two cameras, wanted {MIN_VISIBLE} or more: mount them "
+            f"{known.sum()} frame markers are seen by two cameras, wanted {MIN_VISIBLE} or more: mount them "
             "where both cameras see them"
         )
     a, b = points[known] - points[known].mean(axis=0), nominal[known] - nominal[known].mean(axis=0)
-    u, power, v = np.linalg.svd(b.T @ a)
+    power = np.linalg.svd(b.T @ a, compute_uv=False)
     if power[1] < 1e-6 * power[0]:
-        raise ValueError("the frame marks lie on one line: mount them round the finger")
-    turn = u @ np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ v))]) @ v
+        raise ValueError("the frame markers lie on one line: mount them round the finger")
+    turn = Rotation.align_vectors(b, a)[0].as_matrix()
     return turn, nominal[known].mean(axis=0) - turn @ points[known].mean(axis=0)
 
 

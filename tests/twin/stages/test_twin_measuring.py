@@ -71,9 +71,13 @@ def displacements(marks, time, *, seed=0):
     seen = np.isfinite(value)
     covariance = np.where(seen[..., :, None] & seen[..., None, :], 4e-4 * np.eye(3), np.nan)
     sd = np.full((p, 3), 0.02)
-    noise = vision.NoiseModel(sd, np.zeros((p, 3)), np.eye(3 * p), STATIC, 0.1 * sd)
-    tracks = vision.Tracks(time, tuple(m.name for m in marks), np.zeros((s, n, 2)), np.zeros((s, n, 2, 2)),
-                           np.zeros((s, n)), np.ones((s, n), dtype=np.int8))  # fmt: skip
+    noise = vision.NoiseModel(
+        sd=sd, rho=np.zeros((p, 3)), correlation=np.eye(3 * p), frames=STATIC, codec_sd=0.1 * sd
+    )
+    tracks = vision.Tracks(
+        time=time, names=tuple(m.name for m in marks), position=np.zeros((s, n, 2)),
+        covariance=np.zeros((s, n, 2, 2)), rotation=np.zeros((s, n)), method=np.ones((s, n), dtype=np.int8),
+    )  # fmt: skip
     return vision.Displacements(
         time=time, names=tuple(m.name for m in shown), roles=tuple(m.role for m in shown),
         points=np.array([m.position for m in shown]), value=value, covariance=covariance,

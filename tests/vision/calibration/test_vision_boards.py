@@ -138,7 +138,7 @@ def test_real_chessboards(shared_data: Path) -> None:
         assert camera.images == len(paths) == 13
         assert camera.rms_px <= limit
         assert {"k1", "k2", "p1", "p2"} <= set(camera.model)
-        assert any("makes the sds 2." in sentence for sentence in camera.remarks)
+        assert any("makes the sds 2." in sentence for sentence in camera.notes)
     # Who counts squares in place of corners is understood, and told so.
     squares = calibrate_camera(paths, Chessboard(columns=10, rows=7, square_mm=25.0))
     np.testing.assert_allclose(squares.matrix, camera.matrix, rtol=1e-6)  # refined from other first guesses

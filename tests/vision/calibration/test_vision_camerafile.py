@@ -56,7 +56,7 @@ def test_what_opencv_writes(tmp_path: Path, suffix: str, size: tuple[int, int] |
     np.testing.assert_allclose(camera.distortion, LENS)
     assert (camera.size, camera.rms_px, camera.images) == (SIZE, pytest.approx(0.21), 0)
     assert not camera.covariance.any()
-    assert "how well it is known is not in it" in camera.remarks[0]
+    assert "does not say how well the camera is known" in camera.remarks[0]
 
 
 def test_ros_and_caliscope(tmp_path: Path) -> None:

@@ -54,7 +54,10 @@ def shots_of(rig: Rig, pose: Array, rng: np.random.Generator, *, own: float, sha
         for i, p in enumerate(pose):
             pixels, _, _ = project(theta, p[:3], p[3:], CORNERS)
             still = np.zeros(pixels.shape)
-            shots.append(Shot(c, i, CORNERS, pixels + root @ rng.standard_normal(pixels.shape), still, still))
+            seen = pixels + root @ rng.standard_normal(pixels.shape)
+            shots.append(
+                Shot(camera=c, instant=i, points=CORNERS, pixels=seen, speed=still, acceleration=still)
+            )
     return shots
 
 

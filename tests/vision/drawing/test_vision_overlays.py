@@ -26,7 +26,14 @@ def tracks() -> Tracks:
     covariance = np.tile(np.diag([0.004**2, 0.002**2]), (FRAMES, 3, 1, 1))
     covariance[method == Method.LOST] = np.nan
     names = ("goes", "falls", "absent")
-    return Tracks(np.arange(FRAMES) / 10.0, names, position, covariance, np.zeros((FRAMES, 3)), method)
+    return Tracks(
+        time=np.arange(FRAMES) / 10.0,
+        names=names,
+        position=position,
+        covariance=covariance,
+        rotation=np.zeros((FRAMES, 3)),
+        method=method,
+    )
 
 
 def film(frames: int = FRAMES) -> Any:

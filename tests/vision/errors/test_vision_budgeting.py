@@ -125,7 +125,12 @@ def followed(d: Drawn, H: Array, bend: Array, rng: np.random.Generator, noise: f
     covariance = np.where(seen[..., None, None], NOISE_PX**2 * np.eye(2), np.nan)
     method = np.where(seen, Method.REGISTERED, Method.LOST).astype(np.int8)
     return Followed(
-        np.arange(len(bend)) / 10.0, warp, warp[..., :2, 2].copy(), covariance, method, np.arange(REST)
+        time=np.arange(len(bend)) / 10.0,
+        warp=warp,
+        ideal=warp[..., :2, 2].copy(),
+        covariance=covariance,
+        method=method,
+        reference=np.arange(REST),
     )
 
 
@@ -135,7 +140,7 @@ def measured(d: Drawn, stated: Stated, seed: int, noise: float = NOISE_PX) -> tu
     H = camera(rng)
     film, still = followed(d, H, d.bend, rng, noise), followed(d, H, np.zeros(STILL), rng, noise)
     none = Codec(*np.zeros((4, 3)))
-    result = displacements_of([Seen(LENS, film, still, none)], d.marks, stated=stated)
+    result = displacements_of([Seen(camera=LENS, film=film, still=still, codec=none)], d.marks, stated=stated)
     model = truth(d, d.bend)[2][:, [i for i, m in enumerate(d.marks) if m.role != "frame"]]
     return result, result.value[..., [0, 2]] - (model - model[:REST].mean(axis=0))
 
@@ -145,7 +150,8 @@ def test_fewer_steps_are_the_same_steps() -> None:
     zero = np.zeros((len(rig()), 2))
     d, rng = Drawn(rig(), zero, zero, zero, hidden=(2,)), np.random.default_rng(3)
     H, none = camera(rng), Codec(*np.zeros((4, 3)))
-    seen = Seen(LENS, followed(d, H, d.bend, rng, 1e-2), followed(d, H, np.zeros(STILL), rng, 1e-2), none)
+    film, still = (followed(d, H, bend, rng, 1e-2) for bend in (d.bend, np.zeros(STILL)))
+    seen = Seen(camera=LENS, film=film, still=still, codec=none)
     stated = Stated(height_mm=1e-6, out_of_plane_mm=1e-6)
     whole, fewer = (displacements_of([seen], d.marks, stated=stated, steps=most) for most in (STEPS, 7))
     kept = [*range(REST), 13, 20, 26, 32, 39]
@@ -158,8 +164,8 @@ def test_fewer_steps_are_the_same_steps() -> None:
     np.testing.assert_allclose(power[0], power[1][kept], rtol=1e-4, atol=1e-12)
     np.testing.assert_array_equal(fewer.tracks.position, whole.tracks.position)
     np.testing.assert_allclose(fewer.noise.rho, whole.noise.rho ** (STEPS / len(kept)))
-    assert fewer.remarks[0].startswith("40 frames are followed, 15 of them are given out as steps")
-    assert not any("are followed" in remark for remark in whole.remarks)
+    assert fewer.notes[0].startswith("All 40 frames were tracked; 15 of them are kept as targets")
+    assert not any("were tracked" in note for note in whole.notes)
 
 
 def pulls(drawn: list[tuple[Displacements, Array]], role: str, *, mean: bool = False) -> float:
@@ -262,7 +268,7 @@ def test_frame_marks_that_contradict_what_is_stated_are_said_and_count() -> None
     off, zero = np.zeros((len(marks), 2)), np.zeros((len(marks), 2))
     off[1] = 1.5  # one frame mark's place is mistyped
     result, _ = measured(Drawn(marks, off * frame[:, None], zero, zero), replace(TINY, frame_mm=0.05), 0)
-    assert "off their stated places, 'frame1' most, and not 0.05 mm (frame_sd_mm)" in result.remarks[0]
+    assert "off their stated places, 'frame1' most; stated is 0.05 mm (frame_sd_mm)" in result.remarks[0]
     said, _ = measured(
         Drawn(marks, 0.05 * rng.standard_normal((len(marks), 2)) * frame[:, None], zero, zero),
         replace(TINY, frame_mm=0.05),

@@ -60,7 +60,8 @@ def test_more_holds_than_modes_are_said(lab: Lab, monkeypatch: pytest.MonkeyPatc
     assert len(found) == 6  # all components of two holds
     assert left[7:11].all()
     assert said.startswith(
-        "3 holds of marks keep a coding error, 2 of them as a mode: that of the others, of 4 steps"
+        "Video compression leaves a constant error while a marker rests (3 rests). The 2 longest are modelled; "
+        "for the 1 shortest, averages"
     )
 
 

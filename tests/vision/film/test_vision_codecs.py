@@ -171,7 +171,7 @@ def test_pictures_with_a_file_of_times(tmp_path: Path) -> None:
     )
     film = open_film(folder)
     np.testing.assert_allclose(film.time, [0.0, 0.1, 0.2, 0.5])
-    assert any("1 gaps" in sentence for sentence in film.issues)
+    assert any("missing in 1 places" in sentence for sentence in film.issues)
     (folder / "times.csv").write_text("time_s\n0\n1\n2\n3\n")
     np.testing.assert_allclose(open_film(folder).time, [0, 1, 2, 3])
 

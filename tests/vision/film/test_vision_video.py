@@ -22,13 +22,13 @@ def test_variable_frame_rate_keeps_its_time_stamps(write_clip: Callable[..., Pat
 def test_a_gap_is_said(write_clip: Callable[..., Path]) -> None:
     film = Video(write_clip([0, 40, 80, 200, 240, 280]))
     assert len(film.issues) == 1
-    assert "1 gaps" in film.issues[0]
+    assert "missing in 1 places" in film.issues[0]
     assert "0.120 s after 0.080 s" in film.issues[0]
 
 
 def test_duplicate_time_stamps_are_said(write_clip: Callable[..., Path]) -> None:
     film = Video(write_clip([0, 40, 80, 80, 120, 160]))
-    assert any("1 duplicate time stamps" in issue and "0.080 s" in issue for issue in film.issues)
+    assert any("1 frames repeat the time stamp" in issue and "0.080 s" in issue for issue in film.issues)
     assert len(film.time) == 6
 
 

@@ -186,4 +186,4 @@ def test_a_lost_name_is_said() -> None:
     unknown = np.zeros((4, 2), dtype=bool)
     unknown[2:, 1] = True
     (said,) = _unknown(["a", "b"], unknown, np.array([0.0, 0.1, 0.2, 0.3]))
-    assert said.startswith("dot 'b' came too near to another at 0.200 s")
+    assert said.startswith("Dot 'b' came too near to another dot at 0.200 s")

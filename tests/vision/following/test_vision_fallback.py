@@ -157,8 +157,8 @@ def test_a_fallback_grows_the_covariance_and_is_said(lab: Lab, measured: Displac
     sd = np.sqrt(np.diagonal(measured.covariance[:, p], axis1=1, axis2=2)[:, [0, 2]])
     assert np.all(sd[20:26] > 8.0 * sd[14:20].mean())  # 0.04 to 0.05 px beside some 0.002
     assert 0.5 < np.sqrt(np.mean((error / sd[20:26]) ** 2)) < 1.5  # 12 values: sd 20 %
-    said = [s for s in measured.lost if lab.marks[lab.rows("finger")[2]].name in s]
+    said = [s for s in measured.notes if lab.marks[lab.rows("finger")[2]].name in s]
     assert said == [
-        f"mark {measured.names[p]!r} does not register in 6 of 30 frames and is placed by smoothed "
-        "correlation (ECC) there, with a larger sd, first at 2.000 s"
+        f"Marker {measured.names[p]!r} does not match its reference picture in 6 of 30 frames, first at "
+        "2.000 s. It is placed by smoothed correlation (ECC) there, with a larger sd."
     ]

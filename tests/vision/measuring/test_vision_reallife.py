@@ -59,7 +59,7 @@ def measured(
             noisy = picture + rng.standard_normal(picture.shape)
             writer.add(np.clip(np.round(noisy), 0, 255).astype(np.uint8))
     film = followed(Video(path), lab)
-    result = displacements_of([Seen(lab.camera, film, drawn.still, NONE)], lab.marks)
+    result = displacements_of([Seen(camera=lab.camera, film=film, still=drawn.still, codec=NONE)], lab.marks)
     kept = np.round(result.time * 10.0).astype(int)
     true = lab.motion(BEND)[0][kept][:, lab.rows("fixed", "finger")]
     error = (result.value - (true - true[0]))[..., [0, 2]]
@@ -132,7 +132,7 @@ def test_trouble_in_a_film(trouble: str, drawn: Followable, lab: Lab, tmp_path: 
     expected[FROM:TO, [p in hidden for p in output]] = True
     np.testing.assert_array_equal(np.isnan(result.value[..., 0]), expected)  # what is hidden is not invented
     assert [said.split("'")[1] for said in result.lost] == [lab.marks[p].name for p in hidden]
-    assert all(f"{TO - FROM} of 40 frames, first at 1.800 s, last at 3.300 s" in said for said in result.lost)
+    assert all(f"{TO - FROM} of 40 frames, from 1.800 to 3.300 s" in said for said in result.lost)
     assert np.sqrt(np.nanmean(pull[FROM:TO] ** 2)) <= 1.3
     for p in range(len(output)):
         if not expected[:, p].any():
@@ -149,4 +149,4 @@ def test_a_tenth_of_the_frames_is_not_there(drawn: Followable, lab: Lab, tmp_pat
     assert not np.isin(np.round(10 * result.time), dropped).any()  # none is filled in
     assert 0.7 <= np.sqrt(np.mean(pull[14:] ** 2)) <= 1.3
     (issue,) = Video(tmp_path / "film.mkv").issues
-    assert "3 gaps longer than 1.5 usual steps of 0.1000 s, the longest 0.300 s after 2.000 s" in issue
+    assert "missing in 3 places. The longest gap is 0.300 s after 2.000 s, the usual step 0.1000 s" in issue

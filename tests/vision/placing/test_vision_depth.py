@@ -198,11 +198,11 @@ def test_a_mark_that_twists_out_of_the_plane_is_reported(lab: Lab, still: Video,
     )
     camera = replace(lab.camera, covariance=lens())
     result = measure([View(Video(tmp_path / "twist.mkv"), still, camera)], marks, reference=1.05)
-    told = "\n".join(result.remarks)
-    assert "1 finger marks lie off the frame marks' plane, by 3.0 mm at 'finger11'" in told
+    told = "\n".join(result.notes)
+    assert "1 finger markers lie off the plane of the frame markers, 'finger11' by 3.0 mm" in told
     said = [sentence for sentence in result.remarks if "looks" in sentence]
     assert len(said) == 1
-    assert "mark 'finger12' looks larger at 2.500 s" in said[0]
+    assert "Marker 'finger12' looks larger at 2.500 s" in said[0]
     size = float(said[0].split("moved ")[1].split(" +-")[0])
     assert size == pytest.approx(4.0, abs=0.8)  # 31 px tags: 0.03 px in the side is 0.4 mm
     error = (result.value - (place - place[0])[:, lab.rows("fixed", "finger")])[..., ::2]
@@ -222,6 +222,8 @@ def test_marks_beyond_the_boards_are_named() -> None:
     ideal = camera.undistort(raw)
     covered = replace(camera, covered=hull)
     (said,) = depth.extrapolated(covered, ideal, ["a", "b", "c"])
-    assert "2 marks come to where no board was seen, 'c' by 110 px" in said  # 10 px are less than a square
+    assert (
+        "2 markers move to where no board was photographed, 'c' by 110 px" in said
+    )  # 10 px are less than a square
     assert depth.extrapolated(covered, ideal[:1], ["a", "b", "c"]) == ()
     assert depth.extrapolated(camera, ideal, ["a", "b", "c"]) == ()

@@ -102,7 +102,14 @@ class Pair:
         nominal = np.array([m.position for m in self.lab.marks])
         still = np.flatnonzero(self.time <= REFERENCE_S)
         variance = np.full((2, len(nominal)), 1e-5)
-        return Sight(np.array(raw), variance, nominal, self.lab.rows("frame"), self.output, still)
+        return Sight(
+            raw=np.array(raw),
+            variance=variance,
+            nominal=nominal,
+            frame=self.lab.rows("frame"),
+            points=self.output,
+            reference=still,
+        )
 
 
 @pytest.fixture(scope="module")
@@ -143,7 +150,7 @@ def test_a_marker_that_slips_is_named(pair: Pair, tmp_path: Path) -> None:
         for c, view in enumerate(pair.views)
     ]
     (said,) = [remark for remark in measured(pair, views=views).remarks if "does not come back" in remark]
-    assert said.startswith(f"mark {pair.lab.marks[-1].name!r} jumps by 0.5")
+    assert said.startswith(f"Marker {pair.lab.marks[-1].name!r} jumps by 0.5")
     assert "at 3.100 s" in said
 
 
@@ -177,7 +184,7 @@ def test_the_mean_of_a_hold_is_as_far_off_as_its_coding_error(pair: Pair, tmp_pa
 def test_a_late_camera_is_found_out_and_corrected(pair: Pair) -> None:
     """The second camera's stamps are 30 ms late, a third of a frame."""
     found = measured(pair, views=[pair.views[0], replace(pair.views[1], start=0.03)])
-    lags = [float(r.split("motion ")[1].split(" ms")[0]) for r in found.remarks if "motion" in r]
+    lags = [float(r.split("motion ")[1].split(" ms")[0]) for r in found.notes if "motion" in r]
     assert lags == [pytest.approx(30.0, abs=0.5)]
     error = found.value - pair.truth[:, pair.output]
     assert np.sqrt(np.nanmean(error**2)) < 0.004  # 0.1 mm without the correction
@@ -206,7 +213,7 @@ def test_a_killed_measurement_goes_on_bit_for_bit(
     again = measured(pair, keeper=kept, progress=lambda stage, done, total: first.setdefault(stage, done))
     # Nothing that was kept is followed again; static films are whole in six parts of 20 frames.
     assert first == {"film-1": 41, "film-2": 41}
-    for field in ("value", "covariance", "modes", "homography", "mode_names", "lost", "remarks"):
+    for field in ("value", "covariance", "modes", "homography", "mode_names", "lost", "remarks", "notes"):
         np.testing.assert_array_equal(getattr(whole, field), getattr(again, field), err_msg=field)
     np.testing.assert_array_equal(whole.tracks.position, again.tracks.position)
 
