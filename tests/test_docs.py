@@ -1,5 +1,6 @@
 """What the docs name exists: pages, files, commands and their options, keys of twin.toml."""
 
+import importlib
 import inspect
 import re
 import subprocess
@@ -31,6 +32,7 @@ PAGES = sorted(
 )
 BLOCK = re.compile(r"^```(\w*)\n(.*?)^```$", re.S | re.M)
 PATH = re.compile(r"\b(?:tests|benchmarks|datasets|docs|twin|fe|vision|calibrate)/[\w./-]*\w")
+DOTTED = re.compile(r"(?<![\w./])(?:fe|vision|calibrate|twin)(?:\.(?!toml|py|md)\w+)+(?![\w/])")
 COMMAND = re.compile(r"(?<![\w.-])twin ([a-z]+)((?:[ =][\w./:<>=-]+)*)")
 
 
@@ -119,6 +121,23 @@ def test_links_lead_somewhere(page: Path) -> None:
 @pytest.mark.parametrize("page", PAGES, ids=name_of)
 def test_commands_and_their_options_exist(page: Path) -> None:
     assert unknown_commands(page.read_text(encoding="utf-8")) == []
+
+
+def resolves(name: str) -> bool:
+    """Whether a dotted name is a module, or something in one."""
+    parts = name.split(".")
+    for k in range(len(parts), 0, -1):
+        module = ".".join(parts[:k])
+        if (ROOT / Path(*parts[:k])).is_dir() or (ROOT / Path(*parts[:k])).with_suffix(".py").is_file():
+            found = importlib.import_module(module)
+            return len(parts) == k or hasattr(found, parts[k])
+    return False
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
+def test_dotted_names_exist(page: Path) -> None:
+    named = {n for line in code(page.read_text(encoding="utf-8")) for n in DOTTED.findall(line)}
+    assert sorted(name for name in named if not resolves(name)) == []
 
 
 @pytest.mark.parametrize("page", PAGES, ids=name_of)
