@@ -2,7 +2,7 @@
 
 import hashlib
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import KW_ONLY, dataclass, field, replace
 
 import numpy as np
 
@@ -76,6 +76,7 @@ class Case:
     """
 
     nodes: Array
+    _: KW_ONLY
     labels: Integers
     blocks: tuple[Block, ...]
     node_sets: Mapping[str, Integers]

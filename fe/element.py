@@ -7,7 +7,7 @@ tetrahedron, to the corners of the mesh (Taylor & Hood 1973, doi 10.1016/0045-79
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 from functools import cached_property
 from typing import Literal
 
@@ -32,6 +32,7 @@ class Element:
     """
 
     name: str
+    _: KW_ONLY
     local: Array
     shape: Shape
     points: Array
@@ -206,23 +207,36 @@ FACES: Integers = np.array(
 )
 _HEX27: Array = np.stack(np.unravel_index(np.arange(27), (3, 3, 3))[::-1], axis=1) - np.ones(3)
 _QUAD = (0, 1, 2, 3)
-HEX27 = Element("hex27", _HEX27, _q2, *gauss(3), FACES, (0, 2, 8, 6), *gauss(2), "linear")
+
+
+def _rules(volume: tuple[Array, Array], face: tuple[Array, Array]) -> dict[str, Array]:
+    """The quadrature of an element, by the names of its fields."""
+    return dict(zip(("points", "weights", "face_points", "face_weights"), (*volume, *face), strict=True))
+
+
+HEX27 = Element(
+    "hex27", local=_HEX27, shape=_q2, faces=FACES, corners=(0, 2, 8, 6), modes="linear",
+    **_rules(gauss(3), gauss(2)),
+)  # fmt: skip
 
 
 def _hex20(name: str, order: int, modes: Modes) -> Element:
     faces, shape = _with_middles(_HEX_FACES, _HEX_EDGES, 8), _serendipity(_HEX20)
-    return Element(name, _HEX20, shape, *gauss(3, order), faces, _QUAD, *gauss(2, order), modes)
+    rules = _rules(gauss(3, order), gauss(2, order))
+    return Element(name, local=_HEX20, shape=shape, faces=faces, corners=_QUAD, modes=modes, **rules)
 
 
 def _hex8(name: str) -> Element:
-    rule, face = gauss(3, 2), gauss(2, 2)
-    return Element(name, _HEX8, _serendipity(_HEX8), *rule, np.array(_HEX_FACES), _QUAD, *face, "constant")
+    rules, faces, shape = _rules(gauss(3, 2), gauss(2, 2)), np.array(_HEX_FACES), _serendipity(_HEX8)
+    return Element(name, local=_HEX8, shape=shape, faces=faces, corners=_QUAD, modes="constant", **rules)
 
 
 def _tet10(name: str) -> Element:
-    faces, weights = _with_middles(_TET_FACES, _TET_EDGES, 4), np.full(4, 1 / 24)
-    rule, face = (_TET_POINTS, weights), (_TRIANGLE, _TRIANGLE_WEIGHTS)
-    return Element(name, _TET10, _quadratic_tet, *rule, faces, (0, 1, 2), *face, "corners")
+    rules = _rules((_TET_POINTS, np.full(4, 1 / 24)), (_TRIANGLE, _TRIANGLE_WEIGHTS))
+    faces, corners = _with_middles(_TET_FACES, _TET_EDGES, 4), (0, 1, 2)
+    return Element(
+        name, local=_TET10, shape=_quadratic_tet, faces=faces, corners=corners, modes="corners", **rules
+    )
 
 
 ELEMENTS = {

@@ -28,7 +28,7 @@ from fe.solver.reach import crossing
 from fe.solver.varied import Differenced, Variation, refused
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Solution:
     """The response of a case to a path.
 
@@ -170,56 +170,104 @@ def solve(
             f"friction {case.contact.friction}: wanted a coefficient of 0 or more, without unit; correct it"
         )
     if path.stiffness is not None and path.stiffness.min() <= 0:
-        none, slopes = np.zeros(len(path.output)), np.zeros((len(variations), len(path.output)))
-        reason = f"stopped: the factor of its moduli falls to {path.stiffness.min():.3g}, wanted above 0"
-        return Solution(case, path, (nothing(reason),), none.astype(int), none, slopes, None, 0, reason)
+        return _without_moduli(case, path, len(variations))
     refused(case, path, variations)
-    kernel = _kernel(_Key(case))
-    problem = Problem.of(case, kernel)
-    varied = [
-        Differenced(Problem.of(v.plus[0], kernel), Problem.of(v.minus[0], kernel), v.step) for v in variations
-    ]
-    pairs = [(v.plus[1], v.minus[1]) for v in variations]
-    dense = Course.of(problem, path, path.time)
-    directions = [Direction.of(v, paths, path.time) for v, paths in zip(varied, pairs, strict=True)]
-    loadings = Loadings.of(problem, path, varied, pairs)
-    remember = any(
-        q.remembers(path) or any(v.remembers(*pair) for v, pair in zip(around, pairs, strict=True))
-        for q, around in zip(loadings.problems, loadings.varied, strict=True)
-    )
-    rubs = any(q.rubs for q in loadings.everyone)
-    slips = rubs and (remember or len(loadings.problems) > 1 or _falls(path, dense.pressure))
-    top, only = (
-        max(float(dense.pressure.max()), 1e-9),
-        float(np.interp(path.output[0], path.time, dense.pressure)),
-    )
-    if len(path.output) == 1 and only > 0 and not (remember or slips):
-        top, loadings = only, loadings.only(int(loadings.at(path.output)[0]))
-        count = count if rubs else 1
-    steps, low = levels(top, count=count), float(dense.pressure.min())
-    if low < -0.01 * top:  # above that is a gauge's noise, which the first cubic carries
-        steps = np.append(low, steps)
+    task = _Task.of(case, path, variations)
+    steps, loadings = task.levels(count)
     near = start.curves if start is not None and len(start.curves) == len(loadings.problems) else None
     curves = tuple(
         trace(q, steps, varied=around, near=near[k] if near else None)
         for k, (q, around) in enumerate(zip(loadings.problems, loadings.varied, strict=True))
     )
     reason = next((c.reason for c in curves if c.reason != "converged"), "converged")
-    slips = slips and any(
-        _touched(*them) for them in zip(loadings.problems, loadings.varied, curves, strict=True)
-    )
+    if reason != "converged" or not (task.remembers or (task.slips and _touch(loadings, curves))):
+        return task.solution(loadings, curves, None, 0, reason)
+    near_history = start.history if start else None
+    return task.solution(loadings, curves, *follow(loadings, curves, task.pairs, near=near_history))
 
-    def result(history: History | None, iterations: int, reason: str) -> Solution:
-        pressure, *slopes = (
-            np.interp(path.output, path.time, x) for x in (dense.pressure, *(d.slopes for d in directions))
+
+def _without_moduli(case: Case, path: Path, parameters: int) -> Solution:
+    """The solution of a path along which the moduli drift to nothing."""
+    least = 0.0 if path.stiffness is None else path.stiffness.min()
+    reason = f"stopped: the factor of its moduli falls to {least:.3g}, wanted above 0"
+    none = np.zeros(len(path.output))
+    return Solution(
+        case=case, path=path, curves=(nothing(reason),), number=none.astype(int), pressure=none,
+        slopes=np.zeros((parameters, len(none))), history=None, iterations=0, reason=reason,
+    )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class _Task:
+    """What is to be solved: problems and their neighbours under each gravity, the paths of the neighbours,
+    what the path asks of the problem and of its neighbours at the log times."""
+
+    case: Case
+    path: Path
+    loadings: Loadings
+    pairs: list[tuple[Path, Path]]
+    dense: Course
+    directions: list[Direction]
+
+    @staticmethod
+    def of(case: Case, path: Path, variations: Sequence[Variation]) -> "_Task":
+        kernel = _kernel(_Key(case))
+        problem, pairs = Problem.of(case, kernel), [(v.plus[1], v.minus[1]) for v in variations]
+        varied = [
+            Differenced(Problem.of(v.plus[0], kernel), Problem.of(v.minus[0], kernel), v.step)
+            for v in variations
+        ]
+        directions = [Direction.of(v, paths, path.time) for v, paths in zip(varied, pairs, strict=True)]
+        dense, loadings = Course.of(problem, path, path.time), Loadings.of(problem, path, varied, pairs)
+        return _Task(case, path, loadings, pairs, dense, directions)
+
+    @cached_property
+    def remembers(self) -> bool:
+        """Whether the material of the case, or of a neighbour, may have a memory."""
+        return any(
+            q.remembers(self.path)
+            or any(v.remembers(*pair) for v, pair in zip(around, self.pairs, strict=True))
+            for q, around in zip(self.loadings.problems, self.loadings.varied, strict=True)
         )
-        shape = np.reshape(slopes, (len(varied), len(path.output)))
-        number, count = loadings.at(path.output), iterations + sum(c.iterations for c in curves)
-        return Solution(case, path, curves, number, pressure, shape, history, count, reason)
 
-    if reason != "converged" or not (remember or slips):
-        return result(None, 0, reason)
-    return result(*follow(loadings, curves, pairs, near=start.history if start else None))
+    @cached_property
+    def rubs(self) -> bool:
+        """Whether there is friction."""
+        return any(q.rubs for q in self.loadings.everyone)
+
+    @cached_property
+    def slips(self) -> bool:
+        """Whether slip, where a plane is touched, must be followed in time."""
+        turns = len(self.loadings.problems) > 1
+        return self.rubs and (self.remembers or turns or _falls(self.path, self.dense.pressure))
+
+    def levels(self, count: int) -> tuple[Array, Loadings]:
+        """The pressures (k,) MPa of the history-free curves, and the loadings that need one."""
+        pressure, path, loadings = self.dense.pressure, self.path, self.loadings
+        top, only = max(float(pressure.max()), 1e-9), float(np.interp(path.output[0], path.time, pressure))
+        if len(path.output) == 1 and only > 0 and not (self.remembers or self.slips):
+            top, loadings = only, loadings.only(int(loadings.at(path.output)[0]))
+            count = count if self.rubs else 1
+        steps, low = levels(top, count=count), float(pressure.min())
+        # above that is a gauge's noise, which the first cubic carries
+        return (np.append(low, steps) if low < -0.01 * top else steps), loadings
+
+    def solution(
+        self,
+        loadings: Loadings,
+        curves: tuple[Curve, ...],
+        history: History | None,
+        iterations: int,
+        reason: str,
+    ) -> Solution:
+        """What was found, at the output times."""
+        path, output, along = self.path, self.path.output, [d.slopes for d in self.directions]
+        pressure, *slopes = (np.interp(output, path.time, x) for x in (self.dense.pressure, *along))
+        return Solution(
+            case=self.case, path=path, curves=curves, number=loadings.at(output), pressure=pressure,
+            slopes=np.reshape(slopes, (len(self.directions), len(output))), history=history,
+            iterations=iterations + sum(c.iterations for c in curves), reason=reason,
+        )  # fmt: skip
 
 
 FALL = 0.02  # of the range: a fall of the pressure by less is a gauge's noise
@@ -231,10 +279,14 @@ def _falls(path: Path, pressure: Array) -> bool:
     return bool((np.maximum.accumulate(p) - p).max() > FALL * np.ptp(pressure))
 
 
-def _touched(problem: Problem, varied: Sequence[Differenced], curve: Curve) -> bool:
-    """Whether a problem or a neighbour is on its plane anywhere on the curve."""
-    every = [problem, *(q for v in varied for q in (v.plus, v.minus))]
-    return any(q.plane is not None and q.plane.touches(q.case.nodes + u) for q in every for u in curve.u)
+def _touch(loadings: Loadings, curves: tuple[Curve, ...]) -> bool:
+    """Whether a problem or a neighbour is on its plane anywhere on its curve."""
+    return any(
+        q.plane is not None and q.plane.touches(q.case.nodes + u)
+        for problem, varied, curve in zip(loadings.problems, loadings.varied, curves, strict=True)
+        for q in (problem, *(q for v in varied for q in (v.plus, v.minus)))
+        for u in curve.u
+    )
 
 
 class _Key:

@@ -1,6 +1,6 @@
 """What a deck said, by labels and names -> a case, by rows."""
 
-from dataclasses import dataclass, field
+from dataclasses import KW_ONLY, dataclass, field
 
 import numpy as np
 
@@ -15,6 +15,7 @@ class Draft:
     """What was read so far: sets hold labels, supports (set, component, mm), forces N on each node."""
 
     file: str
+    _: KW_ONLY
     nodes: dict[int, Array] = field(default_factory=dict)
     elements: dict[int, tuple[str, list[int]]] = field(default_factory=dict)
     node_sets: dict[str, list[int]] = field(default_factory=dict)

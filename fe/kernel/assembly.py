@@ -194,7 +194,7 @@ class Geometry:
         return self._flexible * bulk[:, None, None]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Linearised:
     """Residual and tangent at one state.
 
@@ -366,9 +366,11 @@ class Kernel:
         if len(self._open):
             dofs, C = self.pressure.antisymmetric(x, self._open)
             border = dofs, -load * C
+        coupling = B.reshape(size, 3 * n, m)
         return Linearised(
-            total, data[:-1], out.gap, B.reshape(size, 3 * n, m), compliance, turning, lever, border
-        )
+            force=total, data=data[:-1], gap=out.gap, coupling=coupling, compliance=compliance,
+            turning=turning, lever=lever, border=border,
+        )  # fmt: skip
 
     def with_faces(self, data: Array, dofs: Integers, K: Array) -> Array:
         """The upper triangle `data` with symmetric matrices K (g, k, k) of faces of elements added, which are

@@ -15,7 +15,7 @@ from fe.laws import Material
 from fe.mesh.mirror import mirrored
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Finger:
     """Dimensions of the bellows finger in mm (x along, y across, z up; the flat bottom is z = 0).
 
@@ -39,7 +39,7 @@ class Finger:
     middle_node: tuple[float, float, float] = (187 / 3, 11.5, 0.0)  # a quarter into the sixth bellow
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Lattice:
     """How a finger is divided: cells per bellow, per wall, per fillet, per middle span, per cap; section
     topology.

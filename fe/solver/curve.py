@@ -19,7 +19,7 @@ SHARE = 0.4  # of a step that failed: 13 factorisations to 0.03 MPa on the defau
 LEAST_STEP = 1 / 64  # of the distance between two levels; below that the path is given up
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Curve:
     """States over pressure (k,) MPa: u (k, n, 3) mm, p (k, e, 4) MPa, rotation (k,) rad, and their slopes.
 
@@ -276,15 +276,8 @@ def _curve(done: list[_Level], parameters: int, iterations: int, reason: str) ->
         for name in ("u", "p")
     )
     return Curve(
-        np.array([level.pressure for level in done]),
-        of("state", "u"),
-        of("state", "p"),
-        of("state", "rotation"),
-        of("slope", "u"),
-        of("slope", "p"),
-        of("slope", "rotation"),
-        derivative,
-        p_derivative,
-        iterations,
-        reason,
-    )
+        pressure=np.array([level.pressure for level in done]),
+        u=of("state", "u"), p=of("state", "p"), rotation=of("state", "rotation"),
+        u_slope=of("slope", "u"), p_slope=of("slope", "p"), rotation_slope=of("slope", "rotation"),
+        derivative=derivative, p_derivative=p_derivative, iterations=iterations, reason=reason,
+    )  # fmt: skip

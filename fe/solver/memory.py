@@ -21,7 +21,7 @@ from fe.solver.past import Evaluated, Past
 from fe.solver.varied import Differenced, Neighbours, sensitivities
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class History:
     """The solved times of a history.
 
@@ -131,7 +131,7 @@ class _Point:
     pasts: tuple[tuple[Past, Past], ...]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class _March:
     """A problem on its way through the times `time` (k,) s of a course, with the tracked parameters; number
     (k,): which loading and which curve is each time's."""
@@ -296,8 +296,9 @@ class _March:
         active = bool(drifts or problem.rubs or c.prony[..., 0].any() or c.softening[:, 0].any())
         states, drift = np.stack([x.state.u for x in points]), tuple(x.drift for x in points)
         return History(
-            self.time, self.number, weights, self.course.pressure, slopes, states, u, p, drift, active
-        )
+            time=self.time, number=self.number, weights=weights, pressure=self.course.pressure, slopes=slopes,
+            u=states, derivative=u, p_derivative=p, drift=drift, active=active,
+        )  # fmt: skip
 
 
 def _drifts(problem: Problem, stiffness: Array) -> bool:
@@ -339,7 +340,10 @@ def follow(
         if own or any(v[n].remembers(*paths[n]) or v[n].rubs for v in loadings.varied)
     }
     course, number = Course.of(problem, path, time), loadings.at(time)
-    march = _March(loadings, curves, time, number, course, tracked, near, soft)
+    march = _March(
+        loadings=loadings, curves=curves, time=time, number=number, course=course, directions=tracked,
+        near=near, soft=soft,
+    )  # fmt: skip
     point, last = march.first()
     points, iterations = [point], last.iterations if last else 0
     going, asked = march, np.ones(len(time), bool)  # slip may need times in between

@@ -32,7 +32,7 @@ SOFTEST = 1 / 512  # of a plane's stiffness: with that it is met first where it 
 EXACT = 0.01  # of TOLERANCE is what such corrections may leave, as Newton's last one does
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Problem:
     """One case made ready: kernel (shared by cases with the same mesh and supports), constants, dead forces
     (n, 3) N, prescribed displacements (k,) mm at the supported degrees of freedom."""
@@ -60,7 +60,10 @@ class Problem:
         layer = LayerFaces(case) if case.layer and case.layer.stiffness else None
         plane = PlaneFaces(case) if case.contact and case.contact.stiffness else None
         prescribed = case.prescribed.ravel()[kernel.supported]
-        return Problem(kernel, Constants.of(case), case, dead, prescribed, geometry, layer, plane)
+        return Problem(
+            kernel=kernel, constants=Constants.of(case), case=case, dead=dead, prescribed=prescribed,
+            geometry=geometry, layer=layer, plane=plane,
+        )  # fmt: skip
 
     @property
     def proportional(self) -> bool:
