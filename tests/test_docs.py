@@ -25,6 +25,7 @@ from twin.project.config import Config
 from twin.project.targetfiles import read_targets
 from twin.project.toml import parse
 from twin.stages.chain import STAGES, TARGETS
+from vision.errors.budgeting import SOURCES
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = sorted(
@@ -232,6 +233,11 @@ def test_keys_of_the_records_are_explained(record: type) -> None:
     keys = set(re.findall(r'"(\w+)"', inspect.getsource(record.to_dict))) - {"theta"}  # type: ignore[attr-defined]
     assert len(keys) > 3
     assert sorted(key for key in keys if f"`{key}`" not in text) == []
+
+
+def test_every_source_of_the_error_budget_is_explained() -> None:
+    text = (ROOT / "docs" / "measuring-chain.md").read_text(encoding="utf-8")
+    assert [source for source in SOURCES if f"\n| `{source}` |" not in text] == []
 
 
 def test_every_picture_stands_in_a_page() -> None:
