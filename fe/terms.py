@@ -5,8 +5,10 @@ A row of constants holds what the columns below name. A new term in I1 alone is 
 `energy` adds and two slopes that `_slopes` adds. Arrays of a `Point` are scratch, filled and read in turn.
 """
 
+import hashlib
 import math
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numba
@@ -20,9 +22,23 @@ C10, C01, C20, C30, GENT, GENT_INVERSE, OGDEN = range(7)
 PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 
 # Sums may be reordered; NaN stays NaN, as it marks a cell turned inside out.
-machine_code: Callable[[Any], Any] = numba.njit(
-    cache=True, nogil=True, fastmath={"contract", "reassoc"}, error_model="numpy"
-)
+_OPTIONS: dict[str, Any] = {"nogil": True, "fastmath": {"contract", "reassoc"}, "error_model": "numpy"}
+_OWN_SOURCE = hashlib.sha256(Path(__file__).read_bytes()).hexdigest()
+
+
+def machine_code(function: Callable[..., Any]) -> Any:
+    """The function, compiled by numba at its first call and kept on the disk.
+
+    numba compiles anew where the function's own file has changed. The loops hold the law of this file in their
+    machine code, so a change here must count too; where numba has no place for that, nothing is kept.
+    """
+    kept = numba.njit(function, cache=True, **_OPTIONS)
+    try:
+        file = kept._cache._cache_file
+        file._source_stamp = (file._source_stamp, _OWN_SOURCE)
+    except AttributeError:
+        return numba.njit(function, **_OPTIONS)
+    return kept
 
 
 class Point(NamedTuple):
