@@ -188,39 +188,52 @@ def _held(
     return fit.theta, fit.chi2 if math.isfinite(fit.chi2) else math.nan
 
 
-def identifiability(fit: Fit, names: tuple[str, str]) -> str:
+def identifiability(fit: Fit, names: tuple[str, str], *, fits: bool = True) -> str:
     """What the data say of two parameters that act alike (C10, C01): sum, share, and if they part, in words.
 
-    The sum's and the share's sds follow from the covariance to first order. They "cannot be separated" where
-    their correlation exceeds 0.9 in size, where the share's sd exceeds 0.25, or where the data leave them
-    undetermined. Raises ValueError for a name that is not a parameter of the fit.
+    fits: whether the model agrees with the data; no interval is given where it does not. The sds of sum and
+    share follow from the covariance to first order. The two "cannot be separated" where their correlation
+    exceeds 0.9 in size, where the share's sd exceeds 0.25, or where the data leave them undetermined. Raises
+    ValueError for a name that is not a parameter of the fit.
     """
-    known = [p.name for p in fit.parameters]
-    if absent := [name for name in names if name not in known]:
-        raise ValueError(f"identifiability: no parameter {absent} in the fit, which has {known}")
-    i, j = (known.index(name) for name in names)
+    own = [p.name for p in fit.parameters]
+    if absent := [name for name in names if name not in own]:
+        raise ValueError(f"identifiability: no parameter {absent} in the fit, which has {own}")
+    i, j = (own.index(name) for name in names)
     a, b, unit = names[0], names[1], f" {fit.parameters[i].unit}".rstrip()
     total, share = fit.theta[i] + fit.theta[j], fit.theta[j] / (fit.theta[i] + fit.theta[j])
     verdict = f"{a} and {b} cannot be separated by these targets"
-    values = f"{a} + {b} = {total:.4g}{unit}, share {b}/({a} + {b}) = {share:.3g}"
+    bare = f"{a} + {b} = {total:.4g}{unit}, share {b}/({a} + {b}) = {share:.3g}"
     if stuck := [name for name in names if name in fit.at_bound]:
-        return f"{values}. {verdict}: the fit ends at a bound of {' and '.join(stuck)}."
+        return f"{bare}. {verdict}: the fit ends at a bound of {' and '.join(stuck)}."
     block = fit.covariance[np.ix_([i, j], [i, j])]
     if not np.all(np.isfinite(block)):
-        return f"{values}. {verdict}: the data leave them undetermined."
+        return f"{bare}. {verdict}: the data leave them undetermined."
     slope = np.array([-fit.theta[j], fit.theta[i]]) / total**2
     sd_total, sd_share = math.sqrt(max(block.sum(), 0.0)), math.sqrt(max(slope @ block @ slope, 0.0))
     correlation = fit.correlation[i, j]
-    values = (
-        f"{a} + {b} = {total:.4g} +- {sd_total:.2g}{unit}, "
-        f"share {b}/({a} + {b}) = {share:.3g} +- {sd_share:.2g}, correlation {correlation:.3f}"
-    )
     if sd_share > 0.25:
         # with the share held: the inverse of the information on the sum alone
         turn = np.stack([np.ones(2), slope])
         given = 1 / math.sqrt(np.linalg.inv(turn @ block @ turn.T)[0, 0])
-        values = f"{a} + {b} = {total:.4g} +- {given:.2g}{unit} at a given share, which may be anything"
-        return f"{values}. {verdict}: only their sum is known (correlation {correlation:.3f})."
+        held = f"{a} + {b} = {total:.4g}{unit}{_span(total, given, fits)} at a given share"
+        known = f"only their sum is known (correlation {correlation:.3f})"
+        return f"{held}, which may be anything. {verdict}: {known}."
+    values = (
+        f"{a} + {b} = {total:.4g}{unit}{_span(total, sd_total, fits)}, "
+        f"share {b}/({a} + {b}) = {share:.3g}{_span(share, sd_share, fits, high=1.0)}, "
+        f"correlation {correlation:.3f}"
+    )
     if abs(correlation) > 0.9:
         return f"{values}. {verdict} one by one: their errors trade off, so quote the sum and the share."
     return f"{values}. These targets tell {a} and {b} apart."
+
+
+def _span(value: float, sd: float, fits: bool, *, high: float = math.inf) -> str:
+    """The 95 % interval of a positive value in brackets, cut at 0 and `high`; nothing where there is none."""
+    ends = max(value - 1.96 * sd, 0.0), min(value + 1.96 * sd, high)
+    width = ends[1] - ends[0]
+    if not fits or width <= 0:
+        return ""
+    digits = max(0, 1 - math.floor(math.log10(width)))
+    return f" (95 % interval {ends[0]:.{digits}f} to {ends[1]:.{digits}f})"

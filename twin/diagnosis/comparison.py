@@ -11,9 +11,15 @@ from twin.targets import Array, Targets
 
 ADEQUATE = 1e-3  # a model is adequate while its lack of fit has at least this probability
 BRANCHES = ("rest", "up", "hold", "down")
+WHILE = {
+    "rest": "at rest",
+    "up": "while the pressure rises",
+    "hold": "while the pressure is held",
+    "down": "while the pressure falls",
+}
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Comparison:
     """residual (s, p, 3) = measured - predicted mm; cleaned, the same without the errors of measurement and
     mesh that many values share, NaN where no data; whitened (n,); the lack-of-fit test; where it fails."""
@@ -34,6 +40,13 @@ class Comparison:
     def adequate(self) -> bool:
         """Whether noise alone explains the residual."""
         return self.p_value > ADEQUATE
+
+    @property
+    def doubt(self) -> str:
+        """Why parameters of this fit can have no interval, in words; nothing where the model fits."""
+        if np.isnan(self.p_value):
+            return "there are no more data than fitted parameters"
+        return "" if self.adequate else "the model does not fit yet"
 
     def to_dict(self) -> dict[str, Any]:
         """What comparison.json holds."""
@@ -68,8 +81,19 @@ def compare(targets: Targets, predicted: Array, whitener: Whitener, *, jacobian:
     cleaned, maps = np.full(residual.shape, np.nan), residual_maps(targets, whitener, residual)
     cleaned[:, whitener.components[:, 0], whitener.components[:, 1]] = whitener.cleaned(residual)
     rms, noise = whitener.rms(residual), whitener.noise_sd
-    where = _where(maps, rms, noise, p)
-    return Comparison(residual, cleaned, z, chi2, degrees, beyond, p, rms, noise, where, maps)
+    return Comparison(
+        residual=residual,
+        cleaned=cleaned,
+        whitened=z,
+        chi2=chi2,
+        degrees_of_freedom=degrees,
+        excess=beyond,
+        p_value=p,
+        rms_mm=rms,
+        noise_sd_mm=noise,
+        where=_where(maps, rms, noise, p),
+        maps=maps,
+    )
 
 
 def lack_of_fit(targets: Targets, w: Whitener, z: Array, fitted: Array, smooth: Array | None) -> float:
@@ -145,30 +169,36 @@ def residual_maps(targets: Targets, w: Whitener, residual: Array) -> dict[str, l
 
 
 def _row(name: str, left: Array, noise: Array) -> dict[str, Any]:
+    """One row of a map; of values that were never measured there is none: count 0 and no rms."""
     good = np.isfinite(left)
-    rms = float(np.sqrt((left[good] ** 2).mean())) if good.any() else float("nan")
-    sd = float(np.sqrt((noise[good] ** 2).mean())) if good.any() else float("nan")
-    return {"name": name, "rms_mm": rms, "noise_sd_mm": sd, "ratio": rms / sd if sd else float("nan")}
+    if not good.any():
+        return {"name": name, "count": 0, "rms_mm": None, "noise_sd_mm": None, "ratio": None}
+    rms, sd = (float(np.sqrt((x[good] ** 2).mean())) for x in (left, noise))
+    ratio = rms / sd if sd else None
+    return {"name": name, "count": int(good.sum()), "rms_mm": rms, "noise_sd_mm": sd, "ratio": ratio}
 
 
 def _beyond_noise(row: dict[str, Any]) -> float:
-    """The mean square in mm2 that noise does not explain."""
-    return float(row["rms_mm"] ** 2 - row["noise_sd_mm"] ** 2)
+    """The mean square in mm2 that noise does not explain; of nothing measured, less than any."""
+    return float(row["rms_mm"] ** 2 - row["noise_sd_mm"] ** 2) if row["count"] else -np.inf
 
 
 def _where(maps: dict[str, list[dict[str, Any]]], rms: float, noise: float, p: float) -> str:
+    """Whether the model agrees, and where it fails, in words."""
     if np.isnan(p):
         return (
-            f"{rms:.3f} mm rms are left, which says nothing: there are no more data than fitted parameters, "
-            "so no agreement and no failure can be seen; measure more markers, pressures or times."
+            "These data cannot show whether the model is right: there are no more data than fitted "
+            f"parameters ({rms:.3f} mm rms are left). Measure more markers, pressures or times."
         )
     if p > ADEQUATE:
-        return f"The model agrees with the measurement within the noise: {rms:.3f} mm rms of {noise:.3f} mm."
+        return (
+            f"The model agrees with the measurement within the noise: {rms:.3f} mm rms are left, the noise "
+            f"is {noise:.3f} mm."
+        )
     worst = {kind: max(rows, key=_beyond_noise) for kind, rows in maps.items()}
     marker = worst["marker"]
     return (
-        f"The model misses the measurement by {rms:.3f} mm rms where the noise is {noise:.3f} mm; most at "
-        f"marker {marker['name']} ({marker['rms_mm']:.3f} mm, {marker['ratio']:.1f} of its noise), in "
-        f"{worst['direction']['name']}, at {worst['pressure']['name']}, on the branch "
-        f"'{worst['branch']['name']}'."
+        f"The model misses the measurement by {rms:.3f} mm rms; the noise is {noise:.3f} mm. It fails most "
+        f"at marker {marker['name']} ({marker['rms_mm']:.3f} mm, {marker['ratio']:.1f} times its noise), in "
+        f"{worst['direction']['name']}, at {worst['pressure']['name']}, {WHILE[worst['branch']['name']]}."
     )

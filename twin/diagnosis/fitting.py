@@ -58,6 +58,18 @@ def with_mesh(fit: Fit, mesh: Discretisation | None) -> Fit:
     return replace(fit, covariance=covariance)
 
 
+def refitted(
+    model: Model, targets: Targets, mesh: Discretisation | None, *, start: Array, seed: int = 0
+) -> tuple[Fit, Whitener]:
+    """The fit of a model from a start (d,) near it, with the mesh's part in its covariance, and its whitener.
+
+    The errors of gauge and mesh depend on the parameters, so they are those at the start: under the errors of
+    the base model the demo's C10 ends at 0.227 instead of 0.234 MPa. mesh: the discretisation error there.
+    """
+    w = whitener_of(model, start, targets, mesh)
+    return with_mesh(fit_model(model, targets, w, start=start, seed=seed), mesh), w
+
+
 def fit_model(
     model: Model,
     targets: Targets,

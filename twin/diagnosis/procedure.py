@@ -5,9 +5,10 @@ Noise first; fit; lack of fit; the signature of every absent effect with all fit
 refits of the best; a wider law of the same physics before anything else; ties are one answer.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 
+from twin.diagnosis.candidates import Candidate
 from twin.diagnosis.comparison import compare
 from twin.diagnosis.fitting import fit_model, whitener_of
 from twin.diagnosis.refitting import Progress, refit, refits, worth_refitting
@@ -27,11 +28,13 @@ def diagnose(
     seed: int,
     start: Array,
     mesh: Discretisation | None = None,
+    settle: Callable[[Candidate], Candidate] | None = None,
     workers: int = 1,
     progress: Progress | None = None,
 ) -> Diagnosis:
     """The diagnosis of a base model. start (d,): its calibrated parameters; mesh: its discretisation error
-    there; workers: processes that refit.
+    there; settle: gives the kept effect the fit that is given out, by default its refit as it is; workers:
+    processes that refit.
 
     Reads targets only. Raises Unsolvable where the base model cannot be solved at `start`.
     """
@@ -54,10 +57,15 @@ def diagnose(
     tell("signatures", 1, 3)
     candidates = screen(model, effects, targets, w, fit.theta, base, jacobian)
     chosen = worth_refitting(candidates, base)
-    one = partial(refit, model=model, targets=targets, w=w, base=base, seed=seed)
+    one = partial(refit, model=model, targets=targets, w=w, mesh=mesh, base=base, seed=seed)
     refitted = refits(chosen, one, workers=workers, tell=tell)
     rows = ranked([c for c in candidates if c.effect.name not in {r.effect.name for r in chosen}] + refitted)
-    return concluded(rows, base, fit, mesh.remainder_mm if mesh else None)
+    remainder = mesh.remainder_mm if mesh else None
+    found = concluded(rows, base, fit, remainder)
+    if settle is None or found.kept is None:
+        return found
+    rows = tuple(settle(c) if c is found.kept else c for c in rows)
+    return concluded(rows, base, fit, remainder)
 
 
 def _refusal(targets: Targets) -> str:
@@ -69,4 +77,4 @@ def _refusal(targets: Targets) -> str:
 
 
 def _cannot(why: str) -> Diagnosis:
-    return Diagnosis(f"cannot test: {why}", f"The data cannot be tested: {why}.")
+    return Diagnosis(verdict=f"cannot test: {why}", sentence=f"The data cannot be tested: {why}.")

@@ -9,8 +9,9 @@ import numpy as np
 from calibrate import bic
 from twin.diagnosis.candidates import Candidate
 from twin.diagnosis.comparison import Comparison, compare
-from twin.diagnosis.fitting import fit_model
+from twin.diagnosis.fitting import fit_model, with_mesh
 from twin.diagnosis.whitening import Whitener
+from twin.model.discretisation import Discretisation
 from twin.model.prediction import Model
 from twin.parallel import finished
 from twin.targets import Targets
@@ -19,7 +20,7 @@ Progress = Callable[[str, int, int], None]
 
 DETECTED = 0.01  # after multiplicity
 REFITS = 3
-SETTLED = 0.1  # sd to which refits are carried; `twin add` carries on from there
+CLOSE = 0.1  # sd to which refits are carried; the kept one is carried on from there
 PROMISING = 0.25  # of the best z2: what a refit must promise as a fall of chi2
 
 
@@ -77,14 +78,21 @@ def _laws(candidate: Candidate) -> list[Candidate]:
 
 
 def refit(
-    candidate: Candidate, *, model: Model, targets: Targets, w: Whitener, base: Comparison, seed: int
+    candidate: Candidate,
+    *,
+    model: Model,
+    targets: Targets,
+    w: Whitener,
+    mesh: Discretisation | None,
+    base: Comparison,
+    seed: int,
 ) -> Candidate:
     """The candidate with its fit, its comparison and its BIC gain over the base; a note where it has none."""
     wider = model.with_effect(candidate.effect)
     start = wider.theta(candidate.start)
-    fit = fit_model(wider, targets, w, start=start, seed=seed, evaluations=15, tolerance=SETTLED)
+    fit = fit_model(wider, targets, w, start=start, seed=seed, evaluations=15, tolerance=CLOSE)
     if not np.isfinite(fit.chi2):
         return replace(candidate, note=fit.reason)
     found = compare(targets, wider.predict(fit.theta), w, jacobian=wider.jacobian(fit.theta))
     gain = bic(base.chi2, len(model.parameters), w.count) - bic(found.chi2, len(fit.theta), w.count)
-    return replace(candidate, fit=fit, comparison=found, delta_bic=gain)
+    return replace(candidate, fit=with_mesh(fit, mesh), comparison=found, delta_bic=gain)

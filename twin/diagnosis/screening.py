@@ -22,6 +22,8 @@ from twin.targets import Array, Targets
 
 INVISIBLE = 0.02  # of its own size is what an effect keeps apart from the fitted parameters
 
+UNSEEN = "cannot be seen apart from the fitted parameters with these data"
+
 
 def screen(
     model: Model,
@@ -43,7 +45,9 @@ def screen(
     adjusted = iter(holm([c.p_value for c in scored if not c.note]))
     scored = [c if c.note else replace(c, p_value=float(next(adjusted))) for c in scored]
     silent = [e for e in absent if e not in testable]
-    return scored + [Candidate(e, 0.0, 1.0, lacking(e.requires, targets)) for e in silent]
+    return scored + [
+        Candidate(effect=e, z=0.0, p_value=1.0, note=lacking(e.requires, targets)) for e in silent
+    ]
 
 
 def _score(
@@ -58,7 +62,7 @@ def _score(
     """The largest score over the effect's grid, one-sided where its null is a bound, and the start it
     suggests."""
     p, fitted = effect.parameters[0], w.whiten(jacobian).T
-    best = Candidate(effect, 0.0, 1.0, "cannot be seen apart from the fitted parameters with these data")
+    best = Candidate(effect=effect, z=0.0, p_value=1.0, note=UNSEEN)
     for entry, row in zip(effect.grid or ({},), rows, strict=True):
         if _hidden(w.pick(row), w.pick(jacobian), p.step):
             continue
@@ -72,7 +76,8 @@ def _score(
             size = float(np.clip(p.null + step[-1], p.low, p.high))
             size = size if abs(size - p.null) > 0.02 * p.step else p.null + 0.1 * p.step
             moved = {k: v + d for (k, v), d in zip(base.items(), step[:-1], strict=True)}
-            best = Candidate(effect, score, chance, start={**_inside(model, moved), p.name: size, **entry})
+            start = {**_inside(model, moved), p.name: size, **entry}
+            best = Candidate(effect=effect, z=score, p_value=chance, start=start)
     return best if best.note else replace(best, p_value=sidak(best.p_value, len(rows)))
 
 

@@ -19,7 +19,7 @@ EXPLAINED = 0.8
 ANY_TWO = "repeat the film with a 60 s hold and a 0.2 s step"  # the next test where effects name none
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Diagnosis:
     """What the data ask for: verdict, named effects, ties, ranking, next test, and the errors in mm."""
 
@@ -38,7 +38,7 @@ class Diagnosis:
 
     def to_dict(self) -> dict[str, Any]:
         """What diagnosis.json holds."""
-        after = self.kept.comparison if self.kept else self.base
+        after = self.kept.final if self.kept else self.base
         return {
             "verdict": self.verdict,
             "sentence": self.sentence,
@@ -69,9 +69,14 @@ def concluded(rows: tuple[Candidate, ...], base: Comparison, fit: Fit, remainder
     if best is not None and best.comparison is not None:
         found = _judged(rows, best, base, best.comparison)
     elif base.adequate:
-        found = Diagnosis("none needed", "The model agrees with the measurement: no effect is missing.")
+        found = Diagnosis(
+            verdict="none needed",
+            sentence="The model agrees with the measurement: no effect is missing.",
+        )
     else:
-        found = Diagnosis("none of these", "The model is wrong, and no effect of the library helps.")
+        found = Diagnosis(
+            verdict="none of these", sentence="The model is wrong, and no effect of the library helps."
+        )
     blind = [c.effect.name for c in rows if c.note]
     unseen = f" These data cannot tell: {', '.join(blind)}." if blind else ""
     return replace(
@@ -88,8 +93,11 @@ def _judged(rows: tuple[Candidate, ...], best: Candidate, base: Comparison, afte
     """The verdict on the best effect, whose refit leaves `after`."""
     explained = 1 - max(after.excess, 0.0) / max(base.excess, 1.0)
     name, law = best.effect.name, best.effect.label
-    change = f"{base.rms_mm:.3f} mm -> {after.rms_mm:.3f} mm rms (noise {base.noise_sd_mm:.3f} mm)"
-    named = Diagnosis(name, "", (name,), law, kept=best, explained=explained)
+    left = (best.final or after).rms_mm
+    change = f"{base.rms_mm:.3f} mm -> {left:.3f} mm rms (noise {base.noise_sd_mm:.3f} mm)"
+    named = Diagnosis(
+        verdict=name, sentence="", named=(name,), law=law, kept=best, explained=explained
+    )
     tied = [c.effect for c in rows[1:] if _tied(c, best)]
     if after.adequate and tied:
         names = (name, *dict.fromkeys(e.name for e in tied))
@@ -109,7 +117,7 @@ def _judged(rows: tuple[Candidate, ...], best: Candidate, base: Comparison, afte
         f"The model is wrong by {base.rms_mm:.3f} mm rms, and the best effect of the library, {name}, "
         f"explains only {100 * explained:.0f} % of it: something else is missing."
     )
-    return Diagnosis("none of these", sentence, explained=explained)
+    return Diagnosis(verdict="none of these", sentence=sentence, explained=explained)
 
 
 def next_test(one: Effect, other: Effect) -> str:

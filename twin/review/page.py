@@ -1,7 +1,6 @@
 """Turns facts into one self-contained HTML page. It computes nothing: every number comes in, as it is."""
 
 import base64
-import math
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
@@ -10,6 +9,7 @@ import jinja2
 from markupsafe import Markup
 
 from twin.project import files
+from twin.review.numerals import interval, probability, short, value
 
 TEMPLATE = Path(__file__).with_name("report.html")
 
@@ -47,53 +47,6 @@ def render(*, title: str, facts: Mapping[str, Any]) -> str:
     return page.from_string(TEMPLATE.read_text(encoding="utf-8")).render(title=title, facts=facts)
 
 
-def short(value: Any) -> str:
-    """A number with three significant digits, whole from 100 on; text as it is; a dash for nothing."""
-    if value is None or isinstance(value, jinja2.Undefined):
-        return "–"
-    if isinstance(value, str):
-        return value
-    if isinstance(value, int):
-        return f"{value:,}"
-    if not math.isfinite(value):
-        return "–"
-    if 1e-4 <= abs(value) < 100 or value == 0:
-        return f"{value:.3g}"
-    return f"{value:,.0f}" if 100 <= abs(value) < 1e7 else f"{value:.2e}"
-
-
-def interval(row: Mapping[str, Any]) -> str:
-    """The 95 % interval of a parameter, both ends with the digits that its width gives."""
-    if not _known(row.get("low")) or not _known(row.get("high")):
-        return "–"
-    digits = _digits(row)
-    return f"{row['low']:.{digits}f} to {row['high']:.{digits}f}"
-
-
-def value(row: Mapping[str, Any]) -> str:
-    """The value of a parameter with as many digits as its interval."""
-    if not _known(row.get("value")) or not _known(row.get("low")) or not _known(row.get("high")):
-        return short(row.get("value"))
-    return f"{row['value']:.{_digits(row)}f}"
-
-
-def probability(p: Any) -> str:
-    """A probability with two digits; those too small to print as a bound."""
-    if not _known(p):
-        return "–"
-    return "< 1e-99" if p < 1e-99 else f"{p:.2g}"
-
-
-def _known(number: Any) -> bool:
-    return isinstance(number, int | float) and math.isfinite(number)
-
-
-def _digits(row: Mapping[str, Any]) -> int:
-    """Decimals that show the interval's width with two significant digits."""
-    width = abs(row["high"] - row["low"])
-    return max(0, 1 - math.floor(math.log10(width))) if width > 0 else 6
-
-
 def _groups(pictures: Iterable[Mapping[str, Any]] | None) -> list[list[Mapping[str, Any]]]:
     """Pictures as rows of the page: consecutive halves stand beside each other, two by two."""
     rows: list[list[Mapping[str, Any]]] = []
@@ -121,7 +74,7 @@ FACTS = frozenset(
     | {"calibration", "chain", "pictures", "notes", "provenance", "commands"}
 )
 FILTERS = {
-    "short": short,
+    "short": lambda x: short(None if isinstance(x, jinja2.Undefined) else x),
     "interval": interval,
     "value": value,
     "probability": probability,

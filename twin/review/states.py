@@ -38,7 +38,7 @@ class _Stored:
             return cls(**{name: _plain(stored[name]) for name in _names(cls)})
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Generations(_Stored):
     """The best individual of every generation at the first arrival at top pressure."""
 
@@ -63,7 +63,7 @@ class Generations(_Stored):
         _check(self, {"points": (len(self.point_names), 3), "u_points": (g, p, 3), "u_measured": (p, 3)})
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Fields(_Stored):
     """The calibrated model (with its named effect) at k times of the film."""
 

@@ -4,12 +4,13 @@ from typing import Any
 
 import numpy as np
 
-from twin.diagnosis.fitting import fit_model, whitener_of, with_mesh
+from twin.diagnosis.intervals import estimates, fit_record
 from twin.effects.library import effect
 from twin.effects.protocol import Effect
 from twin.model.prediction import Model
 from twin.project import files
 from twin.project.folder import Project, Say
+from twin.review.numerals import in_words
 from twin.review.states import Fields
 from twin.stages.chain import kinds_writing
 from twin.stages.comparing import compared
@@ -39,7 +40,7 @@ def run_add(project: Project, say: Say, *, name: str | None = None) -> dict[str,
 
 
 def _law(project: Project, name: str) -> tuple[Effect, dict[str, float]]:
-    """The effect, and the parameters that the newest diagnosis found for it."""
+    """The effect, and where the newest diagnosis began the fit that it gave out for it."""
     path, own = fresh(project, ("diagnose",), "diagnosis.json"), own_of(project)
     data = files.read_json(path) if path else {}
     kept = path.with_name("kept.json") if path else None
@@ -50,8 +51,7 @@ def _law(project: Project, name: str) -> tuple[Effect, dict[str, float]]:
         and kept
         and kept.exists()
     ):
-        values = {k: float(v["value"]) for k, v in files.read_json(kept)["parameters"].items()}
-        return effect(data["law"], own=own), values
+        return effect(data["law"], own=own), files.read_json(kept)["start"]
     return effect(name, own=own), {}
 
 
@@ -70,30 +70,23 @@ def _change(
     project: Project, kind: str, effects: tuple[str, ...], start: dict[str, float], say: Say, before: Any
 ) -> dict[str, Any]:
     bench, base = Workbench.of(project), newest_fit(project)
-    old = files.read_json(before) if before else {}
+    was = files.read_json(before).get("rms_mm") if before else None
     with project.new_run(kind, extra={"effects": list(effects)}) as run:
         model = bench.model(effects)
         known = {p.name: float(x) for p, x in zip(base.parameters, base.theta, strict=True)}
         theta = model.theta({**_nominal(model), **known, **start})
-        mesh = bench.mesh(theta, model, say)
-        w = whitener_of(model, theta, bench.targets, mesh)
         say.progress(f"refit with {', '.join(effects) or 'no effect'}", 0, 1)
-        fit = with_mesh(fit_model(model, bench.targets, w, start=theta), mesh)
-        run.write_json("fit.json", fit.to_dict() | {"effects": list(effects)})
+        fit, w = bench.refitted(model, theta, say)
         found = compared(run, bench, model, fit, w)
+        run.write_json("fit.json", fit_record(fit, found) | {"effects": list(effects)})
         _fields(bench, model, fit.theta).save(run.path("fields.npz"))
+        run.note(model.extent)
     project.set_effects(effects)
-    was = old.get("rms_mm")
-    text = f"{was:.3f} mm -> " if was is not None else ""
-    say(
-        f"{kind}: error {text}{found.rms_mm:.3f} mm rms; noise {found.noise_sd_mm:.3f} mm "
-        f"({found.rms_mm / found.noise_sd_mm:.2f} of it)"
-    )
-    for p, x, s in zip(fit.parameters, fit.theta, fit.sd, strict=True):
-        say(f"{kind}:   {p.name} = {x:.4g} +- {s:.2g} {p.unit}".rstrip())
-    say(f"{kind}: {model.extent}")
-    say(f"{kind}: {found.where}")
-    say(f"{kind}: wrote {project.shown(run.folder)}/fit.json; twin.toml has effects = {list(effects)}")
+    text = f"from {was:.3f} mm to " if was is not None else ""
+    say(f"Error: {text}{found.rms_mm:.3f} mm rms; the noise is {found.noise_sd_mm:.3f} mm.")
+    say(f"{in_words(estimates(fit, found))}.")
+    say(found.where)
+    say(f"Wrote {project.shown(run.folder)}/fit.json; twin.toml has effects = {list(effects)}")
     return {
         "stage": kind,
         "run": run.name,
@@ -101,7 +94,7 @@ def _change(
         "rms_after_mm": found.rms_mm,
         "noise_sd_mm": found.noise_sd_mm,
         "effects": list(effects),
-        "fit": fit.to_dict(),
+        "fit": fit_record(fit, found),
     }
 
 
@@ -126,9 +119,9 @@ def _fields(bench: Workbench, model: Model, theta: Array) -> Fields:
     rest = model.solution(theta).fields(list(t.reference[:: max(1, len(t.reference) // 3)])).mean(axis=0)
     shown = len(bench.case.nodes)  # of a whole made of a half, the half comes first
     return Fields(
-        t.time[steps] - t.time[0],
-        t.pressure[steps],
-        (u - rest)[:, :shown].astype(np.float32),
-        predicted[steps][:, rows],
-        t.value[steps][:, rows],
+        time_s=t.time[steps] - t.time[0],
+        pressure=t.pressure[steps],
+        u=(u - rest)[:, :shown].astype(np.float32),
+        u_points=predicted[steps][:, rows],
+        u_measured=t.value[steps][:, rows],
     )

@@ -1,5 +1,6 @@
 """The calibrate stage: targets in, the genetic algorithm's history and a least-squares fit out."""
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -7,8 +8,9 @@ import numpy as np
 from calibrate import Fit, identifiability, least_squares
 from fe import Case, Path, solve
 from fe.case import digest
-from twin.diagnosis.comparison import compare
+from twin.diagnosis.comparison import Comparison
 from twin.diagnosis.fitting import fit_model, whitener_of, with_mesh
+from twin.diagnosis.intervals import fit_record
 from twin.diagnosis.whitening import Whitener, whitener
 from twin.effects.baselaw import NAMES, Constants
 from twin.effects.material import Elasticity
@@ -17,6 +19,7 @@ from twin.model.loadpaths import REDUCED, Turned, load_paths, reach, sheets
 from twin.model.prediction import Model
 from twin.project.folder import Project, Run, Say
 from twin.review.states import Generations
+from twin.stages.comparing import compared
 from twin.stages.searching import Generation, Objective, search
 from twin.stages.workbench import Workbench
 from twin.targets import Array, Targets
@@ -24,60 +27,76 @@ from twin.targets import Array, Targets
 
 def run_calibrate(project: Project, say: Say) -> dict[str, Any]:
     """Genetic algorithm on the study's objective, then bounded least squares on all targets."""
-    bench, settings = Workbench.of(project), project.config.calibrate
     if project.config.model.effects:
         raise ValueError(
             f"model.effects = {list(project.config.model.effects)}: calibrate fits the base model; "
             "twin add refits with effects, twin drop takes one out"
         )
-    for sentence in bench.remarks:
-        say(f"calibrate: {sentence}")
-    with project.new_run("calibrate", seed=settings.seed) as run:
+    bench = Workbench.of(project)
+    with project.new_run("calibrate", seed=project.config.calibrate.seed) as run:
         paths, points = _paths(bench, say)
-        objective = Objective.of(
-            bench.targets, settings.objective_points, settings.objective_component - 1, bench.elasticity.fixed
-        )
-        generations = search(
-            bench.elasticity.parameters,
-            lambda v: objective.cost(v, paths, points),
-            run,
-            seed=settings.seed,
-            size=settings.population,
-            generations=settings.generations,
-            tell=say.progress,
-        )
-        best = generations[-1]
-        if not np.isfinite(best.rms_mm):
-            raise ValueError(
-                "no candidate of the genetic algorithm has an equilibrium; widen [calibrate] bounds"
-            )
-        history = full_solves(bench, objective, generations, say)
-        history.save(run.path("generations.npz"))
-        candidates = np.concatenate([g.candidates for g in generations])
-        run.write_npz(
-            "candidates.npz", {"x": candidates, "rms_mm": np.concatenate([g.costs for g in generations])}
-        )
-        say(f"calibrate: genetic algorithm: {len(candidates)} evaluations, best RMS {best.rms_mm:.3f} mm")
-        fit, w, model = least(bench, paths, points, best.best, say)
-        words = _words(project, fit)
-        run.write_json("fit.json", fit.to_dict() | {"effects": [], "identifiability": words})
-        _write_prediction(run, bench.targets, model, fit, w)
+        best = _searched(bench, paths, points, run, say)
+        say(f"Genetic algorithm: the best of {best.tried} candidates has {best.rms_mm:.3f} mm RMS.")
+        fit, w, model = least(bench, paths, points, best.theta, say)
+        found = compared(run, bench, model, fit, w)
+        words = _words(project, fit, found)
+        run.write_json("fit.json", fit_record(fit, found) | {"effects": [], "identifiability": words})
         run.summary["headline"] = words.split(". ")[0]
         crossed = model.solution(fit.theta).crossed
-    ended = "converged" if fit.converged else "did not converge"
-    say(f"calibrate: least squares {ended} after {fit.evaluations} evaluations: {fit.reason}")
-    say(f"calibrate: {model.extent}")
-    say(f"calibrate: {words}")
+        for line in (*bench.remarks, model.extent, fit.reason):
+            run.note(line)
+    say(_ended(fit))
+    say(words)
     if crossed:
-        say(f"calibrate: {crossed}; the model knows no such contact")
-    say(f"calibrate: wrote {project.shown(run.folder)}/fit.json and generations.npz")
+        say(f"{crossed}; the model knows no such contact.")
+    say(f"Wrote {project.shown(run.folder)}/fit.json and generations.npz")
     return {
         "stage": "calibrate",
         "run": run.name,
         "rms_mm": best.rms_mm,
-        "fit": fit.to_dict(),
+        "fit": fit_record(fit, found),
         "identifiability": words,
     }
+
+
+def _ended(fit: Fit) -> str:
+    """How the least squares ended, in words."""
+    if fit.converged:
+        return f"Least squares converged after {fit.evaluations} evaluations."
+    return f"Least squares did not converge in {fit.evaluations} evaluations: {fit.reason}."
+
+
+@dataclass(frozen=True, kw_only=True)
+class Searched:
+    """What the genetic algorithm found: its best candidate (d,), that one's RMS in mm, how many it tried."""
+
+    theta: Array
+    rms_mm: float
+    tried: int
+
+
+def _searched(bench: Workbench, paths: Turned, points: Any, run: Run, say: Say) -> Searched:
+    """The best of the genetic algorithm; all candidates and generations are written into the run."""
+    settings = bench.project.config.calibrate
+    objective = Objective.of(
+        bench.targets, settings.objective_points, settings.objective_component - 1, bench.elasticity.fixed
+    )
+    generations = search(
+        bench.elasticity.parameters,
+        lambda v: objective.cost(v, paths, points),
+        run,
+        seed=settings.seed,
+        size=settings.population,
+        generations=settings.generations,
+        tell=say.progress,
+    )
+    if not np.isfinite(generations[-1].rms_mm):
+        raise ValueError("no candidate of the genetic algorithm has an equilibrium; widen [calibrate] bounds")
+    full_solves(bench, objective, generations, say).save(run.path("generations.npz"))
+    candidates = np.concatenate([g.candidates for g in generations])
+    costs = np.concatenate([g.costs for g in generations])
+    run.write_npz("candidates.npz", {"x": candidates, "rms_mm": costs})
+    return Searched(theta=generations[-1].best, rms_mm=generations[-1].rms_mm, tried=len(candidates))
 
 
 def _paths(bench: Workbench, say: Say) -> tuple[Turned, Any]:
@@ -130,19 +149,19 @@ def full_solves(
     assert start is not None
     near = np.argmin(np.linalg.norm(bench.case.nodes[None] - points[:, None], axis=2), axis=1)
     return Generations(
-        np.arange(1, len(generations) + 1),
-        tuple(p.name for p in bench.elasticity.parameters),
-        np.array([g.best for g in generations]),
-        np.array([g.rms_mm for g in generations]),
-        bench.case.nodes,
-        triangles(bench.structure.outside),
-        u.astype(np.float32),
-        tuple(t.names[r] for r in rows),
-        points,
-        u[:, near],
-        t.value[objective.steps[0], rows],
-        float(t.time[objective.steps[0]] - t.time[0]),
-        int(objective.steps[0]),
+        generation=np.arange(1, len(generations) + 1),
+        names=tuple(p.name for p in bench.elasticity.parameters),
+        best=np.array([g.best for g in generations]),
+        rms_mm=np.array([g.rms_mm for g in generations]),
+        nodes=bench.case.nodes,
+        triangles=triangles(bench.structure.outside),
+        u=u.astype(np.float32),
+        point_names=tuple(t.names[r] for r in rows),
+        points=points,
+        u_points=u[:, near],
+        u_measured=t.value[objective.steps[0], rows],
+        film_time_s=float(t.time[objective.steps[0]] - t.time[0]),
+        film_frame=int(objective.steps[0]),
     )
 
 
@@ -243,13 +262,16 @@ def _rough_slope(paths: Turned, points: Array, t: Targets, constants: Constants)
     return out
 
 
-def _words(project: Project, fit: Fit) -> str:
+def _words(project: Project, fit: Fit, found: Comparison) -> str:
+    """What the data say of the constants, in words."""
     names = [p.name for p in fit.parameters]
     words = (
-        identifiability(fit, NAMES)
+        identifiability(fit, NAMES, fits=found.adequate)
         if set(NAMES) <= set(names)
         else "One constant was held fixed."
     )
+    if found.doubt:
+        words += f" No interval: {found.doubt}."
     study = project.config.study
     if study is not None:
         top = float(project.targets().pressure.max())
@@ -257,14 +279,6 @@ def _words(project: Project, fit: Fit) -> str:
         words += (
             f" The two pressures of this study contradict each other ({top:g} MPa in its table, "
             f"{study.other_pressure_MPa:g} MPa in its text): displacements depend on pressure / C, so the "
-            f"other pressure "
-            f"would divide C10 and C01 by {ratio:.3g}."
+            f"other pressure would divide C10 and C01 by {ratio:.3g}."
         )
     return words
-
-
-def _write_prediction(run: Run, t: Targets, model: Model, fit: Fit, w: Whitener) -> None:
-    """Predicted displacements and the comparison, for the stages that follow."""
-    predicted = model.predict(fit.theta)
-    run.write_npz("prediction.npz", {"u": predicted})
-    run.write_json("comparison.json", compare(t, predicted, w, jacobian=model.jacobian(fit.theta)).to_dict())

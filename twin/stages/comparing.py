@@ -20,19 +20,18 @@ def run_compare(project: Project, say: Say) -> dict[str, Any]:
         model = bench.model()
         w = whitener_of(model, fit.theta, bench.targets, bench.mesh(fit.theta, model, say))
         found = compared(run, bench, model, fit, w)
+        for line in (*bench.remarks, model.extent, *_lines(found)):
+            run.note(line)
         crossed = model.solution(fit.theta).crossed
-    for sentence in (*bench.remarks, model.extent):
-        say(f"compare: {sentence}")
-    say(f"compare: {found.where}")
+    say(found.where)
     if crossed:
-        say(f"compare: {crossed}; the model knows no such contact")
-    for line in _lines(found):
-        say(line)
-    say(f"compare: wrote {project.shown(run.folder)}/comparison.json")
+        say(f"{crossed}; the model knows no such contact.")
+    say(f"Wrote {project.shown(run.folder)}/comparison.json, with tables by marker, pressure and direction.")
     return {"stage": "compare", "run": run.name} | found.to_dict()
 
 
 def compared(run: Run, bench: Workbench, model: Model, fit: Fit, w: Whitener) -> Comparison:
+    """The comparison of a fit, written to comparison.json and prediction.npz of its run."""
     predicted = model.predict(fit.theta)
     found = compare(bench.targets, predicted, w, jacobian=model.jacobian(fit.theta))
     run.write_json("comparison.json", found.to_dict())
@@ -42,14 +41,14 @@ def compared(run: Run, bench: Workbench, model: Model, fit: Fit, w: Whitener) ->
 
 
 def write_prediction(run: Run, predicted: Array, found: Comparison) -> None:
-    """prediction.npz, (s, p, 3) mm each."""
+    """Write prediction.npz: displacements, residual and cleaned residual, (s, p, 3) mm each."""
     run.write_npz("prediction.npz", {"u": predicted, "residual": found.residual, "cleaned": found.cleaned})
 
 
 def _lines(found: Comparison) -> list[str]:
-    """The residual's table, a line for each marker, direction, pressure and branch."""
-    lines = []
-    for kind, rows in found.maps.items():
-        cells = ", ".join(f"{r['name']} {r['rms_mm']:.3f}" for r in rows)
-        lines.append(f"compare:   by {kind} (mm rms): {cells}")
-    return lines
+    """The root mean square in mm by marker, direction, pressure and branch, a line each."""
+    return [f"rms in mm by {kind}: {', '.join(map(_measured, rows))}" for kind, rows in found.maps.items()]
+
+
+def _measured(row: dict[str, Any]) -> str:
+    return f"{row['name']} {row['rms_mm']:.3f}" if row["count"] else f"{row['name']} nothing measured"

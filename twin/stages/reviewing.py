@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from twin.diagnosis.intervals import estimates_of_record
 from twin.project import files
 from twin.project.folder import Project, Run, Say, versions
 from twin.review import plots
@@ -169,12 +170,14 @@ class _Story:
         return {"before_mm": d["rms_before_mm"], "after_mm": after, "noise_mm": d["noise_sd_mm"]}
 
     def _named(self) -> list[dict[str, Any]]:
-        rows = []
+        """The effects in the model and the constants beside them, each with its parameters."""
+        rows, every = [], _parameters(self.fit)
         for label in self.fit.get("effects", []):
             name = label.partition(":")[0]
-            own = [p for p in _parameters(self.fit) if p["name"].startswith(f"{name}.")]
+            own = [p for p in every if p["name"].startswith(f"{name}.")]
             rows.append({"effect": label, "text": "", "parameters": own})
-        return rows
+        constants = [p for p in every if "." not in p["name"]]
+        return [*rows, {"effect": "constants beside it", "parameters": constants}] if rows else []
 
     def _chain(self) -> list[dict[str, Any]]:
         rows: list[dict[str, Any]] = []
@@ -309,14 +312,7 @@ class _Story:
 
 
 def _parameters(fit: dict[str, Any]) -> list[dict[str, Any]]:
-    rows = []
-    for name, p in fit.get("parameters", {}).items():
-        sd = p.get("sd")
-        span = (None, None) if sd is None else (p["value"] - 1.96 * sd, p["value"] + 1.96 * sd)
-        rows.append(
-            {"name": name, "value": p["value"], "low": span[0], "high": span[1], "unit": p.get("unit", "")}
-        )
-    return rows
+    return [{"name": e.name} | e.to_dict() for e in estimates_of_record(fit)]
 
 
 def _round(x: Any) -> Any:

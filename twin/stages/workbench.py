@@ -6,10 +6,12 @@ from pathlib import Path
 
 import numpy as np
 
+from calibrate import Fit
 from fe import Case
 from fe.element import Integers
 from fe.mesh.points import nearest
-from twin.diagnosis.fitting import measured_remainder
+from twin.diagnosis.fitting import measured_remainder, refitted
+from twin.diagnosis.whitening import Whitener
 from twin.effects.baselaw import NAMES, Constants
 from twin.effects.library import effect
 from twin.effects.material import Elasticity
@@ -119,6 +121,10 @@ class Workbench:
         if made_for not in self._solved_for:  # not before: constants without an equilibrium must not serve
             files.write_json(self._made, [[*made.named.values()] for made in (*self._solved_for, made_for)])
         return measured_remainder(base, own, self.targets, raw)
+
+    def refitted(self, model: Model, start: Array, say: Say) -> tuple[Fit, Whitener]:
+        """The fit of a model from a start (d,) near it, with the whitener there."""
+        return refitted(model, self.targets, self.mesh(start, model, say), start=start)
 
     def _made_for(self, own: Constants) -> Constants:
         """The constants that serve for these, of those for which finer meshes were solved, or these."""

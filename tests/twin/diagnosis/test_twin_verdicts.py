@@ -15,11 +15,16 @@ FIT = Fit.__new__(Fit)  # is handed on only
 
 def compared(excess: float, p_value: float) -> Comparison:
     nothing = np.zeros(0)
-    return Comparison(nothing, nothing, nothing, 0.0, 1, excess, p_value, 0.1, 0.05, "", {})
+    return Comparison(
+        residual=nothing, cleaned=nothing, whitened=nothing, chi2=0.0, degrees_of_freedom=1, excess=excess,
+        p_value=p_value, rms_mm=0.1, noise_sd_mm=0.05, where="", maps={},
+    )  # fmt: skip
 
 
 def tried(name: str, gain: float, excess: float, p_value: float) -> Candidate:
-    return Candidate(effect(name), 5.0, 1e-6, fit=FIT, comparison=compared(excess, p_value), delta_bic=gain)
+    return Candidate(
+        effect=effect(name), z=5.0, p_value=1e-6, fit=FIT, comparison=compared(excess, p_value), delta_bic=gain
+    )
 
 
 def verdict_on(*rows: Candidate, p_value: float = 1e-9) -> Diagnosis:
@@ -68,5 +73,5 @@ def test_an_effect_that_gains_too_little_is_not_named(p_value: float, verdict: s
 
 
 def test_what_the_data_cannot_tell_is_said() -> None:
-    blind = Candidate(effect("clamp"), 0.0, 1.0, "cannot be seen")
+    blind = Candidate(effect=effect("clamp"), z=0.0, p_value=1.0, note="cannot be seen")
     assert "These data cannot tell: clamp." in verdict_on(tried("creep", 900.0, 0.0, 0.4), blind).sentence

@@ -6,7 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from twin.review.page import interval, probability, render, short, value, write_report
+from twin.review.numerals import interval, probability, short, value
+from twin.review.page import render, write_report
 
 PNG = b"\x89PNG\r\n\x1a\n" + bytes(8)
 SVG = '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 1 1"><path d="M0 0"/></svg>'

@@ -1,6 +1,7 @@
 """The stages on targets alone, in a folder of their own: calibrate, compare, diagnose, add, review, and their errors."""
 
 import json
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -10,12 +11,15 @@ from rerun.chunk import RrdReader
 
 from fe import Case, Lattice, Material
 from twin import virtual
+from twin.diagnosis.intervals import estimates_of_record
 from twin.model.structure import BuiltIn
 from twin.project.config import CalibrateTable, Config, DiagnoseTable, PointTable, ProjectTable
 from twin.project.folder import Project, dataset
 from twin.project.targetfiles import write_targets
 from twin.project.toml import dump
+from twin.review.numerals import in_words, interval, value
 from twin.review.states import Fields, Generations
+from twin.stages import diagnosing, workbench
 from twin.stages.adding import run_add, run_drop
 from twin.stages.calibrating import run_calibrate
 from twin.stages.comparing import run_compare
@@ -65,7 +69,18 @@ def project_at(folder: Path, case: Case, short: BuiltIn) -> Project:
 
 
 @pytest.fixture(scope="module")
-def chain(tmp_path_factory: pytest.TempPathFactory, short_case: Case, short_builtin: BuiltIn) -> tuple[Project, Silent]:
+def one_process() -> Iterator[None]:
+    """All work in this process: on so small a finger others cost more than they save."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(workbench, "WORKERS", 1)
+        patch.setattr(diagnosing, "WORKERS", 1)
+        yield
+
+
+@pytest.fixture(scope="module")
+def chain(
+    tmp_path_factory: pytest.TempPathFactory, short_case: Case, short_builtin: BuiltIn, one_process: None
+) -> tuple[Project, Silent]:
     """The project after calibrate, compare, diagnose, add and review."""
     say = Silent()
     project = project_at(tmp_path_factory.mktemp("chain") / "batch", short_case, short_builtin)
@@ -111,7 +126,7 @@ def test_calibrate_leaves_its_fit_and_history(chain: tuple[Project, Silent]) -> 
     error = history.u_points[-1, rows, 2] - history.u_measured[rows, 2]
     # mm: reference steps carry a little ripple and noise; the table is good to 0.01
     assert np.sqrt((error**2).mean()) == pytest.approx(history.rms_mm[-1], abs=0.01)
-    assert any("genetic algorithm" in line for line in say.lines)
+    assert any("Genetic algorithm" in line for line in say.lines)
 
 
 def test_compare_says_what_the_model_misses(chain: tuple[Project, Silent]) -> None:
@@ -119,7 +134,13 @@ def test_compare_says_what_the_model_misses(chain: tuple[Project, Silent]) -> No
     keys = {"rms_mm", "noise_sd_mm", "chi2", "degrees_of_freedom", "p_value", "adequate", "where", "maps"}
     assert keys <= set(found)
     assert found["adequate"] is False
-    assert f"compare: {found['where']}" in chain[1].lines
+    assert found["where"] in chain[1].lines
+    rows = [r for kind in found["maps"].values() for r in kind]
+    assert all(r["count"] > 0 for r in rows if np.isfinite(r["rms_mm"]))
+    # the tables ask nothing of the user: they stand in the log
+    path = chain[0].newest("compare", "log.jsonl")
+    assert path is not None
+    assert "rms in mm by marker: p1 0." in path.read_text(encoding="utf-8")
 
 
 def test_diagnose_names_creep(chain: tuple[Project, Silent]) -> None:
@@ -133,7 +154,7 @@ def test_diagnose_names_creep(chain: tuple[Project, Silent]) -> None:
 
 
 def test_add_writes_the_law_refits_and_lowers_the_error(chain: tuple[Project, Silent]) -> None:
-    project, _ = chain
+    project, say = chain
     diagnosis, compared = read(project, "diagnose", "diagnosis.json"), read(project, "add", "comparison.json")
     assert project.config.model.effects == (diagnosis["law"],)
     fit = read(project, "add", "fit.json")
@@ -141,6 +162,17 @@ def test_add_writes_the_law_refits_and_lowers_the_error(chain: tuple[Project, Si
     assert fit["parameters"]["creep.g1"]["value"] > 0.02
     assert compared["rms_mm"] <= 1.1 * compared["noise_sd_mm"] < diagnosis["rms_before_mm"] / 2
     assert compared["rms_mm"] == pytest.approx(diagnosis["rms_after_mm"], rel=0.05)
+    # one fit, the same numbers wherever they are shown
+    kept, own = estimates_of_record(read(project, "diagnose", "kept.json")), estimates_of_record(fit)
+    assert [e.note for e in kept] == [e.note for e in own]
+    for a, b in zip(kept, own, strict=True):
+        assert b.value == pytest.approx(a.value, rel=1e-4)  # where a solve begins, it ends within its tolerance
+        assert (b.low, b.high) == pytest.approx((a.low, a.high), rel=1e-3, abs=1e-9)
+    rows = diagnosis["ranking"][0]["parameters"]
+    assert {e.name: e.to_dict() for e in kept} == rows
+    assert f"{in_words(own)}." in say.lines
+    assert compared["rms_mm"] == pytest.approx(diagnosis["rms_after_mm"], rel=1e-4)
+    assert compared["adequate"] is diagnosis["adequate"] is fit["adequate"]
     runs = [p.name for p in project.runs()]
     assert [n[5:] for n in runs if "failed" not in project.info(project.root / "runs" / n)["status"]] == [
         "calibrate", "compare", "diagnose", "add", "review",
@@ -170,6 +202,9 @@ def test_review_holds_every_generation_and_the_numbers(chain: tuple[Project, Sil
         # in the report's own unit and digits: mm or um
         shown = {f"{number:.3f}", f"{number:.4f}", f"{1e3 * number:.1f}", f"{1e3 * number:.0f}", f"{number:.2g}", f"{number:.3g}"}
         assert any(text in report for text in shown), number
+    for row in estimates_of_record(read(project, "add", "fit.json")):
+        assert value(row.to_dict()) in report
+        assert (row.note or interval(row.to_dict())) in report
     assert list(path.parent.glob("deformed*.vtu"))
 
 
