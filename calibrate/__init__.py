@@ -1,4 +1,8 @@
-"""A residual function in, a fit out: genetic search, least squares, honest statistics. Knows no mechanics."""
+"""Fits of a residual function: genetic search, least squares, statistics of noise that was itself measured.
+
+Knows no mechanics and no images. Read `parameters` (what varies, what a fit is), then `fit` (least squares),
+`genetic` (the search before it) and `statistics` (tests, criteria, profiles).
+"""
 
 from calibrate.fit import least_squares
 from calibrate.genetic import Population

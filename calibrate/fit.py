@@ -1,4 +1,4 @@
-"""A whitened residual and its Jacobian in, a Fit out: bounded least squares that spares Jacobians.
+"""The Fit of a whitened residual with a Jacobian: bounded least squares that spares Jacobians.
 
 Levenberg-Marquardt (D. Marquardt, doi:10.1137/0111030) with bounds kept exactly in every step (a small
 bounded linear problem). A Jacobian serves several steps, corrected after each by Broyden's rank-one
@@ -24,14 +24,15 @@ CONDITION = 1e12  # of the scaled J'J: a direction beyond it is not determined
 DAMPING = 1e-3, 1e-12, 1e10  # first, least, largest; relative to unit columns
 ACCEPT = 0.05  # share of the predicted fall that makes a step good enough to take
 AT_BOUND = 1e-9  # of the range
+CONVERGED = "converged"
 
 
 class _Model:
-    """Residual and Jacobian, counted; a residual that is absent or not finite is None."""
+    """Residual, counted, and Jacobian; a residual that is absent or not finite is None."""
 
     def __init__(self, residual: Residual, jacobian: Jacobian) -> None:
         self._residual, self._jacobian = residual, jacobian
-        self.evaluations = self.jacobians = 0
+        self.evaluations = 0
 
     def residual(self, theta: Array) -> Array | None:
         self.evaluations += 1
@@ -39,7 +40,6 @@ class _Model:
         return None if r is None or not np.all(np.isfinite(r)) else np.asarray(r, float)
 
     def jacobian(self, theta: Array) -> Array:
-        self.jacobians += 1
         return np.asarray(self._jacobian(theta.copy()), float)
 
 
@@ -98,11 +98,15 @@ def least_squares(
 def inside(starts: Array, parameters: tuple[Parameter, ...]) -> Array:
     """The starts (m, d) as they are. Raises ValueError for one outside the bounds or of another length."""
     if starts.ndim != 2 or starts.shape[1] != len(parameters):
-        raise ValueError(f"start: shape {starts.shape} must hold {len(parameters)} values a row")
+        raise ValueError(
+            f"start: shape {starts.shape}, wanted {len(parameters)} values in each row, one a parameter"
+        )
     for theta in starts:
         for p, x in zip(parameters, theta):
             if not p.low <= x <= p.high:
-                raise ValueError(f"start: {p.name} = {x} {p.unit} is outside its bounds {p.low} .. {p.high}")
+                raise ValueError(
+                    f"start: {p.name} = {x} {p.unit} is outside its bounds {p.low} .. {p.high}; move it"
+                )
     return starts
 
 
@@ -144,7 +148,7 @@ class _Descent:
     def _ended(self) -> _End | None:
         """The end, where there is nothing more to gain or no way on; None where there is."""
         if not np.all(np.isfinite(self.jac)):
-            return self._end(False, "the Jacobian has values that are not finite")
+            return self._end(False, "the derivatives have values that are not finite")
         best = self._step(DAMPING[1])
         # A rejected step this small is the numerical floor of the misfit.
         small = best.gain < GAIN * self.tolerance**2 and (best.length < self.tolerance or self.rejected)
@@ -152,11 +156,11 @@ class _Descent:
             self._renew()
             return self._ended()
         if small:
-            return self._end(True, f"converged: a further step would lower chi2 by {best.gain:.1g}")
+            return self._end(True, CONVERGED)
         if self.damping > DAMPING[2]:
-            return self._end(False, "no step lowers chi2, or the model cannot be solved beside this point")
+            return self._end(False, "no step lowers chi2, or the model cannot be solved around this point")
         if self.model.evaluations >= self.last:
-            return self._end(False, "stopped: the evaluations allowed are used up")
+            return self._end(False, "the evaluations allowed are used up; start nearer, or allow more")
         return None
 
     def _end(self, converged: bool, reason: str) -> _End:
@@ -222,9 +226,10 @@ def _fit(end: _End, parameters: tuple[Parameter, ...], seed: int, model: _Model)
     free = (end.theta > low + reach) & (end.theta < high - reach)
     covariance, rank = _covariance(end.jacobian, free, high - low)
     lost = [p.name for p, v in zip(parameters, np.diag(covariance)) if np.isinf(v)]
-    reason = f"{end.reason} ({model.evaluations} residuals, {model.jacobians} Jacobians)"
+    reason = end.reason
     if lost:
-        reason += f"; the data leave {int(free.sum()) - rank} direction(s) of {', '.join(lost)} undetermined"
+        number, names = int(free.sum()) - rank, ", ".join(lost)
+        reason += f"; the data leave {number} combination{'s' * (number > 1)} of {names} undetermined"
     return Fit(
         parameters=parameters,
         theta=end.theta,

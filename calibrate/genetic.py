@@ -1,4 +1,5 @@
-"""The reference study's genetic algorithm: bounds and a seed in, populations out, by ask and tell.
+"""The reference study's genetic algorithm: a population within bounds that is asked for candidates and told
+their costs.
 
 Population 30, elitism 2, tournament selection, arithmetic crossover (0.8 a mating), uniform mutation
 (0.2 a gene): 30 + 19 * 28 = 562 evaluations in 20 generations, the best never gets worse. Built on pymoo
@@ -71,7 +72,7 @@ def _cheapest(individuals: Individuals, rounds: NDArray[np.int64], **_: Any) -> 
 
 
 class Population:
-    """Candidates by `ask`, their costs back by `tell`; one pair of calls is a generation.
+    """A population that gives candidates by `ask` and takes their costs by `tell`, once each a generation.
 
     parameters: names and bounds. size: individuals. seed: all randomness comes from it, whatever the
     state of numpy's global generator. elitism: the best that survive unchanged. crossover: probability a
@@ -90,9 +91,14 @@ class Population:
     ) -> None:
         low, high = bounds(tuple(parameters))
         if not (size >= TOURNAMENT and 1 <= elitism < size):
-            raise ValueError(f"population: size {size} must be >= {TOURNAMENT}, elitism {elitism} within it")
+            raise ValueError(
+                f"population: size {size} and elitism {elitism}: wanted size >= {TOURNAMENT} and "
+                "1 <= elitism < size"
+            )
         if not (0 <= crossover <= 1 and 0 <= mutation <= 1):
-            raise ValueError(f"population: crossover {crossover}, mutation {mutation} must be within 0 .. 1")
+            raise ValueError(
+                f"population: crossover {crossover}, mutation {mutation}: wanted probabilities, 0 .. 1"
+            )
         self.generation = 0
         self.evaluations = 0
         self.best: tuple[Array, float] | None = None

@@ -1,4 +1,4 @@
-"""The two ends of a calibration: what may vary (Parameter) and what was found, how well (Fit)."""
+"""What may vary in a calibration (`Parameter`), and what was found and how well it is known (`Fit`)."""
 
 import math
 from collections.abc import Mapping
@@ -33,9 +33,11 @@ class Parameter:
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.low) and math.isfinite(self.high) and self.low < self.high):
-            raise ValueError(f"{self.name}: low {self.low} must be finite and < high {self.high} {self.unit}")
+            raise ValueError(
+                f"{self.name}: bounds {self.low} .. {self.high} {self.unit}: wanted finite, the lower first"
+            )
         if not (math.isfinite(self.step) and self.step > 0):
-            raise ValueError(f"{self.name}: typical {self.typical} {self.unit} must be a positive step")
+            raise ValueError(f"{self.name}: typical {self.typical} {self.unit}: wanted a positive step")
         if self.start is not None and not self.low <= self.start <= self.high:
             raise ValueError(
                 f"{self.name}: start {self.start} {self.unit} is outside its bounds "
@@ -53,7 +55,7 @@ def bounds(parameters: tuple[Parameter, ...]) -> tuple[Array, Array]:
     names = [p.name for p in parameters]
     twice = sorted({name for name in names if names.count(name) > 1})
     if not names or twice:
-        raise ValueError(f"parameters need one name each and at least one of them, got {names}")
+        raise ValueError(f"parameters {names}: wanted at least one, each with a name of its own")
     return np.array([p.low for p in parameters], float), np.array([p.high for p in parameters], float)
 
 
@@ -120,7 +122,7 @@ class Fit:
         """The Fit that `to_dict` wrote. Raises ValueError naming a key that is absent."""
         absent = sorted({f.name for f in fields(cls)} - {"theta"} - set(data))
         if absent:
-            raise ValueError(f"a fit needs the keys {absent}, which this record does not have")
+            raise ValueError(f"a record of a fit without {', '.join(absent)}: not complete; calibrate again")
         rows = data["parameters"]
         covariance = np.array([[np.nan if x is None else x for x in row] for row in data["covariance"]])
         diagonal = np.diag(covariance)

@@ -1,4 +1,4 @@
-"""Whitened residuals and fits in; tests, criteria, profiles and plain words on what is known out.
+"""Tests, criteria and profiles of whitened residuals and fits, and plain words on what is known.
 
 The tests know that the noise itself was measured: variances estimated from few static frames make a chi2
 too large and its tail too long, and the plain chi2 test then calls a right model wrong.
@@ -50,7 +50,10 @@ def omnibus(
     """
     q = _apart(np.asarray(basis, float), fitted)
     if q.shape[1] == 0:
-        raise ValueError("omnibus: the fitted parameters explain every function of the basis; give others")
+        raise ValueError(
+            "omnibus: the fitted parameters explain every function of the basis, so nothing is left to test; "
+            "give others"
+        )
     mean, square = _scales(static_frames_effective)
     parts = [q[np.asarray(component) == c] for c in range(len(mean))]
     grams = np.array([part.T @ part for part in parts])
@@ -88,8 +91,8 @@ def _scales(frames: ArrayLike) -> tuple[Array, Array]:
     nu = np.atleast_1d(np.asarray(frames, float))
     if not np.all(nu > 4):
         raise ValueError(
-            f"noise from {np.min(nu):.3g} effective static frames cannot be tested against: "
-            "film more than 4, better several hundred"
+            f"noise of {np.min(nu):.3g} effective static frames: wanted more than 4 to test against; "
+            "film several hundred"
         )
     inverse = 1 / nu
     mean = 1 / (1 - 2 * inverse)
@@ -152,7 +155,7 @@ def profile_likelihood(
     parameters = tuple(parameters)
     names = [p.name for p in parameters]
     if name not in names:
-        raise ValueError(f"profile: no parameter {name!r} among {names}")
+        raise ValueError(f"profile of {name!r}: not a parameter, wanted one of {', '.join(names)}")
     i = names.index(name)
     held, own = np.asarray(values, float), parameters[i]
     if not np.all((own.low <= held) & (held <= own.high)):

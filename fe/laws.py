@@ -1,5 +1,4 @@
-"""Named constants and a deformation gradient -> stress and tangent of an isotropic, nearly incompressible
-rubber.
+"""Constants of an isotropic, nearly incompressible rubber (`Material`), and its energy, stress and tangent.
 
 W = C10 (I1 - 3) + C01 (I2 - 3) + C20 (I1 - 3)^2 + C30 (I1 - 3)^3 - mu Jm / 2 ln(1 - (I1 - 3) / Jm)
     + sum 2 mu_k / alpha_k^2 (l1^alpha_k + l2^alpha_k + l3^alpha_k - 3) + p (J - 1) - p^2 / (2 K)

@@ -1,4 +1,4 @@
-"""A recorded pressure -> the loads that a solve needs: levels, times, and the creep-equivalent pressure."""
+"""A recorded pressure (`Path`), and what a solve asks of it: levels, times, the creep-equivalent pressure."""
 
 from dataclasses import dataclass, field
 from itertools import pairwise

@@ -1,4 +1,4 @@
-"""A case and a pressure history -> displacements at the output times, by one call: `solve`.
+"""Displacements of a case along a pressure history, and their derivatives, by one call: `solve`.
 
 Without a memory the response is a function of pressure and gravity: one curve of equilibrium states in each
 direction of gravity serves every time. Else the history is solved at a few times; between them
@@ -189,7 +189,7 @@ def solve(
 def _without_moduli(case: Case, path: Path, parameters: int) -> Solution:
     """The solution of a path along which the moduli drift to nothing."""
     least = 0.0 if path.stiffness is None else path.stiffness.min()
-    reason = f"stopped: the factor of its moduli falls to {least:.3g}, wanted above 0"
+    reason = f"stopped: the moduli fall to {least:.3g} of what they were, wanted above 0; correct their drift"
     none = np.zeros(len(path.output))
     return Solution(
         case=case, path=path, curves=(nothing(reason),), number=none.astype(int), pressure=none,

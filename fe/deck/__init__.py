@@ -1,6 +1,6 @@
 """Abaqus input decks in and out, and other programs that solve them.
 
-`keywords` splits a deck into keyword blocks, `draft` collects what they say, `reader` makes a case of it;
-`writer` writes one. `engine` is what every solver offers, with the built-in one; `calculix` and `abaqus`
-run other programs.
+`keywords` splits a deck into keywords, `reader` understands them, `draft` makes a case of what they say;
+`writer` writes a deck; `hyperelastic` is the table of laws for both. `engine` is what every program
+that solves a case offers; `embedded`, `calculix` and `abaqus` are one each.
 """

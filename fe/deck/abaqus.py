@@ -1,4 +1,4 @@
-"""A case -> displacements by Abaqus: the deck and a script for Abaqus Python are run, their CSV is read.
+"""The engine Abaqus: runs a deck, extracts displacements by a script for Abaqus Python, reads their CSV.
 
 Abaqus is not needed for anything else, and is not there where this is tested: the deck is solved by CalculiX,
 the command line by a stand-in that records it.

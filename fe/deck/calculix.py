@@ -1,4 +1,4 @@
-"""A deck -> displacements by CalculiX (`ccx`), a program of its own, run in a folder of its own."""
+"""The engine CalculiX (`ccx`): runs a deck in a folder of its own and reads its result file."""
 
 import os
 import shutil

@@ -1,4 +1,4 @@
-"""What a deck said, by labels and names -> a case, by rows."""
+"""What a deck said so far, by labels and names, and the case by rows that comes of it."""
 
 from dataclasses import KW_ONLY, dataclass, field
 

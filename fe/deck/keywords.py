@@ -1,4 +1,4 @@
-"""The text of an Abaqus input deck -> its keywords, each with parameters, data lines and its place."""
+"""The keywords of an Abaqus input deck, each with its parameters, its data lines and where it stands."""
 
 import re
 from collections.abc import Iterable, Iterator

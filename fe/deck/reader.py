@@ -1,4 +1,4 @@
-"""An Abaqus input deck -> a case and its pressure. What is not understood is named with its line."""
+"""The case and the pressure of an Abaqus input deck. What is not understood is named with its line."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace

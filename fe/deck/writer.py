@@ -1,4 +1,4 @@
-"""A case and a pressure -> an Abaqus input deck, which CalculiX reads too but for the H of its elements."""
+"""The Abaqus input deck of a case under a pressure; CalculiX reads it too, but for the H of its elements."""
 
 from collections.abc import Iterable, Sequence
 from itertools import chain

@@ -1,4 +1,4 @@
-"""A case and a state (displacement, pressure modes) -> residual and condensed symmetric tangent.
+"""Residual and condensed symmetric tangent of a case at a state (displacements, pressure modes).
 
 Mixed form: pressure modes of each element are eliminated element by element (Sussman & Bathe 1987,
 doi 10.1016/0045-7949(87)90265-3); those that belong to corners are unknowns of the system.

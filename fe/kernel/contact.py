@@ -1,4 +1,4 @@
-"""Deformed surface positions -> the forces of a rigid plane on a surface, and their symmetric tangent.
+"""Forces of a rigid plane on a surface that touches it, with friction, and their symmetric tangent.
 
 A penalty of pressure type: every mm2 of the surface at rest is pushed out with k s(d), d the depth below the
 plane, so that the answer converges as the mesh is refined. s(d) is max(d, 0) but for a parabola over SMOOTH

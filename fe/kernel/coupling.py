@@ -1,4 +1,4 @@
-"""A symmetric solver and an unsymmetric addition on few degrees of freedom -> what the addition changes."""
+"""What an unsymmetric addition on few degrees of freedom changes in the solution of a symmetric system."""
 
 from collections.abc import Callable, Sequence
 

@@ -1,4 +1,4 @@
-"""Deformed surface positions -> the forces of an elastic sheet bonded to a surface, and their tangent.
+"""Forces of an elastic sheet that is bonded to a surface, and their tangent.
 
 A membrane without bending stiffness, of stiffness thickness x modulus: St Venant-Kirchhoff in plane stress,
 S = D E with the surface's own Green-Lagrange strain E in its coordinates (Ciarlet 2005, An Introduction

@@ -1,4 +1,4 @@
-"""A symmetric sparse matrix (upper triangle) -> solutions, by PARDISO, or SuperLU where MKL is absent."""
+"""Solutions of a symmetric sparse system, by PARDISO, or by SuperLU where MKL is absent."""
 
 import weakref
 

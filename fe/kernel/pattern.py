@@ -1,4 +1,4 @@
-"""The unknowns of every element -> the sparse upper triangle of their matrix, and where entries go in it."""
+"""The sparse upper triangle of a matrix in which the unknowns of each element meet, and places in it."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""Deformed surface positions -> nodal forces of a unit follower pressure and their symmetric tangent.
+"""Nodal forces of a unit follower pressure on a surface, and their symmetric tangent.
 
 f_a = - int N_a (x,s x x,t) ds dt per unit pressure, with the normal out of the material. On a closed chamber
 (or one closed by symmetry planes) the pressure has the potential p V, so the tangent is symmetric (Bufler

@@ -1,4 +1,4 @@
-"""A case of 27-node hexahedra -> the same structure in Abaqus elements, on its own nodes and labels."""
+"""The structure of a case of 27-node hexahedra in Abaqus elements, on its own nodes and labels."""
 
 from dataclasses import replace
 from itertools import permutations

@@ -1,4 +1,4 @@
-"""Numbers -> the structured mesh of the bellows finger, with rounded inner edges, as a Case.
+"""The structured mesh of the bellows finger, with rounded inner edges, as a `Case`.
 
 A 2-D section of quadrilaterals (walls and core) is extruded along x; core cells inside the chamber are void.
 The lattice lives in a reference box; a map then rounds the chamber's edges and folds the pleats. Refinement

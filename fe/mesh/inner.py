@@ -1,4 +1,4 @@
-"""A pressurised surface that is moved -> the nodes of the whole mesh, the outer surface where it was.
+"""Node positions of a mesh whose pressurised surface is moved while its outer surface stays.
 
 What the inner surface moves by is spread through the walls as a harmonic field (Laplace's equation on the
 mesh itself). It needs no parametric geometry: any mesh with a named chamber can have its walls changed.

@@ -1,4 +1,4 @@
-"""A half of a structure that is symmetric about a plane -> the whole structure."""
+"""The whole structure of a half model that is symmetric about a plane."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""Material points -> the sparse operator that interpolates nodal values there."""
+"""The sparse operator that interpolates nodal values at material points."""
 
 import numpy as np
 import scipy.sparse as sp

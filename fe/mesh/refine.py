@@ -1,4 +1,4 @@
-"""A case -> the same structure on a finer or richer mesh: its geometry, sets, surfaces and supports kept.
+"""The same structure on a finer or richer mesh: its geometry, sets, surfaces and supports are kept.
 
 Children are placed by their parent's own shape functions. Polynomials of every element's kind go over into
 polynomials of that kind in each part of it, so that the geometry is the same, curved faces included.

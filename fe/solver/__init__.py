@@ -1,6 +1,7 @@
 """A path of equilibria with derivatives.
 
-`newton` finds one equilibrium; `curve` follows a history-free problem over pressure; `memory` follows a
-material with memory along time (`past`: what it remembers); `loadings` handles forces that turn; `reach`
-says why a path ends.
+Read in this order: `newton` finds one equilibrium; `curve` follows a structure without memory over pressure;
+`memory` follows one with memory along time (`past`: what it remembers). `varied` holds derivatives to
+parameters, and names what they cannot be taken to; `loadings` handles gravity that turns; `reach` says why a
+path ends.
 """

@@ -1,4 +1,4 @@
-"""A history-free problem -> its equilibrium states over pressure, with slopes and derivatives."""
+"""Equilibrium states over pressure of a structure without memory, with slopes and derivatives."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

@@ -1,4 +1,4 @@
-"""A path with gravity -> a problem and its varied neighbours under their weight in each direction."""
+"""A problem and its varied neighbours under their weight in each direction of gravity along a path."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

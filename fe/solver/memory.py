@@ -1,4 +1,4 @@
-"""A memory along a path -> states at a few times, and their derivatives.
+"""States of a structure with memory at a few times of its path, and their derivatives.
 
 What is remembered (`Past`): the stresses of the Prony terms, the largest energy so far, which Mullins
 softening asks for, and the slip on a plane with friction. Between two times that are solved, slip takes

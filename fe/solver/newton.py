@@ -1,4 +1,4 @@
-"""A case, a load and a starting state -> the equilibrium state, by Newton's method with exact tangents."""
+"""The equilibrium of a case under one load, by Newton's method with exact tangents."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -29,6 +29,7 @@ OVERSHOT = 0.3
 SEARCHES = 6
 SETTLING = 0.1
 SOFTEST = 1 / 512  # of a plane's stiffness: with that it is met first where it cannot be met at once
+TOO_FAR = "the load is beyond a limit point, or too large for one step"
 EXACT = 0.01  # of TOLERANCE is what such corrections may leave, as Newton's last one does
 
 
@@ -309,12 +310,12 @@ def equilibrium(
             return Equilibrium(None, None, iteration, "an element turned inside out")
         size = float(np.abs(free).max(initial=0.0))
         if iteration > 2 and size > 1e3 * before:
-            return Equilibrium(None, None, iteration, "the residual grew: limit point or too large a step")
+            return Equilibrium(None, None, iteration, f"the forces grew out of balance: {TOO_FAR}")
         last = Step(problem, state, system)
         (change,) = last.solve([Residual(system.force, None, moment)])
         length = float(np.abs(change.u).max())
         if not np.isfinite(length) or (iteration > 0 and length > 0.5 * extent):
-            return Equilibrium(None, None, iteration + 1, "the correction left the size of the structure")
+            return Equilibrium(None, None, iteration + 1, f"a correction of half the structure: {TOO_FAR}")
         if kinked and length > small[0]:
             whole, change = change, _shortened(last, state, change, load, memory)
             smooth = change is whole and length < SETTLING * NEARBY * extent
@@ -322,7 +323,7 @@ def equilibrium(
         if length < small[0] and np.abs(change.p).max() < small[1]:
             return Equilibrium(state, last, iteration + 1, "converged")
         before = min(before, size) if np.isfinite(size) else before
-    return Equilibrium(None, None, limit, f"no equilibrium in {limit} iterations")
+    return Equilibrium(None, None, limit, f"no equilibrium after {limit} iterations")
 
 
 def _shortened(step: Step, state: State, change: State, load: float, memory: Memory | None) -> State:

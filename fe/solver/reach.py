@@ -1,5 +1,4 @@
-"""Equilibrium states -> what they say about how far the model reaches: stretch, walls that pass through each
-other, a tangent that is no longer positive definite."""
+"""Why a path of equilibria ends: stretch, walls that pass through each other, a limit point."""
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -94,17 +93,17 @@ def why(step: Step, u: Array, pressure: Array, slope: Array) -> str:
     problem, said = step.problem, []
     stretch, place = largest_stretch(problem, u)
     if stretch > STRETCH:
-        said.append(f"stretch {stretch:.2f} > {STRETCH:g} at {_at(place)}")
+        said.append(f"stretch {stretch:.2f} at {_at(place)} (material laws hold to {STRETCH:g})")
     crossed = crossing(problem.case, u)
     if crossed is not None:
         said.append(f"self-contact: walls pass through each other at {_at(crossed)}")
     if step.negative:
-        said.append(f"limit point passed: the tangent has {step.negative} negative eigenvalues")
+        said.append(f"limit point: the structure snaps ({step.negative} negative eigenvalues of the tangent)")
     elif len(pressure) > 1:
         (p, q), (a, b) = pressure[-2:], slope[-2:] ** -2.0
         top = q + b * (q - p) / (a - b) if a > b else np.inf
         if top - q < STEEP * q:
-            said.append(f"limit point: no load beyond {top:.4g} MPa can be carried")
+            said.append(f"limit point: the structure carries at most {top:.4g} MPa")
     return "; ".join(said)
 
 

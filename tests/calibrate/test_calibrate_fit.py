@@ -227,7 +227,7 @@ def test_what_the_data_cannot_tell_is_said() -> None:
     parameters = [Parameter("p", -10, 10), Parameter("q", -10, 10), Parameter("c", -10, 10)]
     fit = least_squares(lambda t: y - design @ t, lambda t: -design, parameters, start=(0, 1, 0))
     assert fit.converged, fit.reason
-    assert "1 direction(s) of p, q undetermined" in fit.reason
+    assert "the data leave 1 combination of p, q undetermined" in fit.reason
     assert np.all(np.isinf(fit.sd[:2]))
     assert fit.theta[0] + fit.theta[1] == pytest.approx(3.0, abs=0.3)
     line = np.column_stack([x, np.ones(30)]) / 0.1
@@ -323,7 +323,7 @@ def test_a_rough_misfit_ends_at_its_floor_without_using_up_the_budget() -> None:
 
 @pytest.mark.parametrize(
     ("start", "sentence"),
-    [((0, 0, 9), "k = 9.0 1/s is outside its bounds 0.01 .. 5"), ((0, 0), "must hold 3 values a row")],
+    [((0, 0, 9), "k = 9.0 1/s is outside its bounds 0.01 .. 5"), ((0, 0), "wanted 3 values in each row")],
 )
 def test_bad_starts_are_refused(start: tuple, sentence: str) -> None:
     problem, parameters = relaxing()
@@ -332,7 +332,7 @@ def test_bad_starts_are_refused(start: tuple, sentence: str) -> None:
 
 
 def test_bad_parameters_are_refused() -> None:
-    with pytest.raises(ValueError, match=r"C10: low 0.5 must be finite and < high 0.1 MPa"):
+    with pytest.raises(ValueError, match=r"C10: bounds 0.5 .. 0.1 MPa: wanted finite"):
         Parameter("C10", 0.5, 0.1, "MPa")
     with pytest.raises(ValueError, match="start 2 MPa is outside its bounds"):
         Parameter("C10", 0.0, 1.0, "MPa", start=2)
@@ -390,7 +390,7 @@ def test_profile_alone_failing_and_badly_asked() -> None:
     chi2 = profile_likelihood(residual, lambda t: np.eye(1), one, theta=[0.0], name="p", values=[-1.0, 3.0])
     assert chi2[0] == 1.0
     assert np.isnan(chi2[1])
-    with pytest.raises(ValueError, match="no parameter 'q'"):
+    with pytest.raises(ValueError, match="profile of 'q': not a parameter"):
         profile_likelihood(lambda t: t, lambda t: t, one, theta=[0.0], name="q", values=[0.0])
     with pytest.raises(ValueError, match="must lie in"):
         profile_likelihood(lambda t: t, lambda t: t, one, theta=[0.0], name="p", values=[11.0])

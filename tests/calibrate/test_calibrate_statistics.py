@@ -68,7 +68,7 @@ def test_the_power_is_not_lost() -> None:
 
 
 def test_too_few_static_frames_are_refused() -> None:
-    with pytest.raises(ValueError, match="noise from 4 effective static frames"):
+    with pytest.raises(ValueError, match="noise of 4 effective static frames"):
         chi2_test(10.0, [10, 10], [4, 300])
 
 
