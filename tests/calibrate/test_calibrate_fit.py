@@ -336,7 +336,7 @@ def test_bad_parameters_are_refused() -> None:
         Parameter("C10", 0.5, 0.1, "MPa")
     with pytest.raises(ValueError, match="start 2 MPa is outside its bounds"):
         Parameter("C10", 0.0, 1.0, "MPa", start=2)
-    with pytest.raises(ValueError, match="one name each"):
+    with pytest.raises(ValueError, match="each with a name of its own"):
         least_squares(lambda t: t, lambda t: t, [Parameter("p", 0, 1)] * 2, start=(0, 0))
 
 
