@@ -1,5 +1,10 @@
-"""Two cameras from drawn boards and films to targets with U2, through `twin camera` and `twin measure`."""
+"""Drawn boards and films of two cameras to targets with U2, through `twin camera` and `twin measure`; and the
+films of one of them, measured by a process that is killed in the middle: the next one goes on there."""
 
+import shutil
+import subprocess
+import sys
+import time
 from pathlib import Path
 
 import cv2
@@ -83,11 +88,11 @@ def motion(time: Array) -> tuple[Array, Array]:
 
 
 def draw_boards(root: Path) -> None:
-    """The board in 11 poses before both cameras, all tilted otherwise."""
+    """The board in 9 poses before both cameras, all tilted otherwise."""
     rng = np.random.default_rng(3)
     board = Board.of(**BOARD.model_dump())
     first, _ = cv2.Rodrigues(CAMERAS["left"][1][0])
-    for k in range(11):
+    for k in range(9):
         tilt, _ = cv2.Rodrigues(
             np.r_[rng.choice([-1, 1], 2) * rng.uniform(0.25, 0.55, 2), rng.normal(0, 0.3)]
         )
@@ -140,7 +145,7 @@ def project(tmp_path_factory: pytest.TempPathFactory) -> Project:
 def test_two_cameras_give_targets_with_motion_out_of_the_plane(project: Project) -> None:
     say = Lines()
     camera = run_camera(project, say)
-    assert any("2 cameras from 11 board poses" in line for line in say)
+    assert any("2 cameras from 9 board poses" in line for line in say)
     assert (project.path(camera["run"]) / "rig.json").is_file()
     assert run_camera(project, Lines())["status"] == "skipped"
     run_measure(project, say)
@@ -176,11 +181,50 @@ def replace_board(table: CameraTable) -> CameraTable:
 
 
 def test_pictures_without_a_common_name_are_refused(project: Project, tmp_path: Path) -> None:
-    import shutil
-
     shutil.copytree(project.root / "raw", tmp_path / "raw")
     for path in (tmp_path / "raw" / "right").glob("*.png"):
         path.rename(path.with_name(f"r-{path.name}"))
     shutil.copy(project.root / "twin.toml", tmp_path)
     with pytest.raises(ValueError, match="0 board pictures have the same file name in two cameras"):
         run_camera(Project.open(tmp_path), Lines())
+
+
+# Parts of 10 frames, so that a short film has some.
+TWIN = "import sys; import vision.film.checkpoint as c; c.EVERY = 10; from twin.cli import main; sys.exit(main())"
+
+
+def twin(folder: Path, stage: str) -> subprocess.Popen[bytes]:
+    return subprocess.Popen([sys.executable, "-c", TWIN, stage], cwd=folder, stdout=subprocess.DEVNULL)
+
+
+def test_a_killed_process_goes_on_bit_for_bit(project: Project, tmp_path: Path) -> None:
+    whole, killed = tmp_path / "whole", tmp_path / "killed"
+    shutil.copytree(project.root / "raw", whole / "raw")
+    one = project.config.model_copy(update={"cameras": project.config.cameras[:1]})
+    files.write_text(whole / "twin.toml", dump(one))
+    assert twin(whole, "camera").wait(60) == 0
+    shutil.copytree(whole, killed)
+    assert twin(whole, "measure").wait(120) == 0
+
+    process, kept = twin(killed, "measure"), killed / "runs" / "0002-measure" / "followed-film-0001.npz"
+    began = time.monotonic()
+    while not kept.exists() and process.poll() is None and time.monotonic() < began + 120:
+        time.sleep(0.002)
+    process.kill()
+    assert process.wait(10) != 0  # it was not done
+    assert not (killed / "targets").exists()
+    before = kept.stat().st_mtime_ns, sorted(p.name for p in kept.parent.glob("followed-static-*"))
+    assert len(before[1]) == 12
+    again = twin(killed, "measure")
+    while again.poll() is None and time.monotonic() < began + 120:
+        if kept.exists():
+            assert kept.stat().st_mtime_ns == before[0]  # what was followed is not followed again
+        time.sleep(0.01)
+    assert again.wait(10) == 0
+    for name in ("targets.csv", "pressure.csv"):
+        assert (killed / "targets" / name).read_bytes() == (whole / "targets" / name).read_bytes()
+    for pattern in ("runs/*/tracks.npz", "targets/targets.npz"):
+        first, second = (files.read_npz(next(folder.glob(pattern))) for folder in (whole, killed))
+        assert first.keys() == second.keys()
+        for key, array in first.items():
+            np.testing.assert_array_equal(array, second[key], err_msg=key)
