@@ -88,7 +88,7 @@ def guarded(work: Callable[[], Any], *, debug: bool) -> int:
 
 
 def _is_input(error: Exception) -> bool:
-    """Return whether the user can mend it: bad input, or a file system that refuses."""
+    """Whether the user can mend it: bad input, or a file system that refuses."""
     # numpy's LinAlgError is a ValueError too, but no user caused it
     return isinstance(error, ValueError | OSError) and type(error).__name__ != "LinAlgError"
 

@@ -276,3 +276,14 @@ def test_the_command_starts_without_the_heavy_packages():
     env = {**os.environ, "PYTHONPATH": str(ROOT)}
     done = subprocess.run([sys.executable, "-c", code], env=env, capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
+
+
+def test_a_plain_terminal_lists_names_that_it_cannot_show(study):
+    with Project.open(study).new_run("calibrate") as done:
+        done.summary["headline"] = "M\u00fcller's finger: sd 0.6 \u03bcm in this sentence, which is longer than any terminal is wide"
+    env = {**os.environ, "PYTHONPATH": str(ROOT), "LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0", "COLUMNS": "20"}
+    code = "from twin.cli import main; main()"
+    command = [sys.executable, "-c", code, "list", "-p", str(study)]
+    out = subprocess.run(command, env=env, capture_output=True, text=True, check=True).stdout.splitlines()
+    assert out[0].startswith("0001-calibrate   done")
+    assert out[1:] == ["    M\\xfcller's finger: sd 0.6 \\u03bcm in this sentence, which is longer than any terminal is wide"]

@@ -21,17 +21,17 @@ class Log:
     lamp: Array | None = None  # (t,) column flash: 0, and 1 from when a lamp in the film went on
 
     def at(self, time: Array) -> Array:
-        """Return the pressure (s,) MPa at times (s,) s within the log, linear between its samples."""
+        """The pressure (s,) MPa at times (s,) s within the log, linear between its samples."""
         return np.interp(time, self.time, self.pressure)
 
     def gain(self, time: Array) -> Array:
-        """Return sd of the interpolated pressure over sd of one sample (s,): 1 at a sample, 0.71 midway."""
+        """Sd of the interpolated pressure over sd of one sample (s,): 1 at a sample, 0.71 midway."""
         after = np.clip(np.searchsorted(self.time, time), 1, len(self.time) - 1)
         weight = (time - self.time[after - 1]) / (self.time[after] - self.time[after - 1])
         return np.hypot(weight, 1 - weight)
 
     def flash(self) -> tuple[float, float]:
-        """Return when the lamp went on, and its sd, in s: between two samples. ValueError if it did not."""
+        """When the lamp went on, and its sd, in s: between two samples. ValueError if it did not."""
         on = np.flatnonzero(self.lamp > 0.5) if self.lamp is not None else np.empty(0, dtype=np.intp)
         if not len(on) or on[0] == 0:
             raise ValueError(
@@ -52,7 +52,7 @@ class GaugeNoise:
 
 
 def read_log(path: Path, *, time_shift_s: float) -> Log:
-    """Return the log in a CSV with columns time_s, pressure_MPa and, where there is one, flash.
+    """The log in a CSV with columns time_s, pressure_MPa and, where there is one, flash.
 
     ValueError names line, column and value.
     """
@@ -82,7 +82,7 @@ def check_covers(log: Log, time: Array, *, what: str, key: str) -> None:
 
 
 def gauge_noise(log: Log, *, start: float, end: float) -> GaugeNoise:
-    """Return the white noise of the gauge from the log between two times (s) at which nothing moves.
+    """The white noise of the gauge from the log between two times (s) at which nothing moves.
 
     sd = sd of first differences / sqrt 2, which a slow drift hardly touches. Differences of white noise have
     lag-1 correlation -1/2; where it is larger by more than 4 of its sds the log is filtered or the pressure
@@ -99,18 +99,19 @@ def gauge_noise(log: Log, *, start: float, end: float) -> GaugeNoise:
     steps = np.diff(samples)
     sd = float(np.std(steps) / np.sqrt(2))
     if sd == 0:
-        return GaugeNoise(0.0, len(samples), f"{log.path.name} shows no noise at rest: its steps are too "
-                          "coarse, and the gauge noise is taken as 0")  # fmt: skip
+        return GaugeNoise(0.0, len(samples), f"{log.path.name} shows no noise at rest: its steps are "
+                          "too coarse. The gauge noise is taken as 0: record the pressure with more "
+                          "digits.")  # fmt: skip
     if _lag_one(steps) <= -0.5 + 4 / np.sqrt(len(steps)):
         return GaugeNoise(sd, len(samples), "")
     line = np.polynomial.Polynomial.fit(log.time[inside], samples, 1)
     about = float(np.std(samples - line(log.time[inside]), ddof=2))
-    return GaugeNoise(about, len(samples), f"the noise of {log.path.name} at rest is not white (filtered, "
-                      f"or the pressure ripples): {about:.2g} MPa about a line is taken, differences say "
-                      f"{sd:.2g}")  # fmt: skip
+    return GaugeNoise(about, len(samples), f"The noise of {log.path.name} at rest is not white: the log "
+                      f"is filtered, or the pressure ripples. Its scatter about a straight line is used, "
+                      f"{about:.2g} MPa (1 sd).")  # fmt: skip
 
 
 def _lag_one(x: Array) -> float:
-    """Return the lag-1 correlation of a series."""
+    """The lag-1 correlation of a series."""
     centred = x - x.mean()
     return float(centred[1:] @ centred[:-1] / (centred @ centred))

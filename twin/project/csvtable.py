@@ -23,17 +23,17 @@ class Table:
         return len(self.lines)
 
     def error(self, row: int, column: str, wanted: str) -> ValueError:
-        """Return the error that names the cell, its value and what was wanted."""
+        """The error that names the cell, its value and what was wanted."""
         value = self.cells[column][row]
         return ValueError(f"{self.path}, line {self.lines[row]}, column {column}: {value!r}: {wanted}")
 
     def numbers(self, column: str, *, unit: str, empty: bool = False) -> NDArray[np.float64]:
-        """Return a column (rows,) of finite numbers; where `empty` is allowed an empty cell is NaN."""
+        """A column (rows,) of finite numbers; where `empty` is allowed an empty cell is NaN."""
         wanted = f"wanted a finite number in {unit}" + (" or an empty cell (not observed)" if empty else "")
         return np.array([self._number(row, column, wanted, empty) for row in range(len(self))], dtype=float)
 
     def integers(self, column: str) -> NDArray[np.int64]:
-        """Return a column (rows,) of whole numbers."""
+        """A column (rows,) of whole numbers."""
         try:
             return np.array([int(text) for text in self.cells[column]], dtype=np.int64)
         except ValueError:
@@ -41,7 +41,7 @@ class Table:
             raise self.error(bad, column, "wanted a whole number") from None
 
     def flags(self, column: str) -> NDArray[np.bool_]:
-        """Return a column (rows,) of 1 / 0 or true / false."""
+        """A column (rows,) of 1 / 0 or true / false."""
         words = {"1": True, "true": True, "0": False, "false": False}
         for row, text in enumerate(self.cells[column]):
             if text.lower() not in words:
@@ -74,7 +74,7 @@ class Table:
 
 
 def read_table(path: Path, columns: Sequence[str], *, also: Sequence[str] = ()) -> Table:
-    """Return the named columns of a CSV file, and those of `also` that it has.
+    """The named columns of a CSV file, and those of `also` that it has.
 
     ValueError if a column or cells are missing or all rows.
     """

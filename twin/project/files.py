@@ -87,7 +87,7 @@ def append_jsonl(path: Path, record: Mapping[str, Any]) -> None:
 
 
 def read_jsonl(path: Path) -> list[dict[str, Any]]:
-    """Return the records of a log, [] without a file; a last line cut off by a kill is left out."""
+    """The records of a log, [] without a file; a last line cut off by a kill is left out."""
     if not path.exists():
         return []
     lines = path.read_bytes().split(b"\n")[:-1]  # what follows the last newline was cut off
@@ -104,7 +104,7 @@ def mend_jsonl(path: Path) -> None:
 
 
 def read_json(path: Path) -> Any:
-    """Return what a JSON file holds; ValueError names the file and the place where it is broken."""
+    """What a JSON file holds; ValueError names the file and the place where it is broken."""
     try:
         return json.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
@@ -114,7 +114,7 @@ def read_json(path: Path) -> Any:
 
 
 def read_npz(path: Path) -> dict[str, NDArray[Any]]:
-    """Return the named arrays of a file; pickled content is refused."""
+    """The named arrays of a file; pickled content is refused."""
     try:
         with np.load(path, allow_pickle=False) as file:
             return {name: file[name] for name in file.files}
@@ -125,7 +125,7 @@ def read_npz(path: Path) -> dict[str, NDArray[Any]]:
 
 
 def digest_of(paths: Iterable[Path], *, root: Path) -> dict[str, str]:
-    """Return the SHA-256 of every file, a folder standing for all files in it, by its path from `root`."""
+    """The SHA-256 of every file, a folder standing for all files in it, by its path from `root`."""
     digests = {}
     for path in paths:
         for file in sorted(p for p in path.rglob("*") if p.is_file()) if path.is_dir() else [path]:
@@ -137,13 +137,13 @@ def digest_of(paths: Iterable[Path], *, root: Path) -> dict[str, str]:
 
 
 def digest_text(data: Any) -> str:
-    """Return the SHA-256 of plain data, the same for the same content in any order of keys."""
+    """The SHA-256 of plain data, the same for the same content in any order of keys."""
     text = json.dumps(plain(data), sort_keys=True, allow_nan=False)
     return hashlib.sha256(text.encode("utf-8")).hexdigest()
 
 
 def plain(data: Any) -> Any:
-    """Return lists, dicts, numbers, strings and None only; NaN and infinity become None."""
+    """Lists, dicts, numbers, strings and None only; NaN and infinity become None."""
     if isinstance(data, Mapping):
         return {str(key): plain(value) for key, value in data.items()}
     if isinstance(data, np.ndarray):
@@ -162,5 +162,5 @@ def plain(data: Any) -> Any:
 
 
 def _from(file: Path, root: Path) -> str:
-    """Return the path relative to the project, or the bare name of a file that lies elsewhere."""
+    """The path relative to the project, or the bare name of a file that lies elsewhere."""
     return file.relative_to(root).as_posix() if file.is_relative_to(root) else file.name

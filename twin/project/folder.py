@@ -56,7 +56,7 @@ class Run:
         return self.folder.name
 
     def path(self, name: str) -> Path:
-        """Return where a file of this run lies."""
+        """Where a file of this run lies."""
         return self.folder / name
 
     def write_json(self, name: str, data: Any) -> None:
@@ -84,7 +84,7 @@ class Run:
         self.append({"note": text})
 
     def log(self) -> list[dict[str, Any]]:
-        """Return the records of log.jsonl, those from before a kill included."""
+        """The records of log.jsonl, those from before a kill included."""
         return files.read_jsonl(self.path("log.jsonl"))
 
 
@@ -109,7 +109,7 @@ class Project:
 
     @classmethod
     def open(cls, root: Path | str, *, builtin: "BuiltIn | None" = None) -> "Project":
-        """Return the project in a folder; ValueError if twin.toml is not there or not right."""
+        """The project in a folder; ValueError if twin.toml is not there or not right."""
         folder = Path(root).resolve()
         if not (folder / "twin.toml").is_file():
             raise ValueError(
@@ -125,15 +125,15 @@ class Project:
         return self.root / "targets"
 
     def path(self, relative: str) -> Path:
-        """Return a path of twin.toml from the project folder."""
+        """A path of twin.toml from the project folder."""
         return self.root / relative
 
     def shown(self, path: Path) -> str:
-        """Return a path as a person reads it: from the project folder."""
+        """A path as a person reads it: from the project folder."""
         return path.relative_to(self.root).as_posix() if path.is_relative_to(self.root) else str(path)
 
     def targets(self) -> Targets:
-        """Return the targets, their nodes and gravity as twin.toml has them; ValueError if there are none, or
+        """The targets, their nodes and gravity as twin.toml has them; ValueError if there are none, or
         if gravity is stated twice, or not and the finger has weight."""
         nodes, model = {point.name: point.node for point in self.config.points}, self.config.model
         found, gravity = read_targets(self.targets_folder, nodes=nodes), model.gravity
@@ -153,7 +153,7 @@ class Project:
         return replace(found, gravity=np.tile(way, (int(found.block[-1]) + 1, 1)))
 
     def deck_files(self) -> list[Path]:
-        """Return the files of the user's own mesh, none for the built-in finger."""
+        """The files of the user's own mesh, none for the built-in finger."""
         if self.config.model.deck is None or not self.path(self.config.model.deck).is_file():
             return []
         from fe.deck.keywords import files_of, read_keywords
@@ -161,7 +161,7 @@ class Project:
         return sorted(files_of(read_keywords(self.path(self.config.model.deck))))
 
     def effect_files(self) -> list[Path]:
-        """Return the files of the user's own effects that are there."""
+        """The files of the user's own effects that are there."""
         named = (self.path(name) for name in self.config.model.effect_files)
         return [path for path in named if path.is_file()]
 
@@ -178,17 +178,17 @@ class Project:
     # -- runs -----------------------------------------------------------------------------------------
 
     def runs(self) -> list[Path]:
-        """Return the run folders, oldest first."""
+        """The run folders, oldest first."""
         folders = [p for p in (self.root / "runs").glob("*-*") if p.is_dir() and re.match(r"\d{4,}-", p.name)]
         return sorted(folders, key=lambda p: int(p.name.partition("-")[0]))
 
     def info(self, folder: Path) -> dict[str, Any]:
-        """Return run.json of a run, its status "incomplete" where a kill came before the first write."""
+        """What run.json of a run says; its status is "incomplete" where a kill came before the first write."""
         path = folder / "run.json"
         return files.read_json(path) if path.exists() else {"kind": kind_of(folder), "status": "incomplete"}
 
     def newest(self, kind: str | tuple[str, ...] | None, file: str) -> Path | None:
-        """Return a file of the newest done run of that kind (None: of any kind) that has it, or None."""
+        """A file of the newest done run of that kind (None: of any kind) that has it, or None."""
         kinds = (kind,) if isinstance(kind, str) else kind
         for folder in reversed(self.runs()):
             wanted = kinds is None or kind_of(folder) in kinds
@@ -197,11 +197,11 @@ class Project:
         return None
 
     def done(self, kind: str, **how: Any) -> Path | None:
-        """Return the newest done run made from the same configuration and inputs (as `new_run`), or None."""
+        """The newest done run made from the same configuration and inputs (as `new_run`), or None."""
         return self._with_status(kind, "done", self._stamp(kind, **how)["digest"])
 
     def killed(self, kind: str, **how: Any) -> Path | None:
-        """Return the run that `new_run` with the same arguments would resume, or None."""
+        """The run that `new_run` with the same arguments would resume, or None."""
         return self._with_status(kind, "running", self._stamp(kind, **how)["digest"])
 
     @contextmanager
@@ -249,7 +249,7 @@ class Project:
         inputs: Sequence[Path] | None = None,
         extra: Mapping[str, Any] | None = None,
     ) -> dict[str, Any]:
-        """Return what makes a run what it is, with the digest over all of it."""
+        """What makes a run what it is, with the digest over all of it."""
         config = self.config.model_dump(mode="json")
         read = list(inputs or [])
         if inputs is None:
@@ -269,12 +269,12 @@ class Project:
 
 
 def kind_of(folder: Path) -> str:
-    """Return the kind in a run folder's name: calibrate for 0003-calibrate."""
+    """The kind in a run folder's name: calibrate for 0003-calibrate."""
     return folder.name.partition("-")[2]
 
 
 def versions() -> dict[str, str]:
-    """Return the versions that a run depends on; packages that are not installed are left out."""
+    """The versions that a run depends on; packages that are not installed are left out."""
     found = {"python": platform.python_version()}
     for name in PACKAGES:
         try:
@@ -285,7 +285,7 @@ def versions() -> dict[str, str]:
 
 
 def dataset(name: str) -> Path:
-    """Return the folder of a data set of the repository; ValueError where it is not installed."""
+    """The folder of a data set of the repository; ValueError where it is not installed."""
     folder = Path(__file__).resolve().parents[2] / "datasets" / name
     if not (folder / "twin.toml").is_file():
         raise ValueError(

@@ -44,7 +44,7 @@ def _exact(targets: Targets) -> dict[str, NDArray[Any]]:
 
 
 def _csv(t: Targets) -> str:
-    """Return one row a step and point; values in full, sds rounded (their exact form is in targets.npz)."""
+    """One row a step and point; values in full, sds rounded (their exact form is in targets.npz)."""
     variance = np.diagonal(t.covariance, axis1=2, axis2=3)
     sd = np.sqrt(np.where(np.isnan(t.value), np.nan, variance))
     lines = [",".join(COLUMNS)]
@@ -61,7 +61,7 @@ def _cell(value: float) -> str:
 
 
 def _log_csv(t: Targets) -> str:
-    """Return the dense log; a sample between two blocks belongs to the nearer one."""
+    """The dense log; a sample between two blocks belongs to the nearer one."""
     starts = np.flatnonzero(np.diff(t.block))
     borders = (t.time[starts] + t.time[starts + 1]) / 2
     blocks = np.searchsorted(borders, t.log_time, side="right")
@@ -70,7 +70,7 @@ def _log_csv(t: Targets) -> str:
 
 
 def _toml(t: Targets) -> str:
-    """Return what the columns mean: reference, blocks, points, noise."""
+    """What the columns mean: reference, blocks, points, noise."""
     first = int(np.searchsorted(t.block, t.block[t.reference[0]]))
     lines = [
         "# What targets.csv holds: displacements in mm relative to the mean of the reference steps.",
@@ -118,7 +118,7 @@ def _quoted(text: str) -> str:
 
 
 def read_targets(folder: Path, *, nodes: Mapping[str, int] | None = None) -> Targets:
-    """Return the targets of a folder; targets.csv alone is enough (no modes, no noise model then).
+    """The targets of a folder; targets.csv alone is enough (no modes, no noise model then).
 
     `nodes` gives node labels by point name (twin.toml [[points]]); they must agree with targets.toml where it
     states them. A point whose node nobody states is of kind UNKNOWN. ValueError names file, line and column.
@@ -183,7 +183,7 @@ class _Grid:
 
 
 def _per_step(table: Table, column: str, unit: str, row: NDArray[np.int64]) -> Array:
-    """Return the value (s,) that all points of a step must share."""
+    """The value (s,) that all points of a step must share."""
     values: Array = table.numbers(column, unit=unit)[row]
     odd = np.argwhere(values != values[:, :1])
     if odd.size:
@@ -193,7 +193,7 @@ def _per_step(table: Table, column: str, unit: str, row: NDArray[np.int64]) -> A
 
 
 def _columns(table: Table, grid: _Grid, exact: dict[str, NDArray[Any]], folder: Path) -> dict[str, Any]:
-    """Return value, covariance, valid, modes and pressure_sd."""
+    """Value, covariance, valid, modes and pressure_sd."""
     value = np.stack([table.numbers(f"u{i}_mm", unit="mm", empty=True)[grid.row] for i in (1, 2, 3)], axis=-1)
     sd = np.stack([table.numbers(f"sd{i}_mm", unit="mm", empty=True)[grid.row] for i in (1, 2, 3)], axis=-1)
     valid = table.flags("valid")[grid.row][..., None] & ~np.isnan(value)
@@ -253,7 +253,7 @@ def _read_toml(path: Path) -> dict[str, Any]:
 
 
 def _by_name(path: Path, rows: list[dict[str, Any]], names: tuple[str, ...]) -> dict[str, dict[str, Any]]:
-    """Return the tables by point name; ValueError if one names a point that targets.csv does not have."""
+    """The tables by point name; ValueError if one names a point that targets.csv does not have."""
     for row in rows:
         if row.get("name") not in names:
             raise ValueError(
@@ -313,7 +313,7 @@ def _vector(path: Path, what: str, value: Any) -> list[float]:
 
 
 def _blocks(folder: Path, about: dict[str, Any], grid: _Grid) -> dict[str, Any]:
-    """Return held_out (s,) and gravity (blocks,3) or None."""
+    """Mask held_out (s,), and gravity (blocks,3) or None."""
     path = folder / "targets.toml"
     labels = sorted({b for b, _ in grid.labels})
     rows = {row.get("block"): row for row in about.get("blocks", [])}
@@ -336,7 +336,7 @@ def _blocks(folder: Path, about: dict[str, Any], grid: _Grid) -> dict[str, Any]:
 def _reference(
     folder: Path, about: dict[str, Any], grid: _Grid, columns: dict[str, Any]
 ) -> NDArray[np.int64]:
-    """Return the steps that displacements are relative to; default the first, if it shows none."""
+    """The steps that displacements are relative to; default the first, if it shows none."""
     if "reference" in about:
         table = about["reference"]
         wanted = [(table.get("block", grid.labels[0][0]), step) for step in table.get("steps", [])]
@@ -381,7 +381,7 @@ def _read_noise(
 
 
 def _read_log(folder: Path, grid: _Grid) -> tuple[Array, Array]:
-    """Return the dense log, or the steps themselves (linear between them) where there is none."""
+    """The dense log, or the steps themselves (linear between them) where there is none."""
     path = folder / "pressure.csv"
     if not path.exists():
         return grid.time, grid.pressure

@@ -14,7 +14,7 @@ from twin.project.config import FORMER, Config
 
 
 def parse(data: bytes, *, name: str) -> Config:
-    """Return the configuration in a file's bytes; ValueError is one sentence that begins with its name."""
+    """The configuration in a file's bytes; ValueError is one sentence that begins with its name."""
     try:
         tables = tomllib.loads(decoded(data))
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
@@ -51,7 +51,7 @@ def decoded(data: bytes) -> str:
 
 
 def dump(config: Config) -> str:
-    """Return a complete twin.toml: every key with its meaning and unit, what is optional commented out."""
+    """A complete twin.toml: every key with its meaning and unit, what is optional commented out."""
     lines = [
         "# A softtwin project. Units: mm, MPa, s. World axes: x along the finger from the clamp,",
         "# y across the width, z up. Paths are relative to this folder. `twin check` says what is missing.",
@@ -96,7 +96,7 @@ def _check_only_effects(old: str, new: str, effects: list[str]) -> None:
 
 
 def _table(path: str, table: BaseModel, *, item: int | None = None) -> list[str]:
-    """Return the lines of a table and of the tables in it; of an array only the first item has comments."""
+    """The lines of a table and of the tables in it; of an array only the first item has comments."""
     plain, inner = [], []
     for key, field in type(table).model_fields.items():
         value = getattr(table, key)
@@ -111,7 +111,7 @@ def _table(path: str, table: BaseModel, *, item: int | None = None) -> list[str]
 
 
 def _tables(path: str, items: Sequence[BaseModel]) -> list[str]:
-    """Return the lines of an array of tables."""
+    """The lines of an array of tables."""
     return [line for number, item in enumerate(items) for line in _table(path, item, item=number)]
 
 
@@ -136,7 +136,7 @@ def _value(value: Any) -> str:
 
 
 def _sentence(error: ValidationError) -> str:
-    """Return the first error as one sentence, and how many more there are."""
+    """The first error as one sentence, and how many more there are."""
     first, more = error.errors()[0], error.error_count() - 1
     return _problem(first) + (f" (and {more} more)" if more else "")
 
@@ -157,7 +157,7 @@ def _problem(error: Any) -> str:
 
 
 def _unknown(where: tuple[str | int, ...]) -> str:
-    """Return the sentence for a key that does not exist, with the nearest one that does."""
+    """The sentence for a key that does not exist, with the nearest one that does."""
     keys = list(_model(where[:-1]).model_fields)
     near = get_close_matches(str(where[-1]), keys, n=1, cutoff=0.5)
     hint = f"did you mean {near[0]!r}?" if near else f"known here: {', '.join(keys)}"
@@ -176,13 +176,13 @@ def _example(where: tuple[str | int, ...], field: FieldInfo | None) -> str:
 
 
 def _key(where: tuple[str | int, ...]) -> str:
-    """Return cameras[1].film for its location, counted from 1 as a person does."""
+    """The name cameras[1].film for its location, counted from 1 as a person does."""
     parts = "".join(f"[{part + 1}]" if isinstance(part, int) else f".{part}" for part in where)
     return parts.removeprefix(".")
 
 
 def _models(where: tuple[str | int, ...]) -> Iterator[tuple[type[BaseModel], str]]:
-    """Yield each table on the way to a location with the key taken there."""
+    """Each table on the way to a location with the key taken there."""
     model: type[BaseModel] | None = Config
     for part in where:
         if isinstance(part, str) and model is not None:
@@ -191,7 +191,7 @@ def _models(where: tuple[str | int, ...]) -> Iterator[tuple[type[BaseModel], str
 
 
 def _inner(model: type[BaseModel], key: str) -> type[BaseModel] | None:
-    """Return the table under a key: its type itself, or the one that an optional or an array holds."""
+    """The table under a key: its type itself, or the one that an optional or an array holds."""
     if key not in model.model_fields:
         return None
     found = [model.model_fields[key].annotation]
@@ -204,7 +204,7 @@ def _inner(model: type[BaseModel], key: str) -> type[BaseModel] | None:
 
 
 def _model(where: tuple[str | int, ...]) -> type[BaseModel]:
-    """Return the table at a location."""
+    """The table at a location."""
     model: type[BaseModel] = Config
     for parent, key in _models(where):
         model = _inner(parent, key) or parent
@@ -212,7 +212,7 @@ def _model(where: tuple[str | int, ...]) -> type[BaseModel]:
 
 
 def _field(where: tuple[str | int, ...]) -> FieldInfo | None:
-    """Return the field that a location lies in: bounds for calibrate.bounds.C10[1]."""
+    """The field that a location lies in: bounds for calibrate.bounds.C10[1]."""
     field = None
     for model, key in _models(where):
         field = model.model_fields.get(key, field)

@@ -128,7 +128,7 @@ def _one_camera_inputs(project: Project, table: CameraTable) -> dict[str, Any]:
 
 
 def _images(project: Project, table: CameraTable) -> list[Path]:
-    """Return the pictures of the board."""
+    """The pictures of the board."""
     images = sorted(p for p in project.root.glob(table.boards or "") if p.is_file())
     if not images:
         raise ValueError(f"cameras.boards = {table.boards!r}: no file matches in {project.root}; put the "
@@ -137,12 +137,12 @@ def _images(project: Project, table: CameraTable) -> list[Path]:
 
 
 def dictionary_name(project: Project, name: str) -> str:
-    """Return a dictionary as vision takes it: OpenCV's name, or the path of a file in the project."""
+    """A dictionary as vision takes it: OpenCV's name, or the path of a file in the project."""
     return name if name.startswith("DICT_") else str(project.path(name))
 
 
 def dictionary_files(project: Project, name: str) -> list[Path]:
-    """Return the file of a dictionary that is none of OpenCV's."""
+    """The file of a dictionary that is none of OpenCV's."""
     if name.startswith("DICT_"):
         return []
     if not project.path(name).is_file():
@@ -153,7 +153,7 @@ def dictionary_files(project: Project, name: str) -> list[Path]:
 
 
 def camera_path(project: Project) -> Path:
-    """Return camera.json, or rig.json of several cameras, made from the board images as they are now."""
+    """The file camera.json, or rig.json of several cameras, made from the board images as they are now."""
     name = "camera.json" if len(project.config.cameras) == 1 else "rig.json"
     done = project.done("camera", **_camera_inputs(project))
     if done is None:
@@ -164,7 +164,7 @@ def camera_path(project: Project) -> Path:
 
 
 def result_of(project: Project, stage: str, folder: Path, *, skipped: bool = False) -> dict[str, Any]:
-    """Return what --json prints."""
+    """What --json prints."""
     summary = project.info(folder).get("summary", {})
     return {
         "stage": stage,

@@ -34,7 +34,7 @@ def run_check(project: Project, say: Say) -> dict[str, Any]:
 
 
 def _check_deck(project: Project) -> tuple[str, ...]:
-    """Return what is to be known of the project's own mesh; ValueError where it is not right."""
+    """What is to be known of the project's own mesh; ValueError where it is not right."""
     if project.config.model.deck is None:
         return ()
     from twin.stages.workbench import structure_of
@@ -62,7 +62,7 @@ def _check_effects(project: Project) -> None:
 
 
 def _missing_files(project: Project) -> list[str]:
-    """Return what twin.toml names and is not there; a film is not asked for once its targets are there."""
+    """What twin.toml names and is not there; a film is not asked for once its targets are there."""
     deck = project.config.model.deck
     if deck is not None and not project.path(deck).is_file():
         return [f"{deck} (model.deck)"]

@@ -27,7 +27,7 @@ def run_demo(folder: Path, say: Say) -> dict[str, Any]:
 
 
 def copy_demo(folder: Path, say: Say) -> Project:
-    """Return the demo project in a folder: a fresh copy, or the one that was begun there."""
+    """The demo project in a folder: a fresh copy, or the one that was begun there."""
     source = dataset("demo")
     stamp = files.digest_of([source], root=source)
     begun = folder / "demo.json"

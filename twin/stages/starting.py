@@ -58,7 +58,7 @@ def run_init(
 
 
 def targets_config(name: str, targets: Targets, nodes: Mapping[str, int]) -> Config:
-    """Return a configuration for targets measured elsewhere; ValueError names points without a node."""
+    """A configuration for targets measured elsewhere; ValueError names points without a node."""
     finger = [p for p in targets.points if p.kind in (PointKind.NODE, PointKind.UNKNOWN)]
     known = {p.name: nodes.get(p.name) if p.node is None else p.node for p in finger}
     missing = [name for name, node in known.items() if node is None]
@@ -79,7 +79,7 @@ def _objective(names: tuple[str, ...]) -> tuple[str, ...]:
 
 
 def _own_mesh(deck: Path, nodes: Mapping[str, int], *, ask: bool) -> tuple[str, tuple[Path, ...]]:
-    """Return where a deck goes in the project, and its files; ValueError where it is not right.
+    """Where a deck goes in the project, and its files; ValueError where it is not right.
 
     ask: whether nodes have to be named, as no targets name them.
     """
@@ -99,7 +99,7 @@ def _own_mesh(deck: Path, nodes: Mapping[str, int], *, ask: bool) -> tuple[str, 
 
 
 def film_config(name: str, nodes: Mapping[str, int] = NAMED_NODES) -> Config:
-    """Return a configuration for one film, to be filled in: the values of a typical rig stand in it."""
+    """A configuration for one film, to be filled in: the values of a typical rig stand in it."""
     rig = [(x, z) for z in (12.0, -75.0) for x in (-20.0, 15.0, 50.0, 85.0, 120.0)]
     markers = tuple(
         MarkerTable(marker=20 + i, name=f"R{i + 1:02d}", role="fixed" if i % 5 in (1, 3) else "frame",

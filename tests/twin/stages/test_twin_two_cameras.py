@@ -114,11 +114,11 @@ def project(tmp_path_factory: pytest.TempPathFactory) -> Project:
     root = tmp_path_factory.mktemp("batch")
     draw_boards(root)
     for k, name in enumerate(CAMERAS):
-        for film, time in (("film", np.arange(FRAMES) / RATE), ("static", np.zeros(120))):
-            place, turn = motion(time)
+        for film, at in (("film", np.arange(FRAMES) / RATE), ("static", np.zeros(120))):
+            place, turn = motion(at)
             synthetic.film(
                 root / "raw" / f"{name}-{film}.mkv", camera=camera_of(name), pose=CAMERAS[name][1], marks=marks(),
-                positions=place, rotations=turn, codec="ffv1", seed=7 * k + len(time),
+                positions=place, rotations=turn, codec="ffv1", seed=7 * k + len(at),
             )  # fmt: skip
     log = "".join(f"{t:.2f},{1e-5 * (i % 3):.7f}\n" for i, t in enumerate(np.arange(-1, 6, 0.02)))
     files.write_text(root / "raw" / "pressure.csv", "time_s,pressure_MPa\n" + log)
