@@ -183,7 +183,7 @@ class Project:
         return sorted(folders, key=lambda p: int(p.name.partition("-")[0]))
 
     def info(self, folder: Path) -> dict[str, Any]:
-        """What run.json of a run says; its status is "incomplete" where a kill came before the first write."""
+        """What run.json of a run says; status "incomplete" where a kill came before the first write."""
         path = folder / "run.json"
         return files.read_json(path) if path.exists() else {"kind": kind_of(folder), "status": "incomplete"}
 
