@@ -34,7 +34,7 @@ PAGES = sorted(
 BLOCK = re.compile(r"^```(\w*)\n(.*?)^```$", re.S | re.M)
 PATH = re.compile(r"\b(?:tests|benchmarks|datasets|docs|twin|fe|vision|calibrate)/[\w./-]*\w")
 DOTTED = re.compile(r"(?<![\w./])(?:fe|vision|calibrate|twin)(?:\.(?!toml|py|md)\w+)+(?![\w/])")
-COMMAND = re.compile(r"(?<![\w.-])twin ([a-z]+)((?:[ =][\w./:<>=-]+)*)")
+COMMAND = re.compile(r"(?<![\w.-])(?<!from )twin ([a-z]+)((?:[ =][\w./:<>=-]+)*)")
 
 
 def name_of(page: Path) -> str:

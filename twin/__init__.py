@@ -1,5 +1,59 @@
-"""The whole chain: a recorded inflation test becomes a calibrated twin that names its missing effect."""
+"""The whole chain: a recorded inflation test becomes a calibrated twin that names its missing effect.
 
-from twin.targets import Noise, Targets
+These names are what a notebook and a file of your own effect need (docs/own-effect.md). Each is imported when
+it is first used, so that `import twin` stays quick.
+"""
 
-__all__ = ["Noise", "Targets"]
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from calibrate import Parameter
+    from twin.contract.promises import check_effect
+    from twin.diagnosis.comparison import compare
+    from twin.diagnosis.fitting import whitener_of
+    from twin.diagnosis.procedure import diagnose
+    from twin.effects.protocol import Effect, Order, Test
+    from twin.model.prediction import Model
+    from twin.notebook import open_project
+    from twin.targets import Noise, Targets
+
+__all__ = [
+    "Effect",
+    "Model",
+    "Noise",
+    "Order",
+    "Parameter",
+    "Targets",
+    "Test",
+    "check_effect",
+    "compare",
+    "diagnose",
+    "open_project",
+    "whitener_of",
+]
+
+_HOME = {
+    "Effect": "twin.effects.protocol",
+    "Model": "twin.model.prediction",
+    "Noise": "twin.targets",
+    "Order": "twin.effects.protocol",
+    "Parameter": "calibrate",
+    "Targets": "twin.targets",
+    "Test": "twin.effects.protocol",
+    "check_effect": "twin.contract.promises",
+    "compare": "twin.diagnosis.comparison",
+    "diagnose": "twin.diagnosis.procedure",
+    "open_project": "twin.notebook",
+    "whitener_of": "twin.diagnosis.fitting",
+}
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOME:
+        raise AttributeError(f"module 'twin' has no attribute {name!r}")
+    return getattr(import_module(_HOME[name]), name)
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

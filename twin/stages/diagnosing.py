@@ -51,9 +51,10 @@ def run_diagnose(project: Project, say: Say) -> dict[str, Any]:
 
 
 def _candidates(project: Project) -> tuple[Effect, ...]:
-    """The effects that twin.toml names, or the library and the project's own."""
-    wanted, own = project.config.diagnose.candidates, own_of(project)
-    return tuple(effect(name, own=own) for name in wanted) if wanted else (*all_effects(), *own)
+    """The effects that twin.toml names, or the whole library; those of the project's own files always."""
+    own = own_of(project)
+    named = [effect(label, own=own) for label in project.config.diagnose.candidates] or all_effects()
+    return (*named, *(e for e in own if e.name not in [n.name for n in named]))
 
 
 def _settled(bench: Workbench, kept: Candidate, say: Say) -> Candidate:

@@ -1,11 +1,16 @@
 """What an effect may declare: names that do not exist are refused where its class is defined."""
 
+import os
+import subprocess
+import sys
 from collections.abc import Callable
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+import twin
 from twin.effects.library import all_effects
 from twin.effects.protocol import Effect, Family, Order
 from twin.effects.requirements import MEANING, Requirement, lacking
@@ -73,3 +78,14 @@ def test_next_tests_name_effects_of_the_library() -> None:
 
 def test_orders_come_as_they_act() -> None:
     assert [o.name for o in sorted(Order)] == [o.name for o in Order]
+
+
+def test_the_names_that_twin_exports_are_there_and_cost_nothing_until_used() -> None:
+    assert {name: getattr(twin, name).__name__ for name in twin.__all__} == {name: name for name in twin.__all__}
+    assert set(twin.__all__) <= set(dir(twin))
+    with pytest.raises(AttributeError, match="module 'twin' has no attribute 'effect'"):
+        twin.effect  # noqa: B018
+    code = "import sys, twin; print(sorted({'numpy', 'fe', 'calibrate'} & set(sys.modules)))"
+    environment = {**os.environ, "PYTHONPATH": str(Path(twin.__file__).parents[1])}
+    done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"

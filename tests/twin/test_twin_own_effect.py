@@ -1,0 +1,143 @@
+"""docs/own-effect.md: its file keeps the contract, and finds a force that was planted in another mesh."""
+
+import json
+import re
+import shutil
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fe import Case, Lattice, Material
+from twin import Effect, check_effect, cli, open_project, virtual
+from twin.effects.ownfiles import own_effects
+from twin.model.structure import BuiltIn
+from twin.project.config import CalibrateTable, Config, DiagnoseTable, ModelTable, PointTable
+from twin.project.folder import Project
+from twin.project.targetfiles import write_targets
+from twin.project.toml import dump
+from twin.stages import workbench
+from twin.stages.checking import run_check
+from twin.stages.fits import newest_fit, stale
+
+PAGE = Path(__file__).resolve().parents[2] / "docs" / "own-effect.md"
+FILM = ((0.0, 0.0), (2.0, 0.0), (6.0, 30.0), (8.0, 30.0))  # s, kPa
+BENCH = virtual.Bench(film_hz=2.0, gauge_sd_MPa=1e-4, sd=0.002)
+NAMES, X = ("p1", "p2", "middle", "p4", "tip"), np.array([9.556, 15.111, 4 + 50 / 3, 31.778, 10 + 100 / 3])
+UP, ALONG = 0.4, 0.2  # N
+
+
+def run(*arguments: object) -> None:
+    """The command line, as a user types it."""
+    assert cli.app(args=[str(a) for a in arguments], standalone_mode=False) in (None, 0)
+
+
+def blocks() -> list[str]:
+    """The Python on the page: the file, its check, a notebook."""
+    return re.findall(r"^```python\n(.*?)^```$", PAGE.read_text(encoding="utf-8"), re.S | re.M)
+
+
+def example() -> str:
+    """The file on the page."""
+    return blocks()[0]
+
+
+class Silent:
+    """A `say` that says nothing."""
+
+    def __call__(self, text: str, /) -> None: ...
+
+    def progress(self, stage: str, done: int, total: int, /) -> None: ...
+
+
+@pytest.fixture(scope="module")
+def batch(short_case: Case, short_builtin: BuiltIn, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    """A project of the short finger, filmed while a tube pulled its tip, and calibrated without that."""
+    folder = tmp_path_factory.mktemp("own") / "batch"
+    edge = np.stack([X, np.full_like(X, 11.5), np.zeros_like(X)], axis=1)
+    rows = np.linalg.norm(short_case.nodes[:, None] - edge, axis=2).argmin(axis=0)
+    points, course = short_case.nodes[rows], virtual.path(BENCH, protocol=FILM)
+    truth = virtual.Truth(
+        Material(0.214, 0.083),
+        lattice=Lattice(per_bellow=2, ring=False, centred=False, caps=2),  # a finer mesh than the model's
+        finger=short_builtin.finger,
+        tip_force=(ALONG, 0.0, UP),  # over the whole end face
+    )
+    u, slope = virtual.displacements(truth, course, points)
+    at = virtual.at_nodes(NAMES, short_case.labels[rows], points)
+    targets = virtual.noisy_targets(u, slope, course, points=at, bench=BENCH, seed=1)
+    config = Config(
+        points=tuple(PointTable(name=n, node=int(k)) for n, k in zip(NAMES, short_case.labels[rows], strict=True)),
+        model=ModelTable(effect_files=("effects/tube.py",), fixed={"C01": 0.083}),  # of a test of the material
+        calibrate=CalibrateTable(population=6, generations=2),
+    )
+    (folder / "effects").mkdir(parents=True)
+    (folder / "effects" / "tube.py").write_text(example(), encoding="utf-8")
+    (folder / "twin.toml").write_text(dump(config), encoding="utf-8")
+    write_targets(folder / "targets", replace(targets, noise=None))  # else finer meshes are solved, too
+    with pytest.MonkeyPatch.context() as patch:  # the command line knows the study's finger only
+        patch.setattr(workbench, "BuiltIn", lambda: short_builtin)
+        run("check", "--project", folder)
+        run("calibrate", "--project", folder)
+        yield folder
+
+
+def test_the_file_of_the_page_keeps_the_contract(tmp_path: Path) -> None:
+    (tmp_path / "tube.py").write_text(example(), encoding="utf-8")
+    (tube,) = own_effects(tmp_path, ["tube.py"])
+    assert isinstance(tube, Effect)
+    assert check_effect(tube) == ()
+
+
+def test_twin_add_finds_the_planted_force(batch: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    run("add", "tube", "--project", batch)
+    bench = open_project(batch)
+    assert [e.label for e in bench.model().effects] == ["elasticity", "tube"]
+    (fit,) = batch.glob("runs/*-add/fit.json")
+    found = json.loads(fit.read_text())["parameters"]
+    # the truth's mesh is another, and its force acts on the whole end face
+    assert found["tube.up"]["value"] == pytest.approx(UP, rel=0.15)
+    assert found["tube.along"]["value"] == pytest.approx(ALONG, abs=0.1)
+    assert newest_fit(bench.project).chi2 < 0.1 * json.loads(next(batch.glob("runs/*-calibrate/fit.json")).read_text())["chi2"]
+    notebook = blocks()[2].replace("my-batch", str(batch))
+    capsys.readouterr()
+    exec(notebook, {})
+    assert capsys.readouterr().out.startswith("The model ")
+
+
+def test_a_fit_with_the_effect_is_stale_when_its_file_changes(batch: Path) -> None:
+    project, file = Project.open(batch), batch / "effects" / "tube.py"
+    with_tube, without = ({"effects": [*labels]} for labels in (("tube",), ()))
+    runs = {}
+    for name, how in (("with", with_tube), ("without", without)):
+        with project.new_run("calibrate", extra=how) as one:
+            runs[name] = one.folder
+    (batch / "effects" / "fan.py").write_text("", encoding="utf-8")
+    assert [stale(project, folder) for folder in runs.values()] == [[], []]
+    file.write_text(example() + "\n# changed\n", encoding="utf-8")
+    assert stale(project, runs["with"]) == ["effects/tube.py has changed since"]
+    assert stale(project, runs["without"]) == []
+    file.unlink()
+    assert stale(project, runs["with"]) == ["effects/tube.py is gone"]
+    assert stale(project, runs["without"]) == []
+    for folder in runs.values():
+        shutil.rmtree(folder)
+    file.write_text(example(), encoding="utf-8")
+
+
+def test_check_names_the_line_of_a_broken_file_and_a_broken_promise(batch: Path) -> None:
+    file, project = batch / "effects" / "tube.py", Project.open(batch).set_effects([])
+    for old, new, sentence in (
+        ("null=0.0", "nul=0.0", r"effects/tube\.py, line 14: TypeError: .*unexpected keyword argument 'nul'"),
+        ('"tube.along": 0.0', '"tube.angle": 0.0', r"effect 'tube': its grid names 'tube\.angle'"),
+        ('"tube", Order', '"tubus", Order', r"effect 'tubus': parameter 'tube\.up': wanted a name of the form tubus"),
+    ):
+        file.write_text(example().replace(old, new), encoding="utf-8")
+        with pytest.raises(ValueError, match=sentence):
+            run_check(project, Silent())
+    file.write_text(example(), encoding="utf-8")
+    named = replace(project, config=project.config.model_copy(update={"diagnose": DiagnoseTable(candidates=("fan",))}))
+    with pytest.raises(ValueError, match=r"effect 'fan' is not in the library, wanted one of creep, .* tube"):
+        run_check(named, Silent())
