@@ -22,9 +22,10 @@ from trials import NOMINAL
 from fe import Case, Finger, Lattice, Material
 from twin import virtual
 from twin.diagnosis.fitting import fit_model, measured_remainder, whitener_of
+from twin.model.building import base_model
 from twin.model.discretisation import Discretisation, discretisation_error
-from twin.model.prediction import Model, base_case, base_model
-from twin.model.structure import of_finger
+from twin.model.prediction import Model
+from twin.model.structure import base_case, of_finger
 from twin.targets import Array, Targets
 
 TRUTH = 2  # divisions of every cell

@@ -23,9 +23,10 @@ from twin.diagnosis.verdicts import Diagnosis
 from twin.effects.baselaw import Constants
 from twin.effects.library import effect
 from twin.effects.protocol import Effect
+from twin.model.building import base_model
 from twin.model.discretisation import Discretisation, discretisation_error
-from twin.model.prediction import Model, base_case, base_model
-from twin.model.structure import of_finger
+from twin.model.prediction import Model
+from twin.model.structure import base_case, of_finger
 from twin.parallel import WORKERS, finished
 from twin.project.config import DiagnoseTable
 from twin.targets import Array, Targets

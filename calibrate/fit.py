@@ -76,14 +76,16 @@ def least_squares(
     seed: int = 0,
     max_evaluations: int = 40,
     tolerance: float = 0.01,
+    renew: bool = False,
 ) -> Fit:
     """The Fit with the lowest chi2 = r'r within the bounds, of all starts.
 
     residual: theta (d,) -> r (n,), whitened; None where the model cannot be solved: the step is then
     shortened. jacobian: theta (d,) -> dr/dtheta (n, d). start (d,) or (m, d): one descent each, of at most
-    max_evaluations residuals. seed: the one that drew the starts, kept in the Fit. It has converged where
-    the best step is shorter than `tolerance` sd in every direction and would lower chi2 by less than
-    10 tolerance^2.
+    max_evaluations residuals. renew: whether the Jacobian is asked for after every step, as where it comes
+    with the residual; else only where the one of an earlier step no longer predicts. seed: the one that drew
+    the starts, kept in the Fit. It has converged where the best step is shorter than `tolerance` sd in every
+    direction and would lower chi2 by less than 10 tolerance^2.
     Raises ValueError for a start outside the bounds; what does not converge is a Fit with its reason.
     """
     parameters = tuple(parameters)
@@ -91,7 +93,7 @@ def least_squares(
     starts = inside(np.atleast_2d(np.asarray(start, float)), parameters)
     model = _Model(residual, jacobian)
     with np.errstate(under="ignore"):
-        ends = [_descend(model, theta, low, high, max_evaluations, tolerance) for theta in starts]
+        ends = [_descend(model, theta, low, high, max_evaluations, tolerance, renew) for theta in starts]
         return _fit(min(ends, key=lambda end: end.chi2), parameters, seed, model)
 
 
@@ -111,24 +113,33 @@ def inside(starts: Array, parameters: tuple[Parameter, ...]) -> Array:
 
 
 def _descend(
-    model: _Model, theta: Array, low: Array, high: Array, budget: int, tolerance: float
+    model: _Model, theta: Array, low: Array, high: Array, budget: int, tolerance: float, renew: bool
 ) -> _End:
     last = model.evaluations + budget
     r = model.residual(theta)
     if r is None:
         unknown = np.full((0, len(theta)), np.nan)
         return _End(theta, None, unknown, False, "the model cannot be solved at the start")
-    return _Descent(model, theta, r, low=low, high=high, last=last, tolerance=tolerance).run()
+    return _Descent(model, theta, r, low=low, high=high, last=last, tolerance=tolerance, renew=renew).run()
 
 
 class _Descent:
     """Levenberg-Marquardt from one start; the Jacobian of an earlier theta serves while it predicts well."""
 
     def __init__(
-        self, model: _Model, theta: Array, r: Array, *, low: Array, high: Array, last: int, tolerance: float
+        self,
+        model: _Model,
+        theta: Array,
+        r: Array,
+        *,
+        low: Array,
+        high: Array,
+        last: int,
+        tolerance: float,
+        renew: bool,
     ) -> None:
         self.model, self.theta, self.r, self.low, self.high, self.last = model, theta, r, low, high, last
-        self.tolerance = tolerance
+        self.tolerance, self.renew = tolerance, renew
         self.damping, self.growth = DAMPING[0], 2.0
         self._renew()
 
@@ -178,7 +189,7 @@ class _Descent:
             self.jac, self.fresh = _broyden(self.jac, trial - self.theta, new - self.r), False
             self.theta, self.r, self.rejected = trial, new, False
             self._damp(max(1 - (2 * quality - 1) ** 3, 0.1))
-            if not 0.5 < quality < 2.0:
+            if self.renew or not 0.5 < quality < 2.0:
                 self._renew()
             return
         self._damp(self.growth)

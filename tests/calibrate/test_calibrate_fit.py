@@ -394,3 +394,20 @@ def test_profile_alone_failing_and_badly_asked() -> None:
         profile_likelihood(lambda t: t, lambda t: t, one, theta=[0.0], name="q", values=[0.0])
     with pytest.raises(ValueError, match="must lie in"):
         profile_likelihood(lambda t: t, lambda t: t, one, theta=[0.0], name="p", values=[11.0])
+
+
+def test_a_jacobian_that_comes_with_the_residual_is_renewed_at_every_step() -> None:
+    x = np.linspace(0.0, 4.0, 40)
+    data = 3.0 * (1 - np.exp(-0.7 * x)) + 0.01 * np.sin(9 * x)
+    rows = (Parameter("a", 0.1, 10.0), Parameter("b", 0.01, 5.0))
+    found = []
+    for renew in (False, True):
+        one = Counted(lambda x, a, b: a * (1 - np.exp(-b * x)), x, data, 0.01)
+        fit = least_squares(one.residual, one.jacobian, rows, start=(2.9, 0.75), renew=renew)
+        assert fit.converged
+        found.append((fit, one))
+    (kept, seldom), (fresh, often) = found
+    assert fresh.theta == pytest.approx(kept.theta, abs=0.01 * float(np.sqrt(np.diag(kept.covariance)).min()))
+    assert often.residuals <= seldom.residuals
+    # one at the start, and one for every step that was taken
+    assert seldom.jacobians < often.residuals == often.jacobians

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from fe import Case, Finger, Lattice
-from twin.model.prediction import base_case
-from twin.model.structure import BuiltIn
+from twin.model.structure import BuiltIn, base_case
 from twin.targets import Noise, PointKind, TargetPoint, Targets, at_node
 
 SHORT = Finger(
@@ -31,6 +30,12 @@ def short_builtin() -> BuiltIn:
 @pytest.fixture(scope="session")
 def short_case() -> Case:
     return base_case(finger=SHORT, lattice=COARSE)
+
+
+@pytest.fixture(scope="session")
+def coarsest_case() -> Case:
+    """The short finger with one cell a bellow: where a contract asks for no accuracy of the mesh."""
+    return base_case(finger=SHORT, lattice=Lattice(per_bellow=1, ring=False, centred=False))
 
 
 class Lines:

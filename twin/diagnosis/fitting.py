@@ -78,11 +78,13 @@ def fit_model(
     start: Array | Sequence[Array],
     seed: int = 0,
     evaluations: int = 25,
-    tolerance: float = 0.01,
+    tolerance: float = 0.1,
 ) -> Fit:
     """The bounded least-squares fit of all of a model's parameters, from one or several starts (m, d).
 
-    tolerance: of the parameters, in sds.
+    tolerance: of the parameters, in sds; no interval of 2 sds shows a tenth. Every evaluation is a solve with
+    its derivatives, none is taken along those of a neighbour: the fit does not depend on what was solved
+    before.
     """
 
     def residual(theta: Array) -> Array | None:
@@ -99,5 +101,5 @@ def fit_model(
 
     return least_squares(
         residual, jacobian, model.parameters, start=start, seed=seed, max_evaluations=evaluations,
-        tolerance=tolerance,
+        tolerance=tolerance, renew=True,
     )  # fmt: skip

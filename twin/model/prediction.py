@@ -1,4 +1,4 @@
-"""A base test and effects -> predicted displacements, their derivatives, and their discretisation modes."""
+"""A base test and effects -> predicted displacements and their derivatives, each by a solve of its own."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -8,29 +8,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibrate import Parameter
-from fe import Case, Finger, Lattice, Material, Path, Solution, Variation, finger_case, solve
+from fe import Solution, Variation, solve
 from fe.mesh.mirror import mirrored, symmetry_support
-from twin.effects.baselaw import NOMINAL
-from twin.effects.material import Elasticity
 from twin.effects.protocol import Effect, Test, Theta, Unsolvable
-from twin.gravity import is_heavy, of_targets, pulls_across
-from twin.targets import Array, Targets
+from twin.gravity import is_heavy, pulls_across
+from twin.targets import Array
 
 STEP = 1e-6  # of a parameter's typical size, for differencing the effects' maps
-# A prediction that differs from a solved neighbour by less than NEAR mm is taken along the neighbour's
-# derivatives: of 58 mm of motion that leaves an error of about NEAR^2 / 58 = 2e-4 mm. Derivatives change by
-# as large a share as the displacement does, so that within SAME_SLOPE mm they are kept to half a per cent.
-NEAR = 0.1
-SAME_SLOPE = 0.3
 
 
 @dataclass(frozen=True)
-class Anchor:
-    """A full solve that others may start from: theta (d,), u (s, p, 3) mm, its derivatives (d, s, p, 3)."""
+class Solved:
+    """A solve at theta (d,): displacements u (s, p, 3) mm relative to the reference, their derivatives
+    jacobian (d, s, p, 3) in mm per unit of each parameter where they were asked for, and the solution."""
 
     theta: Array
     u: Array
-    jacobian: Array
+    jacobian: Array | None
     solution: Solution
 
 
@@ -39,16 +33,15 @@ class Model:
     """The base test with its effects; `predict` and `jacobian` give displacements relative to the reference
     steps.
 
-    reference (r,): output steps whose mean is subtracted. Solves are kept and reused: a prediction so close
-    to an earlier one that first order serves (NEAR) costs nothing.
+    reference (r,): output steps whose mean is subtracted. parent: the model that this one came from by adding
+    an effect. A model has no state: every question is a solve of its own. `memo.KeptModel` keeps solves and
+    gives the same answers sooner.
     """
 
     test: Test
     effects: tuple[Effect, ...]
     reference: NDArray[np.int64]
-    _anchors: list[Anchor] = field(default_factory=list, compare=False, repr=False)
-    _kin: dict[str, "Model"] = field(default_factory=dict, compare=False, repr=False)
-    _parent: "Model | None" = field(default=None, compare=False, repr=False)
+    parent: "Model | None" = field(default=None, compare=False, repr=False)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "effects", tuple(sorted(self.effects, key=lambda e: e.order)))
@@ -59,24 +52,22 @@ class Model:
         return tuple(p for e in self.effects for p in e.parameters)
 
     def theta(self, values: Mapping[str, float]) -> Array:
-        """The vector theta of named values."""
+        """The vector theta (d,) of named values."""
         return np.array([values[p.name] for p in self.parameters])
 
     def named(self, theta: Array) -> dict[str, float]:
-        """Named values of the vector theta."""
+        """Named values of the vector theta (d,)."""
         return {p.name: float(x) for p, x in zip(self.parameters, theta, strict=True)}
 
     def with_effect(self, effect: Effect) -> "Model":
         """The model with one more effect; a wider or narrower law of the same physics is replaced."""
-        if effect.label not in self._kin:  # one object for one model, so that its solves are kept
-            kept = tuple(e for e in self.effects if e.name != effect.name)
-            self._kin[effect.label] = Model(self.test, (*kept, effect), self.reference, _parent=self)
-        return self._kin[effect.label]
+        kept = tuple(e for e in self.effects if e.name != effect.name)
+        return replace(self, effects=(*kept, effect), parent=self)
 
     @property
     def base(self) -> "Model":
         """The model that this one came from by adding effects."""
-        return self._parent.base if self._parent is not None else self
+        return self.parent.base if self.parent is not None else self
 
     @cached_property
     def _whole(self) -> tuple[Test, str]:
@@ -85,21 +76,25 @@ class Model:
         if pulls_across(self.test.path) and is_heavy(case):
             names.append("weight")
         if symmetry_support(case) is None:
-            return self.test, "the mesh has no plane of symmetry: all of it is solved"
+            return self.test, "Whole model: the mesh has no plane of symmetry."
         if not names:
-            return self.test, "half of the mesh is solved: nothing breaks its symmetry"
+            return self.test, "Half model: load and shape are symmetric."
         whole = replace(self.test, case=mirrored(case))
-        return whole, f"the whole mesh is solved: {', '.join(names)} breaks its symmetry"
+        return whole, f"Whole model: {', '.join(names)} {'break' if names[1:] else 'breaks'} the symmetry."
 
     def over(self, other: "Model") -> "Model":
         """This model on the mesh of another that came from it: halves and wholes agree to 1e-7 mm only, as
         Newton's method leaves them, so that what an effect does is told on one mesh."""
-        return self if self._is_as(other) else Model(other._whole[0], self.effects, self.reference)
+        return self if self._is_as(other) else replace(self, test=other._whole[0], parent=None)
 
     @property
     def extent(self) -> str:
-        """Whether half of a symmetric mesh is solved or all of it, and why, in words."""
+        """A sentence: whether half of a symmetric mesh is solved or all of it, and why."""
         return self._whole[1]
+
+    def _is_as(self, other: "Model") -> bool:
+        """Whether both solve the same mesh."""
+        return len(self._whole[0].case.nodes) == len(other._whole[0].case.nodes)
 
     def put(self, theta: Theta) -> Test:
         """The test with every effect's `before` applied."""
@@ -114,59 +109,45 @@ class Model:
             u = e.after(u, test, theta)
         return u - u[self.reference].mean(axis=0)
 
+    # -- solves ---------------------------------------------------------------------------------------------
+
     def predict(self, theta: Array) -> Array:
         """Displacements (s, p, 3) mm relative to the reference. Raises Unsolvable where there is no
         equilibrium."""
-        near, change = self._near(theta)
-        if near is not None and np.abs(change).max() < NEAR:
-            return near.u + change
-        return self._solve(theta).u
+        return self.solved(theta).u
 
     def jacobian(self, theta: Array) -> Array:
         """Derivatives (d, s, p, 3) of `predict`, mm per unit of each parameter."""
-        near, change = self._near(theta)
-        if near is not None and np.abs(change).max() < SAME_SLOPE:
-            return near.jacobian
-        return self._solve(theta).jacobian
+        found = self.solved(theta, derivatives=True).jacobian
+        assert found is not None
+        return found
 
     def solution(self, theta: Array) -> Solution:
-        """The finite-element solution at theta, or at a solved neighbour that differs by less than NEAR."""
-        near, change = self._near(theta)
-        if near is not None and np.abs(change).max() < NEAR:
-            return near.solution
-        return self._solve(theta).solution
+        """The finite-element solution at theta (d,)."""
+        return self.solved(theta).solution
 
-    def _near(self, theta: Array) -> tuple[Anchor | None, Array]:
-        """The nearest solve in typical steps, and the change (s, p, 3) mm from it to first order."""
-        scale = np.array([p.step for p in self.parameters])
-        near = min(self._anchors, key=lambda a: float(np.abs((a.theta - theta) / scale).max()), default=None)
-        return near, np.zeros(1) if near is None else np.tensordot(theta - near.theta, near.jacobian, 1)
+    def per_pressure(self, theta: Array) -> Array:
+        """dU/dp (s, p, 3) mm per MPa of the pressure at the step itself, before the effects of the camera."""
+        test, solution = self.put(self.named(theta)), self.solution(theta)
+        out = np.zeros((len(self.test.path.output), len(self.test.points), 3))
+        out[:, test.moving] = solution.per_pressure(test.points[test.moving])
+        return out
 
-    def _start(self, theta: Array) -> Solution | None:
-        """The nearest solution to first order here; for a model's first, that of the model it came from."""
-        near, model = self._near(theta)[0], self
-        if near is None and self._parent is not None and self._parent._anchors and self._is_as(self._parent):
-            near, model = self._parent._anchors[-1], self._parent
-        if near is None:
-            return None
-        values = self.named(theta)
-        return near.solution.ahead(np.array([values.get(p.name, 0.0) for p in model.parameters]) - near.theta)
-
-    def _is_as(self, other: "Model") -> bool:
-        """Whether both solve the same mesh."""
-        return len(self._whole[0].case.nodes) == len(other._whole[0].case.nodes)
-
-    def _solve(self, theta: Array) -> Anchor:
-        """A full solve with all derivatives, kept for what comes near it."""
+    def solved(self, theta: Array, *, derivatives: bool = False) -> Solved:
+        """The solve at theta (d,), with derivatives where they are asked for. Raises Unsolvable where there
+        is no equilibrium."""
         values = self.named(theta)
         test = self.put(values)
-        changes = [self._direction(values, p) for p in self.parameters]
+        changes = [self._direction(values, p) for p in self.parameters] if derivatives else []
         u, du, solution = respond(test, [c[0] for c in changes], start=self._start(theta))
-        jacobian = np.stack([self._through(u, d, c) for d, c in zip(du, changes, strict=True)])
-        anchor = Anchor(theta.copy(), self.seen(u, test, values), jacobian, solution)
-        self._anchors.append(anchor)
-        del self._anchors[:-6]
-        return anchor
+        rows = [self._through(u, d, c) for d, c in zip(du, changes, strict=True)]
+        jacobian = np.stack(rows) if derivatives else None
+        return Solved(theta.copy(), self.seen(u, test, values), jacobian, solution)
+
+    def _start(self, theta: Array) -> Solution | None:
+        """A solution to begin the solve at theta (d,) from: none, as a model remembers none."""
+        del theta
+        return None
 
     def _direction(self, values: dict[str, float], p: Parameter, *, step: float | None = None) -> "Direction":
         h = STEP * p.step if step is None else step
@@ -226,15 +207,6 @@ class Model:
         rows = iter([m._through(u, d, c) for m, d, c in zip(models, du, changes, strict=True)])
         return {e.label: [next(rows) for _ in (e.grid or ({},))] for e, _ in some}
 
-    def per_pressure(self, theta: Array) -> Array:
-        """dU/dp (s, p, 3) mm per MPa of the pressure at the step itself, as seen by the camera."""
-        test, out = (
-            self.put(self.named(theta)),
-            np.zeros((len(self.test.path.output), len(self.test.points), 3)),
-        )
-        out[:, test.moving] = self.solution(theta).per_pressure(test.points[test.moving])
-        return out
-
 
 Direction = tuple[Variation, tuple[Test, Theta], tuple[Test, Theta], float]
 
@@ -255,23 +227,3 @@ def respond(
     if len(variations):
         du[:, :, test.moving] = solution.variations_at(test.points[test.moving])
     return u, du, solution
-
-
-def base_case(*, finger: Finger | None = None, lattice: Lattice | None = None) -> Case:
-    """The embedded bellows finger with nominal constants, to which every effect is applied."""
-    return finger_case(Material(NOMINAL.C10, NOMINAL.C01), finger=finger, lattice=lattice)
-
-
-def base_test(targets: Targets, case: Case) -> Test:
-    """The test that the targets describe: their points on the case, their log as the path."""
-    moving = ~targets.fixed
-    points = targets.places(case.position)
-    path = Path(targets.log_time, targets.log_pressure, targets.time, gravity=of_targets(targets))
-    return Test(case, path, np.nan_to_num(points), moving)
-
-
-def base_model(
-    targets: Targets, case: Case, *, elasticity: Elasticity | None = None, effects: Sequence[Effect] = ()
-) -> Model:
-    """The model of the targets: elasticity and the given effects."""
-    return Model(base_test(targets, case), (elasticity or Elasticity(), *effects), targets.reference)

@@ -10,13 +10,12 @@ from pathlib import Path
 
 import numpy as np
 
-from fe import Case, Clamp, Finger, Lattice, Material
+from fe import Case, Clamp, Finger, Lattice, Material, finger_case
 from fe.case import digest
 from fe.deck.reader import Deck, read_deck
 from fe.element import Integers
 from fe.mesh.refine import enriched, free_faces, refined
 from twin.effects.baselaw import NOMINAL
-from twin.model.prediction import base_case
 
 LARGEST = 80_000  # nodes of a mesh that is solved for the discretisation error: about 4 GB
 
@@ -82,6 +81,11 @@ def _weighed(build: Callable[[], Case], density: float) -> Case:
 
 
 # -- the built-in finger -----------------------------------------------------------------------------------
+
+
+def base_case(*, finger: Finger | None = None, lattice: Lattice | None = None) -> Case:
+    """The embedded bellows finger with nominal constants, to which every effect is applied."""
+    return finger_case(Material(NOMINAL.C10, NOMINAL.C01), finger=finger, lattice=lattice)
 
 
 def of_finger(finger: Finger, lattice: Lattice) -> Structure:

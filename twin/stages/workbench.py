@@ -18,8 +18,9 @@ from twin.effects.material import Elasticity
 from twin.effects.ownfiles import own_effects
 from twin.effects.protocol import Effect
 from twin.gravity import density, ways
+from twin.model.building import base_model, base_test
 from twin.model.discretisation import MARGIN, Discretisation, discretisation_error, unknown
-from twin.model.prediction import Model, base_model, base_test
+from twin.model.prediction import Model
 from twin.model.structure import BuiltIn, Structure, of_deck, of_finger, weighed
 from twin.parallel import WORKERS, Keep, finished
 from twin.project import files

@@ -18,8 +18,9 @@ from twin.diagnosis.procedure import diagnose
 from twin.diagnosis.verdicts import Diagnosis
 from twin.effects.library import all_effects, effect
 from twin.effects.requirements import lacking
+from twin.model.building import base_model
 from twin.model.discretisation import Discretisation, discretisation_error
-from twin.model.prediction import Model, base_model
+from twin.model.prediction import Model
 from twin.model.structure import of_finger
 from twin.targets import Array, Targets
 

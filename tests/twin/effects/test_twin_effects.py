@@ -15,7 +15,8 @@ from twin.effects.material import Creep
 from twin.effects.protocol import Effect
 from twin.effects.requirements import lacking
 from twin.effects.supports import TableContact
-from twin.model.prediction import Model, base_model, respond
+from twin.model.building import base_model
+from twin.model.prediction import Model, respond
 from twin.targets import Array, Targets
 
 BASE = {"C10": 0.214, "C01": 0.083}

@@ -17,8 +17,9 @@ from fe import Case, Finger, Lattice, Material
 from twin import virtual
 from twin.effects.baselaw import Constants
 from twin.effects.material import Elasticity
+from twin.model.building import base_model
 from twin.model.discretisation import Discretisation, discretisation_error
-from twin.model.prediction import Model, base_model
+from twin.model.prediction import Model
 from twin.model.structure import of_finger
 from twin.stages import workbench
 from twin.stages.workbench import Workbench

@@ -11,7 +11,7 @@ from fe import Case, Finger, Lattice, Material, Path, solve
 from fe.case import digest
 from twin.effects.baselaw import Constants
 from twin.model.loadpaths import LoadPaths, load_paths, sheets
-from twin.model.prediction import base_case
+from twin.model.structure import base_case
 from twin.parallel import made_at_once
 from twin.project import files
 from twin.targets import Array

@@ -15,9 +15,9 @@ from twin.effects.baselaw import Constants
 from twin.gravity import G, ways
 from twin.model import discretisation as mesh_error
 from twin.model import loadpaths
+from twin.model.building import base_model, base_test
 from twin.model.discretisation import discretisation_error
 from twin.model.loadpaths import Turned, sheets
-from twin.model.prediction import base_model, base_test
 from twin.model.structure import BuiltIn, of_finger, weighed
 from twin.parallel import made_at_once
 from twin.project.config import CalibrateTable, Config, ModelTable, PointTable, ProjectTable

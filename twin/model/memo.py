@@ -1,0 +1,63 @@
+"""A model that keeps its last solves: the same answers as a model without a memory, sooner.
+
+What was solved is served when it is asked for again, bit for bit. Any other question is solved to the
+tolerance of Newton's method; a solve nearby serves as a start only. So what was asked before changes a
+prediction by less than `SAME`.
+"""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from fe import Solution
+from twin.effects.protocol import Effect
+from twin.model.prediction import Model, Solved
+from twin.targets import Array
+
+SAME = 1e-6  # mm, between predictions of one model after other questions; the null of an effect keeps it, too
+KEPT = 6  # solves of a model
+
+
+@dataclass(frozen=True)
+class KeptModel(Model):
+    """A model with its last solves, and one object for each model made of it by adding an effect."""
+
+    _solves: list[Solved] = field(default_factory=list, init=False, compare=False, repr=False)
+    _kin: dict[str, "KeptModel"] = field(default_factory=dict, init=False, compare=False, repr=False)
+
+    def with_effect(self, effect: Effect) -> "KeptModel":
+        """The model with one more effect, with the solves that it has kept."""
+        if effect.label not in self._kin:
+            found = super().with_effect(effect)
+            assert isinstance(found, KeptModel)
+            self._kin[effect.label] = found
+        return self._kin[effect.label]
+
+    def solved(self, theta: Array, *, derivatives: bool = False) -> Solved:
+        """The solve at theta (d,), as it was kept, or made now and kept; always with derivatives: who fits or
+        compares asks for them next, and alone they cost as much as the solve."""
+        del derivatives
+        known = next((s for s in self._solves if np.array_equal(s.theta, theta)), None)
+        if known is not None:
+            return known
+        made = super().solved(theta, derivatives=True)
+        self._solves.append(made)
+        del self._solves[:-KEPT]
+        return made
+
+    def _start(self, theta: Array) -> Solution | None:
+        """The nearest solution, ahead to first order; for a model's first solve that of its parent."""
+        model: Model = self
+        near = self._nearest(theta)
+        if near is None and isinstance(self.parent, KeptModel) and self._is_as(self.parent):
+            model, near = self.parent, self.parent._solves[-1] if self.parent._solves else None
+        if near is None:
+            return None
+        values = self.named(theta)
+        here = np.array([values.get(p.name, 0.0) for p in model.parameters])
+        return near.solution.ahead(here - near.theta)
+
+    def _nearest(self, theta: Array) -> Solved | None:
+        """The kept solve with the smallest change of any parameter, in typical steps."""
+        scale = np.array([p.step for p in self.parameters])
+        return min(self._solves, key=lambda s: float(np.abs((s.theta - theta) / scale).max()), default=None)
