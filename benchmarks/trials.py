@@ -24,7 +24,7 @@ from twin.effects.baselaw import Constants
 from twin.effects.library import effect
 from twin.effects.protocol import Effect
 from twin.model.building import base_model
-from twin.model.discretisation import Discretisation, discretisation_error
+from twin.model.discretisation import Discretisation, SolvedAt, discretisation_error
 from twin.model.prediction import Model
 from twin.model.structure import base_case, of_finger
 from twin.parallel import WORKERS, finished
@@ -112,9 +112,9 @@ def prepared(case: Case, targets: Targets) -> tuple[Model, Array, Discretisation
         one = {key: lambda make=make: {"array": make()} for key, make in tasks.items()}
         return {key: kept("mesh", key, one[key])["array"] for key in tasks}
 
-    made_for = Constants(*map(float, NOMINAL))
+    at = SolvedAt.beside(Constants(*map(float, NOMINAL)), float(targets.log_pressure.max()))
     raw = discretisation_error(
-        model, start, structure=of_finger(Finger(), Lattice()), made_for=made_for, keep=keep
+        model, start, structure=of_finger(Finger(), Lattice()), solved_at=at, cache=keep
     )
     return model, start, measured_remainder(model, start, targets, raw)
 

@@ -4,22 +4,13 @@ import multiprocessing as mp
 import os
 import signal
 import threading
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from typing import Any
 
-from twin.targets import Array
-
-WORKERS = os.cpu_count() or 1
+WORKERS = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 Task = Callable[[], Any]
-Keep = Callable[[str, Mapping[str, Callable[[], Array]]], dict[str, Array]]
-
-
-def made_at_once(stage: str, tasks: Mapping[str, Callable[[], Array]]) -> dict[str, Array]:
-    """The array of every task, by its key: the `keep` that keeps nothing."""
-    del stage
-    return {key: make() for key, make in tasks.items()}
 
 
 def finished(tasks: Sequence[Task], *, workers: int) -> Iterator[tuple[int, Any]]:

@@ -8,11 +8,10 @@ import time
 from functools import partial
 from pathlib import Path
 
-import numpy as np
 import psutil
 import pytest
 
-from twin.parallel import finished, made_at_once
+from twin.parallel import finished
 
 
 @pytest.mark.parametrize("workers", [1, 2])
@@ -60,9 +59,3 @@ def test_work_ends_with_a_killed_parent(tmp_path: Path) -> None:
         parent.kill()
     assert len(children) >= 2
     assert psutil.wait_procs(children, timeout=60)[1] == []
-
-
-def test_arrays_are_made_by_their_keys() -> None:
-    made = made_at_once("stage", {"a": partial(np.zeros, 2), "b": partial(np.ones, 2)})
-    np.testing.assert_array_equal(made["b"], [1.0, 1.0])
-    assert set(made) == {"a", "b"}

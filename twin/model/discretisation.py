@@ -13,14 +13,15 @@ from typing import Any
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from fe import Path, solve
+from fe import Case, Path, solve
 from fe.case import digest
 from fe.mesh.points import nearest
 from twin.effects.baselaw import Constants
+from twin.effects.protocol import Test
 from twin.gravity import under, ways
+from twin.model.arraycache import ArrayCache, code_digest, no_cache, rounded_up
 from twin.model.prediction import Model
 from twin.model.structure import Mesh, Structure
-from twin.parallel import Keep, made_at_once
 from twin.targets import Array, Targets
 
 SAMPLES = 40  # pressures at which a finer mesh's response is sampled
@@ -46,55 +47,87 @@ class Discretisation:
     unknown: str = ""
 
 
+@dataclass(frozen=True)
+class SolvedAt:
+    """Where finer meshes are solved: the silicone's constants, and up to which pressure `top` in MPa."""
+
+    constants: Constants
+    top: float
+
+    @staticmethod
+    def beside(constants: Constants, pressure: float) -> "SolvedAt":
+        """For constants and targets up to a pressure in MPa, with room for constants that are softer."""
+        return SolvedAt(constants, rounded_up(MARGIN * max(pressure, 1e-6)))
+
+
 def discretisation_error(
     model: Model,
     theta: Array,
     *,
     structure: Structure,
-    made_for: Constants | None = None,
-    keep: Keep = made_at_once,
+    solved_at: SolvedAt | None = None,
+    cache: ArrayCache = no_cache,
 ) -> Discretisation:
     """The modes of a model of this structure at theta; their remainder is yet to be measured (NaN).
 
-    made_for: the constants at which the finer meshes are solved, by default the model's own. Where only
+    solved_at: where the finer meshes are solved, by default at the model's own constants. Where only
     pressure loads the finger, and no weight, U depends on p / (C10 + C01) and the share alone, so that they
-    serve for any sum; with the share the shapes hardly change (0.12 of it: 2 um of 60). keep(stage, tasks):
-    the array of every task by its key, made or stored. Raises ValueError where a finer mesh has no
-    equilibrium.
+    serve for any sum; with the share the shapes hardly change (0.12 of it: 2 um of 60). cache: what gives the
+    arrays, made now or before. Raises ValueError where a finer mesh has no equilibrium.
     """
     test = model.put(model.named(theta))
+    own, q = _constants(test.case), test.path.at_output()
+    at = solved_at or SolvedAt.beside(own, float(test.path.pressure.max()))
     gravities, of_step = ways(test.case, test.path)
-    q = test.path.at_output()
-    own = next(m for name, m in test.case.materials.items() if name not in test.case.kept)
-    constants = made_for or Constants(own.C10, own.C01)
-    scale = constants.total / (own.C10 + own.C01)
-    points, meshes = test.points[test.moving], {"base": structure.base, **structure.finer}
-    top = MARGIN * max(float(test.path.pressure.max()), 1e-6)
-    grid = np.linspace(0.0, top, SAMPLES)
+    made = _responses(test, structure, at, gravities, cache)
+    grid, moving = np.linspace(0.0, at.top, SAMPLES), test.moving
+    modes = np.zeros((len(structure.finer), len(q), len(test.points), 3))
+    for k, name in enumerate(structure.finer):
+        change = np.zeros((len(q), int(moving.sum()), 3))
+        for way in range(len(gravities)):
+            steps = of_step == way
+            differs = made[name, way] - made["base", way]
+            change[steps] = _at(grid, differs, q[steps] * at.constants.total / own.total)
+        modes[k][:, moving] = change - change[model.reference].mean(axis=0)
+    names = tuple(f"discretisation:{name}" for name in structure.finer)
+    return Discretisation(modes[:-1], names[:-1], modes[-1])
+
+
+def meshes_key(test: Test, structure: Structure) -> str:
+    """A digest of all that the finer meshes' responses depend on but for where they are solved: code, meshes,
+    points, dead forces, gravity."""
+    forces = {name: tuple(map(float, f)) for name, f in test.case.forces.items()}
+    meshes = [mesh.key for mesh in (structure.base, *structure.finer.values())]
+    gravities, _ = ways(test.case, test.path)
+    points = test.points[test.moving]
+    return digest("meshes", code_digest(), meshes, points, repr(forces), gravities, SAMPLES, COUNT)
+
+
+def _constants(case: Case) -> Constants:
+    """The constants of the silicone in a case."""
+    own = next(m for name, m in case.materials.items() if name not in case.kept)
+    return Constants(own.C10, own.C01)
+
+
+def _responses(
+    test: Test, structure: Structure, at: SolvedAt, gravities: Array, cache: ArrayCache
+) -> dict[tuple[str, int], Array]:
+    """The response (k, p, 3) mm of the moving points on each mesh, by its name and the way of gravity."""
+    meshes, points = {"base": structure.base, **structure.finer}, test.points[test.moving]
+    key, grid = meshes_key(test, structure), np.linspace(0.0, at.top, SAMPLES)
     forces = {name: tuple(map(float, f)) for name, f in test.case.forces.items()}
     keys = {
-        (name, way): digest(
-            "discretisation", mesh.key, constants.named, points, grid, COUNT, repr(forces), *weight
-        )
+        (name, way): digest("discretisation", key, mesh.key, repr(at), way)
         for name, mesh in meshes.items()
-        for way, weight in enumerate([g] if g.any() else [] for g in gravities)
+        for way in range(len(gravities))
     }
     tasks = {
-        keys[name, way]: partial(_response, mesh, constants, forces, g, grid, points)
+        keys[name, way]: partial(_response, mesh, at.constants, forces, g, grid, points)
         for name, mesh in reversed(meshes.items())  # the largest first
         for way, g in enumerate(gravities)
     }
-    made = keep("discretisation error", tasks)
-    modes = np.zeros((len(meshes) - 1, len(q), len(test.points), 3))
-    for k, name in enumerate(list(meshes)[1:]):
-        change = np.zeros((len(q), len(points), 3))
-        for way in range(len(gravities)):
-            own_steps = of_step == way
-            differs = made[keys[name, way]] - made[keys["base", way]]
-            change[own_steps] = _at(grid, differs, q[own_steps] * scale)
-        modes[k][:, test.moving] = change - change[model.reference].mean(axis=0)
-    names = tuple(f"discretisation:{name}" for name in list(meshes)[1:])
-    return Discretisation(modes[:-1], names[:-1], modes[-1])
+    made = cache("discretisation error", tasks)
+    return {place: made[key] for place, key in keys.items()}
 
 
 def unknown(targets: Targets, why: str) -> Discretisation:

@@ -13,9 +13,10 @@ import numpy as np
 from scipy.interpolate import BarycentricInterpolator
 
 from fe import Case, Path, solve
+from fe.case import digest
 from fe.element import Integers
 from twin.effects.baselaw import Constants
-from twin.parallel import Keep
+from twin.model.arraycache import ArrayCache, code_digest
 from twin.targets import Array
 
 TOTAL = 0.3  # MPa, C10 + C01 of the solved paths; any other follows by scaling
@@ -61,10 +62,11 @@ class LoadPaths:
         return np.asarray(CubicSpline(self.reduced, blended, axis=0)(q))
 
 
-def reach(case: Case, wanted: float, *, keep: Keep, key: str) -> float:
-    """The reduced pressure p / (C10 + C01) to which a case can be followed, at most `wanted`."""
-    made = keep("reach of the load paths", {f"{key}-reach": partial(_reach, case, wanted)})
-    return float(made[f"{key}-reach"][0])
+def reach(case: Case, wanted: float, *, cache: ArrayCache, key: str) -> float:
+    """The reduced pressure p / (C10 + C01) to which a case of a fingerprint `key` can be followed, at most
+    `wanted`."""
+    own = digest("reach", code_digest(), key, wanted)
+    return float(cache("reach of the load paths", {own: partial(_reach, case, wanted)})[own][0])
 
 
 def _reach(case: Case, wanted: float) -> Array:
@@ -122,7 +124,7 @@ def sheets(
     case: Case,
     points: Array,
     *,
-    keep: Keep,
+    cache: ArrayCache,
     key: str,
     top: float,
     totals: tuple[float, float],
@@ -132,7 +134,7 @@ def sheets(
     x = 0.5 - 0.5 * np.cos(np.pi * (np.arange(TOTALS) + 0.5) / TOTALS)
     at = totals[0] * (totals[1] / totals[0]) ** x
     every = [
-        load_paths(case, points, keep=keep, key=f"{key}-{t:.6g}", top=top, total=float(t), gravity=gravity)
+        load_paths(case, points, cache=cache, key=key, top=top, total=float(t), gravity=gravity)
         for t in at
     ]
     return Sheets(at, tuple(every))
@@ -142,23 +144,24 @@ def load_paths(
     case: Case,
     points: Array,
     *,
-    keep: Keep,
+    cache: ArrayCache,
     key: str,
     top: float = REDUCED,
     total: float = TOTAL,
     gravity: Array | None = None,
 ) -> LoadPaths:
     """The load paths of a case at material points (p, 3) mm, followed to a reduced pressure `top` or to their
-    end; `keep(stage, tasks)` makes or has them. total: C10 + C01 in MPa at which they are solved; gravity
-    (3,) mm/s2, by default none."""
+    end. cache: what gives the arrays; key: the case's fingerprint. total: C10 + C01 in MPa at which they are
+    solved; gravity (3,) mm/s2, by default none."""
     shares = 0.5 - 0.5 * np.cos(np.pi * (np.arange(SHARES) + 0.5) / SHARES)
     reduced = np.linspace(0, 1, 61) ** 1.3 * top
-    keys = [f"{key}-path-{share:.6f}" for share in shares]
+    what = (code_digest(), key, points, total, reduced, LEVELS, np.zeros(3) if gravity is None else gravity)
+    keys = [digest("load path", *what, float(share)) for share in shares]
     tasks = {
         k: partial(_one, case, float(share), total, reduced, points, gravity)
         for k, share in zip(keys, shares, strict=True)
     }
-    made = keep("load paths", tasks)
+    made = cache("load paths", tasks)
     u = np.array([made[k] for k in keys])
     reached = np.array([reduced[np.isfinite(row[:, 0, 0])].max(initial=0.0) for row in u])
     return LoadPaths(shares, reduced, _extended(u), np.minimum(reached, reduced[-1]))

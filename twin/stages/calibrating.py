@@ -7,7 +7,6 @@ import numpy as np
 
 from calibrate import Fit, identifiability, least_squares
 from fe import Case, Path, solve
-from fe.case import digest
 from twin.diagnosis.comparison import Comparison
 from twin.diagnosis.fitting import fit_model, whitener_of, with_mesh
 from twin.diagnosis.intervals import fit_record
@@ -15,6 +14,7 @@ from twin.diagnosis.whitening import Whitener, whitener
 from twin.effects.baselaw import NAMES, Constants
 from twin.effects.material import Elasticity
 from twin.gravity import under
+from twin.model.arraycache import rounded_up
 from twin.model.loadpaths import REDUCED, Turned, load_paths, reach, sheets
 from twin.model.prediction import Model
 from twin.project.folder import Project, Run, Say
@@ -104,21 +104,21 @@ def _paths(bench: Workbench, say: Say) -> tuple[Turned, Any]:
     the targets they belong to."""
     rows = np.flatnonzero(~bench.targets.fixed)
     where = bench.targets.places(bench.case.position)[rows]
-    key = digest(bench.structure.key, where)
-    keep, top = bench.keeper(say), REDUCED
+    cache, key, top = bench.cache(say), bench.structure.key, REDUCED
+    highest = rounded_up(float(bench.targets.pressure.max()))
     if bench.project.config.model.deck is not None:
         softest = bench.elasticity.lowest.total
-        top = reach(bench.case, float(bench.targets.pressure.max()) / softest, keep=keep, key=key)
+        top = reach(bench.case, highest / softest, cache=cache, key=key)
     gravities, of_step = bench.gravities
     if bench.scales:
-        return Turned((load_paths(bench.case, where, keep=keep, key=key, top=top),), of_step), rows
+        return Turned((load_paths(bench.case, where, cache=cache, key=key, top=top),), of_step), rows
     high = bench.elasticity.highest.total
     # softer ones do not reach the top pressure: the table need not hold them
-    low = max(bench.elasticity.lowest.total, float(bench.targets.pressure.max()) / top)
+    low = max(bench.elasticity.lowest.total, highest / top)
     totals = min(low, 0.9 * high), high
     made = tuple(
         sheets(
-            under(bench.case, g), where, keep=keep, key=digest(key, g) if g.any() else key, top=top,
+            under(bench.case, g), where, cache=cache, key=key, top=top,
             totals=totals, gravity=g,
         )
         for g in gravities

@@ -1,8 +1,7 @@
 """A project -> its targets, model and whitener: what every stage after `measure` starts from."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 
@@ -19,12 +18,18 @@ from twin.effects.ownfiles import own_effects
 from twin.effects.protocol import Effect
 from twin.gravity import density, ways
 from twin.model.building import base_model, base_test
-from twin.model.discretisation import MARGIN, Discretisation, discretisation_error, unknown
+from twin.model.discretisation import (
+    MARGIN,
+    Discretisation,
+    SolvedAt,
+    discretisation_error,
+    meshes_key,
+    unknown,
+)
 from twin.model.prediction import Model
 from twin.model.structure import BuiltIn, Structure, of_deck, of_finger, weighed
-from twin.parallel import WORKERS, Keep, finished
-from twin.project import files
 from twin.project.folder import Project, Say
+from twin.stages.caches import FolderCache, SolvedList
 from twin.targets import Array, PointKind, Targets, as_position
 
 OFF_MODEL_MM = 0.5
@@ -87,20 +92,9 @@ class Workbench:
             model = model.with_effect(effect(label, own=own_of(self.project)))
         return model
 
-    def keeper(self, say: Say) -> Keep:
-        """keep(stage, tasks): the array of every task by its key, from the project's cache where it was made
-        before; a killed run keeps what was finished."""
-
-        def keep(stage: str, tasks: Mapping[str, Callable[[], Array]]) -> dict[str, Array]:
-            path = {key: self.project.root / "cache" / f"{key}.npz" for key in tasks}
-            missing = [key for key in tasks if not path[key].exists()]
-            made = finished([tasks[key] for key in missing], workers=WORKERS)
-            for done, (k, array) in enumerate(made, start=1):
-                say.progress(stage, done, len(missing))
-                files.write_npz(path[missing[k]], {"array": array})
-            return {key: np.asarray(files.read_npz(path[key])["array"], float) for key in tasks}
-
-        return keep
+    def cache(self, say: Say) -> FolderCache:
+        """The project's cache of arrays."""
+        return FolderCache(self.project.root / "cache", say)
 
     def mesh(self, theta: Array, model: Model, say: Say) -> Discretisation | None:
         """The discretisation modes of a model without its effects; None without a noise model: no test needs
@@ -115,32 +109,22 @@ class Workbench:
             return unknown(self.targets, self.structure.unknown)
         base, values = model.base, {**model.named(theta), **self.elasticity.fixed}
         own = base.theta(values)
-        made_for = self._made_for(Constants.of(values))
-        raw = discretisation_error(
-            base, own, structure=self.structure, keep=self.keeper(say), made_for=made_for
-        )
-        if made_for not in self._solved_for:  # not before: constants without an equilibrium must not serve
-            files.write_json(self._made, [[*made.named.values()] for made in (*self._solved_for, made_for)])
+        key = meshes_key(base.test, self.structure)
+        solved = SolvedList(self.project.root / "cache" / f"{key}-solved.json")
+        at = self._solved_at(Constants.of(values), solved)
+        raw = discretisation_error(base, own, structure=self.structure, solved_at=at, cache=self.cache(say))
+        solved.add(at)  # not before: constants without an equilibrium must not serve
         return measured_remainder(base, own, self.targets, raw)
 
     def refitted(self, model: Model, start: Array, say: Say) -> tuple[Fit, Whitener]:
         """The fit of a model from a start (d,) near it, with the whitener there."""
         return refitted(model, self.targets, self.mesh(start, model, say), start=start)
 
-    def _made_for(self, own: Constants) -> Constants:
-        """The constants that serve for these, of those for which finer meshes were solved, or these."""
+    def _solved_at(self, own: Constants, solved: SolvedList) -> SolvedAt:
+        """Where finer meshes were solved that serve for these constants, or are to be solved."""
         low, high = (SOFTEST, MARGIN) if self.scales else (1 / SAME, SAME)
-        near = (made for made in self._solved_for if low <= made.total / own.total <= high)
-        return next(near, own)
-
-    @property
-    def _made(self) -> Path:
-        return self.project.root / "cache" / "discretisation.json"
-
-    @property
-    def _solved_for(self) -> list[Constants]:
-        known = files.read_json(self._made) if self._made.exists() else []
-        return [Constants(*map(float, made)) for made in known]
+        top = float(self.targets.log_pressure.max())
+        return solved.serving(own, top, low=low, high=high) or SolvedAt.beside(own, top)
 
 
 def own_of(project: Project) -> tuple[Effect, ...]:

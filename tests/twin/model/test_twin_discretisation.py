@@ -7,23 +7,17 @@ import sys
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
 
 from fe import Case, Finger, Lattice, Material
 from twin import virtual
-from twin.effects.baselaw import Constants
-from twin.effects.material import Elasticity
 from twin.model.building import base_model
 from twin.model.discretisation import Discretisation, discretisation_error
 from twin.model.prediction import Model
 from twin.model.structure import of_finger
-from twin.stages import workbench
-from twin.stages.workbench import Workbench
-from twin.targets import Array, Noise, Targets
+from twin.targets import Array, Targets
 
 sys.path.append(str(Path(__file__).resolve().parents[3] / "benchmarks"))
 import modes
@@ -78,32 +72,3 @@ def test_the_error_of_the_mesh_lies_within_its_modes(draw: Draw) -> None:
 @pytest.mark.parametrize("mutant", [lambda x: 0.5 * x, np.abs], ids=["halved", "without sign"])
 def test_wrong_modes_do_not_hold_it(draw: Draw, mutant: Callable[[Array], Array]) -> None:
     assert not within(draw.row(mutant(draw.raw.modes)))
-
-
-def test_finer_meshes_serve_for_constants_nearby_once_they_are_solved(
-    short: Finger,
-    make_targets: Callable[..., Targets],
-    make_noise: Callable[..., Noise],
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    """Constants at which they have no equilibrium must not serve for stiffer ones."""
-    made: list[Constants] = []
-
-    def solved(*_: object, made_for: Constants, **__: object) -> None:
-        if made_for.total < 0.25:
-            raise ValueError("no equilibrium")
-        made.append(made_for)
-
-    monkeypatch.setattr(workbench, "discretisation_error", solved)
-    monkeypatch.setattr(workbench, "measured_remainder", lambda *_: None)
-    structure = of_finger(short, Lattice(per_bellow=2, ring=False, centred=False))
-    targets = make_targets(noise=make_noise(3, sd=0.01, rho=0.0, common=0.0))
-    project: Any = SimpleNamespace(root=tmp_path)
-    say: Any = None  # nothing is said
-    bench = Workbench(project, targets, structure, Elasticity())
-    with pytest.raises(ValueError, match="no equilibrium"):
-        bench.mesh(np.array([0.2, 0.04]), bench.model(()), say)
-    for C10 in (0.22, 0.2, 0.3, 0.5):  # the first has 1.08, 0.76 and 0.48 of the others' C10 + C01
-        bench.mesh(np.array([C10, 0.04]), bench.model(()), say)
-    assert made == [Constants(0.22, 0.04)] * 3 + [Constants(0.5, 0.04)]

@@ -10,9 +10,9 @@ import pytest
 from fe import Case, Finger, Lattice, Material, Path, solve
 from fe.case import digest
 from twin.effects.baselaw import Constants
+from twin.model.arraycache import no_cache
 from twin.model.loadpaths import LoadPaths, load_paths, sheets
 from twin.model.structure import base_case
-from twin.parallel import made_at_once
 from twin.project import files
 from twin.targets import Array
 
@@ -30,7 +30,7 @@ def points(case: Case) -> Array:
 
 @pytest.fixture(scope="module")
 def paths(case: Case, points: Array) -> LoadPaths:
-    return load_paths(case, points, keep=made_at_once, key="k")
+    return load_paths(case, points, cache=no_cache, key="k")
 
 
 def test_the_table_is_full_finite_elements_within_a_hundredth(
@@ -83,7 +83,7 @@ def test_paths_are_kept_by_their_key(tmp_path: File, short_case: Case) -> None:
         return dict.fromkeys(tasks, path)
 
     key = digest("a", points)
-    load_paths(short_case, points, keep=keep, key=key)
+    load_paths(short_case, points, cache=keep, key=key)
     assert len(set(made)) == 5
     assert all(name.startswith(key) for name in made)
     files.write_npz(tmp_path / f"{made[0]}.npz", {"array": np.zeros(1)})  # keys are fit for file names
@@ -98,7 +98,7 @@ def test_of_two_materials_the_table_holds_the_total_as_well(short: Finger, monke
     stiff = Material(C10=1.0)
     case = replace(case, element_sets=sets, materials={**case.materials, "sole": stiff}, kept=("sole",))
     points = case.position(4401)[None]
-    table = sheets(case, points, keep=made_at_once, key="s", top=0.2, totals=(0.1, 0.5))
+    table = sheets(case, points, cache=no_cache, key="s", top=0.2, totals=(0.1, 0.5))
     for total, share in ((0.15, 0.2), (0.33, 0.6)):
         pressure = np.array([0.0, 0.1, 0.2]) * total
         full = solve(case.with_material(**Constants.at(total, share).named), Path(pressure, pressure, pressure), count=6)

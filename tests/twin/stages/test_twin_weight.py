@@ -15,11 +15,11 @@ from twin.effects.baselaw import Constants
 from twin.gravity import G, ways
 from twin.model import discretisation as mesh_error
 from twin.model import loadpaths
+from twin.model.arraycache import no_cache
 from twin.model.building import base_model, base_test
 from twin.model.discretisation import discretisation_error
 from twin.model.loadpaths import Turned, sheets
 from twin.model.structure import BuiltIn, of_finger, weighed
-from twin.parallel import made_at_once
 from twin.project.config import CalibrateTable, Config, ModelTable, PointTable, ProjectTable
 from twin.project.folder import Project, Say
 from twin.project.targetfiles import write_targets
@@ -79,7 +79,7 @@ def test_the_table_under_weight_is_full_finite_elements(
     assert not ways(short_case, course)[0].any()  # nothing is heavy
     paths = Turned(
         tuple(
-            sheets(heavy, where, keep=made_at_once, key=f"{k}", top=0.2, totals=(0.15, 0.6), gravity=g)
+            sheets(heavy, where, cache=no_cache, key="k", top=0.2, totals=(0.15, 0.6), gravity=g)
             for k, g in enumerate(gravities)
         ),
         of_step,

@@ -1,0 +1,61 @@
+"""What a project keeps in its folder `cache`: arrays by their keys, and where finer meshes were solved."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from twin.effects.baselaw import Constants
+from twin.model.discretisation import SolvedAt
+from twin.parallel import WORKERS, finished
+from twin.project import files
+from twin.project.folder import Say
+from twin.targets import Array
+
+
+@dataclass(frozen=True)
+class FolderCache:
+    """The arrays of a folder, one file a key; what is missing is made by all processors, and a killed run
+    keeps what was finished."""
+
+    folder: Path
+    say: Say
+
+    def __call__(self, stage: str, tasks: Mapping[str, Callable[[], Array]], /) -> dict[str, Array]:
+        """The array of every task by its key."""
+        path = {key: self.folder / f"{key}.npz" for key in tasks}
+        missing = [key for key in tasks if not path[key].exists()]
+        made = finished([tasks[key] for key in missing], workers=WORKERS)
+        for done, (k, array) in enumerate(made, start=1):
+            self.say.progress(stage, done, len(missing))
+            files.write_npz(path[missing[k]], {"array": array})
+        return {key: np.asarray(files.read_npz(path[key])["array"], float) for key in tasks}
+
+
+@dataclass(frozen=True)
+class SolvedList:
+    """The constants and pressures at which the finer meshes of one structure were solved, in a JSON file."""
+
+    path: Path
+
+    @property
+    def known(self) -> list[SolvedAt]:
+        """Those that were solved, the oldest first."""
+        rows = files.read_json(self.path) if self.path.exists() else []
+        return [SolvedAt(Constants.of(row), float(row["top_MPa"])) for row in rows]
+
+    def serving(self, own: Constants, pressure: float, *, low: float, high: float) -> SolvedAt | None:
+        """The oldest that serves constants up to a pressure in MPa: its total C10 + C01 is `low` to `high`
+        times theirs, and it reaches as far as they do; None where there is none."""
+        for one in self.known:
+            scale = one.constants.total / own.total
+            if low <= scale <= high and scale * pressure <= one.top:
+                return one
+        return None
+
+    def add(self, solved: SolvedAt) -> None:
+        """The list with one more."""
+        if solved not in self.known:
+            rows = [{**one.constants.named, "top_MPa": one.top} for one in (*self.known, solved)]
+            files.write_json(self.path, rows)
