@@ -12,7 +12,8 @@ from fe.mesh.mirror import mirrored
 from twin.effects.material import Elasticity
 from twin.effects.protocol import Effect, Test, Theta
 from twin.gravity import G
-from twin.model.prediction import Model, base_case, respond
+from twin.model.prediction import Model, respond
+from twin.model.structure import base_case
 from twin.targets import Array
 
 LENGTH = 10 + 100 / 9  # mm, of one bellow and both caps

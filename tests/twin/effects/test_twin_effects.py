@@ -131,8 +131,8 @@ def test_gravity_turns_with_the_blocks_and_asks_for_the_whole_finger_where_it_pu
     assert [len(m.put({**BASE, "gravity.density": 1e-9}).case.nodes) for m in heavy] == [
         len(short_case.nodes), 2 * len(short_case.nodes) - len(short_case.node_sets["symmetry"])
     ]  # fmt: skip
-    assert heavy[0].extent == models[1].extent == "half of the mesh is solved: nothing breaks its symmetry"
-    assert heavy[1].extent == "the whole mesh is solved: gravity breaks its symmetry"
+    assert heavy[0].extent == models[1].extent == "Half model: load and shape are symmetric."
+    assert heavy[1].extent == "Whole model: gravity breaks the symmetry."
     bare = models[1].predict(models[1].theta(BASE))
     null, felt = (predicted(heavy[1], {"gravity.density": x}) for x in (0.0, 1.1e-9))
     np.testing.assert_allclose(null, bare, rtol=0, atol=1e-6)  # mm: another mesh, so not to the last bit
