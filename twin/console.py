@@ -10,7 +10,7 @@ if TYPE_CHECKING:  # rich takes a third of a second to import: only a terminal p
     from rich.progress import Progress, TaskID
 
 BAD_INPUT, INTERNAL, INTERRUPTED = 2, 1, 130
-PLAIN_EVERY = 5.0  # s between progress lines where no terminal shows a bar
+PLAIN_EVERY = 30.0  # s between progress lines where no terminal shows a bar
 
 
 class Console:

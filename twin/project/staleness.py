@@ -47,7 +47,7 @@ def _changed_files(project: Project, recorded: Mapping[str, str], present: Seque
 def _changed_tables(project: Project, was: Mapping[str, Any], tables: Sequence[str]) -> list[str]:
     now = project.config.model_dump(mode="json", include=set(tables))
     found = []
-    for name in tables:
+    for name in [table for table in tables if table in was]:  # a run states the tables it depends on
         for key, value in _keys(now.get(name)).items():
             before = _keys(was.get(name)).get(key, value)  # a key that older versions did not have
             if before != value and (name, key) not in ELSEWHERE:

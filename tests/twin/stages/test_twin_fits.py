@@ -113,6 +113,16 @@ def test_new_and_lost_files_of_the_targets_count(root: Path) -> None:
     ]  # fmt: skip
 
 
+def test_a_run_depends_on_what_it_has_recorded(root: Path) -> None:
+    board = root / "raw" / "board.png"
+    board.write_bytes(b"1")
+    with Project.open(root).new_run("camera", tables=(), inputs=[board]) as run:
+        run.write_json("camera.json", {})
+    assert stale(Project.open(root), run.folder) == []
+    board.write_bytes(b"2")
+    assert stale(Project.open(root), run.folder) == ["raw/board.png has changed since"]
+
+
 def test_the_version_of_the_program_counts(root: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     edit(root, 'effects = ["creep"]', "effects = []")
     now = staleness.versions()
