@@ -74,7 +74,7 @@ def _remark(rig: Rig, shots: Sequence[Shot], rms: Array) -> str:
     base = np.linalg.norm(rig.shift[1:], axis=1)
     return (
         f"{len(rig.cameras)} cameras from {len({v.instant for v in shots})} board poses, reprojection RMS "
-        f"{rms.max():.3f} px, up to {base.max():.1f} mm apart"
+        f"{rms.max():.3f} px, up to {base.max():.1f} mm apart."
     )
 
 

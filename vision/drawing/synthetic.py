@@ -40,6 +40,7 @@ class _Texture:
     per_mm: float  # texels per mm
 
 
+# Fifteen arguments, nine with a default: one call tells a whole film, and reads like its description.
 def film(
     path: Path | str,
     *,

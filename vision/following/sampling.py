@@ -144,6 +144,7 @@ def _compose(warp: Any, change: Any, after: Any) -> bool:
     return True
 
 
+# One long body with eleven arguments: numba compiles the loops over marks, steps and points as one function.
 @_compiled
 def lay(
     image: Any,

@@ -1,5 +1,6 @@
 """Film in, one homography per mark and frame out: marks are followed, lost and found again."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -72,19 +73,20 @@ def follow(
 
     keeper: where a killed run left what it had followed, and where this one does.
     """
+    count = len(follower.marks)
     rows = every_frame(
         film,
         lambda image, state: _next(image, follower, state),
         FrameState(follower.seed.copy(), follower.seed.copy(), _memory(follower), np.zeros((0, 0), np.uint8)),
-        nothing=_nothing(len(follower.marks)),
+        nothing=_row(_Shown.nothing(count), np.zeros(count, dtype=bool), same=False, there=False),
         stage=stage,
         progress=progress,
         keeper=keeper,
     )
-    absent = [*(i for i, row in enumerate(rows) if row[1][0] < 0.0), *range(len(rows), len(film.time))]
-    warp, match, method, spread, unknown, leaning, same = (
+    warp, match, method, spread, leaning, unknown, same, there = (
         np.array(column) for column in zip(*rows, strict=True)
     )
+    absent = [*np.flatnonzero(~there), *range(len(rows), len(film.time))]
     more = uneven.stated(leaning, np.isin(method, FIRM))
     given_up = np.isinf(more)
     warp[given_up], method[given_up], more[given_up] = np.nan, Method.LOST, 0.0
@@ -106,15 +108,7 @@ def follow(
     )
 
 
-def _nothing(count: int) -> Row:
-    """The row of a frame that is not there: its correlations are -1."""
-    lost = np.full((count, 3, 3), np.nan)
-    none = np.zeros(count, dtype=bool)
-    spread, leaning = np.full((count, 2, 2), np.nan), np.full((count, 2), np.nan)
-    return lost, np.full(count, -1.0), none.astype(np.int8), spread, none, leaning, np.array(False)
-
-
-def _absent(film: Video, absent: list[int]) -> tuple[str, ...]:
+def _absent(film: Video, absent: Sequence[int]) -> tuple[str, ...]:
     if not absent:
         return ()
     return (
@@ -151,17 +145,49 @@ def centres(warp: Array, centre: Array) -> Array:
 
 
 def _next(image: Image, follower: Follower, state: FrameState) -> tuple[Row, FrameState]:
-    """What one frame shows (warp, match, method, spread, unknown, leaning, same), and the state after it."""
-    warp, match, method, spread, leaning = _step(image, follower, state)
-    memory = _dots(image, follower, state.memory, warp, match, method, spread)
-    unknown = np.zeros(len(warp), dtype=bool)
+    """What one frame shows, as a row of arrays (see `_row`), and the state after it."""
+    shown = _coded(image, follower, state)
+    memory = _dots(image, follower, state.memory, shown)
+    unknown = np.zeros(len(shown.warp), dtype=bool)
     unknown[memory.rows] = memory.open
     # A lost mark is looked for where it was last seen.
-    seen = np.isfinite(warp)
-    before, last = np.where(seen, state.last, state.before), np.where(seen, warp, state.last)
+    seen = np.isfinite(shown.warp)
+    before, last = np.where(seen, state.last, state.before), np.where(seen, shown.warp, state.last)
     picture = stutter.sample(image)
-    same = np.array(np.array_equal(picture, state.picture))
-    return (warp, match, method, spread, unknown, leaning, same), FrameState(last, before, memory, picture)
+    same = np.array_equal(picture, state.picture)
+    return _row(shown, unknown, same=same), FrameState(last, before, memory, picture)
+
+
+@dataclass(frozen=True)
+class _Shown:
+    """What one picture shows of p marks; filled in place, a lost mark stays as in `nothing`."""
+
+    warp: Array  # (p,3,3) local to ideal px
+    match: Array  # (p,) correlation, or for a dot the variance of its contour
+    method: NDArray[np.int8]  # (p,) of `Method`
+    spread: Array  # (p,2,2) px2, covariance of corners, or of a dot for unit variance
+    leaning: Array  # (p,2) of `uneven.lean`
+
+    @classmethod
+    def nothing(cls, count: int) -> "_Shown":
+        """No mark at all."""
+        return cls(
+            np.full((count, 3, 3), np.nan),
+            np.zeros(count),
+            np.full(count, Method.LOST, dtype=np.int8),
+            np.full((count, 2, 2), np.nan),
+            np.full((count, 2), np.nan),
+        )
+
+
+def _row(shown: _Shown, unknown: NDArray[np.bool_], *, same: bool, there: bool = True) -> Row:
+    """A row of the film.
+
+    unknown: (p,) dots that have lost their name.   same: whether the picture is the one before it.
+    there: whether the frame can be decoded.
+    """
+    own = (shown.warp, shown.match, shown.method, shown.spread, shown.leaning)
+    return (*own, unknown, np.array(same), np.array(there))
 
 
 def _predict(last: Array, before: Array) -> Array:
@@ -182,47 +208,38 @@ def _advance(last: Array, before: Array) -> Array:
     return guess
 
 
-def _step(
-    image: Image, follower: Follower, state: FrameState
-) -> tuple[Array, Array, NDArray[np.int8], Array, Array]:
-    """Warps, correlations, methods (p,), corners' covariances (p,2,2) px2 and `lean` (p,2) in one picture."""
-    guess, count = _predict(state.last, state.before), len(follower.marks)
-    warp, match = np.full((count, 3, 3), np.nan), np.zeros(count)
-    method, spread = np.zeros(count, dtype=np.int8), np.full((count, 2, 2), np.nan)
-    leaning = np.full((count, 2), np.nan)
+def _coded(image: Image, follower: Follower, state: FrameState) -> _Shown:
+    """The coded marks in one picture: from where they were, from their codes, or by a fallback."""
+    guess, shown = _predict(state.last, state.before), _Shown.nothing(len(follower.marks))
     rows = np.flatnonzero(np.isfinite(guess[follower.coded, 0, 0]))
-    _lay(image, follower, rows, guess, Method.REGISTERED, warp, match, method, leaning)
-    failed = [i for i in rows if method[follower.coded[i]] == Method.LOST]
-    if failed:
-        found, _ = detect(image, follower.dictionary)
-        codes = codes_of(follower.marks)
-        quads = {
-            i: follower.camera.undistort(found[code])
-            for i in failed
-            if (code := codes[int(follower.coded[i])]) in found
-        }
-        for i, corners in quads.items():
-            guess[follower.coded[i]] = corner_warp(corners)
-        again = np.array(list(quads), dtype=np.intp)
-        _lay(image, follower, again, guess, Method.FOUND_AGAIN, warp, match, method, leaning)
-        for i in failed:
-            p = int(follower.coded[i])
-            if method[p] == Method.LOST:
-                place = fallback.place(image, follower, int(i), guess[p], quads.get(i), state.last[p])
-                warp[p], match[p], method[p], spread[p] = place
-    return warp, match, method, spread, leaning
+    _lay(image, follower, rows, guess, Method.REGISTERED, shown)
+    failed = [i for i in rows.tolist() if shown.method[follower.coded[i]] == Method.LOST]
+    if not failed:
+        return shown
+    quads = _quads(image, follower, failed)
+    for i, corners in quads.items():
+        guess[follower.coded[i]] = corner_warp(corners)
+    _lay(image, follower, np.array(list(quads), dtype=np.intp), guess, Method.FOUND_AGAIN, shown)
+    for i in failed:
+        p = int(follower.coded[i])
+        if shown.method[p] == Method.LOST:
+            place = fallback.place(image, follower, i, guess[p], quads.get(i), state.last[p])
+            shown.warp[p], shown.match[p], shown.method[p], shown.spread[p] = place
+    return shown
+
+
+def _quads(image: Image, follower: Follower, failed: Sequence[int]) -> dict[int, Array]:
+    """Corners (4,2) ideal px of some coded marks, by their row among these, where their codes are read."""
+    found, codes = detect(image, follower.dictionary)[0], codes_of(follower.marks)
+    return {
+        i: follower.camera.undistort(found[code])
+        for i in failed
+        if (code := codes[int(follower.coded[i])]) in found
+    }
 
 
 def _lay(
-    image: Image,
-    follower: Follower,
-    rows: NDArray[np.intp],
-    guess: Array,
-    way: Method,
-    warp: Array,
-    match: Array,
-    method: NDArray[np.int8],
-    leaning: Array,
+    image: Image, follower: Follower, rows: NDArray[np.intp], guess: Array, way: Method, shown: _Shown
 ) -> None:
     """Register some coded marks from their guesses; those that correlate well enough are written."""
     marks = follower.coded[rows]
@@ -237,10 +254,9 @@ def _lay(
         rows,
     )
     good = correlation > follower.least[rows]
-    warp[marks[good]], match[marks[good]], method[marks[good]] = laid[good], correlation[good], way
-    leaning[marks[good]] = uneven.lean(
-        follower.quarters, rows[good], sums[good], linear_at_centre(laid[good])
-    )
+    kept = marks[good]
+    shown.warp[kept], shown.match[kept], shown.method[kept] = laid[good], correlation[good], way
+    shown.leaning[kept] = uneven.lean(follower.quarters, rows[good], sums[good], linear_at_centre(laid[good]))
 
 
 def _memory(follower: Follower) -> DotMemory:
@@ -256,27 +272,15 @@ def _memory(follower: Follower) -> DotMemory:
     )
 
 
-def _dots(
-    image: Image,
-    follower: Follower,
-    memory: DotMemory,
-    warp: Array,
-    match: Array,
-    method: NDArray[np.int8],
-    spread: Array,
-) -> DotMemory:
-    """Dots written beside the coded marks (`match` is the variance of a contour); their new memory."""
+def _dots(image: Image, follower: Follower, memory: DotMemory, shown: _Shown) -> DotMemory:
+    """Write the dots beside the coded marks; their new memory."""
     if not len(memory.rows):
         return memory
-    memory, dots = follow_dots(image, follower.camera, memory, warp[:, :2, 2])
+    memory, dots = follow_dots(image, follower.camera, memory, shown.warp[:, :2, 2])
     for p, dot in zip(memory.rows, dots, strict=True):
         if dot is not None:
-            warp[p], match[p], method[p] = (
-                dot_warp(dot.centre, follower.dots[p].radius),
-                dot.variance,
-                Method.DOT,
-            )
-            spread[p] = dot.spread
+            shown.warp[p] = dot_warp(dot.centre, follower.dots[p].radius)
+            shown.match[p], shown.method[p], shown.spread[p] = dot.variance, Method.DOT, dot.spread
     return memory
 
 

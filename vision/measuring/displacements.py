@@ -54,6 +54,7 @@ class Displacements:
     notes: tuple[str, ...] = ()  # what was done without asking anything of the user: for a log
 
 
+# Ten arguments, all but two with a default: the one door of the package, and what it may be told.
 def measure(
     views: Sequence[View],
     marks: Sequence[Mark],
