@@ -18,6 +18,7 @@ np.seterr(all="raise")
 ROOT = Path(__file__).resolve().parents[1]
 HINTS = {
     "ccx": "CalculiX is not installed (apt package calculix-ccx)",
+    "pdftotext": "poppler is not installed (apt package poppler-utils)",
     "pdftoppm": "poppler is not installed (apt package poppler-utils)",
     "egl": "pyvista cannot draw off screen (apt packages libegl1 libegl-mesa0 libgl1-mesa-dri)",
 }
@@ -49,6 +50,7 @@ def _probe_egl() -> bool:
 PROBES = {
     "ccx": lambda: shutil.which("ccx") is not None,
     "pdftoppm": lambda: shutil.which("pdftoppm") is not None,
+    "pdftotext": lambda: shutil.which("pdftotext") is not None,
     "egl": _probe_egl,
 }
 

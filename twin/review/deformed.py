@@ -31,7 +31,7 @@ INK = "#1d2733"
 
 
 # Our 27-node hexahedron is a tensor product: node i + 3 j + 9 k at xi, eta, zeta = (i, j, k) / 2.
-# VTK's triquadratic hexahedron (type 29) wants corners, edges, faces, centre. Entry m: our node at place m.
+# VTK's triquadratic hexahedron wants corners, edges, faces, centre. Entry m: our node at place m.
 VTK_HEX27 = np.array(
     [
         *(0, 2, 8, 6, 18, 20, 26, 24),  # corners, counter-clockwise at zeta = 0, then at zeta = 1
@@ -41,8 +41,16 @@ VTK_HEX27 = np.array(
         13,  # centre
     ]
 )
-# By nodes per cell: triangle, quadrilateral, then solids in Abaqus's order, which is VTK's, and hex27.
-VTK_TYPES = {3: 5, 4: 9, 8: 12, 10: 24, 20: 25, 27: 29}
+# VTK's kind of cell (names of pyvista.CellType) by nodes: surface cells, then solids in Abaqus's order, which
+# is VTK's, and hex27.
+VTK_KINDS = {
+    3: "TRIANGLE",
+    4: "QUAD",
+    8: "HEXAHEDRON",
+    10: "QUADRATIC_TETRA",
+    20: "QUADRATIC_HEXAHEDRON",
+    27: "TRIQUADRATIC_HEXAHEDRON",
+}
 
 
 @functools.cache
@@ -116,7 +124,7 @@ def write_vtu_series(
     ValueError for other cells and for fields of another length.
     """
     width = cells.shape[1]
-    if width not in VTK_TYPES:
+    if width not in VTK_KINDS:
         raise ValueError(
             f"cells have {width} nodes; wanted 27, 20, 8 (hexahedra), 10 (tetrahedra), 4 or 3 (surface)"
         )
@@ -128,7 +136,8 @@ def write_vtu_series(
 
     order = VTK_HEX27 if width == 27 else np.arange(width)
     stacked = np.column_stack([np.full(len(cells), width), cells[:, order]]).ravel()
-    grid = pv.UnstructuredGrid(stacked, np.full(len(cells), VTK_TYPES[width], dtype=np.uint8), nodes)
+    kind = pv.CellType[VTK_KINDS[width]]
+    grid = pv.UnstructuredGrid(stacked, np.full(len(cells), kind, dtype=np.uint8), nodes)
     names = [f"{name}-{step:04d}.vtu" for step in range(len(times))]
     for step, file in enumerate(names):
         for key, field in fields.items():

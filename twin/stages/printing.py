@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from twin.project.config import CameraTable
 from twin.project.folder import Project, Say
-from twin.review.pdf import Page, pdf_bytes
+from twin.review.canvas import Paper, text_width, without_letters
 from twin.stages.cameras import dictionary_files, dictionary_name
 from twin.stages.recordings import mark_kind
 
@@ -19,7 +19,6 @@ FOOT = 22.0  # mm at the bottom, for the ruler and what is said about it
 SIDE = 14.0  # mm at the right, for the upright ruler
 RULER = 100.0  # mm
 GAP, CUT, LABEL = 7.0, 2.5, 2.6  # mm between items, length of a cut mark, height of a letter
-LETTER = 0.56  # mean width of a letter, in its height
 
 
 @dataclass(frozen=True)
@@ -31,7 +30,7 @@ class Item:
 
     @property
     def width(self) -> float:
-        return max(self.art.width, *(LETTER * LABEL * len(line) for line in self.lines)) + GAP
+        return max(self.art.width, *(text_width(line, LABEL) for line in self.lines)) + GAP
 
     @property
     def height(self) -> float:
@@ -48,20 +47,26 @@ def run_print(project: Project, say: Say, *, paper: str = "a4") -> dict[str, Any
         )
     table = project.config.cameras[0]
     own = [file for name in _dictionaries(table) for file in dictionary_files(project, name)]
-    how: dict[str, Any] = {"tables": ("cameras", "frame", "points"), "inputs": own, "extra": {"paper": paper}}
+    how: dict[str, Any] = {
+        "tables": ("project", "cameras", "frame", "points"), "inputs": own, "extra": {"paper": paper},
+    }  # fmt: skip
     done = project.done("print", **how)
     if done is not None:
-        say(f"print: already done in {project.shown(done)}, skipped")
+        say(f"Already done in {project.shown(done)}, skipped.")
         return {"stage": "print", "status": "skipped", "run": project.shown(done)}
     with project.new_run("print", **how) as run:
         items = _items(project, table)
-        pages = layout(items, paper=paper, title=project.config.project.name)
-        run.write_bytes("print.pdf", pdf_bytes(pages))
-        run.summary.update(items=len(items), pages=len(pages), paper=paper)
-        run.summary["headline"] = f"{len(items)} items on {len(pages)} {paper.upper()} pages"
-    say(f"print: {run.summary['headline']}; wrote {project.shown(run.path('print.pdf'))}")
-    say(f"print: print it at 100 % (no fitting to the page); both rulers must measure {RULER:.1f} mm; then "
-        "measure the board's squares and write what you measure into twin.toml")  # fmt: skip
+        title = project.config.project.name
+        sheets = layout(items, paper=paper, title=title)
+        run.write_bytes("print.pdf", sheets.pdf())
+        run.summary.update(items=len(items), pages=sheets.pages, paper=paper)
+        run.summary["headline"] = f"{len(items)} items on {sheets.pages} {paper.upper()} pages"
+        missing = without_letters("".join([title, *(line for item in items for line in item.lines)]))
+    if missing:
+        say(f"The font has no letters for {missing}: write them by hand.")
+    say(f"Print the sheets at 100 %, not fitted to the page; both rulers must measure {RULER:.1f} mm.")
+    say("Then measure the board's squares and write the length into twin.toml.")
+    say(f"Wrote {project.shown(run.path('print.pdf'))}: {run.summary['headline']}")
     return {"stage": "print", "status": "done", "run": project.shown(run.folder)} | run.summary
 
 
@@ -99,22 +104,22 @@ def _board(project: Project, table: CameraTable) -> Item:
     return Item(board.artwork(), (said,))
 
 
-def layout(items: Sequence[Item], *, paper: str, title: str) -> list[Page]:
-    """Return pages with the items in rows; ValueError for one that does not fit on the paper."""
+def layout(items: Sequence[Item], *, paper: str, title: str) -> Paper:
+    """Sheets with the items in rows; ValueError for one that does not fit on the paper."""
     width, height = PAPERS[paper]
     right, bottom = width - MARGIN - SIDE, height - MARGIN - FOOT
-    pages: list[Page] = []
+    sheets = Paper(width, height)
     x, y, row = right, bottom, 0.0  # the first item opens a page
     for item in items:
         _check_fits(item, right - MARGIN, bottom - MARGIN, paper)
         if x + item.width > right:
             x, y, row = MARGIN, y + row, 0.0
-        if not pages or y + item.height > bottom:
-            pages.append(_page(width, height, f"{title}, page {len(pages) + 1}"))
+        if not sheets.pages or y + item.height > bottom:
+            _open_page(sheets, title)
             x, y, row = MARGIN, MARGIN, 0.0
-        _place(pages[-1], item, x + CUT, y + CUT)
+        _place(sheets, item, x + CUT, y + CUT)
         x, row = x + item.width, max(row, item.height)
-    return pages
+    return sheets
 
 
 def _check_fits(item: Item, width: float, height: float, paper: str) -> None:
@@ -126,7 +131,7 @@ def _check_fits(item: Item, width: float, height: float, paper: str) -> None:
         )
 
 
-def _place(page: Page, item: Item, x: float, y: float) -> None:
+def _place(page: Paper, item: Item, x: float, y: float) -> None:
     """Draw an item with its top left corner at (x, y), marks where to cut, and its lines below."""
     art = item.art
     for layer in art.layers:
@@ -143,18 +148,17 @@ def _place(page: Page, item: Item, x: float, y: float) -> None:
         page.text(x, y + art.height + CUT + (1 + 1.35 * number) * LABEL, line, size=LABEL)
 
 
-def _page(width: float, height: float, title: str) -> Page:
-    """Return an empty page with its rulers and what to do with them."""
-    page = Page(width, height)
-    foot = height - MARGIN
-    _ruler(page, MARGIN, foot - 8.0, upright=False)
-    _ruler(page, width - MARGIN - 4.0, MARGIN, upright=True)
-    page.text(MARGIN, foot, f"{title}: print at 100 %. Each ruler must measure {RULER:.1f} mm end to end; "
-              "if not, print again, not fitted to the page.")  # fmt: skip
-    return page
+def _open_page(sheets: Paper, title: str) -> None:
+    """Begin a sheet with its rulers and what to do with them."""
+    sheets.new_page()
+    foot = sheets.height - MARGIN
+    _ruler(sheets, MARGIN, foot - 8.0, upright=False)
+    _ruler(sheets, sheets.width - MARGIN - 4.0, MARGIN, upright=True)
+    sheets.text(MARGIN, foot, f"{title}, page {sheets.pages}: print at 100 %, not fitted to the page. "
+                f"Each ruler must measure {RULER:.1f} mm.", size=LABEL)  # fmt: skip
 
 
-def _ruler(page: Page, x: float, y: float, *, upright: bool) -> None:
+def _ruler(page: Paper, x: float, y: float, *, upright: bool) -> None:
     """Draw a line of RULER mm with a tick at every mm, from (x, y) to the right or down."""
 
     def line(start: float, end: float, off: float) -> None:
