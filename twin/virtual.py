@@ -29,6 +29,7 @@ FILM_A: Protocol = (  # of the reference study, scaled to a top pressure of 30 k
     (38.4, 0.0),
     (42.4, 0.0),
 )
+REST_S = 1.8  # film A rests until 2 s: the steps before this are the reference
 LATTICE = Lattice(per_bellow=7, wall=2, across=2, up=2, centred=False)
 
 
@@ -111,39 +112,31 @@ def noisy_targets(
     """Targets as `twin measure` would give them for true displacements (s, p, 3) mm, with noise drawn from
     `seed`.
 
-    slope (s, p, 3): dU/dp of the truth.   points (p,): the markers, each with its position.
-
-    Drawn: picture noise (AR(1), correlated between markers), gauge noise, a placement of every tag on its
-    node, the scale, and the static film from which the noise model is estimated. The gauge's error is put on
-    the displacements (slope times error) and not on the log, to first order the same, so that one set of
-    solves serves every seed. `fixed` markers that do not move are appended.
+    slope (s, p, 3): dU/dp of the truth, mm per MPa. points (p,): the markers, each with its position; `fixed`
+    markers that do not move are appended. Drawn: picture noise (AR(1), correlated between markers), gauge
+    noise, a placement of every tag on its node, the scale, and the static film from which the noise model is
+    estimated. The gauge's error is put on the displacements (slope times error) and not on the log, to first
+    order the same, so that one set of solves serves every seed.
     """
-    rng = np.random.default_rng(seed)
+    rng, s = np.random.default_rng(seed), len(true)
     markers = (*points, *_fixed_markers(fixed))
-    names, every = tuple(p.name for p in points), tuple(p.name for p in markers)
-    s, count = len(true), len(markers)
+    names = tuple(p.name for p in markers)
     u, g = (np.concatenate([x, np.zeros((s, fixed, 3))], axis=1) for x in (true, slope))
-    reference = np.flatnonzero(course.output <= 1.8)
-    shared, shared_names = _shared_modes(u, np.array([p.position for p in points]), names, bench)
+    reference = np.flatnonzero(course.output <= REST_S)
+    shared, shared_names = _shared_modes(u, points, bench, reference)
     u = u + np.tensordot(rng.standard_normal(len(shared)), shared, 1)
     u = u + g * (bench.gauge_sd_MPa * rng.standard_normal(s))[:, None, None]
-    picture = _picture(rng, bench, bench.static_frames + s, count)
-    noise = _noise(picture[: bench.static_frames], every, bench)
-    moved = u[..., (0, 2)] + picture[bench.static_frames :]
-    value = np.full((s, count, 3), np.nan)
-    value[..., (0, 2)] = moved - moved[reference].mean(axis=0)
-    variance = np.broadcast_to(noise.sd**2, (s, count, 3))
-    covariance = np.zeros((s, count, 3, 3))
-    covariance[..., range(3), range(3)] = variance
-    covariance[:, :, 1], covariance[:, :, :, 1] = np.nan, np.nan
-    own, own_names = _reference_modes(noise, reference, s, every)
+    picture = _picture(rng, bench, bench.static_frames + s, len(markers))
+    noise = _noise(picture[: bench.static_frames], names, bench)
+    own, own_names = _reference_modes(noise, reference, s, names)
+    value = _seen(u, picture[bench.static_frames :], reference)
     return Targets(
         time=course.output,
         pressure=course.at_output(),
         block=np.zeros(s, np.int64),
         points=markers,
         value=value,
-        covariance=covariance,
+        covariance=_covariance(noise, s),
         valid=np.isfinite(value),
         held_out=np.zeros(s, bool),
         modes=np.concatenate([shared, own]),
@@ -155,6 +148,23 @@ def noisy_targets(
         gravity=None,
         pressure_sd=np.full(s, bench.gauge_sd_MPa),
     )
+
+
+def _seen(u: Array, picture: Array, reference: NDArray[np.int64]) -> Array:
+    """Measured displacements (s, p, 3) mm relative to the reference: x and z with the picture's noise
+    (s, p, 2) mm, y not seen."""
+    moved = u[..., (0, 2)] + picture
+    value = np.full(u.shape, np.nan)
+    value[..., (0, 2)] = moved - moved[reference].mean(axis=0)
+    return value
+
+
+def _covariance(noise: Noise, steps: int) -> Array:
+    """The independent covariance (s, p, 3, 3) mm2, the same at every step; NaN for y, which is not seen."""
+    covariance = np.zeros((steps, len(noise.sd), 3, 3))
+    covariance[..., range(3), range(3)] = noise.sd**2
+    covariance[:, :, 1], covariance[:, :, :, 1] = np.nan, np.nan
+    return covariance
 
 
 def at_nodes(
@@ -199,20 +209,23 @@ def _noise(static: Array, names: tuple[str, ...], bench: Bench) -> Noise:
 
 
 def _shared_modes(
-    u: Array, points: Array, names: tuple[str, ...], bench: Bench
+    u: Array, points: Sequence[TargetPoint], bench: Bench, reference: NDArray[np.int64]
 ) -> tuple[Array, tuple[str, ...]]:
-    """Scale and tag placement, 1 sd each; a tag turns with the side face, whose slope its neighbours show."""
+    """Scale and tag placement (k, s, p, 3) mm, 1 sd each, relative to the reference as the displacements are;
+    a tag turns with the side face, whose slope its neighbours show."""
     modes, labels = [u * bench.scale_sd], ["scale"]
-    gradient = np.gradient(u[:, : len(names)], points[:, 0], axis=1)
+    x = np.array([p.position for p in points])[:, 0]
+    gradient = np.gradient(u[:, : len(points)], x, axis=1)
     angle = np.arctan2(gradient[..., 2], 1 + gradient[..., 0])
-    for k, name in enumerate(names):
+    for k, name in enumerate(p.name for p in points):
         c, s = np.cos(angle[:, k]) - 1, np.sin(angle[:, k])
         for label, (x, z) in (("x", (c, s)), ("z", (-s, c))):
             mode = np.zeros_like(u)
             mode[:, k, 0], mode[:, k, 2] = bench.placement_sd_mm * x, bench.placement_sd_mm * z
             modes.append(mode)
             labels.append(f"placement:{name}:{label}")
-    return np.array(modes), tuple(labels)
+    shared = np.array(modes)
+    return shared - shared[:, reference].mean(axis=1, keepdims=True), tuple(labels)
 
 
 def _reference_modes(

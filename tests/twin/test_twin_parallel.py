@@ -2,16 +2,20 @@
 
 import multiprocessing as mp
 import operator
+import os
 import subprocess
 import sys
 import time
 from functools import partial
 from pathlib import Path
 
+import numpy as np
 import psutil
 import pytest
 
-from twin.parallel import finished
+from fe import Case
+from twin.model.loadpaths import along_path
+from twin.parallel import WORKERS, finished
 
 
 @pytest.mark.parametrize("workers", [1, 2])
@@ -59,3 +63,20 @@ def test_work_ends_with_a_killed_parent(tmp_path: Path) -> None:
         parent.kill()
     assert len(children) >= 2
     assert psutil.wait_procs(children, timeout=60)[1] == []
+
+
+def test_there_are_as_many_workers_as_processors_allowed() -> None:
+    ask = "import os; os.sched_setaffinity(0, {CPU}); from twin.parallel import WORKERS; print(WORKERS)"
+    one = ask.replace("CPU", str(min(os.sched_getaffinity(0))))
+    found = subprocess.run([sys.executable, "-c", one], capture_output=True, text=True, check=True, timeout=120)
+    assert found.stdout.split() == ["1"]
+    assert len(os.sched_getaffinity(0)) == WORKERS
+
+
+def test_solves_give_the_same_bits_in_any_number_of_processes(coarsest_case: Case) -> None:
+    reduced, points = np.linspace(0.0, 0.05, 4), coarsest_case.position(4401)[None]
+    tasks = [partial(along_path, coarsest_case, share, 0.3, reduced, points, None) for share in (0.2, 0.6)]
+    alone, together = (dict(finished(tasks, workers=workers)) for workers in (1, 2))
+    assert np.abs(alone[0]).max() > 0.1  # mm
+    for k in range(len(tasks)):
+        np.testing.assert_array_equal(alone[k], together[k])

@@ -158,7 +158,7 @@ def load_paths(
     what = (code_digest(), key, points, total, reduced, LEVELS, np.zeros(3) if gravity is None else gravity)
     keys = [digest("load path", *what, float(share)) for share in shares]
     tasks = {
-        k: partial(_one, case, float(share), total, reduced, points, gravity)
+        k: partial(along_path, case, float(share), total, reduced, points, gravity)
         for k, share in zip(keys, shares, strict=True)
     }
     made = cache("load paths", tasks)
@@ -167,7 +167,7 @@ def load_paths(
     return LoadPaths(shares, reduced, _extended(u), np.minimum(reached, reduced[-1]))
 
 
-def _one(
+def along_path(
     case: Case, share: float, total: float, reduced: Array, points: Array, gravity: Array | None
 ) -> Array:
     """Displacements (k, p, 3) mm along one path; NaN beyond its end."""
