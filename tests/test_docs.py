@@ -44,7 +44,7 @@ def name_of(page: Path) -> str:
 def code(text: str) -> list[str]:
     """Code spans and lines of code blocks that are not output."""
     blocks = [line for kind, body in BLOCK.findall(text) if kind != "text" for line in body.splitlines()]
-    return [*re.findall(r"`([^`\n]+)`", BLOCK.sub("", text)), *blocks]
+    return [*(" ".join(span.split()) for span in re.findall(r"`([^`]+)`", BLOCK.sub("", text))), *blocks]
 
 
 def headings(page: Path) -> set[str]:
@@ -302,6 +302,7 @@ def test_these_checks_see_what_is_wrong() -> None:
     assert broken_links(page, "[a](docs/nothing.md) [b](README.md#no-such) [c](CONTRIBUTING.md)") == [
         "docs/nothing.md", "README.md#no-such",
     ]
+    assert unknown_commands("of `a b` and `twin\nnonsense` on two lines") == ["twin nonsense"]
     assert unknown_commands("`twin nonsense`, `twin measure --budgett -p x`, `twin measure --budget -p x`") == [
         "twin nonsense", "twin measure --budgett -p x",
     ]
