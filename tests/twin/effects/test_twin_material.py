@@ -12,7 +12,7 @@ from twin.effects.protocol import Effect, Test
 from twin.model.prediction import Model, respond
 
 # A rise, a hold, a fall, a rise beyond the first and a fall, in s and MPa; outputs where the history is solved.
-LOG = np.linspace(0.0, 6.0, 121)
+LOG = np.linspace(0.0, 6.0, 61)
 PRESSURE = np.interp(LOG, [0, 1, 2, 3, 4.5, 6], [0, 0.2, 0.2, 0.05, 0.25, 0.1])
 SOLVED = np.array([1.0, 2.0, 3.0, 4.5, 6.0])
 ROUNDING = 1e-10  # mm, of a whole solve

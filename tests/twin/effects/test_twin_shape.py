@@ -17,6 +17,7 @@ from fe.kernel.assembly import Geometry
 from fe.mesh.convert import converted
 from fe.mesh.inner import inside
 from fe.mesh.mirror import mirrored
+from twin.contract.specimen import small_test
 from twin.effects.protocol import Effect, Test, Unsolvable
 from twin.effects.shape import Ballooning, EccentricCore, Precurvature, SidewaysCore, WallTaper
 from twin.effects.supports import StrainLimitingLayer, flat_bottom
@@ -115,9 +116,9 @@ def test_walls_that_would_close_are_refused_with_a_sentence(short_case: Case) ->
 
 @pytest.mark.parametrize("e", ALL, ids=named)
 @pytest.mark.parametrize("null", [True, False])
-def test_derivatives_are_those_of_whole_solves(e: Effect, null: bool, short_case: Case) -> None:
-    whole = isinstance(e, SidewaysCore)
-    test, p = test_of(mirrored(short_case) if whole else short_case), e.parameters[0]
+def test_derivatives_are_those_of_whole_solves(e: Effect, null: bool) -> None:
+    small = small_test().case
+    test, p = test_of(mirrored(small) if isinstance(e, SidewaysCore) else small), e.parameters[0]
     at = 0.0 if null else ALL[e][p.name]
 
     def case(value: float) -> Case:
@@ -149,10 +150,10 @@ def test_a_sideways_core_bends_sideways_and_its_image_the_other_way(short_case: 
 
 
 def test_calculix_feels_a_core_off_its_place_as_the_kernel_does(
-    short_case: Case, require: Callable[[str], None]
+    require: Callable[[str], None],
 ) -> None:
     require("ccx")
-    base = converted(short_case.with_material(C10=0.214, C01=0.083), "C3D20RH")
+    base = converted(small_test().case.with_material(C10=0.214, C01=0.083), "C3D20RH")
     test = Test(base, RAMP, base.position(4401)[None], np.array([True]))
     changed = EccentricCore().before(test, {"eccentric_core.mm": -0.4}).case
     tight = "*CONTROLS, PARAMETERS=FIELD\n1e-6,1e-6\n*STATIC"  # by default ccx stops at half a per cent
@@ -161,4 +162,4 @@ def test_calculix_feels_a_core_off_its_place_as_the_kernel_does(
     assert [r.reason for r in (*theirs, *ours)] == ["converged"] * 4
     effects = [b.u[np.argsort(b.labels)] - a.u[np.argsort(a.labels)] for a, b in (theirs, ours)]
     assert np.abs(effects[0] - effects[1]).max() < 0.02 * np.abs(effects[0]).max()
-    assert np.abs(effects[0]).max() > 0.1  # mm
+    assert np.abs(effects[0]).max() > 0.01  # mm
