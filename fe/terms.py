@@ -29,10 +29,10 @@ _OWN_SOURCE = hashlib.sha256(Path(__file__).read_bytes()).hexdigest()
 def machine_code(function: Callable[..., Any]) -> Any:
     """The function, compiled by numba at its first call and kept on the disk.
 
-    numba compiles anew where the function's own file has changed. The loops hold the law of this file in their
-    machine code, so a change here must count too; where numba has no place for that, nothing is kept.
+    numba compiles anew where the function's own file has changed. The loops hold the law of this file in
+    their machine code, so a change here must count too; where numba has no place for that, nothing is kept.
     """
-    kept = numba.njit(function, cache=True, **_OPTIONS)
+    kept: Any = numba.njit(function, cache=True, **_OPTIONS)
     try:
         file = kept._cache._cache_file
         file._source_stamp = (file._source_stamp, _OWN_SOURCE)

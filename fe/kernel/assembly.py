@@ -17,7 +17,7 @@ from scipy.special import erf
 from fe.case import Case
 from fe.element import Array, Element, Flags, Integers, scatter
 from fe.kernel import compiled
-from fe.kernel.compiled import Balance, Carried, Fields, Law, Mesh, Tangent
+from fe.kernel.compiled import Balance, Carried, FieldArrays, Law, MeshArrays, Tangent
 from fe.kernel.matrix import Symmetric
 from fe.kernel.pattern import Pattern, Places
 from fe.kernel.pressure import PressureFaces
@@ -30,7 +30,7 @@ _T = TypeVar("_T")
 
 
 @dataclass(frozen=True)
-class Constants:
+class ElementConstants:
     """Material constants per element: table (e, k) as `Material.constants` gives them, shear and bulk moduli
     (e,) MPa, Prony pairs (m, e, 2) of g and tau s, and Mullins softening (e, 3), or (0, 3) where no material
     has any: amount, m in MPa, beta."""
@@ -42,7 +42,7 @@ class Constants:
     softening: Array
 
     @staticmethod
-    def of(case: Case) -> "Constants":
+    def of(case: Case) -> "ElementConstants":
         """The constants of every element of a case."""
         terms = max(len(m.prony) for m in case.materials.values())
         width = max(len(m.constants) for m in case.materials.values())
@@ -59,14 +59,14 @@ class Constants:
             softening = np.tile([0.0, 1.0, 0.0], (len(table), 1))
             for name, m in case.materials.items():
                 softening[case.element_sets[name]] = m.mullins or (0.0, 1.0, 0.0)
-        return Constants(table, case.per_element("shear"), case.per_element("bulk"), prony, softening)
+        return ElementConstants(table, case.per_element("shear"), case.per_element("bulk"), prony, softening)
 
     @property
-    def instant(self) -> "Constants":
+    def instant(self) -> "ElementConstants":
         """Those of the same materials without memory."""
         return replace(self, prony=np.zeros((0, len(self.table), 2)), softening=np.zeros((0, 3)))
 
-    def times(self, factor: float) -> "Constants":
+    def times(self, factor: float) -> "ElementConstants":
         """All moduli multiplied."""
         table = scaled(self.table, factor)
         return replace(self, table=table, shear=factor * self.shear, bulk=factor * self.bulk)
@@ -279,9 +279,9 @@ class Kernel:
         ends = np.linspace(0, len(self.connectivity), THREADS + 1).astype(int).tolist()
         return [work(0, ends[-1])] if THREADS == 1 else list(_POOL.map(work, ends[:-1], ends[1:]))
 
-    def _mesh(self, g: Geometry) -> Mesh:
+    def _mesh(self, g: Geometry) -> MeshArrays:
         """What the compiled loops want of a geometry."""
-        return Mesh(g.G, g.rest, g.weight, g.psi, self.connectivity)
+        return MeshArrays(g.G, g.rest, g.weight, g.psi, self.connectivity)
 
     def _remembered(self, memory: Memory | None) -> Carried:
         """What the compiled loops want of a memory, or of none."""
@@ -299,13 +299,13 @@ class Kernel:
         N, _ = self.element.at_points
         return scatter(self.connectivity, (density[:, None] * geometry.weight) @ N, self.dofs // 3)
 
-    def isochoric(self, u: Array, c: Constants, geometry: Geometry) -> Array:
+    def isochoric(self, u: Array, c: ElementConstants, geometry: Geometry) -> Array:
         """Isochoric second Piola-Kirchhoff stress (e, q, 3, 3) MPa at displacements u (n, 3) mm."""
         mesh, out = self._mesh(geometry), np.empty((*geometry.G.shape[:2], 3, 3))
         self._each(lambda a, b: compiled.isochoric(mesh, u, c.table, a, b, out))
         return out
 
-    def energies(self, u: Array, c: Constants, geometry: Geometry) -> Array:
+    def energies(self, u: Array, c: ElementConstants, geometry: Geometry) -> Array:
         """Isochoric energy (e, q) N mm/mm3 at displacements u (n, 3) mm."""
         mesh, out = self._mesh(geometry), np.empty(geometry.G.shape[:2])
         self._each(lambda a, b: compiled.energies(mesh, u, c.table, a, b, out))
@@ -318,16 +318,16 @@ class Kernel:
         return self.gather(force)
 
     def residual(
-        self, state: State, c: Constants, load: float, memory: Memory | None, geometry: Geometry
+        self, state: State, c: ElementConstants, load: float, memory: Memory | None, geometry: Geometry
     ) -> tuple[Array, Array]:
         """Nodal forces (n, 3) N, internal minus follower pressure `load` MPa, and volume gaps (e, m) mm3."""
-        mesh, fields, past = self._mesh(geometry), Fields(state.u, state.p), self._remembered(memory)
+        mesh, fields, past = self._mesh(geometry), FieldArrays(state.u, state.p), self._remembered(memory)
         out = Balance(np.empty((*self.connectivity.shape, 3)), np.empty_like(state.p))
         self._each(lambda a, b: compiled.residual(mesh, c.law, fields, past, a, b, out))
         return self.gather(out.force) - load * self.pressure.force(geometry.nodes + state.u), out.gap
 
     def linearise(
-        self, state: State, c: Constants, load: float, memory: Memory | None, turn: Array
+        self, state: State, c: ElementConstants, load: float, memory: Memory | None, turn: Array
     ) -> Linearised:
         """Residual and tangent at a state; turn (k, 3) mm/rad is the clamp nodes' motion per rotation.
 
@@ -338,7 +338,7 @@ class Kernel:
         kept = np.empty((len(self._clamp_elements), n, len(PAIRS), n))
         slots = np.full(size, -1)
         slots[self._clamp_elements] = np.arange(len(kept))
-        mesh, fields, past = self._mesh(g), Fields(state.u, state.p), self._remembered(memory)
+        mesh, fields, past = self._mesh(g), FieldArrays(state.u, state.p), self._remembered(memory)
         (stiffness, *places), compliance = self._places, g.compliance(c.bulk)
 
         def assembled(a: int, b: int) -> Array:

@@ -25,7 +25,7 @@ from fe.terms import (
 )  # fmt: skip
 
 
-class Mesh(NamedTuple):
+class MeshArrays(NamedTuple):
     """Gradients G (e, q, 3, n) per mm; rest (e, q, 3, 3), F - 1 without displacements, or empty for 0;
     weights w (e, q) mm3; pressure modes psi (e, q, m); connectivity (e, n)."""
 
@@ -43,7 +43,7 @@ class Law(NamedTuple):
     bulk: Array
 
 
-class Fields(NamedTuple):
+class FieldArrays(NamedTuple):
     """Displacements u (n, 3) mm and pressure modes p (e, m) MPa."""
 
     u: Array
@@ -145,7 +145,7 @@ def _total(at: Point, pressure: float, scale: float, S: Array) -> None:
 
 
 @machine_code
-def isochoric(mesh: Mesh, u: Array, c: Array, first: int, last: int, S: Array) -> None:
+def isochoric(mesh: MeshArrays, u: Array, c: Array, first: int, last: int, S: Array) -> None:
     """Isochoric second Piola-Kirchhoff stress S (e, q, 3, 3) MPa at displacements u (n, 3) mm."""
     ue, at, none = np.empty((3, mesh.connectivity.shape[1])), new_point(), np.empty((0, 3, 3))
     a, P = at.a, at.P
@@ -163,7 +163,7 @@ def isochoric(mesh: Mesh, u: Array, c: Array, first: int, last: int, S: Array) -
 
 
 @machine_code
-def energies(mesh: Mesh, u: Array, c: Array, first: int, last: int, W: Array) -> None:
+def energies(mesh: MeshArrays, u: Array, c: Array, first: int, last: int, W: Array) -> None:
     """Isochoric energy W (e, q) N mm/mm3 of the law at displacements u (n, 3) mm."""
     ue, at = np.empty((3, mesh.connectivity.shape[1])), new_point()
     for e in range(first, last):
@@ -175,7 +175,7 @@ def energies(mesh: Mesh, u: Array, c: Array, first: int, last: int, W: Array) ->
 
 
 @machine_code
-def internal(mesh: Mesh, u: Array, S: Array, first: int, last: int, force: Array) -> None:
+def internal(mesh: MeshArrays, u: Array, S: Array, first: int, last: int, force: Array) -> None:
     """Element forces (e, n, 3) N of a second Piola-Kirchhoff stress S (e, q, 3, 3) MPa."""
     points, n = mesh.G.shape[1], mesh.G.shape[3]
     ue, F, flux = np.empty((3, n)), np.empty((3, 3)), np.empty((points, 3, 3))
@@ -192,7 +192,7 @@ def internal(mesh: Mesh, u: Array, S: Array, first: int, last: int, force: Array
 
 @machine_code
 def residual(
-    mesh: Mesh, law: Law, fields: Fields, past: Carried, first: int, last: int, out: Balance
+    mesh: MeshArrays, law: Law, fields: FieldArrays, past: Carried, first: int, last: int, out: Balance
 ) -> None:
     """Fills the balance of elements."""
     points, n, modes = mesh.G.shape[1], mesh.G.shape[3], mesh.psi.shape[2]
@@ -231,7 +231,7 @@ def _stiffened(P: Array, slope: float, A: Array) -> None:
 
 @machine_code
 def _stiffness_at(
-    mesh: Mesh, law: Law, past: Carried, at: Point, pressure: float, e: int, q: int, A: Array
+    mesh: MeshArrays, law: Law, past: Carried, at: Point, pressure: float, e: int, q: int, A: Array
 ) -> float:
     """J at one point; fills its stress, and the tangent A (6, 3, 3) but for what is carried."""
     c = law.c[e]
@@ -251,7 +251,7 @@ def _stiffness_at(
 
 
 @machine_code
-def _spread(mesh: Mesh, at: Point, S: Array, J: float, e: int, q: int, work: Work) -> None:
+def _spread(mesh: MeshArrays, at: Point, S: Array, J: float, e: int, q: int, work: Work) -> None:
     """Puts a point's stress, volume gradient and tangent, with the carried stress S (3, 3), into an element's
     scratch."""
     w, G, A = mesh.w[e, q], mesh.G[e, q], work.A
@@ -322,7 +322,8 @@ def _assemble(e: int, out: Tangent, rows: Array, given: Array, K: Array) -> None
 
 @machine_code
 def linearise(
-    mesh: Mesh, law: Law, fields: Fields, past: Carried, first: int, last: int, out: Balance, to: Tangent
+    mesh: MeshArrays, law: Law, fields: FieldArrays, past: Carried,
+    first: int, last: int, out: Balance, to: Tangent,
 ) -> None:
     """As `residual`, with the pressure eliminated: condensed forces, and the tangent."""
     points, n, modes = mesh.G.shape[1], mesh.G.shape[3], mesh.psi.shape[2]

@@ -9,7 +9,7 @@ from scipy.sparse import csr_matrix
 
 from fe.case import Case
 from fe.element import Array, Flags
-from fe.kernel.assembly import Constants, Geometry, Kernel, Linearised, Memory, State
+from fe.kernel.assembly import ElementConstants, Geometry, Kernel, Linearised, Memory, State
 from fe.kernel.contact import PlaneFaces
 from fe.kernel.coupling import addition, coupled
 from fe.kernel.layer import LayerFaces
@@ -39,7 +39,7 @@ class Problem:
     (n, 3) N, prescribed displacements (k,) mm at the supported degrees of freedom."""
 
     kernel: Kernel
-    constants: Constants
+    constants: ElementConstants
     case: Case
     dead: Array
     prescribed: Array
@@ -62,7 +62,7 @@ class Problem:
         plane = PlaneFaces(case) if case.contact and case.contact.stiffness else None
         prescribed = case.prescribed.ravel()[kernel.supported]
         return Problem(
-            kernel=kernel, constants=Constants.of(case), case=case, dead=dead, prescribed=prescribed,
+            kernel=kernel, constants=ElementConstants.of(case), case=case, dead=dead, prescribed=prescribed,
             geometry=geometry, layer=layer, plane=plane,
         )  # fmt: skip
 

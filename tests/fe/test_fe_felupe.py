@@ -13,7 +13,7 @@ import pytest
 from fe import Case, Finger, Lattice, Material, Path, finger_case, solve
 from fe.deck.embedded import Embedded
 from fe.element import HEX27, Array
-from fe.kernel.assembly import Constants, Kernel, State
+from fe.kernel.assembly import ElementConstants, Kernel, State
 from fe.mesh.convert import converted
 
 felupe = pytest.importorskip("felupe")
@@ -45,7 +45,7 @@ def test_one_element_against_felupe(cube: Callable[..., Case]) -> None:
     P = MooneyRivlin(material).gradient([F, None])[0]
     P = P + q * J * felupe.math.transpose(felupe.math.inv(F))
     theirs = felupe.IntegralForm([P], field, region.dV).assemble().toarray().reshape(-1, 3)
-    kernel, c = Kernel(case), Constants.of(case)
+    kernel, c = Kernel(case), ElementConstants.of(case)
     none = State(u, np.zeros((1, 4)))
     _, gap = kernel.residual(none, c, 0.0, None, kernel.geometry)
     p = (np.linalg.inv(kernel.geometry.mass / material.bulk) @ gap[..., None])[..., 0]

@@ -11,7 +11,7 @@ import fe.kernel.matrix
 import fe.solver.newton
 from fe import Case, Material, Support
 from fe.element import Array
-from fe.kernel.assembly import Constants, Kernel, Memory, Softening, State
+from fe.kernel.assembly import ElementConstants, Kernel, Memory, Softening, State
 from fe.kernel.pressure import PressureFaces
 from fe.laws import stress
 from fe.mesh.convert import converted
@@ -27,7 +27,7 @@ def rotation(angle: float, axis: tuple[float, float, float]) -> Array:
     return np.eye(3) + np.sin(angle) * W + (1 - np.cos(angle)) * W @ W
 
 
-def settled(kernel: Kernel, u: Array, c: Constants) -> State:
+def settled(kernel: Kernel, u: Array, c: ElementConstants) -> State:
     """The state at u whose pressure modes close the volume gaps: what condensation stands for."""
     none = np.zeros((len(kernel.connectivity), 4))
     _, gap = kernel.residual(State(u, none), c, 0.0, None, kernel.geometry)
@@ -42,7 +42,7 @@ def full(kernel: Kernel, data: Array) -> sp.csr_matrix:
 
 
 def linearised(
-    kernel: Kernel, state: State, c: Constants, load: float, memory: Memory | None = None
+    kernel: Kernel, state: State, c: ElementConstants, load: float, memory: Memory | None = None
 ) -> sp.csr_matrix:
     turn = np.zeros((len(kernel.clamped), 3))
     return full(kernel, kernel.linearise(state, c, load, memory, turn).data)
@@ -76,7 +76,7 @@ def test_a_patch_of_curved_cells_carries_a_constant_state(cube: Cube) -> None:
 
 def test_a_rigid_body_feels_nothing(cube: Cube) -> None:
     case = cube((2, 1, 1), shift=0.1, seed=1)
-    kernel, c = Kernel(case), Constants.of(case)
+    kernel, c = Kernel(case), ElementConstants.of(case)
     u = case.nodes @ (rotation(2.0, (1, -2, 3)) - np.eye(3)).T + np.array([5.0, -3, 1])
     state = State(u, np.zeros((2, 4)))
     force, gap = kernel.residual(state, c, 0.0, None, kernel.geometry)
@@ -96,7 +96,7 @@ def test_a_rigid_body_feels_nothing(cube: Cube) -> None:
 def test_a_loaded_body_turns_with_its_forces(cube: Cube) -> None:
     # f(Q x) = Q f(x), pressure included, so K (w x x) = w x f at any state, with the pressure's update.
     case = cube((1, 2, 1), shift=0.1, seed=2, pressurised="skin")
-    kernel, c = Kernel(case), Constants.of(case)
+    kernel, c = Kernel(case), ElementConstants.of(case)
     rng = np.random.default_rng(5)
     state = settled(kernel, rng.uniform(-0.05, 0.05, case.nodes.shape), c)
     load, none = 0.2, np.zeros((0, 3))
@@ -178,7 +178,7 @@ def test_planes_of_symmetry_close_a_surface(short: Case) -> None:
 def test_the_condensed_tangent_of_a_finger_at_a_random_state(
     short: Case, *, creeping: bool, softened: bool
 ) -> None:
-    kernel, c = Kernel(short), Constants.of(short.with_material(C20=0.05, ogden=((0.1, 3.0),)))
+    kernel, c = Kernel(short), ElementConstants.of(short.with_material(C20=0.05, ogden=((0.1, 3.0),)))
     rng = np.random.default_rng(10)
     u = np.zeros_like(short.nodes)
     u.ravel()[kernel.free] = rng.uniform(-0.02, 0.02, len(kernel.free))

@@ -8,7 +8,7 @@ import pytest
 import scipy.sparse as sp
 
 from fe import Case, Path, Support, Variation, solve
-from fe.kernel.assembly import Constants, Geometry, Kernel
+from fe.kernel.assembly import ElementConstants, Geometry, Kernel
 from fe.solver.newton import Problem, equilibrium
 
 LENGTH, DEPTH = 40.0, 2.0  # mm
@@ -60,7 +60,7 @@ def test_a_held_bar_carries_the_moment_of_what_it_is_held_from(cube: Callable[..
 
 def test_the_tangent_with_eigenstrain_is_the_forces_gradient(cube: Callable[..., Case]) -> None:
     case = replace(cube((2, 1, 1), shift=0.1, seed=3), precurvature=0.3)
-    kernel, c = Kernel(case), Constants.of(case)
+    kernel, c = Kernel(case), ElementConstants.of(case)
     rng = np.random.default_rng(4)
     state = Problem.of(case).start()
     state = replace(state, u=rng.uniform(-0.03, 0.03, case.nodes.shape), p=rng.normal(0, 0.1, state.p.shape))
