@@ -25,8 +25,9 @@ from twin.project.folder import Project, Say
 from twin.project.targetfiles import write_targets
 from twin.project.toml import dump
 from twin.review.states import Generations
-from twin.stages.chain import run_calibrate, run_compare
+from twin.stages.calibrating import run_calibrate
 from twin.stages.checking import run_check
+from twin.stages.comparing import run_compare
 from twin.stages.workbench import Workbench
 from twin.targets import Array, Targets
 
