@@ -75,10 +75,11 @@ def concluded(rows: tuple[Candidate, ...], base: Comparison, fit: Fit, remainder
         )
     else:
         found = Diagnosis(
-            verdict="none of these", sentence="The model is wrong, and no effect of the library helps."
+            verdict="none of these",
+            sentence="Something is missing that the library does not have: no effect lowers the error.",
         )
     blind = [c.effect.name for c in rows if c.note]
-    unseen = f" These data cannot tell: {', '.join(blind)}." if blind else ""
+    unseen = f" Not visible in these data: {', '.join(blind)}." if blind else ""
     return replace(
         found,
         sentence=found.sentence + unseen,
@@ -94,7 +95,10 @@ def _judged(rows: tuple[Candidate, ...], best: Candidate, base: Comparison, afte
     explained = 1 - max(after.excess, 0.0) / max(base.excess, 1.0)
     name, law = best.effect.name, best.effect.label
     left = (best.final or after).rms_mm
-    change = f"{base.rms_mm:.3f} mm -> {left:.3f} mm rms (noise {base.noise_sd_mm:.3f} mm)"
+    change = (
+        f"With {law} the error falls from {base.rms_mm:.3f} to {left:.3f} mm rms; the noise is "
+        f"{base.noise_sd_mm:.3f} mm."
+    )
     named = Diagnosis(
         verdict=name, sentence="", named=(name,), law=law, kept=best, explained=explained
     )
@@ -102,20 +106,20 @@ def _judged(rows: tuple[Candidate, ...], best: Candidate, base: Comparison, afte
     if after.adequate and tied:
         names = (name, *dict.fromkeys(e.name for e in tied))
         test = next_test(best.effect, tied[0])
-        sentence = f"These data cannot tell {' from '.join(names)}; {change}."
+        sentence = f"These data cannot tell {' from '.join(names)}. {change}"
         verdict = f"{' or '.join(names)}: run test {test}"
         return replace(named, verdict=verdict, sentence=sentence, ties=(names,), next_test=test)
     if after.adequate:
-        return replace(named, sentence=f"{name} is missing: {best.effect.sentence}; {change}.")
+        return replace(named, sentence=f"{name} is missing: {best.effect.sentence}. {change}")
     if explained > EXPLAINED:
         sentence = (
-            f"{name} is the missing physics ({best.effect.sentence}), but its law is not exactly this one; "
-            f"{change}."
+            f"{name} is the missing physics: {best.effect.sentence}. Its law is not exactly the one of the "
+            f"library. {change}"
         )
         return replace(named, verdict="right physics, wrong law", sentence=sentence)
     sentence = (
-        f"The model is wrong by {base.rms_mm:.3f} mm rms, and the best effect of the library, {name}, "
-        f"explains only {100 * explained:.0f} % of it: something else is missing."
+        f"Something is missing that the library does not have. The model is wrong by {base.rms_mm:.3f} mm "
+        f"rms, and {name}, the best effect of the library, explains {100 * explained:.0f} % of it."
     )
     return Diagnosis(verdict="none of these", sentence=sentence, explained=explained)
 

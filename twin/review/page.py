@@ -26,7 +26,7 @@ def render(*, title: str, facts: Mapping[str, Any]) -> str:
     summary      two or three sentences below it
     date         text
     errors       {before_mm, after_mm, noise_mm, before_note, after_note, noise_note}
-    named        [{effect, text, note, parameters: [{name, value, low, high, unit}]}], low to high: 95 %
+    named        [{effect, text, note, parameters: [{name, value, low, high, unit, note}]}], low to high: 95 %
     ranking      [{effect, delta_bic, z, p_value, note, named (bool)}], best first
     ties         [[effect, ...], ...]
     next_test    sentence
@@ -45,6 +45,14 @@ def render(*, title: str, facts: Mapping[str, Any]) -> str:
     page = jinja2.Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True)
     page.filters |= FILTERS
     return page.from_string(TEMPLATE.read_text(encoding="utf-8")).render(title=title, facts=facts)
+
+
+def _notes(rows: Iterable[Mapping[str, Any]]) -> list[str]:
+    """What is noted of parameters, each note once: with their names, unless it is noted of all."""
+    rows = list(rows)
+    notes = dict.fromkeys(row["note"] for row in rows if row.get("note"))
+    named = {note: [row["name"] for row in rows if row.get("note") == note] for note in notes}
+    return [n if len(own) == len(rows) else f"{', '.join(own)}: {n}" for n, own in named.items()]
 
 
 def _groups(pictures: Iterable[Mapping[str, Any]] | None) -> list[list[Mapping[str, Any]]]:
@@ -78,6 +86,7 @@ FILTERS = {
     "interval": interval,
     "value": value,
     "probability": probability,
+    "notes": _notes,
     "groups": _groups,
     "drawing": _drawing,
 }

@@ -4,24 +4,23 @@ NaN is a gap everywhere. The text of a picture depends on its data alone (no dat
 """
 
 from collections.abc import Mapping, Sequence
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, MaxNLocator
+from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from twin.review.styling import (
     AFTER,
     BEFORE,
-    INK,
     MEASURED,
     NOISE,
     beside,
     cycle,
-    label_end,
+    label_ends,
     legend_above,
     log_if_wide,
     style,
@@ -30,6 +29,7 @@ from twin.review.styling import (
 from twin.targets import Array
 
 AXES_NAMES = ("U1", "U2", "U3")
+MODELS = ("model before", "model after")  # what the two models of a picture are called, unless told
 
 
 def displacements(
@@ -39,11 +39,13 @@ def displacements(
     before: Array | None = None,
     after: Array | None = None,
     names: Sequence[str],
+    labels: tuple[str, str] = MODELS,
     components: Sequence[int] = (0, 2),
 ) -> str:
     """Displacement against film time, a row per marker: measured, model before, model after.
 
-    time_s (s,) s; measured, before, after (s,p,3) mm; names (p,); components shown, 0 to 2.
+    time_s (s,) s; measured, before, after (s,p,3) mm; names (p,); labels of the two models; components
+    shown, 0 to 2.
     """
     with style():
         figure = Figure(figsize=(7.6, 0.55 + 0.95 * len(names)), layout="constrained")
@@ -54,10 +56,10 @@ def displacements(
                 axes.plot(time_s, measured[:, p, i], color=MEASURED, linewidth=3.2, label="measured")
                 if before is not None:
                     axes.plot(
-                        time_s, before[:, p, i], "--", color=BEFORE, label="model before", linewidth=1.1
+                        time_s, before[:, p, i], "--", color=BEFORE, label=labels[0], linewidth=1.1
                     )
                 if after is not None:
-                    axes.plot(time_s, after[:, p, i], color=AFTER, label="model after", linewidth=1.0)
+                    axes.plot(time_s, after[:, p, i], color=AFTER, label=labels[1], linewidth=1.0)
                 axes.yaxis.set_major_locator(MaxNLocator(3))
                 axes.margins(x=0.01)
             rows[p, 0].set_ylabel(name, rotation=0, ha="right", va="center")
@@ -76,16 +78,15 @@ def residual_map(
     names: Sequence[str],
     unit: str = "sd",
     components: Sequence[int] = (0, 2),
-    limit: float | None = None,
 ) -> str:
     """Measured minus model, markers against film time, a row per component and a column per map.
 
-    time_s (s,) s; maps {title: residual (s,p,3)} in `unit`; names (p,); limit of the colours, by default the
-    98th percentile of all sizes. Grey: not observed.
+    time_s (s,) s; maps {title: residual (s,p,3)} in `unit`; names (p,). The colours end at the 98th
+    percentile of all sizes. Grey: not observed.
     """
     shown = np.concatenate([np.abs(r[..., list(components)]).ravel() for r in maps.values()])
     shown = shown[np.isfinite(shown)]
-    top = limit if limit is not None else float(np.quantile(shown, 0.98)) if len(shown) else 1.0
+    top = float(np.quantile(shown, 0.98)) if len(shown) else 1.0
     top = top if top > 0.0 else 1.0
     with style({"axes.grid": False}):
         height = 0.7 + len(components) * (0.25 + 0.2 * len(names))
@@ -109,23 +110,22 @@ def residual_map(
 def generations(
     generation: NDArray[np.integer], *, rms_mm: Array, best: Array, names: Sequence[str], unit: str = "MPa"
 ) -> str:
-    """Best RMS error and its parameters over the generations of the genetic algorithm.
+    """Best RMS error and, below it, its parameters over the generations of the genetic algorithm.
 
     generation (g,); rms_mm (g,) mm; best (g,d) parameters in `unit`; names (d,).
     """
     with style():
-        figure = Figure(figsize=(7.6, 2.5), layout="constrained")
-        left, right = figure.subplots(1, 2)
-        left.plot(generation, rms_mm, color=AFTER, marker="o", markersize=3)
-        left.set_title("best RMS error, mm")
-        log_if_wide(left, rms_mm)
-        for name, value, colour in zip(names, best.T, cycle(len(names))):
-            right.plot(generation, value, color=colour, marker="o", markersize=3)
-            label_end(right, generation, value, text=name, colour=colour)
-        right.set_title(f"parameters of the best, {unit}")
-        for axes in (left, right):
-            axes.set_xlabel("generation")
-            axes.xaxis.set_major_locator(MaxNLocator(6, integer=True))
+        figure = Figure(figsize=(4.6, 3.6), layout="constrained")
+        above, below = figure.subplots(2, 1, sharex=True)
+        above.plot(generation, rms_mm, color=AFTER, marker="o", markersize=3)
+        above.set_title("best RMS error, mm")
+        log_if_wide(above, rms_mm)
+        for value, colour in zip(best.T, cycle(len(names))):
+            below.plot(generation, value, color=colour, marker="o", markersize=3)
+        label_ends(below, generation, best.T, names=names, colours=cycle(len(names)))
+        below.set_title(f"parameters of the best, {unit}")
+        below.set_xlabel("generation")
+        below.xaxis.set_major_locator(MaxNLocator(6, integer=True))
         return svg(figure)
 
 
@@ -136,11 +136,10 @@ def landscape(
     names: Sequence[str],
     unit: str = "MPa",
     best: Array | None = None,
-    ridge: Array | None = None,
 ) -> str:
-    """Error of all candidates over two parameters, with the ridge of nearly equal error.
+    """Error of all candidates over two parameters.
 
-    candidates (m,2) in `unit`; rms_mm (m,) mm, NaN = no solution; best (2,); ridge (k,2) a line.
+    candidates (m,2) in `unit`; rms_mm (m,) mm, NaN = no solution; best (2,).
     """
     with style():
         figure = Figure(figsize=(4.6, 3.6), layout="constrained")
@@ -156,8 +155,6 @@ def landscape(
                 place[:, 0], place[:, 1], c=error, norm=norm, cmap="viridis_r", s=16, linewidths=0
             )
             figure.colorbar(dots, ax=axes, label="RMS error, mm").outline.set_visible(False)
-        if ridge is not None:
-            axes.plot(ridge[:, 0], ridge[:, 1], "--", color=BEFORE, label="ridge: nearly equal error")
         if best is not None:
             axes.plot(*best, "*", color=BEFORE, markersize=11, markeredgecolor="white", label="best")
         axes.set(xlabel=f"{names[0]}, {unit}", ylabel=f"{names[1]}, {unit}")
@@ -169,36 +166,39 @@ def pressure_curves(
     pressure: Array,
     *,
     measured: Array,
-    initial: Array | None = None,
-    optimised: Array | None = None,
+    before: Array | None = None,
+    after: Array | None = None,
     names: Sequence[str],
+    labels: tuple[str, str] = MODELS,
     component: str = "U3",
 ) -> str:
-    """Displacement against pressure, a panel per marker: measured, initial and optimised model.
+    """Displacement against pressure, a panel per marker: measured, model before, model after.
 
-    pressure (s,) MPa; measured, initial, optimised (s,p) mm; names (p,).
+    pressure (s,) MPa; measured, before, after (s,p) mm; names (p,); labels of the two models. Every step is a
+    dot: a line would join the steps of a fast release, between which the path is not known.
     """
     with style():
         figure = Figure(figsize=(7.6, 2.8), layout="constrained")
         panels = figure.subplots(1, len(names), squeeze=False)[0]
         kilopascal = 1e3 * pressure
         for p, (axes, name) in enumerate(zip(panels, names)):
-            axes.plot(kilopascal, measured[:, p], "o", color=INK, markersize=3, label="measured")
-            if initial is not None:
-                axes.plot(kilopascal, initial[:, p], "--", color=BEFORE, label="initial model")
-            if optimised is not None:
-                axes.plot(kilopascal, optimised[:, p], color=AFTER, label="optimised model")
+            axes.plot(kilopascal, measured[:, p], "o", color=MEASURED, markersize=4.5, label="measured")
+            for model, colour, label in ((before, BEFORE, labels[0]), (after, AFTER, labels[1])):
+                if model is not None:
+                    axes.plot(kilopascal, model[:, p], "o", color=colour, markersize=1.4, label=label)
             axes.set(title=f"{name}: {component}, mm", xlabel="pressure, kPa")
         legend_above(figure, panels[0])
         return svg(figure)
 
 
-def error_bars(before_mm: float, *, after_mm: float | None, noise_mm: float) -> str:
-    """RMS error before and after adding the named effect, beside the noise floor; all in mm."""
-    rows = [("before", before_mm, BEFORE)]
+def error_bars(
+    before_mm: float, *, after_mm: float | None, noise_mm: float, labels: tuple[str, str] = MODELS
+) -> str:
+    """RMS error of the models before and after an effect was added, beside the noise; all in mm."""
+    rows = [(labels[0], before_mm, BEFORE)]
     if after_mm is not None:
-        rows.append(("after", after_mm, AFTER))
-    rows.append(("noise floor", noise_mm, NOISE))
+        rows.append((labels[1], after_mm, AFTER))
+    rows.append(("noise", noise_mm, NOISE))
     with style({"axes.grid": False}):
         figure = Figure(figsize=(4.6, 0.5 + 0.38 * len(rows)), layout="constrained")
         axes = figure.subplots()
@@ -210,42 +210,6 @@ def error_bars(before_mm: float, *, after_mm: float | None, noise_mm: float) -> 
         axes.set_yticks(range(len(rows)), [name for name, *_ in rows])
         _bare(axes)
         axes.set_title("RMS error")
-        return svg(figure)
-
-
-def ranking(
-    effects: Sequence[str],
-    *,
-    value: Sequence[float],
-    quantity: Literal["delta_bic", "z"] = "delta_bic",
-    named: Sequence[str] = (),
-    threshold: float | None = None,
-) -> str:
-    """The effects as bars, best first as given: gain in BIC or significance; the named ones stand out.
-
-    effects (e,) names; value (e,) of `quantity`, NaN = could not be tested; threshold drawn as a line.
-    """
-    labels = {"delta_bic": "gain in BIC (log scale)", "z": "significance, sd (log scale)"}
-    size = np.asarray(value, dtype=float)
-    with style({"axes.grid.axis": "x"}):
-        figure = Figure(figsize=(7.6, 0.75 + 0.27 * len(effects)), layout="constrained")
-        axes = figure.subplots()
-        rows = np.arange(len(effects))
-        tint = [AFTER if name in named else NOISE for name in effects]
-        axes.barh(rows, np.nan_to_num(np.maximum(size, 0.0)), color=tint, height=0.66)
-        for row, number in enumerate(size):
-            text = f"{number:,.0f}" if abs(number) >= 100 else f"{number:.3g}"
-            beside(axes, number, row, text=text if np.isfinite(number) else "not testable with this film")
-        if threshold is not None:
-            axes.axvline(threshold, color=INK, linewidth=0.8, linestyle=":")
-        axes.set_xscale("symlog", linthresh=10.0)
-        axes.xaxis.set_major_formatter(FuncFormatter(lambda number, _: f"{number:,.0f}"))
-        axes.set_xlim(0.0, 4.0 * max(10.0, float(np.nan_to_num(size).max(initial=0.0))))
-        axes.set_yticks(rows, effects)
-        axes.invert_yaxis()
-        axes.tick_params(axis="y", length=0)
-        axes.spines["left"].set_visible(False)
-        axes.set_xlabel(labels[quantity])
         return svg(figure)
 
 

@@ -2,7 +2,7 @@
 
 import io
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any
 
@@ -44,6 +44,7 @@ STYLE: dict[str, Any] = {
     "legend.frameon": False,
     "legend.handlelength": 1.6,
 }
+LINE = 0.15  # of the height of a plot is what a line of text needs in the smallest of them
 FONTS = "system-ui, 'Segoe UI', Roboto, 'Helvetica Neue', Arial, 'DejaVu Sans', sans-serif"
 
 
@@ -72,12 +73,21 @@ def legend_above(figure: Figure, axes: Axes) -> None:
     figure.legend(handles, labels, loc="outside upper right", ncols=len(labels), fontsize=8.5)
 
 
-def label_end(axes: Axes, x: NDArray[Any], y: Array, *, text: str, colour: str) -> None:
-    """Write a curve's name at its last point instead of in a legend."""
-    last = np.flatnonzero(np.isfinite(y))
-    if len(last):
-        place = (float(x[last[-1]]), float(y[last[-1]]))
-        axes.annotate(text, place, xytext=(5, 0), textcoords="offset points", color=colour, va="center")
+def label_ends(
+    axes: Axes, x: NDArray[Any], curves: Array, *, names: Sequence[str], colours: Sequence[str]
+) -> None:
+    """Write each curve's name beside its last point, names of neighbours apart; curves (c, k) over x (k,)."""
+    known = [np.flatnonzero(np.isfinite(y)) for y in curves]
+    ends = [(float(y[k[-1]]), n) for n, (y, k) in enumerate(zip(curves, known, strict=True)) if len(k)]
+    line = LINE * float(np.ptp(axes.get_ylim()))
+    height = -np.inf
+    for y, n in sorted(ends):
+        height = max(y, height + line)
+        place = (float(x[known[n][-1]]), height)
+        axes.annotate(
+            names[n], place, xytext=(5, 0), textcoords="offset points", color=colours[n], va="center",
+            annotation_clip=False,
+        )  # fmt: skip
 
 
 def log_if_wide(axes: Axes, values: Array) -> None:

@@ -36,8 +36,8 @@ def run_review(project: Project, say: Say) -> dict[str, Any]:
         write_report(run.path("report.html"), title=project.config.project.name, facts=story.facts(notes))
         run.summary["headline"] = story.headline
     for note in notes:
-        say(f"review: {note}")
-    say(f"review: wrote {project.shown(run.folder)}/review.rrd and report.html")
+        say(note)
+    say(f"Wrote {project.shown(run.folder)}/review.rrd and report.html")
     return {"stage": "review", "run": run.name, "notes": notes}
 
 
@@ -73,7 +73,20 @@ class _Story:
     @property
     def headline(self) -> str:
         """The diagnosis in one sentence, or what is to be done for one."""
-        return self.diagnosis.get("sentence") or "Not diagnosed yet: run twin diagnose."
+        return self._said[0]
+
+    @property
+    def _said(self) -> tuple[str, str]:
+        """The first sentence of the diagnosis, and the others."""
+        whole = self.diagnosis.get("sentence") or "Not diagnosed yet: run twin diagnose."
+        first, _, others = whole.partition(". ")
+        return (first + "." if others else first), others
+
+    @property
+    def _labels(self) -> tuple[str, str]:
+        """What the report calls the model before and the one with the effects that were added."""
+        effects = " and ".join(self.fit.get("effects", []))
+        return "base model", f"with {effects}" if effects else "model now"
 
     def recording(self, say: Say) -> list[str]:
         """Write review.rrd; returns its notes."""
@@ -95,7 +108,7 @@ class _Story:
 
     def _markdown(self) -> str:
         d = self.diagnosis
-        lines = [f"# {d.get('verdict', 'not diagnosed')}", "", self.headline]
+        lines = [f"# {d.get('verdict', 'not diagnosed')}", "", " ".join(self._said)]
         lines += ["", f"Calibration: {self.calibrated.get('identifiability', '')}"]
         return "\n".join(lines)
 
@@ -135,16 +148,17 @@ class _Story:
     def facts(self, notes: list[str]) -> dict[str, Any]:
         """Everything that the report shows."""
         d = self.diagnosis
-        ranking = [r | {"effect": r["law"], "named": r["effect"] in d["named"]} for r in d.get("ranking", [])]
+        every = [r | {"effect": r["law"], "named": r["effect"] in d["named"]} for r in d.get("ranking", [])]
         return {
             "headline": self.headline,
+            "summary": self._said[1],
             "date": date.today().isoformat(),
             "errors": self._errors(),
             "named": self._named(),
-            "ranking": ranking,
+            "ranking": [r for r in every if not _blind(r)],
             "ties": d.get("ties", []),
             "next_test": d.get("next_test"),
-            "cannot_tell": [f"{r['law']}: {r['note']}" for r in d.get("ranking", []) if r["note"]],
+            "cannot_tell": _by_note([r for r in every if _blind(r)]),
             "calibration": {
                 "parameters": _parameters(self.calibrated),
                 "sentence": self.calibrated.get("identifiability"),
@@ -167,7 +181,9 @@ class _Story:
         if d.get("rms_before_mm") is None:
             return None
         after = self.added.get("rms_mm") if self.added else None
-        return {"before_mm": d["rms_before_mm"], "after_mm": after, "noise_mm": d["noise_sd_mm"]}
+        errors = {"before_mm": d["rms_before_mm"], "after_mm": after, "noise_mm": d["noise_sd_mm"]}
+        before_note, after_note = self._labels
+        return errors | {"before_note": before_note, "after_note": after_note}
 
     def _named(self) -> list[dict[str, Any]]:
         """The effects in the model and the constants beside them, each with its parameters."""
@@ -210,6 +226,7 @@ class _Story:
                 self.diagnosis["rms_before_mm"],
                 after_mm=self.added.get("rms_mm"),
                 noise_mm=self.diagnosis["noise_sd_mm"],
+                labels=self._labels,
             )
             out.append(
                 {
@@ -225,7 +242,7 @@ class _Story:
                     "title": "Model at top pressure",
                     "half": True,
                     "png": self.run.path("deformed.png"),
-                    "caption": "Best model of the last generation, and the measured markers.",
+                    "caption": "Best model of the genetic algorithm, and the measured markers.",
                 }
             )
         out += self._time_pictures(t, rows, before, after)
@@ -233,6 +250,7 @@ class _Story:
         out.append(
             {
                 "title": "Genetic algorithm",
+                "half": True,
                 "caption": "Best RMS and constants of every generation.",
                 "svg": plots.generations(g.generation, rms_mm=g.rms_mm, best=g.best, names=g.names),
             }
@@ -243,7 +261,7 @@ class _Story:
                 {
                     "title": "Error landscape",
                     "half": True,
-                    "caption": "All candidates. The valley is C10 + C01 = constant: the two part badly.",
+                    "caption": "All candidates. Along the valley the sum of the two is the same.",
                     "svg": plots.landscape(
                         found["x"], rms_mm=found["rms_mm"], names=g.names, best=g.best[-1]
                     ),
@@ -263,20 +281,21 @@ class _Story:
         own = rows[shown] if shown else rows[-2:]
         maps = {
             title: 1e3 * found["cleaned"][:, rows]
-            for title, found in (("before", before), ("after", after))
+            for title, found in zip(self._labels, (before, after), strict=True)
             if "cleaned" in found
         }
-        start, end = before["u"], after.get("u")
+        start, end, models = before["u"], after.get("u"), " and ".join(self._labels[: 1 + bool(after)])
         out = [
             {
                 "title": "Displacement",
-                "caption": "Measured, and the model before and after.",
+                "caption": f"Measured; {models}.",
                 "svg": plots.displacements(
                     time,
                     measured=t.value[:, own],
                     before=start[:, own],
                     after=None if end is None else end[:, own],
                     names=[t.names[r] for r in own],
+                    labels=self._labels,
                 ),
             },
         ]
@@ -289,17 +308,17 @@ class _Story:
                     "svg": plots.residual_map(time, maps=maps, names=names, unit="um"),
                 }
             )
-        initial, step = start[:, own, 2], max(1, len(time) // 150)
         out.append(
             {
                 "title": "U3 against pressure",
-                "caption": "Measured, base model, model with the added effect.",
+                "caption": f"Measured; {models}. Every dot is a step of the film.",
                 "svg": plots.pressure_curves(
-                    t.pressure[::step],
-                    measured=t.value[::step][:, own, 2],
-                    initial=initial[::step],
-                    optimised=None if end is None else end[::step][:, own, 2],
+                    t.pressure,
+                    measured=t.value[:, own, 2],
+                    before=start[:, own, 2],
+                    after=None if end is None else end[:, own, 2],
                     names=[t.names[r] for r in own],
+                    labels=self._labels,
                 ),
             }
         )
@@ -313,6 +332,17 @@ class _Story:
 
 def _parameters(fit: dict[str, Any]) -> list[dict[str, Any]]:
     return [{"name": e.name} | e.to_dict() for e in estimates_of_record(fit)]
+
+
+def _blind(row: dict[str, Any]) -> bool:
+    """Whether an effect of the ranking was never tested, and its note says why."""
+    return bool(row["note"]) and row["delta_bic"] is None
+
+
+def _by_note(rows: list[dict[str, Any]]) -> list[str]:
+    """One sentence for all effects of which the same is noted."""
+    notes = dict.fromkeys(r["note"] for r in rows)
+    return [f"{', '.join(r['law'] for r in rows if r['note'] == note)}: {note}." for note in notes]
 
 
 def _round(x: Any) -> Any:

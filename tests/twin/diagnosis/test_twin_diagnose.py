@@ -154,7 +154,7 @@ def test_without_a_log_history_is_not_testable(laboratory: Laboratory) -> None:
     asking = {"creep", "mullins", "pressure_lag", "gravity"}
     assert {name for name, note in notes.items() if note.startswith("not testable")} == asking
     assert "cannot be seen apart" in notes["pressure_gain"]  # C10 and C01 do the same
-    assert "cannot tell: " in found.sentence
+    assert "Not visible in these data: " in found.sentence
 
 
 def test_hidden_softening_of_another_law_is_named(laboratory: Laboratory) -> None:

@@ -74,4 +74,4 @@ def test_an_effect_that_gains_too_little_is_not_named(p_value: float, verdict: s
 
 def test_what_the_data_cannot_tell_is_said() -> None:
     blind = Candidate(effect=effect("clamp"), z=0.0, p_value=1.0, note="cannot be seen")
-    assert "These data cannot tell: clamp." in verdict_on(tried("creep", 900.0, 0.0, 0.4), blind).sentence
+    assert "Not visible in these data: clamp." in verdict_on(tried("creep", 900.0, 0.0, 0.4), blind).sentence

@@ -184,3 +184,13 @@ def test_numbers_have_the_digits_that_they_deserve() -> None:
     assert value({"value": 0.2}) == "0.2"
     assert interval({"value": 0.2, "low": float("nan"), "high": 1.0}) == "–"
     assert [probability(p) for p in (0.012345, 0.0, None)] == ["0.012", "< 1e-99", "–"]
+
+
+def test_a_note_stands_once_and_names_the_parameters_that_it_is_of() -> None:
+    def page(*notes: str) -> str:
+        rows = [{"name": f"p{k}", "value": 0.1, "low": None, "high": None, "note": note} for k, note in enumerate(notes)]
+        return render(title="t", facts={"calibration": {"parameters": rows}})
+
+    assert page("no interval: x", "no interval: x").count("no interval: x") == 1
+    assert "p1: ends at its bound" in page("", "ends at its bound")
+    assert "class=\"note\"" not in page("", "")

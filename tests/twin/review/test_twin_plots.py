@@ -39,22 +39,16 @@ PLOTS: dict[str, Callable[[], str]] = {
         rms_mm=np.where(np.arange(60) % 7 == 0, np.nan, np.arange(60) + 1.0),
         names=("C10", "C01"),
         best=np.array([0.214, 0.083]),
-        ridge=np.array([[0.0, 0.3], [0.3, 0.0]]),
     ),
     "pressure_curves": lambda: plots.pressure_curves(
         PRESSURE,
         measured=MEASURED[:, :2, 2],
-        initial=BEFORE[:, :2, 2],
-        optimised=AFTER[:, :2, 2],
+        before=BEFORE[:, :2, 2],
+        after=AFTER[:, :2, 2],
         names=("4401 (tip)", "5848 (middle)"),
+        labels=("base model", "with creep"),
     ),
     "error_bars": lambda: plots.error_bars(0.2123, after_mm=0.0531, noise_mm=0.0502),
-    "ranking": lambda: plots.ranking(
-        ["creep", "pressure_lag", "clamp", "gravity"],
-        value=[10043.0, 41.2, -3.0, np.nan],
-        named=["creep"],
-        threshold=6.0,
-    ),
 }
 WORDS = {
     "displacements": [
@@ -73,7 +67,6 @@ WORDS = {
         "C10, MPa",
         "C01, MPa",
         "RMS error, mm",
-        "ridge: nearly equal error",
         "best",
         "no solution",
     ],
@@ -82,10 +75,10 @@ WORDS = {
         "5848 (middle): U3, mm",
         "pressure, kPa",
         "30",
-        "initial model",
+        "base model",
+        "with creep",
     ],
-    "error_bars": ["before", "after", "noise floor", "0.212 mm", "0.0531 mm", "0.0502 mm"],
-    "ranking": ["creep", "10,043", "41.2", "-3", "not testable with this film", "gain in BIC (log scale)"],
+    "error_bars": ["model before", "model after", "noise", "0.212 mm", "0.0531 mm", "0.0502 mm"],
 }
 
 
@@ -116,7 +109,6 @@ def test_plots_of_nothing_but_gaps_are_drawn() -> None:
     plots.displacements(TIME, measured=GAPS, names=MARKERS)
     plots.residual_map(TIME[:1], maps={"before": GAPS[:1]}, names=MARKERS)
     plots.landscape(np.ones((3, 2)), rms_mm=np.full(3, np.nan), names=("C10", "C01"))
-    plots.ranking([], value=[])
     assert "not known" in words(plots.error_bars(np.nan, after_mm=None, noise_mm=0.05))
 
 
@@ -140,10 +132,24 @@ def test_bars_are_as_long_as_the_errors() -> None:
     assert after / noise == pytest.approx(2.0, rel=1e-4)
 
 
-def test_only_the_named_effect_stands_out() -> None:
-    svg = PLOTS["ranking"]()
-    assert len(bar_lengths(svg, plots.AFTER)) == 1
-    assert len(bar_lengths(svg, plots.NOISE)) == 3
+def heights(svg: str, names: tuple[str, ...]) -> list[float]:
+    """Heights in pt at which these texts stand."""
+    return [float(re.findall(rf' y="([-\d.]+)"[^>]*>{name}</text>', svg)[0]) for name in names]
+
+
+def test_names_of_curves_that_end_together_stand_apart() -> None:
+    best = np.linspace(0.0, 1.0, 20)[:, None] * [0.150, 0.149] + [0.0, 0.001]
+    svg = plots.generations(np.arange(1, 21), rms_mm=np.ones(20), best=best, names=("C10", "C01"))
+    ends = heights(svg, ("C10", "C01"))
+    assert abs(ends[0] - ends[1]) > 9.0  # pt, a line of text
+
+
+def test_no_line_joins_the_steps_of_a_release() -> None:
+    svg = PLOTS["pressure_curves"]()
+    for colour in (plots.BEFORE, plots.AFTER, plots.MEASURED):
+        # a dot is a short path, used at every step; a line would be one path with a segment for each step
+        paths = re.findall(rf'<path d="([^"]+)"[^>]*style="[^"]*stroke: {colour}', svg)
+        assert all(path.count("L") <= 1 for path in paths), colour
 
 
 def tensor_hexahedron() -> np.ndarray:
