@@ -17,7 +17,7 @@ class PressureGain(Effect):
     """The gauge reads wrong by a constant factor: true pressure = (1 + gain) recorded."""
 
     name, order = "pressure_gain", Order.GAUGE_GAIN
-    sentence = "the pressure gauge is off by a constant factor"
+    sentence = "the pressure gauge reads wrong by a constant factor"
     parameters = (Parameter("pressure_gain.gain", -0.3, 0.3, "", null=0.0, typical=0.02),)
     separations: ClassVar[Mapping[str, str]] = {
         "camera_scale": "measure the pressure gauge against a second one"
@@ -32,7 +32,7 @@ class PressureOffset(Effect):
     """The gauge's zero is off: true pressure = recorded + offset, after any gain."""
 
     name, order = "pressure_offset", Order.GAUGE_OFFSET
-    sentence = "the pressure gauge's zero is off by a constant"
+    sentence = "the pressure gauge does not read zero without pressure"
     parameters = (Parameter("pressure_offset.offset", -5e-3, 5e-3, "MPa", null=0.0, typical=2e-4),)
 
     def before(self, test: Test, theta: Theta) -> Test:
@@ -44,7 +44,7 @@ class Gravity(Effect):
     """The silicone has a density, or more than the base model: its weight bends the finger, at rest too."""
 
     name, order, requires = "gravity", Order.MATERIAL, (Requirement.GRAVITY,)
-    sentence = "the finger is bent by its own weight"
+    sentence = "the finger bends under its own weight"
     parameters = (
         Parameter(
             "gravity.density", 0.0, 5e-9, "tonne/mm3", null=0.0, typical=1e-9, plausible=(0.9e-9, 1.3e-9)
@@ -66,7 +66,7 @@ class PressureLag(Effect):
     """The chamber follows the gauge as a first-order line: tau dp/dt = recorded - p."""
 
     name, order, requires = "pressure_lag", Order.LINE, (Requirement.HISTORY,)
-    sentence = "the chamber's pressure lags behind the gauge (hose and orifice)"
+    sentence = "the pressure in the chamber lags behind the gauge (hose and orifice)"
     parameters = (Parameter("pressure_lag.tau", 0.0, 5.0, "s", null=0.0, typical=0.1),)
 
     def before(self, test: Test, theta: Theta) -> Test:

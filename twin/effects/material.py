@@ -58,7 +58,7 @@ class Creep(Family):
     """Finite-strain Prony relaxation G(t) = G0 [1 - sum g_i (1 - exp(-t / tau_i))] with one or two terms."""
 
     name, order, requires = "creep", Order.MATERIAL, (Requirement.HISTORY,)
-    sentence = "the silicone keeps yielding under a held pressure and recovers slowly (viscoelasticity)"
+    sentence = "the silicone creeps: it keeps moving under a held pressure and recovers slowly (viscoelasticity)"
     separations: ClassVar[Mapping[str, str]] = {
         "pressure_lag": "hold the top pressure for 60 s and film a 0.2 s step at 30 frames/s",
         "mullins": "repeat the cycle after a minute of rest: softening stays, creep fades",
@@ -98,7 +98,7 @@ class Stiffening(Family):
     terms a cubic one, C30 (I1 - 3)^3, too: Yeoh's law, and Gent's to third order."""
 
     name, order = "stiffening", Order.MATERIAL
-    sentence = "the silicone stiffens (or softens) with strain beyond the Mooney-Rivlin law"
+    sentence = "the silicone stiffens or softens with strain, other than the Mooney-Rivlin law says"
     separations: ClassVar[Mapping[str, str]] = {"camera_scale": "film a ruler in the finger's plane"}
     added: ClassVar[Theta] = {"stiffening.C30": 0.0}
 
@@ -146,7 +146,7 @@ class Compressibility(Effect):
     """The bulk modulus K is finite beyond the base's: 1/K = 1/K_base + excess."""
 
     name, order = "compressibility", Order.MATERIAL
-    sentence = "the silicone is compressible (bubbles, or a bulk modulus near its shear modulus)"
+    sentence = "the silicone changes its volume (bubbles, or a low bulk modulus)"
     parameters = (
         Parameter(
             "compressibility.excess", 0.0, 0.5, "1/MPa", null=0.0, typical=0.02, plausible=(1e-3, 0.2)

@@ -9,7 +9,7 @@ class CameraScale(Effect):
     """The picture is magnified: all positions are seen (1 + scale) times as far from the origin."""
 
     name, order = "camera_scale", Order.CAMERA
-    sentence = "the picture's scale (mm per pixel) is off by a constant factor"
+    sentence = "the picture's scale (mm per pixel) is wrong by a constant factor"
     parameters = (Parameter("camera_scale.scale", -0.2, 0.2, "", null=0.0, typical=0.01),)
 
     def after(self, u: Array, test: Test, theta: Theta) -> Array:

@@ -27,13 +27,13 @@ def unloads(targets: Targets) -> bool:
 MEANING: dict[Requirement, tuple[Callable[[Targets], bool], str]] = {
     Requirement.HISTORY: (
         lambda targets: bool(targets.has_log),
-        "needs the pressure between the steps (a dense log)",
+        "needs the pressure between the steps (targets/pressure.csv)",
     ),
     Requirement.GRAVITY: (
         lambda targets: targets.gravity is not None,
         "needs the direction of gravity (twin.toml [model], or targets.toml by block)",
     ),
-    Requirement.UNLOADING: (unloads, "needs steps at which the pressure has fallen again"),
+    Requirement.UNLOADING: (unloads, "needs steps at which the pressure has fallen"),
 }
 
 

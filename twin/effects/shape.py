@@ -57,7 +57,7 @@ class WallTaper(InnerShape):
     """Walls get thicker from base to tip by `mm` in all, thinner before the middle, thicker behind it."""
 
     name = "wall_taper"
-    sentence = "the walls' thickness changes along the finger (the core was thinner at one end)"
+    sentence = "the walls get thicker or thinner along the finger (the core was thinner at one end)"
     parameters = (Parameter("wall_taper.mm", -1.2, 1.2, "mm", null=0.0, typical=0.1),)
 
     def motion(self, inner: Inside, theta: Theta) -> Array:
@@ -68,7 +68,7 @@ class EccentricCore(InnerShape):
     """The chamber as a whole lies higher by `mm`: the bottom is thicker, the top thinner."""
 
     name = "eccentric_core"
-    sentence = "the core sat off its place in height: top and bottom walls are not as drawn"
+    sentence = "the core sat too high or too low: top and bottom walls are not as drawn"
     parameters = (Parameter("eccentric_core.mm", -1.0, 1.0, "mm", null=0.0, typical=0.1),)
 
     def motion(self, inner: Inside, theta: Theta) -> Array:
@@ -95,7 +95,7 @@ class Ballooning(InnerShape):
     """A band around the chamber is thinner by `depth`: a Gaussian of sd `width` along x, about `place`."""
 
     name = "ballooning"
-    sentence = "the wall is thin at one place along the finger, where it balloons"
+    sentence = "the wall is thin at one place along the finger and balloons there"
     parameters = (
         Parameter("ballooning.depth", 0.0, 0.9, "mm", null=0.0, typical=0.1),
         Parameter("ballooning.place", 0.0, 1.0, "", typical=0.1),
@@ -116,7 +116,7 @@ class Precurvature(Effect):
     """
 
     name, order = "precurvature", Order.GEOMETRY
-    sentence = "the finger is curved where it is free of stress (it shrank, or cured, more on one side)"
+    sentence = "the finger is curved without any load (it shrank or cured more on one side)"
     parameters = (Parameter("precurvature.per_mm", -3e-3, 3e-3, "1/mm", null=0.0, typical=1e-4),)
 
     def before(self, test: Test, theta: Theta) -> Test:

@@ -66,7 +66,7 @@ class StrainLimitingLayer(Effect):
     """A sheet of fabric or paper in the flat bottom: stiff along it, without stiffness to bending."""
 
     name, order = "strain_limiting_layer", Order.MATERIAL
-    sentence = "a sheet in the bottom (fabric, paper, a skin of glue) stops it from stretching"
+    sentence = "a sheet in the bottom (fabric, paper, a skin of glue) keeps it from stretching"
     parameters = (Parameter("strain_limiting_layer.stiffness", 0.0, 50.0, "N/mm", null=0.0, typical=0.05),)
 
     def before(self, test: Test, theta: Theta) -> Test:

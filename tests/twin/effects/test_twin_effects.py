@@ -170,7 +170,7 @@ def test_an_effect_is_not_testable_without_what_it_requires(make_targets: Callab
     assert lacking(effect("gravity").requires, make_targets(gravity=np.array([[0.0, 0.0, -1.0]]))) == ""
     assert lacking(effect("creep").requires, t) == ""
     bare = make_targets(log_time=t.time, log_pressure=t.pressure)
-    assert lacking(effect("creep").requires, bare) == "not testable: needs the pressure between the steps (a dense log)"
+    assert lacking(effect("creep").requires, bare) == "not testable: needs the pressure between the steps (targets/pressure.csv)"
 
 
 def test_the_clamps_compliance_is_to_the_moment_of_the_whole_finger(base: Model) -> None:
