@@ -37,7 +37,7 @@ def run(*arguments: object) -> None:
 def batch(tube_deck: Tube, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A project after init, calibrate, compare and review. The truth has richer elements than the deck."""
     root = tmp_path_factory.mktemp("deck")
-    deck = tube_deck(root, "C3D20RH", cells=5)
+    deck = tube_deck(root, "C3D20RH", cells=4)
     case = read_deck(deck).case
     truth = replace(enriched(case), materials=dict.fromkeys(case.materials, SILICONE))
     bench = virtual.Bench(film_hz=2.0, gauge_sd_MPa=1e-4, sd=0.002)
@@ -51,7 +51,7 @@ def batch(tube_deck: Tube, tmp_path_factory: pytest.TempPathFactory) -> Path:
     named = [a for name, label in NODES.items() for a in ("--node", f"{name}={label}")]
     run("init", root / "batch", "--targets", root / "targets", "--deck", deck, *named)
     toml = root / "batch" / "twin.toml"
-    toml.write_text(toml.read_text().replace("population = 30", "population = 8").replace("generations = 20", "generations = 3"))
+    toml.write_text(toml.read_text().replace("population = 30", "population = 8").replace("generations = 20", "generations = 2"))
     for stage in ("check", "calibrate", "compare", "review"):
         run(stage, "--project", root / "batch")
     return root / "batch"

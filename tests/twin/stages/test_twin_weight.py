@@ -67,17 +67,17 @@ def film(finger: Finger, case: Case, density: float, *gravity: Array, lattice: L
 
 
 def test_the_table_under_weight_is_full_finite_elements(
-    short_case: Case, make_targets: Callable[..., Targets], monkeypatch: pytest.MonkeyPatch
+    coarsest_case: Case, make_targets: Callable[..., Targets], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     for name, value in (("TOTALS", 4), ("SHARES", 3), ("LEVELS", 6)):
         monkeypatch.setattr(loadpaths, name, value)  # quick, and still within the tolerance
-    heavy, where = short_case.with_material(density=DENSITY), short_case.position(4401)[None]
+    heavy, where = coarsest_case.with_material(density=DENSITY), coarsest_case.position(4401)[None]
     t = make_targets(gravity=np.stack([DOWN, -DOWN]), block=np.array([0, 0, 0, 0, 1, 1, 1, 1]))
     course = base_test(t, heavy).path
     gravities, of_step = ways(heavy, course)
     assert gravities.tolist() == [[0, 0, -G], [0, 0, G]]
     assert of_step.tolist() == [0, 0, 0, 0, 1, 1, 1, 1]
-    assert not ways(short_case, course)[0].any()  # nothing is heavy
+    assert not ways(coarsest_case, course)[0].any()  # nothing is heavy
     paths = Turned(
         tuple(
             sheets(heavy, where, cache=no_cache, key="k", top=0.2, totals=(0.15, 0.6), gravity=g)
@@ -93,7 +93,7 @@ def test_the_table_under_weight_is_full_finite_elements(
         load = np.array([0.0, max(t.pressure[k], 1e-6)])
         full = solve(case, Path(load, load, load[1:], gravity=gravities[of_step[k]]), count=3)
         sag = solve(case, Path(load, load, load[:1], gravity=gravities[of_step[k]])).at(where)[0]
-        assert np.abs(sag).max() > 2.5  # mm
+        assert np.abs(sag).max() > 0.5  # mm
         np.testing.assert_allclose(row, full.at(where)[0], rtol=0, atol=0.01 * np.abs(sag).max())
     assert paths.predict(constants, np.full(8, 0.21 * constants.total)) is None
 
@@ -121,7 +121,7 @@ def test_the_meshs_error_under_weight_lies_within_its_modes(
 @pytest.fixture(scope="module")
 def project(tmp_path_factory: pytest.TempPathFactory, short_case: Case, short: Finger, say: Say) -> Project:
     """A weighed finger in one orientation, without a noise model, after calibrate and compare."""
-    targets = film(short, short_case, DENSITY, DOWN, lattice=Lattice(per_bellow=3, centred=False))
+    targets = film(short, short_case, DENSITY, DOWN, lattice=Lattice(per_bellow=2, centred=False))
     config = Config(
         project=ProjectTable(name="weighed"),
         # gravity is a direction: its length is of no matter
@@ -130,7 +130,7 @@ def project(tmp_path_factory: pytest.TempPathFactory, short_case: Case, short: F
             PointTable(name=p.name, node=p.node) for p in targets.points if p.node is not None
         ),
         calibrate=CalibrateTable(
-            population=8, generations=3, objective_points=("tip",), bounds={"C10": (0.1, 0.3), "C01": (0.03, 0.2)}
+            population=8, generations=2, objective_points=("tip",), bounds={"C10": (0.1, 0.3), "C01": (0.03, 0.2)}
         ),
     )
     folder = tmp_path_factory.mktemp("weighed") / "batch"
