@@ -1,6 +1,7 @@
-"""A test and effects become predicted displacements with derivatives and modes.
+"""A test and effects become predicted displacements, with derivatives and with the error of the mesh.
 
-`prediction` is the model; `structure` says what it is made of (built-in finger or a deck);
-`discretisation` measures the error of its mesh; `loadpaths` tabulates it over C10 and C01 for the genetic
-algorithm.
+Read `prediction` first: a model without any state. `memo` keeps its solves and changes no answer; `building`
+makes the base model of targets. `structure` says what a model is made of: the built-in finger or a deck.
+`discretisation` measures the error of its mesh on finer meshes. `loadpaths` tabulates displacements over C10
+and C01 for the genetic algorithm. `arraycache` says what stored arrays are keyed by.
 """

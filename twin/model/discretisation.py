@@ -126,7 +126,7 @@ def _responses(
         for name, mesh in reversed(meshes.items())  # the largest first
         for way, g in enumerate(gravities)
     }
-    made = cache("discretisation error", tasks)
+    made = cache("error of the mesh", tasks)
     return {place: made[key] for place, key in keys.items()}
 
 
@@ -150,8 +150,9 @@ def _response(
     solution = solve(case, Path(grid, grid, grid, gravity=gravity), count=COUNT)
     if not solution.converged:
         raise ValueError(
-            f"discretisation error: the finer mesh of {len(case.nodes)} nodes {solution.reason}; fix C10 or "
-            "C01 in twin.toml [model] fixed, or film at a lower pressure"
+            f"error of the mesh: the finer mesh of {len(case.nodes)} nodes {solution.reason}; wanted a "
+            "solution up to the highest pressure: fix C10 or C01 in twin.toml [model] fixed, or film at a "
+            "lower pressure"
         )
     # Surfaces of meshes that follow one geometry differ a little: a point of one may lie beside another.
     return solution.at(np.array([nearest(solution.case, x) for x in points]))

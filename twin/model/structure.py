@@ -142,19 +142,23 @@ def _fitted(case: Case, wanted: tuple[str, ...], path: Path) -> tuple[str, ...]:
     for name in names:
         if name not in case.materials:
             raise ValueError(
-                f"model.silicone = {name!r}: {path.name} has no *SOLID SECTION of that name, but {known}"
+                f"model.silicone = {name!r}: {path.name} has no *SOLID SECTION of that name; wanted one of "
+                f"{known}"
             )
     if not names and len(set(case.materials.values())) > 1:
         raise ValueError(
-            f"{path.name} has several materials ({known}): say which element sets are the silicone that is "
-            f'calibrated, as in silicone = ["{next(iter(case.materials))}"] under [model] in twin.toml'
+            f"{path.name} has several materials ({known}); wanted the element sets whose silicone is "
+            f'calibrated: write, for example, silicone = ["{next(iter(case.materials))}"] under [model] in '
+            "twin.toml"
         )
     return names or tuple(case.materials)
 
 
 def _divided(case: Case, mesh: int) -> Case:
     if mesh & (mesh - 1):
-        raise ValueError(f"model.mesh = {mesh}: a deck's elements are halved, wanted 1, 2, 4 ..")
+        raise ValueError(
+            f"model.mesh = {mesh}: the elements of a deck are halved again and again; wanted 1, 2, 4 .."
+        )
     return case if mesh == 1 else _divided(refined(case), mesh // 2)
 
 
@@ -187,9 +191,8 @@ def _refinements(case: Case, key: str) -> tuple[dict[str, Mesh], str]:
         meshes["halved elements"] = Mesh(f"{key}-halved", partial(refined, case))
     if not meshes:
         return {}, (
-            f"the discretisation error of the deck's mesh is not known: refined, it would have some "
-            f"{8 * count} nodes, more than the {LARGEST} that are solved for it; wanted a mesh of at most "
-            f"{LARGEST // 8} nodes"
+            f"the error of the deck's mesh is not known: refined, it would have about {8 * count} nodes, and "
+            f"at most {LARGEST} are solved for it; wanted a mesh of at most {LARGEST // 8} nodes"
         )
     return {**meshes, "check": meshes[list(meshes)[-1]]}, ""
 
@@ -209,24 +212,25 @@ def _outside(case: Case) -> Integers:
 def _remarks(
     path: Path, deck: Deck, case: Case, fitted: tuple[str, ...], meshes: Mapping[str, Mesh]
 ) -> tuple[str, ...]:
+    """Sentences on what the model takes from a deck, and what it cannot do with it."""
     low, high = (", ".join(f"{x:g}" for x in f(axis=0)) for f in (case.nodes.min, case.nodes.max))
-    law = "Mooney-Rivlin with fitted C10 and C01 takes the place of the deck's law"
-    tested = (
-        f"discretisation error from {' and '.join(list(meshes)[:-1])}"
-        if meshes
-        else f"a mesh of at most {LARGEST // 8} nodes is wanted for the discretisation error: calibrate and "
-        "compare leave it out, diagnose cannot test"
+    size = f"{len(case.nodes)} nodes, {len(case.connectivity)} elements {case.element.name}"
+    loose = f"{path.name}: no single node set is fully held; a soft clamp is not tested."
+    held = () if case.clamp else (loose,)
+    return (
+        f"{path.name}: {size}, from ({low}) to ({high}) mm. x is read as the finger's length, z as up.",
+        f"{path.name}: Mooney-Rivlin with fitted C10 and C01 replaces the material of {', '.join(fitted)}."
+        + (f" The material of {', '.join(case.kept)} stays." if case.kept else ""),
+        f"{path.name}: {_tested(meshes)}",
+        *held,
     )
-    clamp = "" if case.clamp else "no single node set is fully held: the clamp's compliance cannot be tested"
-    return tuple(
-        text
-        for text in (
-            f"{path.name}: {len(case.nodes)} nodes, {len(case.connectivity)} elements {case.element.name}, "
-            f"from ({low}) to ({high}) mm; x is taken to run along the finger, z up",
-            f"{path.name}: {law} in {', '.join(fitted)}"
-            + (f"; {', '.join(case.kept)} stays as it is" if case.kept else ""),
-            f"{path.name}: {tested}",
-            clamp and f"{path.name}: {clamp}",
-        )
-        if text
+
+
+def _tested(meshes: Mapping[str, Mesh]) -> str:
+    """A sentence on how the error of the mesh is found, or why it is not."""
+    if meshes:
+        return f"the error of the mesh is estimated with {' and '.join(list(meshes)[:-1])}."
+    return (
+        f"the mesh is too large to estimate its error: at most {LARGEST // 8} nodes are wanted. calibrate "
+        "and compare leave this error out, and diagnose cannot test."
     )

@@ -77,7 +77,8 @@ class Workbench:
         for point in targets.points:
             if point.kind is PointKind.UNKNOWN:
                 raise ValueError(
-                    f"point {point.name!r} has no node; give its node label in twin.toml [[points]]"
+                    f"point {point.name!r} has no node; wanted its node label in the model: add it under "
+                    "[[points]] in twin.toml"
                 )
             if point.node is not None:
                 structure.case.position(point.node)  # names what is wrong with an unknown node
@@ -171,6 +172,6 @@ def _on_model(targets: Targets, case: Case) -> tuple[Targets, tuple[str, ...]]:
     if not moved:
         return targets, ()
     return replace(targets, points=tuple(points)), (
-        f"{moved} of {len(off)} points that are no nodes lie off the model, up to {off[worst]:.2f} mm "
-        f"({worst}), and are taken at the nearest point of it",
+        f"{moved} of {len(off)} points without a node lie up to {off[worst]:.2f} mm off the model ({worst}). "
+        "The nearest point of the model stands for each.",
     )

@@ -37,7 +37,7 @@ def run(*arguments: object) -> None:
 def batch(tube_deck: Tube, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A project after init, calibrate, compare and review. The truth has richer elements than the deck."""
     root = tmp_path_factory.mktemp("deck")
-    deck = tube_deck(root, "C3D20RH", cells=4)
+    deck = tube_deck(root, "C3D20RH", cells=5)
     case = read_deck(deck).case
     truth = replace(enriched(case), materials=dict.fromkeys(case.materials, SILICONE))
     bench = virtual.Bench(film_hz=2.0, gauge_sd_MPa=1e-4, sd=0.002)
@@ -162,7 +162,7 @@ def test_a_mesh_too_large_to_refine_is_said_to_be_untested(
     monkeypatch.setattr(structure, "LARGEST", 1000)
     found = of_deck(deck)
     assert not found.finer
-    assert "the discretisation error of the deck's mesh is not known" in found.unknown
+    assert "the error of the deck's mesh is not known" in found.unknown
     assert any("diagnose cannot test" in r for r in found.remarks)
 
 
@@ -180,7 +180,7 @@ def two_materials(deck: Path) -> Path:
 
 def test_of_two_materials_one_is_the_silicone(tube_deck: Tube, tmp_path: Path) -> None:
     deck = two_materials(tube_deck(tmp_path, "C3D8H", cells=4))
-    with pytest.raises(ValueError, match=r"several materials \(rest, paper\): say which element sets are the silicone"):
+    with pytest.raises(ValueError, match=r"several materials \(rest, paper\); wanted the element sets whose silicone"):
         of_deck(deck)
     with pytest.raises(ValueError, match=r"model.silicone = 'glue': tube.inp has no \*SOLID SECTION of that name"):
         of_deck(deck, silicone=("glue",))
@@ -199,7 +199,7 @@ def test_what_is_wrong_with_the_deck_of_a_project_is_one_sentence(
     with pytest.raises(ValueError, match=r"model.deck = 'raw/no.inp': no such file in"):
         structure_of(lost)
     odd = Project(batch, project.config.model_copy(update={"model": model.model_copy(update={"mesh": 3})}))
-    with pytest.raises(ValueError, match=r"model.mesh = 3: a deck's elements are halved, wanted 1, 2, 4"):
+    with pytest.raises(ValueError, match=r"model.mesh = 3: the elements of a deck are halved again and again; wanted 1, 2, 4"):
         structure_of(odd)
     deck = tube_deck(tmp_path, "C3D8H", cells=4)
     with pytest.raises(ValueError, match="--deck without --node"):

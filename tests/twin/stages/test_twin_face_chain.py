@@ -116,7 +116,7 @@ def test_points_beside_the_surface_are_taken_on_it(project: Project, tmp_path: P
     # a hundredth of an element's side is the surfaces' own difference
     assert now == pytest.approx(before, abs=0.01)
     (said,) = bench.remarks
-    assert said.startswith("3 of 7 points that are no nodes lie off the model, up to 0.30 mm (face00")
+    assert said.startswith("3 of 7 points without a node lie up to 0.30 mm off the model (face00")
     assert Workbench.of(project).remarks == ()
     with pytest.raises(ValueError, match=r"'face003' lies 0\.80 mm off the model, wanted at most 0\.5 mm.*y_mm in"):
         Workbench.of(changed(project, tmp_path / "far", slice(2, 3), (0.0, 0.8, 0.0)))
