@@ -11,6 +11,9 @@ SILICONE = Material(C10=0.214, C01=0.083)
 SHORT = Finger(
     length=10 + 100 / 3, bellows=3, tip_node=(10 + 100 / 3, 11.5, 0.0), middle_node=(4 + 50 / 3, 11.5, 0.0)
 )
+STUB = Finger(
+    length=10 + 100 / 9, bellows=1, tip_node=(10 + 100 / 9, 11.5, 0.0), middle_node=(4 + 50 / 9, 11.5, 0.0)
+)
 COARSE = Lattice(per_bellow=2, ring=False, centred=False)
 
 
@@ -76,6 +79,12 @@ def silicone() -> Material:
 def short() -> Case:
     """A finger of three bellows on a coarse mesh: some 1000 nodes, everything the long one has."""
     return finger_case(SILICONE, finger=SHORT, lattice=COARSE)
+
+
+@pytest.fixture(scope="session")
+def stub() -> Case:
+    """A finger of one bellow, for derivatives along histories: 0.4 of the nodes of `short`."""
+    return finger_case(SILICONE, finger=STUB, lattice=COARSE)
 
 
 @pytest.fixture(scope="session")

@@ -106,11 +106,11 @@ def test_a_layer_of_no_stiffness_is_none_bit_for_bit(short: Case) -> None:
 
 
 @pytest.mark.parametrize("compliance", [0.0, 1e-3])
-def test_derivatives_to_its_stiffness_at_null_and_beyond(short: Case, compliance: float) -> None:
-    path, point = Path(np.array([0.0, 1.0]), np.array([0.0, 0.02]), np.array([1.0])), short.position(4401)[None]
-    assert short.clamp
+def test_derivatives_to_its_stiffness_at_null_and_beyond(stub: Case, compliance: float) -> None:
+    path, point = Path(np.array([0.0, 1.0]), np.array([0.0, 0.02]), np.array([1.0])), stub.position(4401)[None]
+    assert stub.clamp
     base = replace(
-        short, clamp=replace(short.clamp, compliance=compliance), forces={"tip_face": np.array([0.0, 0.0, -0.03])}
+        stub, clamp=replace(stub.clamp, compliance=compliance), forces={"tip_face": np.array([0.0, 0.0, -0.03])}
     )
 
     def case(stiffness: float) -> Case:
@@ -127,5 +127,5 @@ def test_derivatives_to_its_stiffness_at_null_and_beyond(short: Case, compliance
         h = 2e-3  # two steps take the fourth order in
         one, two = ((u(at + k * h) - u(at - k * h)) / (2 * k * h) for k in (1, 2))
         theirs = (4 * one - two) / 3
-        assert np.abs(theirs).max() > 0.1  # mm per N/mm
+        assert np.abs(theirs).max() > 0.02  # mm per N/mm
         np.testing.assert_allclose(ours, theirs, atol=1e-6 * np.abs(theirs).max())

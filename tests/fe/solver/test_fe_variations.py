@@ -6,9 +6,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fe import Case, Finger, Lattice, Material, Path, Support, Variation, finger_case, solve
+import fe.path
+from fe import Case, Lattice, Material, Path, Support, Variation, finger_case, solve
 from fe.element import Array
 from fe.solver.newton import equilibrium
+from tests.fe.conftest import SHORT
 
 Test = tuple[Case, Path]
 Map = Callable[[float], Test]
@@ -22,8 +24,10 @@ def ramp(gain: float = 0.0) -> Path:
 
 @pytest.fixture(autouse=True)
 def tight(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The derivatives' tangent is TOLERANCE away from the equilibrium; both are to be compared to 1e-5."""
+    """The derivatives' tangent is TOLERANCE away from the equilibrium; both are to be compared to 1e-5. Few
+    times on a path: both sides have the same."""
     monkeypatch.setitem(equilibrium.__kwdefaults__, "tolerance", 1e-8)
+    monkeypatch.setattr(fe.path, "RAMP", 3)
 
 
 def marked(case: Case) -> Array:
@@ -38,7 +42,7 @@ def difference(test: Map, at: float, h: float) -> Array:
 
     def u(value: float) -> Array:
         case, path = test(value)
-        solution = solve(case, path)
+        solution = solve(case, path, count=4)
         assert solution.converged
         return solution.at(marked(case))
 
@@ -48,16 +52,16 @@ def difference(test: Map, at: float, h: float) -> Array:
 def exact(base: Test, tests: list[Map], at: list[float], steps: list[float]) -> Array:
     """The derivatives (v, s, 3, 3) that one solve with variations gives."""
     variations = [Variation(f(x + h), f(x - h), h) for f, x, h in zip(tests, at, steps)]
-    solution = solve(*base, variations=variations)
+    solution = solve(*base, variations=variations, count=4)
     assert solution.converged
     return solution.variations_at(marked(base[0]))
 
 
-def loaded(short: Case) -> Case:
-    return replace(short, forces={"tip_face": FORCE}, clamp=replace(short.clamp, compliance=1e-3))
+def loaded(stub: Case) -> Case:
+    return replace(stub, forces={"tip_face": FORCE}, clamp=replace(stub.clamp, compliance=1e-3))
 
 
-def test_derivatives_without_history(short: Case, short_finger: Finger) -> None:
+def test_derivatives_without_history(short: Case) -> None:
     case = loaded(short)
     lattice = Lattice(per_bellow=2, ring=False, centred=False)
 
@@ -68,7 +72,7 @@ def test_derivatives_without_history(short: Case, short_finger: Finger) -> None:
         return replace(case, clamp=replace(case.clamp, compliance=x)), ramp()
 
     def top(x: float) -> Test:
-        changed = finger_case(case.materials["body"], finger=replace(short_finger, top=x), lattice=lattice)
+        changed = finger_case(case.materials["body"], finger=replace(SHORT, top=x), lattice=lattice)
         return replace(case, nodes=changed.nodes), ramp()
 
     tests = [material("C10"), material("C01"), material("C20"), clamp, top, lambda x: (case, ramp(x))]
@@ -82,8 +86,8 @@ def test_derivatives_without_history(short: Case, short_finger: Finger) -> None:
         np.testing.assert_allclose(ours[n], theirs, atol=1e-5 * size, err_msg=name)
 
 
-def test_derivative_to_the_clamps_compliance_at_its_null(short: Case) -> None:
-    case = replace(short, forces={"tip_face": FORCE})
+def test_derivative_to_the_clamps_compliance_at_its_null(stub: Case) -> None:
+    case = replace(stub, forces={"tip_face": FORCE})
 
     def clamp(x: float) -> Test:
         return replace(case, clamp=replace(case.clamp, compliance=x)), ramp()
@@ -128,9 +132,9 @@ def cycle(gain: float = 0.0) -> Path:
     return Path(time=LOG, pressure=CYCLE * (1 + gain), output=KNOTS)
 
 
-def test_derivatives_with_history(short: Case) -> None:
+def test_derivatives_with_history(stub: Case) -> None:
     def creep(share: float, tau: float, **constants: float) -> Case:
-        return short.with_material(prony=((share, tau),), **constants)
+        return stub.with_material(prony=((share, tau),), **constants)
 
     tests: list[Map] = [
         lambda x: (creep(x, 1.5), cycle()),
@@ -147,8 +151,8 @@ def test_derivatives_with_history(short: Case) -> None:
         np.testing.assert_allclose(ours[n], theirs, atol=1e-5 * size, err_msg=name)
 
 
-def test_derivatives_of_a_history_that_begins_under_load(short: Case) -> None:
-    hanging = replace(short, forces={"tip_face": FORCE}).with_material(prony=((0.2, 1.5),))
+def test_derivatives_of_a_history_that_begins_under_load(stub: Case) -> None:
+    hanging = replace(stub, forces={"tip_face": FORCE}).with_material(prony=((0.2, 1.5),))
     pressure = 0.005 + 0.5 * CYCLE
 
     def test(gain: float, **constants: float) -> Test:
@@ -163,9 +167,9 @@ def test_derivatives_of_a_history_that_begins_under_load(short: Case) -> None:
         np.testing.assert_allclose(ours[n], theirs, atol=1e-5 * size)
 
 
-def test_derivatives_to_creep_at_its_null(short: Case) -> None:
+def test_derivatives_to_creep_at_its_null(stub: Case) -> None:
     def creep(share: float, tau: float) -> Test:
-        return short.with_material(prony=((share, tau),)), cycle()
+        return stub.with_material(prony=((share, tau),)), cycle()
 
     tests: list[Map] = [lambda x: creep(x, 1.5), lambda x: creep(0.0, x)]
     ours = exact(creep(0.0, 1.5), tests, [0.0, 1.5], [1e-7, 1e-6])
@@ -175,30 +179,30 @@ def test_derivatives_to_creep_at_its_null(short: Case) -> None:
     np.testing.assert_allclose(ours[1], 0, atol=1e-9)  # tau is not felt without a share
 
 
-def test_a_base_without_creep_has_the_derivative_towards_it(short: Case) -> None:
+def test_a_base_without_creep_has_the_derivative_towards_it(stub: Case) -> None:
     def creep(share: float) -> Test:
-        return short.with_material(prony=((share, 1.5),)), cycle()
+        return stub.with_material(prony=((share, 1.5),)), cycle()
 
-    without = exact((short, cycle()), [creep], [0.0], [1e-7])
+    without = exact((stub, cycle()), [creep], [0.0], [1e-7])
     with_null = exact(creep(0.0), [creep], [0.0], [1e-7])
     assert np.abs(with_null).max() > 0.1
     # the same equations: only the state that each carries from step to step is rounded apart
     np.testing.assert_allclose(without, with_null, atol=1e-6 * np.abs(with_null).max())
 
 
-def test_no_creep_and_a_share_of_zero_are_the_same(short: Case) -> None:
-    point = short.position(4401)[None]
-    without, null = (solve(c, cycle()).at(point) for c in (short, short.with_material(prony=((0.0, 1.5),))))
+def test_no_creep_and_a_share_of_zero_are_the_same(stub: Case) -> None:
+    point = stub.position(4401)[None]
+    without, null = (solve(c, cycle(), count=4).at(point) for c in (stub, stub.with_material(prony=((0.0, 1.5),))))
     np.testing.assert_allclose(null, without, atol=1e-6)  # mm, DESIGN: null values equal the base
-    some = solve(short.with_material(prony=((0.2, 1.5),)), cycle()).at(point)
+    some = solve(stub.with_material(prony=((0.2, 1.5),)), cycle(), count=4).at(point)
     assert np.abs(some - without).max() > 0.05
     assert (np.diff(some[:, 0, 2])[0] < -0.01).all()  # it creeps during the hold
 
 
-def test_creep_with_two_equal_terms_is_creep_with_their_sum(short: Case) -> None:
-    point = short.position(4401)[None]
+def test_creep_with_two_equal_terms_is_creep_with_their_sum(stub: Case) -> None:
+    point = stub.position(4401)[None]
     one, two = (
-        solve(short.with_material(prony=p), cycle()).at(point)
+        solve(stub.with_material(prony=p), cycle(), count=4).at(point)
         for p in (((0.2, 1.5),), ((0.05, 1.5), (0.15, 1.5)))
     )
     np.testing.assert_allclose(two, one, atol=1e-7)
