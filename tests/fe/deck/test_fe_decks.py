@@ -88,9 +88,9 @@ def test_every_law_survives_the_round_trip(short: Case, tmp_path: File, law: Mat
     assert found.mullins == (pytest.approx(law.mullins) if law.mullins else None)
 
 
-def test_calculix_agrees_on_the_very_deck(short: Case, require: Callable[[str], None], tmp_path: File) -> None:
+def test_calculix_agrees_on_the_very_deck(stub: Case, require: Callable[[str], None], tmp_path: File) -> None:
     require("ccx")
-    text = deck(replace(short, forces={"tip_face": np.array([0.0, 0.0, -0.01])}), PRESSURE, kind="C3D20RH")
+    text = deck(replace(stub, forces={"tip_face": np.array([0.0, 0.0, -0.01])}), PRESSURE, kind="C3D20RH")
     theirs = CalculiX().run(text)
     assert theirs.reason == "converged"
     file = tmp_path / "finger.inp"
@@ -103,15 +103,15 @@ def test_calculix_agrees_on_the_very_deck(short: Case, require: Callable[[str], 
 
 
 def test_calculix_agrees_on_a_deck_of_two_materials(
-    short: Case, require: Callable[[str], None], tmp_path: File
+    stub: Case, require: Callable[[str], None], tmp_path: File
 ) -> None:
     require("ccx")
-    under = short.nodes[short.connectivity].mean(axis=1)[:, 2] < 10.0  # mm, half the height
+    under = stub.nodes[stub.connectivity].mean(axis=1)[:, 2] < 10.0  # mm, half the height
     sets = {"wall": np.flatnonzero(~under), "sole": np.flatnonzero(under)}
     soft = Material(0.2, 0.1)
     ours, theirs = [], []
     for sole in (soft, Material(0.5, 0.15, bulk_ratio=500)):
-        text = deck(replace(short, element_sets=sets, materials={"wall": soft, "sole": sole}), PRESSURE)
+        text = deck(replace(stub, element_sets=sets, materials={"wall": soft, "sole": sole}), PRESSURE)
         file = tmp_path / "two.inp"
         file.write_text(text)
         case, found = read_deck(file).case, CalculiX().run(text)

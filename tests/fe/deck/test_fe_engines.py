@@ -149,9 +149,9 @@ def test_the_extraction_script_has_the_types_of_an_odb(stubs: File, tmp_path: Fi
     assert '"OdbFrame" has no attribute "time"' in told
 
 
-def test_the_embedded_engine_and_calculix_give_one_answer(short: Case, require: Callable[[str], None]) -> None:
+def test_the_embedded_engine_and_calculix_give_one_answer(stub: Case, require: Callable[[str], None]) -> None:
     require("ccx")
-    case = converted(short, "C3D20RH")
+    case = converted(stub, "C3D20RH")
     engines: list[Engine] = [Embedded(), CalculiX()]
     ours, theirs = (e.solve(case, PRESSURE) for e in engines)
     assert ours.converged

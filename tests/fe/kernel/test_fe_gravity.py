@@ -104,8 +104,8 @@ def test_a_soft_finger_takes_its_weight_in_steps(short: Case) -> None:
     assert "of its weight and dead forces, without pressure" in heavier.reason
 
 
-def test_turned_between_recordings_is_each_by_itself(short: Case) -> None:
-    case, at = short.with_material(density=DENSITY), short.position(4401)[None]
+def test_turned_between_recordings_is_each_by_itself(stub: Case) -> None:
+    case, at = stub.with_material(density=DENSITY), stub.position(4401)[None]
     ways = G * np.array([[0.0, 0.0, -1.0], [0.6, 0.0, 0.8], [0.0, 0.0, -1.0]])
     time = np.array([0.0, 1.0, 10.0, 11.0, 20.0, 21.0])
     pressure, output = np.tile([0.0, TOP], 3), np.array([0.0, 0.7, 10.7, 11.0, 20.7])
@@ -118,7 +118,7 @@ def test_turned_between_recordings_is_each_by_itself(short: Case) -> None:
         np.testing.assert_allclose(both.at(at)[own], alone, atol=1e-6)  # mm: what Newton leaves
     bare = Path(time, pressure, output, gravity=np.repeat(ways, 2, axis=0))
     np.testing.assert_array_equal(  # without a density gravity costs and changes nothing
-        solved(short, bare).at(at), solved(short, replace(bare, gravity=np.zeros(3))).at(at)
+        solved(stub, bare).at(at), solved(stub, replace(bare, gravity=np.zeros(3))).at(at)
     )
 
 
@@ -150,8 +150,8 @@ def test_a_deck_holds_gravity(short: Case, tmp_path: File) -> None:
 # --- the whole finger
 
 
-def test_the_whole_finger_moves_as_its_half(short: Case, short_finger: Finger) -> None:
-    material = replace(short.materials["body"], density=DENSITY)
+def test_the_whole_finger_moves_as_its_half(stub: Case, short_finger: Finger) -> None:
+    material = replace(stub.materials["body"], density=DENSITY)
     half, whole = (
         finger_case(material, finger=short_finger, lattice=COARSE, full=full) for full in (False, True)
     )
