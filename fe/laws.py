@@ -17,6 +17,9 @@ eta = 1 - 1/r erf((W_max - W) / (m + beta W_max)),
 W_max being the largest W so far at that point, from rest. With both, as in Abaqus, eta multiplies the
 long-term part: S = (eta (1 - sum g) S0 + sum Q), where S0 and W are of the constants as given (instantaneous)
 and the Q relax as without softening.
+
+The kernel takes `Material.constants` to the loops over elements. `energy`, `stress` and `tangent` are the
+same law at single points, by which each new term is tested; `nominal_stress` is what a tensile test measures.
 """
 
 from dataclasses import dataclass, replace

@@ -14,6 +14,7 @@ FIRST = 0.45  # s, and
 STEP = 0.6  # of log(1 + t / FIRST) in a hold
 RAMP = 6  # steps for a ramp over the whole range of pressure, and
 SOFT_RAMP = 12  # where softening or slip on a plane bends it: of softening's effect 0.1 % rms, 1 % at most
+STRAIGHT = 0.02  # of the range of pressure: by so much a log may leave the line between two corners
 GRADING = 1.5  # of a ramp's steps towards its lower pressure
 
 
@@ -76,11 +77,11 @@ def levels(top: float, *, count: int = 12) -> Array:
     return top * np.linspace(0, 1, count + 1) ** 1.3
 
 
-def corners(path: Path, *, fraction: float = 0.02) -> Array:
-    """Log times (k,) s that carry the path as a polygon to within `fraction` of its range (Douglas & Peucker
+def corners(path: Path) -> Array:
+    """Log times (k,) s that carry the path as a polygon to within STRAIGHT of its range (Douglas & Peucker
     1973, doi 10.3138/FM57-6770-U75U-7727)."""
     t, p = path.time, path.pressure
-    tolerance = fraction * float(np.ptp(p)) + 1e-15
+    tolerance = STRAIGHT * float(np.ptp(p)) + 1e-15
     keep, stack = {0, len(t) - 1}, [(0, len(t) - 1)]
     while stack:
         a, b = stack.pop()
@@ -94,12 +95,12 @@ def corners(path: Path, *, fraction: float = 0.02) -> Array:
     return t[sorted(keep)]
 
 
-def rejoins(path: Path, *, fraction: float = 0.02) -> Array:
+def rejoins(path: Path) -> Array:
     """Times (k,) s inside a rise at which the pressure comes back to its largest so far, where Mullins
-    softening ends and new slip begins; nothing nearer to a corner than `fraction` of the range."""
+    softening ends and new slip begins; nothing nearer to a corner than STRAIGHT of the range."""
     t = corners(path)
     p, out, top = path.pressure_at(t), [], -np.inf
-    near = fraction * float(np.ptp(path.pressure))
+    near = STRAIGHT * float(np.ptp(path.pressure))
     for (a, b), (low, high) in zip(pairwise(t), pairwise(p), strict=True):
         top = max(top, low)
         if low < top - near and high > top + near:

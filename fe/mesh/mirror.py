@@ -7,17 +7,18 @@ import numpy as np
 from fe.case import Block, Case, Support
 from fe.element import Array, Element, Integers
 
+AXIS = 1  # y, across which halves are symmetric
 _SAME = 1e-6  # of the structure's size: nodes that near to a plane lie on it
 
 
-def symmetry_support(case: Case, *, axis: int = 1) -> Support | None:
-    """The support that stands for the other half: it holds component `axis` alone, of all nodes of a plane
-    across that axis which bounds the structure; None where there is none."""
-    along = case.nodes[:, axis]
+def symmetry_support(case: Case) -> Support | None:
+    """The support that stands for the other half: it holds component U2 alone, of all nodes of a plane
+    across y which bounds the structure; None where there is none."""
+    along = case.nodes[:, AXIS]
     near = _SAME * float(np.ptp(case.nodes, axis=0).max())
     for s in case.supports:
         rows = case.node_sets[s.nodes]
-        if s.components != (axis,) or s.value is not None or not len(rows):
+        if s.components != (AXIS,) or s.value is not None or not len(rows):
             continue
         gap = along - along[rows[0]]
         bounds = gap.min() > -near or gap.max() < near
@@ -26,18 +27,18 @@ def symmetry_support(case: Case, *, axis: int = 1) -> Support | None:
     return None
 
 
-def mirrored(case: Case, *, axis: int = 1) -> Case:
-    """The whole structure of a half model that is supported by its plane of symmetry across `axis`.
+def mirrored(case: Case) -> Case:
+    """The whole structure of a half model that is supported by its plane of symmetry across y.
 
     Nodes of the half keep their rows and labels; images come after them. Every set holds both halves; forces
     and prescribed displacements are there twice, and a clamp is as compliant to the moment of the whole as it
     was to twice that of the half. ValueError where there is no such plane.
     """
-    held = symmetry_support(case, axis=axis)
+    held = symmetry_support(case)
     if held is None:
         raise ValueError(
-            f"a half model without a plane of symmetry across {'xyz'[axis]}: wanted a support of "
-            f"U{axis + 1} alone on all nodes of the plane that bounds it; add it, or give the whole model"
+            "a half model without a plane of symmetry across y: wanted a support of "
+            "U2 alone on all nodes of the plane that bounds it; add it, or give the whole model"
         )
     count, size = len(case.nodes), len(case.connectivity)
     on = case.node_sets[held.nodes]
@@ -45,9 +46,9 @@ def mirrored(case: Case, *, axis: int = 1) -> Case:
     image = np.arange(count)
     image[off] = count + np.arange(len(off))
     flip = np.ones(3)
-    flip[axis] = -1.0
+    flip[AXIS] = -1.0
     other = case.nodes[off] * flip
-    other[:, axis] += 2 * case.nodes[on[0], axis]
+    other[:, AXIS] += 2 * case.nodes[on[0], AXIS]
     order, faces = _reflected(case.element)
     sets = {name: _both(rows, image) for name, rows in case.node_sets.items()}
     forces = {}

@@ -28,6 +28,7 @@ SHRINK = 0.2
 OVERSHOT = 0.3
 SEARCHES = 6
 SETTLING = 0.1
+LIMIT = 25  # factorisations for one equilibrium
 SOFTEST = 1 / 512  # of a plane's stiffness: with that it is met first where it cannot be met at once
 TOO_FAR = "the load is beyond a limit point, or too large for one step"
 EXACT = 0.01  # of TOLERANCE is what such corrections may leave, as Newton's last one does
@@ -284,10 +285,9 @@ def equilibrium(
     memory: Memory | None = None,
     last: Step | None = None,
     exact: bool = True,
-    limit: int = 25,
     tolerance: float = TOLERANCE,
 ) -> Equilibrium:
-    """The equilibrium at follower pressure `load` MPa, from `start`, in at most `limit` factorisations.
+    """The equilibrium at follower pressure `load` MPa, from `start`, in at most LIMIT factorisations.
 
     last: the newest factorised tangent, of a neighbouring state; it serves as far as it can. exact: the
     result's tangent is that of the equilibrium, as derivatives need it; otherwise it may be a nearby one's.
@@ -298,7 +298,7 @@ def equilibrium(
     small = (tolerance * extent, 10 * tolerance * problem.shear)  # mm, MPa
     kinked = problem.rubs or (memory is not None and memory.softening is not None)
     smooth = not kinked  # so far: whether the tangent may be expected to serve again
-    for iteration in range(limit):
+    for iteration in range(LIMIT):
         if last is not None and smooth and np.abs(state.u - last.state.u).max() < NEARBY * extent:
             share = 1.0 if exact else EXACT  # an exact tangent brings a correction of its own
             state, settled = _chord(problem, state, last, load, memory, (share * small[0], share * small[1]))
@@ -323,7 +323,7 @@ def equilibrium(
         if length < small[0] and np.abs(change.p).max() < small[1]:
             return Equilibrium(state, last, iteration + 1, "converged")
         before = min(before, size) if np.isfinite(size) else before
-    return Equilibrium(None, None, limit, f"no equilibrium after {limit} iterations")
+    return Equilibrium(None, None, LIMIT, f"no equilibrium after {LIMIT} iterations")
 
 
 def _shortened(step: Step, state: State, change: State, load: float, memory: Memory | None) -> State:
