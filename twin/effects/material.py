@@ -58,7 +58,7 @@ class Creep(Family):
     """Finite-strain Prony relaxation G(t) = G0 [1 - sum g_i (1 - exp(-t / tau_i))] with one or two terms."""
 
     name, order, requires = "creep", Order.MATERIAL, (Requirement.HISTORY,)
-    sentence = "the silicone creeps: it keeps moving under a held pressure and recovers slowly (viscoelasticity)"
+    sentence = "the silicone creeps: it keeps moving under a held pressure and recovers slowly"
     separations: ClassVar[Mapping[str, str]] = {
         "pressure_lag": "hold the top pressure for 60 s and film a 0.2 s step at 30 frames/s",
         "mullins": "repeat the cycle after a minute of rest: softening stays, creep fades",
