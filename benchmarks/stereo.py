@@ -25,7 +25,7 @@ from vision.boards.board import BoardView
 from vision.boards.charuco import CharucoBoard
 from vision.calibration.bundle import CornerNoise, Shot, bundle_adjust
 from vision.calibration.rig import Rig
-from vision.calibration.stereo import film_corners, locate, synchronous_shots
+from vision.calibration.stereo import locate, synchronous_shots
 from vision.camera import Array
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -36,12 +36,16 @@ BOARD = CharucoBoard(
 SIZE = (1280, 720)  # px
 
 
-def read(folder: Path) -> tuple[list[Any], list[Array]]:
-    """Corners in every frame of every camera, and the frames' time stamps (t,) s."""
+def read(folder: Path, most: int | None) -> tuple[list[Any], list[Array]]:
+    """Corners in the first `most` frames of every camera, and their time stamps (t,) s."""
     with (folder / "timestamps.csv").open() as file:
         rows = list(csv.DictReader(file))
     times = [np.array([float(r["frame_time"]) for r in rows if int(r["cam_id"]) == c]) for c in range(4)]
-    return [film_corners(Video(folder / f"cam_{c}.mp4"), BOARD) for c in range(4)], times
+    found = []
+    for c in range(4):
+        pictures = (picture for *_, picture in Video(folder / f"cam_{c}.mp4").frames())
+        found.append([BOARD.find(BOARD.black_on_white(p)) for p in itertools.islice(pictures, most)])
+    return found, [t[:most] for t in times]
 
 
 def alone(found: Sequence[BoardView]) -> Camera:
@@ -74,9 +78,11 @@ def squares(rig: Rig, noise: CornerNoise, shots: list[Shot], cameras: tuple[int,
     return np.array(rows).T
 
 
-def held_out(folder: Path, *, halves: tuple[int, ...] = (0, 1)) -> dict[str, Array]:
+def held_out(
+    folder: Path, *, halves: tuple[int, ...] = (0, 1), most: int | None = None
+) -> dict[str, Array]:
     """Errors and stated sds (2,n) mm of each pair of cameras and of all four; each half is held out once."""
-    found, times = read(folder)
+    found, times = read(folder, most)
     result: dict[str, list[Array]] = {}
     whole = [alone(pictures) for pictures in found]
     shots, lags = synchronous_shots(found, times, whole)

@@ -44,7 +44,7 @@ class Lab:
         curvature: Sequence[float] | Array,
         *,
         marks: Sequence[Mark] | None = None,
-        codec: str = "ffv1",
+        codec: str = "rawvideo",
         noise: float = 1.0,
         seed: int = 0,
     ) -> Video:
@@ -112,6 +112,13 @@ def lab() -> Lab:
 def still(lab: Lab, tmp_path_factory: pytest.TempPathFactory) -> Video:
     """A static film of 120 frames."""
     return lab.film(tmp_path_factory.mktemp("still") / "still.mkv", np.zeros(120), seed=1)
+
+
+@pytest.fixture(scope="session")
+def coded_still(lab: Lab, tmp_path_factory: pytest.TempPathFactory) -> Video:
+    """The same, coded with loss."""
+    folder = tmp_path_factory.mktemp("coded")
+    return lab.film(folder / "still.mkv", np.zeros(120), codec="libx264", seed=4)
 
 
 @pytest.fixture

@@ -13,7 +13,6 @@ from vision.calibration.bundle import CornerNoise, Shot, board_pose, bundle_adju
 from vision.calibration.intrinsics import read_picture
 from vision.calibration.rig import OWN, Rig, common, project, same, triangulate
 from vision.camera import Array, Camera
-from vision.film.video import Video
 
 MIN_CORNERS = 7
 MIN_COMMON = 5  # instants at which two cameras must see the board
@@ -78,17 +77,12 @@ def _remark(rig: Rig, shots: Sequence[Shot], rms: Array) -> str:
     )
 
 
-def film_corners(film: Video, board: Board) -> Found:
-    """Board corners in every frame of a film."""
-    return [board.find(board.black_on_white(image)) for _, _, image in film.frames()]
-
-
 def synchronous_shots(
     found: Sequence[Found], times: Sequence[Array], cameras: Sequence[Camera]
 ) -> tuple[list[Shot], Array]:
     """Views of films of a moving board, joined by time stamps, and by how many frames (c,) each camera lags.
 
-    found: of each camera the corners in its frames, from `film_corners`.   times: (t,) s of its frames on
+    found: of each camera the corners in its frames.   times: (t,) s of its frames on
     one clock.   cameras: each from its own calibration.
 
     Time stamps are often those of the transfer, late by a part of a frame or more. It shows: the cameras'

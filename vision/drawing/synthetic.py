@@ -6,7 +6,7 @@ Gauss-Legendre samples of it. The plane of the mark, perspective and lens distor
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -119,7 +119,7 @@ def board_image(
     paper = 1.0 - paper if board.inverted else paper
     blurred = gaussian_filter(paper, blur_px * per_mm / px_per_mm)
     picture = _background(camera.size, np.random.default_rng(seed))
-    rays = _Rays(camera)
+    rays = _rays_of(camera)
     local = _local(np.linalg.inv(homography), rays.at(slice(None), slice(None)))
     texel = local * per_mm + origin - 0.5
     inside = ((texel > 0) & (texel < np.array(paper.shape[::-1]) - 1)).all(axis=-1)
@@ -147,6 +147,16 @@ class _Rays:
         return np.asarray(centre + right * _GAUSS[:, :1] + down * _GAUSS[:, 1:], dtype=np.float64)
 
 
+def _rays_of(camera: Camera) -> _Rays:
+    """The camera's rays, kept for the next picture of the same camera."""
+    return _kept_rays(camera.parameters.tobytes(), camera.size)
+
+
+@lru_cache(maxsize=2)
+def _kept_rays(parameters: bytes, size: tuple[int, int]) -> _Rays:
+    return _Rays(Camera(np.zeros((3, 3)), np.zeros(5), size).moved(np.frombuffer(parameters)))
+
+
 class _Scene:
     """Draws marks and the body into grey pictures (h,w)."""
 
@@ -159,7 +169,7 @@ class _Scene:
         dictionary: str,
     ) -> None:
         self.camera, self.pose, self.marks, self.blur_px = camera, pose, marks, blur_px
-        self.rays = _Rays(camera)
+        self.rays = _rays_of(camera)
         self.planes: dict[float, Array] = {}  # by y mm, where the rays meet that plane
         depth = self._to_camera(np.array([mark.position for mark in marks]))[:, 2]
         px_per_mm = camera.matrix[0, 0] / depth

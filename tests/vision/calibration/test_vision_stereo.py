@@ -154,11 +154,12 @@ def test_cameras_that_share_no_picture_are_refused() -> None:
         bundle_adjust(alone, rig_of().cameras, square_mm=BOARD.square_mm)
 
 
-def test_squares_of_a_real_board_on_frames_held_out(shared_data: Path) -> None:
+@pytest.mark.parametrize("frames", [30, pytest.param(57, marks=pytest.mark.slow)])
+def test_squares_of_a_real_board_on_frames_held_out(shared_data: Path, frames: int) -> None:
     sys.path.append(str(Path(__file__).resolve().parents[3] / "benchmarks"))
     import stereo as benchmark
 
-    found = benchmark.held_out(shared_data / "charuco_4cam", halves=(0,))
+    found = benchmark.held_out(shared_data / "charuco_4cam", halves=(0,), most=frames)
     pulls = np.concatenate([error / sd for name, (error, sd) in found.items() if len(name) == 3])
     assert max(abs(error.mean()) for error, _ in found.values()) < 0.15
     assert 0.8 < np.sqrt(np.mean(pulls**2)) < 1.25

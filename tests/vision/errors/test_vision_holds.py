@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from vision import View, measure
+from vision import Video, View, measure
 from vision.errors import modes
 from vision.errors.budgeting import budget
 from vision.errors.modes import codec
@@ -31,11 +31,10 @@ def bend() -> tuple[Array, list[slice]]:
     return np.concatenate(parts), holds
 
 
-def test_means_of_holds_in_a_film_coded_with_loss(lab: Lab, tmp_path: Path) -> None:
+def test_means_of_holds_in_a_film_coded_with_loss(lab: Lab, coded_still: Video, tmp_path: Path) -> None:
     bent, holds = bend()
     film = lab.film(tmp_path / "film.mkv", bent, codec="libx264", seed=3)
-    still = lab.film(tmp_path / "still.mkv", np.zeros(120), codec="libx264", seed=4)
-    result = measure([View(film, still, lab.camera)], lab.marks, reference=1.15)
+    result = measure([View(film, coded_still, lab.camera)], lab.marks, reference=1.15)
     place = lab.motion(bent)[0][:, lab.rows("fixed", "finger")]
     error = result.value - (place - place[:12].mean(axis=0))
     finger = [p for p, role in enumerate(result.roles) if role == "finger"]

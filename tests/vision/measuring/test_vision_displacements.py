@@ -23,7 +23,7 @@ BEND = np.concatenate([np.zeros(14), np.linspace(0, 0.0175, 26)[1:], np.full(6, 
 
 def repainted(film: Video, path: Path, paint: Callable[[int, NDArray[np.uint8]], None]) -> Video:
     """The film with something painted into its frames, lossless."""
-    with Writer(path, (film.width, film.height), fps=10.0, codec="ffv1", crf=0) as writer:
+    with Writer(path, (film.width, film.height), fps=10.0, codec="rawvideo", crf=0) as writer:
         for index, _, grey in film.frames():
             paint(index, grey)
             writer.add(grey)

@@ -48,7 +48,7 @@ def measured(
 ) -> tuple[Displacements, Array]:
     """The film with trouble and then noise of 1 grey level, as measured, and its pulls (s,p,2)."""
     rng = np.random.default_rng(11)
-    with Writer(path, lab.camera.size, fps=10.0, codec="ffv1", crf=0) as writer:
+    with Writer(path, lab.camera.size, fps=10.0, codec="rawvideo", crf=0) as writer:
         for index, _, grey in drawn.clean.frames():
             if index in dropped:
                 writer.frames += 1  # its time stamp is left out too

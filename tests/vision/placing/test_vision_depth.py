@@ -194,7 +194,7 @@ def test_a_mark_that_twists_out_of_the_plane_is_reported(lab: Lab, still: Video,
         positions=place,
         rotations=turn,
         seed=5,
-        codec="ffv1",
+        codec="rawvideo",
     )
     camera = replace(lab.camera, covariance=lens())
     result = measure([View(Video(tmp_path / "twist.mkv"), still, camera)], marks, reference=1.05)
