@@ -251,7 +251,7 @@ def test_an_interrupted_demo_is_resumed(run, demo_data, tmp_path):
     code, out, _ = run("demo", tmp_path / "demo")
     assert code == 0
     assert [call[0] for call in demo_data.calls] == ["camera", "measure", "diagnose", "add", "review"]
-    assert "already done in runs/0003-calibrate: skipped" in out
+    assert "Already done in runs/0003-calibrate, skipped." in out
 
 
 def test_the_demo_refuses_a_folder_of_something_else(run, demo_data, tmp_path):

@@ -57,7 +57,7 @@ def _once(project: Project, stage: Stage, say: Say) -> dict[str, Any]:
     done = None if stage.skips else fresh(project, (stage.name,))
     if done is None:
         return stage.run(project, say)
-    say(f"already done in {project.shown(done.parent)}: skipped")
+    say(f"Already done in {project.shown(done.parent)}, skipped.")
     return {"stage": stage.name, "status": "skipped", "run": project.shown(done.parent)}
 
 

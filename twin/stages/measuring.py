@@ -80,7 +80,7 @@ def _measured(project: Project, say: Say, replace: bool) -> dict[str, Any]:
         _measured_by(project),
     )
     if done is not None and owner == done.name:
-        say(f"already done in {project.shown(done)}, and targets/ is there: skipped")
+        say(f"Already done in {project.shown(done)}, and targets/ is there: skipped.")
         return result_of(project, "measure", done, skipped=True)
     if project.targets_folder.exists() and not replace and not (killed and owner == killed.name):
         raise ValueError(
