@@ -1,5 +1,7 @@
 """A project folder on disk: twin.toml, targets and numbered runs.
 
-`config` has every key of twin.toml, `toml` reads and writes it; `folder` is the project with its runs;
-`targetfiles` (on `csvtable`) reads and writes targets; `files` writes every file whole or not at all.
+Begin with `folder`: a project, its runs, and what each run records of what it was made from. `staleness` says
+what has changed since. `config` has every key of twin.toml, `toml` reads and writes it. `targetfiles` (on
+`csvtable`) reads and writes targets. `files` writes every file whole or not at all, and `locking` lets one
+command write at a time.
 """

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 from twin.project import files
 from twin.project.folder import Project, kind_of
 from twin.project.staleness import changes
-from twin.stages.chain import DECK, FIT, STAGES, TARGETS, kinds_writing
+from twin.stages.chain import DECK, FIT, STAGES, TARGETS, When, kinds_writing
 
 if TYPE_CHECKING:  # its package takes a second to import: `check` and `list` do without
     from calibrate import Fit
@@ -20,6 +20,8 @@ def stale(project: Project, folder: Path) -> list[str]:
     stage = next((stage for stage in STAGES if stage.name == kind_of(folder)), None)
     if stage is None or project.info(folder)["status"] != "done":
         return []
+    if stage.when is not When.ALWAYS and (other := _other_effects(project, folder)):
+        return [other]
     present = [project.targets_folder] if TARGETS in stage.reads else []
     present += project.deck_files() if DECK in stage.reads else []
     info = project.info(folder)
@@ -28,6 +30,15 @@ def stale(project: Project, folder: Path) -> list[str]:
     if "[diagnose]" in stage.reads or _has_own(labels):
         return changes(project, folder, tables=stage.tables, present=[*present, *project.effect_files()])
     return changes(project, folder, tables=stage.tables, present=present, but=model.get("effect_files", ()))
+
+
+def _other_effects(project: Project, folder: Path) -> str:
+    """How the effects that a run has left in the model differ from those of twin.toml; "" if they do not."""
+    path, now = folder / FIT, list(project.config.model.effects)
+    then = files.read_json(path).get("effects", now) if path.is_file() else now
+    if then == now:
+        return ""
+    return f"its effects are {', '.join(then) or 'none'}, those of twin.toml {', '.join(now) or 'none'}"
 
 
 def _has_own(labels: Sequence[str]) -> bool:

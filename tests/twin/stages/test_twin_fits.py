@@ -99,6 +99,14 @@ def test_what_has_changed_since_is_named_and_the_fit_not_used(
     assert str(error.value) == f"fit of runs/0002-add is stale: {sentence}; {way_out}"
 
 
+def test_a_model_with_other_effects_than_twin_toml_is_not_shown(root: Path) -> None:
+    fitted(root, "add", ["creep"])
+    assert stale(Project.open(root), root / "runs" / "0002-add") == []
+    edit(root, 'effects = ["creep"]', "effects = []")
+    assert stale(Project.open(root), root / "runs" / "0002-add") == ["its effects are creep, those of twin.toml none"]
+    assert fresh(Project.open(root), ("add", "drop"), "fit.json") is None
+
+
 def test_new_and_lost_files_of_the_targets_count(root: Path) -> None:
     edit(root, 'effects = ["creep"]', "effects = []")
     (root / "targets" / "pressure.csv").write_text("block,time_s,pressure_MPa\n0,0,0\n0,1,0.03\n")

@@ -19,7 +19,7 @@ from twin.project.targetfiles import write_targets
 from twin.project.toml import dump
 from twin.review.numerals import in_words, interval, value
 from twin.review.states import Fields, Generations
-from twin.stages import diagnosing, workbench
+from twin.stages import caches, diagnosing
 from twin.stages.adding import run_add, run_drop
 from twin.stages.calibrating import run_calibrate
 from twin.stages.comparing import run_compare
@@ -72,7 +72,7 @@ def project_at(folder: Path, case: Case, short: BuiltIn) -> Project:
 def one_process() -> Iterator[None]:
     """All work in this process: on so small a finger others cost more than they save."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(workbench, "WORKERS", 1)
+        patch.setattr(caches, "WORKERS", 1)
         patch.setattr(diagnosing, "WORKERS", 1)
         yield
 
