@@ -1,4 +1,10 @@
-"""Film of a marked finger in, displacements in mm with their uncertainty out; `synthetic` draws film."""
+"""Displacements of a marked finger in mm, with their uncertainty, from film.
+
+`measure(views, marks, ...)` is the door. Read what everything here speaks of first: `camera`, `marks` (with
+the room `kinds`), `dictionaries`, `plane`, `artwork`. Then the rooms in the order in which a film passes
+them: `film`, `boards` and `calibration`, `following`, `placing`, `errors`, `measuring`. `drawing` goes the
+other way: it draws film of a known motion.
+"""
 
 from vision.boards.board import Board
 from vision.calibration.intrinsics import calibrate_camera

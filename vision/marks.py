@@ -66,13 +66,13 @@ def check_names(marks: Sequence[Mark]) -> None:
     ):
         twice = [v for i, v in enumerate(values) if v in values[:i]]
         if twice:
-            raise ValueError(f"{what} {twice[0]!r} is given to two marks: every mark needs its own")
+            raise ValueError(f"{what} {twice[0]!r} is given to two markers: give each its own")
     for mark in marks:
         if mark.role not in ROLES:
-            raise ValueError(f"mark {mark.name!r} has role {mark.role!r}: use one of {', '.join(ROLES)}")
+            raise ValueError(f"marker {mark.name!r} has role {mark.role!r}: use one of {', '.join(ROLES)}")
         if not mark.size_mm > 0:
             raise ValueError(
-                f"mark {mark.name!r} has size {mark.size_mm} mm: give the side of its black square "
+                f"marker {mark.name!r} has size {mark.size_mm} mm: give the side of its black square "
                 "or the diameter of the dot"
             )
 

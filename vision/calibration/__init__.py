@@ -1,6 +1,6 @@
-"""Pictures of a printed board become cameras with the covariance of all their numbers.
+"""Cameras with the covariance of all their numbers, from pictures of a printed board.
 
-`boards` finds corners or circles; `lens` fits every lens model; `intrinsics` chooses one and refuses a
-bad set of pictures. For several cameras: `rig`, `bundle`, `stereo`. `camerafile` reads cameras of other
-programs.
+Read `lens` (the fit of every lens model) and `intrinsics` (the choice of one, and what refuses bad pictures)
+first. Several cameras that see one board become a rig in `stereo`, by `bundle` and `rig`. `camerafile` reads
+cameras that other programs calibrated. What a board is stands in `vision.boards`.
 """

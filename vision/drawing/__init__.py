@@ -1,5 +1,5 @@
-"""Known motion becomes film, printed sheets and pictures: the reverse of measuring.
+"""Pictures and film that this package draws itself.
 
-`artwork` has the shapes of markers, dots and boards in mm; `synthetic` films them; `overlays` draws
-tracks onto a frame.
+`synthetic` draws film and board pictures of a known motion, to test and to plan with. `overlays` draws what
+was followed onto a frame of the film.
 """

@@ -1,5 +1,6 @@
-"""How well each displacement is known: independent noise, and errors that many values share (modes).
+"""How well each displacement is known: independent noise, and errors that many values share ("modes").
 
-`noise` reads what scatters at rest and what the codec adds; `variance` makes the variance of each place
-from it; `modes` lists the shared errors by name; `budgeting` sums all of them up by source.
+Read `noise` first: what scatters at rest, and what video compression adds. `variance` makes the independent
+variance of every place from it. `modes` gives the shared errors by name, for example a wrong scale.
+`budgeting` sums all of them up by source.
 """

@@ -1,6 +1,6 @@
-"""A film file becomes grey frames with the container's own time stamps.
+"""Grey frames with the container's own time stamps, from a film file or a folder of pictures.
 
-Read `video` first (one film, one frame in memory at a time), then `series` (a folder of pictures as a
-film), `stutter` and `flash` (repeated pictures, a lamp that marks a moment), and `checkpoint`, which
-keeps what every frame showed so that a killed run follows no frame twice.
+Read `video` first: one film, of which one frame at a time is in memory. `series` takes a folder of pictures
+as a film. `stutter` finds repeated pictures, `flash` a lamp that marks a moment. `checkpoint` goes through a
+film and keeps what every frame showed, so that a killed run follows no frame twice.
 """

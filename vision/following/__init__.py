@@ -1,7 +1,8 @@
-"""Frames become tracks: one homography a mark and frame, with its covariance.
+"""Where every mark is in every frame: one homography a mark and frame, with its covariance.
 
-`locating` finds markers in one picture; `reference` averages each mark over the first seconds (with
-`printed`, `dots`, `identity`); `registration` aligns it in every later frame (on `sampling`; `fallback`
-and `uneven` where that fails or is disturbed); `tracks` is the loop over the film. `turns` reads
-rotations off tracks; `dic` follows a speckled surface in the same way.
+Read `reference` first: it averages each mark over the first seconds (with `printed`, `dots`, `identity`).
+`registration` aligns that average in every later frame, on the compiled loops of `sampling`; `fallback` and
+`uneven` help where this fails or is disturbed. `tracks` is the loop over the film, `methods` names how a
+mark was placed, `turns` reads rotations. `locating` finds markers in a single picture, `dic` follows a
+speckled surface.
 """

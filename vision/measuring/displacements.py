@@ -170,14 +170,14 @@ def _check_marks(marks: Sequence[Mark]) -> None:
         count = sum(mark.role == role for mark in marks)
         if count < wanted:
             raise ValueError(
-                f"{count} marks have the role {role!r}, wanted at least {wanted}: add some in the "
+                f"{count} markers have the role {role!r}, wanted at least {wanted}: add some in the "
                 "finger's plane"
             )
     y = [mark.position[1] for mark in marks if mark.role == "frame"]
     if max(y) - min(y) > MAX_DEPTH_MM:
         raise ValueError(
-            f"frame marks lie at y from {min(y)} to {max(y)} mm, wanted one plane within "
-            f"{MAX_DEPTH_MM} mm: they define the plane; other marks may lie in front of it or behind"
+            f"frame markers lie at y from {min(y)} to {max(y)} mm, wanted one plane within "
+            f"{MAX_DEPTH_MM} mm: they define the plane; other markers may lie in front of it or behind"
         )
 
 

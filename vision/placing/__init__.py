@@ -1,6 +1,6 @@
-"""Pixels become displacements in mm.
+"""Displacements in mm from the pixels of one camera or several.
 
-`views` says what each camera recorded and what was followed in it. `flat` places marks with one camera in
-the finger's plane (`depth`: what it cannot see); `space` with several (`world`, `clocks`, `spacemodes`).
-Both give a `placed`. `slips` finds marks that came off.
+Read `views` first: what each camera recorded, and what was followed in it. `flat` places marks with one
+camera in the finger's plane; `depth` says what that camera cannot see. `space` places them with several
+cameras, by `world`, `clocks` and `spacemodes`. Both give a `placed`. `slips` finds marks that came off.
 """

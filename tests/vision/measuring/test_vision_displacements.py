@@ -195,24 +195,24 @@ def test_dots_without_a_code(lab: Lab, tmp_path: Path) -> None:
     [
         (
             lambda marks: [m for m in marks if m.name != "frame0"],
-            "5 marks have the role 'frame', wanted at least 6",
+            "5 markers have the role 'frame', wanted at least 6",
         ),
         (
             lambda marks: [m for m in marks if m.name != "fixed6"],
-            "3 marks have the role 'fixed', wanted at least 4",
+            "3 markers have the role 'fixed', wanted at least 4",
         ),
         (
             lambda marks: [*marks[:-1], replace(marks[-1], kind=CodedMarker(0, 9.0))],
-            "marker 0 is given to two marks",
+            "marker 0 is given to two markers",
         ),
         (
             lambda marks: [*marks[:-1], replace(marks[-1], name="frame0")],
-            "name 'frame0' is given to two marks",
+            "name 'frame0' is given to two markers",
         ),
         (lambda marks: [*marks[:-1], replace(marks[-1], role="tip")], "has role 'tip': use one of"),
         (
             lambda marks: [replace(marks[0], position=(-30.0, 0.0, 30.0)), *marks[1:]],
-            "frame marks lie at y from 0.0 to 12.0 mm, wanted one plane within 0.1 mm",
+            "frame markers lie at y from 0.0 to 12.0 mm, wanted one plane within 0.1 mm",
         ),
     ],
 )
