@@ -97,10 +97,12 @@ def test_twin_add_finds_the_planted_force(batch: Path, capsys: pytest.CaptureFix
     assert [e.label for e in bench.model().effects] == ["elasticity", "tube"]
     (fit,) = batch.glob("runs/*-add/fit.json")
     found = json.loads(fit.read_text())["parameters"]
-    # the truth's mesh is another, and its force acts on the whole end face
-    assert found["tube.up"]["value"] == pytest.approx(UP, rel=0.15)
+    # the truth's mesh is another, and its force acts on the whole end face: half a 95 % interval
+    assert found["tube.up"]["value"] == pytest.approx(UP, abs=0.06)
     assert found["tube.along"]["value"] == pytest.approx(ALONG, abs=0.1)
-    assert newest_fit(bench.project).chi2 < 0.1 * json.loads(next(batch.glob("runs/*-calibrate/fit.json")).read_text())["chi2"]
+    before = json.loads(next(batch.glob("runs/*-calibrate/fit.json")).read_text())
+    assert newest_fit(bench.project).chi2 < 0.5 * before["chi2"]
+    assert json.loads(fit.with_name("comparison.json").read_text())["adequate"] is True
     notebook = blocks()[2].replace("my-batch", str(batch))
     capsys.readouterr()
     exec(notebook, {})
