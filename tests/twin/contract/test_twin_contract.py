@@ -16,7 +16,7 @@ from twin.targets import Array
 
 # where their defaults show nothing on the short finger: the table lies 3 mm below it
 AT = {label: {"contact.stiffness": 0.5, "contact.distance": 0.2} for label in ("contact", "contact:2")}
-DEAR = {"contact:2", "mullins:2", "creep:2"}  # a minute in all; the narrow laws are tried in every run
+DEAR = {"contact:2", "mullins:2", "creep:2", "stiffening:2"}  # a minute in all; the narrow laws are tried in every run
 LAWS = [
     pytest.param(law, id=law.label, marks=[pytest.mark.slow] if law.label in DEAR else [])
     for e in all_effects()
