@@ -30,12 +30,14 @@ def machine_code(function: Callable[..., Any]) -> Any:
     """The function, compiled by numba at its first call and kept on the disk.
 
     numba compiles anew where the function's own file has changed. The loops hold the law of this file in
-    their machine code, so a change here must count too; where numba has no place for that, nothing is kept.
+    their machine code, so a change here must count too; and what was kept may name classes that are no more,
+    so it must not even be read then: both stand in the version of what is kept, which numba reads first.
+    Where numba has no place for that, nothing is kept.
     """
     kept: Any = numba.njit(function, cache=True, **_OPTIONS)
     try:
         file = kept._cache._cache_file
-        file._source_stamp = (file._source_stamp, _OWN_SOURCE)
+        file._version = (file._version, file._source_stamp, _OWN_SOURCE)
     except AttributeError:
         return numba.njit(function, **_OPTIONS)
     return kept

@@ -21,9 +21,9 @@ print(W[0, 0])
 """
 
 
-def energy_in(folder: Path) -> float:
+def energy_in(folder: Path, code: str = ENERGY) -> float:
     """What the loops of a copy of `fe` give, in a process of its own."""
-    command, environment = [sys.executable, "-c", ENERGY], {**os.environ, "PYTHONPATH": str(folder)}
+    command, environment = [sys.executable, "-c", code], {**os.environ, "PYTHONPATH": str(folder)}
     done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=True)
     return float(done.stdout)
 
@@ -36,3 +36,13 @@ def test_a_law_that_has_changed_is_compiled_anew(tmp_path: Path) -> None:
     assert text.count("W = (c[C10] + ") == 1
     law.write_text(text.replace("W = (c[C10] + ", "W = (2.0 * c[C10] + "))
     assert energy_in(tmp_path) == 2 * before != 0.0
+
+
+def test_what_was_kept_may_name_a_class_that_is_no_more(tmp_path: Path) -> None:
+    shutil.copytree(Path(fe.__file__).parent, tmp_path / "fe", ignore=shutil.ignore_patterns("__pycache__"))
+    before = energy_in(tmp_path)
+    named = [p for p in (tmp_path / "fe").rglob("*.py") if "MeshArrays" in p.read_text()]
+    assert named
+    for path in named:
+        path.write_text(path.read_text().replace("MeshArrays", "MeshRecord"))
+    assert energy_in(tmp_path, ENERGY.replace("MeshArrays", "MeshRecord")) == before
