@@ -1,5 +1,5 @@
-"""Frame marks in, homography between the finger's plane (mm) and ideal pixels out, one per frame, and how
-its errors move a place."""
+"""The homography between the finger's plane (mm) and ideal pixels in each frame, and how its errors move
+a place."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""Board corners seen by several cameras in, the cameras and their relative poses out, with one covariance."""
+"""Several cameras and their relative poses with one covariance, from board corners that they see."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace

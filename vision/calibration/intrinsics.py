@@ -1,4 +1,4 @@
-"""Board pictures in, camera out: lens model by evidence, covariance, and gates that say why they refuse."""
+"""A camera from board pictures: lens model by evidence, covariance, and checks that say why they refuse."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

@@ -1,4 +1,4 @@
-"""Views of a board in, camera out: every lens model fitted, the best by evidence, with its covariance."""
+"""A camera from views of a board: every lens model fitted, the best by evidence, with its covariance."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""Board pictures or films of several cameras in, their rig out; board corners in space from that rig."""
+"""The rig of several cameras, from board pictures or films of them; board corners in space from that rig."""
 
 from collections.abc import Sequence
 from dataclasses import replace

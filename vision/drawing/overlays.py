@@ -1,4 +1,4 @@
-"""Film and tracks in, one picture out: the frame of the largest motion with every mark as it was followed."""
+"""One picture of a followed film: the frame of the largest motion, with every mark as it was followed."""
 
 from itertools import pairwise
 

@@ -1,4 +1,4 @@
-"""Known motion in, film file out: what a camera would have recorded, drawn with exact anti-aliasing.
+"""Film of a known motion, as a camera would have recorded it, drawn with exact anti-aliasing.
 
 Every mark is a texture, eight texels to a pixel or finer, already blurred; each pixel is the mean of four
 Gauss-Legendre samples of it. The plane of the mark, perspective and lens distortion are in the mapping.

@@ -1,4 +1,4 @@
-"""Variances and modes in, the table of the error budget out: how much of each mark's sd comes from where."""
+"""The table of the error budget: how much of each mark's sd comes from where."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace

@@ -1,4 +1,4 @@
-"""What is known of the rig in, errors shared by many values out: one field a mode, 1 sd each, by name.
+"""Errors that many values share, from what is known of the rig: one field a mode, 1 sd each, by name.
 
 A name is its source, then what it belongs to: `placement:tip:x`. `errors.budgeting` sums them by source.
 """

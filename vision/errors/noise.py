@@ -1,4 +1,4 @@
-"""Static film and re-coded film in, noise model in mm out: what scatters at rest, and what the codec adds."""
+"""The noise model in mm: what scatters in the static film, and what video compression adds."""
 
 import tempfile
 from collections.abc import Iterator, Sequence

@@ -1,4 +1,4 @@
-"""Static noise, frame marks and fits in, the independent variance of every place out, source by source."""
+"""The independent variance of every place, source by source."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""A film in, what every frame shows out, and kept on the way: a killed run never follows a frame twice."""
+"""What every frame shows, kept on the way, so that a killed run never follows a frame twice."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import fields, is_dataclass

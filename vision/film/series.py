@@ -1,4 +1,4 @@
-"""A folder of pictures in, a film out: time stamps from a file or a frame rate."""
+"""A film that lies there as a folder of pictures, with times from a file or a frame rate."""
 
 import csv
 import re

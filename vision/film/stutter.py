@@ -1,4 +1,4 @@
-"""Pictures that a camera gave twice in; which of them show a moving finger at a wrong time out."""
+"""Frames that repeat the picture before them while the finger moves, and so show it at a wrong time."""
 
 import numpy as np
 from numpy.typing import NDArray

@@ -1,4 +1,4 @@
-"""Film in, time-stamped grey frames out: the container's own time stamps, one frame in memory at a time."""
+"""Grey frames of a film file with the container's own time stamps, one frame in memory at a time."""
 
 import os
 import re

@@ -1,4 +1,4 @@
-"""A speckled surface before and after in, its displacement field out: a grid of subsets, each registered.
+"""The displacement field of a speckled surface between two pictures, from a grid of registered subsets.
 
 Subsets are patches of `registration` (ZNSSD, cubic B-spline) with an affine warp. The search begins at
 a seed and goes on from neighbour to neighbour, the best correlated first, doi 10.1364/AO.48.001535.

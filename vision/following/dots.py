@@ -1,4 +1,4 @@
-"""Plain dots in a picture, their centres out: iso-contour, ellipse, and what perspective does to it."""
+"""Centres of plain dots in a picture: iso-contour, ellipse, and what perspective does to it."""
 
 from dataclasses import dataclass
 

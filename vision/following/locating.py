@@ -1,4 +1,4 @@
-"""One picture in, centres of all markers of a dictionary out, to a few hundredths of a pixel or better."""
+"""Centres of all markers of a dictionary in one picture, to a few hundredths of a pixel or better."""
 
 from dataclasses import dataclass, replace
 

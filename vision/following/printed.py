@@ -1,4 +1,4 @@
-"""Reference patches and the printed pattern in, true centres of the marks out."""
+"""True centres of marks: where the printed pattern lies in their reference patches."""
 
 from collections.abc import Sequence
 

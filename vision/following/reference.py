@@ -1,4 +1,4 @@
-"""First seconds of a film in, reference patches out: each mark averaged, and where its true centre is."""
+"""Reference patches: each mark averaged over the first seconds of a film, and where its true centre is."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass

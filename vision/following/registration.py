@@ -1,4 +1,4 @@
-"""Marker patches in, sub-pixel homographies out: inverse-compositional Gauss-Newton on grey levels.
+"""Sub-pixel homographies of marker patches, by inverse-compositional Gauss-Newton on grey levels.
 
 A patch lives in local coordinates: the printed mark is the square (-1..1)^2, x to the right and y down in
 its own upright picture. A warp (3,3) takes local coordinates to ideal (undistorted) pixels, a lens those to

@@ -1,4 +1,4 @@
-"""Film in, one homography per mark and frame out: marks are followed, lost and found again."""
+"""One homography a mark and frame: marks are followed through a film, lost and found again."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""Followed marks in, how each turns and grows in the finger's plane out."""
+"""How each followed mark turns and grows in the finger's plane."""
 
 from collections.abc import Sequence
 

@@ -1,4 +1,5 @@
-"""Residuals of patches by quarters in, what lies unevenly on a mark out: glare, cover, the edge of a shadow.
+"""What lies unevenly on a mark (glare, cover, the edge of a shadow), from residuals by quarters of its
+patch.
 
 Such a thing pulls the fit aside and leaves a residual that noise does not explain. Its pull shows when a
 quarter of the patch is left out: the centre then moves by more than noise moves it.

@@ -1,4 +1,4 @@
-"""What one camera or several recorded, and marks, in; displacements in mm with their uncertainty out."""
+"""Displacements in mm with their uncertainty, from what one camera or several recorded."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -75,8 +75,8 @@ def measure(
     rig: how several cameras, those of the views, stand to each other, from `stereo.calibrate_rig`.
     face: where one camera sees speckles, as `vision.measuring.face.Face`; its points follow the marks.
     dictionary: of the markers, a name or a file.   stated: how well the rig is known.
-    steps: of a film with more frames so many, evenly, are given out, and all of the reference; all frames
-    are followed.   progress: called with (stage, frames done, frames in all).
+    steps: number of evenly spaced frames that are given out, besides all of the reference; tracking always
+    uses every frame.   progress: called with (stage, frames done, frames in all).
     keeper: keeps what was followed, so that a killed measurement goes on where it was, bit for bit.
 
     Raises ValueError for marks that do not suffice or share ids, for a static film that is too short or shows

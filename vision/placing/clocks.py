@@ -1,5 +1,4 @@
-"""Tracks of cameras that run on their own clocks in, tracks at common times out, and how far the clocks are
-apart."""
+"""Tracks at common times of cameras that run on their own clocks, and how far the clocks are apart."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

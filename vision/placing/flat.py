@@ -1,4 +1,4 @@
-"""What one camera saw in, displacements in the plane of the frame marks out; y is not observed: NaN."""
+"""Displacements in the plane of the frame marks, from what one camera saw; y is not observed: NaN."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

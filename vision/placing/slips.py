@@ -1,4 +1,4 @@
-"""Displacements of the finger's marks in, those that came off their place out: said, never corrected."""
+"""Marks of the finger that came off their place: named, never corrected."""
 
 from collections.abc import Sequence
 from typing import NamedTuple

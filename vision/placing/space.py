@@ -1,4 +1,4 @@
-"""What two or more cameras saw in, displacements U1 U2 U3 out.
+"""Displacements U1 U2 U3 from what two or more cameras saw.
 
 Steps are frames of the first film; the other cameras' tracks are interpolated to their times. What their
 clocks are apart is estimated from moving marks and taken out, see `placing.clocks.lags`. Heights and motion

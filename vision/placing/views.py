@@ -1,4 +1,4 @@
-"""What cameras recorded in, what was followed in it out: the film, the film at rest, the codec's error."""
+"""What each camera recorded, and what was followed in it: the film, the film at rest, the codec's error."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

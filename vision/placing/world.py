@@ -1,4 +1,4 @@
-"""Marks followed by several cameras in, their places in world axes out, whatever shakes the cameras.
+"""Places in world axes of marks that several cameras followed, whatever shakes the cameras.
 
 The rig's frame is laid on the frame marks' nominal places by a rigid fit; in every frame each camera's pose
 is then found again from the frame marks, so that a shaken tripod does no harm.
