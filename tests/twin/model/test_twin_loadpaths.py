@@ -1,19 +1,15 @@
 """Displacements from the table of load paths against full finite elements, and where the table ends."""
 
-from collections.abc import Mapping
 from dataclasses import replace
-from pathlib import Path as File
 
 import numpy as np
 import pytest
 
 from fe import Case, Finger, Lattice, Material, Path, solve
-from fe.case import digest
 from twin.effects.baselaw import Constants
 from twin.model.arraycache import no_cache
 from twin.model.loadpaths import LoadPaths, load_paths, sheets
 from twin.model.structure import base_case
-from twin.project import files
 from twin.targets import Array
 
 
@@ -71,22 +67,6 @@ def test_a_soft_share_ends_where_its_path_did(paths: LoadPaths) -> None:
     found = paths.predict(Constants.at(0.3, float(paths.shares[0])), np.array([0.3 * 0.9 * top]))
     assert found is not None
     assert np.isfinite(found).all()
-
-
-def test_paths_are_kept_by_their_key(tmp_path: File, short_case: Case) -> None:
-    made: list[str] = []
-    points = short_case.position(4401)[None]
-
-    def keep(stage: str, tasks: Mapping[str, object]) -> dict[str, Array]:
-        made.extend(tasks)
-        path = np.linspace(0.0, 1.0, 61)[:, None, None] * np.ones((61, 1, 3))
-        return dict.fromkeys(tasks, path)
-
-    key = digest("a", points)
-    load_paths(short_case, points, cache=keep, key=key)
-    assert len(set(made)) == 5
-    assert all(name.startswith(key) for name in made)
-    files.write_npz(tmp_path / f"{made[0]}.npz", {"array": np.zeros(1)})  # keys are fit for file names
 
 
 def test_of_two_materials_the_table_holds_the_total_as_well(short: Finger, monkeypatch: pytest.MonkeyPatch) -> None:
