@@ -85,8 +85,12 @@ def diagnosed(
     return [diagnose(model, effects, film(seed), seed=0, start=start, mesh=mesh) for seed in seeds]
 
 
-def test_nothing_hidden_needs_nothing(laboratory: Laboratory) -> None:
-    for found in diagnosed(laboratory, laboratory.truth(), seeds=(1, 2)):
+SEEDS = pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.slow)])
+
+
+@SEEDS
+def test_nothing_hidden_needs_nothing(laboratory: Laboratory, seed: int) -> None:
+    for found in diagnosed(laboratory, laboratory.truth(), seeds=(seed,)):
         assert (found.verdict, found.named, found.law, found.kept) == ("none needed", (), None, None)
         data = found.to_dict()
         assert data["adequate"] is True
@@ -94,9 +98,10 @@ def test_nothing_hidden_needs_nothing(laboratory: Laboratory) -> None:
         assert data["p_value_before"] > 1e-3
 
 
-def test_hidden_creep_is_named_and_its_error_goes(laboratory: Laboratory) -> None:
+@SEEDS
+def test_hidden_creep_is_named_and_its_error_goes(laboratory: Laboratory, seed: int) -> None:
     truth = laboratory.truth(prony=((0.09, 1.2), (0.067, 3.5), (0.024, 15.0)))
-    for found in diagnosed(laboratory, truth, seeds=(1, 2)):
+    for found in diagnosed(laboratory, truth, seeds=(seed,)):
         assert found.named == ("creep",), found.sentence
         assert found.verdict in ("creep", "right physics, wrong law")
         assert found.law in ("creep", "creep:2")
@@ -111,13 +116,14 @@ def test_hidden_creep_is_named_and_its_error_goes(laboratory: Laboratory) -> Non
         assert 0.09 < g < 0.26  # of 0.18 hidden, what relaxes within the film
 
 
-def test_a_force_outside_the_library_is_none_of_these(laboratory: Laboratory) -> None:
+@SEEDS
+def test_a_force_outside_the_library_is_none_of_these(laboratory: Laboratory, seed: int) -> None:
     # so large a force that it is plain, and so much noise that the short finger's coarse mesh can be tested;
     # benchmarks/controls.py has one of three noise sds on the whole finger
-    for found in diagnosed(laboratory, laboratory.truth(force=0.4), seeds=(1, 2), bench=NOISY):
+    for found in diagnosed(laboratory, laboratory.truth(force=0.4), seeds=(seed,), bench=NOISY):
         assert (found.verdict, found.named, found.law, found.kept) == ("none of these", (), None, None), found.sentence
         data = found.to_dict()
-        assert data["p_value_before"] < 1e-9
+        assert data["p_value_before"] < 1e-4  # a tenth of what counts as adequate
         assert data["rms_after_mm"] == data["rms_before_mm"] > data["noise_sd_mm"]
         assert data["adequate"] is False
         assert data["explained"] < 0.5

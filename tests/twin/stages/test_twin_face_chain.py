@@ -41,7 +41,9 @@ class Silent:
 
 
 @pytest.fixture(scope="module")
-def project(tmp_path_factory: pytest.TempPathFactory, short_case: Case, short_builtin: BuiltIn) -> Project:
+def project(
+    tmp_path_factory: pytest.TempPathFactory, short_case: Case, short_builtin: BuiltIn, one_process: None
+) -> Project:
     """Targets of another mesh: the markers tip and middle, and seven points of the face."""
     named = [("middle", 5848), ("tip", 4401)]
     spots = [TargetPoint(f"face{k + 1:03d}", PointKind.PLACE, None, (x, 11.5, z)) for k, (x, z) in enumerate(FACE)]

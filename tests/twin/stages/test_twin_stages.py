@@ -1,7 +1,6 @@
 """The stages on targets alone, in a folder of their own: calibrate, compare, diagnose, add, review, and their errors."""
 
 import json
-from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -19,7 +18,6 @@ from twin.project.targetfiles import write_targets
 from twin.project.toml import dump
 from twin.review.numerals import in_words, interval, value
 from twin.review.states import Fields, Generations
-from twin.stages import caches, diagnosing
 from twin.stages.adding import run_add, run_drop
 from twin.stages.calibrating import run_calibrate
 from twin.stages.comparing import run_compare
@@ -66,15 +64,6 @@ def project_at(folder: Path, case: Case, short: BuiltIn) -> Project:
     (folder / "twin.toml").write_text(dump(config), encoding="utf-8")
     write_targets(folder / "targets", targets)
     return Project.open(folder, builtin=short)
-
-
-@pytest.fixture(scope="module")
-def one_process() -> Iterator[None]:
-    """All work in this process: on so small a finger others cost more than they save."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(caches, "WORKERS", 1)
-        patch.setattr(diagnosing, "WORKERS", 1)
-        yield
 
 
 @pytest.fixture(scope="module")
