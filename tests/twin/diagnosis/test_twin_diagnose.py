@@ -120,13 +120,13 @@ def test_hidden_creep_is_named_and_its_error_goes(laboratory: Laboratory, seed: 
 def test_a_force_outside_the_library_is_none_of_these(laboratory: Laboratory, seed: int) -> None:
     # so large a force that it is plain, and so much noise that the short finger's coarse mesh can be tested;
     # benchmarks/controls.py has one of three noise sds on the whole finger
-    for found in diagnosed(laboratory, laboratory.truth(force=0.4), seeds=(seed,), bench=NOISY):
+    for found in diagnosed(laboratory, laboratory.truth(force=0.8), seeds=(seed,), bench=NOISY):
         assert (found.verdict, found.named, found.law, found.kept) == ("none of these", (), None, None), found.sentence
         data = found.to_dict()
-        assert data["p_value_before"] < 1e-4  # a tenth of what counts as adequate
-        assert data["rms_after_mm"] == data["rms_before_mm"] > data["noise_sd_mm"]
+        assert data["p_value_before"] < 1e-9
+        assert data["rms_after_mm"] == data["rms_before_mm"]
         assert data["adequate"] is False
-        assert data["explained"] < 0.5
+        assert (data["explained"] or 0.0) < 0.5  # None: not even the best effect gains
 
 
 def test_without_noise_model_or_with_few_frames_nothing_can_be_tested(laboratory: Laboratory) -> None:
