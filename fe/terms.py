@@ -26,7 +26,7 @@ _OPTIONS: dict[str, Any] = {"nogil": True, "fastmath": {"contract", "reassoc"}, 
 _OWN_SOURCE = hashlib.sha256(Path(__file__).read_bytes()).hexdigest()
 
 
-def machine_code(function: Callable[..., Any]) -> Any:
+def machine_code(function: Callable[..., Any], *, inline: bool = False) -> Any:
     """The function, compiled by numba at its first call and kept on the disk.
 
     numba compiles anew where the function's own file has changed. The loops hold the law of this file in
@@ -34,13 +34,19 @@ def machine_code(function: Callable[..., Any]) -> Any:
     so it must not even be read then: both stand in the version of what is kept, which numba reads first.
     Where numba has no place for that, nothing is kept.
     """
-    kept: Any = numba.njit(function, cache=True, **_OPTIONS)
+    kept: Any = numba.njit(function, cache=True, forceinline=inline, **_OPTIONS)
     try:
         file = kept._cache._cache_file
         file._version = (file._version, file._source_stamp, _OWN_SOURCE)
     except AttributeError:
         return numba.njit(function, **_OPTIONS)
     return kept
+
+
+def part(function: Callable[..., Any]) -> Any:
+    """As `machine_code`, for what is called at every point: part of its caller, as a record is dear to
+    pass."""
+    return machine_code(function, inline=True)
 
 
 class Point(NamedTuple):
@@ -63,7 +69,7 @@ def new_point() -> Point:
     return Point(w[0], w[1], w[2], w[3], w[4], w[5], w[6])
 
 
-@machine_code
+@part
 def invariants(at: Point) -> tuple[float, float, float]:
     """J, tr C and (tr(C)^2 - tr(C^2)) / 2 of F; fills C and a. NaN where J <= 0."""
     F, C, a = at.F, at.C, at.a
@@ -94,7 +100,7 @@ def _gent(c: Array, x: float) -> tuple[float, float]:
     return 0.5 * c[GENT] / left, 0.5 * c[GENT] * c[GENT_INVERSE] / (left * left)
 
 
-@machine_code
+@part
 def _slopes(c: Array, x: float) -> tuple[float, float]:
     """W1 = dW/dI1 and W11 = dW1/dI1 of the terms in I1 at I1 - 3 = x."""
     W1 = c[C10] + (2.0 * c[C20] + 3.0 * c[C30] * x) * x
@@ -106,7 +112,7 @@ def _slopes(c: Array, x: float) -> tuple[float, float]:
     return W1, W11
 
 
-@machine_code
+@part
 def in_invariants(at: Point, J: float, I1: float, I2: float, c: Array) -> tuple[float, float, float]:
     """The weights w1 = W1 J^(-2/3), w2 = W2 J^(-4/3), W11 of the terms in invariants; fills P, their
     isochoric stress, g and m."""
@@ -223,7 +229,7 @@ def _ogden_tangent(D: Array, N: Array, n: Array, S: Array, moduli: Array, scale:
                 A[pair, p, q] += scale * value
 
 
-@machine_code
+@part
 def tangent(
     at: Point, I1: float, I2: float, w1: float, w2: float, w11: float, pJ: float, A: Array
 ) -> None:

@@ -20,6 +20,7 @@ from fe.terms import (
     machine_code,
     new_point,
     ogden,
+    part,
     softened,
     tangent,
 )  # fmt: skip
@@ -96,7 +97,7 @@ class Work(NamedTuple):
     K: Array
 
 
-@machine_code
+@part
 def _deformed(G: Array, u: Array, rest: Array, e: int, q: int, F: Array) -> None:
     """F (3, 3) at one point from its gradients (3, n) and the element's displacements u (3, n)."""
     for i in range(3):
@@ -111,7 +112,7 @@ def _deformed(G: Array, u: Array, rest: Array, e: int, q: int, F: Array) -> None
                 F[i, k] += rest[e, q, i, k]
 
 
-@machine_code
+@part
 def _gathered(u: Array, nodes: Integers, out: Array) -> None:
     """The element's displacements, out (3, n)."""
     for a in range(len(nodes)):
@@ -119,7 +120,7 @@ def _gathered(u: Array, nodes: Integers, out: Array) -> None:
             out[i, a] = u[nodes[a], i]
 
 
-@machine_code
+@part
 def _pressure(psi: Array, p: Array) -> float:
     value = 0.0
     for k in range(len(psi)):
@@ -127,14 +128,14 @@ def _pressure(psi: Array, p: Array) -> float:
     return value
 
 
-@machine_code
+@part
 def _drop(past: Carried, W: float, e: int, q: int) -> tuple[float, float]:
     """What softening takes off the scale at one point of energy W, and the slope of the scale."""
     side = int(past.sides[e, q]) if len(past.sides) > 0 else -1
     return softened(W, past.soft[e], past.peak[e, q], side)
 
 
-@machine_code
+@part
 def _total(at: Point, pressure: float, scale: float, S: Array) -> None:
     """P becomes scale P + F S + pressure a."""
     P, F, a = at.P, at.F, at.a
@@ -229,7 +230,7 @@ def _stiffened(P: Array, slope: float, A: Array) -> None:
                 A[pair, p, q] += slope * P[i, p] * P[j, q]
 
 
-@machine_code
+@part
 def _stiffness_at(
     mesh: MeshArrays, law: Law, past: Carried, at: Point, pressure: float, e: int, q: int, A: Array
 ) -> float:
@@ -250,7 +251,7 @@ def _stiffness_at(
     return J
 
 
-@machine_code
+@part
 def _spread(mesh: MeshArrays, at: Point, S: Array, J: float, e: int, q: int, work: Work) -> None:
     """Puts a point's stress, volume gradient and tangent, with the carried stress S (3, 3), into an element's
     scratch."""
@@ -270,7 +271,7 @@ def _spread(mesh: MeshArrays, at: Point, S: Array, J: float, e: int, q: int, wor
                 work.T[q, k, pair, b] = t0 * G[0, b] + t1 * G[1, b] + t2 * G[2, b]
 
 
-@machine_code
+@part
 def _condense(C: Array, B: Array, gap: Array, force: Array) -> None:
     """Adds to an element's force (n, 3) what the elimination of its modes, of compliance C (m, m), gives."""
     modes = len(gap)
@@ -283,7 +284,7 @@ def _condense(C: Array, B: Array, gap: Array, force: Array) -> None:
                 force[b, j] += B[b, j, r] * eliminated
 
 
-@machine_code
+@part
 def _assemble(e: int, out: Tangent, rows: Array, given: Array, K: Array) -> None:
     """Eliminates an element's modes from its blocks K (n, 6, n) and adds them to the matrix; rows (3, m, n)
     and given (3, m) are scratch."""
