@@ -17,7 +17,7 @@ from twin.review.states import Fields, Generations
 from twin.stages.chain import STAGES, When, kinds_writing
 from twin.stages.fits import fresh, stale_sentences
 from twin.stages.workbench import Workbench
-from twin.targets import Array, Targets
+from twin.targets import Array
 
 CHANGES = ("add", "drop")  # the stages that change the effects
 SERIES = 12  # deformed states in the VTU series
@@ -217,117 +217,95 @@ class _Story:
         return rows
 
     def _pictures(self) -> list[dict[str, Any]]:
-        t, out = self.targets, []
-        rows = np.flatnonzero(~t.fixed)
-        before = self._prediction(("diagnose", "compare", "calibrate"))
-        after = self._prediction(CHANGES) if self.fields is not None else {}
-        if self.diagnosis.get("rms_before_mm") is not None:
-            bars = plots.error_bars(
-                self.diagnosis["rms_before_mm"],
-                after_mm=self.added.get("rms_mm"),
-                noise_mm=self.diagnosis["noise_sd_mm"],
-                labels=self._labels,
-            )
-            out.append(
-                {
-                    "title": "Error",
-                    "half": True,
-                    "svg": bars,
-                    "caption": "Root mean square error of all markers.",
-                }
-            )
-        if self.run.path("deformed.png").exists():
-            out.append(
-                {
-                    "title": "Model at top pressure",
-                    "half": True,
-                    "png": self.run.path("deformed.png"),
-                    "caption": "Best model of the genetic algorithm, and the measured markers.",
-                }
-            )
-        out += self._time_pictures(t, rows, before, after)
-        g = self.generations
-        out.append(
-            {
-                "title": "Genetic algorithm",
-                "half": True,
-                "caption": "Best RMS and constants of every generation.",
-                "svg": plots.generations(g.generation, rms_mm=g.rms_mm, best=g.best, names=g.names),
-            }
+        return [*self._error(), *self._deformed(), *self._over_time(), *self._search()]
+
+    def _error(self) -> list[dict[str, Any]]:
+        """The error before and after the named effect, where a diagnosis tells it."""
+        if self.diagnosis.get("rms_before_mm") is None:
+            return []
+        bars = plots.error_bars(
+            self.diagnosis["rms_before_mm"],
+            after_mm=self.added.get("rms_mm"),
+            noise_mm=self.diagnosis["noise_sd_mm"],
+            labels=self._labels,
         )
+        return [_picture("Error", "Root mean square error of all markers.", half=True, svg=bars)]
+
+    def _deformed(self) -> list[dict[str, Any]]:
+        """The finger at top pressure, where it could be drawn."""
+        file = self.run.path("deformed.png")
+        caption = "Best model of the genetic algorithm, and the measured markers."
+        return [_picture("Model at top pressure", caption, half=True, png=file)] if file.exists() else []
+
+    def _search(self) -> list[dict[str, Any]]:
+        """The genetic algorithm by generation and, of two constants, its landscape."""
+        g = self.generations
+        course = plots.generations(g.generation, rms_mm=g.rms_mm, best=g.best, names=g.names)
+        caption = "Best RMS and constants of every generation."
+        out = [_picture("Genetic algorithm", caption, half=True, svg=course)]
         if len(g.names) == 2:
             found = files.read_npz(self._file("calibrate", "candidates.npz"))
-            out.append(
-                {
-                    "title": "Error landscape",
-                    "half": True,
-                    "caption": "All candidates. Along the valley the sum of the two is the same.",
-                    "svg": plots.landscape(
-                        found["x"], rms_mm=found["rms_mm"], names=g.names, best=g.best[-1]
-                    ),
-                }
-            )
+            valley = plots.landscape(found["x"], rms_mm=found["rms_mm"], names=g.names, best=g.best[-1])
+            caption = "All candidates. Along the valley the sum of the two is the same."
+            out.append(_picture("Error landscape", caption, half=True, svg=valley))
         return out
 
-    def _time_pictures(
-        self, t: Targets, rows: Any, before: dict[str, Array], after: dict[str, Array]
-    ) -> list[dict[str, Any]]:
-        if not before or len(t.time) < 3:
+    def _over_time(self) -> list[dict[str, Any]]:
+        """Displacements, what is left of them, and displacements against pressure: of a film."""
+        before = self._prediction(("diagnose", "compare", "calibrate"))
+        after = self._prediction(CHANGES) if self.fields is not None else {}
+        if not before or len(self.targets.time) < 3:
             return []
-        time, names = t.time - t.time[0], [t.names[r] for r in rows]
-        shown = [
-            k for k, r in enumerate(rows) if t.names[r] in self.project.config.calibrate.objective_points
-        ]
-        own = rows[shown] if shown else rows[-2:]
-        maps = {
-            title: 1e3 * found["cleaned"][:, rows]
-            for title, found in zip(self._labels, (before, after), strict=True)
-            if "cleaned" in found
-        }
-        start, end, models = before["u"], after.get("u"), " and ".join(self._labels[: 1 + bool(after)])
-        out = [
-            {
-                "title": "Displacement",
-                "caption": f"Measured; {models}.",
-                "svg": plots.displacements(
-                    time,
-                    measured=t.value[:, own],
-                    before=start[:, own],
-                    after=None if end is None else end[:, own],
-                    names=[t.names[r] for r in own],
-                    labels=self._labels,
-                ),
-            },
-        ]
-        if maps:
-            out.append(
-                {
-                    "title": "Where the model fails",
-                    "caption": "Measured minus model, without the errors (scale, placement, mesh) that many "
-                    "values share.",
-                    "svg": plots.residual_map(time, maps=maps, names=names, unit="um"),
-                }
-            )
-        out.append(
-            {
-                "title": "U3 against pressure",
-                "caption": f"Measured; {models}. Every dot is a step of the film.",
-                "svg": plots.pressure_curves(
-                    t.pressure,
-                    measured=t.value[:, own, 2],
-                    before=start[:, own, 2],
-                    after=None if end is None else end[:, own, 2],
-                    names=[t.names[r] for r in own],
-                    labels=self._labels,
-                ),
-            }
+        displacement, pressure = self._courses(before, after)
+        return [displacement, *self._left_over(before, after), pressure]
+
+    def _courses(self, before: dict[str, Array], after: dict[str, Array]) -> list[dict[str, Any]]:
+        """The markers of the objective over time, and over pressure."""
+        t, end = self.targets, after.get("u")
+        rows = np.flatnonzero(~t.fixed)
+        wanted = [r for r in rows if t.names[r] in self.project.config.calibrate.objective_points]
+        own = wanted or rows[-2:]
+        drawn: dict[str, Any] = {"names": [t.names[r] for r in own], "labels": self._labels}
+        over_time = plots.displacements(
+            t.time - t.time[0],
+            measured=t.value[:, own],
+            before=before["u"][:, own],
+            after=None if end is None else end[:, own],
+            **drawn,
         )
-        return out
+        over_pressure = plots.pressure_curves(
+            t.pressure,
+            measured=t.value[:, own, 2],
+            before=before["u"][:, own, 2],
+            after=None if end is None else end[:, own, 2],
+            **drawn,
+        )
+        shown = f"Measured; {' and '.join(self._labels[: 1 + bool(after)])}."
+        return [
+            _picture("Displacement", shown, svg=over_time),
+            _picture("U3 against pressure", f"{shown} Every dot is a step of the film.", svg=over_pressure),
+        ]
+
+    def _left_over(self, before: dict[str, Array], after: dict[str, Array]) -> list[dict[str, Any]]:
+        """The residual of every moving marker over time, of each model that a run has compared."""
+        t, both = self.targets, zip(self._labels, (before, after), strict=True)
+        rows = np.flatnonzero(~t.fixed)
+        maps = {title: 1e3 * found["cleaned"][:, rows] for title, found in both if "cleaned" in found}
+        if not maps:
+            return []
+        drawn = plots.residual_map(t.time - t.time[0], maps=maps, names=[t.names[r] for r in rows], unit="um")
+        caption = "Measured minus model, without the errors (scale, placement, mesh) that many values share."
+        return [_picture("Where the model fails", caption, svg=drawn)]
 
     def _prediction(self, kinds: tuple[str, ...]) -> dict[str, Array]:
         """What the newest run of these kinds predicted and left, or nothing."""
         path = fresh(self.project, kinds, "prediction.npz")
         return dict(files.read_npz(path)) if path else {}
+
+
+def _picture(title: str, caption: str, *, half: bool = False, **drawn: Any) -> dict[str, Any]:
+    """A picture of the report, svg=text or png=file; two halves stand side by side."""
+    return {"title": title, "caption": caption, "half": half, **drawn}
 
 
 def _parameters(fit: dict[str, Any]) -> list[dict[str, Any]]:
