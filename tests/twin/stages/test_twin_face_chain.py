@@ -106,7 +106,11 @@ def changed(project: Project, folder: Path, rows: slice, move: tuple[float, floa
 
 
 def test_a_face_point_off_its_place_is_found_by_compare(project: Project, tmp_path: Path) -> None:
-    told = run_compare(changed(project, tmp_path / "off", slice(5, 6), (4.0, 0.0, 0.0)), Silent())
+    moved = changed(project, tmp_path / "off", slice(5, 6), (4.0, 0.0, 0.0))
+    with pytest.raises(ValueError, match=r"stale: targets/targets\.toml has changed since; run twin calibrate"):
+        run_compare(moved, Silent())
+    run_calibrate(moved, Silent())
+    told = run_compare(moved, Silent())
     assert not told["adequate"]
     assert max(told["maps"]["marker"], key=lambda r: float(r["rms_mm"]))["name"] == "face006"
 
