@@ -110,10 +110,10 @@ def _judged(rows: tuple[Candidate, ...], best: Candidate, base: Comparison, afte
         verdict = f"{' or '.join(names)}: run test {test}"
         return replace(named, verdict=verdict, sentence=sentence, ties=(names,), next_test=test)
     if after.adequate:
-        return replace(named, sentence=f"{name} is missing: {best.effect.sentence}. {change}")
+        return replace(named, sentence=f"{name} is missing. {_capital(best.effect.sentence)}. {change}")
     if explained > EXPLAINED:
         sentence = (
-            f"{name} is the missing physics: {best.effect.sentence}. Its law is not exactly the one of the "
+            f"{name} is the missing physics. {_capital(best.effect.sentence)}. Its law is not exactly that of the "
             f"library. {change}"
         )
         return replace(named, verdict="right physics, wrong law", sentence=sentence)
@@ -122,6 +122,10 @@ def _judged(rows: tuple[Candidate, ...], best: Candidate, base: Comparison, afte
         f"rms, and {name}, the best effect of the library, explains {100 * explained:.0f} % of it."
     )
     return Diagnosis(verdict="none of these", sentence=sentence, explained=explained)
+
+
+def _capital(sentence: str) -> str:
+    return sentence[:1].upper() + sentence[1:]
 
 
 def next_test(one: Effect, other: Effect) -> str:
