@@ -10,10 +10,10 @@ demo: .venv/run.stamp
 	$(BIN)/twin demo
 
 test: .venv/dev.stamp
-	$(ONE_THREAD) $(BIN)/python -m pytest -n 2
+	$(ONE_THREAD) $(BIN)/python -m pytest -n 2 --dist worksteal
 
 test-slow: .venv/dev.stamp
-	$(ONE_THREAD) $(BIN)/python -m pytest -n 2 -m slow
+	$(ONE_THREAD) $(BIN)/python -m pytest -n 2 --dist worksteal -m slow
 
 check: .venv/dev.stamp
 	$(BIN)/ruff check .

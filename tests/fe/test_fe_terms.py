@@ -6,6 +6,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 import fe
 
 # W of one element of one node at u = (0.1, 0, 0) mm: F is stretched by 1.1 along x, and the law has C10 alone.
@@ -38,6 +40,7 @@ def test_a_law_that_has_changed_is_compiled_anew(tmp_path: Path) -> None:
     assert energy_in(tmp_path) == 2 * before != 0.0
 
 
+@pytest.mark.slow
 def test_what_was_kept_may_name_a_class_that_is_no_more(tmp_path: Path) -> None:
     shutil.copytree(Path(fe.__file__).parent, tmp_path / "fe", ignore=shutil.ignore_patterns("__pycache__"))
     before = energy_in(tmp_path)

@@ -113,8 +113,8 @@ def _judged(rows: tuple[Candidate, ...], best: Candidate, base: Comparison, afte
         return replace(named, sentence=f"{name} is missing. {_capital(best.effect.sentence)}. {change}")
     if explained > EXPLAINED:
         sentence = (
-            f"{name} is the missing physics. {_capital(best.effect.sentence)}. Its law is not exactly that of the "
-            f"library. {change}"
+            f"{name} is the missing physics. {_capital(best.effect.sentence)}. "
+            f"Its law is not exactly that of the library. {change}"
         )
         return replace(named, verdict="right physics, wrong law", sentence=sentence)
     sentence = (

@@ -137,6 +137,7 @@ def stubs(tmp_path_factory: pytest.TempPathFactory) -> File:
     return folder / "unpacked"
 
 
+@pytest.mark.slow
 def test_the_extraction_script_has_the_types_of_an_odb(stubs: File, tmp_path: File) -> None:
     pytest.importorskip("mypy")
     (tmp_path / "extract.py").write_text(EXTRACT)

@@ -111,6 +111,7 @@ def test_richer_elements_are_the_same_structure(short: Case, kind: str) -> None:
         enriched(converted(short, "C3D10"))
 
 
+@pytest.mark.slow
 def test_a_mesh_of_halved_elements_comes_nearer_to_the_limit(tube_deck: Tube, tmp_path: File) -> None:
     case = read_deck(tube_deck(tmp_path, "C3D20RH", cells=4)).case
     rich, base, fine = (Embedded().solve(c, 0.05).at(TIP)[2] for c in (enriched(refined(case)), case, refined(case)))

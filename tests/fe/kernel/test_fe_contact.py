@@ -105,6 +105,7 @@ def sagged(case: Case) -> Array:
     return solution.fields([0])[0]
 
 
+@pytest.mark.slow
 def test_the_answer_converges_with_the_mesh(cube: Cube, silicone: Material) -> None:
     pushes, middles = [], []
     for n in (1, 2, 3):

@@ -109,6 +109,7 @@ def solved(case: Case, path: Path = PUSH, count: int = 12) -> Solution:
     return found
 
 
+@pytest.mark.slow
 def test_the_answer_converges_with_mesh_and_levels(cube: Cube) -> None:
     end = np.array([[12.0, 1.5, 1.5]])
     ends = [solved(bar(cube, MU, n=n)).at(end)[-1, 0] for n in (2, 3, 4)]

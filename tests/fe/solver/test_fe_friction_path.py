@@ -83,6 +83,7 @@ def bar(cube: Cube, friction: float) -> Case:
 PRESSED = Path(TIME, np.array([0.0, 0.02, 0.008, 0.02, 0.0]), np.linspace(0.25, 4.0, 16))
 
 
+@pytest.mark.slow
 def test_half_the_steps_leave_a_quarter_of_the_error(cube: Cube, monkeypatch: pytest.MonkeyPatch) -> None:
     fields, path = [], Path(TIME, CYCLES, np.linspace(0.1, 4.0, 40))
     for steps in (6, 12, 24, 48):

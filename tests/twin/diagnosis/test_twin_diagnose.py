@@ -163,6 +163,7 @@ def test_without_a_log_history_is_not_testable(laboratory: Laboratory) -> None:
     assert "Not visible in these data: " in found.sentence
 
 
+@pytest.mark.slow
 def test_hidden_softening_of_another_law_is_named(laboratory: Laboratory) -> None:
     # beta is not 0, as the narrow law has it, and the mesh is of the other topology
     law = Material(*NOMINAL, mullins=(0.4, 3e-4, 0.3))

@@ -98,6 +98,7 @@ def test_the_table_under_weight_is_full_finite_elements(
     assert paths.predict(constants, np.full(8, 0.21 * constants.total)) is None
 
 
+@pytest.mark.slow
 def test_the_meshs_error_under_weight_lies_within_its_modes(
     short: Finger, short_case: Case, monkeypatch: pytest.MonkeyPatch
 ) -> None:
