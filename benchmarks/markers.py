@@ -34,6 +34,7 @@ from vision.following.methods import Method
 from vision.following.reference import Follower, prepare
 from vision.following.tracks import Followed, follow
 from vision.following.turns import mean_seen
+from vision.kinds import coded, plaindot
 from vision.kinds.coded import CodedMarker
 from vision.kinds.plaindot import PlainDot
 from vision.marks import detect
@@ -57,12 +58,6 @@ def camera(zoom: int) -> Camera:
     return Camera(matrix, np.array([-0.2 / zoom**2, 0, 0, 0, 0]), (width, height))
 
 
-@cache
-def rays(zoom: int) -> synthetic._Rays:
-    """What takes the renderer longest, once for each camera."""
-    return synthetic._Rays(camera(zoom))
-
-
 @dataclass(frozen=True)
 class Scene:
     """A camera, marks, and where they truly are."""
@@ -75,9 +70,8 @@ class Scene:
 
     def drawing(self, *, paper: bool = False) -> synthetic._Scene:
         """The renderer; `paper` draws the marks on white paper without end."""
-        wide = {"QUIET_CELLS": 4, "DOT_PAPER": 4.0} if paper else {}
-        known = rays(self.camera.size[1] // 1080)
-        with patch.multiple(synthetic, _Rays=lambda _: known, **wide):
+        border, side = (4, 4.0) if paper else (coded.QUIET_CELLS, plaindot.PAPER)
+        with patch.object(coded, "QUIET_CELLS", border), patch.object(plaindot, "PAPER", side):
             return synthetic._Scene(self.camera, self.pose, self.marks, BLUR, "DICT_4X4_50")
 
     def ideal(self) -> Array:
