@@ -95,17 +95,18 @@ def reference_mode(value: Array, marks: Sequence[Mark], sd: Array, shared: Array
 
 
 def codec(
-    extra: Array, state: NDArray[np.int8], marks: Sequence[Mark]
+    extra: Array, state: NDArray[np.int8], marks: Sequence[Mark], creep_shared: float = CREEP_SHARED
 ) -> tuple[Named, Array, tuple[str, ...]]:
     """Compression error in three parts: modes that all frames of a rest share, the sd (s,p,3) mm that is left
     as independent, and a sentence where there are more rests than modes.
 
     extra: (s,p,3) mm, sd of the coding error.   state: (s,p) from `vision.errors.noise.states`.
+    creep_shared: share of a creeping patch's variance that stays, as the film's own coding shows it.
 
     P-frames repeat a picture that hardly changes, with its error: no mean over the hold makes it smaller.
     """
     slow = (state != FAST) & (np.nan_to_num(extra) > 0).any(axis=2)
-    share = np.where(state == CREEP, CREEP_SHARED, 1.0)
+    share = np.where(state == CREEP, creep_shared, 1.0)
     runs = [(stop - start, p, start) for p in range(slow.shape[1]) for start, stop in _runs(slow[:, p])]
     modes, left = {}, extra.copy()
     for count, (length, p, start) in enumerate(sorted(runs, reverse=True)[:MAX_HOLDS]):
@@ -146,11 +147,15 @@ def frame(shift: Array, rest: NDArray[np.intp], sd: float) -> Named:
     """
     count = np.maximum(np.isfinite(shift[:, rest]).sum(axis=1), 1)
     moved = shift - (np.nansum(shift[:, rest], axis=1) / count)[:, None]
-    flat = sd * np.nan_to_num(moved).reshape(len(moved), -1)
+    return {f"frame:{k + 1}": field for k, field in enumerate(orthogonal(sd * np.nan_to_num(moved)))}
+
+
+def orthogonal(fields: Array) -> list[Array]:
+    """The few orthogonal fields (s,p,3) mm that together are as large as many (n,s,p,2), largest first."""
+    flat = fields.reshape(len(fields), -1)
     power, turn = np.linalg.eigh(flat @ flat.T)
     kept = [k for k in np.argsort(power)[::-1] if power[k] > LEAST * max(power[-1], 1e-30)]
-    fields = (flat.T @ turn[:, kept]).T.reshape(-1, *shift.shape[1:])
-    return {f"frame:{k + 1}": _with_zero_y(field) for k, field in enumerate(fields)}
+    return [_with_zero_y(field) for field in (flat.T @ turn[:, kept]).T.reshape(-1, *fields.shape[1:])]
 
 
 def frame_sd(

@@ -2,7 +2,7 @@
 
 import tempfile
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import islice
 from pathlib import Path
 
@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vision.camera import Array
+from vision.errors.persistence import WHITE, Persistence, innovations, persistence_of
 from vision.film.checkpoint import Progress
 from vision.film.video import Image, Video, Writer
 from vision.following import registration
@@ -23,7 +24,9 @@ from vision.plane import homographies, to_plane
 MIN_STATIC = 120
 WINDOW = 60  # frames coded again
 LEAST_MM = 1e-6  # mm, sd of a mark that coding freezes
+LAG = 3  # frames apart at which a creeping patch's errors are compared
 MIN_SAMPLES = 10  # values that make an estimate of their own
+CLEARLY = 3.0  # sds of its variance by which a point is noisier than its frames tell
 SETTLE = 5  # first frames of the window, near the key frame, left out
 SHIFT = np.array([5.0, 3.0])  # px, off every block grid
 REST, CREEP, FAST = 0, 1, 2
@@ -40,11 +43,12 @@ class NoiseModel:
     """How measured places scatter; component 1 (y) is not observed: NaN, identity in the correlation."""
 
     sd: Array  # (p,3) mm, at rest
-    rho: Array  # (p,3) lag-1 correlation in time, 0 to 0.95
+    rho: Array  # (p,3) correlation from frame to frame of what lasts, 0 to 0.98
     correlation: Array  # (3p,3p) within one frame, order point then component; from the shared homography
     frames: int  # number of static frames
     codec_sd: Array  # (p,3) mm, rms of what is added to it while a patch moves
     common_sd: Array = field(default_factory=lambda: np.zeros(3))  # (3,) mm, of sd: what all points share
+    persistence: Persistence = WHITE  # of all points together
 
 
 @dataclass(frozen=True)
@@ -55,14 +59,18 @@ class Codec:
     creep: Array  # sd while it moves more slowly: P-frames lag behind it
     held: Array  # sd of the error that stays frozen in a patch that has come to rest
     rest: Array  # the same in one that has not moved yet
+    shared: float = 0.75  # share of creep's variance that stays through a hold, from 0 to 0.75
 
 
 def static_noise(place: Array, names: Sequence[str], film: str) -> NoiseModel:
     """Noise model of places (t,p,2) mm (x, z) or (t,p,3) mm at rest, without its codec term.
 
     names: (p,) of the points.   film: name of the static film.
-    sd with t - 1 degrees of freedom; rho = sum e_t e_t+1 / sum e_t^2. A point that is seen in fewer than 120
-    frames takes the largest sd and rho of the others. Raises ValueError when none is seen more often.
+
+    How long noise lasts is that of all points together (`persistence_of`). What is new in every frame tells
+    which points are noisier, and how they are correlated: of slow errors a film of rest holds too few. A
+    point that scatters by more than three sds of that keeps its own variance. One that is seen in fewer than
+    120 frames takes the largest sd of the others. Raises ValueError when none is seen more often.
     """
     count = np.isfinite(place[..., 0]).sum(axis=0)
     enough = count >= MIN_STATIC
@@ -72,22 +80,39 @@ def static_noise(place: Array, names: Sequence[str], film: str) -> NoiseModel:
             f"static film {film} shows marker {names[most]!r} in {count[most]} frames and none in more, "
             f"wanted {MIN_STATIC}: film the markers at rest for longer"
         )
-    error = np.nan_to_num(place - mean_seen(place)) * enough[:, None]
-    power = np.maximum((error**2).sum(axis=0), count[:, None] * LEAST_MM**2)
-    sd, rho = np.zeros(power.shape), np.zeros(power.shape)
-    sd[enough] = np.sqrt(power / np.maximum(count - 1, 1)[:, None])[enough]
-    rho[enough] = np.clip((error[1:] * error[:-1]).sum(axis=0)[enough] / power[enough], 0.0, 0.95)
-    sd[~enough], rho[~enough] = sd.max(axis=0), rho.max(axis=0)
+    error = place[:, enough] - mean_seen(place[:, enough])
+    found = persistence_of(error.reshape(len(error), -1))
+    new = innovations(error, found.first)
+    sd = np.zeros((len(names), place.shape[-1]))
+    sd[enough] = _level(error, new, found)
+    sd[~enough] = sd.max(axis=0)
+    # As large as the errors themselves, and like them in what the points share.
+    new = new * (sd[enough] / np.sqrt(np.maximum(_power(new), LEAST_MM**2)))
     whole = with_y if place.shape[-1] == 2 else np.asarray
-    shared = np.sqrt(np.maximum(common(place[:, enough]), 0.0))
+    shared = np.sqrt(np.maximum(common(new), 0.0))
     return NoiseModel(
         sd=whole(sd),
-        rho=whole(rho),
-        correlation=_correlation(error, enough),
+        rho=whole(np.full(sd.shape, found.rho)),
+        correlation=_correlation(np.nan_to_num(new), enough),
         frames=int(np.isfinite(place[:, enough, 0]).all(axis=1).sum()),
         codec_sd=np.zeros((len(names), 3)),
         common_sd=np.nan_to_num(whole(shared)),
+        persistence=found,
     )
+
+
+def _level(error: Array, new: Array, found: Persistence) -> Array:
+    """Sd (p,c) mm of errors (t,p,c) from what is new in every frame of them (t-1,p,c) and their memory."""
+    count = np.isfinite(error).sum(axis=0)
+    own = np.maximum(_power(error), LEAST_MM**2) * count / (count - 1)
+    told = np.maximum(_power(new), LEAST_MM**2) * found.total * count / (count - 1)
+    spread = np.sqrt(2.0 / found.independent(len(error)))
+    return np.asarray(np.sqrt(np.maximum(told, own / (1.0 + CLEARLY * spread))))
+
+
+def _power(error: Array) -> Array:
+    """Mean square (p,c) over the frames of errors (t,p,c) in which they are seen."""
+    return np.asarray(np.nansum(error**2, axis=0) / np.maximum(np.isfinite(error).sum(axis=0), 1))
 
 
 def common(place: Array) -> Array:
@@ -120,10 +145,10 @@ def with_y(xz: Array) -> Array:
 
 
 def _correlation(error: Array, known: NDArray[np.bool_]) -> Array:
-    """Correlation (3p,3p) of errors (t,p,2|3) of the known points (p,); identity elsewhere."""
-    full = np.eye(3 * error.shape[1])
+    """Correlation (3p,3p) from errors (t,k,2|3) of the k known points of p; identity elsewhere."""
+    full = np.eye(3 * len(known))
     rows = np.flatnonzero((known[:, None] & [True, error.shape[2] == 3, True]).ravel())
-    full[np.ix_(rows, rows)] = np.corrcoef(error[:, known].reshape(len(error), -1), rowvar=False)
+    full[np.ix_(rows, rows)] = np.corrcoef(error.reshape(len(error), -1), rowvar=False)
     return full
 
 
@@ -164,10 +189,10 @@ def codec_noise(
 ) -> Codec:
     """Codec error, seen by coding the film's own frames once more.
 
-    The 60 frames round the fastest motion are shifted off the block grid, coded again as the film was, and
-    tracked again; the difference of the two places is what one pass of the codec does. The error differs
-    with what a patch does, and no static film shows it: at rest P-frames hold one image and its error, a
-    patch that creeps lags behind, a fast one is predicted.
+    The 60 frames round the fastest motion, and the 60 in which most marks creep, are shifted off the block
+    grid, coded again as the film was, and tracked again; the difference of the two places is what one pass of
+    the codec does. The error differs with what a patch does, and no static film shows it: at rest P-frames
+    hold one image and its error, a patch that creeps lags behind, a fast one is predicted.
 
     plane: (f,2) mm nominal places of the frame marks, rows `frame` of the marks.
     points: rows of the output.
@@ -175,15 +200,51 @@ def codec_noise(
     name, crf = film.coding()
     if name in LOSSLESS:
         return Codec(*np.zeros((4, 3)))
-    first = _fastest(followed.ideal)
-    window = slice(first, min(first + WINDOW, len(followed.ideal)))
-    again = np.array(list(_again(film, follower, followed, window, name, crf, progress)))
-    ideal = centres(again, follower.centre)
-    place = [
-        to_plane(homographies(plane, pixels[:, frame]), pixels[:, points])
-        for pixels in (ideal, followed.ideal[window])
-    ]
-    return _terms((place[0] - place[1])[SETTLE:], states(followed.ideal)[window][SETTLE:, points])
+    parts = []
+    for first in _windows(followed.ideal, points):
+        window = slice(first, min(first + WINDOW, len(followed.ideal)))
+        again = np.array(list(_again(film, follower, followed, window, name, crf, progress)))
+        ideal = centres(again, follower.centre)
+        place = [
+            to_plane(homographies(plane, pixels[:, frame]), pixels[:, points])
+            for pixels in (ideal, followed.ideal[window])
+        ]
+        parts.append(((place[0] - place[1])[SETTLE:], states(followed.ideal)[window][SETTLE:, points]))
+    return _with_creep(_terms(*parts[0]), parts)
+
+
+def _windows(ideal: Array, points: list[int]) -> list[int]:
+    """First frames of what is coded again: the fastest motion, and where most marks creep besides."""
+    first = _fastest(ideal)
+    creeping = (states(ideal)[:, points] == CREEP).sum(axis=1)
+    count = np.convolve(creeping, np.ones(WINDOW, int), mode="valid") if len(ideal) > WINDOW else np.zeros(0)
+    count = np.where(np.abs(np.arange(len(count)) - first) < WINDOW, 0, count)
+    return [first, int(np.argmax(count))] if len(count) and count.max() > 0 else [first]
+
+
+def _with_creep(terms: Codec, parts: list[tuple[Array, NDArray[np.int8]]]) -> Codec:
+    """The terms of the first window, that of creeping patches from all windows together, where it is more.
+
+    What creeps through a hold, with the regulator's ripple, is not what comes to rest after a fast motion.
+    """
+    error = np.concatenate([own[state == CREEP] for own, state in parts])
+    if len(error) < MIN_SAMPLES:
+        return terms
+    creep = np.fmax(terms.creep, with_y(FIRST_PASS * np.sqrt(_mean_square(error))))
+    return replace(terms, creep=creep, shared=_stays(parts, terms.shared))
+
+
+def _stays(parts: list[tuple[Array, NDArray[np.int8]]], most: float) -> float:
+    """Share of creeping patches' variance that stays: the correlation of their errors LAG frames apart."""
+    products, powers, count = 0.0, 0.0, 0
+    for error, state in parts:
+        both = (state[LAG:] == CREEP) & (state[:-LAG] == CREEP)
+        both &= np.isfinite(error[LAG:] + error[:-LAG]).all(axis=-1)
+        after, before = error[LAG:][both], error[:-LAG][both]
+        products += float(np.sum(after * before))
+        powers += 0.5 * float(np.sum(after**2 + before**2))
+        count += len(after)
+    return float(np.clip(products / powers, 0.0, most)) if count >= MIN_SAMPLES and powers > 0 else most
 
 
 def _terms(error: Array, state: NDArray[np.int8]) -> Codec:
@@ -202,7 +263,8 @@ def _terms(error: Array, state: NDArray[np.int8]) -> Codec:
     for chosen, otherwise in ((state == FAST, everywhere), (state == CREEP, everywhere), (come, kept)):
         enough = np.count_nonzero(chosen) >= MIN_SAMPLES
         terms.append(np.maximum((_mean_square(error[chosen]) if enough else otherwise) - jitter, frozen))
-    return Codec(*(with_y(FIRST_PASS * np.sqrt(term)) for term in (*terms, frozen)))
+    fast, creep, held, rest = (with_y(FIRST_PASS * np.sqrt(term)) for term in (*terms, frozen))
+    return Codec(fast, creep, held, rest)
 
 
 def _mean_square(error: Array) -> Array:

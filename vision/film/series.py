@@ -7,6 +7,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from vision.film.video import Array, Image, Video, stamp_issues
 
@@ -44,6 +45,10 @@ class Pictures(Video):
                     f"{self.files[0].name} has {self.width} x {self.height}: wanted one size in {self.path}"
                 )
             yield index, float(self.time[index]), picture
+
+    def keys(self) -> NDArray[np.intp]:
+        """All of them: every picture is coded on its own."""
+        return np.arange(len(self.time))
 
     def coding(self) -> tuple[str, float]:
         """mjpeg for JPEG, else png; the rate factor means nothing here."""

@@ -12,6 +12,7 @@ import numpy as np
 from av.container import InputContainer
 from av.packet import Packet
 from av.video.frame import VideoFrame
+from numpy.typing import NDArray
 
 from vision.camera import Array, Image
 
@@ -94,6 +95,19 @@ class Video:
                 index = max(index, int(np.searchsorted(self.time, stamp - HALF_TICK)))
             if index < len(self.time):
                 yield index, float(self.time[index]), np.ascontiguousarray(np.rot90(_luma(frame), self.turns))
+
+    def keys(self) -> NDArray[np.intp]:
+        """Indices into `time` of the frames that the codec drew anew, without the frames before them."""
+        with av.open(str(self.path)) as container:
+            base = float(container.streams.video[0].time_base or 0)
+            stamps = [
+                (p.pts * base, bool(p.is_keyframe)) for p in _packets(container)
+                if p.pts is not None and not p.is_discard
+            ]  # fmt: skip
+        if self._in_order:
+            return np.flatnonzero([key for _, key in stamps])
+        found = np.searchsorted(self.time, [stamp - HALF_TICK for stamp, key in stamps if key])
+        return np.unique(np.minimum(found, len(self.time) - 1))
 
     def coding(self) -> tuple[str, float]:
         """Codec of the film and its constant rate factor, where x264 or x265 left it in the stream."""

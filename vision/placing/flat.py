@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vision.camera import Array, Camera
-from vision.errors import modes
+from vision.errors import keyframes, modes
 from vision.errors.modes import Named, Stated
 from vision.errors.noise import REST, Codec, NoiseModel, codec_sd, states, static_noise, with_y
 from vision.errors.variance import Rest, at_rest, independent, misfit
@@ -73,7 +73,8 @@ def in_plane(seen: Seen, marks: Sequence[Mark], stated: Stated, steps: NDArray[n
     state = states(seen.film.ideal[:, scene.points])
     noise = replace(noise, codec_sd=while_moving(extra, state != REST))
     extra, rest = extra[steps], at_rest(noise, scene.quiet, place)
-    holds, loose, unshared = modes.codec(extra, state[steps], scene.output)
+    holds, loose, unshared = modes.codec(extra, state[steps], scene.output, seen.codec.shared)
+    keyed, unkeyed = _keyed(seen, scene, place, rest, steps)
     start = _reference_sd(noise, seen.codec, len(scene.film.reference))
     linear = linear_maps(seen.film, seen.homography(marks))
     rotation = rotations(linear)
@@ -86,7 +87,7 @@ def in_plane(seen: Seen, marks: Sequence[Mark], stated: Stated, steps: NDArray[n
         noise=noise,
         rest=place,
         variance=independent(rest, scene.plane, scene.place, worse, scene.frame, scene.points, loose),
-        modes=[*_modes(scene, turns, stated, frame_mm, start), holds],
+        modes=[*_modes(scene, turns, stated, frame_mm, start), holds, keyed],
         turns=turns,
         rotation=rotation,
         remarks=(
@@ -94,7 +95,7 @@ def in_plane(seen: Seen, marks: Sequence[Mark], stated: Stated, steps: NDArray[n
             *depth.extrapolated(scene.camera, seen.film.ideal, [mark.name for mark in marks]),
             *_grown(scene, linear[steps], extra / noise.sd, stated),
         ),
-        notes=(*unshared, *_corrected(scene)),
+        notes=(*unshared, *unkeyed, *_corrected(scene)),
     )
 
 
@@ -123,6 +124,35 @@ def _codec(seen: Seen, scene: _Scene) -> Array:
     """Sd (t,p,3) mm that the codec adds in every frame."""
     ideal = seen.film.ideal[:, scene.points]
     return codec_sd(seen.codec, ideal, mean_seen(ideal[seen.film.reference]))
+
+
+def _keyed(
+    seen: Seen, scene: _Scene, place: Array, rest: Rest, steps: NDArray[np.intp]
+) -> tuple[Named, tuple[str, ...]]:
+    """Errors that stay from one key frame of the film to the next, and a sentence where they are too many.
+
+    place: (t,p,2) mm in the static film. Where that has no two stretches, the variance is that which
+    coding the film again leaves in a mark at rest.
+    """
+    parts = keyframes.stretches(seen.keys, len(seen.film.time))
+    if not keyframes.rare(parts):
+        return {}, ()
+    if len(parts) > keyframes.MOST:
+        return {}, (
+            f"The film has {len(parts)} key frames, at which the picture of markers at rest changes a "
+            f"little. Of more than {keyframes.MOST} this is not modelled.",
+        )
+    shown = keyframes.telling(keyframes.stretches(seen.still_keys, len(place)))
+    variance = float(np.mean(seen.codec.rest[[0, 2]] ** 2))
+    if shown:
+        variance = keyframes.step_variance(place, scene.quiet, rest, shown)
+    if not variance > 0.0:
+        return {}, ()
+    still = np.asarray(~(np.nan_to_num(rest.noise.codec_sd) > 0).any(axis=1))
+    found = keyframes.key_modes(
+        variance, parts, steps, scene.film.reference, scene.output, still, scene.plane, scene.place
+    )
+    return found, ()
 
 
 def _modes(
@@ -166,14 +196,13 @@ def _frame_sd(scene: _Scene, rest: Rest, stated: Stated) -> tuple[float, tuple[s
 def _reference_sd(noise: NoiseModel, codec: Codec, frames: int) -> tuple[Array, Array]:
     """Sd of the reference's mean places, mm: (p,3) each mark's own, (3,) what all marks share; 0 in y.
 
-    The mean of n values with lag-1 correlation rho, and the coding error frozen in all of them, which a mark
+    The mean of n values of noise that lasts, and the coding error frozen in all of them, which a mark
     that never moves keeps for the whole film, so that it cancels.
     """
-    grown = (1.0 + noise.rho) / (1.0 - noise.rho) / frames
+    grown = noise.persistence.of_mean(frames)
     own = np.maximum(noise.sd**2 - noise.common_sd**2, 0.0) * grown
     own = np.sqrt(own + np.where(noise.codec_sd > 0, codec.rest**2, 0.0))
-    shared = noise.common_sd * np.sqrt(np.median(np.nan_to_num(grown), axis=0))
-    return np.nan_to_num(own), shared
+    return np.nan_to_num(own), noise.common_sd * np.sqrt(grown)
 
 
 def _check_heights(marks: Sequence[Mark], height: Array, view: depth.Viewpoint) -> None:

@@ -163,7 +163,7 @@ def _worse(scene: _Scene) -> tuple[Array, Array, Array]:
 
 def _reference_variance(noise: NoiseModel, held: Array, sight: Sight) -> Array:
     """Variance (p,3) mm2 of the reference's mean place."""
-    mean = noise.sd**2 / len(sight.reference) * (1.0 + noise.rho) / (1.0 - noise.rho)
+    mean = noise.sd**2 * noise.persistence.of_mean(len(sight.reference))
     return np.asarray(mean + np.nan_to_num(held[sight.reference]).mean(axis=0))
 
 

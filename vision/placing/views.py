@@ -1,7 +1,7 @@
 """What each camera recorded, and what was followed in it: the film, the film at rest, the codec's error."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,6 +46,8 @@ class Seen:
     codec: Codec
     static: str = "static film"  # its name
     start: float = 0.0  # s, as of the view
+    keys: NDArray[np.intp] = field(default_factory=lambda: np.empty(0, np.intp))  # key frames of the film
+    still_keys: NDArray[np.intp] = field(default_factory=lambda: np.empty(0, np.intp))  # of the static film
 
     def homography(self, marks: Sequence[Mark]) -> Array:
         """Homography (t,3,3) from the frame marks' plane (x, z, 1) mm to ideal px in every frame."""
@@ -81,6 +83,8 @@ def look(view: View, marks: Sequence[Mark], how: How, *, camera: str = "") -> Se
         codec=codec,
         static=view.static.path.name,
         start=view.start,
+        keys=view.film.keys(),
+        still_keys=view.static.keys(),
     )
 
 
