@@ -20,6 +20,7 @@ Residual = Callable[[Array], Array | None]
 Jacobian = Callable[[Array], Array]
 
 GAIN = 10.0  # of tolerance^2, by which the best step would lower chi2 at most where a fit has converged
+FLOOR = 1e-5  # of chi2, that a solver's derivatives, good to about as much, can promise in vain
 CONDITION = 1e12  # of the scaled J'J: a direction beyond it is not determined
 DAMPING = 1e-3, 1e-12, 1e10  # first, least, largest; relative to unit columns
 ACCEPT = 0.05  # share of the predicted fall that makes a step good enough to take
@@ -85,7 +86,7 @@ def least_squares(
     max_evaluations residuals. renew: whether the Jacobian is asked for after every step, as where it comes
     with the residual; else only where the one of an earlier step no longer predicts. seed: the one that drew
     the starts, kept in the Fit. It has converged where the best step is shorter than `tolerance` sd in every
-    direction and would lower chi2 by less than 10 tolerance^2.
+    direction and would lower chi2 by less than 10 tolerance^2, or by less than 1e-5 of it and does not.
     Raises ValueError for a start outside the bounds; what does not converge is a Fit with its reason.
     """
     parameters = tuple(parameters)
@@ -161,8 +162,10 @@ class _Descent:
         if not np.all(np.isfinite(self.jac)):
             return self._end(False, "the derivatives have values that are not finite")
         best = self._step(DAMPING[1])
-        # A rejected step this small is the numerical floor of the misfit.
-        small = best.gain < GAIN * self.tolerance**2 and (best.length < self.tolerance or self.rejected)
+        # A rejected step this small is the numerical floor of the misfit, which is high where chi2 is large.
+        least = GAIN * self.tolerance**2
+        floor = self.rejected and best.gain < max(least, FLOOR * float(self.r @ self.r))
+        small = floor or (best.gain < least and best.length < self.tolerance)
         if small and not self.fresh:
             self._renew()
             return self._ended()

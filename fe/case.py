@@ -70,9 +70,9 @@ class Case:
     nodes (n, 3) mm; labels (n,) the Abaqus node numbers; one material per element set (together they cover
     every element once), of which `with_material` leaves those `kept` as they are; `pressurised` names the
     surface that carries the follower pressure; `forces` are dead forces (3,) N, spread evenly over a node
-    set. precurvature (1/mm): the structure is free of stress where it is curved by so much towards -z (see
-    `assembly.Geometry`). layer: a sheet bonded to it. In a half model forces and moments are those of the
-    half.
+    set, `growing` the same in N/MPa, times the pressure. precurvature (1/mm): the structure is free of stress
+    where it is curved by so much towards -z, or by a course along x (see `assembly.Geometry`). layer: a sheet
+    bonded to it. In a half model forces and moments are those of the half.
     """
 
     nodes: Array
@@ -88,9 +88,10 @@ class Case:
     pressurised: str | None = None
     forces: Mapping[str, Array] = field(default_factory=dict)
     kept: tuple[str, ...] = ()
-    precurvature: float = 0.0
+    precurvature: float | tuple[float, ...] = 0.0
     layer: Layer | None = None
     contact: Contact | None = None
+    growing: Mapping[str, Array] = field(default_factory=dict)
 
     @property
     def connectivity(self) -> Integers:

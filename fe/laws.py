@@ -135,8 +135,9 @@ def _flat(x: Array) -> Array:
     return np.ascontiguousarray(x).reshape(-1, 3, 3)
 
 
-def relaxation(prony: Array, dt: float) -> tuple[Array, Array]:
-    """Decay exp(-dt/tau) and ramp weight (1 - exp(-dt/tau)) tau/dt (m, e) of Prony terms `prony` (m, e, 2).
+def relaxation(prony: Array, dt: float | Array) -> tuple[Array, Array]:
+    """Decay exp(-dt/tau) and ramp weight (1 - exp(-dt/tau)) tau/dt (m, e) of Prony terms `prony` (m, e, 2);
+    for one term (1, 2) of several steps dt (t,) s, each (t,).
 
     With them one step that is linear in the stress is exact: Q1 = decay Q0 + g ramp (S1 - S0)
     (Taylor, Pister, Goudreau 1970, doi 10.1002/nme.1620020106).

@@ -20,12 +20,13 @@ from fe.element import Array, Integers
 from fe.kernel.assembly import Kernel, State
 from fe.mesh.points import interpolation
 from fe.path import Path, levels
+from fe.solver.adjoint import NullTangents
 from fe.solver.curve import Curve, nothing, trace
 from fe.solver.loadings import Loadings
 from fe.solver.memory import Course, Direction, History, follow
 from fe.solver.newton import Problem, moved
 from fe.solver.reach import crossing
-from fe.solver.varied import Differenced, Variation, refused
+from fe.solver.varied import Differenced, Variation, refused, towards_memory
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -35,7 +36,7 @@ class Solution:
     `converged`, or else `reason` says why not and `reached` (MPa) how far; `iterations` counts
     factorisations. curves: one for each direction of gravity; number (s,) of that which belongs to an output
     time. pressure (s,) MPa is the (creep-equivalent) pressure at the output times; slopes (v, s) its
-    derivatives.
+    derivatives. towards: the parameters that lead to a memory which the case has not.
     """
 
     case: Case
@@ -47,6 +48,7 @@ class Solution:
     history: History | None
     iterations: int
     reason: str
+    towards: NullTangents | None = None
     _operators: dict[bytes, csr_matrix] = field(default_factory=dict, repr=False, compare=False)
 
     @property
@@ -122,6 +124,9 @@ class Solution:
         """Derivatives (v, s, p, 3) of `at` to the parameters of the variations, mm per unit."""
         operator, h = self._operator(points), self.history
         du = self._along(operator, self.number, self.pressure, self.slopes)
+        if self.towards is not None:
+            for n, rows in self.towards.at(operator).items():
+                du[n] = rows
         if h is None or not len(du):
             return du
         carrier = self._along(operator, h.number, h.pressure, h.slopes)
@@ -180,10 +185,11 @@ def solve(
         for k, (q, around) in enumerate(zip(loadings.problems, loadings.varied, strict=True))
     )
     reason = next((c.reason for c in curves if c.reason != "converged"), "converged")
-    if reason != "converged" or not (task.remembers or (task.slips and _touch(loadings, curves))):
+    if reason != "converged" or not (task.follows or (task.slips and _touch(loadings, curves))):
         return task.solution(loadings, curves, None, 0, reason)
     near_history = start.history if start else None
-    return task.solution(loadings, curves, *follow(loadings, curves, task.pairs, near=near_history))
+    found = follow(loadings, curves, task.pairs, near=near_history, without=task.towards)
+    return task.solution(loadings, curves, *found)
 
 
 def _without_moduli(case: Case, path: Path, parameters: int) -> Solution:
@@ -224,16 +230,35 @@ class _Task:
     @cached_property
     def remembers(self) -> bool:
         """Whether the material of the case, or of a neighbour, may have a memory."""
+        return bool(self.towards) or self.follows
+
+    @cached_property
+    def towards(self) -> frozenset[int]:
+        """The numbers of the parameters that lead to a memory which the case has not."""
+        base, varied = self.loadings.problems, self.loadings.varied
+        return frozenset(
+            n
+            for n, pair in enumerate(self.pairs)
+            if all(towards_memory(q, self.path, v[n], pair) for q, v in zip(base, varied, strict=True))
+        )
+
+    @cached_property
+    def follows(self) -> bool:
+        """Whether a history must be followed: of the case, or of a neighbour whose derivative needs it."""
         return any(
             q.remembers(self.path)
-            or any(v.remembers(*pair) for v, pair in zip(around, self.pairs, strict=True))
+            or any(
+                v.remembers(*p)
+                for n, (v, p) in enumerate(zip(around, self.pairs, strict=True))
+                if n not in self.towards
+            )
             for q, around in zip(self.loadings.problems, self.loadings.varied, strict=True)
         )
 
     @cached_property
     def rubs(self) -> bool:
         """Whether there is friction."""
-        return any(q.rubs for q in self.loadings.everyone)
+        return any(q.rubs for q in self.loadings.everyone())
 
     @cached_property
     def slips(self) -> bool:
@@ -263,10 +288,15 @@ class _Task:
         """What was found, at the output times."""
         path, output, along = self.path, self.path.output, [d.slopes for d in self.directions]
         pressure, *slopes = (np.interp(output, path.time, x) for x in (self.dense.pressure, *along))
+        towards = None
+        if self.towards and reason == "converged":
+            varied = {n: loadings.varied[0][n] for n in sorted(self.towards)}
+            towards = NullTangents(loadings, curves, self.dense.pressure, varied)
         return Solution(
             case=self.case, path=path, curves=curves, number=loadings.at(output), pressure=pressure,
             slopes=np.reshape(slopes, (len(self.directions), len(output))), history=history,
             iterations=iterations + sum(c.iterations for c in curves), reason=reason,
+            towards=towards,
         )  # fmt: skip
 
 

@@ -58,7 +58,8 @@ def deck(case: Case, pressure: float, *, kind: str = "C3D20RH", gravity: Array |
     for s in supports:
         if s.value is not None:
             lines += ["*BOUNDARY", *_moved(changed, s, s.value)]
-    for name, force in changed.forces.items():
+    grown = [(name, pressure * np.asarray(force)) for name, force in changed.growing.items()]
+    for name, force in (*changed.forces.items(), *grown):
         labels = changed.labels[changed.node_sets[name]]
         share = {d + 1: f / len(labels) for d, f in enumerate(force) if f}
         lines += ["*CLOAD", *(f"{n}, {d}, {f:.10g}" for n in labels for d, f in share.items())]
@@ -77,7 +78,7 @@ def _check(case: Case) -> None:
             f"clamp of compliance {case.clamp.compliance:g} rad/(N mm): a deck holds a rigid clamp only; "
             "set it to 0"
         )
-    if case.precurvature:
+    if np.any(case.precurvature):
         raise ValueError("a precurvature: a deck holds a structure without stress at rest; set it to 0")
     for name, m in case.materials.items():
         refused = {"a Prony series": m.prony, "a term of Gent": m.gent}

@@ -5,13 +5,14 @@ doi 10.1016/0045-7949(87)90265-3); those that belong to corners are unknowns of 
 """
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TypeVar
 
 import numpy as np
+from numpy.polynomial.legendre import legval
 from scipy.special import erf
 
 from fe.case import Case
@@ -84,6 +85,11 @@ class Response:
 
     stress: Array
     energy: Array | None
+
+    def moved(self, slope: "Response", factor: float) -> "Response":
+        """The answer to displacements that are `factor` further along, by its slope there."""
+        energy = None if self.energy is None or slope.energy is None else self.energy + factor * slope.energy
+        return Response(self.stress + factor * slope.stress, energy)
 
     def times(self, factor: float) -> "Response":
         """The answer of a law whose moduli are all multiplied."""
@@ -159,11 +165,16 @@ class Geometry:
 
     precurvature: 1/mm that the structure is curved by where it is free of stress, about y, towards -z. Then
     F = Fe Fg with the isochoric Fg = diag(l, l^-1/2, l^-1/2) and l = 1 + precurvature (z - z of the centroid)
-    (Rodriguez, Hoger & McCulloch 1994, doi 10.1016/0021-9290(94)90021-3): gradients are those of Fe.
+    (Rodriguez, Hoger & McCulloch 1994, doi 10.1016/0021-9290(94)90021-3): gradients are those of Fe. Several
+    numbers are those of Legendre's polynomials along x, from -1 to 1 over the structure.
     """
 
     def __init__(
-        self, nodes: Array, connectivity: Integers, element: Element, precurvature: float = 0.0
+        self,
+        nodes: Array,
+        connectivity: Integers,
+        element: Element,
+        precurvature: float | tuple[float, ...] = 0.0,
     ) -> None:
         N, dN = element.at_points
         self.nodes = nodes
@@ -179,12 +190,16 @@ class Geometry:
         # pressures of corners are not eliminated: no answer of one element's own
         self._flexible = np.zeros_like(self.mass) if element.shared else np.linalg.inv(self.mass)
         self.precurvature, self.rest = precurvature, np.empty((0, 0, 3, 3))
-        if precurvature:
-            self._curve(np.einsum("qa,eai->eqi", N, X)[..., 2])
+        if np.any(precurvature):
+            self._curve(np.einsum("qa,eai->eqi", N, X))
 
-    def _curve(self, z: Array) -> None:
-        """Make gradients those of Fe, by heights z (e, q) mm."""
-        stretch = 1 + self.precurvature * (z - (self.weight * z).sum() / self.weight.sum())
+    def _curve(self, place: Array) -> None:
+        """Make gradients those of Fe, by the places (e, q, 3) mm."""
+        z, curvature = place[..., 2], np.asarray(self.precurvature)
+        if curvature.ndim:
+            low, high = self.nodes[:, 0].min(), self.nodes[:, 0].max()
+            curvature = legval((2 * place[..., 0] - low - high) / (high - low), curvature)
+        stretch = 1 + curvature * (z - (self.weight * z).sum() / self.weight.sum())
         inverse = np.stack([1 / stretch, np.sqrt(stretch), np.sqrt(stretch)], axis=-1)
         self.G *= inverse[..., None]
         self.rest = (inverse - 1)[..., None] * np.eye(3)
@@ -240,6 +255,11 @@ class Kernel:
         self._clamp_faces = np.flatnonzero(np.isin(self.pressure.faces, self.clamped).any(axis=1))
         self._clamp_elements = np.flatnonzero(np.isin(self.connectivity, self.clamped).any(axis=1))
 
+    @property
+    def symmetric(self) -> bool:
+        """Whether the tangent is: not where the pressurised surface has open edges."""
+        return not len(self._open)
+
     @cached_property
     def _number(self) -> Integers:
         """The numbers (dofs,) of the free degrees of freedom among the unknowns; -1 where one is held."""
@@ -279,9 +299,12 @@ class Kernel:
         ends = np.linspace(0, len(self.connectivity), THREADS + 1).astype(int).tolist()
         return [work(0, ends[-1])] if THREADS == 1 else list(_POOL.map(work, ends[:-1], ends[1:]))
 
-    def _mesh(self, g: Geometry) -> MeshArrays:
-        """What the compiled loops want of a geometry."""
-        return MeshArrays(g.G, g.rest, g.weight, g.psi, self.connectivity)
+    def _mesh(self, g: Geometry, rows: Integers | None = None) -> MeshArrays:
+        """What the compiled loops want of a geometry, of all elements or of those in rows."""
+        if rows is None:
+            return MeshArrays(g.G, g.rest, g.weight, g.psi, self.connectivity)
+        rest = g.rest[rows] if len(g.rest) else g.rest
+        return MeshArrays(g.G[rows], rest, g.weight[rows], g.psi[rows], self.connectivity[rows])
 
     def _remembered(self, memory: Memory | None) -> Carried:
         """What the compiled loops want of a memory, or of none."""
@@ -299,11 +322,30 @@ class Kernel:
         N, _ = self.element.at_points
         return scatter(self.connectivity, (density[:, None] * geometry.weight) @ N, self.dofs // 3)
 
-    def isochoric(self, u: Array, c: ElementConstants, geometry: Geometry) -> Array:
-        """Isochoric second Piola-Kirchhoff stress (e, q, 3, 3) MPa at displacements u (n, 3) mm."""
-        mesh, out = self._mesh(geometry), np.empty((*geometry.G.shape[:2], 3, 3))
-        self._each(lambda a, b: compiled.isochoric(mesh, u, c.table, a, b, out))
+    def isochoric(
+        self, u: Array, c: ElementConstants, geometry: Geometry, rows: Integers | None = None
+    ) -> Array:
+        """Isochoric second Piola-Kirchhoff stress (e, q, 3, 3) MPa at displacements u (n, 3) mm, of all
+        elements or of those in rows."""
+        mesh, table = self._mesh(geometry, rows), c.table if rows is None else c.table[rows]
+        out = np.empty((*mesh.G.shape[:2], 3, 3))
+        if rows is None:
+            self._each(lambda a, b: compiled.isochoric(mesh, u, table, a, b, out))
+        else:
+            compiled.isochoric(mesh, u, table, 0, len(rows), out)
         return out
+
+    def changes(
+        self, u: Array, c: ElementConstants, geometry: Geometry, along: Sequence[Array], *, energy: bool
+    ) -> list[Response]:
+        """How the law's answer to displacements u (n, 3) mm goes along each change (n, 3) mm of them."""
+        if not along:
+            return []
+        mesh, du = self._mesh(geometry), np.stack(along)
+        stress = np.empty((len(du), *geometry.G.shape[:2], 3, 3))
+        work = np.empty(stress.shape[:3])
+        self._each(lambda a, b: compiled.isochoric_changes(mesh, u, c.table, du, a, b, stress, work))
+        return [Response(s, w if energy else None) for s, w in zip(stress, work, strict=True)]
 
     def energies(self, u: Array, c: ElementConstants, geometry: Geometry) -> Array:
         """Isochoric energy (e, q) N mm/mm3 at displacements u (n, 3) mm."""
@@ -311,11 +353,17 @@ class Kernel:
         self._each(lambda a, b: compiled.energies(mesh, u, c.table, a, b, out))
         return out
 
-    def internal(self, u: Array, stress: Array) -> Array:
-        """Nodal forces (n, 3) N of a second Piola-Kirchhoff stress (e, q, 3, 3) MPa at displacements u."""
-        mesh, force = self._mesh(self.geometry), np.empty((*self.connectivity.shape, 3))
-        self._each(lambda a, b: compiled.internal(mesh, u, stress, a, b, force))
-        return self.gather(force)
+    def internal(self, u: Array, stress: Array, rows: Integers | None = None) -> Array:
+        """Nodal forces (n, 3) N of a second Piola-Kirchhoff stress (e, q, 3, 3) MPa at displacements u, of
+        all elements or of those in rows."""
+        mesh, dofs = self._mesh(self.geometry, rows), self._element_dofs
+        force = np.empty((*mesh.connectivity.shape, 3))
+        if rows is None:
+            self._each(lambda a, b: compiled.internal(mesh, u, stress, a, b, force))
+        else:
+            dofs = dofs[rows]
+            compiled.internal(mesh, u, stress, 0, len(rows), force)
+        return scatter(dofs, force, self.dofs).reshape(-1, 3)
 
     def residual(
         self, state: State, c: ElementConstants, load: float, memory: Memory | None, geometry: Geometry

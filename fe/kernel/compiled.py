@@ -164,6 +164,77 @@ def isochoric(mesh: MeshArrays, u: Array, c: Array, first: int, last: int, S: Ar
 
 
 @machine_code
+def isochoric_changes(
+    mesh: MeshArrays, u: Array, c: Array, du: Array, first: int, last: int, dS: Array, dW: Array
+) -> None:
+    """Changes of the isochoric stress dS (v, e, q, 3, 3) MPa and of the energy dW (v, e, q) of the law at
+    displacements u (n, 3) mm, along changes du (v, n, 3) mm of them."""
+    n = mesh.connectivity.shape[1]
+    ue, de, at = np.empty((3, n)), np.empty((len(du), 3, n)), new_point()
+    A, S, H, dP = np.empty((6, 3, 3)), np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
+    F, a, P = at.F, at.a, at.P
+    for e in range(first, last):
+        _gathered(u, mesh.connectivity[e], ue)
+        for v in range(len(du)):
+            _gathered(du[v], mesh.connectivity[e], de[v])
+        for q in range(mesh.G.shape[1]):
+            G = mesh.G[e, q]
+            _deformed(G, ue, mesh.rest, e, q, F)
+            J, I1, I2 = invariants(at)
+            w1, w2, w11 = in_invariants(at, J, I1, I2, c[e])
+            tangent(at, I1, I2, w1, w2, w11, 0.0, A)
+            if c.shape[1] > OGDEN:
+                ogden(at, J, 1.0, c[e], A)
+            for i in range(3):
+                for k in range(3):
+                    S[i, k] = a[0, i] * P[0, k] + a[1, i] * P[1, k] + a[2, i] * P[2, k]
+            for v in range(len(du)):
+                work = 0.0
+                for i in range(3):
+                    for k in range(3):
+                        value = 0.0
+                        for b in range(n):
+                            value += de[v, i, b] * G[k, b]
+                        H[i, k] = value
+                        work += P[i, k] * value
+                dW[v, e, q] = work
+                for i in range(3):
+                    for k in range(3):
+                        dP[i, k] = -(H[i, 0] * S[0, k] + H[i, 1] * S[1, k] + H[i, 2] * S[2, k])
+                for pair in range(6):
+                    i, j = PAIRS[pair]
+                    for k in range(3):
+                        for m in range(3):
+                            dP[i, k] += A[pair, k, m] * H[j, m]
+                            if i != j:
+                                dP[j, m] += A[pair, k, m] * H[i, k]
+                for i in range(3):
+                    for k in range(3):
+                        dS[v, e, q, i, k] = a[0, i] * dP[0, k] + a[1, i] * dP[1, k] + a[2, i] * dP[2, k]
+
+
+@machine_code
+def carried(terms: Array, now: Array, decay: Array, viscous: Array, out: Array) -> None:
+    """Fills out (e, k): terms (m, e, k) after their decay (m, e), less `viscous` (e,) times now (e, k)."""
+    for e in range(len(out)):
+        for k in range(out.shape[1]):
+            value = -viscous[e] * now[e, k]
+            for m in range(len(terms)):
+                value += decay[m, e] * terms[m, e, k]
+            out[e, k] = value
+
+
+@machine_code
+def relaxed(terms: Array, now: Array, stress: Array, decay: Array, weight: Array, out: Array) -> None:
+    """Fills out (m, e, k): the terms after their decay (m, e), and `weight` (m, e) times what the stress
+    (e, k) has gained over now (e, k)."""
+    for m in range(len(out)):
+        for e in range(out.shape[1]):
+            for k in range(out.shape[2]):
+                out[m, e, k] = decay[m, e] * terms[m, e, k] + weight[m, e] * (stress[e, k] - now[e, k])
+
+
+@machine_code
 def energies(mesh: MeshArrays, u: Array, c: Array, first: int, last: int, W: Array) -> None:
     """Isochoric energy W (e, q) N mm/mm3 of the law at displacements u (n, 3) mm."""
     ue, at = np.empty((3, mesh.connectivity.shape[1])), new_point()

@@ -1,6 +1,8 @@
 """Solutions of a symmetric sparse system, by PARDISO, or by SuperLU where MKL is absent."""
 
+import ctypes
 import weakref
+from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
@@ -38,13 +40,15 @@ class Symmetric:
         if self._solver is not None:
             for number, value in (SETTINGS | ({2: 0} if self._n < SMALL else {})).items():
                 self._solver.set_iparm(number, value)
+            # PARDISO counts from 1; made once, as at every call they would cost a third of a solve
+            self._places = (indptr + 1).astype(np.int32), (indices + 1).astype(np.int32)
             # the factors live outside Python's memory
             weakref.finalize(self, _free, self._solver).atexit = False
 
     def factorise(self, data: Array) -> None:
         """Factorise the matrix whose upper triangle has the values `data` (nnz,)."""
-        matrix = sp.csr_matrix((data, self._indices, self._indptr), shape=(self._n, self._n))
         if self._solver is None:
+            matrix = sp.csr_matrix((data, self._indices, self._indptr), shape=(self._n, self._n))
             full = matrix + sp.triu(matrix, 1).T
             self._lu = sp.linalg.splu(
                 full.tocsc(),
@@ -53,9 +57,8 @@ class Symmetric:
                 options={"SymmetricMode": True},
             )
             return
-        self._matrix = matrix
-        self._solver.set_phase(22 if self._analysed else 12)
-        self._solver._call_pardiso(matrix, np.zeros((self._n, 1)))
+        self._data = np.ascontiguousarray(data, float)
+        self._call(22 if self._analysed else 12, np.zeros((self._n, 1)))
         self._analysed = True
 
     @property
@@ -68,9 +71,33 @@ class Symmetric:
         """The solution (n,) or (n, k) for right-hand sides `b` of the same shape, with the newest factors."""
         if self._solver is None:
             return np.asarray(self._lu.solve(b))
-        self._solver.set_phase(33)
-        x = self._solver._call_pardiso(self._matrix, np.asfortranarray(b.reshape(self._n, -1)))
-        return np.asarray(x).reshape(b.shape)
+        return self._call(33, b.reshape(self._n, -1)).reshape(b.shape)
+
+    def _call(self, phase: int, b: Array) -> Array:
+        """What PARDISO answers in a phase to right-hand sides (n, k): its solution (n, k)."""
+        solver: Any = self._solver
+        indptr, indices = self._places
+        b = np.asfortranarray(b, float)
+        x, error = np.zeros_like(b), ctypes.c_int32(0)
+
+        def number(value: int) -> object:
+            return ctypes.byref(ctypes.c_int32(value))
+
+        def address(values: Array | Places) -> ctypes.c_void_p:
+            return ctypes.c_void_p(values.ctypes.data)
+
+        def integers(values: Places) -> object:
+            return values.ctypes.data_as(ctypes.POINTER(ctypes.c_int32))
+
+        solver._mkl_pardiso(
+            solver.pt.ctypes.data_as(ctypes.POINTER(solver._pt_type[0])), number(1), number(1),
+            number(solver.mtype), number(phase), number(self._n), address(self._data), integers(indptr),
+            integers(indices), integers(solver.perm), number(b.shape[1]), integers(solver.iparm), number(0),
+            address(b), address(x), ctypes.byref(error),
+        )  # fmt: skip
+        if error.value:
+            raise RuntimeError(f"PARDISO ended with its error {error.value} in phase {phase}")
+        return x
 
 
 def _free(solver: object) -> None:

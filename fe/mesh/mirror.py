@@ -27,6 +27,12 @@ def symmetry_support(case: Case) -> Support | None:
     return None
 
 
+def middle_plane(case: Case) -> float:
+    """Where y of the plane is in mm that a half model is symmetric about, or of the middle of a whole one."""
+    held, along = symmetry_support(case), case.nodes[:, AXIS]
+    return float(along[case.node_sets[held.nodes][0]] if held else (along.min() + along.max()) / 2)
+
+
 def mirrored(case: Case) -> Case:
     """The whole structure of a half model that is supported by its plane of symmetry across y.
 
@@ -51,11 +57,13 @@ def mirrored(case: Case) -> Case:
     other[:, AXIS] += 2 * case.nodes[on[0], AXIS]
     order, faces = _reflected(case.element)
     sets = {name: _both(rows, image) for name, rows in case.node_sets.items()}
-    forces = {}
-    for name, force in case.forces.items():
-        for end, rows, turned in (("half", case.node_sets[name], force), ("image", None, force * flip)):
-            sets[f"{name}_{end}"] = image[case.node_sets[name]] if rows is None else rows
-            forces[f"{name}_{end}"] = np.asarray(turned, float)
+    forces: dict[str, Array] = {}
+    growing: dict[str, Array] = {}
+    for given, twice in ((case.forces, forces), (case.growing, growing)):
+        for name, force in given.items():
+            for end, rows, turned in (("half", case.node_sets[name], force), ("image", None, force * flip)):
+                sets[f"{name}_{end}"] = image[case.node_sets[name]] if rows is None else rows
+                twice[f"{name}_{end}"] = np.asarray(turned, float)
     return replace(
         case,
         nodes=np.concatenate([case.nodes, other]),
@@ -70,6 +78,7 @@ def mirrored(case: Case) -> Case:
         supports=tuple(_support(s, case, image, flip) for s in case.supports if s is not held),
         clamp=case.clamp and replace(case.clamp, compliance=case.clamp.compliance / 2),
         forces=forces,
+        growing=growing,
     )
 
 

@@ -95,6 +95,8 @@ def _per_pressure(step: Step, state: State) -> Residual:
     """The residuals' derivative to the follower pressure, per MPa."""
     kernel = step.problem.kernel
     force = -kernel.pressure.force(kernel.geometry.nodes + state.u)
+    if step.problem.growing is not None:
+        force -= step.problem.growing
     return Residual(force, np.zeros_like(state.p), step.problem.clamp_gap(state.rotation, force))
 
 

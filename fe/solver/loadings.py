@@ -1,6 +1,6 @@
 """A problem and its varied neighbours under their weight in each direction of gravity along a path."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -42,10 +42,10 @@ class Loadings:
             inverse.reshape(-1),
         )
 
-    @property
-    def everyone(self) -> list[Problem]:
-        """All problems and neighbours."""
-        return [*self.problems, *(q for v in self.varied for d in v for q in (d.plus, d.minus))]
+    def everyone(self, *, without: Collection[int] = ()) -> list[Problem]:
+        """All problems and neighbours, but for those of the parameters of these numbers."""
+        varied = [d for v in self.varied for n, d in enumerate(v) if n not in without]
+        return [*self.problems, *(q for d in varied for q in (d.plus, d.minus))]
 
     def at(self, time: Array) -> Integers:
         """The numbers (k,) of those that act at times (k,) s."""

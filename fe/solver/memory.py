@@ -6,7 +6,7 @@ smaller steps where a guess is off (`curve.strays`). Every parameter carries two
 of its neighbouring problems, so that derivatives go from time to time as the states do.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,7 +18,7 @@ from fe.solver.curve import LEAST_STEP, Curve, strays
 from fe.solver.loadings import Loadings
 from fe.solver.newton import Equilibrium, Problem, Step, eased, moved
 from fe.solver.past import Evaluated, Past
-from fe.solver.varied import Differenced, Neighbours, sensitivities
+from fe.solver.varied import Differenced, Neighbours, differing, sensitivities
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -56,7 +56,7 @@ class Course:
     @staticmethod
     def of(problem: Problem, path: Path, time: Array) -> "Course":
         """At the times (k,) s."""
-        load, stiffness, prony = path.pressure_at(time), path.stiffness_at(time), _series(problem)
+        load, stiffness, prony = path.pressure_at(time), path.stiffness_at(time), series(problem)
         plain = load / stiffness
         return Course(load, stiffness, equivalent(time, plain, prony) if prony[:, 0].any() else plain)
 
@@ -69,7 +69,7 @@ def _halved(values: Array, k: int) -> Array:
     return np.insert(values, k, (values[k - 1] + values[k]) / 2)
 
 
-def _series(problem: Problem) -> Array:
+def series(problem: Problem) -> Array:
     """The Prony pairs (m, 2) by which the structure as a whole comes near to its creep: those of all
     materials, each by its share of volume over modulus, as the softer ones move more."""
     c, weight = problem.constants, problem.geometry.weight
@@ -110,25 +110,45 @@ class Direction:
         """Derivative (k,) of the curve's pressure, MPa per unit."""
         return (self.courses[0].pressure - self.courses[1].pressure) / (2 * self.varied.step)
 
-    def neighbours(self, k: int, memory: tuple[Memory | None, Memory | None]) -> Neighbours:
-        """The two problems at time number k."""
+    def neighbours(
+        self,
+        k: int,
+        memory: tuple[Memory | None, Memory | None],
+        answers: tuple[Response, Response] | None = None,
+    ) -> Neighbours:
+        """The two problems at time number k; answers of their laws to the state with the moduli as at the
+        beginning, where they are known."""
         (a, b), v = self.courses, self.varied
+        if answers is not None:
+            answers = answers[0].times(a.stiffness[k]), answers[1].times(b.stiffness[k])
         plus, minus = v.plus.stiffened(a.stiffness[k]), v.minus.stiffened(b.stiffness[k])
         if memory[0] is not None and memory[1] is not None:
             memory = memory[0].times(a.stiffness[k]), memory[1].times(b.stiffness[k])
-        return Neighbours(replace(v, plus=plus, minus=minus), (a.load[k], b.load[k]), memory)
+        return Neighbours(replace(v, plus=plus, minus=minus), (a.load[k], b.load[k]), memory, answers)
 
 
 @dataclass(frozen=True)
-class _Point:
-    """One solved time: state, past, and for every parameter its derivative and the pasts of its
-    neighbours."""
+class _Told:
+    """What of a solved time stays: the state, its distance from the curve's, its derivatives to every
+    parameter."""
 
     state: State
     drift: State
-    past: Past
     changes: tuple[State, ...]
+
+
+@dataclass(frozen=True)
+class _Point(_Told):
+    """One solved time, with its past and those of every parameter's neighbours, which the next one asks for
+    and which are too large to be kept."""
+
+    past: Past
     pasts: tuple[tuple[Past, Past], ...]
+
+    @property
+    def told(self) -> _Told:
+        """The point without its pasts."""
+        return _Told(self.state, self.drift, self.changes)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -143,6 +163,7 @@ class _March:
     course: Course
     directions: dict[int, Direction]
     near: History | None
+    pace: Mapping[str, bool]
     soft: bool  # whether anyone asks for energies
 
     def _problem(self, k: int) -> Problem:
@@ -161,13 +182,13 @@ class _March:
             found = self._equilibrium(0, problem, state, None, None)
             if found.state is not None and found.step is not None:
                 state = found.state
-                around = [d.neighbours(0, (None, None)) for d in tracked.values()]
-                changes = tuple(sensitivities(found.step, state, around))
-        pasts = tuple(
-            (Past.first(plus), Past.first(minus)) for plus, minus in self._around(0, state, changes)
-        )
-        past = Past.first(Evaluated(problem, state.u, self.response(problem, state.u)))
-        return _Point(state, moved(state, self._carrier(0), -1.0), past, changes, pasts), found
+                beside = [d.neighbours(0, (None, None)) for d in tracked.values()]
+                changes = tuple(sensitivities(found.step, state, beside))
+        response = self.response(problem, state.u)
+        around = self._around(0, state, changes, self._answers(0, state, response))
+        pasts = tuple((Past.first(plus), Past.first(minus)) for plus, minus in around)
+        past = Past.first(Evaluated(problem, state.u, response))
+        return _Point(state, moved(state, self._carrier(0), -1.0), changes, past, pasts), found
 
     def _carrier(self, k: int) -> State:
         return self.curves[self.number[k]].state(self.course.pressure[k])
@@ -177,17 +198,46 @@ class _March:
         q, curve = float(self.course.pressure[k]), self.curves[self.number[k]]
         return moved(curve.derivative_at(n, q), curve.slope(q), direction.slopes[k])
 
+    def _answers(self, k: int, state: State, response: Response) -> "list[tuple[Response, Response] | None]":
+        """For every parameter the answers of its two neighbours' laws to the state, of which the problem's
+        own is known; None where a neighbour differs by more than constants of materials."""
+        base, out = self._problem(k), []
+        for d in self._tracked(k).values():
+            v = d.varied
+            alike = not base.rubs and v.plus.placed_as(base) and v.minus.placed_as(base)
+            pair = [
+                response if not len(differing(q.constants, base.constants)) else self.response(q, state.u)
+                for q in (v.plus, v.minus)
+                if alike
+            ]
+            out.append((pair[0], pair[1]) if pair else None)
+        return out
+
     def _around(
-        self, k: int, state: State, changes: Sequence[State]
+        self,
+        k: int,
+        state: State,
+        changes: Sequence[State],
+        answers: "Sequence[tuple[Response, Response] | None]",
     ) -> Iterator[tuple[Evaluated, Evaluated]]:
-        """For every parameter its neighbouring problems at their own displacements."""
-        for d, change in zip(self._tracked(k).values(), changes, strict=True):
+        """For every parameter its neighbouring problems at their own displacements; where their laws' answers
+        to the state are known, they go on from there by the tangent of the problem's."""
+        base, tracked = self._problem(k), self._tracked(k)
+        known = [x is not None for x in answers]
+        along = base.kernel.changes(
+            state.u, base.constants, base.geometry,
+            [c.u for c, yes in zip(changes, known, strict=True) if yes], energy=self.soft,
+        )  # fmt: skip
+        slopes = iter(along)
+        for d, change, pair in zip(tracked.values(), changes, answers, strict=True):
             v, step = d.varied, d.varied.step * change.u
             ahead, behind = state.u + step, state.u - step
-            yield (
-                Evaluated(v.plus, ahead, self.response(v.plus, ahead)),
-                Evaluated(v.minus, behind, self.response(v.minus, behind)),
-            )
+            if pair is None:
+                plus, minus = self.response(v.plus, ahead), self.response(v.minus, behind)
+            else:
+                slope = next(slopes)
+                plus, minus = pair[0].moved(slope, v.step), pair[1].moved(slope, -v.step)
+            yield Evaluated(v.plus, ahead, plus), Evaluated(v.minus, behind, minus)
 
     def response(self, problem: Problem, u: Array) -> Response:
         """The law's answer to displacements u (n, 3) mm, the moduli as at the beginning."""
@@ -222,7 +272,8 @@ class _March:
         if below is None or below.any():
             return None
         changes = tuple(self._along(n, d, k) for n, d in tracked.items())
-        return self._point(k, before, state, response, changes, None)
+        answers = self._answers(k, state, response)
+        return self._point(k, before, state, response, answers, changes, None)
 
     def divisible(self, k: int) -> bool:
         """Whether the step to time number k may be halved: with slip, while the load changes by enough."""
@@ -250,16 +301,15 @@ class _March:
     def point(self, k: int, before: _Point, state: State, step: Step) -> _Point:
         """The point at time number k, from the equilibrium there and its tangent."""
         response, dt = self.response(self._problem(k), state.u), self._dt(k)
-        below = before.past.below(response)
+        below, answers = before.past.below(response), self._answers(k, state, response)
         around = [
             d.on((a, b)).neighbours(
-                k, (a.memory(d.varied.plus, dt, below), b.memory(d.varied.minus, dt, below))
+                k, (a.memory(d.varied.plus, dt, below), b.memory(d.varied.minus, dt, below)), pair
             )
-            for d, (a, b) in zip(self._tracked(k).values(), before.pasts, strict=True)
+            for d, (a, b), pair in zip(self._tracked(k).values(), before.pasts, answers, strict=True)
         ]
-        known = response.times(self.course.stiffness[k])
-        changes = tuple(sensitivities(step, state, around, response=known))
-        return self._point(k, before, state, response, changes, step.slides)
+        changes = tuple(sensitivities(step, state, around))
+        return self._point(k, before, state, response, answers, changes, step.slides)
 
     def _point(
         self,
@@ -267,21 +317,23 @@ class _March:
         before: _Point,
         state: State,
         response: Response,
+        answers: "Sequence[tuple[Response, Response] | None]",
         changes: tuple[State, ...],
         slides: Flags | None,
     ) -> _Point:
         dt, below = self._dt(k), before.past.below(response)
+        around = self._around(k, state, changes, answers)
         pasts = tuple(
             (a.after(plus, dt, below, slides), b.after(minus, dt, below, slides))
-            for (plus, minus), (a, b) in zip(self._around(k, state, changes), before.pasts, strict=True)
+            for (plus, minus), (a, b) in zip(around, before.pasts, strict=True)
         )
         past = before.past.after(Evaluated(self._problem(k), state.u, response), dt, below, None)
-        return _Point(state, moved(state, self._carrier(k), -1.0), past, changes, pasts)
+        return _Point(state, moved(state, self._carrier(k), -1.0), changes, past, pasts)
 
     def _dt(self, k: int) -> float:
         return float(self.time[k] - self.time[k - 1])
 
-    def history(self, points: Sequence[_Point], slopes: Array) -> History:
+    def history(self, points: Sequence[_Told], slopes: Array) -> History:
         """What is kept of the points."""
         u, p = (
             {
@@ -291,7 +343,7 @@ class _March:
             for name in ("u", "p")
         )
         c, problem = self._problem(0).constants, self._problem(0)
-        weights = in_time(self.loadings.path, self.time, **_pace(self.loadings))
+        weights = in_time(self.loadings.path, self.time, **self.pace)
         drifts = any(_drifts(q, self.course.stiffness) for q in self.loadings.problems)
         active = bool(drifts or problem.rubs or c.prony[..., 0].any() or c.softening[:, 0].any())
         states, drift = np.stack([x.state.u for x in points]), tuple(x.drift for x in points)
@@ -306,11 +358,10 @@ def _drifts(problem: Problem, stiffness: Array) -> bool:
     return bool((stiffness != 1).any()) and not problem.proportional
 
 
-def _pace(loadings: Loadings) -> dict[str, bool]:
-    """How densely a history is to be solved: what `fe.path.knots` asks."""
-    every = loadings.everyone
+def _pace(path: Path, every: Sequence[Problem]) -> dict[str, bool]:
+    """How densely a history of these problems is to be solved: what `fe.path.knots` asks."""
     rubs = any(q.rubs for q in every)
-    creeping = not rubs or any(q.remembers(loadings.path) for q in every)
+    creeping = not rubs or any(q.remembers(path) for q in every)
     return {"softening": rubs or any(len(q.constants.softening) for q in every), "creeping": creeping}
 
 
@@ -320,15 +371,17 @@ def follow(
     paths: Sequence[tuple[Path, Path]],
     *,
     near: History | None,
+    without: Collection[int] = (),
 ) -> tuple[History | None, int, str]:
     """The history at its solved times, the factorisations it took, and the reason where it stopped.
 
     curves: one for each loading; paths: those of the parameters' neighbouring problems; near: the history of
-    a neighbouring case.
+    a neighbouring case; without: numbers of the parameters whose derivatives come from elsewhere.
     """
     path, problem = loadings.path, loadings.problems[0]
-    soft = any(len(q.constants.softening) for q in loadings.everyone)
-    time = knots(path, **_pace(loadings))
+    every = loadings.everyone(without=without)
+    soft, pace = any(len(q.constants.softening) for q in every), _pace(path, every)
+    time = knots(path, **pace)
     if near is not None and (problem.rubs or not np.array_equal(near.time, time)):
         near = None
     directions = [Direction.of(v, pair, time) for v, pair in zip(loadings.varied[0], paths, strict=True)]
@@ -337,26 +390,27 @@ def follow(
     tracked = {
         n: d
         for n, d in enumerate(directions)
-        if own or any(v[n].remembers(*paths[n]) or v[n].rubs for v in loadings.varied)
+        if n not in without and (own or any(v[n].remembers(*paths[n]) or v[n].rubs for v in loadings.varied))
     }
     course, number = Course.of(problem, path, time), loadings.at(time)
     march = _March(
         loadings=loadings, curves=curves, time=time, number=number, course=course, directions=tracked,
-        near=near, soft=soft,
+        near=near, pace=pace, soft=soft,
     )  # fmt: skip
     point, last = march.first()
-    points, iterations = [point], last.iterations if last else 0
+    points, iterations = [point.told], last.iterations if last else 0
     going, asked = march, np.ones(len(time), bool)  # slip may need times in between
     while (k := len(points)) < len(asked):
-        virgin = going.virgin(k, points[-1])
+        virgin = going.virgin(k, point)
         if virgin is not None:
-            points.append(virgin)
+            point = virgin
+            points.append(point.told)
             continue
-        found = going.found(k, points[-1], last)
+        found = going.found(k, point, last)
         iterations += found.iterations
         if found.state is not None and found.step is not None:
-            points.append(going.point(k, points[-1], found.state, found.step))
-            last = found
+            point, last = going.point(k, point, found.state, found.step), found
+            points.append(point.told)
         elif going.divisible(k):
             going, asked = going.halved(k), np.insert(asked, k, False)
         else:

@@ -1,6 +1,6 @@
 """The equilibrium of a case under one load, by Newton's method with exact tangents."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -37,7 +37,8 @@ EXACT = 0.01  # of TOLERANCE is what such corrections may leave, as Newton's las
 @dataclass(frozen=True, kw_only=True)
 class Problem:
     """One case made ready: kernel (shared by cases with the same mesh and supports), constants, dead forces
-    (n, 3) N, prescribed displacements (k,) mm at the supported degrees of freedom."""
+    (n, 3) N, forces that grow with the pressure, growing (n, 3) N/MPa, or None, prescribed displacements (k,)
+    mm at the supported degrees of freedom."""
 
     kernel: Kernel
     constants: ElementConstants
@@ -47,14 +48,12 @@ class Problem:
     geometry: Geometry
     layer: LayerFaces | None
     plane: PlaneFaces | None
+    growing: Array | None = None
 
     @staticmethod
     def of(case: Case, kernel: Kernel | None = None) -> "Problem":
         """The problem of a case without weight, on an existing kernel of the same mesh where given."""
-        dead = np.zeros_like(case.nodes)
-        for name, force in case.forces.items():
-            rows = case.node_sets[name]
-            dead[rows] += np.asarray(force, float) / len(rows)
+        dead, growing = _nodal(case, case.forces), _nodal(case, case.growing) if case.growing else None
         kernel = kernel or Kernel(case)
         own, curved = kernel.geometry, case.precurvature
         same = np.array_equal(case.nodes, own.nodes) and curved == own.precurvature
@@ -64,7 +63,7 @@ class Problem:
         prescribed = case.prescribed.ravel()[kernel.supported]
         return Problem(
             kernel=kernel, constants=ElementConstants.of(case), case=case, dead=dead, prescribed=prescribed,
-            geometry=geometry, layer=layer, plane=plane,
+            geometry=geometry, layer=layer, plane=plane, growing=growing,
         )  # fmt: skip
 
     @property
@@ -79,6 +78,20 @@ class Problem:
         c = self.constants
         drifts = path.stiffness is not None and not self.proportional
         return bool(len(c.prony) or len(c.softening)) or drifts
+
+    def loaded(self, pressure: float) -> Array:
+        """The outside forces (n, 3) N under a pressure in MPa."""
+        return self.dead if self.growing is None else self.dead + pressure * self.growing
+
+    def placed_as(self, other: "Problem") -> bool:
+        """Whether two problems differ at most in constants of materials and outside forces."""
+        bare = all(q.layer is None and q.plane is None for q in (self, other))
+        return (
+            bare
+            and self.geometry is other.geometry is self.kernel.geometry
+            and self.case.clamp == other.case.clamp
+            and np.array_equal(self.prescribed, other.prescribed)
+        )
 
     def stiffened(self, factor: float) -> "Problem":
         """The problem with all moduli multiplied."""
@@ -143,6 +156,15 @@ class Problem:
             return 0.0
         _, turn, _ = self.clamp_motion(rotation)
         return float(self.case.clamp.compliance * (turn * force[self.kernel.clamped]).sum())
+
+
+def _nodal(case: Case, forces: Mapping[str, Array]) -> Array:
+    """Forces (3,) on node sets as forces (n, 3) on nodes."""
+    out = np.zeros_like(case.nodes)
+    for name, force in forces.items():
+        rows = case.node_sets[name]
+        out[rows] += np.asarray(force, float) / len(rows)
+    return out
 
 
 @dataclass(frozen=True)
@@ -268,13 +290,18 @@ def _residuals(
 ) -> tuple[Linearised, float]:
     _, turn, _ = problem.clamp_motion(state.rotation)
     system = problem.kernel.linearise(state, problem.constants, load, memory, turn)
-    system = replace(system, force=system.force - problem.dead)
+    system = replace(system, force=system.force - problem.loaded(load))
     x = problem.case.nodes + state.u
     for faces in (problem.layer, problem.plane):
         if faces is not None:
             system = problem.kernel.with_turned_faces(system, *faces.tangent(x), turn)
             system = replace(system, force=system.force - faces.force(x))
     return system, state.rotation + problem.clamp_gap(state.rotation, system.force)
+
+
+def tangent_at(problem: Problem, state: State, *, load: float) -> Step:
+    """The factorised tangent at a state under follower pressure `load` MPa, without memory."""
+    return Step(problem, state, _residuals(problem, state, load, None)[0])
 
 
 def equilibrium(
@@ -297,7 +324,7 @@ def equilibrium(
     extent = float(np.ptp(problem.case.nodes, axis=0).max())
     small = (tolerance * extent, 10 * tolerance * problem.shear)  # mm, MPa
     kinked = problem.rubs or (memory is not None and memory.softening is not None)
-    smooth = not kinked  # so far: whether the tangent may be expected to serve again
+    smooth = not problem.rubs  # so far: whether the tangent may be expected to serve again
     for iteration in range(LIMIT):
         if last is not None and smooth and np.abs(state.u - last.state.u).max() < NEARBY * extent:
             share = 1.0 if exact else EXACT  # an exact tangent brings a correction of its own
@@ -416,7 +443,7 @@ def imbalance(problem: Problem, state: State, load: float, memory: Memory | None
     """
     state = _consistent(problem, state)
     force, gap = problem.kernel.residual(state, problem.constants, load, memory, problem.geometry)
-    force -= problem.dead
+    force -= problem.loaded(load)
     for faces in (problem.layer, problem.plane):
         if faces is not None:
             force -= faces.force(problem.case.nodes + state.u)

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fe.element import Array, Flags
+from fe.kernel import compiled
 from fe.kernel.assembly import Memory, Response, Softening
 from fe.kernel.contact import PlaneFaces
 from fe.laws import relaxation
@@ -57,7 +58,11 @@ class Past:
         c, prony = problem.constants, problem.constants.prony
         g, (decay, ramp) = prony[..., 0], relaxation(prony, dt)
         viscous = (g * ramp).sum(0)
-        carried = np.einsum("me,meqij->eqij", decay, self.terms) - viscous[:, None, None, None] * self.now
+        carried = np.empty_like(self.now)
+        flat = (len(self.now), self.now[0].size)
+        compiled.carried(
+            self.terms.reshape(len(g), *flat), self.now.reshape(flat), decay, viscous, carried.reshape(flat)
+        )
         softening = None
         if self.peak is not None and len(c.softening):
             table = c.softening * np.stack([1 - g.sum(0), *np.ones((2, len(viscous)))], axis=1)
@@ -68,8 +73,11 @@ class Past:
         """The past after one more time step; of a neighbour, on the base's sides of the kinks."""
         response, prony = seen.response, seen.problem.constants.prony
         decay, ramp = relaxation(prony, dt)
-        weight = (prony[..., 0] * ramp)[..., None, None, None]
-        terms = decay[..., None, None, None] * self.terms + weight * (response.stress - self.now)
+        terms, flat = np.empty_like(self.terms), (len(self.now), self.now[0].size)
+        compiled.relaxed(
+            self.terms.reshape(len(prony), *flat), self.now.reshape(flat), response.stress.reshape(flat),
+            decay, prony[..., 0] * ramp, terms.reshape(len(prony), *flat),
+        )  # fmt: skip
         peak = self.peak
         if peak is not None and response.energy is not None and below is not None:
             peak = np.where(below, peak, (1 - SHY) * response.energy)

@@ -2,8 +2,8 @@
 answers to the difference of their residuals by the tangent that it has (direct differentiation).
 
 The two sides are solved nowhere; they share the base's mesh and held nodes. What they may change besides is
-carried whole: positions, materials, prescribed displacements, clamp, forces, layer, plane, precurvature,
-pressure, drift of the moduli, gravity. `refused` names what they may not.
+carried whole: positions, materials, prescribed displacements, clamp, forces dead and growing, layer, plane,
+precurvature, pressure, drift of the moduli, gravity. `refused` names what they may not.
 """
 
 from collections.abc import Mapping, Sequence
@@ -14,7 +14,7 @@ import numpy as np
 
 from fe.case import Case
 from fe.element import Array, Flags, Integers
-from fe.kernel.assembly import Memory, Response, State
+from fe.kernel.assembly import ElementConstants, Memory, Response, State
 from fe.kernel.contact import off_the_clamp
 from fe.path import Path
 from fe.solver.newton import Problem, Residual, Step, imbalance
@@ -128,41 +128,88 @@ class Differenced:
         return replace(self, plus=v.plus.after(state.u + step), minus=v.minus.after(state.u - step))
 
     @cached_property
+    def placed_alike(self) -> bool:
+        """Whether nothing differs but constants of materials and outside forces: then so do the residuals."""
+        return bool(self.plus.placed_as(self.minus))
+
+    @cached_property
+    def rows(self) -> Integers:
+        """The elements (k,) whose law without memory differs."""
+        return differing(self.plus.constants, self.minus.constants)
+
+    @cached_property
     def history_only(self) -> bool:
         """Whether nothing differs but the memory of the material, of which a curve knows nothing."""
         a, b = self.plus, self.minus
         return (
             np.array_equal(a.dead, b.dead)
+            and _same(a.growing, b.growing)
             and _same(a.constants.instant, b.constants.instant)
             and _same(_without_memory(a.case), _without_memory(b.case))
         )
 
 
+def towards_memory(base: Problem, path: Path, varied: Differenced, paths: tuple[Path, Path]) -> bool:
+    """Whether two neighbours on their paths differ from a base that has no memory by theirs alone."""
+    if base.remembers(path) or base.plane is not None or not base.kernel.symmetric:
+        return False
+    sides = varied.plus, varied.minus
+    return (
+        varied.history_only
+        and any(q.remembers(path) for q in sides)
+        and all(
+            _same(q.constants.instant, base.constants.instant)
+            and np.array_equal(q.dead, base.dead)
+            and (q.case is base.case or _same(_without_memory(q.case), _without_memory(base.case)))
+            and (way is path or _same(way, path))
+            for q, way in zip(sides, paths, strict=True)
+        )
+    )
+
+
 @dataclass(frozen=True)
 class Neighbours:
-    """A varied parameter at one time: the loads in MPa and the memories of its two neighbouring problems."""
+    """A varied parameter at one time: the loads in MPa and the memories of its two neighbouring problems, and
+    where they are known their laws' answers to the state."""
 
     varied: Differenced
     load: tuple[float, float]
     memory: tuple[Memory | None, Memory | None] = (None, None)
+    answers: tuple[Response, Response] | None = None
 
-    def residual(self, state: State, response: Response | None) -> Residual:
-        """The residuals' derivative at fixed displacement, pressure modes and clamp rotation.
-
-        response: the law's to the state, where it is known; what only the memory changes follows from it.
-        """
+    def residual(self, state: State) -> Residual:
+        """The residuals' derivative at fixed displacement, pressure modes and clamp rotation."""
         v, (a, b) = self.varied, self.memory
-        alike = v.history_only and not v.rubs  # else the slips of the two differ too
-        if response is not None and a is not None and b is not None and alike:
-            force = v.plus.kernel.internal(state.u, a.stress(response) - b.stress(response))
-            force -= (self.load[0] - self.load[1]) * v.plus.kernel.pressure.force(v.plus.case.nodes + state.u)
-            step = force / (2 * v.step)
-            return Residual(step, np.zeros_like(state.p), v.plus.clamp_gap(state.rotation, step))
-        plus, minus = (
-            imbalance(q, state, load, memory)
-            for q, load, memory in zip((v.plus, v.minus), self.load, self.memory, strict=True)
-        )
-        return plus.minus(minus, 1 / (2 * v.step))
+        known = self.answers is not None or (a is None and b is None)
+        if not (v.placed_alike and known):
+            plus, minus = (
+                imbalance(q, state, load, memory)
+                for q, load, memory in zip((v.plus, v.minus), self.load, self.memory, strict=True)
+            )
+            return plus.minus(minus, 1 / (2 * v.step))
+        kernel, apart = v.plus.kernel, self.load[0] - self.load[1]
+        force = self._inner(state) - (v.plus.loaded(self.load[0]) - v.minus.loaded(self.load[1]))
+        if apart:
+            force -= apart * kernel.pressure.force(v.plus.case.nodes + state.u)
+        force /= 2 * v.step
+        soft = (1 / v.minus.constants.bulk - 1 / v.plus.constants.bulk) / (2 * v.step)
+        gap = np.zeros_like(state.p)
+        if soft.any():
+            gap = soft[:, None] * np.einsum("ekl,el->ek", v.plus.geometry.mass, state.p)
+        return Residual(force, gap, v.plus.clamp_gap(state.rotation, force))
+
+    def _inner(self, state: State) -> Array:
+        """The difference (n, 3) N of the two laws' nodal forces, with their memories."""
+        (a, b), (plus, minus) = self.memory, (self.varied.plus, self.varied.minus)
+        if self.answers is not None:
+            one, other = self.answers
+            more = one.stress if a is None else a.stress(one)
+            return plus.kernel.internal(state.u, more - (other.stress if b is None else b.stress(other)))
+        rows = self.varied.rows
+        if not len(rows):
+            return np.zeros_like(state.u)
+        more, less = (q.kernel.isochoric(state.u, q.constants, q.geometry, rows) for q in (plus, minus))
+        return plus.kernel.internal(state.u, more - less, rows)
 
     def held(self, rotation: float) -> Array:
         """The derivative (n, 3) of what is not free to move: prescribed displacements, and the clamp's nodes,
@@ -174,19 +221,19 @@ class Neighbours:
         return out
 
 
-def sensitivities(
-    step: Step,
-    state: State,
-    neighbours: Sequence[Neighbours],
-    *,
-    response: Response | None = None,
-) -> list[State]:
-    """The derivatives of the state to parameters, by direct differentiation with the factorised tangent;
-    response: the law's to the state, where it is known."""
+def differing(a: ElementConstants, b: ElementConstants) -> Integers:
+    """The elements (k,) whose stress without memory differs."""
+    if a.table.shape != b.table.shape:
+        return np.arange(len(a.table))
+    return np.flatnonzero((a.table != b.table).any(axis=1))
+
+
+def sensitivities(step: Step, state: State, neighbours: Sequence[Neighbours]) -> list[State]:
+    """The derivatives of the state to parameters, by direct differentiation with the factorised tangent."""
     if not neighbours:
         return []
     neighbours = [replace(n, varied=n.varied.sliding(step.slides)) for n in neighbours]
-    changes = step.solve([n.residual(state, response) for n in neighbours])
+    changes = step.solve([n.residual(state) for n in neighbours])
     for change, n in zip(changes, neighbours, strict=True):
         change.u[:] += n.held(state.rotation)
     return changes

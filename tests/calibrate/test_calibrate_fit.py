@@ -321,6 +321,23 @@ def test_a_rough_misfit_ends_at_its_floor_without_using_up_the_budget() -> None:
     assert problem.residuals < 25
 
 
+def test_a_large_misfit_ends_where_the_derivatives_can_promise_no_more() -> None:
+    rng, solves = np.random.default_rng(3), []
+    rows, missed = rng.normal(size=(2000, 2)), 10 * rng.normal(size=2000)
+
+    def residual(theta: Array) -> Array:
+        solves.append(theta)
+        return missed + rows @ theta
+
+    wrong = rows + 1e-5 * missed[:, None]  # so that they promise a fall where there is none
+
+    fit = least_squares(
+        residual, lambda _: wrong, [Parameter("a", -9, 9), Parameter("b", -9, 9)], start=(1.0, 1.0), renew=True
+    )
+    assert fit.converged, fit.reason
+    assert len(solves) < 8
+
+
 @pytest.mark.parametrize(
     ("start", "sentence"),
     [((0, 0, 9), "k = 9.0 1/s is outside its bounds 0.01 .. 5"), ((0, 0), "wanted 3 values in each row")],

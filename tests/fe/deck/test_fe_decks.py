@@ -334,6 +334,7 @@ FIELDS: dict[str, tuple[Callable[[Case], object], str]] = {
     "clamp": (lambda c: Clamp("base", (0.0, 10.0), 1e-3), "a deck holds a rigid clamp only"),
     "pressurised": (lambda c: None, WRITTEN),
     "forces": (lambda c: {"tip_face": np.array([0.0, 0.0, -0.01])}, WRITTEN),
+    "growing": (lambda c: {"tip_face": np.array([0.0, 0.0, 0.5])}, WRITTEN),
     "kept": (lambda c: ("body",), NOT_OF_A_DECK),  # it is of the fit alone
     "precurvature": (lambda c: 1e-3, "without stress at rest"),
     "layer": (lambda c: Layer("outside", 1.0), WRITTEN),

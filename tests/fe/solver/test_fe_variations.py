@@ -179,17 +179,6 @@ def test_derivatives_to_creep_at_its_null(stub: Case) -> None:
     np.testing.assert_allclose(ours[1], 0, atol=1e-9)  # tau is not felt without a share
 
 
-def test_a_base_without_creep_has_the_derivative_towards_it(stub: Case) -> None:
-    def creep(share: float) -> Test:
-        return stub.with_material(prony=((share, 1.5),)), cycle()
-
-    without = exact((stub, cycle()), [creep], [0.0], [1e-7])
-    with_null = exact(creep(0.0), [creep], [0.0], [1e-7])
-    assert np.abs(with_null).max() > 0.1
-    # the same equations: only the state that each carries from step to step is rounded apart
-    np.testing.assert_allclose(without, with_null, atol=1e-6 * np.abs(with_null).max())
-
-
 def test_no_creep_and_a_share_of_zero_are_the_same(stub: Case) -> None:
     point = stub.position(4401)[None]
     without, null = (solve(c, cycle(), count=4).at(point) for c in (stub, stub.with_material(prony=((0.0, 1.5),))))

@@ -150,8 +150,10 @@ FIELDS = [
     Line("Case.pressurised", case(pressurised=lambda c, x: "y0"), refused="`pressurised`"),
     Line("Case.pressurised", case(pressurised=lambda c, x: None), refused="`pressurised`"),
     Line("Case.forces", case(forces=lambda c, x: {"x1": c.forces["x1"] + [0.0, 0.0, x]})),
+    Line("Case.growing", case(growing=lambda c, x: {"x1": np.array([0.2, 0.0, 20 * x])})),
     Line("Case.kept", case(kept=lambda c, x: sided(x, ("rest",), ())), h=1.0, felt=False),
     Line("Case.precurvature", case(precurvature=lambda c, x: x)),
+    Line("Case.precurvature", case(precurvature=lambda c, x: (x, 0.0, -x))),
     Line("Case.layer", case(layer=lambda c, x: sided(x, Layer("y1", LITTLE), None)), h=1.0),
     Line("Layer.surface", of("layer", surface=lambda x: "y1", stiffness=lambda x: 0.05 + x)),
     Line("Layer.stiffness", of("layer", stiffness=lambda x: 0.05 + x)),
@@ -183,7 +185,7 @@ FIELDS = [
 
 SMOOTH, REFUSED = ([line for line in FIELDS if bool(line.refused) == no] for no in (False, True))
 # along a creeping path a few are enough: it carries the two sides from time to time as it does the base
-ALONG = ("Support.value", "Case.nodes", "Case.forces", "Clamp.compliance", "Material.prony", "Path.stiffness")
+ALONG = ("Support.value", "Case.nodes", "Case.forces", "Case.growing", "Clamp.compliance", "Material.prony", "Path.stiffness")
 CREEPING = [line for line in SMOOTH if line.name in ALONG]
 
 
@@ -227,6 +229,16 @@ def test_what_has_no_derivative_is_refused_by_name(cube: Cube, line: Line) -> No
     sides = (line.change(base, x) for x in (1e-6, -1e-6))
     with pytest.raises(ValueError, match=f"^a variation changes ({line.refused})"):
         solve(*base, variations=[Variation(*sides, 1e-6)])
+
+
+def test_a_growing_force_is_the_dead_one_at_its_pressure(cube: Cube) -> None:
+    case, force = cube((1, 1, 1), pressurised="z1", supports=(Support("x0", (0, 1, 2)),)), np.array([0.0, 0.0, 0.3])
+    at = Path(TIME, LOAD, TIME[1:])
+    grown = solve(replace(case, growing={"x1": force}), at, count=4).at(case.nodes)
+    for k, pressure in enumerate(LOAD[1:]):
+        dead = solve(replace(case, forces={"x1": pressure * force}), replace(at, output=at.output[[k]]), count=4)
+        # levels of pressure carry the curve by cubics, and one equilibrium is none
+        np.testing.assert_allclose(grown[k], dead.at(case.nodes)[0], rtol=0, atol=1e-5 * np.abs(grown).max())
 
 
 def test_a_prescribed_displacement_alone_is_felt(cube: Cube) -> None:
