@@ -81,11 +81,17 @@ def test_datasets_hold_no_python() -> None:
     assert not list((ROOT / "datasets").rglob("*.py"))
 
 
-def test_diagnose_cannot_see_the_virtual_laboratory() -> None:
-    reached = reached_from("twin.diagnosis.procedure")
-    assert {"twin", "twin.diagnosis.procedure"} <= reached
-    assert not [name for name in reached if "twin.virtual" in imports_of(name)]
-    assert "twin.virtual" in FILES  # else the line above proves nothing
+JUDGING = ("calibrating", "comparing", "diagnosing", "adding", "searching", "workbench")
+
+
+@pytest.mark.parametrize("judge", ["twin.diagnosis.procedure", *(f"twin.stages.{name}" for name in JUDGING)])
+def test_who_judges_cannot_see_the_virtual_laboratory(judge: str) -> None:
+    reached = reached_from(judge)
+    assert {"twin", judge} <= reached
+    laboratory = {name for name in FILES if room_of(name) == "twin.virtual"}
+    assert len(laboratory) > 3  # else the lines below prove nothing
+    assert not reached & laboratory
+    assert not [name for name in reached if imports_of(name) & laboratory]
 
 
 def test_the_reader_of_imports_sees_every_form() -> None:

@@ -76,6 +76,33 @@ def init(
     say.result(run_init(folder, say, targets=targets, nodes=node or [], deck=deck))
 
 
+@app.command("virtual")
+def virtual(
+    folder: Annotated[Path, typer.Argument(help="project folder to make")],
+    protocol: Annotated[str, typer.Option(help="P1 (tip, one ramp) to P5 (three orientations)")] = "P3",
+    hide: Annotated[
+        list[str] | None, typer.Option(help="what the model lacks, NAME or NAME=SIZE; again for a pair")
+    ] = None,
+    sigmas: Annotated[
+        float | None, typer.Option(help="size of what is hidden, in sds of the noise beside the constants")
+    ] = None,
+    noise_mm: Annotated[float, typer.Option(help="noise of a marker's position, 1 sd")] = 0.015,
+    noise: Annotated[str, typer.Option(help="white, or ar1: each value resembles the one before")] = "white",
+    placement_mm: Annotated[float, typer.Option(help="distance of a marker from its node, 1 sd")] = 0.1,
+    element: Annotated[str, typer.Option(help="element type of the truth, an Abaqus name")] = "C3D20H",
+    seed: Annotated[int, typer.Option(help="seed of the noise")] = 0,
+    json: Json = False,
+) -> None:
+    """Make a project of a virtual experiment, with what it hides sealed beside it."""
+    from twin.stages.inventing import run_virtual
+    from twin.virtual.draws import Setup
+
+    say = Console(as_json=json)
+    setup = Setup(sd_mm=noise_mm, noise=noise, placement_sd_mm=placement_mm)
+    say.result(run_virtual(folder, say, protocol=protocol, hide=hide or [], sigmas=sigmas, setup=setup,
+                           element=element, seed=seed))  # fmt: skip
+
+
 @app.command("print")
 def print_sheets(
     project: Folder = HERE,
@@ -102,25 +129,47 @@ def measure(
 
 
 def add(
-    effect: Annotated[
-        str | None,
-        typer.Argument(help="name of the effect, such as creep; without it the one that the diagnosis names"),
+    effects: Annotated[
+        list[str] | None,
+        typer.Argument(
+            metavar="[EFFECT]...",
+            help="names of effects, such as creep, added one after the other; without a name the one that "
+                 "the diagnosis names",
+        ),
     ] = None,
     project: Folder = HERE,
     json: Json = False,
 ) -> None:
-    _run_stage("add", project, json, name=effect)
+    names: list[str | None] = [*effects] if effects else [None]
+    for name in names:
+        _run_stage("add", project, json, name=name)
 
 
 def drop(
-    effect: Annotated[str, typer.Argument(help="name of the effect, such as creep")],
+    effects: Annotated[
+        list[str],
+        typer.Argument(
+            metavar="EFFECT...", help="names of effects, such as creep, dropped one after the other"
+        ),
+    ],
     project: Folder = HERE,
     json: Json = False,
 ) -> None:
-    _run_stage("drop", project, json, name=effect)
+    for name in effects:
+        _run_stage("drop", project, json, name=name)
 
 
-WITH_OPTIONS: dict[str, Callable[..., None]] = {"measure": measure, "add": add, "drop": drop}
+def explain(
+    effect: Annotated[str, typer.Argument(help="name of the effect, in the model or not, such as creep")],
+    project: Folder = HERE,
+    json: Json = False,
+) -> None:
+    _run_stage("explain", project, json, name=effect)
+
+
+WITH_OPTIONS: dict[str, Callable[..., None]] = {
+    "measure": measure, "explain": explain, "add": add, "drop": drop
+}  # fmt: skip
 
 
 def _plain(stage: Stage) -> Callable[..., None]:

@@ -68,12 +68,13 @@ class Noise:
     """What `twin measure` learnt about the noise; diagnose only reads it."""
 
     sd: Array  # (p,3) mm, static frames; NaN where a component is not observed
-    rho: Array  # (p,3) lag-1 correlation from frame to frame
+    rho: Array  # (p,3) correlation from frame to frame of the part that lasts
     correlation: Array  # (3p,3p) within one step; identity rows where not observed
     frames: int  # static frames it was estimated from
     codec_sd: Array  # (p,3) mm, more where the patch moves
     gauge_sd_MPa: float  # white noise of one sample of the pressure log; 0: none was seen
     gauge_frames: int  # samples of the log it was estimated from
+    lasting: float = 1.0  # share of sd^2 that lasts from frame to frame; the rest is new in each
 
 
 @dataclass(frozen=True, kw_only=True)

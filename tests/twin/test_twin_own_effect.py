@@ -54,7 +54,7 @@ class Silent:
 
 @pytest.fixture(scope="module")
 def batch(short_case: Case, short_builtin: BuiltIn, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
-    """A project of the short finger, filmed while a tube pulled its tip, and calibrated without that."""
+    """A project of the short finger, filmed while a cable pulled its tip, and calibrated without that."""
     folder = tmp_path_factory.mktemp("own") / "batch"
     edge = np.stack([X, np.full_like(X, 11.5), np.zeros_like(X)], axis=1)
     rows = np.linalg.norm(short_case.nodes[:, None] - edge, axis=2).argmin(axis=0)
@@ -70,11 +70,11 @@ def batch(short_case: Case, short_builtin: BuiltIn, tmp_path_factory: pytest.Tem
     targets = virtual.noisy_targets(u, slope, course, points=at, bench=BENCH, seed=1)
     config = Config(
         points=tuple(PointTable(name=n, node=int(k)) for n, k in zip(NAMES, short_case.labels[rows], strict=True)),
-        model=ModelTable(effect_files=("effects/tube.py",), fixed={"C01": 0.083}),  # of a test of the material
+        model=ModelTable(effect_files=("effects/cable.py",), fixed={"C01": 0.083}),  # of a test of the material
         calibrate=CalibrateTable(population=6, generations=2),
     )
     (folder / "effects").mkdir(parents=True)
-    (folder / "effects" / "tube.py").write_text(example(), encoding="utf-8")
+    (folder / "effects" / "cable.py").write_text(example(), encoding="utf-8")
     (folder / "twin.toml").write_text(dump(config), encoding="utf-8")
     write_targets(folder / "targets", replace(targets, noise=None))  # else finer meshes are solved, too
     with pytest.MonkeyPatch.context() as patch:  # the command line knows the study's finger only
@@ -85,21 +85,21 @@ def batch(short_case: Case, short_builtin: BuiltIn, tmp_path_factory: pytest.Tem
 
 
 def test_the_file_of_the_page_keeps_the_contract(tmp_path: Path) -> None:
-    (tmp_path / "tube.py").write_text(example(), encoding="utf-8")
-    (tube,) = own_effects(tmp_path, ["tube.py"])
-    assert isinstance(tube, Effect)
-    assert check_effect(tube) == ()
+    (tmp_path / "cable.py").write_text(example(), encoding="utf-8")
+    (cable,) = own_effects(tmp_path, ["cable.py"])
+    assert isinstance(cable, Effect)
+    assert check_effect(cable) == ()
 
 
 def test_twin_add_finds_the_planted_force(batch: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    run("add", "tube", "--project", batch)
+    run("add", "cable", "--project", batch)
     bench = open_project(batch)
-    assert [e.label for e in bench.model().effects] == ["elasticity", "tube"]
+    assert [e.label for e in bench.model().effects] == ["elasticity", "cable"]
     (fit,) = batch.glob("runs/*-add/fit.json")
     found = json.loads(fit.read_text())["parameters"]
     # the truth's mesh is another, and its force acts on the whole end face: half a 95 % interval
-    assert found["tube.up"]["value"] == pytest.approx(UP, abs=0.06)
-    assert found["tube.along"]["value"] == pytest.approx(ALONG, abs=0.1)
+    assert found["cable.up"]["value"] == pytest.approx(UP, abs=0.06)
+    assert found["cable.along"]["value"] == pytest.approx(ALONG, abs=0.1)
     before = json.loads(next(batch.glob("runs/*-calibrate/fit.json")).read_text())
     assert newest_fit(bench.project).chi2 < 0.5 * before["chi2"]
     assert json.loads(fit.with_name("comparison.json").read_text())["adequate"] is True
@@ -110,19 +110,19 @@ def test_twin_add_finds_the_planted_force(batch: Path, capsys: pytest.CaptureFix
 
 
 def test_a_fit_with_the_effect_is_stale_when_its_file_changes(batch: Path) -> None:
-    project, file = Project.open(batch), batch / "effects" / "tube.py"
-    with_tube, without = ({"effects": [*labels]} for labels in (("tube",), ()))
+    project, file = Project.open(batch), batch / "effects" / "cable.py"
+    with_cable, without = ({"effects": [*labels]} for labels in (("cable",), ()))
     runs = {}
-    for name, how in (("with", with_tube), ("without", without)):
+    for name, how in (("with", with_cable), ("without", without)):
         with project.new_run("calibrate", extra=how) as one:
             runs[name] = one.folder
     (batch / "effects" / "fan.py").write_text("", encoding="utf-8")
     assert [stale(project, folder) for folder in runs.values()] == [[], []]
     file.write_text(example() + "\n# changed\n", encoding="utf-8")
-    assert stale(project, runs["with"]) == ["effects/tube.py has changed since"]
+    assert stale(project, runs["with"]) == ["effects/cable.py has changed since"]
     assert stale(project, runs["without"]) == []
     file.unlink()
-    assert stale(project, runs["with"]) == ["effects/tube.py is gone"]
+    assert stale(project, runs["with"]) == ["effects/cable.py is gone"]
     assert stale(project, runs["without"]) == []
     for folder in runs.values():
         shutil.rmtree(folder)
@@ -130,16 +130,16 @@ def test_a_fit_with_the_effect_is_stale_when_its_file_changes(batch: Path) -> No
 
 
 def test_check_names_the_line_of_a_broken_file_and_a_broken_promise(batch: Path) -> None:
-    file, project = batch / "effects" / "tube.py", Project.open(batch).set_effects([])
+    file, project = batch / "effects" / "cable.py", Project.open(batch).set_effects([])
     for old, new, sentence in (
-        ("null=0.0", "nul=0.0", r"effects/tube\.py, line 14: TypeError: .*unexpected keyword argument 'nul'"),
-        ('"tube.along": 0.0', '"tube.angle": 0.0', r"effect 'tube': its grid names 'tube\.angle'"),
-        ('"tube", Order', '"tubus", Order', r"effect 'tubus': parameter 'tube\.up': wanted a name of the form tubus"),
+        ("null=0.0", "nul=0.0", r"effects/cable\.py, line 14: TypeError: .*unexpected keyword argument 'nul'"),
+        ('"cable.up", -1.0, 1.0, "N", null=0.0', '"cable.up", -1.0, 1.0, "N"', r"effect 'cable': its first parameter has no null"),
+        ('"cable", Order', '"cord", Order', r"effect 'cord': parameter 'cable\.up': wanted a name of the form cord"),
     ):
         file.write_text(example().replace(old, new), encoding="utf-8")
         with pytest.raises(ValueError, match=sentence):
             run_check(project, Silent())
     file.write_text(example(), encoding="utf-8")
     named = replace(project, config=project.config.model_copy(update={"diagnose": DiagnoseTable(candidates=("fan",))}))
-    with pytest.raises(ValueError, match=r"effect 'fan' is not in the library, wanted one of creep, .* tube"):
+    with pytest.raises(ValueError, match=r"effect 'fan' is not in the library, wanted one of creep, .* cable"):
         run_check(named, Silent())

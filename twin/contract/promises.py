@@ -13,7 +13,7 @@ import numpy as np
 from calibrate import Parameter
 from twin.contract.records import alike, numbers
 from twin.contract.specimen import Specimen, felt_values, motion, small_test, whole
-from twin.effects.protocol import Effect, Theta, Unsolvable
+from twin.effects.protocol import Effect, Test, Theta, Unsolvable
 from twin.effects.requirements import Requirement
 from twin.model.prediction import STEP
 from twin.targets import Array
@@ -54,20 +54,20 @@ def declared(specimen: Specimen) -> Iterator[str]:
             yield f"parameter {p.name!r}: its null {_value(p, p.null)} lies outside its bounds"
     if not e.parameters or e.parameters[0].null is None:
         yield "its first parameter has no null; put first the one that switches the effect on"
-    yield from _grid(e)
+    yield from _grid(e, specimen.test)
 
 
-def _grid(e: Effect) -> Iterator[str]:
-    own = {p.name: p for p in e.parameters}
-    for entry in e.grid:
+def _grid(e: Effect, test: Test) -> Iterator[str]:
+    tried, own = e.tries(test), {p.name: p for p in e.parameters}
+    for entry in tried:
         for name, value in entry.items():
             if name not in own:
                 yield f"its grid names {name!r}, which is none of its parameters"
             elif not own[name].low <= value <= own[name].high:
                 yield f"its grid has {name} = {_value(own[name], value)}, outside the parameter's bounds"
     if e.label == e.name:  # a wider law starts from the narrower
-        for p in e.parameters[1:]:
-            if not all(p.name in entry for entry in e.grid or ({},)):
+        for p in e.parameters:
+            if p.null is None and not all(p.name in entry for entry in tried):
                 yield f"{p.name} has no value in an entry of its grid; give those at which it is to be tried"
 
 
@@ -78,7 +78,9 @@ def _value(p: Parameter, value: float) -> str:
 def consistent(specimen: Specimen) -> Iterator[str]:
     """Labels, wider laws and where these start; and that it can be sent to a worker process."""
     e, wider = specimen.effect, specimen.effect.wider()
-    if not re.fullmatch(f"{e.name}(:[2-9])?", e.label) or e.label not in [law.label for law in e.laws()]:
+    made = e.named(e.label)
+    known = [law.label for law in e.laws()] + ([made.label] if made else [])
+    if not re.fullmatch(rf"{e.name}(:\S+)?", e.label) or e.label not in known:
         yield f"its label {e.label!r} names none of its laws, wanted {e.name} or, for a wider one, {e.name}:2"
     if wider is not None:
         names = {p.name for p in wider.parameters}
@@ -86,10 +88,22 @@ def consistent(specimen: Specimen) -> Iterator[str]:
             yield f"its wider law {wider.label!r} does not hold all of its parameters and more"
         elif {k for k in wider.start(felt_values(e)) if k.startswith(f"{e.name}.")} != names:
             yield f"start() of its wider law {wider.label!r} does not give a value for each parameter"
+    yield from _widest(e)
     try:
         ForkingPickler.dumps(e)
     except Exception as error:  # whatever a user's object does when it is written out
         yield f"it cannot be sent to a worker process ({error}); keep to numbers, texts and arrays"
+
+
+def _widest(e: Effect) -> Iterator[str]:
+    wide = e.wide()
+    if wide is None:
+        return
+    names, made = {p.name for p in wide.parameters}, e.named(wide.label)
+    if wide.name != e.name or (wide.label not in [w.label for w in e.laws()] and made is None):
+        yield f"its widest family {wide.label!r} has another name, or named() does not know its label"
+    elif {k for k in wide.start(felt_values(e)) if k.startswith(f"{e.name}.")} != names:
+        yield f"start() of its widest family {wide.label!r} does not give one value for each parameter"
 
 
 # -- its maps ------------------------------------------------------------------------------------------------

@@ -87,7 +87,7 @@ def felt_values(e: Effect) -> dict[str, float]:
     narrower = e.laws()[laws.index(e.label) - 1] if e.label in laws[1:] else None
     started = e.start(felt_values(narrower)) if narrower is not None else {}
     middle = {p.name: (p.low + p.high) / 2 for p in e.parameters}
-    first = e.grid[0] if e.grid else {}
+    first = e.tries(small_test())[0]
     return {p.name: {**middle, **values, **started, **first}[p.name] for p in e.parameters}
 
 

@@ -1,21 +1,22 @@
 """A base model, a library of effects and targets -> which physical effect the data ask for, and what cannot
 be told.
 
-Noise first; fit; lack of fit; the signature of every absent effect with all fitted parameters projected out;
-refits of the best; a wider law of the same physics before anything else; ties are one answer.
+Noise, frame and mesh first: what they forbid is not tested. `attempts` tries, `verdicts` concludes,
+`completing` adds what belongs beside a verdict.
 """
 
 from collections.abc import Callable, Sequence
-from functools import partial
+from dataclasses import replace
 
-from twin.diagnosis.candidates import Candidate
-from twin.diagnosis.comparison import compare
-from twin.diagnosis.fitting import fit_model, whitener_of
-from twin.diagnosis.refitting import Progress, refit, refits, worth_refitting
-from twin.diagnosis.screening import screen
-from twin.diagnosis.verdicts import Diagnosis, concluded, ranked
+from calibrate import Fit
+from twin.diagnosis.attempts import Attempts
+from twin.diagnosis.completing import completed
+from twin.diagnosis.fitting import whitener_of
+from twin.diagnosis.frame import frame_test
+from twin.diagnosis.refitting import Progress
+from twin.diagnosis.verdicts import Diagnosis, cannot, concluded
 from twin.effects.protocol import Effect
-from twin.model.discretisation import Discretisation
+from twin.effects.standins import stand_ins
 from twin.model.prediction import Model
 from twin.targets import Array, Targets
 
@@ -26,46 +27,39 @@ def diagnose(
     targets: Targets,
     *,
     seed: int,
-    start: Array,
-    mesh: Discretisation | None = None,
-    settle: Callable[[Candidate], Candidate] | None = None,
+    start: Array | Fit,
+    beside: Sequence[Effect] | None = None,
+    settle: Callable[[Diagnosis], Diagnosis] | None = None,
+    plan: bool = True,
     workers: int = 1,
     progress: Progress | None = None,
 ) -> Diagnosis:
-    """The diagnosis of a base model. start (d,): its calibrated parameters; mesh: its discretisation error
-    there; settle: gives the kept effect the fit that is given out, by default its refit as it is; workers:
-    processes that refit.
+    """The diagnosis of a base model. start: its calibrated parameters (d,), from where it is fitted, or
+    its fit, which is taken as it is; beside: generic stand-ins for
+    what the library does not have, by default `stand_ins`; settle: gives the kept effects the fit that is
+    given out, by default their refit as it is; plan: whether experiments are
+    planned for a tie; workers: processes that refit.
 
     Reads targets only. Raises Unsolvable where the base model cannot be solved at `start`.
     """
-    refusal = _refusal(targets)
-    if refusal:
-        return _cannot(refusal)
+    why = _refusal(targets)
+    if why:
+        return cannot(why)
+    frame = frame_test(targets)
+    if frame.moves:
+        return replace(cannot(f"the frame moves: {frame.place}"), frame=frame)
     tell = progress or (lambda stage, done, total: None)
-    if mesh is not None and mesh.unknown:
-        return _cannot(f"mesh: {mesh.unknown}")
-    tell("base model", 0, 3)
-    w = whitener_of(model, start, targets, mesh)
-    if mesh is not None and mesh.remainder_mm > 0.1 * w.noise_sd:
-        return _cannot(
-            f"mesh: {mesh.remainder_mm:.4f} mm of the discretisation error is carried by no mode, more than "
-            f"a tenth of the noise ({w.noise_sd:.4f} mm); refine the mesh"
-        )
-    fit = fit_model(model, targets, w, start=start, seed=seed)
-    jacobian = model.jacobian(fit.theta)
-    base = compare(targets, model.predict(fit.theta), w, jacobian=jacobian)
-    tell("signatures", 1, 3)
-    candidates = screen(model, effects, targets, w, fit.theta, base, jacobian)
-    chosen = worth_refitting(candidates, base)
-    one = partial(refit, model=model, targets=targets, w=w, mesh=mesh, base=base, seed=seed)
-    refitted = refits(chosen, one, workers=workers, tell=tell)
-    rows = ranked([c for c in candidates if c.effect.name not in {r.effect.name for r in chosen}] + refitted)
-    remainder = mesh.remainder_mm if mesh else None
-    found = concluded(rows, base, fit, remainder)
-    if settle is None or found.kept is None:
-        return found
-    rows = tuple(settle(c) if c is found.kept else c for c in rows)
-    return concluded(rows, base, fit, remainder)
+    generic = stand_ins(model.test) if beside is None else beside
+    task = Attempts(model, tuple(effects), tuple(generic), targets, seed, workers, tell)
+    theta = start.theta if isinstance(start, Fit) else start
+    why = _mesh(model, whitener_of(model, theta, targets).noise_sd)
+    if why:
+        return replace(cannot(why), frame=frame)
+    base = task.base(start)
+    found = concluded(task.tried(base))
+    found = completed(found, base, task.rivals_at(base), task.silent, targets, plan=plan)
+    found = replace(found, frame=frame)
+    return found if settle is None or found.kept is None else settle(found)
 
 
 def _refusal(targets: Targets) -> str:
@@ -76,5 +70,16 @@ def _refusal(targets: Targets) -> str:
     return ""
 
 
-def _cannot(why: str) -> Diagnosis:
-    return Diagnosis(verdict=f"cannot test: {why}", sentence=f"The data cannot be tested: {why}.")
+def _mesh(model: Model, noise: float) -> str:
+    """Why the mesh does not allow a test at a noise of so many mm; nothing where it does."""
+    if model.mesh is None:
+        return ""
+    if model.mesh.unknown:
+        return f"mesh: {model.mesh.unknown}"
+    left = model.mesh.remainder_mm
+    if left > 0.1 * noise:
+        return (
+            f"mesh: {left:.4f} mm of the discretisation error is neither corrected nor carried by a mode, "
+            f"more than a tenth of the noise ({noise:.4f} mm); refine the mesh"
+        )
+    return ""

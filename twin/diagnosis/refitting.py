@@ -1,4 +1,4 @@
-"""Screened candidates -> those worth a refit, each with its fit, and with a wider law where one is needed."""
+"""Screened candidates -> those worth a refit, and their refits, each judged by its own errors."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -7,92 +7,105 @@ from functools import partial
 import numpy as np
 
 from calibrate import bic
-from twin.diagnosis.candidates import Candidate
-from twin.diagnosis.comparison import Comparison, compare
-from twin.diagnosis.fitting import fit_model, with_mesh
-from twin.diagnosis.whitening import Whitener
-from twin.model.discretisation import Discretisation
-from twin.model.prediction import Model
+from twin.diagnosis.candidates import Candidate, Refit
+from twin.diagnosis.evidence import apart, occam, orthonormal
+from twin.diagnosis.judging import Judged, judge
+from twin.diagnosis.rivals import null, prior_sd
+from twin.effects.protocol import Effect, Unsolvable
 from twin.parallel import finished
-from twin.targets import Targets
+from twin.targets import Array, Targets
 
 Progress = Callable[[str, int, int], None]
 
 DETECTED = 0.01  # after multiplicity
-REFITS = 3
-CLOSE = 0.1  # sd to which refits are carried; the kept one is carried on from there
-PROMISING = 0.25  # of the best z2: what a refit must promise as a fall of chi2
+REFITS = 4  # effects of the library that are refitted
+STAND_INS = 2  # and stand-ins
+PROMISING = 0.25  # of the best gain: what a refit must promise
+RIVALLING = 0.7  # of the best effect's gain: what a stand-in must promise to be refitted before all is said
+CLOSE = 0.1  # sd to which refits are carried
+TURNS = 2  # steps under rebuilt errors: enough for a model that is right, and no other needs be exact
 
 
-def worth_refitting(candidates: Sequence[Candidate], base: Comparison) -> list[Candidate]:
-    """The best few by score: the detected ones, or all visible ones where the base is inadequate.
+def worth_refitting(candidates: Sequence[Candidate], *, adequate: bool) -> list[Candidate]:
+    """The few that promise most: detected ones, or all visible ones where the base model is inadequate."""
+    able = [c for c in candidates if not c.note and c.gain > 0 and (c.p_value < DETECTED or not adequate)]
+    top = max((c.gain for c in able), default=0.0)
+    able = sorted((c for c in able if c.gain >= PROMISING * top), key=lambda c: -c.gain)
+    own = [c for c in able if not c.kind][:REFITS]
+    least = RIVALLING * own[0].gain if own else 0.0
+    return own + [c for c in able if c.kind and c.gain >= least][:STAND_INS]
 
-    The square of a score is the fall of chi2 that the refit promises.
-    """
-    worth = [c for c in candidates if not c.note and (c.p_value < DETECTED or not base.adequate)]
-    worth = sorted(worth, key=lambda c: -abs(c.z))[:REFITS]
-    return [c for c in worth if c.z**2 > PROMISING * worth[0].z ** 2]
+
+def resembling(candidates: Sequence[Candidate]) -> list[Candidate]:
+    """The stand-ins without a refit that promise most: what a rest that nothing explains may look like."""
+    able = [c for c in candidates if c.kind and c.refit is None and not c.note and c.gain > 0]
+    return sorted(able, key=lambda c: -c.gain)[:STAND_INS]
 
 
 def refits(
-    chosen: Sequence[Candidate], fit: Callable[[Candidate], Candidate], *, workers: int, tell: Progress
-) -> list[Candidate]:
-    """The candidates as `fit` refits them, each with its wider laws where the narrower one is inadequate.
-
-    With several workers the wider laws are fitted meanwhile, and left out where they are not needed.
-    """
-    laws = [law for c in chosen for law in _laws(c)]
-    settled: set[str] = set()
-
-    def task(law: Candidate) -> Callable[[], Candidate | None]:
-        one = partial(fit, law)
-        return one if workers > 1 else lambda: None if law.effect.name in settled else one()
-
-    found: dict[int, Candidate] = {}
-    for done, (k, row) in enumerate(finished([task(law) for law in laws], workers=workers)):
-        tell(f"refit with {laws[k].effect.label}", done + 1, len(laws))
-        if row is not None:
-            found[k] = row
-            if row.comparison is not None and row.comparison.adequate:
-                settled.add(row.effect.name)
-    out: list[Candidate] = []
-    for k in sorted(found):
-        row, narrow = found[k], out[-1] if out and out[-1].effect.name == found[k].effect.name else None
-        if narrow is not None and narrow.comparison is not None:
-            if narrow.comparison.adequate:
-                continue
-            if narrow.fit is not None and (row.fit is None or row.fit.chi2 > narrow.fit.chi2):
-                # the wider law holds the narrower one: a worse minimum is not its answer
-                values = dict(zip((p.name for p in narrow.fit.parameters), narrow.fit.theta, strict=True))
-                row = fit(replace(laws[k], start=row.effect.start(values)))
-        out.append(row)
-    return out
-
-
-def _laws(candidate: Candidate) -> list[Candidate]:
-    """The candidate, and the same physics with ever wider laws, each with its start."""
-    rows = [candidate]
-    while (wider := rows[-1].effect.wider()) is not None:
-        rows.append(replace(candidate, effect=wider, start=wider.start(rows[-1].start)))
-    return rows
-
-
-def refit(
-    candidate: Candidate,
-    *,
-    model: Model,
+    chosen: Sequence[Candidate],
+    base: Judged,
     targets: Targets,
-    w: Whitener,
-    mesh: Discretisation | None,
-    base: Comparison,
+    *,
+    starts: Sequence[Array] = (),
     seed: int,
+    workers: int,
+    tell: Progress,
+) -> list[Candidate]:
+    """The candidates with their refits, in the order given.
+
+    starts: further values (d,) of the base model's parameters from which every refit is tried too.
+    """
+    task = partial(refitted, base=base, targets=targets, starts=tuple(starts), seed=seed)
+    found: dict[int, Candidate] = {}
+    for done, (k, row) in enumerate(finished([partial(task, c) for c in chosen], workers=workers)):
+        tell(f"refit with {chosen[k].effect.label}", done + 1, len(chosen))
+        found[k] = row
+    return [found[k] for k in sorted(found)]
+
+
+def refitted(
+    candidate: Candidate, *, base: Judged, targets: Targets, starts: Sequence[Array], seed: int
 ) -> Candidate:
-    """The candidate with its fit, its comparison and its BIC gain over the base; a note where it has none."""
-    wider = model.with_effect(candidate.effect)
-    start = wider.theta(candidate.start)
-    fit = fit_model(wider, targets, w, start=start, seed=seed, evaluations=15, tolerance=CLOSE)
-    if not np.isfinite(fit.chi2):
-        return replace(candidate, note=fit.reason)
-    found = compare(targets, wider.predict(fit.theta), w, jacobian=wider.jacobian(fit.theta))
-    gain = bic(base.chi2, len(model.parameters), w.count) - bic(found.chi2, len(fit.theta), w.count)
-    return replace(candidate, fit=with_mesh(fit, mesh), comparison=found, delta_bic=gain)
+    """The candidate with its refit, its BIC gain and its evidence over the base; a note where it has none."""
+    model = base.model.with_effect(candidate.effect)
+    others = [{**candidate.start, **base.model.named(theta)} for theta in starts]
+    rows = np.array([model.theta(values) for values in (candidate.start, *others)])
+    try:
+        judged = judge(
+            model, targets, starts=rows, seed=seed, evaluations=15, tolerance=CLOSE, turns=TURNS
+        )
+    except Unsolvable as error:
+        return replace(candidate, note=str(error))
+    return scored(candidate, Refit.of(judged), base)
+
+
+def scored(candidate: Candidate, refit: Refit, base: Judged | Refit) -> Candidate:
+    """The candidate with a refit, and what it gains over the base."""
+    n, fall = len(refit.z), base.deviance - refit.deviance
+    added = len(refit.fit.theta) - len(base.fit.theta)
+    lost = lost_to_priors(refit, (candidate.effect,))
+    return replace(
+        candidate,
+        refit=refit,
+        delta_bic=fall - bic(0.0, added, n),
+        evidence=fall - lost,
+        size=float(np.sqrt(max(fall, 0.0))),
+    )
+
+
+def lost_to_priors(refit: Refit, effects: Sequence[Effect]) -> float:
+    """What a refit's evidence loses to the priors of its effects' parameters."""
+    free = [p.name for p in refit.fit.parameters if p.name not in refit.at_bound]
+    own = [p for e in effects for p in e.parameters if p.name in free]
+    if not own:
+        return 0.0
+    own.sort(key=lambda p: free.index(p.name))
+    mine = np.array([name in {p.name for p in own} for name in free])
+    sd = np.array([prior_sd(p) for p in own])
+    columns = apart(refit.fitted[:, mine], orthonormal(refit.fitted[:, ~mine])) * sd
+    values = refit.values
+    amount = np.array([0.0 if p.null is None else (values[p.name] - null(p)) for p in own]) / sd
+    return occam(amount, columns.T @ columns)
+
+

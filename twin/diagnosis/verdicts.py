@@ -1,139 +1,320 @@
-"""A ranking of refitted effects -> the verdict: which is missing, what cannot be told, what to film next."""
+"""All that was tried -> the verdict: what is missing, what cannot be told apart, and what is left
+unexplained."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any
 
-import numpy as np
+from scipy.special import ndtri
 
-from calibrate import Fit
-from twin.diagnosis.candidates import Candidate
+from twin.diagnosis.candidates import Candidate, Refit
+from twin.diagnosis.classes import Mimics
 from twin.diagnosis.comparison import Comparison
-from twin.effects.protocol import Effect
+from twin.diagnosis.frame import FrameTest
+from twin.diagnosis.judging import Judged
+from twin.diagnosis.pairs import Group
+from twin.diagnosis.refitting import DETECTED
+from twin.effects.protocol import Effect, Theta
 
-TIE = 6.0  # BIC
-# Of the misfit: right physics, wrong law. Measured: 0.88 on the demo's film, where two terms stand for three;
-# 0.2 to 0.3 for a tube that pulls the tip (tests/twin/diagnosis/test_twin_diagnose.py).
-EXPLAINED = 0.8
+TIE = 6.0  # 2 ln B: below it neither of two models is preferred (Kass & Raftery 1995, doi 10.2307/2291091)
+# of a wide family's evidence is what the law of the library must have to be of the right physics
+HALF = 0.5
+SECOND = 25.0  # BIC gain that a second effect must bring
+POWER = 0.9  # with which a size must be found to be named
+SHOWN = 3  # stand-ins and nearest effects that are told
+KINDS = {
+    "outside force": "an outside force",
+    "soft spot": "a soft spot",
+    "pressure course": "another course of the pressure",
+    "drift": "a drift of the rig",
+    "camera": "an error of the camera",
+    "slip": "a slipping marker",
+}
+# Effects that a kind of stand-in merely says in general: such a stand-in is no other explanation than theirs.
+SAME = {
+    "outside force": ("tube",),
+    "pressure course": ("pressure_gain", "pressure_offset", "pressure_lag", "time_shift"),
+    "camera": ("camera_scale", "camera_rotation", "camera_tilt"),
+    "slip": ("marker_slip",),
+}
 
-ANY_TWO = "repeat the film with a 60 s hold and a 0.2 s step"  # the next test where effects name none
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Trial:
+    """What was tried on a base model.
+
+    candidates: absent effects, every law that was refitted; stand_ins: generic explanations; wide: the
+    declared wider families of the best effects; groups: effects that may be missing together; beside: the
+    evidence of the best effect with each other explanation on top of it, to first order, by name.
+    """
+
+    base: Judged
+    candidates: tuple[Candidate, ...]
+    stand_ins: tuple[Candidate, ...] = ()
+    wide: tuple[Candidate, ...] = ()
+    groups: tuple[Group, ...] = ()
+    beside: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def least(self) -> float:
+        """The size in sds from which on an effect would have been found with a chance of POWER."""
+        tries = max(sum(not c.note for c in self.candidates), 1)
+        return float(-ndtri(DETECTED / 2 / tries) + ndtri(POWER))
 
 
 @dataclass(frozen=True, kw_only=True)
 class Diagnosis:
-    """What the data ask for: verdict, named effects, ties, ranking, next test, and the errors in mm."""
+    """What the data ask for: verdict, named effects, ties, ranking, next test, and the errors in mm.
+
+    kept: the fit with the named effects, `effects` in their laws, and where it began (`start`).
+    """
 
     verdict: str
     sentence: str
     named: tuple[str, ...] = ()
-    law: str | None = None
+    effects: tuple[Effect, ...] = ()
     ties: tuple[tuple[str, ...], ...] = ()
     ranking: tuple[Candidate, ...] = ()
+    resembles: tuple[Candidate, ...] = ()
+    classes: tuple[Mimics, ...] = ()
+    groups: tuple[Group, ...] = ()
     next_test: str = ""
-    base: Comparison | None = None
-    base_fit: Fit | None = None
-    kept: Candidate | None = None
-    explained: float | None = None
-    remainder_mm: float | None = None
+    next_tests: tuple[Mapping[str, Any], ...] = ()
+    detectable: tuple[Mapping[str, Any], ...] = ()
+    scaling: Mapping[str, float] = field(default_factory=dict)
+    evidence: Mapping[str, Any] | None = None
+    frame: FrameTest | None = None
+    base: Judged | None = None
+    kept: Refit | None = None
+    start: Theta = field(default_factory=dict)
+
+    @property
+    def law(self) -> str | None:
+        """The labels of the named effects, as twin.toml writes them."""
+        return " + ".join(e.label for e in self.effects) or None
+
+    @property
+    def before(self) -> Comparison | None:
+        """The comparison of the base model."""
+        return self.base.comparison if self.base else None
+
+    @property
+    def after(self) -> Comparison | None:
+        """The comparison with the named effects; that of the base model where nothing is named."""
+        return self.kept.comparison if self.kept else self.before
+
+    @property
+    def text(self) -> str:
+        """The sentence, and how the error falls with the named effects."""
+        if self.kept is None or self.before is None or self.after is None:
+            return self.sentence
+        return (
+            f"{self.sentence} The error falls from {self.before.rms_mm:.3f} to {self.after.rms_mm:.3f} mm "
+            f"rms with {' and '.join(e.label for e in self.effects)}; the noise is "
+            f"{self.before.noise_sd_mm:.3f} mm."
+        )
 
     def to_dict(self) -> dict[str, Any]:
         """What diagnosis.json holds."""
-        after = self.kept.final if self.kept else self.base
+        before, after = self.before, self.after
         return {
             "verdict": self.verdict,
-            "sentence": self.sentence,
+            "sentence": self.text,
             "named": list(self.named),
             "law": self.law,
             "ties": [list(t) for t in self.ties],
+            "classes": [c.to_dict() for c in self.classes],
             "ranking": [c.to_dict() for c in self.ranking],
+            "resembles": [resemblance(c) for c in self.resembles],
+            "scaling": dict(self.scaling),
+            "detectable": [dict(row) for row in self.detectable],
+            "pairs": [g.to_dict() for g in self.groups],
             "next_test": self.next_test,
-            "rms_before_mm": self.base.rms_mm if self.base else None,
+            "next_tests": [dict(row) for row in self.next_tests],
+            "frame": self.frame.to_dict() if self.frame else None,
+            "modes_beyond": [list(row) for row in after.beyond] if after else [],
+            "evidence": dict(self.evidence) if self.evidence else None,
+            "rms_before_mm": before.rms_mm if before else None,
             "rms_after_mm": after.rms_mm if after else None,
-            "noise_sd_mm": self.base.noise_sd_mm if self.base else None,
+            "raw_rms_before_mm": before.raw_rms_mm if before else None,
+            "raw_rms_after_mm": after.raw_rms_mm if after else None,
+            "noise_sd_mm": before.noise_sd_mm if before else None,
             "adequate": after.adequate if after else None,
-            "p_value_before": self.base.p_value if self.base else None,
+            "p_value_before": before.p_value if before else None,
             "p_value_after": after.p_value if after else None,
-            "explained": self.explained,
-            "discretisation_remainder_mm": self.remainder_mm,
         }
 
 
+def cannot(why: str) -> Diagnosis:
+    """The verdict on data that cannot be tested."""
+    return Diagnosis(verdict=f"cannot test: {why}", sentence=f"The data cannot be tested: {why}.")
+
+
 def ranked(rows: Sequence[Candidate]) -> tuple[Candidate, ...]:
-    return tuple(
-        sorted(rows, key=lambda c: (-(c.delta_bic if c.delta_bic is not None else -np.inf), -abs(c.z)))
-    )
+    """Candidates by their evidence; those without a refit by what they promise."""
+    return tuple(sorted(rows, key=lambda c: (c.evidence is None, -(c.evidence or 0.0), -c.gain)))
 
 
-def concluded(rows: tuple[Candidate, ...], base: Comparison, fit: Fit, remainder: float | None) -> Diagnosis:
-    best = rows[0] if rows and rows[0].delta_bic is not None and rows[0].delta_bic > TIE else None
-    if best is not None and best.comparison is not None:
-        found = _judged(rows, best, base, best.comparison)
-    elif base.adequate:
+def concluded(trial: Trial) -> Diagnosis:
+    """The verdict on what was tried."""
+    singles = [c for c in ranked(trial.candidates) if c.evidence is not None and c.evidence > 0]
+    singles = [c for c in singles if not c.stretched]
+    fits = [c for c in singles if c.adequate]
+    if trial.base.comparison.adequate:
+        fits = [c for c in fits if c.p_value < DETECTED]
+    if fits:
+        found = _single(trial, fits)
+    elif trial.base.comparison.adequate:
         found = Diagnosis(
             verdict="none needed",
-            sentence="The model agrees with the measurement: no effect is missing.",
+            sentence="The model agrees with the measurement: these data ask for no further effect.",
         )
     else:
-        found = Diagnosis(
-            verdict="none of these",
-            sentence="Something is missing that the library does not have: no effect lowers the error.",
-        )
-    blind = [c.effect.name for c in rows if c.note]
-    unseen = f" Not visible in these data: {', '.join(blind)}." if blind else ""
+        found = _wider(trial, singles) or _together(trial, singles) or _unknown(trial, singles)
     return replace(
         found,
-        sentence=found.sentence + unseen,
-        ranking=rows,
-        base=base,
-        base_fit=fit,
-        remainder_mm=remainder,
+        ranking=ranked([*trial.candidates, *trial.wide]),
+        resembles=found.resembles or ranked([c for c in trial.stand_ins if c.evidence is not None])[:SHOWN],
+        groups=trial.groups,
+        base=trial.base,
     )
 
 
-def _judged(rows: tuple[Candidate, ...], best: Candidate, base: Comparison, after: Comparison) -> Diagnosis:
-    """The verdict on the best effect, whose refit leaves `after`."""
-    explained = 1 - max(after.excess, 0.0) / max(base.excess, 1.0)
-    name, law = best.effect.name, best.effect.label
-    left = (best.final or after).rms_mm
-    change = (
-        f"With {law} the error falls from {base.rms_mm:.3f} to {left:.3f} mm rms; the noise is "
-        f"{base.noise_sd_mm:.3f} mm."
-    )
+def _single(trial: Trial, fits: Sequence[Candidate]) -> Diagnosis:
+    """The verdict where one effect alone is adequate."""
+    best = fits[0]
+    assert best.evidence is not None
+    stand_ins = [c for c in ranked(trial.stand_ins) if c.evidence is not None]
+    stand_ins = [c for c in stand_ins if best.effect.name not in SAME.get(c.kind, ())]
+    if stand_ins and (stand_ins[0].evidence or 0.0) > best.evidence + TIE:
+        return _unknown(trial, fits)
+    if (best.size or 0.0) < trial.least or best.evidence < TIE:
+        return _weak(trial, best)
+    others = [c for c in fits[1:] if c.effect.name != best.effect.name and _close(c, best)]
+    mimics = [c for c in stand_ins if c.adequate and _close(c, best)]
+    kinds = {c.kind: c for c in reversed(mimics)}
+    rivals = dict.fromkeys(c.effect.name for c in others)
+    names = (best.effect.name, *rivals, *(KINDS.get(k, k) for k in kinds))
     named = Diagnosis(
-        verdict=name, sentence="", named=(name,), law=law, kept=best, explained=explained
+        verdict=" or ".join(names),
+        sentence="",
+        named=(best.effect.name,),
+        effects=(best.effect,),
+        kept=best.refit,
+        ties=(names,) if names[1:] else (),
+        resembles=tuple(kinds.values()),
     )
-    tied = [c.effect for c in rows[1:] if _tied(c, best)]
-    if after.adequate and tied:
-        names = (name, *dict.fromkeys(e.name for e in tied))
-        test = next_test(best.effect, tied[0])
-        sentence = f"These data cannot tell {' from '.join(names)}. {change}"
-        verdict = f"{' or '.join(names)}: run test {test}"
-        return replace(named, verdict=verdict, sentence=sentence, ties=(names,), next_test=test)
-    if after.adequate:
-        return replace(named, sentence=f"{name} is missing. {_capital(best.effect.sentence)}. {change}")
-    if explained > EXPLAINED:
-        sentence = (
-            f"{name} is the missing physics. {_capital(best.effect.sentence)}. "
-            f"Its law is not exactly that of the library. {change}"
-        )
-        return replace(named, verdict="right physics, wrong law", sentence=sentence)
-    sentence = (
-        f"Something is missing that the library does not have. The model is wrong by {base.rms_mm:.3f} mm "
-        f"rms, and {name}, the best effect of the library, explains {100 * explained:.0f} % of it."
+    if not named.ties:
+        return replace(named, sentence=f"{names[0]} is missing. {_capital(best.effect.sentence)}.")
+    like = "".join(f" The {k} would be {words_of(c)}." for k, c in kinds.items())
+    return replace(named, sentence=f"These data cannot tell {' from '.join(names)}.{like}")
+
+
+def _weak(trial: Trial, best: Candidate) -> Diagnosis:
+    name = best.effect.name
+    return Diagnosis(
+        verdict=f"weak: {name}",
+        sentence=(
+            f"There is a trace of {name}, of {best.size or 0.0:.1f} times its own uncertainty: too small to "
+            f"be named. This test finds it reliably from {trial.least:.1f} on."
+        ),
     )
-    return Diagnosis(verdict="none of these", sentence=sentence, explained=explained)
+
+
+def _wider(trial: Trial, singles: Sequence[Candidate]) -> Diagnosis | None:
+    """The verdict where a wider family of one effect's physics is adequate, and nothing else explains as
+    much."""
+    fits = [c for c in ranked(trial.wide) if c.adequate and c.evidence is not None]
+    if not fits:
+        return None
+    best = fits[0]
+    rest = [c.evidence or 0.0 for c in (*singles, *trial.stand_ins) if c.effect.name != best.effect.name]
+    rest += [g.evidence or 0.0 for g in trial.groups if g.adequate]
+    rest += [e for name, e in trial.beside.items() if name != best.effect.name]
+    rest += [c.evidence or 0.0 for c in fits[1:] if c.effect.name != best.effect.name]
+    narrow = next((c for c in singles if c.effect.name == best.effect.name), None)
+    if narrow is None or (best.evidence or 0.0) < max(rest, default=0.0) + TIE:
+        return None
+    if (narrow.evidence or 0.0) < HALF * (best.evidence or 0.0):
+        return None
+    name = best.effect.name
+    return Diagnosis(
+        verdict="right physics, wrong law",
+        sentence=(
+            f"{name} is the missing physics. {_capital(best.effect.sentence)}. Its law is not exactly that "
+            "of the library: a wider family of the same physics fits."
+        ),
+        named=(name,),
+        effects=(narrow.effect,),
+        kept=narrow.refit,
+    )
+
+
+def _together(trial: Trial, singles: Sequence[Candidate]) -> Diagnosis | None:
+    """The verdict where several effects together are adequate, and each of them predicts what it has not
+    seen."""
+    alone = max((c.delta_bic or 0.0 for c in singles), default=0.0)
+    fits = [g for g in trial.groups if g.adequate and (g.delta_bic or 0.0) > alone + SECOND]
+    fits = [g for g in fits if all(x > 0 for x in (g.held_out or {}).values())]
+    if not fits:
+        return None
+    best = max(fits, key=lambda g: g.evidence or 0.0)
+    rest = max((c.evidence or 0.0 for c in trial.stand_ins), default=0.0)
+    if (best.evidence or 0.0) < rest + TIE:
+        return None
+    tied = [g for g in fits if g is not best and (best.evidence or 0.0) - (g.evidence or 0.0) < TIE]
+    names = tuple(" + ".join(g.names) for g in (best, *tied))
+    told = f"{' and '.join(best.names)} are missing."
+    if tied:
+        told = f"These data cannot tell {' from '.join(names)}."
+    return Diagnosis(
+        verdict=" or ".join(names),
+        sentence=f"{told} {'. '.join(_capital(e.sentence) for e in best.effects)}.",
+        named=best.names,
+        effects=best.effects,
+        kept=best.refit,
+        ties=(names,) if tied else (),
+    )
+
+
+def _unknown(trial: Trial, singles: Sequence[Candidate]) -> Diagnosis:
+    """The verdict where nothing of the library explains the residual."""
+    base = trial.base.comparison
+    alike = ranked([c for c in trial.stand_ins if c.evidence is not None and c.evidence > TIE])[:SHOWN]
+    like = f" The rest looks like {'; or like '.join(words_of(c) for c in alike)}." if alike else ""
+    near = [f"{c.effect.label} leaves {c.comparison.rms_mm:.3f} mm" for c in singles if c.comparison][:SHOWN]
+    nearest = f" The nearest effects: {', '.join(near)}." if near else " No effect of it lowers the error."
+    return Diagnosis(
+        verdict="none of these",
+        sentence=(
+            f"Something is missing that the library does not have. The model is wrong by {base.rms_mm:.3f} "
+            f"mm rms where the noise is {base.noise_sd_mm:.3f} mm.{like}{nearest} {_place(base)}"
+        ).strip(),
+        resembles=alike,
+    )
+
+
+def _place(base: Comparison) -> str:
+    """Where the residual is, of what the comparison says."""
+    _, found, rest = base.where.partition("It fails most")
+    return found + rest
+
+
+def words_of(stand_in: Candidate) -> str:
+    """What a stand-in's refit amounts to: "0.18 N near the tip, pointing up"."""
+    values = stand_in.refit.values if stand_in.refit else stand_in.start
+    resembles: Any = getattr(stand_in.effect, "resembles", None)
+    return str(resembles(values)) if resembles else stand_in.effect.sentence
+
+
+def resemblance(c: Candidate) -> dict[str, Any]:
+    """One row of `resembles` in diagnosis.json."""
+    return {"kind": c.kind, "words": words_of(c), "evidence": c.evidence, "adequate": c.adequate}
+
+
+def _close(c: Candidate, best: Candidate) -> bool:
+    return (best.evidence or 0.0) - (c.evidence or 0.0) < TIE
 
 
 def _capital(sentence: str) -> str:
     return sentence[:1].upper() + sentence[1:]
-
-
-def next_test(one: Effect, other: Effect) -> str:
-    """The test that tells two effects apart, as either of them names it."""
-    return one.separations.get(other.name) or other.separations.get(one.name) or ANY_TWO
-
-
-def _tied(c: Candidate, best: Candidate) -> bool:
-    if c.delta_bic is None or best.delta_bic is None or c.effect.name == best.effect.name:
-        return False
-    return best.delta_bic - c.delta_bic < TIE

@@ -4,10 +4,13 @@ from collections.abc import Sequence
 
 from twin.effects.loads import Gravity, PressureGain, PressureLag, PressureOffset
 from twin.effects.material import Compressibility, Creep, Mullins, Stiffening, Thermal
-from twin.effects.optics import CameraScale
+from twin.effects.optics import CameraRotation, CameraScale, CameraTilt
 from twin.effects.protocol import Effect
+from twin.effects.pulling import Tube
 from twin.effects.shape import Ballooning, EccentricCore, Precurvature, SidewaysCore, WallTaper
 from twin.effects.supports import ElasticClamp, StrainLimitingLayer, TableContact
+from twin.effects.tags import MarkerSlip
+from twin.effects.timing import TimeShift
 
 
 def all_effects() -> tuple[Effect, ...]:
@@ -15,7 +18,8 @@ def all_effects() -> tuple[Effect, ...]:
     return (
         Creep(), PressureLag(), Stiffening(), ElasticClamp(), PressureGain(), PressureOffset(), Gravity(),
         CameraScale(), WallTaper(), EccentricCore(), SidewaysCore(), Ballooning(), Precurvature(),
-        StrainLimitingLayer(), Mullins(), Compressibility(), Thermal(), TableContact(),
+        StrainLimitingLayer(), Mullins(), Compressibility(), Thermal(), TableContact(), Tube(), TimeShift(),
+        CameraRotation(), CameraTilt(), MarkerSlip(),
     )  # fmt: skip
 
 
@@ -32,6 +36,9 @@ def effect(label: str, *, own: Sequence[Effect] = ()) -> Effect:
             "stands in a file that twin.toml names under [model] effect_files"
         )
     laws = {law.label: law for law in known[name]}
+    made = known[name][0].named(label)
+    if label not in laws and made is not None:
+        return made
     if label not in laws:
         raise ValueError(f"effect {label!r}: no such law of {name}, wanted one of {', '.join(laws)}")
     return laws[label]

@@ -1,6 +1,6 @@
 """Effects of the silicone itself: its law and its memory."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import ClassVar
 
@@ -9,8 +9,10 @@ import numpy as np
 from calibrate import Parameter
 from twin.effects import baselaw
 from twin.effects.baselaw import Constants
-from twin.effects.protocol import Effect, Family, Order, Test, Theta
+from twin.effects.protocol import Effect, Family, Order, Test, Theta, Unsolvable, Wide
 from twin.effects.requirements import Requirement
+
+ALL = 0.95  # of the stiffness is what relaxation may take
 
 
 class Elasticity(Effect):
@@ -59,11 +61,6 @@ class Creep(Family):
 
     name, order, requires = "creep", Order.MATERIAL, (Requirement.HISTORY,)
     sentence = "the silicone creeps: it keeps moving under a held pressure and recovers slowly"
-    separations: ClassVar[Mapping[str, str]] = {
-        "pressure_lag": "hold the top pressure for 60 s and film a 0.2 s step at 30 frames/s",
-        "mullins": "repeat the cycle after a minute of rest: softening stays, creep fades",
-        "thermal": "repeat the film ten minutes later: creep fades, a drift goes on",
-    }
 
     def law(self, terms: int) -> tuple[Parameter, ...]:
         return tuple(
@@ -92,6 +89,44 @@ class Creep(Family):
         first = {"creep.g1": 0.7 * g, "creep.tau1": max(0.6 * tau, 0.2)}
         return {**rest, **first, "creep.g2": 0.5 * g, "creep.tau2": slow}
 
+    def wide(self) -> Effect:
+        return CreepSpectrum()
+
+
+class CreepSpectrum(Wide):
+    """Prony relaxation on fixed time constants TAUS, from some frames of a film to its length: amplitudes w
+    alone. Three a decade carry one term anywhere between them to 0.6 % of it, where amplitudes may be a
+    little below 0 (to 2.3 % where they may not)."""
+
+    name, order, requires, sentence = Creep.name, Creep.order, Creep.requires, Creep.sentence
+    TAUS: ClassVar[tuple[float, ...]] = (0.3, 0.66, 1.45, 3.2, 7.0, 15.5, 34.0, 75.0)  # s
+    parameters = tuple(
+        Parameter(f"creep.w{k}", -0.05, 0.3, "", null=0.0, typical=0.02, plausible=(-0.03, 0.1))
+        for k in range(1, len(TAUS) + 1)
+    )
+
+    def before(self, test: Test, theta: Theta) -> Test:
+        series = tuple((theta[p.name], tau) for p, tau in zip(self.parameters, self.TAUS, strict=True))
+        if sum(w for w, _ in series) > ALL:
+            raise Unsolvable("creep: the amplitudes add up to all of the stiffness; wanted less than that")
+        return replace(test, case=test.case.with_material(prony=series))
+
+    def start(self, theta: Theta) -> Theta:
+        """Each g shared by the two nearest of TAUS, by the logarithm of its tau."""
+        terms = [(theta[f"creep.g{i}"], theta[f"creep.tau{i}"]) for i in (1, 2) if f"creep.g{i}" in theta]
+        return {**self.rest(theta), **shared(self.parameters, self.TAUS, terms)}
+
+
+def shared(
+    parameters: Sequence[Parameter], places: Sequence[float], terms: Sequence[tuple[float, float]]
+) -> dict[str, float]:
+    """Values of amplitudes at fixed places (k,) > 0, from terms (amplitude, place) anywhere: each is shared
+    by its two neighbours, evenly in the logarithm."""
+    at, out = np.log(places), np.zeros(len(parameters))
+    for size, place in terms:
+        out += size * np.array([np.interp(np.log(place), at, unit) for unit in np.eye(len(at))])
+    return {p.name: float(np.clip(x, p.low, p.high)) for p, x in zip(parameters, out, strict=True)}
+
 
 class Stiffening(Family):
     """A quadratic term C20 (I1 - 3)^2 in the energy: the rubber stiffens, or softens, with strain. With two
@@ -99,18 +134,39 @@ class Stiffening(Family):
 
     name, order = "stiffening", Order.MATERIAL
     sentence = "the silicone stiffens or softens with strain, other than the Mooney-Rivlin law says"
-    separations: ClassVar[Mapping[str, str]] = {"camera_scale": "film a ruler in the finger's plane"}
     added: ClassVar[Theta] = {"stiffening.C30": 0.0}
 
     def law(self, terms: int) -> tuple[Parameter, ...]:
         return (
-            Parameter("stiffening.C20", -0.05, 0.5, "MPa", null=0.0, typical=0.005),
-            Parameter("stiffening.C30", -0.02, 0.2, "MPa", null=0.0, typical=0.002),
+            Parameter("stiffening.C20", -0.05, 0.5, "MPa", null=0.0, typical=0.005, plausible=(-0.02, 0.05)),
+            Parameter("stiffening.C30", -0.02, 0.2, "MPa", null=0.0, typical=0.002, plausible=(-0.005, 0.02)),
         )[:terms]
 
     def before(self, test: Test, theta: Theta) -> Test:
         terms = {p.name.partition(".")[2]: theta[p.name] for p in self.parameters}
         return replace(test, case=test.case.with_material(**terms))
+
+    def wide(self) -> Effect:
+        return StrainEnergy()
+
+
+class StrainEnergy(Wide):
+    """More terms of the strain energy: C20 (I1 - 3)^2, C30 (I1 - 3)^3, and one that grows with I2, that of
+    Ogden with the exponent -4: mu / 8 (I2^2 - 2 I1 - 3), which adds mu to the shear modulus at rest."""
+
+    name, order, sentence = Stiffening.name, Stiffening.order, Stiffening.sentence
+    parameters = (
+        *Stiffening(2).parameters,
+        Parameter("stiffening.mu", -0.1, 0.3, "MPa", null=0.0, typical=0.01, plausible=(-0.05, 0.05)),
+    )
+
+    def before(self, test: Test, theta: Theta) -> Test:
+        terms = {"C20": theta["stiffening.C20"], "C30": theta["stiffening.C30"]}
+        bent = ((theta["stiffening.mu"], -4.0),)
+        return replace(test, case=test.case.with_material(**terms, ogden=bent))
+
+    def start(self, theta: Theta) -> Theta:
+        return {**{p.name: 0.0 for p in self.parameters}, **theta}
 
 
 class Mullins(Family):
@@ -137,6 +193,9 @@ class Mullins(Family):
     def tried(self, terms: int) -> tuple[Theta, ...]:
         return tuple({"mullins.m": m} for m in (5e-4, 2e-3, 8e-3, 3e-2)) if terms == 1 else ()
 
+    def wide(self) -> Effect:
+        return Mullins(2)  # the widest that the solver has: all of its constants free
+
     def before(self, test: Test, theta: Theta) -> Test:
         law = (theta["mullins.softening"], theta["mullins.m"], theta.get("mullins.beta", 0.0))
         return replace(test, case=test.case.with_material(mullins=law))
@@ -148,9 +207,7 @@ class Compressibility(Effect):
     name, order = "compressibility", Order.MATERIAL
     sentence = "the silicone changes its volume (bubbles, or a low bulk modulus)"
     parameters = (
-        Parameter(
-            "compressibility.excess", 0.0, 0.5, "1/MPa", null=0.0, typical=0.02, plausible=(1e-3, 0.2)
-        ),
+        Parameter("compressibility.excess", 0.0, 0.5, "1/MPa", null=0.0, typical=0.02, plausible=(1e-3, 0.2)),
     )
 
     def before(self, test: Test, theta: Theta) -> Test:
@@ -176,3 +233,28 @@ class Thermal(Effect):
     def before(self, test: Test, theta: Theta) -> Test:
         factor = 1 + theta["thermal.rate"] * test.path.time
         return replace(test, path=replace(test.path, stiffness=factor))
+
+    def wide(self) -> Effect:
+        return ModulusDrift()
+
+
+class ModulusDrift(Wide):
+    """All moduli follow a polynomial of time: times 1 + a x + b x (1 - x) + c x (1 - x) (1 - 2 x), x in
+    minutes on the clock of the pressure log."""
+
+    name, order, sentence = Thermal.name, Thermal.order, Thermal.sentence
+    MINUTE: ClassVar[float] = 60.0  # s
+    parameters = tuple(
+        Parameter(f"thermal.{k}", -0.5, 0.5, "", null=0.0, typical=0.01, plausible=(-0.06, 0.06))
+        for k in "abc"
+    )
+
+    def before(self, test: Test, theta: Theta) -> Test:
+        x = test.path.time / self.MINUTE
+        basis = (x, x * (1 - x), x * (1 - x) * (1 - 2 * x))
+        factor = 1 + np.tensordot([theta[p.name] for p in self.parameters], basis, 1)
+        return replace(test, path=replace(test.path, stiffness=factor))
+
+    def start(self, theta: Theta) -> Theta:
+        slope = self.MINUTE * theta.get("thermal.rate", 0.0)
+        return {**self.rest(theta), "thermal.a": slope, "thermal.b": 0.0, "thermal.c": 0.0}

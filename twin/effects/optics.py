@@ -1,8 +1,12 @@
-"""Effects of the measurement: what the camera makes of the positions."""
+"""Effects of the measurement: what the camera makes of the positions, points + u, of all markers."""
+
+import numpy as np
 
 from calibrate import Parameter
 from twin.effects.protocol import Effect, Order, Test, Theta
 from twin.targets import Array
+
+DISTANCE = 500.0  # mm from the camera to the markers: what a tilt is stated for
 
 
 class CameraScale(Effect):
@@ -10,8 +14,63 @@ class CameraScale(Effect):
 
     name, order = "camera_scale", Order.CAMERA
     sentence = "the picture's scale (mm per pixel) is wrong by a constant factor"
-    parameters = (Parameter("camera_scale.scale", -0.2, 0.2, "", null=0.0, typical=0.01),)
+    # a ruler of 100 mm read to 1 mm at either end is off by 1 %, one in another plane by 3 % (judgement)
+    parameters = (
+        Parameter("camera_scale.scale", -0.2, 0.2, "", null=0.0, typical=0.01, plausible=(-0.03, 0.03)),
+    )
 
     def after(self, u: Array, test: Test, theta: Theta) -> Array:
         scale = theta["camera_scale.scale"]
         return u + scale * (test.points + u)
+
+
+class CameraRotation(Effect):
+    """The world frame is turned in the picture by `angle` about y: positions P are seen at R P, with
+
+    R P = (x cos a - z sin a, y, x sin a + z cos a), exact for any angle.
+    """
+
+    name, order = "camera_rotation", Order.CAMERA
+    sentence = "the picture is turned: its horizontal is not the finger's axis"
+    # a frame of markers 100 mm apart, each placed to 2 mm, is turned by up to 2 degrees (judgement)
+    parameters = (
+        Parameter(
+            "camera_rotation.angle", -0.2, 0.2, "rad", null=0.0, typical=0.01, plausible=(-0.035, 0.035)
+        ),
+    )
+
+    def after(self, u: Array, test: Test, theta: Theta) -> Array:
+        seen, a = test.points + u, theta["camera_rotation.angle"]
+        return u + seen @ (turn(1, a) - np.eye(3)).T
+
+
+class CameraTilt(Effect):
+    """The picture's plane is tilted against that of the motion: by `up` about x and by `aside` about z.
+
+    Positions q, from the markers' middle, are turned by both, q' = T q, and projected from a camera
+    DISTANCE away: seen at q'_x k and q'_z k with k = (1 + q_y / D) / (1 + q'_y / D), exact for any angle. To
+    first order x is seen at x (1 - (aside x + up z) / D) - aside y: nearer parts look larger.
+    """
+
+    name, order = "camera_tilt", Order.CAMERA
+    sentence = "the camera looks at the finger obliquely, and its calibration does not know"
+    # a camera set up by eye is square to the finger to about 2 degrees (judgement)
+    parameters = (
+        Parameter("camera_tilt.aside", -0.3, 0.3, "rad", null=0.0, typical=0.02, plausible=(-0.035, 0.035)),
+        Parameter("camera_tilt.up", -0.3, 0.3, "rad", null=0.0, typical=0.02, plausible=(-0.035, 0.035)),
+    )
+
+    def after(self, u: Array, test: Test, theta: Theta) -> Array:
+        q = test.points + u - test.points.mean(axis=0)
+        turned = q @ (turn(0, theta["camera_tilt.up"]) @ turn(2, theta["camera_tilt.aside"])).T
+        nearer = (1 + q[..., 1] / DISTANCE) / (1 + turned[..., 1] / DISTANCE)
+        seen = turned * np.stack([nearer, np.ones_like(nearer), nearer], axis=-1)
+        return u + (seen - q)
+
+
+def turn(axis: int, angle: float) -> Array:
+    """The rotation (3, 3) by an angle in rad about x, y or z (axis 0, 1, 2); about y from x towards z."""
+    i, k = [(1, 2), (0, 2), (0, 1)][axis]
+    out = np.eye(3)
+    out[[i, k, i, k], [i, k, k, i]] = np.cos(angle), np.cos(angle), -np.sin(angle), np.sin(angle)
+    return out

@@ -60,7 +60,7 @@ def _effects_of(origin: Origin) -> list[Effect]:
     public = [c for c in classes if c.name and not c.__name__.startswith("_")]
     if not public:
         raise ValueError(
-            f"{origin.path}: no effect in it; wanted a class such as `class Tube(Effect):` with a name, "
+            f"{origin.path}: no effect in it; wanted a class such as `class Cable(Effect):` with a name, "
             "`from twin import Effect` above it"
         )
     return [_made(c, origin) for c in public]

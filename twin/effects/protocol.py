@@ -44,9 +44,20 @@ class Order(IntEnum):
 
 
 @dataclass(frozen=True)
+class Slip:
+    """A marker, by its row among the points, that from `time` s on sits `size` mm further along `axis` (3,),
+    a unit vector, as the structure lies undeformed."""
+
+    row: int
+    time: float
+    size: float
+    axis: Array
+
+
+@dataclass(frozen=True)
 class Test:
     """All that a prediction needs: a case, a pressure path, and material points (p, 3) mm that may move or
-    not."""
+    not, with names, and that may slip."""
 
     __test__ = False  # the name is the field's word; pytest must not collect it
 
@@ -54,6 +65,13 @@ class Test:
     path: Path
     points: Array
     moving: Any  # (p,) bool: False for fixed markers, whose displacement is 0
+    names: tuple[str, ...] = ()  # (p,) of the points, where they have any
+    slips: tuple[Slip, ...] = ()
+
+    @property
+    def markers(self) -> tuple[str, ...]:
+        """Names (p,) of the points, p1, p2 .. where they have none."""
+        return self.names or tuple(f"p{k}" for k in range(1, len(self.points) + 1))
 
     @property
     def share(self) -> float:
@@ -67,9 +85,9 @@ class Effect:
     name: as twin.toml writes it, of small letters, digits and _. sentence: what is physically meant, for the
     report. order: when its maps are applied. parameters: each named `<effect>.<parameter>`; a null is the
     value at which the effect is absent. grid: values at which parameters that are invisible at null are
-    tried. requires: what the data must hold, else the effect is listed as not testable. separations: for
-    the name of another effect, the test that tells the two apart. smooth: False where its signature is the
-    difference of whole solves, not of first order.
+    tried, on any test; `tries` where they depend on the test. requires: what the data must hold, else the
+    effect is listed as not testable. smooth: False where its signature is the difference of whole solves, not
+    of first order.
 
     Raises ValueError where a class is defined with a name, an order or a requirement that does not exist.
     """
@@ -80,7 +98,6 @@ class Effect:
     parameters: tuple[Parameter, ...] = ()
     grid: tuple[Theta, ...] = ()
     requires: tuple[Requirement, ...] = ()
-    separations: ClassVar[Mapping[str, str]] = {}
     smooth: bool = True
     origin: ClassVar[Origin | None] = None  # the file of the user's that defines it; set where that is read
 
@@ -99,6 +116,34 @@ class Effect:
         if self.origin is None:
             return super().__reduce_ex__(protocol)
         return sent(self.origin, self)
+
+    @property
+    def amplitudes(self) -> tuple[Parameter, ...]:
+        """The parameters that have a null: how much of the effect there is."""
+        return tuple(p for p in self.parameters if p.null is not None)
+
+    def tries(self, test: Test) -> tuple[Theta, ...]:
+        """Values at which the parameters without a null are tried on a test; at least one entry, which may be
+        empty."""
+        del test
+        return self.grid or ({},)
+
+    def at(self, entry: Theta, test: Test) -> "Effect":
+        """The effect that is fitted where one of its `tries` on a test shows most: itself, or one that holds
+        what cannot be fitted, such as a marker's number, under a label that twin.toml can name again."""
+        del entry, test
+        return self
+
+    def closer(self, entry: Theta, test: Test) -> "Effect | None":
+        """The effect with more `tries` near one of its own, where these are coarser than the data are."""
+        del entry, test
+        return None
+
+    def named(self, label: str) -> "Effect | None":
+        """The effect that a label of twin.toml names, where it is made by `at` or `wide` and not one of the
+        laws."""
+        wide = self.wide()
+        return wide if wide is not None and wide.label == label else None
 
     def before(self, test: Test, theta: Theta) -> Test:
         """The test with the effect in it; at null values the same object's content."""
@@ -129,9 +174,26 @@ class Effect:
         """The same physics with a richer law, to be tried where this one is inadequate."""
         return None
 
+    def wide(self) -> "Effect | None":
+        """The widest family of the same physics, with amplitudes alone on a fixed basis; None where the laws
+        hold all that is known. Its `start` maps the values of any law into it, as nearly as it can."""
+        return None
+
     def start(self, theta: Theta) -> Theta:
         """Starting values, from those of the narrower law."""
         return theta
+
+
+class Wide(Effect):
+    """The widest family of an effect's physics: amplitudes on a fixed basis, `creep:wide`; null is 0."""
+
+    @property
+    def label(self) -> str:
+        return f"{self.name}:wide"
+
+    def rest(self, theta: Theta) -> dict[str, float]:
+        """Values of what are not parameters of the effect's physics."""
+        return {k: v for k, v in theta.items() if k.partition(".")[0] != self.name}
 
 
 class Family(Effect):

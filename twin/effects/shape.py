@@ -5,14 +5,17 @@ chamber's surface, spread through the walls (`fe.mesh.inner`); it works on any m
 """
 
 from dataclasses import replace
+from typing import ClassVar
 
 import numpy as np
+from numpy.polynomial.legendre import legval
 
 from calibrate import Parameter
 from fe.mesh.inner import Inside, inside, least_volume_ratio
-from twin.effects.protocol import Effect, Order, Test, Theta, Unsolvable
+from twin.effects.protocol import Effect, Order, Test, Theta, Unsolvable, Wide
 from twin.targets import Array
 
+CORE = (-0.5, 0.5)  # mm: a core held at one end sinks or floats by so much (judgement)
 LEAST = 0.05  # of an element's volume must be left anywhere: beyond, the walls are all but closed
 
 
@@ -58,10 +61,41 @@ class WallTaper(InnerShape):
 
     name = "wall_taper"
     sentence = "the walls get thicker or thinner along the finger (the core was thinner at one end)"
-    parameters = (Parameter("wall_taper.mm", -1.2, 1.2, "mm", null=0.0, typical=0.1),)
+    parameters = (Parameter("wall_taper.mm", -1.2, 1.2, "mm", null=0.0, typical=0.1, plausible=(-0.6, 0.6)),)
 
     def motion(self, inner: Inside, theta: Theta) -> Array:
         return theta["wall_taper.mm"] * (_along(inner) - 0.5)[:, None] * _across(inner)
+
+    def wide(self) -> Effect:
+        return WallCourse()
+
+
+class LegendreCourse(InnerShape, Wide):
+    """A polynomial along the chamber: amplitudes c0, c1 .. in mm of Legendre's polynomials, from -1 at its
+    base to 1 at its tip."""
+
+    def along(self, inner: Inside, theta: Theta) -> Array:
+        """Its values (k,) mm at the nodes of the inner surface."""
+        c = [theta[p.name] for p in self.parameters]
+        return np.asarray(legval(2 * _along(inner) - 1, c), float)
+
+
+class WallCourse(LegendreCourse):
+    """Walls thicker by a polynomial of degree 5 along the finger: any smooth course, and a step as far as
+    five terms carry it."""
+
+    name, sentence = WallTaper.name, WallTaper.sentence
+    parameters = tuple(
+        Parameter(f"wall_taper.c{k}", -0.8, 0.8, "mm", null=0.0, typical=0.05, plausible=(-0.3, 0.3))
+        for k in range(6)
+    )
+
+    def motion(self, inner: Inside, theta: Theta) -> Array:
+        return self.along(inner, theta)[:, None] * _across(inner)
+
+    def start(self, theta: Theta) -> Theta:
+        none = {p.name: 0.0 for p in self.parameters}
+        return {**self.rest(theta), **none, "wall_taper.c1": 0.5 * theta.get("wall_taper.mm", 0.0)}
 
 
 class EccentricCore(InnerShape):
@@ -69,10 +103,30 @@ class EccentricCore(InnerShape):
 
     name = "eccentric_core"
     sentence = "the core sat too high or too low: top and bottom walls are not as drawn"
-    parameters = (Parameter("eccentric_core.mm", -1.0, 1.0, "mm", null=0.0, typical=0.1),)
+    parameters = (Parameter("eccentric_core.mm", -1.0, 1.0, "mm", null=0.0, typical=0.1, plausible=CORE),)
 
     def motion(self, inner: Inside, theta: Theta) -> Array:
         return np.tile([0.0, 0.0, theta["eccentric_core.mm"]], (len(inner.rows), 1))
+
+    def wide(self) -> Effect:
+        return CoreCourse()
+
+
+class CoreCourse(LegendreCourse):
+    """The core sat higher by a polynomial of degree 3 along the finger: off, tilted or bent."""
+
+    name, sentence = EccentricCore.name, EccentricCore.sentence
+    parameters = tuple(
+        Parameter(f"eccentric_core.c{k}", -1.0, 1.0, "mm", null=0.0, typical=0.1, plausible=CORE)
+        for k in range(4)
+    )
+
+    def motion(self, inner: Inside, theta: Theta) -> Array:
+        return self.along(inner, theta)[:, None] * [0.0, 0.0, 1.0]
+
+    def start(self, theta: Theta) -> Theta:
+        none = {p.name: 0.0 for p in self.parameters}
+        return {**self.rest(theta), **none, "eccentric_core.c0": theta.get("eccentric_core.mm", 0.0)}
 
 
 class SidewaysCore(InnerShape):
@@ -81,7 +135,7 @@ class SidewaysCore(InnerShape):
 
     name = "eccentric_core_y"
     sentence = "the core sat off the middle plane: one side wall is thicker than the other"
-    parameters = (Parameter("eccentric_core_y.mm", -0.8, 0.8, "mm", null=0.0, typical=0.1),)
+    parameters = (Parameter("eccentric_core_y.mm", -0.8, 0.8, "mm", null=0.0, typical=0.1, plausible=CORE),)
 
     def breaks_symmetry(self, test: Test) -> bool:
         del test
@@ -97,7 +151,7 @@ class Ballooning(InnerShape):
     name = "ballooning"
     sentence = "the wall is thin at one place along the finger and balloons there"
     parameters = (
-        Parameter("ballooning.depth", 0.0, 0.9, "mm", null=0.0, typical=0.1),
+        Parameter("ballooning.depth", 0.0, 0.9, "mm", null=0.0, typical=0.1, plausible=(0.0, 0.5)),
         Parameter("ballooning.place", 0.0, 1.0, "", typical=0.1),
         Parameter("ballooning.width", 3.0, 30.0, "mm", typical=2.0),
     )
@@ -108,6 +162,37 @@ class Ballooning(InnerShape):
         bell = np.exp(-0.5 * (off / theta["ballooning.width"]) ** 2)
         return -theta["ballooning.depth"] * bell[:, None] * _across(inner)
 
+    def wide(self) -> Effect:
+        return ThinBands()
+
+
+class ThinBands(InnerShape, Wide):
+    """Five bands around the chamber, each thinner by its own depth: Gaussians at PLACES, of sd WIDTH."""
+
+    name, sentence = Ballooning.name, Ballooning.sentence
+    PLACES: ClassVar[tuple[float, ...]] = (0.1, 0.3, 0.5, 0.7, 0.9)
+    WIDTH: ClassVar[float] = 0.1  # of the chamber's length; 10 mm of the built-in finger's
+    parameters = tuple(
+        Parameter(f"ballooning.d{k}", 0.0, 0.9, "mm", null=0.0, typical=0.1, plausible=(0.0, 0.5))
+        for k in range(1, len(PLACES) + 1)
+    )
+
+    def motion(self, inner: Inside, theta: Theta) -> Array:
+        off = (_along(inner)[:, None] - self.PLACES) / self.WIDTH
+        depth = np.exp(-0.5 * off**2) @ [theta[p.name] for p in self.parameters]
+        return -depth[:, None] * _across(inner)
+
+    def start(self, theta: Theta) -> Theta:
+        """The depth shared by the two nearest bands, times the band's width over 10 mm: as much material."""
+        depth, place = (theta.get(f"ballooning.{k}", 0.0) for k in ("depth", "place"))
+        depth *= theta.get("ballooning.width", 10.0) / 10.0
+        near = [np.interp(place, self.PLACES, unit) for unit in np.eye(len(self.PLACES))]
+        own = {
+            p.name: float(np.clip(depth * x, p.low, p.high))
+            for p, x in zip(self.parameters, near, strict=True)
+        }
+        return {**self.rest(theta), **own}
+
 
 class Precurvature(Effect):
     """The finger is free of stress where it is curved: straight, as it is meshed, it would be held by force.
@@ -117,7 +202,34 @@ class Precurvature(Effect):
 
     name, order = "precurvature", Order.GEOMETRY
     sentence = "the finger is curved without any load (it shrank or cured more on one side)"
-    parameters = (Parameter("precurvature.per_mm", -3e-3, 3e-3, "1/mm", null=0.0, typical=1e-4),)
+    # 1e-3 1/mm lifts the tip of 110 mm by 6 mm: more is seen by eye (judgement)
+    parameters = (
+        Parameter(
+            "precurvature.per_mm", -3e-3, 3e-3, "1/mm", null=0.0, typical=1e-4, plausible=(-1e-3, 1e-3)
+        ),
+    )
 
     def before(self, test: Test, theta: Theta) -> Test:
         return replace(test, case=replace(test.case, precurvature=theta["precurvature.per_mm"]))
+
+    def wide(self) -> Effect:
+        return CurvedCourse()
+
+
+class CurvedCourse(Wide):
+    """The curvature at rest is a polynomial of degree 3 along the finger: c0, c1 .. of Legendre's
+    polynomials, from -1 at the clamp to 1 at the tip."""
+
+    name, order, sentence = Precurvature.name, Precurvature.order, Precurvature.sentence
+    parameters = tuple(
+        Parameter(f"precurvature.c{k}", -3e-3, 3e-3, "1/mm", null=0.0, typical=1e-4, plausible=(-1e-3, 1e-3))
+        for k in range(4)
+    )
+
+    def before(self, test: Test, theta: Theta) -> Test:
+        course = tuple(theta[p.name] for p in self.parameters)
+        return replace(test, case=replace(test.case, precurvature=course))
+
+    def start(self, theta: Theta) -> Theta:
+        none = {p.name: 0.0 for p in self.parameters}
+        return {**self.rest(theta), **none, "precurvature.c0": theta.get("precurvature.per_mm", 0.0)}

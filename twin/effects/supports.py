@@ -25,9 +25,9 @@ class TableContact(Family):
 
     def law(self, terms: int) -> tuple[Parameter, ...]:
         return (
-            Parameter("contact.stiffness", 0.0, 2.0, "MPa/mm", null=0.0, typical=0.1),
+            Parameter("contact.stiffness", 0.0, 2.0, "MPa/mm", null=0.0, typical=0.1, plausible=(0.0, 1.0)),
             Parameter("contact.distance", -5.0, 100.0, "mm", typical=1.0),
-            Parameter("contact.friction", 0.0, 2.0, "", null=0.0, typical=0.1),
+            Parameter("contact.friction", 0.0, 2.0, "", null=0.0, typical=0.1, plausible=(0.0, 1.0)),
         )[: terms + 1]
 
     def tried(self, terms: int) -> tuple[Theta, ...]:
@@ -53,7 +53,10 @@ class ElasticClamp(Effect):
 
     name, order = "clamp", Order.SUPPORT
     sentence = "the clamp gives way and turns with the moment on it"
-    parameters = (Parameter("clamp.compliance", 0.0, 1e-2, "rad/(N mm)", null=0.0, typical=1e-5),)
+    # 5 mm of silicone between finger and screws turn by 1e-3 rad under 1 N mm (judgement)
+    parameters = (
+        Parameter("clamp.compliance", 0.0, 1e-2, "rad/(N mm)", null=0.0, typical=1e-5, plausible=(0.0, 1e-3)),
+    )
 
     def before(self, test: Test, theta: Theta) -> Test:
         if test.case.clamp is None:
@@ -67,7 +70,12 @@ class StrainLimitingLayer(Effect):
 
     name, order = "strain_limiting_layer", Order.MATERIAL
     sentence = "a sheet in the bottom (fabric, paper, a skin of glue) keeps it from stretching"
-    parameters = (Parameter("strain_limiting_layer.stiffness", 0.0, 50.0, "N/mm", null=0.0, typical=0.05),)
+    # a skin of glue, 0.1 mm of 1 MPa, has 0.1 N/mm, a loose fabric 1 to 10 (judgement)
+    parameters = (
+        Parameter(
+            "strain_limiting_layer.stiffness", 0.0, 50.0, "N/mm", null=0.0, typical=0.05, plausible=(0.0, 5.0)
+        ),
+    )
 
     def before(self, test: Test, theta: Theta) -> Test:
         case, name = test.case, "strain_limiting_layer"

@@ -15,7 +15,7 @@ def base_test(targets: Targets, case: Case) -> Test:
     moving = ~targets.fixed
     points = targets.places(case.position)
     path = Path(targets.log_time, targets.log_pressure, targets.time, gravity=of_targets(targets))
-    return Test(case, path, np.nan_to_num(points), moving)
+    return Test(case, path, np.nan_to_num(points), moving, targets.names)
 
 
 def base_model(targets: Targets, case: Case, *, elasticity: Elasticity | None = None) -> KeptModel:

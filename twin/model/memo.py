@@ -6,11 +6,13 @@ prediction by less than `SAME`.
 """
 
 from dataclasses import dataclass, field
+from typing import Self
 
 import numpy as np
 
 from fe import Solution
 from twin.effects.protocol import Effect
+from twin.model.discretisation import Discretisation
 from twin.model.prediction import Model, Solved
 from twin.targets import Array
 
@@ -24,6 +26,12 @@ class KeptModel(Model):
 
     _solves: list[Solved] = field(default_factory=list, init=False, compare=False, repr=False)
     _kin: dict[str, "KeptModel"] = field(default_factory=dict, init=False, compare=False, repr=False)
+
+    def on_mesh(self, mesh: Discretisation | None) -> Self:
+        """The model whose predictions carry the error of its mesh, with the solves that were kept."""
+        found = super().on_mesh(mesh)
+        found._solves.extend(map(found._seen_again, self._solves))
+        return found
 
     def with_effect(self, effect: Effect) -> "KeptModel":
         """The model with one more effect, with the solves that it has kept."""

@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,8 +11,11 @@ from numpy.typing import NDArray
 from calibrate import Parameter
 from fe import Solution, Variation, solve
 from fe.mesh.mirror import mirrored, symmetry_support
+from twin.effects.baselaw import NAMES
 from twin.effects.protocol import Effect, Test, Theta, Unsolvable
 from twin.gravity import is_heavy, pulls_across
+from twin.model.discretisation import Discretisation
+from twin.model.slipping import Known, slipped
 from twin.targets import Array
 
 STEP = 1e-6  # of a parameter's typical size, for differencing the effects' maps
@@ -33,14 +37,16 @@ class Model:
     """The base test with its effects; `predict` and `jacobian` give displacements relative to the reference
     steps.
 
-    reference (r,): output steps whose mean is subtracted. parent: the model that this one came from by adding
-    an effect. A model has no state: every question is a solve of its own. `memo.KeptModel` keeps solves and
+    reference (r,): output steps whose mean is subtracted. mesh: the error of the mesh, which corrects every
+    prediction and its derivatives. parent: the model that this one came from by adding an effect. A model has
+    no state: every question is a solve of its own. `memo.KeptModel` keeps solves and
     gives the same answers sooner.
     """
 
     test: Test
     effects: tuple[Effect, ...]
     reference: NDArray[np.int64]
+    mesh: Discretisation | None = field(default=None, compare=False, repr=False)
     parent: "Model | None" = field(default=None, compare=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -63,6 +69,11 @@ class Model:
         """The model with one more effect; a wider or narrower law of the same physics is replaced."""
         kept = tuple(e for e in self.effects if e.name != effect.name)
         return replace(self, effects=(*kept, effect), parent=self)
+
+    def on_mesh(self, mesh: Discretisation | None) -> Self:
+        """The model whose predictions carry the error of its mesh; None: as the mesh gives them."""
+        parent = self.parent.on_mesh(mesh) if self.parent is not None else None
+        return replace(self, mesh=mesh, parent=parent)
 
     @property
     def base(self) -> "Model":
@@ -104,7 +115,10 @@ class Model:
         return test
 
     def seen(self, u: Array, test: Test, theta: Theta) -> Array:
-        """Displacements (s, p, 3) mm after every effect's `after`, relative to the reference."""
+        """Displacements (s, p, 3) mm with the mesh's correction and after every effect's `after`, relative to
+        the reference."""
+        if self.mesh is not None:
+            u = self.mesh.corrected(u, test)
         for e in self.effects:
             u = e.after(u, test, theta)
         return u - u[self.reference].mean(axis=0)
@@ -133,6 +147,22 @@ class Model:
         out[:, test.moving] = solution.per_pressure(test.points[test.moving])
         return out
 
+    def modes(self, theta: Array) -> Array:
+        """What remains of the mesh's error at theta (d,): modes (q, s, p, 3) mm relative to the reference, 1
+        sd each; none without `mesh`."""
+        if self.mesh is None:
+            return np.zeros((0, len(self.test.path.output), len(self.test.points), 3))
+        test = self.put(self.named(theta))
+        modes = self.mesh.modes(moved(test, self.solution(theta)), test)
+        modes -= modes[:, self.reference].mean(axis=1, keepdims=True)
+        rows = {p.name: k for k, p in enumerate(self.parameters)}
+        if len(modes) and set(NAMES) <= set(rows):
+            # exactly what the fitted constants take up: with a history the finer meshes' curves differ
+            # by a hundredth, by which good data would seem to tell the two apart
+            own = self.jacobian(theta)
+            modes[0] = -self.mesh.stiffness * sum(theta[rows[name]] * own[rows[name]] for name in NAMES)
+        return modes
+
     def solved(self, theta: Array, *, derivatives: bool = False) -> Solved:
         """The solve at theta (d,), with derivatives where they are asked for. Raises Unsolvable where there
         is no equilibrium."""
@@ -140,9 +170,21 @@ class Model:
         test = self.put(values)
         changes = [self._direction(values, p) for p in self.parameters] if derivatives else []
         u, du, solution = respond(test, [c[0] for c in changes], start=self._start(theta))
-        rows = [self._through(u, d, c) for d, c in zip(du, changes, strict=True)]
+        rows = [self._through(u, d + _slid(solution, c), c) for d, c in zip(du, changes, strict=True)]
         jacobian = np.stack(rows) if derivatives else None
         return Solved(theta.copy(), self.seen(u, test, values), jacobian, solution)
+
+    def _seen_again(self, solved: Solved) -> Solved:
+        """A solve of another model that differs in `mesh` alone, as this one sees it."""
+        values, solution = self.named(solved.theta), solved.solution
+        test, jacobian = self.put(values), None
+        u = moved(test, solution)
+        if solved.jacobian is not None:
+            changes = [self._direction(values, p) for p in self.parameters]
+            du = varied(test, solution, len(changes))
+            rows = [self._through(u, d + _slid(solution, c), c) for d, c in zip(du, changes, strict=True)]
+            jacobian = np.stack(rows)
+        return Solved(solved.theta, self.seen(u, test, values), jacobian, solution)
 
     def _start(self, theta: Array) -> Solution | None:
         """A solution to begin the solve at theta (d,) from: none, as a model remembers none."""
@@ -161,51 +203,121 @@ class Model:
         return (self.seen(u + h * du, a, plus) - self.seen(u - h * du, b, minus)) / (2 * h)
 
     def signatures(self, theta: Array, effects: Sequence[Effect]) -> list[list[Array]]:
-        """For each absent effect, per grid entry, the change (s, p, 3) mm per unit of its first parameter.
+        """For each absent effect, per entry of its `tries`, the change (s, p, 3) mm per unit of its first
+        parameter, as `tangents` gives it."""
+        found = self.tangents(theta, effects)
+        return [[rows[0] for rows in found[e.label]] for e in effects]
 
-        A secant over a typical step from null, to first order and all effects on the same mesh in one solve,
-        or, where an effect is not smooth, by whole solves; the other parameters stay at theta.
+    def tangents(self, theta: Array, effects: Sequence[Effect]) -> "Tangents":
+        """For each absent effect, per entry of its `tries`, the changes (k, s, p, 3) mm per unit of each
+        parameter that has a null, by label.
+
+        Secants over a typical step from null, to first order and all effects on the same mesh in one solve,
+        or, where an effect is not smooth, by whole solves; the other parameters stay at null or at theta. An
+        effect that moves nothing but what is seen costs no back-substitution. Where there is no equilibrium
+        or no room for a step, rows are 0 and `Tangents.notes` says why.
         """
-        models = [self.with_effect(e) for e in effects]
-        found = {e.label: self._whole_secants(theta, e) for e in effects if not e.smooth}
+        out, models = Tangents(), {e.label: self.with_effect(e) for e in effects}
+        rows = [
+            _Row(e, models[e.label], k, {**self.named(theta), **_nulls(e), **entry}, p)
+            for e in effects
+            for k, entry in enumerate(e.tries(self.test))
+            for p in e.amplitudes
+        ]
+        found = {row.key: self._whole_secant(theta, row, out.notes) for row in rows if not row.effect.smooth}
         for same in (True, False):
-            some = [
-                (e, m) for e, m in zip(effects, models, strict=True) if e.smooth and self._is_as(m) == same
-            ]
+            some = [row for row in rows if row.effect.smooth and self._is_as(row.model) == same]
             if some:
-                found |= self._secants(theta, some)
-        return [found[e.label] for e in effects]
+                found |= self._secants(theta, some, out.notes)
+        for e in effects:
+            tried = range(len(e.tries(self.test)))
+            out[e.label] = [np.stack([found[e.label, k, p.name] for p in e.amplitudes]) for k in tried]
+        return out
 
-    def _whole_secants(self, theta: Array, effect: Effect) -> list[Array]:
-        """The rows of `signatures` for one effect, each from a solve with it; nothing where there is none."""
-        p, model, rows = effect.parameters[0], self.with_effect(effect), []
-        base = self.over(model).predict(theta)
-        assert p.null is not None
-        for entry in effect.grid or ({},):
-            values = {**self.named(theta), **entry, p.name: p.null + p.step}
-            test = model.put(values)
+    def _whole_secant(self, theta: Array, row: "_Row", notes: dict[str, str]) -> Array:
+        """One row of `tangents`, from a solve with the effect; nothing where there is none."""
+        base = self.over(row.model).predict(theta)
+        values = {**row.values, row.parameter.name: row.null + row.parameter.step}
+        try:
+            test = row.model.put(values)
+            u = row.model.seen(respond(test, (), start=None)[0], test, values)
+        except Unsolvable as why:
+            notes[row.effect.label] = str(why)
+            u = base
+        return (u - base) / row.parameter.step
+
+    def _secants(self, theta: Array, some: "Sequence[_Row]", notes: dict[str, str]) -> "dict[Key, Array]":
+        """The rows of `tangents` of effects whose models solve one mesh."""
+        ways = {row.key: self._way(row, notes) for row in some}
+        own = self.over(some[0].model)  # of effects that break the symmetry, the whole
+        moving = [row.key for row in some if ways[row.key] is not None and row.moves]
+        u, du, solution = respond(
+            own.put(self.named(theta)),
+            [way[0] for key in moving if (way := ways[key])],
+            start=self._start(theta) if own is self else None,
+        )
+        along, out = dict(zip(moving, du, strict=True)), {}
+        known: Known = {}
+        for row in some:
+            way, still = ways[row.key], np.zeros_like(u)
+            if way is not None:
+                still = row.model._through(u, along.get(row.key, still) + _slid(solution, way, known), way)
+            out[row.key] = still
+        return out
+
+    def _way(self, row: "_Row", notes: dict[str, str]) -> "Direction | None":
+        """The secant's direction, over a shorter step where there is no room for a typical one, if any."""
+        p = row.parameter
+        for step in (p.step / 2, p.step / 16):
             try:
-                u = model.seen(respond(test, (), start=None)[0], test, values)
-            except Unsolvable:
-                u = base
-            rows.append((u - base) / p.step)
-        return rows
+                return row.model._direction({**row.values, p.name: row.null + step}, p, step=step)
+            except Unsolvable as why:
+                notes[row.effect.label] = str(why)
+        return None
 
-    def _secants(self, theta: Array, some: "Sequence[tuple[Effect, Model]]") -> dict[str, list[Array]]:
-        """The rows of `signatures` for effects whose models solve one mesh."""
-        changes, models = [], []
-        for e, model in some:
-            p = e.parameters[0]
-            assert p.null is not None
-            for entry in e.grid or ({},):
-                values = {**self.named(theta), **entry, p.name: p.null + p.step / 2}
-                changes.append(model._direction(values, p, step=p.step / 2))
-                models.append(model)
-        own = self.over(models[0])  # of effects that break the symmetry, the whole
-        start = self._start(theta) if own is self else None
-        u, du, _ = respond(own.put(self.named(theta)), [c[0] for c in changes], start=start)
-        rows = iter([m._through(u, d, c) for m, d, c in zip(models, du, changes, strict=True)])
-        return {e.label: [next(rows) for _ in (e.grid or ({},))] for e, _ in some}
+
+class Tangents(dict[str, list[Array]]):
+    """Rows (k, s, p, 3) mm per unit of each of k parameters, one array an entry of `tries`, by an effect's
+    label. notes: by label, why an effect has rows of 0, or of a shorter step."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.notes: dict[str, str] = {}
+
+
+Key = tuple[str, int, str]
+
+
+@dataclass(frozen=True)
+class _Row:
+    """One row of `tangents`: an effect in its model, the number of the entry of `tries`, the values of all
+    parameters there with the effect absent, and the parameter that changes."""
+
+    effect: Effect
+    model: Model
+    entry: int
+    values: dict[str, float]
+    parameter: Parameter
+
+    @property
+    def key(self) -> Key:
+        return self.effect.label, self.entry, self.parameter.name
+
+    @property
+    def null(self) -> float:
+        assert self.parameter.null is not None
+        return self.parameter.null
+
+    @property
+    def moves(self) -> bool:
+        """Whether the effect changes what is solved, and not only what is seen of it."""
+        base, little = self.model.test, self.null + self.parameter.step / 8
+        test = self.effect.before(base, {**self.values, self.parameter.name: little})
+        return test.case is not base.case or test.path is not base.path
+
+
+def _nulls(effect: Effect) -> dict[str, float]:
+    return {p.name: p.null for p in effect.amplitudes if p.null is not None}
 
 
 Direction = tuple[Variation, tuple[Test, Theta], tuple[Test, Theta], float]
@@ -221,9 +333,30 @@ def respond(
     solution = solve(test.case, test.path, start=start, variations=variations)
     if not solution.converged:
         raise Unsolvable(f"the finite-element model {solution.reason}")
-    shape = (len(test.path.output), len(test.points), 3)
-    u, du = np.zeros(shape), np.zeros((len(variations), *shape))
+    u = moved(test, solution)
+    return u, varied(test, solution, len(variations)), solution
+
+
+def moved(test: Test, solution: Solution) -> Array:
+    """Displacements (s, p, 3) mm of a test's points in its solution, before any correction and effect."""
+    u = np.zeros((len(test.path.output), len(test.points), 3))
     u[:, test.moving] = solution.at(test.points[test.moving])
-    if len(variations):
+    return u + slipped(test, solution.at) if test.slips else u
+
+
+def varied(test: Test, solution: Solution, count: int) -> Array:
+    """Derivatives (v, s, p, 3) of `moved` along the `count` variations that were solved."""
+    du = np.zeros((count, len(test.path.output), len(test.points), 3))
+    if count:
         du[:, :, test.moving] = solution.variations_at(test.points[test.moving])
-    return u, du, solution
+    return du + slipped(test, solution.variations_at, rigid=False) if count and test.slips else du
+
+
+def _slid(solution: Solution, change: Direction, known: Known | None = None) -> Array:
+    """The derivative (s, p, 3) to what slips alone, 0 where nothing does."""
+    _, (a, _), (b, _), h = change
+    if not (a.slips or b.slips):
+        return np.zeros((len(a.path.output), len(a.points), 3))
+    known = {} if known is None else known
+    plus, minus = (slipped(test, solution.at, known=known) for test in (a, b))
+    return (plus - minus) / (2 * h)

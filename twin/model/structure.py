@@ -130,7 +130,8 @@ def of_deck(path: Path, *, mesh: int = 1, silicone: tuple[str, ...] = ()) -> Str
     case = _clamped(_rubber(_divided(deck.case, mesh), fitted))
     key = digest(mesh, fitted, *(file.read_bytes() for file in deck.files))
     meshes, unknown = _refinements(case, key)
-    alone = not case.kept and not case.forces and all(s.value is None for s in case.supports)
+    forces = case.forces or case.growing
+    alone = not case.kept and not forces and all(s.value is None for s in case.supports)
     remarks = _remarks(path, deck, case, fitted, meshes)
     return Structure(case, key, meshes, _outside(case), alone, unknown, remarks)
 

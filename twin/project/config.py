@@ -76,7 +76,7 @@ class ModelTable(TableModel):
     )
     effect_files: tuple[RelativePath, ...] = Field(
         default=(),
-        description='Python files of your own effects, ["effects/tube.py"]; no others are run',
+        description='Python files of your own effects, ["effects/cable.py"]; no others are run',
     )
     density_kg_m3: Positive | None = Field(
         default=None,
@@ -295,9 +295,8 @@ class CalibrateTable(TableModel):
 
 class DiagnoseTable(TableModel):
     candidates: tuple[Effect, ...] = Field(
-        default=("creep", "pressure_lag", "stiffening", "clamp", "pressure_gain", "camera_scale"),
-        min_length=1,
-        description="effects that `twin diagnose` tries",
+        default=(),
+        description="effects that `twin diagnose` tries; none named: all of the library",
     )
     seed: int = Field(default=1, ge=0, description="seed of the diagnosis")
 

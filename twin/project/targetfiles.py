@@ -100,6 +100,7 @@ def _noise_toml(t: Targets) -> list[str]:
     lines = [
         "", "[noise]  # independent variance = static variance + codec variance (where the patch moves)",
         f"frames = {n.frames}  # static frames it was estimated from",
+        f"lasting = {float(n.lasting)!r}  # share of the variance at rest that is correlated by rho in time",
         f"gauge_sd_MPa = {float(n.gauge_sd_MPa)!r}  # white noise of the pressure log",
         f"gauge_frames = {n.gauge_frames}",
     ]  # fmt: skip
@@ -376,7 +377,7 @@ def _read_noise(
     return Noise(
         sd=per["sd_mm"], rho=per["rho"], codec_sd=per["codec_sd_mm"], correlation=exact["correlation"],
         frames=int(table["frames"]), gauge_sd_MPa=float(table["gauge_sd_MPa"]),
-        gauge_frames=int(table["gauge_frames"]),
+        gauge_frames=int(table["gauge_frames"]), lasting=float(table.get("lasting", 1.0)),
     )  # fmt: skip
 
 

@@ -27,6 +27,7 @@ def render(*, title: str, facts: Mapping[str, Any]) -> str:
     date         text
     errors       {before_mm, after_mm, noise_mm, before_note, after_note, noise_note}
     named        [{effect, text, note, parameters: [{name, value, low, high, unit, note}]}], low to high: 95 %
+    evidence     what evidence.json holds, and branches [name], table [{marker, cells: [share or None]}]
     ranking      [{effect, delta_bic, z, p_value, note, named (bool)}], best first
     ties         [[effect, ...], ...]
     next_test    sentence
@@ -79,7 +80,7 @@ def _drawing(picture: Mapping[str, Any]) -> Markup:
 
 FACTS = frozenset(
     {"headline", "summary", "date", "errors", "named", "ranking", "ties", "next_test", "cannot_tell"}
-    | {"calibration", "chain", "pictures", "notes", "provenance", "commands"}
+    | {"evidence", "calibration", "chain", "pictures", "notes", "provenance", "commands"}
 )
 FILTERS = {
     "short": lambda x: short(None if isinstance(x, jinja2.Undefined) else x),

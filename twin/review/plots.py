@@ -23,6 +23,7 @@ from twin.review.styling import (
     label_ends,
     legend_above,
     log_if_wide,
+    png,
     style,
     svg,
 )
@@ -84,27 +85,39 @@ def residual_map(
     time_s (s,) s; maps {title: residual (s,p,3)} in `unit`; names (p,). The colours end at the 98th
     percentile of all sizes. Grey: not observed.
     """
+    with style({"axes.grid": False}):
+        return svg(_residuals(time_s, maps=maps, names=names, unit=unit, components=components))
+
+
+def residual_image(time_s: Array, *, maps: Mapping[str, Array], names: Sequence[str], unit: str) -> bytes:
+    """The same as a PNG file."""
+    with style({"axes.grid": False}):
+        return png(_residuals(time_s, maps=maps, names=names, unit=unit, components=(0, 2)))
+
+
+def _residuals(
+    time_s: Array, *, maps: Mapping[str, Array], names: Sequence[str], unit: str, components: Sequence[int]
+) -> Figure:
     shown = np.concatenate([np.abs(r[..., list(components)]).ravel() for r in maps.values()])
     shown = shown[np.isfinite(shown)]
     top = float(np.quantile(shown, 0.98)) if len(shown) else 1.0
     top = top if top > 0.0 else 1.0
-    with style({"axes.grid": False}):
-        height = 0.7 + len(components) * (0.25 + 0.2 * len(names))
-        figure = Figure(figsize=(7.6, height), layout="constrained")
-        grid = figure.subplots(len(components), len(maps), sharex=True, sharey=True, squeeze=False)
-        for column, (title, residual) in enumerate(maps.items()):
-            for row, i in enumerate(components):
-                axes = grid[row, column]
-                image = _heat(axes, time_s, residual[..., i].T, top=top)
-                axes.set_title(f"{title}: {AXES_NAMES[i]}")
-                axes.set_yticks(range(len(names)), names)
-                axes.tick_params(length=0)
-            grid[-1, column].set_xlabel("film time, s")
-        bar = figure.colorbar(image, ax=grid, pad=0.01, aspect=30, extend="both", ticks=[-top, 0.0, top])
-        bar.set_ticklabels([f"{-top:.3g}", "0", f"{top:.3g}"])
-        bar.set_label(f"measured - model, {unit}")
-        bar.outline.set_visible(False)
-        return svg(figure)
+    height = 0.7 + len(components) * (0.25 + 0.2 * len(names))
+    figure = Figure(figsize=(7.6, height), layout="constrained")
+    grid = figure.subplots(len(components), len(maps), sharex=True, sharey=True, squeeze=False)
+    for column, (title, residual) in enumerate(maps.items()):
+        for row, i in enumerate(components):
+            axes = grid[row, column]
+            image = _heat(axes, time_s, residual[..., i].T, top=top)
+            axes.set_title(f"{title}: {AXES_NAMES[i]}")
+            axes.set_yticks(range(len(names)), names)
+            axes.tick_params(length=0)
+        grid[-1, column].set_xlabel("film time, s")
+    bar = figure.colorbar(image, ax=grid, pad=0.01, aspect=30, extend="both", ticks=[-top, 0.0, top])
+    bar.set_ticklabels([f"{-top:.3g}", "0", f"{top:.3g}"])
+    bar.set_label(f"measured - model, {unit}")
+    bar.outline.set_visible(False)
+    return figure
 
 
 def generations(
@@ -191,26 +204,49 @@ def pressure_curves(
         return svg(figure)
 
 
-def error_bars(
-    before_mm: float, *, after_mm: float | None, noise_mm: float, labels: tuple[str, str] = MODELS
-) -> str:
-    """RMS error of the models before and after an effect was added, beside the noise; all in mm."""
-    rows = [(labels[0], before_mm, BEFORE)]
-    if after_mm is not None:
-        rows.append((labels[1], after_mm, AFTER))
-    rows.append(("noise", noise_mm, NOISE))
+def falling(rows: Sequence[tuple[str, float]], *, noise_mm: float) -> str:
+    """RMS errors in mm of models one after the other (what was done, error), and the noise at their foot.
+
+    From each the bar shows what the next takes off. The axis is logarithmic where the errors span a lot.
+    """
     with style({"axes.grid": False}):
-        figure = Figure(figsize=(4.6, 0.5 + 0.38 * len(rows)), layout="constrained")
-        axes = figure.subplots()
-        values = np.array([value for _, value, _ in rows])
-        axes.barh(range(len(rows)), np.nan_to_num(values), color=[colour for *_, colour in rows], height=0.62)
-        for row, value in enumerate(values):
-            beside(axes, value, row, text=f"{value:.3g} mm" if np.isfinite(value) else "not known")
-        axes.axvline(np.nan_to_num(noise_mm), color=NOISE, linewidth=0.8, linestyle=":")
-        axes.set_yticks(range(len(rows)), [name for name, *_ in rows])
-        _bare(axes)
-        axes.set_title("RMS error")
-        return svg(figure)
+        return svg(_falling(rows, noise_mm))
+
+
+def falling_image(rows: Sequence[tuple[str, float]], *, noise_mm: float) -> bytes:
+    """The same as a PNG file."""
+    with style({"axes.grid": False}):
+        return png(_falling(rows, noise_mm))
+
+
+def _falling(rows: Sequence[tuple[str, float]], noise_mm: float) -> Figure:
+    values = np.array([value for _, value in rows])
+    known = np.append(values[np.isfinite(values)], noise_mm if np.isfinite(noise_mm) else [])
+    figure = Figure(figsize=(4.6, 0.55 + 0.36 * (len(rows) + 1)), layout="constrained")
+    axes = figure.subplots()
+    foot = 0.6 * float(known[known > 0].min()) if (known > 0).any() else 0.0
+    wide = len(known) > 0 and foot > 0 and known.max() > 20 * foot
+    start = foot if wide else 0.0
+    for row, value in enumerate(np.nan_to_num(values)):
+        after = values[row + 1] if row + 1 < len(values) and np.isfinite(values[row + 1]) else value
+        colour = AFTER if row and row == len(rows) - 1 else BEFORE  # the model of now
+        axes.barh(row, max(min(value, after) - start, 0.0), left=start, color=colour, height=0.62)
+        if value > after:
+            axes.barh(row, value - after, left=after, color=colour, alpha=0.35, height=0.62)
+        text = f"{values[row]:.3g} mm" if np.isfinite(values[row]) else "not known"
+        beside(axes, max(value, start), row, text=text)
+    axes.barh(len(rows), max(np.nan_to_num(noise_mm) - start, 0.0), left=start, color=NOISE, height=0.62)
+    beside(axes, max(np.nan_to_num(noise_mm), start), len(rows), text=f"{noise_mm:.3g} mm")
+    axes.axvline(max(np.nan_to_num(noise_mm), start), color=NOISE, linewidth=0.8, linestyle=":")
+    axes.set_yticks(range(len(rows) + 1), [*(name for name, _ in rows), "noise"])
+    _bare(axes)
+    if wide:
+        axes.set_xscale("log")
+        axes.set_xlim(foot, known.max() * (known.max() / foot) ** 0.3)
+    axes.minorticks_off()
+    axes.set_xticks([])
+    axes.set_title("RMS error" + (", logarithmic" if wide else ""))
+    return figure
 
 
 def _heat(axes: Axes, time_s: Array, values: Array, *, top: float) -> Any:

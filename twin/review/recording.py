@@ -39,11 +39,13 @@ def write_review(
     fields: Fields | None,
     diagnosis_markdown: str,
     comparison: Sequence[Mapping[str, object]] = (),
+    pictures: Mapping[str, bytes] | None = None,
 ) -> list[str]:
     """Write the rerun file `path`, atomically, and return notes: what it does not show, and why.
 
     film file or None; frame_times_s (t,) s of its frames; generations, fields as in `review.states`;
-    diagnosis_markdown text; comparison rows of a table that is shown below it, all with the same keys.
+    diagnosis_markdown text; comparison rows of a table that is shown below it, all with the same keys;
+    pictures PNG files by title, which stand in tabs beside the text.
     ValueError where the frame at top pressure is not in the film.
     """
     video, stamps, notes = _video(film, frame_times_s)
@@ -59,7 +61,9 @@ def write_review(
     recording = rr.RecordingStream("softtwin", recording_id=uuid.uuid4())  # two files never mix in one viewer
     try:
         with files.whole(path) as draft:
-            recording.save(draft, default_blueprint=_layout(scene, has_film=video is not None))
+            titles = tuple(pictures or {})
+            layout = _layout(scene, has_film=video is not None, pictures=titles)
+            recording.save(draft, default_blueprint=layout)
             if video is not None:
                 recording.log("film/frame", video, static=True)
                 _log_frames(recording, stamps, times=times, generations=generations)
@@ -79,6 +83,9 @@ def write_review(
             ]
             document = rr.TextDocument("\n\n".join(filter(None, text)), media_type=rr.MediaType.MARKDOWN)
             recording.log("diagnosis", document, static=True)
+            for number, data in enumerate((pictures or {}).values()):
+                image = rr.EncodedImage(contents=data, media_type="image/png")
+                recording.log(f"pictures/{number}", image, static=True)
             recording.disconnect()  # writes the footer
     finally:
         recording.disconnect()
@@ -203,7 +210,7 @@ def _table(rows: Sequence[Mapping[str, object]]) -> str:
     return "\n".join("| " + " | ".join(cells) + " |" for cells in lines)
 
 
-def _layout(scene: Scene, *, has_film: bool) -> rrb.Blueprint:
+def _layout(scene: Scene, *, has_film: bool, pictures: Sequence[str]) -> rrb.Blueprint:
     """Film beside the finger, seen from the film's side (x runs to the left); curves and text below."""
     centre, extent = 0.5 * (scene.low + scene.high), scene.high - scene.low
     # The viewer's vertical angle is about 55 degrees; beside the film the view is 1.6 times as wide as high.
@@ -220,7 +227,10 @@ def _layout(scene: Scene, *, has_film: bool) -> rrb.Blueprint:
     below = rrb.Horizontal(
         rrb.TimeSeriesView(origin="/rms", name="RMS error, mm"),
         rrb.TimeSeriesView(origin="/parameters", name="parameters by generation, pressure by film time"),
-        rrb.TextDocumentView(origin="/diagnosis", name="diagnosis"),
+        rrb.Tabs(
+            rrb.TextDocumentView(origin="/diagnosis", name="diagnosis"),
+            *(rrb.Spatial2DView(origin=f"/pictures/{k}", name=title) for k, title in enumerate(pictures)),
+        ),
         column_shares=[1, 1, 1.4],
     )
     return rrb.Blueprint(

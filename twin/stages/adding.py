@@ -4,6 +4,7 @@ from typing import Any
 
 import numpy as np
 
+from twin.diagnosis.comparison import Comparison
 from twin.diagnosis.intervals import estimates, fit_record
 from twin.effects.library import effect
 from twin.effects.protocol import Effect
@@ -12,6 +13,7 @@ from twin.project import files
 from twin.project.folder import Project, Say
 from twin.review.numerals import in_words
 from twin.review.states import Fields
+from twin.stages import waterfall
 from twin.stages.chain import kinds_writing
 from twin.stages.comparing import compared
 from twin.stages.fits import fresh, named_effects, newest_fit
@@ -24,34 +26,28 @@ SHOWN = 80  # film times at which the deformed model is stored for the review
 def run_add(project: Project, say: Say, *, name: str | None = None) -> dict[str, Any]:
     """The model with one more effect, in the law that the newest diagnosis kept: refitted and compared.
 
-    Without a name the effect is the one that the newest diagnosis names; where it names none or several,
+    Without a name the effects are those that the newest diagnosis names together; where it names none,
     nothing is added.
     """
-    if name is None:
-        named = named_effects(project)
-        if len(named) != 1:
-            say(f"The diagnosis names {' or '.join(named) or 'no effect'}: nothing is added.")
-            return {"stage": "add", "status": "skipped", "named": named}
-        (name,) = named
-    chosen, start = _law(project, name)
-    kept = [e for e in project.config.model.effects if e.partition(":")[0] != chosen.name]
+    names = [name] if name is not None else named_effects(project)
+    if not names:
+        say("The diagnosis names no effect: nothing is added.")
+        return {"stage": "add", "status": "skipped", "named": names}
+    laws = [law_of(project, one) for one in names]
+    chosen, start = [law for law, _ in laws], {k: x for _, values in laws for k, x in values.items()}
+    kept = [e for e in project.config.model.effects if e.partition(":")[0] not in {c.name for c in chosen}]
     before = fresh(project, kinds_writing("comparison.json"), "comparison.json")
-    return _change(project, "add", (*kept, chosen.label), start, say, before)
+    return _change(project, "add", (*kept, *(c.label for c in chosen)), start, say, before)
 
 
-def _law(project: Project, name: str) -> tuple[Effect, dict[str, float]]:
+def law_of(project: Project, name: str) -> tuple[Effect, dict[str, float]]:
     """The effect, and where the newest diagnosis began the fit that it gave out for it."""
     path, own = fresh(project, ("diagnose",), "diagnosis.json"), own_of(project)
     data = files.read_json(path) if path else {}
     kept = path.with_name("kept.json") if path else None
-    if (
-        ":" not in name
-        and data.get("law")
-        and data["law"].partition(":")[0] == name
-        and kept
-        and kept.exists()
-    ):
-        return effect(data["law"], own=own), files.read_json(kept)["start"]
+    laws = {label.partition(":")[0]: label for label in (data.get("law") or "").split(" + ")}
+    if name in laws and kept and kept.exists():
+        return effect(laws[name], own=own), files.read_json(kept)["start"]
     return effect(name, own=own), {}
 
 
@@ -70,32 +66,44 @@ def _change(
     project: Project, kind: str, effects: tuple[str, ...], start: dict[str, float], say: Say, before: Any
 ) -> dict[str, Any]:
     bench, base = Workbench.of(project), newest_fit(project)
-    was = files.read_json(before).get("rms_mm") if before else None
+    then = files.read_json(before) if before else {}
     with project.new_run(kind, extra={"effects": list(effects)}) as run:
         model = bench.model(effects)
         known = {p.name: float(x) for p, x in zip(base.parameters, base.theta, strict=True)}
         theta = model.theta({**_nominal(model), **known, **start})
         say.progress(f"refit with {', '.join(effects) or 'no effect'}", 0, 1)
-        fit, w = bench.refitted(model, theta, say)
-        found = compared(run, bench, model, fit, w)
+        judged = bench.judged(model, theta, say)
+        fit, found = judged.fit, compared(run, judged)
         run.write_json("fit.json", fit_record(fit, found) | {"effects": list(effects)})
-        _fields(bench, model, fit.theta).save(run.path("fields.npz"))
+        _fields(bench, judged.model, fit.theta).save(run.path("fields.npz"))
         run.note(model.extent)
     project.set_effects(effects)
-    text = f"from {was:.3f} mm to " if was is not None else ""
-    say(f"Error: {text}{found.rms_mm:.3f} mm rms; the noise is {found.noise_sd_mm:.3f} mm.")
+    say(_error(then, found))
+    way = waterfall.stairs(project)
+    if len(way) > 2:
+        say(waterfall.in_words(way))
     say(f"{in_words(estimates(fit, found))}.")
     say(found.where)
     say(f"Wrote {project.shown(run.folder)}/fit.json; twin.toml has effects = {list(effects)}")
     return {
         "stage": kind,
         "run": run.name,
-        "rms_before_mm": was,
+        "rms_before_mm": then.get("rms_mm"),
         "rms_after_mm": found.rms_mm,
+        "raw_rms_before_mm": then.get("raw_rms_mm"),
+        "raw_rms_after_mm": found.raw_rms_mm,
         "noise_sd_mm": found.noise_sd_mm,
         "effects": list(effects),
         "fit": fit_record(fit, found),
+        "steps": [row.to_dict() for row in way],
     }
+
+
+def _error(then: dict[str, Any], now: Comparison) -> str:
+    """The error before and after, in words; `then`: what comparison.json held, or nothing."""
+    pairs = [(then.get(key), getattr(now, key)) for key in ("rms_mm", "raw_rms_mm")]
+    left, raw = (f"{'' if a is None else f'from {a:.3f} mm '}to {b:.3f} mm rms" for a, b in pairs)
+    return f"Error: {left}; with errors that many values share {raw}. The noise is {now.noise_sd_mm:.3f} mm."
 
 
 def _nominal(model: Model) -> dict[str, float]:
@@ -105,8 +113,15 @@ def _nominal(model: Model) -> dict[str, float]:
     for e in model.effects:
         for p in e.parameters:
             values[p.name] = p.start if p.start is not None else (p.null or 0.0) + 0.5 * p.step
-        if e.grid:
-            values |= e.grid[len(e.grid) // 2]
+        tried = e.tries(model.test)
+        entry = tried[len(tried) // 2]
+        held = e.at(entry, model.test)
+        if held is not e:
+            raise ValueError(
+                f"effect {e.label!r}: it must be stated which; wanted for example {held.label!r}, as "
+                "the diagnosis names it"
+            )
+        values |= entry
     return {p.name: float(np.clip(values[p.name], p.low, p.high)) for p in model.parameters}
 
 

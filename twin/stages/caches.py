@@ -13,6 +13,8 @@ from twin.project import files
 from twin.project.folder import Say
 from twin.targets import Array
 
+FURTHER = 1.7  # at most: curves of few levels that reach much too far are coarse where it counts
+
 
 @dataclass(frozen=True)
 class FolderCache:
@@ -45,12 +47,15 @@ class SolvedList:
         rows = files.read_json(self.path) if self.path.exists() else []
         return [SolvedAt(Constants.of(row), float(row["top_MPa"])) for row in rows]
 
-    def serving(self, own: Constants, pressure: float, *, low: float, high: float) -> SolvedAt | None:
+    def serving(
+        self, own: Constants, pressure: float, *, low: float = 0.0, high: float = np.inf
+    ) -> SolvedAt | None:
         """The oldest that serves constants up to a pressure in MPa: its total C10 + C01 is `low` to `high`
-        times theirs, and it reaches as far as they do; None where there is none."""
+        times theirs, and it reaches as far as they do and at most FURTHER times that; None where there is
+        none."""
         for one in self.known:
             scale = one.constants.total / own.total
-            if low <= scale <= high and scale * pressure <= one.top:
+            if low <= scale <= high and scale * pressure <= one.top <= FURTHER * scale * pressure:
                 return one
         return None
 

@@ -8,15 +8,15 @@ import numpy as np
 from calibrate import Fit, identifiability, least_squares
 from fe import Case, Path, solve
 from twin.diagnosis.comparison import Comparison
-from twin.diagnosis.fitting import fit_model, whitener_of, with_mesh
+from twin.diagnosis.fitting import whitener_of
 from twin.diagnosis.intervals import fit_record
+from twin.diagnosis.judging import Judged
 from twin.diagnosis.whitening import Whitener, whitener
 from twin.effects.baselaw import NAMES, Constants
 from twin.effects.material import Elasticity
 from twin.gravity import under
 from twin.model.arraycache import rounded_up
 from twin.model.loadpaths import REDUCED, Turned, load_paths, reach, sheets
-from twin.model.prediction import Model
 from twin.project.folder import Project, Run, Say
 from twin.review.states import Generations
 from twin.stages.comparing import compared
@@ -37,10 +37,11 @@ def run_calibrate(project: Project, say: Say) -> dict[str, Any]:
         paths, points = _paths(bench, say)
         best = _searched(bench, paths, points, run, say)
         say(f"Genetic algorithm: the best of {best.tried} candidates has {best.rms_mm:.3f} mm RMS.")
-        fit, w, model = least(bench, paths, points, best.theta, say)
-        found = compared(run, bench, model, fit, w)
+        judged = least(bench, paths, points, best.theta, say)
+        model, fit, found = judged.model, judged.fit, compared(run, judged)
         words = _words(project, fit, found)
-        run.write_json("fit.json", fit_record(fit, found) | {"effects": [], "identifiability": words})
+        beside = {"effects": [], "identifiability": words, "initial": _initial(bench, paths, points, judged)}
+        run.write_json("fit.json", fit_record(fit, found) | beside)
         run.summary["headline"] = words.split(". ")[0]
         crossed = model.solution(fit.theta).crossed
         for line in (*bench.remarks, model.extent, fit.reason):
@@ -57,6 +58,18 @@ def run_calibrate(project: Project, say: Say) -> dict[str, Any]:
         "fit": fit_record(fit, found),
         "identifiability": words,
     }
+
+
+def _initial(bench: Workbench, paths: Turned, points: Array, judged: Judged) -> dict[str, Any]:
+    """Nominal constants and what they leave, mm, under the errors of the fit: from the load paths."""
+    nominal = np.array([p.start for p in bench.elasticity.parameters])
+    u = _predicted(paths, points, bench.targets, _constants(bench.elasticity, nominal))
+    values = {p.name: p.start for p in bench.elasticity.parameters}
+    if u is None:
+        return {"values": values, "rms_mm": None, "raw_rms_mm": None}
+    w, residual = judged.whitener, bench.targets.value - u
+    raw = float(np.sqrt((w.pick(residual)[w.valid] ** 2).mean()))
+    return {"values": values, "rms_mm": w.rms(residual), "raw_rms_mm": raw}
 
 
 def _ended(fit: Fit) -> str:
@@ -192,25 +205,21 @@ def triangles(faces: Any) -> Any:
     return faces[:, np.array(_CUT[faces.shape[1]])].reshape(-1, 3)
 
 
-def least(
-    bench: Workbench, paths: Turned, points: Array, best: Array, say: Say
-) -> tuple[Fit, Whitener, Model]:
+def least(bench: Workbench, paths: Turned, points: Array, best: Array, say: Say) -> Judged:
     """The least-squares fit of C10 and C01 to all targets: on the load paths from several starts, then on the
-    finite-element model with its discretisation modes from there."""
-    t, model = bench.targets, bench.model(())
-    elasticity, nothing = bench.elasticity, np.zeros((0, *bench.targets.value.shape))
+    finite-element model from there, with errors of its own."""
+    t, model, elasticity = bench.targets, bench.model(()), bench.elasticity
     slope = _rough_slope(paths, points, t, _constants(elasticity, best))
-    w = whitener(t, prediction_modes=nothing, gauge=slope)
+    w = whitener(t, prediction_modes=np.zeros((0, *t.value.shape)), gauge=slope, points=~t.fixed)
     starts = np.array([best, [p.start for p in model.parameters]])
     first = _on_paths(paths, points, t, elasticity, w, starts)
     say.progress("least squares", 1, 3)
-    mesh = bench.mesh(first.theta, model, say)
-    w = whitener_of(model, first.theta, t, mesh)
+    w = whitener_of(bench.on_mesh(model, first.theta, say), first.theta, t)
     second = _on_paths(paths, points, t, elasticity, w, first.theta[None])
     say.progress("least squares", 2, 3)
-    fit = fit_model(model, t, w, start=second.theta, seed=bench.project.config.calibrate.seed)
+    found = bench.judged(model, second.theta, say, seed=bench.project.config.calibrate.seed)
     say.progress("least squares", 3, 3)
-    return with_mesh(fit, mesh), w, model
+    return found
 
 
 def _constants(elasticity: Elasticity, theta: Array) -> Constants:

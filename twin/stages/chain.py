@@ -19,7 +19,7 @@ class When(Enum):
     """When a project goes through a stage."""
 
     ALWAYS = "always"
-    NAMED = "where the diagnosis names one effect"
+    NAMED = "where the diagnosis names an effect"
     ASKED = "where the user asks for it"
 
 
@@ -62,7 +62,7 @@ STAGES = (
     Stage(
         name="calibrate", title="Fit the material constants to the displacements.",
         reads=("[model]", "[points]", "[calibrate]", TARGETS, DECK),
-        writes=(FIT, "generations.npz", "candidates.npz", "prediction.npz", "comparison.json"),
+        writes=(FIT, "generations.npz", "candidates.npz", "prediction.npz", "judged.npz", "comparison.json"),
         function="twin.stages.calibrating:run_calibrate",
     ),
     Stage(
@@ -74,19 +74,25 @@ STAGES = (
     Stage(
         name="diagnose", title="Name the physical effect that the model lacks.",
         reads=("[model]", "[points]", "[calibrate]", "[diagnose]", TARGETS, DECK, FIT),
-        writes=("diagnosis.json", "kept.json", "prediction.npz"),
+        writes=("diagnosis.json", "kept.json", "evidence.json", "evidence.npz", "prediction.npz"),
         function="twin.stages.diagnosing:run_diagnose",
+    ),
+    Stage(
+        name="explain", title="Show what speaks for an effect, and where: the evidence for it.",
+        reads=("[model]", "[points]", "[calibrate]", TARGETS, DECK, FIT, "diagnosis.json"),
+        writes=("evidence.json", "evidence.npz"),
+        function="twin.stages.explaining:run_explain", when=When.ASKED,
     ),
     Stage(
         name="add", title="Add an effect to the model, fit again and compare.",
         reads=("[model]", "[points]", "[calibrate]", TARGETS, DECK, FIT, "diagnosis.json"),
-        writes=(FIT, "comparison.json", "prediction.npz", "fields.npz"),
+        writes=(FIT, "comparison.json", "prediction.npz", "judged.npz", "fields.npz"),
         function="twin.stages.adding:run_add", when=When.NAMED,
     ),
     Stage(
         name="drop", title="Take an effect out of the model, fit again and compare.",
         reads=("[model]", "[points]", "[calibrate]", TARGETS, DECK, FIT),
-        writes=(FIT, "comparison.json", "prediction.npz", "fields.npz"),
+        writes=(FIT, "comparison.json", "prediction.npz", "judged.npz", "fields.npz"),
         function="twin.stages.adding:run_drop", when=When.ASKED,
     ),
     Stage(

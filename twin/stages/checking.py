@@ -98,8 +98,8 @@ def _next(project: Project) -> str:
     todo = (stage for stage in _ahead(project) if fresh(project, (stage.name,)) is None)
     for stage in todo:
         named = named_effects(project) if stage.when is When.NAMED else []
-        if stage.when is When.ALWAYS or len(named) == 1:
-            return " ".join([stage.name, *named])
+        if stage.when is When.ALWAYS or named:
+            return " ".join([stage.name, *(named if len(named) == 1 else ())])
     return "list"
 
 

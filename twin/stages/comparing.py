@@ -2,42 +2,44 @@
 
 from typing import Any
 
-from calibrate import Fit
-from twin.diagnosis.comparison import Comparison, compare
-from twin.diagnosis.fitting import whitener_of
-from twin.diagnosis.whitening import Whitener
-from twin.model.prediction import Model
+from twin.diagnosis.comparison import Comparison
+from twin.diagnosis.judging import Judged
 from twin.project.folder import Project, Run, Say
-from twin.stages.fits import newest_fit
+from twin.stages.fits import fit_file, newest_fit
+from twin.stages.judgements import Judgement, keep, kept
 from twin.stages.workbench import Workbench
 from twin.targets import Array
 
 
 def run_compare(project: Project, say: Say) -> dict[str, Any]:
     """Whether the calibrated model agrees with the measurement within the noise, and where not."""
-    bench, fit = Workbench.of(project), newest_fit(project)
+    bench, file, fit = Workbench.of(project), fit_file(project), newest_fit(project)
     with project.new_run("compare") as run:
         model = bench.model()
-        w = whitener_of(model, fit.theta, bench.targets, bench.mesh(fit.theta, model, say))
-        found = compared(run, bench, model, fit, w)
+        made = kept(file, fit, bench.targets) or Judgement.of(bench.judged_fit(model, fit, say))
+        found = made.comparison
+        _write(run, made.predicted, found)
         for line in (*bench.remarks, model.extent, *_lines(found)):
             run.note(line)
-        crossed = model.solution(fit.theta).crossed
     say(found.where)
-    if crossed:
-        say(f"{crossed}; the model knows no such contact.")
+    if made.crossed:
+        say(f"{made.crossed}; the model knows no such contact.")
     say(f"Wrote {project.shown(run.folder)}/comparison.json, with tables by marker, pressure and direction.")
     return {"stage": "compare", "run": run.name} | found.to_dict()
 
 
-def compared(run: Run, bench: Workbench, model: Model, fit: Fit, w: Whitener) -> Comparison:
-    """The comparison of a fit, written to comparison.json and prediction.npz of its run."""
-    predicted = model.predict(fit.theta)
-    found = compare(bench.targets, predicted, w, jacobian=model.jacobian(fit.theta))
+def compared(run: Run, judged: Judged) -> Comparison:
+    """The comparison of a judged model, written to comparison.json, prediction.npz and judged.npz of its
+    run."""
+    keep(run, judged)
+    _write(run, judged.predicted, judged.comparison)
+    return judged.comparison
+
+
+def _write(run: Run, predicted: Array, found: Comparison) -> None:
     run.write_json("comparison.json", found.to_dict())
     write_prediction(run, predicted, found)
     run.summary["headline"] = found.where
-    return found
 
 
 def write_prediction(run: Run, predicted: Array, found: Comparison) -> None:

@@ -3,8 +3,8 @@
 from dataclasses import replace
 from typing import Any
 
-from twin.diagnosis.candidates import Candidate
-from twin.diagnosis.comparison import compare
+from twin.diagnosis.candidates import Candidate, Refit
+from twin.diagnosis.explanation import Explanation, explained
 from twin.diagnosis.intervals import fit_record
 from twin.diagnosis.procedure import diagnose
 from twin.diagnosis.verdicts import Diagnosis
@@ -14,6 +14,7 @@ from twin.model.prediction import Model
 from twin.parallel import WORKERS
 from twin.project.folder import Project, Run, Say
 from twin.stages.comparing import write_prediction
+from twin.stages.explaining import write_evidence
 from twin.stages.fits import newest_fit
 from twin.stages.workbench import Workbench, own_of
 
@@ -24,24 +25,26 @@ def run_diagnose(project: Project, say: Say) -> dict[str, Any]:
     """Which effect of the library the data ask for, and what they cannot tell."""
     bench, fit = Workbench.of(project), newest_fit(project)
     seed = project.config.diagnose.seed
+    shown: list[Explanation] = []
     with project.new_run("diagnose", seed=seed) as run:
-        model = bench.model()
+        model = bench.on_mesh(bench.model(), fit.theta, say)
         found = diagnose(
             model,
             _candidates(project),
             bench.targets,
             seed=seed,
-            start=fit.theta,
-            mesh=bench.mesh(fit.theta, model, say),
-            settle=lambda kept: _settled(bench, kept, say),
+            start=fit,
+            settle=lambda found: _settled(bench, found, say, shown),
             workers=WORKERS,
             progress=say.progress,
         )
         _write(run, project, model, found)
+        for explanation in shown:
+            write_evidence(run, explanation)
         for line in (model.extent, *map(_row, found.ranking)):
             run.note(line)
     say(f"Verdict: {found.verdict}")
-    say(found.sentence)
+    say(found.text)
     if found.ranking:
         say(f"Ranking: {', '.join(map(_score, found.ranking[:TOP]))}.")
     if found.next_test:
@@ -57,38 +60,53 @@ def _candidates(project: Project) -> tuple[Effect, ...]:
     return (*named, *(e for e in own if e.name not in [n.name for n in named]))
 
 
-def _settled(bench: Workbench, kept: Candidate, say: Say) -> Candidate:
-    """The kept effect with the fit that `twin add` gives: of a new model, under the errors at its start."""
-    assert kept.fit is not None
-    names = [p.name for p in kept.fit.parameters]
-    values = dict(zip(names, map(float, kept.fit.theta), strict=True))
-    model = bench.model((*bench.project.config.model.effects, kept.effect.label))
-    fit, w = bench.refitted(model, model.theta(values), say)
-    found = compare(bench.targets, model.predict(fit.theta), w, jacobian=model.jacobian(fit.theta))
-    return replace(kept, fit=fit, settled=found, start=values)
+def _settled(bench: Workbench, found: Diagnosis, say: Say, shown: list[Explanation]) -> Diagnosis:
+    """The diagnosis with the fit that `twin add` gives of what it names, of a new model, from the same start;
+    with the evidence for it, which goes into `shown` too."""
+    assert found.kept is not None
+    assert found.base is not None
+    labels = [e.label for e in found.effects]
+    names = [label.partition(":")[0] for label in labels]
+    others = [e for e in bench.project.config.model.effects if e.partition(":")[0] not in names]
+    model = bench.model((*others, *labels))
+    judged = bench.judged(model, model.theta(found.kept.values), say)
+    single = next((c for c in found.ranking if c.effect.label == labels[0]), None)
+    own = [c.members for c in found.classes if c.effect.partition(":")[0] in names]
+    explanation = explained(
+        found.effects,
+        before=found.base,
+        after=judged,
+        targets=bench.targets,
+        evidence=single.evidence if single is not None and len(labels) == 1 else None,
+        rivals=[pair for members in own for pair in members.items() if pair[0] not in labels],
+    )
+    shown.append(explanation)
+    kept = Refit.of(judged)
+    rows = tuple(replace(c, refit=kept) if [c.effect.label] == labels else c for c in found.ranking)
+    settled = replace(found, kept=kept, start=found.kept.values, ranking=rows)
+    return replace(settled, evidence=explanation.to_dict())
 
 
 def _write(run: Run, project: Project, model: Model, found: Diagnosis) -> None:
-    """Write diagnosis.json, the base model's prediction.npz and, of the kept effect, kept.json."""
+    """Write diagnosis.json, the base model's prediction.npz and, of the kept effects, kept.json."""
     run.write_json("diagnosis.json", found.to_dict())
     run.summary["headline"] = found.verdict
-    if found.base is not None and found.base_fit is not None:
-        write_prediction(run, model.predict(found.base_fit.theta), found.base)
-    kept = found.kept
-    if kept is not None and kept.fit is not None and kept.final is not None:
-        effects = [*project.config.model.effects, found.law]
-        record = fit_record(kept.fit, kept.final) | {"effects": effects, "start": kept.start}
-        run.write_json("kept.json", record)
+    if found.base is not None:
+        write_prediction(run, found.base.predicted, found.base.comparison)
+    if found.kept is not None:
+        effects = [*project.config.model.effects, *(e.label for e in found.effects)]
+        record = fit_record(found.kept.fit, found.kept.comparison)
+        run.write_json("kept.json", record | {"effects": effects, "start": found.start})
 
 
 def _score(c: Candidate) -> str:
     """One effect of the ranking, in a few words."""
-    if c.delta_bic is None:
+    if c.evidence is None:
         return f"{c.effect.label} ({'not visible' if c.note else 'not refitted'})"
-    return f"{c.effect.label} (BIC gain {c.delta_bic:.0f})"
+    return f"{c.effect.label} (evidence {c.evidence:.0f})"
 
 
 def _row(c: Candidate) -> str:
     """One effect of the ranking, with all that is known of it."""
-    gain = "not refitted" if c.delta_bic is None else f"BIC gain {c.delta_bic:.0f}"
+    gain = "not refitted" if c.evidence is None else f"evidence {c.evidence:.0f}, BIC gain {c.delta_bic:.0f}"
     return f"{c.effect.label}: score {c.z:.1f}, {gain}" + (f" ({c.note})" if c.note else "")

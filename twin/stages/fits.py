@@ -1,18 +1,18 @@
 """Which runs of a project still hold: a fit, a comparison or a diagnosis made from what is there now."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from twin.project import files
 from twin.project.folder import Project, kind_of
 from twin.project.staleness import changes
-from twin.stages.chain import DECK, FIT, STAGES, TARGETS, When, kinds_writing
+from twin.stages.chain import DECK, FIT, STAGES, TARGETS, Stage, When, kinds_writing
 
 if TYPE_CHECKING:  # its package takes a second to import: `check` and `list` do without
     from calibrate import Fit
 
-BESIDE = ("effects", "identifiability")  # what fit.json holds beside the fit
+BESIDE = ("effects", "identifiability", "initial")  # what fit.json holds beside the fit
 
 
 def stale(project: Project, folder: Path) -> list[str]:
@@ -22,6 +22,17 @@ def stale(project: Project, folder: Path) -> list[str]:
         return []
     if stage.when is not When.ALWAYS and (other := _other_effects(project, folder)):
         return [other]
+    return _changes(project, folder, stage)
+
+
+def holds(project: Project, folder: Path) -> bool:
+    """Whether a run is done and belongs to the present targets, mesh and settings, whatever its effects."""
+    stage = next((stage for stage in STAGES if stage.name == kind_of(folder)), None)
+    return stage is not None and _is_done(project, folder) and not _changes(project, folder, stage)
+
+
+def _changes(project: Project, folder: Path, stage: Stage) -> list[str]:
+    """What has changed since a run of a stage was made, but for the effects in the model."""
     present = [project.targets_folder] if TARGETS in stage.reads else []
     present += project.deck_files() if DECK in stage.reads else []
     info = project.info(folder)
@@ -54,7 +65,12 @@ def _has_own(labels: Sequence[str]) -> bool:
 
 def fresh(project: Project, kinds: tuple[str, ...], file: str = "run.json") -> Path | None:
     """The file of the newest done run of these kinds that has it and belongs to the present project."""
-    return next((path for path in _having(project, kinds, file) if not stale(project, path.parent)), None)
+    return next(every_fresh(project, kinds, file), None)
+
+
+def every_fresh(project: Project, kinds: tuple[str, ...], file: str) -> Iterator[Path]:
+    """The files of all done runs of these kinds that belong to the present project, the newest first."""
+    return (path for path in _having(project, kinds, file) if not stale(project, path.parent))
 
 
 def stale_sentences(project: Project, kinds: tuple[str, ...], file: str = "run.json") -> list[str]:
@@ -76,6 +92,12 @@ def newest_fit(project: Project) -> "Fit":
     """
     from calibrate import Fit
 
+    data = files.read_json(fit_file(project))
+    return Fit.from_dict({key: value for key, value in data.items() if key not in BESIDE})
+
+
+def fit_file(project: Project) -> Path:
+    """The fit.json of `newest_fit`."""
     wanted = list(project.config.model.effects)
     refused, others = "", False
     for path in _having(project, kinds_writing(FIT), FIT):
@@ -85,7 +107,7 @@ def newest_fit(project: Project) -> "Fit":
             continue
         why = stale(project, path.parent)
         if not why:
-            return Fit.from_dict({key: value for key, value in data.items() if key not in BESIDE})
+            return path
         refused = refused or f"fit of {project.shown(path.parent)} is stale: {why[0]}"
     if refused:
         raise ValueError(f"{refused}; {_way_out(wanted)}")

@@ -16,6 +16,7 @@ from twin.review.recording import write_review
 from twin.review.states import Fields, Generations
 from twin.stages.chain import STAGES, When, kinds_writing
 from twin.stages.fits import fresh, stale_sentences
+from twin.stages.showing import Way
 from twin.stages.workbench import Workbench
 from twin.targets import Array
 
@@ -59,6 +60,9 @@ class _Story:
         self.added = self._json(CHANGES, "comparison.json")
         path = fresh(project, CHANGES, "fields.npz")
         self.fields = Fields.load(path) if path else None
+        effects = {label.partition(":")[0] for label in self.fit.get("effects", [])}
+        effects |= set(self.diagnosis.get("named", []))
+        self.way = Way.of(project, self.targets, effects=effects)
 
     def _file(self, kind: str, name: str) -> Any:
         path = fresh(self.project, (kind,), name)
@@ -102,6 +106,7 @@ class _Story:
             fields=self.fields,
             diagnosis_markdown=self._markdown(),
             comparison=self._rows(),
+            pictures=self.way.images,
         )
         say.progress("review", 1, 2)
         return notes
@@ -110,7 +115,7 @@ class _Story:
         d = self.diagnosis
         lines = [f"# {d.get('verdict', 'not diagnosed')}", "", " ".join(self._said)]
         lines += ["", f"Calibration: {self.calibrated.get('identifiability', '')}"]
-        return "\n".join(lines)
+        return "\n".join([*lines, *self.way.markdown])
 
     def _rows(self) -> list[dict[str, object]]:
         ranking = self.diagnosis.get("ranking", [])
@@ -118,7 +123,7 @@ class _Story:
             {
                 "effect": r["law"],
                 "score": _round(r["z"]),
-                "BIC gain": "not refitted" if r["delta_bic"] is None else _round(r["delta_bic"]),
+                "evidence": "not refitted" if r.get("evidence") is None else _round(r["evidence"]),
             }
             for r in ranking
         ]
@@ -155,6 +160,7 @@ class _Story:
             "date": date.today().isoformat(),
             "errors": self._errors(),
             "named": self._named(),
+            "evidence": self.way.facts,
             "ranking": [r for r in every if not _blind(r)],
             "ties": d.get("ties", []),
             "next_test": d.get("next_test"),
@@ -217,19 +223,30 @@ class _Story:
         return rows
 
     def _pictures(self) -> list[dict[str, Any]]:
-        return [*self._error(), *self._deformed(), *self._over_time(), *self._search()]
+        return [
+            *self._drawn("error"), *self._deformed(), *self._drawn("evidence"), *self._over_time(),
+            *self._search(),
+        ]  # fmt: skip
 
-    def _error(self) -> list[dict[str, Any]]:
-        """The error before and after the named effect, where a diagnosis tells it."""
-        if self.diagnosis.get("rms_before_mm") is None:
-            return []
-        bars = plots.error_bars(
-            self.diagnosis["rms_before_mm"],
-            after_mm=self.added.get("rms_mm"),
-            noise_mm=self.diagnosis["noise_sd_mm"],
-            labels=self._labels,
-        )
-        return [_picture("Error", "Root mean square error of all markers.", half=True, svg=bars)]
+    def _drawn(self, name: str) -> list[dict[str, Any]]:
+        """A picture of the way to the model of now, where there is one."""
+        law = self.way.evidence.get("effect", "")
+        said = {
+            "error": ("How the error fell", "RMS of all markers. Pale: what the next step takes off.", True),
+            "evidence": (
+                f"What speaks for {law}",
+                f"The residual without {law}, what {law} explains of it, and what it leaves.",
+                False,
+            ),
+            "residuals": (
+                "Where the model fails",
+                "Measured minus model, without the errors (scale, placement, mesh) that many values share.",
+                False,
+            ),
+        }
+        title, caption, half = said[name]
+        svg = self.way.pictures.get(name)
+        return [_picture(title, caption, half=half, svg=svg)] if svg else []
 
     def _deformed(self) -> list[dict[str, Any]]:
         """The finger at top pressure, where it could be drawn."""
@@ -257,7 +274,7 @@ class _Story:
         if not before or len(self.targets.time) < 3:
             return []
         displacement, pressure = self._courses(before, after)
-        return [displacement, *self._left_over(before, after), pressure]
+        return [displacement, *self._drawn("residuals"), pressure]
 
     def _courses(self, before: dict[str, Array], after: dict[str, Array]) -> list[dict[str, Any]]:
         """The markers of the objective over time, and over pressure."""
@@ -285,17 +302,6 @@ class _Story:
             _picture("Displacement", shown, svg=over_time),
             _picture("U3 against pressure", f"{shown} Every dot is a step of the film.", svg=over_pressure),
         ]
-
-    def _left_over(self, before: dict[str, Array], after: dict[str, Array]) -> list[dict[str, Any]]:
-        """The residual of every moving marker over time, of each model that a run has compared."""
-        t, both = self.targets, zip(self._labels, (before, after), strict=True)
-        rows = np.flatnonzero(~t.fixed)
-        maps = {title: 1e3 * found["cleaned"][:, rows] for title, found in both if "cleaned" in found}
-        if not maps:
-            return []
-        drawn = plots.residual_map(t.time - t.time[0], maps=maps, names=[t.names[r] for r in rows], unit="um")
-        caption = "Measured minus model, without the errors (scale, placement, mesh) that many values share."
-        return [_picture("Where the model fails", caption, svg=drawn)]
 
     def _prediction(self, kinds: tuple[str, ...]) -> dict[str, Array]:
         """What the newest run of these kinds predicted and left, or nothing."""

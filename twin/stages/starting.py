@@ -25,11 +25,13 @@ from twin.targets import PointKind, Targets
 
 
 def run_init(
-    folder: Path, say: Say, *, targets: Path | None, nodes: Sequence[str], deck: Path | None = None
+    folder: Path, say: Say, *, targets: Path | None, nodes: Sequence[str], deck: Path | None = None,
+    density_kg_m3: float | None = None,
 ) -> dict[str, Any]:
     """Make a folder with a complete twin.toml; `targets` (a folder) and `deck` are checked and copied.
 
     nodes: NAME=LABEL of the points; all of them where a deck takes the place of the built-in finger.
+    density_kg_m3: of a silicone that was weighed.
     """
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise ValueError(
@@ -40,8 +42,9 @@ def run_init(
     own, files_of = (None, ()) if deck is None else _own_mesh(deck, labels, ask=targets is None)
     config = film_config(folder.resolve().name, known | labels) if targets is None else targets_config(
         folder.resolve().name, read_targets(targets, nodes=labels), known | labels)  # fmt: skip
-    if own is not None:
-        config = config.model_copy(update={"model": config.model.model_copy(update={"deck": own})})
+    known_of_it = {"deck": own, "density_kg_m3": density_kg_m3}
+    model = config.model.model_copy(update={k: v for k, v in known_of_it.items() if v is not None})
+    config = config.model_copy(update={"model": model})
     root = folder.resolve()
     with files.whole_folder(root) as draft:
         files.write_text(draft / "twin.toml", dump(config))

@@ -34,6 +34,7 @@ def make_targets(
     noise = Noise(
         sd=n.sd, rho=n.rho, correlation=n.correlation, frames=n.frames, codec_sd=n.codec_sd,
         gauge_sd_MPa=gauge.sd_MPa, gauge_frames=gauge.samples,
+        lasting=n.persistence.lasting,
     )  # fmt: skip
     clock = sync(time, moved.value[keep], join.sd_s) * np.isfinite(moved.value[keep])
     return Targets(

@@ -9,23 +9,15 @@ from calibrate import Fit
 from fe import Case
 from fe.element import Integers
 from fe.mesh.points import nearest
-from twin.diagnosis.fitting import measured_remainder, refitted
-from twin.diagnosis.whitening import Whitener
-from twin.effects.baselaw import NAMES, Constants
+from twin.diagnosis.judging import Judged, judge, judge_fit
+from twin.effects.baselaw import NAMES, NOMINAL, Constants
 from twin.effects.library import effect
 from twin.effects.material import Elasticity
 from twin.effects.ownfiles import own_effects
 from twin.effects.protocol import Effect
 from twin.gravity import density, ways
 from twin.model.building import base_model, base_test
-from twin.model.discretisation import (
-    MARGIN,
-    Discretisation,
-    SolvedAt,
-    discretisation_error,
-    meshes_key,
-    unknown,
-)
+from twin.model.discretisation import Discretisation, SolvedAt, discretisation_error, meshes_key
 from twin.model.prediction import Model
 from twin.model.structure import BuiltIn, Structure, of_deck, of_finger, weighed
 from twin.project.folder import Project, Say
@@ -33,8 +25,9 @@ from twin.stages.caches import FolderCache, SolvedList
 from twin.targets import Array, PointKind, Targets, as_position
 
 OFF_MODEL_MM = 0.5
-SOFTEST = 0.7  # C10 + C01 of finer meshes over that of the model they serve; at most MARGIN
-SAME = 1.05  # at most, either way, where it does more than to scale the pressure
+# C10 + C01 of finer meshes over that of the model they serve, at most and either way, where it does more than
+# to scale the pressure
+SAME = 1.05
 
 
 @dataclass(frozen=True)
@@ -97,35 +90,49 @@ class Workbench:
         """The project's cache of arrays."""
         return FolderCache(self.project.root / "cache", say)
 
-    def mesh(self, theta: Array, model: Model, say: Say) -> Discretisation | None:
-        """The discretisation modes of a model without its effects; None without a noise model: no test needs
-        them.
+    def on_mesh(self, model: Model, theta: Array, say: Say) -> Model:
+        """The model with the error of its mesh where its parameters are near theta (d,)."""
+        return model.on_mesh(self.mesh(theta, model, say))
 
-        Modes have free amplitudes and their shape hardly changes with the constants, so the finer meshes are
-        solved once for a project and serve again for constants nearby.
+    def mesh(self, theta: Array, model: Model, say: Say) -> Discretisation | None:
+        """The error of a model's mesh without its effects; None without a noise model: no test needs it.
+
+        The finer meshes are solved at theoretical constants, once for a project, and serve again for others
+        nearby.
         """
         if self.targets.noise is None:
             return None
         if self.structure.unknown:
-            return unknown(self.targets, self.structure.unknown)
-        base, values = model.base, {**model.named(theta), **self.elasticity.fixed}
-        own = base.theta(values)
-        key = meshes_key(base.test, self.structure)
-        solved = SolvedList(self.project.root / "cache" / f"{key}-solved.json")
-        at = self._solved_at(Constants.of(values), solved)
-        raw = discretisation_error(base, own, structure=self.structure, solved_at=at, cache=self.cache(say))
+            return Discretisation.none(self.structure.unknown)
+        test, own = model.base.test, Constants.of({**model.named(theta), **self.elasticity.fixed})
+        solved = SolvedList(
+            self.project.root / "cache" / f"{meshes_key(test, self.structure)}-solved.json"
+        )
+        at = self._solved_at(own, solved)
+        found = discretisation_error(test, structure=self.structure, solved_at=at, cache=self.cache(say))
         solved.add(at)  # not before: constants without an equilibrium must not serve
-        return measured_remainder(base, own, self.targets, raw)
+        return found
 
-    def refitted(self, model: Model, start: Array, say: Say) -> tuple[Fit, Whitener]:
-        """The fit of a model from a start (d,) near it, with the whitener there."""
-        return refitted(model, self.targets, self.mesh(start, model, say), start=start)
+    def judged(self, model: Model, start: Array, say: Say, *, seed: int = 0) -> Judged:
+        """The model fitted from a start (d,) near it, and judged: calibrate, add, drop and diagnose alike."""
+        return judge(self.on_mesh(model, start, say), self.targets, starts=start, seed=seed)
+
+    def judged_fit(self, model: Model, fit: Fit, say: Say) -> Judged:
+        """The model judged as it was fitted."""
+        return judge_fit(self.on_mesh(model, fit.theta, say), self.targets, fit)
 
     def _solved_at(self, own: Constants, solved: SolvedList) -> SolvedAt:
-        """Where finer meshes were solved that serve for these constants, or are to be solved."""
-        low, high = (SOFTEST, MARGIN) if self.scales else (1 / SAME, SAME)
+        """Where finer meshes were solved that serve for these constants, or are to be solved.
+
+        Where U depends on pressure / (C10 + C01) and the share alone, nominal constants serve for all.
+        """
         top = float(self.targets.log_pressure.max())
-        return solved.serving(own, top, low=low, high=high) or SolvedAt.beside(own, top)
+        if self.scales:
+            wanted = top * NOMINAL.total / own.total
+            # for constants twice as stiff as nominal ones, too, so that the mesh is tested at one pressure
+            wanted = max(wanted, top) if top < 2 * wanted else wanted
+            return solved.serving(NOMINAL, wanted) or SolvedAt.beside(NOMINAL, wanted)
+        return solved.serving(own, top, low=1 / SAME, high=SAME) or SolvedAt.beside(own, top)
 
 
 def own_of(project: Project) -> tuple[Effect, ...]:

@@ -10,13 +10,14 @@ import pytest
 from calibrate import Parameter
 from twin.contract.promises import check_effect
 from twin.contract.records import alike
-from twin.effects.library import all_effects
-from twin.effects.protocol import Effect, Order, Test, Theta
+from twin.contract.specimen import small_test
+from twin.effects.library import all_effects, effect
+from twin.effects.protocol import Effect, Order, Test, Theta, Wide
 from twin.targets import Array
 
 # where their defaults show nothing on the short finger: the table lies 3 mm below it
 AT = {label: {"contact.stiffness": 0.5, "contact.distance": 0.2} for label in ("contact", "contact:2")}
-DEAR = {"contact:2", "mullins:2", "creep:2", "stiffening:2"}  # a minute in all; the narrow laws are tried in every run
+DEAR = {"contact:2", "mullins:2", "creep:2", "stiffening:2", "tube:2"}  # a minute in all; the narrow laws are tried in every run
 LAWS = [
     pytest.param(law, id=law.label, marks=[pytest.mark.slow] if law.label in DEAR else [])
     for e in all_effects()
@@ -27,6 +28,29 @@ LAWS = [
 @pytest.mark.parametrize("law", LAWS)
 def test_the_library_keeps_its_promises(law: Effect) -> None:
     assert check_effect(law, at=AT.get(law.label)) == ()
+
+
+WIDE = [wide for e in all_effects() if (wide := e.wide()) is not None]
+
+
+@pytest.mark.parametrize("wide", WIDE, ids=lambda e: e.label)
+def test_the_widest_families_state_what_they_should(wide: Effect) -> None:
+    assert check_effect(wide, solves=False) == ()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("wide", [w for w in WIDE if w.label.endswith(":wide")], ids=lambda e: e.label)
+def test_the_widest_families_keep_their_promises(wide: Effect) -> None:
+    assert check_effect(wide) == ()
+
+
+def test_what_is_made_by_a_grid_keeps_its_promises_and_is_named_again() -> None:
+    slip, test = effect("marker_slip"), small_test()
+    held = slip.at(slip.tries(test)[-1], test)
+    assert held.label != slip.label
+    assert effect(held.label).label == held.label
+    assert [p.name for p in held.parameters] == ["marker_slip.along", "marker_slip.across"]
+    assert check_effect(held, solves=False) == ()
 
 
 class Push(Effect):
@@ -74,6 +98,29 @@ class Astray(Push):
 
 class Mislabelled(Push):
     label = "shove"  # type: ignore[assignment]
+
+
+class Elsewhere(Push):
+    def wide(self) -> Effect:
+        return Other()
+
+
+class Other(Push):
+    name = "other"
+
+
+class Shorter(Push):
+    """A wide family that cannot be begun from the narrow law."""
+
+    def wide(self) -> Effect:
+        return Begun()
+
+
+class Begun(Wide, Push):
+    parameters = (Parameter("push.c0", 0.0, 1.0, "", null=0.0), Parameter("push.c1", 0.0, 1.0, "", null=0.0))
+
+    def start(self, theta: Theta) -> Theta:
+        return {**self.rest(theta), "push.c0": theta.get("push.gain", 0.0)}
 
 
 class Narrower(Push):
@@ -175,6 +222,8 @@ class Broken(Push):
         (Astray(), r"its grid has push\.angle = 2 rad, outside the parameter's bounds"),
         (Astray(), r"its grid names 'push\.place', which is none of its parameters"),
         (Mislabelled(), "its label 'shove' names none of its laws"),
+        (Elsewhere(), "its widest family 'other' has another name"),
+        (Shorter(), r"start\(\) of its widest family 'push:wide' does not give one value for each parameter"),
         (Narrower(), "its wider law 'push' does not hold all of its parameters and more"),
         (Unstarted(), r"start\(\) of its wider law 'push' does not give a value for each parameter"),
         (Stuck(), "it cannot be sent to a worker process"),

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from twin.diagnosis.whitening import NUMERICAL, _gauge_modes, shrunk, whitener
+from twin.diagnosis.whitening import _gauge_modes, shrunk, whitener
 from twin.targets import Array, Noise, Targets
 
 DRAWS = 2000
@@ -75,6 +75,22 @@ def test_noise_of_the_stated_covariance_becomes_white(targets: Targets) -> None:
     assert (bare.whiten(noise) ** 2).mean() > 3
 
 
+@pytest.mark.parametrize("lasting", [0.0, 0.4])
+def test_markers_jitter_together_in_what_is_new_in_each_frame_too(targets: Targets, lasting: float) -> None:
+    """Left uncorrelated, what all markers share in one frame looks like another pressure."""
+    assert targets.noise is not None
+    t = replace(targets, noise=replace(targets.noise, lasting=lasting))
+    none = np.zeros((0, *t.value.shape))
+    w = whitener(t, prediction_modes=none, gauge=0 * gauge_of(t))
+    rng, (s, p, _) = np.random.default_rng(6), t.value.shape
+    axes = np.kron(np.full((p, p), COMMON) + (1 - COMMON) * np.eye(p), np.eye(3))
+    fresh = rng.standard_normal((DRAWS, s, 3 * p)) @ np.linalg.cholesky(axes).T
+    noise, amplitudes = drawn(t, 0 * gauge_of(t), DRAWS, seed=5)
+    shared = np.tensordot(amplitudes, t.modes, 1)
+    mixed = np.sqrt(lasting) * (noise - shared) + np.sqrt(1 - lasting) * SD * fresh.reshape(DRAWS, s, p, 3)
+    assert_white(w.whiten(mixed + shared))
+
+
 def test_what_looks_like_another_pressure_lies_along_the_gauge(targets: Targets) -> None:
     gauge = gauge_of(targets)
     w = whitener(targets, prediction_modes=np.zeros((0, *targets.value.shape)), gauge=gauge)
@@ -138,8 +154,7 @@ def test_noise_sd_is_its_definition(targets: Targets) -> None:
     known = replace(targets, noise=replace(targets.noise, frames=frames))
     w = whitener(known, prediction_modes=np.zeros((0, *gauge.shape)), gauge=gauge)
     inflation = (frames - 2) / (frames - 6 - 1)  # Hartlap et al. 2007, for 6 components
-    model = np.where((gauge != 0).any(axis=0), NUMERICAL**2, 0.0)  # mm2, of what moves
-    variances = (SD**2 * inflation + model + gauge**2)[..., (0, 2)]
+    variances = (SD**2 * inflation + gauge**2)[..., (0, 2)]
     assert w.noise_sd == pytest.approx(np.sqrt(np.mean(variances)), rel=1e-12)
 
 
@@ -202,3 +217,48 @@ def test_jitter_that_all_markers_share_is_not_shrunk_away() -> None:
         stated.append(mean @ shrunk(np.corrcoef(sample.T), 300, axis) @ mean)
     # The variance of one mean of 300 frames is known to 8 %, the mean of 20 to 2 %.
     np.testing.assert_allclose(np.mean(stated), mean @ truth @ mean, rtol=0.06)
+
+
+def test_the_determinant_is_that_of_the_stated_covariance(targets: Targets) -> None:
+    valid = targets.valid.copy()
+    valid[2, 1] = False
+    some, gauge = replace(targets, valid=valid), gauge_of(targets)
+    w = whitener(some, prediction_modes=np.zeros((0, *gauge.shape)), gauge=gauge)
+    s, m = w.valid.shape
+    # covariance of values (s m, s m) mm2 by definition: AR(1) within a block, white part, modes
+    lag = np.abs(np.subtract.outer(np.arange(s), np.arange(s)))
+    same = np.equal.outer(some.block, some.block)
+    dense = np.zeros((s, m, s, m))
+    for i in range(m):
+        for k in range(m):
+            # two components of equal rho, as here, are correlated by rho^|lag|
+            dense[:, i, :, k] = w.static[i, k] * np.where(same, w.rho[i] ** lag, 0.0)
+    dense = dense.reshape(s * m, s * m) + np.diag((w.sd**2 - np.diag(w.static)).ravel())
+    dense += w.modes.reshape(len(w.modes), -1).T @ w.modes.reshape(len(w.modes), -1)
+    seen = w.valid.ravel()
+    known = dense[np.ix_(seen, seen)]
+    assert w.log_det == pytest.approx(np.linalg.slogdet(known).logabsdet, abs=1e-8)
+    r = np.where(some.valid, np.random.default_rng(3).standard_normal(some.value.shape), np.nan)
+    y = w.pick(r).ravel()[seen]
+    assert (w.whiten(r) ** 2).sum() == pytest.approx(y @ np.linalg.solve(known, y), rel=1e-9)
+
+
+def test_a_bounded_amplitude_is_the_best_within_its_bound(targets: Targets) -> None:
+    gauge = gauge_of(targets)
+    w = whitener(targets, prediction_modes=np.zeros((0, *gauge.shape)), gauge=gauge)
+    residual = 8 * targets.modes[0] - 2 * targets.modes[1] + 3 * gauge
+    free, held = w.amplitudes(residual), w.amplitudes(residual, bound=3.0)
+    assert abs(free[0]) > 5
+    assert np.abs(held[: w.shared]).max() <= 3.0
+    G = w._innovations(w.modes).T
+    z = w._innovations(w.pick(residual))
+
+    def size(a: Array) -> float:
+        return float(((z - G @ a) ** 2).sum() + a @ a)
+
+    rng = np.random.default_rng(4)
+    for _ in range(50):
+        other = held + 0.1 * rng.standard_normal(len(held))
+        other[: w.shared] = np.clip(other[: w.shared], -3.0, 3.0)
+        assert size(other) > size(held)
+    np.testing.assert_array_equal(w.amplitudes(residual, bound=20.0), free)

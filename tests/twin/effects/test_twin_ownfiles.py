@@ -70,7 +70,7 @@ def test_workers_have_the_effects_of_a_file_as_they_were_read(tmp_path: Path) ->
 @pytest.mark.parametrize(
     ("text", "sentence"),
     [
-        ("x = 1\n", r"effects/fan\.py: no effect in it; wanted a class such as `class Tube\(Effect\):`"),
+        ("x = 1\n", r"effects/fan\.py: no effect in it; wanted a class such as `class Cable\(Effect\):`"),
         ("from twin.effects.protocol import Effect\n", r"effects/fan\.py: no effect in it"),
         (FAN.replace("null=0.0", "null=zero"), r"effects/fan\.py, line 16: NameError: name 'zero' is not defined"),
         (FAN + "def (:\n", r"effects/fan\.py, line 27: SyntaxError: invalid syntax"),

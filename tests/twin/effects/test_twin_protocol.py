@@ -68,14 +68,6 @@ def test_a_family_has_the_laws_that_it_says() -> None:
                 type(e)(3)
 
 
-def test_next_tests_name_effects_of_the_library() -> None:
-    known = {e.name for e in all_effects()}
-    for e in all_effects():
-        assert set(e.separations) <= known - {e.name}
-        # one place a pair: two sentences for one pair would depend on which effect won
-        assert not [name for name in e.separations for o in all_effects() if o.name == name and e.name in o.separations]
-
-
 def test_orders_come_as_they_act() -> None:
     assert [o.name for o in sorted(Order)] == [o.name for o in Order]
 

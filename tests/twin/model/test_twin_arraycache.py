@@ -12,13 +12,11 @@ import pytest
 
 from fe import Case
 from twin.effects.baselaw import NOMINAL, Constants
-from twin.effects.material import Elasticity
 from twin.model import discretisation, loadpaths
 from twin.model.arraycache import SOURCES, no_cache, rounded_up, sources_digest
 from twin.model.building import base_test
 from twin.model.discretisation import SolvedAt, discretisation_error, meshes_key
 from twin.model.loadpaths import load_paths, reach
-from twin.model.memo import KeptModel
 from twin.model.structure import BuiltIn, Structure, of_finger, weighed
 from twin.targets import Array, Targets
 
@@ -73,9 +71,8 @@ def finger(builtin: BuiltIn) -> Structure:
 
 def mesh_keys(structure: Structure, targets: Targets, at: SolvedAt) -> set[str]:
     """The keys of the finer meshes' responses."""
-    model = KeptModel(base_test(targets, structure.case), (Elasticity(),), targets.reference)
     asked = Asked((discretisation.SAMPLES, 2, 3))
-    discretisation_error(model, np.array([0.2, 0.1]), structure=structure, solved_at=at, cache=asked)
+    discretisation_error(base_test(targets, structure.case), structure=structure, solved_at=at, cache=asked)
     return asked.keys
 
 

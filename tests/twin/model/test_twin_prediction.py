@@ -6,11 +6,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from calibrate import Parameter
 from fe import Case
 from twin.effects.library import all_effects, effect
+from twin.effects.protocol import Effect, Test, Theta, Unsolvable
 from twin.model.building import base_model
 from twin.model.memo import KeptModel
-from twin.model.prediction import Unsolvable, respond
+from twin.model.prediction import respond
 from twin.targets import Array, Targets
 
 THETA = {
@@ -94,6 +96,51 @@ def test_signatures_are_secants_of_whole_predictions(base: KeptModel) -> None:
         secant = (ends[1] - ends[0]) / p.step
         # the secant is made of the derivatives at the base, so it is good to the step's square: 2 %
         np.testing.assert_allclose(rows[0], secant, rtol=0, atol=0.02 * np.abs(secant).max(), err_msg=e.name)
+
+
+class Closing(Effect):
+    """The walls close before a typical step, or at any."""
+
+    name, sentence = "closing", "the walls close"
+    parameters = (Parameter("closing.mm", -1.0, 1.0, "mm", null=0.0, typical=0.1),)
+
+    def __init__(self, room: float) -> None:
+        self.room = room
+
+    def before(self, test: Test, theta: Theta) -> Test:
+        if theta["closing.mm"] > self.room:
+            raise Unsolvable("the walls are closed")
+        return replace(test, case=test.case.with_material(C20=theta["closing.mm"]))
+
+
+def test_tangents_have_a_row_for_each_amplitude_at_each_entry_of_the_tries(base: KeptModel) -> None:
+    theta = base.theta({k: THETA[k] for k in ("C10", "C01")})
+    chosen = [effect("camera_scale"), effect("stiffening:2"), effect("creep")]
+    found = base.tangents(theta, chosen)
+    assert [len(found[e.label]) for e in chosen] == [1, 1, len(effect("creep").grid)]
+    assert [len(found[e.label][0]) for e in chosen] == [1, 2, 1]
+    h = 1e-3
+    for k, name in enumerate(("stiffening.C20", "stiffening.C30")):
+        model = base.with_effect(effect("stiffening:2"))
+        values = {**base.named(theta), "stiffening.C20": 0.0, "stiffening.C30": 0.0}
+        wanted = differences(model, values, name, step=h)
+        # a secant over a typical step, from derivatives at null: good to the step's square
+        np.testing.assert_allclose(found["stiffening:2"][0][k], wanted, rtol=0, atol=0.02 * np.abs(wanted).max())
+    seen = base.test.points + np.where(base.test.moving[:, None], base.predict(theta), 0.0)
+    seen = seen - seen[base.reference].mean(axis=0)  # mm per unit of scale: the positions, but for the reference
+    np.testing.assert_allclose(found["camera_scale"][0][0], seen, rtol=0, atol=1e-6)
+    # what only the picture shows is asked of no solve
+    assert len(found.notes) == 0
+
+
+def test_tangents_without_room_for_a_step_are_nothing_and_say_why(base: KeptModel) -> None:
+    theta = base.theta({k: THETA[k] for k in ("C10", "C01")})
+    (wanted,) = base.tangents(theta, [Closing(1.0)])["closing"]
+    for room, share in ((0.02, 1.0), (0.0, 0.0)):
+        found = replace(base).tangents(theta, [Closing(room)])  # one that knows no other of that label
+        assert found.notes == {"closing": "the walls are closed"}
+        size = np.abs(wanted).max()
+        np.testing.assert_allclose(found["closing"][0], share * wanted, rtol=0, atol=1e-6 * size)
 
 
 def test_pressure_slope_and_reference(base: KeptModel) -> None:

@@ -31,10 +31,19 @@ FACTS = {
             ],
         }
     ],
+    "evidence": {
+        "effect": "creep:2", "rms_before_mm": 0.2119, "rms_after_mm": 0.0529, "noise_sd_mm": 0.0501,
+        "chi2_before": 5123.0, "chi2_after": 403.0, "more_parameters": 2, "evidence": 4703.0,
+        "held_out": {"left_out": "cycle", "folds": 2, "before_sd": 3.14, "after_sd": 1.07},
+        "parameters": {"creep.g1": {"value": 0.0351, "low": None, "high": None, "unit": "", "plausible": "plausible (0.003 to 0.2)"}},
+        "class": [{"effect": "lag", "ceiling": 0.331}], "branches": ["hold", "all"],
+        "table": [{"marker": "tip<", "cells": [{"explained": 0.873, "before_mm": 0.3, "after_mm": 0.1}, None]}],
+    },
     "ranking": [
         {
             "effect": "creep",
             "delta_bic": 10043.0,
+            "evidence": 9876.0,
             "z": 101.25,
             "p_value": 0.0,
             "named": True,
@@ -69,9 +78,11 @@ FACTS = {
 WANTED = (
     *("batch-07", "The finger creeps.", "Four times the noise before.", "2026-11-21", "4.2 times the noise"),
     *("0.212 mm", "0.0531 mm", "0.0502 mm", "creep", "one term", "wrong law", "0.0341", "0.0331 to 0.0351"),
-    *("MPa/MPa", "10,043", "101", "&lt; 1e-99", "412", "20.1", "3.2e-80", "one orientation", "named"),
+    *("MPa/MPa", "10,043", "9,876", "evidence, 2 ln B", "101", "&lt; 1e-99", "412", "20.1", "3.2e-80", "one orientation", "named"),
     *("clamp or pressure_gain", "Film it upside down.", "C10 and C01 are one number.", "C10 + C01"),
     *("0.2971", "0.2962 to 0.2980", "Only the sum is known.", "0.142 px", "18 images", "reprojection RMS"),
+    *("What speaks for creep:2", "0.212", "0.0529", "5,123", "403", "2 more parameters", "4,703", "each cycle from the others"),
+    *("3.14", "1.07", "creep.g1 = 0.0351: plausible (0.003 to 0.2)", "lag (33.1 %)", "tip&lt;", ">87<", "hold"),
     *("Map", "in sd", "Finger", "Ridge", "no second camera", "sha256 3f9a12", "twin diagnose", "iVBORw0KGgo"),
 )
 VOID = {"meta", "img", "br", "link", "input", "hr"}

@@ -48,7 +48,9 @@ PLOTS: dict[str, Callable[[], str]] = {
         names=("4401 (tip)", "5848 (middle)"),
         labels=("base model", "with creep"),
     ),
-    "error_bars": lambda: plots.error_bars(0.2123, after_mm=0.0531, noise_mm=0.0502),
+    "waterfall": lambda: plots.falling(
+        [("nominal constants", 5.2), ("calibrated", 0.2123), ("+ creep", 0.0531)], noise_mm=0.0502
+    ),
 }
 WORDS = {
     "displacements": [
@@ -78,7 +80,7 @@ WORDS = {
         "base model",
         "with creep",
     ],
-    "error_bars": ["model before", "model after", "noise", "0.212 mm", "0.0531 mm", "0.0502 mm"],
+    "waterfall": ["nominal constants", "+ creep", "noise", "5.2 mm", "0.0531 mm", "0.0502 mm", "RMS error, logarithmic"],
 }
 
 
@@ -109,7 +111,7 @@ def test_plots_of_nothing_but_gaps_are_drawn() -> None:
     plots.displacements(TIME, measured=GAPS, names=MARKERS)
     plots.residual_map(TIME[:1], maps={"before": GAPS[:1]}, names=MARKERS)
     plots.landscape(np.ones((3, 2)), rms_mm=np.full(3, np.nan), names=("C10", "C01"))
-    assert "not known" in words(plots.error_bars(np.nan, after_mm=None, noise_mm=0.05))
+    assert "not known" in words(plots.falling([("calibrated", np.nan)], noise_mm=0.05))
 
 
 def bar_lengths(svg: str, colour: str) -> list[float]:
@@ -123,13 +125,17 @@ def bar_lengths(svg: str, colour: str) -> list[float]:
 
 
 def test_bars_are_as_long_as_the_errors() -> None:
-    svg = plots.error_bars(0.2, after_mm=0.1, noise_mm=0.05)
-    before, after, noise = (
-        bar_lengths(svg, colour)[0] for colour in (plots.BEFORE, plots.AFTER, plots.NOISE)
+    svg = plots.falling([("calibrated", 0.2), ("+ creep", 0.1)], noise_mm=0.05)
+    (kept, taken), (after,), (noise,) = (
+        bar_lengths(svg, colour) for colour in (plots.BEFORE, plots.AFTER, plots.NOISE)
     )
     # 1e-4: coordinates are written with six decimals
-    assert before / after == pytest.approx(2.0, rel=1e-4)
+    assert (kept + taken) / after == pytest.approx(2.0, rel=1e-4)
     assert after / noise == pytest.approx(2.0, rel=1e-4)
+    assert taken == pytest.approx(after, rel=1e-4)  # what the next model takes off
+    # an effect that makes it worse takes nothing off
+    svg = plots.falling([("calibrated", 0.1), ("- creep", 0.2)], noise_mm=0.05)
+    assert len(bar_lengths(svg, plots.BEFORE)) == len(bar_lengths(svg, plots.AFTER)) == 1
 
 
 def heights(svg: str, names: tuple[str, ...]) -> list[float]:

@@ -160,6 +160,7 @@ def test_layout_and_text_travel_in_the_file_and_ids_are_fresh(film: Path, tmp_pa
             fields=None,
             diagnosis_markdown="creep",
             comparison=[{"marker": "4401", "rms_mm": 0.21}],
+            pictures={"error": b"\x89PNG one", "evidence": b"\x89PNG two"},
         )
     readers = [RrdReader(str(path)) for path in paths]
     assert all(len(reader.blueprints()) == 1 for reader in readers)
@@ -168,6 +169,10 @@ def test_layout_and_text_travel_in_the_file_and_ids_are_fresh(film: Path, tmp_pa
     text = chunks[0].column("TextDocument:text").to_pylist()[0][0]
     assert text.startswith("creep\n\n| marker | rms_mm |")
     assert "| 4401 | 0.21 |" in text
+    for number, data in enumerate((b"\x89PNG one", b"\x89PNG two")):
+        chunks = [c.to_record_batch() for c in readers[0].stream().filter(content=f"/pictures/{number}")]
+        blob = next(c.column("EncodedImage:blob") for c in chunks if "EncodedImage:blob" in c.schema.names)
+        assert bytes(blob.to_pylist()[0][0]) == data
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a.rrd", "b.rrd"]
 
 

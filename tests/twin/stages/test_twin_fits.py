@@ -11,6 +11,7 @@ from twin.project import files, staleness
 from twin.project.folder import Project, dataset
 from twin.stages.adding import run_add
 from twin.stages.fits import fresh, named_effects, newest_fit, stale, stale_sentences
+from twin.stages.waterfall import in_words, stairs
 
 FIT = least_squares(
     lambda x: x - 0.2, lambda x: np.eye(1), (Parameter("C10", 0.1, 0.3, 0.01, "MPa", 0.2),), start=np.array([0.15])
@@ -107,6 +108,38 @@ def test_a_model_with_other_effects_than_twin_toml_is_not_shown(root: Path) -> N
     assert fresh(Project.open(root), ("add", "drop"), "fit.json") is None
 
 
+def compared(root: Path, kind: str, effects: list[str], rms: float, **beside: object) -> None:
+    """A run with a fit and its comparison."""
+    with Project.open(root).new_run(kind) as run:
+        run.write_json("fit.json", FIT.to_dict() | {"effects": effects} | beside)
+        found = {"rms_mm": rms, "raw_rms_mm": 2 * rms, "noise_sd_mm": 0.02, "adequate": rms < 0.021}
+        run.write_json("comparison.json", found)
+
+
+def test_the_error_falls_from_nominal_constants_over_every_effect(root: Path) -> None:
+    compared(root, "calibrate", [], 0.9)  # an older one: the newest counts
+    assert [row.done for row in stairs(Project.open(root))] == ["calibrated"]
+    compared(root, "calibrate", [], 0.3, initial={"rms_mm": 5.0, "raw_rms_mm": 6.0, "values": {}})
+    compared(root, "add", ["creep"], 0.1)
+    compared(root, "add", ["creep:2"], 0.09)
+    compared(root, "add", ["creep:2"], 0.08)  # again: the newest stands for both
+    compared(root, "add", ["creep:2", "clamp"], 0.02)
+    compared(root, "drop", ["clamp"], 0.2)
+    rows = stairs(Project.open(root))
+    assert [(row.done, row.rms_mm) for row in rows] == [
+        ("nominal constants", 5.0), ("calibrated", 0.3), ("+ creep", 0.1), ("+ creep:2", 0.08), ("+ clamp", 0.02),
+        ("- creep:2", 0.2),
+    ]  # fmt: skip
+    assert [row.adequate for row in rows] == [False, False, False, False, True, False]
+    assert rows[0].run == ""
+    assert rows[-1].run.endswith("-drop")
+    text = in_words(rows[:3])
+    assert text == "Error, mm rms: nominal constants 5.000 -> calibrated 0.300 -> + creep 0.100; the noise is 0.020."
+    assert in_words(rows[:1]) == ""
+    edit(root, "-58.0", "-57.0", "targets/targets.csv")  # all of them are of other targets now
+    assert stairs(Project.open(root)) == ()
+
+
 def test_new_and_lost_files_of_the_targets_count(root: Path) -> None:
     edit(root, 'effects = ["creep"]', "effects = []")
     (root / "targets" / "pressure.csv").write_text("block,time_s,pressure_MPa\n0,0,0\n0,1,0.03\n")
@@ -153,15 +186,14 @@ def test_settings_of_another_stage_and_an_older_fit_that_holds_do_not_matter(roo
     ]
 
 
-@pytest.mark.parametrize("named", [[], ["creep", "pressure_lag"]])
-def test_nothing_is_added_where_the_diagnosis_does_not_name_one_effect(root: Path, named: list[str]) -> None:
+def test_nothing_is_added_where_the_diagnosis_names_no_effect(root: Path) -> None:
     project, say = Project.open(root), Lines()
     with pytest.raises(ValueError, match="no diagnosis yet; run twin diagnose, or name the effect"):
         named_effects(project)
     with project.new_run("diagnose") as run:
-        run.write_json("diagnosis.json", {"named": named})
+        run.write_json("diagnosis.json", {"named": []})
     assert run_add(project, say)["status"] == "skipped"
-    assert say == [f"The diagnosis names {' or '.join(named) or 'no effect'}: nothing is added."]
+    assert say == ["The diagnosis names no effect: nothing is added."]
     edit(root, 'candidates = ["creep"]', 'candidates = ["clamp"]')
     with pytest.raises(ValueError, match=r"is stale: \[diagnose\] candidates of twin.toml has changed since; it is not"):
         named_effects(Project.open(root))

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from twin import virtual
+from fe import Path
 from twin.virtual import FILM_A, Bench, at_nodes, noisy_targets, path
 
 QUIET = Bench(film_hz=2.0, sd=1e-6, gauge_sd_MPa=0.0, ripple_MPa=0.0)
@@ -12,7 +12,7 @@ PLACES = np.array([[20.0, 11.5, 0.0], [50.0, 11.5, 0.0], [80.0, 11.5, 0.0]])
 POINTS = at_nodes(("a", "b", "c"), (1, 2, 3), PLACES)
 
 
-def bending(course: virtual.Path, *, sag: float) -> np.ndarray:
+def bending(course: Path, *, sag: float) -> np.ndarray:
     """Displacements (s, 3, 3) mm that grow with pressure, of a finger that sags before the test begins."""
     size = sag + course.at_output()[:, None] / 0.03
     u = np.zeros((len(course.output), 3, 3))

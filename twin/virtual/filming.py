@@ -112,6 +112,7 @@ def noisy_targets(
     """Targets as `twin measure` would give them for true displacements (s, p, 3) mm, with noise drawn from
     `seed`.
 
+    true may hold the fixed markers too, where the camera sees them move.
     slope (s, p, 3): dU/dp of the truth, mm per MPa. points (p,): the markers, each with its position; `fixed`
     markers that do not move are appended. Drawn: picture noise (AR(1), correlated between markers), gauge
     noise, a placement of every tag on its node, the scale, and the static film from which the noise model is
@@ -119,9 +120,9 @@ def noisy_targets(
     order the same, so that one set of solves serves every seed.
     """
     rng, s = np.random.default_rng(seed), len(true)
-    markers = (*points, *_fixed_markers(fixed))
+    markers = (*points, *fixed_markers(fixed))
     names = tuple(p.name for p in markers)
-    u, g = (np.concatenate([x, np.zeros((s, fixed, 3))], axis=1) for x in (true, slope))
+    u, g = (np.concatenate([x, np.zeros((s, len(markers) - x.shape[1], 3))], axis=1) for x in (true, slope))
     reference = np.flatnonzero(course.output <= REST_S)
     shared, shared_names = _shared_modes(u, points, bench, reference)
     u = u + np.tensordot(rng.standard_normal(len(shared)), shared, 1)
@@ -175,7 +176,8 @@ def at_nodes(
     return tuple(at_node(name, int(node), as_position(position)) for name, node, position in rows)
 
 
-def _fixed_markers(count: int) -> list[TargetPoint]:
+def fixed_markers(count: int) -> list[TargetPoint]:
+    """Markers on the rig, above the finger."""
     x = np.linspace(10.0, 100.0, count)
     return [TargetPoint(f"fixed{k}", PointKind.FIXED, None, (float(x[k]), 11.5, 32.0)) for k in range(count)]
 
@@ -203,6 +205,7 @@ def _noise(static: Array, names: tuple[str, ...], bench: Bench) -> Noise:
         correlation=found.correlation,
         frames=found.frames,
         codec_sd=found.codec_sd,
+        lasting=found.persistence.lasting,
         gauge_sd_MPa=bench.gauge_sd_MPa,
         gauge_frames=bench.static_frames * 5,
     )
@@ -214,9 +217,7 @@ def _shared_modes(
     """Scale and tag placement (k, s, p, 3) mm, 1 sd each, relative to the reference as the displacements are;
     a tag turns with the side face, whose slope its neighbours show."""
     modes, labels = [u * bench.scale_sd], ["scale"]
-    x = np.array([p.position for p in points])[:, 0]
-    gradient = np.gradient(u[:, : len(points)], x, axis=1)
-    angle = np.arctan2(gradient[..., 2], 1 + gradient[..., 0])
+    angle = _turned(u[:, : len(points)], np.array([p.position for p in points]))
     for k, name in enumerate(p.name for p in points):
         c, s = np.cos(angle[:, k]) - 1, np.sin(angle[:, k])
         for label, (x, z) in (("x", (c, s)), ("z", (-s, c))):
@@ -228,6 +229,17 @@ def _shared_modes(
     return shared - shared[:, reference].mean(axis=1, keepdims=True), tuple(labels)
 
 
+def _turned(u: Array, at: Array) -> Array:
+    """By how much (s, p) rad the side face has turned at points (p, 3) mm, from x towards z: as its lower
+    edge has, along which it is known at the clamp and at the lowest markers."""
+    low = np.flatnonzero(at[:, 2] < at[:, 2].min() + 1e-6)
+    low = low[np.argsort(at[low, 0])]
+    x = np.concatenate([[0.0], at[low, 0]])
+    gradient = np.gradient(np.concatenate([np.zeros((len(u), 1, 3)), u[:, low]], axis=1), x, axis=1)
+    angle = np.arctan2(gradient[..., 2], 1 + gradient[..., 0])
+    return np.array([np.interp(at[:, 0], x, row) for row in angle])
+
+
 def _reference_modes(
     noise: Noise, reference: NDArray[np.int64], steps: int, names: tuple[str, ...]
 ) -> tuple[Array, tuple[str, ...]]:
@@ -237,7 +249,8 @@ def _reference_modes(
         for axis in (0, 2):
             rho = noise.rho[k, axis]
             lags = np.arange(1, r)
-            inflation = 1 + 2 * ((1 - lags / r) * rho**lags).sum()  # variance of a mean of AR(1) values
+            # variance of a mean of white values and of AR(1) ones
+            inflation = 1 + 2 * noise.lasting * ((1 - lags / r) * rho**lags).sum()
             mode = np.zeros((steps, len(names), 3))
             mode[:, k, axis] = noise.sd[k, axis] * np.sqrt(inflation / r)
             modes.append(mode)

@@ -1,0 +1,46 @@
+"""What the camera makes of positions: exact rotations, and a pinhole that looks obliquely."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from twin.contract.specimen import motion, small_test
+from twin.effects.library import effect
+from twin.effects.optics import DISTANCE, turn
+from twin.effects.protocol import Test
+
+
+def spread_out() -> Test:
+    """The small test with markers apart in all directions, the last on the rig."""
+    points = np.array([[20.0, 11.5, 5.0], [100.0, -3.0, 40.0], [60.0, 20.0, -30.0]])
+    return replace(small_test(), points=points)
+
+
+def test_a_turned_picture_shows_turned_positions() -> None:
+    test, a = spread_out(), 0.1
+    u = motion(test)
+    seen = test.points + effect("camera_rotation").after(u, test, {"camera_rotation.angle": a})
+    x, y, z = np.moveaxis(test.points + u, -1, 0)
+    wanted = np.stack([x * np.cos(a) - z * np.sin(a), y, x * np.sin(a) + z * np.cos(a)], axis=-1)
+    np.testing.assert_allclose(seen, wanted, rtol=0, atol=1e-12)
+
+
+def test_an_oblique_picture_is_that_of_a_pinhole() -> None:
+    test, (aside, up) = spread_out(), (0.05, -0.03)
+    u, middle = motion(test), spread_out().points.mean(axis=0)
+    seen = effect("camera_tilt").after(u, test, {"camera_tilt.aside": aside, "camera_tilt.up": up})
+    for s, p in np.ndindex(u.shape[:2]):
+        q = test.points[p] + u[s, p] - middle
+        turned = turn(0, up) @ turn(2, aside) @ q
+        picture = turned[[0, 2]] / (DISTANCE + turned[1])  # a focal length of 1
+        back = picture * (DISTANCE + q[1])  # placed at the depth that the calibration believes
+        np.testing.assert_allclose((test.points[p] + seen[s, p] - middle)[[0, 2]], back, rtol=0, atol=1e-11)
+
+
+def test_what_does_not_move_is_seen_still() -> None:
+    test = spread_out()
+    u = motion(test) * test.moving[:, None]
+    for e in (effect(n) for n in ("camera_scale", "camera_rotation", "camera_tilt")):
+        seen = e.after(u, test, {p.name: p.step for p in e.parameters})
+        assert np.ptp(seen[:, ~test.moving], axis=0).max() == 0.0
+        assert np.ptp(seen[:, test.moving] - u[:, test.moving], axis=0).max() > 1e-4

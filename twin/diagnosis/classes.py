@@ -1,0 +1,71 @@
+"""Which effects can mimic each other in these data: classes of equivalence, before any verdict.
+
+Two effects whose signatures point the same way, the fitted parameters projected out, cannot be told apart
+however small the noise is. The ceiling of an effect is the largest share of its signature that another one
+mimics.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from twin.diagnosis.evidence import apart, ceiling, orthonormal
+from twin.diagnosis.judging import Judged
+from twin.diagnosis.rivals import Rival
+from twin.targets import Array
+
+ALIKE = 0.95  # of a signature that another effect mimics, from which on the two are of one class
+
+
+@dataclass(frozen=True, kw_only=True)
+class Mimics:
+    """Who mimics an effect: members, by the share (0 to 1) of its signature; ceiling, the largest share of
+    all."""
+
+    effect: str
+    members: Mapping[str, float]
+    ceiling: float
+
+    def to_dict(self) -> dict[str, Any]:
+        """One row of `classes` in diagnosis.json."""
+        return {"effect": self.effect, "members": dict(self.members), "ceiling": self.ceiling}
+
+
+def classes_of(rivals: Mapping[str, Sequence[Rival]]) -> tuple[Mimics, ...]:
+    """Who mimics each effect of the library among all rivals; effects that cannot be seen are left out."""
+    seen = {label: [r for r in rows if not r.note] for label, rows in rivals.items()}
+    seen = {label: rows for label, rows in seen.items() if rows}
+    bases = {label: [orthonormal(r.columns) for r in rows] for label, rows in seen.items()}
+    own = [label for label, rows in seen.items() if not getattr(rows[0].effect, "kind", "")]
+    return tuple(_mimics(label, seen, bases) for label in own)
+
+
+def _mimics(
+    label: str, seen: Mapping[str, Sequence[Rival]], bases: Mapping[str, Sequence[Array]]
+) -> Mimics:
+    columns = np.concatenate([r.columns for r in seen[label]], axis=1)
+    size = (columns**2).sum(axis=0)
+    columns, size = columns[:, size > 0], size[size > 0]
+    shares: dict[str, float] = {}
+    for other, rows in bases.items():
+        if other != label:
+            found = [((b.T @ columns) ** 2).sum(axis=0) / size for b in rows if b.shape[1]]
+            name = getattr(seen[other][0].effect, "kind", "") or other
+            shares[name] = max(shares.get(name, 0.0), min(1.0, float(np.max(found, initial=0.0))))
+    members = {k: v for k, v in sorted(shares.items(), key=lambda kv: -kv[1]) if v >= ALIKE}
+    return Mimics(effect=label, members=members, ceiling=max(shares.values(), default=0.0))
+
+
+def shares_of(
+    change: Array, judged: Judged, rivals: Mapping[str, Sequence[Rival]]
+) -> tuple[float, dict[str, float]]:
+    """The chi2 of a change of the prediction (s, p, 3) mm apart from the fitted parameters, and the share of
+    it that each rival mimics to first order."""
+    seen = apart(judged.whitener.whiten(change), orthonormal(judged.fitted))
+    shares = {
+        label: max((ceiling(seen, r.columns) for r in rows if not r.note), default=0.0)
+        for label, rows in rivals.items()
+    }
+    return float(seen @ seen), shares

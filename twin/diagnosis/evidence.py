@@ -1,0 +1,110 @@
+"""How strongly a whitened residual asks for a signature: attainable gain, evidence, and what mimics what.
+
+Linear algebra only. z (n,) is a whitened residual and every column (n,) a whitened signature, per one
+standard deviation of its parameter's prior, both apart from what was fitted (`apart`).
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import lsq_linear
+from scipy.special import log_ndtr
+
+from twin.targets import Array
+
+
+def orthonormal(fitted: Array) -> Array:
+    """An orthonormal basis (n, r) of what was fitted, (n, f)."""
+    if not fitted.shape[1]:
+        return fitted
+    lengths = np.linalg.norm(fitted, axis=0)
+    own = fitted[:, lengths > 0] / lengths[lengths > 0]
+    left, sizes, _ = np.linalg.svd(own, full_matrices=False)
+    return np.asarray(left[:, sizes > 1e-9 * sizes.max(initial=0.0)], float)
+
+
+def apart(columns: Array, basis: Array) -> Array:
+    """Columns (n, k), or one (n,), without their part along an orthonormal basis (n, r)."""
+    return np.asarray(columns - basis @ (basis.T @ columns), float)
+
+
+@dataclass(frozen=True, eq=False)
+class Gram:
+    """All that is asked of z (n,) and columns (n, k): S = columns' columns (k, k), b = columns' z (k,),
+    z'z."""
+
+    S: Array
+    b: Array
+    zz: float
+
+    @staticmethod
+    def of(z: Array, columns: Array) -> "Gram":
+        """Of a residual and columns, both apart from what was fitted."""
+        return Gram(columns.T @ columns, columns.T @ z, float(z @ z))
+
+    def only(self, rows: Array | list[int]) -> "Gram":
+        """Of some of the columns."""
+        rows = np.asarray(rows, int)
+        return Gram(self.S[np.ix_(rows, rows)], self.b[rows], self.zz)
+
+    def attained(self, low: Array, high: Array) -> tuple[Array, float]:
+        """The amplitudes (k,) between low and high that lower chi2 most, and by how much they do."""
+        sizes, turn = np.linalg.eigh(self.S)
+        keep = sizes > 1e-10 * max(float(sizes.max(initial=0.0)), 1e-300)
+        if not keep.any():
+            return np.zeros(len(self.b)), 0.0
+        root = np.sqrt(sizes[keep])[:, None] * turn[:, keep].T  # root' root = S, and root' right = b
+        right = (turn[:, keep].T @ self.b) / np.sqrt(sizes[keep])
+        inside = np.minimum(low, high - 1e-12), high
+        x = lsq_linear(root, right, bounds=inside, method="bvls" if len(self.b) > 1 else "trf").x
+        if len(self.b) == 1:
+            x = np.clip(self.b / self.S[0], low, high)
+        return np.asarray(x, float), max(float(2 * x @ self.b - x @ self.S @ x), 0.0)
+
+    def log_bayes(self, one_sided: NDArray[np.bool_]) -> float:
+        """2 ln B against no effect, amplitudes a priori standard normal, those one-sided (k,) half-normal:
+        b' (I + S)^-1 b - ln det(I + S), and for a half-normal one the part of its posterior above null
+        (one at a time)."""
+        if not len(self.b):
+            return 0.0
+        factor = np.linalg.cholesky(np.eye(len(self.b)) + self.S)
+        half = np.linalg.solve(factor, self.b)
+        mean = np.linalg.solve(factor.T, half)
+        sd = np.sqrt((np.linalg.inv(factor) ** 2).sum(axis=0))
+        above = np.log(2.0) + log_ndtr(np.clip(mean / sd, -30.0, None))
+        return float(half @ half - 2 * np.log(np.diag(factor)).sum() + 2 * above[one_sided].sum())
+
+
+def occam(amplitudes: Array, S: Array) -> float:
+    """What the evidence of a fitted effect loses against its fall of deviance: a' S (I + S)^-1 a + ln det(I +
+    S).
+
+    amplitudes (k,): fitted ones in prior sds from the prior's mean; S (k, k): information on them, in the
+    same unit, after all other fitted parameters (Laplace's approximation, as in Beck 2010, doi
+    10.1002/stc.424).
+    """
+    if not len(amplitudes):
+        return 0.0
+    inner = np.eye(len(S)) + S
+    return float(amplitudes @ S @ np.linalg.solve(inner, amplitudes) + np.linalg.slogdet(inner)[1])
+
+
+def ceiling(signature: Array, others: Array) -> float:
+    """The share (0 to 1) of a signature (n,) that combinations of other columns (n, k) mimic: cos2 of the
+    angle between them."""
+    whole = float(signature @ signature)
+    if whole <= 0 or not others.shape[1]:
+        return 0.0
+    basis = orthonormal(others)
+    return float(min(1.0, ((basis.T @ signature) ** 2).sum() / whole))
+
+
+def closest(one: Array, other: Array) -> float:
+    """cos2 of the smallest principal angle between two families of columns, (n, k) and (n, m)."""
+    if not one.shape[1] or not other.shape[1]:
+        return 0.0
+    a, b = orthonormal(one), orthonormal(other)
+    if not a.shape[1] or not b.shape[1]:
+        return 0.0
+    return float(min(1.0, np.linalg.svd(a.T @ b, compute_uv=False)[0] ** 2))

@@ -1,0 +1,145 @@
+"""A judged model and absent effects -> how each would show in its residual: whitened columns in prior sds.
+
+Effects of the library and generic stand-ins (an outside force, a soft spot ..) are rivals alike. What the
+fitted parameters can imitate is projected out of every column.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibrate import Parameter
+from twin.diagnosis.evidence import Gram, apart, orthonormal
+from twin.diagnosis.judging import Judged
+from twin.effects.protocol import Effect, Theta
+from twin.targets import Array
+
+INVISIBLE = 0.02  # of its own size is what a signature keeps apart from the fitted parameters
+SMALLEST = 1e-5  # mm: a signature below this, at its prior sd, is nothing
+UNSEEN = "cannot be seen apart from the fitted parameters with these data"
+NOTHING = "moves no marker in this test"
+AT_ONCE = 100  # entries whose signatures are whitened together
+WIDE = 5.0  # typical steps: the prior sd of a parameter without a plausible range
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Rival:
+    """One effect at one entry of its grid.
+
+    parameters (k,): its amplitudes, those with a null. columns (n, k): whitened, apart from what is fitted,
+    per prior sd; low, high (k,): bounds in prior sds from null. moved (f, k): what each does to the free
+    fitted parameters. note: why it cannot be seen; "" where it can.
+    """
+
+    effect: Effect
+    entry: Theta
+    parameters: tuple[Parameter, ...]
+    columns: Array
+    low: Array
+    high: Array
+    moved: Array
+    note: str = ""
+
+    @property
+    def one_sided(self) -> NDArray[np.bool_]:
+        """Which amplitudes (k,) cannot be below null."""
+        return self.low > -1e-9
+
+    @cached_property
+    def S(self) -> Array:
+        """The information (k, k) on the amplitudes."""
+        return self.columns.T @ self.columns
+
+    def gram(self, z: Array) -> Gram:
+        """What it does to a residual z (n,)."""
+        return Gram(self.S, self.columns.T @ z, float(z @ z))
+
+    def values(self, amplitudes: Array) -> dict[str, float]:
+        """Parameter values for amplitudes (k,) in prior sds, with the entry's."""
+        sizes = {
+            p.name: float(np.clip(null(p) + a * prior_sd(p), p.low, p.high))
+            for p, a in zip(self.parameters, amplitudes, strict=True)
+        }
+        return {**self.entry, **sizes}
+
+
+def null(parameter: Parameter) -> float:
+    """The value at which a parameter does nothing; 0 where it has none."""
+    return 0.0 if parameter.null is None else parameter.null
+
+
+def prior_sd(parameter: Parameter) -> float:
+    """The sd of a parameter's prior in its unit.
+
+    Of an amplitude half of its plausible range's larger side, so that the range holds about 95 %; without a
+    range WIDE typical steps. Of any other parameter that of an even spread over its range.
+    """
+    ends = parameter.plausible
+    if parameter.null is None:
+        low, high = ends or (parameter.low, parameter.high)
+        return (high - low) / np.sqrt(12)
+    if ends is None:
+        return WIDE * parameter.step
+    return max(abs(ends[0] - parameter.null), abs(ends[1] - parameter.null)) / 2
+
+
+def rivals_of(
+    judged: Judged, effects: Sequence[Effect], *, theta: Array | None = None
+) -> dict[str, list[Rival]]:
+    """The rivals of every effect by its label, one for each entry of its grid.
+
+    theta (d,): where the signatures are taken, by default at the judged fit.
+    """
+    at = judged.fit.theta if theta is None else theta
+    tangents = judged.model.tangents(at, effects)
+    basis = orthonormal(judged.fitted)
+    free = [name not in judged.at_bound for name in judged.values]
+    plain = judged.whitener.pick(judged.model.jacobian(at)[free])
+    known = orthonormal(np.nan_to_num(plain).reshape(len(plain), int(np.prod(plain.shape[1:]))).T)
+    tried = [
+        (effect, entry, fields * np.array([prior_sd(p) for p in effect.amplitudes])[:, None, None, None])
+        for effect in effects
+        for entry, fields in zip(effect.tries(judged.model.test), tangents[effect.label], strict=True)
+    ]
+    found: dict[str, list[Rival]] = {effect.label: [] for effect in effects}
+    for begin in range(0, len(tried), AT_ONCE):
+        some = tried[begin : begin + AT_ONCE]
+        whitened = judged.whitener.whiten(np.concatenate([scaled for *_, scaled in some]))
+        ends = np.cumsum([len(scaled) for *_, scaled in some])[:-1]
+        for (effect, entry, scaled), rows in zip(some, np.split(whitened, ends), strict=True):
+            found[effect.label].append(_rival(effect, entry, scaled, rows.T, judged, basis, known))
+    return found
+
+
+def _rival(
+    effect: Effect,
+    entry: Theta,
+    scaled: Array,
+    columns: Array,
+    judged: Judged,
+    basis: Array,
+    known: Array,
+) -> Rival:
+    own = effect.amplitudes
+    sd = np.array([prior_sd(p) for p in own])
+    seen = np.nan_to_num(judged.whitener.pick(scaled)).reshape(len(own), -1).T
+    size, left = np.abs(seen).max(initial=0.0), apart(seen, known)
+    note = ""
+    if size < SMALLEST:
+        note = NOTHING
+    elif np.linalg.norm(left) < INVISIBLE * np.linalg.norm(seen):
+        note = UNSEEN
+    offset = np.array([null(p) for p in own])
+    return Rival(
+        effect=effect,
+        entry=entry,
+        parameters=own,
+        columns=apart(columns, basis),
+        moved=np.asarray(-np.linalg.lstsq(judged.fitted, columns, rcond=1e-12)[0], float),
+        low=(np.array([p.low for p in own]) - offset) / sd,
+        high=(np.array([p.high for p in own]) - offset) / sd,
+        note=note,
+    )

@@ -1,0 +1,150 @@
+"""The smallest size of every absent effect that these data would have shown.
+
+What the fitted parameters take up of an effect is no evidence for it. The rest of its signature, S in
+whitened values per unit, gives a score of sd 1 and mean size |S|. A size is found with probability POWER
+where that mean lies above the threshold of the test by the normal quantile of POWER.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+from scipy.special import ndtri
+
+from calibrate import Parameter
+from twin.effects.protocol import Effect, Theta
+from twin.targets import Array
+
+ALPHA = 0.01  # of a false alarm over all effects and all their grids
+POWER = 0.9
+APART = 0.02  # of its own size must be left of a signature beside the fitted parameters
+
+
+@dataclass(frozen=True, kw_only=True)
+class Detectable:
+    """The size of an effect's first parameter that these data show with probability POWER.
+
+    size: at the least visible of the plausible grid entries, in `unit`; least: at the most visible one; both
+    None where no size would be seen, and the note says why. note: the size beside what is plausible.
+    """
+
+    effect: str
+    parameter: str
+    unit: str
+    size: float | None
+    least: float | None
+    note: str
+
+    def to_dict(self) -> dict[str, Any]:
+        """One row of `detectable` in diagnosis.json."""
+        return asdict(self)
+
+    @property
+    def words(self) -> str:
+        """The effect with its smallest size, in a few words."""
+        if self.size is None or self.least is None:
+            return f"{self.effect} ({self.note})"
+        size = f"{self.size:.2g}"
+        span = size if f"{self.least:.2g}" == size else f"{self.least:.2g} to {size}"
+        return f"{self.parameter} of {span} {self.unit}".rstrip()
+
+
+def smallest(
+    effect: Effect,
+    signatures: Array,
+    fitted: Array,
+    *,
+    effects: int,
+    entries: Sequence[Theta] = (),
+    alpha: float = ALPHA,
+    power: float = POWER,
+) -> Detectable:
+    """The smallest size of one effect that a test beside `effects` - 1 others finds.
+
+    signatures (k, n): whitened change per unit of its first parameter, a row for each grid entry. fitted
+    (n, f): whitened derivatives of the fitted parameters. entries (k,): the values of each grid entry; those
+    outside their plausible range are left out. One-sided where the null is the lower bound.
+    """
+    p, apart = effect.parameters[0], _apart(signatures, fitted)
+    possible = _plausible(effect, entries) or list(range(len(apart)))
+    visible = [float(apart[k]) for k in possible if apart[k] > 0.0]
+    if not visible:
+        return unseen(effect, "cannot be seen apart from the fitted parameters with these data")
+    threshold = quantile(alpha, effects=effects, entries=len(apart), one_sided=p.null == p.low)
+    needed = threshold + float(ndtri(power))
+    size, least = needed / min(visible), needed / max(visible)
+    room = max(p.high - _null(p), _null(p) - p.low)
+    if least > room:
+        return unseen(effect, f"no size up to its bound, {_with_unit(room, p)}, would show")
+    notes = [_beside_plausible(p, size)] if p.plausible is not None else []
+    if len(visible) < len(possible):
+        notes.append(f"not visible at {len(possible) - len(visible)} of {len(possible)} tries")
+    return Detectable(
+        effect=effect.name, parameter=p.name, unit=p.unit, size=size, least=least, note="; ".join(notes)
+    )
+
+
+def unseen(effect: Effect, why: str) -> Detectable:
+    """An effect of which these data show no size, and why."""
+    p = effect.parameters[0]
+    return Detectable(effect=effect.name, parameter=p.name, unit=p.unit, size=None, least=None, note=why)
+
+
+def quantile(alpha: float, *, effects: int, entries: int, one_sided: bool) -> float:
+    """The score that an effect must reach: alpha shared among effects (Bonferroni, the worst case of Holm)
+    and among the entries of its grid (Sidak)."""
+    own = -math.expm1(math.log1p(-alpha / effects) / entries)
+    return -float(ndtri(own if one_sided else own / 2))
+
+
+def in_words(rows: Sequence[Detectable]) -> str:
+    """Two sentences: what sizes would have been found, and which effects show at no size, with why."""
+    seen = [row.words for row in rows if row.size is not None]
+    blind: dict[str, list[str]] = {}
+    for row in rows:
+        if row.size is None:
+            blind.setdefault(row.note, []).append(row.effect)
+    out = [f"These sizes would have been found, nine times of ten: {', '.join(seen)}."] if seen else []
+    out += [f"Not testable here: {', '.join(names)} ({why})." for why, names in blind.items()]
+    return " ".join(out)
+
+
+def _apart(signatures: Array, fitted: Array) -> Array:
+    """Norms (k,) of signatures (k, n) beside the columns of `fitted` (n, f); 0 where too little is left."""
+    scale = np.linalg.norm(fitted, axis=0)
+    columns = fitted[:, scale > 0] / scale[scale > 0]
+    left = signatures.T - columns @ np.linalg.lstsq(columns, signatures.T, rcond=1e-12)[0]
+    size, whole = np.linalg.norm(left, axis=0), np.linalg.norm(signatures, axis=1)
+    return np.where(size > APART * whole, size, 0.0)
+
+
+def _plausible(effect: Effect, entries: Sequence[Theta]) -> list[int]:
+    """The numbers of the grid entries whose values lie in their parameters' plausible ranges."""
+    ranges = {p.name: p.plausible for p in effect.parameters if p.plausible is not None}
+    return [
+        k
+        for k, entry in enumerate(entries or ({},))
+        if all(ranges[name][0] <= x <= ranges[name][1] for name, x in entry.items() if name in ranges)
+    ]
+
+
+def _null(parameter: Parameter) -> float:
+    return 0.0 if parameter.null is None else parameter.null
+
+
+def _with_unit(size: float, parameter: Parameter) -> str:
+    return f"{size:.2g} {parameter.unit}".rstrip()
+
+
+def _beside_plausible(parameter: Parameter, size: float) -> str:
+    """What a smallest visible size says beside the declared plausible range, in words."""
+    assert parameter.plausible is not None
+    low, high = parameter.plausible
+    smaller, larger = sorted(abs(x - _null(parameter)) for x in parameter.plausible)
+    if size > larger:
+        return f"even the largest plausible size, {_with_unit(larger, parameter)}, may be missed"
+    if size <= (0.0 if low < _null(parameter) < high else smaller):
+        return "every plausible size would have been found"
+    return f"plausible are sizes up to {_with_unit(larger, parameter)}"

@@ -1,0 +1,155 @@
+"""Effects of what pulls the finger from outside: its supply line, a cable, a thread."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import ClassVar
+
+import numpy as np
+from scipy.interpolate import BSpline
+
+from calibrate import Parameter
+from fe import Case
+from fe.element import Integers
+from fe.mesh.mirror import middle_plane
+from twin.effects.protocol import Effect, Family, Order, Test, Theta, Wide
+from twin.targets import Array
+
+STATIONS = 13  # sections along the finger that carry a force between them
+DEGREE = 2  # of the splines that share it out: smooth in its place, and of the right moment
+SLICE = 0.25  # of the distance between two stations is how thick a section is
+# A supply line of silicone, 4 mm thick and hanging over 300 mm, weighs and pulls 0.05 to 0.3 N (judgement).
+PULL = (-0.3, 0.3)
+PER_MPA = (-5.0, 5.0)  # N/MPa: as much, at 0.06 MPa
+
+
+class Tube(Family):
+    """A force pulls the finger at one place: `up` and `along` it, N, there from the start and as large in
+    every shape. With two terms it also grows with the pressure, by N/MPa, as that of a line that it stiffens.
+
+    place: 0 at the clamp, 1 at the tip. The force is spread over a section of the finger, and by quadratic
+    splines over the sections next to it, which keeps force and moment (Schoenberg 1967); at 1 it is the end
+    face's. What is there at rest shows as far as the finger turns and stiffens: displacements are relative.
+    """
+
+    name, order = "tube", Order.SUPPORT
+    sentence = "the supply line, or something else outside, pulls the finger at one place"
+    added: ClassVar[Theta] = {"tube.up_per_MPa": 0.0, "tube.along_per_MPa": 0.0}
+
+    def law(self, terms: int) -> tuple[Parameter, ...]:
+        return (
+            Parameter("tube.up", -2.0, 2.0, "N", null=0.0, typical=0.02, plausible=PULL),
+            Parameter("tube.along", -2.0, 2.0, "N", null=0.0, typical=0.02, plausible=PULL),
+            Parameter("tube.place", 0.05, 1.0, "", typical=0.1),
+            Parameter("tube.up_per_MPa", -30.0, 30.0, "N/MPa", null=0.0, typical=0.5, plausible=PER_MPA),
+            Parameter("tube.along_per_MPa", -30.0, 30.0, "N/MPa", null=0.0, typical=0.5, plausible=PER_MPA),
+        )[: 3 if terms == 1 else 5]
+
+    def tried(self, terms: int) -> tuple[Theta, ...]:
+        return tuple({"tube.place": x} for x in (1.0, 0.8, 0.6, 0.4, 0.2))
+
+    def before(self, test: Test, theta: Theta) -> Test:
+        dead, growing = (
+            np.array([theta.get(f"tube.along{per}", 0.0), 0.0, theta.get(f"tube.up{per}", 0.0)])
+            for per in ("", "_per_MPa")
+        )
+        return pulled(test, {theta["tube.place"]: dead}, {theta["tube.place"]: growing}, self.name)
+
+    def wide(self) -> Effect:
+        return Tubes()
+
+
+class Tubes(Wide):
+    """Forces at three places along the finger, each constant and growing with the pressure."""
+
+    name, order, sentence = Tube.name, Tube.order, Tube.sentence
+    PLACES: ClassVar[tuple[float, ...]] = (0.4, 0.7, 1.0)
+    parameters = tuple(
+        Parameter(f"tube.{way}{per}{k}", -most, most, unit, null=0.0, typical=step, plausible=likely)
+        for per, most, unit, step, likely in (
+            ("", 2.0, "N", 0.02, PULL),
+            ("_per_MPa", 30.0, "N/MPa", 0.5, PER_MPA),
+        )
+        for k in range(1, 4)
+        for way in ("along", "up")
+    )
+
+    def before(self, test: Test, theta: Theta) -> Test:
+        dead, growing = (
+            {
+                place: np.array([theta[f"tube.along{per}{k}"], 0.0, theta[f"tube.up{per}{k}"]])
+                for k, place in enumerate(self.PLACES, start=1)
+            }
+            for per in ("", "_per_MPa")
+        )
+        return pulled(test, dead, growing, self.name)
+
+    def start(self, theta: Theta) -> Theta:
+        place = theta.get("tube.place", 1.0)
+        near = [float(np.interp(place, self.PLACES, unit)) for unit in np.eye(len(self.PLACES))]
+        own = {
+            f"tube.{way}{per}{k}": x * theta.get(f"tube.{way}{per}", 0.0)
+            for per in ("", "_per_MPa")
+            for k, x in enumerate(near, start=1)
+            for way in ("along", "up")
+        }
+        return {**self.rest(theta), **own}
+
+
+def pulled(test: Test, dead: Mapping[float, Array], growing: Mapping[float, Array], name: str) -> Test:
+    """The test with forces (3,) N, and forces that grow with the pressure, (3,) N/MPa, at places along it.
+
+    Forces are those on the whole structure; name: of the node sets that carry them.
+    """
+    case = test.case
+    forces: dict[str, Array] = {}
+    loads: dict[str, Array] = {}
+    sets: dict[str, Integers] = {}
+    rows = sections(case)
+    for kept, given in ((forces, dead), (loads, growing)):
+        total = np.zeros((STATIONS, 3))
+        for place, force in given.items():
+            total += shares(place)[:, None] * force
+        for k in np.flatnonzero(total.any(axis=1)):
+            sets[f"{name}_{k}"], kept[f"{name}_{k}"] = rows[k], test.share * total[k]
+    if not sets:
+        return test
+    return replace(
+        test,
+        case=replace(
+            case,
+            node_sets={**case.node_sets, **sets},
+            forces={**case.forces, **forces},
+            growing={**case.growing, **loads},
+        ),
+    )
+
+
+def sections(case: Case) -> list[Integers]:
+    """Rows of nodes in sections across x at STATIONS places from end to end, off the middle plane, so that a
+    half has half of them."""
+    x, off = case.nodes[:, 0], np.abs(case.nodes[:, 1] - middle_plane(case))
+    aside = np.flatnonzero(off > 1e-6 * np.ptp(case.nodes, axis=0).max())
+    places = x.min() + _stations() * np.ptp(x)
+    half = SLICE / 2 * np.ptp(x) / (STATIONS - 1)
+    out = []
+    for place in places:
+        gap = np.abs(x[aside] - place)
+        out.append(aside[gap <= max(half, gap.min() + 1e-6 * np.ptp(x))])
+    return out
+
+
+def _knots() -> Array:
+    inner = np.linspace(0.0, 1.0, STATIONS - DEGREE + 1)
+    return np.concatenate([np.zeros(DEGREE), inner, np.ones(DEGREE)])
+
+
+def _stations() -> Array:
+    """Places (STATIONS,) of the sections: with them the splines keep a force's moment."""
+    t = _knots()
+    return np.array([t[k + 1 : k + 1 + DEGREE].mean() for k in range(STATIONS)])
+
+
+def shares(place: float) -> Array:
+    """What each section carries (STATIONS,) of a force at a place from 0 to 1; just beyond, as the splines go
+    on."""
+    return np.asarray(BSpline(_knots(), np.eye(STATIONS), DEGREE)(place), float)

@@ -1,0 +1,123 @@
+"""Effects of the markers: where on the finger a tag sits."""
+
+import re
+from dataclasses import replace
+
+import numpy as np
+
+from calibrate import Parameter
+from fe.element import Integers
+from fe.mesh.mirror import middle_plane
+from twin.effects.protocol import Effect, Order, Slip, Test, Theta
+from twin.targets import Array
+
+TIMES = 20  # at which a slip is looked for, over all of a film
+CLOSER = 25  # and then between two of these
+SIDE = 0.8  # of half the finger's width from its middle plane: a marker further out sits on a side face
+# A tag of 5 mm that slipped by a tenth of its size is seen by eye (judgement); glue gives way by less.
+LIKELY = (-0.5, 0.5)  # mm
+
+
+class MarkerSlip(Effect):
+    """A tag slips on the finger, once: from a time on it sits `along` mm further to the tip, and `across` mm
+    across the finger (up on a side face, to +y elsewhere), as the finger lies undeformed.
+
+    What is seen moves with the finger's surface, s (e + du/de): turned and stretched with it. Marker and time
+    are looked for on a grid and then held: `marker_slip:p3@10s` has the two lengths alone. marker: its name,
+    time: in s on the film's clock, both or none.
+    """
+
+    name, order = "marker_slip", Order.SLIP
+    sentence = "a marker has slipped on the finger"
+
+    def __init__(self, marker: str = "", time: float = 0.0) -> None:
+        self.marker, self.time = marker, float(time)
+        own = tuple(
+            Parameter(f"marker_slip.{way}", -3.0, 3.0, "mm", null=0.0, typical=0.05, plausible=LIKELY)
+            for way in ("along", "across")
+        )
+        free = (
+            Parameter("marker_slip.marker", 0.0, 1e4, "", typical=1.0),
+            Parameter("marker_slip.time", -1e6, 1e6, "s", typical=1.0),
+        )
+        self.parameters = own if marker else (*own, *free)
+
+    @property
+    def label(self) -> str:
+        return f"{self.name}:{self.marker}@{self.time:.6g}s" if self.marker else self.name
+
+    def named(self, label: str) -> Effect | None:
+        found = re.fullmatch(rf"{self.name}:(.+)@([-+\d.e]+)s", label)
+        try:
+            return MarkerSlip(found[1], float(found[2])) if found else None
+        except ValueError:
+            return None
+
+    def tries(self, test: Test) -> tuple[Theta, ...]:
+        if self.marker:
+            return ({},)
+        return _grid(np.flatnonzero(test.moving), between(test.path.output, TIMES))
+
+    def closer(self, entry: Theta, test: Test) -> Effect:
+        """The same with the times between the neighbours of an entry of `tries`, at that entry's marker."""
+        return _Closer(entry)
+
+    def at(self, entry: Theta, test: Test) -> Effect:
+        if self.marker:
+            return self
+        marker = test.markers[round(entry["marker_slip.marker"])]
+        return MarkerSlip(marker, float(f"{entry['marker_slip.time']:.6g}"))
+
+    def before(self, test: Test, theta: Theta) -> Test:
+        row, time = self._which(test, theta)
+        slips = tuple(
+            Slip(row, time, theta[f"marker_slip.{way}"], axis)
+            for way, axis in zip(("along", "across"), _surface(test, row), strict=True)
+        )
+        return replace(test, slips=(*test.slips, *slips))
+
+    def _which(self, test: Test, theta: Theta) -> tuple[int, float]:
+        """The row of the marker among the test's points, and the time in s."""
+        if not self.marker:
+            row = round(theta["marker_slip.marker"])
+            return min(max(row, 0), len(test.points) - 1), theta["marker_slip.time"]
+        if self.marker not in test.markers:
+            known = ", ".join(n for n, m in zip(test.markers, test.moving, strict=True) if m)
+            raise ValueError(f"effect {self.label!r}: no marker {self.marker!r}; wanted one of {known}")
+        return test.markers.index(self.marker), self.time
+
+
+class _Closer(MarkerSlip):
+    """The slip of one marker, looked for at the times about one."""
+
+    def __init__(self, entry: Theta) -> None:
+        super().__init__()
+        self.entry = dict(entry)
+
+    def tries(self, test: Test) -> tuple[Theta, ...]:
+        coarse, here = between(test.path.output, TIMES), self.entry["marker_slip.time"]
+        near = int(np.abs(coarse - here).argmin())
+        low, high = coarse[max(near - 1, 0)], coarse[min(near + 1, len(coarse) - 1)]
+        inside = test.path.output[(test.path.output >= low) & (test.path.output <= high)]
+        return _grid(np.array([round(self.entry["marker_slip.marker"])]), between(inside, CLOSER))
+
+
+def between(output: Array, most: int) -> Array:
+    """At most so many times (k,) s, each half way from one output to the next, evenly among them."""
+    if len(output) < 2:
+        return np.asarray(output[:1], float)
+    half = (output[1:] + output[:-1]) / 2
+    return np.asarray(half[np.unique(np.linspace(0, len(half) - 1, most).round().astype(int))], float)
+
+
+def _grid(rows: Integers, times: Array) -> tuple[Theta, ...]:
+    return tuple(
+        {"marker_slip.marker": float(r), "marker_slip.time": float(f"{t:.6g}")} for t in times for r in rows
+    )
+
+
+def _surface(test: Test, row: int) -> tuple[Array, Array]:
+    """The directions along and across the finger in the surface that a marker sits on."""
+    y, middle = test.case.nodes[:, 1], middle_plane(test.case)
+    aside = abs(float(test.points[row, 1]) - middle) > SIDE * float(np.abs(y - middle).max())
+    return np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0]) if aside else np.array([0.0, 1.0, 0.0])

@@ -1,0 +1,63 @@
+"""Markers that slip on the structure: what that adds to the displacements of where they sat first."""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from fe.case import Case
+from fe.mesh.points import interpolation
+from twin.effects.protocol import Slip, Test
+from twin.targets import Array
+
+BESIDE = 0.1  # mm: how far from a marker its neighbour on the structure is taken
+
+
+Known = dict[tuple[int, bytes], Array]
+
+
+def slipped(
+    test: Test, at: Callable[[Array], Array], *, rigid: bool = True, known: Known | None = None
+) -> Array:
+    """What a test's slips add (.., s, p, 3) mm to displacements `at` of undeformed points (k, 3) mm, which
+    are (.., s, k, 3).
+
+    A tag that sits s further along e is seen s (e + du/de) further. rigid: False leaves out e itself, as
+    derivatives of the displacements want it. known: slopes du/de that were asked for before, by row and axis.
+    """
+    known = {} if known is None else known
+    out = np.zeros((len(test.path.output), len(test.points), 3))
+    for slip in test.slips:
+        key = slip.row, slip.axis.tobytes()
+        if key not in known:
+            known[key] = _slope(test, slip, at)
+        added = slip.size * _after(slip, test) * (known[key] + rigid * slip.axis)
+        if added.ndim > 2 and out.ndim == 3:  # derivatives to several parameters
+            out = np.zeros((len(added), *out.shape))
+        out[..., slip.row, :] += added
+    return out
+
+
+def _slope(test: Test, slip: Slip, at: Callable[[Array], Array]) -> Array:
+    """How displacements change (.., s, 3) along a slip's axis, per mm."""
+    pair = beside(test.case, test.points[slip.row], slip.axis)
+    u = at(pair)
+    along = float((pair[1] - pair[0]) @ slip.axis) or 1.0
+    return np.asarray((u[..., 1, :] - u[..., 0, :]) / along, float)
+
+
+def _after(slip: Slip, test: Test) -> Array:
+    """1 at the outputs (s, 1) after a slip, else 0."""
+    return np.asarray(test.path.output >= slip.time, float)[:, None]
+
+
+def beside(case: Case, point: Array, axis: Array) -> Array:
+    """A point and its neighbour (2, 3) mm along an axis, or against it where the structure ends; the point
+    twice where it ends both ways."""
+    for sign in (1, -1):
+        there = point + sign * BESIDE * axis
+        try:
+            interpolation(case, there[None])
+        except ValueError:
+            continue
+        return np.stack([point, there])
+    return np.stack([point, point])

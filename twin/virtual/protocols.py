@@ -1,0 +1,104 @@
+"""What is filmed in the virtual laboratory: protocols P1 to P5, each a part of the next.
+
+P1: the tip marker over one ramp. P2: five markers, the same ramp. P3: two cycles at two rates with holds.
+P4: P3 in three directions of gravity, of which the last is held out, the finger weighed. P5: P4 with three
+markers off the axis and four fixed ones. In P1 to P3 the finger has no weight, and none is stated.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from fe import Finger, Path
+from twin.gravity import G
+from twin.targets import Array
+
+TOP = 0.03  # MPa
+CORNERS = (  # (s, share of the top pressure) of one recording: a slow cycle with a hold, then a fast one
+    (0.0, 0.0), (2.0, 0.0), (10.0, 1.0), (19.0, 1.0), (27.0, 0.0), (33.0, 0.0), (34.2, 0.8), (41.0, 0.8),
+    (42.2, 0.0), (50.0, 0.0),
+)  # fmt: skip
+PERIOD = 60.0  # s from one recording to the next: the finger is turned while it rests
+WAYS = ((0.0, 0.0, -1.0), (0.0, 0.0, 1.0), (1.0, 0.0, 0.0))  # of gravity: upright, upside down, hanging
+RAMP = 10.0  # s, the end of the ramp of P1 and P2
+LOG_HZ = 5.0
+REST = (0.5, 1.0, 1.5)
+FIRST = (2.5, 3.0, 3.75, 4.5, 5.25, 6.0, 6.75, 7.5, 8.25, 9.0, 9.5, 10.0)
+LATER = (1.0, 3.0, 4.5, 6.0, 7.5, 9.0)
+AFTER = (11.0, 13.0, 15.5, 18.5, 21.0, 23.0, 25.0, 26.5, 28.5, 32.0, 33.6, 34.0, 35.0, 37.0, 40.5, 41.6, 43.5,
+         47.5)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Protocol:
+    """A protocol: its name, recordings, whether it ends with the ramp, and how many markers lie along the
+    lower edge, off the axis and on the rig."""
+
+    name: str
+    recordings: int
+    ramp: bool
+    along: int
+    off_axis: int
+    fixed: int
+
+    @property
+    def held_out(self) -> int | None:
+        """The recording that no fit sees: the last of several."""
+        return self.recordings - 1 if self.recordings > 1 else None
+
+    @property
+    def weighed(self) -> bool:
+        """Whether the finger has weight, which is known."""
+        return self.recordings > 1
+
+    @property
+    def steps(self) -> Array:
+        """Output times (s,) s."""
+        first = [t for t in (*REST, *FIRST, *AFTER) if not self.ramp or t <= RAMP]
+        rest = [PERIOD * k + t for k in range(1, self.recordings) for t in (*LATER, *AFTER)]
+        return np.array([*first, *rest])
+
+    @property
+    def block(self) -> np.ndarray:
+        """The recording (s,) of each step."""
+        return (self.steps // PERIOD).astype(np.int64)
+
+    @property
+    def ways(self) -> Array:
+        """The direction of gravity (b, 3) of each recording."""
+        return np.array(WAYS[: self.recordings])
+
+    @property
+    def course(self) -> Path:
+        """The true pressure and gravity over time, with the steps as output times."""
+        end = RAMP + 0.5 if self.ramp else PERIOD * (self.recordings - 1) + CORNERS[-1][0]
+        time = np.round(np.arange(0.0, end + 0.5 / LOG_HZ, 1 / LOG_HZ), 6)
+        corner, share = np.array(CORNERS).T
+        pressure = TOP * np.interp(time % PERIOD, corner, share)
+        turned = 0.5 * (PERIOD - AFTER[-1] - LATER[0])  # half way between the last step and the next
+        way = np.minimum(((time + turned) // PERIOD).astype(int), self.recordings - 1)
+        return Path(time, pressure, self.steps, gravity=self.weighed * G * self.ways[way])
+
+
+PROTOCOLS = {
+    p.name: p
+    for p in (
+        Protocol("P1", 1, True, 1, 0, 0),
+        Protocol("P2", 1, True, 5, 0, 0),
+        Protocol("P3", 1, False, 5, 0, 0),
+        Protocol("P4", 3, False, 5, 0, 0),
+        Protocol("P5", 3, False, 5, 3, 4),
+    )
+}
+
+
+def places(finger: Finger) -> dict[str, tuple[float, float, float]]:
+    """Where markers may be glued on a finger, mm: along the flat lower edge of the side face (the tip last),
+    and, named off1 .., above it on the crests of the side face."""
+    y = finger.width / 2
+    start, pitch = finger.base_cap, (finger.length - finger.base_cap - finger.tip_cap) / finger.bellows
+    edge = np.linspace(0.3, 0.9, 6) * finger.length
+    crests = start + pitch * (np.unique(np.linspace(0, finger.bellows - 1, 3).round()) + 0.5)
+    found = {f"p{k + 1}": (float(x), y, 0.0) for k, x in enumerate(edge)} | {"tip": (finger.length, y, 0.0)}
+    found |= {f"off{k + 1}": (float(x), y, 12.0) for k, x in enumerate(crests)}
+    return found | {"off4": (float(crests[len(crests) // 2]), y, 16.0)}

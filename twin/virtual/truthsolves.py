@@ -1,0 +1,145 @@
+"""Finite-element solves of a truth: curves over pressure in each direction of gravity, and whole courses.
+
+The truth's elements are 20-node hexahedra (Abaqus C3D20H) of a lattice of its own. What an effect changes is
+solved on the lattice `CHANGE`; the bare finger once more on the finer `BARE`, so that the truth as a whole is
+free of its mesh's error to a few micrometres.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from fe import Case, Finger, Lattice, Material, Path, Variation, finger_case, solve
+from fe.mesh.convert import converted
+from fe.mesh.mirror import mirrored
+from fe.mesh.points import nearest
+from twin.effects.protocol import Test
+from twin.gravity import G
+from twin.targets import Array
+from twin.virtual.hidden import Kind
+from twin.virtual.protocols import TOP, WAYS
+
+DENSITY = 1.07e-9  # tonne/mm3
+SILICONE = Material(0.214, 0.083, density=DENSITY)
+CHANGE = Lattice(per_bellow=8, wall=2, fillet=1, across=2, up=2)
+BARE = Lattice(per_bellow=12, wall=3, fillet=2, across=3, up=3)
+ELEMENT = "C3D20H"
+LEVELS: Array = np.concatenate([[-0.06], np.linspace(0.0, 1.0, 17) ** 1.3 * 1.15]) * TOP  # MPa, of the curves
+COUNT = 8  # levels that are solved
+
+
+def truth_case(finger: Finger, lattice: Lattice, *, element: str = ELEMENT, whole: bool = False) -> Case:
+    """The bare finger in the truth's elements."""
+    case = converted(finger_case(SILICONE, finger=finger, lattice=lattice), element)
+    return mirrored(case) if whole else case
+
+
+def truth_test(case: Case, course: Path, points: Array) -> Test:
+    """The test of a truth, its points (p, 3) mm on the truth's own surface."""
+    on = np.array([nearest(case, x) for x in points])
+    return Test(case, course, on, np.ones(len(points), bool))
+
+
+def curves(test: Test, *, ways: Array | None = None) -> Array:
+    """Displacements (w, k, p, 3) mm of a test's points at LEVELS in each direction of gravity (w, 3), without
+    history. RuntimeError where there is no equilibrium."""
+    out = []
+    for way in np.array(WAYS) if ways is None else ways:
+        found = solve(test.case, Path(LEVELS, LEVELS, LEVELS, gravity=G * way), count=COUNT)
+        if not found.converged:
+            raise RuntimeError(f"the truth {found.reason}")
+        out.append(found.at(test.points))
+    return np.array(out)
+
+
+def history(test: Test) -> Array:
+    """Displacements (s, p, 3) mm of a test's points along its whole course."""
+    found = solve(test.case, test.path, count=COUNT)
+    if not found.converged:
+        raise RuntimeError(f"the truth {found.reason}")
+    return found.at(test.points)
+
+
+def slopes(kinds: Sequence[Kind], test: Test) -> Array:
+    """Derivatives (v, w, k, p, 3) mm per unit of size of the curves, where nothing is hidden."""
+    out = []
+    for way in np.array(WAYS):
+        course = Path(LEVELS, LEVELS, LEVELS, gravity=G * way)
+        variations = []
+        for kind in kinds:
+            h = 1e-3 * kind.range[1]
+            a, b = (kind.before(replace(test, path=course), s * h) for s in (1, -1))
+            variations.append(Variation((a.case, a.path), (b.case, b.path), h))
+        out.append(solve(test.case, course, count=COUNT, variations=variations).variations_at(test.points))
+    return np.moveaxis(np.array(out), 0, 1)
+
+
+def solved(kind: Kind, test: Test, size: float) -> Array:
+    """What has to be solved of a kind at a size: its curves or its course."""
+    changed = kind.before(test, size)
+    if kind.part == "history":
+        return history(changed)
+    return curves(replace(changed, path=test.path))
+
+
+# -- one truth, solved as a whole ----------------------------------------------------------------------------
+
+
+def displaced(
+    case: Case, course: Path, points: Array, hidden: tuple[tuple[Kind, float], ...]
+) -> tuple[Array, Array]:
+    """True displacements (s, p, 3) mm of a truth's points along a course with all that is hidden, the
+    unloaded finger being 0, and their slopes dU/dp (s, p, 3) mm per MPa. RuntimeError where there is no
+    equilibrium."""
+    if any(kind.whole for kind, _ in hidden):
+        case = mirrored(case)
+    plain = truth_test(case, course, points)
+    u, slope, test = _respond(plain, hidden)
+    varying = [(kind, size) for kind, size in hidden if kind.along is not None]
+    if varying:
+        rest = tuple((k, s) for k, s in hidden if k.along is None)
+        still, _, _ = _respond(plain, rest)
+        factor = np.prod([k.along(course.at_output() / TOP) for k, _ in varying if k.along], axis=0)
+        u = still + factor[:, None, None] * (u - still)
+    for kind, size in hidden:
+        u = kind.after(u, test, size)
+    return u, slope
+
+
+def _respond(test: Test, hidden: tuple[tuple[Kind, float], ...]) -> tuple[Array, Array, Test]:
+    for kind, size in hidden:
+        test = kind.before(test, size)
+    found = solve(test.case, test.path, count=COUNT)
+    if not found.converged:
+        raise RuntimeError(f"the truth {found.reason}; hide less of it")
+    return found.at(test.points), found.per_pressure(test.points), test
+
+
+def tangents(case: Case, course: Path, points: Array, kind: Kind) -> Array:
+    """Derivatives (3, s, p, 3) mm of a truth's displacements by C10, C01 (mm per MPa) and the size of what is
+    hidden (mm per unit), where nothing is."""
+    case = mirrored(case) if kind.whole else case
+    test, h = truth_test(case, course, points), 1e-3 * kind.range[1]
+    plus, minus = (kind.before(test, s * h) for s in (1, -1))
+    if kind.part == "history":  # a softening or a relaxation below 0 means nothing
+        plus, minus = kind.before(test, 0.02 * kind.range[1]), test
+        h = 0.01 * kind.range[1]
+    variations = [
+        *(_constant(test, name, 1e-4) for name in ("C10", "C01")),
+        Variation((plus.case, plus.path), (minus.case, minus.path), h),
+    ]
+    found = solve(test.case, test.path, count=COUNT, variations=variations)
+    if not found.converged:
+        raise RuntimeError(f"the truth {found.reason}")
+    rows = found.variations_at(test.points)
+    if kind.part == "picture":
+        u = found.at(test.points)
+        rows[2] = (kind.after(u, test, h) - kind.after(u, test, -h)) / (2 * h)
+    return rows
+
+
+def _constant(test: Test, name: str, h: float) -> Variation:
+    old = getattr(SILICONE, name)
+    a, b = (test.case.with_material(**{name: old + s * h}) for s in (1, -1))
+    return Variation((a, test.path), (b, test.path), h)
