@@ -287,7 +287,7 @@ def _sizes(folder: Path) -> bool:
 
 def creep_alone(said: Diagnosis) -> bool:
     """Whether creep, and nothing else, is named, for an error that is plain."""
-    before = said.base
+    before = said.before
     return said.named == ("creep",) and before is not None and before.rms_mm >= 3.0 * before.noise_sd_mm
 
 

@@ -144,7 +144,8 @@ def effects(demo: Path) -> None:
 
 def _with(model: Model, effect: Effect, base: dict[str, float]) -> Array:
     """Displacements (s, p, 3) mm with an effect; other parameters come from its grid, or are null."""
-    tried = effect.grid[0 if effect.name in FIRST_OF_GRID else len(effect.grid) // 2] if effect.grid else {}
+    grid = effect.tries(model.test)
+    tried = grid[0 if effect.name in FIRST_OF_GRID else len(grid) // 2]
     null = {p.name: p.null for p in effect.parameters if p.null is not None}
     having = model.with_effect(effect)
     return having.predict(having.theta({**base, **null, **tried, effect.parameters[0].name: size_of(effect)}))

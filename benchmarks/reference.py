@@ -134,12 +134,13 @@ def _section(effect: Effect) -> str:
     about = [_sentence(effect.sentence)]
     about += ["Tried by default."] * (name in DiagnoseTable().candidates)
     about += [f"Laws: {', '.join(f'`{law.label}`' for law in laws)}."] * (len(laws) > 1)
+    wide = effect.wide()
+    about += [f"Widest family: `{wide.label}`."] if wide else []
     about += [_sentence(MEANING[need][1]) for need in effect.requires]
-    tests = [f"- Told from `{other}` by this test: {test}." for other, test in effect.separations.items()]
-    table = ["| parameter | unit | bounds | without the effect |", "|---|---|---|---|"]
+    table = ["| parameter | unit | bounds | plausible | without the effect |", "|---|---|---|---|---|"]
     rows = [_parameter(p) for p in laws[-1].parameters]
     picture = f"![What {name} does to the displacements](pictures/effects/{name}.png)"
-    lines = [f"### {name}", " ".join(about), *tests, "", *table, *rows, "", picture]
+    lines = [f"### {name}", " ".join(about), "", *table, *rows, "", picture]
     return "\n".join(lines) + "\n"
 
 
@@ -149,7 +150,8 @@ def _sentence(text: str) -> str:
 
 def _parameter(p: Parameter) -> str:
     null = "not defined" if p.null is None else f"{p.null:g}"
-    return f"| `{p.name}` | {p.unit or '-'} | {p.low:g} to {p.high:g} | {null} |"
+    likely = f"{p.plausible[0]:g} to {p.plausible[1]:g}" if p.plausible else "-"
+    return f"| `{p.name}` | {p.unit or '-'} | {p.low:g} to {p.high:g} | {likely} | {null} |"
 
 
 # -- nodes -------------------------------------------------------------------------------------------------

@@ -17,14 +17,14 @@ import numpy as np
 from fe import Case, Finger, Lattice
 from fe.case import digest
 from twin import virtual
-from twin.diagnosis.fitting import fit_model, measured_remainder, whitener_of
+from twin.diagnosis.fitting import fit_model, whitener_of
 from twin.diagnosis.procedure import diagnose
 from twin.diagnosis.verdicts import Diagnosis
 from twin.effects.baselaw import Constants
 from twin.effects.library import effect
 from twin.effects.protocol import Effect
 from twin.model.building import base_model
-from twin.model.discretisation import Discretisation, SolvedAt, discretisation_error
+from twin.model.discretisation import SolvedAt, discretisation_error
 from twin.model.prediction import Model
 from twin.model.structure import base_case, of_finger
 from twin.parallel import WORKERS, finished
@@ -103,37 +103,37 @@ class Laboratory:
         )  # fmt: skip
 
 
-def prepared(case: Case, targets: Targets) -> tuple[Model, Array, Discretisation]:
-    """The base model, its parameters (2,) fitted without modes of its mesh, and these modes."""
+def prepared(case: Case, targets: Targets) -> tuple[Model, Array]:
+    """The base model with the error of its mesh, and its fitted parameters (2,)."""
     model = base_model(targets, case)
-    start = fit_model(model, targets, whitener_of(model, NOMINAL, targets, None), start=NOMINAL).theta
 
     def keep(stage: str, tasks: Mapping[str, Callable[[], Array]]) -> dict[str, Array]:
         one = {key: lambda make=make: {"array": make()} for key, make in tasks.items()}
         return {key: kept("mesh", key, one[key])["array"] for key in tasks}
 
     at = SolvedAt.beside(Constants(*map(float, NOMINAL)), float(targets.log_pressure.max()))
-    raw = discretisation_error(
-        model, start, structure=of_finger(Finger(), Lattice()), solved_at=at, cache=keep
+    model = model.on_mesh(
+        discretisation_error(
+            model.test, structure=of_finger(Finger(), Lattice()), solved_at=at, cache=keep
+        )
     )
-    return model, start, measured_remainder(model, start, targets, raw)
+    return model, fit_model(model, targets, whitener_of(model, NOMINAL, targets), start=NOMINAL).theta
 
 
 def verdicts(
     laboratory: Laboratory,
-    prefit: tuple[Model, Array, Discretisation],
+    prefit: tuple[Model, Array],
     effects: Sequence[Effect],
     seeds: Sequence[int],
 ) -> list[Diagnosis]:
     """The diagnoses of these draws, a printed line for each."""
-    case, found, (model, start, mesh) = base_case(lattice=Lattice()), [], prefit
+    case, found, (model, start) = base_case(lattice=Lattice()), [], prefit
     for seed in seeds:
         began = time.perf_counter()
-        said = diagnose(model, effects, laboratory.targets(case, seed), seed=0, start=start, mesh=mesh)
+        said = diagnose(model, effects, laboratory.targets(case, seed), seed=0, start=start)
         found.append(said)
         print(f"{seed:5d} {_numbers(said)} {time.perf_counter() - began:10.0f} "
-              f"{np.nan if said.explained is None else said.explained:10.2f}  {said.verdict} "
-              f"({said.law or '-'})", flush=True)  # fmt: skip
+              f"  {said.verdict} ({said.law or '-'})", flush=True)  # fmt: skip
     return found
 
 
@@ -156,7 +156,7 @@ def report(
     print(f"{title}: {count} draws", flush=True)
     case = base_case(lattice=Lattice())
     prefit = prepared(case, laboratory.targets(case, 0))
-    print(f"{'seed':>5s} {'before':>7s} {'after':>7s} {'noise':>7s}  mm rms   s  explained  verdict (law)")
+    print(f"{'seed':>5s} {'before':>7s} {'after':>7s} {'noise':>7s}  mm rms   s  verdict (law)")
     shares = [range(k, count, WORKERS) for k in range(min(WORKERS, count))]
     tasks = [partial(verdicts, laboratory, prefit, effects, seeds) for seeds in shares]
     found = [said for _, some in finished(tasks, workers=WORKERS) for said in some]
