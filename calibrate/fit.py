@@ -20,7 +20,9 @@ Residual = Callable[[Array], Array | None]
 Jacobian = Callable[[Array], Array]
 
 GAIN = 10.0  # of tolerance^2, by which the best step would lower chi2 at most where a fit has converged
-FLOOR = 1e-5  # of chi2, that a solver's derivatives, good to about as much, can promise in vain
+FLOOR = 1e-3  # of chi2, that derivatives may promise in vain: where nuisance modes take up most of a
+# parameter, a solver's error of 3e-5 is several per cent of what is left of its column
+GROWTH = 30.0  # of the damping after a step that fails: less hardly shortens it where columns trade off
 CONDITION = 1e12  # of the scaled J'J: a direction beyond it is not determined
 DAMPING = 1e-3, 1e-12, 1e10  # first, least, largest; relative to unit columns
 ACCEPT = 0.05  # share of the predicted fall that makes a step good enough to take
@@ -86,7 +88,8 @@ def least_squares(
     max_evaluations residuals. renew: whether the Jacobian is asked for after every step, as where it comes
     with the residual; else only where the one of an earlier step no longer predicts. seed: the one that drew
     the starts, kept in the Fit. It has converged where the best step is shorter than `tolerance` sd in every
-    direction and would lower chi2 by less than 10 tolerance^2, or by less than 1e-5 of it and does not.
+    direction and would lower chi2 by less than 10 tolerance^2, or by less than 1e-3 of it and, shortened too,
+    does not.
     Raises ValueError for a start outside the bounds; what does not converge is a Fit with its reason.
     """
     parameters = tuple(parameters)
@@ -141,7 +144,7 @@ class _Descent:
     ) -> None:
         self.model, self.theta, self.r, self.low, self.high, self.last = model, theta, r, low, high, last
         self.tolerance, self.renew = tolerance, renew
-        self.damping, self.growth = DAMPING[0], 2.0
+        self.damping, self.growth = DAMPING[0], GROWTH
         self._renew()
 
     def run(self) -> _End:
@@ -152,7 +155,7 @@ class _Descent:
             self._advance()
 
     def _renew(self) -> None:
-        self.jac, self.fresh, self.rejected = self.model.jacobian(self.theta), True, False
+        self.jac, self.fresh, self.rejected = self.model.jacobian(self.theta), True, 0
 
     def _step(self, damping: float) -> _Step:
         return _step(self.jac, self.r, self.low - self.theta, self.high - self.theta, damping)
@@ -162,9 +165,10 @@ class _Descent:
         if not np.all(np.isfinite(self.jac)):
             return self._end(False, "the derivatives have values that are not finite")
         best = self._step(DAMPING[1])
-        # A rejected step this small is the numerical floor of the misfit, which is high where chi2 is large.
+        # Rejected steps this small are the numerical floor of the misfit, which is high where chi2 is large.
         least = GAIN * self.tolerance**2
-        floor = self.rejected and best.gain < max(least, FLOOR * float(self.r @ self.r))
+        vain = FLOOR * float(self.r @ self.r)
+        floor = (self.rejected and best.gain < least) or (self.rejected > 1 and best.gain < vain)
         small = floor or (best.gain < least and best.length < self.tolerance)
         if small and not self.fresh:
             self._renew()
@@ -190,20 +194,20 @@ class _Descent:
         quality = 0.0 if new is None or step.gain <= 0 else float(self.r @ self.r - new @ new) / step.gain
         if new is not None and quality > ACCEPT:
             self.jac, self.fresh = _broyden(self.jac, trial - self.theta, new - self.r), False
-            self.theta, self.r, self.rejected = trial, new, False
+            self.theta, self.r, self.rejected = trial, new, 0
             self._damp(max(1 - (2 * quality - 1) ** 3, 0.1))
             if self.renew or not 0.5 < quality < 2.0:
                 self._renew()
             return
         self._damp(self.growth)
         self.growth *= 2
-        self.rejected = True
+        self.rejected += 1
         if new is not None and not self.fresh:
             self._renew()
 
     def _damp(self, factor: float) -> None:
         """H. B. Nielsen, Damping parameter in Marquardt's method, IMM-REP-1999-05."""
-        self.growth = self.growth if factor > 1 else 2.0
+        self.growth = self.growth if factor > 1 else GROWTH
         self.damping = max(self.damping * factor, DAMPING[1])
 
 

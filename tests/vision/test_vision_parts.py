@@ -11,7 +11,7 @@ from scipy.ndimage import gaussian_filter
 
 from vision import Mark
 from vision.drawing import synthetic
-from vision.errors.noise import CREEP, FAST, REST, hidden_in_static, states, static_noise
+from vision.errors.noise import CREEP, FAST, PASSING, REST, SHAKEN, hidden_in_static, states, static_noise
 from vision.kinds.coded import CodedMarker
 from vision.kinds.facepoint import FacePoint
 from vision.kinds.plaindot import PlainDot
@@ -129,10 +129,31 @@ def test_what_a_patch_does() -> None:
         [np.zeros(20), 5.0 * np.arange(1, 11), 50 + 0.01 * np.arange(1, 31), np.full(25, 50.3)]
     )
     state = states(np.stack([x, 0 * x], axis=-1)[:, None])[:, 0]
-    assert set(state[:20]) == {REST}
+    assert set(state[10:14]) == set(state[62:]) == {REST}
+    assert set(state[:10]) == {SHAKEN}  # coding still refines the film's first picture
     assert set(state[20:30]) == {FAST}
     assert set(state[42:55]) == {CREEP}  # 0.01 px a frame, yet it goes on
-    assert set(state[62:]) == {REST}
+
+
+def test_what_a_regulator_shakes_does_not_rest() -> None:
+    x = np.concatenate([np.zeros(30), 0.05 * (np.arange(60) // 4 % 2), np.full(30, 0.05)])
+    state = states(np.stack([x, 0 * x], axis=-1)[:, None])[:, 0]
+    assert set(state[10:20]) == set(state[100:]) == {REST}
+    assert set(state[30:90]) == {SHAKEN}
+
+
+def test_a_patch_that_goes_slowly_to_another_place_passes() -> None:
+    x = np.concatenate([np.zeros(30), 0.25 * np.arange(1, 21), np.full(30, 5.0)])
+    state = states(np.stack([x, 0 * x], axis=-1)[:, None])[:, 0]
+    assert set(state[10:20]) == set(state[60:]) == {REST}
+    assert set(state[33:47]) == {PASSING}
+
+
+def test_a_drift_goes_on_to_the_film_s_end_and_what_never_moves_rests() -> None:
+    x = np.stack([0.01 * np.arange(60), np.zeros(60)], axis=1)
+    state = states(np.stack([x, 0 * x], axis=-1))
+    assert set(state[10:, 0]) == {CREEP}
+    assert set(state[:, 1]) == {REST}
 
 
 def test_a_mark_tells_its_size_its_turn_and_whether_it_stretches() -> None:

@@ -263,9 +263,11 @@ class Attempts:
         return Group(effects=(*effects, added), promise=gain + top.gain, start=top.start)
 
     def _beside(self, best: Sequence[Candidate]) -> dict[str, float]:
-        """The evidence of the best effect with each other explanation on top of it, to first order."""
-        top = best[0]
-        assert top.refit is not None
+        """The evidence of the best effect with each other explanation on top of it, to first order; none
+        where no effect was refitted."""
+        top = next((c for c in best if c.refit is not None), None)
+        if top is None or top.refit is None:
+            return {}
         view = self._view(top.refit)
         rows = screened(view, self.rivals_at(view))
         return {r.effect.name: (top.evidence or 0.0) + r.hint for r in rows if not r.note}

@@ -98,13 +98,3 @@ def ceiling(signature: Array, others: Array) -> float:
         return 0.0
     basis = orthonormal(others)
     return float(min(1.0, ((basis.T @ signature) ** 2).sum() / whole))
-
-
-def closest(one: Array, other: Array) -> float:
-    """cos2 of the smallest principal angle between two families of columns, (n, k) and (n, m)."""
-    if not one.shape[1] or not other.shape[1]:
-        return 0.0
-    a, b = orthonormal(one), orthonormal(other)
-    if not a.shape[1] or not b.shape[1]:
-        return 0.0
-    return float(min(1.0, np.linalg.svd(a.T @ b, compute_uv=False)[0] ** 2))

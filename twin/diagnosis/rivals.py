@@ -86,18 +86,12 @@ def prior_sd(parameter: Parameter) -> float:
     return max(abs(ends[0] - parameter.null), abs(ends[1] - parameter.null)) / 2
 
 
-def rivals_of(
-    judged: Judged, effects: Sequence[Effect], *, theta: Array | None = None
-) -> dict[str, list[Rival]]:
-    """The rivals of every effect by its label, one for each entry of its grid.
-
-    theta (d,): where the signatures are taken, by default at the judged fit.
-    """
-    at = judged.fit.theta if theta is None else theta
-    tangents = judged.model.tangents(at, effects)
+def rivals_of(judged: Judged, effects: Sequence[Effect]) -> dict[str, list[Rival]]:
+    """The rivals of every effect by its label, one for each entry of its grid, at the judged fit."""
+    tangents = judged.model.tangents(judged.theta, effects)
     basis = orthonormal(judged.fitted)
     free = [name not in judged.at_bound for name in judged.values]
-    plain = judged.whitener.pick(judged.model.jacobian(at)[free])
+    plain = judged.whitener.pick(judged.model.jacobian(judged.theta)[free])
     known = orthonormal(np.nan_to_num(plain).reshape(len(plain), int(np.prod(plain.shape[1:]))).T)
     tried = [
         (effect, entry, fields * np.array([prior_sd(p) for p in effect.amplitudes])[:, None, None, None])

@@ -19,25 +19,19 @@ from twin.effects.protocol import Theta
 from twin.targets import Array
 
 
-def screened(
-    judged: Judged, rivals: Mapping[str, Sequence[Rival]], *, z: Array | None = None
-) -> list[Candidate]:
-    """A candidate for every effect of `rivals`, its p-value adjusted for the number of tries.
-
-    z (n,): the whitened residual, by default that of the judged fit.
-    """
-    rest = judged.z if z is None else z
-    found = [_best(judged, rows, rest) for rows in rivals.values()]
+def screened(judged: Judged, rivals: Mapping[str, Sequence[Rival]]) -> list[Candidate]:
+    """A candidate for every effect of `rivals`, its p-value adjusted for the number of tries."""
+    found = [_best(judged, rows) for rows in rivals.values()]
     adjusted = iter(holm([c.p_value for c in found if not c.note]))
     return [c if c.note else replace(c, p_value=float(next(adjusted))) for c in found]
 
 
-def _best(judged: Judged, rows: Sequence[Rival], z: Array) -> Candidate:
+def _best(judged: Judged, rows: Sequence[Rival]) -> Candidate:
     """The entry of an effect's grid that gains most."""
     seen = [r for r in rows if not r.note]
     if not seen:
         return Candidate(effect=rows[0].effect, note=rows[0].note)
-    grams = [r.gram(z) for r in seen]
+    grams = [r.gram(judged.z) for r in seen]
     gains = [g.attained(r.low, r.high) for g, r in zip(grams, seen, strict=True)]
     k = int(np.argmax([gain for _, gain in gains]))
     (amplitudes, gain), best = gains[k], seen[k]

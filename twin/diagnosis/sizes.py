@@ -100,14 +100,16 @@ def quantile(alpha: float, *, effects: int, entries: int, one_sided: bool) -> fl
 
 
 def in_words(rows: Sequence[Detectable]) -> str:
-    """Two sentences: what sizes would have been found, and which effects show at no size, with why."""
+    """Sentences: what sizes would have been found, and which effects show at no size, with why."""
     seen = [row.words for row in rows if row.size is not None]
     blind: dict[str, list[str]] = {}
     for row in rows:
         if row.size is None:
-            blind.setdefault(row.note, []).append(row.effect)
+            blind.setdefault(row.note.removeprefix("not testable: "), []).append(row.effect)
     out = [f"These sizes would have been found, nine times of ten: {', '.join(seen)}."] if seen else []
-    out += [f"Not testable here: {', '.join(names)} ({why})." for why, names in blind.items()]
+    if blind:
+        which = "; ".join(f"{', '.join(names)} ({why})" for why, names in blind.items())
+        out.append(f"Not testable here: {which}.")
     return " ".join(out)
 
 

@@ -19,6 +19,7 @@ from twin.model.slipping import Known, slipped
 from twin.targets import Array
 
 STEP = 1e-6  # of a parameter's typical size, for differencing the effects' maps
+NUDGE = 1e-4  # of the highest pressure, for differencing the mesh's correction
 
 
 @dataclass(frozen=True)
@@ -141,11 +142,16 @@ class Model:
         return self.solved(theta).solution
 
     def per_pressure(self, theta: Array) -> Array:
-        """dU/dp (s, p, 3) mm per MPa of the pressure at the step itself, before the effects of the camera."""
+        """dU/dp (s, p, 3) mm per MPa of the pressure at the step itself, with the mesh's correction, before
+        the effects of the camera."""
         test, solution = self.put(self.named(theta)), self.solution(theta)
         out = np.zeros((len(self.test.path.output), len(self.test.points), 3))
         out[:, test.moving] = solution.per_pressure(test.points[test.moving])
-        return out
+        if self.mesh is None:
+            return out
+        u, little = moved(test, solution), NUDGE * float(np.abs(test.path.pressure).max())
+        ahead, behind = (self.mesh.corrected(u + h * out, test) for h in (little, -little))
+        return (ahead - behind) / (2 * little)
 
     def modes(self, theta: Array) -> Array:
         """What remains of the mesh's error at theta (d,): modes (q, s, p, 3) mm relative to the reference, 1
@@ -201,12 +207,6 @@ class Model:
         """The derivative of what is seen, from that of what moves: one difference along (du, theta)."""
         _, (a, plus), (b, minus), h = change
         return (self.seen(u + h * du, a, plus) - self.seen(u - h * du, b, minus)) / (2 * h)
-
-    def signatures(self, theta: Array, effects: Sequence[Effect]) -> list[list[Array]]:
-        """For each absent effect, per entry of its `tries`, the change (s, p, 3) mm per unit of its first
-        parameter, as `tangents` gives it."""
-        found = self.tangents(theta, effects)
-        return [[rows[0] for rows in found[e.label]] for e in effects]
 
     def tangents(self, theta: Array, effects: Sequence[Effect]) -> "Tangents":
         """For each absent effect, per entry of its `tries`, the changes (k, s, p, 3) mm per unit of each

@@ -103,7 +103,7 @@ class Workbench:
         if self.targets.noise is None:
             return None
         if self.structure.unknown:
-            return Discretisation.none(self.structure.unknown)
+            return _warned(Discretisation.none(self.structure.unknown), say)
         test, own = model.base.test, Constants.of({**model.named(theta), **self.elasticity.fixed})
         solved = SolvedList(
             self.project.root / "cache" / f"{meshes_key(test, self.structure)}-solved.json"
@@ -111,7 +111,7 @@ class Workbench:
         at = self._solved_at(own, solved)
         found = discretisation_error(test, structure=self.structure, solved_at=at, cache=self.cache(say))
         solved.add(at)  # not before: constants without an equilibrium must not serve
-        return found
+        return _warned(found, say)
 
     def judged(self, model: Model, start: Array, say: Say, *, seed: int = 0) -> Judged:
         """The model fitted from a start (d,) near it, and judged: calibrate, add, drop and diagnose alike."""
@@ -133,6 +133,16 @@ class Workbench:
             wanted = max(wanted, top) if top < 2 * wanted else wanted
             return solved.serving(NOMINAL, wanted) or SolvedAt.beside(NOMINAL, wanted)
         return solved.serving(own, top, low=1 / SAME, high=SAME) or SolvedAt.beside(own, top)
+
+
+def _warned(mesh: Discretisation, say: Say) -> Discretisation:
+    """The error of a mesh; where it is not known, the user hears so."""
+    if mesh.unknown:
+        say(
+            f"The error of the mesh is not known: {mesh.unknown}. Constants and intervals hold for this mesh "
+            "alone."
+        )
+    return mesh
 
 
 def own_of(project: Project) -> tuple[Effect, ...]:

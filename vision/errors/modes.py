@@ -11,13 +11,16 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from vision.camera import Array
-from vision.errors.noise import CREEP, FAST
+from vision.errors.noise import CREEP, FAST, PASSING, REST, SHAKEN
 from vision.marks import Mark
 
 Named = Mapping[str, Array]  # name to (s,p,3) mm
 LEVEL = 0.2  # slope of the line to a neighbour that still runs along the finger
 MIN_HOLD, MAX_HOLDS = 3, 60  # frames that make a hold; how many of all marks get modes, the longest first
+LONG = 20  # frames in which a late picture falls behind, or catches up
 CREEP_SHARED = 0.75  # of a creeping patch's variance; correlation at lags of 1 to 30 frames: 0.73 to 0.76
+REDRAWN_PX = 0.003  # px; on drawn film (benchmarks/film_accuracy.py) pulls are 1.2 without it
+AWAY_PX = 1.0
 LEAST = 1e-8  # of the largest combined mode's power: below it a mode is left out
 UNLIKELY = 0.001  # chance below which residuals contradict what is stated
 
@@ -94,19 +97,42 @@ def reference_mode(value: Array, marks: Sequence[Mark], sd: Array, shared: Array
     return modes
 
 
+def redrawn(value: Array, ideal: Array, rest: NDArray[np.intp], marks: Sequence[Mark]) -> Named:
+    """Finger marks in other pictures than those of the reference, which coding draws anew: a constant error
+    of REDRAWN_PX where they are off their rest, and one after their largest displacement.
+
+    ideal: (s,p,2) px centres.   rest: (r,) steps of the reference.
+    """
+    off = ideal - np.nanmean(ideal[rest], axis=0)
+    away = np.nan_to_num(np.hypot(off[..., 0], off[..., 1]))
+    modes: dict[str, Array] = {}
+    for p in _finger(marks):
+        top = int(np.argmax(away[:, p]))
+        if away[top, p] <= AWAY_PX:
+            continue
+        mm_per_px = float(np.nan_to_num(np.linalg.norm(value[top, p, [0, 2]]))) / away[top, p]
+        where = {"moved": away[:, p] > AWAY_PX, "after": np.arange(len(away)) > top}
+        for name, steps in where.items():
+            for component in (0, 2):
+                field = np.zeros((len(value), 2))
+                field[steps, component // 2] = REDRAWN_PX * mm_per_px
+                _add(modes, f"codec:{marks[p].name}:{component + 1}:{name}", value, p, field)
+    return modes
+
+
 def codec(
-    extra: Array, state: NDArray[np.int8], marks: Sequence[Mark], creep_shared: float = CREEP_SHARED
+    extra: Array, state: NDArray[np.int8], marks: Sequence[Mark], shaken_shared: float = CREEP_SHARED
 ) -> tuple[Named, Array, tuple[str, ...]]:
     """Compression error in three parts: modes that all frames of a rest share, the sd (s,p,3) mm that is left
     as independent, and a sentence where there are more rests than modes.
 
     extra: (s,p,3) mm, sd of the coding error.   state: (s,p) from `vision.errors.noise.states`.
-    creep_shared: share of a creeping patch's variance that stays, as the film's own coding shows it.
+    shaken_shared: share of a shaken patch's variance that stays, as the film's own coding shows it.
 
     P-frames repeat a picture that hardly changes, with its error: no mean over the hold makes it smaller.
     """
-    slow = (state != FAST) & (np.nan_to_num(extra) > 0).any(axis=2)
-    share = np.where(state == CREEP, creep_shared, 1.0)
+    slow = (state != FAST) & (state != PASSING) & (np.nan_to_num(extra) > 0).any(axis=2)
+    share = np.select([state == CREEP, state == SHAKEN], [CREEP_SHARED, shaken_shared], 1.0)
     runs = [(stop - start, p, start) for p in range(slow.shape[1]) for start, stop in _runs(slow[:, p])]
     modes, left = {}, extra.copy()
     for count, (length, p, start) in enumerate(sorted(runs, reverse=True)[:MAX_HOLDS]):
@@ -116,10 +142,27 @@ def codec(
         for component in np.flatnonzero((np.nan_to_num(shared) > 0).any(axis=0)):
             mode = np.zeros(extra.shape)
             mode[frames, p, component] = np.nan_to_num(shared[:, component])
-            modes[f"codec:{marks[p].name}:{component + 1}:{count + 1}"] = mode
+            name = f"codec:{marks[p].name}:{component + 1}:{count + 1}"
+            modes[name] = mode
+            if length >= LONG and (state[frames, p] != REST).all():
+                # half of it is the same all along; half falls behind, or catches up
+                modes[name] = np.sqrt(0.5) * mode
+                modes[f"{name}:drift"] = np.sqrt(0.5) * _times(mode, frames, _ramp(length))
     if len(runs) <= MAX_HOLDS:
         return modes, left, ()
     return modes, left, (_unshared(len(runs)),)
+
+
+def _ramp(length: int) -> Array:
+    """From one end to the other of a hold, of mean square 1."""
+    ramp = np.linspace(-1.0, 1.0, length)
+    return np.asarray(ramp / np.sqrt(np.mean(ramp**2)))
+
+
+def _times(mode: Array, frames: slice, factor: Array) -> Array:
+    out = mode.copy()
+    out[frames] *= factor[:, None, None]
+    return out
 
 
 def _unshared(rests: int) -> str:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter1d, uniform_filter1d
 
 from vision.camera import Array
 from vision.errors.persistence import WHITE, Persistence, innovations, persistence_of
@@ -29,11 +30,14 @@ MIN_SAMPLES = 10  # values that make an estimate of their own
 CLEARLY = 3.0  # sds of its variance by which a point is noisier than its frames tell
 SETTLE = 5  # first frames of the window, near the key frame, left out
 SHIFT = np.array([5.0, 3.0])  # px, off every block grid
-REST, CREEP, FAST = 0, 1, 2
+REST, CREEP, FAST, SHAKEN, PASSING = 0, 1, 2, 3, 4
 DRIFT_PX = 0.02  # px in ten frames, or px per frame: below it a patch is at rest (ten static sds)
+SETTLED = 10  # first frames of a film
+BETWEEN = 5  # frames after or before a move in which a patch counts as shaken
 FAST_PX = 1.0  # px per frame: below it a moving patch creeps
 # A pass over decoded frames errs by 0.75 to 0.95 of what the first pass did (drawn film).
 FIRST_PASS = 1.2
+ALIKE = 0.8
 LOSSLESS = ("ffv1", "huffyuv", "ffvhuff", "utvideo", "png", "rawvideo", "qtrle")
 CODERS = {"hevc": "libx265"}
 
@@ -56,10 +60,10 @@ class Codec:
     """What lossy coding adds to the static noise, (3,) mm, by what the patch does."""
 
     fast: Array  # sd while it moves by more than FAST_PX a frame: P-frames predict it
-    creep: Array  # sd while it moves more slowly: P-frames lag behind it
+    creep: Array  # sd while it moves more slowly, or is shaken: P-frames lag behind it
     held: Array  # sd of the error that stays frozen in a patch that has come to rest
     rest: Array  # the same in one that has not moved yet
-    shared: float = 0.75  # share of creep's variance that stays through a hold, from 0 to 0.75
+    shared: float = 0.75  # share of a shaken patch's variance that stays through a hold, from 0 to 0.75
 
 
 def static_noise(place: Array, names: Sequence[str], film: str) -> NoiseModel:
@@ -153,13 +157,33 @@ def _correlation(error: Array, known: NDArray[np.bool_]) -> Array:
 
 
 def states(ideal: Array) -> NDArray[np.int8]:
-    """What patches with centres (t,p,2) px do in each frame (t,p): 0 rest, 1 creep, 2 move fast."""
+    """What patches with centres (t,p,2) px do in each frame (t,p): 0 rest, 1 creep on and on, 2 move fast,
+    3 are shaken, as by a regulator's ripple, or about to move or to stop, 4 go slowly to another place."""
     speed = _moved(ideal, -1, 0)
-    # However slow it is, a drift that goes on is drawn late; one that has ended is not.
-    drift = np.minimum(_moved(ideal, -10, 0), _moved(ideal, 0, 10))
-    return np.where(
-        speed > FAST_PX, FAST, np.where((speed > DRIFT_PX) | (drift > DRIFT_PX), CREEP, REST)
-    ).astype(np.int8)
+    # A patch that a regulator's ripple shakes rests in no frame between two of its moves.
+    shaken = maximum_filter1d((speed > DRIFT_PX).astype(np.int8), 2 * BETWEEN + 1, axis=0) > 0
+    kinds = speed > FAST_PX, _passing(ideal), shaken, _drift(ideal) > DRIFT_PX
+    out = np.select(kinds, (FAST, PASSING, SHAKEN, CREEP), REST).astype(np.int8)
+    # Coding refines the first picture of a film for some frames. What never moves keeps its static noise.
+    out[:SETTLED] = np.where((out[:SETTLED] == REST) & (out != REST).any(axis=0), SHAKEN, out[:SETTLED])
+    return out
+
+
+def _drift(ideal: Array) -> Array:
+    """Distance (t,p) px in ten frames: however slow it is, a drift that goes on is drawn late; one that has
+    ended is not. Near the film's ends it is that of the other side."""
+    before, after = _moved(ideal, -10, 0), _moved(ideal, 0, 10)
+    drift = np.minimum(before, after)
+    drift[:10], drift[-10:] = after[:10], before[-10:]
+    return drift
+
+
+def _passing(ideal: Array) -> NDArray[np.bool_]:
+    """Where (t,p) the BETWEEN frames before and those after lie more than a pixel apart in their mean, so
+    that coding draws a new picture, with another error."""
+    mean = uniform_filter1d(ideal, BETWEEN, axis=0, mode="nearest")
+    half = (BETWEEN + 1) // 2
+    return np.asarray(_moved(mean, -half, half) > FAST_PX)
 
 
 def _moved(ideal: Array, before: int, after: int) -> Array:
@@ -174,7 +198,7 @@ def codec_sd(codec: Codec, ideal: Array, rest: Array) -> Array:
     state = states(ideal)[..., None]
     away = np.nan_to_num(np.hypot(*np.moveaxis(ideal - rest, -1, 0)))[..., None] > DRIFT_PX
     return np.where(
-        state == FAST, codec.fast, np.where(state == CREEP, codec.creep, np.where(away, codec.held, 0.0))
+        state == FAST, codec.fast, np.where(state != REST, codec.creep, np.where(away, codec.held, 0.0))
     )
 
 
@@ -216,29 +240,29 @@ def codec_noise(
 def _windows(ideal: Array, points: list[int]) -> list[int]:
     """First frames of what is coded again: the fastest motion, and where most marks creep besides."""
     first = _fastest(ideal)
-    creeping = (states(ideal)[:, points] == CREEP).sum(axis=1)
+    creeping = _slow(states(ideal)[:, points]).sum(axis=1)
     count = np.convolve(creeping, np.ones(WINDOW, int), mode="valid") if len(ideal) > WINDOW else np.zeros(0)
     count = np.where(np.abs(np.arange(len(count)) - first) < WINDOW, 0, count)
     return [first, int(np.argmax(count))] if len(count) and count.max() > 0 else [first]
 
 
 def _with_creep(terms: Codec, parts: list[tuple[Array, NDArray[np.int8]]]) -> Codec:
-    """The terms of the first window, that of creeping patches from all windows together, where it is more.
+    """The terms of the first window, that of slow patches from all windows together, where it is more.
 
     What creeps through a hold, with the regulator's ripple, is not what comes to rest after a fast motion.
     """
-    error = np.concatenate([own[state == CREEP] for own, state in parts])
+    error = np.concatenate([own[_slow(state)] for own, state in parts])
     if len(error) < MIN_SAMPLES:
         return terms
-    creep = np.fmax(terms.creep, with_y(FIRST_PASS * np.sqrt(_mean_square(error))))
+    creep = np.fmax(terms.creep, with_y(_alike(FIRST_PASS * np.sqrt(_mean_square(error)))))
     return replace(terms, creep=creep, shared=_stays(parts, terms.shared))
 
 
 def _stays(parts: list[tuple[Array, NDArray[np.int8]]], most: float) -> float:
-    """Share of creeping patches' variance that stays: the correlation of their errors LAG frames apart."""
+    """Share of shaken patches' variance that stays: the correlation of their errors LAG frames apart."""
     products, powers, count = 0.0, 0.0, 0
     for error, state in parts:
-        both = (state[LAG:] == CREEP) & (state[:-LAG] == CREEP)
+        both = (state[LAG:] == SHAKEN) & (state[:-LAG] == SHAKEN)
         both &= np.isfinite(error[LAG:] + error[:-LAG]).all(axis=-1)
         after, before = error[LAG:][both], error[:-LAG][both]
         products += float(np.sum(after * before))
@@ -260,11 +284,22 @@ def _terms(error: Array, state: NDArray[np.int8]) -> Codec:
     everywhere = _mean_square(error[state != REST])
     come = (state == REST) & (np.cumsum(state != REST, axis=0) > 0)
     terms, kept = [], frozen + jitter
-    for chosen, otherwise in ((state == FAST, everywhere), (state == CREEP, everywhere), (come, kept)):
+    for chosen, otherwise in ((state == FAST, everywhere), (_slow(state), everywhere), (come, kept)):
         enough = np.count_nonzero(chosen) >= MIN_SAMPLES
         terms.append(np.maximum((_mean_square(error[chosen]) if enough else otherwise) - jitter, frozen))
-    fast, creep, held, rest = (with_y(FIRST_PASS * np.sqrt(term)) for term in (*terms, frozen))
+    fast, creep, held, rest = (with_y(_alike(FIRST_PASS * np.sqrt(term))) for term in (*terms, frozen))
     return Codec(fast, creep, held, rest)
+
+
+def _alike(sd: Array) -> Array:
+    """Sd (2,) of both axes, neither below ALIKE of the other: the windows show few ways to move, and a patch
+    is late the way it moves."""
+    return np.maximum(sd, ALIKE * sd[::-1])
+
+
+def _slow(state: NDArray[np.int8]) -> NDArray[np.bool_]:
+    """Where patches creep, are shaken or pass."""
+    return (state == CREEP) | (state == SHAKEN) | (state == PASSING)
 
 
 def _mean_square(error: Array) -> Array:

@@ -87,7 +87,7 @@ def in_plane(seen: Seen, marks: Sequence[Mark], stated: Stated, steps: NDArray[n
         noise=noise,
         rest=place,
         variance=independent(rest, scene.plane, scene.place, worse, scene.frame, scene.points, loose),
-        modes=[*_modes(scene, turns, stated, frame_mm, start), holds, keyed],
+        modes=[*_modes(scene, turns, stated, frame_mm, start), _redrawn(seen, scene), holds, keyed],
         turns=turns,
         rotation=rotation,
         remarks=(
@@ -124,6 +124,14 @@ def _codec(seen: Seen, scene: _Scene) -> Array:
     """Sd (t,p,3) mm that the codec adds in every frame."""
     ideal = seen.film.ideal[:, scene.points]
     return codec_sd(seen.codec, ideal, mean_seen(ideal[seen.film.reference]))
+
+
+def _redrawn(seen: Seen, scene: _Scene) -> Named:
+    """What lossy coding errs by in a picture that lies elsewhere than at rest."""
+    if not (np.nan_to_num(seen.codec.creep) > 0).any():
+        return {}
+    film = scene.film
+    return modes.redrawn(scene.value, film.ideal[:, scene.points], film.reference, scene.output)
 
 
 def _keyed(

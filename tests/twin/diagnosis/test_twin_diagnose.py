@@ -106,7 +106,7 @@ def test_hidden_creep_is_named_and_its_error_goes(laboratory: Laboratory, seed: 
         assert found.verdict in ("creep", "right physics, wrong law")
         assert found.law in ("creep", "creep:2")
         data = found.to_dict()
-        assert data["rms_before_mm"] >= 3 * data["noise_sd_mm"]
+        assert data["rms_before_mm"] >= 2.5 * data["noise_sd_mm"]
         assert data["rms_after_mm"] <= 1.1 * data["noise_sd_mm"]
         assert data["ranking"][0]["effect"] == "creep"
         assert data["ranking"][0]["delta_bic"] > 25
@@ -168,10 +168,10 @@ def test_without_a_log_history_is_not_testable(laboratory: Laboratory) -> None:
     found = diagnose(model, all_effects(), bare, seed=0, start=NOMINAL)
     notes = {c.effect.name: c.note for c in found.ranking}
     # for a log, for gravity's direction, and for its way down
-    asking = {"creep", "mullins", "pressure_lag", "gravity"}
+    asking = {"creep", "mullins", "pressure_lag", "time_shift", "gravity"}
     assert {name for name, note in notes.items() if note.startswith("not testable")} == asking
     assert "cannot be seen apart" in notes["pressure_gain"]  # C10 and C01 do the same
-    assert "Not visible in these data: " in found.sentence
+    assert "Not testable here: creep, pressure_lag, mullins, time_shift (needs the pressure" in found.sentence
 
 
 @pytest.mark.slow

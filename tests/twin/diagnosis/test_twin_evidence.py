@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from twin.diagnosis.evidence import Gram, apart, ceiling, closest, occam, orthonormal
+from twin.diagnosis.evidence import Gram, apart, ceiling, occam, orthonormal
 
 RNG = np.random.default_rng(7)
 TWO, ONE = np.array([False]), np.array([True])
@@ -79,7 +79,6 @@ def test_ceilings_are_squared_cosines() -> None:
     assert ceiling(mixed, a[:, None]) == pytest.approx(np.cos(0.3) ** 2)
     assert ceiling(mixed, basis[:, :2]) == pytest.approx(1.0)
     assert ceiling(mixed, basis[:, 2:]) == pytest.approx(0.0, abs=1e-12)
-    assert closest(mixed[:, None], np.stack([a, basis[:, 2]], axis=1)) == pytest.approx(np.cos(0.3) ** 2)
     assert ceiling(np.zeros(40), basis) == 0.0
 
 

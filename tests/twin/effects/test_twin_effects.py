@@ -156,9 +156,10 @@ def test_signatures_of_effects_that_break_the_symmetry_are_those_of_the_whole_fi
     gravity = np.array([[0.6, 0.0, -0.8], [0.0, 1.0, 0.0]])
     model = base_model(make_targets(gravity=gravity, block=block), small_case)
     theta = model.theta(BASE)
-    gain, weight = model.signatures(theta, [effect("pressure_gain"), effect("gravity")])
-    (alone,) = model.signatures(theta, [effect("pressure_gain")])
-    np.testing.assert_array_equal(gain[0], alone[0])
+    both = model.tangents(theta, [effect("pressure_gain"), effect("gravity")])
+    (weight,) = both["gravity"]
+    alone = model.tangents(theta, [effect("pressure_gain")])
+    np.testing.assert_array_equal(both["pressure_gain"], alone["pressure_gain"])
     felt = predicted(model.with_effect(effect("gravity")), {"gravity.density": 1e-10}) - model.predict(theta)
     # linear to the density's square: a tenth of 5 % of the whole sag
     np.testing.assert_allclose(weight[0] * 1e-10, felt, rtol=0, atol=0.02 * np.abs(felt).max())
@@ -186,7 +187,7 @@ def test_the_signature_of_a_touch_is_the_difference_of_whole_solves(
     model, table = base_model(make_targets(), small_case), TableContact()
     table.grid = ({"contact.distance": 0.1}, {"contact.distance": 50.0})
     theta = model.theta(BASE)
-    ((near, far),) = model.signatures(theta, [table])
+    near, far = (changes[0] for changes in model.tangents(theta, [table])[table.label])
     step = table.parameters[0].step
     touched = predicted(model.with_effect(table), {"contact.stiffness": step, "contact.distance": 0.1})
     np.testing.assert_allclose(step * near, touched - model.predict(theta), rtol=0, atol=1e-6)

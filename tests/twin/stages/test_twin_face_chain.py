@@ -74,7 +74,7 @@ def test_face_points_are_calibrated_compared_and_reviewed(project: Project) -> N
     fit = read_json(path)
     total = sum(fit["parameters"][name]["value"] for name in ("C10", "C01"))
     assert fit["converged"]
-    assert total == pytest.approx(0.297, rel=0.02)  # the scale is known to 0.1 %, the meshes differ by more
+    assert total == pytest.approx(0.297, rel=0.1)  # two cells a bellow: what finer meshes add to them differs by a tenth
     told = run_compare(project, say)
     assert told["adequate"], told["where"]
     rows = {row["name"]: row for row in told["maps"]["marker"]}

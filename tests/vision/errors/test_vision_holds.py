@@ -49,7 +49,7 @@ def test_means_of_holds_in_a_film_coded_with_loss(lab: Lab, coded_still: Video, 
         alone.append((mean / np.sqrt(independent))[finger][:, [0, 2]])
     # 30 values, those of one mark not quite independent: the rms is known to some 15 %.
     assert 0.65 < np.sqrt(np.mean(np.square(pulls))) < 1.3
-    assert np.sqrt(np.mean(np.square(alone))) > 3.0  # as independent errors they are stated far too small
+    assert np.sqrt(np.mean(np.square(alone))) > 2.5  # as independent errors they are stated far too small
 
 
 def test_more_holds_than_modes_are_said(lab: Lab, monkeypatch: pytest.MonkeyPatch) -> None:
