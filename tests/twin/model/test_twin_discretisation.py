@@ -15,10 +15,11 @@ from fe import Case, Finger, Lattice, Material
 from twin import virtual
 from twin.diagnosis.fitting import ModelErrors
 from twin.effects.baselaw import NAMES, NOMINAL
+from twin.effects.library import effect
 from twin.model.arraycache import rounded_up
 from twin.model.building import base_model
 from twin.model.discretisation import Discretisation, SolvedAt, _tested, discretisation_error
-from twin.model.prediction import Model, moved
+from twin.model.prediction import HISTORY, Model, moved
 from twin.model.structure import finer, of_finger
 from twin.targets import Array, Targets
 
@@ -86,7 +87,7 @@ def test_derivatives_and_modes_come_with_the_correction(draw: Draw) -> None:
         assert np.abs(plain[k] - differenced).max() > 0.01 * np.abs(differenced).max()
     q = model.modes(THETA)
     points = int(model.test.moving.sum())
-    assert q.shape == (1 + 5 + 2 * 3 * points, *draw.targets.value.shape)
+    assert q.shape == (1 + 5 + 3 * 3 * points, *draw.targets.value.shape)
     assert len(draw.mesh.mode_names) == len(q)
     sizes = np.sqrt((q[:, :, model.test.moving] ** 2).mean(axis=(1, 2, 3)))
     # a stiffness that is off by half of what the meshes differ by, as the derivatives tell it
@@ -175,3 +176,30 @@ def test_meshes_that_lead_nowhere_are_refused(short: Finger, draw: Draw) -> None
     plain = draw.model.on_mesh(found)
     np.testing.assert_array_equal(plain.predict(THETA), draw.model.predict(THETA))
     assert not plain.modes(THETA).size
+
+
+def test_what_creep_adds_is_uncertain_for_every_marker_on_its_own(draw: Draw) -> None:
+    model = draw.model.on_mesh(draw.mesh)
+    plain, creeping = model.modes(THETA), model.with_effect(effect("creep"))
+    theta = np.array([*THETA, 0.1, 2.0])
+    more = creeping.modes(theta)[len(plain) :]
+    bare = creeping.on_mesh(None)
+    added = bare.predict(theta) - draw.model.on_mesh(None).predict(THETA)
+    moving = int((np.abs(added) > 0).any(axis=0).sum())
+    assert len(more) == moving
+    assert all((np.abs(mode) > 0).any(axis=0).sum() == 1 for mode in more)
+    np.testing.assert_allclose(more.sum(axis=0), HISTORY * added, rtol=0, atol=1e-7)
+
+
+def test_the_gauge_s_slope_has_the_mesh_s_change(draw: Draw) -> None:
+    model = draw.model.on_mesh(draw.mesh)
+    path, h = model.test.path, 1e-5
+    ends = []
+    for shift in (h, -h):
+        there = replace(model.test, path=replace(path, pressure=path.pressure + shift))
+        u = moved(there, model.solution(THETA))
+        solved = Model(there, model.effects, model.reference).on_mesh(draw.mesh)
+        ends.append(draw.mesh.corrected(moved(there, solved.solution(THETA)), there))
+        assert np.abs(ends[-1] - u).max() > 1e-4
+    slope = (ends[0] - ends[1]) / (2 * h)
+    np.testing.assert_allclose(model.per_pressure(THETA), slope, rtol=0, atol=5e-3 * np.abs(slope).max())
