@@ -33,7 +33,7 @@ from scipy.interpolate import BarycentricInterpolator, CubicSpline, interp1d
 from fe.path import equivalent
 from twin.effects.baselaw import Constants
 from twin.effects.protocol import Effect, Test, Theta, Unsolvable
-from twin.model.prediction import Model, Solved, Tangents
+from twin.model.prediction import HISTORY, Model, Solved, Tangents, each
 from twin.targets import Array
 from twin.virtual.protocols import PROTOCOLS
 
@@ -332,21 +332,25 @@ class ReducedModel(Model):
         """As `Model.per_pressure`, from the tables."""
         values, h = self.named(theta), 1e-5
         test = self.put(values)
-        a, b = (
-            self.moved(replace(test, path=replace(test.path, pressure=test.path.pressure + s * h)), values)
-            for s in (1, -1)
-        )
-        return (a - b) / (2 * h)
+        ends = []
+        for step in (h, -h):
+            there = replace(test, path=replace(test.path, pressure=test.path.pressure + step))
+            u = self.moved(there, values)
+            ends.append(u if self.mesh is None else self.mesh.corrected(u, test))
+        return (ends[0] - ends[1]) / (2 * h)
 
     def modes(self, theta: Array) -> Array:
         """As `Model.modes`, from the tables."""
-        mesh = getattr(self, "mesh", None)
-        if mesh is None:
+        if self.mesh is None:
             return np.zeros((0, len(self.test.path.output), len(self.test.points), 3))
         values = self.named(theta)
         test = self.put(values)
-        modes = mesh.modes(self.moved(test, values), test)
-        return modes - modes[:, self.reference].mean(axis=1, keepdims=True)
+        u = self.moved(test, values)
+        modes = self.mesh.modes(u, test)
+        plain = replace(test, case=test.case.with_material(prony=(), mullins=None))
+        if plain.case.materials != test.case.materials:
+            modes = np.concatenate([modes, HISTORY * each(u - self.moved(plain, values))])
+        return self._beside(theta, modes - modes[:, self.reference].mean(axis=1, keepdims=True))
 
     def tangents(self, theta: Array, effects: Sequence[Effect]) -> Tangents:
         """As `Model.tangents`, from the tables. What changes the picture alone asks for no look-up."""

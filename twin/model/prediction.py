@@ -167,11 +167,14 @@ class Model:
         memory = remembered(u, test)
         if memory is not None:
             modes = np.concatenate([modes, HISTORY * each(memory)])
-        modes -= modes[:, self.reference].mean(axis=1, keepdims=True)
+        return self._beside(theta, modes - modes[:, self.reference].mean(axis=1, keepdims=True))
+
+    def _beside(self, theta: Array, modes: Array) -> Array:
+        """The modes with the first, the mesh's stiffness, exactly what the fitted constants take up: with a
+        history the finer meshes' curves differ by a hundredth, by which good data would seem to tell the two
+        apart."""
         rows = {p.name: k for k, p in enumerate(self.parameters)}
-        if len(modes) and set(NAMES) <= set(rows):
-            # exactly what the fitted constants take up: with a history the finer meshes' curves differ
-            # by a hundredth, by which good data would seem to tell the two apart
+        if self.mesh is not None and len(modes) and set(NAMES) <= set(rows):
             own = self.jacobian(theta)
             modes[0] = -self.mesh.stiffness * sum(theta[rows[name]] * own[rows[name]] for name in NAMES)
         return modes
