@@ -90,7 +90,7 @@ class Attempts:
         if id(judged) not in self._known:
             present = {e.name for e in judged.model.effects}
             every = [e for e in (*self.absent, *self.generic) if e.name not in present]
-            self._known[id(judged)] = rivals_of(judged, every)
+            self._known[id(judged)] = rivals_of(judged, every, workers=self.workers)
         return self._known[id(judged)]
 
     # -- what is tried --------------------------------------------------------------------------------------

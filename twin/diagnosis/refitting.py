@@ -8,6 +8,7 @@ import numpy as np
 
 from calibrate import bic
 from twin.diagnosis.candidates import Candidate, Refit
+from twin.diagnosis.comparison import ADEQUATE
 from twin.diagnosis.evidence import apart, occam, orthonormal
 from twin.diagnosis.judging import Judged, judge
 from twin.diagnosis.rivals import null, prior_sd
@@ -23,7 +24,9 @@ STAND_INS = 2  # and stand-ins
 PROMISING = 0.25  # of the best gain: what a refit must promise
 RIVALLING = 0.7  # of the best effect's gain: what a stand-in must promise to be refitted before all is said
 CLOSE = 0.1  # sd to which refits are carried
-TURNS = 2  # steps under rebuilt errors: enough for a model that is right, and no other needs be exact
+TURNS = 2  # steps under rebuilt errors: enough for most, as no model that is wrong needs be exact
+MORE = 4  # for one that is not quite adequate yet,
+NEARLY = 1e-12  # by its lack of fit's probability
 
 
 def worth_refitting(candidates: Sequence[Candidate], *, adequate: bool) -> list[Candidate]:
@@ -72,9 +75,10 @@ def refitted(
     others = [{**candidate.start, **base.model.named(theta)} for theta in starts]
     rows = np.array([model.theta(values) for values in (candidate.start, *others)])
     try:
-        judged = judge(
-            model, targets, starts=rows, seed=seed, evaluations=15, tolerance=CLOSE, turns=TURNS
-        )
+        fit = partial(judge, model, targets, seed=seed, evaluations=15, tolerance=CLOSE)
+        judged = fit(starts=rows, turns=TURNS)
+        if NEARLY < judged.comparison.p_value <= ADEQUATE:
+            judged = fit(starts=judged.theta, turns=MORE)
     except Unsolvable as error:
         return replace(candidate, note=str(error))
     return scored(candidate, Refit.of(judged), base)

@@ -6,7 +6,7 @@ fitted parameters can imitate is projected out of every column.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,7 @@ from calibrate import Parameter
 from twin.diagnosis.evidence import Gram, apart, orthonormal
 from twin.diagnosis.judging import Judged
 from twin.effects.protocol import Effect, Theta
+from twin.parallel import finished
 from twin.targets import Array
 
 INVISIBLE = 0.02  # of its own size is what a signature keeps apart from the fitted parameters
@@ -86,9 +87,14 @@ def prior_sd(parameter: Parameter) -> float:
     return max(abs(ends[0] - parameter.null), abs(ends[1] - parameter.null)) / 2
 
 
-def rivals_of(judged: Judged, effects: Sequence[Effect]) -> dict[str, list[Rival]]:
-    """The rivals of every effect by its label, one for each entry of its grid, at the judged fit."""
-    tangents = judged.model.tangents(judged.theta, effects)
+def rivals_of(judged: Judged, effects: Sequence[Effect], *, workers: int = 1) -> dict[str, list[Rival]]:
+    """The rivals of every effect by its label, one for each entry of its grid, at the judged fit.
+
+    workers: processes; effects that are not smooth take whole solves, as long as all others together.
+    """
+    parts = [[e for e in effects if e.smooth == smooth] for smooth in (False, True)]
+    tasks = [partial(judged.model.tangents, judged.theta, part) for part in parts if part]
+    tangents = {label: rows for _, found in finished(tasks, workers=workers) for label, rows in found.items()}
     basis = orthonormal(judged.fitted)
     free = [name not in judged.at_bound for name in judged.values]
     plain = judged.whitener.pick(judged.model.jacobian(judged.theta)[free])
