@@ -37,6 +37,8 @@ SAME = {
     "camera": ("camera_scale", "camera_rotation", "camera_tilt"),
     "slip": ("marker_slip",),
 }
+# Those whose law it completes, where it is put on top of them: beside it they tell nothing.
+COMPLETES = {**SAME, "pressure course": (*SAME["pressure course"], "thermal")}
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -228,25 +230,32 @@ def _wider(trial: Trial, singles: Sequence[Candidate]) -> Diagnosis | None:
     if not fits:
         return None
     best = fits[0]
-    rest = [c.evidence or 0.0 for c in (*singles, *trial.stand_ins) if c.effect.name != best.effect.name]
+    # several effects may have one family: a gauge's curve takes the place of a wrong gain, or of an offset
+    own = {c.effect.name: c for c in fits if type(c.effect) is type(best.effect) and _close(c, best)}
+    narrow = next((c for c in ranked(trial.candidates) if c.effect.name in own and c.refit), None)
+    if narrow is None or (narrow.evidence or 0.0) < HALF * (best.evidence or 0.0):
+        return None
+    others = [c for c in (*singles, *fits) if c.effect.name not in own]
+    others += [c for c in trial.stand_ins if not any(name in SAME.get(c.kind, ()) for name in own)]
+    rest = [c.evidence or 0.0 for c in others]
     rest += [g.evidence or 0.0 for g in trial.groups if g.adequate]
-    rest += [e for name, e in trial.beside.items() if name != best.effect.name]
-    rest += [c.evidence or 0.0 for c in fits[1:] if c.effect.name != best.effect.name]
-    narrow = next((c for c in singles if c.effect.name == best.effect.name), None)
-    if narrow is None or (best.evidence or 0.0) < max(rest, default=0.0) + TIE:
+    rest += [evidence for name, evidence in trial.beside.items() if name not in own]
+    if (best.evidence or 0.0) < max(rest, default=0.0) + TIE:
         return None
-    if (narrow.evidence or 0.0) < HALF * (best.evidence or 0.0):
-        return None
-    name = best.effect.name
+    name = narrow.effect.name
+    names = (name, *(n for n in own if n != name))
+    told = f"{name} is the missing physics. {_capital(narrow.effect.sentence)}."
+    if names[1:]:
+        told = f"{' or '.join(names)} is the missing physics: these data cannot tell which."
     return Diagnosis(
         verdict="right physics, wrong law",
         sentence=(
-            f"{name} is the missing physics. {_capital(best.effect.sentence)}. Its law is not exactly that "
-            "of the library: a wider family of the same physics fits."
+            f"{told} Its law is not exactly that of the library: a wider family of the same physics fits."
         ),
         named=(name,),
-        effects=(narrow.effect,),
-        kept=narrow.refit,
+        effects=(own[name].effect,),
+        kept=own[name].refit,
+        ties=(names,) if names[1:] else (),
     )
 
 
