@@ -30,6 +30,7 @@ APART = 12.0  # chi2 by which an effect may fall short of the best one, to first
 BENT = 0.1  # of the best one's chi2: so wrong the first order may be
 PAIRS = 2  # pairs that are refitted
 FAMILIES = 3  # and wider families
+SURE = 0.01  # probability of the lack of fit from which on no wider law is tried
 
 
 @dataclass(frozen=True)
@@ -182,16 +183,15 @@ class Attempts:
         return [c for c in near if not c.kind][:ALIASES] + [c for c in near if c.kind][:1]
 
     def _wider_laws(self, base: Judged, rows: Sequence[Candidate]) -> list[Candidate]:
-        """Wider laws of the inadequate candidates that came furthest, until one is adequate or none is
-        left."""
+        """Wider laws of the candidates that came furthest, until one is surely adequate or none is left."""
         out: list[Candidate] = []
         fitted = ranked([c for c in rows if c.evidence is not None and not c.kind])
         top = (fitted[0].evidence or 0.0) if fitted else 0.0
-        if base.comparison.adequate or any(c.adequate for c in fitted):
+        if base.comparison.adequate or any(_sure(c) for c in fitted):
             return []
         for c in fitted[:2]:
             last = c
-            while last.refit is not None and not last.adequate and (last.evidence or 0.0) > PROMISING * top:
+            while last.refit is not None and not _sure(last) and (last.evidence or 0.0) > PROMISING * top:
                 law = last.effect.wider()
                 if law is None:
                     break
@@ -282,6 +282,11 @@ class Attempts:
     @cached_property
     def _views(self) -> dict[int, Judged]:
         return {}
+
+
+def _sure(c: Candidate) -> bool:
+    """Whether a refit leaves noise alone beyond doubt."""
+    return c.refit is not None and c.refit.comparison.p_value > SURE
 
 
 def _on_a_basis(effect: Effect, test: Test) -> bool:

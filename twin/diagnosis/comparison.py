@@ -10,9 +10,7 @@ from twin.diagnosis.sharederrors import beyond, in_words
 from twin.diagnosis.whitening import Whitener
 from twin.targets import Array, Targets
 
-# A model is adequate while its lack of fit has at least this probability. The errors of film and mesh are
-# known to a quarter or so, which would often make it less than 0.001.
-ADEQUATE = 1e-4
+ADEQUATE = 1e-3  # a model is adequate while its lack of fit has at least this probability
 PLAUSIBLE = 3.0  # sd of a shared error, as far as the place of a misfit is concerned
 BRANCHES = ("rest", "up", "hold", "down")
 WHILE = {

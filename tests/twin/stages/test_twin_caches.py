@@ -12,7 +12,7 @@ import pytest
 
 from twin.effects.baselaw import NOMINAL, Constants
 from twin.effects.material import Elasticity
-from twin.model.discretisation import SolvedAt
+from twin.model.discretisation import Discretisation, SolvedAt
 from twin.model.structure import BuiltIn, of_finger
 from twin.project.folder import Say
 from twin.stages import workbench
@@ -65,10 +65,11 @@ def made(monkeypatch: pytest.MonkeyPatch) -> list[SolvedAt]:
     """Where the finer meshes were solved; beyond 0.028 MPa they have no equilibrium."""
     found: list[SolvedAt] = []
 
-    def solved(*_: object, solved_at: SolvedAt, **__: object) -> None:
+    def solved(*_: object, solved_at: SolvedAt, **__: object) -> Discretisation:
         if solved_at.top > 0.028:
             raise ValueError("no equilibrium")
         found.append(solved_at)
+        return Discretisation.none("not solved here")
 
     monkeypatch.setattr(workbench, "discretisation_error", solved)
     return found
