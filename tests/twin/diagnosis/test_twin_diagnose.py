@@ -107,7 +107,8 @@ def test_hidden_creep_is_named_and_its_error_goes(laboratory: Laboratory, seed: 
         assert found.law in ("creep", "creep:2")
         data = found.to_dict()
         assert data["rms_before_mm"] >= 2.5 * data["noise_sd_mm"]
-        assert data["rms_after_mm"] <= 1.1 * data["noise_sd_mm"]
+        # most of the noise is one gauge error a step: with some forty steps its rms is known to a tenth
+        assert data["rms_after_mm"] <= 1.3 * data["noise_sd_mm"]
         assert data["ranking"][0]["effect"] == "creep"
         assert data["ranking"][0]["delta_bic"] > 25
         assert found.kept is not None
