@@ -6,22 +6,20 @@ from typing import Any
 from calibrate import Fit
 from twin.diagnosis.comparison import Comparison
 from twin.diagnosis.intervals import estimates
-from twin.diagnosis.judging import Judged
+from twin.diagnosis.judging import Fitted, Judged
 from twin.effects.protocol import Effect, Theta
 from twin.model.prediction import Model
 from twin.targets import Array
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Refit:
+class Refit(Fitted):
     """What is kept of a judged model: all but its whitener, which is large, and its solves.
 
     z (n,): whitened residual; fitted (n, f): whitened derivatives by the free parameters; deviance: chi2 + ln
     det of the data's covariance.
     """
 
-    model: Model
-    fit: Fit
     comparison: Comparison
     z: Array
     fitted: Array
@@ -38,16 +36,6 @@ class Refit:
             fitted=judged.fitted,
             deviance=judged.deviance,
         )
-
-    @property
-    def values(self) -> dict[str, float]:
-        """The fitted parameters by name."""
-        return self.model.named(self.fit.theta)
-
-    @property
-    def at_bound(self) -> tuple[str, ...]:
-        """Names of the parameters that end at a bound."""
-        return self.fit.at_bound
 
 
 def _without_solves(model: Model) -> Model:

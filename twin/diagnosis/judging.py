@@ -24,34 +24,16 @@ TRIES = 3  # solves of a turn: where it is, the step, and a shorter one where th
 
 
 @dataclass(frozen=True, kw_only=True)
-class Judged:
-    """A fitted model and how it agrees, by the errors at its own fit.
-
-    predicted (s, p, 3) mm. jacobian (f, s, p, 3): its derivatives by the parameters that are free, those not
-    at a bound; fitted (n, f): the same whitened. errors: what the model states of its own. deviance: chi2 +
-    ln det of the data's covariance, -2 ln likelihood but for a constant, by which models with different
-    errors compare.
-    """
+class Fitted:
+    """A model and its fit."""
 
     model: Model
     fit: Fit
-    errors: ModelErrors
-    whitener: Whitener
-    predicted: Array
-    jacobian: Array
-    comparison: Comparison
-    fitted: Array
-    deviance: float
 
     @property
     def theta(self) -> Array:
         """The fitted parameters (d,)."""
         return self.fit.theta
-
-    @property
-    def z(self) -> Array:
-        """The whitened residual (n,)."""
-        return self.comparison.whitened
 
     @property
     def values(self) -> dict[str, float]:
@@ -62,6 +44,30 @@ class Judged:
     def at_bound(self) -> tuple[str, ...]:
         """Names of the parameters that end at a bound."""
         return self.fit.at_bound
+
+
+@dataclass(frozen=True, kw_only=True)
+class Judged(Fitted):
+    """A fitted model and how it agrees, by the errors at its own fit.
+
+    predicted (s, p, 3) mm. jacobian (f, s, p, 3): its derivatives by the parameters that are free, those not
+    at a bound; fitted (n, f): the same whitened. errors: what the model states of its own. deviance: chi2 +
+    ln det of the data's covariance, -2 ln likelihood but for a constant, by which models with different
+    errors compare.
+    """
+
+    errors: ModelErrors
+    whitener: Whitener
+    predicted: Array
+    jacobian: Array
+    comparison: Comparison
+    fitted: Array
+    deviance: float
+
+    @property
+    def z(self) -> Array:
+        """The whitened residual (n,)."""
+        return self.comparison.whitened
 
 
 Tell = Callable[[str, int, int], None]
