@@ -28,24 +28,22 @@ class PressureGain(Effect):
         return replace(test, path=replace(test.path, pressure=test.path.pressure * gain))
 
     def wide(self) -> Effect:
-        return GaugeCurve(self.name, self.order)
+        return GaugeCurve()
 
 
 class GaugeCurve(Wide):
     """The gauge's calibration is a smooth curve: true = offset + p (1 + gain + bend x + turn x^2), with
-    x = p / 0.1 MPa; it takes the place of a wrong gain, or of an offset, by whose name it goes."""
+    x = p / 0.1 MPa."""
 
+    name, order = PressureGain.name, PressureGain.order
     sentence = "the pressure gauge is not as straight as its calibration"
     UNIT: ClassVar[float] = 0.1  # MPa
-
-    def __init__(self, name: str, order: Order) -> None:
-        self.name, self.order = name, order
-        self.parameters = (
-            Parameter(f"{name}.offset", -5e-3, 5e-3, "MPa", null=0.0, typical=2e-4, plausible=(-1e-3, 1e-3)),
-            Parameter(f"{name}.gain", -0.3, 0.3, "", null=0.0, typical=0.02, plausible=(-0.1, 0.1)),
-            Parameter(f"{name}.bend", -2.0, 2.0, "", null=0.0, typical=0.05, plausible=(-0.3, 0.3)),
-            Parameter(f"{name}.turn", -8.0, 8.0, "", null=0.0, typical=0.2, plausible=(-1.0, 1.0)),
-        )
+    parameters = (
+        Parameter(f"{name}.offset", -5e-3, 5e-3, "MPa", null=0.0, typical=2e-4, plausible=(-1e-3, 1e-3)),
+        Parameter(f"{name}.gain", -0.3, 0.3, "", null=0.0, typical=0.02, plausible=(-0.1, 0.1)),
+        Parameter(f"{name}.bend", -2.0, 2.0, "", null=0.0, typical=0.05, plausible=(-0.3, 0.3)),
+        Parameter(f"{name}.turn", -8.0, 8.0, "", null=0.0, typical=0.2, plausible=(-1.0, 1.0)),
+    )
 
     def before(self, test: Test, theta: Theta) -> Test:
         offset, gain, bend, turn = (theta[p.name] for p in self.parameters)
@@ -76,7 +74,29 @@ class PressureOffset(Effect):
         return replace(test, path=replace(test.path, pressure=pressure))
 
     def wide(self) -> Effect:
-        return GaugeCurve(self.name, self.order)
+        return ZeroDrift()
+
+
+class ZeroDrift(Wide):
+    """The gauge's zero drifts: true = p + offset + slope x + bend x (1 - x), x in minutes on the clock of the
+    pressure log."""
+
+    name, order = PressureOffset.name, PressureOffset.order
+    sentence = "the zero of the pressure gauge drifts"
+    MINUTE: ClassVar[float] = 60.0  # s
+    parameters = tuple(
+        Parameter(f"pressure_offset.{k}", -5e-3, 5e-3, "MPa", null=0.0, typical=2e-4, plausible=(-1e-3, 1e-3))
+        for k in ("offset", "slope", "bend")
+    )
+
+    def before(self, test: Test, theta: Theta) -> Test:
+        offset, slope, bend = (theta[p.name] for p in self.parameters)
+        x = test.path.time / self.MINUTE
+        pressure = test.path.pressure + offset + slope * x + bend * x * (1 - x)
+        return replace(test, path=replace(test.path, pressure=pressure))
+
+    def start(self, theta: Theta) -> Theta:
+        return {**{p.name: 0.0 for p in self.parameters}, **theta}
 
 
 class Gravity(Effect):
