@@ -99,9 +99,9 @@ def explained(
     rivals: Sequence[tuple[str, float]] = (),
 ) -> Explanation:
     """The evidence for an effect, or for several together, from the models without and with them, each at its
-    own fit. Residuals of both are shown under the errors of the model with them."""
+    own fit and with its own errors: what is uncertain of an effect is no error of the model without it."""
     w, names = after.whitener, {e.name for e in effects}
-    residual, left = (_cleaned(w, targets.value - side.predicted) for side in (before, after))
+    residual, left = (_cleaned(s.whitener, targets.value - s.predicted) for s in (before, after))
     own = [p for p in after.model.parameters if p.name.partition(".")[0] in names]
     every = {e.name: e for e in estimates(after.fit, after.comparison)}
     return Explanation(

@@ -50,14 +50,18 @@ def beyond(w: Whitener, residual: Array) -> tuple[tuple[str, float], ...]:
 def in_words(rows: Sequence[tuple[str, float]], *, fits: bool) -> str:
     """A sentence on shared errors beyond what is stated of them; nothing where there are none.
 
-    fits: whether the model agrees, which it then does only with them.
+    fits: whether the model agrees, which it then does only with them. Of errors that are called the same the
+    largest counts.
     """
     if not rows:
         return ""
-    (name, size), *others = rows[:SAID]
-    said = [f"{subject(name)} would have to be off by {abs(size):.0f} sd"]
-    said += [f"{subject(name)} by {abs(size):.0f} sd" for name, size in others]
-    more = len(rows) - SAID
+    largest: dict[str, float] = {}
+    for name, size in rows:
+        largest.setdefault(subject(name), size)
+    (what, size), *others = list(largest.items())[:SAID]
+    said = [f"{what} would have to be off by {abs(size):.0f} sd"]
+    said += [f"{what} by {abs(size):.0f} sd" for what, size in others]
+    more = len(largest) - SAID
     said += [f"{more} more error{'s' * (more > 1)} by more than {BEYOND:.0f} sd"] if more > 0 else []
     listed = " and ".join(filter(None, [", ".join(said[:-1]), said[-1]]))
     return f" {'For that' if fits else 'Even so'}, {listed}."
