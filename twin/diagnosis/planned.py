@@ -55,7 +55,10 @@ def heavy(model: Model, down: Array) -> Model:
 
 
 def in_film(model: Model, film: Film, points: Array) -> Model:
-    """The model in a film that follows the one it describes, with more points (k, 3) mm on the finger."""
+    """The model in a film that follows the one it describes, with more points (k, 3) mm on the finger.
+
+    Without the mesh's correction, which is known at the film's own points only, and alike for all rivals.
+    """
     path, test = model.test.path, model.test
     time, pressure, output = _course(path, film)
     before = np.linspace(path.time[0], path.time[-1], min(len(path.time), LOG))
@@ -73,7 +76,7 @@ def in_film(model: Model, film: Film, points: Array) -> Model:
     names = (*test.markers, *(f"new{k}" for k in range(1, len(points) + 1)))
     places = np.concatenate([test.points, points])
     whole = replace(test, path=course, points=places, moving=moving, names=names)
-    return replace(model, test=whole, reference=np.arange(len(model.reference)), parent=None)
+    return replace(model, test=whole, reference=np.arange(len(model.reference)), parent=None, mesh=None)
 
 
 def _course(path: Path, film: Film) -> tuple[Array, Array, Array]:

@@ -15,6 +15,7 @@ from twin.diagnosis.planned import Film, heavy, in_film, responses
 from twin.effects.library import effect
 from twin.effects.material import Elasticity
 from twin.model.building import base_model
+from twin.model.discretisation import Discretisation
 from twin.model.prediction import Model
 from twin.targets import Targets
 
@@ -112,6 +113,18 @@ def test_a_planned_film_shows_what_the_model_does_along_its_history(
         scale = np.array([p.step for p in whole.parameters])[:, None, None, None]
         assert scale * response.jacobian == pytest.approx(scale * slopes, abs=close)
     assert np.array_equal(found[0].u[:, 0], found[0].u[:, 3])  # the marker and the one added at its place
+
+
+def test_experiments_are_planned_for_a_model_with_the_error_of_its_mesh(targets: Targets, coarsest_case: Case) -> None:
+    member = model_with(targets, coarsest_case, "camera_scale", {"camera_scale.scale": 0.02})
+    grid, count = np.linspace(0.0, 0.02, 6), int(member.model.test.moving.sum())
+    base = 40.0 * grid[None, :, None, None] * np.ones((1, 1, count, 3))
+    mesh = Discretisation(("check",), 0.3, grid, np.zeros((1, 3)), base, 0.01 * base[None])
+    points = np.array([coarsest_case.position(4401)])
+    plain, corrected = (
+        responses(m, member.theta, [STEP_UP], points)[0].u for m in (member.model, member.model.on_mesh(mesh))
+    )
+    np.testing.assert_array_equal(plain, corrected)
 
 
 def test_a_finger_turned_over_sags_the_other_way(targets: Targets, coarsest_case: Case) -> None:
