@@ -236,8 +236,8 @@ class Attempts:
         pairs = best_pairs(base, own, count=PAIRS)
         if best and best[0].refit is not None:
             beside = self._added_to((best[0].effect,), best[0].refit, best[0].gain)
-            known = {frozenset(g.names) for g in pairs}
-            pairs += [beside] if beside and frozenset(beside.names) not in known else []
+            if beside:  # begun from a refit it is nearer than the same pair from the base
+                pairs = [g for g in pairs if set(g.names) != set(beside.names)] + [beside]
         groups = self._confirmed(pairs, base)
         top = groups[0] if groups else None
         alone = max((c.delta_bic or 0.0 for c in best), default=0.0)
@@ -258,9 +258,8 @@ class Attempts:
         rows = [r for r in screened(view, self.rivals_at(view)) if not r.kind and not r.note and r.gain > 0]
         if not rows:
             return None
-        top = max(rows, key=lambda r: r.gain)
-        added = top.effect.at(top.start, self.model.test)
-        return Group(effects=(*effects, added), promise=gain + top.gain, start=top.start)
+        top = self._held(max(rows, key=lambda r: r.gain), view)
+        return Group(effects=(*effects, top.effect), promise=gain + top.gain, start=top.start)
 
     def _beside(self, best: Sequence[Candidate]) -> dict[str, float]:
         """The evidence of the best effect with each other explanation on top of it, to first order; none
