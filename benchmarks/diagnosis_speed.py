@@ -5,7 +5,7 @@
 One run on the default finger along two cycles at two rates with holds; every figure is processor time on one
 thread, and its ratio to a cold base solve with its two derivatives. A neighbour is 2 % off in C10 and 5 % in
 the creep, and begins from the solved state to first order. --quick takes a finger of three bellows (about a
-minute of the processor, else three).
+minute of the processor).
 """
 
 import argparse
