@@ -72,7 +72,7 @@ def targets_of(spec: Spec) -> Targets:
 def opened(folder: Path) -> Callable[[str], dict[str, Any]]:
     """What runs a command on the project of a folder, and gives what `--json` prints."""
 
-    def command(name: str, **options: Any) -> dict[str, Any]:
+    def command(name: str, /, **options: Any) -> dict[str, Any]:
         project = Project.open(folder, builtin=OWN)
         with project.lock(name):
             return stage_of(name).run(project, Quiet(), **options)

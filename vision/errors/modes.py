@@ -12,6 +12,7 @@ from scipy.stats import chi2
 
 from vision.camera import Array
 from vision.errors.noise import CREEP, FAST, PASSING, REST, SHAKEN
+from vision.following.turns import mean_seen
 from vision.marks import Mark
 
 Named = Mapping[str, Array]  # name to (s,p,3) mm
@@ -103,7 +104,7 @@ def redrawn(value: Array, ideal: Array, rest: NDArray[np.intp], marks: Sequence[
 
     ideal: (s,p,2) px centres.   rest: (r,) steps of the reference.
     """
-    off = ideal - np.nanmean(ideal[rest], axis=0)
+    off = ideal - mean_seen(ideal[rest])
     away = np.nan_to_num(np.hypot(off[..., 0], off[..., 1]))
     modes: dict[str, Array] = {}
     for p in _finger(marks):

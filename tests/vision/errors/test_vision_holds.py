@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from vision import Video, View, measure
 from vision.errors import modes
 from vision.errors.budgeting import budget
-from vision.errors.modes import codec
+from vision.errors.modes import REDRAWN_PX, codec, redrawn
 from vision.errors.noise import CREEP, FAST, REST
 
 Array = NDArray[np.float64]
@@ -81,3 +81,14 @@ def test_every_hold_has_its_mode_and_the_variance_stays(lab: Lab) -> None:
     table = budget({"codec": left**2}, np.array(list(shared.values())), list(shared), seen)
     row = table.sd[table.sources.index("codec")]
     np.testing.assert_allclose(row[0, 0], 0.3 * np.sqrt(11 / 15))
+
+
+def test_a_mark_that_the_rest_does_not_show_has_no_error_of_another_picture(lab: Lab) -> None:
+    value, ideal = np.zeros((20, 2, 3)), np.zeros((20, 2, 2))
+    value[5:15, :, 2], ideal[5:15, :, 1] = 1.0, 8.0
+    ideal[:3, 1] = np.nan
+    marks = lab.marks[-2:]
+    found = redrawn(value, ideal, np.arange(3), marks)
+    assert {name.split(":")[1] for name in found} == {marks[0].name}
+    assert set(np.flatnonzero(found[f"codec:{marks[0].name}:3:moved"][:, 0, 2])) == set(range(5, 15))
+    assert found[f"codec:{marks[0].name}:3:moved"].max() == pytest.approx(REDRAWN_PX / 8.0)
