@@ -4,7 +4,7 @@ What the gauge's noise and the mesh do to a prediction depends on the constants.
 constants judge another model, so the whitener is rebuilt at every fit, until fit and errors belong together.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -70,9 +70,6 @@ class Judged(Fitted):
         return self.comparison.whitened
 
 
-Tell = Callable[[str, int, int], None]
-
-
 def judge(
     model: Model,
     targets: Targets,
@@ -82,7 +79,6 @@ def judge(
     evaluations: int = 25,
     tolerance: float = 0.1,
     turns: int | None = None,
-    tell: Tell | None = None,
 ) -> Judged:
     """The model fitted from starts (m, d) or (d,), with the errors at its fit, and compared.
 
@@ -92,20 +88,15 @@ def judge(
     the model can be solved at no start.
     """
     task = _Task(model, targets, seed, evaluations, tolerance, TURNS if turns is None else turns)
-    rows, tell = np.atleast_2d(np.asarray(starts, float)), tell or (lambda stage, done, total: None)
     ends, why = [], ""
-    for k, start in enumerate(rows):
-        tell("fit", k, len(rows) + 1)
+    for start in np.atleast_2d(np.asarray(starts, float)):
         try:
             ends.append(task.first(start))
         except Unsolvable as error:
             why = str(error)
     if not ends:
         raise Unsolvable(why)
-    tell("fit", len(rows), len(rows) + 1)
-    end = task.settled(min(ends, key=lambda e: e.deviance))
-    tell("fit", len(rows) + 1, len(rows) + 1)
-    return task.judged(end)
+    return task.judged(task.settled(min(ends, key=lambda e: e.deviance)))
 
 
 def judge_fit(model: Model, targets: Targets, fit: Fit) -> Judged:

@@ -10,7 +10,6 @@ from twin.diagnosis.procedure import diagnose
 from twin.diagnosis.verdicts import Diagnosis
 from twin.effects.library import all_effects, effect
 from twin.effects.protocol import Effect
-from twin.model.prediction import Model
 from twin.parallel import WORKERS
 from twin.project.folder import Project, Run, Say
 from twin.stages.comparing import write_prediction
@@ -38,7 +37,7 @@ def run_diagnose(project: Project, say: Say) -> dict[str, Any]:
             workers=WORKERS,
             progress=say.progress,
         )
-        _write(run, project, model, found)
+        _write(run, project, found)
         for explanation in shown:
             write_evidence(run, explanation)
         for line in (model.extent, *map(_row, found.ranking)):
@@ -87,7 +86,7 @@ def _settled(bench: Workbench, found: Diagnosis, say: Say, shown: list[Explanati
     return replace(settled, evidence=explanation.to_dict())
 
 
-def _write(run: Run, project: Project, model: Model, found: Diagnosis) -> None:
+def _write(run: Run, project: Project, found: Diagnosis) -> None:
     """Write diagnosis.json, the base model's prediction.npz and, of the kept effects, kept.json."""
     run.write_json("diagnosis.json", found.to_dict())
     run.summary["headline"] = found.verdict

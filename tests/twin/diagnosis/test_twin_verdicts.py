@@ -1,13 +1,15 @@
 """What is concluded from all that was tried: every verdict, on models linear in their parameters."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from tests.twin.diagnosis.toy import STEPS, Toy, pressure, smooth_field, targets, toy_effect
+from twin.diagnosis import procedure
 from twin.diagnosis.procedure import diagnose
-from twin.diagnosis.verdicts import Diagnosis
+from twin.diagnosis.verdicts import Diagnosis, Trial, concluded
 from twin.effects.protocol import Effect
 from twin.targets import Array
 
@@ -88,6 +90,30 @@ def test_another_law_of_the_same_physics_is_told() -> None:
     assert (found.verdict, found.named) == ("right physics, wrong law", ("alpha",))
     # without a declared family the same data are called unknown
     assert diagnosed(truth, fields={"alpha": wide}).verdict == "none of these"
+
+
+def test_a_family_is_the_law_only_where_its_narrow_law_goes_half_way_and_nothing_rivals_it(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    seen: list[Trial] = []
+    monkeypatch.setattr(procedure, "concluded", lambda trial: seen.append(trial) or concluded(trial))
+    wide = np.concatenate([FIELDS["alpha"], smooth_field(60, 2)])
+    truth = 0.3 * wide[0] + 0.08 * wide[1] - 0.06 * wide[2]
+    diagnosed(truth, fields={"alpha": wide}, effects=(toy_effect("alpha", wide=3), *EFFECTS[1:]))
+    (trial,) = seen
+    (family,) = (c for c in trial.wide if c.adequate)
+    assert family.evidence is not None
+    assert concluded(trial).verdict == "right physics, wrong law"
+
+    def narrow(share: float) -> Trial:
+        rows = [replace(c, evidence=share * family.evidence) if c.effect.name == "alpha" else c for c in trial.candidates]
+        return replace(trial, candidates=tuple(rows))
+
+    assert concluded(narrow(0.6)).verdict == "right physics, wrong law"
+    assert concluded(narrow(0.4)).verdict == "none of these"
+    for short, verdict in ((1.0, "none of these"), (20.0, "right physics, wrong law")):
+        rival = replace(family, effect=toy_effect("alpha", kind="outside force"), evidence=family.evidence - short)
+        assert concluded(replace(trial, stand_ins=(rival,))).verdict == verdict
 
 
 def test_two_effects_together_are_both_named() -> None:
