@@ -17,13 +17,14 @@ import sys
 import tempfile
 import time
 from collections.abc import Sequence
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
 import _first  # noqa: F401
 import numpy as np
 from tally import CLEAR, summary
-from trialbench import Scene, Spec, largest, run
+from trialbench import Scene, Spec, cosine, largest, run
 
 from twin.virtual.hidden import KINDS
 
@@ -35,6 +36,7 @@ OTHER = [k.name for k in KINDS.values() if k.law == "other"]
 UNKNOWN = [k.name for k in KINDS.values() if k.law == "unknown"]
 GRAVITY = ("gravity",)
 FORCES = ("force_up", "force_down", "force_side")
+ALIKE = 0.95  # cosine of two effects that no data of a protocol tell apart
 COUNTS = {"P5": 150, "P3": 60, "P1": 60}  # of each law
 
 
@@ -78,13 +80,16 @@ def _trials(
 
 
 def _pairs(count: int) -> list[Spec]:
-    """Pairs of different physics whose places in a diagnosis do not exclude each other."""
-    rng, out = np.random.default_rng(5), []
+    """Pairs of effects of which neither does the other's work: where both are plain and their changes, beside
+    the constants, have a cosine below ALIKE."""
+    rng, scene, out = np.random.default_rng(5), Scene.of(Spec("", "P5", (), 0.0, "white", 2)), []
     able = [n for n in seen_in("P5", SAME) if n not in ("gravity", "clamp")]
-    for k in range(count):
-        a, b = rng.choice(len(able), 2, replace=False)
-        sigmas = (30.0, 100.0)[k % 2]
-        out.append(Spec("pairs", "P5", (able[a], able[b]), sigmas, "white", 40_000 + k))
+    both = [{a, b} for a, b in combinations(able, 2) if cosine(scene, KINDS[a], KINDS[b]) < ALIKE]
+    while len(out) < count:
+        a, b = (able[k] for k in rng.choice(len(able), 2, replace=False))
+        if {a, b} in both:
+            sigmas = (30.0, 100.0)[len(out) % 2]
+            out.append(Spec("pairs", "P5", (a, b), sigmas, "white", 40_000 + len(out)))
     return out
 
 

@@ -7,6 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from twin.diagnosis.verdicts import KINDS, SAME
+
 Row = dict[str, Any]
 CLEAR = 8.0  # non-centrality from which on an effect ought to be named
 
@@ -30,8 +32,18 @@ def rate(flags: Sequence[bool]) -> dict[str, Any]:
 
 
 def in_set(row: Row) -> bool:
-    """Whether what is hidden is among what the verdict names."""
-    return bool(set(row["physics"]) <= set(row["names"]))
+    """Whether what is hidden is among what the verdict names; a kind of stand-in that is named as one of
+    `A or B` names the effects that it says in general."""
+    said = {words: SAME.get(kind, ()) for kind, words in KINDS.items()}
+    names = {n for name in row["names"] for n in (name, *said.get(name, ()))}
+    return bool(set(row["physics"]) <= names)
+
+
+def exact(row: Row) -> bool:
+    """Whether a verdict on a pair names both effects and no other: alone, or as one of several pairs that
+    these data cannot tell apart."""
+    told = [set(name.split(" + ")) for name in row["verdict"].partition(":")[0].split(" or ")]
+    return set(row["physics"]) in told and {len(names) for names in told} == {2}
 
 
 def top1(row: Row) -> bool:
@@ -146,11 +158,12 @@ def summary(rows: Sequence[Row]) -> Row:
                         "by_kind": {k: rate([flagged(r) for r in unknown if r["kinds"] == [k]])
                                     for k in sorted({r["kinds"][0] for r in unknown})}}  # fmt: skip
     pairs = [r for r in of.get("pairs", []) if all(h["sigmas"] >= CLEAR for h in r["hidden"])]
-    exact = [in_set(r) and len(r["named"]) == 2 for r in pairs]
+    right = [exact(r) for r in pairs]
     table["pairs"] = {
         "n": len(pairs),
-        "exact": _share(exact),
-        "interval": wilson(sum(exact), len(exact)),
+        "exact": _share(right),
+        "interval": wilson(sum(right), len(right)),
+        "alone": _share(r["named"] and set(r["named"]) == set(r["physics"]) and not r["ties"] for r in pairs),
         "one_in_set": _share(bool(set(r["physics"]) & set(r["names"])) for r in pairs),
     }
     for name in ("film", "full_fe"):

@@ -169,6 +169,16 @@ def largest(scene: Scene, kind: Kind) -> float:
     return float(_projector(scene)(u - _beside(scene.true(()), u)))
 
 
+def cosine(scene: Scene, a: Kind, b: Kind) -> float:
+    """How alike the changes by two kinds are at their largest sizes, beside the fitted constants: 1 where
+    they cannot be told apart."""
+    bare, see = scene.true(()), _projector(scene)
+    one, two = (u - _beside(bare, u) for u in (scene.true(((k, k.range[1]),)) for k in (a, b)))
+    x, y = see(one), see(two)
+    both = _beside(one, two) + two if one.shape[1] < two.shape[1] else one + _beside(two, one)
+    return float(abs(see(both) ** 2 - x**2 - y**2) / (2 * x * y))
+
+
 def _projector(scene: Scene) -> Any:
     targets = scene.targets(())
     model = scene.model(targets)

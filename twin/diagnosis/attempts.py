@@ -113,7 +113,7 @@ class Attempts:
             stand_ins=tuple(c for c in rows if c.kind),
         )
         best = ranked([c for c in trial.candidates if c.evidence is not None])
-        if base.comparison.adequate or any(c.adequate for c in best):
+        if base.comparison.adequate or not _asks_for_more(best, trial.stand_ins):
             return trial
         wide = self._families(base, best)
         trial = replace(trial, candidates=(*trial.candidates, *self._narrow(base, wide, best, rows)))
@@ -221,12 +221,20 @@ class Attempts:
         best: Sequence[Candidate],
         rows: Sequence[Candidate],
     ) -> list[Candidate]:
-        """The refit of the narrow law of the best family, where there is none yet."""
+        """Refits of the library's own laws of the best family's effect that have none yet: the first, and the
+        widest where that shows most."""
         fits = ranked([c for c in wide if c.adequate])
-        if not fits or fits[0].effect.name in {c.effect.name for c in best if c.refit is not None}:
+        if not fits:
             return []
-        own = [c for c in rows if c.effect.name == fits[0].effect.name and not c.note and c.gain > 0]
-        return self._refits(own[:1], base, ())
+        name = fits[0].effect.name
+        own = [c for c in rows if c.effect.name == name and not c.note]
+        tried = {c.effect.label for c in best if c.refit is not None}
+        first = [c for c in own if c.gain > 0 and c.effect.label not in tried][:1]
+        law = own[0].effect.laws()[-1] if own else None
+        if law is None or law.label in {*tried, own[0].effect.label, fits[0].effect.label}:
+            return self._refits(first, base, ())
+        widest = [c for c in screened(base, rivals_of(base, [law])) if c.gain > 0 and not c.note]
+        return self._refits([*first, *widest], base, ())
 
     def _groups(
         self, base: Judged, found: dict[str, list[Rival]], best: Sequence[Candidate]
@@ -286,6 +294,15 @@ class Attempts:
 def _sure(c: Candidate) -> bool:
     """Whether a refit leaves noise alone beyond doubt."""
     return c.refit is not None and c.refit.comparison.p_value > SURE
+
+
+def _asks_for_more(best: Sequence[Candidate], stand_ins: Sequence[Candidate]) -> bool:
+    """Whether families and pairs are tried: no effect alone is adequate beyond doubt, or a stand-in explains
+    more than the best of them."""
+    sure = [c for c in best if _sure(c)]
+    if not sure:
+        return True
+    return any((c.evidence or 0.0) > (sure[0].evidence or 0.0) + TIE for c in (*best, *stand_ins))
 
 
 def _on_a_basis(effect: Effect, test: Test) -> bool:

@@ -17,8 +17,6 @@ from twin.diagnosis.refitting import DETECTED
 from twin.effects.protocol import Effect, Theta
 
 TIE = 6.0  # 2 ln B: below it neither of two models is preferred (Kass & Raftery 1995, doi 10.2307/2291091)
-# of a wide family's evidence is what the law of the library must have to be of the right physics
-HALF = 0.5
 SECOND = 25.0  # BIC gain that a second effect must bring
 POWER = 0.9  # with which a size must be found to be named
 SHOWN = 3  # stand-ins and nearest effects that are told
@@ -164,15 +162,18 @@ def concluded(trial: Trial) -> Diagnosis:
     fits = [c for c in singles if c.adequate]
     if trial.base.comparison.adequate:
         fits = [c for c in fits if c.p_value < DETECTED]
-    if fits:
-        found = _single(trial, fits)
-    elif trial.base.comparison.adequate:
+    if not fits and trial.base.comparison.adequate:
         found = Diagnosis(
             verdict="none needed",
             sentence="The model agrees with the measurement: these data ask for no further effect.",
         )
     else:
-        found = _wider(trial, singles) or _together(trial, singles) or _unknown(trial, singles)
+        found = (
+            (_single(trial, fits) if fits else None)
+            or _wider(trial, singles)
+            or (_together(trial, singles) if not fits else None)
+            or _unknown(trial, fits or singles)
+        )
     return replace(
         found,
         ranking=ranked([*trial.candidates, *trial.wide]),
@@ -182,18 +183,31 @@ def concluded(trial: Trial) -> Diagnosis:
     )
 
 
-def _single(trial: Trial, fits: Sequence[Candidate]) -> Diagnosis:
-    """The verdict where one effect alone is adequate."""
-    best = fits[0]
-    assert best.evidence is not None
+def _single(trial: Trial, fits: Sequence[Candidate]) -> Diagnosis | None:
+    """The verdict where one effect alone is adequate; None where a stand-in or a wider family of another
+    effect explains more than each of them."""
+    alone = {c.effect.name for c in fits}
+    wide = [c for c in ranked(trial.wide) if c.adequate and c.effect.name not in alone]
     stand_ins = [c for c in ranked(trial.stand_ins) if c.evidence is not None]
-    stand_ins = [c for c in stand_ins if best.effect.name not in SAME.get(c.kind, ())]
-    if stand_ins and (stand_ins[0].evidence or 0.0) > best.evidence + TIE:
-        return _unknown(trial, fits)
-    if (best.size or 0.0) < trial.least or best.evidence < TIE:
+    kept = [c for c in fits if all(_close(c, r) for r in (*_others(stand_ins, c)[:1], *wide[:1]))]
+    if not kept:
+        return None
+    best = kept[0]
+    if (best.size or 0.0) < trial.least or (best.evidence or 0.0) < TIE:
         return _weak(trial, best)
-    others = [c for c in fits[1:] if c.effect.name != best.effect.name and _close(c, best)]
-    mimics = [c for c in stand_ins if c.adequate and _close(c, best)]
+    others = [c for c in (*kept[1:], *wide) if c.effect.name != best.effect.name and _close(c, best)]
+    mimics = [c for c in _others(stand_ins, best) if c.adequate and _close(c, best)]
+    return _named(best, others, mimics)
+
+
+def _others(stand_ins: Sequence[Candidate], c: Candidate) -> list[Candidate]:
+    """The stand-ins that are another explanation than an effect."""
+    return [s for s in stand_ins if c.effect.name not in SAME.get(s.kind, ())]
+
+
+def _named(best: Candidate, others: Sequence[Candidate], mimics: Sequence[Candidate]) -> Diagnosis:
+    """The verdict on an effect that is adequate, with the effects and stand-ins that cannot be told from
+    it."""
     kinds = {c.kind: c for c in reversed(mimics)}
     rivals = dict.fromkeys(c.effect.name for c in others)
     names = (best.effect.name, *rivals, *(KINDS.get(k, k) for k in kinds))
@@ -225,37 +239,35 @@ def _weak(trial: Trial, best: Candidate) -> Diagnosis:
 
 def _wider(trial: Trial, singles: Sequence[Candidate]) -> Diagnosis | None:
     """The verdict where a wider family of one effect's physics is adequate, and nothing else explains as
-    much."""
+    much; what explains as much and is adequate is named with it."""
     fits = [c for c in ranked(trial.wide) if c.adequate and c.evidence is not None]
     if not fits:
         return None
-    best = fits[0]
-    # several effects may have one family: a gauge's curve takes the place of a wrong gain, or of an offset
-    own = {c.effect.name: c for c in fits if type(c.effect) is type(best.effect) and _close(c, best)}
-    narrow = next((c for c in ranked(trial.candidates) if c.effect.name in own and c.refit), None)
-    if narrow is None or (narrow.evidence or 0.0) < HALF * (best.evidence or 0.0):
+    best, name = fits[0], fits[0].effect.name
+    others = [c for c in (*singles, *fits) if c.effect.name != name]
+    others += _others(trial.stand_ins, best)
+    tied = [c for c in others if c.adequate and _close(c, best)]
+    if any(not _close(best, c) for c in tied):
         return None
-    others = [c for c in (*singles, *fits) if c.effect.name not in own]
-    others += [c for c in trial.stand_ins if not any(name in SAME.get(c.kind, ()) for name in own)]
-    rest = [c.evidence or 0.0 for c in others]
+    rest = [c.evidence or 0.0 for c in others if not c.adequate]
     rest += [g.evidence or 0.0 for g in trial.groups if g.adequate]
-    rest += [evidence for name, evidence in trial.beside.items() if name not in own]
+    rest += [evidence for beside, evidence in trial.beside.items() if beside != name]
     if (best.evidence or 0.0) < max(rest, default=0.0) + TIE:
         return None
-    name = narrow.effect.name
-    names = (name, *(n for n in own if n != name))
-    told = f"{name} is the missing physics. {_capital(narrow.effect.sentence)}."
-    if names[1:]:
-        told = f"{' or '.join(names)} is the missing physics: these data cannot tell which."
+    if tied:
+        found = _named(best, [c for c in tied if not c.kind], [c for c in tied if c.kind])
+        return replace(
+            found, sentence=f"{found.sentence} {name} would follow another law than the library's."
+        )
     return Diagnosis(
         verdict="right physics, wrong law",
         sentence=(
-            f"{told} Its law is not exactly that of the library: a wider family of the same physics fits."
+            f"{name} is the missing physics. {_capital(best.effect.sentence)}. Its law is not exactly that of "
+            "the library: a wider family of the same physics fits."
         ),
         named=(name,),
-        effects=(own[name].effect,),
-        kept=own[name].refit,
-        ties=(names,) if names[1:] else (),
+        effects=(best.effect,),
+        kept=best.refit,
     )
 
 
@@ -322,7 +334,10 @@ def resemblance(c: Candidate) -> dict[str, Any]:
 
 
 def _close(c: Candidate, best: Candidate) -> bool:
-    return (best.evidence or 0.0) - (c.evidence or 0.0) < TIE
+    """Whether these data cannot tell a candidate from a better one: two are told apart only where the
+    evidence, which knows what sizes are plausible, and the BIC, which knows nothing of sizes, both say so."""
+    gaps = ((best.evidence or 0.0) - (c.evidence or 0.0), (best.delta_bic or 0.0) - (c.delta_bic or 0.0))
+    return min(gaps) < TIE
 
 
 def _capital(sentence: str) -> str:

@@ -181,7 +181,7 @@ class Mullins(Family):
     name, order = "mullins", Order.MATERIAL
     requires = (Requirement.HISTORY, Requirement.UNLOADING)
     sentence = "the silicone is softer below the largest load it has carried (Mullins softening)"
-    added: ClassVar[Theta] = {"mullins.beta": 0.1}
+    added: ClassVar[Theta] = {"mullins.beta": 0.5}
 
     def law(self, terms: int) -> tuple[Parameter, ...]:
         return (

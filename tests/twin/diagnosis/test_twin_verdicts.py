@@ -92,9 +92,7 @@ def test_another_law_of_the_same_physics_is_told() -> None:
     assert diagnosed(truth, fields={"alpha": wide}).verdict == "none of these"
 
 
-def test_a_family_is_the_law_only_where_its_narrow_law_goes_half_way_and_nothing_rivals_it(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_a_family_is_the_law_where_nothing_rivals_it(monkeypatch: pytest.MonkeyPatch) -> None:
     seen: list[Trial] = []
     monkeypatch.setattr(procedure, "concluded", lambda trial: seen.append(trial) or concluded(trial))
     wide = np.concatenate([FIELDS["alpha"], smooth_field(60, 2)])
@@ -102,18 +100,41 @@ def test_a_family_is_the_law_only_where_its_narrow_law_goes_half_way_and_nothing
     diagnosed(truth, fields={"alpha": wide}, effects=(toy_effect("alpha", wide=3), *EFFECTS[1:]))
     (trial,) = seen
     (family,) = (c for c in trial.wide if c.adequate)
-    assert family.evidence is not None
-    assert concluded(trial).verdict == "right physics, wrong law"
+    assert family.evidence is not None and family.delta_bic is not None
 
-    def narrow(share: float) -> Trial:
-        rows = [replace(c, evidence=share * family.evidence) if c.effect.name == "alpha" else c for c in trial.candidates]
-        return replace(trial, candidates=tuple(rows))
+    def beside(evidence: float, bic: float) -> Diagnosis:
+        rival = replace(
+            family,
+            effect=toy_effect("alpha", kind="outside force"),
+            evidence=family.evidence + evidence,
+            delta_bic=family.delta_bic + bic,
+        )
+        return concluded(replace(trial, stand_ins=(rival,)))
 
-    assert concluded(narrow(0.6)).verdict == "right physics, wrong law"
-    assert concluded(narrow(0.4)).verdict == "none of these"
-    for short, verdict in ((1.0, "none of these"), (20.0, "right physics, wrong law")):
-        rival = replace(family, effect=toy_effect("alpha", kind="outside force"), evidence=family.evidence - short)
-        assert concluded(replace(trial, stand_ins=(rival,))).verdict == verdict
+    assert beside(-20.0, -20.0).verdict == "right physics, wrong law"
+    assert beside(20.0, 20.0).verdict == "none of these"
+    # told apart only where what knows plausible sizes and what does not agree
+    for gaps in ((-1.0, -20.0), (-20.0, -1.0), (20.0, -20.0), (-20.0, 20.0)):
+        tied = beside(*gaps)
+        assert tied.ties == (("alpha", "an outside force"),)
+        assert tied.effects == (family.effect,)
+        assert "alpha would follow another law" in tied.sentence
+
+
+def test_an_implausible_size_alone_rules_no_effect_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    seen: list[Trial] = []
+    monkeypatch.setattr(procedure, "concluded", lambda trial: seen.append(trial) or concluded(trial))
+    diagnosed(0.2 * FIELDS["alpha"][0])
+    (trial,) = seen
+    alpha = next(c for c in trial.candidates if c.effect.name == "alpha")
+
+    def beside(evidence: float, bic: float) -> str:
+        assert alpha.evidence is not None and alpha.delta_bic is not None
+        rival = replace(alpha, effect=EFFECTS[1], evidence=alpha.evidence - evidence, delta_bic=alpha.delta_bic - bic)
+        return concluded(replace(trial, candidates=(*trial.candidates, rival))).verdict
+
+    assert beside(20.0, 0.0) == "alpha or beta"
+    assert beside(20.0, 20.0) == "alpha"
 
 
 def test_two_effects_together_are_both_named() -> None:
