@@ -30,6 +30,7 @@ APART = 12.0  # chi2 by which an effect may fall short of the best one, to first
 BENT = 0.1  # of the best one's chi2: so wrong the first order may be
 PAIRS = 2  # pairs that are refitted
 FAMILIES = 3  # and wider families
+HALF = 0.5  # of the best one's evidence: what another must have to cast doubt on it
 SURE = 0.01  # probability of the lack of fit from which on no wider law is tried
 
 
@@ -297,12 +298,15 @@ def _sure(c: Candidate) -> bool:
 
 
 def _asks_for_more(best: Sequence[Candidate], stand_ins: Sequence[Candidate]) -> bool:
-    """Whether families and pairs are tried: no effect alone is adequate beyond doubt, or a stand-in explains
-    more than the best of them."""
-    sure = [c for c in best if _sure(c)]
-    if not sure:
+    """Whether families and pairs are tried: no effect alone is adequate; or one is, but not beyond doubt
+    while another explanation does half as much; or a stand-in explains more."""
+    fits = [c for c in best if c.adequate]
+    if not fits:
         return True
-    return any((c.evidence or 0.0) > (sure[0].evidence or 0.0) + TIE for c in (*best, *stand_ins))
+    most = fits[0].evidence or 0.0
+    others = [c.evidence or 0.0 for c in (*best, *stand_ins) if c.effect.name != fits[0].effect.name]
+    top = max(others, default=0.0)
+    return top > most + TIE or (not _sure(fits[0]) and top > HALF * most)
 
 
 def _on_a_basis(effect: Effect, test: Test) -> bool:
