@@ -163,7 +163,7 @@ def summary(rows: Sequence[Row]) -> Row:
         "n": len(pairs),
         "exact": _share(right),
         "interval": wilson(sum(right), len(right)),
-        "alone": _share(r["named"] and set(r["named"]) == set(r["physics"]) and not r["ties"] for r in pairs),
+        "alone": _share(set(r["named"]) == set(r["physics"]) and not r["ties"] for r in pairs),
         "one_in_set": _share(bool(set(r["physics"]) & set(r["names"])) for r in pairs),
     }
     for name in ("film", "full_fe"):

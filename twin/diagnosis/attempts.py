@@ -31,7 +31,6 @@ BENT = 0.1  # of the best one's chi2: so wrong the first order may be
 PAIRS = 2  # pairs that are refitted
 FAMILIES = 3  # and wider families
 HALF = 0.5  # of the best one's evidence: what another must have to cast doubt on it
-SURE = 0.01  # probability of the lack of fit from which on no wider law is tried
 
 
 @dataclass(frozen=True)
@@ -188,11 +187,11 @@ class Attempts:
         out: list[Candidate] = []
         fitted = ranked([c for c in rows if c.evidence is not None and not c.kind])
         top = (fitted[0].evidence or 0.0) if fitted else 0.0
-        if base.comparison.adequate or any(_sure(c) for c in fitted):
+        if base.comparison.adequate or any(c.sure for c in fitted):
             return []
         for c in fitted[:2]:
             last = c
-            while last.refit is not None and not _sure(last) and (last.evidence or 0.0) > PROMISING * top:
+            while last.refit is not None and not last.sure and (last.evidence or 0.0) > PROMISING * top:
                 law = last.effect.wider()
                 if law is None:
                     break
@@ -292,11 +291,6 @@ class Attempts:
         return {}
 
 
-def _sure(c: Candidate) -> bool:
-    """Whether a refit leaves noise alone beyond doubt."""
-    return c.refit is not None and c.refit.comparison.p_value > SURE
-
-
 def _asks_for_more(best: Sequence[Candidate], stand_ins: Sequence[Candidate]) -> bool:
     """Whether families and pairs are tried: no effect alone is adequate; or one is, but not beyond doubt
     while another explanation does half as much; or a stand-in explains more."""
@@ -306,7 +300,7 @@ def _asks_for_more(best: Sequence[Candidate], stand_ins: Sequence[Candidate]) ->
     most = fits[0].evidence or 0.0
     others = [c.evidence or 0.0 for c in (*best, *stand_ins) if c.effect.name != fits[0].effect.name]
     top = max(others, default=0.0)
-    return top > most + TIE or (not _sure(fits[0]) and top > HALF * most)
+    return top > most + TIE or (not fits[0].sure and top > HALF * most)
 
 
 def _on_a_basis(effect: Effect, test: Test) -> bool:

@@ -11,6 +11,8 @@ from twin.effects.protocol import Effect, Theta
 from twin.model.prediction import Model
 from twin.targets import Array
 
+SURE = 0.01  # probability of the lack of fit from which on a model is adequate beyond doubt
+
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Refit(Fitted):
@@ -80,6 +82,11 @@ class Candidate:
     def adequate(self) -> bool:
         """Whether the refit leaves noise alone."""
         return self.refit is not None and self.refit.comparison.adequate
+
+    @property
+    def sure(self) -> bool:
+        """Whether the refit leaves noise alone beyond doubt."""
+        return self.refit is not None and self.refit.comparison.p_value > SURE
 
     @property
     def stretched(self) -> bool:

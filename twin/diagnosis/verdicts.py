@@ -169,9 +169,9 @@ def concluded(trial: Trial) -> Diagnosis:
         )
     else:
         found = (
-            (_single(trial, fits) if fits else None)
+            (None if any(c.sure for c in fits) else _together(trial, singles))
+            or (_single(trial, fits) if fits else None)
             or _wider(trial, singles)
-            or (_together(trial, singles) if not fits else None)
             or _unknown(trial, fits or singles)
         )
     return replace(
@@ -187,7 +187,7 @@ def _single(trial: Trial, fits: Sequence[Candidate]) -> Diagnosis | None:
     """The verdict where one effect alone is adequate; None where a stand-in or a wider family of another
     effect explains more than each of them."""
     alone = {c.effect.name for c in fits}
-    wide = [c for c in ranked(trial.wide) if c.adequate and c.effect.name not in alone]
+    wide = [c for c in ranked(trial.wide) if c.sure and c.effect.name not in alone]
     stand_ins = [c for c in ranked(trial.stand_ins) if c.evidence is not None]
     kept = [c for c in fits if all(_close(c, r) for r in (*_others(stand_ins, c)[:1], *wide[:1]))]
     if not kept:
@@ -238,10 +238,11 @@ def _weak(trial: Trial, best: Candidate) -> Diagnosis:
 
 
 def _wider(trial: Trial, singles: Sequence[Candidate]) -> Diagnosis | None:
-    """The verdict where a wider family of one effect's physics is adequate, and nothing else explains as
-    much; what explains as much and is adequate is named with it."""
+    """The verdict where a wider family of one effect's physics is adequate beyond doubt, as so much freedom
+    comes near to many things, and nothing else explains as much; what explains as much and is adequate is
+    named with it."""
     fits = [c for c in ranked(trial.wide) if c.adequate and c.evidence is not None]
-    if not fits:
+    if not fits or not fits[0].sure:
         return None
     best, name = fits[0], fits[0].effect.name
     others = [c for c in (*singles, *fits) if c.effect.name != name]
@@ -262,8 +263,8 @@ def _wider(trial: Trial, singles: Sequence[Candidate]) -> Diagnosis | None:
     return Diagnosis(
         verdict="right physics, wrong law",
         sentence=(
-            f"{name} is the missing physics. {_capital(best.effect.sentence)}. Its law is not exactly that of "
-            "the library: a wider family of the same physics fits."
+            f"{name} is the missing physics. {_capital(best.effect.sentence)}. Its law is not exactly that "
+            "of the library: a wider family of the same physics fits."
         ),
         named=(name,),
         effects=(best.effect,),
@@ -280,8 +281,9 @@ def _together(trial: Trial, singles: Sequence[Candidate]) -> Diagnosis | None:
     if not fits:
         return None
     best = max(fits, key=lambda g: g.evidence or 0.0)
-    rest = max((c.evidence or 0.0 for c in trial.stand_ins), default=0.0)
-    if (best.evidence or 0.0) < rest + TIE:
+    rest = [c.evidence or 0.0 for c in trial.stand_ins]
+    rest += [c.evidence or 0.0 for c in trial.wide if c.sure]
+    if (best.evidence or 0.0) < max(rest, default=0.0) + TIE:
         return None
     tied = [g for g in fits if g is not best and (best.evidence or 0.0) - (g.evidence or 0.0) < TIE]
     names = tuple(" + ".join(g.names) for g in (best, *tied))

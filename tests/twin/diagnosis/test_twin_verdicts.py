@@ -100,7 +100,8 @@ def test_a_family_is_the_law_where_nothing_rivals_it(monkeypatch: pytest.MonkeyP
     diagnosed(truth, fields={"alpha": wide}, effects=(toy_effect("alpha", wide=3), *EFFECTS[1:]))
     (trial,) = seen
     (family,) = (c for c in trial.wide if c.adequate)
-    assert family.evidence is not None and family.delta_bic is not None
+    assert family.evidence is not None
+    assert family.delta_bic is not None
 
     def beside(evidence: float, bic: float) -> Diagnosis:
         rival = replace(
@@ -113,6 +114,10 @@ def test_a_family_is_the_law_where_nothing_rivals_it(monkeypatch: pytest.MonkeyP
 
     assert beside(-20.0, -20.0).verdict == "right physics, wrong law"
     assert beside(20.0, 20.0).verdict == "none of these"
+    assert family.refit is not None
+    for p, verdict in ((0.02, "right physics, wrong law"), (0.005, "none of these")):
+        doubtful = replace(family.refit, comparison=replace(family.refit.comparison, p_value=p))
+        assert concluded(replace(trial, wide=(replace(family, refit=doubtful),))).verdict == verdict
     # told apart only where what knows plausible sizes and what does not agree
     for gaps in ((-1.0, -20.0), (-20.0, -1.0), (20.0, -20.0), (-20.0, 20.0)):
         tied = beside(*gaps)
@@ -129,7 +134,8 @@ def test_an_implausible_size_alone_rules_no_effect_out(monkeypatch: pytest.Monke
     alpha = next(c for c in trial.candidates if c.effect.name == "alpha")
 
     def beside(evidence: float, bic: float) -> str:
-        assert alpha.evidence is not None and alpha.delta_bic is not None
+        assert alpha.evidence is not None
+        assert alpha.delta_bic is not None
         rival = replace(alpha, effect=EFFECTS[1], evidence=alpha.evidence - evidence, delta_bic=alpha.delta_bic - bic)
         return concluded(replace(trial, candidates=(*trial.candidates, rival))).verdict
 
@@ -143,6 +149,21 @@ def test_two_effects_together_are_both_named() -> None:
     assert found.verdict in ("alpha + gamma", "gamma + alpha")
     assert found.groups[0].held_out is not None
     assert min(found.groups[0].held_out.values()) > 0
+
+
+def test_two_effects_come_before_one_that_is_adequate_with_doubt(monkeypatch: pytest.MonkeyPatch) -> None:
+    seen: list[Trial] = []
+    monkeypatch.setattr(procedure, "concluded", lambda trial: seen.append(trial) or concluded(trial))
+    diagnosed(0.2 * FIELDS["alpha"][0] + 0.15 * FIELDS["gamma"][0])
+    (trial,) = seen
+
+    def single(p: float) -> str:
+        (best, *rest) = sorted((c for c in trial.candidates if c.refit), key=lambda c: -(c.evidence or 0.0))
+        refit = replace(best.refit, comparison=replace(best.refit.comparison, p_value=p))
+        return concluded(replace(trial, candidates=(replace(best, refit=refit), *rest))).verdict
+
+    assert single(0.005) == concluded(trial).verdict
+    assert " + " not in single(0.02)
 
 
 def test_a_trace_is_weak_and_not_named() -> None:
