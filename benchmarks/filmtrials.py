@@ -3,8 +3,8 @@
     python benchmarks/filmtrials.py --folder DIR [--count 10]
 
 Camera, boards and tags are those of the demo, but the films are blurred and noisy; the finger is the short
-one in P3. The rows of results lie in DIR beside those of `identify.py`, which takes them into its table. About
-two minutes of one core for each.
+one in P3. The rows of results lie in DIR beside those of `identify.py`, which takes them into its table.
+About two minutes of one core for each.
 """
 
 import argparse

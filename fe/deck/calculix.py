@@ -30,11 +30,17 @@ class CalculiX:
     def solve(self, case: Case, pressure: float, *, gravity: Array | None = None) -> EngineResult:
         """The response of a case to a follower pressure in MPa and a gravity (3,) mm/s2; see `run`.
 
-        ValueError for Mullins softening, which it does not know.
+        ValueError for Mullins softening, which it does not know, and for C01 and C20 in one material: its
+        polynomial of second order (2.20) softens by C20 what should stiffen.
         """
         soft = [name for name, m in case.materials.items() if m.mullins and m.mullins[0]]
         if soft:
             raise ValueError(f"material {soft[0]!r} has Mullins softening: CalculiX knows none; drop it")
+        wrong = [name for name, m in case.materials.items() if m.C01 and m.C20 and not m.ogden]
+        if wrong:
+            raise ValueError(
+                f"material {wrong[0]!r} has C01 and C20: CalculiX 2.20 solves that law wrongly; set one to 0"
+            )
         return self.run(deck(case, pressure, kind=self.kind, gravity=gravity))
 
     def run(self, text: str) -> EngineResult:

@@ -70,9 +70,10 @@ FORMS = (
     polynomial("POLYNOMIAL", "C10", "C01", order=1),
     polynomial("NEO HOOKE", "C10"),
     polynomial("REDUCED POLYNOMIAL", "C10", order=1),
+    # before the polynomials of second order, in which CalculiX 2.20 softens by C20 what should stiffen
+    polynomial("YEOH", "C10", "C20", "C30", compressible=3),
     polynomial("POLYNOMIAL", "C10", "C01", "C20", "", "", order=2),
     polynomial("REDUCED POLYNOMIAL", "C10", "C20", order=2),
-    polynomial("YEOH", "C10", "C20", "C30", compressible=3),
     polynomial("REDUCED POLYNOMIAL", "C10", "C20", "C30", order=3),
     Form("OGDEN", ("ogden",), _read_ogden, _write_ogden),
 )

@@ -318,6 +318,22 @@ def test_calculix_agrees_on_a_sheet(cube: Cube, require: Callable[[str], None]) 
 def test_calculix_refuses_what_it_does_not_know(short: Case) -> None:
     with pytest.raises(ValueError, match="Mullins softening: CalculiX knows none"):
         CalculiX().solve(short.with_material(mullins=(0.4, 0.003, 0.2)), PRESSURE)
+    with pytest.raises(ValueError, match="has C01 and C20: CalculiX 2.20 solves that law wrongly"):
+        CalculiX().solve(short.with_material(C20=0.05), PRESSURE)
+
+
+def test_calculix_stiffens_by_C20_as_much(stub: Case, require: Callable[[str], None]) -> None:
+    require("ccx")
+    tip = []
+    for C20 in (0.0, 0.2):
+        case = converted(stub.with_material(C01=0.0, C20=C20), "C3D20R")
+        found = CalculiX().solve(case, PRESSURE)
+        assert found.reason == "converged"
+        k = np.abs(at_pressure(case)).max(axis=1).argmax()
+        tip.append((np.linalg.norm(at_pressure(case)[k]), np.linalg.norm(found.at(case.labels[k]))))
+    (soft, softly), (stiff, stiffly) = tip
+    assert stiff < 0.99 * soft
+    assert stiffly - softly == pytest.approx(stiff - soft, rel=0.05)  # C3D20R of one mesh in both engines
 
 
 WRITTEN, NOT_OF_A_DECK = "", "-"
