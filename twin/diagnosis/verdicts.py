@@ -157,7 +157,7 @@ def ranked(rows: Sequence[Candidate]) -> tuple[Candidate, ...]:
 
 def concluded(trial: Trial) -> Diagnosis:
     """The verdict on what was tried."""
-    singles = [c for c in ranked(trial.candidates) if c.evidence is not None and c.evidence > 0]
+    singles = [c for c in ranked(trial.candidates) if c.evidence is not None and _much(c) > 0]
     singles = [c for c in singles if not c.stretched]
     fits = [c for c in singles if c.adequate]
     if trial.base.comparison.adequate:
@@ -193,7 +193,7 @@ def _single(trial: Trial, fits: Sequence[Candidate]) -> Diagnosis | None:
     if not kept:
         return None
     best = kept[0]
-    if (best.size or 0.0) < trial.least or (best.evidence or 0.0) < TIE:
+    if (best.size or 0.0) < trial.least or _much(best) < TIE:
         return _weak(trial, best)
     others = [c for c in (*kept[1:], *wide) if c.effect.name != best.effect.name and _close(c, best)]
     mimics = [c for c in _others(stand_ins, best) if c.adequate and _close(c, best)]
@@ -340,6 +340,11 @@ def _close(c: Candidate, best: Candidate) -> bool:
     evidence, which knows what sizes are plausible, and the BIC, which knows nothing of sizes, both say so."""
     gaps = ((best.evidence or 0.0) - (c.evidence or 0.0), (best.delta_bic or 0.0) - (c.delta_bic or 0.0))
     return min(gaps) < TIE
+
+
+def _much(c: Candidate) -> float:
+    """How much speaks for a candidate against the base model: by evidence or BIC, whichever says more."""
+    return max(c.evidence or 0.0, c.delta_bic or 0.0)
 
 
 def _capital(sentence: str) -> str:

@@ -141,6 +141,9 @@ def test_an_implausible_size_alone_rules_no_effect_out(monkeypatch: pytest.Monke
 
     assert beside(20.0, 0.0) == "alpha or beta"
     assert beside(20.0, 20.0) == "alpha"
+    for evidence, bic, verdict in ((-3.0, 100.0, "alpha"), (3.0, 3.0, "weak: alpha")):
+        row = replace(alpha, evidence=evidence, delta_bic=bic)
+        assert concluded(replace(trial, candidates=(row,))).verdict == verdict
 
 
 def test_two_effects_together_are_both_named() -> None:
