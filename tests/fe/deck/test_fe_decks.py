@@ -318,7 +318,7 @@ def test_calculix_agrees_on_a_sheet(cube: Cube, require: Callable[[str], None]) 
 def test_calculix_refuses_what_it_does_not_know(short: Case) -> None:
     with pytest.raises(ValueError, match="Mullins softening: CalculiX knows none"):
         CalculiX().solve(short.with_material(mullins=(0.4, 0.003, 0.2)), PRESSURE)
-    with pytest.raises(ValueError, match="has C01 and C20: CalculiX 2.20 solves that law wrongly"):
+    with pytest.raises(ValueError, match=r"has C01 and C20: CalculiX 2\.20 solves"):
         CalculiX().solve(short.with_material(C20=0.05), PRESSURE)
 
 
