@@ -230,8 +230,9 @@ class Attempts:
         own = [c for c in rows if c.effect.name == name and not c.note]
         tried = {c.effect.label for c in best if c.refit is not None}
         first = [c for c in own if c.gain > 0 and c.effect.label not in tried][:1]
-        law = own[0].effect.laws()[-1] if own else None
-        if law is None or law.label in {*tried, own[0].effect.label, fits[0].effect.label}:
+        laws = own[0].effect.laws()[1:] if own else ()
+        law = next((w for w in reversed(laws) if _on_a_basis(w, base.model.test)), None)
+        if law is None or law.label in {*tried, fits[0].effect.label}:
             return self._refits(first, base, ())
         widest = [c for c in screened(base, rivals_of(base, [law])) if c.gain > 0 and not c.note]
         return self._refits([*first, *widest], base, ())
