@@ -146,6 +146,18 @@ def test_an_implausible_size_alone_rules_no_effect_out(monkeypatch: pytest.Monke
         assert concluded(replace(trial, candidates=(row,))).verdict == verdict
 
 
+def test_a_law_that_states_no_place_to_begin_is_not_begun() -> None:
+    wide = np.concatenate([FIELDS["alpha"], smooth_field(60, 2)])
+    truth = 0.3 * wide[0] + 0.08 * wide[1] - 0.06 * wide[2]
+    alpha = toy_effect("alpha", wide=3)
+    size, tau = toy_effect("alpha", amplitudes=2).parameters
+    own = {"label": "alpha:2", "parameters": (size, replace(tau, name="alpha.tau", null=None))}
+    timed = type("Timed", (type(alpha),), own)()
+    alpha.laws = lambda: (alpha, timed)  # type: ignore[method-assign]
+    found = diagnosed(truth, fields={"alpha": wide}, effects=(alpha, *EFFECTS[1:]))
+    assert (found.verdict, found.named) == ("right physics, wrong law", ("alpha",))
+
+
 def test_two_effects_together_are_both_named() -> None:
     found = diagnosed(0.2 * FIELDS["alpha"][0] + 0.15 * FIELDS["gamma"][0])
     assert set(found.named) == {"alpha", "gamma"}
