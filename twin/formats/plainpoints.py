@@ -1,7 +1,7 @@
 """Read a CSV with one row a step and the positions of the points in columns.
 
-Headings such as time_s,tip_x_mm,tip_z_mm,pressure_kPa: for all programs without a format of their own. Positions or displacements: what they were while the
-finger was at rest is subtracted either way.
+Headings such as time_s,tip_x_mm,tip_z_mm,pressure_kPa: for all programs without a format of their own.
+Positions or displacements: what they were while the finger was at rest is subtracted either way.
 """
 
 import re
