@@ -26,8 +26,6 @@ def read_c3d(path: Path, doubt: Doubt) -> Recorded:
     position = np.ascontiguousarray(np.swapaxes(xyz, 0, 1))
     if not position.size:
         raise ValueError(f"{path}: has no points; wanted the positions of markers")
-    unseen = np.asarray(content["data"]["meta_points"]["residuals"])[0].T < 0
-    position[unseen] = np.nan
     rate, first = float(point["RATE"]["value"][0]), int(content["header"]["points"]["first_frame"])
     return Recorded(
         names=plain_names(path, list(labels)[: position.shape[1]]), position=position,

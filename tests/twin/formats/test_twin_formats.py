@@ -40,7 +40,7 @@ def deeplabcut(folder: Path, *, animals: bool = False) -> Path:
     return written(folder / "film.csv", text)
 
 
-def anipose(folder: Path) -> Path:
+def anipose(folder: Path, *, cameras: float = 1.0, score: float = 0.95) -> Path:
     head = [f"{n}_{c}" for n in ("tip", "middle") for c in ("x", "y", "z", "error", "ncams", "score")]
     head += [f"M_{i}{j}" for i in range(3) for j in range(3)] + [f"center_{i}" for i in range(3)] + ["fnum"]
     rows = []
@@ -48,7 +48,7 @@ def anipose(folder: Path) -> Path:
         row: list[object] = []
         for p in range(2):
             seen = k != 2 or p == 0
-            row += [*XY[k, p], DEPTH[k, p], 0.5, 3.0 if seen else 1.0, 0.95] if seen else [*XY[k, p], DEPTH[k, p], "", "", ""]
+            row += [*XY[k, p], DEPTH[k, p], 0.5, 3.0 if seen else cameras, 0.95 if seen else score]
         rows.append([*row, *np.eye(3).ravel(), 0.0, 0.0, 0.0, k])
     return written(folder / "pose.csv", "\n".join(",".join(map(str, row)) for row in [head, *rows]))
 
@@ -213,6 +213,13 @@ def test_a_stereo_solution_of_dice_is_in_mm(tmp_path: Path) -> None:
     found = read_recorded(tmp_path, "dice", Doubt())
     assert (found.unit, found.axes, found.names) == ("mm", "", ("s0",))
     assert found.position[2, 0].tolist() == [12, 20, 28]
+
+
+@pytest.mark.parametrize(("cameras", "score"), [(1.0, 0.95), (3.0, 0.3), (float("nan"), float("nan"))])
+def test_anipose_needs_two_cameras_and_a_good_score(tmp_path: Path, cameras: float, score: float) -> None:
+    found = read_recorded(anipose(tmp_path, cameras=cameras, score=score), "anipose", Doubt())
+    assert np.argwhere(np.isnan(found.position).any(axis=2)).tolist() == [[2, 1]]
+    assert found.missing == 1
 
 
 def test_several_animals_have_names_of_their_own(tmp_path: Path) -> None:
