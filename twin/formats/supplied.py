@@ -118,7 +118,7 @@ def pressure_of(found: Recorded, stated: Supplied, time: Array) -> tuple[Array, 
             f"{time[-1]:.3f} s of the same clock: wanted a log that covers all of it; correct --start-s, or "
             "record the whole test"
         )
-    return log.at(time), (log.time, log.pressure)
+    return log.at(time), log.beside(time)
 
 
 def _in_rows(pressure: Array, steps: int, path: Path) -> Array:

@@ -5,7 +5,19 @@ from pathlib import Path
 
 import numpy as np
 
-from twin.gauge.pressureunits import KNOWN, PRESSURE, TIME, UNITS, VOLTAGE, Line, heading, in_MPa, unit_of
+from twin.gauge.pressureunits import (
+    KNOWN,
+    PRESSURE,
+    TIME,
+    UNITS,
+    VOLTAGE,
+    Line,
+    heading,
+    in_MPa,
+    refuse_absolute,
+    speaks_of_absolute,
+    unit_of,
+)
 from twin.project.csvtable import Sheet, Table
 from twin.targets import Array
 
@@ -106,6 +118,8 @@ def _check_one(sheet: Sheet, found: list[Column], what: str, way_out: str) -> No
 def _unit(path: Path, column: Column, form: LogFormat) -> str:
     """The unit of the pressure. ValueError where it is unclear or contradictory."""
     what = f"{path}: column {column.name!r}"
+    if speaks_of_absolute(column.name):
+        refuse_absolute(column.name, what=what)
     own = unit_of(column.unit, what=what) if column.unit else ""
     told = "" if form.unit is None else unit_of(form.unit, what="[pressure] unit of twin.toml")
     if own and told and own != told:

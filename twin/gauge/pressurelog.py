@@ -10,6 +10,7 @@ from twin.gauge.pressureunits import in_seconds
 from twin.project.csvtable import read_sheet
 from twin.targets import Array
 
+BEYOND_S = 2.5  # more than the clocks of film and log may disagree (time_shift)
 MIN_SAMPLES = 30  # the sd of 30 white samples is known to 13 %
 
 
@@ -26,6 +27,15 @@ class Log:
     def at(self, time: Array) -> Array:
         """The pressure (s,) MPa at times (s,) s within the log, linear between its samples."""
         return np.interp(time, self.time, self.pressure)
+
+    def beside(self, time: Array) -> tuple[Array, Array]:
+        """The log's times (t,) s and pressures (t,) MPa that a test of these times (s,) s may depend on.
+
+        All before it, which it may remember, and BEYOND_S after it; what a longer log holds later would only
+        have to be solved, up to pressures that the test never reached.
+        """
+        keep = self.time <= time[-1] + BEYOND_S
+        return self.time[keep], self.pressure[keep]
 
     def gain(self, time: Array) -> Array:
         """Sd of the interpolated pressure over sd of one sample (s,): 1 at a sample, 0.71 midway."""

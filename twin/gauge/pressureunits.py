@@ -5,6 +5,7 @@ The only place that knows other units than MPa and s: behind it there are no oth
 
 import re
 from dataclasses import dataclass
+from typing import NoReturn
 
 import numpy as np
 
@@ -14,7 +15,7 @@ PRESSURE = ("pressure", "press", "p")  # first word of a heading that speaks of 
 VOLTAGE = ("voltage", "volt", "volts", "u", "signal")  # only where a calibration line is given
 TIME = ("time", "t", "timestamp")
 KNOWN = ("Pa", "hPa", "kPa", "MPa", "mbar", "bar", "psi", "V", "mV", "s", "ms", "min")
-GAUGE = {"psig": "psi", "barg": "bar", "bar(g)": "bar", "kPag": "kPa"}  # gauge pressure, as wanted
+GAUGE = {"psig": "psi", "barg": "bar", "bar(g)": "bar", "kpag": "kPa"}  # gauge pressure, as wanted
 ABSOLUTE = ("psia", "bara", "bar(a)", "kpaa", "mbara", "kpa(a)")
 SLOPPY = {"sec": "s", "seconds": "s", "second": "s", "msec": "ms", "volt": "V", "volts": "V"}
 UNITS = "MPa, kPa, Pa, hPa, bar, mbar, psi, or V with a calibration line"
@@ -57,12 +58,9 @@ def unit_of(text: str, *, what: str) -> str:
     what: how the error names the place it was read from.
     """
     plain = text.strip()
-    if plain.lower() in ABSOLUTE or re.search(r"\babs", plain.lower()):
-        raise ValueError(
-            f"{what} is absolute pressure ({plain}): wanted gauge pressure, which is 0 when the finger is "
-            "vented; subtract the reading at rest and name the column after the result"
-        )
-    plain = GAUGE.get(plain, SLOPPY.get(plain.lower(), plain))
+    if plain.lower() in ABSOLUTE or speaks_of_absolute(plain):
+        refuse_absolute(plain, what=what)
+    plain = GAUGE.get(plain.lower(), SLOPPY.get(plain.lower(), plain))
     for known in KNOWN:
         # m and M are a factor of 1e9 apart, so their case must be right; that of the others says nothing
         if plain.lower() == known.lower() and (plain[0] == known[0] or plain[0] not in "mM"):
@@ -72,6 +70,19 @@ def unit_of(text: str, *, what: str) -> str:
     if not _is_pressure(plain):
         raise ValueError(f"{what} has the unit {text!r}, which is none of pressure: wanted one of {UNITS}")
     return plain
+
+
+def speaks_of_absolute(text: str) -> bool:
+    """Whether a heading or a unit says that the pressure is absolute: bar abs, pressure_abs_kPa."""
+    return re.search(r"(?<![a-z])abs", text.lower()) is not None
+
+
+def refuse_absolute(text: str, *, what: str) -> NoReturn:
+    """Raise the ValueError that says how to make gauge pressure of it."""
+    raise ValueError(
+        f"{what} is absolute pressure ({text}): wanted gauge pressure, which is 0 when the finger is vented; "
+        "subtract the reading at rest and name the column after the result"
+    )
 
 
 def _is_pressure(unit: str) -> bool:

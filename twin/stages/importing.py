@@ -59,10 +59,10 @@ def import_targets(targets: Path, foreign: Foreign, *, nodes: Mapping[str, int],
     made, remarks = targets_of(found, foreign.stated, nodes=nodes)
     for sentence in remarks:
         say(sentence)
-    peak = np.nanmax(np.abs(made.value))
+    peak, top = np.nanmax(np.abs(made.value)), made.pressure.max()
     say(
         f"{len(made.names)} points in {len(made.time)} steps: displacements up to {peak:.1f} mm, pressure up "
-        f"to {made.log_pressure.max():.3g} MPa. The sd is {foreign.stated.sd_mm:g} mm, as stated."
+        f"to {top:.3g} MPa. The sd is {foreign.stated.sd_mm:g} mm, as stated."
     )
     return made
 

@@ -285,7 +285,7 @@ def test_init_makes_a_project_of_a_file(tmp_path: Path) -> None:
     np.testing.assert_allclose(targets.value[3, 0, [0, 2]], [-6.0, -15.5])
     assert "scale" in targets.mode_names
     assert "1 of 8 positions have a likelihood below 0.6: they count as not seen." in say
-    assert any("displacements up to 15.5 mm, pressure up to 0.04 MPa. The sd is 0.2 mm, as stated." in line for line in say)
+    assert any("displacements up to 15.5 mm, pressure up to 0.03 MPa. The sd is 0.2 mm, as stated." in line for line in say)
     assert [point.name for point in project.config.points] == ["tip", "middle"]
 
 

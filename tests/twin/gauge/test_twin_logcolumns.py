@@ -65,6 +65,7 @@ def test_decimal_commas_are_read_between_semicolons_and_tabs(tmp_path: Path, sep
         ("time_s,pressure_mpa\n0,0\n1,0.03\n", None, "the unit 'mpa', which may be milli or mega"),
         ("time_s,p [psia]\n0,14.7\n1,19\n", None, "absolute pressure .*subtract the reading at rest"),
         ("time_s,p [bar abs]\n0,1\n1,1.3\n", None, "absolute pressure"),
+        ("time_s,pressure_abs_kPa\n0,101\n1,130\n", None, "'pressure_abs_kPa' is absolute pressure"),
         ("time_s,p [furlong]\n0,1\n1,1.3\n", None, "the unit 'furlong', which is none of pressure"),
         ("time_s,p [%]\n0,1\n1,1.3\n", None, "the unit '%', which is none of pressure"),
         ("time_s,p1_kPa,p_kPa,pressure_bar\n0,1,1,1\n", None, "columns 'p_kPa' and 'pressure_bar' are both of pressure"),
@@ -100,11 +101,19 @@ def test_a_log_shorter_than_the_film_is_named_and_a_longer_one_is_not(tmp_path: 
         check_lasts(log, 0.05)
 
 
+def test_what_a_longer_log_holds_after_the_test_is_left_out() -> None:
+    log = Log(Path("p.csv"), np.arange(0.0, 100.0, 0.5), np.arange(0.0, 100.0, 0.5) / 1e3)
+    time, pressure = log.beside(np.array([10.0, 20.0]))
+    assert (time[0], time[-1]) == (0.0, 22.5)  # what came before may be remembered
+    assert pressure.max() == 0.0225
+
+
 def test_headings_and_units_by_themselves() -> None:
     assert (heading("Pressure (psi)").word, heading("Pressure (psi)").unit) == ("pressure", "psi")
     assert (heading("time_s").word, heading("time_s").unit) == ("time", "s")
     assert heading("p1_kPa").word == "p1"
     assert unit_of("KPA", what="x") == "kPa"
+    assert unit_of("PSIG", what="x") == "psi"
     with pytest.raises(ValueError, match="milli or mega"):
         unit_of("Mbar", what="x")
 
