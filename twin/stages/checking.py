@@ -51,8 +51,8 @@ def _check_log(project: Project) -> tuple[str, ...]:
         check_covers(log, time - time[0] + table.film_start_s, what="film", key="film_start_s")
     check_lasts(log, float(time[-1] - time[0]))
     return (
-        f"{log.path.name}: {log.source}, {log.time[-1] - log.time[0]:.1f} s long, from "
-        f"{log.pressure.min():.3g} to {log.pressure.max():.3g} MPa. The film lasts {time[-1] - time[0]:.1f} s.",
+        f"{log.path.name}: {log.source}, {log.pressure.min():.3g} to {log.pressure.max():.3g} MPa, "
+        f"{log.time[-1] - log.time[0]:.1f} s long. The film lasts {time[-1] - time[0]:.1f} s.",
     )
 
 
