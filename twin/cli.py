@@ -59,7 +59,9 @@ def demo(
 def init(
     folder: Annotated[Path, typer.Argument(help="project folder to make")],
     targets: Annotated[
-        Path | None, typer.Option(help="folder with targets.csv: displacements measured elsewhere")
+        Path | None,
+        typer.Option(help="displacements measured elsewhere: a folder with targets.csv, or with --format the "
+                          "file or folder of another program"),
     ] = None,
     node: Annotated[
         list[str] | None, typer.Option(help="node of a point, NAME=LABEL; once for each point")
@@ -67,13 +69,53 @@ def init(
     deck: Annotated[
         Path | None, typer.Option(help="Abaqus deck of your own mesh, in mm, N and MPa")
     ] = None,
+    form: Annotated[
+        str | None,
+        typer.Option("--format", help="format of --targets: deeplabcut, anipose, dice, matchid, c3d or csv"),
+    ] = None,
+    sd_mm: Annotated[float | None, typer.Option(help="for --format: sd of one position, mm")] = None,
+    mm_per_px: Annotated[float | None, typer.Option(help="for --format: size of a pixel, mm")] = None,
+    scale_sd: Annotated[float, typer.Option(help="for --format: relative sd of --mm-per-px")] = 0.001,
+    axes: Annotated[
+        str | None,
+        typer.Option(help="for --format: the file's axes that point along the finger, across it and up, such "
+                          "as x,0,-y"),
+    ] = None,
+    fps: Annotated[float | None, typer.Option(help="for --format: frames in a second")] = None,
+    log: Annotated[Path | None, typer.Option(help="for --format: pressure log, a CSV file")] = None,
+    log_unit: Annotated[
+        str | None, typer.Option(help="for --format: unit of the pressure, where its heading has none")
+    ] = None,
+    start_s: Annotated[
+        float, typer.Option(help="for --format: time of the first frame on the clock of the log, s")
+    ] = 0.0,
+    rest_steps: Annotated[
+        int, typer.Option(help="for --format: first steps, at rest, that displacements are relative to")
+    ] = 1,
+    fixed: Annotated[
+        list[str] | None, typer.Option(help="for --format: name of a marker on the rig; once for each")
+    ] = None,
+    origin_mm: Annotated[
+        str | None,
+        typer.Option(help="for --format: world x,y,z of the file's origin; points without --node then count "
+                          "too, where they lie"),
+    ] = None,
+    min_likelihood: Annotated[
+        float, typer.Option(help="for --format: likelihood below which a point counts as not seen")
+    ] = 0.6,
     json: Json = False,
 ) -> None:
     """Make a project folder with a commented twin.toml."""
+    from twin.stages.importing import foreign_of
     from twin.stages.starting import run_init
 
     say = Console(as_json=json)
-    say.result(run_init(folder, say, targets=targets, nodes=node or [], deck=deck))
+    foreign = foreign_of(
+        form, sd_mm=sd_mm, mm_per_px=mm_per_px, scale_sd=scale_sd, axes=axes, fps=fps, log=log,
+        log_unit=log_unit, start_s=start_s, rest_steps=rest_steps, fixed=fixed, origin_mm=origin_mm,
+        min_likelihood=min_likelihood,
+    )  # fmt: skip
+    say.result(run_init(folder, say, targets=targets, nodes=node or [], deck=deck, foreign=foreign))
 
 
 @app.command("virtual")

@@ -1,15 +1,137 @@
-"""A project folder, opened in a notebook or a script of your own."""
+"""A project folder, opened in a notebook or a script: its stages as methods that return what they found."""
 
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from twin.project.folder import Project
+from twin.results import StageResult, rows_of
+from twin.stages.chain import stage_of
 from twin.stages.workbench import Workbench
+from twin.targets import Targets
+
+if TYPE_CHECKING:
+    from calibrate import Fit
+    from twin.model.prediction import Model
+    from twin.model.structure import BuiltIn
 
 
-def open_project(folder: Path | str) -> Workbench:
-    """The targets, the structure and the model of the project in a folder; nothing in it is changed.
+def open_project(folder: Path | str, *, builtin: "BuiltIn | None" = None) -> "OpenedProject":
+    """The project in a folder, with every stage as a method. ValueError where twin.toml is not right.
 
-    `.targets` are the measured displacements, `.model()` is the model with the effects of twin.toml, and
-    `twin.stages.fits.newest_fit(bench.project)` its newest fit. ValueError says what the folder lacks.
+    builtin: another built-in finger than that of the reference study.
     """
-    return Workbench.of(Project.open(folder))
+    return OpenedProject(Project.open(folder, builtin=builtin).root, builtin)
+
+
+@dataclass(frozen=True)
+class OpenedProject:
+    """A project folder; twin.toml is read again at every use.
+
+    Stages write into the folder as the commands of the same names do, one at a time, and overwrite nothing.
+    In a script they belong below `if __name__ == "__main__":`, as other processes help with the work.
+    """
+
+    root: Path
+    builtin: "BuiltIn | None" = field(default=None, repr=False)
+
+    @property
+    def project(self) -> Project:
+        """The folder with the configuration of now."""
+        return Project.open(self.root, builtin=self.builtin)
+
+    @property
+    def targets(self) -> Targets:
+        """The measured displacements; `.to_pandas()` has one row for each step and point."""
+        return self.project.targets()
+
+    @property
+    def fit(self) -> "Fit":
+        """The newest fit of the model that twin.toml has. ValueError where there is none that still holds."""
+        from twin.stages.fits import newest_fit
+
+        return newest_fit(self.project)
+
+    @property
+    def bench(self) -> Workbench:
+        """Targets, structure and model together, for what no stage does."""
+        return Workbench.of(self.project)
+
+    def model(self, effects: Sequence[str] | None = None) -> "Model":
+        """The model with these effects, by default those of twin.toml; it predicts (s, p, 3) mm."""
+        return self.bench.model(effects)
+
+    def check(self) -> StageResult:
+        """What comes next, as `next` of the summary. ValueError at the first thing that is wrong."""
+        from twin.stages.checking import run_check
+
+        said = _Said()
+        return _result("check", run_check(self.project, said), said, None)
+
+    def runs(self) -> StageResult:
+        """All runs, oldest first: a row for each."""
+        from twin.stages.listing import run_list
+
+        said = _Said()
+        return _result("list", run_list(self.project, said), said, None)
+
+    def camera(self) -> StageResult:
+        """The calibrated camera: rms in px."""
+        return self._run("camera")
+
+    def measure(self, *, replace: bool = False) -> StageResult:
+        """The film's displacements, written to targets/: a row for each marker and source of its error."""
+        return self._run("measure", replace=replace)
+
+    def calibrate(self) -> StageResult:
+        """The fitted constants: a row for each, with its 95 % interval."""
+        return self._run("calibrate")
+
+    def compare(self) -> StageResult:
+        """Where model and measurement differ, mm: a row for each marker, direction, pressure, branch."""
+        return self._run("compare")
+
+    def diagnose(self) -> StageResult:
+        """The missing effect, as `verdict` of the summary: a row for each effect, the best first."""
+        return self._run("diagnose")
+
+    def explain(self, effect: str) -> StageResult:
+        """What speaks for an effect, mm: a row for each marker and branch."""
+        return self._run("explain", name=effect)
+
+    def add(self, effect: str | None = None) -> StageResult:
+        """The refit with an effect, by default the one that the diagnosis names: a row for each parameter."""
+        return self._run("add", name=effect)
+
+    def drop(self, effect: str) -> StageResult:
+        """The refit without an effect: a row for each parameter."""
+        return self._run("drop", name=effect)
+
+    def review(self) -> StageResult:
+        """The report and the recording for rerun: a row for each file."""
+        return self._run("review")
+
+    def _run(self, stage: str, /, **options: Any) -> StageResult:
+        """The result of a stage, run with the project locked."""
+        said, project = _Said(), self.project
+        with project.lock(stage):
+            summary = stage_of(stage).run(project, said, **options)
+        return _result(stage, summary, said, project.root / "runs" / Path(str(summary["run"])).name)
+
+
+class _Said:
+    """A `say` that keeps what a stage says and shows no progress."""
+
+    def __init__(self) -> None:
+        self.lines: list[str] = []
+
+    def __call__(self, text: str, /) -> None:
+        self.lines.append(text)
+
+    def progress(self, stage: str, done: int, total: int, /) -> None:
+        pass
+
+
+def _result(stage: str, summary: dict[str, Any], said: _Said, folder: Path | None) -> StageResult:
+    return StageResult(stage, summary, tuple(said.lines), folder, rows_of(stage, folder, summary))

@@ -4,9 +4,13 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    import pandas
 
 Array = NDArray[np.float64]
 
@@ -127,6 +131,20 @@ class Targets:
     def places(self, position: Callable[[int], Array]) -> Array:
         """Positions (p,3) mm in the model; position(label) is that of a node."""
         return np.array([point.place(position) for point in self.points])
+
+    def to_pandas(self) -> "pandas.DataFrame":
+        """One row for each step and point: block, time_s, pressure_MPa, point, u and sd in mm, valid."""
+        import pandas
+
+        sd = np.sqrt(np.diagonal(self.covariance, axis1=2, axis2=3))
+        steps, points = self.value.shape[:2]
+        table = {
+            "block": np.repeat(self.block, points), "time_s": np.repeat(self.time, points),
+            "pressure_MPa": np.repeat(self.pressure, points), "point": np.tile(self.names, steps),
+        }  # fmt: skip
+        for i in range(3):
+            table |= {f"u{i + 1}_mm": self.value[..., i].ravel(), f"sd{i + 1}_mm": sd[..., i].ravel()}
+        return pandas.DataFrame(table | {"valid": self.valid.any(axis=2).ravel()})
 
     @property
     def has_log(self) -> bool:

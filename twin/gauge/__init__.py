@@ -1,5 +1,6 @@
 """The pressure log, and how it is put on the film's clock.
 
-Read `pressurelog` first: the log, and the noise of its gauge. `synchrony` says what a way to synchronise film
-and log gives; `stamps`, `lamp` and `onset` are one way each; `joining` finds the one that twin.toml names.
+Read `pressurelog` first: the log, and the noise of its gauge. `logcolumns` finds its columns, `pressureunits`
+knows their units. `synchrony` says what a way to synchronise film and log gives; `stamps`, `lamp` and `onset`
+are one way each; `joining` finds the one that twin.toml names.
 """

@@ -5,9 +5,12 @@ from pathlib import Path
 
 import numpy as np
 
-from twin.project.csvtable import read_table
+from twin.gauge.logcolumns import LogFormat, gauge_pressure, pressure_column, time_column
+from twin.gauge.pressureunits import in_seconds
+from twin.project.csvtable import read_sheet
 from twin.targets import Array
 
+BEYOND_S = 2.5  # more than the clocks of film and log may disagree (time_shift)
 MIN_SAMPLES = 30  # the sd of 30 white samples is known to 13 %
 
 
@@ -19,10 +22,20 @@ class Log:
     time: Array  # (t,) s, increasing
     pressure: Array  # (t,) MPa
     lamp: Array | None = None  # (t,) column flash: 0, and 1 from when a lamp in the film went on
+    source: str = ""  # which column it is and in which unit it stands there, for messages
 
     def at(self, time: Array) -> Array:
         """The pressure (s,) MPa at times (s,) s within the log, linear between its samples."""
         return np.interp(time, self.time, self.pressure)
+
+    def beside(self, time: Array) -> tuple[Array, Array]:
+        """The log's times (t,) s and pressures (t,) MPa that a test of these times (s,) s may depend on.
+
+        All before it, which it may remember, and BEYOND_S after it; what a longer log holds later would only
+        have to be solved, up to pressures that the test never reached.
+        """
+        keep = self.time <= time[-1] + BEYOND_S
+        return self.time[keep], self.pressure[keep]
 
     def gain(self, time: Array) -> Array:
         """Sd of the interpolated pressure over sd of one sample (s,): 1 at a sample, 0.71 midway."""
@@ -51,24 +64,26 @@ class GaugeNoise:
     remark: str
 
 
-def read_log(path: Path, *, time_shift_s: float) -> Log:
-    """The log in a CSV with columns time_s, pressure_MPa and, where there is one, flash.
+def read_log(path: Path, *, time_shift_s: float, form: LogFormat | None = None) -> Log:
+    """The log in a CSV with a time, a gauge pressure in any unit and, where there is one, a column flash.
 
-    ValueError names line, column and value.
+    Headings are such as time_s, t [ms]; pressure_MPa, p [bar], Pressure (psi). ValueError names line, column
+    and value, and what is unclear: two pressures, no unit, one that contradicts twin.toml, absolute pressure.
     """
-    table = read_table(path, ("time_s", "pressure_MPa"), also=("flash",))
-    time = table.numbers("time_s", unit="s")
-    table.increasing("time_s", time, unit="s")
-    pressure = table.numbers("pressure_MPa", unit="MPa")
+    sheet = read_sheet(path, wanted="time_s,pressure_MPa")
+    form = form or LogFormat()
+    at, p = time_column(sheet), pressure_column(sheet, form)
+    if at is None:
+        raise ValueError(f"{path}: column time_s is missing: the header is {','.join(sheet.header)}; wanted "
+                         "the time in s, such as time_s or t [ms]")  # fmt: skip
+    table = sheet.table((at.name, p.name), also=("flash",))
+    time = in_seconds(table.numbers(at.name, unit=at.unit), at.unit)
+    table.increasing(at.name, time, unit="s")
     if len(time) < 2:
         raise ValueError(f"{path}: {len(time)} sample; wanted two or more")
-    if np.abs(pressure).max() > 1:
-        raise ValueError(
-            f"{path}: pressure_MPa reaches {np.abs(pressure).max():g}; wanted MPa, below 1: divide kPa by "
-            "1000"
-        )
+    pressure, unit = gauge_pressure(table, p, form)
     lamp = table.numbers("flash", unit="1") if "flash" in table.cells else None
-    return Log(path, time + time_shift_s, pressure, lamp)
+    return Log(path, time + time_shift_s, pressure, lamp, f"column {p.name!r}, in {unit}")
 
 
 def check_covers(log: Log, time: Array, *, what: str, key: str) -> None:
@@ -78,6 +93,15 @@ def check_covers(log: Log, time: Array, *, what: str, key: str) -> None:
             f"{log.path.name} covers {log.time[0]:.3f} to {log.time[-1]:.3f} s, the {what} "
             f"{time[0]:.3f} to {time[-1]:.3f} s of the same clock: wanted a log that covers all of it; "
             f"correct [pressure] time_shift_s or {key} in twin.toml, or record the whole test"
+        )
+
+
+def check_lasts(log: Log, film_s: float) -> None:
+    """Raise ValueError where a log is shorter than the film (s), wherever the film began."""
+    if (lasts := log.time[-1] - log.time[0]) < film_s:
+        raise ValueError(
+            f"{log.path.name} covers {lasts:.3f} s, the film {film_s:.3f} s: wanted a log that covers all of "
+            "it; record the whole test, or cut the film"
         )
 
 

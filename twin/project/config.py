@@ -182,7 +182,21 @@ class CameraTable(TableModel):
 class PressureTable(TableModel):
     file: RelativePath = Field(
         default="raw/pressure.csv",
-        description="pressure log, a CSV file with the columns time_s and pressure_MPa",
+        description="pressure log, a CSV file with a time and a gauge pressure, such as "
+        "time_s,pressure_MPa or t [ms],p [bar]",
+    )
+    column: str | None = Field(
+        default=None, description="heading of the pressure, where the log has several or it does not begin so"
+    )
+    unit: str | None = Field(
+        default=None,
+        description="unit of the pressure where its heading has none: MPa, kPa, Pa, hPa, bar, mbar, psi or V",
+    )
+    volt_zero: Finite | None = Field(
+        default=None, description="for a gauge that gives volts: its reading at no pressure, V"
+    )
+    MPa_per_V: Finite | None = Field(
+        default=None, description="for a gauge that gives volts: its sensitivity, MPa/V"
     )
     time_shift_s: Finite = Field(default=0.0, description="number added to the times of the log, s")
     sync_sd_s: Annotated[float, Field(ge=0, allow_inf_nan=False)] = Field(
@@ -204,6 +218,11 @@ class PressureTable(TableModel):
 
     @model_validator(mode="after")
     def _joined(self) -> Self:
+        if (self.volt_zero is None) != (self.MPa_per_V is None) or self.MPa_per_V == 0:
+            raise ValueError(
+                "volt_zero and MPa_per_V are the calibration line of a gauge: wanted both, MPa_per_V not 0, "
+                "or none"
+            )
         if self.join == "flash" and self.flash_region is None:
             raise ValueError('join = "flash" needs flash_region = [x, y, width, height] in px of the film')
         return self

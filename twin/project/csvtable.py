@@ -2,8 +2,9 @@
 
 import csv
 import math
+import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from pathlib import Path
 
@@ -18,6 +19,7 @@ class Table:
     path: Path
     cells: dict[str, list[str]]  # column -> one text a row
     lines: list[int]
+    comma: bool = False  # the decimal mark is a comma
 
     def __len__(self) -> int:
         return len(self.lines)
@@ -65,18 +67,59 @@ class Table:
         if empty and not text:
             return math.nan
         try:
-            value = float(text)
+            value = float(text.replace(",", ".") if self.comma else text)
         except ValueError:
-            raise self.error(row, column, wanted) from None
+            raise self.error(row, column, f"{wanted}{_of_marks(text)}") from None
         if not math.isfinite(value):
             raise self.error(row, column, wanted)
         return value
 
 
-def read_table(path: Path, columns: Sequence[str], *, also: Sequence[str] = ()) -> Table:
-    """The named columns of a CSV file, and those of `also` that it has.
+@dataclass(frozen=True)
+class Sheet:
+    """A CSV file as text: its header, its rows, and how its numbers are written."""
 
-    ValueError if a column or cells are missing or all rows.
+    path: Path
+    header: tuple[str, ...]
+    rows: list[list[str]]
+    lines: list[int]  # of the file, one a row
+    separator: str
+
+    def table(self, columns: Sequence[str], *, also: Sequence[str] = ()) -> Table:
+        """The named columns, and those of `also` that the file has.
+
+        ValueError where one is missing or there twice, a row has more or fewer cells than the header, or
+        decimal commas and decimal points are mixed.
+        """
+        for name in columns:
+            _check_header(self.path, self.header, name, [n for n in self.header if n not in columns])
+        for line, row in zip(self.lines, self.rows, strict=True):
+            if len(row) != len(self.header):
+                raise ValueError(
+                    f"{self.path}, line {line}: {len(row)} cells; wanted {len(self.header)}, one for each "
+                    f"column{self._hint(row)}"
+                )
+        at = {name: self.header.index(name) for name in (*columns, *also) if name in self.header}
+        cells = {name: [row[i] for row in self.rows] for name, i in at.items()}
+        table = Table(self.path, cells, self.lines)
+        return table if self.separator == "," else replace(table, comma=_has_commas(table))
+
+    def _hint(self, row: Sequence[str]) -> str:
+        commas = self.separator == "," and len(row) == 2 * len(self.header)
+        return _DECIMAL_COMMAS if commas else ""
+
+
+_DECIMAL_COMMAS = (
+    "; if the numbers have decimal commas, save the file with semicolons between the columns or with decimal "
+    "points"
+)
+_COMMA, _POINT = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?"), re.compile(r"[+-]?\d*\.\d*([eE][+-]?\d+)?")
+
+
+def read_sheet(path: Path, *, wanted: str) -> Sheet:
+    """A CSV file whose columns are parted by commas, semicolons or tabs, as its first line tells.
+
+    ValueError where it is not there, is not UTF-8 or has no rows; `wanted` says what the header should be.
     """
     try:
         text = path.read_text(encoding="utf-8-sig")  # spreadsheets write a byte order mark
@@ -84,26 +127,49 @@ def read_table(path: Path, columns: Sequence[str], *, also: Sequence[str] = ()) 
         raise ValueError(f"{path}: no such file") from None
     except UnicodeDecodeError:
         raise ValueError(f"{path}: not UTF-8 text; save it as CSV (UTF-8)") from None
-    reader = csv.reader(text.splitlines())
+    separator = _separator(next((line for line in text.splitlines() if line.strip()), ""))
+    reader = csv.reader(text.splitlines(), delimiter=separator)
     rows = [
         (reader.line_num, [cell.strip() for cell in row]) for row in reader if any(c.strip() for c in row)
     ]
     if len(rows) < 2:
-        raise ValueError(f"{path}: no rows; wanted a header line {','.join(columns)} and rows below it")
-    header = rows[0][1]
-    for name in columns:
-        _check_header(path, header, name, [other for other in header if other not in columns])
-    for line, row in rows[1:]:
-        if len(row) != len(header):
-            raise ValueError(
-                f"{path}, line {line}: {len(row)} cells; wanted {len(header)}, one for each column"
-            )
-    at = {name: header.index(name) for name in (*columns, *also) if name in header}
-    cells = {name: [row[i] for _, row in rows[1:]] for name, i in at.items()}
-    return Table(path, cells, [line for line, _ in rows[1:]])
+        raise ValueError(f"{path}: no rows; wanted a header line {wanted} and rows below it")
+    return Sheet(path, tuple(rows[0][1]), [row for _, row in rows[1:]], [n for n, _ in rows[1:]], separator)
 
 
-def _check_header(path: Path, header: list[str], name: str, spare: list[str]) -> None:
+def read_table(path: Path, columns: Sequence[str], *, also: Sequence[str] = ()) -> Table:
+    """The named columns of a CSV file, and those of `also` that it has.
+
+    ValueError if a column or cells are missing or all rows.
+    """
+    return read_sheet(path, wanted=",".join(columns)).table(columns, also=also)
+
+
+def _separator(line: str) -> str:
+    """What parts the columns of a header: a semicolon or a tab where there is one, else a comma."""
+    return next((mark for mark in (";", "\t") if mark in line), ",")
+
+
+def _has_commas(table: Table) -> bool:
+    """Whether the numbers have decimal commas; ValueError where some have points."""
+    places = [(row, name) for name, column in table.cells.items() for row in range(len(column))]
+    commas = next((p for p in places if _COMMA.fullmatch(table.cells[p[1]][p[0]])), None)
+    points = next((p for p in places if _POINT.fullmatch(table.cells[p[1]][p[0]])), None)
+    if commas is not None and points is not None:
+        raise table.error(
+            *commas,
+            f"it has a comma, {table.cells[points[1]][points[0]]!r} in line {table.lines[points[0]]} a "
+            "point; wanted one decimal mark in the whole file, and no mark between thousands",
+        )
+    return commas is not None
+
+
+def _of_marks(text: str) -> str:
+    """What is to be said of a text that is no number because of its commas."""
+    return "; write a decimal point, and no mark between thousands" if "," in text else ""
+
+
+def _check_header(path: Path, header: Sequence[str], name: str, spare: list[str]) -> None:
     if header.count(name) == 1:
         return
     near = get_close_matches(name, spare, n=1)

@@ -21,6 +21,8 @@ def run_check(project: Project, say: Say) -> dict[str, Any]:
     for line in _check_deck(project):
         say(line)
     _check_effects(project)
+    for line in _check_log(project):
+        say(line)
     if project.targets_folder.is_dir():
         targets = project.targets()
         _check_points(project, targets)
@@ -31,6 +33,27 @@ def run_check(project: Project, say: Say) -> dict[str, Any]:
                 "`twin measure`, or state it in targets/targets.toml (docs/files.md).")  # fmt: skip
     say(f"Next: `twin {step}`.")
     return {"stage": "check", "status": "done", "next": step}
+
+
+def _check_log(project: Project) -> tuple[str, ...]:
+    """What was read of the pressure log of a film that is not measured yet; ValueError where it is not right,
+    or shorter than the film."""
+    pressure = project.config.pressure
+    if project.targets_folder.is_dir() or pressure is None or not project.config.cameras:
+        return ()
+    from twin.gauge.pressurelog import check_covers, check_lasts
+    from twin.stages.recordings import log_of
+    from vision.film.series import open_film
+
+    log, table = log_of(project, pressure), project.config.cameras[0]
+    time = open_film(project.path(table.film), fps=table.fps).time
+    if pressure.join == "stamps":
+        check_covers(log, time - time[0] + table.film_start_s, what="film", key="film_start_s")
+    check_lasts(log, float(time[-1] - time[0]))
+    return (
+        f"{log.path.name}: {log.source}, {log.pressure.min():.3g} to {log.pressure.max():.3g} MPa, "
+        f"{log.time[-1] - log.time[0]:.1f} s long. The film lasts {time[-1] - time[0]:.1f} s.",
+    )
 
 
 def _check_deck(project: Project) -> tuple[str, ...]:

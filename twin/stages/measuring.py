@@ -11,13 +11,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twin.gauge.joining import joining_of
-from twin.gauge.pressurelog import GaugeNoise, Log, check_covers, gauge_noise, read_log
+from twin.gauge.pressurelog import GaugeNoise, Log, check_covers, gauge_noise
 from twin.gauge.synchrony import Join, Motion
 from twin.project import files
 from twin.project.folder import Project, Run, Say
 from twin.project.targetfiles import write_targets
 from twin.stages.cameras import camera_path, camera_table, dictionary_name, result_of
-from twin.stages.recordings import face_of, marks_of, measure_inputs, pressure_table, stated_of, views_of
+from twin.stages.recordings import (
+    face_of,
+    log_of,
+    marks_of,
+    measure_inputs,
+    pressure_table,
+    stated_of,
+    views_of,
+)
 from twin.stages.targetmaking import make_targets
 from twin.targets import Targets
 
@@ -115,7 +123,7 @@ def _measure(project: Project, camera: Path, say: Say, run: Run) -> _Measured:
     for sentence in (s for v in views for s in (*v.film.issues, *v.static.issues)):
         say(sentence)
     pressure = pressure_table(project)
-    log = read_log(project.path(pressure.file), time_shift_s=pressure.time_shift_s)
+    log = log_of(project, pressure)
 
     @cache
     def moved() -> "Displacements":

@@ -3,6 +3,9 @@
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from twin.gauge.logcolumns import LogFormat
+from twin.gauge.pressurelog import Log, read_log
+from twin.gauge.pressureunits import Line
 from twin.project import files
 from twin.project.config import MeasureTable, PressureTable
 from twin.project.folder import Project
@@ -19,6 +22,15 @@ def pressure_table(project: Project) -> PressureTable:
     """[pressure] of twin.toml."""
     assert project.config.pressure is not None  # the configuration refuses a film without it
     return project.config.pressure
+
+
+def log_of(project: Project, pressure: PressureTable) -> Log:
+    """The pressure log, as [pressure] of twin.toml says it is to be read. ValueError where it is unclear."""
+    line = None
+    if pressure.volt_zero is not None and pressure.MPa_per_V is not None:
+        line = Line(pressure.volt_zero, pressure.MPa_per_V)
+    form = LogFormat(pressure.column, pressure.unit, line)
+    return read_log(project.path(pressure.file), time_shift_s=pressure.time_shift_s, form=form)
 
 
 def measure_inputs(project: Project, camera: Path) -> dict[str, Any]:

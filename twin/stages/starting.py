@@ -19,19 +19,20 @@ from twin.project.config import (
     ProjectTable,
 )
 from twin.project.folder import Say
-from twin.project.targetfiles import read_targets
+from twin.project.targetfiles import read_targets, write_targets
 from twin.project.toml import dump
+from twin.stages.importing import Foreign, import_targets, source_of
 from twin.targets import PointKind, Targets
 
 
 def run_init(
     folder: Path, say: Say, *, targets: Path | None, nodes: Sequence[str], deck: Path | None = None,
-    density_kg_m3: float | None = None,
+    density_kg_m3: float | None = None, foreign: Foreign | None = None,
 ) -> dict[str, Any]:
     """Make a folder with a complete twin.toml; `targets` (a folder) and `deck` are checked and copied.
 
     nodes: NAME=LABEL of the points; all of them where a deck takes the place of the built-in finger.
-    density_kg_m3: of a silicone that was weighed.
+    density_kg_m3: of a silicone that was weighed.   foreign: `targets` is a file of another program.
     """
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise ValueError(
@@ -40,16 +41,20 @@ def run_init(
     labels = dict(_node(text) for text in nodes)
     known = NAMED_NODES if deck is None else {}
     own, files_of = (None, ()) if deck is None else _own_mesh(deck, labels, ask=targets is None)
-    config = film_config(folder.resolve().name, known | labels) if targets is None else targets_config(
-        folder.resolve().name, read_targets(targets, nodes=labels), known | labels)  # fmt: skip
+    given, name = _given(targets, labels, foreign, say), folder.resolve().name
+    config = (
+        film_config(name, known | labels) if given is None else targets_config(name, given, known | labels)
+    )
     known_of_it = {"deck": own, "density_kg_m3": density_kg_m3}
     model = config.model.model_copy(update={k: v for k, v in known_of_it.items() if v is not None})
     config = config.model_copy(update={"model": model})
     root = folder.resolve()
     with files.whole_folder(root) as draft:
         files.write_text(draft / "twin.toml", dump(config))
-        if targets is None:
+        if targets is None or given is None:
             (draft / "raw" / "boards").mkdir(parents=True)
+        elif foreign is not None:
+            write_targets(draft / "targets", given, source=source_of(targets, foreign))
         else:
             _copy_targets(targets, draft / "targets")
         for file in files_of:
@@ -58,6 +63,24 @@ def run_init(
             shutil.copy2(file, place)
     say(f"Wrote {folder / 'twin.toml'}. Next: `twin check --project {folder}` says what is still missing.")
     return {"stage": "init", "status": "done", "project": str(folder)}
+
+
+def _given(
+    targets: Path | None, nodes: Mapping[str, int], foreign: Foreign | None, say: Say
+) -> Targets | None:
+    """The targets in a folder, or those of another program's file. ValueError where they are not right."""
+    if targets is None:
+        if foreign is not None:
+            raise ValueError("--format without --targets: name the file that the other program wrote")
+        return None
+    if foreign is not None:
+        return import_targets(targets, foreign, nodes=nodes, say=say)
+    if targets.is_file():
+        raise ValueError(
+            f"--targets {targets} is a file: wanted a folder with targets.csv, or --format with the name of "
+            "the program that wrote it"
+        )
+    return read_targets(targets, nodes=nodes)
 
 
 def targets_config(name: str, targets: Targets, nodes: Mapping[str, int]) -> Config:

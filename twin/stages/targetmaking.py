@@ -36,14 +36,15 @@ def make_targets(
         gauge_sd_MPa=gauge.sd_MPa, gauge_frames=gauge.samples,
         lasting=n.persistence.lasting,
     )  # fmt: skip
+    log_time, log_pressure = log.beside(time)
     clock = sync(time, moved.value[keep], join.sd_s) * np.isfinite(moved.value[keep])
     return Targets(
         time=time, pressure=np.round(log.at(time), DIGITS + 3), block=np.zeros(len(time), dtype=np.int64),
         points=_target_points(moved, nodes), value=value, covariance=covariance,
         valid=np.isfinite(value) & np.isfinite(variance), held_out=np.zeros(len(time), dtype=bool),
         modes=np.concatenate([moved.modes[:, keep], clock[None]]), mode_names=(*moved.mode_names, "sync"),
-        noise=noise, log_time=log.time,
-        log_pressure=log.pressure, reference=_kept(moved.reference, keep), gravity=None,
+        noise=noise, log_time=log_time, log_pressure=log_pressure,
+        reference=_kept(moved.reference, keep), gravity=None,
         pressure_sd=gauge.sd_MPa * log.gain(time),
     )  # fmt: skip
 

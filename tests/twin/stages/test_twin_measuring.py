@@ -16,6 +16,7 @@ from twin.project.config import MeasureTable
 from twin.project.folder import Project
 from twin.project.toml import dump
 from twin.stages.cameras import run_camera
+from twin.stages.checking import run_check
 from twin.stages.measuring import run_measure
 from twin.stages.starting import film_config
 from twin.stages.targetmaking import make_targets
@@ -249,7 +250,8 @@ def test_missing_boards_are_named(project, measured):
             "line 4, column time_s: '89.020': wanted more than the 89",
         ),
         (log_text().replace("89.040,", "89.04O,"), "line 4, column time_s: '89.04O': wanted a finite number"),
-        (log_text().replace("pressure_MPa", "pressure_kPa"), "column pressure_MPa is missing.*pressure_kPa"),
+        (log_text().replace("pressure_MPa", "flow"), "column pressure_MPa is missing.*time_s,flow"),
+        (log_text().replace("pressure_MPa", "pressure_kPa"), "pressure_kPa reaches .* MPa, read in kPa; wanted 0.0001 to 1"),
         ("time_s,pressure_MPa\n80,0\n120,30\n", "wanted MPa, below 1: divide kPa by 1000"),
     ],
 )
@@ -260,6 +262,21 @@ def test_a_log_that_does_not_fit_is_refused_before_the_film_is_read(project, mea
         run_measure(project, Lines())
     assert measured.measure == []
     assert not (project.root / "targets").exists()
+
+
+def test_check_reads_the_log_before_anything_is_measured(project, measured):
+    say, kilo = Lines(), log_text().replace("pressure_MPa", "pressure_kPa").splitlines()
+    rows = [row.split(",") for row in kilo[1:]]
+    files.write_text(project.root / "raw/pressure.csv", "\n".join([kilo[0], *(f"{t},{1e3 * float(p)!r}" for t, p in rows)]))
+    run_check(project, say)
+    assert any("column 'pressure_kPa', in kPa" in line and "The film lasts 5.9 s" in line for line in say)
+    files.write_text(project.root / "raw/pressure.csv", log_text(end=105.0))
+    with pytest.raises(ValueError, match=r"covers 89.000 to 10.* s, the film 100.000 to 105.900 s of the same clock"):
+        run_check(project, say)
+    project = edit(project, 'join = "stamps"', 'join = "onset"')
+    files.write_text(project.root / "raw/pressure.csv", log_text(start=100.0, end=105.0))
+    with pytest.raises(ValueError, match=r"the film 5.900 s: wanted a log that covers all of it; record"):
+        run_check(project, say)
 
 
 def test_a_time_shift_moves_the_log(tmp_path):

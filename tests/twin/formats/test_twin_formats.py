@@ -1,0 +1,323 @@
+"""Files of other programs as targets: their columns, what counts as not seen, units, axes, times, and refusals."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from twin.cli import app
+from twin.formats.catalogue import FORMATS, read_recorded
+from twin.formats.conversion import MOST_STEPS, targets_of
+from twin.formats.recorded import Doubt, Recorded
+from twin.formats.supplied import Supplied
+from twin.formats.worldaxes import turned
+from twin.project.folder import Project
+from twin.stages.importing import Foreign, foreign_of
+from twin.stages.starting import run_init
+from twin.targets import PointKind
+
+# Two points over four steps along the file's x and y: the truth that every file below holds.
+TIP = np.array([[110.0, 50.0], [109.0, 56.0], [105.0, 70.0], [98.0, 81.0]])
+MIDDLE = np.array([[60.0, 50.0], [59.5, 52.0], [58.0, 57.0], [56.0, 61.0]])
+XY = np.stack([TIP, MIDDLE], axis=1)  # (s,p,2)
+DEPTH = np.array([[7.0, 7.0], [7.1, 7.0], [7.2, 7.1], [7.3, 7.1]])  # (s,p) z
+
+
+class Lines(list):
+    def __call__(self, text: str) -> None:
+        self.append(text)
+
+    def progress(self, stage: str, done: int, total: int) -> None:
+        pass
+
+
+def deeplabcut(folder: Path, *, animals: bool = False) -> Path:
+    scorer = "DLC_resnet50_fingerOct12shuffle1_100000"
+    levels = [["scorer"] + 6 * [scorer], ["individuals"] + 3 * ["a"] + 3 * ["b"], ["bodyparts"] + 3 * ["tip"] + 3 * ["middle"], ["coords"] + 2 * ["x", "y", "likelihood"]]
+    rows = [[k, *t, 0.99, *m, 0.2 if k == 2 else 0.98] for k, (t, m) in enumerate(zip(TIP, MIDDLE))]
+    text = "\n".join(",".join(map(str, row)) for row in [*(levels if animals else [levels[0], *levels[2:]]), *rows])
+    return written(folder / "film.csv", text)
+
+
+def anipose(folder: Path, *, cameras: float = 1.0, score: float = 0.95) -> Path:
+    head = [f"{n}_{c}" for n in ("tip", "middle") for c in ("x", "y", "z", "error", "ncams", "score")]
+    head += [f"M_{i}{j}" for i in range(3) for j in range(3)] + [f"center_{i}" for i in range(3)] + ["fnum"]
+    rows = []
+    for k in range(4):
+        row: list[object] = []
+        for p in range(2):
+            seen = k != 2 or p == 0
+            row += [*XY[k, p], DEPTH[k, p], 0.5, 3.0 if seen else cameras, 0.95 if seen else score]
+        rows.append([*row, *np.eye(3).ravel(), 0.0, 0.0, 0.0, k])
+    return written(folder / "pose.csv", "\n".join(",".join(map(str, row)) for row in [head, *rows]))
+
+
+def dice(folder: Path) -> Path:
+    for k in range(4):
+        stars = "***\n*** Digital Image Correlation Engine (DICe), Copyright 2021\n*** Subset size: 27\n***\n"
+        head = "SUBSET_ID,COORDINATE_X,COORDINATE_Y,DISPLACEMENT_X,DISPLACEMENT_Y,SIGMA,GAMMA,BETA,STATUS_FLAG,UNCERTAINTY\n"
+        rows = ""
+        for p in range(2):
+            failed = (k, p) == (2, 1)
+            moved = XY[k, p] - XY[0, p] if not failed else (0.0, 0.0)
+            rows += f"{p},{XY[0, p, 0]:.4E},{XY[0, p, 1]:.4E},{moved[0]:.4E},{moved[1]:.4E},{-1.0 if failed else 5.0e-3:.4E},1.0E-02,0.0E+00,4.0E+00,1.0E-02\n"
+        written(folder / f"DICe_solution_{k:02d}.txt", stars + head + rows)
+    return folder
+
+
+def matchid(folder: Path, *, head: str = "X [mm];Y [mm];U [mm];V [mm]", comma: bool = True) -> Path:
+    separator = ";" if ";" in head else ","
+    for k in (0, 1, 10, 2):  # by number, not by letters: the last is 10
+        step, rows = {0: 0, 1: 1, 2: 2, 10: 3}[k], ""
+        for p in range(2):
+            lost = (step, p) == (2, 1)
+            moved = ["", ""] if lost else [repr(float(v)) for v in XY[step, p] - XY[0, p]]
+            rows += separator.join([*(repr(float(v)) for v in XY[0, p]), *moved]) + "\n"
+        written(folder / f"film_{k}.csv", head + "\n" + (rows.replace(".", ",") if comma else rows))
+    return folder
+
+
+def c3d(folder: Path) -> Path:
+    import ezc3d
+
+    content = ezc3d.c3d()
+    content["parameters"]["POINT"]["RATE"]["value"] = [50.0]
+    content["parameters"]["POINT"]["LABELS"]["value"] = ("tip", "middle")
+    content["parameters"]["POINT"]["UNITS"]["value"] = ("m",)
+    points = np.ones((4, 2, 4))
+    points[:2] = 1e-3 * np.moveaxis(XY, 0, -1).swapaxes(0, 1)
+    points[2] = 1e-3 * DEPTH.T
+    residuals = np.zeros((1, 2, 4))
+    residuals[0, 1, 2] = -1.0
+    content["data"]["points"] = points
+    content["data"]["meta_points"] = {"residuals": residuals, "camera_masks": np.zeros((7, 2, 4), dtype=bool)}
+    content.write(str(folder / "take.c3d"))
+    return folder / "take.c3d"
+
+
+def csv(folder: Path) -> Path:
+    rows = [f"{0.02 * k};{TIP[k, 0]};{TIP[k, 1]};{'' if k == 2 else MIDDLE[k, 0]};{'' if k == 2 else MIDDLE[k, 1]};{10.0 * k}" for k in range(4)]
+    head = "time_s;tip_x_mm;tip_y_mm;middle_x_mm;middle_y_mm;p [kPa]"
+    return written(folder / "points.csv", (head + "\n" + "\n".join(rows)).replace(".", ","))
+
+
+def written(path: Path, text: str) -> Path:
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+WRITERS: dict[str, Callable[[Path], Path]] = {
+    "deeplabcut": deeplabcut, "anipose": anipose, "dice": dice, "matchid": matchid, "c3d": c3d, "csv": csv
+}  # fmt: skip
+NAMES = {"dice": ("s0", "s1"), "matchid": ("p1", "p2")}
+PIXELS = ("deeplabcut", "dice")
+LOG = "time_s,p [kPa]\n" + "".join(f"{0.01 * k:.2f},{5.0 * k}\n" for k in range(9))  # 10 kPa at each 0.02 s
+
+
+def stated(folder: Path, form: str, **changes: object) -> Supplied:
+    log = written(folder / "log.csv", LOG)
+    given: dict[str, object] = {
+        "sd_mm": 0.2, "axes": "x,0,-y", "log": None if form == "csv" else log, "fps": 50.0,
+        "mm_per_px": 0.5 if form in PIXELS else None,
+    }  # fmt: skip
+    return Supplied(**{**given, **changes})  # type: ignore[arg-type]
+
+
+def test_every_format_is_tried_here() -> None:
+    assert set(WRITERS) == set(FORMATS)
+
+
+@pytest.mark.parametrize("form", WRITERS)
+def test_a_file_becomes_displacements_in_world_axes(tmp_path: Path, form: str) -> None:
+    (tmp_path / "in").mkdir()
+    found = read_recorded(WRITERS[form](tmp_path / "in"), form, Doubt())
+    tip, middle = NAMES.get(form, ("tip", "middle"))
+    targets, _ = targets_of(found, stated(tmp_path, form), nodes={tip: 4401, middle: 5848})
+    scale = 0.5 if form in PIXELS else 1.0
+    wanted = np.stack([XY[..., 0] - XY[0, :, 0], np.full((4, 2), np.nan), XY[0, :, 1] - XY[..., 1]], axis=-1) * scale
+    wanted[2, 1] = np.nan  # unlikely, failed or lost: not seen
+    # c3d holds single precision of m: 1e-7 of 0.1 m
+    np.testing.assert_allclose(targets.value, wanted, rtol=0, atol=2e-5)
+    np.testing.assert_allclose(targets.time, 0.02 * np.arange(4), rtol=0, atol=1e-12)
+    np.testing.assert_allclose(targets.pressure, 0.01 * np.arange(4), rtol=0, atol=1e-12)
+    assert targets.valid.sum() == 10  # 3 steps after the reference, 2 points, 2 components, but for the one not seen
+    assert not targets.valid[0].any()
+    assert targets.covariance[1, 0, 0, 0] == pytest.approx(0.04)
+    assert [point.node for point in targets.points] == [4401, 5848]
+    assert targets.has_log == (form != "csv")
+    assert ("scale" in targets.mode_names) == (form in PIXELS)
+    assert found.missing == (0 if form == "csv" else 1)
+
+
+def test_the_error_of_the_reference_is_shared_by_all_steps(tmp_path: Path) -> None:
+    found = read_recorded(csv(tmp_path), "csv", Doubt())
+    targets, _ = targets_of(found, stated(tmp_path, "csv", rest_steps=2), nodes={"tip": 1})
+    mode = targets.modes[targets.mode_names.index("reference:tip:1")]
+    np.testing.assert_allclose(mode[:, 0, 0], 0.2 / np.sqrt(2))
+    assert targets.reference.tolist() == [0, 1]
+    assert targets.valid[:2, 0, 0].all()  # their mean is 0, they are not
+    np.testing.assert_allclose(targets.value[:2, 0, 0], [0.5, -0.5])
+
+
+def test_a_three_dimensional_frame_is_turned_and_its_mirror_refused() -> None:
+    u = np.array([[[1.0, 2.0, 3.0]]])
+    np.testing.assert_array_equal(turned(u, "y,-x,z")[0, 0], [2, -1, 3])
+    np.testing.assert_array_equal(turned(u, "x,0,-y")[0, 0], [1, np.nan, -2])
+    for axes, sentence in {"x,y,-z": "mirror image", "x,x,y": "stands twice", "x,y": "wanted the file's axes", "0,0,0": "none does"}.items():
+        with pytest.raises(ValueError, match=sentence):
+            turned(u, axes)
+
+
+def test_points_without_a_node_are_left_out_or_taken_where_they_lie(tmp_path: Path) -> None:
+    found = read_recorded(csv(tmp_path), "csv", Doubt())
+    targets, remarks = targets_of(found, stated(tmp_path, "csv"), nodes={"tip": 4401})
+    assert targets.names == ("tip",)
+    assert remarks == ["Left out, as they have no --node: middle."]
+    targets, remarks = targets_of(found, stated(tmp_path, "csv", origin_mm=(-10.0, 11.5, 50.0)), nodes={"tip": 4401})
+    assert targets.points[1].kind is PointKind.PLACE
+    assert targets.points[1].position == (50.0, 11.5, 0.0)  # 60 - 10, the plane, 50 - 50
+    assert remarks == []
+    targets, _ = targets_of(found, stated(tmp_path, "csv", fixed=("middle",)), nodes={"tip": 4401})
+    assert targets.fixed.tolist() == [False, True]
+
+
+def test_a_long_file_is_thinned_and_its_rest_kept() -> None:
+    s = 5 * MOST_STEPS
+    found = Recorded(names=("tip",), position=np.arange(3.0 * s).reshape(s, 1, 3), unit="mm", frame=np.arange(s), time=np.arange(s) / 100, pressure=np.zeros(s), axes="x,y,z")
+    targets, remarks = targets_of(found, Supplied(sd_mm=0.1, rest_steps=40), nodes={"tip": 1})
+    assert MOST_STEPS <= len(targets.time) <= MOST_STEPS + 40
+    assert targets.reference.tolist() == list(range(40))
+    assert remarks == [f"{len(targets.time)} of {s} steps are kept, evenly spaced."]
+
+
+@pytest.mark.parametrize(
+    ("head", "comma", "unit"),
+    [
+        ("coor.X [mm],coor.Y [mm],disp.Horizontal Displacement U [mm],disp.Vertical Displacement V [mm]", False, "mm"),
+        ("Coordinates.Image X [Pixel];Coordinates.Image Y [Pixel];disp.Horizontal Displacement U [Pixel];disp.Vertical Displacement V [Pixel]", True, "px"),
+        ("x;y;u;v", True, "px"),
+    ],
+)
+def test_exports_of_several_versions_of_matchid(tmp_path: Path, head: str, comma: bool, unit: str) -> None:
+    found = read_recorded(matchid(tmp_path, head=head, comma=comma), "matchid", Doubt())
+    assert found.unit == unit
+    np.testing.assert_allclose(found.position[3, :, :2], XY[3])
+    assert np.isnan(found.position[2, 1]).all()
+
+
+def test_a_stereo_solution_of_dice_is_in_mm(tmp_path: Path) -> None:
+    head = "COORDINATE_X COORDINATE_Y DISPLACEMENT_X DISPLACEMENT_Y MODEL_COORDINATES_X MODEL_COORDINATES_Y MODEL_COORDINATES_Z MODEL_DISPLACEMENT_X MODEL_DISPLACEMENT_Y MODEL_DISPLACEMENT_Z SIGMA\n"
+    for k in range(3):
+        written(tmp_path / f"DICe_solution_{k}.txt", head + f"100 200 0 0 10 20 30 {k} 0 {-k} 0.01\n")
+    found = read_recorded(tmp_path, "dice", Doubt())
+    assert (found.unit, found.axes, found.names) == ("mm", "", ("s0",))
+    assert found.position[2, 0].tolist() == [12, 20, 28]
+
+
+@pytest.mark.parametrize(("cameras", "score"), [(1.0, 0.95), (3.0, 0.3), (float("nan"), float("nan"))])
+def test_anipose_needs_two_cameras_and_a_good_score(tmp_path: Path, cameras: float, score: float) -> None:
+    found = read_recorded(anipose(tmp_path, cameras=cameras, score=score), "anipose", Doubt())
+    assert np.argwhere(np.isnan(found.position).any(axis=2)).tolist() == [[2, 1]]
+    assert found.missing == 1
+
+
+def test_several_animals_have_names_of_their_own(tmp_path: Path) -> None:
+    assert read_recorded(deeplabcut(tmp_path, animals=True), "deeplabcut", Doubt()).names == ("a_tip", "b_middle")
+
+
+REFUSED = {
+    "no scale": ("deeplabcut", {"mm_per_px": None}, "in pixels: wanted --mm-per-px"),
+    "scale for mm": ("csv", {"mm_per_px": 0.5}, "the file is in mm; leave it out"),
+    "no rate": ("deeplabcut", {"fps": None}, "counts frames: wanted --fps"),
+    "no axes": ("c3d", {"axes": None}, "does not say how its axes lie: wanted the file's axes"),
+    "no pressure": ("c3d", {"log": None}, "no pressure is known: wanted --log"),
+    "late": ("c3d", {"start_s": 0.05}, "log.csv covers 0.000 to 0.080 s, the file 0.050 to 0.110 s"),
+    "no likelihood": ("csv", {"min_likelihood": 1.5}, "min-likelihood 1.5: wanted 0 to 1"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_what_is_not_stated_is_refused(tmp_path: Path, case: str) -> None:
+    form, changes, sentence = REFUSED[case]
+    found = read_recorded(WRITERS[form](tmp_path), form, Doubt())
+    with pytest.raises(ValueError, match=sentence):
+        targets_of(found, stated(tmp_path, form, **changes), nodes={"tip": 1})
+
+
+def test_a_log_without_times_has_a_row_for_each_step(tmp_path: Path) -> None:
+    found = read_recorded(c3d(tmp_path), "c3d", Doubt())
+    log = written(tmp_path / "rows.csv", "p [mbar]\n0\n100\n200\n300\n")
+    targets, _ = targets_of(found, stated(tmp_path, "c3d", log=log), nodes={"tip": 1})
+    np.testing.assert_allclose(targets.pressure, [0, 0.01, 0.02, 0.03])
+    assert not targets.has_log
+    written(log, "p [mbar]\n0\n100\n")
+    with pytest.raises(ValueError, match="2 rows without times for 4 steps"):
+        targets_of(found, stated(tmp_path, "c3d", log=log), nodes={"tip": 1})
+
+
+@pytest.mark.parametrize(
+    ("form", "text", "sentence"),
+    [
+        ("deeplabcut", "scorer,a,a\nbodyparts,tip,tip\ncoords,x,y\n0,1,2\n", "no likelihood, take the analysed video"),
+        ("deeplabcut", "time_s,x\n0,1\n", "begins with 'time_s,x'; wanted DeepLabCut's rows"),
+        ("deeplabcut", "scorer,a,a,a\nbodyparts,tip,tip,tip\ncoords,x,y,likelihood\nimg1.png,1,2,1\n", "wanted a frame's number"),
+        ("anipose", "tip_x,tip_y,tip_z\n1,2,3\n", "a file of Anipose's folder pose-3d"),
+        ("dice", "SUBSET_ID,COORDINATE_X\n0,1\n", "column COORDINATE_Y is missing"),
+        ("dice", "FRAME,COORDINATE_X\n0,1\n", "is a result of tracking"),
+        ("matchid", "X [mm];Y [mm];Exx [ ]\n0;1;2\n", "wanted X, Y and the displacements U, V in one unit"),
+        ("c3d", "nothing of the kind", "not a C3D file"),
+        ("csv", "time_s,tip_x_mm,tip_z_px\n0,1,2\n", "all in one unit: found mm and px"),
+        ("sleap", "", "--format sleap: wanted one of deeplabcut, anipose, dice, matchid, c3d, csv"),
+    ],
+)  # fmt: skip
+def test_another_file_is_named(tmp_path: Path, form: str, text: str, sentence: str) -> None:
+    path = written(tmp_path / "file.txt", text)
+    with pytest.raises(ValueError, match=sentence):
+        read_recorded(path, form, Doubt())
+
+
+def test_init_makes_a_project_of_a_file(tmp_path: Path) -> None:
+    say, form = Lines(), Foreign("deeplabcut", stated(tmp_path, "deeplabcut"))
+    run_init(tmp_path / "batch", say, targets=deeplabcut(tmp_path), nodes=["tip=4401", "middle=5848"], foreign=form)
+    project = Project.open(tmp_path / "batch")
+    targets = project.targets()
+    np.testing.assert_allclose(targets.value[3, 0, [0, 2]], [-6.0, -15.5])
+    assert "scale" in targets.mode_names
+    assert "1 of 8 positions have a likelihood below 0.6: they count as not seen." in say
+    assert any("displacements up to 15.5 mm, pressure up to 0.03 MPa. The sd is 0.2 mm, as stated." in line for line in say)
+    assert [point.name for point in project.config.points] == ["tip", "middle"]
+
+
+def test_init_refuses_a_file_without_its_sd_and_options_without_a_format(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="--sd-mm is missing: wanted the standard deviation"):
+        foreign_of("c3d", sd_mm=None, fixed=None, origin_mm=None, log=None)
+    with pytest.raises(ValueError, match="belong to --format, which is missing"):
+        foreign_of(None, sd_mm=0.1, fixed=None, origin_mm=None, log=None)
+    with pytest.raises(ValueError, match=r"is a file: wanted a folder with targets.csv, or --format"):
+        run_init(tmp_path / "a", Lines(), targets=csv(tmp_path), nodes=["tip=4401"])
+    with pytest.raises(ValueError, match=r"--origin-mm '1,2': wanted x,y,z in mm"):
+        foreign_of("csv", sd_mm=0.1, fixed=None, origin_mm="1,2", log=None)
+
+
+def test_the_command_takes_all_of_it(tmp_path: Path) -> None:
+    log = written(tmp_path / "log.csv", LOG.replace("p [kPa]", "ai0"))
+    file = deeplabcut(tmp_path)
+    with pytest.raises(ValueError, match=r"column pressure_MPa is missing"):
+        app(["init", str(tmp_path / "x"), "--targets", str(file), "--format", "deeplabcut", "--sd-mm", "0.2", "--mm-per-px", "0.5", "--fps", "50", "--log", str(log), "--node", "tip=4401"], standalone_mode=False)
+    written(log, LOG.replace("p [kPa]", "p"))
+    app(["init", str(tmp_path / "x"), "--targets", str(file), "--format", "deeplabcut", "--sd-mm", "0.2", "--mm-per-px", "0.5", "--fps", "50", "--log", str(log), "--log-unit", "kPa", "--node", "tip=4401"], standalone_mode=False)
+    assert Project.open(tmp_path / "x").targets().pressure[-1] == pytest.approx(0.03)
+
+
+def test_a_real_file_of_motion_capture(shared_data: Path) -> None:
+    found = read_recorded(shared_data / "real_beam" / "beam_load52_V2_a.c3d", "c3d", Doubt())
+    assert found.names == ("Tip_1", "Tip_2", "Tip_3", "Base_1", "Base_2", "Base_3")
+    assert (found.unit, found.missing, found.position.shape) == ("m", 0, (600, 6, 3))
+    fixed = ("Base - 1", "Base - 2", "Base - 3")
+    log = np.zeros(600)
+    found = Recorded(**{**vars(found), "pressure": log})
+    targets, _ = targets_of(found, Supplied(sd_mm=0.01, axes="x,y,z", fixed=fixed), nodes={"Tip - 1": 1})
+    moved = np.linalg.norm(targets.value[-1], axis=1)
+    assert 16.0 < moved[0] < 17.6  # as measured from the file by others: its record says 16 to 17.5 mm
+    assert moved[1:].max() < 0.8

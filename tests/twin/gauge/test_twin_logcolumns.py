@@ -1,0 +1,124 @@
+"""Pressure logs as people have them: units, headings, volts, decimal commas, and what is refused."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from twin.gauge.logcolumns import LogFormat
+from twin.gauge.pressurelog import Log, check_lasts, read_log
+from twin.gauge.pressureunits import Line, heading, unit_of
+from twin.project.toml import parse
+
+MPA = np.array([0.0, 0.015, 0.03])
+PER_MPA = {  # by their definitions: BIPM, NIST SP 811
+    "pressure_MPa": 1.0, "pressure_kPa": 1e3, "p_Pa": 1e6, "p [bar]": 10.0, "Pressure (psi)": 145.03773773,
+    "Pressure 1 [mbar]": 1e4, "p in hPa": 1e4, "p/bar": 10.0, "PRESSURE (KPA)": 1e3, "p [psig]": 145.03773773,
+    "Pressure (mmHg)": 7500.6157584566, "p [N/mm^2]": 1.0,
+}  # fmt: skip
+
+
+def log_at(folder: Path, text: str, form: LogFormat | None = None) -> Log:
+    (folder / "p.csv").write_text(text, encoding="utf-8")
+    return read_log(folder / "p.csv", time_shift_s=0.0, form=form)
+
+
+def rows(values: np.ndarray, *, separator: str = ",", comma: bool = False) -> str:
+    lines = [f"{0.02 * k:.3f}{separator}{float(v)!r}\n" for k, v in enumerate(values)]
+    return "".join(line.replace(".", ",") if comma else line for line in lines)
+
+
+@pytest.mark.parametrize("name", PER_MPA)
+def test_a_heading_tells_the_unit(tmp_path: Path, name: str) -> None:
+    log = log_at(tmp_path, f"time_s,{name}\n{rows(MPA * PER_MPA[name])}")
+    np.testing.assert_allclose(log.pressure, MPA, rtol=1e-9, atol=1e-15)  # psi and mmHg are known to 1e-10
+    assert log.source.startswith(f"column {name!r}, in ")
+
+
+def test_a_key_tells_the_unit_where_the_heading_does_not(tmp_path: Path) -> None:
+    log = log_at(tmp_path, f"time_s,ai0,ai1\n{rows(1e3 * MPA).replace(chr(10), ',7' + chr(10))}", LogFormat("ai0", "kPa"))
+    np.testing.assert_allclose(log.pressure, MPA, rtol=1e-12)
+
+
+@pytest.mark.parametrize(("name", "scale"), [("Voltage (V)", 1.0), ("u [mV]", 1e3), ("p [V]", 1.0)])
+def test_volts_become_pressure_by_the_calibration_line(tmp_path: Path, name: str, scale: float) -> None:
+    volts = scale * (0.5 + MPA / 0.025)
+    log = log_at(tmp_path, f"t [ms],{name}\n{rows(volts)}", LogFormat(line=Line(0.5, 0.025)))
+    np.testing.assert_allclose(log.pressure, MPA, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(log.time, [0, 2e-5, 4e-5], rtol=1e-12)
+
+
+@pytest.mark.parametrize("separator", [";", "\t"])
+def test_decimal_commas_are_read_between_semicolons_and_tabs(tmp_path: Path, separator: str) -> None:
+    log = log_at(tmp_path, f"time_s{separator}p [kPa]\n{rows(1e3 * MPA, separator=separator, comma=True)}")
+    np.testing.assert_allclose(log.pressure, MPA, rtol=1e-12)
+    np.testing.assert_allclose(log.time, [0, 0.02, 0.04])
+    same = log_at(tmp_path, f"time_s{separator}p [kPa]\n{rows(1e3 * MPA, separator=separator)}")
+    np.testing.assert_array_equal(same.pressure, log.pressure)
+
+
+@pytest.mark.parametrize(
+    ("text", "form", "sentence"),
+    [
+        ("time_s,p\n0,0\n1,30\n", None, "column 'p' has no unit: wanted MPa, kPa,.*set unit under"),
+        ("time_s,pressure_kPa\n0,0\n1,30\n", LogFormat(unit="bar"), "'pressure_kPa' says kPa, .* says bar; wanted one unit"),
+        ("time_s,pressure_mpa\n0,0\n1,0.03\n", None, "the unit 'mpa', which may be milli or mega"),
+        ("time_s,p [psia]\n0,14.7\n1,19\n", None, "absolute pressure .*subtract the reading at rest"),
+        ("time_s,p [bar abs]\n0,1\n1,1.3\n", None, "absolute pressure"),
+        ("time_s,pressure_abs_kPa\n0,101\n1,130\n", None, "'pressure_abs_kPa' is absolute pressure"),
+        ("time_s,p [furlong]\n0,1\n1,1.3\n", None, "the unit 'furlong', which is none of pressure"),
+        ("time_s,p [%]\n0,1\n1,1.3\n", None, "the unit '%', which is none of pressure"),
+        ("time_s,p1_kPa,p_kPa,pressure_bar\n0,1,1,1\n", None, "columns 'p_kPa' and 'pressure_bar' are both of pressure"),
+        ("time_s,p_V\n0,0.5\n1,1.7\n", None, "is in V: wanted the calibration line .*volt_zero"),
+        ("time_s,p_kPa\n0,0\n1,30\n", LogFormat(line=Line(0.5, 0.025)), "in kPa, but .* a calibration line for volts"),
+        ("time_s,ai0\n0,0\n1,30\n", LogFormat("ai1", "kPa"), "column = 'ai1' is not in the header time_s,ai0"),
+        ("time_s,p_kPa\n0,0\n1,30000\n", None, "p_kPa reaches 30 MPa, read in kPa; wanted 0.0001 to 1 MPa"),
+        ("time_s,p_kPa\n0,0\n1,0.03\n", None, "p_kPa reaches 3e-05 MPa, read in kPa; wanted 0.0001 to 1 MPa"),
+        ("t,p_kPa\n0,0\n1,30\n", None, "column 't' has no unit: wanted s, ms or min"),
+        ("p_kPa,x\n0,0\n1,30\n", None, "column time_s is missing"),
+        ("time_s,p_kPa\n0,0,0,0\n0,5,30,1\n", None, "line 2: 4 cells; wanted 2, .*decimal commas.*semicolons"),
+        ('time_s,p_kPa\n"0,0","0,0"\n"0,5","30,1"\n', None, "line 2, column time_s: '0,0': .*write a decimal point"),
+        ("time_s;p_kPa\n0,0;0.0\n0,5;30.1\n", None, "'0,0': it has a comma, '0.0' in line 2 a point; wanted one decimal"),
+        ("time_s;p_kPa\n0,0;0,0\n0,5;1.030,1\n", None, "'1.030,1': .*no mark between thousands"),
+    ],
+)  # fmt: skip
+def test_what_is_unclear_is_refused_in_one_sentence(tmp_path: Path, text: str, form: LogFormat | None, sentence: str) -> None:
+    with pytest.raises(ValueError, match=sentence) as error:
+        log_at(tmp_path, text, form)
+    assert "\n" not in str(error.value)
+
+
+def test_the_documented_heading_is_read_beside_others(tmp_path: Path) -> None:
+    log = log_at(tmp_path, "time_s,pressure_raw,pressure_MPa\n0,900,0\n1,1800,0.03\n")
+    assert log.pressure.tolist() == [0, 0.03]
+
+
+def test_a_log_shorter_than_the_film_is_named_and_a_longer_one_is_not(tmp_path: Path) -> None:
+    log = log_at(tmp_path, f"time_s,p_kPa\n{rows(1e3 * MPA)}")
+    check_lasts(log, 0.04)
+    check_lasts(log, 0.01)
+    with pytest.raises(ValueError, match=r"p.csv covers 0.040 s, the film 0.050 s: wanted a log that covers all"):
+        check_lasts(log, 0.05)
+
+
+def test_what_a_longer_log_holds_after_the_test_is_left_out() -> None:
+    log = Log(Path("p.csv"), np.arange(0.0, 100.0, 0.5), np.arange(0.0, 100.0, 0.5) / 1e3)
+    time, pressure = log.beside(np.array([10.0, 20.0]))
+    assert (time[0], time[-1]) == (0.0, 22.5)  # what came before may be remembered
+    assert pressure.max() == 0.0225
+
+
+def test_headings_and_units_by_themselves() -> None:
+    assert (heading("Pressure (psi)").word, heading("Pressure (psi)").unit) == ("pressure", "psi")
+    assert (heading("time_s").word, heading("time_s").unit) == ("time", "s")
+    assert heading("p1_kPa").word == "p1"
+    assert unit_of("KPA", what="x") == "kPa"
+    assert unit_of("PSIG", what="x") == "psi"
+    with pytest.raises(ValueError, match="milli or mega"):
+        unit_of("Mbar", what="x")
+
+
+def test_half_a_calibration_line_is_refused() -> None:
+    text = '[[points]]\nname = "tip"\nnode = 4401\n[pressure]\nunit = "V"\nvolt_zero = 0.5\n'
+    with pytest.raises(ValueError, match=r"volt_zero and MPa_per_V are the calibration line .*wanted both"):
+        parse(text.encode(), name="twin.toml")

@@ -1,0 +1,134 @@
+"""Make targets of what another program measured, with what its user states of it."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from twin.formats.recorded import PIXEL, Recorded, plain
+from twin.formats.supplied import Supplied, axes_of, mm_per_unit, pressure_of, times_of
+from twin.formats.worldaxes import turned
+from twin.targets import Array, PointKind, TargetPoint, Targets, as_position, at_node
+
+MOST_STEPS = 2000  # as `steps` under [measure] of twin.toml
+MOST_MODES = 90  # of references: with more points their error counts as one of each value
+DIGITS = 6  # of mm, as measured targets have
+
+
+def targets_of(found: Recorded, stated: Supplied, *, nodes: Mapping[str, int]) -> tuple[Targets, list[str]]:
+    """Targets of one block, and what the user should know of them, one sentence each.
+
+    nodes: label of each point on the finger. A point without one is left out, or with an origin taken for a
+    point between nodes. ValueError names what is missing or does not fit.
+    """
+    position = turned(found.position * mm_per_unit(found, stated), axes_of(found, stated))
+    keep = _even(len(position))
+    time, rest = times_of(found, stated), np.arange(min(stated.rest_steps, len(position)))
+    keep = np.union1d(keep, rest)
+    pressure, log = pressure_of(found, stated, time)
+    mean = _at_rest(position, rest)
+    points, chosen, remarks = _points(found, stated, mean, {plain(n): k for n, k in nodes.items()})
+    value = np.round((position - mean)[keep][:, chosen], DIGITS)
+    targets = _assembled(value, points, stated, time=time[keep], pressure=pressure[keep], log=log,
+                         rest=np.searchsorted(keep, rest), scaled=found.unit == PIXEL)  # fmt: skip
+    return targets, [*_said(found, keep, len(position)), *remarks]
+
+
+def _assembled(
+    value: Array, points: tuple[TargetPoint, ...], stated: Supplied, *, time: Array, pressure: Array,
+    log: tuple[Array, Array] | None, rest: NDArray[np.int64], scaled: bool,
+) -> Targets:  # fmt: skip
+    """The targets (s,p,3) with their covariance and shared errors."""
+    seen = np.isfinite(value)
+    modes = _modes(value, points, stated, len(rest), scaled)
+    single = 1 if any(name.startswith("reference:") for name in modes) else 1 + 1 / len(rest)
+    both = seen[..., :, None] & seen[..., None, :]
+    valid = seen.copy()
+    if len(rest) == 1:
+        valid[rest] = False  # zero by definition, not measured
+    log_time, log_pressure = (time, pressure) if log is None else log
+    return Targets(
+        time=time, pressure=pressure, block=np.zeros(len(time), dtype=np.int64), points=points, value=value,
+        covariance=np.where(both, single * stated.sd_mm**2 * np.eye(3), np.nan), valid=valid,
+        held_out=np.zeros(len(time), dtype=bool), modes=np.array([*modes.values()]).reshape(-1, *value.shape),
+        mode_names=tuple(modes), noise=None, log_time=log_time, log_pressure=log_pressure, reference=rest,
+        gravity=None, pressure_sd=np.zeros(len(time)),
+    )  # fmt: skip
+
+
+def _modes(
+    value: Array, points: Sequence[TargetPoint], stated: Supplied, rest: int, scaled: bool
+) -> dict[str, Array]:
+    """Errors (s,p,3) mm that many values share, 1 sd each: each point's reference, and the scale."""
+    filled, modes = np.nan_to_num(value), {}
+    if 3 * len(points) <= MOST_MODES:
+        for p, i in np.argwhere(np.isfinite(value).any(axis=0)).tolist():
+            mode = np.zeros_like(value)
+            mode[:, p, i] = stated.sd_mm / np.sqrt(rest)
+            modes[f"reference:{points[p].name}:{i + 1}"] = np.where(np.isfinite(value), mode, 0.0)
+    if scaled:
+        modes["scale"] = stated.scale_sd * filled
+    return modes
+
+
+def _points(
+    found: Recorded, stated: Supplied, mean: Array, nodes: Mapping[str, int]
+) -> tuple[tuple[TargetPoint, ...], list[int], list[str]]:
+    """The target points, where each stands in the file, and what is to be said of the others."""
+    fixed, names = [plain(name) for name in stated.fixed], found.names
+    for name in (*nodes, *fixed):
+        if name not in names:
+            listed = ", ".join(names[:12]) + (", ..." if len(names) > 12 else "")
+            raise ValueError(
+                f"point {name!r} is not in the file, which has {listed}; correct --node or --fixed"
+            )
+    if not nodes:
+        raise ValueError(
+            "no point has a node; wanted --node NAME=LABEL for those on the finger: the file has "
+            f"{', '.join(names[:12])}"
+        )
+    rest = mean if stated.origin_mm is None else np.where(np.isfinite(mean), mean, 0.0) + stated.origin_mm
+    kinds = [_point(name, nodes, fixed, rest[p], stated) for p, name in enumerate(names)]
+    unseen: NDArray[np.bool_] = np.asarray(np.isnan(mean).all(axis=1))
+    for p, point in enumerate(kinds):
+        if point is not None and unseen[p] and point.kind is not PointKind.PLACE:
+            raise ValueError(
+                f"point {point.name!r} is not seen in the first {stated.rest_steps} steps, which "
+                "displacements are relative to; raise --rest-steps, or leave it out"
+            )
+    chosen = [p for p, point in enumerate(kinds) if point is not None and not unseen[p]]
+    out = [names[p] for p in range(len(names)) if p not in chosen]
+    said = f"Left out, as they have no --node: {', '.join(out[:12])}{', ...' if len(out) > 12 else ''}."
+    return tuple(point for p in chosen if (point := kinds[p]) is not None), chosen, [said] if out else []
+
+
+def _point(
+    name: str, nodes: Mapping[str, int], fixed: Sequence[str], rest: Array, stated: Supplied
+) -> TargetPoint | None:
+    """What a point of the file is in the model; None where nobody says."""
+    own = None if stated.origin_mm is None else as_position(rest)
+    if name in nodes:
+        return at_node(name, nodes[name], own)
+    if name in fixed:
+        return TargetPoint(name, PointKind.FIXED, None, own)
+    return None if own is None else TargetPoint(name, PointKind.PLACE, None, own)
+
+
+def _at_rest(position: Array, rest: NDArray[Any]) -> Array:
+    """The mean place (p,3) in the steps at rest; NaN where a point was not seen in any of them."""
+    seen = np.isfinite(position[rest])
+    total = np.where(seen, position[rest], 0.0).sum(axis=0)
+    return np.where(seen.any(axis=0), total / np.maximum(seen.sum(axis=0), 1), np.nan)
+
+
+def _even(steps: int) -> NDArray[np.int64]:
+    """Numbers of at most MOST_STEPS evenly spaced steps."""
+    return np.unique(np.linspace(0, steps - 1, min(steps, MOST_STEPS)).round().astype(np.int64))
+
+
+def _said(found: Recorded, keep: NDArray[np.int64], steps: int) -> list[str]:
+    thinned = f"{len(keep)} of {steps} steps are kept, evenly spaced." if len(keep) < steps else ""
+    all_of_them = found.position.shape[0] * found.position.shape[1]
+    missing = f"{found.missing} of {all_of_them} positions have {found.doubt}: they count as not seen."
+    return [s for s in (thinned, missing if found.missing else "") if s]

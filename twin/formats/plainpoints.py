@@ -1,0 +1,53 @@
+"""Read a CSV with one row a step and the positions of the points in columns.
+
+Headings such as time_s,tip_x_mm,tip_z_mm,pressure_kPa: for all programs without a format of their own.
+Positions or displacements: what they were while the finger was at rest is subtracted either way.
+"""
+
+import re
+from pathlib import Path
+
+import numpy as np
+
+from twin.formats.recorded import PIXEL, Doubt, Recorded, plain_names
+from twin.gauge.logcolumns import LogFormat, pressures, time_column
+from twin.gauge.pressureunits import PRESSURE, heading, in_seconds
+from twin.project.csvtable import Sheet, read_sheet
+
+HEADING = re.compile(r"(?P<point>.+)_(?P<axis>[xyz])[ _]?[\[(]?(?P<unit>mm|cm|m|px|in)[\])]?")
+
+
+def read_plain(path: Path, doubt: Doubt) -> Recorded:
+    """The points of a plain CSV in its unit, with its times and, where it has one, its pressure."""
+    sheet = read_sheet(path, wanted="time_s,tip_x_mm,tip_z_mm,pressure_kPa")
+    found = {name: match for name in sheet.header if (match := HEADING.fullmatch(name))}
+    units = {match["unit"] for match in found.values()}
+    if len(units) != 1:
+        raise ValueError(
+            f"{path}: the header is {','.join(sheet.header)}; wanted the points in columns such as "
+            f"tip_x_mm,tip_z_mm, all in one unit{': found ' + ' and '.join(sorted(units)) if units else ''}"
+        )
+    points = list(dict.fromkeys(match["point"] for match in found.values()))
+    table = sheet.table(tuple(found))
+    position = np.full((len(table), len(points), 3), np.nan)
+    for name, match in found.items():
+        column = table.numbers(name, unit=match["unit"], empty=True)
+        position[:, points.index(match["point"]), "xyz".index(match["axis"])] = column
+    unit = units.pop()
+    return Recorded(
+        names=plain_names(path, points), position=position, unit=unit, time=_time(sheet),
+        pressure=_pressure(sheet), frame=np.arange(len(table), dtype=np.int64),
+        axes="x,0,-y" if unit == PIXEL else "x,y,z",
+    )  # fmt: skip
+
+
+def _time(sheet: Sheet) -> np.ndarray | None:
+    column = time_column(sheet)
+    if column is None:
+        return None
+    return in_seconds(sheet.table((column.name,)).numbers(column.name, unit=column.unit), column.unit)
+
+
+def _pressure(sheet: Sheet) -> np.ndarray | None:
+    spoken = [name for name in sheet.header if heading(name).word in PRESSURE and not HEADING.fullmatch(name)]
+    return pressures(sheet, LogFormat()) if spoken else None

@@ -1,0 +1,118 @@
+"""Turn the heading of a column of a pressure log, or a key of twin.toml, into what its numbers mean.
+
+The only place that knows other units than MPa and s: behind it there are no others.
+"""
+
+import re
+from dataclasses import dataclass
+from typing import NoReturn
+
+import numpy as np
+
+from twin.targets import Array
+
+PRESSURE = ("pressure", "press", "p")  # first word of a heading that speaks of the pressure
+VOLTAGE = ("voltage", "volt", "volts", "u", "signal")  # only where a calibration line is given
+TIME = ("time", "t", "timestamp")
+KNOWN = ("Pa", "hPa", "kPa", "MPa", "mbar", "bar", "psi", "V", "mV", "s", "ms", "min")
+GAUGE = {"psig": "psi", "barg": "bar", "bar(g)": "bar", "kpag": "kPa"}  # gauge pressure, as wanted
+ABSOLUTE = ("psia", "bara", "bar(a)", "kpaa", "mbara", "kpa(a)")
+SLOPPY = {"sec": "s", "seconds": "s", "second": "s", "msec": "ms", "volt": "V", "volts": "V"}
+UNITS = "MPa, kPa, Pa, hPa, bar, mbar, psi, or V with a calibration line"
+
+
+@dataclass(frozen=True)
+class Line:
+    """The calibration line of a gauge with a voltage output: pressure = MPa_per_V (V - volt_zero)."""
+
+    volt_zero: float  # V at no gauge pressure
+    MPa_per_V: float
+
+
+@dataclass(frozen=True)
+class Heading:
+    """What a heading says: the quantity's first word in small letters, and its unit as it stands there."""
+
+    word: str
+    unit: str  # "" where it says none
+
+
+def heading(text: str) -> Heading:
+    """The word and the unit of a heading: pressure_kPa, p [bar], Pressure (psi), Druck/bar, time_s, t."""
+    bare = text.strip().strip('"')
+    for pattern in (r"(.*?)\s*\[(.*)\]", r"(.*?)\s*\((.*)\)", r"(.*?)\s*/\s*(\S+)", r"(.*?)\s+in\s+(\S+)",
+                    r"(.*)_(\w+(?:\(\w\))?)"):  # fmt: skip
+        found = re.fullmatch(pattern, bare)
+        if found and found[1]:
+            return Heading(_word(found[1]), found[2].strip())
+    return Heading(_word(bare), "")
+
+
+def _word(text: str) -> str:
+    return re.split(r"[\s_.]+", text.strip().lower())[0]
+
+
+def unit_of(text: str, *, what: str) -> str:
+    """The unit as this program writes it; ValueError where it is unclear or one of absolute pressure.
+
+    what: how the error names the place it was read from.
+    """
+    plain = text.strip()
+    if plain.lower() in ABSOLUTE or speaks_of_absolute(plain):
+        refuse_absolute(plain, what=what)
+    plain = GAUGE.get(plain.lower(), SLOPPY.get(plain.lower(), plain))
+    for known in KNOWN:
+        # m and M are a factor of 1e9 apart, so their case must be right; that of the others says nothing
+        if plain.lower() == known.lower() and (plain[0] == known[0] or plain[0] not in "mM"):
+            return known
+    if plain.lower() in (known.lower() for known in KNOWN):
+        raise ValueError(f"{what} has the unit {text!r}, which may be milli or mega: wanted one of {UNITS}")
+    if not _is_pressure(plain):
+        raise ValueError(f"{what} has the unit {text!r}, which is none of pressure: wanted one of {UNITS}")
+    return plain
+
+
+def speaks_of_absolute(text: str) -> bool:
+    """Whether a heading or a unit says that the pressure is absolute: bar abs, pressure_abs_kPa."""
+    return re.search(r"(?<![a-z])abs", text.lower()) is not None
+
+
+def refuse_absolute(text: str, *, what: str) -> NoReturn:
+    """Raise the ValueError that says how to make gauge pressure of it."""
+    raise ValueError(
+        f"{what} is absolute pressure ({text}): wanted gauge pressure, which is 0 when the finger is vented; "
+        "subtract the reading at rest and name the column after the result"
+    )
+
+
+def _is_pressure(unit: str) -> bool:
+    import pint
+
+    try:
+        return bool(pint.get_application_registry()(unit).check("[pressure]"))
+    except (pint.PintError, AttributeError, SyntaxError, TypeError, ValueError):
+        return False
+
+
+def in_MPa(values: Array, unit: str, *, line: Line | None) -> Array:
+    """Gauge pressure (t,) MPa from readings (t,) in a unit of `unit_of`; volts by the calibration line."""
+    if unit == "MPa":
+        return values  # bit for bit
+    if unit in ("V", "mV"):
+        assert line is not None  # the reader refuses volts without it
+        return np.asarray(line.MPa_per_V * (_converted(values, unit, "V") - line.volt_zero))
+    return _converted(values, unit, "MPa")
+
+
+def in_seconds(values: Array, unit: str) -> Array:
+    """Times (t,) s from times (t,) in s, ms or min."""
+    return values if unit == "s" else _converted(values, unit, "s")
+
+
+def _converted(values: Array, unit: str, wanted: str) -> Array:
+    if unit == wanted:
+        return values
+    import pint
+
+    registry = pint.get_application_registry()
+    return np.asarray(registry.Quantity(values, unit).to(wanted).magnitude, dtype=np.float64)

@@ -1,0 +1,106 @@
+"""What a stage returns to Python: its summary, what it said, and its table as a pandas DataFrame."""
+
+import csv
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from twin.project import files
+
+if TYPE_CHECKING:  # pandas takes a second to import: only who asks for a table pays for it
+    import pandas
+
+Row = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class StageResult:
+    """What one stage found."""
+
+    stage: str
+    summary: Mapping[str, Any]  # what `--json` prints: verdict, chi2, where, ...
+    said: tuple[str, ...]  # what the command prints, a sentence or more each
+    folder: Path | None = None  # of its run; None where it has none (check, list)
+    rows: tuple[Row, ...] = field(default=(), repr=False)
+
+    def __str__(self) -> str:
+        return "\n".join(self.said)
+
+    def to_pandas(self) -> "pandas.DataFrame":
+        """The stage's table, one row each; the columns are those of docs/python.md, units in their names."""
+        import pandas
+
+        return pandas.DataFrame(list(self.rows))
+
+
+def rows_of(stage: str, folder: Path | None, summary: Mapping[str, Any]) -> tuple[Row, ...]:
+    """The table of a stage: from the files of its run, else from its summary."""
+    if stage == "list":
+        return tuple(dict(row) for row in summary["runs"])
+    if folder is None or stage not in _TABLES:
+        plain = {key: v for key, v in summary.items() if not isinstance(v, list | dict)}
+        return (plain,)
+    return tuple(_TABLES[stage](folder))
+
+
+def _parameters(folder: Path) -> Iterator[Row]:
+    """A row for each fitted parameter."""
+    fit = files.read_json(folder / "fit.json")
+    for name, row in fit["parameters"].items():
+        interval = fit.get("intervals", {}).get(name, {})
+        yield {
+            "parameter": name, "value": row["value"], "unit": row["unit"], "sd": row["sd"],
+            "low_95": interval.get("low"), "high_95": interval.get("high"),
+            "at_bound": name in fit.get("at_bound", ()), "note": interval.get("note", ""),
+        }  # fmt: skip
+
+
+def _misfits(folder: Path) -> Iterator[Row]:
+    """A row for each marker, direction, pressure and branch."""
+    for kind, rows in files.read_json(folder / "comparison.json")["maps"].items():
+        yield from ({"by": kind, **row} for row in rows)
+
+
+def _ranking(folder: Path) -> Iterator[Row]:
+    """A row for each effect, the best first."""
+    for row in files.read_json(folder / "diagnosis.json")["ranking"]:
+        yield {key: value for key, value in row.items() if not isinstance(value, list | dict)}
+
+
+def _shares(folder: Path) -> Iterable[Row]:
+    """A row for each marker and branch."""
+    rows: list[Row] = files.read_json(folder / "evidence.json")["shares"]
+    return rows
+
+
+def _budget(folder: Path) -> Iterator[Row]:
+    """A row for each marker and source of error, as budget.csv has them."""
+    with (folder / "budget.csv").open(encoding="utf-8", newline="") as lines:
+        for row in csv.DictReader(lines):
+            yield {key: _number(value) for key, value in row.items()}
+
+
+def _number(text: str) -> float | str:
+    try:
+        return float(text)
+    except ValueError:
+        return text
+
+
+def _files(folder: Path) -> Iterator[Row]:
+    """A row for each file of the run."""
+    for path in sorted(path for path in folder.rglob("*") if path.is_file()):
+        yield {"file": path.relative_to(folder).as_posix(), "bytes": path.stat().st_size}
+
+
+_TABLES: dict[str, Callable[[Path], Iterable[Row]]] = {
+    "measure": _budget,
+    "calibrate": _parameters,
+    "add": _parameters,
+    "drop": _parameters,
+    "compare": _misfits,
+    "diagnose": _ranking,
+    "explain": _shares,
+    "review": _files,
+}
