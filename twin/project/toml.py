@@ -145,7 +145,8 @@ def _problem(error: Any) -> str:
     where, kind, message = error["loc"], error["type"], error["msg"]
     if kind == "value_error":
         text = message.removeprefix("Value error, ")
-        return f"{_key(where)} = {error['input']!r}: {text}" if where and _field(where) else text
+        of_value = where and _field(where) and not isinstance(error["input"], dict)  # a table names its keys
+        return f"{_key(where)} = {error['input']!r}: {text}" if of_value else text
     key, field = _key(where), _field(where)
     about = f" ({field.description})" if field is not None and field.description else ""
     if kind == "extra_forbidden":
