@@ -26,7 +26,7 @@ from twin.project.dimensions import FingerTable
 COUNT, QUICK = 60, 5
 LIMITS, QUICK_LIMITS = 6, 1
 SMALL = 2600  # nodes of the default mesh at most where it is divided by 3: 60 000 nodes, 4 GB
-STRAIN = 0.5
+STRAIN = 0.4
 FIRST = 1e-5  # MPa, at which the response is linear
 BETWEEN = {  # mm, between which a dimension is drawn; what does not fit together is drawn anew
     "length_mm": (30.0, 140.0), "width_mm": (8.0, 34.0), "height_mm": (8.0, 30.0),

@@ -336,6 +336,11 @@ class Config(TableModel):
     diagnose: DiagnoseTable = DiagnoseTable()
     study: StudyTable | None = None
 
+    @property
+    def nodes(self) -> dict[str, int]:
+        """The node labels of the points that have one, by name."""
+        return {point.name: point.node for point in self.points if point.node is not None}
+
     @model_validator(mode="after")
     def _fits(self) -> Self:
         for check in (_check_names, _check_parameters, _check_film):

@@ -18,6 +18,8 @@ PITCH = 1.5  # walls of the top that a bellow is long, at least
 
 
 class FingerTable(TableModel):
+    """Your own finger's dimensions; take away the # to state them. `twin look` draws them."""
+
     length_mm: Positive = Field(default=110.0, description="length from the clamp to the tip, mm")
     width_mm: Positive = Field(default=23.0, description="width across, mm")
     height_mm: Positive = Field(default=20.0, description="height from the flat bottom to the crests, mm")

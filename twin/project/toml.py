@@ -104,10 +104,18 @@ def _table(path: str, table: BaseModel, *, item: int | None = None) -> list[str]
             inner += _table(f"{path}.{key}", value)
         elif isinstance(value, tuple) and value and isinstance(value[0], BaseModel):
             inner += _tables(f"{path}.{key}", value)
+        elif value is None and (absent := _inner(type(table), key)) is not None:
+            inner += [] if path == "cameras" else _absent(f"{path}.{key}", absent)
         elif not (path == "frame" and key == "markers"):
             plain.append(_line(key, value, field, first=not item))
     head = [] if not plain else ["", f"[{path}]" if item is None else f"[[{path}]]"]
     return head + plain + inner
+
+
+def _absent(path: str, table: type[BaseModel]) -> list[str]:
+    """A table that is not stated, in comments: its keys with their defaults."""
+    lines = _table(path, table())[1:]
+    return ["", f"# {lines[0]}  # {(table.__doc__ or '').strip().splitlines()[0]}", *(f"# {line}" for line in lines[1:])]
 
 
 def _tables(path: str, items: Sequence[BaseModel]) -> list[str]:
