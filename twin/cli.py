@@ -63,7 +63,7 @@ def init(
     ] = None,
     node: Annotated[
         list[str] | None,
-        typer.Option(help="a point by its node, NAME=LABEL, or its position in mm, NAME=X,Y,Z; once for each"),
+        typer.Option(help="a point: its node, NAME=LABEL, or position in mm, NAME=X,Y,Z; once for each"),
     ] = None,
     deck: Annotated[
         Path | None, typer.Option(help="Abaqus deck of your own mesh, in mm, N and MPa")

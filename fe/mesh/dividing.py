@@ -1,8 +1,8 @@
-"""The lattice that a finger's dimensions ask for: as fine, for its shape, as the default one is for the default.
+"""The lattice that a finger's dimensions ask for: as fine for its shape as the default is for its own.
 
-The default lattice is the cheapest within 2 % of the limit on the default finger (`benchmarks/meshes.py`). Four
-things make it too coarse on another one: long pleats or thin tops, steep pleat walls, flat walls that bulge
-like plates, and thick walls. `benchmarks/batches.py` measures what is left on random fingers.
+The default lattice is the cheapest within 2 % of the limit on the default finger (`benchmarks/meshes.py`).
+Four things make it too coarse on another one: long pleats or thin tops, steep pleat walls, flat walls that
+bulge like plates, and thick walls. `benchmarks/batches.py` measures what is left on random fingers.
 """
 
 from dataclasses import replace
@@ -42,5 +42,5 @@ def _across(finger: Finger) -> int:
     """Cells across the middle of half the chamber."""
     half = finger.width / 2 - finger.side
     high = finger.height - finger.top - finger.bottom
-    plates = 1 if 2 * finger.pleat >= CORRUGATED * finger.top else 3
+    plates = 1 if 2 * finger.pleat >= CORRUGATED * finger.top else 2
     return max(plates, int(np.ceil(half / (SPAN * high))))

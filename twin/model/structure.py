@@ -112,8 +112,8 @@ def _check_cells(case: Case) -> None:
     if size.min() <= 0.0:
         x, _, z = X[size.argmin()].mean(axis=0)
         raise ValueError(
-            f"model.finger: with these dimensions the mesh folds near x = {x:.3g}, z = {z:.3g} mm; wanted cells "
-            "that are the right way round; make the pleats shallower or fewer, or the walls thinner"
+            f"model.finger: with these dimensions the mesh folds near x = {x:.3g}, z = {z:.3g} mm; wanted "
+            "cells that are the right way round; make the pleats shallower or fewer, or the walls thinner"
         )
 
 

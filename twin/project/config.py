@@ -90,8 +90,8 @@ class ModelTable(TableModel):
     def _fits(self) -> Self:
         if self.finger is not None and self.deck is not None:
             raise ValueError(
-                f"model.deck = {self.deck!r} and [model.finger] are both given: a deck has its own dimensions; "
-                "remove one of them"
+                f"model.deck = {self.deck!r} and [model.finger] are both given: a deck has its own "
+                "dimensions; remove one of them"
             )
         if self.gravity is not None and not any(self.gravity):
             raise ValueError(f"gravity = {list(self.gravity)}: wanted a direction, such as [0.0, 0.0, -1.0]")
@@ -272,8 +272,8 @@ class PointTable(TableModel):
     def _placed(self) -> Self:
         if self.node is None and self.position_mm is None:
             raise ValueError(
-                f"points.{self.name}: where it is on the finger is not stated; wanted position_mm = [x, y, z] "
-                "in mm, or the label of a node, node = 4401"
+                f"points.{self.name}: where it is on the finger is not stated; wanted position_mm = [x, y, "
+                "z] in mm, or the label of a node, node = 4401"
             )
         return self
 

@@ -86,15 +86,15 @@ def _check_length(t: FingerTable) -> None:
     chamber, least = t.length_mm - t.base_cap_mm - t.tip_cap_mm, (4 + 2 * ROOM) * t.edge_radius_mm
     if chamber < least:
         raise ValueError(
-            f"model.finger.length_mm = {t.length_mm:g}: the caps of {t.base_cap_mm:g} and {t.tip_cap_mm:g} mm "
-            f"leave {chamber:.3g} mm for the chamber; wanted {least:.3g} mm or more for edges of radius "
+            f"model.finger.length_mm = {t.length_mm:g}: the caps of {t.base_cap_mm:g} and {t.tip_cap_mm:g} "
+            f"mm leave {chamber:.3g} mm for the chamber; wanted {least:.3g} mm or more for edges of radius "
             f"{t.edge_radius_mm:g} mm; make the finger longer, or the caps shorter"
         )
     if t.pitch_mm < PITCH * t.top_wall_mm:
         raise ValueError(
             f"model.finger.pleats = {t.pleats}: each is {t.pitch_mm:.3g} mm long; wanted "
-            f"{PITCH * t.top_wall_mm:.3g} mm or more for a top wall of {t.top_wall_mm:g} mm; state fewer pleats, "
-            "or a thinner top wall"
+            f"{PITCH * t.top_wall_mm:.3g} mm or more for a top wall of {t.top_wall_mm:g} mm; state fewer "
+            "pleats, or a thinner top wall"
         )
 
 
@@ -113,10 +113,10 @@ def _check_height(t: FingerTable) -> None:
     left, least = t.clearance_mm, (2 + ROOM) * t.edge_radius_mm
     if left < least:
         raise ValueError(
-            f"model.finger.height_mm = {t.height_mm:g}: the bottom of {t.bottom_wall_mm:g} mm, the top wall of "
-            f"{t.top_wall_mm:g} mm and pleats of {t.pleat_depth_mm:g} mm leave {left:.3g} mm for the chamber in "
-            f"the valleys; wanted {least:.3g} mm or more for edges of radius {t.edge_radius_mm:g} mm; make the "
-            "finger higher, or walls, pleats or radius smaller"
+            f"model.finger.height_mm = {t.height_mm:g}: the bottom of {t.bottom_wall_mm:g} mm, the top wall "
+            f"of {t.top_wall_mm:g} mm and pleats of {t.pleat_depth_mm:g} mm leave {left:.3g} mm for the "
+            f"chamber in the valleys; wanted {least:.3g} mm or more for edges of radius {t.edge_radius_mm:g} "
+            "mm; make the finger higher, or walls, pleats or radius smaller"
         )
 
 

@@ -114,8 +114,9 @@ def _table(path: str, table: BaseModel, *, item: int | None = None) -> list[str]
 
 def _absent(path: str, table: type[BaseModel]) -> list[str]:
     """A table that is not stated, in comments: its keys with their defaults."""
-    lines = _table(path, table())[1:]
-    return ["", f"# {lines[0]}  # {(table.__doc__ or '').strip().splitlines()[0]}", *(f"# {line}" for line in lines[1:])]
+    head, *lines = _table(path, table())[1:]
+    about = (table.__doc__ or "").strip().splitlines()[0]
+    return ["", f"# {head}  # {about}", *(f"# {line}" for line in lines)]
 
 
 def _tables(path: str, items: Sequence[BaseModel]) -> list[str]:

@@ -1,4 +1,4 @@
-"""Draws the undeformed finger with its dimensions, marks and points as a PNG: from the side, cut along, across.
+"""Draws the undeformed finger with its dimensions, marks and points: from the side, cut along and across.
 
 All of it comes from the case that is solved; only the numbers beside the arrows come from the dimensions.
 """
@@ -101,11 +101,12 @@ def _along(axes: Axes, case: Case, finger: Finger | None) -> None:
     _material(axes, cut(case, axis=1, place=0.0))
     if finger is not None:
         g, gap, crest = finger, GAP * finger.length, _valley(finger) - finger.pitch / 2
+        lowest = g.height - 2 * g.pleat
         _arrows(axes, [
             Arrow(f"height {g.height:g}", (0.0, 0.0), (0.0, g.height), gap),
             Arrow(f"bottom {g.bottom:g}", (crest, 0.0), (crest, g.bottom), 0.0),
             Arrow(f"top {g.top:g}", (crest, g.height - g.top), (crest, g.height), 0.0),
-            Arrow(f"pleat depth {2 * g.pleat:g}", (g.length, g.height - 2 * g.pleat), (g.length, g.height), -gap),
+            Arrow(f"pleat depth {2 * g.pleat:g}", (g.length, lowest), (g.length, g.height), -gap),
         ][: 4 if g.pleat else 3])  # fmt: skip
     _finished(axes, "Cut along the middle (y = 0)", "x, mm", "z, mm")
 
@@ -123,12 +124,11 @@ def _across(axes: Axes, case: Case, finger: Finger | None) -> None:
     g, w, valley = finger, finger.width / 2, _valley(finger)
     crest = valley - g.pitch / 2
     _material(axes, [*_mirrored(cut(case, axis=0, place=crest)), *cut(case, axis=0, place=valley)])
-    gap = 1.6 * GAP * g.width
+    gap, lowest = 1.6 * GAP * g.width, g.height - 2 * g.pleat
     _arrows(axes, [
         Arrow(f"width {g.width:g}", (-w, 0.0), (w, 0.0), -gap),
         Arrow(f"side {g.side:g}", (-w, g.height / 2), (g.side - w, g.height / 2), 0.0),
-        Arrow(f"side pleats {g.side_pleat:g}", (w - g.side_pleat, g.height - 2 * g.pleat), (w, g.height - 2 * g.pleat),
-              gap),
+        Arrow(f"side pleats {g.side_pleat:g}", (w - g.side_pleat, lowest), (w, lowest), gap),
     ][: 3 if g.side_pleat else 2])  # fmt: skip
     _finished(axes, "Cut across: crest | valley", "y, mm", "")
 
@@ -179,10 +179,11 @@ def _arrow(axes: Axes, arrow: Arrow) -> None:
     for end in (a, b) if arrow.off else ():
         axes.plot(*np.transpose([end, end + 1.15 * aside]), color=MUTED, lw=0.5)
     line = {"arrowstyle": "<->", "color": INK, "lw": 0.8, "shrinkA": 0, "shrinkB": 0, "mutation_scale": 6}
-    axes.annotate("", a + aside, b + aside, arrowprops=line)
+    (x, y), (x_end, y_end) = a + aside, b + aside
+    axes.annotate("", (x, y), (x_end, y_end), arrowprops=line)
     inside = arrow.off == 0.0 and upright  # a wall is thinner than its text is high
     axes.annotate(
-        arrow.text, (a + b) / 2 + aside, xytext=(6, 0) if inside else (-3, 0) if upright else (0, 2),
+        arrow.text, ((x + x_end) / 2, (y + y_end) / 2), xytext=(6, 0) if inside else (-3, 0) if upright else (0, 2),
         textcoords="offset points", rotation=90 if upright and not inside else 0,
         ha="left" if inside else "right" if upright else "center", va="center" if upright else "bottom",
         fontsize=8, bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 0.5},

@@ -91,8 +91,8 @@ def _check_points(project: Project, targets: Targets) -> None:
     unknown = [p.name for p in targets.points if p.kind is PointKind.UNKNOWN and p.name not in stated]
     if unknown:
         raise ValueError(
-            f"targets point {unknown[0]!r} has no place on the finger: add it to [[points]] in twin.toml with "
-            "its position_mm or its node"
+            f"targets point {unknown[0]!r} has no place on the finger: add it to [[points]] in twin.toml "
+            "with its position_mm or its node"
         )
     for name in project.config.calibrate.objective_points:
         if name not in targets.names:

@@ -30,7 +30,7 @@ def run_look(project: Project, say: Say) -> dict[str, Any]:
             title=f"{project.config.project.name}: the finger without load, in mm{edges}",
         )  # fmt: skip
         run.write_bytes("finger.png", picture)
-        x, y, z = np.ptp(structure.case.nodes, axis=0)
+        x, _, z = np.ptp(structure.case.nodes, axis=0)
         run.summary.update(nodes=len(structure.case.nodes), points=len(points), marks=len(marks))
         run.summary["headline"] = f"{x:.4g} mm long, {z:.3g} mm high, {len(points)} points"
     say(f"Wrote {project.shown(run.path('finger.png'))}: the finger with its dimensions and points.")

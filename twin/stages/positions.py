@@ -58,10 +58,10 @@ def _place(point: PointTable, structure: Structure) -> Place:
     place = Place(point.name, stated, nearest_on_faces(case.element, case.nodes[structure.outside], stated))
     if place.away > ON_FINGER_MM:
         raise ValueError(
-            f"points.{point.name}.position_mm = {_shown(stated)}: not on the finger; the nearest place on its "
-            f"surface, {_shown(place.nearest)}, is {place.away:.1f} mm away; wanted at most {ON_FINGER_MM:g} mm; "
-            "correct the position (x along the finger from the clamp, y across, z up from the bottom; `twin "
-            "look` shows them), or the finger's dimensions"
+            f"points.{point.name}.position_mm = {_shown(stated)}: not on the finger; the nearest place on "
+            f"its surface, {_shown(place.nearest)}, is {place.away:.1f} mm away; wanted at most "
+            f"{ON_FINGER_MM:g} mm; correct the position (x along the finger from the clamp, y across, z up "
+            "from the bottom; `twin look` shows them), or the finger's dimensions"
         )
     return place
 

@@ -46,7 +46,7 @@ def _recorded(project: Project, key: str, told: str) -> list[Path]:
 
 
 def marks_of(project: Project) -> list["Mark"]:
-    """Every marker with its nominal centre: those of the frame, and the finger's at their nodes or positions."""
+    """Every marker with its nominal centre: those of the frame, and the finger's."""
     from twin.stages.positions import position_of
     from twin.stages.workbench import structure_of
     from vision import Mark

@@ -30,8 +30,8 @@ def run_init(
 ) -> dict[str, Any]:
     """Make a folder with a complete twin.toml; `targets` (a folder) and `deck` are checked and copied.
 
-    nodes: NAME=LABEL or NAME=X,Y,Z (mm) of the points; all of them where a deck takes the place of the built-in
-    finger.
+    nodes: NAME=LABEL or NAME=X,Y,Z (mm) of the points; all of them where a deck takes the place of the
+    built-in finger.
     density_kg_m3: of a silicone that was weighed.
     """
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
@@ -65,11 +65,14 @@ def run_init(
 def targets_config(name: str, targets: Targets, stated: Mapping[str, PointTable]) -> Config:
     """A configuration for targets measured elsewhere; ValueError names points without a place."""
     finger = [p for p in targets.points if p.kind in (PointKind.NODE, PointKind.UNKNOWN)]
-    known = {p.name: stated.get(p.name) if p.node is None else PointTable(name=p.name, node=p.node) for p in finger}
+    known = {
+        p.name: stated.get(p.name) if p.node is None else PointTable(name=p.name, node=p.node) for p in finger
+    }
     missing = [name for name, point in known.items() if point is None]
     if missing:
         raise ValueError(f"the place of point {', '.join(missing)} is not known: state it, as in --node "
-                         f"{missing[0]}=110,11.5,0 (x, y, z in mm) or --node {missing[0]}=4401 (the label of a "
+                         f"{missing[0]}=110,11.5,0 (x, y, z in mm) or --node {missing[0]}=4401 (the label of "
+                         "a "
                          "node), or in targets.toml under [[points]]")  # fmt: skip
     points = tuple(point for point in known.values() if point is not None)
     if not points:
@@ -124,7 +127,8 @@ def film_config(name: str, stated: Mapping[str, PointTable] | None = None) -> Co
         board=BoardTable(columns=9, rows=6, square_mm=15.0, marker_mm=11.0),
     )  # fmt: skip
     points = tuple(
-        point.model_copy(update={"marker": number, "size_mm": 6.0}) for number, point in enumerate(known.values())
+        point.model_copy(update={"marker": number, "size_mm": 6.0})
+        for number, point in enumerate(known.values())
     )
     return Config(project=ProjectTable(name=name), cameras=(camera,), pressure=PressureTable(),
                   frame=FrameTable(markers=markers), points=points,
@@ -141,7 +145,8 @@ def _point(text: str) -> PointTable:
         return PointTable(name=name, position_mm=(x, y, z))
     except ValueError:
         raise ValueError(
-            f"--node {text!r}: wanted NAME=LABEL, such as tip=4401, or NAME=X,Y,Z in mm, such as tip=110,11.5,0"
+            f"--node {text!r}: wanted NAME=LABEL, such as tip=4401, or NAME=X,Y,Z in mm, such as "
+            "tip=110,11.5,0"
         ) from None
 
 

@@ -72,8 +72,8 @@ class Workbench:
         for point in targets.points:
             if point.kind is PointKind.UNKNOWN:
                 raise ValueError(
-                    f"point {point.name!r} has no place on the finger; wanted position_mm = [x, y, z] in mm or "
-                    "the label of a node: add it under [[points]] in twin.toml"
+                    f"point {point.name!r} has no place on the finger; wanted position_mm = [x, y, z] in mm "
+                    "or the label of a node: add it under [[points]] in twin.toml"
                 )
             if point.node is not None:
                 structure.case.position(point.node)  # names what is wrong with an unknown node
