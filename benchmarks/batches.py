@@ -121,8 +121,8 @@ def motion(found: Solution, finger: Finger) -> float:
 
 
 def settling(finger: Finger) -> Lattice:
-    """The lattice whose divisions show an order: cells not centred on the pleats, one across a wall."""
-    return replace(BuiltIn.of(finger).lattice, centred=False, wall=1)
+    """The lattice whose divisions show an order: cells not centred on the pleats, one through a wall."""
+    return replace(BuiltIn.of(finger).lattice, centred=False, wall=1, up=1)
 
 
 def limit(finger: Finger, pressure: float) -> float:

@@ -262,7 +262,7 @@ def look(demo: Path) -> None:
         subprocess.run(
             [sys.executable, "-c", "from twin.cli import main; main()", "look", "-p", str(root)], check=True
         )
-        _smaller(newest(root, "finger.png"), TO / "look.png", width=1000)
+        _smaller(newest(root, "finger.png"), TO / "look.png", width=850)
 
 
 def _outline(points: Array) -> Array:

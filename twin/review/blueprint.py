@@ -19,6 +19,7 @@ from twin.targets import Array
 
 SKIN, CUT, EDGE = "#e3e8ec", "#b9c4cd", "#8a97a3"
 GAP = 0.045  # of the drawn length: from the finger to the first line of a dimension, and from line to line
+NAME = 0.15  # of the drawn length: room for a name that stands upright below a point
 WIDE, CUTS = 11.0, 3.4  # inches: the picture's width, the height of the two cuts
 
 
@@ -63,8 +64,8 @@ def _side_height(case: Case, places: Sequence[Array]) -> float:
     """How high, in inches, the view from the side is drawn across the width of the picture."""
     every = np.concatenate([case.nodes[:, [0, 2]], *(p[None, [0, 2]] for p in places)])
     across, up = np.ptp(every, axis=0)
-    room = 0.35 * across * GAP / 0.045  # for dimensions above and names below
-    return float(np.clip(0.85 * WIDE * (up + 0.6 * room) / across, 2.5, 7.5))
+    room = (3.5 * GAP + NAME) * across  # for dimensions above and names below
+    return float(np.clip(0.85 * WIDE * (up + room) / across, 2.5, 7.5))
 
 
 # -- the three views ---------------------------------------------------------------------------------------
@@ -80,8 +81,8 @@ def _side(
     loops = faces[order][:, _loop(case)][..., [0, 2]]
     axes.add_collection(PolyCollection(list(loops), facecolor=SKIN, edgecolor=EDGE, linewidths=0.25))
     low, high = case.nodes.min(axis=0), case.nodes.max(axis=0)
-    _named(axes, points, colour=BEFORE, marker="o", drop=0.10 * float(high[2] - low[2]) + 3.0)
-    _named(axes, marks, colour=AFTER, marker="s", drop=0.0)
+    _named(axes, points, colour=BEFORE, marker="o", below=True)
+    _named(axes, marks, colour=AFTER, marker="s", below=False)
     gap = GAP * float(high[0] - low[0])
     arrows = [Arrow(f"{high[0] - low[0]:g}", (low[0], high[2]), (high[0], high[2]), 2.2 * gap)]
     if finger is not None:
@@ -94,6 +95,8 @@ def _side(
         ]
     _arrows(axes, arrows)
     _finished(axes, "From the side, as the camera sees it", "x, mm from the clamp", "z, mm")
+    room = min((float(p[2]) for p in points.values()), default=0.0) - NAME * float(high[0] - low[0])
+    axes.set_ylim(bottom=min(room, axes.get_ylim()[0]))
 
 
 def _along(axes: Axes, case: Case, finger: Finger | None) -> None:
@@ -155,14 +158,14 @@ def _material(axes: Axes, shapes: Sequence[Array]) -> None:
     axes.autoscale_view()
 
 
-def _named(axes: Axes, places: Mapping[str, Array], *, colour: str, marker: str, drop: float) -> None:
-    """Places (3,) mm with their names; those that lie at the lower edge get their names below it."""
+def _named(axes: Axes, places: Mapping[str, Array], *, colour: str, marker: str, below: bool) -> None:
+    """Places (3,) mm with their names; below: upright, with x and z, as neighbours would overlap."""
     for name, (x, _, z) in places.items():
         axes.plot(x, z, marker, ms=4.5, color=colour, mec="white", mew=0.5, zorder=4)
-        text = f"{name} ({x:.4g}, {z:.4g})" if drop else name
+        text = f"{name} ({x:.4g}, {round(z, 3) + 0.0:.4g})" if below else name
         axes.annotate(
-            text, (x, z), xytext=(0, -6), textcoords="offset points", rotation=90 if drop else 0, ha="center",
-            va="top", fontsize=7.5, color=colour, zorder=4,
+            text, (x, z), xytext=(0, -6), textcoords="offset points", rotation=90 if below else 0,
+            ha="center", va="top", fontsize=7.5, color=colour, zorder=4,
         )  # fmt: skip
 
 
@@ -183,9 +186,8 @@ def _arrow(axes: Axes, arrow: Arrow) -> None:
     axes.annotate("", (x, y), (x_end, y_end), arrowprops=line)
     inside = arrow.off == 0.0 and upright  # a wall is thinner than its text is high
     axes.annotate(
-        arrow.text, ((x + x_end) / 2, (y + y_end) / 2), xytext=(6, 0) if inside else (-3, 0) if upright else (0, 2),
-        textcoords="offset points", rotation=90 if upright and not inside else 0,
-        ha="left" if inside else "right" if upright else "center", va="center" if upright else "bottom",
+        arrow.text, ((x + x_end) / 2, (y + y_end) / 2), textcoords="offset points",
+        xytext=(6, 0) if inside else (-3, 0) if upright else (0, 2), rotation=90 if upright and not inside else 0, ha="left" if inside else "right" if upright else "center", va="center" if upright else "bottom",
         fontsize=8, bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 0.5},
     )  # fmt: skip
 

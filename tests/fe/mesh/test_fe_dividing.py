@@ -47,6 +47,11 @@ def test_the_lattice_knows_no_unit() -> None:
     assert lattice_of(twice) == lattice_of(g)
 
 
+def test_a_short_finger_gets_more_cells_everywhere() -> None:
+    lattice = lattice_of(replace(Finger(), length=10 + 100 / 3, bellows=3))
+    assert (lattice.across, lattice.up, lattice.caps, lattice.wall) == (2, 2, 2, 2)
+
+
 def test_cells_along_the_chamber_are_bounded() -> None:
     long = replace(Finger(), length=400.0, bellows=9)
     assert lattice_of(long).per_bellow * 9 <= CELLS
