@@ -2,7 +2,8 @@
 
 The default lattice is the cheapest within 2 % of the limit on the default finger (`benchmarks/meshes.py`).
 Five things make it too coarse on another one: long pleats or thin tops, steep pleat walls, flat walls that
-bulge like plates, thick walls, and a chamber so short that its ends and corners count. `benchmarks/batches.py` measures what is left on random fingers.
+bulge like plates, thick walls, and a chamber so short that its ends and corners count.
+`benchmarks/batches.py` measures what is left on random fingers.
 """
 
 from dataclasses import replace

@@ -33,7 +33,7 @@ class Arrow:
     off: float
 
 
-def blueprint(
+def dimensioned(
     case: Case,
     *,
     outside: Integers,
@@ -187,7 +187,9 @@ def _arrow(axes: Axes, arrow: Arrow) -> None:
     inside = arrow.off == 0.0 and upright  # a wall is thinner than its text is high
     axes.annotate(
         arrow.text, ((x + x_end) / 2, (y + y_end) / 2), textcoords="offset points",
-        xytext=(6, 0) if inside else (-3, 0) if upright else (0, 2), rotation=90 if upright and not inside else 0, ha="left" if inside else "right" if upright else "center", va="center" if upright else "bottom",
+        xytext=(6, 0) if inside else (-3, 0) if upright else (0, 2),
+        rotation=90 if upright and not inside else 0,
+        ha="left" if inside else "right" if upright else "center", va="center" if upright else "bottom",
         fontsize=8, bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 0.5},
     )  # fmt: skip
 

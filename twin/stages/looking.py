@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from twin.project.folder import Project, Say
-from twin.review.blueprint import blueprint
+from twin.review.blueprint import dimensioned
 from twin.stages.positions import places_of, position_of
 from twin.stages.workbench import structure_of
 
@@ -25,7 +25,7 @@ def run_look(project: Project, say: Say) -> dict[str, Any]:
     points = {p.name: position_of(p, structure) for p in project.config.points}
     marks = {m.name: np.array(m.position_mm) for m in project.config.frame.markers}
     with project.new_run("look", **how) as run:
-        picture = blueprint(
+        picture = dimensioned(
             structure.case, outside=structure.outside, points=points, marks=marks, finger=finger,
             title=f"{project.config.project.name}: the finger without load, in mm{edges}",
         )  # fmt: skip

@@ -15,7 +15,7 @@ ON_FINGER_MM = 3.0  # from the surface at most: room for a tag's thickness and f
 
 
 @dataclass(frozen=True)
-class Place:
+class PlacedPoint:
     """A named point: the position (3,) mm that twin.toml states, and the nearest (3,) mm on the surface."""
 
     name: str
@@ -38,7 +38,7 @@ class Place:
         )
 
 
-def places_of(project: Project, structure: Structure) -> dict[str, Place]:
+def places_of(project: Project, structure: Structure) -> dict[str, PlacedPoint]:
     """The places of the points that twin.toml states without a node, by name. ValueError where one is further
     than ON_FINGER_MM from the finger."""
     return {p.name: _place(p, structure) for p in project.config.points if p.node is None}
@@ -52,10 +52,10 @@ def position_of(point: PointTable, structure: Structure) -> Array:
     return _place(point, structure).nearest
 
 
-def _place(point: PointTable, structure: Structure) -> Place:
+def _place(point: PointTable, structure: Structure) -> PlacedPoint:
     assert point.position_mm is not None  # the configuration refuses a point with neither
     case, stated = structure.case, np.array(point.position_mm)
-    place = Place(point.name, stated, nearest_on_faces(case.element, case.nodes[structure.outside], stated))
+    place = PlacedPoint(point.name, stated, nearest_on_faces(case.element, case.nodes[structure.outside], stated))
     if place.away > ON_FINGER_MM:
         raise ValueError(
             f"points.{point.name}.position_mm = {_shown(stated)}: not on the finger; the nearest place on "
@@ -66,14 +66,14 @@ def _place(point: PointTable, structure: Structure) -> Place:
     return place
 
 
-def on_surface(targets: Targets, places: Mapping[str, Place]) -> Targets:
+def on_surface(targets: Targets, places: Mapping[str, PlacedPoint]) -> Targets:
     """Targets whose points of these names lie at these places. ValueError where targets.toml has them
     elsewhere: at a node, or on the rig."""
     points = tuple(_moved(p, places[p.name]) if p.name in places else p for p in targets.points)
     return replace(targets, points=points)
 
 
-def _moved(point: TargetPoint, place: Place) -> TargetPoint:
+def _moved(point: TargetPoint, place: PlacedPoint) -> TargetPoint:
     if point.kind not in (PointKind.PLACE, PointKind.UNKNOWN):
         what = f"node {point.node}" if point.kind is PointKind.NODE else "a marker on the rig"
         raise ValueError(
