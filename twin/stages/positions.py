@@ -55,7 +55,8 @@ def position_of(point: PointTable, structure: Structure) -> Array:
 def _place(point: PointTable, structure: Structure) -> PlacedPoint:
     assert point.position_mm is not None  # the configuration refuses a point with neither
     case, stated = structure.case, np.array(point.position_mm)
-    place = PlacedPoint(point.name, stated, nearest_on_faces(case.element, case.nodes[structure.outside], stated))
+    nearest = nearest_on_faces(case.element, case.nodes[structure.outside], stated)
+    place = PlacedPoint(point.name, stated, nearest)
     if place.away > ON_FINGER_MM:
         raise ValueError(
             f"points.{point.name}.position_mm = {_shown(stated)}: not on the finger; the nearest place on "
