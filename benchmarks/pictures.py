@@ -8,6 +8,7 @@
     report   report.png                           report.html of the demo (needs chromium)
     effects  effects/<name>.png, one an effect    a finger of three bellows on a coarse mesh, two minutes
     nodes    nodes.png                            the built-in finger
+    look     look.png                             `twin look` of a finger with other dimensions
 
 `review` needs a Vulkan driver; without a graphics card Mesa's will do (Debian: apt-get install
 mesa-vulkan-drivers). The drawings flow.svg and rig.svg are made by hand.
@@ -247,6 +248,23 @@ def nodes(demo: Path) -> None:
     plt.close(figure)
 
 
+def look(demo: Path) -> None:
+    """What `twin look` draws of the finger of docs/your-own-test.md."""
+    del demo
+    text = (TO.parent / "your-own-test.md").read_text(encoding="utf-8")
+    pieces = [p.partition("```")[0] for p in text.split("```toml\n")[1:]]
+    own = next(p for p in pieces if "[model.finger]" in p)
+    with tempfile.TemporaryDirectory() as folder:
+        root = Path(folder) / "my-finger"
+        root.mkdir()
+        chosen = '\n[project]\nname = "my-finger"\n[calibrate]\nobjective_points = ["tip"]\n'
+        (root / "twin.toml").write_text(own + chosen, encoding="utf-8")
+        subprocess.run(
+            [sys.executable, "-c", "from twin.cli import main; main()", "look", "-p", str(root)], check=True
+        )
+        _smaller(newest(root, "finger.png"), TO / "look.png", width=850)
+
+
 def _outline(points: Array) -> Array:
     """The convex outline (k, 2) of a face's nodes; of a face seen on edge its two ends."""
     if np.linalg.matrix_rank(points - points[0], tol=1e-6) < 2:
@@ -256,6 +274,7 @@ def _outline(points: Array) -> Array:
 
 PICTURES: dict[str, Callable[[Path], None]] = {
     "review": review, "overlay": overlay, "report": report, "effects": effects, "nodes": nodes,
+    "look": look,
 }  # fmt: skip
 
 

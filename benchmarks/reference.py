@@ -28,12 +28,14 @@ BEGIN, END = "<!-- made by benchmarks/reference.py -->", "<!-- end -->"
 WHAT = {
     "project": "The batch.",
     "model": "What is computed.",
+    "model.finger": "Dimensions of your own finger of the built-in kind. Without this table the reference "
+    "study's finger is computed. `twin look` draws them.",
     "cameras": "One for each camera. Without any, the targets were measured elsewhere.",
     "cameras.board": "The calibration board; the same for all cameras.",
     "pressure": "The pressure log. Needed with a film.",
     "measure": "How well things are known. Every sd here becomes a part of the stated error.",
     "frame.markers": "Markers on the rig, which do not move.",
-    "points": "Markers on the finger, and the nodes that they show.",
+    "points": "Markers on the finger, and where they are: at a position in mm, or at a node.",
     "dic": "A speckled part of the side face, in place of markers or beside them.",
     "calibrate": "The fit of the material.",
     "diagnose": "The search for what is missing.",

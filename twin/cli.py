@@ -64,7 +64,8 @@ def init(
                           "file or folder of another program"),
     ] = None,
     node: Annotated[
-        list[str] | None, typer.Option(help="node of a point, NAME=LABEL; once for each point")
+        list[str] | None,
+        typer.Option(help="a point: its node, NAME=LABEL, or position in mm, NAME=X,Y,Z; once for each"),
     ] = None,
     deck: Annotated[
         Path | None, typer.Option(help="Abaqus deck of your own mesh, in mm, N and MPa")
@@ -155,6 +156,14 @@ def print_sheets(
     from twin.stages.printing import run_print
 
     _locked("print", lambda p, say: run_print(p, say, paper=paper), project, json)
+
+
+@app.command()
+def look(project: Folder = HERE, json: Json = False) -> None:
+    """Draw the finger with its dimensions, marks and points."""
+    from twin.stages.looking import run_look
+
+    _locked("look", run_look, project, json)
 
 
 def measure(

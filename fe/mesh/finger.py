@@ -5,7 +5,7 @@ The lattice lives in a reference box; a map then rounds the chamber's edges and 
 changes the lattice, never the geometry.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -20,7 +20,8 @@ class Finger:
     """Dimensions of the bellows finger in mm (x along, y across, z up; the flat bottom is z = 0).
 
     Both marked nodes lie on the flat lower edge of the side face. middle_node is the node of the default mesh
-    whose U3 comes nearest to the reference study's -19 mm where the tip moves by -58 mm.
+    whose U3 comes nearest to the reference study's -19 mm where the tip moves by -58 mm. `marked` places both
+    on a finger of other dimensions.
     """
 
     length: float = 110.0
@@ -34,9 +35,23 @@ class Finger:
     bellows: int = 9
     pleat: float = 3.8  # amplitude A: the top wall's pleats are 2 A deep
     side_pleat: float = 2.8  # depth of the side walls' pleats at the ceiling
+    flatness: float = 0.0  # of crests and valleys: 0 is a cosine; the larger, the steeper between them
     radius: float = 1.0  # of all inner edges
     tip_node: tuple[float, float, float] = (110.0, 11.5, 0.0)
     middle_node: tuple[float, float, float] = (187 / 3, 11.5, 0.0)  # a quarter into the sixth bellow
+
+    @property
+    def pitch(self) -> float:
+        """Length of a bellow in mm."""
+        return (self.length - self.base_cap - self.tip_cap) / self.bellows
+
+    def wave(self, phase: Array) -> tuple[Array, Array]:
+        """The pleats' profile between 1 (valley, phase 0) and -1 (crest), and its slope over the phase."""
+        cosine, sine, k = np.cos(phase), np.sin(phase), self.flatness
+        if k == 0.0:
+            return cosine, -sine
+        bent = np.tanh(k * cosine)
+        return bent / np.tanh(k), -sine * k * (1 - bent**2) / np.tanh(k)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -163,18 +178,17 @@ def _fold(p: Array, g: Finger) -> Array:
     stretched."""
     x, y, z = p.T
     start, end = g.base_cap, g.length - g.tip_cap
-    pitch = (end - start) / g.bellows
-    phase = 2 * np.pi * (np.clip(x, start, end) - start) / pitch
-    slope = g.pleat * 2 * np.pi / pitch * np.sin(phase)
+    wave, steepness = g.wave(2 * np.pi * (np.clip(x, start, end) - start) / g.pitch)
+    slope = g.pleat * 2 * np.pi / g.pitch * steepness
     thickness = g.top * np.sqrt(1 + slope**2)  # vertical, so that it is g.top across the wall
-    drop = g.pleat * (1 + np.cos(phase))
+    drop = g.pleat * (1 + wave)
     ceiling = g.height - g.top / 2 - drop - thickness / 2
     flat, top = g.bottom + g.radius, g.height - g.top
     height = np.clip((z - flat) / (top - g.radius - flat), 0, 1)
     folded = z + height * (ceiling - top)
     folded = np.where(z > top, ceiling + (z - top) / g.top * thickness, folded)
     inner = g.width / 2 - g.side - g.radius
-    inward = g.side_pleat * (1 + np.cos(phase)) / 2 * np.clip((z - g.bottom) / (top - g.bottom), 0, 1)
+    inward = g.side_pleat * (1 + wave) / 2 * np.clip((z - g.bottom) / (top - g.bottom), 0, 1)
     return np.stack([x, y - inward * np.clip(y / inner, 0, 1), folded], axis=-1)
 
 
@@ -210,6 +224,14 @@ def _labels(nodes: Array, g: Finger) -> Integers:
             labels[other[0]] = labels[row]
         labels[row] = label
     return labels
+
+
+def marked(finger: Finger) -> Finger:
+    """The finger with its tip node at its end and its middle node about where the default has it: a quarter
+    into a bellow."""
+    y, bellow = finger.width / 2, min(round(5 / 9 * finger.bellows), finger.bellows - 1)
+    middle = finger.base_cap + (bellow + 0.25) * finger.pitch
+    return replace(finger, tip_node=(finger.length, y, 0.0), middle_node=(middle, y, 0.0))
 
 
 def finger_case(

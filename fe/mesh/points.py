@@ -1,4 +1,4 @@
-"""The sparse operator that interpolates nodal values at material points."""
+"""The sparse operator that interpolates nodal values at material points; the nearest point of a body."""
 
 import numpy as np
 import scipy.sparse as sp
@@ -80,3 +80,36 @@ def _inverse(kind: Element, X: Array, x: Array) -> Array:
         if np.abs(step).max() < 1e-12:
             break
     return xi
+
+
+SAMPLES = 9  # points of a face in each direction, among which the search for its nearest place begins
+SHRINK = 30  # times the search's step is halved: from a quarter to 1e-10 of a face
+
+
+def nearest_on_faces(kind: Element, faces: Array, x: Array) -> Array:
+    """The place (3,) mm on faces (f, m, 3) mm of elements of one kind that is nearest to x (3,) mm."""
+    grid = np.linspace(0.0 if kind.simplex else -1.0, 1.0, SAMPLES)
+    st = _on_one_face(kind, np.stack(np.meshgrid(grid, grid), axis=-1).reshape(-1, 2))
+    away = np.linalg.norm(np.einsum("km,fmi->fki", kind.on_face(st)[0], faces) - x, axis=2)
+    near = np.argsort(away.min(axis=1))[:SAMPLES]  # a neighbour of the face with the nearest sample, perhaps
+    found = [_nearest_on_face(kind, faces[f], x, st[away[f].argmin()]) for f in near]
+    return min(found, key=lambda place: float(np.linalg.norm(place - x)))
+
+
+def _nearest_on_face(kind: Element, face: Array, x: Array, st: Array) -> Array:
+    """The place (3,) of one face (m, 3) nearest to x, by a search about its point st (2,) that narrows."""
+    around = np.stack(np.meshgrid(*[np.linspace(-1.0, 1.0, 5)] * 2), axis=-1).reshape(-1, 2)
+    for step in 0.25 * 0.5 ** np.arange(SHRINK):
+        tried = _on_one_face(kind, st + step * around)
+        places = kind.on_face(tried)[0] @ face
+        best = int(np.linalg.norm(places - x, axis=1).argmin())
+        st = tried[best]
+    return np.asarray(places[best])
+
+
+def _on_one_face(kind: Element, st: Array) -> Array:
+    """Points (k, 2) of a face's coordinates, brought inside it."""
+    if not kind.simplex:
+        return np.clip(st, -1.0, 1.0)
+    st = np.clip(st, 0.0, 1.0)
+    return st / np.maximum(st.sum(axis=1, keepdims=True), 1.0)

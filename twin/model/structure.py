@@ -14,6 +14,7 @@ from fe import Case, Clamp, Finger, Lattice, Material, finger_case
 from fe.case import digest
 from fe.deck.reader import Deck, read_deck
 from fe.element import Integers
+from fe.mesh.dividing import lattice_of
 from fe.mesh.refine import enriched, free_faces, refined
 from twin.effects.baselaw import NOMINAL
 
@@ -27,6 +28,11 @@ class BuiltIn:
 
     finger: Finger = field(default_factory=Finger)
     lattice: Lattice = field(default_factory=Lattice)
+
+    @staticmethod
+    def of(finger: Finger) -> "BuiltIn":
+        """A finger on the lattice that its dimensions ask for."""
+        return BuiltIn(finger, lattice_of(finger))
 
 
 @dataclass(frozen=True)
@@ -89,13 +95,26 @@ def base_case(*, finger: Finger | None = None, lattice: Lattice | None = None) -
 
 
 def of_finger(finger: Finger, lattice: Lattice) -> Structure:
-    """The built-in finger on a lattice."""
+    """The built-in finger on a lattice. ValueError where its dimensions turn a cell of the mesh over."""
     case = base_case(finger=finger, lattice=lattice)
+    _check_cells(case)
     meshes = {
         name: Mesh(digest(finger, mesh), partial(base_case, finger=finger, lattice=mesh))
         for name, mesh in finer(lattice).items()
     }
     return Structure(case, digest(finger, lattice), meshes, case.face_nodes("outside"))
+
+
+def _check_cells(case: Case) -> None:
+    """ValueError unless the Jacobian is positive at all integration points."""
+    X, (_, dN) = case.nodes[case.connectivity], case.element.at_points
+    size = np.linalg.det(np.einsum("eai,qaJ->eqiJ", X, dN, optimize=True)).min(axis=1)
+    if size.min() <= 0.0:
+        x, _, z = X[size.argmin()].mean(axis=0)
+        raise ValueError(
+            f"model.finger: with these dimensions the mesh folds near x = {x:.3g}, z = {z:.3g} mm; wanted "
+            "cells that are the right way round; make the pleats shallower or fewer, or the walls thinner"
+        )
 
 
 def finer(lattice: Lattice) -> dict[str, Lattice]:

@@ -5,9 +5,11 @@ from collections import Counter
 from pathlib import PurePosixPath, PureWindowsPath
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
 from twin.effects.baselaw import BOUNDS
+from twin.project.dimensions import FingerTable
+from twin.project.tablemodel import Finite, Position, Positive, TableModel
 
 
 def _relative(path: str) -> str:
@@ -40,20 +42,11 @@ Dictionary = Annotated[str, AfterValidator(_dictionary)]
 RelativePath = Annotated[str, Field(min_length=1), AfterValidator(_relative)]
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9_.+-]+$")]  # goes into CSV cells and entity paths
 Effect = Annotated[str, AfterValidator(_effect)]
-Finite = Annotated[float, Field(allow_inf_nan=False)]
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 Bounds = tuple[Finite, Finite]
-Position = tuple[Finite, Finite, Finite]
 
 
 # Keys of older versions on which nothing depended: a file that has them still counts.
 FORMER = {"model": ("geometry", "material", "top_pressure_MPa")}
-
-
-class TableModel(BaseModel):
-    """A table of twin.toml: frozen, and a key it does not know is an error."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
 
 
 class ProjectTable(TableModel):
@@ -91,9 +84,15 @@ class ModelTable(TableModel):
     fixed: dict[str, Finite] = Field(
         default={}, description="constants that are not fitted, MPa, such as {C10 = 0.214}"
     )
+    finger: FingerTable | None = None
 
     @model_validator(mode="after")
     def _fits(self) -> Self:
+        if self.finger is not None and self.deck is not None:
+            raise ValueError(
+                f"model.deck = {self.deck!r} and [model.finger] are both given: a deck has its own "
+                "dimensions; remove one of them"
+            )
         if self.gravity is not None and not any(self.gravity):
             raise ValueError(f"gravity = {list(self.gravity)}: wanted a direction, such as [0.0, 0.0, -1.0]")
         return self
@@ -275,12 +274,27 @@ class FrameTable(TableModel):
 
 class PointTable(TableModel):
     name: Name = Field(description="name in targets and reports")
-    node: int = Field(ge=1, description="label of the node in the model")
+    node: int | None = Field(
+        default=None,
+        ge=1,
+        description="label of the node in the model; leave it out where position_mm says where the point is",
+    )
     marker: int | None = Field(default=None, ge=0, description="ArUco id; leave it out for a plain dot")
     size_mm: Positive | None = Field(default=None, description="side of the marker, or diameter of a dot, mm")
     position_mm: Position | None = Field(
-        default=None, description="position of its centre at rest, mm; without it that of the node"
+        default=None,
+        description="position of its centre on the finger without load, mm; with node it may be left out; "
+        "without node the nearest place on the surface is the point",
     )
+
+    @model_validator(mode="after")
+    def _placed(self) -> Self:
+        if self.node is None and self.position_mm is None:
+            raise ValueError(
+                f"points.{self.name}: where it is on the finger is not stated; wanted position_mm = [x, y, "
+                "z] in mm, or the label of a node, node = 4401"
+            )
+        return self
 
 
 class DicTable(TableModel):
@@ -341,6 +355,11 @@ class Config(TableModel):
     diagnose: DiagnoseTable = DiagnoseTable()
     study: StudyTable | None = None
 
+    @property
+    def nodes(self) -> dict[str, int]:
+        """The node labels of the points that have one, by name."""
+        return {point.name: point.node for point in self.points if point.node is not None}
+
     @model_validator(mode="after")
     def _fits(self) -> Self:
         for check in (_check_names, _check_parameters, _check_film):
@@ -351,7 +370,11 @@ class Config(TableModel):
 def _check_names(c: Config) -> None:
     names = [p.name for p in c.points] + [m.name for m in c.frame.markers]
     markers = [m for m in [p.marker for p in c.points] + [f.marker for f in c.frame.markers] if m is not None]
-    columns: dict[str, list[Any]] = {"name": names, "marker": markers, "node": [p.node for p in c.points]}
+    nodes = [p.node for p in c.points if p.node is not None]
+    places = [list(p.position_mm) for p in c.points if p.node is None and p.position_mm is not None]
+    columns: dict[str, list[Any]] = {
+        "name": names, "marker": markers, "node": nodes, "position_mm": [str(place) for place in places]
+    }  # fmt: skip
     for key, used in columns.items():
         twice = [value for value, count in Counter(used).items() if count > 1]
         if twice:

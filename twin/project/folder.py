@@ -135,7 +135,7 @@ class Project:
     def targets(self) -> Targets:
         """The targets, their nodes and gravity as twin.toml has them; ValueError if there are none, or
         if gravity is stated twice, or not and the finger has weight."""
-        nodes, model = {point.name: point.node for point in self.config.points}, self.config.model
+        nodes, model = self.config.nodes, self.config.model
         found, gravity = read_targets(self.targets_folder, nodes=nodes), model.gravity
         if model.density_kg_m3 is not None and gravity is None and found.gravity is None:
             raise ValueError(

@@ -104,10 +104,19 @@ def _table(path: str, table: BaseModel, *, item: int | None = None) -> list[str]
             inner += _table(f"{path}.{key}", value)
         elif isinstance(value, tuple) and value and isinstance(value[0], BaseModel):
             inner += _tables(f"{path}.{key}", value)
+        elif value is None and (absent := _inner(type(table), key)) is not None:
+            inner += [] if path == "cameras" else _absent(f"{path}.{key}", absent)
         elif not (path == "frame" and key == "markers"):
             plain.append(_line(key, value, field, first=not item))
     head = [] if not plain else ["", f"[{path}]" if item is None else f"[[{path}]]"]
     return head + plain + inner
+
+
+def _absent(path: str, table: type[BaseModel]) -> list[str]:
+    """A table that is not stated, in comments: its keys with their defaults."""
+    head, *lines = _table(path, table())[1:]
+    about = (table.__doc__ or "").strip().splitlines()[0]
+    return ["", f"# {head}  # {about}", *(f"# {line}" for line in lines)]
 
 
 def _tables(path: str, items: Sequence[BaseModel]) -> list[str]:
@@ -145,7 +154,8 @@ def _problem(error: Any) -> str:
     where, kind, message = error["loc"], error["type"], error["msg"]
     if kind == "value_error":
         text = message.removeprefix("Value error, ")
-        return f"{_key(where)} = {error['input']!r}: {text}" if where and _field(where) else text
+        of_value = where and _field(where) and not isinstance(error["input"], dict)  # a table names its keys
+        return f"{_key(where)} = {error['input']!r}: {text}" if of_value else text
     key, field = _key(where), _field(where)
     about = f" ({field.description})" if field is not None and field.description else ""
     if kind == "extra_forbidden":

@@ -14,12 +14,15 @@ def run_check(project: Project, say: Say) -> dict[str, Any]:
         f"Effects: {', '.join(project.config.model.effects) or 'none'}.")  # fmt: skip
     for sentence in project.remarks:
         say(sentence)
+    own_deck = project.config.model.deck is not None
+    if not own_deck:  # what a deck is not there for can be said before all files are
+        _check_finger(project, say)
     missing = _missing_files(project)
     if missing:
         raise ValueError(f"missing in {project.root}: {'; '.join(missing)}")
     step = _next(project)
-    for line in _check_deck(project):
-        say(line)
+    if own_deck:
+        _check_finger(project, say)
     _check_effects(project)
     for line in _check_log(project):
         say(line)
@@ -56,16 +59,17 @@ def _check_log(project: Project) -> tuple[str, ...]:
     )
 
 
-def _check_deck(project: Project) -> tuple[str, ...]:
-    """What is to be known of the project's own mesh; ValueError where it is not right."""
-    if project.config.model.deck is None:
-        return ()
+def _check_finger(project: Project, say: Say) -> None:
+    """Say what is to be known of the finger's mesh and of points on it; ValueError where they are not
+    right."""
+    from twin.stages.positions import places_of
     from twin.stages.workbench import structure_of
 
     structure = structure_of(project)
-    for point in project.config.points:
-        structure.case.position(point.node)
-    return structure.remarks
+    for label in project.config.nodes.values():
+        structure.case.position(label)  # names what is wrong with an unknown node
+    for line in (*structure.remarks, *(p.sentence for p in places_of(project, structure).values())):
+        say(line)
 
 
 def _check_effects(project: Project) -> None:
@@ -106,9 +110,13 @@ def _missing_files(project: Project) -> list[str]:
 
 def _check_points(project: Project, targets: Targets) -> None:
     """Raise ValueError where twin.toml and the targets do not name the same points."""
-    unknown = [p.name for p in targets.points if p.kind is PointKind.UNKNOWN]
+    stated = [point.name for point in project.config.points]
+    unknown = [p.name for p in targets.points if p.kind is PointKind.UNKNOWN and p.name not in stated]
     if unknown:
-        raise ValueError(f"targets point {unknown[0]!r} has no node: add it to [[points]] in twin.toml")
+        raise ValueError(
+            f"targets point {unknown[0]!r} has no place on the finger: add it to [[points]] in twin.toml "
+            "with its position_mm or its node"
+        )
     for name in project.config.calibrate.objective_points:
         if name not in targets.names:
             raise ValueError(

@@ -97,7 +97,7 @@ def _measured(project: Project, say: Say, replace: bool) -> dict[str, Any]:
         )
     with project.new_run("measure", **how) as run:
         found = _measure(project, camera, say, run)
-        moved, nodes = found.moved, {point.name: point.node for point in project.config.points}
+        moved, nodes = found.moved, project.config.nodes
         targets = make_targets(moved, found.log, join=found.join, gauge=found.gauge, nodes=nodes)
         run.write_npz("tracks.npz", _tracks(moved))
         run.write_bytes("overlay.png", _overlay(project, moved))

@@ -58,7 +58,8 @@ def _recorded(project: Project, key: str, told: str) -> list[Path]:
 
 
 def marks_of(project: Project) -> list["Mark"]:
-    """Every marker with its nominal centre: those of the frame, and the finger's at their nodes."""
+    """Every marker with its nominal centre: those of the frame, and the finger's."""
+    from twin.stages.positions import position_of
     from twin.stages.workbench import structure_of
     from vision import Mark
 
@@ -66,12 +67,12 @@ def marks_of(project: Project) -> list["Mark"]:
         Mark(m.name, mark_kind(m.marker, m.size_mm), m.position_mm, m.role)
         for m in project.config.frame.markers
     ]
-    case = None
+    structure = None
     for point in project.config.points:
         position = point.position_mm
-        if position is None:
-            case = case or structure_of(project).case
-            x, y, z = (float(v) for v in case.position(point.node))
+        if position is None or point.node is None:
+            structure = structure or structure_of(project)
+            x, y, z = (float(v) for v in position_of(point, structure))
             position = (x, y, z)
         assert point.size_mm is not None  # the configuration refuses a film without it
         marks.append(Mark(point.name, mark_kind(point.marker, point.size_mm), position, "finger"))

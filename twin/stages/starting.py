@@ -31,19 +31,21 @@ def run_init(
 ) -> dict[str, Any]:
     """Make a folder with a complete twin.toml; `targets` (a folder) and `deck` are checked and copied.
 
-    nodes: NAME=LABEL of the points; all of them where a deck takes the place of the built-in finger.
+    nodes: NAME=LABEL or NAME=X,Y,Z (mm) of the points; all of them where a deck takes the place of the
+    built-in finger.
     density_kg_m3: of a silicone that was weighed.   foreign: `targets` is a file of another program.
     """
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise ValueError(
             f"{folder} is there already and is never overwritten; name a folder that does not exist"
         )
-    labels = dict(_node(text) for text in nodes)
-    known = NAMED_NODES if deck is None else {}
-    own, files_of = (None, ()) if deck is None else _own_mesh(deck, labels, ask=targets is None)
+    told = {point.name: point for point in map(_point, nodes)}
+    labels = {name: point.node for name, point in told.items() if point.node is not None}
+    known = {} if deck is not None else {n: PointTable(name=n, node=k) for n, k in NAMED_NODES.items()}
+    own, files_of = (None, ()) if deck is None else _own_mesh(deck, told, ask=targets is None)
     given, name = _given(targets, labels, foreign, say), folder.resolve().name
     config = (
-        film_config(name, known | labels) if given is None else targets_config(name, given, known | labels)
+        film_config(name, known | told) if given is None else targets_config(name, given, known | told)
     )
     known_of_it = {"deck": own, "density_kg_m3": density_kg_m3}
     model = config.model.model_copy(update={k: v for k, v in known_of_it.items() if v is not None})
@@ -83,15 +85,19 @@ def _given(
     return read_targets(targets, nodes=nodes)
 
 
-def targets_config(name: str, targets: Targets, nodes: Mapping[str, int]) -> Config:
-    """A configuration for targets measured elsewhere; ValueError names points without a node."""
+def targets_config(name: str, targets: Targets, stated: Mapping[str, PointTable]) -> Config:
+    """A configuration for targets measured elsewhere; ValueError names points without a place."""
     finger = [p for p in targets.points if p.kind in (PointKind.NODE, PointKind.UNKNOWN)]
-    known = {p.name: nodes.get(p.name) if p.node is None else p.node for p in finger}
-    missing = [name for name, node in known.items() if node is None]
+    known = {
+        p.name: stated.get(p.name) if p.node is None else PointTable(name=p.name, node=p.node) for p in finger
+    }
+    missing = [name for name, point in known.items() if point is None]
     if missing:
-        raise ValueError(f"the node of point {', '.join(missing)} is not known: state it, as in --node "
-                         f"{missing[0]}=4401, or in targets.toml under [[points]]")  # fmt: skip
-    points = tuple(PointTable(name=n, node=node) for n, node in known.items() if node is not None)
+        raise ValueError(f"the place of point {', '.join(missing)} is not known: state it, as in --node "
+                         f"{missing[0]}=110,11.5,0 (x, y, z in mm) or --node {missing[0]}=4401 (the label of "
+                         "a "
+                         "node), or in targets.toml under [[points]]")  # fmt: skip
+    points = tuple(point for point in known.values() if point is not None)
     if not points:
         raise ValueError("targets: all points are fixed markers; wanted at least one on the finger")
     objective = _objective(tuple(p.name for p in points))
@@ -104,28 +110,35 @@ def _objective(names: tuple[str, ...]) -> tuple[str, ...]:
     return tuple(n for n in NAMED_NODES if n in names) or names
 
 
-def _own_mesh(deck: Path, nodes: Mapping[str, int], *, ask: bool) -> tuple[str, tuple[Path, ...]]:
+def _own_mesh(deck: Path, told: Mapping[str, PointTable], *, ask: bool) -> tuple[str, tuple[Path, ...]]:
     """Where a deck goes in the project, and its files; ValueError where it is not right.
 
-    ask: whether nodes have to be named, as no targets name them.
+    ask: whether points have to be named, as no targets name them.
     """
     from fe.deck.reader import read_deck
 
     if not deck.is_file():
         raise ValueError(f"--deck {deck}: no such file; wanted an Abaqus input deck")
-    if ask and not nodes:
-        raise ValueError("--deck without --node: name the nodes of your points, as in --node tip=4401")
+    if ask and not told:
+        raise ValueError(
+            "--deck without --node: name your points, as in --node tip=4401, or --node tip=110,11.5,0 in mm"
+        )
     found = read_deck(deck)
-    for label in nodes.values():
-        found.case.position(label)  # names what is wrong with an unknown node
+    for point in told.values():
+        if point.node is not None:
+            found.case.position(point.node)  # names what is wrong with an unknown node
     for file in found.files:
         if not file.resolve().is_relative_to(deck.resolve().parent):
             raise ValueError(f"{deck.name} includes {file}: wanted it in the deck's folder or below")
     return f"raw/{deck.name}", found.files
 
 
-def film_config(name: str, nodes: Mapping[str, int] = NAMED_NODES) -> Config:
-    """A configuration for one film, to be filled in: the values of a typical rig stand in it."""
+def film_config(name: str, stated: Mapping[str, PointTable] | None = None) -> Config:
+    """A configuration for one film, to be filled in: the values of a typical rig stand in it.
+
+    stated: the points by name; by default tip and middle of the built-in finger.
+    """
+    known = stated or {point: PointTable(name=point, node=node) for point, node in NAMED_NODES.items()}
     rig = [(x, z) for z in (12.0, -75.0) for x in (-20.0, 15.0, 50.0, 85.0, 120.0)]
     markers = tuple(
         MarkerTable(marker=20 + i, name=f"R{i + 1:02d}", role="fixed" if i % 5 in (1, 3) else "frame",
@@ -137,19 +150,27 @@ def film_config(name: str, nodes: Mapping[str, int] = NAMED_NODES) -> Config:
         board=BoardTable(columns=9, rows=6, square_mm=15.0, marker_mm=11.0),
     )  # fmt: skip
     points = tuple(
-        PointTable(name=point, node=node, marker=number, size_mm=6.0)
-        for number, (point, node) in enumerate(nodes.items())
+        point.model_copy(update={"marker": number, "size_mm": 6.0})
+        for number, point in enumerate(known.values())
     )
     return Config(project=ProjectTable(name=name), cameras=(camera,), pressure=PressureTable(),
                   frame=FrameTable(markers=markers), points=points,
-                  calibrate=CalibrateTable(objective_points=_objective(tuple(nodes))))  # fmt: skip
+                  calibrate=CalibrateTable(objective_points=_objective(tuple(known))))  # fmt: skip
 
 
-def _node(text: str) -> tuple[str, int]:
-    name, _, label = text.partition("=")
-    if not name or not label.isdigit():
-        raise ValueError(f"--node {text!r}: wanted NAME=LABEL, such as tip=4401")
-    return name, int(label)
+def _point(text: str) -> PointTable:
+    """The point that NAME=LABEL or NAME=X,Y,Z states."""
+    name, _, place = text.partition("=")
+    try:
+        if name and place.isdigit():
+            return PointTable(name=name, node=int(place))
+        x, y, z = (float(part) for part in place.split(","))
+        return PointTable(name=name, position_mm=(x, y, z))
+    except ValueError:
+        raise ValueError(
+            f"--node {text!r}: wanted NAME=LABEL, such as tip=4401, or NAME=X,Y,Z in mm, such as "
+            "tip=110,11.5,0"
+        ) from None
 
 
 def _copy_targets(source: Path, target: Path) -> None:

@@ -22,6 +22,7 @@ from twin.model.prediction import Model
 from twin.model.structure import BuiltIn, Structure, of_deck, of_finger, weighed
 from twin.project.folder import Project, Say
 from twin.stages.caches import FolderCache, SolvedList
+from twin.stages.positions import on_surface, places_of
 from twin.targets import Array, PointKind, Targets, as_position
 
 OFF_MODEL_MM = 0.5
@@ -66,12 +67,13 @@ class Workbench:
                 f"model.fixed.{unknown[0]}: only {' and '.join(NAMES)} can be held; remove it from "
                 "twin.toml (the density of a weighed finger is model.density_kg_m3)"
             )
-        structure, targets = structure_of(project), project.targets()
+        structure = structure_of(project)
+        targets = on_surface(project.targets(), places_of(project, structure))
         for point in targets.points:
             if point.kind is PointKind.UNKNOWN:
                 raise ValueError(
-                    f"point {point.name!r} has no node; wanted its node label in the model: add it under "
-                    "[[points]] in twin.toml"
+                    f"point {point.name!r} has no place on the finger; wanted position_mm = [x, y, z] in mm "
+                    "or the label of a node: add it under [[points]] in twin.toml"
                 )
             if point.node is not None:
                 structure.case.position(point.node)  # names what is wrong with an unknown node
@@ -161,7 +163,7 @@ def structure_of(project: Project) -> Structure:
 def _unweighed(project: Project) -> Structure:
     table = project.config.model
     if table.deck is None:
-        own = project.builtin or BuiltIn()
+        own = project.builtin or (BuiltIn() if table.finger is None else BuiltIn.of(table.finger.finger))
         return of_finger(own.finger, replace(own.lattice, refine=table.mesh))
     path = project.path(table.deck)
     if not path.is_file():

@@ -95,7 +95,16 @@ def test_a_config_is_frozen():
         ),
         (TEXT.replace("[model]", '[model]\nmesh = "2"'), "model.mesh = '2': it should be a valid integer"),
         (TEXT.replace("[model]", "[model]\nmesh = true"), "model.mesh = True: it should be a valid integer"),
-        (TEXT.replace("node = 5848", ""), r"points\[2\].node is missing \(label of the node in the model\); add it"),
+        (TEXT.replace("node = 5848", ""), "points.middle: where it is on the finger is not stated; wanted position_mm"),
+        (TEXT.replace("name = \"middle\"", ""), r"points\[2\].name is missing \(name in targets and reports\); add it"),
+        (
+            TEXT.replace("node = 5848", "position_mm = [1.0, 2.0, 0.0]").replace("node = 4401", "position_mm = [1.0, 2.0, 0.0]"),
+            r"position_mm = '\[1.0, 2.0, 0.0\]' stands twice",
+        ),
+        (
+            TEXT.replace("[model]", '[model]\ndeck = "raw/a.inp"') + "[model.finger]\nlength_mm = 90.0\n",
+            r"model.deck = 'raw/a.inp' and \[model.finger\] are both given",
+        ),
         (TEXT.replace("node = 5848", "node = 4401"), "node = 4401 stands twice"),
         (TEXT.replace("middle", "tip"), "name = 'tip' stands twice"),
         (TEXT.replace("middle", "centre"), "objective_points = 'middle': wanted a name in .*tip, centre"),

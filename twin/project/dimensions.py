@@ -1,0 +1,132 @@
+"""The table [model.finger] of twin.toml: dimensions of the built-in finger, and whether they fit together."""
+
+import math
+from typing import TYPE_CHECKING, Literal, Self
+
+from pydantic import Field, model_validator
+
+from twin.project.tablemodel import NotNegative, Positive, TableModel
+
+if TYPE_CHECKING:  # the finite elements are loaded by whoever needs them
+    from fe import Finger
+
+FLATNESS = {"round": 0.0, "flat": 1.2}  # of `fe.Finger`, by the profile of the pleats
+STEEPEST = 3.0  # slope of a pleat's wall, 72 degrees: beyond it the cells of the mesh are too oblique
+ROOM = 0.5  # of the radius: what the chamber has beside its rounded edges, at least
+PHASES = 60  # of half a pleat, at which the height of the chamber is looked at
+PITCH = 1.5  # walls of the top that a bellow is long, at least
+
+
+class FingerTable(TableModel):
+    """Your own finger's dimensions; take away the # to state them. `twin look` draws them."""
+
+    length_mm: Positive = Field(default=110.0, description="length from the clamp to the tip, mm")
+    width_mm: Positive = Field(default=23.0, description="width across, mm")
+    height_mm: Positive = Field(default=20.0, description="height from the flat bottom to the crests, mm")
+    side_wall_mm: Positive = Field(default=2.0, description="thickness of each side wall, mm")
+    bottom_wall_mm: Positive = Field(default=2.5, description="thickness of the bottom, mm")
+    top_wall_mm: Positive = Field(default=2.0, description="thickness of the pleated top wall, mm")
+    base_cap_mm: Positive = Field(default=4.0, description="length of solid silicone at the clamp, mm")
+    tip_cap_mm: Positive = Field(default=6.0, description="length of solid silicone at the tip, mm")
+    pleats: int = Field(default=9, ge=1, description="number of pleats (bellows)")
+    pleat_depth_mm: NotNegative = Field(
+        default=7.6, description="depth of the pleats of the top, from crest to valley, mm; 0: no pleats"
+    )
+    side_pleat_depth_mm: NotNegative = Field(
+        default=2.8, description="depth of the pleats of each side wall below the top, mm"
+    )
+    pleat_profile: Literal["round", "flat"] = Field(
+        default="round", description="round: a cosine; flat: wider crests and valleys, steeper walls between"
+    )
+    edge_radius_mm: Positive = Field(default=1.0, description="radius of all inner edges of the chamber, mm")
+
+    @property
+    def finger(self) -> "Finger":
+        """The finger as `fe` has it, its tip and middle node in their places."""
+        from fe import Finger
+        from fe.mesh.finger import marked
+
+        return marked(
+            Finger(
+                length=self.length_mm, width=self.width_mm, height=self.height_mm, side=self.side_wall_mm,
+                bottom=self.bottom_wall_mm, top=self.top_wall_mm, base_cap=self.base_cap_mm,
+                tip_cap=self.tip_cap_mm, bellows=self.pleats, pleat=self.pleat_depth_mm / 2,
+                side_pleat=self.side_pleat_depth_mm, flatness=FLATNESS[self.pleat_profile],
+                radius=self.edge_radius_mm,
+            )
+        )  # fmt: skip
+
+    @property
+    def pitch_mm(self) -> float:
+        """Length of one pleat."""
+        return (self.length_mm - self.base_cap_mm - self.tip_cap_mm) / self.pleats
+
+    @property
+    def clearance_mm(self) -> float:
+        """Height of the chamber where the pleats are lowest, in mm. A steep wall is thicker upwards."""
+        t, lowest = self, math.inf
+        k, depth = FLATNESS[t.pleat_profile], t.pleat_depth_mm / 2
+        for phase in (math.pi * n / PHASES for n in range(PHASES + 1)):
+            bent = math.tanh(k * math.cos(phase)) if k else math.cos(phase)
+            wave = bent / math.tanh(k) if k else bent
+            steep = k * (1 - bent**2) / math.tanh(k) if k else 1.0
+            slope = 2 * math.pi * depth / t.pitch_mm * steep * math.sin(phase)
+            wall = t.top_wall_mm * (1 + math.hypot(1.0, slope)) / 2
+            lowest = min(lowest, t.height_mm - wall - depth * (1 + wave))
+        return lowest - t.bottom_wall_mm
+
+    @model_validator(mode="after")
+    def _fits(self) -> Self:
+        for check in (_check_length, _check_width, _check_height, _check_pleats):
+            check(self)
+        return self
+
+
+def _check_length(t: FingerTable) -> None:
+    chamber, least = t.length_mm - t.base_cap_mm - t.tip_cap_mm, (4 + 2 * ROOM) * t.edge_radius_mm
+    if chamber < least:
+        raise ValueError(
+            f"model.finger.length_mm = {t.length_mm:g}: the caps of {t.base_cap_mm:g} and {t.tip_cap_mm:g} "
+            f"mm leave {chamber:.3g} mm for the chamber; wanted {least:.3g} mm or more for edges of radius "
+            f"{t.edge_radius_mm:g} mm; make the finger longer, or the caps shorter"
+        )
+    if t.pitch_mm < PITCH * t.top_wall_mm:
+        raise ValueError(
+            f"model.finger.pleats = {t.pleats}: each is {t.pitch_mm:.3g} mm long; wanted "
+            f"{PITCH * t.top_wall_mm:.3g} mm or more for a top wall of {t.top_wall_mm:g} mm; state fewer "
+            "pleats, or a thinner top wall"
+        )
+
+
+def _check_width(t: FingerTable) -> None:
+    half, least = t.width_mm / 2 - t.side_wall_mm - t.side_pleat_depth_mm, (1 + ROOM) * t.edge_radius_mm
+    if half < least:
+        raise ValueError(
+            f"model.finger.width_mm = {t.width_mm:g}: side walls of {t.side_wall_mm:g} mm with pleats of "
+            f"{t.side_pleat_depth_mm:g} mm leave {half:.3g} mm for half of the chamber's width; wanted "
+            f"{least:.3g} mm or more for edges of radius {t.edge_radius_mm:g} mm; make the finger wider, or "
+            "walls, pleats or radius smaller"
+        )
+
+
+def _check_height(t: FingerTable) -> None:
+    left, least = t.clearance_mm, (2 + ROOM) * t.edge_radius_mm
+    if left < least:
+        raise ValueError(
+            f"model.finger.height_mm = {t.height_mm:g}: the bottom of {t.bottom_wall_mm:g} mm, the top wall "
+            f"of {t.top_wall_mm:g} mm and pleats of {t.pleat_depth_mm:g} mm leave {left:.3g} mm for the "
+            f"chamber in the valleys; wanted {least:.3g} mm or more for edges of radius {t.edge_radius_mm:g} "
+            "mm; make the finger higher, or walls, pleats or radius smaller"
+        )
+
+
+def _check_pleats(t: FingerTable) -> None:
+    k = FLATNESS[t.pleat_profile]
+    steepest = math.pi * t.pleat_depth_mm / t.pitch_mm * (k / math.tanh(k) if k else 1.0)
+    if steepest > STEEPEST:
+        deepest = STEEPEST / steepest * t.pleat_depth_mm
+        raise ValueError(
+            f"model.finger.pleat_depth_mm = {t.pleat_depth_mm:g}: on pleats {t.pitch_mm:.3g} mm long with a "
+            f"{t.pleat_profile} profile their walls are too steep to mesh; wanted {deepest:.3g} mm or less; "
+            "state shallower or fewer pleats"
+        )

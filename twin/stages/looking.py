@@ -1,0 +1,49 @@
+"""A picture of the finger as the model has it: dimensions, marks, points."""
+
+from typing import Any
+
+import numpy as np
+
+from twin.project.folder import Project, Say
+from twin.review.blueprint import dimensioned
+from twin.stages.positions import places_of, position_of
+from twin.stages.workbench import structure_of
+
+
+def run_look(project: Project, say: Say) -> dict[str, Any]:
+    """Write runs/NNNN-look/finger.png: the undeformed finger with its dimensions, unless that is done."""
+    how: dict[str, Any] = {"tables": ("project", "model", "frame", "points"), "inputs": project.deck_files()}
+    structure = structure_of(project)
+    for place in places_of(project, structure).values():
+        say(place.sentence)
+    done = project.done("look", **how)
+    if done is not None:
+        say(f"Already done: {project.shown(done / 'finger.png')}")
+        return {"stage": "look", "status": "skipped", "run": project.shown(done)}
+    finger = _finger(project)
+    edges = "" if finger is None else f"; inner edges have a radius of {finger.radius:g}"
+    points = {p.name: position_of(p, structure) for p in project.config.points}
+    marks = {m.name: np.array(m.position_mm) for m in project.config.frame.markers}
+    with project.new_run("look", **how) as run:
+        picture = dimensioned(
+            structure.case, outside=structure.outside, points=points, marks=marks, finger=finger,
+            title=f"{project.config.project.name}: the finger without load, in mm{edges}",
+        )  # fmt: skip
+        run.write_bytes("finger.png", picture)
+        x, _, z = np.ptp(structure.case.nodes, axis=0)
+        run.summary.update(nodes=len(structure.case.nodes), points=len(points), marks=len(marks))
+        run.summary["headline"] = f"{x:.4g} mm long, {z:.3g} mm high, {len(points)} points"
+    say(f"Wrote {project.shown(run.path('finger.png'))}: the finger with its dimensions and points.")
+    return {"stage": "look", "status": "done", "run": project.shown(run.folder)} | run.summary
+
+
+def _finger(project: Project) -> Any:
+    """The dimensions of the built-in finger, None for a deck."""
+    from fe import Finger
+
+    table = project.config.model
+    if table.deck is not None:
+        return None
+    if project.builtin is not None:
+        return project.builtin.finger
+    return Finger() if table.finger is None else table.finger.finger
