@@ -1,8 +1,8 @@
 """A calibrated model and readings that could be added -> how well each would tell C10 from C01.
 
-To first order a reading adds to the information on the constants the square of its derivative in units of its
-error (Fisher information; for the choice of experiments doi:10.1137/1.9780898719109). No reading is simulated,
-and no error of the model counts: this is what geometry and material allow.
+To first order a reading adds to the information on the constants the square of its derivative in units of
+its error (Fisher information; for the choice of experiments doi:10.1137/1.9780898719109). No reading is
+simulated, and no error of the model counts: this is what geometry and material allow.
 """
 
 import math
@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fe import Path
 from twin.effects.baselaw import Constants
@@ -63,8 +64,8 @@ class Spot:
 
 @dataclass(frozen=True, kw_only=True)
 class Reading:
-    """One reading that could be added: the spot, the direction 0 to 2, the pressure in MPa, where the model is
-    then in mm, and what is known with it."""
+    """One reading that could be added: the spot, the direction 0 to 2, the pressure in MPa, where the model
+    is then in mm, and what is known with it."""
 
     spot: Spot
     component: int
@@ -75,23 +76,23 @@ class Reading:
 
 @dataclass(frozen=True, kw_only=True)
 class Outcomes:
-    """What a model shows at spots and pressures: u (s, p, 3) mm, its derivatives (2, s, p, 3) to C10 and C01 in
-    mm/MPa."""
+    """What a model shows at spots and pressures: u (s, p, 3) mm, its derivatives (2, s, p, 3) to C10 and C01
+    in mm/MPa."""
 
     spots: tuple[Spot, ...]
     pressure: Array
     u: Array
     jacobian: Array
 
-    def information(self, seen: Array, sd_mm: float) -> Array:
+    def information(self, seen: NDArray[np.bool_], sd_mm: float) -> Array:
         """Information (2, 2) in 1/MPa2 of the readings of a mask (s, p, 3), each with an error of sd_mm."""
         rows = self.jacobian[:, seen] / sd_mm
         return np.asarray(rows @ rows.T)
 
 
 def outcomes(model: Model, theta: Array, *, spots: Sequence[Spot], top: float) -> Outcomes:
-    """What the model at theta (2,) shows at the spots, at shares of a top pressure in MPa as far as there is an
-    equilibrium. Raises Unsolvable where there is none at the top pressure itself."""
+    """What the model at theta (2,) shows at the spots, at shares of a top pressure in MPa as far as there is
+    an equilibrium. Raises Unsolvable where there is none at the top pressure itself."""
     levels = np.array(LEVELS)
     while True:
         try:

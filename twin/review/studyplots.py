@@ -1,5 +1,5 @@
-"""Turns what a calibration by a few displacements has found into the seven figures of the reference study, each an
-SVG text: 5a to 5c of the search, 6a to 6d of the models before and after.
+"""Turns what a calibration has found into the seven figures of the reference study, each an SVG text: 5a to
+5c of the search, 6a to 6d of the models before and after.
 
 Every curve carries an id (`gid`) in the SVG, so that a figure can be read back.
 """
@@ -14,11 +14,24 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
-from twin.review.styling import AFTER, BEFORE, EXTRA, INK, MUTED, NOISE, cycle, label_ends, log_if_wide, style, svg
+from twin.review.styling import (
+    AFTER,
+    BEFORE,
+    EXTRA,
+    INK,
+    MUTED,
+    NOISE,
+    cycle,
+    label_ends,
+    log_if_wide,
+    style,
+    svg,
+)
 from twin.targets import Array
 
 SIZE = (4.6, 3.4)  # inches: two stand beside each other on a page
 INITIAL, FINAL, MEASURED = "initial model", "updated model", "experiment"
+MANY = 20  # readings of a film are drawn small
 BARS = 0.26  # width of a bar, of the distance from one point to the next
 
 
@@ -61,8 +74,8 @@ def valley(
     names: Sequence[str],
     unit: str = "MPa",
 ) -> str:
-    """Figure 5c: the error rms_mm (m,) mm of all candidates (m, 2) over the two constants, the ridge (h, 2) of least
-    error, and models by name; NaN or inf: no solution."""
+    """Figure 5c: the error rms_mm (m,) mm of all candidates (m, 2) over the two constants (NaN or inf: no
+    solution), the ridge (h, 2) of least error, and models by name."""
     with style():
         figure = Figure(figsize=(SIZE[0], 3.9), layout="constrained")
         axes = figure.subplots()
@@ -70,17 +83,26 @@ def valley(
         order = np.argsort(-rms_mm[solved])  # the best on top
         place, error = candidates[solved][order], rms_mm[solved][order]
         if not solved.all():
-            axes.plot(*candidates[~solved].T, "x", color=NOISE, markersize=4, label="no solution", gid="unsolved")
+            axes.plot(
+                *candidates[~solved].T, "x", color=NOISE, markersize=4, label="no solution", gid="unsolved"
+            )
         norm = LogNorm(error.min(), max(error.max(), 1.001 * error.min()))
         dots = axes.scatter(
-            *place.T, c=error, norm=norm, cmap="viridis_r", s=16, linewidths=0, gid="candidates"
+            place[:, 0],
+            place[:, 1],
+            c=error,
+            norm=norm,
+            cmap="viridis_r",
+            s=16,
+            linewidths=0,
+            gid="candidates",
         )
         figure.colorbar(dots, ax=axes, label="RMS error, mm").outline.set_visible(False)
         axes.plot(*ridge.T, color=INK, linewidth=1.0, label="ridge: least error", gid="ridge")
         for (name, at), (shape, colour) in zip(marks.items(), _shapes(len(marks))):
             axes.plot(
-                *at, shape, color=colour, markersize=9, markeredgecolor="white", label=name, linestyle="none", gid=name,
-                clip_on=False, zorder=5,
+                *at, shape, color=colour, markersize=13 if shape == "*" else 8, markeredgecolor="white",
+                label=name, linestyle="none", gid=name, clip_on=False, zorder=5,
             )  # fmt: skip
         axes.set(xlabel=f"{names[0]}, {unit}", ylabel=f"{names[1]}, {unit}")
         _legend(figure, axes, columns=3)
@@ -98,15 +120,15 @@ def against_pressure(
     title: str,
     component: str = "U3",
 ) -> str:
-    """Figures 6a and 6b: displacement of one point against pressure: models (k,) mm at pressures (k,) MPa, and what
-    was read (n,) mm at pressures (n,) MPa with its sds (n,) mm."""
+    """Figures 6a, 6b: displacement of one point against pressure: models (k,) mm at pressures (k,) MPa, and
+    what was read (n,) mm at pressures (n,) MPa with its sds (n,) mm."""
     with style():
         figure, axes = _one()
         axes.plot(1e3 * pressure, initial_mm, "--", color=BEFORE, label=INITIAL, gid="initial")
         axes.plot(1e3 * pressure, final_mm, color=AFTER, label=FINAL, gid="final")
         axes.errorbar(
-            1e3 * read_at, read_mm, yerr=1.96 * read_sd_mm, fmt="o", color=INK, markersize=4.5 if len(read_at) < 20 else 2,
-            capsize=3, elinewidth=0.9, label=f"{MEASURED}, 95 %", zorder=4,
+            1e3 * read_at, read_mm, yerr=1.96 * read_sd_mm, fmt="o", color=INK, capsize=3, elinewidth=0.9,
+            markersize=4.5 if len(read_at) < MANY else 2, label=f"{MEASURED}, 95 %", zorder=4,
         )[0].set_gid("experiment")  # fmt: skip
         axes.set(xlabel="pressure, kPa", ylabel=f"{component}, mm")
         axes.set_title(title)
@@ -132,11 +154,13 @@ def end_values(
 def end_errors(
     points: Sequence[str], *, initial: Array, final: Array, sd_mm: float, component: str = "U3"
 ) -> str:
-    """Figure 6d: absolute errors (p,) mm at the top pressure before and after, and the error of a reading, 1 sd."""
+    """Figure 6d: absolute errors (p,) mm at the top pressure before and after, and the sd of a reading."""
     with style():
         figure, axes = _one()
         _bars(axes, points, {INITIAL: (initial, BEFORE), FINAL: (final, AFTER)}, digits=2)
-        axes.axhline(sd_mm, color=EXTRA, linewidth=1.1, linestyle=":", label="error of a reading, 1 sd", gid="reading")
+        axes.axhline(
+            sd_mm, color=EXTRA, linewidth=1.1, linestyle=":", label="error of a reading, 1 sd", gid="reading"
+        )
         axes.set_ylabel(f"absolute error of {component}, mm")
         axes.set_ylim(0.0, 1.12 * max(float(initial.max()), float(final.max()), sd_mm))
         _legend(figure, axes)
@@ -178,5 +202,10 @@ def _legend(figure: Figure, axes: Axes, *, columns: int = 4) -> None:
     """Name the curves above them, without a frame."""
     handles, labels = axes.get_legend_handles_labels()
     figure.legend(
-        handles, labels, loc="outside upper left", ncols=min(columns, len(labels)), fontsize=8.5, columnspacing=1.2
+        handles,
+        labels,
+        loc="outside upper left",
+        ncols=min(columns, len(labels)),
+        fontsize=8.5,
+        columnspacing=1.2,
     )

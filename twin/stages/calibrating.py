@@ -114,7 +114,8 @@ def _searched(bench: Workbench, paths: Turned, points: Any, run: Run, say: Say) 
 def objective_of(bench: Workbench) -> Objective:
     """The objective of the genetic algorithm that twin.toml states."""
     own = bench.project.config.calibrate
-    return Objective.of(bench.targets, own.objective_points, own.objective_component - 1, bench.elasticity.fixed)
+    component = own.objective_component - 1
+    return Objective.of(bench.targets, own.objective_points, component, bench.elasticity.fixed)
 
 
 def load_paths_of(bench: Workbench, say: Say) -> tuple[Turned, Any]:

@@ -96,10 +96,11 @@ STAGES = (
         function="twin.stages.adding:run_drop", when=When.ASKED,
     ),
     Stage(
-        name="study", title="Show what a calibration by two points has found: figures, table, and what separates C10 from C01.",
+        name="study",
+        title="Show what a calibration by two points has found, and what would tell C10 from C01.",
         reads=("[model]", "[points]", "[calibrate]", "[study]", TARGETS, DECK, "candidates.npz"),
-        writes=("study.json", "figure-5a.svg", "figure-5b.svg", "figure-5c.svg", "figure-6a.svg", "figure-6b.svg",
-                "figure-6c.svg", "figure-6d.svg"),
+        writes=("study.json", "figure-5a.svg", "figure-5b.svg", "figure-5c.svg", "figure-6a.svg",
+                "figure-6b.svg", "figure-6c.svg", "figure-6d.svg"),
         function="twin.stages.studying:run_study", when=When.ASKED,
     ),
     Stage(

@@ -1,5 +1,5 @@
-"""What a calibration by one objective has found, as one record: the models before and after, the ridge, and what
-would tell C10 from C01. The sentences of the report come from here; no number is computed."""
+"""What a calibration by one objective has found, as one record: the models before and after, the ridge, and
+what would tell C10 from C01. The sentences of the report come from here; no number is computed."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -9,16 +9,16 @@ import numpy as np
 
 from twin.diagnosis.separation import KNOWN, UNKNOWN, Knowledge, Reading
 from twin.effects.baselaw import Constants
+from twin.stages.planning import Plan
 from twin.stages.ridges import Ridge
 from twin.targets import Array
 
 SHOWN = 10  # readings that the report shows
-UNIT = "MPa"
 
 
 @dataclass(frozen=True, kw_only=True)
 class Side:
-    """One model: its constants, its RMS error of the objective in mm, its displacement u_mm (p,) at each point."""
+    """One model: its constants, its RMS error of the objective in mm, its displacements u_mm (p,)."""
 
     constants: Constants
     rms_mm: float
@@ -32,8 +32,8 @@ class Side:
 
 @dataclass(frozen=True, kw_only=True)
 class Curve:
-    """Displacement of one point over pressure: the models before and after (k,) mm at pressures (k,) MPa of the
-    record, and what was read (n,) mm at pressures (n,) MPa with sds (n,) mm."""
+    """Displacement of one point over pressure: the models before and after (k,) mm at pressures (k,) MPa of
+    the record, and what was read (n,) mm at pressures (n,) MPa with sds (n,) mm."""
 
     name: str
     node: int | None
@@ -51,17 +51,8 @@ class Curve:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Plan:
-    """Several readings that could be added at once: in words, how many, and what is known with them."""
-
-    words: str
-    count: int
-    known: Knowledge
-
-
-@dataclass(frozen=True, kw_only=True)
 class Study:
-    """What was found. measured (p,) mm: the objective's values at the top pressure top_MPa; sd_mm: their error;
+    """What was found. measured (p,) mm: the objective's values at the top pressure; sd_mm: their error;
     starts: other initial models; published: what the source of the targets states."""
 
     points: tuple[str, ...]
@@ -126,27 +117,27 @@ class Study:
 
     @property
     def sentences(self) -> list[str]:
-        """What was found, one thought each: fall of the error, ridge, difference of the searches, what separates."""
+        """What was found, one thought each: fall of the error, ridge, the two searches, what separates."""
         said = [self._fall, self._along, self.difference, self._others, self._separate]
         return [sentence for sentence in said if sentence]
 
     @property
     def _fall(self) -> str:
         a, b = self.initial, self.final
-        assumed = "as stated" if self.initial_is_stated else "assumed, as none are published"
+        assumed = "as stated" if self.initial_is_stated else "assumed: none are published"
         return (
-            f"RMS error of U{self.component + 1}: {a.rms_mm:.3g} mm with the initial constants C10 = "
-            f"{a.constants.C10:.3g}, C01 = {a.constants.C01:.3g} MPa ({assumed}), {b.rms_mm:.3g} mm with the best of "
-            f"the genetic algorithm, C10 = {b.constants.C10:.3g}, C01 = {b.constants.C01:.3g} MPa: {self.reduction:.1f} % "
-            "less."
+            f"The RMS error of U{self.component + 1} falls by {self.reduction:.1f} %: from {a.rms_mm:.3g} mm "
+            f"with {_pair(a)} ({assumed}) to {b.rms_mm:.3g} mm with {_pair(b)}, "
+            "the best of the genetic algorithm."
         )
 
     @property
     def _along(self) -> str:
         rms, (low, high) = self.ridge.rms_mm[self._agree], self.agreeing
         return (
-            f"Along the ridge, with the best sum for each share C01/(C10 + C01) from {low:.2g} to {high:.2g}, the error "
-            f"stays between {rms.min():.3g} and {rms.max():.3g} mm; a reading is known to {self.sd_mm:.2g} mm."
+            f"With the best sum for each share C01/(C10 + C01) from {low:.2g} to {high:.2g}, the error stays "
+            f"between {rms.min():.3g} and {rms.max():.3g} mm: this is the ridge. A reading is known to "
+            f"{self.sd_mm:.2g} mm."
         )
 
     @property
@@ -155,21 +146,32 @@ class Study:
             return ""
         sums = " or ".join(f"{total:.3g}" for total in self.matching)
         return (
-            f"The published {self.published_reduction:g} % says more of the first guess than of the result: on this "
-            f"finger an initial C10 + C01 of {sums} MPa gives it."
+            f"The published {self.published_reduction:g} % says more of the first guess than of the result: "
+            f"on this finger, initial constants with C10 + C01 = {sums} MPa give it."
         )
 
     @property
     def _separate(self) -> str:
-        best = self.readings[0]
         if self.separated:
             return ""
-        plan = min(self.plans, key=lambda p: p.known.share_sd)
-        return (
-            f"What would tell C10 from C01: first {in_words(best)}, read to "
-            f"{best.known.wanted_sd_mm(self.sd_mm):.2g} mm like the others; or {plan.words} ({plan.count} values), read to "
-            f"{plan.known.wanted_sd_mm(self.sd_mm):.2g} mm. Then the sd of the share is {KNOWN:g}."
-        )
+        inside = next(r for r in self.readings if r.pressure <= self.top_MPa * (1 + 1e-9))
+        best, plan = self.readings[0], min(self.plans, key=lambda p: p.known.share_sd)
+        said = [
+            f"To tell C10 from C01 by one reading more, {in_words(inside)} serves best: with all "
+            f"readings exact to {self._wanted(inside)} mm, the sd of the share is {KNOWN:g}."
+        ]
+        if best is not inside:
+            said.append(
+                f"Beyond the pressure of the test, {in_words(best)} asks for {self._wanted(best)} mm only."
+            )
+        said.append(f"{plan.words} ({plan.count} values) ask for {self._wanted(plan)} mm.")
+        if min(best.known.share_sd, plan.known.share_sd) > UNKNOWN:
+            said.append(f"Read to {self.sd_mm:.2g} mm, none of these is enough.")
+        return " ".join(said)
+
+    def _wanted(self, more: Reading | Plan) -> str:
+        """The error of all readings in mm, with this one, for a known share."""
+        return f"{more.known.wanted_sd_mm(self.sd_mm):.2g}"
 
     # -- record ---------------------------------------------------------------------------------------------
 
@@ -196,9 +198,15 @@ class Study:
                       "rms_mm": self.ridge.rms_mm.tolist(), "agreeing_share": list(self.agreeing)},
             "known": knowledge(self.known, self.sd_mm),
             "readings": [reading(r, self.sd_mm) for r in self.readings],
-            "plans": [{"words": p.words, "count": p.count} | knowledge(p.known, self.sd_mm) for p in self.plans],
+            "plans": [
+                {"words": p.words, "count": p.count} | knowledge(p.known, self.sd_mm) for p in self.plans
+            ],
             "curves": {"pressure_MPa": self.pressure.tolist(), "points": [c.to_dict() for c in self.curves]},
         }  # fmt: skip
+
+
+def _pair(side: Side) -> str:
+    return f"C10 = {side.constants.C10:.3g}, C01 = {side.constants.C01:.3g} MPa"
 
 
 def in_words(found: Reading) -> str:
@@ -218,7 +226,7 @@ def knowledge(known: Knowledge, sd_mm: float) -> dict[str, Any]:
     """What is known, as study.json has it; null where the share is left open."""
     open_ = not np.isfinite(known.share_sd)
     return {"share_sd": None if open_ else known.share_sd, "correlation": known.correlation,
-            "wanted_sd_mm": known.wanted_sd_mm(sd_mm)}  # fmt: skip
+            "wanted_sd_mm": None if open_ else known.wanted_sd_mm(sd_mm)}  # fmt: skip
 
 
 # -- the report ----------------------------------------------------------------------------------------------
@@ -235,6 +243,7 @@ def page_facts(record: Mapping[str, Any]) -> dict[str, Any]:
         ("C10, MPa", b["C10"], published.get("C10")),
         ("C01, MPa", b["C01"], published.get("C01")),
         ("C10 + C01, MPa", b["total"], published.get("total")),
+        ("RMS of these constants on this finger, mm", b["rms_mm"], published.get("rms_mm")),
     ]
     return {
         "sentences": record["sentences"],
