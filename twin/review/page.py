@@ -28,7 +28,8 @@ def render(*, title: str, facts: Mapping[str, Any]) -> str:
     errors       {before_mm, after_mm, noise_mm, before_note, after_note, noise_note}
     named        [{effect, text, note, parameters: [{name, value, low, high, unit, note}]}], low to high: 95 %
     evidence     what evidence.json holds, and branches [name], table [{marker, cells: [share or None]}]
-    study        {sentences, rows: [{name, here, published}], starts, known, readings, plans: of study.json,
+    study        {sentences, rows: [{name, here, published}], starts, known, readings: [{within, rows}],
+                 plans: of study.json,
                  pictures: as below}
     ranking      [{effect, delta_bic, z, p_value, note, named (bool)}], best first
     ties         [[effect, ...], ...]

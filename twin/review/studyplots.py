@@ -101,8 +101,8 @@ def valley(
         axes.plot(*ridge.T, color=INK, linewidth=1.0, label="ridge: least error", gid="ridge")
         for (name, at), (shape, colour) in zip(marks.items(), _shapes(len(marks))):
             axes.plot(
-                *at, shape, color=colour, markersize=13 if shape == "*" else 8, markeredgecolor="white",
-                label=name, linestyle="none", gid=name, clip_on=False, zorder=5,
+                *at, shape, color=colour, markersize=13 if shape == "*" else 8, markeredgecolor=INK,
+                markeredgewidth=0.9, label=name, linestyle="none", gid=name, clip_on=False, zorder=5,
             )  # fmt: skip
         axes.set(xlabel=f"{names[0]}, {unit}", ylabel=f"{names[1]}, {unit}")
         _legend(figure, axes, columns=3)
@@ -179,7 +179,7 @@ def _by_generation(axes: Axes, label: str) -> None:
 
 def _shapes(count: int) -> list[tuple[str, str]]:
     """Markers and colours of that many models."""
-    known = [("*", AFTER), ("s", EXTRA), ("D", "#cc79a7"), ("^", BEFORE)]
+    known = [("*", "#e69f00"), ("s", "white"), ("D", "#cc79a7"), ("^", BEFORE)]
     return [known[k % len(known)] for k in range(count)]
 
 

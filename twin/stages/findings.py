@@ -7,13 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from twin.diagnosis.separation import KNOWN, UNKNOWN, Knowledge, Reading
+from twin.diagnosis.separability import KNOWN, UNKNOWN, Addition, Knowledge
 from twin.effects.baselaw import Constants
 from twin.stages.planning import Plan
 from twin.stages.ridges import Ridge
 from twin.targets import Array
 
-SHOWN = 10  # readings that the report shows
+SHOWN = 6  # readings that the report shows, within the pressure of the test and beyond
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,7 +31,7 @@ class Side:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Curve:
+class PressureCurve:
     """Displacement of one point over pressure: the models before and after (k,) mm at pressures (k,) MPa of
     the record, and what was read (n,) mm at pressures (n,) MPa with sds (n,) mm."""
 
@@ -69,10 +69,10 @@ class Study:
     ridge: Ridge
     agreeing: tuple[float, float]
     known: Knowledge
-    readings: tuple[Reading, ...]
+    readings: tuple[Addition, ...]
     plans: tuple[Plan, ...]
     pressure: Array
-    curves: tuple[Curve, ...]
+    curves: tuple[PressureCurve, ...]
     published: Side | None
     published_reduction: float | None
     matching: tuple[float, ...]  # MPa, sums C10 + C01 of an initial model with the published reduction
@@ -124,7 +124,7 @@ class Study:
     @property
     def _fall(self) -> str:
         a, b = self.initial, self.final
-        assumed = "as stated" if self.initial_is_stated else "assumed: none are published"
+        assumed = "as stated" if self.initial_is_stated else "assumed; [study] initial states others"
         return (
             f"The RMS error of U{self.component + 1} falls by {self.reduction:.1f} %: from {a.rms_mm:.3g} mm "
             f"with {_pair(a)} ({assumed}) to {b.rms_mm:.3g} mm with {_pair(b)}, "
@@ -169,7 +169,7 @@ class Study:
             said.append(f"Read to {self.sd_mm:.2g} mm, none of these is enough.")
         return " ".join(said)
 
-    def _wanted(self, more: Reading | Plan) -> str:
+    def _wanted(self, more: Addition | Plan) -> str:
         """The error of all readings in mm, with this one, for a known share."""
         return f"{more.known.wanted_sd_mm(self.sd_mm):.2g}"
 
@@ -209,13 +209,13 @@ def _pair(side: Side) -> str:
     return f"C10 = {side.constants.C10:.3g}, C01 = {side.constants.C01:.3g} MPa"
 
 
-def in_words(found: Reading) -> str:
+def in_words(found: Addition) -> str:
     """A reading as one would ask for it."""
     at = f"{1e3 * found.pressure:.3g} kPa"
     return f"U{found.component + 1} of {found.spot.name} at {at}"
 
 
-def reading(found: Reading, sd_mm: float) -> dict[str, Any]:
+def reading(found: Addition, sd_mm: float) -> dict[str, Any]:
     """A reading as study.json has it."""
     return {"point": found.spot.name, "node": found.spot.node, "x_mm": float(found.spot.place[0]),
             "direction": f"U{found.component + 1}", "pressure_MPa": found.pressure, "u_mm": found.u_mm,
@@ -236,6 +236,8 @@ def page_facts(record: Mapping[str, Any]) -> dict[str, Any]:
     """The tables of the report, from study.json."""
     published = record["published"] or {}
     a, b = record["initial"], record["final"]
+    every, top = record["readings"], record["pressure_MPa"] * (1 + 1e-9)
+    inside, beyond = ([r for r in every if (r["pressure_MPa"] <= top) == within] for within in (True, False))
     rows = [
         ("initial RMS, mm", a["rms_mm"], None),
         ("final RMS, mm", b["rms_mm"], None),
@@ -250,6 +252,9 @@ def page_facts(record: Mapping[str, Any]) -> dict[str, Any]:
         "rows": [{"name": name, "here": here, "published": stated} for name, here, stated in rows],
         "starts": record["starts"],
         "known": record["known"],
-        "readings": record["readings"][:SHOWN],
+        "readings": [
+            {"within": "up to the pressure of the test", "rows": inside[:SHOWN]},
+            {"within": "beyond it, if the finger bears it", "rows": beyond[:SHOWN]},
+        ],
         "plans": record["plans"],
     }

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fe import Case
-from twin.diagnosis.separation import Knowledge, Outcomes, Spot
+from twin.diagnosis.separability import Knowledge, Outcomes, Spot
 from twin.effects.baselaw import Constants
 from twin.targets import Array, Targets
 

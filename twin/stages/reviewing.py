@@ -224,6 +224,8 @@ class _Story:
 
     def _commands(self) -> list[str]:
         """The commands that lead to this report, with the effects that were added."""
+        if self.study and self._untested:
+            return ["twin study"]
         filmed = bool(self.project.config.cameras)
         added = [f"twin add {label}" for label in self.fit.get("effects", [])]
         every = [s for s in STAGES if s.when is When.ALWAYS and (filmed or s.name not in FILMED)]

@@ -63,7 +63,7 @@ class Spot:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Reading:
+class Addition:
     """One reading that could be added: the spot, the direction 0 to 2, the pressure in MPa, where the model
     is then in mm, and what is known with it."""
 
@@ -118,7 +118,7 @@ def _at_levels(model: Model, theta: Array, spots: tuple[Spot, ...], pressure: Ar
 
 def readings(
     shown: Outcomes, *, information: Array, constants: Constants, sd_mm: float
-) -> tuple[Reading, ...]:
+) -> tuple[Addition, ...]:
     """Every single reading that could be added, best first. information (2, 2): of what is there."""
     found = []
     for index in np.ndindex(shown.u.shape):
@@ -127,7 +127,7 @@ def readings(
         seen[index] = True
         known = Knowledge.of(information + shown.information(seen, sd_mm), constants)
         found.append(
-            Reading(spot=shown.spots[p], component=i, pressure=float(shown.pressure[s]),
+            Addition(spot=shown.spots[p], component=i, pressure=float(shown.pressure[s]),
                     u_mm=float(shown.u[index]), known=known)
         )  # fmt: skip
     return tuple(sorted(found, key=lambda r: r.known.share_sd))
