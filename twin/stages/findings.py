@@ -31,7 +31,7 @@ class Side:
 
 
 @dataclass(frozen=True, kw_only=True)
-class PressureCurve:
+class PointCurve:
     """Displacement of one point over pressure: the models before and after (k,) mm at pressures (k,) MPa of
     the record, and what was read (n,) mm at pressures (n,) MPa with sds (n,) mm."""
 
@@ -72,7 +72,7 @@ class Study:
     readings: tuple[Addition, ...]
     plans: tuple[Plan, ...]
     pressure: Array
-    curves: tuple[PressureCurve, ...]
+    curves: tuple[PointCurve, ...]
     published: Side | None
     published_reduction: float | None
     matching: tuple[float, ...]  # MPa, sums C10 + C01 of an initial model with the published reduction

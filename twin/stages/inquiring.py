@@ -17,7 +17,7 @@ from twin.project import files
 from twin.project.folder import Project, Say
 from twin.review.states import Generations
 from twin.stages.calibrating import load_paths_of, objective_of
-from twin.stages.findings import PressureCurve, Side, Study
+from twin.stages.findings import PointCurve, Side, Study
 from twin.stages.fits import BESIDE, fresh
 from twin.stages.planning import plans, spots
 from twin.stages.ridges import difference, ridge
@@ -136,7 +136,7 @@ class Inquiry:
         seen = u[: len(pressure), :, o.component] - u[len(pressure) :, :, o.component].mean(axis=0)
         return np.asarray(seen[:, own])
 
-    def curves(self, initial: Side, final: Side) -> tuple[PressureCurve, ...]:
+    def curves(self, initial: Side, final: Side) -> tuple[PointCurve, ...]:
         """Displacement over pressure of each point, with what was read on the way."""
         t, o = self.bench.targets, self.objective
         before, after = (self.predicted(side.constants, self.pressure) for side in (initial, final))
@@ -145,7 +145,7 @@ class Inquiry:
             seen = t.valid[:, row, o.component]
             sd = np.sqrt(t.covariance[seen, row, o.component, o.component])
             out.append(
-                PressureCurve(name=name, node=t.points[row].node, initial=before[:, k], final=after[:, k],
+                PointCurve(name=name, node=t.points[row].node, initial=before[:, k], final=after[:, k],
                       read_at=t.pressure[seen], read=t.value[seen, row, o.component], read_sd=sd)
             )  # fmt: skip
         return tuple(out)
