@@ -12,7 +12,7 @@ from twin.effects.material import Elasticity
 from twin.model.building import base_model
 from twin.model.prediction import Model
 from twin.stages.planning import plans
-from twin.targets import Noise, Targets, at_node
+from twin.targets import Targets, at_node
 
 THETA = np.array([0.15, 0.1])
 HERE = Constants(*THETA)
@@ -28,11 +28,10 @@ def two_readings(case: Case) -> Targets:
     value[:, :, 2], valid[1, :, 2] = [[0.0, 0.0], [-5.0, -2.0]], True
     covariance = np.full((2, 2, 3, 3), np.nan)
     covariance[:, :, 2, 2] = 1.0
-    time, pressure, noise = np.array([0.0, 1.0]), np.array([0.0, TOP]), None
-    assert noise is None or isinstance(noise, Noise)
+    time, pressure = np.array([0.0, 1.0]), np.array([0.0, TOP])
     return Targets(
         time=time, pressure=pressure, block=np.zeros(2, int), points=points, value=value, covariance=covariance,
-        valid=valid, held_out=np.zeros(2, bool), modes=np.zeros((0, 2, 2, 3)), mode_names=(), noise=noise,
+        valid=valid, held_out=np.zeros(2, bool), modes=np.zeros((0, 2, 2, 3)), mode_names=(), noise=None,
         log_time=time, log_pressure=pressure, reference=np.array([0]), gravity=None, pressure_sd=np.zeros(2),
     )  # fmt: skip
 

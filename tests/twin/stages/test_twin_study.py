@@ -3,6 +3,7 @@
 import html
 import json
 import re
+import shutil
 import xml.etree.ElementTree as ElementTree
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -20,6 +21,7 @@ from twin.project.folder import Project, dataset
 from twin.review.numerals import short
 from twin.stages.checking import run_check
 from twin.stages.diagnosing import run_diagnose
+from twin.stages.inquiring import Inquiry
 from twin.stages.reviewing import run_review
 from twin.stages.ridges import Ridge, difference
 from twin.stages.studying import run_study
@@ -205,22 +207,14 @@ def test_the_table_is_that_of_the_record(done: Done) -> None:
         assert [short(start[k]) for k in ("C01", "rms_mm", "reduction_percent")] == row[short(start["C10"])]
 
 
-def test_the_published_reduction_is_that_of_the_initial_sums_it_names(done: Done) -> None:
+def test_the_published_reduction_is_that_of_the_initial_sums_it_names(done: Done, short_case: Case) -> None:
     record = done.record
     assert record["published_reduction_from_total_MPa"]
     for total in record["published_reduction_from_total_MPa"]:
         c = Constants.at(total, record["initial"]["share"])
-        rows = np.array([0.0, 0.03])
-        assert done.project.builtin is not None
-        u = direct(short_case_of(done), c, rows)[-1]
+        u = direct(short_case, c, np.array([0.0, 0.03]))[-1]
         rms = np.sqrt(((u - record["measured_mm"]) ** 2).mean())
         assert 100 * (1 - record["final"]["rms_mm"] / rms) == pytest.approx(72.4, abs=2.0)  # near a minimum: steep
-
-
-def short_case_of(done: Done) -> Case:
-    from twin.stages.workbench import Workbench
-
-    return Workbench.of(done.project).case
 
 
 def test_the_headline_says_what_was_found_and_nothing_refuses(done: Done) -> None:
@@ -249,13 +243,12 @@ def test_diagnose_and_check_do_not_contradict_it(done: Done) -> None:
     run_check(done.project, say)
 
 
-def test_a_report_without_the_study_leads_with_the_constants(
-    tmp_path: Path, short_builtin: BuiltIn, one_process: None
-) -> None:
-    from twin.stages.calibrating import run_calibrate
-
-    project, say = Project.open(study_at(tmp_path / "plain"), builtin=short_builtin), Silent()
-    run_calibrate(project, say)
+def test_a_report_without_the_study_leads_with_the_constants(done: Done, tmp_path: Path) -> None:
+    folder, say = shutil.copytree(done.project.root, tmp_path / "plain"), Silent()
+    for run in (folder / "runs").glob("*-*"):
+        if not run.name.endswith("-calibrate"):
+            shutil.rmtree(run)
+    project = Project.open(folder, builtin=done.project.builtin)
     run_check(project, say)
     assert any("`twin study` makes the figures" in line for line in say.lines)
     run_review(project, say)
@@ -336,8 +329,6 @@ def test_a_wrong_study_table_is_named(tmp_path: Path, line: str, sentence: str) 
 
 
 def test_initial_constants_of_twin_toml_are_used(done: Done) -> None:
-    from twin.stages.inquiring import Inquiry
-
     study = done.project.config.study
     assert study is not None
     stated = study.model_copy(update={"initial": {"C10": 0.25, "C01": 0.05}})
