@@ -39,7 +39,7 @@ WHAT = {
     "dic": "A speckled part of the side face, in place of markers or beside them.",
     "calibrate": "The fit of the material.",
     "diagnose": "The search for what is missing.",
-    "study": "For targets whose source contradicts itself.",
+    "study": "What the source of the targets states of its own calibration; `twin study` stands beside it.",
 }  # fmt: skip
 KINDS = {"string": "text", "integer": "whole number", "number": "number", "boolean": "true or false"}
 

@@ -147,7 +147,8 @@ class Diagnosis:
 
 def cannot(why: str) -> Diagnosis:
     """The verdict on data that cannot be tested."""
-    return Diagnosis(verdict=f"cannot test: {why}", sentence=f"The data cannot be tested: {why}.")
+    sentence = f"Whether the model lacks an effect cannot be tested: {why}."
+    return Diagnosis(verdict=f"cannot test: {why}", sentence=sentence)
 
 
 def ranked(rows: Sequence[Candidate]) -> tuple[Candidate, ...]:

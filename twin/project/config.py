@@ -9,7 +9,7 @@ from pydantic import AfterValidator, Field, model_validator
 
 from twin.effects.baselaw import BOUNDS
 from twin.project.dimensions import FingerTable
-from twin.project.tablemodel import Finite, Position, Positive, TableModel
+from twin.project.tablemodel import Finite, NotNegative, Position, Positive, TableModel
 
 
 def _relative(path: str) -> str:
@@ -335,9 +335,31 @@ class DiagnoseTable(TableModel):
 
 
 class StudyTable(TableModel):
-    other_pressure_MPa: Positive = Field(
-        description="a second pressure that the source of the targets states, MPa"
+    other_pressure_MPa: Positive | None = Field(
+        default=None, description="a second pressure that the source of the targets states, MPa"
     )
+    initial: dict[str, NotNegative] = Field(
+        default={},
+        description="constants of the initial model, MPa, such as {C10 = 0.2, C01 = 0.1}; none named: those "
+        "that `twin calibrate` begins with",
+    )
+    published: dict[str, NotNegative] = Field(
+        default={}, description="constants that the source of the targets found, MPa"
+    )
+    published_reduction_percent: Positive | None = Field(
+        default=None, description="by how much its RMS error fell from the initial to the final model, %"
+    )
+
+    @model_validator(mode="after")
+    def _both(self) -> Self:
+        for key, values in (("initial", self.initial), ("published", self.published)):
+            if values and set(values) != set(BOUNDS):
+                raise ValueError(
+                    f"{key} = {{{', '.join(values)}}}: wanted both {' and '.join(BOUNDS)} in MPa, or neither"
+                )
+            if values and not sum(values.values()) > 0.0:
+                raise ValueError(f"{key}: C10 and C01 are both 0; wanted a sum above 0 MPa")
+        return self
 
 
 class Config(TableModel):

@@ -44,6 +44,14 @@ def probability(p: Any) -> str:
     return "< 1e-99" if p < 1e-99 else f"{p:.2g}"
 
 
+def correlation(r: Any) -> str:
+    """A correlation with two digits of what it lacks of 1: near 1 these are what differs."""
+    if not _known(r):
+        return "–"
+    lack = max(1.0 - abs(r), 1e-9)
+    return f"{r:.{min(max(2, 1 - math.floor(math.log10(lack))), 9)}f}"
+
+
 def in_words(estimates: Sequence[Estimate]) -> str:
     """All estimates in a line: values with intervals; what several of them note stands once, at the end."""
     notes = [e.note for e in estimates]

@@ -9,7 +9,7 @@ import jinja2
 from markupsafe import Markup
 
 from twin.project import files
-from twin.review.numerals import interval, probability, short, value
+from twin.review.numerals import correlation, interval, probability, short, value
 
 TEMPLATE = Path(__file__).with_name("report.html")
 
@@ -28,6 +28,9 @@ def render(*, title: str, facts: Mapping[str, Any]) -> str:
     errors       {before_mm, after_mm, noise_mm, before_note, after_note, noise_note}
     named        [{effect, text, note, parameters: [{name, value, low, high, unit, note}]}], low to high: 95 %
     evidence     what evidence.json holds, and branches [name], table [{marker, cells: [share or None]}]
+    study        {sentences, rows: [{name, here, published}], starts, known, readings: [{within, rows}],
+                 plans: of study.json,
+                 pictures: as below}
     ranking      [{effect, delta_bic, z, p_value, note, named (bool)}], best first
     ties         [[effect, ...], ...]
     next_test    sentence
@@ -80,13 +83,14 @@ def _drawing(picture: Mapping[str, Any]) -> Markup:
 
 FACTS = frozenset(
     {"headline", "summary", "date", "errors", "named", "ranking", "ties", "next_test", "cannot_tell"}
-    | {"evidence", "calibration", "chain", "pictures", "notes", "provenance", "commands"}
+    | {"study", "evidence", "calibration", "chain", "pictures", "notes", "provenance", "commands"}
 )
 FILTERS = {
     "short": lambda x: short(None if isinstance(x, jinja2.Undefined) else x),
     "interval": interval,
     "value": value,
     "probability": probability,
+    "correlation": correlation,
     "notes": _notes,
     "groups": _groups,
     "drawing": _drawing,

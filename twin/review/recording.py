@@ -70,9 +70,9 @@ def write_review(
             log_constants(recording, scene)
             _log_curves(recording, generations=generations, fields=fields)
             scales = _log_states(recording, scene, generations=generations, fields=fields, times=times)
-            if fields is None:
+            if fields is None and video is not None:
                 notes.append(
-                    "no calibrated model yet: along the film the last generation is shown at top pressure"
+                    "along the film the best model of the genetic algorithm is shown, at top pressure only"
                 )
             legend = LEGEND.format(*scales, time=generations.film_time_s, top=scene.top_mm)
             text = [

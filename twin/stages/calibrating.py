@@ -20,6 +20,7 @@ from twin.model.loadpaths import REDUCED, Turned, load_paths, reach, sheets
 from twin.project.folder import Project, Run, Say
 from twin.review.states import Generations
 from twin.stages.comparing import compared
+from twin.stages.ridges import difference
 from twin.stages.searching import Generation, Objective, search
 from twin.stages.workbench import Workbench
 from twin.targets import Array, Targets
@@ -34,12 +35,12 @@ def run_calibrate(project: Project, say: Say) -> dict[str, Any]:
         )
     bench = Workbench.of(project)
     with project.new_run("calibrate", seed=project.config.calibrate.seed) as run:
-        paths, points = _paths(bench, say)
+        paths, points = load_paths_of(bench, say)
         best = _searched(bench, paths, points, run, say)
         say(f"Genetic algorithm: the best of {best.tried} candidates has {best.rms_mm:.3f} mm RMS.")
         judged = least(bench, paths, points, best.theta, say)
         model, fit, found = judged.model, judged.fit, compared(run, judged)
-        words = _words(project, fit, found)
+        words = _words(project, fit, found, _apart(bench, paths, points, best, fit))
         beside = {"effects": [], "identifiability": words, "initial": _initial(bench, paths, points, judged)}
         run.write_json("fit.json", fit_record(fit, found) | beside)
         run.summary["headline"] = words.split(". ")[0]
@@ -91,9 +92,7 @@ class Searched:
 def _searched(bench: Workbench, paths: Turned, points: Any, run: Run, say: Say) -> Searched:
     """The best of the genetic algorithm; all candidates and generations are written into the run."""
     settings = bench.project.config.calibrate
-    objective = Objective.of(
-        bench.targets, settings.objective_points, settings.objective_component - 1, bench.elasticity.fixed
-    )
+    objective = objective_of(bench)
     generations = search(
         bench.elasticity.parameters,
         lambda v: objective.cost(v, paths, points),
@@ -112,7 +111,14 @@ def _searched(bench: Workbench, paths: Turned, points: Any, run: Run, say: Say) 
     return Searched(theta=generations[-1].best, rms_mm=generations[-1].rms_mm, tried=len(candidates))
 
 
-def _paths(bench: Workbench, say: Say) -> tuple[Turned, Any]:
+def objective_of(bench: Workbench) -> Objective:
+    """The objective of the genetic algorithm that twin.toml states."""
+    own = bench.project.config.calibrate
+    component = own.objective_component - 1
+    return Objective.of(bench.targets, own.objective_points, component, bench.elasticity.fixed)
+
+
+def load_paths_of(bench: Workbench, say: Say) -> tuple[Turned, Any]:
     """The load paths at the finger's markers under the weight in every direction of gravity, and the rows of
     the targets they belong to."""
     rows = np.flatnonzero(~bench.targets.fixed)
@@ -271,7 +277,19 @@ def _rough_slope(paths: Turned, points: Array, t: Targets, constants: Constants)
     return out
 
 
-def _words(project: Project, fit: Fit, found: Comparison) -> str:
+def _apart(bench: Workbench, paths: Turned, points: Array, best: "Searched", fit: Fit) -> str:
+    """Why the genetic algorithm and least squares end apart, where neither is better."""
+    if bench.elasticity.fixed:
+        return ""
+    objective = objective_of(bench)
+    values = dict(zip((p.name for p in fit.parameters), map(float, best.theta), strict=True))
+    said, flat = difference(
+        values, fit, lambda v: objective.cost(dict(v), paths, points), sd_mm=objective.sd_mm(bench.targets)
+    )
+    return f" {said}" if flat else ""
+
+
+def _words(project: Project, fit: Fit, found: Comparison, apart: str) -> str:
     """What the data say of the constants, in words."""
     names = [p.name for p in fit.parameters]
     words = (
@@ -281,8 +299,9 @@ def _words(project: Project, fit: Fit, found: Comparison) -> str:
     )
     if found.doubt:
         words += f" No interval: {found.doubt}."
+    words += apart
     study = project.config.study
-    if study is not None:
+    if study is not None and study.other_pressure_MPa is not None:
         top = float(project.targets().pressure.max())
         ratio = top / study.other_pressure_MPa
         words += (

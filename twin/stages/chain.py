@@ -96,6 +96,14 @@ STAGES = (
         function="twin.stages.adding:run_drop", when=When.ASKED,
     ),
     Stage(
+        name="study",
+        title="Show what a calibration by two points has found, and what would tell C10 from C01.",
+        reads=("[model]", "[points]", "[calibrate]", "[study]", TARGETS, DECK, "candidates.npz"),
+        writes=("study.json", "figure-5a.svg", "figure-5b.svg", "figure-5c.svg", "figure-6a.svg",
+                "figure-6b.svg", "figure-6c.svg", "figure-6d.svg"),
+        function="twin.stages.studying:run_study", when=When.ASKED,
+    ),
+    Stage(
         name="review", title="Write the report, and the film beside the simulation for rerun.",
         reads=("[project]", "[model]", "[points]", "[calibrate]", TARGETS, DECK, FIT, "diagnosis.json"),
         writes=("report.html", "review.rrd", "deformed.png", "deformed.pvd"),

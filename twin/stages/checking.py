@@ -34,6 +34,8 @@ def run_check(project: Project, say: Say) -> dict[str, Any]:
         if targets.noise is None:
             say("The targets have no noise model. Without one `twin diagnose` cannot test: measure them with "
                 "`twin measure`, or state it in targets/targets.toml (docs/files.md).")  # fmt: skip
+    if project.config.study is not None and fresh(project, ("study",)) is None:
+        say("`twin study` makes the figures and the table of the study; it calibrates first where needed.")
     say(f"Next: `twin {step}`.")
     return {"stage": "check", "status": "done", "next": step}
 

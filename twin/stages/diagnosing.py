@@ -44,6 +44,8 @@ def run_diagnose(project: Project, say: Say) -> dict[str, Any]:
             run.note(line)
     say(f"Verdict: {found.verdict}")
     say(found.text)
+    if bench.targets.noise is None:
+        say("The calibration holds without it: `twin study` shows what these targets fix and leave open.")
     if found.ranking:
         say(f"Ranking: {', '.join(map(_score, found.ranking[:TOP]))}.")
     if found.next_test:

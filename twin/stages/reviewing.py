@@ -15,11 +15,24 @@ from twin.review.page import write_report
 from twin.review.recording import write_review
 from twin.review.states import Fields, Generations
 from twin.stages.chain import STAGES, When, kinds_writing
+from twin.stages.findings import page_facts
 from twin.stages.fits import fresh, stale_sentences
 from twin.stages.showing import Way
 from twin.stages.workbench import Workbench
 from twin.targets import Array
 
+STUDY = "study.json"
+FIGURES = {  # of the reference study, and what each shows
+    "5a": "Best RMS error of every generation of the genetic algorithm.",
+    "5b": "Constants of the best candidate. Their sum settles before they do.",
+    "5c": "Error of all candidates. Along the ridge the error hardly changes.",
+    "6a": "Displacement against pressure, first point.",
+    "6b": "Displacement against pressure, second point.",
+    "6c": "Displacements at the top pressure.",
+    "6d": "Absolute errors at the top pressure, before and after.",
+}
+FILMED = ("camera", "measure")  # stages of a project with a film
+UNTESTED = "Whether the model lacks an effect is not tested: the targets have no noise model."
 CHANGES = ("add", "drop")  # the stages that change the effects
 SERIES = 12  # deformed states in the VTU series
 
@@ -63,6 +76,8 @@ class _Story:
         effects = {label.partition(":")[0] for label in self.fit.get("effects", [])}
         effects |= set(self.diagnosis.get("named", []))
         self.way = Way.of(project, self.targets, effects=effects)
+        self.study_file = fresh(project, ("study",), STUDY)
+        self.study = files.read_json(self.study_file) if self.study_file else {}
 
     def _file(self, kind: str, name: str) -> Any:
         path = fresh(self.project, (kind,), name)
@@ -82,9 +97,22 @@ class _Story:
     @property
     def _said(self) -> tuple[str, str]:
         """The first sentence of the diagnosis, and the others."""
+        if self._untested:
+            return self._found
         whole = self.diagnosis.get("sentence") or "Not diagnosed yet: run twin diagnose."
-        first, _, others = whole.partition(". ")
-        return (first + "." if others else first), others
+        return _first(whole)
+
+    @property
+    def _untested(self) -> bool:
+        """Whether nothing can be said of what is missing, so that the constants are what was found."""
+        return self.targets.noise is None or (bool(self.study) and not self.diagnosis.get("ranking"))
+
+    @property
+    def _found(self) -> tuple[str, str]:
+        """What the calibration has found, in one sentence, and the others."""
+        if self.study:
+            return self.study["headline"], ""
+        return _first(self.fit.get("identifiability") or self.calibrated["identifiability"])
 
     @property
     def _labels(self) -> tuple[str, str]:
@@ -162,9 +190,10 @@ class _Story:
             "named": self._named(),
             "evidence": self.way.facts,
             "ranking": [r for r in every if not _blind(r)],
+            "study": self._study(),
             "ties": d.get("ties", []),
             "next_test": d.get("next_test"),
-            "cannot_tell": _by_note([r for r in every if _blind(r)]),
+            "cannot_tell": [*self._untold(), *_by_note([r for r in every if _blind(r)])],
             "calibration": {
                 "parameters": _parameters(self.calibrated),
                 "sentence": self.calibrated.get("identifiability"),
@@ -176,11 +205,32 @@ class _Story:
             "commands": self._commands(),
         }
 
+    def _untold(self) -> list[str]:
+        """That no missing effect was looked for, where the targets do not allow it."""
+        if self.targets.noise is not None:
+            return []
+        return [self.diagnosis.get("sentence") or UNTESTED]
+
+    def _study(self) -> dict[str, Any] | None:
+        """The tables and the seven figures of the study, where there is one."""
+        if self.study_file is None:
+            return None
+        drawn = [
+            _picture(f"Figure {name}.", FIGURES[name], half=True,
+                     svg=self.study_file.with_name(f"figure-{name}.svg").read_text(encoding="utf-8"))
+            for name in FIGURES
+        ]  # fmt: skip
+        return page_facts(self.study) | {"pictures": drawn}
+
     def _commands(self) -> list[str]:
         """The commands that lead to this report, with the effects that were added."""
+        if self.study and self._untested:
+            return ["twin study"]
+        filmed = bool(self.project.config.cameras)
         added = [f"twin add {label}" for label in self.fit.get("effects", [])]
-        before = [f"twin {stage.name}" for stage in STAGES if stage.when is When.ALWAYS]
-        return [*before[:-1], *added, before[-1]]
+        every = [s for s in STAGES if s.when is When.ALWAYS and (filmed or s.name not in FILMED)]
+        before = [f"twin {stage.name}" for stage in every]
+        return [*before[:-1], *added, *(["twin study"] if self.study else []), before[-1]]
 
     def _errors(self) -> dict[str, Any] | None:
         d = self.diagnosis
@@ -255,8 +305,10 @@ class _Story:
         return [_picture("Model at top pressure", caption, half=True, png=file)] if file.exists() else []
 
     def _search(self) -> list[dict[str, Any]]:
-        """The genetic algorithm by generation and, of two constants, its landscape."""
+        """The genetic algorithm by generation and, of two constants, its landscape; the study has its own."""
         g = self.generations
+        if self.study:
+            return []
         course = plots.generations(g.generation, rms_mm=g.rms_mm, best=g.best, names=g.names)
         caption = "Best RMS and constants of every generation."
         out = [_picture("Genetic algorithm", caption, half=True, svg=course)]
@@ -316,6 +368,12 @@ def _picture(title: str, caption: str, *, half: bool = False, **drawn: Any) -> d
 
 def _parameters(fit: dict[str, Any]) -> list[dict[str, Any]]:
     return [{"name": e.name} | e.to_dict() for e in estimates_of_record(fit)]
+
+
+def _first(whole: str) -> tuple[str, str]:
+    """The first sentence of a text, and the others."""
+    first, _, others = whole.partition(". ")
+    return (first + "." if others else first), others
 
 
 def _blind(row: dict[str, Any]) -> bool:

@@ -44,6 +44,11 @@ class Objective:
         steps = np.append(step, targets.reference)
         return Objective(steps, rows, component, measured, targets.pressure[steps], fixed)
 
+    def sd_mm(self, targets: Targets) -> float:
+        """The error of one of the measured values in mm, 1 sd: the root of their mean variance."""
+        variance = targets.covariance[self.steps[0], self.rows, self.component, self.component]
+        return float(np.sqrt(variance.mean()))
+
     def cost(self, values: dict[str, float], paths: Turned, points: Array) -> float:
         """The RMS in mm; inf where the model has no equilibrium at that pressure."""
         constants = Constants.of({**values, **self.fixed})

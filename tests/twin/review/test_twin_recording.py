@@ -201,7 +201,7 @@ def test_without_film_and_model_the_rest_is_shown_on_both_timelines(tmp_path: Pa
         fields=None,
         diagnosis_markdown="none needed",
     )
-    assert [note.split(":")[0] for note in notes] == ["no film in this project", "no calibrated model yet"]
+    assert [note.split(":")[0] for note in notes] == ["no film in this project"]
     assert len(rows(path, *MESH, "generation")) == 4
     assert len(rows(path, *MESH, "film_time")) == 1
     assert rows(path, *FRAME, "generation") == {}

@@ -1,0 +1,133 @@
+"""A calibrated model and readings that could be added -> how well each would tell C10 from C01.
+
+To first order a reading adds to the information on the constants the square of its derivative in units of
+its error (Fisher information; for the choice of experiments doi:10.1137/1.9780898719109). No reading is
+simulated, and no error of the model counts: this is what geometry and material allow.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fe import Path
+from twin.effects.baselaw import Constants
+from twin.effects.protocol import Unsolvable
+from twin.model.prediction import Model
+from twin.targets import Array
+
+LEVELS = (0.25, 0.5, 0.75, 1.0, 1.25, 1.5)  # of the top pressure at which one could read
+KNOWN = 0.1  # sd of the share C01 / (C10 + C01) at which it is called known
+UNKNOWN = 1 / math.sqrt(12)  # sd of a share of which nothing is known but that it lies between 0 and 1
+SINGULAR = 1e-10  # smallest over largest eigenvalue of an information that determines both
+
+
+@dataclass(frozen=True, kw_only=True)
+class Knowledge:
+    """What readings tell of C10 and C01, 1 sd: of the sum in MPa and of the share, infinite where they leave
+    it open, and the correlation of C10 and C01 (-1 there)."""
+
+    total_sd: float
+    share_sd: float
+    correlation: float
+
+    @staticmethod
+    def of(information: Array, constants: Constants) -> "Knowledge":
+        """From the information (2, 2) on C10 and C01 in 1/MPa2."""
+        sizes = np.linalg.eigvalsh(information)
+        if sizes[0] <= SINGULAR * sizes[1]:
+            return Knowledge(total_sd=math.inf, share_sd=math.inf, correlation=-1.0)
+        covariance = np.linalg.inv(information)
+        slope = np.array([-constants.C01, constants.C10]) / constants.total**2
+        sd = np.sqrt(np.diag(covariance))
+        return Knowledge(
+            total_sd=math.sqrt(covariance.sum()),
+            share_sd=math.sqrt(slope @ covariance @ slope),
+            correlation=float(covariance[0, 1] / (sd[0] * sd[1])),
+        )
+
+    def wanted_sd_mm(self, sd_mm: float) -> float:
+        """The error in mm that all readings must have for the share to be known, where now it is sd_mm."""
+        return sd_mm * KNOWN / self.share_sd
+
+
+@dataclass(frozen=True, kw_only=True)
+class Spot:
+    """A point where one could read: its name, its node and its place (3,) mm."""
+
+    name: str
+    node: int
+    place: Array
+
+
+@dataclass(frozen=True, kw_only=True)
+class Addition:
+    """One reading that could be added: the spot, the direction 0 to 2, the pressure in MPa, where the model
+    is then in mm, and what is known with it."""
+
+    spot: Spot
+    component: int
+    pressure: float
+    u_mm: float
+    known: Knowledge
+
+
+@dataclass(frozen=True, kw_only=True)
+class Outcomes:
+    """What a model shows at spots and pressures: u (s, p, 3) mm, its derivatives (2, s, p, 3) to C10 and C01
+    in mm/MPa."""
+
+    spots: tuple[Spot, ...]
+    pressure: Array
+    u: Array
+    jacobian: Array
+
+    def information(self, seen: NDArray[np.bool_], sd_mm: float) -> Array:
+        """Information (2, 2) in 1/MPa2 of the readings of a mask (s, p, 3), each with an error of sd_mm."""
+        rows = self.jacobian[:, seen] / sd_mm
+        return np.asarray(rows @ rows.T)
+
+
+def outcomes(model: Model, theta: Array, *, spots: Sequence[Spot], top: float) -> Outcomes:
+    """What the model at theta (2,) shows at the spots, at shares of a top pressure in MPa as far as there is
+    an equilibrium. Raises Unsolvable where there is none at the top pressure itself."""
+    levels = np.array(LEVELS)
+    while True:
+        try:
+            return _at_levels(model, theta, tuple(spots), top * levels)
+        except Unsolvable:
+            if levels[-1] <= 1.0:
+                raise
+            levels = levels[:-1]
+
+
+def _at_levels(model: Model, theta: Array, spots: tuple[Spot, ...], pressure: Array) -> Outcomes:
+    path, test = model.test.path, model.test
+    load, time = np.append(0.0, pressure), np.arange(len(pressure) + 1.0)
+    pull = path.gravity_at(path.output[[int(np.argmax(path.at_output()))]])
+    course = Path(time, load, time, gravity=np.tile(pull, (len(time), 1)))
+    places, every = np.array([s.place for s in spots]), np.ones(len(spots), bool)
+    names = tuple(s.name for s in spots)
+    planned = replace(test, path=course, points=places, moving=every, names=names)
+    asked = replace(model, test=planned, reference=np.array([0]), parent=None, mesh=None)
+    jacobian, u = asked.jacobian(theta), asked.predict(theta)
+    return Outcomes(spots=spots, pressure=pressure, u=u[1:], jacobian=jacobian[:, 1:])
+
+
+def readings(
+    shown: Outcomes, *, information: Array, constants: Constants, sd_mm: float
+) -> tuple[Addition, ...]:
+    """Every single reading that could be added, best first. information (2, 2): of what is there."""
+    found = []
+    for index in np.ndindex(shown.u.shape):
+        s, p, i = index
+        seen = np.zeros(shown.u.shape, bool)
+        seen[index] = True
+        known = Knowledge.of(information + shown.information(seen, sd_mm), constants)
+        found.append(
+            Addition(spot=shown.spots[p], component=i, pressure=float(shown.pressure[s]),
+                    u_mm=float(shown.u[index]), known=known)
+        )  # fmt: skip
+    return tuple(sorted(found, key=lambda r: r.known.share_sd))
