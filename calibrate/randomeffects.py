@@ -78,10 +78,11 @@ def newcomer(values: ArrayLike, sds: ArrayLike, *, value: float, sd: float) -> N
     y, s = _checked(values, sds, least=LEAST)
     if not sd > 0:
         raise ValueError(f"sd of the newest group: {sd:g}; wanted more than 0")
-    weight, mean, spread = _posterior(y, s)
-    spread = np.hypot(spread, sd)
-    p = float(weight @ (2 * ndtr(-np.abs(value - mean) / spread)))
-    low, high = (_quantile(weight, mean, spread, level) for level in (0.025, 0.975))
+    with np.errstate(under="ignore"):  # a share of 1e-320 is none
+        weight, mean, spread = _posterior(y, s)
+        spread = np.hypot(spread, sd)
+        p = float(weight @ (2 * ndtr(-np.abs(value - mean) / spread)))
+        low, high = (_quantile(weight, mean, spread, level) for level in (0.025, 0.975))
     former = between(y, s)
     return Newcomer(
         value=value, expected=float(weight @ mean), difference=value - float(weight @ mean), low=low,
