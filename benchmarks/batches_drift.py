@@ -2,12 +2,12 @@
 
     python benchmarks/batches_drift.py [--quick] [drift] [kills]
 
-`drift_false`: share of series of 8 batches without a change in which the newest is called different; 200 series
-for each ratio of the sd between batches to that of measurement, and the mean of all. `drift_found`: share of those
-with a drift of 4 sds (of a batch: between batches and measurement together) that is found, and in the right
-quantity alone. Seven former batches tell the sd so poorly that the exact t test, with Holm's factor of 3, finds 68 %
-of such drifts where batches differ by nature; hence the rates for larger drifts. `kills_same`: share of projects
-that end with the same bits in fit.json and diagnosis.json after kill -9 at random moments as without one.
+`drift_false`: share of series of 8 batches without a change in which the newest is called different; 200
+series for each ratio of the sd between batches to that of measurement, and the mean of all. `drift_found`: share
+of those with a drift of 4 sds (of a batch: between batches and measurement together) that is found, and in the
+right quantity alone. Seven former batches tell the sd so poorly that the exact t test, with Holm's factor of 3,
+finds 68 % of such drifts where batches differ by nature; hence the rates for larger drifts. `kills_same`: share of
+projects that end with the same bits in fit.json and diagnosis.json after kill -9 at random moments.
 """
 
 import argparse
@@ -47,8 +47,8 @@ def drift(quick: bool) -> dict[str, float]:
     found = {r: _rate(count, ratio=r, size=4.0, seed=2) for r in RATIOS}
     larger = {f"drift_found_{size:g}_sd": _mean(count, size) for size in (6.0, 8.0)}
     return {
-        "drift_false": float(np.mean(list(false.values()))), "drift_found": float(np.mean(list(found.values()))),
-        **larger,
+        "drift_false": float(np.mean(list(false.values()))),
+        "drift_found": float(np.mean(list(found.values()))), **larger,
         **{f"drift_false_between_{r:g}": rate for r, rate in false.items()},
         **{f"drift_found_between_{r:g}": rate for r, rate in found.items()},
     }  # fmt: skip
@@ -59,7 +59,8 @@ def _mean(count: int, size: float) -> float:
 
 
 def _rate(count: int, *, ratio: float, size: float, seed: int) -> float:
-    """Share of series in which the newest batch is called different: in anything, or in what was planted alone."""
+    """Share of series in which the newest batch is called different: in anything, or in just what was
+    planted."""
     rng = np.random.default_rng([seed, int(100 * ratio), int(size)])
     names, hits = list(TRUE), 0
     for k in range(count):
@@ -105,7 +106,7 @@ NAMES, X = ("p1", "p2", "middle", "tip"), (9.556, 15.111, 4 + 50 / 3, 10 + 100 /
 
 
 def kills(quick: bool) -> dict[str, float]:
-    """The share of killed projects that end the same, how often they were killed, and how far they were then."""
+    """The share of killed projects that end the same, and how often they were killed."""
     cells, folders, times = (1, 1, 3) if quick else (2, 4, 5)
     rng = np.random.default_rng(4)
     with tempfile.TemporaryDirectory() as scratch:
@@ -206,7 +207,8 @@ def _results(folder: Path) -> dict[str, str]:
     """Digests of what the newest done run of every stage has found, and of twin.toml and the targets."""
     found = {}
     for run in sorted((folder / "runs").iterdir()):
-        done = json.loads((run / "run.json").read_text())["status"] == "done" if (run / "run.json").exists() else False
+        told = run / "run.json"
+        done = told.exists() and json.loads(told.read_text())["status"] == "done"
         for name in ("fit.json", "diagnosis.json"):
             if done and (run / name).exists():
                 found[f"{run.name.partition('-')[2]}/{name}"] = _digest(run / name)

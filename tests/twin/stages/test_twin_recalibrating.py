@@ -11,7 +11,6 @@ import pytest
 from calibrate import Fit, Parameter
 from twin import cli
 from twin.diagnosis.batchvalues import SHARE, SUM, changes_of, values_of
-from twin.project import files
 from twin.project.config import Config, PointTable, ProjectTable
 from twin.project.folder import Project, dataset
 from twin.project.targetfiles import write_targets
@@ -287,8 +286,8 @@ def test_the_exit_code_says_that_a_batch_failed(batch, stages, tmp_path, monkeyp
         (tmp_path / "broken" / "twin.toml").write_text("points = 3")
 
 
-def test_a_second_command_on_the_folder_is_refused(batch, stages, say, tmp_path):
-    project = batch()
+def test_a_second_command_on_the_folder_is_refused(batch, stages, say, tmp_path, monkeypatch):
+    batch()
     inner = []
 
     def second(project, say, **options):
@@ -299,8 +298,7 @@ def test_a_second_command_on_the_folder_is_refused(batch, stages, say, tmp_path)
         return stages.run("calibrate", project, say)
 
     usual = stages.function_at
-    stages.function_at = None
-    chain.function_at = lambda place: second if place.endswith("run_calibrate") else usual(place)
+    monkeypatch.setattr(chain, "function_at", lambda p: second if p.endswith("run_calibrate") else usual(p))
     assert recalibrate_all(tmp_path, say)["failed"] == []
     assert len(inner) == 2
 
@@ -349,7 +347,7 @@ def test_too_few_batches_are_listed_and_not_tested(batch, stages, say, tmp_path)
 
 def test_a_folder_without_batches_is_refused(say, tmp_path):
     assert batches_in(tmp_path) == []
-    with pytest.raises(ValueError, match="no project below it; wanted a folder whose subfolders have a twin.toml"):
+    with pytest.raises(ValueError, match=r"no project below it; wanted a folder whose subfolders have a twin\.toml"):
         run_batches(tmp_path, say)
 
 
@@ -370,7 +368,7 @@ def test_two_batches_and_two_models_lie_side_by_side(batch, stages, say, tmp_pat
     assert result["page"] == "compare-b-1-0001-calibrate-b-1-0004-add.html"
     assert "does not fit yet" in result["changes"][0]["note"]
     assert any("b-1 has no effect, b-1 creep" in line for line in say.lines)
-    with pytest.raises(ValueError, match="neither a project nor a run with a fit.json"):
+    with pytest.raises(ValueError, match=r"neither a project nor a run with a fit\.json"):
         run_side_by_side([tmp_path, tmp_path], say)
     with pytest.raises(ValueError, match="folders to compare: 1; wanted two"):
         run_side_by_side([tmp_path], say)
