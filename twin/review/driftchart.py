@@ -12,7 +12,7 @@ from twin.targets import Array
 
 
 @dataclass(frozen=True, kw_only=True)
-class Course:
+class DriftCourse:
     """One quantity over batches: values (b,), 95 % ends low and high (b,), NaN where unknown; the span in
     which the newest was expected, None where it was not tested; whether it differs."""
 
@@ -25,7 +25,7 @@ class Course:
     differs: bool
 
 
-def drift_chart(batches: Sequence[str], courses: Sequence[Course]) -> str:
+def drift_chart(batches: Sequence[str], courses: Sequence[DriftCourse]) -> str:
     """A panel a quantity, the batches from left to right; a value without an interval is a hollow circle."""
     with style():
         figure = Figure(figsize=(7.6, 0.6 + 1.5 * len(courses)), layout="constrained")
@@ -38,7 +38,7 @@ def drift_chart(batches: Sequence[str], courses: Sequence[Course]) -> str:
         return svg(figure)
 
 
-def _panel(axes: Axes, course: Course) -> None:
+def _panel(axes: Axes, course: DriftCourse) -> None:
     x = np.arange(len(course.values))
     last = len(x) - 1
     if course.expected is not None:

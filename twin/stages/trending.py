@@ -19,7 +19,7 @@ from twin.stages.batchfolders import Opened, batches_in
 from twin.stages.fits import fit_file, fresh
 
 if TYPE_CHECKING:
-    from twin.review.driftchart import Course
+    from twin.review.driftchart import DriftCourse
 
 LEVEL = 0.05  # share of series without a change in which any parameter is called changed, at most
 PAGE, TABLE = "batches.html", "batches.csv"
@@ -196,8 +196,8 @@ CAPTION = (
 )
 
 
-def _courses(batches: list[Batch], tested: list[Drift]) -> list["Course"]:
-    from twin.review.driftchart import Course
+def _courses(batches: list[Batch], tested: list[Drift]) -> list["DriftCourse"]:
+    from twin.review.driftchart import DriftCourse
 
     names = list(dict.fromkeys(v.name for b in batches for v in b.values))
     test = {d.name: d for d in tested}
@@ -207,7 +207,7 @@ def _courses(batches: list[Batch], tested: list[Drift]) -> list["Course"]:
         spans = [(v.span if v is not None else None) or (math.nan, math.nan) for v in own]
         d = test.get(name)
         courses.append(
-            Course(
+            DriftCourse(
                 name=name, unit=next(v.unit for v in own if v is not None),
                 values=np.array([math.nan if v is None else v.value for v in own]),
                 low=np.array([s[0] for s in spans]), high=np.array([s[1] for s in spans]),
