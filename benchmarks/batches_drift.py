@@ -6,7 +6,7 @@
 series for each ratio of the sd between batches to that of measurement, and the mean of all. `drift_found`:
 share of those with a drift of 4 sds (of a batch: between batches and measurement together) that is found,
 and in the right quantity alone. Seven former batches tell the sd so poorly that the exact t test, with
-Holm's factor of 3, finds 68 % of such drifts where batches differ by nature; hence the rates for larger
+Holm's factor of 3, finds 67 % of such drifts where batches differ by nature; hence the rates for larger
 drifts. `kills_same`: share of projects that end with the same bits in fit.json and diagnosis.json after
 kill -9 at random moments.
 """

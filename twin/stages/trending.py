@@ -192,7 +192,7 @@ def _page(title: str, batches: list[Batch], tested: list[Drift], lines: list[str
 
 HEAD = ["batch", "quantity", "value", "95 % interval", "unit", "verdict"]
 CAPTION = (
-    "with 95 % intervals (hollow: no interval). Grey: where the former batches let expect the newest, 95 %."
+    "with 95 % intervals (hollow: no interval). Grey: the 95 % range that the former batches predict."
 )
 
 

@@ -4,6 +4,7 @@ import csv
 import os
 import shutil
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -387,3 +388,16 @@ def test_without_an_interval_no_change_is_claimed():
     change = changes_of(before, after)[0]
     assert not change.known
     assert change.words.endswith("Whether that is a change is not known: the model does not fit yet.")
+
+
+# -- kill -9 -------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.slow
+def test_killed_at_random_moments_it_ends_with_the_same_bits():
+    sys.path.append(str(Path(__file__).resolve().parents[3] / "benchmarks"))
+    import batches_drift
+
+    found = batches_drift.kills(quick=True)
+    assert found["kills"] > 0, "no kill came in time: nothing was shown"
+    assert found["kills_same"] == 1.0
