@@ -104,6 +104,9 @@ def init(
     min_likelihood: Annotated[
         float, typer.Option(help="for --format: likelihood below which a point counts as not seen")
     ] = 0.6,
+    like: Annotated[
+        Path | None, typer.Option(help="project of a former batch on the same rig: its twin.toml is copied")
+    ] = None,
     json: Json = False,
 ) -> None:
     """Make a project folder with a commented twin.toml."""
@@ -111,6 +114,14 @@ def init(
     from twin.stages.starting import run_init
 
     say = Console(as_json=json)
+    if like is not None:
+        from twin.stages.likeness import run_init_like
+
+        if targets or node or deck or form:
+            raise ValueError("--like copies points and mesh of the former batch; leave out --targets, --format, "
+                             "--node and --deck")  # fmt: skip
+        say.result(run_init_like(folder, say, like=like))
+        return
     foreign = foreign_of(
         form, sd_mm=sd_mm, mm_per_px=mm_per_px, scale_sd=scale_sd, axes=axes, fps=fps, log=log,
         log_unit=log_unit, start_s=start_s, rest_steps=rest_steps, fixed=fixed, origin_mm=origin_mm,
@@ -218,8 +229,29 @@ def explain(
     _run_stage("explain", project, json, name=effect)
 
 
+def compare(
+    two: Annotated[
+        list[Path] | None,
+        typer.Argument(
+            metavar="[A B]",
+            help="two project folders, or two run folders with a fit.json, to lay side by side; without them "
+                 "the model of this project and its measurement are compared",
+        ),
+    ] = None,
+    project: Folder = HERE,
+    json: Json = False,
+) -> None:
+    if not two:
+        _run_stage("compare", project, json)
+        return
+    from twin.stages.sidebyside import run_side_by_side
+
+    say = Console(as_json=json)
+    say.result(run_side_by_side(two, say))
+
+
 WITH_OPTIONS: dict[str, Callable[..., None]] = {
-    "measure": measure, "explain": explain, "add": add, "drop": drop
+    "measure": measure, "explain": explain, "add": add, "drop": drop, "compare": compare
 }  # fmt: skip
 
 
@@ -234,6 +266,34 @@ def _plain(stage: Stage) -> Callable[..., None]:
 
 for _stage in STAGES:
     app.command(_stage.name, help=_stage.title)(WITH_OPTIONS.get(_stage.name) or _plain(_stage))
+
+
+@app.command()
+def recalibrate(project: Folder = HERE, json: Json = False) -> None:
+    """Run every stage that is stale, from the films to the report; in a folder of batches, all of them."""
+    from twin.stages.batchfolders import holds_batches, recalibrate_all
+    from twin.stages.recalibrating import run_recalibrate
+
+    if not holds_batches(project):
+        _locked("recalibrate", run_recalibrate, project, json)
+        return
+    say = Console(as_json=json)
+    result = recalibrate_all(project, say)
+    say.result(result)
+    if result["failed"]:
+        raise typer.Exit(BAD_INPUT)
+
+
+@app.command()
+def batches(
+    folder: Annotated[Path, typer.Argument(help="folder whose subfolders are projects, one a batch")] = HERE,
+    json: Json = False,
+) -> None:
+    """Compare all batches of a folder, and test whether the newest differs from the former ones."""
+    from twin.stages.trending import run_batches
+
+    say = Console(as_json=json)
+    say.result(run_batches(folder, say))
 
 
 @app.command("list")

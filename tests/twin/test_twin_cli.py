@@ -74,7 +74,10 @@ def test_help_lists_every_command_of_this_version(run):
     code, out, _ = run("--help")
     assert code == 0
     listed = [line.split()[0] for line in out.split("Commands:")[1].splitlines() if line.strip()]
-    wanted = "demo init virtual print look camera measure calibrate compare diagnose explain add drop study review list check"
+    wanted = (
+        "demo init virtual print look camera measure calibrate compare diagnose explain add drop study review "
+        "recalibrate batches list check"
+    )
     assert listed == wanted.split()
 
 

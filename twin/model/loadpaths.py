@@ -52,7 +52,7 @@ class LoadPaths:
         if not self.reached.all() or q.max(initial=0.0) > np.interp(share, self.shares, self.reached):
             return None
         q = np.clip(q, self.reduced[0], self.reduced[-1])
-        weights = BarycentricInterpolator(self.shares, np.eye(len(self.shares)))(share)
+        weights = _blend(self.shares, share)
         return self._spline(q, weights)
 
     def _spline(self, q: Array, weights: Array) -> Array:
@@ -96,7 +96,7 @@ class Sheets:
         if found[beside - 1] is None or found[beside] is None:
             return None
         known = [k for k, u in enumerate(found) if u is not None]
-        weights = BarycentricInterpolator(np.log(self.totals[known]), np.eye(len(known)))(np.log(total))
+        weights = _blend(np.log(self.totals[known]), np.log(total))
         return np.asarray(sum(w * u for w, u in zip(weights, (found[k] for k in known), strict=True)), float)
 
 
@@ -179,6 +179,12 @@ def along_path(
     if inside.sum() > 3:
         u[inside] = solution.at(points)[inside]
     return u
+
+
+def _blend(nodes: Array, x: float) -> Array:
+    """Weights (n,) of values at the nodes (n,) in their polynomial's value at x."""
+    # SciPy takes the nodes in an order drawn at random: without a seed no two runs end in the same bits
+    return np.asarray(BarycentricInterpolator(nodes, np.eye(len(nodes)), rng=0)(x))
 
 
 def _extended(u: Array) -> Array:

@@ -51,6 +51,11 @@ FORMER = {"model": ("geometry", "material", "top_pressure_MPa")}
 
 class ProjectTable(TableModel):
     name: str = Field(default="batch", min_length=1, description="name of the batch, shown in reports")
+    like: RelativePath | None = Field(
+        default=None,
+        description="folder of the former batch on the same rig, such as ../batch-07; `twin init --like` "
+        "writes it",
+    )
 
 
 class ModelTable(TableModel):

@@ -69,26 +69,31 @@ def dump(config: Config) -> str:
 
 def with_effects(text: str, effects: Sequence[str]) -> str:
     """The text of a twin.toml with [model] effects replaced; comments, order and every other value stay."""
+    return with_key(text, "model", "effects", list(effects))
+
+
+def with_key(text: str, table: str, key: str, value: Any) -> str:
+    """The text of a twin.toml with one key of one table set; comments, order and every other value stay."""
     document = tomlkit.parse(text)
-    if "model" not in document:
-        document["model"] = tomlkit.table()
-    document["model"]["effects"] = list(effects)
+    if table not in document:
+        document[table] = tomlkit.table()
+    document[table][key] = value
     changed = tomlkit.dumps(document)
-    _check_only_effects(text, changed, list(effects))
+    _check_only(text, changed, table, key, value)
     return changed
 
 
-def _check_only_effects(old: str, new: str, effects: list[str]) -> None:
-    """Raise ValueError unless the edit changed [model] effects and nothing else."""
+def _check_only(old: str, new: str, table: str, key: str, value: Any) -> None:
+    """Raise ValueError unless the edit set that key and changed nothing else."""
     wanted = tomllib.loads(old)
-    wanted.setdefault("model", {})["effects"] = effects
+    wanted.setdefault(table, {})[key] = value
     try:
         same = tomllib.loads(new) == wanted
     except tomllib.TOMLDecodeError:
         same = False
     if not same:
         raise ValueError(
-            f"twin.toml: [model] effects could not be set; write effects = {_value(effects)} by hand"
+            f"twin.toml: [{table}] {key} could not be set; write {key} = {_value(value)} by hand"
         )
 
 

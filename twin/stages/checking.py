@@ -5,11 +5,20 @@ from typing import Any
 from twin.project.folder import Project, Say
 from twin.stages.chain import STAGES, TARGETS, Stage, When
 from twin.stages.fits import fresh, named_effects
+from twin.stages.likeness import camera_kept
 from twin.targets import PointKind, Targets
 
 
 def run_check(project: Project, say: Say) -> dict[str, Any]:
     """Say what is missing and what comes next; ValueError at the first thing that is wrong."""
+    check_project(project, say)
+    step = _next(project)
+    say(f"Next: `twin {step}`.")
+    return {"stage": "check", "status": "done", "next": step}
+
+
+def check_project(project: Project, say: Say) -> None:
+    """Say what is known of a project and its files; ValueError at the first thing that is wrong."""
     say(f"twin.toml is right. Points: {', '.join(point.name for point in project.config.points)}. "
         f"Effects: {', '.join(project.config.model.effects) or 'none'}.")  # fmt: skip
     for sentence in project.remarks:
@@ -20,10 +29,12 @@ def run_check(project: Project, say: Say) -> dict[str, Any]:
     missing = _missing_files(project)
     if missing:
         raise ValueError(f"missing in {project.root}: {'; '.join(missing)}")
-    step = _next(project)
     if own_deck:
         _check_finger(project, say)
     _check_effects(project)
+    kept = camera_kept(project)
+    if kept:
+        say(kept)
     for line in _check_log(project):
         say(line)
     if project.targets_folder.is_dir():
@@ -36,8 +47,6 @@ def run_check(project: Project, say: Say) -> dict[str, Any]:
                 "`twin measure`, or state it in targets/targets.toml (docs/files.md).")  # fmt: skip
     if project.config.study is not None and fresh(project, ("study",)) is None:
         say("`twin study` makes the figures and the table of the study; it calibrates first where needed.")
-    say(f"Next: `twin {step}`.")
-    return {"stage": "check", "status": "done", "next": step}
 
 
 def _check_log(project: Project) -> tuple[str, ...]:

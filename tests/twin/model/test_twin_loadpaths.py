@@ -91,3 +91,13 @@ def test_of_two_materials_the_table_holds_the_total_as_well(short: Finger, monke
         assert other is not None
         assert np.abs(other[2] - u[2]).max() > 0.02 * np.abs(u).max()
     assert table.predict(Constants.at(0.3, 0.3), np.array([0.3 * 0.21])) is None
+
+
+def test_the_same_constants_give_the_same_bits_every_time() -> None:
+    """Without it a killed calibration would end beside the one that was not killed."""
+    rng = np.random.default_rng(5)
+    reduced = np.linspace(0.0, 0.3, 7)
+    shares = 0.5 - 0.5 * np.cos(np.pi * (np.arange(5) + 0.5) / 5)
+    table = LoadPaths(shares, reduced, rng.normal(size=(5, 7, 2, 3)), np.full(5, 0.3))
+    found = {np.asarray(table.predict(Constants.at(0.3, 0.37), np.array([0.02, 0.05]))).tobytes() for _ in range(30)}
+    assert len(found) == 1
