@@ -1,6 +1,5 @@
 """The models on the way as the camera of the film would see them, in pixels, and how they differ from it."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -38,9 +37,15 @@ class Filmed:
     error_mm: tuple[Array, ...]  # (s,p) mm, each model's distance from every marker
 
     @property
+    def numbers(self) -> tuple[int, ...]:
+        """Which models are shown along the film: the one before effects were added, and the one of now where
+        that is another."""
+        return tuple(dict.fromkeys((self.before, len(self.way) - 1)))
+
+    @property
     def shown(self) -> tuple[Trace, ...]:
-        """The model before effects were added and the one of now; one where they are the same."""
-        return tuple(self.way[k] for k in dict.fromkeys((self.before, len(self.way) - 1)))
+        """These models."""
+        return tuple(self.way[k] for k in self.numbers)
 
     @property
     def worst(self) -> int:
@@ -74,8 +79,3 @@ def rms(error_mm: Array) -> Array:
     seen = np.isfinite(error_mm)
     total, count = (np.where(seen, error_mm, 0.0) ** 2).sum(axis=1), seen.sum(axis=1)
     return np.where(count > 0, np.sqrt(total / np.maximum(count, 1)), np.nan)
-
-
-def legend(traces: Sequence[Trace], noise_mm: float) -> list[str]:
-    """What the lines of models are, with their errors, one line each."""
-    return [f"{t.label}: {t.rms_mm:.3f} mm rms (noise {noise_mm:.3f} mm)" for t in traces]

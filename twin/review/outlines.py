@@ -3,6 +3,7 @@
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from twin.review.states import Array, Integers
 
@@ -45,8 +46,7 @@ def _contour(corners: Array) -> Array:
 
 def _on_contour(points: Array, contour: Array) -> tuple[Array, Array]:
     """How far along a contour (m,2) of neighbouring pixels the points (n,2) lie, and how far off it."""
-    from scipy.spatial import cKDTree
-
-    off, nearest = cKDTree(contour).query(points)
+    found = cKDTree(contour).query(points)
+    off, nearest = np.asarray(found[0], np.float64), np.asarray(found[1], np.intp)
     steps = np.linalg.norm(np.diff(contour, axis=0), axis=1)
     return np.concatenate([[0.0], np.cumsum(steps)])[nearest], off

@@ -17,6 +17,7 @@ from twin.review.states import Fields, Generations
 from twin.stages.chain import STAGES, When, kinds_writing
 from twin.stages.fits import fresh, stale_sentences
 from twin.stages.showing import Way
+from twin.stages.sighting import filmed
 from twin.stages.workbench import Workbench
 from twin.targets import Array
 
@@ -31,7 +32,7 @@ def run_review(project: Project, say: Say) -> dict[str, Any]:
         reason = why[0] if why else "no calibrated model in this project"
         raise ValueError(f"nothing to review: {reason}; run twin calibrate")
     with project.new_run("review") as run:
-        story = _Story(project, run)
+        story = _Story(project, run, say)
         notes = [*_not_shown(project), *story.recording(say)]
         notes += story.deformed()
         write_report(run.path("report.html"), title=project.config.project.name, facts=story.facts(notes))
@@ -51,7 +52,7 @@ def _not_shown(project: Project) -> list[str]:
 class _Story:
     """What the newest runs say, gathered once; no number is computed here."""
 
-    def __init__(self, project: Project, run: Run) -> None:
+    def __init__(self, project: Project, run: Run, say: Say) -> None:
         self.project, self.run, self.targets = project, run, project.targets()
         self.generations = Generations.load(self._file("calibrate", "generations.npz"))
         self.calibrated = files.read_json(self._file("calibrate", "fit.json"))
@@ -63,6 +64,7 @@ class _Story:
         effects = {label.partition(":")[0] for label in self.fit.get("effects", [])}
         effects |= set(self.diagnosis.get("named", []))
         self.way = Way.of(project, self.targets, effects=effects)
+        self.filmed, self.not_filmed = filmed(project, self.targets, self.generations, say)
 
     def _file(self, kind: str, name: str) -> Any:
         path = fresh(self.project, (kind,), name)
@@ -107,9 +109,10 @@ class _Story:
             diagnosis_markdown=self._markdown(),
             comparison=self._rows(),
             pictures=self.way.images,
+            filmed=self.filmed,
         )
         say.progress("review", 1, 2)
-        return notes
+        return [*notes, *filter(None, [self.not_filmed])]
 
     def _markdown(self) -> str:
         d = self.diagnosis

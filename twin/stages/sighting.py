@@ -170,12 +170,12 @@ class _Sight:
         return edge_rows(self.generations.nodes, self.generations.triangles)
 
     def _moved(self, stair: Stair) -> tuple[Array, Array]:
-        """Displacements in mm of the edge (s,k,3) at all steps, and those (s,p,3) that a model foretells of the
-        markers. A solved edge is kept in the folder `cache`."""
+        """Displacements in mm of the edge (s,k,3) at all steps, and those (s,p,3) that a model foretells of
+        the markers. A solved edge is kept in the folder `cache`."""
         model = self._bench.model(stair.effects)
         fit = self.project.root / "runs" / stair.run / "fit.json"
         stored = files.read_json(fit)["parameters"] if stair.run else {}
-        values = {p.name: stored[p.name]["value"] if stored else p.start for p in model.parameters}
+        values = {p.name: float(stored[p.name]["value"] if stored else p.start or 0.0) for p in model.parameters}
         theta = model.theta(values)
 
         def edge() -> Array:
@@ -226,9 +226,7 @@ class _Sight:
 
     def _pictures(self, places: Array, frames: Rows) -> Array:
         """Pixels (s,n,2) of places (s,n,3) mm, each in its frame."""
-        return np.array(
-            [self._projection.pixels(own, int(f)) for own, f in zip(places, frames, strict=True)]
-        )
+        return np.array([self._projection.pixels(own, int(f)) for own, f in zip(places, frames, strict=True)])
 
     def _error(self, predicted: Array) -> Array:
         """How far a model puts every marker off, (s,p) mm at the steps that are shown; NaN = not seen."""
