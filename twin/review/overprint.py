@@ -7,14 +7,25 @@ import numpy as np
 import rerun as rr
 
 from twin.review.filmed import Filmed, Trace, rms
-from twin.review.scene import ERROR, MEASURED
+from twin.review.scene import ERROR
 from twin.review.states import Array, Generations
 
 Colour = tuple[int, int, int]
 BEFORE, AFTER, SEARCH, WAY = (245, 135, 40), (70, 185, 255), (249, 226, 62), (190, 150, 255)
-QUIET = (170, 176, 184)
+QUIET, SEEN = (170, 176, 184), (60, 230, 150)
+# of the markers' curves: one marker has one colour in both pictures
+CYCLE = (
+    (86, 180, 233),
+    (230, 159, 0),
+    (0, 190, 140),
+    (204, 121, 167),
+    (240, 228, 66),
+    (213, 94, 0),
+    (190, 150, 255),
+    (170, 176, 184),
+)
 LINE = 0.034  # of the picture's width: height of a line of the legend
-DOTS = "white dots: markers in the film"
+DOTS = "green dots: markers in the film"
 ARROWS = "red arrows: from the model's marker to the film's, {} times as long"
 
 
@@ -67,7 +78,7 @@ class _Ink:
     def dots(self, place: str, column: rr.TimeColumn, measured: Array) -> None:
         """Log where the film shows the markers."""
         seen = np.isfinite(measured).all(axis=-1)
-        style = rr.Points2D.from_fields(colors=MEASURED, radii=rr.Radius.ui_points(2.5))
+        style = rr.Points2D.from_fields(colors=SEEN, radii=rr.Radius.ui_points(2.5))
         self.recording.log(place, style, static=True)
         dots = rr.Points2D.columns(positions=self._shown(measured)[seen])
         self.recording.send_columns(place, [column], dots.partition(seen.sum(axis=1)))
@@ -104,7 +115,7 @@ class _Ink:
 
     def legends(self) -> None:
         """What lines, dots and arrows are, below the film, by view."""
-        dots, arrows = (DOTS, MEASURED), (ARROWS.format(self.filmed.magnified), ERROR)
+        dots, arrows = (DOTS, SEEN), (ARROWS.format(self.filmed.magnified), ERROR)
         own = (ARROWS.format(self.filmed.search_magnified), ERROR)
         pairs = zip(self.filmed.shown, (("orange", BEFORE), ("blue", AFTER)))
         lines = [(f"{name}: model, {trace.label}", colour) for trace, (name, colour) in pairs]
@@ -140,7 +151,7 @@ def _log_curves(recording: rr.RecordingStream, filmed: Filmed, column: rr.TimeCo
         _log_curve(recording, f"moment/{name}", column, rms(error), label, colour)
         for p, marker in enumerate(filmed.names):
             entity = f"marker/{name}/{rr.escape_entity_path_part(marker)}"
-            _log_curve(recording, entity, column, error[:, p], marker, None)
+            _log_curve(recording, entity, column, error[:, p], marker, CYCLE[p % len(CYCLE)])
 
 
 def _log_curve(
@@ -149,7 +160,7 @@ def _log_curve(
     column: rr.TimeColumn,
     values: Array | Sequence[float],
     name: str,
-    colour: Colour | None,
+    colour: Colour,
 ) -> None:
     recording.log(entity, rr.SeriesLines(colors=colour, widths=2.0, names=name), static=True)
     recording.send_columns(entity, [column], rr.Scalars.columns(scalars=values))

@@ -17,7 +17,7 @@ import rerun as rr
 
 from twin.project import files
 from twin.review.filmed import Filmed
-from twin.review.layout import layout
+from twin.review.layout import blueprint
 from twin.review.overprint import log_filmed
 from twin.review.scene import Scene, States, log_constants, log_states, scene_of
 from twin.review.states import Array, Fields, Generations, Integers
@@ -67,9 +67,7 @@ def write_review(
         with files.whole(path) as draft:
             titles = tuple(pictures or {})
             drawn = filmed if video is not None else None
-            views = layout(
-                scene, has_film=video is not None, filmed=drawn, pictures=titles
-            )
+            views = blueprint(scene, has_film=video is not None, filmed=drawn, pictures=titles)
             recording.save(draft, default_blueprint=views)
             if video is not None:
                 recording.log("film/frame", video, static=True)

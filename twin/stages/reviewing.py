@@ -17,7 +17,7 @@ from twin.review.states import Fields, Generations
 from twin.stages.chain import STAGES, When, kinds_writing
 from twin.stages.fits import fresh, stale_sentences
 from twin.stages.showing import Way
-from twin.stages.sighting import filmed
+from twin.stages.sighting import models_on_film
 from twin.stages.workbench import Workbench
 from twin.targets import Array
 
@@ -64,7 +64,7 @@ class _Story:
         effects = {label.partition(":")[0] for label in self.fit.get("effects", [])}
         effects |= set(self.diagnosis.get("named", []))
         self.way = Way.of(project, self.targets, effects=effects)
-        self.filmed, self.not_filmed = filmed(project, self.targets, self.generations, say)
+        self.filmed, self.not_filmed = models_on_film(project, self.targets, self.generations, say)
 
     def _file(self, kind: str, name: str) -> Any:
         path = fresh(self.project, (kind,), name)

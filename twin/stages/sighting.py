@@ -29,7 +29,7 @@ TICK = 1e-6  # s, below every time base
 Rows = NDArray[np.intp]
 
 
-def filmed(
+def models_on_film(
     project: Project, targets: Targets, generations: Generations, say: Say
 ) -> tuple[Filmed | None, str]:
     """The models over the film; or None, and a clause that says why they cannot be drawn over it."""
@@ -175,7 +175,9 @@ class _Sight:
         model = self._bench.model(stair.effects)
         fit = self.project.root / "runs" / stair.run / "fit.json"
         stored = files.read_json(fit)["parameters"] if stair.run else {}
-        values = {p.name: float(stored[p.name]["value"] if stored else p.start or 0.0) for p in model.parameters}
+        values = {
+            p.name: float(stored[p.name]["value"] if stored else p.start or 0.0) for p in model.parameters
+        }
         theta = model.theta(values)
 
         def edge() -> Array:
