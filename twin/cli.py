@@ -167,8 +167,19 @@ def explain(
     _run_stage("explain", project, json, name=effect)
 
 
+def review(
+    project: Folder = HERE,
+    clip: Annotated[
+        bool,
+        typer.Option("--clip", help="also write clip.mp4: film with the model before and after, for a talk"),
+    ] = False,
+    json: Json = False,
+) -> None:
+    _run_stage("review", project, json, clip=clip)
+
+
 WITH_OPTIONS: dict[str, Callable[..., None]] = {
-    "measure": measure, "explain": explain, "add": add, "drop": drop
+    "measure": measure, "explain": explain, "add": add, "drop": drop, "review": review
 }  # fmt: skip
 
 
