@@ -16,8 +16,8 @@ import numpy as np
 import rerun as rr
 
 from twin.project import files
+from twin.review.arrangement import blueprint
 from twin.review.filmed import Filmed
-from twin.review.layout import blueprint
 from twin.review.overprint import log_filmed
 from twin.review.scene import Scene, States, log_constants, log_states, scene_of
 from twin.review.states import Array, Fields, Generations, Integers
