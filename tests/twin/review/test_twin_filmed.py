@@ -147,7 +147,7 @@ def test_the_edges_lie_where_the_models_are(recording: Path) -> None:
 def test_arrows_are_as_much_longer_as_the_legend_says(recording: Path) -> None:
     own = filmed()
     arrows = logged(recording, "/film/test/before/error", "Arrows2D:vectors", "film_time")
-    np.testing.assert_allclose(np.array(list(arrows.values())[0]), own.magnified * np.array([[0, -6.0]] * 2), atol=1e-4)
+    np.testing.assert_allclose(np.array(next(iter(arrows.values()))), own.magnified * np.array([[0, -6.0]] * 2), atol=1e-4)
     assert len(list(arrows.values())[3]) == 1  # type: ignore[arg-type]  # a lost marker has none
     (chunk,) = [c.to_record_batch() for c in RrdReader(str(recording)).stream().filter(content="/film/legend/before")]
     texts = chunk.column("Points2D:labels").to_pylist()[0]
@@ -159,7 +159,7 @@ def test_the_fall_of_the_error_is_that_of_the_models(recording: Path) -> None:
     found = logged(recording, "/fall/error", "Scalars:scalars", "effect")
     assert [value[0] for value in found.values()] == [o / 20 for o in OFF]  # type: ignore[index]
     moment = logged(recording, "/moment/before", "Scalars:scalars", "film_time")
-    assert list(moment.values())[0][0] == OFF[1]  # type: ignore[index]
+    assert next(iter(moment.values()))[0] == OFF[1]  # type: ignore[index]
 
 
 def test_the_views_have_their_names_and_open_at_the_test() -> None:
