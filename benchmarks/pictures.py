@@ -3,9 +3,9 @@
     python benchmarks/pictures.py [softtwin-demo] [--only NAME ...]
 
     name     picture in docs/pictures             made from
-    review   review.png, review-<view>.png        review.rrd of the demo, one picture of each named view
+    review   review.jpg, review-<view>.jpg        review.rrd of the demo, one picture of each named view
     overlay  overlay.png                          overlay.png of the demo's measure run, made smaller
-    report   report.png                           report.html of the demo (needs chromium)
+    report   report.jpg                           report.html of the demo (needs chromium)
     effects  effects/<name>.png, one an effect    a finger of three bellows on a coarse mesh, two minutes
     nodes    nodes.png                            the built-in finger
 
@@ -34,7 +34,6 @@ import cv2
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
-from PIL import Image
 from reference import edge_nodes
 from scipy.spatial import ConvexHull
 
@@ -66,10 +65,10 @@ SIDEWAYS = ("tip U2", 0, 1, "#7d3c98", ":")
 
 
 SHOTS = {  # view, its picture, and where on its timeline: the last of it, or film time in s
-    "test": ("review.png", 13.0),
-    "search": ("review-search.png", None),
-    "where it fails": ("review-where.png", 34.4),
-    "effects": ("review-effects.png", None),
+    "test": ("review.jpg", 13.0),
+    "search": ("review-search.jpg", None),
+    "where it fails": ("review-where.jpg", 34.4),
+    "effects": ("review-effects.jpg", None),
 }
 
 
@@ -78,7 +77,7 @@ def review(demo: Path) -> None:
     os.environ["PATH"] = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])  # rerun
     with tempfile.TemporaryDirectory() as folder:
         for view, png in screenshots(newest(demo, "review.rrd"), Path(folder)).items():
-            _smaller(png, TO / SHOTS[view][0], width=1200, colours=96)
+            _smaller(png, TO / SHOTS[view][0], width=1200)
 
 
 def screenshots(rrd: Path, folder: Path, *, width: int = 1600) -> dict[str, Path]:
@@ -97,7 +96,7 @@ def screenshots(rrd: Path, folder: Path, *, width: int = 1600) -> dict[str, Path
             else:
                 viewer.set_time(VIEWS[view], duration=at, play_state="paused")
             time.sleep(8.0)  # the viewer does not say when the film's frame is decoded
-            made[view] = folder / name
+            made[view] = folder / f"{name}.png"
             made[view].write_bytes(viewer.take_screenshot(max_size=width))
     return made
 
@@ -115,8 +114,10 @@ def _last(rrd: Path, timeline: str) -> int:
     """The last number of a timeline that counts."""
     from rerun.chunk import RrdReader
 
-    tables = (chunk.to_record_batch() for chunk in RrdReader(str(rrd)).stream().filter(content="/film/frame"))
-    return max(max(t.column(timeline).cast("int64").to_pylist()) for t in tables if timeline in t.schema.names)
+    chunks = RrdReader(str(rrd)).stream().filter(content="/film/frame")
+    tables = [chunk.to_record_batch() for chunk in chunks]
+    columns = [t.column(timeline).cast("int64") for t in tables if timeline in t.schema.names]
+    return int(max(max(column.to_pylist()) for column in columns))
 
 
 def _free_port() -> int:
@@ -140,7 +141,7 @@ def report(demo: Path) -> None:
         command = [browser, "--headless", "--no-sandbox", "--hide-scrollbars", "--window-size=1000,1560",
                    f"--screenshot={png}", newest(demo, "report.html").resolve().as_uri()]  # fmt: skip
         subprocess.run(command, check=True, capture_output=True, timeout=120)
-        _smaller(png, TO / "report.png", width=700, colours=128)
+        _smaller(png, TO / "report.jpg", width=700)
 
 
 def newest(demo: Path, name: str) -> Path:
@@ -151,17 +152,13 @@ def newest(demo: Path, name: str) -> Path:
     return found[-1]
 
 
-def _smaller(source: Path, png: Path, *, width: int, colours: int = 0) -> None:
-    """Write a picture at this width in px, with so many colours; 0: all."""
+def _smaller(source: Path, target: Path, *, width: int) -> None:
+    """Write a picture at this width in px; the target's suffix tells whether without loss."""
     picture = cv2.imread(str(source))
     assert picture is not None
     height = round(picture.shape[0] * width / picture.shape[1])
     small = cv2.resize(picture, (width, height), interpolation=cv2.INTER_AREA)
-    if colours:
-        few = Image.fromarray(small[..., ::-1]).quantize(colours, dither=Image.Dither.NONE)
-        few.save(png, optimize=True)
-    else:
-        cv2.imwrite(str(png), small, [cv2.IMWRITE_PNG_COMPRESSION, 9])
+    cv2.imwrite(str(target), small, [cv2.IMWRITE_PNG_COMPRESSION, 9, cv2.IMWRITE_JPEG_QUALITY, 88])
 
 
 # -- effects -----------------------------------------------------------------------------------------------
