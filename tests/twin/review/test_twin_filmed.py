@@ -1,5 +1,11 @@
 """The models over the film: the edge of the side face, three timelines, four views, still and clip."""
 
+import socket
+import subprocess
+import sys
+import time
+import urllib.request
+from collections.abc import Iterator
 from fractions import Fraction
 from pathlib import Path
 
@@ -231,3 +237,40 @@ def test_a_long_film_is_shown_faster(film: Path, tmp_path: Path) -> None:
     with av.open(tmp_path / "clip.mp4") as stored:
         frames = list(stored.decode(video=0))
     assert frames[-1].time == pytest.approx(LONGEST_S, abs=1e-3)
+
+
+# -- in a browser ----------------------------------------------------------------------------------------------
+
+def free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+@pytest.fixture
+def served(recording: Path) -> Iterator[tuple[int, int]]:
+    """Ports of viewer and data, while the command of docs/your-own-test.md serves the recording."""
+    web, data = free_port(), free_port()
+    command = [str(Path(sys.executable).with_name("rerun")), str(recording), "--serve-web", "--bind", "127.0.0.1"]
+    command += ["--web-viewer-port", str(web), "--port", str(data)]
+    with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as server:
+        try:
+            for _ in range(200):
+                with socket.socket() as probe:
+                    if probe.connect_ex(("127.0.0.1", web)) == 0:
+                        break
+                time.sleep(0.05)
+            yield web, data
+        finally:
+            server.kill()
+
+
+def test_the_recording_is_served_to_this_computer_alone(served: tuple[int, int]) -> None:
+    with urllib.request.urlopen(f"http://127.0.0.1:{served[0]}/", timeout=10) as page:
+        assert page.status == 200
+    own = [a[4][0] for a in socket.getaddrinfo(socket.gethostname(), None, socket.AF_INET)]
+    for address in {str(a) for a in own} - {"127.0.0.1"}:
+        for port in served:
+            with socket.socket() as probe:
+                probe.settimeout(2.0)
+                assert probe.connect_ex((address, port)) != 0
