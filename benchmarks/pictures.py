@@ -3,9 +3,9 @@
     python benchmarks/pictures.py [softtwin-demo] [--only NAME ...]
 
     name     picture in docs/pictures             made from
-    review   review.png                           review.rrd of the demo, last generation
+    review   review.jpg, review-<view>.jpg        review.rrd of the demo, one picture of each named view
     overlay  overlay.png                          overlay.png of the demo's measure run, made smaller
-    report   report.png                           report.html of the demo (needs chromium)
+    report   report.jpg                           report.html of the demo (needs chromium)
     effects  effects/<name>.png, one an effect    a finger of three bellows on a coarse mesh, two minutes
     nodes    nodes.png                            the built-in finger
     look     look.png                             `twin look` of a finger with other dimensions
@@ -24,6 +24,7 @@ import tempfile
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import _first  # noqa: F401
 import matplotlib
@@ -43,6 +44,7 @@ from twin.effects.library import all_effects
 from twin.effects.material import Elasticity
 from twin.effects.protocol import Effect, Test
 from twin.model.prediction import Model
+from twin.review.arrangement import VIEWS
 from twin.targets import Array
 
 TO = Path(__file__).resolve().parents[1] / "docs" / "pictures"
@@ -63,30 +65,60 @@ SIDEWAYS = ("tip U2", 0, 1, "#7d3c98", ":")
 # -- the demo ----------------------------------------------------------------------------------------------
 
 
+SHOTS = {  # view, its picture, and where on its timeline: the last of it, or film time in s
+    "test": ("review.jpg", 13.0),
+    "search": ("review-search.jpg", None),
+    "where it fails": ("review-where.jpg", 34.4),
+    "effects": ("review-effects.jpg", None),
+}
+
+
 def review(demo: Path) -> None:
-    """The viewer at the last generation."""
-    shot = TO / "review.png"
+    """The viewer in each of its named views."""
     os.environ["PATH"] = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])  # rerun
     with tempfile.TemporaryDirectory() as folder:
-        raw = Path(folder) / "raw.png"
-        screenshot(newest(demo, "review.rrd"), raw, "generation", 20)
-        _smaller(raw, shot, width=1400)
+        for view, png in screenshots(newest(demo, "review.rrd"), Path(folder)).items():
+            _smaller(png, TO / SHOTS[view][0], width=1200)
 
 
-def screenshot(rrd: Path, png: Path, timeline: str, value: float, *, width: int = 1800) -> None:
-    """Write `png`: the file `rrd` at `value` of `timeline` (generation number, or film_time in s)."""
+def screenshots(rrd: Path, folder: Path, *, width: int = 1600) -> dict[str, Path]:
+    """A picture of each named view of the file `rrd`, by view."""
     from rerun.experimental import ViewerClient
 
+    made = {}
     with ViewerClient.spawn(headless=True, port=_free_port(), hide_welcome_screen=True) as viewer:
         viewer.open(str(rrd.resolve()))
         while viewer.get_state().loading:
             time.sleep(0.05)
-        if timeline == "generation":
-            viewer.set_time(timeline, sequence=int(value), play_state="paused")
-        else:
-            viewer.set_time(timeline, duration=value, play_state="paused")
-        time.sleep(8.0)  # the viewer does not say when the film's frame is decoded
-        png.write_bytes(viewer.take_screenshot(max_size=width))
+        for view, (name, at) in SHOTS.items():
+            viewer.set_blueprint(_opened(viewer.get_blueprint().blueprint, view), of="recording")
+            if at is None:
+                viewer.set_time(VIEWS[view], sequence=_last(rrd, VIEWS[view]), play_state="paused")
+            else:
+                viewer.set_time(VIEWS[view], duration=at, play_state="paused")
+            time.sleep(8.0)  # the viewer does not say when the film's frame is decoded
+            made[view] = folder / f"{name}.png"
+            made[view].write_bytes(viewer.take_screenshot(max_size=width))
+    return made
+
+
+def _opened(blueprint: dict[str, Any], view: str) -> dict[str, Any]:
+    """The layout with another view opened."""
+    containers = {k: x["ContainerBlueprint"] for k, x in blueprint.items() if "ContainerBlueprint" in x}
+    own = next(k for k, x in containers.items() if x.get("display_name") == view)
+    tabs = next(x for x in containers.values() if x["container_kind"] == "Tabs")
+    tabs["active_tab"] = own.removeprefix("/")
+    return blueprint
+
+
+def _last(rrd: Path, timeline: str) -> int:
+    """The last number of a timeline that counts."""
+    from rerun.chunk import RrdReader
+
+    chunks = RrdReader(str(rrd)).stream().filter(content="/film/frame")
+    tables = [chunk.to_record_batch() for chunk in chunks]
+    columns = [t.column(timeline).cast("int64") for t in tables if timeline in t.schema.names]
+    return int(max(max(column.to_pylist()) for column in columns))
 
 
 def _free_port() -> int:
@@ -107,10 +139,10 @@ def report(demo: Path) -> None:
         raise SystemExit("report: chromium is not installed; Debian: apt-get install chromium")
     with tempfile.TemporaryDirectory() as folder:
         png = Path(folder) / "report.png"
-        command = [browser, "--headless", "--no-sandbox", "--hide-scrollbars", "--window-size=1000,1500",
+        command = [browser, "--headless", "--no-sandbox", "--hide-scrollbars", "--window-size=1000,1560",
                    f"--screenshot={png}", newest(demo, "report.html").resolve().as_uri()]  # fmt: skip
         subprocess.run(command, check=True, capture_output=True, timeout=120)
-        _smaller(png, TO / "report.png", width=700)
+        _smaller(png, TO / "report.jpg", width=700)
 
 
 def newest(demo: Path, name: str) -> Path:
@@ -121,13 +153,13 @@ def newest(demo: Path, name: str) -> Path:
     return found[-1]
 
 
-def _smaller(source: Path, png: Path, *, width: int) -> None:
-    """Write a picture at this width in px."""
+def _smaller(source: Path, target: Path, *, width: int) -> None:
+    """Write a picture at this width in px; the target's suffix tells whether without loss."""
     picture = cv2.imread(str(source))
     assert picture is not None
     height = round(picture.shape[0] * width / picture.shape[1])
     small = cv2.resize(picture, (width, height), interpolation=cv2.INTER_AREA)
-    cv2.imwrite(str(png), small, [cv2.IMWRITE_PNG_COMPRESSION, 9])
+    cv2.imwrite(str(target), small, [cv2.IMWRITE_PNG_COMPRESSION, 9, cv2.IMWRITE_JPEG_QUALITY, 88])
 
 
 # -- effects -----------------------------------------------------------------------------------------------

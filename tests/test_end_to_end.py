@@ -1,12 +1,18 @@
 """The committed demo: small enough, complete, and readable (that it runs to its end is `make demo`)."""
 
+import shutil
 import sys
 from pathlib import Path
 
 import pytest
 
 from twin import cli
+from twin.console import Console
 from twin.project.folder import Project
+from twin.stages.chain import stage_of
+
+sys.path.append(str(Path(__file__).resolve().parents[1] / "benchmarks"))
+from batches_review import overlay_px  # the figure of docs/records
 
 DEMO = Path(__file__).resolve().parents[1] / "datasets" / "demo"
 LIMIT_MB = 12.0
@@ -35,6 +41,23 @@ def test_twin_check_finds_nothing_missing(
     assert (ended.value.code, err) == (0, "")
     assert "Next: `twin camera`." in out
     assert sorted(p.name for p in demo.rglob("*")) == before  # checking writes nothing
+
+
+@pytest.mark.slow
+def test_the_model_is_drawn_where_the_film_shows_the_finger(demo: Path, tmp_path: Path) -> None:
+    """After calibration and with creep; the genetic algorithm is short, the least squares are the demo's."""
+    shutil.copytree(demo, tmp_path / "demo")
+    text = (tmp_path / "demo" / "twin.toml").read_text(encoding="utf-8")
+    text = text.replace("population = 30", "population = 8").replace("generations = 20", "generations = 3")
+    (tmp_path / "demo" / "twin.toml").write_text(text, encoding="utf-8")
+    say = Console(as_json=False)
+    for stage, options in (("camera", {}), ("measure", {}), ("calibrate", {}), ("add", {"name": "creep"})):
+        stage_of(stage).run(Project.open(tmp_path / "demo"), say, **options)
+    off = overlay_px(tmp_path / "demo")
+    # 2 px are 0.3 mm, as exactly as the tags are placed
+    assert off["marker_rms_px"] < off["marker_95_px"] < 2.0
+    assert off["edge_rms_px"] < off["edge_95_px"] < 2.0
+    assert off["edge_places"] > 5000
 
 
 def test_the_demo_states_what_it_films(demo: Path) -> None:

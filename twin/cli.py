@@ -118,8 +118,8 @@ def init(
         from twin.stages.likeness import run_init_like
 
         if targets or node or deck or form:
-            raise ValueError("--like copies points and mesh of the former batch; leave out --targets, --format, "
-                             "--node and --deck")  # fmt: skip
+            raise ValueError("--like copies points and mesh of the former batch; leave out --targets, "
+                             "--format, --node and --deck")  # fmt: skip
         say.result(run_init_like(folder, say, like=like))
         return
     foreign = foreign_of(
@@ -250,8 +250,20 @@ def compare(
     say.result(run_side_by_side(two, say))
 
 
+def review(
+    project: Folder = HERE,
+    clip: Annotated[
+        bool,
+        typer.Option("--clip", help="also write clip.mp4: film with the model before and after, for a talk"),
+    ] = False,
+    json: Json = False,
+) -> None:
+    _run_stage("review", project, json, clip=clip)
+
+
 WITH_OPTIONS: dict[str, Callable[..., None]] = {
-    "measure": measure, "explain": explain, "add": add, "drop": drop, "compare": compare
+    "measure": measure, "explain": explain, "add": add, "drop": drop, "compare": compare,
+    "review": review
 }  # fmt: skip
 
 

@@ -23,7 +23,9 @@ def render(*, title: str, facts: Mapping[str, Any]) -> str:
     """The page as text. All facts are optional; what is absent, empty or None is left out.
 
     headline     the verdict in one plain sentence
-    summary      two or three sentences below it
+    summary      the two sentences below it that a manager reads: the errors, and what to do
+    where        where the model without effects fails, sentences
+    mechanism    what the named effect does, sentences
     date         text
     errors       {before_mm, after_mm, noise_mm, before_note, after_note, noise_note}
     named        [{effect, text, note, parameters: [{name, value, low, high, unit, note}]}], low to high: 95 %
@@ -36,16 +38,21 @@ def render(*, title: str, facts: Mapping[str, Any]) -> str:
     next_test    sentence
     cannot_tell  [sentence, ...]
     calibration  {parameters: as above, sentence (what can be identified)}
+    budget       {markers: [name], rows: [{source, um: [1 sd of each marker], remedy}]}
     chain        [{name, value, unit, note}], the measurement: reprojection RMS, noise, lost markers, ...
-    pictures     [{title, caption, half (bool: two beside each other), svg (text) or png (path or bytes)}]
+    pictures     [{title, caption, half (bool: two beside each other), svg (text) or png (path or bytes),
+                 place: top, where, evidence or, without one, more}]
     notes        [sentence, ...]
     provenance   {name: text}, versions, seed, digests
     commands     [text, ...]
-    ValueError for a picture that has neither svg nor png, and for a fact of another name.
+    ValueError for a picture that has neither svg nor png, and for a fact or a place of another name.
     """
     unknown = set(facts) - FACTS
     if unknown:
         raise ValueError(f"the report knows no fact {min(unknown)!r}; it knows {', '.join(sorted(FACTS))}")
+    strange = {picture.get("place", PLACES[-1]) for picture in facts.get("pictures") or []} - set(PLACES)
+    if strange:
+        raise ValueError(f"the report knows no place {min(strange)!r}; it knows {', '.join(PLACES)}")
     page = jinja2.Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True)
     page.filters |= FILTERS
     return page.from_string(TEMPLATE.read_text(encoding="utf-8")).render(title=title, facts=facts)
@@ -59,8 +66,13 @@ def _notes(rows: Iterable[Mapping[str, Any]]) -> list[str]:
     return [n if len(own) == len(rows) else f"{', '.join(own)}: {n}" for n, own in named.items()]
 
 
+def _at(pictures: Iterable[Mapping[str, Any]] | None, place: str) -> list[Mapping[str, Any]]:
+    """The pictures of one place of the page."""
+    return [p for p in pictures or [] if p.get("place", PLACES[-1]) == place]
+
+
 def _groups(pictures: Iterable[Mapping[str, Any]] | None) -> list[list[Mapping[str, Any]]]:
-    """Pictures as rows of the page: consecutive halves stand beside each other, two by two."""
+    """Pictures as rows of the page: halves in a row stand beside each other, two by two."""
     rows: list[list[Mapping[str, Any]]] = []
     for picture in pictures or []:
         if picture.get("half") and rows and len(rows[-1]) == 1 and rows[-1][0].get("half"):
@@ -84,7 +96,9 @@ def _drawing(picture: Mapping[str, Any]) -> Markup:
 FACTS = frozenset(
     {"headline", "summary", "date", "errors", "named", "ranking", "ties", "next_test", "cannot_tell"}
     | {"study", "evidence", "calibration", "chain", "pictures", "notes", "provenance", "commands"}
+    | {"where", "mechanism", "budget"}
 )
+PLACES = ("top", "where", "evidence", "more")  # of pictures, in the order of the page
 FILTERS = {
     "short": lambda x: short(None if isinstance(x, jinja2.Undefined) else x),
     "interval": interval,
@@ -93,5 +107,6 @@ FILTERS = {
     "correlation": correlation,
     "notes": _notes,
     "groups": _groups,
+    "at": _at,
     "drawing": _drawing,
 }

@@ -1,8 +1,8 @@
 """Turns the history of a calibration and its film into one rerun file: film beside the simulated finger.
 
-Timelines `generation` (the best individual of every generation beside the frame at top pressure) and
-`film_time` (the calibrated model along the film). The viewer shows one timeline at a time, so film and mesh
-are logged on both. The layout travels inside the file.
+Timelines: `generation` (the best individual of every generation beside the frame at top pressure),
+`film_time` (the models along the film) and `effect` (one model after the other at the film's worst moment).
+The viewer shows one timeline at a time, so the film is logged on all. The layout travels inside the file.
 """
 
 import os
@@ -14,18 +14,21 @@ from pathlib import Path
 import av
 import numpy as np
 import rerun as rr
-import rerun.blueprint as rrb
 
 from twin.project import files
+from twin.review.arrangement import blueprint
+from twin.review.filmed import Filmed
+from twin.review.overprint import log_filmed
 from twin.review.scene import Scene, States, log_constants, log_states, scene_of
 from twin.review.states import Array, Fields, Generations, Integers
 
 SERIES = ((86, 180, 233), (230, 159, 0), (0, 190, 140), (204, 121, 167), (240, 228, 66), (213, 94, 0))
 REVIEW_WIDTH = 1280  # px: wider films are scaled down for review
 LEGEND = (
-    "*On `generation`: the best individual of each generation, at {time:.2f} s of the film. White: "
-    "measured markers. Red: measured - model, drawn x{0} (on `film_time` x{1}). "
-    "Colour: displacement, 0 to {top:g} mm.*"
+    "*In 3D: white dots are measured markers, red arrows measured - model, {0} times as long on `generation` "
+    "and {1} times on `film_time`; the colour is the displacement, 0 to {top:g} mm. `generation` stands at "
+    "{time:.2f} s of the film. The errors of the table leave out what many values share: the scale, the "
+    "places of the markers, the gauge. What is drawn over the film still has it.*"
 )
 
 
@@ -40,15 +43,16 @@ def write_review(
     diagnosis_markdown: str,
     comparison: Sequence[Mapping[str, object]] = (),
     pictures: Mapping[str, bytes] | None = None,
+    filmed: Filmed | None = None,
 ) -> list[str]:
     """Write the rerun file `path`, atomically, and return notes: what it does not show, and why.
 
     film file or None; frame_times_s (t,) s of its frames; generations, fields as in `review.states`;
     diagnosis_markdown text; comparison rows of a table that is shown below it, all with the same keys;
-    pictures PNG files by title, which stand in tabs beside the text.
+    pictures PNG files by title; filmed the models to be drawn over the film, or None.
     ValueError where the frame at top pressure is not in the film.
     """
-    video, stamps, notes = _video(film, frame_times_s)
+    video, stamps, scale, notes = _video(film, frame_times_s)
     if video is not None and not 0 <= generations.film_frame < len(stamps):
         raise ValueError(
             f"the first frame at top pressure is {generations.film_frame}, but {film} has {len(stamps)} "
@@ -62,11 +66,14 @@ def write_review(
     try:
         with files.whole(path) as draft:
             titles = tuple(pictures or {})
-            layout = _layout(scene, has_film=video is not None, pictures=titles)
-            recording.save(draft, default_blueprint=layout)
+            drawn = filmed if video is not None else None
+            views = blueprint(scene, has_film=video is not None, filmed=drawn, pictures=titles)
+            recording.save(draft, default_blueprint=views)
             if video is not None:
                 recording.log("film/frame", video, static=True)
-                _log_frames(recording, stamps, times=times, generations=generations)
+                _log_frames(recording, stamps, times=times, generations=generations, filmed=drawn)
+            if drawn is not None:
+                log_filmed(recording, drawn, generations, scale=scale)
             log_constants(recording, scene)
             _log_curves(recording, generations=generations, fields=fields)
             scales = _log_states(recording, scene, generations=generations, fields=fields, times=times)
@@ -101,8 +108,7 @@ def encode_av1(film: Path, copy: Path) -> None:
         stream = target.add_stream(
             "libsvtav1", rate=video.average_rate, options={"preset": "10", "crf": "32"}
         )
-        shrink = min(1.0, REVIEW_WIDTH / video.width)
-        stream.width, stream.height = (2 * round(side * shrink / 2) for side in (video.width, video.height))
+        stream.width, stream.height = _review_size(video)
         stream.pix_fmt, stream.gop_size = "yuv420p", 20  # short groups of pictures scrub smoothly
         if video.time_base is not None:
             stream.codec_context.time_base = video.time_base
@@ -114,16 +120,28 @@ def encode_av1(film: Path, copy: Path) -> None:
         target.mux(stream.encode(None))
 
 
-def _video(film: Path | None, times: Array) -> tuple[rr.AssetVideo | None, Integers, list[str]]:
-    """The film as an asset that the viewer shows without ffmpeg, its time stamps (t,) ns, and notes."""
+def _review_size(video: av.VideoStream) -> tuple[int, int]:
+    """Width and height in px, both even, of the copy for review."""
+    shrink = min(1.0, REVIEW_WIDTH / video.width)
+    return 2 * round(video.width * shrink / 2), 2 * round(video.height * shrink / 2)
+
+
+def _video(film: Path | None, times: Array) -> tuple[rr.AssetVideo | None, Integers, Array, list[str]]:
+    """The film as an asset that the viewer shows without ffmpeg, its time stamps (t,) ns, how many of its
+    pixels one of the film is wide and high (2,), and notes."""
+    scale = np.ones(2)
     if film is None:
-        return None, np.zeros(0, dtype=np.int64), ["no film in this project: the model is shown without it"]
+        why = "no film in this project: the model is shown without it"
+        return None, np.zeros(0, dtype=np.int64), scale, [why]
     notes = []
+    with av.open(film) as source:
+        own = source.streams.video[0]
+        small = np.array(_review_size(own)) / (own.width, own.height)
     with tempfile.TemporaryDirectory() as folder:
         try:
             copy = Path(folder) / "review.mp4"
             encode_av1(film, copy)
-            data = copy.read_bytes()
+            data, scale = copy.read_bytes(), small
         except av.codec.codec.UnknownCodecError:
             data = film.read_bytes()
             notes.append("PyAV has no AV1 encoder here: the viewer needs ffmpeg on PATH to show the film")
@@ -133,17 +151,24 @@ def _video(film: Path | None, times: Array) -> tuple[rr.AssetVideo | None, Integ
         notes.append(
             f"the film has {len(stamps)} frames but {len(times)} times were given: its own clock is used"
         )
-    return video, stamps, notes
+    return video, stamps, scale, notes
 
 
 def _log_frames(
-    recording: rr.RecordingStream, stamps: Integers, *, times: Array, generations: Generations
+    recording: rr.RecordingStream,
+    stamps: Integers,
+    *,
+    times: Array,
+    generations: Generations,
+    filmed: Filmed | None,
 ) -> None:
+    """The frame of every value of every timeline."""
     at_top = np.full(len(generations.generation), stamps[generations.film_frame])
-    for column, frames in (
-        (rr.TimeColumn("film_time", duration=times), stamps),
-        (_generation(generations), at_top),
-    ):
+    shown = [(rr.TimeColumn("film_time", duration=times), stamps), (_generation(generations), at_top)]
+    if filmed is not None:
+        worst = np.full(len(filmed.way), stamps[filmed.frame[filmed.worst]])
+        shown.append((rr.TimeColumn("effect", sequence=np.arange(len(worst))), worst))
+    for column, frames in shown:
         recording.send_columns("film/frame", [column], rr.VideoFrameReference.columns_nanos(frames))
 
 
@@ -208,34 +233,3 @@ def _table(rows: Sequence[Mapping[str, object]]) -> str:
     names = list(rows[0])
     lines = [names, ["---"] * len(names), *([str(row[name]) for name in names] for row in rows)]
     return "\n".join("| " + " | ".join(cells) + " |" for cells in lines)
-
-
-def _layout(scene: Scene, *, has_film: bool, pictures: Sequence[str]) -> rrb.Blueprint:
-    """Film beside the finger, seen from the film's side (x runs to the left); curves and text below."""
-    centre, extent = 0.5 * (scene.low + scene.high), scene.high - scene.low
-    # The viewer's vertical angle is about 55 degrees; beside the film the view is 1.6 times as wide as high.
-    distance = max(0.75 * extent[0], 1.15 * extent[2]) + 0.5 * extent[1]
-    position = centre + distance * np.array([0.0, 1.0, 0.16])
-    finger = rrb.Spatial3DView(
-        origin="/model",
-        name="model: displacement, mm",
-        eye_controls=rrb.EyeControls3D(position=position, look_target=centre, eye_up=(0, 0, 1)),
-        background=(38, 41, 48),
-        line_grid=False,
-    )
-    film = [rrb.Spatial2DView(origin="/film", name="film")] if has_film else []
-    below = rrb.Horizontal(
-        rrb.TimeSeriesView(origin="/rms", name="RMS error, mm"),
-        rrb.TimeSeriesView(origin="/parameters", name="parameters by generation, pressure by film time"),
-        rrb.Tabs(
-            rrb.TextDocumentView(origin="/diagnosis", name="diagnosis"),
-            *(rrb.Spatial2DView(origin=f"/pictures/{k}", name=title) for k, title in enumerate(pictures)),
-        ),
-        column_shares=[1, 1, 1.4],
-    )
-    return rrb.Blueprint(
-        rrb.Vertical(rrb.Horizontal(*film, finger), below, row_shares=[3, 2]),
-        rrb.TimePanel(timeline="generation", state="collapsed", fps=2.0),
-        rrb.SelectionPanel(state="hidden"),
-        rrb.BlueprintPanel(state="hidden"),
-    )

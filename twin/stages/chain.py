@@ -106,7 +106,7 @@ STAGES = (
     Stage(
         name="review", title="Write the report, and the film beside the simulation for rerun.",
         reads=("[project]", "[model]", "[points]", "[calibrate]", TARGETS, DECK, FIT, "diagnosis.json"),
-        writes=("report.html", "review.rrd", "deformed.png", "deformed.pvd"),
+        writes=("report.html", "review.rrd", "clip.mp4", "deformed.png", "deformed.pvd"),
         function="twin.stages.reviewing:run_review",
     ),
 )  # fmt: skip

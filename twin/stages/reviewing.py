@@ -8,7 +8,7 @@ import numpy as np
 
 from twin.diagnosis.intervals import estimates_of_record
 from twin.project import files
-from twin.project.folder import Project, Run, Say, versions
+from twin.project.folder import Project, Run, Say
 from twin.review import plots
 from twin.review.deformed import deformed_picture, write_vtu_series
 from twin.review.page import write_report
@@ -17,7 +17,10 @@ from twin.review.states import Fields, Generations
 from twin.stages.chain import STAGES, When, kinds_writing
 from twin.stages.findings import page_facts
 from twin.stages.fits import fresh, stale_sentences
+from twin.stages.footage import Footage
 from twin.stages.showing import Way
+from twin.stages.sighting import models_on_film
+from twin.stages.sourcing import budget_facts, provenance
 from twin.stages.workbench import Workbench
 from twin.targets import Array
 
@@ -37,22 +40,26 @@ CHANGES = ("add", "drop")  # the stages that change the effects
 SERIES = 12  # deformed states in the VTU series
 
 
-def run_review(project: Project, say: Say) -> dict[str, Any]:
-    """review.rrd and report.html from the newest runs. ValueError where nothing is calibrated yet."""
+def run_review(project: Project, say: Say, *, clip: bool = False) -> dict[str, Any]:
+    """review.rrd and report.html from the newest runs, with `clip` also clip.mp4. ValueError where nothing is
+    calibrated yet."""
     if fresh(project, ("calibrate",), "generations.npz") is None:
         why = stale_sentences(project, ("calibrate",), "generations.npz")
         reason = why[0] if why else "no calibrated model in this project"
         raise ValueError(f"nothing to review: {reason}; run twin calibrate")
     with project.new_run("review") as run:
-        story = _Story(project, run)
+        story = _Story(project, run, say)
         notes = [*_not_shown(project), *story.recording(say)]
         notes += story.deformed()
         write_report(run.path("report.html"), title=project.config.project.name, facts=story.facts(notes))
+        notes += story.clip(say) if clip else []
         run.summary["headline"] = story.headline
     for note in notes:
         say(note)
-    say(f"Wrote {project.shown(run.folder)}/review.rrd and report.html")
-    return {"stage": "review", "run": run.name, "notes": notes}
+    size = run.path("review.rrd").stat().st_size / 1e6
+    say(f"Wrote {project.shown(run.folder)}/report.html, and review.rrd ({size:.1f} MB).")
+    say(f"Look: `rerun {run.path('review.rrd')}`")
+    return {"stage": "review", "run": run.name, "notes": notes, "rrd_MB": round(size, 2)}
 
 
 def _not_shown(project: Project) -> list[str]:
@@ -64,7 +71,7 @@ def _not_shown(project: Project) -> list[str]:
 class _Story:
     """What the newest runs say, gathered once; no number is computed here."""
 
-    def __init__(self, project: Project, run: Run) -> None:
+    def __init__(self, project: Project, run: Run, say: Say) -> None:
         self.project, self.run, self.targets = project, run, project.targets()
         self.generations = Generations.load(self._file("calibrate", "generations.npz"))
         self.calibrated = files.read_json(self._file("calibrate", "fit.json"))
@@ -78,6 +85,8 @@ class _Story:
         self.way = Way.of(project, self.targets, effects=effects)
         self.study_file = fresh(project, ("study",), STUDY)
         self.study = files.read_json(self.study_file) if self.study_file else {}
+        filmed, self.not_filmed = models_on_film(project, self.targets, self.generations, say)
+        self.footage = Footage(project, filmed) if filmed else None
 
     def _file(self, kind: str, name: str) -> Any:
         path = fresh(self.project, (kind,), name)
@@ -135,9 +144,10 @@ class _Story:
             diagnosis_markdown=self._markdown(),
             comparison=self._rows(),
             pictures=self.way.images,
+            filmed=self.footage.filmed if self.footage else None,
         )
         say.progress("review", 1, 2)
-        return notes
+        return [*notes, *filter(None, [self.not_filmed])]
 
     def _markdown(self) -> str:
         d = self.diagnosis
@@ -184,7 +194,9 @@ class _Story:
         every = [r | {"effect": r["law"], "named": r["effect"] in d["named"]} for r in d.get("ranking", [])]
         return {
             "headline": self.headline,
-            "summary": self._said[1],
+            "summary": " ".join(self._opening()),
+            "where": self._where(),
+            "mechanism": self._mechanism(),
             "date": date.today().isoformat(),
             "errors": self._errors(),
             "named": self._named(),
@@ -198,10 +210,11 @@ class _Story:
                 "parameters": _parameters(self.calibrated),
                 "sentence": self.calibrated.get("identifiability"),
             },
+            "budget": budget_facts(self.project, self.generations.point_names),
             "chain": self._chain(),
             "pictures": self._pictures(),
             "notes": notes,
-            "provenance": versions() | {"seed": str(self.calibrated.get("seed"))},
+            "provenance": provenance(self.project, seed=self.calibrated.get("seed")),
             "commands": self._commands(),
         }
 
@@ -221,6 +234,50 @@ class _Story:
             for name in FIGURES
         ]  # fmt: skip
         return page_facts(self.study) | {"pictures": drawn}
+    def _opening(self) -> list[str]:
+        """The two sentences below the headline: the errors, and what to do now."""
+        errors, last = self._errors(), self.diagnosis.get("next_test")
+        if errors is None:
+            return []
+        before, after, noise = (errors[f"{key}_mm"] for key in ("before", "after", "noise"))
+        fall = f"The model misses the film by {before:.3f} mm rms"
+        if after is not None:
+            fall += f", {self._labels[1]} by {after:.3f} mm"
+        said = [f"{fall}; the measurement itself is uncertain by {noise:.3f} mm."]
+        if last:
+            return [*said, f"To be sure, make the next test: {_small(last)}"]
+        if self.added.get("adequate", self.diagnosis.get("adequate")):
+            return [
+                *said,
+                "The model now agrees with the measurement: its constants and intervals can be used.",
+            ]
+        return [*said, "The model does not agree with the measurement yet: do not use its constants."]
+
+    def _where(self) -> str:
+        """Where the model without effects fails, in words."""
+        found: str = self._json(("compare", "calibrate"), "comparison.json").get("where", "")
+        return found
+
+    def _mechanism(self) -> str:
+        """What the diagnosis says beside its first sentence; the errors stand in the opening."""
+        parts = self._said[1].removesuffix(".").split(". ")
+        return "".join(f"{part}. " for part in parts if part and not part.startswith("The error falls"))
+
+    def clip(self, say: Say) -> list[str]:
+        """Write clip.mp4, for a talk; returns why it could not be made."""
+        if self.footage is None:
+            return [f"No clip: {self.not_filmed or 'there is no film'}."]
+        say.progress("clip", 0, 1)
+        faster = self.footage.clip(self.run.path("clip.mp4"))
+        say.progress("clip", 1, 1)
+        say(f"Wrote {self.project.shown(self.run.folder)}/clip.mp4{faster}.")
+        return []
+
+    def _overlaid(self) -> list[dict[str, Any]]:
+        """The film at the worst moment with the models over it."""
+        if self.footage is None:
+            return []
+        return [_picture("The worst moment", self.footage.caption, png=self.footage.worst, place="top")]
 
     def _commands(self) -> list[str]:
         """The commands that lead to this report, with the effects that were added."""
@@ -274,11 +331,12 @@ class _Story:
 
     def _pictures(self) -> list[dict[str, Any]]:
         return [
-            *self._drawn("error"), *self._deformed(), *self._drawn("evidence"), *self._over_time(),
-            *self._search(),
+            *self._drawn("error", place="top"), *self._deformed(), *self._overlaid(),
+            *self._drawn("residuals", place="where"), *self._drawn("evidence", place="evidence"),
+            *self._over_time(), *self._search(),
         ]  # fmt: skip
 
-    def _drawn(self, name: str) -> list[dict[str, Any]]:
+    def _drawn(self, name: str, *, place: str) -> list[dict[str, Any]]:
         """A picture of the way to the model of now, where there is one."""
         law = self.way.evidence.get("effect", "")
         said = {
@@ -289,20 +347,22 @@ class _Story:
                 False,
             ),
             "residuals": (
-                "Where the model fails",
-                "Measured minus model, without the errors (scale, placement, mesh) that many values share.",
+                "Measured minus model by marker and time",
+                "Without the errors (scale, placement, mesh) that many values share.",
                 False,
             ),
         }
         title, caption, half = said[name]
         svg = self.way.pictures.get(name)
-        return [_picture(title, caption, half=half, svg=svg)] if svg else []
+        return [_picture(title, caption, half=half, svg=svg, place=place)] if svg else []
 
     def _deformed(self) -> list[dict[str, Any]]:
         """The finger at top pressure, where it could be drawn."""
         file = self.run.path("deformed.png")
         caption = "Best model of the genetic algorithm, and the measured markers."
-        return [_picture("Model at top pressure", caption, half=True, png=file)] if file.exists() else []
+        if not file.exists():
+            return []
+        return [_picture("Model at top pressure", caption, half=True, png=file, place="top")]
 
     def _search(self) -> list[dict[str, Any]]:
         """The genetic algorithm by generation and, of two constants, its landscape; the study has its own."""
@@ -326,7 +386,7 @@ class _Story:
         if not before or len(self.targets.time) < 3:
             return []
         displacement, pressure = self._courses(before, after)
-        return [displacement, *self._drawn("residuals"), pressure]
+        return [displacement, pressure]
 
     def _courses(self, before: dict[str, Array], after: dict[str, Array]) -> list[dict[str, Any]]:
         """The markers of the objective over time, and over pressure."""
@@ -385,6 +445,11 @@ def _by_note(rows: list[dict[str, Any]]) -> list[str]:
     """One sentence for all effects of which the same is noted."""
     notes = dict.fromkeys(r["note"] for r in rows)
     return [f"{', '.join(r['law'] for r in rows if r['note'] == note)}: {note}." for note in notes]
+
+
+def _small(sentence: str) -> str:
+    """A sentence as it stands behind a colon: its first letter small, unless it is part of a name."""
+    return sentence[:1].lower() + sentence[1:] if sentence[1:2].islower() else sentence
 
 
 def _round(x: Any) -> Any:

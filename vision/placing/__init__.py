@@ -3,4 +3,5 @@
 Read `views` first: what each camera recorded, and what was followed in it. `flat` places marks with one
 camera in the finger's plane; `depth` says what that camera cannot see. `space` places them with several
 cameras, by `world`, `clocks` and `spacemodes`. Both give a `placed`. `slips` finds marks that came off.
+`projecting` goes the other way: from mm to pixels.
 """

@@ -12,6 +12,9 @@ from twin.review.page import render, write_report
 PNG = b"\x89PNG\r\n\x1a\n" + bytes(8)
 SVG = '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 1 1"><path d="M0 0"/></svg>'
 FACTS = {
+    "where": "It fails most at marker tip.",
+    "mechanism": "The silicone keeps moving.",
+    "budget": {"markers": ["tip<"], "rows": [{"source": "placement", "um": [313.7], "remedy": "use a jig"}, {"source": "all", "um": [340.2]}]},
     "headline": "The finger creeps.",
     "summary": "Four times the noise before.",
     "date": "2026-11-21",
@@ -67,6 +70,8 @@ FACTS = {
     },
     "chain": [{"name": "reprojection RMS", "value": 0.1423, "unit": "px", "note": "18 images"}],
     "pictures": [
+        {"title": "Fall", "svg": SVG, "place": "top"},
+        {"title": "Left over", "svg": SVG, "place": "where"},
         {"title": "Map", "caption": "in sd", "svg": SVG},
         {"title": "Finger", "png": PNG, "half": True},
         {"title": "Ridge", "svg": SVG, "half": True},
@@ -83,6 +88,7 @@ WANTED = (
     *("0.2971", "0.2962 to 0.2980", "Only the sum is known.", "0.142 px", "18 images", "reprojection RMS"),
     *("What speaks for creep:2", "0.212", "0.0529", "5,123", "403", "2 more parameters", "4,703", "each cycle from the others"),
     *("3.14", "1.07", "creep.g1 = 0.0351: plausible (0.003 to 0.2)", "lag (33.1 %)", "tip&lt;", ">87<", "hold"),
+    *("It fails most at marker tip.", "The silicone keeps moving.", "placement", "314", "340", "use a jig", "Left over"),
     *("Map", "in sd", "Finger", "Ridge", "no second camera", "sha256 3f9a12", "twin diagnose", "iVBORw0KGgo"),
 )
 VOID = {"meta", "img", "br", "link", "input", "hr"}
@@ -165,7 +171,17 @@ def test_text_is_escaped() -> None:
 def test_halves_stand_in_pairs() -> None:
     page = render(title="t", facts={"pictures": FACTS["pictures"]})
     rows = re.findall(r'<div class="(pair)?">', page)
-    assert rows == ["", "pair"]
+    assert rows == ["", "", "", "pair"]
+
+
+def test_a_manager_finds_the_answer_first_and_the_digests_last() -> None:
+    page = render(title="batch-07", facts=FACTS)
+    order = [
+        "The finger creeps.", "Four times the noise before.", "error before", "<b>Fall</b>", "Where it fails", "<b>Left over</b>",
+        "What speaks for creep:2", "What these data cannot show", "Next test:", "Where the uncertainty of the measurement",
+        "The constants, and what was missing", "<b>Map</b>", "Where this comes from",
+    ]  # fmt: skip
+    assert order == sorted(order, key=page.index)
 
 
 def test_a_misspelt_fact_and_an_empty_picture_are_refused() -> None:
@@ -173,6 +189,8 @@ def test_a_misspelt_fact_and_an_empty_picture_are_refused() -> None:
         render(title="t", facts={"rankings": []})
     with pytest.raises(ValueError, match="picture 'Map' has neither svg nor png"):
         render(title="t", facts={"pictures": [{"title": "Map"}]})
+    with pytest.raises(ValueError, match="knows no place 'side'; it knows top"):
+        render(title="t", facts={"pictures": [{"title": "Map", "svg": SVG, "place": "side"}]})
 
 
 def test_the_file_is_written_whole_or_not_at_all(tmp_path: Path) -> None:

@@ -1,6 +1,8 @@
 """The stages on targets alone, in a folder of their own: calibrate, compare, diagnose, add, review, and their errors."""
 
+import html
 import json
+import re
 import shutil
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -230,6 +232,21 @@ def test_review_holds_every_generation_and_the_numbers(chain: tuple[Project, Sil
     steps = [line for line in chain[1].lines if line.startswith("Error, mm rms: nominal constants ")]
     assert len(steps) == 1
     assert f"-> + {fit['effects'][0]} {compared['rms_mm']:.3f}; the noise" in steps[0]
+    opening = re.search(r'<p class="summary">(.*?)</p>', report)
+    assert opening is not None
+    noise = diagnosis["noise_sd_mm"]
+    assert opening[1].startswith(
+        f"The model misses the film by {diagnosis['rms_before_mm']:.3f} mm rms, with {fit['effects'][0]} by "
+        f"{compared['rms_mm']:.3f} mm; the measurement itself is uncertain by {noise:.3f} mm. "
+    )
+    assert len(re.findall(r"\.(?: |$)", opening[1])) == 2  # sentences, below that of the headline
+    where = read(project, "compare", "comparison.json")["where"]
+    assert isinstance(where, str)
+    assert html.escape(where) in report
+    info = json.loads((path.parent.parent / path.parent.name / "run.json").read_text(encoding="utf-8"))
+    digest = read(project, "add", "run.json")["inputs"]["targets/targets.csv"]  # type: ignore[index]
+    assert info["status"] == "done"
+    assert f"SHA-256 {digest[:16]}" in report
     pictures = {str(c.entity_path) for c in RrdReader(str(path)).stream().filter(content="/pictures/**")}
     assert pictures == {"/pictures/0", "/pictures/1", "/pictures/2"}
 

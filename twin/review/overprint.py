@@ -1,0 +1,166 @@
+"""The models as rerun entities over the film, below `film/`: edges, markers, and their errors as arrows."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import rerun as rr
+
+from twin.review.filmed import Filmed, Trace, rms
+from twin.review.scene import ERROR
+from twin.review.states import Array, Generations
+
+Colour = tuple[int, int, int]
+BEFORE, AFTER, SEARCH, WAY = (245, 135, 40), (70, 185, 255), (249, 226, 62), (190, 150, 255)
+QUIET, SEEN = (170, 176, 184), (60, 230, 150)
+# of the markers' curves: one marker has one colour in both pictures
+CYCLE = (
+    (86, 180, 233),
+    (230, 159, 0),
+    (0, 190, 140),
+    (204, 121, 167),
+    (240, 228, 66),
+    (213, 94, 0),
+    (190, 150, 255),
+    (170, 176, 184),
+)
+LINE = 0.034  # of the picture's width: height of a line of the legend
+DOTS = "green dots: markers in the film"
+ARROWS = "red arrows: from the model's marker to the film's, {} times as long"
+
+
+def log_filmed(
+    recording: rr.RecordingStream, filmed: Filmed, generations: Generations, *, scale: Array
+) -> None:
+    """Log all models on their timelines; scale (2,): pixels of the shown film over those of the film."""
+    ink = _Ink(recording, filmed, scale)
+    film_time = rr.TimeColumn("film_time", duration=filmed.time_s)
+    for trace, name, colour in zip(filmed.shown, ("before", "after"), (BEFORE, AFTER)):
+        ink.trace(f"film/test/{name}", film_time, trace, colour=colour, arrows=filmed.magnified)
+        ink.dots(f"film/test/{name}/measured", film_time, filmed.measured)
+    ink.search(rr.TimeColumn("generation", sequence=generations.generation))
+    ink.way(rr.TimeColumn("effect", sequence=np.arange(len(filmed.way))))
+    ink.legends()
+    _log_curves(recording, filmed, film_time)
+
+
+@dataclass(frozen=True)
+class _Ink:
+    """What draws over the film."""
+
+    recording: rr.RecordingStream
+    filmed: Filmed
+    scale: Array
+
+    def trace(
+        self,
+        place: str,
+        column: rr.TimeColumn,
+        trace: Trace,
+        *,
+        colour: Colour,
+        arrows: int,
+        measured: Array | None = None,
+    ) -> None:
+        """Log a model's edge, and arrows from its markers to the film's, for all values of a timeline."""
+        edge = [e if np.isfinite(e).all() else e[:0] for e in self._shown(trace.edge)]
+        line = rr.LineStrips2D.from_fields(colors=colour, radii=rr.Radius.ui_points(1.2))
+        self.recording.log(f"{place}/edge", line, static=True)
+        strips = rr.LineStrips2D.columns(strips=edge).partition([1] * len(edge))
+        self.recording.send_columns(f"{place}/edge", [column], strips)
+        error = ((self.filmed.measured if measured is None else measured) - trace.markers) * self.scale
+        seen = np.isfinite(error).all(axis=-1)
+        style = rr.Arrows2D.from_fields(colors=ERROR, radii=rr.Radius.ui_points(1.6))
+        self.recording.log(f"{place}/error", style, static=True)
+        vectors = rr.Arrows2D.columns(origins=self._shown(trace.markers)[seen], vectors=arrows * error[seen])
+        self.recording.send_columns(f"{place}/error", [column], vectors.partition(seen.sum(axis=1)))
+
+    def dots(self, place: str, column: rr.TimeColumn, measured: Array) -> None:
+        """Log where the film shows the markers."""
+        seen = np.isfinite(measured).all(axis=-1)
+        style = rr.Points2D.from_fields(colors=SEEN, radii=rr.Radius.ui_points(2.5))
+        self.recording.log(place, style, static=True)
+        dots = rr.Points2D.columns(positions=self._shown(measured)[seen])
+        self.recording.send_columns(place, [column], dots.partition(seen.sum(axis=1)))
+
+    def search(self, column: rr.TimeColumn) -> None:
+        """The best model of every generation at top pressure."""
+        f = self.filmed
+        measured = np.broadcast_to(f.search_measured, f.search.markers.shape)
+        self.trace(
+            "film/search", column, f.search, colour=SEARCH, arrows=f.search_magnified, measured=measured
+        )
+        self.dots("film/search/measured", column, measured)
+
+    def way(self, column: rr.TimeColumn) -> None:
+        """The models one after the other at the worst moment of the film, and how the error falls."""
+        f, at = self.filmed, self.filmed.worst
+        edge, markers = (np.stack([getattr(m, name)[at] for m in f.way]) for name in ("edge", "markers"))
+        measured = np.broadcast_to(f.measured[at], markers.shape)
+        models = Trace(label="", rms_mm=0.0, edge=edge, markers=markers)
+        self.trace("film/effect", column, models, colour=WAY, arrows=f.magnified, measured=measured)
+        self.dots("film/effect/measured", column, measured)
+        for step, model in enumerate(f.way):
+            self.recording.set_time("effect", sequence=step)
+            text = f"model {step}, {model.label}: {model.rms_mm:.3f} mm rms"
+            self.text("film/effect/step", [(text, WAY)], static=False)
+        self.recording.reset_time()
+        for name, colour, values in (
+            ("error", WAY, [model.rms_mm for model in f.way]),
+            ("noise", QUIET, [f.noise_mm] * len(f.way)),
+        ):
+            points = rr.SeriesPoints(colors=colour, marker_sizes=5.0, names=f"{name}, mm")
+            self.recording.log(f"fall/{name}", points, static=True)
+            _log_curve(self.recording, f"fall/{name}", column, values, f"{name}, mm", colour)
+
+    def legends(self) -> None:
+        """What lines, dots and arrows are, below the film, by view."""
+        dots, arrows = (DOTS, SEEN), (ARROWS.format(self.filmed.magnified), ERROR)
+        own = (ARROWS.format(self.filmed.search_magnified), ERROR)
+        pairs = zip(self.filmed.shown, (("orange", BEFORE), ("blue", AFTER)))
+        lines = [(f"{name}: model, {trace.label}", colour) for trace, (name, colour) in pairs]
+        self.text("film/legend/test", [*lines, dots, arrows])
+        self.text("film/legend/before", [lines[0], dots, arrows])
+        self.text("film/legend/search", [("yellow: best model of this generation", SEARCH), dots, own])
+        self.text("film/legend/effect", [dots, arrows], first=1)
+
+    def text(
+        self, place: str, lines: Sequence[tuple[str, Colour]], *, first: int = 0, static: bool = True
+    ) -> None:
+        """Log lines of text below the film, each with its colour; first: the line they begin with."""
+        width, height = self.filmed.size * self.scale
+        y = height + LINE * width * (first + 0.2 + np.arange(len(lines)))
+        text = rr.Points2D(
+            np.stack([np.full(len(lines), 0.5 * width), y], axis=1),
+            colors=[colour for _, colour in lines],
+            labels=[name for name, _ in lines],
+            radii=rr.Radius.ui_points(0.5),
+            show_labels=True,
+        )
+        self.recording.log(place, text, static=static)
+
+    def _shown(self, pixels: Array) -> Array:
+        """Places in the viewer's picture, which counts from the corner of the first pixel."""
+        return np.asarray((pixels + 0.5) * self.scale)
+
+
+def _log_curves(recording: rr.RecordingStream, filmed: Filmed, column: rr.TimeColumn) -> None:
+    """Log the errors of the models over the film, in mm: of all markers, and of each."""
+    for k, name, colour in zip(filmed.numbers, ("before", "after"), (BEFORE, AFTER)):
+        label, error = filmed.way[k].label, filmed.error_mm[k]
+        _log_curve(recording, f"moment/{name}", column, rms(error), label, colour)
+        for p, marker in enumerate(filmed.names):
+            entity = f"marker/{name}/{rr.escape_entity_path_part(marker)}"
+            _log_curve(recording, entity, column, error[:, p], marker, CYCLE[p % len(CYCLE)])
+
+
+def _log_curve(
+    recording: rr.RecordingStream,
+    entity: str,
+    column: rr.TimeColumn,
+    values: Array | Sequence[float],
+    name: str,
+    colour: Colour,
+) -> None:
+    recording.log(entity, rr.SeriesLines(colors=colour, widths=2.0, names=name), static=True)
+    recording.send_columns(entity, [column], rr.Scalars.columns(scalars=values))
