@@ -18,7 +18,7 @@ VIEWS = {  # name of each view, and the timeline that plays it
 OPENS = "test"
 
 
-def blueprint(
+def arranged(
     scene: Scene,
     *,
     has_film: bool,

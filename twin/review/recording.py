@@ -16,7 +16,7 @@ import numpy as np
 import rerun as rr
 
 from twin.project import files
-from twin.review.arrangement import blueprint
+from twin.review.arrangement import arranged
 from twin.review.filmed import Filmed
 from twin.review.overprint import log_filmed
 from twin.review.scene import Scene, States, log_constants, log_states, scene_of
@@ -67,7 +67,7 @@ def write_review(
         with files.whole(path) as draft:
             titles = tuple(pictures or {})
             drawn = filmed if video is not None else None
-            views = blueprint(scene, has_film=video is not None, filmed=drawn, pictures=titles)
+            views = arranged(scene, has_film=video is not None, filmed=drawn, pictures=titles)
             recording.save(draft, default_blueprint=views)
             if video is not None:
                 recording.log("film/frame", video, static=True)

@@ -18,7 +18,7 @@ SHOWN = {"overlay.png": "the film with its markers", "deformed.png": "the model 
 
 
 @dataclass(frozen=True, kw_only=True)
-class Side:
+class Laid:
     """One of the two: what it is called, its project, its fit and what was found with it."""
 
     name: str
@@ -56,7 +56,7 @@ def run_side_by_side(two: Sequence[Path], say: Say, *, opened: Opened = Project.
     }  # fmt: skip
 
 
-def side_of(path: Path, opened: Opened = Project.open) -> Side:
+def side_of(path: Path, opened: Opened = Project.open) -> Laid:
     """What is known of a project's newest fit, or of the fit in a run folder. ValueError without one."""
     folder = path.resolve()
     if (folder / "twin.toml").is_file() and not (folder / "run.json").is_file():
@@ -71,14 +71,14 @@ def side_of(path: Path, opened: Opened = Project.open) -> Side:
                          "or batch-07/runs/0003-calibrate")  # fmt: skip
     record = files.read_json(file)
     compared, diagnosed = file.with_name("comparison.json"), fresh(project, ("diagnose",), "diagnosis.json")
-    return Side(
+    return Laid(
         name=name, project=project, record=record, values=values_of(record),
         comparison=files.read_json(compared) if compared.is_file() else {},
         verdict=files.read_json(diagnosed)["verdict"] if diagnosed else "not diagnosed",
     )  # fmt: skip
 
 
-def _page(a: Side, b: Side, changes: Sequence[BatchChange], said: Sequence[str]) -> str:
+def _page(a: Laid, b: Laid, changes: Sequence[BatchChange], said: Sequence[str]) -> str:
     known = [c.name for c in changes if c.known]
     headline = f"{b.name} beside {a.name}: " + (f"{' and '.join(known)} differ{'s' * (len(known) == 1)}"
                                                 if known else "no difference is proven")  # fmt: skip
@@ -89,7 +89,7 @@ def _page(a: Side, b: Side, changes: Sequence[BatchChange], said: Sequence[str])
     )  # fmt: skip
 
 
-def _constants(a: Side, b: Side, changed: set[str]) -> dict[str, Any]:
+def _constants(a: Laid, b: Laid, changed: set[str]) -> dict[str, Any]:
     """Every quantity of either, its value and interval on both sides."""
     own: list[dict[str, BatchValue]] = [{v.name: v for v in side.values} for side in (a, b)]
     rows = []
@@ -109,7 +109,7 @@ def _cell(v: BatchValue | None) -> str:
     return f"{v.value:.4g} ({span})"
 
 
-def _fits(a: Side, b: Side) -> dict[str, Any]:
+def _fits(a: Laid, b: Laid) -> dict[str, Any]:
     """How well either model fits."""
     both = (a, b)
     rows: list[list[str]] = [
@@ -122,7 +122,7 @@ def _fits(a: Side, b: Side) -> dict[str, Any]:
     return {"title": "How well it fits", "head": ["", a.name, b.name], "rows": cells}
 
 
-def _maps(a: Side, b: Side, kind: str) -> dict[str, Any]:
+def _maps(a: Laid, b: Laid, kind: str) -> dict[str, Any]:
     """The error by marker or branch on both sides."""
     own = [{r["name"]: r["rms_mm"] for r in s.comparison.get("maps", {}).get(kind, [])} for s in (a, b)]
     names = list(dict.fromkeys([*own[0], *own[1]]))
@@ -130,7 +130,7 @@ def _maps(a: Side, b: Side, kind: str) -> dict[str, Any]:
     return {"title": f"Error by {kind}, RMS mm", "head": ["", a.name, b.name], "rows": rows}
 
 
-def _pictures(a: Side, b: Side, file: str, what: str) -> list[dict[str, Any]]:
+def _pictures(a: Laid, b: Laid, file: str, what: str) -> list[dict[str, Any]]:
     """A picture of both, beside each other."""
     found = [(s.name, s.project.newest(None, file)) for s in (a, b)]
     return [{"title": f"{name}:", "caption": what, "half": True, "png": path} for name, path in found

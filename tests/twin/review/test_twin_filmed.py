@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from rerun.chunk import RrdReader
 
 from fe import Case
-from twin.review.arrangement import VIEWS, blueprint
+from twin.review.arrangement import VIEWS, arranged
 from twin.review.clip import LONGEST_S, write_clip
 from twin.review.filmed import Filmed, Trace, magnified, rms
 from twin.review.outlines import edge_rows
@@ -125,7 +125,7 @@ def recording(film: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     assert write_review(
         path, film=film, frame_times_s=TIMES, generations=history(), fields=None, diagnosis_markdown="creep",
         filmed=filmed(),
-    ) == ["no calibrated model yet: along the film the last generation is shown at top pressure"]  # fmt: skip
+    ) == ["along the film the best model of the genetic algorithm is shown, at top pressure only"]  # fmt: skip
     return path
 
 
@@ -169,7 +169,7 @@ def test_the_fall_of_the_error_is_that_of_the_models(recording: Path) -> None:
 
 
 def test_the_views_have_their_names_and_open_at_the_test() -> None:
-    tabs = blueprint(scene_of(history(), None), has_film=True, filmed=filmed(), pictures=("error",)).root_container
+    tabs = arranged(scene_of(history(), None), has_film=True, filmed=filmed(), pictures=("error",)).root_container
     assert [view.name for view in tabs.contents] == list(VIEWS) == ["search", "test", "where it fails", "effects"]  # type: ignore[union-attr]
     assert set(VIEWS.values()) == {"generation", "film_time", "effect"}
 
