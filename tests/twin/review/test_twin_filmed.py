@@ -1,5 +1,7 @@
 """The models over the film: the edge of the side face, three timelines, four views, still and clip."""
 
+import os
+import signal
 import socket
 import subprocess
 import sys
@@ -253,7 +255,8 @@ def served(recording: Path) -> Iterator[tuple[int, int]]:
     web, data = free_port(), free_port()
     command = [str(Path(sys.executable).with_name("rerun")), str(recording), "--serve-web", "--bind", "127.0.0.1"]
     command += ["--web-viewer-port", str(web), "--port", str(data)]
-    with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as server:
+    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+    with subprocess.Popen(command, **quiet, start_new_session=True) as server:  # the command starts another
         try:
             for _ in range(200):
                 with socket.socket() as probe:
@@ -262,7 +265,7 @@ def served(recording: Path) -> Iterator[tuple[int, int]]:
                 time.sleep(0.05)
             yield web, data
         finally:
-            server.kill()
+            os.killpg(server.pid, signal.SIGKILL)
 
 
 def test_the_recording_is_served_to_this_computer_alone(served: tuple[int, int]) -> None:
