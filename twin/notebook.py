@@ -108,6 +108,10 @@ class OpenedProject:
         """The refit without an effect: a row for each parameter."""
         return self._run("drop", name=effect)
 
+    def study(self) -> StageResult:
+        """What a calibration by two points has found: a row for each constant and error beside the published."""
+        return self._run("study")
+
     def review(self) -> StageResult:
         """The report and the recording for rerun: a row for each file."""
         return self._run("review")

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from twin.project import files
+from twin.stages.findings import page_facts
 
 if TYPE_CHECKING:  # pandas takes a second to import: only who asks for a table pays for it
     import pandas
@@ -88,6 +89,12 @@ def _number(text: str) -> float | str:
         return text
 
 
+def _study(folder: Path) -> Iterable[Row]:
+    """A row for each error and constant, here and as published."""
+    rows: list[Row] = page_facts(files.read_json(folder / "study.json"))["rows"]
+    return rows
+
+
 def _files(folder: Path) -> Iterator[Row]:
     """A row for each file of the run."""
     for path in sorted(path for path in folder.rglob("*") if path.is_file()):
@@ -102,5 +109,6 @@ _TABLES: dict[str, Callable[[Path], Iterable[Row]]] = {
     "compare": _misfits,
     "diagnose": _ranking,
     "explain": _shares,
+    "study": _study,
     "review": _files,
 }
