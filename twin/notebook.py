@@ -109,7 +109,7 @@ class OpenedProject:
         return self._run("drop", name=effect)
 
     def study(self) -> StageResult:
-        """What a calibration by two points has found: a row for each constant and error beside the published."""
+        """What a calibration by two points has found: a row for each constant and error."""
         return self._run("study")
 
     def review(self) -> StageResult:
