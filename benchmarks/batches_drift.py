@@ -196,7 +196,7 @@ def _finished(child: subprocess.Popen[str]) -> None:
 def _killed(child: subprocess.Popen[str], after_s: float) -> bool:
     """Kill -9 the child and all it started after a time; whether it was still at work."""
     try:
-        child.wait(after_s)
+        child.communicate(timeout=after_s)
         return False
     except subprocess.TimeoutExpired:
         os.killpg(child.pid, signal.SIGKILL)
