@@ -1,4 +1,4 @@
-"""Batches of fingers that differ: do mesh and solver follow what a user may state?
+"""Batches of fingers that differ: figures of what is done with them, from their dimensions to the review.
 
     python benchmarks/batches.py [--quick] [--only PART ...] [--json]
 
@@ -7,7 +7,8 @@ meshed by the lattice that follows from them, and solved at the pressure at whic
 its first response, has a strain of STRAIN. Of the first six whose mesh can be divided by 3 in 40 000 nodes,
 the tip's motion is compared with its limit, to which that lattice, divided by 1, 2 and 3, extrapolates; where
 the three show no order, with that of the finest.
---quick: a few of them, a minute. Without it about half an hour of one core.
+drift, kills: `batches_drift.py`. study: `batches_study.py`. review: `batches_review.py`, on the demo.
+--quick: a few of each. Without it the geometries alone take about half an hour of one core.
 """
 
 import argparse
@@ -20,6 +21,9 @@ from typing import Any
 
 import _first  # noqa: F401
 import numpy as np
+from batches_drift import drift, kills
+from batches_review import DEMO, overlay_px
+from batches_study import study_figures
 from convergence import REFINEMENTS, SILICONE, extrapolate
 
 from fe import Case, Finger, Lattice, Path, Solution, finger_case, solve
@@ -172,7 +176,25 @@ def geometries(quick: bool) -> dict[str, Any]:
     }
 
 
-PARTS: dict[str, Callable[[bool], dict[str, Any]]] = {"geometries": geometries}
+def study(quick: bool) -> dict[str, Any]:
+    """How many of the study's figures its report shows."""
+    del quick
+    return {"study_figures": study_figures()}
+
+
+def review(quick: bool) -> dict[str, Any]:
+    """How far the model drawn over the demo's film lies from it, px; nothing where the demo was not made."""
+    del quick
+    return {"overlay_px": overlay_px() if DEMO.is_dir() else None}
+
+
+PARTS: dict[str, Callable[[bool], dict[str, Any]]] = {
+    "geometries": geometries,
+    "drift": drift,
+    "study": study,
+    "review": review,
+    "kills": kills,
+}
 
 
 def main() -> int:

@@ -22,13 +22,14 @@ from twin.stages.footage import Footage
 from twin.stages.sighting import models_on_film
 from twin.targets import Array
 
+DEMO = Path("softtwin-demo")
 REACH, STEP = 8.0, 0.25  # px: how far from the model's edge the film's is looked for, and how finely
 EVERY = 8  # frames
 CONTRAST = 25.0  # grey levels between body and ground, at least
 PLAIN = (45.0, 160.0)  # grey levels of body and ground: beyond lie markers
 
 
-def overlay_px(demo: Path = Path("softtwin-demo")) -> dict[str, float]:
+def overlay_px(demo: Path = DEMO) -> dict[str, float]:
     """Distances in px between film and the model of now over the whole film: of the markers (rms, 95 %), of
     the body's edge (median, rms and 95 % of its size), and how many places of the edge were compared."""
     project = Project.open(demo)
@@ -85,7 +86,7 @@ def edge_off(picture: Array, edge: Array) -> Array:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("demo", type=Path, nargs="?", default=Path("softtwin-demo"))
+    parser.add_argument("demo", type=Path, nargs="?", default=DEMO)
     for name, number in overlay_px(parser.parse_args().demo).items():
         print(f"{name}: {number:.3g}")
 
