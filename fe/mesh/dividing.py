@@ -1,8 +1,9 @@
 """The lattice that a finger's dimensions ask for: as fine for its shape as the default is for its own.
 
 The default lattice is the cheapest within 2 % of the limit on the default finger (`benchmarks/meshes.py`).
-Five things make it too coarse on another one: long pleats or thin tops, steep pleat walls, flat walls that
-bulge like plates, thick walls, and a chamber so short that its ends and corners count.
+Six things make it too coarse on another one: long pleats or thin tops, steep pleat walls, pleats much deeper
+in the middle than at the sides, flat walls that bulge like plates, thick walls, and a chamber so short that
+its ends and corners count.
 `benchmarks/batches.py` measures what is left on random fingers.
 """
 
@@ -13,7 +14,8 @@ import numpy as np
 from fe.mesh.finger import Finger, Lattice
 
 CELL = 5.6  # top walls that a pleat is long, at most, where the default number of cells does
-STEEPER = 4 / 3  # more cells along a pleat with flat crests
+STEEPER = 4 / 3  # more cells along a pleat with flat crests, or sheared between middle and side
+SHEARED = 0.5  # pitches that pleats are deeper in the middle than at the sides, at most, where one cell does
 CELLS = 72  # along the chamber at most, where more than the default number of cells a pleat would do
 CORRUGATED = 2.5  # top walls that pleats are deep, where they hold the top from bulging
 SPAN = 0.85  # half the chamber's width over its height, at most, where one cell in the middle does
@@ -27,11 +29,13 @@ def lattice_of(finger: Finger) -> Lattice:
     half, height = finger.width / 2, finger.height
     thick = max(finger.side / half, finger.bottom / height, finger.top / height) > THICK
     short = finger.pitch * finger.bellows < SHORT * height
+    sheared = _sheared(finger)
     return replace(
         base,
         per_bellow=_along(finger, base.per_bellow),
         across=_across(finger) + short,
         up=base.up + short,
+        fillet=base.fillet + sheared,
         caps=base.caps + short,
         wall=2 if thick or short else base.wall,
     )
@@ -39,7 +43,8 @@ def lattice_of(finger: Finger) -> Lattice:
 
 def _along(finger: Finger, least: int) -> int:
     """Cells a pleat."""
-    wanted = least * max(finger.pitch / (CELL * finger.top), 1.0) * (STEEPER if finger.flatness else 1.0)
+    steep = STEEPER if finger.flatness or _sheared(finger) else 1.0
+    wanted = least * max(finger.pitch / (CELL * finger.top), 1.0) * steep
     return max(least, min(int(np.ceil(wanted)), CELLS // finger.bellows))
 
 
@@ -49,3 +54,8 @@ def _across(finger: Finger) -> int:
     high = finger.height - finger.top - finger.bottom
     plates = 1 if 2 * finger.pleat >= CORRUGATED * finger.top else 2
     return max(plates, int(np.ceil(half / (SPAN * high))))
+
+
+def _sheared(finger: Finger) -> bool:
+    """Whether the pleats' crests fall off so much to the sides that the top wall is sheared there."""
+    return 2 * finger.pleat - finger.side_pleat > SHEARED * finger.pitch

@@ -27,6 +27,7 @@ def test_the_default_finger_has_the_default_lattice() -> None:
         ({"bellows": 4}, "per_bellow"),
         ({"top": 1.0, "pleat": 3.8}, "per_bellow"),
         ({"flatness": 1.2}, "per_bellow"),
+        ({"side_pleat": 1.0}, "per_bellow"),
         ({"pleat": 1.0}, "across"),
         ({"width": 40.0}, "across"),
         ({"side": 3.5}, "wall"),
@@ -38,6 +39,10 @@ def test_what_makes_the_default_too_coarse_gets_more_cells(change: dict[str, flo
     assert getattr(lattice, finer) > getattr(Lattice(), finer)
     others = [name for name in ("per_bellow", "across", "wall") if name != finer]
     assert [getattr(lattice, name) for name in others] == [getattr(Lattice(), name) for name in others]
+
+
+def test_pleats_that_fall_off_to_the_sides_get_finer_fillets() -> None:
+    assert lattice_of(replace(Finger(), side_pleat=1.0)).fillet == Lattice().fillet + 1
 
 
 def test_the_lattice_knows_no_unit() -> None:
