@@ -204,8 +204,9 @@ def test_a_former_batch_that_is_gone_is_said(batch, stages, say):
     project = batch(calibrate={"seed": 1})
     text = decoded((project.root / "twin.toml").read_bytes())
     (project.root / "twin.toml").write_text(with_key(text, "project", "like", "../batch-06"))
-    with pytest.raises(ValueError, match=r"project.like = '../batch-06': no project in .*batch-06"):
-        camera_kept(Project.open(project.root))
+    assert "cannot be checked: project.like = '../batch-06': no project in " in camera_kept(Project.open(project.root))
+    run_recalibrate(Project.open(project.root), say)  # what can be done without it is done
+    assert any(line.startswith("Not compared with ../batch-06: ") for line in say.lines)
 
 
 @pytest.fixture
