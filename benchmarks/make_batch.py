@@ -44,12 +44,12 @@ from vision.kinds.coded import CodedMarker
 PROTOCOL: virtual.filming.Protocol = (
     (0.0, 0.0), (2.0, 0.0), (4.0, 30.0), (9.0, 30.0), (9.4, 0.0), (14.0, 0.0)
 )  # fmt: skip
-BENCH = virtual.Bench(film_hz=6.0, log_hz=25.0, static_frames=300, placement_sd_mm=0.1)
+BENCH = virtual.Bench(film_hz=6.0, log_hz=25.0, gauge_sd_MPa=1.5e-4, static_frames=300, placement_sd_mm=0.1)
 STATIC_START, FILM_START, LOG_END = 0.5, 52.0, 70.0  # s on the clock of the log
 SIZE, DISTANCE, PX_PER_MM, LOOKS_AT = (704, 480), 3000.0, 6.3, (21.0, 11.5, 0.0)
 BOARD = CharucoBoard(columns=8, rows=6, square_mm=8.0, marker_mm=6.0)
 LENS = -2.0  # k1: 0.3 px in the corners
-BLUR_PX, NOISE_GREY, TAG_MM, HALF_TAG = 0.8, 2.0, 6.0, 2.5
+BLUR_PX, NOISE_GREY, TAG_MM, HALF_TAG = 0.8, 4.0, 6.0, 2.5
 # x, z mm on the rig, in a plane Y mm from its middle, clear of the finger's way
 FRAME = ((-26, 26), (10, 27), (46, 27), (68, 26), (-26, -24), (20, -27), (68, -24))
 FIXED = ((-26, 2), (68, 2), (28, 27), (46, -27), (-5, -27))
