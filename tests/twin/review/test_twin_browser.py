@@ -17,8 +17,8 @@ from twin.review.merging import write_merged
 
 WAIT_S = 60.0
 FLAGS = ("--headless", "--no-sandbox", "--disable-dev-shm-usage", "--use-angle=swiftshader",
-         "--enable-unsafe-swiftshader", "--hide-scrollbars", "--window-size=1000,700",
-         "--virtual-time-budget=40000")  # fmt: skip
+         "--enable-unsafe-swiftshader", "--hide-scrollbars", "--window-size=1000,700")
+PATIENCE_MS = (40_000, 160_000, 640_000)  # of the page's own clock, which a busy machine outruns
 LEFT, RIGHT = (230, 30, 200), (30, 200, 60)  # colours that the viewer itself does not have
 
 
@@ -94,13 +94,21 @@ def test_a_browser_on_this_machine_draws_both_sides(served, require, tmp_path):
     if (other := own_address()) not in (None, "127.0.0.1"):
         assert not answers(page, other)
         assert not answers(data, other)
-    shot = tmp_path / "shot.png"
     url = f"http://127.0.0.1:{page}/?url=rerun%2Bhttp%3A%2F%2F127.0.0.1%3A{data}%2Fproxy&renderer=webgl"
-    subprocess.run(
-        [str(shutil.which("chromium")), *FLAGS, f"--user-data-dir={tmp_path / 'profile'}", f"--screenshot={shot}", url],
-        check=True, capture_output=True, timeout=3 * WAIT_S,
-    )  # fmt: skip
-    check(cv2.imread(str(shot))[..., ::-1])
+    for budget in PATIENCE_MS:
+        drawn = photographed(url, tmp_path, budget)
+        if share(drawn, LEFT) and share(drawn, RIGHT):
+            break
+    check(drawn)
+
+
+def photographed(url: str, folder: Path, budget: int) -> np.ndarray:
+    """What headless Chromium draws of a page (h, w, 3)."""
+    shot = folder / "shot.png"
+    own = (f"--user-data-dir={folder / 'profile'}", f"--virtual-time-budget={budget}", f"--screenshot={shot}")
+    command = [str(shutil.which("chromium")), *FLAGS, *own, url]
+    subprocess.run(command, check=True, capture_output=True, timeout=3 * WAIT_S)
+    return cv2.imread(str(shot))[..., ::-1]
 
 
 @pytest.mark.slow
