@@ -109,22 +109,22 @@ def _record(rng: np.random.Generator, truth: dict[str, float]) -> dict[str, Any]
 
 # -- kill -9 -------------------------------------------------------------------------------------------------
 
-COARSE = Lattice(per_bellow=4, wall=1, up=1, centred=False)
+CELLS = 4  # of the mesh on each pleat; of a quick run 1, on which the diagnosis ends with "cannot test: mesh"
 START_S = 2.0  # in which the program loads
-KILLS, EACH = 20, 5  # kills in all, and of one project
+KILLS, EACH = 20, 10  # kills in all, and of one project
 
 
 def kills(quick: bool) -> dict[str, Any]:
     """How often `twin recalibrate` was killed, and how many of these kills were of projects that end the
     same; `kills_stages` says in which stage each fell."""
-    count, each = (3, 3) if quick else (KILLS, EACH)
+    count, each, cells = (3, 3, 1) if quick else (KILLS, EACH, CELLS)
     rng = np.random.default_rng(4)
     with tempfile.TemporaryDirectory() as scratch:
         first = Path(scratch) / "first"
         _make(first)
         shutil.copytree(first, first.with_name("whole"))
         start = time.monotonic()
-        _finished(_child(first.with_name("whole")))
+        _finished(_child(first.with_name("whole"), cells))
         took, wanted = time.monotonic() - start, _results(first.with_name("whole"))
         assert any(name.endswith("fit.json") for name in wanted), "the run without a kill left no fit"
         same, where = 0, []
@@ -132,9 +132,9 @@ def kills(quick: bool) -> dict[str, Any]:
             folder = Path(shutil.copytree(first, first.with_name(f"killed{len(where)}")))
             own = []
             for moment in rng.uniform(0.0, 2.0 / each, min(each, count - len(where))) * took:
-                if _killed(_child(folder), START_S + float(moment)):
+                if _killed(_child(folder, cells), START_S + float(moment)):
                     own.append(_under_way(folder))
-            _finished(_child(folder))
+            _finished(_child(folder, cells))
             same += len(own) * (_results(folder) == wanted)
             where += own
             print(f"killed in {', '.join(own)}; {same} of {len(where)} the same", file=sys.stderr, flush=True)
@@ -158,17 +158,18 @@ def _make(folder: Path) -> None:
     (folder / "twin.toml").write_text(text, encoding="utf-8")
 
 
-def _child(folder: Path) -> subprocess.Popen[str]:
+def _child(folder: Path, cells: int) -> subprocess.Popen[str]:
     """`twin recalibrate` of a project of the small finger, in a process group of its own."""
-    command = [sys.executable, __file__, "--child", str(folder)]
+    command = [sys.executable, __file__, "--child", str(folder), str(cells)]
     return subprocess.Popen(
         command, start_new_session=True, text=True, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE
     )
 
 
-def _recalibrated(folder: Path) -> None:
+def _recalibrated(folder: Path, cells: int) -> None:
     """What `twin recalibrate` does, on a coarse mesh."""
-    project = Project.open(folder, builtin=BuiltIn(make_batch.FIRST.finger, COARSE))
+    lattice = Lattice(per_bellow=cells, wall=1, up=1, ring=cells > 1, centred=False)
+    project = Project.open(folder, builtin=BuiltIn(make_batch.FIRST.finger, lattice))
     with project.lock("recalibrate"):
         run_recalibrate(project, Console(as_json=False))
 
@@ -208,7 +209,7 @@ def _digest(path: Path) -> str:
 
 if __name__ == "__main__":
     if sys.argv[1:2] == ["--child"]:
-        _recalibrated(Path(sys.argv[2]))
+        _recalibrated(Path(sys.argv[2]), int(sys.argv[3]))
         sys.exit()
     ask = argparse.ArgumentParser(description=__doc__)
     ask.add_argument("--quick", action="store_true", help="fewer series and kills")

@@ -18,8 +18,11 @@ from twin.project.config import Config, PointTable, ProjectTable
 from twin.project.folder import Project, dataset
 from twin.project.targetfiles import write_targets
 from twin.project.toml import decoded, dump, with_key
+from twin.review.page import render
 from twin.stages import chain
-from twin.stages.batchfolders import batches_in, recalibrate_all
+from twin.stages.batchfolders import recalibrate_all
+from twin.stages.batchorder import batches_in
+from twin.stages.earlier import earlier_facts
 from twin.stages.likeness import camera_kept, run_init_like
 from twin.stages.recalibrating import run_recalibrate
 from twin.stages.sidebyside import run_side_by_side
@@ -310,6 +313,35 @@ def test_a_second_command_on_the_folder_is_refused(batch, stages, say, tmp_path,
     monkeypatch.setattr(chain, "function_at", lambda p: second if p.endswith("run_calibrate") else usual(p))
     assert recalibrate_all(tmp_path, say)["failed"] == []
     assert len(inner) == 2
+
+
+def test_the_report_shows_the_constants_beside_earlier_batches(batch, stages, say, tmp_path):
+    stages.fits = {"b-1": {"c10": 0.21}, "b-2": {"c10": 0.211}, "b-10": {"c10": 0.25}}
+    for name in stages.fits:
+        run_recalibrate(batch(name), say)
+    other = batch("b-0")  # of other points: another rig
+    (other.root / "twin.toml").write_text((other.root / "twin.toml").read_text().replace('"tip"', '"end"'))
+    batch("b-3")  # not calibrated yet
+    project = Project.open(tmp_path / "b-10")
+    fit = record(0.25, g1=0.03, effects=["creep"])
+    found = earlier_facts(project, fit)
+    assert found["batches"] == ["b-1", "b-2", "b-10"]
+    rows = {row["name"]: row for row in found["rows"]}
+    assert [cell.split()[0] for cell in rows[SUM]["cells"]] == ["0.29", "0.291", "0.33"]
+    assert rows[SUM]["changed"]
+    assert not rows["creep.g1"]["changed"]
+    assert found["beside"] == "b-2"
+    page = render(title="b-10", facts={"earlier": found})
+    assert "The constants beside earlier batches" in page
+    assert "C10 + C01 is larger by 0.0390 MPa" in page
+    assert earlier_facts(Project.open(tmp_path / "b-1"), fit) is None
+    # the one that twin.toml names counts, wherever it lies
+    (tmp_path / "far").mkdir()
+    shutil.move(tmp_path / "b-1", tmp_path / "far")
+    text = decoded((project.root / "twin.toml").read_bytes())
+    (project.root / "twin.toml").write_text(with_key(text, "project", "like", "../far/b-1"))
+    found = earlier_facts(Project.open(project.root), fit)
+    assert (found["batches"], found["beside"]) == (["b-1", "b-2", "b-10"], "b-1")
 
 
 SERIES = [0.210, 0.2103, 0.2096, 0.2101, 0.2098, 0.2104]
