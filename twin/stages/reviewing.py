@@ -94,7 +94,7 @@ def _deformed(story: Story) -> list[str]:
 def _clip(story: Story, say: Say) -> list[str]:
     """Write clip.mp4, for a talk; returns why it could not be made."""
     if story.footage is None:
-        return [f"No clip: {story.not_filmed or 'there is no film'}."]
+        return [f"No clip: {story.not_filmed or 'this project has no film to lay the model on'}."]
     say.progress("clip", 0, 1)
     faster = story.footage.clip(story.run.path("clip.mp4"))
     say.progress("clip", 1, 1)

@@ -5,6 +5,7 @@ import shutil
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from fe import Lattice
@@ -13,8 +14,11 @@ from twin.model.structure import BuiltIn
 from twin.project.folder import Project
 from twin.project.toml import dump
 from twin.stages.batchfolders import recalibrate_all
-from twin.stages.likeness import run_init_like
+from twin.stages.likeness import camera_kept, run_init_like
 from twin.stages.recalibrating import run_recalibrate
+from vision.drawing import synthetic
+from vision.film.series import open_film
+from vision.following.locating import locate
 
 sys.path.append(str(Path(__file__).resolve().parents[3] / "benchmarks"))
 import make_batch
@@ -83,6 +87,7 @@ def test_another_finger_goes_from_its_films_to_the_verdict(rig, done):
     # true: 0.297 MPa in the first, 0.21 MPa in the other, a coarse mesh with either
     assert names[SUM]["known"]
     assert names[SUM]["difference"] == pytest.approx(-0.087, rel=0.25)
+    assert "The constants beside earlier batches" in Path(result["report.html"]).read_text(encoding="utf-8")
     for name in ("report.html", "review.rrd"):
         assert Path(result[name]).stat().st_size > 10_000
 
@@ -109,6 +114,45 @@ def test_a_moved_folder_is_fresh_and_names_no_place_of_this_machine(rig, done, s
     assert not {"done"} & set(result["stages"].values())
     assert any(f"Not compared with ../{OLD}" in line for line in say.lines)
     assert digests(moved) == before
+
+
+@pytest.fixture(scope="module")
+def first_frames(tmp_path_factory):
+    """`first_frames(batch)`: the film of a batch, of which only the first frame is drawn."""
+
+    def drawn(batch, path):
+        eye, pose = make_batch.camera(batch)
+        marks = make_batch.marks_of(batch)
+        place = np.array([[mark.position for mark in marks]])
+        synthetic.film(path, camera=eye, pose=pose, marks=marks, positions=place, rotations=np.zeros((1, len(marks))),
+                       blur_px=make_batch.BLUR_PX, noise_grey=make_batch.NOISE_GREY, seed=5)  # fmt: skip
+
+    return drawn
+
+
+@pytest.mark.parametrize("stands", ["where it was", "elsewhere", "with another lens"])
+def test_the_camera_is_kept_unless_its_lens_has_changed(first_frames, say, tmp_path, stands):
+    now = {"where it was": OTHER, "elsewhere": make_batch.moved(OTHER), "with another lens": make_batch.zoomed(OTHER)}
+    former, new = tmp_path / OLD, tmp_path / NEW
+    (former / "raw" / "boards").mkdir(parents=True)
+    (former / "raw" / "boards" / "one.png").write_bytes(b"a picture of the board")
+    (former / "twin.toml").write_text(dump(make_batch.config(OLD, FIRST)), encoding="utf-8")
+    first_frames(FIRST, former / "raw" / "film.mp4")
+    eye = make_batch.lens(make_batch.LENS)
+    seen = locate(next(iter(open_film(former / "raw" / "film.mp4").frames()))[2], dictionary="DICT_4X4_50", camera=eye)
+    names = {m.kind.code: m.name for m in make_batch.marks_of(FIRST)}
+    project = Project.open(former)
+    with project.new_run("camera", tables=(), inputs=[]) as run:
+        run.write_json("camera.json", eye.to_dict())
+    with project.new_run("measure", tables=(), inputs=[]) as run:
+        run.write_npz("tracks.npz", {"names": np.array([names[i] for i in seen.ids.tolist()]), "position": seen.centre[None]})
+    run_init_like(new, say, like=former)
+    first_frames(now[stands], new / "raw" / "film.mp4")
+    if stands == "with another lens":
+        with pytest.raises(ValueError, match=rf"the camera of {OLD} does not fit: .* accepted up to 0.3 px"):
+            camera_kept(Project.open(new))
+    else:
+        assert f"The camera of {OLD} still fits" in camera_kept(Project.open(new))
 
 
 @pytest.mark.slow

@@ -154,6 +154,23 @@ def test_what_the_user_has_dropped_stays_dropped(batch, stages, say):
     assert (stages.since(), result["effects"]) == (["review"], [])
 
 
+def test_a_moved_folder_is_fresh_and_no_bit_changes(batch, stages, say, tmp_path):
+    project = batch("Charge 09 ü")
+    run_recalibrate(project, say)
+    place = str(project.root).encode()
+    assert not [p for p in project.root.rglob("*") if p.is_file() and place in p.read_bytes()]
+    moved = tmp_path / "autre dossier é" / "Charge 09 ü"
+    moved.parent.mkdir()
+    shutil.move(project.root, moved)
+    before = {p: p.read_bytes() for p in moved.rglob("*") if p.is_file()}
+    stages.since()
+    with Project.open(moved).lock("recalibrate"):
+        result = run_recalibrate(Project.open(moved), say)
+    assert stages.since() == []
+    assert result["report.html"].startswith(str(moved))
+    assert {p: p.read_bytes() for p in moved.rglob("*") if p.is_file() and not p.name.startswith(".lock")} == before
+
+
 @pytest.mark.parametrize("where", ALL)
 def test_stopped_in_any_stage_it_goes_on_there(batch, stages, say, where):
     project = batch()
