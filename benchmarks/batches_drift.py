@@ -7,8 +7,8 @@ series for each ratio of the sd between batches to that of measurement, and the 
 share of those with a drift of 4 sds (of a batch: between batches and measurement together) that is found,
 and in the right quantity alone. Seven former batches tell the sd so poorly that the exact t test, with
 Holm's factor of 3, finds 67 % of such drifts where batches differ by nature; hence the rates for larger
-drifts. `kills_same`: share of projects that end with the same bits in fit.json and diagnosis.json after
-kill -9 at random moments.
+drifts. `kills_same`: of `kills` (20) kills -9 at random moments of `twin recalibrate`, from the films to the
+report, those of projects that end with the same bits in targets.csv, fit.json and diagnosis.json.
 """
 
 import argparse
@@ -26,10 +26,17 @@ from pathlib import Path
 from typing import Any
 
 import _first  # noqa: F401
+import make_batch
 import numpy as np
 
 from calibrate import Fit, Parameter
+from fe import Lattice
+from twin.console import Console
 from twin.diagnosis.batchvalues import SHARE, SUM, values_of
+from twin.model.structure import BuiltIn
+from twin.project.folder import Project
+from twin.project.toml import dump
+from twin.stages.recalibrating import run_recalibrate
 from twin.stages.trending import Batch, drifts
 
 BATCHES, SERIES = 8, 200
@@ -102,75 +109,58 @@ def _record(rng: np.random.Generator, truth: dict[str, float]) -> dict[str, Any]
 
 # -- kill -9 -------------------------------------------------------------------------------------------------
 
-FILM = ((0.0, 0.0), (2.0, 0.0), (4.0, 30.0), (12.0, 30.0), (12.4, 0.0), (22.0, 0.0))
-NAMES, X = ("p1", "p2", "middle", "tip"), (9.556, 15.111, 4 + 50 / 3, 10 + 100 / 3)
+CELLS = 4  # of the mesh on each pleat; of a quick run 1, on which the diagnosis ends with "cannot test: mesh"
+START_S = 2.0  # in which the program loads
+KILLS, LATEST = 20, 0.6  # kills in all; the latest of each, as a share of the time of a run without one
 
 
-def kills(quick: bool) -> dict[str, float]:
-    """The share of killed projects that end the same, and how often they were killed."""
-    cells, folders, times = (1, 1, 3) if quick else (2, 4, 5)
+def kills(quick: bool) -> dict[str, Any]:
+    """How often `twin recalibrate` was killed, and how many of these kills were of projects that end the
+    same; `kills_stages` says in which stage each fell."""
+    count, cells = (3, 1) if quick else (KILLS, CELLS)
     rng = np.random.default_rng(4)
     with tempfile.TemporaryDirectory() as scratch:
         first = Path(scratch) / "first"
-        _make(first, cells)
+        _make(first)
         shutil.copytree(first, first.with_name("whole"))
         start = time.monotonic()
         _finished(_child(first.with_name("whole"), cells))
         took, wanted = time.monotonic() - start, _results(first.with_name("whole"))
         assert any(name.endswith("fit.json") for name in wanted), "the run without a kill left no fit"
-        same, killed = 0, 0
-        for k in range(folders):
-            folder = Path(shutil.copytree(first, first.with_name(f"killed{k}")))
-            for moment in np.sort(rng.uniform(0.05, 0.6, times)) * took:
-                killed += _killed(_child(folder, cells), float(moment))
+        same, where = 0, []
+        while len(where) < count:
+            folder = Path(shutil.copytree(first, first.with_name(f"killed{len(where)}")))
+            own: list[str] = []
+            while len(where) + len(own) < count:
+                if not _killed(_child(folder, cells), START_S + float(rng.uniform(0.0, LATEST)) * took):
+                    break
+                own.append(_under_way(folder))
             _finished(_child(folder, cells))
-            same += _results(folder) == wanted
-    return {"kills_same": same / folders, "kills": killed}
+            same += len(own) * (_results(folder) == wanted)
+            where += own
+            print(f"killed in {', '.join(own)}; {same} of {len(where)} the same", file=sys.stderr, flush=True)
+    return {"kills_same": same, "kills": len(where), "kills_stages": ", ".join(sorted(set(where)))}
 
 
-def _make(folder: Path, cells: int) -> None:
-    """A project of a short finger with targets of creeping silicone."""
-    from fe import Lattice, Material
-    from twin import virtual
-    from twin.project.config import CalibrateTable, Config, DiagnoseTable, PointTable, ProjectTable
-    from twin.project.targetfiles import write_targets
-    from twin.project.toml import dump
-
-    bench, (builtin, case) = virtual.Bench(film_hz=4.0, gauge_sd_MPa=3e-4, sd=0.005), _finger(cells)
-    edge = np.array([(x, 11.5, 0.0) for x in X])
-    rows = np.linalg.norm(case.nodes[:, None] - edge, axis=2).argmin(axis=0)
-    course = virtual.path(bench, protocol=FILM)
-    truth = virtual.Truth(
-        Material(0.214, 0.083, prony=((0.075, 1.2), (0.055, 3.5))),
-        lattice=Lattice(per_bellow=2, centred=False), finger=builtin.finger,
-    )  # fmt: skip
-    u, slope = virtual.displacements(truth, course, case.nodes[rows])
-    points = virtual.at_nodes(NAMES, case.labels[rows], case.nodes[rows])
-    config = Config(
-        project=ProjectTable(name="short"),
-        points=tuple(PointTable(name=n, node=int(k)) for n, k in zip(NAMES, case.labels[rows])),
-        calibrate=CalibrateTable(population=8, generations=4),
-        diagnose=DiagnoseTable(candidates=("creep", "camera_scale")),
-    )
-    folder.mkdir()
-    (folder / "twin.toml").write_text(dump(config), encoding="utf-8")
-    write_targets(
-        folder / "targets", virtual.noisy_targets(u, slope, course, points=points, bench=bench, seed=1)
-    )
+def _under_way(folder: Path) -> str:
+    """The stage that a kill has left."""
+    runs = sorted((folder / "runs").glob("*-*"), key=lambda run: int(run.name.partition("-")[0]))
+    told = [run for run in runs if (run / "run.json").exists()]
+    if told and json.loads((told[-1] / "run.json").read_text())["status"] == "running":
+        return told[-1].name.partition("-")[2]
+    return "between stages"
 
 
-def _finger(cells: int) -> Any:
-    from fe import Finger, Lattice
-    from twin.model.structure import BuiltIn, base_case
-
-    end, middle = 10 + 100 / 3, 4 + 50 / 3
-    finger = Finger(length=end, bellows=3, tip_node=(end, 11.5, 0.0), middle_node=(middle, 11.5, 0.0))
-    lattice = Lattice(per_bellow=cells, ring=False, centred=False)
-    return BuiltIn(finger, lattice), base_case(finger=finger, lattice=lattice)
+def _make(folder: Path) -> None:
+    """A project of a small finger with its films."""
+    make_batch.write_raw(folder / "raw", make_batch.FIRST)
+    make_batch.write_boards(folder / "raw" / "boards")
+    text = dump(make_batch.config("killed", make_batch.FIRST))
+    (folder / "twin.toml").write_text(text, encoding="utf-8")
 
 
 def _child(folder: Path, cells: int) -> subprocess.Popen[str]:
-    """`twin recalibrate` of a project of the short finger, in a process group of its own."""
+    """`twin recalibrate` of a project of the small finger, in a process group of its own."""
     command = [sys.executable, __file__, "--child", str(folder), str(cells)]
     return subprocess.Popen(
         command, start_new_session=True, text=True, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE
@@ -178,11 +168,9 @@ def _child(folder: Path, cells: int) -> subprocess.Popen[str]:
 
 
 def _recalibrated(folder: Path, cells: int) -> None:
-    from twin.console import Console
-    from twin.project.folder import Project
-    from twin.stages.recalibrating import run_recalibrate
-
-    project = Project.open(folder, builtin=_finger(cells)[0])
+    """What `twin recalibrate` does, on a coarse mesh."""
+    lattice = Lattice(per_bellow=cells, wall=1, up=1, ring=cells > 1, centred=False)
+    project = Project.open(folder, builtin=BuiltIn(make_batch.FIRST.finger, lattice))
     with project.lock("recalibrate"):
         run_recalibrate(project, Console(as_json=False))
 

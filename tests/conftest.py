@@ -17,6 +17,7 @@ np.seterr(all="raise")
 
 ROOT = Path(__file__).resolve().parents[1]
 HINTS = {
+    "chromium": "Chromium is not installed (apt package chromium)",
     "ccx": "CalculiX is not installed (apt package calculix-ccx)",
     "pdftotext": "poppler is not installed (apt package poppler-utils)",
     "pdftoppm": "poppler is not installed (apt package poppler-utils)",
@@ -48,6 +49,7 @@ def _probe_egl() -> bool:
 
 
 PROBES = {
+    "chromium": lambda: shutil.which("chromium") is not None,
     "ccx": lambda: shutil.which("ccx") is not None,
     "pdftoppm": lambda: shutil.which("pdftoppm") is not None,
     "pdftotext": lambda: shutil.which("pdftotext") is not None,

@@ -283,7 +283,8 @@ for _stage in STAGES:
 @app.command()
 def recalibrate(project: Folder = HERE, json: Json = False) -> None:
     """Run every stage that is stale, from the films to the report; in a folder of batches, all of them."""
-    from twin.stages.batchfolders import holds_batches, recalibrate_all
+    from twin.stages.batchfolders import recalibrate_all
+    from twin.stages.batchorder import holds_batches
     from twin.stages.recalibrating import run_recalibrate
 
     if not holds_batches(project):

@@ -38,6 +38,8 @@ def render(*, title: str, facts: Mapping[str, Any]) -> str:
     next_test    sentence
     cannot_tell  [sentence, ...]
     calibration  {parameters: as above, sentence (what can be identified)}
+    earlier      {batches: [name], rows: [{name, unit, cells: [text], changed (bool)}], beside (name),
+                 sentences}, the constants beside those of earlier batches, the last column this batch's
     budget       {markers: [name], rows: [{source, um: [1 sd of each marker], remedy}]}
     chain        [{name, value, unit, note}], the measurement: reprojection RMS, noise, lost markers, ...
     pictures     [{title, caption, half (bool: two beside each other), svg (text) or png (path or bytes),
@@ -96,7 +98,7 @@ def _drawing(picture: Mapping[str, Any]) -> Markup:
 FACTS = frozenset(
     {"headline", "summary", "date", "errors", "named", "ranking", "ties", "next_test", "cannot_tell"}
     | {"study", "evidence", "calibration", "chain", "pictures", "notes", "provenance", "commands"}
-    | {"where", "mechanism", "budget"}
+    | {"where", "mechanism", "budget", "earlier"}
 )
 PLACES = ("top", "where", "evidence", "more")  # of pictures, in the order of the page
 FILTERS = {

@@ -1,28 +1,15 @@
 """A folder whose subfolders are projects, one a batch: their order, and all of them recalibrated at once."""
 
-import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 from twin.project.folder import Project, Say
 from twin.project.locking import lock
+from twin.stages.batchorder import batches_in
 from twin.stages.recalibrating import run_recalibrate
 
 Opened = Callable[[Path], Project]
-
-
-def batches_in(folder: Path) -> list[Path]:
-    """The project folders below a folder, in the order of their names (batch-9 before batch-10)."""
-    found = [path.parent for path in folder.glob("*/twin.toml")]
-    return sorted(
-        (path for path in found if not path.name.startswith(".")), key=lambda path: _natural(path.name)
-    )
-
-
-def holds_batches(folder: Path) -> bool:
-    """Whether a folder is no project itself and has projects below it."""
-    return not (folder / "twin.toml").is_file() and bool(batches_in(folder))
 
 
 def recalibrate_all(folder: Path, say: Say, *, opened: Opened = Project.open) -> dict[str, Any]:
@@ -71,9 +58,3 @@ def _state(row: dict[str, Any]) -> str:
         return "failed"
     ran = "done" in row["stages"].values()
     return "recalibrated" if ran else "fresh"
-
-
-def _natural(name: str) -> list[tuple[int, int, str]]:
-    """A key by which numbers in a name count as numbers."""
-    parts = re.findall(r"\d+|\D+", name)
-    return [(0, int(part), "") if part.isdecimal() else (1, 0, part) for part in parts]

@@ -60,7 +60,10 @@ def former_of(project: Project) -> Project | None:
 def camera_kept(project: Project) -> str:
     """Whether the former batch's camera still fits, as the rig's fixed markers show it, in one sentence; ""
     where there is no camera to keep. ValueError where it does not fit."""
-    former = former_of(project)
+    try:
+        former = former_of(project)
+    except ValueError as error:  # the new batch alone was moved: what is done of it holds
+        return f"Whether the former batch's camera still fits cannot be checked: {error}."
     cameras = project.config.cameras
     if former is None or not cameras or not _same_camera(project, former):
         return ""

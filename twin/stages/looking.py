@@ -6,18 +6,21 @@ import numpy as np
 
 from twin.project.folder import Project, Say
 from twin.review.blueprint import dimensioned
+from twin.review.undeformed import write_undeformed
+from twin.stages.calibrating import triangles
 from twin.stages.positions import places_of, position_of
 from twin.stages.workbench import structure_of
 
 
 def run_look(project: Project, say: Say) -> dict[str, Any]:
-    """Write runs/NNNN-look/finger.png: the undeformed finger with its dimensions, unless that is done."""
+    """Write runs/NNNN-look/finger.png and look.rrd: the undeformed finger with its dimensions, unless that is
+    done."""
     how: dict[str, Any] = {"tables": ("project", "model", "frame", "points"), "inputs": project.deck_files()}
     structure = structure_of(project)
     for place in places_of(project, structure).values():
         say(place.sentence)
     done = project.done("look", **how)
-    if done is not None:
+    if done is not None and (done / "look.rrd").is_file():
         say(f"Already done: {project.shown(done / 'finger.png')}")
         return {"stage": "look", "status": "skipped", "run": project.shown(done)}
     finger = _finger(project)
@@ -30,10 +33,15 @@ def run_look(project: Project, say: Say) -> dict[str, Any]:
             title=f"{project.config.project.name}: the finger without load, in mm{edges}",
         )  # fmt: skip
         run.write_bytes("finger.png", picture)
+        write_undeformed(
+            run.path("look.rrd"), case=structure.case, triangles=triangles(structure.outside), points=points,
+            marks=marks, finger=finger, drawing=picture,
+        )  # fmt: skip
         x, _, z = np.ptp(structure.case.nodes, axis=0)
         run.summary.update(nodes=len(structure.case.nodes), points=len(points), marks=len(marks))
         run.summary["headline"] = f"{x:.4g} mm long, {z:.3g} mm high, {len(points)} points"
     say(f"Wrote {project.shown(run.path('finger.png'))}: the finger with its dimensions and points.")
+    say(f"In 3D, with its nodes: rerun {run.path('look.rrd')}")
     return {"stage": "look", "status": "done", "run": project.shown(run.folder)} | run.summary
 
 

@@ -1,7 +1,6 @@
 """Two batches, or two models of one, on one page: constants, differences, verdicts, errors, pictures."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,26 +11,15 @@ from twin.review.numerals import interval, short
 from twin.review.tablepage import table_page
 from twin.stages.batchfolders import Opened
 from twin.stages.fits import fit_file, fresh
+from twin.stages.laying import Laid, write_side_by_side
 from twin.stages.recalibrating import other_effects
 
 SHOWN = {"overlay.png": "the film with its markers", "deformed.png": "the model at the highest pressure"}
 
 
-@dataclass(frozen=True, kw_only=True)
-class Laid:
-    """One of the two: what it is called, its project, its fit and what was found with it."""
-
-    name: str
-    project: Project
-    record: Mapping[str, Any]
-    values: tuple[BatchValue, ...]
-    comparison: Mapping[str, Any]
-    verdict: str
-
-
 def run_side_by_side(two: Sequence[Path], say: Say, *, opened: Opened = Project.open) -> dict[str, Any]:
-    """Lay two project folders, or run folders with a fit.json, side by side in a page of the present
-    folder."""
+    """Lay two project folders, or run folders with a fit.json, side by side: a page and a recording in the
+    present folder."""
     if len(two) != 2:
         raise ValueError(
             f"folders to compare: {len(two)}; wanted two, as in `twin compare batch-07 batch-08`"
@@ -44,13 +32,15 @@ def run_side_by_side(two: Sequence[Path], say: Say, *, opened: Opened = Project.
     files.write_text(page, _page(a, b, changes, said))
     for line in (f"{a.name} is before, {b.name} is now.", *said):
         say(line)
-    found = (side.project.newest("review", "review.rrd") for side in (a, b))
-    recordings = [str(path) for path in found if path is not None]
-    if len(set(recordings)) == 2:
-        say(f"Both recordings in one window: rerun {' '.join(recordings)}")
+    merged = write_side_by_side(page.with_suffix(".rrd"), (a, b))
+    if merged is None:
+        say("No recording of both: each needs a review; `twin review` or `twin recalibrate` writes it.")
+    else:
+        say(f"Both in one recording: rerun {merged}")
     say(f"Wrote {page}{replaced}.")
     return {
-        "stage": "compare", "before": a.name, "after": b.name, "page": str(page), "recordings": recordings,
+        "stage": "compare", "before": a.name, "after": b.name, "page": str(page),
+        "recording": None if merged is None else str(merged),
         "changes": [{"name": c.name, "before": c.before, "after": c.after, "low": c.low, "high": c.high,
                      "unit": c.unit, "known": c.known, "note": c.note} for c in changes],
     }  # fmt: skip
@@ -75,6 +65,7 @@ def side_of(path: Path, opened: Opened = Project.open) -> Laid:
         name=name, project=project, record=record, values=values_of(record),
         comparison=files.read_json(compared) if compared.is_file() else {},
         verdict=files.read_json(diagnosed)["verdict"] if diagnosed else "not diagnosed",
+        run=None if name == folder.name else folder,
     )  # fmt: skip
 
 

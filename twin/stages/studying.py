@@ -16,7 +16,9 @@ from twin.stages.calibrating import run_calibrate
 from twin.stages.findings import Study
 from twin.stages.fits import fresh
 from twin.stages.inquiring import Inquiry
-from twin.stages.reviewing import FIGURES, STUDY, run_review
+from twin.stages.reportpictures import FIGURES
+from twin.stages.reviewing import run_review
+from twin.stages.story import STUDY
 from twin.targets import Array
 
 

@@ -15,7 +15,8 @@ from twin.diagnosis.batchvalues import BatchValue, values_of
 from twin.project import files
 from twin.project.folder import Project, Say
 from twin.review.numerals import interval, short
-from twin.stages.batchfolders import Opened, batches_in
+from twin.stages.batchfolders import Opened
+from twin.stages.batchorder import batches_in
 from twin.stages.fits import fit_file, fresh
 
 if TYPE_CHECKING:

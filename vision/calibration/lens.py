@@ -1,6 +1,7 @@
 """A camera from views of a board: every lens model fitted, the best by evidence, with its covariance."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 import cv2
@@ -63,18 +64,30 @@ def fit_lens(views: Sequence[BoardView], size: tuple[int, int], model: tuple[str
     return fit
 
 
+@contextmanager
+def _one_thread() -> Iterator[None]:
+    """OpenCV on one thread: several add up in the order in which they end, so that the last digits differ."""
+    before = cv2.getNumThreads()
+    cv2.setNumThreads(1)
+    try:
+        yield
+    finally:
+        cv2.setNumThreads(before)
+
+
 def _fit(views: Sequence[BoardView], size: tuple[int, int], model: tuple[str, ...]) -> LensFit:
     flags = sum(flag for name, flag in FIXED.items() if name not in model)
     flags += 0 if "p1" in model else cv2.CALIB_ZERO_TANGENT_DIST
-    rms, matrix, distortion, turns, shifts = cv2.calibrateCamera(
-        [view.points.astype(np.float32) for view in views],
-        [view.pixels.astype(np.float32).reshape(-1, 1, 2) for view in views],
-        size,
-        np.eye(3),
-        np.zeros(5),
-        flags=flags,
-        criteria=STOP,
-    )
+    with _one_thread():
+        rms, matrix, distortion, turns, shifts = cv2.calibrateCamera(
+            [view.points.astype(np.float32) for view in views],
+            [view.pixels.astype(np.float32).reshape(-1, 1, 2) for view in views],
+            size,
+            np.eye(3),
+            np.zeros(5),
+            flags=flags,
+            criteria=STOP,
+        )
     camera = Camera(
         np.asarray(matrix, dtype=np.float64),
         np.asarray(distortion, dtype=np.float64).reshape(-1)[:5],

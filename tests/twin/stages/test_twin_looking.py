@@ -3,10 +3,12 @@
 import json
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
 import pytest
+from rerun.chunk import RrdReader
 
 from fe import Material, solve
 from twin import cli, virtual
@@ -161,6 +163,30 @@ def test_look_draws_the_finger(batch: Path, capsys: pytest.CaptureFixture[str]) 
     run("look", "--project", batch)
     assert "Already done" in capsys.readouterr().out
     assert Project.open(batch).newest("look", "finger.png") == first
+
+
+def test_look_shows_nodes_points_and_dimensions_in_rerun(batch: Path) -> None:
+    run("look", "--project", batch)
+    project = Project.open(batch)
+    path, case = project.newest("look", "look.rrd"), structure_of(project).case
+    assert path is not None
+    found: dict[str, Any] = {}
+    for chunk in RrdReader(str(path)).stream():
+        table = chunk.to_record_batch()
+        found |= {f"{chunk.entity_path} {n}": table.column(n).to_pylist()[-1] for n in table.schema.names}
+    np.testing.assert_allclose(found["/finger/nodes Points3D:positions"], case.nodes, atol=1e-5)
+    assert found["/finger/nodes Points3D:labels"] == [str(n) for n in case.labels]
+    assert found["/finger/points Points3D:labels"] == ["tip", "middle"]
+    np.testing.assert_allclose(found["/finger/points Points3D:positions"][0], [40, 8, 0], atol=1e-5)
+    lengths = {
+        text: np.linalg.norm(np.subtract(*ends))
+        for text, ends in zip(found["/finger/dimensions LineStrips3D:labels"],
+                              found["/finger/dimensions LineStrips3D:strips"])
+    }  # fmt: skip
+    assert lengths["length 40 mm"] == pytest.approx(40.0, abs=1e-4)
+    assert lengths["width 16 mm"] == pytest.approx(16.0, abs=1e-4)
+    assert lengths["height 14 mm"] == pytest.approx(14.0, abs=1e-4)
+    assert lengths["3 pleats of 10 mm"] == pytest.approx(30.0, abs=1e-4)
 
 
 def test_a_cut_has_the_area_of_the_walls() -> None:

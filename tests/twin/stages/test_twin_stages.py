@@ -21,6 +21,7 @@ from twin.project.config import CalibrateTable, Config, DiagnoseTable, PointTabl
 from twin.project.folder import Project, dataset
 from twin.project.targetfiles import write_targets
 from twin.project.toml import dump
+from twin.review.merging import entity
 from twin.review.numerals import in_words, interval, value
 from twin.review.states import Fields, Generations
 from twin.stages.adding import run_add, run_drop
@@ -29,6 +30,7 @@ from twin.stages.comparing import run_compare
 from twin.stages.diagnosing import run_diagnose
 from twin.stages.explaining import run_explain
 from twin.stages.reviewing import run_review
+from twin.stages.sidebyside import run_side_by_side
 
 FILM = ((0.0, 0.0), (2.0, 0.0), (4.0, 30.0), (12.0, 30.0), (12.4, 0.0), (22.0, 0.0))
 BENCH = virtual.Bench(film_hz=4.0, gauge_sd_MPa=3e-4, sd=0.005)
@@ -96,6 +98,21 @@ def chain(
     project = Project.open(project.root, builtin=project.builtin)
     run_review(project, say)
     return project, say
+
+
+def test_two_models_of_one_batch_lie_in_one_recording(
+    chain: tuple[Project, Silent], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    project, say = chain
+    runs = [project.newest("calibrate", "fit.json"), project.newest("add", "fit.json")]
+    folders = [path.parent for path in runs if path is not None]
+    monkeypatch.chdir(tmp_path)
+    result = run_side_by_side(folders, say, opened=lambda folder: Project.open(folder, builtin=project.builtin))
+    names = [entity(f"{project.root.name}/{folder.name}", "model/mesh") for folder in folders]
+    tables = [c.to_record_batch() for c in RrdReader(result["recording"]).stream().filter(content=names)]
+    along = [t for t in tables if "film_time" in t.schema.names and "Mesh3D:vertex_positions" in t.schema.names]
+    # the calibrated model at top pressure alone, the other at every state of fields.npz
+    assert sum(t.num_rows for t in along) == 1 + len(Fields.load(folders[1] / "fields.npz").time_s)
 
 
 def read(project: Project, kind: str, name: str) -> dict[str, object]:

@@ -251,7 +251,9 @@ def test_a_report_without_the_study_leads_with_the_constants(done: Done, tmp_pat
     project = Project.open(folder, builtin=done.project.builtin)
     run_check(project, say)
     assert any("`twin study` makes the figures" in line for line in say.lines)
-    run_review(project, say)
+    run_review(project, say, clip=True)
+    assert "No clip: this project has no film to lay the model on." in say.lines
+    assert project.newest("review", "clip.mp4") is None
     assert "<h1>C10 + C01 = " in newest_report(project)
 
 

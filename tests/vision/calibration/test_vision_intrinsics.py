@@ -52,6 +52,18 @@ def test_camera_is_recovered_within_its_own_sd(drawn: list[Path]) -> None:
     assert camera.stdevs[0] < 2.0
 
 
+def test_the_same_pictures_give_the_same_bits(drawn: list[Path]) -> None:
+    # by four threads, which add up in another order each time, the focal length has another last digit
+    before = cv2.getNumThreads()
+    cv2.setNumThreads(4)
+    try:
+        found = [json.dumps(calibrate_camera(drawn, BOARD).to_dict()) for _ in range(4)]
+        assert cv2.getNumThreads() == 4
+    finally:
+        cv2.setNumThreads(before)
+    assert len(set(found)) == 1
+
+
 def test_camera_makes_a_json_round_trip(drawn: list[Path]) -> None:
     camera = calibrate_camera(drawn, BOARD)
     again = Camera.from_dict(json.loads(json.dumps(camera.to_dict())))
