@@ -2,9 +2,9 @@
 
 from typing import Any
 
+from twin.diagnosis.blindtest import unseen
 from twin.diagnosis.comparison import Comparison
 from twin.diagnosis.judging import Judged
-from twin.diagnosis.unseen import unseen
 from twin.project import files
 from twin.project.folder import Project, Run, Say
 from twin.stages.fits import fit_file, newest_fit

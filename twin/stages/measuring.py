@@ -27,7 +27,7 @@ from twin.stages.recordings import (
     stated_of,
     views_of,
 )
-from twin.stages.several import FILM, Film, FilmTargets, all_inputs, films_of, joined
+from twin.stages.several import FILM, FilmTargets, OneFilm, all_inputs, films_of, joined
 from twin.stages.targetmaking import make_targets
 from twin.targets import Targets
 
@@ -145,7 +145,9 @@ def _one_film(project: Project, camera: Path, say: Say, name: str) -> Path:
     return run.folder
 
 
-def _joint(project: Project, run: Run, each: Sequence[tuple[Film, Path]]) -> tuple[Targets, dict[str, Any]]:
+def _joint(
+    project: Project, run: Run, each: Sequence[tuple[OneFilm, Path]]
+) -> tuple[Targets, dict[str, Any]]:
     """The targets of all films, and where they come from; the pictures of the first are in this run too."""
     films = [FilmTargets.of(film, read_targets(folder / "targets", nodes=project.config.nodes))
              for film, folder in each]  # fmt: skip

@@ -19,7 +19,7 @@ RIG = ("scale", "placement", "node", "height", "out_of_plane")  # errors that al
 
 
 @dataclass(frozen=True)
-class Film:
+class OneFilm:
     """One of several films: its table, and the project with this film as its only one."""
 
     table: FilmTable
@@ -37,9 +37,9 @@ class Film:
         return self.project.config.pressure.file
 
 
-def films_of(project: Project) -> list[Film]:
+def films_of(project: Project) -> list[OneFilm]:
     """The films of [[films]] in their order; none where the camera names its one film."""
-    return [Film(table, _alone(project, table)) for table in project.config.films]
+    return [OneFilm(table, _alone(project, table)) for table in project.config.films]
 
 
 def _alone(project: Project, film: FilmTable) -> Project:
@@ -86,7 +86,7 @@ class FilmTargets:
     gravity: tuple[float, float, float] | None = None
 
     @staticmethod
-    def of(film: Film, targets: Targets) -> "FilmTargets":
+    def of(film: OneFilm, targets: Targets) -> "FilmTargets":
         """Those of a film as it was measured."""
         table = film.table
         return FilmTargets(
