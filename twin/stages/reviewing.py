@@ -203,6 +203,7 @@ class _Story:
             "evidence": self.way.facts,
             "ranking": [r for r in every if not _blind(r)],
             "study": self._study(),
+            "held_out": self._held_out(),
             "ties": d.get("ties", []),
             "next_test": d.get("next_test"),
             "cannot_tell": [*self._untold(), *_by_note([r for r in every if _blind(r)])],
@@ -332,7 +333,8 @@ class _Story:
     def _pictures(self) -> list[dict[str, Any]]:
         return [
             *self._drawn("error", place="top"), *self._deformed(), *self._overlaid(),
-            *self._drawn("residuals", place="where"), *self._drawn("evidence", place="evidence"),
+            *self._drawn("residuals", place="where"), *self._foretold(),
+            *self._drawn("evidence", place="evidence"),
             *self._over_time(), *self._search(),
         ]  # fmt: skip
 
@@ -355,6 +357,24 @@ class _Story:
         title, caption, half = said[name]
         svg = self.way.pictures.get(name)
         return [_picture(title, caption, half=half, svg=svg, place=place)] if svg else []
+
+    def _held_out(self) -> list[dict[str, Any]]:
+        """The films that no fit has seen: error of the calibrated model and of that with effects."""
+        before = self._json(("calibrate",), "comparison.json").get("held_out", [])
+        after: dict[str, Any] = {row["film"]: row["after"] for row in self.diagnosis.get("held_out", [])}
+        after |= {row["film"]: row for row in self.added.get("held_out", [])}
+        return [_held_row(row, after.get(row["film"])) for row in before]
+
+    def _foretold(self) -> list[dict[str, Any]]:
+        """A picture for each held-out film: its error before and after, and its noise."""
+        out = []
+        for row in self._held_out():
+            bars = [("calibrated", row["before_mm"])]
+            bars += [("with effects", row["after_mm"])] if row["after_mm"] is not None else []
+            drawing = plots.falling(bars, noise_mm=row["noise_mm"])
+            caption = "No fit has seen this film."
+            out.append(_picture(row["film"], caption, half=True, svg=drawing, place="held_out"))
+        return out
 
     def _deformed(self) -> list[dict[str, Any]]:
         """The finger at top pressure, where it could be drawn."""
@@ -424,6 +444,15 @@ class _Story:
 def _picture(title: str, caption: str, *, half: bool = False, **drawn: Any) -> dict[str, Any]:
     """A picture of the report, svg=text or png=file; two halves stand side by side."""
     return {"title": title, "caption": caption, "half": half, **drawn}
+
+
+def _held_row(before: dict[str, Any], after: dict[str, Any] | None) -> dict[str, Any]:
+    """One held-out film as the report shows it."""
+    error = after["rms_mm"] if after else None
+    return {
+        "film": before["film"], "before_mm": before["rms_mm"], "after_mm": error,
+        "ratio": before["rms_mm"] / error if error else None, "noise_mm": before["noise_sd_mm"],
+    }  # fmt: skip
 
 
 def _parameters(fit: dict[str, Any]) -> list[dict[str, Any]]:

@@ -14,7 +14,7 @@ from twin.stages.recordings import measure_inputs
 from twin.targets import Array, Targets, least_known
 
 FILM = "film"  # the kind of the runs that measure one of several films
-BETWEEN_S = 3600.0  # s from the end of one pressure log to the film of the next: the finger rests meanwhile
+BETWEEN_S = 600.0  # s from the end of one pressure log to the film of the next: the finger rests meanwhile
 RIG = ("scale", "placement", "node", "height", "out_of_plane")  # errors that all films of a rig share
 
 
