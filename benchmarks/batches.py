@@ -7,7 +7,8 @@ meshed by the lattice that follows from them, and solved at the pressure at whic
 its first response, has a strain of STRAIN. Of the first six whose mesh can be divided by 3 in 40 000 nodes,
 the tip's motion is compared with its limit, to which that lattice, divided by 1, 2 and 3, extrapolates; where
 the three show no order, with that of the finest.
-drift, kills: `batches_drift.py`. study: `batches_study.py`. review: `batches_review.py`, on the demo.
+drift, kills: `batches_drift.py`. study: `batches_study.py`. films: `batches_films.py`. review:
+`batches_review.py`, on the demo.
 --quick: a few of each. Without it the geometries alone take about half an hour of one core.
 """
 
@@ -22,6 +23,7 @@ from typing import Any
 import _first  # noqa: F401
 import numpy as np
 from batches_drift import drift, kills
+from batches_films import films
 from batches_review import DEMO, overlay_px
 from batches_study import study_figures
 from convergence import REFINEMENTS, SILICONE, extrapolate
@@ -192,6 +194,7 @@ PARTS: dict[str, Callable[[bool], dict[str, Any]]] = {
     "geometries": geometries,
     "drift": drift,
     "study": study,
+    "films": films,
     "review": review,
     "kills": kills,
 }
