@@ -19,6 +19,7 @@ from twin.model.building import base_model
 from twin.project import files
 from twin.project.folder import Project
 from twin.project.targetfiles import read_targets, write_targets
+from twin.review.page import render
 from twin.stages.cameras import run_camera
 from twin.stages.checking import run_check
 from twin.stages.measuring import run_measure
@@ -235,3 +236,11 @@ def test_a_held_out_film_does_not_enter_the_fit_and_is_judged():
     seen = replace(other, held_out=np.zeros(24, bool))  # the mutant: fitted, it moves the constants
     free = judge(base_model(seen, CASE, elasticity=Elasticity(fixed={"C01": 0.083})), seen, starts=start)
     assert not np.array_equal(free.theta, fit.theta)
+
+
+def test_the_report_shows_a_held_out_film():
+    row = {"film": "steps", "before_mm": 0.5, "after_mm": 0.25, "ratio": 2.0, "noise_mm": 0.1}
+    text = render(title="t", facts={"held_out": [row]})
+    assert "Films that no fit has seen" in text
+    assert "<td>steps</td>" in text
+    assert "Films that no fit has seen" not in render(title="t", facts={"held_out": []})
