@@ -4,10 +4,11 @@
 
 geometries: random dimensions of the built-in finger, as [model.finger] of twin.toml takes them. Each is
 meshed by the lattice that follows from them, and solved at the pressure at which its most strained place, by
-its first response, has a strain of STRAIN. Of the first six whose mesh divided by 3 has 100 000 nodes at most,
+its first response, has a strain of STRAIN. Of the first six whose mesh divided by 3 has 100 000 nodes,
 the tip's motion is compared with its limit, to which that lattice, divided by 1, 2 and 3, extrapolates; where
 the three show no order, with that of the finest.
-drift, kills: `batches_drift.py`. study: `batches_study.py`. review: `batches_review.py`, on the demo.
+drift, kills: `batches_drift.py`. study: `batches_study.py`. films: `batches_films.py`. review:
+`batches_review.py`, on the demo.
 --quick: a few of each. Without it the geometries alone take about half an hour of one core.
 """
 
@@ -22,6 +23,7 @@ from typing import Any
 import _first  # noqa: F401
 import numpy as np
 from batches_drift import drift, kills
+from batches_films import films
 from batches_review import review
 from batches_study import study_figures
 from convergence import REFINEMENTS, SILICONE, extrapolate
@@ -184,6 +186,7 @@ PARTS: dict[str, Callable[[bool], dict[str, Any]]] = {
     "geometries": geometries,
     "drift": drift,
     "study": study,
+    "films": films,
     "review": review,
     "kills": kills,
 }

@@ -32,6 +32,8 @@ WHAT = {
     "study's finger is computed. `twin look` draws them.",
     "cameras": "One for each camera. Without any, the targets were measured elsewhere.",
     "cameras.board": "The calibration board; the same for all cameras.",
+    "films": "One for each of several films of one batch, in place of `film` and its start in `[[cameras]]`: "
+    "[Several films of one finger](your-own-test.md#several-films-of-one-finger).",
     "pressure": "The pressure log. Needed with a film.",
     "measure": "How well things are known. Every sd here becomes a part of the stated error.",
     "frame.markers": "Markers on the rig, which do not move.",

@@ -188,7 +188,7 @@ def equivalent(time: Array, pressure: Array, prony: Array) -> Array:
     linear between the times (t,) s; the structure is unloaded before the first time.
     """
     out, g, x = np.empty(len(pressure)), prony[:, 0], np.diff(time)[:, None] / prony[:, 1]
-    decay, share = np.exp(-x), g * -np.expm1(-x) / x
+    decay, share = np.exp(-np.minimum(x, 300.0)), g * -np.expm1(-x) / x
     _equivalent(np.asarray(pressure, float), g, decay, share, out)
     return out
 

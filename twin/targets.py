@@ -1,7 +1,7 @@
 """Displacement targets: what was measured, with all that is known of its errors."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import TYPE_CHECKING
@@ -101,6 +101,7 @@ class Targets:
     reference: NDArray[np.int64]  # (r,) step indices
     gravity: Array | None  # (blocks,3) unit vectors in world axes, or None
     pressure_sd: Array  # (s,) MPa, gauge noise of each step's pressure; 0 where not known
+    noises: tuple[Noise, ...] = ()  # (blocks,) where each film has its own; `noise` is the least known then
 
     def __post_init__(self) -> None:
         s, p, k = len(self.time), len(self.points), len(self.mode_names)
@@ -113,6 +114,15 @@ class Targets:
             if getattr(self, name).shape != shape:
                 raise ValueError(f"targets: {name} has shape {getattr(self, name).shape}; wanted {shape}")
         _check(self)
+
+    @property
+    def rests(self) -> NDArray[np.int64]:
+        """The number (s,) of the rest that each step is relative to: its block, where each has its own."""
+        return self.block if len(np.unique(self.block[self.reference])) > 1 else np.zeros_like(self.block)
+
+    def noise_of(self, block: int) -> Noise | None:
+        """What is known of the noise of a block."""
+        return self.noises[block] if self.noises else self.noise
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -152,6 +162,20 @@ class Targets:
         return not np.array_equal(self.log_time, self.time)
 
 
+def least_known(noises: Sequence[Noise]) -> Noise:
+    """The noise model that the fewest static frames were there for: a test of all films trusts it."""
+    return min(noises, key=lambda noise: noise.frames)
+
+
+def relative(field: Array, reference: NDArray[np.int64], rests: NDArray[np.int64]) -> Array:
+    """A field (s, ...) less its mean over the reference steps (r,) of the same rest, (s,) numbers."""
+    out = np.empty_like(field)
+    for rest in np.unique(rests):
+        own = rests == rest
+        out[own] = field[own] - field[reference[rests[reference] == rest]].mean(axis=0)
+    return out
+
+
 def _check(t: Targets) -> None:
     """Raise ValueError at the first thing that does not fit together."""
     if not len(t.time) or not t.points:
@@ -173,6 +197,14 @@ def _check(t: Targets) -> None:
         )
     if not len(t.reference) or t.reference.min() < 0 or t.reference.max() >= len(t.time):
         raise ValueError(f"targets: reference steps must lie in 0..{len(t.time) - 1} and be at least one")
+    resting = np.unique(t.block[t.reference])
+    if len(resting) not in (1, int(t.block[-1]) + 1):
+        raise ValueError(
+            f"targets: reference steps lie in blocks {resting.tolist()} of {int(t.block[-1]) + 1}; wanted "
+            "them in one block, for all, or in every block, each for its own"
+        )
+    if t.noises and (len(t.noises) != int(t.block[-1]) + 1 or t.noise is None):
+        raise ValueError(f"targets: {len(t.noises)} noise models; wanted one for each block, or one for all")
     variance = np.diagonal(t.covariance, axis1=2, axis2=3)
     good = np.isfinite(t.value) & np.isfinite(variance) & (np.nan_to_num(variance) > 0)
     if (t.valid & ~good).any():

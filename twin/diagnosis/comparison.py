@@ -8,7 +8,7 @@ import numpy as np
 from calibrate import chi2_test, excess, omnibus
 from twin.diagnosis.sharederrors import beyond, in_words
 from twin.diagnosis.whitening import Whitener
-from twin.targets import Array, Targets
+from twin.targets import Array, Targets, relative
 
 ADEQUATE = 1e-3  # a model is adequate while its lack of fit has at least this probability
 PLAUSIBLE = 3.0  # sd of a shared error, as far as the place of a misfit is concerned
@@ -137,7 +137,7 @@ def smooth_functions(targets: Targets, w: Whitener, shapes: Array | None = None)
     for point, axis in w.components:
         for shape in slow_shapes(targets) if shapes is None else shapes:
             field = np.zeros((*targets.value.shape[:2], 3))
-            field[:, point, axis] = shape - shape[targets.reference].mean()
+            field[:, point, axis] = relative(shape, targets.reference, targets.rests)
             fields.append(field)
     return w.whiten(np.array(fields)).T  # at once: the filter's steps are what costs
 

@@ -59,6 +59,7 @@ def in_film(model: Model, film: Film, points: Array) -> Model:
 
     Without the mesh's correction, which is known at the film's own points only, and alike for all rivals.
     """
+    model = model.at_one_rest()
     path, test = model.test.path, model.test
     time, pressure, output = _course(path, film)
     before = np.linspace(path.time[0], path.time[-1], min(len(path.time), LOG))

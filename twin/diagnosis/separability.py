@@ -111,7 +111,7 @@ def _at_levels(model: Model, theta: Array, spots: tuple[Spot, ...], pressure: Ar
     places, every = np.array([s.place for s in spots]), np.ones(len(spots), bool)
     names = tuple(s.name for s in spots)
     planned = replace(test, path=course, points=places, moving=every, names=names)
-    asked = replace(model, test=planned, reference=np.array([0]), parent=None, mesh=None)
+    asked = replace(model, test=planned, reference=np.array([0]), rests=None, parent=None, mesh=None)
     jacobian, u = asked.jacobian(theta), asked.predict(theta)
     return Outcomes(spots=spots, pressure=pressure, u=u[1:], jacobian=jacobian[:, 1:])
 

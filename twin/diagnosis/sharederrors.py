@@ -30,6 +30,9 @@ WORDS = {
 
 def subject(name: str) -> str:
     """What the error of a mode's name is an error of: "the clock of the film" for `sync`."""
+    name, _, film = name.partition("@")
+    if film:
+        return f"{subject(name)} in film {film}"
     kind, *rest = name.split(":")
     if kind == "reference" and rest:
         rest[0] = "all markers" if rest[0] == "shared" else f"marker {rest[0]}"

@@ -17,7 +17,18 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from twin.targets import Array, Targets
+from twin.targets import Array, Noise, Targets
+
+
+@dataclass(frozen=True)
+class Steady:
+    """The noise at rest of a film: static (m, m) mm2, the covariance within a step of its part that lasts;
+    fresh (m, m) mm2, that of its part that is new in each frame; rho (m,), the lag-1 correlation of the
+    first."""
+
+    static: Array
+    fresh: Array
+    rho: Array
 
 
 @dataclass(frozen=True)
@@ -27,13 +38,26 @@ class Whitener:
     components: NDArray[np.int64]  # (m, 2): point and axis of each component that is data
     valid: NDArray[np.bool_]  # (s, m)
     sd: Array  # (s, m) mm
-    rho: Array  # (m,) lag-1 correlation of the static part
-    static: Array  # (m, m) mm2, covariance within a step of the static film's part that lasts
-    fresh: Array  # (m, m) mm2, and of its part that is new in each frame
-    first: NDArray[np.bool_]  # (s,) first step of a block
+    steady: tuple[Steady, ...]  # (blocks,)
+    block: NDArray[np.int64]  # (s,)
     modes: Array  # (k, s, m) mm, shared modes first (the reference's gauge error last), then one a step
     shared: int  # how many of the modes are shared
     names: tuple[str, ...]  # (shared,) of the shared modes
+
+    @property
+    def rho(self) -> Array:
+        """The lag-1 correlation (m,) of the static part in the first block."""
+        return self.steady[0].rho
+
+    @property
+    def static(self) -> Array:
+        """The covariance (m, m) mm2 of the static part in the first block."""
+        return self.steady[0].static
+
+    @cached_property
+    def first(self) -> NDArray[np.bool_]:
+        """Which steps (s,) are the first of their block."""
+        return np.append(True, np.diff(self.block) > 0)
 
     @property
     def count(self) -> int:
@@ -51,12 +75,13 @@ class Whitener:
         no data (Anderson & Moore 1979, Optimal Filtering)."""
         steps, m = self.valid.shape
         turn, gain, P = np.zeros((steps, m, m)), np.zeros((steps, m, m)), self.static
-        drive = self.static * (1 - np.outer(self.rho, self.rho))
-        white = np.maximum(self.sd**2 - np.diag(self.static + self.fresh), 0.0)
         for t, seen in enumerate(self.valid):
-            P = self.static if self.first[t] else np.outer(self.rho, self.rho) * P + drive
+            n = self.steady[self.block[t]]
+            kept = np.outer(n.rho, n.rho)
+            P = n.static if self.first[t] else kept * P + n.static * (1 - kept)
             own = np.ix_(seen, seen)
-            turn[t][own] = np.linalg.inv(np.linalg.cholesky((P + self.fresh)[own] + np.diag(white[t, seen])))
+            white = np.maximum(self.sd[t] ** 2 - np.diag(n.static + n.fresh), 0.0)[seen]
+            turn[t][own] = np.linalg.inv(np.linalg.cholesky((P + n.fresh)[own] + np.diag(white)))
             gain[t] = P @ turn[t].T
             P = P - gain[t] @ gain[t].T
         return turn, gain
@@ -70,7 +95,7 @@ class Whitener:
                 x = np.zeros_like(x)
             x = np.where(np.abs(x) > 1e-100, x, 0.0)  # of long ago; its squares would underflow
             out[t] = turn @ (fields[t] - x)
-            x = self.rho[:, None] * (x + gain @ out[t])
+            x = self.steady[self.block[t]].rho[:, None] * (x + gain @ out[t])
         return np.moveaxis(out, 2, 0).reshape(*y.shape[:-2], out.shape[0] * out.shape[1])
 
     @cached_property
@@ -197,53 +222,68 @@ def whitener(
     valid = data[:, p, i]
     variance = np.diagonal(targets.covariance, axis1=2, axis2=3)[:, p, i]
     sd = np.sqrt(np.where(valid, variance, 1.0))
-    static, rho = np.diag(sd.min(axis=0) ** 2), np.zeros(len(components))
-    fresh = np.zeros_like(static)
+    none = np.zeros((len(components), len(components)))
+    steady: tuple[Steady, ...] = (Steady(np.diag(sd.min(axis=0) ** 2), none, np.zeros(len(components))),)
     if targets.noise is not None:
-        flat, own = p * 3 + i, targets.noise.sd[p, i]
-        # the inverse of a covariance estimated from n frames is too large by (n - 2) / (n - m - 1) beyond
-        # what single variances are (Hartlap, Simon & Schneider 2007, doi 10.1051/0004-6361:20066170)
-        frames, m = targets.noise.frames, len(components)
-        inflation = (frames - 2) / max(frames - m - 1, 1)
-        sd = np.sqrt(sd**2 + (inflation - 1) * own**2)
-        correlation = shrunk(targets.noise.correlation[np.ix_(flat, flat)], frames, i)
-        within = inflation * correlation * np.outer(own, own)
-        static, fresh = targets.noise.lasting * within, (1 - targets.noise.lasting) * within
-        rho = np.clip(np.nan_to_num(targets.noise.rho[p, i]), 0.0, 0.99)
-    shared, single = _gauge_modes(gauge[:, p, i], targets.reference)
+        models = targets.noises or (targets.noise,)
+        made = [_steady(noise, components) for noise in models]
+        steady, more = tuple(one for one, _ in made), np.array([extra for _, extra in made])
+        sd = np.sqrt(sd**2 + more[targets.block if targets.noises else np.zeros_like(targets.block)])
+    if len(steady) == 1:
+        steady *= int(targets.block[-1]) + 1
+    shared, single = _gauge_modes(gauge[:, p, i], targets.reference, targets.rests)
     modes = np.concatenate([targets.modes[:, :, p, i], prediction_modes[:, :, p, i], shared])
     modes, single = (np.where(valid, np.nan_to_num(x), 0.0) for x in (modes, single))
-    first = np.append(True, np.diff(targets.block) > 0)
     names = *targets.mode_names, *("mesh",) * len(prediction_modes), *("gauge:reference",) * len(shared)
     return Whitener(
         components=components,
         valid=valid,
         sd=sd,
-        rho=rho,
-        static=static,
-        fresh=fresh,
-        first=first,
+        steady=steady,
+        block=targets.block,
         modes=np.concatenate([modes, single]),
         shared=len(modes),
         names=names,
     )
 
 
-def _gauge_modes(gauge: Array, reference: NDArray[np.int64]) -> tuple[Array, Array]:
-    """A shared mode (1 or 0, s, m) and single modes (k, s, m) of 1 sd, of gauge errors (s, m) mm a step.
+def _steady(noise: Noise, components: NDArray[np.int64]) -> tuple[Steady, Array]:
+    """The noise at rest of components (m, 2), and what is added to each one's variance (m,) mm2 for the few
+    frames that it was estimated from.
 
-    The mean error of the reference moves all other steps against it by the same; what single steps of the
-    reference are off from that mean, and every other step, is on its own.
+    The inverse of a covariance estimated from n frames is too large by (n - 2) / (n - m - 1) beyond what
+    single variances are (Hartlap, Simon & Schneider 2007, doi 10.1051/0004-6361:20066170).
+    """
+    p, i = components.T
+    flat, own, frames = p * 3 + i, noise.sd[p, i], noise.frames
+    inflation = (frames - 2) / max(frames - len(components) - 1, 1)
+    correlation = shrunk(noise.correlation[np.ix_(flat, flat)], frames, i)
+    within = inflation * correlation * np.outer(own, own)
+    rho = np.clip(np.nan_to_num(noise.rho[p, i]), 0.0, 0.99)
+    return Steady(noise.lasting * within, (1 - noise.lasting) * within, rho), (inflation - 1) * own**2
+
+
+def _gauge_modes(gauge: Array, reference: NDArray[np.int64], rests: NDArray[np.int64]) -> tuple[Array, Array]:
+    """Shared modes (r, s, m) and single modes (k, s, m) of 1 sd, of gauge errors (s, m) mm a step.
+
+    The mean error of a reference moves all other steps of its rest against it by the same; what single steps
+    of the reference are off from that mean, and every other step, is on its own. rests (s,): numbers.
     """
     inside = np.isin(np.arange(len(gauge)), reference)
-    mean = np.where(inside[:, None], 0.0, -gauge[reference].mean(axis=0) / np.sqrt(len(reference)))
+    shared = []
+    for rest in np.unique(rests):
+        own = reference[rests[reference] == rest]
+        moved = (~inside & (rests == rest))[:, None]
+        mean = np.where(moved, -gauge[own].mean(axis=0) / np.sqrt(len(own)), 0.0)
+        shared += [mean] if mean.any() else []
     steps = np.flatnonzero((gauge != 0).any(axis=1))
     single = np.zeros((len(steps), *gauge.shape))
     for row, step in enumerate(steps):
         single[row, step] = gauge[step]
         if inside[step]:
-            single[row, reference] -= gauge[step] / len(reference)
-    return mean[None][: int(mean.any())], single
+            own = reference[rests[reference] == rests[step]]
+            single[row, own] -= gauge[step] / len(own)
+    return np.array(shared).reshape(-1, *gauge.shape), single
 
 
 def shrunk(correlation: Array, frames: int, axis: NDArray[np.int64]) -> Array:

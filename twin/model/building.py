@@ -20,4 +20,6 @@ def base_test(targets: Targets, case: Case) -> Test:
 
 def base_model(targets: Targets, case: Case, *, elasticity: Elasticity | None = None) -> KeptModel:
     """The base model of the targets on a case, by default with both constants free."""
-    return KeptModel(base_test(targets, case), (elasticity or Elasticity(),), targets.reference)
+    rests = targets.rests if targets.rests.any() else None
+    law = (elasticity or Elasticity(),)
+    return KeptModel(base_test(targets, case), law, targets.reference, rests=rests)

@@ -16,7 +16,7 @@ from twin.effects.protocol import Effect, Test, Theta, Unsolvable
 from twin.gravity import is_heavy, pulls_across
 from twin.model.discretisation import Discretisation
 from twin.model.slipping import Known, slipped
-from twin.targets import Array
+from twin.targets import Array, relative
 
 STEP = 1e-6  # of a parameter's typical size, for differencing the effects' maps
 # Of what a material's memory makes of each displacement, the error of the mesh beside its correction, made
@@ -41,10 +41,11 @@ class Model:
     """The base test with its effects; `predict` and `jacobian` give displacements relative to the reference
     steps.
 
-    reference (r,): output steps whose mean is subtracted. mesh: the error of the mesh, which corrects every
-    prediction and its derivatives. parent: the model that this one came from by adding an effect. A model has
-    no state: every question is a solve of its own. `memo.KeptModel` keeps solves and
-    gives the same answers sooner.
+    reference (r,): output steps whose mean is subtracted. rests (s,): number of the rest that each step is
+    relative to, where films have their own; None: one for all. mesh: the error of the mesh, which corrects
+    every prediction and its derivatives. parent: the model that this one came from by adding an effect. A
+    model has no state: every question is a solve of its own. `memo.KeptModel` keeps solves and gives the same
+    answers sooner.
     """
 
     test: Test
@@ -52,6 +53,7 @@ class Model:
     reference: NDArray[np.int64]
     mesh: Discretisation | None = field(default=None, compare=False, repr=False)
     parent: "Model | None" = field(default=None, compare=False, repr=False)
+    rests: NDArray[np.int64] | None = field(default=None, compare=False, repr=False)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "effects", tuple(sorted(self.effects, key=lambda e: e.order)))
@@ -78,6 +80,13 @@ class Model:
         """The model whose predictions carry the error of its mesh; None: as the mesh gives them."""
         parent = self.parent.on_mesh(mesh) if self.parent is not None else None
         return replace(self, mesh=mesh, parent=parent)
+
+    def at_one_rest(self) -> Self:
+        """The model relative to the rest of its first film alone, for a film that was not made yet."""
+        if self.rests is None:
+            return self
+        own = self.reference[self.rests[self.reference] == self.rests[self.reference[0]]]
+        return replace(self, reference=own, rests=None)
 
     @property
     def base(self) -> "Model":
@@ -125,7 +134,13 @@ class Model:
             u = self.mesh.corrected(u, test)
         for e in self.effects:
             u = e.after(u, test, theta)
-        return u - u[self.reference].mean(axis=0)
+        return self.relative(u)
+
+    def relative(self, u: Array) -> Array:
+        """Displacements (s, p, 3) mm relative to the reference of their film."""
+        if self.rests is None:
+            return u - u[self.reference].mean(axis=0)
+        return relative(u, self.reference, self.rests)
 
     # -- solves ---------------------------------------------------------------------------------------------
 
@@ -167,7 +182,7 @@ class Model:
         memory = remembered(u, test)
         if memory is not None:
             modes = np.concatenate([modes, HISTORY * each(memory)])
-        return self._beside(theta, modes - modes[:, self.reference].mean(axis=1, keepdims=True))
+        return self._beside(theta, np.array([self.relative(mode) for mode in modes]))
 
     def _beside(self, theta: Array, modes: Array) -> Array:
         """The modes with the first, the mesh's stiffness, exactly what the fitted constants take up: with a

@@ -138,6 +138,37 @@ class BoardTable(TableModel):
         return self
 
 
+class FilmTable(TableModel):
+    """One of several films of a batch."""
+
+    name: Name = Field(description="name of the film, shown in reports")
+    file: RelativePath = Field(description="the film; or pictures: a folder, or a pattern")
+    static: RelativePath | None = Field(
+        default=None,
+        description="its own film of the finger at rest; left out: that of [[cameras]]",
+    )
+    pressure: RelativePath | None = Field(
+        default=None,
+        description="its own pressure log, read as [pressure] says; left out: that of [pressure]",
+    )
+    film_start_s: Finite = Field(
+        default=0.0, description="time of its first frame on the clock of its pressure log, s"
+    )
+    static_start_s: Finite | None = Field(
+        default=None,
+        description="time of the static film's first frame on that clock, s; without it the noise of the "
+        "pressure gauge is estimated from the first rest of the film",
+    )
+    gravity: Position | None = Field(
+        default=None,
+        description="direction of gravity in world axes in this film, where finger and rig were turned; in "
+        "every film or in none, then in place of gravity of [model]",
+    )
+    held_out: bool = Field(
+        default=False, description="true: kept from every fit and from the choice of effects, but predicted"
+    )
+
+
 class CameraTable(TableModel):
     name: Name = Field(description="name of the camera")
     film: RelativePath = Field(
@@ -373,6 +404,7 @@ class Config(TableModel):
     project: ProjectTable = ProjectTable()
     model: ModelTable = ModelTable()
     cameras: tuple[CameraTable, ...] = ()
+    films: tuple[FilmTable, ...] = ()
     pressure: PressureTable | None = None
     measure: MeasureTable = MeasureTable()
     frame: FrameTable = FrameTable()
@@ -389,7 +421,7 @@ class Config(TableModel):
 
     @model_validator(mode="after")
     def _fits(self) -> Self:
-        for check in (_check_names, _check_parameters, _check_film):
+        for check in (_check_names, _check_parameters, _check_film, check_films):
             check(self)
         return self
 
@@ -474,3 +506,70 @@ def _check_rig(c: Config) -> None:
                 f"cameras {names[0]!r} and {camera.name!r} have different dictionaries: they see the same "
                 "markers; write the same in both"
             )
+
+
+# -- several films -------------------------------------------------------------------------------------------
+
+CLOCK = ("film_start_s", "static_start_s")
+
+
+def with_first_film(data: dict[str, Any]) -> dict[str, Any]:
+    """The tables of twin.toml with the first of [[films]], where there are any, as the film of the one
+    camera. ValueError where the camera names another."""
+    if not isinstance(data.get("films"), list) or not data["films"]:
+        return data
+    cameras, first = data.get("cameras"), data["films"][0]
+    if not isinstance(cameras, list | tuple) or len(cameras) != 1:
+        raise ValueError(
+            f"films: wanted one [[cameras]] with several films, found {len(cameras or ())}; measure with one "
+            "camera, or give each camera its one film"
+        )
+    if not isinstance(first, dict) or not isinstance(cameras[0], dict):
+        return data
+    own = {"film": first.get("file"), **{key: first.get(key) for key in CLOCK}}
+    for key, value in own.items():
+        if cameras[0].get(key) not in (None, value):
+            raise ValueError(
+                f"cameras.{key} = {cameras[0][key]!r} beside [[films]]: each film states its own; remove it "
+                "from [[cameras]]"
+            )
+    own["static"] = cameras[0].get("static") or first.get("static")
+    stated = {key: value for key, value in own.items() if value is not None}
+    return {**data, "cameras": [{**cameras[0], **stated}]}
+
+
+def check_films(c: Config) -> None:
+    """Raise ValueError where [[films]] do not go together."""
+    for key in ("name", "file"):
+        twice = [v for v, count in Counter(getattr(film, key) for film in c.films).items() if count > 1]
+        if twice:
+            raise ValueError(f"films.{key} = {twice[0]!r} stands twice in [[films]]; give each film its own")
+    if c.films and all(film.held_out for film in c.films):
+        raise ValueError(
+            f"films: all {len(c.films)} have held_out = true, so nothing is left to fit; take it away from "
+            "one of them"
+        )
+    if c.films and c.dic is not None:
+        raise ValueError("films: [dic] takes one film; remove [[films]] or [dic]")
+    _check_gravity(c)
+
+
+def _check_gravity(c: Config) -> None:
+    """Raise ValueError where some films state gravity and others do not, or it is stated twice."""
+    stated = [film.name for film in c.films if film.gravity is not None]
+    for film in c.films:
+        if film.gravity is not None and not any(film.gravity):
+            raise ValueError(
+                f"films.{film.name}.gravity = {list(film.gravity)}: wanted a direction, such as [0.0, 0.0, "
+                "-1.0]"
+            )
+    if stated and len(stated) < len(c.films):
+        raise ValueError(
+            f"films: gravity stands in {', '.join(stated)} and not in the others; wanted it in every film, "
+            "or in none and under [model]"
+        )
+    if stated and c.model.gravity is not None:
+        raise ValueError(
+            f"model.gravity = {list(c.model.gravity)} beside gravity in [[films]]: wanted it in one place; "
+            "remove it from [model]"
+        )

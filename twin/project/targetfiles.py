@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from twin.project import files
 from twin.project.csvtable import Table, read_table
-from twin.targets import Array, Noise, PointKind, TargetPoint, Targets, as_position
+from twin.targets import Array, Noise, PointKind, TargetPoint, Targets, as_position, least_known
 
 COLUMNS = (
     "block", "step", "time_s", "pressure_MPa", "point",
@@ -40,6 +40,8 @@ def _exact(targets: Targets) -> dict[str, NDArray[Any]]:
     """The arrays of targets.npz."""
     exact = {name: np.asarray(getattr(targets, name)) for name in EXACT}
     exact["mode_names"] = np.array(targets.mode_names, dtype=str)
+    if targets.noises:
+        return exact | {f"correlation_{b}": n.correlation for b, n in enumerate(targets.noises)}
     return exact if targets.noise is None else exact | {"correlation": targets.noise.correlation}
 
 
@@ -75,13 +77,22 @@ def _toml(t: Targets) -> str:
     lines = [
         "# What targets.csv holds: displacements in mm relative to the mean of the reference steps.",
         "# World axes: x along the finger from the clamp, y across the width, z up; the finger bends to -z.",
-        "", "[reference]", f"block = {t.block[t.reference[0]]}", f"steps = {(t.reference - first).tolist()}",
+        "", "[reference]",
     ]  # fmt: skip
+    if t.rests.any():
+        lines += ["each_block = true  # displacements of a block are relative to the mean of its own steps"]
+    else:
+        lines += [f"block = {t.block[t.reference[0]]}", f"steps = {(t.reference - first).tolist()}"]
     for b in range(int(t.block[-1]) + 1):
         held_out = str(bool(t.held_out[t.block == b][0])).lower()
         lines += ["", "[[blocks]]", f"block = {b}", f"held_out = {held_out}  # true: kept from every fit"]
         if t.gravity is not None:
             lines.append(f"gravity = {t.gravity[b].tolist()}  # unit vector in world axes")
+        if t.rests.any():
+            own = t.reference[t.block[t.reference] == b] - int(np.searchsorted(t.block, b))
+            lines.append(f"reference_steps = {own.tolist()}")
+        if t.noises:
+            lines += _noise_lines(t.noises[b], t.names, "blocks.noise")
     for point in t.points:
         lines += ["", "[[points]]", f"name = {_quoted(point.name)}"]
         if point.kind is not PointKind.UNKNOWN:
@@ -94,18 +105,19 @@ def _toml(t: Targets) -> str:
 
 
 def _noise_toml(t: Targets) -> list[str]:
-    if t.noise is None:
-        return []
-    n = t.noise
+    return [] if t.noise is None or t.noises else _noise_lines(t.noise, t.names, "noise")
+
+
+def _noise_lines(n: Noise, names: tuple[str, ...], table: str) -> list[str]:
     lines = [
-        "", "[noise]  # independent variance = static variance + codec variance (where the patch moves)",
+        "", f"[{table}]  # independent variance = static variance + codec variance (where the patch moves)",
         f"frames = {n.frames}  # static frames it was estimated from",
         f"lasting = {float(n.lasting)!r}  # share of the variance at rest that is correlated by rho in time",
         f"gauge_sd_MPa = {float(n.gauge_sd_MPa)!r}  # white noise of the pressure log",
         f"gauge_frames = {n.gauge_frames}",
     ]  # fmt: skip
-    for p, name in enumerate(t.names):
-        lines += ["", "[[noise.points]]  # nan: not observed", f"name = {_quoted(name)}"]
+    for p, name in enumerate(names):
+        lines += ["", f"[[{table}.points]]  # nan: not observed", f"name = {_quoted(name)}"]
         for key, values in (("sd_mm", n.sd), ("rho", n.rho), ("codec_sd_mm", n.codec_sd)):
             lines.append(f"{key} = {values[p].tolist()}")
     return lines
@@ -127,7 +139,8 @@ def read_targets(folder: Path, *, nodes: Mapping[str, int] | None = None) -> Tar
     table = read_table(folder / "targets.csv", COLUMNS)
     about = _read_toml(folder / "targets.toml")
     exact = files.read_npz(folder / "targets.npz") if (folder / "targets.npz").exists() else {}
-    if "noise" in about and not exact:
+    stated = "noise" in about or any("noise" in row for row in about.get("blocks", []))
+    if stated and not exact:
         raise ValueError(
             f"{folder / 'targets.npz'} is missing, but targets.toml has a noise model whose modes and "
             "covariances it holds; put it back, or remove [noise] from targets.toml"
@@ -138,7 +151,7 @@ def read_targets(folder: Path, *, nodes: Mapping[str, int] | None = None) -> Tar
     log = _read_log(folder, grid)
     return Targets(
         time=grid.time, pressure=grid.pressure, block=grid.block, points=told, **columns,
-        **_blocks(folder, about, grid), noise=_read_noise(folder, about, grid.names, exact),
+        **_blocks(folder, about, grid), **_noises(folder, about, grid, exact),
         log_time=log[0], log_pressure=log[1], reference=_reference(folder, about, grid, columns),
     )  # fmt: skip
 
@@ -340,7 +353,11 @@ def _reference(
     """The steps that displacements are relative to; default the first, if it shows none."""
     if "reference" in about:
         table = about["reference"]
-        wanted = [(table.get("block", grid.labels[0][0]), step) for step in table.get("steps", [])]
+        if table.get("each_block", False):
+            rows = about.get("blocks", [])
+            wanted = [(row.get("block"), step) for row in rows for step in row.get("reference_steps", [])]
+        else:
+            wanted = [(table.get("block", grid.labels[0][0]), step) for step in table.get("steps", [])]
         for block, step in wanted:
             if (block, step) not in grid.labels:
                 raise ValueError(
@@ -358,16 +375,27 @@ def _reference(
     return np.array([0], dtype=np.int64)
 
 
-def _read_noise(
-    folder: Path, about: dict[str, Any], names: tuple[str, ...], exact: dict[str, Any]
-) -> Noise | None:
-    if "noise" not in about:
-        return None
-    path, table = folder / "targets.toml", about["noise"]
+def _noises(folder: Path, about: dict[str, Any], grid: _Grid, exact: dict[str, Any]) -> dict[str, Any]:
+    """The noise model, and those of the blocks (b,) where each has its own."""
+    path, labels = folder / "targets.toml", sorted({b for b, _ in grid.labels})
+    if "noise" in about:
+        return {"noise": _read_noise(path, about["noise"], grid.names, exact.get("correlation"))}
+    rows = {row.get("block"): row["noise"] for row in about.get("blocks", []) if "noise" in row}
+    if not rows:
+        return {"noise": None}
+    if len(rows) != len(labels):
+        raise ValueError(f"{path}: {len(rows)} of {len(labels)} blocks have a noise model; state all or none")
+    own = tuple(
+        _read_noise(path, rows[b], grid.names, exact.get(f"correlation_{k}")) for k, b in enumerate(labels)
+    )
+    return {"noise": least_known(own), "noises": own}
+
+
+def _read_noise(path: Path, table: dict[str, Any], names: tuple[str, ...], correlation: Any) -> Noise:
     rows = _by_name(path, table.get("points", []), names)
     missing = [key for key in ("frames", "gauge_sd_MPa", "gauge_frames") if key not in table]
     missing += [f"points {name!r}" for name in names if name not in rows]
-    if missing or "correlation" not in exact:
+    if missing or correlation is None:
         raise ValueError(
             f"{path}: [noise] lacks {missing[0] if missing else 'correlation in targets.npz'}; "
             "measure again, or remove [noise]"
@@ -375,7 +403,7 @@ def _read_noise(
     per = {key: np.array([_vector(path, f"{key} of point {n!r}", rows[n].get(key)) for n in names])
            for key in ("sd_mm", "rho", "codec_sd_mm")}  # fmt: skip
     return Noise(
-        sd=per["sd_mm"], rho=per["rho"], codec_sd=per["codec_sd_mm"], correlation=exact["correlation"],
+        sd=per["sd_mm"], rho=per["rho"], codec_sd=per["codec_sd_mm"], correlation=correlation,
         frames=int(table["frames"]), gauge_sd_MPa=float(table["gauge_sd_MPa"]),
         gauge_frames=int(table["gauge_frames"]), lasting=float(table.get("lasting", 1.0)),
     )  # fmt: skip

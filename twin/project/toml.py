@@ -10,7 +10,7 @@ import tomlkit
 from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
 
-from twin.project.config import FORMER, Config
+from twin.project.config import FORMER, Config, with_first_film
 
 
 def parse(data: bytes, *, name: str) -> Config:
@@ -21,7 +21,8 @@ def parse(data: bytes, *, name: str) -> Config:
         raise ValueError(f"{name}: not valid TOML: {error}") from None
     try:
         # through JSON, where strict means strict numbers and text but an array is still a tuple
-        return Config.model_validate_json(json.dumps(_without_former(tables), default=str))
+        filmed = with_first_film(_without_former(tables))
+        return Config.model_validate_json(json.dumps(filmed, default=str))
     except ValidationError as error:
         raise ValueError(f"{name}: {_sentence(error)}") from None
 

@@ -30,6 +30,7 @@ def render(*, title: str, facts: Mapping[str, Any]) -> str:
     errors       {before_mm, after_mm, noise_mm, before_note, after_note, noise_note}
     named        [{effect, text, note, parameters: [{name, value, low, high, unit, note}]}], low to high: 95 %
     evidence     what evidence.json holds, and branches [name], table [{marker, cells: [share or None]}]
+    held_out     [{film, before_mm, after_mm, ratio, noise_mm}], films that no fit has seen
     study        {sentences, rows: [{name, here, published}], starts, known, readings: [{within, rows}],
                  plans: of study.json,
                  pictures: as below}
@@ -98,9 +99,9 @@ def _drawing(picture: Mapping[str, Any]) -> Markup:
 FACTS = frozenset(
     {"headline", "summary", "date", "errors", "named", "ranking", "ties", "next_test", "cannot_tell"}
     | {"study", "evidence", "calibration", "chain", "pictures", "notes", "provenance", "commands"}
-    | {"where", "mechanism", "budget", "earlier"}
+    | {"where", "mechanism", "budget", "earlier", "held_out"}
 )
-PLACES = ("top", "where", "evidence", "more")  # of pictures, in the order of the page
+PLACES = ("top", "where", "held_out", "evidence", "more")  # of pictures, in the order of the page
 FILTERS = {
     "short": lambda x: short(None if isinstance(x, jinja2.Undefined) else x),
     "interval": interval,

@@ -73,7 +73,7 @@ def _change(
         theta = model.theta({**_nominal(model), **known, **start})
         say.progress(f"refit with {', '.join(effects) or 'no effect'}", 0, 1)
         judged = bench.judged(model, theta, say)
-        fit, found = judged.fit, compared(run, judged)
+        fit, found = judged.fit, compared(run, judged, bench, say)
         run.write_json("fit.json", fit_record(fit, found) | {"effects": list(effects)})
         _fields(bench, judged.model, fit.theta).save(run.path("fields.npz"))
         run.note(model.extent)

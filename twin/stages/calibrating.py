@@ -23,7 +23,7 @@ from twin.stages.comparing import compared
 from twin.stages.ridges import difference
 from twin.stages.searching import Generation, Objective, search
 from twin.stages.workbench import Workbench
-from twin.targets import Array, Targets
+from twin.targets import Array, Targets, relative
 
 
 def run_calibrate(project: Project, say: Say) -> dict[str, Any]:
@@ -39,7 +39,7 @@ def run_calibrate(project: Project, say: Say) -> dict[str, Any]:
         best = _searched(bench, paths, points, run, say)
         say(f"Genetic algorithm: the best of {best.tried} candidates has {best.rms_mm:.3f} mm RMS.")
         judged = least(bench, paths, points, best.theta, say)
-        model, fit, found = judged.model, judged.fit, compared(run, judged)
+        model, fit, found = judged.model, judged.fit, compared(run, judged, bench, say)
         words = _words(project, fit, found, _apart(bench, paths, points, best, fit))
         beside = {"effects": [], "identifiability": words, "initial": _initial(bench, paths, points, judged)}
         run.write_json("fit.json", fit_record(fit, found) | beside)
@@ -263,7 +263,7 @@ def _predicted(
     if u is None:
         return None
     out = np.zeros_like(t.value)
-    out[:, points] = u - u[t.reference].mean(axis=0)
+    out[:, points] = relative(u, t.reference, t.rests)
     return out
 
 

@@ -54,7 +54,7 @@ STAGES = (
     ),
     Stage(
         name="measure", title="Measure the displacements in the film, with their uncertainty.",
-        reads=("[cameras]", "[pressure]", "[measure]", "[frame]", "[points]", "[dic]", "raw/film",
+        reads=("[cameras]", "[films]", "[pressure]", "[measure]", "[frame]", "[points]", "[dic]", "raw/film",
                "camera.json"),
         writes=(TARGETS, "tracks.npz", "overlay.png", "budget.csv"),
         function="twin.stages.measuring:run_measure", skips=True,

@@ -6,6 +6,7 @@ from twin.project.folder import Project, Say
 from twin.stages.chain import STAGES, TARGETS, Stage, When
 from twin.stages.fits import fresh, named_effects
 from twin.stages.likeness import camera_kept
+from twin.stages.several import OneFilm, films_of
 from twin.targets import PointKind, Targets
 
 
@@ -55,10 +56,26 @@ def _check_log(project: Project) -> tuple[str, ...]:
     pressure = project.config.pressure
     if project.targets_folder.is_dir() or pressure is None or not project.config.cameras:
         return ()
+    films = films_of(project)
+    if films:
+        return tuple(_seen_of(film) for film in films)
+    return (_log_line(project),)
+
+
+def _seen_of(film: OneFilm) -> str:
+    """What was read of one of several films and its log."""
+    turned = "" if film.table.gravity is None else f" Gravity: {list(film.table.gravity)}."
+    held = " It is held out: predicted, never fitted." if film.table.held_out else ""
+    return f"Film {film.name}: {_log_line(film.project)}{turned}{held}"
+
+
+def _log_line(project: Project) -> str:
+    """What was read of the log of the project's one film; ValueError as `_check_log`."""
     from twin.gauge.pressurelog import check_covers, check_lasts
-    from twin.stages.recordings import log_of
+    from twin.stages.recordings import log_of, pressure_table
     from vision.film.series import open_film
 
+    pressure = pressure_table(project)
     log, table = log_of(project, pressure), project.config.cameras[0]
     time = open_film(project.path(table.film), fps=table.fps).time
     if pressure.join == "stamps":
@@ -66,7 +83,7 @@ def _check_log(project: Project) -> tuple[str, ...]:
     check_lasts(log, float(time[-1] - time[0]))
     return (
         f"{log.path.name}: {log.source}, {log.pressure.min():.3g} to {log.pressure.max():.3g} MPa, "
-        f"{log.time[-1] - log.time[0]:.1f} s long. The film lasts {time[-1] - time[0]:.1f} s.",
+        f"{log.time[-1] - log.time[0]:.1f} s long. The film lasts {time[-1] - time[0]:.1f} s."
     )
 
 
@@ -115,7 +132,12 @@ def _missing_files(project: Project) -> list[str]:
         calibration = camera.camera_file or camera.boards or ""
         key = "camera_file" if camera.camera_file else "boards"
         missing += [] if any(project.root.glob(calibration)) else [f"{calibration} (cameras.{key})"]
-    log = project.config.pressure.file
+    for film in project.config.films[1:]:  # the first is that of the camera
+        own = {"file": film.file, "static": film.static, "pressure": film.pressure}
+        missing += [f"{path} (films.{film.name}.{key})" for key, path in own.items()
+                    if path is not None and not any(project.root.glob(path))]  # fmt: skip
+    log = project.config.films[0].pressure if project.config.films else None
+    log = log or project.config.pressure.file
     return missing if project.path(log).is_file() else [*missing, f"{log} (pressure.file)"]
 
 

@@ -2,13 +2,18 @@
 
 from typing import Any
 
+from twin.diagnosis.blindtest import unseen
 from twin.diagnosis.comparison import Comparison
 from twin.diagnosis.judging import Judged
+from twin.project import files
 from twin.project.folder import Project, Run, Say
 from twin.stages.fits import fit_file, newest_fit
 from twin.stages.judgements import Judgement, keep, kept
+from twin.stages.several import film_names
 from twin.stages.workbench import Workbench
 from twin.targets import Array
+
+COMPARISON = "comparison.json"
 
 
 def run_compare(project: Project, say: Say) -> dict[str, Any]:
@@ -18,7 +23,8 @@ def run_compare(project: Project, say: Say) -> dict[str, Any]:
         model = bench.model()
         made = kept(file, fit, bench.targets) or Judgement.of(bench.judged_fit(model, fit, say))
         found = made.comparison
-        _write(run, made.predicted, found)
+        beside = files.read_json(file.with_name(COMPARISON)) if file.with_name(COMPARISON).is_file() else {}
+        _write(run, made.predicted, found, beside.get("held_out", []))
         for line in (*bench.remarks, model.extent, *_lines(found)):
             run.note(line)
     say(found.where)
@@ -28,16 +34,28 @@ def run_compare(project: Project, say: Say) -> dict[str, Any]:
     return {"stage": "compare", "run": run.name} | found.to_dict()
 
 
-def compared(run: Run, judged: Judged) -> Comparison:
+def compared(run: Run, judged: Judged, bench: Workbench, say: Say) -> Comparison:
     """The comparison of a judged model, written to comparison.json, prediction.npz and judged.npz of its
-    run."""
+    run; what it foretells of held-out films is said."""
     keep(run, judged)
-    _write(run, judged.predicted, judged.comparison)
+    held = foretold(bench, judged)
+    _write(run, judged.predicted, judged.comparison, held)
+    for row in held:
+        say(f"Held out, {row['film']}: {row['rms_mm']:.3f} mm rms, foretold by a fit that never saw it.")
     return judged.comparison
 
 
-def _write(run: Run, predicted: Array, found: Comparison) -> None:
-    run.write_json("comparison.json", found.to_dict())
+def foretold(bench: Workbench, judged: Judged) -> list[dict[str, Any]]:
+    """What a fitted model is off from each film that was held out of its fit: a row a film."""
+    names = film_names(bench.project)
+    return [
+        {"film": names.get(row.block, f"block {row.block}")} | row.to_dict()
+        for row in unseen(judged, bench.targets)
+    ]
+
+
+def _write(run: Run, predicted: Array, found: Comparison, held: list[dict[str, Any]]) -> None:
+    run.write_json(COMPARISON, found.to_dict() | {"held_out": held})
     write_prediction(run, predicted, found)
     run.summary["headline"] = found.where
 

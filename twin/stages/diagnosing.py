@@ -6,13 +6,14 @@ from typing import Any
 from twin.diagnosis.candidates import Candidate, Refit
 from twin.diagnosis.explanation import Explanation, explained
 from twin.diagnosis.intervals import fit_record
+from twin.diagnosis.judging import Judged
 from twin.diagnosis.procedure import diagnose
 from twin.diagnosis.verdicts import Diagnosis
 from twin.effects.library import all_effects, effect
 from twin.effects.protocol import Effect
 from twin.parallel import WORKERS
 from twin.project.folder import Project, Run, Say
-from twin.stages.comparing import write_prediction
+from twin.stages.comparing import foretold, write_prediction
 from twin.stages.explaining import write_evidence
 from twin.stages.fits import newest_fit
 from twin.stages.workbench import Workbench, own_of
@@ -25,6 +26,7 @@ def run_diagnose(project: Project, say: Say) -> dict[str, Any]:
     bench, fit = Workbench.of(project), newest_fit(project)
     seed = project.config.diagnose.seed
     shown: list[Explanation] = []
+    after: list[Judged] = []
     with project.new_run("diagnose", seed=seed) as run:
         model = bench.on_mesh(bench.model(), fit.theta, say)
         found = diagnose(
@@ -33,11 +35,12 @@ def run_diagnose(project: Project, say: Say) -> dict[str, Any]:
             bench.targets,
             seed=seed,
             start=fit,
-            settle=lambda found: _settled(bench, found, say, shown),
+            settle=lambda found: _settled(bench, found, say, shown, after),
             workers=WORKERS,
             progress=say.progress,
         )
-        _write(run, project, found)
+        held = _held_out(bench, found, after)
+        _write(run, project, found, held)
         for explanation in shown:
             write_evidence(run, explanation)
         for line in (model.extent, *map(_row, found.ranking)):
@@ -48,10 +51,34 @@ def run_diagnose(project: Project, say: Say) -> dict[str, Any]:
         say("The calibration holds without it: `twin study` shows what these targets fix and leave open.")
     if found.ranking:
         say(f"Ranking: {', '.join(map(_score, found.ranking[:TOP]))}.")
+    for row in held:
+        say(_foretold(row))
     if found.next_test:
         say(f"Next test: {found.next_test}.")
     say(f"Wrote {project.shown(run.folder)}/diagnosis.json")
-    return {"stage": "diagnose", "run": run.name} | found.to_dict()
+    return {"stage": "diagnose", "run": run.name} | found.to_dict() | {"held_out": held}
+
+
+def _held_out(bench: Workbench, found: Diagnosis, after: list[Judged]) -> list[dict[str, Any]]:
+    """A row a film that no fit has seen: its error before and after the named effect, mm, and their ratio."""
+    if found.base is None:
+        return []
+    before = foretold(bench, found.base)
+    then = foretold(bench, after[-1]) if after else [None] * len(before)
+    return [
+        {"film": a["film"], "before": a, "after": b, "ratio": a["rms_mm"] / b["rms_mm"] if b else None}
+        for a, b in zip(before, then, strict=True)
+    ]
+
+
+def _foretold(row: dict[str, Any]) -> str:
+    """The error in a held-out film before and after, in words."""
+    before, after = row["before"], row["after"]
+    then = f", {after['rms_mm']:.3f} mm with the named effect" if after else ""
+    return (
+        f"Held out, {row['film']}: {before['rms_mm']:.3f} mm rms{then}; its noise is "
+        f"{before['noise_sd_mm']:.3f} mm."
+    )
 
 
 def _candidates(project: Project) -> tuple[Effect, ...]:
@@ -61,9 +88,11 @@ def _candidates(project: Project) -> tuple[Effect, ...]:
     return (*named, *(e for e in own if e.name not in [n.name for n in named]))
 
 
-def _settled(bench: Workbench, found: Diagnosis, say: Say, shown: list[Explanation]) -> Diagnosis:
+def _settled(
+    bench: Workbench, found: Diagnosis, say: Say, shown: list[Explanation], after: list[Judged]
+) -> Diagnosis:
     """The diagnosis with the fit that `twin add` gives of what it names, of a new model, from the same start;
-    with the evidence for it, which goes into `shown` too."""
+    with the evidence for it, which goes into `shown`, and that fit into `after`."""
     assert found.kept is not None
     assert found.base is not None
     labels = [e.label for e in found.effects]
@@ -71,6 +100,7 @@ def _settled(bench: Workbench, found: Diagnosis, say: Say, shown: list[Explanati
     others = [e for e in bench.project.config.model.effects if e.partition(":")[0] not in names]
     model = bench.model((*others, *labels))
     judged = bench.judged(model, model.theta(found.kept.values), say)
+    after.append(judged)
     single = next((c for c in found.ranking if c.effect.label == labels[0]), None)
     own = [c.members for c in found.classes if c.effect.partition(":")[0] in names]
     explanation = explained(
@@ -88,9 +118,9 @@ def _settled(bench: Workbench, found: Diagnosis, say: Say, shown: list[Explanati
     return replace(settled, evidence=explanation.to_dict())
 
 
-def _write(run: Run, project: Project, found: Diagnosis) -> None:
+def _write(run: Run, project: Project, found: Diagnosis, held: list[dict[str, Any]]) -> None:
     """Write diagnosis.json, the base model's prediction.npz and, of the kept effects, kept.json."""
-    run.write_json("diagnosis.json", found.to_dict())
+    run.write_json("diagnosis.json", found.to_dict() | {"held_out": held})
     run.summary["headline"] = found.verdict
     if found.base is not None:
         write_prediction(run, found.base.predicted, found.base.comparison)

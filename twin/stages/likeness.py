@@ -157,9 +157,13 @@ def _wanted(former: Project) -> list[str]:
     cameras, log = former.config.cameras, former.config.pressure
     if not cameras or log is None:
         return ["Put the batch's displacements into targets/."]
+    several = former.config.films
     films = [path for camera in cameras for path in (camera.film, camera.static)]
-    stamps = [f"film_start_s = {c.film_start_s:g}" for c in cameras] if log.join == "stamps" else []
-    stamps += [f"static_start_s = {c.static_start_s:g}" for c in cameras if c.static_start_s is not None]
+    films += [path for f in several for path in (f.file, f.static, f.pressure) if path is not None]
+    films = list(dict.fromkeys(path for path in films if path != log.file))
+    clocks = several or cameras
+    stamps = [f"film_start_s = {c.film_start_s:g}" for c in clocks] if log.join == "stamps" else []
+    stamps += [f"static_start_s = {c.static_start_s:g}" for c in clocks if c.static_start_s is not None]
     clock = f" Correct {', '.join(stamps)} in twin.toml: they belong to one film." if stamps else ""
     return [f"Put {', '.join([*films, log.file])} there.{clock}"]
 

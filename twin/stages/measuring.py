@@ -1,7 +1,8 @@
 """Turn film, static film and pressure log into displacement targets."""
 
 import os
-from collections.abc import Mapping
+import shutil
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -15,7 +16,7 @@ from twin.gauge.pressurelog import GaugeNoise, Log, check_covers, gauge_noise
 from twin.gauge.synchrony import Join, Motion
 from twin.project import files
 from twin.project.folder import Project, Run, Say
-from twin.project.targetfiles import write_targets
+from twin.project.targetfiles import read_targets, write_targets
 from twin.stages.cameras import camera_path, camera_table, dictionary_name, result_of
 from twin.stages.recordings import (
     face_of,
@@ -26,6 +27,7 @@ from twin.stages.recordings import (
     stated_of,
     views_of,
 )
+from twin.stages.several import FILM, FilmTargets, OneFilm, all_inputs, films_of, joined
 from twin.stages.targetmaking import make_targets
 from twin.targets import Targets
 
@@ -81,7 +83,7 @@ def run_measure(project: Project, say: Say, *, replace: bool = False, budget: bo
 
 def _measured(project: Project, say: Say, replace: bool) -> dict[str, Any]:
     camera = camera_path(project)
-    how = measure_inputs(project, camera)
+    how = all_inputs(project, camera)
     done, killed, owner = (
         project.done("measure", **how),
         project.killed("measure", **how),
@@ -95,23 +97,75 @@ def _measured(project: Project, say: Say, replace: bool) -> dict[str, Any]:
             f"{project.targets_folder} holds targets from other inputs, or measured elsewhere, which are "
             "never overwritten; `twin measure --replace` keeps them as targets-0001 and measures again"
         )
+    each = [(film, _one_film(film.project, camera, say, film.name)) for film in films_of(project)]
     with project.new_run("measure", **how) as run:
-        found = _measure(project, camera, say, run)
-        moved, nodes = found.moved, project.config.nodes
-        targets = make_targets(moved, found.log, join=found.join, gauge=found.gauge, nodes=nodes)
-        run.write_npz("tracks.npz", _tracks(moved))
-        run.write_bytes("overlay.png", _overlay(project, moved))
-        run.write_text("budget.csv", _budget_csv(moved, targets))
-        run.summary.update(_summary(targets, found) | {"headline": _headline(targets)})
-        for sentence in moved.notes:
-            run.note(sentence)
+        if each:
+            targets, source = _joint(project, run, each)
+        else:
+            targets, source = _from_film(project, camera, say, run), {}
         _put_aside(project, say)
-        write_targets(project.targets_folder, targets, source={"run": run.name})
+        write_targets(project.targets_folder, targets, source={"run": run.name, **source})
         FollowedFiles(run.folder).remove()
     for sentence in run.summary["remarks"]:
         say(sentence)
     say(f"{_headline(targets)} Wrote targets/ and {project.shown(run.folder)}/tracks.npz.")
     return result_of(project, "measure", run.folder)
+
+
+def _from_film(project: Project, camera: Path, say: Say, run: Run) -> Targets:
+    """The targets of the project's one film; what is known of it is written into the run."""
+    found = _measure(project, camera, say, run)
+    moved, nodes = found.moved, project.config.nodes
+    targets = make_targets(moved, found.log, join=found.join, gauge=found.gauge, nodes=nodes)
+    run.write_npz("tracks.npz", _tracks(moved))
+    run.write_bytes("overlay.png", _overlay(project, moved))
+    run.write_text("budget.csv", _budget_csv(moved, targets))
+    run.summary.update(_summary(targets, found) | {"headline": _headline(targets)})
+    for sentence in moved.notes:
+        run.note(sentence)
+    return targets
+
+
+def _one_film(project: Project, camera: Path, say: Say, name: str) -> Path:
+    """The run in which one of several films is measured: made now, unless it is there."""
+    how = measure_inputs(project, camera)
+    done = project.done(FILM, **how)
+    if done is not None and (done / "targets").is_dir():
+        say(f"Film {name}: already measured in {project.shown(done)}.")
+        return done
+    with project.new_run(FILM, **how) as run:
+        targets = _from_film(project, camera, say, run)
+        if run.path("targets").exists():  # of a killed run
+            shutil.rmtree(run.path("targets"))
+        write_targets(run.path("targets"), targets)
+        FollowedFiles(run.folder).remove()
+    for sentence in run.summary["remarks"]:
+        say(f"Film {name}: {sentence}")
+    say(f"Film {name}: {_headline(targets)}")
+    return run.folder
+
+
+def _joint(
+    project: Project, run: Run, each: Sequence[tuple[OneFilm, Path]]
+) -> tuple[Targets, dict[str, Any]]:
+    """The targets of all films, and where they come from; the pictures of the first are in this run too."""
+    films = [FilmTargets.of(film, read_targets(folder / "targets", nodes=project.config.nodes))
+             for film, folder in each]  # fmt: skip
+    targets, rows = joined(films)
+    first = each[0][1]
+    run.write_npz("tracks.npz", files.read_npz(first / "tracks.npz"))
+    run.write_bytes("overlay.png", (first / "overlay.png").read_bytes())
+    run.write_text("budget.csv", (first / "budget.csv").read_text(encoding="utf-8"))
+    summaries = [project.info(folder).get("summary", {}) for _, folder in each]
+    told = [row | {"run": folder.name} for row, (_, folder) in zip(rows, each, strict=True)]
+    run.summary.update(
+        {
+            "steps": len(targets.time), "points": len(targets.names), "valid": int(targets.valid.sum()),
+            "modes": len(targets.mode_names), "headline": _headline(targets), "remarks": [],
+            "films": [row | own for row, own in zip(told, summaries, strict=True)],
+        }
+    )  # fmt: skip
+    return targets, {"films": told}
 
 
 def _measure(project: Project, camera: Path, say: Say, run: Run) -> _Measured:

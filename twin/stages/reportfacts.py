@@ -10,6 +10,7 @@ from twin.stages.earlier import earlier_facts
 from twin.stages.reportpictures import pictures_of, study_facts
 from twin.stages.reportwords import commands, errors_of, mechanism, opening, untold, where
 from twin.stages.sourcing import budget_facts, provenance
+from twin.stages.reportheldout import held_out_rows
 from twin.stages.story import Story
 
 
@@ -35,6 +36,7 @@ def facts_of(story: Story, notes: list[str]) -> dict[str, Any]:
             "parameters": _parameters(story.calibrated),
             "sentence": story.calibrated.get("identifiability"),
         },
+        "held_out": held_out_rows(story),
         "earlier": earlier_facts(story.project, story.fit or story.calibrated),
         "budget": budget_facts(story.project, story.generations.point_names),
         "chain": _chain(story),

@@ -7,6 +7,7 @@ import numpy as np
 from twin.project import files
 from twin.review import plots
 from twin.stages.findings import page_facts
+from twin.stages.reportheldout import held_out_pictures
 from twin.stages.story import CHANGES, Story
 from twin.targets import Array
 
@@ -24,7 +25,8 @@ FIGURES = {  # of the reference study, and what each shows
 def pictures_of(story: Story) -> list[dict[str, Any]]:
     return [
         *_drawn(story, "error", place="top"), *_deformed(story), *_overlaid(story),
-        *_drawn(story, "residuals", place="where"), *_drawn(story, "evidence", place="evidence"),
+        *_drawn(story, "residuals", place="where"), *held_out_pictures(story),
+        *_drawn(story, "evidence", place="evidence"),
         *_over_time(story), *_search(story),
     ]  # fmt: skip
 

@@ -41,7 +41,7 @@ class Objective:
                 f"wanted a "
                 "value in mm; choose other [calibrate] objective_points"
             )
-        steps = np.append(step, targets.reference)
+        steps = np.append(step, targets.reference[targets.rests[targets.reference] == targets.rests[step]])
         return Objective(steps, rows, component, measured, targets.pressure[steps], fixed)
 
     def sd_mm(self, targets: Targets) -> float:
@@ -61,8 +61,9 @@ class Objective:
 
 
 def first_arrival(targets: Targets) -> int:
-    """The first step within 1 % of the top pressure."""
-    return int(np.flatnonzero(targets.pressure >= 0.99 * targets.pressure.max())[0])
+    """The first step within 1 % of the top pressure, of those that are fitted."""
+    pressure = np.where(targets.held_out, -np.inf, targets.pressure)
+    return int(np.flatnonzero(pressure >= 0.99 * pressure.max())[0])
 
 
 @dataclass(frozen=True)

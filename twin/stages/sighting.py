@@ -46,6 +46,8 @@ def _why_not(project: Project) -> str:
     said = "the models are not drawn over the film"
     if _tracks_file(project) is None:
         return f"{said}: these targets do not come from `twin measure`"
+    if len(project.config.films) > 1:
+        return f"{said}: the targets hold {len(project.config.films)} films"
     try:
         camera_path(project)
     except ValueError as error:

@@ -187,7 +187,7 @@ def test_the_gauges_errors_have_the_covariance_of_what_they_do_to_the_reference(
     gauge = np.linspace(0.5, 3.0, 7)[:, None] * np.array([1.0, -2.0])
     reference = np.array([0, 2, 3])
     gauge[reference] = gauge[2]  # one pressure, as it is for a reference
-    shared, single = _gauge_modes(gauge, reference)
+    shared, single = _gauge_modes(gauge, reference, np.zeros(7, np.int64))
     modes = np.concatenate([shared, single]).reshape(-1, gauge.size)
     moved = np.eye(7)[:, :, None] * gauge  # an error of 1 sd at each step
     moved = (moved - moved[:, reference].mean(axis=1, keepdims=True)).reshape(7, gauge.size)
