@@ -4,7 +4,7 @@
 
 geometries: random dimensions of the built-in finger, as [model.finger] of twin.toml takes them. Each is
 meshed by the lattice that follows from them, and solved at the pressure at which its most strained place, by
-its first response, has a strain of STRAIN. Of the first six whose mesh divided by 3 has 100 000 nodes at most,
+its first response, has a strain of STRAIN. Of the first six whose mesh divided by 3 has 100 000 nodes,
 the tip's motion is compared with its limit, to which that lattice, divided by 1, 2 and 3, extrapolates; where
 the three show no order, with that of the finest.
 drift, kills: `batches_drift.py`. study: `batches_study.py`. review: `batches_review.py`, on the demo.
