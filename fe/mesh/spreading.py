@@ -52,7 +52,7 @@ def spread(case: Case, place: Array) -> Spread:
     if held is not None:
         images[case.node_sets[held.nodes]] = 1.0
     order = np.argsort(away, kind="stable")
-    enough = away[order[min(np.searchsorted(np.cumsum(images[order]), LEAST), len(order) - 1)]]
+    enough = away[order[min(int(np.searchsorted(np.cumsum(images[order]), LEAST)), len(order) - 1)]]
     rows = np.flatnonzero(away <= max(RADIUS, enough) * (1 + 1e-9))
     images = images[rows]
     axes = [i for i in range(3) if held is None or i != AXIS]
