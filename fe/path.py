@@ -25,7 +25,8 @@ class Path:
     and, where they drift, the factor `stiffness` (t,) by which all moduli are multiplied at `time`.
 
     gravity: the acceleration (3,) mm/s2, or (t, 3) at every log time where the structure is turned between
-    recordings. It changes half way between two log times, and is there from the first time on.
+    recordings. pulls: dead forces (h, 3) N, or (t, h, 3), at material points `places` (h, 3) mm: hung
+    weights, measured forces. Both change half way between two log times, and are there from the first on.
     """
 
     time: Array
@@ -33,8 +34,15 @@ class Path:
     output: Array
     stiffness: Array | None = None
     gravity: Array = field(default_factory=lambda: np.zeros(3))
+    places: Array = field(default_factory=lambda: np.zeros((0, 3)))
+    pulls: Array = field(default_factory=lambda: np.zeros((0, 3)))
 
     def __post_init__(self) -> None:
+        if self.pulls.shape not in (self.places.shape, (len(self.time), *self.places.shape)):
+            raise ValueError(
+                f"pulls of shape {self.pulls.shape}: wanted {self.places.shape}, one force in N for each "
+                f"place, or so many for each of the {len(self.time)} log times"
+            )
         if self.gravity.shape not in ((3,), (len(self.time), 3)):
             raise ValueError(
                 f"gravity of shape {self.gravity.shape}: wanted (3,) or one row for each of the "
@@ -42,23 +50,42 @@ class Path:
             )
 
     @property
+    def outside(self) -> Array:
+        """Gravity and the pulls beside it, (t, 3 + 3 h), or one row where neither changes."""
+        h = self.places.size
+        if self.gravity.ndim == 1 and self.pulls.ndim == 2:
+            return np.append(self.gravity, self.pulls)[None]
+        t = len(self.time)
+        pulls = np.broadcast_to(self.pulls, (t, *self.places.shape)).reshape(t, h)
+        return np.concatenate([np.broadcast_to(self.gravity, (t, 3)), pulls], axis=1)
+
+    def under(self, row: Array) -> dict[str, Array]:
+        """The fields of a path that stays under one row (3 + 3 h,) of `outside`."""
+        return {"gravity": row[:3], "places": self.places, "pulls": row[3:].reshape(-1, 3)}
+
+    @property
     def turns(self) -> Integers:
-        """The log entries (k,) after which gravity changes."""
-        g = self.gravity
-        return np.flatnonzero((g[1:] != g[:-1]).any(axis=1)) if g.ndim == 2 else np.empty(0, np.int64)
+        """The log entries (k,) after which gravity or a pull changes."""
+        g = self.outside
+        return np.flatnonzero((g[1:] != g[:-1]).any(axis=1))
 
     def run(self, time: Array) -> Integers:
-        """The number (k,) of the stretch of constant gravity, from 0, that times (k,) s belong to."""
+        """The number (k,) of the stretch of constant gravity and pulls, from 0, that times (k,) s belong
+        to."""
         switch = (self.time[self.turns] + self.time[self.turns + 1]) / 2
         return np.searchsorted(switch, time, side="right")
 
-    def gravity_of(self, entries: Integers) -> Array:
-        """Gravity (k, 3) mm/s2 at log entries (k,)."""
-        return np.broadcast_to(self.gravity, (len(self.time), 3))[entries]
+    def outside_of(self, entries: Integers) -> Array:
+        """Gravity and pulls (k, 3 + 3 h) at log entries (k,)."""
+        return np.broadcast_to(self.outside, (len(self.time), 3 + self.places.size))[entries]
+
+    def outside_at(self, time: Array) -> Array:
+        """Gravity in mm/s2 and pulls in N (k, 3 + 3 h) at times (k,) s."""
+        return self.outside_of(np.append(0, self.turns + 1))[self.run(time)]
 
     def gravity_at(self, time: Array) -> Array:
         """Gravity (k, 3) mm/s2 at times (k,) s."""
-        return self.gravity_of(np.append(0, self.turns + 1))[self.run(time)]
+        return self.outside_at(time)[:, :3]
 
     def at_output(self) -> Array:
         """Pressure (s,) MPa at the output times, linear between log entries."""

@@ -1,20 +1,23 @@
-"""Gravity: its size, its direction in a recording, and what the weight of a structure asks of its model.
+"""Gravity and hung loads: their size and direction in a recording, and what they ask of the model.
 
 Gravity is an acceleration (3,) in mm/s2 in world axes. The targets state a direction for each block (one
-recording in one orientation); `of_targets` makes the course that a path needs, `ways` lists the different
-gravities that act on its steps.
+recording in one orientation), and what hangs on the finger in it; `of_targets` and `pulls_of` make the
+courses that a path needs, `ways` lists the different ones that act on its steps.
 """
+
+from collections.abc import Callable
 
 import numpy as np
 
 from fe import Case, Path
 from fe.element import Integers
-from fe.mesh.mirror import mirrored, symmetry_support
-from twin.targets import Array, Targets
+from fe.mesh.mirror import AXIS, middle_plane, mirrored, symmetry_support
+from twin.targets import Array, Load, Targets
 
 G = 9810.0  # mm/s2
 TONNE_PER_MM3 = 1e-12  # of one kg/m3
 ACROSS = 1e-6  # of gravity's size: a smaller part across the plane of symmetry is rounding
+ON_PLANE = 1e-6  # mm
 
 
 def density(kg_m3: float) -> float:
@@ -27,15 +30,51 @@ def of_targets(targets: Targets) -> Array:
     nearest; zero where the targets state none."""
     if targets.gravity is None:
         return np.zeros(3)
+    return G * targets.gravity[_block_of_log(targets)]
+
+
+def pulls_of(targets: Targets, position: Callable[[int], Array]) -> tuple[Array, Array]:
+    """The places (h, 3) mm at which loads of the targets pull, and their forces (t, h, 3) N at the times of
+    the pressure log. position(label) is that of a node. ValueError for a weight without gravity."""
+    points = {point.name: point for point in targets.points}
+    at = [
+        points[load.at].place(position) if isinstance(load.at, str) else np.array(load.at)
+        for load in targets.loads
+    ]
+    if not at:
+        return np.zeros((0, 3)), np.zeros((0, 3))
+    places, which = np.unique(np.array(at), axis=0, return_inverse=True)
+    force = np.zeros((int(targets.block[-1]) + 1, len(places), 3))
+    for load, k in zip(targets.loads, which.reshape(-1), strict=True):
+        force[load.block, k] += force_of(load, targets)
+    return places, force[_block_of_log(targets)]
+
+
+def force_of(load: Load, targets: Targets) -> Array:
+    """The force (3,) N of a load. ValueError for a weight in a block whose gravity nobody states."""
+    if load.weight_g is None:
+        return np.array(load.force)
+    if targets.gravity is None:
+        raise ValueError(
+            f"targets.toml: block {load.block} has a weight of {load.weight_g:g} g, which pulls along "
+            "gravity; wanted its direction: add gravity = [0.0, 0.0, -1.0] to every block, or under [model] "
+            "in twin.toml"
+        )
+    return np.asarray(1e-6 * load.weight_g * G * targets.gravity[load.block])
+
+
+def _block_of_log(targets: Targets) -> Integers:
+    """The block (t,) that the times of the pressure log belong to: that of the nearest step."""
     last = np.flatnonzero(np.diff(targets.block))
     switch = (targets.time[last] + targets.time[last + 1]) / 2
-    return G * targets.gravity[np.searchsorted(switch, targets.log_time)]
+    return np.searchsorted(switch, targets.log_time)
 
 
 def ways(case: Case, path: Path) -> tuple[Array, Integers]:
-    """The different gravities (g, 3) mm/s2 that act on a path's output steps, and which of them (s,) on each;
-    zero alone where nothing in the case has a density."""
-    every = path.gravity_at(path.output) * is_heavy(case)
+    """The different gravities in mm/s2 and pulls in N (g, 3 + 3 h) that act on a path's output steps, and
+    which of them (s,) on each; gravity is zero where nothing in the case has a density."""
+    every = path.outside_at(path.output)
+    every[:, :3] *= is_heavy(case)
     found, number = np.unique(every, axis=0, return_inverse=True)
     return found, number.reshape(-1)
 
@@ -55,8 +94,15 @@ def pulls_across(path: Path) -> bool:
     return any(is_across(g) for g in np.atleast_2d(path.gravity))
 
 
-def under(case: Case, gravity: Array) -> Case:
-    """The case to be solved in a gravity (3,): the whole mesh where weight pulls across the plane of a half,
-    else the case itself."""
-    halved = is_heavy(case) and is_across(gravity) and symmetry_support(case) is not None
-    return mirrored(case) if halved else case
+def hangs_aside(case: Case, path: Path) -> bool:
+    """Whether a load of a path pulls across the plane of symmetry, or beside it, at any time."""
+    pulls = path.pulls if path.pulls.ndim == 3 else path.pulls[None]
+    at = np.abs(path.places[:, AXIS] - middle_plane(case)) > ON_PLANE
+    return bool((pulls[..., AXIS] != 0).any() or (pulls != 0).any(axis=(0, 2))[at].any())
+
+
+def under(case: Case, path: Path) -> Case:
+    """The case to be solved along a path: the whole mesh where weight or a load pulls across the plane of a
+    half, else the case itself."""
+    across = (is_heavy(case) and pulls_across(path)) or hangs_aside(case, path)
+    return mirrored(case) if across and symmetry_support(case) is not None else case

@@ -67,6 +67,27 @@ def as_position(values: Array) -> tuple[float, float, float] | None:
     return None if math.isnan(x + y + z) else (x, y, z)
 
 
+@dataclass(frozen=True)
+class Load:
+    """What hangs on the structure or pulls it during a whole block, beside its pressure and own weight.
+
+    at: the name of a point, or a position (3,) mm, stress-free. One of weight_g, grams, which pull along the
+    block's gravity, and force (3,) N in world axes.
+    """
+
+    block: int
+    at: str | tuple[float, float, float]
+    weight_g: float | None = None
+    force: tuple[float, float, float] | None = None
+
+    def __post_init__(self) -> None:
+        if (self.weight_g is None) == (self.force is None):
+            raise ValueError(
+                f"targets: the load of block {self.block} at {self.at} has weight_g = {self.weight_g} and "
+                f"force_N = {self.force}; wanted one of them"
+            )
+
+
 @dataclass(frozen=True, kw_only=True)
 class Noise:
     """What `twin measure` learnt about the noise; diagnose only reads it."""
@@ -102,6 +123,7 @@ class Targets:
     gravity: Array | None  # (blocks,3) unit vectors in world axes, or None
     pressure_sd: Array  # (s,) MPa, gauge noise of each step's pressure; 0 where not known
     noises: tuple[Noise, ...] = ()  # (blocks,) where each film has its own; `noise` is the least known then
+    loads: tuple[Load, ...] = ()  # what hangs on the structure, by block
 
     def __post_init__(self) -> None:
         s, p, k = len(self.time), len(self.points), len(self.mode_names)
@@ -195,6 +217,7 @@ def _check(t: Targets) -> None:
         raise ValueError(
             f"targets: gravity has shape {t.gravity.shape}; wanted one unit vector for each block"
         )
+    _check_loads(t)
     if not len(t.reference) or t.reference.min() < 0 or t.reference.max() >= len(t.time):
         raise ValueError(f"targets: reference steps must lie in 0..{len(t.time) - 1} and be at least one")
     resting = np.unique(t.block[t.reference])
@@ -214,3 +237,15 @@ def _check(t: Targets) -> None:
             f"{t.value[step, point, component]:g} mm and variance {variance[step, point, component]:g} mm2; "
             "wanted a finite value and a variance above 0"
         )
+
+
+def _check_loads(t: Targets) -> None:
+    """Raise ValueError at the first load of no block, at no point, or a weight that nothing pulls down."""
+    for load in t.loads:
+        if not 0 <= load.block <= int(t.block[-1]):
+            raise ValueError(f"targets: a load of block {load.block}; there are blocks 0 to {t.block[-1]}")
+        if isinstance(load.at, str) and load.at not in t.names:
+            raise ValueError(
+                f"targets: the load of block {load.block} is at {load.at!r}; wanted one of the points "
+                f"{', '.join(t.names)}, or a position [x, y, z] in mm"
+            )

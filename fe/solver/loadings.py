@@ -1,11 +1,12 @@
-"""A problem and its varied neighbours under their weight in each direction of gravity along a path."""
+"""A problem and its varied neighbours under each gravity, and each set of hung forces, along a path."""
 
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from fe.element import Array, Integers
+from fe.mesh.spreading import Spread, spread
 from fe.path import Path
 from fe.solver.newton import Problem
 from fe.solver.varied import Differenced
@@ -14,7 +15,7 @@ from fe.solver.varied import Differenced
 @dataclass(frozen=True)
 class Loadings:
     """Problems (g,) and the neighbours of each in every varied parameter; `of_run` (r,): which of them
-    belongs to each of the path's stretches of constant gravity."""
+    belongs to each of the path's stretches of constant gravity and pulls."""
 
     path: Path
     problems: tuple[Problem, ...]
@@ -25,19 +26,27 @@ class Loadings:
     def of(
         problem: Problem, path: Path, varied: Sequence[Differenced], paths: Sequence[tuple[Path, Path]]
     ) -> "Loadings":
-        """Those of a problem without weight; equal ones are there once. paths: of the varied neighbours."""
+        """Those of a problem without weight and pulls; equal ones are there once. paths: of the varied
+        neighbours."""
         first = np.append(0, path.turns + 1)
-        if not any(q.heavy for q in (problem, *(q for v in varied for q in (v.plus, v.minus)))):
+        heavy = any(q.heavy for q in (problem, *(q for v in varied for q in (v.plus, v.minus))))
+        if not heavy and not path.pulls.any():
             return Loadings(path, (problem,), (tuple(varied),), np.zeros(len(first), np.int64))
         every = [path, *(w for pair in paths for w in pair)]
-        rows = np.concatenate([w.gravity_of(first) for w in every], axis=1)  # (r, 3 (1 + 2 v))
+        size = 3 + path.places.size
+        rows = np.concatenate([w.outside_of(first) for w in every], axis=1)  # (r, size (1 + 2 v))
         _, at, inverse = np.unique(rows, axis=0, return_index=True, return_inverse=True)
-        ways = [rows[k].reshape(-1, 3) for k in at]
+        ways = [rows[k].reshape(-1, size) for k in at]
+        hung = tuple(spread(problem.case, x) for x in path.places)
         return Loadings(
             path,
-            tuple(problem.under(g[0]) for g in ways),
+            tuple(_under(problem, g[0], hung) for g in ways),
             tuple(
-                tuple(_under(v, a, b) for v, a, b in zip(varied, g[1::2], g[2::2], strict=True)) for g in ways
+                tuple(
+                    Differenced(_under(v.plus, a, hung), _under(v.minus, b, hung), v.step)
+                    for v, a, b in zip(varied, g[1::2], g[2::2], strict=True)
+                )
+                for g in ways
             ),
             inverse.reshape(-1),
         )
@@ -58,5 +67,9 @@ class Loadings:
         )
 
 
-def _under(v: Differenced, plus: Array, minus: Array) -> Differenced:
-    return Differenced(v.plus.under(plus), v.minus.under(minus), v.step)
+def _under(q: Problem, outside: Array, hung: Sequence[Spread]) -> Problem:
+    """The problem under a row (3 + 3 h,) of gravity and pulls."""
+    q = q.under(outside[:3])
+    for share, pull in zip(hung, outside[3:].reshape(-1, 3), strict=True):
+        q = replace(q, dead=share.added(q.dead, pull))
+    return q

@@ -3,7 +3,7 @@ answers to the difference of their residuals by the tangent that it has (direct 
 
 The two sides are solved nowhere; they share the base's mesh and held nodes. What they may change besides is
 carried whole: positions, materials, prescribed displacements, clamp, forces dead and growing, layer, plane,
-precurvature, pressure, drift of the moduli, gravity. `refused` names what they may not.
+precurvature, pressure, drift of the moduli, gravity, pulls. `refused` names what they may not.
 """
 
 from collections.abc import Mapping, Sequence
@@ -67,7 +67,9 @@ def _path_not_carried(base: Path, side: Path) -> str:
         return "`time`, when the pressure is given"
     if not _same(side.output, base.output):
         return "`output`, the output times"
-    return "" if _same(side.turns, base.turns) else "`gravity`, when it turns"
+    if not _same(side.places, base.places):
+        return "`places`, where forces pull"
+    return "" if _same(side.turns, base.turns) else "`gravity` or `pulls`, when they change"
 
 
 def _loaded_faces(case: Case) -> Integers | None:

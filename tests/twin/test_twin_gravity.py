@@ -8,7 +8,7 @@ import pytest
 from fe import Case, Path
 from fe.mesh.mirror import symmetry_support
 from twin.gravity import G, density, is_heavy, of_targets, pulls_across, under, ways
-from twin.targets import Targets
+from twin.targets import Array, Targets
 
 DOWN, UP, ACROSS = np.array([0.0, 0.0, -1.0]), np.array([0.0, 0.0, 1.0]), np.array([0.0, 1.0, 0.0])
 SILICONE = 1.07e-9  # tonne/mm3
@@ -43,9 +43,14 @@ def test_the_ways_of_gravity_are_those_that_a_heavy_case_feels(short_case: Case)
 
 def test_weight_across_the_finger_asks_for_the_whole(short_case: Case) -> None:
     heavy, across = short_case.with_material(density=SILICONE), G * ACROSS
-    assert under(short_case, across) is short_case
-    assert under(heavy, G * DOWN) is heavy
-    whole = under(heavy, across)
+    assert under(short_case, _rest(across)) is short_case
+    assert under(heavy, _rest(G * DOWN)) is heavy
+    whole = under(heavy, _rest(across))
     assert symmetry_support(whole) is None
-    assert under(whole, across) is whole
+    assert under(whole, _rest(across)) is whole
     np.testing.assert_array_equal(whole.nodes[: len(heavy.nodes)], heavy.nodes)  # the half comes first
+
+
+def _rest(gravity: Array) -> Path:
+    rest = np.zeros(1)
+    return Path(rest, rest, rest, gravity=gravity)

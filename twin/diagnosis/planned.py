@@ -64,14 +64,17 @@ def in_film(model: Model, film: Film, points: Array) -> Model:
     time, pressure, output = _course(path, film)
     before = np.linspace(path.time[0], path.time[-1], min(len(path.time), LOG))
     begin = path.time[-1] + GAP - time[0]
-    was = np.broadcast_to(path.gravity, (len(path.time), 3))
     near = np.clip(np.searchsorted(path.time, before), 0, len(path.time) - 1)
-    now = was[0] if film.gravity is None else G * np.asarray(film.gravity)
+    was = path.outside_of(near)
+    now = was[0] if film.gravity is None else np.append(G * np.asarray(film.gravity), 0 * was[0, 3:])
+    outside = np.concatenate([was, np.tile(now, (len(time), 1))])
     course = Path(
         np.append(before, begin + time),
         np.append(path.pressure_at(before), pressure),
         np.append(path.output[model.reference], begin + output),
-        gravity=np.concatenate([was[near], np.tile(now, (len(time), 1))]),
+        gravity=outside[:, :3],
+        places=path.places,
+        pulls=outside[:, 3:].reshape(len(outside), *path.places.shape),
     )
     moving = np.append(test.moving, np.ones(len(points), bool))
     names = (*test.markers, *(f"new{k}" for k in range(1, len(points) + 1)))
@@ -172,9 +175,11 @@ def _strung(tests: Sequence[Test]) -> tuple[Case, Path]:
     """The case without its memory, and the pressures felt at the frames of all films, as one path."""
     prony = np.array(next((m.prony for m in tests[0].case.materials.values() if m.prony), ())).reshape(-1, 2)
     pressure = np.concatenate([_felt(test.path, prony) for test in tests])
-    gravity = np.concatenate([test.path.gravity_at(test.path.output) for test in tests])
-    time = np.arange(len(pressure), dtype=float)
-    return tests[0].case.with_material(prony=()), Path(time, pressure, time, gravity=gravity)
+    outside = np.concatenate([test.path.outside_at(test.path.output) for test in tests])
+    time, places = np.arange(len(pressure), dtype=float), tests[0].path.places
+    pulls = outside[:, 3:].reshape(len(outside), *places.shape)
+    course = Path(time, pressure, time, gravity=outside[:, :3], places=places, pulls=pulls)
+    return tests[0].case.with_material(prony=()), course
 
 
 def _felt(path: Path, prony: Array) -> Array:

@@ -106,8 +106,8 @@ def outcomes(model: Model, theta: Array, *, spots: Sequence[Spot], top: float) -
 def _at_levels(model: Model, theta: Array, spots: tuple[Spot, ...], pressure: Array) -> Outcomes:
     path, test = model.test.path, model.test
     load, time = np.append(0.0, pressure), np.arange(len(pressure) + 1.0)
-    pull = path.gravity_at(path.output[[int(np.argmax(path.at_output()))]])
-    course = Path(time, load, time, gravity=np.tile(pull, (len(time), 1)))
+    row = path.outside_at(path.output[[int(np.argmax(path.at_output()))]])[0]
+    course = Path(time, load, time, **path.under(row))
     places, every = np.array([s.place for s in spots]), np.ones(len(spots), bool)
     names = tuple(s.name for s in spots)
     planned = replace(test, path=course, points=places, moving=every, names=names)

@@ -5,7 +5,7 @@ import numpy as np
 from fe import Case, Path
 from twin.effects.material import Elasticity
 from twin.effects.protocol import Test
-from twin.gravity import of_targets
+from twin.gravity import of_targets, pulls_of
 from twin.model.memo import KeptModel
 from twin.targets import Targets
 
@@ -14,7 +14,11 @@ def base_test(targets: Targets, case: Case) -> Test:
     """The test that the targets describe: their points on the case, their log as the path."""
     moving = ~targets.fixed
     points = targets.places(case.position)
-    path = Path(targets.log_time, targets.log_pressure, targets.time, gravity=of_targets(targets))
+    places, pulls = pulls_of(targets, case.position)
+    path = Path(
+        targets.log_time, targets.log_pressure, targets.time, gravity=of_targets(targets), places=places,
+        pulls=pulls,
+    )  # fmt: skip
     return Test(case, path, np.nan_to_num(points), moving, targets.names)
 
 

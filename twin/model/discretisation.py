@@ -40,7 +40,8 @@ class Discretisation:
     """Responses (mm) of the moving points of one model on its own mesh and on finer ones, without history.
 
     names (n,): the finer meshes, the last finer in every direction. total: C10 + C01 in MPa of all of them;
-    grid (k,) MPa. gravities (g, 3) mm/s2: the directions of gravity they were solved in. base (g, k, m, 3),
+    grid (k,) MPa. gravities (g, 3 + 3 h): the gravity in mm/s2 and hung forces in N they
+    were solved in. base (g, k, m, 3),
     changes (n, g, k, m, 3): the model's own mesh, and what the others add to it. tested: the pressure in MPa
     up to which the changes are compared. unknown: why there are none, empty where there are.
     """
@@ -116,8 +117,8 @@ class Discretisation:
         return q
 
     def _way(self, test: Test) -> Integers:
-        """The direction of gravity (s,), a row of `gravities`, that is nearest to that of each step."""
-        g = test.path.gravity_at(test.path.output)
+        """The gravity and hung forces (s,), a row of `gravities`, that are nearest to those of each step."""
+        g = test.path.outside_at(test.path.output)
         return np.linalg.norm(g[:, None] - self.gravities, axis=2).argmin(axis=1)
 
     # -- whether the mesh will do ---------------------------------------------------------------------------
@@ -206,12 +207,13 @@ def _meshes(structure: Structure) -> dict[str, Mesh]:
 
 def meshes_key(test: Test, structure: Structure) -> str:
     """A digest of all that the finer meshes' responses depend on but for where they are solved: code, meshes,
-    points, dead forces, gravity."""
+    points, dead forces, gravity, hung forces."""
     forces = {name: tuple(map(float, f)) for name, f in test.case.forces.items()}
     meshes = [mesh.key for mesh in (structure.base, *structure.finer.values())]
     gravities, _ = ways(test.case, test.path)
     points = test.points[test.moving]
-    return digest("meshes", code_digest(), meshes, points, repr(forces), gravities, SAMPLES, COUNT)
+    hung = gravities, test.path.places
+    return digest("meshes", code_digest(), meshes, points, repr(forces), *hung, SAMPLES, COUNT)
 
 
 def _constants(case: Case) -> Constants:
@@ -227,15 +229,16 @@ def _responses(
     meshes, points = _meshes(structure), test.points[test.moving]
     key, grid = meshes_key(test, structure), np.linspace(0.0, at.top, SAMPLES)
     forces = {name: tuple(map(float, f)) for name, f in test.case.forces.items()}
+    paths = [Path(grid, grid, grid, **test.path.under(g)) for g in gravities]
     keys = {
         (name, way): digest("discretisation", key, mesh.key, repr(at), way)
         for name, mesh in meshes.items()
         for way in range(len(gravities))
     }
     tasks = {
-        keys[name, way]: partial(_response, mesh, at.constants, forces, g, grid, points)
+        keys[name, way]: partial(_response, mesh, at.constants, forces, path, points)
         for name, mesh in reversed(meshes.items())  # the largest first
-        for way, g in enumerate(gravities)
+        for way, path in enumerate(paths)
     }
     made = cache("error of the mesh", tasks)
     return {place: made[key] for place, key in keys.items()}
@@ -245,14 +248,12 @@ def _response(
     mesh: Mesh,
     constants: Constants,
     forces: dict[str, Any],
-    gravity: Array,
-    grid: Array,
+    path: Path,
     points: Array,
 ) -> Array:
-    """Displacements (k, p, 3) mm of points (p, 3) mm at pressures (k,) MPa in a gravity (3,) mm/s2, without
-    history."""
-    case = under(replace(mesh.build().with_material(**constants.named), forces=forces), gravity)
-    solution = solve(case, Path(grid, grid, grid, gravity=gravity), count=COUNT)
+    """Displacements (k, p, 3) mm of points (p, 3) mm along a path of k pressures, without history."""
+    case = under(replace(mesh.build().with_material(**constants.named), forces=forces), path)
+    solution = solve(case, path, count=COUNT)
     if not solution.converged:
         raise ValueError(
             f"error of the mesh: the finer mesh of {len(case.nodes)} nodes {solution.reason}; wanted a "

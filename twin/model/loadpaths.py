@@ -6,6 +6,7 @@ along them a cubic Hermite curve in the reduced pressure. Weight (of every direc
 for the total as well.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
 
@@ -16,6 +17,7 @@ from fe import Case, Path, solve
 from fe.case import digest
 from fe.element import Integers
 from twin.effects.baselaw import Constants
+from twin.gravity import under
 from twin.model.arraycache import ArrayCache, code_digest
 from twin.targets import Array
 
@@ -27,6 +29,7 @@ FIRST = 0.1  # reduced pressure that is tried first on a structure of which noth
 SHARES = 5
 LEVELS = 18
 TOTALS = 7
+NOTHING: Mapping[str, Array] = {"gravity": np.zeros(3)}  # from outside
 
 
 @dataclass(frozen=True)
@@ -128,13 +131,13 @@ def sheets(
     key: str,
     top: float,
     totals: tuple[float, float],
-    gravity: Array | None = None,
+    outside: Mapping[str, Array] = NOTHING,
 ) -> Sheets:
     """The load paths of a case between two totals C10 + C01 in MPa; see `load_paths`."""
     x = 0.5 - 0.5 * np.cos(np.pi * (np.arange(TOTALS) + 0.5) / TOTALS)
     at = totals[0] * (totals[1] / totals[0]) ** x
     every = [
-        load_paths(case, points, cache=cache, key=key, top=top, total=float(t), gravity=gravity)
+        load_paths(case, points, cache=cache, key=key, top=top, total=float(t), outside=outside)
         for t in at
     ]
     return Sheets(at, tuple(every))
@@ -148,17 +151,17 @@ def load_paths(
     key: str,
     top: float = REDUCED,
     total: float = TOTAL,
-    gravity: Array | None = None,
+    outside: Mapping[str, Array] = NOTHING,
 ) -> LoadPaths:
     """The load paths of a case at material points (p, 3) mm, followed to a reduced pressure `top` or to their
     end. cache: what gives the arrays; key: the case's fingerprint. total: C10 + C01 in MPa at which they are
-    solved; gravity (3,) mm/s2, by default none."""
+    solved; outside: gravity and pulls, as `Path.under` has them, by default none."""
     shares = 0.5 - 0.5 * np.cos(np.pi * (np.arange(SHARES) + 0.5) / SHARES)
     reduced = np.linspace(0, 1, 61) ** 1.3 * top
-    what = (code_digest(), key, points, total, reduced, LEVELS, np.zeros(3) if gravity is None else gravity)
+    what = (code_digest(), key, points, total, reduced, LEVELS, *outside.values())
     keys = [digest("load path", *what, float(share)) for share in shares]
     tasks = {
-        k: partial(along_path, case, float(share), total, reduced, points, gravity)
+        k: partial(along_path, case, float(share), total, reduced, points, outside)
         for k, share in zip(keys, shares, strict=True)
     }
     made = cache("load paths", tasks)
@@ -168,12 +171,12 @@ def load_paths(
 
 
 def along_path(
-    case: Case, share: float, total: float, reduced: Array, points: Array, gravity: Array | None
+    case: Case, share: float, total: float, reduced: Array, points: Array, outside: Mapping[str, Array]
 ) -> Array:
     """Displacements (k, p, 3) mm along one path; NaN beyond its end."""
     pressure, case = reduced * total, case.with_material(**Constants.at(total, share).named)
-    weight = np.zeros(3) if gravity is None else gravity
-    solution = solve(case, Path(pressure, pressure, pressure, gravity=weight), count=LEVELS)
+    path = Path(pressure, pressure, pressure, **outside)
+    solution = solve(under(case, path), path, count=LEVELS)
     u = np.full((len(reduced), len(points), 3), np.nan)
     inside = pressure <= solution.reached * (1 + 1e-9)
     if inside.sum() > 3:

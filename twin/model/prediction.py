@@ -13,7 +13,7 @@ from fe import Solution, Variation, solve
 from fe.mesh.mirror import mirrored, symmetry_support
 from twin.effects.baselaw import NAMES
 from twin.effects.protocol import Effect, Test, Theta, Unsolvable
-from twin.gravity import is_heavy, pulls_across
+from twin.gravity import hangs_aside, is_heavy, pulls_across
 from twin.model.discretisation import Discretisation
 from twin.model.slipping import Known, slipped
 from twin.targets import Array, relative
@@ -99,6 +99,8 @@ class Model:
         case, names = self.test.case, [e.name for e in self.effects if e.breaks_symmetry(self.test)]
         if pulls_across(self.test.path) and is_heavy(case):
             names.append("weight")
+        if hangs_aside(case, self.test.path):
+            names.append("a hung load")
         if symmetry_support(case) is None:
             return self.test, "Whole model: the mesh has no plane of symmetry."
         if not names:

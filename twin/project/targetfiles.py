@@ -12,12 +12,14 @@ from numpy.typing import NDArray
 
 from twin.project import files
 from twin.project.csvtable import Table, read_table
-from twin.targets import Array, Noise, PointKind, TargetPoint, Targets, as_position, least_known
+from twin.targets import Array, Load, Noise, PointKind, TargetPoint, Targets, as_position, least_known
 
 COLUMNS = (
     "block", "step", "time_s", "pressure_MPa", "point",
     "u1_mm", "u2_mm", "u3_mm", "sd1_mm", "sd2_mm", "sd3_mm", "valid",
 )  # fmt: skip
+LIGHTEST, HEAVIEST = 0.1, 5000.0  # g, of a weight hung on a soft structure: others are in another unit
+STRONGEST = 50.0  # N
 FORMER_PLACE = -2  # node of a point between nodes in targets.toml of older versions; now its role is "place"
 EXACT = ("covariance", "valid", "modes", "mode_names", "pressure_sd")  # what targets.npz adds to the text
 
@@ -88,6 +90,8 @@ def _toml(t: Targets) -> str:
         lines += ["", "[[blocks]]", f"block = {b}", f"held_out = {held_out}  # true: kept from every fit"]
         if t.gravity is not None:
             lines.append(f"gravity = {t.gravity[b].tolist()}  # unit vector in world axes")
+        if hung := [_load_toml(load) for load in t.loads if load.block == b]:
+            lines.append(f"loads = [{', '.join(hung)}]")
         if t.rests.any():
             own = t.reference[t.block[t.reference] == b] - int(np.searchsorted(t.block, b))
             lines.append(f"reference_steps = {own.tolist()}")
@@ -102,6 +106,12 @@ def _toml(t: Targets) -> str:
         if point.position is not None:
             lines.append(f"position_mm = {list(point.position)}")
     return "\n".join(lines + _noise_toml(t)) + "\n"
+
+
+def _load_toml(load: Load) -> str:
+    at = _quoted(load.at) if isinstance(load.at, str) else list(load.at)
+    much = f"weight_g = {load.weight_g!r}" if load.force is None else f"force_N = {list(load.force)}"
+    return f"{{{much}, at = {at}}}"
 
 
 def _noise_toml(t: Targets) -> list[str]:
@@ -151,7 +161,8 @@ def read_targets(folder: Path, *, nodes: Mapping[str, int] | None = None) -> Tar
     log = _read_log(folder, grid)
     return Targets(
         time=grid.time, pressure=grid.pressure, block=grid.block, points=told, **columns,
-        **_blocks(folder, about, grid), **_noises(folder, about, grid, exact),
+        **_blocks(folder, about, grid), loads=_loads(folder, about, grid, told),
+        **_noises(folder, about, grid, exact),
         log_time=log[0], log_pressure=log[1], reference=_reference(folder, about, grid, columns),
     )  # fmt: skip
 
@@ -345,6 +356,57 @@ def _blocks(folder: Path, about: dict[str, Any], grid: _Grid) -> dict[str, Any]:
     if not np.allclose(np.linalg.norm(gravity, axis=1), 1, atol=1e-6):
         raise ValueError(f"{path}: gravity {gravity.tolist()} must be unit vectors in world axes")
     return {"held_out": held_out, "gravity": gravity}
+
+
+def _loads(
+    folder: Path, about: dict[str, Any], grid: _Grid, points: tuple[TargetPoint, ...]
+) -> tuple[Load, ...]:
+    """What hangs on the structure, by block."""
+    path, labels = folder / "targets.toml", sorted({b for b, _ in grid.labels})
+    found = []
+    for row in about.get("blocks", []):
+        given = row.get("loads", [])
+        if not isinstance(given, list) or not all(isinstance(load, dict) for load in given):
+            raise ValueError(
+                f"{path}: loads of block {row.get('block')} is {given!r}; wanted a list such as "
+                '[{weight_g = 20.0, at = "tip"}, {force_N = [0.0, 0.0, -0.2], at = [110.0, 0.0, 0.0]}]'
+            )
+        found += [_load(path, labels.index(row["block"]), load, points) for load in given]
+    return tuple(found)
+
+
+def _load(path: Path, block: int, row: dict[str, Any], points: tuple[TargetPoint, ...]) -> Load:
+    """The load of a table. ValueError where it is no weight in g or force in N, or at no place."""
+    what, names = f"a load of block {block}", [p.name for p in points if p.kind is not PointKind.FIXED]
+    if unknown := sorted(row.keys() - {"weight_g", "force_N", "at"}):
+        raise ValueError(f"{path}: {what} has the key {unknown[0]!r}; wanted weight_g or force_N, and at")
+    if ("weight_g" in row) == ("force_N" in row) or "at" not in row:
+        raise ValueError(
+            f"{path}: {what} is {row}; wanted its place `at`, and one of weight_g in grams and force_N "
+            "[x, y, z] in newtons"
+        )
+    at, weight = row["at"], row.get("weight_g")
+    if isinstance(at, str) and at not in names:
+        raise ValueError(
+            f"{path}: {what} is at {at!r}; wanted one of the points {', '.join(names)}, or a position "
+            "[x, y, z] in mm"
+        )
+    place = at if isinstance(at, str) else as_position(np.array(_vector(path, f"the place of {what}", at)))
+    if place is None:
+        raise ValueError(f"{path}: the place of {what} is {at}; wanted three finite numbers [x, y, z] in mm")
+    if weight is not None and not (isinstance(weight, int | float) and LIGHTEST <= weight <= HEAVIEST):
+        raise ValueError(
+            f"{path}: {what} has weight_g = {weight!r}; wanted {LIGHTEST:g} to {HEAVIEST:g} grams, such as "
+            "20.0: is it in another unit?"
+        )
+    force = None if weight is not None else as_position(
+        np.array(_vector(path, f"force_N of {what}", row["force_N"])))  # fmt: skip
+    if force is not None and not 0 < np.linalg.norm(force) <= STRONGEST:
+        raise ValueError(
+            f"{path}: {what} has force_N = {list(force)}; wanted a force above 0 and up to {STRONGEST:g} N: "
+            "is it in another unit?"
+        )
+    return Load(block, place, None if weight is None else float(weight), force)
 
 
 def _reference(

@@ -136,10 +136,7 @@ def load_paths_of(bench: Workbench, say: Say) -> tuple[Turned, Any]:
     low = max(bench.elasticity.lowest.total, highest / top)
     totals = min(low, 0.9 * high), high
     made = tuple(
-        sheets(
-            under(bench.case, g), where, cache=cache, key=key, top=top,
-            totals=totals, gravity=g,
-        )
+        sheets(bench.case, where, cache=cache, key=key, top=top, totals=totals, outside=bench.path.under(g))
         for g in gravities
     )  # fmt: skip
     return Turned(made, of_step), rows
@@ -188,12 +185,13 @@ def _to_the_top(bench: Workbench, objective: Objective) -> tuple[Case, Path]:
     """The case, and its load from rest to the first arrival at top pressure; where it has weight, the rest is
     an output, too."""
     gravities, of_step = bench.gravities
-    top, rest = gravities[of_step[objective.steps[:2]]]
+    top, rest = (bench.path.under(g) for g in gravities[of_step[objective.steps[:2]]])
     load = np.array([0.0, objective.pressure[0]])
     if not gravities.any():
         return bench.case, Path(load, load, load[1:])
-    case = under(under(bench.case, top), rest)
-    return case, Path(np.array([0.0, 1.0]), load, np.array([0.0, 1.0]), gravity=np.stack([rest, top]))
+    both = {name: np.stack([rest[name], top[name]]) for name in ("gravity", "pulls")}
+    path = Path(np.array([0.0, 1.0]), load, np.array([0.0, 1.0]), places=rest["places"], **both)
+    return under(bench.case, path), path
 
 
 # Triangles of a face with so many nodes, counter-clockwise from outside: Abaqus lists corners in a turn and

@@ -7,10 +7,10 @@ import numpy as np
 
 from twin.diagnosis.intervals import estimates_of_record
 from twin.stages.earlier import earlier_facts
+from twin.stages.reportheldout import held_out_rows
 from twin.stages.reportpictures import pictures_of, study_facts
 from twin.stages.reportwords import commands, errors_of, mechanism, opening, untold, where
 from twin.stages.sourcing import budget_facts, provenance
-from twin.stages.reportheldout import held_out_rows
 from twin.stages.story import Story
 
 

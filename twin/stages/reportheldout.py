@@ -3,7 +3,7 @@
 from typing import Any
 
 from twin.review import plots
-from twin.stages.story import CHANGES, Story
+from twin.stages.story import Story
 
 
 def held_out_rows(story: Story) -> list[dict[str, Any]]:

@@ -160,7 +160,7 @@ def _together(films: Sequence[FilmTargets], moved: Sequence[Targets]) -> Targets
     log_time, log_pressure = _log(moved)
     noises = [t.noise for t in moved if t.noise is not None]
     modes, names = _modes(films, moved)
-    stacked = {
+    stacked: dict[str, Any] = {
         name: np.concatenate([getattr(t, name) for t in moved])
         for name in ("time", "pressure", "value", "covariance", "valid", "pressure_sd")
     }

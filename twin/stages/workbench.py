@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calibrate import Fit
-from fe import Case
+from fe import Case, Path
 from fe.element import Integers
 from fe.mesh.points import nearest
 from twin.diagnosis.judging import Judged, judge, judge_fit
@@ -53,9 +53,14 @@ class Workbench:
 
     @property
     def gravities(self) -> tuple[Array, Integers]:
-        """The different gravities (g, 3) mm/s2 of the targets' steps, and which of them (s,) acts on each."""
-        test = base_test(self.targets, self.case)
-        return ways(test.case, test.path)
+        """The different gravities and hung forces (g, 3 + 3 h) of the targets' steps, and which of them (s,)
+        acts on each."""
+        return ways(self.case, self.path)
+
+    @property
+    def path(self) -> Path:
+        """What loads the structure in the targets."""
+        return base_test(self.targets, self.case).path
 
     @staticmethod
     def of(project: Project) -> "Workbench":

@@ -1,13 +1,15 @@
 """Targets: bit-equal round trip, targets.csv alone, and one sentence for every broken cell."""
 
 import dataclasses
+from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from twin.project.folder import Project, dataset
 from twin.project.targetfiles import COLUMNS, read_targets, write_targets
-from twin.targets import Noise, PointKind, TargetPoint, Targets, as_position, at_node
+from twin.targets import Load, Noise, PointKind, TargetPoint, Targets, as_position, at_node
 
 CSV = """block,step,time_s,pressure_MPa,point,u1_mm,u2_mm,u3_mm,sd1_mm,sd2_mm,sd3_mm,valid
 0,0,0.0,0.0,tip,0.0,,0.0,0.1,,0.2,1
@@ -243,3 +245,41 @@ def test_the_study_holds_table_1():
     assert targets.value[targets.pressure == 0.03, :, 2].tolist() == [[-58.0, -19.0]]
     assert targets.valid.sum() == 2  # the unloaded step is zero by definition, not data
     assert targets.noise is None
+
+
+# -- what hangs on the structure -----------------------------------------------------------------------------
+
+BLOCKS = np.array([0, 0, 0, 0, 0, 1, 1, 1])
+DOWN = np.tile([0.0, 0.0, -1.0], (2, 1))
+
+
+def test_loads_come_back_as_they_were_written(tmp_path: Path, make_targets: Callable[..., Targets]) -> None:
+    loads = (Load(1, "tip", weight_g=20.0), Load(1, (10.0, 0.0, 8.0), force=(0.0, 0.0, -0.2)))
+    t = make_targets(block=BLOCKS, gravity=DOWN, loads=loads)
+    write_targets(tmp_path / "targets", t)
+    assert read_targets(tmp_path / "targets").loads == loads
+
+
+@pytest.mark.parametrize(
+    ("load", "said"),
+    [
+        ('{weight_g = 0.02, at = "tip"}', "weight_g = 0.02; wanted 0.1 to 5000 grams"),
+        ('{weight_g = 20.0, at = "tips"}', "is at 'tips'; wanted one of the points tip, middle"),
+        ('{weight_g = 20.0, at = "fixed"}', "is at 'fixed'; wanted one of the points tip, middle"),
+        ("{weight_g = 20.0}", "wanted its place `at`"),
+        ('{weight_g = 20.0, force_N = [0.0, 0.0, 1.0], at = "tip"}', "one of weight_g in grams and force_N"),
+        ('{force_N = [0.0, 0.0, -200.0], at = "tip"}', "a force above 0 and up to 50 N"),
+        ('{mass_kg = 0.02, at = "tip"}', "has the key 'mass_kg'; wanted weight_g or force_N"),
+        ("{weight_g = 20.0, at = [1.0, 2.0]}", "wanted three numbers"),
+    ],
+)
+def test_loads_that_cannot_be_meant_are_refused(
+    load: str, said: str, tmp_path: Path, make_targets: Callable[..., Targets]
+) -> None:
+    write_targets(tmp_path / "targets", make_targets(block=BLOCKS, gravity=DOWN))
+    told = tmp_path / "targets" / "targets.toml"
+    lines = told.read_text().replace("block = 1\n", f"block = 1\nloads = [{load}]\n")
+    told.write_text(lines)
+    with pytest.raises(ValueError, match=r"a load of block 1|the place of a load") as caught:
+        read_targets(tmp_path / "targets")
+    assert said in str(caught.value)
