@@ -36,7 +36,7 @@ from twin.project.dimensions import FingerTable
 SEED = 1
 COUNT, QUICK = 54, 6
 LIMITS, QUICK_LIMITS = 6, 1
-SMALL, QUICK_SMALL = 5100, 2700  # nodes at most of a lattice that is then divided by 3
+SMALL, QUICK_SMALL = 4500, 2700  # nodes at most of a lattice that is then divided by 3
 STRAIN = 0.4
 FIRST = 1e-5  # MPa, at which the response is linear
 BETWEEN = {  # mm, between which a dimension is drawn; what does not fit together is drawn anew
