@@ -15,7 +15,7 @@ from vision.following.identity import DotMemory, assign, follow_dots, start
 from vision.following.tracks import _unknown
 
 sys.path.append(str(Path(__file__).resolve().parents[3] / "benchmarks"))
-from printeddots import look, photograph, rim, trial  # noqa: E402
+from printeddots import look, photograph, rim, trial
 
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8]

@@ -1,5 +1,6 @@
 """Markers of every dictionary, black on white and white on black, in one picture."""
 
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -12,9 +13,13 @@ from vision import Video, locate
 from vision.dictionaries import dictionary_of
 from vision.film.video import Writer
 from vision.following.locating import Located
+from vision.following.patternmisfit import print_covariance
 from vision.following.reference import prepare
 from vision.following.registration import project
 from vision.plane import fit_homography
+
+sys.path.append(str(Path(__file__).resolve().parents[3] / "benchmarks"))
+from photos import photograph
 
 Array = NDArray[np.float64]
 NAMES = sorted(name for name in dir(cv2.aruco) if name.startswith("DICT_"))
@@ -100,6 +105,22 @@ def test_real_board_of_own_markers(shared_data: Path) -> None:
         homography = fit_homography(plane, found.centre)
         error = found.centre - project(homography, np.concatenate([plane.T, np.ones((1, 35))]))
         assert np.sqrt(np.mean(error**2)) <= 0.09  # of each coordinate; OpenCV's corners give 0.14 to 0.33
+
+
+def test_stated_covariance_on_a_real_photograph(shared_data: Path) -> None:
+    value, degrees, error, sd = photograph(shared_data / "opencv_boards")
+    assert 0.08 < error < 0.09  # px: the paper is not flat and the camera sharpens
+    assert 0.8 < np.sqrt(value / degrees) < 1.25  # 5.0 where the residual counts as white noise
+    assert sd < 0.15
+
+
+def test_a_print_off_its_plane_shows_only_at_an_angle() -> None:
+    frontal = 20.0 * np.eye(2)  # px by local unit: a side of 40 px
+    angle = np.deg2rad(50.0)
+    tilted = frontal @ np.diag([1.0, np.cos(angle)])
+    np.testing.assert_allclose(print_covariance(np.array([frontal])), 0.0, atol=1e-12)
+    expected = np.diag([0.0, (0.003 * 40.0 * np.sin(angle)) ** 2])
+    np.testing.assert_allclose(print_covariance(np.array([tilted]))[0], expected, atol=1e-12)
 
 
 def test_a_film_of_inverted_markers(lab: Any, tmp_path: Path) -> None:
