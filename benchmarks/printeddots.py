@@ -3,8 +3,8 @@
     python benchmarks/printeddots.py [--quick]
 
 A print's rim is rough: 0.24 px rms at a radius of 9 px, 0.44 px at 49 px, measured on photographs of printed
-dots. Each drawn dot has its own rim; a second picture of it, with other noise and shifted by a part of a pixel,
-shows how it repeats.
+dots. Each drawn dot has its own rim; a second picture of it, with other noise and shifted by a part of a
+pixel, shows how it repeats.
 """
 
 import argparse

@@ -17,9 +17,9 @@ CORRELATED_PX = 2.0 * np.sqrt(np.pi) * SMOOTH_PX
 ROUGH = 0.5  # relative, of the extent of a contour that is looked at
 LEVELS = (0.5, 0.25, 0.75)  # of the grey range round the guess, at which dots are looked for
 INSIDE, OUTSIDE = 0.4, 1.45  # radii at which the grey of dot and paper are read
-# Rms distance of a contour from its ellipse above which it is no dot: the root of the sum of squares of px and
-# of a share of the radius. A printed rim is rough by about 1 % of the radius and never smoother than the
-# pixels; a dot with a third of its radius covered is off by 4 %.
+# Rms distance of a contour from its ellipse above which it is no dot: root of the sum of squares of px and a
+# share of the radius. A printed rim is rough by about 1 % of the radius and never smoother than the pixels;
+# a dot of which a third of the radius is covered is off by 4 %.
 ROUND_PX, ROUND = 0.3, 0.015
 
 
