@@ -170,7 +170,9 @@ def geometries(quick: bool) -> dict[str, Any]:
         "geometries_compared": len(errors),
         "mesh_error_max": max((abs(e) for e in errors.values()), default=None),
         "mesh_errors": [round(e, 5) for e in errors.values()],
-        "geometries_failed": [{"reason": row.reason, **row.table.model_dump()} for row in rows if row.reason],
+        "geometries_failed": [
+            {"reason": row.reason, **row.table.model_dump()} for row in rows if row.reason
+        ],
     }
 
 

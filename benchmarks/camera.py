@@ -88,7 +88,9 @@ def pulls(count: int) -> dict[str, float]:
 def real_halves(paths: list[Path], board: Board) -> tuple[float, float]:
     """Reprojection rms (px) of all pictures, and the mean normalised difference of random halves."""
     camera = calibrate_camera(paths, board)
-    views = [board.find(np.asarray(cv2.imread(str(p), cv2.IMREAD_GRAYSCALE), dtype=np.uint8)) for p in paths]
+    views = [
+        board.find(np.asarray(cv2.imread(str(p), cv2.IMREAD_GRAYSCALE), dtype=np.uint8)) for p in paths
+    ]
     rng, found = np.random.default_rng(0), []
     for _ in range(HALVES):
         order = rng.permutation(len(views))

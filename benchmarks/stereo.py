@@ -78,7 +78,9 @@ def squares(rig: Rig, noise: CornerNoise, shots: list[Shot], cameras: tuple[int,
     return np.array(rows).T
 
 
-def held_out(folder: Path, *, halves: tuple[int, ...] = (0, 1), most: int | None = None) -> dict[str, Array]:
+def held_out(
+    folder: Path, *, halves: tuple[int, ...] = (0, 1), most: int | None = None
+) -> dict[str, Array]:
     """Errors and stated sds (2,n) mm of each pair of cameras and of all four; each half is held out once."""
     found, times = read(folder, most)
     result: dict[str, list[Array]] = {}

@@ -113,7 +113,9 @@ def prepared(case: Case, targets: Targets) -> tuple[Model, Array]:
 
     at = SolvedAt.beside(Constants(*map(float, NOMINAL)), float(targets.log_pressure.max()))
     model = model.on_mesh(
-        discretisation_error(model.test, structure=of_finger(Finger(), Lattice()), solved_at=at, cache=keep)
+        discretisation_error(
+            model.test, structure=of_finger(Finger(), Lattice()), solved_at=at, cache=keep
+        )
     )
     return model, fit_model(model, targets, whitener_of(model, NOMINAL, targets), start=NOMINAL).theta
 
