@@ -261,8 +261,8 @@ def _accept(
         raise ValueError(
             f"reprojection error of the board corners is {fit.camera.rms_px:.3f} px, wanted at most "
             f"{limit} px; {called[worst]} is worst with {rms[worst]:.3f} px, most fit to "
-            f"{np.median(rms):.3f} px{_wanted(others, fit.camera.size)}; check that the board is flat and its "
-            "squares are as stated"
+            f"{np.median(rms):.3f} px{_wanted(others, fit.camera.size)}; check that the board is flat and "
+            "its squares are as stated"
         )
     if tilt_deg < MIN_TILT_DEG:
         raise ValueError(

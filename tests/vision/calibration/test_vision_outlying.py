@@ -59,7 +59,7 @@ def test_corners_without_boards_are_named() -> None:
 def photograph(path: Path, number: int) -> NDArray[np.uint8]:
     rng = np.random.default_rng(number)
     rvec = np.deg2rad([*rng.uniform(-30.0, 30.0, 2), 7.0 * number])
-    place = np.array([*rng.uniform(-15.0, 15.0, 2), 190.0])
+    place = np.array([*rng.uniform(-9.0, 9.0, 2), 230.0])
     tvec = place - cv2.Rodrigues(rvec)[0] @ BOARD.points.mean(axis=0)
     picture = synthetic.board_image(TRUTH, BOARD, (rvec, tvec), seed=number)
     cv2.imwrite(str(path), picture)
