@@ -150,7 +150,14 @@ class CameraTable(TableModel):
         description="film of the finger at rest, 300 frames or more; the noise is estimated from it"
     )
     boards: RelativePath | None = Field(
-        default=None, description="images of the calibration board, a pattern such as raw/boards/*.png"
+        default=None,
+        description="the calibration board: pictures, a pattern such as raw/boards/*.png, or a film in which "
+        "it is moved, raw/boards.mp4",
+    )
+    board_times: RelativePath | None = Field(
+        default=None,
+        description="films of the board by several cameras: CSV with the time of every frame on one clock, "
+        "columns camera,time_s; without it the films are taken to start together",
     )
     camera_file: RelativePath | None = Field(
         default=None,
@@ -178,6 +185,8 @@ class CameraTable(TableModel):
             raise ValueError(
                 f"cameras {self.name!r} has no calibration: give boards and [cameras.board], or camera_file"
             )
+        if self.board_times is not None and self.boards is None:
+            raise ValueError(f"cameras {self.name!r} has board_times but no boards: name the board's film")
         if self.camera_file is not None and self.boards is not None:
             raise ValueError(f"cameras {self.name!r} has boards and camera_file: keep one of them")
         return self
