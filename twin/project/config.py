@@ -123,6 +123,10 @@ class BoardTable(TableModel):
         default="DICT_4X4_50", description="ArUco dictionary of the board: a name, or a file of your own"
     )
     inverted: bool = Field(default=False, description="whether the board is white on black")
+    mirrored: bool = Field(
+        default=False,
+        description="whether the board is printed mirrored, or a film of it is seen from behind",
+    )
 
     @model_validator(mode="after")
     def _fits(self) -> Self:
@@ -165,6 +169,11 @@ class CameraTable(TableModel):
     )
     dictionary: Dictionary = Field(
         default="DICT_4X4_50", description="ArUco dictionary of the markers: a name, or a file of your own"
+    )
+    mirrored: bool = Field(
+        default=False,
+        description="whether the camera looks into a mirror, or its films and pictures are mirrored: left is "
+        "right in all of them",
     )
     film_start_s: Finite = Field(
         default=0.0, description="time of the film's first frame on the clock of the pressure log, s"

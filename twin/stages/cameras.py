@@ -57,8 +57,8 @@ def _calibrated(project: Project, table: CameraTable) -> "Camera":
     images, board = _images(project, table), _board(project, table)
     film = board_film(images)
     if film is not None:
-        return camera_of_film(Video(film), board, max_rms_px=table.max_rms_px)
-    return calibrate_camera(images, board, max_rms_px=table.max_rms_px)
+        return camera_of_film(Video(film, mirrored=table.mirrored), board, max_rms_px=table.max_rms_px)
+    return calibrate_camera(images, board, max_rms_px=table.max_rms_px, mirrored=table.mirrored)
 
 
 def _is_film(project: Project, table: CameraTable) -> bool:
@@ -107,7 +107,7 @@ def _joined(project: Project, cameras: list["Camera"]) -> "Rig":
     limit = max(table.max_rms_px for table in tables)
     films = [board_film(paths) for paths in images]
     if None not in films:
-        opened = [Video(path) for path in films if path is not None]
+        opened = [Video(p, mirrored=t.mirrored) for p, t in zip(films, tables, strict=True) if p is not None]
         times = [board_times(project, t, film) for t, film in zip(tables, opened, strict=True)]
         return rig_of_films(opened, times, board, cameras, max_rms_px=limit)
     if any(films):
@@ -115,7 +115,8 @@ def _joined(project: Project, cameras: list["Camera"]) -> "Rig":
             "cameras.boards: one camera has a film of the board, another has pictures; wanted films of one "
             "moving board for all cameras, or pictures for all"
         )
-    return calibrate_rig(images, board, cameras, max_rms_px=limit)
+    mirrored = [table.mirrored for table in tables]
+    return calibrate_rig(images, board, cameras, max_rms_px=limit, mirrored=mirrored)
 
 
 def _read_camera(project: Project, table: CameraTable) -> "Camera":
@@ -155,7 +156,7 @@ def _one_camera_inputs(project: Project, table: CameraTable) -> dict[str, Any]:
         return {"tables": (), "inputs": [path], "extra": {"name": table.name, "film": table.film}}
     board = table.board
     assert board is not None  # the configuration refuses boards without it
-    extra = {"board": board.model_dump(), "max_rms_px": table.max_rms_px}
+    extra = {"board": board.model_dump(), "max_rms_px": table.max_rms_px, "mirrored": table.mirrored}
     own = dictionary_files(project, board.dictionary)
     stamps = stamps_file(project, table)
     inputs = [*_images(project, table), *own, *([stamps] if stamps else [])]

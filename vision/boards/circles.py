@@ -24,7 +24,7 @@ class CircleBoard(Board, kind="circles"):
     pattern: ClassVar[int] = cv2.CALIB_CB_SYMMETRIC_GRID
     reach: ClassVar[float] = 0.5  # squares round a circle that belong to no other
 
-    def find(self, picture: Image) -> BoardView:
+    def look(self, picture: Image) -> BoardView:
         """All circles with their outlines."""
         small, factor = shrunk(picture)
         size = (self.columns, self.rows)

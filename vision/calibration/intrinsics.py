@@ -7,7 +7,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from vision.boards.board import MIN_CORNERS, Board, BoardView
+from vision.boards.board import MIN_CORNERS, Board, BoardView, flipped
 from vision.calibration import lens
 from vision.calibration.crispness import blur_px
 from vision.calibration.outlying import MIN_LEFT, Outlying, area, empty_corners, why, without_outlying
@@ -33,12 +33,15 @@ class _Seen:
     noted: tuple[str, ...] = ()  # the same where nothing is to be done
 
 
-def calibrate_camera(images: Sequence[Path], board: Board, *, max_rms_px: float = 0.3) -> Camera:
+def calibrate_camera(
+    images: Sequence[Path], board: Board, *, max_rms_px: float = 0.3, mirrored: bool = False
+) -> Camera:
     """The camera that took the pictures of a board.
 
     images: picture files, all of one size, the board tilted differently in each.
     board: the printed board; its square sets the scale.
-    max_rms_px: px, the largest reprojection error that is accepted.
+    max_rms_px: px, the largest reprojection error that is accepted.   mirrored: pictures taken in a mirror;
+    the camera is then that of the pictures left for right.
 
     Zhang's method, doi 10.1109/34.888718; of six lens models from none to k1 k2 p1 p2 k3 the one with the
     lowest BIC. The camera's `notes` say what was chosen and checked, its `remarks`
@@ -52,7 +55,7 @@ def calibrate_camera(images: Sequence[Path], board: Board, *, max_rms_px: float 
         raise ValueError(
             f"no board images were given: film or photograph the board in at least {MIN_IMAGES} poses"
         )
-    pictures = [read_picture(Path(path), board) for path in images]
+    pictures = [read_picture(Path(path), board, mirrored=mirrored) for path in images]
     return camera_from(pictures, [Path(path).name for path in images], board, max_rms_px=max_rms_px)
 
 
@@ -105,13 +108,14 @@ def _fitted(views: Sequence[BoardView], size: tuple[int, int]) -> tuple[list[len
     return fits, left
 
 
-def read_picture(path: Path, board: Board) -> Image:
-    """A board picture in grey, black on white. Raises ValueError when there is none."""
+def read_picture(path: Path, board: Board, *, mirrored: bool = False) -> Image:
+    """A board picture in grey, black on white, and left for right where it is mirrored. Raises ValueError
+    when there is none."""
     picture = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE) if path.is_file() else None
     if picture is None:
         raise ValueError(f"board image {path} is missing or cannot be read: give a PNG or JPEG file")
-    grey = np.asarray(picture, dtype=np.uint8)
-    return board.black_on_white(grey)
+    grey = board.black_on_white(np.asarray(picture, dtype=np.uint8))
+    return flipped(grey) if mirrored else grey
 
 
 def _look(pictures: list[Image], board: Board) -> _Seen:

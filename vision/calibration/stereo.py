@@ -25,12 +25,18 @@ Found = Sequence[BoardView]  # what each picture shows of the board
 
 
 def calibrate_rig(
-    images: Sequence[Sequence[Path]], board: Board, cameras: Sequence[Camera], *, max_rms_px: float = 0.3
+    images: Sequence[Sequence[Path]],
+    board: Board,
+    cameras: Sequence[Camera],
+    *,
+    max_rms_px: float = 0.3,
+    mirrored: Sequence[bool] = (),
 ) -> Rig:
     """The rig of cameras that photographed a board at rest.
 
     images: of each camera its picture files; pictures of the same file name show the same pose.
     cameras: each from `calibrate_camera`.   max_rms_px: px, largest error of the corners that is accepted.
+    mirrored: of each camera whether it looked into a mirror; none by default.
 
     Raises ValueError when two cameras share fewer than 5 pictures, or when the error is above the limit
     (the board moved between two pictures of one name).
@@ -43,7 +49,7 @@ def calibrate_rig(
             "more: photograph the board, at rest, with all cameras and give the pictures of one pose one name"
         )
     can_join(board)
-    fitted = _fit_poses(_photographed(images, names, board), cameras, board, names)
+    fitted = _fit_poses(_photographed(images, names, board, mirrored), cameras, board, names)
     rms = np.sqrt(fitted.noise.own + fitted.noise.shared)
     if rms.max() > max_rms_px:
         worst = f"; {fitted.worst} is worst" if fitted.worst else ""
@@ -55,12 +61,14 @@ def calibrate_rig(
     return replace(fitted.rig, remarks=(_remark(fitted.rig, fitted.shots, rms), *_moved(fitted.moved)))
 
 
-def _photographed(images: Sequence[Sequence[Path]], names: Sequence[str], board: Board) -> list[Shot]:
+def _photographed(
+    images: Sequence[Sequence[Path]], names: Sequence[str], board: Board, mirrored: Sequence[bool]
+) -> list[Shot]:
     """What the pictures show of the board at rest; pictures of one name are of one instant."""
     shots = []
     for c, own in enumerate(images):
         for path in own:
-            seen = board.find(read_picture(Path(path), board))
+            seen = board.find(read_picture(Path(path), board, mirrored=c < len(mirrored) and mirrored[c]))
             if len(seen) >= MIN_CORNERS:
                 still, instant = np.zeros(seen.pixels.shape), names.index(Path(path).name)
                 shots.append(

@@ -7,6 +7,7 @@ from itertools import islice
 import numpy as np
 from numpy.typing import NDArray
 
+from vision.boards.board import flipped
 from vision.camera import Array, Camera, Image
 from vision.dictionaries import dictionary_of, other_dictionary
 from vision.film.video import Video
@@ -132,6 +133,8 @@ def _start(
         patch[new] = registration.patches(image, registration.lens_of(camera), seed[coded[new]], grid)
         if np.isfinite(seed).all():
             break
+    if np.isfinite(seed[coded, 0, 0]).sum() < 0.5 * len(coded):
+        _check_mirrored(film, looked[0], dictionary)
     if patch is None:
         raise ValueError(_none_found(film, looked, dictionary))
     _check_start(film, looked[0], marks, dictionary, seed)
@@ -207,6 +210,16 @@ def _check_start(film: Video, first: Image, marks: Sequence[Mark], dictionary: s
         raise ValueError(
             f"film {film.path.name} shows {sum(frame)} of {len(frame)} frame markers at its start, wanted at "
             f"least {MIN_VISIBLE}: uncover them, and check their ids and the dictionary {dictionary}"
+        )
+
+
+def _check_mirrored(film: Video, first: Image, dictionary: str) -> None:
+    """Raises ValueError for a film that shows its markers left for right: at most chance shows one then."""
+    seen, turned = (len(detect(picture, dictionary)[0]) for picture in (first, flipped(first)))
+    if turned >= MIN_VISIBLE and turned > 2 * seen:
+        raise ValueError(
+            f"film {film.path.name} shows {seen} markers of {dictionary}, but {turned} when its pictures are "
+            "turned left for right: it is mirrored; set mirrored = true in [[cameras]]"
         )
 
 
