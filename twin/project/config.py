@@ -104,9 +104,10 @@ class ModelTable(TableModel):
 
 
 class BoardTable(TableModel):
-    kind: Literal["charuco", "chessboard", "circles", "acircles"] = Field(
+    kind: Literal["charuco", "chessboard", "circles", "acircles", "codedcircles"] = Field(
         default="charuco",
-        description="charuco, chessboard, circles, or acircles (circles with every other row shifted)",
+        description="charuco, chessboard, circles, acircles (circles with every other row shifted), or "
+        "codedcircles (three of them rings or larger, to mark origin and axes)",
     )
     columns: int = Field(
         ge=2, description="number across: squares (charuco), inner corners (chessboard) or circles"
@@ -122,6 +123,11 @@ class BoardTable(TableModel):
     dictionary: Dictionary = Field(
         default="DICT_4X4_50", description="ArUco dictionary of the board: a name, or a file of your own"
     )
+    coding: tuple[tuple[int, int], ...] = Field(
+        default=(),
+        description="for codedcircles: column and row of the three coding dots, counted from 0 at the top "
+        "left, such as [[2, 2], [10, 2], [2, 7]]",
+    )
     inverted: bool = Field(default=False, description="whether the board is white on black")
     mirrored: bool = Field(
         default=False,
@@ -130,6 +136,11 @@ class BoardTable(TableModel):
 
     @model_validator(mode="after")
     def _fits(self) -> Self:
+        if (self.kind == "codedcircles") != (len(self.coding) == 3):
+            raise ValueError(
+                f"coding = {[list(dot) for dot in self.coding]}: wanted column and row of the three coding "
+                "dots with codedcircles, and no coding with another kind"
+            )
         if self.kind != "charuco":
             return self
         if self.marker_mm is None:

@@ -8,6 +8,7 @@ import numpy as np
 from vision.boards.board import Board
 from vision.calibration.boardfilms import read_board_film
 from vision.calibration.bundle import Shot, bundle_adjust
+from vision.calibration.lens import centred
 from vision.calibration.rig import Rig
 from vision.calibration.stereo import MIN_COMMON, can_join, synchronous_shots
 from vision.camera import Array, Camera
@@ -39,7 +40,8 @@ def rig_of_films(
     can_join(board)
     wanted = _frames(times)
     found = [
-        read_board_film(film, board, frames=rows).views for film, rows in zip(films, wanted, strict=True)
+        [centred(view, camera) for view in read_board_film(film, board, frames=rows).views]
+        for film, rows, camera in zip(films, wanted, cameras, strict=True)
     ]
     shots, lags = synchronous_shots(found, times, cameras)
     shots = _shared(shots)

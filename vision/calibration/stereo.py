@@ -11,6 +11,7 @@ from scipy.linalg import block_diag
 from vision.boards.board import Board, BoardView
 from vision.calibration.bundle import CornerNoise, Shot, board_pose, bundle_adjust, middle
 from vision.calibration.intrinsics import read_picture
+from vision.calibration.lens import centred
 from vision.calibration.movedboards import worst_pose
 from vision.calibration.rig import OWN, Rig, common, project, same, triangulate
 from vision.camera import Array, Camera
@@ -49,7 +50,7 @@ def calibrate_rig(
             "more: photograph the board, at rest, with all cameras and give the pictures of one pose one name"
         )
     can_join(board)
-    fitted = _fit_poses(_photographed(images, names, board, mirrored), cameras, board, names)
+    fitted = _fit_poses(_photographed(images, names, board, mirrored, cameras), cameras, board, names)
     rms = np.sqrt(fitted.noise.own + fitted.noise.shared)
     if rms.max() > max_rms_px:
         worst = f"; {fitted.worst} is worst" if fitted.worst else ""
@@ -62,7 +63,11 @@ def calibrate_rig(
 
 
 def _photographed(
-    images: Sequence[Sequence[Path]], names: Sequence[str], board: Board, mirrored: Sequence[bool]
+    images: Sequence[Sequence[Path]],
+    names: Sequence[str],
+    board: Board,
+    mirrored: Sequence[bool],
+    cameras: Sequence[Camera],
 ) -> list[Shot]:
     """What the pictures show of the board at rest; pictures of one name are of one instant."""
     shots = []
@@ -70,6 +75,7 @@ def _photographed(
         for path in own:
             seen = board.find(read_picture(Path(path), board, mirrored=c < len(mirrored) and mirrored[c]))
             if len(seen) >= MIN_CORNERS:
+                seen = centred(seen, cameras[c])
                 still, instant = np.zeros(seen.pixels.shape), names.index(Path(path).name)
                 shots.append(
                     Shot(

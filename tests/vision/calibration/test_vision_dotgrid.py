@@ -1,0 +1,148 @@
+"""Boards of circles of which a picture shows a part: the grid is walked, coding dots tell which part."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from vision import Camera, calibrate_camera
+from vision.boards.board import Board, Print
+from vision.boards.circles import CIRCLE, AsymmetricCircleBoard, CircleBoard
+from vision.boards.codedcircles import CodedCircleBoard
+from vision.boards.dotgrid import walk
+from vision.calibration.stereo import calibrate_rig
+from vision.drawing import synthetic
+
+Array = NDArray[np.float64]
+CODED = CodedCircleBoard(columns=14, rows=10, square_mm=8.0, coding=((4, 3), (9, 3), (4, 6)))
+TRUTH = Camera(
+    np.array([[900.0, 0, 322.0], [0, 902.0, 238.0], [0, 0, 1.0]]),
+    np.array([-0.15, 0.06, 0, 0, 0]),
+    (640, 480),
+)
+
+
+class LargeDots(CodedCircleBoard, kind="largedots"):
+    """The same with larger dots in place of rings, as some makers have them."""
+
+    def print_of(self, texels: float) -> Print:
+        plain = CircleBoard.print_of(self, texels)
+        square, paper = round(plain.origin), plain.paper.copy()
+        offset = np.arange(square) + 0.5 - 0.5 * square
+        disc = np.clip(np.hypot(offset[:, None], offset) - 1.4 * CIRCLE * square + 0.5, 0.0, 1.0)
+        for column, row in self.coding:
+            left, top = (round((k + 0.5) * square) for k in (column, row))
+            paper[top : top + square, left : left + square] = disc
+        return plain._replace(paper=paper)
+
+
+@pytest.fixture(autouse=True, scope="module")
+def no_kind_is_left_behind() -> None:
+    """The kind above is for these tests alone."""
+    from vision.boards import board
+
+    board._KINDS.pop("largedots", None)
+
+
+def pose(board: Board, i: int, away: float = 120.0) -> tuple[Array, Array]:
+    """A board that reaches beyond the picture, tilted and turned by up to 170 degrees."""
+    rvec = np.deg2rad(
+        [[25, 0], [-25, 5], [0, 28], [5, -28], [20, 20], [-20, 18], [18, -22], [-24, -20]][i % 8]
+    )
+    turned = (
+        cv2.Rodrigues(np.array([*rvec, 0.0]))[0] @ cv2.Rodrigues(np.array([0, 0, np.deg2rad(24.0 * i)]))[0]
+    )
+    target = np.array([52.0, 36.0, 0.0])  # the middle of the coding dots
+    shift = np.array([4.0 * np.sin(i), 3.0 * np.cos(2 * i), away]) - turned @ target
+    return np.ravel(cv2.Rodrigues(turned)[0]), shift
+
+
+def projected(board_points: Array, at: tuple[Array, Array]) -> Array:
+    pixels, _ = cv2.projectPoints(board_points, *at, TRUTH.matrix, TRUTH.distortion)
+    return np.asarray(pixels[:, 0])
+
+
+@pytest.mark.parametrize("board", [CODED, LargeDots(**vars(CODED))], ids=["rings", "larger"])
+def test_a_part_of_a_coded_board_is_found_with_its_rows_and_columns(board: CodedCircleBoard) -> None:
+    for i in range(7):
+        at = pose(board, i)
+        seen = board.find(synthetic.board_image(TRUTH, board, at, seed=i))
+        assert 50 < len(seen) < 140  # the picture cuts the board
+        assert (
+            np.abs(seen.pixels - projected(seen.points, at)).max() < 0.5
+        )  # perspective shifts ellipses; a step is 60 px
+        inside = projected(board.points, at)
+        margin = 26.0  # px, radius of a circle and more
+        whole = np.all((inside > margin) & (inside < np.array(TRUTH.size) - margin), axis=1).sum()
+        assert len(seen) >= 0.9 * whole
+
+
+def test_without_all_coding_dots_nothing_is_found() -> None:
+    picture = synthetic.board_image(TRUTH, CODED, pose(CODED, 0), seed=0)
+    ring = projected(np.array([[32.0, 24.0, 0.0]]), pose(CODED, 0))[0]
+    cv2.circle(picture, [round(v) for v in ring.tolist()], 16, (35.0,), -1)  # a ring filled in
+    assert len(CODED.find(picture)) == 0
+
+
+def test_coding_dots_that_do_not_tell_are_refused() -> None:
+    with pytest.raises(ValueError, match=r"coding = \[\[4, 3\], \[20, 3\], \[4, 6\]\]: wanted the column"):
+        replace(CODED, coding=((4, 3), (20, 3), (4, 6)))
+    with pytest.raises(ValueError, match=r"looks the same when the board is turned"):
+        replace(CODED, coding=((2, 2), (4, 2), (6, 2)))
+
+
+def test_a_camera_and_a_rig_from_parts_of_a_coded_board(tmp_path: Path) -> None:
+    paths: list[list[Path]] = [[], []]
+    second = cv2.Rodrigues(np.array([0.0, 0.25, 0.0]))[0], np.array([-30.0, 1.0, 4.0])
+    for i in range(8):
+        rvec, tvec = pose(CODED, i, 150.0)
+        turn = cv2.Rodrigues(rvec)[0]
+        both = ((rvec, tvec), (np.ravel(cv2.Rodrigues(second[0] @ turn)[0]), second[0] @ tvec + second[1]))
+        for c, at in enumerate(both):
+            (tmp_path / str(c)).mkdir(exist_ok=True)
+            paths[c].append(tmp_path / str(c) / f"b{i}.png")
+            cv2.imwrite(str(paths[c][-1]), synthetic.board_image(TRUTH, CODED, at, seed=2 * i + c))
+    cameras = [calibrate_camera(own, CODED) for own in paths]
+    for camera in cameras:
+        assert camera.images >= 6
+        assert camera.rms_px < 0.06
+        assert np.all(np.abs(camera.parameters - TRUTH.parameters)[:4] < 4.0 * camera.stdevs[:4])
+    rig = calibrate_rig(paths, CODED, cameras)
+    assert rig.shift[1] == pytest.approx(second[1], abs=0.3)
+    assert rig.turn[1] == pytest.approx([0.0, 0.25, 0.0], abs=0.003)
+
+
+@pytest.mark.parametrize(
+    "board",
+    [
+        CircleBoard(columns=14, rows=10, square_mm=8.0),
+        AsymmetricCircleBoard(columns=7, rows=14, square_mm=6.0),
+    ],
+    ids=["circles", "acircles"],
+)
+def test_a_part_of_a_plain_board_calibrates_one_camera(board: CircleBoard, tmp_path: Path) -> None:
+    paths = []
+    for i in range(7):
+        at = pose(board, i, 105.0)
+        paths.append(tmp_path / f"{i}.png")
+        cv2.imwrite(str(paths[-1]), synthetic.board_image(TRUTH, board, at, seed=i))
+    camera = calibrate_camera(paths, board)
+    assert camera.images >= 6
+    assert camera.rms_px < 0.06
+    assert np.all(np.abs(camera.parameters - TRUTH.parameters)[:4] < 4.5 * camera.stdevs[:4])
+
+
+def test_a_walk_knows_perspective_and_leaves_out_what_is_no_grid() -> None:
+    column, row = np.meshgrid(np.arange(9.0), np.arange(7.0))
+    x, y = column.ravel() - 3.0, row.ravel() - 2.0
+    grid = (300.0, 200.0) + np.column_stack([30 * x + 4 * y, -3 * x + 25 * y]) / (1 + 0.04 * x[:, None])
+    stray = np.array([[313.0, 214.0], [90.0, 30.0], [600.0, 400.0]])
+    rows, step = walk(np.concatenate([grid, stray]))
+    assert set(rows.tolist()) == set(range(63))
+    step = step - step.min(axis=0)
+    assert step.max(axis=0).tolist() in ([8, 6], [6, 8])
+    assert len(walk(grid[:3])[0]) == 0
+    assert len(walk(np.random.default_rng(0).uniform(0, 400, (30, 2)))[0]) < 12
