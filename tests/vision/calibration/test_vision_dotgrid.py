@@ -146,3 +146,26 @@ def test_a_walk_knows_perspective_and_leaves_out_what_is_no_grid() -> None:
     assert step.max(axis=0).tolist() in ([8, 6], [6, 8])
     assert len(walk(grid[:3])[0]) == 0
     assert len(walk(np.random.default_rng(0).uniform(0, 400, (30, 2)))[0]) < 12
+
+
+def test_the_sheet_to_print_has_the_rings() -> None:
+    art, scale = CODED.artwork(), 8
+    sheet = np.full((round(art.height * scale), round(art.width * scale)), 255, dtype=np.uint8)
+    for layer in art.layers:
+        for x, y, radius in layer.circles * scale:
+            at = (round(16 * (x - 0.5)), round(16 * (y - 0.5)))
+            cv2.circle(sheet, at, round(16 * radius), 0 if layer.black else 255, -1, cv2.LINE_AA, 4)
+    seen = CODED.find(sheet)
+    assert len(seen) == 140
+    np.testing.assert_allclose(seen.pixels, (seen.points[:, :2] + 8.0) * scale - 0.5, atol=0.05)
+
+
+def test_a_walk_along_diagonals_is_understood() -> None:
+    row, column = np.divmod(np.arange(140), 14)
+    place, marked = np.column_stack([column, row]), np.zeros(140, dtype=bool)
+    marked[[14 * r + c for c, r in CODED.coding]] = True
+    for steps in ([[1, 0], [0, 1]], [[1, 1], [0, 1]], [[0, -1], [1, 1]]):
+        found = CODED._placed((place - (5, 4)) @ np.array(steps), marked)
+        assert found is not None
+        np.testing.assert_array_equal(found, place)
+    assert CODED._placed(place, np.roll(marked, 4)) is None  # four columns would lie beside the board
