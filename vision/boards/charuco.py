@@ -15,11 +15,15 @@ from vision.dictionaries import bits_of, dictionary_of, other_dictionary
 
 # Ways in which a picture may have to be changed to show the markers, and the key that says so.
 MIRRORED = (
-    "set mirrored = true, in [cameras.board] where only the board is mirrored, or in [[cameras]] where the "
-    "film is too"
+    "set mirrored = true (false where it is true already), in [cameras.board] where only the board is "
+    "mirrored, in [[cameras]] where the film is too"
 )
 WAYS: tuple[tuple[str, Callable[[Image], Image], str], ...] = (
-    ("inverted", lambda p: np.asarray(255 - p, dtype=np.uint8), "set inverted = true in [cameras.board]"),
+    (
+        "inverted",
+        lambda p: np.asarray(255 - p, dtype=np.uint8),
+        "set inverted = true in [cameras.board], false where it is true already",
+    ),
     ("mirrored", flipped, MIRRORED),
     (
         "inverted and mirrored",
