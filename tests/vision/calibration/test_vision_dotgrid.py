@@ -13,7 +13,7 @@ from vision.boards.board import Board, Print
 from vision.boards.circles import CIRCLE, AsymmetricCircleBoard, CircleBoard
 from vision.boards.codedcircles import CodedCircleBoard
 from vision.boards.dotgrid import walk
-from vision.calibration.stereo import calibrate_rig
+from vision.calibration.stereo import _photographed, calibrate_rig
 from vision.drawing import synthetic
 
 Array = NDArray[np.float64]
@@ -115,6 +115,14 @@ def test_a_camera_and_a_rig_from_parts_of_a_coded_board(tmp_path: Path) -> None:
     assert rig.turn[1] == pytest.approx([0.0, 0.25, 0.0], abs=0.003)
 
 
+def test_circles_of_a_rig_are_centred_on_the_board(tmp_path: Path) -> None:
+    at = pose(CODED, 0)
+    cv2.imwrite(str(tmp_path / "b.png"), synthetic.board_image(TRUTH, CODED, at, seed=0))
+    (shot,) = _photographed([[tmp_path / "b.png"]], ["b.png"], CODED, (), [TRUTH])
+    error = np.abs(shot.pixels - projected(shot.points, at))
+    assert error.max() < 0.05  # perspective shifts the centres of these ellipses by up to 0.3 px
+
+
 @pytest.mark.parametrize(
     "board",
     [
@@ -168,4 +176,5 @@ def test_a_walk_along_diagonals_is_understood() -> None:
         found = CODED._placed((place - (5, 4)) @ np.array(steps), marked)
         assert found is not None
         np.testing.assert_array_equal(found, place)
+    assert CODED._placed(place, marked | np.roll(marked, 1)) is None  # six that fit in two ways
     assert CODED._placed(place, np.roll(marked, 4)) is None  # four columns would lie beside the board

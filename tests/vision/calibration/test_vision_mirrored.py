@@ -37,7 +37,9 @@ def paths(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
 
 
 def test_a_mirrored_board_is_told(paths: list[Path]) -> None:
-    with pytest.raises(ValueError, match=r"and \d+ in the mirrored pictures: set mirrored = true \(false where it is"):
+    with pytest.raises(
+        ValueError, match=r"and \d+ in the mirrored pictures: set mirrored = true \(false where it is"
+    ):
         calibrate_camera(paths, BOARD)
     with pytest.raises(ValueError, match=r"in the inverted and mirrored pictures: set inverted = true"):
         calibrate_camera(paths, replace(BOARD, inverted=True))
