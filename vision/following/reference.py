@@ -15,6 +15,7 @@ from vision.following import registration
 from vision.following.dots import Dot, find_dots
 from vision.following.identity import GATE, assign
 from vision.following.printed import CELLS_BEYOND, printed_centres
+from vision.following.repeated import told_apart
 from vision.following.uneven import Quarters, quarters
 from vision.marks import Mark, codes_of, corner_warp, detect, dot_warp, dots_of, px_per_unit
 from vision.plane import MIN_VISIBLE, fit_homography
@@ -155,6 +156,8 @@ def _seed(
     for p, code in codes_of(marks).items():
         if missing[p] and code in found:
             seed[p] = corner_warp(camera.undistort(found[code]))
+    for p, warp in told_apart(image, camera, marks, dictionary, seed).items():
+        seed[p] = warp
     _seed_dots(image, camera, marks, seed, dots)
     return missing & np.isfinite(seed[:, 0, 0])
 

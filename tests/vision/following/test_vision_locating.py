@@ -141,3 +141,26 @@ def test_a_film_of_inverted_markers(lab: Any, tmp_path: Path) -> None:
     ]
     flat = [p[:, :2, 0] / p[:, 2:, 0] for p in place]
     np.testing.assert_allclose(flat[1], flat[0], atol=0.005)
+
+
+def test_of_several_markers_of_one_id_the_one_in_its_place_is_followed(lab: Any, tmp_path: Path) -> None:
+    film = lab.film(tmp_path / "rest.mkv", np.zeros(12), seed=3)
+    (_, _, first), told = next(iter(film.frames())), {"dictionary": "DICT_4X4_50", "reference_s": 1.15}
+    plain = prepare(film, lab.camera, lab.marks, **told)
+    row = lab.rows("finger")[1]
+    x, y = (round(float(v)) for v in lab.camera.distort(plain.seed[row, :2, 2]))
+    box = first[y - 24 : y + 25, x - 24 : x + 25]
+
+    def again(left: int, top: int) -> Video:
+        path = tmp_path / f"copy{left}.mkv"
+        with Writer(path, (film.width, film.height), fps=10.0, codec="rawvideo", crf=0) as writer:
+            for _, _, grey in film.frames():
+                shown = grey.copy()
+                shown[top : top + 49, left : left + 49] = box
+                writer.add(shown)
+        return Video(path)
+
+    far = prepare(again(x + 60, y + 75), lab.camera, lab.marks, **told)
+    np.testing.assert_array_equal(far.seed[row], plain.seed[row])
+    with pytest.raises(ValueError, match=f"shows marker {lab.marks[row].kind.code} more than once"):
+        prepare(again(x - 80, y - 24), lab.camera, lab.marks, **told)  # which of the two cannot be told
