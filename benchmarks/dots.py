@@ -13,6 +13,7 @@ from typing import Any
 
 import _first  # noqa: F401
 import numpy as np
+import printeddots
 from markers import REFERENCE, Scene, Trial, bound, displacement, film, scene, tracked
 
 from vision import Mark
@@ -61,7 +62,7 @@ def figures(quick: bool) -> dict[str, Any]:
         limit = np.sqrt(np.mean(t.bound**2))
         told = f"{t.ratio:.2f} | {t.pull:.2f} | {100 * t.about:.0f} %"
         print(f"| {size} | {t.rms:.4f} | {limit:.4f} | {told} | {t.lost} |", flush=True)
-    return {
+    return printeddots.figures(quick) | {
         "dot_rms_px": {size: round(t.rms, 5) for size, t in trials.items()},
         "dot_rms_se_px": {size: round(t.rms * t.about, 5) for size, t in trials.items()},
         "dot_crb_ratio": {size: round(t.ratio, 3) for size, t in trials.items()},

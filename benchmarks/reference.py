@@ -96,7 +96,7 @@ def _one(field: Schema) -> str:
     if "prefixItems" in field:
         return f"{len(field['prefixItems'])} numbers"
     if field.get("type") == "array":
-        return f"list of {_one(field['items'])}s"
+        return f"list of {_one(field['items']).removesuffix('s')}s"
     if field.get("type") == "object":
         return f"table of {_value(field['additionalProperties'])} by name"
     return KINDS[field["type"]] + _limits(field)

@@ -20,8 +20,9 @@ import _first  # noqa: F401
 # None for one whose data is absent. What it prints on the way goes to stderr.
 PARTS = {
     "markers": ("crb_ratio", "registration_pull_sd", "fps_1080p_28_markers"),
-    "dots": ("dot_rms_px", "dot_pull_sd"),
+    "dots": ("dot_rms_px", "dot_pull_sd", "dots_found"),
     "camera": ("camera_pull_sd", "camera_left_rms_px", "camera_right_rms_px", "gboriginal_rms_px"),
+    "photos": ("photo_pull", "photo_film_pull"),
     "budget": ("pull_sd",),
     "stereo": ("stereo_mean_mm", "stereo_pull_sd"),
     "dic": ("dic_bias_px", "dic_sd_px"),

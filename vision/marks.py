@@ -78,15 +78,20 @@ def check_names(marks: Sequence[Mark]) -> None:
 
 
 def detect(image: Image, dictionary: str) -> tuple[dict[int, Array], set[int]]:
-    """Corners (4,2) raw px of each marker seen once, and the ids that are seen more often.
+    """Corners (4,2) raw px of each marker seen once, and the ids that are seen more often."""
+    return _once(detect_all(image, dictionary))
+
+
+def detect_all(image: Image, dictionary: str) -> list[tuple[int, Array]]:
+    """Ids and corners (4,2) raw px of all markers, an id as often as it is seen.
 
     Where hardly any black marker on white is seen, white ones on black are looked for too. (OpenCV's
     detectInvertedMarker sees some of both, but loses one in twenty.)
     """
     seen = _detect(image, dictionary)
     if len(seen) >= FEW:
-        return _once(seen)
-    return _once(max(seen, _detect(np.asarray(255 - image, dtype=np.uint8), dictionary), key=len))
+        return seen
+    return max(seen, _detect(np.asarray(255 - image, dtype=np.uint8), dictionary), key=len)
 
 
 def _detect(image: Image, dictionary: str) -> list[tuple[int, Array]]:

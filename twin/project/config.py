@@ -104,9 +104,10 @@ class ModelTable(TableModel):
 
 
 class BoardTable(TableModel):
-    kind: Literal["charuco", "chessboard", "circles", "acircles"] = Field(
+    kind: Literal["charuco", "chessboard", "circles", "acircles", "codedcircles"] = Field(
         default="charuco",
-        description="charuco, chessboard, circles, or acircles (circles with every other row shifted)",
+        description="charuco, chessboard, circles, acircles (circles with every other row shifted), or "
+        "codedcircles (three of them rings or larger, to mark origin and axes)",
     )
     columns: int = Field(
         ge=2, description="number across: squares (charuco), inner corners (chessboard) or circles"
@@ -122,10 +123,24 @@ class BoardTable(TableModel):
     dictionary: Dictionary = Field(
         default="DICT_4X4_50", description="ArUco dictionary of the board: a name, or a file of your own"
     )
+    coding: tuple[tuple[int, int], ...] = Field(
+        default=(),
+        description="for codedcircles: column and row of the three coding dots, counted from 0 at the top "
+        "left, such as [[2, 2], [10, 2], [2, 7]]",
+    )
     inverted: bool = Field(default=False, description="whether the board is white on black")
+    mirrored: bool = Field(
+        default=False,
+        description="whether the board is printed mirrored, or a film of it is seen from behind",
+    )
 
     @model_validator(mode="after")
     def _fits(self) -> Self:
+        if (self.kind == "codedcircles") != (len(self.coding) == 3):
+            raise ValueError(
+                f"coding = {[list(dot) for dot in self.coding]}: wanted column and row of the three coding "
+                "dots with codedcircles, and no coding with another kind"
+            )
         if self.kind != "charuco":
             return self
         if self.marker_mm is None:
@@ -181,7 +196,14 @@ class CameraTable(TableModel):
         description="film of the finger at rest, 300 frames or more; the noise is estimated from it"
     )
     boards: RelativePath | None = Field(
-        default=None, description="images of the calibration board, a pattern such as raw/boards/*.png"
+        default=None,
+        description="the calibration board: pictures, a pattern such as raw/boards/*.png, or a film in which "
+        "it is moved, raw/boards.mp4",
+    )
+    board_times: RelativePath | None = Field(
+        default=None,
+        description="films of the board by several cameras: CSV with the time of every frame on one clock, "
+        "columns camera,time_s; without it the films are taken to start together",
     )
     camera_file: RelativePath | None = Field(
         default=None,
@@ -189,6 +211,11 @@ class CameraTable(TableModel):
     )
     dictionary: Dictionary = Field(
         default="DICT_4X4_50", description="ArUco dictionary of the markers: a name, or a file of your own"
+    )
+    mirrored: bool = Field(
+        default=False,
+        description="whether the camera looks into a mirror, or its films and pictures are mirrored: left is "
+        "right in all of them",
     )
     film_start_s: Finite = Field(
         default=0.0, description="time of the film's first frame on the clock of the pressure log, s"
@@ -209,6 +236,8 @@ class CameraTable(TableModel):
             raise ValueError(
                 f"cameras {self.name!r} has no calibration: give boards and [cameras.board], or camera_file"
             )
+        if self.board_times is not None and self.boards is None:
+            raise ValueError(f"cameras {self.name!r} has board_times but no boards: name the board's film")
         if self.camera_file is not None and self.boards is not None:
             raise ValueError(f"cameras {self.name!r} has boards and camera_file: keep one of them")
         return self

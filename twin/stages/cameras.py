@@ -5,9 +5,11 @@ from typing import TYPE_CHECKING, Any
 
 from twin.project.config import CameraTable
 from twin.project.folder import Project, Say
+from twin.stages.boardtimes import board_film, board_times, stamps_file
 
 if TYPE_CHECKING:  # vision takes a second to import: only the stages that measure pay for it
     from vision import Board, Camera
+    from vision.calibration.rig import Rig
 
 PARAMETERS = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3")
 
@@ -39,16 +41,28 @@ def run_camera(project: Project, say: Say) -> dict[str, Any]:
             run.note(sentence)
     for sentence in camera.remarks:
         say(sentence)
-    source = table.camera_file or f"{camera.images} of {given} board images"
+    source = table.camera_file or (
+        f"{camera.images} frames of {table.boards}" if _is_film(project, table)
+        else f"{camera.images} of {given} board images"
+    )  # fmt: skip
     say(f"Calibrated from {source}. Reprojection RMS {camera.rms_px:.3f} px, accepted up to "
         f"{table.max_rms_px:g} px. Wrote {project.shown(run.path('camera.json'))}.")  # fmt: skip
     return result_of(project, "camera", run.folder)
 
 
 def _calibrated(project: Project, table: CameraTable) -> "Camera":
-    from vision import calibrate_camera
+    from vision import Video, calibrate_camera
+    from vision.calibration.boardfilms import camera_of_film
 
-    return calibrate_camera(_images(project, table), _board(project, table), max_rms_px=table.max_rms_px)
+    images, board = _images(project, table), _board(project, table)
+    film = board_film(images)
+    if film is not None:
+        return camera_of_film(Video(film, mirrored=table.mirrored), board, max_rms_px=table.max_rms_px)
+    return calibrate_camera(images, board, max_rms_px=table.max_rms_px, mirrored=table.mirrored)
+
+
+def _is_film(project: Project, table: CameraTable) -> bool:
+    return board_film(_images(project, table)) is not None
 
 
 def _board(project: Project, table: CameraTable) -> "Board":
@@ -61,15 +75,10 @@ def _board(project: Project, table: CameraTable) -> "Board":
 
 def _run_rig(project: Project, say: Say, how: dict[str, Any]) -> dict[str, Any]:
     """Calibrate every camera, then all of them together from the pictures of one name."""
-    from vision.calibration.stereo import calibrate_rig
-
     tables = project.config.cameras
     with project.new_run("camera", **how) as run:
         cameras = [_calibrated(project, table) for table in tables]
-        rig = calibrate_rig(
-            [_images(project, table) for table in tables], _board(project, tables[0]), cameras,
-            max_rms_px=max(table.max_rms_px for table in tables),
-        )  # fmt: skip
+        rig = _joined(project, cameras)
         remarks = [f"{t.name}: {r}" for t, c in zip(tables, cameras, strict=True) for r in c.remarks]
         run.write_json("rig.json", rig.to_dict())
         run.summary.update(
@@ -81,8 +90,33 @@ def _run_rig(project: Project, say: Say, how: dict[str, Any]) -> dict[str, Any]:
             run.note(sentence)
     for sentence in remarks:
         say(sentence)
+    for sentence in rig.remarks[1:]:
+        say(sentence)
     say(f"{rig.remarks[0]} Wrote {project.shown(run.path('rig.json'))}.")
     return result_of(project, "camera", run.folder)
+
+
+def _joined(project: Project, cameras: list["Camera"]) -> "Rig":
+    """All cameras together: from pictures of one name, or from films of one moving board."""
+    from vision import Video
+    from vision.calibration.joinedfilms import rig_of_films
+    from vision.calibration.stereo import calibrate_rig
+
+    tables = project.config.cameras
+    images, board = [_images(project, table) for table in tables], _board(project, tables[0])
+    limit = max(table.max_rms_px for table in tables)
+    films = [board_film(paths) for paths in images]
+    if None not in films:
+        opened = [Video(p, mirrored=t.mirrored) for p, t in zip(films, tables, strict=True) if p is not None]
+        times = [board_times(project, t, film) for t, film in zip(tables, opened, strict=True)]
+        return rig_of_films(opened, times, board, cameras, max_rms_px=limit)
+    if any(films):
+        raise ValueError(
+            "cameras.boards: one camera has a film of the board, another has pictures; wanted films of one "
+            "moving board for all cameras, or pictures for all"
+        )
+    mirrored = [table.mirrored for table in tables]
+    return calibrate_rig(images, board, cameras, max_rms_px=limit, mirrored=mirrored)
 
 
 def _read_camera(project: Project, table: CameraTable) -> "Camera":
@@ -122,9 +156,11 @@ def _one_camera_inputs(project: Project, table: CameraTable) -> dict[str, Any]:
         return {"tables": (), "inputs": [path], "extra": {"name": table.name, "film": table.film}}
     board = table.board
     assert board is not None  # the configuration refuses boards without it
-    extra = {"board": board.model_dump(), "max_rms_px": table.max_rms_px}
+    extra = {"board": board.model_dump(), "max_rms_px": table.max_rms_px, "mirrored": table.mirrored}
     own = dictionary_files(project, board.dictionary)
-    return {"tables": (), "inputs": [*_images(project, table), *own], "extra": extra}
+    stamps = stamps_file(project, table)
+    inputs = [*_images(project, table), *own, *([stamps] if stamps else [])]
+    return {"tables": (), "inputs": inputs, "extra": extra}
 
 
 def _images(project: Project, table: CameraTable) -> list[Path]:

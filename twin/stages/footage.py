@@ -28,7 +28,7 @@ class Footage:
         from vision.film.series import open_film
 
         table = self.project.config.cameras[0]
-        return open_film(self.project.path(table.film), fps=table.fps)
+        return open_film(self.project.path(table.film), fps=table.fps, mirrored=table.mirrored)
 
     @property
     def worst(self) -> bytes:

@@ -86,7 +86,7 @@ def _tested(project: Project, name: str, film: Path, camera: Any, then: Mapping[
     from vision.following.locating import locate
 
     table = project.config.cameras[0]
-    opened = open_film(film, fps=table.fps)
+    opened = open_film(film, fps=table.fps, mirrored=table.mirrored)
     remedy = f"photograph the board anew, replace {table.boards or table.camera_file}, and run `twin camera`"
     if (opened.width, opened.height) != camera.size:
         raise ValueError(f"{table.film} has {opened.width} x {opened.height} px, but the camera of {name} "

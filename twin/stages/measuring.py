@@ -254,8 +254,8 @@ def _overlay(project: Project, moved: "Displacements") -> bytes:
     from vision.film.series import open_film
 
     table = camera_table(project)
-    picture = overlay(open_film(project.path(table.film), fps=table.fps), moved.tracks)
-    return bytes(cv2.imencode(".png", picture)[1])
+    film = open_film(project.path(table.film), fps=table.fps, mirrored=table.mirrored)
+    return bytes(cv2.imencode(".png", overlay(film, moved.tracks))[1])
 
 
 def _budget_csv(moved: "Displacements", targets: Targets) -> str:

@@ -98,8 +98,8 @@ def views_of(project: Project, camera: Path) -> tuple[list["View"], "Rig | None"
     cameras = rig.cameras if rig is not None else (Camera.from_dict(stored),)
     views = [
         View(
-            open_film(project.path(t.film), fps=t.fps), open_film(project.path(t.static), fps=t.fps), own,
-            t.film_start_s,
+            open_film(project.path(t.film), fps=t.fps, mirrored=t.mirrored),
+            open_film(project.path(t.static), fps=t.fps, mirrored=t.mirrored), own, t.film_start_s,
         )
         for t, own in zip(tables, cameras, strict=True)
     ]  # fmt: skip

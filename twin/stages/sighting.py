@@ -54,6 +54,8 @@ def _why_not(project: Project) -> str:
         return f"{said}: {error}"
     from vision import Video
 
+    if project.config.cameras[0].mirrored:
+        return f"{said}, because it is mirrored: store it left for right"
     if Video(project.path(project.config.cameras[0].film)).turns:
         return f"{said}, because it is stored on its side: store it upright"
     return ""

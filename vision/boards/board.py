@@ -45,6 +45,11 @@ class Reading(NamedTuple):
     asks: bool  # whether the user should state it so
 
 
+def flipped(picture: Image) -> Image:
+    """The picture (h,w) as a mirror shows it, left for right."""
+    return np.ascontiguousarray(picture[:, ::-1])
+
+
 @dataclass(frozen=True, kw_only=True)
 class Board(ABC):
     """A printed board, flat, with one size of square.
@@ -60,6 +65,7 @@ class Board(ABC):
     rows: int
     square_mm: float
     inverted: bool = False  # white printed on black
+    mirrored: bool = False  # printed mirrored, or a film that is seen from behind
 
     def __init_subclass__(cls, *, kind: str, **rest: Any) -> None:
         super().__init_subclass__(**rest)
@@ -88,9 +94,20 @@ class Board(ABC):
         row, column = np.divmod(np.arange(self.columns * self.rows), self.columns)
         return np.stack([column, row, np.zeros(len(row))], axis=1) * self.square_mm
 
-    @abstractmethod
     def find(self, picture: Image) -> BoardView:
-        """Where a picture (h,w), black on white, shows the board; `NOTHING` where it does not."""
+        """Where a picture (h,w), black on white, shows the board; `NOTHING` where it does not.
+
+        On a mirrored board the points are those of the print: x runs to the left.
+        """
+        if not self.mirrored:
+            return self.look(picture)
+        seen, last = self.look(flipped(picture)), picture.shape[1] - 1.0
+        outlines = tuple(outline * (-1.0, 1.0) + (last, 0.0) for outline in seen.outlines)
+        return BoardView(seen.points * (-1.0, 1.0, 1.0), seen.pixels * (-1.0, 1.0) + (last, 0.0), outlines)
+
+    @abstractmethod
+    def look(self, picture: Image) -> BoardView:
+        """The same for a board that is not mirrored."""
 
     @abstractmethod
     def artwork(self) -> Artwork:

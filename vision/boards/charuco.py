@@ -1,6 +1,6 @@
 """A ChArUco board: squares with markers in the white ones, so that a part of it is enough."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import cv2
@@ -8,10 +8,29 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vision.artwork import Artwork, dark_runs, dark_squares, sheet, shifted
-from vision.boards.board import NOTHING, Board, BoardView, Print, Reading
+from vision.boards.board import NOTHING, Board, BoardView, Print, Reading, flipped
 from vision.boards.corners import WINDOW, refined
 from vision.camera import Array, Image
 from vision.dictionaries import bits_of, dictionary_of, other_dictionary
+
+# Ways in which a picture may have to be changed to show the markers, and the key that says so.
+MIRRORED = (
+    "set mirrored = true (false where it is true already), in [cameras.board] where only the board is "
+    "mirrored, in [[cameras]] where the film is too"
+)
+WAYS: tuple[tuple[str, Callable[[Image], Image], str], ...] = (
+    (
+        "inverted",
+        lambda p: np.asarray(255 - p, dtype=np.uint8),
+        "set inverted = true in [cameras.board], false where it is true already",
+    ),
+    ("mirrored", flipped, MIRRORED),
+    (
+        "inverted and mirrored",
+        lambda p: flipped(np.asarray(255 - p, dtype=np.uint8)),
+        f"set inverted = true in [cameras.board]; and {MIRRORED}",
+    ),
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -53,7 +72,7 @@ class CharucoBoard(Board, kind="charuco"):
         """Places (n,3) mm of the inner corners, row by row."""
         return np.asarray(self.opencv.getChessboardCorners(), dtype=np.float64)
 
-    def find(self, picture: Image) -> BoardView:
+    def look(self, picture: Image) -> BoardView:
         """The inner corners between markers that the picture shows."""
         detector = cv2.aruco.CharucoDetector(self.opencv)
         corners, ids, _, _ = detector.detectBoard(picture)
@@ -126,13 +145,13 @@ class CharucoBoard(Board, kind="charuco"):
         detector = cv2.aruco.ArucoDetector(dictionary_of(self.dictionary))
         markers = sum(len(detector.detectMarkers(picture)[0]) for picture in pictures)
         start, few = f"; {self.dictionary} finds {markers}", pictures[:2]
+        for word, changed, key in WAYS:
+            others = sum(len(detector.detectMarkers(changed(p))[0]) for p in pictures)
+            if others > 2 * markers + 3:
+                return start + f" and {others} in the {word} pictures: {key}"
         other = other_dictionary(few, self.dictionary) if markers < len(pictures) else None
         if other:
             return start + f", {other[0]} finds {other[1]} in the first {len(few)}: set that dictionary"
-        negatives = (np.asarray(255 - p, dtype=np.uint8) for p in pictures)
-        inverted = sum(len(detector.detectMarkers(p)[0]) for p in negatives)
-        if inverted > 2 * markers + 3:
-            return start + f" and {inverted} in the inverted pictures: set inverted"
         turned = replace(self, columns=self.rows, rows=self.columns)
         if turned.usable(pictures) >= wanted:
             return start + f": the board is one of {self.rows} columns and {self.columns} rows, set these"

@@ -15,7 +15,7 @@ from vision.camera import Image
 class Chessboard(Board, kind="chessboard"):
     """Columns x rows inner corners."""
 
-    def find(self, picture: Image) -> BoardView:
+    def look(self, picture: Image) -> BoardView:
         """All corners, by OpenCV's classic finder, and its sector-based one where that fails."""
         size = (self.columns, self.rows)
         small, factor = shrunk(picture)

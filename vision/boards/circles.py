@@ -5,14 +5,17 @@ from typing import ClassVar
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 from skimage.measure import find_contours
 
 from vision.artwork import Artwork, sheet
 from vision.boards.board import NOTHING, Board, BoardView, Print
 from vision.boards.corners import px_per_mm, shrunk
+from vision.boards.dotgrid import find_dots_of_board, walk
 from vision.camera import Array, Image
 
 CIRCLE = 0.3  # radius of a circle, in distances of two circles
+MIN_PART, SHARE = 12, 0.25  # circles, and share of the board's, that a part of a board must show
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -24,7 +27,7 @@ class CircleBoard(Board, kind="circles"):
     pattern: ClassVar[int] = cv2.CALIB_CB_SYMMETRIC_GRID
     reach: ClassVar[float] = 0.5  # squares round a circle that belong to no other
 
-    def find(self, picture: Image) -> BoardView:
+    def look(self, picture: Image) -> BoardView:
         """All circles with their outlines."""
         small, factor = shrunk(picture)
         size = (self.columns, self.rows)
@@ -33,16 +36,31 @@ class CircleBoard(Board, kind="circles"):
             if found:
                 break
         else:
-            return NOTHING
+            return self._part(picture)
         pixels = (np.asarray(centres, dtype=np.float64).reshape(-1, 2) + 0.5) * factor - 0.5
-        points, reach = self.points, self.reach * self.square_mm
-        outlines = [
-            _outline(picture, pixel, reach * scale)
-            for pixel, scale in zip(pixels, px_per_mm(points, pixels), strict=True)
-        ]
-        seen = [i for i, outline in enumerate(outlines) if outline is not None]
-        shapes = tuple(outline for outline in outlines if outline is not None)
-        return BoardView(points[seen], np.array([centroid(o) for o in shapes]).reshape(-1, 2), shapes)
+        return outlined(picture, self.points, pixels, self.reach * self.square_mm)
+
+    def _part(self, picture: Image) -> BoardView:
+        """The part of the board that the picture shows, wherever on the board it is; `NOTHING` where it is a
+        small one, or more than the board has.
+
+        Which circle is which cannot be told, and one camera need not know: every picture has its own pose.
+        """
+        dots = find_dots_of_board(picture)
+        rows, step = walk(dots.centre)
+        if len(rows) < max(MIN_PART, SHARE * self.columns * self.rows):
+            return NOTHING
+        place = self._lattice(step)
+        place = place - place.min(axis=0)
+        most = np.ptp(self.points[:, :2], axis=0) / self.square_mm
+        if not any(np.all(place.max(axis=0) <= size) for size in (most, most[::-1])):
+            return NOTHING
+        points = np.column_stack([place, np.zeros(len(place))]) * self.square_mm
+        return outlined(picture, points, dots.centre[rows], self.reach * self.square_mm)
+
+    def _lattice(self, step: NDArray[np.intp]) -> Array:
+        """Places (n,2) in squares after steps (n,2) from circle to the nearest circles."""
+        return step.astype(np.float64)
 
     def artwork(self) -> Artwork:
         """The sheet to print, with a clear border of a square."""
@@ -73,11 +91,29 @@ class AsymmetricCircleBoard(CircleBoard, kind="acircles"):
     pattern: ClassVar[int] = cv2.CALIB_CB_ASYMMETRIC_GRID
     reach: ClassVar[float] = 0.7
 
+    def _lattice(self, step: NDArray[np.intp]) -> Array:
+        """The same, the nearest circles being along the diagonals."""
+        return np.stack([step[:, 0] - step[:, 1], step[:, 0] + step[:, 1]], axis=1).astype(np.float64)
+
     @property
     def points(self) -> Array:
         """Places (n,3) mm of the circles, row by row."""
         row, column = np.divmod(np.arange(self.columns * self.rows), self.columns)
         return np.stack([2 * column + row % 2, row, np.zeros(len(row))], axis=1) * self.square_mm
+
+
+def outlined(picture: Image, points: Array, pixels: Array, reach_mm: float) -> BoardView:
+    """The circles with their outlines, from about where they are; those without a clear outline are left out.
+
+    reach_mm: round a circle, belongs to no other.
+    """
+    outlines = [
+        _outline(picture, pixel, reach_mm * scale)
+        for pixel, scale in zip(pixels, px_per_mm(points, pixels), strict=True)
+    ]
+    seen = [i for i, outline in enumerate(outlines) if outline is not None]
+    shapes = tuple(outline for outline in outlines if outline is not None)
+    return BoardView(points[seen], np.array([centroid(o) for o in shapes]).reshape(-1, 2), shapes)
 
 
 def _blobs(picture: Image) -> cv2.SimpleBlobDetector:
@@ -99,7 +135,8 @@ def _outline(picture: Image, centre: Array, reach: float) -> Array | None:
     around = [c for c in find_contours(part, level) if len(c) > 8 and np.array_equal(c[0], c[-1])]
     local = (centre - low)[::-1].astype(np.float32)
     around = [c for c in around if cv2.pointPolygonTest(c.astype(np.float32), local.tolist(), False) > 0]
-    return around[0][:-1, ::-1] + low if around else None
+    # A ring has two, of which the outer one is as wide as a plain circle's.
+    return max(around, key=lambda c: float(np.ptp(c, axis=0).prod()))[:-1, ::-1] + low if around else None
 
 
 def centroid(polygon: Array) -> Array:

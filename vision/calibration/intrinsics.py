@@ -7,8 +7,10 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from vision.boards.board import MIN_CORNERS, Board, BoardView
+from vision.boards.board import MIN_CORNERS, Board, BoardView, flipped
 from vision.calibration import lens
+from vision.calibration.crispness import blur_px
+from vision.calibration.outlying import MIN_LEFT, Outlying, area, empty_corners, why, without_outlying
 from vision.camera import Array, Camera, Image
 from vision.plane import fit_homography, to_plane
 
@@ -31,61 +33,89 @@ class _Seen:
     noted: tuple[str, ...] = ()  # the same where nothing is to be done
 
 
-def calibrate_camera(images: Sequence[Path], board: Board, *, max_rms_px: float = 0.3) -> Camera:
+def calibrate_camera(
+    images: Sequence[Path], board: Board, *, max_rms_px: float = 0.3, mirrored: bool = False
+) -> Camera:
     """The camera that took the pictures of a board.
 
     images: picture files, all of one size, the board tilted differently in each.
     board: the printed board; its square sets the scale.
-    max_rms_px: px, the largest reprojection error that is accepted.
+    max_rms_px: px, the largest reprojection error that is accepted.   mirrored: pictures taken in a mirror;
+    the camera is then that of the pictures left for right.
 
     Zhang's method, doi 10.1109/34.888718; of six lens models from none to k1 k2 p1 p2 k3 the one with the
     lowest BIC. The camera's `notes` say what was chosen and checked, its `remarks`
     what to do better. Raises ValueError when pictures are
     missing or differ in size, when fewer than 6 show the board (says which other dictionary finds markers),
     when the error is above max_rms_px, when the boards are not tilted against each other or cover less than
-    2 % of the picture, and when lengths on held-out boards are off by more than 0.1 %.
+    2 % of the picture, and when lengths on held-out boards are off by more than 0.1 %. Pictures that do not
+    fit the others are left out by the rule of `outlying`.
     """
     if not images:
         raise ValueError(
             f"no board images were given: film or photograph the board in at least {MIN_IMAGES} poses"
         )
-    pictures = [read_picture(Path(path), board) for path in images]
+    pictures = [read_picture(Path(path), board, mirrored=mirrored) for path in images]
+    return camera_from(pictures, [Path(path).name for path in images], board, max_rms_px=max_rms_px)
+
+
+def camera_from(
+    pictures: Sequence[Image], names: Sequence[str], board: Board, *, max_rms_px: float = 0.3
+) -> Camera:
+    """The camera that took the pictures of a board, black on white; as `calibrate_camera`.
+
+    names: what each picture is called in sentences.
+    """
     sizes = {picture.shape for picture in pictures}
     if len(sizes) > 1:
         raise ValueError(
             f"board images differ in size ({sorted(sizes)} px): use pictures of one camera setting"
         )
-    seen = _look(pictures, board)
+    seen = _look(list(pictures), board)
     size = (int(pictures[0].shape[1]), int(pictures[0].shape[0]))
-    fits = lens.fit_models(seen.views, size)
-    covariance, enlarged = lens.covariance(fits[0], seen.views)
-    covered = _hull(seen.views)
-    tilt_deg = _tilt(fits[0])
-    coverage = float(cv2.contourArea(covered.astype(np.float32))) / (size[0] * size[1])
-    _accept(fits[0], max_rms_px, [Path(images[i]) for i in seen.rows], tilt_deg, coverage)
-    scale = _held_out_scale(seen.views, size, fits[0].camera.model)
+    fits, left = _fitted(seen.views, size)
+    views = [seen.views[i] for i in left.kept]
+    widths = np.array([blur_px(pictures[i], v) for i, v in zip(seen.rows, seen.views, strict=True)])
+    called = [names[i] for i in seen.rows]
+    covariance, enlarged = lens.covariance(fits[0], views)
+    tilt_deg, coverage = _tilt(fits[0]), area(views) / (size[0] * size[1])
+    _accept(fits[0], max_rms_px, [called[i] for i in left.kept], tilt_deg, coverage, views=views)
+    scale = _held_out_scale(views, size, fits[0].camera.model)
     _accept_scale(*scale)
     return replace(
         fits[0].camera,
         covariance=covariance,
-        covered=covered,
-        remarks=(*seen.said, *_uncovered(coverage)),
+        covered=_hull(views),
+        remarks=(*seen.said, *_left_out(left, called, widths), *_uncovered(coverage)),
         notes=(
             *seen.noted,
-            *_not_found(seen, [Path(path) for path in images]),
+            *_not_found(seen, names),
             _evidence(fits, enlarged),
             _checks(tilt_deg, scale),
         ),
     )
 
 
-def read_picture(path: Path, board: Board) -> Image:
-    """A board picture in grey, black on white. Raises ValueError when there is none."""
+def _fitted(views: Sequence[BoardView], size: tuple[int, int]) -> tuple[list[lens.LensFit], Outlying]:
+    """Fits with every lens model, best first, to the views that fit together, and which these are."""
+    fits: list[lens.LensFit] = []
+
+    def rms(some: Sequence[BoardView]) -> Array:
+        fits[:] = lens.fit_models(some, size)
+        return fits[0].view_rms()
+
+    left = without_outlying(views, rms)
+    return fits, left
+
+
+def read_picture(path: Path, board: Board, *, mirrored: bool = False) -> Image:
+    """A board picture in grey, black on white, and left for right where it is mirrored. Raises ValueError
+    when there is none."""
     picture = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE) if path.is_file() else None
     if picture is None:
         raise ValueError(f"board image {path} is missing or cannot be read: give a PNG or JPEG file")
-    grey = np.asarray(picture, dtype=np.uint8)
-    return board.black_on_white(grey)
+    grey = board.black_on_white(np.asarray(picture, dtype=np.uint8))
+    return flipped(grey) if mirrored else grey
 
 
 def _look(pictures: list[Image], board: Board) -> _Seen:
@@ -107,9 +137,25 @@ def _seen(pictures: list[Image], board: Board) -> _Seen:
     return _Seen(tuple(views[i] for i in rows), rows)
 
 
-def _not_found(seen: _Seen, paths: list[Path]) -> list[str]:
+def _left_out(left: Outlying, called: Sequence[str], widths: Array) -> list[str]:
+    """A sentence for each picture that does not fit the others."""
+    said = [
+        f"{called[row]} was left out of {len(called)} board pictures: its corners fit to {rms:.2f} px, "
+        f"those of most others to {left.usual:.2f} px; {why(widths, row)}."
+        for row, rms in zip(left.dropped, left.rms, strict=True)
+    ]
+    if left.stays is not None:
+        said.append(
+            f"{called[left.stays]} fits the other board pictures badly, but it stays: without it fewer than "
+            f"{MIN_LEFT} would be left, or a part of the picture without boards. Photograph the board in "
+            f"{max(MIN_LEFT + 1 - len(left.kept), 1)} more poses; {why(widths, left.stays)}."
+        )
+    return said
+
+
+def _not_found(seen: _Seen, names: Sequence[str]) -> list[str]:
     """A sentence about pictures that do not show the board."""
-    left_out = [path.name for i, path in enumerate(paths) if i not in seen.rows]
+    left_out = [name for i, name in enumerate(names) if i not in seen.rows]
     if not left_out:
         return []
     more = ", ..." if len(left_out) > 4 else ""
@@ -203,14 +249,24 @@ def _scale_error(view: BoardView, camera: Camera) -> float:
     return float(np.sum(found * nominal) / np.sum(nominal**2) - 1.0)
 
 
-def _accept(fit: lens.LensFit, limit: float, paths: list[Path], tilt_deg: float, coverage: float) -> None:
+def _accept(
+    fit: lens.LensFit,
+    limit: float,
+    called: Sequence[str],
+    tilt_deg: float,
+    coverage: float,
+    *,
+    views: Sequence[BoardView],
+) -> None:
     if not fit.camera.rms_px <= limit:
         rms = fit.view_rms()
         worst = int(np.argmax(rms))
+        others = [view for i, view in enumerate(views) if i != worst]
         raise ValueError(
             f"reprojection error of the board corners is {fit.camera.rms_px:.3f} px, wanted at most "
-            f"{limit} px; {paths[worst].name} is worst with {rms[worst]:.3f} px: remove blurred pictures "
-            "and check that the board is flat and its squares are as stated"
+            f"{limit} px; {called[worst]} is worst with {rms[worst]:.3f} px, most fit to "
+            f"{np.median(rms):.3f} px{_wanted(others, fit.camera.size)}; check that the board is flat and "
+            "its squares are as stated"
         )
     if tilt_deg < MIN_TILT_DEG:
         raise ValueError(
@@ -222,6 +278,14 @@ def _accept(fit: lens.LensFit, limit: float, paths: list[Path], tilt_deg: float,
             f"the boards cover {100 * coverage:.0f} % of the picture, wanted {100 * MIN_COVERAGE:.0f} %: the "
             "lens stays unknown elsewhere; hold the board nearer and into the corners of the picture"
         )
+
+
+def _wanted(views: Sequence[BoardView], size: tuple[int, int]) -> str:
+    """What to photograph, as a part of a sentence."""
+    empty = empty_corners(views, size)
+    where = f", some in the {', '.join(empty)} corner of the picture" if empty else ""
+    more = max(MIN_LEFT - len(views), 3)
+    return f": replace the worst pictures, and take {more} sharp ones more, tilted by 20 to 40 degrees{where}"
 
 
 def _accept_scale(error: float, sd: float) -> None:

@@ -59,7 +59,7 @@ def fit_lens(views: Sequence[BoardView], size: tuple[int, int], model: tuple[str
     """
     fit = _fit(views, size, model)
     for _ in range(2 if any(view.outlines for view in views) else 0):
-        views = [_centred(view, fit.camera) for view in views]
+        views = [centred(view, fit.camera) for view in views]
         fit = _fit(views, size, model)
     return fit
 
@@ -115,8 +115,10 @@ def _projected(view: BoardView, camera: Camera, turn: Array, shift: Array) -> tu
     )
 
 
-def _centred(view: BoardView, camera: Camera) -> BoardView:
+def centred(view: BoardView, camera: Camera) -> BoardView:
     """The view with each circle's centre where the centre of its outline lies on the board."""
+    if not view.outlines:
+        return view
     board = fit_homography(view.points[:, :2], camera.undistort(view.pixels))
     together = to_plane(board[None], camera.undistort(np.concatenate(view.outlines))[None])[0]
     outlines = np.split(together, np.cumsum([len(outline) for outline in view.outlines])[:-1])

@@ -1,7 +1,7 @@
 """The rig of several cameras, from board pictures or films of them; board corners in space from that rig."""
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -11,11 +11,14 @@ from scipy.linalg import block_diag
 from vision.boards.board import Board, BoardView
 from vision.calibration.bundle import CornerNoise, Shot, board_pose, bundle_adjust, middle
 from vision.calibration.intrinsics import read_picture
+from vision.calibration.lens import centred
+from vision.calibration.movedboards import worst_pose
 from vision.calibration.rig import OWN, Rig, common, project, same, triangulate
 from vision.camera import Array, Camera
 
 MIN_CORNERS = 7
 MIN_COMMON = 5  # instants at which two cameras must see the board
+LEFT = 0.7  # of the poses, at least, when those with a moved board are left out
 MAX_LAG = 2.0  # frames by which a camera may be stamped late or early
 LAG_STEP = 0.25  # frames
 ENOUGH = 20  # instants that tell a lag
@@ -23,12 +26,18 @@ Found = Sequence[BoardView]  # what each picture shows of the board
 
 
 def calibrate_rig(
-    images: Sequence[Sequence[Path]], board: Board, cameras: Sequence[Camera], *, max_rms_px: float = 0.3
+    images: Sequence[Sequence[Path]],
+    board: Board,
+    cameras: Sequence[Camera],
+    *,
+    max_rms_px: float = 0.3,
+    mirrored: Sequence[bool] = (),
 ) -> Rig:
     """The rig of cameras that photographed a board at rest.
 
     images: of each camera its picture files; pictures of the same file name show the same pose.
     cameras: each from `calibrate_camera`.   max_rms_px: px, largest error of the corners that is accepted.
+    mirrored: of each camera whether it looked into a mirror; none by default.
 
     Raises ValueError when two cameras share fewer than 5 pictures, or when the error is above the limit
     (the board moved between two pictures of one name).
@@ -40,33 +49,87 @@ def calibrate_rig(
             f"{len(shared)} board pictures have the same file name in two cameras, wanted {MIN_COMMON} or "
             "more: photograph the board, at rest, with all cameras and give the pictures of one pose one name"
         )
-    if not board.joins_cameras:
-        able = ", ".join(name for name, kind in Board.kinds().items() if kind.joins_cameras)
-        raise ValueError(f"board kind {board.kind!r} does not join cameras: use one of {able}")
+    can_join(board)
+    fitted = _fit_poses(_photographed(images, names, board, mirrored, cameras), cameras, board, names)
+    rms = np.sqrt(fitted.noise.own + fitted.noise.shared)
+    if rms.max() > max_rms_px:
+        worst = f"; {fitted.worst} is worst" if fitted.worst else ""
+        raise ValueError(
+            f"board corners fit the cameras together to {rms.max():.3f} px only, wanted at most {max_rms_px} "
+            f"px{worst}: the board must not move between the pictures of one name; remove the pairs where it "
+            "did, and photograph it in more poses"
+        )
+    return replace(fitted.rig, remarks=(_remark(fitted.rig, fitted.shots, rms), *_moved(fitted.moved)))
+
+
+def _photographed(
+    images: Sequence[Sequence[Path]],
+    names: Sequence[str],
+    board: Board,
+    mirrored: Sequence[bool],
+    cameras: Sequence[Camera],
+) -> list[Shot]:
+    """What the pictures show of the board at rest; pictures of one name are of one instant."""
     shots = []
     for c, own in enumerate(images):
         for path in own:
-            seen = board.find(read_picture(Path(path), board))
+            seen = board.find(read_picture(Path(path), board, mirrored=c < len(mirrored) and mirrored[c]))
             if len(seen) >= MIN_CORNERS:
-                still = np.zeros(seen.pixels.shape)
+                seen = centred(seen, cameras[c])
+                still, instant = np.zeros(seen.pixels.shape), names.index(Path(path).name)
                 shots.append(
                     Shot(
                         camera=c,
-                        instant=names.index(Path(path).name),
+                        instant=instant,
                         points=seen.points,
                         pixels=seen.pixels,
                         speed=still,
                         acceleration=still,
                     )
                 )
-    rig, noise = bundle_adjust(shots, cameras, square_mm=board.square_mm)
-    rms = np.sqrt(noise.own + noise.shared)
-    if rms.max() > max_rms_px:
-        raise ValueError(
-            f"board corners fit the cameras together to {rms.max():.3f} px only, wanted at most {max_rms_px} "
-            "px: the board must not move between the pictures of one name; remove the pairs where it did"
-        )
-    return replace(rig, remarks=(_remark(rig, shots, rms),))
+    return shots
+
+
+@dataclass(frozen=True)
+class _Fitted:
+    """A rig from the board poses that fit it."""
+
+    rig: Rig
+    noise: CornerNoise
+    shots: list[Shot]
+    moved: list[str]  # the poses that were left out, worst first
+    worst: str  # a pose that does not fit and could not be left out
+
+
+def _fit_poses(shots: list[Shot], cameras: Sequence[Camera], board: Board, names: Sequence[str]) -> _Fitted:
+    """The rig, without the poses between whose pictures the board was moved: the worst first, as long as
+    five poses and seven of ten are left."""
+    moved: list[str] = []
+    while True:
+        rig, noise = bundle_adjust(shots, cameras, square_mm=board.square_mm)
+        out = worst_pose(rig, shots)
+        called = f"{names[out.instant]} ({out.rms:.2f} px, usually {out.usual:.2f} px)" if out else ""
+        if out is None or len({v.instant for v in shots}) - 1 < max(MIN_COMMON, LEFT * len(names)):
+            return _Fitted(rig, noise, shots, moved, called)
+        moved.append(called)
+        shots = [v for v in shots if v.instant != out.instant]
+
+
+def can_join(board: Board) -> None:
+    """Raises ValueError for a kind of board whose points are not found again in another camera's picture."""
+    if not board.joins_cameras:
+        able = ", ".join(name for name, kind in Board.kinds().items() if kind.joins_cameras)
+        raise ValueError(f"board kind {board.kind!r} does not join cameras: use one of {able}")
+
+
+def _moved(moved: Sequence[str]) -> list[str]:
+    """A sentence about pictures between which the board was moved."""
+    if not moved:
+        return []
+    return [
+        f"The board was moved between the cameras' pictures called {', '.join(moved)}: no one pose fits "
+        "both, and they were left out."
+    ]
 
 
 def _remark(rig: Rig, shots: Sequence[Shot], rms: Array) -> str:

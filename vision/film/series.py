@@ -26,8 +26,8 @@ class Pictures(Video):
     folder without pictures, for pictures without times and for times that do not fit the pictures.
     """
 
-    def __init__(self, path: Path | str, *, fps: float | None = None) -> None:
-        self.path = Path(path)
+    def __init__(self, path: Path | str, *, fps: float | None = None, mirrored: bool = False) -> None:
+        self.path, self.mirrored = Path(path), mirrored
         self.files = _pictures(self.path)
         self.time = _times(self.files[0].parent, self.files, fps)
         first = _read(self.files[0])
@@ -44,7 +44,8 @@ class Pictures(Video):
                     f"picture {file} has {picture.shape[1]} x {picture.shape[0]} px, "
                     f"{self.files[0].name} has {self.width} x {self.height}: wanted one size in {self.path}"
                 )
-            yield index, float(self.time[index]), picture
+            shown = np.ascontiguousarray(picture[:, ::-1]) if self.mirrored else picture
+            yield index, float(self.time[index]), shown
 
     def keys(self) -> NDArray[np.intp]:
         """All of them: every picture is coded on its own."""
@@ -55,9 +56,14 @@ class Pictures(Video):
         return ("mjpeg" if self.files[0].suffix.lower() in LOSSY else "png"), 0.0
 
 
-def open_film(path: Path | str, *, fps: float | None = None) -> Video:
-    """The film in a video file, or in pictures (`Pictures`, with its fps): a folder, or a name with *."""
-    return Pictures(path, fps=fps) if Path(path).is_dir() or is_pattern(path) else Video(path)
+def open_film(path: Path | str, *, fps: float | None = None, mirrored: bool = False) -> Video:
+    """The film in a video file, or in pictures (`Pictures`, with its fps): a folder, or a name with *.
+
+    mirrored: the camera looked into a mirror; frames are given left for right.
+    """
+    if Path(path).is_dir() or is_pattern(path):
+        return Pictures(path, fps=fps, mirrored=mirrored)
+    return Video(path, mirrored=mirrored)
 
 
 def is_pattern(path: Path | str) -> bool:

@@ -27,15 +27,15 @@ _PLANAR = ("yuv420p", "yuvj420p", "yuv422p", "yuvj422p", "yuv444p", "yuvj444p", 
 class Video:
     """A film file: its size, its time stamps in s, what is wrong with them, and its frames one by one.
 
-    path: film in any container and codec that FFmpeg reads.
+    path: film in any container and codec that FFmpeg reads.   mirrored: frames are given left for right.
 
     `time` (t,) s is sorted; `issues` holds one sentence each about gaps, duplicates and time stamps that
     run backwards. Frames are turned as the container asks (phones film on their side), like OpenCV turns
     pictures. Raises ValueError when the file is missing, is not a video, or holds no frame.
     """
 
-    def __init__(self, path: Path | str) -> None:
-        self.path = Path(path)
+    def __init__(self, path: Path | str, *, mirrored: bool = False) -> None:
+        self.path, self.mirrored = Path(path), mirrored
         if not self.path.is_file():
             raise ValueError(f"film {self.path} does not exist: give the path of a video file")
         try:
@@ -94,7 +94,9 @@ class Video:
                 stamp = float(frame.pts * (frame.time_base or 0))
                 index = max(index, int(np.searchsorted(self.time, stamp - HALF_TICK)))
             if index < len(self.time):
-                yield index, float(self.time[index]), np.ascontiguousarray(np.rot90(_luma(frame), self.turns))
+                picture = np.rot90(_luma(frame), self.turns)
+                picture = picture[:, ::-1] if self.mirrored else picture
+                yield index, float(self.time[index]), np.ascontiguousarray(picture)
 
     def keys(self) -> NDArray[np.intp]:
         """Indices into `time` of the frames that the codec drew anew, without the frames before them."""

@@ -9,8 +9,9 @@ from scipy.optimize import minimize_scalar
 from vision.camera import Array, Camera, Image
 from vision.dictionaries import dictionary_of
 from vision.following import registration
+from vision.following.patternmisfit import larger, misfit_covariance, print_covariance
 from vision.following.printed import BLUR_PX, CELLS_BEYOND, SHOWS_BLUR, drawn, polarity
-from vision.marks import corner_warp, detect, px_per_unit
+from vision.marks import corner_warp, detect, linear_at_centre, px_per_unit
 
 
 @dataclass(frozen=True)
@@ -19,7 +20,7 @@ class Located:
 
     ids: NDArray[np.intp]  # (m,) sorted; an id that is seen twice is left out
     centre: Array  # (m,2) raw px
-    covariance: Array  # (m,2,2) px2, from what the fit leaves: of noise and of what the pattern is not
+    covariance: Array  # (m,2,2) px2, of noise, of what the pattern is not, and of a print off its plane
     correlation: Array  # (m,) of the picture with the printed pattern; 0 where the fit failed
     inverted: NDArray[np.bool_]  # (m,) white on black
 
@@ -42,10 +43,11 @@ def locate(image: Image, *, dictionary: str, camera: Camera | None = None) -> Lo
     fit = _Fit(image, registration.lens_of(used), start, ids, dictionary)
     few = np.arange(len(ids))[:: max(len(ids) // SHOWS_BLUR, 1)]
     blur = minimize_scalar(
-        lambda b: -fit.at(b, few)[1].sum(), bounds=BLUR_PX, method="bounded", options={"xatol": 0.02}
+        lambda b: -fit.at(b, few)[2].sum(), bounds=BLUR_PX, method="bounded", options={"xatol": 0.02}
     ).x
-    warp, correlation, covariance = fit.at(float(blur), np.arange(len(ids)))
+    templates, warp, correlation = fit.at(float(blur), np.arange(len(ids)))
     centre = warp[:, :2, 2] / warp[:, 2:, 2]
+    covariance = fit.covariance(templates, warp, correlation)
     return Located(ids, used.distort(centre), covariance, correlation, fit.sign < 0)
 
 
@@ -65,8 +67,8 @@ class _Fit:
         grey = registration.patches(image, lens, start, self.grid)[:, 0]
         self.sign = np.array([polarity(patch, self.grid, cells) for patch in grey])
 
-    def at(self, blur_px: float, which: NDArray[np.intp]) -> tuple[Array, Array, Array]:
-        """Warps (m,3,3), correlations (m,) and covariances of the centres (m,2,2) px2 with this blur."""
+    def at(self, blur_px: float, which: NDArray[np.intp]) -> tuple[registration.Templates, Array, Array]:
+        """The patterns with this blur, their warps (m,3,3) and correlations (m,)."""
         patch = [
             self.sign[i] * drawn(self.codes[i], self.grid, self.dictionary, blur_px / self.scale[i])
             for i in which
@@ -75,8 +77,16 @@ class _Fit:
         warp, correlation = registration.register(
             self.image, self.lens, templates, self.start[which], self.scale[which], np.arange(len(which))
         )
-        linear = warp[:, :2, :2] - warp[:, :2, 2:] * warp[:, 2:, :2]
-        return warp, correlation, registration.centre_covariance(templates, linear, correlation)
+        return templates, warp, correlation
+
+    def covariance(self, templates: registration.Templates, warp: Array, correlation: Array) -> Array:
+        """Covariances (m,2,2) px2 of all centres: of noise, or of blocks of the residual where these say
+        more; and of prints that lie off their plane."""
+        linear = linear_at_centre(warp)
+        linear[correlation == 0.0] = np.eye(2)  # no fit: any size will do
+        white = registration.centre_covariance(templates, linear, correlation)
+        grey = registration.patches(self.image, self.lens, warp, self.grid)[:, 0]
+        return larger(white, misfit_covariance(templates, grey, linear)) + print_covariance(linear)
 
 
 def _no_lens(image: Image) -> Camera:

@@ -7,6 +7,7 @@ from itertools import islice
 import numpy as np
 from numpy.typing import NDArray
 
+from vision.boards.board import flipped
 from vision.camera import Array, Camera, Image
 from vision.dictionaries import dictionary_of, other_dictionary
 from vision.film.video import Video
@@ -14,6 +15,7 @@ from vision.following import registration
 from vision.following.dots import Dot, find_dots
 from vision.following.identity import GATE, assign
 from vision.following.printed import CELLS_BEYOND, printed_centres
+from vision.following.repeated import told_apart
 from vision.following.uneven import Quarters, quarters
 from vision.marks import Mark, codes_of, corner_warp, detect, dot_warp, dots_of, px_per_unit
 from vision.plane import MIN_VISIBLE, fit_homography
@@ -132,6 +134,8 @@ def _start(
         patch[new] = registration.patches(image, registration.lens_of(camera), seed[coded[new]], grid)
         if np.isfinite(seed).all():
             break
+    if np.isfinite(seed[coded, 0, 0]).sum() < 0.5 * len(coded):
+        _check_mirrored(film, looked[0], dictionary)
     if patch is None:
         raise ValueError(_none_found(film, looked, dictionary))
     _check_start(film, looked[0], marks, dictionary, seed)
@@ -152,6 +156,8 @@ def _seed(
     for p, code in codes_of(marks).items():
         if missing[p] and code in found:
             seed[p] = corner_warp(camera.undistort(found[code]))
+    for p, warp in told_apart(image, camera, marks, dictionary, seed).items():
+        seed[p] = warp
     _seed_dots(image, camera, marks, seed, dots)
     return missing & np.isfinite(seed[:, 0, 0])
 
@@ -207,6 +213,16 @@ def _check_start(film: Video, first: Image, marks: Sequence[Mark], dictionary: s
         raise ValueError(
             f"film {film.path.name} shows {sum(frame)} of {len(frame)} frame markers at its start, wanted at "
             f"least {MIN_VISIBLE}: uncover them, and check their ids and the dictionary {dictionary}"
+        )
+
+
+def _check_mirrored(film: Video, first: Image, dictionary: str) -> None:
+    """Raises ValueError for a film that shows its markers left for right: at most chance shows one then."""
+    seen, turned = (len(detect(picture, dictionary)[0]) for picture in (first, flipped(first)))
+    if turned >= MIN_VISIBLE and turned > 2 * seen:
+        raise ValueError(
+            f"film {film.path.name} shows {seen} markers of {dictionary}, but {turned} when its pictures are "
+            "turned left for right: it is mirrored; set mirrored = true in [[cameras]]"
         )
 
 

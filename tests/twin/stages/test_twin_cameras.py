@@ -9,7 +9,7 @@ from twin.project import files
 from twin.project.config import BoardTable, CameraTable
 from twin.project.folder import Project
 from twin.project.toml import dump
-from twin.stages.cameras import run_camera
+from twin.stages.cameras import _board, run_camera
 from twin.stages.starting import film_config
 from vision import Camera
 from vision.film.video import Writer
@@ -87,7 +87,7 @@ def test_a_camera_of_another_program(tmp_path):
         ({"board": {"columns": 9, "rows": 6, "square_mm": 15.0}}, "marker_mm is missing"),
         (
             {"board": CHESS.model_dump() | {"kind": "dots"}},
-            "'charuco', 'chessboard', 'circles' or 'acircles'",
+            "'charuco', 'chessboard', 'circles', 'acircles' or 'codedcircles'",
         ),
     ],
 )
@@ -102,3 +102,58 @@ def test_own_dictionary_and_board_kind_survive_the_file(tmp_path):
     table = project.config.cameras[0]
     assert table.dictionary == "raw/own.yml"
     assert table.board == CHESS
+
+
+def test_a_camera_in_a_mirror_sees_everything_left_for_right(tmp_path):
+    """Pictures of the board, film and static film alike."""
+    from twin.stages.recordings import views_of
+
+    picture = np.tile(np.arange(0, 128, 2, dtype=np.uint8), (48, 1))
+    for name in ("film", "static"):
+        (tmp_path / "raw").mkdir(exist_ok=True)
+        with Writer(tmp_path / f"raw/{name}.mkv", (64, 48), fps=10.0, codec="ffv1", crf=0) as writer:
+            writer.add(picture)
+    files.write_text(
+        tmp_path / "raw/lens.yml", "K: [80., 0., 32., 0., 80., 24., 0., 0., 1.]\nD: [-0.1, 0.02, 0., 0.]\n"
+    )
+    plain = {"boards": None, "board": None, "camera_file": "raw/lens.yml"}
+    own = Camera(np.diag([80.0, 80.0, 1.0]), np.zeros(5), (64, 48))
+    files.write_json(tmp_path / "camera.json", own.to_dict())
+    for mirrored in (False, True):
+        project = make(tmp_path, film="raw/film.mkv", static="raw/static.mkv", mirrored=mirrored, **plain)
+        ((view,), _) = views_of(project, tmp_path / "camera.json")
+        shown = picture[:, ::-1] if mirrored else picture
+        for film in (view.film, view.static):
+            np.testing.assert_array_equal(next(iter(film.frames()))[2], shown)
+
+
+def test_a_mirrored_board_is_calibrated_as_stated(tmp_path, shared_data):
+    import cv2
+
+    (tmp_path / "raw").mkdir()
+    for picture in sorted((shared_data / "opencv_boards").glob("left*.jpg")):
+        cv2.imwrite(str(tmp_path / "raw" / f"{picture.stem}.png"), cv2.imread(str(picture))[:, ::-1])
+    cameras = []
+    for mirrored in (False, True):
+        project = make(tmp_path, boards="raw/*.png", board=CHESS.model_dump(), mirrored=mirrored)
+        result = run_camera(project, Lines())  # the key is a part of what the camera is made from
+        assert result["status"] == "done"
+        cameras.append(Camera.from_dict(files.read_json(tmp_path / result["run"] / "camera.json")))
+    # The two are each other's mirror images: 639 px is the last column.
+    assert cameras[1].matrix[0, 2] == pytest.approx(639.0 - cameras[0].matrix[0, 2], abs=0.2)
+    assert cameras[1].matrix[0, 0] == pytest.approx(cameras[0].matrix[0, 0], abs=0.2)
+    assert cameras[0].matrix[0, 2] < 310.0
+
+
+def test_coding_dots_belong_to_their_kind_of_board(tmp_path):
+    coded = {"kind": "codedcircles", "columns": 14, "rows": 10, "square_mm": 8.0}
+    dots = ((2, 2), (10, 2), (2, 7))
+    project = make(tmp_path, board=coded | {"coding": dots})  # written to twin.toml and read again
+    table = project.config.cameras[0]
+    assert table.board.coding == dots
+    assert _board(project, table).coding == dots
+    for wrong in ({"kind": "codedcircles"}, {"kind": "circles", "coding": dots}):
+        with pytest.raises(
+            ValueError, match="wanted column and row of the three coding dots with codedcircles"
+        ):
+            BoardTable(**coded | wrong)

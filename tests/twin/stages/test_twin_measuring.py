@@ -93,11 +93,11 @@ def measured(monkeypatch):
     """Vision replaced by stand-ins; `calls` counts what was worked out."""
     calls = types.SimpleNamespace(camera=[], measure=[])
 
-    def calibrate_camera(images, board, *, max_rms_px):
+    def calibrate_camera(images, board, *, max_rms_px, mirrored):
         calls.camera.append((images, board, max_rms_px))
         return vision.Camera(np.eye(3), np.zeros(5), (1280, 720), 0.11, len(images))
 
-    def video(path, *, fps):
+    def video(path, *, fps, mirrored=False):
         frames = FRAMES if Path(path).name.startswith("film") else STATIC
         return types.SimpleNamespace(time=np.arange(frames) / FPS, issues=())
 

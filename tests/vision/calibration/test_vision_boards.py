@@ -12,6 +12,7 @@ from vision import Board, Camera, calibrate_camera
 from vision.boards.board import BoardView
 from vision.boards.chessboard import Chessboard
 from vision.boards.circles import AsymmetricCircleBoard, CircleBoard, centroid
+from vision.boards.codedcircles import CodedCircleBoard
 from vision.calibration import lens
 from vision.drawing import synthetic
 
@@ -28,6 +29,7 @@ DRAWN = [
     replace(CHESS, inverted=True),
     CircleBoard(columns=7, rows=5, square_mm=10.0),
     AsymmetricCircleBoard(columns=4, rows=9, square_mm=8.0),
+    CodedCircleBoard(columns=9, rows=7, square_mm=8.0, coding=((2, 2), (6, 2), (2, 5))),
 ]
 
 
@@ -54,7 +56,9 @@ def views(rng: np.random.Generator, camera: Camera, *, noise: float, warp: float
     return found
 
 
-@pytest.mark.parametrize("board", DRAWN, ids=["chessboard", "inverted", "circles", "acircles"])
+@pytest.mark.parametrize(
+    "board", DRAWN, ids=["chessboard", "inverted", "circles", "acircles", "codedcircles"]
+)
 def test_every_kind_of_board_gives_the_camera(board: Board, tmp_path: Path) -> None:
     paths = []
     for i, pose in enumerate(poses(board)):
@@ -75,6 +79,7 @@ def test_every_kind_is_tried_here() -> None:
     """A new kind of board is drawn and calibrated with, as ChArUco boards are in `test_vision_intrinsics`."""
     assert {board.kind for board in DRAWN} | {"charuco"} == set(Board.kinds())
     stated = {"columns": 8, "rows": 5, "square_mm": 9.0, "marker_mm": 6.0, "dictionary": "DICT_4X4_50"}
+    stated["coding"] = ((1, 1), (5, 1), (1, 3))
     assert [Board.of(kind, **stated).kind for kind in Board.kinds()] == list(Board.kinds())
 
 

@@ -1,6 +1,7 @@
 """Cameras calibrated together: derivatives, pulls of rig and corners, lag of film, and a real recording."""
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,8 +12,9 @@ from vision import Camera
 from vision.boards.board import BoardView
 from vision.boards.charuco import CharucoBoard
 from vision.calibration.bundle import Shot, bundle_adjust
+from vision.calibration.movedboards import worst_pose
 from vision.calibration.rig import OWN, Rig, project, triangulate
-from vision.calibration.stereo import locate, synchronous_shots
+from vision.calibration.stereo import _fit_poses, locate, synchronous_shots
 
 Array = NDArray[np.float64]
 BOARD = CharucoBoard(columns=5, rows=4, square_mm=36.0, marker_mm=26.0)
@@ -144,6 +146,27 @@ def test_a_camera_that_lags_is_found_out_from_the_boards_motion() -> None:
     fitted, _ = bundle_adjust(shots, rig.cameras, square_mm=BOARD.square_mm)
     # what quadratic motion between frames leaves of it
     assert fitted.shift[1] == pytest.approx(rig.shift[1], abs=1.5)
+
+
+def test_a_board_that_was_moved_between_two_pictures_is_told() -> None:
+    rng, truth = np.random.default_rng(5), rig_of()
+    pose = poses(9, rng)
+    shots = shots_of(truth, pose, rng, own=0.1, shared=0.0)
+    rig, _ = bundle_adjust(shots, rig_of().cameras, square_mm=BOARD.square_mm)
+    assert worst_pose(rig, shots) is None
+    moved = pose[4] + np.array([0.0, 0.0, 0.0, 2.0, 1.0, 0.0])  # mm
+    late = [v for v in shots_of(truth, moved[None], rng, own=0.1, shared=0.0) if v.camera == 1]
+    mixed = [v for v in shots if (v.camera, v.instant) != (1, 4)] + [replace(late[0], instant=4)]
+    fitted = _fit_poses(mixed, rig_of().cameras, BOARD, [f"b{i}.png" for i in range(9)])
+    (name,) = fitted.moved
+    assert name.startswith("b4.png (")
+    assert len({v.instant for v in fitted.shots}) == 8
+    sd = np.sqrt(np.diag(fitted.rig.covariance).reshape(-1, OWN))[1, 12:]
+    assert np.all(np.abs(fitted.rig.shift[1] - truth.shift[1]) < 5.0 * sd)  # three numbers
+    few = [v for v in mixed if v.instant in (2, 3, 4, 5, 6)]
+    kept = _fit_poses(few, rig_of().cameras, BOARD, [f"b{i}.png" for i in range(9)])
+    assert not kept.moved  # five poses must be left
+    assert kept.worst.startswith("b4.png (")
 
 
 def test_cameras_that_share_no_picture_are_refused() -> None:

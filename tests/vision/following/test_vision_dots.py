@@ -1,6 +1,8 @@
 """Dots: centre, stated covariance, eccentricity, and which is which."""
 
+import sys
 from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,6 +13,9 @@ from vision.camera import Camera
 from vision.following.dots import eccentricity, find_dots
 from vision.following.identity import DotMemory, assign, follow_dots, start
 from vision.following.tracks import _unknown
+
+sys.path.append(str(Path(__file__).resolve().parents[3] / "benchmarks"))
+from printeddots import look, photograph, rim, trial
 
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
@@ -60,6 +65,21 @@ def test_centre_and_its_stated_covariance(diameter: float, dark: bool) -> None:
     sd = np.sqrt(np.array(spreads) * np.mean(variances))
     assert np.sqrt(np.mean(np.square(errors))) < {8.0: 0.008, 12.0: 0.0065, 20.0: 0.005}[diameter]
     assert 0.85 < np.sqrt(np.mean(np.square(np.array(errors) / sd))) < 1.18  # 192 values: sd 5 %
+
+
+@pytest.mark.parametrize("radius", [2.5, 4.0, 9.0, 20.0, 49.0, 60.0])
+def test_a_printed_dot_of_any_size_is_found(radius: float) -> None:
+    seen, shifts = trial(radius, 8 if radius < 20.0 else 3, seed=int(radius))
+    assert seen == (8 if radius < 20.0 else 3)
+    assert np.abs(shifts).max() < 0.12  # most of a rough rim's pull is the same in both pictures
+
+
+@pytest.mark.parametrize("radius", [18.0, 49.0])
+def test_a_covered_dot_is_no_dot(radius: float) -> None:
+    rng, side = np.random.default_rng(4), 2 * int(1.7 * radius + 8.0)
+    edge, centre = rim(radius, rng), np.full(2, 0.5 * side)
+    assert look(photograph(edge, centre, side, rng), radius, centre) is not None
+    assert look(photograph(edge, centre, side, rng, covered=0.4), radius, centre) is None
 
 
 def test_no_dot_is_no_dot() -> None:

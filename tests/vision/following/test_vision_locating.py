@@ -1,5 +1,6 @@
 """Markers of every dictionary, black on white and white on black, in one picture."""
 
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -12,9 +13,13 @@ from vision import Video, locate
 from vision.dictionaries import dictionary_of
 from vision.film.video import Writer
 from vision.following.locating import Located
+from vision.following.patternmisfit import print_covariance
 from vision.following.reference import prepare
 from vision.following.registration import project
 from vision.plane import fit_homography
+
+sys.path.append(str(Path(__file__).resolve().parents[3] / "benchmarks"))
+from photos import photograph
 
 Array = NDArray[np.float64]
 NAMES = sorted(name for name in dir(cv2.aruco) if name.startswith("DICT_"))
@@ -102,6 +107,22 @@ def test_real_board_of_own_markers(shared_data: Path) -> None:
         assert np.sqrt(np.mean(error**2)) <= 0.09  # of each coordinate; OpenCV's corners give 0.14 to 0.33
 
 
+def test_stated_covariance_on_a_real_photograph(shared_data: Path) -> None:
+    value, degrees, error, sd = photograph(shared_data / "opencv_boards")
+    assert 0.08 < error < 0.09  # px: the paper is not flat and the camera sharpens
+    assert 0.8 < np.sqrt(value / degrees) < 1.25  # 5.0 where the residual counts as white noise
+    assert sd < 0.15
+
+
+def test_a_print_off_its_plane_shows_only_at_an_angle() -> None:
+    frontal = 20.0 * np.eye(2)  # px by local unit: a side of 40 px
+    angle = np.deg2rad(50.0)
+    tilted = frontal @ np.diag([1.0, np.cos(angle)])
+    np.testing.assert_allclose(print_covariance(np.array([frontal])), 0.0, atol=1e-12)
+    expected = np.diag([0.0, (0.003 * 40.0 * np.sin(angle)) ** 2])
+    np.testing.assert_allclose(print_covariance(np.array([tilted]))[0], expected, atol=1e-12)
+
+
 def test_a_film_of_inverted_markers(lab: Any, tmp_path: Path) -> None:
     film = lab.film(tmp_path / "rest.mkv", np.zeros(12), seed=3)
     with Writer(
@@ -120,3 +141,26 @@ def test_a_film_of_inverted_markers(lab: Any, tmp_path: Path) -> None:
     ]
     flat = [p[:, :2, 0] / p[:, 2:, 0] for p in place]
     np.testing.assert_allclose(flat[1], flat[0], atol=0.005)
+
+
+def test_of_several_markers_of_one_id_the_one_in_its_place_is_followed(lab: Any, tmp_path: Path) -> None:
+    film = lab.film(tmp_path / "rest.mkv", np.zeros(12), seed=3)
+    (_, _, first), told = next(iter(film.frames())), {"dictionary": "DICT_4X4_50", "reference_s": 1.15}
+    plain = prepare(film, lab.camera, lab.marks, **told)
+    row = lab.rows("finger")[1]
+    x, y = (round(float(v)) for v in lab.camera.distort(plain.seed[row, :2, 2]))
+    box = first[y - 24 : y + 25, x - 24 : x + 25]
+
+    def again(left: int, top: int) -> Video:
+        path = tmp_path / f"copy{left}.mkv"
+        with Writer(path, (film.width, film.height), fps=10.0, codec="rawvideo", crf=0) as writer:
+            for _, _, grey in film.frames():
+                shown = grey.copy()
+                shown[top : top + 49, left : left + 49] = box
+                writer.add(shown)
+        return Video(path)
+
+    far = prepare(again(x + 60, y + 75), lab.camera, lab.marks, **told)
+    np.testing.assert_array_equal(far.seed[row], plain.seed[row])
+    with pytest.raises(ValueError, match=f"shows marker {lab.marks[row].kind.code} more than once"):
+        prepare(again(x - 80, y - 24), lab.camera, lab.marks, **told)  # which of the two cannot be told

@@ -1,0 +1,44 @@
+"""Right inputs as strangers have them are accepted: the small version of `benchmarks/strangers_right.py`."""
+
+import sys
+from pathlib import Path
+
+import pytest
+
+sys.path.append(str(Path(__file__).resolve().parents[2] / "benchmarks"))
+import strangers_right as right
+
+FAST = (right.eighth_of_the_picture, right.third_of_the_picture, right.apriltags, right.one_id_twice)
+
+
+@pytest.mark.parametrize("put_in", FAST, ids=lambda f: f.__name__)
+def test_marks_of_any_size_and_family(put_in, tmp_path: Path) -> None:
+    outcome = put_in(tmp_path)
+    assert outcome.accepted, outcome.said
+    assert outcome.error < 0.02  # px
+
+
+def test_a_refusal_is_counted_with_its_sentence() -> None:
+    def refused(folder: Path) -> None:
+        raise ValueError("the board is not there")
+
+    outcome = right.tried(refused)
+    assert outcome is not None
+    assert not outcome.accepted
+    assert outcome.said == "the board is not there"
+    assert not right.located(
+        "DICT_4X4_50", [3, 7], 8, limit=1e-6
+    ).accepted  # an answer that is off is no pass
+
+
+def test_there_are_enough_kinds() -> None:
+    assert len(right.INPUTS) >= 15 + 3  # three need recordings
+
+
+@pytest.mark.slow
+def test_no_right_input_is_refused() -> None:
+    told = right.figures(quick=True)
+    assert told["refused_right"] == 0
+    assert told["right_inputs"] >= 15
+    assert told["dots_found"] >= 0.95
+    assert told["photo_pull"] is None or 0.8 < told["photo_pull"] < 1.25

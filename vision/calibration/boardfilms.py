@@ -1,0 +1,138 @@
+"""Films of a board that is moved by hand: what their frames show, and which frames calibrate the camera."""
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vision.boards.board import MIN_CORNERS, NOTHING, Board, BoardView
+from vision.calibration.crispness import blur_px
+from vision.calibration.intrinsics import MIN_IMAGES, camera_from
+from vision.camera import Array, Camera, Image
+from vision.film.video import Video
+from vision.plane import fit_homography
+
+LOOKED_AT = 300  # frames of a film, evenly spaced, in which the board is looked for
+CHOSEN = 30  # frames that calibrate a camera; more add frames that are alike
+SHARP = 1.4  # times the edges of the sharper quarter of the frames: what is wider is left out
+EXPOSED = 0.15  # px of blur for a pixel of motion between two frames, for a rolling shutter too
+TILT_WEIGHT = 0.7  # a board turned by 45 degrees counts as far as one shifted by half the picture
+
+
+@dataclass(frozen=True)
+class BoardFilm:
+    """What a film shows of a board that is moved."""
+
+    path: Path
+    time: Array  # (t,) s
+    size: tuple[int, int]  # px
+    views: tuple[BoardView, ...]  # (t); `NOTHING` where it was not looked for
+    blur: Array  # (t,) px, sd of the board's edges; NaN where it is not seen
+    looked: int  # number of frames in which it was looked for
+
+    @property
+    def seen(self) -> NDArray[np.intp]:
+        """The frames that show enough of the board."""
+        return np.flatnonzero([len(view) >= MIN_CORNERS for view in self.views])
+
+
+def read_board_film(film: Video, board: Board, *, frames: Collection[int] | None = None) -> BoardFilm:
+    """The board in a film, in the frames named, else in at most 300 that are evenly spaced."""
+    count = len(film.time)
+    step = max(-(-count // LOOKED_AT), 1)
+    wanted = set(range(0, count, step)) if frames is None else set(frames)
+    views, blur = [NOTHING] * count, np.full(count, np.nan)
+    for index, _, picture in film.frames():
+        if index in wanted:
+            grey = board.black_on_white(picture)
+            views[index] = board.find(grey)
+            if len(views[index]) >= MIN_CORNERS:
+                blur[index] = blur_px(grey, views[index])
+    return BoardFilm(film.path, film.time, (film.width, film.height), tuple(views), blur, len(wanted))
+
+
+def camera_of_film(film: Video, board: Board, *, max_rms_px: float = 0.3) -> Camera:
+    """The camera from the sharp, differently posed frames of a film of a moving board.
+
+    Raises ValueError as `calibrate_camera`, and where fewer than 6 frames show the board.
+    """
+    read_as, shown = _read_as(film, board)
+    rows = chosen(shown)
+    pictures = _pictures(film, rows, read_as)
+    names = [f"the frame at {film.time[i]:.2f} s of {film.path.name}" for i in rows]
+    camera = camera_from(pictures, names, read_as, max_rms_px=max_rms_px)
+    said = (
+        f"{len(rows)} of the {len(shown.seen)} frames of {film.path.name} that show the board were taken, "
+        f"sharp and in poses as different as there are ({shown.looked} of {len(film.time)} frames were "
+        "looked at)."
+    )
+    return replace(camera, notes=(said, *camera.notes))
+
+
+def _read_as(film: Video, board: Board) -> tuple[Board, BoardFilm]:
+    """The film with the board as it is stated, or read in the other usual way where that finds it."""
+    shown = read_board_film(film, board)
+    if len(shown.seen) >= MIN_IMAGES:
+        return board, shown
+    for other in board.other_readings():
+        again = read_board_film(film, other.board)
+        if len(again.seen) >= MIN_IMAGES:
+            return other.board, again
+    pictures = _pictures(film, list(range(0, len(film.time), max(len(film.time) // 12, 1))), board)
+    raise ValueError(
+        f"{len(shown.seen)} of {shown.looked} frames of {film.path.name} show at least {MIN_CORNERS} "
+        f"{board.shows} of the {board.columns} x {board.rows} {board.kind} board, wanted {MIN_IMAGES}"
+        + board.advice(pictures, MIN_IMAGES)
+    )
+
+
+def _pictures(film: Video, rows: Sequence[int], board: Board) -> list[Image]:
+    """Some frames of a film, black on white."""
+    wanted = set(rows)
+    found = {i: board.black_on_white(picture) for i, _, picture in film.frames() if i in wanted}
+    return [found[i] for i in rows if i in found]
+
+
+def chosen(film: BoardFilm) -> list[int]:
+    """The frames, at most 30 and in order of time, that are sharp and differ most in the board's pose.
+
+    Frames whose edges are wider than usual, or where the board moves fast, are left out. The sharpest comes
+    first; then always the one whose nearest pose among those taken is farthest away.
+    """
+    rows = film.seen
+    quality = film.blur[rows] + EXPOSED * _speed(film)
+    rows = rows[quality <= max(SHARP * np.quantile(quality, 0.25), np.sort(quality)[: CHOSEN // 2][-1])]
+    pose = np.array([_pose(film.views[i], film.size) for i in rows])
+    taken = [int(np.argmin(film.blur[rows]))]
+    while len(taken) < min(CHOSEN, len(rows)):
+        apart = np.linalg.norm(pose[:, None] - pose[None, taken], axis=2).min(axis=1)
+        taken.append(int(np.argmax(apart)))
+    return sorted(int(rows[k]) for k in taken)
+
+
+def _speed(film: BoardFilm) -> Array:
+    """Motion (n,) of the board in px from frame to frame, in the frames that show it."""
+    rows = film.seen
+    middle = np.array([_centre(film.views[i]) for i in rows])
+    each = np.hypot(*np.diff(middle, axis=0).T) / np.diff(rows)
+    return np.maximum(np.append(each, 0.0), np.append(0.0, each)) if len(rows) > 1 else np.zeros(len(rows))
+
+
+def _centre(view: BoardView) -> Array:
+    """Where (2,) px the middle of the seen points lies, whichever of them are seen."""
+    homography = fit_homography(view.points[:, :2], view.pixels)
+    seen = homography @ (*view.points[:, :2].mean(axis=0), 1.0)
+    return np.asarray(seen[:2] / seen[2])
+
+
+def _pose(view: BoardView, size: tuple[int, int]) -> Array:
+    """Numbers (6,) of order 1 for the board's place, size and tilt in the picture, for any usual lens."""
+    focal = float(max(size))
+    to_ray = np.array([[focal, 0.0, size[0] / 2.0], [0.0, focal, size[1] / 2.0], [0.0, 0.0, 1.0]])
+    sides = np.linalg.solve(to_ray, fit_homography(view.points[:, :2], view.pixels))
+    normal = np.cross(sides[:, 0], sides[:, 1])
+    normal = normal / np.linalg.norm(normal)
+    spread = float(np.ptp(view.pixels, axis=0).max()) / focal
+    return np.array([*(_centre(view) / focal), spread, *(TILT_WEIGHT * normal)])
