@@ -7,7 +7,8 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
 from vision.camera import Array, Camera, Image
-from vision.dictionaries import dictionary_of
+from vision.dictionaries import dictionary_of, other_dictionary
+from vision.film.sharpness import picture_trouble
 from vision.following import registration
 from vision.following.printed import BLUR_PX, CELLS_BEYOND, SHOWS_BLUR, drawn, polarity
 from vision.marks import corner_warp, detect, px_per_unit
@@ -22,6 +23,8 @@ class Located:
     covariance: Array  # (m,2,2) px2, from what the fit leaves: of noise and of what the pattern is not
     correlation: Array  # (m,) of the picture with the printed pattern; 0 where the fit failed
     inverted: NDArray[np.bool_]  # (m,) white on black
+    repeated: tuple[int, ...] = ()  # ids that are seen more than once, and therefore left out
+    reason: str = ""  # why there are none, one sentence; "" where there are some
 
 
 def locate(image: Image, *, dictionary: str, camera: Camera | None = None) -> Located:
@@ -33,10 +36,11 @@ def locate(image: Image, *, dictionary: str, camera: Camera | None = None) -> Lo
     The printed pattern, blurred as the picture is, is registered to it by a homography; OpenCV's corners
     are the start only. Raises ValueError for an unknown dictionary.
     """
-    found, _ = detect(image, dictionary)
-    ids = np.array(sorted(found), dtype=np.intp)
+    found, more = detect(image, dictionary)
+    ids, repeated = np.array(sorted(found), dtype=np.intp), tuple(sorted(more))
     if not len(ids):
-        return Located(ids, np.empty((0, 2)), np.empty((0, 2, 2)), np.empty(0), np.empty(0, dtype=bool))
+        none = np.empty((0, 2)), np.empty((0, 2, 2)), np.empty(0), np.empty(0, dtype=bool)
+        return Located(ids, *none, repeated, _reason(image, dictionary, repeated))
     used = camera or _no_lens(image)
     start = np.array([corner_warp(used.undistort(found[int(i)])) for i in ids])
     fit = _Fit(image, registration.lens_of(used), start, ids, dictionary)
@@ -46,7 +50,22 @@ def locate(image: Image, *, dictionary: str, camera: Camera | None = None) -> Lo
     ).x
     warp, correlation, covariance = fit.at(float(blur), np.arange(len(ids)))
     centre = warp[:, :2, 2] / warp[:, 2:, 2]
-    return Located(ids, used.distort(centre), covariance, correlation, fit.sign < 0)
+    return Located(ids, used.distort(centre), covariance, correlation, fit.sign < 0, repeated)
+
+
+def _reason(image: Image, dictionary: str, repeated: tuple[int, ...]) -> str:
+    """Why no marker is located."""
+    if repeated:
+        return (f"All markers of {dictionary} that are seen are there more than once: ids "
+                f"{', '.join(map(str, repeated))}. Print and glue every id once.")  # fmt: skip
+    other = other_dictionary([image], dictionary)
+    if other:
+        return f"No marker of {dictionary} is seen; {other[0]} finds {other[1]}: give that dictionary."
+    trouble = picture_trouble(image)
+    if trouble:
+        return f"No marker of {dictionary} is seen: {trouble}."
+    return (f"No marker of {dictionary}, nor of another predefined dictionary, is seen: check focus and the "
+            "markers' white border; they need 12 px or more.")  # fmt: skip
 
 
 class _Fit:

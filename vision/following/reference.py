@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from vision.camera import Array, Camera, Image
 from vision.dictionaries import dictionary_of, other_dictionary
+from vision.film.sharpness import picture_trouble
 from vision.film.video import Video
 from vision.following import registration
 from vision.following.dots import Dot, find_dots
@@ -210,12 +211,42 @@ def _check_start(film: Video, first: Image, marks: Sequence[Mark], dictionary: s
         )
 
 
+def check_fingers_seen(film: Video, follower: Follower) -> None:
+    """Raises ValueError for a mark of the finger that the film's first frames do not show: it has no
+    reference, and is lost for good. Names the ids that are seen and stand for no mark."""
+    gone = [m for m, w in zip(follower.marks, follower.seed, strict=True)
+            if m.role == "finger" and np.isnan(w[0, 0])]  # fmt: skip
+    if gone:
+        image = next(iter(film.frames()))[2]
+        raise ValueError(unseen(film.path.name, gone, follower.marks, set(detect(image, follower.dictionary)[0])))
+
+
+def unseen(film: str, gone: Sequence[Mark], marks: Sequence[Mark], seen: set[int]) -> str:
+    """The sentence for finger marks that the first frames do not show.   seen: all ids that they show."""
+    stated = set(codes_of(marks).values())
+    unused = sorted(seen - stated)
+    named = ", ".join(
+        f"{m.name!r}" + (f" (id {code})" if (code := getattr(m.kind, "code", None)) is not None else "")
+        for m in gone
+    )
+    hint = (
+        f"seen, and of no stated marker, are the ids {', '.join(map(str, unused))}: correct the id"
+        if unused else "no other id is seen: correct its id, uncover it in the first frames"
+    )  # fmt: skip
+    one = len(gone) == 1
+    return (
+        f"film {film} does not show the finger's marker{'' if one else 's'} {named} in its first frames, where "
+        f"every marker of the finger has to be seen; {hint}, or remove it from the finger's markers"
+    )
+
+
 def _none_found(film: Video, looked: list[Image], dictionary: str) -> str:
     other = other_dictionary(looked[:1], dictionary)
     hint = (
         f"{other[0]} finds {other[1]}: set that dictionary"
         if other
-        else "no other predefined dictionary finds any: check focus, light and the markers' white border"
+        else "no other predefined dictionary finds any: "
+        + (picture_trouble(looked[0]) or "check focus, light and the markers' white border")
     )
     return f"film {film.path.name} shows no marker of {dictionary} in its first {len(looked)} frames; {hint}"
 
