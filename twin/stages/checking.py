@@ -2,6 +2,8 @@
 
 from typing import Any
 
+from twin.gauge.pressurelog import Log
+from twin.project.config import PressureTable
 from twin.project.folder import Project, Say
 from twin.stages.chain import STAGES, TARGETS, Stage, When
 from twin.stages.fits import fresh, named_effects
@@ -35,8 +37,7 @@ def check_project(project: Project, say: Say) -> None:
     kept = camera_kept(project)
     if kept:
         say(kept)
-    for line in _check_log(project):
-        say(line)
+    _check_recorded(project, say)
     if project.targets_folder.is_dir():
         targets = project.targets()
         _check_points(project, targets)
@@ -49,12 +50,20 @@ def check_project(project: Project, say: Say) -> None:
         say("`twin study` makes the figures and the table of the study; it calibrates first where needed.")
 
 
-def _check_log(project: Project) -> tuple[str, ...]:
-    """What was read of the pressure log of a film that is not measured yet; ValueError where it is not right,
-    or shorter than the film."""
+def _check_recorded(project: Project, say: Say) -> None:
+    """Say what was read of the pressure log and seen in films that are not measured yet; ValueError where
+    they are not right, or the log is shorter than the film."""
     pressure = project.config.pressure
     if project.targets_folder.is_dir() or pressure is None or not project.config.cameras:
-        return ()
+        return
+    from twin.stages.glancing import check_films
+
+    log = _check_log(project, pressure, say)
+    check_films(project, log, say)
+
+
+def _check_log(project: Project, pressure: PressureTable, say: Say) -> Log:
+    """The pressure log; ValueError where it is not right, or shorter than the film."""
     from twin.gauge.pressurelog import check_covers, check_lasts
     from twin.stages.recordings import log_of
     from vision.film.series import open_film
@@ -64,10 +73,9 @@ def _check_log(project: Project) -> tuple[str, ...]:
     if pressure.join == "stamps":
         check_covers(log, time - time[0] + table.film_start_s, what="film", key="film_start_s")
     check_lasts(log, float(time[-1] - time[0]))
-    return (
-        f"{log.path.name}: {log.source}, {log.pressure.min():.3g} to {log.pressure.max():.3g} MPa, "
-        f"{log.time[-1] - log.time[0]:.1f} s long. The film lasts {time[-1] - time[0]:.1f} s.",
-    )
+    say(f"{log.path.name}: {log.source}, {log.pressure.min():.3g} to {log.pressure.max():.3g} MPa, "
+        f"{log.time[-1] - log.time[0]:.1f} s long. The film lasts {time[-1] - time[0]:.1f} s.")  # fmt: skip
+    return log
 
 
 def _check_finger(project: Project, say: Say) -> None:

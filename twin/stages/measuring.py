@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from twin.gauge.agreement import check_agrees
 from twin.gauge.joining import joining_of
 from twin.gauge.pressurelog import GaugeNoise, Log, check_covers, gauge_noise
 from twin.gauge.synchrony import Join, Motion
@@ -136,6 +137,9 @@ def _measure(project: Project, camera: Path, say: Say, run: Run) -> _Measured:
     way = joining_of(pressure, table)
     join = way.join(views[0].film, log, lambda: _motion(moved(), settings.steps))
     gauge = _gauge(project, views[0], log, join)
+    check_agrees(
+        _motion(moved(), settings.steps), log, join.start_s, stated=pressure.join == "stamps"
+    )
     return _Measured(moved(), log, gauge, join)
 
 

@@ -1,4 +1,4 @@
-"""Whether marks that should be at rest are: a trend, a drift or a jump in their places, against their noise."""
+"""Whether marks that should be at rest are: a trend, a drift or a jump in their places, against the noise."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -48,7 +48,9 @@ def unrest(place: Array, names: Sequence[str]) -> Unrest | None:
     return worst
 
 
-def check_rest(place: Array, time: Array, names: Sequence[str], *, film: str, static: bool) -> tuple[str, ...]:
+def check_rest(
+    place: Array, time: Array, names: Sequence[str], *, film: str, static: bool
+) -> tuple[str, ...]:
     """A sentence where a mark drifts a little at rest; raises ValueError where one moves.
 
     place: (t,p,2) mm during the rest.   time: (t,) s.   static: whether it is the static film.
@@ -58,7 +60,8 @@ def check_rest(place: Array, time: Array, names: Sequence[str], *, film: str, st
         return ()
     span = f"between {time[0]:.2f} and {time[-1]:.2f} s"
     if static:
-        what, need = "which tells the noise of a finger at rest", "film it again, vented and at rest for a minute"
+        what = "which tells the noise of a finger at rest"
+        need = "film it again, vented and at rest"
     else:
         what = "to whose mean all displacements are relative (reference_s)"
         need = "start the film before the finger moves, shorten reference_s, or cut the film to begin at rest"

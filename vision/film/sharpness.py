@@ -13,13 +13,13 @@ def picture_trouble(picture: Image) -> str:
     """What is wrong with a grey picture (h,w), as one clause; "" where nothing is."""
     low, high = np.percentile(picture, (1.0, 99.0))
     if high < DARK:
-        return (f"the picture is dark: its brightest hundredth has the grey level {high:.0f} of 255; use more "
-                "light or a longer exposure")  # fmt: skip
+        return (f"the picture is dark: its brightest hundredth has the grey level {high:.0f} of 255; use "
+                "more light or a longer exposure")  # fmt: skip
     if np.mean(picture >= 252) > BURNT:
         return (f"the picture is overexposed: {100 * np.mean(picture >= 252):.0f} % of it is white; expose "
                 "shorter")  # fmt: skip
     if high - low < FLAT:
-        return f"the picture has hardly any contrast: {high - low:.0f} grey levels of 255; check light and lens"
+        return f"the picture has hardly any contrast: {high - low:.0f} grey levels; check light and lens"
     blur = edge_sd(picture)
     if blur > BLURRED_PX:
         return (f"the picture is blurred: its sharpest edges are {2.0 * blur:.0f} px wide; focus, or expose "
@@ -28,7 +28,7 @@ def picture_trouble(picture: Image) -> str:
 
 
 def edge_sd(picture: Image) -> float:
-    """Sd in px of the blur of the sharpest edges: a step of c grey levels has the slope c / (sd sqrt(2 pi))."""
+    """Sd in px of the sharpest edges: a blurred step of c grey levels has the slope c / (sd sqrt(2 pi))."""
     calm = cv2.GaussianBlur(picture.astype(np.float32), (0, 0), 1.0)  # noise has slopes too
     slope = np.hypot(cv2.Sobel(calm, cv2.CV_32F, 1, 0) / 8.0, cv2.Sobel(calm, cv2.CV_32F, 0, 1) / 8.0)
     low, high = np.percentile(calm, (1.0, 99.0))

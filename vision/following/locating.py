@@ -41,7 +41,7 @@ def locate(image: Image, *, dictionary: str, camera: Camera | None = None) -> Lo
     if not len(ids):
         none = np.empty((0, 2)), np.empty((0, 2, 2)), np.empty(0), np.empty(0, dtype=bool)
         return Located(ids, *none, repeated, _reason(image, dictionary, repeated))
-    used = camera or _no_lens(image)
+    used = camera or no_lens(image)
     start = np.array([corner_warp(used.undistort(found[int(i)])) for i in ids])
     fit = _Fit(image, registration.lens_of(used), start, ids, dictionary)
     few = np.arange(len(ids))[:: max(len(ids) // SHOWS_BLUR, 1)]
@@ -98,5 +98,6 @@ class _Fit:
         return warp, correlation, registration.centre_covariance(templates, linear, correlation)
 
 
-def _no_lens(image: Image) -> Camera:
+def no_lens(image: Image) -> Camera:
+    """A camera without distortion of the picture's size: ideal pixels are raw ones."""
     return replace(Camera(np.eye(3), np.zeros(5), (image.shape[1], image.shape[0])), model=())

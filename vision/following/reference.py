@@ -133,9 +133,8 @@ def _start(
         patch[new] = registration.patches(image, registration.lens_of(camera), seed[coded[new]], grid)
         if np.isfinite(seed).all():
             break
-    if patch is None:
-        raise ValueError(_none_found(film, looked, dictionary))
-    _check_start(film, looked[0], marks, dictionary, seed)
+    check_start(film, looked, marks, dictionary, seed)
+    assert patch is not None  # else it would have raised
     return seed, dots, registration.templates(patch, grid)
 
 
@@ -195,10 +194,24 @@ def _in_picture(homography: Array, places: Array) -> Array:
     return registration.project(homography, np.concatenate([places.T, np.ones((1, len(places)))]))
 
 
-def _check_start(film: Video, first: Image, marks: Sequence[Mark], dictionary: str, seed: Array) -> None:
-    """Raises ValueError for a marker that is seen twice, and when too few frame marks are seen."""
+def first_seen(pictures: Sequence[Image], camera: Camera, marks: Sequence[Mark], dictionary: str) -> Array:
+    """Warps (p,3,3), local to ideal px, of every mark in the first of the pictures that shows it; else NaN."""
+    seed: Array = np.full((len(marks), 3, 3), np.nan)
+    for picture in pictures:
+        _seed(picture, camera, marks, dictionary, seed, {})
+        if np.isfinite(seed).all():
+            break
+    return seed
+
+
+def check_start(
+    film: Video, looked: Sequence[Image], marks: Sequence[Mark], dictionary: str, seed: Array
+) -> None:
+    """Raises ValueError where the first pictures show no coded mark, one twice, or too few of the frame."""
+    if np.isnan(seed[list(codes_of(marks)), 0, 0]).all():
+        raise ValueError(_none_found(film, looked, dictionary))
     missing = {code for p, code in codes_of(marks).items() if np.isnan(seed[p, 0, 0])}
-    twice = detect(first, dictionary)[1] & missing
+    twice = detect(looked[0], dictionary)[1] & missing
     if twice:
         raise ValueError(
             f"film {film.path.name} shows marker {min(twice)} more than once: print and glue every id once"
@@ -218,7 +231,8 @@ def check_fingers_seen(film: Video, follower: Follower) -> None:
             if m.role == "finger" and np.isnan(w[0, 0])]  # fmt: skip
     if gone:
         image = next(iter(film.frames()))[2]
-        raise ValueError(unseen(film.path.name, gone, follower.marks, set(detect(image, follower.dictionary)[0])))
+        seen = set(detect(image, follower.dictionary)[0])
+        raise ValueError(unseen(film.path.name, gone, follower.marks, seen))
 
 
 def unseen(film: str, gone: Sequence[Mark], marks: Sequence[Mark], seen: set[int]) -> str:
@@ -235,12 +249,12 @@ def unseen(film: str, gone: Sequence[Mark], marks: Sequence[Mark], seen: set[int
     )  # fmt: skip
     one = len(gone) == 1
     return (
-        f"film {film} does not show the finger's marker{'' if one else 's'} {named} in its first frames, where "
-        f"every marker of the finger has to be seen; {hint}, or remove it from the finger's markers"
+        f"film {film} does not show the finger's marker{'' if one else 's'} {named} in its first frames, "
+        f"where every marker of the finger has to be seen; {hint}, or remove it from the finger's markers"
     )
 
 
-def _none_found(film: Video, looked: list[Image], dictionary: str) -> str:
+def _none_found(film: Video, looked: Sequence[Image], dictionary: str) -> str:
     other = other_dictionary(looked[:1], dictionary)
     hint = (
         f"{other[0]} finds {other[1]}: set that dictionary"

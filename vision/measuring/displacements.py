@@ -10,7 +10,7 @@ from vision.calibration.rig import Rig
 from vision.camera import Array
 from vision.errors.budgeting import Budget, budget
 from vision.errors.modes import Stated, stacked
-from vision.errors.noise import MIN_STATIC, NoiseModel, hidden_in_static
+from vision.errors.noise import NoiseModel, hidden_in_static
 from vision.film.checkpoint import Keeper, Progress
 from vision.following.methods import Method
 from vision.following.tracks import Tracks
@@ -22,7 +22,7 @@ from vision.placing.placed import Placed, thinned_noise
 from vision.placing.rigplaces import frame_fit, without_odd
 from vision.placing.slips import find_slips
 from vision.placing.space import in_space
-from vision.placing.views import How, Seen, View, look, steps_of
+from vision.placing.views import How, Seen, View, check_static, look, steps_of
 from vision.plane import MIN_VISIBLE
 
 MIN_FRAME, MIN_FIXED = 6, 4
@@ -165,24 +165,20 @@ def _check(views: Sequence[View], marks: Sequence[Mark], rig: Rig | None, face: 
         raise ValueError("a speckled face is measured by one camera: leave out the face or the other cameras")
     _check_marks(marks)
     for view in views:
-        if len(view.static.time) < MIN_STATIC:
-            raise ValueError(
-                f"static film {view.static.path.name} has {len(view.static.time)} frames, wanted at least "
-                f"{MIN_STATIC}: film the finger at rest for longer"
-            )
+        check_static(view.static)
 
 
 def _check_measured(result: Displacements, view: View) -> None:
     """Raises ValueError where no mark of the finger is seen in a tenth of the steps after the reference."""
     after = np.setdiff1d(np.arange(len(result.time)), result.reference)
     finger = [p for p, role in enumerate(result.roles) if role == "finger"]
-    seen = np.isfinite(result.value[np.ix_(after, finger)][..., 0])
+    seen = np.isfinite(result.value[after][:, finger, 0])
     if len(after) and seen.mean(axis=0).max() < LEAST_SEEN:
         raise ValueError(
             f"{view.film.path.name}: nothing is measured: after the reference, which ends at "
             f"{result.time[result.reference[-1]]:.2f} s, every marker of the finger is lost in more than "
-            f"{100 * (1 - LEAST_SEEN):.0f} % of the frames, or fewer than {MIN_VISIBLE} frame markers are seen; "
-            "wanted markers that stay in the picture, uncovered and sharp: look at the film, and film again"
+            f"{100 * (1 - LEAST_SEEN):.0f} % of the frames, or fewer than {MIN_VISIBLE} frame markers are "
+            "seen; wanted markers that stay in the picture, uncovered and sharp: look at the film, and film again"
         )
 
 

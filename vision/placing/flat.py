@@ -235,7 +235,8 @@ def _corrected(scene: _Scene) -> tuple[str, ...]:
     worst = max(off, key=lambda p: abs(scene.height[p]))
     return (
         f"{len(off)} finger markers lie off the plane of the frame markers, {scene.marks[worst].name!r} by "
-        f"{scene.height[worst]:.1f} mm. This is corrected for a camera {abs(scene.view.distance):.0f} mm away.",
+        f"{scene.height[worst]:.1f} mm. This is corrected for a camera "
+        f"{abs(scene.view.distance):.0f} mm away.",
     )
 
 

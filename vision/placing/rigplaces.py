@@ -92,8 +92,8 @@ def check_frame(fit: FrameFit | None, marks: Sequence[Mark]) -> None:
         raise ValueError(
             f"frame marker {fit.odd!r} lies {fit.away_mm:.1f} mm from its stated place, {wanted}: it is "
             f"stated at x = {stated[0]:g}, z = {stated[2]:g} mm, and the others, which agree to "
-            f"{fit.left_mm:.2g} mm without it, see it at x = {x:.1f}, z = {z:.1f} mm; correct its position_mm "
-            "or its marker id, or remove it"
+            f"{fit.left_mm:.2g} mm without it, see it at x = {x:.1f}, z = {z:.1f} mm; correct its "
+            "position_mm or its marker id, or remove it"
         )
     raise ValueError(
         f"{off}, {fit.worst!r} most, {wanted}; neither one marker nor an exchange of two explains it: "

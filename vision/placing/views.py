@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vision.camera import Array, Camera
-from vision.errors.noise import Codec, codec_noise
+from vision.errors.noise import MIN_STATIC, Codec, codec_noise
 from vision.errors.stillness import check_rest
 from vision.film.checkpoint import Keeper, Progress
 from vision.film.video import Video
@@ -56,6 +56,15 @@ class Seen:
     def homography(self, marks: Sequence[Mark]) -> Array:
         """Homography (t,3,3) from the frame marks' plane (x, z, 1) mm to ideal px in every frame."""
         return homographies(frame_places(marks), self.film.ideal[:, rows_of(marks)[0]])
+
+
+def check_static(film: Video) -> None:
+    """Raises ValueError where a static film is too short to tell the noise."""
+    if len(film.time) < MIN_STATIC:
+        raise ValueError(
+            f"static film {film.path.name} has {len(film.time)} frames, wanted at least {MIN_STATIC}: film the "
+            "finger at rest for longer"
+        )
 
 
 def look(view: View, marks: Sequence[Mark], how: How, *, camera: str = "") -> Seen:

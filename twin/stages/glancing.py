@@ -1,0 +1,162 @@
+"""What `twin check` finds in films and board pictures within seconds that `twin measure` would find later."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import cv2
+import numpy as np
+
+from twin.gauge.agreement import check_agrees
+from twin.gauge.pressurelog import Log
+from twin.gauge.synchrony import Motion
+from twin.project import files
+from twin.project.config import CameraTable
+from twin.project.folder import Project, Say
+from twin.stages.cameras import dictionary_name, lens_of
+from twin.stages.recordings import marks_of
+from twin.targets import Array
+
+if TYPE_CHECKING:  # vision takes a second to import
+    from vision import Camera, Mark, Video
+    from vision.following.glimpses import Glimpses
+
+SMALL_PX = 20.0  # a marker below it is followed less well
+OFTEN = 0.5  # share of the frames looked at in which a marker of the finger should be seen
+GUESS_MM = 0.05  # noise of a place by a marker's corners
+
+
+@dataclass(frozen=True)
+class _Look:
+    """One camera's films, and what is known of the marks in them."""
+
+    project: Project
+    table: CameraTable
+    marks: "Sequence[Mark]"
+    camera: "Camera"
+    film: "Video"
+    static: "Video"
+
+    @property
+    def dictionary(self) -> str:
+        return dictionary_name(self.project, self.table.dictionary)
+
+    @property
+    def finger(self) -> list[int]:
+        return [p for p, mark in enumerate(self.marks) if mark.role == "finger"]
+
+
+def check_films(project: Project, log: Log, say: Say) -> None:
+    """Say what a few frames of the films show, and draw the first with every mark circled (check.png).
+
+    Raises ValueError at the first thing for which `twin camera` or `twin measure` would refuse them.
+    """
+    from vision.film.series import open_film
+
+    marks = marks_of(project)
+    for table in project.config.cameras:
+        film, static = (open_film(project.path(f), fps=table.fps) for f in (table.film, table.static))
+        picture = "check.png" if len(project.config.cameras) == 1 else f"check-{table.name}.png"
+        _draw(project, table, marks, film, picture, say)
+        look = _Look(project, table, marks, lens_of(project, table), film, static)
+        for sentence in (*film.issues, *static.issues, *_findings(look, log)):
+            say(sentence)
+
+
+def _draw(
+    project: Project, table: CameraTable, marks: "Sequence[Mark]", film: "Video", name: str, say: Say
+) -> None:
+    """Draw the first frame, whatever is wrong with it; without the lens, which may be unknown yet."""
+    from vision.drawing.ringsheet import ring_sheet
+
+    picture, found = ring_sheet(film, marks, dictionary=dictionary_name(project, table.dictionary))
+    files.write_bytes(project.root / name, bytes(cv2.imencode(".png", picture)[1]))
+    say(f"Wrote {name}: the first frame of {table.film} with every marker circled, {found} of {len(marks)} "
+        "found.")  # fmt: skip
+
+
+def _findings(look: _Look, log: Log) -> list[str]:
+    """Sentences about the films; ValueError where they are not right."""
+    from vision.errors.stillness import check_rest
+    from vision.following.glimpses import check_glimpses, glimpses
+    from vision.following.reference import unseen
+    from vision.placing.gates import check_marks
+    from vision.placing.views import check_static
+
+    settings = look.project.config.measure
+    check_static(look.static)
+    seen = glimpses(look.film, look.camera, look.marks, dictionary=look.dictionary, reference_s=settings.reference_s)
+    still = glimpses(look.static, look.camera, look.marks, dictionary=look.dictionary, reference_s=None)
+    for film, own in ((look.film, seen), (look.static, still)):
+        check_glimpses(film, own, look.marks, look.dictionary)
+    gone = [look.marks[p] for p in look.finger if np.isnan(seen.warp[p, 0, 0])]
+    if gone:
+        raise ValueError(unseen(look.film.path.name, gone, look.marks, set(seen.unused)))
+    check_marks(look.marks, seen.warp, camera=look.camera, frame_sd_mm=settings.frame_sd_mm)
+    coded, place, quiet = _coded(look), _places(look, seen), _places(look, still)
+    names = [look.marks[p].name for p in coded]
+    said = [
+        *check_rest(place[seen.rest][:, coded], seen.time[seen.rest], names, film=look.film.path.name, static=False),
+        *check_rest(quiet[:, coded], still.time, names, film=look.static.path.name, static=True),
+        *_small(look, seen), *_seldom(look, seen, coded),
+    ]  # fmt: skip
+    _check_motion(look, seen, place[:, coded], log)
+    return said
+
+
+def _coded(look: _Look) -> list[int]:
+    """Rows of the finger's coded marks: dots are not looked for in single frames."""
+    from vision.marks import codes_of
+
+    return [p for p in look.finger if p in codes_of(look.marks)]
+
+
+def _places(look: _Look, seen: "Glimpses") -> Array:
+    """Places (k,p,2) mm of all marks in the frame marks' plane; NaN where not seen."""
+    from vision.marks import frame_places, rows_of
+    from vision.plane import homographies, to_plane
+
+    frame = rows_of(look.marks)[0]
+    return to_plane(homographies(frame_places(look.marks), seen.ideal[:, frame]), seen.ideal)
+
+
+def _small(look: _Look, seen: "Glimpses") -> list[str]:
+    """A sentence where markers are small in the picture."""
+    from vision.marks import px_per_unit
+
+    side = 2.0 * px_per_unit(seen.warp)
+    if not np.nanmin(side) < SMALL_PX:
+        return []
+    least = int(np.nanargmin(side))
+    return [f"Marker {look.marks[least].name!r} is {side[least]:.0f} px wide in {look.table.film}; wanted 25 px or "
+            "more: larger markers, a longer lens, or the camera nearer."]  # fmt: skip
+
+
+def _seldom(look: _Look, seen: "Glimpses", coded: list[int]) -> list[str]:
+    """Sentences about markers of the finger that are often not seen; ValueError where none is ever."""
+    after = np.isfinite(seen.ideal[~seen.rest][:, coded, 0])
+    if not after.size:
+        return []
+    if not after.any():
+        raise ValueError(
+            f"{look.table.film}: after the reference none of the {len(after)} frames looked at shows a marker "
+            "of the finger; wanted markers that stay in the picture, uncovered and sharp: film again"
+        )
+    return [
+        f"Marker {look.marks[p].name!r} is read in {int(own.sum())} of the {len(own)} frames looked at after the "
+        "reference: is it covered, blurred or out of the picture?"
+        for p, own in zip(coded, after.T, strict=True) if own.mean() < OFTEN
+    ]  # fmt: skip
+
+
+def _check_motion(look: _Look, seen: "Glimpses", place: Array, log: Log) -> None:
+    """Raises ValueError where the finger's motion in the frames contradicts the log."""
+    pressure = look.project.config.pressure
+    if pressure is None or pressure.join != "stamps" or not place.shape[1]:
+        return
+    rest = np.nanmean(np.where(np.isfinite(place), place, np.nan)[seen.rest], axis=0)
+    squares = ((place - rest) ** 2).sum(axis=2)
+    shown = np.isfinite(squares).all(axis=1)
+    mm = np.where(shown, np.sqrt(np.where(np.isfinite(squares), squares, 0.0).mean(axis=1)), np.nan)
+    motion = Motion(seen.time - look.film.time[0], mm, GUESS_MM)
+    check_agrees(motion, log, look.table.film_start_s, stated=True)
