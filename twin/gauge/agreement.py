@@ -11,7 +11,7 @@ MOVES = 10.0
 RISES_MPA = 1e-3  # a tenth of what moves the softest finger by some mm
 RESTS = 0.05  # share of the log's rise below which its pressure is at rest
 STEP_S, MOST_SHIFTS, MOST_STEPS = 0.25, 1500, 200
-FITS, BETTER = 0.8, 0.2  # share of the motion's variance that the pressure explains at another time; by so much more
+FITS, BETTER = 0.8, 0.2  # share of the motion's variance explained at another time; by so much more
 DEGREE = 3
 
 
@@ -36,9 +36,9 @@ def check_agrees(motion: Motion, log: Log, start_s: float, *, stated: bool) -> N
     least = max(MOVES_MM, MOVES * motion.noise_mm)
     if moved < least and rise > RISES_MPA:
         raise ValueError(
-            f"the finger does not move: {moved:.2g} mm in the film, while {log.path.name} rises by {rise:.3g} "
-            f"MPa from {span}; wanted {least:.2g} mm or more; are film and log of one test, is the unit of the "
-            "pressure right, and is the valve open?"
+            f"the finger does not move: {moved:.2g} mm in the film, while {log.path.name} rises by "
+            f"{rise:.3g} MPa from {span}; wanted {least:.2g} mm or more; are film and log of one test, is the "
+            "unit of the pressure right, and is the valve open?"
         )
     if moved < least:
         return
@@ -47,8 +47,8 @@ def check_agrees(motion: Motion, log: Log, start_s: float, *, stated: bool) -> N
     if not stated or best is None or most < FITS or most < now + BETTER or abs(best - start_s) <= BEYOND_S:
         if rise < RESTS * whole:
             raise ValueError(
-                f"the finger moves by {moved:.2g} mm in the film, but {log.path.name} is at rest from {span}: "
-                f"its pressure changes by {rise:.2g} MPa there, by {whole:.2g} MPa in all; correct "
+                f"the finger moves by {moved:.2g} mm in the film, but {log.path.name} is at rest from "
+                f"{span}: its pressure changes by {rise:.2g} MPa there, by {whole:.2g} MPa in all; correct "
                 "film_start_s (time of the film's first frame on the clock of the log), or record the log of "
                 "this test"
             )
@@ -56,8 +56,8 @@ def check_agrees(motion: Motion, log: Log, start_s: float, *, stated: bool) -> N
     raise ValueError(
         f"the finger moves as {log.path.name} does {best - start_s:+.1f} s later: wanted film_start_s near "
         f"{best:.1f} s, it is {start_s:g} s; at {best:.1f} s the pressure explains {100 * most:.0f} % of the "
-        f"motion, at {start_s:g} s {100 * max(now, 0.0):.0f} %; correct film_start_s (time of the film's first "
-        "frame on the clock of the log)"
+        f"motion, at {start_s:g} s {100 * max(now, 0.0):.0f} %; correct film_start_s (time of the film's "
+        "first frame on the clock of the log)"
     )
 
 

@@ -85,8 +85,10 @@ def _findings(look: _Look, log: Log) -> list[str]:
 
     settings = look.project.config.measure
     check_static(look.static)
-    seen = glimpses(look.film, look.camera, look.marks, dictionary=look.dictionary, reference_s=settings.reference_s)
-    still = glimpses(look.static, look.camera, look.marks, dictionary=look.dictionary, reference_s=None)
+    seen, still = (
+        glimpses(film, look.camera, look.marks, dictionary=look.dictionary, reference_s=rest_s)
+        for film, rest_s in ((look.film, settings.reference_s), (look.static, None))
+    )
     for film, own in ((look.film, seen), (look.static, still)):
         check_glimpses(film, own, look.marks, look.dictionary)
     gone = [look.marks[p] for p in look.finger if np.isnan(seen.warp[p, 0, 0])]
@@ -95,9 +97,10 @@ def _findings(look: _Look, log: Log) -> list[str]:
     check_marks(look.marks, seen.warp, camera=look.camera, frame_sd_mm=settings.frame_sd_mm)
     coded, place, quiet = _coded(look), _places(look, seen), _places(look, still)
     names = [look.marks[p].name for p in coded]
+    rest, film, static = seen.rest, look.film.path.name, look.static.path.name
     said = [
-        *check_rest(place[seen.rest][:, coded], seen.time[seen.rest], names, film=look.film.path.name, static=False),
-        *check_rest(quiet[:, coded], still.time, names, film=look.static.path.name, static=True),
+        *check_rest(place[rest][:, coded], seen.time[rest], names, film=film, static=False),
+        *check_rest(quiet[:, coded], still.time, names, film=static, static=True),
         *_small(look, seen), *_seldom(look, seen, coded),
     ]  # fmt: skip
     _check_motion(look, seen, place[:, coded], log)
@@ -128,8 +131,8 @@ def _small(look: _Look, seen: "Glimpses") -> list[str]:
     if not np.nanmin(side) < SMALL_PX:
         return []
     least = int(np.nanargmin(side))
-    return [f"Marker {look.marks[least].name!r} is {side[least]:.0f} px wide in {look.table.film}; wanted 25 px or "
-            "more: larger markers, a longer lens, or the camera nearer."]  # fmt: skip
+    return [f"Marker {look.marks[least].name!r} is {side[least]:.0f} px wide in {look.table.film}; wanted 25 "
+            "px or more: larger markers, a longer lens, or the camera nearer."]  # fmt: skip
 
 
 def _seldom(look: _Look, seen: "Glimpses", coded: list[int]) -> list[str]:
@@ -139,12 +142,12 @@ def _seldom(look: _Look, seen: "Glimpses", coded: list[int]) -> list[str]:
         return []
     if not after.any():
         raise ValueError(
-            f"{look.table.film}: after the reference none of the {len(after)} frames looked at shows a marker "
-            "of the finger; wanted markers that stay in the picture, uncovered and sharp: film again"
+            f"{look.table.film}: after the reference none of the {len(after)} frames looked at shows a "
+            "marker of the finger; wanted markers that stay in the picture, uncovered and sharp: film again"
         )
     return [
-        f"Marker {look.marks[p].name!r} is read in {int(own.sum())} of the {len(own)} frames looked at after the "
-        "reference: is it covered, blurred or out of the picture?"
+        f"Marker {look.marks[p].name!r} is read in {int(own.sum())} of the {len(own)} frames looked at after "
+        "the reference: is it covered, blurred or out of the picture?"
         for p, own in zip(coded, after.T, strict=True) if own.mean() < OFTEN
     ]  # fmt: skip
 

@@ -195,7 +195,7 @@ def _in_picture(homography: Array, places: Array) -> Array:
 
 
 def first_seen(pictures: Sequence[Image], camera: Camera, marks: Sequence[Mark], dictionary: str) -> Array:
-    """Warps (p,3,3), local to ideal px, of every mark in the first of the pictures that shows it; else NaN."""
+    """Warps (p,3,3), local to ideal px, of every mark in the first picture that shows it; else NaN."""
     seed: Array = np.full((len(marks), 3, 3), np.nan)
     for picture in pictures:
         _seed(picture, camera, marks, dictionary, seed, {})

@@ -26,7 +26,7 @@ from vision.placing.views import How, Seen, View, check_static, look, steps_of
 from vision.plane import MIN_VISIBLE
 
 MIN_FRAME, MIN_FIXED = 6, 4
-LEAST_SEEN = 0.1  # share of the steps in which one mark of the finger, at least, must be seen
+LEAST_SEEN = 0.1  # share of the steps in which a mark of the finger must be seen
 STEPS = 2000  # a film of a minute; every step takes the memory of all modes
 FALLBACKS = {Method.ECC: "smoothed correlation (ECC)", Method.CORNERS: "its corners"}
 
@@ -178,7 +178,7 @@ def _check_measured(result: Displacements, view: View) -> None:
             f"{view.film.path.name}: nothing is measured: after the reference, which ends at "
             f"{result.time[result.reference[-1]]:.2f} s, every marker of the finger is lost in more than "
             f"{100 * (1 - LEAST_SEEN):.0f} % of the frames, or fewer than {MIN_VISIBLE} frame markers are "
-            "seen; wanted markers that stay in the picture, uncovered and sharp: look at the film, and film again"
+            "seen; wanted markers that stay in the picture, uncovered and sharp: look at the film"
         )
 
 

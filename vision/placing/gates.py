@@ -112,8 +112,8 @@ def _all_wrong(ratio: float, side: float, size: float) -> str:
     return (
         f"size_mm and position_mm contradict each other: in the scale of the frame markers' positions the "
         f"markers are {side:.3g} mm wide (median), size_mm says {size:g} mm, which is {1.0 / ratio:.3g} "
-        f"times as much; {likely}; wanted both in mm, within 15 %: correct position_mm, or size_mm (the side of "
-        "the black square without its white border)"
+        f"times as much; {likely}; wanted both in mm, within 15 %: correct position_mm, or size_mm (the side "
+        "of the black square without its white border)"
     )
 
 
@@ -131,22 +131,22 @@ def check_fingers(marks: Sequence[Mark], place: Array) -> None:
     if len(rows) > 2 and len(turned) == len(rows) * (len(rows) - 1) // 2:
         raise ValueError(
             "the finger's markers lie on the finger in the reverse of the stated order: wanted x from the "
-            "clamp to the tip, for the finger's markers and for those of the rig; correct position_mm, or node"
+            "clamp to the tip, for the finger's markers and for those of the rig; correct position_mm"
         )
     if turned:
         a, b = max(turned, key=lambda pair: float(np.linalg.norm(nominal[pair[1]] - nominal[pair[0]])))
         raise ValueError(
             f"markers {marks[a].name!r} (id {coded[a]}) and {marks[b].name!r} (id {coded[b]}) lie in the "
             f"opposite order on the finger than stated: seen at x = {place[a, 0]:.1f} and {place[b, 0]:.1f} "
-            f"mm, stated at {nominal[a, 0]:g} and {nominal[b, 0]:g} mm; exchange their marker ids, or correct "
-            "position_mm"
+            f"mm, stated at {nominal[a, 0]:g} and {nominal[b, 0]:g} mm; exchange their marker ids, or "
+            "correct position_mm"
         )
     for p in rows:
         away, most = float(np.linalg.norm(place[p] - nominal[p])), SAGS * abs(nominal[p, 0]) + NEAR_MM
         if away > most:
             raise ValueError(
-                f"finger marker {marks[p].name!r} lies {away:.1f} mm from its stated place at rest: seen at x "
-                f"= {place[p, 0]:.1f}, z = {place[p, 1]:.1f} mm, stated at x = {nominal[p, 0]:.4g}, z = "
+                f"finger marker {marks[p].name!r} lies {away:.1f} mm from its stated place at rest: seen at "
+                f"x = {place[p, 0]:.1f}, z = {place[p, 1]:.1f} mm, stated at x = {nominal[p, 0]:.4g}, z = "
                 f"{nominal[p, 1]:.4g} mm; wanted at most {most:.3g} mm, more than a soft finger sags: "
                 "correct its position_mm or node (mm from the clamp), or its marker id"
             )

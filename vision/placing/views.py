@@ -62,8 +62,8 @@ def check_static(film: Video) -> None:
     """Raises ValueError where a static film is too short to tell the noise."""
     if len(film.time) < MIN_STATIC:
         raise ValueError(
-            f"static film {film.path.name} has {len(film.time)} frames, wanted at least {MIN_STATIC}: film the "
-            "finger at rest for longer"
+            f"static film {film.path.name} has {len(film.time)} frames, wanted at least {MIN_STATIC}: film "
+            "the finger at rest for longer"
         )
 
 
