@@ -54,14 +54,12 @@ def marks_of() -> list[Mark]:
     return still + finger
 
 
-def camera(*, behind: bool = False) -> tuple[Camera, tuple[Array, Array]]:
-    """The camera and its pose, 400 mm before the plane; behind: on the -y side, looking along +y."""
+def camera() -> tuple[Camera, tuple[Array, Array]]:
+    """The camera and its pose, 420 mm before the plane."""
     matrix = np.array([[1350.0, 0, 322], [0, 1351.0, 198], [0, 0, 1]])
-    sign = 1.0 if behind else -1.0
-    facing = np.array([[sign, 0, 0], [0, 0, -1.0], [0, sign, 0]])
+    facing = np.array([[-1.0, 0, 0], [0, 0, -1.0], [0, -1.0, 0]])
     turned = np.asarray(cv2.Rodrigues(np.deg2rad([2.0, 1.5, 0.0]))[0]) @ facing
-    middle = MIDDLE * (1.0, -1.0, 1.0) if behind else MIDDLE
-    tvec = np.array([0.0, 0.0, 420.0]) - turned @ middle
+    tvec = np.array([0.0, 0.0, 420.0]) - turned @ MIDDLE
     return Camera(matrix, np.array([-0.1, 0.0, 0.0, 0.0, 0.0]), SIZE), (
         np.asarray(cv2.Rodrigues(turned)[0]).ravel(),
         tvec,
@@ -90,10 +88,9 @@ def draw(
     marks: Sequence[Mark] | None = None,
     seed: int = 0,
     blur_px: float = 0.8,
-    behind: bool = False,
 ) -> None:
     """A film, lossless, of marks at places (t,p,3) mm."""
-    lens, pose = camera(behind=behind)
+    lens, pose = camera()
     synthetic.film(
         path,
         camera=lens,

@@ -64,14 +64,15 @@ def _check_recorded(project: Project, say: Say) -> None:
 
 def _check_log(project: Project, pressure: PressureTable, say: Say) -> Log:
     """The pressure log; ValueError where it is not right, or shorter than the film."""
-    from twin.gauge.pressurelog import check_covers, check_lasts
+    from twin.gauge.pressurelog import check_lasts
+    from twin.stages.measuring import gauge_of
     from twin.stages.recordings import log_of
     from vision.film.series import open_film
 
     log, table = log_of(project, pressure), project.config.cameras[0]
-    time = open_film(project.path(table.film), fps=table.fps).time
+    time, still = (open_film(project.path(f), fps=table.fps).time for f in (table.film, table.static))
     if pressure.join == "stamps":
-        check_covers(log, time - time[0] + table.film_start_s, what="film", key="film_start_s")
+        gauge_of(project, time, still, log, table.film_start_s)
     check_lasts(log, float(time[-1] - time[0]))
     say(f"{log.path.name}: {log.source}, {log.pressure.min():.3g} to {log.pressure.max():.3g} MPa, "
         f"{log.time[-1] - log.time[0]:.1f} s long. The film lasts {time[-1] - time[0]:.1f} s.")  # fmt: skip

@@ -3,6 +3,8 @@
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from twin.gauge.logcolumns import LogFormat
 from twin.gauge.pressurelog import Log, read_log
 from twin.gauge.pressureunits import Line
@@ -59,7 +61,7 @@ def _recorded(project: Project, key: str, told: str) -> list[Path]:
 
 def marks_of(project: Project) -> list["Mark"]:
     """Every marker with its nominal centre: those of the frame, and the finger's."""
-    from twin.stages.positions import position_of
+    from twin.stages.positions import one_side, position_of
     from twin.stages.workbench import structure_of
     from vision import Mark
 
@@ -67,13 +69,14 @@ def marks_of(project: Project) -> list["Mark"]:
         Mark(m.name, mark_kind(m.marker, m.size_mm), m.position_mm, m.role)
         for m in project.config.frame.markers
     ]
-    structure = None
+    structure, mirrored = None, one_side(project)
+    behind = mirrored and np.mean([m.position[1] for m in marks if m.role == "frame"]) < 0.0
     for point in project.config.points:
         position = point.position_mm
         if position is None or point.node is None:
             structure = structure or structure_of(project)
-            x, y, z = (float(v) for v in position_of(point, structure))
-            position = (x, y, z)
+            x, y, z = (float(v) for v in position_of(point, structure, mirrored=mirrored))
+            position = (x, -y if behind else y, z)  # on the side that the camera sees
         assert point.size_mm is not None  # the configuration refuses a film without it
         marks.append(Mark(point.name, mark_kind(point.marker, point.size_mm), position, "finger"))
     return marks

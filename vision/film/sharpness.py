@@ -2,10 +2,12 @@
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from vision.camera import Image
 
 DARK, FLAT, BURNT = 70.0, 40.0, 0.3  # grey level, grey levels, share of the picture
+NOISE_PX, MORE_PX = 1.0, 3.0
 BLURRED_PX = 2.5  # sd of a blurred edge: a marker of 25 px has cells of 4 px
 
 
@@ -28,10 +30,18 @@ def picture_trouble(picture: Image) -> str:
 
 
 def edge_sd(picture: Image) -> float:
-    """Sd in px of the sharpest edges: a blurred step of c grey levels has the slope c / (sd sqrt(2 pi))."""
-    calm = cv2.GaussianBlur(picture.astype(np.float32), (0, 0), 1.0)  # noise has slopes too
-    slope = np.hypot(cv2.Sobel(calm, cv2.CV_32F, 1, 0) / 8.0, cv2.Sobel(calm, cv2.CV_32F, 0, 1) / 8.0)
-    low, high = np.percentile(calm, (1.0, 99.0))
-    sharpest = float(np.percentile(slope, 99.9))
-    wide = float(high - low) / (max(sharpest, 1e-6) * np.sqrt(2.0 * np.pi))
-    return float(np.sqrt(max(wide**2 - 1.0, 0.0)))
+    """Sd in px of the blur of the sharpest edges, from how much further blur flattens them.
+
+    The steepest slope of an edge of sd s is as 1 / s: blurred by r more it falls to s / (s2 + r2)^1/2 of it.
+    """
+    grey = picture.astype(np.float32)
+    calm = np.asarray(cv2.GaussianBlur(grey, (0, 0), NOISE_PX), np.float32)  # noise has slopes too
+    again = np.asarray(cv2.GaussianBlur(calm, (0, 0), MORE_PX), np.float32)
+    falls = min(_steepest(again) / max(_steepest(calm), 1e-6), 0.999)
+    whole = MORE_PX * falls / np.sqrt(1.0 - falls**2)
+    return float(np.sqrt(max(whole**2 - NOISE_PX**2, 0.0)))
+
+
+def _steepest(grey: NDArray[np.float32]) -> float:
+    slope = np.hypot(cv2.Sobel(grey, cv2.CV_32F, 1, 0), cv2.Sobel(grey, cv2.CV_32F, 0, 1))
+    return float(np.percentile(slope, 99.5))

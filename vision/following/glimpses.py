@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from vision.camera import Array, Camera, Image
 from vision.film.video import Video
-from vision.following.reference import START_FRAMES, check_start, first_seen, reference_frames
+from vision.following.reference import START_FRAMES, check_size, check_start, first_seen, reference_frames
 from vision.marks import Mark, codes_of, detect
 
 IN_REST, IN_REST_OF_FILM = 12, 30  # frames that are looked at
@@ -31,8 +31,9 @@ def glimpses(
 ) -> Glimpses:
     """Some frames of a film.   reference_s: length of its rest, s; None where all of it is rest.
 
-    Raises ValueError as `prepare` does where the first frames show too little.
+    Raises ValueError as `prepare` does for another size than the camera's and for too short a rest.
     """
+    check_size(film, camera)
     count = len(film.time)
     rest = np.arange(count) if reference_s is None else reference_frames(film, reference_s)
     wanted = {

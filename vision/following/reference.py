@@ -52,11 +52,7 @@ def prepare(
     Raises ValueError when no marker is seen (says which other dictionary finds some), when fewer than 10
     frames make the reference, or when the picture's size is not the camera's.
     """
-    if (film.width, film.height) != tuple(camera.size):
-        raise ValueError(
-            f"film {film.path.name} has {film.width} x {film.height} px, the camera was calibrated with "
-            f"{camera.size[0]} x {camera.size[1]}: film and boards must come from the same setting"
-        )
+    check_size(film, camera)
     reference = reference_frames(film, reference_s)
     coded = np.array(list(codes_of(marks)), dtype=np.intp)
     seed, dots, single = _start(film, camera, marks, dictionary, coded)
@@ -194,6 +190,15 @@ def _in_picture(homography: Array, places: Array) -> Array:
     return registration.project(homography, np.concatenate([places.T, np.ones((1, len(places)))]))
 
 
+def check_size(film: Video, camera: Camera) -> None:
+    """Raises ValueError for a film of another size than the camera was calibrated with."""
+    if (film.width, film.height) != tuple(camera.size):
+        raise ValueError(
+            f"film {film.path.name} has {film.width} x {film.height} px, the camera was calibrated with "
+            f"{camera.size[0]} x {camera.size[1]}: film and boards must come from the same setting"
+        )
+
+
 def first_seen(pictures: Sequence[Image], camera: Camera, marks: Sequence[Mark], dictionary: str) -> Array:
     """Warps (p,3,3), local to ideal px, of every mark in the first picture that shows it; else NaN."""
     seed: Array = np.full((len(marks), 3, 3), np.nan)
@@ -221,6 +226,7 @@ def check_start(
         raise ValueError(
             f"film {film.path.name} shows {sum(frame)} of {len(frame)} frame markers at its start, wanted at "
             f"least {MIN_VISIBLE}: uncover them, and check their ids and the dictionary {dictionary}"
+            + (f"; {trouble}" if (trouble := picture_trouble(looked[0])) else "")
         )
 
 

@@ -7,6 +7,7 @@ different units, positions that are mirrored, marks that are exchanged or never 
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from vision.camera import Array, Camera
 from vision.marks import Mark, codes_of, rows_of
@@ -49,6 +50,7 @@ def check_marks(
     if np.isnan(homography[0, 0, 0]):
         return
     check_side(marks, homography[0])
+    check_faces(marks, np.isfinite(centre[:, 0]))
     check_sizes(marks, warp, homography, camera)
     check_fingers(marks, to_plane(homography, centre[None])[0])
 
@@ -70,6 +72,19 @@ def check_side(marks: Sequence[Mark], homography: Array) -> None:
         f"up (in the picture their z runs {way}), y on the side that the camera sees; correct the sign of z "
         f"or x of all position_mm, or of y if the camera does look from the {seen} side"
     )
+
+
+def check_faces(marks: Sequence[Mark], seen: NDArray[np.bool_]) -> None:
+    """Raises ValueError for a mark that the camera sees (p,) and that is stated on the other side, y, of the
+    finger than the frame marks."""
+    y = float(np.mean([mark.position[1] for mark in marks if mark.role == "frame"]))
+    for mark in (m for m, own in zip(marks, seen, strict=True) if own and m.role == "finger"):
+        if mark.position[1] * y < 0.0 and min(abs(mark.position[1]), abs(y)) > APART_MM:
+            raise ValueError(
+                f"finger marker {mark.name!r} is stated at y = {mark.position[1]:g} mm and the frame markers "
+                f"at y = {y:g} mm, on the other side of the finger: wanted y of one sign, as one camera sees "
+                "both; correct the y of position_mm"
+            )
 
 
 def sides_mm(warp: Array, homography: Array) -> Array:
