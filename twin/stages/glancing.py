@@ -145,8 +145,8 @@ def _seldom(look: _Look, seen: "Glimpses", coded: list[int]) -> list[str]:
     if after.mean(axis=0).max(initial=0.0) < LEAST_SEEN:
         raise ValueError(
             f"{look.table.film}: after the reference, {int(after.any(axis=1).sum())} of the {len(after)} "
-            "frames looked at show a marker of the finger; wanted markers that stay in the picture, uncovered "
-            "and sharp: film again"
+            "frames looked at show a marker of the finger; wanted markers that stay in the picture, "
+            "uncovered and sharp: film again"
         )
     return [
         f"Marker {look.marks[p].name!r} is read in {int(own.sum())} of the {len(own)} frames looked at after "
