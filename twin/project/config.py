@@ -260,6 +260,11 @@ class MeasureTable(TableModel):
         description="largest number of frames that become targets, evenly spaced; tracking always uses every "
         "frame",
     )
+    corrections: RelativePath | None = Field(
+        default=None,
+        description="a CSV file of what you mend of the tracks by hand, such as raw/corrections.csv; see "
+        "files.md",
+    )
 
 
 class MarkerTable(TableModel):

@@ -124,6 +124,9 @@ def _missing_files(project: Project) -> list[str]:
         calibration = camera.camera_file or camera.boards or ""
         key = "camera_file" if camera.camera_file else "boards"
         missing += [] if any(project.root.glob(calibration)) else [f"{calibration} (cameras.{key})"]
+    mended = project.config.measure.corrections
+    if mended is not None and not project.path(mended).is_file():
+        missing.append(f"{mended} (measure.corrections)")
     log = project.config.pressure.file
     return missing if project.path(log).is_file() else [*missing, f"{log} (pressure.file)"]
 

@@ -14,7 +14,7 @@ from twin.project import files
 from twin.project.config import CameraTable
 from twin.project.folder import Project, Say
 from twin.stages.cameras import dictionary_name, lens_of
-from twin.stages.recordings import marks_of
+from twin.stages.recordings import corrections_of, marks_of
 from twin.targets import Array
 
 if TYPE_CHECKING:  # vision takes a second to import
@@ -58,6 +58,7 @@ def check_films(project: Project, log: Log, say: Say) -> None:
         film, static = (open_film(project.path(f), fps=table.fps) for f in (table.film, table.static))
         picture = "check.png" if len(project.config.cameras) == 1 else f"check-{table.name}.png"
         _draw(project, table, marks, film, picture, say)
+        corrections_of(project, table)  # names the line that is not right
         look = _Look(project, table, marks, lens_of(project, table), film, static)
         for sentence in (*film.issues, *static.issues, *_findings(look, log)):
             say(sentence)

@@ -11,6 +11,7 @@ from vision.errors.noise import MIN_STATIC, Codec, codec_noise
 from vision.errors.stillness import check_rest
 from vision.film.checkpoint import Keeper, Progress
 from vision.film.video import Video
+from vision.following.corrections import Correction, corrected
 from vision.following.reference import check_fingers_seen, prepare
 from vision.following.tracks import Followed, follow
 from vision.marks import Mark, frame_places, rows_of
@@ -26,6 +27,7 @@ class View:
     static: Video  # at least 120 frames of the finger at rest, better 300
     camera: Camera  # of the same setting
     start: float = 0.0  # s, first frame of the film on the clock that all cameras share
+    corrections: tuple[Correction, ...] = ()  # what a person mends of the film's tracks
 
 
 @dataclass(frozen=True)
@@ -93,6 +95,7 @@ def look(view: View, marks: Sequence[Mark], how: How, *, camera: str = "") -> Se
             (view.film, ready, "film"),
         )
     )
+    film = corrected(film, [mark.name for mark in marks], view.corrections, view.camera)
     remarks = _rest(still, marks, view.static, static=True) + _rest(film, marks, view.film, static=False)
     frame, points = rows_of(marks)
     codec = codec_noise(view.film, ready, film, frame_places(marks), frame, points, how.progress)

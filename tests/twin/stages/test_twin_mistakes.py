@@ -2,14 +2,17 @@
 and by measure alone; unusual right inputs pass. All of them are tried by the test that is marked slow."""
 
 import re
+import shutil
 from pathlib import Path
 from types import ModuleType
 
 import cv2
+import numpy as np
 import pytest
 
 from twin.project.folder import Project
 from twin.stages.checking import run_check
+from twin.stages.recordings import corrections_of
 
 ROOT = Path(__file__).resolve().parents[3]
 
@@ -82,3 +85,62 @@ def test_every_mistake_is_refused_and_every_right_input_passes(mistakes: ModuleT
     for name, plant in mistakes.RIGHT.items():
         told = mistakes.told(name, plant, base=base, folder=tmp_path)
         assert not told.refused, (name, told.sentence)
+
+
+HEAD = "marker,does,from_s,to_s,with,x_px,y_px,sd_px\n"
+
+
+def mended(mistakes: ModuleType, base: Path, root: Path, lines: str) -> Project:
+    """The right project with a tip that is hidden for 0.8 s, and corrections."""
+    shutil.copytree(base, root)
+    mistakes.RIGHT["the tip hidden for a while"](root)
+    (root / "raw" / "corrections.csv").write_text(HEAD + lines)
+    text = (root / "twin.toml").read_text()
+    (root / "twin.toml").write_text(re.sub(r"# corrections = \.\.\..*", 'corrections = "raw/corrections.csv"', text))
+    return Project.open(root)
+
+
+def test_places_clicked_by_hand_become_targets_with_the_sd_of_a_click(mistakes: ModuleType, base: Path, tmp_path: Path) -> None:
+    rng, frames, sd = np.random.default_rng(2), np.arange(25, 33), 0.7
+    place = mistakes.motion(mistakes.marks_of(), np.arange(mistakes.FRAMES) / 10.0)[:, -1]
+    lens, (rvec, tvec) = mistakes.camera()
+    seen = cv2.projectPoints(place[frames], rvec, tvec, lens.matrix, lens.distortion)[0].reshape(-1, 2)
+    clicks = seen + sd * rng.standard_normal(seen.shape)
+    lines = "".join(f"tip,place,{f / 10},,,{x:.2f},{y:.2f},{sd}\n" for f, (x, y) in zip(frames, clicks, strict=True))
+    project = mended(mistakes, base, tmp_path / "mended", lines)
+    said = mistakes.Lines()
+    mistakes.run_camera(project, said)
+    mistakes.run_measure(project, said)
+    targets = project.targets()
+    tip = targets.names.index("tip")
+    assert targets.valid[frames, tip][:, [0, 2]].all()
+    error = (targets.value[:, tip] - (place - place[0]))[:, [0, 2]]
+    sds = np.sqrt(np.diagonal(targets.covariance[:, tip], axis1=1, axis2=2))[:, [0, 2]]
+    np.testing.assert_allclose(sds[frames], sd / 3.2, rtol=0.03)  # 1350 px / 420 mm
+    assert 0.6 < np.sqrt(np.mean((error[frames] / sds[frames]) ** 2)) < 1.4  # 16 values: sd 0.18
+    assert np.abs(error[33:]).max() < 0.02
+    budget = (project.path("runs/0002-measure") / "budget.csv").read_text()
+    assert "by_hand" in budget
+
+
+@pytest.mark.parametrize(
+    ("line", "sentence"),
+    [
+        ("tpi,lost,1,2,,,,", r"line 2, column marker: 'tpi': wanted one of frame0"),
+        ("tip,gone,1,2,,,,", r"column does: 'gone': wanted one of lost, swap, place"),
+        ("tip,swap,1,2,nobody,,,", r"column with: 'nobody'"),
+        ("tip,lost,1,,,,,", r"line 2: to_s is missing; wanted it in s for 'lost'"),
+        ("tip,lost,2,1,,,,", r"wanted 2 s or later"),
+        ("tip,place,1,,,,200,", r"x_px is missing; wanted it in px"),
+        ("tip,place,one,,,1,1,", r"'one': wanted a finite number in s"),
+    ],
+)
+def test_a_line_of_corrections_that_is_not_right_is_named(line: str, sentence: str, mistakes: ModuleType, base: Path, tmp_path: Path) -> None:
+    root = tmp_path / "wrong"
+    (root / "raw").mkdir(parents=True)
+    (root / "raw" / "corrections.csv").write_text(HEAD + line + "\n")
+    text = (base / "twin.toml").read_text()
+    (root / "twin.toml").write_text(re.sub(r"# corrections = \.\.\..*", 'corrections = "raw/corrections.csv"', text))
+    project = Project.open(root)
+    with pytest.raises(ValueError, match=sentence):
+        corrections_of(project, project.config.cameras[0])
