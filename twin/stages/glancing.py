@@ -19,7 +19,7 @@ from twin.targets import Array
 
 if TYPE_CHECKING:  # vision takes a second to import
     from vision import Camera, Mark, Video
-    from vision.following.glimpses import Glimpses
+    from vision.following.skimming import Glimpses
 
 SMALL_PX = 20.0  # a marker below it is followed less well
 OFTEN = 0.5  # share of the frames looked at in which a marker of the finger should be seen
@@ -79,8 +79,8 @@ def _draw(
 def _findings(look: _Look, log: Log) -> list[str]:
     """Sentences about the films; ValueError where they are not right."""
     from vision.errors.stillness import check_rest
-    from vision.following.glimpses import check_glimpses, glimpses
     from vision.following.reference import unseen
+    from vision.following.skimming import check_glimpses, glimpses
     from vision.placing.gates import check_marks
     from vision.placing.views import check_static
 
