@@ -71,9 +71,13 @@ def _draw(
     from vision.drawing.ringsheet import ring_sheet
 
     picture, found = ring_sheet(film, marks, dictionary=dictionary_name(project, table.dictionary))
-    files.write_bytes(project.root / name, bytes(cv2.imencode(".png", picture)[1]))
-    say(f"Wrote {name}: the first frame of {table.film} with every marker circled, {found} of {len(marks)} "
-        "found.")  # fmt: skip
+    what = f"the first frame of {table.film} with every marker circled, {found} of {len(marks)} found"
+    try:
+        files.write_bytes(project.root / name, bytes(cv2.imencode(".png", picture)[1]))
+    except PermissionError:  # a project that may only be read is checked all the same
+        say(f"{name} cannot be written into {project.root}: {what}.")
+        return
+    say(f"Wrote {name}: {what}.")
 
 
 def _findings(look: _Look, log: Log) -> list[str]:
