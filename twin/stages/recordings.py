@@ -68,6 +68,7 @@ def marks_of(project: Project) -> list["Mark"]:
     from twin.stages.positions import one_side, position_of
     from twin.stages.workbench import structure_of
     from vision import Mark
+    from vision.kinds.texturepatch import TexturePatch
 
     marks = [
         Mark(m.name, mark_kind(m.marker, m.size_mm), m.position_mm, m.role)
@@ -82,7 +83,10 @@ def marks_of(project: Project) -> list["Mark"]:
             x, y, z = (float(v) for v in position_of(point, structure, mirrored=mirrored))
             position = (x, -y if behind else y, z)  # on the side that the camera sees
         assert point.size_mm is not None  # the configuration refuses a film without it
-        marks.append(Mark(point.name, mark_kind(point.marker, point.size_mm), position, "finger"))
+        kind = mark_kind(point.marker, point.size_mm)
+        if point.seen_mm is not None:
+            kind = TexturePatch(point.size_mm, point.seen_mm)
+        marks.append(Mark(point.name, kind, position, "finger"))
     return marks
 
 

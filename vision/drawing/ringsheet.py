@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from vision.camera import Array
+from vision.camera import Array, Image
 from vision.drawing.overlays import write_text
 from vision.film.video import Video
 from vision.following.locating import no_lens
@@ -60,6 +60,15 @@ def _expected(seen: Array, marks: Sequence[Mark]) -> tuple[Array, Array]:
         centre[hidden] = pixels[0, hidden]
         radius[hidden] = REACH * np.linalg.norm(pixels[1] - pixels[0], axis=1)[hidden]
     return centre, radius
+
+
+def numbered(picture: Image, centre: Array) -> NDArray[np.uint8]:
+    """The grey picture (h,w) as (h,w,3), blue green red, with the number of each place (k,2) px, from 1."""
+    drawn = np.asarray(cv2.cvtColor(picture, cv2.COLOR_GRAY2BGR), dtype=np.uint8)
+    unit = max(picture.shape[1] / 1280.0, 0.5)
+    for k, place in enumerate(centre):
+        _ring(drawn, place, 5.0 * unit, str(k + 1), UNUSED, unit)
+    return drawn
 
 
 def _ring(

@@ -16,7 +16,17 @@ from vision.following.dots import Dot, find_dots
 from vision.following.identity import GATE, assign
 from vision.following.printed import CELLS_BEYOND, printed_centres
 from vision.following.uneven import Quarters, quarters
-from vision.marks import Mark, codes_of, corner_warp, detect, dot_warp, dots_of, px_per_unit
+from vision.marks import (
+    Mark,
+    codes_of,
+    corner_warp,
+    detect,
+    dot_warp,
+    dots_of,
+    patches_of,
+    px_per_unit,
+    registered_of,
+)
 from vision.plane import MIN_VISIBLE, fit_homography
 
 MIN_REFERENCE = 10
@@ -36,8 +46,8 @@ class Follower:
     marks: tuple[Mark, ...]
     dictionary: str
     seed: Array  # (p,3,3) local to ideal px in the first reference frame; NaN when never found
-    templates: registration.Templates  # of the coded marks, in their order
-    coded: NDArray[np.intp]  # marks with a code
+    templates: registration.Templates  # of the coded marks and natural features, in their order
+    coded: NDArray[np.intp]  # their rows
     centre: Array  # (p,2) local coordinates of the mark's centre
     dots: dict[int, Dot]  # by row of the marks, as the first frame shows them
     least: Array  # (coded,) correlation below which a coded mark is not believed
@@ -54,15 +64,18 @@ def prepare(
     """
     check_size(film, camera)
     reference = reference_frames(film, reference_s)
-    coded = np.array(list(codes_of(marks)), dtype=np.intp)
+    coded = np.array(registered_of(marks), dtype=np.intp)
     seed, dots, single = _start(film, camera, marks, dictionary, coded)
     mean, least = _average(
         islice(film.frames(), min(len(reference), MAX_REFERENCE)), camera, single, seed[coded]
     )
     templates = registration.templates(mean, single.grid)
     centre = np.zeros((len(marks), 2))
-    codes = list(codes_of(marks).values())
-    centre[coded] = printed_centres(mean[:, 0], single.grid, codes, dictionary, px_per_unit(seed[coded]))
+    codes = codes_of(marks)
+    own = np.flatnonzero(np.isin(coded, list(codes)))  # the middle of a natural feature is its centre
+    centre[coded[own]] = printed_centres(
+        mean[own, 0], single.grid, list(codes.values()), dictionary, px_per_unit(seed[coded[own]])
+    )
     return Follower(
         camera=camera,
         marks=tuple(marks),
@@ -148,8 +161,23 @@ def _seed(
     for p, code in codes_of(marks).items():
         if missing[p] and code in found:
             seed[p] = corner_warp(camera.undistort(found[code]))
+    _seed_patches(marks, seed)
     _seed_dots(image, camera, marks, seed, dots)
     return missing & np.isfinite(seed[:, 0, 0])
+
+
+def _seed_patches(marks: Sequence[Mark], seed: Array) -> None:
+    """Lay missing natural features where the frame marks say that they were picked, upright to +y."""
+    frame = [p for p, mark in enumerate(marks) if mark.role == "frame" and np.isfinite(seed[p, 0, 0])]
+    missing = {p: kind for p, kind in patches_of(marks).items() if np.isnan(seed[p, 0, 0])}
+    if len(frame) < MIN_VISIBLE or not missing:
+        return
+    nominal = np.array([mark.position for mark in marks])[:, [0, 2]]
+    homography = fit_homography(nominal[frame], seed[frame, :2, 2])
+    for p, kind in missing.items():
+        half, (x, z) = 0.5 * kind.size_mm, kind.seen_mm
+        warp = homography @ np.array([[-half, 0.0, x], [0.0, -half, z], [0.0, 0.0, 1.0]])
+        seed[p] = warp / warp[2, 2]
 
 
 def _seed_dots(
