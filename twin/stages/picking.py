@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from twin.project import files
 from twin.project.csvtable import read_sheet
@@ -26,11 +27,13 @@ SAG_MM = 1.0  # that a feature may lie off the finger's outline, where the user 
 COLUMNS = (
     "number", "x_px", "y_px", "seen_x_mm", "seen_z_mm", "size_mm", "sd_px", "x_mm", "y_mm", "z_mm", "away_mm"
 )  # fmt: skip
+PER_MM = 4.0  # pixels of the outline's mask
+CORNERS = np.array([(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)])
 SIDE_PX = 30  # of a feature, where the user states no size
 
 
 @dataclass(frozen=True)
-class Candidate:
+class FoundFeature:
     """A feature in the first picture: where it is seen, and the nearest place on the finger."""
 
     feature: "Feature"
@@ -41,6 +44,33 @@ class Candidate:
     def away(self) -> float:
         """Distance of the two in mm."""
         return float(np.hypot(*(self.nearest[[0, 2]] - self.seen)))
+
+
+@dataclass(frozen=True)
+class _Outline:
+    """The finger as it is seen from the side, without load, as a mask."""
+
+    mask: NDArray[np.uint8]
+    low: Array  # (2,) mm, x and z of its first pixel
+
+    @classmethod
+    def of(cls, faces: Array, more_mm: float) -> "_Outline":
+        """From faces (f,m,2) mm of the surface, and so much wider."""
+        low = faces.reshape(-1, 2).min(axis=0) - more_mm - PER_MM
+        size = np.ceil((np.ptp(faces.reshape(-1, 2), axis=0) + 2 * (more_mm + PER_MM)) * PER_MM).astype(int)
+        mask = np.zeros((size[1], size[0]), dtype=np.uint8)
+        for face in np.round((faces - low) * PER_MM).astype(np.int32):
+            cv2.fillConvexPoly(mask, cv2.convexHull(face), 1)
+        reach = 2 * round(more_mm * PER_MM) + 1
+        disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (reach, reach))
+        return cls(np.asarray(cv2.dilate(mask, disc), np.uint8), low)
+
+    def holds(self, places: Array) -> bool:
+        """Whether all places (k,2) mm lie in it: what hangs over its edge shows the wall behind."""
+        x, z = np.round((places - self.low) * PER_MM).astype(int).T
+        height, width = self.mask.shape
+        inside = (x >= 0) & (x < width) & (z >= 0) & (z < height)
+        return bool(inside.all() and self.mask[z, x].all())
 
 
 def run_pick(
@@ -66,23 +96,23 @@ def run_pick(
                            "inputs": [project.path(table.film), *project.deck_files()]}  # fmt: skip
     done = project.done("pick", **how)
     if done is not None:
-        say(f"Already done: {project.shown(done / 'candidates.png')}")
+        say(f"Already done: {project.shown(done / 'features.png')}")
         return result_of(project, "pick", done, skipped=True)
-    found, side, picture = _candidates(project, size_mm, sag_mm)
+    found, side, picture = _features(project, size_mm, sag_mm)
     with project.new_run("pick", **how) as run:
-        run.write_text("candidates.csv", _csv(found, side))
-        run.write_bytes("candidates.png", _sheet(picture, found))
-        run.summary.update(candidates=len(found), size_mm=side)
+        run.write_text("features.csv", _csv(found, side))
+        run.write_bytes("features.png", _sheet(picture, found))
+        run.summary.update(features=len(found), size_mm=side)
         run.summary["headline"] = f"{len(found)} features of {side:g} mm"
-    shown = project.shown(run.path("candidates.png"))
+    shown = project.shown(run.path("features.png"))
     say(f"Wrote {shown}: {len(found)} features that can be followed, best first. Name those you want: "
         "`twin pick --name tip=1`.")  # fmt: skip
     return result_of(project, "pick", run.folder)
 
 
-def _candidates(
+def _features(
     project: Project, size_mm: float | None, sag_mm: float
-) -> tuple[list[Candidate], float, Any]:
+) -> tuple[list[FoundFeature], float, Any]:
     """Features beside the markers and on the finger, their side in mm, and the picture."""
     from fe.mesh.points import nearest_on_faces
     from vision.film.series import open_film
@@ -108,22 +138,17 @@ def _candidates(
     busy = taken(picture.shape, camera.distort(warp[known, :2, 2]), reach)
     structure, plane = structure_of(project), float(places[frame, 1].mean())
     faces, behind = structure.case.nodes[structure.outside], one_side(project) and plane < 0.0
-    side = side_px / scale
+    side, outline = side_px / scale, _Outline.of(faces[..., [0, 2]], sag_mm)
 
     def on_finger(seen: Array) -> Array:
         stated = np.array([seen[0], abs(plane) if behind else plane, seen[1]])
         return nearest_on_faces(structure.case.element, faces, stated) * (1.0, -1.0 if behind else 1.0, 1.0)
 
-    def inside(seen: Array) -> bool:
-        """Whether all of a square lies on the finger: what hangs over its edge shows the wall behind it."""
-        corners = seen + 0.5 * side * np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)])
-        return all(np.hypot(*(on_finger(c)[[0, 2]] - c)) <= sag_mm for c in corners)
-
     found = []
     for feature in find_textures(picture, side_px=side_px, allowed=~busy):
         seen = to_plane(homography[None], camera.undistort(np.array(feature.centre))[None, None])[0, 0]
-        if inside(seen):
-            found.append(Candidate(feature, seen, on_finger(seen)))
+        if outline.holds(seen + 0.5 * side * CORNERS):
+            found.append(FoundFeature(feature, seen, on_finger(seen)))
     if not found:
         raise ValueError(
             f"the first picture of {table.film} shows no feature of {side:.3g} mm on the finger that can be "
@@ -133,7 +158,7 @@ def _candidates(
     return found, round(side, 2), picture
 
 
-def _csv(found: Sequence[Candidate], side: float) -> str:
+def _csv(found: Sequence[FoundFeature], side: float) -> str:
     rows = [
         [k + 1, *np.round(c.feature.centre, 2), *np.round(c.seen, 3), side, f"{c.feature.sd_px:.4f}",
          *np.round(c.nearest, 3), round(c.away, 2)]
@@ -142,8 +167,8 @@ def _csv(found: Sequence[Candidate], side: float) -> str:
     return "\n".join([",".join(COLUMNS), *(",".join(str(v) for v in row) for row in rows), ""])
 
 
-def _sheet(picture: Any, found: Sequence[Candidate]) -> bytes:
-    """The picture with every candidate's number, as PNG."""
+def _sheet(picture: Any, found: Sequence[FoundFeature]) -> bytes:
+    """The picture with every feature's number, as PNG."""
     from vision.drawing.ringsheet import numbered
 
     drawn = numbered(picture, np.array([c.feature.centre for c in found]).reshape(-1, 2))
@@ -152,9 +177,9 @@ def _sheet(picture: Any, found: Sequence[Candidate]) -> bytes:
 
 def _named(project: Project, say: Say, names: Sequence[str]) -> dict[str, Any]:
     """Write named features into twin.toml as further points."""
-    path = project.newest("pick", "candidates.csv")
+    path = project.newest("pick", "features.csv")
     if path is None:
-        raise ValueError("no features are numbered yet: run `twin pick`, and look at its candidates.png")
+        raise ValueError("no features are numbered yet: run `twin pick`, and look at its features.png")
     rows = _rows(path)
     text = decoded((project.root / "twin.toml").read_bytes())
     for given in names:
@@ -172,7 +197,7 @@ def _named(project: Project, say: Say, names: Sequence[str]) -> dict[str, Any]:
 
 
 def _rows(path: Path) -> dict[int, dict[str, Any]]:
-    """Keys of [[points]] for each number of a candidates.csv."""
+    """Keys of [[points]] for each number of a features.csv."""
     table = read_sheet(path, wanted=",".join(COLUMNS)).table(COLUMNS)
     value = {name: table.numbers(name, unit="mm").tolist() for name in COLUMNS}
     return {
@@ -188,5 +213,5 @@ def _rows(path: Path) -> dict[int, dict[str, Any]]:
 def _pair(given: str) -> tuple[str, int]:
     found = re.fullmatch(r"([A-Za-z0-9_.+-]+)=(\d+)", given)
     if not found:
-        raise ValueError(f"--name {given}: wanted a name and a number of candidates.png, such as tip=7")
+        raise ValueError(f"--name {given}: wanted a name and a number of features.png, such as tip=7")
     return found[1], int(found[2])

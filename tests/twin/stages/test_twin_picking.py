@@ -90,12 +90,12 @@ def project(studio: ModuleType, tmp_path_factory: pytest.TempPathFactory) -> Pro
 def test_features_are_numbered_named_and_measured(project: Project, studio: ModuleType) -> None:
     say = Lines()
     picked = run_pick(project, say, size_mm=6.0)
-    assert picked["candidates"] >= 5
+    assert picked["features"] >= 5
     assert run_pick(project, say, size_mm=6.0)["status"] == "skipped"
     folder = project.path(picked["run"])
-    picture = cv2.imread(str(folder / "candidates.png"))
+    picture = cv2.imread(str(folder / "features.png"))
     assert picture.shape == (400, 640, 3)
-    table = read_sheet(folder / "candidates.csv", wanted="number").table(COLUMNS)
+    table = read_sheet(folder / "features.csv", wanted="number").table(COLUMNS)
     x, z = (table.numbers(f"seen_{axis}_mm", unit="mm") for axis in "xz")
     # all of a square of 6 mm lies on the finger, but for 1 mm
     assert ((x > 2.0) & (x < 108.0) & (z > 2.0) & (z < 18.0)).all()
@@ -116,7 +116,7 @@ def test_features_are_numbered_named_and_measured(project: Project, studio: Modu
         assert targets.valid[:, row][:, [0, 2]].all()
         # 30 px of smooth texture, noise of 1 grey level: a bound of some 0.01 px, which is 3 um
         assert np.abs(error).max() < 0.03, name
-    with pytest.raises(ValueError, match=r"--name tip=9999: candidates.csv has the numbers 1 to"):
+    with pytest.raises(ValueError, match=r"--name tip=9999: features.csv has the numbers 1 to"):
         run_pick(own, say, names=["tip=9999"])
     with pytest.raises(ValueError, match=r"name = 'tip' stands twice"):
         run_pick(own, say, names=["tip=1"])
