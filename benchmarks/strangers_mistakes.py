@@ -418,6 +418,9 @@ RIGHT: Mapping[str, Plant] = {
     "a sag of 25 mm at rest": sagging(25.0),
     "a drift of 0.1 mm in the reference": filmed(creeping(-0.1)),
     "clock 1.5 s off": camera_with(film_start_s=FILM_START + 1.5),
+    "a finger that moves by half a millimetre": filmed(
+        lambda marks, time: motion(marks, 0 * time) + 0.05 * (motion(marks, time) - motion(marks, 0 * time))
+    ),
     "a frame marker covered": painted(hidden("frame5")),
     "a soft focus": painted(blur(1.5)),
     "little light": painted(lambda _, grey: 16 + grey / 4),
@@ -432,9 +435,7 @@ RIGHT: Mapping[str, Plant] = {
 STAGES = {"check": run_check, "camera": run_camera, "measure": run_measure}
 
 
-def told(
-    name: str, plant: Plant, *, base: Path, folder: Path, stages: Sequence[str] = tuple(STAGES)
-) -> Told:
+def told(name: str, plant: Plant, *, base: Path, folder: Path, stages: Sequence[str] = tuple(STAGES)) -> Told:
     """What the stages say of a copy of the right project with a mistake in it, up to the first that refuses.
 
     Raises AssertionError where targets are written all the same.

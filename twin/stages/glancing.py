@@ -23,7 +23,7 @@ if TYPE_CHECKING:  # vision takes a second to import
 
 SMALL_PX = 20.0  # a marker below it is followed less well
 OFTEN = 0.5  # share of the frames looked at in which a marker of the finger should be seen
-GUESS_MM = 0.05  # noise of a place by a marker's corners
+CORNERS_MM, NOISE_MM = 0.1, 0.03  # error of a place by a marker's corners at 3 px/mm, and its scatter
 
 
 @dataclass(frozen=True)
@@ -82,34 +82,47 @@ def _draw(
 
 def _findings(look: _Look, log: Log) -> list[str]:
     """Sentences about the films; ValueError where they are not right."""
-    from vision.errors.stillness import check_rest
-    from vision.following.reference import unseen
     from vision.following.skimming import check_glimpses, glimpses
-    from vision.placing.gates import check_marks
     from vision.placing.views import check_static
 
-    settings = look.project.config.measure
     check_static(look.static)
     seen, still = (
         glimpses(film, look.camera, look.marks, dictionary=look.dictionary, reference_s=rest_s)
-        for film, rest_s in ((look.film, settings.reference_s), (look.static, None))
+        for film, rest_s in ((look.film, look.project.config.measure.reference_s), (look.static, None))
     )
     for film, own in ((look.film, seen), (look.static, still)):
         check_glimpses(film, own, look.marks, look.dictionary)
+    said = [*_marks(look, seen), *_rests(look, seen, still), *_small(look, seen), *_seldom(look, seen)]
+    _check_motion(look, seen, log)
+    return said
+
+
+def _marks(look: _Look, seen: "Glimpses") -> tuple[str, ...]:
+    """A sentence where one frame marker is off; ValueError where the marks cannot be what is stated."""
+    from vision.following.reference import unseen
+    from vision.placing.gates import check_marks
+    from vision.placing.rigplaces import frame_fit, without_odd
+
     gone = [look.marks[p] for p in look.finger if np.isnan(seen.warp[p, 0, 0])]
     if gone:
         raise ValueError(unseen(look.film.path.name, gone, look.marks, set(seen.unused)))
-    check_marks(look.marks, seen.warp, camera=look.camera, frame_sd_mm=settings.frame_sd_mm)
-    coded, place, quiet = _coded(look), _places(look, seen), _places(look, still)
-    names = [look.marks[p].name for p in coded]
-    rest, named, quietly = seen.rest, look.film.path.name, look.static.path.name
-    said = [
-        *check_rest(place[rest][:, coded], seen.time[rest], names, film=named, static=False),
-        *check_rest(quiet[:, coded], still.time, names, film=quietly, static=True),
-        *_small(look, seen), *_seldom(look, seen, coded),
-    ]  # fmt: skip
-    _check_motion(look, seen, place[:, coded], log)
-    return said
+    sd = look.project.config.measure.frame_sd_mm
+    check_marks(look.marks, seen.warp, camera=look.camera, frame_sd_mm=sd)
+    fit = frame_fit(look.marks, seen.warp[:, :2, 2], sd_mm=max(sd, CORNERS_MM))
+    return without_odd(fit, look.marks)[1]
+
+
+def _rests(look: _Look, seen: "Glimpses", still: "Glimpses") -> tuple[str, ...]:
+    """Sentences where the finger drifts at rest; ValueError where it moves."""
+    from vision.errors.stillness import check_rest
+
+    coded, rest = _coded(look), seen.rest
+    names, film = [look.marks[p].name for p in coded], look.film.path.name
+    moved = check_rest(
+        _places(look, seen)[rest][:, coded], seen.time[rest], names, film=film, static=False
+    )
+    static = look.static.path.name
+    return (*moved, *check_rest(_places(look, still)[:, coded], still.time, names, film=static, static=True))
 
 
 def _coded(look: _Look) -> list[int]:
@@ -140,10 +153,11 @@ def _small(look: _Look, seen: "Glimpses") -> list[str]:
             "px or more: larger markers, a longer lens, or the camera nearer."]  # fmt: skip
 
 
-def _seldom(look: _Look, seen: "Glimpses", coded: list[int]) -> list[str]:
+def _seldom(look: _Look, seen: "Glimpses") -> list[str]:
     """Sentences about markers of the finger that are often not seen; ValueError where hardly one is."""
     from vision.measuring.displacements import LEAST_SEEN
 
+    coded = _coded(look)
     after = np.isfinite(seen.ideal[~seen.rest][:, coded, 0])
     if not after.size:
         return []
@@ -160,14 +174,15 @@ def _seldom(look: _Look, seen: "Glimpses", coded: list[int]) -> list[str]:
     ]  # fmt: skip
 
 
-def _check_motion(look: _Look, seen: "Glimpses", place: Array, log: Log) -> None:
+def _check_motion(look: _Look, seen: "Glimpses", log: Log) -> None:
     """Raises ValueError where the finger's motion in the frames contradicts the log."""
-    pressure = look.project.config.pressure
+    from vision.following.turns import mean_seen
+
+    pressure, place = look.project.config.pressure, _places(look, seen)[:, _coded(look)]
     if pressure is None or pressure.join != "stamps" or not place.shape[1]:
         return
-    rest = np.nanmean(np.where(np.isfinite(place), place, np.nan)[seen.rest], axis=0)
-    squares = ((place - rest) ** 2).sum(axis=2)
+    squares = ((place - mean_seen(place[seen.rest])) ** 2).sum(axis=2)
     shown = np.isfinite(squares).all(axis=1)
     mm = np.where(shown, np.sqrt(np.where(np.isfinite(squares), squares, 0.0).mean(axis=1)), np.nan)
-    motion = Motion(seen.time - look.film.time[0], mm, GUESS_MM)
+    motion = Motion(seen.time - look.film.time[0], mm, NOISE_MM)
     check_agrees(motion, log, look.table.film_start_s, stated=True)
