@@ -27,6 +27,7 @@ SAG_MM = 1.0  # that a feature may lie off the finger's outline, where the user 
 COLUMNS = (
     "number", "x_px", "y_px", "seen_x_mm", "seen_z_mm", "size_mm", "sd_px", "x_mm", "y_mm", "z_mm", "away_mm"
 )  # fmt: skip
+PAPER = 2.0  # a marker's white paper reaches so many of its half sides from its centre
 PER_MM = 4.0  # pixels of the outline's mask
 CORNERS = np.array([(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)])
 SIDE_PX = 30  # of a feature, where the user states no size
@@ -134,7 +135,7 @@ def _features(
     known = np.isfinite(warp[:, 0, 0])
     scale = float(np.median(2.0 * px_per_unit(warp[frame]) / [marks[p].size_mm for p in frame]))
     side_px = round(SIDE_PX if size_mm is None else size_mm * scale)
-    reach = 1.6 * px_per_unit(warp[known]) + side_px / 2
+    reach = PAPER * px_per_unit(warp[known]) + 0.75 * side_px  # corner to corner, and 2 px of blur
     busy = taken(picture.shape, camera.distort(warp[known, :2, 2]), reach)
     structure, plane = structure_of(project), float(places[frame, 1].mean())
     faces, behind = structure.case.nodes[structure.outside], one_side(project) and plane < 0.0

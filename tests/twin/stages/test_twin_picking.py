@@ -1,5 +1,6 @@
 """Natural features without markers: numbered in a picture, named, and measured like markers."""
 
+import shutil
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -11,11 +12,12 @@ from scipy.ndimage import gaussian_filter, map_coordinates
 
 from twin.project.csvtable import read_sheet
 from twin.project.folder import Project
-from twin.project.toml import dump
+from twin.project.toml import dump, parse
 from twin.stages.cameras import run_camera
 from twin.stages.checking import run_check
 from twin.stages.measuring import run_measure
 from twin.stages.picking import COLUMNS, run_pick
+from twin.stages.printing import run_print
 from vision.drawing import synthetic
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -122,3 +124,33 @@ def test_features_are_numbered_named_and_measured(project: Project, studio: Modu
         run_pick(own, say, names=["tip=1"])
     with pytest.raises(ValueError, match=r"--name tip: wanted a name and a number"):
         run_pick(own, say, names=["tip"])
+
+
+def test_a_feature_has_no_marker_and_is_not_printed(project: Project, studio: ModuleType, tmp_path: Path) -> None:
+    config = studio.config_of()
+    feature = {"marker": None, "seen_mm": (109.0, -0.5)}
+    points = (*config.points[:-1], config.points[-1].model_copy(update=feature))
+    (tmp_path / "twin.toml").write_text(dump(config.model_copy(update={"points": points})))
+    printed = run_print(Project.open(tmp_path), Lines(), paper="a3")
+    assert printed["items"] == 1 + len(studio.marks_of()) - 1  # the board, and all marks but the feature
+    text = (tmp_path / "twin.toml").read_text()
+    with pytest.raises(ValueError, match=r"points.tip has marker = 23 and seen_mm: wanted one of them"):
+        parse(text.replace("seen_mm = [109", "marker = 23\nseen_mm = [109").encode(), name="twin.toml")
+
+
+def test_a_picture_without_texture_says_what_to_do(studio: ModuleType, project: Project, tmp_path: Path) -> None:
+    root = tmp_path / "plain"
+    shutil.copytree(project.root / "raw" / "boards", root / "raw" / "boards")
+    marks, (lens, pose) = studio.marks_of(), studio.camera()
+
+    def plain(t: int, places: np.ndarray) -> np.ndarray:
+        inside = (places > (-20.0, -20.0)).all(axis=1) & (places < (130.0, 22.0)).all(axis=1)
+        return np.where(inside, 90.0, np.nan)
+
+    synthetic.film(
+        root / "raw" / "film.mkv", camera=lens, pose=pose, marks=marks, positions=studio.motion(marks, np.zeros(2)),
+        rotations=np.zeros((2, len(marks))), codec="ffv1", face=(studio.Y, plain),
+    )  # fmt: skip
+    (root / "twin.toml").write_text(dump(studio.config_of()))
+    with pytest.raises(ValueError, match=r"no feature of 9\.\d+ mm on the finger that can be followed; wanted texture"):
+        run_pick(Project.open(root), Lines())
