@@ -31,16 +31,19 @@ def test_the_demo_is_small(demo: Path) -> None:
 
 
 def test_twin_check_finds_nothing_missing(
-    demo: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    demo: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    before = sorted(p.name for p in demo.rglob("*"))
-    monkeypatch.setattr(sys, "argv", ["twin", "check", "-p", str(demo)])
+    copy = Path(shutil.copytree(demo, tmp_path / "demo"))
+    before = sorted(p.name for p in copy.rglob("*"))
+    monkeypatch.setattr(sys, "argv", ["twin", "check", "-p", str(copy)])
     with pytest.raises(SystemExit) as ended:
         cli.main()
     out, err = capsys.readouterr()
     assert (ended.value.code, err) == (0, "")
     assert "Next: `twin camera`." in out
-    assert sorted(p.name for p in demo.rglob("*")) == before  # checking writes nothing
+    assert "every marker circled, 21 of 21 found" in out
+    # checking writes its picture and nothing else
+    assert sorted(p.name for p in copy.rglob("*")) == sorted([*before, "check.png"])
 
 
 @pytest.mark.slow

@@ -177,6 +177,26 @@ def look(project: Folder = HERE, json: Json = False) -> None:
     _locked("look", run_look, project, json)
 
 
+@app.command()
+def pick(
+    project: Folder = HERE,
+    name: Annotated[
+        list[str] | None,
+        typer.Option(help="write a numbered feature into twin.toml as a point, NAME=NUMBER; once for each"),
+    ] = None,
+    size_mm: Annotated[float | None, typer.Option(help="side of a feature, mm; 30 px without it")] = None,
+    sag_mm: Annotated[float, typer.Option(help="how far the finger hangs at rest, mm")] = 1.0,
+    json: Json = False,
+) -> None:
+    """Number natural features that can be followed without markers, and name them."""
+    from twin.stages.picking import run_pick
+
+    def work(p: Any, say: Any) -> dict[str, Any]:
+        return run_pick(p, say, size_mm=size_mm, sag_mm=sag_mm, names=name or [])
+
+    _locked("pick", work, project, json)
+
+
 def measure(
     project: Folder = HERE,
     replace: Annotated[

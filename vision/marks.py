@@ -11,6 +11,7 @@ from vision.dictionaries import dictionary_of
 from vision.kinds.coded import CodedMarker
 from vision.kinds.markkind import MarkKind
 from vision.kinds.plaindot import PlainDot
+from vision.kinds.texturepatch import TexturePatch
 
 ROLES = ("frame", "fixed", "finger")
 FEW = 4  # markers, below which the picture may be one of inverted markers
@@ -21,7 +22,7 @@ class Mark:
     """What is glued where."""
 
     name: str
-    kind: MarkKind  # `CodedMarker(code, size_mm)`, `PlainDot(size_mm)`, `FacePoint(size_mm)`
+    kind: MarkKind  # `CodedMarker(code, size_mm)`, `PlainDot(size_mm)`, `TexturePatch(size_mm, ...)`
     position: tuple[float, float, float]  # mm, nominal centre at rest, world frame
     role: str  # "frame" carries the homography, "fixed" is data with u = 0, "finger" moves
     group: str = ""  # marks of one group are off their places alike, as the points of one face are
@@ -56,6 +57,16 @@ def codes_of(marks: Sequence[Mark]) -> dict[int, int]:
 def dots_of(marks: Sequence[Mark]) -> list[int]:
     """Rows of the plain dots."""
     return [p for p, mark in enumerate(marks) if isinstance(mark.kind, PlainDot)]
+
+
+def patches_of(marks: Sequence[Mark]) -> dict[int, TexturePatch]:
+    """Row of every natural feature, and what is known of it."""
+    return {p: mark.kind for p, mark in enumerate(marks) if isinstance(mark.kind, TexturePatch)}
+
+
+def registered_of(marks: Sequence[Mark]) -> list[int]:
+    """Rows of the marks that are followed by registration: coded ones and natural features."""
+    return sorted([*codes_of(marks), *patches_of(marks)])
 
 
 def check_names(marks: Sequence[Mark]) -> None:

@@ -75,7 +75,7 @@ def test_help_lists_every_command_of_this_version(run):
     assert code == 0
     listed = [line.split()[0] for line in out.split("Commands:")[1].splitlines() if line.strip()]
     wanted = (
-        "demo init virtual print look camera measure calibrate compare diagnose explain add drop study review "
+        "demo init virtual print look pick camera measure calibrate compare diagnose explain add drop study review "
         "recalibrate batches list check"
     )
     assert listed == wanted.split()

@@ -2,5 +2,6 @@
 
 Read `pressurelog` first: the log, and the noise of its gauge. `logcolumns` finds its columns, `pressureunits`
 knows their units. `synchrony` says what a way to synchronise film and log gives; `stamps`, `lamp` and `onset`
-are one way each; `joining` finds the one that twin.toml names.
+are one way each; `joining` finds the one that twin.toml names. `agreement` refuses film and log that are not
+of one test.
 """

@@ -320,6 +320,11 @@ class MeasureTable(TableModel):
         description="largest number of frames that become targets, evenly spaced; tracking always uses every "
         "frame",
     )
+    corrections: RelativePath | None = Field(
+        default=None,
+        description="a CSV file of what you mend of the tracks by hand, such as raw/corrections.csv; see "
+        "files.md",
+    )
 
 
 class MarkerTable(TableModel):
@@ -351,6 +356,11 @@ class PointTable(TableModel):
         description="position of its centre on the finger without load, mm; with node it may be left out; "
         "without node the nearest place on the surface is the point",
     )
+    seen_mm: tuple[Finite, Finite] | None = Field(
+        default=None,
+        description="for a natural feature in place of a marker: x and z at which the first picture shows "
+        "it, mm; `twin pick` finds features and writes it",
+    )
 
     @model_validator(mode="after")
     def _placed(self) -> Self:
@@ -358,6 +368,11 @@ class PointTable(TableModel):
             raise ValueError(
                 f"points.{self.name}: where it is on the finger is not stated; wanted position_mm = [x, y, "
                 "z] in mm, or the label of a node, node = 4401"
+            )
+        if self.seen_mm is not None and self.marker is not None:
+            raise ValueError(
+                f"points.{self.name} has marker = {self.marker} and seen_mm: wanted one of them; seen_mm is "
+                "for a natural feature without a marker"
             )
         return self
 

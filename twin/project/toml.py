@@ -2,7 +2,7 @@
 
 import json
 import tomllib
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from difflib import get_close_matches
 from typing import Any, get_args
 
@@ -81,6 +81,18 @@ def with_key(text: str, table: str, key: str, value: Any) -> str:
     document[table][key] = value
     changed = tomlkit.dumps(document)
     _check_only(text, changed, table, key, value)
+    return changed
+
+
+def with_point(text: str, point: Mapping[str, Any]) -> str:
+    """The text of a twin.toml with one more [[points]] at its end; every other line stays."""
+    lines = [f"{key} = {_value(value)}" for key, value in point.items()]
+    changed = "\n".join([text.rstrip("\n"), "", "[[points]]", *lines, ""])
+    wanted = tomllib.loads(text)
+    wanted.setdefault("points", []).append(dict(point))
+    if tomllib.loads(changed) != wanted:
+        raise ValueError(f"twin.toml: the point {point['name']!r} could not be added; write by hand:\n"
+                         + "\n".join(["[[points]]", *lines]))  # fmt: skip
     return changed
 
 

@@ -3,6 +3,7 @@
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from twin.project import files
 from twin.project.config import CameraTable
 from twin.project.folder import Project, Say
 from twin.stages.boardtimes import board_film, board_times, stamps_file
@@ -126,6 +127,20 @@ def _read_camera(project: Project, table: CameraTable) -> "Camera":
     film = Video(project.path(table.film))
     path = project.path(table.camera_file or "")
     return read_camera(path, name=table.name, size=(film.width, film.height))
+
+
+def lens_of(project: Project, table: CameraTable) -> "Camera":
+    """The camera of a table, calibrated now where no run has done it. ValueError where it is refused."""
+    from vision import Camera
+    from vision.calibration.rig import Rig
+
+    done = project.done("camera", **_camera_inputs(project))
+    if done is None:
+        return _read_camera(project, table) if table.camera_file else _calibrated(project, table)
+    if len(project.config.cameras) == 1:
+        return Camera.from_dict(files.read_json(done / "camera.json"))
+    rig = Rig.from_dict(files.read_json(done / "rig.json"))
+    return rig.cameras[project.config.cameras.index(table)]
 
 
 def camera_table(project: Project) -> CameraTable:

@@ -2,6 +2,7 @@
 
 from typing import Any
 
+from twin.gauge.pressurelog import Log
 from twin.project.folder import Project, Say
 from twin.stages.chain import STAGES, TARGETS, Stage, When
 from twin.stages.fits import fresh, named_effects
@@ -36,8 +37,7 @@ def check_project(project: Project, say: Say) -> None:
     kept = camera_kept(project)
     if kept:
         say(kept)
-    for line in _check_log(project):
-        say(line)
+    _check_recorded(project, say)
     if project.targets_folder.is_dir():
         targets = project.targets()
         _check_points(project, targets)
@@ -50,38 +50,49 @@ def check_project(project: Project, say: Say) -> None:
         say("`twin study` makes the figures and the table of the study; it calibrates first where needed.")
 
 
-def _check_log(project: Project) -> tuple[str, ...]:
-    """What was read of the pressure log of a film that is not measured yet; ValueError where it is not right,
-    or shorter than the film."""
+def _check_recorded(project: Project, say: Say) -> None:
+    """Say what was read of the pressure log and seen in films that are not measured yet; ValueError where
+    they are not right, or the log is shorter than the film."""
     pressure = project.config.pressure
     if project.targets_folder.is_dir() or pressure is None or not project.config.cameras:
-        return ()
+        return
     films = films_of(project)
-    if films:
-        return tuple(_seen_of(film) for film in films)
-    return (_log_line(project),)
+    for film in films:
+        _check_one(film.project, say, before=f"Film {film.name}: ", after=_said_of(film))
+    if not films:
+        _check_one(project, say)
 
 
-def _seen_of(film: OneFilm) -> str:
-    """What was read of one of several films and its log."""
+def _said_of(film: OneFilm) -> str:
+    """What twin.toml says of one of several films."""
     turned = "" if film.table.gravity is None else f" Gravity: {list(film.table.gravity)}."
-    held = " It is held out: predicted, never fitted." if film.table.held_out else ""
-    return f"Film {film.name}: {_log_line(film.project)}{turned}{held}"
+    return turned + (" It is held out: predicted, never fitted." if film.table.held_out else "")
 
 
-def _log_line(project: Project) -> str:
-    """What was read of the log of the project's one film; ValueError as `_check_log`."""
-    from twin.gauge.pressurelog import check_covers, check_lasts
+def _check_one(project: Project, say: Say, *, before: str = "", after: str = "") -> None:
+    """Say what was read of the log of the project's one film, and seen in that."""
+    from twin.stages.glancing import check_films
+
+    log, read = _log_line(project)
+    say(f"{before}{read}{after}")
+    check_films(project, log, say)
+
+
+def _log_line(project: Project) -> tuple[Log, str]:
+    """The pressure log of the project's one film and what was read of it; ValueError where it is not right,
+    or shorter than the film."""
+    from twin.gauge.pressurelog import check_lasts
+    from twin.stages.measuring import gauge_of
     from twin.stages.recordings import log_of, pressure_table
     from vision.film.series import open_film
 
     pressure = pressure_table(project)
     log, table = log_of(project, pressure), project.config.cameras[0]
-    time = open_film(project.path(table.film), fps=table.fps).time
+    time, still = (open_film(project.path(f), fps=table.fps).time for f in (table.film, table.static))
     if pressure.join == "stamps":
-        check_covers(log, time - time[0] + table.film_start_s, what="film", key="film_start_s")
+        gauge_of(project, time, still, log, table.film_start_s)
     check_lasts(log, float(time[-1] - time[0]))
-    return (
+    return log, (
         f"{log.path.name}: {log.source}, {log.pressure.min():.3g} to {log.pressure.max():.3g} MPa, "
         f"{log.time[-1] - log.time[0]:.1f} s long. The film lasts {time[-1] - time[0]:.1f} s."
     )
@@ -136,6 +147,9 @@ def _missing_files(project: Project) -> list[str]:
         own = {"file": film.file, "static": film.static, "pressure": film.pressure}
         missing += [f"{path} (films.{film.name}.{key})" for key, path in own.items()
                     if path is not None and not any(project.root.glob(path))]  # fmt: skip
+    mended = project.config.measure.corrections
+    if mended is not None and not project.path(mended).is_file():
+        missing.append(f"{mended} (measure.corrections)")
     log = project.config.films[0].pressure if project.config.films else None
     log = log or project.config.pressure.file
     return missing if project.path(log).is_file() else [*missing, f"{log} (pressure.file)"]

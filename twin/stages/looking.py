@@ -8,7 +8,7 @@ from twin.project.folder import Project, Say
 from twin.review.blueprint import dimensioned
 from twin.review.undeformed import write_undeformed
 from twin.stages.calibrating import triangles
-from twin.stages.positions import places_of, position_of
+from twin.stages.positions import one_side, places_of, position_of
 from twin.stages.workbench import structure_of
 
 
@@ -25,7 +25,7 @@ def run_look(project: Project, say: Say) -> dict[str, Any]:
         return {"stage": "look", "status": "skipped", "run": project.shown(done)}
     finger = _finger(project)
     edges = "" if finger is None else f"; inner edges have a radius of {finger.radius:g}"
-    points = {p.name: position_of(p, structure) for p in project.config.points}
+    points = {p.name: position_of(p, structure, mirrored=one_side(project)) for p in project.config.points}
     marks = {m.name: np.array(m.position_mm) for m in project.config.frame.markers}
     with project.new_run("look", **how) as run:
         picture = dimensioned(

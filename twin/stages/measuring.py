@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from twin.gauge.agreement import check_agrees
 from twin.gauge.joining import joining_of
 from twin.gauge.pressurelog import GaugeNoise, Log, check_covers, gauge_noise
 from twin.gauge.synchrony import Join, Motion
@@ -29,10 +30,10 @@ from twin.stages.recordings import (
 )
 from twin.stages.several import FILM, FilmTargets, OneFilm, all_inputs, films_of, joined
 from twin.stages.targetmaking import make_targets
-from twin.targets import Targets
+from twin.targets import Array, Targets
 
 if TYPE_CHECKING:  # vision takes a second to import: only the stages that measure pay for it
-    from vision import Displacements, View
+    from vision import Displacements
 
 
 @dataclass(frozen=True)
@@ -189,18 +190,24 @@ def _measure(project: Project, camera: Path, say: Say, run: Run) -> _Measured:
 
     way = joining_of(pressure, table)
     join = way.join(views[0].film, log, lambda: _motion(moved(), settings.steps))
-    gauge = _gauge(project, views[0], log, join)
+    gauge = gauge_of(project, views[0].film.time, views[0].static.time, log, join.start_s)
+    check_agrees(
+        _motion(moved(), settings.steps), log, join.start_s, stated=pressure.join == "stamps"
+    )
     return _Measured(moved(), log, gauge, join)
 
 
-def _gauge(project: Project, view: "View", log: Log, join: Join) -> GaugeNoise:
+def gauge_of(project: Project, film: Array, static: Array, log: Log, start_s: float) -> GaugeNoise:
     """The gauge noise during the static film, or in the film's first rest if its time is unknown. ValueError
-    where the log does not cover the films."""
+    where the log does not cover the films.
+
+    film, static: (t,) s on their own clocks.   start_s: of the film on the log's clock.
+    """
     table, rest_s = camera_table(project), project.config.measure.reference_s
-    check_covers(log, view.film.time - view.film.time[0] + join.start_s, what="film", key="film_start_s")
+    check_covers(log, film - film[0] + start_s, what="film", key="film_start_s")
     if table.static_start_s is None:
-        return gauge_noise(log, start=join.start_s, end=join.start_s + rest_s)
-    time = view.static.time - view.static.time[0] + table.static_start_s
+        return gauge_noise(log, start=start_s, end=start_s + rest_s)
+    time = static - static[0] + table.static_start_s
     check_covers(log, time, what="static film", key="static_start_s")
     return gauge_noise(log, start=float(time[0]), end=float(time[-1]))
 

@@ -11,6 +11,7 @@ from twin.project.config import PointTable
 from twin.project.folder import Project
 from twin.targets import Array, PointKind, TargetPoint, Targets, as_position
 
+ON_PLANE_MM = 1e-6
 ON_FINGER_MM = 3.0  # from the surface at most: room for a tag's thickness and for a rough reading
 
 
@@ -41,20 +42,29 @@ class PlacedPoint:
 def places_of(project: Project, structure: Structure) -> dict[str, PlacedPoint]:
     """The places of the points that twin.toml states without a node, by name. ValueError where one is further
     than ON_FINGER_MM from the finger."""
-    return {p.name: _place(p, structure) for p in project.config.points if p.node is None}
+    mirrored = one_side(project)
+    return {p.name: _place(p, structure, mirrored=mirrored) for p in project.config.points if p.node is None}
 
 
-def position_of(point: PointTable, structure: Structure) -> Array:
+def position_of(point: PointTable, structure: Structure, *, mirrored: bool = False) -> Array:
     """The undeformed position (3,) mm of a point: its node's, or the nearest place on the surface. ValueError
-    where there is no such node or place."""
+    where there is no such node or place.   mirrored: see `one_side`."""
     if point.node is not None:
         return np.asarray(structure.case.position(point.node), float)
-    return _place(point, structure).nearest
+    return _place(point, structure, mirrored=mirrored).nearest
 
 
-def _place(point: PointTable, structure: Structure) -> PlacedPoint:
+def one_side(project: Project) -> bool:
+    """Whether a point on the side y < 0 of half a finger stands for its mirror image on the other side: one
+    camera sees only x and z, which are the same in both."""
+    return len(project.config.cameras) == 1
+
+
+def _place(point: PointTable, structure: Structure, *, mirrored: bool = False) -> PlacedPoint:
     assert point.position_mm is not None  # the configuration refuses a point with neither
     case, stated = structure.case, np.array(point.position_mm)
+    if mirrored and stated[1] < 0.0 <= float(case.nodes[:, 1].min()) + ON_PLANE_MM:
+        stated = stated * (1.0, -1.0, 1.0)
     nearest = nearest_on_faces(case.element, case.nodes[structure.outside], stated)
     place = PlacedPoint(point.name, stated, nearest)
     if place.away > ON_FINGER_MM:

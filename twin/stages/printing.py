@@ -81,7 +81,7 @@ def _items(project: Project, table: CameraTable) -> list[Item]:
     if table.board is not None:
         items.append(_board(project, table))
     config = project.config
-    marks = [(p.name, p.marker, p.size_mm, "finger") for p in config.points]
+    marks = [(p.name, p.marker, p.size_mm, "finger") for p in config.points if p.seen_mm is None]
     marks += [(m.name, m.marker, m.size_mm, str(m.role)) for m in config.frame.markers]
     for name, marker, size, role in marks:
         assert size is not None  # the configuration refuses a film without it

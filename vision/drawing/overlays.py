@@ -55,9 +55,9 @@ def overlay(film: Video, tracks: Tracks) -> NDArray[np.uint8]:
         else:
             _ellipse(picture, place, tracks.covariance[frame, p] * factor**2)
             _mark(picture, place, cv2.MARKER_CROSS, CENTRE, unit)
-        _text(picture, name, place + unit * BESIDE, unit, GONE if lost else (255, 255, 255))
+        write_text(picture, name, place + unit * BESIDE, unit, GONE if lost else (255, 255, 255))
     caption = f"{tracks.time[frame]:.2f} s; paths up to here; ellipses: 1 sd of the fit x {factor:g}"
-    _text(picture, caption, np.array([8.0, picture.shape[0] - 10.0]), unit, (255, 255, 255))
+    write_text(picture, caption, np.array([8.0, picture.shape[0] - 10.0]), unit, (255, 255, 255))
     return picture
 
 
@@ -95,7 +95,7 @@ def _mark(
     cv2.drawMarker(picture, (int(x), int(y)), colour, kind, round(14 * unit), 1, cv2.LINE_AA)
 
 
-def _text(
+def write_text(
     picture: NDArray[np.uint8], text: str, place: Array, unit: float, colour: tuple[int, int, int]
 ) -> None:
     """Letters with a dark rim, inside the picture."""

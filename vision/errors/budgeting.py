@@ -15,6 +15,7 @@ SOURCES = {
     "homography": "more frame markers, and none of them hidden",
     "blur": "shorter exposure, sharper focus, no glare or shadow",
     "codec": "a lossless or high-rate recording",
+    "by_hand": "fewer places clicked by hand, or clicked more exactly (sd_px)",
     "reference": "a longer rest before the test",
     "frame": "frame markers measured or printed more exactly (frame_sd_mm)",
     "scale": "a more exact length between the frame markers (scale_sd)",

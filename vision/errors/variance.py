@@ -6,7 +6,7 @@ import numpy as np
 
 from vision.camera import Array
 from vision.errors.noise import NoiseModel, with_y
-from vision.following.methods import COARSE
+from vision.following.methods import COARSE, Method
 from vision.following.tracks import Followed
 from vision.following.turns import mean_seen
 from vision.plane import MIN_VISIBLE, Plane, place_noise, shared_noise
@@ -82,6 +82,17 @@ def independent(
         "codec": codec[..., [0, 2]] ** 2,
     }
     return {source: with_y(np.asarray(part)) for source, part in parts.items()}
+
+
+def by_hand(parts: dict[str, Array], film: Followed, plane: Plane, points: list[int]) -> dict[str, Array]:
+    """The parts with that of places clicked by a person, mm2: their sd in px in the usual scale of the plane,
+    in place of the misfit that such a place has none of."""
+    clicked = (film.method[:, points] == Method.BY_HAND)[..., None]
+    if not clicked.any():
+        return parts
+    size = 0.5 * np.trace(film.covariance[:, points], axis1=2, axis2=3) / _px2_per_mm2(plane)
+    own = np.where(clicked, size[..., None], 0.0) * (1.0, np.nan, 1.0)
+    return {**parts, "blur": np.where(clicked & np.isfinite(own), 0.0, parts["blur"]), "by_hand": own}
 
 
 def misfit(followed: Followed) -> Array:

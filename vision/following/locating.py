@@ -7,7 +7,8 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
 from vision.camera import Array, Camera, Image
-from vision.dictionaries import dictionary_of
+from vision.dictionaries import dictionary_of, other_dictionary
+from vision.film.sharpness import picture_trouble
 from vision.following import registration
 from vision.following.patternmisfit import larger, misfit_covariance, print_covariance
 from vision.following.printed import BLUR_PX, CELLS_BEYOND, SHOWS_BLUR, drawn, polarity
@@ -23,6 +24,8 @@ class Located:
     covariance: Array  # (m,2,2) px2, of noise, of what the pattern is not, and of a print off its plane
     correlation: Array  # (m,) of the picture with the printed pattern; 0 where the fit failed
     inverted: NDArray[np.bool_]  # (m,) white on black
+    repeated: tuple[int, ...] = ()  # ids that are seen more than once, and therefore left out
+    reason: str = ""  # why there are none, one sentence; "" where there are some
 
 
 def locate(image: Image, *, dictionary: str, camera: Camera | None = None) -> Located:
@@ -34,11 +37,12 @@ def locate(image: Image, *, dictionary: str, camera: Camera | None = None) -> Lo
     The printed pattern, blurred as the picture is, is registered to it by a homography; OpenCV's corners
     are the start only. Raises ValueError for an unknown dictionary.
     """
-    found, _ = detect(image, dictionary)
-    ids = np.array(sorted(found), dtype=np.intp)
+    found, more = detect(image, dictionary)
+    ids, repeated = np.array(sorted(found), dtype=np.intp), tuple(sorted(more))
     if not len(ids):
-        return Located(ids, np.empty((0, 2)), np.empty((0, 2, 2)), np.empty(0), np.empty(0, dtype=bool))
-    used = camera or _no_lens(image)
+        none = np.empty((0, 2)), np.empty((0, 2, 2)), np.empty(0), np.empty(0, dtype=bool)
+        return Located(ids, *none, repeated, _reason(image, dictionary, repeated))
+    used = camera or no_lens(image)
     start = np.array([corner_warp(used.undistort(found[int(i)])) for i in ids])
     fit = _Fit(image, registration.lens_of(used), start, ids, dictionary)
     few = np.arange(len(ids))[:: max(len(ids) // SHOWS_BLUR, 1)]
@@ -48,7 +52,22 @@ def locate(image: Image, *, dictionary: str, camera: Camera | None = None) -> Lo
     templates, warp, correlation = fit.at(float(blur), np.arange(len(ids)))
     centre = warp[:, :2, 2] / warp[:, 2:, 2]
     covariance = fit.covariance(templates, warp, correlation)
-    return Located(ids, used.distort(centre), covariance, correlation, fit.sign < 0)
+    return Located(ids, used.distort(centre), covariance, correlation, fit.sign < 0, repeated)
+
+
+def _reason(image: Image, dictionary: str, repeated: tuple[int, ...]) -> str:
+    """Why no marker is located."""
+    if repeated:
+        return (f"All markers of {dictionary} that are seen are there more than once: ids "
+                f"{', '.join(map(str, repeated))}. Print and glue every id once.")  # fmt: skip
+    other = other_dictionary([image], dictionary)
+    if other:
+        return f"No marker of {dictionary} is seen; {other[0]} finds {other[1]}: give that dictionary."
+    trouble = picture_trouble(image)
+    if trouble:
+        return f"No marker of {dictionary} is seen: {trouble}."
+    return (f"No marker of {dictionary}, nor of another predefined dictionary, is seen: check focus and the "
+            "markers' white border; they need 12 px or more.")  # fmt: skip
 
 
 class _Fit:
@@ -89,5 +108,6 @@ class _Fit:
         return larger(white, misfit_covariance(templates, grey, linear)) + print_covariance(linear)
 
 
-def _no_lens(image: Image) -> Camera:
+def no_lens(image: Image) -> Camera:
+    """A camera without distortion of the picture's size: ideal pixels are raw ones."""
     return replace(Camera(np.eye(3), np.zeros(5), (image.shape[1], image.shape[0])), model=())

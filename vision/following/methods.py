@@ -12,7 +12,8 @@ class Method(IntEnum):
     DOT = 3  # the contour of a plain dot
     ECC = 4  # smoothed correlation, where registration fails
     CORNERS = 5  # its four corners, where that fails too
+    BY_HAND = 6  # where a person says that it is
 
 
 FIRM = (Method.REGISTERED, Method.FOUND_AGAIN)
-COARSE = (Method.ECC, Method.CORNERS)  # less certain than registration, and stated so
+COARSE = (Method.ECC, Method.CORNERS, Method.BY_HAND)  # less certain than registration, and stated so

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from vision.boards.board import flipped
 from vision.camera import Array, Camera, Image
 from vision.dictionaries import dictionary_of, other_dictionary
+from vision.film.sharpness import picture_trouble
 from vision.film.video import Video
 from vision.following import registration
 from vision.following.dots import Dot, find_dots
@@ -17,7 +18,17 @@ from vision.following.identity import GATE, assign
 from vision.following.printed import CELLS_BEYOND, printed_centres
 from vision.following.repeated import told_apart
 from vision.following.uneven import Quarters, quarters
-from vision.marks import Mark, codes_of, corner_warp, detect, dot_warp, dots_of, px_per_unit
+from vision.marks import (
+    Mark,
+    codes_of,
+    corner_warp,
+    detect,
+    dot_warp,
+    dots_of,
+    patches_of,
+    px_per_unit,
+    registered_of,
+)
 from vision.plane import MIN_VISIBLE, fit_homography
 
 MIN_REFERENCE = 10
@@ -37,8 +48,8 @@ class Follower:
     marks: tuple[Mark, ...]
     dictionary: str
     seed: Array  # (p,3,3) local to ideal px in the first reference frame; NaN when never found
-    templates: registration.Templates  # of the coded marks, in their order
-    coded: NDArray[np.intp]  # marks with a code
+    templates: registration.Templates  # of the coded marks and natural features, in their order
+    coded: NDArray[np.intp]  # their rows
     centre: Array  # (p,2) local coordinates of the mark's centre
     dots: dict[int, Dot]  # by row of the marks, as the first frame shows them
     least: Array  # (coded,) correlation below which a coded mark is not believed
@@ -53,21 +64,20 @@ def prepare(
     Raises ValueError when no marker is seen (says which other dictionary finds some), when fewer than 10
     frames make the reference, or when the picture's size is not the camera's.
     """
-    if (film.width, film.height) != tuple(camera.size):
-        raise ValueError(
-            f"film {film.path.name} has {film.width} x {film.height} px, the camera was calibrated with "
-            f"{camera.size[0]} x {camera.size[1]}: film and boards must come from the same setting"
-        )
+    check_size(film, camera)
     reference = reference_frames(film, reference_s)
-    coded = np.array(list(codes_of(marks)), dtype=np.intp)
+    coded = np.array(registered_of(marks), dtype=np.intp)
     seed, dots, single = _start(film, camera, marks, dictionary, coded)
     mean, least = _average(
         islice(film.frames(), min(len(reference), MAX_REFERENCE)), camera, single, seed[coded]
     )
     templates = registration.templates(mean, single.grid)
     centre = np.zeros((len(marks), 2))
-    codes = list(codes_of(marks).values())
-    centre[coded] = printed_centres(mean[:, 0], single.grid, codes, dictionary, px_per_unit(seed[coded]))
+    codes = codes_of(marks)
+    own = np.flatnonzero(np.isin(coded, list(codes)))  # the middle of a natural feature is its centre
+    centre[coded[own]] = printed_centres(
+        mean[own, 0], single.grid, list(codes.values()), dictionary, px_per_unit(seed[coded[own]])
+    )
     return Follower(
         camera=camera,
         marks=tuple(marks),
@@ -136,9 +146,8 @@ def _start(
             break
     if np.isfinite(seed[coded, 0, 0]).sum() < 0.5 * len(coded):
         _check_mirrored(film, looked[0], dictionary)
-    if patch is None:
-        raise ValueError(_none_found(film, looked, dictionary))
-    _check_start(film, looked[0], marks, dictionary, seed)
+    check_start(film, looked, marks, dictionary, seed)
+    assert patch is not None  # else it would have raised
     return seed, dots, registration.templates(patch, grid)
 
 
@@ -158,8 +167,23 @@ def _seed(
             seed[p] = corner_warp(camera.undistort(found[code]))
     for p, warp in told_apart(image, camera, marks, dictionary, seed).items():
         seed[p] = warp
+    _seed_patches(marks, seed)
     _seed_dots(image, camera, marks, seed, dots)
     return missing & np.isfinite(seed[:, 0, 0])
+
+
+def _seed_patches(marks: Sequence[Mark], seed: Array) -> None:
+    """Lay missing natural features where the frame marks say that they were picked, upright to +y."""
+    frame = [p for p, mark in enumerate(marks) if mark.role == "frame" and np.isfinite(seed[p, 0, 0])]
+    missing = {p: kind for p, kind in patches_of(marks).items() if np.isnan(seed[p, 0, 0])}
+    if len(frame) < MIN_VISIBLE or not missing:
+        return
+    nominal = np.array([mark.position for mark in marks])[:, [0, 2]]
+    homography = fit_homography(nominal[frame], seed[frame, :2, 2])
+    for p, kind in missing.items():
+        half, (x, z) = 0.5 * kind.size_mm, kind.seen_mm
+        warp = homography @ np.array([[-half, 0.0, x], [0.0, -half, z], [0.0, 0.0, 1.0]])
+        seed[p] = warp / warp[2, 2]
 
 
 def _seed_dots(
@@ -200,10 +224,33 @@ def _in_picture(homography: Array, places: Array) -> Array:
     return registration.project(homography, np.concatenate([places.T, np.ones((1, len(places)))]))
 
 
-def _check_start(film: Video, first: Image, marks: Sequence[Mark], dictionary: str, seed: Array) -> None:
-    """Raises ValueError for a marker that is seen twice, and when too few frame marks are seen."""
+def check_size(film: Video, camera: Camera) -> None:
+    """Raises ValueError for a film of another size than the camera was calibrated with."""
+    if (film.width, film.height) != tuple(camera.size):
+        raise ValueError(
+            f"film {film.path.name} has {film.width} x {film.height} px, the camera was calibrated with "
+            f"{camera.size[0]} x {camera.size[1]}: film and boards must come from the same setting"
+        )
+
+
+def first_seen(pictures: Sequence[Image], camera: Camera, marks: Sequence[Mark], dictionary: str) -> Array:
+    """Warps (p,3,3), local to ideal px, of every mark in the first picture that shows it; else NaN."""
+    seed: Array = np.full((len(marks), 3, 3), np.nan)
+    for picture in pictures:
+        _seed(picture, camera, marks, dictionary, seed, {})
+        if np.isfinite(seed).all():
+            break
+    return seed
+
+
+def check_start(
+    film: Video, looked: Sequence[Image], marks: Sequence[Mark], dictionary: str, seed: Array
+) -> None:
+    """Raises ValueError where the first pictures show no coded mark, one twice, or too few of the frame."""
+    if np.isnan(seed[list(codes_of(marks)), 0, 0]).all():
+        raise ValueError(_none_found(film, looked, dictionary))
     missing = {code for p, code in codes_of(marks).items() if np.isnan(seed[p, 0, 0])}
-    twice = detect(first, dictionary)[1] & missing
+    twice = detect(looked[0], dictionary)[1] & missing
     if twice:
         raise ValueError(
             f"film {film.path.name} shows marker {min(twice)} more than once: print and glue every id once"
@@ -213,6 +260,7 @@ def _check_start(film: Video, first: Image, marks: Sequence[Mark], dictionary: s
         raise ValueError(
             f"film {film.path.name} shows {sum(frame)} of {len(frame)} frame markers at its start, wanted at "
             f"least {MIN_VISIBLE}: uncover them, and check their ids and the dictionary {dictionary}"
+            + (f"; {trouble}" if (trouble := picture_trouble(looked[0])) else "")
         )
 
 
@@ -226,12 +274,43 @@ def _check_mirrored(film: Video, first: Image, dictionary: str) -> None:
         )
 
 
-def _none_found(film: Video, looked: list[Image], dictionary: str) -> str:
+def check_fingers_seen(film: Video, follower: Follower) -> None:
+    """Raises ValueError for a mark of the finger that the film's first frames do not show: it has no
+    reference, and is lost for good. Names the ids that are seen and stand for no mark."""
+    gone = [m for m, w in zip(follower.marks, follower.seed, strict=True)
+            if m.role == "finger" and np.isnan(w[0, 0])]  # fmt: skip
+    if gone:
+        image = next(iter(film.frames()))[2]
+        seen = set(detect(image, follower.dictionary)[0])
+        raise ValueError(unseen(film.path.name, gone, follower.marks, seen))
+
+
+def unseen(film: str, gone: Sequence[Mark], marks: Sequence[Mark], seen: set[int]) -> str:
+    """The sentence for finger marks that the first frames do not show.   seen: all ids that they show."""
+    stated = set(codes_of(marks).values())
+    unused = sorted(seen - stated)
+    named = ", ".join(
+        f"{m.name!r}" + (f" (id {code})" if (code := getattr(m.kind, "code", None)) is not None else "")
+        for m in gone
+    )
+    hint = (
+        f"seen, and of no stated marker, are the ids {', '.join(map(str, unused))}: correct the id"
+        if unused else "no other id is seen: correct its id, uncover it in the first frames"
+    )  # fmt: skip
+    one = len(gone) == 1
+    return (
+        f"film {film} does not show the finger's marker{'' if one else 's'} {named} in its first frames, "
+        f"where every marker of the finger has to be seen; {hint}, or remove it from the finger's markers"
+    )
+
+
+def _none_found(film: Video, looked: Sequence[Image], dictionary: str) -> str:
     other = other_dictionary(looked[:1], dictionary)
     hint = (
         f"{other[0]} finds {other[1]}: set that dictionary"
         if other
-        else "no other predefined dictionary finds any: check focus, light and the markers' white border"
+        else "no other predefined dictionary finds any: "
+        + (picture_trouble(looked[0]) or "check focus, light and the markers' white border")
     )
     return f"film {film.path.name} shows no marker of {dictionary} in its first {len(looked)} frames; {hint}"
 

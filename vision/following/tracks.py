@@ -234,7 +234,7 @@ def _quads(image: Image, follower: Follower, failed: Sequence[int]) -> dict[int,
     return {
         i: follower.camera.undistort(found[code])
         for i in failed
-        if (code := codes[int(follower.coded[i])]) in found
+        if (code := codes.get(int(follower.coded[i]))) is not None and code in found
     }
 
 

@@ -1,7 +1,7 @@
 """Displacements in mm with their uncertainty, from what one camera or several recorded."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,20 +10,23 @@ from vision.calibration.rig import Rig
 from vision.camera import Array
 from vision.errors.budgeting import Budget, budget
 from vision.errors.modes import Stated, stacked
-from vision.errors.noise import MIN_STATIC, NoiseModel, hidden_in_static
+from vision.errors.noise import NoiseModel, hidden_in_static
 from vision.film.checkpoint import Keeper, Progress
 from vision.following.methods import Method
 from vision.following.tracks import Tracks
+from vision.following.turns import mean_seen
 from vision.marks import Mark, check_names, rows_of
 from vision.measuring.face import Face, with_face
 from vision.placing.flat import MAX_DEPTH_MM, in_plane
 from vision.placing.placed import Placed, thinned_noise
+from vision.placing.rigplaces import frame_fit, without_odd
 from vision.placing.slips import find_slips
 from vision.placing.space import in_space
-from vision.placing.views import How, Seen, View, look, steps_of
+from vision.placing.views import How, Seen, View, check_static, look, steps_of
 from vision.plane import MIN_VISIBLE
 
 MIN_FRAME, MIN_FIXED = 6, 4
+LEAST_SEEN = 0.1  # share of the steps in which a mark of the finger must be seen
 STEPS = 2000  # a film of a minute; every step takes the memory of all modes
 FALLBACKS = {Method.ECC: "smoothed correlation (ECC)", Method.CORNERS: "its corners"}
 
@@ -83,12 +86,16 @@ def measure(
     no marks, for cameras that are not the rig's, and as `prepare` and `with_face` do.
     """
     _check(views, marks, rig, face)
-    how = How(dictionary, reference, progress, keeper)
+    how = How(dictionary, reference, progress, keeper, stated.frame_mm)
     seen = [look(v, marks, how, camera=f"-{c + 1}" if rig else "") for c, v in enumerate(views)]
-    every = list(marks)
+    rest = mean_seen(seen[0].film.ideal[seen[0].film.reference])
+    every, said = without_odd(frame_fit(marks, rest, sd_mm=stated.frame_mm), marks)
+    seen[0] = replace(seen[0], remarks=(*seen[0].remarks, *said))
     if face is not None:
-        seen[0], every = with_face(seen[0], views[0], marks, face, how)
-    return displacements_of(seen, every, rig=rig, stated=stated, steps=steps)
+        seen[0], every = with_face(seen[0], views[0], every, face, how)
+    result = displacements_of(seen, every, rig=rig, stated=stated, steps=steps)
+    _check_measured(result, views[0])
+    return result
 
 
 def displacements_of(
@@ -133,6 +140,7 @@ def _record(
         budget=budget(placed.variance, fields, mode_names, there),
         remarks=(
             *hidden_in_static(placed.rest, names, seen[0].static),
+            *_by_camera([s.remarks for s in seen]),
             *placed.remarks,
             *find_slips(time, placed.value, placed.turns, sd, output),
         ),
@@ -157,11 +165,21 @@ def _check(views: Sequence[View], marks: Sequence[Mark], rig: Rig | None, face: 
         raise ValueError("a speckled face is measured by one camera: leave out the face or the other cameras")
     _check_marks(marks)
     for view in views:
-        if len(view.static.time) < MIN_STATIC:
-            raise ValueError(
-                f"static film {view.static.path.name} has {len(view.static.time)} frames, wanted at least "
-                f"{MIN_STATIC}: film the finger at rest for longer"
-            )
+        check_static(view.static)
+
+
+def _check_measured(result: Displacements, view: View) -> None:
+    """Raises ValueError where no mark of the finger is seen in a tenth of the steps after the reference."""
+    after = np.setdiff1d(np.arange(len(result.time)), result.reference)
+    finger = [p for p, role in enumerate(result.roles) if role == "finger"]
+    seen = np.isfinite(result.value[after][:, finger, 0])
+    if len(after) and seen.mean(axis=0).max() < LEAST_SEEN:
+        raise ValueError(
+            f"{view.film.path.name}: nothing is measured: after the reference, which ends at "
+            f"{result.time[result.reference[-1]]:.2f} s, every marker of the finger is lost in more than "
+            f"{100 * (1 - LEAST_SEEN):.0f} % of the frames, or fewer than {MIN_VISIBLE} frame markers are "
+            "seen; wanted markers that stay in the picture, uncovered and sharp: look at the film"
+        )
 
 
 def _check_marks(marks: Sequence[Mark]) -> None:

@@ -165,13 +165,13 @@ def alarms(
     sd_mm: what is stated as out of plane. A mark nearer by dy looks larger by distance / (distance - dy); a
     tilted one looks smaller, so a smaller one may be either.
     """
-    said = []
+    said, distance = [], abs(view.distance)  # larger is nearer, on whichever side the camera stands
     for p, mark in enumerate(marks):
         # Skin stretches: that a part of a face grows says nothing of how far away it is.
         if mark.kind.stretches or not np.isfinite(size[:, p]).any():
             continue
-        shift = view.distance * (1.0 - 1.0 / size[:, p])
-        sd = view.distance * np.hypot(size_sd[:, p], SIZE_FLOOR)
+        shift = distance * (1.0 - 1.0 / size[:, p])
+        sd = distance * np.hypot(size_sd[:, p], SIZE_FLOOR)
         score = np.nan_to_num(np.abs(shift) / np.hypot(sd, sd_mm))
         worst = int(np.argmax(score))
         if score[worst] > ALARM_SD:

@@ -11,7 +11,7 @@ from vision.camera import Array, Camera
 from vision.errors import keyframes, modes
 from vision.errors.modes import Named, Stated
 from vision.errors.noise import REST, Codec, NoiseModel, codec_sd, states, static_noise, with_y
-from vision.errors.variance import Rest, at_rest, independent, misfit
+from vision.errors.variance import Rest, at_rest, by_hand, independent, misfit
 from vision.following.methods import COARSE
 from vision.following.tracks import Followed
 from vision.following.turns import finger_turns, linear_maps, mean_seen, rotations, sides
@@ -86,7 +86,12 @@ def in_plane(seen: Seen, marks: Sequence[Mark], stated: Stated, steps: NDArray[n
         value=scene.value,
         noise=noise,
         rest=place,
-        variance=independent(rest, scene.plane, scene.place, worse, scene.frame, scene.points, loose),
+        variance=by_hand(
+            independent(rest, scene.plane, scene.place, worse, scene.frame, scene.points, loose),
+            scene.film,
+            scene.plane,
+            scene.points,
+        ),
         modes=[*_modes(scene, turns, stated, frame_mm, start), _redrawn(seen, scene), holds, keyed],
         turns=turns,
         rotation=rotation,
@@ -235,7 +240,8 @@ def _corrected(scene: _Scene) -> tuple[str, ...]:
     worst = max(off, key=lambda p: abs(scene.height[p]))
     return (
         f"{len(off)} finger markers lie off the plane of the frame markers, {scene.marks[worst].name!r} by "
-        f"{scene.height[worst]:.1f} mm. This is corrected for a camera {scene.view.distance:.0f} mm away.",
+        f"{scene.height[worst]:.1f} mm. This is corrected for a camera "
+        f"{abs(scene.view.distance):.0f} mm away.",
     )
 
 

@@ -7,13 +7,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vision.camera import Array, Camera
-from vision.errors.noise import Codec, codec_noise
+from vision.errors.noise import MIN_STATIC, Codec, codec_noise
+from vision.errors.stillness import check_rest
 from vision.film.checkpoint import Keeper, Progress
 from vision.film.video import Video
-from vision.following.reference import prepare
+from vision.following.corrections import Correction, corrected
+from vision.following.reference import check_fingers_seen, prepare
 from vision.following.tracks import Followed, follow
 from vision.marks import Mark, frame_places, rows_of
-from vision.plane import homographies
+from vision.placing.gates import check_marks
+from vision.plane import homographies, to_plane
 
 
 @dataclass(frozen=True)
@@ -24,6 +27,7 @@ class View:
     static: Video  # at least 120 frames of the finger at rest, better 300
     camera: Camera  # of the same setting
     start: float = 0.0  # s, first frame of the film on the clock that all cameras share
+    corrections: tuple[Correction, ...] = ()  # what a person mends of the film's tracks
 
 
 @dataclass(frozen=True)
@@ -34,6 +38,7 @@ class How:
     reference_s: float
     progress: Progress | None = None
     keeper: Keeper | None = None
+    frame_sd_mm: float = 0.1  # how well the frame marks' places are known
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,18 +53,34 @@ class Seen:
     start: float = 0.0  # s, as of the view
     keys: NDArray[np.intp] = field(default_factory=lambda: np.empty(0, np.intp))  # key frames of the film
     still_keys: NDArray[np.intp] = field(default_factory=lambda: np.empty(0, np.intp))  # of the static film
+    remarks: tuple[str, ...] = ()  # what the user should check or change
 
     def homography(self, marks: Sequence[Mark]) -> Array:
         """Homography (t,3,3) from the frame marks' plane (x, z, 1) mm to ideal px in every frame."""
         return homographies(frame_places(marks), self.film.ideal[:, rows_of(marks)[0]])
 
 
+def check_static(film: Video) -> None:
+    """Raises ValueError where a static film is too short to tell the noise."""
+    if len(film.time) < MIN_STATIC:
+        raise ValueError(
+            f"static film {film.path.name} has {len(film.time)} frames, wanted at least {MIN_STATIC}: film "
+            "the finger at rest for longer"
+        )
+
+
 def look(view: View, marks: Sequence[Mark], how: How, *, camera: str = "") -> Seen:
-    """The view, followed.   camera: what its stages have behind their names, "-2" for the second camera."""
+    """The view, followed.   camera: what its stages have behind their names, "-2" for the second camera.
+
+    Raises ValueError, before anything is followed, where the first picture contradicts what is stated of the
+    marks; and where the finger moves in the static film or in the film's reference.
+    """
     ready, still_ready = (
         prepare(film, view.camera, marks, dictionary=how.dictionary, reference_s=how.reference_s)
         for film in (view.film, view.static)
     )
+    check_fingers_seen(view.film, ready)
+    check_marks(marks, ready.seed, camera=view.camera, frame_sd_mm=how.frame_sd_mm)
     still, film = (
         follow(
             video,
@@ -74,6 +95,8 @@ def look(view: View, marks: Sequence[Mark], how: How, *, camera: str = "") -> Se
             (view.film, ready, "film"),
         )
     )
+    film = corrected(film, [mark.name for mark in marks], view.corrections, view.camera)
+    remarks = _rest(still, marks, view.static, static=True) + _rest(film, marks, view.film, static=False)
     frame, points = rows_of(marks)
     codec = codec_noise(view.film, ready, film, frame_places(marks), frame, points, how.progress)
     return Seen(
@@ -85,7 +108,17 @@ def look(view: View, marks: Sequence[Mark], how: How, *, camera: str = "") -> Se
         start=view.start,
         keys=view.film.keys(),
         still_keys=view.static.keys(),
+        remarks=remarks,
     )
+
+
+def _rest(followed: Followed, marks: Sequence[Mark], film: Video, *, static: bool) -> tuple[str, ...]:
+    """What `check_rest` says of the finger's marks in the static film, or in the reference of the film."""
+    frames = np.arange(len(followed.time)) if static else followed.reference
+    finger, ideal = [p for p, m in enumerate(marks) if m.role == "finger"], followed.ideal[frames]
+    place = to_plane(homographies(frame_places(marks), ideal[:, rows_of(marks)[0]]), ideal[:, finger])
+    names = [marks[p].name for p in finger]
+    return check_rest(place, followed.time[frames], names, film=film.path.name, static=static)
 
 
 def steps_of(film: Followed, most: int) -> NDArray[np.intp]:

@@ -15,6 +15,7 @@ from twin.project import files
 from twin.project.config import MeasureTable
 from twin.project.folder import Project
 from twin.project.toml import dump
+from twin.stages import glancing
 from twin.stages.cameras import run_camera
 from twin.stages.checking import run_check
 from twin.stages.measuring import run_measure
@@ -67,6 +68,8 @@ def displacements(marks, time, *, seed=0):
     shown = [m for m in marks if m.role != "frame"]
     s, p, n = len(time), len(shown), len(marks)
     value = rng.normal(scale=0.02, size=(s, p, 3))
+    finger = [m.role == "finger" for m in shown]
+    value[:, finger, 2] -= 5.0 * np.clip((time[:, None] - 2.0) / 2.0, 0.0, 1.0)  # as the log's pressure rises
     value[..., 1] = np.nan
     value[7, [m.name for m in shown].index("tip")] = np.nan
     seen = np.isfinite(value)
@@ -264,7 +267,8 @@ def test_a_log_that_does_not_fit_is_refused_before_the_film_is_read(project, mea
     assert not (project.root / "targets").exists()
 
 
-def test_check_reads_the_log_before_anything_is_measured(project, measured):
+def test_check_reads_the_log_before_anything_is_measured(project, measured, monkeypatch):
+    monkeypatch.setattr(glancing, "check_films", lambda project, log, say: None)  # the films are stand-ins
     say, kilo = Lines(), log_text().replace("pressure_MPa", "pressure_kPa").splitlines()
     rows = [row.split(",") for row in kilo[1:]]
     files.write_text(project.root / "raw/pressure.csv", "\n".join([kilo[0], *(f"{t},{1e3 * float(p)!r}" for t, p in rows)]))

@@ -120,7 +120,9 @@ def project(tmp_path_factory: pytest.TempPathFactory) -> Project:
                 root / "raw" / f"{name}-{film}.mkv", camera=camera_of(name), pose=CAMERAS[name][1], marks=marks(),
                 positions=place, rotations=turn, codec="ffv1", seed=7 * k + len(at),
             )  # fmt: skip
-    log = "".join(f"{t:.2f},{1e-5 * (i % 3):.7f}\n" for i, t in enumerate(np.arange(-1, 6, 0.02)))
+    time = np.arange(-1, 6, 0.02)
+    pressure = 0.03 * np.clip((time - 2.0) / 1.2, 0.0, 1.0) + 1e-5 * (np.arange(len(time)) % 3)
+    log = "".join(f"{t:.2f},{p:.7f}\n" for t, p in zip(time, pressure, strict=True))
     files.write_text(root / "raw" / "pressure.csv", "time_s,pressure_MPa\n" + log)
     config = Config(
         project=ProjectTable(name="pair"),

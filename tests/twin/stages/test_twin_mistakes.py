@@ -1,0 +1,146 @@
+"""Mistakes of strangers, planted in a small drawn project: each is refused with the sentence it gets, by check
+and by measure alone; unusual right inputs pass. All of them are tried by the test that is marked slow."""
+
+import re
+import shutil
+from pathlib import Path
+from types import ModuleType
+
+import cv2
+import numpy as np
+import pytest
+
+from twin.project.folder import Project
+from twin.stages.checking import run_check
+from twin.stages.recordings import corrections_of
+
+ROOT = Path(__file__).resolve().parents[3]
+
+
+@pytest.fixture(scope="module")
+def mistakes() -> ModuleType:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(str(ROOT / "benchmarks"))
+        import strangers_mistakes
+    return strangers_mistakes
+
+
+@pytest.fixture(scope="module")
+def base(mistakes: ModuleType, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return Path(mistakes.make(tmp_path_factory.mktemp("strangers") / "base"))
+
+
+CHECKED = ("positions in cm", "a finger id that never appears", "film starts in motion", "static film in motion",
+           "dark film", "finger's markers lost", "log on another clock", "boards not in the pictures")  # fmt: skip
+
+
+@pytest.mark.parametrize("name", CHECKED)
+def test_check_refuses_a_mistake_with_its_sentence(name: str, mistakes: ModuleType, base: Path, tmp_path: Path) -> None:
+    plant, sentence = mistakes.MISTAKES[name]
+    told = mistakes.told(name, plant, base=base, folder=tmp_path, stages=("check",))
+    assert told.refused
+    assert re.search(sentence, told.sentence), told.sentence
+
+
+ALONE = ("two frame ids exchanged", "film starts in motion", "finger's markers lost", "log on another clock")
+
+
+@pytest.mark.parametrize("name", ALONE)
+def test_measure_alone_refuses_it_and_writes_no_targets(name: str, mistakes: ModuleType, base: Path, tmp_path: Path) -> None:
+    plant, sentence = mistakes.MISTAKES[name]
+    told = mistakes.told(name, plant, base=base, folder=tmp_path, stages=("camera", "measure"))
+    assert told.by == "measure"  # which asserts that there are no targets
+    assert re.search(sentence if name != "finger's markers lost" else "nothing is measured", told.sentence), told.sentence
+
+
+def test_a_frame_marker_that_alone_is_off_is_left_out_of_the_frame(mistakes: ModuleType, base: Path, tmp_path: Path) -> None:
+    name = "a frame marker 2 mm off"
+    told = mistakes.told(name, mistakes.RIGHT[name], base=base, folder=tmp_path)
+    assert not told.refused, told.sentence
+    assert any("'frame1' lies 2.0" in s and "kept as a fixed marker" in s for s in told.remarks)
+    assert not any("frame_sd_mm" in s for s in told.remarks)  # the others keep what is stated
+
+
+def test_check_draws_every_mark(mistakes: ModuleType, base: Path, tmp_path: Path) -> None:
+    said = mistakes.Lines()
+    run_check(Project.open(base), said)
+    assert any(line.startswith("Wrote check.png: the first frame of raw/film.mkv") and "15 of 15 found" in line for line in said)
+    picture = cv2.imread(str(base / "check.png"))
+    assert picture.shape == (400, 640, 3)
+    colour = picture.astype(int)
+    rings = (colour[..., 1] > 200) & (colour[..., 0] < 140) & (colour[..., 2] < 90)
+    for mark in mistakes.marks_of():
+        x, y = mistakes.pixels(mark.name)
+        assert rings[max(y - 40, 0) : y + 40, max(x - 40, 0) : x + 40].sum() > 60, mark.name
+
+
+@pytest.mark.slow
+def test_every_mistake_is_refused_and_every_right_input_passes(mistakes: ModuleType, base: Path, tmp_path: Path) -> None:
+    assert len(mistakes.MISTAKES) >= 25
+    assert len(mistakes.RIGHT) >= 10
+    for name, (plant, sentence) in mistakes.MISTAKES.items():
+        told = mistakes.told(name, plant, base=base, folder=tmp_path)
+        assert told.refused, name
+        assert re.search(sentence, told.sentence), (name, told.sentence)
+    for name, plant in mistakes.RIGHT.items():
+        told = mistakes.told(name, plant, base=base, folder=tmp_path)
+        assert not told.refused, (name, told.sentence)
+
+
+HEAD = "marker,does,from_s,to_s,with,x_px,y_px,sd_px\n"
+
+
+def mended(mistakes: ModuleType, base: Path, root: Path, lines: str) -> Project:
+    """The right project with a tip that is hidden for 0.8 s, and corrections."""
+    shutil.copytree(base, root)
+    mistakes.RIGHT["the tip hidden for a while"](root)
+    (root / "raw" / "corrections.csv").write_text(HEAD + lines)
+    text = (root / "twin.toml").read_text()
+    (root / "twin.toml").write_text(re.sub(r"# corrections = \.\.\..*", 'corrections = "raw/corrections.csv"', text))
+    return Project.open(root)
+
+
+def test_places_clicked_by_hand_become_targets_with_the_sd_of_a_click(mistakes: ModuleType, base: Path, tmp_path: Path) -> None:
+    rng, frames, sd = np.random.default_rng(2), np.arange(25, 33), 0.7
+    place = mistakes.motion(mistakes.marks_of(), np.arange(mistakes.FRAMES) / 10.0)[:, -1]
+    lens, (rvec, tvec) = mistakes.camera()
+    seen = cv2.projectPoints(place[frames], rvec, tvec, lens.matrix, lens.distortion)[0].reshape(-1, 2)
+    clicks = seen + sd * rng.standard_normal(seen.shape)
+    lines = "".join(f"tip,place,{f / 10},,,{x:.2f},{y:.2f},{sd}\n" for f, (x, y) in zip(frames, clicks, strict=True))
+    project = mended(mistakes, base, tmp_path / "mended", lines)
+    said = mistakes.Lines()
+    mistakes.run_camera(project, said)
+    mistakes.run_measure(project, said)
+    targets = project.targets()
+    tip = targets.names.index("tip")
+    assert targets.valid[frames, tip][:, [0, 2]].all()
+    error = (targets.value[:, tip] - (place - place[0]))[:, [0, 2]]
+    sds = np.sqrt(np.diagonal(targets.covariance[:, tip], axis1=1, axis2=2))[:, [0, 2]]
+    np.testing.assert_allclose(sds[frames], sd / 3.2, rtol=0.03)  # 1350 px / 420 mm
+    assert 0.6 < np.sqrt(np.mean((error[frames] / sds[frames]) ** 2)) < 1.4  # 16 values: sd 0.18
+    assert np.abs(error[33:]).max() < 0.02
+    budget = (project.path("runs/0002-measure") / "budget.csv").read_text()
+    assert "by_hand" in budget
+
+
+@pytest.mark.parametrize(
+    ("line", "sentence"),
+    [
+        ("tpi,lost,1,2,,,,", r"line 2, column marker: 'tpi': wanted one of frame0"),
+        ("tip,gone,1,2,,,,", r"column does: 'gone': wanted one of lost, swap, place"),
+        ("tip,swap,1,2,nobody,,,", r"column with: 'nobody'"),
+        ("tip,lost,1,,,,,", r"line 2: to_s is missing; wanted it in s for 'lost'"),
+        ("tip,lost,2,1,,,,", r"wanted 2 s or later"),
+        ("tip,place,1,,,,200,", r"x_px is missing; wanted it in px"),
+        ("tip,place,one,,,1,1,", r"'one': wanted a finite number in s"),
+    ],
+)
+def test_a_line_of_corrections_that_is_not_right_is_named(line: str, sentence: str, mistakes: ModuleType, base: Path, tmp_path: Path) -> None:
+    root = tmp_path / "wrong"
+    (root / "raw").mkdir(parents=True)
+    (root / "raw" / "corrections.csv").write_text(HEAD + line + "\n")
+    text = (base / "twin.toml").read_text()
+    (root / "twin.toml").write_text(re.sub(r"# corrections = \.\.\..*", 'corrections = "raw/corrections.csv"', text))
+    project = Project.open(root)
+    with pytest.raises(ValueError, match=sentence):
+        corrections_of(project, project.config.cameras[0])

@@ -1,0 +1,97 @@
+"""Tracks mended by hand: a mark lost or exchanged in some frames, or placed where a person sees it."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vision.camera import Array, Camera
+from vision.following.methods import Method
+from vision.following.tracks import Followed
+
+DOES = ("lost", "swap", "place")
+SD_PX = 0.5  # of a place that a person clicks
+TICK = 1e-6  # s, below every time base
+
+
+@dataclass(frozen=True)
+class Correction:
+    """What a person says of one mark."""
+
+    mark: str
+    does: str  # "lost": not seen there; "swap": it and `other` were exchanged; "place": it is at `place`
+    start: float  # s of the film
+    end: float  # s, the last frame; for a place the same as start
+    other: str = ""
+    place: tuple[float, float] = (np.nan, np.nan)  # raw px
+    sd_px: float = SD_PX  # of the place, in each axis
+
+
+def corrected(
+    film: Followed, names: Sequence[str], corrections: Sequence[Correction], camera: Camera
+) -> Followed:
+    """What was followed, with the corrections done in their order.
+
+    names: (p,) of the marks.   camera: whose raw pixels the places are in.
+
+    A placed mark has the covariance of its sd, and turns as it does in the frames before and after it.
+    Raises ValueError for a mark or a time that the film does not have.
+    """
+    if not corrections:
+        return film
+    warp, ideal, covariance = film.warp.copy(), film.ideal.copy(), film.covariance.copy()
+    method = film.method.copy()
+    for own in corrections:
+        p, frames = _row(own.mark, names), _frames(own, film.time)
+        if own.does == "swap":
+            q = _row(own.other, names)
+            pair, back = [p, q], [q, p]
+            for array in (warp, ideal, covariance, method):
+                array[frames[:, None], pair] = array[frames[:, None], back]
+        elif own.does == "lost":
+            warp[frames, p], ideal[frames, p], covariance[frames, p] = np.nan, np.nan, np.nan
+            method[frames, p] = Method.LOST
+        else:
+            ideal[frames, p] = camera.undistort(np.array(own.place))
+            covariance[frames, p], method[frames, p] = own.sd_px**2 * np.eye(2), Method.BY_HAND
+            warp[frames, p] = _turned(warp[:, p], int(frames[0]), ideal[frames[0], p])
+    said = (f"{len(corrections)} corrections by hand were made to the tracks.",)
+    return replace(
+        film, warp=warp, ideal=ideal, covariance=covariance, method=method, noted=(*film.noted, *said)
+    )
+
+
+def _row(name: str, names: Sequence[str]) -> int:
+    if name not in names:
+        raise ValueError(f"correction of marker {name!r}: wanted one of {', '.join(names)}")
+    return list(names).index(name)
+
+
+def _frames(own: Correction, time: Array) -> NDArray[np.intp]:
+    """Frames (k,) that a correction is about: of a place the nearest one."""
+    usual = float(np.median(np.diff(time))) if len(time) > 1 else 0.0
+    if own.does == "place":
+        nearest = int(np.argmin(np.abs(time - own.start)))
+        near = abs(time[nearest] - own.start) <= 0.5 * usual + TICK
+        found = np.array([nearest]) if near else np.empty(0, dtype=np.intp)
+    else:
+        found = np.flatnonzero((time >= own.start - TICK) & (time <= own.end + TICK))
+    if not len(found):
+        raise ValueError(
+            f"correction of marker {own.mark!r} from {own.start:g} to {own.end:g} s: the film has no frame "
+            f"there; wanted times of the film, {time[0]:.3f} to {time[-1]:.3f} s, one every {usual:.4f} s"
+        )
+    return np.asarray(found, dtype=np.intp)
+
+
+def _turned(warp: Array, frame: int, centre: Array) -> Array:
+    """Warp (3,3) of a mark at its centre (2,), turned and sized as between the frames that show it."""
+    seen = np.flatnonzero(np.isfinite(warp[:, 0, 0]))
+    seen = seen[seen != frame]
+    if not len(seen):
+        return np.full((3, 3), np.nan)
+    linear = np.array([np.interp(frame, seen, part) for part in warp[seen, :2, :2].reshape(-1, 4).T])
+    out = np.eye(3)
+    out[:2, :2], out[:2, 2] = linear.reshape(2, 2), centre
+    return out
