@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fe.element import Array, Integers
-from fe.mesh.spreading import Spread, spread
+from fe.mesh.spreading import spread
 from fe.path import Path
 from fe.solver.newton import Problem
 from fe.solver.varied import Differenced
@@ -37,13 +37,12 @@ class Loadings:
         rows = np.concatenate([w.outside_of(first) for w in every], axis=1)  # (r, size (1 + 2 v))
         _, at, inverse = np.unique(rows, axis=0, return_index=True, return_inverse=True)
         ways = [rows[k].reshape(-1, size) for k in at]
-        hung = tuple(spread(problem.case, x) for x in path.places)
         return Loadings(
             path,
-            tuple(_under(problem, g[0], hung) for g in ways),
+            tuple(_under(problem, g[0], path) for g in ways),
             tuple(
                 tuple(
-                    Differenced(_under(v.plus, a, hung), _under(v.minus, b, hung), v.step)
+                    Differenced(_under(v.plus, a, path), _under(v.minus, b, path), v.step)
                     for v, a, b in zip(varied, g[1::2], g[2::2], strict=True)
                 )
                 for g in ways
@@ -67,9 +66,9 @@ class Loadings:
         )
 
 
-def _under(q: Problem, outside: Array, hung: Sequence[Spread]) -> Problem:
-    """The problem under a row (3 + 3 h,) of gravity and pulls."""
+def _under(q: Problem, outside: Array, path: Path) -> Problem:
+    """The problem under a row (3 + 3 h,) of gravity and pulls at the places of a path."""
     q = q.under(outside[:3])
-    for share, pull in zip(hung, outside[3:].reshape(-1, 3), strict=True):
-        q = replace(q, dead=share.added(q.dead, pull))
+    for place, pull in zip(path.places, outside[3:].reshape(-1, 3), strict=True):
+        q = replace(q, dead=spread(q.case, place).added(q.dead, pull)) if pull.any() else q
     return q

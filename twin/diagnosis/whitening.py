@@ -283,7 +283,7 @@ def _gauge_modes(gauge: Array, reference: NDArray[np.int64], rests: NDArray[np.i
         if inside[step]:
             own = reference[rests[reference] == rests[step]]
             single[row, own] -= gauge[step] / len(own)
-    return np.array(shared).reshape(-1, *gauge.shape), single
+    return np.array(shared).reshape(len(shared), *gauge.shape), single
 
 
 def shrunk(correlation: Array, frames: int, axis: NDArray[np.int64]) -> Array:

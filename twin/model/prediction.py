@@ -184,7 +184,7 @@ class Model:
         memory = remembered(u, test)
         if memory is not None:
             modes = np.concatenate([modes, HISTORY * each(memory)])
-        return self._beside(theta, np.array([self.relative(mode) for mode in modes]))
+        return self._beside(theta, np.reshape([self.relative(mode) for mode in modes], modes.shape))
 
     def _beside(self, theta: Array, modes: Array) -> Array:
         """The modes with the first, the mesh's stiffness, exactly what the fitted constants take up: with a

@@ -53,7 +53,9 @@ def bar(cube: Cube) -> Case:
 
 
 def path() -> Path:
-    return Path(TIME, LOAD, TIME[2:], gravity=np.array([0.0, 0.0, -9810.0]))
+    hung = np.array([[4.0, 0.5, 0.5]])
+    down = np.array([0.0, 0.0, -9810.0])
+    return Path(TIME, LOAD, TIME[2:], gravity=down, places=hung, pulls=np.array([[0.0, 0.0, -1e-3]]))
 
 
 def of(part: str, **change: Callable[[float], object]) -> Map:
@@ -180,6 +182,8 @@ FIELDS = [
     Line("Path.stiffness", along(stiffness=lambda p, x: 1 + x * p.time)),
     Line("Path.gravity", along(gravity=lambda p, x: p.gravity * (1 + x) + [100 * x, 0.0, 0.0])),
     Line("Path.gravity", along(gravity=turning), refused="`gravity`"),
+    Line("Path.places", along(places=lambda p, x: p.places + x), refused="`places`"),
+    Line("Path.pulls", along(pulls=lambda p, x: p.pulls * (1 + x) + [0.1 * x, 0.0, 0.0])),
 ]  # fmt: skip
 
 

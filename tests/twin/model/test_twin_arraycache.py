@@ -137,7 +137,7 @@ def test_load_paths_are_solved_anew_where_anything_changes(
         path_keys(short_case, points, key="another"),
         path_keys(short_case, points, top=0.2),
         path_keys(short_case, points, total=0.2),
-        path_keys(short_case, points, gravity=9810.0 * DOWN[0]),
+        path_keys(short_case, points, outside={"gravity": 9810.0 * DOWN[0]}),
     ]
     for name, value in (("LEVELS", 6), ("code_digest", lambda: "another version")):
         with monkeypatch.context() as patch:

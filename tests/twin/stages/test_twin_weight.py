@@ -80,7 +80,7 @@ def test_the_table_under_weight_is_full_finite_elements(
     assert not ways(coarsest_case, course)[0].any()  # nothing is heavy
     paths = Turned(
         tuple(
-            sheets(heavy, where, cache=no_cache, key="k", top=0.2, totals=(0.15, 0.6), gravity=g)
+            sheets(heavy, where, cache=no_cache, key="k", top=0.2, totals=(0.15, 0.6), outside={"gravity": g})
             for k, g in enumerate(gravities)
         ),
         of_step,
