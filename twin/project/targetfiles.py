@@ -1,8 +1,9 @@
 """Turn displacement targets into files a person can read, and back, bit for bit."""
 
+import json
 import math
-import tomllib
-from collections.abc import Mapping
+import re
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,14 +13,16 @@ from numpy.typing import NDArray
 
 from twin.project import files
 from twin.project.csvtable import Table, read_table
-from twin.targets import Array, Noise, PointKind, TargetPoint, Targets, as_position
+from twin.project.targetarrays import EXACT, check_blocks, check_exact, check_log
+from twin.project.targetschema import FORMER_PLACE, NoiseOfPoint, NoiseTable, TargetMark, TargetsTable
+from twin.project.toml import tables_of
+from twin.project.validation import checked
+from twin.targets import Array, Noise, PointKind, TargetPoint, Targets
 
 COLUMNS = (
     "block", "step", "time_s", "pressure_MPa", "point",
     "u1_mm", "u2_mm", "u3_mm", "sd1_mm", "sd2_mm", "sd3_mm", "valid",
 )  # fmt: skip
-FORMER_PLACE = -2  # node of a point between nodes in targets.toml of older versions; now its role is "place"
-EXACT = ("covariance", "valid", "modes", "mode_names", "pressure_sd")  # what targets.npz adds to the text
 
 
 def write_targets(folder: Path, targets: Targets, *, source: Mapping[str, Any] | None = None) -> None:
@@ -112,7 +115,7 @@ def _noise_toml(t: Targets) -> list[str]:
 
 
 def _quoted(text: str) -> str:
-    return '"' + text.replace("\\", "\\\\").replace('"', '\\"') + '"'
+    return json.dumps(text, ensure_ascii=False)  # TOML has the escapes of JSON
 
 
 # -- reading ------------------------------------------------------------------------------------------
@@ -127,7 +130,7 @@ def read_targets(folder: Path, *, nodes: Mapping[str, int] | None = None) -> Tar
     table = read_table(folder / "targets.csv", COLUMNS)
     about = _read_toml(folder / "targets.toml")
     exact = files.read_npz(folder / "targets.npz") if (folder / "targets.npz").exists() else {}
-    if "noise" in about and not exact:
+    if about.noise is not None and not exact:
         raise ValueError(
             f"{folder / 'targets.npz'} is missing, but targets.toml has a noise model whose modes and "
             "covariances it holds; put it back, or remove [noise] from targets.toml"
@@ -135,10 +138,10 @@ def read_targets(folder: Path, *, nodes: Mapping[str, int] | None = None) -> Tar
     grid = _Grid.of(table)
     told = _points(folder, about, grid.names, nodes or {})
     columns = _columns(table, grid, exact, folder)
-    log = _read_log(folder, grid)
+    log = _read_log(folder, grid, columns["pressure_sd"])
     return Targets(
         time=grid.time, pressure=grid.pressure, block=grid.block, points=told, **columns,
-        **_blocks(folder, about, grid), noise=_read_noise(folder, about, grid.names, exact),
+        **_blocks(folder, about, grid), noise=_read_noise(folder, about.noise, grid.names, exact),
         log_time=log[0], log_pressure=log[1], reference=_reference(folder, about, grid, columns),
     )  # fmt: skip
 
@@ -219,7 +222,7 @@ def _columns(table: Table, grid: _Grid, exact: dict[str, NDArray[Any]], folder: 
             "valid": valid,
             "pressure_sd": np.zeros(steps),
         } | modes
-    _check_exact(folder, exact, value, sd, valid)
+    check_exact(folder / "targets.npz", exact, value=value, sd=sd, valid=valid)
     names = tuple(str(name) for name in exact["mode_names"])
     return (
         {"value": value}
@@ -228,56 +231,38 @@ def _columns(table: Table, grid: _Grid, exact: dict[str, NDArray[Any]], folder: 
     )
 
 
-def _check_exact(
-    folder: Path, exact: dict[str, NDArray[Any]], value: Array, sd: Array, valid: NDArray[Any]
-) -> None:
-    """Raise ValueError where targets.npz does not belong to targets.csv."""
-    path, way_out = folder / "targets.npz", "restore targets.csv, or remove targets.npz to use the csv alone"
-    missing = [name for name in EXACT if name not in exact]
-    if missing:
-        raise ValueError(f"{path}: array {missing[0]!r} is missing; {way_out}")
-    if exact["valid"].shape != value.shape or exact["covariance"].shape != (*value.shape, 3):
-        raise ValueError(
-            f"{path}: made for {exact['valid'].shape[:2]} steps and points, targets.csv has "
-            f"{value.shape[:2]}; {way_out}"
-        )
-    known = np.sqrt(np.diagonal(exact["covariance"], axis1=2, axis2=3)[valid])
-    if not np.allclose(known, sd[valid], rtol=1e-4, atol=0):  # the csv holds 6 digits
-        raise ValueError(f"{path}: its standard deviations are not those of targets.csv; {way_out}")
+def _read_toml(path: Path) -> TargetsTable:
+    """What targets.toml says; without it what it would say by default."""
+    if not path.exists():
+        return TargetsTable()
+    return checked(TargetsTable, tables_of(path.read_bytes(), name=str(path)), name=str(path))
 
 
-def _read_toml(path: Path) -> dict[str, Any]:
-    try:
-        return tomllib.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise ValueError(f"{path}: not valid TOML: {error}") from None
-
-
-def _by_name(path: Path, rows: list[dict[str, Any]], names: tuple[str, ...]) -> dict[str, dict[str, Any]]:
-    """The tables by point name; ValueError if one names a point that targets.csv does not have."""
-    for row in rows:
-        if row.get("name") not in names:
+def _check_names(path: Path, rows: Sequence[TargetMark | NoiseOfPoint], names: tuple[str, ...]) -> None:
+    """Raise ValueError where one names a point that targets.csv does not have, or two the same."""
+    for k, row in enumerate(rows):
+        if row.name not in names:
             raise ValueError(
-                f"{path}: point {row.get('name')!r} is not in targets.csv, which has {', '.join(names)}"
+                f"{path}: point {row.name!r} is not in targets.csv, which has {', '.join(names)}"
             )
-    return {row["name"]: row for row in rows}
+        if row.name in [other.name for other in rows[:k]]:
+            raise ValueError(f"{path}: point {row.name!r} stands twice; keep one of the two")
 
 
 def _points(
-    folder: Path, about: dict[str, Any], names: tuple[str, ...], nodes: Mapping[str, int]
+    folder: Path, about: TargetsTable, names: tuple[str, ...], nodes: Mapping[str, int]
 ) -> tuple[TargetPoint, ...]:
     """The points (p,) of targets.csv with what targets.toml and twin.toml say of them."""
     path = folder / "targets.toml"
-    rows = _by_name(path, about.get("points", []), names)
-    return tuple(_point(path, name, rows.get(name, {}), nodes.get(name)) for name in names)
+    _check_names(path, about.points, names)
+    rows = {row.name: row for row in about.points}
+    return tuple(_point(path, name, rows.get(name) or TargetMark(name=name), nodes.get(name))
+                 for name in names)  # fmt: skip
 
 
-def _point(path: Path, name: str, row: dict[str, Any], told: int | None) -> TargetPoint:
+def _point(path: Path, name: str, row: TargetMark, told: int | None) -> TargetPoint:
     """The point of a name: `row` is its table in targets.toml, `told` its node in twin.toml."""
-    stated = row.get("position_mm")
-    at = None if stated is None else as_position(
-        np.array(_vector(path, f"position_mm of point {name!r}", stated)))  # fmt: skip
-    kind, node = _kind_and_node(path, name, row)
+    kind, node = _kind_and_node(row)
     if told is not None and kind not in (PointKind.NODE, PointKind.UNKNOWN):
         raise ValueError(
             f"{path}: point {name!r} has role {kind.value!r}, twin.toml gives it node {told}; correct one"
@@ -285,62 +270,47 @@ def _point(path: Path, name: str, row: dict[str, Any], told: int | None) -> Targ
     if told is not None and node is not None and node != told:
         raise ValueError(f"{path}: point {name!r} is node {node}, twin.toml says {told}; correct one")
     node = told if node is None else node
-    if kind is PointKind.UNKNOWN and node is None and name.isdigit():
+    if kind is PointKind.UNKNOWN and node is None and re.fullmatch("[0-9]{1,18}", name):
         node = int(name)
-    return TargetPoint(name, kind if node is None else PointKind.NODE, node, at)
+    return TargetPoint(name, kind if node is None else PointKind.NODE, node, row.position_mm)
 
 
-def _kind_and_node(path: Path, name: str, row: dict[str, Any]) -> tuple[PointKind, int | None]:
+def _kind_and_node(row: TargetMark) -> tuple[PointKind, int | None]:
     """What targets.toml says a point is, and its node; UNKNOWN and None where it does not say."""
-    role, node = row.get("role", "finger"), row.get("node")
-    if role not in ("fixed", "finger", "place"):
-        raise ValueError(
-            f"{path}: role of point {name!r} is {role!r}; wanted 'finger' (a marker at a node), 'place' (a "
-            "point between nodes) or 'fixed' (a marker on the rig)"
-        )
-    if role == "place" or node == FORMER_PLACE:
+    if row.role == "place" or row.node == FORMER_PLACE:
         return PointKind.PLACE, None
-    if role == "fixed":
+    if row.role == "fixed":
         return PointKind.FIXED, None
-    if node is not None and (not isinstance(node, int) or node < 1):
-        raise ValueError(f"{path}: node of point {name!r} is {node!r}; wanted a node label, 1 or more")
-    return (PointKind.UNKNOWN, None) if node is None else (PointKind.NODE, node)
+    return (PointKind.UNKNOWN, None) if row.node is None else (PointKind.NODE, row.node)
 
 
-def _vector(path: Path, what: str, value: Any) -> list[float]:
-    if isinstance(value, list) and len(value) == 3 and all(isinstance(v, int | float) for v in value):
-        return [float(v) for v in value]
-    raise ValueError(f"{path}: {what} is {value!r}; wanted three numbers [x, y, z]")
-
-
-def _blocks(folder: Path, about: dict[str, Any], grid: _Grid) -> dict[str, Any]:
+def _blocks(folder: Path, about: TargetsTable, grid: _Grid) -> dict[str, Any]:
     """Mask held_out (s,), and gravity (blocks,3) or None."""
     path = folder / "targets.toml"
     labels = sorted({b for b, _ in grid.labels})
-    rows = {row.get("block"): row for row in about.get("blocks", [])}
+    rows = {row.block: row for row in about.blocks}
+    if len(rows) < len(about.blocks):
+        raise ValueError(f"{path}: a block stands twice in [[blocks]]; keep one of the two")
     for label in rows.keys() - set(labels):
         raise ValueError(f"{path}: block {label} is not in targets.csv, which has {labels}")
-    held_out = np.array([bool(rows.get(b, {}).get("held_out", False)) for b, _ in grid.labels])
-    stated = [rows[b]["gravity"] for b in labels if "gravity" in rows.get(b, {})]
+    held_out = np.array([b in rows and rows[b].held_out for b, _ in grid.labels])
+    stated = [rows[b].gravity for b in labels if b in rows and rows[b].gravity is not None]
     if not stated:
         return {"held_out": held_out, "gravity": None}
     if len(stated) != len(labels):
         raise ValueError(
             f"{path}: gravity is stated for {len(stated)} of {len(labels)} blocks; state all or none"
         )
-    gravity = np.array([_vector(path, "gravity", g) for g in stated])
-    if not np.allclose(np.linalg.norm(gravity, axis=1), 1, atol=1e-6):
-        raise ValueError(f"{path}: gravity {gravity.tolist()} must be unit vectors in world axes")
-    return {"held_out": held_out, "gravity": gravity}
+    return {"held_out": held_out, "gravity": np.array(stated)}
 
 
 def _reference(
-    folder: Path, about: dict[str, Any], grid: _Grid, columns: dict[str, Any]
+    folder: Path, about: TargetsTable, grid: _Grid, columns: dict[str, Any]
 ) -> NDArray[np.int64]:
     """The steps that displacements are relative to; default the first, if it shows none."""
-    if "reference" in about:
-        table = about["reference"]
-        wanted = [(table.get("block", grid.labels[0][0]), step) for step in table.get("steps", [])]
+    if about.reference is not None:
+        own = about.reference.block
+        wanted = [(grid.labels[0][0] if own is None else own, step) for step in about.reference.steps]
         for block, step in wanted:
             if (block, step) not in grid.labels:
                 raise ValueError(
@@ -359,40 +329,41 @@ def _reference(
 
 
 def _read_noise(
-    folder: Path, about: dict[str, Any], names: tuple[str, ...], exact: dict[str, Any]
+    folder: Path, table: NoiseTable | None, names: tuple[str, ...], exact: dict[str, Any]
 ) -> Noise | None:
-    if "noise" not in about:
+    if table is None:
         return None
-    path, table = folder / "targets.toml", about["noise"]
-    rows = _by_name(path, table.get("points", []), names)
-    missing = [key for key in ("frames", "gauge_sd_MPa", "gauge_frames") if key not in table]
-    missing += [f"points {name!r}" for name in names if name not in rows]
+    path = folder / "targets.toml"
+    _check_names(path, table.points, names)
+    rows = {row.name: row for row in table.points}
+    missing = [f"points {name!r}" for name in names if name not in rows]
     if missing or "correlation" not in exact:
         raise ValueError(
             f"{path}: [noise] lacks {missing[0] if missing else 'correlation in targets.npz'}; "
             "measure again, or remove [noise]"
         )
-    per = {key: np.array([_vector(path, f"{key} of point {n!r}", rows[n].get(key)) for n in names])
-           for key in ("sd_mm", "rho", "codec_sd_mm")}  # fmt: skip
+    per = {key: np.array([getattr(rows[n], key) for n in names]) for key in ("sd_mm", "rho", "codec_sd_mm")}
     return Noise(
         sd=per["sd_mm"], rho=per["rho"], codec_sd=per["codec_sd_mm"], correlation=exact["correlation"],
-        frames=int(table["frames"]), gauge_sd_MPa=float(table["gauge_sd_MPa"]),
-        gauge_frames=int(table["gauge_frames"]), lasting=float(table.get("lasting", 1.0)),
+        frames=table.frames, gauge_sd_MPa=table.gauge_sd_MPa, gauge_frames=table.gauge_frames,
+        lasting=table.lasting,
     )  # fmt: skip
 
 
-def _read_log(folder: Path, grid: _Grid) -> tuple[Array, Array]:
+def _read_log(folder: Path, grid: _Grid, pressure_sd: Array) -> tuple[Array, Array]:
     """The dense log, or the steps themselves (linear between them) where there is none."""
     path = folder / "pressure.csv"
     if not path.exists():
         return grid.time, grid.pressure
     table = read_table(path, ("block", "time_s", "pressure_MPa"))
-    table.integers("block")
-    time = table.numbers("time_s", unit="s")
+    time, pressure = table.numbers("time_s", unit="s"), table.numbers("pressure_MPa", unit="MPa")
     table.increasing("time_s", time, unit="s")
     if time[0] > grid.time[0] or time[-1] < grid.time[-1]:
         raise ValueError(
             f"{path}: covers {time[0]:g} to {time[-1]:g} s, targets.csv {grid.time[0]:g} to "
             f"{grid.time[-1]:g} s; wanted a log that covers all steps"
         )
-    return time, table.numbers("pressure_MPa", unit="MPa")
+    labels = sorted({b for b, _ in grid.labels})
+    check_blocks(path, table.integers("block"), time, labels=labels, block=grid.block, time=grid.time)
+    check_log(path, (time, pressure), time=grid.time, pressure=grid.pressure, sd=pressure_sd)
+    return time, pressure
