@@ -13,6 +13,7 @@ import numpy as np
 from fe import Case, Clamp, Finger, Lattice, Material, finger_case
 from fe.case import digest
 from fe.deck.reader import Deck, read_deck
+from fe.deck.soundness import check_body, jacobians
 from fe.element import Integers
 from fe.mesh.dividing import lattice_of
 from fe.mesh.refine import enriched, free_faces, refined
@@ -107,10 +108,9 @@ def of_finger(finger: Finger, lattice: Lattice) -> Structure:
 
 def _check_cells(case: Case) -> None:
     """ValueError unless the Jacobian is positive at all integration points."""
-    X, (_, dN) = case.nodes[case.connectivity], case.element.at_points
-    size = np.linalg.det(np.einsum("eai,qaJ->eqiJ", X, dN, optimize=True)).min(axis=1)
+    size = jacobians(case).min(axis=1)
     if size.min() <= 0.0:
-        x, _, z = X[size.argmin()].mean(axis=0)
+        x, _, z = case.nodes[case.connectivity[size.argmin()]].mean(axis=0)
         raise ValueError(
             f"model.finger: with these dimensions the mesh folds near x = {x:.3g}, z = {z:.3g} mm; wanted "
             "cells that are the right way round; make the pleats shallower or fewer, or the walls thinner"
@@ -145,6 +145,7 @@ def of_deck(path: Path, *, mesh: int = 1, silicone: tuple[str, ...] = ()) -> Str
     deck = read_deck(path)
     if deck.case.pressurised is None:
         raise ValueError(f"{path.name}: no pressure; wanted *DSLOAD with P on the surface of the chamber")
+    check_body(deck.case, path.name)
     fitted = _fitted(deck.case, silicone, path)
     case = _clamped(_rubber(_divided(deck.case, mesh), fitted))
     key = digest(mesh, fitted, *(file.read_bytes() for file in deck.files))

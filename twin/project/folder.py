@@ -156,9 +156,9 @@ class Project:
         """The files of the user's own mesh, none for the built-in finger."""
         if self.config.model.deck is None or not self.path(self.config.model.deck).is_file():
             return []
-        from fe.deck.keywords import files_of, read_keywords
+        from fe.deck.keywords import read_keywords
 
-        return sorted(files_of(read_keywords(self.path(self.config.model.deck))))
+        return sorted(read_keywords(self.path(self.config.model.deck)).files)
 
     def effect_files(self) -> list[Path]:
         """The files of the user's own effects that are there."""

@@ -116,6 +116,7 @@ def _own_mesh(deck: Path, told: Mapping[str, PointTable], *, ask: bool) -> tuple
     ask: whether points have to be named, as no targets name them.
     """
     from fe.deck.reader import read_deck
+    from fe.deck.soundness import check_body
 
     if not deck.is_file():
         raise ValueError(f"--deck {deck}: no such file; wanted an Abaqus input deck")
@@ -124,12 +125,10 @@ def _own_mesh(deck: Path, told: Mapping[str, PointTable], *, ask: bool) -> tuple
             "--deck without --node: name your points, as in --node tip=4401, or --node tip=110,11.5,0 in mm"
         )
     found = read_deck(deck)
+    check_body(found.case, deck.name)
     for point in told.values():
         if point.node is not None:
             found.case.position(point.node)  # names what is wrong with an unknown node
-    for file in found.files:
-        if not file.resolve().is_relative_to(deck.resolve().parent):
-            raise ValueError(f"{deck.name} includes {file}: wanted it in the deck's folder or below")
     return f"raw/{deck.name}", found.files
 
 
