@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from twin.plausibility import pressure_fault
 from twin.project import files
 from twin.project.csvtable import Table, read_table
 from twin.project.targetarrays import EXACT, check_blocks, check_exact, check_log
@@ -136,6 +137,7 @@ def read_targets(folder: Path, *, nodes: Mapping[str, int] | None = None) -> Tar
             "covariances it holds; put it back, or remove [noise] from targets.toml"
         )
     grid = _Grid.of(table)
+    _check_pressure(folder, grid)
     told = _points(folder, about, grid.names, nodes or {})
     columns = _columns(table, grid, exact, folder)
     log = _read_log(folder, grid, columns["pressure_sd"])
@@ -144,6 +146,12 @@ def read_targets(folder: Path, *, nodes: Mapping[str, int] | None = None) -> Tar
         **_blocks(folder, about, grid), noise=_read_noise(folder, about.noise, grid.names, exact),
         log_time=log[0], log_pressure=log[1], reference=_reference(folder, about, grid, columns),
     )  # fmt: skip
+
+
+def _check_pressure(folder: Path, grid: "_Grid") -> None:
+    fault = pressure_fault(float(np.abs(grid.pressure).max()))
+    if fault:
+        raise ValueError(f"{folder / 'targets.csv'}: pressure_MPa {fault}; convert them")
 
 
 @dataclass(frozen=True)

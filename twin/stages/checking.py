@@ -40,6 +40,7 @@ def check_project(project: Project, say: Say) -> None:
     if project.targets_folder.is_dir():
         targets = project.targets()
         _check_points(project, targets)
+        _check_motion(project, targets)
         say(f"The targets have {len(targets.time)} steps and {len(targets.names)} points, with "
             f"{int(targets.valid.sum())} measured values in all.")  # fmt: skip
         if targets.noise is None:
@@ -133,6 +134,12 @@ def _check_points(project: Project, targets: Targets) -> None:
             raise ValueError(
                 f"calibrate.objective_points = {name!r}: targets have {', '.join(targets.names)}"
             )
+
+
+def _check_motion(project: Project, targets: Targets) -> None:
+    from twin.stages.workbench import check_plausible, structure_of
+
+    check_plausible(project, targets, structure_of(project).case)
 
 
 def _next(project: Project) -> str:

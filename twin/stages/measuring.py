@@ -105,6 +105,7 @@ def _measured(project: Project, say: Say, replace: bool) -> dict[str, Any]:
         run.summary.update(_summary(targets, found) | {"headline": _headline(targets)})
         for sentence in moved.notes:
             run.note(sentence)
+        _check_motion(project, targets)
         _put_aside(project, say)
         write_targets(project.targets_folder, targets, source={"run": run.name})
         FollowedFiles(run.folder).remove()
@@ -112,6 +113,13 @@ def _measured(project: Project, say: Say, replace: bool) -> dict[str, Any]:
         say(sentence)
     say(f"{_headline(targets)} Wrote targets/ and {project.shown(run.folder)}/tracks.npz.")
     return result_of(project, "measure", run.folder)
+
+
+def _check_motion(project: Project, targets: Targets) -> None:
+    """Raise ValueError where the film does not show this finger under this pressure."""
+    from twin.stages.workbench import check_plausible, structure_of
+
+    check_plausible(project, targets, structure_of(project).case)
 
 
 def _measure(project: Project, camera: Path, say: Say, run: Run) -> _Measured:

@@ -20,6 +20,7 @@ from twin.model.building import base_model, base_test
 from twin.model.discretisation import Discretisation, SolvedAt, discretisation_error, meshes_key
 from twin.model.prediction import Model
 from twin.model.structure import BuiltIn, Structure, of_deck, of_finger, weighed
+from twin.plausibility import motion_fault, place_fault
 from twin.project.folder import Project, Say
 from twin.stages.caches import FolderCache, SolvedList
 from twin.stages.positions import on_surface, places_of
@@ -78,6 +79,7 @@ class Workbench:
             if point.node is not None:
                 structure.case.position(point.node)  # names what is wrong with an unknown node
         targets, remarks = _on_model(targets, structure.case)
+        check_plausible(project, targets, structure.case)
         elasticity = Elasticity(bounds=config.calibrate.bounds, fixed=config.model.fixed)
         return Workbench(project, targets, structure, elasticity, remarks)
 
@@ -145,6 +147,14 @@ def _warned(mesh: Discretisation, say: Say) -> Discretisation:
             "alone."
         )
     return mesh
+
+
+def check_plausible(project: Project, targets: Targets, case: Case) -> None:
+    """Raise ValueError where the targets cannot be displacements of the project's finger."""
+    down = project.config.model.deck is None  # a deck may lie in any way
+    fault = place_fault(targets, case) or motion_fault(targets, case, bends_down=down)
+    if fault:
+        raise ValueError(f"targets: {fault}")
 
 
 def own_of(project: Project) -> tuple[Effect, ...]:
