@@ -328,6 +328,21 @@ def check(project: Folder = HERE, json: Json = False) -> None:
     say.result(run_check(Project.open(project), say))
 
 
+@app.command()
+def trust(
+    files: Annotated[
+        list[str] | None, typer.Argument(help="which of its effect files or links; without a name all")
+    ] = None,
+    project: Folder = HERE,
+    json: Json = False,
+) -> None:
+    """Let a project's own effects run and its links be followed, once you have read them."""
+    from twin.stages.trusting import run_trust
+
+    say = Console(as_json=json)
+    say.result(run_trust(project, say, names=files or []))
+
+
 def main() -> None:
     """Run the command line and exit with its code."""
     arguments = sys.argv[1:]

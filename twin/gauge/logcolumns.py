@@ -18,8 +18,8 @@ from twin.gauge.pressureunits import (
     speaks_of_absolute,
     unit_of,
 )
-from twin.plausibility import pressure_fault
 from twin.project.csvtable import Sheet, Table
+from twin.sanity import pressure_fault
 from twin.targets import Array
 
 

@@ -14,6 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from twin.project.recordschema import check_record
+
 
 @contextmanager
 def whole(path: Path) -> Iterator[Path]:
@@ -91,7 +93,13 @@ def read_jsonl(path: Path) -> list[dict[str, Any]]:
     if not path.exists():
         return []
     lines = path.read_bytes().split(b"\n")[:-1]  # what follows the last newline was cut off
-    return [json.loads(line) for line in lines if line.strip()]
+    try:
+        records = [json.loads(line) for line in lines if line.strip()]
+    except (ValueError, RecursionError) as error:
+        raise ValueError(f"{path}: not valid JSON ({error}); remove the folder {path.parent}") from None
+    if not all(isinstance(record, dict) for record in records):
+        raise ValueError(f"{path}: wanted one record a line; remove the folder {path.parent}")
+    return records
 
 
 def mend_jsonl(path: Path) -> None:
@@ -104,13 +112,22 @@ def mend_jsonl(path: Path) -> None:
 
 
 def read_json(path: Path) -> Any:
-    """What a JSON file holds; ValueError names the file and the place where it is broken."""
+    """What a JSON file holds; ValueError names the file and the place where it is broken, or not what a file
+    of that name should hold."""
+    again = "remove it and run its stage again"
     try:
-        return json.loads(path.read_text(encoding="utf-8"))
+        data = json.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
         raise ValueError(f"{path}: no such file") from None
+    except RecursionError:
+        raise ValueError(f"{path}: its brackets lie in each other too deeply; {again}") from None
     except (json.JSONDecodeError, UnicodeDecodeError) as error:
-        raise ValueError(f"{path}: not valid JSON ({error}); remove it and run its stage again") from None
+        raise ValueError(f"{path}: not valid JSON ({error}); {again}") from None
+    try:
+        check_record(path.name, data, path=str(path))
+    except ValueError as error:
+        raise ValueError(f"{error}; {again}") from None
+    return data
 
 
 def read_npz(path: Path) -> dict[str, NDArray[Any]]:

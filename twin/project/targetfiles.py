@@ -11,13 +11,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from twin.plausibility import pressure_fault
 from twin.project import files
 from twin.project.csvtable import Table, read_table
 from twin.project.targetarrays import EXACT, check_blocks, check_exact, check_log
 from twin.project.targetschema import FORMER_PLACE, NoiseOfPoint, NoiseTable, TargetMark, TargetsTable
 from twin.project.toml import tables_of
 from twin.project.validation import checked
+from twin.sanity import pressure_fault
 from twin.targets import Array, Noise, PointKind, TargetPoint, Targets
 
 COLUMNS = (

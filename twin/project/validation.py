@@ -1,7 +1,7 @@
 """Plain data -> a checked table model, or one sentence that says what is wrong, with the way out."""
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from difflib import get_close_matches
 from typing import Any, TypeVar, get_args
 
@@ -11,7 +11,7 @@ from pydantic.fields import FieldInfo
 Checked = TypeVar("Checked", bound=BaseModel)
 
 
-def checked(model: type[Checked], data: Mapping[str, Any], *, name: str) -> Checked:
+def checked(model: type[Checked], data: Any, *, name: str) -> Checked:
     """The model of plain data, such as the tables of a TOML file; ValueError is one sentence that begins with
     the file's name."""
     try:
@@ -55,6 +55,7 @@ def _problem(error: Any, root: type[BaseModel]) -> str:
         return _unknown(where, root)
     if kind == "missing":
         return f"{key} is missing{about}; add it"
+    key = key or "all of it"
     wanted = message.replace("Input should", "it should", 1)
     return f"{key} = {_short(error['input'])}: {wanted[0].lower()}{wanted[1:]}{about}{_example(where, field)}"
 
@@ -74,7 +75,7 @@ def _short(value: Any) -> str:
 
 def _example(where: tuple[str | int, ...], field: FieldInfo | None) -> str:
     default = field.get_default() if field is not None and not field.is_required() else None
-    key = [part for part in where if isinstance(part, str)][-1]
+    key = next((part for part in reversed(where) if isinstance(part, str)), "")
     return f"; for example {key} = {value_text(default)}" if isinstance(default, str | int | float) else ""
 
 

@@ -17,9 +17,9 @@ from twin.effects.material import Elasticity
 from twin.gravity import under
 from twin.model.arraycache import rounded_up
 from twin.model.loadpaths import REDUCED, Turned, load_paths, reach, sheets
-from twin.plausibility import fit_fault
 from twin.project.folder import Project, Run, Say
 from twin.review.states import Generations
+from twin.sanity import fit_fault
 from twin.stages.comparing import compared
 from twin.stages.ridges import difference
 from twin.stages.searching import Generation, Objective, search

@@ -20,8 +20,9 @@ from twin.model.building import base_model, base_test
 from twin.model.discretisation import Discretisation, SolvedAt, discretisation_error, meshes_key
 from twin.model.prediction import Model
 from twin.model.structure import BuiltIn, Structure, of_deck, of_finger, weighed
-from twin.plausibility import motion_fault, place_fault
 from twin.project.folder import Project, Say
+from twin.project.trust import check_programs
+from twin.sanity import motion_fault, place_fault
 from twin.stages.caches import FolderCache, SolvedList
 from twin.stages.positions import on_surface, places_of
 from twin.targets import Array, PointKind, Targets, as_position
@@ -158,7 +159,8 @@ def check_plausible(project: Project, targets: Targets, case: Case) -> None:
 
 
 def own_of(project: Project) -> tuple[Effect, ...]:
-    """The effects of the project's own files. ValueError where one of them is not right."""
+    """The effects of the project's own files. ValueError where one of them is not right, or not trusted."""
+    check_programs(project.root, project.config.model.effect_files)
     return own_effects(project.root, project.config.model.effect_files)
 
 

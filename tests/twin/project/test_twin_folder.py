@@ -112,14 +112,14 @@ def test_newest_takes_done_runs_that_have_the_file(project):
     for number in range(11):
         with project.new_run("calibrate", seed=number) as run:
             if number != 10:
-                run.write_json("fit.json", {"number": number})
+                run.write_json("found.json", {"number": number})
     kill(project, seed=99)
-    newest = project.newest("calibrate", "fit.json")
+    newest = project.newest("calibrate", "found.json")
     assert newest is not None
     assert files.read_json(newest) == {"number": 9}
-    assert project.newest(("add", "calibrate"), "fit.json") == newest
-    assert project.newest(None, "fit.json") == newest
-    assert project.newest("add", "fit.json") is None
+    assert project.newest(("add", "calibrate"), "found.json") == newest
+    assert project.newest(None, "found.json") == newest
+    assert project.newest("add", "found.json") is None
 
 
 def test_done_finds_the_same_work_only(project):

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from fe import Case
-from twin.plausibility import fit_fault, motion_fault, place_fault, pressure_fault
 from twin.project.folder import Project, dataset
 from twin.project.targetfiles import read_targets
+from twin.sanity import fit_fault, motion_fault, place_fault, pressure_fault
 from twin.targets import Targets, at_node
 
 
