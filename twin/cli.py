@@ -170,11 +170,18 @@ def print_sheets(
 
 
 @app.command()
-def look(project: Folder = HERE, json: Json = False) -> None:
-    """Draw the finger with its dimensions, marks and points."""
+def look(
+    project: Folder = HERE,
+    at: Annotated[
+        list[str] | None,
+        typer.Option(help="a place x,y,z in mm: the nearest surface node is said and drawn; once for each"),
+    ] = None,
+    json: Json = False,
+) -> None:
+    """Draw the finger with its dimensions, marks and points, node labels around them, and element shapes."""
     from twin.stages.looking import run_look
 
-    _locked("look", run_look, project, json)
+    _locked("look", lambda p, say: run_look(p, say, at=at or []), project, json)
 
 
 def measure(

@@ -51,7 +51,7 @@ class Structure:
     key: fingerprint; base and finer: meshes of the discretisation error, the last of which tests the others
     (see `model.discretisation`); none where `unknown` says why. outside (f, m): the faces that are drawn, as
     node rows. scales: whether U depends on pressure / (C10 + C01) and the share alone, as where nothing but
-    pressure loads one material. remarks: what a user should know of it.
+    pressure loads one material. remarks: what a user should know of it. numbers: of a deck's elements.
     """
 
     case: Case
@@ -61,6 +61,14 @@ class Structure:
     scales: bool = True
     unknown: str = ""
     remarks: tuple[str, ...] = ()
+    numbers: Integers | None = None
+
+    @property
+    def elements(self) -> Integers:
+        """The numbers (e,) of the elements: a deck's own as long as they are not divided, else 1, 2, .."""
+        count = len(self.case.connectivity)
+        whole = self.numbers is not None and len(self.numbers) == count
+        return self.numbers if self.numbers is not None and whole else 1 + np.arange(count)
 
     @property
     def base(self) -> Mesh:
@@ -153,7 +161,7 @@ def of_deck(path: Path, *, mesh: int = 1, silicone: tuple[str, ...] = ()) -> Str
     forces = case.forces or case.growing
     alone = not case.kept and not forces and all(s.value is None for s in case.supports)
     remarks = _remarks(path, deck, case, fitted, meshes)
-    return Structure(case, key, meshes, _outside(case), alone, unknown, remarks)
+    return Structure(case, key, meshes, _outside(case), alone, unknown, remarks, deck.elements)
 
 
 def _fitted(case: Case, wanted: tuple[str, ...], path: Path) -> tuple[str, ...]:

@@ -74,14 +74,18 @@ def _check_log(project: Project) -> tuple[str, ...]:
 def _check_finger(project: Project, say: Say) -> None:
     """Say what is to be known of the finger's mesh and of points on it; ValueError where they are not
     right."""
-    from twin.stages.positions import places_of
+    from twin.stages.meshtelling import poor_shapes, shape_table
+    from twin.stages.positions import check_points, places_of
     from twin.stages.workbench import structure_of
 
     structure = structure_of(project)
-    for label in project.config.nodes.values():
-        structure.case.position(label)  # names what is wrong with an unknown node
+    check_points(project.config.points, structure)
     for line in (*structure.remarks, *(p.sentence for p in places_of(project, structure).values())):
         say(line)
+    if project.config.model.deck is not None:
+        for line in (*shape_table(structure), poor_shapes(structure)):
+            if line:
+                say(line)
 
 
 def _check_effects(project: Project) -> None:

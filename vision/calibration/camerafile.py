@@ -69,7 +69,7 @@ def _check_sane(path: Path, matrix: Array, distortion: Array, size: tuple[int, i
     elif skew != 0.0 or lower != 0.0 or last.tolist() != [0.0, 0.0, 1.0]:
         wrong = "has a matrix other than [fx 0 cx; 0 fy cy; 0 0 1]"
     elif not (0.0 < cx < width and 0.0 < cy < height):
-        wrong = f"has its centre at ({cx:g}, {cy:g}) px, wanted it inside the picture of {width} x {height} px"
+        wrong = f"has its centre at ({cx:g}, {cy:g}) px, wanted it inside its {width} x {height} px"
     if wrong:
         raise ValueError(f"camera file {path.name} {wrong}: correct the file, or calibrate with board images")
 
@@ -108,9 +108,13 @@ def _storage(path: Path) -> _Numbers:
     if path.suffix in (".yml", ".yaml") and not text.startswith("%YAML"):
         text = "%YAML:1.0\n---\n" + text  # ROS writes none
     try:
-        storage = cv2.FileStorage(text, cv2.FILE_STORAGE_READ | cv2.FILE_STORAGE_MEMORY)
-    except (cv2.error, SystemError) as error:
+        return _stored(cv2.FileStorage(text, cv2.FILE_STORAGE_READ | cv2.FILE_STORAGE_MEMORY))
+    except (cv2.error, SystemError, OverflowError, ValueError) as error:
         raise ValueError(f"camera file {path} cannot be read as YAML, XML or JSON: write it again") from error
+
+
+def _stored(storage: cv2.FileStorage) -> _Numbers:
+    """What OpenCV finds in a file; it raises errors of its own for what is no matrix."""
     width, height = (_first(storage, keys) for keys in zip(*SIZES, strict=True))
     size = None if width is None or height is None else (int(width.real()), int(height.real()))
     rms = _first(storage, RMS)
