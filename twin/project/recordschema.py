@@ -149,13 +149,13 @@ class BeyondRow(Finding):
 
 
 class ComparisonRecord(Finding):
-    chi2: Maybe
-    degrees_of_freedom: int
-    p_value: Maybe
     rms_mm: Maybe
     noise_sd_mm: Maybe
-    adequate: bool
-    where: Text
+    chi2: Maybe = None
+    degrees_of_freedom: int | None = None
+    p_value: Maybe = None
+    adequate: bool = False
+    where: Text = ""
     raw_rms_mm: Maybe = None
     beyond: tuple[BeyondRow, ...] = ()
     maps: dict[str, tuple[MapRow, ...]] = Field(default={})
