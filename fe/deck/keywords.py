@@ -120,7 +120,7 @@ class _Reading:
             raise ValueError(f"{keyword.place if keyword else file}: {too}; write the mesh into one file")
         if file not in self.files:
             self.files.append(file)
-        return file.read_text(errors="replace")
+        return file.read_text(encoding="utf-8-sig", errors="replace")
 
     def other(self, keyword: Keyword) -> Path:
         """The file that a keyword names, from the deck's folder. ValueError where it is not there or "

@@ -1,5 +1,6 @@
 """Turn data into files that are written whole or not at all, and read them back without pickle."""
 
+import glob
 import hashlib
 import io
 import json
@@ -42,13 +43,31 @@ def whole_folder(folder: Path) -> Iterator[Path]:
 
     `folder` must be absent or empty. The draft of a killed writer is removed.
     """
-    draft = folder.with_name(f".{folder.name}.partial")
-    shutil.rmtree(draft, ignore_errors=True)
+    for left in folder.parent.glob(f".{glob.escape(folder.name)}.*.partial"):
+        if not _lives(left.name.split(".")[-2]):
+            shutil.rmtree(left, ignore_errors=True)
+    draft = folder.with_name(f".{folder.name}.{os.getpid()}.partial")
     draft.mkdir(parents=True)
-    yield draft
-    if folder.is_dir():
-        folder.rmdir()
-    os.rename(draft, folder)
+    try:
+        yield draft
+        if folder.is_dir():
+            folder.rmdir()
+        os.rename(draft, folder)
+    finally:
+        shutil.rmtree(draft, ignore_errors=True)
+
+
+def _lives(process: str) -> bool:
+    """Whether a process of this number is there: its draft is no rest of a killed one."""
+    if os.name == "nt":  # where signal 0 is Ctrl-C
+        return True
+    try:
+        os.kill(int(process), 0)
+    except (ProcessLookupError, ValueError, OverflowError):
+        return False
+    except OSError:
+        return True
+    return True
 
 
 def _to_disk(path: Path) -> None:
@@ -82,10 +101,13 @@ def write_npz(path: Path, arrays: Mapping[str, ArrayLike]) -> None:
 def append_jsonl(path: Path, record: Mapping[str, Any]) -> None:
     """Append one record as one line that is on the disk when this returns."""
     line = json.dumps(plain(record), allow_nan=False, ensure_ascii=False) + "\n"
-    with open(path, "ab") as file:
-        file.write(line.encode("utf-8"))
-        file.flush()
-        os.fsync(file.fileno())
+    try:
+        with open(path, "ab") as file:
+            file.write(line.encode("utf-8"))
+            file.flush()
+            os.fsync(file.fileno())
+    except OSError as error:  # a full disk is said without the file
+        raise OSError(error.errno, error.strerror, str(path)) from None
 
 
 def read_jsonl(path: Path) -> list[dict[str, Any]]:
