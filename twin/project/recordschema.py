@@ -150,7 +150,7 @@ class BeyondRow(Finding):
 
 class ComparisonRecord(Finding):
     rms_mm: Maybe
-    noise_sd_mm: Maybe
+    noise_sd_mm: Maybe = None
     chi2: Maybe = None
     degrees_of_freedom: int | None = None
     p_value: Maybe = None

@@ -22,7 +22,7 @@ from twin.model.prediction import Model
 from twin.model.structure import BuiltIn, Structure, of_deck, of_finger, weighed
 from twin.project.folder import Project, Say
 from twin.project.trust import check_programs
-from twin.sanity import motion_fault, place_fault
+from twin.sanity import motion_fault, place_fault, rise_fault
 from twin.stages.caches import FolderCache, SolvedList
 from twin.stages.positions import on_surface, places_of
 from twin.targets import Array, PointKind, Targets, as_position
@@ -81,6 +81,8 @@ class Workbench:
                 structure.case.position(point.node)  # names what is wrong with an unknown node
         targets, remarks = _on_model(targets, structure.case)
         check_plausible(project, targets, structure.case)
+        if fault := rise_fault(targets):
+            raise ValueError(f"targets: {fault}")
         elasticity = Elasticity(bounds=config.calibrate.bounds, fixed=config.model.fixed)
         return Workbench(project, targets, structure, elasticity, remarks)
 
