@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 from fe import Case
 from fe.element import Integers
-from fe.mesh.quality import Measure
+from fe.mesh.elementshapes import Measure
 from fe.mesh.refine import free_faces
 from twin.review.styling import AFTER, BEFORE, INK, MUTED, png, style
 from twin.targets import Array

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from fe.mesh.quality import quality
+from fe.mesh.elementshapes import quality
 from twin.project.folder import Project, Say
 from twin.review.blueprint import dimensioned
 from twin.review.meshpictures import labelled, shapes

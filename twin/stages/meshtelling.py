@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from fe.mesh.quality import Measure, quality
+from fe.mesh.elementshapes import Measure, quality
 from twin.model.structure import Structure
 from twin.targets import Array
 

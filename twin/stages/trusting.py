@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from twin.effects.ownfiles import own_effects
 from twin.project.folder import Project, Say
 from twin.project.trust import (
     digest_of_link,
@@ -33,6 +34,27 @@ def run_trust(root: Path, say: Say, *, names: Sequence[str] = ()) -> dict[str, A
     remember({digest: f"{project.root / name}: {what}" for name, (digest, what) in wanted.items()})
     say(f"Trusted, in {trust_file()}." if wanted else "There is nothing to trust: no own effects, no links.")
     return {"stage": "trust", "status": "done", "trusted": sorted(wanted)}
+
+
+def named_effect(project: Project, name: str) -> str:
+    """The name of an effect, or that of the effect in a Python file of the project: naming the file on the
+    command line trusts it. ValueError where twin.toml does not name it, or it does not define one effect."""
+    if not name.endswith(".py"):
+        return name
+    known = project.config.model.effect_files
+    if name not in known:
+        raise ValueError(
+            f"{name}: not an effect file of this project, which has {', '.join(known) or 'none'}; name it "
+            "under "
+            "[model] effect_files of twin.toml"
+        )
+    path = project.path(name)
+    if path.is_file():
+        remember({digest_of_program(path.read_bytes()): f"{path}: named on the command line"})
+    found = [effect.name for effect in own_effects(project.root, (name,))]
+    if len(found) != 1:
+        raise ValueError(f"{name} defines {', '.join(found)}: name one of them instead of the file")
+    return found[0]
 
 
 def _asked(project: Project) -> dict[str, tuple[str, str]]:

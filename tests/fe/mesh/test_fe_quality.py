@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from fe.deck.reader import read_deck
-from fe.mesh.quality import quality
+from fe.mesh.elementshapes import quality
 
 Tube = Callable[..., File]
 BOX = """*Node

@@ -7,6 +7,7 @@ import pytest
 from twin import cli
 from twin.project import trust
 from twin.project.folder import Project
+from twin.stages.trusting import named_effect
 from twin.stages.workbench import own_of
 
 TOML = '[[points]]\nname = "tip"\nnode = 4401\n[calibrate]\nobjective_points = ["tip"]\n'
@@ -66,6 +67,19 @@ def test_the_folder_cannot_trust_itself(folder: Path) -> None:
     with pytest.raises(ValueError, match="has not been trusted"):
         own_of(Project.open(folder))
     assert not ran.exists()
+
+
+def test_a_file_named_on_the_command_line_is_trusted(folder: Path) -> None:
+    ran = with_program(folder)
+    project = Project.open(folder)
+    with pytest.raises(ValueError, match=r"other.py: not an effect file of this project, which has effects/fan.py"):
+        named_effect(project, "other.py")
+    assert not ran.exists()
+    assert named_effect(project, "creep") == "creep"
+    assert not ran.exists()
+    assert named_effect(project, "effects/fan.py") == "fan"
+    assert ran.exists()
+    assert [e.name for e in own_of(project)] == ["fan"]
 
 
 def test_what_is_not_asked_for_cannot_be_trusted(folder: Path) -> None:
