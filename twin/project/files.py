@@ -7,6 +7,7 @@ import json
 import math
 import os
 import shutil
+import zipfile
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -16,6 +17,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from twin.project.recordschema import check_record
+
+MOST_BYTES = 8 * 2**30  # of the arrays of one file
 
 
 @contextmanager
@@ -143,7 +146,7 @@ def read_json(path: Path) -> Any:
         raise ValueError(f"{path}: no such file") from None
     except RecursionError:
         raise ValueError(f"{path}: its brackets lie in each other too deeply; {again}") from None
-    except (json.JSONDecodeError, UnicodeDecodeError) as error:
+    except ValueError as error:  # of JSON, of UTF-8, or for a number of more than 4300 digits
         raise ValueError(f"{path}: not valid JSON ({error}); {again}") from None
     try:
         check_record(path.name, data, path=str(path))
@@ -155,6 +158,10 @@ def read_json(path: Path) -> Any:
 def read_npz(path: Path) -> dict[str, NDArray[Any]]:
     """The named arrays of a file; pickled content is refused."""
     try:
+        with zipfile.ZipFile(path) as packed:
+            size = sum(entry.file_size for entry in packed.infolist())
+        if size > MOST_BYTES:  # some kilobytes may unpack to more than any memory holds
+            raise ValueError(f"unpacked it would have {size / 2**30:.0f} GB")
         with np.load(path, allow_pickle=False) as file:
             return {name: file[name] for name in file.files}
     except Exception as error:  # zipfile, numpy and the file system each raise their own kinds

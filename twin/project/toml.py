@@ -1,5 +1,6 @@
 """Turn the text of twin.toml into a configuration and back, with errors and comments for a person."""
 
+import re
 import tomllib
 from collections.abc import Sequence
 from typing import Any
@@ -11,6 +12,10 @@ from pydantic.fields import FieldInfo
 from twin.project.config import FORMER, Config
 from twin.project.validation import checked, table_of, value_text
 
+LONGEST, DEEPEST = 10_000_000, 100  # letters of a file; parts of a key, as in model.fixed.C10
+_PART = r"""(?:[A-Za-z0-9_-]+|"[^"\n]*"|'[^'\n]*')[ \t]*"""
+_DEEP = re.compile(rf"""(?<![\w"'.-]){_PART}(?:\.[ \t]*{_PART}){{{DEEPEST}}}""")
+
 
 def parse(data: bytes, *, name: str) -> Config:
     """The configuration in a file's bytes; ValueError is one sentence that begins with its name."""
@@ -18,10 +23,13 @@ def parse(data: bytes, *, name: str) -> Config:
 
 
 def tables_of(data: bytes, *, name: str) -> dict[str, Any]:
-    """The tables of a TOML file's bytes; ValueError where they are no TOML."""
+    """The tables of a TOML file's bytes; ValueError where they are no TOML, or far longer than any."""
     try:
-        return tomllib.loads(decoded(data))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        text = decoded(data)
+        if len(text) > LONGEST or _DEEP.search(text):  # its time grows with their square
+            raise ValueError(f"wanted at most {LONGEST // 10**6} MB, and keys of at most {DEEPEST} parts")
+        return tomllib.loads(text)
+    except ValueError as error:  # of TOML, of UTF-8, or for a number of more than 4300 digits
         raise ValueError(f"{name}: not valid TOML: {error}") from None
     except RecursionError:
         raise ValueError(f"{name}: its brackets lie in each other too deeply; wanted at most a few") from None
