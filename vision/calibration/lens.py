@@ -1,6 +1,7 @@
 """A camera from views of a board: every lens model fitted, the best by evidence, with its covariance."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 import cv2
@@ -63,6 +64,18 @@ def fit_lens(views: Sequence[BoardView], size: tuple[int, int], model: tuple[str
     return fit
 
 
+@contextmanager
+def _one_thread() -> Iterator[None]:
+    """OpenCV sums in an order that depends on its threads: with one a calibration is the same to the bit."""
+    before = cv2.getNumThreads()
+    cv2.setNumThreads(1)
+    try:
+        yield
+    finally:
+        cv2.setNumThreads(before)
+
+
+@_one_thread()
 def _fit(views: Sequence[BoardView], size: tuple[int, int], model: tuple[str, ...]) -> LensFit:
     flags = sum(flag for name, flag in FIXED.items() if name not in model)
     flags += 0 if "p1" in model else cv2.CALIB_ZERO_TANGENT_DIST
