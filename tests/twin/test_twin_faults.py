@@ -3,6 +3,7 @@
 Every command runs in a process of its own, as a user starts it.
 """
 
+import importlib
 import os
 import resource
 import signal
@@ -140,3 +141,11 @@ def test_files_that_cannot_grow_are_named_and_nothing_half_is_left(study: Path, 
     assert str(study) in error  # which file it was
     assert [p for p in study.rglob(".*") if p.is_file() and p.name != ".lock"] == []
     assert ended("look", "-p", study)[0] == 0
+
+
+@pytest.mark.slow
+def test_a_full_disk_in_any_stage_changes_no_bit(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(str(ROOT / "benchmarks"))
+    found = importlib.import_module("strangers_faults").disk(True)
+    assert found["disk_faults"] == found["disk_same"] > 5
+    assert found["disk_internal"] == found["disk_left"] == 0
