@@ -32,6 +32,14 @@ def pytest_sessionstart(session: pytest.Session) -> None:
         subprocess.run([sys.executable, "-m", "tests.compile_loops"], cwd=ROOT, check=True)
 
 
+@pytest.fixture(scope="session", autouse=True)
+def own_settings(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder of settings of the tests' own: what they trust, no user of this computer does."""
+    folder = tmp_path_factory.mktemp("settings")
+    os.environ["XDG_CONFIG_HOME"] = str(folder)  # for child processes, too
+    return folder
+
+
 @pytest.fixture(scope="session")
 def shared_data() -> Path:
     """Folder of real recordings: $SOFTTWIN_DATA, else ../shared/data beside the checkout; else skip."""

@@ -170,11 +170,18 @@ def print_sheets(
 
 
 @app.command()
-def look(project: Folder = HERE, json: Json = False) -> None:
-    """Draw the finger with its dimensions, marks and points."""
+def look(
+    project: Folder = HERE,
+    at: Annotated[
+        list[str] | None,
+        typer.Option(help="a place x,y,z in mm: the nearest surface node is said and drawn; once for each"),
+    ] = None,
+    json: Json = False,
+) -> None:
+    """Draw the finger with its dimensions, marks and points, node labels around them, and element shapes."""
     from twin.stages.looking import run_look
 
-    _locked("look", run_look, project, json)
+    _locked("look", lambda p, say: run_look(p, say, at=at or []), project, json)
 
 
 @app.command()
@@ -347,6 +354,21 @@ def check(project: Folder = HERE, json: Json = False) -> None:
 
     say = Console(as_json=json)
     say.result(run_check(Project.open(project), say))
+
+
+@app.command()
+def trust(
+    files: Annotated[
+        list[str] | None, typer.Argument(help="which of its effect files or links; without a name all")
+    ] = None,
+    project: Folder = HERE,
+    json: Json = False,
+) -> None:
+    """Let a project's own effects run and its links be followed, once you have read them."""
+    from twin.stages.trusting import run_trust
+
+    say = Console(as_json=json)
+    say.result(run_trust(project, say, names=files or []))
 
 
 def main() -> None:

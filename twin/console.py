@@ -29,7 +29,7 @@ class Console:
 
     def progress(self, stage: str, done: int, total: int, /) -> None:
         """Show how far a part of a stage is: a bar on a terminal, else a line every few seconds."""
-        if sys.stderr.isatty():
+        if sys.stderr is not None and sys.stderr.isatty():
             self._draw(stage, done, total)
         elif time.monotonic() - self._last >= PLAIN_EVERY:
             self._last = time.monotonic()
@@ -95,7 +95,8 @@ def _is_input(error: Exception) -> bool:
 
 def _sentence(error: Exception) -> str:
     if isinstance(error, OSError) and error.strerror:
-        return f"{error.filename}: {error.strerror}" if error.filename else error.strerror
+        place = error.filename or "a file or the output, whose name the system does not say"
+        return f"{place}: {error.strerror}"
     return " ".join(str(error).split())
 
 

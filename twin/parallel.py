@@ -6,6 +6,7 @@ import signal
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from contextlib import contextmanager
 from typing import Any
 
 WORKERS = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
@@ -28,7 +29,8 @@ def finished(tasks: Sequence[Task], *, workers: int) -> Iterator[tuple[int, Any]
         min(workers, len(tasks)), mp_context=mp.get_context("spawn"), initializer=_serve
     )
     try:
-        number: dict[Future[Any], int] = {pool.submit(task): k for k, task in enumerate(tasks)}
+        with _no_interrupt():  # a worker that is only starting would answer it with a traceback
+            number: dict[Future[Any], int] = {pool.submit(task): k for k, task in enumerate(tasks)}
         left = set(number)
         while left:
             done, left = wait(left, return_when=FIRST_COMPLETED)
@@ -40,6 +42,19 @@ def finished(tasks: Sequence[Task], *, workers: int) -> Iterator[tuple[int, Any]
         raise
     finally:
         pool.shutdown(cancel_futures=True)
+
+
+@contextmanager
+def _no_interrupt() -> Iterator[None]:
+    """Ctrl-C waits while processes are started, and never reaches those: they inherit that."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _serve() -> None:

@@ -60,9 +60,10 @@ def _from_file(name: str) -> cv2.aruco.Dictionary:
         storage = cv2.FileStorage(name, cv2.FILE_STORAGE_READ)
         dictionary = cv2.aruco.Dictionary()
         read = dictionary.readDictionary(storage.root())
-    except (cv2.error, SystemError) as error:
+        empty = not read or dictionary.bytesList is None or not len(dictionary.bytesList)
+    except (cv2.error, SystemError, MemoryError, TypeError, ValueError) as error:
         raise ValueError(wrong) from error
-    if not read or not len(dictionary.bytesList):
+    if empty:
         raise ValueError(wrong)
     return dictionary
 

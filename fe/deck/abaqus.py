@@ -73,8 +73,10 @@ class Abaqus:
         with tempfile.TemporaryDirectory() as scratch:
             folder = self.folder or Path(scratch)
             folder.mkdir(parents=True, exist_ok=True)
-            (folder / "job.inp").write_text(deck(case, pressure, kind=self.kind, gravity=gravity))
-            (folder / "extract.py").write_text(EXTRACT)
+            (folder / "job.inp").write_text(
+                deck(case, pressure, kind=self.kind, gravity=gravity), encoding="utf-8"
+            )
+            (folder / "extract.py").write_text(EXTRACT, encoding="utf-8")
             (folder / "job.csv").unlink(missing_ok=True)  # of an earlier run
             start = time.perf_counter()
             for command in self.commands():
@@ -90,7 +92,7 @@ class Abaqus:
 def _read(path: Path, seconds: float) -> EngineResult:
     if not path.exists():
         return EngineResult.failed(f"{path.name} was not written by the extraction script", seconds)
-    first, *rest = path.read_text().splitlines()
+    first, *rest = path.read_text(encoding="utf-8", errors="replace").splitlines()
     reached, _, whole, _ = first.lstrip("# ").split()
     rows = list(csv.DictReader(rest))
     labels = np.array([int(r["label"]) for r in rows], np.int64)

@@ -54,7 +54,7 @@ class CalculiX:
         with tempfile.TemporaryDirectory() as scratch:
             folder = self.folder or Path(scratch)
             folder.mkdir(parents=True, exist_ok=True)
-            (folder / "job.inp").write_text(without_hybrid(text))
+            (folder / "job.inp").write_text(without_hybrid(text), encoding="utf-8")
             start = time.perf_counter()
             done = subprocess.run(
                 [program, "-i", "job"],
@@ -83,7 +83,7 @@ def _read(path: Path, done: "subprocess.CompletedProcess[str]", seconds: float) 
     """The last displacements of a result file (.frd: fixed columns, six digits)."""
     blocks: list[list[str]] = []
     inside = False
-    for line in path.read_text().splitlines() if path.exists() else []:
+    for line in path.read_text(encoding="utf-8", errors="replace").splitlines() if path.exists() else []:
         if line.startswith(" -4  DISP"):
             blocks.append([])
             inside = True

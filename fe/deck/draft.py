@@ -5,7 +5,7 @@ from dataclasses import KW_ONLY, dataclass, field
 import numpy as np
 
 from fe.case import Block, Case, Support
-from fe.element import Array, Integers
+from fe.element import ELEMENTS, Array, Integers
 from fe.laws import Material
 from fe.mesh.convert import without_unused_nodes
 
@@ -30,12 +30,15 @@ class Draft:
     gravity: Array = field(default_factory=lambda: np.zeros(3))
     densities: dict[str, float] = field(default_factory=dict)
     material: str = ""
+    parts: int = 0
     instances: int = 0
 
     def case(self) -> Case:
         """The case: labels become rows. ValueError for what is used but not defined, or not complete."""
         if not self.elements:
             raise ValueError(f"{self.file}: no elements; wanted *NODE and *ELEMENT")
+        if not self.nodes:
+            raise ValueError(f"{self.file}: no nodes; wanted *NODE and *ELEMENT")
         labels = np.array(sorted(self.nodes), np.int64)
         numbers = np.array(sorted(self.elements), np.int64)
 
@@ -63,12 +66,20 @@ class Draft:
         }
         surfaces = {}
         for name, faces in self.surfaces.items():
-            e, f = np.array(faces, np.int64).reshape(-1, 2).T
+            e, f = np.array(list(dict.fromkeys(faces)), np.int64).reshape(-1, 2).T
+            absent = np.flatnonzero(f >= len(ELEMENTS[kind].faces))
+            if len(absent):
+                raise ValueError(
+                    f"{self.file}: surface {name!r} has face {f[absent[0]] + 1} of element {e[absent[0]]}, "
+                    "but "
+                    f"{kind} has the faces 1 to {len(ELEMENTS[kind].faces)}"
+                )
             surfaces[name] = np.stack([rows(numbers, list(e), "element"), f], axis=1)
         pressurised = None
         if self.loads:
             pressurised = "+".join(self.loads)
             surfaces[pressurised] = np.concatenate([surfaces[name] for name in self.loads])
+            _check_apart(self, surfaces[pressurised], numbers)
         forces = _forces(self, node_sets, labels)
         case = Case(
             nodes=np.array([self.nodes[n] for n in labels]),
@@ -83,6 +94,16 @@ class Draft:
             forces=forces,
         )
         return without_unused_nodes(case)
+
+
+def _check_apart(draft: Draft, faces: Integers, numbers: Integers) -> None:
+    """ValueError where a face lies in two surfaces that carry the pressure: it would act twice."""
+    own, count = np.unique(faces, axis=0, return_counts=True)
+    for e, f in own[count > 1][:1].tolist():
+        raise ValueError(
+            f"{draft.file}: face {f + 1} of element {numbers[e]} lies in two loaded surfaces, "
+            f"{' and '.join(draft.loads)}; wanted it in one, as the pressure would act twice"
+        )
 
 
 def _materials(draft: Draft, sets: dict[str, Integers], count: int) -> dict[str, Material]:

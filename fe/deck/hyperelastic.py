@@ -30,7 +30,13 @@ class Form:
 
     def fits(self, parameters: Mapping[str, str]) -> bool:
         """Whether the parameters of a keyword ask for it."""
-        return self.kind in parameters and self.order in (None, int(parameters.get("N", 1)))
+        return self.kind in parameters and self.order in (None, _order(parameters))
+
+
+def _order(parameters: Mapping[str, str]) -> int:
+    """The number of terms, N; 0 where it is none."""
+    stated = parameters.get("N", "1")
+    return int(stated) if stated in {"1", "2", "3", "4", "5", "6"} else 0
 
 
 def polynomial(kind: str, *constants: str, order: int | None = None, compressible: int = 1) -> Form:
@@ -86,8 +92,13 @@ def read_law(k: Keyword) -> Material:
     c = [x for line, words in k.data for x in k.numbers(line, [w for w in words if w])]
     for form in FORMS:
         if form.fits(k.parameters):
-            law, left = form.read(c, int(k.parameters.get("N", 1)))
+            law, left = form.read(c, _order(k.parameters))
             if law is not None:
+                if not law.shear > 0 or (left and left[0] < 0):
+                    raise k.error(
+                        f"*HYPERELASTIC with a shear modulus of {law.shear:g} MPa and D1 = "
+                        f"{left[0] if left else 0:g}: wanted a shear modulus above 0, and D1 0 or more"
+                    )
                 ratio = 2 / left[0] / law.shear if left and left[0] > 0 else INCOMPRESSIBLE
                 return replace(law, bulk_ratio=ratio)
     raise k.error(

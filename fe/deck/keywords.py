@@ -1,9 +1,12 @@
 """The keywords of an Abaqus input deck, each with its parameters, its data lines and where it stands."""
 
-import re
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+import math
+import os
+from collections.abc import Iterator
+from dataclasses import dataclass, field
 from pathlib import Path
+
+LARGEST = 10**9  # of a label: Abaqus takes nine digits
 
 
 @dataclass(frozen=True)
@@ -31,18 +34,28 @@ class Keyword:
         return ValueError(f"{place or self.place}: {what}")
 
     def numbers(self, place: Place, words: list[str]) -> list[float]:
-        """The words as numbers, an empty one as 0."""
+        """The words as finite numbers, an empty one as 0."""
         try:
-            return [float(w.lower().replace("d", "e")) if w else 0.0 for w in words]
+            found = [float(w.lower().replace("d", "e")) if w else 0.0 for w in words]
         except ValueError:
-            raise self.error(f"{', '.join(words)}: wanted numbers", place) from None
+            raise self.error(f"{_shown(words)}: wanted numbers", place) from None
+        if not all(map(math.isfinite, found)):
+            raise self.error(f"{_shown(words)}: wanted finite numbers", place)
+        return found
 
-    def whole(self, place: Place, word: str) -> int:
-        """A word as a whole number."""
-        (x,) = self.numbers(place, [word])
-        if not x.is_integer():
-            raise self.error(f"{word}: wanted a whole number", place)
-        return int(x)
+    def whole(self, place: Place, word: str, *, low: int = -LARGEST, high: int = LARGEST) -> int:
+        """A word as a whole number from low to high."""
+        return self.wholes(place, [word], low=low, high=high)[0]
+
+    def wholes(
+        self, place: Place, words: list[str], *, low: int = -LARGEST, high: int = LARGEST
+    ) -> list[int]:
+        """The words as whole numbers from low to high, such as labels: 1 to LARGEST."""
+        found = self.numbers(place, words)
+        for word, x in zip(words, found, strict=True):
+            if not x.is_integer() or not low <= x <= high:
+                raise self.error(f"{_shown([word])}: wanted a whole number, {low} to {high}", place)
+        return [int(x) for x in found]
 
     def text(self, parameter: str) -> str:
         """A parameter that must be there."""
@@ -57,70 +70,135 @@ class Keyword:
             raise self.error(f"*{self.name}, {other[0]}: not supported; wanted *{self.name} without it")
 
 
-def read_keywords(path: Path) -> Iterator[Keyword]:
+def _shown(words: list[str]) -> str:
+    text = ", ".join(words)
+    return text if len(text) <= 60 else text[:57] + "..."
+
+
+@dataclass(frozen=True)
+class DeckText:
+    """What a deck says: its keywords in order, and all files that were read, the deck itself first."""
+
+    keywords: tuple[Keyword, ...]
+    files: tuple[Path, ...]
+
+
+def read_keywords(path: Path) -> DeckText:
     """The keywords of a deck in order; comments and empty lines are left out, continued lines joined.
 
     *INCLUDE, and INPUT= of any keyword, read another file, named from the deck's folder. ValueError where it
-    is not there or includes itself.
+    is not there, lies outside that folder, includes itself, or where files are too many or too deep in each
+    other.
     """
-    open_, head, start = None, "", Place(path, 0)
-    for place, text in _lines(path, ()):
+    reading = _Reading(path)
+    return DeckText(tuple(_keywords(reading)), tuple(reading.files))
+
+
+DEEPEST, MOST_FILES, MOST_BYTES = 16, 1000, 2**30  # of includes in each other; of all that is read
+
+
+@dataclass
+class _Reading:
+    """The files that a deck has made read so far."""
+
+    deck: Path
+    files: list[Path] = field(default_factory=list)
+    opened: int = 0
+    size: int = 0
+
+    def text(self, file: Path, keyword: Keyword | None, depth: int) -> str:
+        """The text of a file. ValueError at the keyword that asks for one too many."""
+        self.opened, self.size = self.opened + 1, self.size + file.stat().st_size
+        too = ""
+        if depth > DEEPEST:
+            too = f"files that include each other {depth} deep: wanted at most {DEEPEST}"
+        elif self.opened > MOST_FILES:
+            too = f"more than {MOST_FILES} files are read in all: wanted fewer"
+        elif self.size > MOST_BYTES:
+            too = f"more than {MOST_BYTES / 2**30:g} GB are read in all: wanted less"
+        if too:
+            raise ValueError(f"{keyword.place if keyword else file}: {too}; write the mesh into one file")
+        if file not in self.files:
+            self.files.append(file)
+        return file.read_text(encoding="utf-8-sig", errors="replace")
+
+    def other(self, keyword: Keyword) -> Path:
+        """The file that a keyword names, from the deck's folder. ValueError where it is not there or "
+        "outside."""
+        stated, root = keyword.text("INPUT").strip(' "'), self.deck.parent
+        name = stated.replace("\\", "/")  # as a deck written on Windows has it
+        file = root / os.path.normpath(name)
+        what = f"*{keyword.name}, INPUT={stated}:"
+        if os.path.isabs(name) or "\0" in name or not file.resolve().is_relative_to(root.resolve()):
+            raise keyword.error(f"{what} not in the folder of {self.deck.name}: wanted a file there or "
+                                "below; "
+                                "copy it there")  # fmt: skip
+        if not file.is_file():
+            raise keyword.error(f"{what} no such file in {root}")
+        return file
+
+
+def _keywords(reading: _Reading) -> Iterator[Keyword]:
+    open_: Keyword | None = None
+    head: list[str] = []
+    start = Place(reading.deck, 0)
+    for place, text in _lines(reading, reading.deck, (), None):
         if not text.startswith("*") and not head:
             if open_ is not None:
                 open_.data.append((place, _words(text)))
             continue
-        head, start = head + text, start if head else place
-        if head.endswith(","):  # goes on in the next line
+        start = start if head else place
+        head.append(text)
+        if text.endswith(","):  # goes on in the next line
             continue
         if open_ is not None:
             yield open_
-        words = _words(head[1:])
-        pairs = (w.partition("=") for w in words[1:] if w)
-        parameters = {" ".join(k.upper().split()): v.strip() for k, _, v in pairs}
-        open_, head = Keyword(" ".join(words[0].upper().split()), parameters, [], start), ""
-        if "INPUT" in parameters:
-            lines = _lines(_other(open_, path), ())
-            open_.data.extend((place, _words(text)) for place, text in lines)
-            del parameters["INPUT"]
+        open_, head = _keyword("".join(head), start), []
+        if "INPUT" in open_.parameters:
+            lines = _lines(reading, reading.other(open_), (reading.deck,), open_)
+            open_.data.extend((at, _words(line)) for at, line in lines)
+            del open_.parameters["INPUT"]
     if open_ is not None:
         yield open_
 
 
-def files_of(keywords: Iterable[Keyword]) -> tuple[Path, ...]:
-    """The files that keywords were read from, each once."""
-    places = (place for k in keywords for place in (k.place, *(place for place, _ in k.data)))
-    return tuple(dict.fromkeys(place.file for place in places))
+def _keyword(head: str, start: Place) -> Keyword:
+    """The keyword of a whole head line, without data."""
+    words = _words(head[1:])
+    pairs = (w.partition("=") for w in words[1:] if w)
+    parameters = {" ".join(k.upper().split()): v.strip() for k, _, v in pairs}
+    return Keyword(" ".join(words[0].upper().split()), parameters, [], start)
 
 
-def _lines(path: Path, within: tuple[Path, ...]) -> Iterator[tuple[Place, str]]:
+def _lines(
+    reading: _Reading, path: Path, within: tuple[Path, ...], keyword: Keyword | None
+) -> Iterator[tuple[Place, str]]:
     """The lines that say something, each *INCLUDE replaced by those of its file."""
-    for number, raw in enumerate(path.read_text(errors="replace").splitlines(), start=1):
+    for number, raw in enumerate(reading.text(path, keyword, len(within)).splitlines(), start=1):
         text, place = raw.strip(), Place(path, number)
         if not text or text.startswith("**"):
             continue
-        named = re.fullmatch(r"\*\s*include\s*,\s*input\s*=\s*(.+)", text, flags=re.IGNORECASE)
-        if not named:
+        included = _keyword(text, place) if text[:40].upper().lstrip("* ").startswith("INCLUDE") else None
+        if included is None or included.name != "INCLUDE" or not text.startswith("*"):
             yield place, text
             continue
-        root, within_ = (within or (path,))[0], (*within, path)
-        keyword = Keyword("INCLUDE", {"INPUT": named.group(1)}, [], place)
-        file = _other(keyword, root)
-        if file in within_:
-            raise keyword.error(f"*INCLUDE, INPUT={file.name}: the file includes itself")
-        yield from _lines(file, within_)
-
-
-def _other(keyword: Keyword, deck: Path) -> Path:
-    file = deck.parent / keyword.text("INPUT").strip(' "')
-    if not file.is_file():
-        raise keyword.error(f"*{keyword.name}, INPUT={file.name}: no such file in {file.parent}")
-    return file
+        file = reading.other(included)
+        if file in (*within, path):
+            raise included.error(f"*INCLUDE, INPUT={file.name}: the file includes itself")
+        yield from _lines(reading, file, (*within, path), included)
 
 
 def _words(text: str) -> list[str]:
-    """The parts between commas, but for those in quotation marks."""
-    return [w.strip() for w in re.findall(r'((?:"[^"]*"|[^,"])*)(?:,|$)', text)[: _commas(text) + 1]]
-
-
-def _commas(text: str) -> int:
-    return re.sub(r'"[^"]*"', "", text).count(",")
+    """The parts between commas, but for those in quotation marks; a mark that is not closed is a letter."""
+    if '"' not in text:
+        return [w.strip() for w in text.split(",")]
+    parts = text.split('"')
+    words: list[list[str]] = [[]]
+    for k, part in enumerate(parts):
+        if k % 2 and k < len(parts) - 1:
+            words[-1].append(f'"{part}"')
+            continue
+        first, *rest = (f'"{part}' if k % 2 else part).split(",")
+        words[-1].append(first)
+        words += [[w] for w in rest]
+    return ["".join(w).strip() for w in words]

@@ -46,7 +46,7 @@ class Standin:
 
     def __init__(self) -> None:
         self.calls = []
-        self.writes = {"diagnose": {"diagnosis.json": {"named": ["creep"]}}, "review": {"report.html": "", "review.rrd": ""}}
+        self.writes = {"diagnose": {"diagnosis.json": {"verdict": "creep", "named": ["creep"]}}, "review": {"report.html": "", "review.rrd": ""}}
         self.instead = {}
 
     def function_at(self, place):
@@ -76,7 +76,7 @@ def test_help_lists_every_command_of_this_version(run):
     listed = [line.split()[0] for line in out.split("Commands:")[1].splitlines() if line.strip()]
     wanted = (
         "demo init virtual print look pick camera measure calibrate compare diagnose explain add drop study review "
-        "recalibrate batches list check"
+        "recalibrate batches list check trust"
     )
     assert listed == wanted.split()
 
@@ -162,7 +162,7 @@ def test_check_names_the_effect_of_the_diagnosis(run, study, stages):
     for name in ("calibrate", "compare", "diagnose"):
         run(name, "-p", study)
     assert json.loads(run("check", "-p", study, "--json")[1])["next"] == "add creep"
-    stages.writes["diagnose"] = {"diagnosis.json": {"named": ["creep", "clamp"]}}
+    stages.writes["diagnose"] = {"diagnosis.json": {"verdict": "creep", "named": ["creep", "clamp"]}}
     run("diagnose", "-p", study)
     assert json.loads(run("check", "-p", study, "--json")[1])["next"] == "add"
 

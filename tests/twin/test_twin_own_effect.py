@@ -76,6 +76,7 @@ def batch(short_case: Case, short_builtin: BuiltIn, tmp_path_factory: pytest.Tem
     (folder / "effects").mkdir(parents=True)
     (folder / "effects" / "cable.py").write_text(example(), encoding="utf-8")
     (folder / "twin.toml").write_text(dump(config), encoding="utf-8")
+    run("trust", "--project", folder)
     write_targets(folder / "targets", replace(targets, noise=None))  # else finer meshes are solved, too
     with pytest.MonkeyPatch.context() as patch:  # the command line knows the study's finger only
         patch.setattr(workbench, "BuiltIn", lambda: short_builtin)
@@ -137,6 +138,7 @@ def test_check_names_the_line_of_a_broken_file_and_a_broken_promise(batch: Path)
         ('"cable", Order', '"cord", Order', r"effect 'cord': parameter 'cable\.up': wanted a name of the form cord"),
     ):
         file.write_text(example().replace(old, new), encoding="utf-8")
+        run("trust", "--project", batch)
         with pytest.raises(ValueError, match=sentence):
             run_check(project, Silent())
     file.write_text(example(), encoding="utf-8")

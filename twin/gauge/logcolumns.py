@@ -19,9 +19,8 @@ from twin.gauge.pressureunits import (
     unit_of,
 )
 from twin.project.csvtable import Sheet, Table
+from twin.sanity import pressure_fault
 from twin.targets import Array
-
-LEAST_MPA, MOST_MPA = 1e-4, 1.0  # the peak of a test of a soft finger lies far within
 
 
 @dataclass(frozen=True)
@@ -71,13 +70,11 @@ def gauge_pressure(table: Table, column: Column, form: LogFormat) -> tuple[Array
 
 def _check_size(path: Path, column: Column, peak: float, unit: str) -> None:
     """Raise ValueError where no soft finger has such a pressure (peak, MPa): the unit is another one."""
-    what = f"{path}: {column.name} reaches {peak:.3g} MPa, read in {unit};"
-    if peak > MOST_MPA and unit == "MPa":
-        raise ValueError(f"{what} wanted MPa, below 1: divide kPa by 1000, or name the column pressure_kPa")
-    if peak > MOST_MPA or (unit != "MPa" and 0 < peak < LEAST_MPA):
+    fault = pressure_fault(peak, unit=unit)
+    if fault and peak > 0:
         raise ValueError(
-            f"{what} wanted {LEAST_MPA:g} to {MOST_MPA:g} MPa, as soft fingers have: correct the unit in the "
-            "heading or in [pressure] of twin.toml"
+            f"{path}: {column.name} {fault}; correct the unit in the heading, as in pressure_kPa, or in "
+            "[pressure] of twin.toml"
         )
 
 

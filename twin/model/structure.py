@@ -13,6 +13,7 @@ import numpy as np
 from fe import Case, Clamp, Finger, Lattice, Material, finger_case
 from fe.case import digest
 from fe.deck.reader import Deck, read_deck
+from fe.deck.soundness import check_body, jacobians
 from fe.element import Integers
 from fe.mesh.dividing import lattice_of
 from fe.mesh.refine import enriched, free_faces, refined
@@ -50,7 +51,7 @@ class Structure:
     key: fingerprint; base and finer: meshes of the discretisation error, the last of which tests the others
     (see `model.discretisation`); none where `unknown` says why. outside (f, m): the faces that are drawn, as
     node rows. scales: whether U depends on pressure / (C10 + C01) and the share alone, as where nothing but
-    pressure loads one material. remarks: what a user should know of it.
+    pressure loads one material. remarks: what a user should know of it. numbers: of a deck's elements.
     """
 
     case: Case
@@ -60,6 +61,14 @@ class Structure:
     scales: bool = True
     unknown: str = ""
     remarks: tuple[str, ...] = ()
+    numbers: Integers | None = None
+
+    @property
+    def elements(self) -> Integers:
+        """The numbers (e,) of the elements: a deck's own as long as they are not divided, else 1, 2, .."""
+        count = len(self.case.connectivity)
+        whole = self.numbers is not None and len(self.numbers) == count
+        return self.numbers if self.numbers is not None and whole else 1 + np.arange(count)
 
     @property
     def base(self) -> Mesh:
@@ -107,10 +116,9 @@ def of_finger(finger: Finger, lattice: Lattice) -> Structure:
 
 def _check_cells(case: Case) -> None:
     """ValueError unless the Jacobian is positive at all integration points."""
-    X, (_, dN) = case.nodes[case.connectivity], case.element.at_points
-    size = np.linalg.det(np.einsum("eai,qaJ->eqiJ", X, dN, optimize=True)).min(axis=1)
+    size = jacobians(case).min(axis=1)
     if size.min() <= 0.0:
-        x, _, z = X[size.argmin()].mean(axis=0)
+        x, _, z = case.nodes[case.connectivity[size.argmin()]].mean(axis=0)
         raise ValueError(
             f"model.finger: with these dimensions the mesh folds near x = {x:.3g}, z = {z:.3g} mm; wanted "
             "cells that are the right way round; make the pleats shallower or fewer, or the walls thinner"
@@ -145,6 +153,7 @@ def of_deck(path: Path, *, mesh: int = 1, silicone: tuple[str, ...] = ()) -> Str
     deck = read_deck(path)
     if deck.case.pressurised is None:
         raise ValueError(f"{path.name}: no pressure; wanted *DSLOAD with P on the surface of the chamber")
+    check_body(deck.case, path.name)
     fitted = _fitted(deck.case, silicone, path)
     case = _clamped(_rubber(_divided(deck.case, mesh), fitted))
     key = digest(mesh, fitted, *(file.read_bytes() for file in deck.files))
@@ -152,7 +161,7 @@ def of_deck(path: Path, *, mesh: int = 1, silicone: tuple[str, ...] = ()) -> Str
     forces = case.forces or case.growing
     alone = not case.kept and not forces and all(s.value is None for s in case.supports)
     remarks = _remarks(path, deck, case, fitted, meshes)
-    return Structure(case, key, meshes, _outside(case), alone, unknown, remarks)
+    return Structure(case, key, meshes, _outside(case), alone, unknown, remarks, deck.elements)
 
 
 def _fitted(case: Case, wanted: tuple[str, ...], path: Path) -> tuple[str, ...]:

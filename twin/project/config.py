@@ -12,6 +12,12 @@ from twin.project.dimensions import FingerTable
 from twin.project.tablemodel import Finite, NotNegative, Position, Positive, TableModel
 
 
+def _inside(path: str) -> str:
+    if ".." in PurePosixPath(path).parts or ".." in PureWindowsPath(path).parts:
+        raise ValueError("wanted a path inside the project folder, without ..; copy the file under raw/")
+    return _relative(path)
+
+
 def _relative(path: str) -> str:
     if PurePosixPath(path).is_absolute() or PureWindowsPath(path).is_absolute() or path.startswith("~"):
         raise ValueError(
@@ -35,11 +41,12 @@ def _dictionary(name: str) -> str:
             "wanted one of OpenCV's names, such as DICT_4X4_50 or DICT_APRILTAG_36h11, or a file such as "
             "raw/dictionary.yml"
         )
-    return _relative(name)
+    return _inside(name)
 
 
 Dictionary = Annotated[str, AfterValidator(_dictionary)]
-RelativePath = Annotated[str, Field(min_length=1), AfterValidator(_relative)]
+RelativePath = Annotated[str, Field(min_length=1), AfterValidator(_inside)]
+OtherProject = Annotated[str, Field(min_length=1), AfterValidator(_relative)]
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9_.+-]+$")]  # goes into CSV cells and entity paths
 Effect = Annotated[str, AfterValidator(_effect)]
 Bounds = tuple[Finite, Finite]
@@ -51,7 +58,7 @@ FORMER = {"model": ("geometry", "material", "top_pressure_MPa")}
 
 class ProjectTable(TableModel):
     name: str = Field(default="batch", min_length=1, description="name of the batch, shown in reports")
-    like: RelativePath | None = Field(
+    like: OtherProject | None = Field(
         default=None,
         description="folder of the former batch on the same rig, such as ../batch-07; `twin init --like` "
         "writes it",
@@ -74,7 +81,8 @@ class ModelTable(TableModel):
     )
     effect_files: tuple[RelativePath, ...] = Field(
         default=(),
-        description='Python files of your own effects, ["effects/cable.py"]; no others are run',
+        description='Python files of your own effects, ["effects/cable.py"]; no others are run, and these '
+        "only after `twin trust`",
     )
     density_kg_m3: Positive | None = Field(
         default=None,

@@ -27,7 +27,8 @@ class Table:
     def error(self, row: int, column: str, wanted: str) -> ValueError:
         """The error that names the cell, its value and what was wanted."""
         value = self.cells[column][row]
-        return ValueError(f"{self.path}, line {self.lines[row]}, column {column}: {value!r}: {wanted}")
+        shown = repr(value if len(value) <= 60 else value[:57] + "...")
+        return ValueError(f"{self.path}, line {self.lines[row]}, column {column}: {shown}: {wanted}")
 
     def numbers(self, column: str, *, unit: str, empty: bool = False) -> NDArray[np.float64]:
         """A column (rows,) of finite numbers; where `empty` is allowed an empty cell is NaN."""
@@ -36,11 +37,10 @@ class Table:
 
     def integers(self, column: str) -> NDArray[np.int64]:
         """A column (rows,) of whole numbers."""
-        try:
-            return np.array([int(text) for text in self.cells[column]], dtype=np.int64)
-        except ValueError:
-            bad = next(row for row, text in enumerate(self.cells[column]) if not _is_integer(text))
-            raise self.error(bad, column, "wanted a whole number") from None
+        for row, text in enumerate(self.cells[column]):
+            if not re.fullmatch(r"[+-]?[0-9]{1,15}", text):
+                raise self.error(row, column, "wanted a whole number, of 15 digits at most")
+        return np.array([int(text) for text in self.cells[column]], dtype=np.int64)
 
     def flags(self, column: str) -> NDArray[np.bool_]:
         """A column (rows,) of 1 / 0 or true / false."""
@@ -68,6 +68,8 @@ class Table:
             return math.nan
         try:
             value = float(text.replace(",", ".") if self.comma else text)
+            if "_" in text or not text.isascii():  # which Python reads as digits
+                raise ValueError
         except ValueError:
             raise self.error(row, column, f"{wanted}{_of_marks(text)}") from None
         if not math.isfinite(value):
@@ -129,9 +131,16 @@ def read_sheet(path: Path, *, wanted: str) -> Sheet:
         raise ValueError(f"{path}: not UTF-8 text; save it as CSV (UTF-8)") from None
     separator = _separator(next((line for line in text.splitlines() if line.strip()), ""))
     reader = csv.reader(text.splitlines(), delimiter=separator)
-    rows = [
-        (reader.line_num, [cell.strip() for cell in row]) for row in reader if any(c.strip() for c in row)
-    ]
+    try:
+        rows = [
+            (reader.line_num, [cell.strip() for cell in row]) for row in reader if any(c.strip() for c in row)
+        ]
+    except csv.Error as error:  # a cell of more than 131072 characters, or a zero byte
+        raise ValueError(
+            f"{path}, line {reader.line_num}: not a row of a CSV file ({error}); wanted a header line "
+            f"{wanted} "
+            "and rows below it"
+        ) from None
     if len(rows) < 2:
         raise ValueError(f"{path}: no rows; wanted a header line {wanted} and rows below it")
     return Sheet(path, tuple(rows[0][1]), [row for _, row in rows[1:]], [n for n, _ in rows[1:]], separator)
@@ -178,11 +187,3 @@ def _check_header(path: Path, header: Sequence[str], name: str, spare: list[str]
     raise ValueError(
         f"{path}: column {name} is {'there twice' if name in header else 'missing'}: {found}{hint}"
     )
-
-
-def _is_integer(text: str) -> bool:
-    try:
-        int(text)
-    except ValueError:
-        return False
-    return True

@@ -1,11 +1,13 @@
 """Turn data into files that are written whole or not at all, and read them back without pickle."""
 
+import glob
 import hashlib
 import io
 import json
 import math
 import os
 import shutil
+import zipfile
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -13,6 +15,10 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+from twin.project.recordschema import check_record
+
+MOST_BYTES = 8 * 2**30  # of the arrays of one file
 
 
 @contextmanager
@@ -40,13 +46,31 @@ def whole_folder(folder: Path) -> Iterator[Path]:
 
     `folder` must be absent or empty. The draft of a killed writer is removed.
     """
-    draft = folder.with_name(f".{folder.name}.partial")
-    shutil.rmtree(draft, ignore_errors=True)
+    for left in folder.parent.glob(f".{glob.escape(folder.name)}.*.partial"):
+        if not _lives(left.name.split(".")[-2]):
+            shutil.rmtree(left, ignore_errors=True)
+    draft = folder.with_name(f".{folder.name}.{os.getpid()}.partial")
     draft.mkdir(parents=True)
-    yield draft
-    if folder.is_dir():
-        folder.rmdir()
-    os.rename(draft, folder)
+    try:
+        yield draft
+        if folder.is_dir():
+            folder.rmdir()
+        os.rename(draft, folder)
+    finally:
+        shutil.rmtree(draft, ignore_errors=True)
+
+
+def _lives(process: str) -> bool:
+    """Whether a process of this number is there: its draft is no rest of a killed one."""
+    if os.name == "nt":  # where signal 0 is Ctrl-C
+        return True
+    try:
+        os.kill(int(process), 0)
+    except (ProcessLookupError, ValueError, OverflowError):
+        return False
+    except OSError:
+        return True
+    return True
 
 
 def _to_disk(path: Path) -> None:
@@ -80,10 +104,13 @@ def write_npz(path: Path, arrays: Mapping[str, ArrayLike]) -> None:
 def append_jsonl(path: Path, record: Mapping[str, Any]) -> None:
     """Append one record as one line that is on the disk when this returns."""
     line = json.dumps(plain(record), allow_nan=False, ensure_ascii=False) + "\n"
-    with open(path, "ab") as file:
-        file.write(line.encode("utf-8"))
-        file.flush()
-        os.fsync(file.fileno())
+    try:
+        with open(path, "ab") as file:
+            file.write(line.encode("utf-8"))
+            file.flush()
+            os.fsync(file.fileno())
+    except OSError as error:  # a full disk is said without the file
+        raise OSError(error.errno, error.strerror, str(path)) from None
 
 
 def read_jsonl(path: Path) -> list[dict[str, Any]]:
@@ -91,7 +118,13 @@ def read_jsonl(path: Path) -> list[dict[str, Any]]:
     if not path.exists():
         return []
     lines = path.read_bytes().split(b"\n")[:-1]  # what follows the last newline was cut off
-    return [json.loads(line) for line in lines if line.strip()]
+    try:
+        records = [json.loads(line) for line in lines if line.strip()]
+    except (ValueError, RecursionError) as error:
+        raise ValueError(f"{path}: not valid JSON ({error}); remove the folder {path.parent}") from None
+    if not all(isinstance(record, dict) for record in records):
+        raise ValueError(f"{path}: wanted one record a line; remove the folder {path.parent}")
+    return records
 
 
 def mend_jsonl(path: Path) -> None:
@@ -104,18 +137,31 @@ def mend_jsonl(path: Path) -> None:
 
 
 def read_json(path: Path) -> Any:
-    """What a JSON file holds; ValueError names the file and the place where it is broken."""
+    """What a JSON file holds; ValueError names the file and the place where it is broken, or not what a file
+    of that name should hold."""
+    again = "remove it and run its stage again"
     try:
-        return json.loads(path.read_text(encoding="utf-8"))
+        data = json.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
         raise ValueError(f"{path}: no such file") from None
-    except (json.JSONDecodeError, UnicodeDecodeError) as error:
-        raise ValueError(f"{path}: not valid JSON ({error}); remove it and run its stage again") from None
+    except RecursionError:
+        raise ValueError(f"{path}: its brackets lie in each other too deeply; {again}") from None
+    except ValueError as error:  # of JSON, of UTF-8, or for a number of more than 4300 digits
+        raise ValueError(f"{path}: not valid JSON ({error}); {again}") from None
+    try:
+        check_record(path.name, data, path=str(path))
+    except ValueError as error:
+        raise ValueError(f"{error}; {again}") from None
+    return data
 
 
 def read_npz(path: Path) -> dict[str, NDArray[Any]]:
     """The named arrays of a file; pickled content is refused."""
     try:
+        with zipfile.ZipFile(path) as packed:
+            size = sum(entry.file_size for entry in packed.infolist())
+        if size > MOST_BYTES:  # some kilobytes may unpack to more than any memory holds
+            raise ValueError(f"unpacked it would have {size / 2**30:.0f} GB")
         with np.load(path, allow_pickle=False) as file:
             return {name: file[name] for name in file.files}
     except Exception as error:  # zipfile, numpy and the file system each raise their own kinds

@@ -19,6 +19,7 @@ from twin.project.config import Config
 from twin.project.locking import lock
 from twin.project.targetfiles import read_targets
 from twin.project.toml import decoded, dump, former_keys, parse, with_effects
+from twin.project.trust import check_folder, leads_out
 from twin.targets import Targets
 
 if TYPE_CHECKING:  # the finite elements are loaded by whoever needs them
@@ -108,16 +109,24 @@ class Project:
                 f"{'that line' if one else 'those lines'}.",)  # fmt: skip
 
     @classmethod
-    def open(cls, root: Path | str, *, builtin: "BuiltIn | None" = None) -> "Project":
-        """The project in a folder; ValueError if twin.toml is not there or not right."""
+    def open(
+        cls, root: Path | str, *, builtin: "BuiltIn | None" = None, strange: bool = False
+    ) -> "Project":
+        """The project in a folder; ValueError if twin.toml is not there or not right, or if the folder leads
+        out of itself in a way that nobody trusted. strange: to see what it asks for."""
         folder = Path(root).resolve()
         if not (folder / "twin.toml").is_file():
             raise ValueError(
                 f"{folder / 'twin.toml'} does not exist: make a project with `twin demo FOLDER` or "
                 "`twin init FOLDER`, or name its folder with `--project FOLDER`"
             )
+        if leads_out(folder / "twin.toml", folder):
+            raise ValueError(f"{folder / 'twin.toml'} is a link out of its folder; copy the file there")
         data = (folder / "twin.toml").read_bytes()
-        return cls(folder, parse(data, name="twin.toml"), builtin, tuple(former_keys(data)))
+        config = parse(data, name="twin.toml")
+        if not strange:
+            check_folder(folder, config)
+        return cls(folder, config, builtin, tuple(former_keys(data)))
 
     @property
     def targets_folder(self) -> Path:
@@ -156,9 +165,9 @@ class Project:
         """The files of the user's own mesh, none for the built-in finger."""
         if self.config.model.deck is None or not self.path(self.config.model.deck).is_file():
             return []
-        from fe.deck.keywords import files_of, read_keywords
+        from fe.deck.keywords import read_keywords
 
-        return sorted(files_of(read_keywords(self.path(self.config.model.deck))))
+        return sorted(read_keywords(self.path(self.config.model.deck)).files)
 
     def effect_files(self) -> list[Path]:
         """The files of the user's own effects that are there."""

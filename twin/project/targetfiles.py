@@ -1,8 +1,9 @@
 """Turn displacement targets into files a person can read, and back, bit for bit."""
 
+import json
 import math
-import tomllib
-from collections.abc import Mapping
+import re
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,16 +13,24 @@ from numpy.typing import NDArray
 
 from twin.project import files
 from twin.project.csvtable import Table, read_table
-from twin.targets import Array, Load, Noise, PointKind, TargetPoint, Targets, as_position, least_known
+from twin.project.targetarrays import EXACT, check_blocks, check_exact, check_log
+from twin.project.targetschema import (
+    FORMER_PLACE,
+    LoadTable,
+    NoiseOfPoint,
+    NoiseTable,
+    TargetMark,
+    TargetsTable,
+)
+from twin.project.toml import tables_of
+from twin.project.validation import checked
+from twin.sanity import pressure_fault
+from twin.targets import Array, Load, Noise, PointKind, TargetPoint, Targets, least_known
 
 COLUMNS = (
     "block", "step", "time_s", "pressure_MPa", "point",
     "u1_mm", "u2_mm", "u3_mm", "sd1_mm", "sd2_mm", "sd3_mm", "valid",
 )  # fmt: skip
-LIGHTEST, HEAVIEST = 0.1, 5000.0  # g, of a weight hung on a soft structure: others are in another unit
-STRONGEST = 50.0  # N
-FORMER_PLACE = -2  # node of a point between nodes in targets.toml of older versions; now its role is "place"
-EXACT = ("covariance", "valid", "modes", "mode_names", "pressure_sd")  # what targets.npz adds to the text
 
 
 def write_targets(folder: Path, targets: Targets, *, source: Mapping[str, Any] | None = None) -> None:
@@ -134,7 +143,7 @@ def _noise_lines(n: Noise, names: tuple[str, ...], table: str) -> list[str]:
 
 
 def _quoted(text: str) -> str:
-    return '"' + text.replace("\\", "\\\\").replace('"', '\\"') + '"'
+    return json.dumps(text, ensure_ascii=False)  # TOML has the escapes of JSON
 
 
 # -- reading ------------------------------------------------------------------------------------------
@@ -149,22 +158,28 @@ def read_targets(folder: Path, *, nodes: Mapping[str, int] | None = None) -> Tar
     table = read_table(folder / "targets.csv", COLUMNS)
     about = _read_toml(folder / "targets.toml")
     exact = files.read_npz(folder / "targets.npz") if (folder / "targets.npz").exists() else {}
-    stated = "noise" in about or any("noise" in row for row in about.get("blocks", []))
-    if stated and not exact:
+    if (about.noise is not None or any(row.noise is not None for row in about.blocks)) and not exact:
         raise ValueError(
             f"{folder / 'targets.npz'} is missing, but targets.toml has a noise model whose modes and "
             "covariances it holds; put it back, or remove [noise] from targets.toml"
         )
     grid = _Grid.of(table)
+    _check_pressure(folder, grid)
     told = _points(folder, about, grid.names, nodes or {})
     columns = _columns(table, grid, exact, folder)
-    log = _read_log(folder, grid)
+    log = _read_log(folder, grid, columns["pressure_sd"])
     return Targets(
         time=grid.time, pressure=grid.pressure, block=grid.block, points=told, **columns,
         **_blocks(folder, about, grid), loads=_loads(folder, about, grid, told),
         **_noises(folder, about, grid, exact),
         log_time=log[0], log_pressure=log[1], reference=_reference(folder, about, grid, columns),
     )  # fmt: skip
+
+
+def _check_pressure(folder: Path, grid: "_Grid") -> None:
+    fault = pressure_fault(float(np.abs(grid.pressure).max()))
+    if fault:
+        raise ValueError(f"{folder / 'targets.csv'}: pressure_MPa {fault}; convert them")
 
 
 @dataclass(frozen=True)
@@ -243,7 +258,7 @@ def _columns(table: Table, grid: _Grid, exact: dict[str, NDArray[Any]], folder: 
             "valid": valid,
             "pressure_sd": np.zeros(steps),
         } | modes
-    _check_exact(folder, exact, value, sd, valid)
+    check_exact(folder / "targets.npz", exact, value=value, sd=sd, valid=valid)
     names = tuple(str(name) for name in exact["mode_names"])
     return (
         {"value": value}
@@ -252,56 +267,38 @@ def _columns(table: Table, grid: _Grid, exact: dict[str, NDArray[Any]], folder: 
     )
 
 
-def _check_exact(
-    folder: Path, exact: dict[str, NDArray[Any]], value: Array, sd: Array, valid: NDArray[Any]
-) -> None:
-    """Raise ValueError where targets.npz does not belong to targets.csv."""
-    path, way_out = folder / "targets.npz", "restore targets.csv, or remove targets.npz to use the csv alone"
-    missing = [name for name in EXACT if name not in exact]
-    if missing:
-        raise ValueError(f"{path}: array {missing[0]!r} is missing; {way_out}")
-    if exact["valid"].shape != value.shape or exact["covariance"].shape != (*value.shape, 3):
-        raise ValueError(
-            f"{path}: made for {exact['valid'].shape[:2]} steps and points, targets.csv has "
-            f"{value.shape[:2]}; {way_out}"
-        )
-    known = np.sqrt(np.diagonal(exact["covariance"], axis1=2, axis2=3)[valid])
-    if not np.allclose(known, sd[valid], rtol=1e-4, atol=0):  # the csv holds 6 digits
-        raise ValueError(f"{path}: its standard deviations are not those of targets.csv; {way_out}")
+def _read_toml(path: Path) -> TargetsTable:
+    """What targets.toml says; without it what it would say by default."""
+    if not path.exists():
+        return TargetsTable()
+    return checked(TargetsTable, tables_of(path.read_bytes(), name=str(path)), name=str(path))
 
 
-def _read_toml(path: Path) -> dict[str, Any]:
-    try:
-        return tomllib.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise ValueError(f"{path}: not valid TOML: {error}") from None
-
-
-def _by_name(path: Path, rows: list[dict[str, Any]], names: tuple[str, ...]) -> dict[str, dict[str, Any]]:
-    """The tables by point name; ValueError if one names a point that targets.csv does not have."""
-    for row in rows:
-        if row.get("name") not in names:
+def _check_names(path: Path, rows: Sequence[TargetMark | NoiseOfPoint], names: tuple[str, ...]) -> None:
+    """Raise ValueError where one names a point that targets.csv does not have, or two the same."""
+    for k, row in enumerate(rows):
+        if row.name not in names:
             raise ValueError(
-                f"{path}: point {row.get('name')!r} is not in targets.csv, which has {', '.join(names)}"
+                f"{path}: point {row.name!r} is not in targets.csv, which has {', '.join(names)}"
             )
-    return {row["name"]: row for row in rows}
+        if row.name in [other.name for other in rows[:k]]:
+            raise ValueError(f"{path}: point {row.name!r} stands twice; keep one of the two")
 
 
 def _points(
-    folder: Path, about: dict[str, Any], names: tuple[str, ...], nodes: Mapping[str, int]
+    folder: Path, about: TargetsTable, names: tuple[str, ...], nodes: Mapping[str, int]
 ) -> tuple[TargetPoint, ...]:
     """The points (p,) of targets.csv with what targets.toml and twin.toml say of them."""
     path = folder / "targets.toml"
-    rows = _by_name(path, about.get("points", []), names)
-    return tuple(_point(path, name, rows.get(name, {}), nodes.get(name)) for name in names)
+    _check_names(path, about.points, names)
+    rows = {row.name: row for row in about.points}
+    return tuple(_point(path, name, rows.get(name) or TargetMark(name=name), nodes.get(name))
+                 for name in names)  # fmt: skip
 
 
-def _point(path: Path, name: str, row: dict[str, Any], told: int | None) -> TargetPoint:
+def _point(path: Path, name: str, row: TargetMark, told: int | None) -> TargetPoint:
     """The point of a name: `row` is its table in targets.toml, `told` its node in twin.toml."""
-    stated = row.get("position_mm")
-    at = None if stated is None else as_position(
-        np.array(_vector(path, f"position_mm of point {name!r}", stated)))  # fmt: skip
-    kind, node = _kind_and_node(path, name, row)
+    kind, node = _kind_and_node(row)
     if told is not None and kind not in (PointKind.NODE, PointKind.UNKNOWN):
         raise ValueError(
             f"{path}: point {name!r} has role {kind.value!r}, twin.toml gives it node {told}; correct one"
@@ -309,117 +306,71 @@ def _point(path: Path, name: str, row: dict[str, Any], told: int | None) -> Targ
     if told is not None and node is not None and node != told:
         raise ValueError(f"{path}: point {name!r} is node {node}, twin.toml says {told}; correct one")
     node = told if node is None else node
-    if kind is PointKind.UNKNOWN and node is None and name.isdigit():
+    if kind is PointKind.UNKNOWN and node is None and re.fullmatch("[0-9]{1,18}", name):
         node = int(name)
-    return TargetPoint(name, kind if node is None else PointKind.NODE, node, at)
+    return TargetPoint(name, kind if node is None else PointKind.NODE, node, row.position_mm)
 
 
-def _kind_and_node(path: Path, name: str, row: dict[str, Any]) -> tuple[PointKind, int | None]:
+def _kind_and_node(row: TargetMark) -> tuple[PointKind, int | None]:
     """What targets.toml says a point is, and its node; UNKNOWN and None where it does not say."""
-    role, node = row.get("role", "finger"), row.get("node")
-    if role not in ("fixed", "finger", "place"):
-        raise ValueError(
-            f"{path}: role of point {name!r} is {role!r}; wanted 'finger' (a marker at a node), 'place' (a "
-            "point between nodes) or 'fixed' (a marker on the rig)"
-        )
-    if role == "place" or node == FORMER_PLACE:
+    if row.role == "place" or row.node == FORMER_PLACE:
         return PointKind.PLACE, None
-    if role == "fixed":
+    if row.role == "fixed":
         return PointKind.FIXED, None
-    if node is not None and (not isinstance(node, int) or node < 1):
-        raise ValueError(f"{path}: node of point {name!r} is {node!r}; wanted a node label, 1 or more")
-    return (PointKind.UNKNOWN, None) if node is None else (PointKind.NODE, node)
+    return (PointKind.UNKNOWN, None) if row.node is None else (PointKind.NODE, row.node)
 
 
-def _vector(path: Path, what: str, value: Any) -> list[float]:
-    if isinstance(value, list) and len(value) == 3 and all(isinstance(v, int | float) for v in value):
-        return [float(v) for v in value]
-    raise ValueError(f"{path}: {what} is {value!r}; wanted three numbers [x, y, z]")
-
-
-def _blocks(folder: Path, about: dict[str, Any], grid: _Grid) -> dict[str, Any]:
+def _blocks(folder: Path, about: TargetsTable, grid: _Grid) -> dict[str, Any]:
     """Mask held_out (s,), and gravity (blocks,3) or None."""
     path = folder / "targets.toml"
     labels = sorted({b for b, _ in grid.labels})
-    rows = {row.get("block"): row for row in about.get("blocks", [])}
+    rows = {row.block: row for row in about.blocks}
+    if len(rows) < len(about.blocks):
+        raise ValueError(f"{path}: a block stands twice in [[blocks]]; keep one of the two")
     for label in rows.keys() - set(labels):
         raise ValueError(f"{path}: block {label} is not in targets.csv, which has {labels}")
-    held_out = np.array([bool(rows.get(b, {}).get("held_out", False)) for b, _ in grid.labels])
-    stated = [rows[b]["gravity"] for b in labels if "gravity" in rows.get(b, {})]
+    held_out = np.array([b in rows and rows[b].held_out for b, _ in grid.labels])
+    stated = [rows[b].gravity for b in labels if b in rows and rows[b].gravity is not None]
     if not stated:
         return {"held_out": held_out, "gravity": None}
     if len(stated) != len(labels):
         raise ValueError(
             f"{path}: gravity is stated for {len(stated)} of {len(labels)} blocks; state all or none"
         )
-    gravity = np.array([_vector(path, "gravity", g) for g in stated])
-    if not np.allclose(np.linalg.norm(gravity, axis=1), 1, atol=1e-6):
-        raise ValueError(f"{path}: gravity {gravity.tolist()} must be unit vectors in world axes")
-    return {"held_out": held_out, "gravity": gravity}
+    return {"held_out": held_out, "gravity": np.array(stated)}
 
 
 def _loads(
-    folder: Path, about: dict[str, Any], grid: _Grid, points: tuple[TargetPoint, ...]
+    folder: Path, about: TargetsTable, grid: _Grid, points: tuple[TargetPoint, ...]
 ) -> tuple[Load, ...]:
     """What hangs on the structure, by block."""
     path, labels = folder / "targets.toml", sorted({b for b, _ in grid.labels})
-    found = []
-    for row in about.get("blocks", []):
-        given = row.get("loads", [])
-        if not isinstance(given, list) or not all(isinstance(load, dict) for load in given):
-            raise ValueError(
-                f"{path}: loads of block {row.get('block')} is {given!r}; wanted a list such as "
-                '[{weight_g = 20.0, at = "tip"}, {force_N = [0.0, 0.0, -0.2], at = [110.0, 0.0, 0.0]}]'
-            )
-        found += [_load(path, labels.index(row["block"]), load, points) for load in given]
-    return tuple(found)
+    names = [p.name for p in points if p.kind is not PointKind.FIXED]
+    return tuple(
+        _load(path, labels.index(row.block), load, names) for row in about.blocks for load in row.loads
+    )
 
 
-def _load(path: Path, block: int, row: dict[str, Any], points: tuple[TargetPoint, ...]) -> Load:
-    """The load of a table. ValueError where it is no weight in g or force in N, or at no place."""
-    what, names = f"a load of block {block}", [p.name for p in points if p.kind is not PointKind.FIXED]
-    if unknown := sorted(row.keys() - {"weight_g", "force_N", "at"}):
-        raise ValueError(f"{path}: {what} has the key {unknown[0]!r}; wanted weight_g or force_N, and at")
-    if ("weight_g" in row) == ("force_N" in row) or "at" not in row:
+def _load(path: Path, block: int, row: LoadTable, names: Sequence[str]) -> Load:
+    """The load of a table. ValueError where it is at no point on the finger."""
+    if isinstance(row.at, str) and row.at not in names:
         raise ValueError(
-            f"{path}: {what} is {row}; wanted its place `at`, and one of weight_g in grams and force_N "
-            "[x, y, z] in newtons"
+            f"{path}: a load of block {block} is at {row.at!r}; wanted one of the points {', '.join(names)}, "
+            "or a position [x, y, z] in mm"
         )
-    at, weight = row["at"], row.get("weight_g")
-    if isinstance(at, str) and at not in names:
-        raise ValueError(
-            f"{path}: {what} is at {at!r}; wanted one of the points {', '.join(names)}, or a position "
-            "[x, y, z] in mm"
-        )
-    place = at if isinstance(at, str) else as_position(np.array(_vector(path, f"the place of {what}", at)))
-    if place is None:
-        raise ValueError(f"{path}: the place of {what} is {at}; wanted three finite numbers [x, y, z] in mm")
-    if weight is not None and not (isinstance(weight, int | float) and LIGHTEST <= weight <= HEAVIEST):
-        raise ValueError(
-            f"{path}: {what} has weight_g = {weight!r}; wanted {LIGHTEST:g} to {HEAVIEST:g} grams, such as "
-            "20.0: is it in another unit?"
-        )
-    force = None if weight is not None else as_position(
-        np.array(_vector(path, f"force_N of {what}", row["force_N"])))  # fmt: skip
-    if force is not None and not 0 < np.linalg.norm(force) <= STRONGEST:
-        raise ValueError(
-            f"{path}: {what} has force_N = {list(force)}; wanted a force above 0 and up to {STRONGEST:g} N: "
-            "is it in another unit?"
-        )
-    return Load(block, place, None if weight is None else float(weight), force)
+    return Load(block, row.at, row.weight_g, row.force_N)
 
 
 def _reference(
-    folder: Path, about: dict[str, Any], grid: _Grid, columns: dict[str, Any]
+    folder: Path, about: TargetsTable, grid: _Grid, columns: dict[str, Any]
 ) -> NDArray[np.int64]:
     """The steps that displacements are relative to; default the first, if it shows none."""
-    if "reference" in about:
-        table = about["reference"]
-        if table.get("each_block", False):
-            rows = about.get("blocks", [])
-            wanted = [(row.get("block"), step) for row in rows for step in row.get("reference_steps", [])]
+    if about.reference is not None:
+        if about.reference.each_block:
+            wanted = [(row.block, step) for row in about.blocks for step in row.reference_steps]
         else:
-            wanted = [(table.get("block", grid.labels[0][0]), step) for step in table.get("steps", [])]
+            own = about.reference.block
+            wanted = [(grid.labels[0][0] if own is None else own, step) for step in about.reference.steps]
         for block, step in wanted:
             if (block, step) not in grid.labels:
                 raise ValueError(
@@ -437,12 +388,12 @@ def _reference(
     return np.array([0], dtype=np.int64)
 
 
-def _noises(folder: Path, about: dict[str, Any], grid: _Grid, exact: dict[str, Any]) -> dict[str, Any]:
+def _noises(folder: Path, about: TargetsTable, grid: _Grid, exact: dict[str, Any]) -> dict[str, Any]:
     """The noise model, and those of the blocks (b,) where each has its own."""
     path, labels = folder / "targets.toml", sorted({b for b, _ in grid.labels})
-    if "noise" in about:
-        return {"noise": _read_noise(path, about["noise"], grid.names, exact.get("correlation"))}
-    rows = {row.get("block"): row["noise"] for row in about.get("blocks", []) if "noise" in row}
+    if about.noise is not None:
+        return {"noise": _read_noise(path, about.noise, grid.names, exact.get("correlation"))}
+    rows = {row.block: row.noise for row in about.blocks if row.noise is not None}
     if not rows:
         return {"noise": None}
     if len(rows) != len(labels):
@@ -453,36 +404,37 @@ def _noises(folder: Path, about: dict[str, Any], grid: _Grid, exact: dict[str, A
     return {"noise": least_known(own), "noises": own}
 
 
-def _read_noise(path: Path, table: dict[str, Any], names: tuple[str, ...], correlation: Any) -> Noise:
-    rows = _by_name(path, table.get("points", []), names)
-    missing = [key for key in ("frames", "gauge_sd_MPa", "gauge_frames") if key not in table]
-    missing += [f"points {name!r}" for name in names if name not in rows]
+def _read_noise(path: Path, table: NoiseTable, names: tuple[str, ...], correlation: Any) -> Noise:
+    _check_names(path, table.points, names)
+    rows = {row.name: row for row in table.points}
+    missing = [f"points {name!r}" for name in names if name not in rows]
     if missing or correlation is None:
         raise ValueError(
             f"{path}: [noise] lacks {missing[0] if missing else 'correlation in targets.npz'}; "
             "measure again, or remove [noise]"
         )
-    per = {key: np.array([_vector(path, f"{key} of point {n!r}", rows[n].get(key)) for n in names])
-           for key in ("sd_mm", "rho", "codec_sd_mm")}  # fmt: skip
+    per = {key: np.array([getattr(rows[n], key) for n in names]) for key in ("sd_mm", "rho", "codec_sd_mm")}
     return Noise(
         sd=per["sd_mm"], rho=per["rho"], codec_sd=per["codec_sd_mm"], correlation=correlation,
-        frames=int(table["frames"]), gauge_sd_MPa=float(table["gauge_sd_MPa"]),
-        gauge_frames=int(table["gauge_frames"]), lasting=float(table.get("lasting", 1.0)),
+        frames=table.frames, gauge_sd_MPa=table.gauge_sd_MPa, gauge_frames=table.gauge_frames,
+        lasting=table.lasting,
     )  # fmt: skip
 
 
-def _read_log(folder: Path, grid: _Grid) -> tuple[Array, Array]:
+def _read_log(folder: Path, grid: _Grid, pressure_sd: Array) -> tuple[Array, Array]:
     """The dense log, or the steps themselves (linear between them) where there is none."""
     path = folder / "pressure.csv"
     if not path.exists():
         return grid.time, grid.pressure
     table = read_table(path, ("block", "time_s", "pressure_MPa"))
-    table.integers("block")
-    time = table.numbers("time_s", unit="s")
+    time, pressure = table.numbers("time_s", unit="s"), table.numbers("pressure_MPa", unit="MPa")
     table.increasing("time_s", time, unit="s")
     if time[0] > grid.time[0] or time[-1] < grid.time[-1]:
         raise ValueError(
             f"{path}: covers {time[0]:g} to {time[-1]:g} s, targets.csv {grid.time[0]:g} to "
             f"{grid.time[-1]:g} s; wanted a log that covers all steps"
         )
-    return time, table.numbers("pressure_MPa", unit="MPa")
+    labels = sorted({b for b, _ in grid.labels})
+    check_blocks(path, table.integers("block"), time, labels=labels, block=grid.block, time=grid.time)
+    check_log(path, (time, pressure), time=grid.time, pressure=grid.pressure, sd=pressure_sd)
+    return time, pressure

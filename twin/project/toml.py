@@ -1,35 +1,43 @@
 """Turn the text of twin.toml into a configuration and back, with errors and comments for a person."""
 
-import json
+import re
 import tomllib
-from collections.abc import Iterator, Mapping, Sequence
-from difflib import get_close_matches
-from typing import Any, get_args
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import tomlkit
-from pydantic import BaseModel, ValidationError
+from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
 from twin.project.config import FORMER, Config, with_first_film
+from twin.project.validation import checked, table_of, value_text
+
+LONGEST, DEEPEST = 10_000_000, 100  # letters of a file; parts of a key, as in model.fixed.C10
+_PART = r"""(?:[A-Za-z0-9_-]+|"[^"\n]*"|'[^'\n]*')[ \t]*"""
+_DEEP = re.compile(rf"""(?<![\w"'.-]){_PART}(?:\.[ \t]*{_PART}){{{DEEPEST}}}""")
 
 
 def parse(data: bytes, *, name: str) -> Config:
     """The configuration in a file's bytes; ValueError is one sentence that begins with its name."""
+    return checked(Config, with_first_film(_without_former(tables_of(data, name=name))), name=name)
+
+
+def tables_of(data: bytes, *, name: str) -> dict[str, Any]:
+    """The tables of a TOML file's bytes; ValueError where they are no TOML, or far longer than any."""
     try:
-        tables = tomllib.loads(decoded(data))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        text = decoded(data)
+        if len(text) > LONGEST or _DEEP.search(text):  # its time grows with their square
+            raise ValueError(f"wanted at most {LONGEST // 10**6} MB, and keys of at most {DEEPEST} parts")
+        return tomllib.loads(text)
+    except ValueError as error:  # of TOML, of UTF-8, or for a number of more than 4300 digits
         raise ValueError(f"{name}: not valid TOML: {error}") from None
-    try:
-        # through JSON, where strict means strict numbers and text but an array is still a tuple
-        filmed = with_first_film(_without_former(tables))
-        return Config.model_validate_json(json.dumps(filmed, default=str))
-    except ValidationError as error:
-        raise ValueError(f"{name}: {_sentence(error)}") from None
+    except RecursionError:
+        raise ValueError(f"{name}: its brackets lie in each other too deeply; wanted at most a few") from None
 
 
 def former_keys(data: bytes) -> list[str]:
     """The keys of a twin.toml that older versions had and that change nothing, such as model.geometry."""
-    tables = tomllib.loads(decoded(data))
+    tables = tables_of(data, name="twin.toml")
     return [f"{name}.{key}" for name, keys in FORMER.items() for key in keys if key in _keys(tables, name)]
 
 
@@ -86,7 +94,7 @@ def with_key(text: str, table: str, key: str, value: Any) -> str:
 
 def with_point(text: str, point: Mapping[str, Any]) -> str:
     """The text of a twin.toml with one more [[points]] at its end; every other line stays."""
-    lines = [f"{key} = {_value(value)}" for key, value in point.items()]
+    lines = [f"{key} = {value_text(value)}" for key, value in point.items()]
     changed = "\n".join([text.rstrip("\n"), "", "[[points]]", *lines, ""])
     wanted = tomllib.loads(text)
     wanted.setdefault("points", []).append(dict(point))
@@ -106,7 +114,7 @@ def _check_only(old: str, new: str, table: str, key: str, value: Any) -> None:
         same = False
     if not same:
         raise ValueError(
-            f"twin.toml: [{table}] {key} could not be set; write {key} = {_value(value)} by hand"
+            f"twin.toml: [{table}] {key} could not be set; write {key} = {value_text(value)} by hand"
         )
 
 
@@ -122,7 +130,7 @@ def _table(path: str, table: BaseModel, *, item: int | None = None) -> list[str]
             inner += _table(f"{path}.{key}", value)
         elif isinstance(value, tuple) and value and isinstance(value[0], BaseModel):
             inner += _tables(f"{path}.{key}", value)
-        elif value is None and (absent := _inner(type(table), key)) is not None:
+        elif value is None and (absent := table_of(type(table), key)) is not None:
             inner += [] if path == "cameras" else _absent(f"{path}.{key}", absent)
         elif not (path == "frame" and key == "markers"):
             plain.append(_line(key, value, field, first=not item))
@@ -144,104 +152,4 @@ def _tables(path: str, items: Sequence[BaseModel]) -> list[str]:
 
 def _line(key: str, value: Any, field: FieldInfo, *, first: bool) -> str:
     comment = f"  # {field.description}" if field.description and first else ""
-    return f"# {key} = ...{comment}" if value is None else f"{key} = {_value(value)}{comment}"
-
-
-def _value(value: Any) -> str:
-    if isinstance(value, bool):
-        return str(value).lower()
-    if isinstance(value, str):
-        return json.dumps(value, ensure_ascii=False)
-    if isinstance(value, dict):
-        return "{" + ", ".join(f"{key} = {_value(item)}" for key, item in value.items()) + "}"
-    if isinstance(value, tuple | list):
-        return "[" + ", ".join(_value(item) for item in value) + "]"
-    return repr(value)
-
-
-# -- errors -------------------------------------------------------------------------------------------
-
-
-def _sentence(error: ValidationError) -> str:
-    """The first error as one sentence, and how many more there are."""
-    first, more = error.errors()[0], error.error_count() - 1
-    return _problem(first) + (f" (and {more} more)" if more else "")
-
-
-def _problem(error: Any) -> str:
-    where, kind, message = error["loc"], error["type"], error["msg"]
-    if kind == "value_error":
-        text = message.removeprefix("Value error, ")
-        of_value = where and _field(where) and not isinstance(error["input"], dict)  # a table names its keys
-        return f"{_key(where)} = {error['input']!r}: {text}" if of_value else text
-    key, field = _key(where), _field(where)
-    about = f" ({field.description})" if field is not None and field.description else ""
-    if kind == "extra_forbidden":
-        return _unknown(where)
-    if kind == "missing":
-        return f"{key} is missing{about}; add it"
-    wanted = message.replace("Input should", "it should", 1)
-    return f"{key} = {_short(error['input'])}: {wanted[0].lower()}{wanted[1:]}{about}{_example(where, field)}"
-
-
-def _unknown(where: tuple[str | int, ...]) -> str:
-    """The sentence for a key that does not exist, with the nearest one that does."""
-    keys = list(_model(where[:-1]).model_fields)
-    near = get_close_matches(str(where[-1]), keys, n=1, cutoff=0.5)
-    hint = f"did you mean {near[0]!r}?" if near else f"known here: {', '.join(keys)}"
-    return f"{_key(where)} is not a known key; {hint}"
-
-
-def _short(value: Any) -> str:
-    text = repr(value)
-    return text if len(text) <= 60 else text[:57] + "..."
-
-
-def _example(where: tuple[str | int, ...], field: FieldInfo | None) -> str:
-    default = field.get_default() if field is not None and not field.is_required() else None
-    key = [part for part in where if isinstance(part, str)][-1]
-    return f"; for example {key} = {_value(default)}" if isinstance(default, str | int | float) else ""
-
-
-def _key(where: tuple[str | int, ...]) -> str:
-    """The name cameras[1].film for its location, counted from 1 as a person does."""
-    parts = "".join(f"[{part + 1}]" if isinstance(part, int) else f".{part}" for part in where)
-    return parts.removeprefix(".")
-
-
-def _models(where: tuple[str | int, ...]) -> Iterator[tuple[type[BaseModel], str]]:
-    """Each table on the way to a location with the key taken there."""
-    model: type[BaseModel] | None = Config
-    for part in where:
-        if isinstance(part, str) and model is not None:
-            yield model, part
-            model = _inner(model, part)
-
-
-def _inner(model: type[BaseModel], key: str) -> type[BaseModel] | None:
-    """The table under a key: its type itself, or the one that an optional or an array holds."""
-    if key not in model.model_fields:
-        return None
-    found = [model.model_fields[key].annotation]
-    while found:
-        kind = found.pop(0)
-        if isinstance(kind, type) and issubclass(kind, BaseModel):
-            return kind
-        found += get_args(kind)
-    return None
-
-
-def _model(where: tuple[str | int, ...]) -> type[BaseModel]:
-    """The table at a location."""
-    model: type[BaseModel] = Config
-    for parent, key in _models(where):
-        model = _inner(parent, key) or parent
-    return model
-
-
-def _field(where: tuple[str | int, ...]) -> FieldInfo | None:
-    """The field that a location lies in: bounds for calibrate.bounds.C10[1]."""
-    field = None
-    for model, key in _models(where):
-        field = model.model_fields.get(key, field)
-    return field
+    return f"# {key} = ...{comment}" if value is None else f"{key} = {value_text(value)}{comment}"

@@ -17,6 +17,7 @@ from twin.stages import waterfall
 from twin.stages.chain import kinds_writing
 from twin.stages.comparing import compared
 from twin.stages.fits import fresh, named_effects, newest_fit
+from twin.stages.trusting import named_effect
 from twin.stages.workbench import Workbench, own_of
 from twin.targets import Array, Targets
 
@@ -42,6 +43,7 @@ def run_add(project: Project, say: Say, *, name: str | None = None) -> dict[str,
 
 def law_of(project: Project, name: str) -> tuple[Effect, dict[str, float]]:
     """The effect, and where the newest diagnosis began the fit that it gave out for it."""
+    name = named_effect(project, name)
     path, own = fresh(project, ("diagnose",), "diagnosis.json"), own_of(project)
     data = files.read_json(path) if path else {}
     kept = path.with_name("kept.json") if path else None

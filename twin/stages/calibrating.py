@@ -19,6 +19,7 @@ from twin.model.arraycache import rounded_up
 from twin.model.loadpaths import REDUCED, Turned, load_paths, reach, sheets
 from twin.project.folder import Project, Run, Say
 from twin.review.states import Generations
+from twin.sanity import fit_fault
 from twin.stages.comparing import compared
 from twin.stages.ridges import difference
 from twin.stages.searching import Generation, Objective, search
@@ -38,6 +39,7 @@ def run_calibrate(project: Project, say: Say) -> dict[str, Any]:
         paths, points = load_paths_of(bench, say)
         best = _searched(bench, paths, points, run, say)
         say(f"Genetic algorithm: the best of {best.tried} candidates has {best.rms_mm:.3f} mm RMS.")
+        _check_explained(bench, paths, points, best.theta)
         judged = least(bench, paths, points, best.theta, say)
         model, fit, found = judged.model, judged.fit, compared(run, judged, bench, say)
         words = _words(project, fit, found, _apart(bench, paths, points, best, fit))
@@ -109,6 +111,14 @@ def _searched(bench: Workbench, paths: Turned, points: Any, run: Run, say: Say) 
     costs = np.concatenate([g.costs for g in generations])
     run.write_npz("candidates.npz", {"x": candidates, "rms_mm": costs})
     return Searched(theta=generations[-1].best, rms_mm=generations[-1].rms_mm, tried=len(candidates))
+
+
+def _check_explained(bench: Workbench, paths: Turned, points: Any, theta: Array) -> None:
+    """Raise ValueError where the model with its best constants (d,) moves otherwise than the finger."""
+    u = _predicted(paths, points, bench.targets, _constants(bench.elasticity, theta))
+    fault = "" if u is None else fit_fault(bench.targets, bench.targets.value - u)
+    if fault:
+        raise ValueError(fault)
 
 
 def objective_of(bench: Workbench) -> Objective:

@@ -41,6 +41,7 @@ def check_project(project: Project, say: Say) -> None:
     if project.targets_folder.is_dir():
         targets = project.targets()
         _check_points(project, targets)
+        _check_motion(project, targets)
         say(f"The targets have {len(targets.time)} steps and {len(targets.names)} points, with "
             f"{int(targets.valid.sum())} measured values in all.")  # fmt: skip
         if targets.noise is None:
@@ -101,14 +102,18 @@ def _log_line(project: Project) -> tuple[Log, str]:
 def _check_finger(project: Project, say: Say) -> None:
     """Say what is to be known of the finger's mesh and of points on it; ValueError where they are not
     right."""
-    from twin.stages.positions import places_of
+    from twin.stages.meshtelling import poor_shapes, shape_table
+    from twin.stages.positions import check_points, places_of
     from twin.stages.workbench import structure_of
 
     structure = structure_of(project)
-    for label in project.config.nodes.values():
-        structure.case.position(label)  # names what is wrong with an unknown node
+    check_points(project.config.points, structure)
     for line in (*structure.remarks, *(p.sentence for p in places_of(project, structure).values())):
         say(line)
+    if project.config.model.deck is not None:
+        for line in (*shape_table(structure), poor_shapes(structure)):
+            if line:
+                say(line)
 
 
 def _check_effects(project: Project) -> None:
@@ -169,6 +174,12 @@ def _check_points(project: Project, targets: Targets) -> None:
             raise ValueError(
                 f"calibrate.objective_points = {name!r}: targets have {', '.join(targets.names)}"
             )
+
+
+def _check_motion(project: Project, targets: Targets) -> None:
+    from twin.stages.workbench import check_plausible, structure_of
+
+    check_plausible(project, targets, structure_of(project).case)
 
 
 def _next(project: Project) -> str:

@@ -1,22 +1,34 @@
 """A picture of the finger as the model has it: dimensions, marks, points."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
+from fe.mesh.elementshapes import quality
 from twin.project.folder import Project, Say
 from twin.review.blueprint import dimensioned
+from twin.review.meshpictures import labelled, shapes
 from twin.review.undeformed import write_undeformed
 from twin.stages.calibrating import triangles
+from twin.stages.meshtelling import nearest_node, places_asked, shape_csv
 from twin.stages.positions import one_side, places_of, position_of
 from twin.stages.workbench import structure_of
 
 
-def run_look(project: Project, say: Say) -> dict[str, Any]:
-    """Write runs/NNNN-look/finger.png and look.rrd: the undeformed finger with its dimensions, unless that is
-    done."""
-    how: dict[str, Any] = {"tables": ("project", "model", "frame", "points"), "inputs": project.deck_files()}
+def run_look(project: Project, say: Say, *, at: Sequence[str] = ()) -> dict[str, Any]:
+    """Write runs/NNNN-look, unless that is done: finger.png and look.rrd, the undeformed finger with its
+    dimensions; nodes.png, the labels around points; quality.png and quality.csv, the shapes of the elements.
+
+    at: places X,Y,Z in mm whose nearest surface nodes are said and drawn, too.
+    """
+    asked = places_asked(at)
+    how: dict[str, Any] = {"tables": ("project", "model", "frame", "points"), "inputs": project.deck_files(),
+                           "extra": {"at": [x.tolist() for x in asked]}}  # fmt: skip
     structure = structure_of(project)
+    nearest = [nearest_node(structure, x) for x in asked]
+    for _, sentence in nearest:
+        say(sentence)
     for place in places_of(project, structure).values():
         say(place.sentence)
     done = project.done("look", **how)
@@ -37,12 +49,19 @@ def run_look(project: Project, say: Say) -> dict[str, Any]:
             run.path("look.rrd"), case=structure.case, triangles=triangles(structure.outside), points=points,
             marks=marks, finger=finger, drawing=picture,
         )  # fmt: skip
+        around = points | {f"at {text}": x for text, x in zip(at, asked, strict=True)}
+        run.write_bytes("nodes.png", labelled(structure.case, outside=structure.outside, points=around))
+        measures = quality(structure.case)
+        run.write_bytes("quality.png", shapes(structure.case, outside=structure.outside, measures=measures))
+        run.write_text("quality.csv", shape_csv(structure))
         x, _, z = np.ptp(structure.case.nodes, axis=0)
         run.summary.update(nodes=len(structure.case.nodes), points=len(points), marks=len(marks))
         run.summary["headline"] = f"{x:.4g} mm long, {z:.3g} mm high, {len(points)} points"
     say(f"Wrote {project.shown(run.path('finger.png'))}: the finger with its dimensions and points.")
     say(f"In 3D, with its nodes: rerun {run.path('look.rrd')}")
-    return {"stage": "look", "status": "done", "run": project.shown(run.folder)} | run.summary
+    say("nodes.png has the node labels around points, quality.png the shapes of the elements.")
+    nodes = {"nodes": [label for label, _ in nearest]} if asked else {}
+    return {"stage": "look", "status": "done", "run": project.shown(run.folder)} | run.summary | nodes
 
 
 def _finger(project: Project) -> Any:

@@ -124,6 +124,7 @@ def _from_film(project: Project, camera: Path, say: Say, run: Run) -> Targets:
     run.summary.update(_summary(targets, found) | {"headline": _headline(targets)})
     for sentence in moved.notes:
         run.note(sentence)
+    _check_motion(project, targets)
     return targets
 
 
@@ -167,6 +168,13 @@ def _joint(
         }
     )  # fmt: skip
     return targets, {"films": told}
+
+
+def _check_motion(project: Project, targets: Targets) -> None:
+    """Raise ValueError where the film does not show this finger under this pressure."""
+    from twin.stages.workbench import check_plausible, structure_of
+
+    check_plausible(project, targets, structure_of(project).case)
 
 
 def _measure(project: Project, camera: Path, say: Say, run: Run) -> _Measured:

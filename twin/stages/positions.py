@@ -1,6 +1,6 @@
 """The points of twin.toml that are stated by a position in mm -> their places on the finger's surface."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -44,6 +44,31 @@ def places_of(project: Project, structure: Structure) -> dict[str, PlacedPoint]:
     than ON_FINGER_MM from the finger."""
     mirrored = one_side(project)
     return {p.name: _place(p, structure, mirrored=mirrored) for p in project.config.points if p.node is None}
+
+
+def check_points(points: Iterable[PointTable], structure: Structure) -> None:
+    """Raise ValueError where a point is at a node that is not on the surface, or is stated far from it."""
+    surface = set(structure.case.labels[np.unique(structure.outside)].tolist())
+    for point in points:
+        if point.node is None:
+            continue
+        x = structure.case.position(point.node)  # names what is wrong with an unknown node
+        if point.node not in surface:
+            raise ValueError(
+                f"points.{point.name}.node = {point.node}: it lies at {_shown(x)} mm, inside the finger, in "
+                "its "
+                "chamber or on its plane of symmetry; wanted a node of the outer surface; `twin look --at "
+                "x,y,z` "
+                "names the nearest one"
+            )
+        away = 0.0 if point.position_mm is None else float(np.linalg.norm(np.array(point.position_mm) - x))
+        if away > ON_FINGER_MM:
+            raise ValueError(
+                f"points.{point.name}: node {point.node} lies at {_shown(x)} mm, {away:.1f} mm from its "
+                f"position_mm {_shown(np.array(point.position_mm))}; wanted at most {ON_FINGER_MM:g} mm; "
+                "correct "
+                "one of them, or leave one out"
+            )
 
 
 def position_of(point: PointTable, structure: Structure, *, mirrored: bool = False) -> Array:

@@ -47,6 +47,8 @@ def run_init(
     config = (
         film_config(name, known | told) if given is None else targets_config(name, given, known | told)
     )
+    if deck is None:
+        _check_labels(config)
     known_of_it = {"deck": own, "density_kg_m3": density_kg_m3}
     model = config.model.model_copy(update={k: v for k, v in known_of_it.items() if v is not None})
     config = config.model_copy(update={"model": model})
@@ -65,6 +67,17 @@ def run_init(
             shutil.copy2(file, place)
     say(f"Wrote {folder / 'twin.toml'}. Next: `twin check --project {folder}` says what is still missing.")
     return {"stage": "init", "status": "done", "project": str(folder)}
+
+
+def _check_labels(config: Config) -> None:
+    """Raise ValueError where a point is at a node that the built-in finger does not have."""
+    from twin.model.structure import base_case
+
+    own = {point.name: label for point in config.points if (label := point.node) is not None}
+    if set(own.values()) - set(NAMED_NODES.values()):  # those are there: no mesh need be made for them
+        case = base_case()
+        for label in own.values():
+            case.position(label)
 
 
 def _given(
@@ -89,7 +102,7 @@ def targets_config(name: str, targets: Targets, stated: Mapping[str, PointTable]
     """A configuration for targets measured elsewhere; ValueError names points without a place."""
     finger = [p for p in targets.points if p.kind in (PointKind.NODE, PointKind.UNKNOWN)]
     known = {
-        p.name: stated.get(p.name) if p.node is None else PointTable(name=p.name, node=p.node) for p in finger
+        p.name: stated.get(p.name) if p.node is None else _named(p.name, p.node) for p in finger
     }
     missing = [name for name, point in known.items() if point is None]
     if missing:
@@ -106,6 +119,16 @@ def targets_config(name: str, targets: Targets, stated: Mapping[str, PointTable]
     )
 
 
+def _named(name: str, node: int) -> PointTable:
+    try:
+        return PointTable(name=name, node=node)
+    except ValueError:
+        raise ValueError(
+            f"targets: point {name!r}: wanted a name of letters, digits and _ . + - alone; rename it in "
+            "targets.csv and targets.toml"
+        ) from None
+
+
 def _objective(names: tuple[str, ...]) -> tuple[str, ...]:
     return tuple(n for n in NAMED_NODES if n in names) or names
 
@@ -116,6 +139,7 @@ def _own_mesh(deck: Path, told: Mapping[str, PointTable], *, ask: bool) -> tuple
     ask: whether points have to be named, as no targets name them.
     """
     from fe.deck.reader import read_deck
+    from fe.deck.soundness import check_body
 
     if not deck.is_file():
         raise ValueError(f"--deck {deck}: no such file; wanted an Abaqus input deck")
@@ -124,12 +148,10 @@ def _own_mesh(deck: Path, told: Mapping[str, PointTable], *, ask: bool) -> tuple
             "--deck without --node: name your points, as in --node tip=4401, or --node tip=110,11.5,0 in mm"
         )
     found = read_deck(deck)
+    check_body(found.case, deck.name)
     for point in told.values():
         if point.node is not None:
             found.case.position(point.node)  # names what is wrong with an unknown node
-    for file in found.files:
-        if not file.resolve().is_relative_to(deck.resolve().parent):
-            raise ValueError(f"{deck.name} includes {file}: wanted it in the deck's folder or below")
     return f"raw/{deck.name}", found.files
 
 

@@ -21,6 +21,8 @@ from twin.model.discretisation import Discretisation, SolvedAt, discretisation_e
 from twin.model.prediction import Model
 from twin.model.structure import BuiltIn, Structure, of_deck, of_finger, weighed
 from twin.project.folder import Project, Say
+from twin.project.trust import check_programs
+from twin.sanity import motion_fault, place_fault, rise_fault
 from twin.stages.caches import FolderCache, SolvedList
 from twin.stages.positions import on_surface, places_of
 from twin.targets import Array, PointKind, Targets, as_position
@@ -83,6 +85,9 @@ class Workbench:
             if point.node is not None:
                 structure.case.position(point.node)  # names what is wrong with an unknown node
         targets, remarks = _on_model(targets, structure.case)
+        check_plausible(project, targets, structure.case)
+        if fault := rise_fault(targets):
+            raise ValueError(f"targets: {fault}")
         elasticity = Elasticity(bounds=config.calibrate.bounds, fixed=config.model.fixed)
         return Workbench(project, targets, structure, elasticity, remarks)
 
@@ -152,8 +157,17 @@ def _warned(mesh: Discretisation, say: Say) -> Discretisation:
     return mesh
 
 
+def check_plausible(project: Project, targets: Targets, case: Case) -> None:
+    """Raise ValueError where the targets cannot be displacements of the project's finger."""
+    down = project.config.model.deck is None  # a deck may lie in any way
+    fault = place_fault(targets, case) or motion_fault(targets, case, bends_down=down)
+    if fault:
+        raise ValueError(f"targets: {fault}")
+
+
 def own_of(project: Project) -> tuple[Effect, ...]:
-    """The effects of the project's own files. ValueError where one of them is not right."""
+    """The effects of the project's own files. ValueError where one of them is not right, or not trusted."""
+    check_programs(project.root, project.config.model.effect_files)
     return own_effects(project.root, project.config.model.effect_files)
 
 

@@ -48,6 +48,7 @@ def read_camera(path: Path, *, name: str, size: tuple[int, int]) -> Camera:
             "same setting, not scaled or cropped"
         )
     matrix, distortion = _matrix(path, found.matrix), _distortion(path, found.lens)
+    _check_sane(path, matrix, distortion, size)
     remark = (
         f"{path.name} does not say how well the camera is known, so that its error is not in the stated "
         "uncertainty: calibrate with board images to include it."
@@ -56,12 +57,31 @@ def read_camera(path: Path, *, name: str, size: tuple[int, int]) -> Camera:
     return Camera(matrix, distortion, size, found.rms_px, 0, model=used, remarks=(remark,))
 
 
+def _check_sane(path: Path, matrix: Array, distortion: Array, size: tuple[int, int]) -> None:
+    """Raise ValueError unless the numbers can be those of a camera that takes pictures of this size."""
+    width, height = size
+    (fx, skew, cx), (lower, fy, cy), last = matrix
+    wrong = ""
+    if not (np.isfinite(matrix).all() and np.isfinite(distortion).all()):
+        wrong = "holds numbers that are not finite"
+    elif not (fx > 0.0 and fy > 0.0 and 0.5 < fx / fy < 2.0):
+        wrong = f"has the focal lengths {fx:g} and {fy:g} px, wanted two of about the same size above 0"
+    elif skew != 0.0 or lower != 0.0 or last.tolist() != [0.0, 0.0, 1.0]:
+        wrong = "has a matrix other than [fx 0 cx; 0 fy cy; 0 0 1]"
+    elif not (0.0 < cx < width and 0.0 < cy < height):
+        wrong = f"has its centre at ({cx:g}, {cy:g}) px, wanted it inside its {width} x {height} px"
+    if wrong:
+        raise ValueError(f"camera file {path.name} {wrong}: correct the file, or calibrate with board images")
+
+
 def _toml(path: Path, name: str) -> _Numbers:
     try:
         data = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
         raise ValueError(f"camera file {path} is no TOML ({error}): write it again") from error
     cameras = data.get("cameras", data)
+    if not isinstance(cameras, Mapping):
+        raise ValueError(f"camera file {path.name}: cameras is no table; wanted one table for each camera")
     known = {key: value for key, value in cameras.items() if isinstance(value, Mapping)}
     digits = name[len(name.rstrip("0123456789")) :]
     key = next((k for k in (name, digits, *(known if len(known) == 1 else ())) if k in known), None)
@@ -71,9 +91,16 @@ def _toml(path: Path, name: str) -> _Numbers:
             "the camera in twin.toml as one of them"
         )
     camera = known[key]
-    size = tuple(int(side) for side in camera["size"]) if "size" in camera else None
+    try:
+        size = tuple(int(side) for side in camera["size"]) if "size" in camera else None
+        rms = float(camera.get("error", 0.0))
+    except (TypeError, ValueError, OverflowError):
+        raise ValueError(
+            f"camera file {path.name}: size or error of {key} is wrong: wanted size = [width, height] and a "
+            "number"
+        ) from None
     lens = camera.get("distortions", camera.get("dist_coeffs"))
-    return _Numbers(camera.get("matrix"), lens, size, float(camera.get("error", 0.0)))  # type: ignore[arg-type]
+    return _Numbers(camera.get("matrix"), lens, size, rms)  # type: ignore[arg-type]
 
 
 def _storage(path: Path) -> _Numbers:
@@ -81,9 +108,13 @@ def _storage(path: Path) -> _Numbers:
     if path.suffix in (".yml", ".yaml") and not text.startswith("%YAML"):
         text = "%YAML:1.0\n---\n" + text  # ROS writes none
     try:
-        storage = cv2.FileStorage(text, cv2.FILE_STORAGE_READ | cv2.FILE_STORAGE_MEMORY)
-    except (cv2.error, SystemError) as error:
+        return _stored(cv2.FileStorage(text, cv2.FILE_STORAGE_READ | cv2.FILE_STORAGE_MEMORY))
+    except (cv2.error, SystemError, OverflowError, ValueError) as error:
         raise ValueError(f"camera file {path} cannot be read as YAML, XML or JSON: write it again") from error
+
+
+def _stored(storage: cv2.FileStorage) -> _Numbers:
+    """What OpenCV finds in a file; it raises errors of its own for what is no matrix."""
     width, height = (_first(storage, keys) for keys in zip(*SIZES, strict=True))
     size = None if width is None or height is None else (int(width.real()), int(height.real()))
     rms = _first(storage, RMS)
@@ -105,8 +136,17 @@ def _values(node: Any) -> Any:
     return node.mat()
 
 
+def _numbers(path: Path, values: Any) -> Array:
+    try:
+        return np.asarray(values, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError):
+        raise ValueError(
+            f"camera file {path.name}: matrix or distortion holds other things than numbers: write it again"
+        ) from None
+
+
 def _matrix(path: Path, values: Any) -> Array:
-    matrix = None if values is None else np.asarray(values, dtype=np.float64)
+    matrix = None if values is None else _numbers(path, values)
     if matrix is None or matrix.size != 9:
         raise ValueError(
             f"camera file {path.name} has no camera matrix of 9 numbers: wanted the key {MATRIX[0]} as "
@@ -121,7 +161,7 @@ def _distortion(path: Path, values: Any) -> Array:
             f"camera file {path.name} has no distortion: wanted the key {LENS[0]} as OpenCV writes it (zeros "
             "if there is none)"
         )
-    terms = np.asarray(values, dtype=np.float64).ravel()
+    terms = _numbers(path, values).ravel()
     if np.any(terms[5:] != 0.0):
         raise ValueError(
             f"camera file {path.name} has {terms.size} distortion terms, wanted k1 k2 p1 p2 k3 alone: "

@@ -122,3 +122,14 @@ def test_half_a_calibration_line_is_refused() -> None:
     text = '[[points]]\nname = "tip"\nnode = 4401\n[pressure]\nunit = "V"\nvolt_zero = 0.5\n'
     with pytest.raises(ValueError, match=r"volt_zero and MPa_per_V are the calibration line .*wanted both"):
         parse(text.encode(), name="twin.toml")
+
+
+@pytest.mark.parametrize("unit", ["bar**9**9**9", "'", "((((", "bar*bar", "1/0", "bar" * 50])
+def test_a_unit_that_is_a_formula_is_never_worked_out(unit: str) -> None:
+    with pytest.raises(ValueError, match="which is none of pressure: wanted one of MPa"):
+        unit_of(unit, what="column p")
+
+
+@pytest.mark.parametrize("unit", ["mmHg", "inH2O", "N/mm^2", "kgf/cm**2", "torr"])
+def test_other_units_of_pressure_are_known(unit: str) -> None:
+    assert unit_of(unit, what="column p") == unit

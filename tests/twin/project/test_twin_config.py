@@ -2,6 +2,7 @@
 
 import ast
 import dataclasses
+import time
 import tomllib
 from pathlib import Path
 from typing import get_args
@@ -222,3 +223,23 @@ def test_the_study_says_its_second_pressure():
     top = Project.open(dataset("study")).targets().pressure.max()
     assert top / config.study.other_pressure_MPa == pytest.approx(3, rel=1e-12)
     assert tomllib.loads(dump(config)) == tomllib.loads((dataset("study") / "twin.toml").read_text())
+
+
+@pytest.mark.parametrize("text", ["x = " + "[" * 100_000, "x = " + "{a = " * 50_000, "a." * 50_000 + "a = 1",
+                                  '"a".' * 50_000 + "a = 1", "[" + "a." * 50_000 + "a]", "x = {" + "a." * 50_000 + "a = 1}"])  # fmt: skip
+def test_brackets_and_keys_without_end_are_refused_at_once(text):
+    start = time.monotonic()
+    with pytest.raises(ValueError, match=r"too deeply|keys of at most 100 parts"):
+        parse(text.encode(), name="twin.toml")
+    assert time.monotonic() - start < 2.0  # the parser alone takes a minute for a key of 50,000 parts
+
+
+def test_dots_in_texts_and_numbers_are_no_keys():
+    long = "raw/" + ".".join("abcdefghijklmnopqrstuvwxyz") + ".mp4"
+    assert "model.x is not a known key" in str(parse_error(f'[model]\ndeck = "{long}"\nx = [{", ".join(["0.5"] * 50)}]\n'))
+
+
+def parse_error(text):
+    with pytest.raises(ValueError, match=r"twin\.toml: ") as told:
+        parse(text.encode(), name="twin.toml")
+    return told.value

@@ -112,14 +112,14 @@ def test_newest_takes_done_runs_that_have_the_file(project):
     for number in range(11):
         with project.new_run("calibrate", seed=number) as run:
             if number != 10:
-                run.write_json("fit.json", {"number": number})
+                run.write_json("found.json", {"number": number})
     kill(project, seed=99)
-    newest = project.newest("calibrate", "fit.json")
+    newest = project.newest("calibrate", "found.json")
     assert newest is not None
     assert files.read_json(newest) == {"number": 9}
-    assert project.newest(("add", "calibrate"), "fit.json") == newest
-    assert project.newest(None, "fit.json") == newest
-    assert project.newest("add", "fit.json") is None
+    assert project.newest(("add", "calibrate"), "found.json") == newest
+    assert project.newest(None, "found.json") == newest
+    assert project.newest("add", "found.json") is None
 
 
 def test_done_finds_the_same_work_only(project):
@@ -246,3 +246,58 @@ def test_a_note_goes_to_the_log_and_not_to_the_screen(project, capsys):
         run.note("half model: load and shape are symmetric")
     assert run.log() == [{"note": "half model: load and shape are symmetric"}]
     assert capsys.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "sentence"),
+    [
+        ("run.json", "[]", "all of it = []: it should be an object"),
+        ("run.json", '{"kind": "camera", "status": "done", "digest": 3}', r"digest = 3: it should be a valid string"),
+        ("run.json", '{"kind": "camera", "status": "done", "digest": "", "seeds": 1}', "seeds is not a known key; did you mean 'seed'"),
+        ("fit.json", "{}", r"parameters is missing"),
+        ("fit.json", "[" * 100_000, "brackets lie in each other too deeply"),
+        ("camera.json", "null", "all of it = None: it should be an object"),
+        ("diagnosis.json", '{"verdict": 1, "named": []}', "verdict = 1: it should be a valid string"),
+        ("a-solved.json", '[{"C10": -1.0, "C01": 0.1, "top_MPa": 0.03}]', "C10 = -1.0: it should be greater than or equal to 0"),
+        ("any.json", "9" * 5000, "not valid JSON"),
+    ],
+)
+def test_a_record_that_is_none_gives_one_sentence(tmp_path, name, text, sentence):
+    (tmp_path / name).write_text(text)
+    with pytest.raises(ValueError, match=sentence.replace("[", r"\[")) as told:
+        files.read_json(tmp_path / name)
+    assert str(tmp_path / name) in str(told.value)
+    assert "remove it and run its stage again" in str(told.value)
+
+
+FIT = {
+    "parameters": {"C10": {"value": 0.2, "sd": 0.01, "low": 0.1, "high": 0.3}, "C01": {"value": 0.1, "sd": None, "low": 0.0, "high": 0.3}},
+    "covariance": [[1e-4, 0.0], [0.0, 4e-4]], "chi2": 3.0, "degrees_of_freedom": 5, "seed": 1, "evaluations": 7,
+    "converged": True, "reason": "converged", "at_bound": [],
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("change", "sentence"),
+    [
+        ({"covariance": [[1e-4, 0.0]]}, "covariance has 1 rows; wanted 2 x 2"),
+        ({"covariance": [[1e-4, 1e-5], [0.0, 4e-4]]}, "covariance is not symmetric"),
+        ({"covariance": [[1e-4, 3e-4], [3e-4, 4e-4]]}, "covariance has an eigenvalue below 0"),
+        ({"at_bound": ["C20"]}, "at_bound names 'C20', which is no parameter"),
+        ({"chi2": -1.0}, "chi2 = -1.0"),
+        ({"parameters": {"C10": {"value": 0.9, "sd": None, "low": 0.1, "high": 0.3}}}, "value 0.9 is outside its bounds 0.1 to 0.3"),
+    ],
+)
+def test_a_fit_that_contradicts_itself_is_refused(tmp_path, change, sentence):
+    files.write_json(tmp_path / "fit.json", FIT)
+    assert files.read_json(tmp_path / "fit.json") == FIT
+    files.write_json(tmp_path / "fit.json", FIT | change)
+    with pytest.raises(ValueError, match=sentence):
+        files.read_json(tmp_path / "fit.json")
+
+
+def test_arrays_that_would_fill_the_memory_are_refused(tmp_path, monkeypatch):
+    files.write_npz(tmp_path / "x.npz", {"a": np.zeros(10_000)})
+    monkeypatch.setattr(files, "MOST_BYTES", 50_000)
+    with pytest.raises(ValueError, match=r"not a readable npz file \(unpacked it would have"):
+        files.read_npz(tmp_path / "x.npz")

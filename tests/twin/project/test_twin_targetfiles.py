@@ -36,22 +36,24 @@ def make(*, seed: int = 0) -> Targets:
     value[4, 2] = np.nan
     root = rng.normal(size=(steps, points, 3, 3))
     covariance = root @ root.swapaxes(2, 3)
+    covariance = (covariance + covariance.swapaxes(2, 3)) / 2
     covariance[..., 1, :] = covariance[..., :, 1] = np.nan
     covariance[4, 2] = np.nan
     valid = ~np.isnan(value)
     valid[3, 1, 0] = False  # one component of two left out: only the npz can hold that
     block = np.repeat([0, 1], 6)
+    one = np.array([1.0, np.nan, 1.0])  # y is not observed
     noise = Noise(
-        sd=rng.random((3, 3)), rho=value[1], correlation=rng.random((9, 9)), frames=300, codec_sd=rng.random((3, 3)),
+        sd=rng.random((3, 3)), rho=rng.random((3, 3)) * one, correlation=np.corrcoef(rng.normal(size=(9, 30))), frames=300, codec_sd=rng.random((3, 3)),
         gauge_sd_MPa=1.25e-5, gauge_frames=900,
     )  # fmt: skip
     return Targets(
-        time=np.arange(steps) * 0.1, pressure=rng.random(steps), block=block, points=make_points(), value=value, covariance=covariance,
+        time=np.arange(steps) * 0.1, pressure=np.sin(np.arange(steps) * 0.1), block=block, points=make_points(), value=value, covariance=covariance,
         valid=valid, held_out=block == 1, modes=rng.normal(size=(2, steps, points, 3)),
         mode_names=("scale", "placement:tip:x"), noise=noise, log_time=np.arange(600) / 400 - 0.05,
-        log_pressure=rng.random(600), reference=np.array([0, 1]),
+        log_pressure=np.sin(np.arange(600) / 400 - 0.05), reference=np.array([0, 1]),
         gravity=np.array([[0, 0, -1.0], [1.0, 0, 0]]),
-        pressure_sd=rng.random(steps),
+        pressure_sd=1e-3 * rng.random(steps),
     )  # fmt: skip
 
 
@@ -181,15 +183,26 @@ def test_time_must_increase(folder):
         ('[[points]]\nname = "top"', "point 'top' is not in targets.csv, which has tip, 4711"),
         ('[[points]]\nname = "tip"\nnode = 4402', "point 'tip' is node 4402, twin.toml says 4401"),
         ('[[points]]\nname = "tip"\nrole = "fixed"', "has role 'fixed', twin.toml gives it node 4401; correct one"),
-        ('[[points]]\nname = "tip"\nrole = "fixd"', "role of point 'tip' is 'fixd'; wanted 'finger'"),
-        ('[[points]]\nname = "tip"\nnode = "4401"', "node of point 'tip' is '4401'; wanted a node label, 1 or more"),
+        ('[[points]]\nname = "tip"\nrole = "fixd"', r"points\[1\].role = 'fixd': it should be 'finger', 'place' or 'fixed'"),
+        ('[[points]]\nname = "tip"\nnode = "4401"', r"points\[1\].node = '4401': it should be a valid integer"),
         ('[[points]]\nname = "4711"\nrole = "place"', "'4711' lies at no node and has no position"),
-        ('[[points]]\nname = "tip"\nposition_mm = [1, 2]', "wanted three numbers"),
+        ('[[points]]\nname = "tip"\nposition_mm = [1, 2]', r"points\[1\].position_mm\[3\] is missing"),
         ("[reference]\nsteps = [7]", "reference block 0, step 7 is not in targets.csv"),
         ("[[blocks]]\nblock = 3", "block 3 is not in targets.csv"),
-        ("[[blocks]]\nblock = 0\ngravity = [0, 0, -9.81]", "unit vectors"),
-        ("[noise]\nframes = 3", "targets.npz is missing"),
+        ("[[blocks]]\nblock = 0\ngravity = [0, 0, -9.81]", "gravity = .* of block 0 is not a unit vector: wanted length 1"),
+        ("[noise]\nframes = 3\ngauge_sd_MPa = 0.0\ngauge_frames = 0", "targets.npz is missing"),
         ("x = = 1", "not valid TOML"),
+        ("[noise]\nframes = 3", "noise.gauge_sd_MPa is missing"),
+        ('[[blocks]]\nblock = 0\nheld_out = "false"', r"blocks\[1\].held_out = 'false': it should be a valid boolean"),
+        ("[[blocks]]\nblock = 0\nheld_outt = true", r"held_outt is not a known key; did you mean 'held_out'\?"),
+        ("[[blocks]]\nblock = 0\n[[blocks]]\nblock = 0", "a block stands twice"),
+        ("[[blocks]]\nblock = [1]", r"blocks\[1\].block = \[1\]: it should be a valid integer"),
+        ("[noises]\nframes = 3", "noises is not a known key; did you mean 'noise'"),
+        ("points = 1", "points = 1: it should be a valid array"),
+        ("blocks = 3", "blocks = 3: it should be a valid array"),
+        ("[reference]\nsteps = 0", "reference.steps = 0: it should be a valid array"),
+        ('[[points]]\nname = "tip"\n[[points]]\nname = "tip"', "point 'tip' stands twice"),
+        ("x = " + 5000 * "[", "brackets lie in each other too deeply"),
     ],
 )
 def test_a_broken_toml_gives_one_sentence(folder, toml, sentence):
@@ -263,14 +276,14 @@ def test_loads_come_back_as_they_were_written(tmp_path: Path, make_targets: Call
 @pytest.mark.parametrize(
     ("load", "said"),
     [
-        ('{weight_g = 0.02, at = "tip"}', "weight_g = 0.02; wanted 0.1 to 5000 grams"),
+        ('{weight_g = 0.02, at = "tip"}', "0.1 to 5000 grams, such as 20.0"),
         ('{weight_g = 20.0, at = "tips"}', "is at 'tips'; wanted one of the points tip, middle"),
         ('{weight_g = 20.0, at = "fixed"}', "is at 'fixed'; wanted one of the points tip, middle"),
-        ("{weight_g = 20.0}", "wanted its place `at`"),
+        ("{weight_g = 20.0}", "at is missing"),
         ('{weight_g = 20.0, force_N = [0.0, 0.0, 1.0], at = "tip"}', "one of weight_g in grams and force_N"),
         ('{force_N = [0.0, 0.0, -200.0], at = "tip"}', "a force above 0 and up to 50 N"),
-        ('{mass_kg = 0.02, at = "tip"}', "has the key 'mass_kg'; wanted weight_g or force_N"),
-        ("{weight_g = 20.0, at = [1.0, 2.0]}", "wanted three numbers"),
+        ('{mass_kg = 0.02, at = "tip"}', "mass_kg"),
+        ("{weight_g = 20.0, at = [1.0, 2.0]}", "a point's name, or a position"),
     ],
 )
 def test_loads_that_cannot_be_meant_are_refused(
@@ -280,6 +293,86 @@ def test_loads_that_cannot_be_meant_are_refused(
     told = tmp_path / "targets" / "targets.toml"
     lines = told.read_text().replace("block = 1\n", f"block = 1\nloads = [{load}]\n")
     told.write_text(lines)
-    with pytest.raises(ValueError, match=r"a load of block 1|the place of a load") as caught:
+    with pytest.raises(ValueError, match="targets.toml") as caught:
         read_targets(tmp_path / "targets")
     assert said in str(caught.value)
+
+
+# -- arrays and log
+
+
+def altered(tmp_path, **arrays):
+    """The folder of written targets with these arrays of targets.npz in place of the own ones."""
+    write_targets(tmp_path / "targets", make())
+    path = tmp_path / "targets" / "targets.npz"
+    with np.load(path) as file:
+        own = dict(file)
+    np.savez(path, **(own | {name: change(own[name]) for name, change in arrays.items()}))
+    return tmp_path / "targets"
+
+
+def put(value, *index):
+    """A change of an array: this value at that place."""
+
+    def change(array):
+        out = array.copy()
+        out[index] = value
+        return out
+
+    return change
+
+
+@pytest.mark.parametrize(
+    ("name", "change", "sentence"),
+    [
+        ("modes", put(np.nan, 0, 1, 0, 0), "array 'modes' holds nan; wanted finite numbers in mm"),
+        ("modes", put(np.inf, 1, 2, 2, 2), "array 'modes' holds inf"),
+        ("modes", lambda a: a[:, :5], r"array 'modes' has shape \(2, 5, 3, 3\); wanted \(2, 12, 3, 3\)"),
+        ("pressure_sd", put(-1.0, 3), "array 'pressure_sd' holds -1; wanted finite numbers in MPa, 0 or more"),
+        ("pressure_sd", lambda a: a.astype(str), "array 'pressure_sd' holds <U32; wanted numbers"),
+        ("valid", lambda a: a.astype(str), "array 'valid' holds <U5; wanted booleans"),
+        ("covariance", put(9.0, 0, 0, 0, 2), "covariance of step 0, point 0 is not symmetric"),
+        ("covariance", lambda a: put(9.0, 0, 0, 0, 2)(put(9.0, 0, 0, 2, 0)(a)), "covariance of step 0, point 0 has the eigenvalue -"),
+        ("covariance", put(np.nan, 0, 0, 0, 2), "covariance of step 0, point 0 holds nan"),
+        ("correlation", put(0.5, 0, 1), "array 'correlation' is not symmetric"),
+        ("correlation", put(2.0, 0, 0), "array 'correlation' is not 1 on its diagonal"),
+        ("correlation", lambda a: 3 * a - 2 * np.eye(9), "array 'correlation' has the eigenvalue -"),
+        ("correlation", lambda a: a[:3], "array 'correlation' has shape"),
+    ],
+)  # fmt: skip
+def test_a_wrong_array_gives_one_sentence(tmp_path, name, change, sentence):
+    with pytest.raises(ValueError, match=sentence):
+        read_targets(altered(tmp_path, **{name: change}))
+
+
+def test_an_unknown_array_is_refused(tmp_path):
+    folder = altered(tmp_path)
+    with np.load(folder / "targets.npz") as file:
+        np.savez(folder / "targets.npz", **file, mode=np.zeros(3))
+    with pytest.raises(ValueError, match="array 'mode' is not known; wanted covariance, valid"):
+        read_targets(folder)
+
+
+@pytest.mark.parametrize(
+    ("change", "sentence"),
+    [
+        (lambda b, t, p: (b, t, 1000 * p), r"says .* MPa at .* s, targets.csv .* they differ at 11 of 12 steps; wanted the log"),
+        (lambda b, t, p: (b, t, np.roll(p, 200)), "wanted the log of the same test"),
+        (lambda b, t, p: (b + 1, t, p), r"block 2 is not in targets.csv, which has \[0, 1\]"),
+        (lambda b, t, p: (0 * b, t, p), "the sample at 0.6025 s is of block 0, but targets.csv has block 1 there"),
+    ],
+)
+def test_a_log_that_contradicts_the_steps_is_refused(tmp_path, change, sentence):
+    write_targets(tmp_path / "targets", make())
+    path = tmp_path / "targets" / "pressure.csv"
+    b, t, p = np.loadtxt(path, delimiter=",", skiprows=1).T
+    rows = "".join(f"{int(bb)},{tt!r},{pp!r}\n" for bb, tt, pp in zip(*(a.tolist() for a in change(b, t, p))))
+    path.write_text("block,time_s,pressure_MPa\n" + rows)
+    with pytest.raises(ValueError, match=sentence):
+        read_targets(tmp_path / "targets")
+
+
+def test_a_byte_order_mark_is_no_fault(folder):
+    text = '\ufeff[[points]]\nname = "4711"\nrole = "fixed"\n'
+    (folder / "targets.toml").write_text(text, encoding="utf-8")
+    assert read_targets(folder).fixed.tolist() == [False, True]

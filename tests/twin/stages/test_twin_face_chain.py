@@ -84,7 +84,7 @@ def test_face_points_are_calibrated_compared_and_reviewed(project: Project) -> N
     assert left.max() < 0.02
     other = project.config.model_copy(update={"diagnose": DiagnoseTable(candidates=("clamp",))})
     with replace(project, config=other).new_run("diagnose") as run:
-        run.write_json("diagnosis.json", {"sentence": "of other candidates", "named": [], "rms_before_mm": 1.0})
+        run.write_json("diagnosis.json", {"verdict": "adequate", "sentence": "of other candidates", "named": [], "rms_before_mm": 1.0})
     notes = run_review(project, say)["notes"]
     stale = "is stale: [diagnose] candidates of twin.toml has changed since; it is not used"
     assert [n for n in notes if "stale" in n] == [f"runs/{run.name} {stale}"]

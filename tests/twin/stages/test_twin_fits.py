@@ -14,7 +14,7 @@ from twin.stages.fits import fresh, named_effects, newest_fit, stale, stale_sent
 from twin.stages.waterfall import in_words, stairs
 
 FIT = least_squares(
-    lambda x: x - 0.2, lambda x: np.eye(1), (Parameter("C10", 0.1, 0.3, 0.01, "MPa", 0.2),), start=np.array([0.15])
+    lambda x: x - 0.2, lambda x: np.eye(1), (Parameter("C10", 0.1, 0.3, "MPa", typical=0.01, start=0.2),), start=np.array([0.15])
 )
 TOML = """\
 [model]
@@ -191,7 +191,7 @@ def test_nothing_is_added_where_the_diagnosis_names_no_effect(root: Path) -> Non
     with pytest.raises(ValueError, match="no diagnosis yet; run twin diagnose, or name the effect"):
         named_effects(project)
     with project.new_run("diagnose") as run:
-        run.write_json("diagnosis.json", {"named": []})
+        run.write_json("diagnosis.json", {"verdict": "adequate", "named": []})
     assert run_add(project, say)["status"] == "skipped"
     assert say == ["The diagnosis names no effect: nothing is added."]
     edit(root, 'candidates = ["creep"]', 'candidates = ["clamp"]')

@@ -4,6 +4,7 @@ import csv
 import os
 import shutil
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -86,6 +87,13 @@ def stages(monkeypatch):
     return standin
 
 
+def moving(targets):
+    """Targets whose tip and middle bend with the pressure."""
+    value = targets.value.copy()
+    value[:, :2, 2] = targets.pressure[:, None] / 0.02 * np.array([-40.0, -13.0])
+    return replace(targets, value=value)
+
+
 @pytest.fixture
 def batch(tmp_path, make_targets, make_noise):
     """`batch(name)`: a project with targets that have a noise model."""
@@ -96,7 +104,7 @@ def batch(tmp_path, make_targets, make_noise):
         points = (PointTable(name="tip", node=4401), PointTable(name="middle", node=5848))
         (folder / "twin.toml").write_text(dump(Config(project=ProjectTable(name=name), points=points, **config)))
         noise = make_noise(3, sd=0.01, rho=0.1, common=0.0, frames=400)
-        write_targets(folder / "targets", make_targets(noise=noise))
+        write_targets(folder / "targets", moving(make_targets(noise=noise)))
         return Project.open(folder)
 
     return make
@@ -187,7 +195,7 @@ def test_stopped_in_any_stage_it_goes_on_there(batch, stages, say, where):
 def test_targets_without_a_noise_model_are_calibrated_and_not_diagnosed(batch, stages, say, make_targets):
     project = batch()
     shutil.rmtree(project.targets_folder)
-    write_targets(project.targets_folder, make_targets())
+    write_targets(project.targets_folder, moving(make_targets()))
     result = run_recalibrate(project, say)
     assert stages.since() == ["calibrate", "compare", "review"]
     assert result["verdict"] == "not diagnosed: no noise model"
@@ -261,7 +269,7 @@ def filmed(tmp_path, say):
         with former.new_run("measure", tables=(), inputs=[]) as run:
             run.write_npz("tracks.npz", {"names": np.array([m.name for m in rig]), "position": position})
         run_init_like(tmp_path / "batch-08", say, like=root)
-        os.symlink(source / "raw" / "film.mp4", tmp_path / "batch-08" / "raw" / "film.mp4")
+        os.link(source / "raw" / "film.mp4", tmp_path / "batch-08" / "raw" / "film.mp4")
         return Project.open(tmp_path / "batch-08")
 
     return measured

@@ -41,6 +41,7 @@ PLACES = {
     "fixed": [(15, 24), (75, 24), (-17, -15), (107, -15)],
 }
 POINTS = {"middle": (50.0, 12.0, 0.0), "tip": (85.0, 12.0, 0.0)}
+NODES = {"middle": 2529, "tip": 4149}  # within 2 mm of them
 
 
 class Lines(list):
@@ -136,7 +137,7 @@ def project(tmp_path_factory: pytest.TempPathFactory) -> Project:
             for m in marks() if m.role != "finger"
         )),
         points=tuple(
-            PointTable(name=n, node=4401 + i, marker=20 + i, size_mm=9.0, position_mm=p)
+            PointTable(name=n, node=NODES[n], marker=20 + i, size_mm=9.0, position_mm=p)
             for i, (n, p) in enumerate(POINTS.items())
         ),
     )  # fmt: skip

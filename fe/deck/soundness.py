@@ -1,0 +1,159 @@
+"""Whether the structure of a user's deck can be what was meant: the size of a finger, one body, held, with a
+chamber that is closed. Each fault is one sentence that says what was wanted.
+"""
+
+import numpy as np
+import scipy.sparse as sp
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+
+from fe.case import Case
+from fe.element import Array, Integers
+from fe.kernel.pressure import PressureFaces
+from fe.mesh.refine import free_faces
+
+SMALLEST_MM, LARGEST_MM = 5.0, 2000.0  # of a soft finger's longest side
+SAME = 1e-6  # of the longest side: nodes nearer to each other are one place
+FOLDED = 0.2  # of an element's largest Jacobian: a quadratic one may be a little below 0 at a sharp corner
+HELD = 1e-6  # least singular value over the largest, below which a motion is free
+MOTIONS = ("along x", "along y", "along z", "about x", "about y", "about z")
+
+
+def check_turned(case: Case, numbers: Integers, file: str) -> None:
+    """ValueError unless the Jacobian is positive at all integration points, and nowhere near -FOLDED of its
+    largest at the nodes; numbers (e,) of the elements."""
+    inside, at_nodes = jacobians(case), jacobians(case, at=case.element.local)
+    folded = at_nodes.min(axis=1) < -FOLDED * np.abs(at_nodes).max(axis=1)
+    least = np.where(folded, at_nodes.min(axis=1), inside.min(axis=1))
+    bad = folded | (least <= 0.0)
+    if not bad.any():
+        return
+    first = int(np.flatnonzero(bad)[0])
+    raise ValueError(
+        f"{file}: element {numbers[first]} has a Jacobian of {least[first]:.3g} mm3: it is turned inside "
+        "out, "
+        f"folded or flat, as are {int(bad.sum())} of {len(bad)} elements; wanted nodes in Abaqus's order, "
+        "and no "
+        "node beyond its neighbours; mend the mesh"
+    )
+
+
+def jacobians(case: Case, *, at: Array | None = None) -> Array:
+    """The Jacobian (e, q) mm3 of every element at points (q, 3) of its own coordinates, by default at its
+    integration points."""
+    X = case.nodes[case.connectivity]
+    dN = (case.element.at_points if at is None else case.element.shape(at))[1]
+    return np.asarray(np.linalg.det(np.einsum("eai,qaJ->eqiJ", X, dN, optimize=True)))
+
+
+def check_body(case: Case, file: str) -> None:
+    """ValueError where the structure has not the size of a finger, or where it is not one body that is held
+    and that the pressure fills."""
+    for check in (_check_size, _check_places, _check_held, _check_chamber):
+        check(case, file)
+
+
+def _check_size(case: Case, file: str) -> None:
+    longest = float(np.ptp(case.nodes, axis=0).max())
+    if SMALLEST_MM <= longest <= LARGEST_MM:
+        return
+    units = {"m": 1000.0, "cm": 10.0, "inches": 25.4, "micrometres": 0.001}
+    likely = [u for u, factor in units.items() if 20.0 <= factor * longest <= 500.0]
+    hint = f"; are they in {' or '.join(likely)}?" if likely else ""
+    raise ValueError(
+        f"{file}: the mesh is {longest:.4g} mm long: wanted coordinates in mm, {SMALLEST_MM:g} to "
+        f"{LARGEST_MM:g} mm for a finger{hint}"
+    )
+
+
+def _check_places(case: Case, file: str) -> None:
+    """No two nodes at one place: there the mesh would be cut."""
+    near = SAME * float(np.ptp(case.nodes, axis=0).max())
+    pairs = cKDTree(case.nodes).query_pairs(near, output_type="ndarray")
+    if len(pairs):
+        a, b = case.labels[pairs[0]]
+        x, y, z = case.nodes[pairs[0][0]]
+        raise ValueError(
+            f"{file}: nodes {a} and {b} lie at one place, ({x:.4g}, {y:.4g}, {z:.4g}) mm, and so do "
+            f"{len(pairs)} pairs in all: the mesh is cut there; wanted one node at a place; merge them in "
+            "your "
+            "preprocessor"
+        )
+
+
+def _check_held(case: Case, file: str) -> None:
+    """Every part of the mesh must be held against all six rigid motions."""
+    n, cells = len(case.nodes), case.connectivity
+    rows = np.repeat(np.arange(len(cells)), cells.shape[1])
+    graph = sp.coo_matrix((np.ones(cells.size), (cells[rows, 0], cells.ravel())), shape=(n, n))
+    count, part = connected_components(graph, directed=False)
+    for k in range(count):
+        free = _free_motion(case, np.flatnonzero(part == k))
+        if free:
+            x, y, z = case.nodes[part == k].mean(axis=0)
+            near = f"the part of the mesh near ({x:.4g}, {y:.4g}, {z:.4g}) mm"
+            which = "the finger" if count == 1 else near
+            merge = "" if count == 1 else ", or join it to the others"
+            raise ValueError(
+                f"{file}: nothing holds {which} against a rigid motion {free}; wanted *BOUNDARY on the nodes "
+                f"of the clamp, as in `Root, 1, 3`{merge}"
+            )
+
+
+def _free_motion(case: Case, rows: Integers) -> str:
+    """The rigid motion that supports leave to some nodes, "" where they leave none."""
+    centre = case.nodes[rows].mean(axis=0)
+    size = float(np.ptp(case.nodes[rows], axis=0).max())
+    node, component = np.nonzero(case.supported[rows])
+    x = (case.nodes[rows][node] - centre) / size
+    turned = np.stack([np.cross(axis, x) for axis in np.eye(3)], axis=2)  # (k, component, axis)
+    held = np.concatenate([np.eye(3)[component], turned[np.arange(len(x)), component]], axis=1)
+    _, values, motions = np.linalg.svd(np.concatenate([held, np.zeros((6, 6))]), full_matrices=False)
+    if values[-1] > HELD * max(values[0], 1.0):
+        return ""
+    return MOTIONS[int(np.abs(motions[-1]).argmax())]
+
+
+def _check_chamber(case: Case, file: str) -> None:
+    """The pressure must act on the skin, on a surface that encloses a space, and from its inside."""
+    if case.pressurised is None:
+        return
+    faces = case.surfaces[case.pressurised]
+    skin = {tuple(row) for row in free_faces(case).tolist()}
+    buried = [row for row in faces.tolist() if tuple(row) not in skin]
+    name = f"the pressurised surface {case.pressurised!r}"
+    if not len(faces):
+        raise ValueError(f"{file}: {name} has no faces; wanted those of the chamber")
+    if buried:
+        x, y, z = case.nodes[case.connectivity[buried[0][0]]].mean(axis=0)
+        raise ValueError(
+            f"{file}: {name} has {len(buried)} faces that lie inside the material, one near ({x:.4g}, "
+            f"{y:.4g}, "
+            f"{z:.4g}) mm; wanted faces on the skin of the chamber; correct the numbers of the faces"
+        )
+    pressed = PressureFaces(case.face_nodes(case.pressurised), case.element, len(case.nodes))
+    edges = pressed.open_edges(case.nodes, ~case.supported.reshape(-1))
+    if len(edges):
+        x, y, z = case.nodes[edges[0]].mean(axis=0)
+        raise ValueError(
+            f"{file}: {name} is open: {len(edges)} edges belong to one face alone, one near ({x:.4g}, "
+            f"{y:.4g}, "
+            f"{z:.4g}) mm; wanted a chamber that is closed, but for clamped nodes and planes of symmetry; "
+            "add "
+            "the faces that are missing"
+        )
+    if _volume(case, pressed) < 0.0:
+        raise ValueError(
+            f"{file}: the pressure acts on {name} from outside; wanted the faces of the chamber, which it "
+            "fills"
+        )
+
+
+def _volume(case: Case, pressed: PressureFaces) -> float:
+    """The volume (mm3) that the pressure fills, below 0 where it lies around the body; 0 where the surface
+    ends in several planes, between which it cannot be told."""
+    ends = np.unique(pressed.edges)
+    origin = case.nodes[ends].mean(axis=0) if len(ends) else case.nodes.mean(axis=0)
+    if len(ends) and np.linalg.svd(case.nodes[ends] - origin, compute_uv=False)[-1] > 1e-3:
+        return 0.0
+    return float((pressed.force(case.nodes) * (case.nodes - origin)).sum()) / 3

@@ -1,0 +1,149 @@
+"""A folder from a stranger: its programs do not run and its links are not followed before `twin trust`."""
+
+from pathlib import Path
+
+import pytest
+
+from twin import cli
+from twin.project import trust
+from twin.project.folder import Project
+from twin.stages.trusting import named_effect
+from twin.stages.workbench import own_of
+
+TOML = '[[points]]\nname = "tip"\nnode = 4401\n[calibrate]\nobjective_points = ["tip"]\n'
+PROGRAM = "from pathlib import Path\nPath({ran!r}).touch()\nfrom twin import Effect\nclass Fan(Effect):\n    name = 'fan'\n"
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "settings"))
+    (tmp_path / "batch").mkdir()
+    (tmp_path / "batch" / "twin.toml").write_text(TOML)
+    return tmp_path / "batch"
+
+
+def run(*arguments: object) -> None:
+    """The command line, as a user types it."""
+    assert cli.app(args=[str(a) for a in arguments], standalone_mode=False) in (None, 0)
+
+
+def with_program(folder: Path) -> Path:
+    """The file that the project's effect makes when it runs."""
+    ran = folder.parent / "ran"
+    (folder / "effects").mkdir()
+    (folder / "effects" / "fan.py").write_text(PROGRAM.format(ran=str(ran)))
+    (folder / "twin.toml").write_text(TOML + '[model]\neffect_files = ["effects/fan.py"]\n')
+    return ran
+
+
+def test_a_program_runs_only_once_it_is_trusted(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    ran = with_program(folder)
+    told = r"effects/fan.py is a program that would run with all your rights, .* `twin trust -p .*batch`"
+    with pytest.raises(ValueError, match=told):
+        own_of(Project.open(folder))
+    assert not ran.exists()
+    run("trust", "-p", folder)
+    assert "effects/fan.py: a program of 5 lines" in capsys.readouterr().out
+    assert [e.name for e in own_of(Project.open(folder))] == ["fan"]
+    assert ran.exists()
+
+
+def test_a_program_that_was_changed_is_trusted_no_more(folder: Path) -> None:
+    with_program(folder)
+    run("trust", "effects/fan.py", "-p", folder)
+    own_of(Project.open(folder))
+    path = folder / "effects" / "fan.py"
+    path.write_text(path.read_text() + "# more\n")
+    with pytest.raises(ValueError, match="has not been trusted as it is now"):
+        own_of(Project.open(folder))
+
+
+def test_the_folder_cannot_trust_itself(folder: Path) -> None:
+    ran = with_program(folder)
+    digest = trust.digest_of_program((folder / "effects" / "fan.py").read_bytes())
+    for place in (folder / "trusted.json", folder / "softtwin" / "trusted.json"):
+        place.parent.mkdir(exist_ok=True)
+        place.write_text(f'{{"{digest}": "mine"}}')
+    with pytest.raises(ValueError, match="has not been trusted"):
+        own_of(Project.open(folder))
+    assert not ran.exists()
+
+
+def test_a_file_named_on_the_command_line_is_trusted(folder: Path) -> None:
+    ran = with_program(folder)
+    project = Project.open(folder)
+    with pytest.raises(ValueError, match=r"other.py: not an effect file of this project, which has effects/fan.py"):
+        named_effect(project, "other.py")
+    assert not ran.exists()
+    assert named_effect(project, "creep") == "creep"
+    assert not ran.exists()
+    assert named_effect(project, "effects/fan.py") == "fan"
+    assert ran.exists()
+    assert [e.name for e in own_of(project)] == ["fan"]
+
+
+def test_what_is_not_asked_for_cannot_be_trusted(folder: Path) -> None:
+    with_program(folder)
+    with pytest.raises(ValueError, match=r"other.py: neither an effect file nor a link .* wanted one of effects/fan.py"):
+        run("trust", "other.py", "-p", folder)
+
+
+@pytest.mark.parametrize("name", ["runs", "cache", "targets", "targets/targets.csv", "runs/0001-calibrate"])
+def test_links_where_commands_write_or_read_text_are_refused(folder: Path, name: str) -> None:
+    outside = folder.parent / "outside"
+    outside.mkdir()
+    (folder / name).parent.mkdir(exist_ok=True)
+    (folder / name).symlink_to(outside)
+    with pytest.raises(ValueError, match=rf"{name} is a link: wanted a folder and files of the project's own"):
+        Project.open(folder)
+    assert not list(outside.iterdir())
+
+
+@pytest.mark.parametrize("name", ["../secret.csv", "raw/../../secret.csv", "..\\\\secret.csv"])
+def test_paths_out_of_the_folder_are_refused(folder: Path, name: str) -> None:
+    (folder / "twin.toml").write_text(TOML + f'[pressure]\nfile = "{name}"\n')
+    with pytest.raises(ValueError, match=r"wanted a path inside the project folder, without \.\."):
+        Project.open(folder)
+
+
+def test_a_link_of_twin_toml_is_followed_once_it_is_trusted(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (folder / "raw").mkdir()
+    (folder.parent / "secret.csv").write_text("a word that nobody may see\n")
+    (folder / "raw" / "pressure.csv").symlink_to(folder.parent / "secret.csv")
+    (folder / "twin.toml").write_text(TOML + '[pressure]\nfile = "raw/pressure.csv"\n')
+    with pytest.raises(ValueError, match=r"raw/pressure.csv leads to .*secret.csv, outside the project folder") as told:
+        Project.open(folder)
+    assert "nobody" not in str(told.value)
+    run("trust", "-p", folder)
+    assert "raw/pressure.csv: a link to" in capsys.readouterr().out
+    Project.open(folder)
+    (folder / "raw" / "pressure.csv").unlink()
+    (folder / "raw" / "pressure.csv").symlink_to(folder.parent)  # elsewhere: not what was trusted
+    with pytest.raises(ValueError, match="outside the project folder"):
+        Project.open(folder)
+
+
+def test_a_linked_folder_of_raw_files_is_seen(folder: Path) -> None:
+    (folder.parent / "elsewhere").mkdir()
+    (folder.parent / "elsewhere" / "pressure.csv").write_text("x\n")
+    (folder / "raw").symlink_to(folder.parent / "elsewhere")
+    (folder / "twin.toml").write_text(TOML + '[pressure]\nfile = "raw/pressure.csv"\n')
+    with pytest.raises(ValueError, match="outside the project folder"):
+        Project.open(folder)
+
+
+def test_a_link_within_the_folder_is_no_fault(folder: Path) -> None:
+    (folder / "raw").mkdir()
+    (folder / "raw" / "own.csv").write_text("x\n")
+    (folder / "raw" / "pressure.csv").symlink_to("own.csv")
+    (folder / "twin.toml").write_text(TOML + '[pressure]\nfile = "raw/pressure.csv"\n')
+    Project.open(folder)
+
+
+def test_a_twin_toml_that_is_a_link_is_refused(folder: Path) -> None:
+    (folder / "twin.toml").rename(folder.parent / "twin.toml")
+    (folder / "twin.toml").symlink_to(folder.parent / "twin.toml")
+    with pytest.raises(ValueError, match="is a link out of its folder"):
+        Project.open(folder)

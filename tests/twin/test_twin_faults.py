@@ -1,0 +1,151 @@
+"""Faults of the surroundings: interrupts at any moment, a full disk, no terminal, another language, two at once.
+
+Every command runs in a process of its own, as a user starts it.
+"""
+
+import importlib
+import os
+import resource
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from twin.project.folder import Project, dataset
+from twin.project.locking import lock
+
+ENTER = "from twin.entering import main; import sys; print('up', file=sys.stderr, flush=True); main()"
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def started(*arguments: object, **how: object) -> subprocess.Popen[str]:
+    """`twin ...` as a process; the word `up` on stderr says that it has begun."""
+    given = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True, "cwd": ROOT, "errors": "replace"}
+    return subprocess.Popen([sys.executable, "-c", ENTER, *map(str, arguments)], **{**given, **how})  # type: ignore[call-overload,no-any-return]
+
+
+def ended(*arguments: object, **how: object) -> tuple[int, str, str]:
+    """Exit code, stdout and stderr of `twin ...`."""
+    process = started(*arguments, **how)
+    out, error = process.communicate(timeout=120)
+    return process.returncode, out, error.removeprefix("up\n") if error else ""
+
+
+@pytest.fixture
+def study(tmp_path: Path) -> Path:
+    folder = tmp_path / "study"
+    (folder / "targets").mkdir(parents=True)
+    for name in ("twin.toml", "targets/targets.csv"):
+        (folder / name).write_bytes((dataset("study") / name).read_bytes())
+    return folder
+
+
+def test_an_interrupt_at_any_moment_leaves_no_traceback(study: Path) -> None:
+    rng = np.random.default_rng(3)
+    for moment in rng.uniform(0.0, 1.5, 5):
+        process = started("look", "-p", study)
+        assert process.stderr is not None
+        assert process.stderr.readline() == "up\n"
+        time.sleep(moment)
+        process.send_signal(signal.SIGINT)
+        _, error = process.communicate(timeout=60)
+        assert "Traceback" not in error, moment
+        assert process.returncode in (0, 130), moment
+        assert not (study / ".lock.json").exists()
+    assert ended("look", "-p", study)[0] == 0
+
+
+def test_a_command_that_is_asked_to_end_gives_its_lock_back(study: Path) -> None:
+    process = started("calibrate", "-p", study)
+    while not (study / ".lock.json").exists():
+        assert process.poll() is None
+        time.sleep(0.01)
+    process.terminate()
+    _, error = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert "interrupted" in error
+    assert "Traceback" not in error
+    assert not (study / ".lock.json").exists()
+
+
+def test_two_commands_at_once_do_not_meet(study: Path, tmp_path: Path) -> None:
+    with lock(study / ".lock", "calibrate"):
+        code, _, error = ended("look", "-p", study)
+    assert (code, "`twin calibrate`" in error) == (2, True)
+    both = [started("init", tmp_path / "new") for _ in range(2)]
+    codes = sorted((p.communicate(timeout=60), p.returncode)[1] for p in both)
+    assert codes in ([0, 2], [0, 0])  # the second may find an empty folder's place taken, or begin after the first
+    assert codes == [0, 2]
+    Project.open(tmp_path / "new")
+    assert [p.name for p in tmp_path.iterdir() if "partial" in p.name] == []
+
+
+PLAIN = {"LC_ALL": "C", "LANG": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
+
+
+def test_names_that_the_language_does_not_have(study: Path) -> None:
+    text = (study / "twin.toml").read_text(encoding="utf-8")
+    (study / "twin.toml").write_text(text.replace('name = "study"', 'name = "Prüfling-字"'), encoding="utf-8")
+    folder = study.rename(study.with_name("Prüfling-字"))
+    for command in ("check", "list", "look"):
+        code, _, error = ended(command, "-p", folder, env={**os.environ, **PLAIN})
+        assert (code, error) == (0, ""), command
+
+
+def test_a_byte_order_mark_in_twin_toml_is_no_fault(study: Path) -> None:
+    (study / "twin.toml").write_bytes(b"\xef\xbb\xbf" + (study / "twin.toml").read_bytes())
+    assert ended("check", "-p", study)[0] == 0
+    assert Project.open(study).set_effects(["creep"]).config.model.effects == ("creep",)
+
+
+def test_no_terminal_and_no_output(study: Path) -> None:
+    for shell in ('"$@" >&-', '"$@" >&- 2>&-', '"$@" 2>&- </dev/null', '"$@" <&-'):
+        command = ["sh", "-c", shell, "sh", sys.executable, "-c", "from twin.entering import main; main()", "list"]
+        done = subprocess.run([*command, "-p", str(study)], cwd=ROOT, capture_output=True, text=True, timeout=60)
+        assert (done.returncode, done.stderr) == (0, ""), shell
+
+
+def test_a_reader_that_has_enough_is_no_error(study: Path) -> None:
+    process = started("check", "-p", study)
+    assert process.stdout is not None
+    assert process.stderr is not None
+    process.stdout.close()
+    with process.stderr as error:
+        assert error.read() == "up\n"
+    assert process.wait(timeout=60) in (0, 1)  # 1: the parser ends it, as `head` may
+
+
+def test_a_full_output_is_said(study: Path) -> None:
+    with open("/dev/full", "w") as full:
+        code, _, error = ended("check", "-p", study, stdout=full)
+    assert code == 2
+    assert "No space left on device" in error
+    assert "Traceback" not in error
+
+
+def small_files(limit: int) -> Callable[[], None]:
+    """What a process does first so that no file of it may be larger, in bytes."""
+    return lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
+
+
+@pytest.mark.parametrize("limit", [100, 2000])
+def test_files_that_cannot_grow_are_named_and_nothing_half_is_left(study: Path, limit: int) -> None:
+    code, _, error = ended("look", "-p", study, preexec_fn=small_files(limit))
+    assert code == 2
+    assert "File too large" in error
+    assert str(study) in error  # which file it was
+    assert [p for p in study.rglob(".*") if p.is_file() and p.name != ".lock"] == []
+    assert ended("look", "-p", study)[0] == 0
+
+
+@pytest.mark.slow
+def test_a_full_disk_in_any_stage_changes_no_bit(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(str(ROOT / "benchmarks"))
+    found = importlib.import_module("strangers_faults").disk(True)
+    assert found["disk_faults"] == found["disk_same"] > 5
+    assert found["disk_internal"] == found["disk_left"] == 0

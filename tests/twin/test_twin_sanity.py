@@ -1,0 +1,122 @@
+"""Pressures and displacements that no soft finger has are refused with their likely cause; real ones pass."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from fe import Case
+from twin.project.folder import Project, dataset
+from twin.project.targetfiles import read_targets
+from twin.sanity import fit_fault, motion_fault, place_fault, pressure_fault, rise_fault
+from twin.targets import Targets, at_node
+
+
+@pytest.fixture
+def moving(make_targets: Callable[..., Targets], short_case: Case) -> Targets:
+    """Targets of the short finger whose tip moves as a finger of 43 mm does under 20 kPa."""
+    labels = short_case.labels[np.argsort(short_case.nodes[:, 0])[[-1, len(short_case.nodes) // 2]]]
+    base = make_targets()
+    value = np.zeros_like(base.value)
+    value[:, :2] = base.pressure[:, None, None] / 0.02 * np.array([[-1.0, 0.0, -6.0], [-0.2, 0.0, -2.0]])
+    points = (at_node("tip", int(labels[0])), at_node("middle", int(labels[1])), base.points[2])
+    return replace(base, value=value, points=points)
+
+
+def scaled(targets: Targets, factor: float) -> Targets:
+    return replace(targets, value=factor * targets.value)
+
+
+@pytest.mark.parametrize("peak", [1e-4, 0.003, 0.03, 0.3, 1.0])
+def test_pressures_of_fingers_pass(peak: float) -> None:
+    assert pressure_fault(peak) == ""
+
+
+@pytest.mark.parametrize(
+    ("peak", "unit", "told"),
+    [
+        (30.0, "MPa", "the numbers are likely in kPa (30 kPa are 0.03 MPa) or psi (30 psi are 0.21 MPa)"),
+        (300.0, "MPa", "the numbers are likely in kPa (300 kPa are 0.3 MPa) or mbar (300 mbar are 0.03 MPa)"),
+        (3e4, "MPa", "the numbers are likely in Pa (3e+04 Pa are 0.03 MPa)"),
+        (3.0, "kPa", "reaches 3 MPa, read in kPa; wanted 0.0001 to 1 MPa"),
+        (3e-5, "kPa", "reaches 3e-05 MPa, read in kPa"),
+    ],
+)
+def test_the_likely_unit_is_named(peak: float, unit: str, told: str) -> None:
+    assert told in pressure_fault(peak, unit=unit)
+
+
+def test_a_moving_finger_passes(moving: Targets, short_case: Case) -> None:
+    assert motion_fault(moving, short_case, bends_down=True) == ""
+    assert place_fault(moving, short_case) == ""
+    assert fit_fault(moving, 0.5 * moving.value) == ""  # a poor model still explains three quarters
+
+
+@pytest.mark.parametrize(
+    ("factor", "told"),
+    [
+        (1e-3, "while the pressure rises to 0.02 MPa: it seems to be at rest; .* are they in m"),
+        (0.0, "it seems to be at rest"),
+        (1e3, r"the largest displacement is 6e\+03 mm, and the finger is 43.3 mm long: .* are they in micrometres"),
+        (-1.0, r"U3 of tip is \+6 mm at top pressure, but a pressurised finger bends to -z"),
+    ],
+)
+def test_wrong_displacements_are_named(moving: Targets, short_case: Case, factor: float, told: str) -> None:
+    import re
+
+    assert re.search(told, motion_fault(scaled(moving, factor), short_case, bends_down=True))
+
+
+def test_a_deck_may_bend_upwards(moving: Targets, short_case: Case) -> None:
+    assert motion_fault(scaled(moving, -1.0), short_case, bends_down=False) == ""
+
+
+def test_what_is_not_valid_or_not_on_the_finger_counts_for_nothing(moving: Targets, short_case: Case) -> None:
+    value = moving.value.copy()
+    value[:, 2] = 1e6  # the fixed marker
+    value[0, 0] = 1e6
+    valid = moving.valid.copy()
+    valid[0, 0] = False
+    assert motion_fault(replace(moving, value=value, valid=valid), short_case, bends_down=True) == ""
+
+
+def test_a_pressure_that_never_rises_is_named(moving: Targets, short_case: Case) -> None:
+    still = replace(moving, pressure=0.0 * moving.pressure)
+    assert motion_fault(still, short_case, bends_down=True) == ""  # it may be filmed, and not calibrated with
+    assert rise_fault(moving) == ""
+    told = rise_fault(still)
+    assert told.startswith("the pressure does not rise: it is 0 MPa at most")
+
+
+def test_a_point_far_from_its_node_is_named(moving: Targets, short_case: Case) -> None:
+    tip = moving.points[0]
+    assert tip.node is not None
+    place = short_case.position(tip.node) + [0.0, 0.0, 4.0]
+    odd = (replace(tip, position=tuple(place.tolist())), *moving.points[1:])
+    assert f"its node {tip.node} lies at" in place_fault(replace(moving, points=odd), short_case)
+    assert "4.0 mm away; wanted at most 3 mm" in place_fault(replace(moving, points=odd), short_case)
+
+
+def test_a_fit_that_explains_nothing_is_named(moving: Targets) -> None:
+    told = fit_fault(moving, 2.0 * moving.value)  # the model moves the other way
+    assert "Most at tip: U3 is -6 mm, the model's 6 mm at 0.02 MPa" in told
+    assert told.startswith("the best constants leave 5.9") or "of a motion of" in told
+    assert fit_fault(moving, 0.8 * moving.value) != ""
+
+
+def test_the_study_is_plausible() -> None:
+    from twin.model.structure import base_case
+
+    targets = Project.open(dataset("study")).targets()
+    assert motion_fault(targets, base_case(), bends_down=True) == ""
+
+
+def test_targets_in_kPa_are_refused_when_read(tmp_path: object) -> None:
+    from pathlib import Path
+
+    folder = Path(str(tmp_path))
+    text = (dataset("study") / "targets" / "targets.csv").read_text()
+    (folder / "targets.csv").write_text(text.replace("0.03,", "30.0,"))
+    with pytest.raises(ValueError, match=r"targets.csv: pressure_MPa reaches 30 MPa, .* likely in kPa .* convert them"):
+        read_targets(folder, nodes={"tip": 4401, "middle": 5848})

@@ -1,0 +1,125 @@
+"""Plain data -> a checked table model, or one sentence that says what is wrong, with the way out."""
+
+import json
+from collections.abc import Iterator
+from difflib import get_close_matches
+from typing import Any, TypeVar, get_args
+
+from pydantic import BaseModel, ValidationError
+from pydantic.fields import FieldInfo
+
+Checked = TypeVar("Checked", bound=BaseModel)
+
+
+def checked(model: type[Checked], data: Any, *, name: str) -> Checked:
+    """The model of plain data, such as the tables of a TOML file; ValueError is one sentence that begins with
+    the file's name."""
+    try:
+        # through JSON, where strict means strict numbers and text but an array is still a tuple
+        return model.model_validate_json(json.dumps(data, default=str))
+    except ValidationError as error:
+        raise ValueError(f"{name}: {_sentence(error, model)}") from None
+    except RecursionError:
+        raise ValueError(f"{name}: its tables lie in each other too deeply; wanted at most a few") from None
+
+
+def value_text(value: Any) -> str:
+    """A value as TOML writes it."""
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, str):
+        return json.dumps(value, ensure_ascii=False)
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{key} = {value_text(item)}" for key, item in value.items()) + "}"
+    if isinstance(value, tuple | list):
+        return "[" + ", ".join(value_text(item) for item in value) + "]"
+    return repr(value)
+
+
+def _sentence(error: ValidationError, root: type[BaseModel]) -> str:
+    """The first error as one sentence, and how many more there are."""
+    first, more = error.errors()[0], error.error_count() - 1
+    return _problem(first, root) + (f" (and {more} more)" if more else "")
+
+
+def _problem(error: Any, root: type[BaseModel]) -> str:
+    where, kind, message = error["loc"], error["type"], error["msg"]
+    if kind == "value_error":
+        text = message.removeprefix("Value error, ")
+        # a table names its keys itself
+        of_value = where and _field(where, root) and not isinstance(error["input"], dict)
+        return f"{_key(where)} = {_short(error['input'])}: {text}" if of_value else text
+    key, field = _key(where), _field(where, root)
+    about = f" ({field.description})" if field is not None and field.description else ""
+    if kind == "extra_forbidden":
+        return _unknown(where, root)
+    if kind == "missing":
+        return f"{key} is missing{about}; add it"
+    key = key or "all of it"
+    wanted = message.replace("Input should", "it should", 1)
+    return f"{key} = {_short(error['input'])}: {wanted[0].lower()}{wanted[1:]}{about}{_example(where, field)}"
+
+
+def _unknown(where: tuple[str | int, ...], root: type[BaseModel]) -> str:
+    """The sentence for a key that does not exist, with the nearest one that does."""
+    keys = list(_model(where[:-1], root).model_fields)
+    near = get_close_matches(str(where[-1]), keys, n=1, cutoff=0.5)
+    hint = f"did you mean {near[0]!r}?" if near else f"known here: {', '.join(keys)}"
+    return f"{_key(where)} is not a known key; {hint}"
+
+
+def _short(value: Any) -> str:
+    text = repr(value)
+    return text if len(text) <= 60 else text[:57] + "..."
+
+
+def _example(where: tuple[str | int, ...], field: FieldInfo | None) -> str:
+    default = field.get_default() if field is not None and not field.is_required() else None
+    key = next((part for part in reversed(where) if isinstance(part, str)), "")
+    return f"; for example {key} = {value_text(default)}" if isinstance(default, str | int | float) else ""
+
+
+def _key(where: tuple[str | int, ...]) -> str:
+    """The name cameras[1].film for its location, counted from 1 as a person does."""
+    parts = "".join(f"[{part + 1}]" if isinstance(part, int) else f".{part}" for part in where)
+    return parts.removeprefix(".")
+
+
+def _models(
+    where: tuple[str | int, ...], root: type[BaseModel]
+) -> Iterator[tuple[type[BaseModel], str]]:
+    """Each table on the way to a location with the key taken there."""
+    model: type[BaseModel] | None = root
+    for part in where:
+        if isinstance(part, str) and model is not None:
+            yield model, part
+            model = table_of(model, part)
+
+
+def table_of(model: type[BaseModel], key: str) -> type[BaseModel] | None:
+    """The table under a key: its type itself, or the one that an optional or an array holds."""
+    if key not in model.model_fields:
+        return None
+    found = [model.model_fields[key].annotation]
+    while found:
+        kind = found.pop(0)
+        if isinstance(kind, type) and issubclass(kind, BaseModel):
+            return kind
+        found += get_args(kind)
+    return None
+
+
+def _model(where: tuple[str | int, ...], root: type[BaseModel]) -> type[BaseModel]:
+    """The table at a location."""
+    model = root
+    for parent, key in _models(where, root):
+        model = table_of(parent, key) or parent
+    return model
+
+
+def _field(where: tuple[str | int, ...], root: type[BaseModel]) -> FieldInfo | None:
+    """The field that a location lies in: bounds for calibrate.bounds.C10[1]."""
+    field = None
+    for model, key in _models(where, root):
+        field = model.model_fields.get(key, field)
+    return field

@@ -1,0 +1,115 @@
+"""Whether pressures and displacements can be those of a soft finger: one test for a raw log and for targets.
+
+Each function gives one sentence that says what is wrong and what is the likely cause, or "".
+"""
+
+import numpy as np
+
+from fe import Case
+from twin.targets import Array, PointKind, Targets
+
+LEAST_MPA, MOST_MPA = 1e-4, 1.0  # the peak of a test of a soft finger lies far within
+UNITS = {"kPa": 1e-3, "bar": 0.1, "mbar": 1e-4, "psi": 0.00689476, "Pa": 1e-6}  # MPa each
+USUAL_MPA = (0.005, 0.3)
+CURLED = 2.0  # largest displacement over the finger's length: a tip that is rolled up moves by 1.3 of it
+RESTING = 2e-3  # displacement over length that any pressure of 40 kPa exceeds; in proportion below that
+FULL_MPA = 0.04
+BENT = 0.02  # displacement over length from which its sign counts
+OFF_NODE_MM = 3.0  # a marker from its node: room for its thickness and for a rough reading
+
+
+def pressure_fault(peak: float, *, unit: str = "MPa") -> str:
+    """What is wrong with a largest pressure in MPa that was read in a unit."""
+    if LEAST_MPA <= peak <= MOST_MPA or (unit == "MPa" and peak < LEAST_MPA):
+        return ""  # a resting gauge says nothing of its unit
+    text = (f"reaches {peak:.3g} MPa, read in {unit}; wanted {LEAST_MPA:g} to {MOST_MPA:g} MPa, as soft "
+            "fingers have")  # fmt: skip
+    low, high = USUAL_MPA
+    likely = [name for name, factor in UNITS.items() if low <= factor * peak <= high] if unit == "MPa" else []
+    if not likely:
+        return text
+    shown = " or ".join(f"{name} ({peak:.3g} {name} are {UNITS[name] * peak:.2g} MPa)" for name in likely)
+    return f"{text}; the numbers are likely in {shown}"
+
+
+def motion_fault(targets: Targets, case: Case, *, bends_down: bool) -> str:
+    """What is wrong with measured displacements for the finger of a case: their size, or their sign where
+    the finger is known to bend to -z."""
+    u = np.where(targets.valid, targets.value, np.nan)[:, ~targets.fixed]
+    if not np.isfinite(u).any():
+        return ""
+    length, pressure = float(np.ptp(case.nodes, axis=0).max()), float(np.abs(targets.pressure).max())
+    most = float(np.nanmax(np.abs(u)))
+    where = f"the largest displacement is {most:.3g} mm, and the finger is {length:.3g} mm long"
+    if most > CURLED * length:
+        return f"{where}: wanted displacements in mm; are they in micrometres, or in px?"
+    if pressure >= LEAST_MPA and most < RESTING * min(pressure / FULL_MPA, 1.0) * length:
+        return (f"{where}, while the pressure rises to {pressure:.3g} MPa: it seems to be at rest; wanted "
+                "displacements in mm; are they in m, or of another film?")  # fmt: skip
+    return _sign(targets, BENT * length) if bends_down else ""
+
+
+def rise_fault(targets: Targets) -> str:
+    """What is wrong where there is no pressure to calibrate with."""
+    most = float(np.abs(targets.pressure).max())
+    if most >= LEAST_MPA:
+        return ""
+    return f"the pressure does not rise: it is {most:.3g} MPa at most; wanted the pressures of a test, in MPa"
+
+
+def _sign(targets: Targets, least: float) -> str:
+    """Whether the point that moves most along z at top pressure moves up, by `least` mm or more."""
+    top = targets.pressure >= 0.99 * targets.pressure.max()
+    z = np.where(targets.valid[..., 2] & ~targets.fixed, targets.value[..., 2], np.nan)[top]
+    if not np.isfinite(z).any():
+        return ""
+    step, point = np.unravel_index(int(np.nanargmax(np.abs(z))), z.shape)
+    if z[step, point] < least:
+        return ""
+    return (
+        f"U3 of {targets.names[int(point)]} is +{z[step, point]:.3g} mm at top pressure, but a pressurised "
+        "finger "
+        "bends to -z: wanted z up and U3 negative there; turn the sign, or the axes"
+    )
+
+
+def place_fault(targets: Targets, case: Case) -> str:
+    """Which point is stated too far from the node that it is said to be at."""
+    for point in targets.points:
+        if point.kind is not PointKind.NODE or point.position is None or point.node is None:
+            continue
+        node = case.position(point.node)
+        away = float(np.linalg.norm(np.array(point.position) - node))
+        if away > OFF_NODE_MM:
+            return (
+                f"point {point.name!r} is stated at {_shown(point.position)} mm, but its node {point.node} "
+                "lies "
+                f"at {_shown(node)} mm, {away:.1f} mm away; wanted at most {OFF_NODE_MM:g} mm; correct one "
+                "of them"
+            )
+    return ""
+
+
+EXPLAINED = 0.5  # share of the motion's mean square that any model of the finger explains
+
+
+def fit_fault(targets: Targets, residual: Array) -> str:
+    """What is wrong where the best of the model's constants leaves residuals (s, p, 3) mm as large as the
+    motion itself."""
+    used = targets.valid & ~targets.fixed[:, None] & ~targets.held_out[:, None, None]
+    moved, left = (float(np.sqrt((x[used] ** 2).mean())) for x in (targets.value, residual))
+    if left**2 <= (1 - EXPLAINED) * moved**2:
+        return ""
+    s, p, i = np.unravel_index(int(np.where(used, np.abs(residual), 0.0).argmax()), residual.shape)
+    measured, model = targets.value[s, p, i], targets.value[s, p, i] - residual[s, p, i]
+    return (
+        f"the best constants leave {left:.3g} mm rms of a motion of {moved:.3g} mm rms: these are not the "
+        f"displacements of this finger. Most at {targets.names[int(p)]}: U{i + 1} is {measured:.3g} mm, the "
+        f"model's {model:.3g} mm at {targets.pressure[s]:.3g} MPa. Check signs and units of the "
+        "displacements, the "
+        "unit of the pressure, and which node each point is at"
+    )
+
+
+def _shown(x: Array | tuple[float, float, float]) -> str:
+    return "(" + ", ".join(f"{v:.4g}" for v in x) + ")"
