@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 
 from vision.camera import Array, Camera
 from vision.errors import keyframes, modes
+from vision.errors.codecterms import Codec, codec_sd
 from vision.errors.modes import Named, Stated
-from vision.errors.noise import REST, Codec, NoiseModel, codec_sd, states, static_noise, with_y
+from vision.errors.noise import REST, NoiseModel, states, static_noise, with_y
 from vision.errors.variance import Rest, at_rest, independent, misfit
 from vision.following.methods import COARSE
 from vision.following.tracks import Followed

@@ -7,7 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vision.camera import Array, Camera
-from vision.errors.noise import Codec, codec_noise
+from vision.errors.codecterms import Codec, codec_terms
+from vision.errors.recoding import coded_again
 from vision.film.checkpoint import Keeper, Progress
 from vision.film.video import Video
 from vision.following.reference import prepare
@@ -75,12 +76,12 @@ def look(view: View, marks: Sequence[Mark], how: How, *, camera: str = "") -> Se
         )
     )
     frame, points = rows_of(marks)
-    codec = codec_noise(view.film, ready, film, frame_places(marks), frame, points, how.progress)
+    again = coded_again(view.film, ready, film, frame_places(marks), frame, points, how.progress)
     return Seen(
         camera=view.camera,
         film=film,
         still=still,
-        codec=codec,
+        codec=codec_terms(again),
         static=view.static.path.name,
         start=view.start,
         keys=view.film.keys(),
