@@ -76,6 +76,8 @@ def run_measure(project: Project, say: Say, *, replace: bool = False, budget: bo
     result = _measured(project, say, replace)
     if budget:
         result["budget"] = _say_budget(project.path(result["run"]) / "budget.csv", say)
+        for sentence in result.get("coding", []):
+            say(sentence)
     return result
 
 
@@ -103,7 +105,8 @@ def _measured(project: Project, say: Say, replace: bool) -> dict[str, Any]:
         run.write_bytes("overlay.png", _overlay(project, moved))
         run.write_text("budget.csv", _budget_csv(moved, targets))
         run.summary.update(_summary(targets, found) | {"headline": _headline(targets)})
-        for sentence in moved.notes:
+        run.summary["coding"] = list(moved.coding)
+        for sentence in (*moved.notes, *moved.coding):
             run.note(sentence)
         _put_aside(project, say)
         write_targets(project.targets_folder, targets, source={"run": run.name})

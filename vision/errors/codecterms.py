@@ -14,7 +14,7 @@ LAG = 3  # frames apart at which a creeping patch's errors are compared
 MIN_SAMPLES = 10  # values that make an estimate of their own
 ALIKE = 0.8
 MOST_SHARED = 0.75
-RESTS = 4.0  # rests of marks, as many as count as much as what is known before: STOPS of the slow error
+RESTS = 2.0  # rests of marks, as many as count as much as what is known before: STOPS of the slow error
 STOPS = 0.9  # error kept in a rest over that of slow motion, drawn film
 
 
@@ -26,7 +26,7 @@ class Codec:
     creep: Array  # sd while it moves more slowly, or is shaken: P-frames lag behind it
     held: Array  # sd of the error that stays frozen in a patch that has come to rest
     rest: Array  # the same in one that has not moved yet
-    shared: float = MOST_SHARED  # share of a shaken patch's variance that stays through a hold, from 0 to 0.75
+    shared: float = MOST_SHARED  # share of a shaken patch's variance that stays through a hold
 
 
 NOTHING = Codec(*np.zeros((4, 3)))
@@ -64,7 +64,7 @@ def codec_terms(parts: Sequence[Again]) -> Codec:
 
 
 def _pooled(parts: Sequence[Again], chosen: Sequence[NDArray[np.bool_]], otherwise: Array) -> Array:
-    """Mean square (2,) mm2 of the chosen errors (w,p) of all stretches; `otherwise` where they are too few."""
+    """Mean square (2,) mm2 of the errors that are chosen (w,p), all stretches; `otherwise` for too few."""
     error = np.concatenate([part.error[which] for part, which in zip(parts, chosen, strict=True)])
     return _mean_square(error) if len(error) >= MIN_SAMPLES else otherwise
 

@@ -3,6 +3,7 @@
 import tempfile
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 from vision.camera import Array, Image
 from vision.errors.noise import states
 from vision.film.checkpoint import Progress
-from vision.film.coding import Coding
+from vision.film.coding import NAMES, Coding
 from vision.film.video import Video, Writer
 from vision.following import registration
 from vision.following.methods import COARSE
@@ -26,6 +27,7 @@ SHIFT = np.array([5.0, 3.0])  # px, off every block grid
 START, FINEST, COARSEST = 23.0, 1.0, 51.0  # rate factor tried first, and its range
 OCTAVE = 4.0  # more of it halve the bytes: 6 where the picture's edges take them, 3 where its noise does
 TRIES = 4
+CAMERA_GREY = 1.5  # grey levels, usual sd of a camera's noise: coding takes it away, and pays for it in bytes
 NEAR = 0.2  # powers of two of the bytes that are near enough: a step of the quantiser by 15 %
 
 
@@ -51,8 +53,9 @@ def coded_again(
 ) -> list[Again]:
     """The stretches round the fastest motion and where most marks move slowly; none for a lossless film.
 
-    They are shifted off the block grid, coded with the film's own B-frames, key frames and bytes a frame, and
-    tracked again: the difference of the two places is what one pass of the codec does.
+    They are shifted off the block grid, get the noise back that coding took from them, are coded with the
+    film's own B-frames, key frames and bytes a frame, and tracked again: the difference of the two places is
+    what one pass of the codec does, and the camera's noise where it moves.
 
     plane: (f,2) mm nominal places of the frame marks, rows `frame` of the marks.
     points: rows of the output.
@@ -60,11 +63,12 @@ def coded_again(
     coding, state, result = film.coding(), states(followed.ideal), []
     if coding.lossless:
         return []
+    level = START
     for first in windows(followed.ideal, state, points):
         window = slice(first, min(first + WINDOW, len(followed.ideal)))
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / "again.mkv"
-            level, ratio = _matched(film, coding, window, path)
+            level, ratio = _matched(film, coding, window, level, path)
             again = np.array(list(_followed_again(path, follower, followed, window, progress)))
         place = [
             to_plane(homographies(plane, pixels[:, frame]), pixels[:, points])
@@ -73,6 +77,22 @@ def coded_again(
         own = place[0] - place[1]
         result.append(Again(window, own[SETTLE:], state[window][SETTLE:, points], level, ratio))
     return result
+
+
+def described(film: Video, parts: Sequence[Again]) -> tuple[str, ...]:
+    """A sentence about how the film was coded and coded again; none for a lossless film."""
+    if not parts:
+        return ()
+    coding = film.coding()
+    encoder = NAMES["hevc" if coding.codec == "hevc" else "h264"]
+    stretches = " and ".join(
+        f"at {film.time[part.window.start]:.1f} s (crf {part.level:.0f}, {part.bytes_ratio:.2f} of its bytes)"
+        for part in parts
+    )
+    return (
+        f"{film.path.name} is {coding.described()}. Its compression error comes from stretches that were "
+        f"coded once more by {encoder} in the same way, {stretches}.",
+    )
 
 
 def windows(ideal: Array, state: NDArray[np.int8], points: Sequence[int]) -> list[int]:
@@ -96,16 +116,18 @@ def _fastest(ideal: Array) -> int:
     return int(np.clip(peak - WINDOW // 3, 0, max(len(ideal) - WINDOW, 0)))
 
 
-def _matched(film: Video, coding: Coding, window: slice, path: Path) -> tuple[float, float]:
+def _matched(film: Video, coding: Coding, window: slice, level: float, path: Path) -> tuple[float, float]:
     """Writes the window, coded to about the film's own bytes; the rate factor, and its bytes over theirs.
 
+    level: rate factor that is tried first.
     The logarithm of the bytes falls with the rate factor, the faster the more noise is left: false position.
     """
     wanted = max(_bytes(coding.size[window], coding.key[window]), 1)
+    noise = _smoothed_away(film, window)
     low, high = (FINEST, np.inf), (COARSEST, -np.inf)  # factors, and the logarithms of their bytes
-    level, off = START, np.inf
+    off = np.inf
     for _ in range(TRIES):
-        _write(film, coding, window, level, path)
+        _write(film, coding, window, level, noise, path)
         again = Video(path).coding()
         off = float(np.log2(max(_bytes(again.size, again.key), 1) / wanted))
         low, high = ((level, off), high) if off > 0 else (low, (level, off))
@@ -125,12 +147,36 @@ def _bytes(size: NDArray[np.intp], key: NDArray[np.bool_]) -> int:
     return int(size[~key].sum()) if (~key).any() else int(size.sum())
 
 
-def _write(film: Video, coding: Coding, window: slice, level: float, path: Path) -> None:
+def _write(film: Video, coding: Coding, window: slice, level: float, noise: float, path: Path) -> None:
     size = (film.width - film.width % 2, film.height - film.height % 2)
     encoder, options = coding.options(level)
+    rng = np.random.default_rng(window.start)
     with Writer(path, size, fps=coding.fps, codec=encoder, options=options) as writer:
         for _, _, image in film.frames(window.start, window.stop):
-            writer.add(_shifted(image)[: size[1], : size[0]])
+            writer.add(_noisy(_shifted(image)[: size[1], : size[0]], noise, rng))
+
+
+def _noisy(image: Image, sd: float, rng: np.random.Generator) -> Image:
+    """The picture with white noise of that sd in grey levels; random numbers for one row in eight."""
+    if not sd > 0.0:
+        return image
+    drawn = np.float32(sd) * rng.standard_normal((len(image) // 8 + 1, image.shape[1]), dtype=np.float32)
+    order = rng.integers(0, len(drawn), len(image))
+    turn = rng.integers(0, image.shape[1])
+    noise = np.roll(drawn, turn, axis=1)[order]
+    return np.asarray(np.clip(np.rint(image + noise), 0, 255), dtype=np.uint8)
+
+
+def _smoothed_away(film: Video, window: slice) -> float:
+    """Sd in grey levels of the camera's usual noise that the film's frames do not show any more.
+
+    Half of the squared differences of successive frames tell the noise; what moves is outside the median.
+    """
+    first = film.frames(window.start, window.start + 4)
+    pictures = [image[::4, ::4].astype(np.float32) for _, _, image in first]
+    steps = [np.median(np.abs(b - a)) for a, b in pairwise(pictures)]
+    left = 1.4826 * float(np.median(steps)) / np.sqrt(2.0) if steps else 0.0
+    return float(np.sqrt(max(CAMERA_GREY**2 - left**2, 0.0)))
 
 
 def _followed_again(

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 LOSSLESS = ("ffv1", "huffyuv", "ffvhuff", "utvideo", "png", "rawvideo", "qtrle")
 NAMES = {"h264": "H.264", "hevc": "H.265", "mjpeg": "JPEG pictures"}
 MOST_B = 16  # what x264 and x265 take
+LIVE_S = 2.0
 SPARSE = 250  # frames from key frame to key frame where a film shows no two
 
 
@@ -36,16 +37,25 @@ class Coding:
         keys = np.flatnonzero(self.key)
         return int(np.median(np.diff(keys))) if len(keys) > 1 else SPARSE
 
+    @property
+    def live(self) -> bool:
+        """Whether key frames stand in even steps of 2 s or less: coded while it was filmed, as phones do."""
+        steps = np.diff(np.flatnonzero(self.key))
+        return len(steps) > 0 and int(np.ptp(steps)) <= 1 and self.every <= LIVE_S * self.fps + 1
+
     def options(self, level: float) -> tuple[str, dict[str, str]]:
         """Encoder that codes like this one, and its options at a constant rate factor.
 
-        Other codecs than H.265 are taken for H.264, which errs alike at the same number of bytes.
+        Other codecs than H.265 are taken for H.264, which errs alike at the same number of bytes. Who codes
+        while filming cannot look ahead and does not weigh what the eye sees.
         """
-        common = {"crf": f"{level:.2f}", "preset": "medium"}
+        common = {"crf": f"{level:.2f}", "preset": "fast" if self.live else "medium"}
         if self.codec == "hevc":
             told = f"bframes={self.between}:keyint={self.every}:log-level=error"
-            return "libx265", {**common, "x265-params": told}
-        return "libx264", {**common, "bf": str(self.between), "g": str(self.every)}
+            plain = ":scenecut=0:cutree=0:aq-mode=0:psy-rd=0" if self.live else ""
+            return "libx265", {**common, "x265-params": told + plain}
+        plain = "scenecut=0:mbtree=0:aq-mode=0:psy=0:weightp=0" if self.live else ""
+        return "libx264", {**common, "bf": str(self.between), "g": str(self.every), "x264-params": plain}
 
     def described(self) -> str:
         """One clause for the user: coder, B-frames, key frames, size of a frame."""

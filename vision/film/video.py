@@ -3,6 +3,7 @@
 import os
 from collections.abc import Iterator
 from fractions import Fraction
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,7 @@ from vision.camera import Array, Image
 from vision.film.coding import Coding, longest_between
 
 HALF_TICK = 1e-6  # s, below every time base
+TRIED = 64  # first frames that are decoded to see what the time stamps are
 # x264 cuts each picture into one slice a thread, which changes the coded picture: the number is part of the
 # result, and not that of the machine's CPUs. Decoders conceal damage differently with every number.
 CODING_THREADS, DECODING_THREADS = 2, 1
@@ -65,10 +67,18 @@ class Video:
         # Where frames refer to later ones, some containers (AVI, some MP4) hold decoding times in place of
         # display times. The decoder's order is then the right one; only decoding shows what it is.
         backwards = 0
-        if reorders:
+        if reorders and not self._tells_display_times(stamps):
             stamps = np.array([f.pts for f in self._decoded() if f.pts is not None], dtype=np.float64)
             backwards = int(np.sum(np.diff(stamps) < 0))
         return first, stamps * base, backwards
+
+    def _tells_display_times(self, stamps: Array) -> bool:
+        """Whether packets' times (t,) are those at which frames are shown: they do not increase in the file's
+        order, but do in the decoder's, as the film's first frames tell."""
+        if not np.any(np.diff(stamps) < 0):
+            return False
+        shown = [f.pts for f in islice(self._decoded(), TRIED) if f.pts is not None]
+        return len(shown) > 1 and bool(np.all(np.diff(shown) > 0))
 
     def _decoded(self, after: float | None = None) -> Iterator[VideoFrame]:
         """Frames in the order they are shown; a packet that cannot be decoded is passed over.

@@ -52,6 +52,7 @@ class Displacements:
     budget: Budget  # what each mark's sd is made of
     remarks: tuple[str, ...]  # what the user should check or change
     notes: tuple[str, ...] = ()  # what was done without asking anything of the user: for a log
+    coding: tuple[str, ...] = ()  # how films were coded, in sentences: of the budget's codec row
 
 
 # Ten arguments, all but two with a default: the one door of the package, and what it may be told.
@@ -137,6 +138,7 @@ def _record(
             *find_slips(time, placed.value, placed.turns, sd, output),
         ),
         notes=(*_fewer(len(steps), len(film.time)), *_noted(seen, marks), *placed.notes),
+        coding=_by_camera([s.coded for s in seen]),
     )
 
 

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from vision.camera import Array, Camera
 from vision.errors.codecterms import Codec, codec_terms
-from vision.errors.recoding import coded_again
+from vision.errors.recoding import coded_again, described
 from vision.film.checkpoint import Keeper, Progress
 from vision.film.video import Video
 from vision.following.reference import prepare
@@ -49,6 +49,7 @@ class Seen:
     start: float = 0.0  # s, as of the view
     keys: NDArray[np.intp] = field(default_factory=lambda: np.empty(0, np.intp))  # key frames of the film
     still_keys: NDArray[np.intp] = field(default_factory=lambda: np.empty(0, np.intp))  # of the static film
+    coded: tuple[str, ...] = ()  # how the film was coded, and coded again: a sentence
 
     def homography(self, marks: Sequence[Mark]) -> Array:
         """Homography (t,3,3) from the frame marks' plane (x, z, 1) mm to ideal px in every frame."""
@@ -86,6 +87,7 @@ def look(view: View, marks: Sequence[Mark], how: How, *, camera: str = "") -> Se
         start=view.start,
         keys=view.film.keys(),
         still_keys=view.static.keys(),
+        coded=described(view.film, again),
     )
 
 
