@@ -59,8 +59,8 @@ def codec_terms(parts: Sequence[Again]) -> Codec:
     fast = _pooled(parts, [part.state == FAST for part in parts], everywhere)
     slow = _pooled(parts, [_slow(part.state) for part in parts], everywhere)
     squares = (np.maximum(term - jitter, 0.0) for term in (fast, slow, _held(parts, slow)))
-    sds = (with_y(_alike(np.sqrt(term))) for term in (*squares, frozen))
-    return Codec(*sds, shared=_stays(parts))
+    moving, creep, held, rest = (with_y(_alike(np.sqrt(term))) for term in (*squares, frozen))
+    return Codec(moving, creep, held, rest, shared=_stays(parts))
 
 
 def _pooled(parts: Sequence[Again], chosen: Sequence[NDArray[np.bool_]], otherwise: Array) -> Array:

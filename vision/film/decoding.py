@@ -1,9 +1,10 @@
 """Decoding beside the work on what was decoded: on two cores a film is followed while it is read."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from functools import partial
 from queue import Full, Queue
 from threading import Event, Thread
-from typing import TypeVar
+from typing import NoReturn, TypeVar
 
 AHEAD = 4  # pictures that wait
 PATIENCE = 0.05  # s, after which a full queue asks whether it is still wanted
@@ -16,40 +17,45 @@ def ahead(items: Iterator[Item]) -> Iterator[Item]:
 
     What the source raises is raised here, in its turn. The thread ends with the iteration, or its break.
     """
-    waiting: Queue[tuple[bool, Item | BaseException | None]] = Queue(AHEAD)
+    waiting: Queue[Callable[[], Item]] = Queue(AHEAD)
     unwanted = Event()
     maker = Thread(target=_make, args=(items, waiting, unwanted), daemon=True)
     maker.start()
     try:
         while True:
-            more, item = waiting.get()
-            if isinstance(item, BaseException):
-                raise item
-            if not more:
+            try:
+                item = waiting.get()()
+            except _NoMore:
                 return
-            yield item  # type: ignore[misc] - None only where there are no more
+            yield item
     finally:
         unwanted.set()
         maker.join()
 
 
-def _make(
-    items: Iterator[Item], waiting: "Queue[tuple[bool, Item | BaseException | None]]", unwanted: Event
-) -> None:
+class _NoMore(Exception):
+    """The source has ended."""
+
+
+def _make(items: Iterator[Item], waiting: "Queue[Callable[[], Item]]", unwanted: Event) -> None:
     try:
         for item in items:
-            if not _put(waiting, (True, item), unwanted):
+            if not _put(waiting, partial(_given, item), unwanted):
                 return
-        _put(waiting, (False, None), unwanted)
+        _put(waiting, partial(_raised, _NoMore()), unwanted)
     except BaseException as error:
-        _put(waiting, (False, error), unwanted)
+        _put(waiting, partial(_raised, error), unwanted)
 
 
-def _put(
-    waiting: "Queue[tuple[bool, Item | BaseException | None]]",
-    item: tuple[bool, Item | BaseException | None],
-    unwanted: Event,
-) -> bool:
+def _given(item: Item) -> Item:
+    return item
+
+
+def _raised(error: BaseException) -> NoReturn:
+    raise error
+
+
+def _put(waiting: "Queue[Callable[[], Item]]", item: Callable[[], Item], unwanted: Event) -> bool:
     """Whether the item was taken before it became unwanted."""
     while not unwanted.is_set():
         try:
