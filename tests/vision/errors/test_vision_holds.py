@@ -92,4 +92,6 @@ def test_a_mark_that_the_rest_does_not_show_has_no_error_of_another_picture(lab:
     found = redrawn(value, ideal, np.arange(3), marks, 1.0)
     assert {name.split(":")[1] for name in found} == {marks[0].name}
     assert set(np.flatnonzero(found[f"codec:{marks[0].name}:3:moved"][:, 0, 2])) == set(range(5, 15))
-    assert found[f"codec:{marks[0].name}:3:moved"].max() == pytest.approx(np.hypot(REDRAWN_PX, BETWEEN_PX) / 8.0)
+    assert found[f"codec:{marks[0].name}:3:moved"].max() == pytest.approx(
+        np.hypot(REDRAWN_PX, BETWEEN_PX) / 8.0
+    )
