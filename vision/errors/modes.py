@@ -111,6 +111,7 @@ def redrawn(
     off = ideal - mean_seen(ideal[rest])
     away = np.nan_to_num(np.hypot(off[..., 0], off[..., 1]))
     modes: dict[str, Array] = {}
+    source = "codec" if coded_mm > 0.0 else "static"
     for p in _finger(marks):
         top = int(np.argmax(away[:, p]))
         if away[top, p] <= AWAY_PX:
@@ -122,7 +123,7 @@ def redrawn(
             for component in (0, 2):
                 field = np.zeros((len(value), 2))
                 field[steps, component // 2] = size
-                _add(modes, f"codec:{marks[p].name}:{component + 1}:{name}", value, p, field)
+                _add(modes, f"{source}:{marks[p].name}:{component + 1}:{name}", value, p, field)
     return modes
 
 
