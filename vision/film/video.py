@@ -15,7 +15,7 @@ from av.video.frame import VideoFrame
 from numpy.typing import NDArray
 
 from vision.camera import Array, Image
-from vision.film.coding import Coding, longest_between
+from vision.film.coding import MOST_B, Coding, longest_between
 
 HALF_TICK = 1e-6  # s, below every time base
 TRIED = 64  # first frames that are decoded to see what the time stamps are
@@ -106,7 +106,8 @@ class Video:
         takes the i-th of them in order. Only one frame is held in memory.
         """
         index, stop = -1, len(self.time) if stop is None else min(stop, len(self.time))
-        after = float(self.time[first]) if first > 0 and not self._in_order else None
+        # Containers find key frames by their decoding times, which run ahead by the B-frames.
+        after = float(self.time[first - MOST_B]) if first > MOST_B and not self._in_order else None
         for frame in self._decoded(after):
             index += 1
             if not self._in_order and frame.pts is not None:
