@@ -170,12 +170,14 @@ def _noisy(image: Image, sd: float, rng: np.random.Generator) -> Image:
 def _smoothed_away(film: Video, window: slice) -> float:
     """Sd in grey levels of the camera's usual noise that the film's frames do not show any more.
 
-    Half of the squared differences of successive frames tell the noise; what moves is outside the median.
+    Differences of successive frames tell the noise; what moves are few of the pixels. In whole grey levels
+    their median is too coarse: the mean square of all that are no larger than noise is taken.
     """
     first = film.frames(window.start, window.start + 4)
     pictures = [image[::4, ::4].astype(np.float32) for _, _, image in first]
-    steps = [np.median(np.abs(b - a)) for a, b in pairwise(pictures)]
-    left = 1.4826 * float(np.median(steps)) / np.sqrt(2.0) if steps else 0.0
+    steps = [b - a for a, b in pairwise(pictures)]
+    power = [float(np.mean(step[np.abs(step) < 4.0 * CAMERA_GREY] ** 2)) for step in steps]
+    left = np.sqrt(0.5 * float(np.median(power))) if power else 0.0
     return float(np.sqrt(max(CAMERA_GREY**2 - left**2, 0.0)))
 
 
