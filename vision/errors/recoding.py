@@ -2,7 +2,7 @@
 
 import tempfile
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -27,6 +27,9 @@ SHIFT = np.array([5.0, 3.0])  # px, off every block grid
 START, FINEST, COARSEST = 23.0, 1.0, 51.0  # rate factor tried first, and its range
 OCTAVE = 4.0  # more of it halve the bytes: 6 where the picture's edges take them, 3 where its noise does
 TRIES = 4
+KEPT_GREY = (
+    0.65  # grey levels left: x264's usual tuning leaves 0.5 at most, that for grain 0.7 and more at crf 18
+)
 CAMERA_GREY = 1.5  # grey levels, usual sd of a camera's noise: coding takes it away, and pays for it in bytes
 NEAR = 0.2  # powers of two of the bytes that are near enough: a step of the quantiser by 15 %
 
@@ -123,7 +126,9 @@ def _matched(film: Video, coding: Coding, window: slice, level: float, path: Pat
     The logarithm of the bytes falls with the rate factor, the faster the more noise is left: false position.
     """
     wanted = max(_bytes(coding.size[window], coding.key[window]), 1)
-    noise = _smoothed_away(film, window)
+    left = _noise_left(film, window)
+    coding = replace(coding, grain=left > KEPT_GREY)
+    noise = float(np.sqrt(max(CAMERA_GREY**2 - left**2, 0.0)))
     low, high = (FINEST, np.inf), (COARSEST, -np.inf)  # factors, and the logarithms of their bytes
     off = np.inf
     for _ in range(TRIES):
@@ -167,8 +172,8 @@ def _noisy(image: Image, sd: float, rng: np.random.Generator) -> Image:
     return np.asarray(np.clip(np.rint(image + noise), 0, 255), dtype=np.uint8)
 
 
-def _smoothed_away(film: Video, window: slice) -> float:
-    """Sd in grey levels of the camera's usual noise that the film's frames do not show any more.
+def _noise_left(film: Video, window: slice) -> float:
+    """Sd in grey levels of the noise that the film's frames still show.
 
     Differences of successive frames tell the noise; what moves are few of the pixels. In whole grey levels
     their median is too coarse: the mean square of all that are no larger than noise is taken.
@@ -177,8 +182,7 @@ def _smoothed_away(film: Video, window: slice) -> float:
     pictures = [image[::4, ::4].astype(np.float32) for _, _, image in first]
     steps = [b - a for a, b in pairwise(pictures)]
     power = [float(np.mean(step[np.abs(step) < 4.0 * CAMERA_GREY] ** 2)) for step in steps]
-    left = np.sqrt(0.5 * float(np.median(power))) if power else 0.0
-    return float(np.sqrt(max(CAMERA_GREY**2 - left**2, 0.0)))
+    return float(np.sqrt(0.5 * np.median(power))) if power else 0.0
 
 
 def _followed_again(

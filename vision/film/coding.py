@@ -25,6 +25,7 @@ class Coding:
     key: NDArray[np.bool_]  # (t,) drawn anew, without the frames before
     between: int  # B-frames in a row, at most
     fps: float  # 1/s, the usual rate
+    grain: bool = False  # whether it kept the camera's noise, as its pictures tell
 
     @property
     def lossless(self) -> bool:
@@ -55,7 +56,9 @@ class Coding:
             plain = ":scenecut=0:cutree=0:aq-mode=0:psy-rd=0" if self.live else ""
             return "libx265", {**common, "x265-params": told + plain}
         plain = "scenecut=0:mbtree=0:aq-mode=0:psy=0:weightp=0" if self.live else ""
-        return "libx264", {**common, "bf": str(self.between), "g": str(self.every), "x264-params": plain}
+        own = {"bf": str(self.between), "g": str(self.every), "x264-params": plain}
+        tune = {"tune": "grain"} if self.grain and not self.live else {}
+        return "libx264", {**common, **tune, **own}
 
     def described(self) -> str:
         """One clause for the user: coder, B-frames, key frames, size of a frame."""

@@ -11,7 +11,7 @@ from vision import Video
 from vision.errors.codecterms import MOST_SHARED, NOTHING, codec_terms
 from vision.errors.keyframes import moves, stretches
 from vision.errors.noise import CREEP, FAST, REST, SHAKEN
-from vision.errors.recoding import START, Again, _matched, _smoothed_away
+from vision.errors.recoding import KEPT_GREY, START, Again, _matched, _noise_left
 from vision.film.video import Writer
 
 Array = NDArray[np.float64]
@@ -44,11 +44,13 @@ def test_the_level_of_a_film_is_found_from_its_bytes(level: float, between: int,
     assert ratio == pytest.approx(1.0, abs=0.3)
 
 
-def test_noise_is_put_back_where_coding_took_it(tmp_path: Path) -> None:
+def test_noise_that_coding_left_is_seen(tmp_path: Path) -> None:
     plain = written(tmp_path / "plain.mkv", {}, codec="ffv1")
-    assert _smoothed_away(plain, WINDOW) < 0.8  # whole grey levels: 1.5 is seen as 1.3 to 1.6
-    coded = written(tmp_path / "coded.mkv", {"crf": "30", "bf": "0"})
-    assert _smoothed_away(coded, WINDOW) > 1.2
+    assert _noise_left(plain, WINDOW) == pytest.approx(1.5, abs=0.2)
+    for level, tune, low, high in (("18", {}, 0.1, KEPT_GREY), ("18", {"tune": "grain"}, KEPT_GREY, 1.5)):
+        coded = written(tmp_path / f"{len(tune)}.mkv", {"crf": level, "bf": "0", **tune})
+        assert low < _noise_left(coded, WINDOW) < high
+    assert _noise_left(written(tmp_path / "30.mkv", {"crf": "30", "bf": "0"}), WINDOW) < 0.3
 
 
 def again(error: Array, state: NDArray[np.int8]) -> Again:
