@@ -12,7 +12,6 @@ from vision.errors.recoding import Again
 
 LAG = 3  # frames apart at which a creeping patch's errors are compared
 MIN_SAMPLES = 10  # values that make an estimate of their own
-ALIKE = 0.8
 MOST_SHARED = 0.75
 RESTS = 2.0  # rests of marks, as many as count as much as what is known before: STOPS of the slow error
 STOPS = 0.9  # error kept in a rest over that of slow motion, drawn film
@@ -98,9 +97,8 @@ def _stays(parts: Sequence[Again]) -> float:
 
 
 def _alike(sd: Array) -> Array:
-    """Sd (2,) of both axes, neither below ALIKE of the other: the windows show few ways to move, and a patch
-    is late the way it moves."""
-    return np.maximum(sd, ALIKE * sd[::-1])
+    """Sd (2,) of both axes together: windows show few ways to move, and a patch is late the way it moves."""
+    return np.full(2, np.sqrt(np.mean(sd**2)))
 
 
 def _slow(state: NDArray[np.int8]) -> NDArray[np.bool_]:

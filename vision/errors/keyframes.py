@@ -5,6 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import chi2
 
 from vision.camera import Array
 from vision.errors.modes import Named, orthogonal
@@ -18,6 +19,7 @@ LONG = 60  # frames between key frames from which the noise's own persistence do
 ENOUGH = 30  # frames of a stretch whose mean is compared
 MOST = 12  # key frames of a film that get modes
 MOST_MOVES = 4  # beginnings and ends of motion that do
+CHANCE = 0.05  # that the means of stretches differ so by their noise
 LEAST_STEPS = 5  # of a stretch whose mean is compared
 LEAST = 1e-6  # of the largest singular value
 
@@ -77,7 +79,7 @@ def step_variance(place: Array, plane: Plane, rest: Rest, parts: Sequence[slice]
 def frame_step_variance(plane: Plane, rest: Rest, groups: Sequence[Sequence[slice]]) -> float:
     """The same from the frame marks alone, in a film in which others move.
 
-    plane: in that film.   groups: stretches that are compared with each other.
+    plane: in that film.   groups: stretches that are compared with each other; 0 if noise may do it.
     """
     free = 2 * np.count_nonzero(plane.seen.any(axis=0)) - 8
     parts = [[part for part in group if part.stop - part.start >= LEAST_STEPS] for group in groups]
@@ -87,7 +89,11 @@ def frame_step_variance(plane: Plane, rest: Rest, groups: Sequence[Sequence[slic
     means = [rest.noise.persistence.of_mean(part.stop - part.start) for group in told for part in group]
     weight = np.array([len(group) - 1.0 for group in told])
     found = np.array([_between(plane.residual, group) for group in told]) @ weight / weight.sum()
-    return max(float(found) / free - float(np.mean(means)) * rest.frame_variance, 0.0)
+    noise = float(np.mean(means)) * rest.frame_variance
+    freedom = free * float(weight.sum())
+    if float(found) / free < noise * chi2.isf(CHANCE, freedom) / freedom:
+        return 0.0
+    return float(found) / free - noise
 
 
 def _between(place: Array, parts: Sequence[slice]) -> float:

@@ -14,7 +14,7 @@ from vision.camera import Array
 from vision.following.registration import Templates
 
 ROUND = 8  # subsets round each that tell its second derivatives
-HIGHER = 0.15  # of what is taken off: third derivatives, and what the linear rule misses
+HIGHER = 0.1  # of what is taken off: third derivatives, and what the linear rule misses
 
 
 @dataclass(frozen=True)
