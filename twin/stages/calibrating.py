@@ -256,7 +256,9 @@ def _on_paths(
     return least_squares(residual, jacobian, elasticity.parameters, start=starts)
 
 
-def _predicted(paths: Turned, points: Array, t: Targets, constants: Constants) -> Array | None:
+def _predicted(
+    paths: Turned, points: Array, t: Targets, constants: Constants
+) -> Array | None:
     u = paths.predict(constants, t.pressure)
     if u is None:
         return None

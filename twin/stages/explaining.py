@@ -58,7 +58,9 @@ def _without(bench: Workbench, now: Judged, label: str, say: Say) -> Judged:
     return bench.judged(model, model.theta(now.values), say)
 
 
-def _with(bench: Workbench, now: Judged, effect: Effect, start: Theta, say: Say) -> tuple[Judged, Effect]:
+def _with(
+    bench: Workbench, now: Judged, effect: Effect, start: Theta, say: Say
+) -> tuple[Judged, Effect]:
     """The model with one more effect, fitted from a start or, without one, from where its tangents lead."""
     if not start:
         effect, start = _begun(now, effect)

@@ -125,7 +125,9 @@ def _seen_before(former: Project) -> tuple[Any, dict[str, Array]] | None:
 
 def _same_camera(project: Project, former: Project) -> bool:
     """Whether the pictures of the board, or the camera file, are the former batch's."""
-    own, others = (sorted(files.digest_of(_calibration(p), root=p.root).values()) for p in (project, former))
+    own, others = (
+        sorted(files.digest_of(_calibration(p), root=p.root).values()) for p in (project, former)
+    )
     return bool(own) and own == others
 
 

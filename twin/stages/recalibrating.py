@@ -153,7 +153,9 @@ def _changed(
     return former.root.name, changes
 
 
-def other_effects(a: Project, first: dict[str, Any], b: Project, second: dict[str, Any]) -> list[str]:
+def other_effects(
+    a: Project, first: dict[str, Any], b: Project, second: dict[str, Any]
+) -> list[str]:
     """What the models of two batches do not share, one sentence."""
     ours, theirs = first.get("effects", []), second.get("effects", [])
     if ours == theirs:

@@ -234,7 +234,6 @@ class _Story:
             for name in FIGURES
         ]  # fmt: skip
         return page_facts(self.study) | {"pictures": drawn}
-
     def _opening(self) -> list[str]:
         """The two sentences below the headline: the errors, and what to do now."""
         errors, last = self._errors(), self.diagnosis.get("next_test")

@@ -26,14 +26,8 @@ from twin.targets import PointKind, Targets
 
 
 def run_init(
-    folder: Path,
-    say: Say,
-    *,
-    targets: Path | None,
-    nodes: Sequence[str],
-    deck: Path | None = None,
-    density_kg_m3: float | None = None,
-    foreign: Foreign | None = None,
+    folder: Path, say: Say, *, targets: Path | None, nodes: Sequence[str], deck: Path | None = None,
+    density_kg_m3: float | None = None, foreign: Foreign | None = None,
 ) -> dict[str, Any]:
     """Make a folder with a complete twin.toml; `targets` (a folder) and `deck` are checked and copied.
 
@@ -50,7 +44,9 @@ def run_init(
     known = {} if deck is not None else {n: PointTable(name=n, node=k) for n, k in NAMED_NODES.items()}
     own, files_of = (None, ()) if deck is None else _own_mesh(deck, told, ask=targets is None)
     given, name = _given(targets, labels, foreign, say), folder.resolve().name
-    config = film_config(name, known | told) if given is None else targets_config(name, given, known | told)
+    config = (
+        film_config(name, known | told) if given is None else targets_config(name, given, known | told)
+    )
     known_of_it = {"deck": own, "density_kg_m3": density_kg_m3}
     model = config.model.model_copy(update={k: v for k, v in known_of_it.items() if v is not None})
     config = config.model_copy(update={"model": model})

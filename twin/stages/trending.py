@@ -70,7 +70,9 @@ def run_batches(folder: Path, say: Say, *, opened: Opened = Project.open) -> dic
     the test of the newest one. Both files are made anew each time."""
     found = [batch_of(path, opened) for path in batches_in(folder)]
     if not found:
-        raise ValueError(f"{folder}: no project below it; wanted a folder whose subfolders have a twin.toml")
+        raise ValueError(
+            f"{folder}: no project below it; wanted a folder whose subfolders have a twin.toml"
+        )
     tested, untested = drifts(found)
     lines = [*sentences(found, tested), *untested]
     files.write_text(folder / TABLE, _csv(found))
@@ -100,7 +102,9 @@ def batch_of(folder: Path, opened: Opened = Project.open) -> Batch:
         return Batch(name=folder.name, verdict="", effects=(), values=(), problem=str(error))
     path = fresh(project, ("diagnose",), "diagnosis.json")
     verdict = files.read_json(path)["verdict"] if path is not None else "not diagnosed"
-    return Batch(name=folder.name, verdict=verdict, effects=tuple(record.get("effects", ())), values=values)
+    return Batch(
+        name=folder.name, verdict=verdict, effects=tuple(record.get("effects", ())), values=values
+    )
 
 
 def drifts(batches: list[Batch]) -> tuple[list[Drift], list[str]]:
@@ -123,7 +127,9 @@ def drifts(batches: list[Batch]) -> tuple[list[Drift], list[str]]:
             sds = [w.sd for w in rows if w.sd]
             raw.append((v, newcomer([w.value for w in rows], sds, value=v.value, sd=v.sd)))
     adjusted: list[float] = holm([n.p_value for _, n in raw]).tolist()
-    tested = [Drift(name=v.name, unit=v.unit, found=n, p_value=p) for (v, n), p in zip(raw, adjusted)]
+    tested = [
+        Drift(name=v.name, unit=v.unit, found=n, p_value=p) for (v, n), p in zip(raw, adjusted)
+    ]
     return tested, untested
 
 
@@ -185,7 +191,9 @@ def _page(title: str, batches: list[Batch], tested: list[Drift], lines: list[str
 
 
 HEAD = ["batch", "quantity", "value", "95 % interval", "unit", "verdict"]
-CAPTION = "with 95 % intervals (hollow: no interval). Grey: the 95 % range that the former batches predict."
+CAPTION = (
+    "with 95 % intervals (hollow: no interval). Grey: the 95 % range that the former batches predict."
+)
 
 
 def _courses(batches: list[Batch], tested: list[Drift]) -> list["DriftCourse"]:

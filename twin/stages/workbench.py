@@ -107,7 +107,9 @@ class Workbench:
         if self.structure.unknown:
             return _warned(Discretisation.none(self.structure.unknown), say)
         test, own = model.base.test, Constants.of({**model.named(theta), **self.elasticity.fixed})
-        solved = SolvedList(self.project.root / "cache" / f"{meshes_key(test, self.structure)}-solved.json")
+        solved = SolvedList(
+            self.project.root / "cache" / f"{meshes_key(test, self.structure)}-solved.json"
+        )
         at = self._solved_at(own, solved)
         found = discretisation_error(test, structure=self.structure, solved_at=at, cache=self.cache(say))
         solved.add(at)  # not before: constants without an equilibrium must not serve

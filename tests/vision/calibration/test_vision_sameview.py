@@ -9,9 +9,7 @@ from vision.calibration.sameview import view_misfit
 from vision.camera import Camera
 
 CAMERA = Camera(
-    np.array([[2400.0, 0, 640], [0, 2400.0, 360], [0, 0, 1]]),
-    np.array([-0.25, 0.1, 0.0, 0.0, 0.0]),
-    (1280, 720),
+    np.array([[2400.0, 0, 640], [0, 2400.0, 360], [0, 0, 1]]), np.array([-0.25, 0.1, 0.0, 0.0, 0.0]), (1280, 720)
 )
 RIG = np.array([(x, 0.0, z) for z in (12.0, -75.0) for x in (-20.0, 15.0, 50.0, 85.0, 120.0)])
 DEFINES = np.array([i % 5 not in (1, 3) for i in range(10)])

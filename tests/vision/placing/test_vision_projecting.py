@@ -43,9 +43,7 @@ def projection() -> Projection:
     return Projection.of(CAMERA, homographies(places[:, [0, 2]], ideal), MARKS)
 
 
-PLACES = np.array(
-    [[x, y, z] for x in (0.0, 60.0, 110.0) for y in (-11.5, 0.0, 11.5, 14.0) for z in (-50.0, 0.0, 20.0)]
-)
+PLACES = np.array([[x, y, z] for x in (0.0, 60.0, 110.0) for y in (-11.5, 0.0, 11.5, 14.0) for z in (-50.0, 0.0, 20.0)])
 
 
 @pytest.mark.parametrize("frame", range(len(POSES)))
