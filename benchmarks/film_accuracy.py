@@ -88,7 +88,7 @@ def table(result: Displacements, place: Array) -> bool:
     """Prints the rows of one film; says whether every pull is right."""
     rows = [result.tracks.names.index(name) for name in result.names]
     error = (result.value - (place - place[0])[:, rows])[..., [0, 2]]
-    shared = [k for k, n in enumerate(result.mode_names) if n.startswith(("reference:", "codec:"))]
+    shared = [k for k, n in enumerate(result.mode_names) if n.startswith(("reference:", "codec:", "static:"))]
     own = np.diagonal(result.covariance, axis1=2, axis2=3)
     variance = own + np.sum(result.modes[shared] ** 2, axis=0)
     sd = np.sqrt(variance)[..., [0, 2]]

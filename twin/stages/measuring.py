@@ -36,6 +36,9 @@ if TYPE_CHECKING:  # vision takes a second to import: only the stages that measu
     from vision import Displacements
 
 
+STRAIN_STEPS = 20  # times of the strain field that ParaView gets, evenly
+
+
 @dataclass(frozen=True)
 class FollowedFiles:
     """What a run has followed so far, as files in its folder: a killed one goes on from there."""
@@ -79,6 +82,8 @@ def run_measure(project: Project, say: Say, *, replace: bool = False, budget: bo
     result = _measured(project, say, replace)
     if budget:
         result["budget"] = _say_budget(project.path(result["run"]) / "budget.csv", say)
+        for sentence in result.get("coding", []):
+            say(sentence)
     return result
 
 
@@ -121,8 +126,10 @@ def _from_film(project: Project, camera: Path, say: Say, run: Run) -> Targets:
     run.write_npz("tracks.npz", _tracks(moved))
     run.write_bytes("overlay.png", _overlay(project, moved))
     run.write_text("budget.csv", _budget_csv(moved, targets))
+    _write_strain(run, moved)
     run.summary.update(_summary(targets, found) | {"headline": _headline(targets)})
-    for sentence in moved.notes:
+    run.summary["coding"] = list(moved.coding)
+    for sentence in (*moved.notes, *moved.coding):
         run.note(sentence)
     _check_motion(project, targets)
     return targets
@@ -259,6 +266,29 @@ def _tracks(moved: "Displacements") -> dict[str, NDArray[Any]]:
         "covariance": t.covariance, "rotation": t.rotation, "method": t.method,
         "homography": moved.homography, "methods": np.array([m.name.lower() for m in Method], dtype=str),
     }  # fmt: skip
+
+
+def _write_strain(run: Run, moved: "Displacements") -> None:
+    """strain.csv, and strain.pvd for ParaView with STRAIN_STEPS files, where a speckled face was measured."""
+    from twin.review.deformed import write_vtu_series
+    from vision.measuring.strains import COMPONENTS, quads, to_csv
+
+    field = moved.strain
+    if field is None:
+        return
+    run.write_text("strain.csv", to_csv(field))
+    cells = quads(field.points)
+    if not len(cells):
+        return
+    rows = [moved.names.index(name) for name in field.names]
+    steps = np.unique(np.linspace(0, len(field.time) - 1, STRAIN_STEPS).round().astype(int))
+    parts = {name: field.value[steps][..., k] for k, name in enumerate(COMPONENTS)}
+    sds = {f"sd_{name}": np.tile(field.sd[:, k], (len(steps), 1)) for k, name in enumerate(COMPONENTS)}
+    moves = np.nan_to_num(moved.value[steps][:, rows])
+    write_vtu_series(
+        run.folder, "strain", nodes=field.points, cells=cells, times=list(field.time[steps]),
+        fields={"U": moves, **parts, **sds},
+    )  # fmt: skip
 
 
 def _overlay(project: Project, moved: "Displacements") -> bytes:

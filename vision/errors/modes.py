@@ -20,7 +20,8 @@ LEVEL = 0.2  # slope of the line to a neighbour that still runs along the finger
 MIN_HOLD, MAX_HOLDS = 3, 60  # frames that make a hold; how many of all marks get modes, the longest first
 LONG = 20  # frames in which a late picture falls behind, or catches up
 CREEP_SHARED = 0.75  # of a creeping patch's variance; correlation at lags of 1 to 30 frames: 0.73 to 0.76
-REDRAWN_PX = 0.004  # px; on drawn film (benchmarks/film_accuracy.py) pulls are 1.2 without it
+REDRAWN_PX = 0.004  # px at most; on drawn film (benchmarks/film_accuracy.py) pulls are 1.2 without it
+BETWEEN_PX = 0.0008  # px, registration between pixels: on lossless film means of holds have pull 2 without it
 AWAY_PX = 1.0
 LEAST = 1e-8  # of the largest combined mode's power: below it a mode is left out
 UNLIKELY = 0.001  # chance below which residuals contradict what is stated
@@ -98,26 +99,31 @@ def reference_mode(value: Array, marks: Sequence[Mark], sd: Array, shared: Array
     return modes
 
 
-def redrawn(value: Array, ideal: Array, rest: NDArray[np.intp], marks: Sequence[Mark]) -> Named:
-    """Finger marks in other pictures than those of the reference, which coding draws anew: a constant error
-    of REDRAWN_PX where they are off their rest, and one after their largest displacement.
+def redrawn(
+    value: Array, ideal: Array, rest: NDArray[np.intp], marks: Sequence[Mark], coded_mm: float
+) -> Named:
+    """Finger marks on other pixels than in the reference: a constant error where they are off their rest, and
+    one after their largest displacement, of registration between pixels and of coding, which draws them anew.
 
-    ideal: (s,p,2) px centres.   rest: (r,) steps of the reference.
+    ideal: (s,p,2) px centres.   rest: (r,) steps of the reference.   coded_mm: what coding leaves in a mark
+    at rest, of which REDRAWN_PX count at most.
     """
     off = ideal - mean_seen(ideal[rest])
     away = np.nan_to_num(np.hypot(off[..., 0], off[..., 1]))
     modes: dict[str, Array] = {}
+    source = "codec" if coded_mm > 0.0 else "static"
     for p in _finger(marks):
         top = int(np.argmax(away[:, p]))
         if away[top, p] <= AWAY_PX:
             continue
         mm_per_px = float(np.nan_to_num(np.linalg.norm(value[top, p, [0, 2]]))) / away[top, p]
+        size = np.hypot(BETWEEN_PX * mm_per_px, min(REDRAWN_PX * mm_per_px, coded_mm))
         where = {"moved": away[:, p] > AWAY_PX, "after": np.arange(len(away)) > top}
         for name, steps in where.items():
             for component in (0, 2):
                 field = np.zeros((len(value), 2))
-                field[steps, component // 2] = REDRAWN_PX * mm_per_px
-                _add(modes, f"codec:{marks[p].name}:{component + 1}:{name}", value, p, field)
+                field[steps, component // 2] = size
+                _add(modes, f"{source}:{marks[p].name}:{component + 1}:{name}", value, p, field)
     return modes
 
 

@@ -1,10 +1,7 @@
-"""The noise model in mm: what scatters in the static film, and what video compression adds."""
+"""The noise model in mm: what scatters in the static film, and what patches do in the film."""
 
-import tempfile
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, replace
-from itertools import islice
-from pathlib import Path
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,34 +9,16 @@ from scipy.ndimage import maximum_filter1d, uniform_filter1d
 
 from vision.camera import Array
 from vision.errors.persistence import WHITE, Persistence, innovations, persistence_of
-from vision.film.checkpoint import Progress
-from vision.film.video import Image, Video, Writer
-from vision.following import registration
-from vision.following.methods import COARSE
-from vision.following.reference import Follower
-from vision.following.tracks import Followed, centres
 from vision.following.turns import mean_seen
-from vision.marks import px_per_unit
-from vision.plane import homographies, to_plane
 
 MIN_STATIC = 120
-WINDOW = 60  # frames coded again
 LEAST_MM = 1e-6  # mm, sd of a mark that coding freezes
-LAG = 3  # frames apart at which a creeping patch's errors are compared
-MIN_SAMPLES = 10  # values that make an estimate of their own
 CLEARLY = 3.0  # sds of its variance by which a point is noisier than its frames tell
-SETTLE = 5  # first frames of the window, near the key frame, left out
-SHIFT = np.array([5.0, 3.0])  # px, off every block grid
 REST, CREEP, FAST, SHAKEN, PASSING = 0, 1, 2, 3, 4
 DRIFT_PX = 0.02  # px in ten frames, or px per frame: below it a patch is at rest (ten static sds)
 SETTLED = 10  # first frames of a film
 BETWEEN = 5  # frames after or before a move in which a patch counts as shaken
 FAST_PX = 1.0  # px per frame: below it a moving patch creeps
-# A pass over decoded frames errs by 0.75 to 0.95 of what the first pass did (drawn film).
-FIRST_PASS = 1.2
-ALIKE = 0.8
-LOSSLESS = ("ffv1", "huffyuv", "ffvhuff", "utvideo", "png", "rawvideo", "qtrle")
-CODERS = {"hevc": "libx265"}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -53,17 +32,6 @@ class NoiseModel:
     codec_sd: Array  # (p,3) mm, rms of what is added to it while a patch moves
     common_sd: Array = field(default_factory=lambda: np.zeros(3))  # (3,) mm, of sd: what all points share
     persistence: Persistence = WHITE  # of all points together
-
-
-@dataclass(frozen=True)
-class Codec:
-    """What lossy coding adds to the static noise, (3,) mm, by what the patch does."""
-
-    fast: Array  # sd while it moves by more than FAST_PX a frame: P-frames predict it
-    creep: Array  # sd while it moves more slowly, or is shaken: P-frames lag behind it
-    held: Array  # sd of the error that stays frozen in a patch that has come to rest
-    rest: Array  # the same in one that has not moved yet
-    shared: float = 0.75  # share of a shaken patch's variance that stays through a hold, from 0 to 0.75
 
 
 def static_noise(place: Array, names: Sequence[str], film: str) -> NoiseModel:
@@ -191,170 +159,3 @@ def _moved(ideal: Array, before: int, after: int) -> Array:
     frames = np.arange(len(ideal))
     step = ideal[np.minimum(frames + after, len(ideal) - 1)] - ideal[np.maximum(frames + before, 0)]
     return np.asarray(np.nan_to_num(np.hypot(step[..., 0], step[..., 1])))
-
-
-def codec_sd(codec: Codec, ideal: Array, rest: Array) -> Array:
-    """Extra sd (t,p,3) mm of patches with centres (t,p,2) px; none for one still at its rest (p,2) px."""
-    state = states(ideal)[..., None]
-    away = np.nan_to_num(np.hypot(*np.moveaxis(ideal - rest, -1, 0)))[..., None] > DRIFT_PX
-    return np.where(
-        state == FAST, codec.fast, np.where(state != REST, codec.creep, np.where(away, codec.held, 0.0))
-    )
-
-
-def codec_noise(
-    film: Video,
-    follower: Follower,
-    followed: Followed,
-    plane: Array,
-    frame: list[int],
-    points: list[int],
-    progress: Progress | None,
-) -> Codec:
-    """Codec error, seen by coding the film's own frames once more.
-
-    The 60 frames round the fastest motion, and the 60 in which most marks creep, are shifted off the block
-    grid, coded again as the film was, and tracked again; the difference of the two places is what one pass of
-    the codec does. The error differs with what a patch does, and no static film shows it: at rest P-frames
-    hold one image and its error, a patch that creeps lags behind, a fast one is predicted.
-
-    plane: (f,2) mm nominal places of the frame marks, rows `frame` of the marks.
-    points: rows of the output.
-    """
-    name, crf = film.coding()
-    if name in LOSSLESS:
-        return Codec(*np.zeros((4, 3)))
-    parts = []
-    for first in _windows(followed.ideal, points):
-        window = slice(first, min(first + WINDOW, len(followed.ideal)))
-        again = np.array(list(_again(film, follower, followed, window, name, crf, progress)))
-        ideal = centres(again, follower.centre)
-        place = [
-            to_plane(homographies(plane, pixels[:, frame]), pixels[:, points])
-            for pixels in (ideal, followed.ideal[window])
-        ]
-        parts.append(((place[0] - place[1])[SETTLE:], states(followed.ideal)[window][SETTLE:, points]))
-    return _with_creep(_terms(*parts[0]), parts)
-
-
-def _windows(ideal: Array, points: list[int]) -> list[int]:
-    """First frames of what is coded again: the fastest motion, and where most marks creep besides."""
-    first = _fastest(ideal)
-    creeping = _slow(states(ideal)[:, points]).sum(axis=1)
-    count = np.convolve(creeping, np.ones(WINDOW, int), mode="valid") if len(ideal) > WINDOW else np.zeros(0)
-    count = np.where(np.abs(np.arange(len(count)) - first) < WINDOW, 0, count)
-    return [first, int(np.argmax(count))] if len(count) and count.max() > 0 else [first]
-
-
-def _with_creep(terms: Codec, parts: list[tuple[Array, NDArray[np.int8]]]) -> Codec:
-    """The terms of the first window, that of slow patches from all windows together, where it is more.
-
-    What creeps through a hold, with the regulator's ripple, is not what comes to rest after a fast motion.
-    """
-    error = np.concatenate([own[_slow(state)] for own, state in parts])
-    if len(error) < MIN_SAMPLES:
-        return terms
-    creep = np.fmax(terms.creep, with_y(_alike(FIRST_PASS * np.sqrt(_mean_square(error)))))
-    return replace(terms, creep=creep, shared=_stays(parts, terms.shared))
-
-
-def _stays(parts: list[tuple[Array, NDArray[np.int8]]], most: float) -> float:
-    """Share of shaken patches' variance that stays: the correlation of their errors LAG frames apart."""
-    products, powers, count = 0.0, 0.0, 0
-    for error, state in parts:
-        both = (state[LAG:] == SHAKEN) & (state[:-LAG] == SHAKEN)
-        both &= np.isfinite(error[LAG:] + error[:-LAG]).all(axis=-1)
-        after, before = error[LAG:][both], error[:-LAG][both]
-        products += float(np.sum(after * before))
-        powers += 0.5 * float(np.sum(after**2 + before**2))
-        count += len(after)
-    return float(np.clip(products / powers, 0.0, most)) if count >= MIN_SAMPLES and powers > 0 else most
-
-
-def _terms(error: Array, state: NDArray[np.int8]) -> Codec:
-    """Codec terms from the differences (t,p,2) mm of two passes and what the patches did (t,p).
-
-    A patch that has come to rest keeps the error of its motion, which is larger than that of one that never
-    moved.
-    """
-    never = (state == REST).all(axis=0)
-    still = error[:, never]
-    frozen = _mean_square(still.mean(axis=0))
-    jitter = _mean_square(still - still.mean(axis=0))  # is in the static noise already
-    everywhere = _mean_square(error[state != REST])
-    come = (state == REST) & (np.cumsum(state != REST, axis=0) > 0)
-    terms, kept = [], frozen + jitter
-    for chosen, otherwise in ((state == FAST, everywhere), (_slow(state), everywhere), (come, kept)):
-        enough = np.count_nonzero(chosen) >= MIN_SAMPLES
-        terms.append(np.maximum((_mean_square(error[chosen]) if enough else otherwise) - jitter, frozen))
-    fast, creep, held, rest = (with_y(_alike(FIRST_PASS * np.sqrt(term))) for term in (*terms, frozen))
-    return Codec(fast, creep, held, rest)
-
-
-def _alike(sd: Array) -> Array:
-    """Sd (2,) of both axes, neither below ALIKE of the other: the windows show few ways to move, and a patch
-    is late the way it moves."""
-    return np.maximum(sd, ALIKE * sd[::-1])
-
-
-def _slow(state: NDArray[np.int8]) -> NDArray[np.bool_]:
-    """Where patches creep, are shaken or pass."""
-    return (state == CREEP) | (state == SHAKEN) | (state == PASSING)
-
-
-def _mean_square(error: Array) -> Array:
-    """Mean square (2,) over all values that are seen, 0 without any."""
-    seen = error[np.isfinite(error).all(axis=-1)]
-    return np.mean(seen**2, axis=0) if len(seen) else np.zeros(2)
-
-
-def _fastest(ideal: Array) -> int:
-    """First frame of the window whose middle is the fastest motion."""
-    step = np.nan_to_num(np.abs(np.diff(ideal, axis=0)).sum(axis=2)).sum(axis=1)
-    peak = int(np.argmax(step)) if len(step) else 0
-    return int(np.clip(peak - WINDOW // 3, 0, max(len(ideal) - WINDOW, 0)))
-
-
-def _again(
-    film: Video,
-    follower: Follower,
-    followed: Followed,
-    window: slice,
-    name: str,
-    crf: float,
-    progress: Progress | None,
-) -> Iterator[Array]:
-    """Warps (p,3,3) in each frame of the window after one more pass of the codec."""
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "again.mkv"
-        size = (film.width - film.width % 2, film.height - film.height % 2)
-        with Writer(path, size, fps=10.0, codec=CODERS.get(name, "libx264"), crf=crf) as writer:
-            for _, _, image in islice(film.frames(), window.start, window.stop):
-                writer.add(_shifted(image)[: size[1], : size[0]])
-        for index, _, image in Video(path).frames():
-            at = window.start + index
-            plain = ~np.isin(followed.method[at], COARSE)[:, None, None]
-            yield _laid(image, follower, np.where(plain, followed.warp[at], np.nan))
-            if progress is not None:
-                progress("codec", index + 1, window.stop - window.start)
-
-
-def _shifted(image: Image) -> Image:
-    return np.roll(image, (int(SHIFT[1]), int(SHIFT[0])), axis=(0, 1))
-
-
-def _laid(image: Image, follower: Follower, warp: Array) -> Array:
-    """The coded marks registered anew in a shifted picture, started where they were."""
-    rows = np.flatnonzero(np.isfinite(warp[follower.coded, 0, 0]))
-    marks = follower.coded[rows]
-    result = np.full(warp.shape, np.nan)
-    result[marks], match = registration.register(
-        image,
-        registration.lens_of(follower.camera, (SHIFT[0], SHIFT[1])),
-        follower.templates,
-        warp[marks],
-        px_per_unit(warp[marks]),
-        rows,
-    )
-    result[marks[match < 0.5]] = np.nan
-    return result

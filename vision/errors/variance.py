@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from vision.camera import Array
-from vision.errors.noise import NoiseModel, with_y
+from vision.errors.noise import REST, NoiseModel, states, with_y
 from vision.following.methods import COARSE, Method
 from vision.following.tracks import Followed
 from vision.following.turns import mean_seen
@@ -100,11 +100,15 @@ def misfit(followed: Followed) -> Array:
 
     Blur, glare and what covers a part of a mark leave a residual. Usual is the median over the film: coding
     leaves two to three times more in some frames than in others, which the codec's term has. ECC and corners
-    are never usual: a mark without plain registration takes the median of the others.
+    are never usual: a mark without plain registration takes the median of the others. Where coding repeats a
+    picture nothing is left, so that what marks leave which move is usual too, the least quarter of it.
     """
     size = np.trace(followed.covariance, axis1=2, axis2=3)
     plain = np.isfinite(size) & ~np.isin(followed.method, COARSE)
     usual = np.array([np.median(x[s]) if s.any() else np.nan for x, s in zip(size.T, plain.T, strict=True)])
-    others = np.nanmedian(usual) if np.isfinite(usual).any() else np.inf
-    ratio = size / np.where(np.isfinite(usual), usual, others)
+    moving = size[plain & (states(followed.ideal) != REST)]
+    usual = np.fmax(usual, np.quantile(moving, 0.25) if len(moving) else 0.0)
+    known = np.isfinite(usual) & (usual > 0.0)
+    others = np.median(usual[known]) if known.any() else np.inf
+    ratio = size / np.where(known, usual, others)
     return np.where(ratio > CLEARLY, ratio, 1.0)

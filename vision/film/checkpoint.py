@@ -7,6 +7,7 @@ from typing import Any, Protocol, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from vision.film.decoding import ahead
 from vision.film.video import Image, Video
 
 EVERY = 250  # frames in one file
@@ -45,7 +46,7 @@ def every_frame(
     """
     rows, state, part = _restored(keeper, stage, state)
     fresh: list[Row] = []
-    for index, _, image in film.frames():
+    for index, _, image in ahead(film.frames()):
         if index < len(rows):
             continue
         row, state = step(image, state)

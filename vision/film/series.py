@@ -7,8 +7,8 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from vision.film.coding import Coding
 from vision.film.video import Array, Image, Video, stamp_issues
 
 SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
@@ -35,9 +35,9 @@ class Pictures(Video):
         self.turns = 0
         self.issues = stamp_issues(self.path.name, self.time, 0, 0)
 
-    def frames(self) -> Iterator[tuple[int, float, Image]]:
-        """Frames in the order of time: (index into `time`, time s, grey levels (h,w))."""
-        for index, file in enumerate(self.files):
+    def frames(self, first: int = 0, stop: int | None = None) -> Iterator[tuple[int, float, Image]]:
+        """Frames from first to stop in the order of time: (index into `time`, time s, grey levels (h,w))."""
+        for index, file in list(enumerate(self.files))[first:stop]:
             picture = _read(file)
             if picture.shape != (self.height, self.width):
                 raise ValueError(
@@ -47,13 +47,13 @@ class Pictures(Video):
             shown = np.ascontiguousarray(picture[:, ::-1]) if self.mirrored else picture
             yield index, float(self.time[index]), shown
 
-    def keys(self) -> NDArray[np.intp]:
-        """All of them: every picture is coded on its own."""
-        return np.arange(len(self.time))
-
-    def coding(self) -> tuple[str, float]:
-        """mjpeg for JPEG, else png; the rate factor means nothing here."""
-        return ("mjpeg" if self.files[0].suffix.lower() in LOSSY else "png"), 0.0
+    def coding(self) -> Coding:
+        """mjpeg for JPEG, else png; every picture is coded on its own."""
+        name = "mjpeg" if self.files[0].suffix.lower() in LOSSY else "png"
+        size = np.array([file.stat().st_size for file in self.files], dtype=np.intp)
+        step = np.diff(self.time)
+        fps = 1.0 / float(np.median(step)) if len(step) and np.median(step) > 0 else 25.0
+        return Coding(name, size, np.ones(len(size), bool), 0, fps)
 
 
 def open_film(path: Path | str, *, fps: float | None = None, mirrored: bool = False) -> Video:

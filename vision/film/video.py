@@ -1,9 +1,9 @@
 """Grey frames of a film file with the container's own time stamps, one frame in memory at a time."""
 
 import os
-import re
 from collections.abc import Iterator
 from fractions import Fraction
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -15,9 +15,10 @@ from av.video.frame import VideoFrame
 from numpy.typing import NDArray
 
 from vision.camera import Array, Image
+from vision.film.coding import MOST_B, Coding, longest_between
 
 HALF_TICK = 1e-6  # s, below every time base
-DEFAULT_CRF = 18.0
+TRIED = 64  # first frames that are decoded to see what the time stamps are
 # x264 cuts each picture into one slice a thread, which changes the coded picture: the number is part of the
 # result, and not that of the machine's CPUs. Decoders conceal damage differently with every number.
 CODING_THREADS, DECODING_THREADS = 2, 1
@@ -66,58 +67,82 @@ class Video:
         # Where frames refer to later ones, some containers (AVI, some MP4) hold decoding times in place of
         # display times. The decoder's order is then the right one; only decoding shows what it is.
         backwards = 0
-        if reorders:
+        if reorders and not self._tells_display_times(stamps):
             stamps = np.array([f.pts for f in self._decoded() if f.pts is not None], dtype=np.float64)
             backwards = int(np.sum(np.diff(stamps) < 0))
         return first, stamps * base, backwards
 
-    def _decoded(self) -> Iterator[VideoFrame]:
-        """Frames in the order they are shown; a packet that cannot be decoded is passed over."""
+    def _tells_display_times(self, stamps: Array) -> bool:
+        """Whether packets' times (t,) are those at which frames are shown: they do not increase in the file's
+        order, but do in the decoder's, as the film's first frames tell."""
+        if not np.any(np.diff(stamps) < 0):
+            return False
+        shown = [f.pts for f in islice(self._decoded(), TRIED) if f.pts is not None]
+        return len(shown) > 1 and bool(np.all(np.diff(shown) > 0))
+
+    def _decoded(self, after: float | None = None) -> Iterator[VideoFrame]:
+        """Frames in the order they are shown; a packet that cannot be decoded is passed over.
+
+        after: s; only frames from the last key frame before it are decoded.
+        """
         with av.open(str(self.path)) as container:
-            container.streams.video[0].codec_context.thread_count = DECODING_THREADS
+            stream = container.streams.video[0]
+            stream.codec_context.thread_count = DECODING_THREADS
+            if after is not None and stream.time_base:
+                container.seek(int(after / float(stream.time_base)), stream=stream)
             for packet in _packets(container):
                 try:
                     yield from packet.decode()
                 except av.error.InvalidDataError:
                     continue
 
-    def frames(self) -> Iterator[tuple[int, float, Image]]:
+    def frames(self, first: int = 0, stop: int | None = None) -> Iterator[tuple[int, float, Image]]:
         """Frames in the order they are shown: (index into `time`, time s, grey levels (h,w)).
+
+        first, stop: indices into `time` of the first frame and of one past the last; by default all. What
+        stands before the last key frame in front of `first` is not decoded.
 
         A frame that cannot be decoded is left out. Where time stamps run backwards, the i-th frame shown
         takes the i-th of them in order. Only one frame is held in memory.
         """
-        index = -1
-        for frame in self._decoded():
+        index, stop = -1, len(self.time) if stop is None else min(stop, len(self.time))
+        # Containers find key frames by their decoding times, which run ahead by the B-frames.
+        after = float(self.time[first - MOST_B]) if first > MOST_B and not self._in_order else None
+        for frame in self._decoded(after):
             index += 1
             if not self._in_order and frame.pts is not None:
                 stamp = float(frame.pts * (frame.time_base or 0))
                 index = max(index, int(np.searchsorted(self.time, stamp - HALF_TICK)))
-            if index < len(self.time):
+            if index >= stop:
+                return
+            if first <= index < len(self.time):
                 picture = np.rot90(_luma(frame), self.turns)
                 picture = picture[:, ::-1] if self.mirrored else picture
                 yield index, float(self.time[index]), np.ascontiguousarray(picture)
 
     def keys(self) -> NDArray[np.intp]:
         """Indices into `time` of the frames that the codec drew anew, without the frames before them."""
+        return np.flatnonzero(self.coding().key)
+
+    def coding(self) -> Coding:
+        """How the film was coded, from its packets."""
         with av.open(str(self.path)) as container:
-            base = float(container.streams.video[0].time_base or 0)
-            stamps = [
-                (p.pts * base, bool(p.is_keyframe)) for p in _packets(container)
+            stream = container.streams.video[0]
+            name, base = stream.codec_context.name, float(stream.time_base or 0)
+            told = [
+                (p.pts, p.size, bool(p.is_keyframe)) for p in _packets(container)
                 if p.pts is not None and not p.is_discard
             ]  # fmt: skip
-        if self._in_order:
-            return np.flatnonzero([key for _, key in stamps])
-        found = np.searchsorted(self.time, [stamp - HALF_TICK for stamp, key in stamps if key])
-        return np.unique(np.minimum(found, len(self.time) - 1))
-
-    def coding(self) -> tuple[str, float]:
-        """Codec of the film and its constant rate factor, where x264 or x265 left it in the stream."""
-        with av.open(str(self.path)) as container:
-            packet = next(_packets(container))
-            told = re.search(rb"crf=([0-9.]+)", bytes(packet)[:4000])
-            name = container.streams.video[0].codec_context.name
-            return name, float(told.group(1)) if told else DEFAULT_CRF
+        stamps = [pts for pts, _, _ in told]
+        at = np.arange(len(told))
+        if not self._in_order:
+            at = np.searchsorted(self.time, np.array(stamps) * base - HALF_TICK)
+        size, key = np.zeros(len(self.time), np.intp), np.zeros(len(self.time), bool)
+        for index, (_, bytes_, is_key) in zip(np.minimum(at, len(self.time) - 1), told, strict=True):
+            size[index], key[index] = bytes_, key[index] | is_key
+        step = np.diff(self.time)
+        fps = 1.0 / float(np.median(step)) if len(step) and np.median(step) > 0 else 25.0
+        return Coding(name, size, key, longest_between(stamps), fps)
 
 
 def _packets(container: InputContainer) -> Iterator[Packet]:
@@ -173,9 +198,21 @@ def stamp_issues(name: str, time: Array, backwards: int, rotation: int) -> tuple
 
 
 class Writer:
-    """Encodes grey pictures with exact time stamps; the file appears under its name when it is complete."""
+    """Encodes grey pictures with exact time stamps; the file appears under its name when it is complete.
 
-    def __init__(self, path: Path, size: tuple[int, int], *, fps: float, codec: str, crf: float) -> None:
+    options: of the encoder, in place of crf, preset medium, tune grain and no B-frames.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        size: tuple[int, int],
+        *,
+        fps: float,
+        codec: str,
+        crf: float = 18.0,
+        options: dict[str, str] | None = None,
+    ) -> None:
         if size[0] % 2 or size[1] % 2:
             raise ValueError(
                 f"film of {size[0]} x {size[1]} px cannot be coded: width and height must be even"
@@ -183,9 +220,9 @@ class Writer:
         self.path, self.partial = path, path.with_name(f".partial-{path.name}")
         self.container = av.open(str(self.partial), "w")
         rate = Fraction(fps).limit_denominator(1000)
-        options = (
-            {"crf": str(crf), "preset": "medium", "tune": "grain", "bf": "0"} if codec == "libx264" else {}
-        )
+        if options is None:
+            grain = {"crf": str(crf), "preset": "medium", "tune": "grain", "bf": "0"}
+            options = grain if codec == "libx264" else {}
         stream: Any = self.container.add_stream(codec, rate=rate, options=options)
         stream.width, stream.height = size
         stream.pix_fmt = "yuv420p"

@@ -14,6 +14,7 @@ from scipy.ndimage import gaussian_filter
 
 from vision.camera import Array, Image
 from vision.following import registration
+from vision.following.curvature import Curvature, curvature_of, straightened
 from vision.following.registration import NO_LENS, Templates
 
 # Noise is smaller between pixels than on them, which pulls a match there: 0.003 px of bias at 0.1 px of shift
@@ -35,6 +36,7 @@ class Subsets:
     centre: Array  # (p,2) px
     side: int  # px
     templates: Templates
+    curvature: Curvature
     refused: tuple[str, ...]  # (p,) why a subset cannot be used, "" where it can
 
 
@@ -88,7 +90,9 @@ def cut(reference: Smooth, centre: Array, *, subset: int) -> Subsets:
     flat = contrast < MIN_CONTRAST
     patch[flat, 0] += 0.1 * np.sin(9 * grid[0]) * np.sin(7 * grid[1])  # can be normalised, is never matched
     patch[flat, 1:] += np.stack([np.cos(9 * grid[0]), np.cos(7 * grid[1])])
-    return Subsets(centre, subset, affine_templates(patch, grid), tuple(map(str, refused)))
+    templates = affine_templates(patch, grid)
+    curvature = curvature_of(centre, half, patch, templates)
+    return Subsets(centre, subset, templates, curvature, tuple(map(str, refused)))
 
 
 def affine_templates(patch: Array, grid: Array) -> Templates:
@@ -120,13 +124,20 @@ def field(subsets: Subsets, picture: Smooth) -> Field:
     lost = f"nothing like it within reach (correlation above {MIN_CORRELATION:g})"
     reason = [why or ("" if match[p] > 0 else lost) for p, why in enumerate(subsets.refused)]
     good = np.array([not why for why in reason])
-    covariance = centre_covariance(subsets.templates, np.full(count, half), np.where(good, match, np.nan))
+    match = np.where(good, match, np.nan)
+    linear = warp[:, :2, :2]
+    own = centre_covariance(subsets.templates, np.full(count, half), match)
+    place, covariance = straightened(
+        subsets.curvature, np.where(good[:, None], warp[:, :2, 2], np.nan), linear,
+        np.einsum("pij,pjk,plk->pil", linear, own, linear), np.zeros((count, 2)),
+    )  # fmt: skip
+    gradient = linear / half - np.eye(2)
     return Field(
         centre=subsets.centre,
-        displacement=warp[:, :2, 2] - subsets.centre,
-        gradient=warp[:, :2, :2] / half - np.eye(2),
-        covariance=np.einsum("pij,pjk,plk->pil", warp[:, :2, :2], covariance, warp[:, :2, :2]),
-        correlation=np.where(good, match, np.nan),
+        displacement=place - subsets.centre,
+        gradient=gradient,
+        covariance=covariance,
+        correlation=match,
         reason=tuple(reason),
     )
 

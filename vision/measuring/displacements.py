@@ -17,6 +17,7 @@ from vision.following.tracks import Tracks
 from vision.following.turns import mean_seen
 from vision.marks import Mark, check_names, rows_of
 from vision.measuring.face import Face, with_face
+from vision.measuring.strains import StrainField, strain_field
 from vision.placing.flat import MAX_DEPTH_MM, in_plane
 from vision.placing.placed import Placed, thinned_noise
 from vision.placing.rigplaces import frame_fit, without_odd
@@ -55,6 +56,8 @@ class Displacements:
     budget: Budget  # what each mark's sd is made of
     remarks: tuple[str, ...]  # what the user should check or change
     notes: tuple[str, ...] = ()  # what was done without asking anything of the user: for a log
+    strain: StrainField | None = None  # of a speckled face
+    coding: tuple[str, ...] = ()  # how films were coded, in sentences: of the budget's codec row
 
 
 # Ten arguments, all but two with a default: the one door of the package, and what it may be told.
@@ -145,6 +148,8 @@ def _record(
             *find_slips(time, placed.value, placed.turns, sd, output),
         ),
         notes=(*_fewer(len(steps), len(film.time)), *_noted(seen, marks), *placed.notes),
+        coding=_by_camera([s.coded for s in seen]),
+        strain=strain_field(seen[0], marks, placed.noise, steps),
     )
 
 

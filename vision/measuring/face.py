@@ -15,10 +15,12 @@ from vision.camera import Array, Camera, Image
 from vision.film.checkpoint import Row, every_frame
 from vision.film.video import Video
 from vision.following import registration
+from vision.following.curvature import Curvature, curvature_of, straightened
 from vision.following.dic import MIN_CONTRAST, MIN_CORRELATION, NEIGHBOURS, affine_templates, smooth
 from vision.following.methods import Method
 from vision.following.reference import MAX_REFERENCE
 from vision.following.tracks import Followed
+from vision.following.turns import mean_seen
 from vision.kinds.facepoint import FacePoint
 from vision.marks import Mark, frame_places, linear_at_centre, px_per_unit, rows_of
 from vision.placing import depth
@@ -103,10 +105,9 @@ def _follow(
 ) -> Followed:
     """The face's subsets in every frame."""
     view = depth.viewpoint(camera, homography[marks.reference])
+    half = 0.5 * face.subset_mm / (1.0 - height / view.distance)
     centre = view.foot + (face.points() - view.foot) / (1.0 - height / view.distance)
-    start = homography[marks.reference[0]] @ _local(
-        centre, 0.5 * face.subset_mm / (1.0 - height / view.distance)
-    )
+    start = homography[marks.reference[0]] @ _local(centre, half)
     scale = px_per_unit(start / start[:, 2:, 2:])
     if 2.0 * np.median(scale) < LEAST_PX:
         raise ValueError(
@@ -115,7 +116,8 @@ def _follow(
         )
     grid = registration.local_grid(int(np.clip(np.ceil(2.0 * np.median(scale)), 15, 60)), 1.0)
     lens = registration.lens_of(camera)
-    templates = _templates(film, lens, homography, centre, start, grid, marks.reference)
+    patch = _mean_patches(film, lens, homography, centre, start, grid, marks.reference)
+    templates = affine_templates(patch, grid)
     start = start / start[:, 2:, 2:]
     near = [np.argsort(np.hypot(*(centre - c).T), kind="stable")[1 : NEIGHBOURS + 1] for c in centre]
     rows = every_frame(
@@ -128,15 +130,32 @@ def _follow(
         keeper=how.keeper,
     )
     warp, match = (np.array([row[k] for row in rows]) for k in (0, 1))
-    seen = np.isfinite(warp[..., 0, 0])
+    seen, linear = np.isfinite(warp[..., 0, 0]), linear_at_centre(warp)
+    ideal, covariance = _straight(
+        curvature_of(centre, -half, patch, templates),  # local axes run against those of the plane
+        warp[..., :2, 2] / warp[..., 2:, 2],
+        linear,
+        registration.centre_covariance(templates, linear, match),
+        marks.reference,
+    )
     return Followed(
         time=marks.time,
         warp=warp,
-        ideal=warp[..., :2, 2] / warp[..., 2:, 2],
-        covariance=registration.centre_covariance(templates, linear_at_centre(warp), match),
+        ideal=ideal,
+        covariance=covariance,
         method=np.where(seen, Method.REGISTERED, Method.LOST).astype(np.int8),
         reference=marks.reference,
     )
+
+
+def _straight(
+    curvature: Curvature, place: Array, linear: Array, covariance: Array, reference: NDArray[np.intp]
+) -> tuple[Array, Array]:
+    """Places (t,p,2) px without the shift by the strain's gradient, and their covariance (t,p,2,2) px2."""
+    pairs = list(zip(place, linear, covariance, strict=True))
+    rest = np.nan_to_num(mean_seen(np.array([curvature.shift(*pairs[t][:2]) for t in reference])))
+    both = [straightened(curvature, *pair, rest) for pair in pairs]
+    return np.array([p for p, _ in both]), np.array([c for _, c in both])
 
 
 def _local(centre: Array, half: float) -> Array:
@@ -147,7 +166,7 @@ def _local(centre: Array, half: float) -> Array:
     return local
 
 
-def _templates(
+def _mean_patches(
     film: Video,
     lens: Array,
     homography: Array,
@@ -155,8 +174,8 @@ def _templates(
     start: Array,
     grid: Array,
     reference: NDArray[np.intp],
-) -> registration.Templates:
-    """Mean patches of the reference frames, laid by each frame's own homography."""
+) -> Array:
+    """Mean patches (p,3,n) of the reference frames, laid by each frame's own homography."""
     local = np.linalg.inv(homography[reference[0]]) @ start
     total, count = np.zeros((len(centre), 3, grid.shape[1])), 0
     for index, _, image in islice(film.frames(), min(len(reference), MAX_REFERENCE)):
@@ -172,7 +191,7 @@ def _templates(
             f"{len(flat)} of {len(centre)} subsets show no speckles, the first at x {x:.1f}, z {z:.1f} mm: "
             "correct the region, or take larger subsets"
         )
-    return affine_templates(mean, grid)
+    return mean
 
 
 def _step(

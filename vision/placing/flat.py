@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 
 from vision.camera import Array, Camera
 from vision.errors import keyframes, modes
+from vision.errors.codecterms import Codec, codec_sd
 from vision.errors.modes import Named, Stated
-from vision.errors.noise import REST, Codec, NoiseModel, codec_sd, states, static_noise, with_y
+from vision.errors.noise import REST, NoiseModel, states, static_noise, with_y
 from vision.errors.variance import Rest, at_rest, by_hand, independent, misfit
 from vision.following.methods import COARSE
 from vision.following.tracks import Followed
@@ -132,40 +133,48 @@ def _codec(seen: Seen, scene: _Scene) -> Array:
 
 
 def _redrawn(seen: Seen, scene: _Scene) -> Named:
-    """What lossy coding errs by in a picture that lies elsewhere than at rest."""
-    if not (np.nan_to_num(seen.codec.creep) > 0).any():
-        return {}
-    film = scene.film
-    return modes.redrawn(scene.value, film.ideal[:, scene.points], film.reference, scene.output)
+    """What registration and lossy coding err by in a picture that lies elsewhere than at rest."""
+    film, coded = scene.film, float(np.sqrt(np.mean(seen.codec.rest[[0, 2]] ** 2)))
+    return modes.redrawn(scene.value, film.ideal[:, scene.points], film.reference, scene.output, coded)
 
 
 def _keyed(
     seen: Seen, scene: _Scene, place: Array, rest: Rest, steps: NDArray[np.intp]
 ) -> tuple[Named, tuple[str, ...]]:
-    """Errors that stay from one key frame of the film to the next, and a sentence where they are too many.
+    """Errors that stay in marks at rest until coding draws them anew, and a sentence where it does too often.
 
-    place: (t,p,2) mm in the static film. Where that has no two stretches, the variance is that which
-    coding the film again leaves in a mark at rest.
+    place: (t,p,2) mm in the static film. The frame marks of the film tell their size; the static film does
+    too where it holds two stretches between key frames.
     """
-    parts = keyframes.stretches(seen.keys, len(seen.film.time))
-    if not keyframes.rare(parts):
+    key = keyframes.stretches(seen.keys, len(seen.film.time))
+    if not keyframes.rare(key):
         return {}, ()
-    if len(parts) > keyframes.MOST:
+    if len(key) > keyframes.MOST:
         return {}, (
-            f"The film has {len(parts)} key frames, at which the picture of markers at rest changes a "
+            f"The film has {len(key)} key frames, at which the picture of markers at rest changes a "
             f"little. Of more than {keyframes.MOST} this is not modelled.",
         )
-    shown = keyframes.telling(keyframes.stretches(seen.still_keys, len(place)))
-    variance = float(np.mean(seen.codec.rest[[0, 2]] ** 2))
-    if shown:
-        variance = keyframes.step_variance(place, scene.quiet, rest, shown)
-    if not variance > 0.0:
-        return {}, ()
+    variance = keyframes.frame_step_variance(scene.plane, rest, [_thin(key, steps)])
+    quiet = keyframes.stretches(seen.still_keys, len(place))
+    if keyframes.rare(quiet) and (shown := keyframes.telling(quiet)):
+        variance = max(variance, keyframes.step_variance(place, scene.quiet, rest, shown))
+    turns = keyframes.moves(seen.keys, states(seen.film.ideal))
+    finer = keyframes.stretches(np.union1d(seen.keys, turns), len(seen.film.time))
+    within = [[part for part in finer if k.start <= part.start < k.stop] for k in key]
+    moved = keyframes.frame_step_variance(scene.plane, rest, [_thin(parts, steps) for parts in within])
     still = np.asarray(~(np.nan_to_num(rest.noise.codec_sd) > 0).any(axis=1))
-    found = keyframes.key_modes(
-        variance, parts, steps, scene.film.reference, scene.output, still, scene.plane, scene.place
-    )
+    found: dict[str, Array] = {}
+    for power, parts, word in ((variance, key, "key"), (moved, finer, "stirred")):
+        if power > 0.0 and len(parts) > 1:
+            found |= keyframes.key_modes(
+                power, parts, steps, scene.film.reference, scene.output, still, scene.plane, scene.place, word
+            )
     return found, ()
+
+
+def _thin(parts: Sequence[slice], steps: NDArray[np.intp]) -> list[slice]:
+    """Stretches of frames as stretches of steps."""
+    return [slice(*np.searchsorted(steps, (part.start, part.stop)).tolist()) for part in parts]
 
 
 def _modes(

@@ -7,7 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vision.camera import Array, Camera
-from vision.errors.noise import MIN_STATIC, Codec, codec_noise
+from vision.errors.codecterms import Codec, codec_terms
+from vision.errors.noise import MIN_STATIC
+from vision.errors.recoding import coded_again, described
 from vision.errors.stillness import check_rest
 from vision.film.checkpoint import Keeper, Progress
 from vision.film.video import Video
@@ -54,6 +56,7 @@ class Seen:
     keys: NDArray[np.intp] = field(default_factory=lambda: np.empty(0, np.intp))  # key frames of the film
     still_keys: NDArray[np.intp] = field(default_factory=lambda: np.empty(0, np.intp))  # of the static film
     remarks: tuple[str, ...] = ()  # what the user should check or change
+    coded: tuple[str, ...] = ()  # how the film was coded, and coded again: a sentence
 
     def homography(self, marks: Sequence[Mark]) -> Array:
         """Homography (t,3,3) from the frame marks' plane (x, z, 1) mm to ideal px in every frame."""
@@ -98,17 +101,18 @@ def look(view: View, marks: Sequence[Mark], how: How, *, camera: str = "") -> Se
     film = corrected(film, [mark.name for mark in marks], view.corrections, view.camera)
     remarks = _rest(still, marks, view.static, static=True) + _rest(film, marks, view.film, static=False)
     frame, points = rows_of(marks)
-    codec = codec_noise(view.film, ready, film, frame_places(marks), frame, points, how.progress)
+    again = coded_again(view.film, ready, film, frame_places(marks), frame, points, how.progress)
     return Seen(
         camera=view.camera,
         film=film,
         still=still,
-        codec=codec,
+        codec=codec_terms(again),
         static=view.static.path.name,
         start=view.start,
         keys=view.film.keys(),
         still_keys=view.static.keys(),
         remarks=remarks,
+        coded=described(view.film, again),
     )
 
 

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from vision import Camera, Displacements, Mark, Stated
 from vision.errors.budgeting import budget, from_csv, lines, to_csv, with_mode
+from vision.errors.codecterms import Codec
 from vision.errors.modes import sync
-from vision.errors.noise import Codec
 from vision.following.methods import Method
 from vision.following.tracks import Followed
 from vision.kinds.coded import CodedMarker

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from vision import Video, View, measure
 from vision.errors import modes
 from vision.errors.budgeting import budget
-from vision.errors.modes import REDRAWN_PX, codec, redrawn
+from vision.errors.modes import BETWEEN_PX, REDRAWN_PX, codec, redrawn
 from vision.errors.noise import CREEP, FAST, REST
 
 Array = NDArray[np.float64]
@@ -49,7 +49,8 @@ def test_means_of_holds_in_a_film_coded_with_loss(lab: Lab, coded_still: Video, 
         alone.append((mean / np.sqrt(independent))[finger][:, [0, 2]])
     # 30 values, those of one mark not quite independent: the rms is known to some 15 %.
     assert 0.65 < np.sqrt(np.mean(np.square(pulls))) < 1.3
-    assert np.sqrt(np.mean(np.square(alone))) > 2.5  # as independent errors they are stated far too small
+    # As independent errors they are stated far too small: 2.4 here.
+    assert np.sqrt(np.mean(np.square(alone))) > 2.0
 
 
 def test_more_holds_than_modes_are_said(lab: Lab, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -88,7 +89,9 @@ def test_a_mark_that_the_rest_does_not_show_has_no_error_of_another_picture(lab:
     value[5:15, :, 2], ideal[5:15, :, 1] = 1.0, 8.0
     ideal[:3, 1] = np.nan
     marks = lab.marks[-2:]
-    found = redrawn(value, ideal, np.arange(3), marks)
+    found = redrawn(value, ideal, np.arange(3), marks, 1.0)
     assert {name.split(":")[1] for name in found} == {marks[0].name}
     assert set(np.flatnonzero(found[f"codec:{marks[0].name}:3:moved"][:, 0, 2])) == set(range(5, 15))
-    assert found[f"codec:{marks[0].name}:3:moved"].max() == pytest.approx(REDRAWN_PX / 8.0)
+    assert found[f"codec:{marks[0].name}:3:moved"].max() == pytest.approx(
+        np.hypot(REDRAWN_PX, BETWEEN_PX) / 8.0
+    )

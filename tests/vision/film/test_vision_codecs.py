@@ -161,7 +161,7 @@ def test_pictures_are_a_film_in_the_order_of_their_numbers(suffix: str, tmp_path
     where = [block(grey) for *_, grey in film.frames()]
     np.testing.assert_allclose(where, 15.5 + 4.0 * np.arange(5), atol=0.3)
     assert (film.width, film.height) == (96, 64)
-    assert film.coding()[0] == ("mjpeg" if suffix == ".jpg" else "png")
+    assert film.coding().codec == ("mjpeg" if suffix == ".jpg" else "png")
 
 
 def test_pictures_with_a_file_of_times(tmp_path: Path) -> None:

@@ -102,8 +102,9 @@ def test_a_film_without_motion_gives_zero_within_its_sd(lab: Lab, still: Video, 
 
 def test_modes(measured: Displacements) -> None:
     modes = dict(zip(measured.mode_names, measured.modes, strict=True))
-    # scale, placement, node, frame, reference (each mark's and what all share), height and out of plane
-    assert len(modes) == 1 + 2 * 3 + 2 * 3 + 6 + (2 * 7 + 2) + 2 * 3
+    # scale, placement, node, frame, reference (each mark's and what all share), height and out of plane, and
+    # other pixels than at rest: while away, and after the largest displacement
+    assert len(modes) == 1 + 2 * 3 + 2 * 3 + 6 + (2 * 7 + 2) + 2 * 3 + 2 * 2 * 3
     np.testing.assert_allclose(modes["scale"], np.nan_to_num(measured.value) * 0.001)
     name = measured.names[-1]
     theta = measured.tracks.rotation[40, -1]

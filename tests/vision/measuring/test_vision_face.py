@@ -11,6 +11,7 @@ from vision import Displacements, Video, View, measure
 from vision.drawing import synthetic
 from vision.errors.modes import Stated
 from vision.measuring.face import Face
+from vision.measuring.strains import green_lagrange, quads, to_csv
 
 Array = NDArray[np.float64]
 DEPTH, TIMES = 12.0, 24  # mm, frames
@@ -38,11 +39,13 @@ class Speckles:
 
     def __init__(self) -> None:
         rng, self.size = np.random.default_rng(4), 0.55  # mm, sd of a blob
-        self.blobs = rng.uniform(np.array(LOW) - 1, np.array(HIGH) + 1, (1500, 2))
+        self.blobs = rng.uniform(np.array(LOW) - 2, np.array(HIGH) + 2, (1700, 2))
         self.cell = 4 * self.size
         self.cells: dict[tuple[int, int], Array] = {}
         index = np.floor(self.blobs / self.cell).astype(int)
-        for key in np.unique(index, axis=0):
+        low, high = index.min(axis=0), index.max(axis=0)
+        # A cell without a blob of its own shows those of its neighbours: else it would have sharp edges.
+        for key in np.stack(np.meshgrid(*map(np.arange, low, high + 1)), axis=-1).reshape(-1, 2):
             near = (np.abs(index - key) <= 1).all(axis=1)
             self.cells[int(key[0]), int(key[1])] = self.blobs[near]
 
@@ -50,14 +53,17 @@ class Speckles:
         gradient, shift = deformation(t)
         material = (place - np.array(LOW) - shift) @ np.linalg.inv(gradient).T + LOW
         grey = np.full(len(place), np.nan)
-        inside = np.flatnonzero(((material >= LOW) & (material <= HIGH)).all(axis=1))
+        # 1 mm more than is measured: at the speckles' very edge the wall behind them shows through the blur.
+        inside = np.flatnonzero(
+            ((material >= np.array(LOW) - 1) & (material <= np.array(HIGH) + 1)).all(axis=1)
+        )
         index = np.floor(material[inside] / self.cell).astype(int)
         keys, which = np.unique(index, axis=0, return_inverse=True)
         for k, key in enumerate(keys):
             rows = inside[which.ravel() == k]
             blobs = self.cells.get((int(key[0]), int(key[1])), np.empty((0, 2)))
             distance = ((material[rows, None] - blobs[None]) ** 2).sum(axis=2) / (2 * self.size**2)
-            grey[rows] = 205.0 - 55.0 * np.minimum(np.exp(-np.minimum(distance, 50.0)).sum(axis=1), 2.8)
+            grey[rows] = 205.0 - 55.0 * 2.8 * np.tanh(np.exp(-np.minimum(distance, 50.0)).sum(axis=1) / 2.8)
         return grey
 
 
@@ -133,3 +139,28 @@ def test_a_region_without_speckles_is_refused(lab: Any, films: tuple[Video, Vide
         measure([View(*films, lab.camera)], lab.marks, face=small, reference=1.5)
     with pytest.raises(ValueError, match="holds 0 subsets of 40 mm"):
         Face(LOW, HIGH, DEPTH, 10.0, 40.0).points()
+
+
+def test_strain_is_the_material_s_with_its_sd(found: Displacements) -> None:
+    field = found.strain
+    assert field is not None
+    assert field.names == tuple(found.names[p] for p in rows(found))
+    truth = np.array([green_lagrange(deformation(t)[0]) for t in range(TIMES)])[:, None]
+    assert np.abs(truth).max() > 0.03  # turned by 13 degrees besides, which is no strain
+    pulls = (field.value - truth) / field.sd
+    assert np.sqrt(np.mean(pulls[:16] ** 2)) == pytest.approx(1.0, abs=0.25)
+    # a stretched, turned patch is interpolated otherwise than at rest
+    assert np.sqrt(np.mean(pulls[16:] ** 2)) < 2.0
+    assert np.abs(field.value - truth).max() < 0.002
+    lines = to_csv(field).splitlines()
+    assert lines[0] == "time_s,point,x_mm,z_mm,E_xx,E_zz,E_xz,sd_E_xx,sd_E_zz,sd_E_xz"
+    assert len(lines) == 1 + TIMES * len(field.names)
+    assert float(lines[-1].split(",")[4]) == pytest.approx(field.value[-1, -1, 0], rel=1e-5)
+    cells = quads(field.points)
+    assert len(cells) == 6 * 2  # of 7 x 3 points
+    edges = field.points[cells][:, 1] - field.points[cells][:, 0]
+    np.testing.assert_allclose(edges, [[10.0, 0.0, 0.0]] * len(cells), atol=1e-9)
+
+
+def test_markers_alone_have_no_strain(lab: Any, films: tuple[Video, Video]) -> None:
+    assert measure([View(*films, lab.camera)], lab.marks, stated=PERFECT, reference=1.5).strain is None

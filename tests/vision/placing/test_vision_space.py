@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 from vision import Camera, Displacements, Video, View, measure
 from vision.calibration.rig import OWN, Rig
 from vision.drawing import synthetic
+from vision.errors.codecterms import codec_terms
 from vision.errors.modes import Stated
-from vision.errors.noise import codec_noise
+from vision.errors.recoding import coded_again
 from vision.film import checkpoint
 from vision.following.reference import prepare
 from vision.following.tracks import follow
@@ -142,8 +143,8 @@ def followed(pair: Pair, c: int, film: Video) -> Seen:
     follower = prepare(film, pair.cameras[c], pair.lab.marks, dictionary=HOW.dictionary, **how)
     shown = follow(film, follower, stage="film", **how)
     frame, points = rows_of(pair.lab.marks)
-    codec = codec_noise(film, follower, shown, frame_places(pair.lab.marks), frame, points, None)
-    return replace(pair.seen[c], film=shown, codec=codec)
+    again = coded_again(film, follower, shown, frame_places(pair.lab.marks), frame, points, None)
+    return replace(pair.seen[c], film=shown, codec=codec_terms(again))
 
 
 def test_motion_out_of_the_plane_is_measured_with_pulls_of_one(pair: Pair) -> None:

@@ -1,0 +1,99 @@
+"""How a film was coded, from its packets; a part of a film without what stands before it; decoding ahead."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from vision import Video
+from vision.film.coding import Coding, longest_between
+from vision.film.decoding import ahead
+from vision.film.video import Writer
+
+FRAMES, SIZE = 70, (128, 96)
+
+
+def pictures() -> Iterator[np.ndarray]:
+    """A bright block that wanders over noise."""
+    rng = np.random.default_rng(3)
+    for k in range(FRAMES):
+        grey = np.full(SIZE[::-1], 90.0)
+        grey[30:60, 10 + k : 40 + k] = 190.0
+        yield np.clip(np.rint(grey + 1.5 * rng.standard_normal(grey.shape)), 0, 255).astype(np.uint8)
+
+
+def written(path: Path, codec: str, **options: str) -> Video:
+    with Writer(path, SIZE, fps=30.0, codec=codec, options=options) as writer:
+        for grey in pictures():
+            writer.add(grey)
+    return Video(path)
+
+
+@pytest.mark.parametrize("container", ["mkv", "mp4"])
+@pytest.mark.parametrize(("between", "every"), [(0, 30), (2, 35), (3, 250)])
+def test_b_frames_key_frames_and_bytes_are_those_of_the_coder(
+    between: int, every: int, container: str, tmp_path: Path
+) -> None:
+    plain = "b-adapt=0:scenecut=0:b-pyramid=none"
+    film = written(
+        tmp_path / f"film.{container}", "libx264", bf=str(between), g=str(every), **{"x264-params": plain}
+    )
+    coding = film.coding()
+    assert (coding.codec, coding.between) == ("h264", between)
+    assert np.flatnonzero(coding.key).tolist() == list(range(0, FRAMES, every))
+    assert coding.every == every
+    assert coding.fps == pytest.approx(30.0, rel=0.03)  # mkv holds whole milliseconds
+    assert 0.5 < coding.size.sum() / (tmp_path / f"film.{container}").stat().st_size < 1.0
+    assert coding.size[0] > 3 * np.median(coding.size)
+    assert coding.live == (every in (30, 35))
+    assert ("no B-frames" in coding.described()) == (between == 0)
+
+
+def test_the_encoder_that_codes_again_has_the_same_frames(tmp_path: Path) -> None:
+    for codec, name in (("libx264", "h264"), ("libx265", "hevc")):
+        like = Coding(name, np.ones(60, np.intp), np.arange(60) % 20 == 0, 2, 30.0)
+        encoder, options = like.options(25.0)
+        assert encoder == codec
+        again = written(tmp_path / f"{name}.mkv", encoder, **options).coding()
+        assert again.codec == name
+        assert again.between == 2
+        assert again.every == 20
+
+
+def test_order_of_packets_tells_b_frames() -> None:
+    assert longest_between([0, 1, 2, 3]) == 0
+    assert longest_between([0, 4, 2, 1, 3, 8, 6, 5, 7]) == 3
+    assert longest_between([0, 2, 1, 4, 3]) == 1
+
+
+@pytest.mark.parametrize("codec", ["libx264", "libx265", "ffv1"])
+@pytest.mark.parametrize("container", ["mkv", "mp4"])
+def test_a_part_of_a_film_is_the_same_pictures(codec: str, container: str, tmp_path: Path) -> None:
+    if (codec, container) == ("ffv1", "mp4"):
+        pytest.skip("no such files")
+    options = {"libx264": {"g": "20", "bf": "3"}, "libx265": {"x265-params": "keyint=20:log-level=none"}}
+    film = written(tmp_path / f"film.{container}", codec, **options.get(codec, {}))
+    whole = {index: grey for index, _, grey in film.frames()}
+    assert list(whole) == list(range(FRAMES))
+    for first, stop in ((0, 5), (19, 22), (43, 60), (66, 999)):
+        part = {index: grey for index, _, grey in film.frames(first, stop)}
+        assert list(part) == list(range(first, min(stop, FRAMES)))
+        assert all(np.array_equal(grey, whole[index]) for index, grey in part.items())
+
+
+def test_decoding_ahead_keeps_order_errors_and_ends() -> None:
+    assert list(ahead(iter(range(50)))) == list(range(50))
+    assert list(ahead(iter([]))) == []
+
+    def broken() -> Iterator[int]:
+        yield from range(6)
+        raise ValueError("the film ends")
+
+    items = ahead(broken())
+    assert [next(items) for _ in range(6)] == list(range(6))
+    with pytest.raises(ValueError, match="the film ends"):
+        next(items)
+    for k in ahead(iter(range(10**9))):
+        if k == 3:
+            break  # the thread ends with it: else this test would not

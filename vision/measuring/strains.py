@@ -1,0 +1,98 @@
+"""Strain of a speckled face, from how its subsets stretch, and how well it is known."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vision.camera import Array
+from vision.errors.noise import NoiseModel
+from vision.following.turns import linear_maps
+from vision.kinds.facepoint import FacePoint
+from vision.marks import Mark, frame_places, rows_of
+from vision.placing.views import Seen
+from vision.plane import homographies
+
+COMPONENTS = ("E_xx", "E_zz", "E_xz")
+
+
+@dataclass(frozen=True, kw_only=True)
+class StrainField:
+    """Green-Lagrange strain of a face's points, E = (F'F - 1) / 2, against the reference; NaN where lost."""
+
+    time: Array  # (s,) s
+    names: tuple[str, ...]  # (p,)
+    points: Array  # (p,3) mm at rest
+    value: Array  # (s,p,3) xx, zz, xz
+    sd: Array  # (p,3) noise at rest and of compression; a motion of d towards a camera L away adds d / L
+
+
+def strain_field(
+    seen: Seen, marks: Sequence[Mark], noise: NoiseModel, steps: NDArray[np.intp]
+) -> StrainField | None:
+    """Strain of the face's points in the frames `steps`; None where there is no face.
+
+    noise: of the points of the output.
+
+    The sd is the scatter in the static film, that of the reference's mean, and grows as that of the places
+    does where compression adds to it.
+    """
+    output = rows_of(marks)[1]
+    kept = [k for k, p in enumerate(output) if isinstance(marks[p].kind, FacePoint)]
+    if not kept:
+        return None
+    face = [output[k] for k in kept]
+    still = green_lagrange(linear_maps(seen.still, _homography(seen, marks))[:, face])
+    value = green_lagrange(linear_maps(seen.film, seen.homography(marks))[steps][:, face])
+    shown = np.isfinite(still[..., 0]).sum(axis=0)
+    scatter = np.sqrt(np.nansum((still - _mean(still)) ** 2, axis=0) / np.maximum(shown - 1, 1)[:, None])
+    usual, coded = noise.sd[kept][:, [0, 2]], np.nan_to_num(noise.codec_sd[kept][:, [0, 2]])
+    grown = np.sqrt(
+        1.0 + np.mean(coded**2 / usual**2, axis=1) + noise.persistence.of_mean(len(seen.film.reference))
+    )
+    return StrainField(
+        time=seen.film.time[steps],
+        names=tuple(marks[p].name for p in face),
+        points=np.array([marks[p].position for p in face]),
+        value=value,
+        sd=scatter * grown[:, None],
+    )
+
+
+def green_lagrange(gradient: Array) -> Array:
+    """Strain (...,3) xx, zz, xz of deformation gradients (...,2,2) in x and z: no rotation is in it."""
+    strain = 0.5 * (np.swapaxes(gradient, -1, -2) @ gradient - np.eye(2))
+    return np.stack([strain[..., 0, 0], strain[..., 1, 1], strain[..., 0, 1]], axis=-1)
+
+
+def to_csv(field: StrainField) -> str:
+    """The field as CSV: one row a time and point."""
+    rows = ["time_s,point,x_mm,z_mm," + ",".join((*COMPONENTS, *(f"sd_{name}" for name in COMPONENTS)))]
+    for time, strain in zip(field.time, field.value, strict=True):
+        for name, place, own, sd in zip(field.names, field.points, strain, field.sd, strict=True):
+            if np.isfinite(own[0]):
+                cells = ",".join(f"{v:.6g}" for v in (place[0], place[2], *own, *sd))
+                rows.append(f"{time:.6f},{name},{cells}")
+    return "\n".join(rows) + "\n"
+
+
+def quads(points: Array) -> NDArray[np.int64]:
+    """Cells (e,4) between points (p,3) of a grid that is even in x and z, for a surface."""
+    x, column = np.unique(np.round(points[:, 0], 6), return_inverse=True)
+    z, row = np.unique(np.round(points[:, 2], 6), return_inverse=True)
+    number = np.full((len(x), len(z)), -1, dtype=np.int64)
+    number[column, row] = np.arange(len(points))
+    corners = np.stack([number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:]], axis=-1)
+    cells = corners.reshape(-1, 4)
+    return np.asarray(cells[(cells >= 0).all(axis=1)])
+
+
+def _homography(seen: Seen, marks: Sequence[Mark]) -> Array:
+    return homographies(frame_places(marks), seen.still.ideal[:, rows_of(marks)[0]])
+
+
+def _mean(value: Array) -> Array:
+    """Mean (p,3) over the frames in which a point is seen."""
+    count = np.isfinite(value).sum(axis=0)
+    return np.asarray(np.nansum(value, axis=0) / np.maximum(count, 1))
