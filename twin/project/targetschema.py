@@ -45,7 +45,7 @@ class ReferenceTable(TableModel):
         if self.each_block == bool(self.steps):
             raise ValueError(
                 f"reference: steps = {list(self.steps)}, each_block = {str(self.each_block).lower()}: wanted "
-                "one step or more, such as steps = [0], or each_block = true and reference_steps in each block"
+                "one step or more, such as steps = [0], or each_block = true with reference_steps in each"
             )
         return self
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from vision.camera import Array, Image
 from vision.errors.noise import states
 from vision.film.checkpoint import Progress
-from vision.film.coding import NAMES, Coding
+from vision.film.packets import NAMES, Coding
 from vision.film.video import Video, Writer
 from vision.following import registration
 from vision.following.methods import COARSE

@@ -8,7 +8,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from vision.film.coding import Coding
+from vision.film.packets import Coding
 from vision.film.video import Array, Image, Video, stamp_issues
 
 SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")

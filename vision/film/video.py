@@ -15,7 +15,7 @@ from av.video.frame import VideoFrame
 from numpy.typing import NDArray
 
 from vision.camera import Array, Image
-from vision.film.coding import MOST_B, Coding, longest_between
+from vision.film.packets import MOST_B, Coding, longest_between
 
 HALF_TICK = 1e-6  # s, below every time base
 TRIED = 64  # first frames that are decoded to see what the time stamps are

@@ -293,7 +293,7 @@ def test_loads_that_cannot_be_meant_are_refused(
     told = tmp_path / "targets" / "targets.toml"
     lines = told.read_text().replace("block = 1\n", f"block = 1\nloads = [{load}]\n")
     told.write_text(lines)
-    with pytest.raises(ValueError, match="targets.toml") as caught:
+    with pytest.raises(ValueError, match=r"targets\.toml") as caught:
         read_targets(tmp_path / "targets")
     assert said in str(caught.value)
 

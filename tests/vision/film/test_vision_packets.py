@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from vision import Video
-from vision.film.coding import Coding, longest_between
 from vision.film.decoding import ahead
+from vision.film.packets import Coding, longest_between
 from vision.film.video import Writer
 
 FRAMES, SIZE = 70, (128, 96)
