@@ -248,7 +248,7 @@ def test_film_without_markers(lab: Lab, still: Video, tmp_path: Path) -> None:
 def test_a_marker_seen_twice_side_by_side(lab: Lab, still: Video, tmp_path: Path) -> None:
     place, _ = lab.motion(np.zeros(1))
     x0, y0 = np.round(lab.pixels(place)[0, 0]).astype(int)
-    x1, y1 = x0 + 46, y0  # too near to tell by its stated place which one is meant
+    x1, y1 = x0 - 46, y0  # too near to tell by its stated place which one is meant
 
     def copy(_: int, grey: NDArray[np.uint8]) -> None:
         grey[y1 - 22 : y1 + 23, x1 - 22 : x1 + 23] = grey[y0 - 22 : y0 + 23, x0 - 22 : x0 + 23]
