@@ -15,6 +15,7 @@ import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import _first  # noqa: F401
 import cv2
@@ -464,42 +465,40 @@ def _refusal(stage: Callable[..., object], root: Path, say: Lines) -> str:
     return ""
 
 
+def figures(only: str = "", *, tell: bool = False) -> dict[str, Any]:
+    """Mistakes that were accepted and right inputs that were refused, of those whose names hold a text, each
+    with its sentence; tell: print each as it comes."""
+    with tempfile.TemporaryDirectory() as place:
+        base, every_one = make(Path(place) / "base"), []
+        both = {**{n: p for n, (p, _) in MISTAKES.items()}, **RIGHT}
+        for name in (n for n in both if only in n):
+            every_one.append(told(name, both[name], base=base, folder=Path(place)))
+            if tell:
+                print(f"{name} [{every_one[-1].by}]: {every_one[-1].sentence or 'passes'}", flush=True)
+    wrong = [t for t in every_one if t.name in MISTAKES]
+    right = [t for t in every_one if t.name in RIGHT]
+    return {
+        "planted": len(wrong), "accepted_wrong": sum(not t.refused for t in wrong),
+        "right": len(right), "refused_right": sum(t.refused for t in right),
+        "sentences": {t.name: t.sentence for t in wrong},
+        "refused": {t.name: t.sentence for t in right if t.refused},
+    }  # fmt: skip
+
+
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--only", default="", metavar="NAME", help="names that hold this text")
     parser.add_argument("--json", action="store_true", help="one line of JSON")
     options = parser.parse_args()
-    with tempfile.TemporaryDirectory() as place:
-        folder = Path(place)
-        base = make(folder / "base")
-        both = {**{n: p for n, (p, _) in MISTAKES.items()}, **RIGHT}
-        every_one = []
-        for name in (n for n in both if options.only in n):
-            every_one.append(told(name, both[name], base=base, folder=folder))
-            if not options.json:
-                print(f"{name} [{every_one[-1].by}]: {every_one[-1].sentence or 'passes'}", flush=True)
-        wrong = [t for t in every_one if t.name in MISTAKES]
-        right = [t for t in every_one if t.name in RIGHT]
-    accepted, refused = [t for t in wrong if not t.refused], [t for t in right if t.refused]
+    found = figures(options.only, tell=not options.json)
     if options.json:
-        print(
-            json.dumps(
-                {
-                    "planted": len(wrong),
-                    "accepted_wrong": len(accepted),
-                    "right": len(right),
-                    "refused_right": len(refused),
-                    "sentences": {t.name: t.sentence for t in wrong},
-                    "refused": {t.name: t.sentence for t in refused},
-                }
-            )
-        )
+        print(json.dumps(found))
     else:
         print(
-            f"{len(wrong)} mistakes, {len(accepted)} accepted; {len(right)} right inputs, "
-            f"{len(refused)} refused"
+            f"{found['planted']} mistakes, {found['accepted_wrong']} accepted; {found['right']} unusual, "
+            f"{found['refused_right']} refused"
         )
-    return 1 if accepted or refused else 0
+    return 1 if found["accepted_wrong"] or found["refused_right"] else 0
 
 
 if __name__ == "__main__":
