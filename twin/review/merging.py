@@ -10,6 +10,7 @@ import rerun.blueprint as rrb
 from rerun.chunk import Chunk, RrdReader
 
 from twin.project import files
+from twin.review.plainpath import plain_path
 
 VIEWS = ("films", "fingers", "errors", "search", "diagnoses")  # the tabs, in their order
 COLOURS = ((86, 180, 233), (230, 159, 0))
@@ -24,10 +25,10 @@ def write_merged(path: Path, *, recordings: Mapping[str, Path]) -> None:
     """Write the rerun file `path`, atomically: everything of two recordings, each below its name."""
     recording = rr.RecordingStream("softtwin", recording_id=uuid.uuid4())
     try:
-        with files.whole(path) as draft:
+        with files.whole(path) as draft, plain_path(draft) as rrd:
             chunks = {name: list(_below(name, source)) for name, source in recordings.items()}
             kept = {chunk.entity_path for own in chunks.values() for chunk in own}
-            recording.save(draft, default_blueprint=arranged(list(recordings), kept))
+            recording.save(rrd, default_blueprint=arranged(list(recordings), kept))
             for own in chunks.values():
                 recording.send_chunks(own)
             _name_curves(recording, list(recordings), kept)

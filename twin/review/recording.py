@@ -19,6 +19,7 @@ from twin.project import files
 from twin.review.arrangement import arranged
 from twin.review.filmed import Filmed
 from twin.review.overprint import log_filmed
+from twin.review.plainpath import plain_path
 from twin.review.scene import Scene, States, log_constants, log_states, scene_of
 from twin.review.states import Array, Fields, Generations, Integers
 
@@ -64,11 +65,11 @@ def write_review(
     scene = scene_of(generations, fields)
     recording = rr.RecordingStream("softtwin", recording_id=uuid.uuid4())  # two files never mix in one viewer
     try:
-        with files.whole(path) as draft:
+        with files.whole(path) as draft, plain_path(draft) as rrd:
             titles = tuple(pictures or {})
             drawn = filmed if video is not None else None
             views = arranged(scene, has_film=video is not None, filmed=drawn, pictures=titles)
-            recording.save(draft, default_blueprint=views)
+            recording.save(rrd, default_blueprint=views)
             if video is not None:
                 recording.log("film/frame", video, static=True)
                 _log_frames(recording, stamps, times=times, generations=generations, filmed=drawn)

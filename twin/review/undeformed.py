@@ -11,6 +11,7 @@ import rerun.blueprint as rrb
 from fe import Case, Finger
 from fe.element import Integers
 from twin.project import files
+from twin.review.plainpath import plain_path
 from twin.review.scene import normals
 from twin.targets import Array
 
@@ -39,8 +40,8 @@ def write_undeformed(
     """
     recording = rr.RecordingStream("softtwin", recording_id=uuid.uuid4())
     try:
-        with files.whole(path) as draft:
-            recording.save(draft, default_blueprint=_views(case))
+        with files.whole(path) as draft, plain_path(draft) as rrd:
+            recording.save(rrd, default_blueprint=_views(case))
             for name, entity in _entities(case, triangles, finger).items():
                 recording.log(f"finger/{name}", entity, static=True)
             size = 0.009 * float(np.ptp(case.nodes, axis=0).max())
