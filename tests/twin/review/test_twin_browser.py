@@ -2,6 +2,7 @@
 
 import os
 import shutil
+import signal
 import socket
 import subprocess
 import sys
@@ -18,7 +19,7 @@ from twin.review.merging import write_merged
 WAIT_S = 60.0
 FLAGS = ("--headless", "--no-sandbox", "--disable-dev-shm-usage", "--use-angle=swiftshader",
          "--enable-unsafe-swiftshader", "--hide-scrollbars", "--window-size=1000,700")
-PATIENCE_MS = (40_000, 160_000, 640_000)  # of the page's own clock, which a busy machine outruns
+PATIENCE_MS = (40_000, 160_000, 640_000, 120_000)  # of the page's own clock, which a busy machine outruns
 LEFT, RIGHT = (230, 30, 200), (30, 200, 60)  # colours that the viewer itself does not have
 
 
@@ -64,8 +65,9 @@ def served(tmp_path):
     def serve(rrd: Path) -> tuple[int, int]:
         data, page = two_ports()
         bound = ["--bind", "127.0.0.1", "--port", str(data), "--web-viewer-port", str(page)]
+        # `rerun` starts another program that serves, and leaves it behind when it ends: one group for both
         child = subprocess.Popen([command, "--serve-web", *bound, rrd], stdout=subprocess.DEVNULL,
-                                 stderr=subprocess.DEVNULL)  # fmt: skip
+                                 stderr=subprocess.DEVNULL, start_new_session=True)  # fmt: skip
         started.append(child)
         end = time.monotonic() + WAIT_S
         while not (answers(page, "127.0.0.1") and answers(data, "127.0.0.1")):
@@ -76,7 +78,7 @@ def served(tmp_path):
 
     yield serve
     for child in started:
-        child.terminate()
+        os.killpg(child.pid, signal.SIGTERM)
         child.wait(timeout=WAIT_S)
 
 
