@@ -19,7 +19,7 @@ from twin.review.merging import write_merged
 WAIT_S = 60.0
 FLAGS = ("--headless", "--no-sandbox", "--disable-dev-shm-usage", "--use-angle=swiftshader",
          "--enable-unsafe-swiftshader", "--hide-scrollbars", "--window-size=1000,700")
-PATIENCE_MS = (40_000, 160_000, 640_000, 120_000)  # of the page's own clock, which a busy machine outruns
+PATIENCE_MS = (40_000, 160_000, 640_000)  # of the page's own clock, which a busy machine outruns
 LEFT, RIGHT = (230, 30, 200), (30, 200, 60)  # colours that the viewer itself does not have
 
 
