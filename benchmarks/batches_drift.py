@@ -109,7 +109,7 @@ def _record(rng: np.random.Generator, truth: dict[str, float]) -> dict[str, Any]
 
 # -- kill -9 -------------------------------------------------------------------------------------------------
 
-CELLS = 4  # of the mesh on each pleat; of a quick run 1, on which the diagnosis ends with "cannot test: mesh"
+CELLS = 4  # of the mesh on each pleat; of a quick run 2
 START_S = 2.0  # in which the program loads
 KILLS, LATEST = 20, 0.6  # kills in all; the latest of each, as a share of the time of a run without one
 
@@ -117,7 +117,7 @@ KILLS, LATEST = 20, 0.6  # kills in all; the latest of each, as a share of the t
 def kills(quick: bool) -> dict[str, Any]:
     """How often `twin recalibrate` was killed, and how many of these kills were of projects that end the
     same; `kills_stages` says in which stage each fell."""
-    count, cells = (3, 1) if quick else (KILLS, CELLS)
+    count, cells = (3, 2) if quick else (KILLS, CELLS)
     rng = np.random.default_rng(4)
     with tempfile.TemporaryDirectory() as scratch:
         first = Path(scratch) / "first"

@@ -27,10 +27,54 @@ from pathlib import Path
 from typing import Any
 
 import _first  # noqa: F401
-import batches_drift as short
 import numpy as np
 
 FOUND = ("camera.json", "fit.json", "diagnosis.json", "comparison.json", "tracks.npz", "candidates.npz")
+
+
+FILM = ((0.0, 0.0), (2.0, 0.0), (4.0, 30.0), (12.0, 30.0), (12.4, 0.0), (22.0, 0.0))
+NAMES, X = ("p1", "p2", "middle", "tip"), (9.556, 15.111, 4 + 50 / 3, 10 + 100 / 3)
+
+
+def _make(folder: Path, cells: int) -> None:
+    """A project of a short finger with targets of creeping silicone."""
+    from fe import Lattice, Material
+    from twin import virtual
+    from twin.project.config import CalibrateTable, Config, DiagnoseTable, PointTable, ProjectTable
+    from twin.project.targetfiles import write_targets
+    from twin.project.toml import dump
+
+    bench, (builtin, case) = virtual.Bench(film_hz=4.0, gauge_sd_MPa=3e-4, sd=0.005), _finger(cells)
+    edge = np.array([(x, 11.5, 0.0) for x in X])
+    rows = np.linalg.norm(case.nodes[:, None] - edge, axis=2).argmin(axis=0)
+    course = virtual.path(bench, protocol=FILM)
+    truth = virtual.Truth(
+        Material(0.214, 0.083, prony=((0.075, 1.2), (0.055, 3.5))),
+        lattice=Lattice(per_bellow=2, centred=False), finger=builtin.finger,
+    )  # fmt: skip
+    u, slope = virtual.displacements(truth, course, case.nodes[rows])
+    points = virtual.at_nodes(NAMES, case.labels[rows], case.nodes[rows])
+    config = Config(
+        project=ProjectTable(name="short"),
+        points=tuple(PointTable(name=n, node=int(k)) for n, k in zip(NAMES, case.labels[rows])),
+        calibrate=CalibrateTable(population=8, generations=4),
+        diagnose=DiagnoseTable(candidates=("creep", "camera_scale")),
+    )
+    folder.mkdir()
+    (folder / "twin.toml").write_text(dump(config), encoding="utf-8")
+    write_targets(
+        folder / "targets", virtual.noisy_targets(u, slope, course, points=points, bench=bench, seed=1)
+    )
+
+
+def _finger(cells: int) -> Any:
+    from fe import Finger, Lattice
+    from twin.model.structure import BuiltIn, base_case
+
+    end, middle = 10 + 100 / 3, 4 + 50 / 3
+    finger = Finger(length=end, bellows=3, tip_node=(end, 11.5, 0.0), middle_node=(middle, 11.5, 0.0))
+    lattice = Lattice(per_bellow=cells, ring=False, centred=False)
+    return BuiltIn(finger, lattice), base_case(finger=finger, lattice=lattice)
 
 
 # -- kill -9 -------------------------------------------------------------------------------------------------
@@ -58,7 +102,7 @@ class _modelled:
 
     @staticmethod
     def make(folder: Path) -> None:
-        short._make(folder, 1)
+        _make(folder, 1)
 
     commands = (("recalibrate",),)
 
@@ -139,7 +183,7 @@ def disk(quick: bool) -> dict[str, int]:
     tally = {"disk_faults": 0, "disk_same": 0, "disk_internal": 0, "disk_left": 0}
     with tempfile.TemporaryDirectory() as scratch:
         first = Path(scratch) / "first"
-        short._make(first, 1)
+        _make(first, 1)
         whole = Path(shutil.copytree(first, first.with_name("whole")))
         _run(whole, "recalibrate")
         folder = Path(shutil.copytree(first, first.with_name("faulty")))
@@ -206,7 +250,7 @@ def _run(folder: Path, command: str) -> None:
     from twin.stages.chain import stage_of
     from twin.stages.recalibrating import run_recalibrate
 
-    mesh = short._finger(1)[0] if command == "recalibrate" else None
+    mesh = _finger(1)[0] if command == "recalibrate" else None
     project = Project.open(folder, builtin=mesh)
     with project.lock(command):
         work = run_recalibrate if command == "recalibrate" else stage_of(command).run
