@@ -12,6 +12,7 @@ from twin.targets import Array
 
 BEYOND_S = 2.5  # more than the clocks of film and log may disagree (time_shift)
 MIN_SAMPLES = 30  # the sd of 30 white samples is known to 13 %
+SLOW_S = 1.0  # between samples; loggers of pressure take ten or more a second
 
 
 @dataclass(frozen=True)
@@ -116,9 +117,13 @@ def gauge_noise(log: Log, *, start: float, end: float) -> GaugeNoise:
     inside = (log.time >= start) & (log.time <= end)
     samples = log.pressure[inside]
     if len(samples) < MIN_SAMPLES:
+        step = float(np.median(np.diff(log.time)))
+        likely = "log faster, or correct static_start_s in twin.toml"
+        if step > SLOW_S and (end - start) / step * 1e3 > MIN_SAMPLES:
+            likely = f"its samples are {step:g} s apart, so its time is likely in ms: write it in s"
         raise ValueError(
             f"{log.path.name}: {len(samples)} samples between {start:.3f} and {end:.3f} s, where the gauge "
-            f"noise is read; wanted {MIN_SAMPLES} or more: log faster, or correct static_start_s in twin.toml"
+            f"noise is read; wanted {MIN_SAMPLES} or more: {likely}"
         )
     steps = np.diff(samples)
     sd = float(np.std(steps) / np.sqrt(2))
