@@ -1,7 +1,7 @@
 """Grey frames of a film file with the container's own time stamps, one frame in memory at a time."""
 
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from fractions import Fraction
 from itertools import islice
 from pathlib import Path
@@ -35,6 +35,8 @@ class Video:
     pictures. Raises ValueError when the file is missing, is not a video, or holds no frame.
     """
 
+    _in_order = False  # whether the frames' own stamps are of no use, only their order
+
     def __init__(self, path: Path | str, *, mirrored: bool = False) -> None:
         self.path, self.mirrored = Path(path), mirrored
         if not self.path.is_file():
@@ -50,7 +52,7 @@ class Video:
         size = (first.height, first.width)
         self.height, self.width = size if self.turns % 2 == 0 else size[::-1]
         self.time: Array = np.sort(stamps)
-        self._in_order = backwards > 0  # the frames' own stamps are of no use, only their order
+        self._in_order = backwards > 0
         self.issues: tuple[str, ...] = stamp_issues(self.path.name, self.time, backwards, 90 * self.turns)
 
     def _scan(self) -> tuple[VideoFrame, Array, int]:
@@ -119,6 +121,14 @@ class Video:
                 picture = np.rot90(_luma(frame), self.turns)
                 picture = picture[:, ::-1] if self.mirrored else picture
                 yield index, float(self.time[index]), np.ascontiguousarray(picture)
+
+    def chosen(self, wanted: Sequence[int]) -> Iterator[tuple[int, float, Image]]:
+        """Those of the frames, indices in order, as `frames` gives them; key frames that none of them needs
+        are passed over undecoded."""
+        key = np.zeros(len(wanted)) if self._in_order else np.searchsorted(self.keys(), wanted, side="right")
+        for last in np.unique(key):
+            own = [index for index, before in zip(wanted, key, strict=True) if before == last]
+            yield from (told for told in self.frames(own[0], own[-1] + 1) if told[0] in own)
 
     def keys(self) -> NDArray[np.intp]:
         """Indices into `time` of the frames that the codec drew anew, without the frames before them."""

@@ -36,18 +36,16 @@ def glimpses(
     check_size(film, camera)
     count = len(film.time)
     rest = np.arange(count) if reference_s is None else reference_frames(film, reference_s)
-    wanted = {
+    wanted = sorted({
         *range(min(START_FRAMES, count)),
         *_even(rest, IN_REST),
         *_even(np.arange(count), IN_REST_OF_FILM),
-    }
+    })  # fmt: skip
     coded = codes_of(marks)
     start: list[Image] = []
     rows: list[tuple[int, float, Array]] = []
     unused: dict[int, Array] = {}
-    for index, time, image in film.frames():
-        if index not in wanted:
-            continue
+    for index, time, image in film.chosen(wanted):
         quads = detect(image, dictionary)[0]
         if len(start) < START_FRAMES:
             start.append(image)
@@ -58,8 +56,6 @@ def glimpses(
             if code in quads:
                 place[p] = camera.undistort(quads[code]).mean(axis=0)
         rows.append((index, time, place))
-        if index >= max(wanted):
-            break
     frames, times, places = zip(*rows, strict=True)
     warp = first_seen(start, camera, marks, dictionary)
     return Glimpses(

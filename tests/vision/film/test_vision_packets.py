@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from av.video.frame import VideoFrame
 
 from vision import Video
 from vision.film.decoding import ahead
@@ -80,6 +81,28 @@ def test_a_part_of_a_film_is_the_same_pictures(codec: str, container: str, tmp_p
         part = {index: grey for index, _, grey in film.frames(first, stop)}
         assert list(part) == list(range(first, min(stop, FRAMES)))
         assert all(np.array_equal(grey, whole[index]) for index, grey in part.items())
+    wanted = [0, 1, 19, 20, 45, FRAMES - 1]
+    some = {index: grey for index, _, grey in film.chosen(wanted)}
+    assert list(some) == wanted
+    assert all(np.array_equal(grey, whole[index]) for index, grey in some.items())
+
+
+def test_chosen_frames_pass_over_key_frames_that_none_needs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    film, decoded = written(tmp_path / "film.mkv", "libx264", g="10", bf="0"), []
+    honest = Video._decoded
+
+    def counted(self: Video, after: float | None = None) -> Iterator[VideoFrame]:
+        for frame in honest(self, after):
+            decoded.append(frame)
+            yield frame
+
+    monkeypatch.setattr(Video, "_decoded", counted)
+    assert [index for index, *_ in film.chosen([2, FRAMES - 1])] == [2, FRAMES - 1]
+    assert len(decoded) < 40  # of FRAMES: MOST_B and a group of ten before each
+    film._in_order = True  # no stamps to look for: one pass, not one for each group
+    decoded.clear()
+    assert [index for index, *_ in film.chosen([2, FRAMES - 1])] == [2, FRAMES - 1]
+    assert len(decoded) == FRAMES
 
 
 def test_decoding_ahead_keeps_order_errors_and_ends() -> None:
