@@ -75,12 +75,13 @@ def laboratory(short: Finger, short_case: Case) -> Laboratory:
 
 def diagnosed(
     laboratory: Laboratory, truth: virtual.Truth, *, seeds: tuple[int, ...], bench: virtual.Bench = BENCH,
+    sought: tuple[str, ...] = SOUGHT,
 ) -> list[Diagnosis]:
     film = laboratory.film(truth, bench)
     first = film(seeds[0])
     model = base_model(first, laboratory.case).on_mesh(laboratory.mesh)
     start = fit_model(model, first, whitener_of(model, NOMINAL, first), start=NOMINAL).theta
-    effects = [effect(name) for name in SOUGHT]
+    effects = [effect(name) for name in sought]
     return [diagnose(model, effects, film(seed), seed=0, start=start) for seed in seeds]
 
 
