@@ -18,7 +18,7 @@ def short(value: Any) -> str:
     if not math.isfinite(value):
         return "–"
     if 1e-4 <= abs(value) < 100 or value == 0:
-        return f"{value:.3g}"
+        return f"{value + 0.0:.3g}"  # no "-0"
     return f"{value:,.0f}" if 100 <= abs(value) < 1e7 else f"{value:.2e}"
 
 

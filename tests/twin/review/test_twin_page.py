@@ -206,7 +206,7 @@ def test_the_file_is_written_whole_or_not_at_all(tmp_path: Path) -> None:
 
 def test_numbers_have_the_digits_that_they_deserve() -> None:
     assert [
-        short(number) for number in (0.05312, 12.0, 1234.5, 0.0, 3.2e-9, -2.0, None, float("nan"), 1500)
+        short(number) for number in (0.05312, 12.0, 1234.5, -0.0, 3.2e-9, -2.0, None, float("nan"), 1500)
     ] == [*("0.0531", "12", "1,234", "0", "3.20e-09", "-2", "–", "–", "1,500")]
     row = {"value": 143.217, "low": 120.0, "high": 166.0}
     assert (value(row), interval(row)) == ("143", "120 to 166")
