@@ -229,6 +229,8 @@ def identifiability(fit: Fit, names: tuple[str, str], *, fits: bool = True) -> s
     )
     if abs(correlation) > 0.9:
         return f"{values}. {verdict} one by one: their errors trade off, so quote the sum and the share."
+    if not fits:  # what is missing moves the share, and nothing here tells how far
+        return f"{values}. These targets can tell {a} and {b} apart, but only with a model that fits."
     return f"{values}. These targets tell {a} and {b} apart."
 
 
