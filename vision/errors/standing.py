@@ -17,6 +17,8 @@ SHORT = 10  # frames beside a key frame whose mean is, at least
 FRESH = 0.6  # variance that a key frame draws anew over what coding leaves at rest; drawn film: 0.2 to 1.4
 WORTH = 6.0  # degrees of freedom that this is worth, from its scatter
 EVEN = 4.0  # degrees of freedom that all blocks' changes together are worth for one of them
+SLOW = 0.014  # of the variance is new from block to block; drawn film of crf 23 to 28: 0.001 to 0.05
+FEW = 4.0  # degrees of freedom that this is worth: few frame marks may all be lucky
 MOST_NEW = 0.95  # of the variance, from block to block
 
 
@@ -106,7 +108,7 @@ def _kept(residual: Array, blocks: Sequence[slice], of: NDArray[np.intp], free: 
     means = [mean_seen(residual[block]) for block in blocks]
     same = of[1:] == of[:-1]
     step = np.array([_half(a, b) for a, b in pairwise(means)]) / free
-    usual = float(step[same].mean()) if same.any() else 0.0
+    usual = (SLOW * variance * FEW + free * float(step[same].sum())) / (FEW + free * int(same.sum()))
     step = (EVEN * usual + free * step) / (EVEN + free)
     age = -np.log(1.0 - np.minimum(step / max(variance, 1e-30), MOST_NEW))
     age = np.concatenate([[0.0], np.cumsum(np.where(same, age, 0.0))])
