@@ -34,10 +34,13 @@ class NoiseModel:
     persistence: Persistence = WHITE  # of all points together
 
 
-def static_noise(place: Array, names: Sequence[str], film: str) -> NoiseModel:
+def static_noise(
+    place: Array, names: Sequence[str], film: str, parts: Sequence[slice] = (slice(None),)
+) -> NoiseModel:
     """Noise model of places (t,p,2) mm (x, z) or (t,p,3) mm at rest, without its codec term.
 
-    names: (p,) of the points.   film: name of the static film.
+    names: (p,) of the points.   film: name of the static film.   parts: stretches of it whose means are taken
+    off, one for all: at rare key frames places step, which is stated apart.
 
     How long noise lasts is that of all points together (`persistence_of`). What is new in every frame tells
     which points are noisier, and how they are correlated: of slow errors a film of rest holds too few. A
@@ -52,7 +55,7 @@ def static_noise(place: Array, names: Sequence[str], film: str) -> NoiseModel:
             f"static film {film} shows marker {names[most]!r} in {count[most]} frames and none in more, "
             f"wanted {MIN_STATIC}: film the markers at rest for longer"
         )
-    error = place[:, enough] - mean_seen(place[:, enough])
+    error = np.concatenate([place[part][:, enough] - mean_seen(place[part][:, enough]) for part in parts])
     found = persistence_of(error.reshape(len(error), -1))
     new = innovations(error, found.first)
     sd = np.zeros((len(names), place.shape[-1]))

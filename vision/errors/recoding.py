@@ -23,10 +23,11 @@ from vision.plane import homographies, to_plane
 
 WINDOW = 60  # frames coded again
 SETTLE = 5  # first frames of the window, near its key frame, left out
+UNSEEN = 12  # last ones: coders look ahead, and spend less on what nothing is seen to refer to
 SHIFT = np.array([5.0, 3.0])  # px, off every block grid
 START, FINEST, COARSEST = 23.0, 1.0, 51.0  # rate factor tried first, and its range
 OCTAVE = 4.0  # more of it halve the bytes: 6 where the picture's edges take them, 3 where its noise does
-TRIES = 4
+TRIES = 6
 KEPT_GREY = (
     0.65  # grey levels left: x264's usual tuning leaves 0.5 at most, that for grain 0.7 and more at crf 18
 )
@@ -78,7 +79,8 @@ def coded_again(
             for pixels in (centres(again, follower.centre), followed.ideal[window])
         ]
         own = place[0] - place[1]
-        result.append(Again(window, own[SETTLE:], state[window][SETTLE:, points], level, ratio))
+        kept = slice(SETTLE, -UNSEEN)
+        result.append(Again(window, own[kept], state[window][kept, points], level, ratio))
     return result
 
 
@@ -134,8 +136,10 @@ def _matched(film: Video, coding: Coding, window: slice, level: float, path: Pat
     for _ in range(TRIES):
         _write(film, coding, window, level, noise, path)
         again = Video(path).coding()
-        off = float(np.log2(max(_bytes(again.size, again.key), 1) / wanted))
-        low, high = ((level, off), high) if off > 0 else (low, (level, off))
+        before, off = off, float(np.log2(max(_bytes(again.size, again.key), 1) / wanted))
+        # Noise that only just comes through makes bytes steep: an end that stays counts half (Illinois).
+        stays = 0.5 if off * before > 0 else 1.0
+        low, high = ((level, off), (high[0], stays * high[1])) if off > 0 else ((low[0], stays * low[1]), (level, off))
         guess = level + off * OCTAVE
         if np.isfinite(low[1]) and np.isfinite(high[1]):
             guess = low[0] + (high[0] - low[0]) * low[1] / (low[1] - high[1])
@@ -147,8 +151,8 @@ def _matched(film: Video, coding: Coding, window: slice, level: float, path: Pat
 
 
 def _bytes(size: NDArray[np.intp], key: NDArray[np.bool_]) -> int:
-    """Bytes of the frames that are no key frames, without those at the window's start; of all if all are."""
-    size, key = size[SETTLE:], key[SETTLE:]
+    """Bytes of the frames that are no key frames, without those at the window's ends; of all if all are."""
+    size, key = size[SETTLE:-UNSEEN], key[SETTLE:-UNSEEN]
     return int(size[~key].sum()) if (~key).any() else int(size.sum())
 
 

@@ -53,7 +53,7 @@ class Coding:
         common = {"crf": f"{level:.2f}", "preset": "fast" if self.live else "medium"}
         if self.codec == "hevc":
             told = f"bframes={self.between}:keyint={self.every}:log-level=error"
-            plain = ":scenecut=0:cutree=0:aq-mode=0:psy-rd=0" if self.live else ""
+            plain = ":scenecut=0" if self.live else ""
             return "libx265", {**common, "x265-params": told + plain}
         plain = "scenecut=0:mbtree=0:aq-mode=0:psy=0:weightp=0" if self.live else ""
         own = {"bf": str(self.between), "g": str(self.every), "x264-params": plain}

@@ -12,6 +12,7 @@ from vision.errors import keyframes, modes
 from vision.errors.codecterms import Codec, codec_sd
 from vision.errors.modes import Named, Stated
 from vision.errors.noise import REST, NoiseModel, states, static_noise, with_y
+from vision.errors.standing import standing
 from vision.errors.variance import Rest, at_rest, by_hand, independent, misfit
 from vision.following.methods import COARSE
 from vision.following.tracks import Followed
@@ -69,13 +70,14 @@ def in_plane(seen: Seen, marks: Sequence[Mark], stated: Stated, steps: NDArray[n
     """
     scene = _scene(seen, marks, steps)
     place = to_plane(scene.quiet.homography, seen.still.ideal[:, scene.points])
-    noise = static_noise(place, [mark.name for mark in scene.output], seen.static)
+    noise = static_noise(place, [mark.name for mark in scene.output], seen.static, _quiet_keys(seen))
     extra = _codec(seen, scene)
     state = states(seen.film.ideal[:, scene.points])
     noise = replace(noise, codec_sd=while_moving(extra, state != REST))
     extra, rest = extra[steps], at_rest(noise, scene.quiet, place)
     holds, loose, unshared = modes.codec(extra, state[steps], scene.output, seen.codec.shared)
-    keyed, unkeyed = _keyed(seen, scene, place, rest, steps)
+    keyed, flicker, unkeyed = _keyed(seen, scene, place, rest, steps)
+    loose = np.where(loose > 0.0, loose, np.sqrt(flicker * with_y(1.0 + rest.homography / rest.frame_variance)))
     start = _reference_sd(noise, seen.codec, len(scene.film.reference))
     linear = linear_maps(seen.film, seen.homography(marks))
     rotation = rotations(linear)
@@ -140,41 +142,33 @@ def _redrawn(seen: Seen, scene: _Scene) -> Named:
 
 def _keyed(
     seen: Seen, scene: _Scene, place: Array, rest: Rest, steps: NDArray[np.intp]
-) -> tuple[Named, tuple[str, ...]]:
-    """Errors that stay in marks at rest until coding draws them anew, and a sentence where it does too often.
+) -> tuple[Named, float, tuple[str, ...]]:
+    """Errors that stay in marks at rest until coding draws them anew, mm2 that are new in every frame, and a
+    sentence where key frames are too many.
 
-    place: (t,p,2) mm in the static film. The frame marks of the film tell their size; the static film does
-    too where it holds two stretches between key frames.
+    place: (t,p,2) mm in the static film.
     """
-    key = keyframes.stretches(seen.keys, len(seen.film.time))
-    if not keyframes.rare(key):
-        return {}, ()
-    if len(key) > keyframes.MOST:
-        return {}, (
-            f"The film has {len(key)} key frames, at which the picture of markers at rest changes a "
+    keys = keyframes.stretches(seen.keys, len(seen.film.time))
+    if not keyframes.rare(keys):
+        return {}, 0.0, ()
+    film = plane_of(scene.plane.nominal, seen.film.ideal[:, scene.frame])
+    frozen = float(np.mean(seen.codec.rest[[0, 2]] ** 2))
+    error = standing(film, scene.quiet, place, rest, frozen, keys, _quiet_keys(seen))
+    if len(keys) > keyframes.MOST:
+        return {}, error.flicker, (
+            f"The film has {len(keys)} key frames, at which the picture of markers at rest changes a "
             f"little. Of more than {keyframes.MOST} this is not modelled.",
         )
-    variance = keyframes.frame_step_variance(scene.plane, rest, [_thin(key, steps)])
-    quiet = keyframes.stretches(seen.still_keys, len(place))
-    if keyframes.rare(quiet) and (shown := keyframes.telling(quiet)):
-        variance = max(variance, keyframes.step_variance(place, scene.quiet, rest, shown))
-    turns = keyframes.moves(seen.keys, states(seen.film.ideal))
-    finer = keyframes.stretches(np.union1d(seen.keys, turns), len(seen.film.time))
-    within = [[part for part in finer if k.start <= part.start < k.stop] for k in key]
-    moved = keyframes.frame_step_variance(scene.plane, rest, [_thin(parts, steps) for parts in within])
     still = np.asarray(~(np.nan_to_num(rest.noise.codec_sd) > 0).any(axis=1))
-    found: dict[str, Array] = {}
-    for power, parts, word in ((variance, key, "key"), (moved, finer, "stirred")):
-        if power > 0.0 and len(parts) > 1:
-            found |= keyframes.key_modes(
-                power, parts, steps, scene.film.reference, scene.output, still, scene.plane, scene.place, word
-            )
-    return found, ()
+    reference = scene.film.reference
+    modes = keyframes.key_modes(error, steps, reference, scene.output, still, scene.plane, scene.place)
+    return modes, error.flicker, ()
 
 
-def _thin(parts: Sequence[slice], steps: NDArray[np.intp]) -> list[slice]:
-    """Stretches of frames as stretches of steps."""
-    return [slice(*np.searchsorted(steps, (part.start, part.stop)).tolist()) for part in parts]
+def _quiet_keys(seen: Seen) -> list[slice]:
+    """Stretches of the static film between key frames; one where they are so many that its noise holds them."""
+    parts, count = keyframes.stretches(seen.still_keys, len(seen.still.time)), len(seen.still.time)
+    return parts if keyframes.rare(parts) else [slice(0, count)]
 
 
 def _modes(

@@ -1,0 +1,131 @@
+"""How the coding error of a picture at rest changes in a film in which others move, told by its frame marks."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vision.camera import Array
+from vision.errors.variance import Rest
+from vision.following.turns import mean_seen
+from vision.plane import Plane
+
+BLOCK, BLOCKS = 40, 40  # frames in whose mean the error is taken, and most such blocks of a film
+SHORT = 10  # frames beside a key frame whose mean is, at least
+FRESH = 0.6  # variance that a key frame draws anew over what coding leaves at rest; drawn film: 0.2 to 1.4
+WORTH = 6.0  # degrees of freedom that this is worth, from its scatter
+EVEN = 4.0  # degrees of freedom that all blocks' changes together are worth for one of them
+SLOW = 0.014  # of the variance is new from block to block; drawn film of crf 23 to 28: 0.001 to 0.05
+FEW = 4.0  # degrees of freedom that this is worth: few frame marks may all be lucky
+MOST_NEW = 0.95  # of the variance, from block to block
+
+
+@dataclass(frozen=True)
+class Standing:
+    """Coding error of marks at rest beyond the static film's noise, each axis of one mark's centre."""
+
+    blocks: tuple[slice, ...]  # (b,) stretches of the film
+    covariance: Array  # (b,b) mm2, of its means in them
+    flicker: float  # mm2, new in every frame
+    noise_mm: float  # sd of a frame mark in the static film, against which it matters
+
+
+def standing(
+    film: Plane, quiet: Plane, place: Array, rest: Rest, frozen: float, keys: Sequence[slice],
+    quiet_keys: Sequence[slice],
+) -> Standing:  # fmt: skip
+    """The error in the film, whose key frames are rare.
+
+    film, quiet: frame marks in all frames of the film, and of the static film.   place: (t,p,2) mm in that.
+    frozen: mm2, what coding leaves in marks at rest.   keys, quiet_keys: stretches between key frames.
+
+    What is left of f frame marks has 2 f - 8 degrees of freedom. What is drawn anew is told by the film's key
+    frames, by those of the static film in all its marks, and by what coding leaves: each counts as much as
+    it has degrees of freedom. How it changes in between is told by the film alone: where nothing moves, coders
+    repeat more. A point has the frame marks' share on top of its own.
+    """
+    blocks, of = _blocks(keys)
+    free = _freedom(film)
+    if free < 1:
+        return Standing(tuple(blocks), np.zeros((len(blocks), len(blocks))), 0.0, 0.0)
+    share = 1.0 + rest.homography / rest.frame_variance
+    seen = np.isfinite(place[..., 0]).any(axis=0)
+    noise = rest.noise.persistence.lasting * float(np.mean(rest.noise.sd[:, [0, 2]] ** 2 / share))
+    told = [(FRESH * frozen / float(share.mean()) - noise, WORTH if frozen > 0.0 else 0.0)]
+    told.append(_redrawn(_steps(film.residual, keys), rest, free, free))
+    own = _steps(np.concatenate([place[:, seen], quiet.residual], axis=1), quiet_keys)
+    told.append(_redrawn(own, rest, 2.0 * int(seen.sum()) + free, float(share[seen].sum()) + free))
+    weight = sum(count for _, count in told)
+    drawn = max(sum(found * count for found, count in told) / weight, 0.0) if weight else 0.0
+    kept = _kept(film.residual, blocks, of, free, drawn + noise)
+    return Standing(tuple(blocks), drawn * kept, _flicker(film, quiet), float(np.sqrt(rest.frame_variance)))
+
+
+def _blocks(keys: Sequence[slice]) -> tuple[list[slice], NDArray[np.intp]]:
+    """Blocks (b,) of the film, none across a key frame, and the stretch (b,) of each."""
+    length = max(BLOCK, keys[-1].stop // BLOCKS)
+    blocks, of = [], []
+    for k, part in enumerate(keys):
+        count = max(round((part.stop - part.start) / length), 1)
+        edges = np.linspace(part.start, part.stop, count + 1).round().astype(int).tolist()
+        blocks += [slice(a, b) for a, b in pairwise(edges)]
+        of += [k] * count
+    return blocks, np.array(of)
+
+
+def _freedom(plane: Plane) -> int:
+    return 2 * int(np.count_nonzero(plane.seen.any(axis=0))) - 8
+
+
+def _redrawn(steps: list[tuple[float, int, int]], rest: Rest, free: float, size: float) -> tuple[float, float]:
+    """Variance mm2 of what key frames draw anew, and its degrees of freedom.
+
+    steps: from `_steps`.   free: values in each.   size: sum of their variances over that of a frame mark.
+    """
+    if not steps or free < 1:
+        return 0.0, 0.0
+    mean = rest.noise.persistence.of_mean
+    noise = [0.5 * rest.frame_variance * (mean(before) + mean(after)) for _, before, after in steps]
+    return float(np.mean([step for step, _, _ in steps])) / size - float(np.mean(noise)), free * len(steps)
+
+
+def _steps(place: Array, keys: Sequence[slice]) -> list[tuple[float, int, int]]:
+    """Half the squared step mm2 of places (t,m,2) at each key frame, summed, and the frames before and after."""
+    found = []
+    for a, b in pairwise(keys):
+        before = place[max(a.start, a.stop - BLOCK) : a.stop]
+        after = place[b.start : min(b.stop, b.start + BLOCK)]
+        if min(len(before), len(after)) >= SHORT:
+            found.append((_half(mean_seen(before), mean_seen(after)), len(before), len(after)))
+    return found
+
+
+def _kept(residual: Array, blocks: Sequence[slice], of: NDArray[np.intp], free: int, variance: float) -> Array:
+    """Correlation (b,b) of blocks' errors of that variance mm2: how much changes from one to the next, the frame
+    marks tell."""
+    means = [mean_seen(residual[block]) for block in blocks]
+    same = of[1:] == of[:-1]
+    step = np.array([_half(a, b) for a, b in pairwise(means)]) / free
+    usual = (SLOW * variance * FEW + free * float(step[same].sum())) / (FEW + free * int(same.sum()))
+    step = (EVEN * usual + free * step) / (EVEN + free)
+    age = -np.log(1.0 - np.minimum(step / max(variance, 1e-30), MOST_NEW))
+    age = np.concatenate([[0.0], np.cumsum(np.where(same, age, 0.0))])
+    return np.where(np.equal.outer(of, of), np.exp(-np.abs(np.subtract.outer(age, age))), 0.0)
+
+
+def _half(before: Array, after: Array) -> float:
+    return 0.5 * float(np.nansum((after - before) ** 2))
+
+
+def _flicker(film: Plane, quiet: Plane) -> float:
+    """Variance mm2 that is new in every frame of the film and not in those of the static film: where others
+    move, coders draw B-frames of what rests less exactly."""
+    return max(_new(film) - _new(quiet), 0.0)
+
+
+def _new(plane: Plane) -> float:
+    power = np.diff(plane.residual, axis=0) ** 2
+    count = np.maximum(np.isfinite(power).sum(axis=0), 1)
+    return 0.5 * float(np.sum(np.nansum(power, axis=0) / count)) / max(_freedom(plane), 1)
