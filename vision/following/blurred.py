@@ -17,7 +17,7 @@ from vision.following.registration import INTERPOLATED, Picture, Templates
 from vision.marks import linear_at_centre
 
 EXCESS = 1.8  # times what a fit at rest leaves: below it nothing is tried
-FIRST = 0.3  # of what is left beyond that must go in the first step; what coding leaves goes by a hundredth
+FIRST = 0.5  # of what is left beyond that must go in the first step; what coding leaves goes by a hundredth
 ENOUGH, NEARLY = 0.85, 3.0  # of it must go in all, or so many times what is usual be left at most
 SHARPER, MOST = -0.25, 9.0  # px2, of a blur's variance along any axis, against that at rest
 STEPS = 8

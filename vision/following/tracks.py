@@ -1,7 +1,7 @@
 """One homography a mark and frame: marks are followed through a film, lost and found again."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,10 +45,10 @@ class Followed:
     ideal: Array  # (t,p,2) px, centres, undistorted
     covariance: Array  # (t,p,2,2) px2
     method: NDArray[np.int8]  # (t,p) of `Method`
+    growth: Array  # (t,p) of the variance by a blur that was fitted; 1 without
     reference: NDArray[np.intp]  # (r,) frames of the reference
     said: tuple[str, ...] = ()  # what else is to be said of lost marks, in sentences for the user
     noted: tuple[str, ...] = ()  # what was left out without asking anything of the user
-    growth: Array = field(default_factory=lambda: np.ones((1, 1)))  # (t,p) of the variance by blur alone
 
 
 @dataclass(frozen=True)

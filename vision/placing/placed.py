@@ -38,7 +38,7 @@ def thinned(followed: Followed, steps: NDArray[np.intp]) -> Followed:
         ideal=followed.ideal[steps],
         covariance=followed.covariance[steps],
         method=followed.method[steps],
-        growth=np.broadcast_to(followed.growth, followed.method.shape)[steps],
+        growth=followed.growth[steps],
         reference=np.searchsorted(steps, followed.reference),
     )
 
