@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import _first  # noqa: F401
+import cv2
 import numpy as np
 from markers import NOISE, REFERENCE, Frames, Scene, displacement, scene
 from numpy.typing import NDArray
@@ -66,12 +67,34 @@ def shadow(patch: Patch, rng: np.random.Generator) -> Array:
     return np.asarray(patch.grey * (1.0 - (1.0 - rng.uniform(0.5, 0.95)) * dark))
 
 
+def defocus(patch: Patch, rng: np.random.Generator) -> Array:
+    return np.asarray(cv2.GaussianBlur(patch.grey, (0, 0), rng.uniform(0.3, 2.0)))
+
+
+def motion(patch: Patch, rng: np.random.Generator) -> Array:
+    """Smeared evenly over some px, its mean place kept."""
+    length, angle = rng.uniform(1.0, 8.0), rng.uniform(0.0, np.pi)
+    kernel = np.zeros((13, 13))
+    for at in np.linspace(-0.5, 0.5, 81) * length:
+        x, y = 6.0 + at * np.cos(angle), 6.0 + at * np.sin(angle)
+        left, top = int(x), int(y)
+        across, down = np.array([left + 1 - x, x - left]), np.array([top + 1 - y, y - top])
+        kernel[top : top + 2, left : left + 2] += np.outer(down, across) / 81.0
+    return np.asarray(cv2.filter2D(patch.grey, -1, kernel))
+
+
+def light(patch: Patch, rng: np.random.Generator) -> Array:
+    angle, slope = rng.uniform(0.0, 2.0 * np.pi), 10.0 ** rng.uniform(-2.0, -0.5) / patch.side
+    return patch.grey * (1.0 + slope * (patch.x * np.cos(angle) + patch.y * np.sin(angle)))
+
+
 def _step(x: Array) -> Array:
     return np.asarray(1.0 / (1.0 + np.exp(-np.clip(x, -50.0, 50.0))))
 
 
 KINDS: dict[str, Callable[[Patch, np.random.Generator], Array] | None] = {
     "nothing": None, "glare": glare, "strip": strip, "shadow": shadow,
+    "defocus": defocus, "motion": motion, "light": light,
 }  # fmt: skip
 
 

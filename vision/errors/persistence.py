@@ -98,4 +98,3 @@ def innovations(error: Array, first: float) -> Array:
     than the errors themselves.
     """
     return np.asarray(error[1:] - first * error[:-1])
-

@@ -102,8 +102,9 @@ def misfit(followed: Followed) -> Array:
     leaves two to three times more in some frames than in others, which the codec's term has. ECC and corners
     are never usual: a mark without plain registration takes the median of the others. Where coding repeats a
     picture nothing is left, so that what marks leave which move is usual too, the least quarter of it.
+    A blur that was fitted has a variance of its own, which counts however little it is.
     """
-    size = np.trace(followed.covariance, axis1=2, axis2=3)
+    size = np.trace(followed.covariance, axis1=2, axis2=3) / followed.growth
     plain = np.isfinite(size) & ~np.isin(followed.method, COARSE)
     usual = np.array([np.median(x[s]) if s.any() else np.nan for x, s in zip(size.T, plain.T, strict=True)])
     moving = size[plain & (states(followed.ideal) != REST)]
@@ -111,4 +112,4 @@ def misfit(followed: Followed) -> Array:
     known = np.isfinite(usual) & (usual > 0.0)
     others = np.median(usual[known]) if known.any() else np.inf
     ratio = size / np.where(known, usual, others)
-    return np.where(ratio > CLEARLY, ratio, 1.0)
+    return np.where(ratio > CLEARLY, ratio, 1.0) * followed.growth

@@ -41,13 +41,13 @@ def corrected(
     if not corrections:
         return film
     warp, ideal, covariance = film.warp.copy(), film.ideal.copy(), film.covariance.copy()
-    method = film.method.copy()
+    method, growth = film.method.copy(), film.growth.copy()
     for own in corrections:
         p, frames = _row(own.mark, names), _frames(own, film.time)
         if own.does == "swap":
             q = _row(own.other, names)
             pair, back = [p, q], [q, p]
-            for array in (warp, ideal, covariance, method):
+            for array in (warp, ideal, covariance, method, growth):
                 array[frames[:, None], pair] = array[frames[:, None], back]
         elif own.does == "lost":
             warp[frames, p], ideal[frames, p], covariance[frames, p] = np.nan, np.nan, np.nan
@@ -57,9 +57,11 @@ def corrected(
             covariance[frames, p], method[frames, p] = own.sd_px**2 * np.eye(2), Method.BY_HAND
             warp[frames, p] = _turned(warp[:, p], int(frames[0]), ideal[frames[0], p])
     said = (f"{len(corrections)} corrections by hand were made to the tracks.",)
+    growth[method != Method.ADJUSTED] = 1.0
     return replace(
-        film, warp=warp, ideal=ideal, covariance=covariance, method=method, noted=(*film.noted, *said)
-    )
+        film, warp=warp, ideal=ideal, covariance=covariance, method=method, growth=growth,
+        noted=(*film.noted, *said),
+    )  # fmt: skip
 
 
 def _row(name: str, names: Sequence[str]) -> int:

@@ -13,7 +13,8 @@ class Method(IntEnum):
     ECC = 4  # smoothed correlation, where registration fails
     CORNERS = 5  # its four corners, where that fails too
     BY_HAND = 6  # where a person says that it is
+    ADJUSTED = 7  # registered, with its blur and the slope of its light fitted beside the place
 
 
-FIRM = (Method.REGISTERED, Method.FOUND_AGAIN)
+FIRM = (Method.REGISTERED, Method.FOUND_AGAIN, Method.ADJUSTED)
 COARSE = (Method.ECC, Method.CORNERS, Method.BY_HAND)  # less certain than registration, and stated so

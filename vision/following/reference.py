@@ -12,7 +12,7 @@ from vision.camera import Array, Camera, Image
 from vision.dictionaries import dictionary_of, other_dictionary
 from vision.film.sharpness import picture_trouble
 from vision.film.video import Video
-from vision.following import registration
+from vision.following import blurred, registration
 from vision.following.dots import Dot, find_dots
 from vision.following.identity import GATE, assign
 from vision.following.printed import CELLS_BEYOND, printed_centres
@@ -54,6 +54,8 @@ class Follower:
     dots: dict[int, Dot]  # by row of the marks, as the first frame shows them
     least: Array  # (coded,) correlation below which a coded mark is not believed
     quarters: Quarters  # of the templates
+    spectra: blurred.Spectra  # of the templates
+    usual: Array  # (coded,) share of a patch's power that its fit leaves at rest
 
 
 def prepare(
@@ -68,7 +70,7 @@ def prepare(
     reference = reference_frames(film, reference_s)
     coded = np.array(registered_of(marks), dtype=np.intp)
     seed, dots, single = _start(film, camera, marks, dictionary, coded)
-    mean, least = _average(
+    mean, least, usual = _average(
         islice(film.frames(), min(len(reference), MAX_REFERENCE)), camera, single, seed[coded]
     )
     templates = registration.templates(mean, single.grid)
@@ -89,13 +91,19 @@ def prepare(
         dots=dots,
         least=least,
         quarters=quarters(templates),
+        spectra=blurred.spectra(templates),
+        usual=usual,
     )
 
 
 def _average(
     frames: Iterable[tuple[int, float, Image]], camera: Camera, single: registration.Templates, seed: Array
-) -> tuple[Array, Array]:
-    """Mean patches with slopes (p,3,n) of the frames, and the least correlation (p,) to believe a match."""
+) -> tuple[Array, Array, Array]:
+    """Mean patches with slopes (p,3,n) of the frames, the least correlation (p,) to believe a match, and the
+    share (p,) of a patch's power that its fit to the mean leaves.
+
+    A single frame's patch, with which they are compared, is as noisy as they are: it leaves twice as much.
+    """
     total, count, match_sum = (
         np.zeros((len(seed), 3, single.grid.shape[1])),
         np.zeros(len(seed)),
@@ -111,7 +119,8 @@ def _average(
     mean = total / np.maximum(count, 1)[:, None, None]
     mean[count == 0] = _blank(single.grid)
     usual = match_sum / np.maximum(count, 1)
-    return mean, np.maximum(np.minimum(MIN_CORRELATION, 1.0 - 4.0 * (1.0 - usual)), SURE)
+    least = np.maximum(np.minimum(MIN_CORRELATION, 1.0 - 4.0 * (1.0 - usual)), SURE)
+    return mean, least, 0.5 * (1.0 - np.minimum(usual, 1.0) ** 2)
 
 
 def reference_frames(film: Video, reference_s: float) -> NDArray[np.intp]:

@@ -50,6 +50,14 @@ def project(warp: Array, local: Array) -> Array:
     return np.stack([mapped[..., 0, :], mapped[..., 1, :]], axis=-1) / mapped[..., 2, :, None]
 
 
+def grey_under(image: Picture, lens: Array, warp: Array, grid: Array) -> Array:
+    """Grey levels (p,n) of the picture at the warped grid; points outside take its nearest grey level."""
+    grey = np.empty((len(warp), grid.shape[1]))
+    picture = np.asarray(image, dtype=np.float32)
+    sampling.sample(picture, lens, np.ascontiguousarray(warp), grid[:2], _side(grid), grey)
+    return grey
+
+
 def patches(image: Picture, lens: Array, warp: Array, grid: Array) -> Array:
     """Grey levels (p,3,n) at the warped grid and their local derivatives in x and y (central differences).
 

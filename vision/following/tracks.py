@@ -10,13 +10,13 @@ from vision.camera import Array, Image
 from vision.film import stutter
 from vision.film.checkpoint import Keeper, Progress, Row, every_frame
 from vision.film.video import Video
-from vision.following import fallback, registration, uneven
+from vision.following import blurred, fallback, registration, uneven
 from vision.following.dots import eccentricity
 from vision.following.fallback import ECC_SD
 from vision.following.identity import DotMemory, follow_dots
 from vision.following.identity import start as memory_of
 from vision.following.methods import FIRM, Method
-from vision.following.reference import Follower, reference_frames
+from vision.following.reference import SURE, Follower, reference_frames
 from vision.marks import codes_of, corner_warp, detect, dot_warp, linear_at_centre, px_per_unit
 from vision.plane import homographies, to_plane
 
@@ -45,6 +45,7 @@ class Followed:
     ideal: Array  # (t,p,2) px, centres, undistorted
     covariance: Array  # (t,p,2,2) px2
     method: NDArray[np.int8]  # (t,p) of `Method`
+    growth: Array  # (t,p) of the variance by a blur that was fitted; 1 without
     reference: NDArray[np.intp]  # (r,) frames of the reference
     said: tuple[str, ...] = ()  # what else is to be said of lost marks, in sentences for the user
     noted: tuple[str, ...] = ()  # what was left out without asking anything of the user
@@ -102,6 +103,7 @@ def follow(
         ideal=ideal,
         covariance=own + more[..., None, None] * np.eye(2),
         method=method,
+        growth=np.where(method == Method.ADJUSTED, match, 1.0),
         reference=reference_frames(film, reference_s),
         said=(*_absent(film, absent), *_unknown(names, unknown, film.time)),
         noted=_stale(film, np.flatnonzero(old)),
@@ -163,9 +165,9 @@ class _Shown:
     """What one picture shows of p marks; filled in place, a lost mark stays as in `nothing`."""
 
     warp: Array  # (p,3,3) local to ideal px
-    match: Array  # (p,) correlation, or for a dot the variance of its contour
+    match: Array  # (p,) correlation; for a dot the variance of its contour, for an adjusted mark its growth
     method: NDArray[np.int8]  # (p,) of `Method`
-    spread: Array  # (p,2,2) px2, covariance of corners, or of a dot for unit variance
+    spread: Array  # (p,2,2) px2, covariance of corners and adjusted marks, or of a dot for unit variance
     leaning: Array  # (p,2) of `uneven.lean`
 
     @classmethod
@@ -257,6 +259,24 @@ def _lay(
     kept = marks[good]
     shown.warp[kept], shown.match[kept], shown.method[kept] = laid[good], correlation[good], way
     shown.leaning[kept] = uneven.lean(follower.quarters, rows[good], sums[good], linear_at_centre(laid[good]))
+    _adjust(image, follower, rows, laid, correlation, shown)
+
+
+def _adjust(
+    image: Image, follower: Follower, rows: NDArray[np.intp], laid: Array, match: Array, shown: _Shown
+) -> None:
+    """Write those coded marks whose blur and light explain what registration leaves of them."""
+    much = (match > SURE) & (1.0 - match**2 > blurred.EXCESS * follower.usual[rows])
+    lens = registration.lens_of(follower.camera)
+    for k in np.flatnonzero(much).tolist():
+        row, p = int(rows[k]), int(follower.coded[rows[k]])
+        found = blurred.adjust(
+            image, lens, follower.templates, follower.spectra, row, start=laid[k],
+            usual=float(follower.usual[row]), match=float(match[k]),
+        )  # fmt: skip
+        if found is not None and np.sqrt(1.0 - found.left) > follower.least[row]:
+            shown.warp[p], shown.match[p], shown.method[p] = found.warp, found.growth, Method.ADJUSTED
+            shown.spread[p], shown.leaning[p] = found.covariance, found.leaning
 
 
 def _memory(follower: Follower) -> DotMemory:
@@ -309,8 +329,8 @@ def _covariance(
         follower.templates, linear_at_centre(warp[:, follower.coded]), match[:, follower.coded]
     )
     covariance[method == Method.ECC] *= ECC_SD**2
-    corners = method == Method.CORNERS
-    covariance[corners] = spread[corners]
+    given = np.isin(method, (Method.CORNERS, Method.ADJUSTED))
+    covariance[given] = spread[given]
     dots = np.setdiff1d(np.arange(len(follower.marks)), follower.coded)
     seen, own = np.isfinite(warp[:, dots, 0, 0]), match[:, dots]
     usual = np.sum(own * seen, axis=0) / np.maximum(seen.sum(axis=0), 1)

@@ -16,8 +16,9 @@ from vision.following.registration import Templates
 # Times the mark's usual strength; 0.05 % of drawn marks of 20 to 60 px with nothing on them reach it.
 UNEVEN = 6.0
 ALIKE = 3.0  # a mark's usual strength is at most so many times that of all marks
-# A place is given up where the two estimates differ by so much, and the sd is not small: four of five marks
-# of which a strip covers 3 to 15 %, one of twenty with glare or the edge of a shadow.
+# A place is given up where the two estimates differ by so much, and the sd is not small: nineteen of twenty
+# marks of which a strip covers 3 to 15 %, one of five with glare or the edge of a shadow. Of strips that pass
+# the lower of the two shows little: with the geometric mean they have pulls of 1.7 (benchmarks/uneven.py).
 APART, SMALL_PX = 3.0, 0.1
 
 
@@ -37,12 +38,11 @@ def quarters(reference: Templates) -> Quarters:
     fit without it differs by (J'J - M_q)^-1 J_q'r_q (Cook & Weisberg 1982, Residuals and Influence in
     Regression), with the covariance (J'J - M_q)^-1 - (J'J)^-1.
     """
-    points, side = reference.grid.shape[1], round(float(np.sqrt(reference.grid.shape[1])))
+    points = reference.grid.shape[1]
     information = np.linalg.inv(reference.covariance)
     flat = np.full((*reference.grey.shape, 1), points**-0.5)
     design = np.concatenate([reference.step @ information, reference.grey[..., None], flat], axis=2)
-    low = np.arange(side) >= side // 2
-    part = (2 * low[:, None] + low[None]).ravel()
+    part = _parts(points)
     own = np.stack([_square(design[:, part == q]) for q in range(4)], axis=1)
     whole = np.linalg.inv(own.sum(axis=1))[:, None]
     left = np.linalg.inv(own.sum(axis=1)[:, None] - own)
@@ -64,16 +64,41 @@ def lean(known: Quarters, rows: NDArray[np.intp], sums: Array, linear: Array) ->
 
     Strength is the largest squared move of the centre without a quarter, over its variance for noise of unit
     variance. The variance sums the squares over the quarters, as the jackknife does; it is the geometric mean
-    of that with and without the leverage of each: the one states too much, the other too little. It is inf
-    where they are too far apart for that.
+    of that with and without the leverage of each: the one states too much, the other too little. Where they
+    are far apart it is the larger, and inf where it would not be small.
     """
     stacked = sums.reshape(len(rows), 40, 1)
     without, within = ((take[rows] @ stacked).reshape(-1, 4, 2, 1) for take in (known.without, known.within))
-    strength = (np.swapaxes(without, 2, 3) @ known.weight[rows] @ without)[..., 0, 0].max(axis=1)
+    return _leaning(without, within, known.weight[rows], linear)
+
+
+def lean_of(design: Array, residual: Array, linear: Array) -> Array:
+    """The same (2,) of one fit: its design (n,k), whose columns 2 and 5 are the centre's, its residual (n,)
+    and px per local unit (2,2)."""
+    part = _parts(len(design))
+    own = np.stack([design[part == q].T @ design[part == q] for q in range(4)])
+    whole = np.linalg.inv(own.sum(axis=0))
+    left = np.linalg.inv(own.sum(axis=0) - own)
+    pull = np.stack([design[part == q].T @ residual[part == q] for q in range(4)])[..., None]
+    without, within = (left @ pull)[:, [2, 5]], (whole @ pull)[:, [2, 5]]
+    weight = np.linalg.inv((left - whole)[:, [[2], [5]], [[2, 5]]])
+    return np.asarray(_leaning(without[None], within[None], weight[None], linear[None])[0])
+
+
+def _leaning(without: Array, within: Array, weight: Array, linear: Array) -> Array:
+    """`lean` from the moves (m,4,2,1) of the centres without a quarter, and by its residual."""
+    strength = (np.swapaxes(without, 2, 3) @ weight @ without)[..., 0, 0].max(axis=1)
     above, below = (0.5 * np.sum((linear[:, None] @ move) ** 2, axis=(1, 2, 3)) for move in (without, within))
-    variance = np.sqrt(above * below)
-    untold = (above > APART**2 * below) & (variance > SMALL_PX**2)
-    return np.stack([strength, np.where(untold, np.inf, variance)], axis=1)
+    middle, apart = np.sqrt(above * below), above > APART**2 * below
+    small = np.where(apart, above, middle)
+    return np.stack([strength, np.where(apart & (middle > SMALL_PX**2), np.inf, small)], axis=1)
+
+
+def _parts(points: int) -> NDArray[np.intp]:
+    """Quarter (n,) of each point of a square patch."""
+    side = round(float(np.sqrt(points)))
+    low = (np.arange(side) >= side // 2).astype(np.intp)
+    return np.asarray((2 * low[:, None] + low[None]).ravel())
 
 
 def stated(leaning: Array, plain: NDArray[np.bool_]) -> Array:

@@ -90,6 +90,7 @@ def _joined(marks: Followed, face: Followed) -> Followed:
         ideal=np.concatenate([marks.ideal, face.ideal], axis=1),
         covariance=np.concatenate([marks.covariance, face.covariance], axis=1),
         method=np.concatenate([marks.method, face.method], axis=1),
+        growth=np.concatenate([marks.growth, face.growth], axis=1),
     )
 
 
@@ -144,6 +145,7 @@ def _follow(
         ideal=ideal,
         covariance=covariance,
         method=np.where(seen, Method.REGISTERED, Method.LOST).astype(np.int8),
+        growth=np.ones(seen.shape),
         reference=marks.reference,
     )
 

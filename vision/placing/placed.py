@@ -38,6 +38,7 @@ def thinned(followed: Followed, steps: NDArray[np.intp]) -> Followed:
         ideal=followed.ideal[steps],
         covariance=followed.covariance[steps],
         method=followed.method[steps],
+        growth=followed.growth[steps],
         reference=np.searchsorted(steps, followed.reference),
     )
 

@@ -131,6 +131,7 @@ def followed(d: Drawn, H: Array, bend: Array, rng: np.random.Generator, noise: f
         ideal=warp[..., :2, 2].copy(),
         covariance=covariance,
         method=method,
+        growth=np.ones(method.shape),
         reference=np.arange(REST),
     )
 

@@ -87,7 +87,7 @@ def filmed(rng: np.random.Generator, frames: int, move: Array, key: int, share: 
     method = np.full((frames, len(MARKS)), Method.REGISTERED, np.int8)
     return Followed(
         time=np.arange(frames) / 10.0, warp=warp, ideal=ideal, covariance=covariance, method=method,
-        reference=np.arange(REST),
+        growth=np.ones(method.shape), reference=np.arange(REST),
     )  # fmt: skip
 
 

@@ -8,7 +8,9 @@ from vision.following.corrections import Correction, corrected
 from vision.following.methods import Method
 from vision.following.tracks import Followed
 
-CAMERA = Camera(np.array([[900.0, 0, 320], [0, 900, 200], [0, 0, 1]]), np.array([-0.2, 0, 0, 0, 0]), (640, 400))
+CAMERA = Camera(
+    np.array([[900.0, 0, 320], [0, 900, 200], [0, 0, 1]]), np.array([-0.2, 0, 0, 0, 0]), (640, 400)
+)
 NAMES = ("a", "b", "tip")
 
 
@@ -16,7 +18,9 @@ def film() -> Followed:
     """Ten frames; a and b lie apart, tip moves and is lost in frames 4 to 6 while it turns by 0.1 rad a frame."""
     warp = np.tile(np.eye(3), (10, 3, 1, 1))
     turn = 0.1 * np.arange(10)
-    warp[:, 2, :2, :2] = 8.0 * np.stack([np.stack([np.cos(turn), -np.sin(turn)], 1), np.stack([np.sin(turn), np.cos(turn)], 1)], 1)
+    warp[:, 2, :2, :2] = 8.0 * np.stack(
+        [np.stack([np.cos(turn), -np.sin(turn)], 1), np.stack([np.sin(turn), np.cos(turn)], 1)], 1
+    )
     warp[:, :, :2, 2] = [[100, 100], [200, 100], [300, 200]]
     warp[:, 2, 0, 2] += 5.0 * np.arange(10)
     method = np.full((10, 3), Method.REGISTERED, dtype=np.int8)
@@ -24,7 +28,7 @@ def film() -> Followed:
     covariance = np.tile(1e-4 * np.eye(2), (10, 3, 1, 1))
     covariance[4:7, 2] = np.nan
     return Followed(time=np.arange(10) / 10.0, warp=warp, ideal=warp[:, :, :2, 2].copy(), covariance=covariance,
-                    method=method, reference=np.arange(2))  # fmt: skip
+                    method=method, growth=np.ones((10, 3)), reference=np.arange(2))  # fmt: skip
 
 
 def test_nothing_to_mend_changes_nothing() -> None:

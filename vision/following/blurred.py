@@ -1,0 +1,162 @@
+"""A mark that is seen more blurred than in its reference, or with a slope of light over it: its place, with
+both fitted beside it.
+
+A printed pattern is not symmetric, so that blur moves the place which plain registration finds: by 0.01 px
+for a marker of 30 px and a blur of 1 px, by 0.1 px for 20 px and 2 px. It also leaves a residual, which looks
+like a large noise. With blur and light in the fit there is neither.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import fft
+
+from vision.camera import Array
+from vision.following import registration, uneven
+from vision.following.registration import INTERPOLATED, Picture, Templates
+from vision.marks import linear_at_centre
+
+EXCESS = 1.8  # times what a fit at rest leaves: below it nothing is tried
+FIRST = 0.5  # of what is left beyond that must go in the first step; what coding leaves goes by a hundredth
+ENOUGH, NEARLY = 0.85, 3.0  # of it must go in all, or so many times what is usual be left at most
+SHARPER, MOST = -0.25, 9.0  # px2, of a blur's variance along any axis, against that at rest
+STEPS = 8
+CONVERGED_PX, CONVERGED_PX2 = 0.002, 0.02
+REACH = 1.5  # sds of the blur from a patch's edge, within which other things show
+PAD = 12  # points round a patch, over which its edge goes on
+PLACE, BLUR, CONTRAST = slice(0, 8), slice(8, 11), 11  # columns of the design
+NUMBERS = 17
+
+
+@dataclass(frozen=True)
+class Spectra:
+    """Fourier transforms of reference patches, from which they are blurred."""
+
+    side: int  # points
+    pitch: float  # local units from one point to the next
+    wave: Array  # (2,h,w) waves per point times 2 pi, x and y
+    patch: np.ndarray  # (p,h,w) complex
+
+
+@dataclass(frozen=True)
+class Adjusted:
+    """What became of a mark."""
+
+    warp: Array  # (3,3) local to ideal px
+    left: float  # share of the patch's power that is not explained
+    covariance: Array  # (2,2) px2 of the centre, from that
+    growth: float  # of the variance by the blur alone
+    leaning: Array  # (2,) see `uneven.lean`
+
+
+def spectra(reference: Templates) -> Spectra:
+    """The transforms of all reference patches, continued over their edges."""
+    count = reference.grid.shape[1]
+    side = round(float(np.sqrt(count)))
+    more = fft.next_fast_len(side + 2 * PAD, real=True) - side - PAD
+    wide = np.pad(reference.grey.reshape(-1, side, side), ((0, 0), (PAD, more), (PAD, more)), mode="edge")
+    size = wide.shape[1]
+    wave = 2.0 * np.pi * np.stack(np.meshgrid(fft.rfftfreq(size), fft.fftfreq(size)))
+    return Spectra(side, float(reference.grid[0, 1] - reference.grid[0, 0]), wave, fft.rfft2(wide))
+
+
+def adjust(
+    image: Picture, lens: Array, reference: Templates, known: Spectra, row: int, *, start: Array,
+    usual: float, match: float,
+) -> Adjusted | None:  # fmt: skip
+    """The mark's place with its blur and its light; None where these do not explain what plain registration
+    leaves: a cover, glare, noise.
+
+    row: of the reference.   start: (3,3) as registered.   usual: share of the power that is left at rest.
+    match: correlation as registered.
+
+    Gauss-Newton, inverse compositional in the warp, on homography, covariance of a Gaussian blur (3),
+    contrast, brightness and the slopes of both.
+    """
+    before = 1.0 - match**2
+    warp, blur, left = start, np.zeros(3), before
+    for step in range(STEPS):
+        sure = _sure(known, blur, reference.grid)
+        grey = sure * registration.grey_under(image, lens, warp[None], reference.grid)[0]
+        design = sure[:, None] * _design(known, row, blur, reference.grid)
+        normal = design.T @ design
+        found = np.linalg.solve(normal, design.T @ grey)
+        residual = grey - design @ found
+        left = float(residual @ residual / (grey @ grey - grey.sum() ** 2 / sure.sum()))
+        if step == 0 and before - left < FIRST * (before - usual):
+            return None
+        change = found / found[CONTRAST]
+        moved = _composed(warp, change[PLACE])
+        if moved is None or found[CONTRAST] <= 0.0:
+            return None
+        warp, blur = moved, _within(blur + change[BLUR])
+        still = np.abs(change[[2, 5]]).max() <= CONVERGED_PX * known.pitch
+        if still and np.abs(change[BLUR]).max() <= CONVERGED_PX2:
+            break
+    else:
+        return None
+    if left > NEARLY * usual and before - left < ENOUGH * (before - usual):
+        return None
+    return _adjusted(reference, known, row, warp, design, residual / found[CONTRAST], left)
+
+
+def _adjusted(
+    reference: Templates, known: Spectra, row: int, warp: Array, design: Array, residual: Array, left: float
+) -> Adjusted:
+    """The result, from the last step's design (n,17) and its residual (n,) in units of the reference."""
+    linear = linear_at_centre(warp[None])[0]
+    pixels = known.pitch**2 * float(abs(np.linalg.det(linear)))
+    own = linear @ np.linalg.inv(design.T @ design)[[[2], [5]], [2, 5]] @ linear.T
+    sharp = linear @ reference.covariance[row][[[2], [5]], [2, 5]] @ linear.T
+    count = np.count_nonzero(design.any(axis=1))
+    noise = float(residual @ residual) / max(count - NUMBERS / pixels, 1.0)
+    return Adjusted(
+        warp,
+        left,
+        noise * max(1.0 / (INTERPOLATED * pixels), 1.0) * own,
+        float(np.trace(own) / np.trace(sharp)),
+        uneven.lean_of(design, residual, linear),
+    )
+
+
+def _design(known: Spectra, row: int, blur: Array, grid: Array) -> Array:
+    """Columns (n,17) of the blurred patch: homography (8), covariance of the blur xx, xy, yy in points2, the
+    patch, a constant, and the slopes of both."""
+    across, down = known.wave
+    power = blur[0] * across**2 + 2.0 * blur[1] * across * down + blur[2] * down**2
+    patch = known.patch[row] * np.exp(-0.5 * power)
+    fields = np.stack([
+        patch, 1j * across / known.pitch * patch, 1j * down / known.pitch * patch,
+        -0.5 * across**2 * patch, -across * down * patch, -0.5 * down**2 * patch,
+    ])  # fmt: skip
+    size = known.wave.shape[1]
+    inside = slice(PAD, PAD + known.side)
+    seen = fft.irfft2(fields, (size, size))[:, inside, inside].reshape(6, -1)
+    (grey, gx, gy, *widths), (x, y, one) = seen, grid
+    radial = gx * x + gy * y
+    place = [gx * x, gx * y, gx, gy * x, gy * y, gy, -radial * x, -radial * y]
+    return np.stack([*place, *widths, grey, one, x * grey, y * grey, x, y], axis=1)
+
+
+def _sure(known: Spectra, blur: Array, grid: Array) -> Array:
+    """1 for points (n,) that show the mark and its paper alone, 0 for those near the patch's edge, into which
+    the blur brings what lies beyond; the mark itself, -1 to 1, always counts."""
+    width = REACH * known.pitch * np.sqrt(max(0.5 * (blur[0] + blur[2]), 0.0))
+    most = max(float(grid[0].max()) - width, 1.0)
+    return np.asarray(np.max(np.abs(grid[:2]), axis=0) <= most, dtype=np.float64)
+
+
+def _composed(warp: Array, change: Array) -> Array | None:
+    """The warp with the inverse of a step (8,) before it; None where it folds."""
+    step = np.append(change, 0.0).reshape(3, 3) + np.eye(3)
+    if np.linalg.det(step) < 0.1:
+        return None
+    after = warp @ np.linalg.inv(step)
+    return np.asarray(after / after[2, 2]) if abs(after[2, 2]) > 1e-9 else None
+
+
+def _within(blur: Array) -> Array:
+    """A covariance xx, xy, yy whose variances are held within what a blur can be."""
+    size, axes = np.linalg.eigh(np.array([[blur[0], blur[1]], [blur[1], blur[2]]]))
+    held = (axes * np.clip(size, SHARPER, MOST)) @ axes.T
+    return np.array([held[0, 0], held[0, 1], held[1, 1]])
