@@ -1,11 +1,13 @@
-"""Kills, a full disk and a limit of file sizes in every stage: does a project end with the same bits?
+"""Kills, interrupts, a full disk and limits of file sizes in every stage: does a project end the same?
 
-    python benchmarks/strangers_faults.py [--quick] [--kills N] [--tally FILE] [kills] [disk]
+    python benchmarks/strangers_faults.py [--quick] [--kills N] [--tally FILE] [kills] [interrupts] [disk]
 
 `kills_same`: kills -9 at random moments over all stages, of which each project ended with the bits of one
 that was left alone: camera, tracks, budget and targets of a drawn film, and what calibrate to review find of
 a short finger; `kills_stages` says how many fell in which stage. 100 kills take about 20 minutes on one core.
-What was counted so far stands in the JSON of --tally after every kill.
+What was counted so far stands in the JSON of --tally after every kill. `interrupts_same`: the same for
+Ctrl-C, to the whole group of processes as a terminal gives it; `interrupts_traceback`: those that were
+answered with a traceback, or with another exit code than 130.
 `disk_same`: faults of the disk in camera, measure, review (with its clip) and recalibrate, after which the
 project went on to the same bits: no space at one write after the other, and a file that may not grow, where
 no writer is spared. `disk_internal`: faults that ended otherwise than in one sentence that names a file;
@@ -25,7 +27,7 @@ import sys
 import tempfile
 import time
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -44,16 +46,22 @@ def _child(folder: Path, kind: str, command: Command, *, limit: int = 0) -> subp
     """A command as a process, no file of which may be larger than so many bytes (0: any)."""
     how = [sys.executable, __file__, "--child", str(folder), kind, str(limit), *command]
     return subprocess.Popen(
-        how, start_new_session=True, text=True, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE
+        how, start_new_session=True, text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE
     )
 
 
-def _as_child(folder: Path, kind: str, limit: int, command: Command) -> int:
-    from twin.console import guarded
+def _as_child(folder: Path, kind: str, limit: int, command: Command) -> None:
+    """The command line itself, on the mesh of that kind of project; first it says that it begins."""
+    from twin.entering import main
+    from twin.project.folder import Project
 
+    own, mesh = Project.open.__func__, KINDS[kind].mesh()  # type: ignore[attr-defined]
+    Project.open = classmethod(lambda cls, root, builtin=None, **how: own(cls, root, builtin=mesh, **how))
     if limit:
         resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
-    return guarded(lambda: run(folder, kind, command), debug=False)
+    sys.argv = ["twin", *command, "--project", str(folder)]
+    print("up", flush=True)
+    main()
 
 
 # -- kill -9 -------------------------------------------------------------------------------------------------
@@ -63,15 +71,18 @@ def _as_child(folder: Path, kind: str, limit: int, command: Command) -> int:
 class Tally:
     """What was counted so far, in a file that an interrupted benchmark leaves."""
 
+    name: str  # kills, or interrupts
     path: Path
     kills: int = 0
     same: int = 0
     ended: int = 0  # kills of projects that have ended: the others are not judged yet
+    badly: int = 0  # interrupts that were answered with a traceback
     stages: Counter[str] = field(default_factory=Counter)
 
     def figures(self) -> dict[str, Any]:
-        return {"kills": self.kills, "kills_judged": self.ended, "kills_same": self.same,
-                "kills_stages": dict(sorted(self.stages.items()))}  # fmt: skip
+        found = {"": self.kills, "_judged": self.ended, "_same": self.same, "_traceback": self.badly,
+                 "_stages": dict(sorted(self.stages.items()))}  # fmt: skip
+        return {self.name + name: value for name, value in found.items()}
 
     def tell(self, text: str) -> None:
         print(f"{text}; {self.same} of {self.ended} the same", file=sys.stderr, flush=True)
@@ -80,18 +91,24 @@ class Tally:
 
 def kills(quick: bool, *, count: int | None = None, tally: Path = TALLY) -> dict[str, Any]:
     """How many kills were survived without a change of a bit, of how many."""
-    total = sum(KILLS.values())
-    wanted = count if count is not None else 6 if quick else total
-    told = Tally(tally)
-    print(f"counted so far: {tally}", file=sys.stderr)
-    for seed, (kind, share) in enumerate(KILLS.items(), start=1):
-        last = kind == list(KILLS)[-1]
-        _killed_often(kind, wanted - told.kills if last else round(wanted * share / total), told, seed=seed)
+    return _both(count or (6 if quick else sum(KILLS.values())), Tally("kills", tally), signal.SIGKILL)
+
+
+def interrupts(quick: bool, *, count: int | None = None, tally: Path = TALLY) -> dict[str, Any]:
+    """The same for Ctrl-C, and how many had another answer than a sentence and exit code 130."""
+    return _both(count or (6 if quick else 20), Tally("interrupts", tally), signal.SIGINT)
+
+
+def _both(wanted: int, told: Tally, how: signal.Signals) -> dict[str, Any]:
+    print(f"counted so far: {told.path}", file=sys.stderr)
+    film = round(wanted * KILLS["film"] / sum(KILLS.values()))
+    _ended_often("film", film, told, how=how, seed=1)
+    _ended_often("model", wanted - film, told, how=how, seed=2)
     return told.figures()
 
 
-def _killed_often(kind: str, count: int, told: Tally, *, seed: int) -> None:
-    """Kill projects of this kind so often in all, and see how each ends."""
+def _ended_often(kind: str, count: int, told: Tally, *, how: signal.Signals, seed: int) -> None:
+    """End commands of projects of this kind so often in all, and see how each project ends."""
     rng = np.random.default_rng(seed)
     with tempfile.TemporaryDirectory() as scratch:
         first = Path(scratch) / "first"
@@ -102,17 +119,14 @@ def _killed_often(kind: str, count: int, told: Tally, *, seed: int) -> None:
         took, wanted = time.monotonic() - start, digests(whole)
         assert any("/" in name for name in wanted), "the run without a kill left nothing"
         while count > 0:
-            folder = Path(shutil.copytree(first, first.with_name(f"killed{count}")))
-            own = 0
-            while own < min(count, MOST) and _kill(folder, kind, float(rng.uniform(0.01, LATEST)) * took):
-                own, told.kills = own + 1, told.kills + 1
-                where = under_way(folder)
-                told.stages[where] += 1
-                told.tell(f"kill {told.kills}: {kind}, {where}")
+            folder = Path(shutil.copytree(first, first.with_name(f"ended{count}")))
+            own, most = 0, min(count, MOST)
+            while own < most and _end(folder, kind, took * float(rng.uniform(0.0, LATEST)), told, how):
+                own += 1
             _finished(folder, kind)
             apart = _apart(digests(folder), wanted)
             told.ended, told.same, count = told.ended + own, told.same + own * (not apart), count - own
-            told.tell(f"{own} kills of one project{apart}")
+            told.tell(f"{own} of one project{apart}")
             shutil.rmtree(folder)
 
 
@@ -130,18 +144,36 @@ def _finished(folder: Path, kind: str) -> None:
             raise RuntimeError(f"{command[0]} ended with {child.returncode}: {said}")
 
 
-def _kill(folder: Path, kind: str, after_s: float) -> bool:
-    """Kill -9 the commands, one after the other, after a time; whether they were still at work."""
+def _end(folder: Path, kind: str, after_s: float, told: Tally, how: signal.Signals) -> bool:
+    """End the commands, one after the other, after a time; whether they were still at work."""
     end = time.monotonic() + after_s
     for command in KINDS[kind].commands:
         child = _child(folder, kind, command)
+        assert child.stdout is not None
+        child.stdout.readline()  # it is up
         try:
-            child.communicate(timeout=max(end - time.monotonic(), 0.02))
+            child.communicate(timeout=max(end - time.monotonic(), 0.001))
         except subprocess.TimeoutExpired:
-            os.killpg(child.pid, signal.SIGKILL)
-            child.communicate()
+            os.killpg(child.pid, how)
+            _, said = child.communicate()
+            if how is signal.SIGINT and child.returncode == 0:
+                continue  # it had just ended
+            _count(folder, kind, child, said, told, how)
             return True
     return False
+
+
+def _count(
+    folder: Path, kind: str, child: subprocess.Popen[str], said: str, told: Tally, how: signal.Signals
+) -> None:
+    where = under_way(folder)
+    told.kills += 1
+    told.stages[where] += 1
+    # the last moments of a process, after Python's own handlers, are the system's: -SIGINT, 130 in a shell
+    if how is signal.SIGINT and (child.returncode not in (130, -how) or "Traceback" in said):
+        told.badly += 1
+        print(f"exit code {child.returncode}: {said}", file=sys.stderr)
+    told.tell(f"{told.name} {told.kills}: {kind}, {where}")
 
 
 # -- a full disk ---------------------------------------------------------------------------------------------
@@ -244,15 +276,16 @@ def _no_space(number: int) -> Iterator[list[int]]:
 def main() -> int:
     """Print what was counted."""
     ask = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    ask.add_argument("--quick", action="store_true", help="6 kills, and 4 faults in each stage")
-    ask.add_argument("--kills", type=int, help="how many kills")
+    ask.add_argument("--quick", action="store_true", help="6 kills, 6 interrupts, 4 faults in each stage")
+    ask.add_argument("--kills", type=int, help="how many kills, or interrupts")
     ask.add_argument("--tally", type=Path, default=TALLY, help="file for what was counted so far")
-    ask.add_argument("what", nargs="*", default=["kills", "disk"], help="kills, disk")
+    ask.add_argument("what", nargs="*", default=["kills", "disk"], help="kills, interrupts, disk")
     told = ask.parse_args()
     found: dict[str, Any] = {}
+    parts: dict[str, Callable[..., dict[str, Any]]] = {"kills": kills, "interrupts": interrupts, "disk": disk}
     for name in told.what:
-        killed = name == "kills"
-        found |= kills(told.quick, count=told.kills, tally=told.tally) if killed else disk(told.quick)
+        given = {} if name == "disk" else {"count": told.kills, "tally": told.tally}
+        found |= parts[name](told.quick, **given)
     print(json.dumps(found, indent=1))
     return 0
 
@@ -260,5 +293,5 @@ def main() -> int:
 if __name__ == "__main__":
     if sys.argv[1:2] == ["--child"]:
         folder, kind, limit, *command = sys.argv[2:]
-        sys.exit(_as_child(Path(folder), kind, int(limit), tuple(command)))
+        _as_child(Path(folder), kind, int(limit), tuple(command))
     sys.exit(main())
