@@ -65,6 +65,7 @@ class SmallBatch:
     seed: int = 7
     tilt_deg: tuple[float, float, float] = (0.3, -0.3, 0.6)  # of the camera
     k1: float = LENS  # distortion of the lens while it films; the board is photographed with LENS
+    droop_mm: float | None = None  # of the tip at top pressure, bent as a beam; None: the truth is solved
 
     @property
     def finger(self) -> Finger:
@@ -146,18 +147,31 @@ def motion(batch: SmallBatch, rng: np.random.Generator) -> Motion:
     reach, end = np.array([HALF_TAG, 0.0, 0.0]), (batch.finger.length, np.inf, np.inf)
     face = side_face(batch)
     points = np.concatenate([tags, tags - reach, np.minimum(tags + reach, end), face])
-    u, _ = virtual.displacements(batch.truth, virtual.path(BENCH, protocol=PROTOCOL), points)
-    m, moved = len(tags), points + u
+    m, moved = len(tags), points + displacements(batch, points)
     chord = moved[:, 2 * m : 3 * m] - moved[:, m : 2 * m]
     angle = np.arctan2(chord[..., 2], chord[..., 0])
     x, z = BENCH.placement_sd_mm * rng.standard_normal((2, m))
-    place = np.tile([mark.position for mark in marks], (len(u), 1, 1)).astype(float)
+    place = np.tile([mark.position for mark in marks], (len(moved), 1, 1)).astype(float)
     place[:, :m] = moved[:, :m]
     place[:, :m, 0] += np.cos(angle) * x - np.sin(angle) * z
     place[:, :m, 2] += np.sin(angle) * x + np.cos(angle) * z
-    turn = np.tile(np.deg2rad(rng.standard_normal(len(marks))), (len(u), 1))
+    turn = np.tile(np.deg2rad(rng.standard_normal(len(marks))), (len(moved), 1))
     turn[:, :m] += angle
     return Motion(place, turn, moved[:, 3 * m :])
+
+
+def displacements(batch: SmallBatch, points: Array) -> Array:
+    """Where the points (p, 3) mm go, (t, p, 3) mm: by the finite elements of the truth, or as a beam of
+    constant curvature, which takes no time to solve."""
+    course = virtual.path(BENCH, protocol=PROTOCOL)
+    if batch.droop_mm is None:
+        return virtual.displacements(batch.truth, course, points)[0]
+    pressure = np.interp(course.output, course.time, course.pressure)[:, None]
+    x, z = points[:, 0], points[:, 2]
+    turn = 2.0 * batch.droop_mm / batch.finger.length**2 * pressure / pressure.max() * x
+    along = x * np.sinc(turn / np.pi) + z * np.sin(turn)
+    up = z * np.cos(turn) - 0.5 * x * turn * np.sinc(0.5 * turn / np.pi) ** 2
+    return np.stack([along - x, 0.0 * turn, up - z], axis=-1)
 
 
 def camera(batch: SmallBatch) -> tuple[Camera, tuple[Array, Array]]:

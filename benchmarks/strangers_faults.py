@@ -1,18 +1,22 @@
-"""Kills, a full disk and a limit of file sizes in every stage: does a project end with the same bits?
+"""Kills, interrupts, a full disk and limits of file sizes in every stage: does a project end the same?
 
-    python benchmarks/strangers_faults.py [--quick] [kills] [disk]
+    python benchmarks/strangers_faults.py [--quick] [--kills N] [--tally FILE] [kills] [interrupts] [disk]
 
 `kills_same`: kills -9 at random moments over all stages, of which each project ended with the bits of one
-that was left alone: camera.json, tracks and targets of the demo film, and what calibrate to review find of a
-short finger. `disk_same`: faults of the disk (no space, file too large) at one write after the other, after
-which the project went on to the same bits; `disk_internal`: those that ended otherwise than in one sentence
-that names the file; `disk_left`: drafts that they left.
+that was left alone: camera, tracks, budget and targets of a drawn film, and what calibrate to review find of
+a short finger; `kills_stages` says how many fell in which stage. 100 kills take about 20 minutes on one core.
+What was counted so far stands in the JSON of --tally after every kill. `interrupts_same`: the same for
+Ctrl-C, to the whole group of processes as a terminal gives it; `interrupts_traceback`: those that were
+answered with a traceback, or with another exit code than 130.
+`disk_same`: faults of the disk in camera, measure, review (with its clip) and recalibrate, after which the
+project went on to the same bits: no space at one write after the other, and a file that may not grow, where
+no writer is spared. `disk_internal`: faults that ended otherwise than in one sentence that names a file;
+`disk_left`: drafts that they left; `disk_half`: files under their own name that end in the middle.
 """
 
 import argparse
 import contextlib
 import errno
-import hashlib
 import json
 import os
 import resource
@@ -22,193 +26,229 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
+from collections import Counter
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import _first  # noqa: F401
 import numpy as np
+from faulty_projects import KINDS, Command, digests, drafts, finish, halves, run, under_way
 
-FOUND = ("camera.json", "fit.json", "diagnosis.json", "comparison.json", "tracks.npz", "candidates.npz")
+KILLS = {"film": 40, "model": 60}
+LATEST = 0.4  # of a kill, as a share of the time of a run without one
+MOST = 8  # kills of one project
+TALLY = Path(tempfile.gettempdir()) / "strangers_faults.json"
 
 
-FILM = ((0.0, 0.0), (2.0, 0.0), (4.0, 30.0), (12.0, 30.0), (12.4, 0.0), (22.0, 0.0))
-NAMES, X = ("p1", "p2", "middle", "tip"), (9.556, 15.111, 4 + 50 / 3, 10 + 100 / 3)
-
-
-def _make(folder: Path, cells: int) -> None:
-    """A project of a short finger with targets of creeping silicone."""
-    from fe import Lattice, Material
-    from twin import virtual
-    from twin.project.config import CalibrateTable, Config, DiagnoseTable, PointTable, ProjectTable
-    from twin.project.targetfiles import write_targets
-    from twin.project.toml import dump
-
-    bench, (builtin, case) = virtual.Bench(film_hz=4.0, gauge_sd_MPa=3e-4, sd=0.005), _finger(cells)
-    edge = np.array([(x, 11.5, 0.0) for x in X])
-    rows = np.linalg.norm(case.nodes[:, None] - edge, axis=2).argmin(axis=0)
-    course = virtual.path(bench, protocol=FILM)
-    truth = virtual.Truth(
-        Material(0.214, 0.083, prony=((0.075, 1.2), (0.055, 3.5))),
-        lattice=Lattice(per_bellow=2, centred=False), finger=builtin.finger,
-    )  # fmt: skip
-    u, slope = virtual.displacements(truth, course, case.nodes[rows])
-    points = virtual.at_nodes(NAMES, case.labels[rows], case.nodes[rows])
-    config = Config(
-        project=ProjectTable(name="short"),
-        points=tuple(PointTable(name=n, node=int(k)) for n, k in zip(NAMES, case.labels[rows])),
-        calibrate=CalibrateTable(population=8, generations=4),
-        diagnose=DiagnoseTable(candidates=("creep", "camera_scale")),
-    )
-    folder.mkdir()
-    (folder / "twin.toml").write_text(dump(config), encoding="utf-8")
-    write_targets(
-        folder / "targets", virtual.noisy_targets(u, slope, course, points=points, bench=bench, seed=1)
+def _child(folder: Path, kind: str, command: Command, *, limit: int = 0) -> subprocess.Popen[str]:
+    """A command as a process, no file of which may be larger than so many bytes (0: any)."""
+    how = [sys.executable, __file__, "--child", str(folder), kind, str(limit), *command]
+    return subprocess.Popen(
+        how, start_new_session=True, text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE
     )
 
 
-def _finger(cells: int) -> Any:
-    from fe import Finger, Lattice
-    from twin.model.structure import BuiltIn, base_case
+def _as_child(folder: Path, kind: str, limit: int, command: Command) -> None:
+    """The command line itself, on the mesh of that kind of project; first it says that it begins."""
+    from twin.entering import main
+    from twin.project.folder import Project
 
-    end, middle = 10 + 100 / 3, 4 + 50 / 3
-    finger = Finger(length=end, bellows=3, tip_node=(end, 11.5, 0.0), middle_node=(middle, 11.5, 0.0))
-    lattice = Lattice(per_bellow=cells, ring=False, centred=False)
-    return BuiltIn(finger, lattice), base_case(finger=finger, lattice=lattice)
+    own, mesh = Project.open.__func__, KINDS[kind].mesh()  # type: ignore[attr-defined]
+    Project.open = classmethod(lambda cls, root, builtin=None, **how: own(cls, root, builtin=mesh, **how))
+    if limit:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
+    sys.argv = ["twin", *command, "--project", str(folder)]
+    print("up", flush=True)
+    main()
 
 
 # -- kill -9 -------------------------------------------------------------------------------------------------
 
 
-def kills(quick: bool) -> dict[str, int]:
+@dataclass
+class Tally:
+    """What was counted so far, in a file that an interrupted benchmark leaves."""
+
+    name: str  # kills, or interrupts
+    path: Path
+    kills: int = 0
+    same: int = 0
+    ended: int = 0  # kills of projects that have ended: the others are not judged yet
+    badly: int = 0  # interrupts that were answered with a traceback
+    stages: Counter[str] = field(default_factory=Counter)
+
+    def figures(self) -> dict[str, Any]:
+        found = {"": self.kills, "_judged": self.ended, "_same": self.same, "_traceback": self.badly,
+                 "_stages": dict(sorted(self.stages.items()))}  # fmt: skip
+        return {self.name + name: value for name, value in found.items()}
+
+    def tell(self, text: str) -> None:
+        print(f"{text}; {self.same} of {self.ended} the same", file=sys.stderr, flush=True)
+        self.path.write_text(json.dumps(self.figures(), indent=1) + "\n", encoding="utf-8")
+
+
+def kills(quick: bool, *, count: int | None = None, tally: Path = TALLY) -> dict[str, Any]:
     """How many kills were survived without a change of a bit, of how many."""
-    film, model = ((1, 2), (1, 4)) if quick else ((8, 5), (10, 6))  # projects, and kills of each
-    parts = [_killed_often(_filmed, *film, seed=1), _killed_often(_modelled, *model, seed=2)]
-    return {"kills": sum(p["kills"] for p in parts), "kills_same": sum(p["kills_same"] for p in parts)}
+    return _both(count or (6 if quick else sum(KILLS.values())), Tally("kills", tally), signal.SIGKILL)
 
 
-class _filmed:
-    """`twin camera` and `twin measure` of the demo film."""
-
-    @staticmethod
-    def make(folder: Path) -> None:
-        shutil.copytree(Path(__file__).resolve().parents[1] / "datasets" / "demo", folder)
-
-    commands = (("camera",), ("measure",))
+def interrupts(quick: bool, *, count: int | None = None, tally: Path = TALLY) -> dict[str, Any]:
+    """The same for Ctrl-C, and how many had another answer than a sentence and exit code 130."""
+    return _both(count or (6 if quick else 20), Tally("interrupts", tally), signal.SIGINT)
 
 
-class _modelled:
-    """`twin recalibrate` of targets of a short finger."""
-
-    @staticmethod
-    def make(folder: Path) -> None:
-        _make(folder, 1)
-
-    commands = (("recalibrate",),)
+def _both(wanted: int, told: Tally, how: signal.Signals) -> dict[str, Any]:
+    print(f"counted so far: {told.path}", file=sys.stderr)
+    film = round(wanted * KILLS["film"] / sum(KILLS.values()))
+    _ended_often("film", film, told, how=how, seed=1)
+    _ended_often("model", wanted - film, told, how=how, seed=2)
+    return told.figures()
 
 
-def _killed_often(part: Any, folders: int, times: int, *, seed: int) -> dict[str, int]:
-    rng, killed, same = np.random.default_rng(seed), 0, 0
+def _ended_often(kind: str, count: int, told: Tally, *, how: signal.Signals, seed: int) -> None:
+    """End commands of projects of this kind so often in all, and see how each project ends."""
+    rng = np.random.default_rng(seed)
     with tempfile.TemporaryDirectory() as scratch:
         first = Path(scratch) / "first"
-        part.make(first)
+        KINDS[kind].make(first)
         whole = Path(shutil.copytree(first, first.with_name("whole")))
         start = time.monotonic()
-        _finished(whole, part.commands)
+        _finished(whole, kind)
         took, wanted = time.monotonic() - start, digests(whole)
         assert any("/" in name for name in wanted), "the run without a kill left nothing"
-        for k in range(folders):
-            folder = Path(shutil.copytree(first, first.with_name(f"killed{k}")))
-            count = sum(_kill(folder, part.commands, float(s)) for s in rng.uniform(0.02, 0.9, times) * took)
-            _finished(folder, part.commands)
-            killed += count
-            same += count * (digests(folder) == wanted)
-    return {"kills": killed, "kills_same": same}
+        while count > 0:
+            folder = Path(shutil.copytree(first, first.with_name(f"ended{count}")))
+            own, most = 0, min(count, MOST)
+            while own < most and _end(folder, kind, took * float(rng.uniform(0.0, LATEST)), told, how):
+                own += 1
+            _finished(folder, kind)
+            apart = _apart(digests(folder), wanted)
+            told.ended, told.same, count = told.ended + own, told.same + own * (not apart), count - own
+            told.tell(f"{own} of one project{apart}")
+            shutil.rmtree(folder)
 
 
-def _child(folder: Path, command: tuple[str, ...], *, limit: int = 0) -> subprocess.Popen[str]:
-    how = [sys.executable, __file__, "--child", str(folder), str(limit), *command]
-    return subprocess.Popen(
-        how, start_new_session=True, text=True, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE
-    )
+def _apart(found: dict[str, str], wanted: dict[str, str]) -> str:
+    """What is not the same, as the end of a sentence; empty where all is."""
+    names = [name for name in {**found, **wanted} if found.get(name) != wanted.get(name)]
+    return f", NOT the same: {', '.join(names)}" if names else ""
 
 
-def _finished(folder: Path, commands: tuple[tuple[str, ...], ...]) -> None:
-    for command in commands:
-        child = _child(folder, command)
+def _finished(folder: Path, kind: str) -> None:
+    for command in KINDS[kind].commands:
+        child = _child(folder, kind, command)
         _, said = child.communicate()
         if child.returncode:
             raise RuntimeError(f"{command[0]} ended with {child.returncode}: {said}")
 
 
-def _kill(folder: Path, commands: tuple[tuple[str, ...], ...], after_s: float) -> bool:
-    """Kill -9 the commands, one after the other, after a time; whether they were still at work."""
+def _end(folder: Path, kind: str, after_s: float, told: Tally, how: signal.Signals) -> bool:
+    """End the commands, one after the other, after a time; whether they were still at work."""
     end = time.monotonic() + after_s
-    for command in commands:
-        child = _child(folder, command)
+    for command in KINDS[kind].commands:
+        child = _child(folder, kind, command)
+        assert child.stdout is not None
+        child.stdout.readline()  # it is up
         try:
-            child.communicate(timeout=max(end - time.monotonic(), 0.02))
+            child.communicate(timeout=max(end - time.monotonic(), 0.001))
         except subprocess.TimeoutExpired:
-            os.killpg(child.pid, signal.SIGKILL)
-            child.communicate()
+            os.killpg(child.pid, how)
+            _, said = child.communicate()
+            if how is signal.SIGINT and child.returncode == 0:
+                continue  # it had just ended
+            _count(folder, kind, child, said, told, how)
             return True
     return False
 
 
-def digests(folder: Path) -> dict[str, str]:
-    """Digests of twin.toml, the targets and what the newest done run of every stage has found."""
-    found = {}
-    for run in sorted((folder / "runs").iterdir()):
-        told = run / "run.json"
-        if told.exists() and json.loads(told.read_text(encoding="utf-8"))["status"] == "done":
-            there = [run / name for name in FOUND if (run / name).exists()]
-            found |= {f"{run.name.partition('-')[2]}/{path.name}": _digest(path) for path in there}
-    beside = [folder / "twin.toml", *sorted((folder / "targets").glob("targets.*"))]
-    return found | {path.name: _digest(path) for path in beside}
-
-
-def _digest(path: Path) -> str:
-    if path.suffix != ".npz":  # whose container has the time in it
-        return hashlib.sha256(path.read_bytes()).hexdigest()
-    with np.load(path) as arrays:
-        return hashlib.sha256(b"".join(arrays[n].tobytes() for n in sorted(arrays.files))).hexdigest()
+def _count(
+    folder: Path, kind: str, child: subprocess.Popen[str], said: str, told: Tally, how: signal.Signals
+) -> None:
+    where = under_way(folder)
+    told.kills += 1
+    told.stages[where] += 1
+    # the last moments of a process, after Python's own handlers, are the system's: -SIGINT, 130 in a shell
+    if how is signal.SIGINT and (child.returncode not in (130, -how) or "Traceback" in said):
+        told.badly += 1
+        print(f"exit code {child.returncode}: {said}", file=sys.stderr)
+    told.tell(f"{told.name} {told.kills}: {kind}, {where}")
 
 
 # -- a full disk ---------------------------------------------------------------------------------------------
 
 
-def disk(quick: bool) -> dict[str, int]:
-    """How the short finger's project ends after faults of the disk at one write after the other."""
-    faults, limits = (6, (3000,)) if quick else (60, (1000, 10_000, 100_000, 1_000_000))
-    tally = {"disk_faults": 0, "disk_same": 0, "disk_internal": 0, "disk_left": 0}
+@dataclass(frozen=True)
+class Faulty:
+    """A command in which the disk fails, after others that are done, with limits of file sizes in bytes."""
+
+    kind: str
+    before: tuple[Command, ...]
+    command: Command
+    limits: tuple[int, ...]
+
+
+FAULTY = (
+    Faulty("film", (), ("camera",), (1000, 2300)),
+    Faulty("film", (("camera",),), ("measure",), (20_000, 1_000_000, 450_000, 60_000)),
+    Faulty("film", (("camera",), ("measure",), ("calibrate",)), ("review", "--clip"),
+           (100_000, 500_000, 20_000, 1_000_000, 2_000_000)),
+    Faulty("model", (), ("recalibrate",), (3000, 1000, 10_000, 100_000, 1_000_000)),
+)  # fmt: skip
+FAULTS, FEW = 60, 3  # writes at which the disk is full, one after the other; those of a quick run
+
+
+def disk(quick: bool) -> dict[str, Any]:
+    """How projects end after faults of the disk in one stage after the other."""
+    tally: Counter[str] = Counter(dict.fromkeys(("faults", "same", "internal", "left", "half"), 0))
     with tempfile.TemporaryDirectory() as scratch:
-        first = Path(scratch) / "first"
-        _make(first, 1)
-        whole = Path(shutil.copytree(first, first.with_name("whole")))
-        _run(whole, "recalibrate")
-        folder = Path(shutil.copytree(first, first.with_name("faulty")))
-        for number in range(1, faults + 1):
-            tally["disk_faults"] += 1
-            with _no_space(number) as met:
-                try:
-                    _run(folder, "recalibrate")
-                except OSError as error:
-                    tally["disk_internal"] += error.filename is None
-                except Exception as error:
-                    print(f"write {number}: {type(error).__name__}: {error}")
-                    tally["disk_internal"] += 1
-            tally["disk_left"] += len(drafts(folder))
-            if not met:
-                break
-        for limit in limits:
-            tally["disk_faults"] += 1
-            child = _child(folder, ("recalibrate",), limit=limit)
-            _, said = child.communicate()
-            tally["disk_internal"] += child.returncode not in (0, 2) or "Traceback" in said
-            tally["disk_left"] += len(drafts(folder))
-        _run(folder, "recalibrate")
-        tally["disk_same"] = tally["disk_faults"] * (digests(folder) == digests(whole))
+        for kind in KINDS:
+            KINDS[kind].make(Path(scratch) / kind)
+        for place, faulty in enumerate(FAULTY):
+            own = _faulty(faulty, Path(scratch) / faulty.kind, Path(scratch) / str(place), quick)
+            print(f"{' '.join(faulty.command)}: {dict(own)}", file=sys.stderr, flush=True)
+            tally.update(own)
+    return {f"disk_{name}": count for name, count in tally.items()}
+
+
+def _faulty(faulty: Faulty, first: Path, scratch: Path, quick: bool) -> Counter[str]:
+    """One command of one project with one fault after the other, and then left alone."""
+    whole, folder = (Path(shutil.copytree(first, scratch / name)) for name in ("whole", "faulty"))
+    tally: Counter[str] = Counter()
+    finish(whole, faulty.kind, (*faulty.before, faulty.command))
+    finish(folder, faulty.kind, faulty.before)
+    for number in range(1, (FEW if quick else FAULTS) + 1):
+        with _no_space(number) as met:
+            tally["internal"] += not _named(folder, faulty)
+        if not met:
+            break
+        tally.update(faults=1, left=len(drafts(folder)), half=len(halves(folder)))
+    for limit in faulty.limits[: 1 if quick else None]:
+        child = _child(folder, faulty.kind, faulty.command, limit=limit)
+        _, said = child.communicate()
+        internal = child.returncode not in (0, 2) or "Traceback" in said
+        if internal or (child.returncode == 2 and str(tempfile.gettempdir()) not in said):
+            print(f"limit {limit}: {child.returncode} {said}", file=sys.stderr)
+        tally.update(faults=1, internal=internal, left=len(drafts(folder)), half=len(halves(folder)))
+    finish(folder, faulty.kind, (faulty.command,))
+    apart = _apart(digests(folder), digests(whole))
+    if apart:
+        print(f"{' '.join(faulty.command)}{apart}", file=sys.stderr, flush=True)
+    tally["same"] = tally["faults"] * (not apart)
     return tally
+
+
+def _named(folder: Path, faulty: Faulty) -> bool:
+    """Whether the command ended well, or in a fault of the disk that names its file."""
+    try:
+        run(folder, faulty.kind, faulty.command)
+    except OSError as error:
+        return error.filename is not None
+    except Exception as error:
+        print(f"{faulty.command}: {type(error).__name__}: {error}", file=sys.stderr)
+        return False
+    return True
 
 
 @contextlib.contextmanager
@@ -233,45 +273,25 @@ def _no_space(number: int) -> Iterator[list[int]]:
         files._to_disk = honest
 
 
-def drafts(folder: Path) -> list[Path]:
-    """Files that a failed write has left: hidden ones other than the lock."""
-    return [p for p in folder.rglob(".*") if p.name != ".lock"]
-
-
-class _Silent:
-    def __call__(self, text: str, /) -> None: ...
-
-    def progress(self, stage: str, done: int, total: int, /) -> None: ...
-
-
-def _run(folder: Path, command: str) -> None:
-    """A command of a project; that of the short finger has its own mesh."""
-    from twin.project.folder import Project
-    from twin.stages.chain import stage_of
-    from twin.stages.recalibrating import run_recalibrate
-
-    mesh = _finger(1)[0] if command == "recalibrate" else None
-    project = Project.open(folder, builtin=mesh)
-    with project.lock(command):
-        work = run_recalibrate if command == "recalibrate" else stage_of(command).run
-        work(project, _Silent())
-
-
-def _limited(folder: Path, limit: int, command: str) -> None:
-    """A command as a process of its own, no file of which may be larger than so many bytes (0: any)."""
-    from twin.console import guarded
-
-    if limit:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
-    sys.exit(guarded(lambda: _run(folder, command), debug=False))
+def main() -> int:
+    """Print what was counted."""
+    ask = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    ask.add_argument("--quick", action="store_true", help="6 kills, 6 interrupts, 4 faults in each stage")
+    ask.add_argument("--kills", type=int, help="how many kills, or interrupts")
+    ask.add_argument("--tally", type=Path, default=TALLY, help="file for what was counted so far")
+    ask.add_argument("what", nargs="*", default=["kills", "disk"], help="kills, interrupts, disk")
+    told = ask.parse_args()
+    found: dict[str, Any] = {}
+    parts: dict[str, Callable[..., dict[str, Any]]] = {"kills": kills, "interrupts": interrupts, "disk": disk}
+    for name in told.what:
+        given = {} if name == "disk" else {"count": told.kills, "tally": told.tally}
+        found |= parts[name](told.quick, **given)
+    print(json.dumps(found, indent=1))
+    return 0
 
 
 if __name__ == "__main__":
     if sys.argv[1:2] == ["--child"]:
-        _limited(Path(sys.argv[2]), int(sys.argv[3]), sys.argv[4])
-    ask = argparse.ArgumentParser(description=__doc__)
-    ask.add_argument("--quick", action="store_true", help="6 kills and 7 faults")
-    ask.add_argument("what", nargs="*", default=["kills", "disk"], help="kills, disk")
-    told = ask.parse_args()
-    parts = {"kills": kills, "disk": disk}
-    print(json.dumps({k: v for name in told.what for k, v in parts[name](told.quick).items()}, indent=1))
+        folder, kind, limit, *command = sys.argv[2:]
+        _as_child(Path(folder), kind, int(limit), tuple(command))
+    sys.exit(main())

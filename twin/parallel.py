@@ -47,14 +47,20 @@ def finished(tasks: Sequence[Task], *, workers: int) -> Iterator[tuple[int, Any]
 @contextmanager
 def _no_interrupt() -> Iterator[None]:
     """Ctrl-C waits while processes are started, and never reaches those: they inherit that."""
-    if not hasattr(signal, "pthread_sigmask"):
+    if threading.current_thread() is not threading.main_thread() or not hasattr(signal, "pthread_sigmask"):
         yield
         return
+    asked: list[int] = []
+    # blocked here, it reaches another thread, and would be raised here all the same
+    handler = signal.signal(signal.SIGINT, lambda number, _: asked.append(number))
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        signal.signal(signal.SIGINT, handler if handler is not None else signal.SIG_DFL)
+        if asked:
+            signal.raise_signal(signal.SIGINT)
 
 
 def _serve() -> None:

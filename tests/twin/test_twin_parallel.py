@@ -48,6 +48,31 @@ def test_a_listener_who_leaves_ends_the_work() -> None:
     assert mp.active_children() == []
 
 
+def test_an_interrupt_while_workers_start_waits_until_they_have(tmp_path: Path) -> None:
+    """Ctrl-C comes just before a worker is told what to do: cut off there, it would answer with a traceback."""
+    script = tmp_path / "parent.py"
+    script.write_text(
+        "import os, signal, threading, time\nfrom multiprocessing import util\n"
+        "from functools import partial\nfrom twin.parallel import finished\n"
+        "honest = util.spawnv_passfds\n"
+        "def spawned(*given):\n"
+        "    child = honest(*given)\n"
+        "    if 'spawn_main' in str(given):\n"
+        "        os.kill(os.getpid(), signal.SIGINT)\n"
+        "        time.sleep(0.1)\n"
+        "    return child\n"
+        "if __name__ == '__main__':\n"
+        "    threading.Thread(target=time.sleep, args=(600,), daemon=True).start()  # a thread that takes it\n"
+        "    util.spawnv_passfds = spawned\n"
+        "    try:\n"
+        "        list(finished([partial(time.sleep, 600)] * 2, workers=2))\n"
+        "    except KeyboardInterrupt:\n"
+        "        print('interrupted')\n"
+    )
+    done = subprocess.run([sys.executable, str(script)], capture_output=True, text=True, timeout=60)
+    assert (done.stdout, done.stderr, done.returncode) == ("interrupted\n", "", 0)
+
+
 def test_work_ends_with_a_killed_parent(tmp_path: Path) -> None:
     script = tmp_path / "parent.py"
     script.write_text(

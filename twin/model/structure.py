@@ -150,10 +150,7 @@ def of_deck(path: Path, *, mesh: int = 1, silicone: tuple[str, ...] = ()) -> Str
     others keep the deck's law. Raises ValueError where the deck cannot be read or lacks something, and says
     what is wanted; FileNotFoundError where it is not there.
     """
-    deck = read_deck(path)
-    if deck.case.pressurised is None:
-        raise ValueError(f"{path.name}: no pressure; wanted *DSLOAD with P on the surface of the chamber")
-    check_body(deck.case, path.name)
+    deck = sound_deck(path)
     fitted = _fitted(deck.case, silicone, path)
     case = _clamped(_rubber(_divided(deck.case, mesh), fitted))
     key = digest(mesh, fitted, *(file.read_bytes() for file in deck.files))
@@ -161,7 +158,16 @@ def of_deck(path: Path, *, mesh: int = 1, silicone: tuple[str, ...] = ()) -> Str
     forces = case.forces or case.growing
     alone = not case.kept and not forces and all(s.value is None for s in case.supports)
     remarks = _remarks(path, deck, case, fitted, meshes)
-    return Structure(case, key, meshes, _outside(case), alone, unknown, remarks, deck.elements)
+    return Structure(case, key, meshes, skin(case), alone, unknown, remarks, deck.elements)
+
+
+def sound_deck(path: Path) -> Deck:
+    """A deck as it was read, with a chamber under pressure and a body that can be solved; else ValueError."""
+    deck = read_deck(path)
+    if deck.case.pressurised is None:
+        raise ValueError(f"{path.name}: no pressure; wanted *DSLOAD with P on the surface of the chamber")
+    check_body(deck.case, path.name)
+    return deck
 
 
 def _fitted(case: Case, wanted: tuple[str, ...], path: Path) -> tuple[str, ...]:
@@ -226,8 +232,8 @@ def _refinements(case: Case, key: str) -> tuple[dict[str, Mesh], str]:
     return {**meshes, "check": meshes[list(meshes)[-1]]}, ""
 
 
-def _outside(case: Case) -> Integers:
-    """The skin but for the chamber and the planes of symmetry."""
+def skin(case: Case) -> Integers:
+    """The faces (f, m) of a deck's body but for the chamber and the planes of symmetry, as node rows."""
     assert case.pressurised
     chamber = {tuple(row) for row in case.surfaces[case.pressurised].tolist()}
     faces = np.array([row for row in free_faces(case).tolist() if tuple(row) not in chamber], np.int64)

@@ -543,6 +543,13 @@ def _check_rig(c: Config) -> None:
         raise ValueError(
             "dic: wanted one [[cameras]]; the speckled face is measured with one camera in its plane"
         )
+    features = ", ".join(point.name for point in c.points if point.seen_mm is not None)
+    if features and len(c.cameras) > 1:
+        raise ValueError(
+            f"points {features}: seen_mm with {len(c.cameras)} [[cameras]]; wanted one: where a natural "
+            "feature lies in the picture of another camera is not known; leave out the other cameras, or "
+            "glue markers"
+        )
     names = [camera.name for camera in c.cameras]
     twice = [name for name, count in Counter(names).items() if count > 1]
     if twice:

@@ -1,5 +1,6 @@
 """Turns film and models into a short clip for a talk: the model before and after, side by side, as MP4."""
 
+import io
 from collections.abc import Iterator
 from fractions import Fraction
 from pathlib import Path
@@ -23,7 +24,8 @@ def write_clip(path: Path, film: Video, filmed: Filmed) -> float:
     """Write `path` (MP4, H.264), atomically; returns how many times faster than the film it plays."""
     time = filmed.time_s - filmed.time_s[0]
     speed = max(float(time[-1]) / LONGEST_S, 1.0)
-    with files.whole(path) as draft, av.open(draft, "w", format="mp4") as target:
+    clip = io.BytesIO()
+    with av.open(clip, "w", format="mp4") as target:
         stream = target.add_stream(
             "libx264", rate=max(round(len(time) * speed / time[-1]), 1), options=CODING
         )
@@ -35,6 +37,7 @@ def write_clip(path: Path, film: Video, filmed: Filmed) -> float:
             frame.pts, frame.time_base = round(TICKS * time[at] / speed), Fraction(1, TICKS)
             target.mux(stream.encode(frame))
         target.mux(stream.encode(None))
+    files.write_bytes(path, clip.getvalue())
     return speed
 
 

@@ -142,9 +142,20 @@ def write_vtu_series(
     for step, file in enumerate(names):
         for key, field in fields.items():
             grid.point_data[key] = np.asarray(field[step])
-        with files.whole(folder / file) as draft:
-            grid.save(draft)
+        files.write_bytes(folder / file, _vtu(grid))
     return _write_pvd(folder / f"{name}.pvd", times=times, names=names)
+
+
+def _vtu(grid: Any) -> bytes:
+    """The .vtu file of a grid: VTK's own way to the disk ends the whole program where that is full."""
+    from vtkmodules.vtkIOXML import vtkXMLUnstructuredGridWriter
+
+    writer = vtkXMLUnstructuredGridWriter()
+    writer.SetInputData(grid)
+    writer.WriteToOutputStringOn()
+    writer.SetDataModeToBinary()
+    writer.Write()
+    return str(writer.GetOutputString()).encode("utf-8")
 
 
 def _write_pvd(path: Path, *, times: Sequence[float], names: Sequence[str]) -> Path:

@@ -1,6 +1,5 @@
 """Two recordings of the review in one rerun file: batches, or models of one batch, side by side."""
 
-import uuid
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -9,8 +8,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 from rerun.chunk import Chunk, RrdReader
 
-from twin.project import files
-from twin.review.plainpath import plain_path
+from twin.review.rerunfile import rerun_file
 
 VIEWS = ("films", "fingers", "errors", "search", "diagnoses")  # the tabs, in their order
 COLOURS = ((86, 180, 233), (230, 159, 0))
@@ -23,18 +21,12 @@ CURVES = {  # of a recording, which are drawn in one view for both
 
 def write_merged(path: Path, *, recordings: Mapping[str, Path]) -> None:
     """Write the rerun file `path`, atomically: everything of two recordings, each below its name."""
-    recording = rr.RecordingStream("softtwin", recording_id=uuid.uuid4())
-    try:
-        with files.whole(path) as draft, plain_path(draft) as rrd:
-            chunks = {name: list(_below(name, source)) for name, source in recordings.items()}
-            kept = {chunk.entity_path for own in chunks.values() for chunk in own}
-            recording.save(rrd, default_blueprint=arranged(list(recordings), kept))
-            for own in chunks.values():
-                recording.send_chunks(own)
-            _name_curves(recording, list(recordings), kept)
-            recording.disconnect()  # writes the footer
-    finally:
-        recording.disconnect()
+    chunks = {name: list(_below(name, source)) for name, source in recordings.items()}
+    kept = {chunk.entity_path for own in chunks.values() for chunk in own}
+    with rerun_file(path, arranged(list(recordings), kept)) as recording:
+        for own in chunks.values():
+            recording.send_chunks(own)
+        _name_curves(recording, list(recordings), kept)
 
 
 def _below(name: str, source: Path) -> Iterator[Chunk]:

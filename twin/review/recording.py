@@ -5,9 +5,8 @@ Timelines: `generation` (the best individual of every generation beside the fram
 The viewer shows one timeline at a time, so the film is logged on all. The layout travels inside the file.
 """
 
+import io
 import os
-import tempfile
-import uuid
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -15,11 +14,10 @@ import av
 import numpy as np
 import rerun as rr
 
-from twin.project import files
 from twin.review.arrangement import arranged
 from twin.review.filmed import Filmed
 from twin.review.overprint import log_filmed
-from twin.review.plainpath import plain_path
+from twin.review.rerunfile import rerun_file
 from twin.review.scene import Scene, States, log_constants, log_states, scene_of
 from twin.review.states import Array, Fields, Generations, Integers
 
@@ -63,48 +61,38 @@ def write_review(
         frame_times_s if len(frame_times_s) == len(stamps) else np.asarray(stamps * 1e-9, dtype=float)
     )
     scene = scene_of(generations, fields)
-    recording = rr.RecordingStream("softtwin", recording_id=uuid.uuid4())  # two files never mix in one viewer
-    try:
-        with files.whole(path) as draft, plain_path(draft) as rrd:
-            titles = tuple(pictures or {})
-            drawn = filmed if video is not None else None
-            views = arranged(scene, has_film=video is not None, filmed=drawn, pictures=titles)
-            recording.save(rrd, default_blueprint=views)
-            if video is not None:
-                recording.log("film/frame", video, static=True)
-                _log_frames(recording, stamps, times=times, generations=generations, filmed=drawn)
-            if drawn is not None:
-                log_filmed(recording, drawn, generations, scale=scale)
-            log_constants(recording, scene)
-            _log_curves(recording, generations=generations, fields=fields)
-            scales = _log_states(recording, scene, generations=generations, fields=fields, times=times)
-            if fields is None and video is not None:
-                notes.append(
-                    "along the film the best model of the genetic algorithm is shown, at top pressure only"
-                )
-            legend = LEGEND.format(*scales, time=generations.film_time_s, top=scene.top_mm)
-            text = [
-                diagnosis_markdown.strip(),
-                _table(comparison),
-                legend,
-                *(f"*Note: {note}.*" for note in notes),
-            ]
-            document = rr.TextDocument("\n\n".join(filter(None, text)), media_type=rr.MediaType.MARKDOWN)
-            recording.log("diagnosis", document, static=True)
-            for number, data in enumerate((pictures or {}).values()):
-                image = rr.EncodedImage(contents=data, media_type="image/png")
-                recording.log(f"pictures/{number}", image, static=True)
-            recording.disconnect()  # writes the footer
-    finally:
-        recording.disconnect()
+    drawn = filmed if video is not None else None
+    views = arranged(scene, has_film=video is not None, filmed=drawn, pictures=tuple(pictures or {}))
+    with rerun_file(path, views) as recording:
+        if video is not None:
+            recording.log("film/frame", video, static=True)
+            _log_frames(recording, stamps, times=times, generations=generations, filmed=drawn)
+        if drawn is not None:
+            log_filmed(recording, drawn, generations, scale=scale)
+        log_constants(recording, scene)
+        _log_curves(recording, generations=generations, fields=fields)
+        scales = _log_states(recording, scene, generations=generations, fields=fields, times=times)
+        if fields is None and video is not None:
+            notes.append(
+                "along the film the best model of the genetic algorithm is shown, at top pressure only"
+            )
+        legend = LEGEND.format(*scales, time=generations.film_time_s, top=scene.top_mm)
+        remarks = [f"*Note: {note}.*" for note in notes]
+        text = [diagnosis_markdown.strip(), _table(comparison), legend, *remarks]
+        document = rr.TextDocument("\n\n".join(filter(None, text)), media_type=rr.MediaType.MARKDOWN)
+        recording.log("diagnosis", document, static=True)
+        for number, data in enumerate((pictures or {}).values()):
+            image = rr.EncodedImage(contents=data, media_type="image/png")
+            recording.log(f"pictures/{number}", image, static=True)
     return notes
 
 
-def encode_av1(film: Path, copy: Path) -> None:
-    """Write `copy` (mp4, AV1, at most 1280 px wide), same time stamps: for review, not to measure."""
+def encode_av1(film: Path) -> bytes:
+    """A copy of the film (mp4, AV1, at most 1280 px wide), same time stamps: for review, not to measure."""
     # The encoder reads its log level when it starts, and prints a banner on stderr without it.
     os.environ.setdefault("SVT_LOG", "1")
-    with av.open(film) as source, av.open(copy, "w") as target:
+    copy = io.BytesIO()  # a full disk is met by the one file that holds it
+    with av.open(film) as source, av.open(copy, "w", format="mp4") as target:
         video = source.streams.video[0]
         stream = target.add_stream(
             "libsvtav1", rate=video.average_rate, options={"preset": "10", "crf": "32"}
@@ -119,6 +107,7 @@ def encode_av1(film: Path, copy: Path) -> None:
             small.pict_type = 0  # the encoder chooses its own key frames
             target.mux(stream.encode(small))
         target.mux(stream.encode(None))
+    return copy.getvalue()
 
 
 def _review_size(video: av.VideoStream) -> tuple[int, int]:
@@ -138,14 +127,11 @@ def _video(film: Path | None, times: Array) -> tuple[rr.AssetVideo | None, Integ
     with av.open(film) as source:
         own = source.streams.video[0]
         small = np.array(_review_size(own)) / (own.width, own.height)
-    with tempfile.TemporaryDirectory() as folder:
-        try:
-            copy = Path(folder) / "review.mp4"
-            encode_av1(film, copy)
-            data, scale = copy.read_bytes(), small
-        except av.codec.codec.UnknownCodecError:
-            data = film.read_bytes()
-            notes.append("PyAV has no AV1 encoder here: the viewer needs ffmpeg on PATH to show the film")
+    try:
+        data, scale = encode_av1(film), small
+    except av.codec.codec.UnknownCodecError:
+        data = film.read_bytes()
+        notes.append("PyAV has no AV1 encoder here: the viewer needs ffmpeg on PATH to show the film")
     video = rr.AssetVideo(contents=data, media_type="video/mp4")
     stamps = np.asarray(video.read_frame_timestamps_nanos(), dtype=np.int64)
     if len(stamps) != len(times):

@@ -1,6 +1,5 @@
 """The undeformed finger for rerun: surface, nodes, points, marks and dimensions, and the drawing of it."""
 
-import uuid
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -10,8 +9,7 @@ import rerun.blueprint as rrb
 
 from fe import Case, Finger
 from fe.element import Integers
-from twin.project import files
-from twin.review.plainpath import plain_path
+from twin.review.rerunfile import rerun_file
 from twin.review.scene import normals
 from twin.targets import Array
 
@@ -38,22 +36,16 @@ def write_undeformed(
     triangles (t, 3) node rows of the surface that is drawn; points {name: (3,) mm} on the finger; marks
     {name: (3,) mm} on the rig; finger: its dimensions, None where a deck has none; drawing: a PNG.
     """
-    recording = rr.RecordingStream("softtwin", recording_id=uuid.uuid4())
-    try:
-        with files.whole(path) as draft, plain_path(draft) as rrd:
-            recording.save(rrd, default_blueprint=_views(case))
-            for name, entity in _entities(case, triangles, finger).items():
-                recording.log(f"finger/{name}", entity, static=True)
-            size = 0.009 * float(np.ptp(case.nodes, axis=0).max())
-            for name, places, colour in (("points", points, POINT), ("marks", marks, MARK)):
-                if places:
-                    at = list(places.values())
-                    dots = rr.Points3D(at, labels=list(places), colors=colour, radii=size)
-                    recording.log(f"finger/{name}", dots, static=True)
-            recording.log("drawing", rr.EncodedImage(contents=drawing, media_type="image/png"), static=True)
-            recording.disconnect()  # writes the footer
-    finally:
-        recording.disconnect()
+    with rerun_file(path, _views(case)) as recording:
+        for name, entity in _entities(case, triangles, finger).items():
+            recording.log(f"finger/{name}", entity, static=True)
+        size = 0.009 * float(np.ptp(case.nodes, axis=0).max())
+        for name, places, colour in (("points", points, POINT), ("marks", marks, MARK)):
+            if places:
+                at = list(places.values())
+                dots = rr.Points3D(at, labels=list(places), colors=colour, radii=size)
+                recording.log(f"finger/{name}", dots, static=True)
+        recording.log("drawing", rr.EncodedImage(contents=drawing, media_type="image/png"), static=True)
 
 
 def _entities(

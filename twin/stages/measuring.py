@@ -283,7 +283,7 @@ def _write_strain(run: Run, moved: "Displacements") -> None:
     rows = [moved.names.index(name) for name in field.names]
     steps = np.unique(np.linspace(0, len(field.time) - 1, STRAIN_STEPS).round().astype(int))
     parts = {name: field.value[steps][..., k] for k, name in enumerate(COMPONENTS)}
-    sds = {f"sd_{name}": np.tile(field.sd[:, k], (len(steps), 1)) for k, name in enumerate(COMPONENTS)}
+    sds = {f"sd_{name}": field.sd[steps][..., k] for k, name in enumerate(COMPONENTS)}
     moves = np.nan_to_num(moved.value[steps][:, rows])
     write_vtu_series(
         run.folder, "strain", nodes=field.points, cells=cells, times=list(field.time[steps]),

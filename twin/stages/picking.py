@@ -91,7 +91,10 @@ def run_pick(
         return _named(project, say, names)
     table = camera_table(project)
     if len(project.config.cameras) > 1:
-        raise ValueError("natural features are followed by one camera: wanted one [[cameras]]")
+        raise ValueError(
+            f"twin.toml has {len(project.config.cameras)} [[cameras]]; wanted one: where a natural feature "
+            "lies in the picture of another camera is not known; leave out the other cameras, or glue markers"
+        )
     how: dict[str, Any] = {"tables": ("cameras", "frame", "points", "model"),
                            "extra": {"size_mm": size_mm, "sag_mm": sag_mm},
                            "inputs": [project.path(table.film), *project.deck_files()]}  # fmt: skip

@@ -42,8 +42,14 @@ class PlacedPoint:
 def places_of(project: Project, structure: Structure) -> dict[str, PlacedPoint]:
     """The places of the points that twin.toml states without a node, by name. ValueError where one is further
     than ON_FINGER_MM from the finger."""
-    mirrored = one_side(project)
-    return {p.name: _place(p, structure, mirrored=mirrored) for p in project.config.points if p.node is None}
+    return placed(project.config.points, structure, mirrored=one_side(project))
+
+
+def placed(
+    points: Iterable[PointTable], structure: Structure, *, mirrored: bool
+) -> dict[str, PlacedPoint]:
+    """The same for these points.   mirrored: see `one_side`."""
+    return {p.name: _place(p, structure, mirrored=mirrored) for p in points if p.node is None}
 
 
 def check_points(points: Iterable[PointTable], structure: Structure) -> None:

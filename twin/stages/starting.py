@@ -3,7 +3,7 @@
 import shutil
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from fe.mesh.finger import NAMED_NODES
 from twin.project import files
@@ -24,6 +24,9 @@ from twin.project.toml import dump
 from twin.stages.importing import Foreign, import_targets, source_of
 from twin.targets import PointKind, Targets
 
+if TYPE_CHECKING:
+    from fe.deck.reader import Deck
+
 
 def run_init(
     folder: Path, say: Say, *, targets: Path | None, nodes: Sequence[str], deck: Path | None = None,
@@ -42,14 +45,14 @@ def run_init(
     told = {point.name: point for point in map(_point, nodes)}
     labels = {name: point.node for name, point in told.items() if point.node is not None}
     known = {} if deck is not None else {n: PointTable(name=n, node=k) for n, k in NAMED_NODES.items()}
-    own, files_of = (None, ()) if deck is None else _own_mesh(deck, told, ask=targets is None)
+    own = None if deck is None else _own_mesh(deck, told, ask=targets is None)
+    files_of = () if own is None else own.files
     given, name = _given(targets, labels, foreign, say), folder.resolve().name
     config = (
         film_config(name, known | told) if given is None else targets_config(name, given, known | told)
     )
-    if deck is None:
-        _check_labels(config)
-    known_of_it = {"deck": own, "density_kg_m3": density_kg_m3}
+    _check_points(config, own, say)
+    known_of_it = {"deck": f"raw/{deck.name}" if deck else None, "density_kg_m3": density_kg_m3}
     model = config.model.model_copy(update={k: v for k, v in known_of_it.items() if v is not None})
     config = config.model_copy(update={"model": model})
     root = folder.resolve()
@@ -69,15 +72,23 @@ def run_init(
     return {"stage": "init", "status": "done", "project": str(folder)}
 
 
-def _check_labels(config: Config) -> None:
-    """Raise ValueError where a point is at a node that the built-in finger does not have."""
-    from twin.model.structure import base_case
+def _check_points(config: Config, deck: "Deck | None", say: Say) -> None:
+    """Say where points of a deck lie that are stated in mm; ValueError where a point is at a node that is not
+    there or not on the surface, or far from the deck's. The built-in finger's dimensions may still change."""
+    from twin.model.structure import Structure, base_case, skin
+    from twin.stages.positions import check_points, placed
 
-    own = {point.name: label for point in config.points if (label := point.node) is not None}
-    if set(own.values()) - set(NAMED_NODES.values()):  # those are there: no mesh need be made for them
+    nodes = {point.node for point in config.points} - {None}
+    if deck is not None:
+        structure = Structure(deck.case, "", {}, skin(deck.case))
+        for place in placed(config.points, structure, mirrored=len(config.cameras) == 1).values():
+            say(place.sentence)
+    elif nodes - set(NAMED_NODES.values()):  # those are there: no mesh need be made for them
         case = base_case()
-        for label in own.values():
-            case.position(label)
+        structure = Structure(case, "", {}, case.face_nodes("outside"))
+    else:
+        return
+    check_points([point for point in config.points if point.node is not None], structure)
 
 
 def _given(
@@ -133,13 +144,10 @@ def _objective(names: tuple[str, ...]) -> tuple[str, ...]:
     return tuple(n for n in NAMED_NODES if n in names) or names
 
 
-def _own_mesh(deck: Path, told: Mapping[str, PointTable], *, ask: bool) -> tuple[str, tuple[Path, ...]]:
-    """Where a deck goes in the project, and its files; ValueError where it is not right.
-
-    ask: whether points have to be named, as no targets name them.
-    """
-    from fe.deck.reader import read_deck
-    from fe.deck.soundness import check_body
+def _own_mesh(deck: Path, told: Mapping[str, PointTable], *, ask: bool) -> "Deck":
+    """A deck as it was read; ValueError where it is not right.   ask: whether points have to be named, as no
+    targets name them."""
+    from twin.model.structure import sound_deck
 
     if not deck.is_file():
         raise ValueError(f"--deck {deck}: no such file; wanted an Abaqus input deck")
@@ -147,12 +155,7 @@ def _own_mesh(deck: Path, told: Mapping[str, PointTable], *, ask: bool) -> tuple
         raise ValueError(
             "--deck without --node: name your points, as in --node tip=4401, or --node tip=110,11.5,0 in mm"
         )
-    found = read_deck(deck)
-    check_body(found.case, deck.name)
-    for point in told.values():
-        if point.node is not None:
-            found.case.position(point.node)  # names what is wrong with an unknown node
-    return f"raw/{deck.name}", found.files
+    return sound_deck(deck)
 
 
 def film_config(name: str, stated: Mapping[str, PointTable] | None = None) -> Config:

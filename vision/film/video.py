@@ -251,12 +251,13 @@ class Writer:
         self.container.mux(self.stream.encode(frame))
 
     def __exit__(self, kind: object, *_: object) -> None:
-        if kind is None:
-            self.container.mux(self.stream.encode(None))
-        self.container.close()
-        if kind is None:
-            os.replace(self.partial, self.path)
-        else:
+        try:
+            if kind is None:
+                self.container.mux(self.stream.encode(None))
+            self.container.close()  # which writes, and may find no room
+            if kind is None:
+                os.replace(self.partial, self.path)
+        finally:
             self.partial.unlink(missing_ok=True)
 
 

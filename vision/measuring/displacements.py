@@ -115,11 +115,11 @@ def displacements_of(
         placed = in_plane(seen[0], marks, stated, chosen)
     else:
         placed = in_space(seen, rig, marks, stated, chosen)
-    return _record(placed, seen, marks, chosen)
+    return _record(placed, seen, marks, chosen, stated)
 
 
 def _record(
-    placed: Placed, seen: Sequence[Seen], marks: Sequence[Mark], steps: NDArray[np.intp]
+    placed: Placed, seen: Sequence[Seen], marks: Sequence[Mark], steps: NDArray[np.intp], stated: Stated
 ) -> Displacements:
     film, output = seen[0].film, [marks[p] for p in rows_of(marks)[1]]
     names, time = [m.name for m in output], film.time[steps]
@@ -149,7 +149,9 @@ def _record(
         ),
         notes=(*_fewer(len(steps), len(film.time)), *_noted(seen, marks), *placed.notes),
         coding=_by_camera([s.coded for s in seen]),
-        strain=strain_field(seen[0], marks, placed.noise, steps),
+        strain=strain_field(
+            seen[0], marks, placed.noise, steps, moved=placed.value, out_of_plane_mm=stated.out_of_plane_mm
+        ),
     )
 
 

@@ -11,6 +11,7 @@ from vision.errors.noise import NoiseModel
 from vision.following.turns import linear_maps
 from vision.kinds.facepoint import FacePoint
 from vision.marks import Mark, frame_places, rows_of
+from vision.placing import depth
 from vision.placing.views import Seen
 from vision.plane import homographies
 
@@ -25,39 +26,58 @@ class StrainField:
     names: tuple[str, ...]  # (p,)
     points: Array  # (p,3) mm at rest
     value: Array  # (s,p,3) xx, zz, xz
-    sd: Array  # (p,3) noise at rest and of compression; a motion of d towards a camera L away adds d / L
+    sd: Array  # (s,p,3) noise at rest, of compression, and of motion towards the camera, which all share
 
 
 def strain_field(
-    seen: Seen, marks: Sequence[Mark], noise: NoiseModel, steps: NDArray[np.intp]
+    seen: Seen,
+    marks: Sequence[Mark],
+    noise: NoiseModel,
+    steps: NDArray[np.intp],
+    *,
+    moved: Array,
+    out_of_plane_mm: float,
 ) -> StrainField | None:
     """Strain of the face's points in the frames `steps`; None where there is no face.
 
-    noise: of the points of the output.
+    noise: of the points of the output.   moved: (s,q,3) mm, their displacements.   out_of_plane_mm: sd of
+    motion towards the camera at the largest displacement.
 
     The sd is the scatter in the static film, that of the reference's mean, and grows as that of the places
-    does where compression adds to it.
+    does where compression adds to it. Motion towards the camera adds what `seeming_strain` says.
     """
     output = rows_of(marks)[1]
     kept = [k for k, p in enumerate(output) if isinstance(marks[p].kind, FacePoint)]
     if not kept:
         return None
     face = [output[k] for k in kept]
+    plane = seen.homography(marks)
     still = green_lagrange(linear_maps(seen.still, _homography(seen, marks))[:, face])
-    value = green_lagrange(linear_maps(seen.film, seen.homography(marks))[steps][:, face])
+    value = green_lagrange(linear_maps(seen.film, plane)[steps][:, face])
     shown = np.isfinite(still[..., 0]).sum(axis=0)
     scatter = np.sqrt(np.nansum((still - _mean(still)) ** 2, axis=0) / np.maximum(shown - 1, 1)[:, None])
     usual, coded = noise.sd[kept][:, [0, 2]], np.nan_to_num(noise.codec_sd[kept][:, [0, 2]])
     grown = np.sqrt(
         1.0 + np.mean(coded**2 / usual**2, axis=1) + noise.persistence.of_mean(len(seen.film.reference))
     )
+    away = depth.viewpoint(seen.camera, plane).distance - depth.heights(marks, rows_of(marks)[0])[face]
+    nearer = out_of_plane_mm * depth.bulge(moved[:, kept]) / np.abs(away)
     return StrainField(
         time=seen.film.time[steps],
         names=tuple(marks[p].name for p in face),
         points=np.array([marks[p].position for p in face]),
         value=value,
-        sd=scatter * grown[:, None],
+        sd=np.hypot(scatter * grown[:, None], seeming_strain(value, np.nan_to_num(nearer))),
     )
+
+
+def seeming_strain(strain: Array, nearer: Array) -> Array:
+    """Strain (...,3) that is seen besides where a face comes nearer by a small share (...) of its distance.
+
+    All of it is seen larger by that share e, F' = (1 + e) F, so that dE = e F'F = e (1 + 2 E), to first
+    order. Where E is not known, that of a face at rest is taken.
+    """
+    return np.asarray(nearer[..., None] * (np.array([1.0, 1.0, 0.0]) + 2.0 * np.nan_to_num(strain)))
 
 
 def green_lagrange(gradient: Array) -> Array:
@@ -69,8 +89,8 @@ def green_lagrange(gradient: Array) -> Array:
 def to_csv(field: StrainField) -> str:
     """The field as CSV: one row a time and point."""
     rows = ["time_s,point,x_mm,z_mm," + ",".join((*COMPONENTS, *(f"sd_{name}" for name in COMPONENTS)))]
-    for time, strain in zip(field.time, field.value, strict=True):
-        for name, place, own, sd in zip(field.names, field.points, strain, field.sd, strict=True):
+    for time, strain, sds in zip(field.time, field.value, field.sd, strict=True):
+        for name, place, own, sd in zip(field.names, field.points, strain, sds, strict=True):
             if np.isfinite(own[0]):
                 cells = ",".join(f"{v:.6g}" for v in (place[0], place[2], *own, *sd))
                 rows.append(f"{time:.6f},{name},{cells}")

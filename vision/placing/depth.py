@@ -80,17 +80,27 @@ def out_of_plane_modes(
 
     The mode is r dy / distance, r (mm) from the foot.
     value: (s,p,3) mm displacements.   place: (s,p,2) mm in the plane.   sd_mm: sd of dy at the largest
-    displacement. At rest there is none; between, it grows as the square root of the displacement, as the
-    bulge of a finger's side face does (half of it is there at 0.3 of the displacement).
+    displacement; it grows as `bulge` says.
     """
     modes: dict[str, Array] = {}
+    share = bulge(value)
     for p, mark in _fingers(marks):
-        size = np.hypot(value[:, p, 0], value[:, p, 2])
-        top = np.nanmax(size, initial=0.0)
-        share = np.sqrt(size / top) if top > 0 else np.zeros(len(size))
         mode = modes.setdefault(f"out_of_plane:{mark.owner}", np.zeros(value.shape))
-        mode[:, p, ::2] = np.nan_to_num((place[:, p] - view.foot) * (share * sd_mm / view.distance)[:, None])
+        mode[:, p, ::2] = np.nan_to_num(
+            (place[:, p] - view.foot) * (share[:, p] * sd_mm / view.distance)[:, None]
+        )
     return modes
+
+
+def bulge(value: Array) -> Array:
+    """Share (s,p) of the largest motion towards the camera that is there at displacements (s,p,3) mm.
+
+    At rest there is none; between, it grows as the square root of the displacement, as the bulge of a
+    finger's side face does (half of it is there at 0.3 of the displacement).
+    """
+    size = np.hypot(value[..., 0], value[..., 2])
+    top = np.nanmax(size, axis=0, initial=0.0)
+    return np.asarray(np.sqrt(size / np.where(top > 0.0, top, 1.0)))
 
 
 def calibration_modes(

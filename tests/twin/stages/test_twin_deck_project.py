@@ -15,7 +15,7 @@ from fe.kernel.assembly import Geometry
 from fe.mesh.refine import enriched
 from twin import cli, virtual
 from twin.model import structure
-from twin.model.structure import of_deck
+from twin.model.structure import of_deck, skin
 from twin.project.folder import Project
 from twin.project.targetfiles import read_targets, write_targets
 from twin.review.deformed import deformed_picture, write_vtu_series
@@ -219,6 +219,13 @@ def test_what_is_wrong_with_the_deck_of_a_project_is_one_sentence(
         run("init", tmp_path / "new", "--deck", deck)
     with pytest.raises(ValueError, match="node 4401: not in the model"):
         run("init", tmp_path / "new", "--deck", deck, "--node", "tip=4401")
+    case = read_deck(deck).case
+    within = next(int(n) for n in case.labels if n not in case.labels[np.unique(skin(case))])
+    with pytest.raises(ValueError, match=rf"points.tip.node = {within}: it lies at .* inside the finger, in its chamber or"):
+        run("init", tmp_path / "new", "--deck", deck, "--node", f"tip={within}")
+    with pytest.raises(ValueError, match=r"points.tip.position_mm = \[900, 0, 0\]: not on the finger; the nearest place on"):
+        run("init", tmp_path / "new", "--deck", deck, "--node", "tip=900,0,0")
+    assert not (tmp_path / "new").exists()
     deck.write_text(deck.read_text().replace("*Dsload\nTube-1.Chamber, P, 0.08\n", ""))
     with pytest.raises(ValueError, match=r"tube.inp: no pressure; wanted \*DSLOAD with P"):
         of_deck(deck)

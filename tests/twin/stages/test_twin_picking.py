@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter, map_coordinates
 
+from twin.project.config import Config
 from twin.project.csvtable import read_sheet
 from twin.project.folder import Project
 from twin.project.toml import dump, parse
@@ -154,3 +155,14 @@ def test_a_picture_without_texture_says_what_to_do(studio: ModuleType, project: 
     (root / "twin.toml").write_text(dump(studio.config_of()))
     with pytest.raises(ValueError, match=r"no feature of 9\.\d+ mm on the finger that can be followed; wanted texture"):
         run_pick(Project.open(root), Lines())
+
+
+def test_features_are_for_one_camera(project: Project) -> None:
+    first = project.config.cameras[0]
+    two = {"cameras": (first, first.model_copy(update={"name": "top", "film": "raw/top.mkv"}))}
+    both = Project(project.root, project.config.model_copy(update=two))
+    with pytest.raises(ValueError, match=r"twin.toml has 2 \[\[cameras\]\]; wanted one: .* leave out the other cameras, or glue"):
+        run_pick(both, Lines())
+    seen = project.config.points[0].model_copy(update={"marker": None, "seen_mm": (20.0, 5.0)})
+    with pytest.raises(ValueError, match=r"points root: seen_mm with 2 \[\[cameras\]\]; wanted one: .* or glue markers"):
+        Config.model_validate(project.config.model_copy(update={**two, "points": (seen,)}).model_dump())

@@ -1,8 +1,10 @@
 """A speckled face on drawn film: an analytic field measured with pulls, shared errors, a region without speckles."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -11,7 +13,7 @@ from vision import Displacements, Video, View, measure
 from vision.drawing import synthetic
 from vision.errors.modes import Stated
 from vision.measuring.face import Face
-from vision.measuring.strains import green_lagrange, quads, to_csv
+from vision.measuring.strains import green_lagrange, quads, seeming_strain, to_csv
 
 Array = NDArray[np.float64]
 DEPTH, TIMES = 12.0, 24  # mm, frames
@@ -160,6 +162,46 @@ def test_strain_is_the_material_s_with_its_sd(found: Displacements) -> None:
     assert len(cells) == 6 * 2  # of 7 x 3 points
     edges = field.points[cells][:, 1] - field.points[cells][:, 0]
     np.testing.assert_allclose(edges, [[10.0, 0.0, 0.0]] * len(cells), atol=1e-9)
+
+
+NEARER_MM = 1.5  # at the end of the ramp
+
+
+def test_a_face_that_comes_nearer_seems_to_stretch_as_the_sd_says(
+    lab: Any, films: tuple[Video, Video], tmp_path: Path
+) -> None:
+    """Drawn by the pinhole: what is dy nearer is seen on the plane of rest, D away, (D - dy) / D as far out."""
+    rvec, tvec = lab.pose
+    eye = -np.asarray(cv2.Rodrigues(rvec)[0]).T @ tvec
+    away, foot, speckles = eye[1] - DEPTH, eye[[0, 2]], Speckles()
+    ramp = np.clip((np.arange(TIMES) - 15) / 8.0, 0.0, 1.0)
+    share = 1.0 - NEARER_MM * ramp / away
+    place, turn = lab.motion(np.zeros(TIMES))
+    synthetic.film(
+        tmp_path / "nearer.mkv", camera=lab.camera, pose=lab.pose, marks=lab.marks, positions=place, rotations=turn,
+        codec="rawvideo", seed=5, face=(DEPTH, lambda t, seen: speckles(0, foot + (seen - foot) * share[t])),
+    )  # fmt: skip
+    face = Face((20.0, -36.0), (50.0, -18.0), DEPTH, step_mm=10.0, subset_mm=9.0)
+    views = [View(Video(tmp_path / "nearer.mkv"), films[1], lab.camera)]
+    field = measure(views, lab.marks, face=face, stated=replace(PERFECT, out_of_plane_mm=NEARER_MM), reference=1.5).strain
+    assert field is not None
+    seeming = 0.5 * (share[-1] ** -2 - 1.0)
+    assert seeming > 0.001
+    direct = field.value[-1, :, :2]
+    assert direct.mean() == pytest.approx(seeming, rel=0.1)  # ten sds of the mean's noise are less
+    # it came nearer by one sd: the error is the sd, but for the noise, a tenth of it
+    assert np.sqrt(np.mean((direct / field.sd[-1, :, :2]) ** 2)) == pytest.approx(1.0, abs=0.15)
+    noise = field.sd[0]  # at rest there is no more
+    assert (field.sd[-1, :, :2] > 2.0 * noise[:, :2]).all()
+    np.testing.assert_allclose(field.sd[-1, :, 2], noise[:, 2], rtol=0.05)  # it shears nothing
+    assert np.abs(field.value[:15] / field.sd[:15]).max() < 5.0
+
+
+def test_what_a_nearer_face_adds_to_its_strain_is_the_derivative() -> None:
+    gradient, small = deformation(TIMES - 1)[0], 1e-6
+    strain = green_lagrange(gradient)
+    slope = (green_lagrange((1.0 + small) * gradient) - strain) / small
+    np.testing.assert_allclose(seeming_strain(strain, np.array(1.0)), slope, atol=3 * small)
 
 
 def test_markers_alone_have_no_strain(lab: Any, films: tuple[Video, Video]) -> None:
