@@ -10,6 +10,8 @@ from twin.targets import Array, PointKind, Targets
 
 LEAST_MPA, MOST_MPA = 1e-4, 1.0  # the peak of a test of a soft finger lies far within
 UNITS = {"kPa": 1e-3, "bar": 0.1, "mbar": 1e-4, "psi": 0.00689476, "Pa": 1e-6}  # MPa each
+AIR_MPA = (0.08, 0.105)  # of the air, up to 2000 m above the sea
+TURNED = 5.0  # times as much below zero as above it
 USUAL_MPA = (0.005, 0.3)
 CURLED = 2.0  # largest displacement over the finger's length: a tip that is rolled up moves by 1.3 of it
 RESTING = 2e-3  # displacement over length that any pressure of 40 kPa exceeds; in proportion below that
@@ -30,6 +32,24 @@ def pressure_fault(peak: float, *, unit: str = "MPa") -> str:
         return text
     shown = " or ".join(f"{name} ({peak:.3g} {name} are {UNITS[name] * peak:.2g} MPa)" for name in likely)
     return f"{text}; the numbers are likely in {shown}"
+
+
+def zero_fault(pressure: Array) -> str:
+    """What is wrong with the pressures (t,) MPa of a whole test: absolute pressure, or a sign."""
+    low, high = float(pressure.min()), float(pressure.max())
+    if AIR_MPA[0] <= low <= AIR_MPA[1]:
+        return (
+            f"never falls below {low:.4g} MPa, which is the pressure of the air: it seems to be absolute "
+            "pressure; "
+            "wanted gauge pressure, which is 0 when the finger is vented; subtract the reading at rest"
+        )
+    if low < -LEAST_MPA and -low > TURNED * high:
+        return (
+            f"falls to {low:.3g} MPa and rises to {high:.2g} MPa only; wanted gauge pressure, above 0 when "
+            "the finger "
+            "is inflated; turn its sign (MPa_per_V of a gauge that gives volts)"
+        )
+    return ""
 
 
 def motion_fault(targets: Targets, case: Case, *, bends_down: bool) -> str:

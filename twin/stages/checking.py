@@ -74,29 +74,33 @@ def _check_one(project: Project, say: Say, *, before: str = "", after: str = "")
     """Say what was read of the log of the project's one film, and seen in that."""
     from twin.stages.glancing import check_films
 
-    log, read = _log_line(project)
+    log, read, odd = _log_line(project)
     say(f"{before}{read}{after}")
+    for sentence in odd:
+        say(sentence)
     check_films(project, log, say)
 
 
-def _log_line(project: Project) -> tuple[Log, str]:
-    """The pressure log of the project's one film and what was read of it; ValueError where it is not right,
-    or shorter than the film."""
+def _log_line(project: Project) -> tuple[Log, str, tuple[str, ...]]:
+    """The pressure log of the project's one film, what was read of it and what is odd in it; ValueError where
+    it is not right, or shorter than the film."""
     from twin.gauge.pressurelog import check_lasts
-    from twin.stages.measuring import gauge_of
+    from twin.stages.measuring import gauge_of, said_of_log
     from twin.stages.recordings import log_of, pressure_table
     from vision.film.series import open_film
 
     pressure = pressure_table(project)
     log, table = log_of(project, pressure), project.config.cameras[0]
     time, still = (open_film(project.path(f), fps=table.fps).time for f in (table.film, table.static))
+    odd: tuple[str, ...] = ()
     if pressure.join == "stamps":
         gauge_of(project, time, still, log, table.film_start_s)
+        odd = said_of_log(project, time, log, table.film_start_s)
     check_lasts(log, float(time[-1] - time[0]))
     return log, (
         f"{log.path.name}: {log.source}, {log.pressure.min():.3g} to {log.pressure.max():.3g} MPa, "
         f"{log.time[-1] - log.time[0]:.1f} s long. The film lasts {time[-1] - time[0]:.1f} s."
-    )
+    ), odd
 
 
 def _check_finger(project: Project, say: Say) -> None:
