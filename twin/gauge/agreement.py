@@ -78,10 +78,9 @@ def check_agrees(motion: Motion, log: Log, start_s: float, *, stated: bool) -> t
         return told
     return (
         f"The finger moves as {log.path.name} does {away:.1f} s {order}: its pressure explains "
-        f"{100 * most:.1f} % "
-        f"of the motion there, {100 * now:.1f} % at film_start_s = {start_s:g} s. Is film_start_s right, or "
-        "does the "
-        "pressure line lag? `twin diagnose` tests both (time_shift, pressure_lag).",
+        f"{100 * most:.1f} % of the motion there, {100 * now:.1f} % at film_start_s = {start_s:g} s. Is "
+        "film_start_s right, or does the pressure line lag? `twin diagnose` tests both (time_shift, "
+        "pressure_lag).",
     )
 
 
@@ -102,16 +101,14 @@ def _check_rate(time: Array, mm: Array, log: Log, start_s: float, *, least: floa
         return ()
     what = (
         f"the film seems to run {1 / rate:.2f} times as long as the test: with its times multiplied by "
-        f"{rate:.2f} "
-        f"the pressure of {log.path.name} explains {100 * (1 - best):.1f} % of the motion, as they are "
-        f"{100 * (1 - now):.1f} %"
+        f"{rate:.2f} the pressure of {log.path.name} explains {100 * (1 - best):.1f} % of the motion, as "
+        f"they are {100 * (1 - now):.1f} %"
     )
     way = "was it filmed in slow motion, has it lost frames, or was its frame rate changed?"
     if now > max(MUCH, SURE * best):
         raise ValueError(
             f"{what}; wanted a film whose time stamps are those of the camera: {way} Use the original file, "
-            "or "
-            "pictures with times.csv"
+            "or pictures with times.csv"
         )
     alike = "A pressure line that lags by seconds looks alike in a short film."
     return (f"{what[0].upper()}{what[1:]}: {way} {alike}",)

@@ -35,10 +35,8 @@ def rest_remark(log: Log, *, start: float, rest_s: float) -> str:
         return ""
     return (
         f"{log.path.name} reads {mean:.2g} MPa while the finger rests ({start:.1f} to {start + rest_s:.1f} "
-        "s), "
-        f"{100 * abs(mean) / whole:.0f} % of its range; wanted 0, vented. If the gauge's zero is off, "
-        "subtract it "
-        "from the log; if the film starts later than film_start_s says, correct that."
+        f"s), {100 * abs(mean) / whole:.0f} % of its range; wanted 0, vented. If the gauge's zero is off, "
+        "subtract it from the log; if the film starts later than film_start_s says, correct that."
     )
 
 
@@ -52,8 +50,7 @@ def _check_gaps(log: Log, own: NDArray[np.bool_]) -> None:
         raise ValueError(
             f"{log.path.name} has no sample between {log.time[k]:.2f} and {log.time[k + 1]:.2f} s, while the "
             f"pressure goes from {log.pressure[k]:.3g} to {log.pressure[k + 1]:.3g} MPa; wanted a log "
-            "without "
-            "gaps: restore the missing rows, or record the test again"
+            "without gaps: restore the missing rows, or record the test again"
         )
 
 
@@ -69,8 +66,7 @@ def _alone(log: Log, own: NDArray[np.bool_]) -> tuple[str, ...]:
     k = int(rows[0])
     what = (
         f"{log.path.name}: {len(rows)} samples lie far off their neighbours, the first at {log.time[k]:.2f} "
-        "s: "
-        f"{log.pressure[k]:.3g} MPa between {log.pressure[k - 1]:.3g} and {log.pressure[k + 1]:.3g} MPa"
+        f"s: {log.pressure[k]:.3g} MPa between {log.pressure[k - 1]:.3g} and {log.pressure[k + 1]:.3g} MPa"
     )
     if float(np.median(np.diff(log.time))) > FAST_S:
         return (f"{what}. Are they real, or has the logger dropped some?",)
@@ -92,8 +88,7 @@ def _stuck(log: Log, own: NDArray[np.bool_]) -> tuple[str, ...]:
     return (
         f"{log.path.name} repeats {log.pressure[first]:.6g} MPa from {log.time[first]:.2f} to "
         f"{log.time[last]:.2f} s, while its last digits change elsewhere. Has the logger stopped, or has "
-        "the gauge "
-        "reached the end of its range?",
+        "the gauge reached the end of its range?",
     )
 
 

@@ -1,5 +1,7 @@
 """Whether a project is complete and right, and what to run next."""
 
+from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any
 
 from twin.gauge.pressurelog import Log
@@ -8,7 +10,7 @@ from twin.stages.chain import STAGES, TARGETS, Stage, When
 from twin.stages.fits import fresh, named_effects
 from twin.stages.likeness import camera_kept
 from twin.stages.several import OneFilm, films_of
-from twin.targets import PointKind, Targets
+from twin.targets import PointKind, TargetPoint, Targets
 
 
 def run_check(project: Project, say: Say) -> dict[str, Any]:
@@ -41,7 +43,7 @@ def check_project(project: Project, say: Say) -> None:
     if project.targets_folder.is_dir():
         targets = project.targets()
         _check_points(project, targets)
-        _check_motion(project, targets)
+        _check_motion(project, targets, say)
         say(f"The targets have {len(targets.time)} steps and {len(targets.names)} points, with "
             f"{int(targets.valid.sum())} measured values in all.")  # fmt: skip
         if targets.noise is None:
@@ -180,10 +182,26 @@ def _check_points(project: Project, targets: Targets) -> None:
             )
 
 
-def _check_motion(project: Project, targets: Targets) -> None:
+def _check_motion(project: Project, targets: Targets, say: Say) -> None:
+    """Say what is odd in the targets; ValueError where they are not of the project's finger."""
+    from twin.sanity import doubts
     from twin.stages.workbench import check_plausible, structure_of
 
-    check_plausible(project, targets, structure_of(project).case)
+    case = structure_of(project).case
+    check_plausible(project, targets, case)
+    for sentence in doubts(replace(targets, points=tuple(_placed(project, targets))), case):
+        say(sentence)
+
+
+def _placed(project: Project, targets: Targets) -> Iterator[TargetPoint]:
+    """The points of the targets, those of no place with the one that twin.toml states."""
+    stated = {point.name: point.position_mm for point in project.config.points}
+    for point in targets.points:
+        position = stated.get(point.name)
+        if point.kind is PointKind.UNKNOWN and position is not None:
+            yield replace(point, kind=PointKind.PLACE, position=position)
+        else:
+            yield point
 
 
 def _next(project: Project) -> str:

@@ -55,9 +55,9 @@ def _heights(marks: Sequence[Mark], side: Array, height: Array, distance: float)
         return ()
     how, where, much = ("larger", "nearer to", "large") if off > 0 else ("smaller", "farther from", "small")
     return (
-        f"The finger's markers look {100 * abs(larger):.1f} % {how} than those of the frame, though all have "
-        f"one size_mm: they seem to lie about {abs(off):.0f} mm {where} the camera than stated, which is "
-        f"{_of_plane(float(np.median(height[own])) * np.sign(distance))}. All displacements would be "
+        f"The finger's markers look {100 * abs(larger):.1f} % {how} than those of the frame, though all "
+        f"have one size_mm: they seem to lie about {abs(off):.0f} mm {where} the camera than stated, which "
+        f"is {_of_plane(float(np.median(height[own])) * np.sign(distance))}. All displacements would be "
         f"{100 * abs(larger):.1f} % too {much}: check the y of all position_mm, and size_mm.",
     )
 
@@ -84,9 +84,9 @@ def _places(marks: Sequence[Mark], place: Array, nominal: Array, sd_mm: float) -
 def _sentence(name: str, seen: Array, stated: Array) -> str:
     x, z = np.round(seen, 1) + 0.0
     return (
-        f"Finger marker {name!r} is seen at x = {x:.1f}, z = {z:.1f} mm at rest, stated at "
-        f"x = {stated[0]:.4g}, z = {stated[1]:.4g} mm, and the finger's sag does not explain it. If it is "
-        "glued there, correct its position_mm or node: its motion is compared with the model's at the stated "
+        f"Finger marker {name!r} is seen at x = {x:.1f}, z = {z:.1f} mm at rest, stated at x = "
+        f"{stated[0]:.4g}, z = {stated[1]:.4g} mm, and the finger's sag does not explain it. If it is glued "
+        "there, correct its position_mm or node: its motion is compared with the model's at the stated "
         "place."
     )
 
