@@ -33,6 +33,7 @@ def mistakes(quick: bool) -> dict[str, Any]:
     found = strangers_mistakes.figures()
     return {
         "planted": found["planted"], "accepted_wrong": found["accepted_wrong"],
+        "doubtful": found["doubtful"], "untold": found["untold"],
         "sentences": found["sentences"], "unusual": found["right"], "unusual_refused": found["refused"],
     }  # fmt: skip
 

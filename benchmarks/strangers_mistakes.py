@@ -4,11 +4,13 @@
 
 Each mistake changes one thing of a project that is right: twin.toml, a film, the log or the board pictures.
 `MISTAKES` must be refused with a sentence that names the thing; `RIGHT` are unusual and right, and must pass.
+`strangers_recordings` has more of both, and `DOUBTFUL` ones, which must pass with a sentence on the doubt.
 The exit code is 1 where one of them goes the other way.
 """
 
 import argparse
 import json
+import re
 import shutil
 import sys
 import tempfile
@@ -468,20 +470,51 @@ def _refusal(stage: Callable[..., object], root: Path, say: Lines) -> str:
     return ""
 
 
+@dataclass(frozen=True)
+class Planted:
+    """All that is planted: what must be refused, what must be told, and what must pass."""
+
+    mistakes: Mapping[str, tuple[Plant, str]]
+    doubtful: Mapping[str, tuple[Plant, str]]
+    right: Mapping[str, Plant]
+
+    @property
+    def plants(self) -> dict[str, Plant]:
+        named = {name: plant for name, (plant, _) in {**self.mistakes, **self.doubtful}.items()}
+        return {**named, **self.right}
+
+
+def planted() -> Planted:
+    """All that is planted here and in `strangers_recordings`."""
+    import strangers_recordings as more  # which is made of what stands here
+
+    return Planted({**MISTAKES, **more.MISTAKES}, more.DOUBTFUL, {**RIGHT, **more.RIGHT})
+
+
+def is_told(one: Told, sentence: str) -> bool:
+    """Whether a doubtful project passed with a remark of this pattern."""
+    return not one.refused and any(re.search(sentence, remark) for remark in one.remarks)
+
+
 def figures(only: str = "", *, tell: bool = False) -> dict[str, Any]:
     """Mistakes that were accepted and right inputs that were refused, of those whose names hold a text, each
     with its sentence; tell: print each as it comes."""
     with tempfile.TemporaryDirectory() as place:
-        base, every_one = make(Path(place) / "base"), []
-        both = {**{n: p for n, (p, _) in MISTAKES.items()}, **RIGHT}
-        for name in (n for n in both if only in n):
-            every_one.append(told(name, both[name], base=base, folder=Path(place)))
+        base, every_one, all_of = make(Path(place) / "base"), list[Told](), planted()
+        for name, plant in all_of.plants.items():
+            if only not in name:
+                continue
+            every_one.append(told(name, plant, base=base, folder=Path(place)))
             if tell:
-                print(f"{name} [{every_one[-1].by}]: {every_one[-1].sentence or 'passes'}", flush=True)
-    wrong = [t for t in every_one if t.name in MISTAKES]
-    right = [t for t in every_one if t.name in RIGHT]
+                one = every_one[-1]
+                print(f"{name} [{one.by}]: {one.sentence or 'passes ' + ' '.join(one.remarks)}", flush=True)
+    wrong = [t for t in every_one if t.name in all_of.mistakes]
+    right = [t for t in every_one if t.name in all_of.right]
+    doubtful = [t for t in every_one if t.name in all_of.doubtful]
+    untold = [t.name for t in doubtful if not is_told(t, all_of.doubtful[t.name][1])]
     return {
         "planted": len(wrong), "accepted_wrong": sum(not t.refused for t in wrong),
+        "doubtful": len(doubtful), "untold": untold,
         "right": len(right), "refused_right": sum(t.refused for t in right),
         "sentences": {t.name: t.sentence for t in wrong},
         "refused": {t.name: t.sentence for t in right if t.refused},
@@ -498,10 +531,10 @@ def main() -> int:
         print(json.dumps(found))
     else:
         print(
-            f"{found['planted']} mistakes, {found['accepted_wrong']} accepted; {found['right']} unusual, "
-            f"{found['refused_right']} refused"
+            f"{found['planted']} mistakes, {found['accepted_wrong']} accepted; {found['doubtful']} doubtful, "
+            f"{len(found['untold'])} not told; {found['right']} unusual, {found['refused_right']} refused"
         )
-    return 1 if found["accepted_wrong"] or found["refused_right"] else 0
+    return 1 if found["accepted_wrong"] or found["untold"] or found["refused_right"] else 0
 
 
 if __name__ == "__main__":

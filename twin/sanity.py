@@ -10,11 +10,17 @@ from twin.targets import Array, PointKind, Targets
 
 LEAST_MPA, MOST_MPA = 1e-4, 1.0  # the peak of a test of a soft finger lies far within
 UNITS = {"kPa": 1e-3, "bar": 0.1, "mbar": 1e-4, "psi": 0.00689476, "Pa": 1e-6}  # MPa each
+AIR_MPA = (0.08, 0.105)  # of the air, up to 2000 m above the sea
+TURNED = 5.0  # times as much below zero as above it
 USUAL_MPA = (0.005, 0.3)
 CURLED = 2.0  # largest displacement over the finger's length: a tip that is rolled up moves by 1.3 of it
 RESTING = 2e-3  # displacement over length that any pressure of 40 kPa exceeds; in proportion below that
 FULL_MPA = 0.04
 BENT = 0.02  # displacement over length from which its sign counts
+FAR = 0.2  # displacement over length from which a bent finger is drawn back
+FORTH = 0.25  # of u3^2 / length: more than any finger lengthens beside that
+APART, FASTER = 0.15, 1.5  # share of the length between two points; times more may the nearer one move
+LONG_H, MANY = 3.0, 50  # h and steps of a test whose times are likely in ms
 OFF_NODE_MM = 3.0  # a marker from its node: room for its thickness and for a rough reading
 
 
@@ -32,6 +38,23 @@ def pressure_fault(peak: float, *, unit: str = "MPa") -> str:
     return f"{text}; the numbers are likely in {shown}"
 
 
+def zero_fault(pressure: Array) -> str:
+    """What is wrong with the pressures (t,) MPa of a whole test: absolute pressure, or a sign."""
+    low, high = float(pressure.min()), float(pressure.max())
+    if AIR_MPA[0] <= low <= AIR_MPA[1]:
+        return (
+            f"never falls below {low:.4g} MPa, which is the pressure of the air: it seems to be absolute "
+            "pressure; wanted gauge pressure, which is 0 when the finger is vented; subtract the reading at "
+            "rest"
+        )
+    if low < -LEAST_MPA and -low > TURNED * high:
+        return (
+            f"falls to {low:.3g} MPa and rises to {high:.2g} MPa only; wanted gauge pressure, above 0 when "
+            "the finger is inflated; turn its sign (MPa_per_V of a gauge that gives volts)"
+        )
+    return ""
+
+
 def motion_fault(targets: Targets, case: Case, *, bends_down: bool) -> str:
     """What is wrong with measured displacements for the finger of a case: their size, or their sign where
     the finger is known to bend to -z."""
@@ -46,7 +69,24 @@ def motion_fault(targets: Targets, case: Case, *, bends_down: bool) -> str:
     if pressure >= LEAST_MPA and most < RESTING * min(pressure / FULL_MPA, 1.0) * length:
         return (f"{where}, while the pressure rises to {pressure:.3g} MPa: it seems to be at rest; wanted "
                 "displacements in mm; are they in m, or of another film?")  # fmt: skip
-    return _sign(targets, BENT * length) if bends_down else ""
+    if fault := _vague(targets, most):
+        return fault
+    return (_sign(targets, BENT * length) or _drawn(targets, length)) if bends_down else ""
+
+
+def doubts(targets: Targets, case: Case) -> tuple[str, ...]:
+    """What is odd in targets without being surely wrong, one sentence each: points that may be exchanged, or
+    times in another unit."""
+    return tuple(filter(None, (_overtaken(targets, case), _late(targets))))
+
+
+def _late(targets: Targets) -> str:
+    """Whether a test of many steps lasts for hours."""
+    hours = float(np.ptp(targets.time)) / 3600
+    if hours < LONG_H or len(targets.time) < MANY:
+        return ""
+    step = float(np.median(np.diff(targets.time)))
+    return f"The steps of the targets are {step:.3g} s apart, {hours:.3g} hours in all: is time_s in ms?"
 
 
 def rise_fault(targets: Targets) -> str:
@@ -70,6 +110,59 @@ def _sign(targets: Targets, least: float) -> str:
         f"U3 of {targets.names[int(point)]} is +{z[step, point]:.3g} mm at top pressure, but a pressurised "
         "finger "
         "bends to -z: wanted z up and U3 negative there; turn the sign, or the axes"
+    )
+
+
+def _vague(targets: Targets, most: float) -> str:
+    """Whether the stated sds are larger than anything that moves."""
+    own = targets.valid & ~targets.fixed[:, None]
+    if not own.any():
+        return ""
+    variance = np.diagonal(targets.covariance, axis1=2, axis2=3)[own]
+    sd = float(np.sqrt(np.median(variance)))
+    if sd <= most:
+        return ""
+    return (
+        f"their standard deviation is {sd:.3g} mm (median), and the largest displacement {most:.3g} mm: they "
+        "say nothing of the finger; wanted sds in mm, smaller than what they are of"
+    )
+
+
+def _drawn(targets: Targets, length: float) -> str:
+    """Whether a point that bends far down moves away from the clamp: an arc draws it back by u3^2 / 1.5 L."""
+    value = np.where(targets.valid & ~targets.fixed[:, None], targets.value, np.nan)
+    x, z = value[..., 0], value[..., 2]
+    off = np.where(z < -FAR * length, x - FORTH * z**2 / length, -np.inf)
+    off = np.where(np.isfinite(x), off, -np.inf)
+    if not off.size or off.max() <= 0.0:
+        return ""
+    step, point = np.unravel_index(int(off.argmax()), off.shape)
+    return (
+        f"U1 of {targets.names[int(point)]} is +{x[step, point]:.3g} mm where its U3 is {z[step, point]:.3g} "
+        "mm, but a finger that bends is drawn back towards the clamp; wanted x from the clamp to the tip, "
+        "and U1 negative there; turn the sign of U1"
+    )
+
+
+def _overtaken(targets: Targets, case: Case) -> str:
+    """Whether a point moves much more than one that lies farther from the clamp."""
+    known = [p for p, point in enumerate(targets.points) if point.kind in (PointKind.NODE, PointKind.PLACE)]
+    top, length = int(np.argmax(targets.pressure)), float(np.ptp(case.nodes[:, 0]))
+    shared = targets.valid[top][known].all(axis=0)
+    if len(known) < 2 or not shared.any():
+        return ""
+    x = np.array([targets.points[p].place(case.position)[0] for p in known])
+    moved = np.linalg.norm(targets.value[top][known][:, shared], axis=1)
+    apart = (x[None] - x[:, None] > APART * length) & (moved[:, None] > BENT * length)
+    ratio = np.where(apart, moved[:, None] / np.maximum(moved[None], 1e-9), 0.0)
+    a, b = np.unravel_index(int(ratio.argmax()), ratio.shape)
+    if ratio[a, b] < FASTER:
+        return ""
+    near, far = targets.names[known[int(a)]], targets.names[known[int(b)]]
+    return (
+        f"Point {near} at x = {x[a]:.4g} mm moves by {moved[a]:.3g} mm at top pressure, and {far} at x = "
+        f"{x[b]:.4g} mm by {moved[b]:.3g} mm, though it lies farther from the clamp. Does something hold the "
+        "finger there, or are their nodes or names exchanged?"
     )
 
 

@@ -9,7 +9,15 @@ import pytest
 from fe import Case
 from twin.project.folder import Project, dataset
 from twin.project.targetfiles import read_targets
-from twin.sanity import fit_fault, motion_fault, place_fault, pressure_fault, rise_fault
+from twin.sanity import (
+    doubts,
+    fit_fault,
+    motion_fault,
+    place_fault,
+    pressure_fault,
+    rise_fault,
+    zero_fault,
+)
 from twin.targets import Targets, at_node
 
 
@@ -120,3 +128,54 @@ def test_targets_in_kPa_are_refused_when_read(tmp_path: object) -> None:
     (folder / "targets.csv").write_text(text.replace("0.03,", "30.0,"))
     with pytest.raises(ValueError, match=r"targets.csv: pressure_MPa reaches 30 MPa, .* likely in kPa .* convert them"):
         read_targets(folder, nodes={"tip": 4401, "middle": 5848})
+
+
+def test_sds_larger_than_what_they_are_of_are_refused(moving: Targets, short_case: Case) -> None:
+    wide = replace(moving, covariance=1e6 * np.where(np.isnan(moving.covariance), np.nan, np.eye(3)))
+    assert "their standard deviation is 1e+03 mm (median), and the largest displacement 6 mm" in motion_fault(
+        wide, short_case, bends_down=True
+    )
+
+
+def bent(moving: Targets, u1: float) -> Targets:
+    """A tip that bends down by 16 of 43 mm."""
+    return replace(moving, value=moving.value * [u1, 1.0, 16.0 / 6.0])
+
+
+def test_a_bent_finger_that_moves_away_from_the_clamp_is_refused(moving: Targets, short_case: Case) -> None:
+    told = motion_fault(bent(moving, -4.0), short_case, bends_down=True)
+    assert told.startswith("U1 of tip is +4 mm where its U3 is -16 mm")
+    assert motion_fault(bent(moving, 4.0), short_case, bends_down=True) == ""
+    assert motion_fault(bent(moving, -0.5), short_case, bends_down=True) == ""  # it lengthens
+    assert motion_fault(bent(moving, -4.0), short_case, bends_down=False) == ""
+
+
+def test_exchanged_points_are_told(moving: Targets, short_case: Case) -> None:
+    assert doubts(moving, short_case) == ()
+    swapped = replace(moving, value=moving.value[:, [1, 0, 2]])
+    (told,) = doubts(swapped, short_case)
+    assert told.startswith("Point middle at x = ")
+    assert "tip at x = 43.33 mm by 2.01 mm, though it lies farther from the clamp" in told
+    held = replace(moving, value=moving.value * np.array([0.5, 1.0, 1.0])[:, None])  # a tip that is hindered a little
+    assert doubts(held, short_case) == ()
+
+
+def test_times_in_ms_are_told(moving: Targets, short_case: Case) -> None:
+    steps = np.arange(1000).clip(0, len(moving.time) - 1)
+    own = {name: getattr(moving, name)[steps] for name in ("pressure", "value", "covariance", "valid", "held_out", "pressure_sd")}
+    long = replace(
+        moving, **own, modes=moving.modes[:, steps], block=np.zeros(1000, np.int64), time=np.arange(1000) / 30, log_time=np.arange(1000) / 30,
+        log_pressure=own["pressure"], gravity=None if moving.gravity is None else moving.gravity[:1], loads=(), noises=(),
+    )  # fmt: skip
+    assert doubts(long, short_case) == ()
+    ms = replace(long, time=1e3 * long.time, log_time=1e3 * long.log_time)
+    assert doubts(ms, short_case) == ("The steps of the targets are 33.3 s apart, 9.25 hours in all: is time_s in ms?",)
+
+
+@pytest.mark.parametrize("pressure", [0.0, 0.05, 0.2])
+def test_pressures_of_the_air_are_refused(pressure: float) -> None:
+    course = np.array([0.0, 0.01, 0.03])
+    assert zero_fault(course + pressure) == ""
+    assert zero_fault(course + 0.1013).startswith("never falls below 0.1013 MPa")
+    assert zero_fault(-course - 1e-3).startswith("falls to -0.031 MPa")
+    assert zero_fault(course - 0.005) == ""  # a gauge that is off

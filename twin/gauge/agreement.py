@@ -11,24 +11,34 @@ MOVES = 10.0
 RISES_MPA = 1e-3  # a tenth of what moves the softest finger by some mm
 LEAST = 0.3  # share of the motion's variance that the pressure explains where both are of one test
 AWAY_S = BEYOND_S + 1.0  # what the clocks may disagree by, and a line lag beside it
-STEP_S, MOST_SHIFTS, MOST_STEPS = 0.25, 1500, 200
+STEP_S, FINE_S, MOST_SHIFTS, MOST_STEPS = 0.25, 0.05, 1500, 200
 FITS, BETTER = 0.8, 0.2  # share of the motion's variance explained at another time; by so much more
 DEGREE = 3
+# A film that was slowed down, speeded up or has lost frames: its time runs at another rate than the log's.
+RATES = np.geomspace(1 / 12, 12.0, 121)  # 4 % apart
+OTHER_RATE = 1.03
+TOLD, SURE = 5.0, 20.0  # times less of the motion is unexplained at another rate or time than as stated
+# Share of its variance unexplained as stated: what is told where another rate leaves far less, what is told
+# where it leaves less, and what no lag in a film of one ramp leaves.
+LEAST_LEFT, LITTLE, MUCH = 0.002, 0.02, 0.1
+CLOCK_S = 0.4  # off, that is told
 
 
-def check_agrees(motion: Motion, log: Log, start_s: float, *, stated: bool) -> None:
-    """Raises ValueError where the finger rests while the pressure rises, moves while it rests, or moves as
-    the pressure does at another time.
+def check_agrees(motion: Motion, log: Log, start_s: float, *, stated: bool) -> tuple[str, ...]:
+    """Sentences where the motion is a little early or late. Raises ValueError where the finger rests while
+    the pressure rises, moves while it rests, or moves as the pressure does at another time or at another
+    rate.
 
     start_s: time of the film's first frame on the log's clock.   stated: whether the user states it.
 
     At each shift of the clocks a cubic of the pressure is fitted to the motion; only another time more than
-    3.5 s away counts, beyond what a lag of finger or clock can be.
+    3.5 s away is refused, beyond what a lag of finger or clock can be, or more than 2.5 s where as stated the
+    pressure says nothing of the motion.
     """
     seen = np.isfinite(motion.mm)
     time, mm = motion.time[seen], motion.mm[seen]
     if len(time) < 2 * (DEGREE + 1):
-        return
+        return ()
     few = np.linspace(0, len(time) - 1, min(len(time), MOST_STEPS)).round().astype(int)
     time, mm = time[few], mm[few]
     moved, pressure = float(np.ptp(mm)), log.at(time + start_s)
@@ -42,16 +52,19 @@ def check_agrees(motion: Motion, log: Log, start_s: float, *, stated: bool) -> N
             "the unit of the pressure right, and is the valve open?"
         )
     if moved < least:
-        return
+        return ()
     best, most = _best(time, mm, log)
     now = _explained(mm, pressure)
     away = abs(best - start_s) if most >= FITS else 0.0
     order = "later" if best > start_s else "earlier"
-    if stated and away > AWAY_S and most > now + BETTER:
+    limit = AWAY_S if now >= LEAST else BEYOND_S
+    told = _check_rate(time, mm, log, start_s, least=1 - most)
+    if stated and away > limit and most > now + BETTER:
+        also = f"{told[0]} T" if told else "t"
         raise ValueError(
-            f"the finger moves as {log.path.name} does {away:.1f} s {order}: at {best:.1f} s its "
+            f"{also}he finger moves as {log.path.name} does {away:.1f} s {order}: at {best:.1f} s its "
             f"pressure explains {100 * most:.0f} % of the motion, at film_start_s = {start_s:g} s "
-            f"{100 * now:.0f} %; wanted film_start_s within {AWAY_S:g} s of it: correct film_start_s (time "
+            f"{100 * now:.0f} %; wanted film_start_s within {limit:g} s of it: correct film_start_s (time "
             "of the film's first frame on the clock of the log)"
         )
     if now < LEAST and (most < FITS or away > AWAY_S):
@@ -61,6 +74,53 @@ def check_agrees(motion: Motion, log: Log, start_s: float, *, stated: bool) -> N
             f"{100 * now:.0f} % of the motion, wanted {100 * LEAST:.0f} % or more; are film and log of one "
             "test, and is film_start_s right (time of the film's first frame on the clock of the log)?"
         )
+    if told or not stated or not CLOCK_S < away <= AWAY_S or 1 - now < max(LITTLE, TOLD * (1 - most)):
+        return told
+    return (
+        f"The finger moves as {log.path.name} does {away:.1f} s {order}: its pressure explains "
+        f"{100 * most:.1f} % of the motion there, {100 * now:.1f} % at film_start_s = {start_s:g} s. Is "
+        "film_start_s right, or does the pressure line lag? `twin diagnose` tests both (time_shift, "
+        "pressure_lag).",
+    )
+
+
+def _check_rate(time: Array, mm: Array, log: Log, start_s: float, *, least: float) -> tuple[str, ...]:
+    """A sentence where the finger moves as the log does at another rate; ValueError where that is sure.
+
+    least: share of the motion that the pressure leaves unexplained at any time, at the film's own rate.
+    """
+
+    def left(rate: float, step: float) -> float:
+        return 1 - _at_rate(time, mm, log, start_s, rate, step=step)
+
+    coarse = min(RATES, key=lambda rate: left(rate, STEP_S))
+    rate = float(min(coarse * np.linspace(0.97, 1.03, 13), key=lambda rate: left(rate, FINE_S)))
+    best, now = left(rate, FINE_S), min(left(1.0, FINE_S), least)
+    clear = now > max(LITTLE, TOLD * best) or now > max(LEAST_LEFT, SURE * best)
+    if max(rate, 1 / rate) < OTHER_RATE or not clear:
+        return ()
+    what = (
+        f"the film seems to run {1 / rate:.2f} times as long as the test: with its times multiplied by "
+        f"{rate:.2f} the pressure of {log.path.name} explains {100 * (1 - best):.1f} % of the motion, as "
+        f"they are {100 * (1 - now):.1f} %"
+    )
+    way = "was it filmed in slow motion, has it lost frames, or was its frame rate changed?"
+    if now > max(MUCH, SURE * best):
+        raise ValueError(
+            f"{what}; wanted a film whose time stamps are those of the camera: {way} Use the original file, "
+            "or pictures with times.csv"
+        )
+    alike = "A pressure line that lags by seconds looks alike in a short film."
+    return (f"{what[0].upper()}{what[1:]}: {way} {alike}",)
+
+
+def _at_rate(time: Array, mm: Array, log: Log, start_s: float, rate: float, *, step: float) -> float:
+    """The share of the motion that the pressure explains at best with the film's times multiplied by a rate,
+    and its start moved by up to 3.5 s; 0 where the log is too short."""
+    first, last = log.time[0] - time[0] * rate, log.time[-1] - time[-1] * rate
+    starts = start_s + np.arange(-AWAY_S, AWAY_S + step / 2, step)
+    shown = (_explained(mm, log.at(s + time * rate)) for s in starts if first <= s <= last)
+    return max(shown, default=0.0)
 
 
 def _best(time: Array, mm: Array, log: Log) -> tuple[float, float]:

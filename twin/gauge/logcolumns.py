@@ -19,7 +19,7 @@ from twin.gauge.pressureunits import (
     unit_of,
 )
 from twin.project.csvtable import Sheet, Table
-from twin.sanity import pressure_fault
+from twin.sanity import pressure_fault, zero_fault
 from twin.targets import Array
 
 
@@ -65,6 +65,8 @@ def gauge_pressure(table: Table, column: Column, form: LogFormat) -> tuple[Array
     unit = _unit(table.path, column, form)
     values = in_MPa(table.numbers(column.name, unit=unit), unit, line=form.line)
     _check_size(table.path, column, float(np.abs(values).max()), unit)
+    if fault := zero_fault(values):
+        raise ValueError(f"{table.path}: {column.name} {fault}")
     return values, unit
 
 

@@ -24,7 +24,7 @@ from twin.project.targetschema import (
 )
 from twin.project.toml import tables_of
 from twin.project.validation import checked
-from twin.sanity import pressure_fault
+from twin.sanity import pressure_fault, zero_fault
 from twin.targets import Array, Load, Noise, PointKind, TargetPoint, Targets, least_known
 
 COLUMNS = (
@@ -177,9 +177,10 @@ def read_targets(folder: Path, *, nodes: Mapping[str, int] | None = None) -> Tar
 
 
 def _check_pressure(folder: Path, grid: "_Grid") -> None:
-    fault = pressure_fault(float(np.abs(grid.pressure).max()))
-    if fault:
+    if fault := pressure_fault(float(np.abs(grid.pressure).max())):
         raise ValueError(f"{folder / 'targets.csv'}: pressure_MPa {fault}; convert them")
+    if fault := zero_fault(grid.pressure):
+        raise ValueError(f"{folder / 'targets.csv'}: pressure_MPa {fault}")
 
 
 @dataclass(frozen=True)

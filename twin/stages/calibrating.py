@@ -19,7 +19,7 @@ from twin.model.arraycache import rounded_up
 from twin.model.loadpaths import REDUCED, Turned, load_paths, reach, sheets
 from twin.project.folder import Project, Run, Say
 from twin.review.states import Generations
-from twin.sanity import fit_fault
+from twin.sanity import doubts, fit_fault
 from twin.stages.comparing import compared
 from twin.stages.ridges import difference
 from twin.stages.searching import Generation, Objective, search
@@ -35,6 +35,8 @@ def run_calibrate(project: Project, say: Say) -> dict[str, Any]:
             "twin add refits with effects, twin drop takes one out"
         )
     bench = Workbench.of(project)
+    for sentence in doubts(bench.targets, bench.case):
+        say(sentence)
     with project.new_run("calibrate", seed=project.config.calibrate.seed) as run:
         paths, points = load_paths_of(bench, say)
         best = _searched(bench, paths, points, run, say)
@@ -297,6 +299,18 @@ def _apart(bench: Workbench, paths: Turned, points: Array, best: "Searched", fit
     return f" {said}" if flat else ""
 
 
+def _at_all_bounds(fit: Fit) -> str:
+    """A sentence where all constants end at their largest, or all at their smallest: a unit is likelier
+    wrong."""
+    for end, way in (("high", "stiffest"), ("low", "softest")):
+        if all(x == getattr(p, end) for p, x in zip(fit.parameters, fit.theta, strict=True)):
+            return (
+                f" All constants end at the {way} that [calibrate] bounds allow: are pressures in MPa and "
+                "displacements in mm, and are the finger's dimensions right? If they are, widen the bounds."
+            )
+    return ""
+
+
 def _words(project: Project, fit: Fit, found: Comparison, apart: str) -> str:
     """What the data say of the constants, in words."""
     names = [p.name for p in fit.parameters]
@@ -305,6 +319,7 @@ def _words(project: Project, fit: Fit, found: Comparison, apart: str) -> str:
         if set(NAMES) <= set(names)
         else "One constant was held fixed."
     )
+    words += _at_all_bounds(fit)
     if found.doubt:
         words += f" No interval: {found.doubt}."
     words += apart

@@ -1,5 +1,7 @@
 """Whether a project is complete and right, and what to run next."""
 
+from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any
 
 from twin.gauge.pressurelog import Log
@@ -8,7 +10,7 @@ from twin.stages.chain import STAGES, TARGETS, Stage, When
 from twin.stages.fits import fresh, named_effects
 from twin.stages.likeness import camera_kept
 from twin.stages.several import OneFilm, films_of
-from twin.targets import PointKind, Targets
+from twin.targets import PointKind, TargetPoint, Targets
 
 
 def run_check(project: Project, say: Say) -> dict[str, Any]:
@@ -41,7 +43,7 @@ def check_project(project: Project, say: Say) -> None:
     if project.targets_folder.is_dir():
         targets = project.targets()
         _check_points(project, targets)
-        _check_motion(project, targets)
+        _check_motion(project, targets, say)
         say(f"The targets have {len(targets.time)} steps and {len(targets.names)} points, with "
             f"{int(targets.valid.sum())} measured values in all.")  # fmt: skip
         if targets.noise is None:
@@ -74,29 +76,33 @@ def _check_one(project: Project, say: Say, *, before: str = "", after: str = "")
     """Say what was read of the log of the project's one film, and seen in that."""
     from twin.stages.glancing import check_films
 
-    log, read = _log_line(project)
+    log, read, odd = _log_line(project)
     say(f"{before}{read}{after}")
+    for sentence in odd:
+        say(sentence)
     check_films(project, log, say)
 
 
-def _log_line(project: Project) -> tuple[Log, str]:
-    """The pressure log of the project's one film and what was read of it; ValueError where it is not right,
-    or shorter than the film."""
+def _log_line(project: Project) -> tuple[Log, str, tuple[str, ...]]:
+    """The pressure log of the project's one film, what was read of it and what is odd in it; ValueError where
+    it is not right, or shorter than the film."""
     from twin.gauge.pressurelog import check_lasts
-    from twin.stages.measuring import gauge_of
+    from twin.stages.measuring import gauge_of, said_of_log
     from twin.stages.recordings import log_of, pressure_table
     from vision.film.series import open_film
 
     pressure = pressure_table(project)
     log, table = log_of(project, pressure), project.config.cameras[0]
     time, still = (open_film(project.path(f), fps=table.fps).time for f in (table.film, table.static))
+    odd: tuple[str, ...] = ()
     if pressure.join == "stamps":
         gauge_of(project, time, still, log, table.film_start_s)
+        odd = said_of_log(project, time, log, table.film_start_s)
     check_lasts(log, float(time[-1] - time[0]))
     return log, (
         f"{log.path.name}: {log.source}, {log.pressure.min():.3g} to {log.pressure.max():.3g} MPa, "
         f"{log.time[-1] - log.time[0]:.1f} s long. The film lasts {time[-1] - time[0]:.1f} s."
-    )
+    ), odd
 
 
 def _check_finger(project: Project, say: Say) -> None:
@@ -176,10 +182,26 @@ def _check_points(project: Project, targets: Targets) -> None:
             )
 
 
-def _check_motion(project: Project, targets: Targets) -> None:
+def _check_motion(project: Project, targets: Targets, say: Say) -> None:
+    """Say what is odd in the targets; ValueError where they are not of the project's finger."""
+    from twin.sanity import doubts
     from twin.stages.workbench import check_plausible, structure_of
 
-    check_plausible(project, targets, structure_of(project).case)
+    case = structure_of(project).case
+    check_plausible(project, targets, case)
+    for sentence in doubts(replace(targets, points=tuple(_placed(project, targets))), case):
+        say(sentence)
+
+
+def _placed(project: Project, targets: Targets) -> Iterator[TargetPoint]:
+    """The points of the targets, those of no place with the one that twin.toml states."""
+    stated = {point.name: point.position_mm for point in project.config.points}
+    for point in targets.points:
+        position = stated.get(point.name)
+        if point.kind is PointKind.UNKNOWN and position is not None:
+            yield replace(point, kind=PointKind.PLACE, position=position)
+        else:
+            yield point
 
 
 def _next(project: Project) -> str:

@@ -93,23 +93,24 @@ def _findings(look: _Look, log: Log) -> list[str]:
     for film, own in ((look.film, seen), (look.static, still)):
         check_glimpses(film, own, look.marks, look.dictionary)
     said = [*_marks(look, seen), *_rests(look, seen, still), *_small(look, seen), *_seldom(look, seen)]
-    _check_motion(look, seen, log)
-    return said
+    return [*said, *_motion(look, seen, log)]
 
 
 def _marks(look: _Look, seen: "Glimpses") -> tuple[str, ...]:
-    """A sentence where one frame marker is off; ValueError where the marks cannot be what is stated."""
+    """Sentences on marks that may lie elsewhere; ValueError where they cannot be what is stated."""
     from vision.following.reference import unseen
+    from vision.placing.doubtful import doubts
     from vision.placing.gates import check_marks
     from vision.placing.rigplaces import frame_fit, without_odd
 
     gone = [look.marks[p] for p in look.finger if np.isnan(seen.warp[p, 0, 0])]
     if gone:
         raise ValueError(unseen(look.film.path.name, gone, look.marks, set(seen.unused)))
-    sd = look.project.config.measure.frame_sd_mm
+    sd, glued = look.project.config.measure.frame_sd_mm, look.project.config.measure.placement_sd_mm
     check_marks(look.marks, seen.warp, camera=look.camera, frame_sd_mm=sd)
     fit = frame_fit(look.marks, seen.warp[:, :2, 2], sd_mm=max(sd, CORNERS_MM))
-    return without_odd(fit, look.marks)[1]
+    said = doubts(look.marks, seen.warp, camera=look.camera, placement_sd_mm=glued)
+    return (*without_odd(fit, look.marks)[1], *said)
 
 
 def _rests(look: _Look, seen: "Glimpses", still: "Glimpses") -> tuple[str, ...]:
@@ -174,15 +175,16 @@ def _seldom(look: _Look, seen: "Glimpses") -> list[str]:
     ]  # fmt: skip
 
 
-def _check_motion(look: _Look, seen: "Glimpses", log: Log) -> None:
-    """Raises ValueError where the finger's motion in the frames contradicts the log."""
+def _motion(look: _Look, seen: "Glimpses", log: Log) -> tuple[str, ...]:
+    """Sentences on how the finger's motion in the frames goes with the log; ValueError where it contradicts
+    it."""
     from vision.following.turns import mean_seen
 
     pressure, place = look.project.config.pressure, _places(look, seen)[:, _coded(look)]
     if pressure is None or pressure.join != "stamps" or not place.shape[1]:
-        return
+        return ()
     squares = ((place - mean_seen(place[seen.rest])) ** 2).sum(axis=2)
     shown = np.isfinite(squares).all(axis=1)
     mm = np.where(shown, np.sqrt(np.where(np.isfinite(squares), squares, 0.0).mean(axis=1)), np.nan)
     motion = Motion(seen.time - look.film.time[0], mm, NOISE_MM)
-    check_agrees(motion, log, look.table.film_start_s, stated=True)
+    return check_agrees(motion, log, look.table.film_start_s, stated=True)

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from twin.gauge.agreement import check_agrees
 from twin.gauge.joining import joining_of
+from twin.gauge.logfaults import check_signal, rest_remark
 from twin.gauge.pressurelog import GaugeNoise, Log, check_covers, gauge_noise
 from twin.gauge.synchrony import Join, Motion
 from twin.project import files
@@ -71,6 +72,7 @@ class _Measured:
     log: Log
     gauge: GaugeNoise
     join: Join
+    remarks: tuple[str, ...]  # on the log, and on how the motion goes with it
 
 
 def run_measure(project: Project, say: Say, *, replace: bool = False, budget: bool = False) -> dict[str, Any]:
@@ -206,10 +208,17 @@ def _measure(project: Project, camera: Path, say: Say, run: Run) -> _Measured:
     way = joining_of(pressure, table)
     join = way.join(views[0].film, log, lambda: _motion(moved(), settings.steps))
     gauge = gauge_of(project, views[0].film.time, views[0].static.time, log, join.start_s)
-    check_agrees(
-        _motion(moved(), settings.steps), log, join.start_s, stated=pressure.join == "stamps"
-    )
-    return _Measured(moved(), log, gauge, join)
+    told = said_of_log(project, views[0].film.time, log, join.start_s)
+    stated = pressure.join == "stamps"
+    agrees = check_agrees(_motion(moved(), settings.steps), log, join.start_s, stated=stated)
+    return _Measured(moved(), log, gauge, join, (*told, *agrees))
+
+
+def said_of_log(project: Project, film: Array, log: Log, start_s: float) -> tuple[str, ...]:
+    """Sentences on what is odd in the log during the film (t,) s; ValueError where its pressures are
+    wrong."""
+    rest = rest_remark(log, start=start_s, rest_s=project.config.measure.reference_s)
+    return (*check_signal(log, start=start_s, end=start_s + film[-1] - film[0]), *filter(None, (rest,)))
 
 
 def gauge_of(project: Project, film: Array, static: Array, log: Log, start_s: float) -> GaugeNoise:
@@ -333,7 +342,9 @@ def _summary(targets: Targets, found: _Measured) -> dict[str, Any]:
         "sd_mm": dict(zip(moved.names, noise.sd, strict=True)),
         "codec_sd_mm": dict(zip(moved.names, noise.codec_sd, strict=True)),
         "modes": len(targets.mode_names),
-        "remarks": [*moved.lost, *moved.remarks, *filter(None, (gauge.remark, found.join.remark))],
+        "remarks": [
+            *moved.lost, *moved.remarks, *filter(None, (gauge.remark, found.join.remark)), *found.remarks
+        ],
     }  # fmt: skip
 
 

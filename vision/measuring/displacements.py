@@ -89,7 +89,7 @@ def measure(
     no marks, for cameras that are not the rig's, and as `prepare` and `with_face` do.
     """
     _check(views, marks, rig, face)
-    how = How(dictionary, reference, progress, keeper, stated.frame_mm)
+    how = How(dictionary, reference, progress, keeper, stated.frame_mm, stated.placement_mm)
     seen = [look(v, marks, how, camera=f"-{c + 1}" if rig else "") for c, v in enumerate(views)]
     rest = mean_seen(seen[0].film.ideal[seen[0].film.reference])
     every, said = without_odd(frame_fit(marks, rest, sd_mm=stated.frame_mm), marks)

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from vision.camera import Array, Camera
+from vision.camera import Array, Camera, Image
 from vision.errors.codecterms import Codec, codec_terms
 from vision.errors.noise import MIN_STATIC
 from vision.errors.recoding import coded_again, described
@@ -17,6 +17,7 @@ from vision.following.corrections import Correction, corrected
 from vision.following.reference import check_fingers_seen, prepare
 from vision.following.tracks import Followed, follow
 from vision.marks import Mark, frame_places, rows_of
+from vision.placing.doubtful import doubts
 from vision.placing.gates import check_marks
 from vision.plane import homographies, to_plane
 
@@ -41,6 +42,7 @@ class How:
     progress: Progress | None = None
     keeper: Keeper | None = None
     frame_sd_mm: float = 0.1  # how well the frame marks' places are known
+    placement_sd_mm: float = 0.3  # how well the finger's marks are placed
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,12 +66,21 @@ class Seen:
 
 
 def check_static(film: Video) -> None:
-    """Raises ValueError where a static film is too short to tell the noise."""
+    """Raises ValueError where a static film is too short to tell the noise, or one picture throughout."""
     if len(film.time) < MIN_STATIC:
         raise ValueError(
             f"static film {film.path.name} has {len(film.time)} frames, wanted at least {MIN_STATIC}: film "
             "the finger at rest for longer"
         )
+    first: Image | None = None
+    for _, _, image in film.frames():
+        if first is not None and not np.array_equal(image, first):
+            return
+        first = image
+    raise ValueError(
+        f"static film {film.path.name} shows one picture in all {len(film.time)} frames: it has no noise to "
+        "tell; wanted a film of the finger at rest as the camera wrote it, not a picture made into a film"
+    )
 
 
 def look(view: View, marks: Sequence[Mark], how: How, *, camera: str = "") -> Seen:
@@ -100,6 +111,7 @@ def look(view: View, marks: Sequence[Mark], how: How, *, camera: str = "") -> Se
     )
     film = corrected(film, [mark.name for mark in marks], view.corrections, view.camera)
     remarks = _rest(still, marks, view.static, static=True) + _rest(film, marks, view.film, static=False)
+    remarks += doubts(marks, ready.seed, camera=view.camera, placement_sd_mm=how.placement_sd_mm)
     frame, points = rows_of(marks)
     again = coded_again(view.film, ready, film, frame_places(marks), frame, points, how.progress)
     return Seen(

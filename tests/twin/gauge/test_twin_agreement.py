@@ -54,6 +54,52 @@ def test_a_way_that_finds_the_start_itself_is_not_told_to_correct_it() -> None:
     check_agrees(motion(), log(), 35.0, stated=False)
 
 
+@pytest.mark.parametrize("rate", [0.25, 0.5, 0.9, 1.1, 2.0, 4.0])
+@pytest.mark.parametrize("what", [motion(), motion(creep=0.3)])
+def test_a_film_in_slow_motion_or_with_lost_frames_is_refused(rate: float, what: Motion) -> None:
+    slowed = Motion(rate * what.time, what.mm, what.noise_mm)
+    with pytest.raises(ValueError, match=r"the film seems to run (\d\.\d\d) times as long as the test") as told:
+        check_agrees(slowed, log(), 35.0, stated=True)
+    assert abs(float(str(told.value).split()[5]) / rate - 1) < 0.03
+
+
+def test_a_film_of_one_ramp_at_another_rate_is_told() -> None:
+    short = motion(creep=0.1)
+    own = short.time < 6
+    (told,) = check_agrees(Motion(2 * short.time[own], short.mm[own], 0.01), log(), 35.0, stated=False)
+    assert told.startswith("The film seems to run 2.0")
+    with pytest.raises(ValueError, match=r"The film seems to run 2\.0.* The finger moves as pressure.csv does 17"):
+        check_agrees(Motion(2 * short.time[own], short.mm[own], 0.01), log(), 35.0, stated=True)
+    assert check_agrees(Motion(short.time[own], short.mm[own], 0.01), log(), 35.0, stated=True) == ()
+
+
+@pytest.mark.parametrize("late", [0.1, 0.5, 1.0])
+def test_a_lag_or_creep_is_no_other_rate(late: float) -> None:
+    p = np.interp(TIME, *CORNERS)
+    lagged = np.zeros_like(p)
+    for k in range(1, len(p)):
+        lagged[k] = lagged[k - 1] + 0.1 / late * (p[k] - lagged[k - 1])
+    for until in (6.0, 13.0, 42.0):
+        own = until > TIME
+        assert check_agrees(Motion(TIME[own], 60 * lagged[own], 0.01), log(), 35.0, stated=True) == ()
+
+
+def test_a_clock_that_is_off_by_a_second_is_told() -> None:
+    assert check_agrees(motion(creep=0.3), log(), 35.0, stated=True) == ()
+    (told,) = check_agrees(motion(creep=0.3), log(), 36.0, stated=True)
+    assert "moves as pressure.csv does 1.0 s earlier" in told
+    assert "time_shift" in told
+    assert check_agrees(motion(), log(), 36.0, stated=False) == ()
+
+
+def test_a_film_whose_times_show_nothing_of_the_log_is_refused_from_two_and_a_half_seconds_on() -> None:
+    short = motion()
+    own = short.time < 5
+    for start in (32.0, 38.0):
+        with pytest.raises(ValueError, match=r"at 35\.0 s .* wanted film_start_s within 2\.5 s"):
+            check_agrees(Motion(short.time[own], short.mm[own], 0.01), log(), start, stated=True)
+
+
 def test_marks_that_are_not_seen_say_nothing() -> None:
     lost = Motion(TIME, np.full(len(TIME), np.nan), 0.01)
     check_agrees(lost, log(), 10.0, stated=True)
