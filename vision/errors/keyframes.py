@@ -14,7 +14,7 @@ from vision.plane import Plane, misplaced
 
 LONG = 60  # frames between key frames from which the noise's own persistence does not hold the step
 MOST = 12  # key frames of a film that get modes
-LEAST, MOST_COURSES = 0.1, 24  # of a frame mark's noise, rms of a course that counts; and how many do
+LEAST, MOST_COURSES = 0.1, 12  # of a frame mark's noise, rms of a course that counts; and how many do
 
 
 def stretches(keys: NDArray[np.intp], frames: int) -> list[slice]:

@@ -130,16 +130,18 @@ def _matched(
 
     level: rate factor of another stretch, tried first; None to search it in the first frames.
     """
-    left = _noise_left(film, window)
+    # Kept in memory: a film is decoded from the last key frame before the window.
+    pictures = [image for _, _, image in film.frames(window.start, window.stop)]
+    left = _noise_left(pictures)
     coding = replace(coding, grain=left > KEPT_GREY)
-    noise = float(np.sqrt(max(CAMERA_GREY**2 - left**2, 0.0)))
+    _disturb(pictures, float(np.sqrt(max(CAMERA_GREY**2 - left**2, 0.0))), seed=window.start)
     if level is None:
         start = slice(window.start, min(window.start + SEARCHED, window.stop))
-        level = _searched(lambda tried: _coded(film, coding, start, tried, noise, path), START)
-    off = _coded(film, coding, window, level, noise, path)
+        level = _searched(lambda tried: _coded(pictures[:SEARCHED], coding, start, tried, path), START)
+    off = _coded(pictures, coding, window, level, path)
     if abs(off) >= NEAR:
         level = float(np.clip(level + off * FINER, FINEST, COARSEST))
-        off = _coded(film, coding, window, level, noise, path)
+        off = _coded(pictures, coding, window, level, path)
     return level, 2.0**off
 
 
@@ -171,9 +173,9 @@ def _searched(off_at: Callable[[float], float], level: float) -> float:
     return level
 
 
-def _coded(film: Video, coding: Coding, window: slice, level: float, noise: float, path: Path) -> float:
-    """Writes the window at that rate factor; logarithm (2) of its bytes over the film's."""
-    _write(film, coding, window, level, noise, path)
+def _coded(pictures: Sequence[Image], coding: Coding, window: slice, level: float, path: Path) -> float:
+    """Writes the pictures of the window at that rate factor; logarithm (2) of their bytes over the film's."""
+    _write(pictures, coding, level, path)
     again = Video(path).coding()
     wanted = _bytes(coding.size[window], coding.key[window])
     return float(np.log2(max(_bytes(again.size, again.key), 1) / max(wanted, 1)))
@@ -191,14 +193,21 @@ def _bytes(size: NDArray[np.intp], key: NDArray[np.bool_]) -> int:
     return int(size[~key].sum()) if (~key).any() else int(size.sum())
 
 
-def _write(film: Video, coding: Coding, window: slice, level: float, noise: float, path: Path) -> None:
-    size = (film.width - film.width % 2, film.height - film.height % 2)
+def _write(pictures: Sequence[Image], coding: Coding, level: float, path: Path) -> None:
     encoder, options = coding.options(level)
-    rng = np.random.default_rng(window.start)
-    rows = _noise_rows(noise, size, rng)
+    size = (pictures[0].shape[1], pictures[0].shape[0])
     with Writer(path, size, fps=coding.fps, codec=encoder, options=options) as writer:
-        for _, _, image in film.frames(window.start, window.stop):
-            writer.add(_noisy(_shifted(image)[: size[1], : size[0]], rows, rng))
+        for image in pictures:
+            writer.add(image)
+
+
+def _disturb(pictures: list[Image], noise: float, *, seed: int) -> None:
+    """Shifts the pictures off the block grid, in place, to even sizes, with noise of that sd in grey levels."""
+    rng = np.random.default_rng(seed)
+    height, width = (side - side % 2 for side in pictures[0].shape)
+    rows = _noise_rows(noise, (width, height), rng)
+    for k, image in enumerate(pictures):
+        pictures[k] = _noisy(_shifted(image)[:height, :width], rows, rng)
 
 
 def _noise_rows(sd: float, size: tuple[int, int], rng: np.random.Generator) -> Array8:
@@ -215,15 +224,14 @@ def _noisy(image: Image, rows: Array8, rng: np.random.Generator) -> Image:
     return np.asarray(cv2.add(image, noise, dtype=cv2.CV_8U), dtype=np.uint8)
 
 
-def _noise_left(film: Video, window: slice) -> float:
-    """Sd in grey levels of the noise that the film's frames still show.
+def _noise_left(pictures: Sequence[Image]) -> float:
+    """Sd in grey levels of the noise that a film's successive pictures still show, from the first of them.
 
-    Differences of successive frames tell the noise; what moves are few of the pixels. In whole grey levels
-    their median is too coarse: the mean square of all that are no larger than noise is taken.
+    Their differences tell the noise; what moves are few of the pixels. In whole grey levels their median is
+    too coarse: the mean square of all that are no larger than noise is taken.
     """
-    first = film.frames(window.start, window.start + 4)
-    pictures = [image[::4, ::4].astype(np.float32) for _, _, image in first]
-    steps = [b - a for a, b in pairwise(pictures)]
+    first = [image[::4, ::4].astype(np.float32) for image in pictures[:4]]
+    steps = [b - a for a, b in pairwise(first)]
     power = [float(np.mean(step[np.abs(step) < 4.0 * CAMERA_GREY] ** 2)) for step in steps]
     return float(np.sqrt(0.5 * np.median(power))) if power else 0.0
 

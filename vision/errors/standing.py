@@ -32,7 +32,7 @@ class Standing:
     noise_mm: float  # usual sd of a mark in the static film, against which it matters
 
 
-def standing(
+def standing_error(
     film: Plane, quiet: Plane, place: Array, rest: Rest, frozen: float, keys: Sequence[slice],
     quiet_keys: Sequence[slice],
 ) -> Standing:  # fmt: skip

@@ -12,7 +12,7 @@ from vision.errors import keyframes, modes
 from vision.errors.codecterms import Codec, codec_sd
 from vision.errors.modes import Named, Stated
 from vision.errors.noise import REST, NoiseModel, states, static_noise, with_y
-from vision.errors.standing import shares, standing
+from vision.errors.standing import shares, standing_error
 from vision.errors.variance import Rest, at_rest, by_hand, independent, misfit
 from vision.following.methods import COARSE
 from vision.following.tracks import Followed
@@ -153,7 +153,7 @@ def _keyed(
         return {}, 0.0, ()
     film = plane_of(scene.plane.nominal, seen.film.ideal[:, scene.frame])
     frozen = float(np.mean(seen.codec.rest[[0, 2]] ** 2))
-    error = standing(film, scene.quiet, place, rest, frozen, keys, _quiet_keys(seen))
+    error = standing_error(film, scene.quiet, place, rest, frozen, keys, _quiet_keys(seen))
     if len(keys) > keyframes.MOST:
         return (
             {},
