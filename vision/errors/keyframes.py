@@ -1,4 +1,4 @@
-"""What draws a picture at rest anew, with another error, which stays: key frames, and slowly what is between."""
+"""The error that stays in marks at rest until coding draws their picture anew, as modes."""
 
 from collections.abc import Sequence
 from itertools import pairwise
@@ -14,7 +14,7 @@ from vision.plane import Plane, misplaced
 
 LONG = 60  # frames between key frames from which the noise's own persistence does not hold the step
 MOST = 12  # key frames of a film that get modes
-LEAST, MOST_COURSES = 0.1, 24  # of a frame mark's noise, rms of a course that counts; and how many do
+LEAST, MOST_COURSES = 0.1, 12  # of a frame mark's noise, rms of a course that counts; and how many do
 
 
 def stretches(keys: NDArray[np.intp], frames: int) -> list[slice]:
@@ -52,8 +52,10 @@ def key_modes(
 
 
 def courses(error: Standing, steps: NDArray[np.intp], reference: NDArray[np.intp]) -> Array:
-    """Orthogonal courses (k,s) mm, 1 sd each, of the standing error less its mean over the reference, the largest
-    first (Karhunen-Loeve), without those far below the noise."""
+    """Orthogonal courses (k,s) mm, 1 sd each, of the standing error less its mean over the reference.
+
+    They are those of Karhunen and Loeve, the largest first, without those far below the noise.
+    """
     power, turn = np.linalg.eigh(error.covariance)
     within = np.array(
         [(steps >= block.start) & (steps < block.stop) for block in error.blocks], dtype=np.float64
@@ -62,4 +64,4 @@ def courses(error: Standing, steps: NDArray[np.intp], reference: NDArray[np.intp
     root = np.sqrt(np.maximum(power, 0.0))[:, None] * turn.T
     _, size, course = np.linalg.svd(root @ within, full_matrices=False)
     kept = (size > LEAST * error.noise_mm * np.sqrt(len(steps)))[:MOST_COURSES]
-    return np.asarray((size[:, None] * course)[:len(kept)][kept])
+    return np.asarray((size[:, None] * course)[: len(kept)][kept])

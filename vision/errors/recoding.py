@@ -1,11 +1,12 @@
 """What coding does to the marks' places, seen by coding the film's own frames once more."""
 
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -21,13 +22,14 @@ from vision.following.tracks import Followed, centres
 from vision.marks import px_per_unit
 from vision.plane import homographies, to_plane
 
+Array8 = NDArray[np.int8]
 WINDOW = 60  # frames coded again
 SETTLE = 5  # first frames of the window, near its key frame, left out
 UNSEEN = 12  # last ones: coders look ahead, and spend less on what nothing is seen to refer to
 SHIFT = np.array([5.0, 3.0])  # px, off every block grid
 START, FINEST, COARSEST = 23.0, 1.0, 51.0  # rate factor tried first, and its range
-OCTAVE = 4.0  # more of it halve the bytes: 6 where the picture's edges take them, 3 where its noise does
-TRIES = 6
+COARSER, FINER = 4.5, 1.7  # of it to half the bytes, which edges take; to twice, where noise comes through
+SEARCHED, TRIES = 36, 6  # frames in which the rate factor is searched, and how often
 KEPT_GREY = (
     0.65  # grey levels left: x264's usual tuning leaves 0.5 at most, that for grain 0.7 and more at crf 18
 )
@@ -67,7 +69,7 @@ def coded_again(
     coding, state, result = film.coding(), states(followed.ideal), []
     if coding.lossless:
         return []
-    level = START
+    level = None
     for first in windows(followed.ideal, state, points):
         window = slice(first, min(first + WINDOW, len(followed.ideal)))
         with tempfile.TemporaryDirectory() as folder:
@@ -79,7 +81,7 @@ def coded_again(
             for pixels in (centres(again, follower.centre), followed.ideal[window])
         ]
         own = place[0] - place[1]
-        kept = slice(SETTLE, -UNSEEN)
+        kept = _inner(len(own))
         result.append(Again(window, own[kept], state[window][kept, points], level, ratio))
     return result
 
@@ -121,70 +123,115 @@ def _fastest(ideal: Array) -> int:
     return int(np.clip(peak - WINDOW // 3, 0, max(len(ideal) - WINDOW, 0)))
 
 
-def _matched(film: Video, coding: Coding, window: slice, level: float, path: Path) -> tuple[float, float]:
+def _matched(
+    film: Video, coding: Coding, window: slice, level: float | None, path: Path
+) -> tuple[float, float]:
     """Writes the window, coded to about the film's own bytes; the rate factor, and its bytes over theirs.
 
-    level: rate factor that is tried first.
-    The logarithm of the bytes falls with the rate factor, the faster the more noise is left: false position.
+    level: rate factor of another stretch, tried first; None to search it in the first frames.
     """
-    wanted = max(_bytes(coding.size[window], coding.key[window]), 1)
-    left = _noise_left(film, window)
+    # Kept in memory: a film is decoded from the last key frame before the window.
+    pictures = [image for _, _, image in film.frames(window.start, window.stop)]
+    left = _noise_left(pictures)
     coding = replace(coding, grain=left > KEPT_GREY)
-    noise = float(np.sqrt(max(CAMERA_GREY**2 - left**2, 0.0)))
-    low, high = (FINEST, np.inf), (COARSEST, -np.inf)  # factors, and the logarithms of their bytes
-    off = np.inf
+    _disturb(pictures, float(np.sqrt(max(CAMERA_GREY**2 - left**2, 0.0))), seed=window.start)
+    if level is None:
+        start = slice(window.start, min(window.start + SEARCHED, window.stop))
+        level = _searched(lambda tried: _coded(pictures[:SEARCHED], coding, start, tried, path), START)
+    off = _coded(pictures, coding, window, level, path)
+    if abs(off) >= NEAR:
+        level = float(np.clip(level + off * FINER, FINEST, COARSEST))
+        off = _coded(pictures, coding, window, level, path)
+    return level, 2.0**off
+
+
+def _searched(off_at: Callable[[float], float], level: float) -> float:
+    """Rate factor at which `off_at`, the logarithm of the bytes over those wanted, is nearly 0.
+
+    It falls with the rate factor: guesses by its usual slope until one is above and one below, then false
+    position.
+    """
+    low, high = (FINEST, np.inf), (COARSEST, -np.inf)  # factors, and their logarithms
+    before = 0.0
     for _ in range(TRIES):
-        _write(film, coding, window, level, noise, path)
-        again = Video(path).coding()
-        before, off = off, float(np.log2(max(_bytes(again.size, again.key), 1) / wanted))
+        off = off_at(level)
+        if abs(off) < NEAR:
+            break
         # Noise that only just comes through makes bytes steep: an end that stays counts half (Illinois).
         stays = 0.5 if off * before > 0 else 1.0
-        low, high = ((level, off), (high[0], stays * high[1])) if off > 0 else ((low[0], stays * low[1]), (level, off))
-        guess = level + off * OCTAVE
+        low, high = (
+            ((level, off), (high[0], stays * high[1]))
+            if off > 0
+            else ((low[0], stays * low[1]), (level, off))
+        )
+        before, tried = off, level
+        level = float(np.clip(level + off * (COARSER if off > 0 else FINER), FINEST, COARSEST))
         if np.isfinite(low[1]) and np.isfinite(high[1]):
-            guess = low[0] + (high[0] - low[0]) * low[1] / (low[1] - high[1])
-        guess = float(np.clip(guess, FINEST, COARSEST))
-        if abs(off) < NEAR or guess == level:
+            level = low[0] + (high[0] - low[0]) * low[1] / (low[1] - high[1])
+        if level == tried:
             break
-        level = guess
-    return level, 2.0**off
+    return level
+
+
+def _coded(pictures: Sequence[Image], coding: Coding, window: slice, level: float, path: Path) -> float:
+    """Writes the pictures of the window at that rate factor; logarithm (2) of their bytes over the film's."""
+    _write(pictures, coding, level, path)
+    again = Video(path).coding()
+    wanted = _bytes(coding.size[window], coding.key[window])
+    return float(np.log2(max(_bytes(again.size, again.key), 1) / max(wanted, 1)))
+
+
+def _inner(count: int) -> slice:
+    """Frames of a stretch of that many that are coded as inside a film; all but the first if few."""
+    return slice(SETTLE, count - UNSEEN if count > 2 * UNSEEN else count)
 
 
 def _bytes(size: NDArray[np.intp], key: NDArray[np.bool_]) -> int:
     """Bytes of the frames that are no key frames, without those at the window's ends; of all if all are."""
-    size, key = size[SETTLE:-UNSEEN], key[SETTLE:-UNSEEN]
+    inner = _inner(len(size))
+    size, key = size[inner], key[inner]
     return int(size[~key].sum()) if (~key).any() else int(size.sum())
 
 
-def _write(film: Video, coding: Coding, window: slice, level: float, noise: float, path: Path) -> None:
-    size = (film.width - film.width % 2, film.height - film.height % 2)
+def _write(pictures: Sequence[Image], coding: Coding, level: float, path: Path) -> None:
     encoder, options = coding.options(level)
-    rng = np.random.default_rng(window.start)
+    size = (pictures[0].shape[1], pictures[0].shape[0])
     with Writer(path, size, fps=coding.fps, codec=encoder, options=options) as writer:
-        for _, _, image in film.frames(window.start, window.stop):
-            writer.add(_noisy(_shifted(image)[: size[1], : size[0]], noise, rng))
+        for image in pictures:
+            writer.add(image)
 
 
-def _noisy(image: Image, sd: float, rng: np.random.Generator) -> Image:
-    """The picture with white noise of that sd in grey levels; random numbers for one row in eight."""
-    if not sd > 0.0:
-        return image
-    drawn = np.float32(sd) * rng.standard_normal((len(image) // 8 + 1, image.shape[1]), dtype=np.float32)
-    order = rng.integers(0, len(drawn), len(image))
-    turn = rng.integers(0, image.shape[1])
-    noise = np.roll(drawn, turn, axis=1)[order]
-    return np.asarray(np.clip(np.rint(image + noise), 0, 255), dtype=np.uint8)
+def _disturb(pictures: list[Image], noise: float, *, seed: int) -> None:
+    """Shifts the pictures off the block grid, in place, to even sizes, with noise of that sd in grey levels."""
+    rng = np.random.default_rng(seed)
+    height, width = (side - side % 2 for side in pictures[0].shape)
+    rows = _noise_rows(noise, (width, height), rng)
+    for k, image in enumerate(pictures):
+        pictures[k] = _noisy(_shifted(image)[:height, :width], rows, rng)
 
 
-def _noise_left(film: Video, window: slice) -> float:
-    """Sd in grey levels of the noise that the film's frames still show.
+def _noise_rows(sd: float, size: tuple[int, int], rng: np.random.Generator) -> Array8:
+    """White noise of that sd in whole grey levels: one row for every four of the picture, twice as long."""
+    rows = sd * rng.standard_normal((size[1] // 4 + 1, size[0]), dtype=np.float32)
+    return np.tile(np.clip(np.rint(rows), -127, 127).astype(np.int8), 2)
 
-    Differences of successive frames tell the noise; what moves are few of the pixels. In whole grey levels
-    their median is too coarse: the mean square of all that are no larger than noise is taken.
+
+def _noisy(image: Image, rows: Array8, rng: np.random.Generator) -> Image:
+    """The picture with noise of rows that are drawn for it and shifted: to draw all anew takes longer than to
+    code it."""
+    turn = int(rng.integers(0, image.shape[1]))
+    noise = rows[:, turn : turn + image.shape[1]][rng.integers(0, len(rows), len(image))]
+    return np.asarray(cv2.add(image, noise, dtype=cv2.CV_8U), dtype=np.uint8)
+
+
+def _noise_left(pictures: Sequence[Image]) -> float:
+    """Sd in grey levels of the noise that a film's successive pictures still show, from the first of them.
+
+    Their differences tell the noise; what moves are few of the pixels. In whole grey levels their median is
+    too coarse: the mean square of all that are no larger than noise is taken.
     """
-    first = film.frames(window.start, window.start + 4)
-    pictures = [image[::4, ::4].astype(np.float32) for _, _, image in first]
-    steps = [b - a for a, b in pairwise(pictures)]
+    first = [image[::4, ::4].astype(np.float32) for image in pictures[:4]]
+    steps = [b - a for a, b in pairwise(first)]
     power = [float(np.mean(step[np.abs(step) < 4.0 * CAMERA_GREY] ** 2)) for step in steps]
     return float(np.sqrt(0.5 * np.median(power))) if power else 0.0
 

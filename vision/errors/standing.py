@@ -1,4 +1,4 @@
-"""How the coding error of a picture at rest changes in a film in which others move, told by its frame marks."""
+"""How the coding error of marks at rest changes while others move, as a film's frame marks tell it."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -29,10 +29,10 @@ class Standing:
     blocks: tuple[slice, ...]  # (b,) stretches of the film
     covariance: Array  # (b,b) mm2, of its means in them
     flicker: float  # mm2, new in every frame
-    noise_mm: float  # sd of a frame mark in the static film, against which it matters
+    noise_mm: float  # usual sd of a mark in the static film, against which it matters
 
 
-def standing(
+def standing_error(
     film: Plane, quiet: Plane, place: Array, rest: Rest, frozen: float, keys: Sequence[slice],
     quiet_keys: Sequence[slice],
 ) -> Standing:  # fmt: skip
@@ -43,16 +43,14 @@ def standing(
 
     What is left of f frame marks has 2 f - 8 degrees of freedom. What is drawn anew is told by the film's key
     frames, by those of the static film in all its marks, and by what coding leaves: each counts as much as
-    it has degrees of freedom. How it changes in between is told by the film alone: where nothing moves, coders
-    repeat more. A point has the frame marks' share on top of its own.
+    it has degrees of freedom. How it changes in between is told by the film alone: where nothing moves,
+    coders repeat more. A point has the frame marks' share on top of its own.
     """
     blocks, of = _blocks(keys)
-    free = _freedom(film)
-    if free < 1:
-        return Standing(tuple(blocks), np.zeros((len(blocks), len(blocks))), 0.0, 0.0)
-    share = 1.0 + rest.homography / rest.frame_variance
-    seen = np.isfinite(place[..., 0]).any(axis=0)
-    noise = rest.noise.persistence.lasting * float(np.mean(rest.noise.sd[:, [0, 2]] ** 2 / share))
+    free, seen = _freedom(film), np.isfinite(place[..., 0]).any(axis=0)
+    share = shares(rest)
+    variance = float(np.mean(rest.noise.sd[:, [0, 2]] ** 2 / share))
+    noise = rest.noise.persistence.lasting * variance
     told = [(FRESH * frozen / float(share.mean()) - noise, WORTH if frozen > 0.0 else 0.0)]
     told.append(_redrawn(_steps(film.residual, keys), rest, free, free))
     own = _steps(np.concatenate([place[:, seen], quiet.residual], axis=1), quiet_keys)
@@ -60,7 +58,13 @@ def standing(
     weight = sum(count for _, count in told)
     drawn = max(sum(found * count for found, count in told) / weight, 0.0) if weight else 0.0
     kept = _kept(film.residual, blocks, of, free, drawn + noise)
-    return Standing(tuple(blocks), drawn * kept, _flicker(film, quiet), float(np.sqrt(rest.frame_variance)))
+    return Standing(tuple(blocks), drawn * kept, _flicker(film, quiet), float(np.sqrt(variance)))
+
+
+def shares(rest: Rest) -> Array:
+    """Variance (p,2) of each place over that of a mark's centre: the frame marks' is in it."""
+    own = max(rest.frame_variance, 1e-30)
+    return np.asarray(1.0 + np.where(rest.frame_variance > 0.0, rest.homography / own, 0.0))
 
 
 def _blocks(keys: Sequence[slice]) -> tuple[list[slice], NDArray[np.intp]]:
@@ -76,10 +80,12 @@ def _blocks(keys: Sequence[slice]) -> tuple[list[slice], NDArray[np.intp]]:
 
 
 def _freedom(plane: Plane) -> int:
-    return 2 * int(np.count_nonzero(plane.seen.any(axis=0))) - 8
+    return max(2 * int(np.count_nonzero(plane.seen.any(axis=0))) - 8, 0)
 
 
-def _redrawn(steps: list[tuple[float, int, int]], rest: Rest, free: float, size: float) -> tuple[float, float]:
+def _redrawn(
+    steps: list[tuple[float, int, int]], rest: Rest, free: float, size: float
+) -> tuple[float, float]:
     """Variance mm2 of what key frames draw anew, and its degrees of freedom.
 
     steps: from `_steps`.   free: values in each.   size: sum of their variances over that of a frame mark.
@@ -92,7 +98,7 @@ def _redrawn(steps: list[tuple[float, int, int]], rest: Rest, free: float, size:
 
 
 def _steps(place: Array, keys: Sequence[slice]) -> list[tuple[float, int, int]]:
-    """Half the squared step mm2 of places (t,m,2) at each key frame, summed, and the frames before and after."""
+    """Half the squared step mm2 of places (t,m,2) at each key frame, summed; frames before and after it."""
     found = []
     for a, b in pairwise(keys):
         before = place[max(a.start, a.stop - BLOCK) : a.stop]
@@ -102,12 +108,13 @@ def _steps(place: Array, keys: Sequence[slice]) -> list[tuple[float, int, int]]:
     return found
 
 
-def _kept(residual: Array, blocks: Sequence[slice], of: NDArray[np.intp], free: int, variance: float) -> Array:
-    """Correlation (b,b) of blocks' errors of that variance mm2: how much changes from one to the next, the frame
-    marks tell."""
+def _kept(
+    residual: Array, blocks: Sequence[slice], of: NDArray[np.intp], free: int, variance: float
+) -> Array:
+    """Correlation (b,b) of blocks' errors of that variance mm2; frame marks tell what each one changes."""
     means = [mean_seen(residual[block]) for block in blocks]
     same = of[1:] == of[:-1]
-    step = np.array([_half(a, b) for a, b in pairwise(means)]) / free
+    step = np.array([_half(a, b) for a, b in pairwise(means)]) / max(free, 1)
     usual = (SLOW * variance * FEW + free * float(step[same].sum())) / (FEW + free * int(same.sum()))
     step = (EVEN * usual + free * step) / (EVEN + free)
     age = -np.log(1.0 - np.minimum(step / max(variance, 1e-30), MOST_NEW))

@@ -12,7 +12,7 @@ from vision.errors import keyframes, modes
 from vision.errors.codecterms import Codec, codec_sd
 from vision.errors.modes import Named, Stated
 from vision.errors.noise import REST, NoiseModel, states, static_noise, with_y
-from vision.errors.standing import standing
+from vision.errors.standing import shares, standing_error
 from vision.errors.variance import Rest, at_rest, by_hand, independent, misfit
 from vision.following.methods import COARSE
 from vision.following.tracks import Followed
@@ -77,7 +77,7 @@ def in_plane(seen: Seen, marks: Sequence[Mark], stated: Stated, steps: NDArray[n
     extra, rest = extra[steps], at_rest(noise, scene.quiet, place)
     holds, loose, unshared = modes.codec(extra, state[steps], scene.output, seen.codec.shared)
     keyed, flicker, unkeyed = _keyed(seen, scene, place, rest, steps)
-    loose = np.where(loose > 0.0, loose, np.sqrt(flicker * with_y(1.0 + rest.homography / rest.frame_variance)))
+    loose = np.where(loose > 0.0, loose, np.sqrt(flicker * with_y(shares(rest))))
     start = _reference_sd(noise, seen.codec, len(scene.film.reference))
     linear = linear_maps(seen.film, seen.homography(marks))
     rotation = rotations(linear)
@@ -153,11 +153,15 @@ def _keyed(
         return {}, 0.0, ()
     film = plane_of(scene.plane.nominal, seen.film.ideal[:, scene.frame])
     frozen = float(np.mean(seen.codec.rest[[0, 2]] ** 2))
-    error = standing(film, scene.quiet, place, rest, frozen, keys, _quiet_keys(seen))
+    error = standing_error(film, scene.quiet, place, rest, frozen, keys, _quiet_keys(seen))
     if len(keys) > keyframes.MOST:
-        return {}, error.flicker, (
-            f"The film has {len(keys)} key frames, at which the picture of markers at rest changes a "
-            f"little. Of more than {keyframes.MOST} this is not modelled.",
+        return (
+            {},
+            error.flicker,
+            (
+                f"The film has {len(keys)} key frames, at which the picture of markers at rest changes a "
+                f"little. Of more than {keyframes.MOST} this is not modelled.",
+            ),
         )
     still = np.asarray(~(np.nan_to_num(rest.noise.codec_sd) > 0).any(axis=1))
     reference = scene.film.reference
@@ -166,7 +170,7 @@ def _keyed(
 
 
 def _quiet_keys(seen: Seen) -> list[slice]:
-    """Stretches of the static film between key frames; one where they are so many that its noise holds them."""
+    """Stretches of the static film between key frames; one where its noise holds the steps at them."""
     parts, count = keyframes.stretches(seen.still_keys, len(seen.still.time)), len(seen.still.time)
     return parts if keyframes.rare(parts) else [slice(0, count)]
 
