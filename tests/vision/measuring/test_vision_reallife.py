@@ -141,6 +141,10 @@ def test_trouble_in_a_film(trouble: str, drawn: Followable, lab: Lab, tmp_path: 
             assert np.sqrt(np.mean(pull[FROM:TO, p] ** 2)) <= 2.0
     assert 0.7 <= np.sqrt(np.nanmean(pull[TO:] ** 2)) <= 1.3  # as good as before once it is over
     assert not any("peels" in remark for remark in result.remarks)
+    if trouble in ("motion blur", "defocus"):
+        told = [note for note in result.notes if "more blurred than at rest" in note]
+        assert len(told) == len(lab.marks)
+        assert "in 16 of 40 frames, first at 1.800 s" in told[0]
 
 
 def test_a_tenth_of_the_frames_is_not_there(drawn: Followable, lab: Lab, tmp_path: Path) -> None:
