@@ -15,8 +15,8 @@ from vision.errors.noise import states
 from vision.film.checkpoint import Progress
 from vision.film.packets import NAMES, Coding
 from vision.film.video import Video, Writer
-from vision.following import registration
-from vision.following.methods import COARSE
+from vision.following import blurred, registration
+from vision.following.methods import COARSE, Method
 from vision.following.reference import Follower
 from vision.following.tracks import Followed, centres
 from vision.marks import px_per_unit
@@ -244,7 +244,8 @@ def _followed_again(
     for index, _, image in Video(path).frames(0, count):
         at = window.start + index
         plain = ~np.isin(followed.method[at], COARSE)[:, None, None]
-        yield _laid(image, follower, np.where(plain, followed.warp[at], np.nan))
+        adjusted = followed.method[at] == Method.ADJUSTED
+        yield _laid(image, follower, np.where(plain, followed.warp[at], np.nan), adjusted)
         if progress is not None:
             progress("codec", index + 1, count)
 
@@ -253,18 +254,23 @@ def _shifted(image: Image) -> Image:
     return np.roll(image, (int(SHIFT[1]), int(SHIFT[0])), axis=(0, 1))
 
 
-def _laid(image: Image, follower: Follower, warp: Array) -> Array:
-    """The coded marks registered anew in a shifted picture, started where they were."""
+def _laid(image: Image, follower: Follower, warp: Array, adjusted: NDArray[np.bool_]) -> Array:
+    """The coded marks registered anew in a shifted picture, started where they were.
+
+    adjusted: (p,) those whose blur and light were fitted, as they are now; without it they would lie aside.
+    """
     rows = np.flatnonzero(np.isfinite(warp[follower.coded, 0, 0]))
     marks = follower.coded[rows]
     result = np.full(warp.shape, np.nan)
+    lens = registration.lens_of(follower.camera, (SHIFT[0], SHIFT[1]))
     result[marks], match = registration.register(
-        image,
-        registration.lens_of(follower.camera, (SHIFT[0], SHIFT[1])),
-        follower.templates,
-        warp[marks],
-        px_per_unit(warp[marks]),
-        rows,
+        image, lens, follower.templates, warp[marks], px_per_unit(warp[marks]), rows
     )
     result[marks[match < 0.5]] = np.nan
+    for k in np.flatnonzero(adjusted[marks] & (match >= 0.5)).tolist():
+        found = blurred.adjust(
+            image, lens, follower.templates, follower.spectra, int(rows[k]), start=result[marks[k]],
+            usual=float(follower.usual[rows[k]]), match=float(match[k]),
+        )  # fmt: skip
+        result[marks[k]] = np.nan if found is None else found.warp
     return result

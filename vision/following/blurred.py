@@ -21,6 +21,7 @@ FIRST = 0.5  # of what is left beyond that must go in the first step; what codin
 ENOUGH, NEARLY = 0.85, 3.0  # of it must go in all, or so many times what is usual be left at most
 SHARPER, MOST = -0.25, 9.0  # px2, of a blur's variance along any axis, against that at rest
 STEPS = 8
+FAR_PX = 1.0  # from where plain registration lies: blur and light move a mark by a third of it at most
 CONVERGED_PX, CONVERGED_PX2 = 0.002, 0.02
 REACH = 1.5  # sds of the blur from a patch's edge, within which other things show
 PAD = 12  # points round a patch, over which its edge goes on
@@ -74,48 +75,64 @@ def adjust(
     contrast, brightness and the slopes of both.
     """
     before = 1.0 - match**2
-    warp, blur, left = start, np.zeros(3), before
+    warp, blur = start, np.zeros(3)
     for step in range(STEPS):
-        sure = _sure(known, blur, reference.grid)
-        grey = sure * registration.grey_under(image, lens, warp[None], reference.grid)[0]
-        design = sure[:, None] * _design(known, row, blur, reference.grid)
-        normal = design.T @ design
-        found = np.linalg.solve(normal, design.T @ grey)
-        residual = grey - design @ found
-        left = float(residual @ residual / (grey @ grey - grey.sum() ** 2 / sure.sum()))
-        if step == 0 and before - left < FIRST * (before - usual):
+        fit = _fitted(image, lens, known, row, warp, blur, reference.grid)
+        if fit is None or (step == 0 and before - fit.left < FIRST * (before - usual)):
             return None
-        change = found / found[CONTRAST]
-        moved = _composed(warp, change[PLACE])
-        if moved is None or found[CONTRAST] <= 0.0:
+        warp, blur = _composed(warp, fit.change[PLACE]), _within(blur + fit.change[BLUR])
+        if not np.hypot(*(warp - start)[:2, 2]) <= FAR_PX:
             return None
-        warp, blur = moved, _within(blur + change[BLUR])
-        still = np.abs(change[[2, 5]]).max() <= CONVERGED_PX * known.pitch
-        if still and np.abs(change[BLUR]).max() <= CONVERGED_PX2:
+        still = np.abs(fit.change[[2, 5]]).max() <= CONVERGED_PX * known.pitch
+        if still and np.abs(fit.change[BLUR]).max() <= CONVERGED_PX2:
             break
     else:
         return None
-    if left > NEARLY * usual and before - left < ENOUGH * (before - usual):
+    if fit.left > NEARLY * usual and before - fit.left < ENOUGH * (before - usual):
         return None
-    return _adjusted(reference, known, row, warp, design, residual / found[CONTRAST], left)
+    return _adjusted(reference, known, row, warp, fit)
 
 
-def _adjusted(
-    reference: Templates, known: Spectra, row: int, warp: Array, design: Array, residual: Array, left: float
-) -> Adjusted:
-    """The result, from the last step's design (n,17) and its residual (n,) in units of the reference."""
+@dataclass(frozen=True)
+class _Fit:
+    """One step, in units of the reference patch."""
+
+    design: Array  # (n,17)
+    change: Array  # (17,)
+    residual: Array  # (n,)
+    left: float  # share of the patch's power
+
+
+def _fitted(
+    image: Picture, lens: Array, known: Spectra, row: int, warp: Array, blur: Array, grid: Array
+) -> _Fit | None:
+    """The step from a warp and a blur; None where the picture shows no contrast like the patch's."""
+    sure = _sure(known, blur, grid)
+    grey = sure * registration.grey_under(image, lens, warp[None], grid)[0]
+    design = sure[:, None] * _design(known, row, blur, grid)
+    power = float(grey @ grey - grey.sum() ** 2 / sure.sum())
+    found = np.linalg.solve(design.T @ design, design.T @ grey)
+    if not (power > 0.0 and found[CONTRAST] > 0.0):
+        return None
+    residual = grey - design @ found
+    contrast = found[CONTRAST]
+    return _Fit(design, found / contrast, residual / contrast, float(residual @ residual) / power)
+
+
+def _adjusted(reference: Templates, known: Spectra, row: int, warp: Array, fit: _Fit) -> Adjusted:
+    """The result, from the last step."""
     linear = linear_at_centre(warp[None])[0]
     pixels = known.pitch**2 * float(abs(np.linalg.det(linear)))
-    own = linear @ np.linalg.inv(design.T @ design)[[[2], [5]], [2, 5]] @ linear.T
+    own = linear @ np.linalg.inv(fit.design.T @ fit.design)[[[2], [5]], [2, 5]] @ linear.T
     sharp = linear @ reference.covariance[row][[[2], [5]], [2, 5]] @ linear.T
-    count = np.count_nonzero(design.any(axis=1))
-    noise = float(residual @ residual) / max(count - NUMBERS / pixels, 1.0)
+    count = np.count_nonzero(fit.design.any(axis=1))
+    noise = float(fit.residual @ fit.residual) / max(count - NUMBERS / pixels, 1.0)
     return Adjusted(
         warp,
-        left,
+        fit.left,
         noise * max(1.0 / (INTERPOLATED * pixels), 1.0) * own,
         float(np.trace(own) / np.trace(sharp)),
-        uneven.lean_of(design, residual, linear),
+        uneven.lean_of(fit.design, fit.residual, linear),
     )
 
 
@@ -146,13 +163,13 @@ def _sure(known: Spectra, blur: Array, grid: Array) -> Array:
     return np.asarray(np.max(np.abs(grid[:2]), axis=0) <= most, dtype=np.float64)
 
 
-def _composed(warp: Array, change: Array) -> Array | None:
-    """The warp with the inverse of a step (8,) before it; None where it folds."""
+def _composed(warp: Array, change: Array) -> Array:
+    """The warp with the inverse of a step (8,) before it; NaN where it folds."""
     step = np.append(change, 0.0).reshape(3, 3) + np.eye(3)
     if np.linalg.det(step) < 0.1:
-        return None
+        return np.full((3, 3), np.nan)
     after = warp @ np.linalg.inv(step)
-    return np.asarray(after / after[2, 2]) if abs(after[2, 2]) > 1e-9 else None
+    return np.asarray(after / after[2, 2])
 
 
 def _within(blur: Array) -> Array:

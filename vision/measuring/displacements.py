@@ -281,6 +281,12 @@ def _fallen_back(seen: Seen, marks: Sequence[Mark]) -> list[str]:
                     f"{len(film.time)} frames, first at {used[0]:.3f} s. It is placed by {way} there, with a "
                     "larger sd."
                 )
+        soft = film.time[film.method[:, p] == Method.ADJUSTED]
+        if len(soft):
+            said.append(
+                f"Marker {mark.name!r} is more blurred than at rest, or lit along a slope, in {len(soft)} of "
+                f"{len(film.time)} frames, first at {soft[0]:.3f} s. Both are fitted beside its place there."
+            )
     return said
 
 

@@ -133,13 +133,18 @@ def test_trouble_in_a_film(trouble: str, drawn: Followable, lab: Lab, tmp_path: 
     np.testing.assert_array_equal(np.isnan(result.value[..., 0]), expected)  # what is hidden is not invented
     assert [said.split("'")[1] for said in result.lost] == [lab.marks[p].name for p in hidden]
     assert all(f"{TO - FROM} of 40 frames, from 1.800 to 3.300 s" in said for said in result.lost)
-    assert np.sqrt(np.nanmean(pull[FROM:TO] ** 2)) <= 1.3
+    # Blur and a slope of light are in the fit: without it their sd would be stated 2 to 3 times too large.
+    assert 0.7 <= np.sqrt(np.nanmean(pull[FROM:TO] ** 2)) <= 1.3
     for p in range(len(output)):
         if not expected[:, p].any():
             # 32 values of one mark scatter by 0.13; a light gradient moves the steepest by another 0.002 px.
             assert np.sqrt(np.mean(pull[FROM:TO, p] ** 2)) <= 2.0
     assert 0.7 <= np.sqrt(np.nanmean(pull[TO:] ** 2)) <= 1.3  # as good as before once it is over
     assert not any("peels" in remark for remark in result.remarks)
+    if trouble in ("motion blur", "defocus"):
+        told = [note for note in result.notes if "more blurred than at rest" in note]
+        assert len(told) == len(lab.marks)
+        assert "in 16 of 40 frames, first at 1.800 s" in told[0]
 
 
 def test_a_tenth_of_the_frames_is_not_there(drawn: Followable, lab: Lab, tmp_path: Path) -> None:
