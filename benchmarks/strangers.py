@@ -6,7 +6,7 @@ mistakes: `strangers_mistakes.py`, planted in a drawn project, each with the sen
 `strangers_right.py`, unusual inputs that must pass, photographs among them. coding: `strangers_coding.py`,
 pulls on film as phones code it, and the speed. fuzz: `strangers_fuzz.py`, damaged files for every reader.
 faults: `strangers_faults.py`, kills, interrupts and a full disk in every stage. dic: `dic.py`, pulls in a
-strain gradient. --quick: fewer of each, but all damaged files. Without it kills take about 20 minutes.
+strain gradient. --quick: fewer of each, but all damaged files. Without it kills take about half an hour.
 """
 
 import argparse
