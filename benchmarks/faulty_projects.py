@@ -23,7 +23,7 @@ FOUND = (
     "camera.json", "budget.csv", "fit.json", "diagnosis.json", "comparison.json", "tracks.npz",
     "candidates.npz", "deformed-0000.vtu",
 )  # fmt: skip
-DROOP_MM = 8.5  # of the drawn finger's tip
+DROOP_MM, STATIC = 8.5, 260  # of the drawn finger's tip; frames: a part of 250 is kept when it is followed
 
 
 @dataclass(frozen=True)
@@ -134,7 +134,7 @@ def _filmed(folder: Path) -> None:
 
     from twin.project.toml import dump
 
-    batch = replace(make_batch.FIRST, droop_mm=DROOP_MM)
+    batch = replace(make_batch.FIRST, droop_mm=DROOP_MM, static_frames=STATIC)
     make_batch.write_raw(folder / "raw", batch)
     make_batch.write_boards(folder / "raw" / "boards")
     (folder / "twin.toml").write_text(dump(make_batch.config("filmed", batch)), encoding="utf-8")

@@ -66,6 +66,7 @@ class SmallBatch:
     tilt_deg: tuple[float, float, float] = (0.3, -0.3, 0.6)  # of the camera
     k1: float = LENS  # distortion of the lens while it films; the board is photographed with LENS
     droop_mm: float | None = None  # of the tip at top pressure, bent as a beam; None: the truth is solved
+    static_frames: int = BENCH.static_frames
 
     @property
     def finger(self) -> Finger:
@@ -196,7 +197,7 @@ def write_films(raw: Path, batch: SmallBatch) -> None:
     """film.mp4 of the test and static.mp4 of the finger at rest."""
     (eye, pose), marks = camera(batch), marks_of(batch)
     filmed = motion(batch, np.random.default_rng([batch.seed, 1]))
-    still = np.zeros(BENCH.static_frames, np.int64)
+    still = np.zeros(batch.static_frames, np.int64)
     for name, frames, seed in (("film", np.arange(len(filmed.place)), 1), ("static", still, 2)):
         synthetic.film(
             raw / f"{name}.mp4", camera=eye, pose=pose, marks=marks, positions=filmed.place[frames],

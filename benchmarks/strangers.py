@@ -5,8 +5,8 @@
 mistakes: `strangers_mistakes.py`, planted in a drawn project, each with the sentence it got. right:
 `strangers_right.py`, unusual inputs that must pass, photographs among them. coding: `strangers_coding.py`,
 pulls on film as phones code it, and the speed. fuzz: `strangers_fuzz.py`, damaged files for every reader.
-faults: `strangers_faults.py`, kills and a full disk in every stage. dic: `dic.py`, pulls in a strain
-gradient. --quick: fewer of each, but all damaged files. Without it kills take about an hour.
+faults: `strangers_faults.py`, kills, interrupts and a full disk in every stage. dic: `dic.py`, pulls in a
+strain gradient. --quick: fewer of each, but all damaged files. Without it kills take about half an hour.
 """
 
 import argparse
@@ -55,8 +55,9 @@ def fuzz(quick: bool) -> dict[str, Any]:
 
 
 def faults(quick: bool) -> dict[str, Any]:
-    """Kills and disk faults after which a project ended with the same bits."""
-    return strangers_faults.kills(quick) | strangers_faults.disk(quick)
+    """Kills, interrupts and disk faults after which a project ended with the same bits."""
+    f = strangers_faults
+    return f.kills(quick) | f.interrupts(quick) | f.disk(quick)
 
 
 def strain(quick: bool) -> dict[str, Any]:

@@ -1,11 +1,11 @@
 """Kills, interrupts, a full disk and limits of file sizes in every stage: does a project end the same?
 
-    python benchmarks/strangers_faults.py [--quick] [--kills N] [--tally FILE] [kills] [interrupts] [disk]
+    python benchmarks/strangers_faults.py [--quick] [--kills N] [--tally FOLDER] [kills] [interrupts] [disk]
 
 `kills_same`: kills -9 at random moments over all stages, of which each project ended with the bits of one
 that was left alone: camera, tracks, budget and targets of a drawn film, and what calibrate to review find of
-a short finger; `kills_stages` says how many fell in which stage. 100 kills take about 20 minutes on one core.
-What was counted so far stands in the JSON of --tally after every kill. `interrupts_same`: the same for
+a short finger; `kills_stages` says how many fell in which stage. 100 kills take about half an hour on one core.
+What was counted so far stands in kills.json of --tally after every kill. `interrupts_same`: the same for
 Ctrl-C, to the whole group of processes as a terminal gives it; `interrupts_traceback`: those that were
 answered with a traceback, or with another exit code than 130.
 `disk_same`: faults of the disk in camera, measure, review (with its clip) and recalibrate, after which the
@@ -39,7 +39,7 @@ from faulty_projects import KINDS, Command, digests, drafts, finish, halves, run
 KILLS = {"film": 40, "model": 60}
 LATEST = 0.4  # of a kill, as a share of the time of a run without one
 MOST = 8  # kills of one project
-TALLY = Path(tempfile.gettempdir()) / "strangers_faults.json"
+TALLY = Path(tempfile.gettempdir())
 
 
 def _child(folder: Path, kind: str, command: Command, *, limit: int = 0) -> subprocess.Popen[str]:
@@ -80,9 +80,10 @@ class Tally:
     stages: Counter[str] = field(default_factory=Counter)
 
     def figures(self) -> dict[str, Any]:
-        found = {"": self.kills, "_judged": self.ended, "_same": self.same, "_traceback": self.badly,
-                 "_stages": dict(sorted(self.stages.items()))}  # fmt: skip
-        return {self.name + name: value for name, value in found.items()}
+        found: dict[str, Any] = {"": self.kills, "_judged": self.ended, "_same": self.same}
+        found |= {"_traceback": self.badly} if self.name == "interrupts" else {}
+        stages = {"_stages": dict(sorted(self.stages.items()))}
+        return {self.name + name: value for name, value in (found | stages).items()}
 
     def tell(self, text: str) -> None:
         print(f"{text}; {self.same} of {self.ended} the same", file=sys.stderr, flush=True)
@@ -91,12 +92,13 @@ class Tally:
 
 def kills(quick: bool, *, count: int | None = None, tally: Path = TALLY) -> dict[str, Any]:
     """How many kills were survived without a change of a bit, of how many."""
-    return _both(count or (6 if quick else sum(KILLS.values())), Tally("kills", tally), signal.SIGKILL)
+    wanted = count or (6 if quick else sum(KILLS.values()))
+    return _both(wanted, Tally("kills", tally / "kills.json"), signal.SIGKILL)
 
 
 def interrupts(quick: bool, *, count: int | None = None, tally: Path = TALLY) -> dict[str, Any]:
     """The same for Ctrl-C, and how many had another answer than a sentence and exit code 130."""
-    return _both(count or (6 if quick else 20), Tally("interrupts", tally), signal.SIGINT)
+    return _both(count or (6 if quick else 20), Tally("interrupts", tally / "interrupts.json"), signal.SIGINT)
 
 
 def _both(wanted: int, told: Tally, how: signal.Signals) -> dict[str, Any]:
@@ -278,7 +280,7 @@ def main() -> int:
     ask = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     ask.add_argument("--quick", action="store_true", help="6 kills, 6 interrupts, 4 faults in each stage")
     ask.add_argument("--kills", type=int, help="how many kills, or interrupts")
-    ask.add_argument("--tally", type=Path, default=TALLY, help="file for what was counted so far")
+    ask.add_argument("--tally", type=Path, default=TALLY, help="folder for what was counted so far")
     ask.add_argument("what", nargs="*", default=["kills", "disk"], help="kills, interrupts, disk")
     told = ask.parse_args()
     found: dict[str, Any] = {}

@@ -8,6 +8,8 @@ import rerun.blueprint as rrb
 
 from twin.review.filmed import Filmed
 from twin.review.scene import Scene
+from twin.review.states import Strains
+from twin.review.strainlayer import strain_view
 
 VIEWS = {  # name of each view, and the timeline that plays it
     "search": "generation",
@@ -24,15 +26,17 @@ def arranged(
     has_film: bool,
     filmed: Filmed | None,
     pictures: Sequence[str],
+    strains: Strains | None = None,
 ) -> rrb.Blueprint:
-    """The four views as tabs; filmed: the models that are drawn over it; pictures: titles of those at
-    `pictures/0`, `pictures/1`, ..."""
+    """The four views as tabs, and that of the strain where there is one; filmed: the models that are drawn
+    over the film; pictures: titles of those at `pictures/0`, `pictures/1`, ..."""
     shown = {title: f"/pictures/{number}" for number, title in enumerate(pictures)}
     views = [
         _search(scene, has_film=has_film),
         _test(scene, has_film=has_film, filmed=filmed),
         _where(filmed=filmed, pictures=shown),
         _effects(filmed=filmed, pictures=shown),
+        *([strain_view(strains)] if strains is not None else []),
     ]
     return rrb.Blueprint(
         rrb.Tabs(*views, active_tab=list(VIEWS).index(OPENS), name="softtwin"),

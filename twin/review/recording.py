@@ -19,7 +19,8 @@ from twin.review.filmed import Filmed
 from twin.review.overprint import log_filmed
 from twin.review.rerunfile import rerun_file
 from twin.review.scene import Scene, States, log_constants, log_states, scene_of
-from twin.review.states import Array, Fields, Generations, Integers
+from twin.review.states import Array, Fields, Generations, Integers, Strains
+from twin.review.strainlayer import log_strains
 
 SERIES = ((86, 180, 233), (230, 159, 0), (0, 190, 140), (204, 121, 167), (240, 228, 66), (213, 94, 0))
 REVIEW_WIDTH = 1280  # px: wider films are scaled down for review
@@ -43,12 +44,14 @@ def write_review(
     comparison: Sequence[Mapping[str, object]] = (),
     pictures: Mapping[str, bytes] | None = None,
     filmed: Filmed | None = None,
+    strains: Strains | None = None,
 ) -> list[str]:
     """Write the rerun file `path`, atomically, and return notes: what it does not show, and why.
 
     film file or None; frame_times_s (t,) s of its frames; generations, fields as in `review.states`;
     diagnosis_markdown text; comparison rows of a table that is shown below it, all with the same keys;
-    pictures PNG files by title; filmed the models to be drawn over the film, or None.
+    pictures PNG files by title; filmed the models to be drawn over the film, or None; strains of a speckled
+    face, drawn over the film, too.
     ValueError where the frame at top pressure is not in the film.
     """
     video, stamps, scale, notes = _video(film, frame_times_s)
@@ -62,13 +65,16 @@ def write_review(
     )
     scene = scene_of(generations, fields)
     drawn = filmed if video is not None else None
-    views = arranged(scene, has_film=video is not None, filmed=drawn, pictures=tuple(pictures or {}))
+    views = arranged(scene, has_film=video is not None, filmed=drawn, pictures=tuple(pictures or {}),
+                     strains=strains)  # fmt: skip
     with rerun_file(path, views) as recording:
         if video is not None:
             recording.log("film/frame", video, static=True)
             _log_frames(recording, stamps, times=times, generations=generations, filmed=drawn)
         if drawn is not None:
             log_filmed(recording, drawn, generations, scale=scale)
+        if strains is not None:
+            log_strains(recording, strains, scale=scale)
         log_constants(recording, scene)
         _log_curves(recording, generations=generations, fields=fields)
         scales = _log_states(recording, scene, generations=generations, fields=fields, times=times)

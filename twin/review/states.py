@@ -1,7 +1,8 @@
 """The states that review and report show, as plain arrays: one per generation, one per film time.
 
-`Generations` is what the genetic algorithm went through; `Fields` is the calibrated model along the film.
-Both are saved as .npz without pickle, so a run folder can be reviewed long after the run.
+`Generations` is what the genetic algorithm went through; `Fields` is the calibrated model along the film;
+`Strains` what a speckled face shows. They are saved as .npz without pickle, so a run folder can be reviewed
+long after the run.
 """
 
 from dataclasses import dataclass, fields
@@ -76,6 +77,23 @@ class Fields(_Stored):
     def __post_init__(self) -> None:
         k, n, p = len(self.time_s), self.u.shape[1], self.u_points.shape[1]
         _check(self, {"pressure": (k,), "u": (k, n, 3), "u_points": (k, p, 3), "u_measured": (k, p, 3)})
+
+
+@dataclass(frozen=True, kw_only=True)
+class Strains(_Stored):
+    """The strain of a speckled face at k times of the film, and where the film shows its points."""
+
+    time_s: Array  # (k,) film time, s, increasing
+    components: tuple[str, ...]  # (c,) E_xx, E_zz, E_xz
+    names: tuple[str, ...]  # (p,) points
+    size: tuple[int, int]  # px, width and height of the film
+    pixel: Array  # (k,p,2) px; NaN = lost
+    value: Array  # (k,p,c) Green-Lagrange strain; NaN = lost
+    sd: Array  # (k,p,c)
+
+    def __post_init__(self) -> None:
+        k, p, c = len(self.time_s), len(self.names), len(self.components)
+        _check(self, {"size": (2,), "pixel": (k, p, 2), "value": (k, p, c), "sd": (k, p, c)})
 
 
 def _names(cls: type) -> tuple[str, ...]:

@@ -19,7 +19,7 @@ from twin.gauge.synchrony import Join, Motion
 from twin.project import files
 from twin.project.folder import Project, Run, Say
 from twin.project.targetfiles import read_targets, write_targets
-from twin.stages.cameras import camera_path, camera_table, dictionary_name, result_of
+from twin.stages.cameras import camera_path, camera_table, dictionary_name, lens_of, result_of
 from twin.stages.recordings import (
     face_of,
     log_of,
@@ -38,6 +38,7 @@ if TYPE_CHECKING:  # vision takes a second to import: only the stages that measu
 
 
 STRAIN_STEPS = 20  # times of the strain field that ParaView gets, evenly
+STRAIN_SHOWN = 300  # those that the review shows
 
 
 @dataclass(frozen=True)
@@ -128,7 +129,7 @@ def _from_film(project: Project, camera: Path, say: Say, run: Run) -> Targets:
     run.write_npz("tracks.npz", _tracks(moved))
     run.write_bytes("overlay.png", _overlay(project, moved))
     run.write_text("budget.csv", _budget_csv(moved, targets))
-    _write_strain(run, moved)
+    _write_strain(run, moved, lens_of(project, camera_table(project)).size)
     run.summary.update(_summary(targets, found) | {"headline": _headline(targets)})
     run.summary["coding"] = list(moved.coding)
     for sentence in (*moved.notes, *moved.coding):
@@ -167,6 +168,8 @@ def _joint(
     run.write_npz("tracks.npz", files.read_npz(first / "tracks.npz"))
     run.write_bytes("overlay.png", (first / "overlay.png").read_bytes())
     run.write_text("budget.csv", (first / "budget.csv").read_text(encoding="utf-8"))
+    if (first / "strain.npz").is_file():
+        run.write_npz("strain.npz", files.read_npz(first / "strain.npz"))
     summaries = [project.info(folder).get("summary", {}) for _, folder in each]
     told = [row | {"run": folder.name} for row, (_, folder) in zip(rows, each, strict=True)]
     run.summary.update(
@@ -277,20 +280,29 @@ def _tracks(moved: "Displacements") -> dict[str, NDArray[Any]]:
     }  # fmt: skip
 
 
-def _write_strain(run: Run, moved: "Displacements") -> None:
-    """strain.csv, and strain.pvd for ParaView with STRAIN_STEPS files, where a speckled face was measured."""
+def _write_strain(run: Run, moved: "Displacements", size: tuple[int, int]) -> None:
+    """strain.csv, strain.npz for the review, and strain.pvd for ParaView with STRAIN_STEPS files, where a
+    speckled face was measured.   size: of the film, px."""
     from twin.review.deformed import write_vtu_series
+    from twin.review.states import Strains
     from vision.measuring.strains import COMPONENTS, quads, to_csv
 
     field = moved.strain
     if field is None:
         return
     run.write_text("strain.csv", to_csv(field))
+    shown = _evenly(len(field.time), STRAIN_SHOWN)
+    t, at = moved.tracks, np.searchsorted(moved.tracks.time, field.time[shown])
+    pixel = t.position[at][:, [t.names.index(name) for name in field.names]]
+    Strains(
+        time_s=field.time[shown] - field.time[0], components=COMPONENTS, names=field.names, size=size,
+        pixel=pixel, value=field.value[shown], sd=field.sd[shown],
+    ).save(run.path("strain.npz"))  # fmt: skip
     cells = quads(field.points)
     if not len(cells):
         return
     rows = [moved.names.index(name) for name in field.names]
-    steps = np.unique(np.linspace(0, len(field.time) - 1, STRAIN_STEPS).round().astype(int))
+    steps = _evenly(len(field.time), STRAIN_STEPS)
     parts = {name: field.value[steps][..., k] for k, name in enumerate(COMPONENTS)}
     sds = {f"sd_{name}": field.sd[steps][..., k] for k, name in enumerate(COMPONENTS)}
     moves = np.nan_to_num(moved.value[steps][:, rows])
@@ -298,6 +310,11 @@ def _write_strain(run: Run, moved: "Displacements") -> None:
         run.folder, "strain", nodes=field.points, cells=cells, times=list(field.time[steps]),
         fields={"U": moves, **parts, **sds},
     )  # fmt: skip
+
+
+def _evenly(count: int, most: int) -> NDArray[np.intp]:
+    """At most so many of `count` numbers, evenly."""
+    return np.unique(np.linspace(0, count - 1, most).round().astype(np.intp))
 
 
 def _overlay(project: Project, moved: "Displacements") -> bytes:

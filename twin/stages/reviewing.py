@@ -63,6 +63,7 @@ def _recording(story: Story, say: Say) -> list[str]:
         comparison=ranking_rows(story),
         pictures=story.way.images,
         filmed=story.footage.filmed if story.footage else None,
+        strains=story.strains,
     )
     say.progress("review", 1, 2)
     return [*notes, *filter(None, [story.not_filmed])]

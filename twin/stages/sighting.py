@@ -44,7 +44,7 @@ def _why_not(project: Project) -> str:
     if not project.config.cameras or not project.path(project.config.cameras[0].film).is_file():
         return ""  # which the recording says itself
     said = "the models are not drawn over the film"
-    if _tracks_file(project) is None:
+    if measured_file(project, "tracks.npz") is None:
         return f"{said}: these targets do not come from `twin measure`"
     if len(project.config.films) > 1:
         return f"{said}: the targets hold {len(project.config.films)} films"
@@ -61,11 +61,11 @@ def _why_not(project: Project) -> str:
     return ""
 
 
-def _tracks_file(project: Project) -> Path | None:
-    """tracks.npz of the run that the targets come from, None without any."""
+def measured_file(project: Project, name: str) -> Path | None:
+    """A file of the run that the targets come from, such as tracks.npz; None without any."""
     source = project.targets_folder / "source.json"
     run = files.read_json(source).get("run") if source.is_file() else None
-    path = project.root / "runs" / str(run) / "tracks.npz"
+    path = project.root / "runs" / str(run) / name
     return path if path.is_file() else None
 
 
@@ -101,7 +101,7 @@ class _Sight:
 
     @cached_property
     def _tracks(self) -> dict[str, NDArray[Any]]:
-        path = _tracks_file(self.project)
+        path = measured_file(self.project, "tracks.npz")
         assert path is not None  # `_why_not` has looked
         return files.read_npz(path)
 

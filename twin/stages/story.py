@@ -4,12 +4,12 @@ from typing import Any
 
 from twin.project import files
 from twin.project.folder import Project, Run, Say
-from twin.review.states import Fields, Generations
+from twin.review.states import Fields, Generations, Strains
 from twin.stages.chain import kinds_writing
 from twin.stages.fits import fresh
 from twin.stages.footage import Footage
 from twin.stages.showing import Way
-from twin.stages.sighting import models_on_film
+from twin.stages.sighting import measured_file, models_on_film
 from twin.targets import Array
 
 STUDY = "study.json"
@@ -35,6 +35,8 @@ class Story:
         self.study = files.read_json(self.study_file) if self.study_file else {}
         filmed, self.not_filmed = models_on_film(project, self.targets, self.generations, say)
         self.footage = Footage(project, filmed) if filmed else None
+        strained = measured_file(project, "strain.npz")
+        self.strains = Strains.load(strained) if strained else None
 
     def file(self, kind: str, name: str) -> Any:
         path = fresh(self.project, (kind,), name)
