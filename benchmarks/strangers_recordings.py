@@ -96,10 +96,10 @@ MISTAKES: Mapping[str, tuple[Plant, str]] = {
     "a static film of one picture": (
         picked(lambda n: [0] * n, "static.mkv"), r"one picture in all 120 frames"
     ),
-    "a film in slow motion": (pumped(1.8), r"the film seems to run 1\.[78]\d times as long as the test"),
+    "a film in slow motion": (pumped(1.7), r"the film seems to run 1\.[67]\d times as long as the test"),
     "a film speeded up": (pumped(0.75), r"the film seems to run 0\.7\d times as long as the test"),
     "a clock that is off by 3 s": (
-        camera_with(film_start_s=FILM_START - 3.0), r"at 14\.0 s its pressure explains 100 %.*correct film_start"
+        camera_with(film_start_s=FILM_START - 3.0), r"at 14\.0 s .* 100 %.*correct film_start_s"
     ),
     "absolute pressure without a word": (
         offset(101.325, 1e3, "time_s,pressure_kPa"), r"never falls below 0\.1013 MPa.*absolute pressure"

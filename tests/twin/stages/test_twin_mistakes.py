@@ -175,3 +175,8 @@ def test_a_line_of_corrections_that_is_not_right_is_named(line: str, sentence: s
     project = Project.open(root)
     with pytest.raises(ValueError, match=sentence):
         corrections_of(project, project.config.cameras[0])
+
+
+def test_a_frame_rate_for_a_video_file_is_told(mistakes: ModuleType, base: Path, tmp_path: Path) -> None:
+    told = mistakes.told("fps", mistakes.camera_with(fps=20.0), base=base, folder=tmp_path, stages=("check",))
+    assert any("cameras.fps = 20 is for pictures: film.mkv is a video file" in s for s in told.remarks)
