@@ -221,7 +221,11 @@ def _placed(project: Project, targets: Targets) -> Iterator[TargetPoint]:
 
 def _next(project: Project) -> str:
     """The next command: the first stage that is not done or stale, "list" where all are done."""
-    todo = (stage for stage in _ahead(project) if fresh(project, (stage.name,)) is None)
+    gone = not project.targets_folder.is_dir()  # a run that made targets does not bring them back
+    todo = (
+        stage for stage in _ahead(project)
+        if fresh(project, (stage.name,)) is None or (gone and TARGETS in stage.writes)
+    )  # fmt: skip
     for stage in todo:
         named = named_effects(project) if stage.when is When.NAMED else []
         if stage.when is When.ALWAYS or named:

@@ -12,6 +12,7 @@ from vision.following.reference import START_FRAMES, check_size, check_start, fi
 from vision.marks import Mark, codes_of, detect
 
 IN_REST, IN_REST_OF_FILM = 12, 30  # frames that are looked at
+IN_FLICKER, SPARSE = 60, 4  # first frames of the rest whose pixels are compared, and every how many px
 
 
 @dataclass(frozen=True)
@@ -24,6 +25,7 @@ class Glimpses:
     warp: Array  # (p,3,3) local to ideal px where each mark is first seen; NaN for one that is not
     rest: NDArray[np.bool_]  # (k,) frames of the reference
     unused: dict[int, Array]  # centres (2,) raw px in the first picture of ids that no mark has
+    flicker: float  # grey levels by which pixels change from frame to frame at rest, on average; NaN for one
 
 
 def glimpses(
@@ -45,7 +47,13 @@ def glimpses(
     start: list[Image] = []
     rows: list[tuple[int, float, Array]] = []
     unused: dict[int, Array] = {}
+    changes: list[float] = []
+    before: Array | None = None
     for index, time, image in film.frames():
+        if index < min(len(rest), IN_FLICKER):
+            sparse = image[::SPARSE, ::SPARSE].astype(np.float64)
+            changes += [] if before is None else [float(np.abs(sparse - before).mean())]
+            before = sparse
         if index not in wanted:
             continue
         quads = detect(image, dictionary)[0]
@@ -63,7 +71,13 @@ def glimpses(
     frames, times, places = zip(*rows, strict=True)
     warp = first_seen(start, camera, marks, dictionary)
     return Glimpses(
-        start[0], np.array(times), np.array(places), warp, np.isin(np.array(frames), rest), unused
+        start[0],
+        np.array(times),
+        np.array(places),
+        warp,
+        np.isin(np.array(frames), rest),
+        unused,
+        float(np.mean(changes)) if changes else np.nan,
     )
 
 
