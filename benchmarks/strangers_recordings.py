@@ -130,9 +130,9 @@ DOUBTFUL: Mapping[str, tuple[Plant, str]] = {
     "a gauge that does not read zero": (offset(0.005), r"reads 0\.005 MPa while the finger rests"),
     "a logger that stops": (rows(stopped), r"repeats 0\.01\d* MPa from 16\.6"),
     "a static film of other light": (
-        painted(lambda _, grey: 20 + 0.5 * grey, "static.mkv"), r"pixels of static.mkv change by .* same camera"
+        painted(lambda _, grey: 20 + 0.5 * grey, "static.mkv"), r"pixels of static.mkv change by"
     ),
-    "a static film from farther away": (farther, r"markers are 0\.8\d times as large in static.mkv as in film.mkv"),
+    "a static film from farther away": (farther, r"markers are 0\.8\d times as large in static.mkv"),
     "a tip glued 4 mm short": (glued("tip", (-4, 0, 0)), r"'tip' is seen at x = 106\.0, z = -?0\.0 mm"),
     "a middle glued 6 mm too far": (glued("middle", (6, 0, 0)), r"'middle' is seen at x = 60\.0"),
     "a middle glued 5 mm too high": (glued("middle", (0, 0, 5)), r"'middle' is seen at x = 54\.0, z = 5\.0"),
@@ -154,6 +154,6 @@ RIGHT: Mapping[str, Plant] = {
     "a gauge that is off by half a percent": offset(0.00015),
     "a small sag": sagging(8.0),
     "a camera moved a little before the test": filmed(
-        lambda marks, time: motion(marks, 0 * time) + np.array([6.0, 0.0, 2.0]), name="static.mkv", frames=STILL
+        lambda marks, time: motion(marks, 0 * time) + [6.0, 0.0, 2.0], name="static.mkv", frames=STILL
     ),
 }

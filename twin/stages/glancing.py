@@ -166,11 +166,13 @@ def _apart(look: _Look, seen: "Glimpses", still: "Glimpses") -> list[str]:
     noise = f"{name} tells the noise of {film}, wanted both with the same camera, lens, light and codec"
     told = []
     if max(size, 1 / size) > OTHER_SIZE:
-        told.append(f"The markers are {size:.2f} times as large in {name} as in {film}. {noise}: film it again.")
+        told.append(
+            f"The markers are {size:.2f} times as large in {name} as in {film}. {noise}: film it again."
+        )
     if max(change, 1 / change) > OTHER_NOISE:
         told.append(
-            f"At rest, pixels of {name} change by {still.flicker:.2g} grey levels from frame to frame, those of "
-            f"{film} by {seen.flicker:.2g}. {noise}: film it again."
+            f"At rest, pixels of {name} change by {still.flicker:.2g} grey levels from frame to frame, those "
+            f"of {film} by {seen.flicker:.2g}. {noise}: film it again."
         )
     return told
 
