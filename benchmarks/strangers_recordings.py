@@ -17,6 +17,7 @@ from vision import Mark, Video
 from vision.film.video import Writer
 
 Row = tuple[float, float]
+MOVED = np.array([6.0, 0.0, 2.0])  # mm, of the camera
 
 
 def rows(change: Callable[[list[Row]], Sequence[Row]], head: str = "time_s,pressure_MPa") -> Plant:
@@ -154,6 +155,6 @@ RIGHT: Mapping[str, Plant] = {
     "a gauge that is off by half a percent": offset(0.00015),
     "a small sag": sagging(8.0),
     "a camera moved a little before the test": filmed(
-        lambda marks, time: motion(marks, 0 * time) + [6.0, 0.0, 2.0], name="static.mkv", frames=STILL
+        lambda marks, time: motion(marks, 0 * time) + MOVED, name="static.mkv", frames=STILL
     ),
 }
