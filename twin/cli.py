@@ -311,7 +311,8 @@ def _short(title: str) -> str:
 
 
 for _stage in STAGES:
-    app.command(_stage.name, help=_stage.title, short_help=_short(_stage.title))(WITH_OPTIONS.get(_stage.name) or _plain(_stage))
+    _command = app.command(_stage.name, help=_stage.title, short_help=_short(_stage.title))
+    _command(WITH_OPTIONS.get(_stage.name) or _plain(_stage))
 
 
 @app.command()

@@ -63,9 +63,9 @@ def _sd_mm(sd: float) -> float:
     return sd
 
 
-Density = Annotated[Finite, AfterValidator(_density)]
-Share = Annotated[Finite, AfterValidator(_share)]
-SdMm = Annotated[Finite, AfterValidator(_sd_mm)]
+Density = Annotated[Positive, AfterValidator(_density)]
+Share = Annotated[Positive, AfterValidator(_share)]
+SdMm = Annotated[Positive, AfterValidator(_sd_mm)]
 Dictionary = Annotated[str, AfterValidator(_dictionary)]
 RelativePath = Annotated[str, Field(min_length=1), AfterValidator(_inside)]
 OtherProject = Annotated[str, Field(min_length=1), AfterValidator(_relative)]

@@ -147,8 +147,8 @@ class Project:
         if not (self.targets_folder / "targets.csv").is_file():
             raise ValueError(
                 f"{self.targets_folder / 'targets.csv'}: no such file, so there are no displacements yet; "
-                "`twin measure` "
-                "makes them from the film, and displacements measured elsewhere are put there (docs/files.md)"
+                "`twin measure` makes them from the film, and displacements measured elsewhere are put "
+                "there (docs/files.md)"
             )
         nodes, model = self.config.nodes, self.config.model
         found, gravity = read_targets(self.targets_folder, nodes=nodes), model.gravity
