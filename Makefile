@@ -1,10 +1,13 @@
-# make demo: the whole chain on the recorded demo film | make test | make test-slow | make check | make clean
+# make demo: the whole chain on the recorded demo film | make install | make test | make test-slow | make check |
+# make clean
 PYTHON ?= python3
 BIN := .venv/bin
 # One thread each for BLAS and OpenMP: two test workers share the machine.
 ONE_THREAD := OMP_NUM_THREADS=1 MKL_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1
 
-.PHONY: demo test test-slow check clean
+.PHONY: demo install test test-slow check clean
+
+install: .venv/run.stamp
 
 demo: .venv/run.stamp
 	$(BIN)/twin demo

@@ -1,6 +1,7 @@
 """The command `twin`: one subcommand a stage; it parses, calls the stage and prints, and decides nothing."""
 
 import os
+import re
 import sys
 from collections.abc import Callable
 from io import TextIOWrapper
@@ -23,6 +24,7 @@ Json = Annotated[
     bool, typer.Option("--json", help="print the result as one line of JSON; all text goes to stderr")
 ]
 HERE = Path()
+LINE = 63  # characters of help beside the name of a command, on 80 columns
 
 
 def _version(wanted: bool) -> None:
@@ -147,7 +149,7 @@ def virtual(
     seed: Annotated[int, typer.Option(help="seed of the noise")] = 0,
     json: Json = False,
 ) -> None:
-    """Make a project of a virtual experiment, with what it hides sealed beside it."""
+    """Make a project of a virtual experiment, its truth sealed."""
     from twin.stages.inventing import run_virtual
     from twin.virtual.draws import Setup
 
@@ -163,7 +165,7 @@ def print_sheets(
     paper: Annotated[str, typer.Option(help="a4, letter or a3")] = "a4",
     json: Json = False,
 ) -> None:
-    """Write a PDF of the calibration board and the markers at true scale."""
+    """Write board and markers as a PDF at true scale."""
     from twin.stages.printing import run_print
 
     _locked("print", lambda p, say: run_print(p, say, paper=paper), project, json)
@@ -178,7 +180,7 @@ def look(
     ] = None,
     json: Json = False,
 ) -> None:
-    """Draw the finger with its dimensions, marks and points, node labels around them, and element shapes."""
+    """Draw the finger: dimensions, points, nodes, element shapes."""
     from twin.stages.looking import run_look
 
     _locked("look", lambda p, say: run_look(p, say, at=at or []), project, json)
@@ -195,7 +197,7 @@ def pick(
     sag_mm: Annotated[float, typer.Option(help="how far the finger hangs at rest, mm")] = 1.0,
     json: Json = False,
 ) -> None:
-    """Number natural features that can be followed without markers, and name them."""
+    """Number features that can be followed without markers."""
     from twin.stages.picking import run_pick
 
     def work(p: Any, say: Any) -> dict[str, Any]:
@@ -303,13 +305,19 @@ def _plain(stage: Stage) -> Callable[..., None]:
     return command
 
 
+def _short(title: str) -> str:
+    """A title that a line of `twin --help` holds: its first clause where the whole is longer."""
+    return title if len(title) <= LINE else re.split(r"[,:]", title)[0] + "."
+
+
 for _stage in STAGES:
-    app.command(_stage.name, help=_stage.title)(WITH_OPTIONS.get(_stage.name) or _plain(_stage))
+    _command = app.command(_stage.name, help=_stage.title, short_help=_short(_stage.title))
+    _command(WITH_OPTIONS.get(_stage.name) or _plain(_stage))
 
 
 @app.command()
 def recalibrate(project: Folder = HERE, json: Json = False) -> None:
-    """Run every stage that is stale, from the films to the report; in a folder of batches, all of them."""
+    """Run every stage that is stale; in a folder, all batches."""
     from twin.stages.batchfolders import recalibrate_all
     from twin.stages.batchorder import holds_batches
     from twin.stages.recalibrating import run_recalibrate
@@ -329,7 +337,7 @@ def batches(
     folder: Annotated[Path, typer.Argument(help="folder whose subfolders are projects, one a batch")] = HERE,
     json: Json = False,
 ) -> None:
-    """Compare all batches of a folder, and test whether the newest differs from the former ones."""
+    """Compare all batches of a folder: does the newest differ?"""
     from twin.stages.trending import run_batches
 
     say = Console(as_json=json)
@@ -364,7 +372,7 @@ def trust(
     project: Folder = HERE,
     json: Json = False,
 ) -> None:
-    """Let a project's own effects run and its links be followed, once you have read them."""
+    """Let a project's own effects run and links be followed."""
     from twin.stages.trusting import run_trust
 
     say = Console(as_json=json)

@@ -79,6 +79,7 @@ def test_help_lists_every_command_of_this_version(run):
         "recalibrate batches list check trust"
     )
     assert listed == wanted.split()
+    assert "..." not in out.split("Commands:")[1]  # every line of help is whole on 80 columns
 
 
 def test_a_stage_gets_the_project_and_says_what_it_did(run, study, stages):

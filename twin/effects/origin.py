@@ -36,13 +36,13 @@ def _run(origin: Origin) -> ModuleType:
     sys.modules[name] = module  # dataclasses in the file look for it
     try:
         exec(compile(origin.text, origin.path, "exec"), module.__dict__)
-    except Exception as error:
+    except (Exception, SystemExit) as error:  # a file that exits would end the command as if all were well
         del sys.modules[name]
         raise ValueError(f"{origin.path}, line {_line(error, origin.path)}: {_said(error)}") from error
     return module
 
 
-def _line(error: Exception, path: str) -> int:
+def _line(error: BaseException, path: str) -> int:
     """The line of the file at which it stopped: the last one of it in the traceback."""
     found, frame = getattr(error, "lineno", None) or 0, error.__traceback__
     while frame is not None:
@@ -52,7 +52,7 @@ def _line(error: Exception, path: str) -> int:
     return found
 
 
-def _said(error: Exception) -> str:
+def _said(error: BaseException) -> str:
     text = error.msg if isinstance(error, SyntaxError) else str(error)
     return text if isinstance(error, ValueError) else f"{type(error).__name__}: {text}"
 

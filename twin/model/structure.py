@@ -19,6 +19,9 @@ from fe.mesh.dividing import lattice_of
 from fe.mesh.refine import enriched, free_faces, refined
 from twin.effects.baselaw import NOMINAL
 
+SHORT_MM = 20.0  # long: a finger of 200 mm whose lengths are in cm
+COMPRESSIBLE = 20.0  # bulk modulus over shear modulus, Poisson's ratio 0.475
+STIFFEST = 1e4  # MPa, shear modulus: nylon has 1000, aluminium 26000
 LARGEST = 80_000  # nodes of a mesh that is solved for the discretisation error: about 4 GB
 
 
@@ -255,10 +258,44 @@ def _remarks(
     return (
         f"{path.name}: {size}, from ({low}) to ({high}) mm. x is read as the finger's length, z as up.",
         f"{path.name}: Mooney-Rivlin with fitted C10 and C01 replaces the material of {', '.join(fitted)}."
-        + (f" The material of {', '.join(case.kept)} stays." if case.kept else ""),
+        + (f" {_staying(case)}" if case.kept else ""),
         f"{path.name}: {_tested(meshes)}",
         *held,
+        *(f"{path.name}: {doubt}" for doubt in _doubts(case, fitted)),
     )
+
+
+def _staying(case: Case) -> str:
+    """A sentence on the materials that are not fitted, each with what tells a wrong unit."""
+    stay = ", ".join(f"{k} (shear modulus {case.materials[k].shear:.3g} MPa)" for k in case.kept)
+    return f"The material of {stay} stays."
+
+
+def _doubts(case: Case, fitted: tuple[str, ...]) -> list[str]:
+    """Sentences on what is odd in a deck's size and materials, without being surely wrong."""
+    soft = [k for k in fitted if case.materials[k].bulk_ratio < COMPRESSIBLE]
+    stiff = [k for k in case.kept if case.materials[k].shear > STIFFEST]
+    return [
+        *(
+            f"the material of {k} is compressible: its bulk modulus is {case.materials[k].bulk_ratio:.3g} "
+            "times its shear modulus, that of silicone more than 1000 times. Is D1 in 1/MPa, and 2 / bulk "
+            "modulus?"
+            for k in soft
+        ),
+        *(
+            f"the material of {k} is as stiff as metal: its shear modulus is {case.materials[k].shear:.3g} "
+            "MPa. Are its constants in MPa?"
+            for k in stiff
+        ),
+    ]
+
+
+def size_doubt(case: Case) -> str:
+    """A sentence on a finger as long as one in cm would be, "" for others."""
+    longest = float(np.ptp(case.nodes, axis=0).max())
+    if longest >= SHORT_MM:
+        return ""
+    return f"The finger is {longest:.3g} mm long. Is it in cm? Lengths are in mm."
 
 
 def _tested(meshes: Mapping[str, Mesh]) -> str:

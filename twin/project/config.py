@@ -44,12 +44,35 @@ def _dictionary(name: str) -> str:
     return _inside(name)
 
 
+def _density(kg_m3: float) -> float:
+    if not 100.0 <= kg_m3 <= 20000.0:
+        likely = "; is it in g/cm3?" if 0.1 <= kg_m3 <= 20.0 else ""
+        raise ValueError(f"wanted the density of the silicone in kg/m3, such as 1070.0{likely}")
+    return kg_m3
+
+
+def _share(sd: float) -> float:
+    if not 0.0 < sd <= 0.2:
+        raise ValueError("wanted a share above 0 and up to 0.2: 0.001 is 0.1 %")
+    return sd
+
+
+def _sd_mm(sd: float) -> float:
+    if not 0.0 < sd <= 20.0:
+        raise ValueError("wanted an sd in mm, above 0 and up to 20")
+    return sd
+
+
+Density = Annotated[Positive, AfterValidator(_density)]
+Share = Annotated[Positive, AfterValidator(_share)]
+SdMm = Annotated[Positive, AfterValidator(_sd_mm)]
 Dictionary = Annotated[str, AfterValidator(_dictionary)]
 RelativePath = Annotated[str, Field(min_length=1), AfterValidator(_inside)]
 OtherProject = Annotated[str, Field(min_length=1), AfterValidator(_relative)]
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9_.+-]+$")]  # goes into CSV cells and entity paths
 Effect = Annotated[str, AfterValidator(_effect)]
 Bounds = tuple[Finite, Finite]
+STIFFEST = 100.0  # MPa, of a constant that may be fitted: hard rubber has 10
 
 
 # Keys of older versions on which nothing depended: a file that has them still counts.
@@ -84,7 +107,7 @@ class ModelTable(TableModel):
         description='Python files of your own effects, ["effects/cable.py"]; no others are run, and these '
         "only after `twin trust`",
     )
-    density_kg_m3: Positive | None = Field(
+    density_kg_m3: Density | None = Field(
         default=None,
         description="density of the silicone, kg/m3; with it the model has weight, and gravity must be "
         "stated",
@@ -301,19 +324,19 @@ class PressureTable(TableModel):
 
 
 class MeasureTable(TableModel):
-    placement_sd_mm: Positive = Field(default=0.3, description="distance of a marker from its node, 1 sd, mm")
-    scale_sd: Positive = Field(default=0.001, description="relative uncertainty of the mm scale, 1 sd")
-    frame_sd_mm: Positive = Field(
+    placement_sd_mm: SdMm = Field(default=0.3, description="distance of a marker from its node, 1 sd, mm")
+    scale_sd: Share = Field(default=0.001, description="relative uncertainty of the mm scale, 1 sd")
+    frame_sd_mm: SdMm = Field(
         default=0.1, description="distance of a frame marker from its stated position, 1 sd, mm"
     )
-    node_sd_mm: Positive = Field(
+    node_sd_mm: SdMm = Field(
         default=0.1, description="distance of the real finger's point from the model's node, 1 sd, mm"
     )
-    height_sd_mm: Positive = Field(
+    height_sd_mm: SdMm = Field(
         default=0.3,
         description="uncertainty of a marker's distance from the plane of the frame markers, 1 sd, mm",
     )
-    out_of_plane_sd_mm: Positive = Field(
+    out_of_plane_sd_mm: SdMm = Field(
         default=0.3,
         description="motion of a marker towards the camera when its displacement is largest, 1 sd, mm; the "
         "side face of the built-in finger bulges by 0.3 mm",
@@ -504,6 +527,7 @@ def _check_parameters(c: Config) -> None:
     bases = [effect.partition(":")[0] for effect in c.model.effects]
     if len(set(bases)) != len(bases):
         raise ValueError(f"model.effects = {list(c.model.effects)}: an effect stands twice; keep it once")
+    _check_bounds(c.calibrate.bounds)
     for name, (low, high) in c.calibrate.bounds.items():
         if not low < high:
             raise ValueError(
@@ -515,6 +539,27 @@ def _check_parameters(c: Config) -> None:
                 f"model.fixed.{name} = {value:g}: wanted a value within calibrate.bounds.{name} = "
                 f"[{low:g}, {high:g}]; widen the bounds or correct the value"
             )
+
+
+def _check_bounds(bounds: dict[str, Bounds]) -> None:
+    """Raise ValueError for a constant that does not exist, or for bounds that no rubber has."""
+    unknown = sorted(set(bounds) - set(BOUNDS))
+    if unknown:
+        raise ValueError(
+            f"calibrate.bounds.{unknown[0]}: wanted {' and '.join(BOUNDS)} alone; correct the name"
+        )
+    for name, (low, high) in bounds.items():
+        if high > STIFFEST:
+            raise ValueError(
+                f"calibrate.bounds.{name} = [{low:g}, {high:g}]: wanted MPa, up to {STIFFEST:g}; soft "
+                "silicone has 0.005 to 2 MPa; are they in kPa?"
+            )
+    least = sum(bounds.get(name, usual)[0] for name, usual in BOUNDS.items())
+    if not least > 0.0:
+        raise ValueError(
+            f"calibrate.bounds: C10 + C01 may be as low as {least:g} MPa; wanted lowest values with a sum "
+            "above 0, as in C10 = [0.01, 0.5]: rubber without stiffness has no equilibrium"
+        )
 
 
 def _check_film(c: Config) -> None:

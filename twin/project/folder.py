@@ -144,6 +144,12 @@ class Project:
     def targets(self) -> Targets:
         """The targets, their nodes and gravity as twin.toml has them; ValueError if there are none, or
         if gravity is stated twice, or not and the finger has weight."""
+        if not (self.targets_folder / "targets.csv").is_file():
+            raise ValueError(
+                f"{self.targets_folder / 'targets.csv'}: no such file, so there are no displacements yet; "
+                "`twin measure` makes them from the film, and displacements measured elsewhere are put "
+                "there (docs/files.md)"
+            )
         nodes, model = self.config.nodes, self.config.model
         found, gravity = read_targets(self.targets_folder, nodes=nodes), model.gravity
         if model.density_kg_m3 is not None and gravity is None and found.gravity is None:

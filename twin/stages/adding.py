@@ -58,7 +58,8 @@ def run_drop(project: Project, say: Say, *, name: str) -> dict[str, Any]:
     left = tuple(e for e in project.config.model.effects if e.partition(":")[0] != name.partition(":")[0])
     if len(left) == len(project.config.model.effects):
         raise ValueError(
-            f"effect {name!r} is not in the model, which has {list(project.config.model.effects)}"
+            f"effect {name!r} is not in the model, which has "
+            f"{', '.join(project.config.model.effects) or 'none'}"
         )
     before = fresh(project, kinds_writing("comparison.json"), "comparison.json")
     return _change(project, "drop", left, {}, say, before)

@@ -5,6 +5,7 @@ from dataclasses import replace
 from typing import Any
 
 from twin.gauge.pressurelog import Log
+from twin.project.config import CameraTable
 from twin.project.folder import Project, Say
 from twin.stages.chain import STAGES, TARGETS, Stage, When
 from twin.stages.fits import fresh, named_effects
@@ -94,10 +95,10 @@ def _log_line(project: Project) -> tuple[Log, str, tuple[str, ...]]:
     pressure = pressure_table(project)
     log, table = log_of(project, pressure), project.config.cameras[0]
     time, still = (open_film(project.path(f), fps=table.fps).time for f in (table.film, table.static))
-    odd: tuple[str, ...] = ()
+    odd = _unused_rate(table, project)
     if pressure.join == "stamps":
         gauge_of(project, time, still, log, table.film_start_s)
-        odd = said_of_log(project, time, log, table.film_start_s)
+        odd += said_of_log(project, time, log, table.film_start_s)
     check_lasts(log, float(time[-1] - time[0]))
     return log, (
         f"{log.path.name}: {log.source}, {log.pressure.min():.3g} to {log.pressure.max():.3g} MPa, "
@@ -105,17 +106,31 @@ def _log_line(project: Project) -> tuple[Log, str, tuple[str, ...]]:
     ), odd
 
 
+def _unused_rate(table: CameraTable, project: Project) -> tuple[str, ...]:
+    """A sentence on a frame rate that is stated for a video file, whose own time stamps count."""
+    film = project.path(table.film)
+    if table.fps is None or not film.is_file():
+        return ()
+    return (
+        f"cameras.fps = {table.fps:g} is for pictures: {film.name} is a video file, and its own time stamps "
+        "are used.",
+    )
+
+
 def _check_finger(project: Project, say: Say) -> None:
     """Say what is to be known of the finger's mesh and of points on it; ValueError where they are not
     right."""
+    from twin.model.structure import size_doubt
     from twin.stages.meshtelling import poor_shapes, shape_table
     from twin.stages.positions import check_points, places_of
     from twin.stages.workbench import structure_of
 
     structure = structure_of(project)
     check_points(project.config.points, structure)
-    for line in (*structure.remarks, *(p.sentence for p in places_of(project, structure).values())):
-        say(line)
+    places = places_of(project, structure).values()
+    for line in (*structure.remarks, size_doubt(structure.case), *(p.sentence for p in places)):
+        if line:
+            say(line)
     if project.config.model.deck is not None:
         for line in (*shape_table(structure), poor_shapes(structure)):
             if line:
@@ -206,7 +221,11 @@ def _placed(project: Project, targets: Targets) -> Iterator[TargetPoint]:
 
 def _next(project: Project) -> str:
     """The next command: the first stage that is not done or stale, "list" where all are done."""
-    todo = (stage for stage in _ahead(project) if fresh(project, (stage.name,)) is None)
+    gone = not project.targets_folder.is_dir()  # a run that made targets does not bring them back
+    todo = (
+        stage for stage in _ahead(project)
+        if fresh(project, (stage.name,)) is None or (gone and TARGETS in stage.writes)
+    )  # fmt: skip
     for stage in todo:
         named = named_effects(project) if stage.when is When.NAMED else []
         if stage.when is When.ALWAYS or named:

@@ -23,6 +23,7 @@ if TYPE_CHECKING:  # vision takes a second to import
 
 SMALL_PX = 20.0  # a marker below it is followed less well
 OFTEN = 0.5  # share of the frames looked at in which a marker of the finger should be seen
+OTHER_SIZE, OTHER_NOISE = 1.05, 1.5  # times, of markers and of noise, in the static film and the test
 CORNERS_MM, NOISE_MM = 0.1, 0.03  # error of a place by a marker's corners at 3 px/mm, and its scatter
 
 
@@ -93,6 +94,7 @@ def _findings(look: _Look, log: Log) -> list[str]:
     for film, own in ((look.film, seen), (look.static, still)):
         check_glimpses(film, own, look.marks, look.dictionary)
     said = [*_marks(look, seen), *_rests(look, seen, still), *_small(look, seen), *_seldom(look, seen)]
+    said += _apart(look, seen, still)
     return [*said, *_motion(look, seen, log)]
 
 
@@ -152,6 +154,27 @@ def _small(look: _Look, seen: "Glimpses") -> list[str]:
     least = int(np.nanargmin(side))
     return [f"Marker {look.marks[least].name!r} is {side[least]:.0f} px wide in {look.table.film}; wanted 25 "
             "px or more: larger markers, a longer lens, or the camera nearer."]  # fmt: skip
+
+
+def _apart(look: _Look, seen: "Glimpses", still: "Glimpses") -> list[str]:
+    """Sentences where the static film is not made as the test: its noise is then not that of the test."""
+    from vision.marks import px_per_unit
+
+    name, film = look.static.path.name, look.film.path.name
+    size = float(np.nanmedian(px_per_unit(still.warp) / px_per_unit(seen.warp)))
+    change = still.flicker / seen.flicker if seen.flicker > 0.0 else 1.0
+    noise = f"{name} tells the noise of {film}, wanted both with the same camera, lens, light and codec"
+    told = []
+    if max(size, 1 / size) > OTHER_SIZE:
+        told.append(
+            f"The markers are {size:.2f} times as large in {name} as in {film}. {noise}: film it again."
+        )
+    if max(change, 1 / change) > OTHER_NOISE:
+        told.append(
+            f"At rest, pixels of {name} change by {still.flicker:.2g} grey levels from frame to frame, those "
+            f"of {film} by {seen.flicker:.2g}. {noise}: film it again."
+        )
+    return told
 
 
 def _seldom(look: _Look, seen: "Glimpses") -> list[str]:

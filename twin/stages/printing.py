@@ -60,7 +60,8 @@ def run_print(project: Project, say: Say, *, paper: str = "a4") -> dict[str, Any
         sheets = layout(items, paper=paper, title=title)
         run.write_bytes("print.pdf", sheets.pdf())
         run.summary.update(items=len(items), pages=sheets.pages, paper=paper)
-        run.summary["headline"] = f"{len(items)} items on {sheets.pages} {paper.upper()} pages"
+        pages = "page" if sheets.pages == 1 else "pages"
+        run.summary["headline"] = f"{len(items)} items on {sheets.pages} {paper.upper()} {pages}"
         missing = without_letters("".join([title, *(line for item in items for line in item.lines)]))
     if missing:
         say(f"The font has no letters for {missing}: write them by hand.")

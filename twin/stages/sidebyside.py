@@ -12,6 +12,7 @@ from twin.review.tablepage import table_page
 from twin.stages.batchfolders import Opened
 from twin.stages.fits import fit_file, fresh
 from twin.stages.laying import Laid, write_side_by_side
+from twin.stages.othermodels import other_models
 from twin.stages.recalibrating import other_effects
 
 SHOWN = {"overlay.png": "the film with its markers", "deformed.png": "the model at the highest pressure"}
@@ -26,7 +27,8 @@ def run_side_by_side(two: Sequence[Path], say: Say, *, opened: Opened = Project.
         )
     a, b = (side_of(path, opened) for path in two)
     changes = changes_of(a.values, b.values)
-    said = [*(c.words for c in changes), *other_effects(a.project, dict(a.record), b.project, dict(b.record))]
+    effects = other_effects(a.project, dict(a.record), b.project, dict(b.record))
+    said = [*other_models(a.project, b.project), *(c.words for c in changes), *effects]
     page = Path(f"compare-{_plain(a.name)}-{_plain(b.name)}.html")
     replaced = " in place of the former one" if page.exists() else ""
     files.write_text(page, _page(a, b, changes, said))

@@ -77,7 +77,7 @@ class Story:
     def labels(self) -> tuple[str, str]:
         """What the report calls the model before and the one with the effects that were added."""
         effects = " and ".join(self.fit.get("effects", []))
-        return "base model", f"with {effects}" if effects else "model now"
+        return "calibrated", f"with {effects}" if effects else "model now"
 
     def prediction(self, kinds: tuple[str, ...]) -> dict[str, Array]:
         """What the newest run of these kinds predicted and left, or nothing."""

@@ -18,6 +18,7 @@ from twin.review.numerals import interval, short
 from twin.stages.batchfolders import Opened
 from twin.stages.batchorder import batches_in
 from twin.stages.fits import fit_file, fresh
+from twin.stages.othermodels import other_models
 
 if TYPE_CHECKING:
     from twin.review.driftchart import DriftCourse
@@ -69,13 +70,16 @@ class Drift:
 def run_batches(folder: Path, say: Say, *, opened: Opened = Project.open) -> dict[str, Any]:
     """The batches below a folder as a table and a chart in batches.html and batches.csv of that folder, and
     the test of the newest one. Both files are made anew each time."""
-    found = [batch_of(path, opened) for path in batches_in(folder)]
+    paths = batches_in(folder)
+    found = [batch_of(path, opened) for path in paths]
     if not found:
         raise ValueError(
             f"{folder}: no project below it; wanted a folder whose subfolders have a twin.toml"
         )
     tested, untested = drifts(found)
-    lines = [*sentences(found, tested), *untested]
+    fitted = [path for path, batch in zip(paths, found, strict=True) if not batch.problem]
+    apart = other_models(*map(opened, fitted[-2:])) if len(fitted) > 1 else ()
+    lines = [*apart, *sentences(found, tested), *untested]
     files.write_text(folder / TABLE, _csv(found))
     files.write_text(folder / PAGE, _page(folder.resolve().name, found, tested, lines))
     for row in found:

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +13,7 @@ from vision.following.reference import START_FRAMES, check_size, check_start, fi
 from vision.marks import Mark, codes_of, detect
 
 IN_REST, IN_REST_OF_FILM = 12, 30  # frames that are looked at
+IN_FLICKER, SPARSE = 60, 4  # first frames of the rest whose pixels are compared, and every how many px
 
 
 @dataclass(frozen=True)
@@ -24,6 +26,7 @@ class Glimpses:
     warp: Array  # (p,3,3) local to ideal px where each mark is first seen; NaN for one that is not
     rest: NDArray[np.bool_]  # (k,) frames of the reference
     unused: dict[int, Array]  # centres (2,) raw px in the first picture of ids that no mark has
+    flicker: float  # grey levels by which pixels change from frame to frame at rest, on average; NaN for one
 
 
 def glimpses(
@@ -59,13 +62,26 @@ def glimpses(
     frames, times, places = zip(*rows, strict=True)
     warp = first_seen(start, camera, marks, dictionary)
     return Glimpses(
-        start[0], np.array(times), np.array(places), warp, np.isin(np.array(frames), rest), unused
+        start[0],
+        np.array(times),
+        np.array(places),
+        warp,
+        np.isin(np.array(frames), rest),
+        unused,
+        _flicker(film, min(len(rest), IN_FLICKER)),
     )
 
 
 def check_glimpses(film: Video, seen: Glimpses, marks: Sequence[Mark], dictionary: str) -> None:
     """Raises ValueError, as `prepare` does, where the first frames show too few marks."""
     check_start(film, [seen.first], marks, dictionary, seen.warp)
+
+
+def _flicker(film: Video, count: int) -> float:
+    """Grey levels by which pixels change from one frame to the next, on average over the first ones."""
+    sparse = (image[::SPARSE, ::SPARSE].astype(np.float64) for _, _, image in film.frames(0, count))
+    changes = [float(np.abs(after - before).mean()) for before, after in pairwise(sparse)]
+    return float(np.mean(changes)) if changes else np.nan
 
 
 def _even(frames: NDArray[np.intp], most: int) -> list[int]:

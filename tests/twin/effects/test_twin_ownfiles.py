@@ -73,6 +73,7 @@ def test_workers_have_the_effects_of_a_file_as_they_were_read(tmp_path: Path) ->
         ("x = 1\n", r"effects/fan\.py: no effect in it; wanted a class such as `class Cable\(Effect\):`"),
         ("from twin.effects.protocol import Effect\n", r"effects/fan\.py: no effect in it"),
         (FAN.replace("null=0.0", "null=zero"), r"effects/fan\.py, line 16: NameError: name 'zero' is not defined"),
+        (FAN + "import sys\nsys.exit(0)\n", r"effects/fan\.py, line 28: SystemExit: 0"),
         (FAN + "def (:\n", r"effects/fan\.py, line 27: SyntaxError: invalid syntax"),
         (FAN.replace("from calibrate", "from calibration"), r"effects/fan\.py, line 4: ModuleNotFoundError"),
         (FAN.replace("Order.SUPPORT", "20"), r"effects/fan\.py, line 13: effect 'fan': order = 20, wanted one of"),
@@ -80,7 +81,7 @@ def test_workers_have_the_effects_of_a_file_as_they_were_read(tmp_path: Path) ->
         (FAN.replace("_Draught", "Draught").replace('"draught"', '"fan"'), "has the name of one in effects/fan"),
         (FAN.replace("wind=Wind(2.0)", "wind"), r"effects/fan\.py: Fan\(\) cannot be made without arguments"),
     ],
-    ids=["none", "imported", "name", "syntax", "import", "order", "taken", "twice", "arguments"],
+    ids=["none", "imported", "name", "exit", "syntax", "import", "order", "taken", "twice", "arguments"],
 )
 def test_what_is_wrong_with_a_file_is_one_sentence(tmp_path: Path, text: str, sentence: str) -> None:
     with pytest.raises(ValueError, match=sentence):

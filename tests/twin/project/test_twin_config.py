@@ -115,6 +115,13 @@ def test_a_config_is_frozen():
             TEXT + "[calibrate.bounds]\nC10 = [0.5, 0.1]",
             r"calibrate.bounds.C10 = \[0.5, 0.1\]: wanted low < high",
         ),
+        (TEXT + "[calibrate.bounds]\nc10 = [0.1, 0.5]", "calibrate.bounds.c10: wanted C10 and C01 alone"),
+        (TEXT + "[calibrate.bounds]\nC10 = [10.0, 500.0]", "wanted MPa, up to 100; .* are they in kPa"),
+        (TEXT + "[calibrate.bounds]\nC10 = [-0.5, 0.5]", r"C10 \+ C01 may be as low as -0.5 MPa"),
+        (TEXT.replace("[model]", "[model]\ndensity_kg_m3 = 1.07"), "model.density_kg_m3 = 1.07: wanted .* kg/m3.* is it in g/cm3"),
+        (TEXT.replace("[model]", "[model]\ndensity_kg_m3 = 1.07e-9"), "density of the silicone in kg/m3, such as 1070.0$"),
+        (film("scale_sd = 0.001", "scale_sd = 2.0"), "measure.scale_sd = 2.0: wanted a share"),
+        (film("placement_sd_mm = 0.3", "placement_sd_mm = 300.0"), "measure.placement_sd_mm = 300.0: wanted an sd in mm"),
         (
             TEXT + "[calibrate.bounds]\nC10 = [0.1, nan]",
             "calibrate.bounds.C10.2. = nan: it should be a finite number",

@@ -175,3 +175,17 @@ def test_a_line_of_corrections_that_is_not_right_is_named(line: str, sentence: s
     project = Project.open(root)
     with pytest.raises(ValueError, match=sentence):
         corrections_of(project, project.config.cameras[0])
+
+
+def test_a_frame_rate_for_a_video_file_is_told(mistakes: ModuleType, base: Path, tmp_path: Path) -> None:
+    told = mistakes.told("fps", mistakes.camera_with(fps=20.0), base=base, folder=tmp_path, stages=("check",))
+    assert any("cameras.fps = 20 is for pictures: film.mkv is a video file" in s for s in told.remarks)
+
+
+def test_check_sends_back_to_measure_where_the_targets_are_gone(mistakes: ModuleType, base: Path, tmp_path: Path) -> None:
+    root, said = Path(shutil.copytree(base, tmp_path / "gone")), mistakes.Lines()
+    mistakes.run_camera(Project.open(root), said)
+    mistakes.run_measure(Project.open(root), said)
+    assert run_check(Project.open(root), said)["next"] == "calibrate"
+    shutil.rmtree(root / "targets")
+    assert run_check(Project.open(root), said)["next"] == "measure"
