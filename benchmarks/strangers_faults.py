@@ -4,7 +4,7 @@
 
 `kills_same`: kills -9 at random moments over all stages, of which each project ended with the bits of one
 that was left alone: camera, tracks, budget and targets of a drawn film, and what calibrate to review find of
-a short finger; `kills_stages` says how many fell in which stage. 100 kills take about half an hour on one core.
+a short finger; `kills_stages` says how many fell in which stage. 100 kills take half an hour on one core.
 What was counted so far stands in kills.json of --tally after every kill. `interrupts_same`: the same for
 Ctrl-C, to the whole group of processes as a terminal gives it; `interrupts_traceback`: those that were
 answered with a traceback, or with another exit code than 130.

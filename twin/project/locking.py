@@ -2,6 +2,7 @@
 
 import os
 import platform
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -9,6 +10,8 @@ from pathlib import Path
 from filelock import FileLock, Timeout
 
 from twin.project import files
+
+LOOKS, LOOK_S = 10, 0.05  # how often the name of the other command is looked for, and the time between, s
 
 
 @contextmanager
@@ -27,8 +30,10 @@ def lock(path: Path, command: str) -> Iterator[None]:
 
 
 def _who(owner: Path) -> str:
-    try:
-        told = files.read_json(owner)
-        return f"`twin {told['command']}` (process {told['process']} on {told['host']})"
-    except (ValueError, KeyError, TypeError, OSError):
-        return "another command"
+    for _ in range(LOOKS):
+        try:
+            told = files.read_json(owner)
+            return f"`twin {told['command']}` (process {told['process']} on {told['host']})"
+        except (ValueError, KeyError, TypeError, OSError):  # one that has just begun is about to write it
+            time.sleep(LOOK_S)
+    return "another command"
