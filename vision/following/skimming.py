@@ -12,7 +12,7 @@ from vision.following.reference import START_FRAMES, check_size, check_start, fi
 from vision.marks import Mark, codes_of, detect
 
 IN_REST, IN_REST_OF_FILM = 12, 30  # frames that are looked at
-IN_FLICKER, SPARSE = 60, 4  # first frames of the rest whose pixels are compared, and every how many px
+IN_FLICKER, SPARSE = 30, 4  # first frames of the rest whose pixels are compared, and every how many px
 
 
 @dataclass(frozen=True)
@@ -47,13 +47,7 @@ def glimpses(
     start: list[Image] = []
     rows: list[tuple[int, float, Array]] = []
     unused: dict[int, Array] = {}
-    changes: list[float] = []
-    before: Array | None = None
     for index, time, image in film.frames():
-        if index < min(len(rest), IN_FLICKER):
-            sparse = image[::SPARSE, ::SPARSE].astype(np.float64)
-            changes += [] if before is None else [float(np.abs(sparse - before).mean())]
-            before = sparse
         if index not in wanted:
             continue
         quads = detect(image, dictionary)[0]
@@ -77,13 +71,20 @@ def glimpses(
         warp,
         np.isin(np.array(frames), rest),
         unused,
-        float(np.mean(changes)) if changes else np.nan,
+        _flicker(film, min(len(rest), IN_FLICKER)),
     )
 
 
 def check_glimpses(film: Video, seen: Glimpses, marks: Sequence[Mark], dictionary: str) -> None:
     """Raises ValueError, as `prepare` does, where the first frames show too few marks."""
     check_start(film, [seen.first], marks, dictionary, seen.warp)
+
+
+def _flicker(film: Video, count: int) -> float:
+    """Grey levels by which pixels of a film's first frames change from one to the next, on average."""
+    sparse = [image[::SPARSE, ::SPARSE].astype(np.float64) for _, _, image in film.frames(0, count)]
+    changes = [np.abs(b - a).mean() for a, b in zip(sparse, sparse[1:], strict=False)]
+    return float(np.mean(changes)) if changes else np.nan
 
 
 def _even(frames: NDArray[np.intp], most: int) -> list[int]:
