@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -83,7 +84,7 @@ def check_glimpses(film: Video, seen: Glimpses, marks: Sequence[Mark], dictionar
 def _flicker(film: Video, count: int) -> float:
     """Grey levels by which pixels of a film's first frames change from one to the next, on average."""
     sparse = [image[::SPARSE, ::SPARSE].astype(np.float64) for _, _, image in film.frames(0, count)]
-    changes = [np.abs(b - a).mean() for a, b in zip(sparse, sparse[1:], strict=False)]
+    changes = [np.abs(b - a).mean() for a, b in pairwise(sparse)]
     return float(np.mean(changes)) if changes else np.nan
 
 
