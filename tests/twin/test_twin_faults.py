@@ -212,7 +212,7 @@ def test_of_two_recalibrations_at_once_one_waits_for_the_other(bench: ModuleType
     folder = tmp_path / "short"
     bench.KINDS["model"].make(folder)
     both = [bench._child(folder, "model", ("recalibrate",)) for _ in range(2)]
-    said = {child.returncode: error for child, error in [(c, c.communicate(timeout=600)[1]) for c in both]}
+    said = {child.returncode: error for child, error in [(c, c.communicate(timeout=1800)[1]) for c in both]}
     assert set(said) == {0, 2}
     assert f"{folder / '.lock'}: `twin recalibrate` (process " in said[2]
     assert "is writing to this project; wait for it to end" in said[2]
