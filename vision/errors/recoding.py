@@ -202,7 +202,7 @@ def _write(pictures: Sequence[Image], coding: Coding, level: float, path: Path) 
 
 
 def _disturb(pictures: list[Image], noise: float, *, seed: int) -> None:
-    """Shifts the pictures off the block grid, in place, to even sizes, with noise of that sd in grey levels."""
+    """Shifts the pictures off the block grid, in place, and adds noise of that sd in grey levels."""
     rng = np.random.default_rng(seed)
     height, width = (side - side % 2 for side in pictures[0].shape)
     rows = _noise_rows(noise, (width, height), rng)

@@ -57,7 +57,10 @@ def standing_error(
     told.append(_redrawn(own, rest, 2.0 * int(seen.sum()) + free, float(share[seen].sum()) + free))
     weight = sum(count for _, count in told)
     drawn = max(sum(found * count for found, count in told) / weight, 0.0) if weight else 0.0
-    kept = _kept(film.residual, blocks, of, free, drawn + noise)
+    # The noise's own steps from block to block; not where it is a small part, and would go on growing.
+    mean = rest.noise.persistence.of_mean
+    known = 2.0 * (mean(BLOCK) - mean(2 * BLOCK)) * variance * noise / max(drawn + noise, 1e-30)
+    kept = _kept(film.residual, blocks, of, free, drawn + noise, known)
     return Standing(tuple(blocks), drawn * kept, _flicker(film, quiet), float(np.sqrt(variance)))
 
 
@@ -109,14 +112,17 @@ def _steps(place: Array, keys: Sequence[slice]) -> list[tuple[float, int, int]]:
 
 
 def _kept(
-    residual: Array, blocks: Sequence[slice], of: NDArray[np.intp], free: int, variance: float
+    residual: Array, blocks: Sequence[slice], of: NDArray[np.intp], free: int, variance: float, known: float
 ) -> Array:
-    """Correlation (b,b) of blocks' errors of that variance mm2; frame marks tell what each one changes."""
+    """Correlation (b,b) of blocks' errors of that variance mm2; frame marks tell what each one changes.
+
+    known: mm2 of half their squared steps that are stated elsewhere.
+    """
     means = [mean_seen(residual[block]) for block in blocks]
     same = of[1:] == of[:-1]
-    step = np.array([_half(a, b) for a, b in pairwise(means)]) / max(free, 1)
+    step = np.array([_half(a, b) for a, b in pairwise(means)]) / max(free, 1) - known
     usual = (SLOW * variance * FEW + free * float(step[same].sum())) / (FEW + free * int(same.sum()))
-    step = (EVEN * usual + free * step) / (EVEN + free)
+    step = np.maximum((EVEN * usual + free * step) / (EVEN + free), 0.0)
     age = -np.log(1.0 - np.minimum(step / max(variance, 1e-30), MOST_NEW))
     age = np.concatenate([[0.0], np.cumsum(np.where(same, age, 0.0))])
     return np.where(np.equal.outer(of, of), np.exp(-np.abs(np.subtract.outer(age, age))), 0.0)

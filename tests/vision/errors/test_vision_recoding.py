@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from vision import Video
 from vision.errors.codecterms import MOST_SHARED, NOTHING, codec_terms
 from vision.errors.noise import CREEP, FAST, REST, SHAKEN
-from vision.errors.recoding import KEPT_GREY, START, Again, _matched, _noise_left, _searched
+from vision.errors.recoding import KEPT_GREY, START, Again, _inner, _matched, _noise_left, _searched
 from vision.film.video import Writer
 
 Array = NDArray[np.float64]
@@ -54,6 +54,11 @@ def test_noise_that_coding_left_is_seen(tmp_path: Path) -> None:
         coded = written(tmp_path / f"{len(tune)}.mkv", {"crf": level, "bf": "0", **tune})
         assert low < _noise_left(first(coded)) < high
     assert _noise_left(first(written(tmp_path / "30.mkv", {"crf": "30", "bf": "0"}))) < 0.3
+
+
+def test_the_last_frames_of_a_stretch_do_not_count() -> None:
+    assert _inner(60) == slice(5, 48)  # x264 looks 40 frames ahead, and errs twice as much in the last 12
+    assert _inner(20) == slice(5, 20)  # a film of 20 frames has no others
 
 
 def again(error: Array, state: NDArray[np.int8]) -> Again:
