@@ -87,6 +87,7 @@ class Tally:
 
     def tell(self, text: str) -> None:
         print(f"{text}; {self.same} of {self.ended} the same", file=sys.stderr, flush=True)
+        self.path.parent.mkdir(parents=True, exist_ok=True)
         self.path.write_text(json.dumps(self.figures(), indent=1) + "\n", encoding="utf-8")
 
 
