@@ -28,7 +28,7 @@ from twin.console import Console
 from twin.project.config import DiagnoseTable, FilmTable, ModelTable, PointTable
 from twin.project.dimensions import FingerTable
 from twin.project.folder import Project
-from twin.project.targetfiles import write_targets
+from twin.project.targetwriting import write_targets
 from twin.project.toml import dump
 from twin.stages.chain import stage_of
 from twin.stages.several import FilmTargets, joined

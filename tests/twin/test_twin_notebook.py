@@ -22,7 +22,7 @@ from twin.model.structure import BuiltIn
 from twin.notebook import OpenedProject
 from twin.project.config import CalibrateTable, Config, ModelTable, PointTable
 from twin.project.folder import Project
-from twin.project.targetfiles import write_targets
+from twin.project.targetwriting import write_targets
 from twin.project.toml import dump
 from twin.stages import caches
 from twin.stages.chain import STAGES

@@ -16,7 +16,7 @@ from twin.effects.ownfiles import own_effects
 from twin.model.structure import BuiltIn
 from twin.project.config import CalibrateTable, Config, DiagnoseTable, ModelTable, PointTable
 from twin.project.folder import Project
-from twin.project.targetfiles import write_targets
+from twin.project.targetwriting import write_targets
 from twin.project.toml import dump
 from twin.stages import workbench
 from twin.stages.checking import run_check

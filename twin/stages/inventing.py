@@ -14,7 +14,7 @@ from twin.gravity import TONNE_PER_MM3
 from twin.model.structure import base_case
 from twin.project import files
 from twin.project.folder import Say
-from twin.project.targetfiles import write_targets
+from twin.project.targetwriting import write_targets
 from twin.stages.starting import run_init
 from twin.targets import Array, TargetPoint, Targets
 from twin.virtual.draws import NOISE, Setup, measured

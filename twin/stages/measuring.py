@@ -18,7 +18,8 @@ from twin.gauge.pressurelog import GaugeNoise, Log, check_covers, gauge_noise
 from twin.gauge.synchrony import Join, Motion
 from twin.project import files
 from twin.project.folder import Project, Run, Say
-from twin.project.targetfiles import read_targets, write_targets
+from twin.project.targetfiles import read_targets
+from twin.project.targetwriting import write_targets
 from twin.stages.cameras import camera_path, camera_table, dictionary_name, lens_of, result_of
 from twin.stages.recordings import (
     face_of,

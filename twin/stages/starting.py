@@ -19,7 +19,8 @@ from twin.project.config import (
     ProjectTable,
 )
 from twin.project.folder import Say
-from twin.project.targetfiles import read_targets, write_targets
+from twin.project.targetfiles import read_targets
+from twin.project.targetwriting import write_targets
 from twin.project.toml import dump
 from twin.stages.importing import Foreign, import_targets, source_of
 from twin.targets import PointKind, Targets

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from twin.project.folder import Project, dataset
-from twin.project.targetfiles import COLUMNS, read_targets, write_targets
+from twin.project.targetfiles import read_targets
+from twin.project.targetwriting import COLUMNS, write_targets
 from twin.targets import Load, Noise, PointKind, TargetPoint, Targets, as_position, at_node
 
 CSV = """block,step,time_s,pressure_MPa,point,u1_mm,u2_mm,u3_mm,sd1_mm,sd2_mm,sd3_mm,valid

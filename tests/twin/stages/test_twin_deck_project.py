@@ -17,7 +17,8 @@ from twin import cli, virtual
 from twin.model import structure
 from twin.model.structure import of_deck, skin
 from twin.project.folder import Project
-from twin.project.targetfiles import read_targets, write_targets
+from twin.project.targetfiles import read_targets
+from twin.project.targetwriting import write_targets
 from twin.review.deformed import deformed_picture, write_vtu_series
 from twin.stages.calibrating import triangles
 from twin.stages.workbench import structure_of

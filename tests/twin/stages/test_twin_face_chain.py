@@ -13,7 +13,7 @@ from twin.model.structure import BuiltIn
 from twin.project.config import CalibrateTable, Config, DiagnoseTable, PointTable, ProjectTable
 from twin.project.files import read_json
 from twin.project.folder import Project
-from twin.project.targetfiles import write_targets
+from twin.project.targetwriting import write_targets
 from twin.project.toml import dump
 from twin.stages.calibrating import run_calibrate
 from twin.stages.comparing import run_compare

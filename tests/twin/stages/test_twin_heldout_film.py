@@ -8,7 +8,7 @@ from tests.twin.stages.test_twin_stages import NAMES, Silent, X, project_at, rea
 from twin import virtual
 from twin.model.structure import BuiltIn
 from twin.project.folder import Project
-from twin.project.targetfiles import write_targets
+from twin.project.targetwriting import write_targets
 from twin.stages.calibrating import run_calibrate
 from twin.stages.diagnosing import run_diagnose
 from twin.stages.reviewing import run_review

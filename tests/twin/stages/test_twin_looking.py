@@ -15,7 +15,8 @@ from twin import cli, virtual
 from twin.model.structure import BuiltIn, base_case
 from twin.project.config import PointTable
 from twin.project.folder import Project
-from twin.project.targetfiles import read_targets, write_targets
+from twin.project.targetfiles import read_targets
+from twin.project.targetwriting import write_targets
 from twin.review.slicing import cut
 from twin.stages.positions import ON_FINGER_MM, places_of
 from twin.stages.workbench import Workbench, structure_of

@@ -17,7 +17,7 @@ from twin import cli
 from twin.diagnosis.batchvalues import SHARE, SUM, changes_of, values_of
 from twin.project.config import Config, PointTable, ProjectTable
 from twin.project.folder import Project, dataset
-from twin.project.targetfiles import write_targets
+from twin.project.targetwriting import write_targets
 from twin.project.toml import decoded, dump, with_key
 from twin.review.page import render
 from twin.stages import chain

@@ -18,7 +18,8 @@ from twin.effects.material import Elasticity
 from twin.model.building import base_model
 from twin.project import files
 from twin.project.folder import Project
-from twin.project.targetfiles import read_targets, write_targets
+from twin.project.targetfiles import read_targets
+from twin.project.targetwriting import write_targets
 from twin.review.page import render
 from twin.stages import glancing
 from twin.stages.cameras import run_camera

@@ -19,7 +19,7 @@ from twin.model import prediction
 from twin.model.structure import BuiltIn
 from twin.project.config import CalibrateTable, Config, DiagnoseTable, PointTable, ProjectTable
 from twin.project.folder import Project, dataset
-from twin.project.targetfiles import write_targets
+from twin.project.targetwriting import write_targets
 from twin.project.toml import dump
 from twin.review.merging import entity
 from twin.review.numerals import in_words, interval, value

@@ -22,7 +22,7 @@ from twin.model.loadpaths import Turned, sheets
 from twin.model.structure import BuiltIn, finer, of_finger, weighed
 from twin.project.config import CalibrateTable, Config, ModelTable, PointTable, ProjectTable
 from twin.project.folder import Project, Say
-from twin.project.targetfiles import write_targets
+from twin.project.targetwriting import write_targets
 from twin.project.toml import dump
 from twin.review.states import Generations
 from twin.stages.calibrating import run_calibrate
