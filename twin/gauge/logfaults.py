@@ -9,6 +9,7 @@ from twin.gauge.pressurelog import Log
 GAP, GAP_S = 10.0, 0.25  # times the usual spacing, and s, from which samples are missing
 CHANGES = 0.1  # share of the log's range by which the pressure may change in a gap
 ALONE = 0.2  # share of it by which one sample may lie off both its neighbours
+NOISES = 20.0  # times what samples usually lie off both neighbours: 12 sds of white noise
 FAST_S = 0.05  # between samples: no chamber fills and empties within two of them
 STUCK, STUCK_S = 20, 0.5  # equal samples, and s
 NOISY = 0.3  # share of the steps of a log that turn back: two thirds of white noise, hardly one without noise
@@ -59,7 +60,8 @@ def _alone(log: Log, own: NDArray[np.bool_]) -> tuple[str, ...]:
     does so."""
     before, after = log.pressure[1:-1] - log.pressure[:-2], log.pressure[1:-1] - log.pressure[2:]
     least = np.minimum(np.abs(before), np.abs(after))
-    off = (before * after > 0) & (least > ALONE * np.ptp(log.pressure)) & (np.abs(before - after) < least / 2)
+    far = max(ALONE * float(np.ptp(log.pressure)), NOISES * float(np.median(least)))
+    off = (before * after > 0) & (least > far) & (np.abs(before - after) < least / 2)
     rows = 1 + np.flatnonzero(off & own[1:-1])
     if not len(rows):
         return ()

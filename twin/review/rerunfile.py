@@ -20,7 +20,8 @@ def rerun_file(path: Path, views: rrb.Blueprint) -> Iterator[rr.RecordingStream]
     recording = rr.RecordingStream("softtwin", recording_id=uuid.uuid4())  # two files never mix in one viewer
     try:
         kept = recording.memory_recording()
-        recording.send_blueprint(views, make_active=False, make_default=True)
+        # active: in the bytes the views come after the data, for which a viewer has made its own by then
+        recording.send_blueprint(views, make_active=True, make_default=True)
         yield recording
         files.write_bytes(path, kept.drain_as_bytes())
     finally:
