@@ -15,7 +15,7 @@ from av.video.frame import VideoFrame
 from numpy.typing import NDArray
 
 from vision.camera import Array, Image
-from vision.film.packets import MOST_B, Coding, longest_between
+from vision.film.packets import MOST_B, SAME_BITS, Coding, longest_between
 
 HALF_TICK = 1e-6  # s, below every time base
 TRIED = 64  # first frames that are decoded to see what the time stamps are
@@ -232,6 +232,7 @@ class Writer:
         rate = Fraction(fps).limit_denominator(1000)
         if options is None:
             grain = {"crf": str(crf), "preset": "medium", "tune": "grain", "bf": "0"}
+            grain |= {"x264-params": SAME_BITS}
             options = grain if codec == "libx264" else {}
         stream: Any = self.container.add_stream(codec, rate=rate, options=options)
         stream.width, stream.height = size

@@ -1,8 +1,12 @@
 """How a film was coded, from its packets; a part of a film without what stands before it; decoding ahead."""
 
+import os
+import subprocess
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
+import av
 import numpy as np
 import pytest
 from av.video.frame import VideoFrame
@@ -12,6 +16,7 @@ from vision.film.decoding import ahead
 from vision.film.packets import Coding, longest_between
 from vision.film.video import Writer
 
+ROOT = Path(__file__).parents[3]
 FRAMES, SIZE = 70, (128, 96)
 
 
@@ -62,17 +67,44 @@ def test_the_encoder_that_codes_again_has_the_same_frames(tmp_path: Path) -> Non
         assert again.every == 20
 
 
+WRITES = """
+import sys
+import numpy as np
+from pathlib import Path
+from vision.film.packets import Coding
+from vision.film.video import Writer
+none = np.zeros(0, int)
+encoder, options = Coding(sys.argv[2], none, none, 0, 25.0, grain=True).options(20.0)
+noise = np.random.default_rng(5).normal(90.0, 12.0, (480, 760))
+with Writer(Path(sys.argv[1]), (704, 480), fps=25.0, codec=encoder, options=options) as writer:
+    for k in range(12):
+        writer.add(noise[:, 3 * k : 3 * k + 704].clip(0, 255).astype(np.uint8))
+"""
+
+
+@pytest.mark.parametrize("codec", ["h264", "hevc"])
+def test_pictures_are_coded_alike_whatever_was_in_memory_before(codec: str, tmp_path: Path) -> None:
+    found = set()
+    for filled in ("1", "2", "128"):  # glibc fills new memory with such bytes; another libc ignores it
+        path = tmp_path / f"{filled}.mkv"
+        environment = {**os.environ, "MALLOC_PERTURB_": filled}
+        subprocess.run([sys.executable, "-c", WRITES, str(path), codec], check=True, env=environment, cwd=ROOT)
+        with av.open(str(path)) as film:
+            found.add(b"".join(bytes(packet) for packet in film.demux(video=0)))
+    assert len(found) == 1
+
+
 def test_order_of_packets_tells_b_frames() -> None:
     assert longest_between([0, 1, 2, 3]) == 0
     assert longest_between([0, 4, 2, 1, 3, 8, 6, 5, 7]) == 3
     assert longest_between([0, 2, 1, 4, 3]) == 1
 
 
-@pytest.mark.parametrize("codec", ["libx264", "libx265", "ffv1"])
-@pytest.mark.parametrize("container", ["mkv", "mp4"])
+@pytest.mark.parametrize(
+    ("codec", "container"),
+    [("libx264", "mkv"), ("libx264", "mp4"), ("libx265", "mkv"), ("libx265", "mp4"), ("ffv1", "mkv")],
+)
 def test_a_part_of_a_film_is_the_same_pictures(codec: str, container: str, tmp_path: Path) -> None:
-    if (codec, container) == ("ffv1", "mp4"):
-        pytest.skip("no such files")
     options = {"libx264": {"g": "20", "bf": "3"}, "libx265": {"x265-params": "keyint=20:log-level=none"}}
     film = written(tmp_path / f"film.{container}", codec, **options.get(codec, {}))
     whole = {index: grey for index, _, grey in film.frames()}
