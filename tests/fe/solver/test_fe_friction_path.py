@@ -140,6 +140,7 @@ def test_without_friction_nothing_changes_but_its_derivative_is_there(cube: Cube
     np.testing.assert_allclose(ours[1::2], slope[1::2], rtol=0, atol=0.01 * np.abs(slope).max())
 
 
+@pytest.mark.slow
 def test_derivatives_along_a_path_are_those_of_whole_solves(
     stub: Case, monkeypatch: pytest.MonkeyPatch
 ) -> None:

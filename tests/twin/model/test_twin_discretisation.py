@@ -62,6 +62,7 @@ def draw(short: Finger, short_case: Case) -> Draw:
     return Draw(model, targets, discretisation_error(model.test, structure=structure, solved_at=at))
 
 
+@pytest.mark.slow
 def test_the_change_to_the_finest_mesh_is_corrected(draw: Draw) -> None:
     found = modes.judged(draw.model.on_mesh(draw.mesh), draw.targets, theta=THETA)
     assert found.before_mm == draw.error(None) > 0.05  # there is something to correct

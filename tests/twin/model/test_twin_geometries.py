@@ -36,6 +36,7 @@ def test_random_dimensions_mesh(batches: ModuleType) -> None:
     assert [batches.broken_mesh(case_of(batches, t)) for t in tables] == [""] * len(tables)
 
 
+@pytest.mark.slow
 def test_random_dimensions_solve(batches: ModuleType) -> None:
     small = [t for t in islice(batches.tables(7), 25) if t.pleats <= 2][:3]
     found = [batches.tried(t) for t in small]

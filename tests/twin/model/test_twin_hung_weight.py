@@ -61,6 +61,7 @@ def fitted(t: Targets, case: Case, gain: float) -> Fit:
     )
 
 
+@pytest.mark.slow
 def test_twenty_grams_tell_the_gauge_from_the_silicone(
     at_places: Callable[[float | None], Targets], short_case: Case
 ) -> None:

@@ -105,6 +105,7 @@ def changed(project: Project, folder: Path, rows: slice, move: tuple[float, floa
     return replace(project, root=folder)
 
 
+@pytest.mark.slow
 def test_a_face_point_off_its_place_is_found_by_compare(project: Project, tmp_path: Path) -> None:
     moved = changed(project, tmp_path / "off", slice(5, 6), (4.0, 0.0, 0.0))
     with pytest.raises(ValueError, match=r"stale: targets/targets\.toml has changed since; run twin calibrate"):

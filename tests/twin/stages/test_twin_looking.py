@@ -94,6 +94,7 @@ def test_points_take_the_nearest_place_on_the_surface(batch: Path) -> None:
     assert {p.kind for p in bench.targets.points} == {PointKind.PLACE, PointKind.FIXED}  # nobody asked for a node
 
 
+@pytest.mark.slow
 def test_calibration_finds_the_silicone_by_positions_alone(batch: Path) -> None:
     run("calibrate", "--project", batch)
     found = Project.open(batch).newest("calibrate", "fit.json")

@@ -31,8 +31,7 @@ def base(mistakes: ModuleType, tmp_path_factory: pytest.TempPathFactory) -> Path
     return Path(mistakes.make(tmp_path_factory.mktemp("strangers") / "base"))
 
 
-CHECKED = ("positions in cm", "a finger id that never appears", "film starts in motion", "static film in motion",
-           "dark film", "finger's markers lost", "log on another clock", "boards not in the pictures")  # fmt: skip
+CHECKED = ("positions in cm", "film starts in motion", "finger's markers lost", "log on another clock")
 
 
 @pytest.mark.parametrize("name", CHECKED)
@@ -43,7 +42,7 @@ def test_check_refuses_a_mistake_with_its_sentence(name: str, mistakes: ModuleTy
     assert re.search(sentence, told.sentence), told.sentence
 
 
-ALONE = ("two frame ids exchanged", "film starts in motion", "finger's markers lost", "log on another clock")
+ALONE = ("two frame ids exchanged", "finger's markers lost")
 
 
 @pytest.mark.parametrize("name", ALONE)
@@ -75,14 +74,14 @@ def test_check_draws_every_mark(mistakes: ModuleType, base: Path, tmp_path: Path
         assert rings[max(y - 40, 0) : y + 40, max(x - 40, 0) : x + 40].sum() > 60, mark.name
 
 
-@pytest.mark.parametrize("name", ["a film in slow motion", "a gap in the log", "a static film of one picture"])
+@pytest.mark.parametrize("name", ["a gap in the log", "a static film of one picture"])
 def test_check_refuses_a_mistake_of_recording(name: str, mistakes: ModuleType, base: Path, tmp_path: Path) -> None:
     plant, sentence = mistakes.planted().mistakes[name]
     told = mistakes.told(name, plant, base=base, folder=tmp_path, stages=("check",))
     assert re.search(sentence, told.sentence), told.sentence
 
 
-@pytest.mark.parametrize("name", ["a tip glued 4 mm short", "a clock that is off by 1 s", "a gauge that does not read zero"])
+@pytest.mark.parametrize("name", ["a clock that is off by 1 s", "a gauge that does not read zero"])
 @pytest.mark.parametrize("stages", [("check",), ("camera", "measure")])
 def test_a_doubt_is_told_by_check_and_by_measure(
     name: str, stages: tuple[str, ...], mistakes: ModuleType, base: Path, tmp_path: Path
@@ -92,28 +91,41 @@ def test_a_doubt_is_told_by_check_and_by_measure(
     assert mistakes.is_told(told, sentence), (told.sentence, told.remarks)
 
 
-@pytest.mark.parametrize("name", ["nothing planted", "two cycles", "a small sag"])
+@pytest.mark.parametrize("name", ["nothing planted", "a small sag"])
 def test_check_doubts_nothing_of_what_is_right(name: str, mistakes: ModuleType, base: Path, tmp_path: Path) -> None:
     told = mistakes.told(name, mistakes.planted().right[name], base=base, folder=tmp_path, stages=("check",))
     assert not told.refused, told.sentence
     assert not [s for s in told.remarks if "?" in s or "seen at" in s or "look" in s]
 
 
+PARTS = 4  # of all that is planted, for workers side by side
+
+
+def test_enough_is_planted(mistakes: ModuleType) -> None:
+    assert len(mistakes.planted().mistakes) >= 50
+    assert len(mistakes.planted().right) >= 20
+
+
 @pytest.mark.slow
-def test_every_mistake_is_refused_every_doubt_told_and_every_right_input_passes(
-    mistakes: ModuleType, base: Path, tmp_path: Path
-) -> None:
-    every = mistakes.planted()
-    assert len(every.mistakes) >= 50
-    assert len(every.right) >= 20
-    for name, (plant, sentence) in every.mistakes.items():
+@pytest.mark.parametrize("part", range(PARTS))
+def test_every_mistake_is_refused(part: int, mistakes: ModuleType, base: Path, tmp_path: Path) -> None:
+    for name, (plant, sentence) in [*mistakes.planted().mistakes.items()][part::PARTS]:
         told = mistakes.told(name, plant, base=base, folder=tmp_path)
         assert told.refused, name
         assert re.search(sentence, told.sentence), (name, told.sentence)
-    for name, (plant, sentence) in every.doubtful.items():
+
+
+@pytest.mark.slow
+def test_every_doubt_is_told(mistakes: ModuleType, base: Path, tmp_path: Path) -> None:
+    for name, (plant, sentence) in mistakes.planted().doubtful.items():
         told = mistakes.told(name, plant, base=base, folder=tmp_path)
         assert mistakes.is_told(told, sentence), (name, told.sentence, told.remarks)
-    for name, plant in every.right.items():
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("part", range(PARTS))
+def test_every_right_input_passes(part: int, mistakes: ModuleType, base: Path, tmp_path: Path) -> None:
+    for name, plant in [*mistakes.planted().right.items()][part::PARTS]:
         told = mistakes.told(name, plant, base=base, folder=tmp_path)
         assert not told.refused, (name, told.sentence)
 

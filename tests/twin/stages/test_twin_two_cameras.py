@@ -200,6 +200,7 @@ def twin(folder: Path, stage: str) -> subprocess.Popen[bytes]:
     return subprocess.Popen([sys.executable, "-c", TWIN, stage], cwd=folder, stdout=subprocess.DEVNULL)
 
 
+@pytest.mark.slow
 def test_a_killed_process_goes_on_bit_for_bit(project: Project, tmp_path: Path) -> None:
     whole, killed = tmp_path / "whole", tmp_path / "killed"
     shutil.copytree(project.root / "raw", whole / "raw")

@@ -66,6 +66,7 @@ def film(finger: Finger, case: Case, density: float, *gravity: Array, lattice: L
     return turned(modes.exact(seen, u), *gravity)
 
 
+@pytest.mark.slow
 def test_the_table_under_weight_is_full_finite_elements(
     coarsest_case: Case, make_targets: Callable[..., Targets], monkeypatch: pytest.MonkeyPatch
 ) -> None:

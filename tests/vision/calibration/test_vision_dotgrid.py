@@ -74,6 +74,7 @@ def test_coding_dots_that_do_not_tell_are_refused() -> None:
         replace(CODED, coding=((2, 2), (4, 2), (6, 2)))
 
 
+@pytest.mark.slow
 def test_a_camera_and_a_rig_from_parts_of_a_coded_board(tmp_path: Path) -> None:
     paths: list[list[Path]] = [[], []]
     second = cv2.Rodrigues(np.array([0.0, 0.25, 0.0]))[0], np.array([-30.0, 1.0, 4.0])

@@ -31,6 +31,7 @@ def bend() -> tuple[Array, list[slice]]:
     return np.concatenate(parts), holds
 
 
+@pytest.mark.slow
 def test_means_of_holds_in_a_film_coded_with_loss(lab: Lab, coded_still: Video, tmp_path: Path) -> None:
     bent, holds = bend()
     film = lab.film(tmp_path / "film.mkv", bent, codec="libx264", seed=3)

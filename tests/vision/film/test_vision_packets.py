@@ -85,7 +85,7 @@ with Writer(Path(sys.argv[1]), (704, 480), fps=25.0, codec=encoder, options=opti
 @pytest.mark.parametrize("codec", ["h264", "hevc"])
 def test_pictures_are_coded_alike_whatever_was_in_memory_before(codec: str, tmp_path: Path) -> None:
     found = set()
-    for filled in ("1", "2", "128"):  # glibc fills new memory with such bytes; another libc ignores it
+    for filled in ("1", "2"):  # glibc fills new memory with such bytes; another libc ignores it
         path = tmp_path / f"{filled}.mkv"
         environment = {**os.environ, "MALLOC_PERTURB_": filled}
         subprocess.run([sys.executable, "-c", WRITES, str(path), codec], check=True, env=environment, cwd=ROOT)

@@ -167,6 +167,7 @@ def test_strain_is_the_material_s_with_its_sd(found: Displacements) -> None:
 NEARER_MM = 1.5  # at the end of the ramp
 
 
+@pytest.mark.slow
 def test_a_face_that_comes_nearer_seems_to_stretch_as_the_sd_says(
     lab: Any, films: tuple[Video, Video], tmp_path: Path
 ) -> None:

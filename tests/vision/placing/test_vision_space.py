@@ -178,6 +178,7 @@ def test_a_marker_that_slips_is_named(pair: Pair, tmp_path: Path) -> None:
     assert "at 3.100 s" in said
 
 
+@pytest.mark.slow
 def test_the_mean_of_a_hold_is_as_far_off_as_its_coding_error(pair: Pair, tmp_path: Path) -> None:
     time = np.arange(72) / RATE  # at rest again from 4.6 s on
     films = [pair.drawn(tmp_path / f"film{c}.mkv", c, time, codec="libx264") for c in range(2)]
