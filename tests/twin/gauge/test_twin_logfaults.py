@@ -14,8 +14,8 @@ TIME = np.arange(0.0, 20.0, 0.02)
 
 def log(*, noise: float = 1e-5, scale: float = 1.0) -> Log:
     rng = np.random.default_rng(0)
-    p = 0.03 * np.interp(TIME, [5, 6, 10, 10.1, 15], [0, 1, 1, 0, 0]) + noise * rng.standard_normal(len(TIME))
-    return Log(Path("pressure.csv"), TIME, scale * p)
+    p = 0.03 * scale * np.interp(TIME, [5, 6, 10, 10.1, 15], [0, 1, 1, 0, 0])
+    return Log(Path("pressure.csv"), TIME, p + noise * rng.standard_normal(len(TIME)))
 
 
 def said(own: Log) -> tuple[str, ...]:
@@ -35,6 +35,8 @@ def kept(own: Log, keep: np.ndarray) -> Log:
         replace(log(), pressure=np.maximum(log().pressure, 0.0)),  # a gauge that stops at 0
         kept(log(), np.arange(len(TIME)) % 50 == 0),  # one sample a second
         kept(log(), (TIME < 7) | (TIME > 9)),  # a gap while nothing changes
+        log(noise=2e-3),  # a gauge of a wide range
+        log(noise=2e-3, scale=0.0),  # noise alone: told by the finger's motion
     ],
 )
 def test_logs_of_real_loggers_pass(own: Log) -> None:
