@@ -302,13 +302,14 @@ def _apart(bench: Workbench, paths: Turned, points: Array, best: "Searched", fit
 def _at_all_bounds(fit: Fit) -> str:
     """A sentence where all constants end at their largest, or all at their smallest: a unit is likelier
     wrong."""
-    for end, way in (("high", "stiffest"), ("low", "softest")):
-        if all(x == getattr(p, end) for p, x in zip(fit.parameters, fit.theta, strict=True)):
-            return (
-                f" All constants end at the {way} that [calibrate] bounds allow: are pressures in MPa and "
-                "displacements in mm, and are the finger's dimensions right? If they are, widen the bounds."
-            )
-    return ""
+    high = {2 * x > p.low + p.high for p, x in zip(fit.parameters, fit.theta, strict=True)}
+    if len(high) > 1 or {p.name for p in fit.parameters} != set(fit.at_bound):
+        return ""
+    return (
+        f" All constants end at the {'stiffest' if high.pop() else 'softest'} that [calibrate] bounds allow: "
+        "are pressures in MPa and displacements in mm, and are the finger's dimensions right? If they are, "
+        "widen the bounds."
+    )
 
 
 def _words(project: Project, fit: Fit, found: Comparison, apart: str) -> str:
