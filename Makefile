@@ -2,8 +2,6 @@
 # make clean
 PYTHON ?= python3
 BIN := .venv/bin
-# One thread each for BLAS and OpenMP: two test workers share the machine.
-ONE_THREAD := OMP_NUM_THREADS=1 MKL_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1
 
 .PHONY: demo install test test-slow check clean
 
@@ -13,10 +11,10 @@ demo: .venv/run.stamp
 	$(BIN)/twin demo
 
 test: .venv/dev.stamp
-	$(ONE_THREAD) $(BIN)/python -m pytest -n 2 --dist worksteal
+	$(BIN)/python -m pytest -n 2 --dist worksteal
 
 test-slow: .venv/dev.stamp
-	$(ONE_THREAD) $(BIN)/python -m pytest -n 2 --dist worksteal -m slow
+	$(BIN)/python -m pytest -n 2 --dist worksteal -m slow
 
 check: .venv/dev.stamp
 	$(BIN)/ruff check .

@@ -8,6 +8,10 @@ from collections.abc import Callable
 from pathlib import Path
 
 os.environ.setdefault("MPLBACKEND", "Agg")  # before anything imports matplotlib
+# One thread each, as `twin` has: two workers share the machine, and a child must add in the order of its parent.
+os.environ.setdefault("OMP_NUM_THREADS", "1")  # before anything imports numpy
+os.environ.setdefault("MKL_NUM_THREADS", "1")
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
 import pytest

@@ -311,7 +311,8 @@ class Kernel:
         size = len(self.connectivity)
         if memory is None:
             return Carried(np.ones(size), np.zeros((1, self.geometry.G.shape[1], 3, 3)), *_HARD)
-        soft, scale = memory.softening, np.ascontiguousarray(np.broadcast_to(memory.scale, (size,)))
+        # a copy that may be written, as without a memory: numba compiles anew for another kind of array
+        soft, scale = memory.softening, np.array(np.broadcast_to(memory.scale, (size,)))
         if soft is None or not soft.table[:, 0].any():
             return Carried(scale, memory.carried, *_HARD)
         below = _HARD[2] if soft.below is None else soft.below

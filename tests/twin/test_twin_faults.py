@@ -47,6 +47,7 @@ def study(tmp_path: Path) -> Path:
 
 
 COMMANDS = (("--help",), ("list", "-p", "."), ("look", "-p", "."))
+FEW = (*(pytest.param(c, marks=pytest.mark.slow) for c in COMMANDS[:-1]), COMMANDS[-1])
 
 
 def interrupted(command: tuple[str, ...], folder: Path, moment: float) -> None:
@@ -66,7 +67,7 @@ def interrupted(command: tuple[str, ...], folder: Path, moment: float) -> None:
     assert not (folder / ".lock.json").exists()
 
 
-@pytest.mark.parametrize("command", COMMANDS)
+@pytest.mark.parametrize("command", FEW)
 def test_an_interrupt_at_any_moment_leaves_no_traceback(study: Path, command: tuple[str, ...]) -> None:
     for moment in (0.0, *np.random.default_rng(3).uniform(0.0, 1.5, 2)):
         interrupted(command, study, moment)
@@ -134,7 +135,7 @@ def test_names_that_the_language_does_not_have(study: Path) -> None:
     text = (study / "twin.toml").read_text(encoding="utf-8")
     (study / "twin.toml").write_text(text.replace('name = "study"', 'name = "Prüfling-字"'), encoding="utf-8")
     folder = study.rename(study.with_name("Prüfling-字"))
-    for command in ("check", "list", "look"):
+    for command in ("check", "look"):
         code, _, error = ended(command, "-p", folder, env={**os.environ, **PLAIN})
         assert (code, error) == (0, ""), command
 
@@ -175,7 +176,7 @@ def small_files(limit: int) -> Callable[[], None]:
     return lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
 
 
-@pytest.mark.parametrize("limit", [100, 2000])
+@pytest.mark.parametrize("limit", [100, pytest.param(2000, marks=pytest.mark.slow)])
 def test_files_that_cannot_grow_are_named_and_nothing_half_is_left(study: Path, limit: int) -> None:
     code, _, error = ended("look", "-p", study, preexec_fn=small_files(limit))
     assert code == 2

@@ -83,7 +83,10 @@ def exact(model: Model, values: dict[str, float]) -> Array:
     return respond(model.put(values), changes, start=None)[1]
 
 
-@pytest.mark.parametrize("name", CASES)
+DEAR = "softening, drift"
+
+
+@pytest.mark.parametrize("name", [pytest.param(n, marks=[pytest.mark.slow] if n == DEAR else []) for n in CASES])
 def test_derivatives_of_material_effects(name: str) -> None:
     effects, values = CASES[name]
     model = model_of(effects)

@@ -48,6 +48,7 @@ def differences(model: KeptModel, values: dict[str, float], name: str, *, step: 
     return (whole(model, plus, start) - whole(model, minus, start)) / (2 * step)
 
 
+@pytest.mark.slow
 def test_all_derivatives_are_those_of_whole_predictions(base: KeptModel) -> None:
     model = base  # with an outer force: the history begins from a loaded state
     for e in all_effects():  # those of shape and material have tests of their own

@@ -209,12 +209,16 @@ def test_keys_of_older_versions_change_nothing_and_are_named(tmp_path):
 TABLES = [t for t in vars(config_module).values() if isinstance(t, type) and issubclass(t, TableModel)]
 
 
-@pytest.mark.parametrize("table", [t for t in TABLES if t not in (TableModel, BoardTable)])
-def test_every_key_is_read_somewhere(table):
-    """As an attribute in the code that has the configuration at hand, other than the configuration itself."""
+@pytest.fixture(scope="module")
+def read_keys():
+    """Attributes in the code that has the configuration at hand, other than the configuration itself."""
     rooms = [path for room in ("project", "stages", "gauge") for path in (ROOT / "twin" / room).glob("*.py")]
     trees = [ast.parse(path.read_text(encoding="utf-8")) for path in rooms if path.name != "config.py"]
-    read_keys = {node.attr for tree in trees for node in ast.walk(tree) if isinstance(node, ast.Attribute)}
+    return {node.attr for tree in trees for node in ast.walk(tree) if isinstance(node, ast.Attribute)}
+
+
+@pytest.mark.parametrize("table", [t for t in TABLES if t not in (TableModel, BoardTable)])
+def test_every_key_is_read_somewhere(table, read_keys):
     assert [key for key in table.model_fields if key not in read_keys] == []
 
 

@@ -68,6 +68,7 @@ def project(
     return found
 
 
+@pytest.mark.slow
 def test_face_points_are_calibrated_compared_and_reviewed(project: Project) -> None:
     say, path = Silent(), project.newest("calibrate", "fit.json")
     assert path is not None
@@ -116,6 +117,7 @@ def test_a_face_point_off_its_place_is_found_by_compare(project: Project, tmp_pa
     assert max(told["maps"]["marker"], key=lambda r: float(r["rms_mm"]))["name"] == "face006"
 
 
+@pytest.mark.slow
 def test_points_beside_the_surface_are_taken_on_it(project: Project, tmp_path: Path) -> None:
     """y_mm of the face is measured with a ruler: 0.3 mm too much is no reason to stop, 0.8 mm is."""
     bench = Workbench.of(changed(project, tmp_path / "near", slice(2, 5), (0.0, 0.3, 0.0)))

@@ -31,7 +31,7 @@ def base(mistakes: ModuleType, tmp_path_factory: pytest.TempPathFactory) -> Path
     return Path(mistakes.make(tmp_path_factory.mktemp("strangers") / "base"))
 
 
-CHECKED = ("positions in cm", "film starts in motion", "finger's markers lost", "log on another clock")
+CHECKED = ("positions in cm", "log on another clock")
 
 
 @pytest.mark.parametrize("name", CHECKED)
@@ -42,7 +42,7 @@ def test_check_refuses_a_mistake_with_its_sentence(name: str, mistakes: ModuleTy
     assert re.search(sentence, told.sentence), told.sentence
 
 
-ALONE = ("two frame ids exchanged", "finger's markers lost")
+ALONE = (pytest.param("two frame ids exchanged", marks=pytest.mark.slow), "finger's markers lost")
 
 
 @pytest.mark.parametrize("name", ALONE)
@@ -53,6 +53,7 @@ def test_measure_alone_refuses_it_and_writes_no_targets(name: str, mistakes: Mod
     assert re.search(sentence if name != "finger's markers lost" else "nothing is measured", told.sentence), told.sentence
 
 
+@pytest.mark.slow
 def test_a_frame_marker_that_alone_is_off_is_left_out_of_the_frame(mistakes: ModuleType, base: Path, tmp_path: Path) -> None:
     name = "a frame marker 2 mm off"
     told = mistakes.told(name, mistakes.RIGHT[name], base=base, folder=tmp_path)
@@ -74,7 +75,7 @@ def test_check_draws_every_mark(mistakes: ModuleType, base: Path, tmp_path: Path
         assert rings[max(y - 40, 0) : y + 40, max(x - 40, 0) : x + 40].sum() > 60, mark.name
 
 
-@pytest.mark.parametrize("name", ["a gap in the log", "a static film of one picture"])
+@pytest.mark.parametrize("name", ["a static film of one picture"])
 def test_check_refuses_a_mistake_of_recording(name: str, mistakes: ModuleType, base: Path, tmp_path: Path) -> None:
     plant, sentence = mistakes.planted().mistakes[name]
     told = mistakes.told(name, plant, base=base, folder=tmp_path, stages=("check",))
@@ -82,7 +83,7 @@ def test_check_refuses_a_mistake_of_recording(name: str, mistakes: ModuleType, b
 
 
 @pytest.mark.parametrize("name", ["a clock that is off by 1 s", "a gauge that does not read zero"])
-@pytest.mark.parametrize("stages", [("check",), ("camera", "measure")])
+@pytest.mark.parametrize("stages", [("check",), pytest.param(("camera", "measure"), marks=pytest.mark.slow)])
 def test_a_doubt_is_told_by_check_and_by_measure(
     name: str, stages: tuple[str, ...], mistakes: ModuleType, base: Path, tmp_path: Path
 ) -> None:
@@ -91,8 +92,8 @@ def test_a_doubt_is_told_by_check_and_by_measure(
     assert mistakes.is_told(told, sentence), (told.sentence, told.remarks)
 
 
-@pytest.mark.parametrize("name", ["nothing planted", "a small sag"])
-def test_check_doubts_nothing_of_what_is_right(name: str, mistakes: ModuleType, base: Path, tmp_path: Path) -> None:
+def test_check_doubts_nothing_of_what_is_right(mistakes: ModuleType, base: Path, tmp_path: Path) -> None:
+    name = "nothing planted"
     told = mistakes.told(name, mistakes.planted().right[name], base=base, folder=tmp_path, stages=("check",))
     assert not told.refused, told.sentence
     assert not [s for s in told.remarks if "?" in s or "seen at" in s or "look" in s]
@@ -189,11 +190,13 @@ def test_a_line_of_corrections_that_is_not_right_is_named(line: str, sentence: s
         corrections_of(project, project.config.cameras[0])
 
 
+@pytest.mark.slow
 def test_a_frame_rate_for_a_video_file_is_told(mistakes: ModuleType, base: Path, tmp_path: Path) -> None:
     told = mistakes.told("fps", mistakes.camera_with(fps=20.0), base=base, folder=tmp_path, stages=("check",))
     assert any("cameras.fps = 20 is for pictures: film.mkv is a video file" in s for s in told.remarks)
 
 
+@pytest.mark.slow
 def test_check_sends_back_to_measure_where_the_targets_are_gone(mistakes: ModuleType, base: Path, tmp_path: Path) -> None:
     root, said = Path(shutil.copytree(base, tmp_path / "gone")), mistakes.Lines()
     mistakes.run_camera(Project.open(root), said)

@@ -33,7 +33,7 @@ from twin.stages.reviewing import run_review
 from twin.stages.sidebyside import run_side_by_side
 
 FILM = ((0.0, 0.0), (2.0, 0.0), (4.0, 30.0), (12.0, 30.0), (12.4, 0.0), (22.0, 0.0))
-BENCH = virtual.Bench(film_hz=4.0, gauge_sd_MPa=3e-4, sd=0.005)
+BENCH = virtual.Bench(film_hz=3.5, gauge_sd_MPa=3e-4, sd=0.005)
 NAMES, X = ("p1", "p2", "middle", "p4", "tip"), np.array([9.556, 15.111, 4 + 50 / 3, 31.778, 10 + 100 / 3])
 GENERATIONS = 4
 

@@ -103,6 +103,7 @@ def test_a_damaged_film_is_read_alike_on_one_cpu_and_on_two(
 
 
 @two_cpus
+@pytest.mark.slow
 def test_a_measurement_is_the_same_on_one_cpu_and_on_two(
     lab: Lab, coded_still: Video, tmp_path: Path
 ) -> None:
