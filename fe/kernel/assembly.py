@@ -32,9 +32,11 @@ _T = TypeVar("_T")
 
 @dataclass(frozen=True)
 class ElementConstants:
-    """Material constants per element: table (e, k) as `Material.constants` gives them, shear and bulk moduli
-    (e,) MPa, Prony pairs (m, e, 2) of g and tau s, and Mullins softening (e, 3), or (0, 3) where no material
-    has any: amount, m in MPa, beta."""
+    """Material constants per element.
+
+    table: (e, k) as `Material.constants` gives them. shear, bulk: moduli (e,) MPa. prony: pairs (m, e, 2) of
+    g and tau s. softening: Mullins' amount, m in MPa and beta (e, 3), or (0, 3) where no material softens.
+    """
 
     table: Array
     shear: Array
@@ -163,7 +165,7 @@ class State:
 class Geometry:
     """Quadrature data of undeformed positions (n, 3) mm: gradients, weights, pressure modes.
 
-    precurvature: 1/mm that the structure is curved by where it is free of stress, about y, towards -z. Then
+    precurvature: curvature, 1/mm, of the structure where it is free of stress, about y, towards -z. With it
     F = Fe Fg with the isochoric Fg = diag(l, l^-1/2, l^-1/2) and l = 1 + precurvature (z - z of the centroid)
     (Rodriguez, Hoger & McCulloch 1994, doi 10.1016/0021-9290(94)90021-3): gradients are those of Fe. Several
     numbers are those of Legendre's polynomials along x, from -1 to 1 over the structure.
@@ -312,7 +314,7 @@ class Kernel:
         if memory is None:
             return Carried(np.ones(size), np.zeros((1, self.geometry.G.shape[1], 3, 3)), *_HARD)
         # a copy that may be written, as without a memory: numba compiles anew for another kind of array
-        soft, scale = memory.softening, np.array(np.broadcast_to(memory.scale, (size,)))
+        soft, scale = memory.softening, np.full(size, memory.scale)
         if soft is None or not soft.table[:, 0].any():
             return Carried(scale, memory.carried, *_HARD)
         below = _HARD[2] if soft.below is None else soft.below

@@ -17,6 +17,7 @@ from types import ModuleType
 import numpy as np
 import pytest
 
+from tests.few import few
 from twin.project.folder import Project, dataset
 from twin.project.locking import lock
 
@@ -47,7 +48,6 @@ def study(tmp_path: Path) -> Path:
 
 
 COMMANDS = (("--help",), ("list", "-p", "."), ("look", "-p", "."))
-FEW = (*(pytest.param(c, marks=pytest.mark.slow) for c in COMMANDS[:-1]), COMMANDS[-1])
 
 
 def interrupted(command: tuple[str, ...], folder: Path, moment: float) -> None:
@@ -67,7 +67,7 @@ def interrupted(command: tuple[str, ...], folder: Path, moment: float) -> None:
     assert not (folder / ".lock.json").exists()
 
 
-@pytest.mark.parametrize("command", FEW)
+@pytest.mark.parametrize("command", few(COMMANDS, COMMANDS[-1:]))
 def test_an_interrupt_at_any_moment_leaves_no_traceback(study: Path, command: tuple[str, ...]) -> None:
     for moment in (0.0, *np.random.default_rng(3).uniform(0.0, 1.5, 2)):
         interrupted(command, study, moment)
@@ -135,7 +135,7 @@ def test_names_that_the_language_does_not_have(study: Path) -> None:
     text = (study / "twin.toml").read_text(encoding="utf-8")
     (study / "twin.toml").write_text(text.replace('name = "study"', 'name = "Prüfling-字"'), encoding="utf-8")
     folder = study.rename(study.with_name("Prüfling-字"))
-    for command in ("check", "look"):
+    for command in ("check", "list", "look"):
         code, _, error = ended(command, "-p", folder, env={**os.environ, **PLAIN})
         assert (code, error) == (0, ""), command
 
@@ -176,7 +176,7 @@ def small_files(limit: int) -> Callable[[], None]:
     return lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
 
 
-@pytest.mark.parametrize("limit", [100, pytest.param(2000, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("limit", few([100, 2000], [100]))
 def test_files_that_cannot_grow_are_named_and_nothing_half_is_left(study: Path, limit: int) -> None:
     code, _, error = ended("look", "-p", study, preexec_fn=small_files(limit))
     assert code == 2
@@ -202,10 +202,10 @@ def test_a_full_disk_in_any_stage_changes_no_bit(bench: ModuleType) -> None:
 
 @pytest.mark.slow
 def test_interrupts_and_kills_in_any_stage_change_no_bit(bench: ModuleType, tmp_path: Path) -> None:
-    found = bench.interrupts(True, count=3, tally=tmp_path)
-    assert found["interrupts_same"] == found["interrupts"] == 3
+    found = bench.interrupts(True, count=5, tally=tmp_path)
+    assert found["interrupts_same"] == found["interrupts"] == 5
     assert found["interrupts_traceback"] == 0
-    assert bench.kills(True, count=3, tally=tmp_path)["kills_same"] == 3
+    assert bench.kills(True, count=4, tally=tmp_path)["kills_same"] == 4
 
 
 @pytest.mark.slow

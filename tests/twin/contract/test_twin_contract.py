@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from calibrate import Parameter
+from tests.few import few
 from twin.contract.promises import check_effect
 from twin.contract.records import alike
 from twin.contract.specimen import small_test
@@ -18,11 +19,10 @@ from twin.targets import Array
 # where their defaults show nothing on the short finger: the table lies 3 mm below it
 AT = {label: {"contact.stiffness": 0.5, "contact.distance": 0.2} for label in ("contact", "contact:2")}
 LAWS = [law for e in all_effects() for law in e.laws()]
-FIRST = {law.order: law.label for law in reversed(LAWS)}.values()  # one of each order; all take two minutes
-TRIED = [pytest.param(law, id=law.label, marks=[] if law.label in FIRST else [pytest.mark.slow]) for law in LAWS]
+FIRST = list({law.order: law for law in reversed(LAWS)}.values())  # one of each order; all take two minutes
 
 
-@pytest.mark.parametrize("law", TRIED)
+@pytest.mark.parametrize("law", few(LAWS, FIRST), ids=lambda law: law.label)
 def test_the_library_keeps_its_promises(law: Effect) -> None:
     assert check_effect(law, at=AT.get(law.label)) == ()
 

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from fe import Case, Finger, Lattice, Material
+from tests.few import few
 from twin import virtual
 from twin.diagnosis.fitting import fit_model, whitener_of
 from twin.diagnosis.procedure import diagnose
@@ -85,10 +86,7 @@ def diagnosed(
     return [diagnose(model, effects, film(seed), seed=0, start=start) for seed in seeds]
 
 
-SEEDS = pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.slow)])
-
-
-@SEEDS
+@pytest.mark.parametrize("seed", few([1, 2], [1]))
 def test_nothing_hidden_needs_nothing(laboratory: Laboratory, seed: int) -> None:
     for found in diagnosed(laboratory, laboratory.truth(), seeds=(seed,)):
         assert (found.verdict, found.named, found.law, found.kept) == ("none needed", (), None, None)

@@ -7,6 +7,7 @@ import pytest
 from fe import Block, Case, Material, Path, Support, solve
 from fe.element import Array
 from fe.solver.newton import equilibrium
+from tests.few import few
 from twin.effects.material import Compressibility, Creep, Mullins, Stiffening, Thermal
 from twin.effects.protocol import Effect, Test
 from twin.model.prediction import Model, respond
@@ -83,10 +84,7 @@ def exact(model: Model, values: dict[str, float]) -> Array:
     return respond(model.put(values), changes, start=None)[1]
 
 
-DEAR = "softening, drift"
-
-
-@pytest.mark.parametrize("name", [pytest.param(n, marks=[pytest.mark.slow] if n == DEAR else []) for n in CASES])
+@pytest.mark.parametrize("name", few(CASES, CASES.keys() - {"softening, drift"}))
 def test_derivatives_of_material_effects(name: str) -> None:
     effects, values = CASES[name]
     model = model_of(effects)

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from tests.few import few
 from twin.contract.promises import check_effect
 from twin.contract.specimen import small_test, whole
 from twin.effects.library import all_effects
@@ -14,7 +15,7 @@ from twin.model.prediction import respond
 
 KINDS = {"outside force", "soft spot", "pressure course", "drift", "camera", "slip"}
 ALL = stand_ins(small_test())
-DEAR = [s for s in ALL if s.name not in ("force_at_60", "soft_at_50")]
+TRIED = [s for s in ALL if s.name in ("force_at_60", "soft_at_50")]
 
 
 def test_stand_ins_are_of_all_kinds_with_names_of_their_own_and_not_too_many() -> None:
@@ -79,8 +80,6 @@ def test_stand_ins_state_what_they_should(stand_in: StandIn) -> None:
     assert check_effect(stand_in, solves=False) == ()
 
 
-@pytest.mark.parametrize(
-    "stand_in", [pytest.param(s, marks=[pytest.mark.slow] if s in DEAR else [], id=s.label) for s in ALL]
-)
+@pytest.mark.parametrize("stand_in", few(ALL, TRIED), ids=lambda s: s.label)
 def test_stand_ins_keep_the_promises_of_an_effect(stand_in: StandIn) -> None:
     assert check_effect(stand_in) == ()

@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.few import few
+
 PREPARE = """
 import resource, sys
 from pathlib import Path
@@ -81,7 +83,7 @@ def written(name: str, folder: Path, limit: int) -> tuple[int, str]:
     return done.returncode, done.stderr
 
 
-@pytest.mark.parametrize("name", ["review.rrd", *(pytest.param(n, marks=pytest.mark.slow) for n in WRITE if n != "review.rrd")])
+@pytest.mark.parametrize("name", few(WRITE, ["review.rrd"]))
 def test_a_file_that_cannot_grow_is_named_and_the_former_one_is_left(name: str, tmp_path: Path) -> None:
     path = tmp_path / name
     path.write_text("the former one", encoding="utf-8")

@@ -21,6 +21,8 @@ from twin.stages.reviewing import run_review
 from twin.stages.workbench import Workbench
 from twin.targets import PointKind, TargetPoint, as_position, at_node
 
+pytestmark = pytest.mark.slow  # a quarter of a minute
+
 FILM = ((0.0, 0.0), (2.0, 0.0), (5.0, 25.0), (6.0, 25.0))
 BENCH = virtual.Bench(film_hz=2.0, gauge_sd_MPa=1e-5, ripple_MPa=0.0, sd=0.005, placement_sd_mm=0.02)
 # x and z mm on the flat edge of the side face, none of them at a node, in the order of x that the noise needs
@@ -68,7 +70,6 @@ def project(
     return found
 
 
-@pytest.mark.slow
 def test_face_points_are_calibrated_compared_and_reviewed(project: Project) -> None:
     say, path = Silent(), project.newest("calibrate", "fit.json")
     assert path is not None
@@ -106,7 +107,6 @@ def changed(project: Project, folder: Path, rows: slice, move: tuple[float, floa
     return replace(project, root=folder)
 
 
-@pytest.mark.slow
 def test_a_face_point_off_its_place_is_found_by_compare(project: Project, tmp_path: Path) -> None:
     moved = changed(project, tmp_path / "off", slice(5, 6), (4.0, 0.0, 0.0))
     with pytest.raises(ValueError, match=r"stale: targets/targets\.toml has changed since; run twin calibrate"):
@@ -117,7 +117,6 @@ def test_a_face_point_off_its_place_is_found_by_compare(project: Project, tmp_pa
     assert max(told["maps"]["marker"], key=lambda r: float(r["rms_mm"]))["name"] == "face006"
 
 
-@pytest.mark.slow
 def test_points_beside_the_surface_are_taken_on_it(project: Project, tmp_path: Path) -> None:
     """y_mm of the face is measured with a ruler: 0.3 mm too much is no reason to stop, 0.8 mm is."""
     bench = Workbench.of(changed(project, tmp_path / "near", slice(2, 5), (0.0, 0.3, 0.0)))
