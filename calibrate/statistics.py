@@ -51,8 +51,8 @@ def omnibus(
     q = _apart(np.asarray(basis, float), fitted)
     if q.shape[1] == 0:
         raise ValueError(
-            "omnibus: the fitted parameters explain every function of the basis, so nothing is left to test; "
-            "give others"
+            "omnibus: the fitted parameters explain every function of the basis, so nothing is left to "
+            "test; give others"
         )
     mean, square = _scales(static_frames_effective)
     parts = [q[np.asarray(component) == c] for c in range(len(mean))]

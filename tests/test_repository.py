@@ -1,13 +1,16 @@
 """What a fresh clone must hold: exact locks without hosts, no path of one machine, data of bounded size."""
 
+import io
 import re
 import subprocess
+import tokenize
 import tomllib
 from pathlib import Path
 
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
+PACKAGES = ("vision", "fe", "calibrate", "twin")
 LOCKS = ("requirements.lock", "requirements-dev.lock")
 PIN = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*==[A-Za-z0-9.!+]+( ; [A-Za-z0-9_'\".=!<>() ]+)?")
 # The folders where people and build machines keep a checkout; examples in the docs use relative paths.
@@ -51,6 +54,34 @@ def test_no_file_names_a_path_of_one_machine() -> None:
         text = path.read_text(encoding="utf-8", errors="replace")
         found += [f"{path.relative_to(ROOT)}: {hit}" for hit in MACHINE.findall(text)]
     assert found == []
+
+
+def fragments(source: str) -> list[list[str]]:
+    """The literals of every text that stands in several, one below the other: what stands between the quotes."""
+    found: list[list[str]] = []
+    joined: list[tokenize.TokenInfo] = []
+    for token in tokenize.generate_tokens(io.StringIO(source).readline):
+        if token.type == tokenize.STRING:
+            joined.append(token)
+        elif token.type not in (tokenize.NL, tokenize.COMMENT):
+            if len({t.start[0] for t in joined}) > 1:
+                found.append([re.sub(r"^[rfbuRFBU]*|['\"]", "", t.string) for t in joined])
+            joined = []
+    return found
+
+
+def test_no_message_is_torn() -> None:
+    """A text that is wrapped by hand keeps at least 12 letters on each line."""
+    assert fragments('x = ("one text, "\n     "its "\n     f"rest")') == [["one text, ", "its ", "rest"]]
+    packages = [p for p in tracked() if p.suffix == ".py" and p.relative_to(ROOT).parts[0] in PACKAGES]
+    assert len(packages) > 100
+    torn = {
+        str(path.relative_to(ROOT)): short
+        for path in packages
+        for text in fragments(path.read_text(encoding="utf-8"))
+        if (short := [part for part in text if len(part) < 12])
+    }
+    assert torn == {}
 
 
 def test_data_files_are_small() -> None:

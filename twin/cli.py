@@ -81,8 +81,8 @@ def init(
     scale_sd: Annotated[float, typer.Option(help="for --format: relative sd of --mm-per-px")] = 0.001,
     axes: Annotated[
         str | None,
-        typer.Option(help="for --format: the file's axes that point along the finger, across it and up, such "
-                          "as x,0,-y"),
+        typer.Option(help="for --format: the file's axes that point along the finger, across it and up, "
+                          "such as x,0,-y"),
     ] = None,
     fps: Annotated[float | None, typer.Option(help="for --format: frames in a second")] = None,
     log: Annotated[Path | None, typer.Option(help="for --format: pressure log, a CSV file")] = None,

@@ -44,8 +44,8 @@ def zero_fault(pressure: Array) -> str:
     if AIR_MPA[0] <= low <= AIR_MPA[1]:
         return (
             f"never falls below {low:.4g} MPa, which is the pressure of the air: it seems to be absolute "
-            "pressure; wanted gauge pressure, which is 0 when the finger is vented; subtract the reading at "
-            "rest"
+            "pressure; wanted gauge pressure, which is 0 when the finger is vented; subtract the "
+            "reading at rest"
         )
     if low < -LEAST_MPA and -low > TURNED * high:
         return (
@@ -108,8 +108,7 @@ def _sign(targets: Targets, least: float) -> str:
         return ""
     return (
         f"U3 of {targets.names[int(point)]} is +{z[step, point]:.3g} mm at top pressure, but a pressurised "
-        "finger "
-        "bends to -z: wanted z up and U3 negative there; turn the sign, or the axes"
+        "finger bends to -z: wanted z up and U3 negative there; turn the sign, or the axes"
     )
 
 
@@ -176,9 +175,8 @@ def place_fault(targets: Targets, case: Case) -> str:
         if away > OFF_NODE_MM:
             return (
                 f"point {point.name!r} is stated at {_shown(point.position)} mm, but its node {point.node} "
-                "lies "
-                f"at {_shown(node)} mm, {away:.1f} mm away; wanted at most {OFF_NODE_MM:g} mm; correct one "
-                "of them"
+                f"lies at {_shown(node)} mm, {away:.1f} mm away; wanted at most {OFF_NODE_MM:g} mm; "
+                "correct one of them"
             )
     return ""
 

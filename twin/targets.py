@@ -45,8 +45,8 @@ class TargetPoint:
             )
         if self.kind is PointKind.PLACE and self.position is None:
             raise ValueError(
-                f"targets: point {self.name!r} lies at no node and has no position; wanted position_mm "
-                "[x, y, z]"
+                f"targets: point {self.name!r} lies at no node and has no position; wanted "
+                "position_mm [x, y, z]"
             )
 
     def place(self, position: Callable[[int], Array]) -> Array:

@@ -67,8 +67,8 @@ class Abaqus:
         program = shutil.which(self.executable)
         if program is None:
             raise FileNotFoundError(
-                f"{self.executable}: not found, wanted Abaqus; install it, name its command, or take another "
-                "engine"
+                f"{self.executable}: not found, wanted Abaqus; install it, name its command, or take "
+                "another engine"
             )
         with tempfile.TemporaryDirectory() as scratch:
             folder = self.folder or Path(scratch)

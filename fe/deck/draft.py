@@ -71,8 +71,7 @@ class Draft:
             if len(absent):
                 raise ValueError(
                     f"{self.file}: surface {name!r} has face {f[absent[0]] + 1} of element {e[absent[0]]}, "
-                    "but "
-                    f"{kind} has the faces 1 to {len(ELEMENTS[kind].faces)}"
+                    f"but {kind} has the faces 1 to {len(ELEMENTS[kind].faces)}"
                 )
             surfaces[name] = np.stack([rows(numbers, list(e), "element"), f], axis=1)
         pressurised = None

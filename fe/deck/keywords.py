@@ -131,8 +131,7 @@ class _Reading:
         what = f"*{keyword.name}, INPUT={stated}:"
         if os.path.isabs(name) or "\0" in name or not file.resolve().is_relative_to(root.resolve()):
             raise keyword.error(f"{what} not in the folder of {self.deck.name}: wanted a file there or "
-                                "below; "
-                                "copy it there")  # fmt: skip
+                                "below; copy it there")  # fmt: skip
         if not file.is_file():
             raise keyword.error(f"{what} no such file in {root}")
         return file

@@ -31,10 +31,8 @@ def check_turned(case: Case, numbers: Integers, file: str) -> None:
     first = int(np.flatnonzero(bad)[0])
     raise ValueError(
         f"{file}: element {numbers[first]} has a Jacobian of {least[first]:.3g} mm3: it is turned inside "
-        "out, "
-        f"folded or flat, as are {int(bad.sum())} of {len(bad)} elements; wanted nodes in Abaqus's order, "
-        "and no "
-        "node beyond its neighbours; mend the mesh"
+        f"out, folded or flat, as are {int(bad.sum())} of {len(bad)} elements; wanted nodes in Abaqus's "
+        "order, and no node beyond its neighbours; mend the mesh"
     )
 
 
@@ -76,8 +74,7 @@ def _check_places(case: Case, file: str) -> None:
         raise ValueError(
             f"{file}: nodes {a} and {b} lie at one place, ({x:.4g}, {y:.4g}, {z:.4g}) mm, and so do "
             f"{len(pairs)} pairs in all: the mesh is cut there; wanted one node at a place; merge them in "
-            "your "
-            "preprocessor"
+            "your preprocessor"
         )
 
 
@@ -128,8 +125,7 @@ def _check_chamber(case: Case, file: str) -> None:
         x, y, z = case.nodes[case.connectivity[buried[0][0]]].mean(axis=0)
         raise ValueError(
             f"{file}: {name} has {len(buried)} faces that lie inside the material, one near ({x:.4g}, "
-            f"{y:.4g}, "
-            f"{z:.4g}) mm; wanted faces on the skin of the chamber; correct the numbers of the faces"
+            f"{y:.4g}, {z:.4g}) mm; wanted faces on the skin of the chamber; correct the numbers of the faces"
         )
     pressed = PressureFaces(case.face_nodes(case.pressurised), case.element, len(case.nodes))
     edges = pressed.open_edges(case.nodes, ~case.supported.reshape(-1))
@@ -137,15 +133,13 @@ def _check_chamber(case: Case, file: str) -> None:
         x, y, z = case.nodes[edges[0]].mean(axis=0)
         raise ValueError(
             f"{file}: {name} is open: {len(edges)} edges belong to one face alone, one near ({x:.4g}, "
-            f"{y:.4g}, "
-            f"{z:.4g}) mm; wanted a chamber that is closed, but for clamped nodes and planes of symmetry; "
-            "add "
-            "the faces that are missing"
+            f"{y:.4g}, {z:.4g}) mm; wanted a chamber that is closed, but for clamped nodes and planes of "
+            "symmetry; add the faces that are missing"
         )
     if _volume(case, pressed) < 0.0:
         raise ValueError(
-            f"{file}: the pressure acts on {name} from outside; wanted the faces of the chamber, which it "
-            "fills"
+            f"{file}: the pressure acts on {name} from outside; wanted the faces of the chamber, "
+            "which it fills"
         )
 
 

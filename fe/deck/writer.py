@@ -75,8 +75,8 @@ def deck(case: Case, pressure: float, *, kind: str = "C3D20RH", gravity: Array |
 def _check(case: Case) -> None:
     if case.clamp and case.clamp.compliance:
         raise ValueError(
-            f"clamp of compliance {case.clamp.compliance:g} rad/(N mm): a deck holds a rigid clamp only; "
-            "set it to 0"
+            f"clamp of compliance {case.clamp.compliance:g} rad/(N mm): a deck holds a rigid clamp "
+            "only; set it to 0"
         )
     if np.any(case.precurvature):
         raise ValueError("a precurvature: a deck holds a structure without stress at rest; set it to 0")

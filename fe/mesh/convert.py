@@ -72,8 +72,8 @@ def _check_conforming(triangles: Integers) -> None:
     _, met = np.unique(edges, axis=0, return_counts=True)
     if (met % 2).any() or (count > 2).any() or (met > 2).any():
         raise ValueError(
-            "the tetrahedra of neighbouring hexahedra do not fit each other; use a lattice of type block, or "
-            "hexahedra"
+            "the tetrahedra of neighbouring hexahedra do not fit each other; use a lattice of type block, "
+            "or hexahedra"
         )
 
 

@@ -223,8 +223,8 @@ def _where(found: Comparison) -> str:
     marker = worst["marker"]
     return (
         f"The model misses the measurement by {found.raw_rms_mm:.3f} mm rms, by {rms:.3f} mm without the "
-        f"errors that many values share; the noise is {noise:.3f} mm. It fails most "
-        f"at marker {marker['name']} ({marker['rms_mm']:.3f} mm, {marker['ratio']:.1f} times its noise), in "
-        f"{worst['direction']['name']}, at {worst['pressure']['name']}, {WHILE[worst['branch']['name']]}."
-        f"{asked}"
+        f"errors that many values share; the noise is {noise:.3f} mm. It fails most at marker "
+        f"{marker['name']} ({marker['rms_mm']:.3f} mm, {marker['ratio']:.1f} times its noise), in "
+        f"{worst['direction']['name']}, at {worst['pressure']['name']}, "
+        f"{WHILE[worst['branch']['name']]}.{asked}"
     )

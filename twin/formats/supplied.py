@@ -88,8 +88,8 @@ def times_of(found: Recorded, stated: Supplied) -> Array:
         time = found.time
     elif stated.fps is None:
         raise ValueError(
-            "the file counts frames: wanted --fps, the frames in a second (1 for pictures of single load "
-            "steps)"
+            "the file counts frames: wanted --fps, the frames in a second (1 for pictures of "
+            "single load steps)"
         )
     else:
         time = (found.frame - found.frame[0]) / stated.fps

@@ -128,9 +128,9 @@ def gauge_noise(log: Log, *, start: float, end: float) -> GaugeNoise:
     steps = np.diff(samples)
     sd = float(np.std(steps) / np.sqrt(2))
     if sd == 0:
-        return GaugeNoise(0.0, len(samples), f"{log.path.name} shows no noise at rest: its steps are "
-                          "too coarse. The gauge noise is taken as 0: record the pressure with more "
-                          "digits.")  # fmt: skip
+        return GaugeNoise(0.0, len(samples), f"{log.path.name} shows no noise at rest: its steps are too "
+                          "coarse. The gauge noise is taken as 0: record the pressure with "
+                          "more digits.")  # fmt: skip
     if _lag_one(steps) <= -0.5 + 4 / np.sqrt(len(steps)):
         return GaugeNoise(sd, len(samples), "")
     line = np.polynomial.Polynomial.fit(log.time[inside], samples, 1)

@@ -185,8 +185,8 @@ def discretisation_error(
     )
     if mesh.apart > COARSE:
         return Discretisation.none(
-            f"finer meshes differ in stiffness by {mesh.apart:.0%}, wanted at most {COARSE:.0%}; refine the "
-            "mesh"
+            f"finer meshes differ in stiffness by {mesh.apart:.0%}, wanted at most {COARSE:.0%}; "
+            "refine the mesh"
         )
     return mesh
 

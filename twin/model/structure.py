@@ -180,14 +180,14 @@ def _fitted(case: Case, wanted: tuple[str, ...], path: Path) -> tuple[str, ...]:
     for name in names:
         if name not in case.materials:
             raise ValueError(
-                f"model.silicone = {name!r}: {path.name} has no *SOLID SECTION of that name; wanted one of "
-                f"{known}"
+                f"model.silicone = {name!r}: {path.name} has no *SOLID SECTION of that name; wanted "
+                f"one of {known}"
             )
     if not names and len(set(case.materials.values())) > 1:
         raise ValueError(
             f"{path.name} has several materials ({known}); wanted the element sets whose silicone is "
-            f'calibrated: write, for example, silicone = ["{next(iter(case.materials))}"] under [model] in '
-            "twin.toml"
+            f'calibrated: write, for example, silicone = ["{next(iter(case.materials))}"] '
+            "under [model] in twin.toml"
         )
     return names or tuple(case.materials)
 
@@ -278,8 +278,8 @@ def _doubts(case: Case, fitted: tuple[str, ...]) -> list[str]:
     return [
         *(
             f"the material of {k} is compressible: its bulk modulus is {case.materials[k].bulk_ratio:.3g} "
-            "times its shear modulus, that of silicone more than 1000 times. Is D1 in 1/MPa, and 2 / bulk "
-            "modulus?"
+            "times its shear modulus, that of silicone more than 1000 times. Is D1 in 1/MPa, and 2 / "
+            "bulk modulus?"
             for k in soft
         ),
         *(

@@ -83,16 +83,16 @@ class ProjectTable(TableModel):
     name: str = Field(default="batch", min_length=1, description="name of the batch, shown in reports")
     like: OtherProject | None = Field(
         default=None,
-        description="folder of the former batch on the same rig, such as ../batch-07; `twin init --like` "
-        "writes it",
+        description="folder of the former batch on the same rig, such as ../batch-07; `twin init "
+        "--like` writes it",
     )
 
 
 class ModelTable(TableModel):
     deck: RelativePath | None = Field(
         default=None,
-        description="your own mesh: an Abaqus deck such as raw/finger.inp; without it the built-in bellows "
-        "finger",
+        description="your own mesh: an Abaqus deck such as raw/finger.inp; without it the built-in "
+        "bellows finger",
     )
     silicone: tuple[Name, ...] = Field(
         default=(), description="element sets of the deck whose C10 and C01 are fitted; [] means all of them"
@@ -109,8 +109,8 @@ class ModelTable(TableModel):
     )
     density_kg_m3: Density | None = Field(
         default=None,
-        description="density of the silicone, kg/m3; with it the model has weight, and gravity must be "
-        "stated",
+        description="density of the silicone, kg/m3; with it the model has weight, and gravity "
+        "must be stated",
     )
     gravity: Position | None = Field(
         default=None,
@@ -145,8 +145,8 @@ class BoardTable(TableModel):
     )
     rows: int = Field(ge=2, description="number down the board, counted in the same way")
     square_mm: Positive = Field(
-        description="measured side of a square, mm; for circles the distance of two circles, for acircles of "
-        "two rows"
+        description="measured side of a square, mm; for circles the distance of two circles, for "
+        "acircles of two rows"
     )
     marker_mm: Positive | None = Field(
         default=None, description="measured side of a marker of a charuco board, mm"
@@ -315,8 +315,8 @@ class PressureTable(TableModel):
     def _joined(self) -> Self:
         if (self.volt_zero is None) != (self.MPa_per_V is None) or self.MPa_per_V == 0:
             raise ValueError(
-                "volt_zero and MPa_per_V are the calibration line of a gauge: wanted both, MPa_per_V not 0, "
-                "or none"
+                "volt_zero and MPa_per_V are the calibration line of a gauge: wanted both, MPa_per_V "
+                "not 0, or none"
             )
         if self.join == "flash" and self.flash_region is None:
             raise ValueError('join = "flash" needs flash_region = [x, y, width, height] in px of the film')
@@ -348,13 +348,13 @@ class MeasureTable(TableModel):
     steps: int = Field(
         default=2000,
         ge=2,
-        description="largest number of frames that become targets, evenly spaced; tracking always uses every "
-        "frame",
+        description="largest number of frames that become targets, evenly spaced; tracking always "
+        "uses every frame",
     )
     corrections: RelativePath | None = Field(
         default=None,
-        description="a CSV file of what you mend of the tracks by hand, such as raw/corrections.csv; see "
-        "files.md",
+        description="a CSV file of what you mend of the tracks by hand, such as raw/corrections.csv; "
+        "see files.md",
     )
 
 
@@ -362,8 +362,8 @@ class MarkerTable(TableModel):
     marker: int | None = Field(default=None, ge=0, description="ArUco id; leave it out for a plain dot")
     name: Name = Field(description="name in targets and reports")
     role: Literal["frame", "fixed"] = Field(
-        description="frame: defines the world axes (6 or more); fixed: a check, it must show no displacement "
-        "(4 or more)"
+        description="frame: defines the world axes (6 or more); fixed: a check, it must show no "
+        "displacement (4 or more)"
     )
     position_mm: Position = Field(description="position of its centre in world axes, mm")
     size_mm: Positive = Field(description="side of the marker, or diameter of a dot, mm")
@@ -415,8 +415,8 @@ class DicTable(TableModel):
     step_mm: Positive = Field(default=4.0, description="distance from one measured point to the next, mm")
     subset_mm: Positive = Field(
         default=6.0,
-        description="side of the square that is followed around each point, mm; wanted 15 px and 5 speckles "
-        "or more",
+        description="side of the square that is followed around each point, mm; wanted 15 px and 5 "
+        "speckles or more",
     )
 
 
@@ -650,8 +650,8 @@ def check_films(c: Config) -> None:
             raise ValueError(f"films.{key} = {twice[0]!r} stands twice in [[films]]; give each film its own")
     if c.films and all(film.held_out for film in c.films):
         raise ValueError(
-            f"films: all {len(c.films)} have held_out = true, so nothing is left to fit; take it away from "
-            "one of them"
+            f"films: all {len(c.films)} have held_out = true, so nothing is left to fit; take it away "
+            "from one of them"
         )
     if c.films and c.dic is not None:
         raise ValueError("films: [dic] takes one film; remove [[films]] or [dic]")
@@ -664,8 +664,8 @@ def _check_gravity(c: Config) -> None:
     for film in c.films:
         if film.gravity is not None and not any(film.gravity):
             raise ValueError(
-                f"films.{film.name}.gravity = {list(film.gravity)}: wanted a direction, such as [0.0, 0.0, "
-                "-1.0]"
+                f"films.{film.name}.gravity = {list(film.gravity)}: wanted a direction, such as "
+                "[0.0, 0.0, -1.0]"
             )
     if stated and len(stated) < len(c.films):
         raise ValueError(

@@ -112,8 +112,8 @@ class Sheet:
 
 
 _DECIMAL_COMMAS = (
-    "; if the numbers have decimal commas, save the file with semicolons between the columns or with decimal "
-    "points"
+    "; if the numbers have decimal commas, save the file with semicolons between the columns or with "
+    "decimal points"
 )
 _COMMA, _POINT = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?"), re.compile(r"[+-]?\d*\.\d*([eE][+-]?\d+)?")
 
@@ -138,8 +138,7 @@ def read_sheet(path: Path, *, wanted: str) -> Sheet:
     except csv.Error as error:  # a cell of more than 131072 characters, or a zero byte
         raise ValueError(
             f"{path}, line {reader.line_num}: not a row of a CSV file ({error}); wanted a header line "
-            f"{wanted} "
-            "and rows below it"
+            f"{wanted} and rows below it"
         ) from None
     if len(rows) < 2:
         raise ValueError(f"{path}: no rows; wanted a header line {wanted} and rows below it")

@@ -243,8 +243,7 @@ class CameraRecord(TableModel):
         if self.matrix[0][0] <= 0 or self.matrix[1][1] <= 0:
             raise ValueError(
                 f"matrix: the focal lengths are {self.matrix[0][0]:g} and {self.matrix[1][1]:g} px; wanted "
-                "them "
-                "above 0"
+                "them above 0"
             )
         check_covariance(self.covariance, 9)
         return self

@@ -58,9 +58,8 @@ def check_programs(root: Path, names: Sequence[str]) -> None:
     for name in there:
         if digest_of_program((root / name).read_bytes()) not in known:
             raise ValueError(
-                f"{name} is a program that would run with all your rights, and it has not been trusted as "
-                "it is "
-                f"now; read it, then trust it with `twin trust -p {root}`, or remove it from "
+                f"{name} is a program that would run with all your rights, and it has not been trusted as it "
+                f"is now; read it, then trust it with `twin trust -p {root}`, or remove it from "
                 "model.effect_files"
             )
 
@@ -73,8 +72,7 @@ def check_folder(root: Path, config: Config) -> None:
             if path.is_symlink():
                 raise ValueError(
                     f"{path} is a link: wanted a folder and files of the project's own, as commands write "
-                    "there; "
-                    "replace it by what it leads to, or remove it"
+                    "there; replace it by what it leads to, or remove it"
                 )
     astray = [path for path in named_files(root, config) if leads_out(path, root)]
     known = trusted() if astray else {}
@@ -82,8 +80,7 @@ def check_folder(root: Path, config: Config) -> None:
         if digest_of_link(path) not in known:
             raise ValueError(
                 f"{path.relative_to(root)} leads to {path.resolve()}, outside the project folder: wanted a "
-                "file in "
-                f"it; copy it there, or follow it from now on with `twin trust -p {root}`"
+                f"file in it; copy it there, or follow it from now on with `twin trust -p {root}`"
             )
 
 

@@ -112,8 +112,8 @@ def _unused_rate(table: CameraTable, project: Project) -> tuple[str, ...]:
     if table.fps is None or not film.is_file():
         return ()
     return (
-        f"cameras.fps = {table.fps:g} is for pictures: {film.name} is a video file, and its own time stamps "
-        "are used.",
+        f"cameras.fps = {table.fps:g} is for pictures: {film.name} is a video file, and its own time "
+        "stamps are used.",
     )
 
 

@@ -72,6 +72,6 @@ def nearest_node(structure: Structure, place: Array) -> tuple[int, str]:
     asked = ", ".join(f"{v:g}" for v in place)
     return label, (
         f"At ({asked}) mm: the nearest surface node is {label} at ({x:.5g}, {y:.5g}, {z:.5g}) mm, "
-        f"{away.min():.2f} mm away. For this node write node = {label}, for the place itself position_mm = "
-        f"[{asked}]."
+        f"{away.min():.2f} mm away. For this node write node = {label}, for the place itself position_mm "
+        f"= [{asked}]."
     )

@@ -189,8 +189,8 @@ def _named(project: Project, say: Say, names: Sequence[str]) -> dict[str, Any]:
     for given in names:
         name, number = _pair(given)
         if number not in rows:
-            raise ValueError(f"--name {given}: {path.name} has the numbers 1 to {len(rows)}; wanted one of "
-                             "them")  # fmt: skip
+            raise ValueError(f"--name {given}: {path.name} has the numbers 1 to {len(rows)}; "
+                             "wanted one of them")  # fmt: skip
         text = with_point(text, {"name": name, **rows[number]})
     parse(text.encode(), name="twin.toml")  # names what does not fit, as a name that stands twice
     files.write_text(project.root / "twin.toml", text)

@@ -62,18 +62,15 @@ def check_points(points: Iterable[PointTable], structure: Structure) -> None:
         if point.node not in surface:
             raise ValueError(
                 f"points.{point.name}.node = {point.node}: it lies at {_shown(x)} mm, inside the finger, in "
-                "its "
-                "chamber or on its plane of symmetry; wanted a node of the outer surface; `twin look --at "
-                "x,y,z` "
-                "names the nearest one"
+                "its chamber or on its plane of symmetry; wanted a node of the outer surface; `twin look "
+                "--at x,y,z` names the nearest one"
             )
         away = 0.0 if point.position_mm is None else float(np.linalg.norm(np.array(point.position_mm) - x))
         if away > ON_FINGER_MM:
             raise ValueError(
                 f"points.{point.name}: node {point.node} lies at {_shown(x)} mm, {away:.1f} mm from its "
                 f"position_mm {_shown(np.array(point.position_mm))}; wanted at most {ON_FINGER_MM:g} mm; "
-                "correct "
-                "one of them, or leave one out"
+                "correct one of them, or leave one out"
             )
 
 

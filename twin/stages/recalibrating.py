@@ -161,5 +161,5 @@ def other_effects(
     if ours == theirs:
         return []
     return [f"The models differ: {a.root.name} has {', '.join(ours) or 'no effect'}, {b.root.name} "
-            f"{', '.join(theirs) or 'no effect'}. Constants of different models are not the same "
-            "quantity."]  # fmt: skip
+            f"{', '.join(theirs) or 'no effect'}. Constants of different models are not the "
+            "same quantity."]  # fmt: skip

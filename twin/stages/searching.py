@@ -38,8 +38,7 @@ class Objective:
             lost = names[int(np.flatnonzero(~np.isfinite(measured))[0])]
             raise ValueError(
                 f"point {lost!r} has no U{component + 1} at step {step}, the first arrival at top pressure, "
-                f"wanted a "
-                "value in mm; choose other [calibrate] objective_points"
+                "wanted a value in mm; choose other [calibrate] objective_points"
             )
         steps = np.append(step, targets.reference[targets.rests[targets.reference] == targets.rests[step]])
         return Objective(steps, rows, component, measured, targets.pressure[steps], fixed)

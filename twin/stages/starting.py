@@ -120,8 +120,7 @@ def targets_config(name: str, targets: Targets, stated: Mapping[str, PointTable]
     if missing:
         raise ValueError(f"the place of point {', '.join(missing)} is not known: state it, as in --node "
                          f"{missing[0]}=110,11.5,0 (x, y, z in mm) or --node {missing[0]}=4401 (the label of "
-                         "a "
-                         "node), or in targets.toml under [[points]]")  # fmt: skip
+                         "a node), or in targets.toml under [[points]]")  # fmt: skip
     points = tuple(point for point in known.values() if point is not None)
     if not points:
         raise ValueError("targets: all points are fixed markers; wanted at least one on the finger")

@@ -58,8 +58,8 @@ def _check(project: Project) -> None:
     points = config.calibrate.objective_points
     if len(points) != 2:
         raise ValueError(
-            f"calibrate.objective_points = {list(points)}: figures 6a and 6b are of two points; name two in "
-            "twin.toml"
+            f"calibrate.objective_points = {list(points)}: figures 6a and 6b are of two points; name two "
+            "in twin.toml"
         )
 
 

@@ -45,8 +45,7 @@ def named_effect(project: Project, name: str) -> str:
     if name not in known:
         raise ValueError(
             f"{name}: not an effect file of this project, which has {', '.join(known) or 'none'}; name it "
-            "under "
-            "[model] effect_files of twin.toml"
+            "under [model] effect_files of twin.toml"
         )
     path = project.path(name)
     if path.is_file():

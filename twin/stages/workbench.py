@@ -151,8 +151,8 @@ def _warned(mesh: Discretisation, say: Say) -> Discretisation:
     """The error of a mesh; where it is not known, the user hears so."""
     if mesh.unknown:
         say(
-            f"The error of the mesh is not known: {mesh.unknown}. Constants and intervals hold for this mesh "
-            "alone."
+            f"The error of the mesh is not known: {mesh.unknown}. Constants and intervals hold for "
+            "this mesh alone."
         )
     return mesh
 

@@ -65,8 +65,8 @@ def camera_of_film(film: Video, board: Board, *, max_rms_px: float = 0.3) -> Cam
     camera = camera_from(pictures, names, read_as, max_rms_px=max_rms_px)
     said = (
         f"{len(rows)} of the {len(shown.seen)} frames of {film.path.name} that show the board were taken, "
-        f"sharp and in poses as different as there are ({shown.looked} of {len(film.time)} frames were "
-        "looked at)."
+        f"sharp and in poses as different as there are ({shown.looked} of {len(film.time)} frames "
+        "were looked at)."
     )
     return replace(camera, notes=(said, *camera.notes))
 

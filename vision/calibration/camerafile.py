@@ -96,8 +96,8 @@ def _toml(path: Path, name: str) -> _Numbers:
         rms = float(camera.get("error", 0.0))
     except (TypeError, ValueError, OverflowError):
         raise ValueError(
-            f"camera file {path.name}: size or error of {key} is wrong: wanted size = [width, height] and a "
-            "number"
+            f"camera file {path.name}: size or error of {key} is wrong: wanted size = [width, height] "
+            "and a number"
         ) from None
     lens = camera.get("distortions", camera.get("dist_coeffs"))
     return _Numbers(camera.get("matrix"), lens, size, rms)  # type: ignore[arg-type]

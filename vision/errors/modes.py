@@ -224,8 +224,8 @@ def frame_sd(
     found = float(np.sqrt(power.sum() / free - noise))
     return found, (
         f"The frame markers are {found:.3f} mm off their stated places, {names[int(np.argmax(power))]!r} "
-        f"most; stated is {stated:g} mm (frame_sd_mm). {found:.3f} mm is used: measure their places again"
-        f"{advice}.",
+        f"most; stated is {stated:g} mm (frame_sd_mm). {found:.3f} mm is used: measure their places "
+        f"again{advice}.",
     )
 
 

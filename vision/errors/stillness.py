@@ -71,8 +71,8 @@ def check_rest(
             f"{found.mm:.2g} mm, wanted at most {MOST_MM:g} mm; {need}"
         )
     return (
-        f"{film}: marker {found.name!r} drifts by {found.mm:.2g} mm {span}, {what}. Displacements may be off "
-        "by as much.",
+        f"{film}: marker {found.name!r} drifts by {found.mm:.2g} mm {span}, {what}. Displacements may be "
+        "off by as much.",
     )
 
 

@@ -18,14 +18,14 @@ def picture_trouble(picture: Image) -> str:
         return (f"the picture is dark: its brightest hundredth has the grey level {high:.0f} of 255; use "
                 "more light or a longer exposure")  # fmt: skip
     if np.mean(picture >= 252) > BURNT:
-        return (f"the picture is overexposed: {100 * np.mean(picture >= 252):.0f} % of it is white; expose "
-                "shorter")  # fmt: skip
+        return (f"the picture is overexposed: {100 * np.mean(picture >= 252):.0f} % of it is white; "
+                "expose shorter")  # fmt: skip
     if high - low < FLAT:
         return f"the picture has hardly any contrast: {high - low:.0f} grey levels; check light and lens"
     blur = edge_sd(picture)
     if blur > BLURRED_PX:
-        return (f"the picture is blurred: its sharpest edges are {2.0 * blur:.0f} px wide; focus, or expose "
-                "shorter")  # fmt: skip
+        return (f"the picture is blurred: its sharpest edges are {2.0 * blur:.0f} px wide; focus, or "
+                "expose shorter")  # fmt: skip
     return ""
 
 

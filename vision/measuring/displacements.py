@@ -278,8 +278,8 @@ def _fallen_back(seen: Seen, marks: Sequence[Mark]) -> list[str]:
             if len(used):
                 said.append(
                     f"Marker {mark.name!r} does not match its reference picture in {len(used)} of "
-                    f"{len(film.time)} frames, first at {used[0]:.3f} s. It is placed by {way} there, with a "
-                    "larger sd."
+                    f"{len(film.time)} frames, first at {used[0]:.3f} s. It is placed by {way} there, with "
+                    "a larger sd."
                 )
         soft = film.time[film.method[:, p] == Method.ADJUSTED]
         if len(soft):

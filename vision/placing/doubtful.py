@@ -86,8 +86,8 @@ def _sentence(name: str, seen: Array, stated: Array) -> str:
     return (
         f"Finger marker {name!r} is seen at x = {x:.1f}, z = {z:.1f} mm at rest, stated at x = "
         f"{stated[0]:.4g}, z = {stated[1]:.4g} mm, and the finger's sag does not explain it. If it is glued "
-        "there, correct its position_mm or node: its motion is compared with the model's at the stated "
-        "place."
+        "there, correct its position_mm or node: its motion is compared with the model's at the "
+        "stated place."
     )
 
 

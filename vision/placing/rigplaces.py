@@ -83,8 +83,8 @@ def check_frame(fit: FrameFit | None, marks: Sequence[Mark]) -> None:
         (a, b), first, second = fit.swapped, codes[fit.swapped[0]], codes[fit.swapped[1]]
         raise ValueError(
             f"markers {a!r} (id {first}) and {b!r} (id {second}) have each other's places: {off}, {wanted}, "
-            f"and {fit.left_mm:.2g} mm with these two exchanged; exchange their marker ids, or their "
-            "position_mm"
+            f"and {fit.left_mm:.2g} mm with these two exchanged; exchange their marker ids, or "
+            "their position_mm"
         )
     if fit.odd:
         stated = next(m.position for m in marks if m.name == fit.odd)
