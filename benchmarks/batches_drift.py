@@ -31,13 +31,13 @@ import numpy as np
 
 from calibrate import Fit, Parameter
 from fe import Lattice
+from twin.batches.values import SHARE, SUM, values_of
+from twin.commands.batches import Batch, drifts
+from twin.commands.recalibrate import run_recalibrate
 from twin.console import Console
-from twin.diagnosis.batchvalues import SHARE, SUM, values_of
 from twin.model.structure import BuiltIn
 from twin.project.folder import Project
 from twin.project.toml import dump
-from twin.stages.recalibrating import run_recalibrate
-from twin.stages.trending import Batch, drifts
 
 BATCHES, SERIES = 8, 200
 RATIOS = (0.0, 0.5, 1.0, 3.0)  # sd between batches over that of measurement, in turn

@@ -24,14 +24,14 @@ import numpy as np
 from snapshots import SHORT
 
 from fe import Path as Course
+from twin.chain import stage_of
 from twin.console import Console
+from twin.inputs.films import FilmTargets, joined
 from twin.project.config import DiagnoseTable, FilmTable, ModelTable, PointTable
 from twin.project.dimensions import FingerTable
 from twin.project.folder import Project
 from twin.project.targetwriting import write_targets
 from twin.project.toml import dump
-from twin.stages.chain import stage_of
-from twin.stages.several import FilmTargets, joined
 from twin.targets import Array, PointKind, TargetPoint
 from twin.virtual.filming import Bench, noisy_targets
 from twin.virtual.hidden import KINDS

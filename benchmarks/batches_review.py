@@ -20,14 +20,14 @@ import _first  # noqa: F401
 import numpy as np
 from scipy.ndimage import map_coordinates
 
+from twin.bench.fits import fresh
+from twin.commands.demo import run_demo
 from twin.console import Console
 from twin.project.folder import Project
+from twin.report.footage import Footage
+from twin.report.onfilm import models_on_film
 from twin.review.filmed import Filmed
 from twin.review.states import Generations
-from twin.stages.demonstrating import run_demo
-from twin.stages.fits import fresh
-from twin.stages.footage import Footage
-from twin.stages.sighting import models_on_film
 from twin.targets import Array
 
 DEMO = Path("softtwin-demo")

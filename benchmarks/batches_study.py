@@ -12,9 +12,9 @@ from pathlib import Path
 
 import _first  # noqa: F401
 
+from twin.chain import stage_of
 from twin.console import Console
 from twin.project.folder import Project, dataset
-from twin.stages.chain import stage_of
 
 SVG = "{http://www.w3.org/2000/svg}svg"
 

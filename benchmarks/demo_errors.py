@@ -24,8 +24,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtrc
 
-from twin.diagnosis.comparison import smooth_functions
-from twin.diagnosis.whitening import whitener
+from twin.judging.comparison import smooth_functions
+from twin.judging.whitening import whitener
 from twin.project.targetfiles import read_targets
 from twin.targets import Targets
 

@@ -37,9 +37,9 @@ class Kind:
 
 def run(folder: Path, kind: str, command: Command) -> None:
     """A command of a project of that kind, in this process."""
+    from twin.chain import stage_of
+    from twin.commands.recalibrate import run_recalibrate
     from twin.project.folder import Project
-    from twin.stages.chain import stage_of
-    from twin.stages.recalibrating import run_recalibrate
 
     project = Project.open(folder, builtin=KINDS[kind].mesh())
     options = {option.removeprefix("--"): True for option in command[1:]}

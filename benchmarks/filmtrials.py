@@ -22,6 +22,7 @@ from snapshots import POINTS
 from trialbench import EDGE, NAMES, OFF, START, TIP, Scene, Spec, beside, candidates, sized, worth
 from truthbook import displaced, slope
 
+from twin.chain import stage_of
 from twin.diagnosis.procedure import diagnose
 from twin.project.config import (
     BoardTable,
@@ -38,7 +39,6 @@ from twin.project.config import (
 )
 from twin.project.folder import Project
 from twin.project.toml import dump
-from twin.stages.chain import stage_of
 from twin.targets import Array
 from twin.virtual.draws import Setup
 from twin.virtual.hidden import KINDS

@@ -26,11 +26,11 @@ from snapshots import POINTS, SHORT
 from trialbench import NAMES, TIP, Scene, Spec, run, sized
 
 from fe import Lattice
+from twin.chain import stage_of
+from twin.commands.init import run_init
 from twin.model.structure import BuiltIn
 from twin.project.folder import Project
 from twin.project.targetwriting import write_targets
-from twin.stages.chain import stage_of
-from twin.stages.starting import run_init
 from twin.targets import Targets, as_position, at_node
 from twin.virtual.hidden import KINDS
 

@@ -29,12 +29,12 @@ from fe.case import digest
 from fe.mesh.convert import converted
 from fe.mesh.points import nearest
 from twin import virtual
-from twin.diagnosis.fitting import ModelErrors
-from twin.diagnosis.judging import judge
 from twin.effects.baselaw import NOMINAL, Constants
 from twin.effects.library import effect
 from twin.effects.protocol import Test
-from twin.model.building import base_model
+from twin.judging.fitting import ModelErrors
+from twin.judging.judged import judge
+from twin.model.basemodel import base_model
 from twin.model.discretisation import SolvedAt, discretisation_error
 from twin.model.prediction import Model, respond
 from twin.model.structure import base_case, of_finger

@@ -21,9 +21,9 @@ from trials import NOMINAL
 
 from fe import Case, Finger, Lattice, Material
 from twin import virtual
-from twin.diagnosis.judging import judge
 from twin.effects.baselaw import Constants
-from twin.model.building import base_model
+from twin.judging.judged import judge
+from twin.model.basemodel import base_model
 from twin.model.discretisation import SolvedAt, discretisation_error
 from twin.model.prediction import Model
 from twin.model.structure import base_case, of_finger

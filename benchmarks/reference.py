@@ -15,11 +15,11 @@ import numpy as np
 
 from calibrate import Parameter
 from fe import Finger, Material, finger_case
+from twin.chain import STAGES, Stage
 from twin.effects.library import all_effects
 from twin.effects.protocol import Effect
 from twin.effects.requirements import MEANING
 from twin.project.config import Config, DiagnoseTable
-from twin.stages.chain import STAGES, Stage
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"
 Schema = Mapping[str, Any]

@@ -52,7 +52,6 @@ def _child(folder: Path, kind: str, command: Command, *, limit: int = 0) -> subp
 
 def _as_child(folder: Path, kind: str, limit: int, command: Command) -> None:
     """The command line itself, on the mesh of that kind of project; first it says that it begins."""
-    from twin.entering import main
     from twin.project.folder import Project
 
     own, mesh = Project.open.__func__, KINDS[kind].mesh()  # type: ignore[attr-defined]
@@ -61,7 +60,7 @@ def _as_child(folder: Path, kind: str, limit: int, command: Command) -> None:
         resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
     sys.argv = ["twin", *command, "--project", str(folder)]
     print("up", flush=True)
-    main()
+    start()
 
 
 # -- kill -9 -------------------------------------------------------------------------------------------------

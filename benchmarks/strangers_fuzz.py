@@ -99,9 +99,9 @@ def _deck(folder: Path, file: Path) -> None:
 def _record(folder: Path, file: Path) -> None:
     """A record as stages use it."""
     from calibrate import Fit
-    from twin.diagnosis.intervals import estimates_of_record
+    from twin.bench.caches import SolvedList
+    from twin.judging.intervals import estimates_of_record
     from twin.project import files
-    from twin.stages.caches import SolvedList
     from vision import Camera
 
     if file.name == "log.jsonl":
@@ -123,10 +123,10 @@ def _record(folder: Path, file: Path) -> None:
 
 def _runs(folder: Path, file: Path) -> None:
     """A run of a project, as `twin list`, `twin check` and whoever wants the newest fit see it."""
+    from twin.bench.fits import every_fresh, newest_fit
+    from twin.commands.list import run_list
     from twin.project.folder import Project
     from twin.project.toml import with_effects
-    from twin.stages.fits import every_fresh, newest_fit
-    from twin.stages.listing import run_list
 
     root = folder / "batch"
     run = root / "runs" / "0001-calibrate"

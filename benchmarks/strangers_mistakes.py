@@ -42,13 +42,13 @@ from strangers_studio import (
     motion,
 )
 
+from twin.commands.camera import run_camera
+from twin.commands.check import run_check
+from twin.commands.measure import run_measure
 from twin.project import files
 from twin.project.config import Config, FrameTable, MarkerTable, PointTable
 from twin.project.folder import Project
 from twin.project.toml import dump
-from twin.stages.cameras import run_camera
-from twin.stages.checking import run_check
-from twin.stages.measuring import run_measure
 from twin.targets import Array
 from vision import Mark, Video
 from vision.film.video import Writer

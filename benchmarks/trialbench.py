@@ -15,11 +15,11 @@ from simplerules import named_by, ridge
 from snapshots import POINTS, SHORT
 from truthbook import displaced, slope
 
-from twin.diagnosis.fitting import whitener_of
 from twin.diagnosis.procedure import diagnose
 from twin.effects.library import all_effects
 from twin.effects.protocol import Effect, Unsolvable
-from twin.model.building import base_model
+from twin.judging.fitting import whitener_of
+from twin.model.basemodel import base_model
 from twin.targets import Array, PointKind, TargetPoint, Targets
 from twin.virtual.draws import Setup, measured
 from twin.virtual.hidden import KINDS, Kind

@@ -17,13 +17,13 @@ import numpy as np
 from fe import Case, Finger, Lattice
 from fe.case import digest
 from twin import virtual
-from twin.diagnosis.fitting import fit_model, whitener_of
 from twin.diagnosis.procedure import diagnose
 from twin.diagnosis.verdicts import Diagnosis
 from twin.effects.baselaw import Constants
 from twin.effects.library import effect
 from twin.effects.protocol import Effect
-from twin.model.building import base_model
+from twin.judging.fitting import fit_model, whitener_of
+from twin.model.basemodel import base_model
 from twin.model.discretisation import SolvedAt, discretisation_error
 from twin.model.prediction import Model
 from twin.model.structure import base_case, of_finger

@@ -254,3 +254,18 @@ ELEMENTS = {
 def scatter(rows: Integers, values: Array, count: int) -> Array:
     """Sums (count,) of `values` over equal `rows`, two arrays of one size."""
     return np.asarray(np.bincount(rows.ravel(), weights=values.ravel(), minlength=count), np.float64)
+
+
+# Triangles of a face with so many nodes, counter-clockwise from outside: Abaqus lists corners in a turn and
+# then the middles of their edges, hex27 row by row.
+_CUT = {
+    4: [(0, 1, 2), (0, 2, 3)],
+    6: [(0, 3, 5), (3, 1, 4), (5, 4, 2), (3, 4, 5)],
+    8: [(0, 4, 7), (4, 1, 5), (5, 2, 6), (6, 3, 7), (4, 5, 6), (4, 6, 7)],
+    9: [(a, *two) for a in (0, 1, 3, 4) for two in ((a + 1, a + 4), (a + 4, a + 3))],
+}
+
+
+def triangles(faces: Integers) -> Integers:
+    """Triangles (t, 3) of faces (f, m) of any element, counter-clockwise from outside."""
+    return faces[:, np.array(_CUT[faces.shape[1]])].reshape(-1, 3)

@@ -15,16 +15,16 @@ import typer
 from pydantic import BaseModel
 
 from calibrate import Fit
+from twin.chain import STAGES, TARGETS
 from twin.cli import app
 from twin.diagnosis.candidates import Candidate
-from twin.diagnosis.comparison import Comparison
 from twin.diagnosis.verdicts import Diagnosis
-from twin.diagnosis.whitening import whitener
 from twin.effects.library import all_effects
+from twin.judging.comparison import Comparison
+from twin.judging.whitening import whitener
 from twin.project.config import Config
 from twin.project.targetfiles import read_targets
 from twin.project.toml import parse
-from twin.stages.chain import STAGES, TARGETS
 from vision.errors.budgeting import SOURCES
 
 ROOT = Path(__file__).resolve().parents[1]

@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 
 from twin import cli
+from twin.chain import stage_of
 from twin.console import Console
 from twin.project.folder import Project
-from twin.stages.chain import stage_of
 
 sys.path.append(str(Path(__file__).resolve().parents[1] / "benchmarks"))
 from batches_review import overlay_px  # the figure of docs/records

@@ -1,6 +1,7 @@
 """The layers of CONTRIBUTING.md, read from the import statements (nothing is imported here)."""
 
 import ast
+import re
 from collections import Counter, defaultdict
 from functools import cache
 from graphlib import CycleError, TopologicalSorter
@@ -81,10 +82,13 @@ def test_datasets_hold_no_python() -> None:
     assert not list((ROOT / "datasets").rglob("*.py"))
 
 
-JUDGING = ("calibrating", "comparing", "diagnosing", "adding", "searching", "workbench")
+JUDGES = (
+    "twin.diagnosis.procedure", "twin.bench.workbench", "twin.bench.effectchange", "twin.study.generations",
+    *(f"twin.commands.{name}" for name in ("calibrate", "compare", "diagnose", "add", "drop", "explain")),
+)  # fmt: skip
 
 
-@pytest.mark.parametrize("judge", ["twin.diagnosis.procedure", *(f"twin.stages.{name}" for name in JUDGING)])
+@pytest.mark.parametrize("judge", JUDGES)
 def test_who_judges_cannot_see_the_virtual_laboratory(judge: str) -> None:
     reached = reached_from(judge)
     assert {"twin", judge} <= reached
@@ -157,6 +161,23 @@ def test_every_room_says_what_it_is_for() -> None:
     assert silent == []
 
 
+def unnamed(docstring: str, modules: set[str]) -> set[str]:
+    """The modules that a docstring does not name in backticks."""
+    return modules - set(re.findall(r"`([a-z0-9_]+)`", docstring))
+
+
+def test_every_room_names_its_modules() -> None:
+    """The docstring of a room is where a newcomer learns in which order to read its modules."""
+    assert unnamed("Read `a` first, then b.", {"a", "b"}) == {"b"}
+    silent = {}
+    for name, path in FILES.items():
+        if path.name == "__init__.py":
+            own = {beside.stem for beside in path.parent.glob("*.py")} - {"__init__"}
+            left = unnamed(ast.get_docstring(parsed(name)) or "", own)
+            silent |= {name: left} if left else {}
+    assert silent == {}
+
+
 # -- names ---------------------------------------------------------------------------------------------------
 
 
@@ -174,11 +195,6 @@ def defined(name: str, kinds: tuple[type[ast.stmt], ...]) -> set[str]:
 MODULES = [name for name, path in FILES.items() if path.name != "__init__.py"]
 
 
-def test_no_two_modules_share_a_name() -> None:
-    count = Counter(name.rpartition(".")[2] for name in MODULES)
-    assert [name for name, times in count.items() if times > 1] == []
-
-
 def test_no_two_public_classes_share_a_name() -> None:
     where = defaultdict(list)
     for module in MODULES:
@@ -187,12 +203,12 @@ def test_no_two_public_classes_share_a_name() -> None:
     assert {name: modules for name, modules in where.items() if len(modules) > 1} == {}
 
 
-def test_no_module_has_the_name_of_a_function_or_class_beside_it() -> None:
-    own = {package: set() for package in PACKAGES}
-    for module in MODULES:
-        if module != "twin.cli":  # its functions are the subcommands
-            own[module.split(".")[0]] |= defined(module, (ast.FunctionDef, ast.ClassDef))
-    assert [module for module in MODULES if module.rpartition(".")[2] in own[module.split(".")[0]]] == []
+def test_no_module_has_the_name_of_what_it_defines() -> None:
+    """Names are unique within a room, which a folder gives; a module `compare` with a function `compare` would
+    still leave it open which of the two an import means."""
+    kinds = (ast.FunctionDef, ast.ClassDef)
+    modules = [name for name in MODULES if name.rpartition(".")[2] in defined(name, kinds)]
+    assert modules == []
 
 
 def test_array_is_defined_once_in_a_package() -> None:

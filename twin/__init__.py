@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from calibrate import Parameter
     from twin.contract.promises import check_effect
-    from twin.diagnosis.comparison import compare
-    from twin.diagnosis.fitting import whitener_of
     from twin.diagnosis.procedure import diagnose
     from twin.effects.protocol import Effect, Order, Test
+    from twin.judging.comparison import compare
+    from twin.judging.fitting import whitener_of
     from twin.model.prediction import Model
     from twin.notebook import open_project
     from twin.targets import Noise, Targets
@@ -42,10 +42,10 @@ _HOME = {
     "Targets": "twin.targets",
     "Test": "twin.effects.protocol",
     "check_effect": "twin.contract.promises",
-    "compare": "twin.diagnosis.comparison",
+    "compare": "twin.judging.comparison",
     "diagnose": "twin.diagnosis.procedure",
     "open_project": "twin.notebook",
-    "whitener_of": "twin.diagnosis.fitting",
+    "whitener_of": "twin.judging.fitting",
 }
 
 

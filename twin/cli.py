@@ -10,8 +10,8 @@ from typing import Annotated, Any
 
 import typer
 
+from twin.chain import STAGES, Stage, stage_of
 from twin.console import BAD_INPUT, INTERRUPTED, Console, guarded
-from twin.stages.chain import STAGES, Stage, stage_of
 
 app = typer.Typer(
     help="Calibrate the model of a soft finger from the film of an inflation test, and find the physical "
@@ -51,7 +51,7 @@ def demo(
     json: Json = False,
 ) -> None:
     """Run all stages on the recorded demo."""
-    from twin.stages.demonstrating import run_demo
+    from twin.commands.demo import run_demo
 
     say = Console(as_json=json)
     say.result(run_demo(folder, say))
@@ -112,12 +112,12 @@ def init(
     json: Json = False,
 ) -> None:
     """Make a project folder with a commented twin.toml."""
-    from twin.stages.importing import foreign_of
-    from twin.stages.starting import run_init
+    from twin.commands.init import run_init
+    from twin.inputs.foreign import foreign_of
 
     say = Console(as_json=json)
     if like is not None:
-        from twin.stages.likeness import run_init_like
+        from twin.commands.initlike import run_init_like
 
         if targets or node or deck or form:
             raise ValueError("--like copies points and mesh of the former batch; leave out --targets, "
@@ -150,7 +150,7 @@ def virtual(
     json: Json = False,
 ) -> None:
     """Make a project of a virtual experiment, its truth sealed."""
-    from twin.stages.inventing import run_virtual
+    from twin.commands.virtual import run_virtual
     from twin.virtual.draws import Setup
 
     say = Console(as_json=json)
@@ -166,7 +166,7 @@ def print_sheets(
     json: Json = False,
 ) -> None:
     """Write board and markers as a PDF at true scale."""
-    from twin.stages.printing import run_print
+    from twin.commands.print import run_print
 
     _locked("print", lambda p, say: run_print(p, say, paper=paper), project, json)
 
@@ -181,7 +181,7 @@ def look(
     json: Json = False,
 ) -> None:
     """Draw the finger: dimensions, points, nodes, element shapes."""
-    from twin.stages.looking import run_look
+    from twin.commands.look import run_look
 
     _locked("look", lambda p, say: run_look(p, say, at=at or []), project, json)
 
@@ -198,7 +198,7 @@ def pick(
     json: Json = False,
 ) -> None:
     """Number features that can be followed without markers."""
-    from twin.stages.picking import run_pick
+    from twin.commands.pick import run_pick
 
     def work(p: Any, say: Any) -> dict[str, Any]:
         return run_pick(p, say, size_mm=size_mm, sag_mm=sag_mm, names=name or [])
@@ -273,7 +273,7 @@ def compare(
     if not two:
         _run_stage("compare", project, json)
         return
-    from twin.stages.sidebyside import run_side_by_side
+    from twin.commands.comparetwo import run_side_by_side
 
     say = Console(as_json=json)
     say.result(run_side_by_side(two, say))
@@ -318,9 +318,9 @@ for _stage in STAGES:
 @app.command()
 def recalibrate(project: Folder = HERE, json: Json = False) -> None:
     """Run every stage that is stale; in a folder, all batches."""
-    from twin.stages.batchfolders import recalibrate_all
-    from twin.stages.batchorder import holds_batches
-    from twin.stages.recalibrating import run_recalibrate
+    from twin.batches.order import holds_batches
+    from twin.commands.recalibrate import run_recalibrate
+    from twin.commands.recalibrateall import recalibrate_all
 
     if not holds_batches(project):
         _locked("recalibrate", run_recalibrate, project, json)
@@ -338,7 +338,7 @@ def batches(
     json: Json = False,
 ) -> None:
     """Compare all batches of a folder: does the newest differ?"""
-    from twin.stages.trending import run_batches
+    from twin.commands.batches import run_batches
 
     say = Console(as_json=json)
     say.result(run_batches(folder, say))
@@ -347,8 +347,8 @@ def batches(
 @app.command("list")
 def list_runs(project: Folder = HERE, json: Json = False) -> None:
     """List the runs of a project and what each found."""
+    from twin.commands.list import run_list
     from twin.project.folder import Project
-    from twin.stages.listing import run_list
 
     say = Console(as_json=json)
     say.result(run_list(Project.open(project), say))
@@ -357,8 +357,8 @@ def list_runs(project: Folder = HERE, json: Json = False) -> None:
 @app.command()
 def check(project: Folder = HERE, json: Json = False) -> None:
     """Check twin.toml and its files, and name the next command."""
+    from twin.commands.check import run_check
     from twin.project.folder import Project
-    from twin.stages.checking import run_check
 
     say = Console(as_json=json)
     say.result(run_check(Project.open(project), say))
@@ -373,7 +373,7 @@ def trust(
     json: Json = False,
 ) -> None:
     """Let a project's own effects run and links be followed."""
-    from twin.stages.trusting import run_trust
+    from twin.commands.trust import run_trust
 
     say = Console(as_json=json)
     say.result(run_trust(project, say, names=files or []))

@@ -5,10 +5,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from twin.bench.workbench import Workbench
+from twin.chain import stage_of
 from twin.project.folder import Project
 from twin.results import StageResult, rows_of
-from twin.stages.chain import stage_of
-from twin.stages.workbench import Workbench
 from twin.targets import Targets
 
 if TYPE_CHECKING:
@@ -49,7 +49,7 @@ class OpenedProject:
     @property
     def fit(self) -> "Fit":
         """The newest fit of the model that twin.toml has. ValueError where there is none that still holds."""
-        from twin.stages.fits import newest_fit
+        from twin.bench.fits import newest_fit
 
         return newest_fit(self.project)
 
@@ -64,14 +64,14 @@ class OpenedProject:
 
     def check(self) -> StageResult:
         """What comes next, as `next` of the summary. ValueError at the first thing that is wrong."""
-        from twin.stages.checking import run_check
+        from twin.commands.check import run_check
 
         said = _Said()
         return _result("check", run_check(self.project, said), said, None)
 
     def runs(self) -> StageResult:
         """All runs, oldest first: a row for each."""
-        from twin.stages.listing import run_list
+        from twin.commands.list import run_list
 
         said = _Said()
         return _result("list", run_list(self.project, said), said, None)

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from twin.project import files
-from twin.stages.findings import page_facts
+from twin.study.record import page_facts
 
 if TYPE_CHECKING:  # pandas takes a second to import: only who asks for a table pays for it
     import pandas

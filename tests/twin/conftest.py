@@ -1,11 +1,13 @@
 """A short finger on a coarse mesh, and targets of it, that the tests of twin share."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 import numpy as np
 import pytest
 
 from fe import Case, Finger, Lattice
+from twin.bench import caches
+from twin.commands import diagnose
 from twin.model.structure import BuiltIn, base_case
 from twin.targets import Noise, PointKind, TargetPoint, Targets, at_node
 
@@ -36,6 +38,15 @@ def short_case() -> Case:
 def coarsest_case() -> Case:
     """The short finger with one cell a bellow: where a contract asks for no accuracy of the mesh."""
     return base_case(finger=SHORT, lattice=Lattice(per_bellow=1, ring=False, centred=False))
+
+
+@pytest.fixture(scope="session")
+def one_process() -> Iterator[None]:
+    """All work in this process: on a finger so small, starting others costs more than they save."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(caches, "WORKERS", 1)
+        patch.setattr(diagnose, "WORKERS", 1)
+        yield
 
 
 class Lines:

@@ -10,11 +10,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from twin import cli
+from twin import chain, cli
+from twin.commands import demo
 from twin.project import files
 from twin.project.config import Config
 from twin.project.folder import Project, dataset
-from twin.stages import chain, demonstrating
 
 ROOT = Path(cli.__file__).resolve().parents[1]
 
@@ -228,7 +228,7 @@ def test_init_for_a_film_says_what_is_missing(run, tmp_path):
 @pytest.fixture
 def demo_data(monkeypatch, stages, study):
     """A data set without a film, measured by stand-ins."""
-    monkeypatch.setattr(demonstrating, "dataset", lambda name: study)
+    monkeypatch.setattr(demo, "dataset", lambda name: study)
     return stages
 
 

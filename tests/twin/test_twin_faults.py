@@ -19,9 +19,9 @@ import pytest
 
 from tests.few import few
 from twin.project.folder import Project, dataset
-from twin.project.locking import lock
+from twin.project.locks import lock
 
-ENTER = "from twin.entering import main; import sys; print('up', file=sys.stderr, flush=True); main()"
+ENTER = "from twin.main import start; import sys; print('up', file=sys.stderr, flush=True); start()"
 ROOT = Path(__file__).resolve().parents[2]
 
 
@@ -148,7 +148,7 @@ def test_a_byte_order_mark_in_twin_toml_is_no_fault(study: Path) -> None:
 
 def test_no_terminal_and_no_output(study: Path) -> None:
     for shell in ('"$@" >&-', '"$@" >&- 2>&-', '"$@" 2>&- </dev/null', '"$@" <&-'):
-        command = ["sh", "-c", shell, "sh", sys.executable, "-c", "from twin.entering import main; main()", "list"]
+        command = ["sh", "-c", shell, "sh", sys.executable, "-c", "from twin.main import start; start()", "list"]
         done = subprocess.run([*command, "-p", str(study)], cwd=ROOT, capture_output=True, text=True, timeout=60)
         assert (done.returncode, done.stderr) == (0, ""), shell
 

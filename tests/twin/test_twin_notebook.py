@@ -12,20 +12,20 @@ import pytest
 import twin
 from fe import Case, Finger, Lattice
 from twin import notebook
+from twin.bench import caches
+from twin.chain import STAGES
 from twin.effects.material import Elasticity
 from twin.formats.catalogue import read_recorded
 from twin.formats.conversion import targets_of
 from twin.formats.recorded import Doubt
 from twin.formats.supplied import Supplied
-from twin.model.building import base_model
+from twin.model.basemodel import base_model
 from twin.model.structure import BuiltIn
 from twin.notebook import OpenedProject
 from twin.project.config import CalibrateTable, Config, ModelTable, PointTable
 from twin.project.folder import Project
 from twin.project.targetwriting import write_targets
 from twin.project.toml import dump
-from twin.stages import caches
-from twin.stages.chain import STAGES
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "python.md"
 PRESSURE = (0.0, 2.0, 4.0)  # kPa

@@ -12,15 +12,15 @@ import pytest
 
 from fe import Case, Lattice, Material
 from twin import Effect, check_effect, cli, open_project, virtual
+from twin.bench import workbench
+from twin.bench.fits import newest_fit, stale
+from twin.commands.check import run_check
 from twin.effects.ownfiles import own_effects
 from twin.model.structure import BuiltIn
 from twin.project.config import CalibrateTable, Config, DiagnoseTable, ModelTable, PointTable
 from twin.project.folder import Project
 from twin.project.targetwriting import write_targets
 from twin.project.toml import dump
-from twin.stages import workbench
-from twin.stages.checking import run_check
-from twin.stages.fits import newest_fit, stale
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "own-effect.md"
 FILM = ((0.0, 0.0), (2.0, 0.0), (6.0, 30.0), (8.0, 30.0))  # s, kPa

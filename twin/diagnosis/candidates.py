@@ -4,10 +4,10 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from calibrate import Fit
-from twin.diagnosis.comparison import Comparison
-from twin.diagnosis.intervals import estimates
-from twin.diagnosis.judging import Fitted, Judged
 from twin.effects.protocol import Effect, Theta
+from twin.judging.comparison import Comparison
+from twin.judging.intervals import estimates
+from twin.judging.judged import Fitted, Judged
 from twin.model.prediction import Model
 from twin.targets import Array
 

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 
 from twin.diagnosis.evidence import apart, ceiling, orthonormal
-from twin.diagnosis.judging import Judged
 from twin.diagnosis.rivals import Rival
+from twin.judging.judged import Judged
 from twin.targets import Array
 
 ALIKE = 0.95  # of a signature that another effect mimics, from which on the two are of one class

@@ -7,14 +7,14 @@ import numpy as np
 
 from twin.diagnosis.candidates import Candidate
 from twin.diagnosis.classes import classes_of
-from twin.diagnosis.experiments import Member, in_words, next_experiments
-from twin.diagnosis.judging import Judged
 from twin.diagnosis.rivals import Rival, prior_sd
 from twin.diagnosis.scaling import scaling_in_words, scaling_of
 from twin.diagnosis.sizes import Detectable, smallest, unseen
 from twin.diagnosis.sizes import in_words as sizes_in_words
 from twin.diagnosis.verdicts import TIE, Diagnosis, ranked
 from twin.effects.protocol import Unsolvable
+from twin.experiments.choice import Member, in_words, next_experiments
+from twin.judging.judged import Judged
 from twin.targets import Targets
 
 TIED = 3  # members of a tie that experiments are planned for

@@ -12,12 +12,12 @@ from typing import Any
 import numpy as np
 
 from calibrate import Parameter
-from twin.diagnosis.comparison import BRANCHES, branches
-from twin.diagnosis.heldout import HeldOut, held_out
-from twin.diagnosis.intervals import Estimate, estimates
-from twin.diagnosis.judging import Judged
-from twin.diagnosis.whitening import Whitener
 from twin.effects.protocol import Effect
+from twin.judging.comparison import BRANCHES, branches
+from twin.judging.heldout import HeldOut, held_out
+from twin.judging.intervals import Estimate, estimates
+from twin.judging.judged import Judged
+from twin.judging.whitening import Whitener
 from twin.targets import Array, Targets
 
 ALL = "all"

@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 from calibrate import bic
 from twin.diagnosis.candidates import Refit
 from twin.diagnosis.evidence import Gram
-from twin.diagnosis.heldout import folds
-from twin.diagnosis.judging import Judged, judge
 from twin.diagnosis.refitting import CLOSE, TURNS, Progress, lost_to_priors
 from twin.diagnosis.rivals import Rival, null
 from twin.diagnosis.screening import start_of
 from twin.effects.protocol import Effect, Theta, Unsolvable
+from twin.judging.heldout import folds
+from twin.judging.judged import Judged, judge
 from twin.model.prediction import Model
 from twin.parallel import finished
 from twin.targets import Array, Targets

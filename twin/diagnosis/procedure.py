@@ -9,14 +9,14 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 from calibrate import Fit
-from twin.diagnosis.attempts import Attempts
 from twin.diagnosis.completing import completed
-from twin.diagnosis.fitting import whitener_of
-from twin.diagnosis.frame import frame_test
 from twin.diagnosis.refitting import Progress
+from twin.diagnosis.searchorder import Attempts
 from twin.diagnosis.verdicts import Diagnosis, cannot, concluded
 from twin.effects.protocol import Effect
 from twin.effects.standins import stand_ins
+from twin.judging.fitting import whitener_of
+from twin.judging.frame import frame_test
 from twin.model.prediction import Model
 from twin.targets import Array, Targets
 

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from calibrate import Parameter
 from twin.diagnosis.evidence import Gram, apart, orthonormal
-from twin.diagnosis.judging import Judged
 from twin.effects.protocol import Effect, Theta
+from twin.judging.judged import Judged
 from twin.parallel import finished
 from twin.targets import Array
 

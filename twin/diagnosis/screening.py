@@ -13,9 +13,9 @@ from scipy.special import chdtrc
 
 from calibrate import holm, sidak
 from twin.diagnosis.candidates import Candidate
-from twin.diagnosis.judging import Judged
 from twin.diagnosis.rivals import Rival, null
 from twin.effects.protocol import Theta
+from twin.judging.judged import Judged
 from twin.targets import Array
 
 

@@ -9,12 +9,12 @@ from scipy.special import ndtri
 
 from twin.diagnosis.candidates import Candidate, Refit
 from twin.diagnosis.classes import Mimics
-from twin.diagnosis.comparison import Comparison
-from twin.diagnosis.frame import FrameTest
-from twin.diagnosis.judging import Judged
 from twin.diagnosis.pairs import Group
 from twin.diagnosis.refitting import DETECTED
 from twin.effects.protocol import Effect, Theta
+from twin.judging.comparison import Comparison
+from twin.judging.frame import FrameTest
+from twin.judging.judged import Judged
 
 TIE = 6.0  # 2 ln B: below it neither of two models is preferred (Kass & Raftery 1995, doi 10.2307/2291091)
 SECOND = 25.0  # BIC gain that a second effect must bring

@@ -2,15 +2,15 @@
 
 from collections.abc import Sequence
 
+from twin.effects.clocks import TimeShift
 from twin.effects.loads import Gravity, PressureGain, PressureLag, PressureOffset
 from twin.effects.material import Compressibility, Creep, Mullins, Stiffening, Thermal
 from twin.effects.optics import CameraRotation, CameraScale, CameraTilt
 from twin.effects.protocol import Effect
-from twin.effects.pulling import Tube
+from twin.effects.pulls import Tube
 from twin.effects.shape import Ballooning, EccentricCore, Precurvature, SidewaysCore, WallTaper
 from twin.effects.supports import ElasticClamp, StrainLimitingLayer, TableContact
 from twin.effects.tags import MarkerSlip
-from twin.effects.timing import TimeShift
 
 
 def all_effects() -> tuple[Effect, ...]:

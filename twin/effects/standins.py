@@ -16,7 +16,7 @@ from calibrate import Parameter
 from fe.laws import Material
 from fe.mesh.mirror import symmetry_support
 from twin.effects.protocol import Effect, Order, Test, Theta
-from twin.effects.pulling import pulled
+from twin.effects.pulls import pulled
 from twin.effects.tags import between
 from twin.targets import Array
 

@@ -1,7 +1,10 @@
 """A project folder on disk: twin.toml, targets and numbered runs.
 
-Begin with `folder`: a project, its runs, and what each run records of what it was made from. `staleness` says
-what has changed since. `config` has every key of twin.toml, `toml` reads and writes it. `targetfiles` (on
-`csvtable`) reads targets, `targetwriting` writes them. `files` writes every file whole or not at all, and
-`locking` lets one command write at a time.
+Begin with `folder`: a project, its runs, and what each run records of what it was made from; `staleness`
+says what has changed since. `config` has every key of twin.toml and `dimensions` those of the finger;
+`tablemodel` is what its tables are made of, `validation` checks them, `toml` reads and writes the file.
+`targetschema` has the keys of targets.toml; `targetfiles` (on `csvtable` and `targetarrays`) reads targets,
+`targetwriting` writes them. `recordschema` says what the JSON files of runs hold. `files` writes every file
+whole or not at all, `locks` lets one command write at a time, and `trust` limits what a folder from a
+stranger may do.
 """

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 
 from twin.project import files
 from twin.project.config import Config
-from twin.project.locking import lock
+from twin.project.locks import lock
 from twin.project.targetfiles import read_targets
 from twin.project.toml import decoded, dump, former_keys, parse, with_effects
 from twin.project.trust import check_folder, leads_out

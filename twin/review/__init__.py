@@ -1,6 +1,7 @@
-"""What the runs found becomes things to look at: a rerun recording, a report, pictures, files for ParaView.
+"""The recording for rerun: the film beside the simulated finger.
 
-`states` holds what is shown; `filmed` the models as the film's camera would see them, whose edges `outlines`
-finds. `scene`, `overprint`, `strainlayer`, `arrangement` and `recording` write rerun; `painting` and `clip`
-draw over film; `deformed` draws the mesh; `plots` (in the look of `styling`) and `page` make the report.
+`states` holds what is shown, one state a generation and one a film time; `filmed` the models as the film's
+camera would see them. `scene` draws the simulated finger, `filmlayer` the models over the film,
+`strainlayer` the strain of a speckled face; `arrangement` lays out the views. `recording` writes it all,
+through `rerunfile`, and `merging` puts two recordings into one.
 """

@@ -16,7 +16,7 @@ import rerun as rr
 
 from twin.review.arrangement import arranged
 from twin.review.filmed import Filmed
-from twin.review.overprint import log_filmed
+from twin.review.filmlayer import log_filmed
 from twin.review.rerunfile import rerun_file
 from twin.review.scene import Scene, States, log_constants, log_states, scene_of
 from twin.review.states import Array, Fields, Generations, Integers, Strains

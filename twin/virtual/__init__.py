@@ -2,7 +2,8 @@
 
 The truth lives on another mesh and another element than the model's, and may hold effects or laws that no
 model has. Nothing that diagnoses may import this room. Read `protocols` (what is filmed), `hidden` (what is
-missing), `truthsolves` (the finite-element solves of a truth), `filming` (noise and targets), in this order.
+missing), `sizing` (how plain it is), `truthsolves` (the finite-element solves of a truth), `draws` and
+`filming` (noise and targets), in this order.
 """
 
 from twin.virtual.filming import (

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from twin.diagnosis.whitening import whitener
+from twin.judging.whitening import whitener
 from twin.targets import Array, Targets
 
 

@@ -14,13 +14,13 @@ import pytest
 from fe import Case, Finger, Lattice, Material
 from tests.few import few
 from twin import virtual
-from twin.diagnosis.fitting import fit_model, whitener_of
 from twin.diagnosis.procedure import diagnose
 from twin.diagnosis.verdicts import Diagnosis
 from twin.effects.baselaw import Constants
 from twin.effects.library import all_effects, effect
 from twin.effects.requirements import lacking
-from twin.model.building import base_model, base_test
+from twin.judging.fitting import fit_model, whitener_of
+from twin.model.basemodel import base_model, base_test
 from twin.model.discretisation import Discretisation, SolvedAt, discretisation_error
 from twin.model.prediction import Model
 from twin.model.structure import of_finger

@@ -9,10 +9,10 @@ import pytest
 from calibrate import Parameter
 from fe import Case
 from twin.diagnosis.explanation import ALL, Explanation, explained, mimicked, plausibility, table
-from twin.diagnosis.heldout import cycles, folds, foretold
-from twin.diagnosis.judging import judge
 from twin.effects.library import effect
-from twin.model.building import base_model
+from twin.judging.heldout import cycles, folds, foretold
+from twin.judging.judged import judge
+from twin.model.basemodel import base_model
 from twin.targets import Targets
 
 SD = 5e-4  # mm; the coarse finger moves by 0.4

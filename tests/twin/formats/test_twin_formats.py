@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 
 from twin.cli import app
+from twin.commands.init import run_init
 from twin.formats.catalogue import FORMATS, read_recorded
 from twin.formats.conversion import MOST_STEPS, targets_of
 from twin.formats.recorded import Doubt, Recorded
 from twin.formats.supplied import Supplied
 from twin.formats.worldaxes import turned
+from twin.inputs.foreign import Foreign, foreign_of
 from twin.project.folder import Project
-from twin.stages.importing import Foreign, foreign_of
-from twin.stages.starting import run_init
 from twin.targets import PointKind
 
 # Two points over four steps along the file's x and y: the truth that every file below holds.

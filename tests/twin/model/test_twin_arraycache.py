@@ -14,7 +14,7 @@ from fe import Case
 from twin.effects.baselaw import NOMINAL, Constants
 from twin.model import discretisation, loadpaths
 from twin.model.arraycache import SOURCES, no_cache, rounded_up, sources_digest
-from twin.model.building import base_test
+from twin.model.basemodel import base_test
 from twin.model.discretisation import SolvedAt, discretisation_error, meshes_key
 from twin.model.loadpaths import load_paths, reach
 from twin.model.structure import BuiltIn, Structure, of_finger, weighed

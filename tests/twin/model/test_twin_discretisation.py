@@ -13,11 +13,11 @@ import pytest
 
 from fe import Case, Finger, Lattice, Material
 from twin import virtual
-from twin.diagnosis.fitting import ModelErrors
 from twin.effects.baselaw import NAMES, NOMINAL
 from twin.effects.library import effect
+from twin.judging.fitting import ModelErrors
 from twin.model.arraycache import rounded_up
-from twin.model.building import base_model
+from twin.model.basemodel import base_model
 from twin.model.discretisation import Discretisation, SolvedAt, _tested, discretisation_error
 from twin.model.prediction import HISTORY, Model, moved
 from twin.model.structure import finer, of_finger

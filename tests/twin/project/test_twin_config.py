@@ -9,12 +9,12 @@ from typing import get_args
 
 import pytest
 
+from twin.commands.init import film_config
 from twin.project import config as config_module
 from twin.project import toml
 from twin.project.config import BoardTable, Config, PointTable, StudyTable, TableModel
 from twin.project.folder import Project, dataset
 from twin.project.toml import dump, parse, with_effects
-from twin.stages.starting import film_config
 from vision import Board
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -212,7 +212,8 @@ TABLES = [t for t in vars(config_module).values() if isinstance(t, type) and iss
 @pytest.fixture(scope="module")
 def read_keys():
     """Attributes in the code that has the configuration at hand, other than the configuration itself."""
-    rooms = [path for room in ("project", "stages", "gauge") for path in (ROOT / "twin" / room).glob("*.py")]
+    names = ("project", "gauge", "inputs", "bench", "study", "batches", "report", "commands")
+    rooms = [path for room in names for path in (ROOT / "twin" / room).glob("*.py")]
     trees = [ast.parse(path.read_text(encoding="utf-8")) for path in rooms if path.name != "config.py"]
     return {node.attr for tree in trees for node in ast.walk(tree) if isinstance(node, ast.Attribute)}
 

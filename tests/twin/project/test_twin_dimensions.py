@@ -5,10 +5,10 @@ from itertools import islice
 import pytest
 
 from fe import Finger
+from twin.commands.init import film_config
 from twin.project.config import Config
 from twin.project.dimensions import FingerTable
 from twin.project.toml import dump, parse
-from twin.stages.starting import film_config
 
 
 def read(lines: str) -> Config:

@@ -5,10 +5,10 @@ from pathlib import Path
 import pytest
 
 from twin import cli
+from twin.bench.laws import named_effect
+from twin.bench.workbench import own_of
 from twin.project import trust
 from twin.project.folder import Project
-from twin.stages.trusting import named_effect
-from twin.stages.workbench import own_of
 
 TOML = '[[points]]\nname = "tip"\nnode = 4401\n[calibrate]\nobjective_points = ["tip"]\n'
 PROGRAM = "from pathlib import Path\nPath({ran!r}).touch()\nfrom twin import Effect\nclass Fan(Effect):\n    name = 'fan'\n"

@@ -19,15 +19,15 @@ from numpy.typing import NDArray
 from rerun.chunk import RrdReader
 
 from fe import Case
+from fe.element import triangles
+from twin.drawing.clip import LONGEST_S, write_clip
+from twin.drawing.outlines import edge_rows
+from twin.drawing.painting import AFTER, BEFORE, CAPTION, Image, side_by_side, still, window
 from twin.review.arrangement import VIEWS, arranged
-from twin.review.clip import LONGEST_S, write_clip
 from twin.review.filmed import Filmed, Trace, magnified, rms
-from twin.review.outlines import edge_rows
-from twin.review.painting import AFTER, BEFORE, CAPTION, Image, side_by_side, still, window
 from twin.review.recording import write_review
 from twin.review.scene import scene_of
 from twin.review.states import Generations
-from twin.stages.calibrating import triangles
 from vision import Video
 
 Array = NDArray[np.float64]

@@ -57,13 +57,13 @@ def work():
                  diagnosis_markdown="creep")
 """,
     "clip.mp4": """
-from twin.review.clip import write_clip
+from twin.drawing.clip import write_clip
 source, shown = film(), filmed()
 def work():
     write_clip(folder / "clip.mp4", source, shown)
 """,
     "field-0000.vtu": """
-from twin.review.deformed import write_vtu_series
+from twin.drawing.deformed import write_vtu_series
 def work():
     write_vtu_series(folder, "field", nodes=nodes, cells=np.arange(512).reshape(-1, 8), times=[0.0],
                      fields={"U": nodes[None]})

@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from twin.commands import virtual
+from twin.commands.virtual import run_virtual
 from twin.project.config import Config
 from twin.project.targetfiles import read_targets
 from twin.project.toml import parse
-from twin.stages import inventing
-from twin.stages.inventing import run_virtual
 from twin.virtual.draws import Setup
 from twin.virtual.hidden import Kind
 
@@ -32,8 +32,8 @@ def rows(case: Any, course: Any, points: np.ndarray, kind: Kind) -> np.ndarray:
 
 @pytest.fixture
 def solved_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(inventing, "displaced", quick)
-    monkeypatch.setattr(inventing, "tangents", rows)
+    monkeypatch.setattr(virtual, "displaced", quick)
+    monkeypatch.setattr(virtual, "tangents", rows)
 
 
 @pytest.mark.usefixtures("solved_at_once")

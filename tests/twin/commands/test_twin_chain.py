@@ -1,0 +1,368 @@
+"""The stages on targets alone, in a folder of their own: calibrate, compare, diagnose, add, review, and their errors."""
+
+import html
+import json
+import re
+import shutil
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rerun.chunk import RrdReader
+
+from fe import Case, Lattice, Material
+from twin import virtual
+from twin.commands.add import run_add
+from twin.commands.calibrate import run_calibrate
+from twin.commands.compare import run_compare
+from twin.commands.comparetwo import run_side_by_side
+from twin.commands.diagnose import run_diagnose
+from twin.commands.drop import run_drop
+from twin.commands.explain import run_explain
+from twin.commands.review import run_review
+from twin.effects.baselaw import NOMINAL
+from twin.judging.intervals import estimates_of_record
+from twin.model import prediction
+from twin.model.structure import BuiltIn
+from twin.numerals import in_words, interval, value
+from twin.project.config import CalibrateTable, Config, DiagnoseTable, PointTable, ProjectTable
+from twin.project.folder import Project, dataset
+from twin.project.targetwriting import write_targets
+from twin.project.toml import dump
+from twin.review.merging import entity
+from twin.review.states import Fields, Generations
+
+FILM = ((0.0, 0.0), (2.0, 0.0), (4.0, 30.0), (12.0, 30.0), (12.4, 0.0), (22.0, 0.0))
+BENCH = virtual.Bench(film_hz=3.5, gauge_sd_MPa=3e-4, sd=0.005)
+NAMES, X = ("p1", "p2", "middle", "p4", "tip"), np.array([9.556, 15.111, 4 + 50 / 3, 31.778, 10 + 100 / 3])
+GENERATIONS = 4
+
+
+@dataclass
+class Silent:
+    """A `say` that keeps the lines."""
+
+    lines: list[str] = field(default_factory=list)
+
+    def __call__(self, text: str, /) -> None:
+        self.lines.append(text)
+
+    def progress(self, stage: str, done: int, total: int, /) -> None:
+        assert 0 <= done <= total, stage
+
+
+def project_at(folder: Path, case: Case, short: BuiltIn) -> Project:
+    """A project with targets of a creeping finger and nothing else."""
+    edge = np.stack([X, np.full_like(X, 11.5), np.zeros_like(X)], axis=1)
+    rows = np.linalg.norm(case.nodes[:, None] - edge, axis=2).argmin(axis=0)
+    points, course = case.nodes[rows], virtual.path(BENCH, protocol=FILM)
+    material = Material(0.214, 0.083, prony=((0.075, 1.2), (0.055, 3.5), (0.02, 15.0)))
+    truth = virtual.Truth(material, lattice=Lattice(per_bellow=2, centred=False), finger=short.finger)
+    u, slope = virtual.displacements(truth, course, points)
+    targets = virtual.noisy_targets(
+        u, slope, course, points=virtual.at_nodes(NAMES, case.labels[rows], points), bench=BENCH, seed=1
+    )
+    config = Config(
+        project=ProjectTable(name="short"),
+        points=tuple(PointTable(name=n, node=int(k)) for n, k in zip(NAMES, case.labels[rows])),
+        calibrate=CalibrateTable(population=8, generations=GENERATIONS),
+        diagnose=DiagnoseTable(candidates=("creep", "camera_scale")),
+    )
+    folder.mkdir()
+    (folder / "twin.toml").write_text(dump(config), encoding="utf-8")
+    write_targets(folder / "targets", targets)
+    return Project.open(folder, builtin=short)
+
+
+def _no_solve(*_: object, **__: object) -> None:
+    raise AssertionError("a solve")
+
+
+@pytest.fixture(scope="module")
+def chain(
+    tmp_path_factory: pytest.TempPathFactory, short_case: Case, short_builtin: BuiltIn, one_process: None
+) -> tuple[Project, Silent]:
+    """The project after calibrate, compare, diagnose, add and review."""
+    say = Silent()
+    project = project_at(tmp_path_factory.mktemp("chain") / "batch", short_case, short_builtin)
+    with pytest.raises(ValueError, match=r"no fit in this project; run twin calibrate"):
+        run_diagnose(project, say)
+    with pytest.raises(ValueError, match=r"nothing to review: .*run twin calibrate"):
+        run_review(project, say)
+    run_calibrate(project, say)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(prediction, "solve", _no_solve)  # calibrate has solved all that compare needs
+        run_compare(project, say)
+    run_diagnose(project, say)
+    run_add(project, say, name="creep")
+    project = Project.open(project.root, builtin=project.builtin)
+    run_review(project, say)
+    return project, say
+
+
+def test_two_models_of_one_batch_lie_in_one_recording(
+    chain: tuple[Project, Silent], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    project, say = chain
+    runs = [project.newest("calibrate", "fit.json"), project.newest("add", "fit.json")]
+    folders = [path.parent for path in runs if path is not None]
+    monkeypatch.chdir(tmp_path)
+    result = run_side_by_side(folders, say, opened=lambda folder: Project.open(folder, builtin=project.builtin))
+    names = [entity(f"{project.root.name}/{folder.name}", "model/mesh") for folder in folders]
+    tables = [c.to_record_batch() for c in RrdReader(result["recording"]).stream().filter(content=names)]
+    along = [t for t in tables if "film_time" in t.schema.names and "Mesh3D:vertex_positions" in t.schema.names]
+    # the calibrated model at top pressure alone, the other at every state of fields.npz
+    assert sum(t.num_rows for t in along) == 1 + len(Fields.load(folders[1] / "fields.npz").time_s)
+
+
+def read(project: Project, kind: str, name: str) -> dict[str, object]:
+    path = project.newest(kind, name)
+    assert path is not None, f"{kind} wrote no {name}"
+    data = json.loads(path.read_text(encoding="utf-8"))
+    assert isinstance(data, dict)
+    return data
+
+
+def test_calibrate_leaves_its_fit_and_history(chain: tuple[Project, Silent]) -> None:
+    project, say = chain
+    fit = read(project, "calibrate", "fit.json")
+    keys = {"parameters", "covariance", "chi2", "degrees_of_freedom", "seed", "evaluations", "converged", "reason"}
+    assert keys <= set(fit)
+    assert set(fit["parameters"]) == {"C10", "C01"}
+    assert {"value", "sd", "low", "high", "unit"} <= set(fit["parameters"]["C10"])
+    assert fit["effects"] == []
+    found = project.newest("calibrate", "generations.npz")
+    assert found is not None
+    history = Generations.load(found)
+    assert history.generation.tolist() == list(range(1, GENERATIONS + 1))
+    assert np.all(np.diff(history.rms_mm) <= 0)
+    assert history.film_time_s == pytest.approx(4.0, abs=0.3)  # the top of the ramp
+    log = [json.loads(x) for x in (found.parent / "log.jsonl").read_text().splitlines()]
+    assert [r["number"] for r in log if r.get("event") == "generation"] == list(range(1, GENERATIONS + 1))
+    # the best by the table is the best by full finite elements: the marks' rms over U3 of tip and middle
+    rows = [history.point_names.index(n) for n in project.config.calibrate.objective_points]
+    error = history.u_points[-1, rows, 2] - history.u_measured[rows, 2]
+    # mm: reference steps carry a little ripple and noise; the table is good to 0.01
+    assert np.sqrt((error**2).mean()) == pytest.approx(history.rms_mm[-1], abs=0.01)
+    assert any("Genetic algorithm" in line for line in say.lines)
+
+
+def test_compare_says_what_the_model_misses(chain: tuple[Project, Silent]) -> None:
+    found = read(chain[0], "compare", "comparison.json")
+    keys = {"rms_mm", "noise_sd_mm", "chi2", "degrees_of_freedom", "p_value", "adequate", "where", "maps"}
+    assert keys <= set(found)
+    assert found["adequate"] is False
+    assert found == read(chain[0], "calibrate", "comparison.json")
+    assert found["where"] in chain[1].lines
+    rows = [r for kind in found["maps"].values() for r in kind]
+    assert all(r["count"] > 0 for r in rows if np.isfinite(r["rms_mm"]))
+    # the tables ask nothing of the user: they stand in the log
+    path = chain[0].newest("compare", "log.jsonl")
+    assert path is not None
+    assert "rms in mm by marker: p1 0." in path.read_text(encoding="utf-8")
+
+
+def test_diagnose_names_creep(chain: tuple[Project, Silent]) -> None:
+    found = read(chain[0], "diagnose", "diagnosis.json")
+    keys = {"verdict", "named", "ties", "ranking", "next_test", "rms_before_mm", "rms_after_mm", "noise_sd_mm"}
+    assert keys | {"adequate"} <= set(found)
+    assert found["named"] == ["creep"]
+    row = found["ranking"][0]
+    assert {"effect", "z", "p_value", "delta_bic", "parameters"} <= set(row)
+    assert {r["effect"] for r in found["ranking"]} == {"creep", "camera_scale"}  # those of twin.toml
+    assert {row["effect"] for row in found["detectable"]} == {"creep", "camera_scale"}
+
+
+def test_diagnose_shows_what_speaks_for_what_it_names(chain: tuple[Project, Silent]) -> None:
+    found, own = read(chain[0], "diagnose", "diagnosis.json"), read(chain[0], "diagnose", "evidence.json")
+    evidence = found["evidence"]
+    assert evidence == own
+    assert evidence["effect"] == found["law"]
+    assert evidence["rms_before_mm"] == found["rms_before_mm"]
+    assert evidence["rms_after_mm"] == found["rms_after_mm"]
+    assert evidence["evidence"] == found["ranking"][0]["evidence"]
+    path = chain[0].newest("diagnose", "evidence.npz")
+    assert path is not None
+    maps = np.load(path)
+    assert maps["residual"].shape == chain[0].targets().value.shape
+    assert np.sqrt(np.nanmean(maps["left"] ** 2)) == pytest.approx(found["rms_after_mm"], rel=1e-6)
+    whole = next(row for row in evidence["shares"] if (row["marker"], row["branch"]) == ("all", "all"))
+    assert whole["explained"] > 0.8
+
+
+def test_add_writes_the_law_refits_and_lowers_the_error(chain: tuple[Project, Silent]) -> None:
+    project, say = chain
+    diagnosis, compared = read(project, "diagnose", "diagnosis.json"), read(project, "add", "comparison.json")
+    assert project.config.model.effects == (diagnosis["law"],)
+    fit = read(project, "add", "fit.json")
+    assert fit["effects"] == [diagnosis["law"]]
+    assert fit["parameters"]["creep.g1"]["value"] > 0.02
+    assert compared["rms_mm"] <= 1.1 * compared["noise_sd_mm"] < diagnosis["rms_before_mm"] / 2
+    assert compared["rms_mm"] == pytest.approx(diagnosis["rms_after_mm"], rel=0.05)
+    # one fit, the same numbers wherever they are shown: both begin at one place, on models without a memory
+    kept, own = estimates_of_record(read(project, "diagnose", "kept.json")), estimates_of_record(fit)
+    assert kept == own
+    rows = diagnosis["ranking"][0]["parameters"]
+    assert {e.name: e.to_dict() for e in kept} == rows
+    assert f"{in_words(own)}." in say.lines
+    assert compared["rms_mm"] == diagnosis["rms_after_mm"]
+    assert compared["p_value"] == diagnosis["p_value_after"]
+    assert compared["adequate"] is diagnosis["adequate"] is fit["adequate"]
+    runs = [p.name for p in project.runs()]
+    assert [n[5:] for n in runs if "failed" not in project.info(project.root / "runs" / n)["status"]] == [
+        "calibrate", "compare", "diagnose", "add", "review",
+    ]  # fmt: skip
+    folder = next(p for p in project.runs() if p.name.endswith("-add"))
+    assert not (folder / "diagnosis.json").exists()
+    shown = Fields.load(folder / "fields.npz")
+    assert shown.time_s[0] == 0.0
+    assert np.isfinite(shown.u).all()
+
+
+def test_review_holds_every_generation_and_the_numbers(chain: tuple[Project, Silent]) -> None:
+    project, _ = chain
+    path = project.newest("review", "review.rrd")
+    assert path is not None
+    generations: set[int] = set()
+    for chunk in RrdReader(str(path)).stream().filter(content="/model/mesh"):
+        table = chunk.to_record_batch()
+        if {"generation", "Mesh3D:vertex_positions"} <= set(table.schema.names):
+            generations |= set(table.column("generation").cast("int64").to_pylist())
+    assert generations == set(range(1, GENERATIONS + 1))
+    report = path.with_name("report.html").read_text(encoding="utf-8")
+    diagnosis, compared = read(project, "diagnose", "diagnosis.json"), read(project, "add", "comparison.json")
+    assert isinstance(diagnosis["rms_before_mm"], float)
+    assert isinstance(compared["rms_mm"], float)
+    for number in (diagnosis["rms_before_mm"], compared["rms_mm"]):
+        # in the report's own unit and digits: mm or um
+        shown = {f"{number:.3f}", f"{number:.4f}", f"{1e3 * number:.1f}", f"{1e3 * number:.0f}", f"{number:.2g}", f"{number:.3g}"}
+        assert any(text in report for text in shown), number
+    for row in estimates_of_record(read(project, "add", "fit.json")):
+        assert value(row.to_dict()) in report
+        assert (row.note or interval(row.to_dict())) in report
+    assert list(path.parent.glob("deformed*.vtu"))
+    fit, first = read(project, "add", "fit.json"), read(project, "calibrate", "fit.json")
+    for text in (f"What speaks for {fit['effects'][0]}", "How the error fell", "nominal constants", f"+ {fit['effects'][0]}"):
+        assert text in report
+    assert first["initial"]["values"] == NOMINAL.named
+    assert first["initial"]["rms_mm"] > 0
+    steps = [line for line in chain[1].lines if line.startswith("Error, mm rms: nominal constants ")]
+    assert len(steps) == 1
+    assert f"-> + {fit['effects'][0]} {compared['rms_mm']:.3f}; the noise" in steps[0]
+    opening = re.search(r'<p class="summary">(.*?)</p>', report)
+    assert opening is not None
+    noise = diagnosis["noise_sd_mm"]
+    assert opening[1].startswith(
+        f"The model misses the film by {diagnosis['rms_before_mm']:.3f} mm rms, with {fit['effects'][0]} by "
+        f"{compared['rms_mm']:.3f} mm; the measurement itself is uncertain by {noise:.3f} mm. "
+    )
+    assert len(re.findall(r"\.(?: |$)", opening[1])) == 2  # sentences, below that of the headline
+    where = read(project, "compare", "comparison.json")["where"]
+    assert isinstance(where, str)
+    assert html.escape(where) in report
+    info = json.loads((path.parent.parent / path.parent.name / "run.json").read_text(encoding="utf-8"))
+    digest = read(project, "add", "run.json")["inputs"]["targets/targets.csv"]  # type: ignore[index]
+    assert info["status"] == "done"
+    assert f"SHA-256 {digest[:16]}" in report
+    pictures = {str(c.entity_path) for c in RrdReader(str(path)).stream().filter(content="/pictures/**")}
+    assert pictures == {"/pictures/0", "/pictures/1", "/pictures/2"}
+
+
+def test_explain_shows_what_speaks_for_an_effect(chain: tuple[Project, Silent], tmp_path: Path) -> None:
+    shutil.copytree(chain[0].root, tmp_path / "copy")
+    project, say = Project.open(tmp_path / "copy", builtin=chain[0].builtin), Silent()
+    result = run_explain(project, say, name="creep")  # in the model: taken out
+    compared, before = read(project, "add", "comparison.json"), read(project, "compare", "comparison.json")
+    assert result["rms_after_mm"] == pytest.approx(compared["rms_mm"], rel=1e-3)
+    # fitted anew from elsewhere; where a model misses, its errors leave a flat valley
+    assert result["rms_before_mm"] == pytest.approx(before["rms_mm"], rel=0.05)
+    assert result["held_out"]["after_sd"] < 1.2 < result["held_out"]["before_sd"]
+    assert result["effect"] == project.config.model.effects[0]
+    assert result["parameters"]["creep.g1"]["plausible"].startswith("plausible (0.003 to 0.2)")
+    assert any(line.startswith("tip ") for line in say.lines)
+    assert read(project, "explain", "evidence.json")["effect"] == result["effect"]
+    assert Project.open(project.root).config.model.effects == project.config.model.effects  # nothing is changed
+    with pytest.raises(ValueError, match="'wind' is not in the library"):
+        run_explain(project, say, name="wind")
+
+
+@pytest.mark.slow
+def test_explain_shows_what_does_not_speak_for_an_effect(chain: tuple[Project, Silent], tmp_path: Path) -> None:
+    shutil.copytree(chain[0].root, tmp_path / "copy")
+    project = Project.open(tmp_path / "copy", builtin=chain[0].builtin)
+    found = run_explain(project, Silent(), name="camera_scale")  # not in the model, and not missing
+    assert found["effect"] == "camera_scale"
+    assert abs(found["gain"]) < 10.0
+    assert max(abs(row["explained"]) for row in found["shares"] if row["marker"] == "all") < 0.1
+
+
+def test_errors_are_one_sentence(chain: tuple[Project, Silent]) -> None:
+    project, say = chain
+    with pytest.raises(ValueError, match="'wind' is not in the library"):
+        run_add(project, say, name="wind")
+    with pytest.raises(ValueError, match="'stiffening' is not in the model"):
+        run_drop(project, say, name="stiffening")
+    with pytest.raises(ValueError, match="calibrate fits the base model; twin add refits"):
+        run_calibrate(project, say)
+    model = project.config.model
+    strange = replace(project, config=project.config.model_copy(update={"model": model.model_copy(
+        update={"fixed": {"bulk": 300.0}})}))  # fmt: skip
+    with pytest.raises(ValueError, match=r"model\.fixed\.bulk: only C10 and C01 can be held"):
+        run_compare(strange, say)
+    points = (*project.config.points[:-1], PointTable(name="tip", node=987654))
+    lost = replace(project, config=project.config.model_copy(update={"points": points}))
+    with pytest.raises(ValueError, match=r"node 4401, twin\.toml says 987654"):
+        run_compare(lost, say)
+
+
+@pytest.fixture
+def study(tmp_path: Path) -> Path:
+    """The study's data set, for the short finger, with a genetic algorithm of three generations."""
+    folder, source = tmp_path / "study", dataset("study")
+    (folder / "targets").mkdir(parents=True)
+    text = (source / "twin.toml").read_text(encoding="utf-8")
+    (folder / "twin.toml").write_text(text.replace("generations = 20", "generations = 3"), encoding="utf-8")
+    rows = (source / "targets" / "targets.csv").read_text(encoding="utf-8")
+    # the short finger of these tests moves a tenth of the whole one
+    rows = rows.replace("-58.0", "-5.8").replace("-19.0", "-2.2")
+    (folder / "targets" / "targets.csv").write_text(rows, encoding="utf-8")
+    return folder
+
+
+def test_the_study_says_what_its_data_cannot(study: Path, short_builtin: BuiltIn) -> None:
+    project, say = Project.open(study, builtin=short_builtin), Silent()
+    run_calibrate(project, say)
+    told = " ".join(say.lines)
+    assert "C10 and C01" in told
+    assert "cannot be separated" in told
+    assert "contradict each other" in told
+    assert "0.03 MPa in its table, 0.01 MPa in its text" in told
+    run_compare(project, say)
+    assert "no more data than fitted parameters" in " ".join(say.lines)
+    run_diagnose(project, say)
+    assert "cannot test: no noise model" in " ".join(say.lines)
+    with pytest.raises(ValueError, match="effect 'wobble' is not in the library"):
+        run_add(project, say, name="wobble")
+
+
+def test_an_unknown_node_or_an_unseen_point_stops_calibrate(tmp_path: Path, short_case: Case, short_builtin: BuiltIn) -> None:
+    project = project_at(tmp_path / "batch", short_case, short_builtin)
+    t = project.targets()
+    moved = tuple(replace(p, node=987654) if p.node == 4401 else p for p in t.points)
+    write_targets(tmp_path / "other", replace(t, points=moved))
+    points = tuple(p.model_copy(update={"node": 987654}) if p.name == "tip" else p for p in project.config.points)
+    for name in ("targets.csv", "targets.npz", "targets.toml"):
+        (project.targets_folder / name).write_bytes((tmp_path / "other" / name).read_bytes())
+    other = replace(project, config=project.config.model_copy(update={"points": points}))
+    with pytest.raises(ValueError, match="node 987654: not in the model"):
+        run_calibrate(other, Silent())
+    value, valid = t.value.copy(), t.valid.copy()
+    value[:, 4], valid[:, 4] = np.nan, False
+    write_targets(tmp_path / "lost", replace(t, value=value, valid=valid))
+    for name in ("targets.csv", "targets.npz", "targets.toml"):
+        (project.targets_folder / name).write_bytes((tmp_path / "lost" / name).read_bytes())
+    with pytest.raises(ValueError, match="point 'tip' has no U3 at step"):
+        run_calibrate(project, Silent())
+    info = project.info(project.runs()[-1])
+    assert info["status"].startswith("failed: point 'tip'")

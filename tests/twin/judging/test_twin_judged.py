@@ -1,0 +1,167 @@
+"""A model is judged by the errors at its own fit, wherever the fit began; its bounds are free nowhere."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from calibrate.parameters import Parameter
+from twin.effects.protocol import Unsolvable
+from twin.judging.judged import Judged, judge, judge_fit
+from twin.judging.whitening import whitener
+from twin.targets import Array, Noise, Targets
+
+SOFT = 20.0  # mm of a marker at pressure / stiffness = 1
+
+
+class Spring:
+    """A stand-in for a model: points that move by SOFT p / c along z, softened by 1 - b p."""
+
+    def __init__(self, targets: Targets, *, solvable: float = 0.0) -> None:
+        self.targets, self.solvable = targets, solvable
+        self.asked: set[tuple[float, ...]] = set()  # parameters at which it was solved
+        self.parameters = (Parameter("c", 0.01, 2.0), Parameter("b", 0.0, 50.0))
+
+    def named(self, theta: Array) -> dict[str, float]:
+        return dict(zip(("c", "b"), map(float, theta), strict=True))
+
+    def _u(self, theta: Array, p: Array) -> Array:
+        c, b = theta
+        if c < self.solvable:
+            raise Unsolvable("no equilibrium")
+        out = np.zeros_like(self.targets.value)
+        out[:, ~self.targets.fixed, 2] = (SOFT * p / c * (1 + b * p))[:, None]
+        return out
+
+    def predict(self, theta: Array) -> Array:
+        self.asked.add(tuple(theta))
+        u = self._u(theta, self.targets.pressure)
+        return u - u[self.targets.reference].mean(axis=0)
+
+    def _by(self, f: Callable[[float], Array], h: float) -> Array:
+        return (f(h) - f(-h)) / (2 * h)
+
+    def jacobian(self, theta: Array) -> Array:
+        own = Spring(self.targets)
+        return np.array([self._by(lambda h, e=e: own.predict(theta + h * e), 1e-6) for e in np.eye(2)])
+
+    def modes(self, theta: Array) -> Array:
+        return np.zeros((0, *self.targets.value.shape))
+
+    def per_pressure(self, theta: Array) -> Array:
+        return self._by(lambda h: self._u(theta, self.targets.pressure + h), 1e-7)
+
+
+@pytest.fixture
+def draw(make_targets: Callable[..., Targets], make_noise: Callable[..., Noise]) -> Callable[..., Targets]:
+    """`draw(c, b, seed)`: what a spring would be measured as, with a gauge that errs by 0.2 kPa."""
+    plain = make_targets()
+    sd = 0.01
+    quiet = replace(
+        plain, noise=make_noise(3, sd=sd, rho=0.0, common=0.0), pressure_sd=np.full(8, 2e-4),
+        covariance=np.tile(sd**2 * np.eye(3), (8, 3, 1, 1)),
+    )  # fmt: skip
+
+    def drawn(c: float, b: float, seed: int = 0) -> Targets:
+        rng, spring = np.random.default_rng(seed), Spring(quiet)
+        theta = np.array([c, b])
+        value = spring.predict(theta) + sd * rng.standard_normal(quiet.value.shape)
+        error = quiet.pressure_sd * rng.standard_normal(8)
+        kick = spring.per_pressure(theta) * error[:, None, None]
+        return replace(quiet, value=value + kick - kick[quiet.reference].mean(axis=0))
+
+    return drawn
+
+
+def judged(targets: Targets, *starts: Any, **changes: Any) -> Judged:
+    return judge(Spring(targets), targets, starts=np.array(starts), **changes)  # type: ignore[arg-type]
+
+
+def test_the_errors_are_those_at_the_fit_wherever_it_began(draw: Callable[..., Targets]) -> None:
+    t = draw(0.3, 5.0)
+    near, far = judged(t, (0.3, 5.0), tolerance=1e-4), judged(t, (1.5, 0.5), tolerance=1e-4)
+    # from 1.5 the gauge's error is stated five times too small: judged by that, a right fit fails
+    assert np.all(np.abs(near.theta - far.theta) < 1e-3 * near.fit.sd)  # each within some tolerances
+    assert near.comparison.p_value == pytest.approx(far.comparison.p_value, rel=1e-4)
+    assert near.comparison.adequate
+    for found in (near, far):
+        slope = found.model.per_pressure(found.theta) * t.pressure_sd[:, None, None]
+        own = whitener(t, prediction_modes=np.zeros((0, *t.value.shape)), gauge=slope, points=~t.fixed)
+        np.testing.assert_array_equal(found.whitener.modes, own.modes)
+        np.testing.assert_array_equal(found.z, own.whiten(t.value - found.predicted))
+        assert found.deviance == pytest.approx(found.z @ found.z + own.log_det, rel=1e-12)
+        assert found.fit.converged
+
+
+def test_only_what_can_move_judges(draw: Callable[..., Targets]) -> None:
+    t = draw(0.3, 5.0)
+    loose = t.value.copy()
+    loose[3:, 2] += 5.0  # mm, of the fixed marker
+    before, after = judged(t, (0.3, 5.0)), judged(replace(t, value=loose), (0.3, 5.0))
+    np.testing.assert_array_equal(before.z, after.z)
+    assert before.comparison.degrees_of_freedom == 8 * 2 * 3 - 2
+
+
+def test_a_parameter_at_its_bound_is_free_nowhere(draw: Callable[..., Targets]) -> None:
+    found = judged(draw(0.3, -5.0), (0.3, 5.0))
+    assert found.at_bound == ("b",)
+    assert found.values["b"] == 0.0
+    assert found.fitted.shape == (len(found.z), 1)
+    assert found.comparison.degrees_of_freedom == 8 * 2 * 3 - 1
+    assert np.isnan(found.fit.sd[1])
+
+
+def test_the_best_of_several_starts_wins_and_a_lost_one_does_not_matter(draw: Callable[..., Targets]) -> None:
+    t = draw(0.3, 5.0)
+    model = Spring(t, solvable=0.1)
+    found = judge(model, t, starts=np.array([(0.05, 0.0), (0.4, 1.0)]))  # type: ignore[arg-type]
+    assert found.comparison.adequate
+    with pytest.raises(Unsolvable, match="no equilibrium"):
+        judge(model, t, starts=np.array([0.05, 0.0]))  # type: ignore[arg-type]
+
+
+def test_a_model_that_misses_ends_at_one_place_too(draw: Callable[..., Targets]) -> None:
+    t = draw(0.3, 5.0)
+    missed = t.value.copy()
+    missed[2:, :2, 2] += 0.5 * np.sin(3 * t.time[2:])[:, None]  # mm, fifty sds of the noise
+    t = replace(t, value=missed)
+    near, far = (judged(t, start, tolerance=0.01) for start in ((0.3, 5.0), (1.5, 0.5)))
+    assert not near.comparison.adequate
+    assert near.fit.converged
+    assert far.fit.converged
+    assert near.at_bound == far.at_bound == ("b",)
+    assert abs(near.theta[0] - far.theta[0]) < 0.05 * near.fit.sd[0]
+    assert near.deviance == pytest.approx(far.deviance, abs=0.5)  # of 2200
+
+
+def test_a_fit_is_judged_again_without_another_solve(draw: Callable[..., Targets]) -> None:
+    t = draw(0.3, 5.0)
+    found, model = judged(t, (1.5, 0.5)), Spring(t)
+    again = judge(model, t, starts=found.theta)  # type: ignore[arg-type]
+    assert model.asked == {tuple(found.theta)}
+    np.testing.assert_array_equal(again.theta, found.theta)
+    assert again.comparison.chi2 == found.comparison.chi2
+    as_it_was = judge_fit(Spring(t), t, found.fit)  # type: ignore[arg-type]
+    assert as_it_was.comparison.to_dict() == found.comparison.to_dict()
+
+
+def test_a_fit_that_never_stays_says_so(draw: Callable[..., Targets]) -> None:
+    class Jumping(Spring):
+        """Whose gauge errs at even or at odd steps, by turns."""
+
+        turn = 0
+
+        def per_pressure(self, theta: Array) -> Array:
+            self.turn += 1
+            hit = (self.turn + np.arange(8)) % 2 == 0
+            return np.where(hit[:, None, None], 100.0, 0.01) * super().per_pressure(theta)
+
+    t = draw(0.3, 5.0)
+    kicked = t.value.copy()
+    kicked[2::2, :2, 2] *= 1.1
+    t = replace(t, value=kicked)
+    found = judge(Jumping(t), t, starts=np.array([0.3, 5.0]))  # type: ignore[arg-type]
+    assert not found.fit.converged
+    assert found.fit.reason == "the errors of gauge and mesh, rebuilt 8 times at the fit, still move it"

@@ -1,0 +1,225 @@
+"""The report page: every fact given stands in it, text is escaped, nothing is fetched from elsewhere."""
+
+import re
+from html.parser import HTMLParser
+from pathlib import Path
+
+import pytest
+
+from twin.numerals import interval, probability, short, value
+from twin.report.page import render, write_report
+
+PNG = b"\x89PNG\r\n\x1a\n" + bytes(8)
+SVG = '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 1 1"><path d="M0 0"/></svg>'
+FACTS = {
+    "where": "It fails most at marker tip.",
+    "mechanism": "The silicone keeps moving.",
+    "budget": {"markers": ["tip<"], "rows": [{"source": "placement", "um": [313.7], "remedy": "use a jig"}, {"source": "all", "um": [340.2]}]},
+    "headline": "The finger creeps.",
+    "summary": "Four times the noise before.",
+    "date": "2026-11-21",
+    "errors": {
+        "before_mm": 0.2123,
+        "after_mm": 0.0531,
+        "noise_mm": 0.0502,
+        "before_note": "4.2 times the noise",
+    },
+    "named": [
+        {
+            "effect": "creep",
+            "text": "one term",
+            "note": "wrong law",
+            "parameters": [
+                {"name": "g", "value": 0.03412, "low": 0.03313, "high": 0.03508, "unit": "MPa/MPa"}
+            ],
+        }
+    ],
+    "evidence": {
+        "effect": "creep:2", "rms_before_mm": 0.2119, "rms_after_mm": 0.0529, "noise_sd_mm": 0.0501,
+        "chi2_before": 5123.0, "chi2_after": 403.0, "more_parameters": 2, "evidence": 4703.0,
+        "held_out": {"left_out": "cycle", "folds": 2, "before_sd": 3.14, "after_sd": 1.07},
+        "parameters": {"creep.g1": {"value": 0.0351, "low": None, "high": None, "unit": "", "plausible": "plausible (0.003 to 0.2)"}},
+        "class": [{"effect": "lag", "ceiling": 0.331}], "branches": ["hold", "all"],
+        "table": [{"marker": "tip<", "cells": [{"explained": 0.873, "before_mm": 0.3, "after_mm": 0.1}, None]}],
+    },
+    "ranking": [
+        {
+            "effect": "creep",
+            "delta_bic": 10043.0,
+            "evidence": 9876.0,
+            "z": 101.25,
+            "p_value": 0.0,
+            "named": True,
+            "note": "named",
+        },
+        {"effect": "pressure_lag", "delta_bic": 412.4, "z": 20.1, "p_value": 3.2e-80},
+        {
+            "effect": "gravity",
+            "delta_bic": None,
+            "z": float("nan"),
+            "p_value": None,
+            "note": "one orientation",
+        },
+    ],
+    "ties": [["clamp", "pressure_gain"]],
+    "next_test": "Film it upside down.",
+    "cannot_tell": ["C10 and C01 are one number."],
+    "calibration": {
+        "parameters": [{"name": "C10 + C01", "value": 0.29714, "low": 0.2962, "high": 0.298, "unit": "MPa"}],
+        "sentence": "Only the sum is known.",
+    },
+    "chain": [{"name": "reprojection RMS", "value": 0.1423, "unit": "px", "note": "18 images"}],
+    "pictures": [
+        {"title": "Fall", "svg": SVG, "place": "top"},
+        {"title": "Left over", "svg": SVG, "place": "where"},
+        {"title": "Map", "caption": "in sd", "svg": SVG},
+        {"title": "Finger", "png": PNG, "half": True},
+        {"title": "Ridge", "svg": SVG, "half": True},
+    ],
+    "notes": ["no second camera"],
+    "provenance": {"seed": "7", "film": "sha256 3f9a12"},
+    "commands": ["twin diagnose"],
+}
+WANTED = (
+    *("batch-07", "The finger creeps.", "Four times the noise before.", "2026-11-21", "4.2 times the noise"),
+    *("0.212 mm", "0.0531 mm", "0.0502 mm", "creep", "one term", "wrong law", "0.0341", "0.0331 to 0.0351"),
+    *("MPa/MPa", "10,043", "9,876", "evidence, 2 ln B", "101", "&lt; 1e-99", "412", "20.1", "3.2e-80", "one orientation", "named"),
+    *("clamp or pressure_gain", "Film it upside down.", "C10 and C01 are one number.", "C10 + C01"),
+    *("0.2971", "0.2962 to 0.2980", "Only the sum is known.", "0.142 px", "18 images", "reprojection RMS"),
+    *("What speaks for creep:2", "0.212", "0.0529", "5,123", "403", "2 more parameters", "4,703", "each cycle from the others"),
+    *("3.14", "1.07", "creep.g1 = 0.0351: plausible (0.003 to 0.2)", "lag (33.1 %)", "tip&lt;", ">87<", "hold"),
+    *("It fails most at marker tip.", "The silicone keeps moving.", "placement", "314", "340", "use a jig", "Left over"),
+    *("Map", "in sd", "Finger", "Ridge", "no second camera", "sha256 3f9a12", "twin diagnose", "iVBORw0KGgo"),
+)
+VOID = {"meta", "img", "br", "link", "input", "hr"}
+
+
+class Tags(HTMLParser):
+    """Collects what a page would load, and checks that its elements close in order."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.loads: list[str] = []
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        if tag not in VOID:
+            self.open.append(tag)
+        self.loads += [
+            text or "" for name, text in attrs if name in {"src", "href", "xlink:href", "action", "data"}
+        ]
+        self.loads += [tag] if tag in {"script", "link", "iframe", "object", "embed"} else []
+
+    def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.handle_starttag(tag, attrs)
+        if tag not in VOID:
+            self.open.pop()
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+
+def parsed(page: str) -> Tags:
+    tags = Tags()
+    tags.feed(page)
+    tags.close()
+    return tags
+
+
+@pytest.mark.parametrize("text", WANTED)
+def test_every_fact_stands_in_the_page(text: str) -> None:
+    assert text in render(title="batch-07", facts=FACTS)
+
+
+def test_the_page_is_well_formed_and_loads_nothing() -> None:
+    page = render(title="batch-07", facts=FACTS)
+    tags = parsed(page)
+    assert tags.open == []
+    assert [source for source in tags.loads if not source.startswith(("data:image/png;base64,", "#"))] == []
+    assert len(tags.loads) == 1
+    assert not re.search(r"@import|url\((?!#)", page)
+    assert set(re.findall(r"https?://[^\s\"'<>]+", page)) <= {"http://www.w3.org/2000/svg"}
+
+
+@pytest.mark.parametrize("key", sorted(FACTS))
+def test_each_fact_may_be_absent_or_stand_alone(key: str) -> None:
+    without = {name: fact for name, fact in FACTS.items() if name != key}
+    for facts in (without, {key: FACTS[key]}, {key: None}):
+        page = render(title="batch-07", facts=facts)
+        assert parsed(page).open == []
+        assert "None" not in page
+        assert "Undefined" not in page
+
+
+def test_text_is_escaped() -> None:
+    bad = "<script>alert('a & b')</script>"
+    facts = {
+        "headline": bad,
+        "ranking": [{"effect": bad, "note": bad}],
+        "chain": [{"name": bad, "value": bad}],
+        "named": [{"effect": bad, "parameters": [{"name": bad, "value": 1.0}]}],
+        "pictures": [{"title": f'"{bad}', "png": PNG}],
+        "provenance": {bad: bad},
+        "ties": [[bad, bad]],
+    }
+    page = render(title=bad, facts=facts)
+    assert "<script" not in page
+    assert "&lt;script&gt;" in page
+    assert parsed(page).open == []
+
+
+def test_halves_stand_in_pairs() -> None:
+    page = render(title="t", facts={"pictures": FACTS["pictures"]})
+    rows = re.findall(r'<div class="(pair)?">', page)
+    assert rows == ["", "", "", "pair"]
+
+
+def test_a_manager_finds_the_answer_first_and_the_digests_last() -> None:
+    page = render(title="batch-07", facts=FACTS)
+    order = [
+        "The finger creeps.", "Four times the noise before.", "error before", "<b>Fall</b>", "Where it fails", "<b>Left over</b>",
+        "What speaks for creep:2", "What these data cannot show", "Next test:", "Where the uncertainty of the measurement",
+        "The constants, and what was missing", "<b>Map</b>", "Where this comes from",
+    ]  # fmt: skip
+    assert order == sorted(order, key=page.index)
+
+
+def test_a_misspelt_fact_and_an_empty_picture_are_refused() -> None:
+    with pytest.raises(ValueError, match="knows no fact 'rankings'"):
+        render(title="t", facts={"rankings": []})
+    with pytest.raises(ValueError, match="picture 'Map' has neither svg nor png"):
+        render(title="t", facts={"pictures": [{"title": "Map"}]})
+    with pytest.raises(ValueError, match="knows no place 'side'; it knows top"):
+        render(title="t", facts={"pictures": [{"title": "Map", "svg": SVG, "place": "side"}]})
+
+
+def test_the_file_is_written_whole_or_not_at_all(tmp_path: Path) -> None:
+    path = tmp_path / "report.html"
+    write_report(path, title="batch-07", facts=FACTS)
+    before = path.read_text(encoding="utf-8")
+    assert before.startswith("<!doctype html>")
+    with pytest.raises(ValueError, match="neither svg nor png"):
+        write_report(path, title="batch-07", facts={"pictures": [{"title": "Map"}]})
+    assert path.read_text(encoding="utf-8") == before
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_numbers_have_the_digits_that_they_deserve() -> None:
+    assert [
+        short(number) for number in (0.05312, 12.0, 1234.5, -0.0, 3.2e-9, -2.0, None, float("nan"), 1500)
+    ] == [*("0.0531", "12", "1,234", "0", "3.20e-09", "-2", "–", "–", "1,500")]
+    row = {"value": 143.217, "low": 120.0, "high": 166.0}
+    assert (value(row), interval(row)) == ("143", "120 to 166")
+    assert value({"value": 0.2}) == "0.2"
+    assert interval({"value": 0.2, "low": float("nan"), "high": 1.0}) == "–"
+    assert [probability(p) for p in (0.012345, 0.0, None)] == ["0.012", "< 1e-99", "–"]
+
+
+def test_a_note_stands_once_and_names_the_parameters_that_it_is_of() -> None:
+    def page(*notes: str) -> str:
+        rows = [{"name": f"p{k}", "value": 0.1, "low": None, "high": None, "note": note} for k, note in enumerate(notes)]
+        return render(title="t", facts={"calibration": {"parameters": rows}})
+
+    assert page("no interval: x", "no interval: x").count("no interval: x") == 1
+    assert "p1: ends at its bound" in page("", "ends at its bound")
+    assert "class=\"note\"" not in page("", "")

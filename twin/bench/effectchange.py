@@ -1,0 +1,100 @@
+"""The model with other effects than now: refitted, compared, and written into the project."""
+
+from typing import Any
+
+import numpy as np
+
+from twin.bench import waterfall
+from twin.bench.comparison import compared
+from twin.bench.fits import newest_fit
+from twin.bench.workbench import Workbench
+from twin.judging.comparison import Comparison
+from twin.judging.intervals import estimates, fit_record
+from twin.model.prediction import Model
+from twin.numerals import in_words
+from twin.project import files
+from twin.project.folder import Project, Say
+from twin.review.states import Fields
+from twin.targets import Array, Targets
+
+SHOWN = 80  # film times at which the deformed model is stored for the review
+
+
+def change_effects(
+    project: Project, kind: str, effects: tuple[str, ...], start: dict[str, float], say: Say, before: Any
+) -> dict[str, Any]:
+    bench, base = Workbench.of(project), newest_fit(project)
+    then = files.read_json(before) if before else {}
+    with project.new_run(kind, extra={"effects": list(effects)}) as run:
+        model = bench.model(effects)
+        known = {p.name: float(x) for p, x in zip(base.parameters, base.theta, strict=True)}
+        theta = model.theta({**_nominal(model), **known, **start})
+        say.progress(f"refit with {', '.join(effects) or 'no effect'}", 0, 1)
+        judged = bench.judged(model, theta, say)
+        fit, found = judged.fit, compared(run, judged, bench, say)
+        run.write_json("fit.json", fit_record(fit, found) | {"effects": list(effects)})
+        _fields(bench, judged.model, fit.theta).save(run.path("fields.npz"))
+        run.note(model.extent)
+    project.set_effects(effects)
+    say(_error(then, found))
+    way = waterfall.stairs(project)
+    if len(way) > 2:
+        say(waterfall.in_words(way))
+    say(f"{in_words(estimates(fit, found))}.")
+    say(found.where)
+    say(f"Wrote {project.shown(run.folder)}/fit.json; twin.toml has effects = {list(effects)}")
+    return {
+        "stage": kind,
+        "run": run.name,
+        "rms_before_mm": then.get("rms_mm"),
+        "rms_after_mm": found.rms_mm,
+        "raw_rms_before_mm": then.get("raw_rms_mm"),
+        "raw_rms_after_mm": found.raw_rms_mm,
+        "noise_sd_mm": found.noise_sd_mm,
+        "effects": list(effects),
+        "fit": fit_record(fit, found),
+        "steps": [row.to_dict() for row in way],
+    }
+
+
+def _error(then: dict[str, Any], now: Comparison) -> str:
+    """The error before and after, in words; `then`: what comparison.json held, or nothing."""
+    pairs = [(then.get(key), getattr(now, key)) for key in ("rms_mm", "raw_rms_mm")]
+    left, raw = (f"{'' if a is None else f'from {a:.3f} mm '}to {b:.3f} mm rms" for a, b in pairs)
+    return f"Error: {left}; with errors that many values share {raw}. The noise is {now.noise_sd_mm:.3f} mm."
+
+
+def _nominal(model: Model) -> dict[str, float]:
+    """Start values of effects of which nothing is known: half a typical step from null, the middle of the
+    grid."""
+    values: dict[str, float] = {}
+    for e in model.effects:
+        for p in e.parameters:
+            values[p.name] = p.start if p.start is not None else (p.null or 0.0) + 0.5 * p.step
+        tried = e.tries(model.test)
+        entry = tried[len(tried) // 2]
+        held = e.at(entry, model.test)
+        if held is not e:
+            raise ValueError(
+                f"effect {e.label!r}: it must be stated which; wanted for example {held.label!r}, as "
+                "the diagnosis names it"
+            )
+        values |= entry
+    return {p.name: float(np.clip(values[p.name], p.low, p.high)) for p in model.parameters}
+
+
+def _fields(bench: Workbench, model: Model, theta: Array) -> Fields:
+    """The fitted model at evenly spread film times, for the review."""
+    t: Targets = bench.targets
+    steps = np.unique(np.linspace(0, len(t.time) - 1, min(SHOWN, len(t.time))).round().astype(int))
+    rows = np.flatnonzero(~t.fixed)
+    u, predicted = model.solution(theta).fields(list(steps)), model.predict(theta)
+    rest = model.solution(theta).fields(list(t.reference[:: max(1, len(t.reference) // 3)])).mean(axis=0)
+    shown = len(bench.case.nodes)  # of a whole made of a half, the half comes first
+    return Fields(
+        time_s=t.time[steps] - t.time[0],
+        pressure=t.pressure[steps],
+        u=(u - rest)[:, :shown].astype(np.float32),
+        u_points=predicted[steps][:, rows],
+        u_measured=t.value[steps][:, rows],
+    )

@@ -1,0 +1,143 @@
+"""Which runs of a project still hold: a fit, a comparison or a diagnosis made from what is there now."""
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from twin.chain import DECK, FIT, STAGES, TARGETS, Stage, When, kinds_writing
+from twin.project import files
+from twin.project.folder import Project, kind_of
+from twin.project.staleness import changes
+
+if TYPE_CHECKING:  # its package takes a second to import: `check` and `list` do without
+    from calibrate import Fit
+
+BESIDE = ("effects", "identifiability", "initial")  # what fit.json holds beside the fit
+
+
+def stale(project: Project, folder: Path) -> list[str]:
+    """What has changed since a run was made, one clause each; [] where it belongs to the present project."""
+    stage = next((stage for stage in STAGES if stage.name == kind_of(folder)), None)
+    if stage is None or project.info(folder)["status"] != "done":
+        return []
+    if stage.when is not When.ALWAYS and (other := _other_effects(project, folder)):
+        return [other]
+    return _changes(project, folder, stage)
+
+
+def holds(project: Project, folder: Path) -> bool:
+    """Whether a run is done and belongs to the present targets, mesh and settings, whatever its effects."""
+    stage = next((stage for stage in STAGES if stage.name == kind_of(folder)), None)
+    return stage is not None and _is_done(project, folder) and not _changes(project, folder, stage)
+
+
+def _changes(project: Project, folder: Path, stage: Stage) -> list[str]:
+    """What has changed since a run of a stage was made, but for the effects in the model."""
+    present = [project.targets_folder] if TARGETS in stage.reads else []
+    present += project.deck_files() if DECK in stage.reads else []
+    info = project.info(folder)
+    model = info.get("config", {}).get("model", {})
+    labels = info.get("extra", {}).get("effects", model.get("effects", ()))
+    if "[diagnose]" in stage.reads or _has_own(labels):
+        return changes(project, folder, tables=stage.tables, present=[*present, *project.effect_files()])
+    return changes(project, folder, tables=stage.tables, present=present, but=model.get("effect_files", ()))
+
+
+def _other_effects(project: Project, folder: Path) -> str:
+    """How the effects that a run has left in the model differ from those of twin.toml; "" if they do not."""
+    path, now = folder / FIT, list(project.config.model.effects)
+    then = files.read_json(path).get("effects", now) if path.is_file() else now
+    if then == now:
+        return ""
+    return f"its effects are {', '.join(then) or 'none'}, those of twin.toml {', '.join(now) or 'none'}"
+
+
+def _has_own(labels: Sequence[str]) -> bool:
+    """Whether a model has an effect of the user's own files. Only then does its fit depend on them; a
+    diagnosis tries them all."""
+    if not labels:
+        return False
+    from twin.effects.library import all_effects
+
+    known = {e.name for e in all_effects()}
+    return any(label.partition(":")[0] not in known for label in labels)
+
+
+def fresh(project: Project, kinds: tuple[str, ...], file: str = "run.json") -> Path | None:
+    """The file of the newest done run of these kinds that has it and belongs to the present project."""
+    return next(every_fresh(project, kinds, file), None)
+
+
+def every_fresh(project: Project, kinds: tuple[str, ...], file: str) -> Iterator[Path]:
+    """The files of all done runs of these kinds that belong to the present project, the newest first."""
+    return (path for path in _having(project, kinds, file) if not stale(project, path.parent))
+
+
+def stale_sentences(project: Project, kinds: tuple[str, ...], file: str = "run.json") -> list[str]:
+    """What the newest runs of these kinds that have a file are not used for, one sentence each; those behind
+    one that is used do not matter."""
+    found = []
+    for path in _having(project, kinds, file):
+        why = stale(project, path.parent)
+        if not why:
+            break
+        found.append(f"{project.shown(path.parent)} is stale: {why[0]}; it is not used")
+    return found
+
+
+def newest_fit(project: Project) -> "Fit":
+    """The newest fit of the model that twin.toml has now, made from the targets, mesh and settings of now.
+
+    ValueError names what is stale, or says to calibrate first.
+    """
+    from calibrate import Fit
+
+    data = files.read_json(fit_file(project))
+    return Fit.from_dict({key: value for key, value in data.items() if key not in BESIDE})
+
+
+def fit_file(project: Project) -> Path:
+    """The fit.json of `newest_fit`."""
+    wanted = list(project.config.model.effects)
+    refused, others = "", False
+    for path in _having(project, kinds_writing(FIT), FIT):
+        data = files.read_json(path)
+        if data.get("effects") != wanted:
+            others = True
+            continue
+        why = stale(project, path.parent)
+        if not why:
+            return path
+        refused = refused or f"fit of {project.shown(path.parent)} is stale: {why[0]}"
+    if refused:
+        raise ValueError(f"{refused}; {_way_out(wanted)}")
+    what = f"for effects {wanted}" if others else "in this project"
+    raise ValueError(f"no fit {what}; run twin calibrate" + (" or twin add" if others else ""))
+
+
+def named_effects(project: Project) -> list[str]:
+    """The effects that the newest diagnosis names. ValueError without one that still holds."""
+    path = fresh(project, ("diagnose",), "diagnosis.json")
+    if path is None:
+        why = stale_sentences(project, ("diagnose",), "diagnosis.json")
+        raise ValueError(f"{why[0] if why else 'no diagnosis yet'}; run twin diagnose, or name the effect")
+    named: list[str] = files.read_json(path)["named"]
+    return named
+
+
+def _way_out(effects: list[str]) -> str:
+    if not effects:
+        return "run twin calibrate"
+    again = ", ".join(f"twin add {name}" for name in effects)
+    return f"set effects = [] in twin.toml, then run twin calibrate and {again}"
+
+
+def _having(project: Project, kinds: tuple[str, ...], file: str) -> list[Path]:
+    """The files of a name in the done runs of these kinds, newest first."""
+    folders = [f for f in reversed(project.runs()) if kind_of(f) in kinds and (f / file).is_file()]
+    return [folder / file for folder in folders if _is_done(project, folder)]
+
+
+def _is_done(project: Project, folder: Path) -> bool:
+    info: Any = project.info(folder)
+    return bool(info["status"] == "done")

@@ -1,0 +1,94 @@
+"""How the error fell: nominal constants, calibrated, and every effect that was added or dropped since."""
+
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from twin.bench.fits import holds
+from twin.chain import FIT, kinds_writing
+from twin.project import files
+from twin.project.folder import Project, kind_of
+
+COMPARISON = "comparison.json"
+NOMINAL, CALIBRATED = "nominal constants", "calibrated"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Stair:
+    """One model on the way: what was done, its effects, its error and the noise in mm, whether it fits, and
+    its run (none before the first fit)."""
+
+    done: str
+    effects: tuple[str, ...]
+    rms_mm: float
+    raw_rms_mm: float | None
+    noise_sd_mm: float
+    adequate: bool
+    run: str
+
+    def to_dict(self) -> dict[str, Any]:
+        """One row of `steps` in what --json prints."""
+        return asdict(self) | {"effects": list(self.effects)}
+
+
+def stairs(project: Project) -> tuple[Stair, ...]:
+    """The models since the newest calibration that belongs to the present project, the oldest first; of runs
+    in a row that left the same effects the newest."""
+    out: list[Stair] = []
+    for folder in _runs(project):
+        fit, found = files.read_json(folder / FIT), files.read_json(folder / COMPARISON)
+        effects = tuple(fit.get("effects", ()))
+        if kind_of(folder) == "calibrate":
+            out = _nominal(fit, found)
+        elif out and out[-1].effects == effects:
+            out.pop()
+        out.append(_stair(_done(out[-1].effects if out else (), effects), effects, found, folder.name))
+    return tuple(out)
+
+
+def in_words(rows: tuple[Stair, ...]) -> str:
+    """The errors one after the other, and the noise, in a sentence; nothing for a single model."""
+    if len(rows) < 2:
+        return ""
+    way = " -> ".join(f"{row.done} {row.rms_mm:.3f}" for row in rows)
+    return f"Error, mm rms: {way}; the noise is {rows[-1].noise_sd_mm:.3f}."
+
+
+def _runs(project: Project) -> list[Path]:
+    """The runs with a fit of the present project, whatever their effects, from the newest calibration on."""
+    kinds, found = kinds_writing(FIT), []
+    for folder in reversed(project.runs()):
+        complete = (folder / FIT).is_file() and (folder / COMPARISON).is_file()
+        if kind_of(folder) in kinds and complete and holds(project, folder):
+            found.append(folder)
+            if kind_of(folder) == "calibrate":
+                return found[::-1]
+    return []
+
+
+def _nominal(fit: dict[str, Any], found: dict[str, Any]) -> list[Stair]:
+    """The model before the calibration, where it was kept."""
+    initial = fit.get("initial")
+    if not initial or initial.get("rms_mm") is None:
+        return []
+    return [
+        Stair(
+            done=NOMINAL, effects=(), rms_mm=initial["rms_mm"], raw_rms_mm=initial["raw_rms_mm"],
+            noise_sd_mm=found["noise_sd_mm"], adequate=False, run="",
+        )
+    ]  # fmt: skip
+
+
+def _stair(done: str, effects: tuple[str, ...], found: dict[str, Any], run: str) -> Stair:
+    return Stair(
+        done=done, effects=effects, rms_mm=found["rms_mm"], raw_rms_mm=found.get("raw_rms_mm"),
+        noise_sd_mm=found["noise_sd_mm"], adequate=found["adequate"], run=run,
+    )  # fmt: skip
+
+
+def _done(before: tuple[str, ...], after: tuple[str, ...]) -> str:
+    """What changed between two models, in words."""
+    more, less = ([e for e in a if e not in b] for a, b in ((after, before), (before, after)))
+    widened = {e.partition(":")[0] for e in more} & {e.partition(":")[0] for e in less}
+    less = [e for e in less if e.partition(":")[0] not in widened]
+    return " ".join([*(f"+ {e}" for e in more), *(f"- {e}" for e in less)]) or CALIBRATED

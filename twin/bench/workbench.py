@@ -1,0 +1,215 @@
+"""A project -> its targets, model and whitener: what every stage after `measure` starts from."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from calibrate import Fit
+from fe import Case, Path
+from fe.element import Integers
+from fe.mesh.points import nearest
+from twin.bench.caches import FolderCache, SolvedList
+from twin.bench.positions import on_surface, places_of
+from twin.effects.baselaw import NAMES, NOMINAL, Constants
+from twin.effects.library import effect
+from twin.effects.material import Elasticity
+from twin.effects.ownfiles import own_effects
+from twin.effects.protocol import Effect
+from twin.gravity import density, ways
+from twin.judging.judged import Judged, judge, judge_fit
+from twin.model.basemodel import base_model, base_test
+from twin.model.discretisation import Discretisation, SolvedAt, discretisation_error, meshes_key
+from twin.model.prediction import Model
+from twin.model.structure import BuiltIn, Structure, of_deck, of_finger, weighed
+from twin.project.folder import Project, Say
+from twin.project.trust import check_programs
+from twin.sanity import motion_fault, place_fault, rise_fault
+from twin.targets import Array, PointKind, Targets, as_position
+
+OFF_MODEL_MM = 0.5
+# C10 + C01 of finer meshes over that of the model they serve, at most and either way, where it does more than
+# to scale the pressure
+SAME = 1.05
+
+
+@dataclass(frozen=True)
+class Workbench:
+    """What a stage works with."""
+
+    project: Project
+    targets: Targets
+    structure: Structure
+    elasticity: Elasticity
+    remarks: tuple[str, ...] = ()  # what was done to the targets, one sentence each
+
+    @property
+    def case(self) -> Case:
+        """The structure with nominal constants."""
+        return self.structure.case
+
+    @property
+    def scales(self) -> bool:
+        """Whether U depends on pressure / (C10 + C01) and the share alone."""
+        return self.structure.scales and not self.gravities[0].any()
+
+    @property
+    def gravities(self) -> tuple[Array, Integers]:
+        """The different gravities and hung forces (g, 3 + 3 h) of the targets' steps, and which of them (s,)
+        acts on each."""
+        return ways(self.case, self.path)
+
+    @property
+    def path(self) -> Path:
+        """What loads the structure in the targets."""
+        return base_test(self.targets, self.case).path
+
+    @staticmethod
+    def of(project: Project) -> "Workbench":
+        """The workbench of a project. ValueError for unknown nodes or fixed parameters of no use."""
+        config = project.config
+        unknown = sorted(set(config.model.fixed) - set(NAMES))
+        if unknown:
+            raise ValueError(
+                f"model.fixed.{unknown[0]}: only {' and '.join(NAMES)} can be held; remove it from "
+                "twin.toml (the density of a weighed finger is model.density_kg_m3)"
+            )
+        structure = structure_of(project)
+        targets = on_surface(project.targets(), places_of(project, structure))
+        for point in targets.points:
+            if point.kind is PointKind.UNKNOWN:
+                raise ValueError(
+                    f"point {point.name!r} has no place on the finger; wanted position_mm = [x, y, z] in mm "
+                    "or the label of a node: add it under [[points]] in twin.toml"
+                )
+            if point.node is not None:
+                structure.case.position(point.node)  # names what is wrong with an unknown node
+        targets, remarks = _on_model(targets, structure.case)
+        check_plausible(project, targets, structure.case)
+        if fault := rise_fault(targets):
+            raise ValueError(f"targets: {fault}")
+        elasticity = Elasticity(bounds=config.calibrate.bounds, fixed=config.model.fixed)
+        return Workbench(project, targets, structure, elasticity, remarks)
+
+    def model(self, labels: Sequence[str] | None = None) -> Model:
+        """The base model with the effects of these labels, by default those of twin.toml."""
+        model = base_model(self.targets, self.case, elasticity=self.elasticity)
+        for label in self.project.config.model.effects if labels is None else labels:
+            model = model.with_effect(effect(label, own=own_of(self.project)))
+        return model
+
+    def cache(self, say: Say) -> FolderCache:
+        """The project's cache of arrays."""
+        return FolderCache(self.project.root / "cache", say)
+
+    def on_mesh(self, model: Model, theta: Array, say: Say) -> Model:
+        """The model with the error of its mesh where its parameters are near theta (d,)."""
+        return model.on_mesh(self.mesh(theta, model, say))
+
+    def mesh(self, theta: Array, model: Model, say: Say) -> Discretisation | None:
+        """The error of a model's mesh without its effects; None without a noise model: no test needs it.
+
+        The finer meshes are solved at theoretical constants, once for a project, and serve again for others
+        nearby.
+        """
+        if self.targets.noise is None:
+            return None
+        if self.structure.unknown:
+            return _warned(Discretisation.none(self.structure.unknown), say)
+        test, own = model.base.test, Constants.of({**model.named(theta), **self.elasticity.fixed})
+        solved = SolvedList(
+            self.project.root / "cache" / f"{meshes_key(test, self.structure)}-solved.json"
+        )
+        at = self._solved_at(own, solved)
+        found = discretisation_error(test, structure=self.structure, solved_at=at, cache=self.cache(say))
+        solved.add(at)  # not before: constants without an equilibrium must not serve
+        return _warned(found, say)
+
+    def judged(self, model: Model, start: Array, say: Say, *, seed: int = 0) -> Judged:
+        """The model fitted from a start (d,) near it, and judged: calibrate, add, drop and diagnose alike."""
+        return judge(self.on_mesh(model, start, say), self.targets, starts=start, seed=seed)
+
+    def judged_fit(self, model: Model, fit: Fit, say: Say) -> Judged:
+        """The model judged as it was fitted."""
+        return judge_fit(self.on_mesh(model, fit.theta, say), self.targets, fit)
+
+    def _solved_at(self, own: Constants, solved: SolvedList) -> SolvedAt:
+        """Where finer meshes were solved that serve for these constants, or are to be solved.
+
+        Where U depends on pressure / (C10 + C01) and the share alone, nominal constants serve for all.
+        """
+        top = float(self.targets.log_pressure.max())
+        if self.scales:
+            wanted = top * NOMINAL.total / own.total
+            # for constants twice as stiff as nominal ones, too, so that the mesh is tested at one pressure
+            wanted = max(wanted, top) if top < 2 * wanted else wanted
+            return solved.serving(NOMINAL, wanted) or SolvedAt.beside(NOMINAL, wanted)
+        return solved.serving(own, top, low=1 / SAME, high=SAME) or SolvedAt.beside(own, top)
+
+
+def _warned(mesh: Discretisation, say: Say) -> Discretisation:
+    """The error of a mesh; where it is not known, the user hears so."""
+    if mesh.unknown:
+        say(
+            f"The error of the mesh is not known: {mesh.unknown}. Constants and intervals hold for "
+            "this mesh alone."
+        )
+    return mesh
+
+
+def check_plausible(project: Project, targets: Targets, case: Case) -> None:
+    """Raise ValueError where the targets cannot be displacements of the project's finger."""
+    down = project.config.model.deck is None  # a deck may lie in any way
+    fault = place_fault(targets, case) or motion_fault(targets, case, bends_down=down)
+    if fault:
+        raise ValueError(f"targets: {fault}")
+
+
+def own_of(project: Project) -> tuple[Effect, ...]:
+    """The effects of the project's own files. ValueError where one of them is not right, or not trusted."""
+    check_programs(project.root, project.config.model.effect_files)
+    return own_effects(project.root, project.config.model.effect_files)
+
+
+def structure_of(project: Project) -> Structure:
+    """What the model of a project is made of, as heavy as it was weighed. ValueError where its deck is not
+    there or not right."""
+    kg_m3 = project.config.model.density_kg_m3
+    found = _unweighed(project)
+    return found if kg_m3 is None else weighed(found, density(kg_m3))
+
+
+def _unweighed(project: Project) -> Structure:
+    table = project.config.model
+    if table.deck is None:
+        own = project.builtin or (BuiltIn() if table.finger is None else BuiltIn.of(table.finger.finger))
+        return of_finger(own.finger, replace(own.lattice, refine=table.mesh))
+    path = project.path(table.deck)
+    if not path.is_file():
+        raise ValueError(
+            f"model.deck = {table.deck!r}: no such file in {project.root}; copy it there or correct twin.toml"
+        )
+    return of_deck(path, mesh=table.mesh, silicone=table.silicone)
+
+
+def _on_model(targets: Targets, case: Case) -> tuple[Targets, tuple[str, ...]]:
+    """Targets whose material points lie on the model, and what was moved for that."""
+    points, off = list(targets.points), {}
+    for p in np.flatnonzero(targets.of_kind(PointKind.PLACE)):
+        own = np.array(points[p].position)
+        moved_to = nearest(case, own)
+        off[points[p].name] = float(np.linalg.norm(moved_to - own))
+        points[p] = replace(points[p], position=as_position(moved_to))
+    worst = max(off, key=lambda name: off[name], default="")
+    if off.get(worst, 0.0) > OFF_MODEL_MM:
+        raise ValueError(
+            f"point {worst!r} lies {off[worst]:.2f} mm off the model, wanted at most {OFF_MODEL_MM} mm: "
+            "correct the region or y_mm in [dic], or the model's geometry, and measure anew"
+        )
+    moved = sum(distance > 0.0 for distance in off.values())
+    if not moved:
+        return targets, ()
+    return replace(targets, points=tuple(points)), (
+        f"{moved} of {len(off)} points without a node lie up to {off[worst]:.2f} mm off the model ({worst}). "
+        "The nearest point of the model stands for each.",
+    )

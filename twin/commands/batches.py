@@ -1,0 +1,233 @@
+"""The batches of a folder beside each other: a table, a chart, and whether the newest differs."""
+
+import csv
+import io
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from calibrate.randomeffects import LEAST, Newcomer, newcomer
+from calibrate.statistics import holm
+from twin.batches.order import Opened, batches_in
+from twin.batches.values import BatchValue, values_of
+from twin.bench.fits import fit_file, fresh
+from twin.bench.othermodels import other_models
+from twin.numerals import interval, short
+from twin.project import files
+from twin.project.folder import Project, Say
+
+if TYPE_CHECKING:
+    from twin.drawing.driftchart import DriftCourse
+
+LEVEL = 0.05  # share of series without a change in which any parameter is called changed, at most
+PAGE, TABLE = "batches.html", "batches.csv"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Batch:
+    """A batch with what was found of it; `problem` says why it has no fit."""
+
+    name: str
+    verdict: str
+    effects: tuple[str, ...]
+    values: tuple[BatchValue, ...]
+    problem: str = ""
+
+    def value(self, name: str) -> BatchValue | None:
+        """Its quantity of a name."""
+        return next((v for v in self.values if v.name == name), None)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Drift:
+    """One quantity of the newest batch against the former ones; p_value adjusted for all that were tested."""
+
+    name: str
+    unit: str
+    found: Newcomer
+    p_value: float
+
+    @property
+    def differs(self) -> bool:
+        """Whether the newest batch differs in it."""
+        return self.p_value < LEVEL
+
+    @property
+    def words(self) -> str:
+        """The test in a sentence."""
+        f, unit = self.found, f" {self.unit}".rstrip()
+        span = f"{f.low:.4g} to {f.high:.4g}{unit}"
+        verdict = "differs" if self.differs else "is like the former ones"
+        return (f"{self.name} = {f.value:.4g}{unit} {verdict}: by the {f.former.groups} former batches, "
+                f"{span} was expected (95 %), p = {self.p_value:.2g}. The sd between batches is "
+                f"{f.former.between_sd:.2g}{unit}.")  # fmt: skip
+
+
+def run_batches(folder: Path, say: Say, *, opened: Opened = Project.open) -> dict[str, Any]:
+    """The batches below a folder as a table and a chart in batches.html and batches.csv of that folder, and
+    the test of the newest one. Both files are made anew each time."""
+    paths = batches_in(folder)
+    found = [batch_of(path, opened) for path in paths]
+    if not found:
+        raise ValueError(
+            f"{folder}: no project below it; wanted a folder whose subfolders have a twin.toml"
+        )
+    tested, untested = drifts(found)
+    fitted = [path for path, batch in zip(paths, found, strict=True) if not batch.problem]
+    apart = other_models(*map(opened, fitted[-2:])) if len(fitted) > 1 else ()
+    lines = [*apart, *sentences(found, tested), *untested]
+    files.write_text(folder / TABLE, _csv(found))
+    files.write_text(folder / PAGE, _page(folder.resolve().name, found, tested, lines))
+    for row in found:
+        say(f"{row.name}: {row.problem or _row(row)}")
+    for line in lines:
+        say(line)
+    say(f"Wrote {folder / PAGE} and {folder / TABLE}, made anew from the fits that hold now.")
+    return {
+        "stage": "batches", "folder": str(folder), "batches": [b.name for b in found],
+        "newest": found[-1].name, "differs": [d.name for d in tested if d.differs],
+        "tests": [{"name": d.name, "p_value": d.p_value, "value": d.found.value, "expected": d.found.expected,
+                   "low": d.found.low, "high": d.found.high, "between_sd": d.found.former.between_sd}
+                  for d in tested],
+        "untested": untested,
+    }  # fmt: skip
+
+
+def batch_of(folder: Path, opened: Opened = Project.open) -> Batch:
+    """What the newest runs of a project found; a project without a fit that holds says why."""
+    try:
+        project = opened(folder)
+        record = files.read_json(fit_file(project))
+        values = values_of(record)
+    except (ValueError, KeyError) as error:
+        return Batch(name=folder.name, verdict="", effects=(), values=(), problem=str(error))
+    path = fresh(project, ("diagnose",), "diagnosis.json")
+    verdict = files.read_json(path)["verdict"] if path is not None else "not diagnosed"
+    return Batch(
+        name=folder.name, verdict=verdict, effects=tuple(record.get("effects", ())), values=values
+    )
+
+
+def drifts(batches: list[Batch]) -> tuple[list[Drift], list[str]]:
+    """Each quantity of the newest batch (the last) against the former ones, and what could not be tested.
+
+    p-values are adjusted by Holm for the number of quantities. Batches of which a quantity has no sd do not
+    count in it, and neither do those whose model has other effects: their constants are another quantity.
+    """
+    newest, former = batches[-1], [b for b in batches[:-1] if b.effects == batches[-1].effects]
+    raw: list[tuple[BatchValue, Newcomer]] = []
+    untested = []
+    for v in newest.values:
+        rows = [w for w in (b.value(v.name) for b in former) if w is not None and w.sd]
+        if not v.sd:
+            untested.append(f"{v.name} of {newest.name} is not tested: {v.note or 'its sd is not known'}.")
+        elif len(rows) < LEAST:
+            untested.append(f"{v.name} is not tested: {len(rows)} former batches have it with an interval "
+                            f"and the same effects in the model, wanted {LEAST} or more.")  # fmt: skip
+        else:
+            sds = [w.sd for w in rows if w.sd]
+            raw.append((v, newcomer([w.value for w in rows], sds, value=v.value, sd=v.sd)))
+    adjusted: list[float] = holm([n.p_value for _, n in raw]).tolist()
+    tested = [
+        Drift(name=v.name, unit=v.unit, found=n, p_value=p) for (v, n), p in zip(raw, adjusted)
+    ]
+    return tested, untested
+
+
+def sentences(batches: list[Batch], tested: list[Drift]) -> list[str]:
+    """What the tests say of the newest batch."""
+    newest = batches[-1]
+    if newest.problem:
+        return [f"{newest.name}, the newest by name, has no fit that holds: {newest.problem}."]
+    changed = [d.name for d in tested if d.differs]
+    head = [f"{newest.name}, the newest by name, differs from the former batches in {' and '.join(changed)}."]
+    if not changed:
+        head = [f"{newest.name}, the newest by name, is like the former batches."] if tested else []
+    return [*head, *(d.words for d in tested)]
+
+
+def _row(batch: Batch) -> str:
+    cells = [f"{v.name} = {v.value:.4g}{_span(v)} {v.unit}".rstrip() for v in batch.values]
+    return f"{', '.join(cells)}; {batch.verdict}"
+
+
+def _span(v: BatchValue) -> str:
+    return "" if v.span is None else f" (95 %: {v.span[0]:.4g} to {v.span[1]:.4g})"
+
+
+def _csv(batches: list[Batch]) -> str:
+    """One row a batch and quantity, the ends of its 95 % interval empty where there is none."""
+    out = io.StringIO()
+    write = csv.writer(out, lineterminator="\n").writerow
+    write(["batch", "verdict", "effects", "quantity", "value", "low", "high", "unit", "note"])
+    for b in batches:
+        if b.problem:
+            write([b.name, "", "", "", "", "", "", "", b.problem])
+        for v in b.values:
+            low, high = v.span or ("", "")
+            write([b.name, b.verdict, " ".join(b.effects), v.name, repr(v.value), low, high, v.unit, v.note])
+    return out.getvalue()
+
+
+# -- the page ------------------------------------------------------------------------------------------------
+
+
+def _page(title: str, batches: list[Batch], tested: list[Drift], lines: list[str]) -> str:
+    """batches.html: what the tests say, the chart, the table."""
+    from twin.drawing.driftchart import drift_chart  # loads matplotlib
+    from twin.report.tablepage import table_page
+
+    courses = _courses(batches, tested)
+    chart = {"title": "Constants and effects over the batches,", "caption": CAPTION}
+    charts = [chart | {"svg": drift_chart([b.name for b in batches], courses)}] if courses else []
+    headline, *others = lines or [f"{len(batches)} batches."]
+    return table_page(
+        title, headline=headline, sentences=others, pictures=charts,
+        tables=[
+            {"title": "The batches", "head": HEAD,
+             "rows": [row for b in batches for row in _cells(b, tested, newest=b is batches[-1])],
+             "note": "No interval stands where the model does not fit, or where the data leave a value open."}
+        ],
+    )  # fmt: skip
+
+
+HEAD = ["batch", "quantity", "value", "95 % interval", "unit", "verdict"]
+CAPTION = (
+    "with 95 % intervals (hollow: no interval). Grey: the 95 % range that the former batches predict."
+)
+
+
+def _courses(batches: list[Batch], tested: list[Drift]) -> list["DriftCourse"]:
+    from twin.drawing.driftchart import DriftCourse
+
+    names = list(dict.fromkeys(v.name for b in batches for v in b.values))
+    test = {d.name: d for d in tested}
+    courses = []
+    for name in names:
+        own = [b.value(name) for b in batches]
+        spans = [(v.span if v is not None else None) or (math.nan, math.nan) for v in own]
+        d = test.get(name)
+        courses.append(
+            DriftCourse(
+                name=name, unit=next(v.unit for v in own if v is not None),
+                values=np.array([math.nan if v is None else v.value for v in own]),
+                low=np.array([s[0] for s in spans]), high=np.array([s[1] for s in spans]),
+                expected=None if d is None else (d.found.low, d.found.high), differs=bool(d and d.differs),
+            )
+        )  # fmt: skip
+    return courses
+
+
+def _cells(batch: Batch, tested: list[Drift], *, newest: bool) -> list[dict[str, Any]]:
+    """The rows of a batch; those in which the newest differs stand out."""
+    changed = {d.name for d in tested if d.differs} if newest else set()
+    if batch.problem:
+        return [{"cells": [batch.name, "", "", "", "", batch.problem]}]
+    return [
+        {"cells": [batch.name, v.name, short(v.value), "–" if v.span is None else interval(
+            {"low": v.span[0], "high": v.span[1]}), v.unit, batch.verdict], "named": v.name in changed}
+        for v in batch.values
+    ]  # fmt: skip

@@ -1,0 +1,239 @@
+"""Whether a project is complete and right, and what to run next."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Any
+
+from twin.batches.former import camera_kept
+from twin.bench.fits import fresh, named_effects
+from twin.chain import STAGES, TARGETS, Stage, When
+from twin.gauge.pressurelog import Log
+from twin.inputs.films import OneFilm, films_of
+from twin.project.config import CameraTable
+from twin.project.folder import Project, Say
+from twin.targets import PointKind, TargetPoint, Targets
+
+
+def run_check(project: Project, say: Say) -> dict[str, Any]:
+    """Say what is missing and what comes next; ValueError at the first thing that is wrong."""
+    check_project(project, say)
+    step = _next(project)
+    say(f"Next: `twin {step}`.")
+    return {"stage": "check", "status": "done", "next": step}
+
+
+def check_project(project: Project, say: Say) -> None:
+    """Say what is known of a project and its files; ValueError at the first thing that is wrong."""
+    say(f"twin.toml is right. Points: {', '.join(point.name for point in project.config.points)}. "
+        f"Effects: {', '.join(project.config.model.effects) or 'none'}.")  # fmt: skip
+    for sentence in project.remarks:
+        say(sentence)
+    own_deck = project.config.model.deck is not None
+    if not own_deck:  # what a deck is not there for can be said before all files are
+        _check_finger(project, say)
+    missing = _missing_files(project)
+    if missing:
+        raise ValueError(f"missing in {project.root}: {'; '.join(missing)}")
+    if own_deck:
+        _check_finger(project, say)
+    _check_effects(project)
+    kept = camera_kept(project)
+    if kept:
+        say(kept)
+    _check_recorded(project, say)
+    if project.targets_folder.is_dir():
+        targets = project.targets()
+        _check_points(project, targets)
+        _check_motion(project, targets, say)
+        say(f"The targets have {len(targets.time)} steps and {len(targets.names)} points, with "
+            f"{int(targets.valid.sum())} measured values in all.")  # fmt: skip
+        if targets.noise is None:
+            say("The targets have no noise model. Without one `twin diagnose` cannot test: measure them with "
+                "`twin measure`, or state it in targets/targets.toml (docs/files.md).")  # fmt: skip
+    if project.config.study is not None and fresh(project, ("study",)) is None:
+        say("`twin study` makes the figures and the table of the study; it calibrates first where needed.")
+
+
+def _check_recorded(project: Project, say: Say) -> None:
+    """Say what was read of the pressure log and seen in films that are not measured yet; ValueError where
+    they are not right, or the log is shorter than the film."""
+    pressure = project.config.pressure
+    if project.targets_folder.is_dir() or pressure is None or not project.config.cameras:
+        return
+    films = films_of(project)
+    for film in films:
+        _check_one(film.project, say, before=f"Film {film.name}: ", after=_said_of(film))
+    if not films:
+        _check_one(project, say)
+
+
+def _said_of(film: OneFilm) -> str:
+    """What twin.toml says of one of several films."""
+    turned = "" if film.table.gravity is None else f" Gravity: {list(film.table.gravity)}."
+    return turned + (" It is held out: predicted, never fitted." if film.table.held_out else "")
+
+
+def _check_one(project: Project, say: Say, *, before: str = "", after: str = "") -> None:
+    """Say what was read of the log of the project's one film, and seen in that."""
+    from twin.inputs.filmcheck import check_films
+
+    log, read, odd = _log_line(project)
+    say(f"{before}{read}{after}")
+    for sentence in odd:
+        say(sentence)
+    check_films(project, log, say)
+
+
+def _log_line(project: Project) -> tuple[Log, str, tuple[str, ...]]:
+    """The pressure log of the project's one film, what was read of it and what is odd in it; ValueError where
+    it is not right, or shorter than the film."""
+    from twin.gauge.pressurelog import check_lasts
+    from twin.inputs.pressure import gauge_of, said_of_log
+    from twin.inputs.recordings import log_of, pressure_table
+    from vision.film.series import open_film
+
+    pressure = pressure_table(project)
+    log, table = log_of(project, pressure), project.config.cameras[0]
+    time, still = (open_film(project.path(f), fps=table.fps).time for f in (table.film, table.static))
+    odd = _unused_rate(table, project)
+    if pressure.join == "stamps":
+        gauge_of(project, time, still, log, table.film_start_s)
+        odd += said_of_log(project, time, log, table.film_start_s)
+    check_lasts(log, float(time[-1] - time[0]))
+    return log, (
+        f"{log.path.name}: {log.source}, {log.pressure.min():.3g} to {log.pressure.max():.3g} MPa, "
+        f"{log.time[-1] - log.time[0]:.1f} s long. The film lasts {time[-1] - time[0]:.1f} s."
+    ), odd
+
+
+def _unused_rate(table: CameraTable, project: Project) -> tuple[str, ...]:
+    """A sentence on a frame rate that is stated for a video file, whose own time stamps count."""
+    film = project.path(table.film)
+    if table.fps is None or not film.is_file():
+        return ()
+    return (
+        f"cameras.fps = {table.fps:g} is for pictures: {film.name} is a video file, and its own time "
+        "stamps are used.",
+    )
+
+
+def _check_finger(project: Project, say: Say) -> None:
+    """Say what is to be known of the finger's mesh and of points on it; ValueError where they are not
+    right."""
+    from twin.bench.meshshapes import poor_shapes, shape_table
+    from twin.bench.positions import check_points, places_of
+    from twin.bench.workbench import structure_of
+    from twin.model.structure import size_doubt
+
+    structure = structure_of(project)
+    check_points(project.config.points, structure)
+    places = places_of(project, structure).values()
+    for line in (*structure.remarks, size_doubt(structure.case), *(p.sentence for p in places)):
+        if line:
+            say(line)
+    if project.config.model.deck is not None:
+        for line in (*shape_table(structure), poor_shapes(structure)):
+            if line:
+                say(line)
+
+
+def _check_effects(project: Project) -> None:
+    """Raise ValueError where an effect that twin.toml names is unknown, or one of its own files not right."""
+    named = (*project.config.model.effects, *project.config.diagnose.candidates)
+    if not named and not project.config.model.effect_files:
+        return
+    from twin.bench.workbench import own_of
+    from twin.contract.promises import check_effect
+    from twin.effects.library import effect
+
+    own = own_of(project)
+    for label in named:
+        effect(label, own=own)
+    for sentence in (s for e in own for s in check_effect(e, solves=False)):
+        raise ValueError(sentence)
+
+
+def _missing_files(project: Project) -> list[str]:
+    """What twin.toml names and is not there; a film is not asked for once its targets are there."""
+    deck = project.config.model.deck
+    if deck is not None and not project.path(deck).is_file():
+        return [f"{deck} (model.deck)"]
+    if project.targets_folder.is_dir():
+        return []
+    if not project.config.cameras or project.config.pressure is None:
+        return ["targets/targets.csv (there is no [[cameras]] to measure them with)"]
+    missing = []
+    for camera in project.config.cameras:
+        named = {"cameras.film": camera.film, "cameras.static": camera.static}
+        missing += [f"{path} ({key})" for key, path in named.items() if not any(project.root.glob(path))]
+        calibration = camera.camera_file or camera.boards or ""
+        key = "camera_file" if camera.camera_file else "boards"
+        missing += [] if any(project.root.glob(calibration)) else [f"{calibration} (cameras.{key})"]
+    for film in project.config.films[1:]:  # the first is that of the camera
+        own = {"file": film.file, "static": film.static, "pressure": film.pressure}
+        missing += [f"{path} (films.{film.name}.{key})" for key, path in own.items()
+                    if path is not None and not any(project.root.glob(path))]  # fmt: skip
+    mended = project.config.measure.corrections
+    if mended is not None and not project.path(mended).is_file():
+        missing.append(f"{mended} (measure.corrections)")
+    log = project.config.films[0].pressure if project.config.films else None
+    log = log or project.config.pressure.file
+    return missing if project.path(log).is_file() else [*missing, f"{log} (pressure.file)"]
+
+
+def _check_points(project: Project, targets: Targets) -> None:
+    """Raise ValueError where twin.toml and the targets do not name the same points."""
+    stated = [point.name for point in project.config.points]
+    unknown = [p.name for p in targets.points if p.kind is PointKind.UNKNOWN and p.name not in stated]
+    if unknown:
+        raise ValueError(
+            f"targets point {unknown[0]!r} has no place on the finger: add it to [[points]] in twin.toml "
+            "with its position_mm or its node"
+        )
+    for name in project.config.calibrate.objective_points:
+        if name not in targets.names:
+            raise ValueError(
+                f"calibrate.objective_points = {name!r}: targets have {', '.join(targets.names)}"
+            )
+
+
+def _check_motion(project: Project, targets: Targets, say: Say) -> None:
+    """Say what is odd in the targets; ValueError where they are not of the project's finger."""
+    from twin.bench.workbench import check_plausible, structure_of
+    from twin.sanity import doubts
+
+    case = structure_of(project).case
+    check_plausible(project, targets, case)
+    for sentence in doubts(replace(targets, points=tuple(_placed(project, targets))), case):
+        say(sentence)
+
+
+def _placed(project: Project, targets: Targets) -> Iterator[TargetPoint]:
+    """The points of the targets, those of no place with the one that twin.toml states."""
+    stated = {point.name: point.position_mm for point in project.config.points}
+    for point in targets.points:
+        position = stated.get(point.name)
+        if point.kind is PointKind.UNKNOWN and position is not None:
+            yield replace(point, kind=PointKind.PLACE, position=position)
+        else:
+            yield point
+
+
+def _next(project: Project) -> str:
+    """The next command: the first stage that is not done or stale, "list" where all are done."""
+    gone = not project.targets_folder.is_dir()  # a run that made targets does not bring them back
+    todo = (
+        stage for stage in _ahead(project)
+        if fresh(project, (stage.name,)) is None or (gone and TARGETS in stage.writes)
+    )  # fmt: skip
+    for stage in todo:
+        named = named_effects(project) if stage.when is When.NAMED else []
+        if stage.when is When.ALWAYS or named:
+            return " ".join([stage.name, *(named if len(named) == 1 else ())])
+    return "list"
+
+
+def _ahead(project: Project) -> list[Stage]:
+    """The stages that a project goes through: with targets there, those that come after them."""
+    last = [k for k, stage in enumerate(STAGES) if TARGETS in stage.writes][-1]
+    return list(STAGES[last + 1 :] if project.targets_folder.is_dir() else STAGES)

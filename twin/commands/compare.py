@@ -1,0 +1,38 @@
+"""The compare stage: whether the model agrees with the measurement within the noise, and where not."""
+
+from typing import Any
+
+from twin.bench.comparison import COMPARISON, write_comparison
+from twin.bench.fits import fit_file, newest_fit
+from twin.bench.judgements import Judgement, kept
+from twin.bench.workbench import Workbench
+from twin.judging.comparison import Comparison
+from twin.project import files
+from twin.project.folder import Project, Say
+
+
+def run_compare(project: Project, say: Say) -> dict[str, Any]:
+    """Whether the calibrated model agrees with the measurement within the noise, and where not."""
+    bench, file, fit = Workbench.of(project), fit_file(project), newest_fit(project)
+    with project.new_run("compare") as run:
+        model = bench.model()
+        made = kept(file, fit, bench.targets) or Judgement.of(bench.judged_fit(model, fit, say))
+        found = made.comparison
+        beside = files.read_json(file.with_name(COMPARISON)) if file.with_name(COMPARISON).is_file() else {}
+        write_comparison(run, made.predicted, found, beside.get("held_out", []))
+        for line in (*bench.remarks, model.extent, *_lines(found)):
+            run.note(line)
+    say(found.where)
+    if made.crossed:
+        say(f"{made.crossed}; the model knows no such contact.")
+    say(f"Wrote {project.shown(run.folder)}/comparison.json, with tables by marker, pressure and direction.")
+    return {"stage": "compare", "run": run.name} | found.to_dict()
+
+
+def _lines(found: Comparison) -> list[str]:
+    """The root mean square in mm by marker, direction, pressure and branch, a line each."""
+    return [f"rms in mm by {kind}: {', '.join(map(_measured, rows))}" for kind, rows in found.maps.items()]
+
+
+def _measured(row: dict[str, Any]) -> str:
+    return f"{row['name']} {row['rms_mm']:.3f}" if row["count"] else f"{row['name']} nothing measured"

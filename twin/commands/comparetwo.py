@@ -1,0 +1,134 @@
+"""Two batches, or two models of one, on one page: constants, differences, verdicts, errors, pictures."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from twin.batches.order import Opened
+from twin.batches.side import Laid, write_side_by_side
+from twin.batches.values import BatchChange, BatchValue, changes_of, values_of
+from twin.bench.fits import fit_file, fresh
+from twin.bench.othermodels import other_effects, other_models
+from twin.numerals import interval, short
+from twin.project import files
+from twin.project.folder import Project, Say
+from twin.report.tablepage import table_page
+
+SHOWN = {"overlay.png": "the film with its markers", "deformed.png": "the model at the highest pressure"}
+
+
+def run_side_by_side(two: Sequence[Path], say: Say, *, opened: Opened = Project.open) -> dict[str, Any]:
+    """Lay two project folders, or run folders with a fit.json, side by side: a page and a recording in the
+    present folder."""
+    if len(two) != 2:
+        raise ValueError(
+            f"folders to compare: {len(two)}; wanted two, as in `twin compare batch-07 batch-08`"
+        )
+    a, b = (side_of(path, opened) for path in two)
+    changes = changes_of(a.values, b.values)
+    effects = other_effects(a.project, dict(a.record), b.project, dict(b.record))
+    said = [*other_models(a.project, b.project), *(c.words for c in changes), *effects]
+    page = Path(f"compare-{_plain(a.name)}-{_plain(b.name)}.html")
+    replaced = " in place of the former one" if page.exists() else ""
+    files.write_text(page, _page(a, b, changes, said))
+    for line in (f"{a.name} is before, {b.name} is now.", *said):
+        say(line)
+    merged = write_side_by_side(page.with_suffix(".rrd"), (a, b))
+    if merged is None:
+        say("No recording of both: each needs a review; `twin review` or `twin recalibrate` writes it.")
+    else:
+        say(f"Both in one recording: rerun {merged}")
+    say(f"Wrote {page}{replaced}.")
+    return {
+        "stage": "compare", "before": a.name, "after": b.name, "page": str(page),
+        "recording": None if merged is None else str(merged),
+        "changes": [{"name": c.name, "before": c.before, "after": c.after, "low": c.low, "high": c.high,
+                     "unit": c.unit, "known": c.known, "note": c.note} for c in changes],
+    }  # fmt: skip
+
+
+def side_of(path: Path, opened: Opened = Project.open) -> Laid:
+    """What is known of a project's newest fit, or of the fit in a run folder. ValueError without one."""
+    folder = path.resolve()
+    if (folder / "twin.toml").is_file() and not (folder / "run.json").is_file():
+        project = opened(folder)
+        file = fit_file(project)
+        name = folder.name
+    elif (folder / "fit.json").is_file() and folder.parent.name == "runs":
+        project, file = opened(folder.parent.parent), folder / "fit.json"
+        name = f"{project.root.name}/{folder.name}"
+    else:
+        raise ValueError(f"{path}: neither a project nor a run with a fit.json; wanted for example batch-07 "
+                         "or batch-07/runs/0003-calibrate")  # fmt: skip
+    record = files.read_json(file)
+    compared, diagnosed = file.with_name("comparison.json"), fresh(project, ("diagnose",), "diagnosis.json")
+    return Laid(
+        name=name, project=project, record=record, values=values_of(record),
+        comparison=files.read_json(compared) if compared.is_file() else {},
+        verdict=files.read_json(diagnosed)["verdict"] if diagnosed else "not diagnosed",
+        run=None if name == folder.name else folder,
+    )  # fmt: skip
+
+
+def _page(a: Laid, b: Laid, changes: Sequence[BatchChange], said: Sequence[str]) -> str:
+    known = [c.name for c in changes if c.known]
+    headline = f"{b.name} beside {a.name}: " + (f"{' and '.join(known)} differ{'s' * (len(known) == 1)}"
+                                                if known else "no difference is proven")  # fmt: skip
+    return table_page(
+        f"{a.name} and {b.name}", headline=headline + ".", sentences=said,
+        tables=[_constants(a, b, set(known)), _fits(a, b), _maps(a, b, "marker"), _maps(a, b, "branch")],
+        pictures=[row for name, what in SHOWN.items() for row in _pictures(a, b, name, what)],
+    )  # fmt: skip
+
+
+def _constants(a: Laid, b: Laid, changed: set[str]) -> dict[str, Any]:
+    """Every quantity of either, its value and interval on both sides."""
+    own: list[dict[str, BatchValue]] = [{v.name: v for v in side.values} for side in (a, b)]
+    rows = []
+    for name in dict.fromkeys([*own[0], *own[1]]):
+        found = [side.get(name) for side in own]
+        unit = next(v.unit for v in found if v is not None)
+        rows.append({"cells": [name, *(_cell(v) for v in found), unit], "named": name in changed})
+    note = "In brackets the 95 % interval. A dash: not in this model."
+    head = ["", a.name, b.name, "unit"]
+    return {"title": "Constants and effects", "head": head, "rows": rows, "note": note}
+
+
+def _cell(v: BatchValue | None) -> str:
+    if v is None:
+        return "–"
+    span = "no interval" if v.span is None else interval({"low": v.span[0], "high": v.span[1]})
+    return f"{v.value:.4g} ({span})"
+
+
+def _fits(a: Laid, b: Laid) -> dict[str, Any]:
+    """How well either model fits."""
+    both = (a, b)
+    rows: list[list[str]] = [
+        ["verdict", *(s.verdict for s in both)],
+        ["effects in the model", *(", ".join(s.record.get("effects", [])) or "none" for s in both)],
+        ["error, RMS mm", *(short(s.comparison.get("rms_mm")) for s in both)],
+        ["noise, mm", *(short(s.comparison.get("noise_sd_mm")) for s in both)],
+    ]
+    cells = [{"cells": row} for row in rows]
+    return {"title": "How well it fits", "head": ["", a.name, b.name], "rows": cells}
+
+
+def _maps(a: Laid, b: Laid, kind: str) -> dict[str, Any]:
+    """The error by marker or branch on both sides."""
+    own = [{r["name"]: r["rms_mm"] for r in s.comparison.get("maps", {}).get(kind, [])} for s in (a, b)]
+    names = list(dict.fromkeys([*own[0], *own[1]]))
+    rows = [{"cells": [name, *(short(side.get(name)) for side in own)]} for name in names]
+    return {"title": f"Error by {kind}, RMS mm", "head": ["", a.name, b.name], "rows": rows}
+
+
+def _pictures(a: Laid, b: Laid, file: str, what: str) -> list[dict[str, Any]]:
+    """A picture of both, beside each other."""
+    found = [(s.name, s.project.newest(None, file)) for s in (a, b)]
+    return [{"title": f"{name}:", "caption": what, "half": True, "png": path} for name, path in found
+            if path is not None]  # fmt: skip
+
+
+def _plain(name: str) -> str:
+    """A name as a part of a file's name."""
+    return name.replace("/", "-")

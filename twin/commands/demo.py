@@ -1,0 +1,72 @@
+"""Turn the recorded demo into a finished project: every stage in order, each skipped if it is done."""
+
+import shutil
+import time
+from pathlib import Path
+from typing import Any
+
+from twin.bench.fits import fresh
+from twin.chain import STAGES, Stage, When
+from twin.project import files
+from twin.project.folder import Project, Say, dataset
+
+
+def run_demo(folder: Path, say: Say) -> dict[str, Any]:
+    """Copy the demo into a folder and run all stages; ValueError if the folder holds something else."""
+    start = time.monotonic()
+    project = copy_demo(folder, say)
+    results = {}
+    with project.lock("demo"):
+        stages = [stage for stage in STAGES if stage.when is not When.ASKED]
+        for number, stage in enumerate(stages, 1):
+            say(f"[{number}/{len(stages)}] twin {stage.name}: {stage.title}")
+            results[stage.name] = _once(project, stage, say)
+            project = Project.open(project.root)  # add has written its effect into twin.toml
+    say(f"Finished in {time.monotonic() - start:.0f} s.")
+    return {"stage": "demo", "folder": str(folder), "stages": results} | _show(project, folder, say)
+
+
+def copy_demo(folder: Path, say: Say) -> Project:
+    """The demo project in a folder: a fresh copy, or the one that was begun there."""
+    source = dataset("demo")
+    stamp = files.digest_of([source], root=source)
+    begun = folder / "demo.json"
+    if begun.is_file():
+        if files.read_json(begun) != stamp:
+            raise ValueError(f"{folder} is a demo of another version of the data; name another folder")
+        say(f"Going on in {folder}.")
+    elif folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise ValueError(
+            f"{folder} is there already and is not a demo project; name a folder that does not exist"
+        )
+    else:
+        _copy(source, folder, stamp)
+        say(f"Copied the demo to {folder}.")
+    return Project.open(folder)
+
+
+def _copy(source: Path, folder: Path, stamp: dict[str, str]) -> None:
+    """Copy in one step: a killed copy leaves no half project."""
+    with files.whole_folder(folder.resolve()) as draft:
+        shutil.copytree(source, draft, dirs_exist_ok=True)
+        files.write_json(draft / "demo.json", stamp)
+
+
+def _once(project: Project, stage: Stage, say: Say) -> dict[str, Any]:
+    """Run a stage unless it is done, which some stages find out themselves."""
+    done = None if stage.skips else fresh(project, (stage.name,))
+    if done is None:
+        return stage.run(project, say)
+    say(f"Already done in {project.shown(done.parent)}, skipped.")
+    return {"stage": stage.name, "status": "skipped", "run": project.shown(done.parent)}
+
+
+def _show(project: Project, folder: Path, say: Say) -> dict[str, Any]:
+    """Say where the report and the recording are, and how to open them."""
+    shown = {}
+    for name, how in (("report.html", "open {} in a browser"), ("review.rrd", "rerun {}")):
+        path = project.newest(None, name)
+        if path is not None:
+            shown[name] = str(folder / project.shown(path))
+            say(f"{name}: {how.format(shown[name])}")
+    return shown

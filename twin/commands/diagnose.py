@@ -1,0 +1,143 @@
+"""The diagnose stage: which physical effect the model lacks, and what these data cannot tell."""
+
+from dataclasses import replace
+from typing import Any
+
+from twin.bench.comparison import foretold, write_prediction
+from twin.bench.evidence import write_evidence
+from twin.bench.fits import newest_fit
+from twin.bench.workbench import Workbench, own_of
+from twin.diagnosis.candidates import Candidate, Refit
+from twin.diagnosis.explanation import Explanation, explained
+from twin.diagnosis.procedure import diagnose
+from twin.diagnosis.verdicts import Diagnosis
+from twin.effects.library import all_effects, effect
+from twin.effects.protocol import Effect
+from twin.judging.intervals import fit_record
+from twin.judging.judged import Judged
+from twin.parallel import WORKERS
+from twin.project.folder import Project, Run, Say
+
+TOP = 3  # effects of the ranking that are said; all stand in diagnosis.json
+
+
+def run_diagnose(project: Project, say: Say) -> dict[str, Any]:
+    """Which effect of the library the data ask for, and what they cannot tell."""
+    bench, fit = Workbench.of(project), newest_fit(project)
+    seed = project.config.diagnose.seed
+    shown: list[Explanation] = []
+    after: list[Judged] = []
+    with project.new_run("diagnose", seed=seed) as run:
+        model = bench.on_mesh(bench.model(), fit.theta, say)
+        found = diagnose(
+            model,
+            _candidates(project),
+            bench.targets,
+            seed=seed,
+            start=fit,
+            settle=lambda found: _settled(bench, found, say, shown, after),
+            workers=WORKERS,
+            progress=say.progress,
+        )
+        held = _held_out(bench, found, after)
+        _write(run, project, found, held)
+        for explanation in shown:
+            write_evidence(run, explanation)
+        for line in (model.extent, *map(_row, found.ranking)):
+            run.note(line)
+    say(f"Verdict: {found.verdict}")
+    say(found.text)
+    if bench.targets.noise is None:
+        say("The calibration holds without it: `twin study` shows what these targets fix and leave open.")
+    if found.ranking:
+        say(f"Ranking: {', '.join(map(_score, found.ranking[:TOP]))}.")
+    for row in held:
+        say(_foretold(row))
+    if found.next_test:
+        say(f"Next test: {found.next_test}.")
+    say(f"Wrote {project.shown(run.folder)}/diagnosis.json")
+    return {"stage": "diagnose", "run": run.name} | found.to_dict() | {"held_out": held}
+
+
+def _held_out(bench: Workbench, found: Diagnosis, after: list[Judged]) -> list[dict[str, Any]]:
+    """A row a film that no fit has seen: its error before and after the named effect, mm, and their ratio."""
+    if found.base is None:
+        return []
+    before = foretold(bench, found.base)
+    then = foretold(bench, after[-1]) if after else [None] * len(before)
+    return [
+        {"film": a["film"], "before": a, "after": b, "ratio": a["rms_mm"] / b["rms_mm"] if b else None}
+        for a, b in zip(before, then, strict=True)
+    ]
+
+
+def _foretold(row: dict[str, Any]) -> str:
+    """The error in a held-out film before and after, in words."""
+    before, after = row["before"], row["after"]
+    then = f", {after['rms_mm']:.3f} mm with the named effect" if after else ""
+    return (
+        f"Held out, {row['film']}: {before['rms_mm']:.3f} mm rms{then}; its noise is "
+        f"{before['noise_sd_mm']:.3f} mm."
+    )
+
+
+def _candidates(project: Project) -> tuple[Effect, ...]:
+    """The effects that twin.toml names, or the whole library; those of the project's own files always."""
+    own = own_of(project)
+    named = [effect(label, own=own) for label in project.config.diagnose.candidates] or all_effects()
+    return (*named, *(e for e in own if e.name not in [n.name for n in named]))
+
+
+def _settled(
+    bench: Workbench, found: Diagnosis, say: Say, shown: list[Explanation], after: list[Judged]
+) -> Diagnosis:
+    """The diagnosis with the fit that `twin add` gives of what it names, of a new model, from the same start;
+    with the evidence for it, which goes into `shown`, and that fit into `after`."""
+    assert found.kept is not None
+    assert found.base is not None
+    labels = [e.label for e in found.effects]
+    names = [label.partition(":")[0] for label in labels]
+    others = [e for e in bench.project.config.model.effects if e.partition(":")[0] not in names]
+    model = bench.model((*others, *labels))
+    judged = bench.judged(model, model.theta(found.kept.values), say)
+    after.append(judged)
+    single = next((c for c in found.ranking if c.effect.label == labels[0]), None)
+    own = [c.members for c in found.classes if c.effect.partition(":")[0] in names]
+    explanation = explained(
+        found.effects,
+        before=found.base,
+        after=judged,
+        targets=bench.targets,
+        evidence=single.evidence if single is not None and len(labels) == 1 else None,
+        rivals=[pair for members in own for pair in members.items() if pair[0] not in labels],
+    )
+    shown.append(explanation)
+    kept = Refit.of(judged)
+    rows = tuple(replace(c, refit=kept) if [c.effect.label] == labels else c for c in found.ranking)
+    settled = replace(found, kept=kept, start=found.kept.values, ranking=rows)
+    return replace(settled, evidence=explanation.to_dict())
+
+
+def _write(run: Run, project: Project, found: Diagnosis, held: list[dict[str, Any]]) -> None:
+    """Write diagnosis.json, the base model's prediction.npz and, of the kept effects, kept.json."""
+    run.write_json("diagnosis.json", found.to_dict() | {"held_out": held})
+    run.summary["headline"] = found.verdict
+    if found.base is not None:
+        write_prediction(run, found.base.predicted, found.base.comparison)
+    if found.kept is not None:
+        effects = [*project.config.model.effects, *(e.label for e in found.effects)]
+        record = fit_record(found.kept.fit, found.kept.comparison)
+        run.write_json("kept.json", record | {"effects": effects, "start": found.start})
+
+
+def _score(c: Candidate) -> str:
+    """One effect of the ranking, in a few words."""
+    if c.evidence is None:
+        return f"{c.effect.label} ({'not visible' if c.note else 'not refitted'})"
+    return f"{c.effect.label} (evidence {c.evidence:.0f})"
+
+
+def _row(c: Candidate) -> str:
+    """One effect of the ranking, with all that is known of it."""
+    gain = "not refitted" if c.evidence is None else f"evidence {c.evidence:.0f}, BIC gain {c.delta_bic:.0f}"
+    return f"{c.effect.label}: score {c.z:.1f}, {gain}" + (f" ({c.note})" if c.note else "")

@@ -1,0 +1,20 @@
+"""The command drop: the model without one of its effects."""
+
+from typing import Any
+
+from twin.bench.effectchange import change_effects
+from twin.bench.fits import fresh
+from twin.chain import kinds_writing
+from twin.project.folder import Project, Say
+
+
+def run_drop(project: Project, say: Say, *, name: str) -> dict[str, Any]:
+    """The model without one of its effects: refitted and compared."""
+    left = tuple(e for e in project.config.model.effects if e.partition(":")[0] != name.partition(":")[0])
+    if len(left) == len(project.config.model.effects):
+        raise ValueError(
+            f"effect {name!r} is not in the model, which has "
+            f"{', '.join(project.config.model.effects) or 'none'}"
+        )
+    before = fresh(project, kinds_writing("comparison.json"), "comparison.json")
+    return change_effects(project, "drop", left, {}, say, before)

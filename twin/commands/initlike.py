@@ -1,0 +1,74 @@
+"""A further batch on the same rig: a project made from the former."""
+
+import os
+import shutil
+from pathlib import Path
+from typing import Any
+
+from twin.batches.former import calibration_files, camera_kept
+from twin.inputs.cameras import dictionary_files
+from twin.project import files
+from twin.project.folder import Project, Say
+from twin.project.toml import decoded, with_key
+
+
+def run_init_like(folder: Path, say: Say, *, like: Path) -> dict[str, Any]:
+    """Make a folder with the twin.toml of a former batch under a new name, and with what the rig shares.
+
+    Copied are the board pictures (or the camera file), the deck, own dictionaries and own effects. Films, log
+    and targets belong to one batch: they are not copied, and no effect is in the model yet.
+    """
+    former = Project.open(like)
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise ValueError(
+            f"{folder} is there already and is never overwritten; name a folder that does not exist"
+        )
+    root = folder.resolve()
+    text = decoded((former.root / "twin.toml").read_bytes())
+    for key, value in {"name": root.name, "like": _way(root, former.root)}.items():
+        text = with_key(text, "project", key, value)
+    with files.whole_folder(root) as draft:
+        files.write_text(draft / "twin.toml", with_key(text, "model", "effects", []))
+        (draft / "raw").mkdir()
+        for file in _shared(former):
+            place = draft / file.relative_to(former.root)
+            place.parent.mkdir(parents=True, exist_ok=True)
+            shutil.copy2(file, place)
+    say(f"Wrote {folder / 'twin.toml'} like {former.root.name}, whose rig it has.")
+    for sentence in (*_wanted(former), camera_kept(Project.open(root))):
+        if sentence:
+            say(sentence)
+    return {"stage": "init", "status": "done", "project": str(folder), "like": str(like)}
+
+
+def _shared(former: Project) -> list[Path]:
+    """The files that belong to the rig and the model, not to one batch."""
+    names = {c.dictionary for c in former.config.cameras}
+    names |= {c.board.dictionary for c in former.config.cameras if c.board}
+    own = [path for name in sorted(names) for path in dictionary_files(former, name)]
+    shared = [*calibration_files(former), *own, *former.deck_files(), *former.effect_files()]
+    for path in shared:
+        if not path.is_relative_to(former.root):
+            raise ValueError(f"{path} lies outside {former.root}; wanted it below that folder, to copy it")
+    return list(dict.fromkeys(shared))
+
+
+def _wanted(former: Project) -> list[str]:
+    """What the user has to bring, one sentence each."""
+    cameras, log = former.config.cameras, former.config.pressure
+    if not cameras or log is None:
+        return ["Put the batch's displacements into targets/."]
+    several = former.config.films
+    films = [path for camera in cameras for path in (camera.film, camera.static)]
+    films += [path for f in several for path in (f.file, f.static, f.pressure) if path is not None]
+    films = list(dict.fromkeys(path for path in films if path != log.file))
+    clocks = several or cameras
+    stamps = [f"film_start_s = {c.film_start_s:g}" for c in clocks] if log.join == "stamps" else []
+    stamps += [f"static_start_s = {c.static_start_s:g}" for c in clocks if c.static_start_s is not None]
+    clock = f" Correct {', '.join(stamps)} in twin.toml: they belong to one film." if stamps else ""
+    return [f"Put {', '.join([*films, log.file])} there.{clock}"]
+
+
+def _way(root: Path, former: Path) -> str:
+    """The former batch's folder from the new one; ValueError where the two lie on different drives."""
+    return Path(os.path.relpath(former, root)).as_posix()

@@ -1,0 +1,76 @@
+"""A picture of the finger as the model has it: dimensions, marks, points."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from fe.element import triangles
+from fe.mesh.elementshapes import quality
+from twin.bench.meshshapes import nearest_node, places_asked, shape_csv
+from twin.bench.positions import one_side, places_of, position_of
+from twin.bench.workbench import structure_of
+from twin.drawing.blueprint import dimensioned
+from twin.drawing.meshpictures import labelled, shapes
+from twin.drawing.undeformed import write_undeformed
+from twin.project.folder import Project, Say
+
+
+def run_look(project: Project, say: Say, *, at: Sequence[str] = ()) -> dict[str, Any]:
+    """Write runs/NNNN-look, unless that is done: finger.png and look.rrd, the undeformed finger with its
+    dimensions; nodes.png, the labels around points; quality.png and quality.csv, the shapes of the elements.
+
+    at: places X,Y,Z in mm whose nearest surface nodes are said and drawn, too.
+    """
+    asked = places_asked(at)
+    how: dict[str, Any] = {"tables": ("project", "model", "frame", "points"), "inputs": project.deck_files(),
+                           "extra": {"at": [x.tolist() for x in asked]}}  # fmt: skip
+    structure = structure_of(project)
+    nearest = [nearest_node(structure, x) for x in asked]
+    for _, sentence in nearest:
+        say(sentence)
+    for place in places_of(project, structure).values():
+        say(place.sentence)
+    done = project.done("look", **how)
+    if done is not None and (done / "look.rrd").is_file():
+        say(f"Already done: {project.shown(done / 'finger.png')}")
+        return {"stage": "look", "status": "skipped", "run": project.shown(done)}
+    finger = _finger(project)
+    edges = "" if finger is None else f"; inner edges have a radius of {finger.radius:g}"
+    points = {p.name: position_of(p, structure, mirrored=one_side(project)) for p in project.config.points}
+    marks = {m.name: np.array(m.position_mm) for m in project.config.frame.markers}
+    with project.new_run("look", **how) as run:
+        picture = dimensioned(
+            structure.case, outside=structure.outside, points=points, marks=marks, finger=finger,
+            title=f"{project.config.project.name}: the finger without load, in mm{edges}",
+        )  # fmt: skip
+        run.write_bytes("finger.png", picture)
+        write_undeformed(
+            run.path("look.rrd"), case=structure.case, triangles=triangles(structure.outside), points=points,
+            marks=marks, finger=finger, drawing=picture,
+        )  # fmt: skip
+        around = points | {f"at {text}": x for text, x in zip(at, asked, strict=True)}
+        run.write_bytes("nodes.png", labelled(structure.case, outside=structure.outside, points=around))
+        measures = quality(structure.case)
+        run.write_bytes("quality.png", shapes(structure.case, outside=structure.outside, measures=measures))
+        run.write_text("quality.csv", shape_csv(structure))
+        x, _, z = np.ptp(structure.case.nodes, axis=0)
+        run.summary.update(nodes=len(structure.case.nodes), points=len(points), marks=len(marks))
+        run.summary["headline"] = f"{x:.4g} mm long, {z:.3g} mm high, {len(points)} points"
+    say(f"Wrote {project.shown(run.path('finger.png'))}: the finger with its dimensions and points.")
+    say(f"In 3D, with its nodes: rerun {run.path('look.rrd')}")
+    say("nodes.png has the node labels around points, quality.png the shapes of the elements.")
+    nodes = {"nodes": [label for label, _ in nearest]} if asked else {}
+    return {"stage": "look", "status": "done", "run": project.shown(run.folder)} | run.summary | nodes
+
+
+def _finger(project: Project) -> Any:
+    """The dimensions of the built-in finger, None for a deck."""
+    from fe import Finger
+
+    table = project.config.model
+    if table.deck is not None:
+        return None
+    if project.builtin is not None:
+        return project.builtin.finger
+    return Finger() if table.finger is None else table.finger.finger

@@ -1,0 +1,366 @@
+"""Turn film, static film and pressure log into displacement targets."""
+
+import os
+import shutil
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from twin.gauge.agreement import check_agrees
+from twin.gauge.pressurelog import GaugeNoise, Log
+from twin.gauge.synchrony import Join, Motion
+from twin.gauge.ways import joining_of
+from twin.inputs.cameras import camera_path, camera_table, dictionary_name, lens_of, result_of
+from twin.inputs.films import FILM, FilmTargets, OneFilm, all_inputs, films_of, joined
+from twin.inputs.filmtargets import make_targets
+from twin.inputs.recordings import (
+    face_of,
+    log_of,
+    marks_of,
+    measure_inputs,
+    pressure_table,
+    stated_of,
+    views_of,
+)
+from twin.project import files
+from twin.project.folder import Project, Run, Say
+from twin.project.targetfiles import read_targets
+from twin.project.targetwriting import write_targets
+from twin.targets import Targets
+
+if TYPE_CHECKING:  # vision takes a second to import: only the stages that measure pay for it
+    from vision import Displacements
+from twin.inputs.pressure import gauge_of, said_of_log
+
+STRAIN_STEPS = 20  # times of the strain field that ParaView gets, evenly
+STRAIN_SHOWN = 300  # those that the review shows
+
+
+@dataclass(frozen=True)
+class FollowedFiles:
+    """What a run has followed so far, as files in its folder: a killed one goes on from there."""
+
+    folder: Path
+
+    def load(self, name: str) -> dict[str, NDArray[Any]] | None:
+        """The arrays kept under a name, None without any."""
+        path = self._path(name)
+        return files.read_npz(path) if path.exists() else None
+
+    def save(self, name: str, arrays: Mapping[str, NDArray[Any]]) -> None:
+        """Keep arrays under a name."""
+        files.write_npz(self._path(name), arrays)
+
+    def remove(self) -> None:
+        """Remove all of them."""
+        for path in self.folder.glob("followed-*.npz"):
+            path.unlink()
+
+    def _path(self, name: str) -> Path:
+        return self.folder / f"followed-{name}.npz"
+
+
+@dataclass(frozen=True)
+class _Measured:
+    """What the films and the log have given."""
+
+    moved: "Displacements"
+    log: Log
+    gauge: GaugeNoise
+    join: Join
+    remarks: tuple[str, ...]  # on the log, and on how the motion goes with it
+
+
+def run_measure(project: Project, say: Say, *, replace: bool = False, budget: bool = False) -> dict[str, Any]:
+    """Measure the films into targets/ and runs/NNNN-measure, unless that is done.
+
+    Targets that come from other inputs are never overwritten: ValueError, or with `replace` they are kept
+    as targets-0001, -0002, ... With `budget` the table of what the uncertainty is made of is said.
+    """
+    result = _measured(project, say, replace)
+    if budget:
+        result["budget"] = _say_budget(project.path(result["run"]) / "budget.csv", say)
+        for sentence in result.get("coding", []):
+            say(sentence)
+    return result
+
+
+def _measured(project: Project, say: Say, replace: bool) -> dict[str, Any]:
+    camera = camera_path(project)
+    how = all_inputs(project, camera)
+    done, killed, owner = (
+        project.done("measure", **how),
+        project.killed("measure", **how),
+        _measured_by(project),
+    )
+    if done is not None and owner == done.name:
+        say(f"Already done in {project.shown(done)}, and targets/ is there: skipped.")
+        return result_of(project, "measure", done, skipped=True)
+    if project.targets_folder.exists() and not replace and not (killed and owner == killed.name):
+        raise ValueError(
+            f"{project.targets_folder} holds targets from other inputs, or measured elsewhere, which are "
+            "never overwritten; `twin measure --replace` keeps them as targets-0001 and measures again"
+        )
+    each = [(film, _one_film(film.project, camera, say, film.name)) for film in films_of(project)]
+    with project.new_run("measure", **how) as run:
+        if each:
+            targets, source = _joint(project, run, each)
+        else:
+            targets, source = _from_film(project, camera, say, run), {}
+        _put_aside(project, say)
+        write_targets(project.targets_folder, targets, source={"run": run.name, **source})
+        FollowedFiles(run.folder).remove()
+    for sentence in run.summary["remarks"]:
+        say(sentence)
+    say(f"{_headline(targets)} Wrote targets/ and {project.shown(run.folder)}/tracks.npz.")
+    return result_of(project, "measure", run.folder)
+
+
+def _from_film(project: Project, camera: Path, say: Say, run: Run) -> Targets:
+    """The targets of the project's one film; what is known of it is written into the run."""
+    found = _measure(project, camera, say, run)
+    moved, nodes = found.moved, project.config.nodes
+    targets = make_targets(moved, found.log, join=found.join, gauge=found.gauge, nodes=nodes)
+    run.write_npz("tracks.npz", _tracks(moved))
+    run.write_bytes("overlay.png", _overlay(project, moved))
+    run.write_text("budget.csv", _budget_csv(moved, targets))
+    _write_strain(run, moved, lens_of(project, camera_table(project)).size)
+    run.summary.update(_summary(targets, found) | {"headline": _headline(targets)})
+    run.summary["coding"] = list(moved.coding)
+    for sentence in (*moved.notes, *moved.coding):
+        run.note(sentence)
+    _check_motion(project, targets)
+    return targets
+
+
+def _one_film(project: Project, camera: Path, say: Say, name: str) -> Path:
+    """The run in which one of several films is measured: made now, unless it is there."""
+    how = measure_inputs(project, camera)
+    done = project.done(FILM, **how)
+    if done is not None and (done / "targets").is_dir():
+        say(f"Film {name}: already measured in {project.shown(done)}.")
+        return done
+    with project.new_run(FILM, **how) as run:
+        targets = _from_film(project, camera, say, run)
+        if run.path("targets").exists():  # of a killed run
+            shutil.rmtree(run.path("targets"))
+        write_targets(run.path("targets"), targets)
+        FollowedFiles(run.folder).remove()
+    for sentence in run.summary["remarks"]:
+        say(f"Film {name}: {sentence}")
+    say(f"Film {name}: {_headline(targets)}")
+    return run.folder
+
+
+def _joint(
+    project: Project, run: Run, each: Sequence[tuple[OneFilm, Path]]
+) -> tuple[Targets, dict[str, Any]]:
+    """The targets of all films, and where they come from; the pictures of the first are in this run too."""
+    films = [FilmTargets.of(film, read_targets(folder / "targets", nodes=project.config.nodes))
+             for film, folder in each]  # fmt: skip
+    targets, rows = joined(films)
+    first = each[0][1]
+    run.write_npz("tracks.npz", files.read_npz(first / "tracks.npz"))
+    run.write_bytes("overlay.png", (first / "overlay.png").read_bytes())
+    run.write_text("budget.csv", (first / "budget.csv").read_text(encoding="utf-8"))
+    if (first / "strain.npz").is_file():
+        run.write_npz("strain.npz", files.read_npz(first / "strain.npz"))
+    summaries = [project.info(folder).get("summary", {}) for _, folder in each]
+    told = [row | {"run": folder.name} for row, (_, folder) in zip(rows, each, strict=True)]
+    run.summary.update(
+        {
+            "steps": len(targets.time), "points": len(targets.names), "valid": int(targets.valid.sum()),
+            "modes": len(targets.mode_names), "headline": _headline(targets), "remarks": [],
+            "films": [row | own for row, own in zip(told, summaries, strict=True)],
+        }
+    )  # fmt: skip
+    return targets, {"films": told}
+
+
+def _check_motion(project: Project, targets: Targets) -> None:
+    """Raise ValueError where the film does not show this finger under this pressure."""
+    from twin.bench.workbench import check_plausible, structure_of
+
+    check_plausible(project, targets, structure_of(project).case)
+
+
+def _measure(project: Project, camera: Path, say: Say, run: Run) -> _Measured:
+    """Displacements, log, gauge noise and join; the log is checked before the film is measured."""
+    from vision import measure
+
+    views, rig = views_of(project, camera)
+    table, settings = camera_table(project), project.config.measure
+    for sentence in (s for v in views for s in (*v.film.issues, *v.static.issues)):
+        say(sentence)
+    pressure = pressure_table(project)
+    log = log_of(project, pressure)
+
+    @cache
+    def moved() -> "Displacements":
+        return measure(
+            views, marks_of(project), reference=settings.reference_s, rig=rig, face=face_of(project),
+            dictionary=dictionary_name(project, table.dictionary), stated=stated_of(settings),
+            steps=settings.steps, progress=say.progress, keeper=FollowedFiles(run.folder),
+        )  # fmt: skip
+
+    way = joining_of(pressure, table)
+    join = way.join(views[0].film, log, lambda: _motion(moved(), settings.steps))
+    gauge = gauge_of(project, views[0].film.time, views[0].static.time, log, join.start_s)
+    told = said_of_log(project, views[0].film.time, log, join.start_s)
+    stated = pressure.join == "stamps"
+    agrees = check_agrees(_motion(moved(), settings.steps), log, join.start_s, stated=stated)
+    return _Measured(moved(), log, gauge, join, (*told, *agrees))
+
+
+def _even(moved: "Displacements", most: int) -> NDArray[np.bool_]:
+    """Which steps (s,) are evenly spaced: those of a longer film without the rest of its reference,
+    whose density would make the scatter of the others look correlated."""
+    from vision.placing.views import even_steps
+
+    frames = np.searchsorted(moved.tracks.time, moved.time)
+    return np.isin(frames, even_steps(len(moved.tracks.time), most))
+
+
+def _motion(moved: "Displacements", most: int) -> Motion:
+    """The rms displacement of the finger's marks at even steps, NaN where one is lost, and its noise."""
+    finger = [p for p, role in enumerate(moved.roles) if role == "finger"]
+    squares = (moved.value[:, finger][..., [0, 2]] ** 2).sum(axis=2)
+    seen = np.isfinite(squares).all(axis=1)
+    mm = np.sqrt(np.where(seen[:, None], np.nan_to_num(squares), 0.0).mean(axis=1))
+    even = _even(moved, most)
+    return Motion(
+        (moved.time - moved.time[0])[even],
+        np.where(seen, mm, np.nan)[even],
+        float(np.nanmean(moved.noise.sd[finger])),
+    )
+
+
+def _measured_by(project: Project) -> str | None:
+    """The run that targets/ comes from, None if there is no targets/ or it was measured elsewhere."""
+    path = project.targets_folder / "source.json"
+    return files.read_json(path).get("run") if path.exists() else None
+
+
+def _tracks(moved: "Displacements") -> dict[str, NDArray[Any]]:
+    """What review draws over the film; `methods` names the codes of `method`."""
+    from vision.following.methods import Method
+
+    t = moved.tracks
+    return {
+        "time": t.time, "names": np.array(t.names, dtype=str), "position": t.position,
+        "covariance": t.covariance, "rotation": t.rotation, "method": t.method,
+        "homography": moved.homography, "methods": np.array([m.name.lower() for m in Method], dtype=str),
+    }  # fmt: skip
+
+
+def _write_strain(run: Run, moved: "Displacements", size: tuple[int, int]) -> None:
+    """strain.csv, strain.npz for the review, and strain.pvd for ParaView with STRAIN_STEPS files, where a
+    speckled face was measured.   size: of the film, px."""
+    from twin.drawing.deformed import write_vtu_series
+    from twin.review.states import Strains
+    from vision.measuring.strains import COMPONENTS, quads, to_csv
+
+    field = moved.strain
+    if field is None:
+        return
+    run.write_text("strain.csv", to_csv(field))
+    shown = _evenly(len(field.time), STRAIN_SHOWN)
+    t, at = moved.tracks, np.searchsorted(moved.tracks.time, field.time[shown])
+    pixel = t.position[at][:, [t.names.index(name) for name in field.names]]
+    Strains(
+        time_s=field.time[shown] - field.time[0], components=COMPONENTS, names=field.names, size=size,
+        pixel=pixel, value=field.value[shown], sd=field.sd[shown],
+    ).save(run.path("strain.npz"))  # fmt: skip
+    cells = quads(field.points)
+    if not len(cells):
+        return
+    rows = [moved.names.index(name) for name in field.names]
+    steps = _evenly(len(field.time), STRAIN_STEPS)
+    parts = {name: field.value[steps][..., k] for k, name in enumerate(COMPONENTS)}
+    sds = {f"sd_{name}": field.sd[steps][..., k] for k, name in enumerate(COMPONENTS)}
+    moves = np.nan_to_num(moved.value[steps][:, rows])
+    write_vtu_series(
+        run.folder, "strain", nodes=field.points, cells=cells, times=list(field.time[steps]),
+        fields={"U": moves, **parts, **sds},
+    )  # fmt: skip
+
+
+def _evenly(count: int, most: int) -> NDArray[np.intp]:
+    """At most so many of `count` numbers, evenly."""
+    return np.unique(np.linspace(0, count - 1, most).round().astype(np.intp))
+
+
+def _overlay(project: Project, moved: "Displacements") -> bytes:
+    """The frame of the largest displacement with the marks drawn in, as PNG."""
+    import cv2
+
+    from vision.drawing.overlays import overlay
+    from vision.film.series import open_film
+
+    table = camera_table(project)
+    film = open_film(project.path(table.film), fps=table.fps, mirrored=table.mirrored)
+    return bytes(cv2.imencode(".png", overlay(film, moved.tracks))[1])
+
+
+def _budget_csv(moved: "Displacements", targets: Targets) -> str:
+    """The budget as vision has it, with what the join with the log adds."""
+    from vision.errors.budgeting import to_csv, with_mode
+
+    clock, seen = targets.modes[targets.mode_names.index("sync")], np.asarray(targets.valid.any(axis=2))
+    return to_csv(with_mode(moved.budget, "sync", clock, seen), moved.names)
+
+
+def _say_budget(path: Path, say: Say) -> dict[str, Any]:
+    """Say the table in budget.csv, and return it as point -> source -> sd of u1, u2, u3 in mm."""
+    from vision.errors.budgeting import from_csv, lines
+
+    table, names = from_csv(path.read_text(encoding="utf-8"))
+    for line in lines(table, names):
+        say(line)
+    say(f"The whole table, with the largest sd of each source: {path.parent.name}/{path.name}.")
+    return {
+        name: dict(zip(table.sources, table.sd[:, p].tolist(), strict=True)) for p, name in enumerate(names)
+    }
+
+
+def _summary(targets: Targets, found: _Measured) -> dict[str, Any]:
+    """What run.json and --json tell."""
+    moved, gauge, noise = found.moved, found.gauge, found.moved.noise
+    return {
+        "steps": len(targets.time), "points": len(targets.names), "valid": int(targets.valid.sum()),
+        "static_frames": noise.frames, "gauge_sd_MPa": gauge.sd_MPa,
+        "sd_mm": dict(zip(moved.names, noise.sd, strict=True)),
+        "codec_sd_mm": dict(zip(moved.names, noise.codec_sd, strict=True)),
+        "modes": len(targets.mode_names),
+        "remarks": [
+            *moved.lost, *moved.remarks, *filter(None, (gauge.remark, found.join.remark)), *found.remarks
+        ],
+    }  # fmt: skip
+
+
+def _headline(targets: Targets) -> str:
+    """What was measured, one sentence."""
+    finger, fixed = int((~targets.fixed).sum()), int(targets.fixed.sum())
+    variance = np.diagonal(targets.covariance, axis1=2, axis2=3)[targets.valid]
+    peak = np.nanmax(np.abs(targets.value[:, ~targets.fixed]))
+    return (
+        f"{finger} points and {fixed} fixed markers in {len(targets.time)} frames: displacements up to "
+        f"{peak:.1f} mm, with a noise of {np.sqrt(np.median(variance)):.3f} mm (1 sd)."
+    )
+
+
+def _put_aside(project: Project, say: Say) -> None:
+    """Keep targets that are there under the next free name."""
+    folder = project.targets_folder
+    if not folder.exists():
+        return
+    number = 1
+    while (kept := folder.with_name(f"targets-{number:04d}")).exists():
+        number += 1
+    os.rename(folder, kept)
+    say(f"The former targets are kept as {kept.name}.")

@@ -1,0 +1,221 @@
+"""Natural features that can be followed in place of markers: found, numbered in a picture, and named."""
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from twin.bench.positions import one_side
+from twin.bench.workbench import structure_of
+from twin.inputs.cameras import camera_table, dictionary_name, lens_of, result_of
+from twin.inputs.recordings import marks_of
+from twin.project import files
+from twin.project.csvtable import read_sheet
+from twin.project.folder import Project, Say
+from twin.project.toml import decoded, parse, with_point
+from twin.targets import Array
+
+if TYPE_CHECKING:  # vision takes a second to import
+    from vision.following.textures import Feature
+
+SAG_MM = 1.0  # that a feature may lie off the finger's outline, where the user states no sag
+COLUMNS = (
+    "number", "x_px", "y_px", "seen_x_mm", "seen_z_mm", "size_mm", "sd_px", "x_mm", "y_mm", "z_mm", "away_mm"
+)  # fmt: skip
+PAPER = 2.0  # a marker's white paper reaches so many of its half sides from its centre
+PER_MM = 4.0  # pixels of the outline's mask
+CORNERS = np.array([(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)])
+SIDE_PX = 30  # of a feature, where the user states no size
+
+
+@dataclass(frozen=True)
+class FoundFeature:
+    """A feature in the first picture: where it is seen, and the nearest place on the finger."""
+
+    feature: "Feature"
+    seen: Array  # (2,) mm, x and z in the frame marks' plane
+    nearest: Array  # (3,) mm
+
+    @property
+    def away(self) -> float:
+        """Distance of the two in mm."""
+        return float(np.hypot(*(self.nearest[[0, 2]] - self.seen)))
+
+
+@dataclass(frozen=True)
+class _Outline:
+    """The finger as it is seen from the side, without load, as a mask."""
+
+    mask: NDArray[np.uint8]
+    low: Array  # (2,) mm, x and z of its first pixel
+
+    @classmethod
+    def of(cls, faces: Array, more_mm: float) -> "_Outline":
+        """From faces (f,m,2) mm of the surface, and so much wider."""
+        low = faces.reshape(-1, 2).min(axis=0) - more_mm - PER_MM
+        size = np.ceil((np.ptp(faces.reshape(-1, 2), axis=0) + 2 * (more_mm + PER_MM)) * PER_MM).astype(int)
+        mask = np.zeros((size[1], size[0]), dtype=np.uint8)
+        for face in np.round((faces - low) * PER_MM).astype(np.int32):
+            cv2.fillConvexPoly(mask, cv2.convexHull(face), 1)
+        reach = 2 * round(more_mm * PER_MM) + 1
+        disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (reach, reach))
+        return cls(np.asarray(cv2.dilate(mask, disc), np.uint8), low)
+
+    def holds(self, places: Array) -> bool:
+        """Whether all places (k,2) mm lie in it: what hangs over its edge shows the wall behind."""
+        x, z = np.round((places - self.low) * PER_MM).astype(int).T
+        height, width = self.mask.shape
+        inside = (x >= 0) & (x < width) & (z >= 0) & (z < height)
+        return bool(inside.all() and self.mask[z, x].all())
+
+
+def run_pick(
+    project: Project,
+    say: Say,
+    *,
+    size_mm: float | None = None,
+    sag_mm: float = SAG_MM,
+    names: Sequence[str] = (),
+) -> dict[str, Any]:
+    """Number features of the film's first picture in runs/NNNN-pick, or write named ones into twin.toml.
+
+    size_mm: their side.   sag_mm: how far the finger hangs from its straight outline at rest.
+    names: such as tip=7, of the numbers in the newest of these pictures.
+    """
+    if names:
+        return _named(project, say, names)
+    table = camera_table(project)
+    if len(project.config.cameras) > 1:
+        raise ValueError(
+            f"twin.toml has {len(project.config.cameras)} [[cameras]]; wanted one: where a natural feature "
+            "lies in the picture of another camera is not known; leave out the other cameras, or glue markers"
+        )
+    how: dict[str, Any] = {"tables": ("cameras", "frame", "points", "model"),
+                           "extra": {"size_mm": size_mm, "sag_mm": sag_mm},
+                           "inputs": [project.path(table.film), *project.deck_files()]}  # fmt: skip
+    done = project.done("pick", **how)
+    if done is not None:
+        say(f"Already done: {project.shown(done / 'features.png')}")
+        return result_of(project, "pick", done, skipped=True)
+    found, side, picture = _features(project, size_mm, sag_mm)
+    with project.new_run("pick", **how) as run:
+        run.write_text("features.csv", _csv(found, side))
+        run.write_bytes("features.png", _sheet(picture, found))
+        run.summary.update(features=len(found), size_mm=side)
+        run.summary["headline"] = f"{len(found)} features of {side:g} mm"
+    shown = project.shown(run.path("features.png"))
+    say(f"Wrote {shown}: {len(found)} features that can be followed, best first. Name those you want: "
+        "`twin pick --name tip=1`.")  # fmt: skip
+    return result_of(project, "pick", run.folder)
+
+
+def _features(
+    project: Project, size_mm: float | None, sag_mm: float
+) -> tuple[list[FoundFeature], float, Any]:
+    """Features beside the markers and on the finger, their side in mm, and the picture."""
+    from fe.mesh.points import nearest_on_faces
+    from vision.film.series import open_film
+    from vision.following.reference import first_seen
+    from vision.following.textures import find_textures, taken
+    from vision.marks import px_per_unit, rows_of
+    from vision.plane import MIN_VISIBLE, fit_homography, to_plane
+
+    table, marks = camera_table(project), marks_of(project)
+    camera, film = lens_of(project, table), open_film(project.path(table.film), fps=table.fps)
+    picture = next(iter(film.frames()))[2]
+    warp = first_seen([picture], camera, marks, dictionary_name(project, table.dictionary))
+    frame = [p for p in rows_of(marks)[0] if np.isfinite(warp[p, 0, 0])]
+    if len(frame) < MIN_VISIBLE:
+        raise ValueError(f"{table.film} shows {len(frame)} frame markers in its first picture, wanted "
+                         f"{MIN_VISIBLE} or more; `twin check` draws which")  # fmt: skip
+    places = np.array([mark.position for mark in marks])
+    homography = fit_homography(places[frame][:, [0, 2]], warp[frame, :2, 2])
+    known = np.isfinite(warp[:, 0, 0])
+    scale = float(np.median(2.0 * px_per_unit(warp[frame]) / [marks[p].size_mm for p in frame]))
+    side_px = round(SIDE_PX if size_mm is None else size_mm * scale)
+    reach = PAPER * px_per_unit(warp[known]) + 0.75 * side_px  # corner to corner, and 2 px of blur
+    busy = taken(picture.shape, camera.distort(warp[known, :2, 2]), reach)
+    structure, plane = structure_of(project), float(places[frame, 1].mean())
+    faces, behind = structure.case.nodes[structure.outside], one_side(project) and plane < 0.0
+    side, outline = side_px / scale, _Outline.of(faces[..., [0, 2]], sag_mm)
+
+    def on_finger(seen: Array) -> Array:
+        stated = np.array([seen[0], abs(plane) if behind else plane, seen[1]])
+        return nearest_on_faces(structure.case.element, faces, stated) * (1.0, -1.0 if behind else 1.0, 1.0)
+
+    found = []
+    for feature in find_textures(picture, side_px=side_px, allowed=~busy):
+        seen = to_plane(homography[None], camera.undistort(np.array(feature.centre))[None, None])[0, 0]
+        if outline.holds(seen + 0.5 * side * CORNERS):
+            found.append(FoundFeature(feature, seen, on_finger(seen)))
+    if not found:
+        raise ValueError(
+            f"the first picture of {table.film} shows no feature of {side:.3g} mm on the finger that can be "
+            "followed; wanted texture, such as painted spots or pores: state another --size-mm, or --sag-mm "
+            "where the finger hangs at rest, or glue markers"
+        )
+    return found, round(side, 2), picture
+
+
+def _csv(found: Sequence[FoundFeature], side: float) -> str:
+    rows = [
+        [k + 1, *np.round(c.feature.centre, 2), *np.round(c.seen, 3), side, f"{c.feature.sd_px:.4f}",
+         *np.round(c.nearest, 3), round(c.away, 2)]
+        for k, c in enumerate(found)
+    ]  # fmt: skip
+    return "\n".join([",".join(COLUMNS), *(",".join(str(v) for v in row) for row in rows), ""])
+
+
+def _sheet(picture: Any, found: Sequence[FoundFeature]) -> bytes:
+    """The picture with every feature's number, as PNG."""
+    from vision.drawing.ringsheet import numbered
+
+    drawn = numbered(picture, np.array([c.feature.centre for c in found]).reshape(-1, 2))
+    return bytes(cv2.imencode(".png", drawn)[1])
+
+
+def _named(project: Project, say: Say, names: Sequence[str]) -> dict[str, Any]:
+    """Write named features into twin.toml as further points."""
+    path = project.newest("pick", "features.csv")
+    if path is None:
+        raise ValueError("no features are numbered yet: run `twin pick`, and look at its features.png")
+    rows = _rows(path)
+    text = decoded((project.root / "twin.toml").read_bytes())
+    for given in names:
+        name, number = _pair(given)
+        if number not in rows:
+            raise ValueError(f"--name {given}: {path.name} has the numbers 1 to {len(rows)}; "
+                             "wanted one of them")  # fmt: skip
+        text = with_point(text, {"name": name, **rows[number]})
+    parse(text.encode(), name="twin.toml")  # names what does not fit, as a name that stands twice
+    files.write_text(project.root / "twin.toml", text)
+    added = [_pair(given)[0] for given in names]
+    say(f"Added to the points of twin.toml: {', '.join(added)}. Their position_mm is the place of the "
+        "model's surface nearest to where they are seen: correct it where the finger sags.")  # fmt: skip
+    return {"stage": "pick", "status": "done", "points": added}
+
+
+def _rows(path: Path) -> dict[int, dict[str, Any]]:
+    """Keys of [[points]] for each number of a features.csv."""
+    table = read_sheet(path, wanted=",".join(COLUMNS)).table(COLUMNS)
+    value = {name: table.numbers(name, unit="mm").tolist() for name in COLUMNS}
+    return {
+        int(number): {
+            "seen_mm": [value["seen_x_mm"][k], value["seen_z_mm"][k]],
+            "size_mm": value["size_mm"][k],
+            "position_mm": [value[f"{axis}_mm"][k] for axis in "xyz"],
+        }
+        for k, number in enumerate(value["number"])
+    }
+
+
+def _pair(given: str) -> tuple[str, int]:
+    found = re.fullmatch(r"([A-Za-z0-9_.+-]+)=(\d+)", given)
+    if not found:
+        raise ValueError(f"--name {given}: wanted a name and a number of features.png, such as tip=7")
+    return found[1], int(found[2])

@@ -1,0 +1,154 @@
+"""A batch from its films to the report in one command: what is stale runs, what is fresh is skipped."""
+
+from dataclasses import asdict
+from typing import Any
+
+from twin.batches.former import former_of
+from twin.batches.values import BatchChange, changes_of, values_of
+from twin.bench.fits import fit_file, fresh, named_effects, stale_sentences
+from twin.bench.othermodels import other_effects
+from twin.chain import STAGES, TARGETS, Stage, When, kinds_writing
+from twin.commands.check import check_project
+from twin.judging.intervals import estimates_of_record
+from twin.numerals import in_words
+from twin.project import files
+from twin.project.folder import Project, Say
+
+FILM = STAGES[: next(k for k, stage in enumerate(STAGES) if TARGETS in stage.writes) + 1]
+MODEL = tuple(stage for stage in STAGES if stage not in FILM and stage.when is not When.ASKED)
+BASE = ("calibrate", "compare", "diagnose")  # what is found with no effect in the model
+
+
+def run_recalibrate(project: Project, say: Say) -> dict[str, Any]:
+    """Check a project, run every stage of it that is stale, and say what came out.
+
+    A killed command goes on where it was: what is done stays, and the stage under way resumes its run.
+    """
+    check_project(project, say)
+    done = {stage.name: _filmed(project, stage, say) for stage in FILM}
+    project = _at_base(project, say)
+    for stage in MODEL:
+        done[stage.name] = _once(project, stage, say)
+        project = Project.open(project.root, builtin=project.builtin)  # add has written its effect
+    return {"stage": "recalibrate", "project": str(project.root), "stages": done} | _told(project, say)
+
+
+# -- what has to run -----------------------------------------------------------------------------------------
+
+
+def _filmed(project: Project, stage: Stage, say: Say) -> str:
+    """Run a stage that reads films; "none" where there are none, or the targets come from elsewhere."""
+    if _without_films(project):
+        return "none"
+    say(f"twin {stage.name}: {stage.title}")
+    # it compares the digests of films and log itself, and targets of others are kept as targets-0001
+    options = {"replace": True} if TARGETS in stage.writes else {}
+    return str(stage.run(project, say, **options)["status"])
+
+
+def _without_films(project: Project) -> bool:
+    """Whether the targets that are there stand without films: none is named, the films are gone, or the
+    targets were measured elsewhere."""
+    if not project.targets_folder.is_dir():
+        return False
+    films = all(any(project.root.glob(camera.film)) for camera in project.config.cameras)
+    return not project.config.cameras or not films or not (project.targets_folder / "source.json").is_file()
+
+
+def _at_base(project: Project, say: Say) -> Project:
+    """The project without effects where the base model has to be calibrated or diagnosed anew."""
+    effects = project.config.model.effects
+    wanted = [name for name in BASE if name != "diagnose" or _can_test(project)]
+    if not effects or all(_fresh_run(project, (name,)) is not None for name in wanted):
+        return project
+    say(f"The base model is judged anew, so twin.toml had effects = {list(effects)} and has none now. What "
+        "the diagnosis names is added; `twin add` puts back others.")  # fmt: skip
+    return project.set_effects([])
+
+
+def _once(project: Project, stage: Stage, say: Say) -> str:
+    """Run a stage unless it is fresh: "done", "fresh", or "none" where it has nothing to do."""
+    if not _can_test(project) and stage.name in ("diagnose", "add"):
+        return "none"
+    kinds = ("add", "drop") if stage.when is When.NAMED else (stage.name,)
+    run = _fresh_run(project, kinds)
+    if run is not None:
+        say(f"twin {stage.name}: fresh in runs/{run}, skipped.")
+        return "fresh"
+    if stage.when is When.NAMED and not named_effects(project):
+        return "none"
+    why = stale_sentences(project, kinds)
+    say(f"twin {stage.name}: {stage.title}" + (f" ({why[0]})" if why else ""))
+    return str(stage.run(project, say).get("status", "done"))
+
+
+def _fresh_run(project: Project, kinds: tuple[str, ...]) -> str | None:
+    """The newest run of these kinds that belongs to the present project and is younger than what it is built
+    on."""
+    path = fresh(project, kinds)
+    if path is None or any(_number(path.parent.name) < n for n in _needed(project, kinds)):
+        return None
+    return path.parent.name
+
+
+def _needed(project: Project, kinds: tuple[str, ...]) -> list[int]:
+    """The numbers of the newest fresh runs that the results of these kinds depend on."""
+    names = [stage.name for stage in MODEL]
+    before = [name for name in names[: names.index(kinds[0])] if name != "compare"]
+    groups = [("add", "drop") if name == "add" else (name,) for name in before]
+    found = [fresh(project, group) for group in groups]
+    return [_number(path.parent.name) for path in found if path is not None]
+
+
+def _number(run: str) -> int:
+    return int(run.partition("-")[0])
+
+
+def _can_test(project: Project) -> bool:
+    """Whether the targets have a noise model, without which nothing is diagnosed."""
+    return project.targets().noise is not None
+
+
+# -- what came out -------------------------------------------------------------------------------------------
+
+
+def _told(project: Project, say: Say) -> dict[str, Any]:
+    """Say verdict, constants, what changed, and where report and recording are; and return them."""
+    record = files.read_json(fit_file(project))
+    path = fresh(project, ("diagnose",), "diagnosis.json")
+    verdict = files.read_json(path)["verdict"] if path is not None else "not diagnosed: no noise model"
+    say(f"Verdict: {verdict}")
+    say(f"{in_words(estimates_of_record(record))}.")
+    former, changes = _changed(project, record, say)
+    shown = {}
+    for name, how in (("report.html", "open {} in a browser"), ("review.rrd", "rerun {}")):
+        found = fresh(project, kinds_writing(name), name)
+        if found is not None:
+            shown[name] = str(found)
+            say(f"{name}: {how.format(found)}")
+    return {
+        "verdict": verdict, "effects": list(project.config.model.effects), "parameters": record["parameters"],
+        "intervals": record.get("intervals", {}), "like": former,
+        "changes": [asdict(c) | {"difference": c.difference, "known": c.known} for c in changes],
+    } | shown  # fmt: skip
+
+
+def _changed(
+    project: Project, record: dict[str, Any], say: Say
+) -> tuple[str | None, tuple[BatchChange, ...]]:
+    """The former batch's name, and how this one differs from it, which is said."""
+    try:
+        former = former_of(project)
+        if former is None:
+            return None, ()
+        then = files.read_json(fit_file(former))
+    except ValueError as error:
+        say(f"Not compared with {project.config.project.like}: {error}.")
+        return project.config.project.like, ()
+    changes = changes_of(values_of(then), values_of(record))
+    say(f"Beside {former.root.name}:")
+    for change in changes:
+        say(f"  {change.words}")
+    for sentence in other_effects(former, then, project, record):
+        say(f"  {sentence}")
+    return former.root.name, changes

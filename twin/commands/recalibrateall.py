@@ -1,0 +1,57 @@
+"""A folder whose subfolders are projects, one a batch: their order, and all of them recalibrated at once."""
+
+from pathlib import Path
+from typing import Any
+
+from twin.batches.order import Opened, batches_in
+from twin.commands.recalibrate import run_recalibrate
+from twin.project.folder import Project, Say
+from twin.project.locks import lock
+
+
+def recalibrate_all(folder: Path, say: Say, *, opened: Opened = Project.open) -> dict[str, Any]:
+    """Recalibrate every batch of a folder, go on after one that fails, and say a table of all at the end.
+
+    opened: turns a project folder into its project.
+    """
+    rows = []
+    with lock(folder / ".lock", "recalibrate"):
+        batches = batches_in(folder)
+        for number, batch in enumerate(batches, 1):
+            say(f"[{number}/{len(batches)}] {batch.name}")
+            rows.append({"batch": batch.name} | _one(batch, say, opened))
+    failed = [row["batch"] for row in rows if row["status"] != "done"]
+    for line in _table(rows):
+        say(line)
+    if failed:
+        say(f"{len(failed)} of {len(rows)} batches failed: {', '.join(failed)}.")
+    return {"stage": "recalibrate", "folder": str(folder), "batches": rows, "failed": failed}
+
+
+def _one(batch: Path, say: Say, opened: Opened) -> dict[str, Any]:
+    """What came of a batch; a failure is a row of the table, not the end."""
+    try:
+        project = opened(batch)
+        for sentence in project.remarks:
+            say(sentence)
+        with project.lock("recalibrate"):
+            return {"status": "done"} | run_recalibrate(project, say)
+    except Exception as error:
+        known = isinstance(error, ValueError | OSError)
+        sentence = str(error) if known else f"internal error: {type(error).__name__}: {error}"
+        say(f"failed: {sentence}")
+        return {"status": "failed", "error": sentence}
+
+
+def _table(rows: list[dict[str, Any]]) -> list[str]:
+    """A line a batch: its name, what ran, and the verdict, or why it failed."""
+    width = max(len(row["batch"]) for row in rows)
+    return [f"{row['batch']:<{width}}  {_state(row):<13}  {row.get('verdict') or row.get('error')}"
+            for row in rows]  # fmt: skip
+
+
+def _state(row: dict[str, Any]) -> str:
+    if row["status"] != "done":
+        return "failed"
+    ran = "done" in row["stages"].values()
+    return "recalibrated" if ran else "fresh"

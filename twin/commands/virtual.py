@@ -1,0 +1,141 @@
+"""The command `twin virtual`: a project of an experiment that never was, its truth sealed beside it."""
+
+import json
+import tempfile
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fe import Finger
+from twin.commands.init import run_init
+from twin.gravity import TONNE_PER_MM3
+from twin.model.structure import base_case
+from twin.project import files
+from twin.project.folder import Say
+from twin.project.targetwriting import write_targets
+from twin.targets import Array, TargetPoint, Targets
+from twin.virtual.draws import NOISE, Setup, measured
+from twin.virtual.filming import at_nodes
+from twin.virtual.hidden import KINDS, Kind
+from twin.virtual.protocols import PROTOCOLS, Protocol, places
+from twin.virtual.sizing import plainness
+from twin.virtual.truthsolves import CHANGE, DENSITY, ELEMENT, SILICONE, displaced, tangents, truth_case
+
+ELEMENTS_OF_TRUTH = ("C3D20H", "C3D20RH", "C3D20", "C3D20R")
+
+
+def run_virtual(
+    folder: Path,
+    say: Say,
+    *,
+    protocol: str,
+    hide: Sequence[str],
+    sigmas: float | None,
+    setup: Setup,
+    element: str = ELEMENT,
+    seed: int = 0,
+) -> dict[str, Any]:
+    """Make the folder, with targets and twin.toml, and `FOLDER.truth.json` beside it.
+
+    hide: what is missing in the model, NAME or NAME=SIZE; sigmas: the non-centrality of one NAME without a
+    size. ValueError for what does not exist.
+    """
+    chosen, kinds = _protocol(protocol), [_kind(text) for text in hide]
+    sealed = folder.with_name(f"{folder.name}.truth.json")
+    if folder.exists() or sealed.exists():
+        raise ValueError(
+            f"{folder if folder.exists() else sealed} is there already and is never overwritten; "
+            "name a folder that does not exist"
+        )
+    if element not in ELEMENTS_OF_TRUTH:
+        raise ValueError(f"--element {element}: wanted one of {', '.join(ELEMENTS_OF_TRUTH)}")
+    if setup.noise not in NOISE:
+        raise ValueError(f"--noise {setup.noise}: wanted one of {', '.join(NOISE)}")
+    say("Solving the truth on a mesh of its own ...")
+    points, case = _marked(chosen), truth_case(Finger(), CHANGE, element=element)
+    if not chosen.weighed:
+        case = case.with_material(density=0.0)
+    at = np.array([p.position for p in points])
+    bare, slope = displaced(case, chosen.course, at, ())
+    draw = measured(chosen, bare, slope, points=points, setup=setup, seed=seed)
+    rows = {kind.name: _all(tangents(case, chosen.course, at, kind), draw) for kind, _ in kinds}
+    hidden = tuple((kind, _sized(kind, size, sigmas, rows[kind.name], draw, slope)) for kind, size in kinds)
+    u, slope = displaced(case, chosen.course, at, hidden) if hidden else (bare, slope)
+    found = measured(chosen, u, slope, points=points, setup=setup, seed=seed)
+    with tempfile.TemporaryDirectory() as scratch:
+        write_targets(Path(scratch) / "targets", found)
+        density = DENSITY / TONNE_PER_MM3 if chosen.weighed else None
+        run_init(folder, _Silent(), targets=Path(scratch) / "targets", nodes=(), density_kg_m3=density)
+    change, felt = _all(u - bare, found), _all(slope, found)
+    plain = {k.name: plainness(change, found, _all(rows[k.name][:2], found), felt) for k, _ in hidden[:1]}
+    truth = {
+        "protocol": chosen.name, "seed": seed, "element": element, "lattice": asdict(CHANGE),
+        "constants_MPa": {"C10": SILICONE.C10, "C01": SILICONE.C01},
+        "hidden": [
+            {"name": k.name, "effect": k.physics or None, "law": k.law, "size": s, "unit": k.unit}
+            for k, s in hidden
+        ],
+        "non_centrality": plain, "setup": asdict(setup),
+    }  # fmt: skip
+    files.write_text(sealed, json.dumps(truth, indent=1) + "\n")
+    say(f"Wrote {folder / 'twin.toml'} and, not to be read before the diagnosis, {sealed.name} beside it.")
+    say(f"Next: `twin calibrate --project {folder}`.")
+    return {"stage": "virtual", "status": "done", "project": str(folder), "sealed": str(sealed)}
+
+
+class _Silent:
+    """A `say` that says nothing."""
+
+    def __call__(self, text: str, /) -> None:
+        del text
+
+    def progress(self, stage: str, done: int, total: int, /) -> None:
+        del stage, done, total
+
+
+def _protocol(name: str) -> Protocol:
+    if name not in PROTOCOLS:
+        raise ValueError(f"--protocol {name}: wanted one of {', '.join(PROTOCOLS)}")
+    return PROTOCOLS[name]
+
+
+def _kind(text: str) -> tuple[Kind, float | None]:
+    name, _, size = text.partition("=")
+    if name not in KINDS:
+        raise ValueError(f"--hide {name}: wanted one of {', '.join(KINDS)}")
+    try:
+        return KINDS[name], float(size) if size else None
+    except ValueError:
+        raise ValueError(f"--hide {text}: wanted NAME=SIZE, such as creep=0.05") from None
+
+
+def _marked(protocol: Protocol) -> tuple[TargetPoint, ...]:
+    """The markers of a protocol, each on the nearest node of the built-in finger."""
+    case, at = base_case(), places(Finger())
+    edge, off = [n for n in at if n.startswith("p")], [n for n in at if n.startswith("off")]
+    names = [*edge[1 : protocol.along], "tip", *off[: protocol.off_axis]]
+    wanted = np.array([at[name] for name in names])
+    near = np.linalg.norm(case.nodes[:, None] - wanted, axis=2).argmin(axis=0)
+    return at_nodes(names, case.labels[near], case.nodes[near])
+
+
+def _all(rows: Array, targets: Targets) -> Array:
+    """Values (.., p, 3) of the markers on the finger, and 0 of the fixed ones."""
+    out = np.zeros((*rows.shape[:-2], len(targets.points), 3))
+    out[..., : rows.shape[-2], :] = rows
+    return out
+
+
+def _sized(
+    kind: Kind, size: float | None, sigmas: float | None, rows: Array, targets: Targets, slope: Array
+) -> float:
+    """The size that was asked for, or that with a non-centrality, to first order."""
+    if size is not None:
+        return size
+    if sigmas is None:
+        raise ValueError(f"--hide {kind.name}: wanted a size, {kind.name}=SIZE, or --sigmas")
+    one = plainness(rows[2], targets, rows[:2], _all(slope, targets))
+    return sigmas / max(one, 1e-12)

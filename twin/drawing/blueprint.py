@@ -1,0 +1,200 @@
+"""Draws the undeformed finger with its dimensions, marks and points: from the side, cut along and across.
+
+All of it comes from the case that is solved; only the numbers beside the arrows come from the dimensions.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import PolyCollection
+from matplotlib.figure import Figure
+
+from fe import Case, Finger
+from fe.element import Integers
+from twin.drawing.slicing import cut
+from twin.drawing.theme import AFTER, BEFORE, INK, MUTED, png, style
+from twin.targets import Array
+
+SKIN, CUT, EDGE = "#e3e8ec", "#b9c4cd", "#8a97a3"
+GAP = 0.045  # of the drawn length: from the finger to the first line of a dimension, and from line to line
+NAME = 0.15  # of the drawn length: room for a name that stands upright below a point
+WIDE, CUTS = 11.0, 3.4  # inches: the picture's width, the height of the two cuts
+
+
+@dataclass(frozen=True)
+class Arrow:
+    """A dimension: its text, between which two points, and how far beside them its line lies, mm."""
+
+    text: str
+    start: tuple[float, float]
+    end: tuple[float, float]
+    off: float
+
+
+def dimensioned(
+    case: Case,
+    *,
+    outside: Integers,
+    points: Mapping[str, Array],
+    marks: Mapping[str, Array],
+    finger: Finger | None,
+    title: str,
+) -> bytes:
+    """A PNG of a finger at rest.
+
+    outside (f, m): the faces that are drawn; points {name: (3,) mm} on the finger; marks {name: (3,) mm} on
+    the rig; finger: its dimensions, None where a deck has none.
+    """
+    tall = _side_height(case, [*points.values(), *marks.values()])
+    with style({"axes.grid": False}):
+        figure = Figure(figsize=(WIDE, tall + CUTS), layout="constrained")
+        rows = figure.subplot_mosaic(
+            [["side", "side"], ["along", "across"]], width_ratios=[2.6, 1.0], height_ratios=[tall, CUTS]
+        )
+        _side(rows["side"], case, outside, points, marks, finger)
+        _along(rows["along"], case, finger)
+        _across(rows["across"], case, finger)
+        figure.suptitle(title, x=0.01, ha="left", fontsize=11)
+        return png(figure)
+
+
+def _side_height(case: Case, places: Sequence[Array]) -> float:
+    """How high, in inches, the view from the side is drawn across the width of the picture."""
+    every = np.concatenate([case.nodes[:, [0, 2]], *(p[None, [0, 2]] for p in places)])
+    across, up = np.ptp(every, axis=0)
+    room = (3.5 * GAP + NAME) * across  # for dimensions above and names below
+    return float(np.clip(0.85 * WIDE * (up + room) / across, 2.5, 7.5))
+
+
+# -- the three views ---------------------------------------------------------------------------------------
+
+
+def _side(
+    axes: Axes, case: Case, outside: Integers, points: Mapping[str, Array], marks: Mapping[str, Array],
+    finger: Finger | None,
+) -> None:  # fmt: skip
+    """From +y as the camera sees it, with all points and marks."""
+    faces = case.nodes[outside]
+    order = np.argsort(faces[..., 1].mean(axis=1))
+    loops = faces[order][:, _loop(case)][..., [0, 2]]
+    axes.add_collection(PolyCollection(list(loops), facecolor=SKIN, edgecolor=EDGE, linewidths=0.25))
+    low, high = case.nodes.min(axis=0), case.nodes.max(axis=0)
+    _named(axes, points, colour=BEFORE, marker="o", below=True)
+    _named(axes, marks, colour=AFTER, marker="s", below=False)
+    gap = GAP * float(high[0] - low[0])
+    arrows = [Arrow(f"{high[0] - low[0]:g}", (low[0], high[2]), (high[0], high[2]), 2.2 * gap)]
+    if finger is not None:
+        start, end = finger.base_cap, finger.length - finger.tip_cap
+        top = float(high[2])
+        arrows += [
+            Arrow(f"cap {finger.base_cap:g}", (0.0, top), (start, top), gap),
+            Arrow(f"{finger.bellows} pleats of {finger.pitch:.3g}", (start, top), (end, top), gap),
+            Arrow(f"cap {finger.tip_cap:g}", (end, top), (finger.length, top), gap),
+        ]
+    _arrows(axes, arrows)
+    _finished(axes, "From the side, as the camera sees it", "x, mm from the clamp", "z, mm")
+    room = min((float(p[2]) for p in points.values()), default=0.0) - NAME * float(high[0] - low[0])
+    axes.set_ylim(bottom=min(room, axes.get_ylim()[0]))
+
+
+def _along(axes: Axes, case: Case, finger: Finger | None) -> None:
+    """The cut along the plane of symmetry, the chamber open."""
+    _material(axes, cut(case, axis=1, place=0.0))
+    if finger is not None:
+        g, gap, crest = finger, GAP * finger.length, _valley(finger) - finger.pitch / 2
+        lowest = g.height - 2 * g.pleat
+        _arrows(axes, [
+            Arrow(f"height {g.height:g}", (0.0, 0.0), (0.0, g.height), gap),
+            Arrow(f"bottom {g.bottom:g}", (crest, 0.0), (crest, g.bottom), 0.0),
+            Arrow(f"top {g.top:g}", (crest, g.height - g.top), (crest, g.height), 0.0),
+            Arrow(f"pleat depth {2 * g.pleat:g}", (g.length, lowest), (g.length, g.height), -gap),
+        ][: 4 if g.pleat else 3])  # fmt: skip
+    _finished(axes, "Cut along the middle (y = 0)", "x, mm", "z, mm")
+
+
+def _across(axes: Axes, case: Case, finger: Finger | None) -> None:
+    """The cut across: of the built-in finger through a crest on the left and a valley on the right, else
+    through the middle."""
+    low, high = case.nodes.min(axis=0), case.nodes.max(axis=0)
+    if finger is None:
+        x = float(low[0] + high[0]) / 2
+        shapes = cut(case, axis=0, place=x)
+        _material(axes, [*shapes, *(_mirrored(shapes) if low[1] > -1e-6 else [])])
+        _finished(axes, f"Cut across (x = {x:.3g})", "y, mm", "")
+        return
+    g, w, valley = finger, finger.width / 2, _valley(finger)
+    crest = valley - g.pitch / 2
+    _material(axes, [*_mirrored(cut(case, axis=0, place=crest)), *cut(case, axis=0, place=valley)])
+    gap, lowest = 1.6 * GAP * g.width, g.height - 2 * g.pleat
+    _arrows(axes, [
+        Arrow(f"width {g.width:g}", (-w, 0.0), (w, 0.0), -gap),
+        Arrow(f"side {g.side:g}", (-w, g.height / 2), (g.side - w, g.height / 2), 0.0),
+        Arrow(f"side pleats {g.side_pleat:g}", (w - g.side_pleat, lowest), (w, lowest), gap),
+    ][: 3 if g.side_pleat else 2])  # fmt: skip
+    _finished(axes, "Cut across: crest | valley", "y, mm", "")
+
+
+def _valley(finger: Finger) -> float:
+    """x in mm of a valley between two pleats, the middle one; of a single pleat the end."""
+    return finger.base_cap + finger.pitch * max(1, finger.bellows // 2)
+
+
+def _mirrored(shapes: Sequence[Array]) -> list[Array]:
+    return [shape * np.array([-1.0, 1.0]) for shape in shapes]
+
+
+# -- what they are drawn with ------------------------------------------------------------------------------
+
+
+def _loop(case: Case) -> list[int]:
+    """The corners of a face in turn."""
+    return list(case.element.corners)
+
+
+def _material(axes: Axes, shapes: Sequence[Array]) -> None:
+    axes.add_collection(PolyCollection(list(shapes), facecolor=CUT, edgecolor=CUT, linewidths=0.6))
+    axes.autoscale_view()
+
+
+def _named(axes: Axes, places: Mapping[str, Array], *, colour: str, marker: str, below: bool) -> None:
+    """Places (3,) mm with their names; below: upright, with x and z, as neighbours would overlap."""
+    for name, (x, _, z) in places.items():
+        axes.plot(x, z, marker, ms=4.5, color=colour, mec="white", mew=0.5, zorder=4)
+        text = f"{name} ({x:.4g}, {round(z, 3) + 0.0:.4g})" if below else name
+        axes.annotate(
+            text, (x, z), xytext=(0, -6), textcoords="offset points", rotation=90 if below else 0,
+            ha="center", va="top", fontsize=7.5, color=colour, zorder=4,
+        )  # fmt: skip
+
+
+def _arrows(axes: Axes, arrows: Sequence[Arrow]) -> None:
+    for arrow in arrows:
+        _arrow(axes, arrow)
+
+
+def _arrow(axes: Axes, arrow: Arrow) -> None:
+    """A double arrow with its text; beside the points where `off` is not 0, with thin lines to them."""
+    a, b = np.array(arrow.start), np.array(arrow.end)
+    upright = abs(a[0] - b[0]) < 1e-9
+    aside = arrow.off * (np.array([-1.0, 0.0]) if upright else np.array([0.0, 1.0]))
+    for end in (a, b) if arrow.off else ():
+        axes.plot(*np.transpose([end, end + 1.15 * aside]), color=MUTED, lw=0.5)
+    line = {"arrowstyle": "<->", "color": INK, "lw": 0.8, "shrinkA": 0, "shrinkB": 0, "mutation_scale": 6}
+    (x, y), (x_end, y_end) = a + aside, b + aside
+    axes.annotate("", (x, y), (x_end, y_end), arrowprops=line)
+    inside = arrow.off == 0.0 and upright  # a wall is thinner than its text is high
+    axes.annotate(
+        arrow.text, ((x + x_end) / 2, (y + y_end) / 2), textcoords="offset points",
+        xytext=(6, 0) if inside else (-3, 0) if upright else (0, 2),
+        rotation=90 if upright and not inside else 0,
+        ha="left" if inside else "right" if upright else "center", va="center" if upright else "bottom",
+        fontsize=8, bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 0.5},
+    )  # fmt: skip
+
+
+def _finished(axes: Axes, title: str, across: str, up: str) -> None:
+    axes.set(title=title, xlabel=across, ylabel=up, aspect="equal")
+    axes.autoscale_view()
+    axes.margins(0.04)

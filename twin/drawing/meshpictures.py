@@ -1,0 +1,110 @@
+"""Draws a mesh for who has to choose nodes in it or to judge its elements: node labels, element shapes."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import PolyCollection
+from matplotlib.figure import Figure
+
+from fe import Case
+from fe.element import Integers
+from fe.mesh.elementshapes import Measure
+from fe.mesh.refine import free_faces
+from twin.drawing.theme import AFTER, BEFORE, INK, MUTED, png, style
+from twin.targets import Array
+
+NEAREST = 22  # nodes that are labelled around a point: more would overlap
+ACROSS = 3  # pictures in a row
+AXES = ("x", "y", "z")
+
+
+def labelled(case: Case, *, outside: Integers, points: Mapping[str, Array]) -> bytes:
+    """A PNG with the labels of the surface nodes around each point {name: (3,) mm}; outside (f, m): the faces
+    that are drawn."""
+    rows = -(-len(points) // ACROSS)
+    with style({"axes.grid": False}):
+        figure = Figure(figsize=(4.2 * min(ACROSS, len(points)), 3.6 * rows), layout="constrained")
+        for k, (name, x) in enumerate(points.items(), start=1):
+            _around(figure.add_subplot(rows, min(ACROSS, len(points)), k), case, outside, name, x)
+        return png(figure)
+
+
+def _around(axes: Axes, case: Case, outside: Integers, name: str, x: Array) -> None:
+    view, facing = _faced(case, outside, x)
+    surface = np.unique(facing)
+    near = surface[np.argsort(np.linalg.norm(case.nodes[surface] - x, axis=1), kind="stable")[:NEAREST]]
+    places = case.nodes[near]
+    across, up = (i for i in range(3) if i != view)
+    touched = facing[np.isin(facing, near).any(axis=1)]
+    loops = case.nodes[touched][:, list(case.element.corners)][..., [across, up]]
+    axes.add_collection(PolyCollection(list(loops), facecolor="none", edgecolor=MUTED, linewidths=0.5))
+    axes.plot(places[:, across], places[:, up], ".", color=INK, ms=3)
+    for row, place in zip(near, places, strict=True):
+        axes.annotate(
+            str(case.labels[row]), (place[across], place[up]), xytext=(2, 2), textcoords="offset points",
+            fontsize=6.5, color=AFTER if row == near[0] else INK,
+        )  # fmt: skip
+    axes.plot(x[across], x[up], "o", mfc="none", color=BEFORE, ms=9)
+    away = float(np.linalg.norm(places[0] - x))
+    axes.set(
+        title=f"{name}: node {case.labels[near[0]]}, {away:.2f} mm away", xlabel=f"{AXES[across]}, mm",
+        ylabel=f"{AXES[up]}, mm", aspect="equal",
+    )  # fmt: skip
+    room = 0.08 * max(float(np.ptp(places[:, across])), float(np.ptp(places[:, up])), 1e-6)
+    for limit, i in ((axes.set_xlim, across), (axes.set_ylim, up)):
+        seen = np.append(places[:, i], x[i])
+        limit(float(seen.min()) - room, float(seen.max()) + room)
+
+
+def _faced(case: Case, outside: Integers, x: Array) -> tuple[int, Integers]:
+    """The axis along which the surface near a place (3,) mm is seen, and the faces (f, m) that face it: from
+    the side if that can be, as the camera sees it, else from above or below, else from an end."""
+    corners = case.nodes[outside][:, list(case.element.corners)]
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, -1] - corners[:, 0])
+    axis = np.abs(normal).argmax(axis=1)
+    surface = np.unique(outside)
+    nearest = surface[np.linalg.norm(case.nodes[surface] - x, axis=1).argmin()]
+    touching = set(axis[(outside == nearest).any(axis=1)].tolist())
+    view = next(i for i in (1, 2, 0) if i in touching)
+    return view, outside[axis == view]
+
+
+def shapes(case: Case, *, outside: Integers, measures: Sequence[Measure]) -> bytes:
+    """A PNG of the elements from the side, coloured by the ratio of their Jacobians, and how often each value
+    of every measure occurs; outside (f, m): the faces that are drawn."""
+    with style({"axes.grid": False}):
+        figure = Figure(figsize=(11.0, 7.0), layout="constrained")
+        rows = figure.subplot_mosaic([["side"] * len(measures), list(range(len(measures)))])
+        _coloured(figure, rows["side"], case, outside, measures[0])
+        for k, measure in enumerate(measures):
+            _often(rows[k], measure)
+        return png(figure)
+
+
+def _coloured(figure: Figure, axes: Axes, case: Case, outside: Integers, measure: Measure) -> None:
+    faces, owner = case.nodes[outside], _owners(case, outside)
+    order = np.argsort(faces[..., 1].mean(axis=1))
+    loops = faces[order][:, list(case.element.corners)][..., [0, 2]]
+    drawn = PolyCollection(list(loops), array=measure.values[owner[order]], cmap="viridis", edgecolor="white",
+                           linewidths=0.2, clim=(0.0, 1.0))  # fmt: skip
+    axes.add_collection(drawn)
+    axes.set(title=f"From the side: {measure.name}", xlabel="x, mm", ylabel="z, mm", aspect="equal")
+    axes.autoscale_view()
+    figure.colorbar(drawn, ax=axes, shrink=0.8)
+
+
+def _owners(case: Case, outside: Integers) -> Integers:
+    """The element (f,) of each face (f, m) of the skin, given by its nodes."""
+    free = free_faces(case)
+    nodes = np.take_along_axis(case.connectivity[free[:, 0]], case.element.faces[free[:, 1]], axis=1)
+    owner = {frozenset(row): int(e) for row, e in zip(nodes.tolist(), free[:, 0], strict=True)}
+    return np.array([owner.get(frozenset(row), 0) for row in outside.tolist()], np.int64)
+
+
+def _often(axes: Axes, measure: Measure) -> None:
+    axes.hist(measure.values, bins=30, color=BEFORE)
+    axes.axvline(measure.limit, color=AFTER, lw=1.0)
+    unit = f", {measure.unit}" if measure.unit else ""
+    axes.set(xlabel=f"{measure.name}{unit}", ylabel="elements" if measure.name.startswith("Jac") else "")
+    axes.set_title(f"{len(measure.poor)} beyond {measure.limit:g}", fontsize=9)

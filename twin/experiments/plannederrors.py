@@ -1,0 +1,106 @@
+"""The errors of a film that was not made yet, from those of the one that was; both as rows of `mimicry`.
+
+Per value the noise is the same. What many values share (scale, placement of the tags, reference) is the same
+error in both films: each such mode is carried over by how it depends on where its marker is.
+"""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from twin.experiments.mimicry import Rows
+from twin.experiments.plannedfilms import Shown
+from twin.judging.whitening import Whitener
+from twin.targets import Array, Targets
+
+OTHER_AXIS = 2.0  # times the noise of the others has an axis that this film does not show
+
+
+@dataclass(frozen=True)
+class Outlook:
+    """What is known of the errors: targets with their whitener, and where a model is in this film, u
+    (s, p, 3) mm."""
+
+    targets: Targets
+    w: Whitener
+    u: Array
+
+    @cached_property
+    def _alone(self) -> Whitener:
+        """The whitener without shared modes, which rows state by themselves."""
+        return replace(self.w, modes=self.w.modes[self.w.shared :], shared=0, names=())
+
+    @cached_property
+    def _modes(self) -> Array:
+        """The whitened shared modes (k, n) of this film."""
+        fields = np.zeros((self.w.shared, *self.u.shape))
+        fields[:, :, self.w.components[:, 0], self.w.components[:, 1]] = self.w.modes[: self.w.shared]
+        return self._alone.whiten(fields)
+
+    def here(self, difference: Array, jacobian: Array) -> Rows:
+        """The rows of this film: truth - mimic (s, p, 3) mm, and the mimic's derivatives (d, s, p, 3)."""
+        slopes = self._alone.whiten(jacobian).T if len(jacobian) else np.zeros((self._modes.shape[1], 0))
+        return Rows(self._alone.whiten(difference), slopes, self._modes.T)
+
+    def ahead(self, truth: Shown, mimic: Shown, components: NDArray[np.int64]) -> Rows:
+        """The rows of another film, at components (c, 2): point and axis. Points beyond those of this film
+        are marks beside them, each with errors of its own like those of its nearest."""
+        p, i = components.T
+        near = self._nearest(truth, p)
+        sd, old = self._sd(near, i, truth.interval), p < self.u.shape[1]
+        gauge = truth.slope[:, p, i] * float(np.median(self.targets.pressure_sd)) / sd
+        shared = self._carried(truth, p, near, i)
+        both = np.concatenate([np.where(old, shared, 0.0), np.where(old, 0.0, shared)])
+        both = both[: len(shared)] if old.all() else both
+        return Rows(
+            _whitened((truth.u - mimic.u)[:, p, i] / sd, gauge),
+            _whitened(mimic.jacobian[:, :, p, i] / sd, gauge).T,
+            _whitened(both / sd, gauge).T,
+        )
+
+    def _nearest(self, truth: Shown, points: NDArray[np.int64]) -> NDArray[np.int64]:
+        """The marker (c,) of this film that moves most like each point (c,)."""
+        own = np.unique(self.w.components[:, 0])
+        away = np.linalg.norm(truth.u[:, points, None] - truth.u[:, None, own], axis=(0, 3))
+        return np.where(points < self.u.shape[1], points, own[away.argmin(axis=1)])
+
+    def _sd(self, point: NDArray[np.int64], axis: NDArray[np.int64], interval: float) -> Array:
+        """The noise (c,) mm of a value among its neighbours in time: of an autoregression so much larger as
+        their mean is less certain."""
+        sd = np.median(self.w.sd, axis=0)
+        between = float(np.median(np.diff(self.targets.time)))
+        rho = np.clip(self.w.rho, 0.0, 0.99) ** (interval / between)
+        sd = sd * np.sqrt((1 + rho) / (1 - rho))
+        known = {(int(p), int(i)): x for (p, i), x in zip(self.w.components, sd, strict=True)}
+        other = OTHER_AXIS * float(sd.mean())
+        return np.array([known.get((int(p), int(i)), other) for p, i in zip(point, axis, strict=True)])
+
+    def _carried(
+        self, truth: Shown, p: NDArray[np.int64], near: NDArray[np.int64], axis: NDArray[np.int64]
+    ) -> Array:
+        """The shared modes (k, s, c) mm in another film; 0 on an axis that this film does not show."""
+        row = {(int(a), int(b)): n for n, (a, b) in enumerate(self.w.components)}
+        out = np.zeros((self.w.shared, len(truth.u), len(p)))
+        for c in range(len(p)):
+            n = row.get((int(near[c]), int(axis[c])))
+            if n is not None:
+                here, there = _place(self.u[:, near[c]]), _place(truth.u[:, p[c]])
+                law = np.linalg.lstsq(here, self.w.modes[: self.w.shared, :, n].T, rcond=1e-8)[0]
+                out[:, :, c] = (there @ law).T
+        return out
+
+
+def _place(u: Array) -> Array:
+    """Functions (s, 6) of a marker's displacement (s, 3) mm that its shared errors follow."""
+    x, z = u[:, 0] / 10.0, u[:, 2] / 10.0  # of the order of 1
+    return np.stack([np.ones_like(x), x, z, x * x, x * z, z * z], axis=1)
+
+
+def _whitened(y: Array, gauge: Array) -> Array:
+    """Values (..., s c) of variance 1 of y (..., s, c) in sds, whose steps share a gauge error (s, c)."""
+    size = (gauge**2).sum(axis=1, keepdims=True)
+    way = gauge / np.sqrt(np.maximum(size, 1e-300))
+    along = (y * way).sum(axis=-1, keepdims=True) * (1 - 1 / np.sqrt(1 + size))
+    return np.asarray((y - along * way).reshape(*y.shape[:-2], gauge.size), float)

@@ -1,0 +1,213 @@
+"""What `twin check` finds in films and board pictures within seconds that `twin measure` would find later."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import cv2
+import numpy as np
+
+from twin.gauge.agreement import check_agrees
+from twin.gauge.pressurelog import Log
+from twin.gauge.synchrony import Motion
+from twin.inputs.cameras import dictionary_name, lens_of
+from twin.inputs.recordings import corrections_of, marks_of
+from twin.project import files
+from twin.project.config import CameraTable
+from twin.project.folder import Project, Say
+from twin.targets import Array
+
+if TYPE_CHECKING:  # vision takes a second to import
+    from vision import Camera, Mark, Video
+    from vision.following.skimming import Glimpses
+
+SMALL_PX = 20.0  # a marker below it is followed less well
+OFTEN = 0.5  # share of the frames looked at in which a marker of the finger should be seen
+OTHER_SIZE, OTHER_NOISE = 1.05, 1.5  # times, of markers and of noise, in the static film and the test
+CORNERS_MM, NOISE_MM = 0.1, 0.03  # error of a place by a marker's corners at 3 px/mm, and its scatter
+
+
+@dataclass(frozen=True)
+class _Look:
+    """One camera's films, and what is known of the marks in them."""
+
+    project: Project
+    table: CameraTable
+    marks: "Sequence[Mark]"
+    camera: "Camera"
+    film: "Video"
+    static: "Video"
+
+    @property
+    def dictionary(self) -> str:
+        return dictionary_name(self.project, self.table.dictionary)
+
+    @property
+    def finger(self) -> list[int]:
+        return [p for p, mark in enumerate(self.marks) if mark.role == "finger"]
+
+
+def check_films(project: Project, log: Log, say: Say) -> None:
+    """Say what a few frames of the films show, and draw the first with every mark circled (check.png).
+
+    Raises ValueError at the first thing for which `twin camera` or `twin measure` would refuse them.
+    """
+    from vision.film.series import open_film
+
+    marks = marks_of(project)
+    for table in project.config.cameras:
+        film, static = (open_film(project.path(f), fps=table.fps) for f in (table.film, table.static))
+        picture = "check.png" if len(project.config.cameras) == 1 else f"check-{table.name}.png"
+        _draw(project, table, marks, film, picture, say)
+        corrections_of(project, table)  # names the line that is not right
+        look = _Look(project, table, marks, lens_of(project, table), film, static)
+        for sentence in (*film.issues, *static.issues, *_findings(look, log)):
+            say(sentence)
+
+
+def _draw(
+    project: Project, table: CameraTable, marks: "Sequence[Mark]", film: "Video", name: str, say: Say
+) -> None:
+    """Draw the first frame, whatever is wrong with it; without the lens, which may be unknown yet."""
+    from vision.drawing.ringsheet import ring_sheet
+
+    picture, found = ring_sheet(film, marks, dictionary=dictionary_name(project, table.dictionary))
+    what = f"the first frame of {table.film} with every marker circled, {found} of {len(marks)} found"
+    try:
+        files.write_bytes(project.root / name, bytes(cv2.imencode(".png", picture)[1]))
+    except PermissionError:  # a project that may only be read is checked all the same
+        say(f"{name} cannot be written into {project.root}: {what}.")
+        return
+    say(f"Wrote {name}: {what}.")
+
+
+def _findings(look: _Look, log: Log) -> list[str]:
+    """Sentences about the films; ValueError where they are not right."""
+    from vision.following.skimming import check_glimpses, glimpses
+    from vision.placing.views import check_static
+
+    check_static(look.static)
+    seen, still = (
+        glimpses(film, look.camera, look.marks, dictionary=look.dictionary, reference_s=rest_s)
+        for film, rest_s in ((look.film, look.project.config.measure.reference_s), (look.static, None))
+    )
+    for film, own in ((look.film, seen), (look.static, still)):
+        check_glimpses(film, own, look.marks, look.dictionary)
+    said = [*_marks(look, seen), *_rests(look, seen, still), *_small(look, seen), *_seldom(look, seen)]
+    said += _apart(look, seen, still)
+    return [*said, *_motion(look, seen, log)]
+
+
+def _marks(look: _Look, seen: "Glimpses") -> tuple[str, ...]:
+    """Sentences on marks that may lie elsewhere; ValueError where they cannot be what is stated."""
+    from vision.following.reference import unseen
+    from vision.placing.doubtful import doubts
+    from vision.placing.gates import check_marks
+    from vision.placing.rigplaces import frame_fit, without_odd
+
+    gone = [look.marks[p] for p in look.finger if np.isnan(seen.warp[p, 0, 0])]
+    if gone:
+        raise ValueError(unseen(look.film.path.name, gone, look.marks, set(seen.unused)))
+    sd, glued = look.project.config.measure.frame_sd_mm, look.project.config.measure.placement_sd_mm
+    check_marks(look.marks, seen.warp, camera=look.camera, frame_sd_mm=sd)
+    fit = frame_fit(look.marks, seen.warp[:, :2, 2], sd_mm=max(sd, CORNERS_MM))
+    said = doubts(look.marks, seen.warp, camera=look.camera, placement_sd_mm=glued)
+    return (*without_odd(fit, look.marks)[1], *said)
+
+
+def _rests(look: _Look, seen: "Glimpses", still: "Glimpses") -> tuple[str, ...]:
+    """Sentences where the finger drifts at rest; ValueError where it moves."""
+    from vision.errors.stillness import check_rest
+
+    coded, rest = _coded(look), seen.rest
+    names, film = [look.marks[p].name for p in coded], look.film.path.name
+    moved = check_rest(
+        _places(look, seen)[rest][:, coded], seen.time[rest], names, film=film, static=False
+    )
+    static = look.static.path.name
+    return (*moved, *check_rest(_places(look, still)[:, coded], still.time, names, film=static, static=True))
+
+
+def _coded(look: _Look) -> list[int]:
+    """Rows of the finger's coded marks: dots are not looked for in single frames."""
+    from vision.marks import codes_of
+
+    return [p for p in look.finger if p in codes_of(look.marks)]
+
+
+def _places(look: _Look, seen: "Glimpses") -> Array:
+    """Places (k,p,2) mm of all marks in the frame marks' plane; NaN where not seen."""
+    from vision.marks import frame_places, rows_of
+    from vision.plane import homographies, to_plane
+
+    frame = rows_of(look.marks)[0]
+    return to_plane(homographies(frame_places(look.marks), seen.ideal[:, frame]), seen.ideal)
+
+
+def _small(look: _Look, seen: "Glimpses") -> list[str]:
+    """A sentence where markers are small in the picture."""
+    from vision.marks import px_per_unit
+
+    side = 2.0 * px_per_unit(seen.warp)
+    if not np.nanmin(side) < SMALL_PX:
+        return []
+    least = int(np.nanargmin(side))
+    return [f"Marker {look.marks[least].name!r} is {side[least]:.0f} px wide in {look.table.film}; wanted 25 "
+            "px or more: larger markers, a longer lens, or the camera nearer."]  # fmt: skip
+
+
+def _apart(look: _Look, seen: "Glimpses", still: "Glimpses") -> list[str]:
+    """Sentences where the static film is not made as the test: its noise is then not that of the test."""
+    from vision.marks import px_per_unit
+
+    name, film = look.static.path.name, look.film.path.name
+    size = float(np.nanmedian(px_per_unit(still.warp) / px_per_unit(seen.warp)))
+    change = still.flicker / seen.flicker if seen.flicker > 0.0 else 1.0
+    noise = f"{name} tells the noise of {film}, wanted both with the same camera, lens, light and codec"
+    told = []
+    if max(size, 1 / size) > OTHER_SIZE:
+        told.append(
+            f"The markers are {size:.2f} times as large in {name} as in {film}. {noise}: film it again."
+        )
+    if max(change, 1 / change) > OTHER_NOISE:
+        told.append(
+            f"At rest, pixels of {name} change by {still.flicker:.2g} grey levels from frame to frame, those "
+            f"of {film} by {seen.flicker:.2g}. {noise}: film it again."
+        )
+    return told
+
+
+def _seldom(look: _Look, seen: "Glimpses") -> list[str]:
+    """Sentences about markers of the finger that are often not seen; ValueError where hardly one is."""
+    from vision.measuring.displacements import LEAST_SEEN
+
+    coded = _coded(look)
+    after = np.isfinite(seen.ideal[~seen.rest][:, coded, 0])
+    if not after.size:
+        return []
+    if after.mean(axis=0).max(initial=0.0) < LEAST_SEEN:
+        raise ValueError(
+            f"{look.table.film}: after the reference, {int(after.any(axis=1).sum())} of the {len(after)} "
+            "frames looked at show a marker of the finger; wanted markers that stay in the picture, "
+            "uncovered and sharp: film again"
+        )
+    return [
+        f"Marker {look.marks[p].name!r} is read in {int(own.sum())} of the {len(own)} frames looked at after "
+        "the reference: is it covered, blurred or out of the picture?"
+        for p, own in zip(coded, after.T, strict=True) if own.mean() < OFTEN
+    ]  # fmt: skip
+
+
+def _motion(look: _Look, seen: "Glimpses", log: Log) -> tuple[str, ...]:
+    """Sentences on how the finger's motion in the frames goes with the log; ValueError where it contradicts
+    it."""
+    from vision.following.turns import mean_seen
+
+    pressure, place = look.project.config.pressure, _places(look, seen)[:, _coded(look)]
+    if pressure is None or pressure.join != "stamps" or not place.shape[1]:
+        return ()
+    squares = ((place - mean_seen(place[seen.rest])) ** 2).sum(axis=2)
+    shown = np.isfinite(squares).all(axis=1)
+    mm = np.where(shown, np.sqrt(np.where(np.isfinite(squares), squares, 0.0).mean(axis=1)), np.nan)
+    motion = Motion(seen.time - look.film.time[0], mm, NOISE_MM)
+    return check_agrees(motion, log, look.table.film_start_s, stated=True)

@@ -1,0 +1,195 @@
+"""The films of a batch: each as a project of its own film, and their targets put together, a block a film."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from twin.inputs.recordings import measure_inputs
+from twin.project.config import FilmTable
+from twin.project.folder import Project
+from twin.targets import Array, Targets, least_known
+
+FILM = "film"  # the kind of the runs that measure one of several films
+BETWEEN_S = 600.0  # s from the end of one pressure log to the film of the next: the finger rests meanwhile
+RIG = ("scale", "placement", "node", "height", "out_of_plane")  # errors that all films of a rig share
+
+
+@dataclass(frozen=True)
+class OneFilm:
+    """One of several films: its table, and the project with this film as its only one."""
+
+    table: FilmTable
+    project: Project
+
+    @property
+    def name(self) -> str:
+        """The name of the film."""
+        return self.table.name
+
+    @property
+    def log(self) -> str:
+        """The file of its pressure log."""
+        assert self.project.config.pressure is not None  # the configuration refuses a film without it
+        return self.project.config.pressure.file
+
+
+def films_of(project: Project) -> list[OneFilm]:
+    """The films of [[films]] in their order; none where the camera names its one film."""
+    return [OneFilm(table, _alone(project, table)) for table in project.config.films]
+
+
+def _alone(project: Project, film: FilmTable) -> Project:
+    """The project with one film as its only one."""
+    config = project.config
+    pressure = config.pressure
+    assert pressure is not None  # the configuration refuses a film without it
+    camera = config.cameras[0]
+    own = {
+        "film": film.file, "static": film.static or camera.static, "film_start_s": film.film_start_s,
+        "static_start_s": film.static_start_s,
+    }  # fmt: skip
+    log = pressure.model_copy(update={"file": film.pressure or pressure.file})
+    camera = camera.model_copy(update=own)
+    changed = {"films": (), "cameras": (camera,), "pressure": log}
+    return replace(project, config=config.model_copy(update=changed))
+
+
+def all_inputs(project: Project, camera: Path) -> dict[str, Any]:
+    """What makes a run of `measure` what it is, over all films."""
+    films = films_of(project)
+    if not films:
+        return measure_inputs(project, camera)
+    each = [measure_inputs(film.project, camera) for film in films]
+    inputs = list(dict.fromkeys(path for one in each for path in one["inputs"]))
+    return {"tables": (*each[0]["tables"], "films"), "inputs": inputs}
+
+
+@dataclass(frozen=True, kw_only=True)
+class FilmTargets:
+    """The targets of one film on the clock of its log, and what twin.toml says of it."""
+
+    name: str
+    log: str  # file of the pressure log: films of one log have one clock
+    targets: Targets
+    held_out: bool = False
+    gravity: tuple[float, float, float] | None = None
+
+    @staticmethod
+    def of(film: OneFilm, targets: Targets) -> "FilmTargets":
+        """Those of a film as it was measured."""
+        table = film.table
+        return FilmTargets(
+            name=film.name, log=film.log, targets=targets, held_out=table.held_out, gravity=table.gravity
+        )
+
+
+def joined(films: Sequence[FilmTargets]) -> tuple[Targets, list[dict[str, Any]]]:
+    """The targets of all films, one block each in the order of time, and a row a film: name, block, held_out,
+    and shift_s, what its clock was moved by.
+
+    Films of one log keep its clock. That of another log begins BETWEEN_S after the end of the one before; the
+    finger is taken to have rested without pressure meanwhile. Displacements of a film are relative to its own
+    rest. Errors of the rig (RIG) are the same in all films, all others are each film's own. ValueError where
+    films of one log overlap, or have other points.
+    """
+    shifts = _shifts(films)
+    order = sorted(range(len(films)), key=lambda k: float(films[k].targets.time[0]) + shifts[k])
+    moved = [_later(films[k].targets, shifts[k]) for k in order]
+    named = [films[k] for k in order]
+    _check_apart(named, moved)
+    rows: dict[str, dict[str, Any]] = {
+        films[k].name: {
+            "name": films[k].name,
+            "block": b,
+            "held_out": films[k].held_out,
+            "shift_s": shifts[k],
+        }
+        for b, k in enumerate(order)
+    }
+    return _together(named, moved), [rows[film.name] for film in films]
+
+
+def _shifts(films: Sequence[FilmTargets]) -> list[float]:
+    """What the clock of each film is moved by, s: 0 for those of the first log."""
+    shift: dict[str, float] = {}
+    end = 0.0
+    for log in dict.fromkeys(film.log for film in films):
+        own = [film.targets for film in films if film.log == log]
+        begin = min(float(t.log_time[0]) for t in own)
+        shift[log] = end + BETWEEN_S - begin if shift else 0.0
+        end = max(float(t.log_time[-1]) for t in own) + shift[log]
+    return [shift[film.log] for film in films]
+
+
+def _later(targets: Targets, shift: float) -> Targets:
+    """Targets whose clock is moved by so many s."""
+    return replace(targets, time=targets.time + shift, log_time=targets.log_time + shift)
+
+
+def _check_apart(films: Sequence[FilmTargets], moved: Sequence[Targets]) -> None:
+    for (a, before), (b, after) in zip(
+        zip(films, moved, strict=True), list(zip(films, moved, strict=True))[1:], strict=False
+    ):
+        if after.time[0] <= before.time[-1]:
+            raise ValueError(
+                f"films {a.name!r} and {b.name!r} overlap on the clock of {a.log}: the first ends at "
+                f"{before.time[-1]:.3f} s, the second begins at {after.time[0]:.3f} s; correct film_start_s, "
+                "or name the log of each film as pressure in [[films]]"
+            )
+        if before.points != after.points:
+            raise ValueError(
+                f"films {a.name!r} and {b.name!r} have different points; wanted the same markers in all films"
+            )
+
+
+def _together(films: Sequence[FilmTargets], moved: Sequence[Targets]) -> Targets:
+    """One set of targets, a block a film."""
+    sizes = [len(t.time) for t in moved]
+    begins = np.cumsum([0, *sizes[:-1]])
+    log_time, log_pressure = _log(moved)
+    noises = [t.noise for t in moved if t.noise is not None]
+    modes, names = _modes(films, moved)
+    stacked: dict[str, Any] = {
+        name: np.concatenate([getattr(t, name) for t in moved])
+        for name in ("time", "pressure", "value", "covariance", "valid", "pressure_sd")
+    }
+    ways = [film.gravity for film in films if film.gravity is not None]
+    return Targets(
+        **stacked, points=moved[0].points, modes=modes, mode_names=names,
+        block=np.repeat(np.arange(len(films), dtype=np.int64), sizes),
+        held_out=np.repeat([film.held_out for film in films], sizes),
+        noise=least_known(noises), noises=tuple(noises) if len(films) > 1 else (),
+        log_time=log_time, log_pressure=log_pressure,
+        reference=np.concatenate([t.reference + b for t, b in zip(moved, begins, strict=True)]),
+        gravity=np.array(ways) / np.linalg.norm(ways, axis=1, keepdims=True) if ways else None,
+    )  # fmt: skip
+
+
+def _log(moved: Sequence[Targets]) -> tuple[Array, Array]:
+    """The log's times (t,) s and pressures (t,) MPa over all films: those of one log hold the same."""
+    time, pressure = moved[0].log_time, moved[0].log_pressure
+    for t in moved[1:]:
+        new = t.log_time > time[-1]
+        time, pressure = (
+            np.concatenate([old, later[new]])
+            for old, later in ((time, t.log_time), (pressure, t.log_pressure))
+        )
+    return time, pressure
+
+
+def _modes(films: Sequence[FilmTargets], moved: Sequence[Targets]) -> tuple[Array, tuple[str, ...]]:
+    """The errors (k, s, p, 3) mm that many values share, and their names: those of the rig once for all
+    films, all others once a film, whose name they carry."""
+    size = (sum(len(t.time) for t in moved), *moved[0].value.shape[1:])
+    found: dict[str, Array] = {}
+    begin = 0
+    for film, t in zip(films, moved, strict=True):
+        end = begin + len(t.time)
+        for name, mode in zip(t.mode_names, t.modes, strict=True):
+            own = name if name.partition(":")[0] in RIG else f"{name}@{film.name}"
+            found.setdefault(own, np.zeros(size))[begin:end] = mode
+        begin = end
+    return np.array(list(found.values())).reshape(-1, *size), tuple(found)

@@ -1,0 +1,230 @@
+"""Targets, a prediction and a whitener -> whether they agree within the noise, and where not."""
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from calibrate import chi2_test, excess, omnibus
+from twin.judging.sharederrors import beyond, in_words
+from twin.judging.whitening import Whitener
+from twin.targets import Array, Targets, relative
+
+ADEQUATE = 1e-3  # a model is adequate while its lack of fit has at least this probability
+PLAUSIBLE = 3.0  # sd of a shared error, as far as the place of a misfit is concerned
+BRANCHES = ("rest", "up", "hold", "down")
+WHILE = {
+    "rest": "at rest",
+    "up": "while the pressure rises",
+    "hold": "while the pressure is held",
+    "down": "while the pressure falls",
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Comparison:
+    """residual (s, p, 3) = measured - predicted mm; cleaned, the same without the errors of measurement and
+    mesh that many values share, NaN where no data; whitened (n,); the lack-of-fit test; where it fails."""
+
+    residual: Array
+    cleaned: Array
+    whitened: Array
+    chi2: float
+    degrees_of_freedom: int
+    excess: float  # of chi2 over what noise gives, in smooth functions where there are data enough for them
+    p_value: float
+    rms_mm: float
+    noise_sd_mm: float
+    where: str
+    maps: dict[str, list[dict[str, Any]]]
+    raw_rms_mm: float = float("nan")  # with the shared errors
+    beyond: tuple[tuple[str, float], ...] = ()  # shared errors larger than stated: name, size in sd
+
+    @property
+    def adequate(self) -> bool:
+        """Whether noise alone explains the residual."""
+        return self.p_value > ADEQUATE
+
+    @property
+    def doubt(self) -> str:
+        """Why parameters of this fit can have no interval, in words; nothing where the model fits."""
+        if np.isnan(self.p_value):
+            return "there are no more data than fitted parameters"
+        return "" if self.adequate else "the model does not fit yet"
+
+    def to_dict(self) -> dict[str, Any]:
+        """What comparison.json holds."""
+        numbers = "chi2", "degrees_of_freedom", "p_value", "rms_mm", "raw_rms_mm", "noise_sd_mm"
+        plain = {k: getattr(self, k) for k in numbers}
+        asked = [{"name": name, "sd": size} for name, size in self.beyond]
+        return {
+            **plain, "adequate": self.adequate, "where": self.where, "beyond": asked, "maps": self.maps,
+        }  # fmt: skip
+
+
+def branches(time: Array, pressure: Array, log_time: Array, log_pressure: Array) -> Array:
+    """Branch number (s,) of each step, an index of BRANCHES, from the pressure path around it.
+
+    A step is on a ramp where the log changes by more than 3 % of its range within 0.5 s.
+    """
+    span = max(float(np.ptp(log_pressure)), 1e-12)
+    change = np.interp(time + 0.25, log_time, log_pressure) - np.interp(time - 0.25, log_time, log_pressure)
+    low = pressure < 0.05 * span + log_pressure.min()
+    still = np.where(low, 0, 2)
+    return np.where(change > 0.03 * span, 1, np.where(change < -0.03 * span, 3, still))
+
+
+def compare(
+    targets: Targets, predicted: Array, whitener: Whitener, *, jacobian: Array, at_bound: int = 0
+) -> Comparison:
+    """The comparison of a fitted prediction (s, p, 3) mm; jacobian (d, s, p, 3) mm is that of the fit.
+
+    jacobian: of the free parameters only. at_bound: how many more there are, which ended at a bound; they
+    take no degree of freedom, but as many data as parameters show nothing.
+    """
+    residual = targets.value - predicted
+    z = whitener.whiten(residual)
+    fitted = whitener.whiten(jacobian).T if len(jacobian) else np.zeros((len(z), 0))
+    chi2, degrees = float(z @ z), whitener.count - fitted.shape[1]
+    smooth = smooth_functions(targets, whitener)
+    enough = len(z) > 2 * smooth.shape[1]
+    shown = degrees > at_bound
+    p = lack_of_fit(targets, whitener, z, fitted, smooth if enough else None) if shown else float("nan")
+    left, maps = np.full(residual.shape, np.nan), residual_maps(targets, whitener, residual)
+    left[:, whitener.components[:, 0], whitener.components[:, 1]] = whitener.cleaned(residual)
+    found = Comparison(
+        residual=residual,
+        cleaned=left,
+        whitened=z,
+        chi2=chi2,
+        degrees_of_freedom=degrees,
+        excess=excess(z, smooth, fitted=fitted) if enough else chi2 - degrees,
+        p_value=p,
+        rms_mm=whitener.rms(residual),
+        noise_sd_mm=whitener.noise_sd,
+        where="",
+        maps=maps,
+        raw_rms_mm=float(np.sqrt((whitener.pick(residual)[whitener.valid] ** 2).mean())),
+        beyond=beyond(whitener, residual),
+    )
+    return replace(found, where=_where(found))
+
+
+def lack_of_fit(targets: Targets, w: Whitener, z: Array, fitted: Array, smooth: Array | None) -> float:
+    """Probability of so bad a fit: the smallest of three tests, times their number.
+
+    The chi2 of everything; the omnibus test on smooth functions (n, b), where there are any; and the chi2 of
+    the gauge's errors alone, into which a misfit may creep that looks like another pressure. They know from
+    how many static frames, and samples of the resting log, the noise was estimated.
+    """
+    frames = targets.noise.frames if targets.noise else 10**6
+    counts = w.valid.sum(axis=0) - fitted.shape[1] / w.valid.shape[1]
+    nu = np.full(len(counts), float(frames - 2))
+    p = [chi2_test(float(z @ z), counts, nu)]
+    if smooth is not None:
+        component = np.tile(np.arange(len(counts)), len(w.valid))
+        p.append(omnibus(z, smooth, component=component, static_frames_effective=nu, fitted=fitted))
+    chi2, count = w.along_gauge(z)
+    if targets.noise and count > fitted.shape[1] and targets.noise.gauge_frames > 6:
+        free = np.array([count - fitted.shape[1]])
+        p.append(chi2_test(chi2, free, np.array([targets.noise.gauge_frames - 2.0])))
+    return min(1.0, len(p) * min(p))
+
+
+def smooth_functions(targets: Targets, w: Whitener, shapes: Array | None = None) -> Array:
+    """Whitened smooth functions (n, b): shapes (k, s), by default `slow_shapes`, for every component."""
+    fields = []
+    for point, axis in w.components:
+        for shape in slow_shapes(targets) if shapes is None else shapes:
+            field = np.zeros((*targets.value.shape[:2], 3))
+            field[:, point, axis] = relative(shape, targets.reference, targets.rests)
+            fields.append(field)
+    return w.whiten(np.array(fields)).T  # at once: the filter's steps are what costs
+
+
+def slow_shapes(targets: Targets) -> Array:
+    """Courses (k, s) that missing physics may take: powers of pressure, its memory, and branches."""
+    x = targets.pressure / max(float(np.abs(targets.pressure).max()), 1e-12)
+    branch = branches(targets.time, targets.pressure, targets.log_time, targets.log_pressure)
+    since = np.interp(targets.time, targets.log_time, memory(targets.log_time, targets.log_pressure))
+    since = since / max(float(np.abs(since).max()), 1e-12)
+    return np.array([x, x**2, x**3, since, (branch == 0).astype(float), x * (branch == 2)])
+
+
+def memory(time: Array, pressure: Array, tau: float = 5.0) -> Array:
+    """What a slow element would still feel: the pressure minus its running mean over tau (s)."""
+    out = np.zeros_like(pressure)
+    mean = pressure[0]
+    for n in range(1, len(time)):
+        mean += (1 - np.exp(-(time[n] - time[n - 1]) / tau)) * (pressure[n] - mean)
+        out[n] = pressure[n] - mean
+    return out
+
+
+def residual_maps(targets: Targets, w: Whitener, residual: Array) -> dict[str, list[dict[str, Any]]]:
+    """Root mean square of the cleaned residual, in mm and in noise sds, by marker, direction, pressure and
+    branch.
+
+    Shared errors are taken off at PLAUSIBLE sds at most: a misfit at top pressure would else ask for a wrong
+    rest position of 16 sd, say, and then seem to be at rest.
+    """
+    left = w.cleaned(residual, bound=PLAUSIBLE)
+    noise = np.sqrt(w.sd**2 + (w.modes[w.shared :] ** 2).sum(axis=0))
+    branch = branches(targets.time, targets.pressure, targets.log_time, targets.log_pressure)
+    edges = np.linspace(targets.pressure.min(), targets.pressure.max() + 1e-12, 5)
+    band = np.clip(np.digitize(targets.pressure, edges) - 1, 0, 3)
+    point, axis = w.components.T
+    masks = {
+        "marker": {targets.names[k]: np.broadcast_to(point == k, left.shape) for k in np.unique(point)},
+        "direction": {f"U{k + 1}": np.broadcast_to(axis == k, left.shape) for k in np.unique(axis)},
+        "pressure": {
+            f"{edges[k] * 1e3:.1f} to {edges[k + 1] * 1e3:.1f} kPa": np.broadcast_to(
+                (band == k)[:, None], left.shape
+            )
+            for k in range(4)
+        },
+        "branch": {BRANCHES[k]: np.broadcast_to((branch == k)[:, None], left.shape) for k in range(4)},
+    }
+    return {
+        kind: [_row(n, left[m], noise[m]) for n, m in rows.items() if m.any()] for kind, rows in masks.items()
+    }
+
+
+def _row(name: str, left: Array, noise: Array) -> dict[str, Any]:
+    """One row of a map; of values that were never measured there is none: count 0 and no rms."""
+    good = np.isfinite(left)
+    if not good.any():
+        return {"name": name, "count": 0, "rms_mm": None, "noise_sd_mm": None, "ratio": None}
+    rms, sd = (float(np.sqrt((x[good] ** 2).mean())) for x in (left, noise))
+    ratio = rms / sd if sd else None
+    return {"name": name, "count": int(good.sum()), "rms_mm": rms, "noise_sd_mm": sd, "ratio": ratio}
+
+
+def _beyond_noise(row: dict[str, Any]) -> float:
+    """The mean square in mm2 that noise does not explain; of nothing measured, less than any."""
+    return float(row["rms_mm"] ** 2 - row["noise_sd_mm"] ** 2) if row["count"] else -np.inf
+
+
+def _where(found: Comparison) -> str:
+    """Whether the model agrees, and where it fails, in words."""
+    rms, noise = found.rms_mm, found.noise_sd_mm
+    if np.isnan(found.p_value):
+        return (
+            "These data cannot show whether the model is right: there are no more data than fitted "
+            f"parameters ({rms:.3f} mm rms are left). Measure more markers, pressures or times."
+        )
+    asked = in_words(found.beyond, fits=found.adequate)
+    if found.adequate:
+        return (
+            f"The model agrees with the measurement within the noise: {rms:.3f} mm rms are left, the noise "
+            f"is {noise:.3f} mm.{asked}"
+        )
+    worst = {kind: max(rows, key=_beyond_noise) for kind, rows in found.maps.items()}
+    marker = worst["marker"]
+    return (
+        f"The model misses the measurement by {found.raw_rms_mm:.3f} mm rms, by {rms:.3f} mm without the "
+        f"errors that many values share; the noise is {noise:.3f} mm. It fails most at marker "
+        f"{marker['name']} ({marker['rms_mm']:.3f} mm, {marker['ratio']:.1f} times its noise), in "
+        f"{worst['direction']['name']}, at {worst['pressure']['name']}, "
+        f"{WHILE[worst['branch']['name']]}.{asked}"
+    )

@@ -1,0 +1,73 @@
+"""A model, targets and the errors of both -> the parameters that fit, and the whitened residual's
+derivatives."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from calibrate import Fit, least_squares
+from twin.judging.whitening import Whitener, whitener
+from twin.model.prediction import Model, Unsolvable
+from twin.targets import Array, Targets
+
+
+@dataclass(frozen=True, kw_only=True)
+class ModelErrors:
+    """The errors of a model at its parameters: gauge (s, p, 3) mm, what 1 sd of the gauge's noise does to
+    each step; modes (q, s, p, 3) mm, 1 sd each."""
+
+    gauge: Array
+    modes: Array
+
+    @staticmethod
+    def of(model: Model, theta: Array, targets: Targets) -> "ModelErrors":
+        """Those of a model at theta (d,)."""
+        return ModelErrors(
+            gauge=model.per_pressure(theta) * targets.pressure_sd[:, None, None],
+            modes=model.modes(theta),
+        )
+
+    def whitener(self, targets: Targets) -> Whitener:
+        """The whitener of what a model can move, the finger's points, with these errors."""
+        return whitener(targets, prediction_modes=self.modes, gauge=self.gauge, points=~targets.fixed)
+
+
+def whitener_of(model: Model, theta: Array, targets: Targets) -> Whitener:
+    """The whitener of what a model can move, the finger's points, with the model's own errors at theta."""
+    return ModelErrors.of(model, theta, targets).whitener(targets)
+
+
+def fit_model(
+    model: Model,
+    targets: Targets,
+    w: Whitener,
+    *,
+    start: Array | Sequence[Array],
+    seed: int = 0,
+    evaluations: int = 25,
+    tolerance: float = 0.1,
+) -> Fit:
+    """The bounded least-squares fit of all of a model's parameters, from one or several starts (m, d).
+
+    tolerance: of the parameters, in sds; no interval of 2 sds shows a tenth. Every evaluation is a solve with
+    its derivatives, none is taken along those of a neighbour: the fit does not depend on what was solved
+    before.
+    """
+
+    def residual(theta: Array) -> Array | None:
+        try:
+            return w.whiten(targets.value - model.predict(theta))
+        except Unsolvable:
+            return None
+
+    def jacobian(theta: Array) -> Array:
+        try:
+            return -w.whiten(model.jacobian(theta)).T
+        except Unsolvable:
+            return np.full((targets.valid.shape[0] * len(w.components), len(theta)), np.nan)
+
+    return least_squares(
+        residual, jacobian, model.parameters, start=start, seed=seed, max_evaluations=evaluations,
+        tolerance=tolerance, renew=True,
+    )  # fmt: skip

@@ -1,0 +1,74 @@
+"""How well a model foretells data that it was not fitted to: blocks, cycles or parts of a film, each left out
+in turn."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from twin.judging.judged import Judged
+from twin.targets import Array, Targets
+
+PARTS = 5  # of a film of one cycle, each left out in turn
+BEGUN, ENDED = 0.1, 0.05  # of the top pressure, between which a cycle neither begins nor ends
+
+
+@dataclass(frozen=True, kw_only=True)
+class HeldOut:
+    """The error in sds of data that a model was not fitted to: cycles, blocks or fifths left out in turn."""
+
+    left_out: str
+    folds: int
+    before_sd: float
+    after_sd: float
+
+
+def held_out(before: Judged, after: Judged, targets: Targets) -> HeldOut:
+    """The held-out errors of two models, each by its own errors."""
+    fold, name = folds(targets)
+    own = [
+        foretold(one.z, one.fitted, np.repeat(fold, len(one.whitener.components)), one.whitener.valid.ravel())
+        for one in (before, after)
+    ]
+    return HeldOut(left_out=name, folds=len(np.unique(fold)), before_sd=own[0], after_sd=own[1])
+
+
+def foretold(z: Array, fitted: Array, fold: NDArray[np.int64], valid: NDArray[np.bool_]) -> float:
+    """Root mean square error in sds of values (n,) each foretold by a fit to those of all other folds.
+
+    z (n,): whitened residual. fitted (n, f): whitened derivatives of what is fitted. To first order, with the
+    shared errors as all data show them: an error that many values share is taken off before.
+    """
+    scale = np.linalg.norm(fitted, axis=0)
+    columns = fitted / np.where(scale > 0, scale, 1.0)
+    left = z.copy()
+    for number in np.unique(fold):
+        out = fold == number
+        step = np.linalg.lstsq(columns[~out], z[~out], rcond=1e-10)[0]
+        left[out] -= columns[out] @ step
+    return float(np.sqrt((left[valid] ** 2).mean()))
+
+
+def folds(targets: Targets) -> tuple[NDArray[np.int64], str]:
+    """The part (s,) that each step belongs to, and what the parts are: blocks, else cycles, else fifths."""
+    if len(np.unique(targets.block[~targets.held_out])) > 1:
+        return targets.block, "block"
+    cycle = cycles(targets.pressure)
+    if cycle.max() > 0:
+        return cycle, "cycle"
+    return np.arange(len(cycle)) * PARTS // len(cycle), "fifth of the film"
+
+
+def cycles(pressure: Array) -> NDArray[np.int64]:
+    """The number (s,) of the cycle that each step belongs to: a new one begins where the pressure rises from
+    rest, but for the first."""
+    low = float(pressure.min())
+    x = (pressure - low) / max(float(np.ptp(pressure)), 1e-12)
+    number, loaded, out = -1, False, np.zeros(len(x), np.int64)
+    for k, value in enumerate(x):
+        if not loaded and value > BEGUN:
+            number, loaded = number + 1, True
+        elif loaded and value < ENDED:
+            loaded = False
+        out[k] = max(number, 0)
+    return out

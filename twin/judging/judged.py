@@ -1,0 +1,193 @@
+"""A model and targets -> the model fitted and judged: by errors of its own, rebuilt where the fit ends.
+
+What the gauge's noise and the mesh do to a prediction depends on the constants. Errors taken at other
+constants judge another model, so the whitener is rebuilt at every fit, until fit and errors belong together.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from calibrate import Fit
+from twin.effects.protocol import Unsolvable
+from twin.judging.comparison import Comparison, compare
+from twin.judging.fitting import ModelErrors, fit_model
+from twin.judging.whitening import Whitener
+from twin.model.prediction import Model
+from twin.targets import Array, Targets
+
+ROUGH = 1.0  # sd to which a start is followed under its own errors, which are not those of its end
+TURNS = 8  # steps from there, each under the errors at the last; two are enough for a model that is right
+TRIES = 3  # solves of a turn: where it is, the step, and a shorter one where that is too long
+
+
+@dataclass(frozen=True, kw_only=True)
+class Fitted:
+    """A model and its fit."""
+
+    model: Model
+    fit: Fit
+
+    @property
+    def theta(self) -> Array:
+        """The fitted parameters (d,)."""
+        return self.fit.theta
+
+    @property
+    def values(self) -> dict[str, float]:
+        """The fitted parameters by name."""
+        return self.model.named(self.fit.theta)
+
+    @property
+    def at_bound(self) -> tuple[str, ...]:
+        """Names of the parameters that end at a bound."""
+        return self.fit.at_bound
+
+
+@dataclass(frozen=True, kw_only=True)
+class Judged(Fitted):
+    """A fitted model and how it agrees, by the errors at its own fit.
+
+    predicted (s, p, 3) mm. jacobian (f, s, p, 3): its derivatives by the parameters that are free, those not
+    at a bound; fitted (n, f): the same whitened. errors: what the model states of its own. deviance: chi2 +
+    ln det of the data's covariance, -2 ln likelihood but for a constant, by which models with different
+    errors compare.
+    """
+
+    errors: ModelErrors
+    whitener: Whitener
+    predicted: Array
+    jacobian: Array
+    comparison: Comparison
+    fitted: Array
+    deviance: float
+
+    @property
+    def z(self) -> Array:
+        """The whitened residual (n,)."""
+        return self.comparison.whitened
+
+
+def judge(
+    model: Model,
+    targets: Targets,
+    *,
+    starts: Array | Sequence[Array],
+    seed: int = 0,
+    evaluations: int = 25,
+    tolerance: float = 0.1,
+    turns: int | None = None,
+) -> Judged:
+    """The model fitted from starts (m, d) or (d,), with the errors at its fit, and compared.
+
+    Of several starts the one that ends with the lowest deviance is carried on. evaluations: of one descent.
+    turns: steps under rebuilt errors, by default TURNS. tolerance: in sds; a fit stays where the errors
+    rebuilt at its end move it by less. Where it does not stay, its reason says so. Raises Unsolvable where
+    the model can be solved at no start.
+    """
+    task = _Task(model, targets, seed, evaluations, tolerance, TURNS if turns is None else turns)
+    ends, why = [], ""
+    for start in np.atleast_2d(np.asarray(starts, float)):
+        try:
+            ends.append(task.first(start))
+        except Unsolvable as error:
+            why = str(error)
+    if not ends:
+        raise Unsolvable(why)
+    return task.judged(task.settled(min(ends, key=lambda e: e.deviance)))
+
+
+def judge_fit(model: Model, targets: Targets, fit: Fit) -> Judged:
+    """A model as it was fitted, with the errors at its fit, compared."""
+    task = _Task(model, targets, fit.seed, 1, 0.1, TURNS)
+    end = task._at(fit)
+    return task.judged(replace(end, fit=fit))
+
+
+@dataclass(frozen=True)
+class _End:
+    """Where a descent ended, with the errors there."""
+
+    fit: Fit
+    errors: ModelErrors
+    whitener: Whitener
+    predicted: Array
+
+    @cached_property
+    def deviance(self) -> float:
+        return float(self.fit.chi2 + self.whitener.log_det)
+
+
+@dataclass(frozen=True)
+class _Task:
+    """One model, its targets, and how it is fitted."""
+
+    model: Model
+    targets: Targets
+    seed: int
+    evaluations: int
+    tolerance: float
+    turns: int
+
+    def first(self, start: Array) -> _End:
+        """The end of a descent under the errors at its start."""
+        w = self._errors(start).whitener(self.targets)
+        fit = self._fit(w, start, self.evaluations, tolerance=max(ROUGH, self.tolerance))
+        if not np.isfinite(fit.chi2):
+            raise Unsolvable(fit.reason)
+        return self._at(fit)
+
+    def settled(self, end: _End) -> _End:
+        """The end that errors rebuilt there move no more; the best on the way, where there is no such end.
+
+        A step at a time (iteratively reweighted least squares), so that the errors are never far behind.
+        """
+        best = end
+        for _ in range(self.turns):
+            fit = self._fit(end.whitener, end.fit.theta, TRIES)
+            if not fit.converged and np.array_equal(fit.theta, end.fit.theta):
+                fit = self._fit(end.whitener, end.fit.theta, self.evaluations)
+            done = fit.evaluations + end.fit.evaluations
+            if np.array_equal(fit.theta, end.fit.theta):
+                return replace(end, fit=replace(fit, evaluations=done))
+            end = self._at(replace(fit, evaluations=done))
+            best = min(best, end, key=lambda e: e.deviance)
+        reason = f"the errors of gauge and mesh, rebuilt {self.turns} times at the fit, still move it"
+        return replace(best, fit=replace(best.fit, evaluations=done, converged=False, reason=reason))
+
+    def judged(self, end: _End) -> Judged:
+        """The comparison of an end; parameters at a bound are free nowhere."""
+        free = [p.name not in end.fit.at_bound for p in end.fit.parameters]
+        jacobian = self.model.jacobian(end.fit.theta)[free]
+        bound = len(end.fit.at_bound)
+        found = compare(self.targets, end.predicted, end.whitener, jacobian=jacobian, at_bound=bound)
+        return Judged(
+            model=self.model,
+            fit=end.fit,
+            errors=end.errors,
+            whitener=end.whitener,
+            predicted=end.predicted,
+            jacobian=jacobian,
+            comparison=found,
+            fitted=end.whitener.whiten(jacobian).T,
+            deviance=end.deviance,
+        )
+
+    def _errors(self, theta: Array) -> ModelErrors:
+        return ModelErrors.of(self.model, theta, self.targets)
+
+    def _fit(self, w: Whitener, start: Array, evaluations: int, *, tolerance: float | None = None) -> Fit:
+        return fit_model(
+            self.model, self.targets, w, start=start, seed=self.seed, evaluations=evaluations,
+            tolerance=tolerance or self.tolerance,
+        )  # fmt: skip
+
+    def _at(self, fit: Fit) -> _End:
+        """The fit as it is under the errors at its end: covariance and chi2 are those."""
+        errors = self._errors(fit.theta)
+        w = errors.whitener(self.targets)
+        own = self._fit(w, fit.theta, 1)
+        kept = replace(own, evaluations=fit.evaluations, converged=fit.converged, reason=fit.reason)
+        return _End(kept, errors, w, self.model.predict(fit.theta))

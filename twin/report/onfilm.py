@@ -1,0 +1,245 @@
+"""The models on the way, solved along the film and seen through its camera: what is drawn over the film."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from twin.bench.waterfall import Stair, stairs
+from twin.bench.workbench import Workbench
+from twin.drawing.outlines import edge_rows
+from twin.inputs.cameras import camera_path
+from twin.inputs.recordings import marks_of
+from twin.model.arraycache import code_digest
+from twin.project import files
+from twin.project.folder import Project, Say
+from twin.review.filmed import Filmed, Trace
+from twin.review.states import Generations
+from twin.targets import Array, Targets
+
+if TYPE_CHECKING:  # vision takes a second to import
+    from vision.placing.projecting import Projection
+
+MOST = 500  # pictures in which the models are drawn
+CHUNK = 64  # steps whose displacements of all nodes are held at a time
+TICK = 1e-6  # s, below every time base
+Rows = NDArray[np.intp]
+
+
+def models_on_film(
+    project: Project, targets: Targets, generations: Generations, say: Say
+) -> tuple[Filmed | None, str]:
+    """The models over the film; or None, and a clause that says why they cannot be drawn over it."""
+    way, why = stairs(project), _why_not(project)
+    if why or not way or not project.config.cameras:
+        return None, why
+    return _Sight(project, targets, generations, way, say).filmed(), ""
+
+
+def _why_not(project: Project) -> str:
+    """What is missing to draw the models over the film; "" if nothing is, or where there is no film."""
+    if not project.config.cameras or not project.path(project.config.cameras[0].film).is_file():
+        return ""  # which the recording says itself
+    said = "the models are not drawn over the film"
+    if measured_file(project, "tracks.npz") is None:
+        return f"{said}: these targets do not come from `twin measure`"
+    if len(project.config.films) > 1:
+        return f"{said}: the targets hold {len(project.config.films)} films"
+    try:
+        camera_path(project)
+    except ValueError as error:
+        return f"{said}: {error}"
+    from vision import Video
+
+    if project.config.cameras[0].mirrored:
+        return f"{said}, because it is mirrored: store it left for right"
+    if Video(project.path(project.config.cameras[0].film)).turns:
+        return f"{said}, because it is stored on its side: store it upright"
+    return ""
+
+
+def measured_file(project: Project, name: str) -> Path | None:
+    """A file of the run that the targets come from, such as tracks.npz; None without any."""
+    source = project.targets_folder / "source.json"
+    run = files.read_json(source).get("run") if source.is_file() else None
+    path = project.root / "runs" / str(run) / name
+    return path if path.is_file() else None
+
+
+@dataclass(frozen=True)
+class _Sight:
+    """What is known of film, camera and models."""
+
+    project: Project
+    targets: Targets
+    generations: Generations
+    way: tuple[Stair, ...]
+    say: Say
+
+    def filmed(self) -> Filmed:
+        """All models in the pictures that are shown."""
+        moved = [self._moved(stair) for stair in self.way]
+        before = max((k for k, stair in enumerate(self.way) if not stair.effects), default=0)
+        return Filmed(
+            size=self._projection.camera.size,
+            frame=self._frames[self._steps],
+            time_s=self.targets.time[self._steps] - self.targets.time[0],
+            names=self.generations.point_names,
+            measured=self._seen[self._frames[self._steps]],
+            way=tuple(self._trace(stair, *both) for stair, both in zip(self.way, moved, strict=True)),
+            before=before,
+            search=self._search(moved[before][0]),
+            search_measured=self._seen[self._top],
+            noise_mm=self.way[-1].noise_sd_mm,
+            error_mm=tuple(self._error(predicted) for _, predicted in moved),
+        )
+
+    # -- the film -------------------------------------------------------------------------------------------
+
+    @cached_property
+    def _tracks(self) -> dict[str, NDArray[Any]]:
+        path = measured_file(self.project, "tracks.npz")
+        assert path is not None  # `_why_not` has looked
+        return files.read_npz(path)
+
+    @cached_property
+    def _projection(self) -> "Projection":
+        """How the first camera sees the world in every frame."""
+        from vision import Camera
+        from vision.placing.projecting import Projection
+
+        stored = files.read_json(camera_path(self.project))
+        camera = Camera.from_dict(stored["cameras"][0] if "cameras" in stored else stored)
+        return Projection.of(camera, self._tracks["homography"], marks_of(self.project))
+
+    @cached_property
+    def _steps(self) -> Rows:
+        """Steps of the targets that are shown: evenly some of many."""
+        count = len(self.targets.time)
+        return np.unique(np.linspace(0, count - 1, min(MOST, count)).round().astype(int))
+
+    @cached_property
+    def _frames(self) -> Rows:
+        """The frame (s,) of every step."""
+        return np.searchsorted(self._tracks["time"], self.targets.time - self._begin - TICK)
+
+    @property
+    def _begin(self) -> float:
+        """What the clock of the targets is ahead of the film's, s."""
+        return float(self.targets.time[0] - self._tracks["time"][0])
+
+    @property
+    def _top(self) -> int:
+        """The frame of the first arrival at top pressure."""
+        return int(self._frames[self.generations.film_frame])
+
+    @cached_property
+    def _seen(self) -> Array:
+        """Where every marker of the finger is seen in every frame, (t,p,2) px."""
+        names = list(self._tracks["names"])
+        return np.asarray(self._tracks["position"][:, [names.index(n) for n in self.generations.point_names]])
+
+    @cached_property
+    def _glued(self) -> Array:
+        """How far every marker was glued from its node, (p,3) mm at rest, as the camera sees it."""
+        points = self.generations.points
+        frames = self._frames[self.targets.reference]
+        places = np.array([self._projection.places(self._seen[f], f, y_mm=points[:, 1]) for f in frames])
+        known = np.isfinite(places)
+        mean = np.where(known, places, 0.0).sum(axis=0) / np.maximum(known.sum(axis=0), 1)
+        return np.asarray(np.where(known.any(axis=0), mean - points, 0.0))
+
+    def _spots(self, u: Array, frames: Rows) -> Array:
+        """Where a model that moves the nodes by u (s,p,3) mm puts the markers, (s,p,3) mm: what a marker is
+        off its node turns as the marker is seen to turn."""
+        names = list(self._tracks["names"])
+        own = [names.index(n) for n in self.generations.point_names]
+        turn = np.nan_to_num(self._tracks["rotation"][frames][:, own])
+        c, s, (x, _, z) = np.cos(turn), np.sin(turn), self._glued.T
+        off = np.stack([c * x - s * z, np.zeros_like(turn), s * x + c * z], axis=2)
+        return np.asarray(self.generations.points + u + off)
+
+    # -- the models -----------------------------------------------------------------------------------------
+
+    @cached_property
+    def _bench(self) -> Workbench:
+        return Workbench.of(self.project)
+
+    @cached_property
+    def _edge(self) -> Rows:
+        """Nodes (k,) along the edge of the side face."""
+        return edge_rows(self.generations.nodes, self.generations.triangles)
+
+    def _moved(self, stair: Stair) -> tuple[Array, Array]:
+        """Displacements in mm of the edge (s,k,3) at all steps, and those (s,p,3) that a model foretells of
+        the markers. A solved edge is kept in the folder `cache`."""
+        model = self._bench.model(stair.effects)
+        fit = self.project.root / "runs" / stair.run / "fit.json"
+        stored = files.read_json(fit)["parameters"] if stair.run else {}
+        values = {
+            p.name: float(stored[p.name]["value"] if stored else p.start or 0.0) for p in model.parameters
+        }
+        theta = model.theta(values)
+
+        def edge() -> Array:
+            self.say.progress(f"{stair.done}, along the film", 0, 1)
+            solution, every = model.solution(theta), np.arange(len(self.targets.time))
+            parts = [solution.fields(list(part))[:, self._edge] for part in _parts(every)]
+            return np.concatenate(parts)
+
+        key = f"edge-{self._key(stair, values)[:16]}"
+        moved = self._bench.cache(self.say)(f"{stair.done}, along the film", {key: edge})[key]
+        rows = np.flatnonzero(~self.targets.fixed)
+        path = fit.with_name("prediction.npz")
+        return moved, (files.read_npz(path)["u"] if stair.run else model.predict(theta))[:, rows]
+
+    def _key(self, stair: Stair, values: dict[str, Any]) -> str:
+        """What a solved edge depends on."""
+        return files.digest_text(
+            {
+                "code": code_digest(), "structure": self._bench.structure.key, "effects": stair.effects,
+                "values": values, "edge": self._edge,
+                "targets": files.digest_of([self.project.targets_folder], root=self.project.root),
+                "own": files.digest_of(self.project.effect_files(), root=self.project.root),
+            }
+        )  # fmt: skip
+
+    def _trace(self, stair: Stair, moved: Array, predicted: Array) -> Trace:
+        """The pictures of one model."""
+        at_rest, shown = self.generations.nodes[self._edge], self._frames[self._steps]
+        return Trace(
+            label=stair.done,
+            rms_mm=stair.rms_mm,
+            edge=self._pictures(at_rest + moved[self._steps], shown),
+            markers=self._pictures(self._spots(predicted[self._steps], shown), shown),
+        )
+
+    def _search(self, moved: Array) -> Trace:
+        """The best of each generation; its displacements count from the rest, the edge's (s,k,3) do not."""
+        g = self.generations
+        own = g.nodes[self._edge] + moved[self.targets.reference].mean(axis=0) + g.u[:, self._edge]
+        frames = np.full(len(own), self._top)
+        markers = self._pictures(self._spots(g.u_points, frames), frames)
+        return Trace(
+            label="generation",
+            rms_mm=float(g.rms_mm[-1]),
+            edge=self._pictures(own, frames),
+            markers=markers,
+        )
+
+    def _pictures(self, places: Array, frames: Rows) -> Array:
+        """Pixels (s,n,2) of places (s,n,3) mm, each in its frame."""
+        return np.array([self._projection.pixels(own, int(f)) for own, f in zip(places, frames, strict=True)])
+
+    def _error(self, predicted: Array) -> Array:
+        """How far a model puts every marker off, (s,p) mm at the steps that are shown; NaN = not seen."""
+        rows = np.flatnonzero(~self.targets.fixed)
+        left = (self.targets.value[:, rows] - predicted)[self._steps]
+        return np.linalg.norm(left[..., [0, 2]], axis=2)
+
+
+def _parts(steps: Rows) -> list[Rows]:
+    return np.array_split(steps, max(1, -(-len(steps) // CHUNK)))

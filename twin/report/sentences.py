@@ -1,0 +1,97 @@
+"""The sentences of the report: what to do, where the model fails, what these data cannot show."""
+
+from typing import Any
+
+from twin.chain import STAGES, When
+from twin.report.found import Story
+
+FILMED = ("camera", "measure")  # stages of a project with a film
+UNTESTED = "Whether the model lacks an effect is not tested: the targets have no noise model."
+
+
+def markdown(story: Story) -> str:
+    d = story.diagnosis
+    lines = [f"# {d.get('verdict', 'not diagnosed')}", "", " ".join(story.said)]
+    lines += ["", f"Calibration: {story.calibrated.get('identifiability', '')}"]
+    return "\n".join([*lines, *story.way.markdown])
+
+
+def ranking_rows(story: Story) -> list[dict[str, object]]:
+    ranking = story.diagnosis.get("ranking", [])
+    return [
+        {
+            "effect": r["law"],
+            "score": _round(r["z"]),
+            "evidence": "not refitted" if r.get("evidence") is None else _round(r["evidence"]),
+        }
+        for r in ranking
+    ]
+
+
+def untold(story: Story) -> list[str]:
+    """That no missing effect was looked for, where the targets do not allow it."""
+    if story.targets.noise is not None:
+        return []
+    return [story.diagnosis.get("sentence") or UNTESTED]
+
+
+def opening(story: Story) -> list[str]:
+    """The two sentences below the headline: the errors, and what to do now."""
+    errors, last = errors_of(story), story.diagnosis.get("next_test")
+    if errors is None:
+        return []
+    before, after, noise = (errors[f"{key}_mm"] for key in ("before", "after", "noise"))
+    fall = f"The model misses the film by {before:.3f} mm rms"
+    if after is not None:
+        fall += f", {story.labels[1]} by {after:.3f} mm"
+    said = [f"{fall}; the measurement itself is uncertain by {noise:.3f} mm."]
+    if last:
+        return [*said, f"To be sure, make the next test: {_small(last)}"]
+    if story.added.get("adequate", story.diagnosis.get("adequate")):
+        return [
+            *said,
+            "The model now agrees with the measurement: its constants and intervals can be used.",
+        ]
+    return [*said, "The model does not agree with the measurement yet: do not use its constants."]
+
+
+def where(story: Story) -> str:
+    """Where the model without effects fails, in words."""
+    found: str = story.json(("compare", "calibrate"), "comparison.json").get("where", "")
+    return found
+
+
+def mechanism(story: Story) -> str:
+    """What the diagnosis says beside its first sentence; the errors stand in the opening."""
+    parts = story.said[1].removesuffix(".").split(". ")
+    return "".join(f"{part}. " for part in parts if part and not part.startswith("The error falls"))
+
+
+def commands(story: Story) -> list[str]:
+    """The commands that lead to this report, with the effects that were added."""
+    if story.study and story.untested:
+        return ["twin study"]
+    filmed = bool(story.project.config.cameras)
+    added = [f"twin add {label}" for label in story.fit.get("effects", [])]
+    every = [s for s in STAGES if s.when is When.ALWAYS and (filmed or s.name not in FILMED)]
+    before = [f"twin {stage.name}" for stage in every]
+    return [*before[:-1], *added, *(["twin study"] if story.study else []), before[-1]]
+
+
+def errors_of(story: Story) -> dict[str, Any] | None:
+    d = story.diagnosis
+    if d.get("rms_before_mm") is None:
+        return None
+    after = story.added.get("rms_mm") if story.added else None
+    errors = {"before_mm": d["rms_before_mm"], "after_mm": after, "noise_mm": d["noise_sd_mm"]}
+    before_note, after_note = story.labels
+    return errors | {"before_note": before_note, "after_note": after_note}
+
+
+def _small(sentence: str) -> str:
+    """A sentence as it stands behind a colon: its first letter small, unless it is part of a name."""
+    return sentence[:1].lower() + sentence[1:] if sentence[1:2].islower() else sentence
+
+
+def _round(x: Any) -> Any:
+    return None if x is None else round(float(x), 1)

@@ -1,0 +1,103 @@
+"""What report and rerun show of the way to the model of now: how the error fell, where it was, and what
+speaks for an effect. No number is computed here."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from twin.bench.fits import every_fresh
+from twin.bench.waterfall import Stair, stairs
+from twin.chain import kinds_writing
+from twin.drawing import plots
+from twin.project import files
+from twin.project.folder import Project
+from twin.targets import Array, Targets
+
+SHOWN = 4  # models whose residuals stand side by side
+PARTS = {"residual": "residual", "signature": "{} explains", "left": "left"}  # of evidence.npz, and titles
+
+
+@dataclass(frozen=True)
+class Way:
+    """The models on the way, and the evidence for one effect with its maps (s, p, 3) mm, where there is
+    any."""
+
+    project: Project
+    targets: Targets
+    stairs: tuple[Stair, ...]
+    evidence: dict[str, Any]
+    maps: dict[str, Array]
+
+    @staticmethod
+    def of(project: Project, targets: Targets, *, effects: set[str]) -> "Way":
+        """With the newest evidence for one of these effects."""
+        for path in every_fresh(project, kinds_writing("evidence.json"), "evidence.json"):
+            found = files.read_json(path)
+            if effects & {label.partition(":")[0] for label in found["effect"].split(" + ")}:
+                maps = dict(files.read_npz(path.with_name("evidence.npz")))
+                return Way(project, targets, stairs(project), found, maps)
+        return Way(project, targets, stairs(project), {}, {})
+
+    @property
+    def facts(self) -> dict[str, Any]:
+        """The evidence as the page shows it: its record, and a table of shares."""
+        if not self.evidence:
+            return {}
+        shares = self.evidence["shares"]
+        markers, branches = (list(dict.fromkeys(row[key] for row in shares)) for key in ("marker", "branch"))
+        cell = {(row["marker"], row["branch"]): row for row in shares}
+        table = [{"marker": name, "cells": [cell.get((name, b)) for b in branches]} for name in markers]
+        return self.evidence | {"branches": branches, "table": table}
+
+    @property
+    def markdown(self) -> list[str]:
+        """A table of the errors on the way, as lines."""
+        if not self.stairs:
+            return []
+        rows = [(row.done, row.rms_mm) for row in self.stairs] + [("noise", self.stairs[-1].noise_sd_mm)]
+        lines = ["", "| model | error, mm rms |", "| --- | --- |"]
+        return lines + [f"| {name} | {value:.3g} |" for name, value in rows]
+
+    @cached_property
+    def pictures(self) -> dict[str, str]:
+        """SVG texts by name: error, evidence and residuals, as far as there is something to show."""
+        drawn = {"error": plots.falling(**self._fall)} if self.stairs else {}
+        return drawn | {name: plots.residual_map(**given) for name, given in self._drawings.items()}
+
+    @property
+    def images(self) -> dict[str, bytes]:
+        """The same as PNG files."""
+        drawn = {"error": plots.falling_image(**self._fall)} if self.stairs else {}
+        return drawn | {name: plots.residual_image(**given) for name, given in self._drawings.items()}
+
+    @property
+    def _fall(self) -> dict[str, Any]:
+        rows = [(row.done, row.rms_mm) for row in self.stairs]
+        return {"rows": rows, "noise_mm": self.stairs[-1].noise_sd_mm}
+
+    @property
+    def _drawings(self) -> dict[str, dict[str, Any]]:
+        """What the maps are drawn of, by name."""
+        t, rows = self.targets, np.flatnonzero(~self.targets.fixed)
+        if len(t.time) < 3:
+            return {}
+        found = {"evidence": self._signature(), "residuals": self._residuals()}
+        common = {"time_s": t.time - t.time[0], "names": [t.names[r] for r in rows], "unit": "um"}
+        return {
+            name: common | {"maps": {title: 1e3 * residual[:, rows] for title, residual in maps.items()}}
+            for name, maps in found.items()
+            if maps
+        }
+
+    def _signature(self) -> dict[str, Array]:
+        """The residual, what the effect explains of it and what it leaves, by title."""
+        law = self.evidence.get("effect", "")
+        return {PARTS[name].format(law): self.maps[name] for name in PARTS if name in self.maps}
+
+    def _residuals(self) -> dict[str, Array]:
+        """The cleaned residuals of the last models that were fitted, by what was done."""
+        fitted = [row for row in self.stairs if row.run][-SHOWN:]
+        paths = {row.done: self.project.root / "runs" / row.run / "prediction.npz" for row in fitted}
+        return {done: files.read_npz(path)["cleaned"] for done, path in paths.items() if path.is_file()}
