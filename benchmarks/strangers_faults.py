@@ -52,6 +52,7 @@ def _child(folder: Path, kind: str, command: Command, *, limit: int = 0) -> subp
 
 def _as_child(folder: Path, kind: str, limit: int, command: Command) -> None:
     """The command line itself, on the mesh of that kind of project; first it says that it begins."""
+    from twin.main import start
     from twin.project.folder import Project
 
     own, mesh = Project.open.__func__, KINDS[kind].mesh()  # type: ignore[attr-defined]
