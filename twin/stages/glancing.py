@@ -100,10 +100,10 @@ def _findings(look: _Look, log: Log) -> list[str]:
 
 def _marks(look: _Look, seen: "Glimpses") -> tuple[str, ...]:
     """Sentences on marks that may lie elsewhere; ValueError where they cannot be what is stated."""
+    from vision.doubts.framemarks import frame_fit, without_odd
+    from vision.doubts.misplacedmarks import doubts
+    from vision.doubts.plausibility import check_marks
     from vision.following.reference import unseen
-    from vision.placing.doubtful import doubts
-    from vision.placing.gates import check_marks
-    from vision.placing.rigplaces import frame_fit, without_odd
 
     gone = [look.marks[p] for p in look.finger if np.isnan(seen.warp[p, 0, 0])]
     if gone:

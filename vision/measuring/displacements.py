@@ -8,6 +8,8 @@ from numpy.typing import NDArray
 
 from vision.calibration.rig import Rig
 from vision.camera import Array
+from vision.doubts.framemarks import frame_fit, without_odd
+from vision.doubts.slips import find_slips
 from vision.errors.budgeting import Budget, budget
 from vision.errors.modes import Stated, stacked
 from vision.errors.noise import NoiseModel, hidden_in_static
@@ -18,11 +20,9 @@ from vision.following.turns import mean_seen
 from vision.marks import Mark, check_names, rows_of
 from vision.measuring.face import Face, with_face
 from vision.measuring.strains import StrainField, strain_field
-from vision.placing.flat import MAX_DEPTH_MM, in_plane
+from vision.placing.multicamera import in_space
 from vision.placing.placed import Placed, thinned_noise
-from vision.placing.rigplaces import frame_fit, without_odd
-from vision.placing.slips import find_slips
-from vision.placing.space import in_space
+from vision.placing.singlecamera import MAX_DEPTH_MM, in_plane
 from vision.placing.views import How, Seen, View, check_static, look, steps_of
 from vision.plane import MIN_VISIBLE
 

@@ -23,7 +23,7 @@ from vision.following.tracks import Followed
 from vision.following.turns import mean_seen
 from vision.kinds.facepoint import FacePoint
 from vision.marks import Mark, frame_places, linear_at_centre, px_per_unit, rows_of
-from vision.placing import depth
+from vision.perspective import viewpoint
 from vision.placing.views import How, Seen, View
 from vision.plane import homographies
 
@@ -105,7 +105,7 @@ def _follow(
     stage: str,
 ) -> Followed:
     """The face's subsets in every frame."""
-    view = depth.viewpoint(camera, homography[marks.reference])
+    view = viewpoint(camera, homography[marks.reference])
     half = 0.5 * face.subset_mm / (1.0 - height / view.distance)
     centre = view.foot + (face.points() - view.foot) / (1.0 - height / view.distance)
     start = homography[marks.reference[0]] @ _local(centre, half)

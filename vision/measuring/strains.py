@@ -11,7 +11,8 @@ from vision.errors.noise import NoiseModel
 from vision.following.turns import linear_maps
 from vision.kinds.facepoint import FacePoint
 from vision.marks import Mark, frame_places, rows_of
-from vision.placing import depth
+from vision.perspective import heights, viewpoint
+from vision.placing import planeerrors
 from vision.placing.views import Seen
 from vision.plane import homographies
 
@@ -60,8 +61,8 @@ def strain_field(
     grown = np.sqrt(
         1.0 + np.mean(coded**2 / usual**2, axis=1) + noise.persistence.of_mean(len(seen.film.reference))
     )
-    away = depth.viewpoint(seen.camera, plane).distance - depth.heights(marks, rows_of(marks)[0])[face]
-    nearer = out_of_plane_mm * depth.bulge(moved[:, kept]) / np.abs(away)
+    away = viewpoint(seen.camera, plane).distance - heights(marks, rows_of(marks)[0])[face]
+    nearer = out_of_plane_mm * planeerrors.bulge(moved[:, kept]) / np.abs(away)
     return StrainField(
         time=seen.film.time[steps],
         names=tuple(marks[p].name for p in face),
