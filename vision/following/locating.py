@@ -8,7 +8,7 @@ from scipy.optimize import minimize_scalar
 
 from vision.camera import Array, Camera, Image
 from vision.dictionaries import dictionary_of, other_dictionary
-from vision.film.sharpness import picture_trouble
+from vision.film.picturefaults import picture_trouble
 from vision.following import registration
 from vision.following.patternmisfit import larger, misfit_covariance, print_covariance
 from vision.following.printed import BLUR_PX, CELLS_BEYOND, SHOWS_BLUR, drawn, polarity

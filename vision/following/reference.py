@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from vision.boards.board import flipped
 from vision.camera import Array, Camera, Image
 from vision.dictionaries import dictionary_of, other_dictionary
-from vision.film.sharpness import picture_trouble
+from vision.film.picturefaults import picture_trouble
 from vision.film.video import Video
 from vision.following import blurred, registration
 from vision.following.dots import Dot, find_dots

@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vision.camera import Array, Image
-from vision.film import stutter
 from vision.film.checkpoint import Keeper, Progress, Row, every_frame
+from vision.film.picturefaults import sample, stale
 from vision.film.video import Video
 from vision.following import blurred, fallback, registration, uneven
 from vision.following.dots import eccentricity
@@ -92,7 +92,7 @@ def follow(
     given_up = np.isinf(more)
     warp[given_up], method[given_up], more[given_up] = np.nan, Method.LOST, 0.0
     ideal = centres(warp, follower.centre)
-    old = stutter.stale(same, ideal)
+    old = stale(same, ideal)
     warp[old], ideal[old], spread[old], method[old] = np.nan, np.nan, np.nan, Method.LOST
     _straighten(follower, ideal)
     own = _covariance(warp, match, method, spread, follower)
@@ -155,7 +155,7 @@ def _next(image: Image, follower: Follower, state: FrameState) -> tuple[Row, Fra
     # A lost mark is looked for where it was last seen.
     seen = np.isfinite(shown.warp)
     before, last = np.where(seen, state.last, state.before), np.where(seen, shown.warp, state.last)
-    picture = stutter.sample(image)
+    picture = sample(image)
     same = np.array_equal(picture, state.picture)
     return _row(shown, unknown, same=same), FrameState(last, before, memory, picture)
 
