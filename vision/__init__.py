@@ -13,7 +13,7 @@ from vision.camera import Camera
 from vision.errors.modes import Stated
 from vision.errors.noise import NoiseModel
 from vision.film.video import Video
-from vision.following.locating import locate
+from vision.following.markercentres import locate
 from vision.following.tracks import Tracks
 from vision.marks import Mark
 from vision.measuring.displacements import Displacements, measure

@@ -83,7 +83,7 @@ def _tested(project: Project, name: str, film: Path, camera: Any, then: Mapping[
     """The sentence for a camera that fits; ValueError for one that does not."""
     from vision.calibration.lens import view_misfit
     from vision.film.series import open_film
-    from vision.following.locating import locate
+    from vision.following.markercentres import locate
 
     table = project.config.cameras[0]
     opened = open_film(film, fps=table.fps, mirrored=table.mirrored)

@@ -14,8 +14,7 @@ from vision.errors.budgeting import Budget, budget
 from vision.errors.modes import Stated, stacked
 from vision.errors.noise import NoiseModel, hidden_in_static
 from vision.film.checkpoint import Keeper, Progress
-from vision.following.methods import Method
-from vision.following.tracks import Tracks
+from vision.following.tracks import Method, Tracks
 from vision.following.turns import mean_seen
 from vision.marks import Mark, check_names, rows_of
 from vision.measuring.face import Face, with_face

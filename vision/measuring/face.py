@@ -17,9 +17,8 @@ from vision.film.video import Video
 from vision.following import registration
 from vision.following.curvature import Curvature, curvature_of, straightened
 from vision.following.dic import MIN_CONTRAST, MIN_CORRELATION, NEIGHBOURS, affine_templates, smooth
-from vision.following.methods import Method
 from vision.following.reference import MAX_REFERENCE
-from vision.following.tracks import Followed
+from vision.following.tracks import Followed, Method
 from vision.following.turns import mean_seen
 from vision.kinds.facepoint import FacePoint
 from vision.marks import Mark, frame_places, linear_at_centre, px_per_unit, rows_of

@@ -14,13 +14,12 @@ from vision.errors.modes import Named, Stated
 from vision.errors.noise import REST, NoiseModel, states, static_noise, with_y
 from vision.errors.standing import shares, standing_error
 from vision.errors.variance import Rest, at_rest, by_hand, independent, misfit
-from vision.following.methods import COARSE
-from vision.following.tracks import Followed
+from vision.following.tracks import COARSE, Followed, thinned
 from vision.following.turns import finger_turns, linear_maps, mean_seen, rotations, sides
 from vision.marks import Mark, frame_places, rows_of
 from vision.perspective import Viewpoint, heights, to_own_plane, viewpoint
 from vision.placing import planeerrors
-from vision.placing.placed import Placed, thinned, while_moving
+from vision.placing.placed import Placed, while_moving
 from vision.placing.views import Seen
 from vision.plane import Plane, misplaced, plane_of, to_plane
 

@@ -17,7 +17,8 @@ from vision.film.checkpoint import Keeper, Progress
 from vision.film.video import Video
 from vision.following.corrections import Correction, corrected
 from vision.following.reference import Follower, check_fingers_seen, prepare
-from vision.following.tracks import Followed, follow
+from vision.following.tracking import follow
+from vision.following.tracks import Followed
 from vision.marks import Mark, frame_places, rows_of
 from vision.plane import homographies, to_plane
 

@@ -18,7 +18,7 @@ from twin.stages.likeness import camera_kept, run_init_like
 from twin.stages.recalibrating import run_recalibrate
 from vision.drawing import synthetic
 from vision.film.series import open_film
-from vision.following.locating import locate
+from vision.following.markercentres import locate
 
 sys.path.append(str(Path(__file__).resolve().parents[3] / "benchmarks"))
 import make_batch

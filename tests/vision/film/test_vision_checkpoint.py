@@ -10,9 +10,9 @@ import pytest
 from vision import Video
 from vision.film import checkpoint
 from vision.film.picturefaults import stale
-from vision.following.methods import Method
 from vision.following.reference import prepare
-from vision.following.tracks import Followed, follow
+from vision.following.tracking import follow
+from vision.following.tracks import Followed, Method
 from vision.kinds.plaindot import PlainDot
 
 Lab = Any

@@ -17,7 +17,7 @@ from vision.errors.modes import Stated
 from vision.errors.recoding import coded_again
 from vision.film import checkpoint
 from vision.following.reference import prepare
-from vision.following.tracks import follow
+from vision.following.tracking import follow
 from vision.marks import frame_places, rows_of
 from vision.measuring.displacements import displacements_of
 from vision.measuring.face import Face
