@@ -1,7 +1,8 @@
 """Fits of a residual function: genetic search, least squares, statistics of noise that was itself measured.
 
 Knows no mechanics and no images. Read `parameters` (what varies, what a fit is), then `fit` (least squares),
-`genetic` (the search before it) and `statistics` (tests, criteria, profiles).
+`genetic` (the search before it), `statistics` (tests, criteria) and `randomeffects` (how far several fits
+differ).
 """
 
 from calibrate.fit import least_squares
@@ -14,7 +15,6 @@ from calibrate.statistics import (
     holm,
     identifiability,
     omnibus,
-    profile_likelihood,
     sidak,
 )
 
@@ -29,6 +29,5 @@ __all__ = [
     "identifiability",
     "least_squares",
     "omnibus",
-    "profile_likelihood",
     "sidak",
 ]
