@@ -1,5 +1,6 @@
 """Where marks were seen in a film, and how each was placed: the records that everything later reads."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import IntEnum
 
@@ -7,6 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vision.camera import Array
+from vision.marks import Mark, frame_places, rows_of
+from vision.plane import homographies
 
 
 class Method(IntEnum):
@@ -51,6 +54,10 @@ class Followed:
     reference: NDArray[np.intp]  # (r,) frames of the reference
     said: tuple[str, ...] = ()  # what else is to be said of lost marks, in sentences for the user
     noted: tuple[str, ...] = ()  # what was left out without asking anything of the user
+
+    def homography(self, marks: Sequence[Mark]) -> Array:
+        """Homography (t,3,3) from the frame marks' plane (x, z, 1) mm to ideal px in every frame."""
+        return homographies(frame_places(marks), self.ideal[:, rows_of(marks)[0]])
 
 
 def thinned(followed: Followed, steps: NDArray[np.intp]) -> Followed:

@@ -137,7 +137,7 @@ def _record(
         noise=thinned_noise(placed.noise, len(film.time), len(steps)),
         reference=np.searchsorted(steps, film.reference),
         tracks=_tracks(seen[0], marks, placed.rotation),
-        homography=seen[0].homography(marks),
+        homography=seen[0].film.homography(marks),
         lost=_lost(seen, marks),
         budget=budget(placed.variance, fields, mode_names, there),
         remarks=(
@@ -290,7 +290,7 @@ def _fallen_back(seen: Seen, marks: Sequence[Mark]) -> list[str]:
 
 
 def _blind(seen: Seen, marks: Sequence[Mark]) -> tuple[str, ...]:
-    blind = seen.film.time[np.isnan(seen.homography(marks)[:, 0, 0])]
+    blind = seen.film.time[np.isnan(seen.film.homography(marks)[:, 0, 0])]
     if not len(blind):
         return ()
     return (

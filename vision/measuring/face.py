@@ -21,10 +21,9 @@ from vision.following.reference import MAX_REFERENCE
 from vision.following.tracks import Followed, Method
 from vision.following.turns import mean_seen
 from vision.kinds.facepoint import FacePoint
-from vision.marks import Mark, frame_places, linear_at_centre, px_per_unit, rows_of
+from vision.marks import Mark, linear_at_centre, px_per_unit, rows_of
 from vision.perspective import viewpoint
 from vision.placing.views import How, Seen, View
-from vision.plane import homographies
 
 MAX_POINTS = 150  # two modes of its own each, of all points in all steps: 2.2 GB at 2000 steps
 GROUP = "face"  # all of it is off its place, its nodes, its height alike
@@ -72,7 +71,7 @@ def with_face(seen: Seen, view: View, marks: Sequence[Mark], face: Face, how: Ho
     still, film = (
         _joined(own, _follow(video, seen.camera, own, homography, face, height, how, stage))
         for video, own, stage in ((view.static, seen.still, "static-face"), (view.film, seen.film, "face"))
-        for homography in [homographies(frame_places(marks), own.ideal[:, frame])]
+        for homography in [own.homography(marks)]
     )
     kind = FacePoint(face.subset_mm)
     spots = [

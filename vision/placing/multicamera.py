@@ -56,7 +56,7 @@ def in_space(
     scene = _scene(seen, rig, marks, steps)
     output, value = [marks[p] for p in scene.sight.points], scene.value
     noise = static_noise(scene.rest.place, [mark.name for mark in output], seen[0].static)
-    rotation = rotations(linear_maps(seen[0].film, seen[0].homography(marks)))
+    rotation = rotations(linear_maps(seen[0].film, seen[0].film.homography(marks)))
     points = np.array([mark.position for mark in output])
     turns = finger_turns(value, rotation[steps][:, list(scene.sight.points)], points, output)
     blur, codec, held = _worse(scene)

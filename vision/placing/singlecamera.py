@@ -79,7 +79,7 @@ def in_plane(seen: Seen, marks: Sequence[Mark], stated: Stated, steps: NDArray[n
     keyed, flicker, unkeyed = _keyed(seen, scene, place, rest, steps)
     loose = np.where(loose > 0.0, loose, np.sqrt(flicker * with_y(shares(rest))))
     start = _reference_sd(noise, seen.codec, len(scene.film.reference))
-    linear = linear_maps(seen.film, seen.homography(marks))
+    linear = linear_maps(seen.film, seen.film.homography(marks))
     rotation = rotations(linear)
     nominal = np.array([mark.position for mark in scene.output])
     turns = finger_turns(scene.value, rotation[steps][:, scene.points], nominal, scene.output)

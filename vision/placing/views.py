@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from vision.camera import Array, Camera, Image
+from vision.camera import Camera, Image
 from vision.doubts.misplacedmarks import doubts
 from vision.doubts.plausibility import check_marks
 from vision.errors.codecterms import Codec, codec_terms
@@ -60,10 +60,6 @@ class Seen:
     still_keys: NDArray[np.intp] = field(default_factory=lambda: np.empty(0, np.intp))  # of the static film
     remarks: tuple[str, ...] = ()  # what the user should check or change
     coded: tuple[str, ...] = ()  # how the film was coded, and coded again: a sentence
-
-    def homography(self, marks: Sequence[Mark]) -> Array:
-        """Homography (t,3,3) from the frame marks' plane (x, z, 1) mm to ideal px in every frame."""
-        return homographies(frame_places(marks), self.film.ideal[:, rows_of(marks)[0]])
 
 
 def check_static(film: Video) -> None:
