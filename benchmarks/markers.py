@@ -30,9 +30,9 @@ from numpy.typing import NDArray
 from vision import Camera, Mark, Video
 from vision.drawing import synthetic
 from vision.film.video import Writer
-from vision.following.methods import Method
 from vision.following.reference import Follower, prepare
-from vision.following.tracks import Followed, follow
+from vision.following.tracking import follow
+from vision.following.tracks import Followed, Method
 from vision.following.turns import mean_seen
 from vision.kinds import coded, plaindot
 from vision.kinds.coded import CodedMarker

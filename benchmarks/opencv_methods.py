@@ -23,9 +23,10 @@ from markers import REFERENCE, Frames, Scene, bound, displacement, film, scene, 
 from numpy.typing import NDArray
 
 from vision.dictionaries import dictionary_of
-from vision.following import fallback, methods
+from vision.following import fallback
+from vision.following import tracks as methods
 from vision.following.registration import centre_covariance, project
-from vision.following.tracks import centres
+from vision.following.tracking import centres
 from vision.marks import corner_warp, detect, linear_at_centre
 
 Array = NDArray[np.float64]

@@ -24,7 +24,7 @@ from scipy.optimize import least_squares
 from vision import Camera, Video, locate
 from vision.boards.charuco import CharucoBoard
 from vision.camera import Array, Image
-from vision.following.locating import Located
+from vision.following.markercentres import Located
 from vision.plane import fit_homography
 
 SURE = 0.8  # correlation

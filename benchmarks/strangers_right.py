@@ -29,8 +29,7 @@ from vision.boards.board import Board, Print, flipped
 from vision.boards.charuco import CharucoBoard
 from vision.boards.circles import CIRCLE, AsymmetricCircleBoard, CircleBoard
 from vision.boards.codedcircles import CodedCircleBoard
-from vision.calibration.boardfilms import camera_of_film
-from vision.calibration.joinedfilms import rig_of_films
+from vision.calibration.boardfilms import camera_of_film, rig_of_films
 from vision.calibration.stereo import calibrate_rig
 from vision.camera import Array, Image
 from vision.dictionaries import dictionary_of

@@ -25,9 +25,9 @@ from numpy.typing import NDArray
 
 from vision.drawing import synthetic
 from vision.following import registration
-from vision.following.methods import FIRM
 from vision.following.reference import prepare
-from vision.following.tracks import follow
+from vision.following.tracking import follow
+from vision.following.tracks import FIRM
 from vision.marks import corner_warp
 
 Array = NDArray[np.float64]

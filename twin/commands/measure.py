@@ -248,7 +248,7 @@ def _measured_by(project: Project) -> str | None:
 
 def _tracks(moved: "Displacements") -> dict[str, NDArray[Any]]:
     """What review draws over the film; `methods` names the codes of `method`."""
-    from vision.following.methods import Method
+    from vision.following.tracks import Method
 
     t = moved.tracks
     return {

@@ -16,9 +16,9 @@ from vision.film.checkpoint import Progress
 from vision.film.packets import NAMES, Coding
 from vision.film.video import Video, Writer
 from vision.following import blurred, registration
-from vision.following.methods import COARSE, Method
 from vision.following.reference import Follower
-from vision.following.tracks import Followed, centres
+from vision.following.tracking import centres
+from vision.following.tracks import COARSE, Followed, Method
 from vision.marks import px_per_unit
 from vision.plane import homographies, to_plane
 

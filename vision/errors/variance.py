@@ -6,8 +6,7 @@ import numpy as np
 
 from vision.camera import Array
 from vision.errors.noise import REST, NoiseModel, states, with_y
-from vision.following.methods import COARSE, Method
-from vision.following.tracks import Followed
+from vision.following.tracks import COARSE, Followed, Method
 from vision.following.turns import mean_seen
 from vision.plane import MIN_VISIBLE, Plane, place_noise, shared_noise
 

@@ -19,7 +19,7 @@ from twin.project.folder import Project
 from twin.project.toml import dump
 from vision.drawing import synthetic
 from vision.film.series import open_film
-from vision.following.locating import locate
+from vision.following.markercentres import locate
 
 sys.path.append(str(Path(__file__).resolve().parents[3] / "benchmarks"))
 import make_batch

@@ -249,7 +249,7 @@ def filmed(tmp_path, say):
     """The demo as batch-07, measured as far as the test of the camera asks, and batch-08 like it with its film."""
     from vision.camera import Camera
     from vision.film.series import open_film
-    from vision.following.locating import locate
+    from vision.following.markercentres import locate
 
     source, root = dataset("demo"), tmp_path / "batch-07"
     (root / "raw" / "boards").mkdir(parents=True)

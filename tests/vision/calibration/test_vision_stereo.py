@@ -12,7 +12,7 @@ from vision import Camera
 from vision.boards.board import BoardView
 from vision.boards.charuco import CharucoBoard
 from vision.calibration.bundle import Shot, bundle_adjust
-from vision.calibration.movedboards import worst_pose
+from vision.calibration.rejectedpictures import worst_pose
 from vision.calibration.rig import OWN, Rig, project, triangulate
 from vision.calibration.stereo import _fit_poses, locate, synchronous_shots
 

@@ -15,8 +15,7 @@ from vision import Camera, Displacements, Mark, Stated
 from vision.errors.budgeting import budget, from_csv, lines, to_csv, with_mode
 from vision.errors.codecterms import Codec
 from vision.errors.modes import sync
-from vision.following.methods import Method
-from vision.following.tracks import Followed
+from vision.following.tracks import Followed, Method
 from vision.kinds.coded import CodedMarker
 from vision.measuring.displacements import displacements_of
 from vision.placing.views import Seen

@@ -14,8 +14,7 @@ from vision import Camera, Displacements, Stated, View, measure
 from vision.errors.codecterms import Codec
 from vision.errors.keyframes import rare, stretches
 from vision.errors.persistence import of_mean, persistence_of
-from vision.following.methods import Method
-from vision.following.tracks import Followed
+from vision.following.tracks import Followed, Method
 from vision.kinds.coded import CodedMarker
 from vision.marks import Mark
 from vision.measuring.displacements import displacements_of

@@ -13,9 +13,9 @@ from vision.errors.recoding import SHIFT, _laid, _shifted
 from vision.errors.variance import CLEARLY, misfit
 from vision.following import blurred, registration, uneven
 from vision.following.blurred import Adjusted
-from vision.following.methods import Method
 from vision.following.reference import Follower, prepare
-from vision.following.tracks import centres, follow
+from vision.following.tracking import centres, follow
+from vision.following.tracks import Method
 from vision.marks import px_per_unit
 
 Array = NDArray[np.float64]

@@ -12,7 +12,7 @@ from scipy.ndimage import gaussian_filter
 from vision.camera import Camera
 from vision.following.dots import eccentricity, find_dots
 from vision.following.identity import DotMemory, assign, follow_dots, start
-from vision.following.tracks import _unknown
+from vision.following.tracking import _unknown
 
 sys.path.append(str(Path(__file__).resolve().parents[3] / "benchmarks"))
 from printeddots import look, photograph, rim, trial

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from vision import Displacements, View, measure
 from vision.film.video import Writer
 from vision.following import fallback
-from vision.following.methods import FIRM, Method
 from vision.following.reference import prepare
-from vision.following.tracks import Followed, follow
+from vision.following.tracking import follow
+from vision.following.tracks import FIRM, Followed, Method
 from vision.marks import corner_warp
 
 Array = NDArray[np.float64]

@@ -14,9 +14,9 @@ from scipy.ndimage import gaussian_filter
 from vision import Camera, Mark
 from vision.dictionaries import dictionary_of
 from vision.following import registration
-from vision.following.methods import FIRM
 from vision.following.reference import prepare
-from vision.following.tracks import follow
+from vision.following.tracking import follow
+from vision.following.tracks import FIRM
 from vision.kinds.coded import CodedMarker
 
 Array = NDArray[np.float64]

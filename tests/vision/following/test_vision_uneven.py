@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from vision.following import registration, uneven
 from vision.following.reference import Follower, prepare
-from vision.following.tracks import centres
+from vision.following.tracking import centres
 from vision.marks import linear_at_centre, px_per_unit
 
 Array = NDArray[np.float64]

@@ -13,7 +13,8 @@ from vision import Displacements, Video
 from vision.errors.codecterms import Codec
 from vision.film.video import Writer
 from vision.following.reference import prepare
-from vision.following.tracks import Followed, follow
+from vision.following.tracking import follow
+from vision.following.tracks import Followed
 from vision.measuring.displacements import displacements_of
 from vision.placing.views import Seen
 

@@ -17,14 +17,14 @@ from vision.errors.modes import Stated
 from vision.errors.recoding import coded_again
 from vision.film import checkpoint
 from vision.following.reference import prepare
-from vision.following.tracks import follow
+from vision.following.tracking import follow
 from vision.marks import frame_places, rows_of
 from vision.measuring.displacements import displacements_of
 from vision.measuring.face import Face
-from vision.placing import spacemodes
-from vision.placing.depth import principal
+from vision.placing import spaceerrors
+from vision.placing.planeerrors import principal
+from vision.placing.triangulation import Sight, places_of, rigid_fit
 from vision.placing.views import How, Seen, look
-from vision.placing.world import Sight, places_of, rigid_fit
 
 Array = NDArray[np.float64]
 FRAMES, RATE = 50, 10.0
@@ -243,13 +243,13 @@ def test_errors_of_the_calibration_are_covered_by_its_modes(pair: Pair) -> None:
     sd[1, 9:] = 1e-3, 1e-3, 1e-3, 0.3, 0.3, 0.5
     covariance = np.diag(sd.ravel() ** 2)
     sight, pulls = pair.sight(), []
-    exact = spacemodes.displacement(places_of(pair.rig, sight), sight.reference)
+    exact = spaceerrors.displacement(places_of(pair.rig, sight), sight.reference)
     assert exact == pytest.approx(pair.truth[:, pair.output], abs=1e-6)
     for trial in range(12):
         draw = np.random.default_rng(trial).standard_normal(int((sd > 0).sum())) @ principal(covariance)
         wrong = replace(pair.rig.moved(draw), covariance=covariance)
-        value = spacemodes.displacement(places_of(wrong, sight), sight.reference)
-        modes = np.array(list(spacemodes.calibration(wrong, sight, value).values()))
+        value = spaceerrors.displacement(places_of(wrong, sight), sight.reference)
+        modes = np.array(list(spaceerrors.calibration(wrong, sight, value).values()))
         error = (value - exact)[-1, -1]
         assert np.linalg.norm(error) > 1e-3  # mm
         pulls.append(error / np.sqrt((modes[:, -1, -1] ** 2).sum(axis=0)))

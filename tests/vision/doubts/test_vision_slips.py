@@ -7,10 +7,10 @@ import pytest
 from numpy.typing import NDArray
 
 from vision import Mark, View, measure
+from vision.doubts.slips import find_slips
 from vision.drawing import synthetic
 from vision.film.video import Video
 from vision.kinds.coded import CodedMarker
-from vision.placing.slips import find_slips
 
 Array = NDArray[np.float64]
 Lab = Any

@@ -7,9 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from vision.camera import Array, Camera
+from vision.doubts.plausibility import sides_mm
 from vision.marks import Mark, codes_of, rows_of
-from vision.placing import depth
-from vision.placing.gates import sides_mm
+from vision.perspective import heights, to_own_plane, viewpoint
 from vision.plane import MIN_VISIBLE, homographies, to_plane
 
 SIZE_SD = 0.005  # of a mark's side, relative: its print, and its corners in one picture
@@ -31,9 +31,9 @@ def doubts(marks: Sequence[Mark], warp: Array, *, camera: Camera, placement_sd_m
         return ()
     nominal = np.array([mark.position for mark in marks])[:, [0, 2]]
     homography = homographies(nominal[frame], centre[None, frame])
-    view = depth.viewpoint(camera, homography)
-    height = depth.heights(marks, frame)
-    place = depth.to_own_plane(to_plane(homography, centre[None]), height, view)[0]
+    view = viewpoint(camera, homography)
+    height = heights(marks, frame)
+    place = to_own_plane(to_plane(homography, centre[None]), height, view)[0]
     return (
         *_heights(marks, sides_mm(warp, homography), height, view.distance),
         *_places(marks, place, nominal, placement_sd_mm),

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from vision import Video, locate
 from vision.dictionaries import dictionary_of
 from vision.film.video import Writer
-from vision.following.locating import Located
-from vision.following.patternmisfit import print_covariance
+from vision.following.markercentres import Located
+from vision.following.printedpattern import print_covariance
 from vision.following.reference import prepare
 from vision.following.registration import project
 from vision.plane import fit_homography

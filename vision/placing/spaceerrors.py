@@ -12,8 +12,8 @@ from vision.errors.noise import NoiseModel
 from vision.following.turns import mean_seen
 from vision.marks import Mark
 from vision.placing.clocks import Track, joined
-from vision.placing.depth import principal, uncorrelated
-from vision.placing.world import Places, Sight, places_of
+from vision.placing.planeerrors import principal, uncorrelated
+from vision.placing.triangulation import Places, Sight, places_of
 
 
 def displacement(places: Places, reference: NDArray[np.intp]) -> Array:

@@ -13,7 +13,8 @@ from vision import Camera, Mark, Video, View, measure
 from vision.drawing import synthetic
 from vision.errors.noise import with_y
 from vision.kinds.coded import CodedMarker
-from vision.placing import depth
+from vision.perspective import Viewpoint, to_own_plane, viewpoint
+from vision.placing import planeerrors
 from vision.plane import homographies, to_plane
 
 Array = NDArray[np.float64]
@@ -51,8 +52,8 @@ class Bench:
         """Values (t,3,3) and places (t,3,2) mm of the finger marks, homographies and viewpoint."""
         ideal = self.ideal(true, place)
         homography = homographies(PLANE, ideal[:, HEAD])
-        view = depth.viewpoint(self.camera, homography)
-        seen = depth.to_own_plane(to_plane(homography, ideal[:, TAIL]), height, view)
+        view = viewpoint(self.camera, homography)
+        seen = to_own_plane(to_plane(homography, ideal[:, TAIL]), height, view)
         return with_y(seen - seen[REFERENCE].mean(axis=0)), seen, homography, view
 
 
@@ -120,7 +121,7 @@ def pulls_of_heights(rng: np.random.Generator, sd: float) -> tuple[Array, float]
     lab, place, drawn = bench(rng), motion(rng), rng.normal(0, sd, 3)
     place[:, 6:, 1] += drawn
     value, _, _, view = lab.measured(lab.camera, place, np.zeros(3))
-    modes = depth.height_modes(value, MARKS[6:], view, sd_mm=sd)
+    modes = planeerrors.height_modes(value, MARKS[6:], view, sd_mm=sd)
     assert list(modes) == ["height:finger0", "height:finger1", "height:finger2"]
     return amplitudes(value - value_of(place), list(modes.values()))
 
@@ -129,7 +130,7 @@ def pulls_out_of_plane(rng: np.random.Generator, sd: float) -> tuple[Array, floa
     lab, place, drawn = bench(rng), motion(rng), rng.normal(0, sd, 3)
     place[:, 6:, 1] += drawn * SHARE[:, None]
     value, seen, _, view = lab.measured(lab.camera, place, np.zeros(3))
-    modes = depth.out_of_plane_modes(value, seen, MARKS[6:], view, sd_mm=sd)
+    modes = planeerrors.out_of_plane_modes(value, seen, MARKS[6:], view, sd_mm=sd)
     assert list(modes) == ["out_of_plane:finger0", "out_of_plane:finger1", "out_of_plane:finger2"]
     return amplitudes(value - value_of(place), list(modes.values()))
 
@@ -150,7 +151,7 @@ def pulls_of_calibration(rng: np.random.Generator, sd: float) -> tuple[Array, fl
     place[:, 6:, 1] += height
     true = camera.moved(rng.multivariate_normal(np.zeros(9), camera.covariance, method="eigh"))
     value, _, homography, _ = lab.measured(true, place, height)
-    modes = depth.calibration_modes(
+    modes = planeerrors.calibration_modes(
         camera,
         lab.ideal(true, place),
         homography,
@@ -175,9 +176,9 @@ def test_pulls_over_random_cameras(pulls: Any) -> None:
 
 def test_principal_directions_are_the_covariance() -> None:
     covariance = lens()
-    steps = depth.principal(covariance)
+    steps = planeerrors.principal(covariance)
     np.testing.assert_allclose(steps.T @ steps, covariance, rtol=1e-9, atol=1e-18)
-    assert depth.principal(np.zeros((9, 9))).shape == (0, 9)
+    assert planeerrors.principal(np.zeros((9, 9))).shape == (0, 9)
 
 
 def test_a_mark_that_twists_out_of_the_plane_is_reported(lab: Lab, still: Video, tmp_path: Path) -> None:
@@ -221,9 +222,18 @@ def test_marks_beyond_the_boards_are_named() -> None:
     )
     ideal = camera.undistort(raw)
     covered = replace(camera, covered=hull)
-    (said,) = depth.extrapolated(covered, ideal, ["a", "b", "c"])
+    (said,) = planeerrors.extrapolated(covered, ideal, ["a", "b", "c"])
     assert (
         "2 markers move to where no board was photographed, 'c' by 110 px" in said
     )  # 10 px are less than a square
-    assert depth.extrapolated(covered, ideal[:1], ["a", "b", "c"]) == ()
-    assert depth.extrapolated(camera, ideal, ["a", "b", "c"]) == ()
+    assert planeerrors.extrapolated(covered, ideal[:1], ["a", "b", "c"]) == ()
+    assert planeerrors.extrapolated(camera, ideal, ["a", "b", "c"]) == ()
+
+
+def test_an_alarm_says_towards_on_either_side(lab: Lab) -> None:
+    """A mark 4 mm nearer looks larger, whether the camera stands at +y or at -y; no sd is negative."""
+    size, sd = np.array([[1.0], [400.0 / 396.0]]), np.full((2, 1), 1e-5)
+    for distance in (400.0, -400.0):
+        view = Viewpoint(np.zeros(2), distance)
+        (said,) = planeerrors.alarms(np.array([0.0, 1.0]), size, sd, [lab.marks[-1]], view, sd_mm=0.3)
+        assert "looks larger at 1.000 s than at rest, as if it moved 4.0 +- 0.1 mm towards the camera" in said

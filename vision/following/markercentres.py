@@ -8,10 +8,18 @@ from scipy.optimize import minimize_scalar
 
 from vision.camera import Array, Camera, Image
 from vision.dictionaries import dictionary_of, other_dictionary
-from vision.film.sharpness import picture_trouble
+from vision.film.picturefaults import picture_trouble
 from vision.following import registration
-from vision.following.patternmisfit import larger, misfit_covariance, print_covariance
-from vision.following.printed import BLUR_PX, CELLS_BEYOND, SHOWS_BLUR, drawn, polarity
+from vision.following.printedpattern import (
+    BLUR_PX,
+    CELLS_BEYOND,
+    SHOWS_BLUR,
+    drawn,
+    larger,
+    misfit_covariance,
+    polarity,
+    print_covariance,
+)
 from vision.marks import corner_warp, detect, linear_at_centre, px_per_unit
 
 

@@ -1,10 +1,6 @@
-"""What one camera cannot see: heights off the plane, motion towards it, and errors of its calibration.
-
-The plane is that of the frame marks; a mark's height is how far its own plane is in front of it (+y).
-"""
+"""What one camera cannot see: heights off the plane, motion towards it, and errors of its calibration."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -12,56 +8,14 @@ from numpy.typing import NDArray
 
 from vision.camera import Array, Camera
 from vision.marks import Mark
+from vision.perspective import MOST_FRAMES, Viewpoint, to_own_plane, viewpoint
 from vision.plane import fit_homography, to_plane
 
-MOST_FRAMES = 200  # that the viewpoint is the median of
 FAR_SHARE = 0.03  # of the picture's longer side, beyond the outermost corners: one square of a board or so
 NEGLIGIBLE = 1e-4  # share of the calibration's variance that is left out of its modes
 ALARM_SD = 5.0  # sds beyond which a change of apparent size is reported: once in 2 million values
 # Interpolation and blur change the apparent size of a tag that turns by up to this much (drawn film).
 SIZE_FLOOR = 3e-4
-
-
-@dataclass(frozen=True)
-class Viewpoint:
-    """Where the camera stands over the plane."""
-
-    foot: Array  # (2,) mm, x and z of the point of the plane right below it
-    distance: float  # mm from the plane, positive towards +y
-
-
-def viewpoint(camera: Camera, homography: Array) -> Viewpoint:
-    """Where a camera stands that sees the plane under homographies (t,3,3), mm to ideal px.
-
-    H = K [r1 r2 t] up to scale, doi 10.1109/34.888718; the median over the frames, because one frame's six
-    marks leave it uncertain by a millimetre or so.
-    """
-    known = homography[np.isfinite(homography[:, 0, 0])]
-    known = known[:: max(len(known) // MOST_FRAMES, 1)]
-    if not len(known):
-        return Viewpoint(np.full(2, np.nan), np.nan)
-    columns = np.linalg.inv(camera.matrix) @ known
-    columns = (
-        columns
-        / np.sqrt(np.linalg.norm(columns[..., 0], axis=1) * np.linalg.norm(columns[..., 1], axis=1))[
-            :, None, None
-        ]
-    )
-    columns = columns * np.sign(columns[:, 2:, 2:])  # the plane lies before the camera
-    across = np.cross(columns[..., 0], columns[..., 1])  # ex x ez = -ey
-    turn = np.stack([columns[..., 0], columns[..., 1], across], axis=-1)
-    u, _, v = np.linalg.svd(turn)
-    centre = -np.einsum("tji,tj->ti", u @ v, columns[..., 2])
-    x, z, behind = np.median(centre, axis=0)
-    return Viewpoint(np.array([x, z]), -float(behind))
-
-
-def to_own_plane(place: Array, height: Array, view: Viewpoint) -> Array:
-    """Places (t,p,2) mm on the marks' own planes, from where their rays meet the frame's plane.
-
-    height: (p,) mm.   Rays meet in the camera: x = foot + (x' - foot) (1 - h / distance), for any tilt.
-    """
-    return view.foot + (place - view.foot) * (1.0 - height / view.distance)[:, None]
 
 
 def height_modes(value: Array, marks: Sequence[Mark], view: Viewpoint, *, sd_mm: float) -> dict[str, Array]:
@@ -218,12 +172,6 @@ def extrapolated(camera: Camera, ideal: Array, names: Sequence[str]) -> tuple[st
         f"{len(beyond)} markers move to where no board was photographed, {far!r} by {beyond[far]:.0f} px. "
         "The lens is extrapolated there: photograph the board there too.",
     )
-
-
-def heights(marks: Sequence[Mark], frame: Sequence[int]) -> Array:
-    """Heights (m,) mm of all marks over the plane of the frame marks."""
-    y = np.array([mark.position[1] for mark in marks])
-    return np.asarray(y - y[list(frame)].mean())
 
 
 def _fingers(marks: Sequence[Mark]) -> list[tuple[int, Mark]]:

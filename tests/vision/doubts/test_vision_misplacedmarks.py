@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 
 from vision import Camera, Mark
+from vision.doubts.misplacedmarks import doubts
 from vision.kinds.coded import CodedMarker
 from vision.marks import corner_warp
-from vision.placing.doubtful import doubts
 
 FRAME = [(-24, 26), (30, 30), (70, 30), (120, 26), (-24, -58), (45, -60), (120, -58)]
 FINGER = [("root", 20.0), ("p2", 37.0), ("middle", 54.0), ("tip", 110.0)]

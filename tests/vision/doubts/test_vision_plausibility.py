@@ -10,11 +10,10 @@ import pytest
 from numpy.typing import NDArray
 
 from vision import Mark
+from vision.doubts.framemarks import frame_fit, without_odd
+from vision.doubts.plausibility import check_marks
 from vision.kinds.coded import CodedMarker
 from vision.marks import corner_warp
-from vision.placing import depth
-from vision.placing.gates import check_marks
-from vision.placing.rigplaces import frame_fit, without_odd
 
 Array = NDArray[np.float64]
 Lab = Any  # the fixture's class, see conftest.py
@@ -157,12 +156,3 @@ def test_places_that_all_scatter_keep_every_frame_mark(lab: Lab) -> None:
         off = [m if m.role != "frame" else replace(m, position=tuple(np.array(m.position) + rng.normal(0, 0.3, 3) * (1, 0, 1))) for m in lab.marks]
         dropped += bool(without_odd(frame_fit(off, warp[:, :2, 2], sd_mm=0.1), off)[1])
     assert dropped <= 4  # six marks leave four degrees of freedom: by chance one of them explains all
-
-
-def test_an_alarm_says_towards_on_either_side(lab: Lab) -> None:
-    """A mark 4 mm nearer looks larger, whether the camera stands at +y or at -y; no sd is negative."""
-    size, sd = np.array([[1.0], [400.0 / 396.0]]), np.full((2, 1), 1e-5)
-    for distance in (400.0, -400.0):
-        view = depth.Viewpoint(np.zeros(2), distance)
-        (said,) = depth.alarms(np.array([0.0, 1.0]), size, sd, [lab.marks[-1]], view, sd_mm=0.3)
-        assert "looks larger at 1.000 s than at rest, as if it moved 4.0 +- 0.1 mm towards the camera" in said

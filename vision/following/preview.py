@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from vision.camera import Array, Camera, Image
 from vision.film.video import Video
-from vision.following.reference import START_FRAMES, check_size, check_start, first_seen, reference_frames
+from vision.following.firstpictures import START_FRAMES, check_size, check_start, first_seen
+from vision.following.reference import reference_frames
 from vision.marks import Mark, codes_of, detect
 
 IN_REST, IN_REST_OF_FILM = 12, 30  # frames that are looked at

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter, map_coordinates
 
-from vision.following.textures import find_textures, taken
+from vision.following.features import find_textures, taken
 
 
 def wall(rng: np.random.Generator) -> np.ndarray:

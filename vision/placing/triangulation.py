@@ -44,35 +44,56 @@ class Places:
 
 
 def places_of(rig: Rig, sight: Sight) -> Places:
-    """Where the rig sees the marks."""
-    ideal = np.array([c.undistort(raw) for c, raw in zip(rig.cameras, sight.raw, strict=True)])
-    covariance = sight.variance[..., None, None] * np.eye(2)
-    rest = np.array([mean_seen(of_camera[sight.reference]) for of_camera in ideal])[:, list(sight.frame)]
-    held, _ = triangulate(rig.matrices, rest, covariance[:, list(sight.frame)])
-    nominal = sight.nominal[list(sight.frame)]
+    """Places (t,p,3) mm in world axes of the marks that two cameras or more see, and how well they agree.
+
+    First where the rig's frame lies in the world: the frame marks' mean places over the reference, laid on
+    their nominal ones. Then each camera's pose in every frame, from the frame marks alone. Then every mark
+    from these poses. Raises ValueError as `rigid_fit`.
+    """
+    ideal = np.array([c.undistort(raw) for c, raw in zip(rig.cameras, sight.raw, strict=True)])  # (c,t,m,2)
+    covariance = sight.variance[..., None, None] * np.eye(2)  # (c,m,2,2) px2
+    held, nominal = _frame_marks_at_rest(rig, sight, ideal, covariance), sight.nominal[list(sight.frame)]
     turn, shift = rigid_fit(held, nominal)
-    known = np.isfinite(held[:, 0])
-    matrices = np.array(
-        [
-            camera.matrix @ _poses(camera.matrix, own, held[known], seen[:, list(sight.frame)][:, known])
-            for camera, own, seen in zip(rig.cameras, _rig_poses(rig), ideal, strict=True)
-        ]
-    ) @ _to_rig(turn, shift)
-    count, points = len(sight.points), ideal[:, :, list(sight.points)]
-    c, t = points.shape[:2]
-    wide = np.repeat(matrices, count, axis=1)
-    spread_px = np.tile(covariance[:, list(sight.points)], (1, t, 1, 1))
-    place, spread = triangulate(wide, points.reshape(c, -1, 2), spread_px)
-    mapped = np.einsum("cnij,nj->cni", wide[..., :3], place) + wide[..., 3]
-    residual = points.reshape(c, -1, 2) - mapped[..., :2] / mapped[..., 2:]
-    misfit = held @ turn.T + shift - nominal
-    return Places(
-        place.reshape(t, count, 3),
-        spread.reshape(t, count, 3, 3),
-        residual.reshape(points.shape),
-        misfit,
-        matrices,
+    matrices = _projections(rig, held, ideal[:, :, list(sight.frame)]) @ _to_rig(turn, shift)
+    place, spread, residual = _in_space(
+        matrices, ideal[:, :, list(sight.points)], covariance[:, list(sight.points)]
     )
+    return Places(place, spread, residual, held @ turn.T + shift - nominal, matrices)
+
+
+def _frame_marks_at_rest(rig: Rig, sight: Sight, ideal: Array, covariance: Array) -> Array:
+    """Mean places (f,3) mm of the frame marks over the reference, in the rig's frame.
+
+    ideal: (c,t,m,2) px.   covariance: (c,m,2,2) px2.
+    """
+    rest = np.array([mean_seen(of_camera[sight.reference]) for of_camera in ideal])[:, list(sight.frame)]
+    return triangulate(rig.matrices, rest, covariance[:, list(sight.frame)])[0]
+
+
+def _projections(rig: Rig, held: Array, seen: Array) -> Array:
+    """Matrices (c,t,3,4) from the rig's frame (mm) to ideal px, from each camera's pose in every frame.
+
+    held: (f,3) mm, the frame marks in the rig's frame; NaN for those that it does not know.
+    seen: (c,t,f,2) ideal px, where the cameras see them.
+    """
+    known = np.isfinite(held[:, 0])
+    return np.array([
+        camera.matrix @ _poses(camera.matrix, own, held[known], of_camera[:, known])
+        for camera, own, of_camera in zip(rig.cameras, _rig_poses(rig), seen, strict=True)
+    ])  # fmt: skip
+
+
+def _in_space(matrices: Array, ideal: Array, covariance: Array) -> tuple[Array, Array, Array]:
+    """Places (t,p,3) mm, their covariance (t,p,3,3) mm2, and what the cameras disagree by (c,t,p,2) px.
+
+    matrices: (c,t,3,4).   ideal: (c,t,p,2) px.   covariance: (c,p,2,2) px2, alike in all frames.
+    """
+    c, t, count = ideal.shape[:3]
+    wide, pixels = np.repeat(matrices, count, axis=1), ideal.reshape(c, -1, 2)  # a row a frame and mark
+    place, spread = triangulate(wide, pixels, np.tile(covariance, (1, t, 1, 1)))
+    mapped = np.einsum("cnij,nj->cni", wide[..., :3], place) + wide[..., 3]
+    residual = (pixels - mapped[..., :2] / mapped[..., 2:]).reshape(ideal.shape)
+    return place.reshape(t, count, 3), spread.reshape(t, count, 3, 3), residual
 
 
 def rigid_fit(points: Array, nominal: Array) -> tuple[Array, Array]:

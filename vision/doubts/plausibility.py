@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vision.camera import Array, Camera
+from vision.doubts.framemarks import check_frame, frame_fit
 from vision.marks import Mark, codes_of, rows_of
-from vision.placing import depth
-from vision.placing.rigplaces import check_frame, frame_fit
+from vision.perspective import heights, viewpoint
 from vision.plane import MIN_VISIBLE, homographies, to_plane
 
 OFF = 1.15  # times too large or too small may a mark look
@@ -100,9 +100,9 @@ def check_sizes(marks: Sequence[Mark], warp: Array, homography: Array, camera: C
     """Raises ValueError where marks look more than 15 % larger or smaller than their size says, in the scale
     of the frame marks' positions; names the unit that explains it."""
     side, size = sides_mm(warp, homography), np.array([mark.size_mm for mark in marks])
-    height = depth.heights(marks, rows_of(marks)[0])
+    height = heights(marks, rows_of(marks)[0])
     if camera is not None:
-        side = side * (1.0 - height / depth.viewpoint(camera, homography).distance)
+        side = side * (1.0 - height / viewpoint(camera, homography).distance)
     seen = np.isfinite(side)
     ratio = np.where(seen, side / size, 1.0)
     most = np.where((camera is None) & (np.abs(height) > 0.1), BARE_OFF, OFF)

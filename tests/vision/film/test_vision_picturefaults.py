@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from vision import locate
-from vision.film.sharpness import edge_sd, picture_trouble
+from vision.film.picturefaults import edge_sd, picture_trouble
 
 
 def sheet(noise: float = 1.0) -> np.ndarray:

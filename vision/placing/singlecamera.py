@@ -14,12 +14,12 @@ from vision.errors.modes import Named, Stated
 from vision.errors.noise import REST, NoiseModel, states, static_noise, with_y
 from vision.errors.standing import shares, standing_error
 from vision.errors.variance import Rest, at_rest, by_hand, independent, misfit
-from vision.following.methods import COARSE
-from vision.following.tracks import Followed
+from vision.following.tracks import COARSE, Followed, thinned
 from vision.following.turns import finger_turns, linear_maps, mean_seen, rotations, sides
 from vision.marks import Mark, frame_places, rows_of
-from vision.placing import depth
-from vision.placing.placed import Placed, thinned, while_moving
+from vision.perspective import Viewpoint, heights, to_own_plane, viewpoint
+from vision.placing import planeerrors
+from vision.placing.placed import Placed, while_moving
 from vision.placing.views import Seen
 from vision.plane import Plane, misplaced, plane_of, to_plane
 
@@ -39,7 +39,7 @@ class _Scene:
     still: Followed
     plane: Plane
     quiet: Plane  # of the static film
-    view: depth.Viewpoint
+    view: Viewpoint
     height: Array  # (m,) mm off the frame marks' plane
 
     @property
@@ -54,7 +54,7 @@ class _Scene:
     @cached_property
     def own_place(self) -> Array:
         """(s,p,2) mm, each mark in its own plane."""
-        return depth.to_own_plane(self.place, self.height[self.points], self.view)
+        return to_own_plane(self.place, self.height[self.points], self.view)
 
     @cached_property
     def value(self) -> Array:
@@ -79,7 +79,7 @@ def in_plane(seen: Seen, marks: Sequence[Mark], stated: Stated, steps: NDArray[n
     keyed, flicker, unkeyed = _keyed(seen, scene, place, rest, steps)
     loose = np.where(loose > 0.0, loose, np.sqrt(flicker * with_y(shares(rest))))
     start = _reference_sd(noise, seen.codec, len(scene.film.reference))
-    linear = linear_maps(seen.film, seen.homography(marks))
+    linear = linear_maps(seen.film, seen.film.homography(marks))
     rotation = rotations(linear)
     nominal = np.array([mark.position for mark in scene.output])
     turns = finger_turns(scene.value, rotation[steps][:, scene.points], nominal, scene.output)
@@ -100,7 +100,7 @@ def in_plane(seen: Seen, marks: Sequence[Mark], stated: Stated, steps: NDArray[n
         rotation=rotation,
         remarks=(
             *said,
-            *depth.extrapolated(scene.camera, seen.film.ideal, [mark.name for mark in marks]),
+            *planeerrors.extrapolated(scene.camera, seen.film.ideal, [mark.name for mark in marks]),
             *_grown(scene, linear[steps], extra / noise.sd, stated),
         ),
         notes=(*unshared, *unkeyed, *_corrected(scene)),
@@ -112,7 +112,7 @@ def _scene(seen: Seen, marks: Sequence[Mark], steps: NDArray[np.intp]) -> _Scene
     film = thinned(seen.film, steps)
     quiet = plane_of(nominal, seen.still.ideal[:, frame])
     plane = plane_of(nominal, film.ideal[:, frame])
-    view, height = depth.viewpoint(seen.camera, plane.homography), depth.heights(marks, frame)
+    view, height = viewpoint(seen.camera, plane.homography), heights(marks, frame)
     _check_heights(marks, height, view)
     return _Scene(
         camera=seen.camera,
@@ -179,7 +179,7 @@ def _modes(
     scene: _Scene, turns: Array, stated: Stated, frame_mm: float, start: tuple[Array, Array]
 ) -> list[Named]:
     """Errors shared by many values.   start: of the reference, from `_reference_sd`."""
-    value, output, film = scene.value, scene.output, scene.film
+    value, output, film, view = scene.value, scene.output, scene.film, scene.view
     nominal = np.array([mark.position for mark in output])
     return [
         modes.scale(value, stated.scale),
@@ -187,9 +187,9 @@ def _modes(
         modes.node(value, nominal, output, turns, stated.node_mm),
         modes.frame(misplaced(scene.plane, scene.place), film.reference, frame_mm),
         modes.reference_mode(value, output, *start),
-        depth.height_modes(value, output, scene.view, sd_mm=stated.height_mm),
-        depth.out_of_plane_modes(value, scene.own_place, output, scene.view, sd_mm=stated.out_of_plane_mm),
-        depth.calibration_modes(
+        planeerrors.height_modes(value, output, view, sd_mm=stated.height_mm),
+        planeerrors.out_of_plane_modes(value, scene.own_place, output, view, sd_mm=stated.out_of_plane_mm),
+        planeerrors.calibration_modes(
             scene.camera,
             film.ideal,
             scene.plane.homography,
@@ -225,7 +225,7 @@ def _reference_sd(noise: NoiseModel, codec: Codec, frames: int) -> tuple[Array, 
     return np.nan_to_num(own), noise.common_sd * np.sqrt(grown)
 
 
-def _check_heights(marks: Sequence[Mark], height: Array, view: depth.Viewpoint) -> None:
+def _check_heights(marks: Sequence[Mark], height: Array, view: Viewpoint) -> None:
     worst = int(np.argmax(np.abs(height)))
     if abs(height[worst]) > MAX_HEIGHT * abs(view.distance):
         raise ValueError(
@@ -261,4 +261,5 @@ def _grown(scene: _Scene, linear: Array, extra: Array, stated: Stated) -> tuple[
     side = sides(linear_maps(scene.still, scene.quiet.homography)[:, scene.points])
     usual = np.array([np.std(s[np.isfinite(s)]) if np.isfinite(s).any() else np.nan for s in side.T])
     sd = np.asarray(usual * np.sqrt(1.0 + np.nanmax(np.nan_to_num(extra) ** 2, axis=2)))
-    return depth.alarms(scene.film.time, size, sd, scene.output, scene.view, sd_mm=stated.out_of_plane_mm)
+    marks, view = scene.output, scene.view
+    return planeerrors.alarms(scene.film.time, size, sd, marks, view, sd_mm=stated.out_of_plane_mm)

@@ -21,11 +21,11 @@ from vision.errors.variance import misfit
 from vision.following.tracks import Followed
 from vision.following.turns import finger_turns, linear_maps, mean_seen, rotations
 from vision.marks import Mark, rows_of
-from vision.placing import spacemodes
+from vision.placing import spaceerrors
 from vision.placing.clocks import Track, joined, lags
 from vision.placing.placed import Placed, while_moving
+from vision.placing.triangulation import Places, Sight, places_of
 from vision.placing.views import Seen
-from vision.placing.world import Places, Sight, places_of
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,7 +46,7 @@ class _Scene:
     @property
     def value(self) -> Array:
         """(s,p,3) mm."""
-        return spacemodes.displacement(self.places, self.sight.reference)
+        return spaceerrors.displacement(self.places, self.sight.reference)
 
 
 def in_space(
@@ -56,16 +56,16 @@ def in_space(
     scene = _scene(seen, rig, marks, steps)
     output, value = [marks[p] for p in scene.sight.points], scene.value
     noise = static_noise(scene.rest.place, [mark.name for mark in output], seen[0].static)
-    rotation = rotations(linear_maps(seen[0].film, seen[0].homography(marks)))
+    rotation = rotations(linear_maps(seen[0].film, seen[0].film.homography(marks)))
     points = np.array([mark.position for mark in output])
     turns = finger_turns(value, rotation[steps][:, list(scene.sight.points)], points, output)
     blur, codec, held = _worse(scene)
-    parts = spacemodes.variances(noise, scene.rest, scene.places, scene.sight, blur, codec)
+    parts = spaceerrors.variances(noise, scene.rest, scene.places, scene.sight, blur, codec)
     state, extra = states(seen[0].film.ideal[:, list(scene.sight.points)])[steps], np.sqrt(parts["codec"])
     noise = replace(noise, codec_sd=while_moving(np.nan_to_num(extra), state != REST))
     holds, loose, left = modes.codec(extra, state, output)
     parts["codec"] = loose**2
-    start = _reference_variance(noise, spacemodes.through(scene.places, scene.sight, held), scene.sight)
+    start = _reference_variance(noise, spaceerrors.through(scene.places, scene.sight, held), scene.sight)
     frame_mm, said = modes.frame_sd(
         scene.places.misfit,
         [marks[p].name for p in scene.sight.frame],
@@ -125,10 +125,10 @@ def _modes(
         modes.scale(value, stated.scale),
         modes.placement(value, output, turns, stated.placement_mm),
         modes.node(value, nominal[list(sight.points)], output, turns, stated.node_mm),
-        spacemodes.tilt(value, nominal[list(sight.frame)], frame_mm),
-        spacemodes.reference_in_space(value, output, start),
-        spacemodes.clock_modes(scene.rig, sight, scene.tracks, scene.when, scene.lag, scene.lag_sd, value),
-        spacemodes.calibration(scene.rig, sight, value),
+        spaceerrors.tilt(value, nominal[list(sight.frame)], frame_mm),
+        spaceerrors.reference_in_space(value, output, start),
+        spaceerrors.clock_modes(scene.rig, sight, scene.tracks, scene.when, scene.lag, scene.lag_sd, value),
+        spaceerrors.calibration(scene.rig, sight, value),
     ]
 
 
@@ -150,7 +150,7 @@ def _at_rest(sight: Sight, seen: Sequence[Seen]) -> Sight:
 def _worse(scene: _Scene) -> tuple[Array, Array, Array]:
     """Variance (c,t,p) px2 that blur and codec add in each camera, and what the codec leaves at rest."""
     points, sight = list(scene.sight.points), scene.sight
-    scale = spacemodes.px_per_mm(scene.places, scene.rig)
+    scale = spaceerrors.px_per_mm(scene.places, scene.rig)
     blur, codec, held = [], [], []
     for c, s in enumerate(scene.seen):
         near, ideal = scene.tracks[c].nearest(scene.when), s.film.ideal[:, points]

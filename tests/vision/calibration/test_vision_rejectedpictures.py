@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from vision import Camera, calibrate_camera
 from vision.boards.board import BoardView
 from vision.boards.chessboard import Chessboard
-from vision.calibration.crispness import blur_px
-from vision.calibration.outlying import area, empty_corners, without_outlying
+from vision.calibration.rejectedpictures import area, empty_corners, without_outliers
 from vision.drawing import synthetic
+from vision.film.picturefaults import board_edge_sd
 
 Array = NDArray[np.float64]
 BOARD = Chessboard(columns=7, rows=5, square_mm=10.0)
@@ -30,7 +30,7 @@ def view(x: float, y: float, side: float = 60.0) -> BoardView:
 def told(errors: Sequence[float], views: Sequence[BoardView]) -> tuple[tuple[int, ...], int | None]:
     """Which views are dropped, where a view's error is as given and does not change by refitting."""
     rows = {id(v): e for v, e in zip(views, errors, strict=True)}
-    out = without_outlying(views, lambda some: np.array([rows[id(v)] for v in some]))
+    out = without_outliers(views, lambda some: np.array([rows[id(v)] for v in some]))
     assert sorted((*out.kept, *out.dropped)) == list(range(len(views)))
     return out.dropped, out.stays
 
@@ -105,9 +105,9 @@ def test_with_too_few_others_it_is_said_what_to_photograph(paths: list[Path], tm
 def test_width_of_edges(paths: list[Path]) -> None:
     picture = np.asarray(cv2.imread(str(paths[0]), cv2.IMREAD_GRAYSCALE), dtype=np.uint8)
     seen = BOARD.find(picture)
-    sharp = blur_px(picture, seen)
+    sharp = board_edge_sd(picture, seen.points, seen.pixels)
     assert sharp == pytest.approx(0.85, abs=0.4)  # drawn with 0.8 px and the pixel's own 0.29
     motion = np.full((1, 9), 1.0 / 9.0)  # a box of 9 px has an sd of 2.6 px, along one direction alone
     for kernel in (motion, motion.T):
         smeared = np.asarray(cv2.filter2D(picture, -1, kernel), dtype=np.uint8)
-        assert blur_px(smeared, seen) > 2.0 * sharp
+        assert board_edge_sd(smeared, seen.points, seen.pixels) > 2.0 * sharp

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from vision import Camera, Mark
 from vision.kinds.coded import CodedMarker
-from vision.placing.projecting import Projection
+from vision.perspective import Projection
 from vision.plane import homographies
 
 Array = NDArray[np.float64]

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from vision.calibration.sameview import view_misfit
+from vision.calibration.lens import view_misfit
 from vision.camera import Camera
 
 CAMERA = Camera(
