@@ -7,13 +7,10 @@ meshed by the lattice that follows from them, and solved at the pressure at whic
 its first response, has a strain of STRAIN. Of the first six whose mesh divided by 3 has 100 000 nodes,
 the tip's motion is compared with its limit, to which that lattice, divided by 1, 2 and 3, extrapolates; where
 the three show no order, with that of the finest.
-drift, kills: `batches_drift.py`. study: `batches_study.py`. films: `batches_films.py`. review:
-`batches_review.py`, on the demo.
+drift, kills: `drift.py`. study: `../study.py`. films: `films.py`. review: `review.py`, on the demo.
 --quick: a few of each. Without it the geometries alone take about half an hour of one core.
 """
 
-import argparse
-import json
 import os
 import sys
 from collections.abc import Callable, Iterator
@@ -22,10 +19,10 @@ from itertools import islice
 from typing import Any
 
 sys.path.insert(0, os.path.abspath(f"{__file__}/../../.."))
-import benchmarks  # noqa: F401
 from benchmarks.batches.drift import drift, kills
 from benchmarks.batches.films import films
 from benchmarks.batches.review import review
+from benchmarks.commandline import parts
 from benchmarks.kernel.convergence import REFINEMENTS, SILICONE, extrapolate
 from benchmarks.study import study_figures
 
@@ -195,21 +192,5 @@ PARTS: dict[str, Callable[[bool], dict[str, Any]]] = {
 }
 
 
-def main() -> int:
-    """Print what the parts found; as one JSON line with --json."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--quick", action="store_true", help="a few of each")
-    parser.add_argument("--only", nargs="+", choices=list(PARTS), default=list(PARTS), help="these alone")
-    parser.add_argument("--json", action="store_true", help="one JSON line")
-    options = parser.parse_args()
-    found: dict[str, Any] = {}
-    for name in options.only:
-        found |= PARTS[name](options.quick)
-    print(json.dumps(found) if options.json else "\n".join(f"{key}: {value}" for key, value in found.items()))
-    return 0
-
-
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(parts(__doc__, PARTS, quick="a few of each"))

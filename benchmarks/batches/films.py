@@ -10,7 +10,6 @@ measures them. `twin calibrate` and `twin diagnose` follow. heldout_ratio: the e
 before, over that with the named effect.
 """
 
-import argparse
 import json
 import os
 import sys
@@ -20,7 +19,7 @@ from pathlib import Path
 from typing import Any
 
 sys.path.insert(0, os.path.abspath(f"{__file__}/../../.."))
-import benchmarks  # noqa: F401
+from benchmarks.commandline import options
 from benchmarks.diagnosis.snapshots import SHORT
 from benchmarks.films import filmtrials
 from benchmarks.films import make_demo as studio
@@ -182,9 +181,7 @@ def films(quick: bool) -> dict[str, Any]:
 
 def main() -> None:
     """Print the figures as one JSON line."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--quick", action="store_true", help="targets in place of films")
-    print(json.dumps(heldout_ratio(quick=parser.parse_args().quick)))
+    print(json.dumps(heldout_ratio(quick=options(__doc__, quick="targets in place of films").quick)))
 
 
 if __name__ == "__main__":

@@ -7,7 +7,6 @@ where there is none, which takes about ten minutes. Two distances: from each mar
 model, and from the edge of the finger's body there to that of the model's side face.
 """
 
-import argparse
 import json
 import os
 import sys
@@ -18,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 sys.path.insert(0, os.path.abspath(f"{__file__}/../../.."))
-import benchmarks  # noqa: F401
+from benchmarks.commandline import options
 
 import numpy as np
 from scipy.ndimage import map_coordinates
@@ -125,9 +124,8 @@ def edge_off(picture: Array, edge: Array) -> Array:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("demo", type=Path, nargs="?", default=DEMO)
-    for name, number in overlay_px(parser.parse_args().demo).items():
+    demo = options(__doc__, {"demo": {"type": Path, "nargs": "?", "default": DEMO}}).demo
+    for name, number in overlay_px(demo).items():
         print(f"{name}: {number:.3g}")
 
 

@@ -9,7 +9,6 @@ one size; of creep and Mullins softening what the history adds. Every array is s
 minutes of one core.
 """
 
-import argparse
 import os
 import sys
 import tempfile
@@ -22,6 +21,7 @@ from pathlib import Path
 
 sys.path.insert(0, os.path.abspath(f"{__file__}/../../.."))
 from benchmarks import ROOT
+from benchmarks.commandline import options
 from benchmarks.diagnosis.snapshots import COURSE, POINTS, SHORT
 
 import numpy as np
@@ -227,13 +227,13 @@ def tabulated() -> list[Effect]:
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--folder", type=Path, default=Path(tempfile.gettempdir()) / "softtwin-bank")
-    parser.add_argument("--pack", action="store_true", help="write what is made into one file")
-    options = parser.parse_args()
-    options.folder.mkdir(parents=True, exist_ok=True)
+    typed = options(__doc__, {
+        "--folder": (Path(tempfile.gettempdir()) / "softtwin-bank", "where solves are kept"),
+        "--pack": "write what is made into one file",
+    })  # fmt: skip
+    typed.folder.mkdir(parents=True, exist_ok=True)
     for name, make in tasks(tabulated()).items():
-        path = options.folder / f"{name}.npy"
+        path = typed.folder / f"{name}.npy"
         if path.exists():
             continue
         began = time.process_time()
@@ -246,9 +246,9 @@ def main() -> int:
         np.save(scratch, array.astype(np.float32))
         scratch.replace(path)
         print(f"{name}: {time.process_time() - began:.1f} s of CPU", flush=True)
-    if options.pack:
+    if typed.pack:
         FILE.parent.mkdir(exist_ok=True)
-        arrays = {p.stem: np.load(p) for p in sorted(options.folder.glob("*.npy"))}
+        arrays = {p.stem: np.load(p) for p in sorted(typed.folder.glob("*.npy"))}
         np.savez_compressed(FILE, allow_pickle=False, **arrays)
         print(f"{FILE}: {len(arrays)} arrays, {FILE.stat().st_size / 1e6:.1f} MB")
     return 0

@@ -8,7 +8,6 @@ the places for markers, by both engines in C3D20R, and the rms of the difference
 About ten minutes of one core. The table is written to `benchmarks/results/ccxtruths.json`.
 """
 
-import argparse
 import json
 import os
 import sys
@@ -18,6 +17,7 @@ from typing import Any
 
 sys.path.insert(0, os.path.abspath(f"{__file__}/../../.."))
 from benchmarks import ROOT
+from benchmarks.commandline import options
 from benchmarks.diagnosis.snapshots import COURSE, POINTS, SHORT
 from benchmarks.diagnosis.truthbook import SD_MM
 
@@ -85,33 +85,30 @@ def row(kind: Kind, size: float, bare: dict[str, Array], test: Test) -> dict[str
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--json", action="store_true")
-    parser.add_argument("--only", nargs="*", default=[])
-    options = parser.parse_args()
+    typed = options(__doc__, {"--only": {"nargs": "*", "default": []}}, json="one JSON line")
     case = truth_case(SHORT, MESH, element=ELEMENT)
     points = case.nodes[nearest(case, POINTS)]
     test = truth_test(case, COURSE, points)
     bare = {"ours": here(case, points), "theirs": there(case, points)}
     rows, lost = [], {}
-    for kind, size in wanted(options.only):
+    for kind, size in wanted(typed.only):
         try:
             rows.append(row(kind, size, bare, test))
         except (RuntimeError, ValueError) as error:
             lost[f"{kind.name} {size:g}"] = str(error)
             print(f"{kind.name} {size:g}: {error}", file=sys.stderr, flush=True)
             continue
-        if not options.json:
+        if not typed.json:
             r = rows[-1]
             differs = f"differs by {1e3 * r['rms_gap_mm']:6.2f} um, {r['gap_in_sd']:.2f} sd"
             print(f"{r['kind']:24s} {size:10.3g} {r['change_mm']:8.3f} mm  {differs}", flush=True)
     worst = max((r["gap_in_sd"] for r in rows), default=None)
     gap = float(np.abs(bare["ours"] - bare["theirs"]).max())
     table = {"n": len(rows), "bare_gap_mm": gap, "largest_gap_in_sd": worst, "rows": rows, "not_solved": lost}
-    if not options.only:
+    if not typed.only:
         RESULTS.parent.mkdir(exist_ok=True)
         RESULTS.write_text(json.dumps(table, indent=1) + "\n", encoding="utf-8")
-    print(json.dumps(table) if options.json else f"{len(rows)} changes, the largest gap is {worst:.2f} sd")
+    print(json.dumps(table) if typed.json else f"{len(rows)} changes, the largest gap is {worst:.2f} sd")
     return 0
 
 

@@ -9,7 +9,6 @@ results lie in DIR beside those of `identify.py`, which takes them into its tabl
 core for each.
 """
 
-import argparse
 import json
 import os
 import sys
@@ -20,7 +19,7 @@ from pathlib import Path
 from typing import Any
 
 sys.path.insert(0, os.path.abspath(f"{__file__}/../../.."))
-import benchmarks  # noqa: F401
+from benchmarks.commandline import options
 from benchmarks.diagnosis.bank import fitted_case
 from benchmarks.diagnosis.identify import OTHER, SAME, UNKNOWN, seen_in
 from benchmarks.diagnosis.snapshots import POINTS, SHORT
@@ -106,15 +105,15 @@ def trial(spec: Spec, folder: Path) -> dict[str, Any]:
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--folder", type=Path, required=True)
-    parser.add_argument("--count", type=int, default=20)
-    options = parser.parse_args()
-    file = options.folder / "full_fe.jsonl"
+    typed = options(__doc__, {
+        "--folder": {"type": Path, "required": True},
+        "--count": (20, "trials"),
+    })  # fmt: skip
+    file = typed.folder / "full_fe.jsonl"
     file.parent.mkdir(parents=True, exist_ok=True)
     have = len(file.read_text(encoding="utf-8").splitlines()) if file.exists() else 0
-    for number, spec in enumerate(specs(options.count)[have:], start=have):
-        row = trial(spec, options.folder / f"full-{number:02d}")
+    for number, spec in enumerate(specs(typed.count)[have:], start=have):
+        row = trial(spec, typed.folder / f"full-{number:02d}")
         with file.open("a", encoding="utf-8") as out:
             out.write(json.dumps(row) + "\n")
         print(f"{spec.key:50s} {row['full_seconds']:5.0f} s  {row['verdict']} | {row['reduced']}", flush=True)

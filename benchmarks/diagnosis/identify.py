@@ -10,7 +10,6 @@ come (--folder), so that the command goes on where it was stopped; --share 1/2 a
 table is written to `benchmarks/results/identify.json`. --quick: a tenth of the trials, not written.
 """
 
-import argparse
 import json
 import os
 import platform
@@ -24,6 +23,7 @@ from typing import Any
 
 sys.path.insert(0, os.path.abspath(f"{__file__}/../../.."))
 from benchmarks import ROOT
+from benchmarks.commandline import options
 from benchmarks.diagnosis.tally import CLEAR, summary
 from benchmarks.diagnosis.trialbench import Scene, Spec, cosine, largest, run
 
@@ -104,41 +104,39 @@ def done(file: Path) -> list[dict[str, Any]]:
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--quick", action="store_true", help="a tenth of the trials; nothing is written")
-    parser.add_argument("--json", action="store_true", help="print the table as JSON")
-    parser.add_argument("--folder", type=Path, help="where results are kept, by default a temporary folder")
-    parser.add_argument("--only", nargs="*", default=(), help="groups, such as 'P5 same'")
-    parser.add_argument("--share", default="1/1", help="which part of the trials to run: 1/2, 2/2")
-    parser.add_argument("--table", action="store_true", help="run nothing; make the table of what is there")
-    options = parser.parse_args()
-    folder = options.folder or Path(tempfile.gettempdir()) / "softtwin-identify"
+    typed = options(__doc__, {
+        "--folder": (Path(tempfile.gettempdir()) / "softtwin-identify", "where results are kept"),
+        "--only": {"nargs": "*", "default": (), "help": "groups, such as 'P5 same'"},
+        "--share": ("1/1", "which part of the trials to run: 1/2, 2/2"),
+        "--table": "run nothing; make the table of what is there",
+    }, quick="a tenth of the trials; nothing is written", json="print the table as JSON")  # fmt: skip
+    folder: Path = typed.folder
     folder.mkdir(parents=True, exist_ok=True)
-    part, parts = map(int, options.share.split("/"))
-    wanted = [s for s in specs() if not options.only or s.group in options.only]
-    wanted = wanted[:: 10 if options.quick else 1]
+    part, parts = map(int, typed.share.split("/"))
+    wanted = [s for s in specs() if not typed.only or s.group in typed.only]
+    wanted = wanted[:: 10 if typed.quick else 1]
     rows = [row for file in sorted(folder.glob("*.jsonl")) for row in done(file)]
     have = {row["key"] for row in rows}
-    todo = [] if options.table else [s for s in wanted[part - 1 :: parts] if s.key not in have]
+    todo = [] if typed.table else [s for s in wanted[part - 1 :: parts] if s.key not in have]
     began = time.perf_counter()
-    name = f"{part}of{parts}-{'-'.join(options.only) or 'all'}.jsonl".replace(" ", "_")
+    name = f"{part}of{parts}-{'-'.join(typed.only) or 'all'}.jsonl".replace(" ", "_")
     with (folder / name).open("a", encoding="utf-8") as out:
         for k, spec in enumerate(todo):
             row = run(spec)
             rows.append(row)
             out.write(json.dumps(row) + "\n")
             out.flush()
-            if not options.json:
+            if not typed.json:
                 print(f"{k + 1:5d} {spec.key:58s} {row['seconds']:5.1f} s  {row['verdict']}", flush=True)
     keys = {s.key for s in wanted}
     table = summary([row for row in rows if row["key"] in keys or row["group"] in ("film", "full_fe")])
     table["planned"] = len(wanted)
     table["versions"] = {"python": platform.python_version(), "numpy": np.__version__}
     table["seconds"]["of_this_run"] = time.perf_counter() - began
-    if not options.quick and not options.only:
+    if not typed.quick and not typed.only:
         RESULTS.parent.mkdir(exist_ok=True)
         RESULTS.write_text(json.dumps(table, indent=1) + "\n", encoding="utf-8")
-    print(json.dumps(table, indent=None if options.json else 1))
+    print(json.dumps(table, indent=None if typed.json else 1))
     return 0
 
 

@@ -11,7 +11,6 @@ effect that is hidden, on the default lattice, and is corrected for its mesh. Dr
 whole finger takes forty. What was solved is kept in the system's temporary folder.
 """
 
-import argparse
 import json
 import os
 import sys
@@ -20,7 +19,7 @@ from dataclasses import asdict, dataclass
 from functools import partial
 
 sys.path.insert(0, os.path.abspath(f"{__file__}/../../.."))
-import benchmarks  # noqa: F401
+from benchmarks.commandline import options
 from benchmarks.diagnosis.modes import markers
 from benchmarks.diagnosis.trials import kept
 from benchmarks.kernel.convergence import SHORT
@@ -261,28 +260,24 @@ def line(r: Row) -> str:
 
 def main() -> int:
     """Print the table; the exit code is 1 where the coverage over all parameters is not within WANTED."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--quick", action="store_true", help="a finger of three bellows")
-    parser.add_argument("--draws", type=int, default=25, help="of each truth (25)")
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--agree", action="store_true", help="a full fit of one more draw of each truth")
-    parser.add_argument("--hidden", nargs="*", choices=tuple(EFFECTS), help="these effects alone")
-    parser.add_argument("--json", action="store_true", help="the same as one JSON object")
-    options = parser.parse_args()
-    laboratory = Laboratory.of(SHORT if options.quick else Finger())
+    typed = options(__doc__, {
+        "--draws": (25, "of each truth (25)"),
+        "--seed": (1, "of the draws"),
+        "--agree": "a full fit of one more draw of each truth",
+        "--hidden": {"nargs": "*", "choices": tuple(EFFECTS), "help": "these effects alone"},
+    }, quick="a finger of three bellows", json="one JSON line")  # fmt: skip
+    laboratory = Laboratory.of(SHORT if typed.quick else Finger())
     rows: list[Row] = []
     agree = 0.0
-    for hidden in EFFECTS if options.hidden is None else options.hidden:
+    for hidden in EFFECTS if typed.hidden is None else typed.hidden:
         for mesh in MESHES:
-            seeds = range(options.seed, options.seed + options.draws)
-            some, off = pulls(laboratory, laboratory.truth(mesh, hidden), seeds, agree=options.agree)
+            seeds = range(typed.seed, typed.seed + typed.draws)
+            some, off = pulls(laboratory, laboratory.truth(mesh, hidden), seeds, agree=typed.agree)
             rows, agree = [*rows, *some], max(agree, off)
             for r in some:
                 print(line(r), file=sys.stderr, flush=True)
     found = totals(rows)
-    if options.json:
+    if typed.json:
         print(
             json.dumps(
                 {"totals": [asdict(t) for t in found], "rows": [asdict(r) for r in rows], "agree": agree}

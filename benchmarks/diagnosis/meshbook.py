@@ -5,7 +5,6 @@
 Solves the finer meshes: about two minutes of one core.
 """
 
-import argparse
 import os
 import sys
 import tempfile
@@ -17,6 +16,7 @@ from typing import Any
 
 sys.path.insert(0, os.path.abspath(f"{__file__}/../../.."))
 from benchmarks import ROOT
+from benchmarks.commandline import options
 from benchmarks.diagnosis.bank import MAIN, case_test, fitted_case
 from benchmarks.diagnosis.snapshots import SHORT
 
@@ -84,9 +84,12 @@ def discretisation(rows: tuple[int, ...], heavy: bool) -> Discretisation:
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--folder", type=Path, default=Path(tempfile.gettempdir()) / "softtwin-meshes")
-    solve_all(parser.parse_args().folder)
+    solve_all(options(
+        __doc__,
+        {
+            "--folder": (Path(tempfile.gettempdir()) / "softtwin-meshes", "where solves are kept"),
+        },
+    ).folder)
     return 0
 
 

@@ -9,14 +9,13 @@ what it then misses is the mesh's error alone. --quick takes a finger of three b
 (about five minutes), else the whole finger and 12.
 """
 
-import argparse
 import json
 import os
 import sys
 from dataclasses import asdict, dataclass, replace
 
 sys.path.insert(0, os.path.abspath(f"{__file__}/../../.."))
-import benchmarks  # noqa: F401
+from benchmarks.commandline import options
 from benchmarks.diagnosis.trials import NOMINAL
 from benchmarks.kernel.convergence import SHORT
 
@@ -147,20 +146,16 @@ def summary(rows: list[Row]) -> dict[str, float]:
 
 def main() -> int:
     """Print the table; the exit code is 1 where a pull of a mode is larger than LARGE_PULL."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--quick", action="store_true", help="a finger of three bellows, 8 draws")
-    parser.add_argument("--json", action="store_true", help="the same as one JSON object")
-    parser.add_argument("--draws", type=int, help="how many (12)")
-    parser.add_argument("--seed", type=int, default=1)
-    options = parser.parse_args()
-    count = options.draws or (8 if options.quick else 12)
+    typed = options(__doc__, {
+        "--draws": (int, "how many (12)"),
+        "--seed": (1, "of the draws"),
+    }, quick="a finger of three bellows, 8 draws", json="the same as one JSON object")  # fmt: skip
+    count = typed.draws or (8 if typed.quick else 12)
     rows: list[Row] = []
     print(HEAD, file=sys.stderr)
-    for factors in np.random.default_rng(options.seed).uniform(*SPREAD, (count, 3)):
+    for factors in np.random.default_rng(typed.seed).uniform(*SPREAD, (count, 3)):
         try:
-            rows.append(measured(SHORT if options.quick else Finger(), factors))
+            rows.append(measured(SHORT if typed.quick else Finger(), factors))
         except (ValueError, RuntimeError) as error:  # a mesh has no equilibrium
             print(f"{factors.round(2)} {error}", file=sys.stderr, flush=True)
         else:
@@ -168,7 +163,7 @@ def main() -> int:
     if not rows:
         return 1
     found = {"tried": count} | summary(rows)
-    if options.json:
+    if typed.json:
         print(json.dumps(found | {"rows": [asdict(r) for r in rows]}))
     else:
         print("\n".join(f"{name:20s} {value:.3g}" for name, value in found.items()))

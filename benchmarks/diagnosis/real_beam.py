@@ -15,7 +15,6 @@ and their mean lies on its middle. How far the held tip differs between the thre
 the first; the noise of the base markers that of the clamp's motion.
 """
 
-import argparse
 import json
 import os
 import sys
@@ -24,7 +23,7 @@ from pathlib import Path as File
 from typing import Any
 
 sys.path.insert(0, os.path.abspath(f"{__file__}/../../.."))
-import benchmarks  # noqa: F401
+from benchmarks.commandline import options
 
 import numpy as np
 from numpy.typing import NDArray
@@ -217,16 +216,12 @@ def told(fit: Fit) -> dict[str, Any]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--json", action="store_true", help="one JSON line")
-    asked = parser.parse_args()
+    typed = options(__doc__, json="one JSON line")
     folder = File(os.environ.get("SOFTTWIN_DATA", "../shared/data")) / "real_beam"
     if not folder.is_dir():
         raise SystemExit(f"{folder} is not there; set SOFTTWIN_DATA to the folder of the shared data")
     found = study(folder)
-    if asked.json:
+    if typed.json:
         print(json.dumps(found))
         return
     shown(found)

@@ -12,7 +12,6 @@ at a bound. More terms of a named physics are kept only where they leave an adeq
 stiffening is named for the silicone, and predicts each held-out load mode better than Mooney-Rivlin does.
 """
 
-import argparse
 import json
 import os
 import sys
@@ -22,7 +21,7 @@ from pathlib import Path
 from typing import Any
 
 sys.path.insert(0, os.path.abspath(f"{__file__}/../../.."))
-import benchmarks  # noqa: F401
+from benchmarks.commandline import options
 
 import numpy as np
 from numpy.typing import NDArray
@@ -242,16 +241,14 @@ def better(row: Row) -> bool:
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--json", type=Path, default=None, metavar="FILE")
-    options = parser.parse_args()
+    typed = options(__doc__, {"--json": (Path, "file for the figures")})
     folder = Path(os.environ.get("SOFTTWIN_DATA", "../shared/data"))
     if not (folder / "hyperelastic" / "data.h5").exists():
         print(f"{folder} holds no hyperelastic/data.h5: name the folder with SOFTTWIN_DATA")
         return 2
     found = everything(folder)
-    if options.json:
-        options.json.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
+    if typed.json:
+        typed.json.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
     return 0 if all(better(row) for row in found["Meunier_2008"]) else 1
 
 

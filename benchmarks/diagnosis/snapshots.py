@@ -7,7 +7,6 @@ saved as it ends (a file in --folder, by default the system's temporary folder),
 where it was stopped; --pack writes them into one file. About 15 minutes of one core.
 """
 
-import argparse
 import os
 import sys
 import tempfile
@@ -18,6 +17,7 @@ from pathlib import Path
 
 sys.path.insert(0, os.path.abspath(f"{__file__}/../../.."))
 from benchmarks import ROOT
+from benchmarks.commandline import options
 
 import numpy as np
 
@@ -67,19 +67,19 @@ def tasks() -> dict[str, Callable[[], np.ndarray]]:
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--only", nargs="*", default=(), help="kinds to solve, instead of all")
-    parser.add_argument("--part", choices=("static", "history"), help="these kinds alone")
-    parser.add_argument("--folder", type=Path, default=Path(tempfile.gettempdir()) / "softtwin-truths")
-    parser.add_argument("--pack", action="store_true", help="write what is solved into one file")
-    options = parser.parse_args()
-    options.folder.mkdir(parents=True, exist_ok=True)
+    typed = options(__doc__, {
+        "--only": {"nargs": "*", "default": (), "help": "kinds to solve, instead of all"},
+        "--part": {"choices": ("static", "history"), "help": "these kinds alone"},
+        "--folder": (Path(tempfile.gettempdir()) / "softtwin-truths", "where solves are kept"),
+        "--pack": "write what is solved into one file",
+    })  # fmt: skip
+    typed.folder.mkdir(parents=True, exist_ok=True)
     for name, make in tasks().items():
-        path = options.folder / f"{name}.npy"
+        path = typed.folder / f"{name}.npy"
         kind = KINDS.get(name.partition("@")[0])
-        if path.exists() or (options.only and name.partition("@")[0] not in options.only):
+        if path.exists() or (typed.only and name.partition("@")[0] not in typed.only):
             continue
-        if options.part and (kind.part if kind else "static") != options.part:
+        if typed.part and (kind.part if kind else "static") != typed.part:
             continue
         began = time.process_time()
         try:
@@ -91,9 +91,9 @@ def main() -> int:
         np.save(scratch, array)
         scratch.replace(path)
         print(f"{name}: {time.process_time() - began:.1f} s of CPU", flush=True)
-    if options.pack:
+    if typed.pack:
         DATA.parent.mkdir(exist_ok=True)
-        arrays = {p.stem: np.load(p).astype(np.float32) for p in sorted(options.folder.glob("*.npy"))}
+        arrays = {p.stem: np.load(p).astype(np.float32) for p in sorted(typed.folder.glob("*.npy"))}
         np.savez_compressed(DATA, allow_pickle=False, **arrays)
         print(f"{DATA}: {len(arrays)} solves, {DATA.stat().st_size / 1e6:.1f} MB")
     return 0

@@ -8,7 +8,6 @@ the creep, and begins from the solved state to first order. --quick takes a fing
 minute of the processor).
 """
 
-import argparse
 import json
 import os
 import resource
@@ -20,7 +19,7 @@ from functools import partial
 from typing import Any
 
 sys.path.insert(0, os.path.abspath(f"{__file__}/../../.."))
-import benchmarks  # noqa: F401
+from benchmarks.commandline import options
 
 import numpy as np
 
@@ -161,19 +160,14 @@ def measured(case: Case) -> dict[str, dict[str, float]]:
 
 def main() -> None:
     """Print the table."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--quick", action="store_true", help="a finger of three bellows")
-    parser.add_argument("--json", action="store_true", help="one JSON line instead of the table")
-    options = parser.parse_args()
-    case = finger_case(SILICONE, finger=SHORT) if options.quick else finger_case(SILICONE)
+    typed = options(__doc__, quick="a finger of three bellows", json="one JSON line")
+    case = finger_case(SILICONE, finger=SHORT) if typed.quick else finger_case(SILICONE)
     solve_all_loops()
     rows = measured(case)
     for found in rows.values():
         found["ratio"] = found["seconds"] / rows["cold base"]["seconds"]
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6
-    if options.json:
+    if typed.json:
         print(json.dumps({"nodes": len(case.nodes), "peak_GB": peak, "rows": rows}))
         return
     print("| solve | columns | factorisations | s | over a cold base |\n|---|---|---|---|---|")

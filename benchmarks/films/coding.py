@@ -13,7 +13,6 @@ what is stated for these counts.
 wall time, decoding and all; `decoding_ratio` is its time over that of decoding the same frames alone.
 """
 
-import argparse
 import json
 import os
 import re
@@ -26,7 +25,7 @@ from pathlib import Path
 from typing import Any
 
 sys.path.insert(0, os.path.abspath(f"{__file__}/../../.."))
-import benchmarks  # noqa: F401
+from benchmarks.commandline import options
 
 import av
 import cv2
@@ -283,17 +282,14 @@ def figures(
 
 def main() -> int:
     """Print the figures."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--quick", action="store_true", help="four ways of coding, one film each")
-    parser.add_argument("--films", type=int, help="films of each way of coding (4)")
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--folder", type=Path, help="where drawn films are kept")
-    options = parser.parse_args()
-    found = figures(options.quick, films=options.films, seed=options.seed, folder=options.folder)
+    typed = options(__doc__, {
+        "--films": (int, "films of each way of coding (4)"),
+        "--seed": (1, "of the films"),
+        "--folder": (Path, "where drawn films are kept"),
+    }, quick="four ways of coding, one film each")  # fmt: skip
+    found = figures(typed.quick, films=typed.films, seed=typed.seed, folder=typed.folder)
     print(json.dumps(found))
-    low, high = (0.6, 1.6) if options.quick else WANTED  # one film: holds are a handful of values
+    low, high = (0.6, 1.6) if typed.quick else WANTED  # one film: holds are a handful of values
     every = [value for name, told in found.items() if name.startswith("pull_") for value in told.values()]
     return 0 if all(low <= value <= high for value in every) else 1
 

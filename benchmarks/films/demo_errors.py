@@ -12,7 +12,6 @@ markers need none: they do not move.
 without loss, so that what the codec does can be told from the rest of the chain.
 """
 
-import argparse
 import os
 import shutil
 import sys
@@ -21,7 +20,7 @@ from typing import Any
 from unittest.mock import patch
 
 sys.path.insert(0, os.path.abspath(f"{__file__}/../../.."))
-import benchmarks  # noqa: F401
+from benchmarks.commandline import options
 from benchmarks.films import make_demo
 
 import numpy as np
@@ -57,17 +56,15 @@ def draw(folder: Path, seed: int, *, lossless: bool) -> None:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("project", type=Path, nargs="?", default=Path("softtwin-demo"))
-    parser.add_argument("--draw", type=int, metavar="SEED", help="make a copy of the demo with other noise")
-    parser.add_argument("--lossless", action="store_true", help="with --draw: films without loss")
-    options = parser.parse_args()
-    if options.draw is not None:
-        draw(options.project, options.draw, lossless=options.lossless)
+    typed = options(__doc__, {
+        "project": {"type": Path, "nargs": "?", "default": Path("softtwin-demo")},
+        "--draw": (int, "seed: make a copy of the demo with other noise"),
+        "--lossless": "with --draw: films without loss",
+    })  # fmt: skip
+    if typed.draw is not None:
+        draw(typed.project, typed.draw, lossless=typed.lossless)
         return
-    t = read_targets(options.project / "targets")
+    t = read_targets(typed.project / "targets")
     fixed_markers(t)
     finger_markers(t)
 

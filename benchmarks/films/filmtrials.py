@@ -7,7 +7,6 @@ one in P3. The rows of results lie in DIR beside those of `identify.py`, which t
 About two minutes of one core for each.
 """
 
-import argparse
 import json
 import os
 import sys
@@ -17,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 sys.path.insert(0, os.path.abspath(f"{__file__}/../../.."))
-import benchmarks  # noqa: F401
+from benchmarks.commandline import options
 from benchmarks.diagnosis.snapshots import POINTS
 from benchmarks.diagnosis.trialbench import (
     EDGE,
@@ -192,14 +191,14 @@ def trial(folder: Path, number: int) -> dict[str, Any]:
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--folder", type=Path, required=True)
-    parser.add_argument("--count", type=int, default=10)
-    options = parser.parse_args()
-    file = options.folder / "film.jsonl"
+    typed = options(__doc__, {
+        "--folder": {"type": Path, "required": True},
+        "--count": (10, "films"),
+    })  # fmt: skip
+    file = typed.folder / "film.jsonl"
     have = len(file.read_text(encoding="utf-8").splitlines()) if file.exists() else 0
-    for number in range(have, options.count):
-        row = trial(options.folder / f"film-{number:02d}", number)
+    for number in range(have, typed.count):
+        row = trial(typed.folder / f"film-{number:02d}", number)
         with file.open("a", encoding="utf-8") as out:
             out.write(json.dumps(row) + "\n")
         print(f"{row['kinds'][0]:24s} {row['seconds']:6.0f} s  {row['verdict']}", flush=True)

@@ -10,7 +10,6 @@ for an error of three times the noise, or where the law that is kept leaves more
 median.
 """
 
-import argparse
 import os
 import sys
 from dataclasses import dataclass
@@ -18,6 +17,7 @@ from pathlib import Path
 
 sys.path.insert(0, os.path.abspath(f"{__file__}/../../.."))
 from benchmarks import ROOT
+from benchmarks.commandline import options
 from benchmarks.diagnosis.trials import NAMES, Laboratory, marked_points, nodes_of, report, solved
 
 import cv2
@@ -300,20 +300,20 @@ def left(said: Diagnosis) -> float:
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--to", type=Path, default=ROOT / "datasets" / "demo", metavar="FOLDER")
-    parser.add_argument("--seeds", type=int, default=0, metavar="N", help="diagnose N draws, write nothing")
-    options = parser.parse_args()
-    if options.seeds:
+    typed = options(__doc__, {
+        "--to": (ROOT / "datasets" / "demo", "folder"),
+        "--seeds": (0, "diagnose so many draws, write nothing"),
+    })  # fmt: skip
+    if typed.seeds:
         moved = motion()
         laboratory = Laboratory(moved.u, moved.slope, BENCH)
-        good, found = report("demo", laboratory, options.seeds, right=creep_alone)
+        good, found = report("demo", laboratory, typed.seeds, right=creep_alone)
         ratio = np.sort([left(said) for said in found])
         print(f"demo: error after / noise: median {np.median(ratio):.3f}, highest {ratio[-1]:.3f}, "
               f"{(ratio <= 1.1).sum()} of {len(ratio)} at most 1.1")  # fmt: skip
         good = good and bool(np.median(ratio) <= 1.1)
     else:
-        good = make(options.to)
+        good = make(typed.to)
     return 0 if good else 1
 
 

@@ -8,7 +8,6 @@ to the limit than their size says until they are divided, so that they show no o
 From values at h, h/2 and h/3 the order p and the limit v solve v(h) = v + c h^p exactly; neither is assumed.
 """
 
-import argparse
 import json
 import os
 import sys
@@ -16,7 +15,7 @@ import time
 from dataclasses import asdict, dataclass, replace
 
 sys.path.insert(0, os.path.abspath(f"{__file__}/../../.."))
-import benchmarks  # noqa: F401
+from benchmarks.commandline import options
 
 import numpy as np
 from scipy.optimize import brentq
@@ -72,16 +71,11 @@ def extrapolate(value: tuple[float, ...]) -> tuple[float, float]:
 
 def main() -> int:
     """Print the table; the exit code is 1 where a mesh did not converge."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--quick", action="store_true", help="a short finger, coarser meshes: under a minute")
-    parser.add_argument("--block", action="store_true", help="four cells a bellow, walls by straight lines")
-    parser.add_argument("--json", action="store_true", help="the same as one JSON object")
-    options = parser.parse_args()
-    finger = SHORT if options.quick else Finger()
-    cells = 4 if options.quick or options.block else Lattice().per_bellow
-    lattice = Lattice(per_bellow=cells, centred=False, ring=not options.block)
+    typed = options(__doc__, {"--block": "four cells a bellow, walls by straight lines"},
+                    quick="a short finger, coarser meshes: under a minute", json="one JSON line")  # fmt: skip
+    finger = SHORT if typed.quick else Finger()
+    cells = 4 if typed.quick or typed.block else Lattice().per_bellow
+    lattice = Lattice(per_bellow=cells, centred=False, ring=not typed.block)
     rows = []
     for refine in REFINEMENTS:
         rows.append(run(finger, replace(lattice, refine=refine)))
@@ -89,7 +83,7 @@ def main() -> int:
             f"refine {refine}: {rows[-1].nodes} nodes, {rows[-1].seconds:.0f} s", file=sys.stderr, flush=True
         )
     limits = {name: extrapolate(tuple(getattr(r, name) for r in rows)) for name in NAMES}
-    if options.json:
+    if typed.json:
         found = {name: {"order": p, "limit_mm": v} for name, (p, v) in limits.items()}
         print(json.dumps({"meshes": [asdict(r) for r in rows], **found}))
     else:

@@ -10,11 +10,9 @@ of the processor; what this kernel does once for a mesh is done before. --quick:
 table too, three minutes of the processor. An engine that is not installed is left out.
 """
 
-import argparse
 import importlib
 import json
 import os
-import resource
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -23,7 +21,7 @@ from types import ModuleType
 from typing import Any
 
 sys.path.insert(0, os.path.abspath(f"{__file__}/../../.."))
-import benchmarks  # noqa: F401
+from benchmarks.commandline import options, processor
 from benchmarks.kernel.convergence import PRESSURE, SHORT, SILICONE
 
 import numpy as np
@@ -56,12 +54,6 @@ class Row:
     tip: float
     iterations: int | None
     seconds: float
-
-
-def processor() -> float:
-    """Seconds of the processor, of this process and of those it ran."""
-    used = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
-    return sum(u.ru_utime + u.ru_stime for u in used)
 
 
 def timed(work: Callable[[], Any]) -> tuple[Any, float]:
@@ -161,15 +153,10 @@ def print_tables(rows: list[Row], finer: dict[str, list[Row]]) -> None:
 
 def main() -> int:
     """Print the tables."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--quick", action="store_true", help="the short finger in both tables")
-    parser.add_argument("--json", action="store_true", help="one JSON line instead of the tables")
-    options = parser.parse_args()
-    rows = on_one_mesh(SHORT if options.quick else Finger())
+    typed = options(__doc__, quick="the short finger in both tables", json="one JSON line")
+    rows = on_one_mesh(SHORT if typed.quick else Finger())
     finer = on_finer_meshes()
-    if options.json:
+    if typed.json:
         found = {name: [asdict(r) for r in own] for name, own in finer.items()}
         print(json.dumps({"rows": [asdict(r) for r in rows], "finer": found}))
     else:

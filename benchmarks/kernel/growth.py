@@ -6,7 +6,6 @@ The default finger on finer lattices, as a half and whole, at 0.03 MPa; each sol
 so that its peak memory (the imports' included) is its own. Up to 105,000 nodes; --quick stops at 40,000.
 """
 
-import argparse
 import json
 import os
 import resource
@@ -14,6 +13,9 @@ import subprocess
 import sys
 import time
 from dataclasses import asdict, dataclass
+
+sys.path.insert(0, os.path.abspath(f"{__file__}/../../.."))
+from benchmarks.commandline import options
 
 THREADS = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS")
 # cells a bellow, every cell divided so many times, and whether the finger is whole
@@ -38,7 +40,6 @@ class Row:
 
 def solved(per_bellow: int, refine: int, whole: bool, threads: int) -> Row:
     """The row of one mesh, solved in this process; what is done once for a mesh is done before."""
-    sys.path.insert(0, os.path.abspath(f"{__file__}/../../.."))
     from benchmarks.kernel.convergence import PRESSURE, SILICONE
 
     import numpy as np
@@ -66,23 +67,18 @@ def alone(mesh: tuple[int, int, bool], threads: int) -> Row:
 
 def main() -> int:
     """Print the table."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--quick", action="store_true", help="stop at 40,000 nodes")
-    parser.add_argument("--json", action="store_true", help="one JSON line instead of the table")
-    parser.add_argument("--one", help=argparse.SUPPRESS)
-    options = parser.parse_args()
-    if options.one:
-        print(json.dumps(asdict(solved(*json.loads(options.one)))))
+    typed = options(__doc__, {"--one": {"help": "one mesh, in this process"}},
+                    quick="stop at 40,000 nodes", json="one JSON line")  # fmt: skip
+    if typed.one:
+        print(json.dumps(asdict(solved(*json.loads(typed.one)))))
         return 0
     rows: list[Row] = []
     for mesh in MESHES:
         one = alone(mesh, 1)
         rows += [one, alone(mesh, 2)]
-        if options.quick and one.nodes > QUICK / 2:
+        if typed.quick and one.nodes > QUICK / 2:
             break
-    if options.json:
+    if typed.json:
         print(json.dumps({"rows": [asdict(r) for r in rows]}))
         return 0
     print("| nodes | finger | threads | U3 tip / mm | factorisations | s | peak / MB |")

@@ -9,7 +9,6 @@ markers' stations among its nodes.
 --quick takes a finger of three bellows: two minutes, else about ten and 5 GB.
 """
 
-import argparse
 import json
 import os
 import sys
@@ -17,7 +16,7 @@ import time
 from dataclasses import asdict, dataclass, replace
 
 sys.path.insert(0, os.path.abspath(f"{__file__}/../../.."))
-import benchmarks  # noqa: F401
+from benchmarks.commandline import options
 from benchmarks.kernel.convergence import PRESSURE, REFINEMENTS, SHORT, SILICONE, extrapolate, run
 
 import numpy as np
@@ -84,13 +83,12 @@ def cheapest(rows: list[Row]) -> Row | None:
 
 def main() -> int:
     """Print the table; the exit code is 1 where the default misses WANTED."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    typed = options(
+        __doc__,
+        quick="a short finger of three bellows",
+        json="the same as one JSON object",
     )
-    parser.add_argument("--quick", action="store_true", help="a short finger of three bellows")
-    parser.add_argument("--json", action="store_true", help="the same as one JSON object")
-    options = parser.parse_args()
-    finger = SHORT if options.quick else Finger()
+    finger = SHORT if typed.quick else Finger()
     meshes = [run(finger, replace(SETTLING, refine=n)) for n in REFINEMENTS]
     limit = (extrapolate(tuple(r.tip for r in meshes))[1], extrapolate(tuple(r.middle for r in meshes))[1])
     rows = []
@@ -99,7 +97,7 @@ def main() -> int:
         print(f"{name}: {rows[-1].nodes} nodes", file=sys.stderr, flush=True)
     chosen = cheapest(rows)
     default = next(r for r in rows if CANDIDATES[r.name] == BASE)
-    if options.json:
+    if typed.json:
         found = {"limit_mm": limit, "default": default.name, "cheapest": chosen.name if chosen else None}
         print(json.dumps(found | {"rows": [asdict(r) for r in rows]}))
     else:

@@ -7,14 +7,13 @@ The layer is ccx's own, as `deck.writer` writes it: membranes (M3D8) of a linear
 of the flat bottom.
 """
 
-import argparse
 import json
 import os
 import sys
 from dataclasses import dataclass, replace
 
 sys.path.insert(0, os.path.abspath(f"{__file__}/../../.."))
-import benchmarks  # noqa: F401
+from benchmarks.commandline import options
 from benchmarks.kernel.convergence import SHORT, SILICONE
 
 import numpy as np
@@ -109,15 +108,13 @@ def layered(per_bellow: int, *, pressure: float = PRESSURE) -> Effects:
 
 def main() -> None:
     """Print the table, and with --json one line."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--json", action="store_true")
-    options = parser.parse_args()
+    typed = options(__doc__, json="one JSON line")
     print("| effect | its U3 tip / mm, kernel | ccx | largest difference over its largest displacement |")
     print("|---|---|---|---|")
     found = shaped() | {f"layer, {n} cells a bellow": layered(n) for n in CELLS}
     for name, effects in found.items():
         print(effects.line(name))
-    if options.json:
+    if typed.json:
         print(json.dumps({"shape_effects_against_ccx": {k: e.difference for k, e in found.items()}}))
 
 

@@ -9,7 +9,6 @@ against central differences of whole solves. --quick takes a finger of three bel
 limits: about six minutes in all, else ten. Without CalculiX its figures are left out (null).
 """
 
-import argparse
 import json
 import os
 import statistics
@@ -21,7 +20,7 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 sys.path.insert(0, os.path.abspath(f"{__file__}/../../.."))
-import benchmarks  # noqa: F401
+from benchmarks.commandline import options
 from benchmarks.kernel.convergence import SHORT, SILICONE, extrapolate
 
 import numpy as np
@@ -205,12 +204,7 @@ def sensitivity_error(case: Case) -> float:
 
 def main() -> int:
     """Print the figures; the exit code is 1 where a solve failed that should not."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--quick", action="store_true", help="limits on a finger of three bellows")
-    parser.add_argument("--json", action="store_true", help="one JSON line instead of the table")
-    options = parser.parse_args()
+    typed = options(__doc__, quick="limits on a finger of three bellows", json="one JSON line")
     case = finger_case(SILICONE)
     solve(case, to(1e-3 * PRESSURE))  # compiled, and the mesh analysed
     floor_ratio, cold = floor(case)
@@ -218,7 +212,7 @@ def main() -> int:
     neighbours = warm(case)
     error = sensitivity_error(case)
     rows, ratio, difference = against_calculix()
-    apart, tips = limits(options.quick)
+    apart, tips = limits(typed.quick)
     figures = {
         "ccx_ratio": ratio,
         "floor_ratio": floor_ratio,
@@ -231,7 +225,7 @@ def main() -> int:
         "ccx_limit_difference": apart,
         "sensitivity_error": error,
     }
-    if options.json:
+    if typed.json:
         print(json.dumps(figures | {"rows": [asdict(r) for r in rows], "limits": tips, "reasons": reasons}))
     else:
         print_tables(figures, rows, tips)

@@ -6,20 +6,17 @@ Runs the parts below, each a script of this folder that prints its own tables, a
 figure whose real data is not there ($SOFTTWIN_DATA, else ../shared/data) is null, and a line says so.
 """
 
-import argparse
 import importlib
-import json
 import os
 import sys
-import time
-from contextlib import redirect_stdout
+from collections.abc import Callable
 from typing import Any
 
 sys.path.insert(0, os.path.abspath(f"{__file__}/../../.."))
-import benchmarks  # noqa: F401
+from benchmarks.commandline import parts
 
 # Each part is a module of this folder with `figures(quick: bool) -> dict[str, Any]`: at least these keys,
-# None for one whose data is absent. What it prints on the way goes to stderr.
+# None for one whose data is absent.
 PARTS = {
     "markers": ("crb_ratio", "registration_pull_sd", "fps_1080p_28_markers"),
     "dots": ("dot_rms_px", "dot_pull_sd", "dots_found"),
@@ -31,41 +28,19 @@ PARTS = {
 }
 
 
-def collect(parts: list[str], quick: bool) -> dict[str, Any]:
-    """Figures of the parts, None where there is no data for them."""
-    found: dict[str, Any] = {}
-    for part in parts:
-        began, spent = time.perf_counter(), time.process_time()
-        print(f"{part} ...", file=sys.stderr, flush=True)
-        with redirect_stdout(sys.stderr):  # the tables: stdout holds the figures alone
-            told = importlib.import_module(part).figures(quick)
-        found |= dict.fromkeys(PARTS[part]) | told
-        took, spent = time.perf_counter() - began, time.process_time() - spent
-        print(f"{part}: {took:.0f} s, {spent:.0f} s of the processor", file=sys.stderr, flush=True)
+def figures_of(part: str) -> Callable[[bool], dict[str, Any]]:
+    """What makes the figures of a part, None where there is no data for them."""
+
+    def figures(quick: bool) -> dict[str, Any]:
+        module = importlib.import_module(f"benchmarks.tracking.{part}")
+        found: dict[str, Any] = dict.fromkeys(PARTS[part]) | module.figures(quick)
         for key in PARTS[part]:
             if found[key] is None:
-                print(f"{part}: {key} is null, its data is absent (SOFTTWIN_DATA)", file=sys.stderr)
-    return found
+                print(f"{part}: {key} is null, its data is absent (SOFTTWIN_DATA)")
+        return found
 
-
-def main() -> int:
-    """Print the figures."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--quick", action="store_true", help="fewer draws: under five minutes")
-    parser.add_argument("--json", action="store_true", help="one JSON line instead of the table")
-    parser.add_argument("--only", nargs="+", choices=sorted(PARTS), default=list(PARTS), metavar="PART")
-    options = parser.parse_args()
-    found = collect(options.only, options.quick)
-    if options.json:
-        print(json.dumps(found))
-        return 0
-    print("| figure | measured |\n|---|---|")
-    for key, value in found.items():
-        print(f"| {key} | {f'{value:.4g}' if isinstance(value, float) else json.dumps(value)} |")
-    return 0
+    return figures
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(parts(__doc__, {part: figures_of(part) for part in PARTS}, quick="under five minutes"))

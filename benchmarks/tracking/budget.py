@@ -11,7 +11,6 @@ measured minus true displacement of the model's point over the stated sd, modes 
 with 1 unless all are within 0.9 to 1.1 (0.8 to 1.2 with --quick).
 """
 
-import argparse
 import json
 import os
 import sys
@@ -22,7 +21,7 @@ from pathlib import Path
 from typing import Any
 
 sys.path.insert(0, os.path.abspath(f"{__file__}/../../.."))
-import benchmarks  # noqa: F401
+from benchmarks.commandline import options
 
 import cv2
 import numpy as np
@@ -260,16 +259,13 @@ def figures(
 
 def main() -> int:
     """Print the figures."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--quick", action="store_true", help="8 films")
-    parser.add_argument("--films", type=int, help="how many (200)")
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--keep", type=Path, metavar="FILE", help="where films that are done are kept")
-    options = parser.parse_args()
-    told = figures(options.quick, films=options.films, seed=options.seed, keep=options.keep)["pull_sd"]
-    reach = 0.2 if options.quick else 0.1
+    typed = options(__doc__, {
+        "--films": (int, "how many (200)"),
+        "--seed": (1, "of the films"),
+        "--keep": (Path, "file for the films that are done"),
+    }, quick="8 films")  # fmt: skip
+    told = figures(typed.quick, films=typed.films, seed=typed.seed, keep=typed.keep)["pull_sd"]
+    reach = 0.2 if typed.quick else 0.1
     return 0 if all(abs(value - 1.0) <= reach for value in told.values()) else 1
 
 

@@ -8,7 +8,6 @@ is right. Real ($SOFTTWIN_DATA): `opencv_boards` left and right; each set is spl
 the squared difference of the two cameras over their covariances, by number of parameters, should be 1.
 """
 
-import argparse
 import os
 import sys
 import tempfile
@@ -17,6 +16,7 @@ from typing import Any
 
 sys.path.insert(0, os.path.abspath(f"{__file__}/../../.."))
 from benchmarks import SHARED
+from benchmarks.commandline import options
 
 import cv2
 import numpy as np
@@ -132,11 +132,7 @@ def figures(quick: bool) -> dict[str, Any]:
 
 def main() -> int:
     """Print the figures."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--quick", action="store_true", help="6 cameras of each kind in place of 25")
-    for key, value in figures(parser.parse_args().quick).items():
+    for key, value in figures(options(__doc__, quick="6 cameras of each kind in place of 25").quick).items():
         print(f"{key}: {value:.4g}")
     return 0
 

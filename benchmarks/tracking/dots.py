@@ -6,14 +6,13 @@
 8 px. The bound is that of an ellipse (5), gain and offset, plus that of the mean of the reference.
 """
 
-import argparse
 import os
 import sys
 from dataclasses import replace
 from typing import Any
 
 sys.path.insert(0, os.path.abspath(f"{__file__}/../../.."))
-import benchmarks  # noqa: F401
+from benchmarks.commandline import options
 from benchmarks.tracking import printeddots
 from benchmarks.tracking.markers import REFERENCE, Scene, Trial, bound, displacement, film, scene, tracked
 
@@ -75,9 +74,7 @@ def figures(quick: bool) -> dict[str, Any]:
 
 def main() -> int:
     """Print the table."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--quick", action="store_true", help="12 moving frames instead of 60")
-    figures(parser.parse_args().quick)
+    figures(options(__doc__, quick="12 moving frames instead of 60").quick)
     return 0
 
 

@@ -8,7 +8,6 @@ noise; 1 is right), then the file sizes and the time a frame takes. Exits with 1
 within 0.7 to 1.4.
 """
 
-import argparse
 import os
 import sys
 import tempfile
@@ -16,7 +15,7 @@ import time
 from pathlib import Path
 
 sys.path.insert(0, os.path.abspath(f"{__file__}/../../.."))
-import benchmarks  # noqa: F401
+from benchmarks.commandline import options
 
 import cv2
 import numpy as np
@@ -146,20 +145,17 @@ def means(result: Displacements, error: Array, shared: list[int], chosen: NDArra
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--quick", action="store_true", help="12 s of film instead of 42, H.264 only")
-    parser.add_argument("--seed", type=int, default=1)
-    options = parser.parse_args()
+    typed = options(__doc__, {"--seed": (1, "of the films")}, quick="12 s of film instead of 42, H.264 only")
     camera, pose, marks = laboratory()
-    place, turn = motion(marks, 12.0 if options.quick else 42.4)
-    still = np.repeat(place[:1], 120 if options.quick else 320, axis=0)
+    place, turn = motion(marks, 12.0 if typed.quick else 42.4)
+    still = np.repeat(place[:1], 120 if typed.quick else 320, axis=0)
     good = True
-    for codec in ("libx264",) if options.quick else ("ffv1", "libx264"):
+    for codec in ("libx264",) if typed.quick else ("ffv1", "libx264"):
         with tempfile.TemporaryDirectory() as folder:
             paths = [Path(folder) / "film.mkv", Path(folder) / "static.mkv"]
             began = time.process_time()
             for path, centres, seed in zip(
-                paths, (place, still), (options.seed, options.seed + 1000), strict=True
+                paths, (place, still), (typed.seed, typed.seed + 1000), strict=True
             ):
                 turns = turn if centres is place else np.zeros(still.shape[:2])
                 synthetic.film(

@@ -10,7 +10,6 @@ and all that follows included. `--whole` runs it uninterrupted as well and compa
 bit. `--keep` puts what is drawn there and takes it from there.
 """
 
-import argparse
 import json
 import os
 import shutil
@@ -26,7 +25,7 @@ from pathlib import Path
 from typing import Any
 
 sys.path.insert(0, os.path.abspath(f"{__file__}/../../.."))
-import benchmarks  # noqa: F401
+from benchmarks.commandline import options
 
 import av
 import cv2
@@ -282,18 +281,15 @@ def same(one: Path, two: Path) -> bool:
 
 def main() -> int:
     """Print the table."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--minutes", type=float, nargs="+", default=[1.0, 10.0])
-    parser.add_argument("--whole", action="store_true", help="uninterrupted as well: compared bit for bit")
-    parser.add_argument("--keep", type=Path, help="folder of the films")
-    parser.add_argument("--json", action="store_true", help="one JSON line instead of the table")
-    options = parser.parse_args()
-    with tempfile.TemporaryDirectory(dir=options.keep) as name:
-        films = options.keep or Path(name)
-        rows = [row(m, Path(name), films, whole=options.whole) for m in options.minutes]
-    if options.json:
+    typed = options(__doc__, {
+        "--minutes": {"type": float, "nargs": "+", "default": [1.0, 10.0]},
+        "--whole": "uninterrupted as well: compared bit for bit",
+        "--keep": (Path, "folder of the films"),
+    }, json="one JSON line")  # fmt: skip
+    with tempfile.TemporaryDirectory(dir=typed.keep) as name:
+        films = typed.keep or Path(name)
+        rows = [row(m, Path(name), films, whole=typed.whole) for m in typed.minutes]
+    if typed.json:
         print(json.dumps(rows))
         return 0
     print("| " + " | ".join(rows[0]) + " |\n|" + "---|" * len(rows[0]))

@@ -11,7 +11,6 @@ white paper without end, plus that of the mean of the twelve. It is made of the 
 differences and knows nothing of the registration.
 """
 
-import argparse
 import os
 import sys
 import tempfile
@@ -24,7 +23,7 @@ from typing import Any
 from unittest.mock import patch
 
 sys.path.insert(0, os.path.abspath(f"{__file__}/../../.."))
-import benchmarks  # noqa: F401
+from benchmarks.commandline import options
 
 import cv2
 import numpy as np
@@ -296,9 +295,7 @@ def figures(quick: bool) -> dict[str, Any]:
 
 def main() -> int:
     """Print the tables."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--quick", action="store_true", help="12 moving frames instead of 90")
-    figures(parser.parse_args().quick)
+    figures(options(__doc__, quick="12 moving frames instead of 90").quick)
     return 0
 
 

@@ -10,7 +10,6 @@ only they and registration state an sd: a pull is error over it. CORNER_REFINE_A
 pixel off, which a displacement does not show.
 """
 
-import argparse
 import os
 import sys
 import time
@@ -18,7 +17,7 @@ from collections.abc import Callable
 from unittest.mock import patch
 
 sys.path.insert(0, os.path.abspath(f"{__file__}/../../.."))
-import benchmarks  # noqa: F401
+from benchmarks.commandline import options
 from benchmarks.tracking.markers import REFERENCE, Frames, Scene, bound, displacement, film, scene, tracked
 
 import cv2
@@ -165,12 +164,10 @@ METHODS: dict[str, Method] = {
 
 def main() -> int:
     """Print a table for each marker size."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--quick", action="store_true", help="8 moving frames instead of 40")
-    parser.add_argument("--size", type=float, nargs="+", default=[20.0, 40.0], metavar="PX")
-    options = parser.parse_args()
-    for size in options.size:
-        s = scene(size, 8 if options.quick else 40, int(size))
+    typed = options(__doc__, {"--size": {"type": float, "nargs": "+", "default": [20.0, 40.0]}},
+                    quick="8 moving frames instead of 40")  # fmt: skip
+    for size in typed.size:
+        s = scene(size, 8 if typed.quick else 40, int(size))
         pictures = film(s, int(size))
         truth = displacement(s.ideal())
         limit = bound(s, np.array([REFERENCE])) + bound(s, np.array([0])) / REFERENCE

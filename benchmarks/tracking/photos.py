@@ -8,7 +8,6 @@ them (their boards fit to 0.4 and 0.5 px), so that the pull has their error too.
 centres, weighted by their covariance; the pull is the root of chi2 by degrees of freedom. 1 is right.
 """
 
-import argparse
 import os
 import sys
 import tomllib
@@ -18,6 +17,7 @@ from typing import Any
 
 sys.path.insert(0, os.path.abspath(f"{__file__}/../../.."))
 from benchmarks import SHARED
+from benchmarks.commandline import options
 
 import cv2
 import numpy as np
@@ -105,9 +105,7 @@ def figures(quick: bool) -> dict[str, Any]:
 
 def main() -> int:
     """Print the figures."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--quick", action="store_true", help="a quarter of the pictures of the films")
-    for key, value in figures(parser.parse_args().quick).items():
+    for key, value in figures(options(__doc__, quick="a quarter of the pictures of the films").quick).items():
         print(f"{key}: {value}")
     return 0
 

@@ -7,13 +7,12 @@ dots. Each drawn dot has its own rim; a second picture of it, with other noise a
 pixel, shows how it repeats.
 """
 
-import argparse
 import os
 import sys
 from typing import Any
 
 sys.path.insert(0, os.path.abspath(f"{__file__}/../../.."))
-import benchmarks  # noqa: F401
+from benchmarks.commandline import options
 
 import numpy as np
 from numpy.typing import NDArray
@@ -87,9 +86,7 @@ def figures(quick: bool) -> dict[str, Any]:
 
 def main() -> int:
     """Print the table and the figures."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--quick", action="store_true", help="a sixth of the dots")
-    for key, value in figures(parser.parse_args().quick).items():
+    for key, value in figures(options(__doc__, quick="a sixth of the dots").quick).items():
         print(f"{key}: {value}")
     return 0
 

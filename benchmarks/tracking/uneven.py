@@ -11,7 +11,6 @@ over a side). An error is measured minus true displacement in undistorted px; a 
 `plain` over that of the fit's residual alone.
 """
 
-import argparse
 import os
 import sys
 from collections.abc import Callable
@@ -19,7 +18,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 sys.path.insert(0, os.path.abspath(f"{__file__}/../../.."))
-import benchmarks  # noqa: F401
+from benchmarks.commandline import options
 from benchmarks.tracking.markers import NOISE, REFERENCE, Frames, Scene, displacement, scene
 
 import cv2
@@ -204,11 +203,10 @@ def figures(quick: bool, seed: int = 0) -> dict[str, Any]:
 
 def main() -> int:
     """Print the table."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--quick", action="store_true", help="20 frames of each size instead of 150")
-    parser.add_argument("--seed", type=int, default=0, help="another draw of marks, poses and troubles")
-    options = parser.parse_args()
-    told = figures(options.quick, options.seed)["uneven_pull_sd"]
+    typed = options(__doc__, {
+        "--seed": (0, "another draw of marks, poses and troubles"),
+    }, quick="20 frames of each size instead of 150")  # fmt: skip
+    told = figures(typed.quick, typed.seed)["uneven_pull_sd"]
     return 0 if all(0.8 <= pull <= 1.25 for pull in told.values()) else 1
 
 
