@@ -1,6 +1,5 @@
 """Cameras calibrated together: derivatives, pulls of rig and corners, lag of film, and a real recording."""
 
-import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -179,8 +178,7 @@ def test_cameras_that_share_no_picture_are_refused() -> None:
 
 @pytest.mark.parametrize("frames", [30, pytest.param(57, marks=pytest.mark.slow)])
 def test_squares_of_a_real_board_on_frames_held_out(shared_data: Path, frames: int) -> None:
-    sys.path.append(str(Path(__file__).resolve().parents[3] / "benchmarks"))
-    import stereo as benchmark
+    from benchmarks.tracking import stereo as benchmark
 
     found = benchmark.held_out(shared_data / "charuco_4cam", halves=(0,), most=frames)
     pulls = np.concatenate([error / sd for name, (error, sd) in found.items() if len(name) == 3])

@@ -1,7 +1,7 @@
 """The error budget, source by source: what is drawn comes back as stated, over hundreds of drawn rigs.
 
 No pictures: places are projected exactly by a drawn pinhole camera and only then disturbed, so that every
-source can be drawn alone, at a size at which it leads. benchmarks/budget.py does the same on drawn films.
+source can be drawn alone, at a size at which it leads. benchmarks/tracking/budget.py does the same on drawn films.
 """
 
 from dataclasses import dataclass, field, replace

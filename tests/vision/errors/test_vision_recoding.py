@@ -1,6 +1,5 @@
 """A film coded once more: at its own level, with the same bytes; what that leaves marks at rest and in motion."""
 
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -104,8 +103,7 @@ def test_the_search_finds_a_rate_where_noise_makes_bytes_steep() -> None:
 
 @pytest.mark.slow
 def test_pulls_of_films_as_phones_code_them(tmp_path: Path) -> None:
-    sys.path.append(str(Path(__file__).resolve().parents[3] / "benchmarks"))
-    import strangers_coding as benchmark
+    from benchmarks.films import coding as benchmark
 
     found = benchmark.trial(benchmark.QUICK, 1, 1, tmp_path)
     for pulls in found.values():

@@ -1,6 +1,5 @@
 """Full-field registration: known fields, pulls, occlusion, and a real picture pair with a commanded shift."""
 
-import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -116,8 +115,7 @@ def test_a_grid_stays_inside_its_mask() -> None:
 
 
 def test_shifts_of_real_pictures_are_the_commanded_ones(shared_data: Path) -> None:
-    sys.path.append(str(Path(__file__).resolve().parents[3] / "benchmarks"))
-    import dic as benchmark
+    from benchmarks.tracking import dic as benchmark
 
     for shift, found in benchmark.trial(shared_data / "dic_challenge_5", 41):
         seen = np.isfinite(found.correlation)

@@ -1,8 +1,8 @@
 """Dots: centre, stated covariance, eccentricity, and which is which."""
 
-import sys
 from collections.abc import Sequence
-from pathlib import Path
+
+from benchmarks.tracking.printeddots import look, photograph, rim, trial
 
 import numpy as np
 import pytest
@@ -13,9 +13,6 @@ from vision.camera import Camera
 from vision.following.dots import eccentricity, find_dots
 from vision.following.identity import DotMemory, assign, follow_dots, start
 from vision.following.tracking import _unknown
-
-sys.path.append(str(Path(__file__).resolve().parents[3] / "benchmarks"))
-from printeddots import look, photograph, rim, trial
 
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8]

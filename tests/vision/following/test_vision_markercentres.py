@@ -1,8 +1,9 @@
 """Markers of every dictionary, black on white and white on black, in one picture."""
 
-import sys
 from pathlib import Path
 from typing import Any
+
+from benchmarks.tracking.photos import photograph
 
 import cv2
 import numpy as np
@@ -17,9 +18,6 @@ from vision.following.printedpattern import print_covariance
 from vision.following.reference import prepare
 from vision.following.registration import project
 from vision.plane import fit_homography
-
-sys.path.append(str(Path(__file__).resolve().parents[3] / "benchmarks"))
-from photos import photograph
 
 Array = NDArray[np.float64]
 NAMES = sorted(name for name in dir(cv2.aruco) if name.startswith("DICT_"))
