@@ -1,6 +1,6 @@
 """Errors that many values share, from what is known of the rig: one field a mode, 1 sd each, by name.
 
-A name is its source, then what it belongs to: `placement:tip:x`. `errors.budgeting` sums them by source.
+A name is its source, then what it belongs to: `placement:tip:x`. `errors.errorbudget` sums them by source.
 """
 
 from collections.abc import Mapping, Sequence

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d, uniform_filter1d
 
 from vision.camera import Array
-from vision.errors.persistence import WHITE, Persistence, innovations, persistence_of
+from vision.errors.autocorrelation import WHITE, Persistence, innovations, persistence_of
 from vision.following.turns import mean_seen
 
 MIN_STATIC = 120

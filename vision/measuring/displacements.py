@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from vision.calibration.rig import Rig
 from vision.camera import Array
-from vision.errors.budgeting import Budget, budget
+from vision.errors.errorbudget import Budget, budget
 from vision.errors.modes import Stated, stacked
 from vision.errors.noise import NoiseModel, hidden_in_static
 from vision.film.checkpoint import Keeper, Progress

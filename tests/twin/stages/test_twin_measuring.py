@@ -21,7 +21,7 @@ from twin.stages.checking import run_check
 from twin.stages.measuring import run_measure
 from twin.stages.starting import film_config
 from twin.stages.targetmaking import make_targets
-from vision.errors.budgeting import budget
+from vision.errors.errorbudget import budget
 
 FPS, FRAMES, STATIC = 10.0, 60, 50  # film from 100 s on, static film from 90 s on, log 50 Hz from 89 to 107 s
 GAUGE = 2e-5  # MPa

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from vision import Video, View, measure
 from vision.errors import modes
-from vision.errors.budgeting import budget
+from vision.errors.errorbudget import budget
 from vision.errors.modes import BETWEEN_PX, REDRAWN_PX, codec, redrawn
 from vision.errors.noise import CREEP, FAST, REST
 

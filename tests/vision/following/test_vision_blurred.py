@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from vision.errors.recoding import SHIFT, _laid, _shifted
+from vision.errors.reencoding import SHIFT, _laid, _shifted
 from vision.errors.variance import CLEARLY, misfit
 from vision.following import blurred, registration, uneven
 from vision.following.blurred import Adjusted

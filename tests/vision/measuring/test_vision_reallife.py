@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from vision import Displacements, Video
-from vision.errors.codecterms import Codec
+from vision.errors.compression import Codec
 from vision.film.video import Writer
 from vision.following.reference import prepare
 from vision.following.tracks import Followed, follow

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from vision import Camera, Displacements, Video, View, measure
 from vision.calibration.rig import OWN, Rig
 from vision.drawing import synthetic
-from vision.errors.codecterms import codec_terms
+from vision.errors.compression import codec_terms
 from vision.errors.modes import Stated
-from vision.errors.recoding import coded_again
+from vision.errors.reencoding import coded_again
 from vision.film import checkpoint
 from vision.following.reference import prepare
 from vision.following.tracks import follow

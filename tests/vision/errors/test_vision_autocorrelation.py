@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from vision import Camera, Displacements, Stated, View, measure
-from vision.errors.codecterms import Codec
-from vision.errors.keyframes import rare, stretches
-from vision.errors.persistence import of_mean, persistence_of
+from vision.errors.autocorrelation import of_mean, persistence_of
+from vision.errors.codingdrift import rare, stretches
+from vision.errors.compression import Codec
 from vision.following.methods import Method
 from vision.following.tracks import Followed
 from vision.kinds.coded import CodedMarker

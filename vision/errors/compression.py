@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from vision.camera import Array
 from vision.errors.noise import CREEP, DRIFT_PX, FAST, PASSING, REST, SHAKEN, states, with_y
-from vision.errors.recoding import Again
+from vision.errors.reencoding import Again
 
 LAG = 3  # frames apart at which a creeping patch's errors are compared
 MIN_SAMPLES = 10  # values that make an estimate of their own

@@ -12,8 +12,8 @@ import pytest
 from numpy.typing import NDArray
 
 from vision import Camera, Displacements, Mark, Stated
-from vision.errors.budgeting import budget, from_csv, lines, to_csv, with_mode
-from vision.errors.codecterms import Codec
+from vision.errors.compression import Codec
+from vision.errors.errorbudget import budget, from_csv, lines, to_csv, with_mode
 from vision.errors.modes import sync
 from vision.following.methods import Method
 from vision.following.tracks import Followed

@@ -8,9 +8,9 @@ import pytest
 from numpy.typing import NDArray
 
 from vision import Video
-from vision.errors.codecterms import MOST_SHARED, NOTHING, codec_terms
+from vision.errors.compression import MOST_SHARED, NOTHING, codec_terms
 from vision.errors.noise import CREEP, FAST, REST, SHAKEN
-from vision.errors.recoding import KEPT_GREY, START, Again, _inner, _matched, _noise_left, _searched
+from vision.errors.reencoding import KEPT_GREY, START, Again, _inner, _matched, _noise_left, _searched
 from vision.film.video import Writer
 
 Array = NDArray[np.float64]

@@ -1,4 +1,8 @@
-"""How the coding error of marks at rest changes while others move, as a film's frame marks tell it."""
+"""How the coding error of marks at rest changes: at rare key frames, and while others move.
+
+A key frame draws the picture anew, with another error that stays until the next; where others move, what
+stays changes too. Frame marks, which never move, tell how much; it becomes modes.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -8,10 +12,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vision.camera import Array
+from vision.errors.modes import Named, orthogonal
 from vision.errors.variance import Rest
 from vision.following.turns import mean_seen
-from vision.plane import Plane
+from vision.marks import Mark
+from vision.plane import Plane, misplaced
 
+LONG = 60  # frames between key frames from which the noise's own persistence does not hold the step
+MOST = 12  # key frames of a film that get modes; courses that do
+LEAST = 0.1  # of a frame mark's noise, rms of a course that counts
 BLOCK, BLOCKS = 40, 40  # frames in whose mean the error is taken, and most such blocks of a film
 SHORT = 10  # frames beside a key frame whose mean is, at least
 FRESH = 0.6  # variance that a key frame draws anew over what coding leaves at rest; drawn film: 0.2 to 1.4
@@ -23,7 +32,7 @@ MOST_NEW = 0.95  # of the variance, from block to block
 
 
 @dataclass(frozen=True)
-class Standing:
+class CodingDrift:
     """Coding error of marks at rest beyond the static film's noise, each axis of one mark's centre."""
 
     blocks: tuple[slice, ...]  # (b,) stretches of the film
@@ -32,10 +41,21 @@ class Standing:
     noise_mm: float  # usual sd of a mark in the static film, against which it matters
 
 
-def standing_error(
+def stretches(keys: NDArray[np.intp], frames: int) -> list[slice]:
+    """The frames from each key frame to the next."""
+    edges = [0, *(int(k) for k in keys if 0 < k < frames), frames]
+    return [slice(a, b) for a, b in pairwise(edges)]
+
+
+def rare(parts: Sequence[slice]) -> bool:
+    """Whether key frames are so few that the noise's persistence misses the steps at them."""
+    return parts[-1].stop >= LONG * len(parts)
+
+
+def coding_drift(
     film: Plane, quiet: Plane, place: Array, rest: Rest, frozen: float, keys: Sequence[slice],
     quiet_keys: Sequence[slice],
-) -> Standing:  # fmt: skip
+) -> CodingDrift:  # fmt: skip
     """The error in the film, whose key frames are rare.
 
     film, quiet: frame marks in all frames of the film, and of the static film.   place: (t,p,2) mm in that.
@@ -61,7 +81,7 @@ def standing_error(
     mean = rest.noise.persistence.of_mean
     known = 2.0 * (mean(BLOCK) - mean(2 * BLOCK)) * variance * noise / max(drawn + noise, 1e-30)
     kept = _kept(film.residual, blocks, of, free, drawn + noise, known)
-    return Standing(tuple(blocks), drawn * kept, _flicker(film, quiet), float(np.sqrt(variance)))
+    return CodingDrift(tuple(blocks), drawn * kept, _flicker(film, quiet), float(np.sqrt(variance)))
 
 
 def shares(rest: Rest) -> Array:
@@ -142,3 +162,42 @@ def _new(plane: Plane) -> float:
     power = np.diff(plane.residual, axis=0) ** 2
     count = np.maximum(np.isfinite(power).sum(axis=0), 1)
     return 0.5 * float(np.sum(np.nansum(power, axis=0) / count)) / max(_freedom(plane), 1)
+
+
+def key_modes(
+    error: CodingDrift, steps: NDArray[np.intp], reference: NDArray[np.intp],
+    marks: Sequence[Mark], still: NDArray[np.bool_], plane: Plane, place: Array,
+) -> Named:  # fmt: skip
+    """What stays in marks at rest, relative to the reference: of each that always rests, and of the plane.
+
+    steps: (s,) frames that are kept.   reference: (r,) among them.   still: (p,) marks that never move; the
+    others have the codec's modes.
+    plane, place: frame marks, and places (s,p,2) mm, in the steps.
+    """
+    shift = np.nan_to_num(misplaced(plane, place))
+    modes: dict[str, Array] = {}
+    for k, course in enumerate(courses(error, steps, reference)):
+        for p in np.flatnonzero(still).tolist():
+            for component in (0, 2):
+                field = np.zeros((*place.shape[:2], 3))
+                field[:, p, component] = course
+                modes[f"codec:{marks[p].name}:{component + 1}:key{k + 1}"] = field
+        for n, field in enumerate(orthogonal(course[:, None, None] * shift)):
+            modes[f"codec:frame:{n + 1}:key{k + 1}"] = field
+    return modes
+
+
+def courses(error: CodingDrift, steps: NDArray[np.intp], reference: NDArray[np.intp]) -> Array:
+    """Orthogonal courses (k,s) mm, 1 sd each, of the coding drift less its mean over the reference.
+
+    They are those of Karhunen and Loeve, the largest first, without those far below the noise.
+    """
+    power, turn = np.linalg.eigh(error.covariance)
+    within = np.array(
+        [(steps >= block.start) & (steps < block.stop) for block in error.blocks], dtype=np.float64
+    )
+    within -= within[:, reference].mean(axis=1, keepdims=True)
+    root = np.sqrt(np.maximum(power, 0.0))[:, None] * turn.T
+    _, size, course = np.linalg.svd(root @ within, full_matrices=False)
+    kept = (size > LEAST * error.noise_mm * np.sqrt(len(steps)))[:MOST]
+    return np.asarray((size[:, None] * course)[: len(kept)][kept])
