@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from vision.camera import Array
 from vision.errors.modes import Named, orthogonal
+from vision.errors.noise import SETTLED
 from vision.errors.variance import Rest
 from vision.following.turns import mean_seen
 from vision.marks import Mark
@@ -21,13 +22,11 @@ from vision.plane import Plane, misplaced
 LONG = 60  # frames between key frames from which the noise's own persistence does not hold the step
 MOST = 12  # key frames of a film that get modes; courses that do
 LEAST = 0.1  # of a frame mark's noise, rms of a course that counts
-BLOCK, BLOCKS = 40, 40  # frames in whose mean the error is taken, and most such blocks of a film
-SHORT = 10  # frames beside a key frame whose mean is, at least
+BLOCK = 40  # frames in whose mean the error is taken
 FRESH = 0.6  # variance that a key frame draws anew over what coding leaves at rest; drawn film: 0.2 to 1.4
 WORTH = 6.0  # degrees of freedom that this is worth, from its scatter
-EVEN = 4.0  # degrees of freedom that all blocks' changes together are worth for one of them
 SLOW = 0.014  # of the variance is new from block to block; drawn film of crf 23 to 28: 0.001 to 0.05
-FEW = 4.0  # degrees of freedom that this is worth: few frame marks may all be lucky
+FEW = 4.0  # degrees of freedom that this is worth for all blocks, and what all change for one of them
 MOST_NEW = 0.95  # of the variance, from block to block
 
 
@@ -37,7 +36,7 @@ class CodingDrift:
 
     blocks: tuple[slice, ...]  # (b,) stretches of the film
     covariance: Array  # (b,b) mm2, of its means in them
-    flicker: float  # mm2, new in every frame
+    flicker: float  # mm2, new in every frame of the film and not in those of the static film
     noise_mm: float  # usual sd of a mark in the static film, against which it matters
 
 
@@ -81,7 +80,9 @@ def coding_drift(
     mean = rest.noise.persistence.of_mean
     known = 2.0 * (mean(BLOCK) - mean(2 * BLOCK)) * variance * noise / max(drawn + noise, 1e-30)
     kept = _kept(film.residual, blocks, of, free, drawn + noise, known)
-    return CodingDrift(tuple(blocks), drawn * kept, _flicker(film, quiet), float(np.sqrt(variance)))
+    # Where others move, coders draw B-frames of what rests less exactly.
+    flicker = max(_new(film) - _new(quiet), 0.0)
+    return CodingDrift(tuple(blocks), drawn * kept, flicker, float(np.sqrt(variance)))
 
 
 def shares(rest: Rest) -> Array:
@@ -92,10 +93,9 @@ def shares(rest: Rest) -> Array:
 
 def _blocks(keys: Sequence[slice]) -> tuple[list[slice], NDArray[np.intp]]:
     """Blocks (b,) of the film, none across a key frame, and the stretch (b,) of each."""
-    length = max(BLOCK, keys[-1].stop // BLOCKS)
     blocks, of = [], []
     for k, part in enumerate(keys):
-        count = max(round((part.stop - part.start) / length), 1)
+        count = max(round((part.stop - part.start) / BLOCK), 1)
         edges = np.linspace(part.start, part.stop, count + 1).round().astype(int).tolist()
         blocks += [slice(a, b) for a, b in pairwise(edges)]
         of += [k] * count
@@ -126,7 +126,7 @@ def _steps(place: Array, keys: Sequence[slice]) -> list[tuple[float, int, int]]:
     for a, b in pairwise(keys):
         before = place[max(a.start, a.stop - BLOCK) : a.stop]
         after = place[b.start : min(b.stop, b.start + BLOCK)]
-        if min(len(before), len(after)) >= SHORT:
+        if min(len(before), len(after)) >= SETTLED:
             found.append((_half(mean_seen(before), mean_seen(after)), len(before), len(after)))
     return found
 
@@ -142,23 +142,19 @@ def _kept(
     same = of[1:] == of[:-1]
     step = np.array([_half(a, b) for a, b in pairwise(means)]) / max(free, 1) - known
     usual = (SLOW * variance * FEW + free * float(step[same].sum())) / (FEW + free * int(same.sum()))
-    step = np.maximum((EVEN * usual + free * step) / (EVEN + free), 0.0)
+    step = np.maximum((FEW * usual + free * step) / (FEW + free), 0.0)
     age = -np.log(1.0 - np.minimum(step / max(variance, 1e-30), MOST_NEW))
     age = np.concatenate([[0.0], np.cumsum(np.where(same, age, 0.0))])
-    return np.where(np.equal.outer(of, of), np.exp(-np.abs(np.subtract.outer(age, age))), 0.0)
+    apart = np.minimum(np.abs(np.subtract.outer(age, age)), 500.0)  # more would underflow
+    return np.where(np.equal.outer(of, of), np.exp(-apart), 0.0)
 
 
 def _half(before: Array, after: Array) -> float:
     return 0.5 * float(np.nansum((after - before) ** 2))
 
 
-def _flicker(film: Plane, quiet: Plane) -> float:
-    """Variance mm2 that is new in every frame of the film and not in those of the static film: where others
-    move, coders draw B-frames of what rests less exactly."""
-    return max(_new(film) - _new(quiet), 0.0)
-
-
 def _new(plane: Plane) -> float:
+    """Variance mm2 of a frame mark that is new in every frame."""
     power = np.diff(plane.residual, axis=0) ** 2
     count = np.maximum(np.isfinite(power).sum(axis=0), 1)
     return 0.5 * float(np.sum(np.nansum(power, axis=0) / count)) / max(_freedom(plane), 1)

@@ -8,7 +8,8 @@ import pytest
 from numpy.typing import NDArray
 
 from vision import Video
-from vision.errors.compression import MOST_SHARED, NOTHING, codec_terms
+from vision.errors.compression import NOTHING, codec_terms
+from vision.errors.modes import CREEP_SHARED
 from vision.errors.noise import CREEP, FAST, REST, SHAKEN
 from vision.errors.reencoding import KEPT_GREY, START, Again, _inner, _matched, _noise_left, _searched
 from vision.film.video import Writer
@@ -80,7 +81,7 @@ def test_terms_are_those_of_what_patches_do() -> None:
     assert found.rest[[0, 2]] == pytest.approx(0.0007, rel=0.15)
     # two rests, 0.0034 in each axis, drawn half-way to 0.9 of what creeps
     assert found.held[[0, 2]] == pytest.approx(0.004, rel=0.15)
-    assert found.shared == MOST_SHARED  # nothing is shaken: as little as is known
+    assert found.shared == CREEP_SHARED  # nothing is shaken: as little as is known
     assert codec_terms([]) is NOTHING
 
 
