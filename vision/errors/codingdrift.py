@@ -19,6 +19,7 @@ from vision.following.turns import mean_seen
 from vision.marks import Mark
 from vision.plane import Plane, misplaced
 
+# Where these numbers come from: docs/records/error-numbers.md
 LONG = 60  # frames between key frames from which the noise's own persistence does not hold the step
 MOST = 12  # key frames of a film that get modes; courses that do
 LEAST = 0.1  # of a frame mark's noise, rms of a course that counts

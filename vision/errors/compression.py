@@ -11,6 +11,7 @@ from vision.errors.modes import CREEP_SHARED, MIN_HOLD
 from vision.errors.noise import CREEP, DRIFT_PX, FAST, PASSING, REST, SETTLED, SHAKEN, states, with_y
 from vision.errors.reencoding import Again
 
+# Where these numbers come from: docs/records/error-numbers.md
 RESTS = 2.0  # rests of marks, as many as count as much as what is known before: STOPS of the slow error
 STOPS = 0.9  # error kept in a rest over that of slow motion, drawn film
 

@@ -16,6 +16,7 @@ from vision.following.turns import mean_seen
 from vision.marks import Mark
 
 Named = Mapping[str, Array]  # name to (s,p,3) mm
+# Where these numbers come from: docs/records/error-numbers.md
 LEVEL = 0.2  # slope of the line to a neighbour that still runs along the finger
 MIN_HOLD, MAX_HOLDS = 3, 60  # frames that make a hold; how many of all marks get modes, the longest first
 LONG = 20  # frames in which a late picture falls behind, or catches up

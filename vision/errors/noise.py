@@ -11,6 +11,7 @@ from vision.camera import Array
 from vision.errors.autocorrelation import SURE, WHITE, Persistence, innovations, persistence_of
 from vision.following.turns import mean_seen
 
+# Where these numbers come from: docs/records/error-numbers.md
 MIN_STATIC = 120
 LEAST_MM = 1e-6  # mm, sd of a mark that coding freezes
 REST, CREEP, FAST, SHAKEN, PASSING = 0, 1, 2, 3, 4

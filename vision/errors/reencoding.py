@@ -23,6 +23,7 @@ from vision.marks import px_per_unit
 from vision.plane import homographies, to_plane
 
 Array8 = NDArray[np.int8]
+# Where these numbers come from: docs/records/error-numbers.md
 WINDOW = 60  # frames coded again
 UNSEEN = 12  # last ones: coders look ahead, and spend less on what nothing is seen to refer to
 SHIFT = np.array([5.0, 3.0])  # px, off every block grid

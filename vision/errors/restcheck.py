@@ -8,6 +8,7 @@ import numpy as np
 from vision.camera import Array
 from vision.following.turns import mean_seen
 
+# Where these numbers come from: docs/records/error-numbers.md
 BLOCKS = 6  # parts of the time whose means are compared
 FEW = 2  # frames in a part, at least
 CLEAR = 10.0  # sds of a part's mean by white noise: noise of neighbouring frames is alike
