@@ -157,17 +157,12 @@ def codec(
                 modes[name], late = np.sqrt(1.0 - DRIFTING) * mode, np.sqrt(DRIFTING) * mode
                 late[frames] *= ramp / np.sqrt(np.mean(ramp**2))
                 modes[f"{name}:drift"] = late
-    if len(runs) <= MAX_HOLDS:
-        return modes, left, ()
-    return (
-        modes,
-        left,
-        (
-            f"Video compression leaves a constant error while a marker rests ({len(runs)} rests). The "
-            f"{MAX_HOLDS} longest are modelled; for the {len(runs) - MAX_HOLDS} shortest, averages look more "
-            "precise than they are.",
-        ),
+    few = len(runs) - MAX_HOLDS
+    said = (
+        f"Video compression leaves a constant error while a marker rests ({len(runs)} rests). The "
+        f"{MAX_HOLDS} longest are modelled; for the {few} shortest, averages look more precise than they are."
     )
+    return modes, left, (said,) if few > 0 else ()
 
 
 def _runs(held: NDArray[np.bool_]) -> list[tuple[int, int]]:

@@ -17,7 +17,7 @@ from vision.film.packets import NAMES, Coding
 from vision.film.video import Video, Writer
 from vision.following import blurred, registration
 from vision.following.methods import COARSE, Method
-from vision.following.reference import Follower
+from vision.following.reference import SURE, Follower
 from vision.following.tracks import Followed, centres
 from vision.marks import px_per_unit
 from vision.plane import homographies, to_plane
@@ -250,8 +250,8 @@ def _laid(image: Image, follower: Follower, warp: Array, adjusted: NDArray[np.bo
     result[marks], match = registration.register(
         image, lens, follower.templates, warp[marks], px_per_unit(warp[marks]), rows
     )
-    result[marks[match < 0.5]] = np.nan
-    for k in np.flatnonzero(adjusted[marks] & (match >= 0.5)).tolist():
+    result[marks[match <= SURE]] = np.nan
+    for k in np.flatnonzero(adjusted[marks] & (match > SURE)).tolist():
         found = blurred.adjust(
             image, lens, follower.templates, follower.spectra, int(rows[k]), start=result[marks[k]],
             usual=float(follower.usual[rows[k]]), match=float(match[k]),
