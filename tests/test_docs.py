@@ -25,7 +25,7 @@ from twin.judging.whitening import whitener
 from twin.project.config import Config
 from twin.project.targetfiles import read_targets
 from twin.project.toml import parse
-from vision.errors.budgeting import SOURCES
+from vision.errors.errorbudget import SOURCES
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = sorted(

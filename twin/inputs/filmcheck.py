@@ -117,7 +117,7 @@ def _marks(look: _Look, seen: "Glimpses") -> tuple[str, ...]:
 
 def _rests(look: _Look, seen: "Glimpses", still: "Glimpses") -> tuple[str, ...]:
     """Sentences where the finger drifts at rest; ValueError where it moves."""
-    from vision.errors.stillness import check_rest
+    from vision.errors.restcheck import check_rest
 
     coded, rest = _coded(look), seen.rest
     names, film = [look.marks[p].name for p in coded], look.film.path.name

@@ -10,7 +10,7 @@ from vision.calibration.rig import Rig
 from vision.camera import Array
 from vision.doubts.framemarks import frame_fit, without_odd
 from vision.doubts.slips import find_slips
-from vision.errors.budgeting import Budget, budget
+from vision.errors.errorbudget import Budget, budget
 from vision.errors.modes import Stated, stacked
 from vision.errors.noise import NoiseModel, hidden_in_static
 from vision.film.checkpoint import Keeper, Progress

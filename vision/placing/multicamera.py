@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from vision.calibration.rig import Rig
 from vision.camera import Array
 from vision.errors import modes
-from vision.errors.codecterms import codec_sd
+from vision.errors.compression import codec_sd
 from vision.errors.modes import Named, Stated
 from vision.errors.noise import REST, NoiseModel, states, static_noise
 from vision.errors.variance import misfit

@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vision.camera import Array, Camera
-from vision.errors import keyframes, modes
-from vision.errors.codecterms import Codec, codec_sd
+from vision.errors import codingdrift, modes
+from vision.errors.codingdrift import coding_drift, shares
+from vision.errors.compression import Codec, codec_sd
 from vision.errors.modes import Named, Stated
 from vision.errors.noise import REST, NoiseModel, states, static_noise, with_y
-from vision.errors.standing import shares, standing_error
 from vision.errors.variance import Rest, at_rest, by_hand, independent, misfit
 from vision.following.tracks import COARSE, Followed, thinned
 from vision.following.turns import finger_turns, linear_maps, mean_seen, rotations, sides
@@ -148,31 +148,31 @@ def _keyed(
 
     place: (t,p,2) mm in the static film.
     """
-    keys = keyframes.stretches(seen.keys, len(seen.film.time))
-    if not keyframes.rare(keys):
+    keys = codingdrift.stretches(seen.keys, len(seen.film.time))
+    if not codingdrift.rare(keys):
         return {}, 0.0, ()
     film = plane_of(scene.plane.nominal, seen.film.ideal[:, scene.frame])
     frozen = float(np.mean(seen.codec.rest[[0, 2]] ** 2))
-    error = standing_error(film, scene.quiet, place, rest, frozen, keys, _quiet_keys(seen))
-    if len(keys) > keyframes.MOST:
+    error = coding_drift(film, scene.quiet, place, rest, frozen, keys, _quiet_keys(seen))
+    if len(keys) > codingdrift.MOST:
         return (
             {},
             error.flicker,
             (
                 f"The film has {len(keys)} key frames, at which the picture of markers at rest changes a "
-                f"little. Of more than {keyframes.MOST} this is not modelled.",
+                f"little. Of more than {codingdrift.MOST} this is not modelled.",
             ),
         )
     still = np.asarray(~(np.nan_to_num(rest.noise.codec_sd) > 0).any(axis=1))
     reference = scene.film.reference
-    modes = keyframes.key_modes(error, steps, reference, scene.output, still, scene.plane, scene.place)
+    modes = codingdrift.key_modes(error, steps, reference, scene.output, still, scene.plane, scene.place)
     return modes, error.flicker, ()
 
 
 def _quiet_keys(seen: Seen) -> list[slice]:
     """Stretches of the static film between key frames; one where its noise holds the steps at them."""
-    parts, count = keyframes.stretches(seen.still_keys, len(seen.still.time)), len(seen.still.time)
-    return parts if keyframes.rare(parts) else [slice(0, count)]
+    parts, count = codingdrift.stretches(seen.still_keys, len(seen.still.time)), len(seen.still.time)
+    return parts if codingdrift.rare(parts) else [slice(0, count)]
 
 
 def _modes(

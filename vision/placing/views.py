@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 from vision.camera import Camera, Image
 from vision.doubts.misplacedmarks import doubts
 from vision.doubts.plausibility import check_marks
-from vision.errors.codecterms import Codec, codec_terms
+from vision.errors.compression import Codec, codec_terms
 from vision.errors.noise import MIN_STATIC
-from vision.errors.recoding import coded_again, described
-from vision.errors.stillness import check_rest
+from vision.errors.reencoding import coded_again, described
+from vision.errors.restcheck import check_rest
 from vision.film.checkpoint import Keeper, Progress
 from vision.film.video import Video
 from vision.following.corrections import Correction, corrected

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from tests.pulls import band
 from vision import Camera
 from vision.boards.board import BoardView
 from vision.boards.charuco import CharucoBoard
@@ -122,9 +123,10 @@ def test_pulls_of_the_rig_and_of_lengths_on_new_pictures_are_one(shared: float) 
             length = np.linalg.norm(CORNERS[-1] - CORNERS[0])
             sd = np.sqrt(along.ravel() @ spread @ along.ravel())
             pulls.append((np.linalg.norm(side) - length) / sd)
-    # 9 trials of 16 parameters: sd of the mean 0.12; 36 lengths, four to a calibration: 0.17 or so
-    assert np.mean(chi2) == pytest.approx(1.0, abs=0.35)
-    assert np.sqrt(np.mean(np.square(pulls))) == pytest.approx(1.0, abs=0.35)
+    low, high = band(9 * 16)  # trials of parameters
+    assert low < np.sqrt(np.mean(chi2)) < high
+    low, high = band(9 * 2, 2.0)  # four lengths of one calibration share its error, which is half of theirs
+    assert low < np.sqrt(np.mean(np.square(pulls))) < high
 
 
 def test_a_camera_that_lags_is_found_out_from_the_boards_motion() -> None:

@@ -9,12 +9,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from tests.pulls import band
 from vision import Camera, Displacements, Video, View, measure
 from vision.calibration.rig import OWN, Rig
 from vision.drawing import synthetic
-from vision.errors.codecterms import codec_terms
+from vision.errors.compression import codec_terms
 from vision.errors.modes import Stated
-from vision.errors.recoding import coded_again
+from vision.errors.reencoding import coded_again
 from vision.film import checkpoint
 from vision.following.reference import prepare
 from vision.following.tracking import follow
@@ -154,9 +155,10 @@ def test_motion_out_of_the_plane_is_measured_with_pulls_of_one(pair: Pair) -> No
     assert np.sqrt(np.mean(error**2, axis=(0, 1))) == pytest.approx([0, 0, 0], abs=0.003)  # 0.01 px
     pulls = error / np.sqrt(np.diagonal(found.covariance, axis1=2, axis2=3) + (found.modes**2).sum(axis=0))
     finger = np.array([role == "finger" for role in found.roles])
-    # 150 or 200 values of a component, those of a mark share its reference: sd 0.06
-    assert np.sqrt(np.mean(pulls[:, ~finger] ** 2, axis=(0, 1))) == pytest.approx([1, 1, 1], abs=0.2)
-    assert np.sqrt(np.mean(pulls[:, finger] ** 2, axis=(0, 1))) == pytest.approx([1, 1, 1], abs=0.25)
+    for role in (finger, ~finger):
+        low, high = band(pulls[:, role, 0].size / 1.5)  # values of a mark share its reference
+        rms = np.sqrt(np.mean(pulls[:, role] ** 2, axis=(0, 1)))
+        assert np.all((low < rms) & (rms < high))
     assert all("frame1" in sentence for sentence in found.lost)  # outside the second camera's picture
     assert np.isfinite(found.noise.sd).all()
     assert not any("does not come back" in remark for remark in found.remarks)
@@ -189,8 +191,8 @@ def test_the_mean_of_a_hold_is_as_far_off_as_its_coding_error(pair: Pair, tmp_pa
     finger = np.array([role == "finger" for role in found.roles])
     own = np.diagonal(found.covariance, axis1=2, axis2=3)[hold].mean(axis=0) / 22
     mean, shared = error[hold].mean(axis=0), (found.modes[:, hold].mean(axis=1) ** 2).sum(axis=0)
-    # 9 values: the rms is known to a quarter
-    assert 0.5 < np.sqrt(np.mean((mean / np.sqrt(own + shared))[finger] ** 2)) < 1.6
+    low, high = band(9, 2.0)
+    assert low < np.sqrt(np.mean((mean / np.sqrt(own + shared))[finger] ** 2)) < high
     assert np.sqrt(np.mean((mean / np.sqrt(own))[finger] ** 2)) > 4.0  # as independent: stated far too small
     assert {n.split(":")[2] for n in found.mode_names if n.startswith("codec:")} >= {
         "1",
@@ -253,8 +255,8 @@ def test_errors_of_the_calibration_are_covered_by_its_modes(pair: Pair) -> None:
         error = (value - exact)[-1, -1]
         assert np.linalg.norm(error) > 1e-3  # mm
         pulls.append(error / np.sqrt((modes[:, -1, -1] ** 2).sum(axis=0)))
-    # 12 draws of three correlated components: sd 0.15
-    assert np.sqrt(np.mean(np.square(pulls))) == pytest.approx(1.0, abs=0.4)
+    low, high = band(12 * 2, 2.0)  # draws of three components, of which two go together
+    assert low < np.sqrt(np.mean(np.square(pulls))) < high
 
 
 def test_a_rigid_fit_finds_the_pose_and_refuses_a_line() -> None:

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from tests.pulls import band
 from vision import Camera, Mark, Video, View, measure
 from vision.drawing import synthetic
 from vision.errors.noise import with_y
@@ -20,7 +21,7 @@ from vision.plane import homographies, to_plane
 Array = NDArray[np.float64]
 Lab = Any  # the fixture's class, see conftest.py
 Y = 12.0  # mm, the frame marks' plane
-FILMS = 150  # times three finger marks: the sd of a pull is then known to 3 %, 0.9 to 1.1 are three of them
+FILMS = 150
 REFERENCE = np.arange(3)
 SHARE = np.sqrt(np.concatenate([np.zeros(3), np.linspace(0.0, 1.0, 9)]))
 FRAME = [(-30, 30), (45, 34), (120, 30), (-30, -60), (45, -64), (120, -60)]
@@ -170,7 +171,9 @@ def test_pulls_over_random_cameras(pulls: Any) -> None:
     rng = np.random.default_rng(2)
     drawn = [pulls(rng, 0.3) for _ in range(FILMS)]
     # The amplitude of each mode in the error is a standard normal number, and the modes are all there is.
-    assert np.sqrt(np.mean(np.array([found for found, _ in drawn]) ** 2)) == pytest.approx(1.0, abs=0.1)
+    amplitude = np.array([found for found, _ in drawn])
+    low, high = band(amplitude.size)
+    assert low < np.sqrt(np.mean(amplitude**2)) < high
     assert np.median([left for _, left in drawn]) < 0.02
 
 

@@ -6,10 +6,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from tests.pulls import band
 from vision import Video
-from vision.errors.codecterms import MOST_SHARED, NOTHING, codec_terms
+from vision.errors.compression import NOTHING, codec_terms
+from vision.errors.modes import CREEP_SHARED
 from vision.errors.noise import CREEP, FAST, REST, SHAKEN
-from vision.errors.recoding import KEPT_GREY, START, Again, _inner, _matched, _noise_left, _searched
+from vision.errors.reencoding import KEPT_GREY, START, Again, _inner, _matched, _noise_left, _searched
 from vision.film.video import Writer
 
 Array = NDArray[np.float64]
@@ -79,7 +81,7 @@ def test_terms_are_those_of_what_patches_do() -> None:
     assert found.rest[[0, 2]] == pytest.approx(0.0007, rel=0.15)
     # two rests, 0.0034 in each axis, drawn half-way to 0.9 of what creeps
     assert found.held[[0, 2]] == pytest.approx(0.004, rel=0.15)
-    assert found.shared == MOST_SHARED  # nothing is shaken: as little as is known
+    assert found.shared == CREEP_SHARED  # nothing is shaken: as little as is known
     assert codec_terms([]) is NOTHING
 
 
@@ -106,5 +108,9 @@ def test_pulls_of_films_as_phones_code_them(tmp_path: Path) -> None:
     from benchmarks.films import coding as benchmark
 
     found = benchmark.trial(benchmark.QUICK, 1, 1, tmp_path)
-    for pulls in found.values():
-        assert all(0.55 < value < 1.6 for value in pulls.values())  # one film a way: rests are a handful
+    # One way of coding has 0.42 to 1.42 at rest (docs/records/film-accuracy.md): all four are pooled. What stays
+    # in a marker is one value an axis: 4 markers at rest in 4 films, and 4 in 3 holds or 3 motions of each.
+    for part, count in (("rest", 4 * 2 * 4), ("hold", 4 * 2 * 3 * 4), ("moving", 4 * 2 * 3 * 4)):
+        power = sum(len(ways) * found[f"pull_{kind}"][part] ** 2 for kind, ways in benchmark.QUICK.items())
+        low, high = band(count)
+        assert low < np.sqrt(power / 4) < high

@@ -8,6 +8,7 @@ from scipy.optimize import nnls
 
 from vision.camera import Array
 
+# Where these numbers come from: docs/records/error-numbers.md
 MOST_RHO = 0.98  # of what lasts: a memory of 50 frames
 LAGS = 14  # number of lags that are compared
 TOWARDS_LONG = 0.25  # a lag counts with this power of its length: slow errors harm a fit most

@@ -7,12 +7,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vision.camera import Array
-from vision.errors.noise import CREEP, DRIFT_PX, FAST, PASSING, REST, SHAKEN, states, with_y
-from vision.errors.recoding import Again
+from vision.errors.modes import CREEP_SHARED, MIN_HOLD
+from vision.errors.noise import CREEP, DRIFT_PX, FAST, PASSING, REST, SETTLED, SHAKEN, states, with_y
+from vision.errors.reencoding import Again
 
-LAG = 3  # frames apart at which a creeping patch's errors are compared
-MIN_SAMPLES = 10  # values that make an estimate of their own
-MOST_SHARED = 0.75
+# Where these numbers come from: docs/records/error-numbers.md
 RESTS = 2.0  # rests of marks, as many as count as much as what is known before: STOPS of the slow error
 STOPS = 0.9  # error kept in a rest over that of slow motion, drawn film
 
@@ -25,7 +24,7 @@ class Codec:
     creep: Array  # sd while it moves more slowly, or is shaken: P-frames lag behind it
     held: Array  # sd of the error that stays frozen in a patch that has come to rest
     rest: Array  # the same in one that has not moved yet
-    shared: float = MOST_SHARED  # share of a shaken patch's variance that stays through a hold
+    shared: float = CREEP_SHARED  # share of a shaken patch's variance that stays through a hold
 
 
 NOTHING = Codec(*np.zeros((4, 3)))
@@ -56,16 +55,17 @@ def codec_terms(parts: Sequence[Again]) -> Codec:
     jitter = _mean_square(np.concatenate([(error - error.mean(axis=0)).reshape(-1, 2) for error in still]))
     everywhere = _pooled(parts, [part.state != REST for part in parts], frozen + jitter)
     fast = _pooled(parts, [part.state == FAST for part in parts], everywhere)
-    slow = _pooled(parts, [_slow(part.state) for part in parts], everywhere)
+    slow = _pooled(parts, [np.isin(part.state, (CREEP, SHAKEN, PASSING)) for part in parts], everywhere)
     squares = (np.maximum(term - jitter, 0.0) for term in (fast, slow, _held(parts, slow)))
-    moving, creep, held, rest = (with_y(_alike(np.sqrt(term))) for term in (*squares, frozen))
+    # Both axes together: windows show few ways to move, and a patch is late the way it moves.
+    moving, creep, held, rest = (with_y(np.full(2, np.sqrt(np.mean(t)))) for t in (*squares, frozen))
     return Codec(moving, creep, held, rest, shared=_stays(parts))
 
 
 def _pooled(parts: Sequence[Again], chosen: Sequence[NDArray[np.bool_]], otherwise: Array) -> Array:
     """Mean square (2,) mm2 of the errors that are chosen (w,p), all stretches; `otherwise` for too few."""
     error = np.concatenate([part.error[which] for part, which in zip(parts, chosen, strict=True)])
-    return _mean_square(error) if len(error) >= MIN_SAMPLES else otherwise
+    return _mean_square(error) if len(error) >= SETTLED else otherwise
 
 
 def _held(parts: Sequence[Again], slow: Array) -> Array:
@@ -77,33 +77,24 @@ def _held(parts: Sequence[Again], slow: Array) -> Array:
     for part in parts:
         come = (part.state == REST) & (np.cumsum(part.state != REST, axis=0) > 0)
         come &= np.isfinite(part.error).all(axis=-1)
-        for p in np.flatnonzero(come.sum(axis=0) >= MIN_SAMPLES):
+        for p in np.flatnonzero(come.sum(axis=0) >= SETTLED):
             power, rests = power + np.mean(part.error[come[:, p], p] ** 2, axis=0), rests + 1
     return np.asarray((power + RESTS * STOPS**2 * slow) / (rests + RESTS))
 
 
 def _stays(parts: Sequence[Again]) -> float:
-    """Share of shaken patches' variance that stays: the correlation of their errors LAG frames apart."""
+    """Share of shaken patches' variance that stays: the correlation of their errors a shortest hold apart."""
     products, powers, count = 0.0, 0.0, 0
     for part in parts:
         error, shaken = part.error, part.state == SHAKEN
-        both = shaken[LAG:] & shaken[:-LAG] & np.isfinite(error[LAG:] + error[:-LAG]).all(axis=-1)
-        after, before = error[LAG:][both], error[:-LAG][both]
+        later, sooner = slice(MIN_HOLD, None), slice(-MIN_HOLD)
+        both = shaken[later] & shaken[sooner] & np.isfinite(error[later] + error[sooner]).all(axis=-1)
+        after, before = error[later][both], error[sooner][both]
         products += float(np.sum(after * before))
         powers += 0.5 * float(np.sum(after**2 + before**2))
         count += len(after)
-    known = count >= MIN_SAMPLES and powers > 0
-    return float(np.clip(products / powers, 0.0, MOST_SHARED)) if known else MOST_SHARED
-
-
-def _alike(sd: Array) -> Array:
-    """Sd (2,) of both axes together: windows show few ways to move, and a patch is late the way it moves."""
-    return np.full(2, np.sqrt(np.mean(sd**2)))
-
-
-def _slow(state: NDArray[np.int8]) -> NDArray[np.bool_]:
-    """Where patches creep, are shaken or pass."""
-    return (state == CREEP) | (state == SHAKEN) | (state == PASSING)
+    known = count >= SETTLED and powers > 0
+    return float(np.clip(products / powers, 0.0, CREEP_SHARED)) if known else CREEP_SHARED
 
 
 def _mean_square(error: Array) -> Array:

@@ -1,4 +1,8 @@
-"""How the coding error of marks at rest changes while others move, as a film's frame marks tell it."""
+"""How the coding error of marks at rest changes: at rare key frames, and while others move.
+
+A key frame draws the picture anew, with another error that stays until the next; where others move, what
+stays changes too. Frame marks, which never move, tell how much; it becomes modes.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -8,34 +12,50 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vision.camera import Array
+from vision.errors.modes import Named, orthogonal
+from vision.errors.noise import SETTLED
 from vision.errors.variance import Rest
 from vision.following.turns import mean_seen
-from vision.plane import Plane
+from vision.marks import Mark
+from vision.plane import Plane, misplaced
 
-BLOCK, BLOCKS = 40, 40  # frames in whose mean the error is taken, and most such blocks of a film
-SHORT = 10  # frames beside a key frame whose mean is, at least
+# Where these numbers come from: docs/records/error-numbers.md
+LONG = 60  # frames between key frames from which the noise's own persistence does not hold the step
+MOST = 12  # key frames of a film that get modes; courses that do
+LEAST = 0.1  # of a frame mark's noise, rms of a course that counts
+BLOCK = 40  # frames in whose mean the error is taken
 FRESH = 0.6  # variance that a key frame draws anew over what coding leaves at rest; drawn film: 0.2 to 1.4
 WORTH = 6.0  # degrees of freedom that this is worth, from its scatter
-EVEN = 4.0  # degrees of freedom that all blocks' changes together are worth for one of them
 SLOW = 0.014  # of the variance is new from block to block; drawn film of crf 23 to 28: 0.001 to 0.05
-FEW = 4.0  # degrees of freedom that this is worth: few frame marks may all be lucky
+FEW = 4.0  # degrees of freedom that this is worth for all blocks, and what all change for one of them
 MOST_NEW = 0.95  # of the variance, from block to block
 
 
 @dataclass(frozen=True)
-class Standing:
+class CodingDrift:
     """Coding error of marks at rest beyond the static film's noise, each axis of one mark's centre."""
 
     blocks: tuple[slice, ...]  # (b,) stretches of the film
     covariance: Array  # (b,b) mm2, of its means in them
-    flicker: float  # mm2, new in every frame
+    flicker: float  # mm2, new in every frame of the film and not in those of the static film
     noise_mm: float  # usual sd of a mark in the static film, against which it matters
 
 
-def standing_error(
+def stretches(keys: NDArray[np.intp], frames: int) -> list[slice]:
+    """The frames from each key frame to the next."""
+    edges = [0, *(int(k) for k in keys if 0 < k < frames), frames]
+    return [slice(a, b) for a, b in pairwise(edges)]
+
+
+def rare(parts: Sequence[slice]) -> bool:
+    """Whether key frames are so few that the noise's persistence misses the steps at them."""
+    return parts[-1].stop >= LONG * len(parts)
+
+
+def coding_drift(
     film: Plane, quiet: Plane, place: Array, rest: Rest, frozen: float, keys: Sequence[slice],
     quiet_keys: Sequence[slice],
-) -> Standing:  # fmt: skip
+) -> CodingDrift:  # fmt: skip
     """The error in the film, whose key frames are rare.
 
     film, quiet: frame marks in all frames of the film, and of the static film.   place: (t,p,2) mm in that.
@@ -61,7 +81,9 @@ def standing_error(
     mean = rest.noise.persistence.of_mean
     known = 2.0 * (mean(BLOCK) - mean(2 * BLOCK)) * variance * noise / max(drawn + noise, 1e-30)
     kept = _kept(film.residual, blocks, of, free, drawn + noise, known)
-    return Standing(tuple(blocks), drawn * kept, _flicker(film, quiet), float(np.sqrt(variance)))
+    # Where others move, coders draw B-frames of what rests less exactly.
+    flicker = max(_new(film) - _new(quiet), 0.0)
+    return CodingDrift(tuple(blocks), drawn * kept, flicker, float(np.sqrt(variance)))
 
 
 def shares(rest: Rest) -> Array:
@@ -72,10 +94,9 @@ def shares(rest: Rest) -> Array:
 
 def _blocks(keys: Sequence[slice]) -> tuple[list[slice], NDArray[np.intp]]:
     """Blocks (b,) of the film, none across a key frame, and the stretch (b,) of each."""
-    length = max(BLOCK, keys[-1].stop // BLOCKS)
     blocks, of = [], []
     for k, part in enumerate(keys):
-        count = max(round((part.stop - part.start) / length), 1)
+        count = max(round((part.stop - part.start) / BLOCK), 1)
         edges = np.linspace(part.start, part.stop, count + 1).round().astype(int).tolist()
         blocks += [slice(a, b) for a, b in pairwise(edges)]
         of += [k] * count
@@ -106,7 +127,7 @@ def _steps(place: Array, keys: Sequence[slice]) -> list[tuple[float, int, int]]:
     for a, b in pairwise(keys):
         before = place[max(a.start, a.stop - BLOCK) : a.stop]
         after = place[b.start : min(b.stop, b.start + BLOCK)]
-        if min(len(before), len(after)) >= SHORT:
+        if min(len(before), len(after)) >= SETTLED:
             found.append((_half(mean_seen(before), mean_seen(after)), len(before), len(after)))
     return found
 
@@ -122,23 +143,58 @@ def _kept(
     same = of[1:] == of[:-1]
     step = np.array([_half(a, b) for a, b in pairwise(means)]) / max(free, 1) - known
     usual = (SLOW * variance * FEW + free * float(step[same].sum())) / (FEW + free * int(same.sum()))
-    step = np.maximum((EVEN * usual + free * step) / (EVEN + free), 0.0)
+    step = np.maximum((FEW * usual + free * step) / (FEW + free), 0.0)
     age = -np.log(1.0 - np.minimum(step / max(variance, 1e-30), MOST_NEW))
     age = np.concatenate([[0.0], np.cumsum(np.where(same, age, 0.0))])
-    return np.where(np.equal.outer(of, of), np.exp(-np.abs(np.subtract.outer(age, age))), 0.0)
+    apart = np.minimum(np.abs(np.subtract.outer(age, age)), 500.0)  # more would underflow
+    return np.where(np.equal.outer(of, of), np.exp(-apart), 0.0)
 
 
 def _half(before: Array, after: Array) -> float:
     return 0.5 * float(np.nansum((after - before) ** 2))
 
 
-def _flicker(film: Plane, quiet: Plane) -> float:
-    """Variance mm2 that is new in every frame of the film and not in those of the static film: where others
-    move, coders draw B-frames of what rests less exactly."""
-    return max(_new(film) - _new(quiet), 0.0)
-
-
 def _new(plane: Plane) -> float:
+    """Variance mm2 of a frame mark that is new in every frame."""
     power = np.diff(plane.residual, axis=0) ** 2
     count = np.maximum(np.isfinite(power).sum(axis=0), 1)
     return 0.5 * float(np.sum(np.nansum(power, axis=0) / count)) / max(_freedom(plane), 1)
+
+
+def key_modes(
+    error: CodingDrift, steps: NDArray[np.intp], reference: NDArray[np.intp],
+    marks: Sequence[Mark], still: NDArray[np.bool_], plane: Plane, place: Array,
+) -> Named:  # fmt: skip
+    """What stays in marks at rest, relative to the reference: of each that always rests, and of the plane.
+
+    steps: (s,) frames that are kept.   reference: (r,) among them.   still: (p,) marks that never move; the
+    others have the codec's modes.
+    plane, place: frame marks, and places (s,p,2) mm, in the steps.
+    """
+    shift = np.nan_to_num(misplaced(plane, place))
+    modes: dict[str, Array] = {}
+    for k, course in enumerate(courses(error, steps, reference)):
+        for p in np.flatnonzero(still).tolist():
+            for component in (0, 2):
+                field = np.zeros((*place.shape[:2], 3))
+                field[:, p, component] = course
+                modes[f"codec:{marks[p].name}:{component + 1}:key{k + 1}"] = field
+        for n, field in enumerate(orthogonal(course[:, None, None] * shift)):
+            modes[f"codec:frame:{n + 1}:key{k + 1}"] = field
+    return modes
+
+
+def courses(error: CodingDrift, steps: NDArray[np.intp], reference: NDArray[np.intp]) -> Array:
+    """Orthogonal courses (k,s) mm, 1 sd each, of the coding drift less its mean over the reference.
+
+    They are those of Karhunen and Loeve, the largest first, without those far below the noise.
+    """
+    power, turn = np.linalg.eigh(error.covariance)
+    within = np.array(
+        [(steps >= block.start) & (steps < block.stop) for block in error.blocks], dtype=np.float64
+    )
+    within -= within[:, reference].mean(axis=1, keepdims=True)
+    root = np.sqrt(np.maximum(power, 0.0))[:, None] * turn.T
+    _, size, course = np.linalg.svd(root @ within, full_matrices=False)
+    kept = (size > LEAST * error.noise_mm * np.sqrt(len(steps)))[:MOST]
+    return np.asarray((size[:, None] * course)[: len(kept)][kept])

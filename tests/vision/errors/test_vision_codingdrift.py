@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from vision.errors.keyframes import courses, stretches
+from vision.errors.codingdrift import FRESH, CodingDrift, coding_drift, courses, stretches
 from vision.errors.noise import NoiseModel
-from vision.errors.standing import FRESH, Standing, standing_error
 from vision.errors.variance import Rest
 from vision.plane import Plane, plane_of
 
@@ -35,9 +34,9 @@ def drawn(rng: np.random.Generator, frames: int, marks: int = len(NOMINAL), whit
     return white * rng.standard_normal((frames, marks, 2))
 
 
-def told(film: Plane, rng: np.random.Generator, frozen: float) -> Standing:
+def told(film: Plane, rng: np.random.Generator, frozen: float) -> CodingDrift:
     quiet = seen(drawn(rng, 300))
-    return standing_error(film, quiet, drawn(rng, 300, 4), rest(), frozen, KEYS, [slice(0, 300)])
+    return coding_drift(film, quiet, drawn(rng, 300, 4), rest(), frozen, KEYS, [slice(0, 300)])
 
 
 def test_what_a_key_frame_draws_anew_is_told_by_coding_and_by_frame_marks() -> None:
@@ -77,7 +76,7 @@ def test_without_spare_frame_marks_what_coding_leaves_is_all_that_is_known() -> 
     rng = np.random.default_rng(3)
     error = drawn(rng, FRAMES)
     error[:, 4:] = np.nan
-    found = standing_error(
+    found = coding_drift(
         seen(error), seen(error[:300]), drawn(rng, 300, 4), replace(rest(), frame_variance=0.0), 1e-6, KEYS,
         [slice(0, 300)],
     )  # fmt: skip

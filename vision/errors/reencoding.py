@@ -11,30 +11,28 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vision.camera import Array, Image
-from vision.errors.noise import states
+from vision.errors.noise import BETWEEN, states
 from vision.film.checkpoint import Progress
 from vision.film.packets import NAMES, Coding
 from vision.film.video import Video, Writer
 from vision.following import blurred, registration
-from vision.following.reference import Follower
+from vision.following.reference import SURE, Follower
 from vision.following.tracking import centres
 from vision.following.tracks import COARSE, Followed, Method
 from vision.marks import px_per_unit
 from vision.plane import homographies, to_plane
 
 Array8 = NDArray[np.int8]
+# Where these numbers come from: docs/records/error-numbers.md
 WINDOW = 60  # frames coded again
-SETTLE = 5  # first frames of the window, near its key frame, left out
 UNSEEN = 12  # last ones: coders look ahead, and spend less on what nothing is seen to refer to
 SHIFT = np.array([5.0, 3.0])  # px, off every block grid
 START, FINEST, COARSEST = 23.0, 1.0, 51.0  # rate factor tried first, and its range
 COARSER, FINER = 4.5, 1.7  # of it to half the bytes, which edges take; to twice, where noise comes through
-SEARCHED, TRIES = 36, 6  # frames in which the rate factor is searched, and how often
-KEPT_GREY = (
-    0.65  # grey levels left: x264's usual tuning leaves 0.5 at most, that for grain 0.7 and more at crf 18
-)
+SEARCHED = 3 * UNSEEN  # frames in which the rate factor is searched: half of them are as inside a film
+KEPT_GREY = 0.65  # grey levels left: x264's usual tuning leaves 0.5 at most, that for grain 0.7 at crf 18
 CAMERA_GREY = 1.5  # grey levels, usual sd of a camera's noise: coding takes it away, and pays for it in bytes
-NEAR = 0.2  # powers of two of the bytes that are near enough: a step of the quantiser by 15 %
+NEAR = 0.2  # powers of two of the bytes, or rate factors, that are near enough: 15 % of the bytes
 
 
 @dataclass(frozen=True)
@@ -49,14 +47,9 @@ class Again:
 
 
 def coded_again(
-    film: Video,
-    follower: Follower,
-    followed: Followed,
-    plane: Array,
-    frame: list[int],
-    points: list[int],
+    film: Video, follower: Follower, followed: Followed, plane: Array, frame: list[int], points: list[int],
     progress: Progress | None,
-) -> list[Again]:
+) -> list[Again]:  # fmt: skip
     """The stretches round the fastest motion and where most marks move slowly; none for a lossless film.
 
     They are shifted off the block grid, get the noise back that coding took from them, are coded with the
@@ -149,41 +142,40 @@ def _searched(off_at: Callable[[float], float], level: float) -> float:
     """Rate factor at which `off_at`, the logarithm of the bytes over those wanted, is nearly 0.
 
     It falls with the rate factor: guesses by its usual slope until one is above and one below, then false
-    position.
+    position, until the rate factor hardly moves.
     """
     low, high = (FINEST, np.inf), (COARSEST, -np.inf)  # factors, and their logarithms
-    before = 0.0
-    for _ in range(TRIES):
-        off = off_at(level)
-        if abs(off) < NEAR:
-            break
+    before, tried = 0.0, np.inf
+    while abs(level - tried) >= NEAR and abs(off := off_at(level)) >= NEAR:
         # Noise that only just comes through makes bytes steep: an end that stays counts half (Illinois).
         stays = 0.5 if off * before > 0 else 1.0
-        low, high = (
-            ((level, off), (high[0], stays * high[1]))
-            if off > 0
-            else ((low[0], stays * low[1]), (level, off))
-        )
+        if off > 0:
+            low, high = (level, off), (high[0], stays * high[1])
+        else:
+            low, high = (low[0], stays * low[1]), (level, off)
         before, tried = off, level
         level = float(np.clip(level + off * (COARSER if off > 0 else FINER), FINEST, COARSEST))
         if np.isfinite(low[1]) and np.isfinite(high[1]):
             level = low[0] + (high[0] - low[0]) * low[1] / (low[1] - high[1])
-        if level == tried:
-            break
     return level
 
 
 def _coded(pictures: Sequence[Image], coding: Coding, window: slice, level: float, path: Path) -> float:
     """Writes the pictures of the window at that rate factor; logarithm (2) of their bytes over the film's."""
-    _write(pictures, coding, level, path)
+    encoder, options = coding.options(level)
+    size = (pictures[0].shape[1], pictures[0].shape[0])
+    with Writer(path, size, fps=coding.fps, codec=encoder, options=options) as writer:
+        for image in pictures:
+            writer.add(image)
     again = Video(path).coding()
     wanted = _bytes(coding.size[window], coding.key[window])
     return float(np.log2(max(_bytes(again.size, again.key), 1) / max(wanted, 1)))
 
 
 def _inner(count: int) -> slice:
-    """Frames of a stretch of that many that are coded as inside a film; all but the first if few."""
-    return slice(SETTLE, count - UNSEEN if count > 2 * UNSEEN else count)
+    """Frames of a stretch of that many that are coded as inside a film: not those near its key frame, nor the
+    last, if there are others."""
+    return slice(BETWEEN, count - UNSEEN if count > 2 * UNSEEN else count)
 
 
 def _bytes(size: NDArray[np.intp], key: NDArray[np.bool_]) -> int:
@@ -191,14 +183,6 @@ def _bytes(size: NDArray[np.intp], key: NDArray[np.bool_]) -> int:
     inner = _inner(len(size))
     size, key = size[inner], key[inner]
     return int(size[~key].sum()) if (~key).any() else int(size.sum())
-
-
-def _write(pictures: Sequence[Image], coding: Coding, level: float, path: Path) -> None:
-    encoder, options = coding.options(level)
-    size = (pictures[0].shape[1], pictures[0].shape[0])
-    with Writer(path, size, fps=coding.fps, codec=encoder, options=options) as writer:
-        for image in pictures:
-            writer.add(image)
 
 
 def _disturb(pictures: list[Image], noise: float, *, seed: int) -> None:
@@ -266,8 +250,8 @@ def _laid(image: Image, follower: Follower, warp: Array, adjusted: NDArray[np.bo
     result[marks], match = registration.register(
         image, lens, follower.templates, warp[marks], px_per_unit(warp[marks]), rows
     )
-    result[marks[match < 0.5]] = np.nan
-    for k in np.flatnonzero(adjusted[marks] & (match >= 0.5)).tolist():
+    result[marks[match <= SURE]] = np.nan
+    for k in np.flatnonzero(adjusted[marks] & (match > SURE)).tolist():
         found = blurred.adjust(
             image, lens, follower.templates, follower.spectra, int(rows[k]), start=result[marks[k]],
             usual=float(follower.usual[rows[k]]), match=float(match[k]),

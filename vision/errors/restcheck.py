@@ -6,11 +6,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from vision.camera import Array
+from vision.following.turns import mean_seen
 
+# Where these numbers come from: docs/records/error-numbers.md
 BLOCKS = 6  # parts of the time whose means are compared
 FEW = 2  # frames in a part, at least
-CLEAR = 5.0  # sds of a part's mean
-WHITE = 2.0  # times more than white noise may a part's mean scatter: noise of neighbouring frames is alike
+CLEAR = 10.0  # sds of a part's mean by white noise: noise of neighbouring frames is alike
 MOST_MM = 0.25  # beyond it a mark moves; below it a drift is told
 TELL_MM = 0.03
 
@@ -33,7 +34,7 @@ def unrest(place: Array, names: Sequence[str]) -> Unrest | None:
     parts = [part for part in np.array_split(place, BLOCKS) if len(part) >= FEW]
     if len(parts) < 2:
         return None
-    means = np.array([_mean(part) for part in parts])
+    means = np.array([mean_seen(part) for part in parts])
     counts = np.array([np.isfinite(part[..., 0]).sum(axis=0) for part in parts])
     noise = _noise(place)
     worst: Unrest | None = None
@@ -42,7 +43,7 @@ def unrest(place: Array, names: Sequence[str]) -> Unrest | None:
         if shown.sum() < 2:
             continue
         apart = np.linalg.norm(means[shown, p][:, None] - means[shown, p][None], axis=-1)
-        mm, sd = float(apart.max()), WHITE * noise[p] * np.sqrt(2.0 / counts[shown, p].min())
+        mm, sd = float(apart.max()), noise[p] * np.sqrt(2.0 / counts[shown, p].min())
         if mm > max(CLEAR * sd, TELL_MM) and (worst is None or mm > worst.mm):
             worst = Unrest(name, mm, mm > MOST_MM)
     return worst
@@ -74,11 +75,6 @@ def check_rest(
         f"{film}: marker {found.name!r} drifts by {found.mm:.2g} mm {span}, {what}. Displacements may be "
         "off by as much.",
     )
-
-
-def _mean(part: Array) -> Array:
-    count = np.isfinite(part[..., 0]).sum(axis=0)
-    return np.where(count[:, None] > 0, np.nansum(part, axis=0) / np.maximum(count, 1)[:, None], np.nan)
 
 
 def _noise(place: Array) -> Array:
