@@ -19,7 +19,7 @@ from snapshots import DATA, POINTS, SMOOTH
 from fe import Path
 from twin.effects.protocol import Test
 from twin.targets import Array
-from twin.virtual.filming import fixed_markers
+from twin.virtual.draws import fixed_markers
 from twin.virtual.hidden import KINDS, Kind
 from twin.virtual.protocols import PROTOCOLS, TOP, WAYS, Protocol
 from twin.virtual.truthsolves import LEVELS
