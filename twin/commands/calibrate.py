@@ -15,7 +15,9 @@ from twin.gravity import under
 from twin.judging.comparison import Comparison
 from twin.judging.intervals import fit_record
 from twin.judging.judged import Judged
+from twin.judging.record import InitialRow
 from twin.model.loadpaths import Turned
+from twin.project import files
 from twin.project.folder import Project, Run, Say
 from twin.review.states import Generations
 from twin.sanity import doubts, fit_fault
@@ -43,8 +45,8 @@ def run_calibrate(project: Project, say: Say) -> dict[str, Any]:
         judged = least(bench, paths, points, best.theta, say)
         model, fit, found = judged.model, judged.fit, compared(run, judged, bench, say)
         words = _words(project, fit, found, _apart(bench, paths, points, best, fit))
-        beside = {"effects": [], "identifiability": words, "initial": _initial(bench, paths, points, judged)}
-        run.write_json("fit.json", fit_record(fit, found) | beside)
+        initial = _initial(bench, paths, points, judged)
+        run.write(fit_record(fit, found, effects=(), identifiability=words, initial=initial))
         run.summary["headline"] = words.split(". ")[0]
         crossed = model.solution(fit.theta).crossed
         for line in (*bench.remarks, model.extent, fit.reason):
@@ -58,21 +60,21 @@ def run_calibrate(project: Project, say: Say) -> dict[str, Any]:
         "stage": "calibrate",
         "run": run.name,
         "rms_mm": best.rms_mm,
-        "fit": fit_record(fit, found),
+        "fit": files.plain(fit_record(fit, found)),
         "identifiability": words,
     }
 
 
-def _initial(bench: Workbench, paths: Turned, points: Array, judged: Judged) -> dict[str, Any]:
+def _initial(bench: Workbench, paths: Turned, points: Array, judged: Judged) -> InitialRow:
     """Nominal constants and what they leave, mm, under the errors of the fit: from the load paths."""
     nominal = np.array([p.start for p in bench.elasticity.parameters])
     u = predicted(paths, points, bench.targets, constants_of(bench.elasticity, nominal))
-    values = {p.name: p.start for p in bench.elasticity.parameters}
+    values = {p.name: p.start or 0.0 for p in bench.elasticity.parameters}
     if u is None:
-        return {"values": values, "rms_mm": None, "raw_rms_mm": None}
+        return InitialRow(values=values, rms_mm=None, raw_rms_mm=None)
     w, residual = judged.whitener, bench.targets.value - u
     raw = float(np.sqrt((w.pick(residual)[w.valid] ** 2).mean()))
-    return {"values": values, "rms_mm": w.rms(residual), "raw_rms_mm": raw}
+    return InitialRow(values=values, rms_mm=w.rms(residual), raw_rms_mm=raw)
 
 
 def _ended(fit: Fit) -> str:

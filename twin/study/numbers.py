@@ -8,10 +8,11 @@ import numpy as np
 from scipy.optimize import brentq
 
 from calibrate import Fit
-from twin.bench.fits import BESIDE, fresh
+from twin.bench.fits import fresh
 from twin.bench.workbench import Workbench
 from twin.effects.baselaw import NAMES, NOMINAL, Constants
 from twin.judging.fitting import whitener_of
+from twin.judging.record import FitRecord
 from twin.judging.whitening import whitener
 from twin.model.loadpaths import Turned
 from twin.project import files
@@ -50,8 +51,7 @@ class Inquiry:
         bench = Workbench.of(project)
         paths, rows = load_paths_of(bench, say)
         objective = objective_of(bench)
-        record = files.read_json(found.with_name("fit.json"))
-        fit = Fit.from_dict({key: value for key, value in record.items() if key not in BESIDE})
+        fit = files.read(FitRecord, found.with_name(FitRecord.file)).fit
         generations = Generations.load(found.with_name("generations.npz"))
         return Inquiry(bench, paths, rows, objective, generations, files.read_npz(found), fit)
 
