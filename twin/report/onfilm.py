@@ -23,7 +23,7 @@ from twin.review.states import Generations
 from twin.targets import Array, Targets
 
 if TYPE_CHECKING:  # vision takes a second to import
-    from vision.placing.projecting import Projection
+    from vision.perspective import Projection
 
 MOST = 500  # pictures in which the models are drawn
 CHUNK = 64  # steps whose displacements of all nodes are held at a time
@@ -108,7 +108,7 @@ class _Sight:
     @cached_property
     def _projection(self) -> "Projection":
         """How the first camera sees the world in every frame."""
-        from vision.placing.projecting import Projection
+        from vision.perspective import Projection
 
         camera = stored_cameras(camera_path(self.project))[0]
         return Projection.of(camera, self._tracks["homography"], marks_of(self.project))
