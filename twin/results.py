@@ -10,7 +10,7 @@ from twin.diagnosis.explanation import EvidenceRecord
 from twin.diagnosis.record import DiagnosisRecord
 from twin.judging.record import ComparisonRecord, FitRecord, Interval
 from twin.project import files
-from twin.study.record import page_facts
+from twin.study.record import Study, page_facts
 
 if TYPE_CHECKING:  # pandas takes a second to import: only who asks for a table pays for it
     import pandas
@@ -92,7 +92,7 @@ def _number(text: str) -> float | str:
 
 def _study(folder: Path) -> Iterable[Row]:
     """A row for each error and constant, here and as published."""
-    rows: list[Row] = page_facts(files.read_json(folder / "study.json"))["rows"]
+    rows: list[Row] = page_facts(files.read(Study, folder / Study.file))["rows"]
     return rows
 
 

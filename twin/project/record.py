@@ -37,6 +37,9 @@ Maybe = Annotated[Finite | None, BeforeValidator(_or_null)]
 MaybeSize = Annotated[NotNegative | None, BeforeValidator(_or_null)]
 
 
+Reach = Annotated[float, BeforeValidator(lambda value: float("inf") if value is None else value)]  # null: inf
+
+
 class StoredModel(Loose):
     effects: tuple[str, ...] = ()
     effect_files: tuple[str, ...] = ()

@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from twin.bench.fits import fresh, newest
 from twin.diagnosis.record import NONE, DiagnosisRecord
@@ -13,9 +12,9 @@ from twin.report.footage import Footage
 from twin.report.onfilm import measured_file, models_on_film
 from twin.report.waypictures import Way
 from twin.review.states import Fields, Generations, Strains
+from twin.study.record import Study
 from twin.targets import Array, Targets
 
-STUDY = "study.json"
 CHANGES = ("add", "drop")  # the stages that change the effects
 
 
@@ -40,7 +39,7 @@ class Story:
     fields: Fields | None
     way: Way
     study_file: Path | None
-    study: dict[str, Any]
+    study: Study | None
     footage: Footage | None
     not_filmed: str
     strains: Strains | None
@@ -52,7 +51,7 @@ class Story:
         generations = Generations.load(calibration_file(project, "generations.npz"))
         calibrated = files.read(FitRecord, calibration_file(project, FitRecord.file))
         fit, diagnosis = newest(project, FitRecord) or calibrated, newest(project, DiagnosisRecord) or NONE
-        fields, study = fresh(project, CHANGES, "fields.npz"), fresh(project, ("study",), STUDY)
+        fields, study = fresh(project, CHANGES, "fields.npz"), fresh(project, ("study",), Study.file)
         filmed, why = models_on_film(project, targets, generations, say)
         strained = measured_file(project, "strain.npz")
         return Story(
@@ -69,7 +68,7 @@ class Story:
             fields=Fields.load(fields) if fields else None,
             way=Way.of(project, targets, effects={name_of(e) for e in fit.effects} | set(diagnosis.named)),
             study_file=study,
-            study=files.read_json(study) if study else {},
+            study=files.read(Study, study) if study else None,
             footage=Footage(project, filmed) if filmed else None,
             not_filmed=why,
             strains=Strains.load(strained) if strained else None,
@@ -90,13 +89,13 @@ class Story:
     @property
     def untested(self) -> bool:
         """Whether nothing can be said of what is missing, so that the constants are what was found."""
-        return self.targets.noise is None or (bool(self.study) and not self.diagnosis.ranking)
+        return self.targets.noise is None or (self.study is not None and not self.diagnosis.ranking)
 
     @property
     def found(self) -> tuple[str, str]:
         """What the calibration has found, in one sentence, and the others."""
         if self.study:
-            return self.study["headline"], ""
+            return self.study.headline, ""
         return _first(self.fit.identifiability or self.calibrated.identifiability)
 
     @property

@@ -3,5 +3,5 @@
 Read `generations` first: the reference study's genetic algorithm on load paths. `loadpathfit` is its
 objective and the least squares that begin where it ends. `ridges` finds the line on which two constants act
 alike; `readings` are places where one could read more, and `separability` says how well each would tell the
-constants apart. `numbers` gathers all this, and `record` is what is written of it.
+constants apart. `numbers` gathers all this, `record` is what is written of it, and `figures` draws it.
 """

@@ -1,8 +1,9 @@
-"""A calibrated project -> what its calibration has found (`findings.Study`): every number of the study."""
+"""A calibrated project -> the record of what its calibration has found: every number of the study."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from scipy.optimize import brentq
@@ -21,9 +22,9 @@ from twin.review.states import Generations
 from twin.study.generations import Objective
 from twin.study.loadpathfit import load_paths_of, objective_of
 from twin.study.readings import plans, spots
-from twin.study.record import PointCurve, Side, Study
+from twin.study.record import Curves, Initial, Known, Line, PointCurve, Reading, Several, Side, Start, Study
 from twin.study.ridges import difference, ridge
-from twin.study.separability import Knowledge, Outcomes, outcomes, readings
+from twin.study.separability import Addition, Knowledge, Outcomes, outcomes, readings
 from twin.targets import Array
 
 CURVE = 61  # pressures of a curve
@@ -57,31 +58,39 @@ class Inquiry:
 
     def study(self) -> Study:
         """Everything that was found."""
-        own, table = self.bench.elasticity.parameters, self.bench.project.config.study
+        table = self.bench.project.config.study
         stated = dict(table.initial) if table else {}
         published = dict(table.published) if table else {}
+        reduction = table.published_reduction_percent if table else None
         initial = self.side(Constants.of(stated or NOMINAL.named))
         final = self.side(self.best)
-        line = ridge(self.cost, own)
-        reduction = table.published_reduction_percent if table else None
-        least = dict(zip(NAMES, map(float, self.fit.theta), strict=True))
-        now = Knowledge.of(self.information, self.best)
+        line = ridge(self.cost, self.bench.elasticity.parameters)
+        agreeing = line.agreeing(sd_mm=self.sd_mm, count=len(self.names))
+        asked: dict[str, Any] = {
+            "information": self.information, "constants": self.best, "sd_mm": self.sd_mm,
+        }
+        several = plans(
+            self.shown, **asked, names=self.names, component=self.objective.component, top=self.top
+        )
         return Study(
-            points=self.names, component=self.objective.component, top_MPa=self.top,
-            measured=self.objective.measured, sd_mm=self.sd_mm,
-            initial=initial, initial_is_stated=bool(stated), final=final,
-            least=self.side(Constants.of(least)),
+            points=list(self.names), component=self.objective.component + 1, pressure_MPa=self.top,
+            measured_mm=self.objective.measured.tolist(), measured_sd_mm=self.sd_mm,
+            initial=Initial(**initial.model_dump(), stated=bool(stated)), final=final,
+            reduction_percent=_reduction(initial, final),
+            least_squares=self.side(Constants(*map(float, self.fit.theta))),
             difference=difference(self.best.named, self.fit, self.cost, sd_mm=self.sd_mm)[0],
-            starts=self.starts(initial), ridge=line,
-            agreeing=line.agreeing(sd_mm=self.sd_mm, count=len(self.names)), known=now,
-            readings=readings(self.shown, information=self.information, constants=self.best,
-                              sd_mm=self.sd_mm),
-            plans=plans(self.shown, information=self.information, constants=self.best, sd_mm=self.sd_mm,
-                        names=self.names, component=self.objective.component, top=self.top),
-            pressure=self.pressure, curves=self.curves(initial, final),
             published=self.side(Constants.of(published)) if published else None,
-            published_reduction=reduction,
-            matching=self.matching(initial, final, reduction),
+            published_reduction_percent=reduction,
+            published_reduction_from_total_MPa=self.matching(initial, final, reduction),
+            starts=[
+                Start(**s.model_dump(), reduction_percent=_reduction(s, final)) for s in self.starts(initial)
+            ],
+            ridge=Line(share=line.share.tolist(), total_MPa=line.total.tolist(), rms_mm=line.rms_mm.tolist(),
+                       agreeing_share=agreeing),
+            known=Known(**Known.row(Knowledge.of(self.information, self.best), self.sd_mm)),
+            readings=[self.reading(r) for r in readings(self.shown, **asked)],
+            plans=[Several(words=p.words, count=p.count, **Known.row(p.known, self.sd_mm)) for p in several],
+            curves=self.curves(initial, final),
         )  # fmt: skip
 
     # -- the objective --------------------------------------------------------------------------------------
@@ -117,8 +126,8 @@ class Inquiry:
 
     def side(self, constants: Constants) -> Side:
         """The model with these constants. ValueError where it has no equilibrium at the top pressure."""
-        u = self.predicted(constants, np.array([self.top]))
-        return Side(constants=constants, rms_mm=self.cost(constants.named), u_mm=u[0])
+        u, c = self.predicted(constants, np.array([self.top])), constants
+        return Side(**c.named, total=c.total, share=c.share, rms_mm=self.cost(c.named), u_mm=u[0].tolist())
 
     def predicted(self, constants: Constants, pressure: Array) -> Array:
         """The objective's component (k, p) in mm at pressures (k,) MPa, relative to the reference."""
@@ -136,43 +145,45 @@ class Inquiry:
         seen = u[: len(pressure), :, o.component] - u[len(pressure) :, :, o.component].mean(axis=0)
         return np.asarray(seen[:, own])
 
-    def curves(self, initial: Side, final: Side) -> tuple[PointCurve, ...]:
+    def curves(self, initial: Side, final: Side) -> Curves:
         """Displacement over pressure of each point, with what was read on the way."""
         t, o = self.bench.targets, self.objective
-        before, after = (self.predicted(side.constants, self.pressure) for side in (initial, final))
+        both = (Constants(side.C10, side.C01) for side in (initial, final))
+        before, after = (self.predicted(c, self.pressure) for c in both)
         out = []
         for k, (name, row) in enumerate(zip(self.names, o.rows, strict=True)):
             seen = t.valid[:, row, o.component]
             sd = np.sqrt(t.covariance[seen, row, o.component, o.component])
             out.append(
-                PointCurve(name=name, node=t.points[row].node, initial=before[:, k], final=after[:, k],
-                      read_at=t.pressure[seen], read=t.value[seen, row, o.component], read_sd=sd)
+                PointCurve(point=name, node=t.points[row].node, initial_mm=before[:, k].tolist(),
+                      final_mm=after[:, k].tolist(), measured_at_MPa=t.pressure[seen].tolist(),
+                      measured_mm=t.value[seen, row, o.component].tolist(), measured_sd_mm=sd.tolist())
             )  # fmt: skip
-        return tuple(out)
+        return Curves(pressure_MPa=self.pressure.tolist(), points=out)
 
     # -- other initial models -------------------------------------------------------------------------------
 
-    def starts(self, initial: Side) -> tuple[Side, ...]:
+    def starts(self, initial: Side) -> list[Side]:
         """Initial models with the share of `initial` and other sums, and the middle of the bounds."""
-        own, share = self.bench.elasticity.parameters, initial.constants.share
+        own, share = self.bench.elasticity.parameters, initial.share
         every = [Constants.at(f * self.best.total, share) for f in STARTS]
         every.append(Constants(*((p.low + p.high) / 2 for p in own)))
         solved = [c for c in every if np.isfinite(self.cost(c.named))]
-        return tuple(self.side(c) for c in sorted(solved, key=lambda c: c.total))
+        return [self.side(c) for c in sorted(solved, key=lambda c: c.total)]
 
-    def matching(self, initial: Side, final: Side, reduction: float | None) -> tuple[float, ...]:
+    def matching(self, initial: Side, final: Side, reduction: float | None) -> list[float]:
         """The sums in MPa, with the share of `initial`, from which the error falls by the published part."""
         if reduction is None or reduction >= 100.0:
-            return ()
-        wanted, share = final.rms_mm / (1.0 - reduction / 100.0), initial.constants.share
+            return []
+        wanted, share = final.rms_mm / (1.0 - reduction / 100.0), initial.share
 
         def beyond(total: float) -> float:
             return min(self.cost(Constants.at(total, share).named), 1e6) - wanted
 
-        grid = AROUND * final.constants.total
+        grid = AROUND * final.total
         errors = np.array([beyond(float(x)) for x in grid])
         turns = np.flatnonzero(np.sign(errors[1:]) != np.sign(errors[:-1]))
-        return tuple(float(brentq(beyond, grid[k], grid[k + 1])) for k in turns)
+        return [float(brentq(beyond, grid[k], grid[k + 1])) for k in turns]
 
     # -- what would tell them apart -------------------------------------------------------------------------
 
@@ -199,3 +210,16 @@ class Inquiry:
         theta = np.array([self.best.named[name] for name in NAMES])
         where = spots(self.bench.case, self.bench.targets, [int(row) for row in self.objective.rows])
         return outcomes(self.bench.model(()), theta, spots=where, top=self.top)
+
+    def reading(self, found: Addition) -> Reading:
+        """A reading that could be added, as the record has it."""
+        return Reading(
+            point=found.spot.name, node=found.spot.node, x_mm=float(found.spot.place[0]),
+            direction=f"U{found.component + 1}", pressure_MPa=found.pressure, u_mm=found.u_mm,
+            **Known.row(found.known, self.sd_mm),
+        )  # fmt: skip
+
+
+def _reduction(start: Side, final: Side) -> float:
+    """The fall of the RMS error from a model to the final one, %; negative where that one was better."""
+    return 100.0 * (1.0 - final.rms_mm / start.rms_mm)
