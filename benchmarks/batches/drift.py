@@ -37,6 +37,7 @@ from twin.batches.values import SHARE, SUM, values_of
 from twin.commands.batches import Batch, drifts
 from twin.commands.recalibrate import run_recalibrate
 from twin.console import Console
+from twin.judging.record import FitRecord
 from twin.model.structure import BuiltIn
 from twin.project.folder import Project
 from twin.project.toml import dump
@@ -92,7 +93,7 @@ def _series(rng: np.random.Generator, ratio: float, planted: str | None, size: f
     return batches
 
 
-def _record(rng: np.random.Generator, truth: dict[str, float]) -> dict[str, Any]:
+def _record(rng: np.random.Generator, truth: dict[str, float]) -> FitRecord:
     """A fit.json of a batch: C10 and C01 with the covariance that a measured sum and share give them."""
     sd = np.array([MEASURED[n] * math.exp(0.2 * rng.normal()) for n in TRUE])  # films differ in noise
     s, h, g = np.array(list(truth.values())) + sd * rng.normal(size=3)
@@ -106,7 +107,7 @@ def _record(rng: np.random.Generator, truth: dict[str, float]) -> dict[str, Any]
         "converged", (),
     )  # fmt: skip
     notes = {p.name: {"low": None, "high": None, "note": ""} for p in parameters}
-    return fit.to_dict() | {"intervals": notes}
+    return FitRecord.of(fit, intervals=notes)
 
 
 # -- kill -9 -------------------------------------------------------------------------------------------------

@@ -33,6 +33,7 @@ from twin.inputs.films import FilmTargets, joined
 from twin.project.config import DiagnoseTable, FilmTable, ModelTable, PointTable
 from twin.project.dimensions import FingerTable
 from twin.project.folder import Project
+from twin.project.record import SourceRecord
 from twin.project.targetwriting import write_targets
 from twin.project.toml import dump
 from twin.targets import Array, PointKind, TargetPoint
@@ -157,7 +158,7 @@ def heldout_ratio(*, quick: bool) -> dict[str, Any]:
         made = own_config(all_marks())
         if quick:
             targets, rows = joined([virtual(film, k) for k, film in enumerate(FILMS)])
-            write_targets(folder / "targets", targets, source={"films": rows})
+            write_targets(folder / "targets", targets, source=SourceRecord(films=tuple(rows)))
             made = made.model_copy(update={"cameras": (), "films": (), "pressure": None})
         else:
             shoot(folder)

@@ -101,11 +101,13 @@ def _deck(folder: Path, file: Path) -> None:
 
 def _record(folder: Path, file: Path) -> None:
     """A record as stages use it."""
-    from calibrate import Fit
     from twin.bench.caches import SolvedList
-    from twin.judging.intervals import estimates_of_record
+    from twin.diagnosis.explanation import EvidenceRecord
+    from twin.diagnosis.record import DiagnosisRecord
+    from twin.inputs.camerarecord import stored_cameras
+    from twin.judging.record import ComparisonRecord, FitRecord
     from twin.project import files
-    from vision import Camera
+    from twin.project.record import RunRecord
 
     if file.name == "log.jsonl":
         files.read_jsonl(file)
@@ -114,14 +116,13 @@ def _record(folder: Path, file: Path) -> None:
         own = file.rename(folder / "x-solved.json")
         list(SolvedList(own).known)
         return
-    data = files.read_json(file)
-    if file.name == "fit.json":
-        Fit.from_dict(data)
-        estimates_of_record(data)
-    elif file.name == "camera.json":
-        Camera.from_dict(data).undistort(np.array([[1.0, 2.0]]))
-    elif file.name == "diagnosis.json":
-        [row["effect"] for row in data.get("ranking", [])]
+    if file.name == "camera.json":
+        stored_cameras(file)[0].undistort(np.array([[1.0, 2.0]]))
+        return
+    models = (RunRecord, FitRecord, ComparisonRecord, EvidenceRecord, DiagnosisRecord)
+    found = files.read({m.file: m for m in models}[file.name], file)
+    if isinstance(found, FitRecord):
+        assert found.fit.theta.size == len(found.estimates)
 
 
 def _runs(folder: Path, file: Path) -> None:

@@ -2,9 +2,11 @@
 
 from twin.bench.fits import fresh
 from twin.bench.workbench import own_of
+from twin.diagnosis.record import DiagnosisRecord
 from twin.effects.library import effect
 from twin.effects.ownfiles import own_effects
 from twin.effects.protocol import Effect
+from twin.judging.record import FitRecord
 from twin.project import files
 from twin.project.folder import Project
 from twin.project.trust import (
@@ -17,11 +19,11 @@ def law_of(project: Project, name: str) -> tuple[Effect, dict[str, float]]:
     """The effect, and where the newest diagnosis began the fit that it gave out for it."""
     name = named_effect(project, name)
     path, own = fresh(project, ("diagnose",), "diagnosis.json"), own_of(project)
-    data = files.read_json(path) if path else {}
+    law = files.read(DiagnosisRecord, path).law if path else None
     kept = path.with_name("kept.json") if path else None
-    laws = {label.partition(":")[0]: label for label in (data.get("law") or "").split(" + ")}
+    laws = {label.partition(":")[0]: label for label in (law or "").split(" + ")}
     if name in laws and kept and kept.exists():
-        return effect(laws[name], own=own), files.read_json(kept)["start"]
+        return effect(laws[name], own=own), files.read(FitRecord, kept).start or {}
     return effect(name, own=own), {}
 
 

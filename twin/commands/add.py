@@ -3,9 +3,8 @@
 from typing import Any
 
 from twin.bench.effectchange import change_effects
-from twin.bench.fits import fresh, named_effects
+from twin.bench.fits import named_effects
 from twin.bench.laws import law_of
-from twin.chain import kinds_writing
 from twin.project.folder import Project, Say
 
 
@@ -22,5 +21,4 @@ def run_add(project: Project, say: Say, *, name: str | None = None) -> dict[str,
     laws = [law_of(project, one) for one in names]
     chosen, start = [law for law, _ in laws], {k: x for _, values in laws for k, x in values.items()}
     kept = [e for e in project.config.model.effects if e.partition(":")[0] not in {c.name for c in chosen}]
-    before = fresh(project, kinds_writing("comparison.json"), "comparison.json")
-    return change_effects(project, "add", (*kept, *(c.label for c in chosen)), start, say, before)
+    return change_effects(project, "add", (*kept, *(c.label for c in chosen)), start, say)

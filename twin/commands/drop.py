@@ -3,8 +3,6 @@
 from typing import Any
 
 from twin.bench.effectchange import change_effects
-from twin.bench.fits import fresh
-from twin.chain import kinds_writing
 from twin.project.folder import Project, Say
 
 
@@ -16,5 +14,4 @@ def run_drop(project: Project, say: Say, *, name: str) -> dict[str, Any]:
             f"effect {name!r} is not in the model, which has "
             f"{', '.join(project.config.model.effects) or 'none'}"
         )
-    before = fresh(project, kinds_writing("comparison.json"), "comparison.json")
-    return change_effects(project, "drop", left, {}, say, before)
+    return change_effects(project, "drop", left, {}, say)

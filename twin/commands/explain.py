@@ -4,11 +4,11 @@ from typing import Any
 
 import numpy as np
 
-from twin.bench.evidence import write_evidence
-from twin.bench.fits import fresh, newest_fit
+from twin.bench.fits import newest, newest_fit
 from twin.bench.laws import law_of
 from twin.bench.workbench import Workbench
 from twin.diagnosis.explanation import explained, table
+from twin.diagnosis.record import NONE, DiagnosisRecord
 from twin.effects.protocol import Effect, Theta
 from twin.judging.judged import Judged
 from twin.numerals import in_words
@@ -35,16 +35,17 @@ def run_explain(project: Project, say: Say, *, name: str) -> dict[str, Any]:
             other, chosen = _with(bench, now, chosen, start, say)
         before, after = (other, now) if own else (now, other)
         rivals = _rivals(project, chosen.name)
-        found = explained([chosen], before=before, after=after, targets=bench.targets, rivals=rivals)
-        write_evidence(run, found)
+        made = explained([chosen], before=before, after=after, targets=bench.targets, rivals=rivals)
+        made.write(run)
+        found = made.record
         change = f"{found.rms_before_mm:.4f} -> {found.rms_after_mm:.4f}"
         run.summary["headline"] = f"{found.effect}: {change} mm rms"
     for line in (*table(found), "", f"{in_words(found.parameters)}."):
         say(line)
-    for parameter, words in found.plausible.items():
-        say(f"{parameter} is {words}." if words else f"{parameter}: no plausible range is declared.")
+    for name, row in found.parameters.items():
+        say(f"{name} is {row.plausible}." if row.plausible else f"{name}: no plausible range is declared.")
     say(f"Wrote {project.shown(run.folder)}/evidence.json and evidence.npz")
-    return {"stage": "explain", "run": run.name} | found.to_dict()
+    return {"stage": "explain", "run": run.name} | files.plain(found)
 
 
 def _without(bench: Workbench, now: Judged, label: str, say: Say) -> Judged:
@@ -104,7 +105,6 @@ def _step(now: Judged, law: Effect, row: Array) -> tuple[float, dict[str, float]
 
 def _rivals(project: Project, name: str) -> list[tuple[str, float]]:
     """What the newest diagnosis says that could mimic an effect, and how much of its signature."""
-    path = fresh(project, ("diagnose",), "diagnosis.json")
-    rows = files.read_json(path).get("classes", []) if path else []
-    own = [row["members"] for row in rows if row["effect"].partition(":")[0] == name]
+    found = newest(project, DiagnosisRecord) or NONE
+    own = [row.members for row in found.classes if row.effect.partition(":")[0] == name]
     return [pair for members in own for pair in members.items()]

@@ -29,6 +29,7 @@ from twin.inputs.recordings import (
 )
 from twin.project import files
 from twin.project.folder import Project, Run, Say
+from twin.project.record import SourceFilm, SourceRecord
 from twin.project.targetfiles import read_targets
 from twin.project.targetwriting import write_targets
 from twin.targets import Targets
@@ -96,7 +97,7 @@ def _measured(project: Project, say: Say, replace: bool) -> dict[str, Any]:
     done, killed, owner = (
         project.done("measure", **how),
         project.killed("measure", **how),
-        _measured_by(project),
+        project.source().run,
     )
     if done is not None and owner == done.name:
         say(f"Already done in {project.shown(done)}, and targets/ is there: skipped.")
@@ -109,11 +110,12 @@ def _measured(project: Project, say: Say, replace: bool) -> dict[str, Any]:
     each = [(film, _one_film(film.project, camera, say, film.name)) for film in films_of(project)]
     with project.new_run("measure", **how) as run:
         if each:
-            targets, source = _joint(project, run, each)
+            targets, told = _joint(project, run, each)
+            source = SourceRecord(run=run.name, films=told)
         else:
-            targets, source = _from_film(project, camera, say, run), {}
+            targets, source = _from_film(project, camera, say, run), SourceRecord(run=run.name)
         _put_aside(project, say)
-        write_targets(project.targets_folder, targets, source={"run": run.name, **source})
+        write_targets(project.targets_folder, targets, source=source)
         FollowedFiles(run.folder).remove()
     for sentence in run.summary["remarks"]:
         say(sentence)
@@ -159,7 +161,7 @@ def _one_film(project: Project, camera: Path, say: Say, name: str) -> Path:
 
 def _joint(
     project: Project, run: Run, each: Sequence[tuple[OneFilm, Path]]
-) -> tuple[Targets, dict[str, Any]]:
+) -> tuple[Targets, tuple[SourceFilm, ...]]:
     """The targets of all films, and where they come from; the pictures of the first are in this run too."""
     films = [FilmTargets.of(film, read_targets(folder / "targets", nodes=project.config.nodes))
              for film, folder in each]  # fmt: skip
@@ -170,16 +172,18 @@ def _joint(
     run.write_text("budget.csv", (first / "budget.csv").read_text(encoding="utf-8"))
     if (first / "strain.npz").is_file():
         run.write_npz("strain.npz", files.read_npz(first / "strain.npz"))
-    summaries = [project.info(folder).get("summary", {}) for _, folder in each]
-    told = [row | {"run": folder.name} for row, (_, folder) in zip(rows, each, strict=True)]
+    summaries = [files.plain(project.info(folder).summary) for _, folder in each]
+    told = tuple(
+        row.model_copy(update={"run": folder.name}) for row, (_, folder) in zip(rows, each, strict=True)
+    )
     run.summary.update(
         {
             "steps": len(targets.time), "points": len(targets.names), "valid": int(targets.valid.sum()),
             "modes": len(targets.mode_names), "headline": _headline(targets), "remarks": [],
-            "films": [row | own for row, own in zip(told, summaries, strict=True)],
+            "films": [files.plain(row) | own for row, own in zip(told, summaries, strict=True)],
         }
     )  # fmt: skip
-    return targets, {"films": told}
+    return targets, told
 
 
 def _check_motion(project: Project, targets: Targets) -> None:
@@ -238,12 +242,6 @@ def _motion(moved: "Displacements", most: int) -> Motion:
         np.where(seen, mm, np.nan)[even],
         float(np.nanmean(moved.noise.sd[finger])),
     )
-
-
-def _measured_by(project: Project) -> str | None:
-    """The run that targets/ comes from, None if there is no targets/ or it was measured elsewhere."""
-    path = project.targets_folder / "source.json"
-    return files.read_json(path).get("run") if path.exists() else None
 
 
 def _tracks(moved: "Displacements") -> dict[str, NDArray[Any]]:

@@ -6,31 +6,26 @@ mimics.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
+from pydantic import Field
 
 from twin.diagnosis.evidence import apart, ceiling, orthonormal
 from twin.diagnosis.rivals import Rival
 from twin.judging.judged import Judged
+from twin.project.record import Record
+from twin.project.tablemodel import Finite
 from twin.targets import Array
 
 ALIKE = 0.95  # of a signature that another effect mimics, from which on the two are of one class
 
 
-@dataclass(frozen=True, kw_only=True)
-class Mimics:
-    """Who mimics an effect: members, by the share (0 to 1) of its signature; ceiling, the largest share of
-    all."""
+class Mimics(Record):
+    """Who mimics an effect."""
 
     effect: str
-    members: Mapping[str, float]
-    ceiling: float
-
-    def to_dict(self) -> dict[str, Any]:
-        """One row of `classes` in diagnosis.json."""
-        return {"effect": self.effect, "members": dict(self.members), "ceiling": self.ceiling}
+    members: dict[str, Finite] = Field(description="those that mimic at least 95 % of its signature")
+    ceiling: Finite = Field(description="the largest share that any other mimics")
 
 
 def classes_of(rivals: Mapping[str, Sequence[Rival]]) -> tuple[Mimics, ...]:

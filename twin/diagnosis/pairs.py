@@ -4,7 +4,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import combinations
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,17 +47,6 @@ class Group:
     def adequate(self) -> bool:
         """Whether the refit leaves noise alone."""
         return self.refit is not None and self.refit.comparison.adequate
-
-    def to_dict(self) -> dict[str, Any]:
-        """One row of `pairs` in diagnosis.json."""
-        return {
-            "effects": [e.label for e in self.effects],
-            "gain": self.promise,
-            "delta_bic": self.delta_bic,
-            "evidence": self.evidence,
-            "adequate": self.adequate if self.refit else None,
-            "held_out": dict(self.held_out or {}),
-        }
 
 
 def best_pairs(judged: Judged, rivals: Mapping[str, Sequence[Rival]], *, count: int) -> list[Group]:

@@ -7,14 +7,14 @@ where that mean lies above the threshold of the test by the normal quantile of P
 
 import math
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
-from typing import Any
 
 import numpy as np
+from pydantic import Field
 from scipy.special import ndtri
 
 from calibrate import Parameter
 from twin.effects.protocol import Effect, Theta
+from twin.project.record import Maybe, Record
 from twin.targets import Array
 
 ALPHA = 0.01  # of a false alarm over all effects and all their grids
@@ -22,24 +22,16 @@ POWER = 0.9
 APART = 0.02  # of its own size must be left of a signature beside the fitted parameters
 
 
-@dataclass(frozen=True, kw_only=True)
-class Detectable:
-    """The size of an effect's first parameter that these data show with probability POWER.
-
-    size: at the least visible of the plausible grid entries, in `unit`; least: at the most visible one; both
-    None where no size would be seen, and the note says why. note: the size beside what is plausible.
-    """
+class Detectable(Record):
+    """The size of an effect's first parameter that these data show with probability POWER; None where no size
+    would be seen."""
 
     effect: str
     parameter: str
     unit: str
-    size: float | None
-    least: float | None
-    note: str
-
-    def to_dict(self) -> dict[str, Any]:
-        """One row of `detectable` in diagnosis.json."""
-        return asdict(self)
+    size: Maybe = Field(description="that is found nine times of ten, at the least visible of its tries")
+    least: Maybe = Field(description="at the most visible one")
+    note: str = Field(description="the size beside what is plausible, or why none would be seen")
 
     @property
     def words(self) -> str:

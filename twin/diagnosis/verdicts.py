@@ -9,9 +9,12 @@ from scipy.special import ndtri
 
 from twin.diagnosis.candidates import Candidate, Refit
 from twin.diagnosis.classes import Mimics
+from twin.diagnosis.explanation import EvidenceRecord
 from twin.diagnosis.pairs import Group
 from twin.diagnosis.refitting import DETECTED
+from twin.diagnosis.sizes import Detectable
 from twin.effects.protocol import Effect, Theta
+from twin.experiments.choice import Experiment
 from twin.judging.comparison import Comparison
 from twin.judging.frame import FrameTest
 from twin.judging.judged import Judged
@@ -79,10 +82,10 @@ class Diagnosis:
     classes: tuple[Mimics, ...] = ()
     groups: tuple[Group, ...] = ()
     next_test: str = ""
-    next_tests: tuple[Mapping[str, Any], ...] = ()
-    detectable: tuple[Mapping[str, Any], ...] = ()
+    next_tests: tuple[Experiment, ...] = ()
+    detectable: tuple[Detectable, ...] = ()
     scaling: Mapping[str, float] = field(default_factory=dict)
-    evidence: Mapping[str, Any] | None = None
+    evidence: EvidenceRecord | None = None
     frame: FrameTest | None = None
     base: Judged | None = None
     kept: Refit | None = None
@@ -113,36 +116,6 @@ class Diagnosis:
             f"rms with {' and '.join(e.label for e in self.effects)}; the noise is "
             f"{self.before.noise_sd_mm:.3f} mm."
         )
-
-    def to_dict(self) -> dict[str, Any]:
-        """What diagnosis.json holds."""
-        before, after = self.before, self.after
-        return {
-            "verdict": self.verdict,
-            "sentence": self.text,
-            "named": list(self.named),
-            "law": self.law,
-            "ties": [list(t) for t in self.ties],
-            "classes": [c.to_dict() for c in self.classes],
-            "ranking": [c.to_dict() for c in self.ranking],
-            "resembles": [resemblance(c) for c in self.resembles],
-            "scaling": dict(self.scaling),
-            "detectable": [dict(row) for row in self.detectable],
-            "pairs": [g.to_dict() for g in self.groups],
-            "next_test": self.next_test,
-            "next_tests": [dict(row) for row in self.next_tests],
-            "frame": self.frame.to_dict() if self.frame else None,
-            "modes_beyond": [list(row) for row in after.beyond] if after else [],
-            "evidence": dict(self.evidence) if self.evidence else None,
-            "rms_before_mm": before.rms_mm if before else None,
-            "rms_after_mm": after.rms_mm if after else None,
-            "raw_rms_before_mm": before.raw_rms_mm if before else None,
-            "raw_rms_after_mm": after.raw_rms_mm if after else None,
-            "noise_sd_mm": before.noise_sd_mm if before else None,
-            "adequate": after.adequate if after else None,
-            "p_value_before": before.p_value if before else None,
-            "p_value_after": after.p_value if after else None,
-        }
 
 
 def cannot(why: str) -> Diagnosis:
@@ -329,11 +302,6 @@ def words_of(stand_in: Candidate) -> str:
     values = stand_in.refit.values if stand_in.refit else stand_in.start
     resembles: Any = getattr(stand_in.effect, "resembles", None)
     return str(resembles(values)) if resembles else stand_in.effect.sentence
-
-
-def resemblance(c: Candidate) -> dict[str, Any]:
-    """One row of `resembles` in diagnosis.json."""
-    return {"kind": c.kind, "words": words_of(c), "evidence": c.evidence, "adequate": c.adequate}
 
 
 def _close(c: Candidate, best: Candidate) -> bool:

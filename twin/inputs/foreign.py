@@ -9,6 +9,7 @@ import numpy as np
 
 from twin.project import files
 from twin.project.folder import Say
+from twin.project.record import SourceRecord
 from twin.targets import Targets
 
 if TYPE_CHECKING:  # only who brings such a file pays for its readers
@@ -67,9 +68,9 @@ def import_targets(targets: Path, foreign: Foreign, *, nodes: Mapping[str, int],
     return made
 
 
-def source_of(targets: Path, foreign: Foreign) -> dict[str, Any]:
+def source_of(targets: Path, foreign: Foreign) -> SourceRecord:
     """What source.json tells: where the targets come from, and what was stated of them."""
     stated = {key: str(v) if isinstance(v, Path) else v for key, v in asdict(foreign.stated).items()}
     paths = [path for path in (targets, foreign.stated.log) if path is not None]
     digests = {path.name: files.digest_of([path], root=path.parent) for path in paths}
-    return {"format": foreign.form, "files": digests, "stated": stated}
+    return SourceRecord(format=foreign.form, files=digests, stated=stated)

@@ -9,8 +9,10 @@ import pytest
 from tests.twin.diagnosis.toy import STEPS, Toy, pressure, smooth_field, targets, toy_effect
 from twin.diagnosis import procedure
 from twin.diagnosis.procedure import diagnose
+from twin.diagnosis.record import DiagnosisRecord
 from twin.diagnosis.verdicts import Diagnosis, Trial, concluded
 from twin.effects.protocol import Effect
+from twin.project.files import plain
 from twin.targets import Array
 
 NAMES = ("alpha", "beta", "gamma", "delta")
@@ -41,7 +43,7 @@ def test_a_hidden_effect_is_named_alone(name: str) -> None:
     assert (found.verdict, found.named, found.law, found.ties) == (name, (name,), name, ())
     assert found.kept is not None
     assert found.kept.values[f"{name}.a0"] == pytest.approx(0.2, abs=0.01)  # several sds
-    data = found.to_dict()
+    data = plain(DiagnosisRecord.of(found))
     assert data["rms_after_mm"] < 1.1 * data["noise_sd_mm"] < data["rms_before_mm"]
 
 
@@ -74,7 +76,7 @@ def test_what_only_a_stand_in_explains_is_none_of_these_and_told() -> None:
     found = diagnosed(0.2 * fields["pull"][0], fields=fields, beside=(force,))
     assert (found.verdict, found.named, found.kept) == ("none of these", (), None)
     assert "looks like 0.20 of pull" in found.sentence
-    assert found.to_dict()["resembles"][0]["kind"] == "outside force"
+    assert plain(DiagnosisRecord.of(found))["resembles"][0]["kind"] == "outside force"
 
 
 def test_what_nothing_explains_is_none_of_these() -> None:
