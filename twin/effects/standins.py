@@ -13,7 +13,6 @@ from numpy.polynomial.legendre import legval
 from numpy.polynomial.polynomial import polyval
 
 from calibrate import Parameter
-from fe.laws import Material
 from fe.mesh.mirror import symmetry_support
 from twin.effects.protocol import Effect, Order, Test, Theta
 from twin.effects.pulls import pulled
@@ -156,7 +155,7 @@ class SoftSpot(StandIn):
             for half, (flags, softer) in parts.items():
                 inside = flags[rows]
                 sets[f"{name}_{self.name}_{half}"] = rows[inside]
-                materials[f"{name}_{self.name}_{half}"] = times(case.materials[name], 1 - softer)
+                materials[f"{name}_{self.name}_{half}"] = case.materials[name].stiffened(1 - softer)
                 rows = rows[~inside]
             sets[name] = rows
         return replace(test, case=replace(case, element_sets=sets, materials=materials))
@@ -167,20 +166,6 @@ class SoftSpot(StandIn):
             return f"silicone {softer((low + high) / 2)} {where(self.place)}"
         half, much = ("lower", low) if abs(low) > abs(high) else ("upper", high)
         return f"silicone {softer(much)} in the {half} half {where(self.place)}"
-
-
-def times(m: Material, factor: float) -> Material:
-    """The material with all moduli multiplied."""
-    return replace(
-        m,
-        C10=factor * m.C10,
-        C01=factor * m.C01,
-        C20=factor * m.C20,
-        C30=factor * m.C30,
-        gent=m.gent and (factor * m.gent[0], m.gent[1]),
-        ogden=tuple((factor * mu, alpha) for mu, alpha in m.ogden),
-        mullins=m.mullins and (m.mullins[0], factor * m.mullins[1], m.mullins[2]),
-    )
 
 
 # -- the pressure --------------------------------------------------------------------------------------------
