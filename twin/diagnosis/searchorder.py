@@ -32,6 +32,8 @@ PAIRS = 2  # pairs that are refitted
 FAMILIES = 3  # and wider families
 HALF = 0.5  # of the best one's evidence: what another must have to cast doubt on it
 
+Content = tuple[tuple[str, ...], bytes, tuple[str, ...], bytes]
+
 
 @dataclass(frozen=True)
 class Attempts:
@@ -83,16 +85,17 @@ class Attempts:
         return [Candidate(effect=e, note=lacking(e.requires, self.targets)) for e in lost]
 
     @cached_property
-    def _known(self) -> dict[int, dict[str, list[Rival]]]:
+    def _known(self) -> dict[Content, dict[str, list[Rival]]]:
         return {}
 
     def rivals_at(self, judged: Judged) -> dict[str, list[Rival]]:
         """Absent effects and stand-ins as they would show beside a judged model."""
-        if id(judged) not in self._known:
+        key = _content(judged)
+        if key not in self._known:
             present = {e.name for e in judged.model.effects}
             every = [e for e in (*self.absent, *self.generic) if e.name not in present]
-            self._known[id(judged)] = rivals_of(judged, every, workers=self.workers)
-        return self._known[id(judged)]
+            self._known[key] = rivals_of(judged, every, workers=self.workers)
+        return self._known[key]
 
     # -- what is tried --------------------------------------------------------------------------------------
 
@@ -283,13 +286,21 @@ class Attempts:
 
     def _view(self, refit: Refit) -> Judged:
         """A refitted model, judged as it stands."""
-        if id(refit) not in self._views:
-            self._views[id(refit)] = judge_fit(refit.model, self.targets, refit.fit)
-        return self._views[id(refit)]
+        key = _content(refit)
+        if key not in self._views:
+            self._views[key] = judge_fit(refit.model, self.targets, refit.fit)
+        return self._views[key]
 
     @cached_property
-    def _views(self) -> dict[int, Judged]:
+    def _views(self) -> dict[Content, Judged]:
         return {}
+
+
+def _content(fitted: Judged | Refit) -> Content:
+    """What tells one fit on these targets from another: its effects, values, bounds and residual. An object's
+    address does not: once a record is gone, another may lie there."""
+    labels = tuple(e.label for e in fitted.model.effects)
+    return labels, fitted.theta.tobytes(), fitted.at_bound, fitted.z.tobytes()
 
 
 def _asks_for_more(best: Sequence[Candidate], stand_ins: Sequence[Candidate]) -> bool:
