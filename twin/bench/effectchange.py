@@ -6,14 +6,15 @@ import numpy as np
 
 from twin.bench import waterfall
 from twin.bench.comparison import compared
-from twin.bench.fits import newest_fit
+from twin.bench.fits import fresh, newest_fit
 from twin.bench.workbench import Workbench
+from twin.chain import kinds_writing
 from twin.judging.comparison import Comparison
 from twin.judging.intervals import estimates, fit_record
 from twin.model.prediction import Model
 from twin.numerals import in_words
 from twin.project import files
-from twin.project.folder import Project, Say
+from twin.project.folder import Say
 from twin.review.states import Fields
 from twin.targets import Array, Targets
 
@@ -21,9 +22,12 @@ SHOWN = 80  # film times at which the deformed model is stored for the review
 
 
 def change_effects(
-    project: Project, kind: str, effects: tuple[str, ...], start: dict[str, float], say: Say, before: Any
+    bench: Workbench, kind: str, effects: tuple[str, ...], start: dict[str, float], say: Say
 ) -> dict[str, Any]:
-    bench, base = Workbench.of(project), newest_fit(project)
+    """What `twin add` and `twin drop` print: the model with these effects, fitted from a start where one is
+    known, compared with the newest comparison, and written into twin.toml."""
+    project, base = bench.project, newest_fit(bench.project)
+    before = fresh(project, kinds_writing("comparison.json"), "comparison.json")
     then = files.read_json(before) if before else {}
     with project.new_run(kind, extra={"effects": list(effects)}) as run:
         model = bench.model(effects)

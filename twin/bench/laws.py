@@ -1,28 +1,45 @@
-"""The effect that a name or a label asks for, in the law that the newest diagnosis kept for it."""
+"""The effects that a text names, each in the law that the newest diagnosis kept for it, and where their fit
+begins."""
+
+import numpy as np
 
 from twin.bench.fits import fresh
 from twin.bench.workbench import own_of
-from twin.effects.library import effect
+from twin.effects.labels import AND, OR, name_of
+from twin.effects.library import effect, effects_of
 from twin.effects.ownfiles import own_effects
 from twin.effects.protocol import Effect
+from twin.judging.judged import Judged
 from twin.project import files
-from twin.project.folder import Project
-from twin.project.trust import (
-    digest_of_program,
-    remember,
-)
+from twin.project.folder import Project, Say
+from twin.project.trust import digest_of_program, remember
+from twin.targets import Array
+
+Start = dict[str, float]
 
 
-def law_of(project: Project, name: str) -> tuple[Effect, dict[str, float]]:
-    """The effect, and where the newest diagnosis began the fit that it gave out for it."""
-    name = named_effect(project, name)
-    path, own = fresh(project, ("diagnose",), "diagnosis.json"), own_of(project)
-    data = files.read_json(path) if path else {}
-    kept = path.with_name("kept.json") if path else None
-    laws = {label.partition(":")[0]: label for label in (data.get("law") or "").split(" + ")}
-    if name in laws and kept and kept.exists():
-        return effect(laws[name], own=own), files.read_json(kept)["start"]
-    return effect(name, own=own), {}
+def laws_of(project: Project, text: str, say: Say) -> tuple[tuple[Effect, ...], Start]:
+    """The effects that a text names as a verdict does, `creep + gravity or tube`, and where the newest
+    diagnosis began the fit that it gave out for them. Of what it could not tell apart the first is taken, and
+    the user hears so."""
+    first, *others = effects_of(named_effect(project, text), own=own_of(project))
+    if others:
+        labels = [AND.join(e.label for e in group) for group in (first, *others)]
+        say(f"Taken is {labels[0]}; name {OR.join(labels[1:])} instead to take that.")
+    kept, start = _kept(project)
+    chosen = tuple(kept.get(e.label, e) for e in first)
+    return chosen, start if {e.label for e in chosen} & {e.label for e in kept.values()} else {}
+
+
+def _kept(project: Project) -> tuple[dict[str, Effect], Start]:
+    """The effects that the newest diagnosis names, by name and in the laws that it kept, and where it began
+    their fit; nothing without one that holds."""
+    path = fresh(project, ("diagnose",), "diagnosis.json")
+    law = files.read_json(path).get("law") if path else None
+    if path is None or not law or not path.with_name("kept.json").exists():
+        return {}, {}
+    kept = {name_of(label): effect(label, own=own_of(project)) for label in law.split(AND)}
+    return kept, files.read_json(path.with_name("kept.json"))["start"]
 
 
 def named_effect(project: Project, name: str) -> str:
@@ -43,3 +60,42 @@ def named_effect(project: Project, name: str) -> str:
     if len(found) != 1:
         raise ValueError(f"{name} defines {', '.join(found)}: name one of them instead of the file")
     return found[0]
+
+
+# -- where a fit begins of which no diagnosis knows ----------------------------------------------------------
+
+
+def begun(now: Judged, chosen: Effect) -> tuple[Effect, Start]:
+    """The effect with values to begin a fit at: of its narrowest law, where a step along its tangents lowers
+    chi2 most, carried on to the wider ones."""
+    laws, test = chosen.laws(), now.model.test
+    law = laws[0] if chosen.label in [one.label for one in laws] else chosen
+    tried, rows = law.tries(test), now.model.tangents(now.theta, [law])[law.label]
+    steps = [_step(now, law, row) for row in rows]
+    best = min(range(len(tried)), key=lambda k: steps[k][0])
+    values = {**now.values, **tried[best], **steps[best][1]}
+    if chosen.label == law.label:
+        return law.at(tried[best], test), values
+    for wider in laws[1:]:
+        values = dict(wider.start(values))
+        if wider.label == chosen.label:
+            break
+    return chosen, values
+
+
+def _step(now: Judged, law: Effect, row: Array) -> tuple[float, Start]:
+    """chi2 to first order with amplitudes by least squares, cut at their bounds; and these amplitudes."""
+    columns = now.whitener.whiten(row).T
+    both = np.hstack([now.fitted, columns])
+    scale = np.linalg.norm(both, axis=0)
+    scale = np.where(scale > 0, scale, 1.0)
+    step = np.linalg.lstsq(both / scale, now.z, rcond=1e-10)[0] / scale
+    values = {}
+    for p, x in zip(law.amplitudes, step[now.fitted.shape[1] :], strict=True):
+        assert p.null is not None
+        size = x if abs(x) > 0.02 * p.step else 0.1 * p.step
+        values[p.name] = float(np.clip(p.null + size, p.low, p.high))
+    moved = np.array([values[p.name] - (p.null or 0.0) for p in law.amplitudes])
+    left = now.z - columns @ moved
+    left = left - now.fitted @ np.linalg.lstsq(now.fitted, left, rcond=1e-12)[0]
+    return float(left @ left), values

@@ -18,7 +18,7 @@ from twin.diagnosis.pairs import Group, best_pairs, confirmed
 from twin.diagnosis.refitting import PROMISING, Progress, refits, resembling, worth_refitting
 from twin.diagnosis.rivals import Rival, rivals_of
 from twin.diagnosis.screening import screened
-from twin.diagnosis.verdicts import COMPLETES, SECOND, TIE, Trial, ranked
+from twin.diagnosis.verdicts import SECOND, TIE, Trial, ranked
 from twin.effects.protocol import Effect, Test, Unsolvable
 from twin.effects.requirements import lacking
 from twin.judging.judged import Judged, judge, judge_fit
@@ -281,7 +281,8 @@ class Attempts:
             return {}
         view = self._view(top.refit)
         rows = screened(view, self.rivals_at(view))
-        told = [r for r in rows if not r.note and top.effect.name not in COMPLETES.get(r.kind, ())]
+        more = (top.effect.generic, top.effect.completed_by)  # beside it they tell nothing
+        told = [r for r in rows if not r.note and not (r.kind and r.kind in more)]
         return {r.effect.name: (top.evidence or 0.0) + r.hint for r in told}
 
     def _view(self, refit: Refit) -> Judged:

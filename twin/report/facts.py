@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from twin.batches.series import earlier_facts
+from twin.effects.labels import name_of
 from twin.judging.intervals import estimates_of_record
 from twin.report.figures import pictures_of, study_facts
 from twin.report.found import Story
@@ -51,7 +52,7 @@ def _named(story: Story) -> list[dict[str, Any]]:
     """The effects in the model and the constants beside them, each with its parameters."""
     rows, every = [], _parameters(story.fit)
     for label in story.fit.get("effects", []):
-        name = label.partition(":")[0]
+        name = name_of(label)
         own = [p for p in every if p["name"].startswith(f"{name}.")]
         rows.append({"effect": label, "text": "", "parameters": own})
     constants = [p for p in every if "." not in p["name"]]

@@ -4,6 +4,7 @@ from typing import Any
 
 from twin.bench.fits import fresh
 from twin.chain import kinds_writing
+from twin.effects.labels import name_of
 from twin.project import files
 from twin.project.folder import Project, Run, Say
 from twin.report.footage import Footage
@@ -28,7 +29,7 @@ class Story:
         self.added = self.json(CHANGES, "comparison.json")
         path = fresh(project, CHANGES, "fields.npz")
         self.fields = Fields.load(path) if path else None
-        effects = {label.partition(":")[0] for label in self.fit.get("effects", [])}
+        effects = {name_of(label) for label in self.fit.get("effects", [])}
         effects |= set(self.diagnosis.get("named", []))
         self.way = Way.of(project, self.targets, effects=effects)
         self.study_file = fresh(project, ("study",), STUDY)

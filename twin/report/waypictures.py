@@ -11,6 +11,7 @@ from twin.bench.fits import every_fresh
 from twin.bench.waterfall import Stair, stairs
 from twin.chain import kinds_writing
 from twin.drawing import plots
+from twin.effects.labels import name_of
 from twin.project import files
 from twin.project.folder import Project
 from twin.targets import Array, Targets
@@ -35,7 +36,7 @@ class Way:
         """With the newest evidence for one of these effects."""
         for path in every_fresh(project, kinds_writing("evidence.json"), "evidence.json"):
             found = files.read_json(path)
-            if effects & {label.partition(":")[0] for label in found["effect"].split(" + ")}:
+            if effects & {name_of(label) for label in found["effect"].split(" + ")}:
                 maps = dict(files.read_npz(path.with_name("evidence.npz")))
                 return Way(project, targets, stairs(project), found, maps)
         return Way(project, targets, stairs(project), {}, {})
