@@ -7,6 +7,7 @@ import numpy as np
 from twin.bench import waterfall
 from twin.bench.comparison import compared
 from twin.bench.fits import fresh, newest_fit
+from twin.bench.laws import nominal
 from twin.bench.workbench import Workbench
 from twin.chain import kinds_writing
 from twin.judging.comparison import Comparison
@@ -69,21 +70,16 @@ def _error(then: dict[str, Any], now: Comparison) -> str:
 
 
 def _nominal(model: Model) -> dict[str, float]:
-    """Start values of effects of which nothing is known: half a typical step from null, the middle of the
-    grid."""
+    """Start values of effects of which nothing is known. ValueError for one that must be stated which."""
     values: dict[str, float] = {}
     for e in model.effects:
-        for p in e.parameters:
-            values[p.name] = p.start if p.start is not None else (p.null or 0.0) + 0.5 * p.step
-        tried = e.tries(model.test)
-        entry = tried[len(tried) // 2]
-        held = e.at(entry, model.test)
+        values |= (own := nominal(e, model.test))
+        held = e.at(own, model.test)
         if held is not e:
             raise ValueError(
                 f"effect {e.label!r}: it must be stated which; wanted for example {held.label!r}, as "
                 "the diagnosis names it"
             )
-        values |= entry
     return {p.name: float(np.clip(values[p.name], p.low, p.high)) for p in model.parameters}
 
 

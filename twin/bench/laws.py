@@ -1,21 +1,21 @@
 """The effects that a text names, each in the law that the newest diagnosis kept for it, and where their fit
 begins."""
 
-import numpy as np
-
 from twin.bench.fits import fresh
 from twin.bench.workbench import own_of
+from twin.diagnosis.rivals import rivals_of
+from twin.diagnosis.screening import screened
 from twin.effects.labels import AND, OR, name_of
 from twin.effects.library import effect, effects_of
 from twin.effects.ownfiles import own_effects
-from twin.effects.protocol import Effect
+from twin.effects.protocol import Effect, Test, Unsolvable
 from twin.judging.judged import Judged
 from twin.project import files
 from twin.project.folder import Project, Say
 from twin.project.trust import digest_of_program, remember
-from twin.targets import Array
 
 Start = dict[str, float]
+HALVED = 6  # times at most
 
 
 def laws_of(project: Project, text: str, say: Say) -> tuple[tuple[Effect, ...], Start]:
@@ -62,40 +62,39 @@ def named_effect(project: Project, name: str) -> str:
     return found[0]
 
 
-# -- where a fit begins of which no diagnosis knows ----------------------------------------------------------
-
-
 def begun(now: Judged, chosen: Effect) -> tuple[Effect, Start]:
-    """The effect with values to begin a fit at: of its narrowest law, where a step along its tangents lowers
-    chi2 most, carried on to the wider ones."""
+    """The effect with values to begin a fit at: of its narrowest law, at the size and in the entry of its
+    tries that lower chi2 most to first order, carried on to the wider ones."""
     laws, test = chosen.laws(), now.model.test
     law = laws[0] if chosen.label in [one.label for one in laws] else chosen
-    tried, rows = law.tries(test), now.model.tangents(now.theta, [law])[law.label]
-    steps = [_step(now, law, row) for row in rows]
-    best = min(range(len(tried)), key=lambda k: steps[k][0])
-    values = {**now.values, **tried[best], **steps[best][1]}
+    (found,) = screened(now, rivals_of(now, [law]))
+    values = dict(found.start) or {**now.values, **nominal(law, test)}
     if chosen.label == law.label:
-        return law.at(tried[best], test), values
+        return law.at(values, test), _within(now, chosen, values)
     for wider in laws[1:]:
         values = dict(wider.start(values))
         if wider.label == chosen.label:
             break
-    return chosen, values
+    return chosen, _within(now, chosen, values)
 
 
-def _step(now: Judged, law: Effect, row: Array) -> tuple[float, Start]:
-    """chi2 to first order with amplitudes by least squares, cut at their bounds; and these amplitudes."""
-    columns = now.whitener.whiten(row).T
-    both = np.hstack([now.fitted, columns])
-    scale = np.linalg.norm(both, axis=0)
-    scale = np.where(scale > 0, scale, 1.0)
-    step = np.linalg.lstsq(both / scale, now.z, rcond=1e-10)[0] / scale
-    values = {}
-    for p, x in zip(law.amplitudes, step[now.fitted.shape[1] :], strict=True):
-        assert p.null is not None
-        size = x if abs(x) > 0.02 * p.step else 0.1 * p.step
-        values[p.name] = float(np.clip(p.null + size, p.low, p.high))
-    moved = np.array([values[p.name] - (p.null or 0.0) for p in law.amplitudes])
-    left = now.z - columns @ moved
-    left = left - now.fitted @ np.linalg.lstsq(now.fitted, left, rcond=1e-12)[0]
-    return float(left @ left), values
+def _within(now: Judged, e: Effect, values: Start) -> Start:
+    """The values, the effect's amplitudes halved towards null until a model can be made with them: where
+    several are large at once, walls may close or all of the stiffness relax."""
+    model = now.model.with_effect(e)
+    for _ in range(HALVED):
+        try:
+            model.put(values)
+            return values
+        except Unsolvable:
+            values = values | {p.name: ((p.null or 0.0) + values[p.name]) / 2 for p in e.amplitudes}
+    return values
+
+
+def nominal(e: Effect, test: Test) -> Start:
+    """Values of an effect of which nothing is known: half a typical step from null, the middle of its
+    tries."""
+    half = {p.name: (p.null or 0.0) + 0.5 * p.step for p in e.parameters}
+    tried = e.tries(test)
+    stated = {p.name: p.start for p in e.parameters if p.start is not None}
+    return {**half, **stated, **tried[len(tried) // 2]}

@@ -4,7 +4,7 @@ from typing import Any
 
 from twin.bench.effectchange import change_effects
 from twin.bench.fits import named_effects, newest_fit
-from twin.bench.laws import Start, begun, laws_of
+from twin.bench.laws import Start, begun, laws_of, nominal
 from twin.bench.workbench import Workbench
 from twin.effects.labels import AND, name_of
 from twin.effects.protocol import Effect
@@ -18,7 +18,7 @@ def run_add(project: Project, say: Say, *, name: str | None = None) -> dict[str,
     newest diagnosis names together; where it names none, nothing is added.
     """
     text = AND.join(named_effects(project)) if name is None else name
-    if not text:
+    if not text and name is None:
         say("The diagnosis names no effect: nothing is added.")
         return {"stage": "add", "status": "skipped", "named": []}
     chosen, start = laws_of(project, text, say)
@@ -35,7 +35,7 @@ def _placed(
     most."""
     model, out = bench.model(), []
     for e in chosen:
-        if e.at(e.tries(model.test)[0], model.test) is not e:
+        if e.at(nominal(e, model.test), model.test) is not e:
             e, own = begun(bench.judged_fit(model, newest_fit(bench.project), say), e)
             start = {**own, **start}
         out.append(e)
