@@ -5,6 +5,7 @@ wrong picture or a slip. A stand-in says how it looks, with size and place; it i
 Plausible ranges are wide on purpose, as nothing is known of what a stand-in stands for (judgement).
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
@@ -31,9 +32,15 @@ class StandIn(Effect):
 
     kind: str = ""
 
-    def __init__(self, name: str, parameters: tuple[Parameter, ...]) -> None:
+    def __init__(
+        self, name: str, amplitudes: Iterable[str], unit: str, *, most: float, step: float, likely: float
+    ) -> None:
+        """amplitudes: their names; all from -most to most, plausible from -likely to likely."""
         self.name = name
-        self.parameters = tuple(replace(p, name=f"{name}.{p.name}") for p in parameters)
+        self.parameters = tuple(
+            Parameter(f"{name}.{a}", -most, most, unit, null=0.0, typical=step, plausible=(-likely, likely))
+            for a in amplitudes
+        )
 
     def of(self, theta: Theta, name: str) -> float:
         """The value of its parameter of that name, 0 where it has none."""
@@ -98,11 +105,8 @@ class OutsideForce(StandIn):
     def __init__(self, place: float, ways: list[str], *, growing: bool = False) -> None:
         self.place, self.growing = place, growing
         unit, most, step, likely = ("N/MPa", 60.0, 0.5, 10.0) if growing else ("N", 3.0, 0.02, 0.4)
-        rows = (
-            Parameter(way, -most, most, unit, null=0.0, typical=step, plausible=(-likely, likely))
-            for way in ways
-        )
-        super().__init__(f"{'growing_' * growing}force_at_{100 * place:.0f}", tuple(rows))
+        name = f"{'growing_' * growing}force_at_{100 * place:.0f}"
+        super().__init__(name, ways, unit, most=most, step=step, likely=likely)
 
     def breaks_symmetry(self, test: Test) -> bool:
         del test
@@ -131,11 +135,8 @@ class SoftSpot(StandIn):
 
     def __init__(self, place: float) -> None:
         self.place = place
-        halves = ("lower", "upper")
-        rows = (
-            Parameter(half, -0.8, 0.8, "", null=0.0, typical=0.05, plausible=(-0.3, 0.3)) for half in halves
-        )
-        super().__init__(f"soft_at_{100 * place:.0f}", tuple(rows))
+        name = f"soft_at_{100 * place:.0f}"
+        super().__init__(name, ("lower", "upper"), "", most=0.8, step=0.05, likely=0.3)
 
     def before(self, test: Test, theta: Theta) -> Test:
         case, low, high = test.case, self.of(theta, "lower"), self.of(theta, "upper")
@@ -171,14 +172,22 @@ class SoftSpot(StandIn):
 # -- the pressure --------------------------------------------------------------------------------------------
 
 
-class PressureCurve(StandIn):
-    """Another pressure, by a polynomial of the recorded one: top (c0 + c1 x + c2 x^2 + ..), x = p / top."""
+class OtherPressure(StandIn):
+    """Another pressure than the recorded one, by four terms of a polynomial from its `first` on."""
 
     order, kind, sentence = Order.LINE, "pressure course", "the pressure is not the recorded one"
+    by: ClassVar[tuple[str, int]]  # what it is a polynomial of, and the first term
 
     def __init__(self, span: Span) -> None:
-        self.span = span
-        super().__init__("pressure_by_pressure", _shares(4))
+        self.span, (by, first) = span, self.by
+        names = (f"c{k}" for k in range(first, first + 4))
+        super().__init__(f"pressure_by_{by}", names, "", most=0.5, step=0.01, likely=0.1)
+
+
+class PressureCurve(OtherPressure):
+    """Another pressure, by a polynomial of the recorded one: top (c0 + c1 x + c2 x^2 + ..), x = p / top."""
+
+    by = "pressure", 0
 
     def wrong(self, x: Array, theta: Theta) -> Array:
         """By how much (k,), as a share of the top pressure, it is higher at shares x (k,) of it."""
@@ -198,14 +207,10 @@ class PressureCurve(StandIn):
         )
 
 
-class PressureCourse(StandIn):
+class PressureCourse(OtherPressure):
     """Another pressure, by a polynomial of time: p (1 + c1 P1 + .. + c4 P4), Legendre's, over the film."""
 
-    order, kind, sentence = Order.LINE, "pressure course", "the pressure is not the recorded one"
-
-    def __init__(self, span: Span) -> None:
-        self.span = span
-        super().__init__("pressure_by_time", _shares(4, first=1))
+    by = "time", 1
 
     def wrong(self, time: Array, theta: Theta) -> Array:
         """By which share (k,) it is higher at times (k,) s."""
@@ -225,13 +230,6 @@ class PressureCourse(StandIn):
         return f"a pressure {way} by {100 * float(np.ptp(off)):.2g} % against the recorded one, {span}"
 
 
-def _shares(count: int, *, first: int = 0) -> tuple[Parameter, ...]:
-    return tuple(
-        Parameter(f"c{k}", -0.5, 0.5, "", null=0.0, typical=0.01, plausible=(-0.1, 0.1))
-        for k in range(first, first + count)
-    )
-
-
 # -- what is seen --------------------------------------------------------------------------------------------
 
 
@@ -242,19 +240,13 @@ class MountingDrift(StandIn):
 
     def __init__(self, span: Span) -> None:
         self.span = span
-        rows = (
-            Parameter(f"{way}{k}", -5.0, 5.0, "mm", null=0.0, typical=0.02, plausible=(-0.3, 0.3))
-            for way in ("along", "up")
-            for k in (1, 2, 3)
-        )
-        super().__init__("drift", tuple(rows))
+        names = (f"{way}{k}" for way in ("along", "up") for k in (1, 2, 3))
+        super().__init__("drift", names, "mm", most=5.0, step=0.02, likely=0.3)
 
     def course(self, time: Array, theta: Theta) -> Array:
         """The drift (k, 3) mm at times (k,) s."""
         x = self.span.across(time)
-        along, up = (
-            legval(x, [0.0, *(self.of(theta, f"{way}{k}") for k in (1, 2, 3))]) for way in ("along", "up")
-        )
+        along, up = (legval(x, [0.0, *c]) for c in np.reshape(self.numbers(theta), (2, 3)))
         return np.stack([along, np.zeros_like(x), up], axis=1)
 
     def after(self, u: Array, test: Test, theta: Theta) -> Array:
@@ -282,11 +274,7 @@ class WrongPicture(StandIn):
     }  # fmt: skip
 
     def __init__(self) -> None:
-        rows = (
-            Parameter(name, -0.3, 0.3, "", null=0.0, typical=0.01, plausible=(-0.03, 0.03))
-            for name in self.WORDS
-        )
-        super().__init__("picture", tuple(rows))
+        super().__init__("picture", self.WORDS, "", most=0.3, step=0.01, likely=0.03)
 
     def after(self, u: Array, test: Test, theta: Theta) -> Array:
         at = {name: self.of(theta, name) for name in self.WORDS}
@@ -309,17 +297,13 @@ class MarkerJump(StandIn):
 
     def __init__(self, marker: str, times: Array) -> None:
         self.marker, self.times = marker, tuple(float(t) for t in times)
-        rows = (
-            Parameter(f"{way}{k}", -5.0, 5.0, "mm", null=0.0, typical=0.05, plausible=(-0.5, 0.5))
-            for k in range(len(self.times))
-            for way in ("along", "up")
-        )
-        super().__init__(_name("slip_of", marker), tuple(rows))
+        names = (f"{way}{k}" for k in range(len(self.times)) for way in ("along", "up"))
+        super().__init__(_name("slip_of", marker), names, "mm", most=5.0, step=0.05, likely=0.5)
 
     def _jumps(self, theta: Theta) -> Array:
         """The jumps (k, 3) mm."""
-        pairs = [(self.of(theta, f"along{k}"), self.of(theta, f"up{k}")) for k in range(len(self.times))]
-        return np.array([[x, 0.0, z] for x, z in pairs]).reshape(-1, 3)
+        along, up = np.reshape(self.numbers(theta), (-1, 2)).T
+        return np.stack([along, np.zeros_like(up), up], axis=1)
 
     def after(self, u: Array, test: Test, theta: Theta) -> Array:
         after = np.asarray(test.path.output[:, None] >= np.array(self.times), float)

@@ -21,6 +21,7 @@ from twin.commands import diagnose
 from twin.effects.labels import AND, KINDS, groups, name_of
 from twin.effects.library import all_effects
 from twin.effects.protocol import Effect
+from twin.judging import judged
 from twin.judging.intervals import fit_record
 from twin.model import prediction
 from twin.model.basemodel import base_test
@@ -87,6 +88,7 @@ def calibrated(
     write_targets(folder / "targets", t)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(prediction, "solve", standin_solver.solve)
+        patch.setattr(judged, "TURNS", 1)  # nothing is asked of the fits
         patch.setattr(workbench, "BuiltIn", lambda: short_builtin)  # the command line knows the study's finger only
         fitted(folder)
         yield folder
@@ -96,9 +98,9 @@ def fitted(folder: Path) -> None:
     """Leave the run of a calibration."""
     project = Project.open(folder)
     bench = Workbench.of(project)
-    judged = bench.judged(bench.model(), np.array([0.2, 0.1]), lambda text: None)  # type: ignore[arg-type]
+    found = bench.judged(bench.model(), np.array([0.2, 0.1]), lambda text: None)  # type: ignore[arg-type]
     with project.new_run("calibrate", seed=1) as made:
-        made.write_json("fit.json", fit_record(judged.fit, judged.comparison) | {"effects": []})
+        made.write_json("fit.json", fit_record(found.fit, found.comparison) | {"effects": []})
 
 
 @pytest.fixture
