@@ -244,7 +244,7 @@ class Attempts:
         self, base: Judged, found: dict[str, list[Rival]], best: Sequence[Candidate]
     ) -> list[Group]:
         """The pairs that promise most, refitted; a third effect where none of them is adequate."""
-        own = {label: rows for label, rows in found.items() if not getattr(rows[0].effect, "kind", "")}
+        own = {label: rows for label, rows in found.items() if not rows[0].effect.kind}
         pairs = best_pairs(base, own, count=PAIRS)
         if best and best[0].refit is not None:
             beside = self._added_to((best[0].effect,), best[0].refit, best[0].gain)

@@ -86,8 +86,9 @@ class Effect:
     value at which the effect is absent. grid: values at which parameters that are invisible at null are
     tried, on any test; `tries` where they depend on the test. requires: what the data must hold, else the
     effect is listed as not testable. smooth: False where its signature is the difference of whole solves, not
-    of first order. generic: the kind of stand-in that says the same in general, `outside force`, and so is no
-    other explanation; completed_by: a kind that on top of the effect merely completes its law.
+    of first order. kind: that of a stand-in, nothing for all others. generic: the kind of stand-in that says
+    the same in general, `outside force`, and so is no other explanation; completed_by: a kind that on top of
+    the effect merely completes its law.
 
     Raises ValueError where a class is defined with a name, an order, a requirement or a kind that does not
     exist.
@@ -100,6 +101,7 @@ class Effect:
     grid: tuple[Theta, ...] = ()
     requires: tuple[Requirement, ...] = ()
     smooth: bool = True
+    kind: str = ""
     generic: str = ""
     completed_by: str = ""
     origin: ClassVar[Origin | None] = None  # the file of the user's that defines it; set where that is read

@@ -30,8 +30,6 @@ WAYS = {"along": (1.0, 0.0, 0.0), "aside": (0.0, 1.0, 0.0), "up": (0.0, 0.0, 1.0
 class StandIn(Effect):
     """An explanation in plain words. kind: what it is, the same for those that differ in place alone."""
 
-    kind: str = ""
-
     def __init__(
         self, name: str, amplitudes: Iterable[str], unit: str, *, most: float, step: float, likely: float
     ) -> None:

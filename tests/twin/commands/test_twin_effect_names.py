@@ -55,10 +55,11 @@ def named_in_docs() -> set[str]:
 LIBRARY = {label for e in all_effects() for label in labels_of(e)}
 FOUND = {"marker_slip:p1@2.5s", "marker_slip:tip@-0.5s"}  # as a diagnosis holds a marker and a time
 VERDICTS = {
-    "creep or pressure_lag", "tube or an outside force", "creep + tube", "creep + camera_scale or tube + stiffening",
+    "creep or pressure_lag", "tube or an outside force", "creep + tube", "pressure_gain + stiffening",
+    "creep + camera_scale or tube + stiffening",
 }  # fmt: skip
 ALL = sorted(LIBRARY | FOUND | VERDICTS | named_in_docs())
-ALWAYS = ("creep:wide", "tube:wide", "marker_slip", "marker_slip:p1@2.5s", "creep + tube", "tube or an outside force")
+ALWAYS = ("creep:wide", "tube:wide", "marker_slip", "marker_slip:p1@2.5s", "pressure_gain + stiffening", "tube or an outside force")
 
 
 def run(*arguments: object) -> None:
