@@ -11,7 +11,8 @@ from twin.diagnosis.explanation import Explanation, explained
 from twin.diagnosis.procedure import diagnose
 from twin.diagnosis.record import DiagnosisRecord, ForetoldFilm
 from twin.diagnosis.verdicts import Diagnosis
-from twin.effects.library import all_effects, effect
+from twin.effects.labels import name_of
+from twin.effects.library import all_effects, effects_of
 from twin.effects.protocol import Effect
 from twin.judging.intervals import fit_record
 from twin.judging.judged import Judged
@@ -61,7 +62,7 @@ def run_diagnose(project: Project, say: Say) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class Settled:
-    """A diagnosis with the fit that `twin add` gives of what it names; that fit, and the evidence for it: both
+    """A diagnosis with the fit that `twin add` gives of what it names; that fit, and its evidence: both
     None where nothing is named."""
 
     diagnosis: Diagnosis
@@ -92,7 +93,9 @@ def _foretold(row: ForetoldFilm) -> str:
 def _candidates(project: Project) -> tuple[Effect, ...]:
     """The effects that twin.toml names, or the whole library; those of the project's own files always."""
     own = own_of(project)
-    named = [effect(label, own=own) for label in project.config.diagnose.candidates] or all_effects()
+    named = [
+        e for text in project.config.diagnose.candidates for g in effects_of(text, own=own) for e in g
+    ] or all_effects()
     return (*named, *(e for e in own if e.name not in [n.name for n in named]))
 
 
@@ -101,12 +104,12 @@ def _settled(bench: Workbench, found: Diagnosis, say: Say) -> Settled:
     if found.kept is None or found.base is None:
         return Settled(found)
     labels = [e.label for e in found.effects]
-    names = [label.partition(":")[0] for label in labels]
-    others = [e for e in bench.project.config.model.effects if e.partition(":")[0] not in names]
+    names = [name_of(label) for label in labels]
+    others = [e for e in bench.project.config.model.effects if name_of(e) not in names]
     model = bench.model((*others, *labels))
     judged = bench.judged(model, model.theta(found.kept.values), say)
     single = next((c for c in found.ranking if c.effect.label == labels[0]), None)
-    own = [c.members for c in found.classes if c.effect.partition(":")[0] in names]
+    own = [c.members for c in found.classes if name_of(c.effect) in names]
     explanation = explained(
         found.effects,
         before=found.base,

@@ -22,7 +22,7 @@ from twin.project.config import (
 from twin.project.folder import Say
 from twin.project.targetfiles import read_targets
 from twin.project.targetwriting import write_targets
-from twin.project.toml import dump
+from twin.project.toml import dump, write
 from twin.targets import PointKind, Targets
 
 if TYPE_CHECKING:
@@ -58,7 +58,7 @@ def run_init(
     config = config.model_copy(update={"model": model})
     root = folder.resolve()
     with files.whole_folder(root) as draft:
-        files.write_text(draft / "twin.toml", dump(config))
+        write(draft / "twin.toml", dump(config))
         if targets is None or given is None:
             (draft / "raw" / "boards").mkdir(parents=True)
         elif foreign is not None:
