@@ -14,7 +14,7 @@ from twin.judging.judged import Judged
 from twin.judging.record import FitRecord
 from twin.project import files
 from twin.project.folder import Project, Say
-from twin.project.trust import digest_of_program, remember
+from twin.project.trust import programs, remember
 
 Start = dict[str, float]
 HALVED = 6  # times at most
@@ -55,9 +55,7 @@ def named_effect(project: Project, name: str) -> str:
             f"{name}: not an effect file of this project, which has {', '.join(known) or 'none'}; name it "
             "under [model] effect_files of twin.toml"
         )
-    path = project.path(name)
-    if path.is_file():
-        remember({digest_of_program(path.read_bytes()): f"{path}: named on the command line"})
+    remember(project.root, programs(project.root, [name]))
     found = [effect.name for effect in own_effects(project.root, (name,))]
     if len(found) != 1:
         raise ValueError(f"{name} defines {', '.join(found)}: name one of them instead of the file")

@@ -56,6 +56,8 @@ def _shared(former: Project) -> list[Path]:
 def _wanted(former: Project) -> list[str]:
     """What the user has to bring, one sentence each."""
     cameras, log = former.config.cameras, former.config.pressure
+    if (foreign := former.config.imported) is not None:
+        return [f"Put {', '.join(filter(None, (foreign.file, foreign.log)))} there."]
     if not cameras or log is None:
         return ["Put the batch's displacements into targets/."]
     several = former.config.films

@@ -12,6 +12,7 @@ from pydantic.fields import FieldInfo
 
 from twin.project import files
 from twin.project.config import FORMER, Config, with_first_film
+from twin.project.tablemodel import keys_of
 from twin.project.validation import checked, table_of, value_text
 
 LONGEST, DEEPEST = 10_000_000, 100  # letters of a file; parts of a key, as in model.fixed.C10
@@ -67,13 +68,13 @@ def dump(config: Config) -> str:
         "# A softtwin project. Units: mm, MPa, s. World axes: x along the finger from the clamp,",
         "# y across the width, z up. Paths are relative to this folder. `twin check` says what is missing.",
     ]
-    for key in Config.model_fields:
-        value = getattr(config, key)
+    for key, (name, _) in keys_of(Config).items():
+        value = getattr(config, name)
         if isinstance(value, BaseModel):
             lines += _table(key, value)
         elif value is not None:
             lines += _tables(key, value)
-    if not config.cameras:
+    if not config.cameras and config.imported is None:
         lines += ["", "# There is no [[cameras]]: the targets were measured elsewhere and lie in targets/."]
     return "\n".join(lines) + "\n"
 
