@@ -143,7 +143,7 @@ def _section(effect: Effect) -> str:
     about += [_sentence(MEANING[need][1]) for need in effect.requires]
     table = ["| parameter | unit | bounds | plausible | without the effect |", "|---|---|---|---|---|"]
     rows = [_parameter(p) for p in laws[-1].parameters]
-    picture = f"![What {name} does to the displacements](pictures/effects/{name}.png)"
+    picture = f"![What {name} does](pictures/effects/{name}.png)"
     lines = [f"### {name}", " ".join(about), "", *table, *rows, "", picture]
     return "\n".join(lines) + "\n"
 
