@@ -8,7 +8,8 @@ import sys
 import tomllib
 from functools import cache
 from pathlib import Path
-from types import ModuleType
+
+from benchmarks.docs import figures, reference
 
 import numpy as np
 import pytest
@@ -26,7 +27,7 @@ from twin.judging.whitening import whitener
 from twin.project.config import Config
 from twin.project.targetfiles import read_targets
 from twin.project.toml import parse
-from vision.errors.budgeting import SOURCES
+from vision.errors.errorbudget import SOURCES
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = sorted(
@@ -201,20 +202,10 @@ def test_the_readme_has_the_main_command_on_a_line_of_its_own() -> None:
     assert re.search(r"^make demo$", (ROOT / "README.md").read_text(encoding="utf-8"), re.M)
 
 
-def benchmark(name: str) -> ModuleType:
-    """A script of benchmarks/, imported as its neighbours do, wherever below that folder it lies."""
-    (path,) = (ROOT / "benchmarks").rglob(f"{name}.py")
-    sys.path[:0] = [str(path.parent), str(ROOT / "benchmarks")]
-    try:
-        return importlib.import_module(name)
-    finally:
-        del sys.path[:2]
-
-
 def test_made_pages_are_as_the_program_makes_them() -> None:
-    made = benchmark("reference").pages()
+    made = reference.pages()
     stale = [name for name, text in made.items() if (ROOT / "docs" / name).read_text(encoding="utf-8") != text]
-    assert stale == [], "run: python benchmarks/reference.py"
+    assert stale == [], "run: python benchmarks/docs/reference.py"
     assert all(f"`{key}`" in made["twin-toml.md"] for table in all_tables() for key in table.model_fields if key not in tables(table))
 
 
@@ -226,7 +217,7 @@ def test_every_effect_has_its_section_and_its_picture() -> None:
     text = (ROOT / "docs" / "effects.md").read_text(encoding="utf-8")
     assert [e.name for e in all_effects() if f"\n### {e.name}\n" not in text] == []
     pictures = {path.stem for path in (ROOT / "docs" / "pictures" / "effects").glob("*.png")}
-    assert pictures == {e.name for e in all_effects()}, "run: python benchmarks/pictures.py --only effects"
+    assert pictures == {e.name for e in all_effects()}, "run: python benchmarks/docs/pictures.py --only effects"
 
 
 def test_every_file_that_a_stage_writes_is_explained() -> None:
@@ -287,7 +278,6 @@ def test_the_glossary_holds_the_words_of_report_and_terminal() -> None:
 
 
 def test_every_figure_of_the_demo_stands_once_in_its_page() -> None:
-    figures = benchmark("figures")
     for figure in figures.FIGURES:
         text = (ROOT / figure.page).read_text(encoding="utf-8")
         assert len(figure.pattern.findall(text)) == 1, figure
@@ -295,7 +285,6 @@ def test_every_figure_of_the_demo_stands_once_in_its_page() -> None:
 
 
 def test_a_figure_that_a_run_does_not_have_is_named_and_mended() -> None:
-    figures = benchmark("figures")
     figure = figures.Figure("README.md", "from # to # mm in # minutes", ("a/b:c", "a/b:d", "minutes:"))
     page = "It falls from 0.169 to\n0.045 mm in 13 minutes."
     assert figures.wrong(page, figure, [0.1686, 0.0449, 35.0]) == []  # rounded; a busy machine
@@ -309,7 +298,6 @@ def test_a_figure_that_a_run_does_not_have_is_named_and_mended() -> None:
 
 
 def test_a_place_leads_to_a_number_of_a_project(tmp_path: Path) -> None:
-    figures = benchmark("figures")
     run = tmp_path / "runs" / "0003-add"
     run.mkdir(parents=True)
     (run / "fit.json").write_text(

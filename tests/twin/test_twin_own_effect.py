@@ -59,13 +59,10 @@ def batch(short_case: Case, short_builtin: BuiltIn, tmp_path_factory: pytest.Tem
     edge = np.stack([X, np.full_like(X, 11.5), np.zeros_like(X)], axis=1)
     rows = np.linalg.norm(short_case.nodes[:, None] - edge, axis=2).argmin(axis=0)
     points, course = short_case.nodes[rows], virtual.path(BENCH, protocol=FILM)
-    truth = virtual.Truth(
-        Material(0.214, 0.083),
-        lattice=Lattice(per_bellow=2, ring=False, centred=False, caps=2),  # a finer mesh than the model's
-        finger=short_builtin.finger,
-        tip_force=(ALONG, 0.0, UP),  # over the whole end face
-    )
-    u, slope = virtual.displacements(truth, course, points)
+    finer = Lattice(per_bellow=2, ring=False, centred=False, caps=2)
+    truth = virtual.truth_case(short_builtin.finger, finer, material=Material(0.214, 0.083), element=None)
+    truth = replace(truth, forces={"tip_face": np.array([ALONG, 0.0, UP]) / 2})  # of the half that is solved
+    u, slope = virtual.displaced(truth, course, points)
     at = virtual.at_nodes(NAMES, short_case.labels[rows], points)
     targets = virtual.noisy_targets(u, slope, course, points=at, bench=BENCH, seed=1)
     config = Config(

@@ -49,9 +49,9 @@ def camera_kept(project: Project) -> str:
 
 def _tested(project: Project, name: str, film: Path, camera: Any, then: Mapping[str, Array]) -> str:
     """The sentence for a camera that fits; ValueError for one that does not."""
-    from vision.calibration.sameview import view_misfit
+    from vision.calibration.lens import view_misfit
     from vision.film.series import open_film
-    from vision.following.locating import locate
+    from vision.following.markercentres import locate
 
     table = project.config.cameras[0]
     opened = open_film(film, fps=table.fps, mirrored=table.mirrored)

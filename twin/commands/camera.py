@@ -84,7 +84,7 @@ def _run_rig(project: Project, say: Say, how: dict[str, Any]) -> dict[str, Any]:
 def _joined(project: Project, cameras: list["Camera"]) -> "Rig":
     """All cameras together: from pictures of one name, or from films of one moving board."""
     from vision import Video
-    from vision.calibration.joinedfilms import rig_of_films
+    from vision.calibration.boardfilms import rig_of_films
     from vision.calibration.stereo import calibrate_rig
 
     tables = project.config.cameras

@@ -248,7 +248,7 @@ def _measured_by(project: Project) -> str | None:
 
 def _tracks(moved: "Displacements") -> dict[str, NDArray[Any]]:
     """What review draws over the film; `methods` names the codes of `method`."""
-    from vision.following.methods import Method
+    from vision.following.tracks import Method
 
     t = moved.tracks
     return {
@@ -309,7 +309,7 @@ def _overlay(project: Project, moved: "Displacements") -> bytes:
 
 def _budget_csv(moved: "Displacements", targets: Targets) -> str:
     """The budget as vision has it, with what the join with the log adds."""
-    from vision.errors.budgeting import to_csv, with_mode
+    from vision.errors.errorbudget import to_csv, with_mode
 
     clock, seen = targets.modes[targets.mode_names.index("sync")], np.asarray(targets.valid.any(axis=2))
     return to_csv(with_mode(moved.budget, "sync", clock, seen), moved.names)
@@ -317,7 +317,7 @@ def _budget_csv(moved: "Displacements", targets: Targets) -> str:
 
 def _say_budget(path: Path, say: Say) -> dict[str, Any]:
     """Say the table in budget.csv, and return it as point -> source -> sd of u1, u2, u3 in mm."""
-    from vision.errors.budgeting import from_csv, lines
+    from vision.errors.errorbudget import from_csv, lines
 
     table, names = from_csv(path.read_text(encoding="utf-8"))
     for line in lines(table, names):

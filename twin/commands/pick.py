@@ -21,7 +21,7 @@ from twin.project.toml import decoded, parse, with_point
 from twin.targets import Array
 
 if TYPE_CHECKING:  # vision takes a second to import
-    from vision.following.textures import Feature
+    from vision.following.features import Feature
 
 SAG_MM = 1.0  # that a feature may lie off the finger's outline, where the user states no sag
 COLUMNS = (
@@ -120,8 +120,8 @@ def _features(
     """Features beside the markers and on the finger, their side in mm, and the picture."""
     from fe.mesh.points import nearest_on_faces
     from vision.film.series import open_film
-    from vision.following.reference import first_seen
-    from vision.following.textures import find_textures, taken
+    from vision.following.features import find_textures, taken
+    from vision.following.firstpictures import first_seen
     from vision.marks import px_per_unit, rows_of
     from vision.plane import MIN_VISIBLE, fit_homography, to_plane
 

@@ -4,22 +4,13 @@ from typing import Any
 
 import numpy as np
 
-from twin.drawing import plots
+from twin.drawing import plots, studyplots
 from twin.project import files
 from twin.report.found import CHANGES, Story
 from twin.report.heldoutrows import held_out_pictures
+from twin.study.figures import FIGURES, file_of
 from twin.study.record import page_facts
 from twin.targets import Array
-
-FIGURES = {  # of the reference study, and what each shows
-    "5a": "Best RMS error of every generation of the genetic algorithm.",
-    "5b": "Constants of the best candidate. Their sum settles before they do.",
-    "5c": "Error of all candidates. Along the ridge the error hardly changes.",
-    "6a": "Displacement against pressure, first point.",
-    "6b": "Displacement against pressure, second point.",
-    "6c": "Displacements at the top pressure.",
-    "6d": "Absolute errors at the top pressure, before and after.",
-}
 
 
 def pictures_of(story: Story) -> list[dict[str, Any]]:
@@ -37,7 +28,7 @@ def study_facts(story: Story) -> dict[str, Any] | None:
         return None
     drawn = [
         _picture(f"Figure {name}.", FIGURES[name], half=True,
-                 svg=story.study_file.with_name(f"figure-{name}.svg").read_text(encoding="utf-8"))
+                 svg=story.study_file.with_name(file_of(name)).read_text(encoding="utf-8"))
         for name in FIGURES
     ]  # fmt: skip
     return page_facts(story.study) | {"pictures": drawn}
@@ -81,16 +72,19 @@ def _overlaid(story: Story) -> list[dict[str, Any]]:
 
 
 def _search(story: Story) -> list[dict[str, Any]]:
-    """The genetic algorithm by generation and, of two constants, its landscape; the study has its own."""
+    """The genetic algorithm by generation and, of two constants, its valley; the study has its own."""
     g = story.generations
     if story.study:
         return []
-    course = plots.generations(g.generation, rms_mm=g.rms_mm, best=g.best, names=g.names)
-    caption = "Best RMS and constants of every generation."
-    out = [_picture("Genetic algorithm", caption, half=True, svg=course)]
+    error = studyplots.best_error(g.generation, rms_mm=g.rms_mm)
+    constants = studyplots.best_constants(g.generation, best=g.best, names=g.names)
+    out = [
+        _picture("Genetic algorithm", "Best RMS error of every generation.", half=True, svg=error),
+        _picture("Constants of the best", "By generation.", half=True, svg=constants),
+    ]
     if len(g.names) == 2:
-        found = files.read_npz(story.file("calibrate", "candidates.npz"))
-        valley = plots.landscape(found["x"], rms_mm=found["rms_mm"], names=g.names, best=g.best[-1])
+        found, best = files.read_npz(story.file("calibrate", "candidates.npz")), {"best": g.best[-1]}
+        valley = studyplots.valley(found["x"], rms_mm=found["rms_mm"], names=g.names, marks=best)
         caption = "All candidates. Along the valley the sum of the two is the same."
         out.append(_picture("Error landscape", caption, half=True, svg=valley))
     return out
@@ -102,36 +96,42 @@ def _over_time(story: Story) -> list[dict[str, Any]]:
     after = story.prediction(CHANGES) if story.fields is not None else {}
     if not before or len(story.targets.time) < 3:
         return []
-    displacement, pressure = _courses(story, before, after)
-    return [displacement, pressure]
+    models = dict(zip(story.labels, (m["u"] for m in (before, after) if m), strict=False))
+    shown = f"Measured; {' and '.join(models)}."
+    return [_courses(story, models, shown), *_against_pressure(story, models, shown)]
 
 
-def _courses(story: Story, before: dict[str, Array], after: dict[str, Array]) -> list[dict[str, Any]]:
-    """The markers of the objective over time, and over pressure."""
-    t, end = story.targets, after.get("u")
-    rows = np.flatnonzero(~t.fixed)
+def _rows(story: Story) -> list[int]:
+    """The rows of the markers that are shown: of the objective, else the last two."""
+    t, rows = story.targets, np.flatnonzero(~story.targets.fixed)
     wanted = [r for r in rows if t.names[r] in story.project.config.calibrate.objective_points]
-    own = wanted or rows[-2:]
-    drawn: dict[str, Any] = {"names": [t.names[r] for r in own], "labels": story.labels}
+    return [int(r) for r in wanted or rows[-2:]]
+
+
+def _courses(story: Story, models: dict[str, Array], shown: str) -> dict[str, Any]:
+    """The markers of the objective over time."""
+    t, own = story.targets, _rows(story)
     over_time = plots.displacements(
         t.time - t.time[0],
         measured=t.value[:, own],
-        before=before["u"][:, own],
-        after=None if end is None else end[:, own],
-        **drawn,
+        models={name: u[:, own] for name, u in models.items()},
+        names=[t.names[r] for r in own],
     )
-    over_pressure = plots.pressure_curves(
-        t.pressure,
-        measured=t.value[:, own, 2],
-        before=before["u"][:, own, 2],
-        after=None if end is None else end[:, own, 2],
-        **drawn,
-    )
-    shown = f"Measured; {' and '.join(story.labels[: 1 + bool(after)])}."
-    return [
-        _picture("Displacement", shown, svg=over_time),
-        _picture("U3 against pressure", f"{shown} Every dot is a step of the film.", svg=over_pressure),
-    ]
+    return _picture("Displacement", shown, svg=over_time)
+
+
+def _against_pressure(story: Story, models: dict[str, Array], shown: str) -> list[dict[str, Any]]:
+    """The markers of the objective over pressure."""
+    t = story.targets
+    out = []
+    for r in _rows(story):
+        drawn = studyplots.against_pressure(
+            t.pressure, models={name: u[:, r, 2] for name, u in models.items()}, read_at=t.pressure,
+            read_mm=t.value[:, r, 2], title=t.names[r],
+        )  # fmt: skip
+        title, caption = f"U3 of {t.names[r]} against pressure", f"{shown} Every dot is a step of the film."
+        out.append(_picture(title, caption, half=True, svg=drawn))
+    return out
 
 
 def _picture(title: str, caption: str, *, half: bool = False, **drawn: Any) -> dict[str, Any]:

@@ -21,7 +21,7 @@ from twin.review.states import Generations
 from twin.targets import Array, Targets
 
 if TYPE_CHECKING:  # vision takes a second to import
-    from vision.placing.projecting import Projection
+    from vision.perspective import Projection
 
 MOST = 500  # pictures in which the models are drawn
 CHUNK = 64  # steps whose displacements of all nodes are held at a time
@@ -109,7 +109,7 @@ class _Sight:
     def _projection(self) -> "Projection":
         """How the first camera sees the world in every frame."""
         from vision import Camera
-        from vision.placing.projecting import Projection
+        from vision.perspective import Projection
 
         stored = files.read_json(camera_path(self.project))
         camera = Camera.from_dict(stored["cameras"][0] if "cameras" in stored else stored)

@@ -19,7 +19,7 @@ def budget_facts(project: Project, names: Sequence[str]) -> dict[str, Any]:
     path = project.newest("measure", "budget.csv")
     if path is None:
         return {}
-    from vision.errors.budgeting import SOURCES, from_csv
+    from vision.errors.errorbudget import SOURCES, from_csv
 
     table, marks = from_csv(path.read_text(encoding="utf-8"))
     own = [p for p, name in enumerate(marks) if name in names]

@@ -1,16 +1,13 @@
-"""What a calibration by one objective has found, as one record: the models before and after, the ridge, and
-what would tell C10 from C01. The sentences of the report come from here; no number is computed."""
+"""What a calibration by one objective has found, as study.json has it: the models before and after, the
+ridge, and what would tell C10 from C01. The sentences of the report come from here; no number is computed."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
 
-from twin.effects.baselaw import Constants
-from twin.study.readings import Plan
-from twin.study.ridges import Ridge
-from twin.study.separability import KNOWN, UNKNOWN, Addition, Knowledge
+from twin.study.separability import KNOWN, UNKNOWN, Knowledge
 from twin.targets import Array
 
 SHOWN = 6  # readings that the report shows, within the pressure of the test and beyond
@@ -18,102 +15,176 @@ SHOWN = 6  # readings that the report shows, within the pressure of the test and
 
 @dataclass(frozen=True, kw_only=True)
 class Side:
-    """One model: its constants, its RMS error of the objective in mm, its displacements u_mm (p,)."""
+    """One model: its constants in MPa, their sum, the share of C01, its RMS error of the objective in mm, its
+    displacements (p,) mm."""
 
-    constants: Constants
+    C10: float
+    C01: float
+    total: float
+    share: float
     rms_mm: float
-    u_mm: Array
+    u_mm: list[float]
 
-    def to_dict(self) -> dict[str, Any]:
-        """What study.json says of it."""
-        return {**self.constants.named, "total": self.constants.total, "share": self.constants.share,
-                "rms_mm": self.rms_mm, "u_mm": self.u_mm.tolist()}  # fmt: skip
+
+@dataclass(frozen=True, kw_only=True)
+class Initial(Side):
+    """The model before; whether twin.toml states its constants."""
+
+    stated: bool
+
+
+@dataclass(frozen=True, kw_only=True)
+class Start(Side):
+    """Another model before; by how much the error falls from it to the final one, %, negative where it was
+    better."""
+
+    reduction_percent: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Line:
+    """The ridge: shares (h,), their best sums (h,) MPa and errors (h,) mm; the shares between which it agrees
+    with the readings."""
+
+    share: list[float]
+    total_MPa: list[float]
+    rms_mm: list[float]
+    agreeing_share: tuple[float, float]
+
+    def agreeing(self, values: Sequence[float]) -> Array:
+        """Those of values (h,) along the ridge where it agrees with the readings."""
+        share, (low, high) = np.array(self.share), self.agreeing_share
+        return np.array(values)[(share >= low) & (share <= high)]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Known:
+    """What is known of the share, 1 sd, None where it is left open, with the correlation of C10 and C01, and
+    the error of all readings in mm for a known share."""
+
+    share_sd: float | None
+    correlation: float
+    wanted_sd_mm: float | None
+
+    @staticmethod
+    def row(known: Knowledge, sd_mm: float) -> dict[str, Any]:
+        """These values by name, where a reading has an error of sd_mm."""
+        open_ = not np.isfinite(known.share_sd)
+        return {"share_sd": None if open_ else known.share_sd, "correlation": known.correlation,
+                "wanted_sd_mm": None if open_ else known.wanted_sd_mm(sd_mm)}  # fmt: skip
+
+    @property
+    def vague(self) -> float:
+        """The sd of the share, infinite where it is left open."""
+        return np.inf if self.share_sd is None else self.share_sd
+
+    @property
+    def wanted(self) -> str:
+        """The error in mm that is wanted, in words."""
+        return f"{self.wanted_sd_mm or 0.0:.2g}"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Reading(Known):
+    """One reading that could be added: where, in which direction (U1 to U3), at which pressure, where the
+    model is then, and what is known with it."""
+
+    point: str
+    node: int
+    x_mm: float
+    direction: str
+    pressure_MPa: float
+    u_mm: float
+
+    @property
+    def words(self) -> str:
+        """As one would ask for it."""
+        return f"{self.direction} of {self.point} at {1e3 * self.pressure_MPa:.3g} kPa"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Several(Known):
+    """Several readings that could be added at once: in words, how many, and what is known with them."""
+
+    words: str
+    count: int
 
 
 @dataclass(frozen=True, kw_only=True)
 class PointCurve:
-    """Displacement of one point over pressure: the models before and after (k,) mm at pressures (k,) MPa of
-    the record, and what was read (n,) mm at pressures (n,) MPa with sds (n,) mm."""
+    """Displacement of one point over pressure: the models before and after (k,) at the pressures of `Curves`,
+    and what was read (n,) with its sds (n,)."""
 
-    name: str
+    point: str
     node: int | None
-    initial: Array
-    final: Array
-    read_at: Array
-    read: Array
-    read_sd: Array
+    initial_mm: list[float]
+    final_mm: list[float]
+    measured_at_MPa: list[float]
+    measured_mm: list[float]
+    measured_sd_mm: list[float]
 
-    def to_dict(self) -> dict[str, Any]:
-        """What study.json says of it."""
-        return {"point": self.name, "node": self.node, "initial_mm": self.initial.tolist(),
-                "final_mm": self.final.tolist(), "measured_at_MPa": self.read_at.tolist(),
-                "measured_mm": self.read.tolist(), "measured_sd_mm": self.read_sd.tolist()}  # fmt: skip
+    @property
+    def label(self) -> str:
+        """The point with its node."""
+        return self.point if self.node is None else f"{self.point} (node {self.node})"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Curves:
+    """The curves of all points at pressures (k,)."""
+
+    pressure_MPa: list[float]
+    points: list[PointCurve]
 
 
 @dataclass(frozen=True, kw_only=True)
 class Study:
-    """What was found. measured (p,) mm: the objective's values at the top pressure; sd_mm: their error;
-    starts: other initial models; published: what the source of the targets states."""
+    """What was found. component: 1 to 3; measured_mm (p,): the objective's values at the top pressure;
+    measured_sd_mm: their error; published: what the source of the targets states;
+    published_reduction_from_total_MPa: sums C10 + C01 of an initial model from which the error falls by as
+    much; starts: other initial models."""
 
-    points: tuple[str, ...]
+    points: list[str]
     component: int
-    top_MPa: float
-    measured: Array
-    sd_mm: float
-    initial: Side
-    initial_is_stated: bool
+    pressure_MPa: float
+    measured_mm: list[float]
+    measured_sd_mm: float
+    initial: Initial
     final: Side
-    least: Side
+    reduction_percent: float
+    least_squares: Side
     difference: str
-    starts: tuple[Side, ...]
-    ridge: Ridge
-    agreeing: tuple[float, float]
-    known: Knowledge
-    readings: tuple[Addition, ...]
-    plans: tuple[Plan, ...]
-    pressure: Array
-    curves: tuple[PointCurve, ...]
     published: Side | None
-    published_reduction: float | None
-    matching: tuple[float, ...]  # MPa, sums C10 + C01 of an initial model with the published reduction
+    published_reduction_percent: float | None
+    published_reduction_from_total_MPa: list[float]
+    starts: list[Start]
+    ridge: Line
+    known: Known
+    readings: list[Reading]
+    plans: list[Several]
+    curves: Curves
 
-    @property
-    def reduction(self) -> float:
-        """By how much the RMS error fell from the initial to the final model, %."""
-        return self.reduction_from(self.initial)
-
-    def reduction_from(self, start: Side) -> float:
-        """The same from another initial model, %; negative where that one was better."""
-        return 100.0 * (1.0 - self.final.rms_mm / start.rms_mm)
-
-    @property
-    def separated(self) -> bool:
-        """Whether the targets tell C10 from C01."""
-        return self.known.share_sd < UNKNOWN
+    def to_dict(self) -> dict[str, Any]:
+        """The content of study.json."""
+        return {"headline": self.headline, "sentences": self.sentences} | asdict(self)
 
     # -- words ----------------------------------------------------------------------------------------------
 
     @property
+    def separated(self) -> bool:
+        """Whether the targets tell C10 from C01."""
+        return self.known.vague < UNKNOWN
+
+    @property
     def headline(self) -> str:
         """What was found, in one sentence."""
-        low, high = self._totals
-        total = f"{low:.3g} MPa" if f"{low:.3g}" == f"{high:.3g}" else f"{low:.3g} to {high:.3g} MPa"
         if self.separated:
-            c = self.final.constants
+            c = self.final
             return f"The targets fix both constants: C10 = {c.C10:.3g} MPa, C01 = {c.C01:.3g} MPa."
-        return f"The targets fix the sum C10 + C01 = {total}; how much of it is C01 they cannot tell."
-
-    @property
-    def _agree(self) -> Any:
-        """Which rows of the ridge agree with the readings."""
-        low, high = self.agreeing
-        return (self.ridge.share >= low) & (self.ridge.share <= high)
-
-    @property
-    def _totals(self) -> tuple[float, float]:
-        """The lowest and highest sum in MPa along the part of the ridge that agrees."""
-        own = self.ridge.total[self._agree]
-        return float(own.min()), float(own.max())
+        totals = self.ridge.agreeing(self.ridge.total_MPa)
+        low, high = f"{totals.min():.3g}", f"{totals.max():.3g}"
+        total = low if low == high else f"{low} to {high}"
+        return f"The targets fix the sum C10 + C01 = {total} MPa; how much of it is C01 they cannot tell."
 
     @property
     def sentences(self) -> list[str]:
@@ -124,112 +195,53 @@ class Study:
     @property
     def _fall(self) -> str:
         a, b = self.initial, self.final
-        assumed = "as stated" if self.initial_is_stated else "assumed; [study] initial states others"
+        assumed = "as stated" if a.stated else "assumed; [study] initial states others"
         return (
-            f"The RMS error of U{self.component + 1} falls by {self.reduction:.1f} %: from {a.rms_mm:.3g} mm "
-            f"with {_pair(a)} ({assumed}) to {b.rms_mm:.3g} mm with {_pair(b)}, "
+            f"The RMS error of U{self.component} falls by {self.reduction_percent:.1f} %: from "
+            f"{a.rms_mm:.3g} mm with {_pair(a)} ({assumed}) to {b.rms_mm:.3g} mm with {_pair(b)}, "
             "the best of the genetic algorithm."
         )
 
     @property
     def _along(self) -> str:
-        rms, (low, high) = self.ridge.rms_mm[self._agree], self.agreeing
+        rms, (low, high) = self.ridge.agreeing(self.ridge.rms_mm), self.ridge.agreeing_share
         return (
             f"With the best sum for each share C01/(C10 + C01) from {low:.2g} to {high:.2g}, the error stays "
             f"between {rms.min():.3g} and {rms.max():.3g} mm: this is the ridge. A reading is known to "
-            f"{self.sd_mm:.2g} mm."
+            f"{self.measured_sd_mm:.2g} mm."
         )
 
     @property
     def _others(self) -> str:
-        if self.published_reduction is None or not self.matching:
+        if self.published_reduction_percent is None or not self.published_reduction_from_total_MPa:
             return ""
-        sums = " or ".join(f"{total:.3g}" for total in self.matching)
+        sums = " or ".join(f"{total:.3g}" for total in self.published_reduction_from_total_MPa)
         return (
-            f"The published {self.published_reduction:g} % says more of the first guess than of the result: "
-            f"on this finger, initial constants with C10 + C01 = {sums} MPa give it."
+            f"The published {self.published_reduction_percent:g} % says more of the first guess than of the "
+            f"result: on this finger, initial constants with C10 + C01 = {sums} MPa give it."
         )
 
     @property
     def _separate(self) -> str:
         if self.separated:
             return ""
-        inside = next(r for r in self.readings if r.pressure <= self.top_MPa * (1 + 1e-9))
-        best, plan = self.readings[0], min(self.plans, key=lambda p: p.known.share_sd)
+        inside = next(r for r in self.readings if r.pressure_MPa <= self.pressure_MPa * (1 + 1e-9))
+        best, plan = self.readings[0], min(self.plans, key=lambda p: p.vague)
         said = [
-            f"To tell C10 from C01 by one reading more, {in_words(inside)} serves best: with all "
-            f"readings exact to {self._wanted(inside)} mm, the sd of the share is {KNOWN:g}."
+            f"To tell C10 from C01 by one reading more, {inside.words} serves best: with all "
+            f"readings exact to {inside.wanted} mm, the sd of the share is {KNOWN:g}."
         ]
         if best is not inside:
-            said.append(
-                f"Beyond the pressure of the test, {in_words(best)} asks for {self._wanted(best)} mm only."
-            )
-        said.append(f"{plan.words} ({plan.count} values) ask for {self._wanted(plan)} mm.")
-        if min(best.known.share_sd, plan.known.share_sd) > UNKNOWN:
-            said.append(f"Read to {self.sd_mm:.2g} mm, none of these is enough.")
+            said.append(f"Beyond the pressure of the test, {best.words} asks for {best.wanted} mm only.")
+        said.append(f"{plan.words} ({plan.count} values) ask for {plan.wanted} mm.")
+        if min(best.vague, plan.vague) > UNKNOWN:
+            said.append(f"Read to {self.measured_sd_mm:.2g} mm, none of these is enough.")
         return " ".join(said)
-
-    def _wanted(self, more: Addition | Plan) -> str:
-        """The error of all readings in mm, with this one, for a known share."""
-        return f"{more.known.wanted_sd_mm(self.sd_mm):.2g}"
-
-    # -- record ---------------------------------------------------------------------------------------------
-
-    def to_dict(self) -> dict[str, Any]:
-        """The content of study.json."""
-        return {
-            "headline": self.headline,
-            "sentences": self.sentences,
-            "points": list(self.points),
-            "component": self.component + 1,
-            "pressure_MPa": self.top_MPa,
-            "measured_mm": self.measured.tolist(),
-            "measured_sd_mm": self.sd_mm,
-            "initial": self.initial.to_dict() | {"stated": self.initial_is_stated},
-            "final": self.final.to_dict(),
-            "reduction_percent": self.reduction,
-            "least_squares": self.least.to_dict(),
-            "difference": self.difference,
-            "published": self.published.to_dict() if self.published else None,
-            "published_reduction_percent": self.published_reduction,
-            "published_reduction_from_total_MPa": list(self.matching),
-            "starts": [s.to_dict() | {"reduction_percent": self.reduction_from(s)} for s in self.starts],
-            "ridge": {"share": self.ridge.share.tolist(), "total_MPa": self.ridge.total.tolist(),
-                      "rms_mm": self.ridge.rms_mm.tolist(), "agreeing_share": list(self.agreeing)},
-            "known": knowledge(self.known, self.sd_mm),
-            "readings": [reading(r, self.sd_mm) for r in self.readings],
-            "plans": [
-                {"words": p.words, "count": p.count} | knowledge(p.known, self.sd_mm) for p in self.plans
-            ],
-            "curves": {"pressure_MPa": self.pressure.tolist(), "points": [c.to_dict() for c in self.curves]},
-        }  # fmt: skip
 
 
 def _pair(side: Side) -> str:
-    return f"C10 = {side.constants.C10:.3g}, C01 = {side.constants.C01:.3g} MPa"
-
-
-def in_words(found: Addition) -> str:
-    """A reading as one would ask for it."""
-    at = f"{1e3 * found.pressure:.3g} kPa"
-    return f"U{found.component + 1} of {found.spot.name} at {at}"
-
-
-def reading(found: Addition, sd_mm: float) -> dict[str, Any]:
-    """A reading as study.json has it."""
-    return {"point": found.spot.name, "node": found.spot.node, "x_mm": float(found.spot.place[0]),
-            "direction": f"U{found.component + 1}", "pressure_MPa": found.pressure, "u_mm": found.u_mm,
-            } | knowledge(found.known, sd_mm)  # fmt: skip
-
-
-def knowledge(known: Knowledge, sd_mm: float) -> dict[str, Any]:
-    """What is known, as study.json has it; null where the share is left open."""
-    open_ = not np.isfinite(known.share_sd)
-    return {"share_sd": None if open_ else known.share_sd, "correlation": known.correlation,
-            "wanted_sd_mm": None if open_ else known.wanted_sd_mm(sd_mm)}  # fmt: skip
-
-
-# -- the report ----------------------------------------------------------------------------------------------
+    """C10 and C01 in words."""
+    return f"C10 = {side.C10:.3g}, C01 = {side.C01:.3g} MPa"
 
 
 def page_facts(record: Mapping[str, Any]) -> dict[str, Any]:
@@ -247,14 +259,10 @@ def page_facts(record: Mapping[str, Any]) -> dict[str, Any]:
         ("C10 + C01, MPa", b["total"], published.get("total")),
         ("RMS of these constants on this finger, mm", b["rms_mm"], published.get("rms_mm")),
     ]
-    return {
-        "sentences": record["sentences"],
+    return {key: record[key] for key in ("sentences", "starts", "known", "plans")} | {
         "rows": [{"name": name, "here": here, "published": stated} for name, here, stated in rows],
-        "starts": record["starts"],
-        "known": record["known"],
         "readings": [
             {"within": "up to the pressure of the test", "rows": inside[:SHOWN]},
             {"within": "beyond it, if the finger bears it", "rows": beyond[:SHOWN]},
         ],
-        "plans": record["plans"],
     }

@@ -21,7 +21,7 @@ from twin.project import files
 from twin.project.config import MeasureTable
 from twin.project.folder import Project
 from twin.project.toml import dump
-from vision.errors.budgeting import budget
+from vision.errors.errorbudget import budget
 
 FPS, FRAMES, STATIC = 10.0, 60, 50  # film from 100 s on, static film from 90 s on, log 50 Hz from 89 to 107 s
 GAUGE = 2e-5  # MPa

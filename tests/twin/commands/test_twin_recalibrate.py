@@ -5,7 +5,6 @@ import os
 import shutil
 import sys
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -249,7 +248,7 @@ def filmed(tmp_path, say):
     """The demo as batch-07, measured as far as the test of the camera asks, and batch-08 like it with its film."""
     from vision.camera import Camera
     from vision.film.series import open_film
-    from vision.following.locating import locate
+    from vision.following.markercentres import locate
 
     source, root = dataset("demo"), tmp_path / "batch-07"
     (root / "raw" / "boards").mkdir(parents=True)
@@ -463,8 +462,7 @@ def test_without_an_interval_no_change_is_claimed():
 
 @pytest.mark.slow
 def test_killed_at_random_moments_it_ends_with_the_same_bits():
-    sys.path.append(str(Path(__file__).resolve().parents[3] / "benchmarks"))
-    import batches_drift
+    from benchmarks.batches import drift as batches_drift
 
     found = batches_drift.kills(quick=True)
     assert found["kills"] > 0, "no kill came in time: nothing was shown"
