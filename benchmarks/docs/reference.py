@@ -148,7 +148,7 @@ def _section(effect: Effect) -> str:
     about += [_sentence(MEANING[need][1]) for need in effect.requires]
     table = ["| parameter | unit | bounds | plausible | without the effect |", "|---|---|---|---|---|"]
     rows = [_parameter(p) for p in laws[-1].parameters]
-    picture = f"![What {name} does to the displacements](pictures/effects/{name}.png)"
+    picture = f"![What {name} does](pictures/effects/{name}.png)"
     lines = [f"### {name}", " ".join(about), "", *table, *rows, "", picture]
     return "\n".join(lines) + "\n"
 
@@ -159,8 +159,18 @@ def _sentence(text: str) -> str:
 
 def _parameter(p: Parameter) -> str:
     null = "not defined" if p.null is None else f"{p.null:g}"
-    likely = f"{p.plausible[0]:g} to {p.plausible[1]:g}" if p.plausible else "-"
-    return f"| `{p.name}` | {p.unit or '-'} | {p.low:g} to {p.high:g} | {likely} | {null} |"
+    likely = _range(*p.plausible) if p.plausible else "-"
+    return f"| `{p.name}` | {p.unit or '-'} | {_range(p.low, p.high)} | {likely} | {null} |"
+
+
+NO_BOUND = 1e4  # a bound as large as this keeps nothing out: it is there because a search needs one
+
+
+def _range(low: float, high: float) -> str:
+    """A range for people: "any" where its bounds keep nothing out, and 5e-9, not 5e-09."""
+    if high >= NO_BOUND:
+        return "any"
+    return re.sub(r"e-0(?=\d)", "e-", f"{low:g} to {high:g}")
 
 
 # -- nodes -------------------------------------------------------------------------------------------------
