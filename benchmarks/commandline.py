@@ -38,12 +38,15 @@ def _as_argparse(how: Any) -> dict[str, Any]:
     return {"type": type(first), "default": first, "help": text}
 
 
-def parts(doc: str, every: Mapping[str, Part], *, quick: str) -> int:
+def parts(
+    doc: str, every: Mapping[str, Part], *, quick: str, alone: Mapping[str, Part] | None = None
+) -> int:
     """Prints the figures of the parts that were asked for, as one JSON line or a table. What they tell as
-    they go, their seconds and those of the processor go to stderr."""
+    they go, their seconds and those of the processor go to stderr. `alone`: parts that run only if named."""
+    known = {**every, **(alone or {})}
     typed = options(
         doc,
-        {"--only": {"nargs": "+", "choices": list(every), "default": list(every), "help": "these alone"}},
+        {"--only": {"nargs": "+", "choices": list(known), "default": list(every), "help": "these alone"}},
         quick=quick,
         json="one JSON line",
     )
@@ -51,7 +54,7 @@ def parts(doc: str, every: Mapping[str, Part], *, quick: str) -> int:
     with redirect_stdout(sys.stderr):
         for name in typed.only:
             began, spent = time.perf_counter(), processor()
-            found |= every[name](typed.quick)
+            found |= known[name](typed.quick)
             took, spent = time.perf_counter() - began, processor() - spent
             print(f"{name}: {took:.0f} s, {spent:.0f} s of the processor", flush=True)
     if typed.json:
