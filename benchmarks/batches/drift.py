@@ -1,6 +1,6 @@
 """How often `twin batches` calls a batch different, on simulated series.
 
-    python benchmarks/batches/drift.py [--quick]
+    python benchmarks/batches/drift.py [--quick] [--json]
 
 `drift_false`: share of series of 8 batches without a change in which the newest is called different; 200
 series for each ratio of the sd between batches to that of measurement, and the mean of all. `drift_found`:
@@ -16,7 +16,7 @@ import sys
 from typing import Any
 
 sys.path.insert(0, os.path.abspath(f"{__file__}/../../.."))
-from benchmarks.commandline import figures, options
+from benchmarks.commandline import whole
 
 import numpy as np
 
@@ -90,4 +90,4 @@ def _record(rng: np.random.Generator, truth: dict[str, float]) -> dict[str, Any]
 
 
 if __name__ == "__main__":
-    figures(drift(options(__doc__, quick="fewer series").quick))
+    sys.exit(whole(__doc__, drift, quick="fewer series"))
