@@ -1,6 +1,6 @@
 """Does an effect found in some films foretell a film that no fit has seen?
 
-    python benchmarks/batches/films.py [--quick]
+    python benchmarks/batches/films.py [--quick] [--json]
 
 Three films of one short finger, each on a clock of its own: a slow cycle with a hold, a fast one, and, held
 out, one in two steps. The truth is solved with 20-node hexahedra on another lattice than the model's, and
@@ -10,7 +10,6 @@ measures them. `twin calibrate` and `twin diagnose` follow. heldout_ratio: the e
 before, over that with the named effect.
 """
 
-import json
 import os
 import sys
 import tempfile
@@ -19,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 sys.path.insert(0, os.path.abspath(f"{__file__}/../../.."))
-from benchmarks.commandline import options
+from benchmarks.commandline import whole
 from benchmarks.diagnosis.snapshots import SHORT
 from benchmarks.films import filmtrials
 from benchmarks.films import make_demo as studio
@@ -150,8 +149,9 @@ def _film(path: Path, marks: tuple[Mark, ...], placed: Array, seed: int) -> None
     )  # fmt: skip
 
 
-def heldout_ratio(*, quick: bool) -> dict[str, Any]:
-    """The ratio, the effects named, and whether films were drawn."""
+def films(quick: bool) -> dict[str, Any]:
+    """How much the named effect lowers the error in a film that no fit has seen, the effects named,
+    and whether films were drawn."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         (folder / "raw" / "boards").mkdir(parents=True)
@@ -175,15 +175,5 @@ def heldout_ratio(*, quick: bool) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def films(quick: bool) -> dict[str, Any]:
-    """How much the named effect lowers the error in a film that no fit has seen."""
-    return heldout_ratio(quick=quick)
-
-
-def main() -> None:
-    """Print the figures as one JSON line."""
-    print(json.dumps(heldout_ratio(quick=options(__doc__, quick="targets in place of films").quick)))
-
-
 if __name__ == "__main__":
-    main()
+    sys.exit(whole(__doc__, films, quick="targets in place of films"))

@@ -471,8 +471,8 @@ def test_without_an_interval_no_change_is_claimed():
 
 @pytest.mark.slow
 def test_killed_at_random_moments_it_ends_with_the_same_bits():
-    from benchmarks.batches import drift as batches_drift
+    from tests.strangers.kills import recalibrations
 
-    found = batches_drift.kills(quick=True)
+    found = recalibrations(quick=True)
     assert found["kills"] > 0, "no kill came in time: nothing was shown"
     assert found["kills_same"] == found["kills"]
