@@ -37,8 +37,8 @@ def run_explain(project: Project, say: Say, *, name: str) -> dict[str, Any]:
         else:
             other, chosen = _with(bench, now, chosen, start, say)
         before, after = (other, now) if own else (now, other)
-        rivals = _rivals(project, names)
-        found = explained(chosen, before=before, after=after, targets=bench.targets, rivals=rivals)
+        mimics = _mimics(project, names)
+        found = explained(chosen, before=before, after=after, targets=bench.targets, mimics=mimics)
         write_evidence(run, found)
         change = f"{found.rms_before_mm:.4f} -> {found.rms_after_mm:.4f}"
         run.summary["headline"] = f"{found.effect}: {change} mm rms"
@@ -69,7 +69,7 @@ def _with(
     return bench.judged(model, np.clip(theta, low, high), say), tuple(chosen)
 
 
-def _rivals(project: Project, names: Sequence[str]) -> list[tuple[str, float]]:
+def _mimics(project: Project, names: Sequence[str]) -> list[tuple[str, float]]:
     """What the newest diagnosis says that could mimic effects, and how much of its signature."""
     path = fresh(project, ("diagnose",), "diagnosis.json")
     rows = files.read_json(path).get("classes", []) if path else []

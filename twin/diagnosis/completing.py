@@ -1,14 +1,14 @@
 """A verdict -> what belongs beside it: who mimics whom, what sizes would have been found, what to do next."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from twin.diagnosis.candidates import Candidate
 from twin.diagnosis.classes import classes_of
-from twin.diagnosis.rivals import Rival, prior_sd
 from twin.diagnosis.scaling import scaling_in_words, scaling_of
+from twin.diagnosis.signatures import Signatures, prior_sd
 from twin.diagnosis.sizes import Detectable, smallest, unseen
 from twin.diagnosis.sizes import in_words as sizes_in_words
 from twin.diagnosis.verdicts import TIE, Diagnosis, ranked
@@ -23,7 +23,7 @@ TIED = 3  # members of a tie that experiments are planned for
 def completed(
     found: Diagnosis,
     base: Judged,
-    rivals: Mapping[str, Sequence[Rival]],
+    signatures: Signatures,
     silent: Sequence[Candidate],
     targets: Targets,
     *,
@@ -31,8 +31,8 @@ def completed(
 ) -> Diagnosis:
     """The diagnosis with the classes of equivalence, the smallest sizes that would have been found, and,
     where effects are tied and it is to `plan`, the experiments that tell them apart."""
-    rows = smallest_sizes(rivals, silent)
-    found = replace(found, classes=classes_of(rivals), detectable=tuple(row.to_dict() for row in rows))
+    rows = smallest_sizes(signatures, silent)
+    found = replace(found, classes=classes_of(signatures), detectable=tuple(row.to_dict() for row in rows))
     if found.verdict == "none needed":
         return replace(found, sentence=f"{found.sentence} {sizes_in_words(rows)}".strip())
     if found.verdict == "none of these":
@@ -42,20 +42,20 @@ def completed(
     return _planned(found, base, targets) if found.ties and plan else found
 
 
-def smallest_sizes(rivals: Mapping[str, Sequence[Rival]], silent: Sequence[Candidate]) -> list[Detectable]:
+def smallest_sizes(signatures: Signatures, silent: Sequence[Candidate]) -> list[Detectable]:
     """The smallest size of each absent effect that these data would have shown; for those that they cannot
     show, why."""
-    own = [rows for rows in rivals.values() if not rows[0].effect.kind]
+    own = [rows for rows in signatures.values() if not rows[0].effect.kind]
     found = [unseen(c.effect, c.note) for c in silent]
     for rows in own:
         seen, effect = [r for r in rows if not r.note], rows[0].effect
         if not seen:
             found.append(unseen(effect, rows[0].note))
             continue
-        signatures = np.array([r.columns[:, 0] for r in seen]) / prior_sd(seen[0].parameters[0])
-        nothing = np.zeros((signatures.shape[1], 0))
+        columns = np.array([r.columns[:, 0] for r in seen]) / prior_sd(seen[0].parameters[0])
+        nothing = np.zeros((columns.shape[1], 0))
         entries = [r.entry for r in seen]
-        found.append(smallest(effect, signatures, nothing, effects=len(own), entries=entries))
+        found.append(smallest(effect, columns, nothing, effects=len(own), entries=entries))
     return found
 
 

@@ -64,7 +64,7 @@ class Explanation:
     noise_sd_mm: float
     adequate: bool
     shares: tuple[Share, ...]
-    rivals: tuple[tuple[str, float], ...]  # what mimics it, and how much (cos2) of its signature
+    mimics: tuple[tuple[str, float], ...]  # what mimics it, and how much (cos2) of its signature
     residual: Array
     signature: Array
     left: Array
@@ -80,7 +80,7 @@ class Explanation:
             "parameters": rows,
             "held_out": vars(self.held_out),
             "shares": [vars(s) | {"explained": s.explained} for s in self.shares],
-            "class": [{"effect": name, "ceiling": ceiling} for name, ceiling in self.rivals],
+            "class": [{"effect": name, "ceiling": ceiling} for name, ceiling in self.mimics],
         }
 
     @property
@@ -96,7 +96,7 @@ def explained(
     after: Judged,
     targets: Targets,
     evidence: float | None = None,
-    rivals: Sequence[tuple[str, float]] = (),
+    mimics: Sequence[tuple[str, float]] = (),
 ) -> Explanation:
     """The evidence for an effect, or for several together, from the models without and with them, each at its
     own fit and with its own errors: what is uncertain of an effect is no error of the model without it."""
@@ -120,7 +120,7 @@ def explained(
         noise_sd_mm=after.comparison.noise_sd_mm,
         adequate=after.comparison.adequate,
         shares=shares(targets, w, residual, left),
-        rivals=tuple(rivals),
+        mimics=tuple(mimics),
         residual=residual,
         signature=residual - left,
         left=left,
@@ -194,8 +194,8 @@ def table(e: Explanation) -> list[str]:
     out.append(
         f"Foretold, each {h.left_out} from the others: {h.before_sd:.2f} sd without, {h.after_sd:.2f} with."
     )
-    rivals = ", ".join(f"{name} {100 * c:.0f} %" for name, c in e.rivals)
-    out += [f"What could mimic it: {rivals}."] if rivals else []
+    mimics = ", ".join(f"{name} {100 * c:.0f} %" for name, c in e.mimics)
+    out += [f"What could mimic it: {mimics}."] if mimics else []
     names = list(dict.fromkeys(s.marker for s in e.shares))
     parts = list(dict.fromkeys(s.branch for s in e.shares))
     cell = {(s.marker, s.branch): s for s in e.shares}

@@ -54,7 +54,7 @@ def diagnose(
         return replace(cannot(why), frame=frame)
     base = task.base(start)
     found = concluded(task.tried(base))
-    found = completed(found, base, task.rivals_at(base), task.silent, targets, plan=plan)
+    found = completed(found, base, task.signatures_at(base), task.silent, targets, plan=plan)
     return replace(found, frame=frame)
 
 

@@ -18,7 +18,7 @@ def test_signatures_are_those_of_the_model_that_is_asked() -> None:
     fits = [judge(base.with_effect(e), t, starts=np.array([1.0, 0.1])) for e in effects]  # type: ignore[arg-type]
     for k in range(40):  # each record dies as soon as it was asked for: the next may take its address
         record = replace(fits[k % 2])
-        assert list(task.rivals_at(record)) == [effects[1 - k % 2].label], k
+        assert list(task.signatures_at(record)) == [effects[1 - k % 2].label], k
         del record
 
 
@@ -26,4 +26,4 @@ def test_signatures_of_one_fit_are_made_once() -> None:
     effects, t = tuple(toy_effect(name) for name in FIELDS), targets(1.3 * BASE[0], seed=0)
     task = Attempts(Toy({"base": BASE, **FIELDS}), effects, (), t, 0, 1, lambda *a: None)  # type: ignore[arg-type]
     first, again = (task.base(np.array([1.0])) for _ in range(2))
-    assert task.rivals_at(first) is task.rivals_at(again)
+    assert task.signatures_at(first) is task.signatures_at(again)
