@@ -11,7 +11,7 @@ from dataclasses import replace
 from calibrate import Fit
 from twin.diagnosis.completing import completed
 from twin.diagnosis.refitting import Progress
-from twin.diagnosis.searchorder import Attempts
+from twin.diagnosis.searchorder import Search
 from twin.diagnosis.verdicts import Diagnosis, cannot, concluded
 from twin.effects.protocol import Effect
 from twin.effects.standins import stand_ins
@@ -47,7 +47,7 @@ def diagnose(
         return replace(cannot(f"the frame moves: {frame.place}"), frame=frame)
     tell = progress or (lambda stage, done, total: None)
     generic = stand_ins(model.test) if beside is None else beside
-    task = Attempts(model, tuple(effects), tuple(generic), targets, seed, workers, tell)
+    task = Search(model, tuple(effects), tuple(generic), targets, seed, workers, tell)
     theta = start.theta if isinstance(start, Fit) else start
     why = _mesh(model, whitener_of(model, theta, targets).noise_sd)
     if why:

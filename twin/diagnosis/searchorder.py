@@ -36,7 +36,7 @@ Content = tuple[tuple[str, ...], bytes, tuple[str, ...], bytes]
 
 
 @dataclass(frozen=True)
-class Attempts:
+class Search:
     """A model, the effects and stand-ins that may be missing from it, and targets.
 
     workers: processes that refit; tell: who hears of the progress.
