@@ -116,7 +116,7 @@ def _settled(bench: Workbench, found: Diagnosis, say: Say) -> Settled:
         after=judged,
         targets=bench.targets,
         evidence=single.evidence if single is not None and len(labels) == 1 else None,
-        rivals=[pair for members in own for pair in members.items() if pair[0] not in labels],
+        mimics=[pair for members in own for pair in members.items() if pair[0] not in labels],
     )
     kept = Refit.of(judged)
     rows = tuple(replace(c, refit=kept) if [c.effect.label] == labels else c for c in found.ranking)
