@@ -142,16 +142,18 @@ def _check_finger(project: Project, say: Say) -> None:
 
 def _check_effects(project: Project) -> None:
     """Raise ValueError where an effect that twin.toml names is unknown, or one of its own files not right."""
-    named = (*project.config.model.effects, *project.config.diagnose.candidates)
-    if not named and not project.config.model.effect_files:
+    labels, sought = project.config.model.effects, project.config.diagnose.candidates
+    if not labels and not sought and not project.config.model.effect_files:
         return
     from twin.bench.workbench import own_of
     from twin.contract.promises import check_effect
-    from twin.effects.library import effect
+    from twin.effects.library import effect, effects_of
 
     own = own_of(project)
-    for label in named:
+    for label in labels:
         effect(label, own=own)
+    for text in sought:
+        effects_of(text, own=own)
     for sentence in (s for e in own for s in check_effect(e, solves=False)):
         raise ValueError(sentence)
 

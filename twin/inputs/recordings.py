@@ -8,8 +8,8 @@ import numpy as np
 from twin.gauge.logcolumns import LogFormat
 from twin.gauge.pressurelog import Log, read_log
 from twin.gauge.pressureunits import Line
+from twin.inputs.camerarecord import stored_cameras, stored_rig
 from twin.inputs.cameras import camera_table, dictionary_files
-from twin.project import files
 from twin.project.config import CameraTable, MarkTable, MeasureTable, PointTable, PressureTable
 from twin.project.csvtable import Table, read_sheet
 from twin.project.folder import Project
@@ -100,13 +100,12 @@ def mark_kind(mark: MarkTable) -> "MarkKind":
 
 def views_of(project: Project, camera: Path) -> tuple[list["View"], "Rig | None"]:
     """What every camera recorded, and how several cameras stand to each other."""
-    from vision import Camera, View
-    from vision.calibration.rig import Rig
+    from vision import View
     from vision.film.series import open_film
 
-    tables, stored = project.config.cameras, files.read_json(camera)
-    rig = Rig.from_dict(stored) if len(tables) > 1 else None
-    cameras = rig.cameras if rig is not None else (Camera.from_dict(stored),)
+    tables = project.config.cameras
+    rig = stored_rig(camera) if len(tables) > 1 else None
+    cameras = rig.cameras if rig is not None else stored_cameras(camera)
     views = [
         View(
             open_film(project.path(t.film), fps=t.fps, mirrored=t.mirrored),

@@ -1,12 +1,12 @@
 """Turn twin.toml into a checked, frozen configuration; one field here is one key there."""
 
-import re
 from collections import Counter
 from pathlib import PurePosixPath, PureWindowsPath
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import AfterValidator, Field, model_validator
 
+from twin.effects import labels
 from twin.effects.baselaw import BOUNDS
 from twin.project.dimensions import FingerTable
 from twin.project.tablemodel import Finite, NotNegative, Position, Positive, TableModel
@@ -25,12 +25,6 @@ def _relative(path: str) -> str:
             "file under raw/ and write raw/..."
         )
     return path
-
-
-def _effect(name: str) -> str:
-    if not re.fullmatch(r"[a-z][a-z0-9_]*(:[1-9])?", name):
-        raise ValueError("wanted the name of an effect, creep, or with its number of terms, creep:2")
-    return name
 
 
 def _dictionary(name: str) -> str:
@@ -70,7 +64,8 @@ Dictionary = Annotated[str, AfterValidator(_dictionary)]
 RelativePath = Annotated[str, Field(min_length=1), AfterValidator(_inside)]
 OtherProject = Annotated[str, Field(min_length=1), AfterValidator(_relative)]
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9_.+-]+$")]  # goes into CSV cells and entity paths
-Effect = Annotated[str, AfterValidator(_effect)]
+Effect = Annotated[str, AfterValidator(labels.checked)]
+Effects = Annotated[str, AfterValidator(labels.checked_groups)]
 Bounds = tuple[Finite, Finite]
 StaticStart = Annotated[
     Finite | None,
@@ -504,7 +499,7 @@ class CalibrateTable(TableModel):
 
 
 class DiagnoseTable(TableModel):
-    candidates: tuple[Effect, ...] = Field(
+    candidates: tuple[Effects, ...] = Field(
         default=(),
         description="effects that `twin diagnose` tries; none named: all of the library",
     )
@@ -597,7 +592,7 @@ def _check_names(c: Config) -> None:
 
 
 def _check_parameters(c: Config) -> None:
-    bases = [effect.partition(":")[0] for effect in c.model.effects]
+    bases = [labels.name_of(label) for label in c.model.effects]
     if len(set(bases)) != len(bases):
         raise ValueError(f"model.effects = {list(c.model.effects)}: an effect stands twice; keep it once")
     _check_bounds(c.calibrate.bounds)

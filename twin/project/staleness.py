@@ -22,13 +22,13 @@ def changes(
     would read now, next to those that it has recorded.   but: recorded files that do not count.
     """
     info = project.info(folder)
-    if "inputs" not in info or "config" not in info:
+    if not {"inputs", "config"} <= info.model_fields_set:
         return ["its run.json does not say what it was made from"]
-    recorded = {name: digest for name, digest in info["inputs"].items() if name not in but}
+    recorded = {name: digest for name, digest in info.inputs.items() if name not in but}
     return [
         *_changed_files(project, recorded, present),
-        *_changed_tables(project, info["config"], tables),
-        *_changed_versions(info.get("versions", {})),
+        *_changed_tables(project, info.config.model_dump(mode="json", exclude_unset=True), tables),
+        *_changed_versions(info.versions),
     ]
 
 

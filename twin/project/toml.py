@@ -3,12 +3,14 @@
 import re
 import tomllib
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import tomlkit
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
+from twin.project import files
 from twin.project.config import FORMER, Config, with_first_film
 from twin.project.tablemodel import keys_of
 from twin.project.validation import checked, table_of, value_text
@@ -75,6 +77,14 @@ def dump(config: Config) -> str:
     if not config.cameras and config.imported is None:
         lines += ["", "# There is no [[cameras]]: the targets were measured elsewhere and lie in targets/."]
     return "\n".join(lines) + "\n"
+
+
+def write(path: Path, text: str, *, name: str = "twin.toml") -> Config:
+    """The configuration in a text that has then taken the place of the file; ValueError, and the file stays
+    as it is, where the text could not be read again."""
+    config = parse(text.encode(), name=name)
+    files.write_text(path, text)
+    return config
 
 
 def with_effects(text: str, effects: Sequence[str]) -> str:

@@ -18,7 +18,7 @@ def checked(model: type[Checked], data: Any, *, name: str) -> Checked:
     the file's name."""
     try:
         # through JSON, where strict means strict numbers and text but an array is still a tuple
-        return model.model_validate_json(json.dumps(data, default=str))
+        return model.model_validate_json(json.dumps(data, default=str), strict=True)
     except ValidationError as error:
         raise ValueError(f"{name}: {_sentence(error, model)}") from None
     except RecursionError:

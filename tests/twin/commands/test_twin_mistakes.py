@@ -4,31 +4,20 @@ and by measure alone; unusual right inputs pass. All of them are tried by tests 
 import re
 import shutil
 from pathlib import Path
-from types import ModuleType
 
 import cv2
 import numpy as np
 import pytest
 
 from tests.few import few
+from tests.strangers import mistakes
 from twin.commands.check import run_check
 from twin.inputs.recordings import corrections_of
 from twin.project.folder import Project
 
-ROOT = Path(__file__).resolve().parents[3]
-
 
 @pytest.fixture(scope="module")
-def mistakes() -> ModuleType:
-    with pytest.MonkeyPatch.context() as patch:
-        patch.syspath_prepend(str(ROOT / "benchmarks"))
-        import strangers_mistakes
-        import strangers_recordings  # noqa: F401  which `planted` takes up
-    return strangers_mistakes
-
-
-@pytest.fixture(scope="module")
-def base(mistakes: ModuleType, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def base(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return Path(mistakes.make(tmp_path_factory.mktemp("strangers") / "base"))
 
 
@@ -37,7 +26,7 @@ CHECKED = ("positions in cm", "log on another clock", "a finger id that never ap
 
 
 @pytest.mark.parametrize("name", few(CHECKED, CHECKED[:2]))
-def test_check_refuses_a_mistake_with_its_sentence(name: str, mistakes: ModuleType, base: Path, tmp_path: Path) -> None:
+def test_check_refuses_a_mistake_with_its_sentence(name: str, base: Path, tmp_path: Path) -> None:
     plant, sentence = mistakes.MISTAKES[name]
     told = mistakes.told(name, plant, base=base, folder=tmp_path, stages=("check",))
     assert told.refused
@@ -48,7 +37,7 @@ ALONE = ("finger's markers lost", "two frame ids exchanged", "film starts in mot
 
 
 @pytest.mark.parametrize("name", few(ALONE, ALONE[:1]))
-def test_measure_alone_refuses_it_and_writes_no_targets(name: str, mistakes: ModuleType, base: Path, tmp_path: Path) -> None:
+def test_measure_alone_refuses_it_and_writes_no_targets(name: str, base: Path, tmp_path: Path) -> None:
     plant, sentence = mistakes.MISTAKES[name]
     told = mistakes.told(name, plant, base=base, folder=tmp_path, stages=("camera", "measure"))
     assert told.by == "measure"  # which asserts that there are no targets
@@ -56,7 +45,7 @@ def test_measure_alone_refuses_it_and_writes_no_targets(name: str, mistakes: Mod
 
 
 @pytest.mark.slow
-def test_a_frame_marker_that_alone_is_off_is_left_out_of_the_frame(mistakes: ModuleType, base: Path, tmp_path: Path) -> None:
+def test_a_frame_marker_that_alone_is_off_is_left_out_of_the_frame(base: Path, tmp_path: Path) -> None:
     name = "a frame marker 2 mm off"
     told = mistakes.told(name, mistakes.RIGHT[name], base=base, folder=tmp_path)
     assert not told.refused, told.sentence
@@ -64,7 +53,7 @@ def test_a_frame_marker_that_alone_is_off_is_left_out_of_the_frame(mistakes: Mod
     assert not any("frame_sd_mm" in s for s in told.remarks)  # the others keep what is stated
 
 
-def test_check_draws_every_mark(mistakes: ModuleType, base: Path, tmp_path: Path) -> None:
+def test_check_draws_every_mark(base: Path, tmp_path: Path) -> None:
     said = mistakes.Lines()
     run_check(Project.open(base), said)
     assert any(line.startswith("Wrote check.png: the first frame of raw/film.mkv") and "15 of 15 found" in line for line in said)
@@ -81,7 +70,7 @@ RECORDED = ("a static film of one picture", "a film in slow motion", "a gap in t
 
 
 @pytest.mark.parametrize("name", few(RECORDED, RECORDED[:1]))
-def test_check_refuses_a_mistake_of_recording(name: str, mistakes: ModuleType, base: Path, tmp_path: Path) -> None:
+def test_check_refuses_a_mistake_of_recording(name: str, base: Path, tmp_path: Path) -> None:
     plant, sentence = mistakes.planted().mistakes[name]
     told = mistakes.told(name, plant, base=base, folder=tmp_path, stages=("check",))
     assert re.search(sentence, told.sentence), told.sentence
@@ -93,7 +82,7 @@ DOUBTED = ("a clock that is off by 1 s", "a gauge that does not read zero", "a t
 @pytest.mark.parametrize("name", few(DOUBTED, DOUBTED[:2]))
 @pytest.mark.parametrize("stages", few([("check",), ("camera", "measure")], [("check",)]))
 def test_a_doubt_is_told_by_check_and_by_measure(
-    name: str, stages: tuple[str, ...], mistakes: ModuleType, base: Path, tmp_path: Path
+    name: str, stages: tuple[str, ...], base: Path, tmp_path: Path
 ) -> None:
     plant, sentence = mistakes.planted().doubtful[name]
     told = mistakes.told(name, plant, base=base, folder=tmp_path, stages=stages)
@@ -104,7 +93,7 @@ RIGHT = ("nothing planted", "two cycles", "a small sag")
 
 
 @pytest.mark.parametrize("name", few(RIGHT, RIGHT[:1]))
-def test_check_doubts_nothing_of_what_is_right(name: str, mistakes: ModuleType, base: Path, tmp_path: Path) -> None:
+def test_check_doubts_nothing_of_what_is_right(name: str, base: Path, tmp_path: Path) -> None:
     told = mistakes.told(name, mistakes.planted().right[name], base=base, folder=tmp_path, stages=("check",))
     assert not told.refused, told.sentence
     assert not [s for s in told.remarks if "?" in s or "seen at" in s or "look" in s]
@@ -113,14 +102,14 @@ def test_check_doubts_nothing_of_what_is_right(name: str, mistakes: ModuleType, 
 PARTS = 4  # of all that is planted, for workers side by side
 
 
-def test_enough_is_planted(mistakes: ModuleType) -> None:
+def test_enough_is_planted() -> None:
     assert len(mistakes.planted().mistakes) >= 50
     assert len(mistakes.planted().right) >= 20
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("part", range(PARTS))
-def test_every_mistake_is_refused(part: int, mistakes: ModuleType, base: Path, tmp_path: Path) -> None:
+def test_every_mistake_is_refused(part: int, base: Path, tmp_path: Path) -> None:
     for name, (plant, sentence) in [*mistakes.planted().mistakes.items()][part::PARTS]:
         told = mistakes.told(name, plant, base=base, folder=tmp_path)
         assert told.refused, name
@@ -128,7 +117,7 @@ def test_every_mistake_is_refused(part: int, mistakes: ModuleType, base: Path, t
 
 
 @pytest.mark.slow
-def test_every_doubt_is_told(mistakes: ModuleType, base: Path, tmp_path: Path) -> None:
+def test_every_doubt_is_told(base: Path, tmp_path: Path) -> None:
     for name, (plant, sentence) in mistakes.planted().doubtful.items():
         told = mistakes.told(name, plant, base=base, folder=tmp_path)
         assert mistakes.is_told(told, sentence), (name, told.sentence, told.remarks)
@@ -136,7 +125,7 @@ def test_every_doubt_is_told(mistakes: ModuleType, base: Path, tmp_path: Path) -
 
 @pytest.mark.slow
 @pytest.mark.parametrize("part", range(PARTS))
-def test_every_right_input_passes(part: int, mistakes: ModuleType, base: Path, tmp_path: Path) -> None:
+def test_every_right_input_passes(part: int, base: Path, tmp_path: Path) -> None:
     for name, plant in [*mistakes.planted().right.items()][part::PARTS]:
         told = mistakes.told(name, plant, base=base, folder=tmp_path)
         assert not told.refused, (name, told.sentence)
@@ -145,7 +134,7 @@ def test_every_right_input_passes(part: int, mistakes: ModuleType, base: Path, t
 HEAD = "marker,does,from_s,to_s,with,x_px,y_px,sd_px\n"
 
 
-def mended(mistakes: ModuleType, base: Path, root: Path, lines: str) -> Project:
+def mended(base: Path, root: Path, lines: str) -> Project:
     """The right project with a tip that is hidden for 0.8 s, and corrections."""
     shutil.copytree(base, root)
     mistakes.RIGHT["the tip hidden for a while"](root)
@@ -155,14 +144,14 @@ def mended(mistakes: ModuleType, base: Path, root: Path, lines: str) -> Project:
     return Project.open(root)
 
 
-def test_places_clicked_by_hand_become_targets_with_the_sd_of_a_click(mistakes: ModuleType, base: Path, tmp_path: Path) -> None:
+def test_places_clicked_by_hand_become_targets_with_the_sd_of_a_click(base: Path, tmp_path: Path) -> None:
     rng, frames, sd = np.random.default_rng(2), np.arange(25, 33), 0.7
     place = mistakes.motion(mistakes.marks_of(), np.arange(mistakes.FRAMES) / 10.0)[:, -1]
     lens, (rvec, tvec) = mistakes.camera()
     seen = cv2.projectPoints(place[frames], rvec, tvec, lens.matrix, lens.distortion)[0].reshape(-1, 2)
     clicks = seen + sd * rng.standard_normal(seen.shape)
     lines = "".join(f"tip,place,{f / 10},,,{x:.2f},{y:.2f},{sd}\n" for f, (x, y) in zip(frames, clicks, strict=True))
-    project = mended(mistakes, base, tmp_path / "mended", lines)
+    project = mended(base, tmp_path / "mended", lines)
     said = mistakes.Lines()
     mistakes.run_camera(project, said)
     mistakes.run_measure(project, said)
@@ -190,7 +179,7 @@ def test_places_clicked_by_hand_become_targets_with_the_sd_of_a_click(mistakes: 
         ("tip,place,one,,,1,1,", r"'one': wanted a finite number in s"),
     ],
 )
-def test_a_line_of_corrections_that_is_not_right_is_named(line: str, sentence: str, mistakes: ModuleType, base: Path, tmp_path: Path) -> None:
+def test_a_line_of_corrections_that_is_not_right_is_named(line: str, sentence: str, base: Path, tmp_path: Path) -> None:
     root = tmp_path / "wrong"
     (root / "raw").mkdir(parents=True)
     (root / "raw" / "corrections.csv").write_text(HEAD + line + "\n")
@@ -202,13 +191,13 @@ def test_a_line_of_corrections_that_is_not_right_is_named(line: str, sentence: s
 
 
 @pytest.mark.slow
-def test_a_frame_rate_for_a_video_file_is_told(mistakes: ModuleType, base: Path, tmp_path: Path) -> None:
+def test_a_frame_rate_for_a_video_file_is_told(base: Path, tmp_path: Path) -> None:
     told = mistakes.told("fps", mistakes.camera_with(fps=20.0), base=base, folder=tmp_path, stages=("check",))
     assert any("cameras.fps = 20 is for pictures: film.mkv is a video file" in s for s in told.remarks)
 
 
 @pytest.mark.slow
-def test_check_sends_back_to_measure_where_the_targets_are_gone(mistakes: ModuleType, base: Path, tmp_path: Path) -> None:
+def test_check_sends_back_to_measure_where_the_targets_are_gone(base: Path, tmp_path: Path) -> None:
     root, said = Path(shutil.copytree(base, tmp_path / "gone")), mistakes.Lines()
     mistakes.run_camera(Project.open(root), said)
     mistakes.run_measure(Project.open(root), said)

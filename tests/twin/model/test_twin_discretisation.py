@@ -1,12 +1,12 @@
 """The correction of a prediction for its mesh, where the truth is the finest of the meshes.
 
-benchmarks/modes.py has truths on still finer meshes, over random constants and pressures.
+benchmarks/diagnosis/modes.py has truths on still finer meshes, over random constants and pressures.
 """
 
-import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from pathlib import Path
+
+from benchmarks.diagnosis import interval_coverage, modes
 
 import numpy as np
 import pytest
@@ -22,10 +22,6 @@ from twin.model.discretisation import Discretisation, SolvedAt, _tested, discret
 from twin.model.prediction import HISTORY, Model, moved
 from twin.model.structure import finer, of_finger
 from twin.targets import Array, Targets
-
-sys.path.append(str(Path(__file__).resolve().parents[3] / "benchmarks"))
-import interval_coverage
-import modes
 
 THETA = np.array([0.26, 0.07])  # MPa, C10 and C01: other shares than the nominal ones
 FILM = ((0.0, 0.0), (2.0, 0.0), (4.0, 27.0), (6.0, 27.0), (8.0, 0.0))  # s, kPa
@@ -52,7 +48,8 @@ def draw(short: Finger, short_case: Case) -> Draw:
     points, nodes = modes.markers(short, short_case)
     course = virtual.path(BENCH, protocol=FILM)
     lattice = finer(COARSE)["check"]
-    u, slope = virtual.displacements(virtual.Truth(Material(*THETA), lattice=lattice, finger=short), course, points)
+    truth = virtual.truth_case(short, lattice, material=Material(*THETA), element=None)
+    u, slope = virtual.displaced(truth, course, points)
     names = tuple(f"p{k}" for k in range(len(points)))
     film = virtual.noisy_targets(u, slope, course, points=virtual.at_nodes(names, nodes, points), bench=BENCH, seed=1)
     targets = modes.exact(film, u)
@@ -115,14 +112,14 @@ def test_what_bends_further_than_its_pressure_is_corrected_as_far(draw: Draw) ->
 
 
 def test_intervals_cover_where_the_truth_is_on_another_mesh(draw: Draw, short: Finger) -> None:
-    # one of the other topology, and one whose cells lie elsewhere; benchmarks/interval_coverage.py has more draws
+    # one of the other topology, and one whose cells lie elsewhere; benchmarks/diagnosis/interval_coverage.py has more draws
     model = draw.model.on_mesh(draw.mesh)
     points, nodes = modes.markers(short, draw.model.test.case)
     course, rows = virtual.path(BENCH, protocol=FILM), []
     errors = ModelErrors.of(model, THETA, draw.targets)
     for lattice in (Lattice(per_bellow=2, centred=False), Lattice(per_bellow=3, ring=False, centred=False)):
-        hidden = virtual.Truth(Material(*THETA), lattice=lattice, finger=short)
-        u, slope = virtual.displacements(hidden, course, points)
+        hidden = virtual.truth_case(short, lattice, material=Material(*THETA), element=None)
+        u, slope = virtual.displaced(hidden, course, points)
         truth = interval_coverage.Truth("another", "", u, slope, dict(zip(NAMES, THETA)))
         draws = [interval_coverage.drawn(points, nodes, u, slope, course, BENCH, seed) for seed in range(10)]
         found = [interval_coverage.linear(model, THETA, errors, targets) for targets in draws]

@@ -164,7 +164,8 @@ def test_a_link_within_the_folder_is_no_fault(folder: Path) -> None:
     (folder / "raw" / "own.csv").write_text("x\n")
     (folder / "raw" / "pressure.csv").symlink_to("own.csv")
     (folder / "twin.toml").write_text(TOML + '[pressure]\nfile = "raw/pressure.csv"\n')
-    Project.open(folder)
+    project = Project.open(folder)
+    assert (project.root / project.config.pressure.file).read_text() == "x\n"
 
 
 def test_a_twin_toml_that_is_a_link_is_refused(folder: Path) -> None:

@@ -15,7 +15,9 @@ from twin.project.toml import parse
 from twin.virtual.hidden import Kind
 
 
-def quick(case: Any, course: Any, points: np.ndarray, hidden: tuple[tuple[Kind, float], ...]) -> Any:
+def quick(
+    case: Any, course: Any, points: np.ndarray, hidden: tuple[tuple[Kind, float], ...] = (), count: int = 0
+) -> Any:
     """In place of solves: every point sinks in proportion to the pressure and its place, and by what is
     hidden."""
     shape = np.array([0.0, 0.0, -5.0]) * points[:, :1] / 100

@@ -1,0 +1,92 @@
+"""The undeformed finger for rerun: surface, nodes, points, marks and dimensions, and the drawing of it."""
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+
+from fe import Case, Finger
+from fe.element import Integers
+from twin.review.arrangement import alone, finger_view
+from twin.review.rerunfile import rerun_file
+from twin.review.scene import still
+from twin.targets import Array
+
+SKIN, NODE = (206, 214, 221), (60, 72, 84)
+POINT, MARK, DIMENSION = (255, 176, 64), (120, 200, 255), (240, 240, 240)
+VIEWS = ("finger", "drawing")  # the tabs, in their order
+ASIDE = 0.06  # of the finger's length: from the finger to the lines of its dimensions
+
+
+@np.errstate(under="ignore")  # normals of nearly plane parts end in exact zeros
+def write_undeformed(
+    path: Path,
+    *,
+    case: Case,
+    triangles: Integers,
+    points: Mapping[str, Array],
+    marks: Mapping[str, Array],
+    finger: Finger | None,
+    drawing: bytes,
+) -> None:
+    """Write the rerun file `path`, atomically.
+
+    triangles (t, 3) node rows of the surface that is drawn; points {name: (3,) mm} on the finger; marks
+    {name: (3,) mm} on the rig; finger: its dimensions, None where a deck has none; drawing: a PNG.
+    """
+    with rerun_file(path, _views(case)) as recording:
+        for name, entity in _entities(case, triangles, finger).items():
+            recording.log(f"finger/{name}", entity, static=True)
+        size = 0.009 * float(np.ptp(case.nodes, axis=0).max())
+        for name, places, colour in (("points", points, POINT), ("marks", marks, MARK)):
+            if places:
+                at = list(places.values())
+                dots = rr.Points3D(at, labels=list(places), colors=colour, radii=size)
+                recording.log(f"finger/{name}", dots, static=True)
+        recording.log("drawing", rr.EncodedImage(contents=drawing, media_type="image/png"), static=True)
+
+
+def _entities(
+    case: Case, triangles: Integers, finger: Finger | None
+) -> dict[str, rr.Mesh3D | rr.Points3D | rr.LineStrips3D]:
+    """What is drawn of the finger; of a half model the computed half is solid, nothing is mirrored."""
+    radius = 0.0025 * float(np.ptp(case.nodes, axis=0).max())
+    nodes = rr.Points3D(
+        case.nodes, radii=radius, colors=NODE, labels=[str(n) for n in case.labels], show_labels=False
+    )  # a node's label is shown where it is selected
+    lines = dimension_lines(case, finger)
+    ends = [np.array(line) for line in lines.values()]
+    strips = rr.LineStrips3D(ends, labels=list(lines), colors=DIMENSION, radii=0.6 * radius)
+    return {"surface": still(case.nodes, triangles, colour=SKIN), "nodes": nodes, "dimensions": strips}
+
+
+def dimension_lines(case: Case, finger: Finger | None) -> dict[str, tuple[Array, Array]]:
+    """Each dimension with its text: the two ends (3,) mm of its line beside the finger."""
+    low, high = case.nodes.min(axis=0), case.nodes.max(axis=0)
+    width = finger.width if finger is not None else float(high[1] - low[1])
+    height = finger.height if finger is not None else float(high[2] - low[2])
+    aside = ASIDE * float(high[0] - low[0])
+    near, top = high[1] + aside, high[2] + aside
+    found = {
+        f"length {high[0] - low[0]:.4g} mm": ((low[0], near, top), (high[0], near, top)),
+        f"height {height:.4g} mm": ((low[0] - aside, near, low[2]), (low[0] - aside, near, low[2] + height)),
+        f"width {width:.4g} mm": ((low[0] - aside, high[1] - width, top), (low[0] - aside, high[1], top)),
+    }
+    if finger is not None:
+        start, end, line = finger.base_cap, finger.length - finger.tip_cap, top - aside / 2
+        pleats = f"{finger.bellows} pleats of {finger.pitch:.3g} mm"
+        found |= {
+            f"cap {finger.base_cap:g} mm": ((0.0, near, line), (start, near, line)),
+            pleats: ((start, near, line), (end, near, line)),
+            f"tip cap {finger.tip_cap:g} mm": ((end, near, line), (finger.length, near, line)),
+        }
+    return {text: (np.array(a), np.array(b)) for text, (a, b) in found.items()}
+
+
+def _views(case: Case) -> rrb.Blueprint:
+    """The finger seen from the camera's side, and the drawing."""
+    finger = finger_view("/finger", VIEWS[0], low=case.nodes.min(axis=0), high=case.nodes.max(axis=0))
+    drawing = rrb.Spatial2DView(origin="/drawing", name=VIEWS[1])
+    return alone(rrb.Tabs(finger, drawing, active_tab=0, name="look"), rrb.TimePanel(state="hidden"))
