@@ -67,10 +67,7 @@ def _held_out(bench: Workbench, found: Diagnosis, after: list[Judged]) -> list[F
         return []
     before = foretold(bench, found.base)
     then = foretold(bench, after[-1]) if after else [None] * len(before)
-    return [
-        ForetoldFilm(film=a.film, before=a, after=b, ratio=a.rms_mm / b.rms_mm if b else None)
-        for a, b in zip(before, then, strict=True)
-    ]
+    return [ForetoldFilm.of(a, b) for a, b in zip(before, then, strict=True)]
 
 
 def _foretold(row: ForetoldFilm) -> str:

@@ -6,5 +6,5 @@ these data, `evidence` weighs them, `screening` makes `candidates` of them, `ref
 `verdicts` concludes.
 
 Beside a verdict: `completing` adds `sizes` (what would have been found), `scaling` says with what the
-misfit goes, and `explanation` shows what speaks for one effect.
+misfit goes, `explanation` shows what speaks for one effect, and `record` is what diagnosis.json holds.
 """
