@@ -18,6 +18,7 @@ from twin.cli import app
 from twin.effects.library import all_effects
 from twin.judging.whitening import whitener
 from twin.project.config import Config
+from twin.project.tablemodel import keys_of
 from twin.project.targetfiles import read_targets
 from twin.project.toml import parse
 from vision.errors.errorbudget import SOURCES
@@ -85,7 +86,7 @@ def unknown_commands(text: str) -> list[str]:
 def tables(model: type[BaseModel]) -> dict[str, type[BaseModel]]:
     """The tables below a table of twin.toml, by their key."""
     found = {}
-    for key, field in model.model_fields.items():
+    for key, (_, field) in keys_of(model).items():
         inner = re.findall(r"\b(\w+Table)\b", str(field.annotation))
         if inner:
             found[key] = next(t for t in _table_models() if t.__name__ == inner[0])
@@ -101,7 +102,7 @@ def unknown_keys(given: dict[str, object], model: type[BaseModel] = Config, *, a
     """Keys of a piece of twin.toml that the config model does not have."""
     found = []
     for key, value in given.items():
-        if key not in model.model_fields:
+        if key not in keys_of(model):
             found.append(f"{at}{key}")
         for row in value if isinstance(value, list) else [value]:
             if isinstance(row, dict) and key in tables(model):
@@ -201,7 +202,7 @@ def test_made_pages_are_as_the_program_makes_them() -> None:
     made = reference.pages()
     stale = [name for name, text in made.items() if (ROOT / "docs" / name).read_text(encoding="utf-8") != text]
     assert stale == [], "run: python benchmarks/docs/reference.py"
-    assert all(f"`{key}`" in made["twin-toml.md"] for table in all_tables() for key in table.model_fields if key not in tables(table))
+    assert all(f"`{key}`" in made["twin-toml.md"] for table in all_tables() for key in keys_of(table) if key not in tables(table))
 
 
 def all_tables(model: type[BaseModel] = Config) -> list[type[BaseModel]]:

@@ -37,10 +37,10 @@ from twin.project.record import SourceRecord
 from twin.project.targetwriting import write_targets
 from twin.project.toml import dump
 from twin.targets import Array, PointKind, TargetPoint
-from twin.virtual.filming import Bench, noisy_targets
+from twin.virtual.draws import noisy_targets
 from twin.virtual.hidden import KINDS
-from twin.virtual.protocols import places
-from twin.virtual.truthsolves import CHANGE, displaced, truth_case
+from twin.virtual.protocols import Bench, places
+from twin.virtual.truthsolves import CHANGE, COUNT, displaced, on_surface, truth_case
 from vision import Mark
 from vision.drawing import synthetic
 from vision.kinds.coded import CodedMarker
@@ -77,8 +77,8 @@ def points() -> tuple[TargetPoint, ...]:
 def truth(name: str) -> tuple[Array, Array]:
     """True displacements (s, p, 3) mm of the markers in a film, and their slopes in mm per MPa."""
     case = truth_case(SHORT, CHANGE).with_material(density=0.0)
-    where = np.array([p.position for p in points()])
-    return displaced(case, course(name), where, ((KINDS["log_creep"], SIZE),))
+    where = on_surface(case, np.array([p.position for p in points()]))
+    return displaced(case, course(name), where, ((KINDS["log_creep"], SIZE),), count=COUNT)
 
 
 def virtual(name: str, number: int) -> FilmTargets:

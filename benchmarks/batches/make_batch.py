@@ -20,7 +20,7 @@ import benchmarks  # noqa: F401
 import cv2
 import numpy as np
 
-from fe import Finger, Lattice, Material, finger_case
+from fe import Case, Finger, Lattice, Material
 from twin import virtual
 from twin.project.config import (
     BoardTable,
@@ -44,7 +44,7 @@ from vision.boards.charuco import CharucoBoard
 from vision.drawing import synthetic
 from vision.kinds.coded import CodedMarker
 
-PROTOCOL: virtual.filming.Protocol = (
+PROTOCOL: virtual.Corners = (
     (0.0, 0.0), (2.0, 0.0), (4.0, 30.0), (9.0, 30.0), (9.4, 0.0), (14.0, 0.0)
 )  # fmt: skip
 BENCH = virtual.Bench(film_hz=6.0, log_hz=25.0, gauge_sd_MPa=1.5e-4, static_frames=300, placement_sd_mm=0.1)
@@ -76,11 +76,10 @@ class SmallBatch:
         return self.table.finger
 
     @property
-    def truth(self) -> virtual.Truth:
+    def truth(self) -> Case:
         """What is filmed: cells that are not the model's."""
-        return virtual.Truth(
-            self.material, finger=self.finger, lattice=Lattice(per_bellow=5, wall=1, centred=False)
-        )
+        cells = Lattice(per_bellow=5, wall=1, centred=False)
+        return virtual.truth_case(self.finger, cells, material=self.material, element=None)
 
     @property
     def stations(self) -> dict[str, Array]:
@@ -136,7 +135,7 @@ def marks_of(batch: SmallBatch) -> tuple[Mark, ...]:
 
 def side_face(batch: SmallBatch) -> Array:
     """Material points (k, 3) mm round the side face: the lower edge, and back over the pleats."""
-    case = finger_case(batch.material, finger=batch.finger, lattice=batch.truth.lattice)
+    case = batch.truth
     skin = case.nodes[np.unique(case.face_nodes("outside"))]
     x = np.round(skin[:, 0], 6)
     columns = [skin[x == at] for at in np.unique(x)]
@@ -169,7 +168,7 @@ def displacements(batch: SmallBatch, points: Array) -> Array:
     constant curvature, which takes no time to solve."""
     course = virtual.path(BENCH, protocol=PROTOCOL)
     if batch.droop_mm is None:
-        return virtual.displacements(batch.truth, course, points)[0]
+        return virtual.displaced(batch.truth, course, points)[0]
     pressure = np.interp(course.output, course.time, course.pressure)[:, None]
     x, z = points[:, 0], points[:, 2]
     turn = 2.0 * batch.droop_mm / batch.finger.length**2 * pressure / pressure.max() * x

@@ -71,13 +71,13 @@ def kept(kind: str, key: str, make: Callable[[], dict[str, Array]]) -> dict[str,
         return dict(data)
 
 
-def solved(truth: virtual.Truth, bench: virtual.Bench, points: Array) -> tuple[Array, Array]:
+def solved(truth: Case, bench: virtual.Bench, points: Array) -> tuple[Array, Array]:
     """True displacements (s, p, 3) mm of points (p, 3) mm, and dU/dp (s, p, 3) mm per MPa."""
     course = virtual.path(bench)
     key = digest("truth", truth, course.time, course.pressure, course.output, points)
 
     def make() -> dict[str, Array]:
-        u, slope = virtual.displacements(truth, course, points)
+        u, slope = virtual.displaced(truth, course, points)
         return {"u": u, "slope": slope}
 
     found = kept("truth", key, make)
@@ -93,7 +93,7 @@ class Laboratory:
     bench: virtual.Bench
 
     @staticmethod
-    def of(truth: virtual.Truth, bench: virtual.Bench) -> "Laboratory":
+    def of(truth: Case, bench: virtual.Bench) -> "Laboratory":
         """The laboratory of a truth."""
         return Laboratory(*solved(truth, bench, marked_points()), bench)
 

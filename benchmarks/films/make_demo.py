@@ -23,7 +23,7 @@ from benchmarks.diagnosis.trials import NAMES, Laboratory, marked_points, nodes_
 import cv2
 import numpy as np
 
-from fe import Material, finger_case
+from fe import Case, Finger, Material, finger_case
 from twin import virtual
 from twin.diagnosis.verdicts import Diagnosis
 from twin.project.config import (
@@ -47,7 +47,7 @@ from vision.boards.charuco import CharucoBoard
 from vision.drawing import synthetic
 from vision.kinds.coded import CodedMarker
 
-TRUTH = virtual.Truth(Material(0.214, 0.083, prony=((0.017, 1.6), (0.017, 2.5), (0.006, 15.0))))
+TRUTH = Material(0.214, 0.083, prony=((0.017, 1.6), (0.017, 2.5), (0.006, 15.0)))
 BENCH = virtual.Bench()
 SEED = 20240
 LIMIT_MB = 12.0
@@ -84,9 +84,14 @@ def drawn(rng: np.random.Generator) -> Drawn:
     return Drawn(offset, twist, BENCH.scale_sd * float(rng.standard_normal()))
 
 
+def truth() -> Case:
+    """The finger that is filmed, on cells that are not the model's."""
+    return virtual.truth_case(Finger(), virtual.LATTICE, material=TRUTH, element=None)
+
+
 def side_face() -> Array:
     """Material points (k, 3) mm round the side face: along the flat lower edge, back over the pleats."""
-    case = finger_case(TRUTH.material, finger=TRUTH.finger, lattice=TRUTH.lattice)
+    case = truth()
     skin = case.nodes[np.unique(case.face_nodes("outside"))]
     station = np.round(skin[:, 0], 6)
     columns = [skin[station == x] for x in np.unique(station)]
@@ -109,9 +114,9 @@ def motion() -> Motion:
     """The truth's motion; a tag turns as the edge under it does."""
     marks, face = marked_points(), side_face()
     reach = np.array([HALF_TAG, 0.0, 0.0])
-    ends = marks - reach, np.minimum(marks + reach, (TRUTH.finger.length, np.inf, np.inf))
+    ends = marks - reach, np.minimum(marks + reach, (Finger().length, np.inf, np.inf))
     points = np.concatenate([marks, *ends, face])
-    u, slope = solved(TRUTH, BENCH, points)
+    u, slope = solved(truth(), BENCH, points)
     m = len(marks)
     chord = (points + u)[:, 2 * m : 3 * m] - (points + u)[:, m : 2 * m]
     clamp = np.array([(x, Y, z) for x, z in CLAMP])
@@ -212,7 +217,7 @@ def write_films(raw: Path, marks: tuple[Mark, ...], chance: Drawn, moved: Motion
 
 def config(marks: tuple[Mark, ...]) -> Config:
     """The twin.toml that a user who made this test would write."""
-    labels = dict(zip(NAMES, nodes_of(finger_case(TRUTH.material)).tolist()))
+    labels = dict(zip(NAMES, nodes_of(finger_case(TRUTH)).tolist()))
     points = tuple(
         PointTable(name=m.name, node=labels[m.name], marker=m.kind.code, size_mm=m.size_mm)
         for m in marks if m.role == "finger"
@@ -237,16 +242,16 @@ def config(marks: tuple[Mark, ...]) -> Config:
 
 def truth_text(chance: Drawn) -> str:
     """The truth as TOML: what the demo's chain must not see, and what its tests compare with."""
-    prony = ", ".join(f"[{g}, {tau}]" for g, tau in TRUTH.material.prony)
+    prony = ", ".join(f"[{g}, {tau}]" for g, tau in TRUTH.prony)
     corners = ", ".join(f"[{t}, {round(p * 1e-3, 6)}]" for t, p in virtual.FILM_A)
     lines = [
         "# The hidden truth of datasets/demo, by benchmarks/films/make_demo.py. Units: mm, MPa, s, rad.",
         f"seed = {SEED}",
         'effect = "creep"',
-        f"C10 = {TRUTH.material.C10}",
-        f"C01 = {TRUTH.material.C01}",
+        f"C10 = {TRUTH.C10}",
+        f"C01 = {TRUTH.C01}",
         f"prony = [{prony}]  # shares and times, s",
-        f'lattice = "{TRUTH.lattice}"',
+        f'lattice = "{virtual.LATTICE}"',
         f"corners = [{corners}]  # of the true pressure: time, s, and MPa, without the ripple",
         f"ripple_MPa = {BENCH.ripple_MPa}",
         f"gauge_sd_MPa = {BENCH.gauge_sd_MPa}",

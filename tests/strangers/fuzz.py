@@ -167,9 +167,8 @@ def _dictionary(folder: Path, file: Path) -> None:
 def _format(name: str) -> Callable[[Path, Path], None]:
     def read(folder: Path, file: Path) -> None:
         from twin.formats.catalogue import read_recorded
-        from twin.formats.recorded import Doubt
 
-        read_recorded(folder if name in ("dice", "matchid") else file, name, Doubt())
+        read_recorded(folder if name in ("dice", "matchid") else file, name)
 
     return read
 

@@ -166,11 +166,11 @@ def _short(folder: Path) -> None:
     edge = np.array([(x, 11.5, 0.0) for x in X])
     rows = np.linalg.norm(case.nodes[:, None] - edge, axis=2).argmin(axis=0)
     course = virtual.path(bench, protocol=PROTOCOL)
-    truth = virtual.Truth(
-        Material(0.214, 0.083, prony=((0.075, 1.2), (0.055, 3.5))),
-        lattice=Lattice(per_bellow=2, centred=False), finger=mesh.finger,
-    )  # fmt: skip
-    u, slope = virtual.displacements(truth, course, case.nodes[rows])
+    material = Material(0.214, 0.083, prony=((0.075, 1.2), (0.055, 3.5)))
+    truth = virtual.truth_case(
+        mesh.finger, Lattice(per_bellow=2, centred=False), material=material, element=None
+    )
+    u, slope = virtual.displaced(truth, course, case.nodes[rows])
     points = virtual.at_nodes(NAMES, case.labels[rows], case.nodes[rows])
     config = Config(
         project=ProjectTable(name="short"),

@@ -7,6 +7,7 @@ import numpy as np
 from twin.bench import waterfall
 from twin.bench.comparison import compared
 from twin.bench.fits import newest, newest_fit
+from twin.bench.laws import nominal
 from twin.bench.workbench import Workbench
 from twin.judging.comparison import Comparison
 from twin.judging.intervals import estimates, fit_record
@@ -14,7 +15,7 @@ from twin.judging.record import ComparisonRecord
 from twin.model.prediction import Model
 from twin.numerals import in_words
 from twin.project import files
-from twin.project.folder import Project, Say
+from twin.project.folder import Say
 from twin.review.states import Fields
 from twin.targets import Array, Targets
 
@@ -22,9 +23,11 @@ SHOWN = 80  # film times at which the deformed model is stored for the review
 
 
 def change_effects(
-    project: Project, kind: str, effects: tuple[str, ...], start: dict[str, float], say: Say
+    bench: Workbench, kind: str, effects: tuple[str, ...], start: dict[str, float], say: Say
 ) -> dict[str, Any]:
-    bench, base = Workbench.of(project), newest_fit(project)
+    """What `twin add` and `twin drop` print: the model with these effects, fitted from a start where one is
+    known, compared with the newest comparison, and written into twin.toml."""
+    project, base = bench.project, newest_fit(bench.project)
     then = newest(project, ComparisonRecord)
     with project.new_run(kind, extra={"effects": list(effects)}) as run:
         model = bench.model(effects)
@@ -66,21 +69,16 @@ def _error(then: ComparisonRecord | None, now: Comparison) -> str:
 
 
 def _nominal(model: Model) -> dict[str, float]:
-    """Start values of effects of which nothing is known: half a typical step from null, the middle of the
-    grid."""
+    """Start values of effects of which nothing is known. ValueError for one that must be stated which."""
     values: dict[str, float] = {}
     for e in model.effects:
-        for p in e.parameters:
-            values[p.name] = p.start if p.start is not None else (p.null or 0.0) + 0.5 * p.step
-        tried = e.tries(model.test)
-        entry = tried[len(tried) // 2]
-        held = e.at(entry, model.test)
+        values |= (own := nominal(e, model.test))
+        held = e.at(own, model.test)
         if held is not e:
             raise ValueError(
                 f"effect {e.label!r}: it must be stated which; wanted for example {held.label!r}, as "
                 "the diagnosis names it"
             )
-        values |= entry
     return {p.name: float(np.clip(values[p.name], p.low, p.high)) for p in model.parameters}
 
 

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
 from twin.chain import DECK, FIT, STAGES, TARGETS, Stage, When, kinds_writing
+from twin.effects.labels import name_of
 from twin.judging.record import FitRecord
 from twin.project import files
 from twin.project.folder import Project, kind_of
@@ -65,7 +66,7 @@ def _has_own(labels: Sequence[str]) -> bool:
     from twin.effects.library import all_effects
 
     known = {e.name for e in all_effects()}
-    return any(label.partition(":")[0] not in known for label in labels)
+    return any(name_of(label) not in known for label in labels)
 
 
 def fresh(project: Project, kinds: tuple[str, ...], file: str = "run.json") -> Path | None:

@@ -4,6 +4,7 @@ from pathlib import Path
 
 from twin.bench.fits import holds
 from twin.chain import FIT, kinds_writing
+from twin.effects.labels import name_of
 from twin.judging.record import ComparisonRecord, FitRecord
 from twin.project import files
 from twin.project.folder import Project, kind_of
@@ -82,6 +83,6 @@ def _nominal(fit: FitRecord, found: ComparisonRecord) -> list[Stair]:
 def _done(before: tuple[str, ...], after: tuple[str, ...]) -> str:
     """What changed between two models, in words."""
     more, less = ([e for e in a if e not in b] for a, b in ((after, before), (before, after)))
-    widened = {e.partition(":")[0] for e in more} & {e.partition(":")[0] for e in less}
-    less = [e for e in less if e.partition(":")[0] not in widened]
+    widened = {name_of(e) for e in more} & {name_of(e) for e in less}
+    less = [e for e in less if name_of(e) not in widened]
     return " ".join([*(f"+ {e}" for e in more), *(f"- {e}" for e in less)]) or CALIBRATED

@@ -1,4 +1,4 @@
-"""Turn film, static film and pressure log into displacement targets."""
+"""Turn film, static film and pressure log, or a file of another program, into displacement targets."""
 
 import os
 import shutil
@@ -18,6 +18,7 @@ from twin.gauge.ways import joining_of
 from twin.inputs.cameras import camera_path, camera_table, dictionary_name, lens_of, result_of
 from twin.inputs.films import FILM, FilmTargets, OneFilm, all_inputs, films_of, joined
 from twin.inputs.filmtargets import make_targets
+from twin.inputs.foreign import import_inputs, import_targets
 from twin.inputs.recordings import (
     face_of,
     log_of,
@@ -84,6 +85,11 @@ def run_measure(project: Project, say: Say, *, replace: bool = False, budget: bo
     as targets-0001, -0002, ... With `budget` the table of what the uncertainty is made of is said.
     """
     result = _measured(project, say, replace)
+    if budget and project.config.imported is not None:
+        raise ValueError(
+            "--budget: the targets come from another program's file, which does not say what its error is "
+            "made of; leave it out"
+        )
     if budget:
         result["budget"] = _say_budget(project.path(result["run"]) / "budget.csv", say)
         for sentence in result.get("coding", []):
@@ -92,13 +98,11 @@ def run_measure(project: Project, say: Say, *, replace: bool = False, budget: bo
 
 
 def _measured(project: Project, say: Say, replace: bool) -> dict[str, Any]:
-    camera = camera_path(project)
-    how = all_inputs(project, camera)
-    done, killed, owner = (
-        project.done("measure", **how),
-        project.killed("measure", **how),
-        project.source().run,
-    )
+    foreign = project.config.imported is not None
+    camera = Path() if foreign else camera_path(project)
+    how = import_inputs(project) if foreign else all_inputs(project, camera)
+    done, killed = project.done("measure", **how), project.killed("measure", **how)
+    owner = project.source().run
     if done is not None and owner == done.name:
         say(f"Already done in {project.shown(done)}, and targets/ is there: skipped.")
         return result_of(project, "measure", done, skipped=True)
@@ -109,18 +113,30 @@ def _measured(project: Project, say: Say, replace: bool) -> dict[str, Any]:
         )
     each = [(film, _one_film(film.project, camera, say, film.name)) for film in films_of(project)]
     with project.new_run("measure", **how) as run:
-        if each:
+        source = SourceRecord(run=run.name)
+        if foreign:
+            targets = _from_foreign(project, say, run)
+        elif each:
             targets, told = _joint(project, run, each)
             source = SourceRecord(run=run.name, films=told)
         else:
-            targets, source = _from_film(project, camera, say, run), SourceRecord(run=run.name)
+            targets = _from_film(project, camera, say, run)
         _put_aside(project, say)
         write_targets(project.targets_folder, targets, source=source)
         FollowedFiles(run.folder).remove()
     for sentence in run.summary["remarks"]:
         say(sentence)
-    say(f"{_headline(targets)} Wrote targets/ and {project.shown(run.folder)}/tracks.npz.")
+    tracks = "" if foreign else f" and {project.shown(run.folder)}/tracks.npz"
+    say(f"{_headline(targets)} Wrote targets/{tracks}.")
     return result_of(project, "measure", run.folder)
+
+
+def _from_foreign(project: Project, say: Say, run: Run) -> Targets:
+    """The targets of another program's file."""
+    targets = import_targets(project, say)
+    _check_motion(project, targets)
+    run.summary.update(_counts(targets) | {"remarks": []})
+    return targets
 
 
 def _from_film(project: Project, camera: Path, say: Say, run: Run) -> Targets:
@@ -132,7 +148,7 @@ def _from_film(project: Project, camera: Path, say: Say, run: Run) -> Targets:
     run.write_bytes("overlay.png", _overlay(project, moved))
     run.write_text("budget.csv", _budget_csv(moved, targets))
     _write_strain(run, moved, lens_of(project, camera_table(project)).size)
-    run.summary.update(_summary(targets, found) | {"headline": _headline(targets)})
+    run.summary.update(_summary(targets, found))
     run.summary["coding"] = list(moved.coding)
     for sentence in (*moved.notes, *moved.coding):
         run.note(sentence)
@@ -176,13 +192,8 @@ def _joint(
     told = tuple(
         row.model_copy(update={"run": folder.name}) for row, (_, folder) in zip(rows, each, strict=True)
     )
-    run.summary.update(
-        {
-            "steps": len(targets.time), "points": len(targets.names), "valid": int(targets.valid.sum()),
-            "modes": len(targets.mode_names), "headline": _headline(targets), "remarks": [],
-            "films": [files.plain(row) | own for row, own in zip(told, summaries, strict=True)],
-        }
-    )  # fmt: skip
+    films = [files.plain(row) | own for row, own in zip(told, summaries, strict=True)]
+    run.summary.update(_counts(targets) | {"remarks": [], "films": films})
     return targets, told
 
 
@@ -326,15 +337,21 @@ def _say_budget(path: Path, say: Say) -> dict[str, Any]:
     }
 
 
+def _counts(targets: Targets) -> dict[str, Any]:
+    """How much was measured, and its headline."""
+    return {
+        "steps": len(targets.time), "points": len(targets.names), "valid": int(targets.valid.sum()),
+        "modes": len(targets.mode_names), "headline": _headline(targets),
+    }  # fmt: skip
+
+
 def _summary(targets: Targets, found: _Measured) -> dict[str, Any]:
     """What run.json and --json tell."""
     moved, gauge, noise = found.moved, found.gauge, found.moved.noise
-    return {
-        "steps": len(targets.time), "points": len(targets.names), "valid": int(targets.valid.sum()),
+    return _counts(targets) | {
         "static_frames": noise.frames, "gauge_sd_MPa": gauge.sd_MPa,
         "sd_mm": dict(zip(moved.names, noise.sd, strict=True)),
         "codec_sd_mm": dict(zip(moved.names, noise.codec_sd, strict=True)),
-        "modes": len(targets.mode_names),
         "remarks": [
             *moved.lost, *moved.remarks, *filter(None, (gauge.remark, found.join.remark)), *found.remarks
         ],

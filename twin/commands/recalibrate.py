@@ -38,8 +38,9 @@ def run_recalibrate(project: Project, say: Say) -> dict[str, Any]:
 
 
 def _filmed(project: Project, stage: Stage, say: Say) -> str:
-    """Run a stage that reads films; "none" where there are none, or the targets come from elsewhere."""
-    if _without_films(project):
+    """Run a stage that reads films, or another program's file; "none" where there are none, or the targets
+    come from elsewhere."""
+    if _without_films(project) or (stage.name == "camera" and not project.config.cameras):
         return "none"
     say(f"twin {stage.name}: {stage.title}")
     # it compares the digests of films and log itself, and targets of others are kept as targets-0001
@@ -52,8 +53,10 @@ def _without_films(project: Project) -> bool:
     targets were measured elsewhere."""
     if not project.targets_folder.is_dir():
         return False
-    films = all(any(project.root.glob(camera.film)) for camera in project.config.cameras)
-    return not project.config.cameras or not films or not (project.targets_folder / "source.json").is_file()
+    foreign = project.config.imported
+    named = [camera.film for camera in project.config.cameras] if foreign is None else [foreign.file]
+    there = all(any(project.root.glob(file)) for file in named)
+    return not named or not there or not (project.targets_folder / "source.json").is_file()
 
 
 def _at_base(project: Project, say: Say) -> Project:

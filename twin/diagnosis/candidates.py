@@ -98,7 +98,7 @@ class Candidate:
     @property
     def kind(self) -> str:
         """The kind of a stand-in; nothing for an effect of the library or of the user's."""
-        return str(getattr(self.effect, "kind", ""))
+        return self.effect.kind
 
     @property
     def plausible(self) -> bool | None:

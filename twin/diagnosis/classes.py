@@ -33,7 +33,7 @@ def classes_of(rivals: Mapping[str, Sequence[Rival]]) -> tuple[Mimics, ...]:
     seen = {label: [r for r in rows if not r.note] for label, rows in rivals.items()}
     seen = {label: rows for label, rows in seen.items() if rows}
     bases = {label: [orthonormal(r.columns) for r in rows] for label, rows in seen.items()}
-    own = [label for label, rows in seen.items() if not getattr(rows[0].effect, "kind", "")]
+    own = [label for label, rows in seen.items() if not rows[0].effect.kind]
     return tuple(_mimics(label, seen, bases) for label in own)
 
 
@@ -47,7 +47,7 @@ def _mimics(
     for other, rows in bases.items():
         if other != label:
             found = [((b.T @ columns) ** 2).sum(axis=0) / size for b in rows if b.shape[1]]
-            name = getattr(seen[other][0].effect, "kind", "") or other
+            name = seen[other][0].effect.kind or other
             shares[name] = max(shares.get(name, 0.0), min(1.0, float(np.max(found, initial=0.0))))
     members = {k: v for k, v in sorted(shares.items(), key=lambda kv: -kv[1]) if v >= ALIKE}
     return Mimics(effect=label, members=members, ceiling=max(shares.values(), default=0.0))

@@ -45,7 +45,7 @@ def completed(
 def smallest_sizes(rivals: Mapping[str, Sequence[Rival]], silent: Sequence[Candidate]) -> list[Detectable]:
     """The smallest size of each absent effect that these data would have shown; for those that they cannot
     show, why."""
-    own = [rows for rows in rivals.values() if not getattr(rows[0].effect, "kind", "")]
+    own = [rows for rows in rivals.values() if not rows[0].effect.kind]
     found = [unseen(c.effect, c.note) for c in silent]
     for rows in own:
         seen, effect = [r for r in rows if not r.note], rows[0].effect

@@ -5,7 +5,7 @@ beside the residual, in mm and sds, by marker and branch. Held-out errors say wh
 it was not fitted to.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -183,29 +183,6 @@ def plausibility(parameter: Parameter, value: float) -> str:
     low, high = parameter.plausible
     span = f"{low:.3g} to {high:.3g} {parameter.unit}".rstrip()
     return f"plausible ({span})" if low <= value <= high else f"not plausible: expected {span}"
-
-
-def mimicked(signature: Array, fitted: Array, rivals: Mapping[str, Array]) -> tuple[tuple[str, float], ...]:
-    """How much (cos2) of a signature (n,) each rival could explain, the most first.
-
-    fitted (n, f): whitened derivatives of what is fitted anyway, projected out first. rivals: whitened
-    signatures (n, k) by label.
-    """
-    own = _beside(signature[:, None], fitted)[:, 0]
-    size = float(own @ own)
-    rows = []
-    for label, columns in rivals.items():
-        apart = _beside(columns, fitted)
-        taken = apart @ np.linalg.lstsq(apart, own, rcond=1e-8)[0] if size > 0 else own
-        rows.append((label, float(taken @ taken) / size if size > 0 else 0.0))
-    return tuple(sorted(rows, key=lambda row: -row[1]))
-
-
-def _beside(columns: Array, fitted: Array) -> Array:
-    """Columns (n, k) without what the columns (n, f) of `fitted` span, each of unit size before."""
-    scale, own = np.linalg.norm(fitted, axis=0), np.linalg.norm(columns, axis=0)
-    basis, unit = fitted[:, scale > 0] / scale[scale > 0], columns / np.where(own > 0, own, 1.0)
-    return np.asarray(unit - basis @ np.linalg.lstsq(basis, unit, rcond=1e-10)[0], float)
 
 
 # -- in words ------------------------------------------------------------------------------------------------

@@ -11,14 +11,13 @@ from numpy.typing import NDArray
 from calibrate import bic
 from twin.diagnosis.candidates import Refit
 from twin.diagnosis.evidence import Gram
-from twin.diagnosis.refitting import CLOSE, TURNS, Progress, lost_to_priors
+from twin.diagnosis.refitting import CLOSE, TURNS, Progress, lost_to_priors, told
 from twin.diagnosis.rivals import Rival, null
 from twin.diagnosis.screening import start_of
 from twin.effects.protocol import Effect, Theta, Unsolvable
 from twin.judging.heldout import folds
 from twin.judging.judged import Judged, judge
 from twin.model.prediction import Model
-from twin.parallel import finished
 from twin.targets import Array, Targets
 
 TRIED = 40  # pairs whose amplitudes are kept within their bounds, of all
@@ -98,11 +97,8 @@ def confirmed(
 ) -> list[Group]:
     """The groups with their refits and what each of their effects gains in parts that are left out."""
     tasks = [partial(_confirmed, g, base=base, targets=targets, seed=seed) for g in groups]
-    found = {}
-    for done, (k, group) in enumerate(finished(tasks, workers=workers)):
-        tell(f"refit with {' and '.join(e.label for e in groups[k].effects)}", done + 1, len(groups))
-        found[k] = group
-    return [found[k] for k in sorted(found)]
+    labels = [" and ".join(e.label for e in g.effects) for g in groups]
+    return told(labels, tasks, workers, tell)
 
 
 def _confirmed(group: Group, *, base: Judged, targets: Targets, seed: int) -> Group:

@@ -1,11 +1,11 @@
 """A base model, a library of effects and targets -> which physical effect the data ask for, and what cannot
 be told.
 
-Noise, frame and mesh first: what they forbid is not tested. `attempts` tries, `verdicts` concludes,
+Noise, frame and mesh first: what they forbid is not tested. `searchorder` tries, `verdicts` concludes,
 `completing` adds what belongs beside a verdict.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 from calibrate import Fit
@@ -29,16 +29,13 @@ def diagnose(
     seed: int,
     start: Array | Fit,
     beside: Sequence[Effect] | None = None,
-    settle: Callable[[Diagnosis], Diagnosis] | None = None,
     plan: bool = True,
     workers: int = 1,
     progress: Progress | None = None,
 ) -> Diagnosis:
     """The diagnosis of a base model. start: its calibrated parameters (d,), from where it is fitted, or
-    its fit, which is taken as it is; beside: generic stand-ins for
-    what the library does not have, by default `stand_ins`; settle: gives the kept effects the fit that is
-    given out, by default their refit as it is; plan: whether experiments are
-    planned for a tie; workers: processes that refit.
+    its fit, which is taken as it is; beside: generic stand-ins for what the library does not have, by default
+    `stand_ins`; plan: whether experiments are planned for a tie; workers: processes that refit.
 
     Reads targets only. Raises Unsolvable where the base model cannot be solved at `start`.
     """
@@ -58,8 +55,7 @@ def diagnose(
     base = task.base(start)
     found = concluded(task.tried(base))
     found = completed(found, base, task.rivals_at(base), task.silent, targets, plan=plan)
-    found = replace(found, frame=frame)
-    return found if settle is None or found.kept is None else settle(found)
+    return replace(found, frame=frame)
 
 
 def _refusal(targets: Targets) -> str:

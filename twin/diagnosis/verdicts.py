@@ -13,6 +13,7 @@ from twin.diagnosis.explanation import EvidenceRecord
 from twin.diagnosis.pairs import Group
 from twin.diagnosis.refitting import DETECTED
 from twin.diagnosis.sizes import Detectable
+from twin.effects.labels import AND, KINDS, OR
 from twin.effects.protocol import Effect, Theta
 from twin.experiments.choice import Experiment
 from twin.judging.comparison import Comparison
@@ -23,23 +24,6 @@ TIE = 6.0  # 2 ln B: below it neither of two models is preferred (Kass & Raftery
 SECOND = 25.0  # BIC gain that a second effect must bring
 POWER = 0.9  # with which a size must be found to be named
 SHOWN = 3  # stand-ins and nearest effects that are told
-KINDS = {
-    "outside force": "an outside force",
-    "soft spot": "a soft spot",
-    "pressure course": "another course of the pressure",
-    "drift": "a drift of the rig",
-    "camera": "an error of the camera",
-    "slip": "a slipping marker",
-}
-# Effects that a kind of stand-in merely says in general: such a stand-in is no other explanation than theirs.
-SAME = {
-    "outside force": ("tube",),
-    "pressure course": ("pressure_gain", "pressure_offset", "pressure_lag", "time_shift"),
-    "camera": ("camera_scale", "camera_rotation", "camera_tilt"),
-    "slip": ("marker_slip",),
-}
-# Those whose law it completes, where it is put on top of them: beside it they tell nothing.
-COMPLETES = {**SAME, "pressure course": (*SAME["pressure course"], "thermal")}
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -94,7 +78,7 @@ class Diagnosis:
     @property
     def law(self) -> str | None:
         """The labels of the named effects, as twin.toml writes them."""
-        return " + ".join(e.label for e in self.effects) or None
+        return AND.join(e.label for e in self.effects) or None
 
     @property
     def before(self) -> Comparison | None:
@@ -176,7 +160,7 @@ def _single(trial: Trial, fits: Sequence[Candidate]) -> Diagnosis | None:
 
 def _others(stand_ins: Sequence[Candidate], c: Candidate) -> list[Candidate]:
     """The stand-ins that are another explanation than an effect."""
-    return [s for s in stand_ins if c.effect.name not in SAME.get(s.kind, ())]
+    return [s for s in stand_ins if s.kind != c.effect.generic]
 
 
 def _named(best: Candidate, others: Sequence[Candidate], mimics: Sequence[Candidate]) -> Diagnosis:
@@ -186,7 +170,7 @@ def _named(best: Candidate, others: Sequence[Candidate], mimics: Sequence[Candid
     rivals = dict.fromkeys(c.effect.name for c in others)
     names = (best.effect.name, *rivals, *(KINDS.get(k, k) for k in kinds))
     named = Diagnosis(
-        verdict=" or ".join(names),
+        verdict=OR.join(names),
         sentence="",
         named=(best.effect.name,),
         effects=(best.effect,),
@@ -260,12 +244,12 @@ def _together(trial: Trial, singles: Sequence[Candidate]) -> Diagnosis | None:
     if (best.evidence or 0.0) < max(rest, default=0.0) + TIE:
         return None
     tied = [g for g in fits if g is not best and (best.evidence or 0.0) - (g.evidence or 0.0) < TIE]
-    names = tuple(" + ".join(g.names) for g in (best, *tied))
+    names = tuple(AND.join(g.names) for g in (best, *tied))
     told = f"{' and '.join(best.names)} are missing."
     if tied:
         told = f"These data cannot tell {' from '.join(names)}."
     return Diagnosis(
-        verdict=" or ".join(names),
+        verdict=OR.join(names),
         sentence=f"{told} {'. '.join(_capital(e.sentence) for e in best.effects)}.",
         named=best.names,
         effects=best.effects,

@@ -19,7 +19,7 @@ from twin.project.config import Config
 from twin.project.locks import lock
 from twin.project.record import Record, RunExtra, RunRecord, RunSummary, SourceRecord, StoredConfig
 from twin.project.targetfiles import read_targets
-from twin.project.toml import decoded, dump, former_keys, parse, with_effects
+from twin.project.toml import decoded, dump, former_keys, parse, with_effects, write
 from twin.project.trust import check_folder, leads_out
 from twin.targets import Targets
 
@@ -195,10 +195,11 @@ class Project:
         return lock(self.root / ".lock", command)
 
     def set_effects(self, effects: Sequence[str]) -> "Project":
-        """Write [model] effects into twin.toml, leave every other line as it is; return the new project."""
+        """Write [model] effects into twin.toml, leave every other line as it is; return the new project.
+        ValueError, and nothing is written, where they are no effects."""
         path = self.root / "twin.toml"
-        files.write_text(path, with_effects(decoded(path.read_bytes()), effects))
-        return Project.open(self.root, builtin=self.builtin)
+        config = write(path, with_effects(decoded(path.read_bytes()), effects))
+        return replace(self, config=config)
 
     # -- runs -----------------------------------------------------------------------------------------
 

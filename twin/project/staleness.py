@@ -45,7 +45,7 @@ def _changed_files(project: Project, recorded: Mapping[str, str], present: Seque
 
 
 def _changed_tables(project: Project, was: Mapping[str, Any], tables: Sequence[str]) -> list[str]:
-    now = project.config.model_dump(mode="json", include=set(tables))
+    now = project.config.model_dump(mode="json")
     found = []
     for name in [table for table in tables if table in was]:  # a run states the tables it depends on
         for key, value in _keys(now.get(name)).items():

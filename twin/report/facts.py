@@ -10,6 +10,7 @@ from twin.batches.series import earlier_facts
 from twin.bench.fits import fresh, newest
 from twin.chain import FIT, kinds_writing
 from twin.diagnosis.record import RankingRow
+from twin.effects.labels import name_of
 from twin.inputs.camerarecord import CameraRecord
 from twin.judging.record import FitRecord
 from twin.project.folder import Project, versions
@@ -57,7 +58,7 @@ def _named(story: Story) -> list[dict[str, Any]]:
     """The effects in the model and the constants beside them, each with its parameters."""
     rows, every = [], _parameters(story.fit)
     for label in story.fit.effects:
-        name = label.partition(":")[0]
+        name = name_of(label)
         own = [p for p in every if p["name"].startswith(f"{name}.")]
         rows.append({"effect": label, "text": "", "parameters": own})
     constants = [p for p in every if "." not in p["name"]]

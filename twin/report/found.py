@@ -5,6 +5,7 @@ from pathlib import Path
 
 from twin.bench.fits import fresh, newest
 from twin.diagnosis.record import NONE, DiagnosisRecord
+from twin.effects.labels import name_of
 from twin.judging.record import ComparisonRecord, FitRecord
 from twin.project import files
 from twin.project.folder import Project, Run, Say
@@ -116,11 +117,6 @@ def calibration_file(project: Project, name: str) -> Path:
     if path is None:
         raise ValueError(f"{name} of calibrate is missing; run twin calibrate")
     return path
-
-
-def name_of(label: str) -> str:
-    """The name of an effect in its law."""
-    return label.partition(":")[0]
 
 
 def _first(whole: str) -> tuple[str, str]:

@@ -12,6 +12,7 @@ from twin.bench.waterfall import Stair, stairs
 from twin.chain import kinds_writing
 from twin.diagnosis.explanation import EvidenceRecord
 from twin.drawing import plots
+from twin.effects.labels import name_of
 from twin.project import files
 from twin.project.folder import Project
 from twin.targets import Array, Targets
@@ -36,7 +37,7 @@ class Way:
         """With the newest evidence for one of these effects."""
         for path in every_fresh(project, kinds_writing(EvidenceRecord.file), EvidenceRecord.file):
             found = files.read(EvidenceRecord, path)
-            if effects & {label.partition(":")[0] for label in found.effect.split(" + ")}:
+            if effects & {name_of(label) for label in found.effect.split(" + ")}:
                 maps = dict(files.read_npz(path.with_name("evidence.npz")))
                 return Way(project, targets, stairs(project), found, maps)
         return Way(project, targets, stairs(project), None, {})

@@ -95,24 +95,28 @@ def log_states(recording: rr.RecordingStream, scene: Scene, column: rr.TimeColum
 def log_constants(recording: rr.RecordingStream, scene: Scene) -> None:
     """Log what never changes, visible on every timeline: topology, styles, rest shape, colour legend."""
     radius = 0.007 * scene.size
-    outward = normals(scene.nodes, scene.triangles)
-    rest = rr.Mesh3D(
-        vertex_positions=scene.nodes
-        - 0.004 * scene.size * outward,  # inside, so that it never flickers through
-        vertex_normals=outward,
-        triangle_indices=scene.triangles,
-        albedo_factor=REST,
-    )
     constants: dict[str, Any] = {
         "mesh": rr.Mesh3D.from_fields(triangle_indices=scene.triangles),
         "measured": rr.Points3D.from_fields(radii=radius, colors=MEASURED),
         "error": rr.Arrows3D.from_fields(radii=0.45 * radius, colors=ERROR),
-        "rest": rest,
+        # inside, so that it never flickers through
+        "rest": still(scene.nodes, scene.triangles, colour=REST, inside=0.004 * scene.size),
         "legend/bar": _legend_bar(scene),
         "legend/values": _legend_values(scene),
     }
     for name, value in constants.items():
         recording.log(f"model/{name}", value, static=True)
+
+
+def still(
+    nodes: Array, triangles: Integers, *, colour: tuple[int, ...], inside: float = 0.0
+) -> rr.Mesh3D:
+    """A surface that does not move, by `inside` mm within its nodes (m,3) mm."""
+    outward = normals(nodes, triangles)
+    return rr.Mesh3D(
+        vertex_positions=nodes - inside * outward, vertex_normals=outward, triangle_indices=triangles,
+        albedo_factor=colour,
+    )  # fmt: skip
 
 
 def normals(nodes: NDArray[np.floating], triangles: Integers) -> NDArray[np.float32]:

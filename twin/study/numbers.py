@@ -15,14 +15,24 @@ from twin.effects.baselaw import NAMES, NOMINAL, Constants
 from twin.judging.fitting import whitener_of
 from twin.judging.record import FitRecord
 from twin.judging.whitening import whitener
-from twin.model.loadpaths import Turned
 from twin.project import files
 from twin.project.folder import Project, Say
 from twin.review.states import Generations
 from twin.study.generations import Objective
-from twin.study.loadpathfit import load_paths_of, objective_of
+from twin.study.loadpathfit import OnPaths
 from twin.study.readings import plans, spots
-from twin.study.record import Curves, Initial, Known, Line, PointCurve, Reading, Several, Side, Start, Study
+from twin.study.record import (
+    Initial,
+    Known,
+    PointCurve,
+    PointCurves,
+    ReadingRow,
+    RidgeLine,
+    Several,
+    Side,
+    Start,
+    Study,
+)
 from twin.study.ridges import difference, ridge
 from twin.study.separability import Addition, Knowledge, Outcomes, outcomes, readings
 from twin.targets import Array
@@ -36,10 +46,7 @@ AROUND = np.geomspace(0.5, 4.0, 141)  # of the final C10 + C01: where an initial
 class Inquiry:
     """What the findings are made from: the base model, its load paths, and the search that was run."""
 
-    bench: Workbench
-    paths: Turned
-    rows: Array  # rows of the targets that the load paths belong to
-    objective: Objective
+    on: OnPaths
     generations: Generations
     candidates: Mapping[str, Array]
     fit: Fit
@@ -49,12 +56,19 @@ class Inquiry:
         """From the newest calibration that holds."""
         found = fresh(project, ("calibrate",), "candidates.npz")
         assert found is not None
-        bench = Workbench.of(project)
-        paths, rows = load_paths_of(bench, say)
-        objective = objective_of(bench)
         fit = files.read(FitRecord, found.with_name(FitRecord.file)).fit
         generations = Generations.load(found.with_name("generations.npz"))
-        return Inquiry(bench, paths, rows, objective, generations, files.read_npz(found), fit)
+        return Inquiry(OnPaths.of(Workbench.of(project), say), generations, files.read_npz(found), fit)
+
+    @property
+    def bench(self) -> Workbench:
+        """The model and its targets."""
+        return self.on.bench
+
+    @property
+    def objective(self) -> Objective:
+        """What the search made small."""
+        return self.on.objective
 
     def study(self) -> Study:
         """Everything that was found."""
@@ -64,7 +78,7 @@ class Inquiry:
         reduction = table.published_reduction_percent if table else None
         initial = self.side(Constants.of(stated or NOMINAL.named))
         final = self.side(self.best)
-        line = ridge(self.cost, self.bench.elasticity.parameters)
+        line = ridge(self.on.cost, self.bench.elasticity.parameters)
         agreeing = line.agreeing(sd_mm=self.sd_mm, count=len(self.names))
         asked: dict[str, Any] = {
             "information": self.information, "constants": self.best, "sd_mm": self.sd_mm,
@@ -78,15 +92,15 @@ class Inquiry:
             initial=Initial(**initial.model_dump(), stated=bool(stated)), final=final,
             reduction_percent=_reduction(initial, final),
             least_squares=self.side(Constants(*map(float, self.fit.theta))),
-            difference=difference(self.best.named, self.fit, self.cost, sd_mm=self.sd_mm)[0],
+            difference=difference(self.best.named, self.fit, self.on.cost, sd_mm=self.sd_mm)[0],
             published=self.side(Constants.of(published)) if published else None,
             published_reduction_percent=reduction,
             published_reduction_from_total_MPa=self.matching(initial, final, reduction),
             starts=[
                 Start(**s.model_dump(), reduction_percent=_reduction(s, final)) for s in self.starts(initial)
             ],
-            ridge=Line(share=line.share.tolist(), total_MPa=line.total.tolist(), rms_mm=line.rms_mm.tolist(),
-                       agreeing_share=agreeing),
+            ridge=RidgeLine(share=line.share.tolist(), total_MPa=line.total.tolist(),
+                            rms_mm=line.rms_mm.tolist(), agreeing_share=agreeing),
             known=Known(**Known.row(Knowledge.of(self.information, self.best), self.sd_mm)),
             readings=[self.reading(r) for r in readings(self.shown, **asked)],
             plans=[Several(words=p.words, count=p.count, **Known.row(p.known, self.sd_mm)) for p in several],
@@ -120,32 +134,23 @@ class Inquiry:
         """The error of one of the objective's values, 1 sd."""
         return self.objective.sd_mm(self.bench.targets)
 
-    def cost(self, values: Mapping[str, float]) -> float:
-        """RMS error in mm of constants."""
-        return self.objective.cost(dict(values), self.paths, self.rows)
-
     def side(self, constants: Constants) -> Side:
         """The model with these constants. ValueError where it has no equilibrium at the top pressure."""
         u, c = self.predicted(constants, np.array([self.top])), constants
-        return Side(**c.named, total=c.total, share=c.share, rms_mm=self.cost(c.named), u_mm=u[0].tolist())
+        return Side(**c.named, total=c.total, share=c.share, rms_mm=self.on.cost(c.named), u_mm=u[0].tolist())
 
     def predicted(self, constants: Constants, pressure: Array) -> Array:
         """The objective's component (k, p) in mm at pressures (k,) MPa, relative to the reference."""
-        o = self.objective
-        at = np.append(pressure, o.pressure[1:])
-        steps = np.append(np.full(len(pressure), o.steps[0]), o.steps[1:])
-        u = self.paths.predict(constants, at, steps=steps)
+        c, on = constants, self.on
+        u = self.objective.predicted(c, on.paths, on.rows, pressure)
         if u is None:
-            c = constants
             raise ValueError(
                 f"no equilibrium at {self.top:g} MPa with C10 = {c.C10:g}, C01 = {c.C01:g} MPa: they are too "
                 "soft; state stiffer ones under [study], or none"
             )
-        own = [int(np.flatnonzero(self.rows == r)[0]) for r in o.rows]
-        seen = u[: len(pressure), :, o.component] - u[len(pressure) :, :, o.component].mean(axis=0)
-        return np.asarray(seen[:, own])
+        return u
 
-    def curves(self, initial: Side, final: Side) -> Curves:
+    def curves(self, initial: Side, final: Side) -> PointCurves:
         """Displacement over pressure of each point, with what was read on the way."""
         t, o = self.bench.targets, self.objective
         both = (Constants(side.C10, side.C01) for side in (initial, final))
@@ -159,7 +164,7 @@ class Inquiry:
                       final_mm=after[:, k].tolist(), measured_at_MPa=t.pressure[seen].tolist(),
                       measured_mm=t.value[seen, row, o.component].tolist(), measured_sd_mm=sd.tolist())
             )  # fmt: skip
-        return Curves(pressure_MPa=self.pressure.tolist(), points=out)
+        return PointCurves(pressure_MPa=self.pressure.tolist(), points=out)
 
     # -- other initial models -------------------------------------------------------------------------------
 
@@ -168,7 +173,7 @@ class Inquiry:
         own, share = self.bench.elasticity.parameters, initial.share
         every = [Constants.at(f * self.best.total, share) for f in STARTS]
         every.append(Constants(*((p.low + p.high) / 2 for p in own)))
-        solved = [c for c in every if np.isfinite(self.cost(c.named))]
+        solved = [c for c in every if np.isfinite(self.on.cost(c.named))]
         return [self.side(c) for c in sorted(solved, key=lambda c: c.total)]
 
     def matching(self, initial: Side, final: Side, reduction: float | None) -> list[float]:
@@ -178,7 +183,7 @@ class Inquiry:
         wanted, share = final.rms_mm / (1.0 - reduction / 100.0), initial.share
 
         def beyond(total: float) -> float:
-            return min(self.cost(Constants.at(total, share).named), 1e6) - wanted
+            return min(self.on.cost(Constants.at(total, share).named), 1e6) - wanted
 
         grid = AROUND * final.total
         errors = np.array([beyond(float(x)) for x in grid])
@@ -211,9 +216,9 @@ class Inquiry:
         where = spots(self.bench.case, self.bench.targets, [int(row) for row in self.objective.rows])
         return outcomes(self.bench.model(()), theta, spots=where, top=self.top)
 
-    def reading(self, found: Addition) -> Reading:
+    def reading(self, found: Addition) -> ReadingRow:
         """A reading that could be added, as the record has it."""
-        return Reading(
+        return ReadingRow(
             point=found.spot.name, node=found.spot.node, x_mm=float(found.spot.place[0]),
             direction=f"U{found.component + 1}", pressure_MPa=found.pressure, u_mm=found.u_mm,
             **Known.row(found.known, self.sd_mm),

@@ -59,8 +59,8 @@ def project_at(folder: Path, case: Case, short: BuiltIn) -> Project:
     rows = np.linalg.norm(case.nodes[:, None] - edge, axis=2).argmin(axis=0)
     points, course = case.nodes[rows], virtual.path(BENCH, protocol=FILM)
     material = Material(0.214, 0.083, prony=((0.075, 1.2), (0.055, 3.5), (0.02, 15.0)))
-    truth = virtual.Truth(material, lattice=Lattice(per_bellow=2, centred=False), finger=short.finger)
-    u, slope = virtual.displacements(truth, course, points)
+    truth = virtual.truth_case(short.finger, Lattice(per_bellow=2, centred=False), material=material, element=None)
+    u, slope = virtual.displaced(truth, course, points)
     targets = virtual.noisy_targets(
         u, slope, course, points=virtual.at_nodes(NAMES, case.labels[rows], points), bench=BENCH, seed=1
     )

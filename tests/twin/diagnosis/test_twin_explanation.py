@@ -8,7 +8,7 @@ import pytest
 
 from calibrate import Parameter
 from fe import Case
-from twin.diagnosis.explanation import ALL, Explanation, explained, mimicked, plausibility, table
+from twin.diagnosis.explanation import ALL, Explanation, explained, plausibility, table
 from twin.effects.library import effect
 from twin.judging.heldout import cycles, folds, foretold
 from twin.judging.judged import judge
@@ -48,16 +48,6 @@ def test_cycles_begin_where_the_pressure_leaves_rest(make_targets: Callable[...,
     block = np.array([0, 0, 0, 0, 1, 1, 1, 1])
     fold, name = folds(make_targets(block=block, gravity=np.tile([0.0, 0.0, -1.0], (2, 1))))
     assert (name, fold.tolist()) == ("block", block.tolist())
-
-
-def test_what_mimics_a_signature_is_measured_beside_the_fit() -> None:
-    rng = np.random.default_rng(4)
-    fitted, own, other = rng.standard_normal((300, 2)), rng.standard_normal(300), rng.standard_normal(300)
-    rivals = {"other": other[:, None], "half": (own + other)[:, None], "same": 1e6 * (own + fitted @ [5.0, 1.0])[:, None]}
-    found = mimicked(own + fitted @ [-3.0, 40.0], fitted, rivals)
-    assert [name for name, _ in found] == ["same", "half", "other"]
-    assert [c for _, c in found] == pytest.approx([1.0, 0.5, 0.0], abs=0.1)
-    assert mimicked(fitted[:, 0], fitted, rivals)[0][1] < 1.0 + 1e-9  # nothing of it is left: no division by 0
 
 
 def test_a_value_is_told_beside_its_plausible_range() -> None:

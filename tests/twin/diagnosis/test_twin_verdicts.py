@@ -11,6 +11,8 @@ from twin.diagnosis import procedure
 from twin.diagnosis.procedure import diagnose
 from twin.diagnosis.record import DiagnosisRecord
 from twin.diagnosis.verdicts import Diagnosis, Trial, concluded
+from twin.effects.labels import KINDS
+from twin.effects.library import all_effects
 from twin.effects.protocol import Effect
 from twin.project.files import plain
 from twin.targets import Array
@@ -216,3 +218,20 @@ def test_an_unknown_misfit_is_told_by_what_it_goes_with(course: Array, words: st
 def test_three_effects_are_found_one_after_the_other() -> None:
     found = diagnosed(sum(x * FIELDS[name][0] for x, name in zip((0.2, 0.15, 0.1), NAMES)))
     assert set(found.named) == set(NAMES[:3])
+
+
+def test_a_stand_in_that_says_an_own_effect_in_general_is_no_other_explanation() -> None:
+    force, twin = toy_effect("pull", kind="outside force"), FIELDS["alpha"] + 0.004 * smooth_field(99)
+    cable = toy_effect("alpha")
+    type(cable).generic = "outside force"
+    found = diagnosed(0.1 * FIELDS["alpha"][0], fields={"pull": twin}, effects=(cable, *EFFECTS[1:]), beside=(force,))
+    assert (found.verdict, found.ties) == ("alpha", ())
+
+
+def test_an_effect_names_kinds_that_exist() -> None:
+    for e in all_effects():
+        for law in (e, e.wide() or e):
+            assert {law.generic, law.completed_by} <= {*KINDS, ""}
+            assert law.generic == e.generic  # of every law of the same physics
+    with pytest.raises(ValueError, match="effect 'rope': 'a force' is no kind of stand-in, wanted one of 'outside force'"):
+        type("Rope", (Effect,), {"name": "rope", "generic": "a force"})
