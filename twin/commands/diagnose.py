@@ -76,10 +76,7 @@ def _held_out(bench: Workbench, settled: Settled) -> list[ForetoldFilm]:
         return []
     before = foretold(bench, settled.diagnosis.base)
     then = foretold(bench, settled.judged) if settled.judged else [None] * len(before)
-    return [
-        ForetoldFilm(film=a.film, before=a, after=b, ratio=a.rms_mm / b.rms_mm if b else None)
-        for a, b in zip(before, then, strict=True)
-    ]
+    return [ForetoldFilm.of(a, b) for a, b in zip(before, then, strict=True)]
 
 
 def _foretold(row: ForetoldFilm) -> str:

@@ -5,6 +5,6 @@ these data, `evidence` weighs them, `screening` makes `candidates` of them, `ref
 `classes` says who mimics whom, `pairs` tries two at once; `searchorder` calls them in their order and
 `verdicts` concludes.
 
-Beside a verdict: `sizes` says what would have been found, `scaling` with what the misfit goes, and
-`explanation` what speaks for one effect.
+Beside a verdict: `sizes` says what would have been found, `scaling` with what the misfit goes, `explanation`
+what speaks for one effect, and `record` is what diagnosis.json holds.
 """
