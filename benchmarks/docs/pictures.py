@@ -12,7 +12,8 @@
 
 The first three tell figures of the demo; `figures.py` writes those of the pages from the same project, and
 its `--check` fails where a page or a picture is of another run. `review` needs a Vulkan driver; without a
-graphics card Mesa's will do (Debian: apt-get install mesa-vulkan-drivers). The drawings flow.svg and rig.svg are made by hand.
+graphics card Mesa's will do (Debian: apt-get install mesa-vulkan-drivers). The drawings flow.svg and
+rig.svg are made by hand.
 """
 
 import argparse
