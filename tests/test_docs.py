@@ -1,7 +1,6 @@
 """What the docs name exists: pages, files, commands and their options, keys of twin.toml."""
 
 import importlib
-import inspect
 import re
 import subprocess
 import sys
@@ -16,15 +15,12 @@ import pytest
 import typer
 from pydantic import BaseModel
 
-from calibrate import Fit
 from twin.chain import STAGES, TARGETS
 from twin.cli import app
-from twin.diagnosis.candidates import Candidate
-from twin.diagnosis.verdicts import Diagnosis
 from twin.effects.library import all_effects
-from twin.judging.comparison import Comparison
 from twin.judging.whitening import whitener
 from twin.project.config import Config
+from twin.project.tablemodel import keys_of
 from twin.project.targetfiles import read_targets
 from twin.project.toml import parse
 from vision.errors.errorbudget import SOURCES
@@ -92,7 +88,7 @@ def unknown_commands(text: str) -> list[str]:
 def tables(model: type[BaseModel]) -> dict[str, type[BaseModel]]:
     """The tables below a table of twin.toml, by their key."""
     found = {}
-    for key, field in model.model_fields.items():
+    for key, (_, field) in keys_of(model).items():
         inner = re.findall(r"\b(\w+Table)\b", str(field.annotation))
         if inner:
             found[key] = next(t for t in _table_models() if t.__name__ == inner[0])
@@ -108,7 +104,7 @@ def unknown_keys(given: dict[str, object], model: type[BaseModel] = Config, *, a
     """Keys of a piece of twin.toml that the config model does not have."""
     found = []
     for key, value in given.items():
-        if key not in model.model_fields:
+        if key not in keys_of(model):
             found.append(f"{at}{key}")
         for row in value if isinstance(value, list) else [value]:
             if isinstance(row, dict) and key in tables(model):
@@ -206,7 +202,7 @@ def test_made_pages_are_as_the_program_makes_them() -> None:
     made = reference.pages()
     stale = [name for name, text in made.items() if (ROOT / "docs" / name).read_text(encoding="utf-8") != text]
     assert stale == [], "run: python benchmarks/docs/reference.py"
-    assert all(f"`{key}`" in made["twin-toml.md"] for table in all_tables() for key in table.model_fields if key not in tables(table))
+    assert all(f"`{key}`" in made["twin-toml.md"] for table in all_tables() for key in keys_of(table) if key not in tables(table))
 
 
 def all_tables(model: type[BaseModel] = Config) -> list[type[BaseModel]]:
@@ -224,14 +220,6 @@ def test_every_file_that_a_stage_writes_is_explained() -> None:
     text = (ROOT / "docs" / "files.md").read_text(encoding="utf-8").split("<!-- end -->")[1]
     written = {name for stage in STAGES for name in stage.writes if name != TARGETS}
     assert sorted(name for name in written if f"`{name}`" not in text) == []
-
-
-@pytest.mark.parametrize("record", [Fit, Comparison, Diagnosis, Candidate])
-def test_keys_of_the_records_are_explained(record: type) -> None:
-    text = (ROOT / "docs" / "files.md").read_text(encoding="utf-8")
-    keys = set(re.findall(r'"(\w+)"', inspect.getsource(record.to_dict))) - {"theta"}  # type: ignore[attr-defined]
-    assert len(keys) > 3
-    assert sorted(key for key in keys if f"`{key}`" not in text) == []
 
 
 def test_every_source_of_the_error_budget_is_explained() -> None:

@@ -1,6 +1,6 @@
 """Does an effect found in some films foretell a film that no fit has seen?
 
-    python benchmarks/batches/films.py [--quick]
+    python benchmarks/batches/films.py [--quick] [--json]
 
 Three films of one short finger, each on a clock of its own: a slow cycle with a hold, a fast one, and, held
 out, one in two steps. The truth is solved with 20-node hexahedra on another lattice than the model's, and
@@ -10,7 +10,6 @@ measures them. `twin calibrate` and `twin diagnose` follow. heldout_ratio: the e
 before, over that with the named effect.
 """
 
-import json
 import os
 import sys
 import tempfile
@@ -19,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 sys.path.insert(0, os.path.abspath(f"{__file__}/../../.."))
-from benchmarks.commandline import options
+from benchmarks.commandline import whole
 from benchmarks.diagnosis.snapshots import SHORT
 from benchmarks.films import filmtrials
 from benchmarks.films import make_demo as studio
@@ -33,6 +32,7 @@ from twin.inputs.films import FilmTargets, joined
 from twin.project.config import DiagnoseTable, FilmTable, ModelTable, PointTable
 from twin.project.dimensions import FingerTable
 from twin.project.folder import Project
+from twin.project.record import SourceRecord
 from twin.project.targetwriting import write_targets
 from twin.project.toml import dump
 from twin.targets import Array, PointKind, TargetPoint
@@ -149,15 +149,16 @@ def _film(path: Path, marks: tuple[Mark, ...], placed: Array, seed: int) -> None
     )  # fmt: skip
 
 
-def heldout_ratio(*, quick: bool) -> dict[str, Any]:
-    """The ratio, the effects named, and whether films were drawn."""
+def films(quick: bool) -> dict[str, Any]:
+    """How much the named effect lowers the error in a film that no fit has seen, the effects named,
+    and whether films were drawn."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         (folder / "raw" / "boards").mkdir(parents=True)
         made = own_config(all_marks())
         if quick:
             targets, rows = joined([virtual(film, k) for k, film in enumerate(FILMS)])
-            write_targets(folder / "targets", targets, source={"films": rows})
+            write_targets(folder / "targets", targets, source=SourceRecord(films=tuple(rows)))
             made = made.model_copy(update={"cameras": (), "films": (), "pressure": None})
         else:
             shoot(folder)
@@ -174,15 +175,5 @@ def heldout_ratio(*, quick: bool) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def films(quick: bool) -> dict[str, Any]:
-    """How much the named effect lowers the error in a film that no fit has seen."""
-    return heldout_ratio(quick=quick)
-
-
-def main() -> None:
-    """Print the figures as one JSON line."""
-    print(json.dumps(heldout_ratio(quick=options(__doc__, quick="targets in place of films").quick)))
-
-
 if __name__ == "__main__":
-    main()
+    sys.exit(whole(__doc__, films, quick="targets in place of films"))

@@ -270,6 +270,13 @@ def write_raw(raw: Path, batch: SmallBatch) -> None:
     write_log(raw / "pressure.csv", batch)
 
 
+def write(folder: Path, batch: SmallBatch) -> None:
+    """Write films, boards, log and twin.toml of a batch."""
+    write_raw(folder / "raw", batch)
+    write_boards(folder / "raw" / "boards")
+    (folder / "twin.toml").write_text(dump(config(folder.resolve().name, batch)), encoding="utf-8")
+
+
 def main() -> int:
     """Write a whole project folder."""
     parser = argparse.ArgumentParser(
@@ -283,10 +290,7 @@ def main() -> int:
     told = parser.parse_args()
     batch = OTHER if told.other else FIRST
     batch = moved(batch) if told.moved else zoomed(batch) if told.zoomed else batch
-    write_raw(told.folder / "raw", batch)
-    write_boards(told.folder / "raw" / "boards")
-    text = dump(config(told.folder.resolve().name, batch))
-    (told.folder / "twin.toml").write_text(text, encoding="utf-8")
+    write(told.folder, batch)
     return 0
 
 

@@ -19,6 +19,7 @@ from fe import Case, Finger, Lattice
 from fe.case import digest
 from twin import virtual
 from twin.diagnosis.procedure import diagnose
+from twin.diagnosis.record import DiagnosisRecord
 from twin.diagnosis.verdicts import Diagnosis
 from twin.effects.baselaw import Constants
 from twin.effects.library import effect
@@ -140,8 +141,8 @@ def verdicts(
 
 def _numbers(said: Diagnosis) -> str:
     """The error before and after, and the noise, in mm."""
-    row = said.to_dict()
-    cells = [row[key] for key in ("rms_before_mm", "rms_after_mm", "noise_sd_mm")]
+    row = DiagnosisRecord.of(said)
+    cells = [row.rms_before_mm, row.rms_after_mm, row.noise_sd_mm]
     return " ".join(f"{x:7.4f}" if x is not None else "      -" for x in cells)
 
 

@@ -38,6 +38,8 @@ WHAT = {
     "films": "One for each of several films of one batch, in place of `film` and its start in `[[cameras]]`: "
     "[Several films of one finger](your-own-test.md#several-films-of-one-finger).",
     "pressure": "The pressure log. Needed with a film.",
+    "import": "Displacements that another program measured: `twin measure` makes targets of them, and `twin "
+    "init --targets` writes this table. [Files of other programs](files.md#files-of-other-programs).",
     "measure": "How well things are known. Every sd here becomes a part of the stated error.",
     "frame.markers": "Markers on the rig, which do not move.",
     "points": "Markers on the finger, and where they are: at a position in mm, or at a node.",

@@ -17,13 +17,11 @@ from typing import Any
 
 sys.path.insert(0, os.path.abspath(f"{__file__}/../../.."))
 from benchmarks.commandline import options
+from benchmarks.diagnosis.fullruns import Quiet
 from benchmarks.diagnosis.snapshots import POINTS
 from benchmarks.diagnosis.trialbench import (
-    EDGE,
     NAMES,
-    OFF,
     START,
-    TIP,
     Scene,
     Spec,
     beside,
@@ -31,7 +29,7 @@ from benchmarks.diagnosis.trialbench import (
     sized,
     worth,
 )
-from benchmarks.diagnosis.truthbook import displaced, slope
+from benchmarks.diagnosis.truthbook import displaced
 from benchmarks.films import make_demo as studio
 
 import numpy as np
@@ -144,16 +142,6 @@ def config(marks: tuple[Mark, ...]) -> Config:
         calibrate=CalibrateTable(objective_points=(points[0].name,)), )  # fmt: skip
 
 
-class Quiet:
-    """A `say` that says nothing."""
-
-    def __call__(self, text: str, /) -> None:
-        del text
-
-    def progress(self, stage: str, done: int, total: int, /) -> None:
-        del stage, done, total
-
-
 def trial(folder: Path, number: int) -> dict[str, Any]:
     """One film, measured and diagnosed."""
     from dataclasses import replace
@@ -204,8 +192,6 @@ def main() -> int:
         print(f"{row['kinds'][0]:24s} {row['seconds']:6.0f} s  {row['verdict']}", flush=True)
     return 0
 
-
-__all__ = ["EDGE", "OFF", "TIP", "slope"]
 
 if __name__ == "__main__":
     sys.exit(main())

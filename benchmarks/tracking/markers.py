@@ -1,6 +1,6 @@
 """Marker displacement against the Cramer-Rao bound, OpenCV's own methods beside it, and the speed.
 
-    python benchmarks/tracking/markers.py [--quick]
+    python benchmarks/tracking/markers.py [--quick] [--json]
 
 28 markers in a drawn 1080p picture (f 1600 px, 400 mm away, tilted by 15 and 5 degrees, k1 -0.2, lens blur
 0.8 px, noise 2 grey levels): twelve frames at rest make the reference, then every marker moves by 8 px and
@@ -23,7 +23,7 @@ from typing import Any
 from unittest.mock import patch
 
 sys.path.insert(0, os.path.abspath(f"{__file__}/../../.."))
-from benchmarks.commandline import options
+from benchmarks.commandline import whole
 
 import cv2
 import numpy as np
@@ -293,11 +293,5 @@ def figures(quick: bool) -> dict[str, Any]:
     }
 
 
-def main() -> int:
-    """Print the tables."""
-    figures(options(__doc__, quick="12 moving frames instead of 90").quick)
-    return 0
-
-
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(whole(__doc__, figures, quick="12 moving frames instead of 90"))

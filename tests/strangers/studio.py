@@ -1,6 +1,6 @@
 """A small drawn project that is right: one camera, seven frame, four fixed and four finger markers, lossless.
 
-What strangers do wrong is planted in it by `strangers_mistakes.py`.
+What strangers do wrong is planted in it by `planting`.
 """
 
 from collections.abc import Sequence
