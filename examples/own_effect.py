@@ -24,7 +24,7 @@ broken = check_effect(Leak())
 print("\n".join(broken) or "The effect keeps every promise.")
 
 finger = fe.Finger(length=43.3, bellows=3, tip_node=(43.3, 11.5, 0.0), middle_node=(20.6, 11.5, 0.0))
-lattice = fe.Lattice(per_bellow=2, ring=False, centred=False)  # coarse: quick, and 2 % too stiff
+lattice = fe.Lattice(per_bellow=2, ring=False, centred=False)  # coarse, and so quick
 case = fe.finger_case(fe.Material(0.2, 0.1), finger=finger, lattice=lattice)
 time, pressure = np.array([0.0, 1.0, 2.0]), np.array([0.0, 0.015, 0.03])  # s, MPa
 test = Test(case, fe.Path(time, pressure, time), np.array([finger.tip_node]), np.array([True]))

@@ -10,8 +10,10 @@
     nodes    nodes.png                            the built-in finger
     look     look.png                             `twin look` of a finger with other dimensions
 
-`review` needs a Vulkan driver; without a graphics card Mesa's will do (Debian: apt-get install
-mesa-vulkan-drivers). The drawings flow.svg and rig.svg are made by hand.
+The first three tell figures of the demo; `figures.py` writes those of the pages from the same project, and
+its `--check` fails where a page or a picture is of another run. `review` needs a Vulkan driver; without a
+graphics card Mesa's will do (Debian: apt-get install mesa-vulkan-drivers). The drawings flow.svg and
+rig.svg are made by hand.
 """
 
 import argparse
@@ -33,6 +35,7 @@ import matplotlib
 import matplotlib.collections
 
 matplotlib.use("Agg")
+from benchmarks.docs.figures import drawn
 from benchmarks.docs.reference import edge_nodes
 
 import cv2
@@ -337,6 +340,7 @@ def main() -> None:
     (TO / "effects").mkdir(parents=True, exist_ok=True)
     for name in given.only:
         PICTURES[name](given.demo)
+        drawn(given.demo, name)
         print(f"{name}: made")
 
 
