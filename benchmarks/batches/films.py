@@ -22,6 +22,7 @@ from benchmarks.commandline import whole
 from benchmarks.diagnosis.snapshots import SHORT
 from benchmarks.films import filmtrials
 from benchmarks.films import make_demo as studio
+from benchmarks.tracking.studio import write_log
 
 import numpy as np
 
@@ -137,8 +138,7 @@ def shoot(folder: Path) -> None:
         corner, share = np.array(FILMS[name], float).T
         begin = BEGIN - course(name).output[0]  # the first frame is taken BEGIN s after the log began
         read = TOP * np.interp(time - begin, corner, share) + 2e-5 * rng.standard_normal(len(time))
-        rows = [f"{t:.2f},{p:.7f}" for t, p in zip(time, read, strict=True)]
-        (raw / f"{name}.csv").write_text("\n".join(["time_s,pressure_MPa", *rows]) + "\n", encoding="utf-8")
+        write_log(raw / f"{name}.csv", time, read)
 
 
 def _film(path: Path, marks: tuple[Mark, ...], placed: Array, seed: int) -> None:

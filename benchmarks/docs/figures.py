@@ -8,7 +8,6 @@ the project: `kind/file:key.key`, with `#2` for the second number of a sentence.
 by half of their last digit. Minutes may differ by a factor of 4: they are those of two idle cores.
 """
 
-import argparse
 import json
 import os
 import re
@@ -19,10 +18,11 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 sys.path.insert(0, os.path.abspath(f"{__file__}/../../.."))
 from benchmarks import ROOT
+from benchmarks.commandline import options
+
+import numpy as np
 
 NUMBER = r"-?\d[\d,]*(?:\.\d+)?"
 TOLERANCE, BUSY = 0.05, 4.0  # of a figure; factor of a time, on a busy machine
@@ -204,10 +204,8 @@ def written(text: str, figure: Figure, wanted: Sequence[float]) -> str:
 
 
 def main() -> None:
-    arguments = argparse.ArgumentParser(description="Write or compare the demo's figures in the docs.")
-    arguments.add_argument("project", type=Path, nargs="?", default=Path("softtwin-demo"))
-    arguments.add_argument("--check", action="store_true", help="compare, and write nothing")
-    given = arguments.parse_args()
+    project = {"type": Path, "nargs": "?", "default": Path("softtwin-demo")}
+    given = options(__doc__, {"project": project, "--check": "compare, and write nothing"})
     broken: list[str] = []
     for figure in FIGURES:
         page = ROOT / figure.page

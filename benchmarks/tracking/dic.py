@@ -8,10 +8,14 @@ $SOFTTWIN_DATA/dic_challenge_5.
 
 `dic_pull_strained`: rms of error over stated sd on drawn speckles whose strain has a gradient, so large that
 an affine subset of 35 px is 0.055 px off its place; 1 is right.
+
+Subsets are registered, and grow from neighbour to neighbour, as those of a face do in a film
+(`vision.measuring.face`): the second picture is looked at again until no more of them are found.
 """
 
 import os
 import sys
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -21,8 +25,13 @@ from benchmarks.commandline import whole
 
 import cv2
 import numpy as np
+from scipy.ndimage import gaussian_filter
 
-from vision.following import dic
+from vision.camera import Array, Image
+from vision.following import registration
+from vision.following.curvature import curvature_of, straightened
+from vision.following.registration import NO_LENS, Templates
+from vision.measuring.face import BLUR_PX, NEIGHBOURS, find_subsets, smooth
 
 DATA = SHARED / "dic_challenge_5"
 PICTURES = {
@@ -31,6 +40,78 @@ PICTURES = {
 }  # commanded shift px in x and y
 SEED, SIDE, SUBSET, AFFINE_PX = 5, 260, 35, 0.055
 BLOB_PX, NOISE_GREY = 1.6, 2.0
+LOOKS = 20  # at most, at one picture
+
+
+@dataclass(frozen=True, kw_only=True)
+class Field:
+    """Displacements of subsets; NaN where one is lost."""
+
+    centre: Array  # (p,2) px in the reference
+    displacement: Array  # (p,2) px
+    gradient: Array  # (p,2,2) du_i / dx_j
+    covariance: Array  # (p,2,2) px2 of the displacement
+    correlation: Array  # (p,)
+
+
+def field(
+    reference: Image, picture: Image, *, subset: int, step: int, rough: tuple[float, float] = (0.0, 0.0)
+) -> Field:
+    """Displacements from the reference (h,w) to a picture (h,w), of subsets `step` px apart.
+
+    subset: px, side of a subset, odd.   rough: px, about how far some of them moved.
+    """
+    half = 0.5 * (subset - 1)
+    x, y = np.meshgrid(*(np.arange(subset // 2, size - subset // 2, step) for size in reference.shape[::-1]))
+    centre = np.stack([x.ravel(), y.ravel()], axis=1).astype(np.float64)
+    rest = np.zeros((len(centre), 3, 3))
+    rest[:, [0, 1], [0, 1]], rest[:, 2, 2], rest[:, :2, 2] = half, 1.0, centre
+    grid = registration.local_grid(subset, 1.0)
+    patch = registration.patches(smooth(reference), NO_LENS, rest, grid)
+    templates = registration.affine_templates(patch, grid)
+    near = [np.argsort(np.hypot(*(centre - c).T), kind="stable")[1 : NEIGHBOURS + 1] for c in centre]
+    last, count = rest.copy(), -1
+    last[:, :2, 2] += rough
+    for _ in range(LOOKS):
+        (warp, match), last = find_subsets(
+            picture, last, lens=NO_LENS, templates=templates, rest=rest, near=near
+        )
+        before, count = count, int(np.isfinite(match).sum())
+        if count == before:
+            break
+    linear = warp[:, :2, :2]
+    own = centre_covariance(templates, half, match)
+    place, covariance = straightened(
+        curvature_of(centre, half, patch, templates), warp[:, :2, 2], linear,
+        np.einsum("pij,pjk,plk->pil", linear, own, linear), np.zeros((len(centre), 2)),
+    )  # fmt: skip
+    return Field(
+        centre=centre,
+        displacement=place - centre,
+        gradient=linear / half - np.eye(2),
+        covariance=covariance,
+        correlation=match,
+    )
+
+
+def centre_covariance(templates: Templates, half: float, correlation: Array) -> Array:
+    """Covariance (...,p,2,2) of the subset's centre in local units, from what its fit leaves.
+
+    half: px per local unit.   correlation: (...,p).
+    White noise that went through the blur is correlated: its variance before the blur is what the fit
+    leaves over the blur's energy, and each step sums it with the blurred weights.
+    """
+    side = round(float(np.sqrt(templates.grid.shape[1])))
+    pitch = 2.0 / (side - 1) * half  # px between the patch points
+    weights = templates.step[:, :, [2, 5]].transpose(0, 2, 1).reshape(-1, 2, side, side)
+    impulse = np.zeros((41, 41))
+    impulse[20, 20] = 1.0
+    energy = float((gaussian_filter(impulse, BLUR_PX) ** 2).sum())
+    blurred = np.pad(weights, ((0, 0), (0, 0), (4, 4), (4, 4)))
+    blurred = gaussian_filter(blurred, (0, 0, BLUR_PX / pitch, BLUR_PX / pitch), mode="constant")
+    each = np.einsum("pixy,pjxy->pij", blurred, blurred)
+    left = (1.0 - np.minimum(correlation, 1.0) ** 2) / (templates.grid.shape[1] - 8)
+    return np.asarray(each * (left / energy)[..., None, None])
 
 
 def read(path: Path) -> Any:
@@ -40,12 +121,13 @@ def read(path: Path) -> Any:
     return picture
 
 
-def trial(folder: Path, subset: int) -> list[tuple[float, dic.Field]]:
+def trial(folder: Path, subset: int) -> list[tuple[float, Field]]:
     """Commanded shift px and measured field for each picture."""
     reference = read(folder / "Sample5_Reference.tif")
-    centre = dic.grid_of(np.ones(reference.shape, dtype=bool), subset=subset, step=subset)
-    subsets = dic.cut(dic.smooth(reference), centre, subset=subset)
-    return [(shift, dic.field(subsets, dic.smooth(read(folder / name)))) for shift, name in PICTURES.items()]
+    return [
+        (shift, field(reference, read(folder / name), subset=subset, step=subset))
+        for shift, name in PICTURES.items()
+    ]
 
 
 def drawn(gradient: float, size: int, seed: int) -> Any:
@@ -67,14 +149,11 @@ def strained(pairs: int) -> dict[str, float]:
     chi2, count, bias = 0.0, 0, []
     second = 24.0 * AFFINE_PX / SUBSET**2
     for pair in range(pairs):
-        reference = dic.smooth(drawn(0.0, SIDE, 2 * pair))
-        centre = dic.grid_of(np.ones(reference.shape, dtype=bool), subset=SUBSET, step=SUBSET // 2)
-        found = dic.field(
-            dic.cut(reference, centre, subset=SUBSET), dic.smooth(drawn(second, SIDE, 2 * pair + 1))
-        )
+        pictures = drawn(0.0, SIDE, 2 * pair), drawn(second, SIDE, 2 * pair + 1)
+        found = field(*pictures, subset=SUBSET, step=SUBSET // 2)
         seen = np.isfinite(found.correlation)
         error = found.displacement[seen]
-        error[:, 0] -= 0.5 * second * (centre[seen, 0] - SIDE / 2) ** 2
+        error[:, 0] -= 0.5 * second * (found.centre[seen, 0] - SIDE / 2) ** 2
         stated = np.sqrt(np.diagonal(found.covariance[seen], axis1=1, axis2=2))
         chi2, count = chi2 + float(((error / stated) ** 2).sum()), count + error.size
         bias.append(float(np.median(error[:, 0])))

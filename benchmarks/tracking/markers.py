@@ -24,6 +24,7 @@ from unittest.mock import patch
 
 sys.path.insert(0, os.path.abspath(f"{__file__}/../../.."))
 from benchmarks.commandline import whole
+from benchmarks.tracking import studio
 
 import cv2
 import numpy as np
@@ -108,8 +109,7 @@ class Frames:
 
 def scene(size_px: float, moving: int, seed: int, *, zoom: int = 1, marker: bool = True) -> Scene:
     """28 marks that rest for the reference and then move in `moving` even steps; `zoom` 2 is 4K."""
-    facing = np.array([[-1.0, 0, 0], [0, 0, -1.0], [0, -1.0, 0]])
-    rotation = np.asarray(cv2.Rodrigues(np.deg2rad([15.0, 5.0, 0.0]))[0]) @ facing
+    rotation = np.asarray(cv2.Rodrigues(np.deg2rad([15.0, 5.0, 0.0]))[0]) @ studio.FACING
     pose = synthetic.Pose(np.asarray(cv2.Rodrigues(rotation)[0]).ravel(), np.array([0.0, 0.0, AWAY]))
     size = size_px * AWAY / FOCAL
     marks = tuple(

@@ -21,7 +21,18 @@ from twin.review.states import Generations
 from twin.study.generations import Objective
 from twin.study.loadpathfit import OnPaths
 from twin.study.readings import plans, spots
-from twin.study.record import Curves, Initial, Known, Line, PointCurve, Reading, Several, Side, Start, Study
+from twin.study.record import (
+    Initial,
+    Known,
+    PointCurve,
+    PointCurves,
+    ReadingRow,
+    RidgeLine,
+    Several,
+    Side,
+    Start,
+    Study,
+)
 from twin.study.ridges import difference, ridge
 from twin.study.separability import Addition, Knowledge, Outcomes, outcomes, readings
 from twin.targets import Array
@@ -88,8 +99,8 @@ class Inquiry:
             starts=[
                 Start(**s.model_dump(), reduction_percent=_reduction(s, final)) for s in self.starts(initial)
             ],
-            ridge=Line(share=line.share.tolist(), total_MPa=line.total.tolist(), rms_mm=line.rms_mm.tolist(),
-                       agreeing_share=agreeing),
+            ridge=RidgeLine(share=line.share.tolist(), total_MPa=line.total.tolist(),
+                            rms_mm=line.rms_mm.tolist(), agreeing_share=agreeing),
             known=Known(**Known.row(Knowledge.of(self.information, self.best), self.sd_mm)),
             readings=[self.reading(r) for r in readings(self.shown, **asked)],
             plans=[Several(words=p.words, count=p.count, **Known.row(p.known, self.sd_mm)) for p in several],
@@ -139,7 +150,7 @@ class Inquiry:
             )
         return u
 
-    def curves(self, initial: Side, final: Side) -> Curves:
+    def curves(self, initial: Side, final: Side) -> PointCurves:
         """Displacement over pressure of each point, with what was read on the way."""
         t, o = self.bench.targets, self.objective
         both = (Constants(side.C10, side.C01) for side in (initial, final))
@@ -153,7 +164,7 @@ class Inquiry:
                       final_mm=after[:, k].tolist(), measured_at_MPa=t.pressure[seen].tolist(),
                       measured_mm=t.value[seen, row, o.component].tolist(), measured_sd_mm=sd.tolist())
             )  # fmt: skip
-        return Curves(pressure_MPa=self.pressure.tolist(), points=out)
+        return PointCurves(pressure_MPa=self.pressure.tolist(), points=out)
 
     # -- other initial models -------------------------------------------------------------------------------
 
@@ -205,9 +216,9 @@ class Inquiry:
         where = spots(self.bench.case, self.bench.targets, [int(row) for row in self.objective.rows])
         return outcomes(self.bench.model(()), theta, spots=where, top=self.top)
 
-    def reading(self, found: Addition) -> Reading:
+    def reading(self, found: Addition) -> ReadingRow:
         """A reading that could be added, as the record has it."""
-        return Reading(
+        return ReadingRow(
             point=found.spot.name, node=found.spot.node, x_mm=float(found.spot.place[0]),
             direction=f"U{found.component + 1}", pressure_MPa=found.pressure, u_mm=found.u_mm,
             **Known.row(found.known, self.sd_mm),

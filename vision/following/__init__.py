@@ -8,5 +8,5 @@ found by `dots` and told apart by `identity`.
 
 `turns` reads rotations from the tracks, `corrections` is what a person mends. `markercentres` measures the
 markers of a single picture, `preview` looks at some frames of a film, `features` finds natural features.
-`dic` follows a speckled surface, `curvature` corrects it where strain has a gradient.
+`curvature` corrects the subsets of a speckled face where strain has a gradient.
 """

@@ -92,6 +92,22 @@ def templates(patch: Array, grid: Array) -> Templates:
     return Templates(grid, grey, step, covariance)
 
 
+def affine_templates(patch: Array, grid: Array) -> Templates:
+    """Templates as of `templates` whose steps change the six affine parameters only.
+
+    Laid by a homography, they stay on the plane that it belongs to: perspective is kept, not fitted.
+    """
+    full = templates(patch, grid)
+    information = np.linalg.inv(full.covariance)[:, :6, :6]
+    covariance = np.linalg.inv(information)
+    slope = np.linalg.solve(full.covariance, full.step.transpose(0, 2, 1))[:, :6]
+    step = np.zeros(full.step.shape)
+    step[:, :, :6] = (covariance @ slope).transpose(0, 2, 1)
+    padded = np.zeros(full.covariance.shape)
+    padded[:, :6, :6] = covariance
+    return Templates(grid, full.grey, step, padded)
+
+
 def register(
     image: Picture, lens: Array, reference: Templates, start: Array, scale: Array, which: NDArray[np.intp]
 ) -> tuple[Array, Array]:
