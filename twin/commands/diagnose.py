@@ -59,7 +59,7 @@ def run_diagnose(project: Project, say: Say) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class Settled:
-    """A diagnosis with the fit that `twin add` gives of what it names; that fit, and the evidence for it; both
+    """A diagnosis with the fit that `twin add` gives of what it names; that fit, and the evidence for it,
     None where nothing is named."""
 
     diagnosis: Diagnosis

@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from twin.study.separability import KNOWN, UNKNOWN, Knowledge
+from twin.study.readings import Several
+from twin.study.separability import KNOWN, UNKNOWN, Known, Reading
 from twin.targets import Array
 
 SHOWN = 6  # readings that the report shows, within the pressure of the test and beyond
@@ -55,59 +56,6 @@ class Line:
         """Those of values (h,) along the ridge where it agrees with the readings."""
         share, (low, high) = np.array(self.share), self.agreeing_share
         return np.array(values)[(share >= low) & (share <= high)]
-
-
-@dataclass(frozen=True, kw_only=True)
-class Known:
-    """What is known of the share, 1 sd, None where it is left open, with the correlation of C10 and C01, and
-    the error of all readings in mm for a known share."""
-
-    share_sd: float | None
-    correlation: float
-    wanted_sd_mm: float | None
-
-    @staticmethod
-    def row(known: Knowledge, sd_mm: float) -> dict[str, Any]:
-        """These values by name, where a reading has an error of sd_mm."""
-        open_ = not np.isfinite(known.share_sd)
-        return {"share_sd": None if open_ else known.share_sd, "correlation": known.correlation,
-                "wanted_sd_mm": None if open_ else known.wanted_sd_mm(sd_mm)}  # fmt: skip
-
-    @property
-    def vague(self) -> float:
-        """The sd of the share, infinite where it is left open."""
-        return np.inf if self.share_sd is None else self.share_sd
-
-    @property
-    def wanted(self) -> str:
-        """The error in mm that is wanted, in words."""
-        return f"{self.wanted_sd_mm or 0.0:.2g}"
-
-
-@dataclass(frozen=True, kw_only=True)
-class Reading(Known):
-    """One reading that could be added: where, in which direction (U1 to U3), at which pressure, where the
-    model is then, and what is known with it."""
-
-    point: str
-    node: int
-    x_mm: float
-    direction: str
-    pressure_MPa: float
-    u_mm: float
-
-    @property
-    def words(self) -> str:
-        """As one would ask for it."""
-        return f"{self.direction} of {self.point} at {1e3 * self.pressure_MPa:.3g} kPa"
-
-
-@dataclass(frozen=True, kw_only=True)
-class Several(Known):
-    """Several readings that could be added at once: in words, how many, and what is known with them."""
-
-    words: str
-    count: int
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -8,6 +8,7 @@ simulated, and no error of the model counts: this is what geometry and material 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,32 +26,36 @@ SINGULAR = 1e-10  # smallest over largest eigenvalue of an information that dete
 
 
 @dataclass(frozen=True, kw_only=True)
-class Knowledge:
-    """What readings tell of C10 and C01, 1 sd: of the sum in MPa and of the share, infinite where they leave
-    it open, and the correlation of C10 and C01 (-1 there)."""
+class Known:
+    """What readings tell of C10 and C01: the share's sd, None where they leave it open, the correlation of
+    C10 and C01 (-1 there), and the error in mm that all readings must have for the share to be known."""
 
-    total_sd: float
-    share_sd: float
+    share_sd: float | None
     correlation: float
+    wanted_sd_mm: float | None
 
-    @staticmethod
-    def of(information: Array, constants: Constants) -> "Knowledge":
-        """From the information (2, 2) on C10 and C01 in 1/MPa2."""
-        sizes = np.linalg.eigvalsh(information)
-        if sizes[0] <= SINGULAR * sizes[1]:
-            return Knowledge(total_sd=math.inf, share_sd=math.inf, correlation=-1.0)
-        covariance = np.linalg.inv(information)
-        slope = np.array([-constants.C01, constants.C10]) / constants.total**2
-        sd = np.sqrt(np.diag(covariance))
-        return Knowledge(
-            total_sd=math.sqrt(covariance.sum()),
-            share_sd=math.sqrt(slope @ covariance @ slope),
-            correlation=float(covariance[0, 1] / (sd[0] * sd[1])),
-        )
+    @property
+    def vague(self) -> float:
+        """The sd of the share, infinite where it is left open."""
+        return math.inf if self.share_sd is None else self.share_sd
 
-    def wanted_sd_mm(self, sd_mm: float) -> float:
-        """The error in mm that all readings must have for the share to be known, where now it is sd_mm."""
-        return sd_mm * KNOWN / self.share_sd
+    @property
+    def wanted(self) -> str:
+        """The error in mm that is wanted, in words."""
+        return f"{self.wanted_sd_mm or 0.0:.2g}"
+
+
+def knowledge(information: Array, constants: Constants, sd_mm: float) -> dict[str, Any]:
+    """The fields of `Known` from the information (2, 2) on C10 and C01 in 1/MPa2 that readings with an error
+    of sd_mm hold."""
+    sizes = np.linalg.eigvalsh(information)
+    if sizes[0] <= SINGULAR * sizes[1]:
+        return {"share_sd": None, "correlation": -1.0, "wanted_sd_mm": None}
+    covariance = np.linalg.inv(information)
+    slope = np.array([-constants.C01, constants.C10]) / constants.total**2
+    sd, share_sd = np.sqrt(np.diag(covariance)), math.sqrt(slope @ covariance @ slope)
+    return {"share_sd": share_sd, "correlation": float(covariance[0, 1] / (sd[0] * sd[1])),
+            "wanted_sd_mm": sd_mm * KNOWN / share_sd}  # fmt: skip
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -63,15 +68,21 @@ class Spot:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Addition:
-    """One reading that could be added: the spot, the direction 0 to 2, the pressure in MPa, where the model
-    is then in mm, and what is known with it."""
+class Reading(Known):
+    """One reading that could be added: where, in which direction (U1 to U3), at which pressure, where the
+    model is then, and what is known with it."""
 
-    spot: Spot
-    component: int
-    pressure: float
+    point: str
+    node: int
+    x_mm: float
+    direction: str
+    pressure_MPa: float
     u_mm: float
-    known: Knowledge
+
+    @property
+    def words(self) -> str:
+        """As one would ask for it."""
+        return f"{self.direction} of {self.point} at {1e3 * self.pressure_MPa:.3g} kPa"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -118,16 +129,17 @@ def _at_levels(model: Model, theta: Array, spots: tuple[Spot, ...], pressure: Ar
 
 def readings(
     shown: Outcomes, *, information: Array, constants: Constants, sd_mm: float
-) -> tuple[Addition, ...]:
+) -> list[Reading]:
     """Every single reading that could be added, best first. information (2, 2): of what is there."""
     found = []
     for index in np.ndindex(shown.u.shape):
         s, p, i = index
         seen = np.zeros(shown.u.shape, bool)
         seen[index] = True
-        known = Knowledge.of(information + shown.information(seen, sd_mm), constants)
+        spot = shown.spots[p]
         found.append(
-            Addition(spot=shown.spots[p], component=i, pressure=float(shown.pressure[s]),
-                    u_mm=float(shown.u[index]), known=known)
+            Reading(point=spot.name, node=spot.node, x_mm=float(spot.place[0]), direction=f"U{i + 1}",
+                    pressure_MPa=float(shown.pressure[s]), u_mm=float(shown.u[index]),
+                    **knowledge(information + shown.information(seen, sd_mm), constants, sd_mm))
         )  # fmt: skip
-    return tuple(sorted(found, key=lambda r: r.known.share_sd))
+    return sorted(found, key=lambda r: r.vague)
