@@ -1,8 +1,8 @@
 """Fits of a residual function: genetic search, least squares, statistics of noise that was itself measured.
 
 Knows no mechanics and no images. Read `parameters` (what varies, what a fit is), then `fit` (least squares),
-`genetic` (the search before it), `statistics` (tests, criteria, profiles) and `randomeffects` (do groups
-differ?).
+`genetic` (the search before it), `statistics` (tests, criteria, profiles) and `randomeffects` (how far
+several fits differ).
 """
 
 from calibrate.fit import least_squares

@@ -72,7 +72,7 @@ def newcomer(values: ArrayLike, sds: ArrayLike, *, value: float, sd: float) -> N
     doi:10.1111/j.1467-985X.2008.00552.x) under a prior that is flat for tau below the sds of measurement and
     1 / tau above (the choice matters with few groups: A. Gelman, doi:10.1214/06-BA117A). Where the
     measurement is exact, this is the t test with k - 1 degrees of freedom. It holds its rate of false alarms
-    whatever tau is, and is careful for small ones (`benchmarks/batches_drift.py`). Raises ValueError for
+    whatever tau is, and is careful for small ones (`benchmarks/batches/drift.py`). Raises ValueError for
     fewer than 3 former groups.
     """
     y, s = _checked(values, sds, least=LEAST)

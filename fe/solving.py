@@ -234,7 +234,11 @@ class _Task:
 
     @cached_property
     def towards(self) -> frozenset[int]:
-        """The numbers of the parameters that lead to a memory which the case has not."""
+        """Numbers of the parameters that would give a case without memory its first creep or softening.
+
+        Only their two neighbours remember. Such derivatives come from the curves (`fe.solver.adjoint`), so
+        that no history is followed for them.
+        """
         base, varied = self.loadings.problems, self.loadings.varied
         return frozenset(
             n

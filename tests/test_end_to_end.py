@@ -4,15 +4,14 @@ import shutil
 import sys
 from pathlib import Path
 
+from benchmarks.batches.review import overlay_px  # the figure of docs/records
+
 import pytest
 
 from twin import cli
 from twin.chain import stage_of
 from twin.console import Console
 from twin.project.folder import Project
-
-sys.path.append(str(Path(__file__).resolve().parents[1] / "benchmarks"))
-from batches_review import overlay_px  # the figure of docs/records
 
 DEMO = Path(__file__).resolve().parents[1] / "datasets" / "demo"
 LIMIT_MB = 12.0
@@ -21,7 +20,7 @@ LIMIT_MB = 12.0
 @pytest.fixture
 def demo() -> Path:
     if not (DEMO / "raw" / "film.mp4").is_file():
-        pytest.skip("datasets/demo has no film; python benchmarks/make_demo.py makes it")
+        pytest.skip("datasets/demo has no film; python benchmarks/films/make_demo.py makes it")
     return DEMO
 
 

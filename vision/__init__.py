@@ -1,9 +1,10 @@
 """Displacements of a marked finger in mm, with their uncertainty, from film.
 
-`measure(views, marks, ...)` is the door. Read what everything here speaks of first: `camera`, `marks` (with
-the room `kinds`), `dictionaries`, `plane`, `artwork`. Then the rooms in the order in which a film passes
-them: `film`, `boards` and `calibration`, `following`, `placing`, `errors`, `measuring`. `drawing` goes the
-other way: it draws film of a known motion.
+`measure(views, marks, ...)` is the door. Read what everything here speaks of first: `camera` (pixels and
+lens), `marks` (what is glued where, with the room `kinds`), `dictionaries` (codes of markers), `plane` (the
+finger's plane in a picture), `perspective` (what lies off that plane) and `artwork` (sheets to print). Then
+the rooms in the order in which a film passes them: `film`, `boards` and `calibration`, `following`, `doubts`,
+`placing`, `errors`, `measuring`. `drawing` goes the other way: it draws film of a known motion.
 """
 
 from vision.boards.board import Board
@@ -12,7 +13,7 @@ from vision.camera import Camera
 from vision.errors.modes import Stated
 from vision.errors.noise import NoiseModel
 from vision.film.video import Video
-from vision.following.locating import locate
+from vision.following.markercentres import locate
 from vision.following.tracks import Tracks
 from vision.marks import Mark
 from vision.measuring.displacements import Displacements, measure

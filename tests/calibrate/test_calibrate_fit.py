@@ -1,12 +1,11 @@
 """Least squares against certified values, at bounds, without full rank, with models that fail."""
 
-import json
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from calibrate import Fit, Parameter, least_squares, profile_likelihood
+from calibrate import Parameter, least_squares, profile_likelihood
 
 Array = NDArray[np.float64]
 
@@ -355,34 +354,6 @@ def test_bad_parameters_are_refused() -> None:
         Parameter("C10", 0.0, 1.0, "MPa", start=2)
     with pytest.raises(ValueError, match="each with a name of its own"):
         least_squares(lambda t: t, lambda t: t, [Parameter("p", 0, 1)] * 2, start=(0, 0))
-
-
-@pytest.mark.parametrize("bound", [False, True])
-def test_a_fit_survives_json(bound: bool) -> None:
-    problem, parameters = relaxing()
-    if bound:
-        k = Parameter("k", 0.8, 5, "1/s", null=0.0, plausible=(1.0, 2.0), start=1.0)
-        parameters = (*parameters[:2], k)
-    fit = least_squares(problem.residual, problem.jacobian, parameters, start=(0.8, 1.5, 1.0), seed=4)
-    text = json.dumps(fit.to_dict(), allow_nan=False)
-    back = Fit.from_dict(json.loads(text))
-    for name in ("parameters", "chi2", "degrees_of_freedom", "seed", "evaluations", "converged", "at_bound"):
-        assert getattr(back, name) == getattr(fit, name)
-    assert back.reason == fit.reason
-    assert np.array_equal(back.theta, fit.theta)
-    assert np.array_equal(back.covariance, fit.covariance)
-    first = json.loads(text)["parameters"]["a"]
-    assert first == {"value": fit.theta[0], "sd": fit.sd[0], "low": -5, "high": 5, "unit": "mm"}
-
-
-def test_an_undetermined_fit_survives_strict_json() -> None:
-    parameters = [Parameter("p", 0, 1), Parameter("q", 0, 1)]
-    fit = least_squares(lambda t: None, lambda t: t, parameters, start=(0.5, 0.5))
-    back = Fit.from_dict(json.loads(json.dumps(fit.to_dict(), allow_nan=False)))
-    assert np.array_equal(back.covariance, fit.covariance, equal_nan=True)
-    assert back.chi2 == np.inf
-    with pytest.raises(ValueError, match="converged"):
-        Fit.from_dict({k: v for k, v in fit.to_dict().items() if k != "converged"})
 
 
 def test_profile_of_a_linear_problem_is_its_parabola() -> None:

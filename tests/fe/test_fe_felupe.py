@@ -1,10 +1,8 @@
 """Against FElupe, an independent code: forces of one distorted element, a whole finger, and one that is
 free of stress where it is curved, under pressure."""
 
-import sys
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from pathlib import Path as File
 from typing import Any
 
 import numpy as np
@@ -17,9 +15,8 @@ from fe.kernel.assembly import ElementConstants, Kernel, State
 from fe.mesh.convert import converted
 
 felupe = pytest.importorskip("felupe")
-sys.path.append(str(File(__file__).resolve().parents[2] / "benchmarks"))
 
-from felupe_model import ORDER, MooneyRivlin, solved  # noqa: E402
+from benchmarks.kernel.felupe_model import ORDER, MooneyRivlin, solved  # noqa: E402
 
 
 def test_one_element_against_felupe(cube: Callable[..., Case]) -> None:

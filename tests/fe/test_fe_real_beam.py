@@ -1,14 +1,11 @@
-"""A real silicone beam under hung weights: one load predicts the others, as benchmarks/real_beam.py does."""
+"""A real silicone beam under hung weights: one load predicts the others, as benchmarks/diagnosis/real_beam.py does."""
 
-import sys
-from pathlib import Path
 from typing import Any
+
+from benchmarks.diagnosis import real_beam as real
 
 import numpy as np
 import pytest
-
-sys.path.append(str(Path(__file__).resolve().parents[2] / "benchmarks"))
-import real_beam as real
 
 PAPER = 0.263824  # MPa, Young's modulus fitted to the same recordings (arXiv 2201.12560)
 

@@ -1,14 +1,11 @@
 """Real silicone: what Mooney-Rivlin lacks, and load modes that were held out. Needs the published curves."""
 
-import sys
-from pathlib import Path
 from typing import Any
+
+from benchmarks.diagnosis import real_silicone as real
 
 import numpy as np
 import pytest
-
-sys.path.append(str(Path(__file__).resolve().parents[2] / "benchmarks"))
-import real_silicone as real
 
 
 def quiet(_: str) -> None:

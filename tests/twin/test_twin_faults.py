@@ -3,7 +3,6 @@
 Every command runs in a process of its own, as a user starts it.
 """
 
-import importlib
 import os
 import resource
 import signal
@@ -12,12 +11,12 @@ import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
-from types import ModuleType
 
 import numpy as np
 import pytest
 
 from tests.few import few
+from tests.strangers import kills
 from twin.project.folder import Project, dataset
 from twin.project.locks import lock
 
@@ -186,38 +185,31 @@ def test_files_that_cannot_grow_are_named_and_nothing_half_is_left(study: Path, 
     assert ended("look", "-p", study)[0] == 0
 
 
-@pytest.fixture
-def bench(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
-    """The benchmark of faults; its folder comes last, as it has names of ours."""
-    monkeypatch.setattr(sys, "path", [*sys.path, str(ROOT / "benchmarks")])
-    return importlib.import_module("strangers_faults")
-
-
 @pytest.mark.slow
-def test_a_full_disk_in_any_stage_changes_no_bit(bench: ModuleType) -> None:
-    found = bench.disk(True)
+def test_a_full_disk_in_any_stage_changes_no_bit() -> None:
+    found = kills.disk(True)
     assert found["disk_faults"] == found["disk_same"] > 12
     assert found["disk_internal"] == found["disk_left"] == found["disk_half"] == 0
 
 
 @pytest.mark.slow
-def test_interrupts_and_kills_in_any_stage_change_no_bit(bench: ModuleType, tmp_path: Path) -> None:
-    found = bench.interrupts(True, count=5, tally=tmp_path)
+def test_interrupts_and_kills_in_any_stage_change_no_bit(tmp_path: Path) -> None:
+    found = kills.interrupts(True, count=5, tally=tmp_path)
     assert found["interrupts_same"] == found["interrupts"] == 5
     assert found["interrupts_traceback"] == 0
-    assert bench.kills(True, count=4, tally=tmp_path)["kills_same"] == 4
+    assert kills.kills(True, count=4, tally=tmp_path)["kills_same"] == 4
 
 
 @pytest.mark.slow
-def test_of_two_recalibrations_at_once_one_waits_for_the_other(bench: ModuleType, tmp_path: Path) -> None:
+def test_of_two_recalibrations_at_once_one_waits_for_the_other(tmp_path: Path) -> None:
     folder = tmp_path / "short"
-    bench.KINDS["model"].make(folder)
-    both = [bench._child(folder, "model", ("recalibrate",)) for _ in range(2)]
+    kills.KINDS["model"].make(folder)
+    both = [kills._child(folder, "model", ("recalibrate",)) for _ in range(2)]
     said = {child.returncode: error for child, error in [(c, c.communicate(timeout=1800)[1]) for c in both]}
     assert set(said) == {0, 2}
     assert f"{folder / '.lock'}: `twin recalibrate` (process " in said[2]
     assert "is writing to this project; wait for it to end" in said[2]
     alone = tmp_path / "alone"
-    bench.KINDS["model"].make(alone)
-    bench._finished(alone, "model")
-    assert bench.digests(folder) == bench.digests(alone)
+    kills.KINDS["model"].make(alone)
+    kills._finished(alone, "model")
+    assert kills.digests(folder) == kills.digests(alone)

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from fe import Case, Lattice, Material
+from tests.few import few
 from twin import Effect, check_effect, cli, open_project, virtual
 from twin.bench import workbench
 from twin.bench.fits import newest_fit, stale
@@ -105,6 +106,15 @@ def test_twin_add_finds_the_planted_force(batch: Path, capsys: pytest.CaptureFix
     capsys.readouterr()
     exec(notebook, {})
     assert capsys.readouterr().out.startswith("The model ")
+
+
+@pytest.mark.parametrize("label", few(["marker_slip:p2@5s", "creep:wide"], ["marker_slip:p2@5s"]))
+def test_what_a_diagnosis_names_is_added_and_dropped_under_that_name(batch: Path, label: str) -> None:
+    others = Project.open(batch).config.model.effects
+    run("add", label, "--project", batch)
+    assert Project.open(batch).config.model.effects == (*others, label)
+    run("drop", label, "--project", batch)
+    assert Project.open(batch).config.model.effects == others
 
 
 def test_a_fit_with_the_effect_is_stale_when_its_file_changes(batch: Path) -> None:

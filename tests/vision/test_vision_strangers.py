@@ -1,12 +1,10 @@
-"""Right inputs as strangers have them are accepted: the small version of `benchmarks/strangers_right.py`."""
+"""Right inputs as strangers have them are accepted: the small version of `tests/strangers/right.py`."""
 
-import sys
 from pathlib import Path
 
 import pytest
 
-sys.path.append(str(Path(__file__).resolve().parents[2] / "benchmarks"))
-import strangers_right as right
+from tests.strangers import right
 
 FAST = (right.eighth_of_the_picture, right.third_of_the_picture, right.apriltags, right.one_id_twice)
 

@@ -8,6 +8,7 @@ from calibrate import Fit
 from twin.bench.comparison import compared
 from twin.bench.workbench import Workbench
 from twin.judging.intervals import fit_record
+from twin.project import files
 from twin.project.folder import Project, Run, Say
 from twin.sanity import doubts, fit_fault
 from twin.study.fullsolves import full_solves
@@ -33,9 +34,8 @@ def run_calibrate(project: Project, say: Say) -> dict[str, Any]:
         _check_explained(on, best.best)
         judged = on.least(best.best, say)
         model, fit, found = judged.model, judged.fit, compared(run, judged, bench, say)
-        words, record = known_of(on, best.best, fit, found), fit_record(fit, found)
-        beside = {"effects": [], "identifiability": words, "initial": on.initial(judged)}
-        run.write_json("fit.json", record | beside)
+        words = known_of(on, best.best, fit, found)
+        run.write(fit_record(fit, found, effects=(), identifiability=words, initial=on.initial(judged)))
         run.summary["headline"] = words.split(". ")[0]
         crossed = model.solution(fit.theta).crossed
         for line in (*bench.remarks, model.extent, fit.reason):
@@ -45,8 +45,13 @@ def run_calibrate(project: Project, say: Say) -> dict[str, Any]:
     if crossed:
         say(f"{crossed}; the model knows no such contact.")
     say(f"Wrote {project.shown(run.folder)}/fit.json and generations.npz")
-    return {"stage": "calibrate", "run": run.name, "rms_mm": best.rms_mm, "fit": record,
-            "identifiability": words}  # fmt: skip
+    return {
+        "stage": "calibrate",
+        "run": run.name,
+        "rms_mm": best.rms_mm,
+        "fit": files.plain(fit_record(fit, found)),
+        "identifiability": words,
+    }
 
 
 def _ended(fit: Fit) -> str:

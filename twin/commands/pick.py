@@ -14,14 +14,13 @@ from twin.bench.positions import one_side
 from twin.bench.workbench import structure_of
 from twin.inputs.cameras import camera_table, dictionary_name, lens_of, result_of
 from twin.inputs.recordings import marks_of
-from twin.project import files
 from twin.project.csvtable import read_sheet
 from twin.project.folder import Project, Say
-from twin.project.toml import decoded, parse, with_point
+from twin.project.toml import decoded, with_point, write
 from twin.targets import Array
 
 if TYPE_CHECKING:  # vision takes a second to import
-    from vision.following.textures import Feature
+    from vision.following.features import Feature
 
 SAG_MM = 1.0  # that a feature may lie off the finger's outline, where the user states no sag
 COLUMNS = (
@@ -120,8 +119,8 @@ def _features(
     """Features beside the markers and on the finger, their side in mm, and the picture."""
     from fe.mesh.points import nearest_on_faces
     from vision.film.series import open_film
-    from vision.following.reference import first_seen
-    from vision.following.textures import find_textures, taken
+    from vision.following.features import find_textures, taken
+    from vision.following.firstpictures import first_seen
     from vision.marks import px_per_unit, rows_of
     from vision.plane import MIN_VISIBLE, fit_homography, to_plane
 
@@ -192,8 +191,7 @@ def _named(project: Project, say: Say, names: Sequence[str]) -> dict[str, Any]:
             raise ValueError(f"--name {given}: {path.name} has the numbers 1 to {len(rows)}; "
                              "wanted one of them")  # fmt: skip
         text = with_point(text, {"name": name, **rows[number]})
-    parse(text.encode(), name="twin.toml")  # names what does not fit, as a name that stands twice
-    files.write_text(project.root / "twin.toml", text)
+    write(project.root / "twin.toml", text)  # names what does not fit, as a name that stands twice
     added = [_pair(given)[0] for given in names]
     say(f"Added to the points of twin.toml: {', '.join(added)}. Their position_mm is the place of the "
         "model's surface nearest to where they are seen: correct it where the finger sags.")  # fmt: skip

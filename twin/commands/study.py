@@ -9,8 +9,8 @@ from typing import Any
 from twin.bench.fits import fresh
 from twin.commands.calibrate import run_calibrate
 from twin.commands.review import run_review
+from twin.project import files
 from twin.project.folder import Project, Say
-from twin.report.found import STUDY
 from twin.study.figures import FIGURES, drawn, file_of
 from twin.study.numbers import Inquiry
 
@@ -22,18 +22,18 @@ def run_study(project: Project, say: Say) -> dict[str, Any]:
         run_calibrate(project, say)
     maker = Inquiry.of(project, say)
     with project.new_run("study") as run:
-        found = maker.study()
-        record = found.to_dict() | {"figures": [file_of(name) for name in FIGURES]}
-        run.write_json(STUDY, record)
+        found = maker.study().told([file_of(name) for name in FIGURES])
+        run.write(found)
         for name, text in drawn(maker.generations, maker.candidates, found).items():
             run.write_text(file_of(name), text + "\n")
         run.summary["headline"] = found.headline
     say(found.headline)
     for sentence in found.sentences:
         say(sentence)
-    say(f"Wrote {project.shown(run.folder)}/{STUDY} and figures {', '.join(FIGURES)} (figure-5a.svg ..).")
+    names = ", ".join(FIGURES)
+    say(f"Wrote {project.shown(run.folder)}/{found.file} and figures {names} (figure-5a.svg ..).")
     run_review(project, say)
-    return {"stage": "study", "run": run.name} | record
+    return {"stage": "study", "run": run.name} | files.plain(found)
 
 
 def _check(project: Project) -> None:

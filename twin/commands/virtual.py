@@ -42,7 +42,9 @@ def run_virtual(
     protocol: str,
     hide: Sequence[str],
     sigmas: float | None,
-    setup: Setup,
+    noise_mm: float = 0.015,
+    noise: str = "white",
+    placement_mm: float = 0.1,
     element: str = ELEMENT,
     seed: int = 0,
 ) -> dict[str, Any]:
@@ -51,6 +53,7 @@ def run_virtual(
     hide: what is missing in the model, NAME or NAME=SIZE; sigmas: the non-centrality of one NAME without a
     size. ValueError for what does not exist.
     """
+    setup = Setup(sd_mm=noise_mm, noise=noise, placement_sd_mm=placement_mm)
     chosen, kinds = _protocol(protocol), [_kind(text) for text in hide]
     sealed = folder.with_name(f"{folder.name}.truth.json")
     if folder.exists() or sealed.exists():
@@ -60,8 +63,8 @@ def run_virtual(
         )
     if element not in ELEMENTS_OF_TRUTH:
         raise ValueError(f"--element {element}: wanted one of {', '.join(ELEMENTS_OF_TRUTH)}")
-    if setup.noise not in NOISE:
-        raise ValueError(f"--noise {setup.noise}: wanted one of {', '.join(NOISE)}")
+    if noise not in NOISE:
+        raise ValueError(f"--noise {noise}: wanted one of {', '.join(NOISE)}")
     say("Solving the truth on a mesh of its own ...")
     points, case = _marked(chosen), truth_case(Finger(), CHANGE, element=element)
     if not chosen.weighed:

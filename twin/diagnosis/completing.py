@@ -32,7 +32,7 @@ def completed(
     """The diagnosis with the classes of equivalence, the smallest sizes that would have been found, and,
     where effects are tied and it is to `plan`, the experiments that tell them apart."""
     rows = smallest_sizes(rivals, silent)
-    found = replace(found, classes=classes_of(rivals), detectable=tuple(row.to_dict() for row in rows))
+    found = replace(found, classes=classes_of(rivals), detectable=tuple(rows))
     if found.verdict == "none needed":
         return replace(found, sentence=f"{found.sentence} {sizes_in_words(rows)}".strip())
     if found.verdict == "none of these":
@@ -45,7 +45,7 @@ def completed(
 def smallest_sizes(rivals: Mapping[str, Sequence[Rival]], silent: Sequence[Candidate]) -> list[Detectable]:
     """The smallest size of each absent effect that these data would have shown; for those that they cannot
     show, why."""
-    own = [rows for rows in rivals.values() if not getattr(rows[0].effect, "kind", "")]
+    own = [rows for rows in rivals.values() if not rows[0].effect.kind]
     found = [unseen(c.effect, c.note) for c in silent]
     for rows in own:
         seen, effect = [r for r in rows if not r.note], rows[0].effect
@@ -71,7 +71,7 @@ def _planned(found: Diagnosis, base: Judged, targets: Targets) -> Diagnosis:
         return found
     return replace(
         found,
-        next_tests=tuple(t.to_dict() for t in tests),
+        next_tests=tests,
         next_test=in_words(tests),
         verdict=f"{found.verdict}: run test {tests[0].experiment}" if tests else found.verdict,
     )

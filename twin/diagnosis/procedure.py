@@ -1,7 +1,7 @@
 """A base model, a library of effects and targets -> which physical effect the data ask for, and what cannot
 be told.
 
-Noise, frame and mesh first: what they forbid is not tested. `attempts` tries, `verdicts` concludes,
+Noise, frame and mesh first: what they forbid is not tested. `searchorder` tries, `verdicts` concludes,
 `completing` adds what belongs beside a verdict.
 """
 

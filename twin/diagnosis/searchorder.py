@@ -18,7 +18,7 @@ from twin.diagnosis.pairs import Group, best_pairs, confirmed
 from twin.diagnosis.refitting import PROMISING, Progress, refits, resembling, worth_refitting
 from twin.diagnosis.rivals import Rival, rivals_of
 from twin.diagnosis.screening import screened
-from twin.diagnosis.verdicts import COMPLETES, SECOND, TIE, Trial, ranked
+from twin.diagnosis.verdicts import SECOND, TIE, Trial, ranked
 from twin.effects.protocol import Effect, Test, Unsolvable
 from twin.effects.requirements import lacking
 from twin.judging.judged import Judged, judge, judge_fit
@@ -31,6 +31,8 @@ BENT = 0.1  # of the best one's chi2: so wrong the first order may be
 PAIRS = 2  # pairs that are refitted
 FAMILIES = 3  # and wider families
 HALF = 0.5  # of the best one's evidence: what another must have to cast doubt on it
+
+Content = tuple[tuple[str, ...], bytes, tuple[str, ...], bytes]
 
 
 @dataclass(frozen=True)
@@ -83,16 +85,17 @@ class Attempts:
         return [Candidate(effect=e, note=lacking(e.requires, self.targets)) for e in lost]
 
     @cached_property
-    def _known(self) -> dict[int, dict[str, list[Rival]]]:
+    def _known(self) -> dict[Content, dict[str, list[Rival]]]:
         return {}
 
     def rivals_at(self, judged: Judged) -> dict[str, list[Rival]]:
         """Absent effects and stand-ins as they would show beside a judged model."""
-        if id(judged) not in self._known:
+        key = _content(judged)
+        if key not in self._known:
             present = {e.name for e in judged.model.effects}
             every = [e for e in (*self.absent, *self.generic) if e.name not in present]
-            self._known[id(judged)] = rivals_of(judged, every, workers=self.workers)
-        return self._known[id(judged)]
+            self._known[key] = rivals_of(judged, every, workers=self.workers)
+        return self._known[key]
 
     # -- what is tried --------------------------------------------------------------------------------------
 
@@ -241,7 +244,7 @@ class Attempts:
         self, base: Judged, found: dict[str, list[Rival]], best: Sequence[Candidate]
     ) -> list[Group]:
         """The pairs that promise most, refitted; a third effect where none of them is adequate."""
-        own = {label: rows for label, rows in found.items() if not getattr(rows[0].effect, "kind", "")}
+        own = {label: rows for label, rows in found.items() if not rows[0].effect.kind}
         pairs = best_pairs(base, own, count=PAIRS)
         if best and best[0].refit is not None:
             beside = self._added_to((best[0].effect,), best[0].refit, best[0].gain)
@@ -278,18 +281,27 @@ class Attempts:
             return {}
         view = self._view(top.refit)
         rows = screened(view, self.rivals_at(view))
-        told = [r for r in rows if not r.note and top.effect.name not in COMPLETES.get(r.kind, ())]
+        more = (top.effect.generic, top.effect.completed_by)  # beside it they tell nothing
+        told = [r for r in rows if not r.note and not (r.kind and r.kind in more)]
         return {r.effect.name: (top.evidence or 0.0) + r.hint for r in told}
 
     def _view(self, refit: Refit) -> Judged:
         """A refitted model, judged as it stands."""
-        if id(refit) not in self._views:
-            self._views[id(refit)] = judge_fit(refit.model, self.targets, refit.fit)
-        return self._views[id(refit)]
+        key = _content(refit)
+        if key not in self._views:
+            self._views[key] = judge_fit(refit.model, self.targets, refit.fit)
+        return self._views[key]
 
     @cached_property
-    def _views(self) -> dict[int, Judged]:
+    def _views(self) -> dict[Content, Judged]:
         return {}
+
+
+def _content(fitted: Judged | Refit) -> Content:
+    """What tells one fit on these targets from another: its effects, values, bounds and residual. An object's
+    address does not: once a record is gone, another may lie there."""
+    labels = tuple(e.label for e in fitted.model.effects)
+    return labels, fitted.theta.tobytes(), fitted.at_bound, fitted.z.tobytes()
 
 
 def _asks_for_more(best: Sequence[Candidate], stand_ins: Sequence[Candidate]) -> bool:

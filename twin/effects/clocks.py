@@ -17,6 +17,7 @@ class TimeShift(Effect):
 
     name, order, requires = "time_shift", Order.CLOCK, (Requirement.HISTORY,)
     sentence = "the film's clock and the clock of the pressure log do not agree"
+    generic = "pressure course"
     # clocks set by hand or by a click agree to some frames of a film, 0.1 to 0.3 s (judgement)
     parameters = (Parameter("time_shift.s", -2.0, 2.0, "s", null=0.0, typical=0.05, plausible=(-0.3, 0.3)),)
 

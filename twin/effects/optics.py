@@ -14,6 +14,7 @@ class CameraScale(Effect):
 
     name, order = "camera_scale", Order.CAMERA
     sentence = "the picture's scale (mm per pixel) is wrong by a constant factor"
+    generic = "camera"
     # a ruler of 100 mm read to 1 mm at either end is off by 1 %, one in another plane by 3 % (judgement)
     parameters = (
         Parameter("camera_scale.scale", -0.2, 0.2, "", null=0.0, typical=0.01, plausible=(-0.03, 0.03)),
@@ -32,6 +33,7 @@ class CameraRotation(Effect):
 
     name, order = "camera_rotation", Order.CAMERA
     sentence = "the picture is turned: its horizontal is not the finger's axis"
+    generic = "camera"
     # a frame of markers 100 mm apart, each placed to 2 mm, is turned by up to 2 degrees (judgement)
     parameters = (
         Parameter(
@@ -54,6 +56,7 @@ class CameraTilt(Effect):
 
     name, order = "camera_tilt", Order.CAMERA
     sentence = "the camera looks at the finger obliquely, and its calibration does not know"
+    generic = "camera"
     # a camera set up by eye is square to the finger to about 2 degrees (judgement)
     parameters = (
         Parameter("camera_tilt.aside", -0.3, 0.3, "rad", null=0.0, typical=0.02, plausible=(-0.035, 0.035)),

@@ -12,7 +12,8 @@ from numpy.polynomial.legendre import legval
 
 from calibrate import Parameter
 from fe.mesh.inner import Inside, inside, least_volume_ratio
-from twin.effects.protocol import Effect, Order, Test, Theta, Unsolvable, Wide
+from twin.effects.protocol import Effect, Order, Test, Theta, Unsolvable
+from twin.effects.widest import Wide, neighbours
 from twin.targets import Array
 
 CORE = (-0.5, 0.5)  # mm: a core held at one end sinks or floats by so much (judgement)
@@ -80,11 +81,10 @@ class LegendreCourse(InnerShape, Wide):
         return np.asarray(legval(2 * _along(inner) - 1, c), float)
 
 
-class WallCourse(LegendreCourse):
+class WallCourse(LegendreCourse, of=WallTaper):
     """Walls thicker by a polynomial of degree 5 along the finger: any smooth course, and a step as far as
     five terms carry it."""
 
-    name, sentence = WallTaper.name, WallTaper.sentence
     parameters = tuple(
         Parameter(f"wall_taper.c{k}", -0.8, 0.8, "mm", null=0.0, typical=0.05, plausible=(-0.3, 0.3))
         for k in range(6)
@@ -93,9 +93,8 @@ class WallCourse(LegendreCourse):
     def motion(self, inner: Inside, theta: Theta) -> Array:
         return self.along(inner, theta)[:, None] * _across(inner)
 
-    def start(self, theta: Theta) -> Theta:
-        none = {p.name: 0.0 for p in self.parameters}
-        return {**self.rest(theta), **none, "wall_taper.c1": 0.5 * theta.get("wall_taper.mm", 0.0)}
+    def amounts(self, theta: Theta) -> dict[str, float]:
+        return {"wall_taper.c1": 0.5 * theta.get("wall_taper.mm", 0.0)}
 
 
 class EccentricCore(InnerShape):
@@ -112,10 +111,9 @@ class EccentricCore(InnerShape):
         return CoreCourse()
 
 
-class CoreCourse(LegendreCourse):
+class CoreCourse(LegendreCourse, of=EccentricCore):
     """The core sat higher by a polynomial of degree 3 along the finger: off, tilted or bent."""
 
-    name, sentence = EccentricCore.name, EccentricCore.sentence
     parameters = tuple(
         Parameter(f"eccentric_core.c{k}", -1.0, 1.0, "mm", null=0.0, typical=0.1, plausible=CORE)
         for k in range(4)
@@ -124,9 +122,8 @@ class CoreCourse(LegendreCourse):
     def motion(self, inner: Inside, theta: Theta) -> Array:
         return self.along(inner, theta)[:, None] * [0.0, 0.0, 1.0]
 
-    def start(self, theta: Theta) -> Theta:
-        none = {p.name: 0.0 for p in self.parameters}
-        return {**self.rest(theta), **none, "eccentric_core.c0": theta.get("eccentric_core.mm", 0.0)}
+    def amounts(self, theta: Theta) -> dict[str, float]:
+        return {"eccentric_core.c0": theta.get("eccentric_core.mm", 0.0)}
 
 
 class SidewaysCore(InnerShape):
@@ -166,10 +163,9 @@ class Ballooning(InnerShape):
         return ThinBands()
 
 
-class ThinBands(InnerShape, Wide):
+class ThinBands(InnerShape, Wide, of=Ballooning):
     """Five bands around the chamber, each thinner by its own depth: Gaussians at PLACES, of sd WIDTH."""
 
-    name, sentence = Ballooning.name, Ballooning.sentence
     PLACES: ClassVar[tuple[float, ...]] = (0.1, 0.3, 0.5, 0.7, 0.9)
     WIDTH: ClassVar[float] = 0.1  # of the chamber's length; 10 mm of the built-in finger's
     parameters = tuple(
@@ -182,16 +178,11 @@ class ThinBands(InnerShape, Wide):
         depth = np.exp(-0.5 * off**2) @ [theta[p.name] for p in self.parameters]
         return -depth[:, None] * _across(inner)
 
-    def start(self, theta: Theta) -> Theta:
+    def amounts(self, theta: Theta) -> dict[str, float]:
         """The depth shared by the two nearest bands, times the band's width over 10 mm: as much material."""
         depth, place = (theta.get(f"ballooning.{k}", 0.0) for k in ("depth", "place"))
         depth *= theta.get("ballooning.width", 10.0) / 10.0
-        near = [np.interp(place, self.PLACES, unit) for unit in np.eye(len(self.PLACES))]
-        own = {
-            p.name: float(np.clip(depth * x, p.low, p.high))
-            for p, x in zip(self.parameters, near, strict=True)
-        }
-        return {**self.rest(theta), **own}
+        return self.bounded(depth * neighbours(place, self.PLACES))
 
 
 class Precurvature(Effect):
@@ -216,11 +207,10 @@ class Precurvature(Effect):
         return CurvedCourse()
 
 
-class CurvedCourse(Wide):
+class CurvedCourse(Wide, of=Precurvature):
     """The curvature at rest is a polynomial of degree 3 along the finger: c0, c1 .. of Legendre's
     polynomials, from -1 at the clamp to 1 at the tip."""
 
-    name, order, sentence = Precurvature.name, Precurvature.order, Precurvature.sentence
     parameters = tuple(
         Parameter(f"precurvature.c{k}", -3e-3, 3e-3, "1/mm", null=0.0, typical=1e-4, plausible=(-1e-3, 1e-3))
         for k in range(4)
@@ -230,6 +220,5 @@ class CurvedCourse(Wide):
         course = tuple(theta[p.name] for p in self.parameters)
         return replace(test, case=replace(test.case, precurvature=course))
 
-    def start(self, theta: Theta) -> Theta:
-        none = {p.name: 0.0 for p in self.parameters}
-        return {**self.rest(theta), **none, "precurvature.c0": theta.get("precurvature.per_mm", 0.0)}
+    def amounts(self, theta: Theta) -> dict[str, float]:
+        return {"precurvature.c0": theta.get("precurvature.per_mm", 0.0)}

@@ -28,7 +28,7 @@ class MarkerSlip(Effect):
     """
 
     name, order = "marker_slip", Order.SLIP
-    sentence = "a marker has slipped on the finger"
+    sentence, generic = "a marker has slipped on the finger", "slip"
 
     def __init__(self, marker: str = "", time: float = 0.0) -> None:
         self.marker, self.time = marker, float(time)
@@ -46,21 +46,23 @@ class MarkerSlip(Effect):
     def label(self) -> str:
         return f"{self.name}:{self.marker}@{self.time:.6g}s" if self.marker else self.name
 
-    def named(self, label: str) -> Effect | None:
-        found = re.fullmatch(rf"{self.name}:(.+)@([-+\d.e]+)s", label)
-        try:
-            return MarkerSlip(found[1], float(found[2])) if found else None
-        except ValueError:
-            return None
+    def named(self, label: str) -> Effect:
+        found = re.fullmatch(rf"{self.name}:(.+)@([-+]?\d+\.?\d*(?:e[-+]?\d+)?)s", label)
+        if not found:
+            raise ValueError(
+                f"effect {label!r}: no such law of {self.name}, wanted one with a marker and a time in s, "
+                f"{self.name}:p3@10.1s"
+            )
+        return MarkerSlip(found[1], float(found[2]))
 
     def tries(self, test: Test) -> tuple[Theta, ...]:
         if self.marker:
             return ({},)
         return _grid(np.flatnonzero(test.moving), between(test.path.output, TIMES))
 
-    def closer(self, entry: Theta, test: Test) -> Effect:
+    def closer(self, entry: Theta, test: Test) -> Effect | None:
         """The same with the times between the neighbours of an entry of `tries`, at that entry's marker."""
-        return _Closer(entry)
+        return None if self.marker else _Closer(entry)
 
     def at(self, entry: Theta, test: Test) -> Effect:
         if self.marker:

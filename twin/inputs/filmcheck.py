@@ -19,7 +19,7 @@ from twin.targets import Array
 
 if TYPE_CHECKING:  # vision takes a second to import
     from vision import Camera, Mark, Video
-    from vision.following.skimming import Glimpses
+    from vision.following.preview import Glimpses
 
 SMALL_PX = 20.0  # a marker below it is followed less well
 OFTEN = 0.5  # share of the frames looked at in which a marker of the finger should be seen
@@ -83,7 +83,7 @@ def _draw(
 
 def _findings(look: _Look, log: Log) -> list[str]:
     """Sentences about the films; ValueError where they are not right."""
-    from vision.following.skimming import check_glimpses, glimpses
+    from vision.following.preview import check_glimpses, glimpses
     from vision.placing.views import check_static
 
     check_static(look.static)
@@ -100,10 +100,10 @@ def _findings(look: _Look, log: Log) -> list[str]:
 
 def _marks(look: _Look, seen: "Glimpses") -> tuple[str, ...]:
     """Sentences on marks that may lie elsewhere; ValueError where they cannot be what is stated."""
-    from vision.following.reference import unseen
-    from vision.placing.doubtful import doubts
-    from vision.placing.gates import check_marks
-    from vision.placing.rigplaces import frame_fit, without_odd
+    from vision.doubts.framemarks import frame_fit, without_odd
+    from vision.doubts.misplacedmarks import doubts
+    from vision.doubts.plausibility import check_marks
+    from vision.following.firstpictures import unseen
 
     gone = [look.marks[p] for p in look.finger if np.isnan(seen.warp[p, 0, 0])]
     if gone:
@@ -117,7 +117,7 @@ def _marks(look: _Look, seen: "Glimpses") -> tuple[str, ...]:
 
 def _rests(look: _Look, seen: "Glimpses", still: "Glimpses") -> tuple[str, ...]:
     """Sentences where the finger drifts at rest; ValueError where it moves."""
-    from vision.errors.stillness import check_rest
+    from vision.errors.restcheck import check_rest
 
     coded, rest = _coded(look), seen.rest
     names, film = [look.marks[p].name for p in coded], look.film.path.name

@@ -1,26 +1,25 @@
 """How well a model foretells data that it was not fitted to: blocks, cycles or parts of a film, each left out
 in turn."""
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field
 
 from twin.judging.judged import Judged
+from twin.project.record import Maybe, Record
 from twin.targets import Array, Targets
 
 PARTS = 5  # of a film of one cycle, each left out in turn
 BEGUN, ENDED = 0.1, 0.05  # of the top pressure, between which a cycle neither begins nor ends
 
 
-@dataclass(frozen=True, kw_only=True)
-class HeldOut:
+class HeldOut(Record):
     """The error in sds of data that a model was not fitted to: cycles, blocks or fifths left out in turn."""
 
-    left_out: str
-    folds: int
-    before_sd: float
-    after_sd: float
+    left_out: str = Field(description="what each part is")
+    folds: int = Field(description="number of parts")
+    before_sd: Maybe
+    after_sd: Maybe
 
 
 def held_out(before: Judged, after: Judged, targets: Targets) -> HeldOut:

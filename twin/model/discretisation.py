@@ -5,7 +5,7 @@ direction with the other topology. All are solved once, without history, under t
 of gravity, at theoretical constants of the silicone. `Model.on_mesh` adds the change to the finest mesh to
 its prediction. What remains enters as modes of 1 sd: a change of stiffness, the other part of every change,
 and a smooth error of every marker. Their sizes are those of nine truths on other meshes and elements, by
-benchmarks/interval_coverage.py.
+benchmarks/diagnosis/interval_coverage.py.
 """
 
 from dataclasses import dataclass, replace

@@ -1,22 +1,24 @@
 """The pictures of the report, each with its title, its caption and its place."""
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from twin.drawing import plots, studyplots
 from twin.project import files
-from twin.report.found import CHANGES, Story
-from twin.report.heldoutrows import held_out_pictures
+from twin.report.found import CHANGES, Story, calibration_file
+from twin.report.page import Picture
 from twin.study.figures import FIGURES, file_of
 from twin.study.record import page_facts
 from twin.targets import Array
 
 
-def pictures_of(story: Story) -> list[dict[str, Any]]:
+def pictures_of(story: Story) -> list[Picture]:
+    """All pictures of the page, in the order of their places."""
     return [
         *_drawn(story, "error", place="top"), *_deformed(story), *_overlaid(story),
-        *_drawn(story, "residuals", place="where"), *held_out_pictures(story),
+        *_drawn(story, "residuals", place="where"), *map(_unseen, held_out_films(story)),
         *_drawn(story, "evidence", place="evidence"),
         *_over_time(story), *_search(story),
     ]  # fmt: skip
@@ -24,19 +26,19 @@ def pictures_of(story: Story) -> list[dict[str, Any]]:
 
 def study_facts(story: Story) -> dict[str, Any] | None:
     """The tables and the seven figures of the study, where there is one."""
-    if story.study_file is None:
+    if story.study is None or story.study_file is None:
         return None
     drawn = [
-        _picture(f"Figure {name}.", FIGURES[name], half=True,
-                 svg=story.study_file.with_name(file_of(name)).read_text(encoding="utf-8"))
+        Picture(title=f"Figure {name}.", caption=FIGURES[name], half=True,
+                svg=story.study_file.with_name(file_of(name)).read_text(encoding="utf-8"))
         for name in FIGURES
     ]  # fmt: skip
     return page_facts(story.study) | {"pictures": drawn}
 
 
-def _drawn(story: Story, name: str, *, place: str) -> list[dict[str, Any]]:
+def _drawn(story: Story, name: str, *, place: str) -> list[Picture]:
     """A picture of the way to the model of now, where there is one."""
-    law = story.way.evidence.get("effect", "")
+    law = story.way.law
     said = {
         "error": ("How the error fell", "RMS of all markers. Pale: what the next step takes off.", True),
         "evidence": (
@@ -52,26 +54,27 @@ def _drawn(story: Story, name: str, *, place: str) -> list[dict[str, Any]]:
     }
     title, caption, half = said[name]
     svg = story.way.pictures.get(name)
-    return [_picture(title, caption, half=half, svg=svg, place=place)] if svg else []
+    return [Picture(title=title, caption=caption, half=half, svg=svg, place=place)] if svg else []
 
 
-def _deformed(story: Story) -> list[dict[str, Any]]:
+def _deformed(story: Story) -> list[Picture]:
     """The finger at top pressure, where it could be drawn."""
     file = story.run.path("deformed.png")
     caption = "Best model of the genetic algorithm, and the measured markers."
     if not file.exists():
         return []
-    return [_picture("Model at top pressure", caption, half=True, png=file, place="top")]
+    return [Picture(title="Model at top pressure", caption=caption, half=True, png=file, place="top")]
 
 
-def _overlaid(story: Story) -> list[dict[str, Any]]:
+def _overlaid(story: Story) -> list[Picture]:
     """The film at the worst moment with the models over it."""
     if story.footage is None:
         return []
-    return [_picture("The worst moment", story.footage.caption, png=story.footage.worst, place="top")]
+    shown = story.footage
+    return [Picture(title="The worst moment", caption=shown.caption, png=shown.worst, place="top")]
 
 
-def _search(story: Story) -> list[dict[str, Any]]:
+def _search(story: Story) -> list[Picture]:
     """The genetic algorithm by generation and, of two constants, its valley; the study has its own."""
     g = story.generations
     if story.study:
@@ -79,18 +82,21 @@ def _search(story: Story) -> list[dict[str, Any]]:
     error = studyplots.best_error(g.generation, rms_mm=g.rms_mm)
     constants = studyplots.best_constants(g.generation, best=g.best, names=g.names)
     out = [
-        _picture("Genetic algorithm", "Best RMS error of every generation.", half=True, svg=error),
-        _picture("Constants of the best", "By generation.", half=True, svg=constants),
+        Picture(
+            title="Genetic algorithm", caption="Best RMS error of every generation.", half=True, svg=error
+        ),
+        Picture(title="Constants of the best", caption="By generation.", half=True, svg=constants),
     ]
     if len(g.names) == 2:
-        found, best = files.read_npz(story.file("calibrate", "candidates.npz")), {"best": g.best[-1]}
+        found = files.read_npz(calibration_file(story.project, "candidates.npz"))
+        best = {"best": g.best[-1]}
         valley = studyplots.valley(found["x"], rms_mm=found["rms_mm"], names=g.names, marks=best)
         caption = "All candidates. Along the valley the sum of the two is the same."
-        out.append(_picture("Error landscape", caption, half=True, svg=valley))
+        out.append(Picture(title="Error landscape", caption=caption, half=True, svg=valley))
     return out
 
 
-def _over_time(story: Story) -> list[dict[str, Any]]:
+def _over_time(story: Story) -> list[Picture]:
     """Displacements, what is left of them, and displacements against pressure: of a film."""
     before = story.prediction(("diagnose", "compare", "calibrate"))
     after = story.prediction(CHANGES) if story.fields is not None else {}
@@ -108,7 +114,7 @@ def _rows(story: Story) -> list[int]:
     return [int(r) for r in wanted or rows[-2:]]
 
 
-def _courses(story: Story, models: dict[str, Array], shown: str) -> dict[str, Any]:
+def _courses(story: Story, models: dict[str, Array], shown: str) -> Picture:
     """The markers of the objective over time."""
     t, own = story.targets, _rows(story)
     over_time = plots.displacements(
@@ -117,10 +123,10 @@ def _courses(story: Story, models: dict[str, Array], shown: str) -> dict[str, An
         models={name: u[:, own] for name, u in models.items()},
         names=[t.names[r] for r in own],
     )
-    return _picture("Displacement", shown, svg=over_time)
+    return Picture(title="Displacement", caption=shown, svg=over_time)
 
 
-def _against_pressure(story: Story, models: dict[str, Array], shown: str) -> list[dict[str, Any]]:
+def _against_pressure(story: Story, models: dict[str, Array], shown: str) -> list[Picture]:
     """The markers of the objective over pressure."""
     t = story.targets
     out = []
@@ -130,10 +136,45 @@ def _against_pressure(story: Story, models: dict[str, Array], shown: str) -> lis
             read_mm=t.value[:, r, 2], title=t.names[r],
         )  # fmt: skip
         title, caption = f"U3 of {t.names[r]} against pressure", f"{shown} Every dot is a step of the film."
-        out.append(_picture(title, caption, half=True, svg=drawn))
+        out.append(Picture(title=title, caption=caption, half=True, svg=drawn))
     return out
 
 
-def _picture(title: str, caption: str, *, half: bool = False, **drawn: Any) -> dict[str, Any]:
-    """A picture of the report, svg=text or png=file; two halves stand side by side."""
-    return {"title": title, "caption": caption, "half": half, **drawn}
+# -- films that no fit has seen ------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, kw_only=True)
+class HeldOutFilm:
+    """The error of the calibrated model in a film, and of that with effects, mm, with the noise."""
+
+    film: str
+    before_mm: float
+    after_mm: float | None
+    noise_mm: float
+
+    @property
+    def ratio(self) -> float | None:
+        """Before over after."""
+        return self.before_mm / self.after_mm if self.after_mm else None
+
+
+def held_out_films(story: Story) -> list[HeldOutFilm]:
+    """The films that no fit has seen; the error with effects is that of the newest model."""
+    after = {row.film: row.after for row in story.diagnosis.held_out}
+    after |= {row.film: row for row in (story.added.held_out if story.added else ())}
+    found = {film: row.rms_mm for film, row in after.items() if row}
+    return [
+        HeldOutFilm(
+            film=row.film, before_mm=row.rms_mm, after_mm=found.get(row.film), noise_mm=row.noise_sd_mm
+        )
+        for row in (story.start.held_out if story.start else ())
+    ]
+
+
+def _unseen(row: HeldOutFilm) -> Picture:
+    """The error in a film before and after, and its noise."""
+    bars = [("calibrated", row.before_mm)]
+    bars += [("with effects", row.after_mm)] if row.after_mm is not None else []
+    drawing = plots.falling(bars, noise_mm=row.noise_mm)
+    caption = "No fit has seen this film."
+    return Picture(title=row.film, caption=caption, half=True, svg=drawing, place="held_out")

@@ -19,7 +19,7 @@ def budget_facts(project: Project, names: Sequence[str]) -> dict[str, Any]:
     path = project.newest("measure", "budget.csv")
     if path is None:
         return {}
-    from vision.errors.budgeting import SOURCES, from_csv
+    from vision.errors.errorbudget import SOURCES, from_csv
 
     table, marks = from_csv(path.read_text(encoding="utf-8"))
     own = [p for p, name in enumerate(marks) if name in names]
@@ -34,7 +34,7 @@ def budget_facts(project: Project, names: Sequence[str]) -> dict[str, Any]:
 def provenance_of(project: Project, *, seed: Any) -> dict[str, str]:
     """Seed, run, SHA-256 of every file that the newest fit was made from, and versions."""
     fit = fresh(project, kinds_writing(FIT), FIT)
-    inputs = project.info(fit.parent).get("inputs", {}) if fit else {}
+    inputs = project.info(fit.parent).inputs if fit else {}
     digests = {name: f"SHA-256 {digest[:SHOWN]}" for name, digest in inputs.items()}
     run = {"fit of run": fit.parent.name} if fit else {}
     return {"seed": str(seed), **run, **digests, **versions()}

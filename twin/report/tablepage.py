@@ -8,19 +8,18 @@ from typing import Any
 import jinja2
 from markupsafe import Markup
 
-from twin.report.page import FILTERS, TEMPLATE
+from twin.report.page import FILTERS, TEMPLATE, Picture
 
 TABLES = Path(__file__).with_name("tables.html")
 
 
 def table_page(
     title: str, *, headline: str, sentences: Sequence[str], tables: Sequence[Mapping[str, Any]],
-    pictures: Sequence[Mapping[str, Any]],
+    pictures: Sequence[Picture],
 ) -> str:
     """The page as text, self-contained.
 
-    tables: {title, head [text], rows [{cells [text], named (bool: stands out)}], note}.   pictures: as those
-    of the report.
+    tables: {title, head [text], rows [{cells [text], named (bool: stands out)}], note}.
     """
     report = TEMPLATE.read_text(encoding="utf-8")
     look = re.search(r"<style>.*?</style>", report, re.DOTALL)

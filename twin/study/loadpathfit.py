@@ -11,6 +11,7 @@ from twin.bench.workbench import Workbench
 from twin.effects.baselaw import Constants
 from twin.judging.fitting import whitener_of
 from twin.judging.judged import Judged
+from twin.judging.record import InitialRow
 from twin.judging.whitening import Whitener, whitener
 from twin.model.arraycache import rounded_up
 from twin.model.loadpaths import REDUCED, Turned, load_paths, reach, sheets
@@ -85,15 +86,15 @@ class OnPaths:
 
         return least_squares(residual, jacobian, parameters, start=starts)
 
-    def initial(self, judged: Judged) -> dict[str, Any]:
+    def initial(self, judged: Judged) -> InitialRow:
         """Nominal constants and what they leave, mm, under the errors of a fit."""
-        values = {p.name: p.start for p in self.bench.elasticity.parameters}
+        values = {p.name: p.start or 0.0 for p in self.bench.elasticity.parameters}
         u = self.predicted(np.array(list(values.values())))
         if u is None:
-            return {"values": values, "rms_mm": None, "raw_rms_mm": None}
+            return InitialRow(values=values, rms_mm=None, raw_rms_mm=None)
         w, residual = judged.whitener, self.bench.targets.value - u
         raw = float(np.sqrt((w.pick(residual)[w.valid] ** 2).mean()))
-        return {"values": values, "rms_mm": w.rms(residual), "raw_rms_mm": raw}
+        return InitialRow(values=values, rms_mm=w.rms(residual), raw_rms_mm=raw)
 
     def constants(self, theta: Array) -> Constants:
         """C10 and C01 from the free ones (d,) and those held at a value."""

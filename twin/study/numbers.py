@@ -1,7 +1,7 @@
 """A calibrated project -> the record of what its calibration has found: every number of the study."""
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -9,10 +9,11 @@ import numpy as np
 from scipy.optimize import brentq
 
 from calibrate import Fit
-from twin.bench.fits import BESIDE, fresh
+from twin.bench.fits import fresh
 from twin.bench.workbench import Workbench
 from twin.effects.baselaw import NAMES, NOMINAL, Constants
 from twin.judging.fitting import whitener_of
+from twin.judging.record import FitRecord
 from twin.judging.whitening import whitener
 from twin.project import files
 from twin.project.folder import Project, Say
@@ -44,8 +45,7 @@ class Inquiry:
         """From the newest calibration that holds."""
         found = fresh(project, ("calibrate",), "candidates.npz")
         assert found is not None
-        record = files.read_json(found.with_name("fit.json"))
-        fit = Fit.from_dict({key: value for key, value in record.items() if key not in BESIDE})
+        fit = files.read(FitRecord, found.with_name(FitRecord.file)).fit
         generations = Generations.load(found.with_name("generations.npz"))
         return Inquiry(OnPaths.of(Workbench.of(project), say), generations, files.read_npz(found), fit)
 
@@ -75,14 +75,16 @@ class Inquiry:
         return Study(
             points=list(self.names), component=self.objective.component + 1, pressure_MPa=self.top,
             measured_mm=self.objective.measured.tolist(), measured_sd_mm=self.sd_mm,
-            initial=Initial(**asdict(initial), stated=bool(stated)), final=final,
+            initial=Initial(**initial.model_dump(), stated=bool(stated)), final=final,
             reduction_percent=_reduction(initial, final),
             least_squares=self.side(Constants(*map(float, self.fit.theta))),
             difference=difference(self.best.named, self.fit, self.on.cost, sd_mm=self.sd_mm)[0],
             published=self.side(Constants.of(published)) if published else None,
             published_reduction_percent=reduction,
             published_reduction_from_total_MPa=self.matching(initial, final, reduction),
-            starts=[Start(**asdict(s), reduction_percent=_reduction(s, final)) for s in self.starts(initial)],
+            starts=[
+                Start(**s.model_dump(), reduction_percent=_reduction(s, final)) for s in self.starts(initial)
+            ],
             ridge=Line(share=line.share.tolist(), total_MPa=line.total.tolist(), rms_mm=line.rms_mm.tolist(),
                        agreeing_share=agreeing),
             known=Known(**knowledge(self.information, self.best, self.sd_mm)),

@@ -1,10 +1,10 @@
 """A finger and an objective -> where one could read more displacements, and several readings at once."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field
 
 from fe import Case
 from twin.effects.baselaw import Constants
@@ -15,12 +15,11 @@ Mask = NDArray[np.bool_]
 ALONG = 8  # spots along the line on which the markers sit
 
 
-@dataclass(frozen=True, kw_only=True)
 class Several(Known):
-    """Several readings that could be added at once: in words, how many, and what is known with them."""
+    """Several readings that could be added at once, and what is known with them."""
 
     words: str
-    count: int
+    count: int = Field(description="of values")
 
 
 def spots(case: Case, targets: Targets, rows: Sequence[int]) -> tuple[Spot, ...]:

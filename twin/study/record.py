@@ -1,12 +1,13 @@
 """What a calibration by one objective has found, as study.json has it: the models before and after, the
 ridge, and what would tell C10 from C01. The sentences of the report come from here; no number is computed."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
-from typing import Any
+from collections.abc import Sequence
+from typing import Any, ClassVar
 
 import numpy as np
+from pydantic import Field
 
+from twin.project.record import Reach, Record
 from twin.study.readings import Several
 from twin.study.separability import KNOWN, UNKNOWN, Known, Reading
 from twin.targets import Array
@@ -14,43 +15,36 @@ from twin.targets import Array
 SHOWN = 6  # readings that the report shows, within the pressure of the test and beyond
 
 
-@dataclass(frozen=True, kw_only=True)
-class Side:
-    """One model: its constants in MPa, their sum, the share of C01, its RMS error of the objective in mm, its
-    displacements (p,) mm."""
+class Side(Record):
+    """One model."""
 
-    C10: float
+    C10: float = Field(description="MPa, with their sum and the share of C01")
     C01: float
     total: float
     share: float
-    rms_mm: float
-    u_mm: list[float]
+    rms_mm: float = Field(description="error of the objective")
+    u_mm: list[float] = Field(description="displacements of the points")
 
 
-@dataclass(frozen=True, kw_only=True)
 class Initial(Side):
-    """The model before; whether twin.toml states its constants."""
+    """The model before."""
 
-    stated: bool
+    stated: bool = Field(description="whether `[study] initial` states its constants")
 
 
-@dataclass(frozen=True, kw_only=True)
 class Start(Side):
-    """Another model before; by how much the error falls from it to the final one, %, negative where it was
-    better."""
+    """Another model before."""
 
-    reduction_percent: float
+    reduction_percent: float = Field(description="fall of the error from it, negative where it was better")
 
 
-@dataclass(frozen=True, kw_only=True)
-class Line:
-    """The ridge: shares (h,), their best sums (h,) MPa and errors (h,) mm; the shares between which it agrees
-    with the readings."""
+class Line(Record):
+    """The ridge."""
 
     share: list[float]
-    total_MPa: list[float]
-    rms_mm: list[float]
-    agreeing_share: tuple[float, float]
+    total_MPa: list[Reach] = Field(description="best sum for each share, and its error")
+    rms_mm: list[Reach]
+    agreeing_share: tuple[float, float] = Field(description="lowest and highest that agree with the readings")
 
     def agreeing(self, values: Sequence[float]) -> Array:
         """Those of values (h,) along the ridge where it agrees with the readings."""
@@ -58,16 +52,14 @@ class Line:
         return np.array(values)[(share >= low) & (share <= high)]
 
 
-@dataclass(frozen=True, kw_only=True)
-class PointCurve:
-    """Displacement of one point over pressure: the models before and after (k,) at the pressures of `Curves`,
-    and what was read (n,) with its sds (n,)."""
+class PointCurve(Record):
+    """Displacement of one point over pressure, of the models before and after, and as read."""
 
     point: str
     node: int | None
-    initial_mm: list[float]
+    initial_mm: list[float] = Field(description="models before and after at the pressures of the curves")
     final_mm: list[float]
-    measured_at_MPa: list[float]
+    measured_at_MPa: list[float] = Field(description="what was read, with its error")
     measured_mm: list[float]
     measured_sd_mm: list[float]
 
@@ -77,44 +69,52 @@ class PointCurve:
         return self.point if self.node is None else f"{self.point} (node {self.node})"
 
 
-@dataclass(frozen=True, kw_only=True)
-class Curves:
-    """The curves of all points at pressures (k,)."""
+class Curves(Record):
+    """The curves of all points."""
 
     pressure_MPa: list[float]
     points: list[PointCurve]
 
 
-@dataclass(frozen=True, kw_only=True)
-class Study:
-    """What was found. component: 1 to 3; measured_mm (p,): the objective's values at the top pressure;
-    measured_sd_mm: their error; published: what the source of the targets states;
-    published_reduction_from_total_MPa: sums C10 + C01 of an initial model from which the error falls by as
-    much; starts: other initial models."""
+class Study(Record):
+    """What was found."""
 
-    points: list[str]
+    file: ClassVar[str] = "study.json"
+    headline: str = Field(default="", description="what was found, in words")
+    sentences: tuple[str, ...] = ()
+    points: list[str] = Field(description="the objective: points, direction, pressure, values with error")
     component: int
     pressure_MPa: float
     measured_mm: list[float]
     measured_sd_mm: float
-    initial: Initial
-    final: Side
-    reduction_percent: float
-    least_squares: Side
-    difference: str
-    published: Side | None
-    published_reduction_percent: float | None
-    published_reduction_from_total_MPa: list[float]
-    starts: list[Start]
-    ridge: Line
-    known: Known
-    readings: list[Reading]
-    plans: list[Several]
-    curves: Curves
+    initial: Initial = Field(description="the model before")
+    final: Side = Field(description="the best of the genetic algorithm")
+    reduction_percent: float = Field(description="fall of the RMS error from the initial to the final model")
+    least_squares: Side = Field(description="the best of least squares")
+    difference: str = Field(description="why the two searches end apart, in words")
+    published: Side | None = Field(description="constants that the source of the targets states")
+    published_reduction_percent: float | None = Field(description="and the fall of the error")
+    published_reduction_from_total_MPa: list[float] = Field(
+        description="sums C10 + C01 of an initial model from which the error falls by as much"
+    )
+    starts: list[Start] = Field(description="other initial models")
+    ridge: Line = Field(description="the best sum for every share")
+    known: Known = Field(description="what the targets tell of the share")
+    readings: list[Reading] = Field(description="what one more reading would tell, best first")
+    plans: list[Several] = Field(description="the same for several")
+    curves: Curves = Field(description="data of figures 6a and 6b")
+    figures: tuple[str, ...] = Field(default=(), description="names of the seven files")
 
-    def to_dict(self) -> dict[str, Any]:
-        """The content of study.json."""
-        return {"headline": self.headline, "sentences": self.sentences} | asdict(self)
+    def told(self, figures: Sequence[str]) -> "Study":
+        """The same with what was found in words, and the files of its figures."""
+        said = [self._fall, self._along, self.difference, self._others, self._separate]
+        return self.model_copy(
+            update={
+                "headline": self._headline,
+                "sentences": tuple(sentence for sentence in said if sentence),
+                "figures": tuple(figures),
+            }
+        )
 
     # -- words ----------------------------------------------------------------------------------------------
 
@@ -124,7 +124,7 @@ class Study:
         return self.known.vague < UNKNOWN
 
     @property
-    def headline(self) -> str:
+    def _headline(self) -> str:
         """What was found, in one sentence."""
         if self.separated:
             c = self.final
@@ -133,12 +133,6 @@ class Study:
         low, high = f"{totals.min():.3g}", f"{totals.max():.3g}"
         total = low if low == high else f"{low} to {high}"
         return f"The targets fix the sum C10 + C01 = {total} MPa; how much of it is C01 they cannot tell."
-
-    @property
-    def sentences(self) -> list[str]:
-        """What was found, one thought each: fall of the error, ridge, the two searches, what separates."""
-        said = [self._fall, self._along, self.difference, self._others, self._separate]
-        return [sentence for sentence in said if sentence]
 
     @property
     def _fall(self) -> str:
@@ -192,25 +186,27 @@ def _pair(side: Side) -> str:
     return f"C10 = {side.C10:.3g}, C01 = {side.C01:.3g} MPa"
 
 
-def page_facts(record: Mapping[str, Any]) -> dict[str, Any]:
-    """The tables of the report, from study.json."""
-    published = record["published"] or {}
-    a, b = record["initial"], record["final"]
-    every, top = record["readings"], record["pressure_MPa"] * (1 + 1e-9)
-    inside, beyond = ([r for r in every if (r["pressure_MPa"] <= top) == within] for within in (True, False))
+def page_facts(found: Study) -> dict[str, Any]:
+    """The tables of the report."""
+    published, a, b = found.published, found.initial, found.final
+    top = found.pressure_MPa * (1 + 1e-9)
+    inside, beyond = (
+        [r for r in found.readings if (r.pressure_MPa <= top) == within] for within in (True, False)
+    )
     rows = [
-        ("initial RMS, mm", a["rms_mm"], None),
-        ("final RMS, mm", b["rms_mm"], None),
-        ("reduction, %", record["reduction_percent"], record["published_reduction_percent"]),
-        ("C10, MPa", b["C10"], published.get("C10")),
-        ("C01, MPa", b["C01"], published.get("C01")),
-        ("C10 + C01, MPa", b["total"], published.get("total")),
-        ("RMS of these constants on this finger, mm", b["rms_mm"], published.get("rms_mm")),
+        ("initial RMS, mm", a.rms_mm, None),
+        ("final RMS, mm", b.rms_mm, None),
+        ("reduction, %", found.reduction_percent, found.published_reduction_percent),
+        ("C10, MPa", b.C10, published and published.C10),
+        ("C01, MPa", b.C01, published and published.C01),
+        ("C10 + C01, MPa", b.total, published and published.total),
+        ("RMS of these constants on this finger, mm", b.rms_mm, published and published.rms_mm),
     ]
-    return {key: record[key] for key in ("sentences", "starts", "known", "plans")} | {
+    return {
+        "sentences": found.sentences, "starts": found.starts, "known": found.known, "plans": found.plans,
         "rows": [{"name": name, "here": here, "published": stated} for name, here, stated in rows],
         "readings": [
             {"within": "up to the pressure of the test", "rows": inside[:SHOWN]},
             {"within": "beyond it, if the finger bears it", "rows": beyond[:SHOWN]},
         ],
-    }
+    }  # fmt: skip

@@ -12,11 +12,13 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field
 
 from fe import Path
 from twin.effects.baselaw import Constants
 from twin.effects.protocol import Unsolvable
 from twin.model.prediction import Model
+from twin.project.record import Record
 from twin.targets import Array
 
 LEVELS = (0.25, 0.5, 0.75, 1.0, 1.25, 1.5)  # of the top pressure at which one could read
@@ -25,14 +27,12 @@ UNKNOWN = 1 / math.sqrt(12)  # sd of a share of which nothing is known but that 
 SINGULAR = 1e-10  # smallest over largest eigenvalue of an information that determines both
 
 
-@dataclass(frozen=True, kw_only=True)
-class Known:
-    """What readings tell of C10 and C01: the share's sd, None where they leave it open, the correlation of
-    C10 and C01 (-1 there), and the error in mm that all readings must have for the share to be known."""
+class Known(Record):
+    """What is known of the share."""
 
-    share_sd: float | None
-    correlation: float
-    wanted_sd_mm: float | None
+    share_sd: float | None = Field(description="null where it is left open")
+    correlation: float = Field(description="of C10 and C01")
+    wanted_sd_mm: float | None = Field(description="error of all readings for a `share_sd` of 0.1")
 
     @property
     def vague(self) -> float:
@@ -67,17 +67,15 @@ class Spot:
     place: Array
 
 
-@dataclass(frozen=True, kw_only=True)
 class Reading(Known):
-    """One reading that could be added: where, in which direction (U1 to U3), at which pressure, where the
-    model is then, and what is known with it."""
+    """One reading that could be added, and what is known with it."""
 
-    point: str
+    point: str = Field(description="where, in which direction, at which pressure")
     node: int
     x_mm: float
     direction: str
     pressure_MPa: float
-    u_mm: float
+    u_mm: float = Field(description="displacement there")
 
     @property
     def words(self) -> str:

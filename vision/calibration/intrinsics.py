@@ -9,9 +9,9 @@ import numpy as np
 
 from vision.boards.board import MIN_CORNERS, Board, BoardView, flipped
 from vision.calibration import lens
-from vision.calibration.crispness import blur_px
-from vision.calibration.outlying import MIN_LEFT, Outlying, area, empty_corners, why, without_outlying
+from vision.calibration.rejectedpictures import MIN_LEFT, Rejected, area, empty_corners, why, without_outliers
 from vision.camera import Array, Camera, Image
+from vision.film.picturefaults import board_edge_sd
 from vision.plane import fit_homography, to_plane
 
 MIN_IMAGES = 6
@@ -49,7 +49,7 @@ def calibrate_camera(
     missing or differ in size, when fewer than 6 show the board (says which other dictionary finds markers),
     when the error is above max_rms_px, when the boards are not tilted against each other or cover less than
     2 % of the picture, and when lengths on held-out boards are off by more than 0.1 %. Pictures that do not
-    fit the others are left out by the rule of `outlying`.
+    fit the others are left out by the rule of `rejectedpictures`.
     """
     if not images:
         raise ValueError(
@@ -75,7 +75,9 @@ def camera_from(
     size = (int(pictures[0].shape[1]), int(pictures[0].shape[0]))
     fits, left = _fitted(seen.views, size)
     views = [seen.views[i] for i in left.kept]
-    widths = np.array([blur_px(pictures[i], v) for i, v in zip(seen.rows, seen.views, strict=True)])
+    widths = np.array([
+        board_edge_sd(pictures[i], v.points, v.pixels) for i, v in zip(seen.rows, seen.views, strict=True)
+    ])  # fmt: skip
     called = [names[i] for i in seen.rows]
     covariance, enlarged = lens.covariance(fits[0], views)
     tilt_deg, coverage = _tilt(fits[0]), area(views) / (size[0] * size[1])
@@ -96,7 +98,7 @@ def camera_from(
     )
 
 
-def _fitted(views: Sequence[BoardView], size: tuple[int, int]) -> tuple[list[lens.LensFit], Outlying]:
+def _fitted(views: Sequence[BoardView], size: tuple[int, int]) -> tuple[list[lens.LensFit], Rejected]:
     """Fits with every lens model, best first, to the views that fit together, and which these are."""
     fits: list[lens.LensFit] = []
 
@@ -104,7 +106,7 @@ def _fitted(views: Sequence[BoardView], size: tuple[int, int]) -> tuple[list[len
         fits[:] = lens.fit_models(some, size)
         return fits[0].view_rms()
 
-    left = without_outlying(views, rms)
+    left = without_outliers(views, rms)
     return fits, left
 
 
@@ -137,7 +139,7 @@ def _seen(pictures: list[Image], board: Board) -> _Seen:
     return _Seen(tuple(views[i] for i in rows), rows)
 
 
-def _left_out(left: Outlying, called: Sequence[str], widths: Array) -> list[str]:
+def _left_out(left: Rejected, called: Sequence[str], widths: Array) -> list[str]:
     """A sentence for each picture that does not fit the others."""
     said = [
         f"{called[row]} was left out of {len(called)} board pictures: its corners fit to {rms:.2f} px, "

@@ -1,4 +1,5 @@
-"""A camera from views of a board: every lens model fitted, the best by evidence, with its covariance."""
+"""A camera from views of a board: every lens model fitted, the best by evidence, with its covariance; and
+whether the lens of a camera is still the same in another film."""
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -6,6 +7,7 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from vision.boards.board import BoardView
 from vision.boards.circles import centroid
@@ -154,3 +156,28 @@ def _reduced(fit: LensFit, view: BoardView, index: int, free: np.ndarray) -> tup
     pose, lens = slope[:, :6], slope[:, 6:][:, free]
     lens = lens - pose @ np.linalg.lstsq(pose, lens, rcond=None)[0]
     return lens.T @ lens, lens.T @ fit.residuals[index].ravel()
+
+
+def view_misfit(camera: Camera, then: Array, now: Array, *, defines: NDArray[np.bool_]) -> float:
+    """How far the markers of a flat rig lie from where the camera would see them, rms in px.
+
+    then, now: their centres (m,2) in the two films, raw px, in one order.   defines: (m,) which of them
+    define the view, 4 or more; the others are tested, 1 or more.
+
+    A pinhole camera sees a plane from two places in pictures that a homography maps onto each other exactly.
+    With the wrong lens (another focus or zoom) something is left, and so it is where a marker was moved.
+    """
+    a, b = camera.undistort(then), camera.undistort(now)
+    if defines.sum() < 4 or defines.all():
+        raise ValueError(
+            f"{int(defines.sum())} of {len(defines)} markers define the view; wanted 4 or more of them, and "
+            "others to test it by"
+        )
+    foretold = camera.distort(_mapped(fit_homography(a[defines], b[defines]), a[~defines]))
+    return float(np.sqrt(((foretold - now[~defines]) ** 2).sum(axis=1).mean()))
+
+
+def _mapped(homography: Array, points: Array) -> Array:
+    """Points (m,2) under a homography (3,3)."""
+    out = np.column_stack([points, np.ones(len(points))]) @ homography.T
+    return np.asarray(out[:, :2] / out[:, 2:])

@@ -12,7 +12,7 @@ from vision.boards.board import Board, BoardView
 from vision.calibration.bundle import CornerNoise, Shot, board_pose, bundle_adjust, middle
 from vision.calibration.intrinsics import read_picture
 from vision.calibration.lens import centred
-from vision.calibration.movedboards import worst_pose
+from vision.calibration.rejectedpictures import worst_pose
 from vision.calibration.rig import OWN, Rig, common, project, same, triangulate
 from vision.camera import Array, Camera
 

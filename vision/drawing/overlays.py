@@ -8,8 +8,7 @@ from numpy.typing import NDArray
 
 from vision.camera import Array, Image
 from vision.film.video import Video
-from vision.following.methods import Method
-from vision.following.tracks import Tracks
+from vision.following.tracks import Method, Tracks
 
 PATH, CENTRE, SPREAD, GONE, DARK = (
     (0, 159, 230), (233, 180, 86), (115, 230, 60), (60, 60, 255), (25, 25, 25),

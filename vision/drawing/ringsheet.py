@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from vision.camera import Array, Image
 from vision.drawing.overlays import write_text
 from vision.film.video import Video
-from vision.following.locating import no_lens
-from vision.following.reference import first_seen
+from vision.following.firstpictures import first_seen
+from vision.following.markercentres import no_lens
 from vision.marks import Mark, codes_of, detect, px_per_unit, rows_of
 from vision.plane import MIN_VISIBLE, fit_homography
 

@@ -1,8 +1,8 @@
 """How well each displacement is known: independent noise, and errors that many values share ("modes").
 
-Read `noise` first: what scatters at rest, and what video compression adds. `persistence` tells how long that
-lasts, `stillness` whether the finger rested at all,
-`keyframes` what changes where a film is drawn anew. `variance` makes the independent
-variance of every place from it. `modes` gives the shared errors by name, for example a wrong scale.
-`budgeting` sums all of them up by source.
+Read in this order. `noise` is what scatters at rest, and what patches of the picture do. `autocorrelation`
+tells how long noise lasts, `restcheck` whether the finger rested at all. `reencoding` codes the film's own
+frames once more, and `compression` makes terms of the error model from that. `variance` is the independent
+variance of every place. `modes` are the shared errors by name, for example a wrong scale; `codingdrift` are
+those that stay in resting marks until coding draws them anew. `errorbudget` sums all of them up by source.
 """

@@ -1,6 +1,6 @@
 """Errors that many values share, from what is known of the rig: one field a mode, 1 sd each, by name.
 
-A name is its source, then what it belongs to: `placement:tip:x`. `errors.budgeting` sums them by source.
+A name is its source, then what it belongs to: `placement:tip:x`. `errors.errorbudget` sums them by source.
 """
 
 from collections.abc import Mapping, Sequence
@@ -11,19 +11,20 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from vision.camera import Array
-from vision.errors.noise import CREEP, FAST, PASSING, REST, SHAKEN
+from vision.errors.noise import CREEP, FAST, FAST_PX, PASSING, REST, SHAKEN
 from vision.following.turns import mean_seen
 from vision.marks import Mark
 
 Named = Mapping[str, Array]  # name to (s,p,3) mm
+# Where these numbers come from: docs/records/error-numbers.md
 LEVEL = 0.2  # slope of the line to a neighbour that still runs along the finger
 MIN_HOLD, MAX_HOLDS = 3, 60  # frames that make a hold; how many of all marks get modes, the longest first
 LONG = 20  # frames in which a late picture falls behind, or catches up
 CREEP_SHARED = 0.75  # of a creeping patch's variance; correlation at lags of 1 to 30 frames: 0.73 to 0.76
-REDRAWN_PX = 0.004  # px at most; on drawn film (benchmarks/film_accuracy.py) pulls are 1.2 without it
+REDRAWN_PX = 0.004  # px at most; benchmarks/tracking/film_accuracy.py: pulls are 1.2 without it
 BETWEEN_PX = 0.0008  # px, registration between pixels: on lossless film means of holds have pull 2 without it
-AWAY_PX = 1.0
-LEAST = 1e-8  # of the largest combined mode's power: below it a mode is left out
+DRIFTING = 0.5  # of what stays in a creeping patch's variance falls behind or catches up; half is constant
+ROUNDING = float(np.sqrt(np.finfo(np.float64).eps))  # of the largest mode's power: less is no mode
 UNLIKELY = 0.001  # chance below which residuals contradict what is stated
 
 
@@ -114,11 +115,11 @@ def redrawn(
     source = "codec" if coded_mm > 0.0 else "static"
     for p in _finger(marks):
         top = int(np.argmax(away[:, p]))
-        if away[top, p] <= AWAY_PX:
+        if away[top, p] <= FAST_PX:
             continue
         mm_per_px = float(np.nan_to_num(np.linalg.norm(value[top, p, [0, 2]]))) / away[top, p]
         size = np.hypot(BETWEEN_PX * mm_per_px, min(REDRAWN_PX * mm_per_px, coded_mm))
-        where = {"moved": away[:, p] > AWAY_PX, "after": np.arange(len(away)) > top}
+        where = {"moved": away[:, p] > FAST_PX, "after": np.arange(len(away)) > top}
         for name, steps in where.items():
             for component in (0, 2):
                 field = np.zeros((len(value), 2))
@@ -152,32 +153,16 @@ def codec(
             name = f"codec:{marks[p].name}:{component + 1}:{count + 1}"
             modes[name] = mode
             if length >= LONG and (state[frames, p] != REST).all():
-                # half of it is the same all along; half falls behind, or catches up
-                modes[name] = np.sqrt(0.5) * mode
-                modes[f"{name}:drift"] = np.sqrt(0.5) * _times(mode, frames, _ramp(length))
-    if len(runs) <= MAX_HOLDS:
-        return modes, left, ()
-    return modes, left, (_unshared(len(runs)),)
-
-
-def _ramp(length: int) -> Array:
-    """From one end to the other of a hold, of mean square 1."""
-    ramp = np.linspace(-1.0, 1.0, length)
-    return np.asarray(ramp / np.sqrt(np.mean(ramp**2)))
-
-
-def _times(mode: Array, frames: slice, factor: Array) -> Array:
-    out = mode.copy()
-    out[frames] *= factor[:, None, None]
-    return out
-
-
-def _unshared(rests: int) -> str:
-    few = rests - MAX_HOLDS
-    return (
-        f"Video compression leaves a constant error while a marker rests ({rests} rests). The {MAX_HOLDS} "
-        f"longest are modelled; for the {few} shortest, averages look more precise than they are."
+                ramp = np.linspace(-1.0, 1.0, length)[:, None, None]
+                modes[name], late = np.sqrt(1.0 - DRIFTING) * mode, np.sqrt(DRIFTING) * mode
+                late[frames] *= ramp / np.sqrt(np.mean(ramp**2))
+                modes[f"{name}:drift"] = late
+    few = len(runs) - MAX_HOLDS
+    said = (
+        f"Video compression leaves a constant error while a marker rests ({len(runs)} rests). The "
+        f"{MAX_HOLDS} longest are modelled; for the {few} shortest, averages look more precise than they are."
     )
+    return modes, left, (said,) if few > 0 else ()
 
 
 def _runs(held: NDArray[np.bool_]) -> list[tuple[int, int]]:
@@ -204,7 +189,7 @@ def orthogonal(fields: Array) -> list[Array]:
     """The few orthogonal fields (s,p,3) mm that together are as large as many (n,s,p,2), largest first."""
     flat = fields.reshape(len(fields), -1)
     power, turn = np.linalg.eigh(flat @ flat.T)
-    kept = [k for k in np.argsort(power)[::-1] if power[k] > LEAST * max(power[-1], 1e-30)]
+    kept = [k for k in np.argsort(power)[::-1] if power[k] > ROUNDING * max(power[-1], 1e-30)]
     return [_with_zero_y(field) for field in (flat.T @ turn[:, kept]).T.reshape(-1, *fields.shape[1:])]
 
 

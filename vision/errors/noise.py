@@ -8,17 +8,17 @@ from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d, uniform_filter1d
 
 from vision.camera import Array
-from vision.errors.persistence import WHITE, Persistence, innovations, persistence_of
+from vision.errors.autocorrelation import SURE, WHITE, Persistence, innovations, persistence_of
 from vision.following.turns import mean_seen
 
+# Where these numbers come from: docs/records/error-numbers.md
 MIN_STATIC = 120
 LEAST_MM = 1e-6  # mm, sd of a mark that coding freezes
-CLEARLY = 3.0  # sds of its variance by which a point is noisier than its frames tell
 REST, CREEP, FAST, SHAKEN, PASSING = 0, 1, 2, 3, 4
-DRIFT_PX = 0.02  # px in ten frames, or px per frame: below it a patch is at rest (ten static sds)
-SETTLED = 10  # first frames of a film
+DRIFT_PX = 0.02  # px in SETTLED frames, or px per frame: below it a patch is at rest (ten static sds)
+SETTLED = 10  # frames in which coding refines a first picture, and in which a drift goes on and on
 BETWEEN = 5  # frames after or before a move in which a patch counts as shaken
-FAST_PX = 1.0  # px per frame: below it a moving patch creeps
+FAST_PX = 1.0  # px: a patch that is farther off, or moves by more in a frame, is drawn anew
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -82,7 +82,7 @@ def _level(error: Array, new: Array, found: Persistence) -> Array:
     own = np.maximum(_power(error), LEAST_MM**2) * count / (count - 1)
     told = np.maximum(_power(new), LEAST_MM**2) * found.total * count / (count - 1)
     spread = np.sqrt(2.0 / found.independent(len(error)))
-    return np.asarray(np.sqrt(np.maximum(told, own / (1.0 + CLEARLY * spread))))
+    return np.asarray(np.sqrt(np.maximum(told, own / (1.0 + SURE * spread))))
 
 
 def _power(error: Array) -> Array:
@@ -141,11 +141,11 @@ def states(ideal: Array) -> NDArray[np.int8]:
 
 
 def _drift(ideal: Array) -> Array:
-    """Distance (t,p) px in ten frames: however slow it is, a drift that goes on is drawn late; one that has
-    ended is not. Near the film's ends it is that of the other side."""
-    before, after = _moved(ideal, -10, 0), _moved(ideal, 0, 10)
+    """Distance (t,p) px in SETTLED frames: however slow it is, a drift that goes on is drawn late; one that
+    has ended is not. Near the film's ends it is that of the other side."""
+    before, after = _moved(ideal, -SETTLED, 0), _moved(ideal, 0, SETTLED)
     drift = np.minimum(before, after)
-    drift[:10], drift[-10:] = after[:10], before[-10:]
+    drift[:SETTLED], drift[-SETTLED:] = after[:SETTLED], before[-SETTLED:]
     return drift
 
 

@@ -6,13 +6,14 @@ import numpy as np
 
 from vision.camera import Array
 from vision.errors.noise import REST, NoiseModel, states, with_y
-from vision.following.methods import COARSE, Method
-from vision.following.tracks import Followed
+from vision.following.tracks import COARSE, Followed, Method
 from vision.following.turns import mean_seen
 from vision.plane import MIN_VISIBLE, Plane, place_noise, shared_noise
 
+# Where these numbers come from: docs/records/error-numbers.md
 OWN = 0.1  # least share of a mark's static variance that is its own and not the frame marks'
 CLEARLY = 3.0  # times the usual residual variance
+LEAST_MOVING = 0.25  # quantile of the residual variances of marks that move: less is not usual in any mark
 
 
 @dataclass(frozen=True)
@@ -108,7 +109,7 @@ def misfit(followed: Followed) -> Array:
     plain = np.isfinite(size) & ~np.isin(followed.method, COARSE)
     usual = np.array([np.median(x[s]) if s.any() else np.nan for x, s in zip(size.T, plain.T, strict=True)])
     moving = size[plain & (states(followed.ideal) != REST)]
-    usual = np.fmax(usual, np.quantile(moving, 0.25) if len(moving) else 0.0)
+    usual = np.fmax(usual, np.quantile(moving, LEAST_MOVING) if len(moving) else 0.0)
     known = np.isfinite(usual) & (usual > 0.0)
     others = np.median(usual[known]) if known.any() else np.inf
     ratio = size / np.where(known, usual, others)

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 LOSSLESS = ("ffv1", "huffyuv", "ffvhuff", "utvideo", "png", "rawvideo", "qtrle")
 NAMES = {"h264": "H.264", "hevc": "H.265", "mjpeg": "JPEG pictures"}
 MOST_B = 16  # what x264 and x265 take
-LIVE_S = 2.0
-SPARSE = 250  # frames from key frame to key frame where a film shows no two
+LIVE_S = 2.0  # between key frames of a film coded while it is taken: docs/records/error-numbers.md
+SPARSE = 250  # frames from key frame to key frame where a film shows no two: what x264 and x265 take
 AVX_512 = 13  # OpenCV's number for processors that have it
 # x264 weighs what later frames refer to; with AVX-512 it reads memory there that nobody wrote, and codes the
 # same pictures differently. AVX2 gives what AVX-512 gives otherwise, as fast.

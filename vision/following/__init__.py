@@ -1,9 +1,12 @@
 """Where every mark is in every frame: one homography a mark and frame, with its covariance.
 
-Read `reference` first: it averages each mark over the first seconds (with `printed`, `dots`, `identity`).
-`registration` aligns that average in every later frame, on the compiled loops of `sampling`; `fallback` and
-`uneven` help where this fails or is disturbed. `tracks` is the loop over the film, `methods` names how a
-mark was placed, `turns` reads rotations, `corrections` is what a person mends. `locating` finds markers in a
-single picture, `skimming` looks at some frames of a film, `textures` finds natural features,
-`dic` follows a speckled surface.
+Read `tracks` first: the records of what was followed. `tracking` is the loop over the film. It starts from
+`reference`, which averages each mark over the first seconds: `firstpictures` finds the marks there,
+`printedpattern` their true centres. `registration` aligns that average in every later frame, on the compiled
+loops of `sampling`. Where this fails or is disturbed, `fallback`, `blurred` and `uneven` help. Plain dots are
+found by `dots` and told apart by `identity`.
+
+`turns` reads rotations from the tracks, `corrections` is what a person mends. `markercentres` measures the
+markers of a single picture, `preview` looks at some frames of a film, `features` finds natural features.
+`dic` follows a speckled surface, `curvature` corrects it where strain has a gradient.
 """

@@ -7,8 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vision.camera import Array, Camera
-from vision.following.methods import Method
-from vision.following.tracks import Followed
+from vision.following.tracks import Followed, Method
 
 DOES = ("lost", "swap", "place")
 SD_PX = 0.5  # of a place that a person clicks

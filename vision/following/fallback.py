@@ -9,8 +9,8 @@ import numpy as np
 
 from vision.camera import Array, Camera, Image
 from vision.following import registration
-from vision.following.methods import Method
 from vision.following.reference import Follower
+from vision.following.tracks import Method
 from vision.marks import px_per_unit
 
 SMOOTH = 5  # points (about px), side of the Gaussian filter on both patches

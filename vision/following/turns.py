@@ -5,8 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from vision.camera import Array
-from vision.following.methods import Method
-from vision.following.tracks import Followed
+from vision.following.tracks import Followed, Method
 from vision.marks import Mark
 from vision.plane import to_plane
 

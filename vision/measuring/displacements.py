@@ -8,21 +8,20 @@ from numpy.typing import NDArray
 
 from vision.calibration.rig import Rig
 from vision.camera import Array
-from vision.errors.budgeting import Budget, budget
+from vision.doubts.framemarks import frame_fit, without_odd
+from vision.doubts.slips import find_slips
+from vision.errors.errorbudget import Budget, budget
 from vision.errors.modes import Stated, stacked
 from vision.errors.noise import NoiseModel, hidden_in_static
 from vision.film.checkpoint import Keeper, Progress
-from vision.following.methods import Method
-from vision.following.tracks import Tracks
+from vision.following.tracks import Method, Tracks
 from vision.following.turns import mean_seen
 from vision.marks import Mark, check_names, rows_of
 from vision.measuring.face import Face, with_face
 from vision.measuring.strains import StrainField, strain_field
-from vision.placing.flat import MAX_DEPTH_MM, in_plane
+from vision.placing.multicamera import in_space
 from vision.placing.placed import Placed, thinned_noise
-from vision.placing.rigplaces import frame_fit, without_odd
-from vision.placing.slips import find_slips
-from vision.placing.space import in_space
+from vision.placing.singlecamera import MAX_DEPTH_MM, in_plane
 from vision.placing.views import How, Seen, View, check_static, look, steps_of
 from vision.plane import MIN_VISIBLE
 
@@ -138,7 +137,7 @@ def _record(
         noise=thinned_noise(placed.noise, len(film.time), len(steps)),
         reference=np.searchsorted(steps, film.reference),
         tracks=_tracks(seen[0], marks, placed.rotation),
-        homography=seen[0].homography(marks),
+        homography=seen[0].film.homography(marks),
         lost=_lost(seen, marks),
         budget=budget(placed.variance, fields, mode_names, there),
         remarks=(
@@ -291,7 +290,7 @@ def _fallen_back(seen: Seen, marks: Sequence[Mark]) -> list[str]:
 
 
 def _blind(seen: Seen, marks: Sequence[Mark]) -> tuple[str, ...]:
-    blind = seen.film.time[np.isnan(seen.homography(marks)[:, 0, 0])]
+    blind = seen.film.time[np.isnan(seen.film.homography(marks)[:, 0, 0])]
     if not len(blind):
         return ()
     return (

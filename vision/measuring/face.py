@@ -17,15 +17,13 @@ from vision.film.video import Video
 from vision.following import registration
 from vision.following.curvature import Curvature, curvature_of, straightened
 from vision.following.dic import MIN_CONTRAST, MIN_CORRELATION, NEIGHBOURS, affine_templates, smooth
-from vision.following.methods import Method
 from vision.following.reference import MAX_REFERENCE
-from vision.following.tracks import Followed
+from vision.following.tracks import Followed, Method
 from vision.following.turns import mean_seen
 from vision.kinds.facepoint import FacePoint
-from vision.marks import Mark, frame_places, linear_at_centre, px_per_unit, rows_of
-from vision.placing import depth
+from vision.marks import Mark, linear_at_centre, px_per_unit, rows_of
+from vision.perspective import viewpoint
 from vision.placing.views import How, Seen, View
-from vision.plane import homographies
 
 MAX_POINTS = 150  # two modes of its own each, of all points in all steps: 2.2 GB at 2000 steps
 GROUP = "face"  # all of it is off its place, its nodes, its height alike
@@ -73,7 +71,7 @@ def with_face(seen: Seen, view: View, marks: Sequence[Mark], face: Face, how: Ho
     still, film = (
         _joined(own, _follow(video, seen.camera, own, homography, face, height, how, stage))
         for video, own, stage in ((view.static, seen.still, "static-face"), (view.film, seen.film, "face"))
-        for homography in [homographies(frame_places(marks), own.ideal[:, frame])]
+        for homography in [own.homography(marks)]
     )
     kind = FacePoint(face.subset_mm)
     spots = [
@@ -105,7 +103,7 @@ def _follow(
     stage: str,
 ) -> Followed:
     """The face's subsets in every frame."""
-    view = depth.viewpoint(camera, homography[marks.reference])
+    view = viewpoint(camera, homography[marks.reference])
     half = 0.5 * face.subset_mm / (1.0 - height / view.distance)
     centre = view.foot + (face.points() - view.foot) / (1.0 - height / view.distance)
     start = homography[marks.reference[0]] @ _local(centre, half)

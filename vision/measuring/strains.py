@@ -10,10 +10,10 @@ from vision.camera import Array
 from vision.errors.noise import NoiseModel
 from vision.following.turns import linear_maps
 from vision.kinds.facepoint import FacePoint
-from vision.marks import Mark, frame_places, rows_of
-from vision.placing import depth
+from vision.marks import Mark, rows_of
+from vision.perspective import heights, viewpoint
+from vision.placing import planeerrors
 from vision.placing.views import Seen
-from vision.plane import homographies
 
 COMPONENTS = ("E_xx", "E_zz", "E_xz")
 
@@ -51,8 +51,8 @@ def strain_field(
     if not kept:
         return None
     face = [output[k] for k in kept]
-    plane = seen.homography(marks)
-    still = green_lagrange(linear_maps(seen.still, _homography(seen, marks))[:, face])
+    plane = seen.film.homography(marks)
+    still = green_lagrange(linear_maps(seen.still, seen.still.homography(marks))[:, face])
     value = green_lagrange(linear_maps(seen.film, plane)[steps][:, face])
     shown = np.isfinite(still[..., 0]).sum(axis=0)
     scatter = np.sqrt(np.nansum((still - _mean(still)) ** 2, axis=0) / np.maximum(shown - 1, 1)[:, None])
@@ -60,8 +60,8 @@ def strain_field(
     grown = np.sqrt(
         1.0 + np.mean(coded**2 / usual**2, axis=1) + noise.persistence.of_mean(len(seen.film.reference))
     )
-    away = depth.viewpoint(seen.camera, plane).distance - depth.heights(marks, rows_of(marks)[0])[face]
-    nearer = out_of_plane_mm * depth.bulge(moved[:, kept]) / np.abs(away)
+    away = viewpoint(seen.camera, plane).distance - heights(marks, rows_of(marks)[0])[face]
+    nearer = out_of_plane_mm * planeerrors.bulge(moved[:, kept]) / np.abs(away)
     return StrainField(
         time=seen.film.time[steps],
         names=tuple(marks[p].name for p in face),
@@ -106,10 +106,6 @@ def quads(points: Array) -> NDArray[np.int64]:
     corners = np.stack([number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:]], axis=-1)
     cells = corners.reshape(-1, 4)
     return np.asarray(cells[(cells >= 0).all(axis=1)])
-
-
-def _homography(seen: Seen, marks: Sequence[Mark]) -> Array:
-    return homographies(frame_places(marks), seen.still.ideal[:, rows_of(marks)[0]])
 
 
 def _mean(value: Array) -> Array:

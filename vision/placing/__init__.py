@@ -1,8 +1,7 @@
 """Displacements in mm from the pixels of one camera or several.
 
-Read `views` first: what each camera recorded, and what was followed in it. `flat` places marks with one
-camera in the finger's plane; `depth` says what that camera cannot see. `space` places them with several
-cameras, by `world`, `clocks` and `spacemodes`. Both give a `placed`. `slips` finds marks that came off.
-`projecting` goes the other way: from mm to pixels. Before all of it `gates` refuses marks that cannot be
-what is stated of them, and `rigplaces` frame marks that lie elsewhere.
+Read `views` first: what each camera recorded, and what was followed in it. `singlecamera` places marks with
+one camera, in the plane of the frame marks; `planeerrors` states what that camera cannot see.
+`multicamera` places them with several cameras: `triangulation` finds the places in space, `clocks` brings the
+films to common times, `spaceerrors` states the errors. Both ways give the record in `placed`.
 """

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from vision.calibration.rig import Rig
 from vision.camera import Array
 from vision.following.turns import mean_seen
-from vision.placing.world import Sight, places_of
+from vision.placing.triangulation import Sight, places_of
 
 SAME = 1e-3  # of a frame: nearer than that, nothing is interpolated
 GAP = 2.5  # usual steps beyond which nothing is interpolated

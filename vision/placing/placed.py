@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 from vision.camera import Array
 from vision.errors.modes import Named
 from vision.errors.noise import NoiseModel
-from vision.following.tracks import Followed
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -25,22 +24,6 @@ class Placed:
     rotation: Array  # (t,m) rad of all marks in all frames
     remarks: tuple[str, ...]  # what the user should check or change
     notes: tuple[str, ...]  # what was done without asking anything of the user
-
-
-def thinned(followed: Followed, steps: NDArray[np.intp]) -> Followed:
-    """What was followed in some frames, which hold the reference."""
-    if len(steps) == len(followed.time):
-        return followed
-    return replace(
-        followed,
-        time=followed.time[steps],
-        warp=followed.warp[steps],
-        ideal=followed.ideal[steps],
-        covariance=followed.covariance[steps],
-        method=followed.method[steps],
-        growth=followed.growth[steps],
-        reference=np.searchsorted(steps, followed.reference),
-    )
 
 
 def thinned_noise(noise: NoiseModel, frames: int, steps: int) -> NoiseModel:

@@ -6,19 +6,20 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from vision.camera import Array, Camera, Image
-from vision.errors.codecterms import Codec, codec_terms
+from vision.camera import Camera, Image
+from vision.doubts.misplacedmarks import doubts
+from vision.doubts.plausibility import check_marks
+from vision.errors.compression import Codec, codec_terms
 from vision.errors.noise import MIN_STATIC
-from vision.errors.recoding import coded_again, described
-from vision.errors.stillness import check_rest
+from vision.errors.reencoding import coded_again, described
+from vision.errors.restcheck import check_rest
 from vision.film.checkpoint import Keeper, Progress
 from vision.film.video import Video
 from vision.following.corrections import Correction, corrected
-from vision.following.reference import check_fingers_seen, prepare
-from vision.following.tracks import Followed, follow
+from vision.following.reference import Follower, check_fingers_seen, prepare
+from vision.following.tracking import follow
+from vision.following.tracks import Followed
 from vision.marks import Mark, frame_places, rows_of
-from vision.placing.doubtful import doubts
-from vision.placing.gates import check_marks
 from vision.plane import homographies, to_plane
 
 
@@ -60,10 +61,6 @@ class Seen:
     remarks: tuple[str, ...] = ()  # what the user should check or change
     coded: tuple[str, ...] = ()  # how the film was coded, and coded again: a sentence
 
-    def homography(self, marks: Sequence[Mark]) -> Array:
-        """Homography (t,3,3) from the frame marks' plane (x, z, 1) mm to ideal px in every frame."""
-        return homographies(frame_places(marks), self.film.ideal[:, rows_of(marks)[0]])
-
 
 def check_static(film: Video) -> None:
     """Raises ValueError where a static film is too short to tell the noise, or one picture throughout."""
@@ -84,31 +81,18 @@ def check_static(film: Video) -> None:
 
 
 def look(view: View, marks: Sequence[Mark], how: How, *, camera: str = "") -> Seen:
-    """The view, followed.   camera: what its stages have behind their names, "-2" for the second camera.
+    """What one camera saw: where the marks are in the film and the static film, and what coding errs by.
 
+    camera: what its stages have behind their names, "-2" for the second camera.
+
+    The first pictures are checked against what is stated of the marks, both films are followed, corrections
+    by hand are made to the film's tracks, and the film is coded again to tell the error of its coding.
     Raises ValueError, before anything is followed, where the first picture contradicts what is stated of the
     marks; and where the finger moves in the static film or in the film's reference.
     """
-    ready, still_ready = (
-        prepare(film, view.camera, marks, dictionary=how.dictionary, reference_s=how.reference_s)
-        for film in (view.film, view.static)
-    )
-    check_fingers_seen(view.film, ready)
-    check_marks(marks, ready.seed, camera=view.camera, frame_sd_mm=how.frame_sd_mm)
-    still, film = (
-        follow(
-            video,
-            follower,
-            reference_s=how.reference_s,
-            stage=stage + camera,
-            progress=how.progress,
-            keeper=how.keeper,
-        )
-        for video, follower, stage in (
-            (view.static, still_ready, "static"),
-            (view.film, ready, "film"),
-        )
-    )
+    ready, still_ready = _prepared(view, marks, how)
+    still = _followed(view.static, still_ready, how, f"static{camera}")
+    film = _followed(view.film, ready, how, f"film{camera}")
     film = corrected(film, [mark.name for mark in marks], view.corrections, view.camera)
     remarks = _rest(still, marks, view.static, static=True) + _rest(film, marks, view.film, static=False)
     remarks += doubts(marks, ready.seed, camera=view.camera, placement_sd_mm=how.placement_sd_mm)
@@ -125,6 +109,25 @@ def look(view: View, marks: Sequence[Mark], how: How, *, camera: str = "") -> Se
         still_keys=view.static.keys(),
         remarks=remarks,
         coded=described(view.film, again),
+    )
+
+
+def _prepared(view: View, marks: Sequence[Mark], how: How) -> tuple[Follower, Follower]:
+    """Reference patches of the film and of the static film; ValueError where the film's first picture shows
+    that the marks are not as stated."""
+    ready, still_ready = (
+        prepare(film, view.camera, marks, dictionary=how.dictionary, reference_s=how.reference_s)
+        for film in (view.film, view.static)
+    )
+    check_fingers_seen(view.film, ready)
+    check_marks(marks, ready.seed, camera=view.camera, frame_sd_mm=how.frame_sd_mm)
+    return ready, still_ready
+
+
+def _followed(film: Video, follower: Follower, how: How, stage: str) -> Followed:
+    """Every mark in every frame of a film; what is kept of a killed run has the stage's name."""
+    return follow(
+        film, follower, reference_s=how.reference_s, stage=stage, progress=how.progress, keeper=how.keeper
     )
 
 

@@ -1,9 +1,9 @@
 """A sheet bonded to a surface: its own energy, closed forms, CalculiX, derivatives at null and beyond."""
 
-import sys
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path as File
+
+from benchmarks.kernel import shapes
 
 import numpy as np
 import pytest
@@ -12,9 +12,6 @@ from fe import Case, Material, Path, Support, Variation, solve
 from fe.case import Layer
 from fe.kernel.layer import LayerFaces
 from fe.solver.newton import Problem, equilibrium
-
-sys.path.append(str(File(__file__).resolve().parents[3] / "benchmarks"))
-import shapes
 
 Cube = Callable[..., Case]
 

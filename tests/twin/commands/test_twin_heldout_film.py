@@ -12,6 +12,7 @@ from twin.commands.review import run_review
 from twin.inputs.films import FilmTargets, joined
 from twin.model.structure import BuiltIn
 from twin.project.folder import Project
+from twin.project.record import SourceRecord
 from twin.project.targetwriting import write_targets
 
 FILMS = {
@@ -45,7 +46,7 @@ def found(
         drawn = virtual.noisy_targets(u, slope, course, points=points, bench=BENCH, seed=1 + k)
         films.append(FilmTargets(name=name, log=f"{name}.csv", targets=drawn, held_out=name == "steps"))
     targets, told = joined(films)
-    write_targets(folder / "targets", targets, source={"films": told})
+    write_targets(folder / "targets", targets, source=SourceRecord(films=tuple(told)))
     say = Silent()
     run_calibrate(project, say)
     run_diagnose(project, say)

@@ -21,7 +21,7 @@ from twin.project import files
 from twin.project.config import MeasureTable
 from twin.project.folder import Project
 from twin.project.toml import dump
-from vision.errors.budgeting import budget
+from vision.errors.errorbudget import budget
 
 FPS, FRAMES, STATIC = 10.0, 60, 50  # film from 100 s on, static film from 90 s on, log 50 Hz from 89 to 107 s
 GAUGE = 2e-5  # MPa
@@ -189,7 +189,7 @@ def test_a_kill_between_targets_and_done_is_mended(project, measured, monkeypatc
     run_camera(project, Lines())
     run_measure(project, Lines())
     info = project.info(project.root / "runs/0002-measure")
-    files.write_json(project.root / "runs/0002-measure/run.json", info | {"status": "running"})
+    files.write_json(project.root / "runs/0002-measure/run.json", info.model_copy(update={"status": "running"}))
     assert run_measure(project, Lines())["run"] == "runs/0002-measure"
     assert project.newest("measure", "tracks.npz") is not None
 

@@ -2,8 +2,10 @@
 
 import hashlib
 import shutil
-import sys
 from pathlib import Path
+
+from benchmarks.batches import make_batch
+from benchmarks.batches.make_batch import FIRST, OTHER
 
 import numpy as np
 import pytest
@@ -19,11 +21,7 @@ from twin.project.folder import Project
 from twin.project.toml import dump
 from vision.drawing import synthetic
 from vision.film.series import open_film
-from vision.following.locating import locate
-
-sys.path.append(str(Path(__file__).resolve().parents[3] / "benchmarks"))
-import make_batch
-from make_batch import FIRST, OTHER
+from vision.following.markercentres import locate
 
 COARSE = Lattice(per_bellow=4, wall=1, up=1, centred=False)  # 1600 nodes where the default has 5400
 OLD, NEW = "charge 07 é", "charge 08 ß"  # blanks and letters that not every file system spells alike

@@ -2,7 +2,6 @@
 
 import shutil
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import cv2
@@ -10,6 +9,7 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter, map_coordinates
 
+from tests.strangers import studio
 from twin.commands.camera import run_camera
 from twin.commands.check import run_check
 from twin.commands.measure import run_measure
@@ -21,7 +21,6 @@ from twin.project.folder import Project
 from twin.project.toml import dump, parse
 from vision.drawing import synthetic
 
-ROOT = Path(__file__).resolve().parents[3]
 FINGER = (0.0, 0.0, 110.0, 20.5)  # mm, x and z of the speckled part of the side face
 
 
@@ -35,20 +34,12 @@ class Lines(list[str]):
         pass
 
 
-@pytest.fixture(scope="module")
-def studio() -> ModuleType:
-    with pytest.MonkeyPatch.context() as patch:
-        patch.syspath_prepend(str(ROOT / "benchmarks"))
-        import strangers_studio
-    return strangers_studio
-
-
-def sink(studio: ModuleType, time: np.ndarray) -> np.ndarray:
+def sink(time: np.ndarray) -> np.ndarray:
     """The skin's shift (t,2) mm, the same for all of it."""
     return np.outer(studio.ramp(time), (-2.0, -12.0))
 
 
-def textured(studio: ModuleType, shift: np.ndarray) -> Any:
+def textured(shift: np.ndarray) -> Any:
     """A skin with a natural texture, shifted by (t,2) mm: grey levels at places (n,2) mm in frame t."""
     rng = np.random.default_rng(8)
     skin = 90.0 + 30.0 * gaussian_filter(rng.standard_normal((80, 300)), 1.6) / 0.177
@@ -65,7 +56,7 @@ def textured(studio: ModuleType, shift: np.ndarray) -> Any:
 
 
 @pytest.fixture(scope="module")
-def project(studio: ModuleType, tmp_path_factory: pytest.TempPathFactory) -> Project:
+def project(tmp_path_factory: pytest.TempPathFactory) -> Project:
     """The right project, but one tag and a textured skin on the finger."""
     root = tmp_path_factory.mktemp("skin") / "skin"
     studio.draw_boards(root / "raw" / "boards")
@@ -74,12 +65,12 @@ def project(studio: ModuleType, tmp_path_factory: pytest.TempPathFactory) -> Pro
     lens, pose = studio.camera()
     for name, time in (("film.mkv", studio.film_time()), ("static.mkv", np.zeros(studio.STILL))):
         place = np.tile([m.position for m in marks], (len(time), 1, 1)).astype(float)
-        shift = sink(studio, time)
+        shift = sink(time)
         place[:, -1, ::2] += shift
         synthetic.film(
             root / "raw" / name, camera=lens, pose=pose, marks=marks, positions=place, codec="ffv1",
             rotations=np.zeros(place.shape[:2]), fps=studio.RATE, seed=len(time),
-            face=(studio.Y, textured(studio, shift)),
+            face=(studio.Y, textured(shift)),
         )  # fmt: skip
     config = studio.config_of()
     first = config.points[0].model_copy(update={"position_mm": (20.0, studio.Y, 0.0)})
@@ -90,7 +81,7 @@ def project(studio: ModuleType, tmp_path_factory: pytest.TempPathFactory) -> Pro
     return Project.open(root)
 
 
-def test_features_are_numbered_named_and_measured(project: Project, studio: ModuleType) -> None:
+def test_features_are_numbered_named_and_measured(project: Project) -> None:
     say = Lines()
     picked = run_pick(project, say, size_mm=6.0)
     assert picked["features"] >= 5
@@ -112,7 +103,7 @@ def test_features_are_numbered_named_and_measured(project: Project, studio: Modu
     run_camera(own, say)
     run_measure(own, say)
     targets = own.targets()
-    truth = sink(studio, studio.film_time())
+    truth = sink(studio.film_time())
     for name in ("middle", "tip"):
         row = targets.names.index(name)
         error = targets.value[:, row][:, [0, 2]] - truth
@@ -127,7 +118,7 @@ def test_features_are_numbered_named_and_measured(project: Project, studio: Modu
         run_pick(own, say, names=["tip"])
 
 
-def test_a_feature_has_no_marker_and_is_not_printed(project: Project, studio: ModuleType, tmp_path: Path) -> None:
+def test_a_feature_has_no_marker_and_is_not_printed(project: Project, tmp_path: Path) -> None:
     config = studio.config_of()
     feature = {"marker": None, "seen_mm": (109.0, -0.5)}
     points = (*config.points[:-1], config.points[-1].model_copy(update=feature))
@@ -139,7 +130,7 @@ def test_a_feature_has_no_marker_and_is_not_printed(project: Project, studio: Mo
         parse(text.replace("seen_mm = [109", "marker = 23\nseen_mm = [109").encode(), name="twin.toml")
 
 
-def test_a_picture_without_texture_says_what_to_do(studio: ModuleType, project: Project, tmp_path: Path) -> None:
+def test_a_picture_without_texture_says_what_to_do(project: Project, tmp_path: Path) -> None:
     root = tmp_path / "plain"
     shutil.copytree(project.root / "raw" / "boards", root / "raw" / "boards")
     marks, (lens, pose) = studio.marks_of(), studio.camera()

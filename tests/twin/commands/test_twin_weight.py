@@ -1,10 +1,11 @@
 """A finger that was weighed: the table of the genetic algorithm, the mesh's modes and the whole chain under weight."""
 
 import json
-import sys
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path as File
+
+from benchmarks.diagnosis import modes
 
 import numpy as np
 import pytest
@@ -30,9 +31,6 @@ from twin.project.targetwriting import write_targets
 from twin.project.toml import dump
 from twin.review.states import Generations
 from twin.targets import Array, Targets
-
-sys.path.append(str(File(__file__).resolve().parents[3] / "benchmarks"))
-import modes
 
 COARSE = Lattice(per_bellow=2, ring=False, centred=False)
 DENSITY = 8 * 1.07e-9  # tonne/mm3: the short finger sags by as large a share as the long one does

@@ -36,11 +36,8 @@ ALL = {
 }
 
 
-def test_of(case: Case) -> Test:
+def ramped(case: Case) -> Test:
     return Test(case, RAMP, case.position(4401)[None], np.array([True]))
-
-
-test_of.__test__ = False  # type: ignore[attr-defined]
 
 
 def named(e: Effect) -> str:
@@ -50,7 +47,7 @@ def named(e: Effect) -> str:
 @pytest.mark.parametrize("e", SHAPES, ids=named)
 def test_only_inner_surfaces_and_what_lies_between_move(e: Effect, short_case: Case) -> None:
     case = mirrored(short_case) if isinstance(e, SidewaysCore) else short_case
-    changed = e.before(test_of(case), SHAPES[e]).case
+    changed = e.before(ramped(case), SHAPES[e]).case
     outside = np.unique(case.face_nodes("outside"))
     np.testing.assert_array_equal(changed.nodes[outside], case.nodes[outside])
     moved = np.linalg.norm(changed.nodes - case.nodes, axis=1)
@@ -59,7 +56,7 @@ def test_only_inner_surfaces_and_what_lies_between_move(e: Effect, short_case: C
     for s in case.supports:  # the symmetry plane stays one
         rows, own = case.node_sets[s.nodes], list(s.components)
         np.testing.assert_array_equal(changed.nodes[rows][:, own], case.nodes[rows][:, own])
-    assert e.before(test_of(case), {**SHAPES[e], e.parameters[0].name: 0.0}).case.nodes is case.nodes
+    assert e.before(ramped(case), {**SHAPES[e], e.parameters[0].name: 0.0}).case.nodes is case.nodes
 
 
 def bottom_wall(case: Case) -> tuple[Array, Array]:
@@ -77,7 +74,7 @@ def test_walls_are_as_thick_as_the_effects_say(short_case: Case) -> None:
         (EccentricCore(), -0.3 + 0 * place),
         (Ballooning(), -0.4 * np.exp(-0.5 * ((place - 0.6) * 100 / 3 / 8.0) ** 2)),
     ):
-        changed = e.before(test_of(short_case), ALL[next(k for k in ALL if k.name == e.name)]).case
+        changed = e.before(ramped(short_case), ALL[next(k for k in ALL if k.name == e.name)]).case
         rows = inside(short_case).rows
         x = short_case.nodes[rows]
         flat = (x[:, 2] < x[:, 2].min() + 0.45) & (np.abs(x[:, 1]) < 1e-9)
@@ -105,20 +102,20 @@ def test_any_mesh_with_a_chamber_can_have_them(
 
 def test_walls_that_would_close_are_refused_with_a_sentence(short_case: Case) -> None:
     with pytest.raises(Unsolvable, match=r"eccentric_core.mm = 2.6 mm: an element of the wall keeps .* of its volume"):
-        EccentricCore().before(test_of(short_case), {"eccentric_core.mm": 2.6})
+        EccentricCore().before(ramped(short_case), {"eccentric_core.mm": 2.6})
     for e, values in SHAPES.items():  # within their bounds there is room in the built-in finger
         for p in e.parameters[:1]:
             for end in (p.low, p.high):
-                e.before(test_of(short_case), {**values, p.name: end})
+                e.before(ramped(short_case), {**values, p.name: end})
     with pytest.raises(ValueError, match="no pressurised surface: wanted a chamber"):
-        WallTaper().before(test_of(replace(short_case, pressurised=None)), {"wall_taper.mm": 0.1})
+        WallTaper().before(ramped(replace(short_case, pressurised=None)), {"wall_taper.mm": 0.1})
 
 
 @pytest.mark.parametrize("e", ALL, ids=named)
 @pytest.mark.parametrize("null", [True, False])
 def test_derivatives_are_those_of_whole_solves(e: Effect, null: bool) -> None:
     small = small_test().case
-    test, p = test_of(mirrored(small) if isinstance(e, SidewaysCore) else small), e.parameters[0]
+    test, p = ramped(mirrored(small) if isinstance(e, SidewaysCore) else small), e.parameters[0]
     at = 0.0 if null else ALL[e][p.name]
 
     def case(value: float) -> Case:
@@ -140,7 +137,7 @@ def test_derivatives_are_those_of_whole_solves(e: Effect, null: bool) -> None:
 
 
 def test_a_sideways_core_bends_sideways_and_its_image_the_other_way(short_case: Case) -> None:
-    test = test_of(mirrored(short_case))
+    test = ramped(mirrored(short_case))
     ahead, behind = (
         solve(SidewaysCore().before(test, {"eccentric_core_y.mm": v}).case, RAMP) for v in (0.3, -0.3)
     )

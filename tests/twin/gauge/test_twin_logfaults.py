@@ -94,4 +94,5 @@ def test_absolute_pressure_and_a_turned_sign_are_refused(tmp_path: Path, offset:
 def test_other_offsets_are_no_air(tmp_path: Path, offset: float) -> None:
     rows = "".join(f"{t:.2f},{offset + 1e3 * p:.6g}\n" for t, p in zip(TIME, log().pressure, strict=True))
     (tmp_path / "p.csv").write_text("time_s,p [kPa]\n" + rows)
-    read_log(tmp_path / "p.csv", time_shift_s=0.0)
+    found = read_log(tmp_path / "p.csv", time_shift_s=0.0)
+    np.testing.assert_allclose(found.pressure, log().pressure + 1e-3 * offset, rtol=1e-5, atol=1e-12)

@@ -207,7 +207,7 @@ def test_films_of_one_log_must_not_overlap():
     with pytest.raises(ValueError, match=r"films 'a' and 'b' overlap on the clock of a\.csv"):
         joined([a, replace(b, log="a.csv")])
     t, rows = joined([a, replace(film("b", sd=0.01, start=50.0), log="a.csv")])
-    assert [row["shift_s"] for row in rows] == [0.0, 0.0]
+    assert [row.shift_s for row in rows] == [0.0, 0.0]
     assert t.time[12] == 50.0
 
 
@@ -232,7 +232,7 @@ def test_a_held_out_film_does_not_enter_the_fit_and_is_judged():
     assert np.array_equal(fit.theta, again.theta)
     assert fit.comparison.p_value == again.comparison.p_value
     assert fit.deviance == again.deviance
-    (found,), (off,) = unseen(fit, t), unseen(again, other)
+    (found,), (off,) = unseen(fit, t, {}), unseen(again, other, {})
     assert (found.block, found.values) == (1, 72)
     assert found.rms_mm == pytest.approx(0.1, rel=0.35)  # its noise; 72 values: 8 %, 4 sds
     assert off.raw_rms_mm > 2.0

@@ -1,12 +1,12 @@
 """The correction of a prediction for its mesh, where the truth is the finest of the meshes.
 
-benchmarks/modes.py has truths on still finer meshes, over random constants and pressures.
+benchmarks/diagnosis/modes.py has truths on still finer meshes, over random constants and pressures.
 """
 
-import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from pathlib import Path
+
+from benchmarks.diagnosis import interval_coverage, modes
 
 import numpy as np
 import pytest
@@ -22,10 +22,6 @@ from twin.model.discretisation import Discretisation, SolvedAt, _tested, discret
 from twin.model.prediction import HISTORY, Model, moved
 from twin.model.structure import finer, of_finger
 from twin.targets import Array, Targets
-
-sys.path.append(str(Path(__file__).resolve().parents[3] / "benchmarks"))
-import interval_coverage
-import modes
 
 THETA = np.array([0.26, 0.07])  # MPa, C10 and C01: other shares than the nominal ones
 FILM = ((0.0, 0.0), (2.0, 0.0), (4.0, 27.0), (6.0, 27.0), (8.0, 0.0))  # s, kPa
@@ -116,7 +112,7 @@ def test_what_bends_further_than_its_pressure_is_corrected_as_far(draw: Draw) ->
 
 
 def test_intervals_cover_where_the_truth_is_on_another_mesh(draw: Draw, short: Finger) -> None:
-    # one of the other topology, and one whose cells lie elsewhere; benchmarks/interval_coverage.py has more draws
+    # one of the other topology, and one whose cells lie elsewhere; benchmarks/diagnosis/interval_coverage.py has more draws
     model = draw.model.on_mesh(draw.mesh)
     points, nodes = modes.markers(short, draw.model.test.case)
     course, rows = virtual.path(BENCH, protocol=FILM), []

@@ -1,13 +1,12 @@
 """Random dimensions of the built-in finger: meshes are valid, solves converge, the tip is near its limit.
 
-The small version of `benchmarks/batches.py`.
+The small version of `benchmarks/batches/batches.py`.
 """
 
-import importlib
 from dataclasses import replace
 from itertools import islice
-from pathlib import Path
-from types import ModuleType
+
+from benchmarks.batches import batches
 
 import numpy as np
 import pytest
@@ -17,34 +16,27 @@ from twin.model.structure import BuiltIn
 from twin.project.dimensions import FingerTable
 
 
-@pytest.fixture(scope="module")
-def batches() -> ModuleType:
-    with pytest.MonkeyPatch.context() as patch:
-        patch.syspath_prepend(str(Path(__file__).resolve().parents[3] / "benchmarks"))
-        return importlib.import_module("batches")
-
-
-def case_of(batches: ModuleType, table: FingerTable) -> Case:
+def case_of(table: FingerTable) -> Case:
     own = BuiltIn.of(table.finger)
     return finger_case(batches.SILICONE, finger=own.finger, lattice=own.lattice)
 
 
-def test_random_dimensions_mesh(batches: ModuleType) -> None:
+def test_random_dimensions_mesh() -> None:
     tables = list(islice(batches.tables(7), 25))
     assert {t.pleat_profile for t in tables} == {"round", "flat"}
     assert len({t.pleats for t in tables}) > 3
-    assert [batches.broken_mesh(case_of(batches, t)) for t in tables] == [""] * len(tables)
+    assert [batches.broken_mesh(case_of(t)) for t in tables] == [""] * len(tables)
 
 
 @pytest.mark.slow
-def test_random_dimensions_solve(batches: ModuleType) -> None:
+def test_random_dimensions_solve() -> None:
     small = [t for t in islice(batches.tables(7), 25) if t.pleats <= 2][:3]
     found = [batches.tried(t) for t in small]
     assert [row.reason for row in found] == [""] * 3
     assert all(row.tip > 0.01 for row in found)
 
 
-def test_a_small_finger_is_near_its_limit(batches: ModuleType) -> None:
+def test_a_small_finger_is_near_its_limit() -> None:
     table = FingerTable(length_mm=24.0, width_mm=14.0, height_mm=13.0, pleats=1, pleat_depth_mm=4.0,
                         side_pleat_depth_mm=1.0)  # fmt: skip
     row, finger = batches.tried(table), table.finger
@@ -54,8 +46,8 @@ def test_a_small_finger_is_near_its_limit(batches: ModuleType) -> None:
     assert row.tip == pytest.approx(limit, rel=0.02)
 
 
-def test_what_is_not_valid_is_seen(batches: ModuleType) -> None:
-    case = case_of(batches, FingerTable())
+def test_what_is_not_valid_is_seen() -> None:
+    case = case_of(FingerTable())
     holed = replace(case, surfaces={**case.surfaces, "chamber": np.delete(case.surfaces["chamber"], 40, axis=0)})
     assert batches.broken_mesh(holed) == "the chamber is not closed"
     nodes = case.nodes.copy()

@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 from vision import Camera, Video
 from vision.boards.board import BoardView
 from vision.boards.charuco import CharucoBoard
-from vision.calibration.boardfilms import BoardFilm, camera_of_film, chosen
-from vision.calibration.joinedfilms import _frames
+from vision.calibration.boardfilms import BoardFilm, _frames, camera_of_film, chosen
 from vision.drawing import synthetic
 from vision.film.video import Writer
 

@@ -1,6 +1,5 @@
 """Boards of circles of which a picture shows a part: the grid is walked, coding dots tell which part."""
 
-import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -10,15 +9,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from tests.strangers.right import CODED, LargerDots
 from vision import Camera, calibrate_camera
 from vision.boards.board import Board
 from vision.boards.circles import AsymmetricCircleBoard, CircleBoard
 from vision.boards.dotgrid import walk
 from vision.calibration.stereo import _photographed, calibrate_rig
 from vision.drawing import synthetic
-
-sys.path.append(str(Path(__file__).resolve().parents[3] / "benchmarks"))
-from strangers_right import CODED, LargerDots
 
 Array = NDArray[np.float64]
 TRUTH = Camera(

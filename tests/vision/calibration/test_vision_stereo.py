@@ -1,6 +1,5 @@
 """Cameras calibrated together: derivatives, pulls of rig and corners, lag of film, and a real recording."""
 
-import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -8,11 +7,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from tests.pulls import band
 from vision import Camera
 from vision.boards.board import BoardView
 from vision.boards.charuco import CharucoBoard
 from vision.calibration.bundle import Shot, bundle_adjust
-from vision.calibration.movedboards import worst_pose
+from vision.calibration.rejectedpictures import worst_pose
 from vision.calibration.rig import OWN, Rig, project, triangulate
 from vision.calibration.stereo import _fit_poses, locate, synchronous_shots
 
@@ -123,9 +123,10 @@ def test_pulls_of_the_rig_and_of_lengths_on_new_pictures_are_one(shared: float) 
             length = np.linalg.norm(CORNERS[-1] - CORNERS[0])
             sd = np.sqrt(along.ravel() @ spread @ along.ravel())
             pulls.append((np.linalg.norm(side) - length) / sd)
-    # 9 trials of 16 parameters: sd of the mean 0.12; 36 lengths, four to a calibration: 0.17 or so
-    assert np.mean(chi2) == pytest.approx(1.0, abs=0.35)
-    assert np.sqrt(np.mean(np.square(pulls))) == pytest.approx(1.0, abs=0.35)
+    low, high = band(9 * 16)  # trials of parameters
+    assert low < np.sqrt(np.mean(chi2)) < high
+    low, high = band(9 * 2, 2.0)  # four lengths of one calibration share its error, which is half of theirs
+    assert low < np.sqrt(np.mean(np.square(pulls))) < high
 
 
 def test_a_camera_that_lags_is_found_out_from_the_boards_motion() -> None:
@@ -179,8 +180,7 @@ def test_cameras_that_share_no_picture_are_refused() -> None:
 
 @pytest.mark.parametrize("frames", [30, pytest.param(57, marks=pytest.mark.slow)])
 def test_squares_of_a_real_board_on_frames_held_out(shared_data: Path, frames: int) -> None:
-    sys.path.append(str(Path(__file__).resolve().parents[3] / "benchmarks"))
-    import stereo as benchmark
+    from benchmarks.tracking import stereo as benchmark
 
     found = benchmark.held_out(shared_data / "charuco_4cam", halves=(0,), most=frames)
     pulls = np.concatenate([error / sd for name, (error, sd) in found.items() if len(name) == 3])

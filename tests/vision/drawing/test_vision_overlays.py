@@ -9,8 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from vision.drawing.overlays import CENTRE, GONE, PATH, SPREAD, farthest, overlay
-from vision.following.methods import Method
-from vision.following.tracks import Tracks
+from vision.following.tracks import Method, Tracks
 
 FRAMES, TURN = 20, 12  # the farthest frame
 

@@ -8,7 +8,7 @@ import pytest
 from numpy.typing import NDArray
 
 from vision.errors.modes import frame_sd
-from vision.placing.world import rigid_fit
+from vision.placing.triangulation import rigid_fit
 from vision.plane import plane_of
 
 Array = NDArray[np.float64]

@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 
 from vision import Video
-from vision.film import checkpoint, stutter
-from vision.following.methods import Method
+from vision.film import checkpoint
+from vision.film.picturefaults import stale
 from vision.following.reference import prepare
-from vision.following.tracks import Followed, follow
+from vision.following.tracking import follow
+from vision.following.tracks import Followed, Method
 from vision.kinds.plaindot import PlainDot
 
 Lab = Any
@@ -88,7 +89,7 @@ def test_a_picture_repeated_round_a_frame_that_is_not_there_is_stale() -> None:
     ideal[[0, 3]] = np.nan  # no mark is seen in the first, the fourth cannot be decoded
     same = np.array([False, True, False, False, True, False, False, False])
     ideal[4] = ideal[2]
-    assert np.flatnonzero(stutter.stale(same, ideal)).tolist() == [4]
+    assert np.flatnonzero(stale(same, ideal)).tolist() == [4]
 
 
 def test_frames_that_are_not_there_are_lost_and_said(

@@ -5,8 +5,7 @@ import pytest
 
 from vision import Camera
 from vision.following.corrections import Correction, corrected
-from vision.following.methods import Method
-from vision.following.tracks import Followed
+from vision.following.tracks import Followed, Method
 
 CAMERA = Camera(
     np.array([[900.0, 0, 320], [0, 900, 200], [0, 0, 1]]), np.array([-0.2, 0, 0, 0, 0]), (640, 400)

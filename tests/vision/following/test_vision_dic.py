@@ -1,6 +1,5 @@
 """Full-field registration: known fields, pulls, occlusion, and a real picture pair with a commanded shift."""
 
-import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -8,6 +7,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from tests.pulls import band
 from vision.following import dic
 
 Array = NDArray[np.float64]
@@ -116,8 +116,7 @@ def test_a_grid_stays_inside_its_mask() -> None:
 
 
 def test_shifts_of_real_pictures_are_the_commanded_ones(shared_data: Path) -> None:
-    sys.path.append(str(Path(__file__).resolve().parents[3] / "benchmarks"))
-    import dic as benchmark
+    from benchmarks.tracking import dic as benchmark
 
     for shift, found in benchmark.trial(shared_data / "dic_challenge_5", 41):
         seen = np.isfinite(found.correlation)
@@ -127,7 +126,8 @@ def test_shifts_of_real_pictures_are_the_commanded_ones(shared_data: Path) -> No
         assert moved.std(axis=0, ddof=1).max() <= 0.003
         stated = np.sqrt(found.covariance[seen][:, [0, 1], [0, 1]])
         pulls = (moved - moved.mean(axis=0)) / stated
-        assert np.sqrt(np.mean(pulls**2)) == pytest.approx(1.0, abs=0.2)
+        low, high = band(seen.sum())  # their two axes count as one: neighbours share pixels
+        assert low < np.sqrt(np.mean(pulls**2)) < high
 
 
 def bent(pixel: Array) -> Array:
@@ -147,4 +147,5 @@ def test_a_strain_gradient_is_not_mistaken_for_a_shift() -> None:
     # An affine subset alone is 0.055 px off all over, and its pull is 4.5 and more.
     assert abs(np.median(error[:, 0])) < 0.005
     # 80 subsets that share half of their pixels; those at the picture's edge keep the error, and state it
-    assert 0.7 < np.sqrt(np.mean((error / stated) ** 2)) < 1.3
+    low, high = band(80)
+    assert low < np.sqrt(np.mean((error / stated) ** 2)) < high

@@ -1,21 +1,19 @@
 """Dots: centre, stated covariance, eccentricity, and which is which."""
 
-import sys
 from collections.abc import Sequence
-from pathlib import Path
+
+from benchmarks.tracking.printeddots import look, photograph, rim, trial
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
+from tests.pulls import band
 from vision.camera import Camera
 from vision.following.dots import eccentricity, find_dots
 from vision.following.identity import DotMemory, assign, follow_dots, start
-from vision.following.tracks import _unknown
-
-sys.path.append(str(Path(__file__).resolve().parents[3] / "benchmarks"))
-from printeddots import look, photograph, rim, trial
+from vision.following.tracking import _unknown
 
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
@@ -64,7 +62,8 @@ def test_centre_and_its_stated_covariance(diameter: float, dark: bool) -> None:
             assert dot.radius == pytest.approx(0.5 * diameter, rel=0.06)
     sd = np.sqrt(np.array(spreads) * np.mean(variances))
     assert np.sqrt(np.mean(np.square(errors))) < {8.0: 0.008, 12.0: 0.0065, 20.0: 0.005}[diameter]
-    assert 0.85 < np.sqrt(np.mean(np.square(np.array(errors) / sd))) < 1.18  # 192 values: sd 5 %
+    low, high = band(192)
+    assert low < np.sqrt(np.mean(np.square(np.array(errors) / sd))) < high
 
 
 @pytest.mark.parametrize("radius", [2.5, 4.0, 9.0, 20.0, 49.0, 60.0])

@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from tests.pulls import band
 from vision.following import registration, uneven
 from vision.following.reference import Follower, prepare
-from vision.following.tracks import centres
+from vision.following.tracking import centres
 from vision.marks import linear_at_centre, px_per_unit
 
 Array = NDArray[np.float64]
@@ -112,8 +113,8 @@ def test_what_is_stated_is_what_marks_err(
     raw = error[kept] / np.sqrt(np.median(usual))
     assert np.sqrt(np.mean(raw**2)) > 5.0  # without it
     pull = error[kept] / np.sqrt(np.median(usual) + more[kept])[:, None]
-    # Some 450 values of heavier tails than normal ones: the rms is known to 6 %.
-    assert 0.75 < np.sqrt(np.mean(pull**2)) < 1.25
+    low, high = band(140)  # some 450 values of heavier tails than normal ones: the rms is known to 6 %
+    assert low < np.sqrt(np.mean(pull**2)) < high
 
 
 def test_covered_marks_are_given_up_or_stated(lab: Lab, drawn: tuple[Array, Follower]) -> None:

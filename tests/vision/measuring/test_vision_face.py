@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from tests.pulls import band
 from vision import Displacements, Video, View, measure
 from vision.drawing import synthetic
 from vision.errors.modes import Stated
@@ -114,7 +115,8 @@ def test_a_known_field_of_the_face_is_measured_with_pulls_of_one(found: Displace
     pulls = error / np.sqrt(variance[:, face][..., [0, 2]])
     assert np.sqrt(np.mean(error**2)) < 0.003  # mm, 0.01 px at 3.4 px/mm
     still = slice(0, 16)
-    assert np.sqrt(np.mean(pulls[still] ** 2)) == pytest.approx(1.0, abs=0.2)
+    low, high = band(16 * 21 * 2 / 4)  # frames, subsets, axes; subsets share pixels with their neighbours
+    assert low < np.sqrt(np.mean(pulls[still] ** 2)) < high
     # a stretched, turned patch is interpolated otherwise than at rest: twice the noise is the most it adds
     assert np.sqrt(np.mean(pulls[16:] ** 2)) < 2.0
 
@@ -150,7 +152,8 @@ def test_strain_is_the_material_s_with_its_sd(found: Displacements) -> None:
     truth = np.array([green_lagrange(deformation(t)[0]) for t in range(TIMES)])[:, None]
     assert np.abs(truth).max() > 0.03  # turned by 13 degrees besides, which is no strain
     pulls = (field.value - truth) / field.sd
-    assert np.sqrt(np.mean(pulls[:16] ** 2)) == pytest.approx(1.0, abs=0.25)
+    low, high = band(16 * 21 * 3 / 8)  # frames, subsets, components; neighbours share pixels, components slopes
+    assert low < np.sqrt(np.mean(pulls[:16] ** 2)) < high
     # a stretched, turned patch is interpolated otherwise than at rest
     assert np.sqrt(np.mean(pulls[16:] ** 2)) < 2.0
     assert np.abs(field.value - truth).max() < 0.002

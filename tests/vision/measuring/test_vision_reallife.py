@@ -9,11 +9,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from tests.pulls import band
 from vision import Displacements, Video
-from vision.errors.codecterms import Codec
+from vision.errors.compression import Codec
 from vision.film.video import Writer
 from vision.following.reference import prepare
-from vision.following.tracks import Followed, follow
+from vision.following.tracking import follow
+from vision.following.tracks import Followed
 from vision.measuring.displacements import displacements_of
 from vision.placing.views import Seen
 
@@ -134,12 +136,15 @@ def test_trouble_in_a_film(trouble: str, drawn: Followable, lab: Lab, tmp_path: 
     assert [said.split("'")[1] for said in result.lost] == [lab.marks[p].name for p in hidden]
     assert all(f"{TO - FROM} of 40 frames, from 1.800 to 3.300 s" in said for said in result.lost)
     # Blur and a slope of light are in the fit: without it their sd would be stated 2 to 3 times too large.
-    assert 0.7 <= np.sqrt(np.nanmean(pull[FROM:TO] ** 2)) <= 1.3
+    # 14 frames of 3 marks that move, their axes as one; of 4 that rest what is painted spoils all frames alike
+    low, high = band(14 * 3 + 4 * 2)
+    assert low < np.sqrt(np.nanmean(pull[FROM:TO] ** 2)) < high
     for p in range(len(output)):
         if not expected[:, p].any():
             # 32 values of one mark scatter by 0.13; a light gradient moves the steepest by another 0.002 px.
             assert np.sqrt(np.mean(pull[FROM:TO, p] ** 2)) <= 2.0
-    assert 0.7 <= np.sqrt(np.nanmean(pull[TO:] ** 2)) <= 1.3  # as good as before once it is over
+    low, high = band(6 * 7 * 2)  # frames, marks, axes
+    assert low < np.sqrt(np.nanmean(pull[TO:] ** 2)) < high  # as good as before once it is over
     assert not any("peels" in remark for remark in result.remarks)
     if trouble in ("motion blur", "defocus"):
         told = [note for note in result.notes if "more blurred than at rest" in note]
@@ -152,6 +157,7 @@ def test_a_tenth_of_the_frames_is_not_there(drawn: Followable, lab: Lab, tmp_pat
     result, pull = measured(drawn, lab, tmp_path / "film.mkv", None, dropped)
     assert len(result.time) == len(BEND) - len(dropped)
     assert not np.isin(np.round(10 * result.time), dropped).any()  # none is filled in
-    assert 0.7 <= np.sqrt(np.mean(pull[14:] ** 2)) <= 1.3
+    low, high = band(22 * 7)  # frames of marks; their two axes count as one
+    assert low < np.sqrt(np.mean(pull[14:] ** 2)) < high
     (issue,) = Video(tmp_path / "film.mkv").issues
     assert "missing in 3 places. The longest gap is 0.300 s after 2.000 s, the usual step 0.1000 s" in issue

@@ -1,0 +1,239 @@
+"""Makes the tables of docs/twin-toml.md, effects.md, files.md and nodes.md from the program itself.
+
+    python benchmarks/docs/reference.py
+
+Run it after a key of twin.toml or an effect of the library has changed; `tests/test_docs.py` compares.
+"""
+
+import os
+import re
+import sys
+from collections.abc import Mapping
+from typing import Any
+
+sys.path.insert(0, os.path.abspath(f"{__file__}/../../.."))
+from benchmarks import ROOT
+
+import numpy as np
+
+from calibrate import Parameter
+from fe import Finger, Material, finger_case
+from twin.chain import STAGES, Stage
+from twin.effects.library import all_effects
+from twin.effects.protocol import Effect
+from twin.effects.requirements import MEANING
+from twin.project.config import Config, DiagnoseTable
+
+DOCS = ROOT / "docs"
+Schema = Mapping[str, Any]
+BEGIN, END = "<!-- made by benchmarks/docs/reference.py -->", "<!-- end -->"
+
+WHAT = {
+    "project": "The batch.",
+    "model": "What is computed.",
+    "model.finger": "Dimensions of your own finger of the built-in kind. Without this table the reference "
+    "study's finger is computed. `twin look` draws them.",
+    "cameras": "One for each camera. Without any, the targets were measured elsewhere.",
+    "cameras.board": "The calibration board; the same for all cameras.",
+    "films": "One for each of several films of one batch, in place of `film` and its start in `[[cameras]]`: "
+    "[Several films of one finger](your-own-test.md#several-films-of-one-finger).",
+    "pressure": "The pressure log. Needed with a film.",
+    "import": "Displacements that another program measured: `twin measure` makes targets of them, and `twin "
+    "init --targets` writes this table. [Files of other programs](files.md#files-of-other-programs).",
+    "measure": "How well things are known. Every sd here becomes a part of the stated error.",
+    "frame.markers": "Markers on the rig, which do not move.",
+    "points": "Markers on the finger, and where they are: at a position in mm, or at a node.",
+    "dic": "A speckled part of the side face, in place of markers or beside them.",
+    "calibrate": "The fit of the material.",
+    "diagnose": "The search for what is missing.",
+    "study": "What the source of the targets states of its own calibration; `twin study` stands beside it.",
+}  # fmt: skip
+KINDS = {"string": "text", "integer": "whole number", "number": "number", "boolean": "true or false"}
+
+
+def key_tables() -> str:
+    """One section a table of twin.toml: its keys with values, defaults and meanings."""
+    schema = Config.model_json_schema()
+    return "\n".join(_table(*row) for row in _tables(schema, schema["$defs"], at=""))
+
+
+def _tables(schema: Schema, defined: Schema, *, at: str) -> Any:
+    """Every table of the file in its order: name, whether it repeats, its keys with their schema."""
+    for key, field in schema["properties"].items():
+        name, inner = at + key, _inner(field)
+        if inner is None:
+            continue
+        table = defined[inner]
+        plain = {k: f for k, f in table["properties"].items() if _inner(f) is None}
+        if plain:
+            needed = set(table.get("required", ()))
+            keys = {k: (f, k in needed) for k, f in plain.items()}
+            yield name, field.get("type") == "array", keys
+        yield from _tables(table, defined, at=f"{name}.")
+
+
+def _inner(field: Schema) -> str | None:
+    """The name of the table that a key holds, None where it holds a value."""
+    found = re.search(r"#/\$defs/(\w+)", str(field))
+    return found[1] if found else None
+
+
+def _table(name: str, repeats: bool, keys: Mapping[str, tuple[Schema, bool]]) -> str:
+    head = f"[[{name}]]" if repeats else f"[{name}]"
+    lines = [f"## {head}", f"{WHAT[name]}\n", "| key | value | default | meaning |", "|---|---|---|---|"]
+    for key, (field, needed) in keys.items():
+        default = "needed" if needed else _default(field.get("default"))
+        lines.append(f"| `{key}` | {_value(field)} | {default} | {field.get('description', '')} |")
+    return "\n".join(lines) + "\n"
+
+
+def _value(field: Schema) -> str:
+    """What a key takes, in words."""
+    options = [o for o in field.get("anyOf", [field]) if o.get("type") != "null"]
+    return " or ".join(_one(o) for o in options)
+
+
+def _one(field: Schema) -> str:
+    if "enum" in field:
+        return ", ".join(f"`{_literal(v)}`" for v in field["enum"])
+    if "const" in field:
+        return f"`{_literal(field['const'])}`"
+    if "prefixItems" in field:
+        return f"{len(field['prefixItems'])} numbers"
+    if field.get("type") == "array":
+        return f"list of {_one(field['items']).removesuffix('s')}s"
+    if field.get("type") == "object":
+        return f"table of {_value(field['additionalProperties'])} by name"
+    return KINDS[field["type"]] + _limits(field)
+
+
+def _limits(field: Schema) -> str:
+    signs = {"minimum": ">=", "exclusiveMinimum": ">", "maximum": "<=", "exclusiveMaximum": "<"}
+    parts = [f"{sign} {field[key]:g}" for key, sign in signs.items() if key in field]
+    return f" {', '.join(parts)}" if parts else ""
+
+
+def _default(value: Any) -> str:
+    return "none" if value is None or value in ([], {}, ()) else f"`{_literal(value)}`"
+
+
+def _literal(value: Any) -> str:
+    """A value as TOML writes it."""
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, str):
+        return f'"{value}"'
+    if isinstance(value, list | tuple):
+        return f"[{', '.join(_literal(v) for v in value)}]"
+    if isinstance(value, Mapping):
+        return "{" + ", ".join(f"{k} = {_literal(v)}" for k, v in value.items()) + "}"
+    return repr(value)
+
+
+# -- effects -----------------------------------------------------------------------------------------------
+
+
+def effect_tables() -> str:
+    """One section an effect: its sentence, its laws, what it needs, its parameters, its picture."""
+    return "\n".join(_section(effect) for effect in all_effects())
+
+
+def _section(effect: Effect) -> str:
+    name, laws = effect.name, effect.laws()
+    about = [_sentence(effect.sentence)]
+    about += ["Tried by default."] * (name in DiagnoseTable().candidates)
+    about += [f"Laws: {', '.join(f'`{law.label}`' for law in laws)}."] * (len(laws) > 1)
+    wide = effect.wide()
+    about += [f"Widest family: `{wide.label}`."] if wide else []
+    about += [_sentence(MEANING[need][1]) for need in effect.requires]
+    table = ["| parameter | unit | bounds | plausible | without the effect |", "|---|---|---|---|---|"]
+    rows = [_parameter(p) for p in laws[-1].parameters]
+    picture = f"![What {name} does](pictures/effects/{name}.png)"
+    lines = [f"### {name}", " ".join(about), "", *table, *rows, "", picture]
+    return "\n".join(lines) + "\n"
+
+
+def _sentence(text: str) -> str:
+    return f"{text[:1].upper()}{text[1:]}."
+
+
+def _parameter(p: Parameter) -> str:
+    null = "not defined" if p.null is None else f"{p.null:g}"
+    likely = _range(*p.plausible) if p.plausible else "-"
+    return f"| `{p.name}` | {p.unit or '-'} | {_range(p.low, p.high)} | {likely} | {null} |"
+
+
+NO_BOUND = 1e4  # a bound as large as this keeps nothing out: it is there because a search needs one
+
+
+def _range(low: float, high: float) -> str:
+    """A range for people: "any" where its bounds keep nothing out, and 5e-9, not 5e-09."""
+    if high >= NO_BOUND:
+        return "any"
+    return re.sub(r"e-0(?=\d)", "e-", f"{low:g} to {high:g}")
+
+
+# -- nodes -------------------------------------------------------------------------------------------------
+
+
+def node_table() -> str:
+    """Where markers may sit on the built-in finger: x and node label, six pairs a line."""
+    cells = [f"{x:.2f} | {label}" for x, label in edge_nodes()]
+    width = 6
+    cells += [" | "] * (-len(cells) % width)
+    head = ["| " + " | ".join(["x mm | node"] * width) + " |", "|" + "---|" * 2 * width]
+    rows = [cells[i : i + width] for i in range(0, len(cells), width)]
+    return "\n".join([*head, *("| " + " | ".join(row) + " |" for row in rows)]) + "\n"
+
+
+def edge_nodes() -> list[tuple[float, int]]:
+    """x (mm) and label of the nodes at ends and quarters of the bellows, on the side face's lower edge."""
+    case, finger = finger_case(Material(0.214, 0.083)), Finger()
+    on = np.flatnonzero(
+        np.isclose(case.nodes[:, 1], finger.width / 2) & np.isclose(case.nodes[:, 2], 0.0, atol=1e-9)
+    )
+    start, end = finger.base_cap, finger.length - finger.tip_cap
+    wanted = [*np.linspace(start, end, 4 * finger.bellows + 1), finger.length]
+    rows = [on[np.argmin(np.abs(case.nodes[on, 0] - x))] for x in wanted]
+    return [(float(case.nodes[r, 0]), int(case.labels[r])) for r in rows]
+
+
+# -- commands ----------------------------------------------------------------------------------------------
+
+
+def command_table() -> str:
+    """What every command that runs on a project reads and writes."""
+    head = ["| command | | reads | writes |", "|---|---|---|---|"]
+    return "\n".join([*head, *(_command(stage) for stage in STAGES)]) + "\n"
+
+
+def _command(stage: Stage) -> str:
+    reads, writes = (", ".join(f"`{name}`" for name in names) for names in (stage.reads, stage.writes))
+    return f"| `twin {stage.name}` | {stage.title} | {reads} | {writes} |"
+
+
+# -- pages -------------------------------------------------------------------------------------------------
+
+
+def renewed(page: str, made: str) -> str:
+    """A page with the part between its two marks replaced."""
+    before, _, rest = page.partition(BEGIN)
+    return f"{before}{BEGIN}\n\n{made}\n{END}{rest.partition(END)[2]}"
+
+
+def pages() -> dict[str, str]:
+    """The text of every page that is made, by its name in docs/."""
+    made = {
+        "twin-toml.md": key_tables(), "effects.md": effect_tables(), "nodes.md": node_table(),
+        "files.md": command_table(),
+    }  # fmt: skip
+    return {name: renewed((DOCS / name).read_text(encoding="utf-8"), part) for name, part in made.items()}
+
+
+def main() -> None:
+    for name, text in pages().items():
+        (DOCS / name).write_text(text, encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,197 @@
+"""Trials through the film: a hidden truth is drawn as a film, measured by `twin measure`, and diagnosed.
+
+    python benchmarks/films/filmtrials.py --folder DIR [--count 10]
+
+Camera, boards and tags are those of the demo, but the films are blurred and noisy; the finger is the short
+one in P3. The rows of results lie in DIR beside those of `identify.py`, which takes them into its table.
+About two minutes of one core for each.
+"""
+
+import json
+import os
+import sys
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+sys.path.insert(0, os.path.abspath(f"{__file__}/../../.."))
+from benchmarks.commandline import options
+from benchmarks.diagnosis.fullruns import Quiet
+from benchmarks.diagnosis.snapshots import POINTS
+from benchmarks.diagnosis.trialbench import (
+    NAMES,
+    START,
+    Scene,
+    Spec,
+    beside,
+    candidates,
+    sized,
+    worth,
+)
+from benchmarks.diagnosis.truthbook import displaced
+from benchmarks.films import make_demo as studio
+
+import numpy as np
+
+from twin.chain import stage_of
+from twin.diagnosis.procedure import diagnose
+from twin.project.config import (
+    BoardTable,
+    CalibrateTable,
+    CameraTable,
+    Config,
+    FrameTable,
+    MarkerTable,
+    MeasureTable,
+    ModelTable,
+    PointTable,
+    PressureTable,
+    ProjectTable,
+)
+from twin.project.folder import Project
+from twin.project.toml import dump
+from twin.targets import Array
+from twin.virtual.draws import Setup
+from twin.virtual.hidden import KINDS
+from twin.virtual.protocols import PROTOCOLS, Protocol
+from vision import Mark
+from vision.drawing import synthetic
+from vision.kinds.coded import CodedMarker
+
+KINDS_FILMED = ("pressure_lag", "wall_taper", "eccentric_core", "tube", "pressure_offset", "two_volumes",
+                "stepped_wall", "ballooning", "strain_limiting_layer", "tilted_core")  # fmt: skip
+HZ, STATIC, STEPS = 10.0, 320, 90
+TAG = 4.0  # mm
+BLUR_PX, NOISE_GREY = 1.7, 18.0  # out of focus and dark, so that the mesh of the tables is good enough
+
+
+@dataclass(frozen=True)
+class Filmed(Protocol):
+    """P3 at every frame of a film."""
+
+    @property
+    def steps(self) -> Array:
+        """Times (s,) s of the frames."""
+        return np.round(np.arange(0.0, 49.0, 1 / HZ), 6)
+
+
+P3 = PROTOCOLS["P3"]
+FILM = Filmed("P3", P3.recordings, P3.ramp, P3.along, P3.off_axis, P3.fixed)
+
+
+def marks_of(rows: list[int]) -> tuple[Mark, ...]:
+    """All tags: those of the finger at its places, frame and fixed ones as in the demo."""
+    own = [
+        Mark(NAMES[k], CodedMarker(n, TAG), tuple(map(float, POINTS[k])), "finger")
+        for n, k in enumerate(rows)
+    ]  # type: ignore[arg-type]
+    return (*own, *(m for m in studio.marks_of() if m.role != "finger"))
+
+
+def shoot(folder: Path, u: Array, rows: list[int], seed: int) -> None:
+    """Write film, static film, boards, pressure log and twin.toml of a motion (t, m, 3) mm."""
+    rng, marks, raw = np.random.default_rng(seed), marks_of(rows), folder / "raw"
+    raw.mkdir(parents=True)
+    studio.write_boards(raw / "boards", rng)
+    placed = np.tile([m.position for m in marks], (len(u), 1, 1)).astype(float)
+    offset = 0.1 * rng.standard_normal((len(rows), 2))
+    x = POINTS[rows][:, 0]
+    gradient = np.gradient(u, x, axis=1) if len(set(x)) == len(x) else np.zeros_like(u)
+    turn = np.arctan2(gradient[..., 2], 1 + gradient[..., 0])
+    c, s = np.cos(turn), np.sin(turn)
+    placed[:, : len(rows)] += u
+    placed[:, : len(rows), 0] += c * offset[:, 0] - s * offset[:, 1]
+    placed[:, : len(rows), 2] += s * offset[:, 0] + c * offset[:, 1]
+    turns = np.zeros(placed.shape[:2])
+    turns[:, : len(rows)] = turn
+    lens, pose = studio.camera()
+    for name, frames, k in (("film.mp4", np.arange(len(u)), 1), ("static.mp4", np.zeros(STATIC, int), 2)):
+        synthetic.film(raw / name, camera=lens, pose=pose, marks=marks, positions=placed[frames],
+                       rotations=turns[frames], fps=HZ, blur_px=BLUR_PX,
+                       noise_grey=NOISE_GREY, seed=10 * seed + k)  # fmt: skip
+    time_s = np.arange(0.0, studio.FILM_START + 52.0, 0.02)
+    course = FILM.course
+    true = np.interp(time_s - studio.FILM_START, course.time, course.pressure, left=0.0, right=0.0)
+    read = true + 2e-5 * rng.standard_normal(len(time_s))
+    lines = [f"{t:.2f},{p:.7f}" for t, p in zip(time_s, read)]
+    (raw / "pressure.csv").write_text("\n".join(["time_s,pressure_MPa", *lines]) + "\n", encoding="utf-8")
+    (folder / "twin.toml").write_text(dump(config(marks)), encoding="utf-8")
+
+
+def config(marks: tuple[Mark, ...]) -> Config:
+    """The twin.toml of a film."""
+    points = tuple(
+        PointTable(name=m.name, node=k + 1, marker=m.kind.code, size_mm=m.size_mm)
+        for k, m in enumerate(m for m in marks if m.role == "finger")
+    )
+    still = tuple(
+        MarkerTable(marker=m.kind.code, name=m.name, role=m.role, position_mm=m.position, size_mm=m.size_mm)
+        for m in marks if m.role != "finger"
+    )  # fmt: skip
+    b = studio.BOARD
+    side = CameraTable(
+        name="side", film="raw/film.mp4", static="raw/static.mp4", boards="raw/boards/*.jpg",
+        film_start_s=studio.FILM_START, static_start_s=studio.STATIC_START,
+        board=BoardTable(columns=b.columns, rows=b.rows, square_mm=b.square_mm, marker_mm=b.marker_mm),
+    )  # fmt: skip
+    return Config(
+        project=ProjectTable(name="trial"), model=ModelTable(), cameras=(side,), pressure=PressureTable(),
+        measure=MeasureTable(placement_sd_mm=0.1, scale_sd=0.001, steps=STEPS),
+        frame=FrameTable(markers=still), points=points,
+        calibrate=CalibrateTable(objective_points=(points[0].name,)), )  # fmt: skip
+
+
+def trial(folder: Path, number: int) -> dict[str, Any]:
+    """One film, measured and diagnosed."""
+    from dataclasses import replace
+
+    from twin.targets import PointKind, TargetPoint
+
+    began = time.process_time()
+    kind, seed = KINDS[KINDS_FILMED[number % len(KINDS_FILMED)]], 60_000 + number
+    spec = Spec("film", "P3", (kind.name,), 60.0, "white", seed)
+    drawn = Scene.of(spec)
+    scene = Scene(FILM, drawn.rows, Setup(sd_mm=0.01), seed, studio.FILM_START)
+    size, z = sized(drawn, kind, spec.sigmas, np.random.default_rng(seed))
+    hidden = ((kind, size),)
+    shoot(folder, displaced(FILM, hidden, scene.rows), scene.rows, seed)
+    project = Project.open(folder)
+    for stage in ("camera", "measure"):
+        stage_of(stage).run(project, Quiet())
+    targets = Project.open(folder).targets()
+    points = tuple(
+        TargetPoint(p.name, PointKind.PLACE, None, tuple(map(float, POINTS[NAMES.index(p.name)])))
+        if p.name in NAMES else p
+        for p in targets.points
+    )  # fmt: skip
+    targets = replace(targets, points=points)
+    model = scene.model(targets)
+    said = diagnose(model, candidates(), targets, seed=seed, start=START, beside=beside(model, ()),
+                    plan=False)  # fmt: skip
+    row: dict[str, Any] = {
+        "key": spec.key, "group": "film", "protocol": "P3", "kinds": [kind.name], "physics": [kind.physics],
+        "wanted": spec.sigmas, "hidden": [{"name": kind.name, "size": size, "sigmas": z}],
+    }  # fmt: skip
+    row |= worth(said, replace(scene, protocol=FILM), hidden, targets)
+    row["top1"] = kind.physics in row["names"]
+    return row | {"seconds": time.process_time() - began}
+
+
+def main() -> int:
+    typed = options(__doc__, {
+        "--folder": {"type": Path, "required": True},
+        "--count": (10, "films"),
+    })  # fmt: skip
+    file = typed.folder / "film.jsonl"
+    have = len(file.read_text(encoding="utf-8").splitlines()) if file.exists() else 0
+    for number in range(have, typed.count):
+        row = trial(typed.folder / f"film-{number:02d}", number)
+        with file.open("a", encoding="utf-8") as out:
+            out.write(json.dumps(row) + "\n")
+        print(f"{row['kinds'][0]:24s} {row['seconds']:6.0f} s  {row['verdict']}", flush=True)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,160 @@
+"""Mistakes of strangers in how a film or a log was recorded, stored or copied: more for `mistakes`.
+
+`MISTAKES` must be refused. `DOUBTFUL` may be right: they pass, with a sentence that names the doubt. `RIGHT`
+pass.
+"""
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from tests.strangers.planting import Plant, camera_with, every, filmed, painted, sagging
+from tests.strangers.studio import FILM_START, RATE, SIZE, STILL, log_text, motion
+from twin.project import files
+from twin.targets import Array
+from vision import Mark, Video
+from vision.film.video import Writer
+
+Row = tuple[float, float]
+MOVED = np.array([6.0, 0.0, 2.0])  # mm, of the camera
+
+
+def rows(change: Callable[[list[Row]], Sequence[Row]], head: str = "time_s,pressure_MPa") -> Plant:
+    """The log with its rows (s, MPa) changed."""
+    pairs = [line.split(",") for line in log_text().splitlines()[1:]]
+    kept = change([(float(t), float(p)) for t, p in pairs])
+    text = head + "\n" + "".join(f"{t:.2f},{p:.9g}\n" for t, p in kept)
+    return lambda root: files.write_text(root / "raw" / "pressure.csv", text)
+
+
+def offset(by: float, factor: float = 1.0, head: str = "time_s,pressure_MPa") -> Plant:
+    """A gauge that reads so much more, in the unit of the heading."""
+    return rows(lambda log: [(t, factor * p + by) for t, p in log], head)
+
+
+def dropped(value: float) -> Plant:
+    """A logger that writes a value in place of every seventh sample."""
+    return rows(lambda log: [(t, value if k % 7 == 0 else p) for k, (t, p) in enumerate(log)])
+
+
+def stopped(log: list[Row]) -> list[Row]:
+    """A logger that repeats its last value from halfway up the ramp."""
+    half = FILM_START + 2.6
+    last = next(p for t, p in log if t >= half)
+    return [(t, p if t < half else last) for t, p in log]
+
+
+def picked(pick: Callable[[int], Sequence[int]], name: str = "film.mkv") -> Plant:
+    """A film of other frames, at the same rate: slow motion, a film that has lost frames, a still picture."""
+
+    def plant(root: Path) -> None:
+        old, new = root / "raw" / name, root / "raw" / f"new-{name}"
+        images = [np.asarray(image, np.uint8) for _, _, image in Video(old).frames()]
+        with Writer(new, SIZE, fps=RATE, codec="ffv1", crf=0) as writer:
+            for k in pick(len(images)):
+                writer.add(images[k])
+        new.replace(old)
+
+    return plant
+
+
+def glued(name: str, off: Sequence[float]) -> Plant:
+    """Films of a finger whose marker is glued elsewhere by so many mm."""
+
+    def place(marks: list[Mark], time: Array) -> Array:
+        out = motion(marks, time)
+        out[:, [mark.name for mark in marks].index(name)] += np.array(off)
+        return out
+
+    def plant(root: Path) -> None:
+        filmed(place)(root)
+        filmed(lambda marks, time: place(marks, 0 * time), name="static.mkv", frames=STILL)(root)
+
+    return plant
+
+
+def farther(root: Path) -> None:
+    """A static film with everything at 0.85 of its size in the picture."""
+    away = np.array([0.0, -75.0, 0.0])  # mm, of 420 mm
+    filmed(lambda marks, time: motion(marks, 0 * time) + away, name="static.mkv", frames=STILL)(root)
+
+
+def pumped(rate: float = 1.0) -> Plant:
+    """A film and a log of two cycles, the film slowed down."""
+    knots, course = [0.0, 2.7, 3.5, 4.3, 5.1, 5.9, 9.0], [0.0, 0.0, 1.0, 0.0, 0.6, 0.0, 0.0]
+
+    def place(marks: list[Mark], time: Array) -> Array:
+        rest, top = motion(marks, np.array([0.0, 9.0]))
+        return rest + np.interp(time / rate, knots, course)[:, None, None] * (top - rest)
+
+    def log(t: float) -> float:
+        return 0.03 * float(np.interp(t - FILM_START, knots, course))
+
+    def plant(root: Path) -> None:
+        filmed(place, frames=round(6.7 * rate * RATE))(root)
+        noise = np.random.default_rng(7)
+        rows(lambda log_rows: [(t, log(t) + 1e-5 * noise.standard_normal()) for t, _ in log_rows])(root)
+
+    return plant
+
+
+MISTAKES: dict[str, tuple[Plant, str]] = {
+    "a static film of one picture": (
+        picked(lambda n: [0] * n, "static.mkv"), r"one picture in all 120 frames"
+    ),
+    "a film in slow motion": (pumped(1.7), r"the film seems to run 1\.[67]\d times as long as the test"),
+    "a film speeded up": (pumped(0.75), r"the film seems to run 0\.7\d times as long as the test"),
+    "a clock that is off by 3 s": (
+        camera_with(film_start_s=FILM_START - 3.0), r"at 14\.0 s .* 100 %.*correct film_start_s"
+    ),
+    "absolute pressure without a word": (
+        offset(101.325, 1e3, "time_s,pressure_kPa"), r"never falls below 0\.1013 MPa.*absolute pressure"
+    ),
+    "a sign of the gauge": (offset(0.0, -1.0), r"falls to -0\.03 MPa .*turn its sign"),
+    "a gap in the log": (
+        rows(lambda log: [row for row in log if not 15.5 < row[0] < 17.5]),
+        r"no sample between 15\.50 and 17\.50 s, while the pressure goes from .* to 0\.03 MPa",
+    ),
+    "zeros in the log": (dropped(0.0), r"16 samples lie far off their neighbours"),
+    "spikes in the log": (dropped(0.3), r"samples lie far off their neighbours"),
+}  # fmt: skip
+
+DOUBTFUL: dict[str, tuple[Plant, str]] = {
+    "a film of one ramp in slow motion": (
+        picked(lambda n: [k for k in range(n) for _ in range(1 if k < 25 else 2)]),
+        r"film seems to run 1\.[3-6]\d times",
+    ),
+    "a clock that is off by 1 s": (
+        camera_with(film_start_s=FILM_START + 1.0), r"does 1\.0 s earlier.*film_start_s right"
+    ),
+    "a gauge that does not read zero": (offset(0.005), r"reads 0\.005 MPa while the finger rests"),
+    "a logger that stops": (rows(stopped), r"repeats 0\.01\d* MPa from 16\.6"),
+    "a static film of other light": (
+        painted(lambda _, grey: 20 + 0.5 * grey, "static.mkv"), r"pixels of static.mkv change by"
+    ),
+    "a static film from farther away": (farther, r"markers are 0\.8\d times as large in static.mkv"),
+    "a tip glued 4 mm short": (glued("tip", (-4, 0, 0)), r"'tip' is seen at x = 106\.0, z = -?0\.0 mm"),
+    "a middle glued 6 mm too far": (glued("middle", (6, 0, 0)), r"'middle' is seen at x = 60\.0"),
+    "a middle glued 5 mm too high": (glued("middle", (0, 0, 5)), r"'middle' is seen at x = 54\.0, z = 5\.0"),
+    "a rig 10 mm nearer than stated": (
+        every(finger=False, place=lambda at: (at[0], at[1] + 10, at[2])), r"2\.4 % larger .* 10 mm nearer"
+    ),
+    "a finger 9 mm farther than stated": (
+        every(rig=False, place=lambda at: (at[0], at[1] - 9, at[2])), r"2\.\d % larger .* about 9 mm nearer"
+    ),
+}  # fmt: skip
+
+RIGHT: dict[str, Plant] = {
+    "two cycles": pumped(),
+    "white on black": painted(lambda _, grey: 255 - grey),
+    "a camera upside down": painted(lambda _, grey: grey[::-1, ::-1]),
+    "a coarse log": rows(lambda log: [(t, round(p, 3)) for t, p in log]),
+    "a gauge that stops at zero": rows(lambda log: [(t, max(p, 0.0)) for t, p in log]),
+    "a gap in the log at rest": rows(lambda log: [row for row in log if not 14.2 < row[0] < 15.6]),
+    "a gauge that is off by half a percent": offset(0.00015),
+    "a small sag": sagging(8.0),
+    "a camera moved a little before the test": filmed(
+        lambda marks, time: motion(marks, 0 * time) + MOVED, name="static.mkv", frames=STILL
+    ),
+}

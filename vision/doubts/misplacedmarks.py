@@ -1,0 +1,106 @@
+"""What the first picture casts doubt on without being sure: marks in front of or behind where they are
+stated, and marks glued elsewhere on the finger. Each doubt is one sentence, and nothing is refused.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from vision.camera import Array, Camera
+from vision.doubts.plausibility import sides_mm
+from vision.marks import Mark, codes_of, rows_of
+from vision.perspective import heights, to_own_plane, viewpoint
+from vision.plane import MIN_VISIBLE, homographies, to_plane
+
+SIZE_SD = 0.005  # of a mark's side, relative: its print, and its corners in one picture
+CLEAR = 3.0  # sds
+LEAST_MM = 3.0  # off the stated height
+ALONG_MM, ALONG_SDS = 1.5, 5.0  # along the finger, and so many sds of how a mark is placed
+ACROSS_MM, SHARE = 3.0, 0.12  # off the line of the others; of the largest sag, beside that
+SHORTENS = 1.2  # times square of the sag over the distance: more than any bent line is drawn back at its end
+
+
+def doubts(marks: Sequence[Mark], warp: Array, *, camera: Camera, placement_sd_mm: float) -> tuple[str, ...]:
+    """Sentences on marks that may lie elsewhere than stated.
+
+    warp: (p,3,3) local to ideal px of each mark in one picture of the finger at rest, NaN where not seen.
+    placement_sd_mm: how well the finger's marks are placed.
+    """
+    centre, frame = warp[:, :2, 2] / warp[:, 2:, 2], rows_of(marks)[0]
+    if np.isfinite(centre[frame, 0]).sum() < MIN_VISIBLE:
+        return ()
+    nominal = np.array([mark.position for mark in marks])[:, [0, 2]]
+    homography = homographies(nominal[frame], centre[None, frame])
+    view = viewpoint(camera, homography)
+    height = heights(marks, frame)
+    place = to_own_plane(to_plane(homography, centre[None]), height, view)[0]
+    return (
+        *_heights(marks, sides_mm(warp, homography), height, view.distance),
+        *_places(marks, place, nominal, placement_sd_mm),
+    )
+
+
+def _heights(marks: Sequence[Mark], side: Array, height: Array, distance: float) -> tuple[str, ...]:
+    """A sentence where the finger's marks look larger or smaller than those of the frame, all of one size."""
+    size, coded = np.array([mark.size_mm for mark in marks]), list(codes_of(marks))
+    seen = np.isfinite(side)
+    own, rig = ([p for p in coded if seen[p] and marks[p].role == role] for role in ("finger", "frame"))
+    if min(len(own), len(rig)) < 2 or len(set(size[[*own, *rig]].tolist())) > 1:
+        return ()
+    ratio = np.log(side * (1.0 - height / distance) / size)
+    sd = SIZE_SD + np.hypot(*(np.std(ratio[rows], ddof=1) / np.sqrt(len(rows)) for rows in (own, rig)))
+    larger = float(np.median(ratio[own]) - np.median(ratio[rig]))
+    off = larger * abs(distance)
+    if abs(larger) < CLEAR * sd or abs(off) < LEAST_MM:
+        return ()
+    how, where, much = ("larger", "nearer to", "large") if off > 0 else ("smaller", "farther from", "small")
+    return (
+        f"The finger's markers look {100 * abs(larger):.1f} % {how} than those of the frame, though all "
+        f"have one size_mm: they seem to lie about {abs(off):.0f} mm {where} the camera than stated, which "
+        f"is {_of_plane(float(np.median(height[own])) * np.sign(distance))}. All displacements would be "
+        f"{100 * abs(larger):.1f} % too {much}: check the y of all position_mm, and size_mm.",
+    )
+
+
+def _of_plane(height: float) -> str:
+    if abs(height) < 0.05:
+        return "the plane of the frame markers"
+    return f"{abs(height):.1f} mm {'in front of' if height > 0 else 'behind'} the frame markers"
+
+
+def _places(marks: Sequence[Mark], place: Array, nominal: Array, sd_mm: float) -> tuple[str, ...]:
+    """Sentences on marks of the finger that are not glued where they are stated; a sag at rest is none."""
+    rows = [p for p in codes_of(marks) if marks[p].role == "finger" and np.isfinite(place[p, 0])]
+    if not rows:
+        return ()
+    away, along = place[rows] - nominal[rows], np.maximum(np.abs(nominal[rows, 0]), 1.0)
+    back = SHORTENS * away[:, 1] ** 2 / along
+    off = np.where(away[:, 0] > 0, away[:, 0], np.maximum(-away[:, 0] - back, 0.0))
+    beside = _off_line(along, away[:, 1])
+    odd = (off > max(ALONG_MM, ALONG_SDS * sd_mm)) | (beside > ACROSS_MM + SHARE * np.abs(away[:, 1]).max())
+    return tuple(_sentence(marks[p].name, place[p], nominal[p]) for p in np.array(rows)[odd])
+
+
+def _sentence(name: str, seen: Array, stated: Array) -> str:
+    x, z = np.round(seen, 1) + 0.0
+    return (
+        f"Finger marker {name!r} is seen at x = {x:.1f}, z = {z:.1f} mm at rest, stated at x = "
+        f"{stated[0]:.4g}, z = {stated[1]:.4g} mm, and the finger's sag does not explain it. If it is glued "
+        "there, correct its position_mm or node: its motion is compared with the model's at the "
+        "stated place."
+    )
+
+
+def _off_line(along: Array, sag: Array) -> Array:
+    """How far the one of some marks (p,) at rest lies, in mm, off the line of all others that agrees best
+    with them: a bent line x, x^2 through the clamp. 0 for the others, and where they are fewer than four."""
+    off, line = np.zeros(len(sag)), np.column_stack([along, along**2])
+    if len(sag) < 4:
+        return off
+    left = np.zeros((len(sag), len(sag)))
+    for k in range(len(sag)):
+        others = np.arange(len(sag)) != k
+        left[k] = sag - line @ np.linalg.lstsq(line[others], sag[others], rcond=None)[0]
+    odd = int(np.argmin([np.delete(row, k) @ np.delete(row, k) for k, row in enumerate(left)]))
+    off[odd] = abs(left[odd, odd])
+    return off

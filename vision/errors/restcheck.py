@@ -1,0 +1,90 @@
+"""Whether marks that should be at rest are: a trend, a drift or a jump in their places, against the noise."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from vision.camera import Array
+from vision.following.turns import mean_seen
+
+# Where these numbers come from: docs/records/error-numbers.md
+BLOCKS = 6  # parts of the time whose means are compared
+FEW = 2  # frames in a part, at least
+CLEAR = 10.0  # sds of a part's mean by white noise: noise of neighbouring frames is alike
+MOST_MM = 0.25  # beyond it a mark moves; below it a drift is told
+TELL_MM = 0.03
+
+
+@dataclass(frozen=True)
+class Unrest:
+    """The mark that moves most in a time of rest."""
+
+    name: str
+    mm: float  # between the two parts of the time that differ most
+    moves: bool  # by more than is accepted
+
+
+def unrest(place: Array, names: Sequence[str]) -> Unrest | None:
+    """What moves clearly in places (t,p,2) mm that should be at rest; None where nothing does.
+
+    The time is cut into parts. The range of their means is compared with the noise from frame to frame, which
+    a slow motion hardly touches. What is clear and below 0.03 mm is no matter.
+    """
+    parts = [part for part in np.array_split(place, BLOCKS) if len(part) >= FEW]
+    if len(parts) < 2:
+        return None
+    means = np.array([mean_seen(part) for part in parts])
+    counts = np.array([np.isfinite(part[..., 0]).sum(axis=0) for part in parts])
+    noise = _noise(place)
+    worst: Unrest | None = None
+    for p, name in enumerate(names):
+        shown = counts[:, p] >= FEW
+        if shown.sum() < 2:
+            continue
+        apart = np.linalg.norm(means[shown, p][:, None] - means[shown, p][None], axis=-1)
+        mm, sd = float(apart.max()), noise[p] * np.sqrt(2.0 / counts[shown, p].min())
+        if mm > max(CLEAR * sd, TELL_MM) and (worst is None or mm > worst.mm):
+            worst = Unrest(name, mm, mm > MOST_MM)
+    return worst
+
+
+def check_rest(
+    place: Array, time: Array, names: Sequence[str], *, film: str, static: bool
+) -> tuple[str, ...]:
+    """A sentence where a mark drifts a little at rest; raises ValueError where one moves.
+
+    place: (t,p,2) mm during the rest.   time: (t,) s.   static: whether it is the static film.
+    """
+    found = unrest(place, names)
+    if found is None:
+        return ()
+    span = f"between {time[0]:.2f} and {time[-1]:.2f} s"
+    if static:
+        what = "which tells the noise of a finger at rest"
+        need = "film it again, vented and at rest"
+    else:
+        what = "to whose mean all displacements are relative (reference_s)"
+        need = "start the film before the finger moves, shorten reference_s, or cut the film to begin at rest"
+    if found.moves:
+        raise ValueError(
+            f"{film}: the finger is not at rest {span}, {what}: marker {found.name!r} moves by "
+            f"{found.mm:.2g} mm, wanted at most {MOST_MM:g} mm; {need}"
+        )
+    return (
+        f"{film}: marker {found.name!r} drifts by {found.mm:.2g} mm {span}, {what}. Displacements may be "
+        "off by as much.",
+    )
+
+
+def _noise(place: Array) -> Array:
+    """Sd (p,) mm of a place from what is new in a frame; a steady motion is the same in all of them."""
+    steps = np.diff(place, axis=0)
+    sd = np.zeros(place.shape[1])
+    for p in range(place.shape[1]):
+        own = steps[np.isfinite(steps[:, p, 0]), p]
+        if len(own):
+            away = np.linalg.norm(own - np.median(own, axis=0), axis=1)
+            # The median distance of a normal scatter in two axes is 1.177 sd; a step has two places.
+            sd[p] = np.median(away) / 1.177 / np.sqrt(2.0)
+    return sd

@@ -1,0 +1,103 @@
+"""Where a camera stands over the plane of the frame marks, and what that does to places off the plane.
+
+A mark's height is how far its own plane is in front of the frame marks' plane, towards +y.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from vision.camera import Array, Camera
+from vision.marks import Mark
+
+MOST_FRAMES = 200  # that the viewpoint is the median of
+
+
+@dataclass(frozen=True)
+class Viewpoint:
+    """Where the camera stands over the plane."""
+
+    foot: Array  # (2,) mm, x and z of the point of the plane right below it
+    distance: float  # mm from the plane, positive towards +y
+
+
+def viewpoint(camera: Camera, homography: Array) -> Viewpoint:
+    """Where a camera stands that sees the plane under homographies (t,3,3), mm to ideal px.
+
+    H = K [r1 r2 t] up to scale, doi 10.1109/34.888718; the median over the frames, because one frame's six
+    marks leave it uncertain by a millimetre or so.
+    """
+    known = homography[np.isfinite(homography[:, 0, 0])]
+    known = known[:: max(len(known) // MOST_FRAMES, 1)]
+    if not len(known):
+        return Viewpoint(np.full(2, np.nan), np.nan)
+    columns = np.linalg.inv(camera.matrix) @ known
+    columns = (
+        columns
+        / np.sqrt(np.linalg.norm(columns[..., 0], axis=1) * np.linalg.norm(columns[..., 1], axis=1))[
+            :, None, None
+        ]
+    )
+    columns = columns * np.sign(columns[:, 2:, 2:])  # the plane lies before the camera
+    across = np.cross(columns[..., 0], columns[..., 1])  # ex x ez = -ey
+    turn = np.stack([columns[..., 0], columns[..., 1], across], axis=-1)
+    u, _, v = np.linalg.svd(turn)
+    centre = -np.einsum("tji,tj->ti", u @ v, columns[..., 2])
+    x, z, behind = np.median(centre, axis=0)
+    return Viewpoint(np.array([x, z]), -float(behind))
+
+
+def to_own_plane(place: Array, height: Array, view: Viewpoint) -> Array:
+    """Places (t,p,2) mm on the marks' own planes, from where their rays meet the frame's plane.
+
+    height: (p,) mm.   Rays meet in the camera: x = foot + (x' - foot) (1 - h / distance), for any tilt.
+    """
+    return view.foot + (place - view.foot) * (1.0 - height / view.distance)[:, None]
+
+
+def heights(marks: Sequence[Mark], frame: Sequence[int]) -> Array:
+    """Heights (m,) mm of all marks over the plane of the frame marks."""
+    y = np.array([mark.position[1] for mark in marks])
+    return np.asarray(y - y[list(frame)].mean())
+
+
+@dataclass(frozen=True, kw_only=True)
+class Projection:
+    """How the camera sees the world while its frame marks are seen under homographies."""
+
+    camera: Camera
+    homography: Array  # (t,3,3) frame marks' plane (x, z, 1) mm to ideal px; NaN: not enough marks seen
+    view: Viewpoint
+    plane_mm: float  # y of the frame marks' plane
+
+    @classmethod
+    def of(cls, camera: Camera, homography: Array, marks: Sequence[Mark]) -> "Projection":
+        """The projection of a film; marks: those whose frame marks made its homographies."""
+        plane = float(np.mean([mark.position[1] for mark in marks if mark.role == "frame"]))
+        return cls(
+            camera=camera,
+            homography=homography,
+            view=viewpoint(camera, homography),
+            plane_mm=plane,
+        )
+
+    def pixels(self, places: Array, frame: int) -> Array:
+        """Raw pixels (n,2) of places (n,3) mm in world axes in one frame; NaN where that has no homography.
+
+        The ray of a place h in front of the plane meets the plane at foot + (x - foot) d / (d - h): the
+        reverse of `to_own_plane`, for any tilt.
+        """
+        stretch = self.view.distance / (self.view.distance - (places[:, 1] - self.plane_mm))
+        foot = self.view.foot
+        on_plane = foot + (places[:, [0, 2]] - foot) * stretch[:, None]
+        mapped = np.column_stack([on_plane, np.ones(len(on_plane))]) @ self.homography[frame].T
+        return self.camera.distort(mapped[:, :2] / mapped[:, 2:])
+
+    def places(self, pixels: Array, frame: int, *, y_mm: Array) -> Array:
+        """Places (n,3) mm in world axes, at y (n,) mm, of raw pixels (n,2) in one frame."""
+        ideal = self.camera.undistort(pixels)
+        mapped = np.column_stack([ideal, np.ones(len(ideal))]) @ np.linalg.inv(self.homography[frame]).T
+        shrink = 1.0 - (y_mm - self.plane_mm) / self.view.distance
+        x, z = (self.view.foot + (mapped[:, :2] / mapped[:, 2:] - self.view.foot) * shrink[:, None]).T
+        return np.stack([x, np.broadcast_to(y_mm, x.shape), z], axis=1)
