@@ -129,14 +129,10 @@ def test_json_stands_alone_on_stdout(run, study, stages):
 @pytest.mark.parametrize(
     ("error", "code", "sentence"),
     [
-        (ValueError("tip:\nno such node"), 2, "error: tip: no such node\n"),
-        (PermissionError(13, "Permission denied", "runs"), 2, "error: runs: Permission denied\n"),
-        (
-            KeyboardInterrupt(),
-            130,
-            "interrupted: what was finished is kept; run the same command again to resume\n",
-        ),
-        (TypeError("bug"), 1, "internal error: TypeError: bug (run it with --debug"),
+        (ValueError("tip:\nno such node"), 2, "error: tip: no such node"),
+        (PermissionError(13, "Permission denied", "runs"), 2, "error: runs: Permission denied"),
+        (KeyboardInterrupt(), 130, "interrupted: .*again to resume"),
+        (TypeError("bug"), 1, "internal error: TypeError: bug .*--debug"),
         (np.linalg.LinAlgError("Singular matrix"), 1, "internal error: LinAlgError: Singular matrix"),
     ],
     ids=["input", "files", "interrupt", "bug", "singular"],
@@ -148,7 +144,8 @@ def test_what_goes_wrong_is_one_sentence_and_a_code(run, study, stages, error, c
     stages.instead["calibrate"] = fails
     got, out, err = run("calibrate", "-p", study)
     assert (got, out) == (code, "")
-    assert err.startswith(sentence)
+    assert re.match(sentence, err)
+    assert err.count("\n") == 1
     assert "Traceback" not in err
     with Project.open(study).lock("add"):  # it let go of the project
         pass
@@ -202,7 +199,7 @@ def test_check_asks_for_what_is_stale_again(run, study, stages):
     csv = study / "targets" / "targets.csv"
     csv.write_text(csv.read_text().replace("-58.0", "-57.0"))
     assert json.loads(run("check", "-p", study, "--json")[1])["next"] == "calibrate"
-    assert "stale: targets/targets.csv has changed since" in run("list", "-p", study)[1]
+    assert "stale: targets/targets.csv" in run("list", "-p", study)[1]
 
 
 def test_the_version_is_that_of_the_package(run):
@@ -267,9 +264,9 @@ def test_demo_runs_every_stage_and_says_where_the_results_are(run, demo_data, tm
     code, out, _ = run("demo", tmp_path / "demo")
     assert code == 0
     assert [call[0] for call in demo_data.calls] == ALL
-    assert "rerun " + str(tmp_path / "demo/runs/0007-review/review.rrd") in out
-    assert f"report.html: open {tmp_path / 'demo/runs/0007-review/report.html'} in a browser" in out
-    assert out.index("[1/7] twin camera: Calib") < out.index("[7/7] twin review: Write")
+    for name in ("review.rrd", "report.html"):
+        assert str(tmp_path / "demo/runs/0007-review" / name) in out
+    assert out.index("[1/7] twin camera") < out.index("[7/7] twin review")
 
 
 def test_an_interrupted_demo_is_resumed(run, demo_data, tmp_path):
@@ -283,7 +280,7 @@ def test_an_interrupted_demo_is_resumed(run, demo_data, tmp_path):
     code, out, _ = run("demo", tmp_path / "demo")
     assert code == 0
     assert [call[0] for call in demo_data.calls] == ["camera", "measure", "diagnose", "add", "review"]
-    assert "Already done in runs/0003-calibrate, skipped." in out
+    assert re.search("runs/0003-calibrate.* skipped", out)
 
 
 def test_the_demo_refuses_a_folder_of_something_else(run, demo_data, tmp_path):

@@ -11,9 +11,9 @@ import numpy as np
 
 from calibrate import Fit
 from twin.bench.workbench import Workbench
-from twin.judging.blindtest import unseen
 from twin.judging.comparison import Comparison, compare
 from twin.judging.fitting import ModelErrors
+from twin.judging.heldout import unseen
 from twin.judging.judged import Judged
 from twin.judging.record import UnseenFilm
 from twin.model.arraycache import code_digest

@@ -4,8 +4,8 @@ begins."""
 from twin.bench.fits import fresh
 from twin.bench.workbench import own_of
 from twin.diagnosis.record import DiagnosisRecord
-from twin.diagnosis.rivals import rivals_of
 from twin.diagnosis.screening import screened
+from twin.diagnosis.signatures import signatures_of
 from twin.effects.labels import AND, OR, name_of
 from twin.effects.library import effect, effects_of
 from twin.effects.ownfiles import own_effects
@@ -67,7 +67,7 @@ def begun(now: Judged, chosen: Effect) -> tuple[Effect, Start]:
     tries that lower chi2 most to first order, carried on to the wider ones."""
     laws, test = chosen.laws(), now.model.test
     law = laws[0] if chosen.label in [one.label for one in laws] else chosen
-    (found,) = screened(now, rivals_of(now, [law]))
+    (found,) = screened(now, signatures_of(now, [law]))
     values = dict(found.start) or {**now.values, **nominal(law, test)}
     if chosen.label == law.label:
         return law.at(values, test), _within(now, chosen, values)

@@ -177,8 +177,7 @@ def _csv(batches: list[Batch]) -> str:
 def _page(title: str, batches: list[Batch], tested: list[Drift], lines: list[str]) -> str:
     """batches.html: what the tests say, the chart, the table."""
     from twin.drawing.driftchart import drift_chart  # loads matplotlib
-    from twin.report.page import Picture
-    from twin.report.tablepage import table_page
+    from twin.report.page import Picture, table_page
 
     courses = _courses(batches, tested)
     chart = drift_chart([b.name for b in batches], courses) if courses else ""

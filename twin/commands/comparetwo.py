@@ -14,8 +14,7 @@ from twin.judging.record import ComparisonRecord, FitRecord
 from twin.numerals import interval, short
 from twin.project import files
 from twin.project.folder import Project, Say
-from twin.report.page import Picture
-from twin.report.tablepage import table_page
+from twin.report.page import Picture, table_page
 
 SHOWN = {"overlay.png": "the film with its markers", "deformed.png": "the model at the highest pressure"}
 

@@ -76,10 +76,7 @@ def _held_out(bench: Workbench, settled: Settled) -> list[ForetoldFilm]:
         return []
     before = foretold(bench, settled.diagnosis.base)
     then = foretold(bench, settled.judged) if settled.judged else [None] * len(before)
-    return [
-        ForetoldFilm(film=a.film, before=a, after=b, ratio=a.rms_mm / b.rms_mm if b else None)
-        for a, b in zip(before, then, strict=True)
-    ]
+    return [ForetoldFilm.of(a, b) for a, b in zip(before, then, strict=True)]
 
 
 def _foretold(row: ForetoldFilm) -> str:
@@ -116,7 +113,7 @@ def _settled(bench: Workbench, found: Diagnosis, say: Say) -> Settled:
         after=judged,
         targets=bench.targets,
         evidence=single.evidence if single is not None and len(labels) == 1 else None,
-        rivals=[pair for members in own for pair in members.items() if pair[0] not in labels],
+        mimics=[pair for members in own for pair in members.items() if pair[0] not in labels],
     )
     kept = Refit.of(judged)
     rows = tuple(replace(c, refit=kept) if [c.effect.label] == labels else c for c in found.ranking)

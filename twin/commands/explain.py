@@ -37,8 +37,8 @@ def run_explain(project: Project, say: Say, *, name: str) -> dict[str, Any]:
         else:
             other, chosen = _with(bench, now, chosen, start, say)
         before, after = (other, now) if own else (now, other)
-        rivals = _rivals(project, names)
-        made = explained(chosen, before=before, after=after, targets=bench.targets, rivals=rivals)
+        mimics = _mimics(project, names)
+        made = explained(chosen, before=before, after=after, targets=bench.targets, mimics=mimics)
         made.write(run)
         found = made.record
         change = f"{found.rms_before_mm:.4f} -> {found.rms_after_mm:.4f}"
@@ -70,7 +70,7 @@ def _with(
     return bench.judged(model, np.clip(theta, low, high), say), tuple(chosen)
 
 
-def _rivals(project: Project, names: Sequence[str]) -> list[tuple[str, float]]:
+def _mimics(project: Project, names: Sequence[str]) -> list[tuple[str, float]]:
     """What the newest diagnosis says that could mimic effects, and how much of its signature."""
     found = newest(project, DiagnosisRecord) or NONE
     own = [row.members for row in found.classes if name_of(row.effect) in names]

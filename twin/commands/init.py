@@ -43,10 +43,6 @@ def run_init(
     built-in finger.   like: a former batch, whose twin.toml is copied instead.
     density_kg_m3: of a silicone that was weighed.
     """
-    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-        raise ValueError(
-            f"{folder} is there already and is never overwritten; name a folder that does not exist"
-        )
     if like is not None:
         from twin.commands.initlike import run_init_like
 

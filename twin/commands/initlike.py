@@ -19,10 +19,6 @@ def run_init_like(folder: Path, say: Say, *, like: Path) -> dict[str, Any]:
     and targets belong to one batch: they are not copied, and no effect is in the model yet.
     """
     former = Project.open(like)
-    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-        raise ValueError(
-            f"{folder} is there already and is never overwritten; name a folder that does not exist"
-        )
     root = folder.resolve()
     text = decoded((former.root / "twin.toml").read_bytes())
     for key, value in {"name": root.name, "like": _way(root, former.root)}.items():

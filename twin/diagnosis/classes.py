@@ -11,7 +11,7 @@ import numpy as np
 from pydantic import Field
 
 from twin.diagnosis.evidence import apart, ceiling, orthonormal
-from twin.diagnosis.rivals import Rival
+from twin.diagnosis.signatures import Signatures
 from twin.judging.judged import Judged
 from twin.project.record import Record
 from twin.project.tablemodel import Finite
@@ -28,9 +28,9 @@ class Mimics(Record):
     ceiling: Finite = Field(description="the largest share that any other mimics")
 
 
-def classes_of(rivals: Mapping[str, Sequence[Rival]]) -> tuple[Mimics, ...]:
-    """Who mimics each effect of the library among all rivals; effects that cannot be seen are left out."""
-    seen = {label: [r for r in rows if not r.note] for label, rows in rivals.items()}
+def classes_of(signatures: Signatures) -> tuple[Mimics, ...]:
+    """Who mimics each effect of the library; effects that cannot be seen are left out."""
+    seen = {label: [r for r in rows if not r.note] for label, rows in signatures.items()}
     seen = {label: rows for label, rows in seen.items() if rows}
     bases = {label: [orthonormal(r.columns) for r in rows] for label, rows in seen.items()}
     own = [label for label, rows in seen.items() if not rows[0].effect.kind]
@@ -38,7 +38,7 @@ def classes_of(rivals: Mapping[str, Sequence[Rival]]) -> tuple[Mimics, ...]:
 
 
 def _mimics(
-    label: str, seen: Mapping[str, Sequence[Rival]], bases: Mapping[str, Sequence[Array]]
+    label: str, seen: Signatures, bases: Mapping[str, Sequence[Array]]
 ) -> Mimics:
     columns = np.concatenate([r.columns for r in seen[label]], axis=1)
     size = (columns**2).sum(axis=0)
@@ -54,13 +54,13 @@ def _mimics(
 
 
 def shares_of(
-    change: Array, judged: Judged, rivals: Mapping[str, Sequence[Rival]]
+    change: Array, judged: Judged, signatures: Signatures
 ) -> tuple[float, dict[str, float]]:
     """The chi2 of a change of the prediction (s, p, 3) mm apart from the fitted parameters, and the share of
-    it that each rival mimics to first order."""
+    it that each signature mimics to first order."""
     seen = apart(judged.whitener.whiten(change), orthonormal(judged.fitted))
     shares = {
         label: max((ceiling(seen, r.columns) for r in rows if not r.note), default=0.0)
-        for label, rows in rivals.items()
+        for label, rows in signatures.items()
     }
     return float(seen @ seen), shares

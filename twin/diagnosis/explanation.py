@@ -73,7 +73,7 @@ class EvidenceRecord(Record):
         default=None, description="error in sd of each part, foretold from the others, without it and with it"
     )
     shares: tuple[Share, ...] = Field(default=(), description="by marker and branch")
-    rivals: tuple[Mimic, ...] = Field(
+    mimics: tuple[Mimic, ...] = Field(
         default=(), validation_alias="class", serialization_alias="class", description="what could mimic it"
     )
 
@@ -102,7 +102,7 @@ def explained(
     after: Judged,
     targets: Targets,
     evidence: float | None = None,
-    rivals: Sequence[tuple[str, float]] = (),
+    mimics: Sequence[tuple[str, float]] = (),
 ) -> Explanation:
     """The evidence for an effect, or for several together, from the models without and with them, each at its
     own fit and with its own errors: what is uncertain of an effect is no error of the model without it."""
@@ -125,7 +125,7 @@ def explained(
         parameters={p.name: _found(p, every[p.name]) for p in own},
         held_out=held_out(before, after, targets),
         shares=shares(targets, w, residual, left),
-        rivals=tuple(Mimic(effect=name, ceiling=share) for name, share in rivals),
+        mimics=tuple(Mimic(effect=name, ceiling=share) for name, share in mimics),
     )
     return Explanation(record=record, residual=residual, signature=residual - left, left=left)
 
@@ -205,8 +205,8 @@ def table(e: EvidenceRecord) -> list[str]:
     out.append(
         f"Foretold, each {h.left_out} from the others: {h.before_sd:.2f} sd without, {h.after_sd:.2f} with."
     )
-    rivals = ", ".join(f"{m.effect} {100 * m.ceiling:.0f} %" for m in e.rivals)
-    out += [f"What could mimic it: {rivals}."] if rivals else []
+    mimics = ", ".join(f"{m.effect} {100 * m.ceiling:.0f} %" for m in e.mimics)
+    out += [f"What could mimic it: {mimics}."] if mimics else []
     names = list(dict.fromkeys(s.marker for s in e.shares))
     parts = list(dict.fromkeys(s.branch for s in e.shares))
     cell = {(s.marker, s.branch): s for s in e.shares}

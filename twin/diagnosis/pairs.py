@@ -12,8 +12,8 @@ from calibrate import bic
 from twin.diagnosis.candidates import Refit
 from twin.diagnosis.evidence import Gram
 from twin.diagnosis.refitting import CLOSE, TURNS, Progress, lost_to_priors, told
-from twin.diagnosis.rivals import Rival, null
 from twin.diagnosis.screening import start_of
+from twin.diagnosis.signatures import Signature, Signatures, null
 from twin.effects.protocol import Effect, Theta, Unsolvable
 from twin.judging.heldout import folds
 from twin.judging.judged import Judged, judge
@@ -48,9 +48,9 @@ class Group:
         return self.refit is not None and self.refit.comparison.adequate
 
 
-def best_pairs(judged: Judged, rivals: Mapping[str, Sequence[Rival]], *, count: int) -> list[Group]:
+def best_pairs(judged: Judged, signatures: Signatures, *, count: int) -> list[Group]:
     """The pairs of effects that promise most, one for each two names."""
-    rows = [r for own in rivals.values() for r in own if not r.note]
+    rows = [r for own in signatures.values() for r in own if not r.note]
     if len(rows) < 2:
         return []
     columns = np.concatenate([r.columns for r in rows], axis=1)
@@ -74,7 +74,7 @@ def _free(gram: Gram) -> float:
     return float(gram.b @ np.linalg.lstsq(gram.S, gram.b, rcond=1e-10)[0])
 
 
-def _group(judged: Judged, rows: Sequence[Rival], gram: Gram) -> Group:
+def _group(judged: Judged, rows: Sequence[Signature], gram: Gram) -> Group:
     low, high = (np.concatenate([getattr(r, side) for r in rows]) for side in ("low", "high"))
     amplitudes, promise = gram.attained(low, high)
     start: dict[str, float] = dict(judged.values)

@@ -109,12 +109,18 @@ class ForetoldFilm(Record):
     after: UnseenFilm | None = Field(description="with the named effect")
     ratio: Maybe = Field(description="of the two errors")
 
+    @staticmethod
+    def of(before: UnseenFilm, after: UnseenFilm | None) -> "ForetoldFilm":
+        """The errors of two models in one film."""
+        ratio = before.rms_mm / after.rms_mm if after and after.rms_mm else None
+        return ForetoldFilm(film=before.film, before=before, after=after, ratio=ratio)
+
 
 class DiagnosisRecord(Record):
     """What is missing."""
 
     file: ClassVar[str] = "diagnosis.json"
-    verdict: str = Field(description="the answer, short and in words ([concepts.md](concepts.md#verdicts))")
+    verdict: str = Field(description="the answer, short and in words")
     sentence: str = ""
     named: tuple[str, ...] = Field(description="the missing effects, and their laws as twin.toml writes them")
     law: str | None = None

@@ -10,7 +10,7 @@ import numpy as np
 from calibrate import bic
 from twin.diagnosis.candidates import Candidate, Refit
 from twin.diagnosis.evidence import apart, occam, orthonormal
-from twin.diagnosis.rivals import null, prior_sd
+from twin.diagnosis.signatures import null, prior_sd
 from twin.effects.protocol import Effect, Unsolvable
 from twin.judging.comparison import ADEQUATE
 from twin.judging.judged import Judged, judge

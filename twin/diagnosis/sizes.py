@@ -14,7 +14,7 @@ from scipy.special import ndtri
 
 from calibrate import Parameter
 from twin.diagnosis.evidence import apart, orthonormal
-from twin.diagnosis.rivals import null
+from twin.diagnosis.signatures import null
 from twin.effects.protocol import Effect, Theta
 from twin.project.record import Maybe, Record
 from twin.targets import Array

@@ -167,8 +167,8 @@ def _named(best: Candidate, others: Sequence[Candidate], mimics: Sequence[Candid
     """The verdict on an effect that is adequate, with the effects and stand-ins that cannot be told from
     it."""
     kinds = {c.kind: c for c in reversed(mimics)}
-    rivals = dict.fromkeys(c.effect.name for c in others)
-    names = (best.effect.name, *rivals, *(KINDS.get(k, k) for k in kinds))
+    tied = dict.fromkeys(c.effect.name for c in others)
+    names = (best.effect.name, *tied, *(KINDS.get(k, k) for k in kinds))
     named = Diagnosis(
         verdict=OR.join(names),
         sentence="",

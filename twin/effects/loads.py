@@ -6,14 +6,14 @@ from typing import ClassVar
 import numpy as np
 
 from calibrate import Parameter
-from twin.effects.protocol import Effect, Order, Test, Theta
+from twin.effects.protocol import Effect, Order, Test, Theta, symmetric
 from twin.effects.requirements import Requirement
 from twin.effects.widest import Wide, in_logs
 from twin.gravity import pulls_across
 from twin.targets import Array
 
 # MPa: a gauge that is not zeroed before the test is off by up to 1 kPa, 10 cm of water (judgement)
-ZERO = (-1e-3, 1e-3)
+ZERO = 1e-3
 
 
 class PressureGain(Effect):
@@ -23,9 +23,7 @@ class PressureGain(Effect):
     sentence = "the pressure gauge reads wrong by a constant factor"
     generic = "pressure course"
     # cheap gauges state 1 to 2.5 % of their range, and are read at a third of it (judgement)
-    parameters = (
-        Parameter("pressure_gain.gain", -0.3, 0.3, "", null=0.0, typical=0.02, plausible=(-0.1, 0.1)),
-    )
+    parameters = symmetric("pressure_gain.gain", most=0.3, unit="", step=0.02, likely=0.1)
 
     def before(self, test: Test, theta: Theta) -> Test:
         gain = 1 + theta["pressure_gain.gain"]
@@ -42,7 +40,7 @@ class GaugeCurve(Wide, of=PressureGain):
     sentence = "the pressure gauge is not as straight as its calibration"
     UNIT: ClassVar[float] = 0.1  # MPa
     parameters = (
-        Parameter("pressure_gain.offset", -5e-3, 5e-3, "MPa", null=0.0, typical=2e-4, plausible=ZERO),
+        *symmetric("pressure_gain.offset", most=5e-3, unit="MPa", step=2e-4, likely=ZERO),
         Parameter("pressure_gain.gain", -0.3, 0.3, "", null=0.0, typical=0.02, plausible=(-0.1, 0.1)),
         Parameter("pressure_gain.bend", -2.0, 2.0, "", null=0.0, typical=0.05, plausible=(-0.3, 0.3)),
         Parameter("pressure_gain.turn", -8.0, 8.0, "", null=0.0, typical=0.2, plausible=(-1.0, 1.0)),
@@ -62,9 +60,7 @@ class PressureOffset(Effect):
     name, order = "pressure_offset", Order.GAUGE_OFFSET
     sentence = "the pressure gauge does not read zero without pressure"
     generic = "pressure course"
-    parameters = (
-        Parameter("pressure_offset.offset", -5e-3, 5e-3, "MPa", null=0.0, typical=2e-4, plausible=ZERO),
-    )
+    parameters = symmetric("pressure_offset.offset", most=5e-3, unit="MPa", step=2e-4, likely=ZERO)
 
     def before(self, test: Test, theta: Theta) -> Test:
         pressure = test.path.pressure + theta["pressure_offset.offset"]
@@ -80,9 +76,9 @@ class ZeroDrift(Wide, of=PressureOffset):
 
     sentence = "the zero of the pressure gauge drifts"
     MINUTE: ClassVar[float] = 60.0  # s
-    parameters = tuple(
-        Parameter(f"pressure_offset.{k}", -5e-3, 5e-3, "MPa", null=0.0, typical=2e-4, plausible=ZERO)
-        for k in ("offset", "slope", "bend")
+    parameters = symmetric(
+        *(f"pressure_offset.{k}" for k in ("offset", "slope", "bend")),
+        most=5e-3, unit="MPa", step=2e-4, likely=ZERO,
     )
 
     def before(self, test: Test, theta: Theta) -> Test:

@@ -9,7 +9,7 @@ import numpy as np
 from calibrate import Parameter
 from twin.effects import baselaw
 from twin.effects.baselaw import Constants
-from twin.effects.protocol import Effect, Family, Order, Test, Theta, Unsolvable
+from twin.effects.protocol import Effect, Family, Order, Test, Theta, Unsolvable, symmetric
 from twin.effects.requirements import Requirement
 from twin.effects.widest import Wide, in_logs
 
@@ -212,9 +212,7 @@ class Thermal(Effect):
     name, order = "thermal", Order.MATERIAL
     sentence = "the silicone gets stiffer or softer with time (its temperature drifts)"
     completed_by = "pressure course"
-    parameters = (
-        Parameter("thermal.rate", -5e-3, 5e-3, "1/s", null=0.0, typical=2e-4, plausible=(-1e-3, 1e-3)),
-    )
+    parameters = symmetric("thermal.rate", most=5e-3, unit="1/s", step=2e-4, likely=1e-3)
 
     def before(self, test: Test, theta: Theta) -> Test:
         factor = 1 + theta["thermal.rate"] * test.path.time
@@ -229,10 +227,7 @@ class ModulusDrift(Wide, of=Thermal):
     minutes on the clock of the pressure log."""
 
     MINUTE: ClassVar[float] = 60.0  # s
-    parameters = tuple(
-        Parameter(f"thermal.{k}", -0.5, 0.5, "", null=0.0, typical=0.01, plausible=(-0.06, 0.06))
-        for k in "abc"
-    )
+    parameters = symmetric(*(f"thermal.{k}" for k in "abc"), most=0.5, unit="", step=0.01, likely=0.06)
 
     def before(self, test: Test, theta: Theta) -> Test:
         x = test.path.time / self.MINUTE

@@ -234,6 +234,15 @@ class Family(Effect):
         return {**self.added, **theta} if self.terms > 1 else theta
 
 
+def symmetric(*names: str, most: float, unit: str, step: float, likely: float) -> tuple[Parameter, ...]:
+    """Amplitudes of either sign: 0 where the effect is absent, from -most to most, plausible from -likely to
+    likely; a change by `step` shows."""
+    return tuple(
+        Parameter(name, -most, most, unit, null=0.0, typical=step, plausible=(-likely, likely))
+        for name in names
+    )
+
+
 def _requirement(name: str, wanted: str) -> Requirement:
     try:
         return Requirement(wanted)

@@ -12,11 +12,11 @@ from numpy.polynomial.legendre import legval
 
 from calibrate import Parameter
 from fe.mesh.inner import Inside, inside, least_volume_ratio
-from twin.effects.protocol import Effect, Order, Test, Theta, Unsolvable
+from twin.effects.protocol import Effect, Order, Test, Theta, Unsolvable, symmetric
 from twin.effects.widest import Wide, neighbours
 from twin.targets import Array
 
-CORE = (-0.5, 0.5)  # mm: a core held at one end sinks or floats by so much (judgement)
+CORE = 0.5  # mm: a core held at one end sinks or floats by so much (judgement)
 LEAST = 0.05  # of an element's volume must be left anywhere: beyond, the walls are all but closed
 
 
@@ -62,7 +62,7 @@ class WallTaper(InnerShape):
 
     name = "wall_taper"
     sentence = "the walls get thicker or thinner along the finger (the core was thinner at one end)"
-    parameters = (Parameter("wall_taper.mm", -1.2, 1.2, "mm", null=0.0, typical=0.1, plausible=(-0.6, 0.6)),)
+    parameters = symmetric("wall_taper.mm", most=1.2, unit="mm", step=0.1, likely=0.6)
 
     def motion(self, inner: Inside, theta: Theta) -> Array:
         return theta["wall_taper.mm"] * (_along(inner) - 0.5)[:, None] * _across(inner)
@@ -85,9 +85,8 @@ class WallCourse(LegendreCourse, of=WallTaper):
     """Walls thicker by a polynomial of degree 5 along the finger: any smooth course, and a step as far as
     five terms carry it."""
 
-    parameters = tuple(
-        Parameter(f"wall_taper.c{k}", -0.8, 0.8, "mm", null=0.0, typical=0.05, plausible=(-0.3, 0.3))
-        for k in range(6)
+    parameters = symmetric(
+        *(f"wall_taper.c{k}" for k in range(6)), most=0.8, unit="mm", step=0.05, likely=0.3
     )
 
     def motion(self, inner: Inside, theta: Theta) -> Array:
@@ -102,7 +101,7 @@ class EccentricCore(InnerShape):
 
     name = "eccentric_core"
     sentence = "the core sat too high or too low: top and bottom walls are not as drawn"
-    parameters = (Parameter("eccentric_core.mm", -1.0, 1.0, "mm", null=0.0, typical=0.1, plausible=CORE),)
+    parameters = symmetric("eccentric_core.mm", most=1.0, unit="mm", step=0.1, likely=CORE)
 
     def motion(self, inner: Inside, theta: Theta) -> Array:
         return np.tile([0.0, 0.0, theta["eccentric_core.mm"]], (len(inner.rows), 1))
@@ -114,9 +113,8 @@ class EccentricCore(InnerShape):
 class CoreCourse(LegendreCourse, of=EccentricCore):
     """The core sat higher by a polynomial of degree 3 along the finger: off, tilted or bent."""
 
-    parameters = tuple(
-        Parameter(f"eccentric_core.c{k}", -1.0, 1.0, "mm", null=0.0, typical=0.1, plausible=CORE)
-        for k in range(4)
+    parameters = symmetric(
+        *(f"eccentric_core.c{k}" for k in range(4)), most=1.0, unit="mm", step=0.1, likely=CORE
     )
 
     def motion(self, inner: Inside, theta: Theta) -> Array:
@@ -132,7 +130,7 @@ class SidewaysCore(InnerShape):
 
     name = "eccentric_core_y"
     sentence = "the core sat off the middle plane: one side wall is thicker than the other"
-    parameters = (Parameter("eccentric_core_y.mm", -0.8, 0.8, "mm", null=0.0, typical=0.1, plausible=CORE),)
+    parameters = symmetric("eccentric_core_y.mm", most=0.8, unit="mm", step=0.1, likely=CORE)
 
     def breaks_symmetry(self, test: Test) -> bool:
         del test
@@ -194,11 +192,7 @@ class Precurvature(Effect):
     name, order = "precurvature", Order.GEOMETRY
     sentence = "the finger is curved without any load (it shrank or cured more on one side)"
     # 1e-3 1/mm lifts the tip of 110 mm by 6 mm: more is seen by eye (judgement)
-    parameters = (
-        Parameter(
-            "precurvature.per_mm", -3e-3, 3e-3, "1/mm", null=0.0, typical=1e-4, plausible=(-1e-3, 1e-3)
-        ),
-    )
+    parameters = symmetric("precurvature.per_mm", most=3e-3, unit="1/mm", step=1e-4, likely=1e-3)
 
     def before(self, test: Test, theta: Theta) -> Test:
         return replace(test, case=replace(test.case, precurvature=theta["precurvature.per_mm"]))
@@ -211,9 +205,8 @@ class CurvedCourse(Wide, of=Precurvature):
     """The curvature at rest is a polynomial of degree 3 along the finger: c0, c1 .. of Legendre's
     polynomials, from -1 at the clamp to 1 at the tip."""
 
-    parameters = tuple(
-        Parameter(f"precurvature.c{k}", -3e-3, 3e-3, "1/mm", null=0.0, typical=1e-4, plausible=(-1e-3, 1e-3))
-        for k in range(4)
+    parameters = symmetric(
+        *(f"precurvature.c{k}" for k in range(4)), most=3e-3, unit="1/mm", step=1e-4, likely=1e-3
     )
 
     def before(self, test: Test, theta: Theta) -> Test:

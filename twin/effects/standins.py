@@ -13,9 +13,8 @@ import numpy as np
 from numpy.polynomial.legendre import legval
 from numpy.polynomial.polynomial import polyval
 
-from calibrate import Parameter
 from fe.mesh.mirror import symmetry_support
-from twin.effects.protocol import Effect, Order, Test, Theta
+from twin.effects.protocol import Effect, Order, Test, Theta, symmetric
 from twin.effects.pulls import pulled
 from twin.effects.tags import between
 from twin.targets import Array
@@ -35,10 +34,8 @@ class StandIn(Effect):
     ) -> None:
         """amplitudes: their names; all from -most to most, plausible from -likely to likely."""
         self.name = name
-        self.parameters = tuple(
-            Parameter(f"{name}.{a}", -most, most, unit, null=0.0, typical=step, plausible=(-likely, likely))
-            for a in amplitudes
-        )
+        own = (f"{name}.{a}" for a in amplitudes)
+        self.parameters = symmetric(*own, most=most, unit=unit, step=step, likely=likely)
 
     def of(self, theta: Theta, name: str) -> float:
         """The value of its parameter of that name, 0 where it has none."""

@@ -8,14 +8,14 @@ import numpy as np
 from calibrate import Parameter
 from fe.element import Integers
 from fe.mesh.mirror import middle_plane
-from twin.effects.protocol import Effect, Order, Slip, Test, Theta
+from twin.effects.protocol import Effect, Order, Slip, Test, Theta, symmetric
 from twin.targets import Array
 
 TIMES = 20  # at which a slip is looked for, over all of a film
 CLOSER = 25  # and then between two of these
 SIDE = 0.8  # of half the finger's width from its middle plane: a marker further out sits on a side face
 # A tag of 5 mm that slipped by a tenth of its size is seen by eye (judgement); glue gives way by less.
-LIKELY = (-0.5, 0.5)  # mm
+LIKELY = 0.5  # mm
 
 
 class MarkerSlip(Effect):
@@ -32,9 +32,8 @@ class MarkerSlip(Effect):
 
     def __init__(self, marker: str = "", time: float = 0.0) -> None:
         self.marker, self.time = marker, float(time)
-        own = tuple(
-            Parameter(f"marker_slip.{way}", -3.0, 3.0, "mm", null=0.0, typical=0.05, plausible=LIKELY)
-            for way in ("along", "across")
+        own = symmetric(
+            "marker_slip.along", "marker_slip.across", most=3.0, unit="mm", step=0.05, likely=LIKELY
         )
         free = (
             Parameter("marker_slip.marker", 0.0, 1e4, "", typical=1.0),

@@ -12,19 +12,6 @@ from twin.project.config import ImportTable
 from twin.project.csvtable import read_sheet
 from twin.targets import Array
 
-AXES = (
-    "the file's axes that point along the finger, across it and up, such as x,0,-y for a picture (0: not "
-    "seen) or y,-x,z"
-)
-WANTED = {
-    "sd_mm": "the standard deviation of one position in mm, as the scatter of a point at rest shows it",
-    "mm_per_px": "the size of a pixel in the plane of the markers in mm, from a length that is known in the "
-                 "picture, as the file is in pixels",
-    "axes": f"{AXES}, as the file does not say how its axes lie",
-    "fps": "the frames in a second (1 for pictures of single load steps), as the file counts frames",
-    "log": "a CSV with the times and the pressure, such as raw/pressure.csv, as no pressure is known",
-}  # fmt: skip
-
 
 def still_wanted(found: Recorded, stated: ImportTable) -> dict[str, str]:
     """The keys of [import] that have to be stated and are not yet, each with what it has to say."""
@@ -33,14 +20,19 @@ def still_wanted(found: Recorded, stated: ImportTable) -> dict[str, str]:
         "axes": not (stated.axes or found.axes), "fps": found.time is None and stated.fps is None,
         "log": found.pressure is None and stated.log is None,
     }  # fmt: skip
-    return {key: WANTED[key] for key, lacking in lacks.items() if lacking}
+    return {key: _about(key) for key, lacking in lacks.items() if lacking}
+
+
+def _about(key: str) -> str:
+    """What a key of [import] has to say."""
+    return ImportTable.model_fields[key].description or ""
 
 
 def check_stated(found: Recorded, stated: ImportTable) -> None:
     """Raise ValueError where something of the file is not stated, or is twice."""
     if wanted := still_wanted(found, stated):
-        each = "; ".join(f"{key}, {what}" for key, what in wanted.items())
-        raise ValueError(f"[import] of twin.toml does not state all of the file: wanted {each}")
+        each = "; ".join(f"{key} ({what})" for key, what in wanted.items())
+        raise ValueError(f"[import] of twin.toml does not state all of the file; wanted {each}")
     if found.unit != PIXEL and stated.mm_per_px is not None:
         raise ValueError(
             f"import.mm_per_px = {stated.mm_per_px:g}: the file is in {found.unit}; leave it out"
@@ -114,12 +106,12 @@ def turned(position: Array, axes: str) -> Array:
     axes: the file's axis for each of them, with its sign, or 0. ValueError where they are no frame, or a
     mirror image of one.
     """
-    terms = [term.strip().lower() for term in axes.split(",")]
+    terms, wanted = [term.strip().lower() for term in axes.split(",")], f"wanted {_about('axes')}"
     if len(terms) != 3 or not all(re.fullmatch(r"0|[+-]?[xyz]", term) for term in terms):
-        raise ValueError(f"import.axes = {axes!r}: wanted {AXES}")
+        raise ValueError(f"import.axes = {axes!r}: {wanted}")
     seen = [term[-1] for term in terms if term != "0"]
     if len(set(seen)) != len(seen) or not seen:
-        raise ValueError(f"import.axes = {axes!r}: an axis stands twice, or none does; wanted {AXES}")
+        raise ValueError(f"import.axes = {axes!r}: an axis stands twice, or none does; {wanted}")
     rows = np.array([_row(term) for term in terms])
     if "0" not in terms and np.linalg.det(rows) < 0:
         raise ValueError(

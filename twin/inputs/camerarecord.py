@@ -21,15 +21,15 @@ class CameraRecord(Record):
     """A lens."""
 
     file: ClassVar[str] = "camera.json"
-    matrix: tuple[Three, Three, Three] = Field(description="of the camera, px")
-    distortion: tuple[Finite, Finite, Finite, Finite, Finite] = Field(description="k1, k2, p1, p2, k3")
-    size: tuple[Annotated[int, Field(gt=0)], Annotated[int, Field(gt=0)]] = Field(description="px")
-    rms_px: NotNegative = Field(description="reprojection error")
-    images: int = Field(ge=0, description="number of board images used")
-    covariance: Rows = Field(description="of focal lengths, centre and distortion")
-    model: tuple[str, ...] = Field(description="which of the distortion were fitted")
-    covered: tuple[tuple[Finite, Finite], ...] = Field(description="hull of where the board was seen, px")
-    remarks: tuple[str, ...] = Field(description="what was found of the images, in words")
+    matrix: tuple[Three, Three, Three]  # of the camera, px
+    distortion: tuple[Finite, Finite, Finite, Finite, Finite]  # k1, k2, p1, p2, k3
+    size: tuple[Annotated[int, Field(gt=0)], Annotated[int, Field(gt=0)]]  # px
+    rms_px: NotNegative  # reprojection error
+    images: int = Field(ge=0)
+    covariance: Rows  # of focal lengths, centre and distortion
+    model: tuple[str, ...]  # which of the distortion were fitted
+    covered: tuple[tuple[Finite, Finite], ...]  # hull of where the board was seen, px
+    remarks: tuple[str, ...]  # what was found of the images, in words
     notes: tuple[str, ...] = ()
 
     @model_validator(mode="after")
@@ -47,11 +47,11 @@ class RigRecord(Record):
     """Several cameras."""
 
     file: ClassVar[str] = "rig.json"
-    cameras: tuple[CameraRecord, ...] = Field(min_length=2, description="as in camera.json")
-    turn: tuple[Any, ...] = Field(description="of each camera from the first, with the shift in mm")
+    cameras: tuple[CameraRecord, ...] = Field(min_length=2)
+    turn: tuple[Any, ...]  # of each camera from the first, with the shift in mm
     shift: tuple[Any, ...]
-    covariance: tuple[Any, ...] = Field(description="of turns and shifts")
-    remarks: tuple[str, ...] = Field(description="in words")
+    covariance: tuple[Any, ...]  # of turns and shifts
+    remarks: tuple[str, ...]  # in words
 
 
 def stored_rig(path: Path) -> "Rig":

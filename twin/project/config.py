@@ -67,6 +67,11 @@ Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9_.+-]+$")]  # goes into CSV cel
 Effect = Annotated[str, AfterValidator(labels.checked)]
 Effects = Annotated[str, AfterValidator(labels.checked_groups)]
 Bounds = tuple[Finite, Finite]
+StaticStart = Annotated[
+    Finite | None,
+    Field(description="time of the static film's first frame on that clock, s; without it the noise of the "
+          "pressure gauge is estimated from the first rest of the film"),
+]  # fmt: skip
 LIKELY = 0.6  # the value below which DeepLabCut itself draws no point (pcutoff in its config.yaml)
 STIFFEST = 100.0  # MPa, of a constant that may be fitted: hard rubber has 10
 
@@ -196,11 +201,7 @@ class FilmTable(TableModel):
     film_start_s: Finite = Field(
         default=0.0, description="time of its first frame on the clock of its pressure log, s"
     )
-    static_start_s: Finite | None = Field(
-        default=None,
-        description="time of the static film's first frame on that clock, s; without it the noise of the "
-        "pressure gauge is estimated from the first rest of the film",
-    )
+    static_start_s: StaticStart = None
     gravity: Position | None = Field(
         default=None,
         description="direction of gravity in world axes in this film, where finger and rig were turned; in "
@@ -247,11 +248,7 @@ class CameraTable(TableModel):
     film_start_s: Finite = Field(
         default=0.0, description="time of the film's first frame on the clock of the pressure log, s"
     )
-    static_start_s: Finite | None = Field(
-        default=None,
-        description="time of the static film's first frame on that clock, s; without it the noise of the "
-        "pressure gauge is estimated from the first rest of the film",
-    )
+    static_start_s: StaticStart = None
     max_rms_px: Positive = Field(
         default=0.3, description="largest reprojection RMS of a camera calibration that is accepted, px"
     )

@@ -47,8 +47,12 @@ def whole(path: Path) -> Iterator[Path]:
 def whole_folder(folder: Path) -> Iterator[Path]:
     """The path of a draft folder, moved to `folder` in one step when the block ends.
 
-    `folder` must be absent or empty. The draft of a killed writer is removed.
+    The draft of a killed writer is removed. ValueError where `folder` is there and holds something.
     """
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise ValueError(
+            f"{folder} is there already and is never overwritten; name a folder that does not exist"
+        )
     for left in folder.parent.glob(f".{glob.escape(folder.name)}.*.partial"):
         if not _lives(left.name.split(".")[-2]):
             shutil.rmtree(left, ignore_errors=True)

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 from twin.project import files
 from twin.project.config import Config
 from twin.project.locks import lock
-from twin.project.record import MadeFrom, Record, RunExtra, RunRecord, RunSummary, SourceRecord, StoredConfig
+from twin.project.record import Record, RunExtra, RunRecord, RunSummary, SourceRecord, StoredConfig
 from twin.project.targetfiles import read_targets
 from twin.project.toml import decoded, dump, former_keys, parse, with_effects, write
 from twin.project.trust import check_folder, leads_out
@@ -283,18 +283,20 @@ class Project:
         if inputs is None:
             read = [self.targets_folder] if self.targets_folder.is_dir() else []
             read += [*self.deck_files(), *self.effect_files()]
-        made = MadeFrom(
+        made = RunRecord(
             kind=kind,
             seed=seed,
             extra=RunExtra(**(extra or {})),
             config=StoredConfig(**{name: config[name] for name in (config if tables is None else tables)}),
             inputs=files.digest_of(read, root=self.root),
             versions=versions(),
+            digest="",
+            status="running",
         )
         if self.builtin is not None:
             made = made.model_copy(update={"builtin": repr(self.builtin)})
-        own = {name: getattr(made, name) for name in made.model_fields_set}
-        return RunRecord(**own, digest=files.digest_text(made), status="running")
+        what = made.model_dump(exclude_unset=True, exclude={"digest", "status"})
+        return made.model_copy(update={"digest": files.digest_text(what)})
 
 
 def kind_of(folder: Path) -> str:

@@ -59,42 +59,39 @@ class RunSummary(Loose):
     headline: str = ""
 
 
-class MadeFrom(Record):
-    """What makes a run what it is."""
+class RunRecord(Record):
+    """What makes a run what it is, and how it ended."""
 
-    kind: str = Field(description="the stage")
-    seed: int | None = Field(default=None, description="of all that is drawn")
-    extra: RunExtra = Field(default=RunExtra(), description="what else makes it another run")
-    config: StoredConfig = Field(default=StoredConfig(), description="the tables of twin.toml that it reads")
-    inputs: dict[str, str] = Field(default={}, description="SHA-256 of each file read")
-    versions: dict[str, str] = Field(default={}, description="of Python and of the packages")
-    builtin: str | None = Field(default=None, description="another built-in finger than the study's")
-
-
-class RunRecord(MadeFrom):
     file: ClassVar[str] = "run.json"
-    digest: str = Field(description="over all of the above")
-    started: tuple[str, ...] = Field(default=(), description="every time it was started")
-    status: str = Field(description="`running`, `done`, or `failed` with the reason")
-    seconds: NotNegative | None = Field(default=None, description="how long it took, and when it ended")
+    kind: str
+    seed: int | None = None
+    extra: RunExtra = RunExtra()
+    config: StoredConfig = StoredConfig()
+    inputs: dict[str, str] = Field(default={})
+    versions: dict[str, str] = Field(default={})
+    builtin: str | None = None  # another built-in finger than the study's
+    digest: str  # over all of the above
+    started: tuple[str, ...] = ()
+    status: str
+    seconds: NotNegative | None = None
     finished: str | None = None
-    summary: RunSummary = Field(default=RunSummary(), description="what it found, in few words")
+    summary: RunSummary = RunSummary()
 
 
 class SourceFilm(Record):
-    name: str = Field(description="of the film")
-    block: int = Field(description="of the targets")
-    held_out: bool = Field(description="whether no fit sees it")
-    shift_s: Finite = Field(description="what its clock was moved by")
-    run: str = Field(default="", description="that measured it")
+    name: str
+    block: int
+    held_out: bool
+    shift_s: Finite  # what its clock was moved by
+    run: str = ""  # that measured it
 
 
 class SourceRecord(Record):
     """Where the targets come from."""
 
     file: ClassVar[str] = "source.json"
-    run: str | None = Field(default=None, description="that measured them")
-    films: tuple[SourceFilm, ...] = Field(default=(), description="where there are several")
-    format: str = Field(default="", description="of the program that measured them elsewhere")
-    files: dict[str, dict[str, str]] = Field(default={}, description="SHA-256 of its files")
-    stated: dict[str, Any] = Field(default={}, description="what was stated of them")
+    run: str | None = None  # that measured them
+    films: tuple[SourceFilm, ...] = ()  # where there are several
+    format: str = ""  # of the program that measured them elsewhere
+    files: dict[str, dict[str, str]] = Field(default={})  # SHA-256
+    stated: dict[str, Any] = Field(default={})  # what was stated of them

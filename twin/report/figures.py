@@ -1,10 +1,10 @@
 """The pictures of the report, each with its title, its caption and its place."""
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from twin.diagnosis.record import ForetoldFilm
 from twin.drawing import plots, studyplots
 from twin.project import files
 from twin.report.found import CHANGES, Story, calibration_file
@@ -143,38 +143,18 @@ def _against_pressure(story: Story, models: dict[str, Array], shown: str) -> lis
 # -- films that no fit has seen ------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True, kw_only=True)
-class HeldOutFilm:
-    """The error of the calibrated model in a film, and of that with effects, mm, with the noise."""
-
-    film: str
-    before_mm: float
-    after_mm: float | None
-    noise_mm: float
-
-    @property
-    def ratio(self) -> float | None:
-        """Before over after."""
-        return self.before_mm / self.after_mm if self.after_mm else None
-
-
-def held_out_films(story: Story) -> list[HeldOutFilm]:
+def held_out_films(story: Story) -> list[ForetoldFilm]:
     """The films that no fit has seen; the error with effects is that of the newest model."""
     after = {row.film: row.after for row in story.diagnosis.held_out}
     after |= {row.film: row for row in (story.added.held_out if story.added else ())}
-    found = {film: row.rms_mm for film, row in after.items() if row}
-    return [
-        HeldOutFilm(
-            film=row.film, before_mm=row.rms_mm, after_mm=found.get(row.film), noise_mm=row.noise_sd_mm
-        )
-        for row in (story.start.held_out if story.start else ())
-    ]
+    before = story.start.held_out if story.start else ()
+    return [ForetoldFilm.of(row, after.get(row.film)) for row in before]
 
 
-def _unseen(row: HeldOutFilm) -> Picture:
+def _unseen(row: ForetoldFilm) -> Picture:
     """The error in a film before and after, and its noise."""
-    bars = [("calibrated", row.before_mm)]
-    bars += [("with effects", row.after_mm)] if row.after_mm is not None else []
-    drawing = plots.falling(bars, noise_mm=row.noise_mm)
+    bars = [("calibrated", row.before.rms_mm)]
+    bars += [("with effects", row.after.rms_mm)] if row.after else []
+    drawing = plots.falling(bars, noise_mm=row.before.noise_sd_mm)
     caption = "No fit has seen this film."
     return Picture(title=row.film, caption=caption, half=True, svg=drawing, place="held_out")

@@ -1,7 +1,8 @@
 """Turns facts into one self-contained HTML page. It computes nothing: every number comes in, as it is."""
 
 import base64
-from collections.abc import Iterable, Mapping
+import re
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,7 +13,7 @@ from markupsafe import Markup
 from twin.numerals import correlation, interval, probability, short, value
 from twin.project import files
 
-TEMPLATE = Path(__file__).with_name("report.html")
+TEMPLATE, TABLES = (Path(__file__).with_name(name) for name in ("report.html", "tables.html"))
 
 
 PLACES = ("top", "where", "held_out", "evidence", "more")  # of pictures, in the order of the page
@@ -53,7 +54,7 @@ def render(*, title: str, facts: Mapping[str, Any]) -> str:
     errors       {before_mm, after_mm, noise_mm, before_note, after_note, noise_note}
     named        [{effect, text, note, parameters: [{name, value, low, high, unit, note}]}], low to high: 95 %
     evidence     what evidence.json holds, and branches [name], table [{marker, cells: [share or None]}]
-    held_out     [{film, before_mm, after_mm, ratio, noise_mm}], films that no fit has seen
+    held_out     [ForetoldFilm], films that no fit has seen
     study        {sentences, rows: [{name, here, published}], starts, known, readings: [{within, rows}],
                  plans: of study.json,
                  pictures: [Picture]}
@@ -134,3 +135,25 @@ FILTERS = {
     "at": _at,
     "drawing": _drawing,
 }
+
+
+# -- several batches, or two models -----------------------------------------------------------------------
+
+
+def table_page(
+    title: str, *, headline: str, sentences: Sequence[str], tables: Sequence[Mapping[str, Any]],
+    pictures: Sequence[Picture],
+) -> str:
+    """The page as text, self-contained.
+
+    tables: {title, head [text], rows [{cells [text], named (bool: stands out)}], note}.
+    """
+    report = TEMPLATE.read_text(encoding="utf-8")
+    look = re.search(r"<style>.*?</style>", report, re.DOTALL)
+    assert look is not None  # the report has a look
+    page = jinja2.Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True)
+    page.filters |= FILTERS
+    return page.from_string(TABLES.read_text(encoding="utf-8")).render(
+        title=title, headline=headline, sentences=sentences, tables=tables, pictures=pictures,
+        style=Markup(look[0]),
+    )  # fmt: skip

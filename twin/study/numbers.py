@@ -21,7 +21,7 @@ from twin.review.states import Generations
 from twin.study.generations import Objective
 from twin.study.loadpathfit import OnPaths
 from twin.study.readings import plans, spots
-from twin.study.record import Curves, Initial, Line, PointCurve, Side, Start, Study
+from twin.study.record import Initial, PointCurve, PointCurves, RidgeLine, Side, Start, Study
 from twin.study.ridges import difference, ridge
 from twin.study.separability import Known, Outcomes, knowledge, outcomes, readings
 from twin.targets import Array
@@ -85,8 +85,8 @@ class Inquiry:
             starts=[
                 Start(**s.model_dump(), reduction_percent=_reduction(s, final)) for s in self.starts(initial)
             ],
-            ridge=Line(share=line.share.tolist(), total_MPa=line.total.tolist(), rms_mm=line.rms_mm.tolist(),
-                       agreeing_share=agreeing),
+            ridge=RidgeLine(share=line.share.tolist(), total_MPa=line.total.tolist(),
+                            rms_mm=line.rms_mm.tolist(), agreeing_share=agreeing),
             known=Known(**knowledge(self.information, self.best, self.sd_mm)),
             readings=readings(self.shown, **asked),
             plans=plans(self.shown, **asked, names=self.names, component=self.objective.component,
@@ -137,7 +137,7 @@ class Inquiry:
             )
         return u
 
-    def curves(self, initial: Side, final: Side) -> Curves:
+    def curves(self, initial: Side, final: Side) -> PointCurves:
         """Displacement over pressure of each point, with what was read on the way."""
         t, o = self.bench.targets, self.objective
         both = (Constants(side.C10, side.C01) for side in (initial, final))
@@ -151,7 +151,7 @@ class Inquiry:
                       final_mm=after[:, k].tolist(), measured_at_MPa=t.pressure[seen].tolist(),
                       measured_mm=t.value[seen, row, o.component].tolist(), measured_sd_mm=sd.tolist())
             )  # fmt: skip
-        return Curves(pressure_MPa=self.pressure.tolist(), points=out)
+        return PointCurves(pressure_MPa=self.pressure.tolist(), points=out)
 
     # -- other initial models -------------------------------------------------------------------------------
 

@@ -9,7 +9,7 @@ from pydantic import Field
 
 from twin.project.record import Reach, Record
 from twin.study.readings import Several
-from twin.study.separability import KNOWN, UNKNOWN, Known, Reading
+from twin.study.separability import KNOWN, UNKNOWN, Known, ReadingRow
 from twin.targets import Array
 
 SHOWN = 6  # readings that the report shows, within the pressure of the test and beyond
@@ -38,7 +38,7 @@ class Start(Side):
     reduction_percent: float = Field(description="fall of the error from it, negative where it was better")
 
 
-class Line(Record):
+class RidgeLine(Record):
     """The ridge."""
 
     share: list[float]
@@ -69,7 +69,7 @@ class PointCurve(Record):
         return self.point if self.node is None else f"{self.point} (node {self.node})"
 
 
-class Curves(Record):
+class PointCurves(Record):
     """The curves of all points."""
 
     pressure_MPa: list[float]
@@ -98,11 +98,11 @@ class Study(Record):
         description="sums C10 + C01 of an initial model from which the error falls by as much"
     )
     starts: list[Start] = Field(description="other initial models")
-    ridge: Line = Field(description="the best sum for every share")
+    ridge: RidgeLine = Field(description="the best sum for every share")
     known: Known = Field(description="what the targets tell of the share")
-    readings: list[Reading] = Field(description="what one more reading would tell, best first")
+    readings: list[ReadingRow] = Field(description="what one more reading would tell, best first")
     plans: list[Several] = Field(description="the same for several")
-    curves: Curves = Field(description="data of figures 6a and 6b")
+    curves: PointCurves = Field(description="data of figures 6a and 6b")
     figures: tuple[str, ...] = Field(default=(), description="names of the seven files")
 
     def told(self, figures: Sequence[str]) -> "Study":

@@ -67,7 +67,7 @@ class Spot:
     place: Array
 
 
-class Reading(Known):
+class ReadingRow(Known):
     """One reading that could be added, and what is known with it."""
 
     point: str = Field(description="where, in which direction, at which pressure")
@@ -127,7 +127,7 @@ def _at_levels(model: Model, theta: Array, spots: tuple[Spot, ...], pressure: Ar
 
 def readings(
     shown: Outcomes, *, information: Array, constants: Constants, sd_mm: float
-) -> list[Reading]:
+) -> list[ReadingRow]:
     """Every single reading that could be added, best first. information (2, 2): of what is there."""
     found = []
     for index in np.ndindex(shown.u.shape):
@@ -136,7 +136,7 @@ def readings(
         seen[index] = True
         spot = shown.spots[p]
         found.append(
-            Reading(point=spot.name, node=spot.node, x_mm=float(spot.place[0]), direction=f"U{i + 1}",
+            ReadingRow(point=spot.name, node=spot.node, x_mm=float(spot.place[0]), direction=f"U{i + 1}",
                     pressure_MPa=float(shown.pressure[s]), u_mm=float(shown.u[index]),
                     **knowledge(information + shown.information(seen, sd_mm), constants, sd_mm))
         )  # fmt: skip

@@ -69,8 +69,8 @@ def evidence(make_targets: Callable[..., Targets], coarsest_case: Case) -> tuple
     before = judge(base, targets, starts=np.array([0.214, 0.083]))
     lag = effect("pressure_lag")
     after = judge(base.with_effect(lag), targets, starts=np.array([0.214, 0.083, 0.3]))
-    rivals = [("creep", 0.4)]
-    found = explained([lag], before=before, after=after, targets=targets, rivals=rivals)
+    mimics = [("creep", 0.4)]
+    found = explained([lag], before=before, after=after, targets=targets, mimics=mimics)
     assert found.gain == pytest.approx(before.deviance - after.deviance)
     return targets, found
 

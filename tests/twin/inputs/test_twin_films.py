@@ -14,11 +14,13 @@ from tests.twin.commands.test_twin_measure import FPS, Lines, displacements, edi
 from twin.commands.camera import run_camera
 from twin.commands.check import run_check
 from twin.commands.measure import run_measure
+from twin.diagnosis.record import ForetoldFilm
 from twin.effects.material import Elasticity
 from twin.inputs import filmcheck
 from twin.inputs.films import BETWEEN_S, FilmTargets, joined
-from twin.judging.blindtest import unseen
+from twin.judging.heldout import unseen
 from twin.judging.judged import judge
+from twin.judging.record import UnseenFilm
 from twin.judging.whitening import whitener
 from twin.model.basemodel import base_model
 from twin.project import files
@@ -242,7 +244,9 @@ def test_a_held_out_film_does_not_enter_the_fit_and_is_judged():
 
 
 def test_the_report_shows_a_held_out_film():
-    row = {"film": "steps", "before_mm": 0.5, "after_mm": 0.25, "ratio": 2.0, "noise_mm": 0.1}
+    before = UnseenFilm(film="steps", block=1, rms_mm=0.5, raw_rms_mm=0.6, noise_sd_mm=0.1, values=72)
+    row = ForetoldFilm.of(before, before.model_copy(update={"rms_mm": 0.25}))
+    assert row.ratio == 2.0
     text = render(title="t", facts={"held_out": [row]})
     assert "Films that no fit has seen" in text
     assert "<td>steps</td>" in text

@@ -146,6 +146,7 @@ def test_a_config_is_frozen():
         (TEXT + IMPORT.replace("import", "imported"), "imported is not a known key; did you mean 'import'"),
         (film('role = "fixed"', 'role = "frame"'), "frame.markers: 3 with role 'fixed', wanted 4 or more"),
         (film("size_mm = 6.0", "# size_mm"), "points.tip.size_mm is missing"),
+        (film("size_mm = 8.0", "# size_mm"), "frame.markers.R01.size_mm is missing"),
         (dump(film_config("batch").model_copy(update={"pressure": None})), "pressure is missing"),
     ],
 )
