@@ -120,26 +120,24 @@ def _descend(
     if r is None:
         unknown = np.full((0, len(theta)), np.nan)
         return _End(theta, None, unknown, False, "the model cannot be solved at the start")
-    return _Descent(model, theta, r, low=low, high=high, last=last, tolerance=tolerance).run()
+    return _Descent(model, theta, r, model.jacobian(theta), low, high, last, tolerance).run()
 
 
+@dataclass(eq=False)
 class _Descent:
-    """Levenberg-Marquardt from one start."""
+    """Levenberg-Marquardt from one start: where it is, its residual and Jacobian, and how bold it may be."""
 
-    def __init__(
-        self,
-        model: _Model,
-        theta: Array,
-        r: Array,
-        *,
-        low: Array,
-        high: Array,
-        last: int,
-        tolerance: float,
-    ) -> None:
-        self.model, self.theta, self.r, self.low, self.high, self.last = model, theta, r, low, high, last
-        self.tolerance, self.damping, self.growth = tolerance, DAMPING[0], GROWTH
-        self.jac, self.rejected = model.jacobian(theta), 0
+    model: _Model
+    theta: Array
+    r: Array
+    jac: Array
+    low: Array
+    high: Array
+    last: int
+    tolerance: float
+    damping: float = DAMPING[0]
+    growth: float = GROWTH
+    rejected: int = 0
 
     def run(self) -> _End:
         while True:

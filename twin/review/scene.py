@@ -63,10 +63,12 @@ def scene_of(generations: Generations, fields: Fields | None) -> Scene:
     return Scene(nodes, used, triangles, generations.points, top, places.min(axis=0), places.max(axis=0))
 
 
-def colours(value: NDArray[np.floating], *, top: float) -> NDArray[np.uint8]:
-    """Colours (..., 3) of values (...) between 0 and `top`; values beyond take the end colours."""
-    place = np.clip(value / top, 0.0, 1.0) * (len(RAMP) - 1)
-    channels = [np.interp(place, np.arange(len(RAMP)), channel) for channel in RAMP.T]
+def colours(
+    value: NDArray[np.floating], *, top: float, low: float = 0.0, ramp: Integers = RAMP
+) -> NDArray[np.uint8]:
+    """Colours (..., 3) of values (...) between `low` and `top`; values beyond take the end colours."""
+    place = np.clip((value - low) / (top - low), 0.0, 1.0) * (len(ramp) - 1)
+    channels = [np.interp(place, np.arange(len(ramp)), channel) for channel in ramp.T]
     return np.stack(channels, axis=-1).round().astype(np.uint8)
 
 

@@ -21,20 +21,9 @@ from twin.review.states import Generations
 from twin.study.generations import Objective
 from twin.study.loadpathfit import OnPaths
 from twin.study.readings import plans, spots
-from twin.study.record import (
-    Initial,
-    Known,
-    PointCurve,
-    PointCurves,
-    ReadingRow,
-    RidgeLine,
-    Several,
-    Side,
-    Start,
-    Study,
-)
+from twin.study.record import Initial, PointCurve, PointCurves, RidgeLine, Side, Start, Study
 from twin.study.ridges import difference, ridge
-from twin.study.separability import Addition, Knowledge, Outcomes, outcomes, readings
+from twin.study.separability import Known, Outcomes, knowledge, outcomes, readings
 from twin.targets import Array
 
 CURVE = 61  # pressures of a curve
@@ -83,9 +72,6 @@ class Inquiry:
         asked: dict[str, Any] = {
             "information": self.information, "constants": self.best, "sd_mm": self.sd_mm,
         }
-        several = plans(
-            self.shown, **asked, names=self.names, component=self.objective.component, top=self.top
-        )
         return Study(
             points=list(self.names), component=self.objective.component + 1, pressure_MPa=self.top,
             measured_mm=self.objective.measured.tolist(), measured_sd_mm=self.sd_mm,
@@ -101,9 +87,10 @@ class Inquiry:
             ],
             ridge=RidgeLine(share=line.share.tolist(), total_MPa=line.total.tolist(),
                             rms_mm=line.rms_mm.tolist(), agreeing_share=agreeing),
-            known=Known(**Known.row(Knowledge.of(self.information, self.best), self.sd_mm)),
-            readings=[self.reading(r) for r in readings(self.shown, **asked)],
-            plans=[Several(words=p.words, count=p.count, **Known.row(p.known, self.sd_mm)) for p in several],
+            known=Known(**knowledge(self.information, self.best, self.sd_mm)),
+            readings=readings(self.shown, **asked),
+            plans=plans(self.shown, **asked, names=self.names, component=self.objective.component,
+                        top=self.top),
             curves=self.curves(initial, final),
         )  # fmt: skip
 
@@ -215,14 +202,6 @@ class Inquiry:
         theta = np.array([self.best.named[name] for name in NAMES])
         where = spots(self.bench.case, self.bench.targets, [int(row) for row in self.objective.rows])
         return outcomes(self.bench.model(()), theta, spots=where, top=self.top)
-
-    def reading(self, found: Addition) -> ReadingRow:
-        """A reading that could be added, as the record has it."""
-        return ReadingRow(
-            point=found.spot.name, node=found.spot.node, x_mm=float(found.spot.place[0]),
-            direction=f"U{found.component + 1}", pressure_MPa=found.pressure, u_mm=found.u_mm,
-            **Known.row(found.known, self.sd_mm),
-        )  # fmt: skip
 
 
 def _reduction(start: Side, final: Side) -> float:

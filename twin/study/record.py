@@ -8,7 +8,8 @@ import numpy as np
 from pydantic import Field
 
 from twin.project.record import Reach, Record
-from twin.study.separability import KNOWN, UNKNOWN, Knowledge
+from twin.study.readings import Several
+from twin.study.separability import KNOWN, UNKNOWN, Known, ReadingRow
 from twin.targets import Array
 
 SHOWN = 6  # readings that the report shows, within the pressure of the test and beyond
@@ -49,54 +50,6 @@ class RidgeLine(Record):
         """Those of values (h,) along the ridge where it agrees with the readings."""
         share, (low, high) = np.array(self.share), self.agreeing_share
         return np.array(values)[(share >= low) & (share <= high)]
-
-
-class Known(Record):
-    """What is known of the share."""
-
-    share_sd: float | None = Field(description="null where it is left open")
-    correlation: float = Field(description="of C10 and C01")
-    wanted_sd_mm: float | None = Field(description="error of all readings for a `share_sd` of 0.1")
-
-    @staticmethod
-    def row(known: Knowledge, sd_mm: float) -> dict[str, Any]:
-        """These values by name, where a reading has an error of sd_mm."""
-        open_ = not np.isfinite(known.share_sd)
-        return {"share_sd": None if open_ else known.share_sd, "correlation": known.correlation,
-                "wanted_sd_mm": None if open_ else known.wanted_sd_mm(sd_mm)}  # fmt: skip
-
-    @property
-    def vague(self) -> float:
-        """The sd of the share, infinite where it is left open."""
-        return np.inf if self.share_sd is None else self.share_sd
-
-    @property
-    def wanted(self) -> str:
-        """The error in mm that is wanted, in words."""
-        return f"{self.wanted_sd_mm or 0.0:.2g}"
-
-
-class ReadingRow(Known):
-    """One reading that could be added, and what is known with it."""
-
-    point: str = Field(description="where, in which direction, at which pressure")
-    node: int
-    x_mm: float
-    direction: str
-    pressure_MPa: float
-    u_mm: float = Field(description="displacement there")
-
-    @property
-    def words(self) -> str:
-        """As one would ask for it."""
-        return f"{self.direction} of {self.point} at {1e3 * self.pressure_MPa:.3g} kPa"
-
-
-class Several(Known):
-    """Several readings that could be added at once, and what is known with them."""
-
-    words: str
-    count: int = Field(description="of values")
 
 
 class PointCurve(Record):
