@@ -2,11 +2,11 @@
 
     python benchmarks/chain.py [--project softtwin-demo] [--json]
 
-Each stage runs once more, as a process of its own, in a temporary copy of what was recorded and written by hand
-(twin.toml, raw/), with the effects that were added taken out; without --project of datasets/demo, which takes
-the time of `make demo`. `cpu_s` counts the processes that a stage starts. What run.json of the project has under
-`seconds` is time by the clock on the wall, waiting for a busy machine included; it stands beside as `wall_s`,
-null where a stage never ran there.
+Each stage runs once more, as a process of its own, in a temporary copy of what was recorded and written by
+hand (twin.toml, raw/), with the effects that were added taken out; without --project of datasets/demo, which
+takes the time of `make demo`. `cpu_s` counts the processes that a stage starts. What run.json of the project
+has under `seconds` is time by the clock on the wall, waiting for a busy machine included; it stands beside as
+`wall_s`, null where a stage never ran there.
 """
 
 import json

@@ -1,7 +1,7 @@
 """The command line that the benchmarks share: --quick, --json, and parts that may be run alone.
 
 A script puts the root of the checkout on the path of imports, as it is started from a folder below, and asks
-`options`; one whose figures come from parts calls `parts`.
+`options`; one that is a function of `quick` into figures calls `whole`, one that collects several `parts`.
 """
 
 import argparse
@@ -38,12 +38,15 @@ def _as_argparse(how: Any) -> dict[str, Any]:
     return {"type": type(first), "default": first, "help": text}
 
 
-def parts(doc: str, every: Mapping[str, Part], *, quick: str) -> int:
+def parts(
+    doc: str, every: Mapping[str, Part], *, quick: str, alone: Mapping[str, Part] | None = None
+) -> int:
     """Prints the figures of the parts that were asked for, as one JSON line or a table. What they tell as
-    they go, their seconds and those of the processor go to stderr."""
+    they go, their seconds and those of the processor go to stderr. `alone`: parts that run only if named."""
+    known = {**every, **(alone or {})}
     typed = options(
         doc,
-        {"--only": {"nargs": "+", "choices": list(every), "default": list(every), "help": "these alone"}},
+        {"--only": {"nargs": "+", "choices": list(known), "default": list(every), "help": "these alone"}},
         quick=quick,
         json="one JSON line",
     )
@@ -51,13 +54,19 @@ def parts(doc: str, every: Mapping[str, Part], *, quick: str) -> int:
     with redirect_stdout(sys.stderr):
         for name in typed.only:
             began, spent = time.perf_counter(), processor()
-            found |= every[name](typed.quick)
+            found |= known[name](typed.quick)
             took, spent = time.perf_counter() - began, processor() - spent
             print(f"{name}: {took:.0f} s, {spent:.0f} s of the processor", flush=True)
-    if typed.json:
-        print(json.dumps(found))
-    else:
-        figures(found)
+    told(found, typed.json)
+    return 0
+
+
+def whole(doc: str, figures: Part, *, quick: str) -> int:
+    """Prints the figures of a benchmark of one part; what it tells as it goes stands before the table."""
+    typed = options(doc, quick=quick, json="one JSON line")
+    with redirect_stdout(sys.stderr if typed.json else sys.stdout):
+        found = figures(typed.quick)
+    told(found, typed.json)
     return 0
 
 
@@ -67,8 +76,11 @@ def processor() -> float:
     return sum(u.ru_utime + u.ru_stime for u in used)
 
 
-def figures(found: Mapping[str, Any]) -> None:
-    """Prints figures by name."""
+def told(found: Mapping[str, Any], as_json: bool) -> None:
+    """Prints figures by name, as one JSON line or a table."""
+    if as_json:
+        print(json.dumps(found))
+        return
     print("| figure | measured |\n|---|---|")
     for key, value in found.items():
         print(f"| {key} | {f'{value:.4g}' if isinstance(value, float) else json.dumps(value)} |")

@@ -1,10 +1,10 @@
-"""Which of the reference study's seven figures does one command make from its two displacements, at what cost?
+"""Which of the reference study's seven figures does one command make from two displacements, at what cost?
 
     python benchmarks/study.py [--json]
 
-`twin study`, from the two displacements of datasets/study to the report, on a copy in a temporary folder: about
-two minutes. `study_figures` counts the figures that are drawings in files of their own and stand in the report;
-`study_cpu_s`: seconds of the processor.
+`twin study`, from the two displacements of datasets/study to the report, on a copy in a temporary folder:
+about two minutes. `study_figures` counts the figures that are drawings in files of their own and stand in the
+report; `study_cpu_s`: seconds of the processor.
 """
 
 import json

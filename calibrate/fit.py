@@ -1,9 +1,8 @@
-"""The Fit of a whitened residual with a Jacobian: bounded least squares that spares Jacobians.
+"""The Fit of a whitened residual with a Jacobian: bounded least squares.
 
 Levenberg-Marquardt (D. Marquardt, doi:10.1137/0111030) with bounds kept exactly in every step (a small
-bounded linear problem). A Jacobian serves several steps, corrected after each by Broyden's rank-one
-formula (C. G. Broyden, doi:10.1090/S0025-5718-1965-0198670-6), and is computed anew where the fall of
-the misfit is not the predicted one, and at the optimum, where the covariance comes from it.
+bounded linear problem). The Jacobian is asked for at the start and after every step that is taken: where
+derivatives come with a solve it costs little, and the covariance comes from that of the optimum.
 """
 
 import math
@@ -79,17 +78,14 @@ def least_squares(
     seed: int = 0,
     max_evaluations: int = 40,
     tolerance: float = 0.01,
-    renew: bool = False,
 ) -> Fit:
     """The Fit with the lowest chi2 = r'r within the bounds, of all starts.
 
     residual: theta (d,) -> r (n,), whitened; None where the model cannot be solved: the step is then
     shortened. jacobian: theta (d,) -> dr/dtheta (n, d). start (d,) or (m, d): one descent each, of at most
-    max_evaluations residuals. renew: whether the Jacobian is asked for after every step, as where it comes
-    with the residual; else only where the one of an earlier step no longer predicts. seed: the one that drew
-    the starts, kept in the Fit. It has converged where the best step is shorter than `tolerance` sd in every
-    direction and would lower chi2 by less than 10 tolerance^2, or by less than 1e-3 of it and, shortened too,
-    does not.
+    max_evaluations residuals. seed: the one that drew the starts, kept in the Fit. It has converged where the
+    best step is shorter than `tolerance` sd in every direction and would lower chi2 by less than 10
+    tolerance^2, or by less than 1e-3 of it and, shortened too, does not.
     Raises ValueError for a start outside the bounds; what does not converge is a Fit with its reason.
     """
     parameters = tuple(parameters)
@@ -97,7 +93,7 @@ def least_squares(
     starts = inside(np.atleast_2d(np.asarray(start, float)), parameters)
     model = _Model(residual, jacobian)
     with np.errstate(under="ignore"):
-        ends = [_descend(model, theta, low, high, max_evaluations, tolerance, renew) for theta in starts]
+        ends = [_descend(model, theta, low, high, max_evaluations, tolerance) for theta in starts]
         return _fit(min(ends, key=lambda end: end.chi2), parameters, seed, model)
 
 
@@ -117,35 +113,31 @@ def inside(starts: Array, parameters: tuple[Parameter, ...]) -> Array:
 
 
 def _descend(
-    model: _Model, theta: Array, low: Array, high: Array, budget: int, tolerance: float, renew: bool
+    model: _Model, theta: Array, low: Array, high: Array, budget: int, tolerance: float
 ) -> _End:
     last = model.evaluations + budget
     r = model.residual(theta)
     if r is None:
         unknown = np.full((0, len(theta)), np.nan)
         return _End(theta, None, unknown, False, "the model cannot be solved at the start")
-    return _Descent(model, theta, r, low=low, high=high, last=last, tolerance=tolerance, renew=renew).run()
+    return _Descent(model, theta, r, model.jacobian(theta), low, high, last, tolerance).run()
 
 
+@dataclass(eq=False)
 class _Descent:
-    """Levenberg-Marquardt from one start; the Jacobian of an earlier theta serves while it predicts well."""
+    """Levenberg-Marquardt from one start: where it is, its residual and Jacobian, and how bold it may be."""
 
-    def __init__(
-        self,
-        model: _Model,
-        theta: Array,
-        r: Array,
-        *,
-        low: Array,
-        high: Array,
-        last: int,
-        tolerance: float,
-        renew: bool,
-    ) -> None:
-        self.model, self.theta, self.r, self.low, self.high, self.last = model, theta, r, low, high, last
-        self.tolerance, self.renew = tolerance, renew
-        self.damping, self.growth = DAMPING[0], GROWTH
-        self._renew()
+    model: _Model
+    theta: Array
+    r: Array
+    jac: Array
+    low: Array
+    high: Array
+    last: int
+    tolerance: float
+    damping: float = DAMPING[0]
+    growth: float = GROWTH
+    rejected: int = 0
 
     def run(self) -> _End:
         while True:
@@ -153,9 +145,6 @@ class _Descent:
             if ended is not None:
                 return ended
             self._advance()
-
-    def _renew(self) -> None:
-        self.jac, self.fresh, self.rejected = self.model.jacobian(self.theta), True, 0
 
     def _step(self, damping: float) -> _Step:
         return _step(self.jac, self.r, self.low - self.theta, self.high - self.theta, damping)
@@ -169,11 +158,7 @@ class _Descent:
         least = GAIN * self.tolerance**2
         vain = FLOOR * float(self.r @ self.r)
         floor = (self.rejected and best.gain < least) or (self.rejected > 1 and best.gain < vain)
-        small = floor or (best.gain < least and best.length < self.tolerance)
-        if small and not self.fresh:
-            self._renew()
-            return self._ended()
-        if small:
+        if floor or (best.gain < least and best.length < self.tolerance):
             return self._end(True, CONVERGED)
         if self.damping > DAMPING[2]:
             return self._end(False, "no step lowers chi2, or the model cannot be solved around this point")
@@ -182,28 +167,22 @@ class _Descent:
         return None
 
     def _end(self, converged: bool, reason: str) -> _End:
-        if not self.fresh:
-            self._renew()
         return _End(self.theta, self.r, self.jac, converged, reason)
 
     def _advance(self) -> None:
-        """Try one step; take it or shorten the next; renew a Jacobian that did not predict the misfit."""
+        """Try one step; take it or shorten the next."""
         step = self._step(self.damping)
         trial = np.clip(self.theta + step.move, self.low, self.high)
         new = self.model.residual(trial)
         quality = 0.0 if new is None or step.gain <= 0 else float(self.r @ self.r - new @ new) / step.gain
         if new is not None and quality > ACCEPT:
-            self.jac, self.fresh = _broyden(self.jac, trial - self.theta, new - self.r), False
             self.theta, self.r, self.rejected = trial, new, 0
+            self.jac = self.model.jacobian(trial)
             self._damp(max(1 - (2 * quality - 1) ** 3, 0.1))
-            if self.renew or not 0.5 < quality < 2.0:
-                self._renew()
             return
         self._damp(self.growth)
         self.growth *= 2
         self.rejected += 1
-        if new is not None and not self.fresh:
-            self._renew()
 
     def _damp(self, factor: float) -> None:
         """H. B. Nielsen, Damping parameter in Marquardt's method, IMM-REP-1999-05."""
@@ -228,14 +207,6 @@ def _step(jac: Array, r: Array, low: Array, high: Array, damping: float) -> _Ste
     x = lsq_linear(a, b, bounds=(low * lengths, high * lengths), method="bvls", max_iter=50).x
     change = columns @ x
     return _Step(x / lengths, float(c @ c - (c + change) @ (c + change)), float(np.linalg.norm(change)))
-
-
-def _broyden(jac: Array, move: Array, change: Array) -> Array:
-    """The Jacobian nearest to jac (n, d), in unit columns, that explains the change (n,) by the move (d,)."""
-    weights = np.sum(jac**2, axis=0) * move
-    if weights @ move <= 0:
-        return jac
-    return jac + np.outer(change - jac @ move, weights / (weights @ move))
 
 
 def _fit(end: _End, parameters: tuple[Parameter, ...], seed: int, model: _Model) -> Fit:

@@ -1,9 +1,7 @@
 """What may vary in a calibration (`Parameter`), and what was found and how well it is known (`Fit`)."""
 
 import math
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass, fields
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -101,57 +99,3 @@ class Fit:
         sd = self.sd
         half = float(ndtri(0.5 + level / 2)) * sd
         return np.stack([np.maximum(self.theta - half, low), np.minimum(self.theta + half, high)], axis=1)
-
-    def to_dict(self) -> dict[str, Any]:
-        """What fit.json holds: strict JSON, None for what is infinite or unknown."""
-        values = {
-            p.name: {"value": float(x), "sd": _finite(s)} | _given(p)
-            for p, x, s in zip(self.parameters, self.theta, self.sd)
-        }
-        plain = {f.name: getattr(self, f.name) for f in fields(self) if f.name != "theta"}
-        covariance = [[_finite(x) for x in row] for row in self.covariance]
-        return plain | {
-            "parameters": values,
-            "covariance": covariance,
-            "chi2": _finite(self.chi2),
-            "at_bound": list(self.at_bound),
-        }
-
-    @classmethod
-    def from_dict(cls, data: Mapping[str, Any]) -> "Fit":
-        """The Fit that `to_dict` wrote. Raises ValueError naming a key that is absent."""
-        absent = sorted({f.name for f in fields(cls)} - {"theta"} - set(data))
-        if absent:
-            raise ValueError(f"a record of a fit without {', '.join(absent)}: not complete; calibrate again")
-        rows = data["parameters"]
-        covariance = np.array([[np.nan if x is None else x for x in row] for row in data["covariance"]])
-        diagonal = np.diag(covariance)
-        np.fill_diagonal(covariance, np.where(np.isnan(diagonal), np.inf, diagonal))
-        return cls(
-            parameters=tuple(_parameter(name, row) for name, row in rows.items()),
-            theta=np.array([row["value"] for row in rows.values()], float),
-            covariance=covariance,
-            chi2=math.inf if data["chi2"] is None else data["chi2"],
-            degrees_of_freedom=data["degrees_of_freedom"],
-            seed=data["seed"],
-            evaluations=data["evaluations"],
-            converged=data["converged"],
-            reason=data["reason"],
-            at_bound=tuple(data["at_bound"]),
-        )
-
-
-def _finite(x: float) -> float | None:
-    return float(x) if math.isfinite(x) else None
-
-
-def _given(parameter: Parameter) -> dict[str, Any]:
-    """The parameter's own fields, without its name and without what was never given."""
-    return {k: v for k, v in asdict(parameter).items() if k != "name" and v is not None}
-
-
-def _parameter(name: str, row: Mapping[str, Any]) -> Parameter:
-    own = {k: v for k, v in row.items() if k not in ("value", "sd")}
-    if "plausible" in own:
-        own["plausible"] = tuple(own["plausible"])  # JSON has no tuples
-    return Parameter(name, **own)

@@ -66,6 +66,19 @@ class Material:
         """The same material without memory: it neither creeps nor softens."""
         return replace(self, prony=(), mullins=None)
 
+    def stiffened(self, factor: float) -> "Material":
+        """The same material with all its moduli multiplied; ratios, times, exponents and limits stay."""
+        return replace(
+            self,
+            C10=factor * self.C10,
+            C01=factor * self.C01,
+            C20=factor * self.C20,
+            C30=factor * self.C30,
+            gent=self.gent and (factor * self.gent[0], self.gent[1]),
+            ogden=tuple((factor * mu, alpha) for mu, alpha in self.ogden),
+            mullins=self.mullins and (self.mullins[0], factor * self.mullins[1], self.mullins[2]),
+        )
+
     @property
     def constants(self) -> Array:
         """C10, C01, C20, C30, mu and 1/Jm of Gent, and the pairs of Ogden: the columns of `terms`."""

@@ -1,7 +1,6 @@
 """What the docs name exists: pages, files, commands and their options, keys of twin.toml."""
 
 import importlib
-import inspect
 import re
 import subprocess
 import sys
@@ -9,20 +8,19 @@ import tomllib
 from functools import cache
 from pathlib import Path
 
+from benchmarks.docs import figures, reference
+
 import numpy as np
 import pytest
 import typer
 from pydantic import BaseModel
 
-from calibrate import Fit
 from twin.chain import STAGES, TARGETS
 from twin.cli import app
-from twin.diagnosis.candidates import Candidate
-from twin.diagnosis.verdicts import Diagnosis
 from twin.effects.library import all_effects
-from twin.judging.comparison import Comparison
 from twin.judging.whitening import whitener
 from twin.project.config import Config
+from twin.project.tablemodel import keys_of
 from twin.project.targetfiles import read_targets
 from twin.project.toml import parse
 from vision.errors.errorbudget import SOURCES
@@ -90,7 +88,7 @@ def unknown_commands(text: str) -> list[str]:
 def tables(model: type[BaseModel]) -> dict[str, type[BaseModel]]:
     """The tables below a table of twin.toml, by their key."""
     found = {}
-    for key, field in model.model_fields.items():
+    for key, (_, field) in keys_of(model).items():
         inner = re.findall(r"\b(\w+Table)\b", str(field.annotation))
         if inner:
             found[key] = next(t for t in _table_models() if t.__name__ == inner[0])
@@ -106,7 +104,7 @@ def unknown_keys(given: dict[str, object], model: type[BaseModel] = Config, *, a
     """Keys of a piece of twin.toml that the config model does not have."""
     found = []
     for key, value in given.items():
-        if key not in model.model_fields:
+        if key not in keys_of(model):
             found.append(f"{at}{key}")
         for row in value if isinstance(value, list) else [value]:
             if isinstance(row, dict) and key in tables(model):
@@ -201,12 +199,10 @@ def test_the_readme_has_the_main_command_on_a_line_of_its_own() -> None:
 
 
 def test_made_pages_are_as_the_program_makes_them() -> None:
-    from benchmarks.docs import reference
-
     made = reference.pages()
     stale = [name for name, text in made.items() if (ROOT / "docs" / name).read_text(encoding="utf-8") != text]
     assert stale == [], "run: python benchmarks/docs/reference.py"
-    assert all(f"`{key}`" in made["twin-toml.md"] for table in all_tables() for key in table.model_fields if key not in tables(table))
+    assert all(f"`{key}`" in made["twin-toml.md"] for table in all_tables() for key in keys_of(table) if key not in tables(table))
 
 
 def all_tables(model: type[BaseModel] = Config) -> list[type[BaseModel]]:
@@ -226,22 +222,82 @@ def test_every_file_that_a_stage_writes_is_explained() -> None:
     assert sorted(name for name in written if f"`{name}`" not in text) == []
 
 
-@pytest.mark.parametrize("record", [Fit, Comparison, Diagnosis, Candidate])
-def test_keys_of_the_records_are_explained(record: type) -> None:
-    text = (ROOT / "docs" / "files.md").read_text(encoding="utf-8")
-    keys = set(re.findall(r'"(\w+)"', inspect.getsource(record.to_dict))) - {"theta"}  # type: ignore[attr-defined]
-    assert len(keys) > 3
-    assert sorted(key for key in keys if f"`{key}`" not in text) == []
-
-
 def test_every_source_of_the_error_budget_is_explained() -> None:
     text = (ROOT / "docs" / "measuring-chain.md").read_text(encoding="utf-8")
     assert [source for source in SOURCES if f"\n| `{source}` |" not in text] == []
 
 
+def terms() -> set[str]:
+    """The words that the glossary explains."""
+    rows = re.findall(r"^\| ([^|]+) \|", (ROOT / "docs" / "concepts.md").read_text(encoding="utf-8").partition("## Glossary")[2], re.M)
+    return {word.strip() for row in rows for word in row.split(",")}
+
+
+def words_of_the_report() -> set[str]:
+    """What stands over the columns and in the first cells of the report's tables, without units and markup."""
+    page = (ROOT / "twin" / "report" / "report.html").read_text(encoding="utf-8")
+    heads = [re.sub(r"\{[{%].*?[%}]\}|<[^>]+>", "", head) for head in re.findall(r"<th[^>]*>(.*?)</th>", page)]
+    return {head.removesuffix(", RMS mm").removesuffix(", mm").removesuffix(", %").removesuffix(", sd").strip() for head in heads}
+
+
+# Columns that say what they hold to anybody, and those of `twin study`, which its page explains below them.
+PLAIN = {
+    "", "effect", "parameter", "value", "unit", "without", "with", "made smaller by", "held-out film", "before / after",
+    "source, 1 sd in um", "here", "published", "node", "values", "one reading more", "several readings more",
+    "sd of the share", "error wanted", "correlation of C10 and C01", "other initial models: C10, MPa", "C01, MPa",
+    "initial RMS", "reduction",
+}  # fmt: skip
+# Words of the terminal and of the recording, as they stand in the code.
+SAID = (
+    "adequate", "at its bound", "BIC gain", "errors that many values share", "evidence", "foretold", "generation", "held out",
+    "nominal constants", "not refitted", "not visible", "p-value", "residual", "score", "share", "times its noise",
+)  # fmt: skip
+
+
+def test_the_glossary_holds_the_words_of_report_and_terminal() -> None:
+    words = {part for head in words_of_the_report() - PLAIN for part in head.split(", ")}
+    assert len(words) > 8
+    assert sorted(words - terms()) == []
+    code = "".join(path.read_text(encoding="utf-8") for path in (ROOT / "twin").rglob("*.*") if path.suffix in (".py", ".html"))
+    assert [word for word in SAID if word not in code] == []  # a word that the program has given up
+    explained = (ROOT / "docs" / "concepts.md").read_text(encoding="utf-8").partition("## Glossary")[2]
+    rows = re.findall(r"^\| ([^|]+) \|", explained, re.M)
+    assert [word for word in SAID if not any(word in row for row in rows)] == []
+
+
+def test_every_figure_of_the_demo_stands_once_in_its_page() -> None:
+    for figure in figures.FIGURES:
+        text = (ROOT / figure.page).read_text(encoding="utf-8")
+        assert len(figure.pattern.findall(text)) == 1, figure
+        assert len(figure.pattern.search(text).groups()) == len(figure.places), figure
+
+
+def test_a_figure_that_a_run_does_not_have_is_named_and_mended() -> None:
+    figure = figures.Figure("README.md", "from # to # mm in # minutes", ("a/b:c", "a/b:d", "minutes:"))
+    page = "It falls from 0.169 to\n0.045 mm in 13 minutes."
+    assert figures.wrong(page, figure, [0.1686, 0.0449, 35.0]) == []  # rounded; a busy machine
+    (one,) = figures.wrong(page, figure, [0.1886, 0.0449, 35.0])
+    assert one == "README.md: 'from # to # mm in # minutes' has 0.169, wanted 0.1886 (a/b:c)"
+    assert len(figures.wrong(page, figure, [-0.1686, 0.06, 60.0])) == 3
+    assert figures.written(page, figure, [0.1886, 1.5, 35.0]) == "It falls from 0.189 to\n1.500 mm in 13 minutes."
+    assert figures.wrong("Nothing.", figure, [1.0, 1.0, 1.0]) == [
+        "README.md: no 'from # to # mm in # minutes' in it; correct the page, or FIGURES of figures.py",
+    ]
+
+
+def test_a_place_leads_to_a_number_of_a_project(tmp_path: Path) -> None:
+    run = tmp_path / "runs" / "0003-add"
+    run.mkdir(parents=True)
+    (run / "fit.json").write_text(
+        '{"parameters": {"creep.g1": {"value": 0.03}}, "rows": [{"z": 1}, {"z": 2}], "said": "C10 = 0.2 MPa, -0.7, 95 %"}'
+    )
+    for place, wanted in (("parameters.creep.g1.value", 0.03), ("rows.1.z", 2.0), ("said#1", 0.2), ("said#2", -0.7)):
+        assert figures.value(tmp_path, f"add/fit.json:{place}") == wanted
+
+
 def test_every_picture_stands_in_a_page() -> None:
     shown = {(page.parent / link).resolve() for page in PAGES for link in re.findall(r"\]\(([^)\s#]+)", page.read_text(encoding="utf-8"))}
-    pictures = list((ROOT / "docs" / "pictures").rglob("*.*"))
+    pictures = [path for path in (ROOT / "docs" / "pictures").rglob("*.*") if path.suffix != ".txt"]
     assert [path.name for path in pictures if path.resolve() not in shown] == []
 
 

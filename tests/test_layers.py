@@ -73,6 +73,20 @@ def test_no_package_imports_tests_or_benchmarks() -> None:
     assert not [name for name in FILES if any(used.split(".")[0] in banned for used in imports_of(name))]
 
 
+BENCHES = {
+    ".".join(path.relative_to(ROOT).with_suffix("").parts): path
+    for folder in ("benchmarks", "tests/strangers")
+    for path in sorted((ROOT / folder).rglob("*.py"))
+}
+
+
+def test_benchmarks_and_what_they_plant_have_no_circle_and_shadow_no_package() -> None:
+    used = {name: imports(path.read_text(encoding="utf-8"), package=name.rpartition(".")[0]) for name, path in BENCHES.items()}
+    assert list(TopologicalSorter({name: found & set(BENCHES) for name, found in used.items()}).static_order())
+    assert not {path.stem for path in BENCHES.values()} & set(PACKAGES)
+    assert not [n for n, path in BENCHES.items() if "__main__" in path.read_text(encoding="utf-8") and n.startswith("benchmarks") and '__file__}/../..' not in path.read_text(encoding="utf-8")]
+
+
 def test_no_module_is_a_drawer_for_anything() -> None:
     banned = {"utils", "util", "common", "core", "helpers", "misc"}
     assert not [name for name in FILES if banned & {part.lstrip("_") for part in name.split(".")}]

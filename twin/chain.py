@@ -1,18 +1,24 @@
-"""The stages of `twin` in the order of a project: one list, which the command line, the demo, `check`, `list`
-and the review read."""
+"""The commands of `twin`, once: the command line, the demo, `check`, `list`, the review, README and CI read
+this list. `python -m twin.chain` prints the names."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
 from importlib import import_module
-from typing import TYPE_CHECKING, Any
-
-if TYPE_CHECKING:  # the command line reads this list before it knows whether it needs a project
-    from twin.project.folder import Project, Say
+from typing import Any
 
 TARGETS = "targets/"  # the folder that the stages after `measure` start from
 DECK = "deck"  # the files of the user's own mesh
 FIT = "fit.json"
+
+
+class Needs(Enum):
+    """What a command works on: the first argument of its function."""
+
+    FOLDER = "the path that it is given"
+    ROOT = "the path of --project"
+    PROJECT = "the project"
+    LOCK = "the project, which no other command may write to meanwhile"
 
 
 class When(Enum):
@@ -24,21 +30,28 @@ class When(Enum):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Stage:
-    """One stage: its command, what it reads and writes, and where its function lies."""
+class Command:
+    """One command: its name as it is typed, and where its function lies."""
 
-    name: str  # the command, and the kind of its runs
+    name: str
     title: str  # what it does, one sentence
+    function: str  # "module:function", imported when it runs: the list is cheap
+    needs: Needs = Needs.LOCK
+
+    def run(self, of: Any, say: Any, **options: Any) -> dict[str, Any]:
+        """What --json prints, once the command has run; `of` is what it needs, `options` are its own."""
+        result: dict[str, Any] = function_at(self.function)(of, say, **options)
+        return result
+
+
+@dataclass(frozen=True, kw_only=True)
+class Stage(Command):
+    """A command that makes a run of a project; its name is the kind of its runs."""
+
     reads: tuple[str, ...]  # "[table]" of twin.toml, TARGETS, DECK, other files of the project or of its runs
     writes: tuple[str, ...]  # files of its run folder, or TARGETS
-    function: str  # "module:function", imported when it runs: the list is cheap
     when: When = When.ALWAYS
     skips: bool = False  # it knows its inputs and skips what is done
-
-    def run(self, project: "Project", say: "Say", **options: Any) -> dict[str, Any]:
-        """What --json prints, once the stage has run; `options` are those of its command."""
-        result: dict[str, Any] = function_at(self.function)(project, say, **options)
-        return result
 
     @property
     def tables(self) -> tuple[str, ...]:
@@ -46,7 +59,35 @@ class Stage:
         return tuple(name.strip("[]") for name in self.reads if name.startswith("["))
 
 
-STAGES = (
+COMMANDS = (
+    Command(
+        name="demo", title="Run all stages on the recorded demo.",
+        function="twin.commands.demo:run_demo", needs=Needs.FOLDER,
+    ),
+    Command(
+        name="init", title="Make a project folder with a commented twin.toml.",
+        function="twin.commands.init:run_init", needs=Needs.FOLDER,
+    ),
+    Command(
+        name="virtual", title="Make a project of a virtual experiment, its truth sealed.",
+        function="twin.commands.virtual:run_virtual", needs=Needs.FOLDER,
+    ),
+    Command(
+        name="look", title="Draw the finger: dimensions, points, nodes, element shapes.",
+        function="twin.commands.look:run_look",
+    ),
+    Command(
+        name="print", title="Write board and markers as a PDF at true scale.",
+        function="twin.commands.print:run_print",
+    ),
+    Command(
+        name="check", title="Check twin.toml and its files, and name the next command.",
+        function="twin.commands.check:run_check", needs=Needs.PROJECT,
+    ),
+    Command(
+        name="pick", title="Number features that can be followed without markers.",
+        function="twin.commands.pick:run_pick",
+    ),
     Stage(
         name="camera", title="Calibrate the camera from images of a board.",
         reads=("[cameras]", "raw/boards"), writes=("camera.json", "rig.json"),
@@ -54,8 +95,8 @@ STAGES = (
     ),
     Stage(
         name="measure", title="Measure the displacements in the film, with their uncertainty.",
-        reads=("[cameras]", "[films]", "[pressure]", "[measure]", "[frame]", "[points]", "[dic]", "raw/film",
-               "camera.json"),
+        reads=("[cameras]", "[films]", "[pressure]", "[import]", "[measure]", "[frame]", "[points]", "[dic]",
+               "raw/film", "camera.json"),
         writes=(TARGETS, "tracks.npz", "overlay.png", "budget.csv"),
         function="twin.commands.measure:run_measure", skips=True,
     ),
@@ -109,7 +150,24 @@ STAGES = (
         writes=("report.html", "review.rrd", "clip.mp4", "deformed.png", "deformed.pvd"),
         function="twin.commands.review:run_review",
     ),
+    Command(
+        name="recalibrate", title="Run every stage that is stale; in a folder, all batches.",
+        function="twin.commands.recalibrateall:run_recalibrate", needs=Needs.ROOT,
+    ),
+    Command(
+        name="batches", title="Compare all batches of a folder: does the newest differ?",
+        function="twin.commands.batches:run_batches", needs=Needs.FOLDER,
+    ),
+    Command(
+        name="list", title="List the runs of a project and what each found.",
+        function="twin.commands.list:run_list", needs=Needs.PROJECT,
+    ),
+    Command(
+        name="trust", title="Let a project's own effects run and links be followed.",
+        function="twin.commands.trust:run_trust", needs=Needs.ROOT,
+    ),
 )  # fmt: skip
+STAGES = tuple(command for command in COMMANDS if isinstance(command, Stage))
 
 
 def stage_of(name: str) -> Stage:
@@ -127,3 +185,7 @@ def function_at(place: str) -> Callable[..., Any]:
     module, _, name = place.partition(":")
     function: Callable[..., Any] = getattr(import_module(module), name)
     return function
+
+
+if __name__ == "__main__":
+    print(*(command.name for command in COMMANDS), sep="\n")

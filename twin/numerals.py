@@ -1,10 +1,10 @@
 """How numbers are written for people: in the report, and in what the stages say."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
-from twin.judging.intervals import Estimate
+from twin.judging.record import Estimate
 
 
 def short(value: Any) -> str:
@@ -22,19 +22,19 @@ def short(value: Any) -> str:
     return f"{value:,.0f}" if 100 <= abs(value) < 1e7 else f"{value:.2e}"
 
 
-def interval(row: Mapping[str, Any]) -> str:
+def interval(low: Any, high: Any) -> str:
     """The 95 % interval of a parameter, both ends with the digits that its width gives."""
-    if not _known(row.get("low")) or not _known(row.get("high")):
+    if not _known(low) or not _known(high):
         return "–"
-    digits = _digits(row)
-    return f"{row['low']:.{digits}f} to {row['high']:.{digits}f}"
+    digits = _digits(low, high)
+    return f"{low:.{digits}f} to {high:.{digits}f}"
 
 
-def value(row: Mapping[str, Any]) -> str:
+def value(best: Any, low: Any, high: Any) -> str:
     """The value of a parameter with as many digits as its interval."""
-    if not _known(row.get("value")) or not _known(row.get("low")) or not _known(row.get("high")):
-        return short(row.get("value"))
-    return f"{row['value']:.{_digits(row)}f}"
+    if not _known(best) or not _known(low) or not _known(high):
+        return short(best)
+    return f"{best:.{_digits(low, high)}f}"
 
 
 def probability(p: Any) -> str:
@@ -52,27 +52,26 @@ def correlation(r: Any) -> str:
     return f"{r:.{min(max(2, 1 - math.floor(math.log10(lack))), 9)}f}"
 
 
-def in_words(estimates: Sequence[Estimate]) -> str:
+def in_words(estimates: Mapping[str, Estimate]) -> str:
     """All estimates in a line: values with intervals; what several of them note stands once, at the end."""
-    notes = [e.note for e in estimates]
+    notes = [e.note for e in estimates.values()]
     shared = {note for note in notes if note and notes.count(note) > 1}
-    cells = [_cell(e, shared) for e in estimates]
+    cells = [_cell(name, e, shared) for name, e in estimates.items()]
     return ", ".join(cells) + "".join(f"; {note}" for note in sorted(shared))
 
 
-def _cell(estimate: Estimate, shared: set[str]) -> str:
-    row = estimate.to_dict()
-    text = f"{estimate.name} = {value(row)} {estimate.unit}".rstrip()
-    if estimate.note:
-        return text if estimate.note in shared else f"{text} ({estimate.note})"
-    return f"{text} (95 %: {interval(row)})"
+def _cell(name: str, e: Estimate, shared: set[str]) -> str:
+    text = f"{name} = {value(e.value, e.low, e.high)} {e.unit}".rstrip()
+    if e.note:
+        return text if e.note in shared else f"{text} ({e.note})"
+    return f"{text} (95 %: {interval(e.low, e.high)})"
 
 
 def _known(number: Any) -> bool:
     return isinstance(number, int | float) and math.isfinite(number)
 
 
-def _digits(row: Mapping[str, Any]) -> int:
+def _digits(low: float, high: float) -> int:
     """Decimals that show the interval's width with two significant digits."""
-    width = abs(row["high"] - row["low"])
+    width = abs(high - low)
     return max(0, 1 - math.floor(math.log10(width))) if width > 0 else 6

@@ -6,8 +6,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from twin.diagnosis.explanation import EvidenceRecord
+from twin.diagnosis.record import DiagnosisRecord
+from twin.judging.record import ComparisonRecord, FitRecord, Interval
 from twin.project import files
-from twin.study.record import page_facts
+from twin.study.record import Study, page_facts
 
 if TYPE_CHECKING:  # pandas takes a second to import: only who asks for a table pays for it
     import pandas
@@ -47,32 +50,30 @@ def rows_of(stage: str, folder: Path | None, summary: Mapping[str, Any]) -> tupl
 
 def _parameters(folder: Path) -> Iterator[Row]:
     """A row for each fitted parameter."""
-    fit = files.read_json(folder / "fit.json")
-    for name, row in fit["parameters"].items():
-        interval = fit.get("intervals", {}).get(name, {})
+    fit = files.read(FitRecord, folder / FitRecord.file)
+    for name, row in fit.parameters.items():
+        span = fit.intervals.get(name, Interval())
         yield {
-            "parameter": name, "value": row["value"], "unit": row["unit"], "sd": row["sd"],
-            "low_95": interval.get("low"), "high_95": interval.get("high"),
-            "at_bound": name in fit.get("at_bound", ()), "note": interval.get("note", ""),
+            "parameter": name, "value": row.value, "unit": row.unit, "sd": row.sd, "low_95": span.low,
+            "high_95": span.high, "at_bound": name in fit.at_bound, "note": span.note,
         }  # fmt: skip
 
 
 def _misfits(folder: Path) -> Iterator[Row]:
     """A row for each marker, direction, pressure and branch."""
-    for kind, rows in files.read_json(folder / "comparison.json")["maps"].items():
-        yield from ({"by": kind, **row} for row in rows)
+    for kind, rows in files.read(ComparisonRecord, folder / ComparisonRecord.file).maps.items():
+        yield from ({"by": kind, **row.model_dump()} for row in rows)
 
 
 def _ranking(folder: Path) -> Iterator[Row]:
     """A row for each effect, the best first."""
-    for row in files.read_json(folder / "diagnosis.json")["ranking"]:
-        yield {key: value for key, value in row.items() if not isinstance(value, list | dict)}
+    for row in files.read(DiagnosisRecord, folder / DiagnosisRecord.file).ranking:
+        yield row.model_dump(exclude={"at_bound", "parameters"})
 
 
 def _shares(folder: Path) -> Iterable[Row]:
     """A row for each marker and branch."""
-    rows: list[Row] = files.read_json(folder / "evidence.json")["shares"]
-    return rows
+    return (row.model_dump() for row in files.read(EvidenceRecord, folder / EvidenceRecord.file).shares)
 
 
 def _budget(folder: Path) -> Iterator[Row]:
@@ -91,7 +92,7 @@ def _number(text: str) -> float | str:
 
 def _study(folder: Path) -> Iterable[Row]:
     """A row for each error and constant, here and as published."""
-    rows: list[Row] = page_facts(files.read_json(folder / "study.json"))["rows"]
+    rows: list[Row] = page_facts(files.read(Study, folder / Study.file))["rows"]
     return rows
 
 

@@ -7,7 +7,8 @@ meshed by the lattice that follows from them, and solved at the pressure at whic
 its first response, has a strain of STRAIN. Of the first six whose mesh divided by 3 has 100 000 nodes,
 the tip's motion is compared with its limit, to which that lattice, divided by 1, 2 and 3, extrapolates; where
 the three show no order, with that of the finest.
-drift, kills: `drift.py`. study: `../study.py`. films: `films.py`. review: `review.py`, on the demo.
+drift: `drift.py`. kills: of `twin recalibrate`, `tests/strangers/kills.py`. study: `../study.py`. films:
+`films.py`. review: `review.py`, on the demo.
 --quick: a few of each. Without it the geometries alone take about half an hour of one core.
 """
 
@@ -19,7 +20,7 @@ from itertools import islice
 from typing import Any
 
 sys.path.insert(0, os.path.abspath(f"{__file__}/../../.."))
-from benchmarks.batches.drift import drift, kills
+from benchmarks.batches.drift import drift
 from benchmarks.batches.films import films
 from benchmarks.batches.review import review
 from benchmarks.commandline import parts
@@ -30,6 +31,7 @@ import numpy as np
 
 from fe import Case, Finger, Lattice, Path, Solution, finger_case, solve
 from fe.kernel.assembly import Geometry
+from tests.strangers.kills import recalibrations
 from twin.model.structure import BuiltIn
 from twin.project.dimensions import FingerTable
 
@@ -188,7 +190,7 @@ PARTS: dict[str, Callable[[bool], dict[str, Any]]] = {
     "study": study,
     "films": films,
     "review": review,
-    "kills": kills,
+    "kills": recalibrations,
 }
 
 

@@ -1,6 +1,6 @@
 """Does an effect found in some films foretell a film that no fit has seen?
 
-    python benchmarks/batches/films.py [--quick]
+    python benchmarks/batches/films.py [--quick] [--json]
 
 Three films of one short finger, each on a clock of its own: a slow cycle with a hold, a fast one, and, held
 out, one in two steps. The truth is solved with 20-node hexahedra on another lattice than the model's, and
@@ -10,7 +10,6 @@ measures them. `twin calibrate` and `twin diagnose` follow. heldout_ratio: the e
 before, over that with the named effect.
 """
 
-import json
 import os
 import sys
 import tempfile
@@ -19,10 +18,11 @@ from pathlib import Path
 from typing import Any
 
 sys.path.insert(0, os.path.abspath(f"{__file__}/../../.."))
-from benchmarks.commandline import options
+from benchmarks.commandline import whole
 from benchmarks.diagnosis.snapshots import SHORT
 from benchmarks.films import filmtrials
 from benchmarks.films import make_demo as studio
+from benchmarks.tracking.studio import write_log
 
 import numpy as np
 
@@ -33,13 +33,14 @@ from twin.inputs.films import FilmTargets, joined
 from twin.project.config import DiagnoseTable, FilmTable, ModelTable, PointTable
 from twin.project.dimensions import FingerTable
 from twin.project.folder import Project
+from twin.project.record import SourceRecord
 from twin.project.targetwriting import write_targets
 from twin.project.toml import dump
 from twin.targets import Array, PointKind, TargetPoint
-from twin.virtual.filming import Bench, noisy_targets
+from twin.virtual.draws import noisy_targets
 from twin.virtual.hidden import KINDS
-from twin.virtual.protocols import places
-from twin.virtual.truthsolves import CHANGE, displaced, truth_case
+from twin.virtual.protocols import Bench, places
+from twin.virtual.truthsolves import CHANGE, COUNT, displaced, on_surface, truth_case
 from vision import Mark
 from vision.drawing import synthetic
 from vision.kinds.coded import CodedMarker
@@ -76,8 +77,8 @@ def points() -> tuple[TargetPoint, ...]:
 def truth(name: str) -> tuple[Array, Array]:
     """True displacements (s, p, 3) mm of the markers in a film, and their slopes in mm per MPa."""
     case = truth_case(SHORT, CHANGE).with_material(density=0.0)
-    where = np.array([p.position for p in points()])
-    return displaced(case, course(name), where, ((KINDS["log_creep"], SIZE),))
+    where = on_surface(case, np.array([p.position for p in points()]))
+    return displaced(case, course(name), where, ((KINDS["log_creep"], SIZE),), count=COUNT)
 
 
 def virtual(name: str, number: int) -> FilmTargets:
@@ -137,8 +138,7 @@ def shoot(folder: Path) -> None:
         corner, share = np.array(FILMS[name], float).T
         begin = BEGIN - course(name).output[0]  # the first frame is taken BEGIN s after the log began
         read = TOP * np.interp(time - begin, corner, share) + 2e-5 * rng.standard_normal(len(time))
-        rows = [f"{t:.2f},{p:.7f}" for t, p in zip(time, read, strict=True)]
-        (raw / f"{name}.csv").write_text("\n".join(["time_s,pressure_MPa", *rows]) + "\n", encoding="utf-8")
+        write_log(raw / f"{name}.csv", time, read)
 
 
 def _film(path: Path, marks: tuple[Mark, ...], placed: Array, seed: int) -> None:
@@ -149,15 +149,16 @@ def _film(path: Path, marks: tuple[Mark, ...], placed: Array, seed: int) -> None
     )  # fmt: skip
 
 
-def heldout_ratio(*, quick: bool) -> dict[str, Any]:
-    """The ratio, the effects named, and whether films were drawn."""
+def films(quick: bool) -> dict[str, Any]:
+    """How much the named effect lowers the error in a film that no fit has seen, the effects named,
+    and whether films were drawn."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         (folder / "raw" / "boards").mkdir(parents=True)
         made = own_config(all_marks())
         if quick:
             targets, rows = joined([virtual(film, k) for k, film in enumerate(FILMS)])
-            write_targets(folder / "targets", targets, source={"films": rows})
+            write_targets(folder / "targets", targets, source=SourceRecord(films=tuple(rows)))
             made = made.model_copy(update={"cameras": (), "films": (), "pressure": None})
         else:
             shoot(folder)
@@ -174,15 +175,5 @@ def heldout_ratio(*, quick: bool) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def films(quick: bool) -> dict[str, Any]:
-    """How much the named effect lowers the error in a film that no fit has seen."""
-    return heldout_ratio(quick=quick)
-
-
-def main() -> None:
-    """Print the figures as one JSON line."""
-    print(json.dumps(heldout_ratio(quick=options(__doc__, quick="targets in place of films").quick)))
-
-
 if __name__ == "__main__":
-    main()
+    sys.exit(whole(__doc__, films, quick="targets in place of films"))

@@ -15,21 +15,19 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 sys.path.insert(0, os.path.abspath(f"{__file__}/../../.."))
-import benchmarks  # noqa: F401
+from benchmarks.tracking import studio
 
 import cv2
 import numpy as np
 
-from fe import Finger, Lattice, Material, finger_case
+from fe import Case, Finger, Lattice, Material
 from twin import virtual
 from twin.project.config import (
-    BoardTable,
     CalibrateTable,
     CameraTable,
     Config,
     DiagnoseTable,
     FrameTable,
-    MarkerTable,
     MeasureTable,
     ModelTable,
     PointTable,
@@ -44,7 +42,7 @@ from vision.boards.charuco import CharucoBoard
 from vision.drawing import synthetic
 from vision.kinds.coded import CodedMarker
 
-PROTOCOL: virtual.filming.Protocol = (
+PROTOCOL: virtual.Corners = (
     (0.0, 0.0), (2.0, 0.0), (4.0, 30.0), (9.0, 30.0), (9.4, 0.0), (14.0, 0.0)
 )  # fmt: skip
 BENCH = virtual.Bench(film_hz=6.0, log_hz=25.0, gauge_sd_MPa=1.5e-4, static_frames=300, placement_sd_mm=0.1)
@@ -76,11 +74,10 @@ class SmallBatch:
         return self.table.finger
 
     @property
-    def truth(self) -> virtual.Truth:
+    def truth(self) -> Case:
         """What is filmed: cells that are not the model's."""
-        return virtual.Truth(
-            self.material, finger=self.finger, lattice=Lattice(per_bellow=5, wall=1, centred=False)
-        )
+        cells = Lattice(per_bellow=5, wall=1, centred=False)
+        return virtual.truth_case(self.finger, cells, material=self.material, element=None)
 
     @property
     def stations(self) -> dict[str, Array]:
@@ -128,28 +125,14 @@ def marks_of(batch: SmallBatch) -> tuple[Mark, ...]:
         Mark(n, CodedMarker(k, TAG_MM), tuple(map(float, at)), "finger")
         for k, (n, at) in enumerate(batch.stations.items())
     ]
-    still = [("frame", f"f{k + 1}", at) for k, at in enumerate(FRAME)]
-    still += [("fixed", f"c{k + 1}", at) for k, at in enumerate(FIXED)]
-    return (*own, *(Mark(name, CodedMarker(10 + k, TAG_MM), (float(x), Y, float(z)), role)
-                    for k, (role, name, (x, z)) in enumerate(still)))  # fmt: skip
-
-
-def side_face(batch: SmallBatch) -> Array:
-    """Material points (k, 3) mm round the side face: the lower edge, and back over the pleats."""
-    case = finger_case(batch.material, finger=batch.finger, lattice=batch.truth.lattice)
-    skin = case.nodes[np.unique(case.face_nodes("outside"))]
-    x = np.round(skin[:, 0], 6)
-    columns = [skin[x == at] for at in np.unique(x)]
-    lower = [c[np.lexsort((-c[:, 1], np.round(c[:, 2], 6)))[0]] for c in columns]
-    upper = [c[np.lexsort((c[:, 1], np.round(c[:, 2], 6)))[-1]] for c in columns]
-    return np.array(lower + upper[::-1])
+    return (*own, *studio.rig(FRAME, FIXED, size=TAG_MM, y=Y))
 
 
 def motion(batch: SmallBatch, rng: np.random.Generator) -> Motion:
     """The truth's motion, with tags that are glued a little beside their places."""
     marks, tags = marks_of(batch), np.array(list(batch.stations.values()))
     reach, end = np.array([HALF_TAG, 0.0, 0.0]), (batch.finger.length, np.inf, np.inf)
-    face = side_face(batch)
+    face = studio.side_face(batch.truth)
     points = np.concatenate([tags, tags - reach, np.minimum(tags + reach, end), face])
     m, moved = len(tags), points + displacements(batch, points)
     chord = moved[:, 2 * m : 3 * m] - moved[:, m : 2 * m]
@@ -169,7 +152,7 @@ def displacements(batch: SmallBatch, points: Array) -> Array:
     constant curvature, which takes no time to solve."""
     course = virtual.path(BENCH, protocol=PROTOCOL)
     if batch.droop_mm is None:
-        return virtual.displacements(batch.truth, course, points)[0]
+        return virtual.displaced(batch.truth, course, points)[0]
     pressure = np.interp(course.output, course.time, course.pressure)[:, None]
     x, z = points[:, 0], points[:, 2]
     turn = 2.0 * batch.droop_mm / batch.finger.length**2 * pressure / pressure.max() * x
@@ -180,10 +163,7 @@ def displacements(batch: SmallBatch, points: Array) -> Array:
 
 def camera(batch: SmallBatch) -> tuple[Camera, tuple[Array, Array]]:
     """The camera and its pose (rvec, tvec): it looks along -y, z up, a little askew."""
-    facing = np.array([[-1.0, 0, 0], [0, 0, -1], [0, -1, 0]])
-    turned = np.asarray(cv2.Rodrigues(np.deg2rad(batch.tilt_deg))[0]) @ facing
-    tvec = np.array([0.0, 0.0, DISTANCE]) - turned @ np.array(LOOKS_AT)
-    return lens(batch.k1), (np.asarray(cv2.Rodrigues(turned)[0]).ravel(), tvec)
+    return lens(batch.k1), studio.before(LOOKS_AT, DISTANCE, batch.tilt_deg)
 
 
 def lens(k1: float) -> Camera:
@@ -215,41 +195,29 @@ def write_log(path: Path, batch: SmallBatch) -> None:
     course = virtual.path(BENCH, protocol=PROTOCOL)
     true = np.interp(time - FILM_START, course.time, course.pressure, left=0.0, right=0.0)
     read = true + BENCH.gauge_sd_MPa * rng.standard_normal(len(time))
-    rows = [f"{t:.2f},{p:.7f}" for t, p in zip(time, read)]
-    path.write_text("\n".join(["time_s,pressure_MPa", *rows]) + "\n", encoding="utf-8")
+    studio.write_log(path, time, read)
 
 
 def write_boards(folder: Path) -> None:
     """Pictures of the board, tilted to every side, all over the picture."""
     folder.mkdir(parents=True, exist_ok=True)
-    rng, eye = np.random.default_rng(3), lens(LENS)
-    across, down = np.meshgrid((-20.0, 0.0, 20.0), (-10.0, 0.0, 10.0))
-    size = np.array([BOARD.columns * BOARD.square_mm, BOARD.rows * BOARD.square_mm, 0.0])
-    for k, (x, y) in enumerate([*zip(across.ravel(), down.ravel()), *((0.0, 0.0),) * 5]):
-        lean = np.deg2rad(rng.uniform(22, 38)) * np.array([np.cos(2.4 * k), np.sin(2.4 * k), 0.0])
-        spin = np.array([0.0, 0.0, rng.uniform(-0.3, 0.3)])
-        turned = np.asarray(cv2.Rodrigues(lean)[0]) @ np.asarray(cv2.Rodrigues(spin)[0])
-        middle = np.array([x, y, DISTANCE * (1 + rng.uniform(-0.08, 0.05))])
-        pose = np.asarray(cv2.Rodrigues(turned)[0], float).ravel(), np.asarray(middle - turned @ size / 2)
+    eye = lens(LENS)
+    for k, pose in enumerate(studio.board_poses(BOARD, DISTANCE, (20.0, 10.0), np.random.default_rng(3))):
         grey = synthetic.board_image(eye, BOARD, pose, blur_px=BLUR_PX, noise_grey=NOISE_GREY, seed=500 + k)
         cv2.imwrite(str(folder / f"board{k + 1:02d}.png"), grey)
 
 
 def config(name: str, batch: SmallBatch) -> Config:
     """The twin.toml that a user who made this test would write: positions in mm, no node."""
-    still = tuple(
-        MarkerTable(marker=m.kind.code, name=m.name, role=m.role, position_mm=m.position, size_mm=m.size_mm)
-        for m in marks_of(batch) if m.role != "finger"
-    )  # fmt: skip
     side = CameraTable(
         name="side", film="raw/film.mp4", static="raw/static.mp4", boards="raw/boards/*.png",
         film_start_s=FILM_START, static_start_s=STATIC_START,
-        board=BoardTable(columns=BOARD.columns, rows=BOARD.rows, square_mm=BOARD.square_mm,
-                         marker_mm=BOARD.marker_mm),
+        board=studio.board_table(BOARD),
     )  # fmt: skip
     return Config(
         project=ProjectTable(name=name), model=ModelTable(finger=batch.table), cameras=(side,),
-        pressure=PressureTable(), points=points_of(batch), frame=FrameTable(markers=still),
+        pressure=PressureTable(), points=points_of(batch),
+        frame=FrameTable(markers=studio.still_tables(marks_of(batch))),
         measure=MeasureTable(placement_sd_mm=BENCH.placement_sd_mm, scale_sd=BENCH.scale_sd),
         calibrate=CalibrateTable(population=8, generations=4),
         diagnose=DiagnoseTable(candidates=("creep", "camera_scale")),
@@ -271,6 +239,13 @@ def write_raw(raw: Path, batch: SmallBatch) -> None:
     write_log(raw / "pressure.csv", batch)
 
 
+def write(folder: Path, batch: SmallBatch) -> None:
+    """Write films, boards, log and twin.toml of a batch."""
+    write_raw(folder / "raw", batch)
+    write_boards(folder / "raw" / "boards")
+    (folder / "twin.toml").write_text(dump(config(folder.resolve().name, batch)), encoding="utf-8")
+
+
 def main() -> int:
     """Write a whole project folder."""
     parser = argparse.ArgumentParser(
@@ -284,10 +259,7 @@ def main() -> int:
     told = parser.parse_args()
     batch = OTHER if told.other else FIRST
     batch = moved(batch) if told.moved else zoomed(batch) if told.zoomed else batch
-    write_raw(told.folder / "raw", batch)
-    write_boards(told.folder / "raw" / "boards")
-    text = dump(config(told.folder.resolve().name, batch))
-    (told.folder / "twin.toml").write_text(text, encoding="utf-8")
+    write(told.folder, batch)
     return 0
 
 

@@ -69,8 +69,8 @@ def measured(finger: Finger, factors: Array) -> Row:
     course = virtual.path(BENCH)
     course = replace(course, pressure=factors[2] * course.pressure)
     points, nodes = markers(finger, case)
-    truth = virtual.Truth(Material(*theta), lattice=FINE, finger=finger)
-    u, slope = virtual.displacements(truth, course, points)
+    truth = virtual.truth_case(finger, FINE, material=Material(*theta), element=None)
+    u, slope = virtual.displaced(truth, course, points)
     names = (*(f"p{k}" for k in range(len(points) - 1)), "tip")
     film = virtual.noisy_targets(
         u, slope, course, points=virtual.at_nodes(names, nodes, points), bench=BENCH, seed=1

@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from twin.diagnosis.verdicts import KINDS, SAME
+from twin.effects.labels import AND, KINDS, OR
+from twin.effects.library import all_effects
 
 Row = dict[str, Any]
 CLEAR = 8.0  # non-centrality from which on an effect ought to be named
@@ -34,7 +35,8 @@ def rate(flags: Sequence[bool]) -> dict[str, Any]:
 def in_set(row: Row) -> bool:
     """Whether what is hidden is among what the verdict names; a kind of stand-in that is named as one of
     `A or B` names the effects that it says in general."""
-    said = {words: SAME.get(kind, ()) for kind, words in KINDS.items()}
+    same = {e.name: KINDS[e.generic] for e in all_effects() if e.generic}
+    said = {words: [name for name, own in same.items() if own == words] for words in KINDS.values()}
     names = {n for name in row["names"] for n in (name, *said.get(name, ()))}
     return bool(set(row["physics"]) <= names)
 
@@ -42,7 +44,7 @@ def in_set(row: Row) -> bool:
 def exact(row: Row) -> bool:
     """Whether a verdict on a pair names both effects and no other: alone, or as one of several pairs that
     these data cannot tell apart."""
-    told = [set(name.split(" + ")) for name in row["verdict"].partition(":")[0].split(" or ")]
+    told = [set(name.split(AND)) for name in row["verdict"].partition(":")[0].split(OR)]
     return set(row["physics"]) in told and {len(names) for names in told} == {2}
 
 

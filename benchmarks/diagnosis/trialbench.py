@@ -17,10 +17,12 @@ from benchmarks.diagnosis.truthbook import displaced, slope
 import numpy as np
 
 from twin.diagnosis.procedure import diagnose
+from twin.diagnosis.record import DiagnosisRecord
 from twin.effects.library import all_effects
 from twin.effects.protocol import Effect, Unsolvable
 from twin.judging.fitting import whitener_of
 from twin.model.basemodel import base_model
+from twin.project import files
 from twin.targets import Array, PointKind, TargetPoint, Targets
 from twin.virtual.draws import Setup, measured
 from twin.virtual.hidden import KINDS, Kind
@@ -234,7 +236,7 @@ def worth(
     said: Any, scene: Scene, hidden: tuple[tuple[Kind, float], ...], targets: Targets
 ) -> dict[str, Any]:
     """What a diagnosis says and how good it is."""
-    plain = said.to_dict()
+    plain = files.plain(DiagnosisRecord.of(said))
     noise = plain.get("noise_sd_mm")
     found = {
         "verdict": plain["verdict"], "sentence": plain["sentence"], "named": plain["named"], "law":

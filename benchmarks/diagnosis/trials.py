@@ -19,6 +19,7 @@ from fe import Case, Finger, Lattice
 from fe.case import digest
 from twin import virtual
 from twin.diagnosis.procedure import diagnose
+from twin.diagnosis.record import DiagnosisRecord
 from twin.diagnosis.verdicts import Diagnosis
 from twin.effects.baselaw import Constants
 from twin.effects.library import effect
@@ -70,13 +71,13 @@ def kept(kind: str, key: str, make: Callable[[], dict[str, Array]]) -> dict[str,
         return dict(data)
 
 
-def solved(truth: virtual.Truth, bench: virtual.Bench, points: Array) -> tuple[Array, Array]:
+def solved(truth: Case, bench: virtual.Bench, points: Array) -> tuple[Array, Array]:
     """True displacements (s, p, 3) mm of points (p, 3) mm, and dU/dp (s, p, 3) mm per MPa."""
     course = virtual.path(bench)
     key = digest("truth", truth, course.time, course.pressure, course.output, points)
 
     def make() -> dict[str, Array]:
-        u, slope = virtual.displacements(truth, course, points)
+        u, slope = virtual.displaced(truth, course, points)
         return {"u": u, "slope": slope}
 
     found = kept("truth", key, make)
@@ -92,7 +93,7 @@ class Laboratory:
     bench: virtual.Bench
 
     @staticmethod
-    def of(truth: virtual.Truth, bench: virtual.Bench) -> "Laboratory":
+    def of(truth: Case, bench: virtual.Bench) -> "Laboratory":
         """The laboratory of a truth."""
         return Laboratory(*solved(truth, bench, marked_points()), bench)
 
@@ -140,8 +141,8 @@ def verdicts(
 
 def _numbers(said: Diagnosis) -> str:
     """The error before and after, and the noise, in mm."""
-    row = said.to_dict()
-    cells = [row[key] for key in ("rms_before_mm", "rms_after_mm", "noise_sd_mm")]
+    row = DiagnosisRecord.of(said)
+    cells = [row.rms_before_mm, row.rms_after_mm, row.noise_sd_mm]
     return " ".join(f"{x:7.4f}" if x is not None else "      -" for x in cells)
 
 

@@ -22,7 +22,7 @@ from scipy.interpolate import CubicSpline
 from fe import Path
 from twin.effects.protocol import Test
 from twin.targets import Array
-from twin.virtual.filming import fixed_markers
+from twin.virtual.draws import fixed_markers
 from twin.virtual.hidden import KINDS, Kind
 from twin.virtual.protocols import PROTOCOLS, TOP, WAYS, Protocol
 from twin.virtual.truthsolves import LEVELS

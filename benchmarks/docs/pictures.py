@@ -10,8 +10,10 @@
     nodes    nodes.png                            the built-in finger
     look     look.png                             `twin look` of a finger with other dimensions
 
-`review` needs a Vulkan driver; without a graphics card Mesa's will do (Debian: apt-get install
-mesa-vulkan-drivers). The drawings flow.svg and rig.svg are made by hand.
+The first three tell figures of the demo; `figures.py` writes those of the pages from the same project, and
+its `--check` fails where a page or a picture is of another run. `review` needs a Vulkan driver; without a
+graphics card Mesa's will do (Debian: apt-get install mesa-vulkan-drivers). The drawings flow.svg and
+rig.svg are made by hand.
 """
 
 import argparse
@@ -33,6 +35,7 @@ import matplotlib
 import matplotlib.collections
 
 matplotlib.use("Agg")
+from benchmarks.docs.figures import drawn
 from benchmarks.docs.reference import edge_nodes
 
 import cv2
@@ -68,6 +71,7 @@ SIDEWAYS = ("tip U2", 0, 1, "#7d3c98", ":")
 # -- the demo ----------------------------------------------------------------------------------------------
 
 
+MENU = 32  # px at the top of a screenshot: the viewer's own menu
 SHOTS = {  # view, its picture, and where on its timeline: the last of it, or film time in s
     "test": ("review.jpg", 13.0),
     "search": ("review-search.jpg", None),
@@ -81,7 +85,7 @@ def review(demo: Path) -> None:
     os.environ["PATH"] = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])  # rerun
     with tempfile.TemporaryDirectory() as folder:
         for view, png in screenshots(newest(demo, "review.rrd"), Path(folder)).items():
-            _smaller(png, TO / SHOTS[view][0], width=1200)
+            _smaller(png, TO / SHOTS[view][0], width=1200, above=MENU)
 
 
 def screenshots(rrd: Path, folder: Path, *, width: int = 1600) -> dict[str, Path]:
@@ -101,8 +105,18 @@ def screenshots(rrd: Path, folder: Path, *, width: int = 1600) -> dict[str, Path
                 viewer.set_time(VIEWS[view], duration=at, play_state="paused")
             time.sleep(8.0)  # the viewer does not say when the film's frame is decoded
             made[view] = folder / f"{name}.png"
-            made[view].write_bytes(viewer.take_screenshot(max_size=width))
+            made[view].write_bytes(_shot(viewer, width))
     return made
+
+
+def _shot(viewer: Any, width: int, *, tries: int = 6) -> bytes:
+    """What the viewer shows; drawn without a graphics card on a busy machine, it may need several tries."""
+    for _ in range(tries - 1):
+        try:
+            return bytes(viewer.take_screenshot(max_size=width))
+        except TimeoutError:
+            time.sleep(5.0)
+    return bytes(viewer.take_screenshot(max_size=width))
 
 
 def _opened(blueprint: dict[str, Any], view: str) -> dict[str, Any]:
@@ -156,13 +170,16 @@ def newest(demo: Path, name: str) -> Path:
     return found[-1]
 
 
-def _smaller(source: Path, target: Path, *, width: int) -> None:
-    """Write a picture at this width in px; the target's suffix tells whether without loss."""
+def _smaller(source: Path, target: Path, *, width: int, above: int = 0) -> None:
+    """Write a picture at this width in px, without the rows above; the suffix tells whether without loss."""
     picture = cv2.imread(str(source))
     assert picture is not None
+    picture = picture[above:]
     height = round(picture.shape[0] * width / picture.shape[1])
     small = cv2.resize(picture, (width, height), interpolation=cv2.INTER_AREA)
-    cv2.imwrite(str(target), small, [cv2.IMWRITE_PNG_COMPRESSION, 9, cv2.IMWRITE_JPEG_QUALITY, 88])
+    png = target.suffix == ".png"
+    how = [cv2.IMWRITE_PNG_COMPRESSION, 9] if png else [cv2.IMWRITE_JPEG_QUALITY, 88]
+    cv2.imwrite(str(target), small, how)
 
 
 # -- effects -----------------------------------------------------------------------------------------------
@@ -323,6 +340,7 @@ def main() -> None:
     (TO / "effects").mkdir(parents=True, exist_ok=True)
     for name in given.only:
         PICTURES[name](given.demo)
+        drawn(given.demo, name)
         print(f"{name}: made")
 
 

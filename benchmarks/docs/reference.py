@@ -15,17 +15,25 @@ sys.path.insert(0, os.path.abspath(f"{__file__}/../../.."))
 from benchmarks import ROOT
 
 import numpy as np
+from pydantic import BaseModel
 
 from calibrate import Parameter
 from fe import Finger, Material, finger_case
 from twin.chain import STAGES, Stage
+from twin.diagnosis.explanation import EvidenceRecord
+from twin.diagnosis.record import DiagnosisRecord
 from twin.effects.library import all_effects
 from twin.effects.protocol import Effect
 from twin.effects.requirements import MEANING
+from twin.judging.record import ComparisonRecord, FitRecord
 from twin.project.config import Config, DiagnoseTable
+from twin.project.record import Record
+from twin.project.validation import table_of
+from twin.study.record import Study
 
 DOCS = ROOT / "docs"
 Schema = Mapping[str, Any]
+RECORDS: tuple[type[Record], ...] = (FitRecord, ComparisonRecord, DiagnosisRecord, EvidenceRecord, Study)
 BEGIN, END = "<!-- made by benchmarks/docs/reference.py -->", "<!-- end -->"
 
 WHAT = {
@@ -38,6 +46,8 @@ WHAT = {
     "films": "One for each of several films of one batch, in place of `film` and its start in `[[cameras]]`: "
     "[Several films of one finger](your-own-test.md#several-films-of-one-finger).",
     "pressure": "The pressure log. Needed with a film.",
+    "import": "Displacements that another program measured: `twin measure` makes targets of them, and `twin "
+    "init --targets` writes this table. [Files of other programs](files.md#files-of-other-programs).",
     "measure": "How well things are known. Every sd here becomes a part of the stated error.",
     "frame.markers": "Markers on the rig, which do not move.",
     "points": "Markers on the finger, and where they are: at a position in mm, or at a node.",
@@ -146,7 +156,7 @@ def _section(effect: Effect) -> str:
     about += [_sentence(MEANING[need][1]) for need in effect.requires]
     table = ["| parameter | unit | bounds | plausible | without the effect |", "|---|---|---|---|---|"]
     rows = [_parameter(p) for p in laws[-1].parameters]
-    picture = f"![What {name} does to the displacements](pictures/effects/{name}.png)"
+    picture = f"![What {name} does](pictures/effects/{name}.png)"
     lines = [f"### {name}", " ".join(about), "", *table, *rows, "", picture]
     return "\n".join(lines) + "\n"
 
@@ -157,8 +167,18 @@ def _sentence(text: str) -> str:
 
 def _parameter(p: Parameter) -> str:
     null = "not defined" if p.null is None else f"{p.null:g}"
-    likely = f"{p.plausible[0]:g} to {p.plausible[1]:g}" if p.plausible else "-"
-    return f"| `{p.name}` | {p.unit or '-'} | {p.low:g} to {p.high:g} | {likely} | {null} |"
+    likely = _range(*p.plausible) if p.plausible else "-"
+    return f"| `{p.name}` | {p.unit or '-'} | {_range(p.low, p.high)} | {likely} | {null} |"
+
+
+NO_BOUND = 1e4  # a bound as large as this keeps nothing out: it is there because a search needs one
+
+
+def _range(low: float, high: float) -> str:
+    """A range for people: "any" where its bounds keep nothing out, and 5e-9, not 5e-09."""
+    if high >= NO_BOUND:
+        return "any"
+    return re.sub(r"e-0(?=\d)", "e-", f"{low:g} to {high:g}")
 
 
 # -- nodes -------------------------------------------------------------------------------------------------
@@ -200,22 +220,64 @@ def _command(stage: Stage) -> str:
     return f"| `twin {stage.name}` | {stage.title} | {reads} | {writes} |"
 
 
+# -- records -----------------------------------------------------------------------------------------------
+
+
+def record_tables() -> str:
+    """The keys of every record that a run writes, as its model describes them."""
+    return "\n".join(_record(model) for model in RECORDS)
+
+
+def _record(model: type[Record]) -> str:
+    head = [f"**{model.file}**", "", "| key | meaning |", "|---|---|"]
+    return "\n".join([*head, *(f"| {keys} | {text} |" for keys, text in _rows(model))]) + "\n"
+
+
+def _rows(model: type[Record]) -> list[tuple[str, str]]:
+    """Keys and what they mean; a key without a description shares the row above it."""
+    rows: list[tuple[list[str], str]] = []
+    said: set[str] = set()
+    for name, field in model.model_fields.items():
+        if field.exclude:
+            continue
+        key, inner = f"`{field.serialization_alias or name}`", table_of(model, name)
+        shown = inner is not None and issubclass(inner, Record) and not inner.file
+        each = f": {', '.join(_inside(inner, said))}" if shown and inner is not None else ""
+        if rows and not field.description and not each:
+            rows[-1][0].append(key)
+        else:
+            rows.append(([key], f"{field.description or ''}{each}"))
+    return [(", ".join(keys), text) for keys, text in rows]
+
+
+def _inside(model: type[BaseModel], said: set[str]) -> list[str]:
+    """The keys of one of the rows that a key holds; what was said of one before is not said again."""
+    about = {name: f.description or "" for name, f in model.model_fields.items() if not f.exclude}
+    cells = [
+        f"`{name}` ({text})" if text and text not in said else f"`{name}`" for name, text in about.items()
+    ]
+    said |= set(about.values())
+    return cells
+
+
 # -- pages -------------------------------------------------------------------------------------------------
 
 
-def renewed(page: str, made: str) -> str:
-    """A page with the part between its two marks replaced."""
+def renewed(page: str, *made: str) -> str:
+    """A page with the parts between its pairs of marks replaced, in their order."""
+    if not made:
+        return page
     before, _, rest = page.partition(BEGIN)
-    return f"{before}{BEGIN}\n\n{made}\n{END}{rest.partition(END)[2]}"
+    return f"{before}{BEGIN}\n\n{made[0]}\n{END}{renewed(rest.partition(END)[2], *made[1:])}"
 
 
 def pages() -> dict[str, str]:
     """The text of every page that is made, by its name in docs/."""
     made = {
-        "twin-toml.md": key_tables(), "effects.md": effect_tables(), "nodes.md": node_table(),
-        "files.md": command_table(),
+        "twin-toml.md": (key_tables(),), "effects.md": (effect_tables(),), "nodes.md": (node_table(),),
+        "files.md": (command_table(), record_tables()),
     }  # fmt: skip
-    return {name: renewed((DOCS / name).read_text(encoding="utf-8"), part) for name, part in made.items()}
+    return {name: renewed((DOCS / name).read_text(encoding="utf-8"), *parts) for name, parts in made.items()}
 
 
 def main() -> None:

@@ -26,6 +26,7 @@ from typing import Any
 
 sys.path.insert(0, os.path.abspath(f"{__file__}/../../.."))
 from benchmarks.commandline import options
+from benchmarks.tracking import studio
 
 import av
 import cv2
@@ -117,15 +118,13 @@ def laboratory(seed: int) -> tuple[Camera, tuple[Array, Array], tuple[Mark, ...]
         np.array([-0.12, 0.03, 0.0008, -0.0005, 0.0]),
         SIZE,
     )
-    facing = np.array([[-1.0, 0, 0], [0, 0, -1], [0, -1, 0]])
-    turned = np.asarray(cv2.Rodrigues(np.deg2rad(rng.uniform(-3, 3, 3)))[0]) @ facing
-    tvec = np.array([0.0, 0.0, AWAY]) - turned @ np.array([50.0, DEPTH, -21.0])
+    pose = studio.before([50.0, DEPTH, -21.0], AWAY, rng.uniform(-3, 3, 3))
     spots = [("frame", s) for s in FRAME] + [("fixed", s) for s in FIXED] + [("finger", s) for s in FINGER]
     marks = tuple(
         Mark(f"{role}{i}", CodedMarker(i, 7.0), (x + rng.uniform(-1, 1), DEPTH, z + rng.uniform(-1, 1)), role)
         for i, (role, (x, z)) in enumerate(spots)
     )
-    return camera, (np.asarray(cv2.Rodrigues(turned)[0]).ravel(), tvec), marks
+    return camera, pose, marks
 
 
 def motion(marks: tuple[Mark, ...], at: Array, seed: int) -> tuple[Array, Array]:
@@ -259,15 +258,14 @@ def wide() -> tuple[Camera, tuple[Array, Array], tuple[Mark, ...]]:
     camera = Camera(
         np.array([[1600.0, 0, 960], [0, 1600.0, 540], [0, 0, 1]]), np.array([-0.1, 0, 0, 0, 0]), (1920, 1080)
     )
-    facing = np.array([[-1.0, 0, 0], [0, 0, -1], [0, -1, 0]])
-    tvec = np.array([0.0, 0.0, 400.0]) - facing @ np.array([0.0, DEPTH, 0.0])
+    tvec = np.array([0.0, 0.0, 400.0]) - studio.FACING @ np.array([0.0, DEPTH, 0.0])
     spots = [(float(x), float(z)) for z in (-82.5, -27.5, 27.5, 82.5) for x in range(-180, 181, 60)]
     roles = ["frame"] * 7 + ["fixed"] * 7 + ["finger"] * 7 + ["frame"] * 7
     marks = tuple(
         Mark(f"{role}{i}", CodedMarker(i, 10.0), (x, DEPTH, z), role)
         for i, ((x, z), role) in enumerate(zip(spots, roles, strict=True))
     )
-    return camera, (np.asarray(cv2.Rodrigues(facing)[0]).ravel(), tvec), marks
+    return camera, (np.asarray(cv2.Rodrigues(studio.FACING)[0]).ravel(), tvec), marks
 
 
 def figures(

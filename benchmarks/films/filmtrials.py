@@ -17,13 +17,11 @@ from typing import Any
 
 sys.path.insert(0, os.path.abspath(f"{__file__}/../../.."))
 from benchmarks.commandline import options
+from benchmarks.diagnosis.fullruns import Quiet
 from benchmarks.diagnosis.snapshots import POINTS
 from benchmarks.diagnosis.trialbench import (
-    EDGE,
     NAMES,
-    OFF,
     START,
-    TIP,
     Scene,
     Spec,
     beside,
@@ -31,20 +29,19 @@ from benchmarks.diagnosis.trialbench import (
     sized,
     worth,
 )
-from benchmarks.diagnosis.truthbook import displaced, slope
-from benchmarks.films import make_demo as studio
+from benchmarks.diagnosis.truthbook import displaced
+from benchmarks.films import make_demo
+from benchmarks.tracking import studio
 
 import numpy as np
 
 from twin.chain import stage_of
 from twin.diagnosis.procedure import diagnose
 from twin.project.config import (
-    BoardTable,
     CalibrateTable,
     CameraTable,
     Config,
     FrameTable,
-    MarkerTable,
     MeasureTable,
     ModelTable,
     PointTable,
@@ -88,14 +85,14 @@ def marks_of(rows: list[int]) -> tuple[Mark, ...]:
         Mark(NAMES[k], CodedMarker(n, TAG), tuple(map(float, POINTS[k])), "finger")
         for n, k in enumerate(rows)
     ]  # type: ignore[arg-type]
-    return (*own, *(m for m in studio.marks_of() if m.role != "finger"))
+    return (*own, *(m for m in make_demo.marks_of() if m.role != "finger"))
 
 
 def shoot(folder: Path, u: Array, rows: list[int], seed: int) -> None:
     """Write film, static film, boards, pressure log and twin.toml of a motion (t, m, 3) mm."""
     rng, marks, raw = np.random.default_rng(seed), marks_of(rows), folder / "raw"
     raw.mkdir(parents=True)
-    studio.write_boards(raw / "boards", rng)
+    make_demo.write_boards(raw / "boards", rng)
     placed = np.tile([m.position for m in marks], (len(u), 1, 1)).astype(float)
     offset = 0.1 * rng.standard_normal((len(rows), 2))
     x = POINTS[rows][:, 0]
@@ -107,17 +104,16 @@ def shoot(folder: Path, u: Array, rows: list[int], seed: int) -> None:
     placed[:, : len(rows), 2] += s * offset[:, 0] + c * offset[:, 1]
     turns = np.zeros(placed.shape[:2])
     turns[:, : len(rows)] = turn
-    lens, pose = studio.camera()
+    lens, pose = make_demo.camera()
     for name, frames, k in (("film.mp4", np.arange(len(u)), 1), ("static.mp4", np.zeros(STATIC, int), 2)):
         synthetic.film(raw / name, camera=lens, pose=pose, marks=marks, positions=placed[frames],
                        rotations=turns[frames], fps=HZ, blur_px=BLUR_PX,
                        noise_grey=NOISE_GREY, seed=10 * seed + k)  # fmt: skip
-    time_s = np.arange(0.0, studio.FILM_START + 52.0, 0.02)
+    time_s = np.arange(0.0, make_demo.FILM_START + 52.0, 0.02)
     course = FILM.course
-    true = np.interp(time_s - studio.FILM_START, course.time, course.pressure, left=0.0, right=0.0)
+    true = np.interp(time_s - make_demo.FILM_START, course.time, course.pressure, left=0.0, right=0.0)
     read = true + 2e-5 * rng.standard_normal(len(time_s))
-    lines = [f"{t:.2f},{p:.7f}" for t, p in zip(time_s, read)]
-    (raw / "pressure.csv").write_text("\n".join(["time_s,pressure_MPa", *lines]) + "\n", encoding="utf-8")
+    studio.write_log(raw / "pressure.csv", time_s, read)
     (folder / "twin.toml").write_text(dump(config(marks)), encoding="utf-8")
 
 
@@ -127,31 +123,16 @@ def config(marks: tuple[Mark, ...]) -> Config:
         PointTable(name=m.name, node=k + 1, marker=m.kind.code, size_mm=m.size_mm)
         for k, m in enumerate(m for m in marks if m.role == "finger")
     )
-    still = tuple(
-        MarkerTable(marker=m.kind.code, name=m.name, role=m.role, position_mm=m.position, size_mm=m.size_mm)
-        for m in marks if m.role != "finger"
-    )  # fmt: skip
-    b = studio.BOARD
     side = CameraTable(
         name="side", film="raw/film.mp4", static="raw/static.mp4", boards="raw/boards/*.jpg",
-        film_start_s=studio.FILM_START, static_start_s=studio.STATIC_START,
-        board=BoardTable(columns=b.columns, rows=b.rows, square_mm=b.square_mm, marker_mm=b.marker_mm),
+        film_start_s=make_demo.FILM_START, static_start_s=make_demo.STATIC_START,
+        board=studio.board_table(make_demo.BOARD),
     )  # fmt: skip
     return Config(
         project=ProjectTable(name="trial"), model=ModelTable(), cameras=(side,), pressure=PressureTable(),
         measure=MeasureTable(placement_sd_mm=0.1, scale_sd=0.001, steps=STEPS),
-        frame=FrameTable(markers=still), points=points,
+        frame=FrameTable(markers=studio.still_tables(marks)), points=points,
         calibrate=CalibrateTable(objective_points=(points[0].name,)), )  # fmt: skip
-
-
-class Quiet:
-    """A `say` that says nothing."""
-
-    def __call__(self, text: str, /) -> None:
-        del text
-
-    def progress(self, stage: str, done: int, total: int, /) -> None:
-        del stage, done, total
 
 
 def trial(folder: Path, number: int) -> dict[str, Any]:
@@ -164,7 +145,7 @@ def trial(folder: Path, number: int) -> dict[str, Any]:
     kind, seed = KINDS[KINDS_FILMED[number % len(KINDS_FILMED)]], 60_000 + number
     spec = Spec("film", "P3", (kind.name,), 60.0, "white", seed)
     drawn = Scene.of(spec)
-    scene = Scene(FILM, drawn.rows, Setup(sd_mm=0.01), seed, studio.FILM_START)
+    scene = Scene(FILM, drawn.rows, Setup(sd_mm=0.01), seed, make_demo.FILM_START)
     size, z = sized(drawn, kind, spec.sigmas, np.random.default_rng(seed))
     hidden = ((kind, size),)
     shoot(folder, displaced(FILM, hidden, scene.rows), scene.rows, seed)
@@ -204,8 +185,6 @@ def main() -> int:
         print(f"{row['kinds'][0]:24s} {row['seconds']:6.0f} s  {row['verdict']}", flush=True)
     return 0
 
-
-__all__ = ["EDGE", "OFF", "TIP", "slope"]
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -19,21 +19,20 @@ sys.path.insert(0, os.path.abspath(f"{__file__}/../../.."))
 from benchmarks import ROOT
 from benchmarks.commandline import options
 from benchmarks.diagnosis.trials import NAMES, Laboratory, marked_points, nodes_of, report, solved
+from benchmarks.tracking import studio
 
 import cv2
 import numpy as np
 
-from fe import Material, finger_case
+from fe import Case, Finger, Material, finger_case
 from twin import virtual
 from twin.diagnosis.verdicts import Diagnosis
 from twin.project.config import (
-    BoardTable,
     CalibrateTable,
     CameraTable,
     Config,
     DiagnoseTable,
     FrameTable,
-    MarkerTable,
     MeasureTable,
     ModelTable,
     PointTable,
@@ -47,7 +46,7 @@ from vision.boards.charuco import CharucoBoard
 from vision.drawing import synthetic
 from vision.kinds.coded import CodedMarker
 
-TRUTH = virtual.Truth(Material(0.214, 0.083, prony=((0.017, 1.6), (0.017, 2.5), (0.006, 15.0))))
+TRUTH = Material(0.214, 0.083, prony=((0.017, 1.6), (0.017, 2.5), (0.006, 15.0)))
 BENCH = virtual.Bench()
 SEED = 20240
 LIMIT_MB = 12.0
@@ -84,15 +83,9 @@ def drawn(rng: np.random.Generator) -> Drawn:
     return Drawn(offset, twist, BENCH.scale_sd * float(rng.standard_normal()))
 
 
-def side_face() -> Array:
-    """Material points (k, 3) mm round the side face: along the flat lower edge, back over the pleats."""
-    case = finger_case(TRUTH.material, finger=TRUTH.finger, lattice=TRUTH.lattice)
-    skin = case.nodes[np.unique(case.face_nodes("outside"))]
-    station = np.round(skin[:, 0], 6)
-    columns = [skin[station == x] for x in np.unique(station)]
-    lower = [c[np.lexsort((-c[:, 1], np.round(c[:, 2], 6)))[0]] for c in columns]
-    upper = [c[np.lexsort((c[:, 1], np.round(c[:, 2], 6)))[-1]] for c in columns]
-    return np.array(lower + upper[::-1])
+def truth() -> Case:
+    """The finger that is filmed, on cells that are not the model's."""
+    return virtual.truth_case(Finger(), virtual.LATTICE, material=TRUTH, element=None)
 
 
 @dataclass(frozen=True)
@@ -107,11 +100,12 @@ class Motion:
 
 def motion() -> Motion:
     """The truth's motion; a tag turns as the edge under it does."""
-    marks, face = marked_points(), side_face()
+    marks = marked_points()
+    face = studio.side_face(truth())
     reach = np.array([HALF_TAG, 0.0, 0.0])
-    ends = marks - reach, np.minimum(marks + reach, (TRUTH.finger.length, np.inf, np.inf))
+    ends = marks - reach, np.minimum(marks + reach, (Finger().length, np.inf, np.inf))
     points = np.concatenate([marks, *ends, face])
-    u, slope = solved(TRUTH, BENCH, points)
+    u, slope = solved(truth(), BENCH, points)
     m = len(marks)
     chord = (points + u)[:, 2 * m : 3 * m] - (points + u)[:, m : 2 * m]
     clamp = np.array([(x, Y, z) for x, z in CLAMP])
@@ -125,13 +119,7 @@ def marks_of() -> tuple[Mark, ...]:
         Mark(n, CodedMarker(k, TAG_MM), tuple(p), "finger")
         for k, (n, p) in enumerate(zip(NAMES, marked_points()))
     ]
-    still = [("frame", f"f{k + 1}", at) for k, at in enumerate(FRAME)]
-    still += [("fixed", f"c{k + 1}", at) for k, at in enumerate(FIXED)]
-    rest = [
-        Mark(name, CodedMarker(10 + k, TAG_MM), (float(x), Y, float(z)), role)
-        for k, (role, name, (x, z)) in enumerate(still)
-    ]
-    return (*finger, *rest)
+    return (*finger, *studio.rig(FRAME, FIXED, size=TAG_MM, y=Y))
 
 
 def placed(marks: tuple[Mark, ...], chance: Drawn, moved: Motion) -> tuple[Array, Array]:
@@ -152,35 +140,15 @@ def camera() -> tuple[Camera, tuple[Array, Array]]:
     """The camera and its pose (rvec, tvec): it looks along -y, z up, a little askew."""
     focal = DISTANCE * PX_PER_MM
     matrix = np.array([[focal, 0, 645.0], [0, focal, 352.0], [0, 0, 1]])
-    facing = np.array([[-1.0, 0, 0], [0, 0, -1], [0, -1, 0]])
-    turned = np.asarray(cv2.Rodrigues(np.deg2rad(TILT_DEG))[0]) @ facing
-    tvec = np.array([0.0, 0.0, DISTANCE]) - turned @ np.array(LOOKS_AT)
     distortion = np.array([-0.9, 0.0, 0.0015, -0.001, 0.0])  # 0.7 px in the corners
-    return Camera(matrix, distortion, SIZE), (np.asarray(cv2.Rodrigues(turned)[0]).ravel(), tvec)
-
-
-def board_poses(rng: np.random.Generator) -> list[tuple[Array, Array]]:
-    """Poses (rvec, tvec) of the board: its middle all over the picture, tilted to every side."""
-    across, down = np.meshgrid((-42.0, 0.0, 42.0), (-24.0, 0.0, 24.0))
-    middles = [*zip(across.ravel(), down.ravel()), *((0.0, 0.0),) * 5]
-    size = np.array([BOARD.columns * BOARD.square_mm, BOARD.rows * BOARD.square_mm, 0.0])
-    poses = []
-    for k, (x, y) in enumerate(middles):
-        angle = 2.4 * k  # golden angle: no two boards lean the same way
-        lean = np.deg2rad(rng.uniform(22.0, 38.0)) * np.array([np.cos(angle), np.sin(angle), 0.0])
-        spin = np.array([0.0, 0.0, rng.uniform(-0.3, 0.3)])
-        turned = np.asarray(cv2.Rodrigues(lean)[0]) @ np.asarray(cv2.Rodrigues(spin)[0])
-        middle = np.array([x, y, DISTANCE * (1.0 + rng.uniform(-0.08, 0.05))])
-        rvec = np.asarray(cv2.Rodrigues(turned)[0], dtype=np.float64).ravel()
-        poses.append((rvec, np.asarray(middle - turned @ size / 2)))
-    return poses
+    return Camera(matrix, distortion, SIZE), studio.before(LOOKS_AT, DISTANCE, TILT_DEG)
 
 
 def write_boards(folder: Path, rng: np.random.Generator) -> None:
     """The board's pictures, as JPEG files."""
     folder.mkdir(parents=True, exist_ok=True)
     lens, _ = camera()
-    for k, pose in enumerate(board_poses(rng)):
+    for k, pose in enumerate(studio.board_poses(BOARD, DISTANCE, (42.0, 24.0), rng)):
         grey = synthetic.board_image(
             lens, BOARD, pose, blur_px=BLUR_PX, noise_grey=NOISE_GREY, seed=SEED + 100 + k
         )
@@ -193,8 +161,7 @@ def write_log(path: Path, rng: np.random.Generator) -> None:
     course = virtual.path(BENCH)
     true = np.interp(time - FILM_START, course.time, course.pressure, left=0.0, right=0.0)
     read = true + BENCH.gauge_sd_MPa * rng.standard_normal(len(time))
-    rows = [f"{t:.2f},{p:.7f}" for t, p in zip(time, read)]
-    path.write_text("\n".join(["time_s,pressure_MPa", *rows]) + "\n", encoding="utf-8")
+    studio.write_log(path, time, read)
 
 
 def write_films(raw: Path, marks: tuple[Mark, ...], chance: Drawn, moved: Motion) -> None:
@@ -212,41 +179,36 @@ def write_films(raw: Path, marks: tuple[Mark, ...], chance: Drawn, moved: Motion
 
 def config(marks: tuple[Mark, ...]) -> Config:
     """The twin.toml that a user who made this test would write."""
-    labels = dict(zip(NAMES, nodes_of(finger_case(TRUTH.material)).tolist()))
+    labels = dict(zip(NAMES, nodes_of(finger_case(TRUTH)).tolist()))
     points = tuple(
         PointTable(name=m.name, node=labels[m.name], marker=m.kind.code, size_mm=m.size_mm)
         for m in marks if m.role == "finger"
     )  # fmt: skip
-    still = tuple(
-        MarkerTable(marker=m.kind.code, name=m.name, role=m.role, position_mm=m.position, size_mm=m.size_mm)
-        for m in marks if m.role != "finger"
-    )  # fmt: skip
-    board = BoardTable(
-        columns=BOARD.columns, rows=BOARD.rows, square_mm=BOARD.square_mm, marker_mm=BOARD.marker_mm
-    )
     side = CameraTable(
         name="side", film="raw/film.mp4", static="raw/static.mp4", boards="raw/boards/*.jpg",
-        film_start_s=FILM_START, static_start_s=STATIC_START, board=board,
+        film_start_s=FILM_START, static_start_s=STATIC_START,
+        board=studio.board_table(BOARD),
     )  # fmt: skip
     return Config(
         project=ProjectTable(name="demo"), model=ModelTable(), cameras=(side,), pressure=PressureTable(),
         measure=MeasureTable(placement_sd_mm=BENCH.placement_sd_mm, scale_sd=BENCH.scale_sd),
-        frame=FrameTable(markers=still), points=points, calibrate=CalibrateTable(), diagnose=DiagnoseTable(),
+        frame=FrameTable(markers=studio.still_tables(marks)), points=points,
+        calibrate=CalibrateTable(), diagnose=DiagnoseTable(),
     )  # fmt: skip
 
 
 def truth_text(chance: Drawn) -> str:
     """The truth as TOML: what the demo's chain must not see, and what its tests compare with."""
-    prony = ", ".join(f"[{g}, {tau}]" for g, tau in TRUTH.material.prony)
+    prony = ", ".join(f"[{g}, {tau}]" for g, tau in TRUTH.prony)
     corners = ", ".join(f"[{t}, {round(p * 1e-3, 6)}]" for t, p in virtual.FILM_A)
     lines = [
         "# The hidden truth of datasets/demo, by benchmarks/films/make_demo.py. Units: mm, MPa, s, rad.",
         f"seed = {SEED}",
         'effect = "creep"',
-        f"C10 = {TRUTH.material.C10}",
-        f"C01 = {TRUTH.material.C01}",
+        f"C10 = {TRUTH.C10}",
+        f"C01 = {TRUTH.C01}",
         f"prony = [{prony}]  # shares and times, s",
-        f'lattice = "{TRUTH.lattice}"',
+        f'lattice = "{virtual.LATTICE}"',
         f"corners = [{corners}]  # of the true pressure: time, s, and MPa, without the ripple",
         f"ripple_MPa = {BENCH.ripple_MPa}",
         f"gauge_sd_MPa = {BENCH.gauge_sd_MPa}",

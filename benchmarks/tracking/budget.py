@@ -22,15 +22,14 @@ from typing import Any
 
 sys.path.insert(0, os.path.abspath(f"{__file__}/../../.."))
 from benchmarks.commandline import options
+from benchmarks.tracking import studio
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from vision import Camera, Displacements, Mark, Stated, Video, View, measure
 from vision.drawing import synthetic
 from vision.errors.modes import sync
-from vision.kinds.coded import CodedMarker
 
 Array = NDArray[np.float64]
 SIZE = (512, 320)  # px
@@ -70,10 +69,7 @@ def draw(rng: np.random.Generator) -> Truth:
                     10.0 ** rng.uniform(-1.0, 0.0, 6), strict=True))  # fmt: skip
     stated = Stated(**{key: factor * getattr(Stated(), key) for key, factor in size.items()})
     sync_s = SYNC_S * 10.0 ** rng.uniform(-1.0, 0.0)
-    flat = [(role, *spot) for role, spots in (("frame", FRAME), ("fixed", FIXED), ("finger", FINGER))
-            for spot in spots]  # fmt: skip
-    marks = tuple(Mark(f"{role}{i}", CodedMarker(i, 9.0), (float(x), DEPTH, float(z)), role)
-                  for i, (role, x, z) in enumerate(flat))  # fmt: skip
+    marks = studio.tags(FRAME, FIXED, FINGER, size=9.0, y=DEPTH)
     frame, finger = (np.array([[m.role == role] for m in marks]) for role in ("frame", "finger"))
     off = np.zeros((len(marks), 3))
     off[:, [0, 2]] = stated.frame_mm * rng.standard_normal((len(marks), 2)) * frame
@@ -111,10 +107,7 @@ def _camera(rng: np.random.Generator) -> tuple[Camera, tuple[Array, Array]]:
     correlation[0, 1] = correlation[1, 0] = 0.98
     correlation[4, 5] = correlation[5, 4] = -0.9
     camera = Camera(matrix, lens, SIZE, covariance=correlation * np.outer(sd, sd))
-    facing = np.array([[-1.0, 0, 0], [0, 0, -1], [0, -1, 0]])
-    turned = np.asarray(cv2.Rodrigues(np.deg2rad(rng.uniform(-6, 6, 3)))[0]) @ facing
-    tvec = np.array([0.0, 0.0, away]) - turned @ np.array([45.0, DEPTH, -20.0])
-    return camera, (np.asarray(cv2.Rodrigues(turned)[0]).ravel(), tvec)
+    return camera, studio.before([45.0, DEPTH, -20.0], away, rng.uniform(-6, 6, 3))
 
 
 def motion(truth: Truth, at: Array) -> tuple[Array, Array, Array]:

@@ -1,6 +1,6 @@
 """Cameras from boards: drawn ones against the truth, real ones against their halves; real markers.
 
-    python benchmarks/tracking/camera.py [--quick]
+    python benchmarks/tracking/camera.py [--quick] [--json]
 
 Drawn: every camera has its own lens (f, centre, k1 k2 p1 p2) and ten pictures of a board in random poses, of
 each kind in turn; the lens model is chosen by the program. A pull is error over stated sd, of fx fy cx cy; 1
@@ -16,7 +16,7 @@ from typing import Any
 
 sys.path.insert(0, os.path.abspath(f"{__file__}/../../.."))
 from benchmarks import SHARED
-from benchmarks.commandline import options
+from benchmarks.commandline import whole
 
 import cv2
 import numpy as np
@@ -130,12 +130,5 @@ def figures(quick: bool) -> dict[str, Any]:
     return told | (real(folder) if folder.is_dir() else {})
 
 
-def main() -> int:
-    """Print the figures."""
-    for key, value in figures(options(__doc__, quick="6 cameras of each kind in place of 25").quick).items():
-        print(f"{key}: {value:.4g}")
-    return 0
-
-
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(whole(__doc__, figures, quick="6 cameras of each kind in place of 25"))

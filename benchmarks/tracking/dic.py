@@ -1,6 +1,6 @@
 """Registration of subsets on pictures of the DIC Challenge, sample 5, whose shifts are commanded.
 
-    python benchmarks/tracking/dic.py
+    python benchmarks/tracking/dic.py [--quick] [--json]
 
 Subsets of 41x41 px side by side over the whole picture. `dic_bias_px` is the largest distance between mean
 and commanded shift, `dic_sd_px` the largest sd, over both axes and both pictures. Data:
@@ -21,6 +21,7 @@ from typing import Any
 
 sys.path.insert(0, os.path.abspath(f"{__file__}/../../.."))
 from benchmarks import SHARED
+from benchmarks.commandline import whole
 
 import cv2
 import numpy as np
@@ -191,4 +192,4 @@ def figures(quick: bool) -> dict[str, Any]:
 
 
 if __name__ == "__main__":
-    print(figures(quick=False))
+    sys.exit(whole(__doc__, figures, quick="subsets of 41 px alone, two strained pairs"))

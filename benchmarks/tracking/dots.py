@@ -1,6 +1,6 @@
 """Plain dots followed through a drawn film: displacement error against the Cramer-Rao bound.
 
-    python benchmarks/tracking/dots.py [--quick]
+    python benchmarks/tracking/dots.py [--quick] [--json]
 
 22 dots of 8, 12 and 20 px among 6 coded frame markers, in the scene of markers.py: at rest, then moving by
 8 px. The bound is that of an ellipse (5), gain and offset, plus that of the mean of the reference.
@@ -12,7 +12,7 @@ from dataclasses import replace
 from typing import Any
 
 sys.path.insert(0, os.path.abspath(f"{__file__}/../../.."))
-from benchmarks.commandline import options
+from benchmarks.commandline import whole
 from benchmarks.tracking import printeddots
 from benchmarks.tracking.markers import REFERENCE, Scene, Trial, bound, displacement, film, scene, tracked
 
@@ -72,11 +72,5 @@ def figures(quick: bool) -> dict[str, Any]:
     }
 
 
-def main() -> int:
-    """Print the table."""
-    figures(options(__doc__, quick="12 moving frames instead of 60").quick)
-    return 0
-
-
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(whole(__doc__, figures, quick="12 moving frames instead of 60"))

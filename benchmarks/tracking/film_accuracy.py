@@ -16,15 +16,14 @@ from pathlib import Path
 
 sys.path.insert(0, os.path.abspath(f"{__file__}/../../.."))
 from benchmarks.commandline import options
+from benchmarks.tracking import studio
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from vision import Camera, Displacements, Mark, Video, View, measure
 from vision.drawing import synthetic
 from vision.errors.noise import CREEP, FAST, SHAKEN, states
-from vision.kinds.coded import CodedMarker
 
 Array = NDArray[np.float64]
 DEPTH = 12.0  # mm
@@ -61,15 +60,8 @@ def laboratory() -> tuple[Camera, tuple[Array, Array], tuple[Mark, ...]]:
         np.array([-0.12, 0.03, 0.0008, -0.0005, 0.0]),
         (1280, 720),
     )
-    facing = np.array([[-1.0, 0, 0], [0, 0, -1], [0, -1, 0]])
-    turned = np.asarray(cv2.Rodrigues(np.deg2rad([3.0, 2.0, 0.0]))[0]) @ facing
-    tvec = np.array([0.0, 0.0, 420.0]) - turned @ np.array([55.0, DEPTH, -20.0])
-    spots = [("frame", s) for s in FRAME] + [("fixed", s) for s in FIXED] + [("finger", s) for s in FINGER]
-    marks = tuple(
-        Mark(f"{role}{i}", CodedMarker(i, 5.5), (float(x), DEPTH, float(z)), role)
-        for i, (role, (x, z)) in enumerate(spots)
-    )
-    return camera, (np.asarray(cv2.Rodrigues(turned)[0]).ravel(), tvec), marks
+    marks = studio.tags(FRAME, FIXED, FINGER, size=5.5, y=DEPTH)
+    return camera, studio.before([55.0, DEPTH, -20.0], 420.0, [3.0, 2.0, 0.0]), marks
 
 
 def motion(marks: tuple[Mark, ...], seconds: float) -> tuple[Array, Array]:

@@ -26,6 +26,7 @@ from typing import Any
 
 sys.path.insert(0, os.path.abspath(f"{__file__}/../../.."))
 from benchmarks.commandline import options
+from benchmarks.tracking import studio
 
 import av
 import cv2
@@ -48,7 +49,6 @@ from twin.project.toml import dump
 from vision import Camera, Mark
 from vision.drawing import synthetic
 from vision.film.checkpoint import EVERY
-from vision.kinds.coded import CodedMarker
 
 Array = NDArray[np.float64]
 RATE, JITTER_S = 30, 0.002  # 1/s, s
@@ -59,7 +59,6 @@ NOISE = 2.0  # grey levels
 BANK = 12  # fields of noise, each laid anew at random
 FOCAL, AWAY = 1600.0, 400.0  # px, mm
 SIZE_MM = 10.0  # 40 px
-FACING = np.array([[-1.0, 0, 0], [0, 0, -1.0], [0, -1.0, 0]])
 FRAME = [(-110.0, 110.0), (0.0, 112.0), (110.0, 110.0), (-110.0, -110.0), (0.0, -112.0), (110.0, -110.0)]
 FIXED = [(-60.0, 100.0), (60.0, 100.0), (-112.0, 0.0), (-112.0, 50.0)]
 
@@ -72,12 +71,8 @@ def camera() -> Camera:
 
 def marks() -> list[Mark]:
     """6 frame markers, 4 fixed ones, 18 on the finger in two rows."""
-    places = [("frame", x, z) for x, z in FRAME] + [("fixed", x, z) for x, z in FIXED]
-    places += [("finger", x, z) for z in (40.0, 60.0) for x in np.linspace(-80.0, 96.0, 9)]
-    return [
-        Mark(f"{role}{i}", CodedMarker(i, SIZE_MM), (x, 0.0, z), role)
-        for i, (role, x, z) in enumerate(places)
-    ]
+    finger = [(x, z) for z in (40.0, 60.0) for x in np.linspace(-80.0, 96.0, 9)]
+    return [*studio.tags(FRAME, FIXED, finger, size=SIZE_MM, y=0.0)]
 
 
 def bent(curvature: Array) -> tuple[Array, Array]:
@@ -100,7 +95,7 @@ def pictures(folder: Path) -> list[NDArray[np.uint8]]:
 
     phase = np.arange(int(PERIOD_S * RATE) // 2 + 1) / (PERIOD_S * RATE)
     place, turn = bent(0.003 * np.sin(np.pi * phase) ** 2)
-    pose = (cv2.Rodrigues(FACING)[0].ravel(), np.array([0.0, 0.0, AWAY]))
+    pose = (cv2.Rodrigues(studio.FACING)[0].ravel(), np.array([0.0, 0.0, AWAY]))
     path = folder / "bend.mkv"
     synthetic.film(path, camera=camera(), pose=pose, marks=marks(), positions=place, rotations=turn,
                    noise_grey=0.0, codec="ffv1")  # fmt: skip

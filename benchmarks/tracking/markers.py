@@ -1,6 +1,6 @@
 """Marker displacement against the Cramer-Rao bound, OpenCV's own methods beside it, and the speed.
 
-    python benchmarks/tracking/markers.py [--quick]
+    python benchmarks/tracking/markers.py [--quick] [--json]
 
 28 markers in a drawn 1080p picture (f 1600 px, 400 mm away, tilted by 15 and 5 degrees, k1 -0.2, lens blur
 0.8 px, noise 2 grey levels): twelve frames at rest make the reference, then every marker moves by 8 px and
@@ -23,7 +23,8 @@ from typing import Any
 from unittest.mock import patch
 
 sys.path.insert(0, os.path.abspath(f"{__file__}/../../.."))
-from benchmarks.commandline import options
+from benchmarks.commandline import whole
+from benchmarks.tracking import studio
 
 import cv2
 import numpy as np
@@ -108,8 +109,7 @@ class Frames:
 
 def scene(size_px: float, moving: int, seed: int, *, zoom: int = 1, marker: bool = True) -> Scene:
     """28 marks that rest for the reference and then move in `moving` even steps; `zoom` 2 is 4K."""
-    facing = np.array([[-1.0, 0, 0], [0, 0, -1.0], [0, -1.0, 0]])
-    rotation = np.asarray(cv2.Rodrigues(np.deg2rad([15.0, 5.0, 0.0]))[0]) @ facing
+    rotation = np.asarray(cv2.Rodrigues(np.deg2rad([15.0, 5.0, 0.0]))[0]) @ studio.FACING
     pose = synthetic.Pose(np.asarray(cv2.Rodrigues(rotation)[0]).ravel(), np.array([0.0, 0.0, AWAY]))
     size = size_px * AWAY / FOCAL
     marks = tuple(
@@ -293,11 +293,5 @@ def figures(quick: bool) -> dict[str, Any]:
     }
 
 
-def main() -> int:
-    """Print the tables."""
-    figures(options(__doc__, quick="12 moving frames instead of 90").quick)
-    return 0
-
-
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(whole(__doc__, figures, quick="12 moving frames instead of 90"))

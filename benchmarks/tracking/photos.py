@@ -1,6 +1,6 @@
 """Markers on real photographs: error over stated sd of their centres, against the plane they are glued on.
 
-    python benchmarks/tracking/photos.py [--quick]
+    python benchmarks/tracking/photos.py [--quick] [--json]
 
 `gboriginal.png`: 35 markers on a sheet of paper, seen at 50 degrees by a camera that sharpens.
 `charuco_4cam`: markers of a board that is moved by hand, H.264, two cameras; lenses as that recording stores
@@ -17,7 +17,7 @@ from typing import Any
 
 sys.path.insert(0, os.path.abspath(f"{__file__}/../../.."))
 from benchmarks import SHARED
-from benchmarks.commandline import options
+from benchmarks.commandline import whole
 
 import cv2
 import numpy as np
@@ -103,12 +103,5 @@ def figures(quick: bool) -> dict[str, Any]:
     return told
 
 
-def main() -> int:
-    """Print the figures."""
-    for key, value in figures(options(__doc__, quick="a quarter of the pictures of the films").quick).items():
-        print(f"{key}: {value}")
-    return 0
-
-
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(whole(__doc__, figures, quick="a quarter of the pictures of the films"))

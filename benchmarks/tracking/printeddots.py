@@ -1,6 +1,6 @@
 """Printed dots of 5 to 60 px radius and diameter: how many are found, and how they repeat.
 
-    python benchmarks/tracking/printeddots.py [--quick]
+    python benchmarks/tracking/printeddots.py [--quick] [--json]
 
 A print's rim is rough: 0.24 px rms at a radius of 9 px, 0.44 px at 49 px, measured on photographs of printed
 dots. Each drawn dot has its own rim; a second picture of it, with other noise and shifted by a part of a
@@ -12,7 +12,7 @@ import sys
 from typing import Any
 
 sys.path.insert(0, os.path.abspath(f"{__file__}/../../.."))
-from benchmarks.commandline import options
+from benchmarks.commandline import whole
 
 import numpy as np
 from numpy.typing import NDArray
@@ -84,12 +84,5 @@ def figures(quick: bool) -> dict[str, Any]:
     return {"dots_found": round(seen / total, 4), "dots_repeat_px": repeat}
 
 
-def main() -> int:
-    """Print the table and the figures."""
-    for key, value in figures(options(__doc__, quick="a sixth of the dots").quick).items():
-        print(f"{key}: {value}")
-    return 0
-
-
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(whole(__doc__, figures, quick="a sixth of the dots"))

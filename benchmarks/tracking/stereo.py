@@ -1,6 +1,6 @@
 """Real film of a board by four cameras: squares of 54 mm on frames that the calibration never saw.
 
-    python benchmarks/tracking/stereo.py
+    python benchmarks/tracking/stereo.py [--quick] [--json]
 
 Every second instant calibrates all four cameras together; in the others the board's squares are measured by
 each pair of cameras and by all four. Then the other way round. `stereo_mean_mm` is the mean error of the
@@ -18,6 +18,7 @@ from typing import Any
 
 sys.path.insert(0, os.path.abspath(f"{__file__}/../../.."))
 from benchmarks import SHARED
+from benchmarks.commandline import whole
 
 import cv2
 import numpy as np
@@ -182,4 +183,4 @@ def figures(quick: bool) -> dict[str, Any]:
 
 
 if __name__ == "__main__":
-    print(figures(quick=False))
+    sys.exit(whole(__doc__, figures, quick="half of the frames"))

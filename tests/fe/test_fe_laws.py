@@ -1,7 +1,7 @@
 """Every law: stress and tangent against differences of the energy, and the curves of real rubbers."""
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import fields, replace
 from typing import Any
 
 import numpy as np
@@ -10,6 +10,7 @@ from scipy.optimize import least_squares
 
 from fe import Material
 from fe.element import Array
+from fe.laws import scaled
 from tests.fe.lawpoints import energy, nominal_stress, stress, tangent
 
 LAWS = {
@@ -100,6 +101,33 @@ def test_one_law_is_another_in_its_special_case() -> None:
     np.testing.assert_allclose(stress(F, minus)[0], stress(F, LAWS["Mooney-Rivlin"])[0], atol=1e-13)
     far = Material(gent=(0.4, 1e9))
     np.testing.assert_allclose(stress(F, far)[0], stress(F, LAWS["neo-Hooke"])[0], rtol=1e-8, atol=1e-9)
+
+
+# Every field of a material, with something in it, and what of it times a factor stiffens the material by that.
+STIFFENED: dict[str, tuple[Any, Any]] = {
+    "C10": (0.2, 0.6),
+    "C01": (0.1, 0.3),
+    "C20": (0.05, 0.15),
+    "C30": (0.01, 0.03),
+    "gent": ((0.3, 4.0), (0.9, 4.0)),
+    "ogden": (((0.1, 3.0), (0.02, -2.0)), ((0.3, 3.0), (0.06, -2.0))),
+    "mullins": ((0.4, 0.002, 0.5), (0.4, 0.006, 0.5)),  # its m is compared with energies
+    "bulk_ratio": (500.0, 500.0),
+    "prony": (((0.1, 2.0),), ((0.1, 2.0),)),
+    "density": (1e-9, 1e-9),
+}
+
+
+@pytest.mark.parametrize("name", [field.name for field in fields(Material)])
+def test_a_stiffened_material_is_stiffer_in_every_term(name: str) -> None:
+    value, wanted = STIFFENED[name]  # a new field says here what becomes of it
+    plain = Material(**{"C10": 0.2, name: value})
+    stiff, F = plain.stiffened(3.0), deformed(11)
+    np.testing.assert_allclose(getattr(stiff, name), wanted, rtol=1e-12)
+    np.testing.assert_allclose(energy(F, stiff), 3 * energy(F, plain), rtol=1e-12)
+    np.testing.assert_allclose(stress(F, stiff)[0], 3 * stress(F, plain)[0], rtol=1e-12, atol=1e-15)
+    np.testing.assert_allclose(stiff.constants, scaled(plain.constants[None], 3.0)[0], rtol=1e-12)
+    assert (stiff.shear, stiff.bulk) == pytest.approx((3 * plain.shear, 3 * plain.bulk))
 
 
 def test_beyond_the_limit_of_gent_there_is_no_stress() -> None:

@@ -1,18 +1,13 @@
 """Damaged files for every reader: each must be taken, or refused by one sentence, within seconds.
 
-    python tests/strangers/fuzz.py [--cases 10000] [--seed 0] [--only targets]
-
 `fuzz_cases`: files tried; `fuzz_internal`: those at which a reader ended by an internal error, or by a
-sentence that helps nobody; `fuzz_hang`: those that took longer than 10 s. Each is printed with what was done
-to it.
+sentence that helps nobody; `fuzz_hang`: those that took longer than 10 s.
 """
 
-import argparse
 import json
 import os
 import shutil
 import signal
-import sys
 import tempfile
 import tomllib
 import warnings
@@ -22,8 +17,6 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
-
-sys.path.insert(0, os.path.abspath(f"{__file__}/../../.."))
 
 import numpy as np
 from hypothesis import HealthCheck, Phase, given, seed, settings
@@ -101,11 +94,13 @@ def _deck(folder: Path, file: Path) -> None:
 
 def _record(folder: Path, file: Path) -> None:
     """A record as stages use it."""
-    from calibrate import Fit
     from twin.bench.caches import SolvedList
-    from twin.judging.intervals import estimates_of_record
+    from twin.diagnosis.explanation import EvidenceRecord
+    from twin.diagnosis.record import DiagnosisRecord
+    from twin.inputs.camerarecord import stored_cameras
+    from twin.judging.record import ComparisonRecord, FitRecord
     from twin.project import files
-    from vision import Camera
+    from twin.project.record import RunRecord
 
     if file.name == "log.jsonl":
         files.read_jsonl(file)
@@ -114,14 +109,13 @@ def _record(folder: Path, file: Path) -> None:
         own = file.rename(folder / "x-solved.json")
         list(SolvedList(own).known)
         return
-    data = files.read_json(file)
-    if file.name == "fit.json":
-        Fit.from_dict(data)
-        estimates_of_record(data)
-    elif file.name == "camera.json":
-        Camera.from_dict(data).undistort(np.array([[1.0, 2.0]]))
-    elif file.name == "diagnosis.json":
-        [row["effect"] for row in data.get("ranking", [])]
+    if file.name == "camera.json":
+        stored_cameras(file)[0].undistort(np.array([[1.0, 2.0]]))
+        return
+    models = (RunRecord, FitRecord, ComparisonRecord, EvidenceRecord, DiagnosisRecord)
+    found = files.read({m.file: m for m in models}[file.name], file)
+    if isinstance(found, FitRecord):
+        assert found.fit.theta.size == len(found.estimates)
 
 
 def _runs(folder: Path, file: Path) -> None:
@@ -166,9 +160,8 @@ def _dictionary(folder: Path, file: Path) -> None:
 def _format(name: str) -> Callable[[Path, Path], None]:
     def read(folder: Path, file: Path) -> None:
         from twin.formats.catalogue import read_recorded
-        from twin.formats.recorded import Doubt
 
-        read_recorded(folder if name in ("dice", "matchid") else file, name, Doubt())
+        read_recorded(folder if name in ("dice", "matchid") else file, name)
 
     return read
 
@@ -290,30 +283,3 @@ def _many(tally: Tally, name: str, file: str, count: int, first: int) -> None:
         tried(tally, name, file, data)
 
     each()
-
-
-def fuzz_cases(cases: int) -> int:
-    """How many damaged files were tried of so many that were asked for: at least as many."""
-    return fuzz(cases).cases
-
-
-def fuzz_internal(cases: int) -> int:
-    """How many of so many damaged files ended in an internal error."""
-    return len(fuzz(cases).internal)
-
-
-def fuzz_hang(cases: int) -> int:
-    """How many of so many damaged files took longer than LIMIT_S."""
-    return len(fuzz(cases).hang)
-
-
-if __name__ == "__main__":
-    ask = argparse.ArgumentParser(description=__doc__)
-    ask.add_argument("--cases", type=int, default=10_000, help="damaged files in all")
-    ask.add_argument("--seed", type=int, default=0)
-    ask.add_argument("--only", default="", help="one reader, such as targets")
-    told = ask.parse_args()
-    found = fuzz(told.cases, first=told.seed, only=told.only)
-    for line in (*found.internal, *found.hang):
-        print(line)
-    print(json.dumps(found.figures() | dict(found.kinds), indent=1))

@@ -1,11 +1,9 @@
 """Kills, interrupts, a full disk and limits of file sizes in every stage: does a project end the same?
 
-    python tests/strangers/kills.py [--quick] [--kills N] [--tally FOLDER] [kills] [interrupts] [disk]
-
 `kills_same`: kills -9 at random moments over all stages, of which each project ended with the bits of one
 that was left alone: camera, tracks, budget and targets of a drawn film, and what calibrate to review find of
 a short finger; `kills_stages` says how many fell in which stage. 100 kills take half an hour on one core.
-What was counted so far stands in kills.json of --tally after every kill. `interrupts_same`: the same for
+What was counted so far stands in kills.json of a temporary folder after every kill. `interrupts_same`: the same for
 Ctrl-C, to the whole group of processes as a terminal gives it; `interrupts_traceback`: those that were
 answered with a traceback, or with another exit code than 130.
 `disk_same`: faults of the disk in camera, measure, review (with its clip) and recalibrate, after which the
@@ -14,7 +12,6 @@ no writer is spared. `disk_internal`: faults that ended otherwise than in one se
 `disk_left`: drafts that they left; `disk_half`: files under their own name that end in the middle.
 """
 
-import argparse
 import contextlib
 import errno
 import json
@@ -27,17 +24,16 @@ import sys
 import tempfile
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
-
-sys.path.insert(0, os.path.abspath(f"{__file__}/../../.."))
 
 import numpy as np
 
 from tests.strangers.projects import KINDS, Command, digests, drafts, finish, halves, run, under_way
 
+ROOT = Path(__file__).resolve().parents[2]
 KILLS = {"film": 40, "model": 60}
 LATEST = 0.4  # of a kill, as a share of the time of a run without one
 MOST = 8  # kills of one project
@@ -46,9 +42,9 @@ TALLY = Path(tempfile.gettempdir())
 
 def _child(folder: Path, kind: str, command: Command, *, limit: int = 0) -> subprocess.Popen[str]:
     """A command as a process, no file of which may be larger than so many bytes (0: any)."""
-    how = [sys.executable, __file__, "--child", str(folder), kind, str(limit), *command]
+    how = [sys.executable, "-m", "tests.strangers.kills", str(folder), kind, str(limit), *command]
     return subprocess.Popen(
-        how, start_new_session=True, text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE
+        how, cwd=ROOT, start_new_session=True, text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE
     )
 
 
@@ -102,6 +98,13 @@ def kills(quick: bool, *, count: int | None = None, tally: Path = TALLY) -> dict
 def interrupts(quick: bool, *, count: int | None = None, tally: Path = TALLY) -> dict[str, Any]:
     """The same for Ctrl-C, and how many had another answer than a sentence and exit code 130."""
     return _both(count or (6 if quick else 20), Tally("interrupts", tally / "interrupts.json"), signal.SIGINT)
+
+
+def recalibrations(quick: bool) -> dict[str, Any]:
+    """The same for kills of `twin recalibrate` alone, from the films to the report."""
+    told = Tally("kills", TALLY / "recalibrations.json")
+    _ended_often("batch", 3 if quick else 20, told, how=signal.SIGKILL, seed=4)
+    return told.figures()
 
 
 def _both(wanted: int, told: Tally, how: signal.Signals) -> dict[str, Any]:
@@ -208,7 +211,7 @@ def disk(quick: bool) -> dict[str, Any]:
     """How projects end after faults of the disk in one stage after the other."""
     tally: Counter[str] = Counter(dict.fromkeys(("faults", "same", "internal", "left", "half"), 0))
     with tempfile.TemporaryDirectory() as scratch:
-        for kind in KINDS:
+        for kind in {faulty.kind for faulty in FAULTY}:
             KINDS[kind].make(Path(scratch) / kind)
         for place, faulty in enumerate(FAULTY):
             own = _faulty(faulty, Path(scratch) / faulty.kind, Path(scratch) / str(place), quick)
@@ -278,25 +281,5 @@ def _no_space(number: int) -> Iterator[list[int]]:
         files._to_disk = honest
 
 
-def main() -> int:
-    """Print what was counted."""
-    ask = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    ask.add_argument("--quick", action="store_true", help="6 kills, 6 interrupts, 4 faults in each stage")
-    ask.add_argument("--kills", type=int, help="how many kills, or interrupts")
-    ask.add_argument("--tally", type=Path, default=TALLY, help="folder for what was counted so far")
-    ask.add_argument("what", nargs="*", default=["kills", "disk"], help="kills, interrupts, disk")
-    told = ask.parse_args()
-    found: dict[str, Any] = {}
-    parts: dict[str, Callable[..., dict[str, Any]]] = {"kills": kills, "interrupts": interrupts, "disk": disk}
-    for name in told.what:
-        given = {} if name == "disk" else {"count": told.kills, "tally": told.tally}
-        found |= parts[name](told.quick, **given)
-    print(json.dumps(found, indent=1))
-    return 0
-
-
 if __name__ == "__main__":
-    if sys.argv[1:2] == ["--child"]:
-        folder, kind, limit, *command = sys.argv[2:]
-        _as_child(Path(folder), kind, int(limit), tuple(command))
-    sys.exit(main())
+    _as_child(Path(sys.argv[1]), sys.argv[2], int(sys.argv[3]), tuple(sys.argv[4:]))

@@ -1,4 +1,4 @@
-"""Small projects in which faults are planted: one with a drawn film, one with targets of a short finger."""
+"""Small projects in which faults are planted: two with drawn films, one with targets of a short finger."""
 
 import hashlib
 import json
@@ -124,19 +124,21 @@ READ: dict[str, Callable[[Path], bool]] = {
 }
 
 
-# -- the two kinds -------------------------------------------------------------------------------------------
+# -- the kinds ----------------------------------------------------------------------------------------------
+
+
+def _batch(folder: Path) -> None:
+    """Films, boards and log of a small finger."""
+    from benchmarks.batches import make_batch
+
+    make_batch.write(folder, make_batch.FIRST)
 
 
 def _filmed(folder: Path) -> None:
-    """Films, boards and log of a small finger that bends as a beam does: nothing is solved for it."""
+    """The same of one that bends as a beam does: nothing is solved for it."""
     from benchmarks.batches import make_batch
 
-    from twin.project.toml import dump
-
-    batch = replace(make_batch.FIRST, droop_mm=DROOP_MM, static_frames=STATIC)
-    make_batch.write_raw(folder / "raw", batch)
-    make_batch.write_boards(folder / "raw" / "boards")
-    (folder / "twin.toml").write_text(dump(make_batch.config("filmed", batch)), encoding="utf-8")
+    make_batch.write(folder, replace(make_batch.FIRST, droop_mm=DROOP_MM, static_frames=STATIC))
 
 
 def _filmed_mesh() -> "BuiltIn":
@@ -166,11 +168,11 @@ def _short(folder: Path) -> None:
     edge = np.array([(x, 11.5, 0.0) for x in X])
     rows = np.linalg.norm(case.nodes[:, None] - edge, axis=2).argmin(axis=0)
     course = virtual.path(bench, protocol=PROTOCOL)
-    truth = virtual.Truth(
-        Material(0.214, 0.083, prony=((0.075, 1.2), (0.055, 3.5))),
-        lattice=Lattice(per_bellow=2, centred=False), finger=mesh.finger,
-    )  # fmt: skip
-    u, slope = virtual.displacements(truth, course, case.nodes[rows])
+    material = Material(0.214, 0.083, prony=((0.075, 1.2), (0.055, 3.5)))
+    truth = virtual.truth_case(
+        mesh.finger, Lattice(per_bellow=2, centred=False), material=material, element=None
+    )
+    u, slope = virtual.displaced(truth, course, case.nodes[rows])
     points = virtual.at_nodes(NAMES, case.labels[rows], case.nodes[rows])
     config = Config(
         project=ProjectTable(name="short"),
@@ -197,6 +199,7 @@ def _short_mesh() -> "BuiltIn":
 
 KINDS = {
     "film": Kind(_filmed, _filmed_mesh, (("camera",), ("measure",))),
+    "batch": Kind(_batch, _filmed_mesh, (("recalibrate",),)),
     "model": Kind(_short, _short_mesh, (("recalibrate",),)),
 }
 

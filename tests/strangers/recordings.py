@@ -1,15 +1,15 @@
-"""Mistakes of strangers in how a film or a log was recorded, stored or copied: more for `strangers_mistakes`.
+"""Mistakes of strangers in how a film or a log was recorded, stored or copied: more for `mistakes`.
 
 `MISTAKES` must be refused. `DOUBTFUL` may be right: they pass, with a sentence that names the doubt. `RIGHT`
 pass.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
 
-from tests.strangers.mistakes import Plant, camera_with, every, filmed, painted, sagging
+from tests.strangers.planting import Plant, camera_with, every, filmed, painted, sagging
 from tests.strangers.studio import FILM_START, RATE, SIZE, STILL, log_text, motion
 from twin.project import files
 from twin.targets import Array
@@ -99,7 +99,7 @@ def pumped(rate: float = 1.0) -> Plant:
     return plant
 
 
-MISTAKES: Mapping[str, tuple[Plant, str]] = {
+MISTAKES: dict[str, tuple[Plant, str]] = {
     "a static film of one picture": (
         picked(lambda n: [0] * n, "static.mkv"), r"one picture in all 120 frames"
     ),
@@ -120,7 +120,7 @@ MISTAKES: Mapping[str, tuple[Plant, str]] = {
     "spikes in the log": (dropped(0.3), r"samples lie far off their neighbours"),
 }  # fmt: skip
 
-DOUBTFUL: Mapping[str, tuple[Plant, str]] = {
+DOUBTFUL: dict[str, tuple[Plant, str]] = {
     "a film of one ramp in slow motion": (
         picked(lambda n: [k for k in range(n) for _ in range(1 if k < 25 else 2)]),
         r"film seems to run 1\.[3-6]\d times",
@@ -145,7 +145,7 @@ DOUBTFUL: Mapping[str, tuple[Plant, str]] = {
     ),
 }  # fmt: skip
 
-RIGHT: Mapping[str, Plant] = {
+RIGHT: dict[str, Plant] = {
     "two cycles": pumped(),
     "white on black": painted(lambda _, grey: 255 - grey),
     "a camera upside down": painted(lambda _, grey: grey[::-1, ::-1]),

@@ -1,24 +1,18 @@
 """Right inputs as strangers have them: boards, films of boards, dots, photographs. None may be refused.
 
-    python tests/strangers/right.py [--quick]
-
 Each function below builds one right input, puts it through the chain, and says whether it was accepted and
 how wrong the answer is against the truth, in stated sds or px. Accepted is what gives an answer within the
 limit; a refusal is counted with its sentence. Recordings come from $SOFTTWIN_DATA; where they are absent the
 input is left out.
 """
 
-import argparse
 import csv
-import os
-import sys
 import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-sys.path.insert(0, os.path.abspath(f"{__file__}/../../.."))
 from benchmarks import SHARED
 from benchmarks.tracking import photos, printeddots
 
@@ -346,16 +340,3 @@ def figures(quick: bool) -> dict[str, Any]:
         "dots_found": printeddots.figures(quick)["dots_found"],
         "photo_pull": photos.figures(quick)["photo_pull"],
     }
-
-
-def main() -> int:
-    """Print the table and the figures."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--quick", action="store_true", help="fewer dots")
-    for key, value in figures(parser.parse_args().quick).items():
-        print(f"{key}: {value}")
-    return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -1,10 +1,12 @@
 """A small drawn project that is right: one camera, seven frame, four fixed and four finger markers, lossless.
 
-What strangers do wrong is planted in it by `strangers_mistakes.py`.
+What strangers do wrong is planted in it by `planting`.
 """
 
 from collections.abc import Sequence
 from pathlib import Path
+
+from benchmarks.tracking.studio import before, still_tables
 
 import cv2
 import numpy as np
@@ -15,7 +17,6 @@ from twin.project.config import (
     CameraTable,
     Config,
     FrameTable,
-    MarkerTable,
     MeasureTable,
     PointTable,
     PressureTable,
@@ -56,13 +57,7 @@ def marks_of() -> list[Mark]:
 def camera() -> tuple[Camera, tuple[Array, Array]]:
     """The camera and its pose, 420 mm before the plane."""
     matrix = np.array([[1350.0, 0, 322], [0, 1351.0, 198], [0, 0, 1]])
-    facing = np.array([[-1.0, 0, 0], [0, 0, -1.0], [0, -1.0, 0]])
-    turned = np.asarray(cv2.Rodrigues(np.deg2rad([2.0, 1.5, 0.0]))[0]) @ facing
-    tvec = np.array([0.0, 0.0, 420.0]) - turned @ MIDDLE
-    return Camera(matrix, np.array([-0.1, 0.0, 0.0, 0.0, 0.0]), SIZE), (
-        np.asarray(cv2.Rodrigues(turned)[0]).ravel(),
-        tvec,
-    )
+    return Camera(matrix, np.array([-0.1, 0.0, 0.0, 0.0, 0.0]), SIZE), before(MIDDLE, 420.0, [2.0, 1.5, 0.0])
 
 
 def ramp(time: Array) -> Array:
@@ -120,11 +115,6 @@ def log_text(
 
 def config_of() -> Config:
     """The twin.toml of the project that is right."""
-    frame = tuple(
-        MarkerTable(marker=m.kind.code, name=m.name, role=m.role, position_mm=m.position, size_mm=TAG)
-        for m in marks_of()
-        if m.role != "finger"
-    )
     points = tuple(
         PointTable(name=m.name, marker=m.kind.code, size_mm=TAG, position_mm=m.position)
         for m in marks_of()
@@ -144,7 +134,7 @@ def config_of() -> Config:
         cameras=(side,),
         pressure=PressureTable(),
         measure=MeasureTable(),
-        frame=FrameTable(markers=frame),
+        frame=FrameTable(markers=still_tables(marks_of())),
         points=points,
     )
 

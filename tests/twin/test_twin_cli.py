@@ -1,7 +1,9 @@
 """The command line: exit codes, one sentence for an error, JSON on its own, the demo that resumes."""
 
+import inspect
 import json
 import os
+import re
 import subprocess
 import sys
 from importlib.metadata import version
@@ -15,7 +17,9 @@ from twin.commands import demo
 from twin.project import files
 from twin.project.config import Config
 from twin.project.folder import Project, dataset
+from twin.project.tablemodel import keys_of
 
+NAMES = [command.name for command in chain.COMMANDS]
 ROOT = Path(cli.__file__).resolve().parents[1]
 
 
@@ -41,6 +45,9 @@ def study(tmp_path):
     return folder
 
 
+real = chain.function_at
+
+
 class Standin:
     """Stands for the stages: every one records its call and writes what is told; their own code is not loaded."""
 
@@ -51,6 +58,8 @@ class Standin:
 
     def function_at(self, place):
         name = place.rpartition("run_")[2]
+        if name not in {stage.name for stage in chain.STAGES}:
+            return real(place)
         return self.instead.get(name) or (lambda project, say, **options: self.run(name, project, say, **options))
 
     def run(self, name, project, say, /, **options):
@@ -74,12 +83,32 @@ def test_help_lists_every_command_of_this_version(run):
     code, out, _ = run("--help")
     assert code == 0
     listed = [line.split()[0] for line in out.split("Commands:")[1].splitlines() if line.strip()]
-    wanted = (
-        "demo init virtual print look pick camera measure calibrate compare diagnose explain add drop study review "
-        "recalibrate batches list check trust"
-    )
-    assert listed == wanted.split()
+    assert listed == NAMES
     assert "..." not in out.split("Commands:")[1]  # every line of help is whole on 80 columns
+
+
+def test_the_readme_has_every_command_in_the_same_order():
+    """CI tries each of them in a fresh clone: `python -m twin.chain` prints the names."""
+    table = (ROOT / "README.md").read_text(encoding="utf-8").partition("## The commands")[2].partition("\n## ")[0]
+    assert re.findall(r"^\| `twin (\w+)[^`]*` \| \S", table, re.M) == NAMES
+    printed = subprocess.run([sys.executable, "-m", "twin.chain"], cwd=ROOT, capture_output=True, text=True, check=True)
+    assert printed.stdout.split() == NAMES
+
+
+LOOPED = {"add": {"names"}, "drop": {"names"}, "compare": {"two"}}  # what the command line itself takes apart
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_command_takes_the_options_of_its_function(name, run, monkeypatch):
+    command = next(command for command in chain.COMMANDS if command.name == name)
+    taken = inspect.signature(real(command.function)).parameters
+    given = {option.name for option in cli.OPTIONS.get(name, ())} - LOOPED.get(name, set())
+    assert given <= set(taken)
+    monkeypatch.setenv("COLUMNS", "80")
+    code, out, _ = run(name, "--help")
+    assert code == 0
+    assert " ".join(command.title.split()) in " ".join(out.split())
+    assert len(out.splitlines()) <= 24  # a screen
 
 
 def test_a_stage_gets_the_project_and_says_what_it_did(run, study, stages):
@@ -100,14 +129,10 @@ def test_json_stands_alone_on_stdout(run, study, stages):
 @pytest.mark.parametrize(
     ("error", "code", "sentence"),
     [
-        (ValueError("tip:\nno such node"), 2, "error: tip: no such node\n"),
-        (PermissionError(13, "Permission denied", "runs"), 2, "error: runs: Permission denied\n"),
-        (
-            KeyboardInterrupt(),
-            130,
-            "interrupted: what was finished is kept; run the same command again to resume\n",
-        ),
-        (TypeError("bug"), 1, "internal error: TypeError: bug (run it with --debug"),
+        (ValueError("tip:\nno such node"), 2, "error: tip: no such node"),
+        (PermissionError(13, "Permission denied", "runs"), 2, "error: runs: Permission denied"),
+        (KeyboardInterrupt(), 130, "interrupted: .*again to resume"),
+        (TypeError("bug"), 1, "internal error: TypeError: bug .*--debug"),
         (np.linalg.LinAlgError("Singular matrix"), 1, "internal error: LinAlgError: Singular matrix"),
     ],
     ids=["input", "files", "interrupt", "bug", "singular"],
@@ -119,7 +144,8 @@ def test_what_goes_wrong_is_one_sentence_and_a_code(run, study, stages, error, c
     stages.instead["calibrate"] = fails
     got, out, err = run("calibrate", "-p", study)
     assert (got, out) == (code, "")
-    assert err.startswith(sentence)
+    assert re.match(sentence, err)
+    assert err.count("\n") == 1
     assert "Traceback" not in err
     with Project.open(study).lock("add"):  # it let go of the project
         pass
@@ -173,7 +199,7 @@ def test_check_asks_for_what_is_stale_again(run, study, stages):
     csv = study / "targets" / "targets.csv"
     csv.write_text(csv.read_text().replace("-58.0", "-57.0"))
     assert json.loads(run("check", "-p", study, "--json")[1])["next"] == "calibrate"
-    assert "stale: targets/targets.csv has changed since" in run("list", "-p", study)[1]
+    assert "stale: targets/targets.csv" in run("list", "-p", study)[1]
 
 
 def test_the_version_is_that_of_the_package(run):
@@ -181,10 +207,9 @@ def test_the_version_is_that_of_the_package(run):
 
 
 @pytest.mark.parametrize("stage", chain.STAGES, ids=lambda stage: stage.name)
-def test_every_stage_of_the_list_has_its_function(stage):
-    assert callable(chain.function_at(stage.function))
+def test_every_stage_reads_tables_that_there_are(stage):
     assert stage.title.endswith(".")
-    assert set(stage.tables) <= set(Config.model_fields)
+    assert set(stage.tables) <= set(keys_of(Config))
 
 
 def test_list_shows_the_runs(run, study, stages):
@@ -239,9 +264,9 @@ def test_demo_runs_every_stage_and_says_where_the_results_are(run, demo_data, tm
     code, out, _ = run("demo", tmp_path / "demo")
     assert code == 0
     assert [call[0] for call in demo_data.calls] == ALL
-    assert "rerun " + str(tmp_path / "demo/runs/0007-review/review.rrd") in out
-    assert f"report.html: open {tmp_path / 'demo/runs/0007-review/report.html'} in a browser" in out
-    assert out.index("[1/7] twin camera: Calib") < out.index("[7/7] twin review: Write")
+    for name in ("review.rrd", "report.html"):
+        assert str(tmp_path / "demo/runs/0007-review" / name) in out
+    assert out.index("[1/7] twin camera") < out.index("[7/7] twin review")
 
 
 def test_an_interrupted_demo_is_resumed(run, demo_data, tmp_path):
@@ -255,7 +280,7 @@ def test_an_interrupted_demo_is_resumed(run, demo_data, tmp_path):
     code, out, _ = run("demo", tmp_path / "demo")
     assert code == 0
     assert [call[0] for call in demo_data.calls] == ["camera", "measure", "diagnose", "add", "review"]
-    assert "Already done in runs/0003-calibrate, skipped." in out
+    assert re.search("runs/0003-calibrate.* skipped", out)
 
 
 def test_the_demo_refuses_a_folder_of_something_else(run, demo_data, tmp_path):

@@ -17,12 +17,10 @@ from twin.chain import STAGES
 from twin.effects.material import Elasticity
 from twin.formats.catalogue import read_recorded
 from twin.formats.conversion import targets_of
-from twin.formats.recorded import Doubt
-from twin.formats.supplied import Supplied
 from twin.model.basemodel import base_model
 from twin.model.structure import BuiltIn
 from twin.notebook import OpenedProject
-from twin.project.config import CalibrateTable, Config, ModelTable, PointTable
+from twin.project.config import CalibrateTable, Config, ImportTable, ModelTable, PointTable
 from twin.project.folder import Project
 from twin.project.targetwriting import write_targets
 from twin.project.toml import dump
@@ -64,7 +62,8 @@ def rows(u: np.ndarray) -> str:
 
 
 def made(csv: Path, nodes: dict[str, int]) -> twin.Targets:
-    return targets_of(read_recorded(csv, "csv", Doubt()), Supplied(sd_mm=0.05), nodes=nodes)[0]
+    points = [PointTable(name=name, node=node) for name, node in nodes.items()]
+    return targets_of(read_recorded(csv, "csv"), ImportTable(file="x.csv", format="csv", sd_mm=0.05), points)[0]
 
 
 @pytest.fixture(scope="module")

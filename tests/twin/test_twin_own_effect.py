@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from fe import Case, Lattice, Material
+from tests.few import few
 from twin import Effect, check_effect, cli, open_project, virtual
 from twin.bench import workbench
 from twin.bench.fits import newest_fit, stale
@@ -59,13 +60,10 @@ def batch(short_case: Case, short_builtin: BuiltIn, tmp_path_factory: pytest.Tem
     edge = np.stack([X, np.full_like(X, 11.5), np.zeros_like(X)], axis=1)
     rows = np.linalg.norm(short_case.nodes[:, None] - edge, axis=2).argmin(axis=0)
     points, course = short_case.nodes[rows], virtual.path(BENCH, protocol=FILM)
-    truth = virtual.Truth(
-        Material(0.214, 0.083),
-        lattice=Lattice(per_bellow=2, ring=False, centred=False, caps=2),  # a finer mesh than the model's
-        finger=short_builtin.finger,
-        tip_force=(ALONG, 0.0, UP),  # over the whole end face
-    )
-    u, slope = virtual.displacements(truth, course, points)
+    finer = Lattice(per_bellow=2, ring=False, centred=False, caps=2)
+    truth = virtual.truth_case(short_builtin.finger, finer, material=Material(0.214, 0.083), element=None)
+    truth = replace(truth, forces={"tip_face": np.array([ALONG, 0.0, UP]) / 2})  # of the half that is solved
+    u, slope = virtual.displaced(truth, course, points)
     at = virtual.at_nodes(NAMES, short_case.labels[rows], points)
     targets = virtual.noisy_targets(u, slope, course, points=at, bench=BENCH, seed=1)
     config = Config(
@@ -108,6 +106,15 @@ def test_twin_add_finds_the_planted_force(batch: Path, capsys: pytest.CaptureFix
     capsys.readouterr()
     exec(notebook, {})
     assert capsys.readouterr().out.startswith("The model ")
+
+
+@pytest.mark.parametrize("label", few(["marker_slip:p2@5s", "creep:wide"], ["marker_slip:p2@5s"]))
+def test_what_a_diagnosis_names_is_added_and_dropped_under_that_name(batch: Path, label: str) -> None:
+    others = Project.open(batch).config.model.effects
+    run("add", label, "--project", batch)
+    assert Project.open(batch).config.model.effects == (*others, label)
+    run("drop", label, "--project", batch)
+    assert Project.open(batch).config.model.effects == others
 
 
 def test_a_fit_with_the_effect_is_stale_when_its_file_changes(batch: Path) -> None:

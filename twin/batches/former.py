@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from twin.inputs.camerarecord import stored_cameras
 from twin.inputs.cameras import dictionary_name
 from twin.project import files
 from twin.project.folder import Project
@@ -80,8 +81,6 @@ def _tested(project: Project, name: str, film: Path, camera: Any, then: Mapping[
 
 def _seen_before(former: Project) -> tuple[Any, dict[str, Array]] | None:
     """The former batch's camera, and the raw px (2,) at which its film shows every marker first."""
-    from vision import Camera
-
     tracks, camera = former.newest("measure", "tracks.npz"), former.newest("camera", "camera.json")
     if tracks is None or camera is None:
         return None
@@ -91,7 +90,7 @@ def _seen_before(former: Project) -> tuple[Any, dict[str, Array]] | None:
         known = np.flatnonzero(np.isfinite(track[:, 0]))
         if len(known):
             first[name] = track[known[0]]
-    return Camera.from_dict(files.read_json(camera)), first
+    return stored_cameras(camera)[0], first
 
 
 def _same_camera(project: Project, former: Project) -> bool:

@@ -1,6 +1,5 @@
 """The constants of a batch beside those of the batches before it: what the report says of the series."""
 
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -8,6 +7,7 @@ from twin.batches.former import former_of
 from twin.batches.order import batches_in
 from twin.batches.values import BatchValue, changes_of, values_of
 from twin.bench.fits import fit_file
+from twin.judging.record import FitRecord
 from twin.numerals import interval
 from twin.project import files
 from twin.project.folder import Project
@@ -15,7 +15,7 @@ from twin.project.folder import Project
 SHOWN = 6  # batches at most, the last ones: a wider table is read in `twin batches`
 
 
-def earlier_facts(project: Project, record: Mapping[str, Any]) -> dict[str, Any] | None:
+def earlier_facts(project: Project, record: FitRecord) -> dict[str, Any] | None:
     """A table of the constants of this batch's fit and of the earlier ones, and what has changed against the
     last of them; None without one."""
     found = {path.name: values for path in _before(project) if (values := _values(path)) is not None}
@@ -77,7 +77,7 @@ def _same_points(path: Path, project: Project) -> bool:
 def _values(path: Path) -> tuple[BatchValue, ...] | None:
     """What the newest fit of a batch found, None where it has none that holds."""
     try:
-        return values_of(files.read_json(fit_file(Project.open(path))))
+        return values_of(files.read(FitRecord, fit_file(Project.open(path))))
     except ValueError:
         return None
 
@@ -87,4 +87,4 @@ def _cell(value: BatchValue | None) -> str:
         return "–"
     if value.span is None:
         return f"{value.value:.4g}"
-    return f"{value.value:.4g} ({interval({'low': value.span[0], 'high': value.span[1]})})"
+    return f"{value.value:.4g} ({interval(*value.span)})"

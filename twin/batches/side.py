@@ -1,13 +1,13 @@
 """One of two that are compared: what is known of it, and the recording that lays both side by side."""
 
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from twin.batches.values import BatchValue
 from twin.bench.fits import fresh
+from twin.judging.record import ComparisonRecord, FitRecord
 from twin.project.folder import Project
 from twin.review.merging import write_merged
 from twin.review.recording import write_review
@@ -20,9 +20,9 @@ class Laid:
 
     name: str
     project: Project
-    record: Mapping[str, Any]
+    record: FitRecord
     values: tuple[BatchValue, ...]
-    comparison: Mapping[str, Any]
+    comparison: ComparisonRecord | None
     verdict: str
     run: Path | None  # the run folder of one model; None: the newest of the batch
 
@@ -53,6 +53,6 @@ def _recording(side: Laid, scratch: Path) -> Path | None:
         scratch, film=film if film is not None and film.is_file() else None,
         frame_times_s=targets.time - targets.time[0], generations=Generations.load(history),
         fields=Fields.load(fields) if fields.is_file() else None,
-        diagnosis_markdown=f"# {side.name}\n\n{side.comparison.get('where', '')}",
+        diagnosis_markdown=f"# {side.name}\n\n{side.comparison.where if side.comparison else ''}",
     )  # fmt: skip
     return scratch

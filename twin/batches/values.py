@@ -7,12 +7,12 @@ C01 are nearly uncorrelated: they are compared in their place.
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from calibrate import Fit
 from twin.effects.baselaw import NAMES
+from twin.judging.record import FitRecord
 
 SUM, SHARE = "C10 + C01", "C01/(C10 + C01)"
 Z95 = 1.959964  # of a normal distribution
@@ -73,17 +73,14 @@ class BatchChange:
         return f"{self.name} is {turn} by {abs(self.difference):.{digits}f}{unit}{part} {span}."
 
 
-def values_of(record: Mapping[str, Any]) -> tuple[BatchValue, ...]:
+def values_of(record: FitRecord) -> tuple[BatchValue, ...]:
     """The quantities of a fit.json: sum and share where both constants were fitted, then all others.
 
     The sds of sum and share follow from the covariance to first order. A quantity has none where the fit says
     that its parameter has no interval.
     """
-    fit = Fit.from_dict(record)
-    names, spans = [p.name for p in fit.parameters], record.get("intervals", {})
-    old = "this fit was made by an older version"
-    notes = {n: _reason(spans[n]["note"]) if n in spans else old for n in names}
-    both = set(NAMES) <= set(names)
+    fit, notes = record.fit, {name: _reason(e.note) for name, e in record.estimates.items()}
+    both = set(NAMES) <= set(notes)
     return (*(_pair(fit, notes) if both else ()), *_others(fit, notes, but=NAMES if both else ()))
 
 

@@ -4,7 +4,7 @@ hold.
 Read `workbench` first: a project as its model and its targets. `positions` finds the points that twin.toml
 states in mm on the finger; `meshshapes` says what there is to say of a mesh. `fits` tells which runs still
 belong to the project, `laws` which law of an effect was kept, `waterfall` how the error fell until now.
-`comparison` and `evidence` write what a judged model shows, `judgements` and `caches` keep what is dear to
-make. `effectchange` refits the model with other effects; `othermodels` says in what two projects' models
+`comparison` writes what a judged model shows and what it was judged by, `caches` keeps what is dear to make.
+`effectchange` refits the model with other effects; `othermodels` says in what two projects' models
 differ.
 """

@@ -5,12 +5,15 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from pydantic import RootModel
 
 from twin.effects.baselaw import Constants
 from twin.model.discretisation import SolvedAt
 from twin.parallel import WORKERS, finished
 from twin.project import files
 from twin.project.folder import Say
+from twin.project.record import Record
+from twin.project.tablemodel import NotNegative, Positive
 from twin.targets import Array
 
 FURTHER = 1.7  # at most: curves of few levels that reach much too far are coarse where it counts
@@ -35,6 +38,16 @@ class FolderCache:
         return {key: np.asarray(files.read_npz(path[key])["array"], float) for key in tasks}
 
 
+class SolvedRow(Record):
+    C10: NotNegative
+    C01: NotNegative
+    top_MPa: Positive
+
+
+class SolvedRows(RootModel[tuple[SolvedRow, ...]]):
+    """Where finer meshes were solved."""
+
+
 @dataclass(frozen=True)
 class SolvedList:
     """The constants and pressures at which the finer meshes of one structure were solved, in a JSON file."""
@@ -44,8 +57,8 @@ class SolvedList:
     @property
     def known(self) -> list[SolvedAt]:
         """Those that were solved, the oldest first."""
-        rows = files.read_json(self.path) if self.path.exists() else []
-        return [SolvedAt(Constants.of(row), float(row["top_MPa"])) for row in rows]
+        rows = files.read(SolvedRows, self.path).root if self.path.exists() else ()
+        return [SolvedAt(Constants(row.C10, row.C01), row.top_MPa) for row in rows]
 
     def serving(
         self, own: Constants, pressure: float, *, low: float = 0.0, high: float = np.inf
@@ -62,5 +75,6 @@ class SolvedList:
     def add(self, solved: SolvedAt) -> None:
         """The list with one more."""
         if solved not in self.known:
-            rows = [{**one.constants.named, "top_MPa": one.top} for one in (*self.known, solved)]
-            files.write_json(self.path, rows)
+            every = ((one.constants, one.top) for one in (*self.known, solved))
+            rows = tuple(SolvedRow(C10=c.C10, C01=c.C01, top_MPa=top) for c, top in every)
+            files.write_json(self.path, SolvedRows(rows))

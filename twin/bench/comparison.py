@@ -1,17 +1,27 @@
-"""A judged model beside its targets, written into its run: comparison, prediction, held-out films."""
+"""A judged model beside its targets, written into its run: comparison, prediction, held-out films.
 
-from typing import Any
+What it was judged by is kept too, so that `compare` needs no solve for what calibrate or add has solved.
+"""
 
-from twin.bench.judgements import keep
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from calibrate import Fit
 from twin.bench.workbench import Workbench
-from twin.judging.blindtest import unseen
-from twin.judging.comparison import Comparison
+from twin.judging.comparison import Comparison, compare
+from twin.judging.fitting import ModelErrors
+from twin.judging.heldout import unseen
 from twin.judging.judged import Judged
+from twin.judging.record import UnseenFilm
+from twin.model.arraycache import code_digest
 from twin.project import files
 from twin.project.folder import Project, Run, Say
-from twin.targets import Array
+from twin.targets import Array, Targets
 
-COMPARISON = "comparison.json"
+JUDGED = "judged.npz"
 
 
 def compared(run: Run, judged: Judged, bench: Workbench, say: Say) -> Comparison:
@@ -21,21 +31,17 @@ def compared(run: Run, judged: Judged, bench: Workbench, say: Say) -> Comparison
     held = foretold(bench, judged)
     write_comparison(run, judged.predicted, judged.comparison, held)
     for row in held:
-        say(f"Held out, {row['film']}: {row['rms_mm']:.3f} mm rms, foretold by a fit that never saw it.")
+        say(f"Held out, {row.film}: {row.rms_mm:.3f} mm rms, foretold by a fit that never saw it.")
     return judged.comparison
 
 
-def foretold(bench: Workbench, judged: Judged) -> list[dict[str, Any]]:
-    """What a fitted model is off from each film that was held out of its fit: a row a film."""
-    names = film_names(bench.project)
-    return [
-        {"film": names.get(row.block, f"block {row.block}")} | row.to_dict()
-        for row in unseen(judged, bench.targets)
-    ]
+def foretold(bench: Workbench, judged: Judged) -> tuple[UnseenFilm, ...]:
+    """What a fitted model is off from each film that was held out of its fit."""
+    return unseen(judged, bench.targets, film_names(bench.project))
 
 
-def write_comparison(run: Run, predicted: Array, found: Comparison, held: list[dict[str, Any]]) -> None:
-    run.write_json(COMPARISON, found.to_dict() | {"held_out": held})
+def write_comparison(run: Run, predicted: Array, found: Comparison, held: Sequence[UnseenFilm]) -> None:
+    run.write(found.record(held))
     write_prediction(run, predicted, found)
     run.summary["headline"] = found.where
 
@@ -47,6 +53,51 @@ def write_prediction(run: Run, predicted: Array, found: Comparison) -> None:
 
 def film_names(project: Project) -> dict[int, str]:
     """The name of the film in each block of the targets; none where one film was measured, or elsewhere."""
-    path = project.targets_folder / "source.json"
-    rows = files.read_json(path).get("films", []) if path.is_file() else []
-    return {row["block"]: row["name"] for row in rows}
+    return {film.block: film.name for film in project.source().films}
+
+
+# -- what a fit was judged by --------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, kw_only=True)
+class Judgement:
+    """A fit's prediction (s, p, 3) mm, the comparison with the targets, and where walls have crossed."""
+
+    predicted: Array
+    comparison: Comparison
+    crossed: str
+
+    @staticmethod
+    def of(judged: Judged) -> "Judgement":
+        """That of a model judged now."""
+        crossed = judged.model.solution(judged.theta).crossed
+        return Judgement(predicted=judged.predicted, comparison=judged.comparison, crossed=crossed)
+
+
+def keep(run: Run, judged: Judged) -> None:
+    """Write judged.npz of a run: what a comparison needs of the model at its fit."""
+    e = judged.errors
+    run.write_npz(
+        JUDGED,
+        {
+            "code": np.array(code_digest()), "theta": judged.theta, "u": judged.predicted,
+            "jacobian": judged.jacobian, "gauge": e.gauge, "modes": e.modes,
+            "crossed": np.array(judged.model.solution(judged.theta).crossed),
+        },
+    )  # fmt: skip
+
+
+def kept(fit_file: Path, fit: Fit, targets: Targets) -> Judgement | None:
+    """The judgement of the fit in fit.json, from what lies beside it; None where it was not kept, or not by
+    the code of now. Whether the fit still holds is asked before (`twin.bench.fits`)."""
+    path = fit_file.with_name(JUDGED)
+    if not path.is_file():
+        return None
+    found = files.read_npz(path)
+    if str(found["code"]) != code_digest() or not np.array_equal(found["theta"], fit.theta):
+        return None
+    errors = ModelErrors(gauge=found["gauge"], modes=found["modes"])
+    bound = len(fit.at_bound)
+    w, jacobian = errors.whitener(targets), found["jacobian"]
+    made = compare(targets, found["u"], w, jacobian=jacobian, at_bound=bound)
+    return Judgement(predicted=found["u"], comparison=made, crossed=str(found["crossed"]))

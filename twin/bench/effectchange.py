@@ -6,14 +6,16 @@ import numpy as np
 
 from twin.bench import waterfall
 from twin.bench.comparison import compared
-from twin.bench.fits import newest_fit
+from twin.bench.fits import newest, newest_fit
+from twin.bench.laws import nominal
 from twin.bench.workbench import Workbench
 from twin.judging.comparison import Comparison
 from twin.judging.intervals import estimates, fit_record
+from twin.judging.record import ComparisonRecord
 from twin.model.prediction import Model
 from twin.numerals import in_words
 from twin.project import files
-from twin.project.folder import Project, Say
+from twin.project.folder import Say
 from twin.review.states import Fields
 from twin.targets import Array, Targets
 
@@ -21,10 +23,12 @@ SHOWN = 80  # film times at which the deformed model is stored for the review
 
 
 def change_effects(
-    project: Project, kind: str, effects: tuple[str, ...], start: dict[str, float], say: Say, before: Any
+    bench: Workbench, kind: str, effects: tuple[str, ...], start: dict[str, float], say: Say
 ) -> dict[str, Any]:
-    bench, base = Workbench.of(project), newest_fit(project)
-    then = files.read_json(before) if before else {}
+    """What `twin add` and `twin drop` print: the model with these effects, fitted from a start where one is
+    known, compared with the newest comparison, and written into twin.toml."""
+    project, base = bench.project, newest_fit(bench.project)
+    then = newest(project, ComparisonRecord)
     with project.new_run(kind, extra={"effects": list(effects)}) as run:
         model = bench.model(effects)
         known = {p.name: float(x) for p, x in zip(base.parameters, base.theta, strict=True)}
@@ -32,7 +36,7 @@ def change_effects(
         say.progress(f"refit with {', '.join(effects) or 'no effect'}", 0, 1)
         judged = bench.judged(model, theta, say)
         fit, found = judged.fit, compared(run, judged, bench, say)
-        run.write_json("fit.json", fit_record(fit, found) | {"effects": list(effects)})
+        run.write(fit_record(fit, found, effects=effects))
         _fields(bench, judged.model, fit.theta).save(run.path("fields.npz"))
         run.note(model.extent)
     project.set_effects(effects)
@@ -46,40 +50,35 @@ def change_effects(
     return {
         "stage": kind,
         "run": run.name,
-        "rms_before_mm": then.get("rms_mm"),
+        "rms_before_mm": then and then.rms_mm,
         "rms_after_mm": found.rms_mm,
-        "raw_rms_before_mm": then.get("raw_rms_mm"),
+        "raw_rms_before_mm": then and then.raw_rms_mm,
         "raw_rms_after_mm": found.raw_rms_mm,
         "noise_sd_mm": found.noise_sd_mm,
         "effects": list(effects),
-        "fit": fit_record(fit, found),
-        "steps": [row.to_dict() for row in way],
+        "fit": files.plain(fit_record(fit, found)),
+        "steps": files.plain(way),
     }
 
 
-def _error(then: dict[str, Any], now: Comparison) -> str:
-    """The error before and after, in words; `then`: what comparison.json held, or nothing."""
-    pairs = [(then.get(key), getattr(now, key)) for key in ("rms_mm", "raw_rms_mm")]
+def _error(then: ComparisonRecord | None, now: Comparison) -> str:
+    """The error before and after, in words."""
+    pairs = [(then and then.rms_mm, now.rms_mm), (then and then.raw_rms_mm, now.raw_rms_mm)]
     left, raw = (f"{'' if a is None else f'from {a:.3f} mm '}to {b:.3f} mm rms" for a, b in pairs)
     return f"Error: {left}; with errors that many values share {raw}. The noise is {now.noise_sd_mm:.3f} mm."
 
 
 def _nominal(model: Model) -> dict[str, float]:
-    """Start values of effects of which nothing is known: half a typical step from null, the middle of the
-    grid."""
+    """Start values of effects of which nothing is known. ValueError for one that must be stated which."""
     values: dict[str, float] = {}
     for e in model.effects:
-        for p in e.parameters:
-            values[p.name] = p.start if p.start is not None else (p.null or 0.0) + 0.5 * p.step
-        tried = e.tries(model.test)
-        entry = tried[len(tried) // 2]
-        held = e.at(entry, model.test)
+        values |= (own := nominal(e, model.test))
+        held = e.at(own, model.test)
         if held is not e:
             raise ValueError(
                 f"effect {e.label!r}: it must be stated which; wanted for example {held.label!r}, as "
                 "the diagnosis names it"
             )
-        values |= entry
     return {p.name: float(np.clip(values[p.name], p.low, p.high)) for p in model.parameters}
 
 

@@ -2,23 +2,26 @@
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, TypeVar
 
 from twin.chain import DECK, FIT, STAGES, TARGETS, Stage, When, kinds_writing
+from twin.effects.labels import name_of
+from twin.judging.record import FitRecord
 from twin.project import files
 from twin.project.folder import Project, kind_of
+from twin.project.record import Record
 from twin.project.staleness import changes
 
 if TYPE_CHECKING:  # its package takes a second to import: `check` and `list` do without
     from calibrate import Fit
 
-BESIDE = ("effects", "identifiability", "initial")  # what fit.json holds beside the fit
+Found = TypeVar("Found", bound=Record)
 
 
 def stale(project: Project, folder: Path) -> list[str]:
     """What has changed since a run was made, one clause each; [] where it belongs to the present project."""
     stage = next((stage for stage in STAGES if stage.name == kind_of(folder)), None)
-    if stage is None or project.info(folder)["status"] != "done":
+    if stage is None or project.info(folder).status != "done":
         return []
     if stage.when is not When.ALWAYS and (other := _other_effects(project, folder)):
         return [other]
@@ -36,17 +39,20 @@ def _changes(project: Project, folder: Path, stage: Stage) -> list[str]:
     present = [project.targets_folder] if TARGETS in stage.reads else []
     present += project.deck_files() if DECK in stage.reads else []
     info = project.info(folder)
-    model = info.get("config", {}).get("model", {})
-    labels = info.get("extra", {}).get("effects", model.get("effects", ()))
+    model = info.config.model
+    labels = info.extra.effects if "effects" in info.extra.model_fields_set else model.effects
     if "[diagnose]" in stage.reads or _has_own(labels):
         return changes(project, folder, tables=stage.tables, present=[*present, *project.effect_files()])
-    return changes(project, folder, tables=stage.tables, present=present, but=model.get("effect_files", ()))
+    return changes(project, folder, tables=stage.tables, present=present, but=model.effect_files)
 
 
 def _other_effects(project: Project, folder: Path) -> str:
     """How the effects that a run has left in the model differ from those of twin.toml; "" if they do not."""
-    path, now = folder / FIT, list(project.config.model.effects)
-    then = files.read_json(path).get("effects", now) if path.is_file() else now
+    path, now = folder / FIT, project.config.model.effects
+    if not path.is_file():
+        return ""
+    fit = files.read(FitRecord, path)
+    then = fit.effects if "effects" in fit.model_fields_set else now
     if then == now:
         return ""
     return f"its effects are {', '.join(then) or 'none'}, those of twin.toml {', '.join(now) or 'none'}"
@@ -60,12 +66,18 @@ def _has_own(labels: Sequence[str]) -> bool:
     from twin.effects.library import all_effects
 
     known = {e.name for e in all_effects()}
-    return any(label.partition(":")[0] not in known for label in labels)
+    return any(name_of(label) not in known for label in labels)
 
 
 def fresh(project: Project, kinds: tuple[str, ...], file: str = "run.json") -> Path | None:
     """The file of the newest done run of these kinds that has it and belongs to the present project."""
     return next(every_fresh(project, kinds, file), None)
+
+
+def newest(project: Project, record: type[Found], kinds: tuple[str, ...] = ()) -> Found | None:
+    """The record of the newest done run that has it and belongs to the present project."""
+    path = fresh(project, kinds or kinds_writing(record.file), record.file)
+    return files.read(record, path) if path else None
 
 
 def every_fresh(project: Project, kinds: tuple[str, ...], file: str) -> Iterator[Path]:
@@ -90,19 +102,16 @@ def newest_fit(project: Project) -> "Fit":
 
     ValueError names what is stale, or says to calibrate first.
     """
-    from calibrate import Fit
-
-    data = files.read_json(fit_file(project))
-    return Fit.from_dict({key: value for key, value in data.items() if key not in BESIDE})
+    return files.read(FitRecord, fit_file(project)).fit
 
 
 def fit_file(project: Project) -> Path:
     """The fit.json of `newest_fit`."""
-    wanted = list(project.config.model.effects)
+    wanted = project.config.model.effects
     refused, others = "", False
     for path in _having(project, kinds_writing(FIT), FIT):
-        data = files.read_json(path)
-        if data.get("effects") != wanted:
+        fit = files.read(FitRecord, path)
+        if "effects" not in fit.model_fields_set or fit.effects != wanted:
             others = True
             continue
         why = stale(project, path.parent)
@@ -111,7 +120,7 @@ def fit_file(project: Project) -> Path:
         refused = refused or f"fit of {project.shown(path.parent)} is stale: {why[0]}"
     if refused:
         raise ValueError(f"{refused}; {_way_out(wanted)}")
-    what = f"for effects {wanted}" if others else "in this project"
+    what = f"for effects {list(wanted)}" if others else "in this project"
     raise ValueError(f"no fit {what}; run twin calibrate" + (" or twin add" if others else ""))
 
 
@@ -121,11 +130,12 @@ def named_effects(project: Project) -> list[str]:
     if path is None:
         why = stale_sentences(project, ("diagnose",), "diagnosis.json")
         raise ValueError(f"{why[0] if why else 'no diagnosis yet'}; run twin diagnose, or name the effect")
-    named: list[str] = files.read_json(path)["named"]
-    return named
+    from twin.diagnosis.record import DiagnosisRecord
+
+    return list(files.read(DiagnosisRecord, path).named)
 
 
-def _way_out(effects: list[str]) -> str:
+def _way_out(effects: Sequence[str]) -> str:
     if not effects:
         return "run twin calibrate"
     again = ", ".join(f"twin add {name}" for name in effects)
@@ -139,5 +149,4 @@ def _having(project: Project, kinds: tuple[str, ...], file: str) -> list[Path]:
 
 
 def _is_done(project: Project, folder: Path) -> bool:
-    info: Any = project.info(folder)
-    return bool(info["status"] == "done")
+    return project.info(folder).status == "done"

@@ -2,8 +2,8 @@
 those of the other, and neither are the constants."""
 
 from hashlib import sha256
-from typing import Any
 
+from twin.judging.record import FitRecord
 from twin.project.dimensions import FingerTable
 from twin.project.folder import Project
 
@@ -41,11 +41,9 @@ def _shown(value: object) -> str:
     return "none" if value is None else f"{value:g}" if isinstance(value, float) else str(value)
 
 
-def other_effects(
-    a: Project, first: dict[str, Any], b: Project, second: dict[str, Any]
-) -> list[str]:
+def other_effects(a: Project, first: FitRecord, b: Project, second: FitRecord) -> list[str]:
     """What the models of two batches do not share, one sentence."""
-    ours, theirs = first.get("effects", []), second.get("effects", [])
+    ours, theirs = first.effects, second.effects
     if ours == theirs:
         return []
     return [f"The models differ: {a.root.name} has {', '.join(ours) or 'no effect'}, {b.root.name} "

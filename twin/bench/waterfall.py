@@ -1,34 +1,30 @@
 """How the error fell: nominal constants, calibrated, and every effect that was added or dropped since."""
 
-from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
 
 from twin.bench.fits import holds
 from twin.chain import FIT, kinds_writing
+from twin.effects.labels import name_of
+from twin.judging.record import ComparisonRecord, FitRecord
 from twin.project import files
 from twin.project.folder import Project, kind_of
+from twin.project.record import Maybe, Record
 
-COMPARISON = "comparison.json"
+COMPARISON = ComparisonRecord.file
 NOMINAL, CALIBRATED = "nominal constants", "calibrated"
 
 
-@dataclass(frozen=True, kw_only=True)
-class Stair:
+class Stair(Record):
     """One model on the way: what was done, its effects, its error and the noise in mm, whether it fits, and
     its run (none before the first fit)."""
 
     done: str
     effects: tuple[str, ...]
     rms_mm: float
-    raw_rms_mm: float | None
+    raw_rms_mm: Maybe
     noise_sd_mm: float
     adequate: bool
     run: str
-
-    def to_dict(self) -> dict[str, Any]:
-        """One row of `steps` in what --json prints."""
-        return asdict(self) | {"effects": list(self.effects)}
 
 
 def stairs(project: Project) -> tuple[Stair, ...]:
@@ -36,13 +32,19 @@ def stairs(project: Project) -> tuple[Stair, ...]:
     in a row that left the same effects the newest."""
     out: list[Stair] = []
     for folder in _runs(project):
-        fit, found = files.read_json(folder / FIT), files.read_json(folder / COMPARISON)
-        effects = tuple(fit.get("effects", ()))
+        fit = files.read(FitRecord, folder / FIT)
+        found, effects = files.read(ComparisonRecord, folder / COMPARISON), fit.effects
         if kind_of(folder) == "calibrate":
             out = _nominal(fit, found)
         elif out and out[-1].effects == effects:
             out.pop()
-        out.append(_stair(_done(out[-1].effects if out else (), effects), effects, found, folder.name))
+        done = _done(out[-1].effects if out else (), effects)
+        out.append(
+            Stair(
+                done=done, effects=effects, rms_mm=found.rms_mm, raw_rms_mm=found.raw_rms_mm,
+                noise_sd_mm=found.noise_sd_mm, adequate=found.adequate, run=folder.name,
+            )
+        )  # fmt: skip
     return tuple(out)
 
 
@@ -66,29 +68,21 @@ def _runs(project: Project) -> list[Path]:
     return []
 
 
-def _nominal(fit: dict[str, Any], found: dict[str, Any]) -> list[Stair]:
+def _nominal(fit: FitRecord, found: ComparisonRecord) -> list[Stair]:
     """The model before the calibration, where it was kept."""
-    initial = fit.get("initial")
-    if not initial or initial.get("rms_mm") is None:
+    if fit.initial is None or fit.initial.rms_mm is None:
         return []
     return [
         Stair(
-            done=NOMINAL, effects=(), rms_mm=initial["rms_mm"], raw_rms_mm=initial["raw_rms_mm"],
-            noise_sd_mm=found["noise_sd_mm"], adequate=False, run="",
+            done=NOMINAL, effects=(), rms_mm=fit.initial.rms_mm, raw_rms_mm=fit.initial.raw_rms_mm,
+            noise_sd_mm=found.noise_sd_mm, adequate=False, run="",
         )
     ]  # fmt: skip
-
-
-def _stair(done: str, effects: tuple[str, ...], found: dict[str, Any], run: str) -> Stair:
-    return Stair(
-        done=done, effects=effects, rms_mm=found["rms_mm"], raw_rms_mm=found.get("raw_rms_mm"),
-        noise_sd_mm=found["noise_sd_mm"], adequate=found["adequate"], run=run,
-    )  # fmt: skip
 
 
 def _done(before: tuple[str, ...], after: tuple[str, ...]) -> str:
     """What changed between two models, in words."""
     more, less = ([e for e in a if e not in b] for a, b in ((after, before), (before, after)))
-    widened = {e.partition(":")[0] for e in more} & {e.partition(":")[0] for e in less}
-    less = [e for e in less if e.partition(":")[0] not in widened]
+    widened = {name_of(e) for e in more} & {name_of(e) for e in less}
+    less = [e for e in less if name_of(e) not in widened]
     return " ".join([*(f"+ {e}" for e in more), *(f"- {e}" for e in less)]) or CALIBRATED

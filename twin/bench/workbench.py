@@ -23,7 +23,7 @@ from twin.model.discretisation import Discretisation, SolvedAt, discretisation_e
 from twin.model.prediction import Model
 from twin.model.structure import BuiltIn, Structure, of_deck, of_finger, weighed
 from twin.project.folder import Project, Say
-from twin.project.trust import check_programs
+from twin.project.trust import check_trusted, programs
 from twin.sanity import motion_fault, place_fault, rise_fault
 from twin.targets import Array, PointKind, Targets, as_position
 
@@ -167,7 +167,7 @@ def check_plausible(project: Project, targets: Targets, case: Case) -> None:
 
 def own_of(project: Project) -> tuple[Effect, ...]:
     """The effects of the project's own files. ValueError where one of them is not right, or not trusted."""
-    check_programs(project.root, project.config.model.effect_files)
+    check_trusted(project.root, programs(project.root, project.config.model.effect_files))
     return own_effects(project.root, project.config.model.effect_files)
 
 

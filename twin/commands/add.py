@@ -3,24 +3,40 @@
 from typing import Any
 
 from twin.bench.effectchange import change_effects
-from twin.bench.fits import fresh, named_effects
-from twin.bench.laws import law_of
-from twin.chain import kinds_writing
+from twin.bench.fits import named_effects, newest_fit
+from twin.bench.laws import Start, begun, laws_of, nominal
+from twin.bench.workbench import Workbench
+from twin.effects.labels import AND, name_of
+from twin.effects.protocol import Effect
 from twin.project.folder import Project, Say
 
 
 def run_add(project: Project, say: Say, *, name: str | None = None) -> dict[str, Any]:
     """The model with one more effect, in the law that the newest diagnosis kept: refitted and compared.
 
-    Without a name the effects are those that the newest diagnosis names together; where it names none,
-    nothing is added.
+    name: as a verdict names it, `creep` or `creep + gravity`. Without a name the effects are those that the
+    newest diagnosis names together; where it names none, nothing is added.
     """
-    names = [name] if name is not None else named_effects(project)
-    if not names:
+    text = AND.join(named_effects(project)) if name is None else name
+    if not text and name is None:
         say("The diagnosis names no effect: nothing is added.")
-        return {"stage": "add", "status": "skipped", "named": names}
-    laws = [law_of(project, one) for one in names]
-    chosen, start = [law for law, _ in laws], {k: x for _, values in laws for k, x in values.items()}
-    kept = [e for e in project.config.model.effects if e.partition(":")[0] not in {c.name for c in chosen}]
-    before = fresh(project, kinds_writing("comparison.json"), "comparison.json")
-    return change_effects(project, "add", (*kept, *(c.label for c in chosen)), start, say, before)
+        return {"stage": "add", "status": "skipped", "named": []}
+    chosen, start = laws_of(project, text, say)
+    bench = Workbench.of(project)
+    chosen, start = _placed(bench, chosen, start, say)
+    kept = [e for e in project.config.model.effects if name_of(e) not in {c.name for c in chosen}]
+    return change_effects(bench, "add", (*kept, *(c.label for c in chosen)), start, say)
+
+
+def _placed(
+    bench: Workbench, chosen: tuple[Effect, ...], start: Start, say: Say
+) -> tuple[tuple[Effect, ...], Start]:
+    """The effects, those of which it must be stated which (a marker and a time) where these data show them
+    most."""
+    model, out = bench.model(), []
+    for e in chosen:
+        if e.at(nominal(e, model.test), model.test) is not e:
+            e, own = begun(bench.judged_fit(model, newest_fit(bench.project), say), e)
+            start = {**own, **start}
+        out.append(e)
+    return tuple(out), start

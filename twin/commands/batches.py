@@ -13,8 +13,10 @@ from calibrate.randomeffects import LEAST, Newcomer, newcomer
 from calibrate.statistics import holm
 from twin.batches.order import Opened, batches_in
 from twin.batches.values import BatchValue, values_of
-from twin.bench.fits import fit_file, fresh
+from twin.bench.fits import fit_file, newest
 from twin.bench.othermodels import other_models
+from twin.diagnosis.record import NONE, DiagnosisRecord
+from twin.judging.record import FitRecord
 from twin.numerals import interval, short
 from twin.project import files
 from twin.project.folder import Project, Say
@@ -100,15 +102,12 @@ def batch_of(folder: Path, opened: Opened = Project.open) -> Batch:
     """What the newest runs of a project found; a project without a fit that holds says why."""
     try:
         project = opened(folder)
-        record = files.read_json(fit_file(project))
+        record = files.read(FitRecord, fit_file(project))
         values = values_of(record)
-    except (ValueError, KeyError) as error:
+    except ValueError as error:
         return Batch(name=folder.name, verdict="", effects=(), values=(), problem=str(error))
-    path = fresh(project, ("diagnose",), "diagnosis.json")
-    verdict = files.read_json(path)["verdict"] if path is not None else "not diagnosed"
-    return Batch(
-        name=folder.name, verdict=verdict, effects=tuple(record.get("effects", ())), values=values
-    )
+    verdict = (newest(project, DiagnosisRecord) or NONE).verdict
+    return Batch(name=folder.name, verdict=verdict, effects=record.effects, values=values)
 
 
 def drifts(batches: list[Batch]) -> tuple[list[Drift], list[str]]:
@@ -178,11 +177,12 @@ def _csv(batches: list[Batch]) -> str:
 def _page(title: str, batches: list[Batch], tested: list[Drift], lines: list[str]) -> str:
     """batches.html: what the tests say, the chart, the table."""
     from twin.drawing.driftchart import drift_chart  # loads matplotlib
-    from twin.report.tablepage import table_page
+    from twin.report.page import Picture, table_page
 
     courses = _courses(batches, tested)
-    chart = {"title": "Constants and effects over the batches,", "caption": CAPTION}
-    charts = [chart | {"svg": drift_chart([b.name for b in batches], courses)}] if courses else []
+    chart = drift_chart([b.name for b in batches], courses) if courses else ""
+    title_of = "Constants and effects over the batches,"
+    charts = [Picture(title=title_of, caption=CAPTION, svg=chart)] if chart else []
     headline, *others = lines or [f"{len(batches)} batches."]
     return table_page(
         title, headline=headline, sentences=others, pictures=charts,
@@ -226,8 +226,11 @@ def _cells(batch: Batch, tested: list[Drift], *, newest: bool) -> list[dict[str,
     changed = {d.name for d in tested if d.differs} if newest else set()
     if batch.problem:
         return [{"cells": [batch.name, "", "", "", "", batch.problem]}]
+    spans = ["–" if v.span is None else interval(*v.span) for v in batch.values]
     return [
-        {"cells": [batch.name, v.name, short(v.value), "–" if v.span is None else interval(
-            {"low": v.span[0], "high": v.span[1]}), v.unit, batch.verdict], "named": v.name in changed}
-        for v in batch.values
-    ]  # fmt: skip
+        {
+            "cells": [batch.name, v.name, short(v.value), span, v.unit, batch.verdict],
+            "named": v.name in changed,
+        }
+        for v, span in zip(batch.values, spans, strict=True)
+    ]

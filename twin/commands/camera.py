@@ -3,6 +3,7 @@
 from typing import TYPE_CHECKING, Any
 
 from twin.inputs.boardtimes import board_film, board_times
+from twin.inputs.camerarecord import CameraRecord, RigRecord
 from twin.project.folder import Project, Say
 
 if TYPE_CHECKING:  # vision takes a second to import: only the stages that measure pay for it
@@ -38,7 +39,7 @@ def run_camera(project: Project, say: Say) -> dict[str, Any]:
     with project.new_run("camera", **how) as run:
         camera = read_lens(project, table) if table.camera_file else calibrated(project, table)
         given = 0 if table.camera_file else len(board_images(project, table))
-        run.write_json("camera.json", camera.to_dict())
+        run.write(CameraRecord(**camera.to_dict()))
         run.summary.update(
             rms_px=camera.rms_px, images=camera.images, given=given, model=" ".join(camera.model),
             sd=dict(zip(PARAMETERS, camera.stdevs.tolist(), strict=True)), remarks=list(camera.remarks),
@@ -65,7 +66,7 @@ def _run_rig(project: Project, say: Say, how: dict[str, Any]) -> dict[str, Any]:
         cameras = [calibrated(project, table) for table in tables]
         rig = _joined(project, cameras)
         remarks = [f"{t.name}: {r}" for t, c in zip(tables, cameras, strict=True) for r in c.remarks]
-        run.write_json("rig.json", rig.to_dict())
+        run.write(RigRecord(**rig.to_dict()))
         run.summary.update(
             rms_px={t.name: c.rms_px for t, c in zip(tables, cameras, strict=True)},
             images={t.name: c.images for t, c in zip(tables, cameras, strict=True)},

@@ -9,6 +9,7 @@ from twin.bench.fits import fresh, named_effects
 from twin.chain import STAGES, TARGETS, Stage, When
 from twin.gauge.pressurelog import Log
 from twin.inputs.films import OneFilm, films_of
+from twin.inputs.foreign import import_targets, said_of_targets
 from twin.project.config import CameraTable
 from twin.project.folder import Project, Say
 from twin.targets import PointKind, TargetPoint, Targets
@@ -58,6 +59,8 @@ def _check_recorded(project: Project, say: Say) -> None:
     """Say what was read of the pressure log and seen in films that are not measured yet; ValueError where
     they are not right, or the log is shorter than the film."""
     pressure = project.config.pressure
+    if project.config.imported is not None and not project.targets_folder.is_dir():
+        say(f"{project.config.imported.file}: {said_of_targets(import_targets(project, say))}")
     if project.targets_folder.is_dir() or pressure is None or not project.config.cameras:
         return
     films = films_of(project)
@@ -139,16 +142,18 @@ def _check_finger(project: Project, say: Say) -> None:
 
 def _check_effects(project: Project) -> None:
     """Raise ValueError where an effect that twin.toml names is unknown, or one of its own files not right."""
-    named = (*project.config.model.effects, *project.config.diagnose.candidates)
-    if not named and not project.config.model.effect_files:
+    labels, sought = project.config.model.effects, project.config.diagnose.candidates
+    if not labels and not sought and not project.config.model.effect_files:
         return
     from twin.bench.workbench import own_of
     from twin.contract.promises import check_effect
-    from twin.effects.library import effect
+    from twin.effects.library import effect, effects_of
 
     own = own_of(project)
-    for label in named:
+    for label in labels:
         effect(label, own=own)
+    for text in sought:
+        effects_of(text, own=own)
     for sentence in (s for e in own for s in check_effect(e, solves=False)):
         raise ValueError(sentence)
 
@@ -160,6 +165,10 @@ def _missing_files(project: Project) -> list[str]:
         return [f"{deck} (model.deck)"]
     if project.targets_folder.is_dir():
         return []
+    if (stated := project.config.imported) is not None:
+        told = {"file": stated.file, "log": stated.log}
+        return [f"{path} (import.{key})" for key, path in told.items()
+                if path is not None and not project.path(path).exists()]  # fmt: skip
     if not project.config.cameras or project.config.pressure is None:
         return ["targets/targets.csv (there is no [[cameras]] to measure them with)"]
     missing = []
@@ -235,5 +244,6 @@ def _next(project: Project) -> str:
 
 def _ahead(project: Project) -> list[Stage]:
     """The stages that a project goes through: with targets there, those that come after them."""
-    last = [k for k, stage in enumerate(STAGES) if TARGETS in stage.writes][-1]
-    return list(STAGES[last + 1 :] if project.targets_folder.is_dir() else STAGES)
+    stages = [stage for stage in STAGES if project.config.cameras or stage.name != "camera"]
+    last = [k for k, stage in enumerate(stages) if TARGETS in stage.writes][-1]
+    return stages[last + 1 :] if project.targets_folder.is_dir() else stages

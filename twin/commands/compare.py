@@ -2,11 +2,11 @@
 
 from typing import Any
 
-from twin.bench.comparison import COMPARISON, write_comparison
+from twin.bench.comparison import Judgement, kept, write_comparison
 from twin.bench.fits import fit_file, newest_fit
-from twin.bench.judgements import Judgement, kept
 from twin.bench.workbench import Workbench
 from twin.judging.comparison import Comparison
+from twin.judging.record import ComparisonRecord, MapRow
 from twin.project import files
 from twin.project.folder import Project, Say
 
@@ -18,15 +18,16 @@ def run_compare(project: Project, say: Say) -> dict[str, Any]:
         model = bench.model()
         made = kept(file, fit, bench.targets) or Judgement.of(bench.judged_fit(model, fit, say))
         found = made.comparison
-        beside = files.read_json(file.with_name(COMPARISON)) if file.with_name(COMPARISON).is_file() else {}
-        write_comparison(run, made.predicted, found, beside.get("held_out", []))
+        beside = file.with_name(ComparisonRecord.file)
+        held = files.read(ComparisonRecord, beside).held_out if beside.is_file() else ()
+        write_comparison(run, made.predicted, found, held)
         for line in (*bench.remarks, model.extent, *_lines(found)):
             run.note(line)
     say(found.where)
     if made.crossed:
         say(f"{made.crossed}; the model knows no such contact.")
     say(f"Wrote {project.shown(run.folder)}/comparison.json, with tables by marker, pressure and direction.")
-    return {"stage": "compare", "run": run.name} | found.to_dict()
+    return {"stage": "compare", "run": run.name} | files.plain(found.record())
 
 
 def _lines(found: Comparison) -> list[str]:
@@ -34,5 +35,5 @@ def _lines(found: Comparison) -> list[str]:
     return [f"rms in mm by {kind}: {', '.join(map(_measured, rows))}" for kind, rows in found.maps.items()]
 
 
-def _measured(row: dict[str, Any]) -> str:
-    return f"{row['name']} {row['rms_mm']:.3f}" if row["count"] else f"{row['name']} nothing measured"
+def _measured(row: MapRow) -> str:
+    return f"{row.name} {row.rms_mm:.3f}" if row.count else f"{row.name} nothing measured"

@@ -7,12 +7,14 @@ from typing import Any
 from twin.batches.order import Opened
 from twin.batches.side import Laid, write_side_by_side
 from twin.batches.values import BatchChange, BatchValue, changes_of, values_of
-from twin.bench.fits import fit_file, fresh
+from twin.bench.fits import fit_file, newest
 from twin.bench.othermodels import other_effects, other_models
+from twin.diagnosis.record import NONE, DiagnosisRecord
+from twin.judging.record import ComparisonRecord, FitRecord
 from twin.numerals import interval, short
 from twin.project import files
 from twin.project.folder import Project, Say
-from twin.report.tablepage import table_page
+from twin.report.page import Picture, table_page
 
 SHOWN = {"overlay.png": "the film with its markers", "deformed.png": "the model at the highest pressure"}
 
@@ -26,7 +28,7 @@ def run_side_by_side(two: Sequence[Path], say: Say, *, opened: Opened = Project.
         )
     a, b = (side_of(path, opened) for path in two)
     changes = changes_of(a.values, b.values)
-    effects = other_effects(a.project, dict(a.record), b.project, dict(b.record))
+    effects = other_effects(a.project, a.record, b.project, b.record)
     said = [*other_models(a.project, b.project), *(c.words for c in changes), *effects]
     page = Path(f"compare-{_plain(a.name)}-{_plain(b.name)}.html")
     replaced = " in place of the former one" if page.exists() else ""
@@ -60,12 +62,11 @@ def side_of(path: Path, opened: Opened = Project.open) -> Laid:
     else:
         raise ValueError(f"{path}: neither a project nor a run with a fit.json; wanted for example batch-07 "
                          "or batch-07/runs/0003-calibrate")  # fmt: skip
-    record = files.read_json(file)
-    compared, diagnosed = file.with_name("comparison.json"), fresh(project, ("diagnose",), "diagnosis.json")
+    record, compared = files.read(FitRecord, file), file.with_name(ComparisonRecord.file)
     return Laid(
         name=name, project=project, record=record, values=values_of(record),
-        comparison=files.read_json(compared) if compared.is_file() else {},
-        verdict=files.read_json(diagnosed)["verdict"] if diagnosed else "not diagnosed",
+        comparison=files.read(ComparisonRecord, compared) if compared.is_file() else None,
+        verdict=(newest(project, DiagnosisRecord) or NONE).verdict,
         run=None if name == folder.name else folder,
     )  # fmt: skip
 
@@ -97,7 +98,7 @@ def _constants(a: Laid, b: Laid, changed: set[str]) -> dict[str, Any]:
 def _cell(v: BatchValue | None) -> str:
     if v is None:
         return "–"
-    span = "no interval" if v.span is None else interval({"low": v.span[0], "high": v.span[1]})
+    span = "no interval" if v.span is None else interval(*v.span)
     return f"{v.value:.4g} ({span})"
 
 
@@ -106,9 +107,9 @@ def _fits(a: Laid, b: Laid) -> dict[str, Any]:
     both = (a, b)
     rows: list[list[str]] = [
         ["verdict", *(s.verdict for s in both)],
-        ["effects in the model", *(", ".join(s.record.get("effects", [])) or "none" for s in both)],
-        ["error, RMS mm", *(short(s.comparison.get("rms_mm")) for s in both)],
-        ["noise, mm", *(short(s.comparison.get("noise_sd_mm")) for s in both)],
+        ["effects in the model", *(", ".join(s.record.effects) or "none" for s in both)],
+        ["error, RMS mm", *(short(s.comparison and s.comparison.rms_mm) for s in both)],
+        ["noise, mm", *(short(s.comparison and s.comparison.noise_sd_mm) for s in both)],
     ]
     cells = [{"cells": row} for row in rows]
     return {"title": "How well it fits", "head": ["", a.name, b.name], "rows": cells}
@@ -116,17 +117,17 @@ def _fits(a: Laid, b: Laid) -> dict[str, Any]:
 
 def _maps(a: Laid, b: Laid, kind: str) -> dict[str, Any]:
     """The error by marker or branch on both sides."""
-    own = [{r["name"]: r["rms_mm"] for r in s.comparison.get("maps", {}).get(kind, [])} for s in (a, b)]
+    maps = [s.comparison.maps if s.comparison else {} for s in (a, b)]
+    own = [{row.name: row.rms_mm for row in every.get(kind, ())} for every in maps]
     names = list(dict.fromkeys([*own[0], *own[1]]))
     rows = [{"cells": [name, *(short(side.get(name)) for side in own)]} for name in names]
     return {"title": f"Error by {kind}, RMS mm", "head": ["", a.name, b.name], "rows": rows}
 
 
-def _pictures(a: Laid, b: Laid, file: str, what: str) -> list[dict[str, Any]]:
+def _pictures(a: Laid, b: Laid, file: str, what: str) -> list[Picture]:
     """A picture of both, beside each other."""
     found = [(s.name, s.project.newest(None, file)) for s in (a, b)]
-    return [{"title": f"{name}:", "caption": what, "half": True, "png": path} for name, path in found
-            if path is not None]  # fmt: skip
+    return [Picture(title=f"{name}:", caption=what, half=True, png=path) for name, path in found if path]
 
 
 def _plain(name: str) -> str:

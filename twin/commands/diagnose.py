@@ -1,21 +1,23 @@
 """The diagnose stage: which physical effect the model lacks, and what these data cannot tell."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 from twin.bench.comparison import foretold, write_prediction
-from twin.bench.evidence import write_evidence
 from twin.bench.fits import newest_fit
 from twin.bench.workbench import Workbench, own_of
 from twin.diagnosis.candidates import Candidate, Refit
 from twin.diagnosis.explanation import Explanation, explained
 from twin.diagnosis.procedure import diagnose
+from twin.diagnosis.record import DiagnosisRecord, ForetoldFilm
 from twin.diagnosis.verdicts import Diagnosis
-from twin.effects.library import all_effects, effect
+from twin.effects.labels import name_of
+from twin.effects.library import all_effects, effects_of
 from twin.effects.protocol import Effect
 from twin.judging.intervals import fit_record
 from twin.judging.judged import Judged
 from twin.parallel import WORKERS
+from twin.project import files
 from twin.project.folder import Project, Run, Say
 
 TOP = 3  # effects of the ranking that are said; all stand in diagnosis.json
@@ -25,8 +27,6 @@ def run_diagnose(project: Project, say: Say) -> dict[str, Any]:
     """Which effect of the library the data ask for, and what they cannot tell."""
     bench, fit = Workbench.of(project), newest_fit(project)
     seed = project.config.diagnose.seed
-    shown: list[Explanation] = []
-    after: list[Judged] = []
     with project.new_run("diagnose", seed=seed) as run:
         model = bench.on_mesh(bench.model(), fit.theta, say)
         found = diagnose(
@@ -35,14 +35,15 @@ def run_diagnose(project: Project, say: Say) -> dict[str, Any]:
             bench.targets,
             seed=seed,
             start=fit,
-            settle=lambda found: _settled(bench, found, say, shown, after),
             workers=WORKERS,
             progress=say.progress,
         )
-        held = _held_out(bench, found, after)
-        _write(run, project, found, held)
-        for explanation in shown:
-            write_evidence(run, explanation)
+        settled = _settled(bench, found, say)
+        found, held = settled.diagnosis, _held_out(bench, settled)
+        record = DiagnosisRecord.of(found, held)
+        _write(run, project, found, record)
+        if settled.explanation is not None:
+            settled.explanation.write(run)
         for line in (model.extent, *map(_row, found.ranking)):
             run.note(line)
     say(f"Verdict: {found.verdict}")
@@ -56,78 +57,80 @@ def run_diagnose(project: Project, say: Say) -> dict[str, Any]:
     if found.next_test:
         say(f"Next test: {found.next_test}.")
     say(f"Wrote {project.shown(run.folder)}/diagnosis.json")
-    return {"stage": "diagnose", "run": run.name} | found.to_dict() | {"held_out": held}
+    return {"stage": "diagnose", "run": run.name} | files.plain(record)
 
 
-def _held_out(bench: Workbench, found: Diagnosis, after: list[Judged]) -> list[dict[str, Any]]:
+@dataclass(frozen=True)
+class Settled:
+    """A diagnosis with the fit that `twin add` gives of what it names; that fit, and its evidence: both
+    None where nothing is named."""
+
+    diagnosis: Diagnosis
+    judged: Judged | None = None
+    explanation: Explanation | None = None
+
+
+def _held_out(bench: Workbench, settled: Settled) -> list[ForetoldFilm]:
     """A row a film that no fit has seen: its error before and after the named effect, mm, and their ratio."""
-    if found.base is None:
+    if settled.diagnosis.base is None:
         return []
-    before = foretold(bench, found.base)
-    then = foretold(bench, after[-1]) if after else [None] * len(before)
-    return [
-        {"film": a["film"], "before": a, "after": b, "ratio": a["rms_mm"] / b["rms_mm"] if b else None}
-        for a, b in zip(before, then, strict=True)
-    ]
+    before = foretold(bench, settled.diagnosis.base)
+    then = foretold(bench, settled.judged) if settled.judged else [None] * len(before)
+    return [ForetoldFilm.of(a, b) for a, b in zip(before, then, strict=True)]
 
 
-def _foretold(row: dict[str, Any]) -> str:
+def _foretold(row: ForetoldFilm) -> str:
     """The error in a held-out film before and after, in words."""
-    before, after = row["before"], row["after"]
-    then = f", {after['rms_mm']:.3f} mm with the named effect" if after else ""
-    return (
-        f"Held out, {row['film']}: {before['rms_mm']:.3f} mm rms{then}; its noise is "
-        f"{before['noise_sd_mm']:.3f} mm."
-    )
+    before, after = row.before, row.after
+    then = f", {after.rms_mm:.3f} mm with the named effect" if after else ""
+    noise = f"its noise is {before.noise_sd_mm:.3f} mm"
+    return f"Held out, {row.film}: {before.rms_mm:.3f} mm rms{then}; {noise}."
 
 
 def _candidates(project: Project) -> tuple[Effect, ...]:
     """The effects that twin.toml names, or the whole library; those of the project's own files always."""
     own = own_of(project)
-    named = [effect(label, own=own) for label in project.config.diagnose.candidates] or all_effects()
+    named = [
+        e for text in project.config.diagnose.candidates for g in effects_of(text, own=own) for e in g
+    ] or all_effects()
     return (*named, *(e for e in own if e.name not in [n.name for n in named]))
 
 
-def _settled(
-    bench: Workbench, found: Diagnosis, say: Say, shown: list[Explanation], after: list[Judged]
-) -> Diagnosis:
-    """The diagnosis with the fit that `twin add` gives of what it names, of a new model, from the same start;
-    with the evidence for it, which goes into `shown`, and that fit into `after`."""
-    assert found.kept is not None
-    assert found.base is not None
+def _settled(bench: Workbench, found: Diagnosis, say: Say) -> Settled:
+    """The diagnosis with the fit of a new model, from the same start as that of the refit."""
+    if found.kept is None or found.base is None:
+        return Settled(found)
     labels = [e.label for e in found.effects]
-    names = [label.partition(":")[0] for label in labels]
-    others = [e for e in bench.project.config.model.effects if e.partition(":")[0] not in names]
+    names = [name_of(label) for label in labels]
+    others = [e for e in bench.project.config.model.effects if name_of(e) not in names]
     model = bench.model((*others, *labels))
     judged = bench.judged(model, model.theta(found.kept.values), say)
-    after.append(judged)
     single = next((c for c in found.ranking if c.effect.label == labels[0]), None)
-    own = [c.members for c in found.classes if c.effect.partition(":")[0] in names]
+    own = [c.members for c in found.classes if name_of(c.effect) in names]
     explanation = explained(
         found.effects,
         before=found.base,
         after=judged,
         targets=bench.targets,
         evidence=single.evidence if single is not None and len(labels) == 1 else None,
-        rivals=[pair for members in own for pair in members.items() if pair[0] not in labels],
+        mimics=[pair for members in own for pair in members.items() if pair[0] not in labels],
     )
-    shown.append(explanation)
     kept = Refit.of(judged)
     rows = tuple(replace(c, refit=kept) if [c.effect.label] == labels else c for c in found.ranking)
     settled = replace(found, kept=kept, start=found.kept.values, ranking=rows)
-    return replace(settled, evidence=explanation.to_dict())
+    return Settled(replace(settled, evidence=explanation.record), judged, explanation)
 
 
-def _write(run: Run, project: Project, found: Diagnosis, held: list[dict[str, Any]]) -> None:
+def _write(run: Run, project: Project, found: Diagnosis, record: DiagnosisRecord) -> None:
     """Write diagnosis.json, the base model's prediction.npz and, of the kept effects, kept.json."""
-    run.write_json("diagnosis.json", found.to_dict() | {"held_out": held})
+    run.write(record)
     run.summary["headline"] = found.verdict
     if found.base is not None:
         write_prediction(run, found.base.predicted, found.base.comparison)
     if found.kept is not None:
         effects = [*project.config.model.effects, *(e.label for e in found.effects)]
-        record = fit_record(found.kept.fit, found.kept.comparison)
-        run.write_json("kept.json", record | {"effects": effects, "start": found.start})
+        kept = found.kept
+        run.write(fit_record(kept.fit, kept.comparison, effects=effects, start=found.start), "kept.json")
 
 
 def _score(c: Candidate) -> str:

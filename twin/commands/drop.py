@@ -3,18 +3,20 @@
 from typing import Any
 
 from twin.bench.effectchange import change_effects
-from twin.bench.fits import fresh
-from twin.chain import kinds_writing
+from twin.bench.laws import named_effect
+from twin.bench.workbench import Workbench
+from twin.effects.labels import groups, name_of
 from twin.project.folder import Project, Say
 
 
 def run_drop(project: Project, say: Say, *, name: str) -> dict[str, Any]:
-    """The model without one of its effects: refitted and compared."""
-    left = tuple(e for e in project.config.model.effects if e.partition(":")[0] != name.partition(":")[0])
-    if len(left) == len(project.config.model.effects):
-        raise ValueError(
-            f"effect {name!r} is not in the model, which has "
-            f"{', '.join(project.config.model.effects) or 'none'}"
-        )
-    before = fresh(project, kinds_writing("comparison.json"), "comparison.json")
-    return change_effects(project, "drop", left, {}, say, before)
+    """The model without one of its effects, or without those that a verdict names together: refitted and
+    compared."""
+    labels = project.config.model.effects
+    present = {name_of(label) for label in labels}
+    named = [{name_of(x) for x in group} for group in groups(named_effect(project, name))]
+    gone = next((names for names in named if names <= present), None)
+    if gone is None:
+        raise ValueError(f"effect {name!r} is not in the model, which has {', '.join(labels) or 'none'}")
+    left = tuple(label for label in labels if name_of(label) not in gone)
+    return change_effects(Workbench.of(project), "drop", left, {}, say)

@@ -6,7 +6,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from fe.mesh.finger import NAMED_NODES
-from twin.inputs.foreign import Foreign, import_targets, source_of
+from twin.formats.catalogue import format_of, read_recorded
+from twin.formats.recorded import plain
 from twin.project import files
 from twin.project.config import (
     BoardTable,
@@ -14,6 +15,7 @@ from twin.project.config import (
     CameraTable,
     Config,
     FrameTable,
+    ImportTable,
     MarkerTable,
     PointTable,
     PressureTable,
@@ -21,7 +23,6 @@ from twin.project.config import (
 )
 from twin.project.folder import Say
 from twin.project.targetfiles import read_targets
-from twin.project.targetwriting import write_targets
 from twin.project.toml import dump
 from twin.targets import PointKind, Targets
 
@@ -30,47 +31,111 @@ if TYPE_CHECKING:
 
 
 def run_init(
-    folder: Path, say: Say, *, targets: Path | None, nodes: Sequence[str], deck: Path | None = None,
-    density_kg_m3: float | None = None, foreign: Foreign | None = None,
+    folder: Path, say: Say, *, targets: Path | None = None, form: str | None = None,
+    nodes: Sequence[str] = (), deck: Path | None = None, like: Path | None = None,
+    density_kg_m3: float | None = None,
 ) -> dict[str, Any]:
-    """Make a folder with a complete twin.toml; `targets` (a folder) and `deck` are checked and copied.
+    """Make a folder with a complete twin.toml; `targets` and `deck` are checked and copied.
 
+    targets: a folder with targets.csv, or the file or folder of another program, which `twin measure` turns
+    into targets; form: its format, else the one that it shows.
     nodes: NAME=LABEL or NAME=X,Y,Z (mm) of the points; all of them where a deck takes the place of the
-    built-in finger.
-    density_kg_m3: of a silicone that was weighed.   foreign: `targets` is a file of another program.
+    built-in finger.   like: a former batch, whose twin.toml is copied instead.
+    density_kg_m3: of a silicone that was weighed.
     """
-    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-        raise ValueError(
-            f"{folder} is there already and is never overwritten; name a folder that does not exist"
-        )
+    if like is not None:
+        from twin.commands.initlike import run_init_like
+
+        if targets or nodes or deck or form:
+            raise ValueError("--like copies points and mesh of the former batch; leave out --targets, "
+                             "--format, --node and --deck")  # fmt: skip
+        return run_init_like(folder, say, like=like)
+    if form is not None and targets is None:
+        raise ValueError("--format without --targets: name the file that the other program wrote")
     told = {point.name: point for point in map(_point, nodes)}
-    labels = {name: point.node for name, point in told.items() if point.node is not None}
     known = {} if deck is not None else {n: PointTable(name=n, node=k) for n, k in NAMED_NODES.items()}
     own = None if deck is None else _own_mesh(deck, told, ask=targets is None)
-    files_of = () if own is None else own.files
-    given, name = _given(targets, labels, foreign, say), folder.resolve().name
-    config = (
-        film_config(name, known | told) if given is None else targets_config(name, given, known | told)
-    )
-    _check_points(config, own, say)
-    known_of_it = {"deck": f"raw/{deck.name}" if deck else None, "density_kg_m3": density_kg_m3}
-    model = config.model.model_copy(update={k: v for k, v in known_of_it.items() if v is not None})
-    config = config.model_copy(update={"model": model})
-    root = folder.resolve()
-    with files.whole_folder(root) as draft:
+    name = folder.resolve().name
+    wanted: dict[str, str] = {}
+    if targets is None:
+        config = film_config(name, known | told)
+    elif form is None and (targets / "targets.csv").is_file():
+        config = targets_config(name, _read(targets, told), known | told)
+    else:
+        config, wanted = import_config(name, targets, form or format_of(targets), known=known, told=told)
+    if config.imported is None or own is not None:  # else the finger's dimensions are still to be stated
+        _check_points(config, own, say)
+    model = {"deck": f"raw/{deck.name}" if deck else None, "density_kg_m3": density_kg_m3}
+    stated = {key: value for key, value in model.items() if value is not None}
+    config = config.model_copy(update={"model": config.model.model_copy(update=stated)})
+    with files.whole_folder(folder.resolve()) as draft:
         files.write_text(draft / "twin.toml", dump(config))
-        if targets is None or given is None:
-            (draft / "raw" / "boards").mkdir(parents=True)
-        elif foreign is not None:
-            write_targets(draft / "targets", given, source=source_of(targets, foreign))
-        else:
-            _copy_targets(targets, draft / "targets")
-        for file in files_of:
-            place = draft / "raw" / file.relative_to(files_of[0].parent)
-            place.parent.mkdir(parents=True, exist_ok=True)
-            shutil.copy2(file, place)
-    say(f"Wrote {folder / 'twin.toml'}. Next: `twin check --project {folder}` says what is still missing.")
-    return {"stage": "init", "status": "done", "project": str(folder)}
+        _fill(draft, config, targets, () if own is None else own.files)
+    _say_next(folder, config, wanted, say)
+    return {"stage": "init", "status": "done", "project": str(folder), "wanted": list(wanted)}
+
+
+def _read(targets: Path, told: Mapping[str, PointTable]) -> Targets:
+    """The targets of a folder, at the nodes that were named."""
+    return read_targets(targets, nodes={n: point.node for n, point in told.items() if point.node is not None})
+
+
+def _fill(draft: Path, config: Config, targets: Path | None, deck: Sequence[Path]) -> None:
+    """Copy targets, another program's file and deck into a project; one for a film gets empty folders."""
+    if targets is None:
+        (draft / "raw" / "boards").mkdir(parents=True)
+    elif config.imported is None:
+        _copy_targets(targets, draft / "targets")
+    else:
+        place = draft / config.imported.file
+        place.parent.mkdir()
+        shutil.copytree(targets, place) if targets.is_dir() else shutil.copy2(targets, place)
+    for file in deck:
+        place = draft / "raw" / file.relative_to(deck[0].parent)
+        place.parent.mkdir(parents=True, exist_ok=True)
+        shutil.copy2(file, place)
+
+
+def _say_next(folder: Path, config: Config, wanted: Mapping[str, str], say: Say) -> None:
+    """Say what was written, what the user has to state in it, and the next command."""
+    say(f"Wrote {folder / 'twin.toml'}.")
+    if config.imported is None:
+        say(f"Next: `twin check --project {folder}` says what is still missing.")
+        return
+    if wanted:
+        say(f"{config.imported.file} does not say all. State under [import] of twin.toml:")
+    for key, what in wanted.items():
+        say(f"  {key}: {what}.")
+    say(f"Next: `twin measure --project {folder}` makes the targets of it.")
+
+
+def import_config(
+    name: str, targets: Path, form: str, *, known: Mapping[str, PointTable], told: Mapping[str, PointTable]
+) -> tuple[Config, dict[str, str]]:
+    """A configuration for another program's file, and the keys of [import] that are still to be stated, each
+    with what it has to say. ValueError where the file is not right, or has no point whose place is stated.
+
+    known: the points that the file may have.   told: those that it must have.
+    """
+    from twin.formats.supplied import still_wanted
+
+    found = read_recorded(targets, form)
+    told = {plain(p.name): p.model_copy(update={"name": plain(p.name)}) for p in told.values()}
+    listed = ", ".join(found.names[:12])
+    if missing := [p for p in told if p not in found.names]:
+        raise ValueError(f"--node {missing[0]}: not in the file, which has {listed}; correct the name")
+    points = tuple(p for p in ({**known, **told}).values() if p.name in found.names)
+    if not points:
+        raise ValueError(
+            f"no point has a place on the finger; wanted --node NAME=LABEL or --node NAME=X,Y,Z in mm for "
+            f"those that do: the file has {listed}"
+        )
+    stated = ImportTable(file=f"raw/{targets.name}", format=form, axes=found.axes or None)  # type: ignore[arg-type]
+    objective = _objective(tuple(p.name for p in points))
+    config = Config(
+        project=ProjectTable(name=name), points=points, calibrate=CalibrateTable(objective_points=objective)
+    )
+    return config.model_copy(update={"imported": stated}), still_wanted(found, stated)
 
 
 def _check_points(config: Config, deck: "Deck | None", say: Say) -> None:
@@ -90,24 +155,6 @@ def _check_points(config: Config, deck: "Deck | None", say: Say) -> None:
     else:
         return
     check_points([point for point in config.points if point.node is not None], structure)
-
-
-def _given(
-    targets: Path | None, nodes: Mapping[str, int], foreign: Foreign | None, say: Say
-) -> Targets | None:
-    """The targets in a folder, or those of another program's file. ValueError where they are not right."""
-    if targets is None:
-        if foreign is not None:
-            raise ValueError("--format without --targets: name the file that the other program wrote")
-        return None
-    if foreign is not None:
-        return import_targets(targets, foreign, nodes=nodes, say=say)
-    if targets.is_file():
-        raise ValueError(
-            f"--targets {targets} is a file: wanted a folder with targets.csv, or --format with the name of "
-            "the program that wrote it"
-        )
-    return read_targets(targets, nodes=nodes)
 
 
 def targets_config(name: str, targets: Targets, stated: Mapping[str, PointTable]) -> Config:

@@ -9,7 +9,7 @@ from twin.batches.former import calibration_files, camera_kept
 from twin.inputs.cameras import dictionary_files
 from twin.project import files
 from twin.project.folder import Project, Say
-from twin.project.toml import decoded, with_key
+from twin.project.toml import decoded, with_key, write
 
 
 def run_init_like(folder: Path, say: Say, *, like: Path) -> dict[str, Any]:
@@ -19,16 +19,12 @@ def run_init_like(folder: Path, say: Say, *, like: Path) -> dict[str, Any]:
     and targets belong to one batch: they are not copied, and no effect is in the model yet.
     """
     former = Project.open(like)
-    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-        raise ValueError(
-            f"{folder} is there already and is never overwritten; name a folder that does not exist"
-        )
     root = folder.resolve()
     text = decoded((former.root / "twin.toml").read_bytes())
     for key, value in {"name": root.name, "like": _way(root, former.root)}.items():
         text = with_key(text, "project", key, value)
     with files.whole_folder(root) as draft:
-        files.write_text(draft / "twin.toml", with_key(text, "model", "effects", []))
+        write(draft / "twin.toml", with_key(text, "model", "effects", []))
         (draft / "raw").mkdir()
         for file in _shared(former):
             place = draft / file.relative_to(former.root)
@@ -56,6 +52,8 @@ def _shared(former: Project) -> list[Path]:
 def _wanted(former: Project) -> list[str]:
     """What the user has to bring, one sentence each."""
     cameras, log = former.config.cameras, former.config.pressure
+    if (foreign := former.config.imported) is not None:
+        return [f"Put {', '.join(filter(None, (foreign.file, foreign.log)))} there."]
     if not cameras or log is None:
         return ["Put the batch's displacements into targets/."]
     several = former.config.films

@@ -5,6 +5,7 @@ from typing import Any
 
 from twin.bench.fits import stale
 from twin.project.folder import Project, Say
+from twin.project.record import RunRecord
 
 
 def run_list(project: Project, say: Say) -> dict[str, Any]:
@@ -21,11 +22,10 @@ def run_list(project: Project, say: Say) -> dict[str, Any]:
     return {"stage": "list", "runs": rows}
 
 
-def _row(info: Mapping[str, Any]) -> dict[str, Any]:
+def _row(info: RunRecord) -> dict[str, Any]:
     return {
-        "status": info["status"], "started": (info.get("started") or [""])[-1][:19],
-        "seconds": info.get("seconds"),
-        "headline": info.get("summary", {}).get("headline", ""),
+        "status": info.status, "started": (info.started or ("",))[-1][:19], "seconds": info.seconds,
+        "headline": info.summary.headline,
     }  # fmt: skip
 
 

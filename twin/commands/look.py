@@ -12,8 +12,8 @@ from twin.bench.positions import one_side, places_of, position_of
 from twin.bench.workbench import structure_of
 from twin.drawing.blueprint import dimensioned
 from twin.drawing.meshpictures import labelled, shapes
-from twin.drawing.undeformed import write_undeformed
 from twin.project.folder import Project, Say
+from twin.review.undeformed import write_undeformed
 
 
 def run_look(project: Project, say: Say, *, at: Sequence[str] = ()) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""Turn film, static film and pressure log into displacement targets."""
+"""Turn film, static film and pressure log, or a file of another program, into displacement targets."""
 
 import os
 import shutil
@@ -18,6 +18,7 @@ from twin.gauge.ways import joining_of
 from twin.inputs.cameras import camera_path, camera_table, dictionary_name, lens_of, result_of
 from twin.inputs.films import FILM, FilmTargets, OneFilm, all_inputs, films_of, joined
 from twin.inputs.filmtargets import make_targets
+from twin.inputs.foreign import import_inputs, import_targets
 from twin.inputs.recordings import (
     face_of,
     log_of,
@@ -29,6 +30,7 @@ from twin.inputs.recordings import (
 )
 from twin.project import files
 from twin.project.folder import Project, Run, Say
+from twin.project.record import SourceFilm, SourceRecord
 from twin.project.targetfiles import read_targets
 from twin.project.targetwriting import write_targets
 from twin.targets import Targets
@@ -83,6 +85,11 @@ def run_measure(project: Project, say: Say, *, replace: bool = False, budget: bo
     as targets-0001, -0002, ... With `budget` the table of what the uncertainty is made of is said.
     """
     result = _measured(project, say, replace)
+    if budget and project.config.imported is not None:
+        raise ValueError(
+            "--budget: the targets come from another program's file, which does not say what its error is "
+            "made of; leave it out"
+        )
     if budget:
         result["budget"] = _say_budget(project.path(result["run"]) / "budget.csv", say)
         for sentence in result.get("coding", []):
@@ -91,13 +98,11 @@ def run_measure(project: Project, say: Say, *, replace: bool = False, budget: bo
 
 
 def _measured(project: Project, say: Say, replace: bool) -> dict[str, Any]:
-    camera = camera_path(project)
-    how = all_inputs(project, camera)
-    done, killed, owner = (
-        project.done("measure", **how),
-        project.killed("measure", **how),
-        _measured_by(project),
-    )
+    foreign = project.config.imported is not None
+    camera = Path() if foreign else camera_path(project)
+    how = import_inputs(project) if foreign else all_inputs(project, camera)
+    done, killed = project.done("measure", **how), project.killed("measure", **how)
+    owner = project.source().run
     if done is not None and owner == done.name:
         say(f"Already done in {project.shown(done)}, and targets/ is there: skipped.")
         return result_of(project, "measure", done, skipped=True)
@@ -108,17 +113,30 @@ def _measured(project: Project, say: Say, replace: bool) -> dict[str, Any]:
         )
     each = [(film, _one_film(film.project, camera, say, film.name)) for film in films_of(project)]
     with project.new_run("measure", **how) as run:
-        if each:
-            targets, source = _joint(project, run, each)
+        source = SourceRecord(run=run.name)
+        if foreign:
+            targets = _from_foreign(project, say, run)
+        elif each:
+            targets, told = _joint(project, run, each)
+            source = SourceRecord(run=run.name, films=told)
         else:
-            targets, source = _from_film(project, camera, say, run), {}
+            targets = _from_film(project, camera, say, run)
         _put_aside(project, say)
-        write_targets(project.targets_folder, targets, source={"run": run.name, **source})
+        write_targets(project.targets_folder, targets, source=source)
         FollowedFiles(run.folder).remove()
     for sentence in run.summary["remarks"]:
         say(sentence)
-    say(f"{_headline(targets)} Wrote targets/ and {project.shown(run.folder)}/tracks.npz.")
+    tracks = "" if foreign else f" and {project.shown(run.folder)}/tracks.npz"
+    say(f"{_headline(targets)} Wrote targets/{tracks}.")
     return result_of(project, "measure", run.folder)
+
+
+def _from_foreign(project: Project, say: Say, run: Run) -> Targets:
+    """The targets of another program's file."""
+    targets = import_targets(project, say)
+    _check_motion(project, targets)
+    run.summary.update(_counts(targets) | {"remarks": []})
+    return targets
 
 
 def _from_film(project: Project, camera: Path, say: Say, run: Run) -> Targets:
@@ -130,7 +148,7 @@ def _from_film(project: Project, camera: Path, say: Say, run: Run) -> Targets:
     run.write_bytes("overlay.png", _overlay(project, moved))
     run.write_text("budget.csv", _budget_csv(moved, targets))
     _write_strain(run, moved, lens_of(project, camera_table(project)).size)
-    run.summary.update(_summary(targets, found) | {"headline": _headline(targets)})
+    run.summary.update(_summary(targets, found))
     run.summary["coding"] = list(moved.coding)
     for sentence in (*moved.notes, *moved.coding):
         run.note(sentence)
@@ -159,7 +177,7 @@ def _one_film(project: Project, camera: Path, say: Say, name: str) -> Path:
 
 def _joint(
     project: Project, run: Run, each: Sequence[tuple[OneFilm, Path]]
-) -> tuple[Targets, dict[str, Any]]:
+) -> tuple[Targets, tuple[SourceFilm, ...]]:
     """The targets of all films, and where they come from; the pictures of the first are in this run too."""
     films = [FilmTargets.of(film, read_targets(folder / "targets", nodes=project.config.nodes))
              for film, folder in each]  # fmt: skip
@@ -170,16 +188,13 @@ def _joint(
     run.write_text("budget.csv", (first / "budget.csv").read_text(encoding="utf-8"))
     if (first / "strain.npz").is_file():
         run.write_npz("strain.npz", files.read_npz(first / "strain.npz"))
-    summaries = [project.info(folder).get("summary", {}) for _, folder in each]
-    told = [row | {"run": folder.name} for row, (_, folder) in zip(rows, each, strict=True)]
-    run.summary.update(
-        {
-            "steps": len(targets.time), "points": len(targets.names), "valid": int(targets.valid.sum()),
-            "modes": len(targets.mode_names), "headline": _headline(targets), "remarks": [],
-            "films": [row | own for row, own in zip(told, summaries, strict=True)],
-        }
-    )  # fmt: skip
-    return targets, {"films": told}
+    summaries = [files.plain(project.info(folder).summary) for _, folder in each]
+    told = tuple(
+        row.model_copy(update={"run": folder.name}) for row, (_, folder) in zip(rows, each, strict=True)
+    )
+    films = [files.plain(row) | own for row, own in zip(told, summaries, strict=True)]
+    run.summary.update(_counts(targets) | {"remarks": [], "films": films})
+    return targets, told
 
 
 def _check_motion(project: Project, targets: Targets) -> None:
@@ -238,12 +253,6 @@ def _motion(moved: "Displacements", most: int) -> Motion:
         np.where(seen, mm, np.nan)[even],
         float(np.nanmean(moved.noise.sd[finger])),
     )
-
-
-def _measured_by(project: Project) -> str | None:
-    """The run that targets/ comes from, None if there is no targets/ or it was measured elsewhere."""
-    path = project.targets_folder / "source.json"
-    return files.read_json(path).get("run") if path.exists() else None
 
 
 def _tracks(moved: "Displacements") -> dict[str, NDArray[Any]]:
@@ -328,15 +337,21 @@ def _say_budget(path: Path, say: Say) -> dict[str, Any]:
     }
 
 
+def _counts(targets: Targets) -> dict[str, Any]:
+    """How much was measured, and its headline."""
+    return {
+        "steps": len(targets.time), "points": len(targets.names), "valid": int(targets.valid.sum()),
+        "modes": len(targets.mode_names), "headline": _headline(targets),
+    }  # fmt: skip
+
+
 def _summary(targets: Targets, found: _Measured) -> dict[str, Any]:
     """What run.json and --json tell."""
     moved, gauge, noise = found.moved, found.gauge, found.moved.noise
-    return {
-        "steps": len(targets.time), "points": len(targets.names), "valid": int(targets.valid.sum()),
+    return _counts(targets) | {
         "static_frames": noise.frames, "gauge_sd_MPa": gauge.sd_MPa,
         "sd_mm": dict(zip(moved.names, noise.sd, strict=True)),
         "codec_sd_mm": dict(zip(moved.names, noise.codec_sd, strict=True)),
-        "modes": len(targets.mode_names),
         "remarks": [
             *moved.lost, *moved.remarks, *filter(None, (gauge.remark, found.join.remark)), *found.remarks
         ],

@@ -14,10 +14,9 @@ from twin.bench.positions import one_side
 from twin.bench.workbench import structure_of
 from twin.inputs.cameras import camera_table, dictionary_name, lens_of, result_of
 from twin.inputs.recordings import marks_of
-from twin.project import files
 from twin.project.csvtable import read_sheet
 from twin.project.folder import Project, Say
-from twin.project.toml import decoded, parse, with_point
+from twin.project.toml import decoded, with_point, write
 from twin.targets import Array
 
 if TYPE_CHECKING:  # vision takes a second to import
@@ -192,8 +191,7 @@ def _named(project: Project, say: Say, names: Sequence[str]) -> dict[str, Any]:
             raise ValueError(f"--name {given}: {path.name} has the numbers 1 to {len(rows)}; "
                              "wanted one of them")  # fmt: skip
         text = with_point(text, {"name": name, **rows[number]})
-    parse(text.encode(), name="twin.toml")  # names what does not fit, as a name that stands twice
-    files.write_text(project.root / "twin.toml", text)
+    write(project.root / "twin.toml", text)  # names what does not fit, as a name that stands twice
     added = [_pair(given)[0] for given in names]
     say(f"Added to the points of twin.toml: {', '.join(added)}. Their position_mm is the place of the "
         "model's surface nearest to where they are seen: correct it where the finger sags.")  # fmt: skip

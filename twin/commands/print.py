@@ -82,13 +82,11 @@ def _items(project: Project, table: CameraTable) -> list[Item]:
     if table.board is not None:
         items.append(_board(project, table))
     config = project.config
-    marks = [(p.name, p.marker, p.size_mm, "finger") for p in config.points if p.seen_mm is None]
-    marks += [(m.name, m.marker, m.size_mm, str(m.role)) for m in config.frame.markers]
-    for name, marker, size, role in marks:
-        assert size is not None  # the configuration refuses a film without it
-        what = "dot" if marker is None else f"id {marker}"
-        art = mark_kind(marker, size).artwork(dictionary_name(project, table.dictionary))
-        items.append(Item(art, (f"{name}  {what}", f"{role}  {size:g} mm")))
+    glued = [(point, "finger") for point in config.points if point.seen_mm is None]
+    for mark, role in (*glued, *((marker, marker.role) for marker in config.frame.markers)):
+        what = "dot" if mark.marker is None else f"id {mark.marker}"
+        art = mark_kind(mark).artwork(dictionary_name(project, table.dictionary))
+        items.append(Item(art, (f"{mark.name}  {what}", f"{role}  {mark.size_mm:g} mm")))
     return items
 
 

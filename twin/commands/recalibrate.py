@@ -5,11 +5,12 @@ from typing import Any
 
 from twin.batches.former import former_of
 from twin.batches.values import BatchChange, changes_of, values_of
-from twin.bench.fits import fit_file, fresh, named_effects, stale_sentences
+from twin.bench.fits import fit_file, fresh, named_effects, newest, stale_sentences
 from twin.bench.othermodels import other_effects
 from twin.chain import STAGES, TARGETS, Stage, When, kinds_writing
 from twin.commands.check import check_project
-from twin.judging.intervals import estimates_of_record
+from twin.diagnosis.record import DiagnosisRecord
+from twin.judging.record import FitRecord
 from twin.numerals import in_words
 from twin.project import files
 from twin.project.folder import Project, Say
@@ -37,8 +38,9 @@ def run_recalibrate(project: Project, say: Say) -> dict[str, Any]:
 
 
 def _filmed(project: Project, stage: Stage, say: Say) -> str:
-    """Run a stage that reads films; "none" where there are none, or the targets come from elsewhere."""
-    if _without_films(project):
+    """Run a stage that reads films, or another program's file; "none" where there are none, or the targets
+    come from elsewhere."""
+    if _without_films(project) or (stage.name == "camera" and not project.config.cameras):
         return "none"
     say(f"twin {stage.name}: {stage.title}")
     # it compares the digests of films and log itself, and targets of others are kept as targets-0001
@@ -51,8 +53,10 @@ def _without_films(project: Project) -> bool:
     targets were measured elsewhere."""
     if not project.targets_folder.is_dir():
         return False
-    films = all(any(project.root.glob(camera.film)) for camera in project.config.cameras)
-    return not project.config.cameras or not films or not (project.targets_folder / "source.json").is_file()
+    foreign = project.config.imported
+    named = [camera.film for camera in project.config.cameras] if foreign is None else [foreign.file]
+    there = all(any(project.root.glob(file)) for file in named)
+    return not named or not there or not (project.targets_folder / "source.json").is_file()
 
 
 def _at_base(project: Project, say: Say) -> Project:
@@ -114,11 +118,10 @@ def _can_test(project: Project) -> bool:
 
 def _told(project: Project, say: Say) -> dict[str, Any]:
     """Say verdict, constants, what changed, and where report and recording are; and return them."""
-    record = files.read_json(fit_file(project))
-    path = fresh(project, ("diagnose",), "diagnosis.json")
-    verdict = files.read_json(path)["verdict"] if path is not None else "not diagnosed: no noise model"
+    record, diagnosed = files.read(FitRecord, fit_file(project)), newest(project, DiagnosisRecord)
+    verdict = diagnosed.verdict if diagnosed else "not diagnosed: no noise model"
     say(f"Verdict: {verdict}")
-    say(f"{in_words(estimates_of_record(record))}.")
+    say(f"{in_words(record.estimates)}.")
     former, changes = _changed(project, record, say)
     shown = {}
     for name, how in (("report.html", "open {} in a browser"), ("review.rrd", "rerun {}")):
@@ -127,21 +130,22 @@ def _told(project: Project, say: Say) -> dict[str, Any]:
             shown[name] = str(found)
             say(f"{name}: {how.format(found)}")
     return {
-        "verdict": verdict, "effects": list(project.config.model.effects), "parameters": record["parameters"],
-        "intervals": record.get("intervals", {}), "like": former,
+        "verdict": verdict, "effects": list(project.config.model.effects),
+        "parameters": files.plain(record.parameters), "intervals": files.plain(record.intervals),
+        "like": former,
         "changes": [asdict(c) | {"difference": c.difference, "known": c.known} for c in changes],
     } | shown  # fmt: skip
 
 
 def _changed(
-    project: Project, record: dict[str, Any], say: Say
+    project: Project, record: FitRecord, say: Say
 ) -> tuple[str | None, tuple[BatchChange, ...]]:
     """The former batch's name, and how this one differs from it, which is said."""
     try:
         former = former_of(project)
         if former is None:
             return None, ()
-        then = files.read_json(fit_file(former))
+        then = files.read(FitRecord, fit_file(former))
     except ValueError as error:
         say(f"Not compared with {project.config.project.like}: {error}.")
         return project.config.project.like, ()

@@ -1,12 +1,17 @@
-"""A folder whose subfolders are projects, one a batch: their order, and all of them recalibrated at once."""
+"""The command `twin recalibrate`: a project, or all batches of a folder one after the other."""
 
 from pathlib import Path
 from typing import Any
 
-from twin.batches.order import Opened, batches_in
-from twin.commands.recalibrate import run_recalibrate
+from twin.batches.order import Opened, batches_in, holds_batches
+from twin.commands import recalibrate
 from twin.project.folder import Project, Say
 from twin.project.locks import lock
+
+
+def run_recalibrate(folder: Path, say: Say) -> dict[str, Any]:
+    """Recalibrate the project in a folder, or every batch where its subfolders are projects."""
+    return recalibrate_all(folder, say) if holds_batches(folder) else _recalibrated(Project.open(folder), say)
 
 
 def recalibrate_all(folder: Path, say: Say, *, opened: Opened = Project.open) -> dict[str, Any]:
@@ -31,16 +36,20 @@ def recalibrate_all(folder: Path, say: Say, *, opened: Opened = Project.open) ->
 def _one(batch: Path, say: Say, opened: Opened) -> dict[str, Any]:
     """What came of a batch; a failure is a row of the table, not the end."""
     try:
-        project = opened(batch)
-        for sentence in project.remarks:
-            say(sentence)
-        with project.lock("recalibrate"):
-            return {"status": "done"} | run_recalibrate(project, say)
+        return {"status": "done"} | _recalibrated(opened(batch), say)
     except Exception as error:
         known = isinstance(error, ValueError | OSError)
         sentence = str(error) if known else f"internal error: {type(error).__name__}: {error}"
         say(f"failed: {sentence}")
         return {"status": "failed", "error": sentence}
+
+
+def _recalibrated(project: Project, say: Say) -> dict[str, Any]:
+    """What came of a project, which no other command may write to meanwhile."""
+    for sentence in project.remarks:
+        say(sentence)
+    with project.lock("recalibrate"):
+        return recalibrate.run_recalibrate(project, say)
 
 
 def _table(rows: list[dict[str, Any]]) -> list[str]:

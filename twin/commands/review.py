@@ -27,7 +27,7 @@ def run_review(project: Project, say: Say, *, clip: bool = False) -> dict[str, A
         reason = why[0] if why else "no calibrated model in this project"
         raise ValueError(f"nothing to review: {reason}; run twin calibrate")
     with project.new_run("review") as run:
-        story = Story(project, run, say)
+        story = Story.of(project, run, say)
         notes = [*_not_shown(project), *_recording(story, say)]
         notes += _deformed(story)
         write_report(run.path("report.html"), title=project.config.project.name, facts=facts_of(story, notes))

@@ -17,12 +17,20 @@ from twin.project import files
 from twin.project.folder import Say
 from twin.project.targetwriting import write_targets
 from twin.targets import Array, TargetPoint, Targets
-from twin.virtual.draws import NOISE, Setup, measured
-from twin.virtual.filming import at_nodes
+from twin.virtual.draws import NOISE, Setup, at_nodes, measured, plainness
 from twin.virtual.hidden import KINDS, Kind
 from twin.virtual.protocols import PROTOCOLS, Protocol, places
-from twin.virtual.sizing import plainness
-from twin.virtual.truthsolves import CHANGE, DENSITY, ELEMENT, SILICONE, displaced, tangents, truth_case
+from twin.virtual.truthsolves import (
+    CHANGE,
+    COUNT,
+    DENSITY,
+    ELEMENT,
+    SILICONE,
+    displaced,
+    on_surface,
+    tangents,
+    truth_case,
+)
 
 ELEMENTS_OF_TRUTH = ("C3D20H", "C3D20RH", "C3D20", "C3D20R")
 
@@ -34,7 +42,9 @@ def run_virtual(
     protocol: str,
     hide: Sequence[str],
     sigmas: float | None,
-    setup: Setup,
+    noise_mm: float = 0.015,
+    noise: str = "white",
+    placement_mm: float = 0.1,
     element: str = ELEMENT,
     seed: int = 0,
 ) -> dict[str, Any]:
@@ -43,6 +53,7 @@ def run_virtual(
     hide: what is missing in the model, NAME or NAME=SIZE; sigmas: the non-centrality of one NAME without a
     size. ValueError for what does not exist.
     """
+    setup = Setup(sd_mm=noise_mm, noise=noise, placement_sd_mm=placement_mm)
     chosen, kinds = _protocol(protocol), [_kind(text) for text in hide]
     sealed = folder.with_name(f"{folder.name}.truth.json")
     if folder.exists() or sealed.exists():
@@ -52,18 +63,19 @@ def run_virtual(
         )
     if element not in ELEMENTS_OF_TRUTH:
         raise ValueError(f"--element {element}: wanted one of {', '.join(ELEMENTS_OF_TRUTH)}")
-    if setup.noise not in NOISE:
-        raise ValueError(f"--noise {setup.noise}: wanted one of {', '.join(NOISE)}")
+    if noise not in NOISE:
+        raise ValueError(f"--noise {noise}: wanted one of {', '.join(NOISE)}")
     say("Solving the truth on a mesh of its own ...")
     points, case = _marked(chosen), truth_case(Finger(), CHANGE, element=element)
     if not chosen.weighed:
         case = case.with_material(density=0.0)
     at = np.array([p.position for p in points])
-    bare, slope = displaced(case, chosen.course, at, ())
+    on = on_surface(case, at)
+    bare, slope = displaced(case, chosen.course, on, count=COUNT)
     draw = measured(chosen, bare, slope, points=points, setup=setup, seed=seed)
     rows = {kind.name: _all(tangents(case, chosen.course, at, kind), draw) for kind, _ in kinds}
     hidden = tuple((kind, _sized(kind, size, sigmas, rows[kind.name], draw, slope)) for kind, size in kinds)
-    u, slope = displaced(case, chosen.course, at, hidden) if hidden else (bare, slope)
+    u, slope = displaced(case, chosen.course, on, hidden, count=COUNT) if hidden else (bare, slope)
     found = measured(chosen, u, slope, points=points, setup=setup, seed=seed)
     with tempfile.TemporaryDirectory() as scratch:
         write_targets(Path(scratch) / "targets", found)

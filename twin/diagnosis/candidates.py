@@ -1,12 +1,10 @@
 """An absent effect under test: how much the data ask for it, and its refit where there is one."""
 
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 from calibrate import Fit
 from twin.effects.protocol import Effect, Theta
 from twin.judging.comparison import Comparison
-from twin.judging.intervals import estimates
 from twin.judging.judged import Fitted, Judged
 from twin.model.prediction import Model
 from twin.targets import Array
@@ -100,7 +98,7 @@ class Candidate:
     @property
     def kind(self) -> str:
         """The kind of a stand-in; nothing for an effect of the library or of the user's."""
-        return str(getattr(self.effect, "kind", ""))
+        return self.effect.kind
 
     @property
     def plausible(self) -> bool | None:
@@ -110,25 +108,3 @@ class Candidate:
         values = self.refit.values
         ranges = [(values[p.name], p.plausible) for p in self.effect.parameters if p.plausible]
         return all(min(low, 0.0) <= x <= high if low > 0 else low <= x <= high for x, (low, high) in ranges)
-
-    def to_dict(self) -> dict[str, Any]:
-        """One row of the ranking in diagnosis.json."""
-        parameters = {}
-        if self.refit is not None:
-            parameters = {
-                e.name: e.to_dict() for e in estimates(self.refit.fit, self.refit.comparison)
-            }
-        return {
-            "effect": self.effect.name,
-            "law": self.effect.label,
-            "z": self.z,
-            "gain": self.gain,
-            "p_value": self.p_value,
-            "delta_bic": self.delta_bic,
-            "evidence": self.evidence,
-            "adequate": self.comparison.adequate if self.comparison else None,
-            "at_bound": list(self.refit.at_bound) if self.refit else [],
-            "plausible": self.plausible,
-            "parameters": parameters,
-            "note": self.note,
-        }

@@ -6,44 +6,39 @@ mimics.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
+from pydantic import Field
 
 from twin.diagnosis.evidence import apart, ceiling, orthonormal
-from twin.diagnosis.rivals import Rival
+from twin.diagnosis.signatures import Signatures
 from twin.judging.judged import Judged
+from twin.project.record import Record
+from twin.project.tablemodel import Finite
 from twin.targets import Array
 
 ALIKE = 0.95  # of a signature that another effect mimics, from which on the two are of one class
 
 
-@dataclass(frozen=True, kw_only=True)
-class Mimics:
-    """Who mimics an effect: members, by the share (0 to 1) of its signature; ceiling, the largest share of
-    all."""
+class Mimics(Record):
+    """Who mimics an effect."""
 
     effect: str
-    members: Mapping[str, float]
-    ceiling: float
-
-    def to_dict(self) -> dict[str, Any]:
-        """One row of `classes` in diagnosis.json."""
-        return {"effect": self.effect, "members": dict(self.members), "ceiling": self.ceiling}
+    members: dict[str, Finite] = Field(description="those that mimic at least 95 % of its signature")
+    ceiling: Finite = Field(description="the largest share that any other mimics")
 
 
-def classes_of(rivals: Mapping[str, Sequence[Rival]]) -> tuple[Mimics, ...]:
-    """Who mimics each effect of the library among all rivals; effects that cannot be seen are left out."""
-    seen = {label: [r for r in rows if not r.note] for label, rows in rivals.items()}
+def classes_of(signatures: Signatures) -> tuple[Mimics, ...]:
+    """Who mimics each effect of the library; effects that cannot be seen are left out."""
+    seen = {label: [r for r in rows if not r.note] for label, rows in signatures.items()}
     seen = {label: rows for label, rows in seen.items() if rows}
     bases = {label: [orthonormal(r.columns) for r in rows] for label, rows in seen.items()}
-    own = [label for label, rows in seen.items() if not getattr(rows[0].effect, "kind", "")]
+    own = [label for label, rows in seen.items() if not rows[0].effect.kind]
     return tuple(_mimics(label, seen, bases) for label in own)
 
 
 def _mimics(
-    label: str, seen: Mapping[str, Sequence[Rival]], bases: Mapping[str, Sequence[Array]]
+    label: str, seen: Signatures, bases: Mapping[str, Sequence[Array]]
 ) -> Mimics:
     columns = np.concatenate([r.columns for r in seen[label]], axis=1)
     size = (columns**2).sum(axis=0)
@@ -52,20 +47,20 @@ def _mimics(
     for other, rows in bases.items():
         if other != label:
             found = [((b.T @ columns) ** 2).sum(axis=0) / size for b in rows if b.shape[1]]
-            name = getattr(seen[other][0].effect, "kind", "") or other
+            name = seen[other][0].effect.kind or other
             shares[name] = max(shares.get(name, 0.0), min(1.0, float(np.max(found, initial=0.0))))
     members = {k: v for k, v in sorted(shares.items(), key=lambda kv: -kv[1]) if v >= ALIKE}
     return Mimics(effect=label, members=members, ceiling=max(shares.values(), default=0.0))
 
 
 def shares_of(
-    change: Array, judged: Judged, rivals: Mapping[str, Sequence[Rival]]
+    change: Array, judged: Judged, signatures: Signatures
 ) -> tuple[float, dict[str, float]]:
     """The chi2 of a change of the prediction (s, p, 3) mm apart from the fitted parameters, and the share of
-    it that each rival mimics to first order."""
+    it that each signature mimics to first order."""
     seen = apart(judged.whitener.whiten(change), orthonormal(judged.fitted))
     shares = {
         label: max((ceiling(seen, r.columns) for r in rows if not r.note), default=0.0)
-        for label, rows in rivals.items()
+        for label, rows in signatures.items()
     }
     return float(seen @ seen), shares

@@ -5,88 +5,94 @@ beside the residual, in mm and sds, by marker and branch. Held-out errors say wh
 it was not fitted to.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import ClassVar
 
 import numpy as np
+from pydantic import Field
 
 from calibrate import Parameter
 from twin.effects.protocol import Effect
 from twin.judging.comparison import BRANCHES, branches
 from twin.judging.heldout import HeldOut, held_out
-from twin.judging.intervals import Estimate, estimates
+from twin.judging.intervals import estimates
 from twin.judging.judged import Judged
+from twin.judging.record import Estimate
 from twin.judging.whitening import Whitener
+from twin.project.folder import Run
+from twin.project.record import Maybe, Record
 from twin.targets import Array, Targets
 
 ALL = "all"
 WIDE = 20  # letters of a column of the table
 
 
-@dataclass(frozen=True, kw_only=True)
-class Share:
-    """What an effect explains at one marker (or all) in one branch (or all): root mean squares in mm of the
-    residual before, of what the effect takes off it, and of what it leaves; before and after in sds, too."""
+class Share(Record):
+    """What an effect explains at one marker in one branch, in root mean squares."""
 
-    marker: str
-    branch: str
-    count: int
-    before_mm: float
-    signature_mm: float
-    after_mm: float
-    before_sd: float
+    marker: str = Field(description="or `all`")
+    branch: str = Field(description="or `all`")
+    count: int = Field(description="of values")
+    before_mm: float = Field(description="residual without the effect")
+    signature_mm: float = Field(description="what the effect takes off it")
+    after_mm: float = Field(description="what it leaves")
+    before_sd: float = Field(description="before and after in sds of the noise")
     after_sd: float
+    explained: float = Field(description="share of the mean square that the effect takes away")
 
-    @property
-    def explained(self) -> float:
-        """The share of the residual's mean square that the effect takes away."""
-        return 1 - (self.after_mm / self.before_mm) ** 2 if self.before_mm > 0 else 0.0
+
+class Found(Estimate):
+    """A parameter of the effect."""
+
+    plausible: str = Field(default="", description="the value beside its plausible range, in words")
+
+
+class Mimic(Record):
+    effect: str
+    ceiling: float = Field(description="the share of the signature that it mimics")
+
+
+class EvidenceRecord(Record):
+    """Everything that speaks for or against one effect."""
+
+    file: ClassVar[str] = "evidence.json"
+    effect: str = Field(default="", description="the effect in its law, and what it is")
+    sentence: str = ""
+    chi2_before: Maybe = Field(default=None, description="fit without it and with it")
+    chi2_after: Maybe = None
+    gain: Maybe = Field(default=None, description="fall of -2 ln likelihood")
+    more_parameters: int = Field(default=0, description="how many it brings")
+    evidence: Maybe = Field(default=None, description="2 ln of the Bayes factor, where it is known")
+    rms_before_mm: Maybe = Field(default=None, description="error without it and with it, and the noise")
+    rms_after_mm: Maybe = None
+    noise_sd_mm: Maybe = None
+    adequate: bool = Field(default=False, description="whether the model with it fits")
+    parameters: dict[str, Found] = Field(default={}, description="by name")
+    held_out: HeldOut | None = Field(
+        default=None, description="error in sd of each part, foretold from the others, without it and with it"
+    )
+    shares: tuple[Share, ...] = Field(default=(), description="by marker and branch")
+    mimics: tuple[Mimic, ...] = Field(
+        default=(), validation_alias="class", serialization_alias="class", description="what could mimic it"
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
 class Explanation:
-    """Everything that speaks for or against one effect; residual, signature and left (s, p, 3) mm are without
-    the errors that many values share, NaN where no data."""
+    """The evidence for an effect; residual, signature and left (s, p, 3) mm are without the errors that many
+    values share, NaN where no data."""
 
-    effect: str
-    sentence: str
-    parameters: tuple[Estimate, ...]
-    plausible: Mapping[str, str]  # by parameter: what its value says beside its plausible range
-    chi2_before: float
-    chi2_after: float
-    gain: float  # fall of chi2 + ln det of the covariance
-    more_parameters: int
-    evidence: float | None  # 2 ln of the Bayes factor, where it was computed
-    held_out: HeldOut
-    rms_before_mm: float
-    rms_after_mm: float
-    noise_sd_mm: float
-    adequate: bool
-    shares: tuple[Share, ...]
-    rivals: tuple[tuple[str, float], ...]  # what mimics it, and how much (cos2) of its signature
+    record: EvidenceRecord
     residual: Array
     signature: Array
     left: Array
 
-    def to_dict(self) -> dict[str, Any]:
-        """What `evidence` of diagnosis.json and evidence.json hold; the maps are arrays of evidence.npz."""
-        plain = (
-            "effect", "sentence", "chi2_before", "chi2_after", "gain", "more_parameters", "evidence",
-            "rms_before_mm", "rms_after_mm", "noise_sd_mm", "adequate",
-        )  # fmt: skip
-        rows = {e.name: e.to_dict() | {"plausible": self.plausible.get(e.name, "")} for e in self.parameters}
-        return {name: getattr(self, name) for name in plain} | {
-            "parameters": rows,
-            "held_out": vars(self.held_out),
-            "shares": [vars(s) | {"explained": s.explained} for s in self.shares],
-            "class": [{"effect": name, "ceiling": ceiling} for name, ceiling in self.rivals],
-        }
-
-    @property
-    def arrays(self) -> dict[str, Array]:
-        """What evidence.npz holds."""
-        return {"residual": self.residual, "signature": self.signature, "left": self.left}
+    def write(self, run: Run) -> None:
+        """Write evidence.json, and the maps in evidence.npz."""
+        run.write(self.record)
+        arrays = {"residual": self.residual, "signature": self.signature, "left": self.left}
+        run.write_npz("evidence.npz", arrays)
 
 
 def explained(
@@ -96,35 +102,38 @@ def explained(
     after: Judged,
     targets: Targets,
     evidence: float | None = None,
-    rivals: Sequence[tuple[str, float]] = (),
+    mimics: Sequence[tuple[str, float]] = (),
 ) -> Explanation:
     """The evidence for an effect, or for several together, from the models without and with them, each at its
     own fit and with its own errors: what is uncertain of an effect is no error of the model without it."""
     w, names = after.whitener, {e.name for e in effects}
     residual, left = (_cleaned(s.whitener, targets.value - s.predicted) for s in (before, after))
     own = [p for p in after.model.parameters if p.name.partition(".")[0] in names]
-    every = {e.name: e for e in estimates(after.fit, after.comparison)}
-    return Explanation(
+    every = estimates(after.fit, after.comparison)
+    record = EvidenceRecord(
         effect=" + ".join(e.label for e in effects),
         sentence="; ".join(e.sentence for e in effects),
-        parameters=tuple(every[p.name] for p in own),
-        plausible={p.name: plausibility(p, after.values[p.name]) for p in own},
         chi2_before=before.comparison.chi2,
         chi2_after=after.comparison.chi2,
         gain=before.deviance - after.deviance,
         more_parameters=len(after.model.parameters) - len(before.model.parameters),
         evidence=evidence,
-        held_out=held_out(before, after, targets),
         rms_before_mm=before.comparison.rms_mm,
         rms_after_mm=after.comparison.rms_mm,
         noise_sd_mm=after.comparison.noise_sd_mm,
         adequate=after.comparison.adequate,
+        parameters={p.name: _found(p, every[p.name]) for p in own},
+        held_out=held_out(before, after, targets),
         shares=shares(targets, w, residual, left),
-        rivals=tuple(rivals),
-        residual=residual,
-        signature=residual - left,
-        left=left,
+        mimics=tuple(Mimic(effect=name, ceiling=share) for name, share in mimics),
     )
+    return Explanation(record=record, residual=residual, signature=residual - left, left=left)
+
+
+def _found(p: Parameter, e: Estimate) -> Found:
+    """A parameter of the effect beside what is plausible."""
+    words = plausibility(p, e.value)
+    return Found(value=e.value, unit=e.unit, low=e.low, high=e.high, note=e.note, plausible=words)
 
 
 def _cleaned(w: Whitener, residual: Array) -> Array:
@@ -160,6 +169,7 @@ def _share(marker: str, branch: str, before: Array, after: Array, noise: Array) 
     return Share(
         marker=marker, branch=branch, count=len(b), before_mm=before_mm, signature_mm=signature_mm,
         after_mm=after_mm, before_sd=before_sd, after_sd=after_sd,
+        explained=1 - (after_mm / before_mm) ** 2 if before_mm > 0 else 0.0,
     )  # fmt: skip
 
 
@@ -175,33 +185,10 @@ def plausibility(parameter: Parameter, value: float) -> str:
     return f"plausible ({span})" if low <= value <= high else f"not plausible: expected {span}"
 
 
-def mimicked(signature: Array, fitted: Array, rivals: Mapping[str, Array]) -> tuple[tuple[str, float], ...]:
-    """How much (cos2) of a signature (n,) each rival could explain, the most first.
-
-    fitted (n, f): whitened derivatives of what is fitted anyway, projected out first. rivals: whitened
-    signatures (n, k) by label.
-    """
-    own = _beside(signature[:, None], fitted)[:, 0]
-    size = float(own @ own)
-    rows = []
-    for label, columns in rivals.items():
-        apart = _beside(columns, fitted)
-        taken = apart @ np.linalg.lstsq(apart, own, rcond=1e-8)[0] if size > 0 else own
-        rows.append((label, float(taken @ taken) / size if size > 0 else 0.0))
-    return tuple(sorted(rows, key=lambda row: -row[1]))
-
-
-def _beside(columns: Array, fitted: Array) -> Array:
-    """Columns (n, k) without what the columns (n, f) of `fitted` span, each of unit size before."""
-    scale, own = np.linalg.norm(fitted, axis=0), np.linalg.norm(columns, axis=0)
-    basis, unit = fitted[:, scale > 0] / scale[scale > 0], columns / np.where(own > 0, own, 1.0)
-    return np.asarray(unit - basis @ np.linalg.lstsq(basis, unit, rcond=1e-10)[0], float)
-
-
 # -- in words ------------------------------------------------------------------------------------------------
 
 
-def table(e: Explanation) -> list[str]:
+def table(e: EvidenceRecord) -> list[str]:
     """The evidence as lines of a terminal: numbers, then a row a marker and a column a branch."""
     out = [f"{e.effect}: {e.sentence}."]
     out.append(
@@ -214,11 +201,12 @@ def table(e: Explanation) -> list[str]:
         f"parameter{'s' * (e.more_parameters != 1)}{bayes}."
     )
     h = e.held_out
+    assert h is not None
     out.append(
         f"Foretold, each {h.left_out} from the others: {h.before_sd:.2f} sd without, {h.after_sd:.2f} with."
     )
-    rivals = ", ".join(f"{name} {100 * c:.0f} %" for name, c in e.rivals)
-    out += [f"What could mimic it: {rivals}."] if rivals else []
+    mimics = ", ".join(f"{m.effect} {100 * m.ceiling:.0f} %" for m in e.mimics)
+    out += [f"What could mimic it: {mimics}."] if mimics else []
     names = list(dict.fromkeys(s.marker for s in e.shares))
     parts = list(dict.fromkeys(s.branch for s in e.shares))
     cell = {(s.marker, s.branch): s for s in e.shares}

@@ -4,7 +4,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import combinations
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,14 +11,13 @@ from numpy.typing import NDArray
 from calibrate import bic
 from twin.diagnosis.candidates import Refit
 from twin.diagnosis.evidence import Gram
-from twin.diagnosis.refitting import CLOSE, TURNS, Progress, lost_to_priors
-from twin.diagnosis.rivals import Rival, null
+from twin.diagnosis.refitting import CLOSE, TURNS, Progress, lost_to_priors, told
 from twin.diagnosis.screening import start_of
+from twin.diagnosis.signatures import Signature, Signatures, null
 from twin.effects.protocol import Effect, Theta, Unsolvable
 from twin.judging.heldout import folds
 from twin.judging.judged import Judged, judge
 from twin.model.prediction import Model
-from twin.parallel import finished
 from twin.targets import Array, Targets
 
 TRIED = 40  # pairs whose amplitudes are kept within their bounds, of all
@@ -49,21 +47,10 @@ class Group:
         """Whether the refit leaves noise alone."""
         return self.refit is not None and self.refit.comparison.adequate
 
-    def to_dict(self) -> dict[str, Any]:
-        """One row of `pairs` in diagnosis.json."""
-        return {
-            "effects": [e.label for e in self.effects],
-            "gain": self.promise,
-            "delta_bic": self.delta_bic,
-            "evidence": self.evidence,
-            "adequate": self.adequate if self.refit else None,
-            "held_out": dict(self.held_out or {}),
-        }
 
-
-def best_pairs(judged: Judged, rivals: Mapping[str, Sequence[Rival]], *, count: int) -> list[Group]:
+def best_pairs(judged: Judged, signatures: Signatures, *, count: int) -> list[Group]:
     """The pairs of effects that promise most, one for each two names."""
-    rows = [r for own in rivals.values() for r in own if not r.note]
+    rows = [r for own in signatures.values() for r in own if not r.note]
     if len(rows) < 2:
         return []
     columns = np.concatenate([r.columns for r in rows], axis=1)
@@ -87,7 +74,7 @@ def _free(gram: Gram) -> float:
     return float(gram.b @ np.linalg.lstsq(gram.S, gram.b, rcond=1e-10)[0])
 
 
-def _group(judged: Judged, rows: Sequence[Rival], gram: Gram) -> Group:
+def _group(judged: Judged, rows: Sequence[Signature], gram: Gram) -> Group:
     low, high = (np.concatenate([getattr(r, side) for r in rows]) for side in ("low", "high"))
     amplitudes, promise = gram.attained(low, high)
     start: dict[str, float] = dict(judged.values)
@@ -110,11 +97,8 @@ def confirmed(
 ) -> list[Group]:
     """The groups with their refits and what each of their effects gains in parts that are left out."""
     tasks = [partial(_confirmed, g, base=base, targets=targets, seed=seed) for g in groups]
-    found = {}
-    for done, (k, group) in enumerate(finished(tasks, workers=workers)):
-        tell(f"refit with {' and '.join(e.label for e in groups[k].effects)}", done + 1, len(groups))
-        found[k] = group
-    return [found[k] for k in sorted(found)]
+    labels = [" and ".join(e.label for e in g.effects) for g in groups]
+    return told(labels, tasks, workers, tell)
 
 
 def _confirmed(group: Group, *, base: Judged, targets: Targets, seed: int) -> Group:

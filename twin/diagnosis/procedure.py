@@ -1,24 +1,35 @@
 """A base model, a library of effects and targets -> which physical effect the data ask for, and what cannot
 be told.
 
-Noise, frame and mesh first: what they forbid is not tested. `attempts` tries, `verdicts` concludes,
-`completing` adds what belongs beside a verdict.
+Noise, frame and mesh first: what they forbid is not tested. `searchorder` tries, `verdicts` concludes, then
+comes what belongs beside a verdict: who mimics whom, what sizes would have been found, what to do next.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from calibrate import Fit
-from twin.diagnosis.completing import completed
+from twin.diagnosis.candidates import Candidate
+from twin.diagnosis.classes import classes_of
 from twin.diagnosis.refitting import Progress
-from twin.diagnosis.searchorder import Attempts
-from twin.diagnosis.verdicts import Diagnosis, cannot, concluded
-from twin.effects.protocol import Effect
+from twin.diagnosis.scaling import scaling_in_words, scaling_of
+from twin.diagnosis.searchorder import Search
+from twin.diagnosis.signatures import Signatures, prior_sd
+from twin.diagnosis.sizes import Detectable, smallest, unseen
+from twin.diagnosis.sizes import in_words as sizes_in_words
+from twin.diagnosis.verdicts import TIE, Diagnosis, cannot, concluded, ranked
+from twin.effects.protocol import Effect, Unsolvable
 from twin.effects.standins import stand_ins
+from twin.experiments.choice import Member, in_words, next_experiments
 from twin.judging.fitting import whitener_of
 from twin.judging.frame import frame_test
+from twin.judging.judged import Judged
 from twin.model.prediction import Model
 from twin.targets import Array, Targets
+
+TIED = 3  # members of a tie that experiments are planned for
 
 
 def diagnose(
@@ -29,16 +40,13 @@ def diagnose(
     seed: int,
     start: Array | Fit,
     beside: Sequence[Effect] | None = None,
-    settle: Callable[[Diagnosis], Diagnosis] | None = None,
     plan: bool = True,
     workers: int = 1,
     progress: Progress | None = None,
 ) -> Diagnosis:
     """The diagnosis of a base model. start: its calibrated parameters (d,), from where it is fitted, or
-    its fit, which is taken as it is; beside: generic stand-ins for
-    what the library does not have, by default `stand_ins`; settle: gives the kept effects the fit that is
-    given out, by default their refit as it is; plan: whether experiments are
-    planned for a tie; workers: processes that refit.
+    its fit, which is taken as it is; beside: generic stand-ins for what the library does not have, by default
+    `stand_ins`; plan: whether experiments are planned for a tie; workers: processes that refit.
 
     Reads targets only. Raises Unsolvable where the base model cannot be solved at `start`.
     """
@@ -50,16 +58,15 @@ def diagnose(
         return replace(cannot(f"the frame moves: {frame.place}"), frame=frame)
     tell = progress or (lambda stage, done, total: None)
     generic = stand_ins(model.test) if beside is None else beside
-    task = Attempts(model, tuple(effects), tuple(generic), targets, seed, workers, tell)
+    task = Search(model, tuple(effects), tuple(generic), targets, seed, workers, tell)
     theta = start.theta if isinstance(start, Fit) else start
     why = _mesh(model, whitener_of(model, theta, targets).noise_sd)
     if why:
         return replace(cannot(why), frame=frame)
     base = task.base(start)
     found = concluded(task.tried(base))
-    found = completed(found, base, task.rivals_at(base), task.silent, targets, plan=plan)
-    found = replace(found, frame=frame)
-    return found if settle is None or found.kept is None else settle(found)
+    found = _completed(found, base, task.signatures_at(base), task.silent, targets, plan=plan)
+    return replace(found, frame=frame)
 
 
 def _refusal(targets: Targets) -> str:
@@ -83,3 +90,63 @@ def _mesh(model: Model, noise: float) -> str:
             f"more than a tenth of the noise ({noise:.4f} mm); refine the mesh"
         )
     return ""
+
+
+# -- what belongs beside a verdict ---------------------------------------------------------------------------
+
+
+def _completed(
+    found: Diagnosis,
+    base: Judged,
+    signatures: Signatures,
+    silent: Sequence[Candidate],
+    targets: Targets,
+    *,
+    plan: bool,
+) -> Diagnosis:
+    """The diagnosis with the classes of equivalence, the smallest sizes that would have been found, and,
+    where effects are tied and it is to `plan`, the experiments that tell them apart."""
+    rows = _smallest_sizes(signatures, silent)
+    found = replace(found, classes=classes_of(signatures), detectable=tuple(rows))
+    if found.verdict == "none needed":
+        return replace(found, sentence=f"{found.sentence} {sizes_in_words(rows)}".strip())
+    if found.verdict == "none of these":
+        shares = scaling_of(base, targets)
+        text = f"{found.sentence} {scaling_in_words(shares)}".strip()
+        return replace(found, scaling=shares, sentence=text)
+    return _planned(found, base, targets) if found.ties and plan else found
+
+
+def _smallest_sizes(signatures: Signatures, silent: Sequence[Candidate]) -> list[Detectable]:
+    """The smallest size of each absent effect that these data would have shown; for those that they cannot
+    show, why."""
+    own = [rows for rows in signatures.values() if not rows[0].effect.kind]
+    found = [unseen(c.effect, c.note) for c in silent]
+    for rows in own:
+        seen, effect = [r for r in rows if not r.note], rows[0].effect
+        if not seen:
+            found.append(unseen(effect, rows[0].note))
+            continue
+        columns = np.array([r.columns[:, 0] for r in seen]) / prior_sd(seen[0].parameters[0])
+        nothing = np.zeros((columns.shape[1], 0))
+        entries = [r.entry for r in seen]
+        found.append(smallest(effect, columns, nothing, effects=len(own), entries=entries))
+    return found
+
+
+def _planned(found: Diagnosis, base: Judged, targets: Targets) -> Diagnosis:
+    """The diagnosis with the experiments that tell tied effects apart."""
+    fits = [c for c in ranked([*found.ranking, *found.resembles]) if c.adequate and c.refit is not None]
+    top = fits[0].evidence or 0.0 if fits else 0.0
+    tied = [c for c in fits if (c.evidence or 0.0) > top - TIE][:TIED]
+    members = [Member(c.refit.model, c.refit.fit.theta) for c in tied if c.refit is not None]
+    try:
+        tests = next_experiments(members, targets, base.whitener)
+    except Unsolvable:
+        return found
+    return replace(
+        found,
+        next_tests=tests,
+        next_test=in_words(tests),
+        verdict=f"{found.verdict}: run test {tests[0].experiment}" if tests else found.verdict,
+    )

@@ -3,13 +3,14 @@
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 
 from calibrate import bic
 from twin.diagnosis.candidates import Candidate, Refit
 from twin.diagnosis.evidence import apart, occam, orthonormal
-from twin.diagnosis.rivals import null, prior_sd
+from twin.diagnosis.signatures import null, prior_sd
 from twin.effects.protocol import Effect, Unsolvable
 from twin.judging.comparison import ADEQUATE
 from twin.judging.judged import Judged, judge
@@ -60,9 +61,16 @@ def refits(
     starts: further values (d,) of the base model's parameters from which every refit is tried too.
     """
     task = partial(refitted, base=base, targets=targets, starts=tuple(starts), seed=seed)
-    found: dict[int, Candidate] = {}
-    for done, (k, row) in enumerate(finished([partial(task, c) for c in chosen], workers=workers)):
-        tell(f"refit with {chosen[k].effect.label}", done + 1, len(chosen))
+    return told([c.effect.label for c in chosen], [partial(task, c) for c in chosen], workers, tell)
+
+
+def told(
+    labels: Sequence[str], tasks: Sequence[Callable[[], Any]], workers: int, tell: Progress
+) -> list[Any]:
+    """What tasks give, in their order; each is told, by the label of what is refitted, as it is done."""
+    found: dict[int, Any] = {}
+    for done, (k, row) in enumerate(finished(tasks, workers=workers)):
+        tell(f"refit with {labels[k]}", done + 1, len(tasks))
         found[k] = row
     return [found[k] for k in sorted(found)]
 

@@ -1,11 +1,11 @@
-"""Rivals -> candidates: what each absent effect could gain, and how likely chance gives that.
+"""Signatures -> candidates: what each absent effect could gain, and how likely chance gives that.
 
 What counts is the fall of chi2 that a refit can reach: amplitudes stay within their bounds, so that an effect
 that can only add gains nothing where it would have to take away. Multiplicity: Sidak over an effect's grid,
 Holm over effects.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -13,20 +13,20 @@ from scipy.special import chdtrc
 
 from calibrate import holm, sidak
 from twin.diagnosis.candidates import Candidate
-from twin.diagnosis.rivals import Rival, null
+from twin.diagnosis.signatures import Signature, Signatures, null
 from twin.effects.protocol import Theta
 from twin.judging.judged import Judged
 from twin.targets import Array
 
 
-def screened(judged: Judged, rivals: Mapping[str, Sequence[Rival]]) -> list[Candidate]:
-    """A candidate for every effect of `rivals`, its p-value adjusted for the number of tries."""
-    found = [_best(judged, rows) for rows in rivals.values()]
+def screened(judged: Judged, signatures: Signatures) -> list[Candidate]:
+    """A candidate for every effect of `signatures`, its p-value adjusted for the number of tries."""
+    found = [_best(judged, rows) for rows in signatures.values()]
     adjusted = iter(holm([c.p_value for c in found if not c.note]))
     return [c if c.note else replace(c, p_value=float(next(adjusted))) for c in found]
 
 
-def _best(judged: Judged, rows: Sequence[Rival]) -> Candidate:
+def _best(judged: Judged, rows: Sequence[Signature]) -> Candidate:
     """The entry of an effect's grid that gains most."""
     seen = [r for r in rows if not r.note]
     if not seen:
@@ -49,22 +49,22 @@ def _best(judged: Judged, rows: Sequence[Rival]) -> Candidate:
     )
 
 
-def _chance(gain: float, rival: Rival) -> float:
+def _chance(gain: float, signature: Signature) -> float:
     """Probability that noise alone gains as much: chi2 with a degree of freedom for each amplitude, and half
     of it for a single one-sided one (Self & Liang 1987, doi 10.2307/2289471)."""
     if gain <= 0:
         return 1.0
-    p = float(chdtrc(len(rival.parameters), gain))
-    return p / 2 if len(rival.parameters) == 1 and rival.one_sided[0] else p
+    p = float(chdtrc(len(signature.parameters), gain))
+    return p / 2 if len(signature.parameters) == 1 and signature.one_sided[0] else p
 
 
-def start_of(judged: Judged, rival: Rival, amplitudes: Array) -> Theta:
+def start_of(judged: Judged, signature: Signature, amplitudes: Array) -> Theta:
     """Where a refit begins: the effect at the promised size, and the fitted parameters where they then go."""
-    sizes = rival.values(amplitudes)
-    for p in rival.parameters:
+    sizes = signature.values(amplitudes)
+    for p in signature.parameters:
         if abs(sizes[p.name] - null(p)) < 0.02 * p.step:  # at null, what it needs beside it would be lost
             sizes[p.name] = float(np.clip(null(p) + 0.1 * p.step, p.low, p.high))
-    moves = iter(rival.moved @ amplitudes)
+    moves = iter(signature.moved @ amplitudes)
     values = {
         p.name: x if p.name in judged.at_bound else float(np.clip(x + next(moves), p.low, p.high))
         for p, x in zip(judged.model.parameters, judged.theta, strict=True)

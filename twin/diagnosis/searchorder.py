@@ -1,8 +1,8 @@
 """Everything that is tried on a base model, and in which order: from its own fit to effects that are missing
 together.
 
-Rivals at the base fit; refits of those that promise most, and of those that mimic the best; wider laws where
-none is adequate, then declared families and pairs.
+Signatures at the base fit; refits of the effects that promise most, and of those that mimic the best; wider
+laws where none is adequate, then declared families and pairs.
 """
 
 from collections.abc import Sequence
@@ -16,9 +16,9 @@ from twin.diagnosis.candidates import Candidate, Refit
 from twin.diagnosis.classes import shares_of
 from twin.diagnosis.pairs import Group, best_pairs, confirmed
 from twin.diagnosis.refitting import PROMISING, Progress, refits, resembling, worth_refitting
-from twin.diagnosis.rivals import Rival, rivals_of
 from twin.diagnosis.screening import screened
-from twin.diagnosis.verdicts import COMPLETES, SECOND, TIE, Trial, ranked
+from twin.diagnosis.signatures import Signatures, signatures_of
+from twin.diagnosis.verdicts import SECOND, TIE, Trial, ranked
 from twin.effects.protocol import Effect, Test, Unsolvable
 from twin.effects.requirements import lacking
 from twin.judging.judged import Judged, judge, judge_fit
@@ -32,9 +32,11 @@ PAIRS = 2  # pairs that are refitted
 FAMILIES = 3  # and wider families
 HALF = 0.5  # of the best one's evidence: what another must have to cast doubt on it
 
+Content = tuple[tuple[str, ...], bytes, tuple[str, ...], bytes]
+
 
 @dataclass(frozen=True)
-class Attempts:
+class Search:
     """A model, the effects and stand-ins that may be missing from it, and targets.
 
     workers: processes that refit; tell: who hears of the progress.
@@ -83,23 +85,24 @@ class Attempts:
         return [Candidate(effect=e, note=lacking(e.requires, self.targets)) for e in lost]
 
     @cached_property
-    def _known(self) -> dict[int, dict[str, list[Rival]]]:
+    def _known(self) -> dict[Content, Signatures]:
         return {}
 
-    def rivals_at(self, judged: Judged) -> dict[str, list[Rival]]:
+    def signatures_at(self, judged: Judged) -> Signatures:
         """Absent effects and stand-ins as they would show beside a judged model."""
-        if id(judged) not in self._known:
+        key = _content(judged)
+        if key not in self._known:
             present = {e.name for e in judged.model.effects}
             every = [e for e in (*self.absent, *self.generic) if e.name not in present]
-            self._known[id(judged)] = rivals_of(judged, every, workers=self.workers)
-        return self._known[id(judged)]
+            self._known[key] = signatures_of(judged, every, workers=self.workers)
+        return self._known[key]
 
     # -- what is tried --------------------------------------------------------------------------------------
 
     def tried(self, base: Judged) -> Trial:
         """All that is tried on the base model."""
         self.tell("signatures", 1, 3)
-        found = self.rivals_at(base)
+        found = self.signatures_at(base)
         rows = self._screened(base, found)
         starts = (self.nominal,) if base.at_bound else ()
         rows = self._with(rows, worth_refitting(rows, adequate=base.comparison.adequate), base, starts)
@@ -122,7 +125,7 @@ class Attempts:
             trial, wide=tuple(wide), groups=tuple(groups), beside=self._beside(best) if wide else {}
         )
 
-    def _screened(self, base: Judged, found: dict[str, list[Rival]]) -> list[Candidate]:
+    def _screened(self, base: Judged, found: Signatures) -> list[Candidate]:
         """Candidates by what they promise at the base fit; where that ends at a bound, at nominal constants
         too: there no fit misleads."""
         rows = screened(base, found)
@@ -133,7 +136,7 @@ class Attempts:
             view = judge_fit(self.model, self.targets, there)
         except Unsolvable:
             return rows
-        others = screened(view, self.rivals_at(view))
+        others = screened(view, self.signatures_at(view))
         left = base.comparison.chi2
         rest = view.z - view.fitted @ np.linalg.lstsq(view.fitted, view.z, rcond=1e-12)[0]
         short = max(float(rest @ rest) - left, 0.0)  # what the first order does not know of the base fit
@@ -155,7 +158,7 @@ class Attempts:
         shows most."""
         finer = c.effect.closer(c.start, self.model.test)
         if finer is not None:
-            (best,) = screened(base, rivals_of(base, [finer]))
+            (best,) = screened(base, signatures_of(base, [finer]))
             c = replace(c, start=best.start, gain=best.gain) if best.gain > c.gain else c
         return replace(c, effect=c.effect.at(c.start, self.model.test))
 
@@ -167,7 +170,7 @@ class Attempts:
         return [new.get(id(c), c) for c in rows]
 
     def _mimics(
-        self, base: Judged, rows: Sequence[Candidate], found: dict[str, list[Rival]]
+        self, base: Judged, rows: Sequence[Candidate], found: Signatures
     ) -> list[Candidate]:
         """The candidates without a refit that could do what the best one does."""
         fitted = ranked([c for c in rows if c.evidence is not None and not c.kind])
@@ -205,7 +208,7 @@ class Attempts:
         wide = [w for e in self.absent if (w := e.wide()) is not None]
         fits = {c.effect.name: c.refit for c in reversed(best) if c.refit is not None}
         able = [w for w in wide if _on_a_basis(w, base.model.test)]
-        rows = [c for c in screened(base, rivals_of(base, able)) if not c.note and c.gain > 0]
+        rows = [c for c in screened(base, signatures_of(base, able)) if not c.note and c.gain > 0]
         rows = sorted(rows, key=lambda c: -c.gain)[:FAMILIES]
         rows += [Candidate(effect=w) for w in wide if w not in able and w.name in fits]
         begun = [
@@ -234,14 +237,14 @@ class Attempts:
         law = next((w for w in reversed(laws) if _on_a_basis(w, base.model.test)), None)
         if law is None or law.label in {*tried, fits[0].effect.label}:
             return self._refits(first, base, ())
-        widest = [c for c in screened(base, rivals_of(base, [law])) if c.gain > 0 and not c.note]
+        widest = [c for c in screened(base, signatures_of(base, [law])) if c.gain > 0 and not c.note]
         return self._refits([*first, *widest], base, ())
 
     def _groups(
-        self, base: Judged, found: dict[str, list[Rival]], best: Sequence[Candidate]
+        self, base: Judged, found: Signatures, best: Sequence[Candidate]
     ) -> list[Group]:
         """The pairs that promise most, refitted; a third effect where none of them is adequate."""
-        own = {label: rows for label, rows in found.items() if not getattr(rows[0].effect, "kind", "")}
+        own = {label: rows for label, rows in found.items() if not rows[0].effect.kind}
         pairs = best_pairs(base, own, count=PAIRS)
         if best and best[0].refit is not None:
             beside = self._added_to((best[0].effect,), best[0].refit, best[0].gain)
@@ -264,7 +267,8 @@ class Attempts:
     def _added_to(self, effects: tuple[Effect, ...], refit: Refit, gain: float) -> Group | None:
         """Effects of a refit, and the one that promises most beside them."""
         view = self._view(refit)
-        rows = [r for r in screened(view, self.rivals_at(view)) if not r.kind and not r.note and r.gain > 0]
+        rows = screened(view, self.signatures_at(view))
+        rows = [r for r in rows if not r.kind and not r.note and r.gain > 0]
         if not rows:
             return None
         top = self._held(max(rows, key=lambda r: r.gain), view)
@@ -277,19 +281,28 @@ class Attempts:
         if top is None or top.refit is None:
             return {}
         view = self._view(top.refit)
-        rows = screened(view, self.rivals_at(view))
-        told = [r for r in rows if not r.note and top.effect.name not in COMPLETES.get(r.kind, ())]
+        rows = screened(view, self.signatures_at(view))
+        more = (top.effect.generic, top.effect.completed_by)  # beside it they tell nothing
+        told = [r for r in rows if not r.note and not (r.kind and r.kind in more)]
         return {r.effect.name: (top.evidence or 0.0) + r.hint for r in told}
 
     def _view(self, refit: Refit) -> Judged:
         """A refitted model, judged as it stands."""
-        if id(refit) not in self._views:
-            self._views[id(refit)] = judge_fit(refit.model, self.targets, refit.fit)
-        return self._views[id(refit)]
+        key = _content(refit)
+        if key not in self._views:
+            self._views[key] = judge_fit(refit.model, self.targets, refit.fit)
+        return self._views[key]
 
     @cached_property
-    def _views(self) -> dict[int, Judged]:
+    def _views(self) -> dict[Content, Judged]:
         return {}
+
+
+def _content(fitted: Judged | Refit) -> Content:
+    """What tells one fit on these targets from another: its effects, values, bounds and residual. An object's
+    address does not: once a record is gone, another may lie there."""
+    labels = tuple(e.label for e in fitted.model.effects)
+    return labels, fitted.theta.tobytes(), fitted.at_bound, fitted.z.tobytes()
 
 
 def _asks_for_more(best: Sequence[Candidate], stand_ins: Sequence[Candidate]) -> bool:

@@ -7,14 +7,16 @@ where that mean lies above the threshold of the test by the normal quantile of P
 
 import math
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
-from typing import Any
 
 import numpy as np
+from pydantic import Field
 from scipy.special import ndtri
 
 from calibrate import Parameter
+from twin.diagnosis.evidence import apart, orthonormal
+from twin.diagnosis.signatures import null
 from twin.effects.protocol import Effect, Theta
+from twin.project.record import Maybe, Record
 from twin.targets import Array
 
 ALPHA = 0.01  # of a false alarm over all effects and all their grids
@@ -22,24 +24,16 @@ POWER = 0.9
 APART = 0.02  # of its own size must be left of a signature beside the fitted parameters
 
 
-@dataclass(frozen=True, kw_only=True)
-class Detectable:
-    """The size of an effect's first parameter that these data show with probability POWER.
-
-    size: at the least visible of the plausible grid entries, in `unit`; least: at the most visible one; both
-    None where no size would be seen, and the note says why. note: the size beside what is plausible.
-    """
+class Detectable(Record):
+    """The size of an effect's first parameter that these data show with probability POWER; None where no size
+    would be seen."""
 
     effect: str
     parameter: str
     unit: str
-    size: float | None
-    least: float | None
-    note: str
-
-    def to_dict(self) -> dict[str, Any]:
-        """One row of `detectable` in diagnosis.json."""
-        return asdict(self)
+    size: Maybe = Field(description="that is found nine times of ten, at the least visible of its tries")
+    least: Maybe = Field(description="at the most visible one")
+    note: str = Field(description="the size beside what is plausible, or why none would be seen")
 
     @property
     def words(self) -> str:
@@ -67,15 +61,15 @@ def smallest(
     (n, f): whitened derivatives of the fitted parameters. entries (k,): the values of each grid entry; those
     outside their plausible range are left out. One-sided where the null is the lower bound.
     """
-    p, apart = effect.parameters[0], _apart(signatures, fitted)
-    possible = _plausible(effect, entries) or list(range(len(apart)))
-    visible = [float(apart[k]) for k in possible if apart[k] > 0.0]
+    p, seen = effect.parameters[0], _apart(signatures, fitted)
+    possible = _plausible(effect, entries) or list(range(len(seen)))
+    visible = [float(seen[k]) for k in possible if seen[k] > 0.0]
     if not visible:
         return unseen(effect, "cannot be seen apart from the fitted parameters with these data")
-    threshold = quantile(alpha, effects=effects, entries=len(apart), one_sided=p.null == p.low)
+    threshold = quantile(alpha, effects=effects, entries=len(seen), one_sided=p.null == p.low)
     needed = threshold + float(ndtri(power))
     size, least = needed / min(visible), needed / max(visible)
-    room = max(p.high - _null(p), _null(p) - p.low)
+    room = max(p.high - null(p), null(p) - p.low)
     if least > room:
         return unseen(effect, f"no size up to its bound, {_with_unit(room, p)}, would show")
     notes = [_beside_plausible(p, size)] if p.plausible is not None else []
@@ -115,9 +109,7 @@ def in_words(rows: Sequence[Detectable]) -> str:
 
 def _apart(signatures: Array, fitted: Array) -> Array:
     """Norms (k,) of signatures (k, n) beside the columns of `fitted` (n, f); 0 where too little is left."""
-    scale = np.linalg.norm(fitted, axis=0)
-    columns = fitted[:, scale > 0] / scale[scale > 0]
-    left = signatures.T - columns @ np.linalg.lstsq(columns, signatures.T, rcond=1e-12)[0]
+    left = apart(signatures.T, orthonormal(fitted))
     size, whole = np.linalg.norm(left, axis=0), np.linalg.norm(signatures, axis=1)
     return np.where(size > APART * whole, size, 0.0)
 
@@ -132,10 +124,6 @@ def _plausible(effect: Effect, entries: Sequence[Theta]) -> list[int]:
     ]
 
 
-def _null(parameter: Parameter) -> float:
-    return 0.0 if parameter.null is None else parameter.null
-
-
 def _with_unit(size: float, parameter: Parameter) -> str:
     return f"{size:.2g} {parameter.unit}".rstrip()
 
@@ -144,9 +132,9 @@ def _beside_plausible(parameter: Parameter, size: float) -> str:
     """What a smallest visible size says beside the declared plausible range, in words."""
     assert parameter.plausible is not None
     low, high = parameter.plausible
-    smaller, larger = sorted(abs(x - _null(parameter)) for x in parameter.plausible)
+    smaller, larger = sorted(abs(x - null(parameter)) for x in parameter.plausible)
     if size > larger:
         return f"even the largest plausible size, {_with_unit(larger, parameter)}, may be missed"
-    if size <= (0.0 if low < _null(parameter) < high else smaller):
+    if size <= (0.0 if low < null(parameter) < high else smaller):
         return "every plausible size would have been found"
     return f"plausible are sizes up to {_with_unit(larger, parameter)}"

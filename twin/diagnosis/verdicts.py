@@ -9,9 +9,13 @@ from scipy.special import ndtri
 
 from twin.diagnosis.candidates import Candidate, Refit
 from twin.diagnosis.classes import Mimics
+from twin.diagnosis.explanation import EvidenceRecord
 from twin.diagnosis.pairs import Group
 from twin.diagnosis.refitting import DETECTED
+from twin.diagnosis.sizes import Detectable
+from twin.effects.labels import AND, KINDS, OR
 from twin.effects.protocol import Effect, Theta
+from twin.experiments.choice import Experiment
 from twin.judging.comparison import Comparison
 from twin.judging.frame import FrameTest
 from twin.judging.judged import Judged
@@ -20,23 +24,6 @@ TIE = 6.0  # 2 ln B: below it neither of two models is preferred (Kass & Raftery
 SECOND = 25.0  # BIC gain that a second effect must bring
 POWER = 0.9  # with which a size must be found to be named
 SHOWN = 3  # stand-ins and nearest effects that are told
-KINDS = {
-    "outside force": "an outside force",
-    "soft spot": "a soft spot",
-    "pressure course": "another course of the pressure",
-    "drift": "a drift of the rig",
-    "camera": "an error of the camera",
-    "slip": "a slipping marker",
-}
-# Effects that a kind of stand-in merely says in general: such a stand-in is no other explanation than theirs.
-SAME = {
-    "outside force": ("tube",),
-    "pressure course": ("pressure_gain", "pressure_offset", "pressure_lag", "time_shift"),
-    "camera": ("camera_scale", "camera_rotation", "camera_tilt"),
-    "slip": ("marker_slip",),
-}
-# Those whose law it completes, where it is put on top of them: beside it they tell nothing.
-COMPLETES = {**SAME, "pressure course": (*SAME["pressure course"], "thermal")}
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -79,10 +66,10 @@ class Diagnosis:
     classes: tuple[Mimics, ...] = ()
     groups: tuple[Group, ...] = ()
     next_test: str = ""
-    next_tests: tuple[Mapping[str, Any], ...] = ()
-    detectable: tuple[Mapping[str, Any], ...] = ()
+    next_tests: tuple[Experiment, ...] = ()
+    detectable: tuple[Detectable, ...] = ()
     scaling: Mapping[str, float] = field(default_factory=dict)
-    evidence: Mapping[str, Any] | None = None
+    evidence: EvidenceRecord | None = None
     frame: FrameTest | None = None
     base: Judged | None = None
     kept: Refit | None = None
@@ -91,7 +78,7 @@ class Diagnosis:
     @property
     def law(self) -> str | None:
         """The labels of the named effects, as twin.toml writes them."""
-        return " + ".join(e.label for e in self.effects) or None
+        return AND.join(e.label for e in self.effects) or None
 
     @property
     def before(self) -> Comparison | None:
@@ -113,36 +100,6 @@ class Diagnosis:
             f"rms with {' and '.join(e.label for e in self.effects)}; the noise is "
             f"{self.before.noise_sd_mm:.3f} mm."
         )
-
-    def to_dict(self) -> dict[str, Any]:
-        """What diagnosis.json holds."""
-        before, after = self.before, self.after
-        return {
-            "verdict": self.verdict,
-            "sentence": self.text,
-            "named": list(self.named),
-            "law": self.law,
-            "ties": [list(t) for t in self.ties],
-            "classes": [c.to_dict() for c in self.classes],
-            "ranking": [c.to_dict() for c in self.ranking],
-            "resembles": [resemblance(c) for c in self.resembles],
-            "scaling": dict(self.scaling),
-            "detectable": [dict(row) for row in self.detectable],
-            "pairs": [g.to_dict() for g in self.groups],
-            "next_test": self.next_test,
-            "next_tests": [dict(row) for row in self.next_tests],
-            "frame": self.frame.to_dict() if self.frame else None,
-            "modes_beyond": [list(row) for row in after.beyond] if after else [],
-            "evidence": dict(self.evidence) if self.evidence else None,
-            "rms_before_mm": before.rms_mm if before else None,
-            "rms_after_mm": after.rms_mm if after else None,
-            "raw_rms_before_mm": before.raw_rms_mm if before else None,
-            "raw_rms_after_mm": after.raw_rms_mm if after else None,
-            "noise_sd_mm": before.noise_sd_mm if before else None,
-            "adequate": after.adequate if after else None,
-            "p_value_before": before.p_value if before else None,
-            "p_value_after": after.p_value if after else None,
-        }
 
 
 def cannot(why: str) -> Diagnosis:
@@ -203,17 +160,17 @@ def _single(trial: Trial, fits: Sequence[Candidate]) -> Diagnosis | None:
 
 def _others(stand_ins: Sequence[Candidate], c: Candidate) -> list[Candidate]:
     """The stand-ins that are another explanation than an effect."""
-    return [s for s in stand_ins if c.effect.name not in SAME.get(s.kind, ())]
+    return [s for s in stand_ins if s.kind != c.effect.generic]
 
 
 def _named(best: Candidate, others: Sequence[Candidate], mimics: Sequence[Candidate]) -> Diagnosis:
     """The verdict on an effect that is adequate, with the effects and stand-ins that cannot be told from
     it."""
     kinds = {c.kind: c for c in reversed(mimics)}
-    rivals = dict.fromkeys(c.effect.name for c in others)
-    names = (best.effect.name, *rivals, *(KINDS.get(k, k) for k in kinds))
+    tied = dict.fromkeys(c.effect.name for c in others)
+    names = (best.effect.name, *tied, *(KINDS.get(k, k) for k in kinds))
     named = Diagnosis(
-        verdict=" or ".join(names),
+        verdict=OR.join(names),
         sentence="",
         named=(best.effect.name,),
         effects=(best.effect,),
@@ -287,12 +244,12 @@ def _together(trial: Trial, singles: Sequence[Candidate]) -> Diagnosis | None:
     if (best.evidence or 0.0) < max(rest, default=0.0) + TIE:
         return None
     tied = [g for g in fits if g is not best and (best.evidence or 0.0) - (g.evidence or 0.0) < TIE]
-    names = tuple(" + ".join(g.names) for g in (best, *tied))
+    names = tuple(AND.join(g.names) for g in (best, *tied))
     told = f"{' and '.join(best.names)} are missing."
     if tied:
         told = f"These data cannot tell {' from '.join(names)}."
     return Diagnosis(
-        verdict=" or ".join(names),
+        verdict=OR.join(names),
         sentence=f"{told} {'. '.join(_capital(e.sentence) for e in best.effects)}.",
         named=best.names,
         effects=best.effects,
@@ -329,11 +286,6 @@ def words_of(stand_in: Candidate) -> str:
     values = stand_in.refit.values if stand_in.refit else stand_in.start
     resembles: Any = getattr(stand_in.effect, "resembles", None)
     return str(resembles(values)) if resembles else stand_in.effect.sentence
-
-
-def resemblance(c: Candidate) -> dict[str, Any]:
-    """One row of `resembles` in diagnosis.json."""
-    return {"kind": c.kind, "words": words_of(c), "evidence": c.evidence, "adequate": c.adequate}
 
 
 def _close(c: Candidate, best: Candidate) -> bool:

@@ -13,13 +13,14 @@ from matplotlib.figure import Figure
 
 from fe import Case, Finger
 from fe.element import Integers
-from twin.drawing.slicing import cut
+from twin.drawing.deformed import grid_of
 from twin.drawing.theme import AFTER, BEFORE, INK, MUTED, png, style
 from twin.targets import Array
 
 SKIN, CUT, EDGE = "#e3e8ec", "#b9c4cd", "#8a97a3"
 GAP = 0.045  # of the drawn length: from the finger to the first line of a dimension, and from line to line
 NAME = 0.15  # of the drawn length: room for a name that stands upright below a point
+ASIDE = 1e-6  # of the mesh's size: by so much a plane is moved off nodes that lie on it
 WIDE, CUTS = 11.0, 3.4  # inches: the picture's width, the height of the two cuts
 
 
@@ -134,6 +135,18 @@ def _across(axes: Axes, case: Case, finger: Finger | None) -> None:
         Arrow(f"side pleats {g.side_pleat:g}", (w - g.side_pleat, lowest), (w, lowest), gap),
     ][: 3 if g.side_pleat else 2])  # fmt: skip
     _finished(axes, "Cut across: crest | valley", "y, mm", "")
+
+
+def cut(case: Case, *, axis: int, place: float) -> list[Array]:
+    """Triangles (3, 2) in mm where the plane x[axis] = place, in mm, meets the elements; the other two axes
+    in their order."""
+    low, high = case.nodes[:, axis].min(), case.nodes[:, axis].max()
+    aside = ASIDE * float(high - low)
+    place = float(np.clip(place + 0.37 * aside, low + aside, high - aside))
+    normal = np.eye(3)[axis]
+    grid = grid_of(case.nodes, case.connectivity)
+    plane = grid.slice(normal, origin=place * normal, generate_triangles=True)
+    return list(np.delete(plane.points[plane.regular_faces], axis, axis=2))
 
 
 def _valley(finger: Finger) -> float:

@@ -123,27 +123,31 @@ def write_vtu_series(
     (k,n,...)} at the nodes. "Warp by vector" with U shows the shape.
     ValueError for other cells and for fields of another length.
     """
-    width = cells.shape[1]
-    if width not in VTK_KINDS:
-        raise ValueError(
-            f"cells have {width} nodes; wanted 27, 20, 8 (hexahedra), 10 (tetrahedra), 4 or 3 (surface)"
-        )
+    grid = grid_of(nodes, cells)
     for key, field in fields.items():
         if field.shape[:2] != (len(times), len(nodes)):
             wanted = (len(times), len(nodes))
             raise ValueError(f"field {key!r} has shape {field.shape}; wanted {wanted} (times, nodes) first")
-    import pyvista as pv
-
-    order = VTK_HEX27 if width == 27 else np.arange(width)
-    stacked = np.column_stack([np.full(len(cells), width), cells[:, order]]).ravel()
-    kind = pv.CellType[VTK_KINDS[width]]
-    grid = pv.UnstructuredGrid(stacked, np.full(len(cells), kind, dtype=np.uint8), nodes)
     names = [f"{name}-{step:04d}.vtu" for step in range(len(times))]
     for step, file in enumerate(names):
         for key, field in fields.items():
             grid.point_data[key] = np.asarray(field[step])
         files.write_bytes(folder / file, _vtu(grid))
     return _write_pvd(folder / f"{name}.pvd", times=times, names=names)
+
+
+def grid_of(nodes: Array, cells: NDArray[np.int64]) -> Any:
+    """The mesh as pyvista's unstructured grid; nodes (n,3) mm, cells (e,m) as in `write_vtu_series`."""
+    import pyvista as pv
+
+    width = cells.shape[1]
+    if width not in VTK_KINDS:
+        raise ValueError(
+            f"cells have {width} nodes; wanted 27, 20, 8 (hexahedra), 10 (tetrahedra), 4 or 3 (surface)"
+        )
+    order = VTK_HEX27 if width == 27 else np.arange(width)
+    kind = pv.CellType[VTK_KINDS[width]]
+    return pv.UnstructuredGrid({kind: cells[:, order]}, nodes)
 
 
 def _vtu(grid: Any) -> bytes:

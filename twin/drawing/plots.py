@@ -8,10 +8,8 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
-from numpy.typing import NDArray
 
 from twin.drawing.theme import (
     AFTER,
@@ -19,10 +17,7 @@ from twin.drawing.theme import (
     MEASURED,
     NOISE,
     beside,
-    cycle,
-    label_ends,
     legend_above,
-    log_if_wide,
     png,
     style,
     svg,
@@ -30,23 +25,19 @@ from twin.drawing.theme import (
 from twin.targets import Array
 
 AXES_NAMES = ("U1", "U2", "U3")
-MODELS = ("model before", "model after")  # what the two models of a picture are called, unless told
 
 
 def displacements(
     time_s: Array,
     *,
     measured: Array,
-    before: Array | None = None,
-    after: Array | None = None,
+    models: Mapping[str, Array],
     names: Sequence[str],
-    labels: tuple[str, str] = MODELS,
     components: Sequence[int] = (0, 2),
 ) -> str:
-    """Displacement against film time, a row per marker: measured, model before, model after.
+    """Displacement against film time, a row per marker: measured, and up to two models by name.
 
-    time_s (s,) s; measured, before, after (s,p,3) mm; names (p,); labels of the two models; components
-    shown, 0 to 2.
+    time_s (s,) s; measured, models (s,p,3) mm; names (p,); components shown, 0 to 2.
     """
     with style():
         figure = Figure(figsize=(7.6, 0.55 + 0.95 * len(names)), layout="constrained")
@@ -55,12 +46,8 @@ def displacements(
             for column, i in enumerate(components):
                 axes = rows[p, column]
                 axes.plot(time_s, measured[:, p, i], color=MEASURED, linewidth=3.2, label="measured")
-                if before is not None:
-                    axes.plot(
-                        time_s, before[:, p, i], "--", color=BEFORE, label=labels[0], linewidth=1.1
-                    )
-                if after is not None:
-                    axes.plot(time_s, after[:, p, i], color=AFTER, label=labels[1], linewidth=1.0)
+                for (label, u), colour, line in zip(models.items(), (BEFORE, AFTER), ("--", "-")):
+                    axes.plot(time_s, u[:, p, i], line, color=colour, label=label, linewidth=1.0)
                 axes.yaxis.set_major_locator(MaxNLocator(3))
                 axes.margins(x=0.01)
             rows[p, 0].set_ylabel(name, rotation=0, ha="right", va="center")
@@ -118,90 +105,6 @@ def _residuals(
     bar.set_label(f"measured - model, {unit}")
     bar.outline.set_visible(False)
     return figure
-
-
-def generations(
-    generation: NDArray[np.integer], *, rms_mm: Array, best: Array, names: Sequence[str], unit: str = "MPa"
-) -> str:
-    """Best RMS error and, below it, its parameters over the generations of the genetic algorithm.
-
-    generation (g,); rms_mm (g,) mm; best (g,d) parameters in `unit`; names (d,).
-    """
-    with style():
-        figure = Figure(figsize=(4.6, 3.6), layout="constrained")
-        above, below = figure.subplots(2, 1, sharex=True)
-        above.plot(generation, rms_mm, color=AFTER, marker="o", markersize=3)
-        above.set_title("best RMS error, mm")
-        log_if_wide(above, rms_mm)
-        for value, colour in zip(best.T, cycle(len(names))):
-            below.plot(generation, value, color=colour, marker="o", markersize=3)
-        label_ends(below, generation, best.T, names=names, colours=cycle(len(names)))
-        below.set_title(f"parameters of the best, {unit}")
-        below.set_xlabel("generation")
-        below.xaxis.set_major_locator(MaxNLocator(6, integer=True))
-        return svg(figure)
-
-
-def landscape(
-    candidates: Array,
-    *,
-    rms_mm: Array,
-    names: Sequence[str],
-    unit: str = "MPa",
-    best: Array | None = None,
-) -> str:
-    """Error of all candidates over two parameters.
-
-    candidates (m,2) in `unit`; rms_mm (m,) mm, NaN = no solution; best (2,).
-    """
-    with style():
-        figure = Figure(figsize=(4.6, 3.6), layout="constrained")
-        axes = figure.subplots()
-        solved = np.isfinite(rms_mm) & (rms_mm > 0)
-        order = np.argsort(-rms_mm[solved])  # the best on top
-        place, error = candidates[solved][order], rms_mm[solved][order]
-        failed = candidates[~np.isfinite(rms_mm)]
-        axes.plot(failed[:, 0], failed[:, 1], "x", color=NOISE, markersize=4, label="no solution")
-        if len(place):
-            norm = LogNorm(error.min(), max(error.max(), 1.001 * error.min()))
-            dots = axes.scatter(
-                place[:, 0], place[:, 1], c=error, norm=norm, cmap="viridis_r", s=16, linewidths=0
-            )
-            figure.colorbar(dots, ax=axes, label="RMS error, mm").outline.set_visible(False)
-        if best is not None:
-            axes.plot(*best, "*", color=BEFORE, markersize=11, markeredgecolor="white", label="best")
-        axes.set(xlabel=f"{names[0]}, {unit}", ylabel=f"{names[1]}, {unit}")
-        legend_above(figure, axes)
-        return svg(figure)
-
-
-def pressure_curves(
-    pressure: Array,
-    *,
-    measured: Array,
-    before: Array | None = None,
-    after: Array | None = None,
-    names: Sequence[str],
-    labels: tuple[str, str] = MODELS,
-    component: str = "U3",
-) -> str:
-    """Displacement against pressure, a panel per marker: measured, model before, model after.
-
-    pressure (s,) MPa; measured, before, after (s,p) mm; names (p,); labels of the two models. Every step is a
-    dot: a line would join the steps of a fast release, between which the path is not known.
-    """
-    with style():
-        figure = Figure(figsize=(7.6, 2.8), layout="constrained")
-        panels = figure.subplots(1, len(names), squeeze=False)[0]
-        kilopascal = 1e3 * pressure
-        for p, (axes, name) in enumerate(zip(panels, names)):
-            axes.plot(kilopascal, measured[:, p], "o", color=MEASURED, markersize=4.5, label="measured")
-            for model, colour, label in ((before, BEFORE, labels[0]), (after, AFTER, labels[1])):
-                if model is not None:
-                    axes.plot(kilopascal, model[:, p], "o", color=colour, markersize=1.4, label=label)
-            axes.set(title=f"{name}: {component}, mm", xlabel="pressure, kPa")
-        legend_above(figure, panels[0])
-        return svg(figure)
 
 
 def falling(rows: Sequence[tuple[str, float]], *, noise_mm: float) -> str:

@@ -1,5 +1,5 @@
-"""Turns what a calibration has found into the seven figures of the reference study, each an SVG text: 5a to
-5c of the search, 6a to 6d of the models before and after.
+"""Turns what a calibration has found into plots, each an SVG text: what the search went through, the models
+before and after. They are the seven figures of the reference study, 5a to 5c and 6a to 6d, and the report's.
 
 Every curve carries an id (`gid`) in the SVG, so that a figure can be read back.
 """
@@ -19,6 +19,7 @@ from twin.drawing.theme import (
     BEFORE,
     EXTRA,
     INK,
+    MEASURED,
     MUTED,
     NOISE,
     cycle,
@@ -30,18 +31,22 @@ from twin.drawing.theme import (
 from twin.targets import Array
 
 SIZE = (4.6, 3.4)  # inches: two stand beside each other on a page
-INITIAL, FINAL, MEASURED = "initial model", "updated model", "experiment"
+INITIAL, FINAL, EXPERIMENT = "initial model", "updated model", "experiment"
 MANY = 20  # readings of a film are drawn small
 BARS = 0.26  # width of a bar, of the distance from one point to the next
 
 
-def best_error(generation: NDArray[np.integer], *, rms_mm: Array, initial_mm: float) -> str:
+def best_error(
+    generation: NDArray[np.integer], *, rms_mm: Array, initial_mm: float | None = None
+) -> str:
     """Figure 5a: the best RMS error (g,) mm by generation (g,), and that of the initial model."""
     with style():
         figure, axes = _one()
-        axes.axhline(initial_mm, color=BEFORE, linestyle="--", linewidth=1.1, label=INITIAL, gid="initial")
+        known = np.append(rms_mm, [] if initial_mm is None else initial_mm)
+        if initial_mm is not None:
+            axes.axhline(initial_mm, color=BEFORE, ls="--", linewidth=1.1, label=INITIAL, gid="initial")
         axes.plot(generation, rms_mm, color=AFTER, marker="o", markersize=3, label="best so far", gid="best")
-        log_if_wide(axes, np.append(rms_mm, initial_mm))
+        log_if_wide(axes, known)
         if axes.get_yscale() == "linear":
             axes.set_ylim(bottom=0.0)
         _by_generation(axes, "RMS error, mm")
@@ -52,14 +57,16 @@ def best_error(generation: NDArray[np.integer], *, rms_mm: Array, initial_mm: fl
 def best_constants(
     generation: NDArray[np.integer], *, best: Array, names: Sequence[str], unit: str = "MPa"
 ) -> str:
-    """Figure 5b: the best constants (g, 2) in `unit` by generation (g,), and their sum."""
+    """Figure 5b: the best constants (g, d) in `unit` by generation (g,), of two also their sum."""
     with style():
         figure, axes = _one()
-        curves = [*best.T, best.sum(axis=1)]
-        titles, colours = [*names, f"{names[0]} + {names[1]}"], [*cycle(2), MUTED]
+        curves, titles, colours = list(best.T), list(names), cycle(len(names))
+        if len(names) == 2:
+            curves, titles = [*curves, best.sum(axis=1)], [*titles, " + ".join(names)]
+            colours = [*colours, MUTED]
         for curve, title, colour in zip(curves, titles, colours, strict=True):
             axes.plot(generation, curve, color=colour, marker="o", markersize=3, gid=title)
-        axes.set_ylim(0.0, 1.12 * max(float(c.max()) for c in curves))
+        axes.set_ylim(0.0, 1.12 * float(np.nanmax(curves)))
         label_ends(axes, generation, np.array(curves), names=titles, colours=colours)
         _by_generation(axes, f"constants of the best, {unit}")
         return svg(figure)
@@ -69,13 +76,13 @@ def valley(
     candidates: Array,
     *,
     rms_mm: Array,
-    ridge: Array,
     marks: Mapping[str, Array],
     names: Sequence[str],
+    ridge: Array | None = None,
     unit: str = "MPa",
 ) -> str:
     """Figure 5c: the error rms_mm (m,) mm of all candidates (m, 2) over the two constants (NaN or inf: no
-    solution), the ridge (h, 2) of least error, and models by name."""
+    solution), models (2,) by name, and the ridge (h, 2) of least error."""
     with style():
         figure = Figure(figsize=(SIZE[0], 3.9), layout="constrained")
         axes = figure.subplots()
@@ -86,22 +93,18 @@ def valley(
             axes.plot(
                 *candidates[~solved].T, "x", color=NOISE, markersize=4, label="no solution", gid="unsolved"
             )
-        norm = LogNorm(error.min(), max(error.max(), 1.001 * error.min()))
-        dots = axes.scatter(
-            place[:, 0],
-            place[:, 1],
-            c=error,
-            norm=norm,
-            cmap="viridis_r",
-            s=16,
-            linewidths=0,
-            gid="candidates",
-        )
-        figure.colorbar(dots, ax=axes, label="RMS error, mm").outline.set_visible(False)
-        axes.plot(*ridge.T, color=INK, linewidth=1.0, label="ridge: least error", gid="ridge")
-        for (name, at), (shape, colour) in zip(marks.items(), _shapes(len(marks))):
+        if len(error):
+            norm = LogNorm(error.min(), max(error.max(), 1.001 * error.min()))
+            dots = axes.scatter(
+                place[:, 0], place[:, 1], c=error, norm=norm, cmap="viridis_r", s=16, linewidths=0,
+                gid="candidates",
+            )  # fmt: skip
+            figure.colorbar(dots, ax=axes, label="RMS error, mm").outline.set_visible(False)
+        if ridge is not None:
+            axes.plot(*ridge.T, color=INK, linewidth=1.0, label="ridge: least error", gid="ridge")
+        for (name, (x, y)), (shape, colour) in zip(marks.items(), _shapes(len(marks))):
             axes.plot(
-                *at, shape, color=colour, markersize=13 if shape == "*" else 8, markeredgecolor=INK,
+                x, y, shape, color=colour, markersize=13 if shape == "*" else 8, markeredgecolor=INK,
                 markeredgewidth=0.9, label=name, linestyle="none", gid=name, clip_on=False, zorder=5,
             )  # fmt: skip
         axes.set(xlabel=f"{names[0]}, {unit}", ylabel=f"{names[1]}, {unit}")
@@ -112,24 +115,32 @@ def valley(
 def against_pressure(
     pressure: Array,
     *,
-    initial_mm: Array,
-    final_mm: Array,
+    models: Mapping[str, Array],
     read_at: Array,
     read_mm: Array,
-    read_sd_mm: Array,
+    read_sd_mm: Array | None = None,
     title: str,
     component: str = "U3",
 ) -> str:
-    """Figures 6a, 6b: displacement of one point against pressure: models (k,) mm at pressures (k,) MPa, and
-    what was read (n,) mm at pressures (n,) MPa with its sds (n,) mm."""
+    """Figures 6a, 6b: displacement of one point against pressure: one or two models (k,) mm by name at
+    pressures (k,) MPa, and what was read (n,) mm at pressures (n,) MPa with its sds (n,) mm.
+
+    Without sds the models are those of a film's steps, each a dot: a line would join the steps of a fast
+    release, between which the path is not known.
+    """
     with style():
         figure, axes = _one()
-        axes.plot(1e3 * pressure, initial_mm, "--", color=BEFORE, label=INITIAL, gid="initial")
-        axes.plot(1e3 * pressure, final_mm, color=AFTER, label=FINAL, gid="final")
-        axes.errorbar(
-            1e3 * read_at, read_mm, yerr=1.96 * read_sd_mm, fmt="o", color=INK, capsize=3, elinewidth=0.9,
-            markersize=4.5 if len(read_at) < MANY else 2, label=f"{MEASURED}, 95 %", zorder=4,
-        )[0].set_gid("experiment")  # fmt: skip
+        if read_sd_mm is None:
+            lines: tuple[str, str] = ("o", "o")
+            axes.plot(1e3 * read_at, read_mm, "o", color=MEASURED, markersize=4.5, label="measured")
+        else:
+            lines = ("--", "-")
+            axes.errorbar(
+                1e3 * read_at, read_mm, yerr=1.96 * read_sd_mm, fmt="o", color=INK, capsize=3, elinewidth=0.9,
+                markersize=4.5 if len(read_at) < MANY else 2, label=f"{EXPERIMENT}, 95 %", zorder=4,
+            )[0].set_gid("experiment")  # fmt: skip
+        for (name, u), colour, gid, line in zip(models.items(), (BEFORE, AFTER), ("initial", "final"), lines):
+            axes.plot(1e3 * pressure, u, line, color=colour, label=name, gid=gid, markersize=1.4)
         axes.set(xlabel="pressure, kPa", ylabel=f"{component}, mm")
         axes.set_title(title)
         axes.margins(x=0.03)
@@ -143,7 +154,7 @@ def end_values(
     """Figure 6c: displacements (p,) mm at the top pressure: experiment, initial and updated model."""
     with style():
         figure, axes = _one()
-        rows = {MEASURED: (measured, MUTED), INITIAL: (initial, BEFORE), FINAL: (final, AFTER)}
+        rows = {EXPERIMENT: (measured, MUTED), INITIAL: (initial, BEFORE), FINAL: (final, AFTER)}
         _bars(axes, points, rows, digits=1)
         axes.axhline(0.0, color=MUTED, linewidth=0.8)
         axes.set_ylabel(f"{component}, mm")

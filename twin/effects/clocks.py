@@ -5,8 +5,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 
-from calibrate import Parameter
-from twin.effects.protocol import Effect, Order, Test, Theta
+from twin.effects.protocol import Effect, Order, Test, Theta, symmetric
 from twin.effects.requirements import Requirement
 from twin.targets import Array
 
@@ -17,8 +16,9 @@ class TimeShift(Effect):
 
     name, order, requires = "time_shift", Order.CLOCK, (Requirement.HISTORY,)
     sentence = "the film's clock and the clock of the pressure log do not agree"
+    generic = "pressure course"
     # clocks set by hand or by a click agree to some frames of a film, 0.1 to 0.3 s (judgement)
-    parameters = (Parameter("time_shift.s", -2.0, 2.0, "s", null=0.0, typical=0.05, plausible=(-0.3, 0.3)),)
+    parameters = symmetric("time_shift.s", most=2.0, unit="s", step=0.05, likely=0.3)
 
     def before(self, test: Test, theta: Theta) -> Test:
         path, shift = test.path, theta["time_shift.s"]

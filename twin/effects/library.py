@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 
+from twin.effects import labels
 from twin.effects.clocks import TimeShift
 from twin.effects.loads import Gravity, PressureGain, PressureLag, PressureOffset
 from twin.effects.material import Compressibility, Creep, Mullins, Stiffening, Thermal
@@ -23,22 +24,42 @@ def all_effects() -> tuple[Effect, ...]:
     )  # fmt: skip
 
 
+def effects_of(text: str, *, own: Sequence[Effect] = ()) -> tuple[tuple[Effect, ...], ...]:
+    """The effects that a text names as a verdict does, `creep + gravity or tube`: groups of which any one may
+    be missing, without those that hold a stand-in. ValueError where nothing else is named, or one is unknown.
+
+    own: the effects of the user's own files.
+    """
+    known = {e.name for e in (*all_effects(), *own)}
+    groups = labels.groups(text)
+    real = [g for g in groups if all(x in known or labels.kind_of(x) is None for x in g)] or groups
+    return tuple(tuple(effect(label, own=own) for label in group) for group in real)
+
+
 def effect(label: str, *, own: Sequence[Effect] = ()) -> Effect:
     """The effect named by a label in twin.toml, for example `creep` or `creep:2`; ValueError if unknown.
 
     own: the effects of the user's own files.
     """
-    name = label.partition(":")[0]
+    name = labels.name_of(label)
     known = {e.name: e.laws() for e in (*all_effects(), *own)}
     if name not in known:
+        kind = labels.kind_of(label)
+        if kind is not None:
+            same = [e.name for e in (*all_effects(), *own) if e.generic == kind]
+            raise ValueError(
+                f"{label!r} tells how the rest looks; it is no effect that a model can have; wanted "
+                f"{f'{labels.OR.join(same)}, which it may be, or ' if same else ''}"
+                "an effect of your own with its cause (docs/own-effect.md)"
+            )
         raise ValueError(
             f"effect {label!r} is not in the library, wanted one of {', '.join(known)}; one of your own "
             "stands in a file that twin.toml names under [model] effect_files"
         )
     laws = {law.label: law for law in known[name]}
-    made = known[name][0].named(label)
-    if label not in laws and made is not None:
-        return made
-    if label not in laws:
-        raise ValueError(f"effect {label!r}: no such law of {name}, wanted one of {', '.join(laws)}")
-    return laws[label]
+    made = laws.get(label) or known[name][0].named(label)
+    if made is None:
+        wide = known[name][0].wide()
+        every = dict.fromkeys([*laws, *([wide.label] if wide else [])])
+        raise ValueError(f"effect {label!r}: no such law of {name}, wanted one of {', '.join(every)}")
+    return made

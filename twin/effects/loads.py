@@ -6,11 +6,14 @@ from typing import ClassVar
 import numpy as np
 
 from calibrate import Parameter
-from twin.effects.material import shared
-from twin.effects.protocol import Effect, Order, Test, Theta, Wide
+from twin.effects.protocol import Effect, Order, Test, Theta, symmetric
 from twin.effects.requirements import Requirement
+from twin.effects.widest import Wide, in_logs
 from twin.gravity import pulls_across
 from twin.targets import Array
+
+# MPa: a gauge that is not zeroed before the test is off by up to 1 kPa, 10 cm of water (judgement)
+ZERO = 1e-3
 
 
 class PressureGain(Effect):
@@ -18,10 +21,9 @@ class PressureGain(Effect):
 
     name, order = "pressure_gain", Order.GAUGE_GAIN
     sentence = "the pressure gauge reads wrong by a constant factor"
+    generic = "pressure course"
     # cheap gauges state 1 to 2.5 % of their range, and are read at a third of it (judgement)
-    parameters = (
-        Parameter("pressure_gain.gain", -0.3, 0.3, "", null=0.0, typical=0.02, plausible=(-0.1, 0.1)),
-    )
+    parameters = symmetric("pressure_gain.gain", most=0.3, unit="", step=0.02, likely=0.1)
 
     def before(self, test: Test, theta: Theta) -> Test:
         gain = 1 + theta["pressure_gain.gain"]
@@ -31,18 +33,17 @@ class PressureGain(Effect):
         return GaugeCurve()
 
 
-class GaugeCurve(Wide):
+class GaugeCurve(Wide, of=PressureGain):
     """The gauge's calibration is a smooth curve: true = offset + p (1 + gain + bend x + turn x^2), with
     x = p / 0.1 MPa."""
 
-    name, order = PressureGain.name, PressureGain.order
     sentence = "the pressure gauge is not as straight as its calibration"
     UNIT: ClassVar[float] = 0.1  # MPa
     parameters = (
-        Parameter(f"{name}.offset", -5e-3, 5e-3, "MPa", null=0.0, typical=2e-4, plausible=(-1e-3, 1e-3)),
-        Parameter(f"{name}.gain", -0.3, 0.3, "", null=0.0, typical=0.02, plausible=(-0.1, 0.1)),
-        Parameter(f"{name}.bend", -2.0, 2.0, "", null=0.0, typical=0.05, plausible=(-0.3, 0.3)),
-        Parameter(f"{name}.turn", -8.0, 8.0, "", null=0.0, typical=0.2, plausible=(-1.0, 1.0)),
+        *symmetric("pressure_gain.offset", most=5e-3, unit="MPa", step=2e-4, likely=ZERO),
+        Parameter("pressure_gain.gain", -0.3, 0.3, "", null=0.0, typical=0.02, plausible=(-0.1, 0.1)),
+        Parameter("pressure_gain.bend", -2.0, 2.0, "", null=0.0, typical=0.05, plausible=(-0.3, 0.3)),
+        Parameter("pressure_gain.turn", -8.0, 8.0, "", null=0.0, typical=0.2, plausible=(-1.0, 1.0)),
     )
 
     def before(self, test: Test, theta: Theta) -> Test:
@@ -52,22 +53,14 @@ class GaugeCurve(Wide):
         true = p + (offset + p * (gain + bend * x + turn * x**2))
         return replace(test, path=replace(test.path, pressure=true))
 
-    def start(self, theta: Theta) -> Theta:
-        none = {p.name: 0.0 for p in self.parameters}
-        return {**none, **theta}
-
 
 class PressureOffset(Effect):
     """The gauge's zero is off: true pressure = recorded + offset, after any gain."""
 
     name, order = "pressure_offset", Order.GAUGE_OFFSET
     sentence = "the pressure gauge does not read zero without pressure"
-    # a gauge that is not zeroed before the test is off by up to 1 kPa: 10 cm of water (judgement)
-    parameters = (
-        Parameter(
-            "pressure_offset.offset", -5e-3, 5e-3, "MPa", null=0.0, typical=2e-4, plausible=(-1e-3, 1e-3)
-        ),
-    )
+    generic = "pressure course"
+    parameters = symmetric("pressure_offset.offset", most=5e-3, unit="MPa", step=2e-4, likely=ZERO)
 
     def before(self, test: Test, theta: Theta) -> Test:
         pressure = test.path.pressure + theta["pressure_offset.offset"]
@@ -77,16 +70,15 @@ class PressureOffset(Effect):
         return ZeroDrift()
 
 
-class ZeroDrift(Wide):
+class ZeroDrift(Wide, of=PressureOffset):
     """The gauge's zero drifts: true = p + offset + slope x + bend x (1 - x), x in minutes on the clock of the
     pressure log."""
 
-    name, order = PressureOffset.name, PressureOffset.order
     sentence = "the zero of the pressure gauge drifts"
     MINUTE: ClassVar[float] = 60.0  # s
-    parameters = tuple(
-        Parameter(f"pressure_offset.{k}", -5e-3, 5e-3, "MPa", null=0.0, typical=2e-4, plausible=(-1e-3, 1e-3))
-        for k in ("offset", "slope", "bend")
+    parameters = symmetric(
+        *(f"pressure_offset.{k}" for k in ("offset", "slope", "bend")),
+        most=5e-3, unit="MPa", step=2e-4, likely=ZERO,
     )
 
     def before(self, test: Test, theta: Theta) -> Test:
@@ -94,9 +86,6 @@ class ZeroDrift(Wide):
         x = test.path.time / self.MINUTE
         pressure = test.path.pressure + offset + slope * x + bend * x * (1 - x)
         return replace(test, path=replace(test.path, pressure=pressure))
-
-    def start(self, theta: Theta) -> Theta:
-        return {**{p.name: 0.0 for p in self.parameters}, **theta}
 
 
 class Gravity(Effect):
@@ -126,6 +115,7 @@ class PressureLag(Effect):
 
     name, order, requires = "pressure_lag", Order.LINE, (Requirement.HISTORY,)
     sentence = "the pressure in the chamber lags behind the gauge (hose and orifice)"
+    generic = "pressure course"
     # 2 m of hose of 4 mm fill 20 ml in 0.05 to 0.5 s (judgement)
     parameters = (Parameter("pressure_lag.tau", 0.0, 5.0, "s", null=0.0, typical=0.1, plausible=(0.0, 1.0)),)
 
@@ -138,12 +128,10 @@ class PressureLag(Effect):
         return DistributedLag()
 
 
-class DistributedLag(Wide):
+class DistributedLag(Wide, of=PressureLag):
     """The chamber follows the gauge by a kernel: p + sum w (p behind a first-order line of tau - p), on fixed
     TAUS. With weights of both signs it comes near to a line of second order, or with dead time."""
 
-    name, order, requires = PressureLag.name, PressureLag.order, PressureLag.requires
-    sentence = PressureLag.sentence
     TAUS: ClassVar[tuple[float, ...]] = (0.05, 0.15, 0.4, 1.2, 4.0)  # s
     parameters = tuple(
         Parameter(f"pressure_lag.w{k}", -2.0, 3.0, "", null=0.0, typical=0.1, plausible=(-0.5, 1.0))
@@ -158,11 +146,11 @@ class DistributedLag(Wide):
         )
         return replace(test, path=replace(test.path, pressure=p + late))
 
-    def start(self, theta: Theta) -> Theta:
+    def amounts(self, theta: Theta) -> dict[str, float]:
         """One line's tau shared by the two nearest of TAUS; a tau below the least is as much less of it."""
         tau = theta.get("pressure_lag.tau", 0.0)
         term = (min(tau / self.TAUS[0], 1.0), max(tau, self.TAUS[0]))
-        return {**self.rest(theta), **shared(self.parameters, self.TAUS, [term])}
+        return self.bounded(in_logs([term], self.TAUS))
 
 
 def first_order_lag(time: Array, pressure: Array, tau: float) -> Array:

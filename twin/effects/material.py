@@ -1,6 +1,6 @@
 """Effects of the silicone itself: its law and its memory."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import ClassVar
 
@@ -9,8 +9,9 @@ import numpy as np
 from calibrate import Parameter
 from twin.effects import baselaw
 from twin.effects.baselaw import Constants
-from twin.effects.protocol import Effect, Family, Order, Test, Theta, Unsolvable, Wide
+from twin.effects.protocol import Effect, Family, Order, Test, Theta, Unsolvable, symmetric
 from twin.effects.requirements import Requirement
+from twin.effects.widest import Wide, in_logs
 
 ALL = 0.95  # of the stiffness is what relaxation may take
 
@@ -93,12 +94,11 @@ class Creep(Family):
         return CreepSpectrum()
 
 
-class CreepSpectrum(Wide):
+class CreepSpectrum(Wide, of=Creep):
     """Prony relaxation on fixed time constants TAUS, from some frames of a film to its length: amplitudes w
     alone. Three a decade carry one term anywhere between them to 0.6 % of it, where amplitudes may be a
     little below 0 (to 2.3 % where they may not)."""
 
-    name, order, requires, sentence = Creep.name, Creep.order, Creep.requires, Creep.sentence
     TAUS: ClassVar[tuple[float, ...]] = (0.3, 0.66, 1.45, 3.2, 7.0, 15.5, 34.0, 75.0)  # s
     parameters = tuple(
         Parameter(f"creep.w{k}", -0.05, 0.3, "", null=0.0, typical=0.02, plausible=(-0.03, 0.1))
@@ -111,21 +111,10 @@ class CreepSpectrum(Wide):
             raise Unsolvable("creep: the amplitudes add up to all of the stiffness; wanted less than that")
         return replace(test, case=test.case.with_material(prony=series))
 
-    def start(self, theta: Theta) -> Theta:
+    def amounts(self, theta: Theta) -> dict[str, float]:
         """Each g shared by the two nearest of TAUS, by the logarithm of its tau."""
         terms = [(theta[f"creep.g{i}"], theta[f"creep.tau{i}"]) for i in (1, 2) if f"creep.g{i}" in theta]
-        return {**self.rest(theta), **shared(self.parameters, self.TAUS, terms)}
-
-
-def shared(
-    parameters: Sequence[Parameter], places: Sequence[float], terms: Sequence[tuple[float, float]]
-) -> dict[str, float]:
-    """Values of amplitudes at fixed places (k,) > 0, from terms (amplitude, place) anywhere: each is shared
-    by its two neighbours, evenly in the logarithm."""
-    at, out = np.log(places), np.zeros(len(parameters))
-    for size, place in terms:
-        out += size * np.array([np.interp(np.log(place), at, unit) for unit in np.eye(len(at))])
-    return {p.name: float(np.clip(x, p.low, p.high)) for p, x in zip(parameters, out, strict=True)}
+        return self.bounded(in_logs(terms, self.TAUS))
 
 
 class Stiffening(Family):
@@ -150,11 +139,10 @@ class Stiffening(Family):
         return StrainEnergy()
 
 
-class StrainEnergy(Wide):
+class StrainEnergy(Wide, of=Stiffening):
     """More terms of the strain energy: C20 (I1 - 3)^2, C30 (I1 - 3)^3, and one that grows with I2, that of
     Ogden with the exponent -4: mu / 8 (I2^2 - 2 I1 - 3), which adds mu to the shear modulus at rest."""
 
-    name, order, sentence = Stiffening.name, Stiffening.order, Stiffening.sentence
     parameters = (
         *Stiffening(2).parameters,
         Parameter("stiffening.mu", -0.1, 0.3, "MPa", null=0.0, typical=0.01, plausible=(-0.05, 0.05)),
@@ -164,9 +152,6 @@ class StrainEnergy(Wide):
         terms = {"C20": theta["stiffening.C20"], "C30": theta["stiffening.C30"]}
         bent = ((theta["stiffening.mu"], -4.0),)
         return replace(test, case=test.case.with_material(**terms, ogden=bent))
-
-    def start(self, theta: Theta) -> Theta:
-        return {**{p.name: 0.0 for p in self.parameters}, **theta}
 
 
 class Mullins(Family):
@@ -226,9 +211,8 @@ class Thermal(Effect):
 
     name, order = "thermal", Order.MATERIAL
     sentence = "the silicone gets stiffer or softer with time (its temperature drifts)"
-    parameters = (
-        Parameter("thermal.rate", -5e-3, 5e-3, "1/s", null=0.0, typical=2e-4, plausible=(-1e-3, 1e-3)),
-    )
+    completed_by = "pressure course"
+    parameters = symmetric("thermal.rate", most=5e-3, unit="1/s", step=2e-4, likely=1e-3)
 
     def before(self, test: Test, theta: Theta) -> Test:
         factor = 1 + theta["thermal.rate"] * test.path.time
@@ -238,16 +222,12 @@ class Thermal(Effect):
         return ModulusDrift()
 
 
-class ModulusDrift(Wide):
+class ModulusDrift(Wide, of=Thermal):
     """All moduli follow a polynomial of time: times 1 + a x + b x (1 - x) + c x (1 - x) (1 - 2 x), x in
     minutes on the clock of the pressure log."""
 
-    name, order, sentence = Thermal.name, Thermal.order, Thermal.sentence
     MINUTE: ClassVar[float] = 60.0  # s
-    parameters = tuple(
-        Parameter(f"thermal.{k}", -0.5, 0.5, "", null=0.0, typical=0.01, plausible=(-0.06, 0.06))
-        for k in "abc"
-    )
+    parameters = symmetric(*(f"thermal.{k}" for k in "abc"), most=0.5, unit="", step=0.01, likely=0.06)
 
     def before(self, test: Test, theta: Theta) -> Test:
         x = test.path.time / self.MINUTE
@@ -255,6 +235,5 @@ class ModulusDrift(Wide):
         factor = 1 + np.tensordot([theta[p.name] for p in self.parameters], basis, 1)
         return replace(test, path=replace(test.path, stiffness=factor))
 
-    def start(self, theta: Theta) -> Theta:
-        slope = self.MINUTE * theta.get("thermal.rate", 0.0)
-        return {**self.rest(theta), "thermal.a": slope, "thermal.b": 0.0, "thermal.c": 0.0}
+    def amounts(self, theta: Theta) -> dict[str, float]:
+        return {"thermal.a": self.MINUTE * theta.get("thermal.rate", 0.0)}

@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from calibrate import Parameter
-from twin.effects.protocol import Effect, Order, Test, Theta
+from twin.effects.protocol import Effect, Order, Test, Theta, symmetric
 from twin.targets import Array
 
 DISTANCE = 500.0  # mm from the camera to the markers: what a tilt is stated for
@@ -14,10 +13,9 @@ class CameraScale(Effect):
 
     name, order = "camera_scale", Order.CAMERA
     sentence = "the picture's scale (mm per pixel) is wrong by a constant factor"
+    generic = "camera"
     # a ruler of 100 mm read to 1 mm at either end is off by 1 %, one in another plane by 3 % (judgement)
-    parameters = (
-        Parameter("camera_scale.scale", -0.2, 0.2, "", null=0.0, typical=0.01, plausible=(-0.03, 0.03)),
-    )
+    parameters = symmetric("camera_scale.scale", most=0.2, unit="", step=0.01, likely=0.03)
 
     def after(self, u: Array, test: Test, theta: Theta) -> Array:
         scale = theta["camera_scale.scale"]
@@ -32,12 +30,9 @@ class CameraRotation(Effect):
 
     name, order = "camera_rotation", Order.CAMERA
     sentence = "the picture is turned: its horizontal is not the finger's axis"
+    generic = "camera"
     # a frame of markers 100 mm apart, each placed to 2 mm, is turned by up to 2 degrees (judgement)
-    parameters = (
-        Parameter(
-            "camera_rotation.angle", -0.2, 0.2, "rad", null=0.0, typical=0.01, plausible=(-0.035, 0.035)
-        ),
-    )
+    parameters = symmetric("camera_rotation.angle", most=0.2, unit="rad", step=0.01, likely=0.035)
 
     def after(self, u: Array, test: Test, theta: Theta) -> Array:
         seen, a = test.points + u, theta["camera_rotation.angle"]
@@ -54,10 +49,10 @@ class CameraTilt(Effect):
 
     name, order = "camera_tilt", Order.CAMERA
     sentence = "the camera looks at the finger obliquely, and its calibration does not know"
+    generic = "camera"
     # a camera set up by eye is square to the finger to about 2 degrees (judgement)
-    parameters = (
-        Parameter("camera_tilt.aside", -0.3, 0.3, "rad", null=0.0, typical=0.02, plausible=(-0.035, 0.035)),
-        Parameter("camera_tilt.up", -0.3, 0.3, "rad", null=0.0, typical=0.02, plausible=(-0.035, 0.035)),
+    parameters = symmetric(
+        "camera_tilt.aside", "camera_tilt.up", most=0.3, unit="rad", step=0.02, likely=0.035
     )
 
     def after(self, u: Array, test: Test, theta: Theta) -> Array:

@@ -4,7 +4,6 @@ An effect never states a derivative: `Model` differences its maps. At its null v
 the base, bit for bit on the same mesh (`Model.over`: half of a symmetric one, or all of it).
 """
 
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import IntEnum
@@ -13,12 +12,12 @@ from typing import Any, ClassVar
 from calibrate import Parameter
 from fe import Case, Path
 from fe.mesh.mirror import symmetry_support
+from twin.effects.labels import KINDS, NAME
 from twin.effects.origin import Origin, sent
 from twin.effects.requirements import Requirement
 from twin.targets import Array
 
 Theta = Mapping[str, float]
-NAME = re.compile(r"[a-z][a-z0-9_]*")
 
 
 class Unsolvable(Exception):
@@ -87,9 +86,12 @@ class Effect:
     value at which the effect is absent. grid: values at which parameters that are invisible at null are
     tried, on any test; `tries` where they depend on the test. requires: what the data must hold, else the
     effect is listed as not testable. smooth: False where its signature is the difference of whole solves, not
-    of first order.
+    of first order. kind: that of a stand-in, nothing for all others. generic: the kind of stand-in that says
+    the same in general, `outside force`, and so is no other explanation; completed_by: a kind that on top of
+    the effect merely completes its law.
 
-    Raises ValueError where a class is defined with a name, an order or a requirement that does not exist.
+    Raises ValueError where a class is defined with a name, an order, a requirement or a kind that does not
+    exist.
     """
 
     name: str = ""
@@ -99,6 +101,9 @@ class Effect:
     grid: tuple[Theta, ...] = ()
     requires: tuple[Requirement, ...] = ()
     smooth: bool = True
+    kind: str = ""
+    generic: str = ""
+    completed_by: str = ""
     origin: ClassVar[Origin | None] = None  # the file of the user's that defines it; set where that is read
 
     def __init_subclass__(cls) -> None:
@@ -110,6 +115,10 @@ class Effect:
             names = ", ".join(f"Order.{o.name}" for o in Order)
             raise ValueError(f"effect {cls.name!r}: order = {order!r}, wanted one of {names}")
         cls.requires = tuple(_requirement(cls.name, r) for r in cls.requires)
+        for kind in (cls.generic, cls.completed_by):
+            if kind and kind not in KINDS:
+                raise ValueError(f"effect {cls.name!r}: {kind!r} is no kind of stand-in, wanted one of "
+                                 f"{', '.join(map(repr, KINDS))}")  # fmt: skip
 
     def __reduce_ex__(self, protocol: Any) -> Any:
         """What is sent to a worker process: of an effect from a file, the file's text too."""
@@ -184,18 +193,6 @@ class Effect:
         return theta
 
 
-class Wide(Effect):
-    """The widest family of an effect's physics: amplitudes on a fixed basis, `creep:wide`; null is 0."""
-
-    @property
-    def label(self) -> str:
-        return f"{self.name}:wide"
-
-    def rest(self, theta: Theta) -> dict[str, float]:
-        """Values of what are not parameters of the effect's physics."""
-        return {k: v for k, v in theta.items() if k.partition(".")[0] != self.name}
-
-
 class Family(Effect):
     """An effect with laws of one, two or more terms, `creep` and `creep:2`; the wider holds the narrower.
 
@@ -235,6 +232,15 @@ class Family(Effect):
 
     def start(self, theta: Theta) -> Theta:
         return {**self.added, **theta} if self.terms > 1 else theta
+
+
+def symmetric(*names: str, most: float, unit: str, step: float, likely: float) -> tuple[Parameter, ...]:
+    """Amplitudes of either sign: 0 where the effect is absent, from -most to most, plausible from -likely to
+    likely; a change by `step` shows."""
+    return tuple(
+        Parameter(name, -most, most, unit, null=0.0, typical=step, plausible=(-likely, likely))
+        for name in names
+    )
 
 
 def _requirement(name: str, wanted: str) -> Requirement:

@@ -11,7 +11,8 @@ from calibrate import Parameter
 from fe import Case
 from fe.element import Integers
 from fe.mesh.mirror import middle_plane
-from twin.effects.protocol import Effect, Family, Order, Test, Theta, Wide
+from twin.effects.protocol import Effect, Family, Order, Test, Theta
+from twin.effects.widest import Wide, neighbours
 from twin.targets import Array
 
 STATIONS = 13  # sections along the finger that carry a force between them
@@ -33,6 +34,7 @@ class Tube(Family):
 
     name, order = "tube", Order.SUPPORT
     sentence = "the supply line, or something else outside, pulls the finger at one place"
+    generic = "outside force"
     added: ClassVar[Theta] = {"tube.up_per_MPa": 0.0, "tube.along_per_MPa": 0.0}
 
     def law(self, terms: int) -> tuple[Parameter, ...]:
@@ -58,10 +60,9 @@ class Tube(Family):
         return Tubes()
 
 
-class Tubes(Wide):
+class Tubes(Wide, of=Tube):
     """Forces at three places along the finger, each constant and growing with the pressure."""
 
-    name, order, sentence = Tube.name, Tube.order, Tube.sentence
     PLACES: ClassVar[tuple[float, ...]] = (0.4, 0.7, 1.0)
     parameters = tuple(
         Parameter(f"tube.{way}{per}{k}", -most, most, unit, null=0.0, typical=step, plausible=likely)
@@ -83,16 +84,14 @@ class Tubes(Wide):
         )
         return pulled(test, dead, growing, self.name)
 
-    def start(self, theta: Theta) -> Theta:
-        place = theta.get("tube.place", 1.0)
-        near = [float(np.interp(place, self.PLACES, unit)) for unit in np.eye(len(self.PLACES))]
-        own = {
-            f"tube.{way}{per}{k}": x * theta.get(f"tube.{way}{per}", 0.0)
+    def amounts(self, theta: Theta) -> dict[str, float]:
+        near = neighbours(theta.get("tube.place", 1.0), self.PLACES)
+        return {
+            f"tube.{way}{per}{k}": float(x) * theta.get(f"tube.{way}{per}", 0.0)
             for per in ("", "_per_MPa")
             for k, x in enumerate(near, start=1)
             for way in ("along", "up")
         }
-        return {**self.rest(theta), **own}
 
 
 def pulled(test: Test, dead: Mapping[float, Array], growing: Mapping[float, Array], name: str) -> Test:

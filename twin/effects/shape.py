@@ -12,10 +12,11 @@ from numpy.polynomial.legendre import legval
 
 from calibrate import Parameter
 from fe.mesh.inner import Inside, inside, least_volume_ratio
-from twin.effects.protocol import Effect, Order, Test, Theta, Unsolvable, Wide
+from twin.effects.protocol import Effect, Order, Test, Theta, Unsolvable, symmetric
+from twin.effects.widest import Wide, neighbours
 from twin.targets import Array
 
-CORE = (-0.5, 0.5)  # mm: a core held at one end sinks or floats by so much (judgement)
+CORE = 0.5  # mm: a core held at one end sinks or floats by so much (judgement)
 LEAST = 0.05  # of an element's volume must be left anywhere: beyond, the walls are all but closed
 
 
@@ -61,7 +62,7 @@ class WallTaper(InnerShape):
 
     name = "wall_taper"
     sentence = "the walls get thicker or thinner along the finger (the core was thinner at one end)"
-    parameters = (Parameter("wall_taper.mm", -1.2, 1.2, "mm", null=0.0, typical=0.1, plausible=(-0.6, 0.6)),)
+    parameters = symmetric("wall_taper.mm", most=1.2, unit="mm", step=0.1, likely=0.6)
 
     def motion(self, inner: Inside, theta: Theta) -> Array:
         return theta["wall_taper.mm"] * (_along(inner) - 0.5)[:, None] * _across(inner)
@@ -80,22 +81,19 @@ class LegendreCourse(InnerShape, Wide):
         return np.asarray(legval(2 * _along(inner) - 1, c), float)
 
 
-class WallCourse(LegendreCourse):
+class WallCourse(LegendreCourse, of=WallTaper):
     """Walls thicker by a polynomial of degree 5 along the finger: any smooth course, and a step as far as
     five terms carry it."""
 
-    name, sentence = WallTaper.name, WallTaper.sentence
-    parameters = tuple(
-        Parameter(f"wall_taper.c{k}", -0.8, 0.8, "mm", null=0.0, typical=0.05, plausible=(-0.3, 0.3))
-        for k in range(6)
+    parameters = symmetric(
+        *(f"wall_taper.c{k}" for k in range(6)), most=0.8, unit="mm", step=0.05, likely=0.3
     )
 
     def motion(self, inner: Inside, theta: Theta) -> Array:
         return self.along(inner, theta)[:, None] * _across(inner)
 
-    def start(self, theta: Theta) -> Theta:
-        none = {p.name: 0.0 for p in self.parameters}
-        return {**self.rest(theta), **none, "wall_taper.c1": 0.5 * theta.get("wall_taper.mm", 0.0)}
+    def amounts(self, theta: Theta) -> dict[str, float]:
+        return {"wall_taper.c1": 0.5 * theta.get("wall_taper.mm", 0.0)}
 
 
 class EccentricCore(InnerShape):
@@ -103,7 +101,7 @@ class EccentricCore(InnerShape):
 
     name = "eccentric_core"
     sentence = "the core sat too high or too low: top and bottom walls are not as drawn"
-    parameters = (Parameter("eccentric_core.mm", -1.0, 1.0, "mm", null=0.0, typical=0.1, plausible=CORE),)
+    parameters = symmetric("eccentric_core.mm", most=1.0, unit="mm", step=0.1, likely=CORE)
 
     def motion(self, inner: Inside, theta: Theta) -> Array:
         return np.tile([0.0, 0.0, theta["eccentric_core.mm"]], (len(inner.rows), 1))
@@ -112,21 +110,18 @@ class EccentricCore(InnerShape):
         return CoreCourse()
 
 
-class CoreCourse(LegendreCourse):
+class CoreCourse(LegendreCourse, of=EccentricCore):
     """The core sat higher by a polynomial of degree 3 along the finger: off, tilted or bent."""
 
-    name, sentence = EccentricCore.name, EccentricCore.sentence
-    parameters = tuple(
-        Parameter(f"eccentric_core.c{k}", -1.0, 1.0, "mm", null=0.0, typical=0.1, plausible=CORE)
-        for k in range(4)
+    parameters = symmetric(
+        *(f"eccentric_core.c{k}" for k in range(4)), most=1.0, unit="mm", step=0.1, likely=CORE
     )
 
     def motion(self, inner: Inside, theta: Theta) -> Array:
         return self.along(inner, theta)[:, None] * [0.0, 0.0, 1.0]
 
-    def start(self, theta: Theta) -> Theta:
-        none = {p.name: 0.0 for p in self.parameters}
-        return {**self.rest(theta), **none, "eccentric_core.c0": theta.get("eccentric_core.mm", 0.0)}
+    def amounts(self, theta: Theta) -> dict[str, float]:
+        return {"eccentric_core.c0": theta.get("eccentric_core.mm", 0.0)}
 
 
 class SidewaysCore(InnerShape):
@@ -135,7 +130,7 @@ class SidewaysCore(InnerShape):
 
     name = "eccentric_core_y"
     sentence = "the core sat off the middle plane: one side wall is thicker than the other"
-    parameters = (Parameter("eccentric_core_y.mm", -0.8, 0.8, "mm", null=0.0, typical=0.1, plausible=CORE),)
+    parameters = symmetric("eccentric_core_y.mm", most=0.8, unit="mm", step=0.1, likely=CORE)
 
     def breaks_symmetry(self, test: Test) -> bool:
         del test
@@ -166,10 +161,9 @@ class Ballooning(InnerShape):
         return ThinBands()
 
 
-class ThinBands(InnerShape, Wide):
+class ThinBands(InnerShape, Wide, of=Ballooning):
     """Five bands around the chamber, each thinner by its own depth: Gaussians at PLACES, of sd WIDTH."""
 
-    name, sentence = Ballooning.name, Ballooning.sentence
     PLACES: ClassVar[tuple[float, ...]] = (0.1, 0.3, 0.5, 0.7, 0.9)
     WIDTH: ClassVar[float] = 0.1  # of the chamber's length; 10 mm of the built-in finger's
     parameters = tuple(
@@ -182,16 +176,11 @@ class ThinBands(InnerShape, Wide):
         depth = np.exp(-0.5 * off**2) @ [theta[p.name] for p in self.parameters]
         return -depth[:, None] * _across(inner)
 
-    def start(self, theta: Theta) -> Theta:
+    def amounts(self, theta: Theta) -> dict[str, float]:
         """The depth shared by the two nearest bands, times the band's width over 10 mm: as much material."""
         depth, place = (theta.get(f"ballooning.{k}", 0.0) for k in ("depth", "place"))
         depth *= theta.get("ballooning.width", 10.0) / 10.0
-        near = [np.interp(place, self.PLACES, unit) for unit in np.eye(len(self.PLACES))]
-        own = {
-            p.name: float(np.clip(depth * x, p.low, p.high))
-            for p, x in zip(self.parameters, near, strict=True)
-        }
-        return {**self.rest(theta), **own}
+        return self.bounded(depth * neighbours(place, self.PLACES))
 
 
 class Precurvature(Effect):
@@ -203,11 +192,7 @@ class Precurvature(Effect):
     name, order = "precurvature", Order.GEOMETRY
     sentence = "the finger is curved without any load (it shrank or cured more on one side)"
     # 1e-3 1/mm lifts the tip of 110 mm by 6 mm: more is seen by eye (judgement)
-    parameters = (
-        Parameter(
-            "precurvature.per_mm", -3e-3, 3e-3, "1/mm", null=0.0, typical=1e-4, plausible=(-1e-3, 1e-3)
-        ),
-    )
+    parameters = symmetric("precurvature.per_mm", most=3e-3, unit="1/mm", step=1e-4, likely=1e-3)
 
     def before(self, test: Test, theta: Theta) -> Test:
         return replace(test, case=replace(test.case, precurvature=theta["precurvature.per_mm"]))
@@ -216,20 +201,17 @@ class Precurvature(Effect):
         return CurvedCourse()
 
 
-class CurvedCourse(Wide):
+class CurvedCourse(Wide, of=Precurvature):
     """The curvature at rest is a polynomial of degree 3 along the finger: c0, c1 .. of Legendre's
     polynomials, from -1 at the clamp to 1 at the tip."""
 
-    name, order, sentence = Precurvature.name, Precurvature.order, Precurvature.sentence
-    parameters = tuple(
-        Parameter(f"precurvature.c{k}", -3e-3, 3e-3, "1/mm", null=0.0, typical=1e-4, plausible=(-1e-3, 1e-3))
-        for k in range(4)
+    parameters = symmetric(
+        *(f"precurvature.c{k}" for k in range(4)), most=3e-3, unit="1/mm", step=1e-4, likely=1e-3
     )
 
     def before(self, test: Test, theta: Theta) -> Test:
         course = tuple(theta[p.name] for p in self.parameters)
         return replace(test, case=replace(test.case, precurvature=course))
 
-    def start(self, theta: Theta) -> Theta:
-        none = {p.name: 0.0 for p in self.parameters}
-        return {**self.rest(theta), **none, "precurvature.c0": theta.get("precurvature.per_mm", 0.0)}
+    def amounts(self, theta: Theta) -> dict[str, float]:
+        return {"precurvature.c0": theta.get("precurvature.per_mm", 0.0)}

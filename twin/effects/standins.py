@@ -5,6 +5,7 @@ wrong picture or a slip. A stand-in says how it looks, with size and place; it i
 Plausible ranges are wide on purpose, as nothing is known of what a stand-in stands for (judgement).
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
@@ -12,10 +13,8 @@ import numpy as np
 from numpy.polynomial.legendre import legval
 from numpy.polynomial.polynomial import polyval
 
-from calibrate import Parameter
-from fe.laws import Material
 from fe.mesh.mirror import symmetry_support
-from twin.effects.protocol import Effect, Order, Test, Theta
+from twin.effects.protocol import Effect, Order, Test, Theta, symmetric
 from twin.effects.pulls import pulled
 from twin.effects.tags import between
 from twin.targets import Array
@@ -30,11 +29,13 @@ WAYS = {"along": (1.0, 0.0, 0.0), "aside": (0.0, 1.0, 0.0), "up": (0.0, 0.0, 1.0
 class StandIn(Effect):
     """An explanation in plain words. kind: what it is, the same for those that differ in place alone."""
 
-    kind: str = ""
-
-    def __init__(self, name: str, parameters: tuple[Parameter, ...]) -> None:
+    def __init__(
+        self, name: str, amplitudes: Iterable[str], unit: str, *, most: float, step: float, likely: float
+    ) -> None:
+        """amplitudes: their names; all from -most to most, plausible from -likely to likely."""
         self.name = name
-        self.parameters = tuple(replace(p, name=f"{name}.{p.name}") for p in parameters)
+        own = (f"{name}.{a}" for a in amplitudes)
+        self.parameters = symmetric(*own, most=most, unit=unit, step=step, likely=likely)
 
     def of(self, theta: Theta, name: str) -> float:
         """The value of its parameter of that name, 0 where it has none."""
@@ -99,11 +100,8 @@ class OutsideForce(StandIn):
     def __init__(self, place: float, ways: list[str], *, growing: bool = False) -> None:
         self.place, self.growing = place, growing
         unit, most, step, likely = ("N/MPa", 60.0, 0.5, 10.0) if growing else ("N", 3.0, 0.02, 0.4)
-        rows = (
-            Parameter(way, -most, most, unit, null=0.0, typical=step, plausible=(-likely, likely))
-            for way in ways
-        )
-        super().__init__(f"{'growing_' * growing}force_at_{100 * place:.0f}", tuple(rows))
+        name = f"{'growing_' * growing}force_at_{100 * place:.0f}"
+        super().__init__(name, ways, unit, most=most, step=step, likely=likely)
 
     def breaks_symmetry(self, test: Test) -> bool:
         del test
@@ -132,11 +130,8 @@ class SoftSpot(StandIn):
 
     def __init__(self, place: float) -> None:
         self.place = place
-        halves = ("lower", "upper")
-        rows = (
-            Parameter(half, -0.8, 0.8, "", null=0.0, typical=0.05, plausible=(-0.3, 0.3)) for half in halves
-        )
-        super().__init__(f"soft_at_{100 * place:.0f}", tuple(rows))
+        name = f"soft_at_{100 * place:.0f}"
+        super().__init__(name, ("lower", "upper"), "", most=0.8, step=0.05, likely=0.3)
 
     def before(self, test: Test, theta: Theta) -> Test:
         case, low, high = test.case, self.of(theta, "lower"), self.of(theta, "upper")
@@ -156,7 +151,7 @@ class SoftSpot(StandIn):
             for half, (flags, softer) in parts.items():
                 inside = flags[rows]
                 sets[f"{name}_{self.name}_{half}"] = rows[inside]
-                materials[f"{name}_{self.name}_{half}"] = times(case.materials[name], 1 - softer)
+                materials[f"{name}_{self.name}_{half}"] = case.materials[name].stiffened(1 - softer)
                 rows = rows[~inside]
             sets[name] = rows
         return replace(test, case=replace(case, element_sets=sets, materials=materials))
@@ -169,31 +164,25 @@ class SoftSpot(StandIn):
         return f"silicone {softer(much)} in the {half} half {where(self.place)}"
 
 
-def times(m: Material, factor: float) -> Material:
-    """The material with all moduli multiplied."""
-    return replace(
-        m,
-        C10=factor * m.C10,
-        C01=factor * m.C01,
-        C20=factor * m.C20,
-        C30=factor * m.C30,
-        gent=m.gent and (factor * m.gent[0], m.gent[1]),
-        ogden=tuple((factor * mu, alpha) for mu, alpha in m.ogden),
-        mullins=m.mullins and (m.mullins[0], factor * m.mullins[1], m.mullins[2]),
-    )
-
-
 # -- the pressure --------------------------------------------------------------------------------------------
 
 
-class PressureCurve(StandIn):
-    """Another pressure, by a polynomial of the recorded one: top (c0 + c1 x + c2 x^2 + ..), x = p / top."""
+class OtherPressure(StandIn):
+    """Another pressure than the recorded one, by four terms of a polynomial from its `first` on."""
 
     order, kind, sentence = Order.LINE, "pressure course", "the pressure is not the recorded one"
+    by: ClassVar[tuple[str, int]]  # what it is a polynomial of, and the first term
 
     def __init__(self, span: Span) -> None:
-        self.span = span
-        super().__init__("pressure_by_pressure", _shares(4))
+        self.span, (by, first) = span, self.by
+        names = (f"c{k}" for k in range(first, first + 4))
+        super().__init__(f"pressure_by_{by}", names, "", most=0.5, step=0.01, likely=0.1)
+
+
+class PressureCurve(OtherPressure):
+    """Another pressure, by a polynomial of the recorded one: top (c0 + c1 x + c2 x^2 + ..), x = p / top."""
+
+    by = "pressure", 0
 
     def wrong(self, x: Array, theta: Theta) -> Array:
         """By how much (k,), as a share of the top pressure, it is higher at shares x (k,) of it."""
@@ -213,14 +202,10 @@ class PressureCurve(StandIn):
         )
 
 
-class PressureCourse(StandIn):
+class PressureCourse(OtherPressure):
     """Another pressure, by a polynomial of time: p (1 + c1 P1 + .. + c4 P4), Legendre's, over the film."""
 
-    order, kind, sentence = Order.LINE, "pressure course", "the pressure is not the recorded one"
-
-    def __init__(self, span: Span) -> None:
-        self.span = span
-        super().__init__("pressure_by_time", _shares(4, first=1))
+    by = "time", 1
 
     def wrong(self, time: Array, theta: Theta) -> Array:
         """By which share (k,) it is higher at times (k,) s."""
@@ -240,13 +225,6 @@ class PressureCourse(StandIn):
         return f"a pressure {way} by {100 * float(np.ptp(off)):.2g} % against the recorded one, {span}"
 
 
-def _shares(count: int, *, first: int = 0) -> tuple[Parameter, ...]:
-    return tuple(
-        Parameter(f"c{k}", -0.5, 0.5, "", null=0.0, typical=0.01, plausible=(-0.1, 0.1))
-        for k in range(first, first + count)
-    )
-
-
 # -- what is seen --------------------------------------------------------------------------------------------
 
 
@@ -257,19 +235,13 @@ class MountingDrift(StandIn):
 
     def __init__(self, span: Span) -> None:
         self.span = span
-        rows = (
-            Parameter(f"{way}{k}", -5.0, 5.0, "mm", null=0.0, typical=0.02, plausible=(-0.3, 0.3))
-            for way in ("along", "up")
-            for k in (1, 2, 3)
-        )
-        super().__init__("drift", tuple(rows))
+        names = (f"{way}{k}" for way in ("along", "up") for k in (1, 2, 3))
+        super().__init__("drift", names, "mm", most=5.0, step=0.02, likely=0.3)
 
     def course(self, time: Array, theta: Theta) -> Array:
         """The drift (k, 3) mm at times (k,) s."""
         x = self.span.across(time)
-        along, up = (
-            legval(x, [0.0, *(self.of(theta, f"{way}{k}") for k in (1, 2, 3))]) for way in ("along", "up")
-        )
+        along, up = (legval(x, [0.0, *c]) for c in np.reshape(self.numbers(theta), (2, 3)))
         return np.stack([along, np.zeros_like(x), up], axis=1)
 
     def after(self, u: Array, test: Test, theta: Theta) -> Array:
@@ -297,11 +269,7 @@ class WrongPicture(StandIn):
     }  # fmt: skip
 
     def __init__(self) -> None:
-        rows = (
-            Parameter(name, -0.3, 0.3, "", null=0.0, typical=0.01, plausible=(-0.03, 0.03))
-            for name in self.WORDS
-        )
-        super().__init__("picture", tuple(rows))
+        super().__init__("picture", self.WORDS, "", most=0.3, step=0.01, likely=0.03)
 
     def after(self, u: Array, test: Test, theta: Theta) -> Array:
         at = {name: self.of(theta, name) for name in self.WORDS}
@@ -324,17 +292,13 @@ class MarkerJump(StandIn):
 
     def __init__(self, marker: str, times: Array) -> None:
         self.marker, self.times = marker, tuple(float(t) for t in times)
-        rows = (
-            Parameter(f"{way}{k}", -5.0, 5.0, "mm", null=0.0, typical=0.05, plausible=(-0.5, 0.5))
-            for k in range(len(self.times))
-            for way in ("along", "up")
-        )
-        super().__init__(_name("slip_of", marker), tuple(rows))
+        names = (f"{way}{k}" for k in range(len(self.times)) for way in ("along", "up"))
+        super().__init__(_name("slip_of", marker), names, "mm", most=5.0, step=0.05, likely=0.5)
 
     def _jumps(self, theta: Theta) -> Array:
         """The jumps (k, 3) mm."""
-        pairs = [(self.of(theta, f"along{k}"), self.of(theta, f"up{k}")) for k in range(len(self.times))]
-        return np.array([[x, 0.0, z] for x, z in pairs]).reshape(-1, 3)
+        along, up = np.reshape(self.numbers(theta), (-1, 2)).T
+        return np.stack([along, np.zeros_like(up), up], axis=1)
 
     def after(self, u: Array, test: Test, theta: Theta) -> Array:
         after = np.asarray(test.path.output[:, None] >= np.array(self.times), float)

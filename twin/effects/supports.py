@@ -1,6 +1,7 @@
 """Effects of the structure: its supports and its shape."""
 
 from dataclasses import replace
+from typing import ClassVar
 
 import numpy as np
 
@@ -22,6 +23,7 @@ class TableContact(Family):
 
     name, order, smooth, widens = "contact", Order.SUPPORT, False, False
     sentence = "the finger touches a table below it"
+    added: ClassVar[Theta] = {"contact.friction": 0.3}
 
     def law(self, terms: int) -> tuple[Parameter, ...]:
         return (
@@ -31,7 +33,7 @@ class TableContact(Family):
         )[: terms + 1]
 
     def tried(self, terms: int) -> tuple[Theta, ...]:
-        friction = {"contact.friction": 0.3} if terms == 2 else {}
+        friction = self.added if terms == 2 else {}
         return tuple({"contact.distance": d, **friction} for d in (3.0, 8.0, 15.0, 25.0, 40.0))
 
     def before(self, test: Test, theta: Theta) -> Test:

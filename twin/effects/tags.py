@@ -8,14 +8,14 @@ import numpy as np
 from calibrate import Parameter
 from fe.element import Integers
 from fe.mesh.mirror import middle_plane
-from twin.effects.protocol import Effect, Order, Slip, Test, Theta
+from twin.effects.protocol import Effect, Order, Slip, Test, Theta, symmetric
 from twin.targets import Array
 
 TIMES = 20  # at which a slip is looked for, over all of a film
 CLOSER = 25  # and then between two of these
 SIDE = 0.8  # of half the finger's width from its middle plane: a marker further out sits on a side face
 # A tag of 5 mm that slipped by a tenth of its size is seen by eye (judgement); glue gives way by less.
-LIKELY = (-0.5, 0.5)  # mm
+LIKELY = 0.5  # mm
 
 
 class MarkerSlip(Effect):
@@ -28,13 +28,12 @@ class MarkerSlip(Effect):
     """
 
     name, order = "marker_slip", Order.SLIP
-    sentence = "a marker has slipped on the finger"
+    sentence, generic = "a marker has slipped on the finger", "slip"
 
     def __init__(self, marker: str = "", time: float = 0.0) -> None:
         self.marker, self.time = marker, float(time)
-        own = tuple(
-            Parameter(f"marker_slip.{way}", -3.0, 3.0, "mm", null=0.0, typical=0.05, plausible=LIKELY)
-            for way in ("along", "across")
+        own = symmetric(
+            "marker_slip.along", "marker_slip.across", most=3.0, unit="mm", step=0.05, likely=LIKELY
         )
         free = (
             Parameter("marker_slip.marker", 0.0, 1e4, "", typical=1.0),
@@ -46,21 +45,23 @@ class MarkerSlip(Effect):
     def label(self) -> str:
         return f"{self.name}:{self.marker}@{self.time:.6g}s" if self.marker else self.name
 
-    def named(self, label: str) -> Effect | None:
-        found = re.fullmatch(rf"{self.name}:(.+)@([-+\d.e]+)s", label)
-        try:
-            return MarkerSlip(found[1], float(found[2])) if found else None
-        except ValueError:
-            return None
+    def named(self, label: str) -> Effect:
+        found = re.fullmatch(rf"{self.name}:(.+)@([-+]?\d+\.?\d*(?:e[-+]?\d+)?)s", label)
+        if not found:
+            raise ValueError(
+                f"effect {label!r}: no such law of {self.name}, wanted one with a marker and a time in s, "
+                f"{self.name}:p3@10.1s"
+            )
+        return MarkerSlip(found[1], float(found[2]))
 
     def tries(self, test: Test) -> tuple[Theta, ...]:
         if self.marker:
             return ({},)
         return _grid(np.flatnonzero(test.moving), between(test.path.output, TIMES))
 
-    def closer(self, entry: Theta, test: Test) -> Effect:
+    def closer(self, entry: Theta, test: Test) -> Effect | None:
         """The same with the times between the neighbours of an entry of `tries`, at that entry's marker."""
-        return _Closer(entry)
+        return None if self.marker else _Closer(entry)
 
     def at(self, entry: Theta, test: Test) -> Effect:
         if self.marker:

@@ -9,7 +9,6 @@ what is measured by itself (a weight, the gauge) is a single value with its sd.
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import permutations
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -129,11 +128,6 @@ class Experiment:
     def words(self) -> str:
         """The test with its cost and what it brings."""
         return f"{self.experiment} ({self.minutes:.0f} minutes): {_number(self.sigmas)} sigma apart"
-
-    def to_dict(self) -> dict[str, Any]:
-        """One row of `next_tests` in diagnosis.json."""
-        plain = {"experiment": self.experiment, "sigmas": self.sigmas, "minutes": self.minutes}
-        return plain | {"words": self.words}
 
 
 def next_experiments(

@@ -9,14 +9,14 @@ from pathlib import Path
 
 import numpy as np
 
-from twin.formats.recorded import Doubt, Recorded, numbers, plain_names
+from twin.formats.recorded import Recorded, numbers, plain_names
 from twin.project.csvtable import Sheet, read_sheet
 from twin.targets import Array
 
 CAMERAS = 2  # a point that fewer have seen has no depth
 
 
-def read_anipose(path: Path, doubt: Doubt) -> Recorded:
+def read_anipose(path: Path, min_likelihood: float) -> Recorded:
     """The points of an Anipose CSV in mm; with a low score, or seen by fewer than two cameras, not seen."""
     sheet = read_sheet(path, wanted="NAME_x,NAME_y,NAME_z,NAME_error,NAME_ncams,NAME_score,...,fnum")
     names = [name[:-2] for name in sheet.header if name.endswith("_x")]
@@ -29,11 +29,11 @@ def read_anipose(path: Path, doubt: Doubt) -> Recorded:
     position = np.stack([_triples(sheet, path, name) for name in names], axis=1)
     score, cameras = (np.stack([_column(sheet, path, f"{n}_{what}") for n in names], axis=1)
                       for what in ("score", "ncams"))  # fmt: skip
-    bad = ~((score >= doubt.min_likelihood) & (cameras >= CAMERAS)) & np.isfinite(position).all(axis=2)
+    bad = ~((score >= min_likelihood) & (cameras >= CAMERAS)) & np.isfinite(position).all(axis=2)
     return Recorded(
         names=plain_names(path, names), position=np.where(bad[..., None], np.nan, position), unit="mm",
         frame=_column(sheet, path, "fnum").astype(np.int64), missing=int(bad.sum()),
-        doubt=f"a score below {doubt.min_likelihood:g} or fewer than {CAMERAS} cameras",
+        doubt=f"a score below {min_likelihood:g} or fewer than {CAMERAS} cameras",
     )  # fmt: skip
 
 

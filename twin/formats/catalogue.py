@@ -1,4 +1,4 @@
-"""The formats of other programs, by the names that `twin init --format` takes."""
+"""The formats of other programs, by their names in [import] of twin.toml, and which of them a file has."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -9,9 +9,10 @@ from twin.formats.dice import read_dice
 from twin.formats.matchid import read_matchid
 from twin.formats.motioncapture import read_c3d
 from twin.formats.plainpoints import read_plain
-from twin.formats.recorded import Doubt, Recorded
+from twin.formats.recorded import Recorded
+from twin.project.config import LIKELY
 
-FORMATS: dict[str, Callable[[Path, Doubt], Recorded]] = {
+FORMATS: dict[str, Callable[[Path, float], Recorded]] = {
     "deeplabcut": read_deeplabcut,
     "anipose": read_anipose,
     "dice": read_dice,
@@ -21,8 +22,36 @@ FORMATS: dict[str, Callable[[Path, Doubt], Recorded]] = {
 }
 
 
-def read_recorded(path: Path, name: str, doubt: Doubt) -> Recorded:
-    """What a file or folder in a format holds; ValueError for a format that is not known."""
+def read_recorded(path: Path, name: str, min_likelihood: float = LIKELY) -> Recorded:
+    """What a file or folder in a format holds; below `min_likelihood` a point counts as not seen. ValueError
+    for a format that is not known."""
     if name not in FORMATS:
         raise ValueError(f"--format {name}: wanted one of {', '.join(FORMATS)}")
-    return FORMATS[name](path, doubt)
+    return FORMATS[name](path, min_likelihood)
+
+
+def format_of(path: Path) -> str:
+    """The format that a file or folder shows by its names or its first line. ValueError where it shows none.
+    """
+    if path.is_dir():
+        shown = {"DICe_solution_*.txt": "dice", "*.csv": "matchid"}
+        told = next((form for pattern, form in shown.items() if any(path.glob(pattern))), "")
+    elif path.suffix.lower() == ".c3d":
+        told = "c3d"
+    else:
+        told = _told_by(path)
+    if not told:
+        raise ValueError(
+            f"--targets {path}: wanted a folder with targets.csv, or --format with the name of the program "
+            f"that wrote it: {', '.join(FORMATS)}"
+        )
+    return told
+
+
+def _told_by(path: Path) -> str:
+    """The format that the first line of a text file shows, "" for none."""
+    with path.open(encoding="utf-8-sig", errors="replace") as file:
+        head = file.readline(100_000)
+    if head.startswith("scorer"):
+        return "deeplabcut"
+    return "anipose" if "_ncams" in head else "csv" if path.suffix.lower() == ".csv" else ""

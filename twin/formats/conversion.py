@@ -1,14 +1,15 @@
-"""Make targets of what another program measured, with what its user states of it."""
+"""Make targets of what another program measured, with what [import] of twin.toml states of it."""
 
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from twin.formats.recorded import PIXEL, Recorded, plain
-from twin.formats.supplied import Supplied, axes_of, mm_per_unit, pressure_of, times_of
-from twin.formats.worldaxes import turned
+from twin.formats.supplied import check_stated, mm_per_unit, pressure_of, times_of, turned
+from twin.project.config import ImportTable, PointTable
 from twin.targets import Array, PointKind, TargetPoint, Targets, as_position, at_node
 
 MOST_STEPS = 2000  # as `steps` under [measure] of twin.toml
@@ -16,30 +17,35 @@ MOST_MODES = 90  # of references: with more points their error counts as one of 
 DIGITS = 6  # of mm, as measured targets have
 
 
-def targets_of(found: Recorded, stated: Supplied, *, nodes: Mapping[str, int]) -> tuple[Targets, list[str]]:
+def targets_of(
+    found: Recorded, stated: ImportTable, points: Sequence[PointTable], *, log: Path | None = None
+) -> tuple[Targets, list[str]]:
     """Targets of one block, and what the user should know of them, one sentence each.
 
-    nodes: label of each point on the finger. A point without one is left out, or with an origin taken for a
-    point between nodes. ValueError names what is missing or does not fit.
+    points: those of twin.toml, by their names in the file. One that is none of them is left out, or with an
+    origin taken for a point between nodes.   log: the file of `stated`. ValueError names what is missing or
+    does not fit.
     """
-    position = turned(found.position * mm_per_unit(found, stated), axes_of(found, stated))
+    check_stated(found, stated)
+    position = turned(found.position * mm_per_unit(found, stated), stated.axes or found.axes)
     keep = _even(len(position))
     time, rest = times_of(found, stated), np.arange(min(stated.rest_steps, len(position)))
     keep = np.union1d(keep, rest)
-    pressure, log = pressure_of(found, stated, time)
+    pressure, between = pressure_of(found, stated, time, log)
     mean = _at_rest(position, rest)
-    points, chosen, remarks = _points(found, stated, mean, {plain(n): k for n, k in nodes.items()})
+    told, chosen, remarks = _points(found, stated, mean, {point.name: point for point in points})
     value = np.round((position - mean)[keep][:, chosen], DIGITS)
-    targets = _assembled(value, points, stated, time=time[keep], pressure=pressure[keep], log=log,
+    targets = _assembled(value, told, stated, time=time[keep], pressure=pressure[keep], log=between,
                          rest=np.searchsorted(keep, rest), scaled=found.unit == PIXEL)  # fmt: skip
     return targets, [*_said(found, keep, len(position)), *remarks]
 
 
 def _assembled(
-    value: Array, points: tuple[TargetPoint, ...], stated: Supplied, *, time: Array, pressure: Array,
+    value: Array, points: tuple[TargetPoint, ...], stated: ImportTable, *, time: Array, pressure: Array,
     log: tuple[Array, Array] | None, rest: NDArray[np.int64], scaled: bool,
 ) -> Targets:  # fmt: skip
     """The targets (s,p,3) with their covariance and shared errors."""
+    assert stated.sd_mm is not None  # checked
     seen = np.isfinite(value)
     modes = _modes(value, points, stated, len(rest), scaled)
     single = 1 if any(name.startswith("reference:") for name in modes) else 1 + 1 / len(rest)
@@ -58,9 +64,10 @@ def _assembled(
 
 
 def _modes(
-    value: Array, points: Sequence[TargetPoint], stated: Supplied, rest: int, scaled: bool
+    value: Array, points: Sequence[TargetPoint], stated: ImportTable, rest: int, scaled: bool
 ) -> dict[str, Array]:
     """Errors (s,p,3) mm that many values share, 1 sd each: each point's reference, and the scale."""
+    assert stated.sd_mm is not None  # checked
     filled, modes = np.nan_to_num(value), {}
     if 3 * len(points) <= MOST_MODES:
         for p, i in np.argwhere(np.isfinite(value).any(axis=0)).tolist():
@@ -73,43 +80,43 @@ def _modes(
 
 
 def _points(
-    found: Recorded, stated: Supplied, mean: Array, nodes: Mapping[str, int]
+    found: Recorded, stated: ImportTable, mean: Array, points: Mapping[str, PointTable]
 ) -> tuple[tuple[TargetPoint, ...], list[int], list[str]]:
     """The target points, where each stands in the file, and what is to be said of the others."""
     fixed, names = [plain(name) for name in stated.fixed], found.names
-    for name in (*nodes, *fixed):
+    for name in (*points, *fixed):
         if name not in names:
             listed = ", ".join(names[:12]) + (", ..." if len(names) > 12 else "")
             raise ValueError(
-                f"point {name!r} is not in the file, which has {listed}; correct --node or --fixed"
+                f"point {name!r} is not in the file, which has {listed}; correct [[points]], or "
+                "fixed under [import]"
             )
-    if not nodes:
-        raise ValueError(
-            "no point has a node; wanted --node NAME=LABEL for those on the finger: the file has "
-            f"{', '.join(names[:12])}"
-        )
     rest = mean if stated.origin_mm is None else np.where(np.isfinite(mean), mean, 0.0) + stated.origin_mm
-    kinds = [_point(name, nodes, fixed, rest[p], stated) for p, name in enumerate(names)]
+    kinds = [_point(name, points, fixed, rest[p], stated) for p, name in enumerate(names)]
     unseen: NDArray[np.bool_] = np.asarray(np.isnan(mean).all(axis=1))
     for p, point in enumerate(kinds):
-        if point is not None and unseen[p] and point.kind is not PointKind.PLACE:
+        if point is not None and unseen[p] and point.name in (*points, *fixed):
             raise ValueError(
                 f"point {point.name!r} is not seen in the first {stated.rest_steps} steps, which "
-                "displacements are relative to; raise --rest-steps, or leave it out"
+                "displacements are relative to; raise rest_steps under [import], or leave it out"
             )
     chosen = [p for p, point in enumerate(kinds) if point is not None and not unseen[p]]
     out = [names[p] for p in range(len(names)) if p not in chosen]
-    said = f"Left out, as they have no --node: {', '.join(out[:12])}{', ...' if len(out) > 12 else ''}."
-    return tuple(point for p in chosen if (point := kinds[p]) is not None), chosen, [said] if out else []
+    more = ", ..." if len(out) > 12 else ""
+    said = [f"Left out, as [[points]] does not name them: {', '.join(out[:12])}{more}."] if out else []
+    return tuple(point for p in chosen if (point := kinds[p]) is not None), chosen, said
 
 
 def _point(
-    name: str, nodes: Mapping[str, int], fixed: Sequence[str], rest: Array, stated: Supplied
+    name: str, points: Mapping[str, PointTable], fixed: Sequence[str], rest: Array, stated: ImportTable
 ) -> TargetPoint | None:
     """What a point of the file is in the model; None where nobody says."""
     own = None if stated.origin_mm is None else as_position(rest)
-    if name in nodes:
-        return at_node(name, nodes[name], own)
+    point = points.get(name)
+    if point is not None and point.node is not None:
+        return at_node(name, point.node, own)
+    if point is not None:
+        return TargetPoint(name, PointKind.PLACE, None, point.position_mm)
     if name in fixed:
         return TargetPoint(name, PointKind.FIXED, None, own)
     return None if own is None else TargetPoint(name, PointKind.PLACE, None, own)

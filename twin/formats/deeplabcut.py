@@ -10,14 +10,14 @@ from pathlib import Path
 
 import numpy as np
 
-from twin.formats.recorded import PIXEL, Doubt, Recorded, numbers, plain_names
+from twin.formats.recorded import PIXEL, Recorded, numbers, plain_names
 
 LEVELS = ("scorer", "individuals", "bodyparts", "coords")
 COORDS = ["x", "y", "likelihood"]
 
 
-def read_deeplabcut(path: Path, doubt: Doubt) -> Recorded:
-    """The points of a DeepLabCut CSV in px; a likelihood below that of `doubt` is not seen.
+def read_deeplabcut(path: Path, min_likelihood: float) -> Recorded:
+    """The points of a DeepLabCut CSV in px; a likelihood below `min_likelihood` is not seen.
 
     ValueError where the header is another, as in a file of hand labels.
     """
@@ -25,13 +25,13 @@ def read_deeplabcut(path: Path, doubt: Doubt) -> Recorded:
     points = _points(path, head)
     cells = np.array([numbers(row[1:], path=path, what=f"frame {row[0]}") for row in rows])
     cells = cells.reshape(len(rows), len(points), 3)
-    unlikely = np.isfinite(cells[..., 0]) & ~(cells[..., 2] >= doubt.min_likelihood)
+    unlikely = np.isfinite(cells[..., 0]) & ~(cells[..., 2] >= min_likelihood)
     position = np.full((*cells.shape[:2], 3), np.nan)
     position[..., :2] = np.where(unlikely[..., None], np.nan, cells[..., :2])
     return Recorded(
         names=plain_names(path, points), position=position, unit=PIXEL, axes="x,0,-y",
         frame=np.array([int(float(row[0])) for row in rows], dtype=np.int64),
-        missing=int(unlikely.sum()), doubt=f"a likelihood below {doubt.min_likelihood:g}",
+        missing=int(unlikely.sum()), doubt=f"a likelihood below {min_likelihood:g}",
     )  # fmt: skip
 
 

@@ -10,14 +10,14 @@ from pathlib import Path
 
 import numpy as np
 
-from twin.formats.recorded import PIXEL, Doubt, Recorded, in_order, numbers
+from twin.formats.recorded import PIXEL, Recorded, in_order, numbers
 from twin.targets import Array
 
 FLAT = (("COORDINATE_X", "COORDINATE_Y"), ("DISPLACEMENT_X", "DISPLACEMENT_Y"))
 STEREO = tuple(tuple(f"MODEL_{what}_{axis}" for axis in "XYZ") for what in ("COORDINATES", "DISPLACEMENT"))
 
 
-def read_dice(path: Path, doubt: Doubt) -> Recorded:
+def read_dice(path: Path, min_likelihood: float) -> Recorded:
     """The subsets of a folder of DICe solutions, in px, or in mm where it is stereo; failed ones not seen.
 
     ValueError where the files have other columns or other subsets.

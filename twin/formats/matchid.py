@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from twin.formats.recorded import PIXEL, Doubt, Recorded, in_order
+from twin.formats.recorded import PIXEL, Recorded, in_order
 from twin.project.csvtable import Sheet, Table, read_sheet
 from twin.targets import Array
 
@@ -19,7 +19,7 @@ SAME_PLACE = 1e-6  # of the span of all points: rows are told by their place in 
 LETTERS = ("x", "y", "z", "u", "v", "w")
 
 
-def read_matchid(path: Path, doubt: Doubt) -> Recorded:
+def read_matchid(path: Path, min_likelihood: float) -> Recorded:
     """The points of a folder of MatchID exports, in mm or px.
 
     ValueError where no unit has all columns, or a file has other rows than the first.

@@ -8,10 +8,10 @@ from pathlib import Path
 
 import numpy as np
 
-from twin.formats.recorded import Doubt, Recorded, plain_names
+from twin.formats.recorded import Recorded, plain_names
 
 
-def read_c3d(path: Path, doubt: Doubt) -> Recorded:
+def read_c3d(path: Path, min_likelihood: float) -> Recorded:
     """The markers of a C3D file in its own unit, with times from 0; ValueError where it is none."""
     import ezc3d
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from twin.formats.recorded import PIXEL, Doubt, Recorded, plain_names
+from twin.formats.recorded import PIXEL, Recorded, plain_names
 from twin.gauge.logcolumns import LogFormat, pressures, time_column
 from twin.gauge.pressureunits import PRESSURE, heading, in_seconds
 from twin.project.csvtable import Sheet, read_sheet
@@ -17,7 +17,7 @@ from twin.project.csvtable import Sheet, read_sheet
 HEADING = re.compile(r"(?P<point>.+)_(?P<axis>[xyz])[ _]?[\[(]?(?P<unit>mm|cm|m|px|in)[\])]?")
 
 
-def read_plain(path: Path, doubt: Doubt) -> Recorded:
+def read_plain(path: Path, min_likelihood: float) -> Recorded:
     """The points of a plain CSV in its unit, with its times and, where it has one, its pressure."""
     sheet = read_sheet(path, wanted="time_s,tip_x_mm,tip_z_mm,pressure_kPa")
     found = {name: match for name in sheet.header if (match := HEADING.fullmatch(name))}

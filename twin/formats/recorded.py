@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from twin.targets import Array
 
 PIXEL = "px"
-LIKELY = 0.6  # the value below which DeepLabCut itself draws no point (pcutoff in its config.yaml)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -26,17 +25,6 @@ class Recorded:
     axes: str = ""  # the file's axes that are the world's x, y, z, where the format fixes them
     missing: int = 0  # positions that the file has, but so doubtful that they count as not seen
     doubt: str = ""  # why
-
-
-@dataclass(frozen=True)
-class Doubt:
-    """From when on a position is too doubtful to count."""
-
-    min_likelihood: float = LIKELY
-
-    def __post_init__(self) -> None:
-        if not 0 <= self.min_likelihood <= 1:
-            raise ValueError(f"--min-likelihood {self.min_likelihood:g}: wanted 0 to 1")
 
 
 def plain(name: str) -> str:

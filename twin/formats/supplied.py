@@ -1,71 +1,53 @@
-"""What the user states of a file: unit, axes, times and pressure, where the file does not say them."""
+"""What [import] of twin.toml states of a file: unit, axes, times and pressure, where the file does not."""
 
-from dataclasses import dataclass
+import re
 from pathlib import Path
 
 import numpy as np
 
-from twin.formats.recorded import LIKELY, PIXEL, Doubt, Recorded
-from twin.formats.worldaxes import WANTED
+from twin.formats.recorded import PIXEL, Recorded
 from twin.gauge.logcolumns import LogFormat, pressures, time_column
 from twin.gauge.pressurelog import read_log
+from twin.project.config import ImportTable
 from twin.project.csvtable import read_sheet
 from twin.targets import Array
 
 
-@dataclass(frozen=True, kw_only=True)
-class Supplied:
-    """What the file does not say."""
-
-    sd_mm: float  # of one position
-    mm_per_px: float | None = None
-    scale_sd: float = 0.001  # of mm_per_px, relative
-    axes: str | None = None
-    fps: float | None = None
-    rest_steps: int = 1  # the first of them, with no pressure: displacements are relative to their mean
-    min_likelihood: float = LIKELY
-    log: Path | None = None
-    log_unit: str | None = None
-    start_s: float = 0.0  # of the first frame, on the clock of the log
-    fixed: tuple[str, ...] = ()  # markers on the rig
-    origin_mm: tuple[float, float, float] | None = None  # of the file's zero, in world axes
-
-    def __post_init__(self) -> None:
-        wanted = {"--sd-mm": self.sd_mm, "--mm-per-px": self.mm_per_px, "--scale-sd": self.scale_sd,
-                  "--fps": self.fps}  # fmt: skip
-        _ = self.doubt  # refuses what is no likelihood
-        if self.rest_steps < 1:
-            raise ValueError(f"--rest-steps {self.rest_steps}: wanted 1 or more")
-        for name, value in wanted.items():
-            if value is not None and not (np.isfinite(value) and value > 0):
-                raise ValueError(f"{name} {value:g}: wanted a number above 0")
-
-    @property
-    def doubt(self) -> Doubt:
-        """From when on a position is too doubtful to count."""
-        return Doubt(self.min_likelihood)
+def still_wanted(found: Recorded, stated: ImportTable) -> dict[str, str]:
+    """The keys of [import] that have to be stated and are not yet, each with what it has to say."""
+    lacks = {
+        "sd_mm": stated.sd_mm is None, "mm_per_px": found.unit == PIXEL and stated.mm_per_px is None,
+        "axes": not (stated.axes or found.axes), "fps": found.time is None and stated.fps is None,
+        "log": found.pressure is None and stated.log is None,
+    }  # fmt: skip
+    return {key: _about(key) for key, lacking in lacks.items() if lacking}
 
 
-def position_of(text: str) -> tuple[float, float, float]:
-    """The position (3,) mm in the text of --origin-mm; ValueError where it is none."""
-    try:
-        x, y, z = (float(part) for part in text.split(","))
-    except ValueError:
-        raise ValueError(f"--origin-mm {text!r}: wanted x,y,z in mm, such as -12,11.5,40") from None
-    return x, y, z
+def _about(key: str) -> str:
+    """What a key of [import] has to say."""
+    return ImportTable.model_fields[key].description or ""
 
 
-def mm_per_unit(found: Recorded, stated: Supplied) -> float:
-    """Length in mm of the file's unit; ValueError where it is a pixel whose size nobody states."""
+def check_stated(found: Recorded, stated: ImportTable) -> None:
+    """Raise ValueError where something of the file is not stated, or is twice."""
+    if wanted := still_wanted(found, stated):
+        each = "; ".join(f"{key} ({what})" for key, what in wanted.items())
+        raise ValueError(f"[import] of twin.toml does not state all of the file; wanted {each}")
+    if found.unit != PIXEL and stated.mm_per_px is not None:
+        raise ValueError(
+            f"import.mm_per_px = {stated.mm_per_px:g}: the file is in {found.unit}; leave it out"
+        )
+    if found.pressure is not None and stated.log is not None:
+        raise ValueError(
+            f"import.log = {stated.log!r}: the file has a pressure of its own; leave one of them out"
+        )
+
+
+def mm_per_unit(found: Recorded, stated: ImportTable) -> float:
+    """Length in mm of the file's unit; ValueError where it is none of length."""
     if found.unit == PIXEL:
-        if stated.mm_per_px is None:
-            raise ValueError(
-                "the file is in pixels: wanted --mm-per-px, the size of a pixel in the plane of the markers "
-                "in mm, from a length that is known in the picture"
-            )
+        assert stated.mm_per_px is not None  # checked
         return stated.mm_per_px
-    if stated.mm_per_px is not None:
-        raise ValueError(f"--mm-per-px {stated.mm_per_px:g}: the file is in {found.unit}; leave it out")
     import pint
 
     try:
@@ -75,23 +57,11 @@ def mm_per_unit(found: Recorded, stated: Supplied) -> float:
         raise ValueError(f"the file is in {found.unit!r}: {wanted}") from None
 
 
-def axes_of(found: Recorded, stated: Supplied) -> str:
-    """The file's axes that are the world's, as `turned` takes them; ValueError where nobody says."""
-    if stated.axes is None and not found.axes:
-        raise ValueError(f"the file does not say how its axes lie: {WANTED}, as --axes")
-    return stated.axes or found.axes
-
-
-def times_of(found: Recorded, stated: Supplied) -> Array:
+def times_of(found: Recorded, stated: ImportTable) -> Array:
     """Times (s,) s on the clock of the log."""
-    if found.time is not None:
-        time = found.time
-    elif stated.fps is None:
-        raise ValueError(
-            "the file counts frames: wanted --fps, the frames in a second (1 for pictures of "
-            "single load steps)"
-        )
-    else:
+    time = found.time
+    if time is None:
+        assert stated.fps is not None  # checked
         time = (found.frame - found.frame[0]) / stated.fps
     if np.any(np.diff(time) <= 0):
         raise ValueError(
@@ -100,25 +70,24 @@ def times_of(found: Recorded, stated: Supplied) -> Array:
     return time + stated.start_s
 
 
-def pressure_of(found: Recorded, stated: Supplied, time: Array) -> tuple[Array, tuple[Array, Array] | None]:
+def pressure_of(
+    found: Recorded, stated: ImportTable, time: Array, log: Path | None
+) -> tuple[Array, tuple[Array, Array] | None]:
     """The pressure (s,) MPa of each step, and the log (t,) s, (t,) MPa between them where there is one."""
-    if stated.log is None:
-        if found.pressure is None:
-            raise ValueError("no pressure is known: wanted --log, a CSV with the times and the pressure")
+    if log is None:
+        assert found.pressure is not None  # checked
         return found.pressure, None
-    if found.pressure is not None:
-        raise ValueError(f"--log {stated.log}: the file has a pressure of its own; leave one of them out")
-    form, sheet = LogFormat(unit=stated.log_unit), read_sheet(stated.log, wanted="time_s,pressure_MPa")
+    form, sheet = LogFormat(unit=stated.log_unit), read_sheet(log, wanted="time_s,pressure_MPa")
     if time_column(sheet) is None:
-        return _in_rows(pressures(sheet, form), len(time), stated.log), None
-    log = read_log(stated.log, time_shift_s=0.0, form=form)
-    if time[0] < log.time[0] or time[-1] > log.time[-1]:
+        return _in_rows(pressures(sheet, form), len(time), log), None
+    read = read_log(log, time_shift_s=0.0, form=form)
+    if time[0] < read.time[0] or time[-1] > read.time[-1]:
         raise ValueError(
-            f"{stated.log} covers {log.time[0]:.3f} to {log.time[-1]:.3f} s, the file {time[0]:.3f} to "
-            f"{time[-1]:.3f} s of the same clock: wanted a log that covers all of it; correct --start-s, or "
-            "record the whole test"
+            f"{log} covers {read.time[0]:.3f} to {read.time[-1]:.3f} s, the file {time[0]:.3f} to "
+            f"{time[-1]:.3f} s of the same clock: wanted a log that covers all of it; correct start_s under "
+            "[import], or record the whole test"
         )
-    return log.at(time), log.beside(time)
+    return read.at(time), read.beside(time)
 
 
 def _in_rows(pressure: Array, steps: int, path: Path) -> Array:
@@ -128,3 +97,37 @@ def _in_rows(pressure: Array, steps: int, path: Path) -> Array:
             "a column of times"
         )
     return pressure
+
+
+def turned(position: Array, axes: str) -> Array:
+    """Positions (s,p,3) along x (along the finger), y (across), z (up) of positions along a file's axes; NaN
+    along an axis that was not seen.
+
+    axes: the file's axis for each of them, with its sign, or 0. ValueError where they are no frame, or a
+    mirror image of one.
+    """
+    terms, wanted = [term.strip().lower() for term in axes.split(",")], f"wanted {_about('axes')}"
+    if len(terms) != 3 or not all(re.fullmatch(r"0|[+-]?[xyz]", term) for term in terms):
+        raise ValueError(f"import.axes = {axes!r}: {wanted}")
+    seen = [term[-1] for term in terms if term != "0"]
+    if len(set(seen)) != len(seen) or not seen:
+        raise ValueError(f"import.axes = {axes!r}: an axis stands twice, or none does; {wanted}")
+    rows = np.array([_row(term) for term in terms])
+    if "0" not in terms and np.linalg.det(rows) < 0:
+        raise ValueError(
+            f"import.axes = {axes!r} is a mirror image: wanted right-handed axes; turn one sign around"
+        )
+    found = np.full_like(position, np.nan)
+    for axis, row in enumerate(rows):
+        if row.any():
+            own = int(np.argmax(np.abs(row)))
+            found[..., axis] = row[own] * position[..., own]
+    return found
+
+
+def _row(term: str) -> Array:
+    """The row (3,) of the rotation of one term."""
+    row = np.zeros(3)
+    if term != "0":
+        row["xyz".index(term[-1])] = -1.0 if term.startswith("-") else 1.0
+    return row

@@ -4,6 +4,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from twin.inputs.boardtimes import board_film, stamps_file
+from twin.inputs.camerarecord import CameraRecord, RigRecord, stored_cameras
 from twin.project import files
 from twin.project.config import CameraTable
 from twin.project.folder import Project
@@ -45,16 +46,11 @@ def read_lens(project: Project, table: CameraTable) -> "Camera":
 
 def lens_of(project: Project, table: CameraTable) -> "Camera":
     """The camera of a table, calibrated now where no run has done it. ValueError where it is refused."""
-    from vision import Camera
-    from vision.calibration.rig import Rig
-
     done = project.done("camera", **camera_inputs(project))
     if done is None:
         return read_lens(project, table) if table.camera_file else calibrated(project, table)
-    if len(project.config.cameras) == 1:
-        return Camera.from_dict(files.read_json(done / "camera.json"))
-    rig = Rig.from_dict(files.read_json(done / "rig.json"))
-    return rig.cameras[project.config.cameras.index(table)]
+    name = CameraRecord.file if len(project.config.cameras) == 1 else RigRecord.file
+    return stored_cameras(done / name)[project.config.cameras.index(table)]
 
 
 def camera_table(project: Project) -> CameraTable:
@@ -119,7 +115,7 @@ def dictionary_files(project: Project, name: str) -> list[Path]:
 
 def camera_path(project: Project) -> Path:
     """The file camera.json, or rig.json of several cameras, made from the board images as they are now."""
-    name = "camera.json" if len(project.config.cameras) == 1 else "rig.json"
+    name = CameraRecord.file if len(project.config.cameras) == 1 else RigRecord.file
     done = project.done("camera", **camera_inputs(project))
     if done is None:
         older = project.newest("camera", name)
@@ -130,7 +126,7 @@ def camera_path(project: Project) -> Path:
 
 def result_of(project: Project, stage: str, folder: Path, *, skipped: bool = False) -> dict[str, Any]:
     """What --json prints."""
-    summary = project.info(folder).get("summary", {})
+    summary = files.plain(project.info(folder).summary)
     return {
         "stage": stage,
         "status": "skipped" if skipped else "done",

@@ -10,6 +10,7 @@ import numpy as np
 from twin.inputs.recordings import measure_inputs
 from twin.project.config import FilmTable
 from twin.project.folder import Project
+from twin.project.record import SourceFilm
 from twin.targets import Array, Targets, least_known
 
 FILM = "film"  # the kind of the runs that measure one of several films
@@ -86,9 +87,8 @@ class FilmTargets:
         )
 
 
-def joined(films: Sequence[FilmTargets]) -> tuple[Targets, list[dict[str, Any]]]:
-    """The targets of all films, one block each in the order of time, and a row a film: name, block, held_out,
-    and shift_s, what its clock was moved by.
+def joined(films: Sequence[FilmTargets]) -> tuple[Targets, list[SourceFilm]]:
+    """The targets of all films, one block each in the order of time, and a row a film.
 
     Films of one log keep its clock. That of another log begins BETWEEN_S after the end of the one before; the
     finger is taken to have rested without pressure meanwhile. Displacements of a film are relative to its own
@@ -100,16 +100,12 @@ def joined(films: Sequence[FilmTargets]) -> tuple[Targets, list[dict[str, Any]]]
     moved = [_later(films[k].targets, shifts[k]) for k in order]
     named = [films[k] for k in order]
     _check_apart(named, moved)
-    rows: dict[str, dict[str, Any]] = {
-        films[k].name: {
-            "name": films[k].name,
-            "block": b,
-            "held_out": films[k].held_out,
-            "shift_s": shifts[k],
-        }
-        for b, k in enumerate(order)
-    }
-    return _together(named, moved), [rows[film.name] for film in films]
+    block = {films[k].name: b for b, k in enumerate(order)}
+    rows = [
+        SourceFilm(name=film.name, block=block[film.name], held_out=film.held_out, shift_s=shift)
+        for film, shift in zip(films, shifts, strict=True)
+    ]
+    return _together(named, moved), rows
 
 
 def _shifts(films: Sequence[FilmTargets]) -> list[float]:

@@ -8,9 +8,9 @@ import numpy as np
 from twin.gauge.logcolumns import LogFormat
 from twin.gauge.pressurelog import Log, read_log
 from twin.gauge.pressureunits import Line
+from twin.inputs.camerarecord import stored_cameras, stored_rig
 from twin.inputs.cameras import camera_table, dictionary_files
-from twin.project import files
-from twin.project.config import CameraTable, MeasureTable, PressureTable
+from twin.project.config import CameraTable, MarkTable, MeasureTable, PointTable, PressureTable
 from twin.project.csvtable import Table, read_sheet
 from twin.project.folder import Project
 
@@ -39,17 +39,17 @@ def log_of(project: Project, pressure: PressureTable) -> Log:
 
 def measure_inputs(project: Project, camera: Path) -> dict[str, Any]:
     """What makes a run of `measure` what it is: tables and files, as `Project.new_run` takes them."""
-    recorded = [(f"cameras.{k}", getattr(t, k)) for t in project.config.cameras for k in ("film", "static")]
-    named = [*recorded, ("pressure.file", pressure_table(project).file)]
+    films = [(f"cameras.{k}", getattr(t, k)) for t in project.config.cameras for k in ("film", "static")]
+    named = [*films, ("pressure.file", pressure_table(project).file)]
     if project.config.measure.corrections is not None:
         named.append(("measure.corrections", project.config.measure.corrections))
-    inputs = [path for key, told in named for path in _recorded(project, key, told)]
+    inputs = [path for key, told in named for path in recorded(project, key, told)]
     tables = ("cameras", "pressure", "measure", "frame", "points", "dic")
     extra = [*dictionary_files(project, camera_table(project).dictionary), *project.deck_files()]
     return {"tables": tables, "inputs": [*inputs, camera, *extra]}
 
 
-def _recorded(project: Project, key: str, told: str) -> list[Path]:
+def recorded(project: Project, key: str, told: str) -> list[Path]:
     """The file, the folder, or the pictures of a pattern, with their times, that twin.toml names;
     ValueError for none."""
     path = project.path(told)
@@ -68,10 +68,9 @@ def marks_of(project: Project) -> list["Mark"]:
     from twin.bench.positions import one_side, position_of
     from twin.bench.workbench import structure_of
     from vision import Mark
-    from vision.kinds.texturepatch import TexturePatch
 
     marks = [
-        Mark(m.name, mark_kind(m.marker, m.size_mm), m.position_mm, m.role)
+        Mark(m.name, mark_kind(m), m.position_mm, m.role)
         for m in project.config.frame.markers
     ]
     structure, mirrored = None, one_side(project)
@@ -82,31 +81,31 @@ def marks_of(project: Project) -> list["Mark"]:
             structure = structure or structure_of(project)
             x, y, z = (float(v) for v in position_of(point, structure, mirrored=mirrored))
             position = (x, -y if behind else y, z)  # on the side that the camera sees
-        assert point.size_mm is not None  # the configuration refuses a film without it
-        kind = mark_kind(point.marker, point.size_mm)
-        if point.seen_mm is not None:
-            kind = TexturePatch(point.size_mm, point.seen_mm)
-        marks.append(Mark(point.name, kind, position, "finger"))
+        marks.append(Mark(point.name, mark_kind(point), position, "finger"))
     return marks
 
 
-def mark_kind(marker: int | None, size_mm: float) -> "MarkKind":
-    """What is glued, as twin.toml states it: a marker by its id, or a dot without one."""
+def mark_kind(mark: MarkTable) -> "MarkKind":
+    """What is followed, as twin.toml states it: a marker by its id, a natural feature, or else a dot."""
     from vision.kinds.coded import CodedMarker
     from vision.kinds.plaindot import PlainDot
+    from vision.kinds.texturepatch import TexturePatch
 
-    return PlainDot(size_mm) if marker is None else CodedMarker(marker, size_mm)
+    assert mark.size_mm is not None  # the configuration refuses a film without it
+    if mark.marker is not None:
+        return CodedMarker(mark.marker, mark.size_mm)
+    seen = mark.seen_mm if isinstance(mark, PointTable) else None
+    return PlainDot(mark.size_mm) if seen is None else TexturePatch(mark.size_mm, seen)
 
 
 def views_of(project: Project, camera: Path) -> tuple[list["View"], "Rig | None"]:
     """What every camera recorded, and how several cameras stand to each other."""
-    from vision import Camera, View
-    from vision.calibration.rig import Rig
+    from vision import View
     from vision.film.series import open_film
 
-    tables, stored = project.config.cameras, files.read_json(camera)
-    rig = Rig.from_dict(stored) if len(tables) > 1 else None
-    cameras = rig.cameras if rig is not None else (Camera.from_dict(stored),)
+    tables = project.config.cameras
+    rig = stored_rig(camera) if len(tables) > 1 else None
+    cameras = rig.cameras if rig is not None else stored_cameras(camera)
     views = [
         View(
             open_film(project.path(t.film), fps=t.fps, mirrored=t.mirrored),
@@ -126,7 +125,7 @@ def corrections_of(project: Project, table: CameraTable) -> "tuple[Correction, .
         return ()
     sheet = read_sheet(project.path(file), wanted="marker,does,from_s,to_s")
     rows = sheet.table(("marker", "does", "from_s"), also=("to_s", "with", "x_px", "y_px", "sd_px", "camera"))
-    names = [m.name for m in project.config.frame.markers] + [p.name for p in project.config.points]
+    names = [mark.name for mark in project.config.marks]
     first, cameras = project.config.cameras[0].name, [c.name for c in project.config.cameras]
     own = [name or first for name in rows.cells.get("camera", [first] * len(rows))]
     return tuple(

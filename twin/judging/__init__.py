@@ -3,6 +3,6 @@
 Read `whitening` first: residuals in mm become independent values of variance 1. `fitting` fits parameters
 to them, `judged` repeats it until fit and errors belong together, `comparison` tests what is left and says
 where it is. `frame` tests the fixed markers, which no model moves. `intervals` gives 95 % intervals,
-`sharederrors` names errors that many values share, `heldout` and `blindtest` ask what the model foretells
-of data that it has not seen.
+`sharederrors` names errors that many values share, `heldout` asks what the model foretells of data that it
+has not seen. `record` is what fit.json and comparison.json hold.
 """

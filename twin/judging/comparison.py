@@ -1,11 +1,12 @@
 """Targets, a prediction and a whitener -> whether they agree within the noise, and where not."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
 from calibrate import chi2_test, excess, omnibus
+from twin.judging.record import BeyondRow, ComparisonRecord, MapRow, UnseenFilm
 from twin.judging.sharederrors import beyond, in_words
 from twin.judging.whitening import Whitener
 from twin.targets import Array, Targets, relative
@@ -36,7 +37,7 @@ class Comparison:
     rms_mm: float
     noise_sd_mm: float
     where: str
-    maps: dict[str, list[dict[str, Any]]]
+    maps: dict[str, tuple[MapRow, ...]]
     raw_rms_mm: float = float("nan")  # with the shared errors
     beyond: tuple[tuple[str, float], ...] = ()  # shared errors larger than stated: name, size in sd
 
@@ -52,14 +53,22 @@ class Comparison:
             return "there are no more data than fitted parameters"
         return "" if self.adequate else "the model does not fit yet"
 
-    def to_dict(self) -> dict[str, Any]:
-        """What comparison.json holds."""
-        numbers = "chi2", "degrees_of_freedom", "p_value", "rms_mm", "raw_rms_mm", "noise_sd_mm"
-        plain = {k: getattr(self, k) for k in numbers}
-        asked = [{"name": name, "sd": size} for name, size in self.beyond]
-        return {
-            **plain, "adequate": self.adequate, "where": self.where, "beyond": asked, "maps": self.maps,
-        }  # fmt: skip
+    def record(self, held_out: Sequence[UnseenFilm] | None = None) -> ComparisonRecord:
+        """What comparison.json holds; held_out: of films that the fit has not seen."""
+        beside = {} if held_out is None else {"held_out": tuple(held_out)}
+        return ComparisonRecord(
+            chi2=self.chi2,
+            degrees_of_freedom=self.degrees_of_freedom,
+            p_value=self.p_value,
+            rms_mm=self.rms_mm,
+            raw_rms_mm=self.raw_rms_mm,
+            noise_sd_mm=self.noise_sd_mm,
+            adequate=self.adequate,
+            where=self.where,
+            beyond=tuple(BeyondRow(name=name, sd=size) for name, size in self.beyond),
+            maps=self.maps,
+            **beside,
+        )
 
 
 def branches(time: Array, pressure: Array, log_time: Array, log_pressure: Array) -> Array:
@@ -161,7 +170,7 @@ def memory(time: Array, pressure: Array, tau: float = 5.0) -> Array:
     return out
 
 
-def residual_maps(targets: Targets, w: Whitener, residual: Array) -> dict[str, list[dict[str, Any]]]:
+def residual_maps(targets: Targets, w: Whitener, residual: Array) -> dict[str, tuple[MapRow, ...]]:
     """Root mean square of the cleaned residual, in mm and in noise sds, by marker, direction, pressure and
     branch.
 
@@ -186,23 +195,25 @@ def residual_maps(targets: Targets, w: Whitener, residual: Array) -> dict[str, l
         "branch": {BRANCHES[k]: np.broadcast_to((branch == k)[:, None], left.shape) for k in range(4)},
     }
     return {
-        kind: [_row(n, left[m], noise[m]) for n, m in rows.items() if m.any()] for kind, rows in masks.items()
+        kind: tuple(_row(n, left[m], noise[m]) for n, m in rows.items() if m.any())
+        for kind, rows in masks.items()
     }
 
 
-def _row(name: str, left: Array, noise: Array) -> dict[str, Any]:
+def _row(name: str, left: Array, noise: Array) -> MapRow:
     """One row of a map; of values that were never measured there is none: count 0 and no rms."""
     good = np.isfinite(left)
     if not good.any():
-        return {"name": name, "count": 0, "rms_mm": None, "noise_sd_mm": None, "ratio": None}
+        return MapRow(name=name, count=0, rms_mm=None, noise_sd_mm=None, ratio=None)
     rms, sd = (float(np.sqrt((x[good] ** 2).mean())) for x in (left, noise))
-    ratio = rms / sd if sd else None
-    return {"name": name, "count": int(good.sum()), "rms_mm": rms, "noise_sd_mm": sd, "ratio": ratio}
+    return MapRow(
+        name=name, count=int(good.sum()), rms_mm=rms, noise_sd_mm=sd, ratio=rms / sd if sd else None
+    )
 
 
-def _beyond_noise(row: dict[str, Any]) -> float:
+def _beyond_noise(row: MapRow) -> float:
     """The mean square in mm2 that noise does not explain; of nothing measured, less than any."""
-    return float(row["rms_mm"] ** 2 - row["noise_sd_mm"] ** 2) if row["count"] else -np.inf
+    return (row.rms_mm or 0.0) ** 2 - (row.noise_sd_mm or 0.0) ** 2 if row.count else -np.inf
 
 
 def _where(found: Comparison) -> str:
@@ -224,7 +235,7 @@ def _where(found: Comparison) -> str:
     return (
         f"The model misses the measurement by {found.raw_rms_mm:.3f} mm rms, by {rms:.3f} mm without the "
         f"errors that many values share; the noise is {noise:.3f} mm. It fails most at marker "
-        f"{marker['name']} ({marker['rms_mm']:.3f} mm, {marker['ratio']:.1f} times its noise), in "
-        f"{worst['direction']['name']}, at {worst['pressure']['name']}, "
-        f"{WHILE[worst['branch']['name']]}.{asked}"
+        f"{marker.name} ({marker.rms_mm:.3f} mm, {marker.ratio:.1f} times its noise), in "
+        f"{worst['direction'].name}, at {worst['pressure'].name}, "
+        f"{WHILE[worst['branch'].name]}.{asked}"
     )

@@ -69,5 +69,5 @@ def fit_model(
 
     return least_squares(
         residual, jacobian, model.parameters, start=start, seed=seed, max_evaluations=evaluations,
-        tolerance=tolerance, renew=True,
+        tolerance=tolerance,
     )  # fmt: skip

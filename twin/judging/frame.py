@@ -4,10 +4,8 @@ They span the frame in which everything else is measured. What moves one of them
 of the finger: it has a test and a sentence of its own.
 """
 
-from dataclasses import dataclass
-from typing import Any
-
 import numpy as np
+from pydantic import Field
 
 from calibrate import excess
 from twin.judging.comparison import (
@@ -21,29 +19,24 @@ from twin.judging.comparison import (
     smooth_functions,
 )
 from twin.judging.whitening import Whitener, whitener
+from twin.project.record import Maybe, Record
 from twin.targets import Array, Targets
 
 IMMATERIAL = 0.3  # of the finger's noise sd: a misfit of the frame below it forbids no verdict
 WINDOWS = 8  # even parts of the film in which a marker may sit elsewhere
 
 
-@dataclass(frozen=True, kw_only=True)
-class FrameTest:
+class FrameTest(Record):
     """The fixed markers against no displacement: chi2 of `count` values, the probability of one as bad, and
     in words which marker moves, when and how much."""
 
-    p_value: float  # NaN where there is nothing to test
+    p_value: Maybe = Field(description="null where there is nothing to test")
     chi2: float
-    count: int
-    misfit: float  # rms of what noise does not explain, in sds of the noise of the finger's own markers
-    moves: bool  # significant and not immaterial
+    count: int = Field(description="of values")
+    misfit: float = Field(description="rms of what noise does not explain, in sds of the finger's noise")
+    moves: bool = Field(description="significant and not immaterial")
     sentence: str
-    place: str = ""  # which marker moves most, by how much, where to and when, if any does
-
-    def to_dict(self) -> dict[str, Any]:
-        """What diagnosis.json holds."""
-        plain = {k: getattr(self, k) for k in ("chi2", "count", "misfit", "moves", "sentence")}
-        return {"p_value": None if np.isnan(self.p_value) else self.p_value, **plain}
+    place: str = Field(default="", exclude=True)  # which marker moves most, by how much, where to and when
 
 
 def frame_test(targets: Targets) -> FrameTest:
@@ -81,7 +74,7 @@ def _noise_of_finger(targets: Targets, w: Whitener) -> float:
 
 def _untested(why: str) -> FrameTest:
     words = f"Whether the frame moves cannot be tested: {why}."
-    return FrameTest(p_value=float("nan"), chi2=0.0, count=0, misfit=0.0, moves=False, sentence=words)
+    return FrameTest(p_value=None, chi2=0.0, count=0, misfit=0.0, moves=False, sentence=words)
 
 
 def _windows(targets: Targets) -> Array:

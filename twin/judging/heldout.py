@@ -1,26 +1,30 @@
 """How well a model foretells data that it was not fitted to: blocks, cycles or parts of a film, each left out
 in turn."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field
 
+from twin.judging.comparison import PLAUSIBLE
 from twin.judging.judged import Judged
+from twin.judging.record import UnseenFilm
+from twin.project.record import Maybe, Record
 from twin.targets import Array, Targets
 
 PARTS = 5  # of a film of one cycle, each left out in turn
 BEGUN, ENDED = 0.1, 0.05  # of the top pressure, between which a cycle neither begins nor ends
 
 
-@dataclass(frozen=True, kw_only=True)
-class HeldOut:
+class HeldOut(Record):
     """The error in sds of data that a model was not fitted to: cycles, blocks or fifths left out in turn."""
 
-    left_out: str
-    folds: int
-    before_sd: float
-    after_sd: float
+    left_out: str = Field(description="what each part is")
+    folds: int = Field(description="number of parts")
+    before_sd: Maybe
+    after_sd: Maybe
 
 
 def held_out(before: Judged, after: Judged, targets: Targets) -> HeldOut:
@@ -72,3 +76,28 @@ def cycles(pressure: Array) -> NDArray[np.int64]:
             loaded = False
         out[k] = max(number, 0)
     return out
+
+
+# -- films that no fit has seen ------------------------------------------------------------------------------
+
+
+def unseen(judged: Judged, targets: Targets, films: Mapping[int, str]) -> tuple[UnseenFilm, ...]:
+    """The error of a judged model in each block that is held out and was measured, by the errors that the
+    model states; films: names by block."""
+    seen = targets.held_out & targets.valid[:, ~targets.fixed].any(axis=(1, 2))
+    blocks = np.unique(targets.block[seen])
+    return tuple(_in_block(judged, targets, int(b), films.get(int(b), f"block {b}")) for b in blocks)
+
+
+def _in_block(judged: Judged, targets: Targets, block: int, film: str) -> UnseenFilm:
+    w = judged.errors.whitener(replace(targets, held_out=targets.block != block))
+    residual = targets.value - judged.predicted
+    raw, left = w.pick(residual)[w.valid], w.cleaned(residual, bound=PLAUSIBLE)[w.valid]
+    return UnseenFilm(
+        film=film,
+        block=block,
+        rms_mm=float(np.sqrt((left**2).mean())),
+        raw_rms_mm=float(np.sqrt((raw**2).mean())),
+        noise_sd_mm=w.noise_sd,
+        values=w.count,
+    )

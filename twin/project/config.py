@@ -1,12 +1,12 @@
 """Turn twin.toml into a checked, frozen configuration; one field here is one key there."""
 
-import re
 from collections import Counter
 from pathlib import PurePosixPath, PureWindowsPath
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import AfterValidator, Field, model_validator
 
+from twin.effects import labels
 from twin.effects.baselaw import BOUNDS
 from twin.project.dimensions import FingerTable
 from twin.project.tablemodel import Finite, NotNegative, Position, Positive, TableModel
@@ -25,12 +25,6 @@ def _relative(path: str) -> str:
             "file under raw/ and write raw/..."
         )
     return path
-
-
-def _effect(name: str) -> str:
-    if not re.fullmatch(r"[a-z][a-z0-9_]*(:[1-9])?", name):
-        raise ValueError("wanted the name of an effect, creep, or with its number of terms, creep:2")
-    return name
 
 
 def _dictionary(name: str) -> str:
@@ -70,8 +64,15 @@ Dictionary = Annotated[str, AfterValidator(_dictionary)]
 RelativePath = Annotated[str, Field(min_length=1), AfterValidator(_inside)]
 OtherProject = Annotated[str, Field(min_length=1), AfterValidator(_relative)]
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9_.+-]+$")]  # goes into CSV cells and entity paths
-Effect = Annotated[str, AfterValidator(_effect)]
+Effect = Annotated[str, AfterValidator(labels.checked)]
+Effects = Annotated[str, AfterValidator(labels.checked_groups)]
 Bounds = tuple[Finite, Finite]
+StaticStart = Annotated[
+    Finite | None,
+    Field(description="time of the static film's first frame on that clock, s; without it the noise of the "
+          "pressure gauge is estimated from the first rest of the film"),
+]  # fmt: skip
+LIKELY = 0.6  # the value below which DeepLabCut itself draws no point (pcutoff in its config.yaml)
 STIFFEST = 100.0  # MPa, of a constant that may be fitted: hard rubber has 10
 
 
@@ -200,11 +201,7 @@ class FilmTable(TableModel):
     film_start_s: Finite = Field(
         default=0.0, description="time of its first frame on the clock of its pressure log, s"
     )
-    static_start_s: Finite | None = Field(
-        default=None,
-        description="time of the static film's first frame on that clock, s; without it the noise of the "
-        "pressure gauge is estimated from the first rest of the film",
-    )
+    static_start_s: StaticStart = None
     gravity: Position | None = Field(
         default=None,
         description="direction of gravity in world axes in this film, where finger and rig were turned; in "
@@ -251,11 +248,7 @@ class CameraTable(TableModel):
     film_start_s: Finite = Field(
         default=0.0, description="time of the film's first frame on the clock of the pressure log, s"
     )
-    static_start_s: Finite | None = Field(
-        default=None,
-        description="time of the static film's first frame on that clock, s; without it the noise of the "
-        "pressure gauge is estimated from the first rest of the film",
-    )
+    static_start_s: StaticStart = None
     max_rms_px: Positive = Field(
         default=0.3, description="largest reprojection RMS of a camera calibration that is accepted, px"
     )
@@ -323,6 +316,66 @@ class PressureTable(TableModel):
         return self
 
 
+class ImportTable(TableModel):
+    """Displacements that another program measured, and what its file does not say of them."""
+
+    file: RelativePath = Field(
+        description="what the other program wrote: a file or a folder, such as raw/film.csv"
+    )
+    format: Literal["deeplabcut", "anipose", "dice", "matchid", "c3d", "csv"] = Field(
+        description="which program or format"
+    )
+    sd_mm: SdMm | None = Field(
+        default=None,
+        description="sd of one position, mm; always wanted: hold the finger still for some hundred frames "
+        "and take the scatter",
+    )
+    mm_per_px: Positive | None = Field(
+        default=None,
+        description="size of a pixel in the plane of the markers, mm; wanted where the file is in pixels",
+    )
+    scale_sd: Share = Field(
+        default=0.001, description="relative uncertainty of mm_per_px, 1 sd: an error that all values share"
+    )
+    axes: str | None = Field(
+        default=None,
+        description="the file's axes that point along the finger, across it and up; 0 for one that is not "
+        "seen: x,0,-y for a picture with the finger to the right",
+    )
+    fps: Positive | None = Field(
+        default=None,
+        description="frames in a second, where the file counts frames; 1 for pictures of single load steps",
+    )
+    log: RelativePath | None = Field(
+        default=None,
+        description="pressure log, with times or with one row for each step, such as raw/pressure.csv; "
+        "wanted where the file has no pressure",
+    )
+    log_unit: str | None = Field(
+        default=None, description="unit of the pressure in the log, where its heading has none"
+    )
+    start_s: Finite = Field(
+        default=0.0, description="time of the first frame on the clock of the log, s"
+    )
+    rest_steps: int = Field(
+        default=1,
+        ge=1,
+        description="number of first steps, at rest, whose mean the displacements are relative to",
+    )
+    fixed: tuple[str, ...] = Field(
+        default=(), description="names of markers on the rig, which must not move"
+    )
+    origin_mm: Position | None = Field(
+        default=None,
+        description="position of the file's origin in world axes, mm; with it points that are not in "
+        "[[points]] count too, where they lie",
+    )
+    min_likelihood: Annotated[float, Field(ge=0, le=1)] = Field(
+        default=LIKELY,
+        description="likelihood or score below which a point counts as not seen (deeplabcut, anipose)",
+    )
+
+
 class MeasureTable(TableModel):
     placement_sd_mm: SdMm = Field(default=0.3, description="distance of a marker from its node, 1 sd, mm")
     scale_sd: Share = Field(default=0.001, description="relative uncertainty of the mm scale, 1 sd")
@@ -358,30 +411,38 @@ class MeasureTable(TableModel):
     )
 
 
-class MarkerTable(TableModel):
-    marker: int | None = Field(default=None, ge=0, description="ArUco id; leave it out for a plain dot")
+class MarkTable(TableModel):
+    """What is glued, or seen in the silicone: on the rig or on the finger."""
+
     name: Name = Field(description="name in targets and reports")
+    marker: int | None = Field(default=None, ge=0, description="ArUco id; leave it out for a plain dot")
+    size_mm: Positive | None = Field(
+        default=None, description="side of the marker, or diameter of a dot, mm; needed with a film"
+    )
+
+
+class MarkerTable(MarkTable):
+    """A marker on the rig."""
+
     role: Literal["frame", "fixed"] = Field(
         description="frame: defines the world axes (6 or more); fixed: a check, it must show no "
         "displacement (4 or more)"
     )
     position_mm: Position = Field(description="position of its centre in world axes, mm")
-    size_mm: Positive = Field(description="side of the marker, or diameter of a dot, mm")
 
 
 class FrameTable(TableModel):
     markers: tuple[MarkerTable, ...] = Field(default=(), description="markers on the rig")
 
 
-class PointTable(TableModel):
-    name: Name = Field(description="name in targets and reports")
+class PointTable(MarkTable):
+    """A point on the finger."""
+
     node: int | None = Field(
         default=None,
         ge=1,
         description="label of the node in the model; leave it out where position_mm says where the point is",
     )
-    marker: int | None = Field(default=None, ge=0, description="ArUco id; leave it out for a plain dot")
-    size_mm: Positive | None = Field(default=None, description="side of the marker, or diameter of a dot, mm")
     position_mm: Position | None = Field(
         default=None,
         description="position of its centre on the finger without load, mm; with node it may be left out; "
@@ -438,7 +499,7 @@ class CalibrateTable(TableModel):
 
 
 class DiagnoseTable(TableModel):
-    candidates: tuple[Effect, ...] = Field(
+    candidates: tuple[Effects, ...] = Field(
         default=(),
         description="effects that `twin diagnose` tries; none named: all of the library",
     )
@@ -481,6 +542,7 @@ class Config(TableModel):
     cameras: tuple[CameraTable, ...] = ()
     films: tuple[FilmTable, ...] = ()
     pressure: PressureTable | None = None
+    imported: ImportTable | None = Field(default=None, alias="import")
     measure: MeasureTable = MeasureTable()
     frame: FrameTable = FrameTable()
     points: tuple[PointTable, ...] = Field(min_length=1)
@@ -488,6 +550,11 @@ class Config(TableModel):
     calibrate: CalibrateTable = CalibrateTable()
     diagnose: DiagnoseTable = DiagnoseTable()
     study: StudyTable | None = None
+
+    @property
+    def marks(self) -> tuple[MarkTable, ...]:
+        """Everything that is followed: the markers on the rig, and the points on the finger."""
+        return (*self.frame.markers, *self.points)
 
     @property
     def nodes(self) -> dict[str, int]:
@@ -502,13 +569,14 @@ class Config(TableModel):
 
 
 def _check_names(c: Config) -> None:
-    names = [p.name for p in c.points] + [m.name for m in c.frame.markers]
-    markers = [m for m in [p.marker for p in c.points] + [f.marker for f in c.frame.markers] if m is not None]
     nodes = [p.node for p in c.points if p.node is not None]
     places = [list(p.position_mm) for p in c.points if p.node is None and p.position_mm is not None]
     columns: dict[str, list[Any]] = {
-        "name": names, "marker": markers, "node": nodes, "position_mm": [str(place) for place in places]
-    }  # fmt: skip
+        "name": [m.name for m in c.marks],
+        "marker": [m.marker for m in c.marks if m.marker is not None],
+        "node": nodes,
+        "position_mm": [str(place) for place in places],
+    }
     for key, used in columns.items():
         twice = [value for value, count in Counter(used).items() if count > 1]
         if twice:
@@ -524,7 +592,7 @@ def _check_names(c: Config) -> None:
 
 
 def _check_parameters(c: Config) -> None:
-    bases = [effect.partition(":")[0] for effect in c.model.effects]
+    bases = [labels.name_of(label) for label in c.model.effects]
     if len(set(bases)) != len(bases):
         raise ValueError(f"model.effects = {list(c.model.effects)}: an effect stands twice; keep it once")
     _check_bounds(c.calibrate.bounds)
@@ -565,6 +633,10 @@ def _check_bounds(bounds: dict[str, Bounds]) -> None:
 def _check_film(c: Config) -> None:
     if not c.cameras:
         return
+    if c.imported is not None:
+        raise ValueError(
+            "[import] and [[cameras]] both say where the displacements come from; keep one of them"
+        )
     _check_rig(c)
     if c.pressure is None:
         raise ValueError(
@@ -577,9 +649,10 @@ def _check_film(c: Config) -> None:
                 f"frame.markers: {roles.count(role)} with role {role!r}, wanted {least} or more; "
                 "mount more markers on the rig, or change their roles"
             )
-    for point in c.points:
-        if point.size_mm is None:
-            raise ValueError(f"points.{point.name}.size_mm is missing: wanted the side of its marker in mm")
+    for mark in c.marks:
+        if mark.size_mm is None:
+            where = f"{'points' if mark in c.points else 'frame.markers'}.{mark.name}"
+            raise ValueError(f"{where}.size_mm is missing: wanted the side of its marker in mm")
 
 
 def _check_rig(c: Config) -> None:

@@ -11,14 +11,17 @@ import zipfile
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from pydantic import BaseModel
 
-from twin.project.recordschema import check_record
+from twin.project.validation import checked
 
 MOST_BYTES = 8 * 2**30  # of the arrays of one file
+AGAIN = "remove it and run its stage again"
+Model = TypeVar("Model", bound=BaseModel)
 
 
 @contextmanager
@@ -44,8 +47,12 @@ def whole(path: Path) -> Iterator[Path]:
 def whole_folder(folder: Path) -> Iterator[Path]:
     """The path of a draft folder, moved to `folder` in one step when the block ends.
 
-    `folder` must be absent or empty. The draft of a killed writer is removed.
+    The draft of a killed writer is removed. ValueError where `folder` is there and holds something.
     """
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise ValueError(
+            f"{folder} is there already and is never overwritten; name a folder that does not exist"
+        )
     for left in folder.parent.glob(f".{glob.escape(folder.name)}.*.partial"):
         if not _lives(left.name.split(".")[-2]):
             shutil.rmtree(left, ignore_errors=True)
@@ -90,7 +97,7 @@ def write_text(path: Path, text: str) -> None:
 
 
 def write_json(path: Path, data: Any) -> None:
-    """Write JSON whole or not at all; NaN and infinity become null, arrays become lists."""
+    """Write JSON or a record whole or not at all; NaN and infinity become null, arrays become lists."""
     write_text(path, json.dumps(plain(data), indent=1, allow_nan=False, ensure_ascii=False) + "\n")
 
 
@@ -137,22 +144,24 @@ def mend_jsonl(path: Path) -> None:
 
 
 def read_json(path: Path) -> Any:
-    """What a JSON file holds; ValueError names the file and the place where it is broken, or not what a file
-    of that name should hold."""
-    again = "remove it and run its stage again"
+    """What a JSON file holds; ValueError names the file and the place where it is broken."""
     try:
-        data = json.loads(path.read_text(encoding="utf-8"))
+        return json.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
         raise ValueError(f"{path}: no such file") from None
     except RecursionError:
-        raise ValueError(f"{path}: its brackets lie in each other too deeply; {again}") from None
+        raise ValueError(f"{path}: its brackets lie in each other too deeply; {AGAIN}") from None
     except ValueError as error:  # of JSON, of UTF-8, or for a number of more than 4300 digits
-        raise ValueError(f"{path}: not valid JSON ({error}); {again}") from None
+        raise ValueError(f"{path}: not valid JSON ({error}); {AGAIN}") from None
+
+
+def read(model: type[Model], path: Path) -> Model:
+    """The record in a JSON file; ValueError names the file, and the key that is not what it should be."""
+    data = read_json(path)
     try:
-        check_record(path.name, data, path=str(path))
+        return checked(model, data, name=str(path))
     except ValueError as error:
-        raise ValueError(f"{error}; {again}") from None
-    return data
+        raise ValueError(f"{error}; {AGAIN}") from None
 
 
 def read_npz(path: Path) -> dict[str, NDArray[Any]]:
@@ -189,7 +198,10 @@ def digest_text(data: Any) -> str:
 
 
 def plain(data: Any) -> Any:
-    """Lists, dicts, numbers, strings and None only; NaN and infinity become None."""
+    """Lists, dicts, numbers, strings and None only; NaN and infinity become None. Of a record it is what was
+    given."""
+    if isinstance(data, BaseModel):
+        return plain(data.model_dump(exclude_unset=True, by_alias=True))
     if isinstance(data, Mapping):
         return {str(key): plain(value) for key, value in data.items()}
     if isinstance(data, np.ndarray):

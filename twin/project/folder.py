@@ -17,8 +17,9 @@ from numpy.typing import ArrayLike
 from twin.project import files
 from twin.project.config import Config
 from twin.project.locks import lock
+from twin.project.record import Record, RunExtra, RunRecord, RunSummary, SourceRecord, StoredConfig
 from twin.project.targetfiles import read_targets
-from twin.project.toml import decoded, dump, former_keys, parse, with_effects
+from twin.project.toml import decoded, dump, former_keys, parse, with_effects, write
 from twin.project.trust import check_folder, leads_out
 from twin.targets import Targets
 
@@ -59,6 +60,10 @@ class Run:
     def path(self, name: str) -> Path:
         """Where a file of this run lies."""
         return self.folder / name
+
+    def write(self, record: Record, name: str = "") -> None:
+        """Write a record atomically, under its own name unless another is given."""
+        files.write_json(self.path(name or record.file), record)
 
     def write_json(self, name: str, data: Any) -> None:
         """Write JSON atomically; NaN becomes null."""
@@ -167,6 +172,11 @@ class Project:
         way = np.array(gravity) / np.linalg.norm(gravity)
         return replace(found, gravity=np.tile(way, (int(found.block[-1]) + 1, 1)))
 
+    def source(self) -> SourceRecord:
+        """Where the targets come from; nothing where that is not known."""
+        path = self.targets_folder / SourceRecord.file
+        return files.read(SourceRecord, path) if path.is_file() else SourceRecord()
+
     def deck_files(self) -> list[Path]:
         """The files of the user's own mesh, none for the built-in finger."""
         if self.config.model.deck is None or not self.path(self.config.model.deck).is_file():
@@ -185,10 +195,11 @@ class Project:
         return lock(self.root / ".lock", command)
 
     def set_effects(self, effects: Sequence[str]) -> "Project":
-        """Write [model] effects into twin.toml, leave every other line as it is; return the new project."""
+        """Write [model] effects into twin.toml, leave every other line as it is; return the new project.
+        ValueError, and nothing is written, where they are no effects."""
         path = self.root / "twin.toml"
-        files.write_text(path, with_effects(decoded(path.read_bytes()), effects))
-        return Project.open(self.root, builtin=self.builtin)
+        config = write(path, with_effects(decoded(path.read_bytes()), effects))
+        return replace(self, config=config)
 
     # -- runs -----------------------------------------------------------------------------------------
 
@@ -197,27 +208,29 @@ class Project:
         folders = [p for p in (self.root / "runs").glob("*-*") if p.is_dir() and re.match(r"\d{4,}-", p.name)]
         return sorted(folders, key=lambda p: int(p.name.partition("-")[0]))
 
-    def info(self, folder: Path) -> dict[str, Any]:
+    def info(self, folder: Path) -> RunRecord:
         """What run.json of a run says; status "incomplete" where a kill came before the first write."""
-        path = folder / "run.json"
-        return files.read_json(path) if path.exists() else {"kind": kind_of(folder), "status": "incomplete"}
+        path = folder / RunRecord.file
+        if path.exists():
+            return files.read(RunRecord, path)
+        return RunRecord(kind=kind_of(folder), status="incomplete", digest="")
 
     def newest(self, kind: str | tuple[str, ...] | None, file: str) -> Path | None:
         """A file of the newest done run of that kind (None: of any kind) that has it, or None."""
         kinds = (kind,) if isinstance(kind, str) else kind
         for folder in reversed(self.runs()):
             wanted = kinds is None or kind_of(folder) in kinds
-            if wanted and (folder / file).is_file() and self.info(folder)["status"] == "done":
+            if wanted and (folder / file).is_file() and self.info(folder).status == "done":
                 return folder / file
         return None
 
     def done(self, kind: str, **how: Any) -> Path | None:
         """The newest done run made from the same configuration and inputs (as `new_run`), or None."""
-        return self._with_status(kind, "done", self._stamp(kind, **how)["digest"])
+        return self._with_status(kind, "done", self._stamp(kind, **how).digest)
 
     def killed(self, kind: str, **how: Any) -> Path | None:
         """The run that `new_run` with the same arguments would resume, or None."""
-        return self._with_status(kind, "running", self._stamp(kind, **how)["digest"])
+        return self._with_status(kind, "running", self._stamp(kind, **how).digest)
 
     @contextmanager
     def new_run(self, kind: str, **how: Any) -> Iterator[Run]:
@@ -230,12 +243,12 @@ class Project:
         what else makes it another run.
         """
         stamp = self._stamp(kind, **how)
-        killed = self._with_status(kind, "running", stamp["digest"])
+        killed = self._with_status(kind, "running", stamp.digest)
         run = Run(killed or self._next(kind), resumed=killed is not None)
         files.mend_jsonl(run.path("log.jsonl"))
-        before = self.info(run.folder).get("started", []) if run.resumed else []
-        stamp["started"] = [*before, _now()]  # one entry for every time it was started
-        run.write_json("run.json", stamp | {"status": "running"})
+        before = self.info(run.folder).started if run.resumed else ()
+        stamp = stamp.model_copy(update={"started": (*before, _now())})  # every time it was started
+        run.write(stamp)
         run.write_text("twin.toml", dump(self.config))
         with _recorded(run, stamp):
             yield run
@@ -244,7 +257,7 @@ class Project:
         for folder in reversed(self.runs()):
             if kind_of(folder) == kind:
                 info = self.info(folder)
-                if info["status"] == status and info["digest"] == digest:
+                if info.status == status and info.digest == digest:
                     return folder
         return None
 
@@ -263,24 +276,27 @@ class Project:
         tables: Sequence[str] | None = None,
         inputs: Sequence[Path] | None = None,
         extra: Mapping[str, Any] | None = None,
-    ) -> dict[str, Any]:
-        """What makes a run what it is, with the digest over all of it."""
+    ) -> RunRecord:
+        """A run that has begun: what makes it what it is, with the digest over all of it."""
         config = self.config.model_dump(mode="json")
         read = list(inputs or [])
         if inputs is None:
             read = [self.targets_folder] if self.targets_folder.is_dir() else []
             read += [*self.deck_files(), *self.effect_files()]
-        stamp: dict[str, Any] = {
-            "kind": kind,
-            "seed": seed,
-            "extra": dict(extra or {}),
-            "config": config if tables is None else {name: config[name] for name in tables},
-            "inputs": files.digest_of(read, root=self.root),
-            "versions": versions(),
-        }
+        made = RunRecord(
+            kind=kind,
+            seed=seed,
+            extra=RunExtra(**(extra or {})),
+            config=StoredConfig(**{name: config[name] for name in (config if tables is None else tables)}),
+            inputs=files.digest_of(read, root=self.root),
+            versions=versions(),
+            digest="",
+            status="running",
+        )
         if self.builtin is not None:
-            stamp["builtin"] = repr(self.builtin)
-        return stamp | {"digest": files.digest_text(stamp)}
+            made = made.model_copy(update={"builtin": repr(self.builtin)})
+        what = made.model_dump(exclude_unset=True, exclude={"digest", "status"})
+        return made.model_copy(update={"digest": files.digest_text(what)})
 
 
 def kind_of(folder: Path) -> str:
@@ -311,7 +327,7 @@ def dataset(name: str) -> Path:
 
 
 @contextmanager
-def _recorded(run: Run, stamp: dict[str, Any]) -> Iterator[None]:
+def _recorded(run: Run, stamp: RunRecord) -> Iterator[None]:
     """Write in run.json how the block ended."""
     start = time.monotonic()
     status = "running"  # what an interrupt leaves
@@ -325,7 +341,7 @@ def _recorded(run: Run, stamp: dict[str, Any]) -> Iterator[None]:
     finally:
         end = {"status": status, "seconds": round(time.monotonic() - start, 3), "finished": _now()}
         if status != "running" and os.path.isdir(run.folder):
-            run.write_json("run.json", stamp | end | {"summary": run.summary})
+            run.write(stamp.model_copy(update=end | {"summary": RunSummary(**run.summary)}))
 
 
 def _now() -> str:

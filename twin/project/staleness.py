@@ -22,13 +22,13 @@ def changes(
     would read now, next to those that it has recorded.   but: recorded files that do not count.
     """
     info = project.info(folder)
-    if "inputs" not in info or "config" not in info:
+    if not {"inputs", "config"} <= info.model_fields_set:
         return ["its run.json does not say what it was made from"]
-    recorded = {name: digest for name, digest in info["inputs"].items() if name not in but}
+    recorded = {name: digest for name, digest in info.inputs.items() if name not in but}
     return [
         *_changed_files(project, recorded, present),
-        *_changed_tables(project, info["config"], tables),
-        *_changed_versions(info.get("versions", {})),
+        *_changed_tables(project, info.config.model_dump(mode="json", exclude_unset=True), tables),
+        *_changed_versions(info.versions),
     ]
 
 
@@ -45,7 +45,7 @@ def _changed_files(project: Project, recorded: Mapping[str, str], present: Seque
 
 
 def _changed_tables(project: Project, was: Mapping[str, Any], tables: Sequence[str]) -> list[str]:
-    now = project.config.model_dump(mode="json", include=set(tables))
+    now = project.config.model_dump(mode="json")
     found = []
     for name in [table for table in tables if table in was]:  # a run states the tables it depends on
         for key, value in _keys(now.get(name)).items():

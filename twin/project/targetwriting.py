@@ -2,7 +2,6 @@
 
 import json
 import math
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twin.project import files
+from twin.project.record import SourceRecord
 from twin.project.targetarrays import EXACT
 from twin.targets import Load, Noise, PointKind, Targets
 
@@ -19,7 +19,7 @@ COLUMNS = (
 )  # fmt: skip
 
 
-def write_targets(folder: Path, targets: Targets, *, source: Mapping[str, Any] | None = None) -> None:
+def write_targets(folder: Path, targets: Targets, *, source: SourceRecord | None = None) -> None:
     """Write the folder in one step; `source` says what it was measured from. ValueError if it is there."""
     if folder.exists():
         raise ValueError(f"{folder} is there already and is never overwritten; move it away first")
@@ -30,7 +30,7 @@ def write_targets(folder: Path, targets: Targets, *, source: Mapping[str, Any] |
         if targets.has_log:
             files.write_text(draft / "pressure.csv", _log_csv(targets))
         if source is not None:
-            files.write_json(draft / "source.json", source)
+            files.write_json(draft / source.file, source)
 
 
 def _exact(targets: Targets) -> dict[str, NDArray[Any]]:

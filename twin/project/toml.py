@@ -3,13 +3,16 @@
 import re
 import tomllib
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import tomlkit
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
+from twin.project import files
 from twin.project.config import FORMER, Config, with_first_film
+from twin.project.tablemodel import keys_of
 from twin.project.validation import checked, table_of, value_text
 
 LONGEST, DEEPEST = 10_000_000, 100  # letters of a file; parts of a key, as in model.fixed.C10
@@ -65,15 +68,23 @@ def dump(config: Config) -> str:
         "# A softtwin project. Units: mm, MPa, s. World axes: x along the finger from the clamp,",
         "# y across the width, z up. Paths are relative to this folder. `twin check` says what is missing.",
     ]
-    for key in Config.model_fields:
-        value = getattr(config, key)
+    for key, (name, _) in keys_of(Config).items():
+        value = getattr(config, name)
         if isinstance(value, BaseModel):
             lines += _table(key, value)
         elif value is not None:
             lines += _tables(key, value)
-    if not config.cameras:
+    if not config.cameras and config.imported is None:
         lines += ["", "# There is no [[cameras]]: the targets were measured elsewhere and lie in targets/."]
     return "\n".join(lines) + "\n"
+
+
+def write(path: Path, text: str, *, name: str = "twin.toml") -> Config:
+    """The configuration in a text that has then taken the place of the file; ValueError, and the file stays
+    as it is, where the text could not be read again."""
+    config = parse(text.encode(), name=name)
+    files.write_text(path, text)
+    return config
 
 
 def with_effects(text: str, effects: Sequence[str]) -> str:

@@ -7,13 +7,24 @@ so that it is trusted in every folder and no more once it is changed; a link by 
 
 import hashlib
 import os
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from twin.project import files
 from twin.project.config import Config
 
 OWN = ("runs", "cache", "targets")  # folders that commands write to, or read text from
+
+
+@dataclass(frozen=True)
+class Asked:
+    """A program or a link of a project, which has to be trusted."""
+
+    name: str  # its path from the project folder
+    what: str
+    digest: str
 
 
 def trust_file() -> Path:
@@ -22,72 +33,66 @@ def trust_file() -> Path:
     return Path(base) / "softtwin" / "trusted.json"
 
 
-def digest_of_program(text: bytes) -> str:
-    """The digest by which a program is trusted: that of its text."""
-    return hashlib.sha256(text).hexdigest()
-
-
-def digest_of_link(path: Path) -> str:
-    """The digest by which a path that leads elsewhere is trusted: that of its two ends."""
-    return hashlib.sha256(f"{path.absolute()} -> {path.resolve()}".encode()).hexdigest()
-
-
 def trusted() -> dict[str, str]:
     """What each trusted digest is of. ValueError where the file is damaged."""
     path = trust_file()
-    if not path.exists():
-        return {}
-    found = files.read_json(path)
+    found = files.read_json(path) if path.exists() else {}
     if not isinstance(found, dict) or not all(isinstance(v, str) for v in found.values()):
         raise ValueError(f"{path}: wanted digests and what they are of; remove it and trust again")
     return found
 
 
-def remember(digests: dict[str, str]) -> None:
-    """Trust these digests, with what they are of, from now on."""
-    if digests:
-        files.write_json(trust_file(), {**trusted(), **digests})
+def remember(root: Path, asked: Iterable[Asked]) -> None:
+    """Trust these of a project from now on."""
+    if new := {one.digest: f"{root / one.name}: {one.what}" for one in asked}:
+        files.write_json(trust_file(), {**trusted(), **new})
 
 
-def check_programs(root: Path, names: Sequence[str]) -> None:
-    """Raise ValueError where a Python file of a project has not been trusted as it is now."""
-    there = [name for name in names if (root / name).is_file()]  # who reads them says what is missing
-    if not there:
-        return
-    known = trusted()
-    for name in there:
-        if digest_of_program((root / name).read_bytes()) not in known:
+def programs(root: Path, names: Sequence[str]) -> list[Asked]:
+    """The Python files of a project that are there; who runs them says what is missing."""
+    texts = {name: (root / name).read_bytes() for name in names if (root / name).is_file()}
+    what = "a program of {} lines that would run with all your rights"
+    return [Asked(name, what.format(len(text.splitlines())), _digest(text)) for name, text in texts.items()]
+
+
+def links(root: Path, config: Config) -> list[Asked]:
+    """The files that twin.toml names, alone or by their folder, and that lie outside the project folder."""
+    # [project] like names another project, which is opened as one
+    texts = dict.fromkeys(_texts(config.model_dump(exclude={"project"})))
+    named = dict.fromkeys(path for text in texts for path in _below(root, text) if leads_out(path, root))
+    ends = {path: path.resolve() for path in named}
+    return [
+        Asked(path.relative_to(root).as_posix(), f"a link to {end}, outside the project folder",
+              _digest(f"{path.absolute()} -> {end}".encode()))
+        for path, end in ends.items()
+    ]  # fmt: skip
+
+
+def _digest(of: bytes) -> str:
+    return hashlib.sha256(of).hexdigest()
+
+
+def check_trusted(root: Path, asked: Sequence[Asked]) -> None:
+    """Raise ValueError where one of these has not been trusted as it is now."""
+    known = trusted() if asked else {}
+    for one in asked:
+        if one.digest not in known:
             raise ValueError(
-                f"{name} is a program that would run with all your rights, and it has not been trusted as it "
-                f"is now; read it, then trust it with `twin trust -p {root}`, or remove it from "
-                "model.effect_files"
+                f"{one.name} is {one.what}, and it has not been trusted as it is now; look at it, then trust "
+                f"it with `twin trust -p {root}`, or take it out of the project"
             )
 
 
 def check_folder(root: Path, config: Config) -> None:
     """Raise ValueError where a project folder leads out of itself: by a link in runs/, cache/ or targets/, or
     by a path of twin.toml that is a link to somewhere else and has not been trusted."""
-    for name in OWN:
-        for path in [root / name, *_below(root / name)]:
-            if path.is_symlink():
-                raise ValueError(
-                    f"{path} is a link: wanted a folder and files of the project's own, as commands write "
-                    "there; replace it by what it leads to, or remove it"
-                )
-    astray = [path for path in named_files(root, config) if leads_out(path, root)]
-    known = trusted() if astray else {}
-    for path in astray:
-        if digest_of_link(path) not in known:
+    for path in (path for name in OWN for path in _below(root, name)):
+        if path.is_symlink():
             raise ValueError(
-                f"{path.relative_to(root)} leads to {path.resolve()}, outside the project folder: wanted a "
-                f"file in it; copy it there, or follow it from now on with `twin trust -p {root}`"
+                f"{path} is a link: wanted a folder and files of the project's own, as commands write "
+                "there; replace it by what it leads to, or remove it"
             )
-
-
-def _below(folder: Path) -> Iterable[Path]:
-    """All paths below a folder; links are named and not followed."""
-    for parent, folders, names in os.walk(folder):
-        yield from (Path(parent) / name for name in (*folders, *names))
+    check_trusted(root, links(root, config))
 
 
 def leads_out(path: Path, root: Path) -> bool:
@@ -95,12 +100,24 @@ def leads_out(path: Path, root: Path) -> bool:
     return not path.resolve().is_relative_to(root.resolve())
 
 
-def named_files(root: Path, config: Config) -> list[Path]:
-    """The files that twin.toml names, as far as they are there."""
-    model, pressure = config.model, config.pressure
-    names = [model.deck, *model.effect_files, None if pressure is None else pressure.file]
-    for camera in config.cameras:
-        board = None if camera.board is None else camera.board.dictionary
-        names += [camera.film, camera.static, camera.boards, camera.camera_file, camera.dictionary, board]
-    found = [path for name in dict.fromkeys(names) if name for path in sorted(root.glob(name))]
-    return list(dict.fromkeys(found))
+def _texts(value: Any) -> Iterator[str]:
+    """All texts in a configuration: some of them are paths."""
+    if isinstance(value, str):
+        yield value
+    elif isinstance(value, dict | list | tuple):
+        for item in value.values() if isinstance(value, dict) else value:
+            yield from _texts(item)
+
+
+def _below(root: Path, pattern: str) -> Iterator[Path]:
+    """What a text of twin.toml names in a folder, where it is a path or a pattern, and the links below it,
+    which are named and not followed."""
+    try:
+        found = sorted(root.glob(pattern)) or [path for path in [root / pattern] if path.is_symlink()]
+    except (ValueError, NotImplementedError, OSError):  # no pattern: another text
+        return
+    for path in found:
+        yield path
+        for parent, folders, names in os.walk(path):
+            below = (Path(parent) / name for name in (*folders, *names))
+            yield from (one for one in below if one.is_symlink())

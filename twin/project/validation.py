@@ -8,6 +8,8 @@ from typing import Any, TypeVar, get_args
 from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
 
+from twin.project.tablemodel import keys_of
+
 Checked = TypeVar("Checked", bound=BaseModel)
 
 
@@ -16,7 +18,7 @@ def checked(model: type[Checked], data: Any, *, name: str) -> Checked:
     the file's name."""
     try:
         # through JSON, where strict means strict numbers and text but an array is still a tuple
-        return model.model_validate_json(json.dumps(data, default=str))
+        return model.model_validate_json(json.dumps(data, default=str), strict=True)
     except ValidationError as error:
         raise ValueError(f"{name}: {_sentence(error, model)}") from None
     except RecursionError:
@@ -62,7 +64,7 @@ def _problem(error: Any, root: type[BaseModel]) -> str:
 
 def _unknown(where: tuple[str | int, ...], root: type[BaseModel]) -> str:
     """The sentence for a key that does not exist, with the nearest one that does."""
-    keys = list(_model(where[:-1], root).model_fields)
+    keys = list(keys_of(_model(where[:-1], root)))
     near = get_close_matches(str(where[-1]), keys, n=1, cutoff=0.5)
     hint = f"did you mean {near[0]!r}?" if near else f"known here: {', '.join(keys)}"
     return f"{_key(where)} is not a known key; {hint}"
@@ -98,9 +100,9 @@ def _models(
 
 def table_of(model: type[BaseModel], key: str) -> type[BaseModel] | None:
     """The table under a key: its type itself, or the one that an optional or an array holds."""
-    if key not in model.model_fields:
+    if key not in keys_of(model):
         return None
-    found = [model.model_fields[key].annotation]
+    found = [keys_of(model)[key][1].annotation]
     while found:
         kind = found.pop(0)
         if isinstance(kind, type) and issubclass(kind, BaseModel):
@@ -121,5 +123,5 @@ def _field(where: tuple[str | int, ...], root: type[BaseModel]) -> FieldInfo | N
     """The field that a location lies in: bounds for calibrate.bounds.C10[1]."""
     field = None
     for model, key in _models(where, root):
-        field = model.model_fields.get(key, field)
+        field = keys_of(model).get(key, ("", field))[1]
     return field

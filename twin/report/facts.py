@@ -1,23 +1,30 @@
 """Everything that the report shows, as one record; what is drawn and said of it comes from its neighbours."""
 
+from collections.abc import Sequence
 from datetime import date
 from typing import Any
 
 import numpy as np
 
 from twin.batches.series import earlier_facts
-from twin.judging.intervals import estimates_of_record
-from twin.report.figures import pictures_of, study_facts
+from twin.bench.fits import fresh, newest
+from twin.chain import FIT, kinds_writing
+from twin.diagnosis.record import RankingRow
+from twin.effects.labels import name_of
+from twin.inputs.camerarecord import CameraRecord
+from twin.judging.record import FitRecord
+from twin.project.folder import Project, versions
+from twin.report.figures import held_out_films, pictures_of, study_facts
 from twin.report.found import Story
-from twin.report.heldoutrows import held_out_rows
-from twin.report.provenance import budget_facts, provenance_of
 from twin.report.sentences import commands, errors_of, mechanism, opening, untold, where
+
+SMALL = 0.01  # of the largest source of uncertainty: smaller ones are not shown
+SHOWN = 16  # digits of a SHA-256
 
 
 def facts_of(story: Story, notes: list[str]) -> dict[str, Any]:
     """Everything that the report shows."""
     d = story.diagnosis
-    every = [r | {"effect": r["law"], "named": r["effect"] in d["named"]} for r in d.get("ranking", [])]
     return {
         "headline": story.headline,
         "summary": " ".join(opening(story)),
@@ -27,22 +34,22 @@ def facts_of(story: Story, notes: list[str]) -> dict[str, Any]:
         "errors": errors_of(story),
         "named": _named(story),
         "evidence": story.way.facts,
-        "ranking": [r for r in every if not _blind(r)],
+        "ranking": [_ranked(r, r.effect in d.named) for r in d.ranking if not r.untested],
         "study": study_facts(story),
-        "ties": d.get("ties", []),
-        "next_test": d.get("next_test"),
-        "cannot_tell": [*untold(story), *_by_note([r for r in every if _blind(r)])],
+        "ties": d.ties,
+        "next_test": d.next_test,
+        "cannot_tell": [*untold(story), *_by_note([r for r in d.ranking if r.untested])],
         "calibration": {
             "parameters": _parameters(story.calibrated),
-            "sentence": story.calibrated.get("identifiability"),
+            "sentence": story.calibrated.identifiability,
         },
-        "held_out": held_out_rows(story),
-        "earlier": earlier_facts(story.project, story.fit or story.calibrated),
+        "held_out": held_out_films(story),
+        "earlier": earlier_facts(story.project, story.fit),
         "budget": budget_facts(story.project, story.generations.point_names),
         "chain": _chain(story),
         "pictures": pictures_of(story),
         "notes": notes,
-        "provenance": provenance_of(story.project, seed=story.calibrated.get("seed")),
+        "provenance": provenance_of(story.project, seed=story.calibrated.seed),
         "commands": commands(story),
     }
 
@@ -50,8 +57,8 @@ def facts_of(story: Story, notes: list[str]) -> dict[str, Any]:
 def _named(story: Story) -> list[dict[str, Any]]:
     """The effects in the model and the constants beside them, each with its parameters."""
     rows, every = [], _parameters(story.fit)
-    for label in story.fit.get("effects", []):
-        name = label.partition(":")[0]
+    for label in story.fit.effects:
+        name = name_of(label)
         own = [p for p in every if p["name"].startswith(f"{name}.")]
         rows.append({"effect": label, "text": "", "parameters": own})
     constants = [p for p in every if "." not in p["name"]]
@@ -60,9 +67,9 @@ def _named(story: Story) -> list[dict[str, Any]]:
 
 def _chain(story: Story) -> list[dict[str, Any]]:
     rows: list[dict[str, Any]] = []
-    camera = story.json(("camera",), "camera.json")
+    camera = newest(story.project, CameraRecord)
     if camera:
-        rows.append({"name": "camera, reprojection RMS", "value": camera["rms_px"], "unit": "px"})
+        rows.append({"name": "camera, reprojection RMS", "value": camera.rms_px, "unit": "px"})
     noise = story.targets.noise
     if noise is not None:
         rows.append(
@@ -80,16 +87,46 @@ def _chain(story: Story) -> list[dict[str, Any]]:
     return rows
 
 
-def _parameters(fit: dict[str, Any]) -> list[dict[str, Any]]:
-    return [{"name": e.name} | e.to_dict() for e in estimates_of_record(fit)]
+def _parameters(fit: FitRecord) -> list[dict[str, Any]]:
+    return [{"name": name} | e.model_dump() for name, e in fit.estimates.items()]
 
 
-def _blind(row: dict[str, Any]) -> bool:
-    """Whether an effect of the ranking was never tested, and its note says why."""
-    return bool(row["note"]) and row["delta_bic"] is None
+def _ranked(row: RankingRow, named: bool) -> dict[str, Any]:
+    """A row of the ranking as the page shows it."""
+    return row.model_dump() | {"effect": row.law, "named": named}
 
 
-def _by_note(rows: list[dict[str, Any]]) -> list[str]:
+def _by_note(rows: list[RankingRow]) -> list[str]:
     """One sentence for all effects of which the same is noted."""
-    notes = dict.fromkeys(r["note"] for r in rows)
-    return [f"{', '.join(r['law'] for r in rows if r['note'] == note)}: {note}." for note in notes]
+    notes = dict.fromkeys(r.note for r in rows)
+    return [f"{', '.join(r.law for r in rows if r.note == note)}: {note}." for note in notes]
+
+
+# -- where the numbers come from ----------------------------------------------------------------------------
+
+
+def budget_facts(project: Project, names: Sequence[str]) -> dict[str, Any]:
+    """What the uncertainty of some markers consists of in um, the largest source first; nothing where the
+    targets were measured elsewhere."""
+    path = project.newest("measure", "budget.csv")
+    if path is None:
+        return {}
+    from vision.errors.errorbudget import SOURCES, from_csv
+
+    table, marks = from_csv(path.read_text(encoding="utf-8"))
+    own = [p for p, name in enumerate(marks) if name in names]
+    um = 1e3 * np.sqrt((table.sd[:, own] ** 2).sum(axis=2))
+    order = [r for r in np.argsort(-um.max(axis=1)) if um[r].max() > SMALL * um.max()]
+    named = [(table.sources[r], list(um[r])) for r in order]
+    rows = [{"source": name, "um": cells, "remedy": SOURCES.get(name)} for name, cells in named]
+    total = {"source": "all", "um": list(np.sqrt((um**2).sum(axis=0)))}
+    return {"markers": [marks[p] for p in own], "rows": [*rows, total]}
+
+
+def provenance_of(project: Project, *, seed: Any) -> dict[str, str]:
+    """Seed, run, SHA-256 of every file that the newest fit was made from, and versions."""
+    fit = fresh(project, kinds_writing(FIT), FIT)
+    inputs = project.info(fit.parent).inputs if fit else {}
+    digests = {name: f"SHA-256 {digest[:SHOWN]}" for name, digest in inputs.items()}
+    run = {"fit of run": fit.parent.name} if fit else {}
+    return {"seed": str(seed), **run, **digests, **versions()}

@@ -4,28 +4,21 @@ from typing import Any
 
 import numpy as np
 
-from twin.drawing import plots
+from twin.diagnosis.record import ForetoldFilm
+from twin.drawing import plots, studyplots
 from twin.project import files
-from twin.report.found import CHANGES, Story
-from twin.report.heldoutrows import held_out_pictures
+from twin.report.found import CHANGES, Story, calibration_file
+from twin.report.page import Picture
+from twin.study.figures import FIGURES, file_of
 from twin.study.record import page_facts
 from twin.targets import Array
 
-FIGURES = {  # of the reference study, and what each shows
-    "5a": "Best RMS error of every generation of the genetic algorithm.",
-    "5b": "Constants of the best candidate. Their sum settles before they do.",
-    "5c": "Error of all candidates. Along the ridge the error hardly changes.",
-    "6a": "Displacement against pressure, first point.",
-    "6b": "Displacement against pressure, second point.",
-    "6c": "Displacements at the top pressure.",
-    "6d": "Absolute errors at the top pressure, before and after.",
-}
 
-
-def pictures_of(story: Story) -> list[dict[str, Any]]:
+def pictures_of(story: Story) -> list[Picture]:
+    """All pictures of the page, in the order of their places."""
     return [
         *_drawn(story, "error", place="top"), *_deformed(story), *_overlaid(story),
-        *_drawn(story, "residuals", place="where"), *held_out_pictures(story),
+        *_drawn(story, "residuals", place="where"), *map(_unseen, held_out_films(story)),
         *_drawn(story, "evidence", place="evidence"),
         *_over_time(story), *_search(story),
     ]  # fmt: skip
@@ -33,19 +26,19 @@ def pictures_of(story: Story) -> list[dict[str, Any]]:
 
 def study_facts(story: Story) -> dict[str, Any] | None:
     """The tables and the seven figures of the study, where there is one."""
-    if story.study_file is None:
+    if story.study is None or story.study_file is None:
         return None
     drawn = [
-        _picture(f"Figure {name}.", FIGURES[name], half=True,
-                 svg=story.study_file.with_name(f"figure-{name}.svg").read_text(encoding="utf-8"))
+        Picture(title=f"Figure {name}.", caption=FIGURES[name], half=True,
+                svg=story.study_file.with_name(file_of(name)).read_text(encoding="utf-8"))
         for name in FIGURES
     ]  # fmt: skip
     return page_facts(story.study) | {"pictures": drawn}
 
 
-def _drawn(story: Story, name: str, *, place: str) -> list[dict[str, Any]]:
+def _drawn(story: Story, name: str, *, place: str) -> list[Picture]:
     """A picture of the way to the model of now, where there is one."""
-    law = story.way.evidence.get("effect", "")
+    law = story.way.law
     said = {
         "error": ("How the error fell", "RMS of all markers. Pale: what the next step takes off.", True),
         "evidence": (
@@ -61,79 +54,107 @@ def _drawn(story: Story, name: str, *, place: str) -> list[dict[str, Any]]:
     }
     title, caption, half = said[name]
     svg = story.way.pictures.get(name)
-    return [_picture(title, caption, half=half, svg=svg, place=place)] if svg else []
+    return [Picture(title=title, caption=caption, half=half, svg=svg, place=place)] if svg else []
 
 
-def _deformed(story: Story) -> list[dict[str, Any]]:
+def _deformed(story: Story) -> list[Picture]:
     """The finger at top pressure, where it could be drawn."""
     file = story.run.path("deformed.png")
     caption = "Best model of the genetic algorithm, and the measured markers."
     if not file.exists():
         return []
-    return [_picture("Model at top pressure", caption, half=True, png=file, place="top")]
+    return [Picture(title="Model at top pressure", caption=caption, half=True, png=file, place="top")]
 
 
-def _overlaid(story: Story) -> list[dict[str, Any]]:
+def _overlaid(story: Story) -> list[Picture]:
     """The film at the worst moment with the models over it."""
     if story.footage is None:
         return []
-    return [_picture("The worst moment", story.footage.caption, png=story.footage.worst, place="top")]
+    shown = story.footage
+    return [Picture(title="The worst moment", caption=shown.caption, png=shown.worst, place="top")]
 
 
-def _search(story: Story) -> list[dict[str, Any]]:
-    """The genetic algorithm by generation and, of two constants, its landscape; the study has its own."""
+def _search(story: Story) -> list[Picture]:
+    """The genetic algorithm by generation and, of two constants, its valley; the study has its own."""
     g = story.generations
     if story.study:
         return []
-    course = plots.generations(g.generation, rms_mm=g.rms_mm, best=g.best, names=g.names)
-    caption = "Best RMS and constants of every generation."
-    out = [_picture("Genetic algorithm", caption, half=True, svg=course)]
+    error = studyplots.best_error(g.generation, rms_mm=g.rms_mm)
+    constants = studyplots.best_constants(g.generation, best=g.best, names=g.names)
+    out = [
+        Picture(
+            title="Genetic algorithm", caption="Best RMS error of every generation.", half=True, svg=error
+        ),
+        Picture(title="Constants of the best", caption="By generation.", half=True, svg=constants),
+    ]
     if len(g.names) == 2:
-        found = files.read_npz(story.file("calibrate", "candidates.npz"))
-        valley = plots.landscape(found["x"], rms_mm=found["rms_mm"], names=g.names, best=g.best[-1])
+        found = files.read_npz(calibration_file(story.project, "candidates.npz"))
+        best = {"best": g.best[-1]}
+        valley = studyplots.valley(found["x"], rms_mm=found["rms_mm"], names=g.names, marks=best)
         caption = "All candidates. Along the valley the sum of the two is the same."
-        out.append(_picture("Error landscape", caption, half=True, svg=valley))
+        out.append(Picture(title="Error landscape", caption=caption, half=True, svg=valley))
     return out
 
 
-def _over_time(story: Story) -> list[dict[str, Any]]:
+def _over_time(story: Story) -> list[Picture]:
     """Displacements, what is left of them, and displacements against pressure: of a film."""
     before = story.prediction(("diagnose", "compare", "calibrate"))
     after = story.prediction(CHANGES) if story.fields is not None else {}
     if not before or len(story.targets.time) < 3:
         return []
-    displacement, pressure = _courses(story, before, after)
-    return [displacement, pressure]
+    models = dict(zip(story.labels, (m["u"] for m in (before, after) if m), strict=False))
+    shown = f"Measured; {' and '.join(models)}."
+    return [_courses(story, models, shown), *_against_pressure(story, models, shown)]
 
 
-def _courses(story: Story, before: dict[str, Array], after: dict[str, Array]) -> list[dict[str, Any]]:
-    """The markers of the objective over time, and over pressure."""
-    t, end = story.targets, after.get("u")
-    rows = np.flatnonzero(~t.fixed)
+def _rows(story: Story) -> list[int]:
+    """The rows of the markers that are shown: of the objective, else the last two."""
+    t, rows = story.targets, np.flatnonzero(~story.targets.fixed)
     wanted = [r for r in rows if t.names[r] in story.project.config.calibrate.objective_points]
-    own = wanted or rows[-2:]
-    drawn: dict[str, Any] = {"names": [t.names[r] for r in own], "labels": story.labels}
+    return [int(r) for r in wanted or rows[-2:]]
+
+
+def _courses(story: Story, models: dict[str, Array], shown: str) -> Picture:
+    """The markers of the objective over time."""
+    t, own = story.targets, _rows(story)
     over_time = plots.displacements(
         t.time - t.time[0],
         measured=t.value[:, own],
-        before=before["u"][:, own],
-        after=None if end is None else end[:, own],
-        **drawn,
+        models={name: u[:, own] for name, u in models.items()},
+        names=[t.names[r] for r in own],
     )
-    over_pressure = plots.pressure_curves(
-        t.pressure,
-        measured=t.value[:, own, 2],
-        before=before["u"][:, own, 2],
-        after=None if end is None else end[:, own, 2],
-        **drawn,
-    )
-    shown = f"Measured; {' and '.join(story.labels[: 1 + bool(after)])}."
-    return [
-        _picture("Displacement", shown, svg=over_time),
-        _picture("U3 against pressure", f"{shown} Every dot is a step of the film.", svg=over_pressure),
-    ]
+    return Picture(title="Displacement", caption=shown, svg=over_time)
 
 
-def _picture(title: str, caption: str, *, half: bool = False, **drawn: Any) -> dict[str, Any]:
-    """A picture of the report, svg=text or png=file; two halves stand side by side."""
-    return {"title": title, "caption": caption, "half": half, **drawn}
+def _against_pressure(story: Story, models: dict[str, Array], shown: str) -> list[Picture]:
+    """The markers of the objective over pressure."""
+    t = story.targets
+    out = []
+    for r in _rows(story):
+        drawn = studyplots.against_pressure(
+            t.pressure, models={name: u[:, r, 2] for name, u in models.items()}, read_at=t.pressure,
+            read_mm=t.value[:, r, 2], title=t.names[r],
+        )  # fmt: skip
+        title, caption = f"U3 of {t.names[r]} against pressure", f"{shown} Every dot is a step of the film."
+        out.append(Picture(title=title, caption=caption, half=True, svg=drawn))
+    return out
+
+
+# -- films that no fit has seen ------------------------------------------------------------------------------
+
+
+def held_out_films(story: Story) -> list[ForetoldFilm]:
+    """The films that no fit has seen; the error with effects is that of the newest model."""
+    after = {row.film: row.after for row in story.diagnosis.held_out}
+    after |= {row.film: row for row in (story.added.held_out if story.added else ())}
+    before = story.start.held_out if story.start else ()
+    return [ForetoldFilm.of(row, after.get(row.film)) for row in before]
+
+
+def _unseen(row: ForetoldFilm) -> Picture:
+    """The error in a film before and after, and its noise."""
+    bars = [("calibrated", row.before.rms_mm)]
+    bars += [("with effects", row.after.rms_mm)] if row.after else []
+    drawing = plots.falling(bars, noise_mm=row.before.noise_sd_mm)
+    caption = "No fit has seen this film."
+    return Picture(title=row.film, caption=caption, half=True, svg=drawing, place="held_out")

@@ -1,52 +1,79 @@
 """What the newest runs of a project say, gathered once for report and recording."""
 
-from typing import Any
+from dataclasses import dataclass
+from pathlib import Path
 
-from twin.bench.fits import fresh
-from twin.chain import kinds_writing
+from twin.bench.fits import fresh, newest
+from twin.diagnosis.record import NONE, DiagnosisRecord
+from twin.effects.labels import name_of
+from twin.judging.record import ComparisonRecord, FitRecord
 from twin.project import files
 from twin.project.folder import Project, Run, Say
 from twin.report.footage import Footage
 from twin.report.onfilm import measured_file, models_on_film
 from twin.report.waypictures import Way
 from twin.review.states import Fields, Generations, Strains
-from twin.targets import Array
+from twin.study.record import Study
+from twin.targets import Array, Targets
 
-STUDY = "study.json"
 CHANGES = ("add", "drop")  # the stages that change the effects
 
 
+@dataclass(frozen=True, kw_only=True)
 class Story:
-    """What the newest runs say, gathered once; no number is computed here."""
+    """What the newest runs say; no number is computed here.
 
-    def __init__(self, project: Project, run: Run, say: Say) -> None:
-        self.project, self.run, self.targets = project, run, project.targets()
-        self.generations = Generations.load(self.file("calibrate", "generations.npz"))
-        self.calibrated = files.read_json(self.file("calibrate", "fit.json"))
-        self.fit = self.json(kinds_writing("fit.json"), "fit.json")
-        self.diagnosis = self.json(("diagnose",), "diagnosis.json")
-        self.added = self.json(CHANGES, "comparison.json")
-        path = fresh(project, CHANGES, "fields.npz")
-        self.fields = Fields.load(path) if path else None
-        effects = {label.partition(":")[0] for label in self.fit.get("effects", [])}
-        effects |= set(self.diagnosis.get("named", []))
-        self.way = Way.of(project, self.targets, effects=effects)
-        self.study_file = fresh(project, ("study",), STUDY)
-        self.study = files.read_json(self.study_file) if self.study_file else {}
-        filmed, self.not_filmed = models_on_film(project, self.targets, self.generations, say)
-        self.footage = Footage(project, filmed) if filmed else None
+    calibrated: the fit without effects; fit: the newest; start, before, added: comparison of the calibration,
+    of what was compared since, and with other effects; not_filmed: why no model lies over the film.
+    """
+
+    project: Project
+    run: Run
+    targets: Targets
+    generations: Generations
+    calibrated: FitRecord
+    fit: FitRecord
+    diagnosis: DiagnosisRecord
+    start: ComparisonRecord | None
+    before: ComparisonRecord | None
+    added: ComparisonRecord | None
+    fields: Fields | None
+    way: Way
+    study_file: Path | None
+    study: Study | None
+    footage: Footage | None
+    not_filmed: str
+    strains: Strains | None
+
+    @staticmethod
+    def of(project: Project, run: Run, say: Say) -> "Story":
+        """What they say now. ValueError without a calibration."""
+        targets = project.targets()
+        generations = Generations.load(calibration_file(project, "generations.npz"))
+        calibrated = files.read(FitRecord, calibration_file(project, FitRecord.file))
+        fit, diagnosis = newest(project, FitRecord) or calibrated, newest(project, DiagnosisRecord) or NONE
+        fields, study = fresh(project, CHANGES, "fields.npz"), fresh(project, ("study",), Study.file)
+        filmed, why = models_on_film(project, targets, generations, say)
         strained = measured_file(project, "strain.npz")
-        self.strains = Strains.load(strained) if strained else None
-
-    def file(self, kind: str, name: str) -> Any:
-        path = fresh(self.project, (kind,), name)
-        if path is None:
-            raise ValueError(f"{name} of {kind} is missing; run twin {kind}")
-        return path
-
-    def json(self, kinds: tuple[str, ...], name: str) -> dict[str, Any]:
-        path = fresh(self.project, kinds, name)
-        return files.read_json(path) if path else {}
+        return Story(
+            project=project,
+            run=run,
+            targets=targets,
+            generations=generations,
+            calibrated=calibrated,
+            fit=fit,
+            diagnosis=diagnosis,
+            start=newest(project, ComparisonRecord, ("calibrate",)),
+            before=newest(project, ComparisonRecord, ("compare", "calibrate")),
+            added=newest(project, ComparisonRecord, CHANGES),
+            fields=Fields.load(fields) if fields else None,
+            way=Way.of(project, targets, effects={name_of(e) for e in fit.effects} | set(diagnosis.named)),
+            study_file=study,
+            study=files.read(Study, study) if study else None,
+            footage=Footage(project, filmed) if filmed else None,
+            not_filmed=why,
+            strains=Strains.load(strained) if strained else None,
+        )
 
     @property
     def headline(self) -> str:
@@ -58,31 +85,38 @@ class Story:
         """The first sentence of the diagnosis, and the others."""
         if self.untested:
             return self.found
-        whole = self.diagnosis.get("sentence") or "Not diagnosed yet: run twin diagnose."
-        return _first(whole)
+        return _first(self.diagnosis.sentence or "Not diagnosed yet: run twin diagnose.")
 
     @property
     def untested(self) -> bool:
         """Whether nothing can be said of what is missing, so that the constants are what was found."""
-        return self.targets.noise is None or (bool(self.study) and not self.diagnosis.get("ranking"))
+        return self.targets.noise is None or (self.study is not None and not self.diagnosis.ranking)
 
     @property
     def found(self) -> tuple[str, str]:
         """What the calibration has found, in one sentence, and the others."""
         if self.study:
-            return self.study["headline"], ""
-        return _first(self.fit.get("identifiability") or self.calibrated["identifiability"])
+            return self.study.headline, ""
+        return _first(self.fit.identifiability or self.calibrated.identifiability)
 
     @property
     def labels(self) -> tuple[str, str]:
         """What the report calls the model before and the one with the effects that were added."""
-        effects = " and ".join(self.fit.get("effects", []))
+        effects = " and ".join(self.fit.effects)
         return "calibrated", f"with {effects}" if effects else "model now"
 
     def prediction(self, kinds: tuple[str, ...]) -> dict[str, Array]:
         """What the newest run of these kinds predicted and left, or nothing."""
         path = fresh(self.project, kinds, "prediction.npz")
         return dict(files.read_npz(path)) if path else {}
+
+
+def calibration_file(project: Project, name: str) -> Path:
+    """A file of the newest calibration that holds."""
+    path = fresh(project, ("calibrate",), name)
+    if path is None:
+        raise ValueError(f"{name} of calibrate is missing; run twin calibrate")
+    return path
 
 
 def _first(whole: str) -> tuple[str, str]:

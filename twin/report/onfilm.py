@@ -11,8 +11,10 @@ from numpy.typing import NDArray
 from twin.bench.waterfall import Stair, stairs
 from twin.bench.workbench import Workbench
 from twin.drawing.outlines import edge_rows
+from twin.inputs.camerarecord import stored_cameras
 from twin.inputs.cameras import camera_path
 from twin.inputs.recordings import marks_of
+from twin.judging.record import FitRecord
 from twin.model.arraycache import code_digest
 from twin.project import files
 from twin.project.folder import Project, Say
@@ -63,9 +65,7 @@ def _why_not(project: Project) -> str:
 
 def measured_file(project: Project, name: str) -> Path | None:
     """A file of the run that the targets come from, such as tracks.npz; None without any."""
-    source = project.targets_folder / "source.json"
-    run = files.read_json(source).get("run") if source.is_file() else None
-    path = project.root / "runs" / str(run) / name
+    path = project.root / "runs" / str(project.source().run) / name
     return path if path.is_file() else None
 
 
@@ -108,11 +108,9 @@ class _Sight:
     @cached_property
     def _projection(self) -> "Projection":
         """How the first camera sees the world in every frame."""
-        from vision import Camera
         from vision.perspective import Projection
 
-        stored = files.read_json(camera_path(self.project))
-        camera = Camera.from_dict(stored["cameras"][0] if "cameras" in stored else stored)
+        camera = stored_cameras(camera_path(self.project))[0]
         return Projection.of(camera, self._tracks["homography"], marks_of(self.project))
 
     @cached_property
@@ -178,10 +176,8 @@ class _Sight:
         the markers. A solved edge is kept in the folder `cache`."""
         model = self._bench.model(stair.effects)
         fit = self.project.root / "runs" / stair.run / "fit.json"
-        stored = files.read_json(fit)["parameters"] if stair.run else {}
-        values = {
-            p.name: float(stored[p.name]["value"] if stored else p.start or 0.0) for p in model.parameters
-        }
+        stored = files.read(FitRecord, fit).parameters if stair.run else {}
+        values = {p.name: stored[p.name].value if stored else p.start or 0.0 for p in model.parameters}
         theta = model.theta(values)
 
         def edge() -> Array:

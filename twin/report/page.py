@@ -1,7 +1,9 @@
 """Turns facts into one self-contained HTML page. It computes nothing: every number comes in, as it is."""
 
 import base64
-from collections.abc import Iterable, Mapping
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +13,29 @@ from markupsafe import Markup
 from twin.numerals import correlation, interval, probability, short, value
 from twin.project import files
 
-TEMPLATE = Path(__file__).with_name("report.html")
+TEMPLATE, TABLES = (Path(__file__).with_name(name) for name in ("report.html", "tables.html"))
+
+
+PLACES = ("top", "where", "held_out", "evidence", "more")  # of pictures, in the order of the page
+
+
+@dataclass(frozen=True, kw_only=True)
+class Picture:
+    """A picture of a page with its title and caption: an SVG text, or a PNG as bytes or as a file; half: two
+    stand beside each other. ValueError where it is neither, or for a place that no page has."""
+
+    title: str
+    caption: str = ""
+    half: bool = False
+    svg: str | None = None
+    png: Path | bytes | None = None
+    place: str = PLACES[-1]
+
+    def __post_init__(self) -> None:
+        if not self.svg and self.png is None:
+            raise ValueError(f"the picture {self.title!r} has neither svg nor png; give one of them")
+        if self.place not in PLACES:
+            raise ValueError(f"the report knows no place {self.place!r}; it knows {', '.join(PLACES)}")
 
 
 def write_report(path: Path, *, title: str, facts: Mapping[str, Any]) -> None:
@@ -30,10 +54,10 @@ def render(*, title: str, facts: Mapping[str, Any]) -> str:
     errors       {before_mm, after_mm, noise_mm, before_note, after_note, noise_note}
     named        [{effect, text, note, parameters: [{name, value, low, high, unit, note}]}], low to high: 95 %
     evidence     what evidence.json holds, and branches [name], table [{marker, cells: [share or None]}]
-    held_out     [{film, before_mm, after_mm, ratio, noise_mm}], films that no fit has seen
+    held_out     [ForetoldFilm], films that no fit has seen
     study        {sentences, rows: [{name, here, published}], starts, known, readings: [{within, rows}],
                  plans: of study.json,
-                 pictures: as below}
+                 pictures: [Picture]}
     ranking      [{effect, delta_bic, z, p_value, note, named (bool)}], best first
     ties         [[effect, ...], ...]
     next_test    sentence
@@ -43,22 +67,23 @@ def render(*, title: str, facts: Mapping[str, Any]) -> str:
                  sentences}, the constants beside those of earlier batches, the last column this batch's
     budget       {markers: [name], rows: [{source, um: [1 sd of each marker], remedy}]}
     chain        [{name, value, unit, note}], the measurement: reprojection RMS, noise, lost markers, ...
-    pictures     [{title, caption, half (bool: two beside each other), svg (text) or png (path or bytes),
-                 place: top, where, evidence or, without one, more}]
+    pictures     [Picture]
     notes        [sentence, ...]
     provenance   {name: text}, versions, seed, digests
     commands     [text, ...]
-    ValueError for a picture that has neither svg nor png, and for a fact or a place of another name.
+    ValueError for a fact of another name.
     """
     unknown = set(facts) - FACTS
     if unknown:
         raise ValueError(f"the report knows no fact {min(unknown)!r}; it knows {', '.join(sorted(FACTS))}")
-    strange = {picture.get("place", PLACES[-1]) for picture in facts.get("pictures") or []} - set(PLACES)
-    if strange:
-        raise ValueError(f"the report knows no place {min(strange)!r}; it knows {', '.join(PLACES)}")
     page = jinja2.Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True)
     page.filters |= FILTERS
     return page.from_string(TEMPLATE.read_text(encoding="utf-8")).render(title=title, facts=facts)
+
+
+def _given(x: Any) -> Any:
+    """A fact of the page, None where it is absent."""
+    return None if isinstance(x, jinja2.Undefined) else x
 
 
 def _notes(rows: Iterable[Mapping[str, Any]]) -> list[str]:
@@ -69,31 +94,29 @@ def _notes(rows: Iterable[Mapping[str, Any]]) -> list[str]:
     return [n if len(own) == len(rows) else f"{', '.join(own)}: {n}" for n, own in named.items()]
 
 
-def _at(pictures: Iterable[Mapping[str, Any]] | None, place: str) -> list[Mapping[str, Any]]:
+def _at(pictures: Iterable[Picture] | None, place: str) -> list[Picture]:
     """The pictures of one place of the page."""
-    return [p for p in pictures or [] if p.get("place", PLACES[-1]) == place]
+    return [p for p in pictures or [] if p.place == place]
 
 
-def _groups(pictures: Iterable[Mapping[str, Any]] | None) -> list[list[Mapping[str, Any]]]:
+def _groups(pictures: Iterable[Picture] | None) -> list[list[Picture]]:
     """Pictures as rows of the page: halves in a row stand beside each other, two by two."""
-    rows: list[list[Mapping[str, Any]]] = []
+    rows: list[list[Picture]] = []
     for picture in pictures or []:
-        if picture.get("half") and rows and len(rows[-1]) == 1 and rows[-1][0].get("half"):
+        if picture.half and rows and len(rows[-1]) == 1 and rows[-1][0].half:
             rows[-1].append(picture)
         else:
             rows.append([picture])
     return rows
 
 
-def _drawing(picture: Mapping[str, Any]) -> Markup:
+def _drawing(picture: Picture) -> Markup:
     """A picture inside the page: SVG as elements, PNG as a data address. Our own plots, so not escaped."""
-    if picture.get("svg"):
-        return Markup(picture["svg"])
-    if picture.get("png") is None:
-        raise ValueError(f"the picture {picture.get('title')!r} has neither svg nor png; give one of them")
-    data = picture["png"] if isinstance(picture["png"], bytes) else Path(picture["png"]).read_bytes()
+    if picture.svg or picture.png is None:
+        return Markup(picture.svg or "")
+    data = picture.png if isinstance(picture.png, bytes) else picture.png.read_bytes()
     text = base64.b64encode(data).decode("ascii")
-    return Markup('<img alt="{}" src="data:image/png;base64,{}">').format(picture.get("title", ""), text)
+    return Markup('<img alt="{}" src="data:image/png;base64,{}">').format(picture.title, text)
 
 
 FACTS = frozenset(
@@ -101,11 +124,10 @@ FACTS = frozenset(
     | {"study", "evidence", "calibration", "chain", "pictures", "notes", "provenance", "commands"}
     | {"where", "mechanism", "budget", "earlier", "held_out"}
 )
-PLACES = ("top", "where", "held_out", "evidence", "more")  # of pictures, in the order of the page
 FILTERS = {
-    "short": lambda x: short(None if isinstance(x, jinja2.Undefined) else x),
+    "short": lambda x: short(_given(x)),
     "interval": interval,
-    "value": value,
+    "value": lambda x, *ends: value(_given(x), *ends),
     "probability": probability,
     "correlation": correlation,
     "notes": _notes,
@@ -113,3 +135,25 @@ FILTERS = {
     "at": _at,
     "drawing": _drawing,
 }
+
+
+# -- several batches, or two models -----------------------------------------------------------------------
+
+
+def table_page(
+    title: str, *, headline: str, sentences: Sequence[str], tables: Sequence[Mapping[str, Any]],
+    pictures: Sequence[Picture],
+) -> str:
+    """The page as text, self-contained.
+
+    tables: {title, head [text], rows [{cells [text], named (bool: stands out)}], note}.
+    """
+    report = TEMPLATE.read_text(encoding="utf-8")
+    look = re.search(r"<style>.*?</style>", report, re.DOTALL)
+    assert look is not None  # the report has a look
+    page = jinja2.Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True)
+    page.filters |= FILTERS
+    return page.from_string(TABLES.read_text(encoding="utf-8")).render(
+        title=title, headline=headline, sentences=sentences, tables=tables, pictures=pictures,
+        style=Markup(look[0]),
+    )  # fmt: skip

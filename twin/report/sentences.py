@@ -10,21 +10,19 @@ UNTESTED = "Whether the model lacks an effect is not tested: the targets have no
 
 
 def markdown(story: Story) -> str:
-    d = story.diagnosis
-    lines = [f"# {d.get('verdict', 'not diagnosed')}", "", " ".join(story.said)]
-    lines += ["", f"Calibration: {story.calibrated.get('identifiability', '')}"]
+    lines = [f"# {story.diagnosis.verdict}", "", " ".join(story.said)]
+    lines += ["", f"Calibration: {story.calibrated.identifiability}"]
     return "\n".join([*lines, *story.way.markdown])
 
 
 def ranking_rows(story: Story) -> list[dict[str, object]]:
-    ranking = story.diagnosis.get("ranking", [])
     return [
         {
-            "effect": r["law"],
-            "score": _round(r["z"]),
-            "evidence": "not refitted" if r.get("evidence") is None else _round(r["evidence"]),
+            "effect": r.law,
+            "score": _round(r.z),
+            "evidence": "not refitted" if r.evidence is None else _round(r.evidence),
         }
-        for r in ranking
+        for r in story.diagnosis.ranking
     ]
 
 
@@ -32,22 +30,21 @@ def untold(story: Story) -> list[str]:
     """That no missing effect was looked for, where the targets do not allow it."""
     if story.targets.noise is not None:
         return []
-    return [story.diagnosis.get("sentence") or UNTESTED]
+    return [story.diagnosis.sentence or UNTESTED]
 
 
 def opening(story: Story) -> list[str]:
     """The two sentences below the headline: the errors, and what to do now."""
-    errors, last = errors_of(story), story.diagnosis.get("next_test")
-    if errors is None:
+    d, last = story.diagnosis, story.diagnosis.next_test
+    if d.rms_before_mm is None:
         return []
-    before, after, noise = (errors[f"{key}_mm"] for key in ("before", "after", "noise"))
-    fall = f"The model misses the film by {before:.3f} mm rms"
-    if after is not None:
-        fall += f", {story.labels[1]} by {after:.3f} mm"
-    said = [f"{fall}; the measurement itself is uncertain by {noise:.3f} mm."]
+    fall = f"The model misses the film by {d.rms_before_mm:.3f} mm rms"
+    if story.added is not None:
+        fall += f", {story.labels[1]} by {story.added.rms_mm:.3f} mm"
+    said = [f"{fall}; the measurement itself is uncertain by {d.noise_sd_mm:.3f} mm."]
     if last:
         return [*said, f"To be sure, make the next test: {_small(last)}"]
-    if story.added.get("adequate", story.diagnosis.get("adequate")):
+    if story.added.adequate if story.added else d.adequate:
         return [
             *said,
             "The model now agrees with the measurement: its constants and intervals can be used.",
@@ -57,8 +54,7 @@ def opening(story: Story) -> list[str]:
 
 def where(story: Story) -> str:
     """Where the model without effects fails, in words."""
-    found: str = story.json(("compare", "calibrate"), "comparison.json").get("where", "")
-    return found
+    return story.before.where if story.before else ""
 
 
 def mechanism(story: Story) -> str:
@@ -72,20 +68,25 @@ def commands(story: Story) -> list[str]:
     if story.study and story.untested:
         return ["twin study"]
     filmed = bool(story.project.config.cameras)
-    added = [f"twin add {label}" for label in story.fit.get("effects", [])]
+    added = [f"twin add {label}" for label in story.fit.effects]
     every = [s for s in STAGES if s.when is When.ALWAYS and (filmed or s.name not in FILMED)]
     before = [f"twin {stage.name}" for stage in every]
     return [*before[:-1], *added, *(["twin study"] if story.study else []), before[-1]]
 
 
 def errors_of(story: Story) -> dict[str, Any] | None:
-    d = story.diagnosis
-    if d.get("rms_before_mm") is None:
+    """The errors before and after and the noise, mm, with what the models are called; None without a
+    diagnosis."""
+    d, (before, after) = story.diagnosis, story.labels
+    if d.rms_before_mm is None:
         return None
-    after = story.added.get("rms_mm") if story.added else None
-    errors = {"before_mm": d["rms_before_mm"], "after_mm": after, "noise_mm": d["noise_sd_mm"]}
-    before_note, after_note = story.labels
-    return errors | {"before_note": before_note, "after_note": after_note}
+    return {
+        "before_mm": d.rms_before_mm,
+        "after_mm": story.added.rms_mm if story.added else None,
+        "noise_mm": d.noise_sd_mm,
+        "before_note": before,
+        "after_note": after,
+    }
 
 
 def _small(sentence: str) -> str:
@@ -93,5 +94,5 @@ def _small(sentence: str) -> str:
     return sentence[:1].lower() + sentence[1:] if sentence[1:2].islower() else sentence
 
 
-def _round(x: Any) -> Any:
+def _round(x: float | None) -> float | None:
     return None if x is None else round(float(x), 1)

@@ -10,7 +10,9 @@ import numpy as np
 from twin.bench.fits import every_fresh
 from twin.bench.waterfall import Stair, stairs
 from twin.chain import kinds_writing
+from twin.diagnosis.explanation import EvidenceRecord
 from twin.drawing import plots
+from twin.effects.labels import name_of
 from twin.project import files
 from twin.project.folder import Project
 from twin.targets import Array, Targets
@@ -27,29 +29,34 @@ class Way:
     project: Project
     targets: Targets
     stairs: tuple[Stair, ...]
-    evidence: dict[str, Any]
+    evidence: EvidenceRecord | None
     maps: dict[str, Array]
 
     @staticmethod
     def of(project: Project, targets: Targets, *, effects: set[str]) -> "Way":
         """With the newest evidence for one of these effects."""
-        for path in every_fresh(project, kinds_writing("evidence.json"), "evidence.json"):
-            found = files.read_json(path)
-            if effects & {label.partition(":")[0] for label in found["effect"].split(" + ")}:
+        for path in every_fresh(project, kinds_writing(EvidenceRecord.file), EvidenceRecord.file):
+            found = files.read(EvidenceRecord, path)
+            if effects & {name_of(label) for label in found.effect.split(" + ")}:
                 maps = dict(files.read_npz(path.with_name("evidence.npz")))
                 return Way(project, targets, stairs(project), found, maps)
-        return Way(project, targets, stairs(project), {}, {})
+        return Way(project, targets, stairs(project), None, {})
+
+    @property
+    def law(self) -> str:
+        """The effect that the evidence is for, nothing without any."""
+        return self.evidence.effect if self.evidence else ""
 
     @property
     def facts(self) -> dict[str, Any]:
         """The evidence as the page shows it: its record, and a table of shares."""
         if not self.evidence:
             return {}
-        shares = self.evidence["shares"]
-        markers, branches = (list(dict.fromkeys(row[key] for row in shares)) for key in ("marker", "branch"))
-        cell = {(row["marker"], row["branch"]): row for row in shares}
+        shares = self.evidence.shares
+        markers, branches = (list(dict.fromkeys(getattr(s, k) for s in shares)) for k in ("marker", "branch"))
+        cell = {(s.marker, s.branch): s for s in shares}
         table = [{"marker": name, "cells": [cell.get((name, b)) for b in branches]} for name in markers]
-        return self.evidence | {"branches": branches, "table": table}
+        return self.evidence.model_dump(by_alias=True) | {"branches": branches, "table": table}
 
     @property
     def markdown(self) -> list[str]:
@@ -93,8 +100,7 @@ class Way:
 
     def _signature(self) -> dict[str, Array]:
         """The residual, what the effect explains of it and what it leaves, by title."""
-        law = self.evidence.get("effect", "")
-        return {PARTS[name].format(law): self.maps[name] for name in PARTS if name in self.maps}
+        return {PARTS[name].format(self.law): self.maps[name] for name in PARTS if name in self.maps}
 
     def _residuals(self) -> dict[str, Array]:
         """The cleaned residuals of the last models that were fitted, by what was done."""

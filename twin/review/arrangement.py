@@ -8,7 +8,7 @@ import rerun.blueprint as rrb
 
 from twin.review.filmed import Filmed
 from twin.review.scene import Scene
-from twin.review.states import Strains
+from twin.review.states import Array, Strains
 from twin.review.strainlayer import strain_view
 
 VIEWS = {  # name of each view, and the timeline that plays it
@@ -38,12 +38,13 @@ def arranged(
         _effects(filmed=filmed, pictures=shown),
         *([strain_view(strains)] if strains is not None else []),
     ]
-    return rrb.Blueprint(
-        rrb.Tabs(*views, active_tab=list(VIEWS).index(OPENS), name="softtwin"),
-        rrb.TimePanel(timeline=VIEWS[OPENS], state="collapsed", fps=2.0),
-        rrb.SelectionPanel(state="hidden"),
-        rrb.BlueprintPanel(state="hidden"),
-    )
+    tabs = rrb.Tabs(*views, active_tab=list(VIEWS).index(OPENS), name="softtwin")
+    return alone(tabs, rrb.TimePanel(timeline=VIEWS[OPENS], state="collapsed", fps=2.0))
+
+
+def alone(tabs: rrb.Tabs, time: rrb.TimePanel) -> rrb.Blueprint:
+    """Tabs and the panel of the time, without rerun's other panels."""
+    return rrb.Blueprint(tabs, time, rrb.SelectionPanel(state="hidden"), rrb.BlueprintPanel(state="hidden"))
 
 
 def _search(scene: Scene, *, has_film: bool) -> Any:
@@ -143,14 +144,18 @@ def _text(origin: str, name: str) -> rrb.TextDocumentView:
 
 
 def _finger(scene: Scene) -> rrb.Spatial3DView:
-    """The finger seen from the film's side: x runs to the left."""
-    centre, extent = 0.5 * (scene.low + scene.high), scene.high - scene.low
+    return finger_view("/model", "model: displacement, mm", low=scene.low, high=scene.high)
+
+
+def finger_view(origin: str, name: str, *, low: Array, high: Array) -> rrb.Spatial3DView:
+    """A finger between two corners (3,) mm, seen from the film's side: x runs to the left."""
+    centre, extent = 0.5 * (low + high), high - low
     # The viewer's vertical angle is about 55 degrees; beside the film the view is 1.6 times as wide as high.
     distance = max(0.75 * extent[0], 1.15 * extent[2]) + 0.5 * extent[1]
     position = centre + distance * np.array([0.0, 1.0, 0.16])
     return rrb.Spatial3DView(
-        origin="/model",
-        name="model: displacement, mm",
+        origin=origin,
+        name=name,
         eye_controls=rrb.EyeControls3D(position=position, look_target=centre, eye_up=(0, 0, 1)),
         background=(38, 41, 48),
         line_grid=False,

@@ -63,10 +63,12 @@ def scene_of(generations: Generations, fields: Fields | None) -> Scene:
     return Scene(nodes, used, triangles, generations.points, top, places.min(axis=0), places.max(axis=0))
 
 
-def colours(value: NDArray[np.floating], *, top: float) -> NDArray[np.uint8]:
-    """Colours (..., 3) of values (...) between 0 and `top`; values beyond take the end colours."""
-    place = np.clip(value / top, 0.0, 1.0) * (len(RAMP) - 1)
-    channels = [np.interp(place, np.arange(len(RAMP)), channel) for channel in RAMP.T]
+def colours(
+    value: NDArray[np.floating], *, top: float, low: float = 0.0, ramp: Integers = RAMP
+) -> NDArray[np.uint8]:
+    """Colours (..., 3) of values (...) between `low` and `top`; values beyond take the end colours."""
+    place = np.clip((value - low) / (top - low), 0.0, 1.0) * (len(ramp) - 1)
+    channels = [np.interp(place, np.arange(len(ramp)), channel) for channel in ramp.T]
     return np.stack(channels, axis=-1).round().astype(np.uint8)
 
 
@@ -95,24 +97,28 @@ def log_states(recording: rr.RecordingStream, scene: Scene, column: rr.TimeColum
 def log_constants(recording: rr.RecordingStream, scene: Scene) -> None:
     """Log what never changes, visible on every timeline: topology, styles, rest shape, colour legend."""
     radius = 0.007 * scene.size
-    outward = normals(scene.nodes, scene.triangles)
-    rest = rr.Mesh3D(
-        vertex_positions=scene.nodes
-        - 0.004 * scene.size * outward,  # inside, so that it never flickers through
-        vertex_normals=outward,
-        triangle_indices=scene.triangles,
-        albedo_factor=REST,
-    )
     constants: dict[str, Any] = {
         "mesh": rr.Mesh3D.from_fields(triangle_indices=scene.triangles),
         "measured": rr.Points3D.from_fields(radii=radius, colors=MEASURED),
         "error": rr.Arrows3D.from_fields(radii=0.45 * radius, colors=ERROR),
-        "rest": rest,
+        # inside, so that it never flickers through
+        "rest": still(scene.nodes, scene.triangles, colour=REST, inside=0.004 * scene.size),
         "legend/bar": _legend_bar(scene),
         "legend/values": _legend_values(scene),
     }
     for name, value in constants.items():
         recording.log(f"model/{name}", value, static=True)
+
+
+def still(
+    nodes: Array, triangles: Integers, *, colour: tuple[int, ...], inside: float = 0.0
+) -> rr.Mesh3D:
+    """A surface that does not move, by `inside` mm within its nodes (m,3) mm."""
+    outward = normals(nodes, triangles)
+    return rr.Mesh3D(
+        vertex_positions=nodes - inside * outward, vertex_normals=outward, triangle_indices=triangles,
+        albedo_factor=colour,
+    )  # fmt: skip
 
 
 def normals(nodes: NDArray[np.floating], triangles: Integers) -> NDArray[np.float32]:

@@ -5,7 +5,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
-from twin.review.scene import RAMP, round_up
+from twin.review.scene import RAMP, colours, round_up
 from twin.review.states import Array, Strains
 
 VIEW = "strain"  # the name of the tab
@@ -28,7 +28,8 @@ def log_strains(recording: rr.RecordingStream, strains: Strains, *, scale: Array
             low = -top if ramp is SIGNED else 0.0
             seen = np.isfinite(own) & np.isfinite(strains.pixel).all(axis=-1)
             place = ((strains.pixel + 0.5) * scale)[seen]
-            points = rr.Points2D.columns(positions=place, colors=_colours(own[seen], low, top, ramp))
+            colour = colours(own[seen], top=top, low=low, ramp=ramp)
+            points = rr.Points2D.columns(positions=place, colors=colour)
             recording.log(f"film/strain/{entity}", rr.Points2D.from_fields(radii=radius), static=True)
             recording.send_columns(f"film/strain/{entity}", [column], points.partition(seen.sum(axis=1)))
             legend = _legend(strains, scale, low, top, ramp)
@@ -49,13 +50,6 @@ def _over_film(entity: str, name: str) -> rrb.Spatial2DView:
     return rrb.Spatial2DView(origin="/film", contents=[f"+ {path}" for path in shown], name=name)
 
 
-def _colours(value: Array, low: float, top: float, ramp: NDArray[np.int64]) -> NDArray[np.uint8]:
-    """Colours (n,3) of values (n,) between low and top."""
-    place = np.clip((value - low) / (top - low), 0.0, 1.0) * (len(ramp) - 1)
-    channels = [np.interp(place, np.arange(len(ramp)), channel) for channel in ramp.T]
-    return np.stack(channels, axis=-1).round().astype(np.uint8)
-
-
 def _legend(
     strains: Strains, scale: Array, low: float, top: float, ramp: NDArray[np.int64]
 ) -> rr.Points2D:
@@ -65,7 +59,7 @@ def _legend(
     x = width * (0.1 + 0.8 * np.linspace(0.0, 1.0, LABELS))
     return rr.Points2D(
         np.stack([x, np.full(LABELS, height + LINE * width)], axis=1),
-        colors=_colours(value, low, top, ramp), labels=[f"{v:g}" for v in value + 0.0],
+        colors=colours(value, top=top, low=low, ramp=ramp), labels=[f"{v:g}" for v in value + 0.0],
         radii=0.35 * LINE * width, show_labels=True,
     )  # fmt: skip
 

@@ -1,6 +1,6 @@
 """Load paths and targets -> the reference study's genetic algorithm, generation by generation, resumable."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -48,15 +48,23 @@ class Objective:
         variance = targets.covariance[self.steps[0], self.rows, self.component, self.component]
         return float(np.sqrt(variance.mean()))
 
-    def cost(self, values: dict[str, float], paths: Turned, points: Array) -> float:
-        """The RMS in mm; inf where the model has no equilibrium at that pressure."""
-        constants = Constants.of({**values, **self.fixed})
-        u = paths.predict(constants, self.pressure, steps=self.steps)
+    def cost(self, values: Mapping[str, float], paths: Turned, rows: Array) -> float:
+        """The RMS in mm; inf where the model has no equilibrium at that pressure. rows (r,): those of the
+        targets that the paths belong to."""
+        seen = self.predicted(Constants.of({**values, **self.fixed}), paths, rows, self.pressure[:1])
+        return float("inf") if seen is None else float(np.sqrt(((seen[0] - self.measured) ** 2).mean()))
+
+    def predicted(self, constants: Constants, paths: Turned, rows: Array, pressure: Array) -> Array | None:
+        """The component (k, j) in mm at pressures (k,) MPa, relative to the reference; None where there is no
+        equilibrium."""
+        at = np.append(pressure, self.pressure[1:])
+        steps = np.append(np.full(len(pressure), self.steps[0]), self.steps[1:])
+        u = paths.predict(constants, at, steps=steps)
         if u is None:
-            return float("inf")
-        seen = u[0] - u[1:].mean(axis=0)
-        own = [int(np.flatnonzero(points == r)[0]) for r in self.rows]
-        return float(np.sqrt(((seen[own, self.component] - self.measured) ** 2).mean()))
+            return None
+        own = [int(np.flatnonzero(rows == r)[0]) for r in self.rows]
+        seen = u[:, own, self.component]
+        return np.asarray(seen[: len(pressure)] - seen[len(pressure) :].mean(axis=0))
 
 
 def first_arrival(targets: Targets) -> int:

@@ -1,5 +1,7 @@
 """C10 and C01 by the load paths: the objective, the paths, and the least squares that begin on them."""
 
+from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -7,28 +9,113 @@ import numpy as np
 from calibrate import Fit, least_squares
 from twin.bench.workbench import Workbench
 from twin.effects.baselaw import Constants
-from twin.effects.material import Elasticity
 from twin.judging.fitting import whitener_of
 from twin.judging.judged import Judged
+from twin.judging.record import InitialRow
 from twin.judging.whitening import Whitener, whitener
 from twin.model.arraycache import rounded_up
 from twin.model.loadpaths import REDUCED, Turned, load_paths, reach, sheets
 from twin.project.folder import Say
 from twin.study.generations import Objective
-from twin.targets import Array, Targets, relative
+from twin.targets import Array, relative
 
 
-def objective_of(bench: Workbench) -> Objective:
-    """The objective of the genetic algorithm that twin.toml states."""
-    own = bench.project.config.calibrate
-    component = own.objective_component - 1
-    return Objective.of(bench.targets, own.objective_points, component, bench.elasticity.fixed)
+@dataclass(frozen=True)
+class OnPaths:
+    """The base model of a project on its load paths. rows (r,): the rows of the targets they belong to."""
+
+    bench: Workbench
+    paths: Turned
+    rows: Any
+    objective: Objective
+
+    @staticmethod
+    def of(bench: Workbench, say: Say) -> "OnPaths":
+        """The load paths at the finger's markers, and the objective that twin.toml states."""
+        own, fixed = bench.project.config.calibrate, bench.elasticity.fixed
+        rows = np.flatnonzero(~bench.targets.fixed)
+        objective = Objective.of(bench.targets, own.objective_points, own.objective_component - 1, fixed)
+        return OnPaths(bench, _load_paths(bench, rows, say), rows, objective)
+
+    def cost(self, values: Mapping[str, float]) -> float:
+        """The RMS in mm of the objective; inf where the model has no equilibrium."""
+        return self.objective.cost(values, self.paths, self.rows)
+
+    def predicted(self, theta: Array) -> Array | None:
+        """Displacements (s, p, 3) mm of all points as they are measured, 0 where there are no paths, at the
+        free constants theta (d,); None where there is no equilibrium."""
+        t = self.bench.targets
+        u = self.paths.predict(self.constants(theta), t.pressure)
+        if u is None:
+            return None
+        out = np.zeros_like(t.value)
+        out[:, self.rows] = relative(u, t.reference, t.rests)
+        return out
+
+    def least(self, best: Array, say: Say) -> Judged:
+        """The least-squares fit of C10 and C01 to all targets: on the load paths from several starts, then on
+        the finite-element model from there, with errors of its own."""
+        t, model = self.bench.targets, self.bench.model(())
+        w = whitener(t, prediction_modes=np.zeros((0, *t.value.shape)), gauge=self._gauge(best),
+                     points=~t.fixed)  # fmt: skip
+        first = self.fit(w, np.array([best, [p.start for p in model.parameters]]))
+        say.progress("least squares", 1, 3)
+        w = whitener_of(self.bench.on_mesh(model, first.theta, say), first.theta, t)
+        second = self.fit(w, first.theta[None])
+        say.progress("least squares", 2, 3)
+        found = self.bench.judged(model, second.theta, say, seed=self.bench.project.config.calibrate.seed)
+        say.progress("least squares", 3, 3)
+        return found
+
+    def fit(self, w: Whitener, starts: Array) -> Fit:
+        """The bounded least-squares fit to all targets on the load paths, from starts (m, d)."""
+        parameters, t = self.bench.elasticity.parameters, self.bench.targets
+
+        def residual(theta: Array) -> Array | None:
+            u = self.predicted(theta)
+            return None if u is None else w.whiten(t.value - u)
+
+        def jacobian(theta: Array) -> Array:
+            columns, b = [], residual(theta)
+            for k, p in enumerate(parameters):
+                h = 1e-3 * p.step * (1 if theta[k] + 1e-3 * p.step <= p.high else -1)
+                a = residual(theta + h * np.eye(len(theta))[k])
+                lost = np.full(len(t.valid) * len(w.components), np.nan)
+                columns.append(lost if a is None or b is None else (a - b) / h)
+            return np.array(columns).T
+
+        return least_squares(residual, jacobian, parameters, start=starts)
+
+    def initial(self, judged: Judged) -> InitialRow:
+        """Nominal constants and what they leave, mm, under the errors of a fit."""
+        values = {p.name: p.start or 0.0 for p in self.bench.elasticity.parameters}
+        u = self.predicted(np.array(list(values.values())))
+        if u is None:
+            return InitialRow(values=values, rms_mm=None, raw_rms_mm=None)
+        w, residual = judged.whitener, self.bench.targets.value - u
+        raw = float(np.sqrt((w.pick(residual)[w.valid] ** 2).mean()))
+        return InitialRow(values=values, rms_mm=w.rms(residual), raw_rms_mm=raw)
+
+    def constants(self, theta: Array) -> Constants:
+        """C10 and C01 from the free ones (d,) and those held at a value."""
+        own = self.bench.elasticity
+        return own.constants({p.name: float(x) for p, x in zip(own.parameters, theta, strict=True)})
+
+    def _gauge(self, theta: Array) -> Array:
+        """What 1 sd of the gauge's noise does to each step (s, p, 3) mm, from two nearby pressures.
+
+        The one above is half as far as the one below: the paths end little beyond the highest pressure.
+        """
+        t, constants = self.bench.targets, self.constants(theta)
+        out, h = np.zeros_like(t.value), 1e-3 * float(t.pressure.max())
+        a, b = (self.paths.predict(constants, np.maximum(t.pressure, h) + d) for d in (-h, h / 2))
+        if a is not None and b is not None:
+            out[:, self.rows] = (b - a) / (1.5 * h) * t.pressure_sd[:, None, None]
+        return out
 
 
-def load_paths_of(bench: Workbench, say: Say) -> tuple[Turned, Any]:
-    """The load paths at the finger's markers under the weight in every direction of gravity, and the rows of
-    the targets they belong to."""
-    rows = np.flatnonzero(~bench.targets.fixed)
+def _load_paths(bench: Workbench, rows: Any, say: Say) -> Turned:
+    """The load paths at the points of these rows, under the weight in every direction of gravity."""
     where = bench.targets.places(bench.case.position)[rows]
     cache, key, top = bench.cache(say), bench.structure.key, REDUCED
     highest = rounded_up(float(bench.targets.pressure.max()))
@@ -37,7 +124,7 @@ def load_paths_of(bench: Workbench, say: Say) -> tuple[Turned, Any]:
         top = reach(bench.case, highest / softest, cache=cache, key=key)
     gravities, of_step = bench.gravities
     if bench.scales:
-        return Turned((load_paths(bench.case, where, cache=cache, key=key, top=top),), of_step), rows
+        return Turned((load_paths(bench.case, where, cache=cache, key=key, top=top),), of_step)
     high = bench.elasticity.highest.total
     # softer ones do not reach the top pressure: the table need not hold them
     low = max(bench.elasticity.lowest.total, highest / top)
@@ -46,70 +133,4 @@ def load_paths_of(bench: Workbench, say: Say) -> tuple[Turned, Any]:
         sheets(bench.case, where, cache=cache, key=key, top=top, totals=totals, outside=bench.path.under(g))
         for g in gravities
     )  # fmt: skip
-    return Turned(made, of_step), rows
-
-
-def least(bench: Workbench, paths: Turned, points: Array, best: Array, say: Say) -> Judged:
-    """The least-squares fit of C10 and C01 to all targets: on the load paths from several starts, then on the
-    finite-element model from there, with errors of its own."""
-    t, model, elasticity = bench.targets, bench.model(()), bench.elasticity
-    slope = _rough_slope(paths, points, t, constants_of(elasticity, best))
-    w = whitener(t, prediction_modes=np.zeros((0, *t.value.shape)), gauge=slope, points=~t.fixed)
-    starts = np.array([best, [p.start for p in model.parameters]])
-    first = fit_on_paths(paths, points, t, elasticity, w, starts)
-    say.progress("least squares", 1, 3)
-    w = whitener_of(bench.on_mesh(model, first.theta, say), first.theta, t)
-    second = fit_on_paths(paths, points, t, elasticity, w, first.theta[None])
-    say.progress("least squares", 2, 3)
-    found = bench.judged(model, second.theta, say, seed=bench.project.config.calibrate.seed)
-    say.progress("least squares", 3, 3)
-    return found
-
-
-def constants_of(elasticity: Elasticity, theta: Array) -> Constants:
-    return elasticity.constants({p.name: x for p, x in zip(elasticity.parameters, theta, strict=True)})
-
-
-def fit_on_paths(
-    paths: Turned, points: Array, t: Targets, elasticity: Elasticity, w: Whitener, starts: Array
-) -> Fit:
-    def residual(theta: Array) -> Array | None:
-        u = predicted(paths, points, t, constants_of(elasticity, theta))
-        return None if u is None else w.whiten(t.value - u)
-
-    def jacobian(theta: Array) -> Array:
-        columns = []
-        for k, p in enumerate(elasticity.parameters):
-            h = 1e-3 * p.step * (1 if theta[k] + 1e-3 * p.step <= p.high else -1)
-            moved = theta.copy()
-            moved[k] += h
-            a, b = residual(moved), residual(theta)
-            columns.append(
-                np.full(t.valid.shape[0] * len(w.components), np.nan)
-                if a is None or b is None
-                else (a - b) / h
-            )
-        return np.array(columns).T
-
-    return least_squares(residual, jacobian, elasticity.parameters, start=starts)
-
-
-def predicted(
-    paths: Turned, points: Array, t: Targets, constants: Constants
-) -> Array | None:
-    u = paths.predict(constants, t.pressure)
-    if u is None:
-        return None
-    out = np.zeros_like(t.value)
-    out[:, points] = relative(u, t.reference, t.rests)
-    return out
-
-
-def _rough_slope(paths: Turned, points: Array, t: Targets, constants: Constants) -> Array:
-    """The effect of 1 sd of gauge noise on each step, from two nearby pressures."""
-    out = np.zeros_like(t.value)
-    h = 1e-3 * float(t.pressure.max())
-    a, b = (paths.predict(constants, np.maximum(t.pressure, h) + d) for d in (-h, h / 2))
-    if a is not None and b is not None:
-        out[:, points] = (b - a) / (1.5 * h) * t.pressure_sd[:, None, None]
-    return out
+    return Turned(made, of_step)

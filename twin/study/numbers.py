@@ -1,28 +1,29 @@
-"""A calibrated project -> what its calibration has found (`findings.Study`): every number of the study."""
+"""A calibrated project -> the record of what its calibration has found: every number of the study."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from scipy.optimize import brentq
 
 from calibrate import Fit
-from twin.bench.fits import BESIDE, fresh
+from twin.bench.fits import fresh
 from twin.bench.workbench import Workbench
 from twin.effects.baselaw import NAMES, NOMINAL, Constants
 from twin.judging.fitting import whitener_of
+from twin.judging.record import FitRecord
 from twin.judging.whitening import whitener
-from twin.model.loadpaths import Turned
 from twin.project import files
 from twin.project.folder import Project, Say
 from twin.review.states import Generations
 from twin.study.generations import Objective
-from twin.study.loadpathfit import load_paths_of, objective_of
+from twin.study.loadpathfit import OnPaths
 from twin.study.readings import plans, spots
-from twin.study.record import PointCurve, Side, Study
+from twin.study.record import Initial, PointCurve, PointCurves, RidgeLine, Side, Start, Study
 from twin.study.ridges import difference, ridge
-from twin.study.separability import Knowledge, Outcomes, outcomes, readings
+from twin.study.separability import Known, Outcomes, knowledge, outcomes, readings
 from twin.targets import Array
 
 CURVE = 61  # pressures of a curve
@@ -34,10 +35,7 @@ AROUND = np.geomspace(0.5, 4.0, 141)  # of the final C10 + C01: where an initial
 class Inquiry:
     """What the findings are made from: the base model, its load paths, and the search that was run."""
 
-    bench: Workbench
-    paths: Turned
-    rows: Array  # rows of the targets that the load paths belong to
-    objective: Objective
+    on: OnPaths
     generations: Generations
     candidates: Mapping[str, Array]
     fit: Fit
@@ -47,41 +45,53 @@ class Inquiry:
         """From the newest calibration that holds."""
         found = fresh(project, ("calibrate",), "candidates.npz")
         assert found is not None
-        bench = Workbench.of(project)
-        paths, rows = load_paths_of(bench, say)
-        objective = objective_of(bench)
-        record = files.read_json(found.with_name("fit.json"))
-        fit = Fit.from_dict({key: value for key, value in record.items() if key not in BESIDE})
+        fit = files.read(FitRecord, found.with_name(FitRecord.file)).fit
         generations = Generations.load(found.with_name("generations.npz"))
-        return Inquiry(bench, paths, rows, objective, generations, files.read_npz(found), fit)
+        return Inquiry(OnPaths.of(Workbench.of(project), say), generations, files.read_npz(found), fit)
+
+    @property
+    def bench(self) -> Workbench:
+        """The model and its targets."""
+        return self.on.bench
+
+    @property
+    def objective(self) -> Objective:
+        """What the search made small."""
+        return self.on.objective
 
     def study(self) -> Study:
         """Everything that was found."""
-        own, table = self.bench.elasticity.parameters, self.bench.project.config.study
+        table = self.bench.project.config.study
         stated = dict(table.initial) if table else {}
         published = dict(table.published) if table else {}
+        reduction = table.published_reduction_percent if table else None
         initial = self.side(Constants.of(stated or NOMINAL.named))
         final = self.side(self.best)
-        line = ridge(self.cost, own)
-        reduction = table.published_reduction_percent if table else None
-        least = dict(zip(NAMES, map(float, self.fit.theta), strict=True))
-        now = Knowledge.of(self.information, self.best)
+        line = ridge(self.on.cost, self.bench.elasticity.parameters)
+        agreeing = line.agreeing(sd_mm=self.sd_mm, count=len(self.names))
+        asked: dict[str, Any] = {
+            "information": self.information, "constants": self.best, "sd_mm": self.sd_mm,
+        }
         return Study(
-            points=self.names, component=self.objective.component, top_MPa=self.top,
-            measured=self.objective.measured, sd_mm=self.sd_mm,
-            initial=initial, initial_is_stated=bool(stated), final=final,
-            least=self.side(Constants.of(least)),
-            difference=difference(self.best.named, self.fit, self.cost, sd_mm=self.sd_mm)[0],
-            starts=self.starts(initial), ridge=line,
-            agreeing=line.agreeing(sd_mm=self.sd_mm, count=len(self.names)), known=now,
-            readings=readings(self.shown, information=self.information, constants=self.best,
-                              sd_mm=self.sd_mm),
-            plans=plans(self.shown, information=self.information, constants=self.best, sd_mm=self.sd_mm,
-                        names=self.names, component=self.objective.component, top=self.top),
-            pressure=self.pressure, curves=self.curves(initial, final),
+            points=list(self.names), component=self.objective.component + 1, pressure_MPa=self.top,
+            measured_mm=self.objective.measured.tolist(), measured_sd_mm=self.sd_mm,
+            initial=Initial(**initial.model_dump(), stated=bool(stated)), final=final,
+            reduction_percent=_reduction(initial, final),
+            least_squares=self.side(Constants(*map(float, self.fit.theta))),
+            difference=difference(self.best.named, self.fit, self.on.cost, sd_mm=self.sd_mm)[0],
             published=self.side(Constants.of(published)) if published else None,
-            published_reduction=reduction,
-            matching=self.matching(initial, final, reduction),
+            published_reduction_percent=reduction,
+            published_reduction_from_total_MPa=self.matching(initial, final, reduction),
+            starts=[
+                Start(**s.model_dump(), reduction_percent=_reduction(s, final)) for s in self.starts(initial)
+            ],
+            ridge=RidgeLine(share=line.share.tolist(), total_MPa=line.total.tolist(),
+                            rms_mm=line.rms_mm.tolist(), agreeing_share=agreeing),
+            known=Known(**knowledge(self.information, self.best, self.sd_mm)),
+            readings=readings(self.shown, **asked),
+            plans=plans(self.shown, **asked, names=self.names, component=self.objective.component,
+                        top=self.top),
+            curves=self.curves(initial, final),
         )  # fmt: skip
 
     # -- the objective --------------------------------------------------------------------------------------
@@ -111,68 +121,61 @@ class Inquiry:
         """The error of one of the objective's values, 1 sd."""
         return self.objective.sd_mm(self.bench.targets)
 
-    def cost(self, values: Mapping[str, float]) -> float:
-        """RMS error in mm of constants."""
-        return self.objective.cost(dict(values), self.paths, self.rows)
-
     def side(self, constants: Constants) -> Side:
         """The model with these constants. ValueError where it has no equilibrium at the top pressure."""
-        u = self.predicted(constants, np.array([self.top]))
-        return Side(constants=constants, rms_mm=self.cost(constants.named), u_mm=u[0])
+        u, c = self.predicted(constants, np.array([self.top])), constants
+        return Side(**c.named, total=c.total, share=c.share, rms_mm=self.on.cost(c.named), u_mm=u[0].tolist())
 
     def predicted(self, constants: Constants, pressure: Array) -> Array:
         """The objective's component (k, p) in mm at pressures (k,) MPa, relative to the reference."""
-        o = self.objective
-        at = np.append(pressure, o.pressure[1:])
-        steps = np.append(np.full(len(pressure), o.steps[0]), o.steps[1:])
-        u = self.paths.predict(constants, at, steps=steps)
+        c, on = constants, self.on
+        u = self.objective.predicted(c, on.paths, on.rows, pressure)
         if u is None:
-            c = constants
             raise ValueError(
                 f"no equilibrium at {self.top:g} MPa with C10 = {c.C10:g}, C01 = {c.C01:g} MPa: they are too "
                 "soft; state stiffer ones under [study], or none"
             )
-        own = [int(np.flatnonzero(self.rows == r)[0]) for r in o.rows]
-        seen = u[: len(pressure), :, o.component] - u[len(pressure) :, :, o.component].mean(axis=0)
-        return np.asarray(seen[:, own])
+        return u
 
-    def curves(self, initial: Side, final: Side) -> tuple[PointCurve, ...]:
+    def curves(self, initial: Side, final: Side) -> PointCurves:
         """Displacement over pressure of each point, with what was read on the way."""
         t, o = self.bench.targets, self.objective
-        before, after = (self.predicted(side.constants, self.pressure) for side in (initial, final))
+        both = (Constants(side.C10, side.C01) for side in (initial, final))
+        before, after = (self.predicted(c, self.pressure) for c in both)
         out = []
         for k, (name, row) in enumerate(zip(self.names, o.rows, strict=True)):
             seen = t.valid[:, row, o.component]
             sd = np.sqrt(t.covariance[seen, row, o.component, o.component])
             out.append(
-                PointCurve(name=name, node=t.points[row].node, initial=before[:, k], final=after[:, k],
-                      read_at=t.pressure[seen], read=t.value[seen, row, o.component], read_sd=sd)
+                PointCurve(point=name, node=t.points[row].node, initial_mm=before[:, k].tolist(),
+                      final_mm=after[:, k].tolist(), measured_at_MPa=t.pressure[seen].tolist(),
+                      measured_mm=t.value[seen, row, o.component].tolist(), measured_sd_mm=sd.tolist())
             )  # fmt: skip
-        return tuple(out)
+        return PointCurves(pressure_MPa=self.pressure.tolist(), points=out)
 
     # -- other initial models -------------------------------------------------------------------------------
 
-    def starts(self, initial: Side) -> tuple[Side, ...]:
+    def starts(self, initial: Side) -> list[Side]:
         """Initial models with the share of `initial` and other sums, and the middle of the bounds."""
-        own, share = self.bench.elasticity.parameters, initial.constants.share
+        own, share = self.bench.elasticity.parameters, initial.share
         every = [Constants.at(f * self.best.total, share) for f in STARTS]
         every.append(Constants(*((p.low + p.high) / 2 for p in own)))
-        solved = [c for c in every if np.isfinite(self.cost(c.named))]
-        return tuple(self.side(c) for c in sorted(solved, key=lambda c: c.total))
+        solved = [c for c in every if np.isfinite(self.on.cost(c.named))]
+        return [self.side(c) for c in sorted(solved, key=lambda c: c.total)]
 
-    def matching(self, initial: Side, final: Side, reduction: float | None) -> tuple[float, ...]:
+    def matching(self, initial: Side, final: Side, reduction: float | None) -> list[float]:
         """The sums in MPa, with the share of `initial`, from which the error falls by the published part."""
         if reduction is None or reduction >= 100.0:
-            return ()
-        wanted, share = final.rms_mm / (1.0 - reduction / 100.0), initial.constants.share
+            return []
+        wanted, share = final.rms_mm / (1.0 - reduction / 100.0), initial.share
 
         def beyond(total: float) -> float:
-            return min(self.cost(Constants.at(total, share).named), 1e6) - wanted
+            return min(self.on.cost(Constants.at(total, share).named), 1e6) - wanted
 
-        grid = AROUND * final.constants.total
+        grid = AROUND * final.total
         errors = np.array([beyond(float(x)) for x in grid])
         turns = np.flatnonzero(np.sign(errors[1:]) != np.sign(errors[:-1]))
-        return tuple(float(brentq(beyond, grid[k], grid[k + 1])) for k in turns)
+        return [float(brentq(beyond, grid[k], grid[k + 1])) for k in turns]
 
     # -- what would tell them apart -------------------------------------------------------------------------
 
@@ -199,3 +202,8 @@ class Inquiry:
         theta = np.array([self.best.named[name] for name in NAMES])
         where = spots(self.bench.case, self.bench.targets, [int(row) for row in self.objective.rows])
         return outcomes(self.bench.model(()), theta, spots=where, top=self.top)
+
+
+def _reduction(start: Side, final: Side) -> float:
+    """The fall of the RMS error from a model to the final one, %; negative where that one was better."""
+    return 100.0 * (1.0 - final.rms_mm / start.rms_mm)

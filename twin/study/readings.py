@@ -1,27 +1,25 @@
 """A finger and an objective -> where one could read more displacements, and several readings at once."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field
 
 from fe import Case
 from twin.effects.baselaw import Constants
-from twin.study.separability import Knowledge, Outcomes, Spot
+from twin.study.separability import Known, Outcomes, Spot, knowledge
 from twin.targets import Array, Targets
 
 Mask = NDArray[np.bool_]
 ALONG = 8  # spots along the line on which the markers sit
 
 
-@dataclass(frozen=True, kw_only=True)
-class Plan:
-    """Several readings that could be added at once: in words, how many, and what is known with them."""
+class Several(Known):
+    """Several readings that could be added at once, and what is known with them."""
 
     words: str
-    count: int
-    known: Knowledge
+    count: int = Field(description="of values")
 
 
 def spots(case: Case, targets: Targets, rows: Sequence[int]) -> tuple[Spot, ...]:
@@ -59,17 +57,17 @@ def plans(
     names: Sequence[str],
     component: int,
     top: float,
-) -> tuple[Plan, ...]:
+) -> list[Several]:
     """What is known with several readings more, none beyond the top pressure in MPa, the least work first.
 
     information (2, 2): of what is there. names: the points that are read already, the first spots; component:
     their direction.
     """
-    out = []
-    for words, seen in _asked(shown, names, component, top):
-        known = Knowledge.of(information + shown.information(seen, sd_mm), constants)
-        out.append(Plan(words=words, count=int(seen.sum()), known=known))
-    return tuple(out)
+    return [
+        Several(words=words, count=int(seen.sum()),
+                **knowledge(information + shown.information(seen, sd_mm), constants, sd_mm))
+        for words, seen in _asked(shown, names, component, top)
+    ]  # fmt: skip
 
 
 def _asked(shown: Outcomes, names: Sequence[str], component: int, top: float) -> list[tuple[str, Mask]]:

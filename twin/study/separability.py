@@ -8,14 +8,17 @@ simulated, and no error of the model counts: this is what geometry and material 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field
 
 from fe import Path
 from twin.effects.baselaw import Constants
 from twin.effects.protocol import Unsolvable
 from twin.model.prediction import Model
+from twin.project.record import Record
 from twin.targets import Array
 
 LEVELS = (0.25, 0.5, 0.75, 1.0, 1.25, 1.5)  # of the top pressure at which one could read
@@ -24,33 +27,35 @@ UNKNOWN = 1 / math.sqrt(12)  # sd of a share of which nothing is known but that 
 SINGULAR = 1e-10  # smallest over largest eigenvalue of an information that determines both
 
 
-@dataclass(frozen=True, kw_only=True)
-class Knowledge:
-    """What readings tell of C10 and C01, 1 sd: of the sum in MPa and of the share, infinite where they leave
-    it open, and the correlation of C10 and C01 (-1 there)."""
+class Known(Record):
+    """What is known of the share."""
 
-    total_sd: float
-    share_sd: float
-    correlation: float
+    share_sd: float | None = Field(description="null where it is left open")
+    correlation: float = Field(description="of C10 and C01")
+    wanted_sd_mm: float | None = Field(description="error of all readings for a `share_sd` of 0.1")
 
-    @staticmethod
-    def of(information: Array, constants: Constants) -> "Knowledge":
-        """From the information (2, 2) on C10 and C01 in 1/MPa2."""
-        sizes = np.linalg.eigvalsh(information)
-        if sizes[0] <= SINGULAR * sizes[1]:
-            return Knowledge(total_sd=math.inf, share_sd=math.inf, correlation=-1.0)
-        covariance = np.linalg.inv(information)
-        slope = np.array([-constants.C01, constants.C10]) / constants.total**2
-        sd = np.sqrt(np.diag(covariance))
-        return Knowledge(
-            total_sd=math.sqrt(covariance.sum()),
-            share_sd=math.sqrt(slope @ covariance @ slope),
-            correlation=float(covariance[0, 1] / (sd[0] * sd[1])),
-        )
+    @property
+    def vague(self) -> float:
+        """The sd of the share, infinite where it is left open."""
+        return math.inf if self.share_sd is None else self.share_sd
 
-    def wanted_sd_mm(self, sd_mm: float) -> float:
-        """The error in mm that all readings must have for the share to be known, where now it is sd_mm."""
-        return sd_mm * KNOWN / self.share_sd
+    @property
+    def wanted(self) -> str:
+        """The error in mm that is wanted, in words."""
+        return f"{self.wanted_sd_mm or 0.0:.2g}"
+
+
+def knowledge(information: Array, constants: Constants, sd_mm: float) -> dict[str, Any]:
+    """The fields of `Known` from the information (2, 2) on C10 and C01 in 1/MPa2 that readings with an error
+    of sd_mm hold."""
+    sizes = np.linalg.eigvalsh(information)
+    if sizes[0] <= SINGULAR * sizes[1]:
+        return {"share_sd": None, "correlation": -1.0, "wanted_sd_mm": None}
+    covariance = np.linalg.inv(information)
+    slope = np.array([-constants.C01, constants.C10]) / constants.total**2
+    sd, share_sd = np.sqrt(np.diag(covariance)), math.sqrt(slope @ covariance @ slope)
+    return {"share_sd": share_sd, "correlation": float(covariance[0, 1] / (sd[0] * sd[1])),
+            "wanted_sd_mm": sd_mm * KNOWN / share_sd}  # fmt: skip
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,16 +67,20 @@ class Spot:
     place: Array
 
 
-@dataclass(frozen=True, kw_only=True)
-class Addition:
-    """One reading that could be added: the spot, the direction 0 to 2, the pressure in MPa, where the model
-    is then in mm, and what is known with it."""
+class ReadingRow(Known):
+    """One reading that could be added, and what is known with it."""
 
-    spot: Spot
-    component: int
-    pressure: float
-    u_mm: float
-    known: Knowledge
+    point: str = Field(description="where, in which direction, at which pressure")
+    node: int
+    x_mm: float
+    direction: str
+    pressure_MPa: float
+    u_mm: float = Field(description="displacement there")
+
+    @property
+    def words(self) -> str:
+        """As one would ask for it."""
+        return f"{self.direction} of {self.point} at {1e3 * self.pressure_MPa:.3g} kPa"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -118,16 +127,17 @@ def _at_levels(model: Model, theta: Array, spots: tuple[Spot, ...], pressure: Ar
 
 def readings(
     shown: Outcomes, *, information: Array, constants: Constants, sd_mm: float
-) -> tuple[Addition, ...]:
+) -> list[ReadingRow]:
     """Every single reading that could be added, best first. information (2, 2): of what is there."""
     found = []
     for index in np.ndindex(shown.u.shape):
         s, p, i = index
         seen = np.zeros(shown.u.shape, bool)
         seen[index] = True
-        known = Knowledge.of(information + shown.information(seen, sd_mm), constants)
+        spot = shown.spots[p]
         found.append(
-            Addition(spot=shown.spots[p], component=i, pressure=float(shown.pressure[s]),
-                    u_mm=float(shown.u[index]), known=known)
+            ReadingRow(point=spot.name, node=spot.node, x_mm=float(spot.place[0]), direction=f"U{i + 1}",
+                    pressure_MPa=float(shown.pressure[s]), u_mm=float(shown.u[index]),
+                    **knowledge(information + shown.information(seen, sd_mm), constants, sd_mm))
         )  # fmt: skip
-    return tuple(sorted(found, key=lambda r: r.known.share_sd))
+    return sorted(found, key=lambda r: r.vague)

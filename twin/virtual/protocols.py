@@ -1,10 +1,12 @@
-"""What is filmed in the virtual laboratory: protocols P1 to P5, each a part of the next.
+"""What is filmed in the virtual laboratory, and on which bench: film A, and protocols P1 to P5, each a part
+of the next.
 
 P1: the tip marker over one ramp. P2: five markers, the same ramp. P3: two cycles at two rates with holds.
 P4: P3 in three directions of gravity, of which the last is held out, the finger weighed. P5: P4 with three
 markers off the axis and four fixed ones. In P1 to P3 the finger has no weight, and none is stated.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,6 +15,22 @@ from fe import Finger, Path
 from twin.gravity import G
 from twin.targets import Array
 
+Corners = Sequence[tuple[float, float]]  # (seconds, kPa) corners, with straight lines between them
+
+FILM_A: Corners = (  # of the reference study, scaled to a top pressure of 30 kPa
+    (0.0, 0.0),
+    (2.0, 0.0),
+    (4.0, 18.0),
+    (10.0, 18.0),
+    (12.0, 30.0),
+    (22.0, 30.0),
+    (25.0, 0.0),
+    (34.0, 0.0),
+    (34.2, 24.0),
+    (38.2, 24.0),
+    (38.4, 0.0),
+    (42.4, 0.0),
+)
 TOP = 0.03  # MPa
 CORNERS = (  # (s, share of the top pressure) of one recording: a slow cycle with a hold, then a fast one
     (0.0, 0.0), (2.0, 0.0), (10.0, 1.0), (19.0, 1.0), (27.0, 0.0), (33.0, 0.0), (34.2, 0.8), (41.0, 0.8),
@@ -27,6 +45,47 @@ FIRST = (2.5, 3.0, 3.75, 4.5, 5.25, 6.0, 6.75, 7.5, 8.25, 9.0, 9.5, 10.0)
 LATER = (1.0, 3.0, 4.5, 6.0, 7.5, 9.0)
 AFTER = (11.0, 13.0, 15.5, 18.5, 21.0, 23.0, 25.0, 26.5, 28.5, 32.0, 33.6, 34.0, 35.0, 37.0, 40.5, 41.6, 43.5,
          47.5)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Bench:
+    """The measuring side: film rate (1/s), log rate, ripple of the regulator (MPa), noise of gauge (MPa)
+    and picture.
+
+    sd (mm) and rho (lag 1) are the picture's noise per marker and axis; static_frames are filmed at rest
+    before.
+    """
+
+    film_hz: float = 10.0
+    log_hz: float = 50.0
+    ripple_MPa: float = 1.5e-4
+    gauge_sd_MPa: float = 5e-5
+    sd: float = 0.0015
+    rho: float = 0.3
+    common: float = 0.3  # correlation between the markers of one frame, from the shared axes
+    static_frames: int = 320
+    placement_sd_mm: float = 0.3
+    scale_sd: float = 0.001
+
+
+def pressure(protocol: Corners, time: Array, *, ripple: float) -> Array:
+    """True pressure (t,) MPa of a protocol at times (t,) s, with the regulator's ripple in MPa while it is
+    on."""
+    corner, kpa = np.array(protocol).T
+    p = np.interp(time, corner, kpa * 1e-3)
+    swing = np.sin(2 * np.pi * 0.7 * time) + 0.5 * np.sin(2 * np.pi * 1.9 * time + 1.0)
+    return p + ripple * swing * np.clip(p / 0.005, 0.0, 1.0)
+
+
+def path(bench: Bench, *, protocol: Corners = FILM_A) -> Path:
+    """The true pressure in MPa over a film, by default film A, and the film's frame times in s."""
+    end = protocol[-1][0]
+    time = np.arange(0.0, end + 0.5 / bench.log_hz, 1 / bench.log_hz)
+    true = pressure(protocol, time, ripple=bench.ripple_MPa)
+    return Path(time, true, np.arange(0.0, end, 1 / bench.film_hz))
+
+
+# -- P1 to P5 ------------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)

@@ -23,22 +23,35 @@ from twin.virtual.protocols import TOP, WAYS
 DENSITY = 1.07e-9  # tonne/mm3
 SILICONE = Material(0.214, 0.083, density=DENSITY)
 CHANGE = Lattice(per_bellow=8, wall=2, fillet=1, across=2, up=2)
+LATTICE = Lattice(per_bellow=7, wall=2, across=2, up=2, centred=False)  # finer than the model's
 BARE = Lattice(per_bellow=12, wall=3, fillet=2, across=3, up=3)
 ELEMENT = "C3D20H"
 LEVELS: Array = np.concatenate([[-0.06], np.linspace(0.0, 1.0, 17) ** 1.3 * 1.15]) * TOP  # MPa, of the curves
-COUNT = 8  # levels that are solved
+COUNT, ALL = 8, 12  # levels that are solved: of a table of curves, of one truth
 
 
-def truth_case(finger: Finger, lattice: Lattice, *, element: str = ELEMENT, whole: bool = False) -> Case:
-    """The bare finger in the truth's elements."""
-    case = converted(finger_case(SILICONE, finger=finger, lattice=lattice), element)
+def truth_case(
+    finger: Finger,
+    lattice: Lattice,
+    *,
+    material: Material = SILICONE,
+    element: str | None = ELEMENT,
+    whole: bool = False,
+) -> Case:
+    """The bare finger in the truth's elements; None: in the model's, on a lattice of its own."""
+    case = finger_case(material, finger=finger, lattice=lattice)
+    case = case if element is None else converted(case, element)
     return mirrored(case) if whole else case
+
+
+def on_surface(case: Case, points: Array) -> Array:
+    """The points (p, 3) mm of the truth's own surface that are nearest to places (p, 3) mm."""
+    return np.array([nearest(case, x) for x in points])
 
 
 def truth_test(case: Case, course: Path, points: Array) -> Test:
     """The test of a truth, its points (p, 3) mm on the truth's own surface."""
-    on = np.array([nearest(case, x) for x in points])
-    return Test(case, course, on, np.ones(len(points), bool))
+    return Test(case, course, on_surface(case, points), np.ones(len(points), bool))
 
 
 def curves(test: Test, *, ways: Array | None = None) -> Array:
@@ -87,19 +100,26 @@ def solved(kind: Kind, test: Test, size: float) -> Array:
 
 
 def displaced(
-    case: Case, course: Path, points: Array, hidden: tuple[tuple[Kind, float], ...]
+    case: Case,
+    course: Path,
+    points: Array,
+    hidden: tuple[tuple[Kind, float], ...] = (),
+    *,
+    count: int = ALL,
 ) -> tuple[Array, Array]:
-    """True displacements (s, p, 3) mm of a truth's points along a course with all that is hidden, the
-    unloaded finger being 0, and their slopes dU/dp (s, p, 3) mm per MPa. RuntimeError where there is no
-    equilibrium."""
+    """True displacements (s, p, 3) mm of a truth's points (p, 3) mm along a course with all that is hidden,
+    the unloaded finger being 0, and their slopes dU/dp (s, p, 3) mm per MPa.
+
+    count: levels of pressure that are solved. RuntimeError where there is no equilibrium.
+    """
     if any(kind.whole for kind, _ in hidden):
         case = mirrored(case)
-    plain = truth_test(case, course, points)
-    u, slope, test = _respond(plain, hidden)
+    plain = Test(case, course, points, np.ones(len(points), bool))
+    u, slope, test = _respond(plain, hidden, count)
     varying = [(kind, size) for kind, size in hidden if kind.along is not None]
     if varying:
         rest = tuple((k, s) for k, s in hidden if k.along is None)
-        still, _, _ = _respond(plain, rest)
+        still, _, _ = _respond(plain, rest, count)
         factor = np.prod([k.along(course.at_output() / TOP) for k, _ in varying if k.along], axis=0)
         u = still + factor[:, None, None] * (u - still)
     for kind, size in hidden:
@@ -107,10 +127,12 @@ def displaced(
     return u, slope
 
 
-def _respond(test: Test, hidden: tuple[tuple[Kind, float], ...]) -> tuple[Array, Array, Test]:
+def _respond(
+    test: Test, hidden: tuple[tuple[Kind, float], ...], count: int
+) -> tuple[Array, Array, Test]:
     for kind, size in hidden:
         test = kind.before(test, size)
-    found = solve(test.case, test.path, count=COUNT)
+    found = solve(test.case, test.path, count=count)
     if not found.converged:
         raise RuntimeError(f"the truth {found.reason}; hide less of it")
     return found.at(test.points), found.per_pressure(test.points), test

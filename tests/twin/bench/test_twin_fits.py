@@ -10,6 +10,7 @@ from calibrate import Parameter, least_squares
 from twin.bench.fits import fresh, named_effects, newest_fit, stale, stale_sentences
 from twin.bench.waterfall import in_words, stairs
 from twin.commands.add import run_add
+from twin.judging.record import FitRecord
 from twin.project import files, staleness
 from twin.project.folder import Project, dataset
 
@@ -57,7 +58,7 @@ def root(tmp_path: Path, tube_deck: Callable[..., Path]) -> Path:
 
 def fitted(root: Path, kind: str, effects: list[str]) -> None:
     with Project.open(root).new_run(kind) as run:
-        run.write_json("fit.json", FIT.to_dict() | {"effects": effects})
+        run.write(FitRecord.of(FIT, effects=effects))
 
 
 def edit(root: Path, old: str, new: str, name: str = "twin.toml") -> None:
@@ -111,7 +112,7 @@ def test_a_model_with_other_effects_than_twin_toml_is_not_shown(root: Path) -> N
 def compared(root: Path, kind: str, effects: list[str], rms: float, **beside: object) -> None:
     """A run with a fit and its comparison."""
     with Project.open(root).new_run(kind) as run:
-        run.write_json("fit.json", FIT.to_dict() | {"effects": effects} | beside)
+        run.write(FitRecord.of(FIT, effects=effects, **beside))
         found = {"rms_mm": rms, "raw_rms_mm": 2 * rms, "noise_sd_mm": 0.02, "adequate": rms < 0.021}
         run.write_json("comparison.json", found)
 

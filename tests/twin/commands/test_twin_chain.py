@@ -22,10 +22,11 @@ from twin.commands.drop import run_drop
 from twin.commands.explain import run_explain
 from twin.commands.review import run_review
 from twin.effects.baselaw import NOMINAL
-from twin.judging.intervals import estimates_of_record
+from twin.judging.record import Estimate, FitRecord
 from twin.model import prediction
 from twin.model.structure import BuiltIn
 from twin.numerals import in_words, interval, value
+from twin.project import files
 from twin.project.config import CalibrateTable, Config, DiagnoseTable, PointTable, ProjectTable
 from twin.project.folder import Project, dataset
 from twin.project.targetwriting import write_targets
@@ -58,8 +59,8 @@ def project_at(folder: Path, case: Case, short: BuiltIn) -> Project:
     rows = np.linalg.norm(case.nodes[:, None] - edge, axis=2).argmin(axis=0)
     points, course = case.nodes[rows], virtual.path(BENCH, protocol=FILM)
     material = Material(0.214, 0.083, prony=((0.075, 1.2), (0.055, 3.5), (0.02, 15.0)))
-    truth = virtual.Truth(material, lattice=Lattice(per_bellow=2, centred=False), finger=short.finger)
-    u, slope = virtual.displacements(truth, course, points)
+    truth = virtual.truth_case(short.finger, Lattice(per_bellow=2, centred=False), material=material, element=None)
+    u, slope = virtual.displaced(truth, course, points)
     targets = virtual.noisy_targets(
         u, slope, course, points=virtual.at_nodes(NAMES, case.labels[rows], points), bench=BENCH, seed=1
     )
@@ -122,6 +123,10 @@ def read(project: Project, kind: str, name: str) -> dict[str, object]:
     data = json.loads(path.read_text(encoding="utf-8"))
     assert isinstance(data, dict)
     return data
+
+
+def estimates_of(fit: dict[str, object]) -> dict[str, Estimate]:
+    return FitRecord.model_validate(fit).estimates
 
 
 def test_calibrate_leaves_its_fit_and_history(chain: tuple[Project, Silent]) -> None:
@@ -201,16 +206,16 @@ def test_add_writes_the_law_refits_and_lowers_the_error(chain: tuple[Project, Si
     assert compared["rms_mm"] <= 1.1 * compared["noise_sd_mm"] < diagnosis["rms_before_mm"] / 2
     assert compared["rms_mm"] == pytest.approx(diagnosis["rms_after_mm"], rel=0.05)
     # one fit, the same numbers wherever they are shown: both begin at one place, on models without a memory
-    kept, own = estimates_of_record(read(project, "diagnose", "kept.json")), estimates_of_record(fit)
+    kept, own = (estimates_of(one) for one in (read(project, "diagnose", "kept.json"), fit))
     assert kept == own
     rows = diagnosis["ranking"][0]["parameters"]
-    assert {e.name: e.to_dict() for e in kept} == rows
+    assert files.plain(kept) == rows
     assert f"{in_words(own)}." in say.lines
     assert compared["rms_mm"] == diagnosis["rms_after_mm"]
     assert compared["p_value"] == diagnosis["p_value_after"]
     assert compared["adequate"] is diagnosis["adequate"] is fit["adequate"]
     runs = [p.name for p in project.runs()]
-    assert [n[5:] for n in runs if "failed" not in project.info(project.root / "runs" / n)["status"]] == [
+    assert [n[5:] for n in runs if "failed" not in project.info(project.root / "runs" / n).status] == [
         "calibrate", "compare", "diagnose", "add", "review",
     ]  # fmt: skip
     folder = next(p for p in project.runs() if p.name.endswith("-add"))
@@ -238,9 +243,9 @@ def test_review_holds_every_generation_and_the_numbers(chain: tuple[Project, Sil
         # in the report's own unit and digits: mm or um
         shown = {f"{number:.3f}", f"{number:.4f}", f"{1e3 * number:.1f}", f"{1e3 * number:.0f}", f"{number:.2g}", f"{number:.3g}"}
         assert any(text in report for text in shown), number
-    for row in estimates_of_record(read(project, "add", "fit.json")):
-        assert value(row.to_dict()) in report
-        assert (row.note or interval(row.to_dict())) in report
+    for row in estimates_of(read(project, "add", "fit.json")).values():
+        assert value(row.value, row.low, row.high) in report
+        assert (row.note or interval(row.low, row.high)) in report
     assert list(path.parent.glob("deformed*.vtu"))
     fit, first = read(project, "add", "fit.json"), read(project, "calibrate", "fit.json")
     for text in (f"What speaks for {fit['effects'][0]}", "How the error fell", "nominal constants", f"+ {fit['effects'][0]}"):
@@ -365,4 +370,4 @@ def test_an_unknown_node_or_an_unseen_point_stops_calibrate(tmp_path: Path, shor
     with pytest.raises(ValueError, match="point 'tip' has no U3 at step"):
         run_calibrate(project, Silent())
     info = project.info(project.runs()[-1])
-    assert info["status"].startswith("failed: point 'tip'")
+    assert info.status.startswith("failed: point 'tip'")

@@ -52,9 +52,10 @@ def project(
     marks = [at_node(n, k, as_position(short_case.position(k))) for n, k in named]
     along = sorted([*spots, *marks], key=lambda point: point.position[0])
     points = np.array([point.position for point in along])
-    truth = virtual.Truth(Material(0.214, 0.083), lattice=Lattice(per_bellow=2, centred=False), finger=short_builtin.finger)
+    cells, material = Lattice(per_bellow=2, centred=False), Material(0.214, 0.083)
+    truth = virtual.truth_case(short_builtin.finger, cells, material=material, element=None)
     course = virtual.path(BENCH, protocol=FILM)
-    u, slope = virtual.displacements(truth, course, points)
+    u, slope = virtual.displaced(truth, course, points)
     targets = virtual.noisy_targets(u, slope, course, points=along, bench=BENCH, seed=3)
     config = Config(
         project=ProjectTable(name="face"),

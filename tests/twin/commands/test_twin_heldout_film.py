@@ -12,6 +12,7 @@ from twin.commands.review import run_review
 from twin.inputs.films import FilmTargets, joined
 from twin.model.structure import BuiltIn
 from twin.project.folder import Project
+from twin.project.record import SourceRecord
 from twin.project.targetwriting import write_targets
 
 FILMS = {
@@ -34,18 +35,18 @@ def found(
     rows = np.linalg.norm(short_case.nodes[:, None] - edge, axis=2).argmin(axis=0)
     places = short_case.nodes[rows]
     material = Material(0.214, 0.083, prony=((0.075, 1.2), (0.055, 3.5), (0.02, 15.0)))
-    truth = virtual.Truth(
-        material, lattice=Lattice(per_bellow=2, centred=False), finger=short_builtin.finger
+    truth = virtual.truth_case(
+        short_builtin.finger, Lattice(per_bellow=2, centred=False), material=material, element=None
     )
     films = []
     for k, (name, corners) in enumerate(FILMS.items()):
         course = virtual.path(BENCH, protocol=corners)
-        u, slope = virtual.displacements(truth, course, places)
+        u, slope = virtual.displaced(truth, course, places)
         points = virtual.at_nodes(NAMES, short_case.labels[rows], places)
         drawn = virtual.noisy_targets(u, slope, course, points=points, bench=BENCH, seed=1 + k)
         films.append(FilmTargets(name=name, log=f"{name}.csv", targets=drawn, held_out=name == "steps"))
     targets, told = joined(films)
-    write_targets(folder / "targets", targets, source={"films": told})
+    write_targets(folder / "targets", targets, source=SourceRecord(films=tuple(told)))
     say = Silent()
     run_calibrate(project, say)
     run_diagnose(project, say)

@@ -14,7 +14,7 @@ from fe import Material, solve
 from twin import cli, virtual
 from twin.bench.positions import ON_FINGER_MM, places_of
 from twin.bench.workbench import Workbench, structure_of
-from twin.drawing.slicing import cut
+from twin.drawing.blueprint import cut
 from twin.model.structure import BuiltIn, base_case
 from twin.project.config import PointTable
 from twin.project.folder import Project

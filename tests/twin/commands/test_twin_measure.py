@@ -189,7 +189,7 @@ def test_a_kill_between_targets_and_done_is_mended(project, measured, monkeypatc
     run_camera(project, Lines())
     run_measure(project, Lines())
     info = project.info(project.root / "runs/0002-measure")
-    files.write_json(project.root / "runs/0002-measure/run.json", info | {"status": "running"})
+    files.write_json(project.root / "runs/0002-measure/run.json", info.model_copy(update={"status": "running"}))
     assert run_measure(project, Lines())["run"] == "runs/0002-measure"
     assert project.newest("measure", "tracks.npz") is not None
 

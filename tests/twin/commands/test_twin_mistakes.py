@@ -10,15 +10,17 @@ import numpy as np
 import pytest
 
 from tests.few import few
-from tests.strangers import mistakes
+from tests.strangers import mistakes, planted, planting, studio
+from twin.commands.camera import run_camera
 from twin.commands.check import run_check
+from twin.commands.measure import run_measure
 from twin.inputs.recordings import corrections_of
 from twin.project.folder import Project
 
 
 @pytest.fixture(scope="module")
 def base(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return Path(mistakes.make(tmp_path_factory.mktemp("strangers") / "base"))
+    return Path(studio.make(tmp_path_factory.mktemp("strangers") / "base"))
 
 
 CHECKED = ("positions in cm", "log on another clock", "a finger id that never appears", "film starts in motion",
@@ -28,7 +30,7 @@ CHECKED = ("positions in cm", "log on another clock", "a finger id that never ap
 @pytest.mark.parametrize("name", few(CHECKED, CHECKED[:2]))
 def test_check_refuses_a_mistake_with_its_sentence(name: str, base: Path, tmp_path: Path) -> None:
     plant, sentence = mistakes.MISTAKES[name]
-    told = mistakes.told(name, plant, base=base, folder=tmp_path, stages=("check",))
+    told = planted.told(name, plant, base=base, folder=tmp_path, stages=("check",))
     assert told.refused
     assert re.search(sentence, told.sentence), told.sentence
 
@@ -39,7 +41,7 @@ ALONE = ("finger's markers lost", "two frame ids exchanged", "film starts in mot
 @pytest.mark.parametrize("name", few(ALONE, ALONE[:1]))
 def test_measure_alone_refuses_it_and_writes_no_targets(name: str, base: Path, tmp_path: Path) -> None:
     plant, sentence = mistakes.MISTAKES[name]
-    told = mistakes.told(name, plant, base=base, folder=tmp_path, stages=("camera", "measure"))
+    told = planted.told(name, plant, base=base, folder=tmp_path, stages=("camera", "measure"))
     assert told.by == "measure"  # which asserts that there are no targets
     assert re.search(sentence if name != "finger's markers lost" else "nothing is measured", told.sentence), told.sentence
 
@@ -47,22 +49,22 @@ def test_measure_alone_refuses_it_and_writes_no_targets(name: str, base: Path, t
 @pytest.mark.slow
 def test_a_frame_marker_that_alone_is_off_is_left_out_of_the_frame(base: Path, tmp_path: Path) -> None:
     name = "a frame marker 2 mm off"
-    told = mistakes.told(name, mistakes.RIGHT[name], base=base, folder=tmp_path)
+    told = planted.told(name, mistakes.RIGHT[name], base=base, folder=tmp_path)
     assert not told.refused, told.sentence
     assert any("'frame1' lies 2.0" in s and "kept as a fixed marker" in s for s in told.remarks)
     assert not any("frame_sd_mm" in s for s in told.remarks)  # the others keep what is stated
 
 
 def test_check_draws_every_mark(base: Path, tmp_path: Path) -> None:
-    said = mistakes.Lines()
+    said = planted.Lines()
     run_check(Project.open(base), said)
     assert any(line.startswith("Wrote check.png: the first frame of raw/film.mkv") and "15 of 15 found" in line for line in said)
     picture = cv2.imread(str(base / "check.png"))
     assert picture.shape == (400, 640, 3)
     colour = picture.astype(int)
     rings = (colour[..., 1] > 200) & (colour[..., 0] < 140) & (colour[..., 2] < 90)
-    for mark in mistakes.marks_of():
-        x, y = mistakes.pixels(mark.name)
+    for mark in studio.marks_of():
+        x, y = planting.pixels(mark.name)
         assert rings[max(y - 40, 0) : y + 40, max(x - 40, 0) : x + 40].sum() > 60, mark.name
 
 
@@ -71,8 +73,8 @@ RECORDED = ("a static film of one picture", "a film in slow motion", "a gap in t
 
 @pytest.mark.parametrize("name", few(RECORDED, RECORDED[:1]))
 def test_check_refuses_a_mistake_of_recording(name: str, base: Path, tmp_path: Path) -> None:
-    plant, sentence = mistakes.planted().mistakes[name]
-    told = mistakes.told(name, plant, base=base, folder=tmp_path, stages=("check",))
+    plant, sentence = planted.everything().mistakes[name]
+    told = planted.told(name, plant, base=base, folder=tmp_path, stages=("check",))
     assert re.search(sentence, told.sentence), told.sentence
 
 
@@ -84,9 +86,9 @@ DOUBTED = ("a clock that is off by 1 s", "a gauge that does not read zero", "a t
 def test_a_doubt_is_told_by_check_and_by_measure(
     name: str, stages: tuple[str, ...], base: Path, tmp_path: Path
 ) -> None:
-    plant, sentence = mistakes.planted().doubtful[name]
-    told = mistakes.told(name, plant, base=base, folder=tmp_path, stages=stages)
-    assert mistakes.is_told(told, sentence), (told.sentence, told.remarks)
+    plant, sentence = planted.everything().doubtful[name]
+    told = planted.told(name, plant, base=base, folder=tmp_path, stages=stages)
+    assert planted.is_told(told, sentence), (told.sentence, told.remarks)
 
 
 RIGHT = ("nothing planted", "two cycles", "a small sag")
@@ -94,7 +96,7 @@ RIGHT = ("nothing planted", "two cycles", "a small sag")
 
 @pytest.mark.parametrize("name", few(RIGHT, RIGHT[:1]))
 def test_check_doubts_nothing_of_what_is_right(name: str, base: Path, tmp_path: Path) -> None:
-    told = mistakes.told(name, mistakes.planted().right[name], base=base, folder=tmp_path, stages=("check",))
+    told = planted.told(name, planted.everything().right[name], base=base, folder=tmp_path, stages=("check",))
     assert not told.refused, told.sentence
     assert not [s for s in told.remarks if "?" in s or "seen at" in s or "look" in s]
 
@@ -103,31 +105,31 @@ PARTS = 4  # of all that is planted, for workers side by side
 
 
 def test_enough_is_planted() -> None:
-    assert len(mistakes.planted().mistakes) >= 50
-    assert len(mistakes.planted().right) >= 20
+    assert len(planted.everything().mistakes) >= 50
+    assert len(planted.everything().right) >= 20
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("part", range(PARTS))
 def test_every_mistake_is_refused(part: int, base: Path, tmp_path: Path) -> None:
-    for name, (plant, sentence) in [*mistakes.planted().mistakes.items()][part::PARTS]:
-        told = mistakes.told(name, plant, base=base, folder=tmp_path)
+    for name, (plant, sentence) in [*planted.everything().mistakes.items()][part::PARTS]:
+        told = planted.told(name, plant, base=base, folder=tmp_path)
         assert told.refused, name
         assert re.search(sentence, told.sentence), (name, told.sentence)
 
 
 @pytest.mark.slow
 def test_every_doubt_is_told(base: Path, tmp_path: Path) -> None:
-    for name, (plant, sentence) in mistakes.planted().doubtful.items():
-        told = mistakes.told(name, plant, base=base, folder=tmp_path)
-        assert mistakes.is_told(told, sentence), (name, told.sentence, told.remarks)
+    for name, (plant, sentence) in planted.everything().doubtful.items():
+        told = planted.told(name, plant, base=base, folder=tmp_path)
+        assert planted.is_told(told, sentence), (name, told.sentence, told.remarks)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("part", range(PARTS))
 def test_every_right_input_passes(part: int, base: Path, tmp_path: Path) -> None:
-    for name, plant in [*mistakes.planted().right.items()][part::PARTS]:
-        told = mistakes.told(name, plant, base=base, folder=tmp_path)
+    for name, plant in [*planted.everything().right.items()][part::PARTS]:
+        told = planted.told(name, plant, base=base, folder=tmp_path)
         assert not told.refused, (name, told.sentence)
 
 
@@ -146,15 +148,15 @@ def mended(base: Path, root: Path, lines: str) -> Project:
 
 def test_places_clicked_by_hand_become_targets_with_the_sd_of_a_click(base: Path, tmp_path: Path) -> None:
     rng, frames, sd = np.random.default_rng(2), np.arange(25, 33), 0.7
-    place = mistakes.motion(mistakes.marks_of(), np.arange(mistakes.FRAMES) / 10.0)[:, -1]
-    lens, (rvec, tvec) = mistakes.camera()
+    place = studio.motion(studio.marks_of(), np.arange(studio.FRAMES) / 10.0)[:, -1]
+    lens, (rvec, tvec) = studio.camera()
     seen = cv2.projectPoints(place[frames], rvec, tvec, lens.matrix, lens.distortion)[0].reshape(-1, 2)
     clicks = seen + sd * rng.standard_normal(seen.shape)
     lines = "".join(f"tip,place,{f / 10},,,{x:.2f},{y:.2f},{sd}\n" for f, (x, y) in zip(frames, clicks, strict=True))
     project = mended(base, tmp_path / "mended", lines)
-    said = mistakes.Lines()
-    mistakes.run_camera(project, said)
-    mistakes.run_measure(project, said)
+    said = planted.Lines()
+    run_camera(project, said)
+    run_measure(project, said)
     targets = project.targets()
     tip = targets.names.index("tip")
     assert targets.valid[frames, tip][:, [0, 2]].all()
@@ -192,15 +194,15 @@ def test_a_line_of_corrections_that_is_not_right_is_named(line: str, sentence: s
 
 @pytest.mark.slow
 def test_a_frame_rate_for_a_video_file_is_told(base: Path, tmp_path: Path) -> None:
-    told = mistakes.told("fps", mistakes.camera_with(fps=20.0), base=base, folder=tmp_path, stages=("check",))
+    told = planted.told("fps", planting.camera_with(fps=20.0), base=base, folder=tmp_path, stages=("check",))
     assert any("cameras.fps = 20 is for pictures: film.mkv is a video file" in s for s in told.remarks)
 
 
 @pytest.mark.slow
 def test_check_sends_back_to_measure_where_the_targets_are_gone(base: Path, tmp_path: Path) -> None:
-    root, said = Path(shutil.copytree(base, tmp_path / "gone")), mistakes.Lines()
-    mistakes.run_camera(Project.open(root), said)
-    mistakes.run_measure(Project.open(root), said)
+    root, said = Path(shutil.copytree(base, tmp_path / "gone")), planted.Lines()
+    run_camera(Project.open(root), said)
+    run_measure(Project.open(root), said)
     assert run_check(Project.open(root), said)["next"] == "calibrate"
     shutil.rmtree(root / "targets")
     assert run_check(Project.open(root), said)["next"] == "measure"

@@ -8,11 +8,12 @@ import pytest
 
 from calibrate import Parameter
 from fe import Case
-from twin.diagnosis.explanation import ALL, Explanation, explained, mimicked, plausibility, table
+from twin.diagnosis.explanation import ALL, Explanation, explained, plausibility, table
 from twin.effects.library import effect
 from twin.judging.heldout import cycles, folds, foretold
 from twin.judging.judged import judge
 from twin.model.basemodel import base_model
+from twin.project.files import plain
 from twin.targets import Targets
 
 SD = 5e-4  # mm; the coarse finger moves by 0.4
@@ -49,16 +50,6 @@ def test_cycles_begin_where_the_pressure_leaves_rest(make_targets: Callable[...,
     assert (name, fold.tolist()) == ("block", block.tolist())
 
 
-def test_what_mimics_a_signature_is_measured_beside_the_fit() -> None:
-    rng = np.random.default_rng(4)
-    fitted, own, other = rng.standard_normal((300, 2)), rng.standard_normal(300), rng.standard_normal(300)
-    rivals = {"other": other[:, None], "half": (own + other)[:, None], "same": 1e6 * (own + fitted @ [5.0, 1.0])[:, None]}
-    found = mimicked(own + fitted @ [-3.0, 40.0], fitted, rivals)
-    assert [name for name, _ in found] == ["same", "half", "other"]
-    assert [c for _, c in found] == pytest.approx([1.0, 0.5, 0.0], abs=0.1)
-    assert mimicked(fitted[:, 0], fitted, rivals)[0][1] < 1.0 + 1e-9  # nothing of it is left: no division by 0
-
-
 def test_a_value_is_told_beside_its_plausible_range() -> None:
     p = Parameter("gravity.density", 0.0, 5.0, "t", null=0.0, plausible=(0.9, 1.3))
     assert plausibility(p, 1.1) == "plausible (0.9 to 1.3 t)"
@@ -78,25 +69,27 @@ def evidence(make_targets: Callable[..., Targets], coarsest_case: Case) -> tuple
     before = judge(base, targets, starts=np.array([0.214, 0.083]))
     lag = effect("pressure_lag")
     after = judge(base.with_effect(lag), targets, starts=np.array([0.214, 0.083, 0.3]))
-    rivals = [("creep", 0.4)]
-    found = explained([lag], before=before, after=after, targets=targets, rivals=rivals)
+    mimics = [("creep", 0.4)]
+    found = explained([lag], before=before, after=after, targets=targets, mimics=mimics)
     assert found.gain == pytest.approx(before.deviance - after.deviance)
     return targets, found
 
 
 def test_the_evidence_for_a_lag_says_what_it_explains(evidence: tuple[Targets, Explanation]) -> None:
-    _, found = evidence
+    _, made = evidence
+    found = made.record
     assert found.adequate
+    assert found.held_out is not None
     assert found.rms_after_mm == pytest.approx(SD, rel=0.35)  # of 48 values
     assert found.rms_before_mm > 5 * found.rms_after_mm
     assert found.held_out.after_sd < 2.0 < found.held_out.before_sd
-    assert found.parameters[0].value == pytest.approx(0.6, abs=0.05)
-    assert np.nanmax(np.abs(found.residual - found.signature - found.left)) < 1e-12
+    assert found.parameters["pressure_lag.tau"].value == pytest.approx(0.6, abs=0.05)
+    assert np.nanmax(np.abs(made.residual - made.signature - made.left)) < 1e-12
     cell = {(s.marker, s.branch): s for s in found.shares}
     whole = cell[ALL, ALL]
     assert whole.explained > 0.95
-    assert whole.before_mm == pytest.approx(float(np.sqrt(np.nanmean(found.residual**2))))
-    assert whole.signature_mm == pytest.approx(float(np.sqrt(np.nanmean(found.signature**2))))
+    assert whole.before_mm == pytest.approx(float(np.sqrt(np.nanmean(made.residual**2))))
+    assert whole.signature_mm == pytest.approx(float(np.sqrt(np.nanmean(made.signature**2))))
     rows = [s for (marker, branch), s in cell.items() if marker != ALL and branch != ALL]
     assert sum(s.count for s in rows) == whole.count
     assert sum(s.count * s.after_mm**2 for s in rows) == pytest.approx(whole.count * whole.after_mm**2)
@@ -104,8 +97,8 @@ def test_the_evidence_for_a_lag_says_what_it_explains(evidence: tuple[Targets, E
 
 
 def test_the_evidence_is_a_record_and_a_table(evidence: tuple[Targets, Explanation]) -> None:
-    _, found = evidence
-    data = json.loads(json.dumps(found.to_dict()))
+    found = evidence[1].record
+    data = json.loads(json.dumps(plain(found), allow_nan=False))
     assert data["class"] == [{"effect": "creep", "ceiling": 0.4}]
     assert data["held_out"]["left_out"] == "fifth of the film"
     assert data["parameters"]["pressure_lag.tau"]["low"] < 0.6 < data["parameters"]["pressure_lag.tau"]["high"]

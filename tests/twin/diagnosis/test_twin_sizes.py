@@ -98,4 +98,4 @@ def test_the_sentence_names_sizes_and_what_is_blind() -> None:
     text = in_words(rows)
     assert text.startswith("These sizes would have been found, nine times of ten: plain.size of 0.")
     assert text.endswith("Not testable here: plain (needs steps at which the pressure has fallen).")
-    assert set(rows[0].to_dict()) == {"effect", "parameter", "unit", "size", "least", "note"}
+    assert set(rows[0].model_dump()) == {"effect", "parameter", "unit", "size", "least", "note"}

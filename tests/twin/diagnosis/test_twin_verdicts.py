@@ -9,8 +9,12 @@ import pytest
 from tests.twin.diagnosis.toy import STEPS, Toy, pressure, smooth_field, targets, toy_effect
 from twin.diagnosis import procedure
 from twin.diagnosis.procedure import diagnose
+from twin.diagnosis.record import DiagnosisRecord
 from twin.diagnosis.verdicts import Diagnosis, Trial, concluded
+from twin.effects.labels import KINDS
+from twin.effects.library import all_effects
 from twin.effects.protocol import Effect
+from twin.project.files import plain
 from twin.targets import Array
 
 NAMES = ("alpha", "beta", "gamma", "delta")
@@ -41,7 +45,7 @@ def test_a_hidden_effect_is_named_alone(name: str) -> None:
     assert (found.verdict, found.named, found.law, found.ties) == (name, (name,), name, ())
     assert found.kept is not None
     assert found.kept.values[f"{name}.a0"] == pytest.approx(0.2, abs=0.01)  # several sds
-    data = found.to_dict()
+    data = plain(DiagnosisRecord.of(found))
     assert data["rms_after_mm"] < 1.1 * data["noise_sd_mm"] < data["rms_before_mm"]
 
 
@@ -74,7 +78,7 @@ def test_what_only_a_stand_in_explains_is_none_of_these_and_told() -> None:
     found = diagnosed(0.2 * fields["pull"][0], fields=fields, beside=(force,))
     assert (found.verdict, found.named, found.kept) == ("none of these", (), None)
     assert "looks like 0.20 of pull" in found.sentence
-    assert found.to_dict()["resembles"][0]["kind"] == "outside force"
+    assert plain(DiagnosisRecord.of(found))["resembles"][0]["kind"] == "outside force"
 
 
 def test_what_nothing_explains_is_none_of_these() -> None:
@@ -214,3 +218,20 @@ def test_an_unknown_misfit_is_told_by_what_it_goes_with(course: Array, words: st
 def test_three_effects_are_found_one_after_the_other() -> None:
     found = diagnosed(sum(x * FIELDS[name][0] for x, name in zip((0.2, 0.15, 0.1), NAMES)))
     assert set(found.named) == set(NAMES[:3])
+
+
+def test_a_stand_in_that_says_an_own_effect_in_general_is_no_other_explanation() -> None:
+    force, twin = toy_effect("pull", kind="outside force"), FIELDS["alpha"] + 0.004 * smooth_field(99)
+    cable = toy_effect("alpha")
+    type(cable).generic = "outside force"
+    found = diagnosed(0.1 * FIELDS["alpha"][0], fields={"pull": twin}, effects=(cable, *EFFECTS[1:]), beside=(force,))
+    assert (found.verdict, found.ties) == ("alpha", ())
+
+
+def test_an_effect_names_kinds_that_exist() -> None:
+    for e in all_effects():
+        for law in (e, e.wide() or e):
+            assert {law.generic, law.completed_by} <= {*KINDS, ""}
+            assert law.generic == e.generic  # of every law of the same physics
+    with pytest.raises(ValueError, match="effect 'rope': 'a force' is no kind of stand-in, wanted one of 'outside force'"):
+        type("Rope", (Effect,), {"name": "rope", "generic": "a force"})

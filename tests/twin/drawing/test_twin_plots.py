@@ -10,7 +10,7 @@ import pytest
 import pyvista as pv
 from vtkmodules.vtkCommonDataModel import vtkTriQuadraticHexahedron
 
-from twin.drawing import deformed, plots
+from twin.drawing import deformed, plots, studyplots
 
 STEPS, MARKERS = 30, ("5848", "4401", "m<3")
 TIME = np.linspace(0.0, 6.0, STEPS)
@@ -23,30 +23,25 @@ BEFORE, AFTER = 1.1 * MEASURED, MEASURED + 0.01
 GAPS = np.full((STEPS, 3, 3), np.nan)
 PLOTS: dict[str, Callable[[], str]] = {
     "displacements": lambda: plots.displacements(
-        TIME, measured=MEASURED, before=BEFORE, after=AFTER, names=MARKERS
+        TIME, measured=MEASURED, models={"model before": BEFORE, "model after": AFTER}, names=MARKERS
     ),
     "residual_map": lambda: plots.residual_map(
         TIME, maps={"before": MEASURED - BEFORE, "after creep": GAPS}, names=MARKERS, unit="mm"
     ),
-    "generations": lambda: plots.generations(
-        np.arange(1, 21),
-        rms_mm=58.0 * 0.6 ** np.arange(20),
-        best=np.full((20, 2), [0.214, np.nan]),
-        names=("C10", "C01"),
+    "best_error": lambda: studyplots.best_error(np.arange(1, 21), rms_mm=58.0 * 0.6 ** np.arange(20)),
+    "best_constants": lambda: studyplots.best_constants(
+        np.arange(1, 21), best=np.full((20, 2), [0.214, np.nan]), names=("C10", "C01")
     ),
-    "landscape": lambda: plots.landscape(
+    "one_constant": lambda: studyplots.best_constants(np.arange(1, 3), best=np.ones((2, 1)), names=("C10",)),
+    "valley": lambda: studyplots.valley(
         np.random.default_rng(1).uniform(0.01, 0.5, (60, 2)),
         rms_mm=np.where(np.arange(60) % 7 == 0, np.nan, np.arange(60) + 1.0),
         names=("C10", "C01"),
-        best=np.array([0.214, 0.083]),
+        marks={"best": np.array([0.214, 0.083])},
     ),
-    "pressure_curves": lambda: plots.pressure_curves(
-        PRESSURE,
-        measured=MEASURED[:, :2, 2],
-        before=BEFORE[:, :2, 2],
-        after=AFTER[:, :2, 2],
-        names=("4401 (tip)", "5848 (middle)"),
-        labels=("base model", "with creep"),
+    "against_pressure": lambda: studyplots.against_pressure(
+        PRESSURE, models={"base model": BEFORE[:, 0, 2], "with creep": AFTER[:, 0, 2]}, read_at=PRESSURE,
+        read_mm=MEASURED[:, 0, 2], title="4401 (tip)",
     ),
     "waterfall": lambda: plots.falling(
         [("nominal constants", 5.2), ("calibrated", 0.2123), ("+ creep", 0.0531)], noise_mm=0.0502
@@ -64,22 +59,11 @@ WORDS = {
         "m<3",
     ],
     "residual_map": ["before: U1", "after creep: U3", "measured - model, mm", "5848"],
-    "generations": ["best RMS error, mm", "parameters of the best, MPa", "generation", "C10"],
-    "landscape": [
-        "C10, MPa",
-        "C01, MPa",
-        "RMS error, mm",
-        "best",
-        "no solution",
-    ],
-    "pressure_curves": [
-        "4401 (tip): U3, mm",
-        "5848 (middle): U3, mm",
-        "pressure, kPa",
-        "30",
-        "base model",
-        "with creep",
-    ],
+    "best_error": ["RMS error, mm", "best so far", "generation"],
+    "best_constants": ["constants of the best, MPa", "generation", "C10"],
+    "one_constant": ["C10"],
+    "valley": ["C10, MPa", "C01, MPa", "RMS error, mm", "best", "no solution"],
+    "against_pressure": ["4401 (tip)", "U3, mm", "pressure, kPa", "30", "measured", "base model", "with creep"],
     "waterfall": ["nominal constants", "+ creep", "noise", "5.2 mm", "0.0531 mm", "0.0502 mm", "RMS error, logarithmic"],
 }
 
@@ -108,9 +92,9 @@ def test_the_same_data_give_the_same_text(name: str) -> None:
 
 
 def test_plots_of_nothing_but_gaps_are_drawn() -> None:
-    plots.displacements(TIME, measured=GAPS, names=MARKERS)
+    plots.displacements(TIME, measured=GAPS, models={}, names=MARKERS)
     plots.residual_map(TIME[:1], maps={"before": GAPS[:1]}, names=MARKERS)
-    plots.landscape(np.ones((3, 2)), rms_mm=np.full(3, np.nan), names=("C10", "C01"))
+    studyplots.valley(np.ones((3, 2)), rms_mm=np.full(3, np.nan), marks={}, names=("C10", "C01"))
     assert "not known" in words(plots.falling([("calibrated", np.nan)], noise_mm=0.05))
 
 
@@ -145,13 +129,13 @@ def heights(svg: str, names: tuple[str, ...]) -> list[float]:
 
 def test_names_of_curves_that_end_together_stand_apart() -> None:
     best = np.linspace(0.0, 1.0, 20)[:, None] * [0.150, 0.149] + [0.0, 0.001]
-    svg = plots.generations(np.arange(1, 21), rms_mm=np.ones(20), best=best, names=("C10", "C01"))
+    svg = studyplots.best_constants(np.arange(1, 21), best=best, names=("C10", "C01"))
     ends = heights(svg, ("C10", "C01"))
     assert abs(ends[0] - ends[1]) > 9.0  # pt, a line of text
 
 
 def test_no_line_joins_the_steps_of_a_release() -> None:
-    svg = PLOTS["pressure_curves"]()
+    svg = PLOTS["against_pressure"]()
     for colour in (plots.BEFORE, plots.AFTER, plots.MEASURED):
         # a dot is a short path, used at every step; a line would be one path with a segment for each step
         paths = re.findall(rf'<path d="([^"]+)"[^>]*style="[^"]*stroke: {colour}', svg)

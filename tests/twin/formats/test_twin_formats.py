@@ -2,20 +2,22 @@
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import get_args
 
 import numpy as np
 import pytest
 
-from twin.cli import app
+from twin.chain import stage_of
+from twin.commands.check import check_project
 from twin.commands.init import run_init
-from twin.formats.catalogue import FORMATS, read_recorded
+from twin.formats.catalogue import FORMATS, format_of, read_recorded
 from twin.formats.conversion import MOST_STEPS, targets_of
-from twin.formats.recorded import Doubt, Recorded
-from twin.formats.supplied import Supplied
-from twin.formats.worldaxes import turned
-from twin.inputs.foreign import Foreign, foreign_of
+from twin.formats.recorded import Recorded
+from twin.formats.supplied import still_wanted, turned
+from twin.project.config import ImportTable, PointTable
 from twin.project.folder import Project
-from twin.targets import PointKind
+from twin.project.toml import with_key
+from twin.targets import PointKind, Targets
 
 # Two points over four steps along the file's x and y: the truth that every file below holds.
 TIP = np.array([[110.0, 50.0], [109.0, 56.0], [105.0, 70.0], [98.0, 81.0]])
@@ -115,25 +117,37 @@ PIXELS = ("deeplabcut", "dice")
 LOG = "time_s,p [kPa]\n" + "".join(f"{0.01 * k:.2f},{5.0 * k}\n" for k in range(9))  # 10 kPa at each 0.02 s
 
 
-def stated(folder: Path, form: str, **changes: object) -> Supplied:
-    log = written(folder / "log.csv", LOG)
+def stated(form: str, **changes: object) -> ImportTable:
     given: dict[str, object] = {
-        "sd_mm": 0.2, "axes": "x,0,-y", "log": None if form == "csv" else log, "fps": 50.0,
-        "mm_per_px": 0.5 if form in PIXELS else None,
+        "file": "raw/file", "format": form, "sd_mm": 0.2, "axes": "x,0,-y", "fps": 50.0,
+        "log": None if form == "csv" else "log.csv", "mm_per_px": 0.5 if form in PIXELS else None,
     }  # fmt: skip
-    return Supplied(**{**given, **changes})  # type: ignore[arg-type]
+    return ImportTable(**{**given, **changes})  # type: ignore[arg-type]
 
 
-def test_every_format_is_tried_here() -> None:
-    assert set(WRITERS) == set(FORMATS)
+def made(folder: Path, found: Recorded, table: ImportTable, **nodes: int) -> tuple[Targets, list[str]]:
+    """Targets of points at these nodes, with the log below a folder."""
+    log = None if table.log is None else folder / table.log
+    if log is not None and not log.exists():
+        written(log, LOG)
+    return targets_of(found, table, [PointTable(name=n, node=k) for n, k in nodes.items()], log=log)
+
+
+def test_every_format_is_tried_here_and_in_twin_toml() -> None:
+    assert set(WRITERS) == set(FORMATS) == set(get_args(ImportTable.model_fields["format"].annotation))
+
+
+@pytest.mark.parametrize("form", WRITERS)
+def test_a_file_shows_its_format(tmp_path: Path, form: str) -> None:
+    assert format_of(WRITERS[form](tmp_path)) == form
 
 
 @pytest.mark.parametrize("form", WRITERS)
 def test_a_file_becomes_displacements_in_world_axes(tmp_path: Path, form: str) -> None:
     (tmp_path / "in").mkdir()
-    found = read_recorded(WRITERS[form](tmp_path / "in"), form, Doubt())
+    found = read_recorded(WRITERS[form](tmp_path / "in"), form)
     tip, middle = NAMES.get(form, ("tip", "middle"))
-    targets, _ = targets_of(found, stated(tmp_path, form), nodes={tip: 4401, middle: 5848})
+    targets, _ = made(tmp_path, found, stated(form), **{tip: 4401, middle: 5848})
     scale = 0.5 if form in PIXELS else 1.0
     wanted = np.stack([XY[..., 0] - XY[0, :, 0], np.full((4, 2), np.nan), XY[0, :, 1] - XY[..., 1]], axis=-1) * scale
     wanted[2, 1] = np.nan  # unlikely, failed or lost: not seen
@@ -151,8 +165,8 @@ def test_a_file_becomes_displacements_in_world_axes(tmp_path: Path, form: str) -
 
 
 def test_the_error_of_the_reference_is_shared_by_all_steps(tmp_path: Path) -> None:
-    found = read_recorded(csv(tmp_path), "csv", Doubt())
-    targets, _ = targets_of(found, stated(tmp_path, "csv", rest_steps=2), nodes={"tip": 1})
+    found = read_recorded(csv(tmp_path), "csv")
+    targets, _ = made(tmp_path, found, stated("csv", rest_steps=2), tip=1)
     mode = targets.modes[targets.mode_names.index("reference:tip:1")]
     np.testing.assert_allclose(mode[:, 0, 0], 0.2 / np.sqrt(2))
     assert targets.reference.tolist() == [0, 1]
@@ -170,22 +184,25 @@ def test_a_three_dimensional_frame_is_turned_and_its_mirror_refused() -> None:
 
 
 def test_points_without_a_node_are_left_out_or_taken_where_they_lie(tmp_path: Path) -> None:
-    found = read_recorded(csv(tmp_path), "csv", Doubt())
-    targets, remarks = targets_of(found, stated(tmp_path, "csv"), nodes={"tip": 4401})
+    found = read_recorded(csv(tmp_path), "csv")
+    targets, remarks = made(tmp_path, found, stated("csv"), tip=4401)
     assert targets.names == ("tip",)
-    assert remarks == ["Left out, as they have no --node: middle."]
-    targets, remarks = targets_of(found, stated(tmp_path, "csv", origin_mm=(-10.0, 11.5, 50.0)), nodes={"tip": 4401})
+    assert [line.startswith("Left out") and line.endswith("middle.") for line in remarks] == [True]
+    targets, remarks = made(tmp_path, found, stated("csv", origin_mm=(-10.0, 11.5, 50.0)), tip=4401)
     assert targets.points[1].kind is PointKind.PLACE
     assert targets.points[1].position == (50.0, 11.5, 0.0)  # 60 - 10, the plane, 50 - 50
     assert remarks == []
-    targets, _ = targets_of(found, stated(tmp_path, "csv", fixed=("middle",)), nodes={"tip": 4401})
+    targets, _ = made(tmp_path, found, stated("csv", fixed=("middle",)), tip=4401)
     assert targets.fixed.tolist() == [False, True]
+    named = [PointTable(name="tip", position_mm=(110.0, 11.5, 0.0))]
+    targets, _ = targets_of(found, stated("csv"), named)
+    assert (targets.points[0].kind, targets.points[0].position) == (PointKind.PLACE, (110.0, 11.5, 0.0))
 
 
 def test_a_long_file_is_thinned_and_its_rest_kept() -> None:
     s = 5 * MOST_STEPS
     found = Recorded(names=("tip",), position=np.arange(3.0 * s).reshape(s, 1, 3), unit="mm", frame=np.arange(s), time=np.arange(s) / 100, pressure=np.zeros(s), axes="x,y,z")
-    targets, remarks = targets_of(found, Supplied(sd_mm=0.1, rest_steps=40), nodes={"tip": 1})
+    targets, remarks = made(Path(), found, stated("csv", axes=None, sd_mm=0.1, rest_steps=40), tip=1)
     assert MOST_STEPS <= len(targets.time) <= MOST_STEPS + 40
     assert targets.reference.tolist() == list(range(40))
     assert remarks == [f"{len(targets.time)} of {s} steps are kept, evenly spaced."]
@@ -200,7 +217,7 @@ def test_a_long_file_is_thinned_and_its_rest_kept() -> None:
     ],
 )
 def test_exports_of_several_versions_of_matchid(tmp_path: Path, head: str, comma: bool, unit: str) -> None:
-    found = read_recorded(matchid(tmp_path, head=head, comma=comma), "matchid", Doubt())
+    found = read_recorded(matchid(tmp_path, head=head, comma=comma), "matchid")
     assert found.unit == unit
     np.testing.assert_allclose(found.position[3, :, :2], XY[3])
     assert np.isnan(found.position[2, 1]).all()
@@ -210,50 +227,52 @@ def test_a_stereo_solution_of_dice_is_in_mm(tmp_path: Path) -> None:
     head = "COORDINATE_X COORDINATE_Y DISPLACEMENT_X DISPLACEMENT_Y MODEL_COORDINATES_X MODEL_COORDINATES_Y MODEL_COORDINATES_Z MODEL_DISPLACEMENT_X MODEL_DISPLACEMENT_Y MODEL_DISPLACEMENT_Z SIGMA\n"
     for k in range(3):
         written(tmp_path / f"DICe_solution_{k}.txt", head + f"100 200 0 0 10 20 30 {k} 0 {-k} 0.01\n")
-    found = read_recorded(tmp_path, "dice", Doubt())
+    found = read_recorded(tmp_path, "dice")
     assert (found.unit, found.axes, found.names) == ("mm", "", ("s0",))
     assert found.position[2, 0].tolist() == [12, 20, 28]
 
 
 @pytest.mark.parametrize(("cameras", "score"), [(1.0, 0.95), (3.0, 0.3), (float("nan"), float("nan"))])
 def test_anipose_needs_two_cameras_and_a_good_score(tmp_path: Path, cameras: float, score: float) -> None:
-    found = read_recorded(anipose(tmp_path, cameras=cameras, score=score), "anipose", Doubt())
+    found = read_recorded(anipose(tmp_path, cameras=cameras, score=score), "anipose")
     assert np.argwhere(np.isnan(found.position).any(axis=2)).tolist() == [[2, 1]]
     assert found.missing == 1
 
 
 def test_several_animals_have_names_of_their_own(tmp_path: Path) -> None:
-    assert read_recorded(deeplabcut(tmp_path, animals=True), "deeplabcut", Doubt()).names == ("a_tip", "b_middle")
+    assert read_recorded(deeplabcut(tmp_path, animals=True), "deeplabcut").names == ("a_tip", "b_middle")
 
 
 REFUSED = {
-    "no scale": ("deeplabcut", {"mm_per_px": None}, "in pixels: wanted --mm-per-px"),
-    "scale for mm": ("csv", {"mm_per_px": 0.5}, "the file is in mm; leave it out"),
-    "no rate": ("deeplabcut", {"fps": None}, "counts frames: wanted --fps"),
-    "no axes": ("c3d", {"axes": None}, "does not say how its axes lie: wanted the file's axes"),
-    "no pressure": ("c3d", {"log": None}, "no pressure is known: wanted --log"),
-    "late": ("c3d", {"start_s": 0.05}, "log.csv covers 0.000 to 0.080 s, the file 0.050 to 0.110 s"),
-    "no likelihood": ("csv", {"min_likelihood": 1.5}, "min-likelihood 1.5: wanted 0 to 1"),
+    "no sd": ("c3d", {"sd_mm": None}, r"\[import\].* wanted sd_mm .sd of one position"),
+    "no scale": ("deeplabcut", {"mm_per_px": None}, "wanted mm_per_px .* in pixels"),
+    "scale for mm": ("csv", {"mm_per_px": 0.5}, "mm_per_px = 0.5: the file is in mm; leave it out"),
+    "no rate": ("deeplabcut", {"fps": None}, "wanted fps .* counts frames"),
+    "no axes": ("c3d", {"axes": None}, "wanted axes .* x,0,-y"),
+    "no pressure": ("c3d", {"log": None}, "wanted log .* has no pressure"),
+    "two pressures": ("csv", {"log": "log.csv"}, "import.log = 'log.csv': the file has a pressure of its own"),
+    "late": ("c3d", {"start_s": 0.05}, "log.csv covers 0.000 to 0.080 s, the file 0.050 to 0.110 s.* start_s"),
+    "other point": ("csv", {"fixed": ("base",)}, "point 'base' is not in the file, which has tip, middle"),
 }  # fmt: skip
 
 
 @pytest.mark.parametrize("case", REFUSED)
 def test_what_is_not_stated_is_refused(tmp_path: Path, case: str) -> None:
     form, changes, sentence = REFUSED[case]
-    found = read_recorded(WRITERS[form](tmp_path), form, Doubt())
+    found = read_recorded(WRITERS[form](tmp_path), form)
     with pytest.raises(ValueError, match=sentence):
-        targets_of(found, stated(tmp_path, form, **changes), nodes={"tip": 1})
+        made(tmp_path, found, stated(form, **changes), **{NAMES.get(form, ("tip",))[0]: 1})
 
 
 def test_a_log_without_times_has_a_row_for_each_step(tmp_path: Path) -> None:
-    found = read_recorded(c3d(tmp_path), "c3d", Doubt())
-    log = written(tmp_path / "rows.csv", "p [mbar]\n0\n100\n200\n300\n")
-    targets, _ = targets_of(found, stated(tmp_path, "c3d", log=log), nodes={"tip": 1})
+    found = read_recorded(c3d(tmp_path), "c3d")
+    log = written(tmp_path / "log.csv", "p [mbar]\n0\n100\n200\n300\n")
+    targets, _ = made(tmp_path, found, stated("c3d"), tip=1)
     np.testing.assert_allclose(targets.pressure, [0, 0.01, 0.02, 0.03])
     assert not targets.has_log
     written(log, "p [mbar]\n0\n100\n")
     with pytest.raises(ValueError, match="2 rows without times for 4 steps"):
-        targets_of(found, stated(tmp_path, "c3d", log=log), nodes={"tip": 1})
+        made(tmp_path, found, stated("c3d"), tip=1)
 
 
 @pytest.mark.parametrize(
@@ -268,56 +287,113 @@ def test_a_log_without_times_has_a_row_for_each_step(tmp_path: Path) -> None:
         ("matchid", "X [mm];Y [mm];Exx [ ]\n0;1;2\n", "wanted X, Y and the displacements U, V in one unit"),
         ("c3d", "nothing of the kind", "not a C3D file"),
         ("csv", "time_s,tip_x_mm,tip_z_px\n0,1,2\n", "all in one unit: found mm and px"),
-        ("sleap", "", "--format sleap: wanted one of deeplabcut, anipose, dice, matchid, c3d, csv"),
+        ("sleap", "", "--format sleap: wanted one of deeplabcut, "),
     ],
 )  # fmt: skip
 def test_another_file_is_named(tmp_path: Path, form: str, text: str, sentence: str) -> None:
     path = written(tmp_path / "file.txt", text)
     with pytest.raises(ValueError, match=sentence):
-        read_recorded(path, form, Doubt())
+        read_recorded(path, form)
 
 
-def test_init_makes_a_project_of_a_file(tmp_path: Path) -> None:
-    say, form = Lines(), Foreign("deeplabcut", stated(tmp_path, "deeplabcut"))
-    run_init(tmp_path / "batch", say, targets=deeplabcut(tmp_path), nodes=["tip=4401", "middle=5848"], foreign=form)
-    project = Project.open(tmp_path / "batch")
-    targets = project.targets()
+@pytest.fixture
+def batch(tmp_path: Path) -> Path:
+    """A project of a file of DeepLabCut, as init makes it."""
+    (tmp_path / "in").mkdir()
+    run_init(tmp_path / "batch", Lines(), targets=deeplabcut(tmp_path / "in"), nodes=["middle=53,11.3,20"])
+    written(tmp_path / "batch" / "raw" / "log.csv", LOG.replace("p [kPa]", "p"))
+    return tmp_path / "batch"
+
+
+def state(batch: Path, **keys: object) -> Project:
+    """The project once these keys stand under [import]."""
+    text = (batch / "twin.toml").read_text()
+    for key, value in keys.items():
+        text = with_key(text, "import", key, value)
+    (batch / "twin.toml").write_text(text)
+    return Project.open(batch)
+
+
+FACTS = {"sd_mm": 0.2, "mm_per_px": 0.5, "fps": 50.0, "log": "raw/log.csv", "log_unit": "kPa"}
+
+
+def test_init_writes_what_the_file_shows_and_names_what_it_does_not(tmp_path: Path, batch: Path) -> None:
+    project = Project.open(batch)
+    table = project.config.imported
+    assert table == ImportTable(file="raw/film.csv", format="deeplabcut", axes="x,0,-y")
+    assert [(p.name, p.node, p.position_mm) for p in project.config.points] == [
+        ("tip", 4401, None), ("middle", None, (53.0, 11.3, 20.0)),
+    ]
+    said = Lines()
+    result = run_init(tmp_path / "other", said, targets=batch / "raw" / "film.csv")
+    assert result["wanted"] == ["sd_mm", "mm_per_px", "fps", "log"]
+    assert [line.split(":")[0].strip() for line in said[2:-1]] == result["wanted"]
+    assert said[-1].startswith("Next: `twin measure --project ")
+    with pytest.raises(ValueError, match=r"wanted sd_mm .*; mm_per_px .*; fps .*; log "):
+        check_project(project, Lines())
+    with pytest.raises(ValueError, match=r"missing in .*raw/none.csv \(import.log\)"):
+        check_project(state(batch, log="raw/none.csv"), Lines())
+
+
+def test_a_plain_file_wants_its_sd_alone(tmp_path: Path) -> None:
+    result = run_init(tmp_path / "batch", Lines(), targets=csv(tmp_path))
+    assert result["wanted"] == ["sd_mm"]
+    assert not still_wanted(read_recorded(csv(tmp_path), "csv"), stated("csv"))
+
+
+def test_measure_makes_the_targets_and_a_wrong_axis_is_corrected(batch: Path) -> None:
+    project, measure = state(batch, **FACTS, axes="x,0,y"), stage_of("measure").run
+    with pytest.raises(ValueError, match="bends"):  # to +z: the axis is the wrong way round
+        measure(project, Lines())
+    project, said = state(batch, axes="x,0,-y"), Lines()
+    result = measure(project, said)
+    assert (result["status"], result["points"], result["steps"]) == ("done", 2, 4)
+    assert any("1 of 8 positions have a likelihood below 0.6" in line for line in said)
+    targets = Project.open(batch).targets()
     np.testing.assert_allclose(targets.value[3, 0, [0, 2]], [-6.0, -15.5])
     assert "scale" in targets.mode_names
-    assert "1 of 8 positions have a likelihood below 0.6: they count as not seen." in say
-    assert any("displacements up to 15.5 mm, pressure up to 0.03 MPa. The sd is 0.2 mm, as stated." in line for line in say)
-    assert [point.name for point in project.config.points] == ["tip", "middle"]
+    assert targets.pressure[-1] == pytest.approx(0.03)
+    assert measure(project, Lines())["status"] == "skipped"
+    check_project(project, Lines())
 
 
-def test_init_refuses_a_file_without_its_sd_and_options_without_a_format(tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match="--sd-mm is missing: wanted the standard deviation"):
-        foreign_of("c3d", sd_mm=None, fixed=None, origin_mm=None, log=None)
-    with pytest.raises(ValueError, match="belong to --format, which is missing"):
-        foreign_of(None, sd_mm=0.1, fixed=None, origin_mm=None, log=None)
-    with pytest.raises(ValueError, match=r"is a file: wanted a folder with targets.csv, or --format"):
-        run_init(tmp_path / "a", Lines(), targets=csv(tmp_path), nodes=["tip=4401"])
-    with pytest.raises(ValueError, match=r"--origin-mm '1,2': wanted x,y,z in mm"):
-        foreign_of("csv", sd_mm=0.1, fixed=None, origin_mm="1,2", log=None)
+def test_facts_that_change_make_other_targets_and_keep_the_former(batch: Path) -> None:
+    measure = stage_of("measure").run
+    measure(state(batch, **FACTS), Lines())
+    project = state(batch, mm_per_px=0.25)
+    with pytest.raises(ValueError, match=r"never overwritten; .* --replace"):
+        measure(project, Lines())
+    measure(project, Lines(), replace=True)
+    np.testing.assert_allclose(project.targets().value[3, 0, 2], -15.5 / 2)
+    assert (batch / "targets-0001" / "targets.csv").is_file()
+    with pytest.raises(ValueError, match="--budget"):
+        measure(project, Lines(), budget=True)
 
 
-def test_the_command_takes_all_of_it(tmp_path: Path) -> None:
-    log = written(tmp_path / "log.csv", LOG.replace("p [kPa]", "ai0"))
-    file = deeplabcut(tmp_path)
-    with pytest.raises(ValueError, match=r"column pressure_MPa is missing"):
-        app(["init", str(tmp_path / "x"), "--targets", str(file), "--format", "deeplabcut", "--sd-mm", "0.2", "--mm-per-px", "0.5", "--fps", "50", "--log", str(log), "--node", "tip=4401"], standalone_mode=False)
-    written(log, LOG.replace("p [kPa]", "p"))
-    app(["init", str(tmp_path / "x"), "--targets", str(file), "--format", "deeplabcut", "--sd-mm", "0.2", "--mm-per-px", "0.5", "--fps", "50", "--log", str(log), "--log-unit", "kPa", "--node", "tip=4401"], standalone_mode=False)
-    assert Project.open(tmp_path / "x").targets().pressure[-1] == pytest.approx(0.03)
+def test_init_refuses_what_it_cannot_read(tmp_path: Path) -> None:
+    for given, sentence in (
+        ({"targets": csv(tmp_path), "nodes": ["knee=17"]}, "--node knee: not in the file, which has tip, middle"),
+        ({"targets": written(tmp_path / "a.txt", "1 2 3")}, "a.txt: .*targets.csv, or --format"),
+        ({"form": "csv"}, "--format without --targets"),
+        ({"targets": tmp_path / "none.csv"}, "none.csv"),
+    ):
+        with pytest.raises((ValueError, OSError), match=sentence):
+            run_init(tmp_path / "new", Lines(), **given)  # type: ignore[arg-type]
+        assert not (tmp_path / "new").exists()
+    alone = written(tmp_path / "knee.csv", csv(tmp_path).read_text().replace("tip", "knee").replace("middle", "q"))
+    with pytest.raises(ValueError, match=r"wanted --node NAME=LABEL or --node NAME=X,Y,Z.* knee, q"):
+        run_init(tmp_path / "new", Lines(), targets=alone)
 
 
 def test_a_real_file_of_motion_capture(shared_data: Path) -> None:
-    found = read_recorded(shared_data / "real_beam" / "beam_load52_V2_a.c3d", "c3d", Doubt())
+    found = read_recorded(shared_data / "real_beam" / "beam_load52_V2_a.c3d", "c3d")
     assert found.names == ("Tip_1", "Tip_2", "Tip_3", "Base_1", "Base_2", "Base_3")
     assert (found.unit, found.missing, found.position.shape) == ("m", 0, (600, 6, 3))
     fixed = ("Base - 1", "Base - 2", "Base - 3")
     log = np.zeros(600)
     found = Recorded(**{**vars(found), "pressure": log})
-    targets, _ = targets_of(found, Supplied(sd_mm=0.01, axes="x,y,z", fixed=fixed), nodes={"Tip - 1": 1})
+    table = stated("c3d", sd_mm=0.01, axes="x,y,z", fixed=fixed, log=None)
+    targets, _ = made(shared_data, found, table, Tip_1=1)
     moved = np.linalg.norm(targets.value[-1], axis=1)
     assert 16.0 < moved[0] < 17.6  # as measured from the file by others: its record says 16 to 17.5 mm
     assert moved[1:].max() < 0.8

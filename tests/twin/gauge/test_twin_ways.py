@@ -9,12 +9,10 @@ import pytest
 
 from twin.commands.init import film_config
 from twin.commands.measure import _even
-from twin.gauge.lamp import ByLamp, lamp_join
 from twin.gauge.onset import ByOnset, onset_join
 from twin.gauge.pressurelog import Log, read_log
-from twin.gauge.stamps import ByStamps
 from twin.gauge.synchrony import Join, Motion
-from twin.gauge.ways import WAYS, joining_of
+from twin.gauge.ways import WAYS, ByLamp, ByStamps, joining_of, lamp_join
 from twin.project.config import PressureTable
 from twin.project.toml import dump, parse
 from vision import Video

@@ -14,11 +14,13 @@ from tests.twin.commands.test_twin_measure import FPS, Lines, displacements, edi
 from twin.commands.camera import run_camera
 from twin.commands.check import run_check
 from twin.commands.measure import run_measure
+from twin.diagnosis.record import ForetoldFilm
 from twin.effects.material import Elasticity
 from twin.inputs import filmcheck
 from twin.inputs.films import BETWEEN_S, FilmTargets, joined
-from twin.judging.blindtest import unseen
+from twin.judging.heldout import unseen
 from twin.judging.judged import judge
+from twin.judging.record import UnseenFilm
 from twin.judging.whitening import whitener
 from twin.model.basemodel import base_model
 from twin.project import files
@@ -207,7 +209,7 @@ def test_films_of_one_log_must_not_overlap():
     with pytest.raises(ValueError, match=r"films 'a' and 'b' overlap on the clock of a\.csv"):
         joined([a, replace(b, log="a.csv")])
     t, rows = joined([a, replace(film("b", sd=0.01, start=50.0), log="a.csv")])
-    assert [row["shift_s"] for row in rows] == [0.0, 0.0]
+    assert [row.shift_s for row in rows] == [0.0, 0.0]
     assert t.time[12] == 50.0
 
 
@@ -232,7 +234,7 @@ def test_a_held_out_film_does_not_enter_the_fit_and_is_judged():
     assert np.array_equal(fit.theta, again.theta)
     assert fit.comparison.p_value == again.comparison.p_value
     assert fit.deviance == again.deviance
-    (found,), (off,) = unseen(fit, t), unseen(again, other)
+    (found,), (off,) = unseen(fit, t, {}), unseen(again, other, {})
     assert (found.block, found.values) == (1, 72)
     assert found.rms_mm == pytest.approx(0.1, rel=0.35)  # its noise; 72 values: 8 %, 4 sds
     assert off.raw_rms_mm > 2.0
@@ -242,7 +244,9 @@ def test_a_held_out_film_does_not_enter_the_fit_and_is_judged():
 
 
 def test_the_report_shows_a_held_out_film():
-    row = {"film": "steps", "before_mm": 0.5, "after_mm": 0.25, "ratio": 2.0, "noise_mm": 0.1}
+    before = UnseenFilm(film="steps", block=1, rms_mm=0.5, raw_rms_mm=0.6, noise_sd_mm=0.1, values=72)
+    row = ForetoldFilm.of(before, before.model_copy(update={"rms_mm": 0.25}))
+    assert row.ratio == 2.0
     text = render(title="t", facts={"held_out": [row]})
     assert "Films that no fit has seen" in text
     assert "<td>steps</td>" in text

@@ -12,8 +12,10 @@ from calibrate.parameters import Parameter
 from fe import Path
 from twin import virtual
 from twin.judging.comparison import BRANCHES, Comparison, branches, compare
+from twin.judging.record import MapRow
 from twin.judging.sharederrors import in_words, subject
 from twin.judging.whitening import whitener
+from twin.project.files import plain
 from twin.targets import Array, Targets
 
 BENCH = virtual.Bench(film_hz=1.0, sd=0.02, static_frames=300)  # mm: far above the solver's own error
@@ -76,7 +78,7 @@ def test_a_smooth_misfit_is_seen_and_placed(course: Path) -> None:
     assert "in U3" in found.where
     assert "kPa, at rest." in found.where
     assert found.p_value < 1e-6
-    data = found.to_dict()
+    data = plain(found.record())
     assert set(data) == {
         "chi2", "degrees_of_freedom", "p_value", "rms_mm", "raw_rms_mm", "noise_sd_mm", "adequate", "where",
         "beyond", "maps",
@@ -90,10 +92,10 @@ def test_where_it_fails_is_where_the_most_is_beyond_noise(course: Path) -> None:
     misfit = np.zeros((len(course.output), 3, 3))
     misfit[:, 0, 2] = 0.06 * np.sin(np.pi * course.at_output() / 0.03) ** 2
     found = judged(draw(course, 3, misfit=misfit))
-    row = {r["name"]: r for r in found.maps["marker"]}
-    assert row["tip"]["rms_mm"] > row["p1"]["rms_mm"]  # the gauge's noise moves the tip most
-    assert row["p1"]["ratio"] > row["tip"]["ratio"]
-    assert f"marker p1 ({row['p1']['rms_mm']:.3f} mm, {row['p1']['ratio']:.1f} times its noise)" in found.where
+    row = {r.name: r for r in found.maps["marker"]}
+    assert row["tip"].rms_mm > row["p1"].rms_mm  # the gauge's noise moves the tip most
+    assert row["p1"].ratio > row["tip"].ratio
+    assert f"marker p1 ({row['p1'].rms_mm:.3f} mm, {row['p1'].ratio:.1f} times its noise)" in found.where
 
 
 def test_the_place_is_not_where_a_shared_error_has_moved_the_misfit(course: Path) -> None:
@@ -107,8 +109,8 @@ def test_the_place_is_not_where_a_shared_error_has_moved_the_misfit(course: Path
     u[:, :3] = linear(course)
     found = compare(t, u, whitener(t, prediction_modes=nothing, gauge=0 * u), jacobian=nothing)
     assert not found.adequate
-    moved = {row["name"]: row for row in found.maps["branch"]}
-    assert moved["rest"]["rms_mm"] < 0.05 < 0.08 < moved["hold"]["rms_mm"]
+    moved = {row.name: row for row in found.maps["branch"]}
+    assert moved["rest"].rms_mm < 0.05 < 0.08 < moved["hold"].rms_mm
     assert "marker tip" in found.where
     assert "at rest" not in found.where
     assert found.raw_rms_mm > 1.5 * found.rms_mm
@@ -186,16 +188,16 @@ def test_where_nothing_was_measured_no_number_is_made_up(course: Path) -> None:
     t = draw(course, 1)
     valid = t.valid & ~((t.pressure > 0.008) & (t.pressure < 0.014))[:, None, None]
     found = judged(replace(t, valid=valid))
-    empty = [row for row in found.maps["pressure"] if row["count"] == 0]
-    assert empty == [{"name": empty[0]["name"], "count": 0, "rms_mm": None, "noise_sd_mm": None, "ratio": None}]
-    assert sum(row["count"] for row in found.maps["pressure"]) == valid[:, :, [0, 2]].sum()
-    assert "NaN" not in json.dumps(found.to_dict())
+    empty = [row for row in found.maps["pressure"] if row.count == 0]
+    assert empty == [MapRow(name=empty[0].name, count=0, rms_mm=None, noise_sd_mm=None, ratio=None)]
+    assert sum(row.count for row in found.maps["pressure"]) == valid[:, :, [0, 2]].sum()
+    assert "NaN" not in json.dumps(plain(found.record()))
     # the place of failure is one where something was measured
     misfit = np.zeros((len(course.output), 3, 3))
     misfit[:, 1, 2] = 0.2 * (course.at_output() > 0.014)
     bad = judged(replace(draw(course, 1, misfit=misfit), valid=valid))
     assert not bad.adequate
-    assert empty[0]["name"] not in bad.where
+    assert empty[0].name not in bad.where
     assert "nan" not in bad.where
 
 

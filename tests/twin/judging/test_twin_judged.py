@@ -144,7 +144,7 @@ def test_a_fit_is_judged_again_without_another_solve(draw: Callable[..., Targets
     np.testing.assert_array_equal(again.theta, found.theta)
     assert again.comparison.chi2 == found.comparison.chi2
     as_it_was = judge_fit(Spring(t), t, found.fit)  # type: ignore[arg-type]
-    assert as_it_was.comparison.to_dict() == found.comparison.to_dict()
+    assert as_it_was.comparison.record() == found.comparison.record()
 
 
 def test_a_fit_that_never_stays_says_so(draw: Callable[..., Targets]) -> None:

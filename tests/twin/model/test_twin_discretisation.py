@@ -48,7 +48,8 @@ def draw(short: Finger, short_case: Case) -> Draw:
     points, nodes = modes.markers(short, short_case)
     course = virtual.path(BENCH, protocol=FILM)
     lattice = finer(COARSE)["check"]
-    u, slope = virtual.displacements(virtual.Truth(Material(*THETA), lattice=lattice, finger=short), course, points)
+    truth = virtual.truth_case(short, lattice, material=Material(*THETA), element=None)
+    u, slope = virtual.displaced(truth, course, points)
     names = tuple(f"p{k}" for k in range(len(points)))
     film = virtual.noisy_targets(u, slope, course, points=virtual.at_nodes(names, nodes, points), bench=BENCH, seed=1)
     targets = modes.exact(film, u)
@@ -117,8 +118,8 @@ def test_intervals_cover_where_the_truth_is_on_another_mesh(draw: Draw, short: F
     course, rows = virtual.path(BENCH, protocol=FILM), []
     errors = ModelErrors.of(model, THETA, draw.targets)
     for lattice in (Lattice(per_bellow=2, centred=False), Lattice(per_bellow=3, ring=False, centred=False)):
-        hidden = virtual.Truth(Material(*THETA), lattice=lattice, finger=short)
-        u, slope = virtual.displacements(hidden, course, points)
+        hidden = virtual.truth_case(short, lattice, material=Material(*THETA), element=None)
+        u, slope = virtual.displaced(hidden, course, points)
         truth = interval_coverage.Truth("another", "", u, slope, dict(zip(NAMES, THETA)))
         draws = [interval_coverage.drawn(points, nodes, u, slope, course, BENCH, seed) for seed in range(10)]
         found = [interval_coverage.linear(model, THETA, errors, targets) for targets in draws]

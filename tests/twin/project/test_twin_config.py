@@ -17,6 +17,7 @@ from twin.project.folder import Project, dataset
 from twin.project.toml import dump, parse, with_effects
 from vision import Board
 
+IMPORT = '[import]\nfile = "raw/a.csv"\nformat = "csv"\n'
 ROOT = Path(__file__).resolve().parents[3]
 
 TEXT = """
@@ -57,8 +58,9 @@ def test_defaults_are_the_studys():
             points=(PointTable(name="tip", node=1), PointTable(name="middle", node=2, position_mm=(1, 2, 3)))
         ),
         read(TEXT).model_copy(update={"study": StudyTable(other_pressure_MPa=0.01)}),
+        read(TEXT + IMPORT + "sd_mm = 0.1\n"),
     ],
-    ids=["film", "targets", "study"],
+    ids=["film", "targets", "study", "import"],
 )
 def test_dump_reads_back(config):
     assert read(dump(config)) == config
@@ -136,8 +138,15 @@ def test_a_config_is_frozen():
         ),
         (film('"raw/film.mp4"', '"C:/film.mp4"'), "wanted a path relative"),
         (film("marker_mm = 11.0", "marker_mm = 16.0"), "marker_mm = 16: wanted less than square_mm = 15 mm"),
+        (dump(film_config("batch")) + IMPORT, r"\[import\] and \[\[cameras\]\]"),
+        (TEXT + IMPORT + "sd_m = 0.1", "import.sd_m is not a known key; did you mean 'sd_mm'"),
+        (TEXT + IMPORT + "rest_steps = 0", r"import.rest_steps = 0: .* 1 \(number of first steps"),
+        (TEXT + IMPORT + "min_likelihood = 1.5", "import.min_likelihood = 1.5: "),
+        (TEXT + IMPORT.replace('"csv"', '"sleap"'), "import.format = 'sleap': .*'dice'"),
+        (TEXT + IMPORT.replace("import", "imported"), "imported is not a known key; did you mean 'import'"),
         (film('role = "fixed"', 'role = "frame"'), "frame.markers: 3 with role 'fixed', wanted 4 or more"),
         (film("size_mm = 6.0", "# size_mm"), "points.tip.size_mm is missing"),
+        (film("size_mm = 8.0", "# size_mm"), "frame.markers.R01.size_mm is missing"),
         (dump(film_config("batch").model_copy(update={"pressure": None})), "pressure is missing"),
     ],
 )
@@ -212,7 +221,7 @@ TABLES = [t for t in vars(config_module).values() if isinstance(t, type) and iss
 @pytest.fixture(scope="module")
 def read_keys():
     """Attributes in the code that has the configuration at hand, other than the configuration itself."""
-    names = ("project", "gauge", "inputs", "bench", "study", "batches", "report", "commands")
+    names = ("project", "gauge", "inputs", "formats", "bench", "study", "batches", "report", "commands")
     rooms = [path for room in names for path in (ROOT / "twin" / room).glob("*.py")]
     trees = [ast.parse(path.read_text(encoding="utf-8")) for path in rooms if path.name != "config.py"]
     return {node.attr for tree in trees for node in ast.walk(tree) if isinstance(node, ast.Attribute)}

@@ -11,8 +11,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from twin.bench.caches import SolvedRows
+from twin.diagnosis.record import DiagnosisRecord
+from twin.inputs.camerarecord import CameraRecord
+from twin.judging.record import FitRecord
 from twin.project import files
 from twin.project.folder import Project
+from twin.project.record import RunRecord, SourceRecord
 
 TOML = '[[points]]\nname = "tip"\nnode = 4401\n[[points]]\nname = "middle"\nnode = 5848\n'
 
@@ -47,11 +52,11 @@ def test_runs_are_numbered_and_say_how_they_were_made(project):
             run.summary["rms"] = float("nan")
     assert [folder.name for folder in project.runs()] == ["0001-camera", "0002-measure", "0003-camera"]
     info = project.info(run.folder)
-    assert (info["status"], info["seed"], info["kind"]) == ("done", 3, "camera")
+    assert (info.status, info.seed, info.kind) == ("done", 3, "camera")
     # sha256 of "1\n" by coreutils
-    assert info["inputs"] == {"a.csv": "4355a46b19d348dc2f57c046f8ef63d4538ebb936000f3c9ee954a27460dd865"}
-    assert info["summary"] == {"rms": None}
-    assert {"python", "numpy", "pydantic"} <= info["versions"].keys()
+    assert info.inputs == {"a.csv": "4355a46b19d348dc2f57c046f8ef63d4538ebb936000f3c9ee954a27460dd865"}
+    assert files.plain(info.summary) == {"rms": None}
+    assert {"python", "numpy", "pydantic"} <= info.versions.keys()
     assert Project.open(project.root).config == project.config
     assert "population = 30" in run.path("twin.toml").read_text()  # resolved: defaults written out
 
@@ -64,7 +69,7 @@ def test_a_killed_run_is_resumed(project):
         assert run.folder == killed.folder
         run.append({"generation": 2})
     assert run.log() == [{"generation": 1}, {"generation": 2}]
-    assert len(project.info(run.folder)["started"]) == 2
+    assert len(project.info(run.folder).started) == 2
     assert project.newest("calibrate", "log.jsonl") == run.path("log.jsonl")
 
 
@@ -101,10 +106,10 @@ def test_a_line_cut_off_by_a_kill_is_dropped(project):
 def test_a_failed_run_keeps_its_sentence_and_is_not_resumed(project):
     with pytest.raises(ValueError, match="too hot"), project.new_run("calibrate") as run:
         raise ValueError("too hot")
-    assert project.info(run.folder)["status"] == "failed: too hot"
+    assert project.info(run.folder).status == "failed: too hot"
     with pytest.raises(TypeError), project.new_run("calibrate") as second:
         raise TypeError("bug")
-    assert project.info(second.folder)["status"] == "failed: TypeError: bug"
+    assert project.info(second.folder).status == "failed: TypeError: bug"
     assert second.name == "0002-calibrate"
 
 
@@ -131,7 +136,7 @@ def test_done_finds_the_same_work_only(project):
 
 def test_a_folder_without_run_json_takes_its_number(project):
     (project.root / "runs" / "0007-calibrate").mkdir(parents=True)
-    assert project.info(project.runs()[0])["status"] == "incomplete"
+    assert project.info(project.runs()[0]).status == "incomplete"
     with project.new_run("calibrate") as run:
         assert run.name == "0008-calibrate"
 
@@ -249,24 +254,25 @@ def test_a_note_goes_to_the_log_and_not_to_the_screen(project, capsys):
 
 
 @pytest.mark.parametrize(
-    ("name", "text", "sentence"),
+    ("model", "text", "sentence"),
     [
-        ("run.json", "[]", "all of it = []: it should be an object"),
-        ("run.json", '{"kind": "camera", "status": "done", "digest": 3}', r"digest = 3: it should be a valid string"),
-        ("run.json", '{"kind": "camera", "status": "done", "digest": "", "seeds": 1}', "seeds is not a known key; did you mean 'seed'"),
-        ("fit.json", "{}", r"parameters is missing"),
-        ("fit.json", "[" * 100_000, "brackets lie in each other too deeply"),
-        ("camera.json", "null", "all of it = None: it should be an object"),
-        ("diagnosis.json", '{"verdict": 1, "named": []}', "verdict = 1: it should be a valid string"),
-        ("a-solved.json", '[{"C10": -1.0, "C01": 0.1, "top_MPa": 0.03}]', "C10 = -1.0: it should be greater than or equal to 0"),
-        ("any.json", "9" * 5000, "not valid JSON"),
+        (RunRecord, "[]", "all of it = []: it should be an object"),
+        (RunRecord, '{"kind": "camera", "status": "done", "digest": 3}', r"digest = 3: it should be a valid string"),
+        (RunRecord, '{"kind": "camera", "status": "done", "digest": "", "seeds": 1}', "seeds is not a known key; did you mean 'seed'"),
+        (FitRecord, "{}", r"parameters is missing"),
+        (FitRecord, "[" * 100_000, "brackets lie in each other too deeply"),
+        (CameraRecord, "null", "all of it = None: it should be an object"),
+        (DiagnosisRecord, '{"verdict": 1, "named": []}', "verdict = 1: it should be a valid string"),
+        (SolvedRows, '[{"C10": -1.0, "C01": 0.1, "top_MPa": 0.03}]', "C10 = -1.0: it should be greater than or equal to 0"),
+        (SourceRecord, "9" * 5000, "not valid JSON"),
     ],
 )
-def test_a_record_that_is_none_gives_one_sentence(tmp_path, name, text, sentence):
-    (tmp_path / name).write_text(text)
+def test_a_record_that_is_none_gives_one_sentence(tmp_path, model, text, sentence):
+    path = tmp_path / "a.json"
+    path.write_text(text)
     with pytest.raises(ValueError, match=sentence.replace("[", r"\[")) as told:
-        files.read_json(tmp_path / name)
-    assert str(tmp_path / name) in str(told.value)
+        files.read(model, path)
+    assert str(path) in str(told.value)
     assert "remove it and run its stage again" in str(told.value)
 
 
@@ -290,10 +296,10 @@ FIT = {
 )
 def test_a_fit_that_contradicts_itself_is_refused(tmp_path, change, sentence):
     files.write_json(tmp_path / "fit.json", FIT)
-    assert files.read_json(tmp_path / "fit.json") == FIT
+    assert files.plain(files.read(FitRecord, tmp_path / "fit.json")) == FIT
     files.write_json(tmp_path / "fit.json", FIT | change)
     with pytest.raises(ValueError, match=sentence):
-        files.read_json(tmp_path / "fit.json")
+        files.read(FitRecord, tmp_path / "fit.json")
 
 
 def test_arrays_that_would_fill_the_memory_are_refused(tmp_path, monkeypatch):

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from twin.numerals import interval, probability, short, value
-from twin.report.page import render, write_report
+from twin.report.page import Picture, render, write_report
 
 PNG = b"\x89PNG\r\n\x1a\n" + bytes(8)
 SVG = '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 1 1"><path d="M0 0"/></svg>'
@@ -70,11 +70,11 @@ FACTS = {
     },
     "chain": [{"name": "reprojection RMS", "value": 0.1423, "unit": "px", "note": "18 images"}],
     "pictures": [
-        {"title": "Fall", "svg": SVG, "place": "top"},
-        {"title": "Left over", "svg": SVG, "place": "where"},
-        {"title": "Map", "caption": "in sd", "svg": SVG},
-        {"title": "Finger", "png": PNG, "half": True},
-        {"title": "Ridge", "svg": SVG, "half": True},
+        Picture(title="Fall", svg=SVG, place="top"),
+        Picture(title="Left over", svg=SVG, place="where"),
+        Picture(title="Map", caption="in sd", svg=SVG),
+        Picture(title="Finger", png=PNG, half=True),
+        Picture(title="Ridge", svg=SVG, half=True),
     ],
     "notes": ["no second camera"],
     "provenance": {"seed": "7", "film": "sha256 3f9a12"},
@@ -158,7 +158,7 @@ def test_text_is_escaped() -> None:
         "ranking": [{"effect": bad, "note": bad}],
         "chain": [{"name": bad, "value": bad}],
         "named": [{"effect": bad, "parameters": [{"name": bad, "value": 1.0}]}],
-        "pictures": [{"title": f'"{bad}', "png": PNG}],
+        "pictures": [Picture(title=f'"{bad}', png=PNG)],
         "provenance": {bad: bad},
         "ties": [[bad, bad]],
     }
@@ -188,9 +188,9 @@ def test_a_misspelt_fact_and_an_empty_picture_are_refused() -> None:
     with pytest.raises(ValueError, match="knows no fact 'rankings'"):
         render(title="t", facts={"rankings": []})
     with pytest.raises(ValueError, match="picture 'Map' has neither svg nor png"):
-        render(title="t", facts={"pictures": [{"title": "Map"}]})
+        Picture(title="Map")
     with pytest.raises(ValueError, match="knows no place 'side'; it knows top"):
-        render(title="t", facts={"pictures": [{"title": "Map", "svg": SVG, "place": "side"}]})
+        Picture(title="Map", svg=SVG, place="side")
 
 
 def test_the_file_is_written_whole_or_not_at_all(tmp_path: Path) -> None:
@@ -198,8 +198,8 @@ def test_the_file_is_written_whole_or_not_at_all(tmp_path: Path) -> None:
     write_report(path, title="batch-07", facts=FACTS)
     before = path.read_text(encoding="utf-8")
     assert before.startswith("<!doctype html>")
-    with pytest.raises(ValueError, match="neither svg nor png"):
-        write_report(path, title="batch-07", facts={"pictures": [{"title": "Map"}]})
+    with pytest.raises(ValueError, match="knows no fact"):
+        write_report(path, title="batch-07", facts={"picture": []})
     assert path.read_text(encoding="utf-8") == before
     assert list(tmp_path.iterdir()) == [path]
 
@@ -208,10 +208,9 @@ def test_numbers_have_the_digits_that_they_deserve() -> None:
     assert [
         short(number) for number in (0.05312, 12.0, 1234.5, -0.0, 3.2e-9, -2.0, None, float("nan"), 1500)
     ] == [*("0.0531", "12", "1,234", "0", "3.20e-09", "-2", "–", "–", "1,500")]
-    row = {"value": 143.217, "low": 120.0, "high": 166.0}
-    assert (value(row), interval(row)) == ("143", "120 to 166")
-    assert value({"value": 0.2}) == "0.2"
-    assert interval({"value": 0.2, "low": float("nan"), "high": 1.0}) == "–"
+    assert (value(143.217, 120.0, 166.0), interval(120.0, 166.0)) == ("143", "120 to 166")
+    assert value(0.2, None, None) == "0.2"
+    assert interval(float("nan"), 1.0) == "–"
     assert [probability(p) for p in (0.012345, 0.0, None)] == ["0.012", "< 1e-99", "–"]
 
 

@@ -11,7 +11,7 @@ from twin.effects.material import Elasticity
 from twin.model.basemodel import base_model
 from twin.model.prediction import Model
 from twin.study.readings import plans
-from twin.study.separability import UNKNOWN, Knowledge, Outcomes, Spot, outcomes, readings
+from twin.study.separability import UNKNOWN, Known, Outcomes, Spot, knowledge, outcomes, readings
 from twin.targets import Targets, at_node
 
 THETA = np.array([0.15, 0.1])
@@ -51,21 +51,21 @@ def shown(model: Model, short_case: Case) -> Outcomes:
 
 def test_knowledge_is_that_of_random_draws() -> None:
     rng, jacobian = np.random.default_rng(3), np.array([[9.0, 4.0], [3.0, 7.0], [5.0, 5.5]])
-    known = Knowledge.of(jacobian.T @ jacobian / 0.02**2, HERE)
+    known = knowledge(jacobian.T @ jacobian / 0.02**2, HERE, 0.02)
     noise = 0.02 * rng.standard_normal((20_000, 3))
     drawn = THETA + np.linalg.lstsq(jacobian, noise.T, rcond=None)[0].T
-    total, share = drawn.sum(axis=1), drawn[:, 1] / drawn.sum(axis=1)
+    share = drawn[:, 1] / drawn.sum(axis=1)
     # 20000 draws know an sd to 0.5 %; the share is curved by as much again
-    assert known.total_sd == pytest.approx(total.std(), rel=0.02)
-    assert known.share_sd == pytest.approx(share.std(), rel=0.02)
-    assert known.correlation == pytest.approx(np.corrcoef(drawn.T)[0, 1], abs=0.02)
-    assert Knowledge.of(jacobian.T @ jacobian / known.wanted_sd_mm(0.02) ** 2, HERE).share_sd == pytest.approx(0.1)
+    assert known["share_sd"] == pytest.approx(share.std(), rel=0.02)
+    assert known["correlation"] == pytest.approx(np.corrcoef(drawn.T)[0, 1], abs=0.02)
+    wanted = known["wanted_sd_mm"]
+    assert knowledge(jacobian.T @ jacobian / wanted**2, HERE, wanted)["share_sd"] == pytest.approx(0.1)
 
 
 def test_one_reading_leaves_the_share_open() -> None:
-    known = Knowledge.of(np.outer([9.0, 4.0], [9.0, 4.0]), HERE)
-    assert (known.total_sd, known.share_sd) == (math.inf, math.inf)
-    assert known.wanted_sd_mm(1.0) == 0.0
+    known = Known(**knowledge(np.outer([9.0, 4.0], [9.0, 4.0]), HERE, 1.0))
+    assert (known.share_sd, known.wanted_sd_mm, known.correlation) == (None, None, -1.0)
+    assert (known.vague, known.wanted) == (math.inf, "0")
 
 
 def test_derivatives_are_those_of_the_model(model: Model, shown: Outcomes) -> None:
@@ -82,20 +82,21 @@ def test_readings_come_best_first_and_none_makes_it_worse(shown: Outcomes) -> No
     seen = np.zeros(shown.u.shape, bool)
     seen[int(np.argmin(np.abs(shown.pressure - TOP))), :, 2] = True
     information = shown.information(seen, 1.0)
-    now = Knowledge.of(information, HERE)
-    assert now.share_sd > 10 * UNKNOWN
+    now = Known(**knowledge(information, HERE, 1.0))
+    assert now.vague > 10 * UNKNOWN
     assert now.correlation < -0.999
     found = readings(shown, information=information, constants=HERE, sd_mm=1.0)
     assert len(found) == shown.u.size
-    sds = [r.known.share_sd for r in found]
+    sds = [r.vague for r in found]
     assert sds == sorted(sds)
-    assert sds[0] < 0.5 * now.share_sd
-    assert sds[-1] <= now.share_sd * (1 + 1e-6)
+    assert sds[0] < 0.5 * now.vague
+    assert sds[-1] <= now.vague * (1 + 1e-6)
     best = found[0]
-    p = [s.name for s in shown.spots].index(best.spot.name)
-    row = shown.jacobian[:, int(np.flatnonzero(shown.pressure == best.pressure)[0]), p, best.component]
+    p, i = [s.name for s in shown.spots].index(best.point), int(best.direction[1]) - 1
+    row = shown.jacobian[:, int(np.flatnonzero(shown.pressure == best.pressure_MPa)[0]), p, i]
     # every one of them by hand: the information of a row is its outer product
-    assert Knowledge.of(information + np.outer(row, row), HERE) == best.known
+    by_hand = knowledge(information + np.outer(row, row), HERE, 1.0)
+    assert by_hand == {name: getattr(best, name) for name in by_hand}
 
 
 def test_plans_hold_the_readings_that_they_name(shown: Outcomes) -> None:
@@ -107,4 +108,4 @@ def test_plans_hold_the_readings_that_they_name(shown: Outcomes) -> None:
     assert [p.count for p in some] == [2, 2 * (levels - 1), 4 * levels, 4 * levels]
     assert some[0].words == "U1 of tip and middle at the same pressure"
     assert "kPa" in some[2].words
-    assert some[2].known.share_sd < some[0].known.share_sd
+    assert some[2].vague < some[0].vague

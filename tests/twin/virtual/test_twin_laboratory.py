@@ -12,11 +12,12 @@ from twin.commands.virtual import run_virtual
 from twin.project.config import Config
 from twin.project.targetfiles import read_targets
 from twin.project.toml import parse
-from twin.virtual.draws import Setup
 from twin.virtual.hidden import Kind
 
 
-def quick(case: Any, course: Any, points: np.ndarray, hidden: tuple[tuple[Kind, float], ...]) -> Any:
+def quick(
+    case: Any, course: Any, points: np.ndarray, hidden: tuple[tuple[Kind, float], ...] = (), count: int = 0
+) -> Any:
     """In place of solves: every point sinks in proportion to the pressure and its place, and by what is
     hidden."""
     shape = np.array([0.0, 0.0, -5.0]) * points[:, :1] / 100
@@ -39,7 +40,7 @@ def solved_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.usefixtures("solved_at_once")
 def test_a_project_and_its_sealed_truth(tmp_path: Path, say: Any) -> None:
     folder = tmp_path / "made"
-    run_virtual(folder, say, protocol="P3", hide=["creep"], sigmas=30.0, setup=Setup(), seed=3)
+    run_virtual(folder, say, protocol="P3", hide=["creep"], sigmas=30.0, seed=3)
     found = read_targets(folder / "targets")
     assert len(found.points) == 5
     assert found.noise is not None
@@ -56,7 +57,7 @@ def test_a_project_and_its_sealed_truth(tmp_path: Path, say: Any) -> None:
 @pytest.mark.usefixtures("solved_at_once")
 def test_a_weighed_finger_has_its_density_and_a_recording_held_out(tmp_path: Path, say: Any) -> None:
     folder = tmp_path / "five"
-    run_virtual(folder, say, protocol="P5", hide=[], sigmas=None, setup=Setup(noise="ar1"), seed=4)
+    run_virtual(folder, say, protocol="P5", hide=[], sigmas=None, noise="ar1", seed=4)
     found = read_targets(folder / "targets")
     assert found.gravity is not None
     assert len(found.gravity) == 3
@@ -76,13 +77,13 @@ def config_of(folder: Path) -> Config:
         ({"hide": ["rust"]}, "--hide rust: wanted one of"),
         ({"hide": ["creep=much"]}, "--hide creep=much: wanted NAME=SIZE"),
         ({"element": "C3D4"}, "--element C3D4: wanted one of"),
-        ({"setup": Setup(noise="pink")}, "--noise pink: wanted one of white"),
+        ({"noise": "pink"}, "--noise pink: wanted one of white"),
     ],
 )
 def test_what_does_not_exist_is_said(
     changes: dict[str, Any], wanted: str, tmp_path: Path, say: Any
 ) -> None:
-    given: dict[str, Any] = {"protocol": "P1", "hide": [], "sigmas": None, "setup": Setup()} | changes
+    given: dict[str, Any] = {"protocol": "P1", "hide": [], "sigmas": None} | changes
     with pytest.raises(ValueError, match=wanted):
         run_virtual(tmp_path / "x", say, **given)
     assert not list(tmp_path.iterdir())
@@ -92,4 +93,4 @@ def test_what_does_not_exist_is_said(
 def test_nothing_is_overwritten(tmp_path: Path, say: Any) -> None:
     (tmp_path / "y").mkdir()
     with pytest.raises(ValueError, match="never overwritten"):
-        run_virtual(tmp_path / "y", say, protocol="P1", hide=[], sigmas=None, setup=Setup())
+        run_virtual(tmp_path / "y", say, protocol="P1", hide=[], sigmas=None)

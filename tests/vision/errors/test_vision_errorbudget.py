@@ -176,7 +176,9 @@ def pulls(drawn: list[tuple[Displacements, Array]], role: str, *, mean: bool = F
     for result, error in drawn:
         chosen = [p for p, r in enumerate(result.roles) if r == role]
         variance = np.diagonal(result.covariance, axis1=2, axis2=3)[REST:, chosen][..., [0, 2]]
-        modes = result.modes[:, REST:, chosen][..., [0, 2]]
+        # Without pictures nothing is registered between pixels.
+        kept = [k for k, name in enumerate(result.mode_names) if not name.endswith((":moved", ":after"))]
+        modes = result.modes[kept][:, REST:, chosen][..., [0, 2]]
         e = error[REST:, chosen]
         if mean:
             sd = np.sqrt(variance.mean(axis=0) / len(e) + (modes.mean(axis=1) ** 2).sum(axis=0))

@@ -1,22 +1,25 @@
 """What drawn films say about the numbers of the coding error in `vision/errors`.
 
-    python benchmarks/coding_numbers.py [--quick] [--seed N] [--folder FOLDER]
+    python benchmarks/films/codingnumbers.py [--quick] [--seed N] [--folder FOLDER]
 
-Films of `strangers_coding` are followed without loss and as x264, x265 and phones code them: the difference
-Films of `strangers_coding` are followed without loss, then as x264, x265 and phones code them: the difference
-median of all films of a kind of coding and, in brackets, the least and the largest.
+Films of `coding` are followed without loss, then as x264, x265 and phones code them: the difference is the
+error of coding. The table has the median of all films of a kind of coding and, in brackets, the least and the
+largest.
 """
 
-import argparse
+import os
+import sys
 import tempfile
 from collections import defaultdict
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
-import _first  # noqa: F401
+sys.path.insert(0, os.path.abspath(f"{__file__}/../../.."))
+from benchmarks.commandline import options
+from benchmarks.films import coding as films
+
 import numpy as np
-import strangers_coding as films
 from numpy.typing import NDArray
 
 from vision import Video
@@ -24,7 +27,8 @@ from vision.errors import codingdrift, compression, modes, noise, reencoding
 from vision.errors.noise import CREEP, REST, SHAKEN, states
 from vision.film.video import Writer
 from vision.following.reference import Follower, prepare
-from vision.following.tracks import Followed, follow
+from vision.following.tracking import follow
+from vision.following.tracks import Followed
 from vision.marks import frame_places, rows_of
 
 Array = NDArray[np.float64]
@@ -163,15 +167,10 @@ def table(quick: bool, seed: int, folder: Path) -> dict[str, dict[str, list[floa
 
 def main() -> None:
     """Print the table."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--quick", action="store_true", help="four ways of coding in place of 19")
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--folder", type=Path, help="where drawn films are kept")
-    options = parser.parse_args()
+    more = {"--seed": (1, "of the drawn films"), "--folder": (Path, "where drawn films are kept")}
+    typed = options(__doc__, more, quick="four ways of coding in place of 19")
     with tempfile.TemporaryDirectory() as place:
-        found = table(options.quick, options.seed, options.folder or Path(place))
+        found = table(typed.quick, typed.seed, typed.folder or Path(place))
     kinds = list(films.FULL)
     print(f"| number | used | {' | '.join(kinds)} |\n|---|---|{'---|' * len(kinds)}")
     for row, used in USED.items():

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from calibrate import Fit, Parameter, least_squares
-from twin.commands.calibrate import _at_all_bounds
+from twin.study.known import at_all_bounds
 
 BOTH = (Parameter("C10", 0.01, 1.0, "MPa"), Parameter("C01", 0.0, 0.5, "MPa"))
 
@@ -16,10 +16,10 @@ def fit(*wanted: float) -> Fit:
 
 @pytest.mark.parametrize(("wanted", "way"), [((9.0, 9.0), "stiffest"), ((-9.0, -9.0), "softest")])
 def test_all_constants_at_one_end_raise_the_question_of_units(wanted: tuple[float, float], way: str) -> None:
-    said = _at_all_bounds(fit(*wanted))
+    said = at_all_bounds(fit(*wanted))
     assert f"All constants end at the {way} that [calibrate] bounds allow: are pressures in MPa" in said
 
 
 @pytest.mark.parametrize("wanted", [(0.2, 0.08), (9.0, 0.08), (9.0, -9.0), (0.2, -9.0)])
 def test_one_constant_at_its_bound_or_at_opposite_ends_raises_none(wanted: tuple[float, float]) -> None:
-    assert _at_all_bounds(fit(*wanted)) == ""
+    assert at_all_bounds(fit(*wanted)) == ""

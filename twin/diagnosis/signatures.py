@@ -1,10 +1,10 @@
 """A judged model and absent effects -> how each would show in its residual: whitened columns in prior sds.
 
-Effects of the library and generic stand-ins (an outside force, a soft spot ..) are rivals alike. What the
-fitted parameters can imitate is projected out of every column.
+Effects of the library and generic stand-ins (an outside force, a soft spot ..) have signatures alike. What
+the fitted parameters can imitate is projected out of every column.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
 
@@ -27,7 +27,7 @@ WIDE = 5.0  # typical steps: the prior sd of a parameter without a plausible ran
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Rival:
+class Signature:
     """One effect at one entry of its grid.
 
     parameters (k,): its amplitudes, those with a null. columns (n, k): whitened, apart from what is fitted,
@@ -67,6 +67,9 @@ class Rival:
         return {**self.entry, **sizes}
 
 
+Signatures = Mapping[str, Sequence[Signature]]  # by an effect's label, one for each entry of its grid
+
+
 def null(parameter: Parameter) -> float:
     """The value at which a parameter does nothing; 0 where it has none."""
     return 0.0 if parameter.null is None else parameter.null
@@ -87,8 +90,8 @@ def prior_sd(parameter: Parameter) -> float:
     return max(abs(ends[0] - parameter.null), abs(ends[1] - parameter.null)) / 2
 
 
-def rivals_of(judged: Judged, effects: Sequence[Effect], *, workers: int = 1) -> dict[str, list[Rival]]:
-    """The rivals of every effect by its label, one for each entry of its grid, at the judged fit.
+def signatures_of(judged: Judged, effects: Sequence[Effect], *, workers: int = 1) -> Signatures:
+    """The signatures of every effect by its label, one for each entry of its grid, at the judged fit.
 
     workers: processes; effects that are not smooth take whole solves, as long as all others together.
     """
@@ -104,17 +107,17 @@ def rivals_of(judged: Judged, effects: Sequence[Effect], *, workers: int = 1) ->
         for effect in effects
         for entry, fields in zip(effect.tries(judged.model.test), tangents[effect.label], strict=True)
     ]
-    found: dict[str, list[Rival]] = {effect.label: [] for effect in effects}
+    found: dict[str, list[Signature]] = {effect.label: [] for effect in effects}
     for begin in range(0, len(tried), AT_ONCE):
         some = tried[begin : begin + AT_ONCE]
         whitened = judged.whitener.whiten(np.concatenate([scaled for *_, scaled in some]))
         ends = np.cumsum([len(scaled) for *_, scaled in some])[:-1]
         for (effect, entry, scaled), rows in zip(some, np.split(whitened, ends), strict=True):
-            found[effect.label].append(_rival(effect, entry, scaled, rows.T, judged, basis, known))
+            found[effect.label].append(_signature(effect, entry, scaled, rows.T, judged, basis, known))
     return found
 
 
-def _rival(
+def _signature(
     effect: Effect,
     entry: Theta,
     scaled: Array,
@@ -122,7 +125,7 @@ def _rival(
     judged: Judged,
     basis: Array,
     known: Array,
-) -> Rival:
+) -> Signature:
     own = effect.amplitudes
     sd = np.array([prior_sd(p) for p in own])
     seen = np.nan_to_num(judged.whitener.pick(scaled)).reshape(len(own), -1).T
@@ -133,7 +136,7 @@ def _rival(
     elif np.linalg.norm(left) < INVISIBLE * np.linalg.norm(seen):
         note = UNSEEN
     offset = np.array([null(p) for p in own])
-    return Rival(
+    return Signature(
         effect=effect,
         entry=entry,
         parameters=own,

@@ -9,13 +9,13 @@ import rerun.blueprint as rrb
 
 from fe import Case, Finger
 from fe.element import Integers
+from twin.review.arrangement import alone, finger_view
 from twin.review.rerunfile import rerun_file
-from twin.review.scene import normals
+from twin.review.scene import still
 from twin.targets import Array
 
 SKIN, NODE = (206, 214, 221), (60, 72, 84)
 POINT, MARK, DIMENSION = (255, 176, 64), (120, 200, 255), (240, 240, 240)
-GROUND = (38, 41, 48)
 VIEWS = ("finger", "drawing")  # the tabs, in their order
 ASIDE = 0.06  # of the finger's length: from the finger to the lines of its dimensions
 
@@ -52,18 +52,14 @@ def _entities(
     case: Case, triangles: Integers, finger: Finger | None
 ) -> dict[str, rr.Mesh3D | rr.Points3D | rr.LineStrips3D]:
     """What is drawn of the finger; of a half model the computed half is solid, nothing is mirrored."""
-    outward = normals(case.nodes, triangles)
     radius = 0.0025 * float(np.ptp(case.nodes, axis=0).max())
     nodes = rr.Points3D(
         case.nodes, radii=radius, colors=NODE, labels=[str(n) for n in case.labels], show_labels=False
     )  # a node's label is shown where it is selected
-    surface = rr.Mesh3D(
-        vertex_positions=case.nodes, vertex_normals=outward, triangle_indices=triangles, albedo_factor=SKIN
-    )
     lines = dimension_lines(case, finger)
     ends = [np.array(line) for line in lines.values()]
     strips = rr.LineStrips3D(ends, labels=list(lines), colors=DIMENSION, radii=0.6 * radius)
-    return {"surface": surface, "nodes": nodes, "dimensions": strips}
+    return {"surface": still(case.nodes, triangles, colour=SKIN), "nodes": nodes, "dimensions": strips}
 
 
 def dimension_lines(case: Case, finger: Finger | None) -> dict[str, tuple[Array, Array]]:
@@ -91,17 +87,6 @@ def dimension_lines(case: Case, finger: Finger | None) -> dict[str, tuple[Array,
 
 def _views(case: Case) -> rrb.Blueprint:
     """The finger seen from the camera's side, and the drawing."""
-    low, high = case.nodes.min(axis=0), case.nodes.max(axis=0)
-    centre, length = (low + high) / 2, float(high[0] - low[0])
-    eye = rrb.EyeControls3D(
-        position=centre + length * np.array([0.1, 1.2, 0.4]), look_target=centre, eye_up=(0, 0, 1)
-    )
-    finger = rrb.Spatial3DView(
-        origin="/finger", name=VIEWS[0], eye_controls=eye, background=GROUND, line_grid=False
-    )
-    return rrb.Blueprint(
-        rrb.Tabs(finger, rrb.Spatial2DView(origin="/drawing", name=VIEWS[1]), active_tab=0, name="look"),
-        rrb.TimePanel(state="hidden"),
-        rrb.SelectionPanel(state="hidden"),
-        rrb.BlueprintPanel(state="hidden"),
-    )
+    finger = finger_view("/finger", VIEWS[0], low=case.nodes.min(axis=0), high=case.nodes.max(axis=0))
+    drawing = rrb.Spatial2DView(origin="/drawing", name=VIEWS[1])
+    return alone(rrb.Tabs(finger, drawing, active_tab=0, name="look"), rrb.TimePanel(state="hidden"))

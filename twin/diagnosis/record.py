@@ -1,0 +1,195 @@
+"""What diagnosis.json holds: the verdict, and everything that it rests on."""
+
+from collections.abc import Sequence
+from typing import ClassVar
+
+from pydantic import Field
+
+from twin.diagnosis.candidates import Candidate
+from twin.diagnosis.classes import Mimics
+from twin.diagnosis.explanation import EvidenceRecord
+from twin.diagnosis.pairs import Group
+from twin.diagnosis.sizes import Detectable
+from twin.diagnosis.verdicts import Diagnosis, words_of
+from twin.experiments.choice import Experiment
+from twin.judging.frame import FrameTest
+from twin.judging.intervals import estimates
+from twin.judging.record import Estimate, UnseenFilm
+from twin.project.record import Maybe, Record
+from twin.project.tablemodel import Finite
+
+
+class RankingRow(Record):
+    effect: str
+    law: str = Field(default="", description="as twin.toml writes it")
+    z: Maybe = Field(default=None, description="score")
+    gain: Maybe = Field(default=None, description="fall of chi2 that it promises")
+    p_value: Maybe = Field(default=None, description="of that gain by chance")
+    delta_bic: Maybe = Field(default=None, description="BIC gain of the refit")
+    evidence: Maybe = Field(default=None, description="2 ln of the Bayes factor over the calibrated model")
+    adequate: bool | None = Field(default=None, description="whether the model with it fits")
+    at_bound: tuple[str, ...] = Field(default=(), description="parameters that ended at a bound")
+    plausible: bool | None = Field(default=None, description="whether its sizes are")
+    parameters: dict[str, Estimate] = Field(default={}, description="of the refit, by name")
+    note: str = Field(default="", description="why it was not tested, or not refitted")
+
+    @staticmethod
+    def of(c: Candidate) -> "RankingRow":
+        """The row of a candidate."""
+        refit = c.refit
+        return RankingRow(
+            effect=c.effect.name,
+            law=c.effect.label,
+            z=c.z,
+            gain=c.gain,
+            p_value=c.p_value,
+            delta_bic=c.delta_bic,
+            evidence=c.evidence,
+            adequate=refit.comparison.adequate if refit else None,
+            at_bound=tuple(refit.at_bound) if refit else (),
+            plausible=c.plausible,
+            parameters=estimates(refit.fit, refit.comparison) if refit else {},
+            note=c.note,
+        )
+
+    @property
+    def untested(self) -> bool:
+        """Whether it was never tested, and the note says why."""
+        return bool(self.note) and self.delta_bic is None
+
+
+class Resemblance(Record):
+    kind: str
+    words: str = Field(description="with size and place")
+    evidence: Maybe
+    adequate: bool
+
+    @staticmethod
+    def of(c: Candidate) -> "Resemblance":
+        """The row of a stand-in."""
+        return Resemblance(kind=c.kind, words=words_of(c), evidence=c.evidence, adequate=c.adequate)
+
+
+class PairRow(Record):
+    effects: tuple[str, ...]
+    gain: Maybe = Field(description="fall of chi2 that they promise")
+    delta_bic: Maybe
+    evidence: Maybe
+    adequate: bool | None
+    held_out: dict[str, Maybe] = Field(description="fall of chi2 in parts left out, by effect")
+
+    @staticmethod
+    def of(g: Group) -> "PairRow":
+        """The row of effects that were tried together."""
+        return PairRow(
+            effects=tuple(e.label for e in g.effects),
+            gain=g.promise,
+            delta_bic=g.delta_bic,
+            evidence=g.evidence,
+            adequate=g.adequate if g.refit else None,
+            held_out=dict(g.held_out or {}),
+        )
+
+
+class NextTest(Record):
+    experiment: str
+    sigmas: Maybe = Field(description="how far it brings apart what is tied")
+    minutes: Finite
+    words: str
+
+    @staticmethod
+    def of(e: Experiment) -> "NextTest":
+        """The row of an experiment."""
+        return NextTest(experiment=e.experiment, sigmas=e.sigmas, minutes=e.minutes, words=e.words)
+
+
+class ForetoldFilm(Record):
+    film: str
+    before: UnseenFilm = Field(description="as in comparison.json")
+    after: UnseenFilm | None = Field(description="with the named effect")
+    ratio: Maybe = Field(description="of the two errors")
+
+    @staticmethod
+    def of(before: UnseenFilm, after: UnseenFilm | None) -> "ForetoldFilm":
+        """The errors of two models in one film."""
+        ratio = before.rms_mm / after.rms_mm if after and after.rms_mm else None
+        return ForetoldFilm(film=before.film, before=before, after=after, ratio=ratio)
+
+
+class DiagnosisRecord(Record):
+    """What is missing."""
+
+    file: ClassVar[str] = "diagnosis.json"
+    verdict: str = Field(description="the answer, short and in words")
+    sentence: str = ""
+    named: tuple[str, ...] = Field(description="the missing effects, and their laws as twin.toml writes them")
+    law: str | None = None
+    ties: tuple[tuple[str, ...], ...] = Field(
+        default=(),
+        description="what these data cannot tell apart: effects, and stand-ins such as `an outside force`",
+    )
+    classes: tuple[Mimics, ...] = Field(default=(), description="who mimics each effect")
+    ranking: tuple[RankingRow, ...] = Field(default=(), description="every candidate")
+    resembles: tuple[Resemblance, ...] = Field(default=(), description="the stand-ins that come nearest")
+    scaling: dict[str, Maybe] = Field(
+        default={},
+        description="where nothing of the library explains it: the share of the misfit that goes with the "
+        "pressure, with what was before, with time",
+    )
+    detectable: tuple[Detectable, ...] = Field(
+        default=(), description="of every effect the smallest size that would have been found"
+    )
+    pairs: tuple[PairRow, ...] = Field(default=(), description="effects tried together")
+    next_test: str | None = Field(default=None, description="what separates a tie, in words")
+    next_tests: tuple[NextTest, ...] = Field(default=(), description="every experiment of the list")
+    frame: FrameTest | None = Field(default=None, description="the test of the fixed markers")
+    modes_beyond: tuple[tuple[str, Maybe], ...] = Field(
+        default=(), description="shared errors that would have to be larger than stated: name, size in sd"
+    )
+    evidence: EvidenceRecord | None = Field(
+        default=None, description="what speaks for the named effect, as in evidence.json"
+    )
+    rms_before_mm: Maybe = Field(default=None, description="error without and with the effects")
+    rms_after_mm: Maybe = None
+    raw_rms_before_mm: Maybe = Field(default=None, description="the same with shared errors left in")
+    raw_rms_after_mm: Maybe = None
+    noise_sd_mm: Maybe = Field(default=None, description="the noise")
+    adequate: bool | None = Field(default=None, description="lack of fit")
+    p_value_before: Maybe = None
+    p_value_after: Maybe = None
+    held_out: tuple[ForetoldFilm, ...] = Field(default=(), description="every film that no fit has seen")
+
+    @staticmethod
+    def of(found: Diagnosis, held_out: Sequence[ForetoldFilm] = ()) -> "DiagnosisRecord":
+        """The record of a diagnosis, with what it foretells of films that no fit has seen."""
+        before, after = found.before, found.after
+        return DiagnosisRecord(
+            verdict=found.verdict,
+            sentence=found.text,
+            named=found.named,
+            law=found.law,
+            ties=found.ties,
+            classes=found.classes,
+            ranking=tuple(map(RankingRow.of, found.ranking)),
+            resembles=tuple(map(Resemblance.of, found.resembles)),
+            scaling=dict(found.scaling),
+            detectable=found.detectable,
+            pairs=tuple(map(PairRow.of, found.groups)),
+            next_test=found.next_test,
+            next_tests=tuple(map(NextTest.of, found.next_tests)),
+            frame=found.frame,
+            modes_beyond=after.beyond if after else (),
+            evidence=found.evidence,
+            rms_before_mm=before.rms_mm if before else None,
+            rms_after_mm=after.rms_mm if after else None,
+            raw_rms_before_mm=before.raw_rms_mm if before else None,
+            raw_rms_after_mm=after.raw_rms_mm if after else None,
+            noise_sd_mm=before.noise_sd_mm if before else None,
+            adequate=after.adequate if after else None,
+            p_value_before=before.p_value if before else None,
+            p_value_after=after.p_value if after else None,
+            held_out=tuple(held_out),
+        )
+
+
+NONE = DiagnosisRecord(verdict="not diagnosed", named=())

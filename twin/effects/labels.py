@@ -1,0 +1,55 @@
+"""How effects are named in twin.toml, on the command line, in verdicts and in rankings: the one grammar.
+
+A label is a name, or a name and a law: `creep`, `creep:2`, `creep:wide`, `marker_slip:p3@10.1s`. A verdict
+joins names by " + " where effects are missing together, and such groups by " or " where the data cannot tell
+them apart: `creep + gravity or tube`. It may name a kind of stand-in beside them, in the words of `KINDS`.
+"""
+
+import re
+
+NAME = re.compile(r"[a-z][a-z0-9_]*")
+LABEL = re.compile(rf"{NAME.pattern}(:\S([^\n]*\S)?)?")
+AND, OR = " + ", " or "
+KINDS = {
+    "outside force": "an outside force",
+    "soft spot": "a soft spot",
+    "pressure course": "another course of the pressure",
+    "drift": "a drift of the rig",
+    "camera": "an error of the camera",
+    "slip": "a slipping marker",
+}
+
+
+def name_of(label: str) -> str:
+    """The effect's name in a label."""
+    return label.partition(":")[0]
+
+
+def checked(label: str) -> str:
+    """The label; ValueError where it is none."""
+    if not LABEL.fullmatch(label):
+        raise ValueError(
+            "wanted the name of an effect, creep, or with its law, creep:2, creep:wide or "
+            "marker_slip:p3@10.1s"
+        )
+    return label
+
+
+def groups(text: str) -> tuple[tuple[str, ...], ...]:
+    """What a text names as a verdict does: groups that the data cannot tell apart, each of labels that are
+    missing together."""
+    return tuple(tuple(group.split(AND)) for group in text.split(OR))
+
+
+def checked_groups(text: str) -> str:
+    """A text that names effects as a verdict does; ValueError where it does not."""
+    for group in groups(text):
+        for label in group:
+            if kind_of(label) is None:
+                checked(label)
+    return text
+
+
+def kind_of(words: str) -> str | None:
+    """The kind of stand-in that a verdict's words name; None where they name none."""
+    return next((kind for kind, said in KINDS.items() if words in (kind, said)), None)

@@ -1,0 +1,203 @@
+"""What fit.json and comparison.json hold, as those who write and those who read them know it.
+
+It loads quickly: whoever asks which runs hold reads fits, and does without the packages that make them.
+"""
+
+from typing import TYPE_CHECKING, Any, ClassVar, Self
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from twin.project.record import Maybe, MaybeSize, Record
+from twin.project.tablemodel import Finite
+
+if TYPE_CHECKING:
+    from calibrate import Fit, Parameter
+
+Rows = tuple[tuple[Maybe, ...], ...]
+NEGATIVE = 1e-9  # relative: an eigenvalue that rounding leaves below 0
+
+
+class Interval(Record):
+    low: Maybe = Field(default=None, description="of 95 %, cut at the bounds of the search")
+    high: Maybe = None
+    note: str = Field(default="", description="why there is none, as while the model does not fit")
+
+
+OLDER = Interval(note="no interval: this fit was made by an older version")
+
+
+class Estimate(Record):
+    """A fitted value with its 95 % interval from low to high, or with a note that says why it has none."""
+
+    value: Finite
+    unit: str = ""
+    low: Maybe = Field(default=None, description="of the 95 % interval")
+    high: Maybe = None
+    note: str = Field(default="", description="why there is none")
+
+
+class ParameterRow(Record):
+    value: Finite
+    sd: Maybe = Field(description="null where the data leave it open, or at a bound")
+    low: Finite = Field(description="bounds of the search")
+    high: Finite
+    unit: str = ""
+    null: Maybe = Field(default=None, description="where an effect is absent")
+    typical: Maybe = Field(default=None, description="a step that is felt")
+    plausible: tuple[Finite, Finite] | None = Field(default=None, description="where experience expects it")
+    start: Maybe = Field(default=None, description="nominal value")
+
+    @model_validator(mode="after")
+    def _inside(self) -> Self:
+        room = 1e-9 * (self.high - self.low)
+        if not self.low - room <= self.value <= self.high + room:
+            raise ValueError(f"value {self.value:g} is outside its bounds {self.low:g} to {self.high:g}")
+        return self
+
+
+class InitialRow(Record):
+    values: dict[str, Finite]
+    rms_mm: Maybe = Field(description="as in comparison.json")
+    raw_rms_mm: Maybe
+
+
+class FitRecord(Record):
+    """A fit. kept.json is one too: of the named effects, with where it began."""
+
+    file: ClassVar[str] = "fit.json"
+    parameters: dict[str, ParameterRow] = Field(min_length=1, description="by name")
+    covariance: Rows = Field(description="of the parameters, in their order")
+    chi2: MaybeSize = Field(description="of the residuals in units of their noise")
+    degrees_of_freedom: int
+    seed: int = Field(description="how the fit began and ended")
+    evaluations: int = Field(ge=0)
+    converged: bool
+    reason: str
+    at_bound: tuple[str, ...] = Field(description="parameters that ended at a bound")
+    adequate: bool = Field(default=False, description="whether the model fits: no lack of fit")
+    intervals: dict[str, Interval] = Field(default={}, description="by name")
+    effects: tuple[str, ...] = Field(default=(), description="effects in the model")
+    identifiability: str = Field(default="", description="what the targets say about C10 and C01, in words")
+    initial: InitialRow | None = Field(
+        default=None, description="the nominal constants that calibrate began with, and their error"
+    )
+    start: dict[str, Finite] | None = Field(default=None, description="of kept.json: where the fit began")
+
+    @model_validator(mode="after")
+    def _fits(self) -> Self:
+        names = set(self.parameters)
+        for key, used in (("at_bound", set(self.at_bound)), ("intervals", set(self.intervals))):
+            if used - names:
+                raise ValueError(f"{key} names {sorted(used - names)[0]!r}, which is no parameter")
+        check_covariance(self.covariance, len(names))
+        return self
+
+    @staticmethod
+    def of(fit: "Fit", **beside: Any) -> "FitRecord":
+        """The record of a fit, with what stands beside it."""
+        own = {name: value for name, value in vars(fit).items() if name not in ("theta", "parameters")}
+        rows = zip(fit.parameters, fit.theta, fit.sd, strict=True)
+        values = {p.name: ParameterRow(value=x, sd=sd, **_given(p)) for p, x, sd in rows}
+        return FitRecord(**own | {"parameters": values, "covariance": fit.covariance.tolist()} | beside)
+
+    @property
+    def fit(self) -> "Fit":
+        """The fit itself."""
+        from calibrate import Fit, Parameter
+
+        covariance = np.array([[np.nan if x is None else x for x in row] for row in self.covariance])
+        open_ = np.isnan(np.diag(covariance))
+        covariance[open_, open_] = np.inf
+        return Fit(
+            parameters=tuple(
+                Parameter(name, p.low, p.high, p.unit, p.null, p.typical, p.plausible, p.start)
+                for name, p in self.parameters.items()
+            ),
+            theta=np.array([p.value for p in self.parameters.values()]),
+            covariance=covariance,
+            chi2=np.inf if self.chi2 is None else self.chi2,
+            degrees_of_freedom=self.degrees_of_freedom,
+            seed=self.seed,
+            evaluations=self.evaluations,
+            converged=self.converged,
+            reason=self.reason,
+            at_bound=self.at_bound,
+        )
+
+    @property
+    def estimates(self) -> dict[str, Estimate]:
+        """The parameters with their intervals, by name; a fit of an older version has none."""
+        found = {name: self.intervals.get(name, OLDER) for name in self.parameters}
+        return {
+            name: Estimate(value=p.value, unit=p.unit, low=own.low, high=own.high, note=own.note)
+            for (name, p), own in zip(self.parameters.items(), found.values(), strict=True)
+        }
+
+
+def _given(parameter: "Parameter") -> dict[str, Any]:
+    """The parameter's own fields, without its name and without what was never given."""
+    return {k: v for k, v in vars(parameter).items() if k != "name" and v is not None}
+
+
+def check_covariance(rows: Rows, size: int) -> None:
+    """Raise ValueError unless rows are a covariance of so many parameters: square, symmetric, positive."""
+    if len(rows) != size or any(len(row) != size for row in rows):
+        raise ValueError(f"covariance has {len(rows)} rows; wanted {size} x {size}, one for each parameter")
+    matrix = np.array([[np.nan if x is None else x for x in row] for row in rows], dtype=float)
+    known = np.flatnonzero(np.isfinite(np.diag(matrix)))
+    own = np.nan_to_num(matrix[np.ix_(known, known)])
+    scale = np.sqrt(np.abs(np.diag(own)))
+    scale[scale == 0] = 1.0
+    own = own / np.outer(scale, scale)
+    if not np.allclose(own, own.T, rtol=0, atol=1e-6):
+        raise ValueError("covariance is not symmetric")
+    if len(own) and float(np.linalg.eigvalsh(own)[0]) < -NEGATIVE * len(own):
+        raise ValueError("covariance has an eigenvalue below 0")
+
+
+# -- the model beside the measurement ------------------------------------------------------------------------
+
+
+class MapRow(Record):
+    name: str
+    count: int = Field(description="of values")
+    rms_mm: Maybe
+    noise_sd_mm: Maybe
+    ratio: Maybe = Field(default=None, description="of the two")
+
+
+class BeyondRow(Record):
+    name: str
+    sd: Maybe
+
+
+class UnseenFilm(Record):
+    """The error of a model in a block that it was not fitted to: shared errors at most PLAUSIBLE sds."""
+
+    film: str = Field(description="its name")
+    block: int
+    rms_mm: Finite = Field(description="shared errors taken off at 3 sd at most")
+    raw_rms_mm: Finite = Field(description="with them")
+    noise_sd_mm: Finite
+    values: int = Field(description="how many there are")
+
+
+class ComparisonRecord(Record):
+    """A model beside its targets."""
+
+    file: ClassVar[str] = "comparison.json"
+    chi2: Maybe = Field(default=None, description="test of lack of fit")
+    degrees_of_freedom: int | None = None
+    p_value: Maybe = None
+    rms_mm: Finite = Field(description="error of the model: shared errors taken off as fitted; with them")
+    raw_rms_mm: Maybe = None
+    noise_sd_mm: Finite = Field(description="what noise alone would leave")
+    adequate: bool = Field(default=False, description="p_value above 0.001")
+    where: str = Field(default="", description="whether the model agrees, and where it fails most, in words")
+    beyond: tuple[BeyondRow, ...] = Field(default=(), description="errors that would have to exceed 4 sd")
+    maps: dict[str, tuple[MapRow, ...]] = Field(
+        default={},
+        description="by `marker`, `direction`, `pressure`, `branch`; shared errors taken off at 3 sd at most",
+    )
+    held_out: tuple[UnseenFilm, ...] = Field(default=(), description="every film that no fit has seen")

@@ -1,0 +1,71 @@
+"""The best of every generation by full finite elements, as review and report show it."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from fe import Case, Path, solve
+from fe.element import triangles
+from twin.gravity import under
+from twin.project.folder import Say
+from twin.review.states import Generations
+from twin.study.generations import Generation
+from twin.study.loadpathfit import OnPaths
+from twin.targets import Array
+
+
+def full_solves(on: OnPaths, generations: Sequence[Generation], say: Say) -> Generations:
+    """The best individual of every generation at the first arrival at top pressure; where it has weight
+    relative to its rest, as it is measured."""
+    bench, step = on.bench, int(on.objective.steps[0])
+    t, nodes = bench.targets, bench.case.nodes
+    points = t.places(bench.case.position)[on.rows]
+    u = _fields(on, generations, say)
+    near = np.argmin(np.linalg.norm(nodes[None] - points[:, None], axis=2), axis=1)
+    return Generations(
+        generation=np.arange(1, len(generations) + 1),
+        names=tuple(p.name for p in bench.elasticity.parameters),
+        best=np.array([g.best for g in generations]),
+        rms_mm=np.array([g.rms_mm for g in generations]),
+        nodes=nodes,
+        triangles=triangles(bench.structure.outside),
+        u=u.astype(np.float32),
+        point_names=tuple(t.names[r] for r in on.rows),
+        points=points,
+        u_points=u[:, near],
+        u_measured=t.value[step, on.rows],
+        film_time_s=float(t.time[step] - t.time[0]),
+        film_frame=step,
+    )
+
+
+def _fields(on: OnPaths, generations: Sequence[Generation], say: Say) -> Array:
+    """Displacements (g, n, 3) mm of the best of every generation, each solved once. ValueError where one has
+    no equilibrium."""
+    whole, path = _to_the_top(on)
+    fields: dict[bytes, Array] = {}
+    start = None
+    for k, g in enumerate(generations):
+        say.progress("best of each generation by full FE", k, len(generations))
+        if g.best.tobytes() not in fields:
+            constants = on.constants(g.best)
+            start = solve(whole.with_material(**constants.named), path, start=start, count=4)
+            if not start.converged:
+                raise ValueError(f"the best of generation {g.number} ({constants.named}) {start.reason}")
+            *rest, top = start.fields(range(len(path.output)))[:, : len(on.bench.case.nodes)]
+            fields[g.best.tobytes()] = top - rest[0] if rest else top
+    return np.array([fields[g.best.tobytes()] for g in generations])
+
+
+def _to_the_top(on: OnPaths) -> tuple[Case, Path]:
+    """The case, and its load from rest to the first arrival at top pressure; where it has weight, the rest is
+    an output, too."""
+    bench, objective = on.bench, on.objective
+    gravities, of_step = bench.gravities
+    top, rest = (bench.path.under(g) for g in gravities[of_step[objective.steps[:2]]])
+    load = np.array([0.0, objective.pressure[0]])
+    if not gravities.any():
+        return bench.case, Path(load, load, load[1:])
+    both = {name: np.stack([rest[name], top[name]]) for name in ("gravity", "pulls")}
+    path = Path(np.array([0.0, 1.0]), load, np.array([0.0, 1.0]), places=rest["places"], **both)
+    return under(bench.case, path), path
