@@ -83,10 +83,6 @@ class Path:
         """Gravity in mm/s2 and pulls in N (k, 3 + 3 h) at times (k,) s."""
         return self.outside_of(np.append(0, self.turns + 1))[self.run(time)]
 
-    def gravity_at(self, time: Array) -> Array:
-        """Gravity (k, 3) mm/s2 at times (k,) s."""
-        return self.outside_at(time)[:, :3]
-
     def at_output(self) -> Array:
         """Pressure (s,) MPa at the output times, linear between log entries."""
         return self.pressure_at(self.output)

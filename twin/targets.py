@@ -142,10 +142,6 @@ class Targets:
         """The number (s,) of the rest that each step is relative to: its block, where each has its own."""
         return self.block if len(np.unique(self.block[self.reference])) > 1 else np.zeros_like(self.block)
 
-    def noise_of(self, block: int) -> Noise | None:
-        """What is known of the noise of a block."""
-        return self.noises[block] if self.noises else self.noise
-
     @property
     def names(self) -> tuple[str, ...]:
         """Names (p,) of the points."""

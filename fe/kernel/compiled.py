@@ -303,7 +303,7 @@ def _stiffened(P: Array, slope: float, A: Array) -> None:
 
 @part
 def _stiffness_at(
-    mesh: MeshArrays, law: Law, past: Carried, at: Point, pressure: float, e: int, q: int, A: Array
+    law: Law, past: Carried, at: Point, pressure: float, e: int, q: int, A: Array
 ) -> float:
     """J at one point; fills its stress, and the tangent A (6, 3, 3) but for what is carried."""
     c = law.c[e]
@@ -410,7 +410,7 @@ def linearise(
         for q in range(points):
             pressure = _pressure(mesh.psi[e, q], fields.p[e])
             _deformed(mesh.G[e, q], ue, mesh.rest, e, q, at.F)
-            J = _stiffness_at(mesh, law, past, at, pressure, e, q, work.A)
+            J = _stiffness_at(law, past, at, pressure, e, q, work.A)
             for k in range(modes):
                 out.gap[e, k] += mesh.w[e, q] * (J - 1.0 - pressure / law.bulk[e]) * mesh.psi[e, q, k]
             _spread(mesh, at, past.stress[e % len(past.stress), q], J, e, q, work)

@@ -19,6 +19,7 @@ from twin.inputs.cameras import camera_path, camera_table, dictionary_name, lens
 from twin.inputs.films import FILM, FilmTargets, OneFilm, all_inputs, films_of, joined
 from twin.inputs.filmtargets import make_targets
 from twin.inputs.foreign import import_inputs, import_targets
+from twin.inputs.pressure import gauge_of, said_of_log
 from twin.inputs.recordings import (
     face_of,
     log_of,
@@ -37,7 +38,6 @@ from twin.targets import Targets
 
 if TYPE_CHECKING:  # vision takes a second to import: only the stages that measure pay for it
     from vision import Displacements
-from twin.inputs.pressure import gauge_of, said_of_log
 
 STRAIN_STEPS = 20  # times of the strain field that ParaView gets, evenly
 STRAIN_SHOWN = 300  # those that the review shows
@@ -273,12 +273,13 @@ def _write_strain(run: Run, moved: "Displacements", size: tuple[int, int]) -> No
     from twin.drawing.deformed import write_vtu_series
     from twin.review.states import Strains
     from vision.measuring.strains import COMPONENTS, quads, to_csv
+    from vision.placing.views import even_steps
 
     field = moved.strain
     if field is None:
         return
     run.write_text("strain.csv", to_csv(field))
-    shown = _evenly(len(field.time), STRAIN_SHOWN)
+    shown = even_steps(len(field.time), STRAIN_SHOWN)
     t, at = moved.tracks, np.searchsorted(moved.tracks.time, field.time[shown])
     pixel = t.position[at][:, [t.names.index(name) for name in field.names]]
     Strains(
@@ -289,7 +290,7 @@ def _write_strain(run: Run, moved: "Displacements", size: tuple[int, int]) -> No
     if not len(cells):
         return
     rows = [moved.names.index(name) for name in field.names]
-    steps = _evenly(len(field.time), STRAIN_STEPS)
+    steps = even_steps(len(field.time), STRAIN_STEPS)
     parts = {name: field.value[steps][..., k] for k, name in enumerate(COMPONENTS)}
     sds = {f"sd_{name}": field.sd[steps][..., k] for k, name in enumerate(COMPONENTS)}
     moves = np.nan_to_num(moved.value[steps][:, rows])
@@ -297,11 +298,6 @@ def _write_strain(run: Run, moved: "Displacements", size: tuple[int, int]) -> No
         run.folder, "strain", nodes=field.points, cells=cells, times=list(field.time[steps]),
         fields={"U": moves, **parts, **sds},
     )  # fmt: skip
-
-
-def _evenly(count: int, most: int) -> NDArray[np.intp]:
-    """At most so many of `count` numbers, evenly."""
-    return np.unique(np.linspace(0, count - 1, most).round().astype(np.intp))
 
 
 def _overlay(project: Project, moved: "Displacements") -> bytes:

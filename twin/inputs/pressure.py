@@ -1,15 +1,11 @@
 """What the pressure log says while the film runs: what is odd in it, and the noise of the gauge."""
 
-from typing import TYPE_CHECKING
-
 from twin.gauge.logfaults import check_signal, rest_remark
 from twin.gauge.pressurelog import GaugeNoise, Log, check_covers, gauge_noise
 from twin.inputs.cameras import camera_table
 from twin.project.folder import Project
 from twin.targets import Array
 
-if TYPE_CHECKING:  # vision takes a second to import: only the stages that measure pay for it
-    pass
 
 def said_of_log(project: Project, film: Array, log: Log, start_s: float) -> tuple[str, ...]:
     """Sentences on what is odd in the log during the film (t,) s; ValueError where its pressures are

@@ -160,7 +160,7 @@ def of_deck(path: Path, *, mesh: int = 1, silicone: tuple[str, ...] = ()) -> Str
     meshes, unknown = _refinements(case, key)
     forces = case.forces or case.growing
     alone = not case.kept and not forces and all(s.value is None for s in case.supports)
-    remarks = _remarks(path, deck, case, fitted, meshes)
+    remarks = _remarks(path, case, fitted, meshes)
     return Structure(case, key, meshes, skin(case), alone, unknown, remarks, deck.elements)
 
 
@@ -248,7 +248,7 @@ def skin(case: Case) -> Integers:
 
 
 def _remarks(
-    path: Path, deck: Deck, case: Case, fitted: tuple[str, ...], meshes: Mapping[str, Mesh]
+    path: Path, case: Case, fitted: tuple[str, ...], meshes: Mapping[str, Mesh]
 ) -> tuple[str, ...]:
     """Sentences on what the model takes from a deck, and what it cannot do with it."""
     low, high = (", ".join(f"{x:g}" for x in f(axis=0)) for f in (case.nodes.min, case.nodes.max))

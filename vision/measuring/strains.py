@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from vision.camera import Array
 from vision.errors.noise import NoiseModel
-from vision.following.turns import linear_maps
+from vision.following.turns import linear_maps, mean_seen
 from vision.kinds.facepoint import FacePoint
 from vision.marks import Mark, rows_of
 from vision.perspective import heights, viewpoint
@@ -55,7 +55,7 @@ def strain_field(
     still = green_lagrange(linear_maps(seen.still, seen.still.homography(marks))[:, face])
     value = green_lagrange(linear_maps(seen.film, plane)[steps][:, face])
     shown = np.isfinite(still[..., 0]).sum(axis=0)
-    scatter = np.sqrt(np.nansum((still - _mean(still)) ** 2, axis=0) / np.maximum(shown - 1, 1)[:, None])
+    scatter = np.sqrt(np.nansum((still - mean_seen(still)) ** 2, axis=0) / np.maximum(shown - 1, 1)[:, None])
     usual, coded = noise.sd[kept][:, [0, 2]], np.nan_to_num(noise.codec_sd[kept][:, [0, 2]])
     grown = np.sqrt(
         1.0 + np.mean(coded**2 / usual**2, axis=1) + noise.persistence.of_mean(len(seen.film.reference))
@@ -106,9 +106,3 @@ def quads(points: Array) -> NDArray[np.int64]:
     corners = np.stack([number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:]], axis=-1)
     cells = corners.reshape(-1, 4)
     return np.asarray(cells[(cells >= 0).all(axis=1)])
-
-
-def _mean(value: Array) -> Array:
-    """Mean (p,3) over the frames in which a point is seen."""
-    count = np.isfinite(value).sum(axis=0)
-    return np.asarray(np.nansum(value, axis=0) / np.maximum(count, 1))

@@ -156,7 +156,7 @@ def test_a_weighed_finger_has_its_weight_in_every_prediction(project: Project) -
     bench = Workbench.of(project)
     model = bench.model(())
     assert [m.density for m in model.test.case.materials.values()] == [pytest.approx(DENSITY)]
-    np.testing.assert_allclose(model.test.path.gravity_at(np.zeros(1)), [[0.0, 0.0, -G]])
+    np.testing.assert_allclose(model.test.path.outside_at(np.zeros(1)), [[0.0, 0.0, -G]])
     assert not bench.scales
     light = project.config.model.model_copy(update={"density_kg_m3": None})
     bare = Workbench.of(replace(project, config=project.config.model_copy(update={"model": light}))).model(())

@@ -61,7 +61,7 @@ def test_protocols_are_parts_of_each_other() -> None:
         assert np.isin(fewer, more).all()
     five = PROTOCOLS["P5"]
     assert five.held_out == 2
-    assert (five.course.gravity_at(five.steps)[five.block == 2][:, 0] > 0).all()
+    assert (five.course.outside_at(five.steps)[five.block == 2][:, 0] > 0).all()
     one = PROTOCOLS["P3"]
     assert np.abs(one.course.gravity).max() == 0.0  # nothing is weighed
     assert one.course.at_output().max() == pytest.approx(TOP)
