@@ -1,4 +1,4 @@
-"""Constants of an isotropic, nearly incompressible rubber (`Material`), and its energy, stress and tangent.
+"""Constants of an isotropic, nearly incompressible rubber (`Material`), and its energy.
 
 W = C10 (I1 - 3) + C01 (I2 - 3) + C20 (I1 - 3)^2 + C30 (I1 - 3)^3 - mu Jm / 2 ln(1 - (I1 - 3) / Jm)
     + sum 2 mu_k / alpha_k^2 (l1^alpha_k + l2^alpha_k + l3^alpha_k - 3) + p (J - 1) - p^2 / (2 K)
@@ -18,12 +18,10 @@ W_max being the largest W so far at that point, from rest. With both, as in Abaq
 long-term part: S = (eta (1 - sum g) S0 + sum Q), where S0 and W are of the constants as given (instantaneous)
 and the Q relax as without softening.
 
-The kernel takes `Material.constants` to the loops over elements. `energy`, `stress` and `tangent` are the
-same law at single points, by which each new term is tested; `nominal_stress` is what a tensile test measures.
+The kernel takes `Material.constants` to the loops over elements.
 """
 
 from dataclasses import dataclass, replace
-from typing import Literal
 
 import numpy as np
 
@@ -89,63 +87,12 @@ class Material:
         return np.array([self.C10, self.C01, self.C20, self.C30, mu, 1 / limit, *pairs], float)
 
 
-def energy(F: Array, m: Material) -> Array:
-    """Isochoric energy W (...) in N mm/mm3 at deformation gradients F (..., 3, 3)."""
-    W = np.empty(F.shape[:-2])
-    terms.energies(_flat(F), m.constants, W.reshape(-1))
-    return W
-
-
-def stress(F: Array, m: Material) -> tuple[Array, Array, Array]:
-    """Isochoric first Piola-Kirchhoff stress (..., 3, 3) MPa, F^-T (..., 3, 3) and J (...) at F (..., 3, 3).
-
-    J must be positive.
-    """
-    shape = F.shape[:-2]
-    P, a, J = np.empty((*shape, 3, 3)), np.empty((*shape, 3, 3)), np.empty(shape)
-    terms.stresses(_flat(F), m.constants, _flat(P), _flat(a), J.reshape(-1))
-    return P, a, J
-
-
-def tangent(F: Array, m: Material, p: Array, scale: Array) -> Array:
-    """d(scale P_iso + p J F^-T)/dF, shape (..., 3, 3, 3, 3) MPa, at F (..., 3, 3).
-
-    `scale` (...) multiplies the isochoric part (1 without a Prony series); `p` (...) MPa is the pressure
-    field.
-    """
-    shape = F.shape[:-2]
-    half = np.empty((*shape, 6, 3, 3))
-    p, scale = (np.ascontiguousarray(np.broadcast_to(x, shape), float).reshape(-1) for x in (p, scale))
-    terms.tangents(_flat(F), m.constants, scale, p, half.reshape(-1, 6, 3, 3))
-    A = np.empty((*shape, 3, 3, 3, 3))
-    for n, (i, j) in enumerate(terms.PAIRS):
-        A[..., i, :, j, :] = half[..., n, :, :]
-        A[..., j, :, i, :] = np.swapaxes(half[..., n, :, :], -1, -2)
-    return A
-
-
-def nominal_stress(m: Material, stretch: Array, mode: Literal["uniaxial", "equibiaxial", "planar"]) -> Array:
-    """Nominal stress (k,) MPa in the direction of `stretch` (k,) of an incompressible sheet that is free
-    across it: what a tensile, a bubble or a pure-shear test measures."""
-    x = np.asarray(stretch, float)
-    across = {"uniaxial": x**-0.5, "equibiaxial": x, "planar": np.ones_like(x)}[mode]
-    F = np.zeros((len(x), 3, 3))
-    F[:, 0, 0], F[:, 1, 1], F[:, 2, 2] = x, across, 1 / (x * across)
-    P, _, _ = stress(F, m)
-    # the pressure is such that the free side is free
-    return np.asarray(P[:, 0, 0] - P[:, 2, 2] * F[:, 2, 2] / x, float)
-
-
 def scaled(table: Array, factor: float) -> Array:
     """Rows of constants (e, k) with all moduli multiplied, and no limit or exponent."""
     out = table.copy()
     out[:, : terms.GENT_INVERSE] *= factor
     out[:, terms.OGDEN :: 2] *= factor
     return out
-
-
-def _flat(x: Array) -> Array:
-    return np.ascontiguousarray(x).reshape(-1, 3, 3)
 
 
 def relaxation(prony: Array, dt: float | Array) -> tuple[Array, Array]:

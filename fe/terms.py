@@ -287,38 +287,3 @@ def softened(W: float, soft: Array, peak: float, side: int) -> tuple[float, floa
     width = soft[1] + soft[2] * peak
     x = (peak - W) / width
     return soft[0] * math.erf(x), soft[0] * 2.0 / math.sqrt(math.pi) * math.exp(-x * x) / width
-
-
-@machine_code
-def energies(F: Array, c: Array, W: Array) -> None:
-    """Fills the energy W (k,) N mm/mm3 at F (k, 3, 3) with one row of constants c."""
-    at = new_point()
-    for k in range(len(F)):
-        at.F[:] = F[k]
-        J, I1, I2 = invariants(at)
-        W[k] = energy(at, J, I1, I2, c)
-
-
-@machine_code
-def stresses(F: Array, c: Array, P: Array, a: Array, J: Array) -> None:
-    """Fills P_iso, F^-T (k, 3, 3) and J (k,) at F (k, 3, 3) with one row of constants c."""
-    at, none = new_point(), np.empty((0, 3, 3))
-    for k in range(len(F)):
-        at.F[:] = F[k]
-        J[k], I1, I2 = invariants(at)
-        in_invariants(at, J[k], I1, I2, c)
-        ogden(at, J[k], 1.0, c, none)
-        P[k], a[k] = at.P, at.a
-
-
-@machine_code
-def tangents(F: Array, c: Array, scale: Array, pressure: Array, A: Array) -> None:
-    """Fills A (k, 6, 3, 3) at F (k, 3, 3), `scale` (k,) and `pressure` (k,) with one row of constants c."""
-    at = new_point()
-    for k in range(len(F)):
-        at.F[:] = F[k]
-        J, I1, I2 = invariants(at)
-        w1, w2, w11 = in_invariants(at, J, I1, I2, c)
-        s = scale[k]
-        tangent(at, I1, I2, s * w1, s * w2, s * w11, J * pressure[k], A[k])
-        ogden(at, J, s, c, A[k])

@@ -27,7 +27,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibrate import Fit, Parameter, bic, least_squares, omnibus
-from fe.laws import Material, nominal_stress
+from fe import Material
+from tests.fe.lawpoints import nominal_stress
 from twin.effects.material import Stiffening
 
 Array = NDArray[np.float64]

@@ -22,13 +22,15 @@ from benchmarks.commandline import whole
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import block_diag
 
 from vision import Camera, Video
 from vision.boards.board import BoardView
 from vision.boards.charuco import CharucoBoard
 from vision.calibration.bundle import CornerNoise, Shot, bundle_adjust
-from vision.calibration.rig import Rig
-from vision.calibration.stereo import locate, synchronous_shots
+from vision.calibration.rig import OWN, Rig, project, same, triangulate
+from vision.calibration.stereo import synchronous_shots
 from vision.camera import Array
 
 DATA = SHARED / "charuco_4cam"
@@ -60,6 +62,62 @@ def alone(found: Sequence[BoardView]) -> Camera:
         np.asarray(matrix), np.asarray(distortion).ravel()[:5], SIZE, rms, len(used),
         model=("k1", "k2", "p1", "p2"),
     )  # fmt: skip
+
+
+def locate(
+    rig: Rig, shots: Sequence[Shot], noise: CornerNoise, *, square_mm: float
+) -> tuple[Array, Array, Array]:
+    """Corners of one board at one instant: which (n,3) mm on the board, where (n,3) mm in the rig's frame,
+    and the covariance (3n,3n) mm2 of all these places, calibration included.
+
+    shots: of one instant, of different cameras; corners that only one of them shows are left out.
+    noise: of the corners, from `bundle`.
+
+    Generalised least squares of all corners at once: a time error moves a whole picture, shows as distance
+    from the epipolar lines and is taken out.
+    """
+    points = _common([v.points for v in shots])
+    if not len(points):
+        return points, np.empty((0, 3)), np.empty((0, 0))
+    rows = [same(v.points, points) for v in shots]
+    kept = [v.only(mine) for v, (mine, _) in zip(shots, rows, strict=True)]
+    ideal = np.full((len(kept), len(points), 2), np.nan)
+    for pixels, v, (_, row) in zip(ideal, kept, rows, strict=True):
+        pixels[row] = rig.cameras[v.camera].undistort(v.pixels)
+    unit = np.broadcast_to(np.eye(2), (*ideal.shape, 2))
+    place, _ = triangulate(rig.matrices[[v.camera for v in kept]], ideal, unit)
+    weight = block_diag(*[np.linalg.inv(noise.covariance(v, square_mm)) for v in kept])
+    spread, turned = np.empty((0, 0)), np.empty((0, 0))
+    for _ in range(4):
+        residual, slope, shared = _free_points(rig.parameters, kept, [row for _, row in rows], place)
+        heavy = weight @ slope
+        spread = np.asarray(np.linalg.inv(slope.T @ heavy), dtype=np.float64)
+        place = place + (spread @ (heavy.T @ residual)).reshape(-1, 3)
+        turned = spread @ (heavy.T @ shared)
+    return points, place, spread + turned @ rig.covariance @ turned.T
+
+
+def _free_points(
+    theta: Array, shots: list[Shot], rows: list[NDArray[np.intp]], place: Array
+) -> tuple[Array, Array, Array]:
+    """Residual (m,), derivatives to the places (m,3n) and to the rig's parameters (m,15c)."""
+    residual, slope, shared = [], [], []
+    for v, row in zip(shots, rows, strict=True):
+        m = 2 * len(row)
+        pixels, to_camera, to_pose = project(theta[v.camera], np.zeros(3), np.zeros(3), place[row])
+        own, wide = np.zeros((m, *place.shape)), np.zeros((m, theta.size))
+        own[np.arange(m), np.repeat(row, 2)] = to_pose[:, 3:]
+        wide[:, OWN * v.camera : OWN * (v.camera + 1)] = to_camera
+        residual.append((v.pixels - pixels).ravel())
+        slope.append(own.reshape(m, -1))
+        shared.append(wide)
+    return np.concatenate(residual), np.concatenate(slope), np.concatenate(shared)
+
+
+def _common(points: Sequence[Array]) -> Array:
+    """Board points (n,3) that stand in at least two of the lists."""
+    every, count = np.unique(np.concatenate(points), axis=0, return_counts=True)
+    return np.asarray(every[count >= 2])
 
 
 def squares(rig: Rig, noise: CornerNoise, shots: list[Shot], cameras: tuple[int, ...]) -> Array:

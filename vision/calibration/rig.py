@@ -1,6 +1,5 @@
 """Cameras that look at one scene, with one covariance of all their numbers; where several see a point."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -143,9 +142,3 @@ def same(points: Array, others: Array) -> tuple[NDArray[np.intp], NDArray[np.int
     equal = (points[:, None] == others[None]).all(axis=-1)
     rows, columns = np.nonzero(equal)
     return rows, columns
-
-
-def common(points: Sequence[Array]) -> Array:
-    """Board points (n,3) that stand in at least two of the lists."""
-    every, count = np.unique(np.concatenate(points), axis=0, return_counts=True)
-    return np.asarray(every[count >= 2])

@@ -13,9 +13,9 @@ from fe import Case, Material, Support
 from fe.element import Array
 from fe.kernel.assembly import ElementConstants, Kernel, Memory, Softening, State
 from fe.kernel.pressure import PressureFaces
-from fe.laws import stress
 from fe.mesh.convert import converted
 from fe.solver.newton import Problem, Residual, Step, equilibrium
+from tests.fe.lawpoints import stress
 
 Cube = Callable[..., Case]
 

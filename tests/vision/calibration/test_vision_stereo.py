@@ -3,6 +3,8 @@
 from dataclasses import replace
 from pathlib import Path
 
+from benchmarks.tracking import stereo as benchmark
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -14,7 +16,7 @@ from vision.boards.charuco import CharucoBoard
 from vision.calibration.bundle import Shot, bundle_adjust
 from vision.calibration.rejectedpictures import worst_pose
 from vision.calibration.rig import OWN, Rig, project, triangulate
-from vision.calibration.stereo import _fit_poses, locate, synchronous_shots
+from vision.calibration.stereo import _fit_poses, synchronous_shots
 
 Array = NDArray[np.float64]
 BOARD = CharucoBoard(columns=5, rows=4, square_mm=36.0, marker_mm=26.0)
@@ -115,7 +117,7 @@ def test_pulls_of_the_rig_and_of_lengths_on_new_pictures_are_one(shared: float) 
         )
         for pose in poses(4, rng):
             new = shots_of(truth, pose[None], rng, own=0.15, shared=shared)
-            _, place, spread = locate(rig, new, noise, square_mm=BOARD.square_mm)
+            _, place, spread = benchmark.locate(rig, new, noise, square_mm=BOARD.square_mm)
             side = place[-1] - place[0]
             along = np.zeros(place.shape)
             along[-1], along[0] = side, -side
@@ -180,8 +182,6 @@ def test_cameras_that_share_no_picture_are_refused() -> None:
 
 @pytest.mark.parametrize("frames", [30, pytest.param(57, marks=pytest.mark.slow)])
 def test_squares_of_a_real_board_on_frames_held_out(shared_data: Path, frames: int) -> None:
-    from benchmarks.tracking import stereo as benchmark
-
     found = benchmark.held_out(shared_data / "charuco_4cam", halves=(0,), most=frames)
     pulls = np.concatenate([error / sd for name, (error, sd) in found.items() if len(name) == 3])
     assert max(abs(error.mean()) for error, _ in found.values()) < 0.15
