@@ -23,7 +23,7 @@ from twin.project.config import (
 )
 from twin.project.folder import Say
 from twin.project.targetfiles import read_targets
-from twin.project.toml import dump
+from twin.project.toml import dump, write
 from twin.targets import PointKind, Targets
 
 if TYPE_CHECKING:
@@ -69,7 +69,7 @@ def run_init(
     stated = {key: value for key, value in model.items() if value is not None}
     config = config.model_copy(update={"model": config.model.model_copy(update=stated)})
     with files.whole_folder(folder.resolve()) as draft:
-        files.write_text(draft / "twin.toml", dump(config))
+        write(draft / "twin.toml", dump(config))
         _fill(draft, config, targets, () if own is None else own.files)
     _say_next(folder, config, wanted, say)
     return {"stage": "init", "status": "done", "project": str(folder), "wanted": list(wanted)}

@@ -23,7 +23,7 @@ DETECTED = 0.01  # after multiplicity
 REFITS = 4  # effects of the library that are refitted
 STAND_INS = 2  # and stand-ins
 PROMISING = 0.25  # of the best gain: what a refit must promise
-RIVALLING = 0.7  # of the best effect's gain: what a stand-in must promise to be refitted before all is said
+COMPETING = 0.7  # of the best effect's gain: what a stand-in must promise to be refitted before all is said
 CLOSE = 0.1  # sd to which refits are carried
 TURNS = 2  # steps under rebuilt errors: enough for most, as no model that is wrong needs be exact
 MORE = 4  # for one that is not quite adequate yet,
@@ -36,7 +36,7 @@ def worth_refitting(candidates: Sequence[Candidate], *, adequate: bool) -> list[
     top = max((c.gain for c in able), default=0.0)
     able = sorted((c for c in able if c.gain >= PROMISING * top), key=lambda c: -c.gain)
     own = [c for c in able if not c.kind][:REFITS]
-    least = RIVALLING * own[0].gain if own else 0.0
+    least = COMPETING * own[0].gain if own else 0.0
     return own + [c for c in able if c.kind and c.gain >= least][:STAND_INS]
 
 

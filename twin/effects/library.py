@@ -59,7 +59,8 @@ def effect(label: str, *, own: Sequence[Effect] = ()) -> Effect:
     laws = {law.label: law for law in known[name]}
     made = laws.get(label) or known[name][0].named(label)
     if made is None:
-        wide = known[name][0].wide()
-        every = dict.fromkeys([*laws, *([wide.label] if wide else [])])
+        narrow = known[name][0]
+        wide = narrow.wide()
+        every = dict.fromkeys(filter(None, [*laws, wide.label if wide else "", narrow.held]))
         raise ValueError(f"effect {label!r}: no such law of {name}, wanted one of {', '.join(every)}")
     return made

@@ -88,7 +88,7 @@ class Effect:
     effect is listed as not testable. smooth: False where its signature is the difference of whole solves, not
     of first order. kind: that of a stand-in, nothing for all others. generic: the kind of stand-in that says
     the same in general, `outside force`, and so is no other explanation; completed_by: a kind that on top of
-    the effect merely completes its law.
+    the effect merely completes its law. held: a label that `at` may give it, for who mistypes one.
 
     Raises ValueError where a class is defined with a name, an order, a requirement or a kind that does not
     exist.
@@ -103,6 +103,7 @@ class Effect:
     smooth: bool = True
     kind: str = ""
     generic: str = ""
+    held: str = ""
     completed_by: str = ""
     origin: ClassVar[Origin | None] = None  # the file of the user's that defines it; set where that is read
 

@@ -29,6 +29,7 @@ class MarkerSlip(Effect):
 
     name, order = "marker_slip", Order.SLIP
     sentence, generic = "a marker has slipped on the finger", "slip"
+    held = "marker_slip:p3@10.1s"
 
     def __init__(self, marker: str = "", time: float = 0.0) -> None:
         self.marker, self.time = marker, float(time)
@@ -45,14 +46,9 @@ class MarkerSlip(Effect):
     def label(self) -> str:
         return f"{self.name}:{self.marker}@{self.time:.6g}s" if self.marker else self.name
 
-    def named(self, label: str) -> Effect:
+    def named(self, label: str) -> Effect | None:
         found = re.fullmatch(rf"{self.name}:(.+)@([-+]?\d+\.?\d*(?:e[-+]?\d+)?)s", label)
-        if not found:
-            raise ValueError(
-                f"effect {label!r}: no such law of {self.name}, wanted one with a marker and a time in s, "
-                f"{self.name}:p3@10.1s"
-            )
-        return MarkerSlip(found[1], float(found[2]))
+        return MarkerSlip(found[1], float(found[2])) if found else None
 
     def tries(self, test: Test) -> tuple[Theta, ...]:
         if self.marker:

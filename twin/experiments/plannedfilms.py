@@ -57,7 +57,7 @@ def heavy(model: Model, down: Array) -> Model:
 def in_film(model: Model, film: Film, points: Array) -> Model:
     """The model in a film that follows the one it describes, with more points (k, 3) mm on the finger.
 
-    Without the mesh's correction, which is known at the film's own points only, and alike for all rivals.
+    Without the mesh's correction, which is known at the film's own points only, and alike for all members.
     """
     model = model.at_one_rest()
     path, test = model.test.path, model.test

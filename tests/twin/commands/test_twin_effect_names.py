@@ -101,7 +101,7 @@ def fitted(folder: Path) -> None:
     bench = Workbench.of(project)
     found = bench.judged(bench.model(), np.array([0.2, 0.1]), lambda text: None)  # type: ignore[arg-type]
     with project.new_run("calibrate", seed=1) as made:
-        made.write_json("fit.json", fit_record(found.fit, found.comparison) | {"effects": []})
+        made.write_json("fit.json", fit_record(found.fit, found.comparison, effects=()))
 
 
 @pytest.fixture

@@ -335,7 +335,7 @@ def test_initial_constants_of_twin_toml_are_used(done: Done) -> None:
     assert study is not None
     stated = study.model_copy(update={"initial": {"C10": 0.25, "C01": 0.05}})
     config = done.project.config.model_copy(update={"study": stated})
-    found = Inquiry.of(replace(done.project, config=config), Silent()).study()
+    found = Inquiry.of(replace(done.project, config=config), Silent()).study().told(())
     assert (found.initial.C10, found.initial.C01) == (0.25, 0.05)
     assert "as stated" in found.sentences[0]
     assert found.reduction_percent == pytest.approx(100 * (1 - found.final.rms_mm / found.initial.rms_mm))

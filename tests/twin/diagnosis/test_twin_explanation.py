@@ -8,7 +8,7 @@ import pytest
 
 from calibrate import Parameter
 from fe import Case
-from twin.diagnosis.explanation import ALL, Explanation, explained, plausibility, table
+from twin.diagnosis.explanation import ALL, EvidenceRecord, Explanation, explained, plausibility, table
 from twin.effects.library import effect
 from twin.judging.heldout import cycles, folds, foretold
 from twin.judging.judged import judge
@@ -71,7 +71,8 @@ def evidence(make_targets: Callable[..., Targets], coarsest_case: Case) -> tuple
     after = judge(base.with_effect(lag), targets, starts=np.array([0.214, 0.083, 0.3]))
     mimics = [("creep", 0.4)]
     found = explained([lag], before=before, after=after, targets=targets, mimics=mimics)
-    assert found.gain == pytest.approx(before.deviance - after.deviance)
+    assert found.record.model_fields_set == set(EvidenceRecord.model_fields)
+    assert found.record.gain == pytest.approx(before.deviance - after.deviance)
     return targets, found
 
 

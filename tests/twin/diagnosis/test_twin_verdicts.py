@@ -47,6 +47,7 @@ def test_a_hidden_effect_is_named_alone(name: str) -> None:
     assert found.kept.values[f"{name}.a0"] == pytest.approx(0.2, abs=0.01)  # several sds
     data = plain(DiagnosisRecord.of(found))
     assert data["rms_after_mm"] < 1.1 * data["noise_sd_mm"] < data["rms_before_mm"]
+    assert set(data) == set(DiagnosisRecord.model_fields)
 
 
 def test_an_effect_that_would_have_to_be_negative_is_not_refitted() -> None:
