@@ -26,7 +26,7 @@ from twin.effects.library import all_effects
 from twin.effects.protocol import Effect
 from twin.effects.requirements import MEANING
 from twin.judging.record import ComparisonRecord, FitRecord
-from twin.project.config import Config, DiagnoseTable
+from twin.project.config import Config
 from twin.project.record import Record
 from twin.project.validation import table_of
 from twin.study.record import Study
@@ -39,22 +39,21 @@ BEGIN, END = "<!-- made by benchmarks/docs/reference.py -->", "<!-- end -->"
 WHAT = {
     "project": "The batch.",
     "model": "What is computed.",
-    "model.finger": "Dimensions of your own finger of the built-in kind. Without this table the reference "
-    "study's finger is computed. `twin look` draws them.",
+    "model.finger": "Dimensions of your own finger of the built-in kind; without this table the reference "
+    "study's. `twin look` draws it.",
     "cameras": "One for each camera. Without any, the targets were measured elsewhere.",
-    "cameras.board": "The calibration board; the same for all cameras.",
-    "films": "One for each of several films of one batch, in place of `film` and its start in `[[cameras]]`: "
-    "[Several films of one finger](your-own-test.md#several-films-of-one-finger).",
+    "cameras.board": "The calibration board, the same for all cameras.",
+    "films": "[Several films](your-own-test.md#several-films-of-one-finger) of one batch.",
     "pressure": "The pressure log. Needed with a film.",
-    "import": "Displacements that another program measured: `twin measure` makes targets of them, and `twin "
-    "init --targets` writes this table. [Files of other programs](files.md#files-of-other-programs).",
-    "measure": "How well things are known. Every sd here becomes a part of the stated error.",
-    "frame.markers": "Markers on the rig, which do not move.",
-    "points": "Markers on the finger, and where they are: at a position in mm, or at a node.",
+    "import": "Displacements from [another program](files.md#files-of-other-programs); "
+    "`twin init --targets` writes this table.",
+    "measure": "How well things are known. Every sd is part of the stated error.",
+    "frame.markers": "Markers on the rig.",
+    "points": "Points on the finger.",
     "dic": "A speckled part of the side face, in place of markers or beside them.",
     "calibrate": "The fit of the material.",
     "diagnose": "The search for what is missing.",
-    "study": "What the source of the targets states of its own calibration; `twin study` stands beside it.",
+    "study": "What the source of the targets states of its own calibration, for `twin study`.",
 }  # fmt: skip
 KINDS = {"string": "text", "integer": "whole number", "number": "number", "boolean": "true or false"}
 
@@ -88,10 +87,11 @@ def _inner(field: Schema) -> str | None:
 
 def _table(name: str, repeats: bool, keys: Mapping[str, tuple[Schema, bool]]) -> str:
     head = f"[[{name}]]" if repeats else f"[{name}]"
-    lines = [f"## {head}", f"{WHAT[name]}\n", "| key | value | default | meaning |", "|---|---|---|---|"]
+    lines = [f"## {head}", f"{WHAT[name]}\n", "| key | value (default) | meaning |", "|---|---|---|"]
     for key, (field, needed) in keys.items():
-        default = "needed" if needed else _default(field.get("default"))
-        lines.append(f"| `{key}` | {_value(field)} | {default} | {field.get('description', '')} |")
+        default = "(needed)" if needed else _default(field.get("default"))
+        value = f"{_value(field)} {default}".strip()
+        lines.append(f"| `{key}` | {value} | {field.get('description', '')} |")
     return "\n".join(lines) + "\n"
 
 
@@ -122,7 +122,8 @@ def _limits(field: Schema) -> str:
 
 
 def _default(value: Any) -> str:
-    return "none" if value is None or value in ([], {}, ()) else f"`{_literal(value)}`"
+    """The default in brackets; "" where a key has none."""
+    return "" if value is None or value in ([], {}, ()) else f"(`{_literal(value)}`)"
 
 
 def _literal(value: Any) -> str:
@@ -142,22 +143,21 @@ def _literal(value: Any) -> str:
 
 
 def effect_tables() -> str:
-    """One section an effect: its sentence, its laws, what it needs, its parameters, its picture."""
-    return "\n".join(_section(effect) for effect in all_effects())
+    """One section an effect: its sentence, its laws, what it needs, its picture; then all parameters."""
+    sections = "\n".join(_section(effect) for effect in all_effects())
+    rows = [_parameter(p) for effect in all_effects() for p in effect.laws()[-1].parameters]
+    table = ["| parameter | unit | bounds | plausible |", "|---|---|---|---|", *rows]
+    return "\n".join([sections, "## Parameters", *table]) + "\n"
 
 
 def _section(effect: Effect) -> str:
     name, laws = effect.name, effect.laws()
     about = [_sentence(effect.sentence)]
-    about += ["Tried by default."] * (name in DiagnoseTable().candidates)
     about += [f"Laws: {', '.join(f'`{law.label}`' for law in laws)}."] * (len(laws) > 1)
     wide = effect.wide()
     about += [f"Widest family: `{wide.label}`."] if wide else []
     about += [_sentence(MEANING[need][1]) for need in effect.requires]
-    table = ["| parameter | unit | bounds | plausible | without the effect |", "|---|---|---|---|---|"]
-    rows = [_parameter(p) for p in laws[-1].parameters]
-    picture = f"![What {name} does](pictures/effects/{name}.png)"
-    lines = [f"### {name}", " ".join(about), "", *table, *rows, "", picture]
+    lines = [f"### {name}", " ".join(about), "", f"![{name}](pictures/effects/{name}.png)"]
     return "\n".join(lines) + "\n"
 
 
@@ -166,9 +166,8 @@ def _sentence(text: str) -> str:
 
 
 def _parameter(p: Parameter) -> str:
-    null = "not defined" if p.null is None else f"{p.null:g}"
     likely = _range(*p.plausible) if p.plausible else "-"
-    return f"| `{p.name}` | {p.unit or '-'} | {_range(p.low, p.high)} | {likely} | {null} |"
+    return f"| `{p.name}` | {p.unit or '-'} | {_range(p.low, p.high)} | {likely} |"
 
 
 NO_BOUND = 1e4  # a bound as large as this keeps nothing out: it is there because a search needs one
@@ -210,14 +209,15 @@ def edge_nodes() -> list[tuple[float, int]]:
 
 
 def command_table() -> str:
-    """What every command that runs on a project reads and writes."""
-    head = ["| command | | reads | writes |", "|---|---|---|---|"]
+    """What files every command that runs on a project reads and writes."""
+    head = ["| command | reads | writes |", "|---|---|---|"]
     return "\n".join([*head, *(_command(stage) for stage in STAGES)]) + "\n"
 
 
 def _command(stage: Stage) -> str:
-    reads, writes = (", ".join(f"`{name}`" for name in names) for names in (stage.reads, stage.writes))
-    return f"| `twin {stage.name}` | {stage.title} | {reads} | {writes} |"
+    files = ([name for name in stage.reads if not name.startswith("[")], stage.writes)
+    reads, writes = (", ".join(f"`{name}`" for name in names) for names in files)
+    return f"| `twin {stage.name}` | {reads} | {writes} |"
 
 
 # -- records -----------------------------------------------------------------------------------------------
@@ -237,12 +237,13 @@ def _rows(model: type[Record]) -> list[tuple[str, str]]:
     """Keys and what they mean; a key without a description shares the row above it."""
     rows: list[tuple[list[str], str]] = []
     said: set[str] = set()
+    seen: dict[type, str] = {}
     for name, field in model.model_fields.items():
         if field.exclude:
             continue
         key, inner = f"`{field.serialization_alias or name}`", table_of(model, name)
         shown = inner is not None and issubclass(inner, Record) and not inner.file
-        each = f": {', '.join(_inside(inner, said))}" if shown and inner is not None else ""
+        each = f": {', '.join(_inside(inner, said, seen, key))}" if shown and inner is not None else ""
         if rows and not field.description and not each:
             rows[-1][0].append(key)
         else:
@@ -250,13 +251,19 @@ def _rows(model: type[Record]) -> list[tuple[str, str]]:
     return [(", ".join(keys), text) for keys, text in rows]
 
 
-def _inside(model: type[BaseModel], said: set[str]) -> list[str]:
+def _inside(model: type[BaseModel], said: set[str], seen: dict[type, str], key: str) -> list[str]:
     """The keys of one of the rows that a key holds; what was said of one before is not said again."""
-    about = {name: f.description or "" for name, f in model.model_fields.items() if not f.exclude}
+    kinds = [kind for kind in model.__mro__ if issubclass(kind, Record) and kind.model_fields]
+    former = next((kind for kind in kinds if kind in seen), None)
+    known = set(former.model_fields) if former else set()
+    fields = model.model_fields.items()
+    about = {name: f.description or "" for name, f in fields if not f.exclude and name not in known}
     cells = [
         f"`{name}` ({text})" if text and text not in said else f"`{name}`" for name, text in about.items()
     ]
     said |= set(about.values())
+    cells[:0] = [f"as {seen[former]}"] if former else []
+    seen.update({kind: key for kind in kinds if kind not in seen})
     return cells
 
 

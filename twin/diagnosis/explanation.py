@@ -37,40 +37,40 @@ class Share(Record):
     before_mm: float = Field(description="residual without the effect")
     signature_mm: float = Field(description="what the effect takes off it")
     after_mm: float = Field(description="what it leaves")
-    before_sd: float = Field(description="before and after in sds of the noise")
+    before_sd: float = Field(description="the same in sds")
     after_sd: float
-    explained: float = Field(description="share of the mean square that the effect takes away")
+    explained: float = Field(description="share of the mean square that it takes away")
 
 
 class Found(Estimate):
     """A parameter of the effect."""
 
-    plausible: str = Field(default="", description="the value beside its plausible range, in words")
+    plausible: str = Field(default="", description="the value beside its plausible range")
 
 
 class Mimic(Record):
     effect: str
-    ceiling: float = Field(description="the share of the signature that it mimics")
+    ceiling: float = Field(description="share of the signature that it mimics")
 
 
 class EvidenceRecord(Record):
     """Everything that speaks for or against one effect."""
 
     file: ClassVar[str] = "evidence.json"
-    effect: str = Field(default="", description="the effect in its law, and what it is")
+    effect: str = Field(default="", description="the effect, and what it is")
     sentence: str = ""
-    chi2_before: Maybe = Field(default=None, description="fit without it and with it")
+    chi2_before: Maybe = Field(default=None, description="fit without and with it")
     chi2_after: Maybe = None
     gain: Maybe = Field(default=None, description="fall of -2 ln likelihood")
     more_parameters: int = Field(default=0, description="how many it brings")
-    evidence: Maybe = Field(default=None, description="2 ln of the Bayes factor, where it is known")
-    rms_before_mm: Maybe = Field(default=None, description="error without it and with it, and the noise")
+    evidence: Maybe = Field(default=None, description="2 ln of the Bayes factor")
+    rms_before_mm: Maybe = Field(default=None, description="error without and with it, and the noise")
     rms_after_mm: Maybe = None
     noise_sd_mm: Maybe = None
     adequate: bool = Field(default=False, description="whether the model with it fits")
     parameters: dict[str, Found] = Field(default={}, description="by name")
     held_out: HeldOut | None = Field(
-        default=None, description="error in sd of each part, foretold from the others, without it and with it"
+        default=None, description="error of parts foretold from the others"
     )
     shares: tuple[Share, ...] = Field(default=(), description="by marker and branch")
     mimics: tuple[Mimic, ...] = Field(

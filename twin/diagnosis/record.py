@@ -21,17 +21,17 @@ from twin.project.tablemodel import Finite
 
 class RankingRow(Record):
     effect: str
-    law: str = Field(default="", description="as twin.toml writes it")
+    law: str = Field(default="", description="as in twin.toml")
     z: Maybe = Field(default=None, description="score")
-    gain: Maybe = Field(default=None, description="fall of chi2 that it promises")
+    gain: Maybe = Field(default=None, description="promised fall of chi2")
     p_value: Maybe = Field(default=None, description="of that gain by chance")
     delta_bic: Maybe = Field(default=None, description="BIC gain of the refit")
-    evidence: Maybe = Field(default=None, description="2 ln of the Bayes factor over the calibrated model")
+    evidence: Maybe = Field(default=None, description="2 ln B over the calibrated model")
     adequate: bool | None = Field(default=None, description="whether the model with it fits")
-    at_bound: tuple[str, ...] = Field(default=(), description="parameters that ended at a bound")
+    at_bound: tuple[str, ...] = Field(default=(), description="parameters at a bound")
     plausible: bool | None = Field(default=None, description="whether its sizes are")
     parameters: dict[str, Estimate] = Field(default={}, description="of the refit, by name")
-    note: str = Field(default="", description="why it was not tested, or not refitted")
+    note: str = Field(default="", description="why it was not tested or refitted")
 
     @staticmethod
     def of(c: Candidate) -> "RankingRow":
@@ -72,7 +72,7 @@ class Resemblance(Record):
 
 class PairRow(Record):
     effects: tuple[str, ...]
-    gain: Maybe = Field(description="fall of chi2 that they promise")
+    gain: Maybe = Field(description="promised fall of chi2")
     delta_bic: Maybe
     evidence: Maybe
     adequate: bool | None
@@ -93,7 +93,7 @@ class PairRow(Record):
 
 class NextTest(Record):
     experiment: str
-    sigmas: Maybe = Field(description="how far it brings apart what is tied")
+    sigmas: Maybe = Field(description="separation of what is tied")
     minutes: Finite
     words: str
 
@@ -106,7 +106,7 @@ class NextTest(Record):
 class ForetoldFilm(Record):
     film: str
     before: UnseenFilm = Field(description="as in comparison.json")
-    after: UnseenFilm | None = Field(description="with the named effect")
+    after: UnseenFilm | None = Field(description="with the effect")
     ratio: Maybe = Field(description="of the two errors")
 
     @staticmethod
@@ -122,36 +122,35 @@ class DiagnosisRecord(Record):
     file: ClassVar[str] = "diagnosis.json"
     verdict: str = Field(description="the answer, short and in words")
     sentence: str = ""
-    named: tuple[str, ...] = Field(description="the missing effects, and their laws as twin.toml writes them")
+    named: tuple[str, ...] = Field(description="the missing effects, and their laws as in twin.toml")
     law: str | None = None
     ties: tuple[tuple[str, ...], ...] = Field(
         default=(),
-        description="what these data cannot tell apart: effects, and stand-ins such as `an outside force`",
+        description="what these data cannot tell apart",
     )
     classes: tuple[Mimics, ...] = Field(default=(), description="who mimics each effect")
     ranking: tuple[RankingRow, ...] = Field(default=(), description="every candidate")
-    resembles: tuple[Resemblance, ...] = Field(default=(), description="the stand-ins that come nearest")
+    resembles: tuple[Resemblance, ...] = Field(default=(), description="nearest stand-ins")
     scaling: dict[str, Maybe] = Field(
         default={},
-        description="where nothing of the library explains it: the share of the misfit that goes with the "
-        "pressure, with what was before, with time",
+        description="with `none of these`: shares of the misfit that go with pressure, history, time",
     )
     detectable: tuple[Detectable, ...] = Field(
-        default=(), description="of every effect the smallest size that would have been found"
+        default=(), description="smallest size of every effect that would have been found"
     )
     pairs: tuple[PairRow, ...] = Field(default=(), description="effects tried together")
     next_test: str | None = Field(default=None, description="what separates a tie, in words")
-    next_tests: tuple[NextTest, ...] = Field(default=(), description="every experiment of the list")
+    next_tests: tuple[NextTest, ...] = Field(default=(), description="every experiment")
     frame: FrameTest | None = Field(default=None, description="the test of the fixed markers")
     modes_beyond: tuple[tuple[str, Maybe], ...] = Field(
-        default=(), description="shared errors that would have to be larger than stated: name, size in sd"
+        default=(), description="shared errors that would have to exceed what is stated, in sd"
     )
     evidence: EvidenceRecord | None = Field(
-        default=None, description="what speaks for the named effect, as in evidence.json"
+        default=None, description="as evidence.json"
     )
     rms_before_mm: Maybe = Field(default=None, description="error without and with the effects")
     rms_after_mm: Maybe = None
-    raw_rms_before_mm: Maybe = Field(default=None, description="the same with shared errors left in")
+    raw_rms_before_mm: Maybe = Field(default=None, description="with shared errors")
     raw_rms_after_mm: Maybe = None
     noise_sd_mm: Maybe = Field(default=None, description="the noise")
     adequate: bool | None = Field(default=None, description="lack of fit")

@@ -31,9 +31,9 @@ class Detectable(Record):
     effect: str
     parameter: str
     unit: str
-    size: Maybe = Field(description="that is found nine times of ten, at the least visible of its tries")
+    size: Maybe = Field(description="found nine times of ten, at the least visible of its tries")
     least: Maybe = Field(description="at the most visible one")
-    note: str = Field(description="the size beside what is plausible, or why none would be seen")
+    note: str = Field(description="the size beside the plausible, or why none would be seen")
 
     @property
     def words(self) -> str:

@@ -33,7 +33,7 @@ class FrameTest(Record):
     p_value: Maybe = Field(description="null where there is nothing to test")
     chi2: float
     count: int = Field(description="of values")
-    misfit: float = Field(description="rms of what noise does not explain, in sds of the finger's noise")
+    misfit: float = Field(description="rms beyond the noise, in sds of the finger's noise")
     moves: bool = Field(description="significant and not immaterial")
     sentence: str
     place: str = Field(default="", exclude=True)  # which marker moves most, by how much, where to and when

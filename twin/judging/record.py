@@ -19,9 +19,9 @@ NEGATIVE = 1e-9  # relative: an eigenvalue that rounding leaves below 0
 
 
 class Interval(Record):
-    low: Maybe = Field(default=None, description="of 95 %, cut at the bounds of the search")
+    low: Maybe = Field(default=None, description="of the 95 % interval")
     high: Maybe = None
-    note: str = Field(default="", description="why there is none, as while the model does not fit")
+    note: str = Field(default="", description="why there is none")
 
 
 OLDER = Interval(note="no interval: this fit was made by an older version")
@@ -39,13 +39,13 @@ class Estimate(Record):
 
 class ParameterRow(Record):
     value: Finite
-    sd: Maybe = Field(description="null where the data leave it open, or at a bound")
+    sd: Maybe = Field(description="null where it is open, or at a bound")
     low: Finite = Field(description="bounds of the search")
     high: Finite
     unit: str = ""
     null: Maybe = Field(default=None, description="where an effect is absent")
     typical: Maybe = Field(default=None, description="a step that is felt")
-    plausible: tuple[Finite, Finite] | None = Field(default=None, description="where experience expects it")
+    plausible: tuple[Finite, Finite] | None = Field(default=None, description="expected range")
     start: Maybe = Field(default=None, description="nominal value")
 
     @model_validator(mode="after")
@@ -75,12 +75,12 @@ class FitRecord(Record):
     converged: bool
     reason: str
     at_bound: tuple[str, ...] = Field(description="parameters that ended at a bound")
-    adequate: bool = Field(default=False, description="whether the model fits: no lack of fit")
+    adequate: bool = Field(default=False, description="no lack of fit")
     intervals: dict[str, Interval] = Field(default={}, description="by name")
     effects: tuple[str, ...] = Field(default=(), description="effects in the model")
-    identifiability: str = Field(default="", description="what the targets say about C10 and C01, in words")
+    identifiability: str = Field(default="", description="what the targets say about C10 and C01")
     initial: InitialRow | None = Field(
-        default=None, description="the nominal constants that calibrate began with, and their error"
+        default=None, description="the nominal constants, and their error"
     )
     start: dict[str, Finite] | None = Field(default=None, description="of kept.json: where the fit began")
 
@@ -177,7 +177,7 @@ class UnseenFilm(Record):
 
     film: str = Field(description="its name")
     block: int
-    rms_mm: Finite = Field(description="shared errors taken off at 3 sd at most")
+    rms_mm: Finite = Field(description="shared errors taken off up to 3 sd")
     raw_rms_mm: Finite = Field(description="with them")
     noise_sd_mm: Finite
     values: int = Field(description="how many there are")
@@ -190,14 +190,14 @@ class ComparisonRecord(Record):
     chi2: Maybe = Field(default=None, description="test of lack of fit")
     degrees_of_freedom: int | None = None
     p_value: Maybe = None
-    rms_mm: Finite = Field(description="error of the model: shared errors taken off as fitted; with them")
+    rms_mm: Finite = Field(description="error of the model without and with shared errors")
     raw_rms_mm: Maybe = None
     noise_sd_mm: Finite = Field(description="what noise alone would leave")
     adequate: bool = Field(default=False, description="p_value above 0.001")
-    where: str = Field(default="", description="whether the model agrees, and where it fails most, in words")
+    where: str = Field(default="", description="where the model fails most, in words")
     beyond: tuple[BeyondRow, ...] = Field(default=(), description="errors that would have to exceed 4 sd")
     maps: dict[str, tuple[MapRow, ...]] = Field(
         default={},
-        description="by `marker`, `direction`, `pressure`, `branch`; shared errors taken off at 3 sd at most",
+        description="by `marker`, `direction`, `pressure`, `branch`; shared errors taken off up to 3 sd",
     )
     held_out: tuple[UnseenFilm, ...] = Field(default=(), description="every film that no fit has seen")

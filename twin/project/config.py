@@ -81,42 +81,38 @@ FORMER = {"model": ("geometry", "material", "top_pressure_MPa")}
 
 
 class ProjectTable(TableModel):
-    name: str = Field(default="batch", min_length=1, description="name of the batch, shown in reports")
+    name: str = Field(default="batch", min_length=1, description="name of the batch")
     like: OtherProject | None = Field(
         default=None,
-        description="folder of the former batch on the same rig, such as ../batch-07; `twin init "
-        "--like` writes it",
+        description="folder of the former batch on the same rig, such as ../batch-07",
     )
 
 
 class ModelTable(TableModel):
     deck: RelativePath | None = Field(
         default=None,
-        description="your own mesh: an Abaqus deck such as raw/finger.inp; without it the built-in "
-        "bellows finger",
+        description="your own mesh, an Abaqus deck such as raw/finger.inp; else the built-in bellows finger",
     )
     silicone: tuple[Name, ...] = Field(
-        default=(), description="element sets of the deck whose C10 and C01 are fitted; [] means all of them"
+        default=(), description="element sets of the deck whose C10 and C01 are fitted; []: all"
     )
-    mesh: int = Field(default=1, ge=1, description="mesh refinement: 2 halves the sides of all elements")
+    mesh: int = Field(default=1, ge=1, description="mesh refinement: 2 halves all elements")
     effects: tuple[Effect, ...] = Field(
         default=(),
-        description='effects in the model, such as ["creep:2"]; `twin add` and `twin drop` write them',
+        description='effects in the model, such as ["creep:2"]',
     )
     effect_files: tuple[RelativePath, ...] = Field(
         default=(),
-        description='Python files of your own effects, ["effects/cable.py"]; no others are run, and these '
-        "only after `twin trust`",
+        description='your own effects, ["effects/cable.py"]; they run only after `twin trust`',
     )
     density_kg_m3: Density | None = Field(
         default=None,
-        description="density of the silicone, kg/m3; with it the model has weight, and gravity "
-        "must be stated",
+        description="density of the silicone, kg/m3; with it the model has weight and needs gravity",
     )
     gravity: Position | None = Field(
         default=None,
-        description="direction of gravity in world axes, such as [0.0, 0.0, -1.0]; leave it out where "
-        "targets.toml states it for each block",
+        description="direction of gravity in world axes, such as [0.0, 0.0, -1.0]; leave it "
+        "out where targets.toml states it",
     )
     fixed: dict[str, Finite] = Field(
         default={}, description="constants that are not fitted, MPa, such as {C10 = 0.214}"
@@ -138,16 +134,14 @@ class ModelTable(TableModel):
 class BoardTable(TableModel):
     kind: Literal["charuco", "chessboard", "circles", "acircles", "codedcircles"] = Field(
         default="charuco",
-        description="charuco, chessboard, circles, acircles (circles with every other row shifted), or "
-        "codedcircles (three of them rings or larger, to mark origin and axes)",
+        description="acircles: every other row shifted; codedcircles: three are rings or larger",
     )
     columns: int = Field(
         ge=2, description="number across: squares (charuco), inner corners (chessboard) or circles"
     )
-    rows: int = Field(ge=2, description="number down the board, counted in the same way")
+    rows: int = Field(ge=2, description="number down, counted alike")
     square_mm: Positive = Field(
-        description="measured side of a square, mm; for circles the distance of two circles, for "
-        "acircles of two rows"
+        description="measured side of a square, or distance of circles (acircles: of rows), mm"
     )
     marker_mm: Positive | None = Field(
         default=None, description="measured side of a marker of a charuco board, mm"
@@ -157,13 +151,13 @@ class BoardTable(TableModel):
     )
     coding: tuple[tuple[int, int], ...] = Field(
         default=(),
-        description="for codedcircles: column and row of the three coding dots, counted from 0 at the top "
-        "left, such as [[2, 2], [10, 2], [2, 7]]",
+        description="for codedcircles: column and row of the three coding dots, from 0 at the"
+        " top left, such as [[2, 2], [10, 2], [2, 7]]",
     )
     inverted: bool = Field(default=False, description="whether the board is white on black")
     mirrored: bool = Field(
         default=False,
-        description="whether the board is printed mirrored, or a film of it is seen from behind",
+        description="whether the board is printed mirrored, or filmed from behind",
     )
 
     @model_validator(mode="after")
@@ -188,69 +182,65 @@ class BoardTable(TableModel):
 class FilmTable(TableModel):
     """One of several films of a batch."""
 
-    name: Name = Field(description="name of the film, shown in reports")
-    file: RelativePath = Field(description="the film; or pictures: a folder, or a pattern")
+    name: Name = Field(description="name of the film")
+    file: RelativePath = Field(description="the film, or pictures: a folder or a pattern")
     static: RelativePath | None = Field(
         default=None,
-        description="its own film of the finger at rest; left out: that of [[cameras]]",
+        description="its own static film; left out: that of [[cameras]]",
     )
     pressure: RelativePath | None = Field(
         default=None,
-        description="its own pressure log, read as [pressure] says; left out: that of [pressure]",
+        description="its own pressure log; left out: that of [pressure]",
     )
     film_start_s: Finite = Field(
-        default=0.0, description="time of its first frame on the clock of its pressure log, s"
+        default=0.0, description="time of its first frame on the clock of its log, s"
     )
     static_start_s: StaticStart = None
     gravity: Position | None = Field(
         default=None,
-        description="direction of gravity in world axes in this film, where finger and rig were turned; in "
-        "every film or in none, then in place of gravity of [model]",
+        description="direction of gravity where the rig was turned; in every film, or in none",
     )
     held_out: bool = Field(
-        default=False, description="true: kept from every fit and from the choice of effects, but predicted"
+        default=False, description="true: predicted, never fitted"
     )
 
 
 class CameraTable(TableModel):
     name: Name = Field(description="name of the camera")
     film: RelativePath = Field(
-        description="film of the test; or pictures: a folder, or a pattern such as raw/film-*.png"
+        description="film of the test, or pictures: a folder, or a pattern such as raw/film-*.png"
     )
     fps: Positive | None = Field(
-        default=None, description="frame rate of pictures that have no times.csv, 1/s"
+        default=None, description="frame rate of pictures without times.csv, 1/s"
     )
     static: RelativePath = Field(
-        description="film of the finger at rest, 300 frames or more; the noise is estimated from it"
+        description="film of the finger at rest, 300 frames or more, which gives the noise"
     )
     boards: RelativePath | None = Field(
         default=None,
-        description="the calibration board: pictures, a pattern such as raw/boards/*.png, or a film in which "
-        "it is moved, raw/boards.mp4",
+        description="the calibration board: pictures such as raw/boards/*.png, or a film, raw/boards.mp4",
     )
     board_times: RelativePath | None = Field(
         default=None,
-        description="films of the board by several cameras: CSV with the time of every frame on one clock, "
-        "columns camera,time_s; without it the films are taken to start together",
+        description="CSV with columns camera,time_s for the board's films; else they start together",
     )
     camera_file: RelativePath | None = Field(
         default=None,
-        description="in place of boards: a calibration by another program, OpenCV YAML or caliscope TOML",
+        description="in place of boards: another program's calibration, such as OpenCV YAML",
     )
     dictionary: Dictionary = Field(
         default="DICT_4X4_50", description="ArUco dictionary of the markers: a name, or a file of your own"
     )
     mirrored: bool = Field(
         default=False,
-        description="whether the camera looks into a mirror, or its films and pictures are mirrored: left is "
-        "right in all of them",
+        description="whether all its films and pictures are mirrored",
     )
     film_start_s: Finite = Field(
         default=0.0, description="time of the film's first frame on the clock of the pressure log, s"
     )
     static_start_s: StaticStart = None
     max_rms_px: Positive = Field(
-        default=0.3, description="largest reprojection RMS of a camera calibration that is accepted, px"
+        default=0.3, description="largest reprojection RMS that is accepted, px"
     )
     board: BoardTable | None = None
 
@@ -270,38 +260,35 @@ class CameraTable(TableModel):
 class PressureTable(TableModel):
     file: RelativePath = Field(
         default="raw/pressure.csv",
-        description="pressure log, a CSV file with a time and a gauge pressure, such as "
-        "time_s,pressure_MPa or t [ms],p [bar]",
+        description="pressure log, a CSV file with columns such as time_s,pressure_MPa or t [ms],p [bar]",
     )
     column: str | None = Field(
-        default=None, description="heading of the pressure, where the log has several or it does not begin so"
+        default=None, description="heading of the pressure, where it cannot be told"
     )
     unit: str | None = Field(
         default=None,
-        description="unit of the pressure where its heading has none: MPa, kPa, Pa, hPa, bar, mbar, psi or V",
+        description="unit where the heading has none: MPa, kPa, Pa, hPa, bar, mbar, psi or V",
     )
     volt_zero: Finite | None = Field(
-        default=None, description="for a gauge that gives volts: its reading at no pressure, V"
+        default=None, description="gauge that gives volts: reading at no pressure, V"
     )
     MPa_per_V: Finite | None = Field(
-        default=None, description="for a gauge that gives volts: its sensitivity, MPa/V"
+        default=None, description="gauge that gives volts: sensitivity, MPa/V"
     )
-    time_shift_s: Finite = Field(default=0.0, description="number added to the times of the log, s")
+    time_shift_s: Finite = Field(default=0.0, description="added to the times of the log, s")
     sync_sd_s: Annotated[float, Field(ge=0, allow_inf_nan=False)] = Field(
-        default=0.002, description="uncertainty of film_start_s where join is stamps, 1 sd, s"
+        default=0.002, description="sd of film_start_s where join is stamps, s"
     )
     join: Literal["stamps", "flash", "onset"] = Field(
         default="stamps",
-        description="how film and log are synchronised; stamps: by film_start_s; flash: by a lamp in the "
-        "film; onset: by the first motion",
+        description="synchronise film and log by film_start_s, a lamp, or the first motion",
     )
     flash_region: tuple[int, int, int, int] | None = Field(
         default=None, description="where the lamp is in the film, [x, y, width, height] in px"
     )
     flash_time_s: Finite | None = Field(
         default=None,
-        description="time at which the lamp goes on, on the clock of the log, s; without it the column flash "
-        "of the log tells",
+        description="time of the lamp on the clock of the log, s; else the log's column flash",
     )
 
     @model_validator(mode="after")
@@ -320,39 +307,36 @@ class ImportTable(TableModel):
     """Displacements that another program measured, and what its file does not say of them."""
 
     file: RelativePath = Field(
-        description="what the other program wrote: a file or a folder, such as raw/film.csv"
+        description="file or folder of the other program, such as raw/film.csv"
     )
     format: Literal["deeplabcut", "anipose", "dice", "matchid", "c3d", "csv"] = Field(
-        description="which program or format"
+        description="program or format"
     )
     sd_mm: SdMm | None = Field(
         default=None,
-        description="sd of one position, mm; always wanted: hold the finger still for some hundred frames "
-        "and take the scatter",
+        description="sd of one position, mm; always wanted: the scatter while the finger is still",
     )
     mm_per_px: Positive | None = Field(
         default=None,
-        description="size of a pixel in the plane of the markers, mm; wanted where the file is in pixels",
+        description="size of a pixel, mm; wanted where the file is in pixels",
     )
     scale_sd: Share = Field(
-        default=0.001, description="relative uncertainty of mm_per_px, 1 sd: an error that all values share"
+        default=0.001, description="relative sd of mm_per_px"
     )
     axes: str | None = Field(
         default=None,
-        description="the file's axes that point along the finger, across it and up; 0 for one that is not "
-        "seen: x,0,-y for a picture with the finger to the right",
+        description="the file's axes along, across and up, 0: not seen; x,0,-y: finger to the right",
     )
     fps: Positive | None = Field(
         default=None,
-        description="frames in a second, where the file counts frames; 1 for pictures of single load steps",
+        description="frames in a second, where the file counts frames; 1 for single load steps",
     )
     log: RelativePath | None = Field(
         default=None,
-        description="pressure log, with times or with one row for each step, such as raw/pressure.csv; "
-        "wanted where the file has no pressure",
+        description="pressure log, with times or one row a step; wanted where the file has no pressure",
     )
     log_unit: str | None = Field(
-        default=None, description="unit of the pressure in the log, where its heading has none"
+        default=None, description="unit of that pressure, where its heading has none"
     )
     start_s: Finite = Field(
         default=0.0, description="time of the first frame on the clock of the log, s"
@@ -360,54 +344,50 @@ class ImportTable(TableModel):
     rest_steps: int = Field(
         default=1,
         ge=1,
-        description="number of first steps, at rest, whose mean the displacements are relative to",
+        description="number of first steps, at rest, that displacements are relative to",
     )
     fixed: tuple[str, ...] = Field(
-        default=(), description="names of markers on the rig, which must not move"
+        default=(), description="names of markers on the rig"
     )
     origin_mm: Position | None = Field(
         default=None,
-        description="position of the file's origin in world axes, mm; with it points that are not in "
-        "[[points]] count too, where they lie",
+        description="the file's origin in world axes, mm; then points not in [[points]] count too",
     )
     min_likelihood: Annotated[float, Field(ge=0, le=1)] = Field(
         default=LIKELY,
-        description="likelihood or score below which a point counts as not seen (deeplabcut, anipose)",
+        description="likelihood or score below which a point is not seen (deeplabcut, anipose)",
     )
 
 
 class MeasureTable(TableModel):
-    placement_sd_mm: SdMm = Field(default=0.3, description="distance of a marker from its node, 1 sd, mm")
-    scale_sd: Share = Field(default=0.001, description="relative uncertainty of the mm scale, 1 sd")
+    placement_sd_mm: SdMm = Field(default=0.3, description="distance of a marker from its node, mm")
+    scale_sd: Share = Field(default=0.001, description="relative error of the mm scale")
     frame_sd_mm: SdMm = Field(
-        default=0.1, description="distance of a frame marker from its stated position, 1 sd, mm"
+        default=0.1, description="distance of a frame marker from its stated position, mm"
     )
     node_sd_mm: SdMm = Field(
-        default=0.1, description="distance of the real finger's point from the model's node, 1 sd, mm"
+        default=0.1, description="distance of the finger's point from the model's node, mm"
     )
     height_sd_mm: SdMm = Field(
         default=0.3,
-        description="uncertainty of a marker's distance from the plane of the frame markers, 1 sd, mm",
+        description="error of a marker's distance from the frame markers' plane, mm",
     )
     out_of_plane_sd_mm: SdMm = Field(
         default=0.3,
-        description="motion of a marker towards the camera when its displacement is largest, 1 sd, mm; the "
-        "side face of the built-in finger bulges by 0.3 mm",
+        description="motion of a marker towards the camera at its largest displacement, mm",
     )
     reference_s: Positive = Field(
         default=1.8,
-        description="length of the rest at the start of the film, s; displacements are relative to its mean",
+        description="rest at the start of the film that displacements are relative to, s",
     )
     steps: int = Field(
         default=2000,
         ge=2,
-        description="largest number of frames that become targets, evenly spaced; tracking always "
-        "uses every frame",
+        description="largest number of evenly spaced frames kept as targets; tracking uses every frame",
     )
     corrections: RelativePath | None = Field(
         default=None,
-        description="a CSV file of what you mend of the tracks by hand, such as raw/corrections.csv; "
-        "see files.md",
+        description="what you mend of the tracks by hand, such as raw/corrections.csv; see files.md",
     )
 
 
@@ -415,7 +395,7 @@ class MarkTable(TableModel):
     """What is glued, or seen in the silicone: on the rig or on the finger."""
 
     name: Name = Field(description="name in targets and reports")
-    marker: int | None = Field(default=None, ge=0, description="ArUco id; leave it out for a plain dot")
+    marker: int | None = Field(default=None, ge=0, description="ArUco id; none for a plain dot")
     size_mm: Positive | None = Field(
         default=None, description="side of the marker, or diameter of a dot, mm; needed with a film"
     )
@@ -425,8 +405,7 @@ class MarkerTable(MarkTable):
     """A marker on the rig."""
 
     role: Literal["frame", "fixed"] = Field(
-        description="frame: defines the world axes (6 or more); fixed: a check, it must show no "
-        "displacement (4 or more)"
+        description="frame: defines the world axes (6 or more); fixed: must show no motion (4 or more)"
     )
     position_mm: Position = Field(description="position of its centre in world axes, mm")
 
@@ -441,17 +420,15 @@ class PointTable(MarkTable):
     node: int | None = Field(
         default=None,
         ge=1,
-        description="label of the node in the model; leave it out where position_mm says where the point is",
+        description="label of the node in the model; or give position_mm",
     )
     position_mm: Position | None = Field(
         default=None,
-        description="position of its centre on the finger without load, mm; with node it may be left out; "
-        "without node the nearest place on the surface is the point",
+        description="centre on the unloaded finger, mm; the nearest place on the surface counts, or node",
     )
     seen_mm: tuple[Finite, Finite] | None = Field(
         default=None,
-        description="for a natural feature in place of a marker: x and z at which the first picture shows "
-        "it, mm; `twin pick` finds features and writes it",
+        description="x and z of a natural feature in the first picture, mm; `twin pick` writes it",
     )
 
     @model_validator(mode="after")
@@ -476,8 +453,7 @@ class DicTable(TableModel):
     step_mm: Positive = Field(default=4.0, description="distance from one measured point to the next, mm")
     subset_mm: Positive = Field(
         default=6.0,
-        description="side of the square that is followed around each point, mm; wanted 15 px and 5 "
-        "speckles or more",
+        description="side of the square followed around each point, mm; wanted 15 px and 5 speckles or more",
     )
 
 
@@ -491,7 +467,7 @@ class CalibrateTable(TableModel):
         description="points whose RMS error the genetic algorithm minimises",
     )
     objective_component: Literal[1, 2, 3] = Field(
-        default=3, description="displacement component of that error: 1 x, 2 y, 3 z"
+        default=3, description="component of that error: 1 x, 2 y, 3 z"
     )
     bounds: dict[str, Bounds] = Field(
         default=dict(BOUNDS), description="lowest and highest value of each constant, MPa"
@@ -501,25 +477,25 @@ class CalibrateTable(TableModel):
 class DiagnoseTable(TableModel):
     candidates: tuple[Effects, ...] = Field(
         default=(),
-        description="effects that `twin diagnose` tries; none named: all of the library",
+        description="effects that `twin diagnose` tries; none named: all",
     )
     seed: int = Field(default=1, ge=0, description="seed of the diagnosis")
 
 
 class StudyTable(TableModel):
     other_pressure_MPa: Positive | None = Field(
-        default=None, description="a second pressure that the source of the targets states, MPa"
+        default=None, description="a second pressure that the source states, MPa"
     )
     initial: dict[str, NotNegative] = Field(
         default={},
-        description="constants of the initial model, MPa, such as {C10 = 0.2, C01 = 0.1}; none named: those "
-        "that `twin calibrate` begins with",
+        description="constants of the initial model, MPa, such as {C10 = 0.2, C01 = 0.1}; "
+        "else those of `twin calibrate`",
     )
     published: dict[str, NotNegative] = Field(
-        default={}, description="constants that the source of the targets found, MPa"
+        default={}, description="constants that the source found, MPa"
     )
     published_reduction_percent: Positive | None = Field(
-        default=None, description="by how much its RMS error fell from the initial to the final model, %"
+        default=None, description="fall of its RMS error, %"
     )
 
     @model_validator(mode="after")

@@ -30,13 +30,13 @@ class FingerTable(TableModel):
     tip_cap_mm: Positive = Field(default=6.0, description="length of solid silicone at the tip, mm")
     pleats: int = Field(default=9, ge=1, description="number of pleats (bellows)")
     pleat_depth_mm: NotNegative = Field(
-        default=7.6, description="depth of the pleats of the top, from crest to valley, mm; 0: no pleats"
+        default=7.6, description="depth of the top's pleats, crest to valley, mm; 0: none"
     )
     side_pleat_depth_mm: NotNegative = Field(
-        default=2.8, description="depth of the pleats of each side wall below the top, mm"
+        default=2.8, description="depth of the pleats of each side wall, mm"
     )
     pleat_profile: Literal["round", "flat"] = Field(
-        default="round", description="round: a cosine; flat: wider crests and valleys, steeper walls between"
+        default="round", description="round: a cosine; flat: wider crests and valleys"
     )
     edge_radius_mm: Positive = Field(default=1.0, description="radius of all inner edges of the chamber, mm")
 

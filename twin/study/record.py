@@ -18,7 +18,7 @@ SHOWN = 6  # readings that the report shows, within the pressure of the test and
 class Side(Record):
     """One model."""
 
-    C10: float = Field(description="MPa, with their sum and the share of C01")
+    C10: float = Field(description="MPa")
     C01: float
     total: float
     share: float
@@ -29,22 +29,22 @@ class Side(Record):
 class Initial(Side):
     """The model before."""
 
-    stated: bool = Field(description="whether `[study] initial` states its constants")
+    stated: bool = Field(description="by `[study]`")
 
 
 class Start(Side):
     """Another model before."""
 
-    reduction_percent: float = Field(description="fall of the error from it, negative where it was better")
+    reduction_percent: float = Field(description="fall of the error from it")
 
 
 class RidgeLine(Record):
     """The ridge."""
 
     share: list[float]
-    total_MPa: list[Reach] = Field(description="best sum for each share, and its error")
+    total_MPa: list[Reach] = Field(description="with its error")
     rms_mm: list[Reach]
-    agreeing_share: tuple[float, float] = Field(description="lowest and highest that agree with the readings")
+    agreeing_share: tuple[float, float] = Field(description="range that agrees with the readings")
 
     def agreeing(self, values: Sequence[float]) -> Array:
         """Those of values (h,) along the ridge where it agrees with the readings."""
@@ -82,28 +82,28 @@ class Study(Record):
     file: ClassVar[str] = "study.json"
     headline: str = Field(default="", description="what was found, in words")
     sentences: tuple[str, ...] = ()
-    points: list[str] = Field(description="the objective: points, direction, pressure, values with error")
+    points: list[str] = Field(description="the objective")
     component: int
     pressure_MPa: float
     measured_mm: list[float]
     measured_sd_mm: float
     initial: Initial = Field(description="the model before")
     final: Side = Field(description="the best of the genetic algorithm")
-    reduction_percent: float = Field(description="fall of the RMS error from the initial to the final model")
+    reduction_percent: float = Field(description="fall of the RMS error")
     least_squares: Side = Field(description="the best of least squares")
-    difference: str = Field(description="why the two searches end apart, in words")
-    published: Side | None = Field(description="constants that the source of the targets states")
+    difference: str = Field(description="why the two end apart")
+    published: Side | None = Field(description="constants that the source states")
     published_reduction_percent: float | None = Field(description="and the fall of the error")
     published_reduction_from_total_MPa: list[float] = Field(
-        description="sums C10 + C01 of an initial model from which the error falls by as much"
+        description="sums C10 + C01 of initial models that give this fall"
     )
     starts: list[Start] = Field(description="other initial models")
     ridge: RidgeLine = Field(description="the best sum for every share")
     known: Known = Field(description="what the targets tell of the share")
-    readings: list[ReadingRow] = Field(description="what one more reading would tell, best first")
-    plans: list[Several] = Field(description="the same for several")
+    readings: list[ReadingRow] = Field(description="one more reading, best first")
+    plans: list[Several] = Field(description="several more")
     curves: PointCurves = Field(description="data of figures 6a and 6b")
-    figures: tuple[str, ...] = Field(default=(), description="names of the seven files")
+    figures: tuple[str, ...] = Field(default=(), description="names of the files")
 
     def told(self, figures: Sequence[str]) -> "Study":
         """The same with what was found in words, and the files of its figures."""

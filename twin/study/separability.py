@@ -70,7 +70,7 @@ class Spot:
 class ReadingRow(Known):
     """One reading that could be added, and what is known with it."""
 
-    point: str = Field(description="where, in which direction, at which pressure")
+    point: str = Field(description="where")
     node: int
     x_mm: float
     direction: str
