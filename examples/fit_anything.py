@@ -19,8 +19,7 @@ parameters = (
 
 
 def law(theta):
-    rest, fall, tau = theta
-    return rest + fall * np.exp(-time / tau)
+    return theta[0] + theta[1] * np.exp(-time / theta[2])
 
 
 def residual(theta):
@@ -37,4 +36,5 @@ fit = least_squares(residual, jacobian, parameters, start=[1.0, 1.0, 1.0], toler
 for p, value, (low, high) in zip(fit.parameters, fit.theta, fit.interval(0.95)):
     print(f"{p.name} = {value:.3f} {p.unit} (95 %: {low:.3f} to {high:.3f})")
 p_value = chi2_test(fit.chi2, [fit.degrees_of_freedom], [np.inf])  # inf: the sd is known, not estimated
-print(f"chi2 {fit.chi2:.2f} for {fit.degrees_of_freedom} degrees of freedom, p {p_value:.2f}: the law fits")
+said = "the law fits" if p_value > 0.01 else "the law does not fit"
+print(f"chi2 {fit.chi2:.2f} for {fit.degrees_of_freedom} degrees of freedom, p {p_value:.2f}: {said}")
