@@ -8,6 +8,7 @@ Run it after a key of twin.toml or an effect of the library has changed; `tests/
 import os
 import re
 import sys
+import textwrap
 from collections.abc import Mapping
 from typing import Any
 
@@ -34,6 +35,7 @@ from twin.study.record import Study
 DOCS = ROOT / "docs"
 Schema = Mapping[str, Any]
 RECORDS: tuple[type[Record], ...] = (FitRecord, ComparisonRecord, DiagnosisRecord, EvidenceRecord, Study)
+COLUMNS = 120
 BEGIN, END = "<!-- made by benchmarks/docs/reference.py -->", "<!-- end -->"
 
 WHAT = {
@@ -55,7 +57,7 @@ WHAT = {
     "diagnose": "The search for what is missing.",
     "study": "What the source of the targets states of its own calibration, for `twin study`.",
 }  # fmt: skip
-KINDS = {"string": "text", "integer": "whole number", "number": "number", "boolean": "true or false"}
+KINDS = {"string": "text", "integer": "whole number", "number": "number", "boolean": "true/false"}
 
 
 def key_tables() -> str:
@@ -112,6 +114,8 @@ def _one(field: Schema) -> str:
         return f"list of {_one(field['items']).removesuffix('s')}s"
     if field.get("type") == "object":
         return f"table of {_value(field['additionalProperties'])} by name"
+    if field["type"] == "number" and "exclusiveMinimum" in field:
+        return "positive number"
     return KINDS[field["type"]] + _limits(field)
 
 
@@ -223,14 +227,21 @@ def _command(stage: Stage) -> str:
 # -- records -----------------------------------------------------------------------------------------------
 
 
-def record_tables() -> str:
+def record_lists() -> str:
     """The keys of every record that a run writes, as its model describes them."""
     return "\n".join(_record(model) for model in RECORDS)
 
 
 def _record(model: type[Record]) -> str:
-    head = [f"**{model.file}**", "", "| key | meaning |", "|---|---|"]
-    return "\n".join([*head, *(f"| {keys} | {text} |" for keys, text in _rows(model))]) + "\n"
+    rows = (f"{keys}: {text}" if text else keys for keys, text in _rows(model))
+    return "\n".join([f"**{model.file}**", "", *map(_item, rows)]) + "\n"
+
+
+def _item(text: str) -> str:
+    """One row of a list, its lines no longer than those of the page."""
+    return textwrap.fill(
+        f"- {text}", COLUMNS, subsequent_indent="  ", break_long_words=False, break_on_hyphens=False
+    )
 
 
 def _rows(model: type[Record]) -> list[tuple[str, str]]:
@@ -282,7 +293,7 @@ def pages() -> dict[str, str]:
     """The text of every page that is made, by its name in docs/."""
     made = {
         "twin-toml.md": (key_tables(),), "effects.md": (effect_tables(),), "nodes.md": (node_table(),),
-        "files.md": (command_table(), record_tables()),
+        "files.md": (command_table(), record_lists()),
     }  # fmt: skip
     return {name: renewed((DOCS / name).read_text(encoding="utf-8"), *parts) for name, parts in made.items()}
 

@@ -31,12 +31,12 @@ WIDE = 20  # letters of a column of the table
 class Share(Record):
     """What an effect explains at one marker in one branch, in root mean squares."""
 
-    marker: str = Field(description="or `all`")
-    branch: str = Field(description="or `all`")
-    count: int = Field(description="of values")
+    marker: str
+    branch: str
+    count: int
     before_mm: float = Field(description="residual without the effect")
     signature_mm: float = Field(description="what the effect takes off it")
-    after_mm: float = Field(description="what it leaves")
+    after_mm: float
     before_sd: float = Field(description="the same in sds")
     after_sd: float
     explained: float = Field(description="share of the mean square that it takes away")

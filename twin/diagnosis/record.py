@@ -28,9 +28,9 @@ class RankingRow(Record):
     delta_bic: Maybe = Field(default=None, description="BIC gain of the refit")
     evidence: Maybe = Field(default=None, description="2 ln B over the calibrated model")
     adequate: bool | None = Field(default=None, description="whether the model with it fits")
-    at_bound: tuple[str, ...] = Field(default=(), description="parameters at a bound")
-    plausible: bool | None = Field(default=None, description="whether its sizes are")
-    parameters: dict[str, Estimate] = Field(default={}, description="of the refit, by name")
+    at_bound: tuple[str, ...] = ()
+    plausible: bool | None = None
+    parameters: dict[str, Estimate] = Field(default={})
     note: str = Field(default="", description="why it was not tested or refitted")
 
     @staticmethod
@@ -60,7 +60,7 @@ class RankingRow(Record):
 
 class Resemblance(Record):
     kind: str
-    words: str = Field(description="with size and place")
+    words: str
     evidence: Maybe
     adequate: bool
 
@@ -107,7 +107,7 @@ class ForetoldFilm(Record):
     film: str
     before: UnseenFilm = Field(description="as in comparison.json")
     after: UnseenFilm | None = Field(description="with the effect")
-    ratio: Maybe = Field(description="of the two errors")
+    ratio: Maybe
 
     @staticmethod
     def of(before: UnseenFilm, after: UnseenFilm | None) -> "ForetoldFilm":

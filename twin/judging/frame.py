@@ -32,7 +32,7 @@ class FrameTest(Record):
 
     p_value: Maybe = Field(description="null where there is nothing to test")
     chi2: float
-    count: int = Field(description="of values")
+    count: int
     misfit: float = Field(description="rms beyond the noise, in sds of the finger's noise")
     moves: bool = Field(description="significant and not immaterial")
     sentence: str

@@ -161,10 +161,10 @@ def check_covariance(rows: Rows, size: int) -> None:
 
 class MapRow(Record):
     name: str
-    count: int = Field(description="of values")
+    count: int
     rms_mm: Maybe
     noise_sd_mm: Maybe
-    ratio: Maybe = Field(default=None, description="of the two")
+    ratio: Maybe = None
 
 
 class BeyondRow(Record):
@@ -175,12 +175,12 @@ class BeyondRow(Record):
 class UnseenFilm(Record):
     """The error of a model in a block that it was not fitted to: shared errors at most PLAUSIBLE sds."""
 
-    film: str = Field(description="its name")
+    film: str
     block: int
     rms_mm: Finite = Field(description="shared errors taken off up to 3 sd")
     raw_rms_mm: Finite = Field(description="with them")
     noise_sd_mm: Finite
-    values: int = Field(description="how many there are")
+    values: int
 
 
 class ComparisonRecord(Record):

@@ -4,7 +4,6 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field
 
 from fe import Case
 from twin.effects.baselaw import Constants
@@ -19,7 +18,7 @@ class Several(Known):
     """Several readings that could be added at once, and what is known with them."""
 
     words: str
-    count: int = Field(description="of values")
+    count: int
 
 
 def spots(case: Case, targets: Targets, rows: Sequence[int]) -> tuple[Spot, ...]:

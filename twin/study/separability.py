@@ -31,7 +31,7 @@ class Known(Record):
     """What is known of the share."""
 
     share_sd: float | None = Field(description="null where it is left open")
-    correlation: float = Field(description="of C10 and C01")
+    correlation: float
     wanted_sd_mm: float | None = Field(description="error of all readings for a `share_sd` of 0.1")
 
     @property
@@ -70,12 +70,12 @@ class Spot:
 class ReadingRow(Known):
     """One reading that could be added, and what is known with it."""
 
-    point: str = Field(description="where")
+    point: str
     node: int
     x_mm: float
     direction: str
     pressure_MPa: float
-    u_mm: float = Field(description="displacement there")
+    u_mm: float
 
     @property
     def words(self) -> str:
