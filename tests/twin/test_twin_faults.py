@@ -83,7 +83,7 @@ def test_interrupts_at_many_moments(study: Path, command: tuple[str, ...]) -> No
 def test_an_interrupt_that_falls_into_a_callback_is_not_lost() -> None:
     code = """if True:
         import signal, sys, time, types
-        from twin import entering
+        from twin import main
 
         class Callback:
             def __del__(self):
@@ -94,7 +94,7 @@ def test_an_interrupt_that_falls_into_a_callback_is_not_lost() -> None:
             time.sleep(20.0)
 
         sys.modules["twin.cli"] = types.SimpleNamespace(main=run)
-        entering.main()
+        main.start()
     """
     begin = time.monotonic()
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, cwd=ROOT)
