@@ -60,8 +60,8 @@ WHAT = {
 KINDS = {"string": "text", "integer": "whole number", "number": "number", "boolean": "true/false"}
 
 
-def key_tables() -> str:
-    """One section a table of twin.toml: its keys with values, defaults and meanings."""
+def key_lists() -> str:
+    """One section a table of twin.toml: its keys with values, defaults in brackets, and meanings."""
     schema = Config.model_json_schema()
     return "\n".join(_table(*row) for row in _tables(schema, schema["$defs"], at=""))
 
@@ -89,11 +89,11 @@ def _inner(field: Schema) -> str | None:
 
 def _table(name: str, repeats: bool, keys: Mapping[str, tuple[Schema, bool]]) -> str:
     head = f"[[{name}]]" if repeats else f"[{name}]"
-    lines = [f"## {head}", f"{WHAT[name]}\n", "| key | value (default) | meaning |", "|---|---|---|"]
+    lines = [f"## {head}", f"{WHAT[name]}\n"]
     for key, (field, needed) in keys.items():
         default = "(needed)" if needed else _default(field.get("default"))
         value = f"{_value(field)} {default}".strip()
-        lines.append(f"| `{key}` | {value} | {field.get('description', '')} |")
+        lines.append(_item(f"`{key}`, {value}: {field.get('description', '')}"))
     return "\n".join(lines) + "\n"
 
 
@@ -292,7 +292,7 @@ def renewed(page: str, *made: str) -> str:
 def pages() -> dict[str, str]:
     """The text of every page that is made, by its name in docs/."""
     made = {
-        "twin-toml.md": (key_tables(),), "effects.md": (effect_tables(),), "nodes.md": (node_table(),),
+        "twin-toml.md": (key_lists(),), "effects.md": (effect_tables(),), "nodes.md": (node_table(),),
         "files.md": (command_table(), record_lists()),
     }  # fmt: skip
     return {name: renewed((DOCS / name).read_text(encoding="utf-8"), *parts) for name, parts in made.items()}

@@ -69,8 +69,8 @@ Effects = Annotated[str, AfterValidator(labels.checked_groups)]
 Bounds = tuple[Finite, Finite]
 StaticStart = Annotated[
     Finite | None,
-    Field(description="time of the static film's first frame on that clock, s; without it the noise of the "
-          "pressure gauge is estimated from the first rest of the film"),
+    Field(description="time of the static film's first frame on that clock, s; else the film's rest gives "
+          "the noise of the gauge"),
 ]  # fmt: skip
 LIKELY = 0.6  # the value below which DeepLabCut itself draws no point (pcutoff in its config.yaml)
 STIFFEST = 100.0  # MPa, of a constant that may be fitted: hard rubber has 10
