@@ -238,6 +238,7 @@ class ReducedModel(Model):
 
     tables: Tables = field(default=None, compare=False, repr=False)  # type: ignore[assignment]
     counted: list[int] = field(default_factory=lambda: [0], compare=False, repr=False)
+    kept: dict[bytes, Solved] = field(default_factory=dict, init=False, compare=False, repr=False)
 
     @cached_property
     def _whole(self) -> tuple[Test, str]:
@@ -303,12 +304,19 @@ class ReducedModel(Model):
     # -- what a model offers --------------------------------------------------------------------------------
 
     def solved(self, theta: Array, *, derivatives: bool = False) -> Solved:
-        """As `Model.solved`, from the tables."""
-        u = self._seen_at(self.named(theta))
-        rows = None
-        if derivatives:
-            rows = np.array([self._difference(self.named(theta), p) for p in self.parameters])
-        return Solved(theta.copy(), u, rows, None)  # type: ignore[arg-type]
+        """As `Model.solved`, from the tables; the last ones are kept."""
+        key = theta.tobytes()
+        known = self.kept.pop(key, None)
+        if known is None or (derivatives and known.jacobian is None):
+            u = known.u if known else self._seen_at(self.named(theta))
+            rows = None
+            if derivatives:
+                rows = np.array([self._difference(self.named(theta), p) for p in self.parameters])
+            known = Solved(theta.copy(), u, rows, None)  # type: ignore[arg-type]
+        self.kept[key] = known
+        for old in list(self.kept)[:-6]:
+            del self.kept[old]
+        return known
 
     def _seen_at(self, values: Theta) -> Array:
         test = self.put(values)

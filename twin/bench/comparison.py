@@ -15,6 +15,7 @@ from twin.judging.comparison import Comparison, compare
 from twin.judging.fitting import ModelErrors
 from twin.judging.heldout import unseen
 from twin.judging.judged import Judged
+from twin.judging.lawerrors import NAME, LawError
 from twin.judging.record import UnseenFilm
 from twin.model.arraycache import code_digest
 from twin.project import files
@@ -82,6 +83,7 @@ def keep(run: Run, judged: Judged) -> None:
         {
             "code": np.array(code_digest()), "theta": judged.theta, "u": judged.predicted,
             "jacobian": judged.jacobian, "gauge": e.gauge, "modes": e.modes,
+            "law": np.array(e.law), **{f"{NAME}{one.effect}": one.modes for one in e.laws},
             "crossed": np.array(judged.model.solution(judged.theta).crossed),
         },
     )  # fmt: skip
@@ -96,7 +98,14 @@ def kept(fit_file: Path, fit: Fit, targets: Targets) -> Judgement | None:
     found = files.read_npz(path)
     if str(found["code"]) != code_digest() or not np.array_equal(found["theta"], fit.theta):
         return None
-    errors = ModelErrors(gauge=found["gauge"], modes=found["modes"])
+    errors = ModelErrors(
+        gauge=found["gauge"],
+        modes=found["modes"],
+        laws=tuple(
+            LawError(key.removeprefix(NAME), rows) for key, rows in found.items() if key.startswith(NAME)
+        ),
+        law=float(found["law"]),
+    )
     bound = len(fit.at_bound)
     w, jacobian = errors.whitener(targets), found["jacobian"]
     made = compare(targets, found["u"], w, jacobian=jacobian, at_bound=bound)

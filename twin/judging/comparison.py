@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calibrate import chi2_test, excess, omnibus
+from twin.judging.lawerrors import memory
 from twin.judging.record import BeyondRow, ComparisonRecord, MapRow, UnseenFilm
 from twin.judging.sharederrors import beyond, in_words
 from twin.judging.whitening import Whitener
@@ -142,13 +143,17 @@ def lack_of_fit(targets: Targets, w: Whitener, z: Array, fitted: Array, smooth: 
 
 def smooth_functions(targets: Targets, w: Whitener, shapes: Array | None = None) -> Array:
     """Whitened smooth functions (n, b): shapes (k, s), by default `slow_shapes`, for every component."""
-    fields = []
-    for point, axis in w.components:
-        for shape in slow_shapes(targets) if shapes is None else shapes:
-            field = np.zeros((*targets.value.shape[:2], 3))
-            field[:, point, axis] = relative(shape, targets.reference, targets.rests)
-            fields.append(field)
-    return w.whiten(np.array(fields)).T  # at once: the filter's steps are what costs
+    own = slow_shapes(targets) if shapes is None else shapes
+    name = f"smooth {hash(own.tobytes())}"
+    if name not in w.noise.kept:
+        fields = []
+        for point, axis in w.components:
+            for shape in own:
+                field = np.zeros((*targets.value.shape[:2], 3))
+                field[:, point, axis] = relative(shape, targets.reference, targets.rests)
+                fields.append(field)
+        w.noise.kept[name] = w.innovations(np.array(fields))  # at once: the filter's steps are what costs
+    return w.calmed(w.noise.kept[name]).T
 
 
 def slow_shapes(targets: Targets) -> Array:
@@ -158,16 +163,6 @@ def slow_shapes(targets: Targets) -> Array:
     since = np.interp(targets.time, targets.log_time, memory(targets.log_time, targets.log_pressure))
     since = since / max(float(np.abs(since).max()), 1e-12)
     return np.array([x, x**2, x**3, since, (branch == 0).astype(float), x * (branch == 2)])
-
-
-def memory(time: Array, pressure: Array, tau: float = 5.0) -> Array:
-    """What a slow element would still feel: the pressure minus its running mean over tau (s)."""
-    out = np.zeros_like(pressure)
-    mean = pressure[0]
-    for n in range(1, len(time)):
-        mean += (1 - np.exp(-(time[n] - time[n - 1]) / tau)) * (pressure[n] - mean)
-        out[n] = pressure[n] - mean
-    return out
 
 
 def residual_maps(targets: Targets, w: Whitener, residual: Array) -> dict[str, tuple[MapRow, ...]]:

@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from twin.judging.whitening import _gauge_modes, shrunk, whitener
+from twin.judging.noisefilter import shrunk
+from twin.judging.whitening import _gauge_modes, whitener
 from twin.targets import Array, Noise, Targets
 
 DRAWS = 2000
@@ -115,7 +116,7 @@ def test_a_models_own_modes_are_shared_modes_too(targets: Targets) -> None:
     found = np.array([w.amplitudes(row) for row in noise[:400]])
     # pulls: the most probable amplitude is drawn towards 0 by its prior, so that its error and itself have
     # variances that add to 1; the error's is the diagonal of (1 + G'G)^-1
-    G = w._innovations(w.modes).T
+    G = w.noise.innovations(w.modes).T
     wanted = np.diag(np.linalg.inv(np.eye(3) + G.T @ G))
     pulls = (found - amplitudes[:400]) / np.sqrt(wanted)
     np.testing.assert_allclose(pulls.std(axis=0), 1.0, atol=5 / np.sqrt(2 * 400))
@@ -250,8 +251,8 @@ def test_a_bounded_amplitude_is_the_best_within_its_bound(targets: Targets) -> N
     free, held = w.amplitudes(residual), w.amplitudes(residual, bound=3.0)
     assert abs(free[0]) > 5
     assert np.abs(held[: w.shared]).max() <= 3.0
-    G = w._innovations(w.modes).T
-    z = w._innovations(w.pick(residual))
+    G = w.noise.innovations(w.modes).T
+    z = w.innovations(residual)
 
     def size(a: Array) -> float:
         return float(((z - G @ a) ** 2).sum() + a @ a)
