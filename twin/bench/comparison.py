@@ -31,7 +31,8 @@ def compared(run: Run, judged: Judged, bench: Workbench, say: Say) -> Comparison
     held = foretold(bench, judged)
     write_comparison(run, judged.predicted, judged.comparison, held)
     for row in held:
-        say(f"Held out, {row.film}: {row.rms_mm:.3f} mm rms, foretold by a fit that never saw it.")
+        say(f"Held out, {row.film}: {row.raw_rms_mm:.3f} mm rms, foretold by a fit that never saw it; "
+            f"{row.expected_mm:.3f} mm is expected.")  # fmt: skip
     return judged.comparison
 
 
@@ -47,7 +48,7 @@ def write_comparison(run: Run, predicted: Array, found: Comparison, held: Sequen
 
 
 def write_prediction(run: Run, predicted: Array, found: Comparison) -> None:
-    """Write prediction.npz: displacements, residual and cleaned residual, (s, p, 3) mm each."""
+    """Write prediction.npz: displacements, residual and cleaned residual (`Comparison`), (s, p, 3) mm."""
     run.write_npz("prediction.npz", {"u": predicted, "residual": found.residual, "cleaned": found.cleaned})
 
 

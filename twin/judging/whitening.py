@@ -162,14 +162,24 @@ class Whitener:
         left = self.pick(residual) - np.tensordot(size[:count], self.modes[:count], 1)
         return np.where(self.valid, left, np.nan)
 
-    def rms(self, residual: Array, *, gauge: bool = False) -> float:
+    def rms(self, residual: Array, *, gauge: bool = False, bound: float = np.inf) -> float:
         """Root mean square in mm of the cleaned residual."""
-        return float(np.sqrt(np.nanmean(self.cleaned(residual, gauge=gauge) ** 2)))
+        return float(np.sqrt(np.nanmean(self.cleaned(residual, gauge=gauge, bound=bound) ** 2)))
+
+    def error(self, residual: Array) -> float:
+        """Root mean square in mm of a residual (s, p, 3) mm as it is drawn, shared errors and all."""
+        return float(np.sqrt((self.pick(residual)[self.valid] ** 2).mean()))
 
     @property
     def noise_sd(self) -> float:
         """Root mean variance in mm of one value: independent noise and the gauge's."""
         variance = self.sd**2 + (self.modes[self.shared :] ** 2).sum(axis=0)
+        return float(np.sqrt(variance[self.valid].mean()))
+
+    @property
+    def expected(self) -> float:
+        """Root mean variance in mm of one value: noise and shared errors together, as `error` would be."""
+        variance = self.sd**2 + (self.modes**2).sum(axis=0)
         return float(np.sqrt(variance[self.valid].mean()))
 
 
