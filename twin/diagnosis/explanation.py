@@ -115,7 +115,7 @@ def explained(
     every = estimates(after.fit, after.comparison)
     record = EvidenceRecord(
         effect=" + ".join(e.label for e in effects),
-        sentence="; ".join(e.sentence for e in effects),
+        sentence="; ".join(e.told(after.values) for e in effects),
         chi2_before=before.comparison.chi2,
         chi2_after=after.comparison.chi2,
         gain=before.deviance - after.deviance,
