@@ -66,12 +66,16 @@ def diagnose(
     base = task.base(start)
     found = concluded(task.tried(base))
     found = _completed(found, base, task.signatures_at(base), task.silent, targets, plan=plan)
-    return replace(found, frame=frame)
+    basis = targets.noise.basis if targets.noise else ""
+    return replace(found, frame=frame, sentence=" ".join(filter(None, [found.sentence, basis])))
 
 
 def _refusal(targets: Targets) -> str:
     if targets.noise is None:
-        return "no noise model: film the finger at rest (>= 300 frames) and run twin measure"
+        return (
+            "no noise model: film the finger at rest (>= 300 frames) and run twin measure, or state sd_mm or "
+            "still_steps under [noise] of targets/targets.toml"
+        )
     if targets.noise.frames < 30:
         return f"the noise model rests on {targets.noise.frames} static frames, wanted 300 or more"
     return ""
