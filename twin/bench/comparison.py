@@ -15,8 +15,9 @@ from twin.judging.comparison import Comparison, compare
 from twin.judging.fitting import ModelErrors
 from twin.judging.heldout import unseen
 from twin.judging.judged import Judged
-from twin.judging.lawerrors import NAME, LawError
+from twin.judging.lawerrors import LawError
 from twin.judging.record import UnseenFilm
+from twin.judging.whitening import LAW
 from twin.model.arraycache import code_digest
 from twin.project import files
 from twin.project.folder import Project, Run, Say
@@ -32,7 +33,8 @@ def compared(run: Run, judged: Judged, bench: Workbench, say: Say) -> Comparison
     held = foretold(bench, judged)
     write_comparison(run, judged.predicted, judged.comparison, held)
     for row in held:
-        say(f"Held out, {row.film}: {row.rms_mm:.3f} mm rms, foretold by a fit that never saw it.")
+        say(f"Held out, {row.film}: {row.raw_rms_mm:.3f} mm rms, foretold by a fit that never saw it; "
+            f"{row.expected_mm:.3f} mm is expected.")  # fmt: skip
     return judged.comparison
 
 
@@ -48,7 +50,7 @@ def write_comparison(run: Run, predicted: Array, found: Comparison, held: Sequen
 
 
 def write_prediction(run: Run, predicted: Array, found: Comparison) -> None:
-    """Write prediction.npz: displacements, residual and cleaned residual, (s, p, 3) mm each."""
+    """Write prediction.npz: displacements, residual and cleaned residual (`Comparison`), (s, p, 3) mm."""
     run.write_npz("prediction.npz", {"u": predicted, "residual": found.residual, "cleaned": found.cleaned})
 
 
@@ -83,7 +85,7 @@ def keep(run: Run, judged: Judged) -> None:
         {
             "code": np.array(code_digest()), "theta": judged.theta, "u": judged.predicted,
             "jacobian": judged.jacobian, "gauge": e.gauge, "modes": e.modes,
-            "law": np.array(e.law), **{f"{NAME}{one.effect}": one.modes for one in e.laws},
+            "law": np.array(e.law), **{f"{LAW}{one.effect}": one.modes for one in e.laws},
             "crossed": np.array(judged.model.solution(judged.theta).crossed),
         },
     )  # fmt: skip
@@ -102,7 +104,7 @@ def kept(fit_file: Path, fit: Fit, targets: Targets) -> Judgement | None:
         gauge=found["gauge"],
         modes=found["modes"],
         laws=tuple(
-            LawError(key.removeprefix(NAME), rows) for key, rows in found.items() if key.startswith(NAME)
+            LawError(key.removeprefix(LAW), rows) for key, rows in found.items() if key.startswith(LAW)
         ),
         law=float(found["law"]),
     )

@@ -54,6 +54,7 @@ def change_effects(
         "rms_after_mm": found.rms_mm,
         "raw_rms_before_mm": then and then.raw_rms_mm,
         "raw_rms_after_mm": found.raw_rms_mm,
+        "expected_mm": found.expected_mm,
         "noise_sd_mm": found.noise_sd_mm,
         "effects": list(effects),
         "fit": files.plain(fit_record(fit, found)),
@@ -63,9 +64,12 @@ def change_effects(
 
 def _error(then: ComparisonRecord | None, now: Comparison) -> str:
     """The error before and after, in words."""
-    pairs = [(then and then.rms_mm, now.rms_mm), (then and then.raw_rms_mm, now.raw_rms_mm)]
-    left, raw = (f"{'' if a is None else f'from {a:.3f} mm '}to {b:.3f} mm rms" for a, b in pairs)
-    return f"Error: {left}; with errors that many values share {raw}. The noise is {now.noise_sd_mm:.3f} mm."
+    pairs = [(then and then.raw_rms_mm, now.raw_rms_mm), (then and then.rms_mm, now.rms_mm)]
+    error, left = (f"{'' if a is None else f'from {a:.3f} mm '}to {b:.3f} mm rms" for a, b in pairs)
+    return (
+        f"Error: {error}; {now.expected_mm:.3f} mm is expected. Without errors that many values share: "
+        f"{left}; the noise is {now.noise_sd_mm:.3f} mm."
+    )
 
 
 def _nominal(model: Model) -> dict[str, float]:

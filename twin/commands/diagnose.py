@@ -80,9 +80,9 @@ def _held_out(bench: Workbench, settled: Settled) -> list[ForetoldFilm]:
 def _foretold(row: ForetoldFilm) -> str:
     """The error in a held-out film before and after, in words."""
     before, after = row.before, row.after
-    then = f", {after.rms_mm:.3f} mm with the named effect" if after else ""
-    noise = f"its noise is {before.noise_sd_mm:.3f} mm"
-    return f"Held out, {row.film}: {before.rms_mm:.3f} mm rms{then}; {noise}."
+    then = f", {after.raw_rms_mm:.3f} mm with the named effect" if after else ""
+    expected = f"{before.expected_mm:.3f} mm is expected"
+    return f"Held out, {row.film}: {before.raw_rms_mm:.3f} mm rms{then}; {expected}."
 
 
 def _candidates(project: Project) -> tuple[Effect, ...]:

@@ -5,7 +5,6 @@ from pydantic import Field
 
 from twin.judging.comparison import BRANCHES, WHILE, branches
 from twin.judging.judged import Judged
-from twin.judging.lawerrors import NAME
 from twin.project.record import Record
 from twin.project.tablemodel import Finite
 from twin.targets import Array, Targets
@@ -36,8 +35,8 @@ def left_by_laws(judged: Judged, targets: Targets) -> LawLeft | None:
     """What the laws of a judged model leave, as its law errors show it; None where they were not asked
     for."""
     w = judged.whitener
-    own = [k for k, name in enumerate(w.names) if name.startswith(NAME)]
-    if not own:
+    own = np.flatnonzero(w.of_laws)
+    if not len(own):
         return None
     size = w.amplitudes(judged.comparison.residual)[own]
     field = np.where(w.valid, np.tensordot(size, w.modes[own], 1), 0.0)

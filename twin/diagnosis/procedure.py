@@ -72,7 +72,8 @@ def diagnose(
     signatures = task.signatures(base, [*task.laws(wide=False), *task.generic])
     unseen_yet = [h for h in rows if h.note and h.refit is None and h.effect.label not in signatures]
     found = _completed(found, base, signatures, unseen_yet, targets, plan=plan)
-    return replace(found, frame=frame)
+    basis = targets.noise.basis if targets.noise else ""
+    return replace(found, frame=frame, sentence=" ".join(filter(None, [found.sentence, basis])))
 
 
 def _kept(found: Diagnosis, base: Judged, targets: Targets) -> Diagnosis:
@@ -90,7 +91,10 @@ def _kept(found: Diagnosis, base: Judged, targets: Targets) -> Diagnosis:
 
 def _refusal(targets: Targets) -> str:
     if targets.noise is None:
-        return "no noise model: film the finger at rest (>= 300 frames) and run twin measure"
+        return (
+            "no noise model: film the finger at rest (>= 300 frames) and run twin measure, or state sd_mm or "
+            "still_steps under [noise] of targets/targets.toml"
+        )
     if targets.noise.frames < 30:
         return f"the noise model rests on {targets.noise.frames} static frames, wanted 300 or more"
     return ""

@@ -153,10 +153,11 @@ class DiagnosisRecord(Record):
     evidence: EvidenceRecord | None = Field(
         default=None, description="as evidence.json"
     )
-    rms_before_mm: Maybe = Field(default=None, description="error without and with the effects")
-    rms_after_mm: Maybe = None
-    raw_rms_before_mm: Maybe = Field(default=None, description="with shared errors")
+    raw_rms_before_mm: Maybe = Field(default=None, description="error without and with the effects")
     raw_rms_after_mm: Maybe = None
+    expected_mm: Maybe = Field(default=None, description="of the last, as in comparison.json")
+    rms_before_mm: Maybe = Field(default=None, description="the errors without shared ones")
+    rms_after_mm: Maybe = None
     noise_sd_mm: Maybe = Field(default=None, description="the noise")
     adequate: bool | None = Field(default=None, description="lack of fit")
     p_value_before: Maybe = None
@@ -189,6 +190,7 @@ class DiagnosisRecord(Record):
             rms_after_mm=after.rms_mm if after else None,
             raw_rms_before_mm=before.raw_rms_mm if before else None,
             raw_rms_after_mm=after.raw_rms_mm if after else None,
+            expected_mm=after.expected_mm if after else None,
             noise_sd_mm=before.noise_sd_mm if before else None,
             adequate=after.adequate if after else None,
             p_value_before=before.p_value if before else None,

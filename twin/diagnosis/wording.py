@@ -6,7 +6,7 @@ from dataclasses import replace
 from twin.diagnosis.deciding import Decision, Diagnosis
 from twin.diagnosis.hypotheses import Hypothesis, ranked
 from twin.effects.labels import KINDS, OR
-from twin.judging.comparison import Comparison
+from twin.judging.comparison import Comparison, error_in_words
 from twin.judging.judged import Judged
 
 SHOWN = 3  # stand-ins and nearest effects that are told
@@ -61,7 +61,7 @@ def _named(named: Sequence[Hypothesis]) -> Diagnosis:
         like = "".join(f" The {h.kind} would be {h.words}." for h in mimics)
         return replace(found, sentence=f"These data cannot tell {' from '.join(names)}.{like}")
     are = "are" if best.names[1:] else "is"
-    told = ". ".join(capital(e.sentence) for e in best.effects)
+    told = ". ".join(capital(e.told(found.start)) for e in best.effects)
     return replace(found, sentence=f"{' and '.join(best.names)} {are} missing. {told}.")
 
 
@@ -84,14 +84,14 @@ def _unknown(base: Judged, rows: Sequence[Hypothesis]) -> Diagnosis:
     alike = [h for h in fitted if h.kind][:SHOWN]
     like = f" The rest looks like {'; or like '.join(h.words for h in alike)}." if alike else ""
     near = [
-        f"{h.label} leaves {h.comparison.rms_mm:.3f} mm" for h in fitted if not h.kind and h.comparison
+        f"{h.label} leaves {h.comparison.raw_rms_mm:.3f} mm" for h in fitted if not h.kind and h.comparison
     ][:SHOWN]
     nearest = f" The nearest effects: {', '.join(near)}." if near else " No effect of it lowers the error."
     return Diagnosis(
         verdict="none of these",
         sentence=(
-            f"Something is missing that the library does not have. The model is wrong by {found.rms_mm:.3f} "
-            f"mm rms where the noise is {found.noise_sd_mm:.3f} mm.{like}{nearest} {_place(found)}"
+            "Something is missing that the library does not have. The model misses the measurement by "
+            f"{error_in_words(found)}{like}{nearest} {_place(found)}"
         ).strip(),
         resembles=tuple(alike),
     )
@@ -108,8 +108,9 @@ def fallen(found: Diagnosis) -> str:
     if found.kept is None or found.before is None or found.after is None:
         return ""
     return (
-        f"The error falls from {found.before.rms_mm:.3f} to {found.after.rms_mm:.3f} mm rms with "
-        f"{' and '.join(e.label for e in found.effects)}; the noise is {found.before.noise_sd_mm:.3f} mm."
+        f"The error falls from {found.before.raw_rms_mm:.3f} to {found.after.raw_rms_mm:.3f} mm rms with "
+        f"{' and '.join(e.label for e in found.effects)}; {found.after.expected_mm:.3f} mm is expected of "
+        "noise and errors that many values share."
     )
 
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from calibrate import Parameter
 from twin.effects import baselaw
+from twin.effects.amounts import felt, listed, number, percent, way
 from twin.effects.baselaw import Constants
 from twin.effects.protocol import Effect, Family, Order, Test, Theta, Unsolvable, symmetric
 from twin.effects.requirements import Requirement
@@ -81,6 +82,12 @@ class Creep(Family):
         series = tuple((theta[f"creep.g{i}"], theta[f"creep.tau{i}"]) for i in range(1, self.terms + 1))
         return replace(test, case=test.case.with_material(prony=series))
 
+    def told(self, values: Theta) -> str:
+        terms = [(values[f"creep.g{i}"], values[f"creep.tau{i}"]) for i in range(1, self.terms + 1)]
+        (g, tau), *more = terms
+        rest = "".join(f", {percent(g)} with {number(tau)} s" for g, tau in more)
+        return f"the silicone creeps: {percent(g)} of its stiffness relaxes with {number(tau)} s{rest}"
+
     def start(self, theta: Theta) -> Theta:
         if self.terms == 1:
             return theta
@@ -111,10 +118,18 @@ class CreepSpectrum(Wide, of=Creep):
             raise Unsolvable("creep: the amplitudes add up to all of the stiffness; wanted less than that")
         return replace(test, case=test.case.with_material(prony=series))
 
+    def told(self, values: Theta) -> str:
+        w = [values[p.name] for p in self.parameters]
+        said = [f"{way(w[k], '', '-')}{percent(w[k])} with {number(self.TAUS[k])} s" for k in felt(w)]
+        return f"the silicone creeps: {percent(sum(w))} of its stiffness relaxes, {listed(said)}"
+
     def amounts(self, theta: Theta) -> dict[str, float]:
         """Each g shared by the two nearest of TAUS, by the logarithm of its tau."""
         terms = [(theta[f"creep.g{i}"], theta[f"creep.tau{i}"]) for i in (1, 2) if f"creep.g{i}" in theta]
         return self.bounded(in_logs(terms, self.TAUS))
+
+
+STRAINED = 1.5**2 + 2 / 1.5 - 3  # I1 - 3 at a stretch of 1.5
 
 
 class Stiffening(Family):
@@ -134,6 +149,14 @@ class Stiffening(Family):
     def before(self, test: Test, theta: Theta) -> Test:
         terms = {p.name.partition(".")[2]: theta[p.name] for p in self.parameters}
         return replace(test, case=test.case.with_material(**terms))
+
+    def told(self, values: Theta) -> str:
+        square, cube = (values.get(f"stiffening.{name}", 0.0) for name in ("C20", "C30"))
+        more = 4 * square * STRAINED + 6 * cube * STRAINED**2
+        return (
+            f"the silicone {way(more, 'stiffens', 'softens')} with strain, other than the Mooney-Rivlin law "
+            f"says, by {number(more)} MPa of its shear modulus at a stretch of 1.5"
+        )
 
     def wide(self) -> Effect:
         return StrainEnergy()
@@ -185,6 +208,10 @@ class Mullins(Family):
         law = (theta["mullins.softening"], theta["mullins.m"], theta.get("mullins.beta", 0.0))
         return replace(test, case=test.case.with_material(mullins=law))
 
+    def told(self, values: Theta) -> str:
+        most = percent(values["mullins.softening"])
+        return f"the silicone is up to {most} softer below the largest load it has carried (Mullins)"
+
 
 class Compressibility(Effect):
     """The bulk modulus K is finite beyond the base's: 1/K = 1/K_base + excess."""
@@ -205,6 +232,10 @@ class Compressibility(Effect):
         case = replace(test.case, materials={**test.case.materials, **materials})
         return replace(test, case=case)
 
+    def told(self, values: Theta) -> str:
+        share = percent(0.1 * values["compressibility.excess"])
+        return f"the silicone changes its volume by {share} under 100 kPa (bubbles, low bulk modulus)"
+
 
 class Thermal(Effect):
     """All moduli drift with time: times 1 + rate t, t on the clock of the pressure log."""
@@ -217,6 +248,9 @@ class Thermal(Effect):
     def before(self, test: Test, theta: Theta) -> Test:
         factor = 1 + theta["thermal.rate"] * test.path.time
         return replace(test, path=replace(test.path, stiffness=factor))
+
+    def told(self, values: Theta) -> str:
+        return _drifting(60 * values["thermal.rate"], "a minute")
 
     def wide(self) -> Effect:
         return ModulusDrift()
@@ -235,5 +269,13 @@ class ModulusDrift(Wide, of=Thermal):
         factor = 1 + np.tensordot([theta[p.name] for p in self.parameters], basis, 1)
         return replace(test, path=replace(test.path, stiffness=factor))
 
+    def told(self, values: Theta) -> str:
+        return _drifting(values["thermal.a"], "in the first minute of the pressure log")
+
     def amounts(self, theta: Theta) -> dict[str, float]:
         return {"thermal.a": self.MINUTE * theta.get("thermal.rate", 0.0)}
+
+
+def _drifting(much: float, when: str) -> str:
+    stiffer = way(much, "stiffer", "softer")
+    return f"the silicone gets {percent(much)} {stiffer} {when} (its temperature drifts)"

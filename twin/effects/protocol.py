@@ -171,6 +171,12 @@ class Effect:
         del test, theta
         return u
 
+    def told(self, values: Theta) -> str:
+        """What was found, with fitted values of its parameters by name: a clause with sizes, units and
+        directions, "the core lies 0.4 mm too high (towards +z)"; by default the sentence alone."""
+        del values
+        return self.sentence
+
     @property
     def label(self) -> str:
         """The effect as twin.toml writes it: its name, with its number of terms where there is a choice."""

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from calibrate import Fit, least_squares
-from twin.judging.lawerrors import NAME, LawError, law_errors
-from twin.judging.whitening import Whitener, whitener
+from twin.judging.lawerrors import LawError, law_errors
+from twin.judging.whitening import LAW, Whitener, whitener
 from twin.model.prediction import Model, Unsolvable
 from twin.targets import Array, Targets
 
@@ -38,7 +38,7 @@ class ModelErrors:
         """The whitener of what a model can move, the finger's points, with these errors."""
         w = whitener(targets, prediction_modes=self.modes, gauge=self.gauge, points=~targets.fixed)
         for one in self.laws:
-            w = w.beside(self.law * one.modes, (f"{NAME}{one.effect}",) * len(one.modes))
+            w = w.beside(self.law * one.modes, (f"{LAW}{one.effect}",) * len(one.modes))
         return w
 
 

@@ -92,12 +92,12 @@ def unseen(judged: Judged, targets: Targets, films: Mapping[int, str]) -> tuple[
 def _in_block(judged: Judged, targets: Targets, block: int, film: str) -> UnseenFilm:
     w = judged.errors.whitener(replace(targets, held_out=targets.block != block))
     residual = targets.value - judged.predicted
-    raw, left = w.pick(residual)[w.valid], w.cleaned(residual, bound=PLAUSIBLE)[w.valid]
     return UnseenFilm(
         film=film,
         block=block,
-        rms_mm=float(np.sqrt((left**2).mean())),
-        raw_rms_mm=float(np.sqrt((raw**2).mean())),
+        rms_mm=w.rms(residual, bound=PLAUSIBLE),
+        raw_rms_mm=w.error(residual),
+        expected_mm=w.expected,
         noise_sd_mm=w.noise_sd,
         values=w.count,
     )

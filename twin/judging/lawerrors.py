@@ -23,7 +23,6 @@ LEVELS = (0.0, 0.03, 0.1, 0.3)  # of what an effect adds, 1 sd of each smooth pa
 WEIGHTS = (0.4, 0.1, 0.35, 0.15)  # how likely each is before the data
 DEGREE = 3
 TAU = 5.0  # s, over which the pressure of before is felt
-NAME = "law:"
 
 
 @dataclass(frozen=True)

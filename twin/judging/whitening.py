@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from twin.judging.noisefilter import NoiseFilter, noise_filter
 from twin.targets import Array, Targets
 
+LAW = "law:"  # and an effect: the name of a mode that is an error of its law
 
 @dataclass(frozen=True, eq=False)
 class Whitener:
@@ -59,6 +60,11 @@ class Whitener:
     def count(self) -> int:
         """Number of values that are data."""
         return int(self.valid.sum())
+
+    @property
+    def of_laws(self) -> NDArray[np.bool_]:
+        """Which shared modes (shared,) are errors of the model's laws."""
+        return np.array([name.startswith(LAW) for name in self.names], bool)
 
     def pick(self, field: Array) -> Array:
         """The components (..., s, m) of a field (..., s, p, 3)."""
@@ -132,19 +138,32 @@ class Whitener:
 
     def cleaned(self, residual: Array, *, gauge: bool = False, bound: float = np.inf) -> Array:
         """The residual (s, m) mm without its shared modes, each at most `bound` sds; gauge noise stays unless
-        `gauge`; NaN where no data."""
+        `gauge`, and what laws leave always, as it is no error of the measurement; NaN where no data."""
         count, size = len(self.modes) if gauge else self.shared, self.amplitudes(residual, bound=bound)
+        size[: self.shared][self.of_laws] = 0.0
         left = self.pick(residual) - np.tensordot(size[:count], self.modes[:count], 1)
         return np.where(self.valid, left, np.nan)
 
-    def rms(self, residual: Array, *, gauge: bool = False) -> float:
+    def rms(self, residual: Array, *, gauge: bool = False, bound: float = np.inf) -> float:
         """Root mean square in mm of the cleaned residual."""
-        return float(np.sqrt(np.nanmean(self.cleaned(residual, gauge=gauge) ** 2)))
+        return float(np.sqrt(np.nanmean(self.cleaned(residual, gauge=gauge, bound=bound) ** 2)))
+
+    def error(self, residual: Array) -> float:
+        """Root mean square in mm of a residual (s, p, 3) mm as it is drawn, shared errors and all."""
+        return float(np.sqrt((self.pick(residual)[self.valid] ** 2).mean()))
 
     @property
     def noise_sd(self) -> float:
         """Root mean variance in mm of one value: independent noise and the gauge's."""
         variance = self.sd**2 + (self.modes[self.shared :] ** 2).sum(axis=0)
+        return float(np.sqrt(variance[self.valid].mean()))
+
+    @property
+    def expected(self) -> float:
+        """Root mean variance in mm of one value: noise and shared errors together, as `error` would be of a
+        model that is right."""
+        own = np.append(~self.of_laws, np.ones(len(self.modes) - self.shared, bool))
+        variance = self.sd**2 + (self.modes[own] ** 2).sum(axis=0)
         return float(np.sqrt(variance[self.valid].mean()))
 
 

@@ -79,7 +79,8 @@ def _chain(story: Story) -> list[dict[str, Any]]:
                 "unit": "um",
             }
         )
-        rows.append({"name": "static frames", "value": noise.frames})
+        resting = {"name": "noise model", "value": "", "note": noise.basis}
+        rows.append(resting if noise.basis else {"name": "static frames", "value": noise.frames})
         rows.append({"name": "gauge noise, sd", "value": 1e3 * noise.gauge_sd_MPa, "unit": "kPa"})
     rows.append(
         {"name": "steps x markers", "value": f"{len(story.targets.time)} x {len(story.targets.names)}"}

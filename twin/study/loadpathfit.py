@@ -9,6 +9,7 @@ import numpy as np
 from calibrate import Fit, least_squares
 from twin.bench.workbench import Workbench
 from twin.effects.baselaw import Constants
+from twin.judging.comparison import PLAUSIBLE
 from twin.judging.fitting import whitener_of
 from twin.judging.judged import Judged
 from twin.judging.record import InitialRow
@@ -93,8 +94,8 @@ class OnPaths:
         if u is None:
             return InitialRow(values=values, rms_mm=None, raw_rms_mm=None)
         w, residual = judged.whitener, self.bench.targets.value - u
-        raw = float(np.sqrt((w.pick(residual)[w.valid] ** 2).mean()))
-        return InitialRow(values=values, rms_mm=w.rms(residual), raw_rms_mm=raw)
+        left = w.rms(residual, bound=PLAUSIBLE)
+        return InitialRow(values=values, rms_mm=left, raw_rms_mm=w.error(residual))
 
     def constants(self, theta: Array) -> Constants:
         """C10 and C01 from the free ones (d,) and those held at a value."""

@@ -159,6 +159,16 @@ def test_noise_sd_is_its_definition(targets: Targets) -> None:
     assert w.noise_sd == pytest.approx(np.sqrt(np.mean(variances)), rel=1e-12)
 
 
+def test_the_expected_error_is_that_of_noise_and_shared_errors_together(targets: Targets) -> None:
+    gauge = gauge_of(targets)
+    w = whitener(targets, prediction_modes=np.zeros((0, *gauge.shape)), gauge=gauge)
+    noise, _ = drawn(targets, gauge, DRAWS, seed=7)
+    # 2000 draws tell the size of each of two modes within 2 %
+    assert np.sqrt(np.mean([w.error(row) ** 2 for row in noise])) == pytest.approx(w.expected, rel=0.05)
+    assert w.expected > 2 * w.noise_sd
+    assert w.error(noise[0]) == pytest.approx(np.sqrt((noise[0][targets.valid] ** 2).mean()))
+
+
 def test_rms_is_without_shared_modes_but_with_gauge_noise(targets: Targets) -> None:
     gauge = gauge_of(targets, size=1.0)  # far above the noise, so that amplitudes are found within 1e-3
     strong = replace(targets, modes=50 * targets.modes)
