@@ -6,6 +6,7 @@ from typing import ClassVar
 import numpy as np
 
 from calibrate import Parameter
+from twin.effects.parts import Parts
 from twin.effects.protocol import Effect, Order, Test, Theta, symmetric
 from twin.effects.requirements import Requirement
 from twin.effects.widest import Wide, in_logs
@@ -108,6 +109,9 @@ class Gravity(Effect):
 
     def breaks_symmetry(self, test: Test) -> bool:
         return pulls_across(test.path)
+
+    def wide(self) -> Effect:
+        return Parts(self)
 
 
 class PressureLag(Effect):

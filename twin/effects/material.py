@@ -9,6 +9,7 @@ import numpy as np
 from calibrate import Parameter
 from twin.effects import baselaw
 from twin.effects.baselaw import Constants
+from twin.effects.parts import Parts
 from twin.effects.protocol import Effect, Family, Order, Test, Theta, Unsolvable, symmetric
 from twin.effects.requirements import Requirement
 from twin.effects.widest import Wide, in_logs
@@ -140,18 +141,35 @@ class Stiffening(Family):
 
 
 class StrainEnergy(Wide, of=Stiffening):
-    """More terms of the strain energy: C20 (I1 - 3)^2, C30 (I1 - 3)^3, and one that grows with I2, that of
-    Ogden with the exponent -4: mu / 8 (I2^2 - 2 I1 - 3), which adds mu to the shear modulus at rest."""
+    """The strain energy to second order in both invariants, and C30 (I1 - 3)^3: C20 (I1 - 3)^2,
+    C11 (I1 - 3) (I2 - 3), C02 (I2 - 3)^2 (Rivlin & Saunders 1951, doi 10.1098/rsta.1951.0004).
+
+    The mixed one and that in I2 are written as terms of Ogden, by l1^-4 + l2^-4 + l3^-4 = I2^2 - 2 I1 and
+    l1^6 + l2^6 + l3^6 = I1^3 - 3 I1 I2 + 3. None of them changes the shear modulus at rest.
+    """
 
     parameters = (
         *Stiffening(2).parameters,
-        Parameter("stiffening.mu", -0.1, 0.3, "MPa", null=0.0, typical=0.01, plausible=(-0.05, 0.05)),
+        Parameter("stiffening.C11", -0.1, 0.3, "MPa", null=0.0, typical=0.005, plausible=(-0.02, 0.03)),
+        Parameter("stiffening.C02", -0.1, 0.3, "MPa", null=0.0, typical=0.005, plausible=(-0.02, 0.03)),
     )
 
     def before(self, test: Test, theta: Theta) -> Test:
-        terms = {"C20": theta["stiffening.C20"], "C30": theta["stiffening.C30"]}
-        bent = ((theta["stiffening.mu"], -4.0),)
-        return replace(test, case=test.case.with_material(**terms, ogden=bent))
+        C20, C30, C11, C02 = (theta[p.name] for p in self.parameters)
+        case = test.case
+        materials = {
+            name: replace(
+                m,
+                C10=m.C10 + 6 * C11 + 2 * C02,
+                C01=m.C01 - 3 * C11 - 6 * C02,
+                C20=C20 + 3 * C11,
+                C30=C30 + C11 / 3,
+                ogden=((-6 * C11, 6.0), (8 * C02, -4.0)),
+            )
+            for name, m in case.materials.items()
+            if name not in case.kept
+        }
+        return replace(test, case=replace(case, materials={**case.materials, **materials}))
 
 
 class Mullins(Family):
@@ -204,6 +222,9 @@ class Compressibility(Effect):
         }
         case = replace(test.case, materials={**test.case.materials, **materials})
         return replace(test, case=case)
+
+    def wide(self) -> Effect:
+        return Parts(self)
 
 
 class Thermal(Effect):

@@ -10,6 +10,7 @@ from fe import Case
 from fe.case import Contact, Layer
 from fe.element import Integers
 from fe.mesh.refine import free_faces
+from twin.effects.parts import Parts
 from twin.effects.protocol import Effect, Family, Order, Test, Theta
 
 
@@ -86,6 +87,9 @@ class StrainLimitingLayer(Effect):
             return test
         layer = Layer(name, theta["strain_limiting_layer.stiffness"])
         return replace(test, case=replace(case, surfaces={**case.surfaces, name: bottom}, layer=layer))
+
+    def wide(self) -> Effect:
+        return Parts(self)
 
 
 def flat_bottom(case: Case) -> Integers:

@@ -64,8 +64,11 @@ class KeptModel(Model):
         values = self.named(theta)
         here = np.array([values.get(p.name, 0.0) for p in model.parameters])
         perturbs = [e.order == Order.COURSE for e in model.effects for _ in e.parameters]
-        change = np.where(perturbs, 0.0, here - near.theta)  # those move no curve
-        return near.solution.ahead(np.append(change, np.zeros(len(near.solution.slopes) - len(change))))
+        change = here - near.theta
+        if any(perturbs):  # they move no curve, and have directions beside those of the parameters
+            change = np.where(perturbs, 0.0, change)
+            change = np.append(change, np.zeros(len(near.solution.slopes) - len(change)))
+        return near.solution.ahead(change)
 
     def _nearest(self, theta: Array) -> Solved | None:
         """The kept solve with the smallest change of any parameter, in typical steps."""

@@ -7,8 +7,8 @@ import pytest
 
 from tests.few import few
 from twin.contract.promises import check_effect
-from twin.contract.specimen import small_test
-from twin.effects.acting import Friction, OutsideForce, SoftSpot
+from twin.contract.specimen import small_test, whole
+from twin.effects.acting import Friction, OutsideForce, SoftSpot, Twist
 from twin.effects.courses import PressureWay, stop
 from twin.effects.inwords import Span, StandIn, direction
 from twin.effects.labels import KINDS
@@ -129,6 +129,17 @@ def test_play_turns_the_finger_as_a_whole_about_its_clamp() -> None:
     np.testing.assert_allclose(np.linalg.norm((at + moved)[:, :2], axis=-1), np.linalg.norm(at[:2], axis=-1)[None].repeat(5, 0))
     assert moved[2, 0, 2] < -0.5  # under the held pressure it is turned down
     assert not moved[:, 2].any()  # that marker is fixed
+
+
+@pytest.mark.parametrize("growing", [False, True])
+def test_a_twist_is_a_moment_without_a_force(growing: bool) -> None:
+    test, twist = whole(small_test()), Twist(growing=growing)
+    case = twist.before(test, {f"{twist.name}.moment": 3.0}).case
+    given = case.growing if growing else {k: v for k, v in case.forces.items() if k not in test.case.forces}
+    total = np.array(list(given.values()))
+    at = [case.nodes[case.node_sets[name]].mean(axis=0) for name in given]
+    np.testing.assert_allclose(total.sum(axis=0), 0.0, atol=1e-12)
+    np.testing.assert_allclose(np.cross(at, total).sum(axis=0), [3.0, 0.0, 0.0], atol=1e-9)
 
 
 def test_friction_is_a_force_that_turns_round_with_the_pressure() -> None:
