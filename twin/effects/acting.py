@@ -7,7 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from fe import Case
+from fe import Case, Path
 from fe.mesh.mirror import middle_plane
 from twin.effects.courses import NARROW, stop
 from twin.effects.inwords import Span, StandIn, direction, softer, where
@@ -156,9 +156,12 @@ class Coming(StandIn):
     def before(self, test: Test, theta: Theta) -> Test:
         plus = self.changed(test, theta)
         away = plus if plus is test.case else self.changed(test, {k: -v for k, v in theta.items()})
-        course = self.course(test.path.pressure / self.span.top)
-        at = np.interp(test.path.output, test.path.time, course)
-        return replace(test, perturbations=(*test.perturbations, Perturbation(plus, away, at)))
+        own = Perturbation(plus, away, self.at_output(test.path))
+        return replace(test, perturbations=(*test.perturbations, own))
+
+    def at_output(self, path: Path) -> Array:
+        """The `course` (s,) at the outputs of a path."""
+        return np.interp(path.output, path.time, self.course(path.pressure / self.span.top))
 
 
 class Friction(Coming):

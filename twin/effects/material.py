@@ -14,6 +14,7 @@ from twin.effects.protocol import Effect, Family, Order, Test, Theta, Unsolvable
 from twin.effects.requirements import Requirement
 from twin.effects.widest import Wide, in_logs
 
+BESIDE = 1e-3  # of C10 + C01: so far beyond the least share derivatives may be taken
 ALL = 0.95  # of the stiffness is what relaxation may take
 
 
@@ -40,6 +41,15 @@ class Elasticity(Effect):
             if name not in self.fixed
         )
 
+    def fitted(self) -> "Elasticity":
+        """The same law for least squares: where C01 may be 0 it may be below, as far as rubber is stable."""
+        limits = {p.name: (p.low, p.high) for p in self.parameters}
+        low, high = limits.get("C01", (np.inf, 0.0))
+        if low > 0.0:
+            return self
+        least = baselaw.LEAST_SHARE / (1 - baselaw.LEAST_SHARE) * self.highest.C10
+        return Elasticity(bounds=limits | {"C01": (min(low, least), high)}, fixed=self.fixed)
+
     @property
     def lowest(self) -> Constants:
         """The smallest values that the constants may take, MPa."""
@@ -55,7 +65,14 @@ class Elasticity(Effect):
         return Constants.of({**values, **self.fixed})
 
     def before(self, test: Test, theta: Theta) -> Test:
-        return replace(test, case=test.case.with_material(**self.constants(theta).named))
+        """Raises Unsolvable where rubber of these constants is not stable."""
+        own, least = self.constants(theta), baselaw.LEAST_SHARE
+        if own.C01 - (least - BESIDE) * own.total < 0.0:
+            raise Unsolvable(
+                f"C10 = {own.C10:.3g} and C01 = {own.C01:.3g} MPa: no stable rubber; wanted a C01 of at "
+                f"least {least:g} of C10 + C01"
+            )
+        return replace(test, case=test.case.with_material(**own.named))
 
 
 class Creep(Family):
