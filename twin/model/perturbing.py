@@ -1,7 +1,7 @@
 """What perturbs a test to first order, by a course of its own: what it adds, and its derivatives."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -39,13 +39,3 @@ def paced(rows: Array, variations: Sequence[Variation]) -> Array:
     """Derivatives (v, s, p, 3) along variations, times the courses of those that have one."""
     courses = [v.course if isinstance(v, Paced) else np.ones(rows.shape[1]) for v in variations]
     return rows * np.reshape(courses, (*rows.shape[:2], 1, 1))
-
-
-def forgetful(test: Test) -> Test:
-    """The test with materials that have no memory."""
-    plain = {"prony": (), "mullins": None}
-    rest = tuple(
-        replace(q, plus=q.plus.with_material(**plain), minus=q.minus.with_material(**plain))
-        for q in test.perturbations
-    )
-    return replace(test, case=test.case.with_material(**plain), perturbations=rest)

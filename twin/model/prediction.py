@@ -15,7 +15,7 @@ from twin.effects.baselaw import NAMES
 from twin.effects.protocol import Effect, Order, Test, Theta, Unsolvable
 from twin.gravity import hangs_aside, is_heavy, pulls_across
 from twin.model.discretisation import Discretisation
-from twin.model.perturbing import Paced, directions, forgetful, paced, perturbed
+from twin.model.perturbing import Paced, directions, paced, perturbed
 from twin.model.slipping import Known, slipped
 from twin.targets import Array, relative
 
@@ -180,9 +180,10 @@ class Model:
         if self.mesh is None:
             return np.zeros((0, len(self.test.path.output), len(self.test.points), 3))
         test = self.put(self.named(theta))
-        u = moved(test, self.solution(theta))
+        solution = self.solution(theta)
+        u = moved(test, solution)
         modes = self.mesh.modes(u, test)
-        memory = remembered(u, test)
+        memory = remembered(test, solution)
         if memory is not None:
             modes = np.concatenate([modes, HISTORY * each(memory)])
         return self._beside(theta, np.reshape([self.relative(mode) for mode in modes], modes.shape))
@@ -380,13 +381,14 @@ def moved(test: Test, solution: Solution) -> Array:
     return u + slipped(test, at) if test.slips else u
 
 
-def remembered(u: Array, test: Test) -> Array | None:
-    """What of displacements u (s, p, 3) mm of a test's points the memory of its materials makes, if they have
-    any."""
-    plain = forgetful(test)
-    if plain.case.materials == test.case.materials:
+def remembered(test: Test, solution: Solution) -> Array | None:
+    """What of the displacements (s, p, 3) mm of a test's points in its solution the memory of its materials
+    makes, if they have any; what perturbs it is left out."""
+    test = replace(test, perturbations=())
+    plain = test.case.with_material(prony=(), mullins=None)
+    if plain.materials == test.case.materials:
         return None
-    return u - respond(plain, (), start=None)[0]
+    return moved(test, solution) - respond(replace(test, case=plain), (), start=None)[0]
 
 
 def each(field: Array) -> Array:
