@@ -16,10 +16,12 @@ from typing import Any
 from benchmarks.diagnosis.bank import (
     FILE,
     GRID,
+    LARGE,
     MAIN,
     NODES,
     SHARES,
     TOTALS,
+    complete,
     entries,
     fitted_case,
     kind_of,
@@ -39,7 +41,8 @@ from twin.targets import Array
 from twin.virtual.protocols import PROTOCOLS
 
 COURSE_STEPS = PROTOCOLS["P5"].steps
-SCALING = {"N": -1, "N/mm": -1, "MPa": -1, "MPa/mm": -1, "tonne/mm3": -1, "rad/(N mm)": 1, "1/MPa": 1}
+STIFF = dict.fromkeys(("N", "N mm", "N/mm", "MPa", "MPa/mm", "tonne/mm3"), -1)
+SCALING = {**STIFF, "rad/(N mm)": 1, "1/MPa": 1}  # with C10 + C01, of an amplitude in such a unit
 FARTHEST = 0.36  # reduced pressure beyond which a finger has no equilibrium; straight lines lead there
 LITTLE = 1e-3  # of a parameter's typical size, for differences
 
@@ -204,12 +207,16 @@ class Tables:
 
     @cached_property
     def softening(self) -> tuple[Array, Array]:
-        """Changes (k, s, m, 3) mm per unit of softening at its nodes, and what one whole solve adds to the
+        """Changes (k, s, m, 3) mm per unit of softening at its nodes, and what whole solves there add to the
         first order, per unit squared."""
         arrays = bank()
         rows = self.at_times(arrays["mullins"][:, :, self.rows])
-        large = self.at_times((arrays["mullins@large"] - arrays["course"])[None, :, self.rows])[0]
-        return rows, (large - 0.2 * rows[4]) / 0.04
+        names = [f"mullins@{k}" for k in range(len(rows))]
+        if names[0] not in arrays:  # a bank with one whole solve, which then serves for all nodes
+            names = ["mullins@large"]
+        changes = np.array([arrays[name] - arrays["course"] for name in names])
+        first = rows if len(names) > 1 else rows[4:5]
+        return rows, (self.at_times(changes[:, :, self.rows]) - LARGE * first) / LARGE**2
 
 
 def along(paths: Array, x: Array, way: Array) -> Array:
@@ -248,7 +255,7 @@ class ReducedModel(Model):
         """The test with the effects' `before` applied, but for those that have a table."""
         test = self.test
         for e in self.effects:
-            if e.name == "elasticity" or self.tables.kind(e, self.test) != "case":
+            if e.name == "elasticity" or self.tables.kind(e, self.test) not in ("case", "course"):
                 test = e.before(test, theta)
         return test
 
@@ -263,7 +270,7 @@ class ReducedModel(Model):
         prony = np.array([pair for pair in body.prony if pair[0]]).reshape(-1, 2)
         q = equivalent(path.time, drive, prony) if len(prony) else drive
         x = np.interp(path.output, path.time, q) / constants.total
-        if not -0.1 <= constants.share <= 1.1 or not np.isfinite(x).all() or x.max() > FARTHEST:
+        if not SHARES[0] - 0.1 <= constants.share <= 1.1 or not np.isfinite(x).all() or x.max() > FARTHEST:
             raise Unsolvable(f"no equilibrium beyond a reduced pressure of {FARTHEST:g}")
         if factor.min() <= 0.05:
             raise Unsolvable("the moduli fall to nothing")
@@ -280,6 +287,10 @@ class ReducedModel(Model):
             u = along(parts[0] + sum(changes), x, t.way)
             for m in (1, 2):
                 u += along(scale[m] * parts[m], x, t.way) / (factor**m)[:, None, None]
+        for e in self.effects:
+            if t.kind(e, self.test) == "course" and (table := t.table(e, self.test)):
+                there = e.at_output(path)[:, None, None]  # type: ignore[attr-defined]
+                u += there * along(table.change(theta, constants), x, t.way)
         u += self._memory(body, constants)
         out = np.zeros((len(u), len(test.points), 3))
         out[:, test.moving] = u
@@ -298,7 +309,7 @@ class ReducedModel(Model):
             scaled = m * MAIN.total / constants.total
             wm = weights(np.log(NODES["mullins.m"]), float(np.log(max(scaled, 1e-6))))
             w = np.kron(wm, weights(np.array(NODES["mullins.beta"]), beta))
-            out = out + soft * np.tensordot(w, rows, 1) + soft**2 * bent
+            out = out + np.tensordot(w, soft * rows + soft**2 * bent, 1)
         return out
 
     # -- what a model offers --------------------------------------------------------------------------------
@@ -445,7 +456,9 @@ def has_table(effect: Effect, test: Test) -> bool:
         kind = kind_of(effect, test)
     except (KeyError, ValueError):
         return False
-    return kind != "case" or f"slopes@{effect.laws()[-1].label.replace(':', '_')}" in bank()
+    wide = effect.laws()[-1]
+    name = f"slopes@{wide.label.replace(':', '_')}"
+    return kind not in ("case", "course") or complete(bank(), name, len(rows_of(wide, test)))
 
 
 __all__ = ["ReducedModel", "Tables", "fitted_case", "has_table"]

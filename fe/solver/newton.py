@@ -58,7 +58,7 @@ class Problem:
         own, curved = kernel.geometry, case.precurvature
         same = np.array_equal(case.nodes, own.nodes) and curved == own.precurvature
         geometry = own if same else Geometry(case.nodes, kernel.connectivity, kernel.element, curved)
-        layer = LayerFaces(case) if case.layer and case.layer.stiffness else None
+        layer = LayerFaces(case) if case.layer and np.any(case.layer.stiffness) else None
         plane = PlaneFaces(case) if case.contact and case.contact.stiffness else None
         prescribed = case.prescribed.ravel()[kernel.supported]
         return Problem(

@@ -34,7 +34,7 @@ def run_calibrate(project: Project, say: Say) -> dict[str, Any]:
         _check_explained(on, best.best)
         judged = on.least(best.best, say)
         model, fit, found = judged.model, judged.fit, compared(run, judged, bench, say)
-        words = known_of(on, best.best, fit, found)
+        words = known_of(on.holding(fit, say), best.best, fit, found)
         run.write(fit_record(fit, found, effects=(), identifiability=words, initial=on.initial(judged)))
         run.summary["headline"] = words.split(". ")[0]
         crossed = model.solution(fit.theta).crossed

@@ -18,8 +18,8 @@ from twin.judging.lawlevels import Level, asked_for, levels
 from twin.model.prediction import Model
 from twin.targets import Array, Targets
 
-CLOSE = 0.3  # sd to which a refit is carried: a tenth of it would move the evidence by 0.1 at most
-TURNS = 1  # steps under rebuilt errors
+NEAR = 2.0  # of 2 ln likelihood, that the next step would gain: then the derivatives say the rest
+MORE = 4  # times a refit of two solves is carried on, where it would gain more
 
 
 def with_effects(base: Judged, effects: Sequence[Effect]) -> Model:
@@ -40,9 +40,11 @@ def refitted(
     model = with_effects(base, h.effects)
     rows = np.array([model.theta(values) for values in (h.start, *({**h.start, **s} for s in starts))])
     try:
-        judged = judge(
-            model, targets, starts=rows, seed=seed, evaluations=15, tolerance=CLOSE, turns=TURNS
-        )
+        judged = judge(model, targets, starts=rows, seed=seed, evaluations=2, turns=0)
+        for _ in range(MORE):
+            if judged.deviance - levels(judged, targets)[0].deviance < NEAR:
+                break
+            judged = judge(model, targets, starts=judged.theta, seed=seed, evaluations=3, turns=0)
     except Unsolvable as error:
         return replace(h, note=str(error)), None
     refit = Refit.of(judged)

@@ -178,25 +178,36 @@ class Race:
     view: Judged | None = None
 
     def run(self, rows: Sequence[Hypothesis], *, most: int = MOST) -> None:
-        """Refit these, the most promising first, while one may come within reach of the best; at least one
-        that is no stand-in."""
-        waiting, made = sorted(rows, key=lambda h: -h.hint), 0
-        while waiting:
-            h = waiting.pop(0)
-            lone = not h.kind and all(d.kind for d in self.done)
-            if (made >= most or not self._near(h)) and not lone:
+        """Refit these, the physics that promises most first, while one may come within reach of the best; at
+        least one that is no stand-in."""
+        waiting: dict[str, list[Hypothesis]] = {}
+        for h in sorted(rows, key=lambda h: -h.hint):
+            waiting.setdefault(h.physics, []).append(h)
+        made = 0
+        for own in waiting.values():
+            lone = not own[0].kind and all(d.kind for d in self.done)
+            if lone or (made < most and self._near(own[0])):
+                made += 1
+                self._laws(own)
+
+    def _laws(self, own: Sequence[Hypothesis]) -> None:
+        """Refit one physics in its laws, the narrowest first, until one leaves nothing to a law's errors."""
+        rows = {h.label: h for h in own}
+        last: Hypothesis | None = None
+        for law in _widening(own[0]):
+            h = rows.get(law.label) if len(own[0].effects) == 1 else own[0]
+            if h is None and last is not None and last.refit is not None:
+                h = replace(last, effects=(law,), start=law.start(last.refit.values), refit=None, score=None)
+            if h is None:
                 continue
-            h = self._refit(h)
-            made += 1
-            law = h.effect.wider() if len(h.effects) == 1 and h.score is not None and h.score.law else None
-            if law is not None and law.label not in {d.label for d in (*self.done, *waiting)}:
-                assert h.refit is not None
-                more = replace(h, effects=(law,), start=law.start(h.refit.values), refit=None, score=None)
-                waiting.insert(0, replace(more, hint=max(h.hint, h.evidence or 0.0)))
+            last = self._refit(h)
+            if last.adequate and last.score is not None and not last.score.law:
+                break
 
     def _near(self, h: Hypothesis) -> bool:
-        top = self.best.evidence if self.best and self.best.evidence is not None else -np.inf
-        return h.hint > top - REACH - BENT * abs(top) if np.isfinite(top) else True
+        if self.best is None or self.best.evidence is None:
+            return True
+        return h.hint > self.best.evidence - REACH - BENT * abs(self.best.evidence)
 
     def _refit(self, h: Hypothesis) -> Hypothesis:
         self.task.tell(f"refit with {h.label}", len(self.done) + 1, len(self.done) + 2)
@@ -221,6 +232,19 @@ class Race:
             (best,) = screened(self.base, signatures_of(self.base, [finer]))
             h = replace(h, start=best.start, gain=best.gain) if best.gain > h.gain else h
         return replace(h, effects=(h.effect.at(h.start, test),))
+
+
+def _widening(h: Hypothesis) -> list[Effect]:
+    """The laws of a hypothesis of one effect, the narrowest first, that `twin diagnose` tries by itself."""
+    if len(h.effects) > 1 or h.kind:
+        return [h.effect]
+    out: list[Effect] = []
+    law: Effect | None = h.effect.laws()[0]
+    while law is not None:
+        out.append(law)
+        law = law.wider()
+    wide = h.effect.wide()
+    return [*out, *([wide] if wide is not None else [])]
 
 
 def on_a_basis(effect: Effect, test: Test) -> bool:

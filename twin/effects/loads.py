@@ -7,6 +7,7 @@ import numpy as np
 
 from calibrate import Parameter
 from twin.effects.amounts import listed, number, percent, way
+from twin.effects.parts import Parts
 from twin.effects.protocol import Effect, Order, Test, Theta, symmetric
 from twin.effects.requirements import Requirement
 from twin.effects.widest import Wide, in_logs
@@ -139,6 +140,9 @@ class Gravity(Effect):
 
     def breaks_symmetry(self, test: Test) -> bool:
         return pulls_across(test.path)
+
+    def wide(self) -> Effect:
+        return Parts(self)
 
 
 class PressureLag(Effect):

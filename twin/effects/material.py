@@ -10,10 +10,12 @@ from calibrate import Parameter
 from twin.effects import baselaw
 from twin.effects.amounts import felt, listed, number, percent, way
 from twin.effects.baselaw import Constants
+from twin.effects.parts import Parts
 from twin.effects.protocol import Effect, Family, Order, Test, Theta, Unsolvable, symmetric
 from twin.effects.requirements import Requirement
 from twin.effects.widest import Wide, in_logs
 
+BESIDE = 1e-3  # of C10 + C01: so far beyond the least share derivatives may be taken
 ALL = 0.95  # of the stiffness is what relaxation may take
 
 
@@ -40,6 +42,15 @@ class Elasticity(Effect):
             if name not in self.fixed
         )
 
+    def fitted(self) -> "Elasticity":
+        """The same law for least squares: where C01 may be 0 it may be below, as far as rubber is stable."""
+        limits = {p.name: (p.low, p.high) for p in self.parameters}
+        low, high = limits.get("C01", (np.inf, 0.0))
+        if low > 0.0:
+            return self
+        least = baselaw.LEAST_SHARE / (1 - baselaw.LEAST_SHARE) * self.highest.C10
+        return Elasticity(bounds=limits | {"C01": (min(low, least), high)}, fixed=self.fixed)
+
     @property
     def lowest(self) -> Constants:
         """The smallest values that the constants may take, MPa."""
@@ -55,7 +66,14 @@ class Elasticity(Effect):
         return Constants.of({**values, **self.fixed})
 
     def before(self, test: Test, theta: Theta) -> Test:
-        return replace(test, case=test.case.with_material(**self.constants(theta).named))
+        """Raises Unsolvable where rubber of these constants is not stable."""
+        own, least = self.constants(theta), baselaw.LEAST_SHARE
+        if own.C01 - (least - BESIDE) * own.total < 0.0:
+            raise Unsolvable(
+                f"C10 = {own.C10:.3g} and C01 = {own.C01:.3g} MPa: no stable rubber; wanted a C01 of at "
+                f"least {least:g} of C10 + C01"
+            )
+        return replace(test, case=test.case.with_material(**own.named))
 
 
 class Creep(Family):
@@ -163,18 +181,35 @@ class Stiffening(Family):
 
 
 class StrainEnergy(Wide, of=Stiffening):
-    """More terms of the strain energy: C20 (I1 - 3)^2, C30 (I1 - 3)^3, and one that grows with I2, that of
-    Ogden with the exponent -4: mu / 8 (I2^2 - 2 I1 - 3), which adds mu to the shear modulus at rest."""
+    """The strain energy to second order in both invariants, and C30 (I1 - 3)^3: C20 (I1 - 3)^2,
+    C11 (I1 - 3) (I2 - 3), C02 (I2 - 3)^2 (Rivlin & Saunders 1951, doi 10.1098/rsta.1951.0004).
+
+    The mixed one and that in I2 are written as terms of Ogden, by l1^-4 + l2^-4 + l3^-4 = I2^2 - 2 I1 and
+    l1^6 + l2^6 + l3^6 = I1^3 - 3 I1 I2 + 3. None of them changes the shear modulus at rest.
+    """
 
     parameters = (
         *Stiffening(2).parameters,
-        Parameter("stiffening.mu", -0.1, 0.3, "MPa", null=0.0, typical=0.01, plausible=(-0.05, 0.05)),
+        Parameter("stiffening.C11", -0.1, 0.3, "MPa", null=0.0, typical=0.005, plausible=(-0.02, 0.03)),
+        Parameter("stiffening.C02", -0.1, 0.3, "MPa", null=0.0, typical=0.005, plausible=(-0.02, 0.03)),
     )
 
     def before(self, test: Test, theta: Theta) -> Test:
-        terms = {"C20": theta["stiffening.C20"], "C30": theta["stiffening.C30"]}
-        bent = ((theta["stiffening.mu"], -4.0),)
-        return replace(test, case=test.case.with_material(**terms, ogden=bent))
+        C20, C30, C11, C02 = (theta[p.name] for p in self.parameters)
+        case = test.case
+        materials = {
+            name: replace(
+                m,
+                C10=m.C10 + 6 * C11 + 2 * C02,
+                C01=m.C01 - 3 * C11 - 6 * C02,
+                C20=C20 + 3 * C11,
+                C30=C30 + C11 / 3,
+                ogden=((-6 * C11, 6.0), (8 * C02, -4.0)),
+            )
+            for name, m in case.materials.items()
+            if name not in case.kept
+        }
+        return replace(test, case=replace(case, materials={**case.materials, **materials}))
 
 
 class Mullins(Family):
@@ -235,6 +270,9 @@ class Compressibility(Effect):
     def told(self, values: Theta) -> str:
         share = percent(0.1 * values["compressibility.excess"])
         return f"the silicone changes its volume by {share} under 100 kPa (bubbles, low bulk modulus)"
+
+    def wide(self) -> Effect:
+        return Parts(self)
 
 
 class Thermal(Effect):

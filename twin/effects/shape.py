@@ -167,6 +167,27 @@ class SidewaysCore(InnerShape):
     def motion(self, inner: Inside, theta: Theta) -> Array:
         return np.tile([0.0, theta["eccentric_core_y.mm"], 0.0], (len(inner.rows), 1))
 
+    def wide(self) -> Effect:
+        return SidewaysCourse()
+
+
+class SidewaysCourse(LegendreCourse, of=SidewaysCore):
+    """The core sat off the middle plane by a polynomial of degree 2 along the finger: off, tilted or bent."""
+
+    parameters = symmetric(
+        *(f"eccentric_core_y.c{k}" for k in range(3)), most=0.8, unit="mm", step=0.1, likely=CORE
+    )
+
+    def breaks_symmetry(self, test: Test) -> bool:
+        del test
+        return True
+
+    def motion(self, inner: Inside, theta: Theta) -> Array:
+        return self.along(inner, theta)[:, None] * [0.0, 1.0, 0.0]
+
+    def amounts(self, theta: Theta) -> dict[str, float]:
+        return {"eccentric_core_y.c0": theta.get("eccentric_core_y.mm", 0.0)}
+
 
 class Ballooning(InnerShape):
     """A band around the chamber is thinner by `depth`: a Gaussian of sd `width` along x, about `place`."""

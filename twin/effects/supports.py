@@ -11,6 +11,7 @@ from fe.case import Contact, Layer
 from fe.element import Integers
 from fe.mesh.refine import free_faces
 from twin.effects.amounts import number
+from twin.effects.parts import Parts
 from twin.effects.protocol import Effect, Family, Order, Test, Theta
 
 
@@ -100,6 +101,9 @@ class StrainLimitingLayer(Effect):
     def told(self, values: Theta) -> str:
         much = number(values["strain_limiting_layer.stiffness"])
         return f"a sheet in the bottom (fabric, paper, glue) of {much} N/mm keeps it from stretching"
+
+    def wide(self) -> Effect:
+        return Parts(self)
 
 
 def flat_bottom(case: Case) -> Integers:

@@ -84,10 +84,10 @@ def judge(
     """The model fitted from starts (m, d) or (d,), with the errors at its fit, and compared.
 
     Of several starts the one that ends with the lowest deviance is carried on. evaluations: of one descent.
-    turns: steps under rebuilt errors, by default TURNS. law: by which share of what they add the laws of the
-    model's effects may err, 1 sd (`lawlevels` says which the data ask for). tolerance: in sds; a fit stays
-    where the errors rebuilt at its end move it by less. Where it does not stay, its reason says so. Raises
-    Unsolvable where the model can be solved at no start.
+    turns: steps under rebuilt errors, by default TURNS; with 0 the descent alone. law: by which share of what
+    they add the laws of the model's effects may err, 1 sd (`lawlevels` says which the data ask for).
+    tolerance: in sds; a fit stays where the errors rebuilt at its end move it by less. Where it does not
+    stay, its reason says so. Raises Unsolvable where the model can be solved at no start.
     """
     task = _Task(model, targets, seed, evaluations, tolerance, TURNS if turns is None else turns, law)
     ends, why = [], ""
@@ -147,7 +147,9 @@ class _Task:
 
         A step at a time (iteratively reweighted least squares), so that the errors are never far behind.
         """
-        best = end
+        best, done = end, end.fit.evaluations
+        if not self.turns:
+            return end
         for _ in range(self.turns):
             fit = self._fit(end.whitener, end.fit.theta, TRIES)
             if not fit.converged and np.array_equal(fit.theta, end.fit.theta):

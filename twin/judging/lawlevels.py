@@ -33,20 +33,15 @@ class Level:
 
 def levels(judged: Judged, targets: Targets) -> tuple[Level, ...]:
     """The levels of a judged model that was fitted without law errors, one for each of LEVELS; the first
-    alone where it has no law that may err."""
-    own = Level(
-        law=0.0, deviance=judged.deviance, fitted=judged.fitted, step=np.zeros(judged.fitted.shape[1]),
-        p_value=judged.comparison.p_value,
-    )  # fmt: skip
-    laws = law_errors(judged.model, judged.theta, targets)
-    if not laws:
-        return (own,)
+    alone where it has no law that may err. At each the fit goes on along the derivatives that it has, at the
+    first too, so that it need not be at its end."""
+    laws, room = law_errors(judged.model, judged.theta, targets), _room(judged)
     w, smooth = judged.whitener, smooth_functions(targets, judged.whitener)
-    columns = w.whiten(np.concatenate([one.modes for one in laws])).T
+    modes = np.concatenate([np.zeros((0, *targets.value.shape)), *(one.modes for one in laws)])
+    columns = w.whiten(modes).T
     sizes, turn = np.linalg.eigh(columns.T @ columns)
     keep = sizes > 1e-10 * max(float(sizes.max(initial=0.0)), 1e-300)
     axes, sizes = columns @ turn[:, keep] / np.sqrt(sizes[keep]), sizes[keep]
-    room = _room(judged)
 
     def at(law: float) -> Level:
         shrink = 1 - 1 / np.sqrt(1 + law**2 * sizes)
@@ -66,7 +61,7 @@ def levels(judged: Judged, targets: Targets) -> tuple[Level, ...]:
             p_value=lack_of_fit(targets, w, left, fitted, some),
         )
 
-    return (own, *map(at, LEVELS[1:]))
+    return tuple(map(at, LEVELS if laws else LEVELS[:1]))
 
 
 def asked_for(found: Sequence[Level], evidence: Sequence[float]) -> Level:

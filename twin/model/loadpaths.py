@@ -26,33 +26,37 @@ REDUCED = (
     0.36  # p / (C10 + C01) to which paths are followed; beyond it no finger of this kind has an equilibrium
 )
 FIRST = 0.1  # reduced pressure that is tried first on a structure of which nothing is known
-SHARES = 5
+SHARES, MORE = 5, 3  # nodes from 0 to 1, and how many more from the least share that is stable
 LEVELS = 18
 TOTALS = 7
+BESIDE = 0.02  # of the share is what a polynomial serves beyond its ends
 NOTHING: Mapping[str, Array] = {"gravity": np.zeros(3)}  # from outside
 
 
 @dataclass(frozen=True)
 class LoadPaths:
     """shares (h,); reduced (k,) pressures; u (h, k, p, 3) mm at the points, and slopes; reached (h,) per
-    share."""
+    share; lowest: the least share that they serve."""
 
     shares: Array
     reduced: Array
     u: Array
     reached: Array
+    lowest: float = 0.0
 
     def predict(self, constants: Constants, pressure: Array) -> Array | None:
         """Displacements (s, p, 3) mm at pressures (s,) MPa for constants of the silicone.
 
-        None where the reduced pressure lies beyond what the neighbouring paths reached, or where one share
-        cannot even carry its weight.
+        None where the reduced pressure lies beyond what the neighbouring paths reached, where one share
+        cannot even carry its weight, or below the least share.
         """
         return self.along(constants.share, pressure / constants.total)
 
     def along(self, share: float, q: Array) -> Array | None:
         """As `predict`, for a share and reduced pressures (s,)."""
-        if not self.reached.all() or q.max(initial=0.0) > np.interp(share, self.shares, self.reached):
+        if share < self.lowest - BESIDE or not self.reached.all():
+            return None
+        if q.max(initial=0.0) > np.interp(share, self.shares, self.reached):
             return None
         q = np.clip(q, self.reduced[0], self.reduced[-1])
         weights = _blend(self.shares, share)
@@ -131,13 +135,16 @@ def sheets(
     key: str,
     top: float,
     totals: tuple[float, float],
+    lowest: float = 0.0,
     outside: Mapping[str, Array] = NOTHING,
 ) -> Sheets:
     """The load paths of a case between two totals C10 + C01 in MPa; see `load_paths`."""
     x = 0.5 - 0.5 * np.cos(np.pi * (np.arange(TOTALS) + 0.5) / TOTALS)
     at = totals[0] * (totals[1] / totals[0]) ** x
     every = [
-        load_paths(case, points, cache=cache, key=key, top=top, total=float(t), outside=outside)
+        load_paths(
+            case, points, cache=cache, key=key, top=top, total=float(t), lowest=lowest, outside=outside
+        )
         for t in at
     ]
     return Sheets(at, tuple(every))
@@ -151,12 +158,16 @@ def load_paths(
     key: str,
     top: float = REDUCED,
     total: float = TOTAL,
+    lowest: float = 0.0,
     outside: Mapping[str, Array] = NOTHING,
 ) -> LoadPaths:
     """The load paths of a case at material points (p, 3) mm, followed to a reduced pressure `top` or to their
     end. cache: what gives the arrays; key: the case's fingerprint. total: C10 + C01 in MPa at which they are
-    solved; outside: gravity and pulls, as `Path.under` has them, by default none."""
-    shares = 0.5 - 0.5 * np.cos(np.pi * (np.arange(SHARES) + 0.5) / SHARES)
+    solved; lowest: the least share, 0 or below; outside: gravity and pulls, as `Path.under` has them, by
+    default none."""
+    count = SHARES if lowest == 0 else SHARES + MORE
+    shares = 0.5 - 0.5 * np.cos(np.pi * (np.arange(count) + 0.5) / count)
+    shares = lowest + (1 - lowest) * shares
     reduced = np.linspace(0, 1, 61) ** 1.3 * top
     what = (code_digest(), key, points, total, reduced, LEVELS, *outside.values())
     keys = [digest("load path", *what, float(share)) for share in shares]
@@ -167,7 +178,7 @@ def load_paths(
     made = cache("load paths", tasks)
     u = np.array([made[k] for k in keys])
     reached = np.array([reduced[np.isfinite(row[:, 0, 0])].max(initial=0.0) for row in u])
-    return LoadPaths(shares, reduced, _extended(u), np.minimum(reached, reduced[-1]))
+    return LoadPaths(shares, reduced, _extended(u), np.minimum(reached, reduced[-1]), lowest)
 
 
 def along_path(

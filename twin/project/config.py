@@ -478,7 +478,9 @@ class CalibrateTable(TableModel):
         default=3, description="component of that error: 1 x, 2 y, 3 z"
     )
     bounds: dict[str, Bounds] = Field(
-        default=dict(BOUNDS), description="lowest and highest value of each constant, MPa"
+        default=dict(BOUNDS),
+        description="lowest and highest value of each constant in the genetic algorithm, MPa; least squares "
+        "may take a C01 below 0, too, where 0 is allowed and the rubber is stable",
     )
 
 
