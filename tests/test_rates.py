@@ -160,3 +160,41 @@ def test_a_process_learns_what_is_smooth_and_not_what_is_noise() -> None:
     direct += 60 * np.log(sd**2) - np.linalg.slogdet(covariance)[1]
     assert gain == pytest.approx(direct)
     np.testing.assert_allclose(weights.ravel(), np.linalg.solve(covariance, y), rtol=1e-6)
+
+
+def test_a_truth_by_another_engine_counts_once() -> None:
+    rows = [
+        row("tube or creep", "creep", key="a", add="added", seconds=60.0),
+        row("tube", "creep", key="b", add="twin add: no", seconds=60.0),
+        row("", "", key="c", add="", seconds=60.0),
+        row("tube", "creep", z=3.0, key="d", add="added", seconds=60.0),
+    ]
+    found = collected.engine(rows)
+    assert (found["n"], found["wrong_alone"], found["too_faint"], found["add_refused"]) == (3, 1, 1, ["b"])
+    assert found["in_set"] == pytest.approx(2 / 3)
+
+
+def test_whole_solves_and_tables_agree_on_all_names_or_not() -> None:
+    from benchmarks.diagnosis.fullruns import agree
+
+    assert agree(row("creep or tube", "creep"), row("tube or creep", "creep"))
+    assert not agree(row("creep or tube", "creep"), row("creep", "creep"))
+    assert not agree(row("", "", said="none needed"), row("", "", said="none of these"))
+    assert agree(row("", "", said="cannot test: the frame"), row("", "", said="cannot test: another"))
+
+
+def test_a_deck_says_the_weight_first_and_holds_no_node_twice() -> None:
+    from benchmarks.diagnosis import ccxbodies as bodies
+
+    case = bodies.bare_test().case.with_material(density=1e-9)
+    text = bodies.stepwise(case, np.array([0.0, 0.0, -9810.0]))
+    weight, pressed = text.split("*STEP,")[1:]
+    assert ("*DLOAD" in weight, "*DSLOAD" in weight) == (True, False)
+    assert ("*DLOAD" in pressed, "*DSLOAD" in pressed) == (False, True)
+    assert {t.name: t for t in bodies.TRUTHS}.keys() >= {part for a in bodies.BOTH for part in a}
+    assert len(bodies.TRUTHS) >= 24
+    hinged = bodies.NAMED["clamp_0.0016"].case()
+    assert hinged.clamp
+    free = bodies.on_a_body(hinged, hinged.clamp)
+    assert not set(free.node_sets["symmetry"]) & set(free.node_sets["clamp"])
+    assert "CLAMP, 1, 1" not in bodies.stepwise(hinged, np.zeros(3))

@@ -13,8 +13,20 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks import ROOT
-from benchmarks.diagnosis.tally import Row, clear, group, of_laws, rate, scores
+from benchmarks.diagnosis.tally import (
+    Row,
+    clear,
+    flagged,
+    group,
+    in_set,
+    of_laws,
+    rate,
+    sizes,
+    wrong_alone,
+)
 from benchmarks.diagnosis.trialbench import rule
+
+import numpy as np
 
 RESULTS = ROOT / "benchmarks" / "results"
 DECISION = ("hypotheses", "deciding", "attempts", "verdicts", "pairs", "refitting", "candidates")
@@ -59,7 +71,8 @@ def collected(folder: Path = RESULTS) -> dict[str, Any]:
     costs, response = _plain(folder / "costs.json"), _plain(folder / "response.json")
     return {
         "film": group(film),
-        "full_fe": {p: agreeing([r for r in full if r["protocol"] == p]) for p in ("P3", "P5")},
+        "full_fe": agreeing_by_protocol([r for r in full if r["finger"] == "short"])
+        | {"default_finger": agreeing_by_protocol([r for r in full if r["finger"] == "default"])},
         "ccx": engine(Rows("ccxdiagnosis", folder).every()),
         "solves": costs.get("solves", {}),
         "cpu_s": costs.get("cpu_s", {}),
@@ -68,22 +81,31 @@ def collected(folder: Path = RESULTS) -> dict[str, Any]:
     }
 
 
+def agreeing_by_protocol(rows: Sequence[Row]) -> Row:
+    """Of each protocol n, how many name the same with whole solves as by tables, how many are right, and
+    the median of the processor's minutes."""
+    return {p: agreeing([row for row in rows if row["protocol"] == p]) for p in ("P3", "P5")}
+
+
 def agreeing(rows: Sequence[Row]) -> Row:
-    """n, and how many name the same with whole solves as by tables, on the same targets."""
     told = rate([row["agree"] for row in rows])
-    return {"n": told["n"], "agree": told["rate"], "interval": told["interval"],
-            "named": rate([bool(row["names"]) for row in rows]),
-            "seconds": [round(row["full_seconds"]) for row in rows]}  # fmt: skip
+    own = {"n": told["n"], "agree": told["rate"], "interval": told["interval"]}
+    minutes = float(np.median([row["full_seconds"] for row in rows])) / 60 if rows else None
+    return own | {"minutes": minutes, "truth": of_laws([row for row in rows if row["kinds"]])}
 
 
 def engine(rows: Sequence[Row]) -> Row:
-    """The scores of truths by another engine, sizes that cannot be told from the constants apart; and those
-    of them that no effect of the library names."""
-    seen = [r for r in rows if not r.get("faint")]
-    found = of_laws(seen)
-    own = scores([r for r in seen if all(r["physics"])])
-    return own | {"unknown": found["unknown"], "too_faint": len(rows) - len(seen),
-                  "minutes": [round(r["seconds"] / 60, 1) for r in rows]}  # fmt: skip
+    """Of clear truths by another engine, how many verdicts hold the truth: what is hidden among the names,
+    or for what no library holds, no wrong name alone; and how many are wrong and alone."""
+    own = clear(rows)
+    held = rate([in_set(r) if all(r["physics"]) else flagged(r) for r in own])
+    refused = [r["key"] for r in own if r["named"] and r["add"] != "added"]
+    return {
+        "n": len(own), "in_set": held["rate"], "interval": held["interval"],
+        "wrong_alone": sum(map(wrong_alone, own)), "set_size": sizes(own), "add_refused": refused,
+        "too_faint": len(rows) - len(own), "verdicts": {r["key"]: r["verdict"] for r in rows},
+        "minutes": sum(r["seconds"] for r in rows) / 60,
+    } | of_laws(rows)  # fmt: skip
 
 
 def constants() -> dict[str, Any]:
@@ -113,4 +135,4 @@ def _plain(path: Path) -> dict[str, Any]:
     return found
 
 
-__all__ = ["RESULTS", "Rows", "clear", "collected", "constants"]
+__all__ = ["RESULTS", "Rows", "collected", "constants"]

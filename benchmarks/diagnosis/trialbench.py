@@ -177,6 +177,10 @@ class Sight:
         u = self.scene.true(((kind, size),))
         change = u.copy()
         change[:, : self.bare.shape[1]] -= self.bare
+        return self.left(change)
+
+    def left(self, change: Array) -> Array:
+        """The same of a change (s, m, 3) mm of the markers."""
         full = np.zeros(self.targets.value.shape)
         full[:, : change.shape[1]] = change - change[self.targets.reference].mean(axis=0)
         z = self.whitener.whiten(full)

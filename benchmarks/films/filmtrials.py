@@ -65,8 +65,9 @@ KINDS_FILMED = ("pressure_lag", "wall_taper", "eccentric_core", "tube", "pressur
                 "stepped_wall", "ballooning", "strain_limiting_layer", "tilted_core")  # fmt: skip
 SIZES = (60.0, 30.0)  # non-centralities, by the noise of the trials without a film
 HZ, STATIC, STEPS = 10.0, 320, 90
-TAG = 4.0  # mm
-BLUR_PX, NOISE_GREY = 1.7, 18.0  # out of focus and dark, so that the mesh of the tables is good enough
+TAG = 5.5  # mm
+ROWS = [NAMES.index(name) for name in ("p1", "p3", "p5", "tip")]  # far enough apart for such tags
+BLUR_PX, NOISE_GREY = 1.2, 18.0  # out of focus and dark, so that the mesh of the tables is good enough
 
 
 @dataclass(frozen=True)
@@ -147,7 +148,7 @@ def spec_of(number: int) -> Spec:
 
 def trial(folder: Path, spec: Spec) -> dict[str, Any]:
     """One film, measured and diagnosed."""
-    began, kind, drawn = time.process_time(), KINDS[spec.kinds[0]], Scene.of(spec)
+    began, kind, drawn = time.process_time(), KINDS[spec.kinds[0]], replace(Scene.of(spec), rows=ROWS)
     scene = Scene(FILM, drawn.rows, Setup(sd_mm=0.01), spec.seed, make_demo.FILM_START)
     size, z = sized(Sight.of(drawn), kind, spec.sigmas, np.random.default_rng(spec.seed))
     hidden = ((kind, size),)
