@@ -1,19 +1,20 @@
 """What the fitted model's mesh says, tabulated once: `benchmarks/data/bank.npz`, for `reduced.ReducedModel`.
 
-    python benchmarks/diagnosis/bank.py [--folder DIR] [--pack]
+    python benchmarks/diagnosis/bank.py [--folder DIR] [--pack] [--again]
 
 On the default lattice of the short finger, at all places for markers: load paths over reduced pressure
 p / (C10 + C01) for several shares and totals in each direction of gravity; of every effect and stand-in that
 changes the structure the derivatives to its amplitudes at nodes of its other parameters, and whole solves at
-one size; of creep and Mullins softening what the history adds. Every array is saved as it is made. About ten
-minutes of one core.
+one size; of creep and Mullins softening what the history adds. Every array is saved as it is made; what the
+file has is not made again (--again: all is), so that a new effect or stand-in takes its own solves alone.
+About fifteen minutes of one core for all.
 """
 
 import os
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import product
@@ -45,6 +46,7 @@ GRID: Array = np.concatenate([[-0.006], np.linspace(0.0, 1.0, 20) ** 1.3 * 0.17]
 TOTALS: Array = np.array([0.22, 0.3, 0.45])  # MPa
 SHARES: Array = 0.5 - 0.5 * np.cos(np.pi * (np.arange(5) + 0.5) / 5)
 MAIN = Constants(0.214, 0.083)
+LARGE = 0.2  # softening of the whole solves
 COUNT, FEWER = 12, 8  # levels of a load path, and of what an effect changes
 NODES = {  # of parameters that are invisible at null
     "ballooning.place": (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9),
@@ -177,11 +179,11 @@ def sizes(effect: Effect, name: str) -> tuple[float, ...]:
     return (2 * p.step,)
 
 
-def tasks(effects: Sequence[Effect]) -> dict[str, Callable[[], Array]]:
+def tasks(effects: Sequence[Effect]) -> dict[str, partial[Array]]:
     """Every array by its name."""
     case = fitted_case()
     whole, test = mirrored(case), case_test(case)
-    found: dict[str, Callable[[], Array]] = {}
+    found: dict[str, partial[Array]] = {}
     for i, j in product(range(len(TOTALS)), range(len(SHARES))):
         found[f"base@{i}@{j}"] = partial(along, case, float(SHARES[j]), float(TOTALS[i]))
     found["course"] = partial(course, case, None, {})
@@ -190,7 +192,8 @@ def tasks(effects: Sequence[Effect]) -> dict[str, Callable[[], Array]]:
     for k, entry in enumerate(entries(creep, test)[1]):
         found[f"creep@{k}"] = partial(course, case, creep, {**entry, "creep.g1": 0.05})
     found["mullins"] = partial(softening, case, [(soft, e, "mullins.softening") for e in softenings()])
-    found["mullins@large"] = partial(course, case, soft, {**softenings()[4], "mullins.softening": 0.2})
+    for k, entry in enumerate(softenings()):
+        found[f"mullins@{k}"] = partial(course, case, soft, {**entry, "mullins.softening": LARGE})
     structural = [e for e in effects if kind_of(e, test) == "case"]
     for e in structural:
         own = whole if e.breaks_symmetry(test) else case
@@ -226,15 +229,31 @@ def tabulated() -> list[Effect]:
     return [*out, *families, *stand_ins(case_test(fitted_case()))]
 
 
+def packed() -> dict[str, Array]:
+    """The arrays of the file, none where there is no file."""
+    if not FILE.exists():
+        return {}
+    with np.load(FILE) as data:
+        return {name: data[name] for name in data.files}
+
+
+def complete(arrays: Mapping[str, Array], name: str, rows: int | None) -> bool:
+    """Whether arrays have one of a name, with as many rows as its effect has."""
+    return name in arrays and rows in (None, len(arrays[name]))
+
+
 def main() -> int:
     typed = options(__doc__, {
         "--folder": (Path(tempfile.gettempdir()) / "softtwin-bank", "where solves are kept"),
         "--pack": "write what is made into one file",
+        "--again": "make what the file has, too",
     })  # fmt: skip
     typed.folder.mkdir(parents=True, exist_ok=True)
-    for name, make in tasks(tabulated()).items():
+    wanted, kept = tasks(tabulated()), {} if typed.again else packed()
+    for name, make in wanted.items():
         path = typed.folder / f"{name}.npy"
-        if path.exists():
+        rows = len(make.args[1]) if name.startswith("slopes@") else None
+        if path.exists() or complete(kept, name, rows):
             continue
         began = time.process_time()
         try:
@@ -248,7 +267,8 @@ def main() -> int:
         print(f"{name}: {time.process_time() - began:.1f} s of CPU", flush=True)
     if typed.pack:
         FILE.parent.mkdir(exist_ok=True)
-        arrays = {p.stem: np.load(p) for p in sorted(typed.folder.glob("*.npy"))}
+        made = {p.stem: np.load(p) for p in sorted(typed.folder.glob("*.npy"))}
+        arrays = {name: array for name, array in (kept | made).items() if name in wanted}
         np.savez_compressed(FILE, allow_pickle=False, **arrays)
         print(f"{FILE}: {len(arrays)} arrays, {FILE.stat().st_size / 1e6:.1f} MB")
     return 0

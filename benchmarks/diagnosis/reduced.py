@@ -16,10 +16,12 @@ from typing import Any
 from benchmarks.diagnosis.bank import (
     FILE,
     GRID,
+    LARGE,
     MAIN,
     NODES,
     SHARES,
     TOTALS,
+    complete,
     entries,
     fitted_case,
     kind_of,
@@ -204,12 +206,16 @@ class Tables:
 
     @cached_property
     def softening(self) -> tuple[Array, Array]:
-        """Changes (k, s, m, 3) mm per unit of softening at its nodes, and what one whole solve adds to the
+        """Changes (k, s, m, 3) mm per unit of softening at its nodes, and what whole solves there add to the
         first order, per unit squared."""
         arrays = bank()
         rows = self.at_times(arrays["mullins"][:, :, self.rows])
-        large = self.at_times((arrays["mullins@large"] - arrays["course"])[None, :, self.rows])[0]
-        return rows, (large - 0.2 * rows[4]) / 0.04
+        names = [f"mullins@{k}" for k in range(len(rows))]
+        if names[0] not in arrays:  # a bank with one whole solve, which then serves for all nodes
+            names = ["mullins@large"]
+        changes = np.array([arrays[name] - arrays["course"] for name in names])
+        first = rows if len(names) > 1 else rows[4:5]
+        return rows, (self.at_times(changes[:, :, self.rows]) - LARGE * first) / LARGE**2
 
 
 def along(paths: Array, x: Array, way: Array) -> Array:
@@ -297,7 +303,7 @@ class ReducedModel(Model):
             scaled = m * MAIN.total / constants.total
             wm = weights(np.log(NODES["mullins.m"]), float(np.log(max(scaled, 1e-6))))
             w = np.kron(wm, weights(np.array(NODES["mullins.beta"]), beta))
-            out = out + soft * np.tensordot(w, rows, 1) + soft**2 * bent
+            out = out + np.tensordot(w, soft * rows + soft**2 * bent, 1)
         return out
 
     # -- what a model offers --------------------------------------------------------------------------------
@@ -437,7 +443,9 @@ def has_table(effect: Effect, test: Test) -> bool:
         kind = kind_of(effect, test)
     except (KeyError, ValueError):
         return False
-    return kind != "case" or f"slopes@{effect.laws()[-1].label.replace(':', '_')}" in bank()
+    wide = effect.laws()[-1]
+    name = f"slopes@{wide.label.replace(':', '_')}"
+    return kind != "case" or complete(bank(), name, len(rows_of(wide, test)))
 
 
 __all__ = ["ReducedModel", "Tables", "fitted_case", "has_table"]
