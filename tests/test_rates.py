@@ -1,10 +1,11 @@
 """How the diagnosis' rates are counted: what is a hit, a tie, a wrong name, and what was too faint."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from benchmarks.diagnosis import collected, gaussianprocess, tally
+from benchmarks.diagnosis import collected, gaussianprocess, tally, truthbook
 from benchmarks.diagnosis.identify import STAND_INS_OF, UNKNOWN, spread, without_stand_ins
 from benchmarks.diagnosis.laterkinds import KINDS_LATER, STAND_INS_LATER
 from benchmarks.diagnosis.simplerules import fingerprinted
@@ -14,6 +15,7 @@ import numpy as np
 import pytest
 
 from twin.virtual.hidden import KINDS
+from twin.virtual.protocols import PROTOCOLS
 
 
 def row(verdict: str, *physics: str, z: float = 30.0, protocol: str = "P5", **more: Any) -> tally.Row:
@@ -133,6 +135,18 @@ def test_kinds_written_later_are_none_of_today() -> None:
     assert {n for n, k in KINDS_LATER.items() if k.law == "unknown"} == set(STAND_INS_LATER)
 
 
+def test_kinds_from_outside_are_hidden_as_those_of_the_table(monkeypatch: pytest.MonkeyPatch) -> None:
+    twice = replace(KINDS["pressure_gain"], name="twice")
+    protocol, rows, known = PROTOCOLS["P3"], [0, 3], KINDS["pressure_gain"]
+    told = truthbook.displaced(protocol, ((twice, 0.1),), rows)
+    np.testing.assert_array_equal(told, truthbook.displaced(protocol, ((known, 0.1),), rows))
+    solves = truthbook.book()
+    kind = replace(KINDS["soft_band"], name="outside", sizes=(1.0,))
+    monkeypatch.setattr(truthbook, "book", lambda: solves | {"outside@1": solves["bare"] + 0.5})
+    change = truthbook.displaced(protocol, ((kind, 2.0),), rows) - truthbook.displaced(protocol, (), rows)
+    np.testing.assert_allclose(change, 1.0)
+
+
 def test_a_part_of_all_trials_is_a_fair_part() -> None:
     long, short = ([Spec(name, "P5", (), 0.0, "white", k) for k in range(n)] for name, n in (("a", 30), ("b", 10)))
     found = [s.group for s in spread([long, short])]
@@ -170,8 +184,8 @@ def test_a_truth_by_another_engine_counts_once() -> None:
         row("tube", "creep", z=3.0, key="d", add="added", seconds=60.0),
     ]
     found = collected.engine(rows)
-    assert (found["n"], found["wrong_alone"], found["too_faint"], found["add_refused"]) == (3, 1, 1, ["b"])
-    assert found["in_set"] == pytest.approx(2 / 3)
+    assert (found["n"], found["too_faint"], found["add_refused"]) == (3, 1, ["b"])
+    assert (found["in_set"], found["wrong_alone"]) == (pytest.approx(2 / 3), pytest.approx(1 / 3))
 
 
 def test_whole_solves_and_tables_agree_on_all_names_or_not() -> None:

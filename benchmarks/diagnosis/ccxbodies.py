@@ -139,7 +139,7 @@ def together(a: Truth, b: Truth) -> Truth:
     return Truth("+".join(parts), physics, (*a.changes, *b.changes), parts=parts)
 
 
-TRUTHS = (*SINGLE, *(together(NAMED[a], NAMED[b]) for a, b in BOTH))
+TRUTHS = (BARE, *SINGLE, *(together(NAMED[a], NAMED[b]) for a, b in BOTH))
 
 
 # -- solves --------------------------------------------------------------------------------------------------

@@ -5,7 +5,8 @@
 The short finger in 20-node bricks with reduced integration, two cells through every wall, on a lattice of its
 own; the course and the edge's markers of P3 (of P4 where weight is hidden), noise of 0.03 mm. The targets go
 through `twin init`, `calibrate`, `diagnose --json` and `add`. Every solve and every project is kept in DIR,
-every row in `benchmarks/results/ccxdiagnosis.json`, so that the command goes on where it was stopped.
+every row in `benchmarks/results/ccxdiagnosis.json`, so that the command goes on where it was stopped. In
+`bare` nothing is hidden.
 --solve: the solves alone, two minutes of one core for each of 32.
 """
 
@@ -177,7 +178,7 @@ def main() -> int:
     if typed.list:
         print("\n".join(t.name for t in truths))
         return 0
-    for truth in (BARE, *truths):
+    for truth in dict.fromkeys((BARE, *truths)):
         began = processor()
         curves(truth, typed.folder / "solves")
         if (spent := processor() - began) > 1:

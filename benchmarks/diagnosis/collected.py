@@ -102,8 +102,10 @@ def engine(rows: Sequence[Row]) -> Row:
     refused = [r["key"] for r in own if r["named"] and r["add"] != "added"]
     return {
         "n": len(own), "in_set": held["rate"], "interval": held["interval"],
-        "wrong_alone": sum(map(wrong_alone, own)), "set_size": sizes(own), "add_refused": refused,
-        "too_faint": len(rows) - len(own), "verdicts": {r["key"]: r["verdict"] for r in rows},
+        "wrong_alone": rate([wrong_alone(r) for r in own])["rate"], "set_size": sizes(own),
+        "add_refused": refused,
+        "too_faint": len(rows) - len(own),
+        "verdicts": {r["key"]: r["verdict"] for r in rows},
         "minutes": sum(r["seconds"] for r in rows) / 60,
     } | of_laws(rows)  # fmt: skip
 

@@ -169,8 +169,16 @@ def done(folder: Path) -> list[dict[str, Any]]:
     return [row for row in rows if row.get("rule") == rule()]
 
 
+def earlier() -> str:
+    """The commit by which the rule was frozen as the table says, or nothing."""
+    found = json.loads(TABLE.read_text(encoding="utf-8")) if TABLE.exists() else {}
+    return found.get("frozen") or ""
+
+
 def frozen(commit: str) -> dict[str, Any]:
     """The commit by which the rule was frozen, and the files of it that have changed since."""
+    if not commit:
+        return {"frozen": None}
     asked = ["git", "-C", str(ROOT), "rev-parse", "--verify", f"{commit}^{{commit}}"]
     full = subprocess.run(asked, check=True, capture_output=True, text=True).stdout.strip()
     asked = ["git", "-C", str(ROOT), "diff", "--name-only", full, "--", *RULE]
@@ -214,7 +222,7 @@ def main() -> int:
     name = f"{part}of{parts}-{'-'.join(typed.only) or 'all'}.jsonl".replace(" ", "_")
     until = began + QUICK_S if typed.quick else np.inf
     rows += ran(todo, folder / name, workers=typed.workers, until=until, tell=not typed.json)
-    table = tabulated(wanted, rows) | (frozen(typed.frozen) if typed.frozen else {"frozen": None})
+    table = tabulated(wanted, rows) | frozen(typed.frozen or earlier())
     table["seconds"]["of_this_run"] = time.perf_counter() - began
     if not (typed.quick or typed.only):
         RESULTS.mkdir(exist_ok=True)
