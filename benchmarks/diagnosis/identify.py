@@ -2,21 +2,28 @@
 beside.
 
     python benchmarks/diagnosis/identify.py [--quick] [--json] [--folder DIR] [--only GROUP ..] [--share K/N]
+        [--workers N] [--frozen COMMIT]
 
 Every trial hides something of a stated non-centrality in a truth of another mesh and element
 (`snapshots.py` beside it), draws noise and markers, and runs `twin.diagnosis.procedure.diagnose` on a model
-that looks its answers up in tables of the fitted mesh (`bank.py`). Results go to a file as they
-come (--folder), so that the command goes on where it was stopped; --share 1/2 and 2/2 do a half each. The
-table is written to `benchmarks/results/identify.json`. --quick: a tenth of the trials, not written.
+that looks its answers up in tables of the fitted mesh (`bank.py`). Groups `fresh ..` have seeds that no rule
+was made on, `left out` the unknown kinds without the stand-ins of their kind, `later` the kinds of
+`laterkinds.py`. Results go to a file as they come (--folder), so that the command goes on where it was
+stopped; those of another rule are run again. The table is written to `benchmarks/results/identify.json`, with
+what other scripts found (`collected.py`). --quick: a tenth of the trials, as many as four minutes hold, not
+written.
 """
 
 import json
 import os
 import platform
+import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+from functools import cache, partial
 from itertools import combinations
 from pathlib import Path
 from typing import Any
@@ -24,23 +31,46 @@ from typing import Any
 sys.path.insert(0, os.path.abspath(f"{__file__}/../../.."))
 from benchmarks import ROOT
 from benchmarks.commandline import options
+from benchmarks.diagnosis.collected import RESULTS, collected
+from benchmarks.diagnosis.laterkinds import KINDS_LATER, STAND_INS_LATER
 from benchmarks.diagnosis.tally import CLEAR, summary
-from benchmarks.diagnosis.trialbench import Scene, Spec, cosine, largest, run
+from benchmarks.diagnosis.trialbench import EVERY, RULE, Scene, Sight, Spec, attempted, cosine, largest, rule
 
 import numpy as np
 
-from twin.virtual.hidden import KINDS
+from twin.parallel import finished
+from twin.targets import Array
+from twin.virtual.hidden import KINDS, Kind
 
-RESULTS = ROOT / "benchmarks" / "results" / "identify.json"
+TABLE = RESULTS / "identify.json"
 PLAIN = (10.0, 30.0, 100.0)  # sizes at which an effect ought to be named
 FAINT = (3.0, 5.0)  # and at which it need not be: the foot of the power curve
-SAME = [k.name for k in KINDS.values() if k.law == "same"]
-OTHER = [k.name for k in KINDS.values() if k.law == "other"]
-UNKNOWN = [k.name for k in KINDS.values() if k.law == "unknown"]
 GRAVITY = ("gravity",)
 FORCES = ("force_up", "force_down", "force_side")
 ALIKE = 0.95  # cosine of two effects that no data of a protocol tell apart
 COUNTS = {"P5": 150, "P3": 60, "P1": 60}  # of each law
+FRESH = 10**6  # what is added to the seeds that no rule was made on
+QUICK_S = 240.0  # after which --quick begins no other trial
+STAND_INS_OF = {  # of unknown kinds: kinds of stand-ins, whole names, or how they begin, with an underscore
+    "force_up": ("outside force",),
+    "force_down": ("outside force",),
+    "force_side": ("outside force",),
+    "soft_band": ("soft spot",),
+    "leak": ("pressure course", "pressure_by_"),
+    "backlash": ("pressure course", "pressure_by_"),
+    "sliding": ("drift",),
+    "barrel": ("camera",),
+    "zoomed": ("camera",),
+    **STAND_INS_LATER,
+}
+
+
+def of_law(law: str, kinds: Mapping[str, Kind] = KINDS) -> list[str]:
+    """The kinds of a law."""
+    return [k.name for k in kinds.values() if k.law == law]
+
+
+SAME, OTHER, UNKNOWN = map(of_law, ("same", "other", "unknown"))
 
 
 def specs() -> list[Spec]:
@@ -52,20 +82,52 @@ def specs() -> list[Spec]:
             groups.append(_trials(f"{protocol} {law}", protocol, seen, PLAIN, count))
             if protocol == "P5":
                 groups.append(_trials(f"{protocol} {law}", protocol, seen, FAINT, 2 * len(seen), first=5000))
-    groups.append([Spec("white", "P5", (), 0.0, "white", 10_000 + s) for s in range(200)])
-    groups.append([Spec("ar1", "P5", (), 0.0, "ar1", 20_000 + s) for s in range(200)])
+                groups.append(_trials(f"fresh {law}", protocol, seen, PLAIN, 100, first=1000 + FRESH))
+    groups.append([Spec("white", "P5", (), 0.0, "white", 10_000 + s) for s in range(400)])
+    groups.append([Spec("ar1", "P5", (), 0.0, "ar1", 20_000 + s) for s in range(400)])
     groups.append(_trials("unknown", "P5", UNKNOWN, PLAIN, 20 * len(UNKNOWN), first=30_000))
-    groups.append(_pairs(120))
-    total = max(map(len, groups))
-    placed = [(k * total / len(g), j, spec) for j, g in enumerate(groups) for k, spec in enumerate(g)]
+    left = _trials("left out", "P5", UNKNOWN, PLAIN, 10 * len(UNKNOWN), first=30_000)
+    groups.append(without_stand_ins(left))
+    groups.append(_trials("fresh unknown", "P5", UNKNOWN, PLAIN, 10 * len(UNKNOWN), first=30_000 + FRESH))
+    groups += [_pairs("pairs", 120, 40_000, 5), _pairs("fresh pairs", 40, 40_000 + FRESH, 6)]
+    return spread([*groups, *later()])
+
+
+def later() -> list[list[Spec]]:
+    """The groups of the kinds that were written after the rule was frozen."""
+    names, unknown = list(KINDS_LATER), of_law("unknown", KINDS_LATER)
+    all_ = _trials("later", "P5", names, PLAIN, 12 * len(names), first=50_000 + FRESH)
+    left = [s for s in all_ if s.kinds[0] in unknown]
+    return [all_, without_stand_ins([replace(s, group="later left out") for s in left])]
+
+
+def spread(groups: Iterable[Sequence[Spec]]) -> list[Spec]:
+    """All trials in one list, those of every group as evenly as can be."""
+    some = [g for g in groups if g]
+    total = max(map(len, some), default=0)
+    placed = [(k * total / len(g), j, spec) for j, g in enumerate(some) for k, spec in enumerate(g)]
     return [spec for _, _, spec in sorted(placed, key=lambda row: row[:2])]
+
+
+def without_stand_ins(trials: Iterable[Spec]) -> list[Spec]:
+    """The trials without the stand-ins of the kind that is hidden."""
+    return [replace(s, without=(*s.without, *STAND_INS_OF[s.kinds[0]])) for s in trials]
 
 
 def seen_in(protocol: str, names: Sequence[str]) -> list[str]:
     """The kinds that a protocol can show plainly at their largest size."""
-    scene = Scene.of(Spec("", protocol, (), 0.0, "white", 2))
-    several = [n for n in names if n != "marker_slip" or scene.protocol.along > 1]
-    return [n for n in several if largest(scene, KINDS[n]) >= CLEAR]
+    several = [n for n in names if n != "marker_slip" or _sight(protocol).scene.protocol.along > 1]
+    return [n for n in several if np.linalg.norm(_largest(protocol, n)) >= CLEAR]
+
+
+@cache
+def _sight(protocol: str) -> Sight:
+    return Sight.of(Scene.of(Spec("", protocol, (), 0.0, "white", 2)))
+
+
+@cache
+def _largest(protocol: str, name: str) -> Array:
+    return largest(_sight(protocol), EVERY[name])
 
 
 def _trials(
@@ -82,32 +144,71 @@ def _trials(
     return out
 
 
-def _pairs(count: int) -> list[Spec]:
-    """Pairs of effects of which neither does the other's work: where both are plain and their changes, beside
-    the constants, have a cosine below ALIKE."""
-    rng, scene, out = np.random.default_rng(5), Scene.of(Spec("", "P5", (), 0.0, "white", 2)), []
+def _pairs(group: str, count: int, first: int, seed: int) -> list[Spec]:
+    """Pairs of effects of which neither does the other's work: where their changes, beside the constants,
+    have a cosine below ALIKE, and each is clear beside the other at the size that is asked for."""
+    rng, out = np.random.default_rng(seed), []
     able = [n for n in seen_in("P5", SAME) if n not in ("gravity", "clamp")]
-    both = [{a, b} for a, b in combinations(able, 2) if cosine(scene, KINDS[a], KINDS[b]) < ALIKE]
+    both = {frozenset(pair): cosine(*(_largest("P5", n) for n in pair)) for pair in combinations(able, 2)}
     while len(out) < count:
-        a, b = (able[k] for k in rng.choice(len(able), 2, replace=False))
-        if {a, b} in both:
-            sigmas = (30.0, 100.0)[len(out) % 2]
-            out.append(Spec("pairs", "P5", (a, b), sigmas, "white", 40_000 + len(out)))
+        pair = tuple(able[k] for k in rng.choice(len(able), 2, replace=False))
+        sigmas, alike = (30.0, 100.0)[len(out) % 2], both[frozenset(pair)]
+        least = min(sigmas, *(float(np.linalg.norm(_largest("P5", n))) for n in pair))
+        if alike < ALIKE and least * np.sqrt(1 - alike**2) >= CLEAR:
+            out.append(Spec(group, "P5", pair, sigmas, "white", first + len(out)))
     return out
 
 
-def done(file: Path) -> list[dict[str, Any]]:
-    """The results in a file, one a line."""
-    if not file.exists():
-        return []
-    return [json.loads(line) for line in file.read_text(encoding="utf-8").splitlines() if line.strip()]
+def done(folder: Path) -> list[dict[str, Any]]:
+    """The results in a folder by today's rule, one a line of its files; a line that was cut off is none."""
+    rows = []
+    for file in sorted(folder.glob("*.jsonl")):
+        for line in file.read_text(encoding="utf-8").splitlines():
+            if line.endswith("}"):
+                rows.append(json.loads(line))
+    return [row for row in rows if row.get("rule") == rule()]
+
+
+def earlier() -> str:
+    """The commit by which the rule was frozen as the table says, or nothing."""
+    found = json.loads(TABLE.read_text(encoding="utf-8")) if TABLE.exists() else {}
+    return found.get("frozen") or ""
+
+
+def frozen(commit: str) -> dict[str, Any]:
+    """The commit by which the rule was frozen, and the files of it that have changed since."""
+    if not commit:
+        return {"frozen": None}
+    asked = ["git", "-C", str(ROOT), "rev-parse", "--verify", f"{commit}^{{commit}}"]
+    full = subprocess.run(asked, check=True, capture_output=True, text=True).stdout.strip()
+    asked = ["git", "-C", str(ROOT), "diff", "--name-only", full, "--", *RULE]
+    changed = subprocess.run(asked, check=True, capture_output=True, text=True).stdout.split()
+    return {"frozen": full, "changed_since": changed}
+
+
+def ran(
+    todo: Sequence[Spec], file: Path, *, workers: int, until: float, tell: bool
+) -> Iterable[dict[str, Any]]:
+    """The rows of trials as they end, each written to a file; none is waited for after `until`."""
+    with file.open("a", encoding="utf-8") as out:
+        for k, (_, row) in enumerate(finished([partial(attempted, s) for s in todo], workers=workers)):
+            out.write(json.dumps(row) + "\n")
+            out.flush()
+            if tell:
+                print(f"{k + 1:5d} {row['key']:58s} {row['seconds']:5.1f} s  {row['verdict']}", flush=True)
+            yield row
+            if time.perf_counter() > until:
+                return
 
 
 def main() -> int:
+    began = time.perf_counter()
     typed = options(__doc__, {
         "--folder": (Path(tempfile.gettempdir()) / "softtwin-identify", "where results are kept"),
         "--only": {"nargs": "*", "default": (), "help": "groups, such as 'P5 same'"},
         "--share": ("1/1", "which part of the trials to run: 1/2, 2/2"),
+        "--workers": (1, "processes"),
+        "--frozen": (str, "the commit by which the rule was frozen"),
         "--table": "run nothing; make the table of what is there",
     }, quick="a tenth of the trials; nothing is written", json="print the table as JSON")  # fmt: skip
     folder: Path = typed.folder
@@ -115,29 +216,30 @@ def main() -> int:
     part, parts = map(int, typed.share.split("/"))
     wanted = [s for s in specs() if not typed.only or s.group in typed.only]
     wanted = wanted[:: 10 if typed.quick else 1]
-    rows = [row for file in sorted(folder.glob("*.jsonl")) for row in done(file)]
+    rows = done(folder)
     have = {row["key"] for row in rows}
     todo = [] if typed.table else [s for s in wanted[part - 1 :: parts] if s.key not in have]
-    began = time.perf_counter()
     name = f"{part}of{parts}-{'-'.join(typed.only) or 'all'}.jsonl".replace(" ", "_")
-    with (folder / name).open("a", encoding="utf-8") as out:
-        for k, spec in enumerate(todo):
-            row = run(spec)
-            rows.append(row)
-            out.write(json.dumps(row) + "\n")
-            out.flush()
-            if not typed.json:
-                print(f"{k + 1:5d} {spec.key:58s} {row['seconds']:5.1f} s  {row['verdict']}", flush=True)
-    keys = {s.key for s in wanted}
-    table = summary([row for row in rows if row["key"] in keys or row["group"] in ("film", "full_fe")])
-    table["planned"] = len(wanted)
-    table["versions"] = {"python": platform.python_version(), "numpy": np.__version__}
+    until = began + QUICK_S if typed.quick else np.inf
+    rows += ran(todo, folder / name, workers=typed.workers, until=until, tell=not typed.json)
+    table = tabulated(wanted, rows) | frozen(typed.frozen or earlier())
     table["seconds"]["of_this_run"] = time.perf_counter() - began
-    if not typed.quick and not typed.only:
-        RESULTS.parent.mkdir(exist_ok=True)
-        RESULTS.write_text(json.dumps(table, indent=1) + "\n", encoding="utf-8")
+    if not (typed.quick or typed.only):
+        RESULTS.mkdir(exist_ok=True)
+        TABLE.write_text(json.dumps(table, indent=1) + "\n", encoding="utf-8")
     print(json.dumps(table, indent=None if typed.json else 1))
     return 0
+
+
+def tabulated(wanted: Sequence[Spec], rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    """The table of the trials that were wanted, and of what other scripts found."""
+    keys = {s.key for s in wanted}
+    own = {row["key"]: row for row in rows if row["key"] in keys}
+    table, others = summary(list(own.values())), collected()
+    table |= others | {"solves": table["solves"] | others["solves"]}
+    table["planned"], table["rule"] = len(wanted), rule()
+    table["versions"] = {"python": platform.python_version(), "numpy": np.__version__}
+    return table
 
 
 if __name__ == "__main__":

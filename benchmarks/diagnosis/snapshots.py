@@ -1,29 +1,32 @@
 """Solves of hidden truths on a mesh and element of their own, kept small: `benchmarks/data/truths.npz`.
 
-    python benchmarks/diagnosis/snapshots.py [--only NAME ..] [--folder DIR] [--pack]
+    python benchmarks/diagnosis/snapshots.py [--only NAME ..] [--folder DIR] [--pack] [--later]
 
 The truths are those of `twin.virtual.hidden`, on the short finger, at all places for markers. Every solve is
 saved as it ends (a file in --folder, by default the system's temporary folder), so that the command goes on
-where it was stopped; --pack writes them into one file. About 15 minutes of one core.
+where it was stopped; --pack writes them into one file. About 15 minutes of one core. --later: the kinds of
+`laterkinds.py` instead, into a file of their own.
 """
 
 import os
 import sys
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
 
 sys.path.insert(0, os.path.abspath(f"{__file__}/../../.."))
 from benchmarks import ROOT
 from benchmarks.commandline import options
+from benchmarks.diagnosis.laterkinds import KINDS_LATER
 
 import numpy as np
 
 from fe import Finger
 from fe.mesh.mirror import mirrored
-from twin.virtual.hidden import KINDS
+from twin.effects.protocol import Test
+from twin.virtual.hidden import KINDS, Kind
 from twin.virtual.protocols import PROTOCOLS, places
 from twin.virtual.truthsolves import (
     BARE,
@@ -41,13 +44,14 @@ SHORT = Finger(
 )
 POINTS = np.array(list(places(SHORT).values()))
 DATA = ROOT / "benchmarks" / "data" / "truths.npz"
+LATER = DATA.with_name("latertruths.npz")
 COURSE = PROTOCOLS["P5"].course
 
 
 SMOOTH = tuple(k for k in KINDS.values() if k.part == "static" and not k.whole and k.name == k.key)
 
 
-def tasks() -> dict[str, Callable[[], np.ndarray]]:
+def tasks(*, later: bool = False) -> dict[str, Callable[[], np.ndarray]]:
     """Every solve by its name."""
     case = truth_case(SHORT, CHANGE)
     half, whole = (truth_test(c, COURSE, POINTS) for c in (case, mirrored(case)))
@@ -57,13 +61,17 @@ def tasks() -> dict[str, Callable[[], np.ndarray]]:
         "course": lambda: history(half),
         "slopes": lambda: slopes(SMOOTH, half),
     }
-    for kind in KINDS.values():
-        if kind.part not in ("static", "history") or kind.name != kind.key:
-            continue
-        every = kind.sizes
-        for size in every:
-            found[f"{kind.name}@{size:g}"] = partial(solved, kind, whole if kind.whole else half, size)
-    return found
+    return of_sizes(KINDS_LATER, half, whole) if later else found | of_sizes(KINDS, half, whole)
+
+
+def of_sizes(kinds: Mapping[str, Kind], half: Test, whole: Test) -> dict[str, Callable[[], np.ndarray]]:
+    """The solves of kinds at their sizes, by name."""
+    return {
+        f"{kind.name}@{size:g}": partial(solved, kind, whole if kind.whole else half, size)
+        for kind in kinds.values()
+        if kind.part in ("static", "history") and kind.name == kind.key
+        for size in kind.sizes
+    }
 
 
 def main() -> int:
@@ -72,11 +80,13 @@ def main() -> int:
         "--part": {"choices": ("static", "history"), "help": "these kinds alone"},
         "--folder": (Path(tempfile.gettempdir()) / "softtwin-truths", "where solves are kept"),
         "--pack": "write what is solved into one file",
+        "--later": "the kinds that were written after the rule was frozen",
     })  # fmt: skip
     typed.folder.mkdir(parents=True, exist_ok=True)
-    for name, make in tasks().items():
+    made, target = tasks(later=typed.later), LATER if typed.later else DATA
+    for name, make in made.items():
         path = typed.folder / f"{name}.npy"
-        kind = KINDS.get(name.partition("@")[0])
+        kind = (KINDS | KINDS_LATER).get(name.partition("@")[0])
         if path.exists() or (typed.only and name.partition("@")[0] not in typed.only):
             continue
         if typed.part and (kind.part if kind else "static") != typed.part:
@@ -92,10 +102,11 @@ def main() -> int:
         scratch.replace(path)
         print(f"{name}: {time.process_time() - began:.1f} s of CPU", flush=True)
     if typed.pack:
-        DATA.parent.mkdir(exist_ok=True)
-        arrays = {p.stem: np.load(p).astype(np.float32) for p in sorted(typed.folder.glob("*.npy"))}
-        np.savez_compressed(DATA, allow_pickle=False, **arrays)
-        print(f"{DATA}: {len(arrays)} solves, {DATA.stat().st_size / 1e6:.1f} MB")
+        target.parent.mkdir(exist_ok=True)
+        files = sorted(p for p in typed.folder.glob("*.npy") if p.stem in made)
+        arrays = {p.stem: np.load(p).astype(np.float32) for p in files}
+        np.savez_compressed(target, allow_pickle=False, **arrays)
+        print(f"{target}: {len(arrays)} solves, {target.stat().st_size / 1e6:.1f} MB")
     return 0
 
 

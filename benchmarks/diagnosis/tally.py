@@ -3,15 +3,19 @@ beside."""
 
 from collections import Counter
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
-from twin.effects.labels import AND, KINDS, OR
+from twin.effects.labels import AND, KINDS, name_of
 from twin.effects.library import all_effects
 
 Row = dict[str, Any]
 CLEAR = 8.0  # non-centrality from which on an effect ought to be named
+BINS = (0.0, 4.0, 8.0, 15.0, 40.0, np.inf)  # non-centralities of the power curve
+GATED = ("zoomed",)  # unknown kinds that the test of the frame catches
+PROCESS = "gaussian_process"
 
 
 def wilson(hits: int, n: int) -> list[float]:
@@ -32,80 +36,191 @@ def rate(flags: Sequence[bool]) -> dict[str, Any]:
 # -- what counts as right -----------------------------------------------------------------------------------
 
 
+def verdict_of(row: Row) -> list[set[str]]:
+    """What a verdict names: sets that these data cannot tell apart, each of names missing together."""
+    tied = [name for tie in row.get("ties", ()) for name in tie] or [AND.join(row.get("named", ()))]
+    return [{name_of(part) for part in group.split(AND)} for group in tied if group]
+
+
+def named(row: Row) -> set[str]:
+    """All names in a verdict, a kind of stand-in being one."""
+    return {name for group in verdict_of(row) for name in group}
+
+
+def first(row: Row) -> bool:
+    """Whether what is named first is hidden."""
+    return bool(row["names"]) and name_of(row["names"][0].partition(AND)[0]) in row["physics"]
+
+
 def in_set(row: Row) -> bool:
-    """Whether what is hidden is among what the verdict names; a kind of stand-in that is named as one of
+    """Whether all that is hidden is among what the verdict names; a kind of stand-in that is named as one of
     `A or B` names the effects that it says in general."""
     same = {e.name: KINDS[e.generic] for e in all_effects() if e.generic}
     said = {words: [name for name, own in same.items() if own == words] for words in KINDS.values()}
-    names = {n for name in row["names"] for n in (name, *said.get(name, ()))}
-    return bool(set(row["physics"]) <= names)
+    names = {n for name in named(row) for n in (name, *said.get(name, ()))}
+    return bool(row["physics"]) and set(row["physics"]) <= names
+
+
+def set_size(row: Row) -> int:
+    """How many names stand in a verdict, a kind of stand-in being one."""
+    return len(named(row))
+
+
+def wrong_alone(row: Row) -> bool:
+    """Whether every alternative that a verdict names holds an effect that is not hidden, and no kind of
+    stand-in is one of them."""
+    told = verdict_of(row)
+    words = set(KINDS.values())
+    return bool(told) and all(names - set(row["physics"]) and not names & words for names in told)
+
+
+def alone(row: Row) -> bool:
+    """Whether what is hidden is named and nothing else."""
+    return named(row) == set(row["physics"])
 
 
 def exact(row: Row) -> bool:
     """Whether a verdict on a pair names both effects and no other: alone, or as one of several pairs that
     these data cannot tell apart."""
-    told = [set(name.split(AND)) for name in row["verdict"].partition(":")[0].split(OR)]
+    told = verdict_of(row)
     return set(row["physics"]) in told and {len(names) for names in told} == {2}
 
 
 def top1(row: Row) -> bool:
-    """Whether it is named first, or with the class that it belongs to."""
-    names = row["names"]
-    return bool(names) and in_set(row) and (names[0] in row["physics"] or not joined(row))
-
-
-def joined(row: Row) -> bool:
-    """Whether a verdict names several effects together."""
-    return " + " in row["verdict"].partition(":")[0]
+    """Whether it is named first; of one ramp of one marker, where everything is a tie, alone."""
+    return alone(row) if row.get("protocol") == "P1" else first(row)
 
 
 def spurious(row: Row) -> bool:
     """Whether a second effect is named where one is hidden."""
-    return joined(row)
+    return any(len(names) > 1 for names in verdict_of(row))
 
 
 def flagged(row: Row) -> bool:
     """Whether an unknown kind is not called by a wrong name alone: none of the library's, or a class with a
-    stand-in for what is outside."""
+    stand-in for what is outside. `none needed` is neither."""
     verdict = row["verdict"]
     outside = "none of these" in verdict or "cannot test" in verdict or verdict.startswith("weak")
-    return outside or "none needed" in verdict or " or an " in verdict or " or a " in verdict
+    return outside or any(names & set(KINDS.values()) for names in verdict_of(row))
+
+
+def unseen(row: Row) -> bool:
+    """Whether the verdict is that nothing is needed."""
+    return "none needed" in row["verdict"]
+
+
+def reached(row: Row) -> float:
+    """The smallest non-centrality of what is hidden, of several that of each beside the others."""
+    return min((h.get("beside", h["sigmas"]) for h in row["hidden"]), default=0.0)
+
+
+def clear(rows: Sequence[Row]) -> list[Row]:
+    """The rows whose hidden effects ought to be named."""
+    return [r for r in rows if reached(r) >= CLEAR]
 
 
 # -- tables --------------------------------------------------------------------------------------------------
 
 
+def scores(rows: Sequence[Row]) -> Row:
+    """Of clear rows: n, shares with the interval of each, and the mean size of the verdicts that name
+    something."""
+    out: Row = {"n": len(rows)}
+    for score in (first, in_set, wrong_alone):
+        hits = [score(r) for r in rows]
+        out |= {score.__name__: _share(hits), f"{score.__name__}_interval": wilson(sum(hits), len(hits))}
+    return out | {"set_size": sizes(rows)}
+
+
+def sizes(rows: Sequence[Row]) -> float | None:
+    """The mean size of the verdicts that name something."""
+    return _mean([set_size(r) for r in rows if r["names"]])
+
+
 def group(rows: Sequence[Row]) -> Row:
     """One cell of the table: trials of one protocol and law."""
-    clear = [r for r in rows if all(h["sigmas"] >= CLEAR for h in r["hidden"])]
-    right = [r for r in clear if top1(r)]
+    own = clear(rows)
+    right = [r for r in own if in_set(r)]
+    hits = [top1(r) for r in own]
     ratio = [r["rms_over_sd"] for r in right if r.get("rms_over_sd")]
     inside = [v for r in right if r.get("adequate") for v in r.get("inside", {}).values()]
     gains = [r["base_heldout"] / r["heldout"] for r in right if r.get("heldout") and r.get("base_heldout")]
-    return {
-        "n": len(clear),
-        "top1": _share(map(top1, clear)),
-        "top1_interval": wilson(sum(map(top1, clear)), len(clear)),
-        "in_set": _share(map(in_set, clear)),
-        "in_set_interval": wilson(sum(map(in_set, clear)), len(clear)),
-        "spurious_second": _share(map(spurious, clear)),
+    return scores(own) | {
+        "top1": _share(hits),
+        "top1_interval": wilson(sum(hits), len(hits)),
+        "tie": _share(in_set(r) and not alone(r) for r in own),
+        "spurious_second": _share(map(spurious, own)),
         "rms_over_sd": _median(ratio),
         "coverage": _share(inside),
         "coverage_n": len(inside),
         "heldout_ratio": _median(gains),
-        "too_faint": len(rows) - len(clear),
+        "too_faint": len(rows) - len(own),
     }
 
 
+def unknowns(rows: Sequence[Row]) -> Row:
+    """Of clear trials of what no library holds: how many are flagged, how many misnamed, and how many are
+    neither, being called none needed."""
+    own = clear(rows)
+    hits, wrong = [flagged(r) for r in own], [not flagged(r) and not unseen(r) for r in own]
+    return {
+        "n": len(own), "flagged": _share(hits), "interval": wilson(sum(hits), len(own)),
+        "misnamed": _share(wrong), "misnamed_interval": wilson(sum(wrong), len(own)),
+        "none_needed": sum(map(unseen, own)), "too_faint": len(rows) - len(own),
+        "by_kind": {k: rate([flagged(r) for r in own if r["kinds"] == [k]])
+                    for k in sorted({r["kinds"][0] for r in own})},
+    }  # fmt: skip
+
+
+def without_gate(rows: Sequence[Row]) -> list[Row]:
+    """The rows but for those whose kind the test of the frame catches before any diagnosis."""
+    return [r for r in rows if not set(r["kinds"]) & set(GATED)]
+
+
+def unknown_table(rows: Sequence[Row]) -> Row:
+    """Unknown kinds, and the same without those that the frame's test catches."""
+    apart = {k: v for k, v in unknowns(without_gate(rows)).items() if k != "by_kind"}
+    return unknowns(rows) | {"without_zoomed": apart}
+
+
+def pairs(rows: Sequence[Row]) -> Row:
+    """Two effects at once, each clear beside the other."""
+    own = clear(rows)
+    right = [exact(r) for r in own]
+    return scores(own) | {
+        "exact": _share(right),
+        "interval": wilson(sum(right), len(right)),
+        "alone": _share(map(alone, own)),
+        "one_in_set": _share(bool(set(r["physics"]) & named(r)) for r in own),
+        "too_faint": len(rows) - len(own),
+    }
+
+
+def of_laws(rows: Sequence[Row]) -> Row:
+    """Kinds of several laws in one group: the scores of those of the library, and the unknown ones."""
+    known = [r for r in rows if all(r["physics"])]
+    return {"known": scores(clear(known)), "unknown": unknowns([r for r in rows if r not in known])}
+
+
+def over_floor(rows: Sequence[Row]) -> Row:
+    """Over clear and rightly named trials, the median of the error in the unseen orientation over the same
+    draw's with nothing hidden."""
+    right = [r for r in clear(rows) if in_set(r) and r.get("heldout") and r.get("floor")]
+    return {"n": len(right), "median": _median([r["heldout"] / r["floor"] for r in right])}
+
+
 def power(rows: Sequence[Row]) -> Row:
-    """The share that is named or in the reported set by the non-centrality asked for."""
+    """The share that is named first or in the reported set by the non-centrality that is reached."""
     out = {}
-    for size in sorted({r["wanted"] for r in rows}):
-        own = [r for r in rows if r["wanted"] == size]
-        out[f"{size:g}"] = {
-            "n": len(own), "top1": _share(map(top1, own)), "in_set": _share(map(in_set, own)),
-            "none_needed": _share("none needed" in r["verdict"] for r in own),
-        }  # fmt: skip
+    for low, high in pairwise(BINS):
+        own = [r for r in rows if low <= reached(r) < high]
+        name = f"{low:g} to {high:g}" if np.isfinite(high) else f"{low:g} on"
+        if own:
+            out[name] = {
+                "n": len(own), "first": _share(map(first, own)), "top1": _share(map(top1, own)),
+                "in_set": _share(map(in_set, own)), "set_size": sizes(own),
+                "none_needed": _share(map(unseen, own)),
+            }  # fmt: skip
     return out
 
 
@@ -119,31 +234,37 @@ def confusion(rows: Sequence[Row]) -> Row:
 
 def baselines(rows: Sequence[Row]) -> Row:
     """What simpler rules would have said in the same trials."""
-    rules = sorted({name for r in rows for name in r.get("baselines", {})})
     out: Row = {}
-    for rule in rules:
-        known = [
-            r for r in rows if rule in r.get("baselines", {}) and len(r["physics"]) == 1 and r["physics"][0]
-        ]
-        known = [r for r in known if all(h["sigmas"] >= CLEAR for h in r["hidden"])]
-        nothing = [r for r in rows if rule in r.get("baselines", {}) and not r["kinds"]]
-        unknown = [r for r in rows if rule in r.get("baselines", {}) and r["group"] == "unknown"]
+    for rule in sorted({name for r in rows for name in r.get("baselines", {})} - {PROCESS}):
+        asked = [r for r in rows if rule in r.get("baselines", {})]
+        known = [r for r in clear(asked) if len(r["physics"]) == 1 and r["physics"][0]]
         out[rule] = {
             "top1": rate([r["baselines"][rule] == r["physics"][0] for r in known]),
-            "false_alarm": rate([bool(r["baselines"][rule]) for r in nothing]),
-            "unknown_not_named": rate([not r["baselines"][rule] for r in unknown]),
+            "false_alarm": rate([bool(r["baselines"][rule]) for r in asked if not r["kinds"]]),
+            "unknown_not_named": rate([not r["baselines"][rule] for r in asked if r["group"] == "unknown"]),
         }
-    held = [
-        r["ridge_heldout"] / r["base_heldout"]
-        for r in rows
-        if r.get("ridge_heldout") and r.get("base_heldout")
-    ]
-    out["ridge"] = {"heldout_over_base": _median(held), "n": len(held)}
+    said = [(r, bool(r["baselines"][PROCESS])) for r in rows if PROCESS in r.get("baselines", {})]
+    out["ridge"] = foretold(rows, "ridge_heldout")
+    out[PROCESS] = foretold(rows, "gp_heldout") | {
+        "discrepancy": rate([flag for r, flag in said if r["kinds"] and reached(r) >= CLEAR]),
+        "false_alarm": rate([flag for r, flag in said if not r["kinds"]]),
+    }
     return out
 
 
+def foretold(rows: Sequence[Row], key: str) -> Row:
+    """Over clear trials, medians of a correction's error in the unseen orientation, over that of the base
+    model and over that with nothing hidden."""
+    own = [r for r in clear(rows) if r.get(key) and r.get("base_heldout")]
+    floors = [r[key] / r["floor"] for r in own if r.get("floor")]
+    return {
+        "heldout_over_base": _median([r[key] / r["base_heldout"] for r in own]),
+        "heldout_over_floor": _median(floors), "n": len(own),
+    }  # fmt: skip
+
+
 def summary(rows: Sequence[Row]) -> Row:
-    """The whole table."""
+    """The whole table of the trials that `identify.py` runs."""
     of: dict[str, list[Row]] = {}
     for r in rows:
         of.setdefault(r["group"], []).append(r)
@@ -151,27 +272,20 @@ def summary(rows: Sequence[Row]) -> Row:
     for protocol in ("P5", "P3", "P1"):
         table[protocol] = {law: group(of.get(f"{protocol} {law}", [])) for law in ("same", "other")}
     quiet = {name: of.get(name, []) for name in ("white", "ar1")}
-    table["false_alarm"] = {
-        name: rate(["none needed" not in r["verdict"] for r in own]) for name, own in quiet.items()
+    table["false_alarm"] = {name: rate([not unseen(r) for r in own]) for name, own in quiet.items()}
+    table["unknown"] = unknown_table(of.get("unknown", []))
+    table["left_out"] = unknown_table(of.get("left out", []))
+    table["pairs"] = pairs(of.get("pairs", []))
+    table["fresh"] = {
+        "same": group(of.get("fresh same", [])), "other": group(of.get("fresh other", [])),
+        "unknown": unknown_table(of.get("fresh unknown", [])), "pairs": pairs(of.get("fresh pairs", [])),
+    }  # fmt: skip
+    table["kinds_after_freeze"] = of_laws(of.get("later", [])) | {
+        "left_out": unknowns(of.get("later left out", []))
     }
-    unknown = of.get("unknown", [])
-    table["unknown"] = {"n": len(unknown), "flagged": _share(map(flagged, unknown)),
-                        "interval": wilson(sum(map(flagged, unknown)), len(unknown)),
-                        "by_kind": {k: rate([flagged(r) for r in unknown if r["kinds"] == [k]])
-                                    for k in sorted({r["kinds"][0] for r in unknown})}}  # fmt: skip
-    pairs = [r for r in of.get("pairs", []) if all(h["sigmas"] >= CLEAR for h in r["hidden"])]
-    right = [exact(r) for r in pairs]
-    table["pairs"] = {
-        "n": len(pairs),
-        "exact": _share(right),
-        "interval": wilson(sum(right), len(right)),
-        "alone": _share(set(r["named"]) == set(r["physics"]) and not r["ties"] for r in pairs),
-        "one_in_set": _share(bool(set(r["physics"]) & set(r["names"])) for r in pairs),
-    }
-    for name in ("film", "full_fe"):
-        own = of.get(name, [])
-        key = "top1" if name == "film" else "agree"
-        table[name] = {"n": len(own), key: _share(r[key] for r in own)}
+    single = {law: [*of.get(f"P5 {law}", []), *of.get(f"fresh {law}", [])] for law in ("same", "other")}
+    table["heldout_over_floor"] = {law: over_floor(own) for law, own in single.items()}
+    table["coverage"] = {protocol: covered(rows, protocol) for protocol in ("P1", "P3", "P5")}
     table["coverage_nothing_hidden"] = _share(
         v for own in quiet.values() for r in own for v in r.get("inside", {}).values()
     )
@@ -181,13 +295,23 @@ def summary(rows: Sequence[Row]) -> Row:
     table["seconds"] = {"diagnose_all": _median(seconds), "total": float(np.sum(seconds)) if seconds else 0.0}
     table["solves"] = {"median": _median([r["solves"] for r in rows if "solves" in r])}
     table["baselines"] = baselines(rows)
-    table["trials"] = len(rows)
+    table["trials"], table["failed"] = len(rows), sum(bool(r.get("failed")) for r in rows)
     return table
 
 
+def covered(rows: Sequence[Row], protocol: str) -> Row:
+    """How often 95 % intervals of rightly named, adequate fits hold the truth."""
+    single = [r for r in clear(rows) if r["protocol"] == protocol and len(r["kinds"]) == 1]
+    own = [r for r in single if r["physics"][0] and in_set(r) and r.get("adequate")]
+    return rate([v for r in own for v in r.get("inside", {}).values()])
+
+
 def _share(flags: Any) -> float | None:
-    own = list(flags)
-    return float(np.mean(own)) if own else None
+    return _mean([float(flag) for flag in flags])
+
+
+def _mean(values: Sequence[float]) -> float | None:
+    return float(np.mean(values)) if len(values) else None
 
 
 def _median(values: Sequence[float]) -> float | None:

@@ -1,14 +1,18 @@
 """One virtual trial on the short finger: hidden truth, targets, reduced model, diagnosis, and what it is
 worth."""
 
+import ast
+import hashlib
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
-import benchmarks  # noqa: F401
+from benchmarks import ROOT
 from benchmarks.diagnosis.bank import LEFT_OUT, MAIN, fitted_case
+from benchmarks.diagnosis.gaussianprocess import discrepancy
+from benchmarks.diagnosis.laterkinds import KINDS_LATER
 from benchmarks.diagnosis.reduced import ReducedModel, Tables, has_table
 from benchmarks.diagnosis.simplerules import named_by, ridge
 from benchmarks.diagnosis.snapshots import POINTS, SHORT
@@ -21,6 +25,7 @@ from twin.diagnosis.record import DiagnosisRecord
 from twin.effects.library import all_effects
 from twin.effects.protocol import Effect, Unsolvable
 from twin.judging.fitting import whitener_of
+from twin.judging.judged import judge
 from twin.model.basemodel import base_model
 from twin.project import files
 from twin.targets import Array, PointKind, TargetPoint, Targets
@@ -28,6 +33,8 @@ from twin.virtual.draws import Setup, measured
 from twin.virtual.hidden import KINDS, Kind
 from twin.virtual.protocols import PROTOCOLS, Protocol, places
 
+EVERY = KINDS | KINDS_LATER
+RULE = ("calibrate", "twin/diagnosis", "twin/effects", "twin/judging", "twin/model")  # what decides
 SD_MM = 0.015
 START = np.array([0.2, 0.1])
 NAMES = tuple(places(SHORT))
@@ -38,7 +45,7 @@ TIP, OFF = NAMES.index("tip"), [k for k, n in enumerate(NAMES) if n.startswith("
 @dataclass(frozen=True)
 class Spec:
     """A trial: its group, protocol, kinds hidden and non-centrality wanted (0: nothing hidden), noise, seed,
-    and effects that are left out of the candidates."""
+    and what is left out of candidates and stand-ins: names, or kinds of stand-ins."""
 
     group: str
     protocol: str
@@ -132,71 +139,87 @@ def beside(model: ReducedModel, without: tuple[str, ...]) -> tuple[Effect, ...]:
     """The generic stand-ins that the tables know."""
     from twin.effects.standins import stand_ins
 
-    return tuple(e for e in stand_ins(model.test) if e.name not in without and has_table(e, model.test))
+    own = (e for e in stand_ins(model.test) if not left_out(e.name, e.kind, without))
+    return tuple(e for e in own if has_table(e, model.test))
+
+
+def left_out(name: str, kind: str, without: tuple[str, ...]) -> bool:
+    """Whether a stand-in is left out: by its name, its kind, or how its name begins, with an underscore."""
+    starts = tuple(word for word in without if word.endswith("_"))
+    return bool({name, kind} & set(without)) or name.startswith(starts)
 
 
 # -- size ---------------------------------------------------------------------------------------------------
 
 
-def sized(scene: Scene, kind: Kind, sigmas: float, rng: np.random.Generator) -> tuple[float, float]:
-    """The size of a kind with a non-centrality beside the fitted constants, and the one it has; the largest
-    that was solved where that is too small."""
+@dataclass(frozen=True)
+class Sight:
+    """What is left of a change of the motion beside the fitted constants, in sds of the noise."""
+
+    scene: Scene
+    bare: Array
+    targets: Targets
+    whitener: Any
+    fitted: Array
+
+    @staticmethod
+    def of(scene: Scene) -> "Sight":
+        """That of a scene where nothing is hidden, at the true constants."""
+        targets = scene.targets(())
+        model, theta = scene.model(targets), np.array([MAIN.C10, MAIN.C01])
+        w = whitener_of(model, theta, targets)
+        return Sight(
+            scene, scene.true(()), targets, w, np.linalg.qr(w.whiten(model.jacobian(theta)).T)[0]
+        )
+
+    def change(self, kind: Kind, size: float) -> Array:
+        """The whitened change (n,) by a kind of a size; its length is the non-centrality."""
+        u = self.scene.true(((kind, size),))
+        change = u.copy()
+        change[:, : self.bare.shape[1]] -= self.bare
+        return self.left(change)
+
+    def left(self, change: Array) -> Array:
+        """The same of a change (s, m, 3) mm of the markers."""
+        full = np.zeros(self.targets.value.shape)
+        full[:, : change.shape[1]] = change - change[self.targets.reference].mean(axis=0)
+        z = self.whitener.whiten(full)
+        return np.asarray(z - self.fitted @ (self.fitted.T @ z), float)
+
+
+def sized(sight: Sight, kind: Kind, sigmas: float, rng: np.random.Generator) -> tuple[float, Array]:
+    """The size of a kind with a non-centrality beside the fitted constants, and its whitened change (n,); the
+    largest that was solved where that is too small."""
     low, high = kind.range
     sign = 1.0 if low == 0.0 or rng.random() < 0.5 else -1.0
     sign = -1.0 if kind.name == "force_down" else 1.0 if kind.name == "force_up" else sign
-    top = abs(high if sign > 0 else low)
-    see, bare = _projector(scene), scene.true(())
-
-    def at(a: float) -> float:
-        u = scene.true(((kind, sign * a),))
-        return see(u - _beside(bare, u))
-
+    top = a = abs(high if sign > 0 else low)
     if sigmas <= 0:
-        return 0.0, 0.0
-    a = top
+        return 0.0, np.zeros(1)
     for _ in range(3):
-        z = at(a)
+        z = float(np.linalg.norm(sight.change(kind, sign * a)))
         a = min(top, a * sigmas / max(z, 1e-9))
-    return sign * a, at(a)
+    return sign * a, sight.change(kind, sign * a)
 
 
-def _beside(bare: Array, u: Array) -> Array:
-    """The bare motion, and that of fixed markers where the camera sees them move."""
-    rest = np.zeros((len(u), u.shape[1] - bare.shape[1], 3))
-    return np.concatenate([bare, rest], axis=1)
+def largest(sight: Sight, kind: Kind) -> Array:
+    """The whitened change (n,) by a kind at its largest size."""
+    return sight.change(kind, kind.range[1])
 
 
-def largest(scene: Scene, kind: Kind) -> float:
-    """The non-centrality of a kind at its largest size."""
-    u = scene.true(((kind, kind.range[1]),))
-    return float(_projector(scene)(u - _beside(scene.true(()), u)))
+def cosine(one: Array, two: Array) -> float:
+    """How alike two whitened changes (n,) are: 1 where they cannot be told apart."""
+    return float(abs(one @ two) / (np.linalg.norm(one) * np.linalg.norm(two)))
 
 
-def cosine(scene: Scene, a: Kind, b: Kind) -> float:
-    """How alike the changes by two kinds are at their largest sizes, beside the fitted constants: 1 where
-    they cannot be told apart."""
-    bare, see = scene.true(()), _projector(scene)
-    one, two = (u - _beside(bare, u) for u in (scene.true(((k, k.range[1]),)) for k in (a, b)))
-    x, y = see(one), see(two)
-    both = _beside(one, two) + two if one.shape[1] < two.shape[1] else one + _beside(two, one)
-    return float(abs(see(both) ** 2 - x**2 - y**2) / (2 * x * y))
-
-
-def _projector(scene: Scene) -> Any:
-    targets = scene.targets(())
-    model = scene.model(targets)
-    theta = np.array([MAIN.C10, MAIN.C01])
-    w = whitener_of(model, theta, targets)
-    rows = w.whiten(model.jacobian(theta)).T
-    q, _ = np.linalg.qr(rows)
-
-    def length(change: Array) -> float:
-        full = np.zeros(targets.value.shape)
-        full[:, : change.shape[1]] = change - change[targets.reference].mean(axis=0)
-        z = w.whiten(full)
-        return float(np.linalg.norm(z - q @ (q.T @ z)))
-
-    return length
+def seen_beside(changes: Sequence[Array]) -> list[float]:
+    """The conditional non-centrality of each whitened change (k, n): what the others, at any size, leave of
+    it."""
+    out = []
+    for k, z in enumerate(changes):
+        others = np.reshape([x for j, x in enumerate(changes) if j != k], (-1, len(z))).T
+        out.append(float(np.linalg.norm(z - others @ np.linalg.lstsq(others, z, rcond=1e-12)[0])))
+    return out
 
 
 # -- one trial ----------------------------------------------------------------------------------------------
@@ -206,22 +229,12 @@ def run(spec: Spec) -> dict[str, Any]:
     """The row of results of a trial."""
     began, scene = time.process_time(), Scene.of(spec)
     rng = np.random.default_rng([spec.seed, 11])
-    hidden, sizes = [], []
-    for name in spec.kinds:
-        size, z = sized(scene, KINDS[name], spec.sigmas, rng)
-        hidden.append((KINDS[name], size))
-        sizes.append({"name": name, "size": size, "sigmas": z})
-    targets = scene.targets(tuple(hidden))
+    sight = Sight.of(scene) if spec.kinds else None
+    drawn = [(EVERY[n], *sized(sight, EVERY[n], spec.sigmas, rng)) for n in spec.kinds if sight]
+    hidden = tuple((kind, size) for kind, size, _ in drawn)
+    targets = scene.targets(hidden)
     model = scene.model(targets)
-    row: dict[str, Any] = {
-        "key": spec.key,
-        "group": spec.group,
-        "protocol": spec.protocol,
-        "kinds": list(spec.kinds),
-        "physics": [k.physics for k, _ in hidden],
-        "wanted": spec.sigmas,
-        "hidden": sizes,
-    }
+    row = told(spec, drawn) | {"prepared": time.process_time() - began}
     middle = time.process_time()
     try:
         said = diagnose(model, candidates(spec.without), targets, seed=spec.seed, start=START,
@@ -229,11 +242,72 @@ def run(spec: Spec) -> dict[str, Any]:
     except Unsolvable as error:
         return row | {"verdict": f"unsolvable: {error}", "names": [], "seconds": time.process_time() - middle}
     row |= {"seconds": time.process_time() - middle, "solves": model.counted[0]}
-    return row | worth(said, scene, tuple(hidden), targets) | {"prepared": middle - began}
+    row |= worth(said, scene, hidden, targets, without=spec.without)
+    if hidden and scene.protocol.held_out is not None:
+        row["floor"] = floor(scene)
+    return row
+
+
+def attempted(spec: Spec) -> dict[str, Any]:
+    """As `run`; a trial that breaks is a row too, and no hit."""
+    try:
+        return run(spec)
+    except Exception as error:
+        text = f"failed: {type(error).__name__}: {error}"
+        return told(spec, ()) | {"verdict": text, "names": [], "seconds": 0.0, "failed": True}
+
+
+def told(spec: Spec, drawn: Sequence[tuple[Kind, float, Array]]) -> dict[str, Any]:
+    """The part of a row that says what was hidden: sizes, non-centralities, and those beside each other."""
+    beside = seen_beside([z for _, _, z in drawn])
+    return {
+        "key": spec.key, "rule": rule(), "group": spec.group, "protocol": spec.protocol,
+        "kinds": list(spec.kinds), "physics": [k.physics for k, _, _ in drawn],
+        "laws": [k.law for k, _, _ in drawn], "wanted": spec.sigmas,
+        "hidden": [
+            {"name": k.name, "size": size, "sigmas": float(np.linalg.norm(z)), "beside": left}
+            for (k, size, z), left in zip(drawn, beside, strict=True)
+        ],
+    }  # fmt: skip
+
+
+@lru_cache(maxsize=1)
+def rule() -> str:
+    """A word that changes with the code that decides, but not with its docstrings: rows of one rule alone
+    belong in one table."""
+    found = hashlib.sha256()
+    for package in RULE:
+        for path in sorted((ROOT / package).rglob("*.py")):
+            tree = ast.parse(path.read_text(encoding="utf-8"))
+            for node in ast.walk(tree):
+                body = getattr(node, "body", None)
+                if isinstance(body, list) and body and _is_text(body[0]):
+                    body[0] = ast.Pass()
+            found.update(ast.dump(tree).encode())
+    return found.hexdigest()[:12]
+
+
+def _is_text(node: ast.stmt) -> bool:
+    return (
+        isinstance(node, ast.Expr)
+        and isinstance(node.value, ast.Constant)
+        and isinstance(node.value.value, str)
+    )
+
+
+def floor(scene: Scene) -> float | None:
+    """The error (mm) in the recording held out where nothing is hidden, everything else being drawn alike."""
+    targets = scene.targets(())
+    return heldout(judge(scene.model(targets), targets, starts=START), scene, ())
 
 
 def worth(
-    said: Any, scene: Scene, hidden: tuple[tuple[Kind, float], ...], targets: Targets
+    said: Any,
+    scene: Scene,
+    hidden: tuple[tuple[Kind, float], ...],
+    targets: Targets,
+    *,
+    without: tuple[str, ...] = (),
 ) -> dict[str, Any]:
     """What a diagnosis says and how good it is."""
     plain = files.plain(DiagnosisRecord.of(said))
@@ -248,13 +322,15 @@ def worth(
     if judged is None:
         return found
     base = said.base
-    found["baselines"] = named_by(base, candidates(), targets)
+    found["baselines"] = named_by(base, candidates(without), targets)
     found |= {"inside": coverage(judged, hidden), "heldout": heldout(judged, scene, hidden)}
     if scene.protocol.held_out is not None:
         held = targets.held_out
-        learnt = ridge(base, targets, held)
+        process = discrepancy(base, targets, held)
+        found["baselines"]["gaussian_process"] = "discrepancy" if process.said else ""
         found["base_heldout"] = heldout(base, scene, hidden)
-        found["ridge_heldout"] = heldout(base, scene, hidden, learnt)
+        found["ridge_heldout"] = heldout(base, scene, hidden, ridge(base, targets, held))
+        found["gp_heldout"] = heldout(base, scene, hidden, process.learnt)
     return found
 
 

@@ -14,7 +14,7 @@ from functools import lru_cache
 
 sys.path.insert(0, os.path.abspath(f"{__file__}/../../.."))
 import benchmarks  # noqa: F401
-from benchmarks.diagnosis.snapshots import DATA, POINTS, SMOOTH
+from benchmarks.diagnosis.snapshots import DATA, LATER, POINTS, SMOOTH
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -34,9 +34,12 @@ SD_MM = 0.015  # of the noise that the errors are told against
 
 @lru_cache(maxsize=1)
 def book() -> dict[str, Array]:
-    """The arrays of the snapshots."""
-    with np.load(DATA) as data:
-        return {name: data[name].astype(float) for name in data.files}
+    """The arrays of the snapshots, of later kinds too."""
+    found: dict[str, Array] = {}
+    for file in (DATA, LATER) if LATER.exists() else (DATA,):
+        with np.load(file) as data:
+            found |= {name: data[name].astype(float) for name in data.files}
+    return found
 
 
 def solved_sizes(kind: Kind) -> tuple[float, ...]:
@@ -64,8 +67,8 @@ def changes(kind: Kind, *, without: float | None = None) -> Array:
 
 
 @lru_cache(maxsize=64)
-def _changes(name: str) -> Array:
-    return changes(KINDS[name])
+def _changes(kind: Kind) -> Array:
+    return changes(kind)
 
 
 def on_curves(curves: Array, pressure: Array, way: Array) -> Array:
@@ -111,7 +114,7 @@ def _added(kind: Kind, size: float, course: Path, p: Array, way: Array, at: list
     """What a kind adds (s, p, 3) mm at pressures p (s,) MPa; weight does not count beside it."""
     factor = np.ones(len(p)) if kind.along is None else kind.along(course.at_output() / TOP)
     out: Array = np.zeros(())
-    for k, c in enumerate(_changes(kind.name)):
+    for k, c in enumerate(_changes(kind)):
         if kind.part == "history":
             rows = c[:, at][np.isin(PROTOCOLS["P5"].steps, course.output)]
         else:
