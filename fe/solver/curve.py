@@ -65,6 +65,11 @@ class Curve:
             CubicSpline(self.pressure, self.p_derivative[number], axis=0)(q),
         )
 
+    @property
+    def without_derivatives(self) -> "Curve":
+        """The curve with no parameters."""
+        return replace(self, derivative=self.derivative[:0], p_derivative=self.p_derivative[:0])
+
     def ahead(self, change: Array) -> "Curve":
         """The curve to first order where its parameters change by `change` (v,)."""
         u, p = (np.tensordot(change, x, 1) for x in (self.derivative, self.p_derivative))

@@ -179,9 +179,10 @@ class Model:
         if self.mesh is None:
             return np.zeros((0, len(self.test.path.output), len(self.test.points), 3))
         test = self.put(self.named(theta))
-        u = moved(test, self.solution(theta))
+        solution = self.solution(theta)
+        u = moved(test, solution)
         modes = self.mesh.modes(u, test)
-        memory = remembered(u, test)
+        memory = remembered(test, solution)
         if memory is not None:
             modes = np.concatenate([modes, HISTORY * each(memory)])
         return self._beside(theta, np.reshape([self.relative(mode) for mode in modes], modes.shape))
@@ -371,13 +372,14 @@ def moved(test: Test, solution: Solution) -> Array:
     return u + slipped(test, solution.at) if test.slips else u
 
 
-def remembered(u: Array, test: Test) -> Array | None:
-    """What of displacements u (s, p, 3) mm of a test's points the memory of its materials makes, if they have
-    any."""
+def remembered(test: Test, solution: Solution) -> Array | None:
+    """What of the displacements (s, p, 3) mm of a test's points in its solution the memory of its materials
+    makes, if they have any: without it, they are those of the curves that carried the history."""
     plain = test.case.with_material(prony=(), mullins=None)
     if plain.materials == test.case.materials:
         return None
-    return u - respond(replace(test, case=plain), (), start=None)[0]
+    own, instant = replace(test, case=plain), solution.instant
+    return moved(test, solution) - (moved(own, instant) if instant else respond(own, (), start=None)[0])
 
 
 def each(field: Array) -> Array:
