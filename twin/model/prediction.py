@@ -1,5 +1,6 @@
 """A base test and effects -> predicted displacements and their derivatives, each by a solve of its own."""
 
+import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 from calibrate import Parameter
 from fe import Solution, Variation, solve
 from fe.mesh.mirror import mirrored, symmetry_support
+from twin import effort
 from twin.effects.baselaw import NAMES
 from twin.effects.protocol import Effect, Test, Theta, Unsolvable
 from twin.gravity import hangs_aside, is_heavy, pulls_across
@@ -283,6 +285,7 @@ class Model:
             own.put(self.named(theta)),
             [way[0] for key in moving if (way := ways[key])],
             start=self._start(theta) if own is self else None,
+            columns=True,
         )
         along, out = dict(zip(moving, du, strict=True)), {}
         known: Known = {}
@@ -352,17 +355,23 @@ Direction = tuple[Variation, tuple[Test, Theta], tuple[Test, Theta], float]
 
 
 def respond(
-    test: Test, variations: Sequence[Variation], *, start: Solution | None
+    test: Test, variations: Sequence[Variation], *, start: Solution | None, columns: bool = False
 ) -> tuple[Array, Array, Solution]:
     """Displacements (s, p, 3) mm of a test's points, derivatives (v, s, p, 3), and the solution.
 
-    Raises Unsolvable where the load path cannot be followed to its end.
+    columns: the variations are counted, not the solve. Raises Unsolvable where the load path cannot be
+    followed to its end.
     """
+    began, count = time.process_time(), len(variations)
     solution = solve(test.case, test.path, start=start, variations=variations)
+    if solution.converged:
+        u, du = moved(test, solution), varied(test, solution, count)
+    kind = effort.kind_of(history=solution.history is not None, derivatives=count > 0)
+    own = (effort.COLUMNS, count) if columns and count else (kind, 1)
+    effort.add(*own, time.process_time() - began)
     if not solution.converged:
         raise Unsolvable(f"the finite-element model {solution.reason}")
-    u = moved(test, solution)
-    return u, varied(test, solution, len(variations)), solution
+    return u, du, solution
 
 
 def moved(test: Test, solution: Solution) -> Array:
