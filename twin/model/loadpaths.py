@@ -16,6 +16,7 @@ from scipy.interpolate import BarycentricInterpolator
 from fe import Case, Path, solve
 from fe.case import digest
 from fe.element import Integers
+from twin import effort
 from twin.effects.baselaw import Constants
 from twin.gravity import under
 from twin.model.arraycache import ArrayCache, code_digest
@@ -81,7 +82,8 @@ def _reach(case: Case, wanted: float) -> Array:
     case, top = case.with_material(**Constants.at(TOTAL, 0.3).named), min(FIRST, wanted)
     while True:
         pressure = np.array([0.0, top * TOTAL])
-        reached = solve(case, Path(pressure, pressure, pressure), count=8).reached / TOTAL
+        with effort.counted(effort.PATHS):
+            reached = solve(case, Path(pressure, pressure, pressure), count=8).reached / TOTAL
         if reached < top * (1 - 1e-9) or top >= wanted:
             return np.array([min(1.2 * reached, wanted)])  # other shares may go a little further
         top = min(2 * top, wanted)
@@ -187,7 +189,8 @@ def along_path(
     """Displacements (k, p, 3) mm along one path; NaN beyond its end."""
     pressure, case = reduced * total, case.with_material(**Constants.at(total, share).named)
     path = Path(pressure, pressure, pressure, **outside)
-    solution = solve(under(case, path), path, count=LEVELS)
+    with effort.counted(effort.PATHS):
+        solution = solve(under(case, path), path, count=LEVELS)
     u = np.full((len(reduced), len(points), 3), np.nan)
     inside = pressure <= solution.reached * (1 + 1e-9)
     if inside.sum() > 3:

@@ -1,5 +1,6 @@
 """A base test and effects -> predicted displacements and their derivatives, each by a solve of its own."""
 
+import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 from calibrate import Parameter
 from fe import Solution, Variation, solve
 from fe.mesh.mirror import mirrored, symmetry_support
+from twin import effort
 from twin.effects.baselaw import NAMES
 from twin.effects.protocol import Effect, Order, Test, Theta, Unsolvable
 from twin.gravity import hangs_aside, is_heavy, pulls_across
@@ -290,6 +292,7 @@ class Model:
             test,
             [way[0] for key in moving if (way := ways[key])],
             start=self._start(theta) if own is self else None,
+            columns=True,
         )
         along, out = dict(zip(moving, du, strict=True)), {}
         known: Known = {}
@@ -360,18 +363,24 @@ Direction = tuple[Variation, tuple[Test, Theta], tuple[Test, Theta], float]
 
 
 def respond(
-    test: Test, variations: Sequence[Variation], *, start: Solution | None
+    test: Test, variations: Sequence[Variation], *, start: Solution | None, columns: bool = False
 ) -> tuple[Array, Array, Solution]:
     """Displacements (s, p, 3) mm of a test's points, derivatives (v, s, p, 3), and the solution.
 
-    Raises Unsolvable where the load path cannot be followed to its end.
+    columns: the variations are counted, not the solve. Raises Unsolvable where the load path cannot be
+    followed to its end.
     """
+    began, count = time.process_time(), len(variations)
     every = [*variations, *directions(test)]
     solution = solve(test.case, test.path, start=start, variations=every)
+    if solution.converged:
+        u, du = moved(test, solution), varied(test, solution, variations)
+    kind = effort.kind_of(history=solution.history is not None, derivatives=count > 0)
+    own = (effort.COLUMNS, count) if columns and count else (kind, 1)
+    effort.add(*own, time.process_time() - began)
     if not solution.converged:
         raise Unsolvable(f"the finite-element model {solution.reason}")
-    u = moved(test, solution)
-    return u, varied(test, solution, variations), solution
+    return u, du, solution
 
 
 def moved(test: Test, solution: Solution) -> Array:
@@ -383,12 +392,14 @@ def moved(test: Test, solution: Solution) -> Array:
 
 def remembered(test: Test, solution: Solution) -> Array | None:
     """What of the displacements (s, p, 3) mm of a test's points in its solution the memory of its materials
-    makes, if they have any; what perturbs it is left out."""
+    makes, if they have any: without it, they are those of the curves that carried the history. What
+    perturbs the test is left out."""
     test = replace(test, perturbations=())
     plain = test.case.with_material(prony=(), mullins=None)
     if plain.materials == test.case.materials:
         return None
-    return moved(test, solution) - respond(replace(test, case=plain), (), start=None)[0]
+    own, instant = replace(test, case=plain), solution.instant
+    return moved(test, solution) - (moved(own, instant) if instant else respond(own, (), start=None)[0])
 
 
 def each(field: Array) -> Array:
