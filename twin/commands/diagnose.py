@@ -4,6 +4,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from twin.bench.comparison import foretold, write_prediction
+from twin.bench.effectchange import Change
 from twin.bench.fits import newest_fit
 from twin.bench.workbench import Workbench, own_of
 from twin.diagnosis.deciding import Diagnosis
@@ -14,7 +15,6 @@ from twin.diagnosis.record import DiagnosisRecord, ForetoldFilm
 from twin.effects.labels import name_of
 from twin.effects.library import all_effects, effects_of
 from twin.effects.protocol import Effect
-from twin.judging.intervals import fit_record
 from twin.judging.judged import Judged
 from twin.project import files
 from twin.project.folder import Project, Run, Say
@@ -39,7 +39,7 @@ def run_diagnose(project: Project, say: Say) -> dict[str, Any]:
         settled = _settled(bench, found)
         found, held = settled.diagnosis, _held_out(bench, settled)
         record = DiagnosisRecord.of(found, held)
-        _write(run, project, found, record)
+        _write(run, bench, settled, record)
         if settled.explanation is not None:
             settled.explanation.write(run)
         for line in (model.extent, *map(_row, found.ranking)):
@@ -111,16 +111,17 @@ def _settled(bench: Workbench, found: Diagnosis) -> Settled:
     return Settled(replace(found, evidence=explanation.record), found.kept, explanation)
 
 
-def _write(run: Run, project: Project, found: Diagnosis, record: DiagnosisRecord) -> None:
-    """Write diagnosis.json, the base model's prediction.npz and, of the kept effects, kept.json."""
+def _write(run: Run, bench: Workbench, settled: Settled, record: DiagnosisRecord) -> None:
+    """Write diagnosis.json, the base model's prediction.npz and, of the kept effects, what `twin add` takes
+    over."""
+    found = settled.diagnosis
     run.write(record)
     run.summary["headline"] = found.verdict
     if found.base is not None:
         write_prediction(run, found.base.predicted, found.base.comparison)
-    if found.kept is not None:
-        effects = [*project.config.model.effects, *(e.label for e in found.effects)]
-        kept = found.kept
-        run.write(fit_record(kept.fit, kept.comparison, effects=effects, start=found.start), "kept.json")
+    if settled.judged is not None:
+        effects = [*bench.project.config.model.effects, *(e.label for e in found.effects)]
+        Change.of(bench, settled.judged).keep(run, effects=effects, start=found.start)
 
 
 def _score(c: Hypothesis) -> str:

@@ -25,6 +25,8 @@ from twin.diagnosis.sizes import in_words as sizes_in_words
 from twin.diagnosis.wording import cannot, concluded, fallen
 from twin.effects.protocol import Effect, Unsolvable
 from twin.effects.standins import stand_ins
+from twin.experiments.benchchecks import in_words as checks_in_words
+from twin.experiments.benchchecks import witnesses
 from twin.experiments.choice import Member, in_words, next_experiments
 from twin.judging.fitting import whitener_of
 from twin.judging.frame import frame_test
@@ -158,16 +160,19 @@ def _smallest_sizes(signatures: Signatures, silent: Sequence[Hypothesis]) -> lis
 
 
 def _planned(found: Diagnosis, base: Judged, targets: Targets) -> Diagnosis:
-    """The diagnosis with the experiments that tell tied effects apart."""
+    """The diagnosis with what tells tied hypotheses apart: films of the same finger, of which the models say
+    what they would show, and what is looked at without them."""
     tied = [h for h in found.tied if h.refit is not None][:TIED]
     members = [Member(h.refit.model, h.refit.fit.theta) for h in tied if h.refit is not None]
+    own = [e for h in found.tied for e in h.effects if e.origin is not None]
+    seen = checks_in_words(witnesses([h.kind or h.label for h in found.tied], own=own))
     try:
         tests = next_experiments(members, targets, base.whitener)
     except Unsolvable:
-        return found
+        tests = ()
     return replace(
         found,
         next_tests=tests,
-        next_test=in_words(tests),
+        next_test=". ".join(filter(None, [in_words(tests), seen])).removesuffix("."),
         verdict=f"{found.verdict}: run test {tests[0].experiment}" if tests else found.verdict,
     )
