@@ -3,8 +3,8 @@
     python benchmarks/films/filmtrials.py --folder DIR [--count 20]
 
 Camera, boards and tags are those of the demo, but every tag trembles, so that the mesh of the tables is good
-enough; the finger is the short one in P3, with four markers. Projects lie in DIR until they are measured. Rows
-go to `benchmarks/results/film.json` as they come, so that the command goes on where it was stopped;
+enough; the finger is the short one in P3, with four markers. Projects lie in DIR until they are measured.
+Rows go to `benchmarks/results/film.json` as they come, so that the command goes on where it was stopped;
 `identify.py` takes them into its table.
 """
 
