@@ -43,11 +43,18 @@ class Clamp:
 
 @dataclass(frozen=True)
 class Layer:
-    """An elastic sheet bonded to a surface: stiffness (thickness x modulus, N/mm) and Poisson's ratio."""
+    """An elastic sheet bonded to a surface: stiffness (thickness x modulus, N/mm), or that of each of some
+    parts of equal length along x, and Poisson's ratio."""
 
     surface: str
-    stiffness: float
+    stiffness: float | tuple[float, ...]
     poisson: float = 0.3
+
+    def per_face(self, case: "Case") -> Array:
+        """The stiffness (f,) N/mm of each of its faces, of the part in which the face's middle lies."""
+        x, parts = case.nodes[case.face_nodes(self.surface), 0], np.atleast_1d(self.stiffness)
+        share = (x.mean(axis=1) - x.min()) / max(float(np.ptp(x)), 1e-12)
+        return parts[np.clip((len(parts) * share).astype(int), 0, len(parts) - 1)]
 
 
 @dataclass(frozen=True)

@@ -74,6 +74,19 @@ class Solution:
                 )
         return ""
 
+    @property
+    def instant(self) -> "Solution | None":
+        """The solution of the same case without the memory of its materials, without derivatives; None where
+        the history is not that of materials alone, so that the curves do not tell."""
+        case, drift = self.case, self.path.stiffness
+        if (case.contact is not None and case.contact.friction) or (drift is not None and np.any(drift != 1)):
+            return None
+        plain, none = case.with_material(prony=(), mullins=None), np.empty((0, len(self.number)))
+        pressure, curves = self.path.at_output(), tuple(c.without_derivatives for c in self.curves)
+        return replace(
+            self, case=plain, curves=curves, pressure=pressure, slopes=none, history=None, towards=None
+        )
+
     def ahead(self, change: Array) -> "Solution":
         """The solution to first order where the parameters of its variations change by `change` (v,): a start
         for the solve there."""

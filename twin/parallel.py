@@ -9,6 +9,8 @@ from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wai
 from contextlib import contextmanager
 from typing import Any
 
+from twin import effort
+
 WORKERS = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 Task = Callable[[], Any]
@@ -18,7 +20,8 @@ def finished(tasks: Sequence[Task], *, workers: int) -> Iterator[tuple[int, Any]
     """Number and result of each task as it ends; with one worker in this process and in order.
 
     Tasks are pickled (functools.partial of module functions). They start in the order given. Whoever stops
-    listening, or is interrupted, ends them. What a task raises is raised here.
+    listening, or is interrupted, ends them. What a task raises is raised here, what it solved is counted
+    here.
     """
     if workers < 2 or len(tasks) < 2:
         for k, task in enumerate(tasks):
@@ -30,18 +33,27 @@ def finished(tasks: Sequence[Task], *, workers: int) -> Iterator[tuple[int, Any]
     )
     try:
         with _no_interrupt():  # a worker that is only starting would answer it with a traceback
-            number: dict[Future[Any], int] = {pool.submit(task): k for k, task in enumerate(tasks)}
+            number: dict[Future[Any], int] = {pool.submit(_told, task): k for k, task in enumerate(tasks)}
         left = set(number)
         while left:
             done, left = wait(left, return_when=FIRST_COMPLETED)
             for future in sorted(done, key=number.__getitem__):
-                yield number[future], future.result()
+                result, solved = future.result()
+                for kind, solves in solved.items():
+                    effort.add(kind, *solves)
+                yield number[future], result
     except BaseException:
         for process in list((pool._processes or {}).values()):
             process.terminate()
         raise
     finally:
         pool.shutdown(cancel_futures=True)
+
+
+def _told(task: Task) -> tuple[Any, effort.Effort]:
+    """A task's result, and what it has solved."""
+    before = effort.so_far()
+    return task(), effort.since(before)
 
 
 @contextmanager

@@ -100,6 +100,7 @@ class Noise:
     gauge_sd_MPa: float  # white noise of one sample of the pressure log; 0: none was seen
     gauge_frames: int  # samples of the log it was estimated from
     lasting: float = 1.0  # share of sd^2 that lasts from frame to frame; the rest is new in each
+    basis: str = ""  # a sentence: what it rests on, where it is not a static film
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -116,7 +117,7 @@ class Targets:
     held_out: NDArray[np.bool_]  # (s,) kept from every fit; the same within a block
     modes: Array  # (k,s,p,3) mm, errors shared by many values, 1 sd each
     mode_names: tuple[str, ...]  # (k,)
-    noise: Noise | None  # None: measured elsewhere, and diagnose cannot test
+    noise: Noise | None  # None: nothing is known of it, and diagnose cannot test
     log_time: Array  # (t,) s; equal to time where no log is known
     log_pressure: Array  # (t,) MPa
     reference: NDArray[np.int64]  # (r,) step indices

@@ -34,6 +34,7 @@ from fe.mesh.mirror import mirrored
 from twin.effects.baselaw import Constants
 from twin.effects.library import all_effects, effect
 from twin.effects.protocol import Effect, Test, Theta, Unsolvable
+from twin.effects.standins import stand_ins
 from twin.gravity import G
 from twin.model.structure import base_case
 from twin.targets import Array
@@ -44,7 +45,7 @@ from twin.virtual.truthsolves import DENSITY
 FILE = ROOT / "benchmarks" / "data" / "bank.npz"
 GRID: Array = np.concatenate([[-0.006], np.linspace(0.0, 1.0, 20) ** 1.3 * 0.17])  # p / (C10 + C01)
 TOTALS: Array = np.array([0.22, 0.3, 0.45])  # MPa
-SHARES: Array = 0.5 - 0.5 * np.cos(np.pi * (np.arange(5) + 0.5) / 5)
+SHARES: Array = 0.2 - 0.8 * np.cos(np.pi * (np.arange(7) + 0.5) / 7)  # from the least that is stable
 MAIN = Constants(0.214, 0.083)
 LARGE = 0.2  # softening of the whole solves
 COUNT, FEWER = 12, 8  # levels of a load path, and of what an effect changes
@@ -70,10 +71,13 @@ def case_test(case: Case, points: Array = POINTS) -> Test:
 
 
 def kind_of(effect: Effect, test: Test) -> str:
-    """What an effect changes: `seen` or `path` alone, `creep`, `mullins`, or the structure (`case`)."""
+    """What an effect changes: `seen` or `path` alone, `creep`, `mullins`, the structure (`case`), or that by
+    a `course` of its own."""
     p, entry = effect.amplitudes[0], entries(effect, test)[1][0]
     others = {q.name: q.null for q in effect.amplitudes}
     changed = effect.before(test, {**others, **entry, p.name: p.null + p.step / 8})
+    if changed.perturbations:
+        return "course"
     if changed.case is test.case or changed.slips:
         return "seen" if changed.path is test.path else "path"
     body, old = (next(iter(c.materials.values())) for c in (changed.case, test.case))
@@ -137,7 +141,8 @@ def _direction(test: Test, effect: Effect, entry: Theta, name: str) -> Variation
         a, b = effect.before(test, {**null, **entry, name: 2 * h}), test
     else:
         a, b = (effect.before(test, {**null, **entry, name: p.null + s * h}) for s in (1, -1))
-    return Variation((a.case, a.path), (b.case, b.path), h)
+    one, other = (t.perturbations[0].plus if t.perturbations else t.case for t in (a, b))
+    return Variation((one, a.path), (other, b.path), h)
 
 
 def at_size(case: Case, effect: Effect, entry: Theta, name: str, size: float) -> Array:
@@ -194,7 +199,7 @@ def tasks(effects: Sequence[Effect]) -> dict[str, partial[Array]]:
     found["mullins"] = partial(softening, case, [(soft, e, "mullins.softening") for e in softenings()])
     for k, entry in enumerate(softenings()):
         found[f"mullins@{k}"] = partial(course, case, soft, {**entry, "mullins.softening": LARGE})
-    structural = [e for e in effects if kind_of(e, test) == "case"]
+    structural = [e for e in effects if kind_of(e, test) in ("case", "course")]
     for e in structural:
         own = whole if e.breaks_symmetry(test) else case
         found[f"slopes@{_file(e)}"] = partial(slopes, own, rows_of(e, test))
@@ -221,20 +226,23 @@ def tabulated() -> list[Effect]:
     """The effects and stand-ins that have a table, each in its widest law."""
     own = [e for e in all_effects() if e.name not in LEFT_OUT]
     out: list[Effect] = [e.laws()[-1] for e in own]
-    try:
-        from twin.effects.standins import stand_ins
-    except ImportError:
-        return out
     families = [w for e in own if (w := e.wide()) is not None]
     return [*out, *families, *stand_ins(case_test(fitted_case()))]
 
 
 def packed() -> dict[str, Array]:
-    """The arrays of the file, none where there is no file."""
+    """The arrays of the file, none where there is no file or it was made at other nodes."""
     if not FILE.exists():
         return {}
     with np.load(FILE) as data:
-        return {name: data[name] for name in data.files}
+        found = {name: data[name] for name in data.files}
+    return found if np.array_equal(found.get("nodes", ()), nodes()) else {}
+
+
+def nodes() -> Array:
+    """All numbers at which arrays are made, in one row."""
+    others = (x for name in sorted(NODES) for x in NODES[name])
+    return np.array([*GRID, *TOTALS, *SHARES, *MAIN.named.values(), LARGE, *others], np.float32)
 
 
 def complete(arrays: Mapping[str, Array], name: str, rows: int | None) -> bool:
@@ -269,6 +277,7 @@ def main() -> int:
         FILE.parent.mkdir(exist_ok=True)
         made = {p.stem: np.load(p) for p in sorted(typed.folder.glob("*.npy"))}
         arrays = {name: array for name, array in (kept | made).items() if name in wanted}
+        arrays["nodes"] = nodes()
         np.savez_compressed(FILE, allow_pickle=False, **arrays)
         print(f"{FILE}: {len(arrays)} arrays, {FILE.stat().st_size / 1e6:.1f} MB")
     return 0

@@ -41,7 +41,8 @@ from twin.targets import Array
 from twin.virtual.protocols import PROTOCOLS
 
 COURSE_STEPS = PROTOCOLS["P5"].steps
-SCALING = {"N": -1, "N/mm": -1, "MPa": -1, "MPa/mm": -1, "tonne/mm3": -1, "rad/(N mm)": 1, "1/MPa": 1}
+STIFF = dict.fromkeys(("N", "N mm", "N/mm", "MPa", "MPa/mm", "tonne/mm3"), -1)
+SCALING = {**STIFF, "rad/(N mm)": 1, "1/MPa": 1}  # with C10 + C01, of an amplitude in such a unit
 FARTHEST = 0.36  # reduced pressure beyond which a finger has no equilibrium; straight lines lead there
 LITTLE = 1e-3  # of a parameter's typical size, for differences
 
@@ -244,6 +245,7 @@ class ReducedModel(Model):
 
     tables: Tables = field(default=None, compare=False, repr=False)  # type: ignore[assignment]
     counted: list[int] = field(default_factory=lambda: [0], compare=False, repr=False)
+    kept: dict[bytes, Solved] = field(default_factory=dict, init=False, compare=False, repr=False)
 
     @cached_property
     def _whole(self) -> tuple[Test, str]:
@@ -253,7 +255,7 @@ class ReducedModel(Model):
         """The test with the effects' `before` applied, but for those that have a table."""
         test = self.test
         for e in self.effects:
-            if e.name == "elasticity" or self.tables.kind(e, self.test) != "case":
+            if e.name == "elasticity" or self.tables.kind(e, self.test) not in ("case", "course"):
                 test = e.before(test, theta)
         return test
 
@@ -268,7 +270,7 @@ class ReducedModel(Model):
         prony = np.array([pair for pair in body.prony if pair[0]]).reshape(-1, 2)
         q = equivalent(path.time, drive, prony) if len(prony) else drive
         x = np.interp(path.output, path.time, q) / constants.total
-        if not -0.1 <= constants.share <= 1.1 or not np.isfinite(x).all() or x.max() > FARTHEST:
+        if not SHARES[0] - 0.1 <= constants.share <= 1.1 or not np.isfinite(x).all() or x.max() > FARTHEST:
             raise Unsolvable(f"no equilibrium beyond a reduced pressure of {FARTHEST:g}")
         if factor.min() <= 0.05:
             raise Unsolvable("the moduli fall to nothing")
@@ -285,6 +287,10 @@ class ReducedModel(Model):
             u = along(parts[0] + sum(changes), x, t.way)
             for m in (1, 2):
                 u += along(scale[m] * parts[m], x, t.way) / (factor**m)[:, None, None]
+        for e in self.effects:
+            if t.kind(e, self.test) == "course" and (table := t.table(e, self.test)):
+                there = e.at_output(path)[:, None, None]  # type: ignore[attr-defined]
+                u += there * along(table.change(theta, constants), x, t.way)
         u += self._memory(body, constants)
         out = np.zeros((len(u), len(test.points), 3))
         out[:, test.moving] = u
@@ -309,12 +315,19 @@ class ReducedModel(Model):
     # -- what a model offers --------------------------------------------------------------------------------
 
     def solved(self, theta: Array, *, derivatives: bool = False) -> Solved:
-        """As `Model.solved`, from the tables."""
-        u = self._seen_at(self.named(theta))
-        rows = None
-        if derivatives:
-            rows = np.array([self._difference(self.named(theta), p) for p in self.parameters])
-        return Solved(theta.copy(), u, rows, None)  # type: ignore[arg-type]
+        """As `Model.solved`, from the tables; the last ones are kept."""
+        key = theta.tobytes()
+        known = self.kept.pop(key, None)
+        if known is None or (derivatives and known.jacobian is None):
+            u = known.u if known else self._seen_at(self.named(theta))
+            rows = None
+            if derivatives:
+                rows = np.array([self._difference(self.named(theta), p) for p in self.parameters])
+            known = Solved(theta.copy(), u, rows, None)  # type: ignore[arg-type]
+        self.kept[key] = known
+        for old in list(self.kept)[:-6]:
+            del self.kept[old]
+        return known
 
     def _seen_at(self, values: Theta) -> Array:
         test = self.put(values)
@@ -445,7 +458,7 @@ def has_table(effect: Effect, test: Test) -> bool:
         return False
     wide = effect.laws()[-1]
     name = f"slopes@{wide.label.replace(':', '_')}"
-    return kind != "case" or complete(bank(), name, len(rows_of(wide, test)))
+    return kind not in ("case", "course") or complete(bank(), name, len(rows_of(wide, test)))
 
 
 __all__ = ["ReducedModel", "Tables", "fitted_case", "has_table"]

@@ -18,9 +18,9 @@ import numpy as np
 from fe import Case, Finger, Lattice
 from fe.case import digest
 from twin import virtual
+from twin.diagnosis.deciding import Diagnosis
 from twin.diagnosis.procedure import diagnose
 from twin.diagnosis.record import DiagnosisRecord
-from twin.diagnosis.verdicts import Diagnosis
 from twin.effects.baselaw import Constants
 from twin.effects.library import effect
 from twin.effects.protocol import Effect

@@ -62,18 +62,19 @@ FIGURES = (
     Figure(README, "the best of # candidates has # mm RMS", ("count:", "best:")),
     Figure(README, "C10 + C01 = # MPa, share C01/(C10 + C01) = #, correlation #.",
            tuple(f"{SENTENCE}#{k}" for k in (1, 2, 3))),
-    Figure(README, "misses the measurement by # mm rms, by # mm without the errors that many values share; "
-           "the noise is # mm.", (f"{COMPARE}raw_rms_mm", f"{COMPARE}rms_mm", f"{COMPARE}noise_sd_mm")),
+    Figure(README, "misses the measurement by # mm rms; noise and errors that many values share would give "
+           "# mm. Without such errors # mm is left; the noise is # mm.",
+           tuple(f"{COMPARE}{key}" for key in ("raw_rms_mm", "expected_mm", "rms_mm", "noise_sd_mm"))),
     Figure(README, "at marker tip (# mm, # times its noise), in U3, at # to # kPa",
-           tuple(f"{WHERE}#{k}" for k in (4, 5, 6, 7))),
-    Figure(README, "at rest would have to be off by # sd", (f"{WHERE}#8",)),
+           tuple(f"{WHERE}#{k}" for k in (5, 6, 7, 8))),
+    Figure(README, "at rest would have to be off by # sd", (f"{WHERE}#9",)),
     Figure(README, "The error falls from # to # mm rms with creep:2; the noise is # mm.",
            ERRORS),
     Figure(README, "creep:2 (evidence #), creep (evidence #)", EVIDENCE),
-    Figure(README, "Error: from # mm to # mm rms; with errors that many values share from # mm to # mm rms. "
-           "The noise is # mm.",
-           (DIAGNOSIS + BEFORE, "add/comparison.json:rms_mm", f"{COMPARE}raw_rms_mm",
-            "add/comparison.json:raw_rms_mm", "add/comparison.json:noise_sd_mm")),
+    Figure(README, "Error: from # mm to # mm rms; # mm is expected. Without errors that many values share: "
+           "from # mm to # mm rms; the noise is # mm.",
+           (f"{COMPARE}raw_rms_mm", "add/comparison.json:raw_rms_mm", "add/comparison.json:expected_mm",
+            f"{COMPARE}rms_mm", "add/comparison.json:rms_mm", "add/comparison.json:noise_sd_mm")),
     Figure(README, "C10 = # MPa (95 %: # to #), C01 = # MPa (95 %: # to #)",
            _intervals("C10") + _intervals("C01")),
     Figure(README, "creep.g1 = # (95 %: # to #), creep.tau1 = # s (95 %: # to #)",

@@ -26,7 +26,7 @@ import numpy as np
 
 from fe import Case, Finger, Material, finger_case
 from twin import virtual
-from twin.diagnosis.verdicts import Diagnosis
+from twin.diagnosis.deciding import Diagnosis
 from twin.project.config import (
     CalibrateTable,
     CameraTable,

@@ -48,7 +48,7 @@ def deck(case: Case, pressure: float, *, kind: str = "C3D20RH", gravity: Array |
     for name, material in changed.materials.items():
         lines += _material(name, material)
         lines += [f"*SOLID SECTION, ELSET={name.upper()}, MATERIAL={name.upper()}"]
-    if changed.layer and changed.layer.stiffness:
+    if changed.layer and np.any(changed.layer.stiffness):
         lines += _sheet(changed, changed.layer)
     if changed.contact and changed.contact.stiffness:
         lines += _plane(changed, changed.contact)
@@ -100,14 +100,17 @@ SHEET = 0.01  # mm, a thickness for what only has thickness x modulus: in Calcul
 
 def _sheet(case: Case, layer: Layer) -> list[str]:
     """The layer as membranes, numbered after the solids and the plane's brick."""
-    faces = case.labels[case.face_nodes(layer.surface)]
-    first = len(case.connectivity) + 2
-    return [
-        f"*ELEMENT, TYPE={MEMBRANES[faces.shape[1]]}, ELSET=SHEET",
-        *chain.from_iterable(_wrapped((e, *row)) for e, row in enumerate(faces, start=first)),
-        *("*MATERIAL, NAME=SHEET", "*ELASTIC", f"{layer.stiffness / SHEET:.10g}, {layer.poisson:.10g}"),
-        *("*MEMBRANE SECTION, ELSET=SHEET, MATERIAL=SHEET", f"{SHEET},"),
-    ]
+    faces, each = case.labels[case.face_nodes(layer.surface)], layer.per_face(case)
+    first, lines = len(case.connectivity) + 2, list[str]()
+    for k, stiffness in enumerate(np.unique(each[each != 0])):
+        name, rows = f"SHEET{k or ''}", np.flatnonzero(each == stiffness)
+        lines += [
+            f"*ELEMENT, TYPE={MEMBRANES[faces.shape[1]]}, ELSET={name}",
+            *chain.from_iterable(_wrapped((first + int(row), *faces[row])) for row in rows),
+            *(f"*MATERIAL, NAME={name}", "*ELASTIC", f"{stiffness / SHEET:.10g}, {layer.poisson:.10g}"),
+            *(f"*MEMBRANE SECTION, ELSET={name}, MATERIAL={name}", f"{SHEET},"),
+        ]
+    return lines
 
 
 PLATE_SIZE, PLATE_DEPTH = 3.0, 0.2  # of the structure's size: its half width and its thickness

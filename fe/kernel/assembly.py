@@ -18,7 +18,7 @@ from scipy.special import erf
 from fe.case import Case
 from fe.element import Array, Element, Flags, Integers, scatter
 from fe.kernel import compiled
-from fe.kernel.compiled import Balance, Carried, FieldArrays, Law, MeshArrays, Tangent
+from fe.kernel.compiled import Balance, Carried, Changes, FieldArrays, Law, MeshArrays, Tangent
 from fe.kernel.matrix import Symmetric
 from fe.kernel.pattern import Pattern, Places
 from fe.kernel.pressure import PressureFaces
@@ -376,6 +376,25 @@ class Kernel:
         out = Balance(np.empty((*self.connectivity.shape, 3)), np.empty_like(state.p))
         self._each(lambda a, b: compiled.residual(mesh, c.law, fields, past, a, b, out))
         return self.gather(out.force) - load * self.pressure.force(geometry.nodes + state.u), out.gap
+
+    def along(
+        self, state: State, c: ElementConstants, load: float, memory: Memory | None, changes: Sequence[State]
+    ) -> list[tuple[Array, Array]]:
+        """How `residual` goes along each change of a state, the clamp held: nodal forces (n, 3) N and volume
+        gaps (e, m) mm3."""
+        g, past = self.geometry, self._remembered(memory)
+        mesh, fields = self._mesh(g), FieldArrays(state.u, state.p)
+        change = Changes(np.stack([s.u for s in changes]), np.stack([s.p for s in changes]))
+        size = (*self.connectivity.shape, 3 * len(changes))
+        out = Balance(np.empty(size), np.empty_like(change.p))
+        self._each(lambda a, b: compiled.along(mesh, c.law, fields, past, change, a, b, out))
+        pressed, dofs = load * self.pressure.tangent(g.nodes + state.u), self.pressure.dofs
+        found = []
+        for v, du in enumerate(change.u):
+            face = (pressed @ du.ravel()[dofs][..., None])[..., 0]
+            force = self.gather(out.force[..., 3 * v : 3 * v + 3])
+            found.append((force - scatter(dofs, face, self.dofs).reshape(-1, 3), out.gap[v]))
+        return found
 
     def linearise(
         self, state: State, c: ElementConstants, load: float, memory: Memory | None, turn: Array

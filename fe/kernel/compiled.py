@@ -51,6 +51,13 @@ class FieldArrays(NamedTuple):
     p: Array
 
 
+class Changes(NamedTuple):
+    """Changes of displacements u (v, n, 3) mm and of pressure modes p (v, e, m) MPa."""
+
+    u: Array
+    p: Array
+
+
 class Carried(NamedTuple):
     """What a history hands on: scale (e,) and stress (e or 1, q, 3, 3) MPa; of Mullins softening, or empty:
     soft (e, 3) of amount, m, beta, the largest energy so far peak (e, q), and, where it is given, on which
@@ -420,6 +427,51 @@ def linearise(
         np.dot(G, work.spread.reshape(3 * points, 3 * modes), to.coupling[e].reshape(n, 3 * modes))
         _condense(to.compliance[e], to.coupling[e], out.gap[e], out.force[e])
         _assemble(e, to, rows, given, work.K)
+
+
+@machine_code
+def along(
+    mesh: MeshArrays, law: Law, fields: FieldArrays, past: Carried, change: Changes,
+    first: int, last: int, out: Balance,
+) -> None:
+    """Fills force (e, n, 3 v) and gap (v, e, m): how the balance of elements goes along changes."""
+    points, n, modes, count = mesh.G.shape[1], mesh.G.shape[3], mesh.psi.shape[2], len(change.u)
+    ue, de, at, A = np.empty((3, n)), np.empty((n, 3 * count)), new_point(), np.empty((6, 3, 3))
+    flux, dP = np.empty((3 * points, 3 * count)), np.empty((3, 3))
+    F, a = at.F, at.a
+    for e in range(first, last):
+        _gathered(fields.u, mesh.connectivity[e], ue)
+        for v in range(count):
+            out.gap[v, e] = 0.0
+            for b in range(n):
+                for i in range(3):
+                    de[b, 3 * v + i] = change.u[v, mesh.connectivity[e, b], i]
+        G = mesh.G[e].reshape(3 * points, n)
+        H = np.dot(G, de)  # dF, of component i along k in row 3 q + k, column 3 v + i
+        for q in range(points):
+            w, psi, S = mesh.w[e, q], mesh.psi[e, q], past.stress[e % len(past.stress), q]
+            _deformed(mesh.G[e, q], ue, mesh.rest, e, q, F)
+            J = _stiffness_at(law, past, at, _pressure(psi, fields.p[e]), e, q, A)
+            for v in range(count):
+                rise, volume = _pressure(psi, change.p[v, e]), 0.0
+                for i in range(3):
+                    for k in range(3):
+                        h0, h1, h2 = H[3 * q, 3 * v + i], H[3 * q + 1, 3 * v + i], H[3 * q + 2, 3 * v + i]
+                        dP[i, k] = S[k, 0] * h0 + S[k, 1] * h1 + S[k, 2] * h2 + J * a[i, k] * rise
+                        volume += J * a[i, k] * H[3 * q + k, 3 * v + i]
+                for pair in range(6):
+                    i, j = PAIRS[pair]
+                    for k in range(3):
+                        for m in range(3):
+                            dP[i, k] += A[pair, k, m] * H[3 * q + m, 3 * v + j]
+                            if i != j:
+                                dP[j, m] += A[pair, k, m] * H[3 * q + k, 3 * v + i]
+                for r in range(modes):
+                    out.gap[v, e, r] += w * (volume - rise / law.bulk[e]) * psi[r]
+                for i in range(3):
+                    for k in range(3):
+                        flux[3 * q + k, 3 * v + i] = w * dP[i, k]
+        np.dot(G.T, flux, out.force[e])
 
 
 @machine_code

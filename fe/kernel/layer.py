@@ -25,7 +25,7 @@ class LayerFaces:
         self._metric = A @ np.swapaxes(A, 2, 3)  # (f, q, 2, 2)
         self._area = np.sqrt(np.linalg.det(self._metric)) * element.face_weights
         dual = np.asarray(np.linalg.inv(self._metric), float)
-        self._D = _plane_stress(dual, layer.stiffness, layer.poisson)
+        self._D = layer.per_face(case)[:, None, None, None] * _plane_stress(dual, layer.poisson)
         self.dofs = (self.faces[:, :, None] * 3 + np.arange(3)).reshape(len(self.faces), -1)
 
     def _tangents(self, x: Array) -> Array:
@@ -65,11 +65,11 @@ class LayerFaces:
         return self.dofs, K + np.einsum("fmn,ij->fminj", along, np.eye(3)).reshape(-1, size, size)
 
 
-def _plane_stress(g: Array, stiffness: float, poisson: float) -> Array:
-    """D (f, q, 3, 3) N/mm of an isotropic sheet, by the contravariant metric g (f, q, 2, 2)."""
+def _plane_stress(g: Array, poisson: float) -> Array:
+    """D (f, q, 3, 3) of an isotropic sheet of stiffness 1, by the contravariant metric g (f, q, 2, 2)."""
     D = np.empty((*g.shape[:2], 3, 3))
     for s, (a, b) in enumerate(_AB):
         for t, (c, d) in enumerate(_AB):
             shear = g[..., a, c] * g[..., b, d] + g[..., a, d] * g[..., b, c]
             D[..., s, t] = poisson * g[..., a, b] * g[..., c, d] + (1 - poisson) / 2 * shear
-    return stiffness / (1 - poisson**2) * D
+    return D / (1 - poisson**2)

@@ -9,6 +9,7 @@ from scipy.sparse import csr_matrix
 
 from fe.element import Array
 from fe.kernel.assembly import State
+from fe.solver.corrected import Corrected
 from fe.solver.newton import Equilibrium, Problem, Residual, Step, eased, moved
 from fe.solver.reach import why
 from fe.solver.varied import Differenced, Neighbours, sensitivities
@@ -65,6 +66,11 @@ class Curve:
             CubicSpline(self.pressure, self.p_derivative[number], axis=0)(q),
         )
 
+    @property
+    def without_derivatives(self) -> "Curve":
+        """The curve with no parameters."""
+        return replace(self, derivative=self.derivative[:0], p_derivative=self.p_derivative[:0])
+
     def ahead(self, change: Array) -> "Curve":
         """The curve to first order where its parameters change by `change` (v,)."""
         u, p = (np.tensordot(change, x, 1) for x in (self.derivative, self.p_derivative))
@@ -91,13 +97,13 @@ def _apply(operator: csr_matrix, fields: Array) -> Array:
     return np.stack([operator @ f for f in fields])
 
 
-def _per_pressure(step: Step, state: State) -> Residual:
+def _per_pressure(problem: Problem, state: State) -> Residual:
     """The residuals' derivative to the follower pressure, per MPa."""
-    kernel = step.problem.kernel
+    kernel = problem.kernel
     force = -kernel.pressure.force(kernel.geometry.nodes + state.u)
-    if step.problem.growing is not None:
-        force -= step.problem.growing
-    return Residual(force, np.zeros_like(state.p), step.problem.clamp_gap(state.rotation, force))
+    if problem.growing is not None:
+        force -= problem.growing
+    return Residual(force, np.zeros_like(state.p), problem.clamp_gap(state.rotation, force))
 
 
 @dataclass(frozen=True)
@@ -168,18 +174,19 @@ def _level(
     problem: Problem, load: float, guess: State, last: Step | None, varied: Sequence[Differenced]
 ) -> tuple[_Level | None, Equilibrium]:
     """The level at `load` MPa, or None where there is no equilibrium, and how it was found."""
-    found = eased(problem, guess, load=load, last=last)
-    if found.state is None or found.step is None:
+    found = eased(problem, guess, load=load, last=last, quick=True)
+    if found.state is None:
         return None, found
-    seen = [Neighbours(v, (load, load)) for v in varied if not v.history_only]
-    none, changes = moved(found.state, found.state, -1.0), iter(sensitivities(found.step, found.state, seen))
-    derivatives = tuple(none if v.history_only else next(changes) for v in varied)
+    tangent = Corrected.of(found)
     # alone: solved together with the derivatives its last bits would depend on their number
-    (slope,) = found.step.solve([_per_pressure(found.step, found.state)])
+    (slope,) = tangent.solve([_per_pressure(problem, found.state)])
+    seen = [Neighbours(v, (load, load)) for v in varied if not v.history_only]
+    none, changes = moved(found.state, found.state, -1.0), iter(sensitivities(tangent, found.state, seen))
+    derivatives = tuple(none if v.history_only else next(changes) for v in varied)
     after = tuple(
-        v.after(found.state, d, found.step.slides) for v, d in zip(varied, derivatives, strict=True)
+        v.after(found.state, d, tangent.slides) for v, d in zip(varied, derivatives, strict=True)
     )
-    return _Level(load, found.state, slope, derivatives, after), found
+    return _Level(load, found.state, slope, derivatives, after), replace(found, step=tangent.step)
 
 
 def _bent(problem: Problem, done: list[_Level]) -> tuple[list[_Level], int]:

@@ -14,9 +14,10 @@ import numpy as np
 from fe.element import Array, Flags, Integers
 from fe.kernel.assembly import Memory, Response, State
 from fe.path import Path, equivalent, in_time, knots
+from fe.solver.corrected import Corrected
 from fe.solver.curve import LEAST_STEP, Curve, strays
 from fe.solver.loadings import Loadings
-from fe.solver.newton import Equilibrium, Problem, Step, eased, moved
+from fe.solver.newton import Equilibrium, Problem, eased, moved
 from fe.solver.past import Evaluated, Past
 from fe.solver.varied import Differenced, Neighbours, differing, sensitivities
 
@@ -180,10 +181,11 @@ class _March:
         changes = tuple(self._along(n, d, 0) for n, d in tracked.items())
         if self.course.stiffness[0] != 1 and not problem.proportional:
             found = self._equilibrium(0, problem, state, None, None)
-            if found.state is not None and found.step is not None:
-                state = found.state
+            if found.state is not None:
+                state, tangent = found.state, Corrected.of(found)
                 beside = [d.neighbours(0, (None, None)) for d in tracked.values()]
-                changes = tuple(sensitivities(found.step, state, beside))
+                changes = tuple(sensitivities(tangent, state, beside))
+                found = replace(found, step=tangent.step)
         response = self.response(problem, state.u)
         around = self._around(0, state, changes, self._answers(0, state, response))
         pasts = tuple((Past.first(plus), Past.first(minus)) for plus, minus in around)
@@ -257,6 +259,7 @@ class _March:
             memory=memory.times(factor) if memory else None,
             last=last.step if last else None,
             exact=bool(self.directions),
+            quick=True,
         )
 
     def virgin(self, k: int, before: _Point) -> _Point | None:
@@ -298,7 +301,7 @@ class _March:
         time, course = _halved(self.time, k), self.course.halved(k)
         return replace(self, time=time, number=number, course=course, directions=directions)
 
-    def point(self, k: int, before: _Point, state: State, step: Step) -> _Point:
+    def point(self, k: int, before: _Point, state: State, step: Corrected) -> _Point:
         """The point at time number k, from the equilibrium there and its tangent."""
         response, dt = self.response(self._problem(k), state.u), self._dt(k)
         below, answers = before.past.below(response), self._answers(k, state, response)
@@ -408,8 +411,10 @@ def follow(
             continue
         found = going.found(k, point, last)
         iterations += found.iterations
-        if found.state is not None and found.step is not None:
-            point, last = going.point(k, point, found.state, found.step), found
+        if found.state is not None:
+            tangent = Corrected.of(found)
+            point = going.point(k, point, found.state, tangent)
+            last = replace(found, step=tangent.step)
             points.append(point.told)
         elif going.divisible(k):
             going, asked = going.halved(k), np.insert(asked, k, False)

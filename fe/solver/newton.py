@@ -31,6 +31,7 @@ SETTLING = 0.1
 LIMIT = 25  # factorisations for one equilibrium
 SOFTEST = 1 / 512  # of a plane's stiffness: with that it is met first where it cannot be met at once
 TOO_FAR = "the load is beyond a limit point, or too large for one step"
+QUICK = 0.02  # shrink corrections of this tangent by at most, where it serves for derivatives, too
 EXACT = 0.01  # of TOLERANCE is what such corrections may leave, as Newton's last one does
 
 
@@ -58,7 +59,7 @@ class Problem:
         own, curved = kernel.geometry, case.precurvature
         same = np.array_equal(case.nodes, own.nodes) and curved == own.precurvature
         geometry = own if same else Geometry(case.nodes, kernel.connectivity, kernel.element, curved)
-        layer = LayerFaces(case) if case.layer and case.layer.stiffness else None
+        layer = LayerFaces(case) if case.layer and np.any(case.layer.stiffness) else None
         plane = PlaneFaces(case) if case.contact and case.contact.stiffness else None
         prescribed = case.prescribed.ravel()[kernel.supported]
         return Problem(
@@ -114,6 +115,13 @@ class Problem:
         if self.plane is None or not self.rubs:
             return self
         return replace(self, plane=self.plane.after(self.case.nodes + u))
+
+    @property
+    def bare(self) -> bool:
+        """Whether its tangent is that of solid elements and pressure alone, and symmetric."""
+        clamp = self.case.clamp
+        held = self.layer is not None or self.plane is not None or bool(clamp and clamp.compliance)
+        return self.kernel.symmetric and not held
 
     @property
     def heavy(self) -> bool:
@@ -175,6 +183,12 @@ class Residual:
     force: Array
     gap: Array | None
     moment: float
+
+    def plus(self, other: "Residual") -> "Residual":
+        """The sum of two residuals that are not condensed."""
+        assert self.gap is not None
+        assert other.gap is not None
+        return Residual(self.force + other.force, self.gap + other.gap, self.moment + other.moment)
 
     def minus(self, other: "Residual", factor: float) -> "Residual":
         """`factor` times the difference of two residuals."""
@@ -273,16 +287,38 @@ class Step:
 
 
 @dataclass(frozen=True)
+class Place:
+    """An equilibrium under a load in MPa, of which no tangent is factorised."""
+
+    problem: Problem
+    state: State
+    load: float
+    memory: Memory | None
+
+    def factorised(self) -> Step:
+        """Its own tangent."""
+        return tangent_at(self.problem, self.state, load=self.load, memory=self.memory)
+
+    def along(self, changes: Sequence[State]) -> list[Residual]:
+        """How the residuals go along changes of the state that leave the clamp where it is."""
+        kernel, c = self.problem.kernel, self.problem.constants
+        found = kernel.along(self.state, c, self.load, self.memory, changes)
+        return [Residual(force, gap, 0.0) for force, gap in found]
+
+
+@dataclass(frozen=True)
 class Equilibrium:
     """The equilibrium state and the tangent factorised next to it, or the reason why there is none.
 
-    The tangent's state and the equilibrium differ by less than TOLERANCE of the structure's size.
+    The tangent's state and the equilibrium differ by less than TOLERANCE of the structure's size, or, where
+    there is a `place`, by so little that a few corrections lead from the one tangent to the other.
     """
 
     state: State | None
     step: Step | None
     iterations: int
     reason: str
+    place: Place | None = None
 
 
 def _residuals(
@@ -299,9 +335,9 @@ def _residuals(
     return system, state.rotation + problem.clamp_gap(state.rotation, system.force)
 
 
-def tangent_at(problem: Problem, state: State, *, load: float) -> Step:
-    """The factorised tangent at a state under follower pressure `load` MPa, without memory."""
-    return Step(problem, state, _residuals(problem, state, load, None)[0])
+def tangent_at(problem: Problem, state: State, *, load: float, memory: Memory | None = None) -> Step:
+    """The factorised tangent at a state under follower pressure `load` MPa."""
+    return Step(problem, state, _residuals(problem, state, load, memory)[0])
 
 
 def equilibrium(
@@ -312,25 +348,29 @@ def equilibrium(
     memory: Memory | None = None,
     last: Step | None = None,
     exact: bool = True,
+    quick: bool = False,
     tolerance: float = TOLERANCE,
 ) -> Equilibrium:
     """The equilibrium at follower pressure `load` MPa, from `start`, in at most LIMIT factorisations.
 
     last: the newest factorised tangent, of a neighbouring state; it serves as far as it can. exact: the
     result's tangent is that of the equilibrium, as derivatives need it; otherwise it may be a nearby one's.
-    Never raises for lack of convergence: `reason` then says what stopped it.
+    quick: it may be that with a `place`, too, from which a few corrections lead to derivatives
+    (`fe.solver.corrected`). Never raises for lack of convergence: `reason` then says what stopped it.
     """
     kernel, state, before = problem.kernel, _consistent(problem, start), np.inf
     extent = float(np.ptp(problem.case.nodes, axis=0).max())
     small = (tolerance * extent, 10 * tolerance * problem.shear)  # mm, MPa
     kinked = problem.rubs or (memory is not None and memory.softening is not None)
     smooth = not problem.rubs  # so far: whether the tangent may be expected to serve again
+    fine = np.inf if not exact else QUICK if quick and problem.bare else 0.0
+    length = np.inf  # of the correction by `last` itself
     for iteration in range(LIMIT):
         if last is not None and smooth and np.abs(state.u - last.state.u).max() < NEARBY * extent:
-            share = 1.0 if exact else EXACT  # an exact tangent brings a correction of its own
-            state, settled = _chord(problem, state, last, load, memory, (share * small[0], share * small[1]))
-            if settled and not exact:
-                return Equilibrium(state, last, iteration, "converged")
+            state, rate = _chord(problem, state, last, load, memory, small, fine, length)
+            if rate is not None and rate < fine:
+                place = Place(problem, state, load, memory) if exact else None
+                return Equilibrium(state, last, iteration, "converged", place)
         system, moment = _residuals(problem, state, load, memory)
         free = system.force.ravel()[kernel.free]
         if not np.isfinite(system.data).all():
@@ -384,9 +424,10 @@ def eased(
     memory: Memory | None = None,
     last: Step | None = None,
     exact: bool = True,
+    quick: bool = False,
 ) -> Equilibrium:
     """As `equilibrium`; where a plane is too stiff to be met from `start`, it is met softer first."""
-    found = equilibrium(problem, start, load=load, memory=memory, last=last, exact=exact)
+    found = equilibrium(problem, start, load=load, memory=memory, last=last, exact=exact, quick=quick)
     if problem.plane is None or found.state is not None:
         return found
     state, count, met, step = start, found.iterations, SOFTEST / 8, 8.0
@@ -403,21 +444,36 @@ def eased(
 
 
 def _chord(
-    problem: Problem, state: State, step: Step, load: float, memory: Memory | None, small: tuple[float, float]
-) -> tuple[State, bool]:
-    """The state after corrections with a tangent of nearby (the chord method), and whether it is an
-    equilibrium; the best state where they do not shrink fast enough."""
+    problem: Problem,
+    state: State,
+    step: Step,
+    load: float,
+    memory: Memory | None,
+    small: tuple[float, float],
+    fine: float,
+    newton: float,
+) -> tuple[State, float | None]:
+    """The state after corrections with a tangent of nearby (the chord method), and the rate at which they
+    shrink where it is an equilibrium; the best state, and None, where they do not shrink fast enough.
+
+    small: what corrections may leave, in mm and MPa, before an exact tangent brings one of its own; with a
+    rate below `fine` it brings none, and they leave EXACT of it. newton: the correction in mm by which this
+    tangent has led to the state, or inf: the next ones shrink by a few times less.
+    """
     older = before = np.inf
     while True:
         (change,) = step.solve([imbalance(problem, state, load, memory)])
         length = float(np.abs(change.u).max())
         if not (length < SHRINK * older and length < 2 * before):
-            return state, False
+            return state, None
         # what is left of this correction: linear convergence, the slower of one and of two steps
-        left = SHRINK if np.isinf(before) else max(length / before, np.sqrt(length / older))
+        left = max(length / before, np.sqrt(length / older))
+        if np.isinf(before):
+            left = SHRINK if np.isinf(newton) else min(SHRINK, length / (SHRINK * newton))
+        share = EXACT if left < fine else 1.0
         state, older, before = _consistent(problem, moved(state, change)), before, length
-        if left * length < small[0] and left * np.abs(change.p).max() < small[1]:
-            return state, True
+        if left * length < share * small[0] and left * np.abs(change.p).max() < share * small[1]:
+            return state, left
 
 
 def moved(state: State, change: State, factor: float = 1.0) -> State:

@@ -17,7 +17,8 @@ from fe.element import Array, Flags, Integers
 from fe.kernel.assembly import ElementConstants, Memory, Response, State
 from fe.kernel.contact import off_the_clamp
 from fe.path import Path
-from fe.solver.newton import Problem, Residual, Step, imbalance
+from fe.solver.corrected import Corrected
+from fe.solver.newton import Problem, Residual, imbalance
 
 
 @dataclass(frozen=True)
@@ -230,8 +231,8 @@ def differing(a: ElementConstants, b: ElementConstants) -> Integers:
     return np.flatnonzero((a.table != b.table).any(axis=1))
 
 
-def sensitivities(step: Step, state: State, neighbours: Sequence[Neighbours]) -> list[State]:
-    """The derivatives of the state to parameters, by direct differentiation with the factorised tangent."""
+def sensitivities(step: Corrected, state: State, neighbours: Sequence[Neighbours]) -> list[State]:
+    """The derivatives of the state to parameters, by direct differentiation with its tangent."""
     if not neighbours:
         return []
     neighbours = [replace(n, varied=n.varied.sliding(step.slides)) for n in neighbours]

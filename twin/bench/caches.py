@@ -13,7 +13,7 @@ from twin.parallel import WORKERS, finished
 from twin.project import files
 from twin.project.folder import Say
 from twin.project.record import Record
-from twin.project.tablemodel import NotNegative, Positive
+from twin.project.tablemodel import Finite, NotNegative, Positive
 from twin.targets import Array
 
 FURTHER = 1.7  # at most: curves of few levels that reach much too far are coarse where it counts
@@ -40,7 +40,7 @@ class FolderCache:
 
 class SolvedRow(Record):
     C10: NotNegative
-    C01: NotNegative
+    C01: Finite
     top_MPa: Positive
 
 

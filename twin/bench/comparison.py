@@ -15,7 +15,9 @@ from twin.judging.comparison import Comparison, compare
 from twin.judging.fitting import ModelErrors
 from twin.judging.heldout import unseen
 from twin.judging.judged import Judged
+from twin.judging.lawerrors import LawError
 from twin.judging.record import UnseenFilm
+from twin.judging.whitening import LAW
 from twin.model.arraycache import code_digest
 from twin.project import files
 from twin.project.folder import Project, Run, Say
@@ -24,20 +26,21 @@ from twin.targets import Array, Targets
 JUDGED = "judged.npz"
 
 
-def compared(run: Run, judged: Judged, bench: Workbench, say: Say) -> Comparison:
-    """The comparison of a judged model, written to comparison.json, prediction.npz and judged.npz of its
-    run; what it foretells of held-out films is said."""
-    keep(run, judged)
-    held = foretold(bench, judged)
-    write_comparison(run, judged.predicted, judged.comparison, held)
+def compared(run: Run, theta: Array, one: "Judgement", bench: Workbench, say: Say) -> Comparison:
+    """The comparison of a model at its fit theta (d,), written to comparison.json, prediction.npz and
+    judged.npz of its run; what it foretells of held-out films is said."""
+    keep(run, theta, one)
+    held = foretold(bench, one)
+    write_comparison(run, one.predicted, one.comparison, held)
     for row in held:
-        say(f"Held out, {row.film}: {row.rms_mm:.3f} mm rms, foretold by a fit that never saw it.")
-    return judged.comparison
+        say(f"Held out, {row.film}: {row.raw_rms_mm:.3f} mm rms, foretold by a fit that never saw it; "
+            f"{row.expected_mm:.3f} mm is expected.")  # fmt: skip
+    return one.comparison
 
 
-def foretold(bench: Workbench, judged: Judged) -> tuple[UnseenFilm, ...]:
+def foretold(bench: Workbench, one: "Judged | Judgement") -> tuple[UnseenFilm, ...]:
     """What a fitted model is off from each film that was held out of its fit."""
-    return unseen(judged, bench.targets, film_names(bench.project))
+    return unseen(one.errors, one.predicted, bench.targets, film_names(bench.project))
 
 
 def write_comparison(run: Run, predicted: Array, found: Comparison, held: Sequence[UnseenFilm]) -> None:
@@ -47,7 +50,7 @@ def write_comparison(run: Run, predicted: Array, found: Comparison, held: Sequen
 
 
 def write_prediction(run: Run, predicted: Array, found: Comparison) -> None:
-    """Write prediction.npz: displacements, residual and cleaned residual, (s, p, 3) mm each."""
+    """Write prediction.npz: displacements, residual and cleaned residual (`Comparison`), (s, p, 3) mm."""
     run.write_npz("prediction.npz", {"u": predicted, "residual": found.residual, "cleaned": found.cleaned})
 
 
@@ -61,43 +64,57 @@ def film_names(project: Project) -> dict[int, str]:
 
 @dataclass(frozen=True, kw_only=True)
 class Judgement:
-    """A fit's prediction (s, p, 3) mm, the comparison with the targets, and where walls have crossed."""
+    """A fit's prediction (s, p, 3) mm, the comparison with the targets, the errors that its model states, the
+    derivatives (f, s, p, 3) by what is free, and where walls have crossed."""
 
     predicted: Array
     comparison: Comparison
+    errors: ModelErrors
+    jacobian: Array
     crossed: str
 
     @staticmethod
     def of(judged: Judged) -> "Judgement":
         """That of a model judged now."""
-        crossed = judged.model.solution(judged.theta).crossed
-        return Judgement(predicted=judged.predicted, comparison=judged.comparison, crossed=crossed)
+        return Judgement(
+            predicted=judged.predicted,
+            comparison=judged.comparison,
+            errors=judged.errors,
+            jacobian=judged.jacobian,
+            crossed=judged.model.solution(judged.theta).crossed,
+        )
 
 
-def keep(run: Run, judged: Judged) -> None:
-    """Write judged.npz of a run: what a comparison needs of the model at its fit."""
-    e = judged.errors
+def keep(run: Run, theta: Array, one: Judgement, *, file: str = JUDGED) -> None:
+    """Write judged.npz of a run: what a comparison needs of the model at its fit theta (d,)."""
+    e = one.errors
     run.write_npz(
-        JUDGED,
+        file,
         {
-            "code": np.array(code_digest()), "theta": judged.theta, "u": judged.predicted,
-            "jacobian": judged.jacobian, "gauge": e.gauge, "modes": e.modes,
-            "crossed": np.array(judged.model.solution(judged.theta).crossed),
+            "code": np.array(code_digest()), "theta": theta, "u": one.predicted, "jacobian": one.jacobian,
+            "gauge": e.gauge, "modes": e.modes, "law": np.array(e.law), "crossed": np.array(one.crossed),
+            **{f"{LAW}{law.effect}": law.modes for law in e.laws},
         },
     )  # fmt: skip
 
 
-def kept(fit_file: Path, fit: Fit, targets: Targets) -> Judgement | None:
+def kept(fit_file: Path, fit: Fit, targets: Targets, *, file: str = JUDGED) -> Judgement | None:
     """The judgement of the fit in fit.json, from what lies beside it; None where it was not kept, or not by
     the code of now. Whether the fit still holds is asked before (`twin.bench.fits`)."""
-    path = fit_file.with_name(JUDGED)
+    path = fit_file.with_name(file)
     if not path.is_file():
         return None
     found = files.read_npz(path)
     if str(found["code"]) != code_digest() or not np.array_equal(found["theta"], fit.theta):
         return None
-    errors = ModelErrors(gauge=found["gauge"], modes=found["modes"])
-    bound = len(fit.at_bound)
+    errors = ModelErrors(
+        gauge=found["gauge"],
+        modes=found["modes"],
+        laws=tuple(LawError(k.removeprefix(LAW), rows) for k, rows in found.items() if k.startswith(LAW)),
+        law=float(found["law"]),
+    )
     w, jacobian = errors.whitener(targets), found["jacobian"]
-    made = compare(targets, found["u"], w, jacobian=jacobian, at_bound=bound)
-    return Judgement(predicted=found["u"], comparison=made, crossed=str(found["crossed"]))
+    made = compare(targets, found["u"], w, jacobian=jacobian, at_bound=len(fit.at_bound))
+    return Judgement(
+        predicted=found["u"], comparison=made, errors=errors, jacobian=jacobian, crossed=str(found["crossed"])
+    )

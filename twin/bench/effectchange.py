@@ -1,25 +1,66 @@
 """The model with other effects than now: refitted, compared, and written into the project."""
 
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from calibrate import Fit
 from twin.bench import waterfall
-from twin.bench.comparison import compared
-from twin.bench.fits import newest, newest_fit
+from twin.bench.comparison import JUDGED, Judgement, compared, keep, kept
+from twin.bench.fits import fresh, newest, newest_fit
 from twin.bench.laws import nominal
 from twin.bench.workbench import Workbench
 from twin.judging.comparison import Comparison
 from twin.judging.intervals import estimates, fit_record
-from twin.judging.record import ComparisonRecord
+from twin.judging.judged import Judged
+from twin.judging.record import ComparisonRecord, FitRecord
 from twin.model.prediction import Model
 from twin.numerals import in_words
 from twin.project import files
-from twin.project.folder import Say
+from twin.project.folder import Run, Say
 from twin.review.states import Fields
 from twin.targets import Array, Targets
 
+FIELDS, KEPT, KEPT_FIT = "fields.npz", "kept-", "kept.json"
 SHOWN = 80  # film times at which the deformed model is stored for the review
+
+
+@dataclass(frozen=True, kw_only=True)
+class Change:
+    """A model with other effects, fitted: its fit, how it is judged, and its shape at some film times."""
+
+    fit: Fit
+    judgement: Judgement
+    fields: Fields
+
+    @staticmethod
+    def of(bench: Workbench, judged: Judged) -> "Change":
+        """That of a model judged now."""
+        fields = _fields(bench, judged.model, judged.theta)
+        return Change(fit=judged.fit, judgement=Judgement.of(judged), fields=fields)
+
+    def keep(self, run: Run, *, effects: Sequence[str], start: Mapping[str, float]) -> None:
+        """Write it into the run of a diagnosis, so that `twin add` need not solve it again."""
+        record = fit_record(self.fit, self.judgement.comparison, effects=tuple(effects), start=dict(start))
+        run.write(record, KEPT_FIT)
+        keep(run, self.fit.theta, self.judgement, file=f"{KEPT}{JUDGED}")
+        self.fields.save(run.path(f"{KEPT}{FIELDS}"))
+
+
+def diagnosed(bench: Workbench, effects: Sequence[str], start: Mapping[str, float]) -> Change | None:
+    """The change to these effects as the newest diagnosis has fitted it from this start; None where it has
+    not, or not by the code of now."""
+    found = fresh(bench.project, ("diagnose",), KEPT_FIT)
+    record = files.read(FitRecord, found) if found else None
+    if found is None or record is None or record.effects != tuple(effects) or record.start != dict(start):
+        return None
+    judgement = kept(found, record.fit, bench.targets, file=f"{KEPT}{JUDGED}")
+    fields = found.with_name(f"{KEPT}{FIELDS}")
+    if judgement is None or not fields.is_file():
+        return None
+    return Change(fit=record.fit, judgement=judgement, fields=Fields.load(fields))
 
 
 def change_effects(
@@ -31,13 +72,15 @@ def change_effects(
     then = newest(project, ComparisonRecord)
     with project.new_run(kind, extra={"effects": list(effects)}) as run:
         model = bench.model(effects)
-        known = {p.name: float(x) for p, x in zip(base.parameters, base.theta, strict=True)}
-        theta = model.theta({**_nominal(model), **known, **start})
-        say.progress(f"refit with {', '.join(effects) or 'no effect'}", 0, 1)
-        judged = bench.judged(model, theta, say)
-        fit, found = judged.fit, compared(run, judged, bench, say)
+        change = diagnosed(bench, effects, start)
+        if change is None:
+            known = {p.name: float(x) for p, x in zip(base.parameters, base.theta, strict=True)}
+            theta = model.theta({**_nominal(model), **known, **start})
+            say.progress(f"refit with {', '.join(effects) or 'no effect'}", 0, 1)
+            change = Change.of(bench, bench.judged(model, theta, say))
+        fit, found = change.fit, compared(run, change.fit.theta, change.judgement, bench, say)
         run.write(fit_record(fit, found, effects=effects))
-        _fields(bench, judged.model, fit.theta).save(run.path("fields.npz"))
+        change.fields.save(run.path(FIELDS))
         run.note(model.extent)
     project.set_effects(effects)
     say(_error(then, found))
@@ -54,6 +97,7 @@ def change_effects(
         "rms_after_mm": found.rms_mm,
         "raw_rms_before_mm": then and then.raw_rms_mm,
         "raw_rms_after_mm": found.raw_rms_mm,
+        "expected_mm": found.expected_mm,
         "noise_sd_mm": found.noise_sd_mm,
         "effects": list(effects),
         "fit": files.plain(fit_record(fit, found)),
@@ -63,9 +107,12 @@ def change_effects(
 
 def _error(then: ComparisonRecord | None, now: Comparison) -> str:
     """The error before and after, in words."""
-    pairs = [(then and then.rms_mm, now.rms_mm), (then and then.raw_rms_mm, now.raw_rms_mm)]
-    left, raw = (f"{'' if a is None else f'from {a:.3f} mm '}to {b:.3f} mm rms" for a, b in pairs)
-    return f"Error: {left}; with errors that many values share {raw}. The noise is {now.noise_sd_mm:.3f} mm."
+    pairs = [(then and then.raw_rms_mm, now.raw_rms_mm), (then and then.rms_mm, now.rms_mm)]
+    error, left = (f"{'' if a is None else f'from {a:.3f} mm '}to {b:.3f} mm rms" for a, b in pairs)
+    return (
+        f"Error: {error}; {now.expected_mm:.3f} mm is expected. Without errors that many values share: "
+        f"{left}; the noise is {now.noise_sd_mm:.3f} mm."
+    )
 
 
 def _nominal(model: Model) -> dict[str, float]:

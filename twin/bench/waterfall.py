@@ -15,16 +15,27 @@ NOMINAL, CALIBRATED = "nominal constants", "calibrated"
 
 
 class Stair(Record):
-    """One model on the way: what was done, its effects, its error and the noise in mm, whether it fits, and
-    its run (none before the first fit)."""
+    """One model on the way: what was done, its effects, its error and what is expected of it, without shared
+    errors and the noise in mm, whether it fits, and its run (none before the first fit)."""
 
     done: str
     effects: tuple[str, ...]
     rms_mm: float
     raw_rms_mm: Maybe
+    expected_mm: Maybe = None
     noise_sd_mm: float
     adequate: bool
     run: str
+
+    @property
+    def error_mm(self) -> float:
+        """The error as it is drawn; of a comparison that an older version made, without shared errors."""
+        return self.rms_mm if self.raw_rms_mm is None else self.raw_rms_mm
+
+    @property
+    def foot_mm(self) -> float:
+        """What is expected of the error of a right model; of an older comparison, the noise."""
+        return self.noise_sd_mm if self.expected_mm is None else self.expected_mm
 
 
 def stairs(project: Project) -> tuple[Stair, ...]:
@@ -42,18 +53,23 @@ def stairs(project: Project) -> tuple[Stair, ...]:
         out.append(
             Stair(
                 done=done, effects=effects, rms_mm=found.rms_mm, raw_rms_mm=found.raw_rms_mm,
-                noise_sd_mm=found.noise_sd_mm, adequate=found.adequate, run=folder.name,
+                expected_mm=found.expected_mm, noise_sd_mm=found.noise_sd_mm, adequate=found.adequate,
+                run=folder.name,
             )
         )  # fmt: skip
     return tuple(out)
 
 
 def in_words(rows: tuple[Stair, ...]) -> str:
-    """The errors one after the other, and the noise, in a sentence; nothing for a single model."""
+    """The errors one after the other, and what is expected, in words; nothing for a single model."""
     if len(rows) < 2:
         return ""
-    way = " -> ".join(f"{row.done} {row.rms_mm:.3f}" for row in rows)
-    return f"Error, mm rms: {way}; the noise is {rows[-1].noise_sd_mm:.3f}."
+    way = " -> ".join(f"{row.done} {row.error_mm:.3f}" for row in rows)
+    left = " -> ".join(f"{row.rms_mm:.3f}" for row in rows)
+    return (
+        f"Error, mm rms: {way}; {rows[-1].foot_mm:.3f} is expected. Without errors that many values share: "
+        f"{left}; the noise is {rows[-1].noise_sd_mm:.3f}."
+    )
 
 
 def _runs(project: Project) -> list[Path]:
@@ -75,7 +91,7 @@ def _nominal(fit: FitRecord, found: ComparisonRecord) -> list[Stair]:
     return [
         Stair(
             done=NOMINAL, effects=(), rms_mm=fit.initial.rms_mm, raw_rms_mm=fit.initial.raw_rms_mm,
-            noise_sd_mm=found.noise_sd_mm, adequate=False, run="",
+            expected_mm=found.expected_mm, noise_sd_mm=found.noise_sd_mm, adequate=False, run="",
         )
     ]  # fmt: skip
 

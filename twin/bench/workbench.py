@@ -18,6 +18,7 @@ from twin.effects.ownfiles import own_effects
 from twin.effects.protocol import Effect
 from twin.gravity import density, ways
 from twin.judging.judged import Judged, judge, judge_fit
+from twin.judging.lawlevels import with_laws
 from twin.model.basemodel import base_model, base_test
 from twin.model.discretisation import Discretisation, SolvedAt, discretisation_error, meshes_key
 from twin.model.prediction import Model
@@ -127,11 +128,13 @@ class Workbench:
 
     def judged(self, model: Model, start: Array, say: Say, *, seed: int = 0) -> Judged:
         """The model fitted from a start (d,) near it, and judged: calibrate, add, drop and diagnose alike."""
-        return judge(self.on_mesh(model, start, say), self.targets, starts=start, seed=seed)
+        found = judge(self.on_mesh(model, start, say), self.targets, starts=start, seed=seed)
+        return with_laws(found, self.targets)
 
     def judged_fit(self, model: Model, fit: Fit, say: Say) -> Judged:
         """The model judged as it was fitted."""
-        return judge_fit(self.on_mesh(model, fit.theta, say), self.targets, fit)
+        found = judge_fit(self.on_mesh(model, fit.theta, say), self.targets, fit)
+        return with_laws(found, self.targets, refit=False)
 
     def _solved_at(self, own: Constants, solved: SolvedList) -> SolvedAt:
         """Where finer meshes were solved that serve for these constants, or are to be solved.

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from calibrate import Fit
-from twin.bench.comparison import compared
+from twin.bench.comparison import Judgement, compared
 from twin.bench.workbench import Workbench
 from twin.judging.intervals import fit_record
 from twin.project import files
@@ -33,8 +33,9 @@ def run_calibrate(project: Project, say: Say) -> dict[str, Any]:
         best = _searched(on, run, say)
         _check_explained(on, best.best)
         judged = on.least(best.best, say)
-        model, fit, found = judged.model, judged.fit, compared(run, judged, bench, say)
-        words = known_of(on, best.best, fit, found)
+        model, fit = judged.model, judged.fit
+        found = compared(run, fit.theta, Judgement.of(judged), bench, say)
+        words = known_of(on.holding(fit, say), best.best, fit, found)
         run.write(fit_record(fit, found, effects=(), identifiability=words, initial=on.initial(judged)))
         run.summary["headline"] = words.split(". ")[0]
         crossed = model.solution(fit.theta).crossed

@@ -50,7 +50,9 @@ def check_project(project: Project, say: Say) -> None:
             f"{int(targets.valid.sum())} measured values in all.")  # fmt: skip
         if targets.noise is None:
             say("The targets have no noise model. Without one `twin diagnose` cannot test: measure them with "
-                "`twin measure`, or state it in targets/targets.toml (docs/files.md).")  # fmt: skip
+                "`twin measure`, or state sd_mm or still_steps under [noise] of targets.toml.")  # fmt: skip
+        elif targets.noise.basis:
+            say(targets.noise.basis)
     if project.config.study is not None and fresh(project, ("study",)) is None:
         say("`twin study` makes the figures and the table of the study; it calibrates first where needed.")
 

@@ -108,9 +108,12 @@ def _fits(a: Laid, b: Laid) -> dict[str, Any]:
     rows: list[list[str]] = [
         ["verdict", *(s.verdict for s in both)],
         ["effects in the model", *(", ".join(s.record.effects) or "none" for s in both)],
-        ["error, RMS mm", *(short(s.comparison and s.comparison.rms_mm) for s in both)],
+        ["error, RMS mm", *(short(s.comparison and s.comparison.raw_rms_mm) for s in both)],
+        ["expected of noise and shared errors, mm",
+         *(short(s.comparison and s.comparison.expected_mm) for s in both)],
+        ["error without shared errors, RMS mm", *(short(s.comparison and s.comparison.rms_mm) for s in both)],
         ["noise, mm", *(short(s.comparison and s.comparison.noise_sd_mm) for s in both)],
-    ]
+    ]  # fmt: skip
     cells = [{"cells": row} for row in rows]
     return {"title": "How well it fits", "head": ["", a.name, b.name], "rows": cells}
 
@@ -121,7 +124,8 @@ def _maps(a: Laid, b: Laid, kind: str) -> dict[str, Any]:
     own = [{row.name: row.rms_mm for row in every.get(kind, ())} for every in maps]
     names = list(dict.fromkeys([*own[0], *own[1]]))
     rows = [{"cells": [name, *(short(side.get(name)) for side in own)]} for name in names]
-    return {"title": f"Error by {kind}, RMS mm", "head": ["", a.name, b.name], "rows": rows}
+    title = f"Error by {kind} without shared errors, RMS mm"
+    return {"title": title, "head": ["", a.name, b.name], "rows": rows}
 
 
 def _pictures(a: Laid, b: Laid, file: str, what: str) -> list[Picture]:

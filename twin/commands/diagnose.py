@@ -4,19 +4,18 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from twin.bench.comparison import foretold, write_prediction
+from twin.bench.effectchange import Change
 from twin.bench.fits import newest_fit
 from twin.bench.workbench import Workbench, own_of
-from twin.diagnosis.candidates import Candidate, Refit
+from twin.diagnosis.deciding import Diagnosis
 from twin.diagnosis.explanation import Explanation, explained
+from twin.diagnosis.hypotheses import Hypothesis
 from twin.diagnosis.procedure import diagnose
 from twin.diagnosis.record import DiagnosisRecord, ForetoldFilm
-from twin.diagnosis.verdicts import Diagnosis
 from twin.effects.labels import name_of
 from twin.effects.library import all_effects, effects_of
 from twin.effects.protocol import Effect
-from twin.judging.intervals import fit_record
 from twin.judging.judged import Judged
-from twin.parallel import WORKERS
 from twin.project import files
 from twin.project.folder import Project, Run, Say
 
@@ -35,19 +34,18 @@ def run_diagnose(project: Project, say: Say) -> dict[str, Any]:
             bench.targets,
             seed=seed,
             start=fit,
-            workers=WORKERS,
             progress=say.progress,
         )
-        settled = _settled(bench, found, say)
+        settled = _settled(bench, found)
         found, held = settled.diagnosis, _held_out(bench, settled)
         record = DiagnosisRecord.of(found, held)
-        _write(run, project, found, record)
+        _write(run, bench, settled, record)
         if settled.explanation is not None:
             settled.explanation.write(run)
         for line in (model.extent, *map(_row, found.ranking)):
             run.note(line)
     say(f"Verdict: {found.verdict}")
-    say(found.text)
+    say(found.sentence)
     if bench.targets.noise is None:
         say("The calibration holds without it: `twin study` shows what these targets fix and leave open.")
     if found.ranking:
@@ -82,9 +80,9 @@ def _held_out(bench: Workbench, settled: Settled) -> list[ForetoldFilm]:
 def _foretold(row: ForetoldFilm) -> str:
     """The error in a held-out film before and after, in words."""
     before, after = row.before, row.after
-    then = f", {after.rms_mm:.3f} mm with the named effect" if after else ""
-    noise = f"its noise is {before.noise_sd_mm:.3f} mm"
-    return f"Held out, {row.film}: {before.rms_mm:.3f} mm rms{then}; {noise}."
+    then = f", {after.raw_rms_mm:.3f} mm with the named effect" if after else ""
+    expected = f"{before.expected_mm:.3f} mm is expected"
+    return f"Held out, {row.film}: {before.raw_rms_mm:.3f} mm rms{then}; {expected}."
 
 
 def _candidates(project: Project) -> tuple[Effect, ...]:
@@ -96,51 +94,44 @@ def _candidates(project: Project) -> tuple[Effect, ...]:
     return (*named, *(e for e in own if e.name not in [n.name for n in named]))
 
 
-def _settled(bench: Workbench, found: Diagnosis, say: Say) -> Settled:
-    """The diagnosis with the fit of a new model, from the same start as that of the refit."""
-    if found.kept is None or found.base is None:
+def _settled(bench: Workbench, found: Diagnosis) -> Settled:
+    """The diagnosis with the evidence for what it names."""
+    if not isinstance(found.kept, Judged) or found.base is None:
         return Settled(found)
     labels = [e.label for e in found.effects]
-    names = [name_of(label) for label in labels]
-    others = [e for e in bench.project.config.model.effects if name_of(e) not in names]
-    model = bench.model((*others, *labels))
-    judged = bench.judged(model, model.theta(found.kept.values), say)
-    single = next((c for c in found.ranking if c.effect.label == labels[0]), None)
-    own = [c.members for c in found.classes if name_of(c.effect) in names]
+    own = [c.members for c in found.classes if name_of(c.effect) in found.named]
     explanation = explained(
         found.effects,
         before=found.base,
-        after=judged,
+        after=found.kept,
         targets=bench.targets,
-        evidence=single.evidence if single is not None and len(labels) == 1 else None,
+        evidence=found.tied[0].evidence,
         mimics=[pair for members in own for pair in members.items() if pair[0] not in labels],
     )
-    kept = Refit.of(judged)
-    rows = tuple(replace(c, refit=kept) if [c.effect.label] == labels else c for c in found.ranking)
-    settled = replace(found, kept=kept, start=found.kept.values, ranking=rows)
-    return Settled(replace(settled, evidence=explanation.record), judged, explanation)
+    return Settled(replace(found, evidence=explanation.record), found.kept, explanation)
 
 
-def _write(run: Run, project: Project, found: Diagnosis, record: DiagnosisRecord) -> None:
-    """Write diagnosis.json, the base model's prediction.npz and, of the kept effects, kept.json."""
+def _write(run: Run, bench: Workbench, settled: Settled, record: DiagnosisRecord) -> None:
+    """Write diagnosis.json, the base model's prediction.npz and, of the kept effects, what `twin add` takes
+    over."""
+    found = settled.diagnosis
     run.write(record)
     run.summary["headline"] = found.verdict
     if found.base is not None:
         write_prediction(run, found.base.predicted, found.base.comparison)
-    if found.kept is not None:
-        effects = [*project.config.model.effects, *(e.label for e in found.effects)]
-        kept = found.kept
-        run.write(fit_record(kept.fit, kept.comparison, effects=effects, start=found.start), "kept.json")
+    if settled.judged is not None:
+        effects = [*bench.project.config.model.effects, *(e.label for e in found.effects)]
+        Change.of(bench, settled.judged).keep(run, effects=effects, start=found.start)
 
 
-def _score(c: Candidate) -> str:
+def _score(c: Hypothesis) -> str:
     """One effect of the ranking, in a few words."""
     if c.evidence is None:
         return f"{c.effect.label} ({'not visible' if c.note else 'not refitted'})"
     return f"{c.effect.label} (evidence {c.evidence:.0f})"
 
 
-def _row(c: Candidate) -> str:
+def _row(c: Hypothesis) -> str:
     """One effect of the ranking, with all that is known of it."""
     gain = "not refitted" if c.evidence is None else f"evidence {c.evidence:.0f}, BIC gain {c.delta_bic:.0f}"
     return f"{c.effect.label}: score {c.z:.1f}, {gain}" + (f" ({c.note})" if c.note else "")

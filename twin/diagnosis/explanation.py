@@ -14,7 +14,7 @@ from pydantic import Field
 
 from calibrate import Parameter
 from twin.effects.protocol import Effect
-from twin.judging.comparison import BRANCHES, branches
+from twin.judging.comparison import BRANCHES, PLAUSIBLE, branches
 from twin.judging.heldout import HeldOut, held_out
 from twin.judging.intervals import estimates
 from twin.judging.judged import Judged
@@ -64,7 +64,10 @@ class EvidenceRecord(Record):
     gain: Maybe = Field(default=None, description="fall of -2 ln likelihood")
     more_parameters: int = Field(default=0, description="how many it brings")
     evidence: Maybe = Field(default=None, description="2 ln of the Bayes factor")
-    rms_before_mm: Maybe = Field(default=None, description="error without and with it, and the noise")
+    raw_rms_before_mm: Maybe = Field(default=None, description="error without and with it, and expected")
+    raw_rms_after_mm: Maybe = None
+    expected_mm: Maybe = None
+    rms_before_mm: Maybe = Field(default=None, description="the same without shared errors, and the noise")
     rms_after_mm: Maybe = None
     noise_sd_mm: Maybe = None
     adequate: bool = Field(default=False, description="whether the model with it fits")
@@ -112,12 +115,15 @@ def explained(
     every = estimates(after.fit, after.comparison)
     record = EvidenceRecord(
         effect=" + ".join(e.label for e in effects),
-        sentence="; ".join(e.sentence for e in effects),
+        sentence="; ".join(e.told(after.values) for e in effects),
         chi2_before=before.comparison.chi2,
         chi2_after=after.comparison.chi2,
         gain=before.deviance - after.deviance,
         more_parameters=len(after.model.parameters) - len(before.model.parameters),
         evidence=evidence,
+        raw_rms_before_mm=before.comparison.raw_rms_mm,
+        raw_rms_after_mm=after.comparison.raw_rms_mm,
+        expected_mm=after.comparison.expected_mm,
         rms_before_mm=before.comparison.rms_mm,
         rms_after_mm=after.comparison.rms_mm,
         noise_sd_mm=after.comparison.noise_sd_mm,
@@ -139,7 +145,7 @@ def _found(p: Parameter, e: Estimate) -> Found:
 def _cleaned(w: Whitener, residual: Array) -> Array:
     """A residual (s, p, 3) mm without its shared errors; NaN where no data."""
     out = np.full(residual.shape, np.nan)
-    out[:, w.components[:, 0], w.components[:, 1]] = w.cleaned(residual)
+    out[:, w.components[:, 0], w.components[:, 1]] = w.cleaned(residual, bound=PLAUSIBLE)
     return out
 
 
@@ -192,8 +198,12 @@ def table(e: EvidenceRecord) -> list[str]:
     """The evidence as lines of a terminal: numbers, then a row a marker and a column a branch."""
     out = [f"{e.effect}: {e.sentence}."]
     out.append(
-        f"Error: {e.rms_before_mm:.4f} mm rms without it, {e.rms_after_mm:.4f} mm with it; the noise is "
-        f"{e.noise_sd_mm:.4f} mm."
+        f"Error: {e.raw_rms_before_mm:.4f} mm rms without it, {e.raw_rms_after_mm:.4f} mm with it; "
+        f"{e.expected_mm:.4f} mm is expected."
+    )
+    out.append(
+        f"Without errors that many values share: {e.rms_before_mm:.4f} mm rms without it, "
+        f"{e.rms_after_mm:.4f} mm with it; the noise is {e.noise_sd_mm:.4f} mm."
     )
     bayes = "" if e.evidence is None else f", 2 ln B = {e.evidence:.0f}"
     out.append(

@@ -1,8 +1,9 @@
 """A base model, a library of effects and targets -> which physical effect the data ask for, and what cannot
 be told.
 
-Noise, frame and mesh first: what they forbid is not tested. `searchorder` tries, `verdicts` concludes, then
-comes what belongs beside a verdict: who mimics whom, what sizes would have been found, what to do next.
+Noise, frame and mesh first: what they forbid is not tested. Then all hypotheses to first order, refits of
+those that may be the best (`shortlist`), one decision (`deciding`), its words (`wording`), and what belongs
+beside a verdict: who mimics whom, what sizes would have been found, what to do next.
 """
 
 from collections.abc import Sequence
@@ -11,21 +12,26 @@ from dataclasses import replace
 import numpy as np
 
 from calibrate import Fit
-from twin.diagnosis.candidates import Candidate
 from twin.diagnosis.classes import classes_of
-from twin.diagnosis.refitting import Progress
+from twin.diagnosis.deciding import Diagnosis, decided
+from twin.diagnosis.hypotheses import Hypothesis
+from twin.diagnosis.lawleft import left_by_laws
+from twin.diagnosis.refitting import with_effects
 from twin.diagnosis.scaling import scaling_in_words, scaling_of
-from twin.diagnosis.searchorder import Search
+from twin.diagnosis.shortlist import Progress, Task
 from twin.diagnosis.signatures import Signatures, prior_sd
 from twin.diagnosis.sizes import Detectable, smallest, unseen
 from twin.diagnosis.sizes import in_words as sizes_in_words
-from twin.diagnosis.verdicts import TIE, Diagnosis, cannot, concluded, ranked
+from twin.diagnosis.wording import cannot, concluded, fallen
 from twin.effects.protocol import Effect, Unsolvable
 from twin.effects.standins import stand_ins
+from twin.experiments.benchchecks import in_words as checks_in_words
+from twin.experiments.benchchecks import witnesses
 from twin.experiments.choice import Member, in_words, next_experiments
 from twin.judging.fitting import whitener_of
 from twin.judging.frame import frame_test
-from twin.judging.judged import Judged
+from twin.judging.judged import Judged, judge
+from twin.judging.lawlevels import with_laws
 from twin.model.prediction import Model
 from twin.targets import Array, Targets
 
@@ -41,12 +47,11 @@ def diagnose(
     start: Array | Fit,
     beside: Sequence[Effect] | None = None,
     plan: bool = True,
-    workers: int = 1,
     progress: Progress | None = None,
 ) -> Diagnosis:
     """The diagnosis of a base model. start: its calibrated parameters (d,), from where it is fitted, or
     its fit, which is taken as it is; beside: generic stand-ins for what the library does not have, by default
-    `stand_ins`; plan: whether experiments are planned for a tie; workers: processes that refit.
+    `stand_ins`; plan: whether experiments are planned for a tie.
 
     Reads targets only. Raises Unsolvable where the base model cannot be solved at `start`.
     """
@@ -56,22 +61,42 @@ def diagnose(
     frame = frame_test(targets)
     if frame.moves:
         return replace(cannot(f"the frame moves: {frame.place}"), frame=frame)
-    tell = progress or (lambda stage, done, total: None)
     generic = stand_ins(model.test) if beside is None else beside
-    task = Search(model, tuple(effects), tuple(generic), targets, seed, workers, tell)
+    tell = progress or (lambda stage, done, total: None)
+    task = Task(model, tuple(effects), tuple(generic), targets, seed, tell)
     theta = start.theta if isinstance(start, Fit) else start
     why = _mesh(model, whitener_of(model, theta, targets).noise_sd)
     if why:
         return replace(cannot(why), frame=frame)
     base = task.base(start)
-    found = concluded(task.tried(base))
-    found = _completed(found, base, task.signatures_at(base), task.silent, targets, plan=plan)
-    return replace(found, frame=frame)
+    rows = task.searched(base)
+    found = _kept(concluded(decided(base, rows), base, rows), base, targets)
+    signatures = task.signatures(base, [*task.laws(wide=False), *task.generic])
+    unseen_yet = [h for h in rows if h.note and h.refit is None and h.effect.label not in signatures]
+    found = _completed(found, base, signatures, unseen_yet, targets, plan=plan)
+    basis = targets.noise.basis if targets.noise else ""
+    return replace(found, frame=frame, sentence=" ".join(filter(None, [found.sentence, basis])))
+
+
+def _kept(found: Diagnosis, base: Judged, targets: Targets) -> Diagnosis:
+    """The diagnosis with the fit of what it names carried to its end, under the law errors that the data ask
+    for; how far the laws are off is told."""
+    if found.kept is None:
+        return found
+    model = with_effects(base, found.effects)
+    judged = with_laws(judge(model, targets, starts=found.kept.theta, seed=found.kept.fit.seed), targets)
+    left = left_by_laws(judged, targets)
+    found = replace(found, kept=judged, law_left=left)
+    said = [found.sentence, left.words if left else "", fallen(found)]
+    return replace(found, sentence=" ".join(filter(None, said)))
 
 
 def _refusal(targets: Targets) -> str:
     if targets.noise is None:
-        return "no noise model: film the finger at rest (>= 300 frames) and run twin measure"
+        return (
+            "no noise model: film the finger at rest (>= 300 frames) and run twin measure, or state sd_mm or "
+            "still_steps under [noise] of targets/targets.toml"
+        )
     if targets.noise.frames < 30:
         return f"the noise model rests on {targets.noise.frames} static frames, wanted 300 or more"
     return ""
@@ -99,7 +124,7 @@ def _completed(
     found: Diagnosis,
     base: Judged,
     signatures: Signatures,
-    silent: Sequence[Candidate],
+    silent: Sequence[Hypothesis],
     targets: Targets,
     *,
     plan: bool,
@@ -117,7 +142,7 @@ def _completed(
     return _planned(found, base, targets) if found.ties and plan else found
 
 
-def _smallest_sizes(signatures: Signatures, silent: Sequence[Candidate]) -> list[Detectable]:
+def _smallest_sizes(signatures: Signatures, silent: Sequence[Hypothesis]) -> list[Detectable]:
     """The smallest size of each absent effect that these data would have shown; for those that they cannot
     show, why."""
     own = [rows for rows in signatures.values() if not rows[0].effect.kind]
@@ -135,18 +160,19 @@ def _smallest_sizes(signatures: Signatures, silent: Sequence[Candidate]) -> list
 
 
 def _planned(found: Diagnosis, base: Judged, targets: Targets) -> Diagnosis:
-    """The diagnosis with the experiments that tell tied effects apart."""
-    fits = [c for c in ranked([*found.ranking, *found.resembles]) if c.adequate and c.refit is not None]
-    top = fits[0].evidence or 0.0 if fits else 0.0
-    tied = [c for c in fits if (c.evidence or 0.0) > top - TIE][:TIED]
-    members = [Member(c.refit.model, c.refit.fit.theta) for c in tied if c.refit is not None]
+    """The diagnosis with what tells tied hypotheses apart: films of the same finger, of which the models say
+    what they would show, and what is looked at without them."""
+    tied = [h for h in found.tied if h.refit is not None][:TIED]
+    members = [Member(h.refit.model, h.refit.fit.theta) for h in tied if h.refit is not None]
+    own = [e for h in found.tied for e in h.effects if e.origin is not None]
+    seen = checks_in_words(witnesses([h.kind or h.label for h in found.tied], own=own))
     try:
         tests = next_experiments(members, targets, base.whitener)
     except Unsolvable:
-        return found
+        tests = ()
     return replace(
         found,
         next_tests=tests,
-        next_test=in_words(tests),
+        next_test=". ".join(filter(None, [in_words(tests), seen])).removesuffix("."),
         verdict=f"{found.verdict}: run test {tests[0].experiment}" if tests else found.verdict,
     )

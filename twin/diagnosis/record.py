@@ -5,12 +5,12 @@ from typing import ClassVar
 
 from pydantic import Field
 
-from twin.diagnosis.candidates import Candidate
 from twin.diagnosis.classes import Mimics
+from twin.diagnosis.deciding import Diagnosis
 from twin.diagnosis.explanation import EvidenceRecord
-from twin.diagnosis.pairs import Group
+from twin.diagnosis.hypotheses import Hypothesis
+from twin.diagnosis.lawleft import LawLeft
 from twin.diagnosis.sizes import Detectable
-from twin.diagnosis.verdicts import Diagnosis, words_of
 from twin.experiments.choice import Experiment
 from twin.judging.frame import FrameTest
 from twin.judging.intervals import estimates
@@ -25,17 +25,19 @@ class RankingRow(Record):
     z: Maybe = Field(default=None, description="score")
     gain: Maybe = Field(default=None, description="promised fall of chi2")
     p_value: Maybe = Field(default=None, description="of that gain by chance")
+    hint: Maybe = Field(default=None, description="2 ln B to first order, before any refit")
     delta_bic: Maybe = Field(default=None, description="BIC gain of the refit")
     evidence: Maybe = Field(default=None, description="2 ln B over the calibrated model")
-    adequate: bool | None = Field(default=None, description="whether the model with it fits")
+    law_error: Maybe = Field(default=None, description="share by which its law may err, as the data ask")
+    adequate: bool | None = Field(default=None, description="whether the model with it fits, under that")
     at_bound: tuple[str, ...] = ()
     plausible: bool | None = None
     parameters: dict[str, Estimate] = Field(default={})
     note: str = Field(default="", description="why it was not tested or refitted")
 
     @staticmethod
-    def of(c: Candidate) -> "RankingRow":
-        """The row of a candidate."""
+    def of(c: Hypothesis) -> "RankingRow":
+        """The row of an effect."""
         refit = c.refit
         return RankingRow(
             effect=c.effect.name,
@@ -43,9 +45,11 @@ class RankingRow(Record):
             z=c.z,
             gain=c.gain,
             p_value=c.p_value,
+            hint=c.hint,
             delta_bic=c.delta_bic,
             evidence=c.evidence,
-            adequate=refit.comparison.adequate if refit else None,
+            law_error=c.score.law if c.score else None,
+            adequate=c.adequate if refit else None,
             at_bound=tuple(refit.at_bound) if refit else (),
             plausible=c.plausible,
             parameters=estimates(refit.fit, refit.comparison) if refit else {},
@@ -65,9 +69,9 @@ class Resemblance(Record):
     adequate: bool
 
     @staticmethod
-    def of(c: Candidate) -> "Resemblance":
+    def of(c: Hypothesis) -> "Resemblance":
         """The row of a stand-in."""
-        return Resemblance(kind=c.kind, words=words_of(c), evidence=c.evidence, adequate=c.adequate)
+        return Resemblance(kind=c.kind, words=c.words, evidence=c.evidence, adequate=c.adequate)
 
 
 class PairRow(Record):
@@ -79,15 +83,15 @@ class PairRow(Record):
     held_out: dict[str, Maybe] = Field(description="fall of chi2 in parts left out, by effect")
 
     @staticmethod
-    def of(g: Group) -> "PairRow":
+    def of(g: Hypothesis) -> "PairRow":
         """The row of effects that were tried together."""
         return PairRow(
             effects=tuple(e.label for e in g.effects),
-            gain=g.promise,
+            gain=g.gain,
             delta_bic=g.delta_bic,
             evidence=g.evidence,
             adequate=g.adequate if g.refit else None,
-            held_out=dict(g.held_out or {}),
+            held_out=dict(g.score.held_out if g.score else {}),
         )
 
 
@@ -141,6 +145,7 @@ class DiagnosisRecord(Record):
     pairs: tuple[PairRow, ...] = Field(default=(), description="effects tried together")
     next_test: str | None = Field(default=None, description="what separates a tie, in words")
     next_tests: tuple[NextTest, ...] = Field(default=(), description="every experiment")
+    law_left: LawLeft | None = Field(default=None, description="how far the laws of what is named are off")
     frame: FrameTest | None = Field(default=None, description="the test of the fixed markers")
     modes_beyond: tuple[tuple[str, Maybe], ...] = Field(
         default=(), description="shared errors that would have to exceed what is stated, in sd"
@@ -148,10 +153,11 @@ class DiagnosisRecord(Record):
     evidence: EvidenceRecord | None = Field(
         default=None, description="as evidence.json"
     )
-    rms_before_mm: Maybe = Field(default=None, description="error without and with the effects")
-    rms_after_mm: Maybe = None
-    raw_rms_before_mm: Maybe = Field(default=None, description="with shared errors")
+    raw_rms_before_mm: Maybe = Field(default=None, description="error without and with the effects")
     raw_rms_after_mm: Maybe = None
+    expected_mm: Maybe = Field(default=None, description="of the last, as in comparison.json")
+    rms_before_mm: Maybe = Field(default=None, description="the errors without shared ones")
+    rms_after_mm: Maybe = None
     noise_sd_mm: Maybe = Field(default=None, description="the noise")
     adequate: bool | None = Field(default=None, description="lack of fit")
     p_value_before: Maybe = None
@@ -164,7 +170,7 @@ class DiagnosisRecord(Record):
         before, after = found.before, found.after
         return DiagnosisRecord(
             verdict=found.verdict,
-            sentence=found.text,
+            sentence=found.sentence,
             named=found.named,
             law=found.law,
             ties=found.ties,
@@ -176,6 +182,7 @@ class DiagnosisRecord(Record):
             pairs=tuple(map(PairRow.of, found.groups)),
             next_test=found.next_test,
             next_tests=tuple(map(NextTest.of, found.next_tests)),
+            law_left=found.law_left,
             frame=found.frame,
             modes_beyond=after.beyond if after else (),
             evidence=found.evidence,
@@ -183,6 +190,7 @@ class DiagnosisRecord(Record):
             rms_after_mm=after.rms_mm if after else None,
             raw_rms_before_mm=before.raw_rms_mm if before else None,
             raw_rms_after_mm=after.raw_rms_mm if after else None,
+            expected_mm=after.expected_mm if after else None,
             noise_sd_mm=before.noise_sd_mm if before else None,
             adequate=after.adequate if after else None,
             p_value_before=before.p_value if before else None,

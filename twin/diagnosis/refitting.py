@@ -1,123 +1,128 @@
-"""Screened candidates -> those worth a refit, and their refits, each judged by its own errors."""
+"""A hypothesis -> its refit, judged by its own errors, and what it gains at every size of law errors."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
-from functools import partial
-from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from calibrate import bic
-from twin.diagnosis.candidates import Candidate, Refit
 from twin.diagnosis.evidence import apart, occam, orthonormal
+from twin.diagnosis.hypotheses import Hypothesis, Refit, Score
 from twin.diagnosis.signatures import null, prior_sd
-from twin.effects.protocol import Effect, Unsolvable
-from twin.judging.comparison import ADEQUATE
+from twin.effects.protocol import Effect, Theta, Unsolvable
+from twin.judging.heldout import folds
 from twin.judging.judged import Judged, judge
-from twin.parallel import finished
+from twin.judging.lawerrors import averaged
+from twin.judging.lawlevels import Level, asked_for, levels
+from twin.model.prediction import Model
 from twin.targets import Array, Targets
 
-Progress = Callable[[str, int, int], None]
-
-DETECTED = 0.01  # after multiplicity
-REFITS = 4  # effects of the library that are refitted
-STAND_INS = 2  # and stand-ins
-PROMISING = 0.25  # of the best gain: what a refit must promise
-COMPETING = 0.7  # of the best effect's gain: what a stand-in must promise to be refitted before all is said
-CLOSE = 0.1  # sd to which refits are carried
-TURNS = 2  # steps under rebuilt errors: enough for most, as no model that is wrong needs be exact
-MORE = 4  # for one that is not quite adequate yet,
-NEARLY = 1e-12  # by its lack of fit's probability
+NEAR = 2.0  # of 2 ln likelihood, that the next step would gain: then the derivatives say the rest
+MORE = 4  # times a refit of two solves is carried on, where it would gain more
 
 
-def worth_refitting(candidates: Sequence[Candidate], *, adequate: bool) -> list[Candidate]:
-    """The few that promise most: detected ones, or all visible ones where the base model is inadequate."""
-    able = [c for c in candidates if not c.note and c.gain > 0 and (c.p_value < DETECTED or not adequate)]
-    top = max((c.gain for c in able), default=0.0)
-    able = sorted((c for c in able if c.gain >= PROMISING * top), key=lambda c: -c.gain)
-    own = [c for c in able if not c.kind][:REFITS]
-    least = COMPETING * own[0].gain if own else 0.0
-    return own + [c for c in able if c.kind and c.gain >= least][:STAND_INS]
-
-
-def resembling(candidates: Sequence[Candidate]) -> list[Candidate]:
-    """The stand-ins without a refit that promise most: what a rest that nothing explains may look like."""
-    able = [c for c in candidates if c.kind and c.refit is None and not c.note and c.gain > 0]
-    return sorted(able, key=lambda c: -c.gain)[:STAND_INS]
-
-
-def refits(
-    chosen: Sequence[Candidate],
-    base: Judged,
-    targets: Targets,
-    *,
-    starts: Sequence[Array] = (),
-    seed: int,
-    workers: int,
-    tell: Progress,
-) -> list[Candidate]:
-    """The candidates with their refits, in the order given.
-
-    starts: further values (d,) of the base model's parameters from which every refit is tried too.
-    """
-    task = partial(refitted, base=base, targets=targets, starts=tuple(starts), seed=seed)
-    return told([c.effect.label for c in chosen], [partial(task, c) for c in chosen], workers, tell)
-
-
-def told(
-    labels: Sequence[str], tasks: Sequence[Callable[[], Any]], workers: int, tell: Progress
-) -> list[Any]:
-    """What tasks give, in their order; each is told, by the label of what is refitted, as it is done."""
-    found: dict[int, Any] = {}
-    for done, (k, row) in enumerate(finished(tasks, workers=workers)):
-        tell(f"refit with {labels[k]}", done + 1, len(tasks))
-        found[k] = row
-    return [found[k] for k in sorted(found)]
+def with_effects(base: Judged, effects: Sequence[Effect]) -> Model:
+    """The base model with effects more."""
+    model: Model = base.model
+    for e in effects:
+        model = model.with_effect(e)
+    return model
 
 
 def refitted(
-    candidate: Candidate, *, base: Judged, targets: Targets, starts: Sequence[Array], seed: int
-) -> Candidate:
-    """The candidate with its refit, its BIC gain and its evidence over the base; a note where it has none."""
-    model = base.model.with_effect(candidate.effect)
-    others = [{**candidate.start, **base.model.named(theta)} for theta in starts]
-    rows = np.array([model.theta(values) for values in (candidate.start, *others)])
+    h: Hypothesis, base: Judged, targets: Targets, *, starts: Sequence[Theta] = (), seed: int
+) -> tuple[Hypothesis, Judged | None]:
+    """The hypothesis with its refit and score, and the judged model; a note where there is no equilibrium.
+
+    starts: further values of the base model's parameters from which it is tried too.
+    """
+    model = with_effects(base, h.effects)
+    rows = np.array([model.theta(values) for values in (h.start, *({**h.start, **s} for s in starts))])
     try:
-        fit = partial(judge, model, targets, seed=seed, evaluations=15, tolerance=CLOSE)
-        judged = fit(starts=rows, turns=TURNS)
-        if NEARLY < judged.comparison.p_value <= ADEQUATE:
-            judged = fit(starts=judged.theta, turns=MORE)
+        judged = judge(model, targets, starts=rows, seed=seed, evaluations=2, turns=0)
+        for _ in range(MORE):
+            if judged.deviance - levels(judged, targets)[0].deviance < NEAR:
+                break
+            judged = judge(model, targets, starts=judged.theta, seed=seed, evaluations=3, turns=0)
     except Unsolvable as error:
-        return replace(candidate, note=str(error))
-    return scored(candidate, Refit.of(judged), base)
+        return replace(h, note=str(error)), None
+    refit = Refit.of(judged)
+    return replace(h, refit=refit, score=scored(judged, h.effects, base, targets)), judged
 
 
-def scored(candidate: Candidate, refit: Refit, base: Judged | Refit) -> Candidate:
-    """The candidate with a refit, and what it gains over the base."""
-    n, fall = len(refit.z), base.deviance - refit.deviance
-    added = len(refit.fit.theta) - len(base.fit.theta)
-    lost = lost_to_priors(refit, (candidate.effect,))
-    return replace(
-        candidate,
-        refit=refit,
-        delta_bic=fall - bic(0.0, added, n),
-        evidence=fall - lost,
-        size=float(np.sqrt(max(fall, 0.0))),
+def scored(judged: Judged, effects: Sequence[Effect], base: Judged, targets: Targets) -> Score:
+    """What a judged model with effects more gains over the base."""
+    found = levels(judged, targets)
+    free = [p.name for p in judged.model.parameters if p.name not in judged.at_bound]
+    lost = bic(0.0, len(judged.fit.theta) - len(base.fit.theta), judged.whitener.count)
+    fall = np.array([base.deviance - one.deviance for one in found])
+    evidence = [f - lost_to_priors(judged, one, free, effects) for f, one in zip(fall, found, strict=True)]
+    asked = asked_for(found, evidence)
+    return Score(
+        evidence=averaged(evidence),
+        delta_bic=averaged(fall - lost),
+        size=float(np.sqrt(max(fall[0], 0.0))),
+        law=asked.law,
+        p_value=asked.p_value,
+        held_out={e.name: held_out(judged, e, targets) for e in effects} if len(effects) > 1 else {},
     )
 
 
-def lost_to_priors(refit: Refit, effects: Sequence[Effect]) -> float:
-    """What a refit's evidence loses to the priors of its effects' parameters."""
-    free = [p.name for p in refit.fit.parameters if p.name not in refit.at_bound]
-    own = [p for e in effects for p in e.parameters if p.name in free]
+def lost_to_priors(judged: Judged, level: Level, free: Sequence[str], effects: Sequence[Effect]) -> float:
+    """What the evidence loses to the priors of the effects' free parameters, at a size of law errors."""
+    own = {p.name: p for e in effects for p in e.parameters if p.name in free}
     if not own:
         return 0.0
-    own.sort(key=lambda p: free.index(p.name))
-    mine = np.array([name in {p.name for p in own} for name in free])
-    sd = np.array([prior_sd(p) for p in own])
-    columns = apart(refit.fitted[:, mine], orthonormal(refit.fitted[:, ~mine])) * sd
-    values = refit.values
-    amount = np.array([0.0 if p.null is None else (values[p.name] - null(p)) for p in own]) / sd
-    return occam(amount, columns.T @ columns)
+    mine = np.array([name in own for name in free])
+    names = [name for name in free if name in own]
+    sd = np.array([prior_sd(own[name]) for name in names])
+    columns = apart(level.fitted[:, mine], orthonormal(level.fitted[:, ~mine])) * sd
+    values = judged.values
+    amount = np.array([0.0 if own[n].null is None else values[n] - null(own[n]) for n in names])
+    amount = amount + np.where([own[n].null is None for n in names], 0.0, level.step[mine])
+    return occam(amount / sd, columns.T @ columns)
 
 
+# -- what each of several effects foretells ------------------------------------------------------------------
+
+
+def held_out(judged: Judged, effect: Effect, targets: Targets) -> float:
+    """The fall of chi2 in parts that are left out, which an effect of a judged model brings. What ends at a
+    bound is held there, and goes with the effect."""
+    names = [p.name for p in judged.model.parameters]
+    whole = judged.whitener.whiten(judged.model.jacobian(judged.theta)).T
+    amplitudes = {p.name: p for p in effect.amplitudes}
+    values = judged.values
+    amount = np.array([values[n] - null(amplitudes[n]) if n in amplitudes else 0.0 for n in names])
+    free = np.array([n not in judged.at_bound for n in names])
+    own = np.array([n in {p.name for p in effect.parameters} for n in names])
+    part = np.where(targets.held_out, -1, folds(targets)[0])
+    each = np.repeat(part, len(judged.z) // len(part))
+    return gain(judged.z, judged.z + whole @ amount, whole[:, free], whole[:, free & ~own], each)
+
+
+def gain(z: Array, without: Array, fitted: Array, others: Array, part: NDArray[np.int64]) -> float:
+    """The fall of chi2 in left-out parts that an effect brings.
+
+    z (n,): whitened residual at a fit with it, without (n,): once it is taken out; fitted (n, f): whitened
+    derivatives by what was fitted, others (n, g): by all but the effect's; part (n,): the part of each value,
+    below 0 for none. Cross-validation by parts (Stone 1974, doi 10.1111/j.2517-6161.1974.tb00994.x).
+    """
+    total = 0.0
+    for k in np.unique(part[part >= 0]):
+        inside, outside = part == k, (part >= 0) & (part != k)
+        if outside.sum() > fitted.shape[1]:
+            total += _left(without, others, outside, inside) - _left(z, fitted, outside, inside)
+    return total
+
+
+def _left(z: Array, columns: Array, train: NDArray[np.bool_], test: NDArray[np.bool_]) -> float:
+    """chi2 of z in `test` after a fit of columns in `train`, its step kept short where `train` says
+    little."""
+    lengths = np.linalg.norm(columns, axis=0)
+    scaled = columns / np.where(lengths > 0, lengths, 1.0)
+    inner = scaled[train].T @ scaled[train] + 1e-6 * np.eye(scaled.shape[1])
+    step = np.linalg.solve(inner, scaled[train].T @ z[train])
+    left = z[test] - scaled[test] @ step
+    return float(left @ left)

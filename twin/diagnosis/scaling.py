@@ -7,8 +7,9 @@ residual beyond its number of functions is misfit that goes that way; ways overl
 import numpy as np
 
 from calibrate import excess
-from twin.judging.comparison import memory, smooth_functions
+from twin.judging.comparison import smooth_functions
 from twin.judging.judged import Judged
+from twin.judging.lawerrors import memory
 from twin.targets import Array, Targets
 
 LEAST = 0.5  # of the misfit that a way must take to be told

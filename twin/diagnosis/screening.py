@@ -1,50 +1,54 @@
-"""Signatures -> candidates: what each absent effect could gain, and how likely chance gives that.
+"""Signatures -> hypotheses: what each could gain, how likely chance gives that, and its evidence to first
+order.
 
 What counts is the fall of chi2 that a refit can reach: amplitudes stay within their bounds, so that an effect
 that can only add gains nothing where it would have to take away. Multiplicity: Sidak over an effect's grid,
-Holm over effects.
+Holm over effects. Several effects together are weighed by the Gram matrix of their columns, without a solve.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
+from itertools import combinations
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.special import chdtrc
 
 from calibrate import holm, sidak
-from twin.diagnosis.candidates import Candidate
+from twin.diagnosis.evidence import Gram
+from twin.diagnosis.hypotheses import Hypothesis
 from twin.diagnosis.signatures import Signature, Signatures, null
-from twin.effects.protocol import Theta
+from twin.effects.protocol import Effect, Theta
 from twin.judging.judged import Judged
 from twin.targets import Array
 
+TRIED = 12  # pairs that are worked out, of all: those that gain most with amplitudes of any size
 
-def screened(judged: Judged, signatures: Signatures) -> list[Candidate]:
-    """A candidate for every effect of `signatures`, its p-value adjusted for the number of tries."""
+
+def screened(judged: Judged, signatures: Signatures) -> list[Hypothesis]:
+    """A hypothesis for every effect of `signatures`, its p-value adjusted for the number of tries."""
     found = [_best(judged, rows) for rows in signatures.values()]
     adjusted = iter(holm([c.p_value for c in found if not c.note]))
     return [c if c.note else replace(c, p_value=float(next(adjusted))) for c in found]
 
 
-def _best(judged: Judged, rows: Sequence[Signature]) -> Candidate:
+def _best(judged: Judged, rows: Sequence[Signature]) -> Hypothesis:
     """The entry of an effect's grid that gains most."""
     seen = [r for r in rows if not r.note]
     if not seen:
-        return Candidate(effect=rows[0].effect, note=rows[0].note)
+        return Hypothesis(effects=(rows[0].effect,), note=rows[0].note)
     grams = [r.gram(judged.z) for r in seen]
     gains = [g.attained(r.low, r.high) for g, r in zip(grams, seen, strict=True)]
     k = int(np.argmax([gain for _, gain in gains]))
     (amplitudes, gain), best = gains[k], seen[k]
-    evidences = np.array([g.log_bayes(r.one_sided) for g, r in zip(grams, seen, strict=True)]) / 2
-    top = float(evidences.max())
-    hint = 2 * (top + np.log(np.exp(np.maximum(evidences - top, -700.0)).mean()))
+    hint = _mean([g.log_bayes(r.one_sided) for g, r in zip(grams, seen, strict=True)])
     sign = np.sign(grams[k].b[0]) if len(amplitudes) == 1 else 1.0
-    return Candidate(
-        effect=best.effect,
+    return Hypothesis(
+        effects=(best.effect,),
         z=float(sign * np.sqrt(gain)),
         gain=gain,
         p_value=sidak(_chance(gain, best), len(seen)),
-        hint=float(hint),
+        hint=hint,
         start=start_of(judged, best, amplitudes),
     )
 
@@ -58,15 +62,95 @@ def _chance(gain: float, signature: Signature) -> float:
     return p / 2 if len(signature.parameters) == 1 and signature.one_sided[0] else p
 
 
+def _mean(evidences: Sequence[float]) -> float:
+    """2 ln of the mean Bayes factor of entries that are as likely as each other, of 2 ln B each."""
+    half = np.array(evidences) / 2
+    top = float(half.max())
+    return 2 * (top + float(np.log(np.exp(np.maximum(half - top, -700.0)).mean())))
+
+
+# -- several together ----------------------------------------------------------------------------------------
+
+
+def paired(judged: Judged, signatures: Signatures) -> list[Hypothesis]:
+    """Pairs of effects, one for each two names, those with most evidence to first order first."""
+    rows = [r for own in signatures.values() for r in own if not r.note]
+    if len(rows) < 2:
+        return []
+    whole = Gram.of(judged.z, np.concatenate([r.columns for r in rows], axis=1))
+    ends = np.cumsum([r.columns.shape[1] for r in rows])
+    spans = [np.arange(e - r.columns.shape[1], e) for e, r in zip(ends, rows, strict=True)]
+    found: dict[frozenset[str], list[tuple[float, tuple[int, int]]]] = {}
+    for i, j in combinations(range(len(rows)), 2):
+        names = frozenset((rows[i].effect.name, rows[j].effect.name))
+        if len(names) == 2:
+            gram = whole.only(np.concatenate([spans[i], spans[j]]))
+            found.setdefault(names, []).append((gram.log_bayes(_one_sided(rows[i], rows[j])), (i, j)))
+    tops = sorted(((_mean([e for e, _ in own]), max(own)[1]) for own in found.values()), reverse=True)
+    out = []
+    for hint, (i, j) in tops[:TRIED]:
+        gram = whole.only(np.concatenate([spans[i], spans[j]]))
+        out.append(replace(_together(judged, (rows[i], rows[j]), gram), hint=hint))
+    return out
+
+
+def _one_sided(*rows: Signature) -> NDArray[np.bool_]:
+    return np.concatenate([r.one_sided for r in rows])
+
+
+def _together(judged: Judged, rows: Sequence[Signature], gram: Gram) -> Hypothesis:
+    """Signatures of several effects as one hypothesis, begun at the amplitudes that gain most together."""
+    low, high = (np.concatenate([getattr(r, side) for r in rows]) for side in ("low", "high"))
+    amplitudes, gain = gram.attained(low, high)
+    ends = np.cumsum([len(r.parameters) for r in rows])[:-1]
+    return Hypothesis(
+        effects=tuple(r.effect.at(r.entry, judged.model.test) for r in rows),
+        gain=gain,
+        z=float(np.sqrt(gain)),
+        start=_started(judged, list(zip(rows, np.split(amplitudes, ends), strict=True))),
+    )
+
+
+def added(judged: Judged, effects: tuple[Effect, ...], signatures: Signatures) -> list[Hypothesis]:
+    """Effects that a judged model has, and each other one beside them, those with most evidence first; hint:
+    2 ln B of the one that is added."""
+    rows = [h for h in screened(judged, signatures) if not h.note and h.gain > 0]
+    out = [
+        replace(h, effects=(*effects, h.effect.at(h.start, judged.model.test)))
+        for h in rows
+        if h.effect.name not in [e.name for e in effects]
+    ]
+    return sorted(out, key=lambda h: -h.hint)
+
+
+# -- where a refit begins ------------------------------------------------------------------------------------
+
+
 def start_of(judged: Judged, signature: Signature, amplitudes: Array) -> Theta:
     """Where a refit begins: the effect at the promised size, and the fitted parameters where they then go."""
-    sizes = signature.values(amplitudes)
-    for p in signature.parameters:
-        if abs(sizes[p.name] - null(p)) < 0.02 * p.step:  # at null, what it needs beside it would be lost
-            sizes[p.name] = float(np.clip(null(p) + 0.1 * p.step, p.low, p.high))
-    moves = iter(signature.moved @ amplitudes)
+    return _started(judged, [(signature, amplitudes)])
+
+
+def _started(judged: Judged, parts: Iterable[tuple[Signature, Array]]) -> Theta:
+    """As `start_of`, of several signatures with their amplitudes (k,)."""
+    moved = np.zeros(judged.fitted.shape[1])
+    out: dict[str, float] = {}
+    for r, amplitudes in parts:
+        moved = moved + r.moved @ amplitudes
+        out |= _sizes(r, amplitudes)
+    moves = iter(moved)
     values = {
         p.name: x if p.name in judged.at_bound else float(np.clip(x + next(moves), p.low, p.high))
         for p, x in zip(judged.model.parameters, judged.theta, strict=True)
     }
-    return {**values, **sizes}
+    return {**values, **out}
+
+
+def _sizes(signature: Signature, amplitudes: Array) -> dict[str, float]:
+    """The values of an effect at amplitudes (k,); none at null, where what it needs beside it would be
+    lost."""
+    out = signature.values(amplitudes)
+    for p in signature.parameters:
+        if abs(out[p.name] - null(p)) < 0.02 * p.step:
+            out[p.name] = float(np.clip(null(p) + 0.1 * p.step, p.low, p.high))
+    return out

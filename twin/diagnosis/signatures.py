@@ -6,7 +6,7 @@ the fitted parameters can imitate is projected out of every column.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +15,6 @@ from calibrate import Parameter
 from twin.diagnosis.evidence import Gram, apart, orthonormal
 from twin.effects.protocol import Effect, Theta
 from twin.judging.judged import Judged
-from twin.parallel import finished
 from twin.targets import Array
 
 INVISIBLE = 0.02  # of its own size is what a signature keeps apart from the fitted parameters
@@ -90,14 +89,15 @@ def prior_sd(parameter: Parameter) -> float:
     return max(abs(ends[0] - parameter.null), abs(ends[1] - parameter.null)) / 2
 
 
-def signatures_of(judged: Judged, effects: Sequence[Effect], *, workers: int = 1) -> Signatures:
-    """The signatures of every effect by its label, one for each entry of its grid, at the judged fit.
+def signatures_of(
+    judged: Judged, effects: Sequence[Effect], *, tangents: Mapping[str, Sequence[Array]] | None = None
+) -> Signatures:
+    """The signatures of every effect by its label, one for each entry of its grid, beside a judged fit.
 
-    workers: processes; effects that are not smooth take whole solves, as long as all others together.
+    tangents: what each adds to first order, as `Model.tangents` gives it, made elsewhere; by default there.
     """
-    parts = [[e for e in effects if e.smooth == smooth] for smooth in (False, True)]
-    tasks = [partial(judged.model.tangents, judged.theta, part) for part in parts if part]
-    tangents = {label: rows for _, found in finished(tasks, workers=workers) for label, rows in found.items()}
+    if tangents is None:
+        tangents = judged.model.tangents(judged.theta, effects)
     basis = orthonormal(judged.fitted)
     free = [name not in judged.at_bound for name in judged.values]
     plain = judged.whitener.pick(judged.model.jacobian(judged.theta)[free])

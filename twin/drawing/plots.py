@@ -107,29 +107,35 @@ def _residuals(
     return figure
 
 
-def falling(rows: Sequence[tuple[str, float]], *, noise_mm: float) -> str:
-    """RMS errors in mm of models one after the other (what was done, error), and the noise at their foot.
+Fall = Sequence[tuple[str, float, float]]
 
-    From each the bar shows what the next takes off. The axis is logarithmic where the errors span a lot.
+
+def falling(rows: Fall, *, expected_mm: float) -> str:
+    """RMS errors in mm of models one after the other (what was done, error, the error without shared errors),
+    and what is expected of the error at their foot.
+
+    From each the bar shows what the next takes off, and a line what is left without shared errors. The axis
+    is logarithmic where the errors span a lot.
     """
     with style({"axes.grid": False}):
-        return svg(_falling(rows, noise_mm))
+        return svg(_falling(rows, expected_mm))
 
 
-def falling_image(rows: Sequence[tuple[str, float]], *, noise_mm: float) -> bytes:
+def falling_image(rows: Fall, *, expected_mm: float) -> bytes:
     """The same as a PNG file."""
     with style({"axes.grid": False}):
-        return png(_falling(rows, noise_mm))
+        return png(_falling(rows, expected_mm))
 
 
-def _falling(rows: Sequence[tuple[str, float]], noise_mm: float) -> Figure:
-    values = np.array([value for _, value in rows])
-    known = np.append(values[np.isfinite(values)], noise_mm if np.isfinite(noise_mm) else [])
+def _falling(rows: Fall, expected_mm: float) -> Figure:
+    values, cleaned = np.array([row[1] for row in rows]), np.array([row[2] for row in rows])
+    known = np.array([*values, *cleaned, expected_mm])
+    known = known[np.isfinite(known)]
     figure = Figure(figsize=(4.6, 0.55 + 0.36 * (len(rows) + 1)), layout="constrained")
     axes = figure.subplots()
-    foot = 0.6 * float(known[known > 0].min()) if (known > 0).any() else 0.0
-    wide = len(known) > 0 and foot > 0 and known.max() > 20 * foot
-    start = foot if wide else 0.0
+    least = 0.6 * float(known[known > 0].min()) if (known > 0).any() else 0.0
+    wide = len(known) > 0 and least > 0 and known.max() > 20 * least
+    start = least if wide else 0.0
     for row, value in enumerate(np.nan_to_num(values)):
         after = values[row + 1] if row + 1 < len(values) and np.isfinite(values[row + 1]) else value
         colour = AFTER if row and row == len(rows) - 1 else BEFORE  # the model of now
@@ -137,18 +143,22 @@ def _falling(rows: Sequence[tuple[str, float]], noise_mm: float) -> Figure:
         if value > after:
             axes.barh(row, value - after, left=after, color=colour, alpha=0.35, height=0.62)
         text = f"{values[row]:.3g} mm" if np.isfinite(values[row]) else "not known"
-        beside(axes, max(value, start), row, text=text)
-    axes.barh(len(rows), max(np.nan_to_num(noise_mm) - start, 0.0), left=start, color=NOISE, height=0.62)
-    beside(axes, max(np.nan_to_num(noise_mm), start), len(rows), text=f"{noise_mm:.3g} mm")
-    axes.axvline(max(np.nan_to_num(noise_mm), start), color=NOISE, linewidth=0.8, linestyle=":")
-    axes.set_yticks(range(len(rows) + 1), [*(name for name, _ in rows), "noise"])
+        if np.isfinite(cleaned[row]):
+            axes.plot([cleaned[row]] * 2, [row - 0.31, row + 0.31], color=MEASURED, linewidth=1.6)
+            text += f" ({cleaned[row]:.3g})"
+        beside(axes, max(value, np.nan_to_num(cleaned[row]), start), row, text=text)
+    foot = max(np.nan_to_num(expected_mm), start)
+    axes.barh(len(rows), foot - start, left=start, color=NOISE, height=0.62)
+    beside(axes, foot, len(rows), text=f"{expected_mm:.3g} mm")
+    axes.axvline(foot, color=NOISE, linewidth=0.8, linestyle=":")
+    axes.set_yticks(range(len(rows) + 1), [*(name for name, *_ in rows), "expected"])
     _bare(axes)
     if wide:
         axes.set_xscale("log")
-        axes.set_xlim(foot, known.max() * (known.max() / foot) ** 0.3)
+        axes.set_xlim(least, known.max() * (known.max() / least) ** 0.3)
     axes.minorticks_off()
     axes.set_xticks([])
-    axes.set_title("RMS error" + (", logarithmic" if wide else ""))
+    axes.set_title("RMS error (without shared errors)" + (", logarithmic" if wide else ""))
     return figure
 
 

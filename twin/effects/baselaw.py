@@ -44,4 +44,7 @@ class Constants:
 NAMES = ("C10", "C01")
 NOMINAL = Constants(0.2, 0.1)  # MPa, until they are fitted
 BOUNDS = {"C10": (0.01, 0.5), "C01": (0.0, 0.5)}  # MPa, where twin.toml states no others
+# With a smaller one C10 + l^2 C01, without which rubber shears on by itself, is negative at a stretch l of
+# 1.63 (Baker & Ericksen 1954, doi 10.1007/978-3-642-88691-1_6). Ogden's exponent 4 with C20 has -0.5.
+LEAST_SHARE = -0.6
 TYPICAL = 0.02  # MPa, a change of either that shows

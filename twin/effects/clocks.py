@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 
+from twin.effects.amounts import number, way
 from twin.effects.protocol import Effect, Order, Test, Theta, symmetric
 from twin.effects.requirements import Requirement
 from twin.targets import Array
@@ -25,6 +26,11 @@ class TimeShift(Effect):
         drift = None if path.stiffness is None else shifted(path.time, path.stiffness, shift)
         late = shifted(path.time, path.pressure, shift)
         return replace(test, path=replace(path, pressure=late, stiffness=drift))
+
+    def told(self, values: Theta) -> str:
+        shift = values["time_shift.s"]
+        later = f"{number(shift)} s {way(shift, 'later', 'earlier')}"
+        return f"the film shows everything {later} than the pressure log"
 
 
 def shifted(time: Array, values: Array, shift: float) -> Array:

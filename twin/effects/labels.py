@@ -12,9 +12,13 @@ LABEL = re.compile(rf"{NAME.pattern}(:\S([^\n]*\S)?)?")
 AND, OR = " + ", " or "
 KINDS = {
     "outside force": "an outside force",
+    "friction": "friction on the finger",
+    "twist": "a twist of the finger",
     "soft spot": "a soft spot",
+    "fold": "a fold of a wall",
     "pressure course": "another course of the pressure",
     "drift": "a drift of the rig",
+    "play": "play in the clamp",
     "camera": "an error of the camera",
     "slip": "a slipping marker",
 }

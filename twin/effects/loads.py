@@ -6,6 +6,8 @@ from typing import ClassVar
 import numpy as np
 
 from calibrate import Parameter
+from twin.effects.amounts import listed, number, percent, way
+from twin.effects.parts import Parts
 from twin.effects.protocol import Effect, Order, Test, Theta, symmetric
 from twin.effects.requirements import Requirement
 from twin.effects.widest import Wide, in_logs
@@ -28,6 +30,11 @@ class PressureGain(Effect):
     def before(self, test: Test, theta: Theta) -> Test:
         gain = 1 + theta["pressure_gain.gain"]
         return replace(test, path=replace(test.path, pressure=test.path.pressure * gain))
+
+    def told(self, values: Theta) -> str:
+        gain = values["pressure_gain.gain"]
+        much, higher = way(gain, "little", "much"), way(gain, "higher", "lower")
+        return f"the pressure gauge reads too {much}: the pressure is {percent(gain)} {higher}"
 
     def wide(self) -> Effect:
         return GaugeCurve()
@@ -53,6 +60,15 @@ class GaugeCurve(Wide, of=PressureGain):
         true = p + (offset + p * (gain + bend * x + turn * x**2))
         return replace(test, path=replace(test.path, pressure=true))
 
+    def told(self, values: Theta) -> str:
+        offset, gain, bend, turn = (values[p.name] for p in self.parameters)
+        read = np.array([0.0, 0.01, 0.03])  # MPa
+        x = read / self.UNIT
+        off = offset + read * (gain + bend * x + turn * x**2)
+        said = [f"{_kilopascals(o)} too {way(o, 'little', 'much')} at {1e3 * p:.0f} kPa"
+                for o, p in zip(off, read, strict=True)]  # fmt: skip
+        return f"the pressure gauge is not straight: it reads {listed(said)}"
+
 
 class PressureOffset(Effect):
     """The gauge's zero is off: true pressure = recorded + offset, after any gain."""
@@ -66,6 +82,10 @@ class PressureOffset(Effect):
         pressure = test.path.pressure + theta["pressure_offset.offset"]
         return replace(test, path=replace(test.path, pressure=pressure))
 
+    def told(self, values: Theta) -> str:
+        offset = values["pressure_offset.offset"]
+        return f"the pressure gauge reads {_kilopascals(offset)} too {way(offset, 'little', 'much')}"
+
     def wide(self) -> Effect:
         return ZeroDrift()
 
@@ -78,7 +98,10 @@ class ZeroDrift(Wide, of=PressureOffset):
     MINUTE: ClassVar[float] = 60.0  # s
     parameters = symmetric(
         *(f"pressure_offset.{k}" for k in ("offset", "slope", "bend")),
-        most=5e-3, unit="MPa", step=2e-4, likely=ZERO,
+        most=5e-3,
+        unit="MPa",
+        step=2e-4,
+        likely=ZERO,
     )
 
     def before(self, test: Test, theta: Theta) -> Test:
@@ -86,6 +109,11 @@ class ZeroDrift(Wide, of=PressureOffset):
         x = test.path.time / self.MINUTE
         pressure = test.path.pressure + offset + slope * x + bend * x * (1 - x)
         return replace(test, path=replace(test.path, pressure=pressure))
+
+    def told(self, values: Theta) -> str:
+        offset, slope, _ = (values[p.name] for p in self.parameters)
+        said = [f"{_kilopascals(o)} too {way(o, 'little', 'much')}" for o in (offset, offset + slope)]
+        return f"the zero of the pressure gauge drifts: it reads {said[0]} at first, {said[1]} a minute later"
 
 
 class Gravity(Effect):
@@ -106,8 +134,15 @@ class Gravity(Effect):
             materials[name] = replace(materials[name], density=density)
         return replace(test, case=replace(case, materials=materials))
 
+    def told(self, values: Theta) -> str:
+        more = 1e9 * values["gravity.density"]
+        return f"the finger bends under its own weight, of {more:.3g} g/cm3 more than in the model"
+
     def breaks_symmetry(self, test: Test) -> bool:
         return pulls_across(test.path)
+
+    def wide(self) -> Effect:
+        return Parts(self)
 
 
 class PressureLag(Effect):
@@ -123,6 +158,10 @@ class PressureLag(Effect):
         path = test.path
         lagged = first_order_lag(path.time, path.pressure, theta["pressure_lag.tau"])
         return replace(test, path=replace(path, pressure=lagged))
+
+    def told(self, values: Theta) -> str:
+        late = number(values["pressure_lag.tau"])
+        return f"the pressure in the chamber lags {late} s behind the gauge (hose and orifice)"
 
     def wide(self) -> Effect:
         return DistributedLag()
@@ -146,11 +185,21 @@ class DistributedLag(Wide, of=PressureLag):
         )
         return replace(test, path=replace(test.path, pressure=p + late))
 
+    def told(self, values: Theta) -> str:
+        late = sum(values[w.name] * tau for w, tau in zip(self.parameters, self.TAUS, strict=True))
+        side = way(late, "behind", "ahead of")
+        return f"the pressure in the chamber is {number(late)} s {side} the gauge, by more than one delay"
+
     def amounts(self, theta: Theta) -> dict[str, float]:
         """One line's tau shared by the two nearest of TAUS; a tau below the least is as much less of it."""
         tau = theta.get("pressure_lag.tau", 0.0)
         term = (min(tau / self.TAUS[0], 1.0), max(tau, self.TAUS[0]))
         return self.bounded(in_logs([term], self.TAUS))
+
+
+def _kilopascals(pressure: float) -> str:
+    """The size of a pressure in MPa, in kPa."""
+    return f"{number(1e3 * pressure)} kPa"
 
 
 def first_order_lag(time: Array, pressure: Array, tau: float) -> Array:

@@ -8,11 +8,14 @@ import numpy as np
 
 from calibrate import Parameter
 from twin.effects import baselaw
+from twin.effects.amounts import felt, listed, number, percent, way
 from twin.effects.baselaw import Constants
+from twin.effects.parts import Parts
 from twin.effects.protocol import Effect, Family, Order, Test, Theta, Unsolvable, symmetric
 from twin.effects.requirements import Requirement
 from twin.effects.widest import Wide, in_logs
 
+BESIDE = 1e-3  # of C10 + C01: so far beyond the least share derivatives may be taken
 ALL = 0.95  # of the stiffness is what relaxation may take
 
 
@@ -39,6 +42,15 @@ class Elasticity(Effect):
             if name not in self.fixed
         )
 
+    def fitted(self) -> "Elasticity":
+        """The same law for least squares: where C01 may be 0 it may be below, as far as rubber is stable."""
+        limits = {p.name: (p.low, p.high) for p in self.parameters}
+        low, high = limits.get("C01", (np.inf, 0.0))
+        if low > 0.0:
+            return self
+        least = baselaw.LEAST_SHARE / (1 - baselaw.LEAST_SHARE) * self.highest.C10
+        return Elasticity(bounds=limits | {"C01": (min(low, least), high)}, fixed=self.fixed)
+
     @property
     def lowest(self) -> Constants:
         """The smallest values that the constants may take, MPa."""
@@ -54,7 +66,14 @@ class Elasticity(Effect):
         return Constants.of({**values, **self.fixed})
 
     def before(self, test: Test, theta: Theta) -> Test:
-        return replace(test, case=test.case.with_material(**self.constants(theta).named))
+        """Raises Unsolvable where rubber of these constants is not stable."""
+        own, least = self.constants(theta), baselaw.LEAST_SHARE
+        if own.C01 - (least - BESIDE) * own.total < 0.0:
+            raise Unsolvable(
+                f"C10 = {own.C10:.3g} and C01 = {own.C01:.3g} MPa: no stable rubber; wanted a C01 of at "
+                f"least {least:g} of C10 + C01"
+            )
+        return replace(test, case=test.case.with_material(**own.named))
 
 
 class Creep(Family):
@@ -80,6 +99,12 @@ class Creep(Family):
     def before(self, test: Test, theta: Theta) -> Test:
         series = tuple((theta[f"creep.g{i}"], theta[f"creep.tau{i}"]) for i in range(1, self.terms + 1))
         return replace(test, case=test.case.with_material(prony=series))
+
+    def told(self, values: Theta) -> str:
+        terms = [(values[f"creep.g{i}"], values[f"creep.tau{i}"]) for i in range(1, self.terms + 1)]
+        (g, tau), *more = terms
+        rest = "".join(f", {percent(g)} with {number(tau)} s" for g, tau in more)
+        return f"the silicone creeps: {percent(g)} of its stiffness relaxes with {number(tau)} s{rest}"
 
     def start(self, theta: Theta) -> Theta:
         if self.terms == 1:
@@ -111,10 +136,18 @@ class CreepSpectrum(Wide, of=Creep):
             raise Unsolvable("creep: the amplitudes add up to all of the stiffness; wanted less than that")
         return replace(test, case=test.case.with_material(prony=series))
 
+    def told(self, values: Theta) -> str:
+        w = [values[p.name] for p in self.parameters]
+        said = [f"{way(w[k], '', '-')}{percent(w[k])} with {number(self.TAUS[k])} s" for k in felt(w)]
+        return f"the silicone creeps: {percent(sum(w))} of its stiffness relaxes, {listed(said)}"
+
     def amounts(self, theta: Theta) -> dict[str, float]:
         """Each g shared by the two nearest of TAUS, by the logarithm of its tau."""
         terms = [(theta[f"creep.g{i}"], theta[f"creep.tau{i}"]) for i in (1, 2) if f"creep.g{i}" in theta]
         return self.bounded(in_logs(terms, self.TAUS))
+
+
+STRAINED = 1.5**2 + 2 / 1.5 - 3  # I1 - 3 at a stretch of 1.5
 
 
 class Stiffening(Family):
@@ -135,23 +168,48 @@ class Stiffening(Family):
         terms = {p.name.partition(".")[2]: theta[p.name] for p in self.parameters}
         return replace(test, case=test.case.with_material(**terms))
 
+    def told(self, values: Theta) -> str:
+        square, cube = (values.get(f"stiffening.{name}", 0.0) for name in ("C20", "C30"))
+        more = 4 * square * STRAINED + 6 * cube * STRAINED**2
+        return (
+            f"the silicone {way(more, 'stiffens', 'softens')} with strain, other than the Mooney-Rivlin law "
+            f"says, by {number(more)} MPa of its shear modulus at a stretch of 1.5"
+        )
+
     def wide(self) -> Effect:
         return StrainEnergy()
 
 
 class StrainEnergy(Wide, of=Stiffening):
-    """More terms of the strain energy: C20 (I1 - 3)^2, C30 (I1 - 3)^3, and one that grows with I2, that of
-    Ogden with the exponent -4: mu / 8 (I2^2 - 2 I1 - 3), which adds mu to the shear modulus at rest."""
+    """The strain energy to second order in both invariants, and C30 (I1 - 3)^3: C20 (I1 - 3)^2,
+    C11 (I1 - 3) (I2 - 3), C02 (I2 - 3)^2 (Rivlin & Saunders 1951, doi 10.1098/rsta.1951.0004).
+
+    The mixed one and that in I2 are written as terms of Ogden, by l1^-4 + l2^-4 + l3^-4 = I2^2 - 2 I1 and
+    l1^6 + l2^6 + l3^6 = I1^3 - 3 I1 I2 + 3. None of them changes the shear modulus at rest.
+    """
 
     parameters = (
         *Stiffening(2).parameters,
-        Parameter("stiffening.mu", -0.1, 0.3, "MPa", null=0.0, typical=0.01, plausible=(-0.05, 0.05)),
+        Parameter("stiffening.C11", -0.1, 0.3, "MPa", null=0.0, typical=0.005, plausible=(-0.02, 0.03)),
+        Parameter("stiffening.C02", -0.1, 0.3, "MPa", null=0.0, typical=0.005, plausible=(-0.02, 0.03)),
     )
 
     def before(self, test: Test, theta: Theta) -> Test:
-        terms = {"C20": theta["stiffening.C20"], "C30": theta["stiffening.C30"]}
-        bent = ((theta["stiffening.mu"], -4.0),)
-        return replace(test, case=test.case.with_material(**terms, ogden=bent))
+        C20, C30, C11, C02 = (theta[p.name] for p in self.parameters)
+        case = test.case
+        materials = {
+            name: replace(
+                m,
+                C10=m.C10 + 6 * C11 + 2 * C02,
+                C01=m.C01 - 3 * C11 - 6 * C02,
+                C20=C20 + 3 * C11,
+                C30=C30 + C11 / 3,
+                ogden=((-6 * C11, 6.0), (8 * C02, -4.0)),
+            )
+            for name, m in case.materials.items()
+            if name not in case.kept
+        }
+        return replace(test, case=replace(case, materials={**case.materials, **materials}))
 
 
 class Mullins(Family):
@@ -185,6 +243,10 @@ class Mullins(Family):
         law = (theta["mullins.softening"], theta["mullins.m"], theta.get("mullins.beta", 0.0))
         return replace(test, case=test.case.with_material(mullins=law))
 
+    def told(self, values: Theta) -> str:
+        most = percent(values["mullins.softening"])
+        return f"the silicone is up to {most} softer below the largest load it has carried (Mullins)"
+
 
 class Compressibility(Effect):
     """The bulk modulus K is finite beyond the base's: 1/K = 1/K_base + excess."""
@@ -205,6 +267,13 @@ class Compressibility(Effect):
         case = replace(test.case, materials={**test.case.materials, **materials})
         return replace(test, case=case)
 
+    def told(self, values: Theta) -> str:
+        share = percent(0.1 * values["compressibility.excess"])
+        return f"the silicone changes its volume by {share} under 100 kPa (bubbles, low bulk modulus)"
+
+    def wide(self) -> Effect:
+        return Parts(self)
+
 
 class Thermal(Effect):
     """All moduli drift with time: times 1 + rate t, t on the clock of the pressure log."""
@@ -217,6 +286,9 @@ class Thermal(Effect):
     def before(self, test: Test, theta: Theta) -> Test:
         factor = 1 + theta["thermal.rate"] * test.path.time
         return replace(test, path=replace(test.path, stiffness=factor))
+
+    def told(self, values: Theta) -> str:
+        return _drifting(60 * values["thermal.rate"], "a minute")
 
     def wide(self) -> Effect:
         return ModulusDrift()
@@ -235,5 +307,13 @@ class ModulusDrift(Wide, of=Thermal):
         factor = 1 + np.tensordot([theta[p.name] for p in self.parameters], basis, 1)
         return replace(test, path=replace(test.path, stiffness=factor))
 
+    def told(self, values: Theta) -> str:
+        return _drifting(values["thermal.a"], "in the first minute of the pressure log")
+
     def amounts(self, theta: Theta) -> dict[str, float]:
         return {"thermal.a": self.MINUTE * theta.get("thermal.rate", 0.0)}
+
+
+def _drifting(much: float, when: str) -> str:
+    stiffer = way(much, "stiffer", "softer")
+    return f"the silicone gets {percent(much)} {stiffer} {when} (its temperature drifts)"

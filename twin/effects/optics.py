@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from twin.effects.amounts import felt, listed, number, percent, way
 from twin.effects.protocol import Effect, Order, Test, Theta, symmetric
 from twin.targets import Array
 
@@ -21,6 +22,11 @@ class CameraScale(Effect):
         scale = theta["camera_scale.scale"]
         return u + scale * (test.points + u)
 
+    def told(self, values: Theta) -> str:
+        scale = values["camera_scale.scale"]
+        off = f"{percent(scale)} too {way(scale, 'long', 'short')}"
+        return f"the picture's scale is wrong: lengths look {off}"
+
 
 class CameraRotation(Effect):
     """The world frame is turned in the picture by `angle` about y: positions P are seen at R P, with
@@ -37,6 +43,10 @@ class CameraRotation(Effect):
     def after(self, u: Array, test: Test, theta: Theta) -> Array:
         seen, a = test.points + u, theta["camera_rotation.angle"]
         return u + seen @ (turn(1, a) - np.eye(3)).T
+
+    def told(self, values: Theta) -> str:
+        angle = values["camera_rotation.angle"]
+        return f"the picture is turned by {_degrees(angle)}, the tip {way(angle, 'up', 'down')}"
 
 
 class CameraTilt(Effect):
@@ -61,6 +71,19 @@ class CameraTilt(Effect):
         nearer = (1 + q[..., 1] / DISTANCE) / (1 + turned[..., 1] / DISTANCE)
         seen = turned * np.stack([nearer, np.ones_like(nearer), nearer], axis=-1)
         return u + (seen - q)
+
+    def told(self, values: Theta) -> str:
+        angles = [values[f"camera_tilt.{k}"] for k in ("aside", "up")]
+        said = [f"by {_degrees(a)} with {what} {way(a, 'too far', 'too near')}"
+                for a, what in zip(angles, ("the tip", "the top"), strict=True)]  # fmt: skip
+        both = listed([said[k] for k in felt(angles)])
+        return f"the camera looks at the finger obliquely, {both or 'by 0 degrees'}"
+
+
+def _degrees(angle: float) -> str:
+    """The size of an angle in rad, in degrees."""
+    size = number(np.degrees(angle))
+    return f"{size} degree{'s' * (size != '1')}"
 
 
 def turn(axis: int, angle: float) -> Array:

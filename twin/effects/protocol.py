@@ -34,6 +34,7 @@ class Order(IntEnum):
     GEOMETRY = 5
     MATERIAL = 10
     SUPPORT = 20  # supports, outside forces, contact
+    COURSE = 30  # what perturbs all of that by a course of its own: one `Perturbation` each
     GAUGE_GAIN = 40  # the pressure: first what the gauge read wrong, then what the hose made of it
     GAUGE_OFFSET = 41
     LINE = 50
@@ -54,9 +55,19 @@ class Slip:
 
 
 @dataclass(frozen=True)
+class Perturbation:
+    """What a small change of the case, half the difference of two, does to displacements, to first order and
+    times a `course` (s,) at every output: nothing where both are the same object."""
+
+    plus: Case
+    minus: Case
+    course: Array
+
+
+@dataclass(frozen=True)
 class Test:
     """All that a prediction needs: a case, a pressure path, and material points (p, 3) mm that may move or
-    not, with names, and that may slip."""
+    not, with names, and that may slip; and what perturbs it beside."""
 
     __test__ = False  # the name is the field's word; pytest must not collect it
 
@@ -66,6 +77,7 @@ class Test:
     moving: Any  # (p,) bool: False for fixed markers, whose displacement is 0
     names: tuple[str, ...] = ()  # (p,) of the points, where they have any
     slips: tuple[Slip, ...] = ()
+    perturbations: tuple[Perturbation, ...] = ()
 
     @property
     def markers(self) -> tuple[str, ...]:
@@ -170,6 +182,12 @@ class Effect:
         """What the camera makes of displacements u (s, p, 3) mm of the test's points."""
         del test, theta
         return u
+
+    def told(self, values: Theta) -> str:
+        """What was found, with fitted values of its parameters by name: a clause with sizes, units and
+        directions, "the core lies 0.4 mm too high (towards +z)"; by default the sentence alone."""
+        del values
+        return self.sentence
 
     @property
     def label(self) -> str:

@@ -11,6 +11,7 @@ from calibrate import Parameter
 from fe import Case
 from fe.element import Integers
 from fe.mesh.mirror import middle_plane
+from twin.effects.amounts import at_place, felt, listed, pull
 from twin.effects.protocol import Effect, Family, Order, Test, Theta
 from twin.effects.widest import Wide, neighbours
 from twin.targets import Array
@@ -56,6 +57,18 @@ class Tube(Family):
         )
         return pulled(test, {theta["tube.place"]: dead}, {theta["tube.place"]: growing}, self.name)
 
+    def told(self, values: Theta) -> str:
+        parts = {"": 1.0, "_per_MPa": 0.01}  # N, and N per 10 kPa
+        dead, growing = (
+            (size * values.get(f"tube.along{per}", 0.0), size * values.get(f"tube.up{per}", 0.0))
+            for per, size in parts.items()
+        )
+        more = f", and with {pull(*growing, 'N')} more per 10 kPa" if any(growing) else ""
+        return (
+            f"the supply line, or something else outside, pulls the finger with {pull(*dead, 'N')}{more}, "
+            f"{at_place(values['tube.place'])}"
+        )
+
     def wide(self) -> Effect:
         return Tubes()
 
@@ -83,6 +96,13 @@ class Tubes(Wide, of=Tube):
             for per in ("", "_per_MPa")
         )
         return pulled(test, dead, growing, self.name)
+
+    def told(self, values: Theta) -> str:
+        forces = [(values[f"tube.along{k}"], values[f"tube.up{k}"]) for k in (1, 2, 3)]
+        strong = felt([float(np.linalg.norm(force)) for force in forces])
+        said = [f"{pull(*forces[k], 'N')} {at_place(self.PLACES[k])}" for k in strong]
+        how = f"with {listed(said)}" if said else "as the pressure rises"
+        return f"the supply line, or something else outside, pulls the finger {how}"
 
     def amounts(self, theta: Theta) -> dict[str, float]:
         near = neighbours(theta.get("tube.place", 1.0), self.PLACES)

@@ -12,6 +12,7 @@ from numpy.polynomial.legendre import legval
 
 from calibrate import Parameter
 from fe.mesh.inner import Inside, inside, least_volume_ratio
+from twin.effects.amounts import at_ends, felt, listed, number, way
 from twin.effects.protocol import Effect, Order, Test, Theta, Unsolvable, symmetric
 from twin.effects.widest import Wide, neighbours
 from twin.targets import Array
@@ -67,6 +68,13 @@ class WallTaper(InnerShape):
     def motion(self, inner: Inside, theta: Theta) -> Array:
         return theta["wall_taper.mm"] * (_along(inner) - 0.5)[:, None] * _across(inner)
 
+    def told(self, values: Theta) -> str:
+        mm = values["wall_taper.mm"]
+        return (
+            f"the walls get {number(mm)} mm {way(mm, 'thicker', 'thinner')} from base to tip (the core was "
+            "thinner at one end)"
+        )
+
     def wide(self) -> Effect:
         return WallCourse()
 
@@ -80,6 +88,11 @@ class LegendreCourse(InnerShape, Wide):
         c = [theta[p.name] for p in self.parameters]
         return np.asarray(legval(2 * _along(inner) - 1, c), float)
 
+    def ends(self, values: Theta) -> tuple[float, float]:
+        """Its values in mm at the base of the chamber and at its tip."""
+        base, tip = legval([-1.0, 1.0], [values[p.name] for p in self.parameters])
+        return float(base), float(tip)
+
 
 class WallCourse(LegendreCourse, of=WallTaper):
     """Walls thicker by a polynomial of degree 5 along the finger: any smooth course, and a step as far as
@@ -91,6 +104,10 @@ class WallCourse(LegendreCourse, of=WallTaper):
 
     def motion(self, inner: Inside, theta: Theta) -> Array:
         return self.along(inner, theta)[:, None] * _across(inner)
+
+    def told(self, values: Theta) -> str:
+        off = at_ends(*self.ends(values), "mm", "thicker", "thinner")
+        return f"the walls of the chamber are not as drawn: {off}"
 
     def amounts(self, theta: Theta) -> dict[str, float]:
         return {"wall_taper.c1": 0.5 * theta.get("wall_taper.mm", 0.0)}
@@ -106,6 +123,10 @@ class EccentricCore(InnerShape):
     def motion(self, inner: Inside, theta: Theta) -> Array:
         return np.tile([0.0, 0.0, theta["eccentric_core.mm"]], (len(inner.rows), 1))
 
+    def told(self, values: Theta) -> str:
+        mm = values["eccentric_core.mm"]
+        return f"the core lies {number(mm)} mm too {way(mm, 'high (towards +z)', 'low (towards -z)')}"
+
     def wide(self) -> Effect:
         return CoreCourse()
 
@@ -120,6 +141,9 @@ class CoreCourse(LegendreCourse, of=EccentricCore):
     def motion(self, inner: Inside, theta: Theta) -> Array:
         return self.along(inner, theta)[:, None] * [0.0, 0.0, 1.0]
 
+    def told(self, values: Theta) -> str:
+        return f"the core lies {at_ends(*self.ends(values), 'mm', 'too high', 'too low')}"
+
     def amounts(self, theta: Theta) -> dict[str, float]:
         return {"eccentric_core.c0": theta.get("eccentric_core.mm", 0.0)}
 
@@ -132,12 +156,37 @@ class SidewaysCore(InnerShape):
     sentence = "the core sat off the middle plane: one side wall is thicker than the other"
     parameters = symmetric("eccentric_core_y.mm", most=0.8, unit="mm", step=0.1, likely=CORE)
 
+    def told(self, values: Theta) -> str:
+        mm = values["eccentric_core_y.mm"]
+        return f"the core lies {number(mm)} mm off the middle plane, towards {way(mm, '+y', '-y')}"
+
     def breaks_symmetry(self, test: Test) -> bool:
         del test
         return True
 
     def motion(self, inner: Inside, theta: Theta) -> Array:
         return np.tile([0.0, theta["eccentric_core_y.mm"], 0.0], (len(inner.rows), 1))
+
+    def wide(self) -> Effect:
+        return SidewaysCourse()
+
+
+class SidewaysCourse(LegendreCourse, of=SidewaysCore):
+    """The core sat off the middle plane by a polynomial of degree 2 along the finger: off, tilted or bent."""
+
+    parameters = symmetric(
+        *(f"eccentric_core_y.c{k}" for k in range(3)), most=0.8, unit="mm", step=0.1, likely=CORE
+    )
+
+    def breaks_symmetry(self, test: Test) -> bool:
+        del test
+        return True
+
+    def motion(self, inner: Inside, theta: Theta) -> Array:
+        return self.along(inner, theta)[:, None] * [0.0, 1.0, 0.0]
+
+    def amounts(self, theta: Theta) -> dict[str, float]:
+        return {"eccentric_core_y.c0": theta.get("eccentric_core_y.mm", 0.0)}
 
 
 class Ballooning(InnerShape):
@@ -157,6 +206,13 @@ class Ballooning(InnerShape):
         bell = np.exp(-0.5 * (off / theta["ballooning.width"]) ** 2)
         return -theta["ballooning.depth"] * bell[:, None] * _across(inner)
 
+    def told(self, values: Theta) -> str:
+        depth, place, width = (values[f"ballooning.{k}"] for k in ("depth", "place", "width"))
+        return (
+            f"the wall is {number(depth)} mm thinner at {number(place)} of the chamber's length, over about "
+            f"{number(2 * width)} mm, and balloons there"
+        )
+
     def wide(self) -> Effect:
         return ThinBands()
 
@@ -175,6 +231,11 @@ class ThinBands(InnerShape, Wide, of=Ballooning):
         off = (_along(inner)[:, None] - self.PLACES) / self.WIDTH
         depth = np.exp(-0.5 * off**2) @ [theta[p.name] for p in self.parameters]
         return -depth[:, None] * _across(inner)
+
+    def told(self, values: Theta) -> str:
+        depths = [values[p.name] for p in self.parameters]
+        said = [f"{number(depths[k])} mm at {number(self.PLACES[k])}" for k in felt(depths)]
+        return f"the wall is thinner along the chamber, by {listed(said)} of its length, and balloons there"
 
     def amounts(self, theta: Theta) -> dict[str, float]:
         """The depth shared by the two nearest bands, times the band's width over 10 mm: as much material."""
@@ -197,6 +258,10 @@ class Precurvature(Effect):
     def before(self, test: Test, theta: Theta) -> Test:
         return replace(test, case=replace(test.case, precurvature=theta["precurvature.per_mm"]))
 
+    def told(self, values: Theta) -> str:
+        curvature = values["precurvature.per_mm"]
+        return f"the finger is curved without any load, {_curved(curvature)}"
+
     def wide(self) -> Effect:
         return CurvedCourse()
 
@@ -213,5 +278,17 @@ class CurvedCourse(Wide, of=Precurvature):
         course = tuple(theta[p.name] for p in self.parameters)
         return replace(test, case=replace(test.case, precurvature=course))
 
+    def told(self, values: Theta) -> str:
+        base, tip = legval([-1.0, 1.0], [values[p.name] for p in self.parameters])
+        ends = f"{_curved(base)} at the clamp and {_curved(tip)} at the tip"
+        return f"the finger is curved without any load, {ends}"
+
     def amounts(self, theta: Theta) -> dict[str, float]:
         return {"precurvature.c0": theta.get("precurvature.per_mm", 0.0)}
+
+
+def _curved(per_mm: float) -> str:
+    """A curvature in 1/mm by its direction and its radius."""
+    if not per_mm:
+        return "not at all"
+    return f"{way(per_mm, 'down', 'up')} with a radius of {number(1 / per_mm)} mm"

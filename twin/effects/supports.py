@@ -10,6 +10,8 @@ from fe import Case
 from fe.case import Contact, Layer
 from fe.element import Integers
 from fe.mesh.refine import free_faces
+from twin.effects.amounts import number
+from twin.effects.parts import Parts
 from twin.effects.protocol import Effect, Family, Order, Test, Theta
 
 
@@ -49,6 +51,12 @@ class TableContact(Family):
         table = Contact("outside", (0.0, 0.0, 1.0), height, stiffness, theta.get("contact.friction", 0.0))
         return replace(test, case=replace(case, contact=table))
 
+    def told(self, values: Theta) -> str:
+        away, friction = values["contact.distance"], values.get("contact.friction", 0.0)
+        rubs = f" and rubs on it (friction {number(friction)})" if friction else ""
+        side = "below it" if away > 0 else "above its lowest point"
+        return f"the finger touches a table {number(away)} mm {side}{rubs}"
+
 
 class ElasticClamp(Effect):
     """The clamped face turns about the y axis in proportion to the moment on it, that of the whole finger."""
@@ -65,6 +73,9 @@ class ElasticClamp(Effect):
             return test
         clamp = replace(test.case.clamp, compliance=theta["clamp.compliance"] / test.share)
         return replace(test, case=replace(test.case, clamp=clamp))
+
+    def told(self, values: Theta) -> str:
+        return f"the clamp turns by {number(1e3 * values['clamp.compliance'])} mrad per N mm of moment on it"
 
 
 class StrainLimitingLayer(Effect):
@@ -86,6 +97,13 @@ class StrainLimitingLayer(Effect):
             return test
         layer = Layer(name, theta["strain_limiting_layer.stiffness"])
         return replace(test, case=replace(case, surfaces={**case.surfaces, name: bottom}, layer=layer))
+
+    def told(self, values: Theta) -> str:
+        much = number(values["strain_limiting_layer.stiffness"])
+        return f"a sheet in the bottom (fabric, paper, glue) of {much} N/mm keeps it from stretching"
+
+    def wide(self) -> Effect:
+        return Parts(self)
 
 
 def flat_bottom(case: Case) -> Integers:

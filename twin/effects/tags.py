@@ -8,6 +8,7 @@ import numpy as np
 from calibrate import Parameter
 from fe.element import Integers
 from fe.mesh.mirror import middle_plane
+from twin.effects.amounts import felt, listed, number, way
 from twin.effects.protocol import Effect, Order, Slip, Test, Theta, symmetric
 from twin.targets import Array
 
@@ -16,6 +17,10 @@ CLOSER = 25  # and then between two of these
 SIDE = 0.8  # of half the finger's width from its middle plane: a marker further out sits on a side face
 # A tag of 5 mm that slipped by a tenth of its size is seen by eye (judgement); glue gives way by less.
 LIKELY = 0.5  # mm
+WAYS = (
+    ("along the finger towards the tip", "along the finger towards the clamp"),
+    ("across it (up on a side face, to +y elsewhere)", "across it (down on a side face, to -y elsewhere)"),
+)
 
 
 class MarkerSlip(Effect):
@@ -72,6 +77,14 @@ class MarkerSlip(Effect):
             for way, axis in zip(("along", "across"), _surface(test, row), strict=True)
         )
         return replace(test, slips=(*test.slips, *slips))
+
+    def told(self, values: Theta) -> str:
+        sizes = [values[f"{self.name}.{k}"] for k in ("along", "across")]
+        said = [f"{number(mm)} mm {way(mm, *ends)}" for mm, ends in zip(sizes, WAYS, strict=True)]
+        much = listed([said[k] for k in felt(sizes)]) or "0 mm"
+        if self.marker:
+            return f"marker {self.marker} slipped by {much} at {self.time:.3g} s"
+        return f"a marker slipped by {much} at {values[f'{self.name}.time']:.3g} s"
 
     def _which(self, test: Test, theta: Theta) -> tuple[int, float]:
         """The row of the marker among the test's points, and the time in s."""

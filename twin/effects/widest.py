@@ -4,10 +4,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from twin.effects.amounts import listed
 from twin.effects.protocol import Effect, Theta
 from twin.targets import Array
 
 TOLD = ("name", "order", "sentence", "requires", "generic", "completed_by")
+SAID = 3  # amplitudes of a family that are told where nothing better is known of it
 
 
 class Wide(Effect):
@@ -26,6 +28,12 @@ class Wide(Effect):
     @property
     def label(self) -> str:
         return f"{self.name}:wide"
+
+    def told(self, values: Theta) -> str:
+        """The sentence, and the amplitudes that are most felt."""
+        own = sorted(self.amplitudes, key=lambda p: -abs(values[p.name]) / (p.typical or 1.0))[:SAID]
+        said = [f"{p.name.partition('.')[2]} = {values[p.name]:.2g} {p.unit}".rstrip() for p in own]
+        return f"{self.sentence}: {listed(said)}"
 
     def start(self, theta: Theta) -> Theta:
         none = {p.name: 0.0 for p in self.parameters}

@@ -13,6 +13,7 @@ import numpy as np
 
 from fe import Case, Path, Solution, Variation, solve
 from fe.path import equivalent
+from twin import effort
 from twin.effects.protocol import Test, Unsolvable
 from twin.gravity import G
 from twin.model.prediction import STEP, Model
@@ -119,7 +120,8 @@ def responses(model: Model, theta: Array, films: Sequence[Film], points: Array) 
     turned = [_neighbours(models, values, k) for k in range(len(theta))]
     variations = [Variation(_strung(a), _strung(b), h) for a, b, h in turned]
     case, path = _strung(tests)
-    solution = solve(case, path, variations=variations, count=LEVELS)
+    with effort.counted(effort.PLANNED):
+        solution = solve(case, path, variations=variations, count=LEVELS)
     if not solution.converged:
         raise Unsolvable(f"the finite-element model {solution.reason}")
     u, slope, du = _at_points(solution, tests[0], len(theta))

@@ -1,6 +1,7 @@
 """Make targets of what another program measured, with what [import] of twin.toml states of it."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +11,8 @@ from numpy.typing import NDArray
 from twin.formats.recorded import PIXEL, Recorded, plain
 from twin.formats.supplied import check_stated, mm_per_unit, pressure_of, times_of, turned
 from twin.project.config import ImportTable, PointTable
-from twin.targets import Array, PointKind, TargetPoint, Targets, as_position, at_node
+from twin.project.stillnoise import stated_noise, still_noise
+from twin.targets import Array, Noise, PointKind, TargetPoint, Targets, as_position, at_node
 
 MOST_STEPS = 2000  # as `steps` under [measure] of twin.toml
 MOST_MODES = 90  # of references: with more points their error counts as one of each value
@@ -34,20 +36,32 @@ def targets_of(
     pressure, between = pressure_of(found, stated, time, log)
     mean = _at_rest(position, rest)
     told, chosen, remarks = _points(found, stated, mean, {point.name: point for point in points})
-    value = np.round((position - mean)[keep][:, chosen], DIGITS)
-    targets = _assembled(value, told, stated, time=time[keep], pressure=pressure[keep], log=between,
-                         rest=np.searchsorted(keep, rest), scaled=found.unit == PIXEL)  # fmt: skip
-    return targets, [*_said(found, keep, len(position)), *remarks]
+    every = (position - mean)[:, chosen]
+    noise = _noise(every, pressure, stated, thinned=len(position) / len(keep))
+    targets = _assembled(np.round(every[keep], DIGITS), told, noise, time=time[keep], pressure=pressure[keep],
+                         log=between, rest=np.searchsorted(keep, rest),
+                         scale_sd=stated.scale_sd if found.unit == PIXEL else None)  # fmt: skip
+    return targets, [*_said(found, keep, len(position)), *remarks, *([] if stated.sd_mm else [noise.basis])]
+
+
+def _noise(value: Array, pressure: Array, stated: ImportTable, *, thinned: float) -> Noise:
+    """The noise model of all rows (s,p,3) mm, as stated or as they scatter; of so many one is kept."""
+    if stated.sd_mm is not None:
+        return stated_noise(value, stated.sd_mm, stated.rho**thinned)
+    assert stated.still_steps is not None  # checked
+    found = still_noise(value, pressure, stated.still_steps)
+    return replace(found, rho=found.rho**thinned)
 
 
 def _assembled(
-    value: Array, points: tuple[TargetPoint, ...], stated: ImportTable, *, time: Array, pressure: Array,
-    log: tuple[Array, Array] | None, rest: NDArray[np.int64], scaled: bool,
+    value: Array, points: tuple[TargetPoint, ...], noise: Noise, *, time: Array, pressure: Array,
+    log: tuple[Array, Array] | None, rest: NDArray[np.int64], scale_sd: float | None,
 ) -> Targets:  # fmt: skip
-    """The targets (s,p,3) with their covariance and shared errors."""
-    assert stated.sd_mm is not None  # checked
+    """The targets (s,p,3) with their covariance and shared errors; scale_sd: of a file in pixels."""
     seen = np.isfinite(value)
-    modes = _modes(value, points, stated, len(rest), scaled)
+    modes = _modes(value, points, noise, len(rest))
+    if scale_sd is not None:
+        modes["scale"] = scale_sd * np.nan_to_num(value)
     single = 1 if any(name.startswith("reference:") for name in modes) else 1 + 1 / len(rest)
     both = seen[..., :, None] & seen[..., None, :]
     valid = seen.copy()
@@ -56,26 +70,23 @@ def _assembled(
     log_time, log_pressure = (time, pressure) if log is None else log
     return Targets(
         time=time, pressure=pressure, block=np.zeros(len(time), dtype=np.int64), points=points, value=value,
-        covariance=np.where(both, single * stated.sd_mm**2 * np.eye(3), np.nan), valid=valid,
+        covariance=np.where(both, single * noise.sd[:, :, None] ** 2 * np.eye(3), np.nan), valid=valid,
         held_out=np.zeros(len(time), dtype=bool), modes=np.array([*modes.values()]).reshape(-1, *value.shape),
-        mode_names=tuple(modes), noise=None, log_time=log_time, log_pressure=log_pressure, reference=rest,
+        mode_names=tuple(modes), noise=noise, log_time=log_time, log_pressure=log_pressure, reference=rest,
         gravity=None, pressure_sd=np.zeros(len(time)),
     )  # fmt: skip
 
 
-def _modes(
-    value: Array, points: Sequence[TargetPoint], stated: ImportTable, rest: int, scaled: bool
-) -> dict[str, Array]:
-    """Errors (s,p,3) mm that many values share, 1 sd each: each point's reference, and the scale."""
-    assert stated.sd_mm is not None  # checked
-    filled, modes = np.nan_to_num(value), {}
+def _modes(value: Array, points: Sequence[TargetPoint], noise: Noise, rest: int) -> dict[str, Array]:
+    """Errors (s,p,3) mm that many values share, 1 sd each: of each point's reference, the mean of so many
+    steps at rest."""
+    modes = {}
     if 3 * len(points) <= MOST_MODES:
         for p, i in np.argwhere(np.isfinite(value).any(axis=0)).tolist():
             mode = np.zeros_like(value)
-            mode[:, p, i] = stated.sd_mm / np.sqrt(rest)
+            alike = 1.0 if rest == 1 else (1 + noise.rho[p, i]) / (1 - noise.rho[p, i])
+            mode[:, p, i] = noise.sd[p, i] * np.sqrt(min(alike / rest, 1.0))
             modes[f"reference:{points[p].name}:{i + 1}"] = np.where(np.isfinite(value), mode, 0.0)
-    if scaled:
-        modes["scale"] = stated.scale_sd * filled
     return modes
 
 

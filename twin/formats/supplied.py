@@ -16,7 +16,8 @@ from twin.targets import Array
 def still_wanted(found: Recorded, stated: ImportTable) -> dict[str, str]:
     """The keys of [import] that have to be stated and are not yet, each with what it has to say."""
     lacks = {
-        "sd_mm": stated.sd_mm is None, "mm_per_px": found.unit == PIXEL and stated.mm_per_px is None,
+        "sd_mm": stated.sd_mm is None and stated.still_steps is None,
+        "mm_per_px": found.unit == PIXEL and stated.mm_per_px is None,
         "axes": not (stated.axes or found.axes), "fps": found.time is None and stated.fps is None,
         "log": found.pressure is None and stated.log is None,
     }  # fmt: skip
@@ -33,6 +34,11 @@ def check_stated(found: Recorded, stated: ImportTable) -> None:
     if wanted := still_wanted(found, stated):
         each = "; ".join(f"{key} ({what})" for key, what in wanted.items())
         raise ValueError(f"[import] of twin.toml does not state all of the file; wanted {each}")
+    if stated.sd_mm is not None and stated.still_steps is not None:
+        raise ValueError(
+            f"import.sd_mm = {stated.sd_mm:g} and import.still_steps: both say how large the noise is; leave "
+            "one of them out"
+        )
     if found.unit != PIXEL and stated.mm_per_px is not None:
         raise ValueError(
             f"import.mm_per_px = {stated.mm_per_px:g}: the file is in {found.unit}; leave it out"

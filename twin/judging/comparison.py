@@ -6,13 +6,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calibrate import chi2_test, excess, omnibus
+from twin.judging.lawerrors import memory
 from twin.judging.record import BeyondRow, ComparisonRecord, MapRow, UnseenFilm
 from twin.judging.sharederrors import beyond, in_words
 from twin.judging.whitening import Whitener
 from twin.targets import Array, Targets, relative
 
 ADEQUATE = 1e-3  # a model is adequate while its lack of fit has at least this probability
-PLAUSIBLE = 3.0  # sd of a shared error, as far as the place of a misfit is concerned
+PLAUSIBLE = 3.0  # sd of a shared error beyond which none is taken off: what is left belongs to the model
 BRANCHES = ("rest", "up", "hold", "down")
 WHILE = {
     "rest": "at rest",
@@ -25,7 +26,12 @@ WHILE = {
 @dataclass(frozen=True, kw_only=True)
 class Comparison:
     """residual (s, p, 3) = measured - predicted mm; cleaned, the same without the errors of measurement and
-    mesh that many values share, NaN where no data; whitened (n,); the lack-of-fit test; where it fails."""
+    mesh that many values share, each at most PLAUSIBLE sds of it, NaN where no data; whitened (n,); the
+    lack-of-fit test; where it fails.
+
+    raw_rms_mm: the error, as it is drawn. expected_mm: what noise and shared errors together would give on
+    average. rms_mm: the error without shared errors; noise_sd_mm: what noise alone would give of that.
+    """
 
     residual: Array
     cleaned: Array
@@ -38,7 +44,8 @@ class Comparison:
     noise_sd_mm: float
     where: str
     maps: dict[str, tuple[MapRow, ...]]
-    raw_rms_mm: float = float("nan")  # with the shared errors
+    raw_rms_mm: float = float("nan")
+    expected_mm: float = float("nan")
     beyond: tuple[tuple[str, float], ...] = ()  # shared errors larger than stated: name, size in sd
 
     @property
@@ -62,6 +69,7 @@ class Comparison:
             p_value=self.p_value,
             rms_mm=self.rms_mm,
             raw_rms_mm=self.raw_rms_mm,
+            expected_mm=self.expected_mm,
             noise_sd_mm=self.noise_sd_mm,
             adequate=self.adequate,
             where=self.where,
@@ -99,8 +107,8 @@ def compare(
     enough = len(z) > 2 * smooth.shape[1]
     shown = degrees > at_bound
     p = lack_of_fit(targets, whitener, z, fitted, smooth if enough else None) if shown else float("nan")
-    left, maps = np.full(residual.shape, np.nan), residual_maps(targets, whitener, residual)
-    left[:, whitener.components[:, 0], whitener.components[:, 1]] = whitener.cleaned(residual)
+    own, left = whitener.cleaned(residual, bound=PLAUSIBLE), np.full(residual.shape, np.nan)
+    left[:, whitener.components[:, 0], whitener.components[:, 1]] = own
     found = Comparison(
         residual=residual,
         cleaned=left,
@@ -109,11 +117,12 @@ def compare(
         degrees_of_freedom=degrees,
         excess=excess(z, smooth, fitted=fitted) if enough else chi2 - degrees,
         p_value=p,
-        rms_mm=whitener.rms(residual),
+        rms_mm=float(np.sqrt(np.nanmean(own**2))),
         noise_sd_mm=whitener.noise_sd,
         where="",
-        maps=maps,
-        raw_rms_mm=float(np.sqrt((whitener.pick(residual)[whitener.valid] ** 2).mean())),
+        maps=residual_maps(targets, whitener, own),
+        raw_rms_mm=whitener.error(residual),
+        expected_mm=whitener.expected,
         beyond=beyond(whitener, residual),
     )
     return replace(found, where=_where(found))
@@ -142,13 +151,17 @@ def lack_of_fit(targets: Targets, w: Whitener, z: Array, fitted: Array, smooth: 
 
 def smooth_functions(targets: Targets, w: Whitener, shapes: Array | None = None) -> Array:
     """Whitened smooth functions (n, b): shapes (k, s), by default `slow_shapes`, for every component."""
-    fields = []
-    for point, axis in w.components:
-        for shape in slow_shapes(targets) if shapes is None else shapes:
-            field = np.zeros((*targets.value.shape[:2], 3))
-            field[:, point, axis] = relative(shape, targets.reference, targets.rests)
-            fields.append(field)
-    return w.whiten(np.array(fields)).T  # at once: the filter's steps are what costs
+    own = slow_shapes(targets) if shapes is None else shapes
+    name = f"smooth {hash(own.tobytes())}"
+    if name not in w.noise.kept:
+        fields = []
+        for point, axis in w.components:
+            for shape in own:
+                field = np.zeros((*targets.value.shape[:2], 3))
+                field[:, point, axis] = relative(shape, targets.reference, targets.rests)
+                fields.append(field)
+        w.noise.kept[name] = w.innovations(np.array(fields))  # at once: the filter's steps are what costs
+    return w.calmed(w.noise.kept[name]).T
 
 
 def slow_shapes(targets: Targets) -> Array:
@@ -160,24 +173,13 @@ def slow_shapes(targets: Targets) -> Array:
     return np.array([x, x**2, x**3, since, (branch == 0).astype(float), x * (branch == 2)])
 
 
-def memory(time: Array, pressure: Array, tau: float = 5.0) -> Array:
-    """What a slow element would still feel: the pressure minus its running mean over tau (s)."""
-    out = np.zeros_like(pressure)
-    mean = pressure[0]
-    for n in range(1, len(time)):
-        mean += (1 - np.exp(-(time[n] - time[n - 1]) / tau)) * (pressure[n] - mean)
-        out[n] = pressure[n] - mean
-    return out
-
-
-def residual_maps(targets: Targets, w: Whitener, residual: Array) -> dict[str, tuple[MapRow, ...]]:
-    """Root mean square of the cleaned residual, in mm and in noise sds, by marker, direction, pressure and
-    branch.
+def residual_maps(targets: Targets, w: Whitener, left: Array) -> dict[str, tuple[MapRow, ...]]:
+    """Root mean square of the cleaned residual (s, m) mm, in mm and in noise sds, by marker, direction,
+    pressure and branch.
 
     Shared errors are taken off at PLAUSIBLE sds at most: a misfit at top pressure would else ask for a wrong
     rest position of 16 sd, say, and then seem to be at rest.
     """
-    left = w.cleaned(residual, bound=PLAUSIBLE)
     noise = np.sqrt(w.sd**2 + (w.modes[w.shared :] ** 2).sum(axis=0))
     branch = branches(targets.time, targets.pressure, targets.log_time, targets.log_pressure)
     edges = np.linspace(targets.pressure.min(), targets.pressure.max() + 1e-12, 5)
@@ -216,25 +218,32 @@ def _beyond_noise(row: MapRow) -> float:
     return (row.rms_mm or 0.0) ** 2 - (row.noise_sd_mm or 0.0) ** 2 if row.count else -np.inf
 
 
+def error_in_words(found: Comparison | ComparisonRecord) -> str:
+    """The error of a model and what would be expected of a right one, with shared errors and without, mm."""
+    return (
+        f"{found.raw_rms_mm:.3f} mm rms; noise and errors that many values share would give "
+        f"{found.expected_mm:.3f} mm. Without such errors {found.rms_mm:.3f} mm is left; the noise is "
+        f"{found.noise_sd_mm:.3f} mm."
+    )
+
+
 def _where(found: Comparison) -> str:
     """Whether the model agrees, and where it fails, in words."""
-    rms, noise = found.rms_mm, found.noise_sd_mm
     if np.isnan(found.p_value):
         return (
             "These data cannot show whether the model is right: there are no more data than fitted "
-            f"parameters ({rms:.3f} mm rms are left). Measure more markers, pressures or times."
+            f"parameters ({found.raw_rms_mm:.3f} mm rms are left). Measure more markers, pressures or times."
         )
     asked = in_words(found.beyond, fits=found.adequate)
     if found.adequate:
         return (
-            f"The model agrees with the measurement within the noise: {rms:.3f} mm rms are left, the noise "
-            f"is {noise:.3f} mm.{asked}"
+            "The model agrees with the measurement within the noise. It misses it by "
+            f"{error_in_words(found)}{asked}"
         )
     worst = {kind: max(rows, key=_beyond_noise) for kind, rows in found.maps.items()}
     marker = worst["marker"]
     return (
-        f"The model misses the measurement by {found.raw_rms_mm:.3f} mm rms, by {rms:.3f} mm without the "
-        f"errors that many values share; the noise is {noise:.3f} mm. It fails most at marker "
+        f"The model misses the measurement by {error_in_words(found)} It fails most at marker "
         f"{marker.name} ({marker.rms_mm:.3f} mm, {marker.ratio:.1f} times its noise), in "
         f"{worst['direction'].name}, at {worst['pressure'].name}, "
         f"{WHILE[worst['branch'].name]}.{asked}"

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from calibrate import Fit, least_squares
-from twin.judging.whitening import Whitener, whitener
+from twin.judging.lawerrors import LawError, law_errors
+from twin.judging.whitening import LAW, Whitener, whitener
 from twin.model.prediction import Model, Unsolvable
 from twin.targets import Array, Targets
 
@@ -15,22 +16,30 @@ from twin.targets import Array, Targets
 @dataclass(frozen=True, kw_only=True)
 class ModelErrors:
     """The errors of a model at its parameters: gauge (s, p, 3) mm, what 1 sd of the gauge's noise does to
-    each step; modes (q, s, p, 3) mm, 1 sd each."""
+    each step; modes (q, s, p, 3) mm of its mesh, 1 sd each; laws, what its effects' laws may be off, by the
+    share `law`."""
 
     gauge: Array
     modes: Array
+    laws: tuple[LawError, ...] = ()
+    law: float = 0.0
 
     @staticmethod
-    def of(model: Model, theta: Array, targets: Targets) -> "ModelErrors":
-        """Those of a model at theta (d,)."""
+    def of(model: Model, theta: Array, targets: Targets, *, law: float = 0.0) -> "ModelErrors":
+        """Those of a model at theta (d,); law: by which share of what they add its laws may err, 1 sd."""
         return ModelErrors(
             gauge=model.per_pressure(theta) * targets.pressure_sd[:, None, None],
             modes=model.modes(theta),
+            laws=law_errors(model, theta, targets) if law else (),
+            law=law,
         )
 
     def whitener(self, targets: Targets) -> Whitener:
         """The whitener of what a model can move, the finger's points, with these errors."""
-        return whitener(targets, prediction_modes=self.modes, gauge=self.gauge, points=~targets.fixed)
+        w = whitener(targets, prediction_modes=self.modes, gauge=self.gauge, points=~targets.fixed)
+        for one in self.laws:
+            w = w.beside(self.law * one.modes, (f"{LAW}{one.effect}",) * len(one.modes))
+        return w
 
 
 def whitener_of(model: Model, theta: Array, targets: Targets) -> Whitener:

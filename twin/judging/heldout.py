@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from twin.judging.comparison import PLAUSIBLE
+from twin.judging.fitting import ModelErrors
 from twin.judging.judged import Judged
 from twin.judging.record import UnseenFilm
 from twin.project.record import Maybe, Record
@@ -81,23 +82,29 @@ def cycles(pressure: Array) -> NDArray[np.int64]:
 # -- films that no fit has seen ------------------------------------------------------------------------------
 
 
-def unseen(judged: Judged, targets: Targets, films: Mapping[int, str]) -> tuple[UnseenFilm, ...]:
-    """The error of a judged model in each block that is held out and was measured, by the errors that the
-    model states; films: names by block."""
+def unseen(
+    errors: ModelErrors, predicted: Array, targets: Targets, films: Mapping[int, str]
+) -> tuple[UnseenFilm, ...]:
+    """The error of a prediction (s, p, 3) mm in each block that is held out and was measured, by the errors
+    that its model states; films: names by block."""
     seen = targets.held_out & targets.valid[:, ~targets.fixed].any(axis=(1, 2))
     blocks = np.unique(targets.block[seen])
-    return tuple(_in_block(judged, targets, int(b), films.get(int(b), f"block {b}")) for b in blocks)
+    return tuple(
+        _in_block(errors, predicted, targets, int(b), films.get(int(b), f"block {b}")) for b in blocks
+    )
 
 
-def _in_block(judged: Judged, targets: Targets, block: int, film: str) -> UnseenFilm:
-    w = judged.errors.whitener(replace(targets, held_out=targets.block != block))
-    residual = targets.value - judged.predicted
-    raw, left = w.pick(residual)[w.valid], w.cleaned(residual, bound=PLAUSIBLE)[w.valid]
+def _in_block(
+    errors: ModelErrors, predicted: Array, targets: Targets, block: int, film: str
+) -> UnseenFilm:
+    w = errors.whitener(replace(targets, held_out=targets.block != block))
+    residual = targets.value - predicted
     return UnseenFilm(
         film=film,
         block=block,
-        rms_mm=float(np.sqrt((left**2).mean())),
-        raw_rms_mm=float(np.sqrt((raw**2).mean())),
+        rms_mm=w.rms(residual, bound=PLAUSIBLE),
+        raw_rms_mm=w.error(residual),
+        expected_mm=w.expected,
         noise_sd_mm=w.noise_sd,
         values=w.count,
     )

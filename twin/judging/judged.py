@@ -79,15 +79,17 @@ def judge(
     evaluations: int = 25,
     tolerance: float = 0.1,
     turns: int | None = None,
+    law: float = 0.0,
 ) -> Judged:
     """The model fitted from starts (m, d) or (d,), with the errors at its fit, and compared.
 
     Of several starts the one that ends with the lowest deviance is carried on. evaluations: of one descent.
-    turns: steps under rebuilt errors, by default TURNS. tolerance: in sds; a fit stays where the errors
-    rebuilt at its end move it by less. Where it does not stay, its reason says so. Raises Unsolvable where
-    the model can be solved at no start.
+    turns: steps under rebuilt errors, by default TURNS; with 0 the descent alone. law: by which share of what
+    they add the laws of the model's effects may err, 1 sd (`lawlevels` says which the data ask for).
+    tolerance: in sds; a fit stays where the errors rebuilt at its end move it by less. Where it does not
+    stay, its reason says so. Raises Unsolvable where the model can be solved at no start.
     """
-    task = _Task(model, targets, seed, evaluations, tolerance, TURNS if turns is None else turns)
+    task = _Task(model, targets, seed, evaluations, tolerance, TURNS if turns is None else turns, law)
     ends, why = [], ""
     for start in np.atleast_2d(np.asarray(starts, float)):
         try:
@@ -99,9 +101,9 @@ def judge(
     return task.judged(task.settled(min(ends, key=lambda e: e.deviance)))
 
 
-def judge_fit(model: Model, targets: Targets, fit: Fit) -> Judged:
-    """A model as it was fitted, with the errors at its fit, compared."""
-    task = _Task(model, targets, fit.seed, 1, 0.1, TURNS)
+def judge_fit(model: Model, targets: Targets, fit: Fit, *, law: float = 0.0) -> Judged:
+    """A model as it was fitted, with the errors at its fit, compared; law as in `judge`."""
+    task = _Task(model, targets, fit.seed, 1, 0.1, TURNS, law)
     end = task._at(fit)
     return task.judged(replace(end, fit=fit))
 
@@ -130,6 +132,7 @@ class _Task:
     evaluations: int
     tolerance: float
     turns: int
+    law: float
 
     def first(self, start: Array) -> _End:
         """The end of a descent under the errors at its start."""
@@ -144,7 +147,9 @@ class _Task:
 
         A step at a time (iteratively reweighted least squares), so that the errors are never far behind.
         """
-        best = end
+        best, done = end, end.fit.evaluations
+        if not self.turns:
+            return end
         for _ in range(self.turns):
             fit = self._fit(end.whitener, end.fit.theta, TRIES)
             if not fit.converged and np.array_equal(fit.theta, end.fit.theta):
@@ -176,7 +181,7 @@ class _Task:
         )
 
     def _errors(self, theta: Array) -> ModelErrors:
-        return ModelErrors.of(self.model, theta, self.targets)
+        return ModelErrors.of(self.model, theta, self.targets, law=self.law)
 
     def _fit(self, w: Whitener, start: Array, evaluations: int, *, tolerance: float | None = None) -> Fit:
         return fit_model(

@@ -173,12 +173,13 @@ class BeyondRow(Record):
 
 
 class UnseenFilm(Record):
-    """The error of a model in a block that it was not fitted to: shared errors at most PLAUSIBLE sds."""
+    """The error of a model in a block that it was not fitted to."""
 
     film: str
     block: int
     rms_mm: Finite = Field(description="shared errors taken off up to 3 sd")
-    raw_rms_mm: Finite = Field(description="with them")
+    raw_rms_mm: Finite = Field(description="with them, as drawn")
+    expected_mm: Maybe = Field(default=None, description="as in comparison.json")
     noise_sd_mm: Finite
     values: int
 
@@ -190,9 +191,12 @@ class ComparisonRecord(Record):
     chi2: Maybe = Field(default=None, description="test of lack of fit")
     degrees_of_freedom: int | None = None
     p_value: Maybe = None
-    rms_mm: Finite = Field(description="error of the model without and with shared errors")
-    raw_rms_mm: Maybe = None
-    noise_sd_mm: Finite = Field(description="what noise alone would leave")
+    raw_rms_mm: Maybe = Field(default=None, description="error of the model, as it is drawn")
+    expected_mm: Maybe = Field(
+        default=None, description="what noise and shared errors together would give of it on average"
+    )
+    rms_mm: Finite = Field(description="error with shared errors taken off up to 3 sd")
+    noise_sd_mm: Finite = Field(description="what noise alone would leave of that")
     adequate: bool = Field(default=False, description="p_value above 0.001")
     where: str = Field(default="", description="where the model fails most, in words")
     beyond: tuple[BeyondRow, ...] = Field(default=(), description="errors that would have to exceed 4 sd")

@@ -22,6 +22,7 @@ WORDS = {
     "calibration": "the calibration of the camera",
     "height": "the height of marker {} above the frame markers' plane",
     "out_of_plane": "the motion of marker {} towards the camera",
+    "law": "the law of {}",
     "mesh": "the error of the mesh",
     "discretisation": "the error of the mesh",
     "gauge": "the pressure gauge at rest",

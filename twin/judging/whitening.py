@@ -1,8 +1,7 @@
 """Targets and a model's own errors -> a whitener: residuals in mm become independent values of variance 1.
 
-The noise is the static film's, whose markers are correlated within a frame: an autoregression of first order
-in time, and a white rest; and the white codec noise of patches that move. A Kalman filter gives its
-innovations. On top come modes: errors shared by many values, 1 sd each, and one gauge error per step.
+On top of the noise (`noisefilter`) come modes: errors shared by many values, 1 sd each, and one gauge error
+per step.
 
 The solver's own error is left out. Without history it is 5e-8 of the motion (48 levels for 12). With creep,
 of three Prony terms on film A with a regulator's ripple, three times as many times change the default finger
@@ -11,97 +10,80 @@ by 1.0 um rms, its tip by 2.0 um of 63 mm. In films with noise of 1.5 and 0.8 um
 3500 of its deviance beside one without, which is the larger error.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from twin.targets import Array, Noise, Targets
+from twin.judging.noisefilter import NoiseFilter, noise_filter
+from twin.targets import Array, Targets
 
+LAW = "law:"  # and an effect: the name of a mode that is an error of its law
 
-@dataclass(frozen=True)
-class Steady:
-    """The noise at rest of a film: static (m, m) mm2, the covariance within a step of its part that lasts;
-    fresh (m, m) mm2, that of its part that is new in each frame; rho (m,), the lag-1 correlation of the
-    first."""
-
-    static: Array
-    fresh: Array
-    rho: Array
-
-
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Whitener:
     """What `whitener` returns; `whiten` is W, `amplitudes` the most probable size of each shared mode."""
 
-    components: NDArray[np.int64]  # (m, 2): point and axis of each component that is data
-    valid: NDArray[np.bool_]  # (s, m)
-    sd: Array  # (s, m) mm
-    steady: tuple[Steady, ...]  # (blocks,)
-    block: NDArray[np.int64]  # (s,)
+    noise: NoiseFilter
     modes: Array  # (k, s, m) mm, shared modes first (the reference's gauge error last), then one a step
     shared: int  # how many of the modes are shared
     names: tuple[str, ...]  # (shared,) of the shared modes
 
     @property
+    def components(self) -> NDArray[np.int64]:
+        """Point and axis (m, 2) of each component that is data."""
+        return self.noise.components
+
+    @property
+    def valid(self) -> NDArray[np.bool_]:
+        """Which values (s, m) are data."""
+        return self.noise.valid
+
+    @property
+    def sd(self) -> Array:
+        """The sd (s, m) mm of the noise of each value."""
+        return self.noise.sd
+
+    @property
     def rho(self) -> Array:
         """The lag-1 correlation (m,) of the static part in the first block."""
-        return self.steady[0].rho
+        return self.noise.steady[0].rho
 
     @property
     def static(self) -> Array:
         """The covariance (m, m) mm2 of the static part in the first block."""
-        return self.steady[0].static
-
-    @cached_property
-    def first(self) -> NDArray[np.bool_]:
-        """Which steps (s,) are the first of their block."""
-        return np.append(True, np.diff(self.block) > 0)
+        return self.noise.steady[0].static
 
     @property
     def count(self) -> int:
         """Number of values that are data."""
         return int(self.valid.sum())
 
+    @property
+    def of_laws(self) -> NDArray[np.bool_]:
+        """Which shared modes (shared,) are errors of the model's laws."""
+        return np.array([name.startswith(LAW) for name in self.names], bool)
+
     def pick(self, field: Array) -> Array:
         """The components (..., s, m) of a field (..., s, p, 3)."""
         return field[..., self.components[:, 0], self.components[:, 1]]
 
-    @cached_property
-    def _filter(self) -> tuple[Array, Array]:
-        """What the Kalman filter of x_t = rho x_t-1 + w_t, observed with white noise, does at each step:
-        values to innovations (s, m, m), and innovations to corrections of x (s, m, m); zeros where there is
-        no data (Anderson & Moore 1979, Optimal Filtering)."""
-        steps, m = self.valid.shape
-        turn, gain, P = np.zeros((steps, m, m)), np.zeros((steps, m, m)), self.static
-        for t, seen in enumerate(self.valid):
-            n = self.steady[self.block[t]]
-            kept = np.outer(n.rho, n.rho)
-            P = n.static if self.first[t] else kept * P + n.static * (1 - kept)
-            own = np.ix_(seen, seen)
-            white = np.maximum(self.sd[t] ** 2 - np.diag(n.static + n.fresh), 0.0)[seen]
-            turn[t][own] = np.linalg.inv(np.linalg.cholesky((P + n.fresh)[own] + np.diag(white)))
-            gain[t] = P @ turn[t].T
-            P = P - gain[t] @ gain[t].T
-        return turn, gain
+    def innovations(self, field: Array) -> Array:
+        """Independent values (..., n) of fields (..., s, p, 3) mm, the modes not yet taken off."""
+        return self.noise.innovations(self.pick(field))
 
-    def _innovations(self, y: Array) -> Array:
-        """Independent values (..., n) of fields y (..., s, m), without the modes; 0 where no data."""
-        fields = np.moveaxis(np.where(self.valid, y, 0.0).reshape(-1, *self.valid.shape), 0, 2)  # (s, m, k)
-        out, x = np.zeros_like(fields), np.zeros(fields.shape[1:])
-        for t, (turn, gain) in enumerate(zip(*self._filter, strict=True)):
-            if self.first[t]:
-                x = np.zeros_like(x)
-            x = np.where(np.abs(x) > 1e-100, x, 0.0)  # of long ago; its squares would underflow
-            out[t] = turn @ (fields[t] - x)
-            x = self.steady[self.block[t]].rho[:, None] * (x + gain @ out[t])
-        return np.moveaxis(out, 2, 0).reshape(*y.shape[:-2], out.shape[0] * out.shape[1])
+    def beside(self, modes: Array, names: Sequence[str]) -> "Whitener":
+        """The whitener with more shared modes (k, s, p, 3) mm of these names (k,)."""
+        at, more = self.shared, np.where(self.valid, np.nan_to_num(self.pick(modes)), 0.0)
+        every = np.concatenate([self.modes[:at], more, self.modes[at:]])
+        return Whitener(self.noise, every, at + len(more), (*self.names, *names))
 
     @cached_property
     def _whitened_modes(self) -> Array:
         """The innovations (k, n) of every mode."""
-        return self._innovations(self.modes)
+        return self.noise.innovations(self.modes)
 
     @cached_property
     def _gram(self) -> Array:
@@ -119,16 +101,15 @@ class Whitener:
 
     def whiten(self, field: Array) -> Array:
         """W applied to fields (..., s, p, 3) mm: values (..., n) of variance 1 where the field is noise."""
-        return self._calmed(self._innovations(self.pick(field)))
+        return self.calmed(self.innovations(field))
 
     @cached_property
     def log_det(self) -> float:
         """ln det of the covariance in mm2 of the values that are data: that of their innovations, and what
         the modes add, ln det(1 + G'G) (matrix determinant lemma)."""
-        diagonal = np.diagonal(self._filter[0], axis1=1, axis2=2)[self.valid]  # of inverse Cholesky factors
-        return float(np.log1p(self._axes[1] ** 2).sum() - 2 * np.log(diagonal).sum())
+        return float(np.log1p(self._axes[1] ** 2).sum()) + self.noise.log_det
 
-    def _calmed(self, z: Array) -> Array:
+    def calmed(self, z: Array) -> Array:
         """Innovations (..., n) with the variance of the modes taken off their directions."""
         axes, sizes = self._axes
         return np.asarray(z - (z @ axes) * (1 - 1 / np.sqrt(1 + sizes**2)) @ axes.T, float)
@@ -137,7 +118,7 @@ class Whitener:
     def _gauge_axes(self) -> tuple[Array, Array]:
         """The gauge's errors (k, n) in whitened values, and what makes orthonormal directions of them (k,
         r)."""
-        errors = self._calmed(self._whitened_modes[self.shared :])
+        errors = self.calmed(self._whitened_modes[self.shared :])
         sizes, turn = np.linalg.eigh(errors @ errors.T)
         keep = sizes > 1e-12 * max(float(sizes.max(initial=0.0)), 1e-300)
         return errors, turn[:, keep] / np.sqrt(sizes[keep])
@@ -150,26 +131,39 @@ class Whitener:
     def amplitudes(self, residual: Array, *, bound: float = np.inf) -> Array:
         """Most probable amplitude (k,) of every mode in a residual (s, p, 3) mm, in sds; that of a shared
         mode within +- bound."""
-        z = self._innovations(self.pick(residual))
+        z = self.innovations(residual)
         H, b = np.eye(len(self.modes)) + self._gram, self._whitened_modes @ z
         found = np.asarray(np.linalg.solve(H, b), float)
         return found if np.all(np.abs(found[: self.shared]) <= bound) else _bounded(H, b, self.shared, bound)
 
     def cleaned(self, residual: Array, *, gauge: bool = False, bound: float = np.inf) -> Array:
         """The residual (s, m) mm without its shared modes, each at most `bound` sds; gauge noise stays unless
-        `gauge`; NaN where no data."""
+        `gauge`, and what laws leave always, as it is no error of the measurement; NaN where no data."""
         count, size = len(self.modes) if gauge else self.shared, self.amplitudes(residual, bound=bound)
+        size[: self.shared][self.of_laws] = 0.0
         left = self.pick(residual) - np.tensordot(size[:count], self.modes[:count], 1)
         return np.where(self.valid, left, np.nan)
 
-    def rms(self, residual: Array, *, gauge: bool = False) -> float:
+    def rms(self, residual: Array, *, gauge: bool = False, bound: float = np.inf) -> float:
         """Root mean square in mm of the cleaned residual."""
-        return float(np.sqrt(np.nanmean(self.cleaned(residual, gauge=gauge) ** 2)))
+        return float(np.sqrt(np.nanmean(self.cleaned(residual, gauge=gauge, bound=bound) ** 2)))
+
+    def error(self, residual: Array) -> float:
+        """Root mean square in mm of a residual (s, p, 3) mm as it is drawn, shared errors and all."""
+        return float(np.sqrt((self.pick(residual)[self.valid] ** 2).mean()))
 
     @property
     def noise_sd(self) -> float:
         """Root mean variance in mm of one value: independent noise and the gauge's."""
         variance = self.sd**2 + (self.modes[self.shared :] ** 2).sum(axis=0)
+        return float(np.sqrt(variance[self.valid].mean()))
+
+    @property
+    def expected(self) -> float:
+        """Root mean variance in mm of one value: noise and shared errors together, as `error` would be of a
+        model that is right."""
+        own = np.append(~self.of_laws, np.ones(len(self.modes) - self.shared, bool))
+        variance = self.sd**2 + (self.modes[own] ** 2).sum(axis=0)
         return float(np.sqrt(variance[self.valid].mean()))
 
 
@@ -214,53 +208,13 @@ def whitener(
     step of 1 sd of its pressure's gauge noise, relative to the reference. points (p,): those whose values are
     data, by default all.
     """
-    data = targets.valid & ~targets.held_out[:, None, None]
-    if points is not None:
-        data = data & points[:, None]
-    components = np.argwhere(data.any(axis=0))
-    p, i = components.T
-    valid = data[:, p, i]
-    variance = np.diagonal(targets.covariance, axis1=2, axis2=3)[:, p, i]
-    sd = np.sqrt(np.where(valid, variance, 1.0))
-    none = np.zeros((len(components), len(components)))
-    steady: tuple[Steady, ...] = (Steady(np.diag(sd.min(axis=0) ** 2), none, np.zeros(len(components))),)
-    if targets.noise is not None:
-        models = targets.noises or (targets.noise,)
-        made = [_steady(noise, components) for noise in models]
-        steady, more = tuple(one for one, _ in made), np.array([extra for _, extra in made])
-        sd = np.sqrt(sd**2 + more[targets.block if targets.noises else np.zeros_like(targets.block)])
-    if len(steady) == 1:
-        steady *= int(targets.block[-1]) + 1
+    noise = noise_filter(targets, points)
+    p, i = noise.components.T
     shared, single = _gauge_modes(gauge[:, p, i], targets.reference, targets.rests)
     modes = np.concatenate([targets.modes[:, :, p, i], prediction_modes[:, :, p, i], shared])
-    modes, single = (np.where(valid, np.nan_to_num(x), 0.0) for x in (modes, single))
+    modes, single = (np.where(noise.valid, np.nan_to_num(x), 0.0) for x in (modes, single))
     names = *targets.mode_names, *("mesh",) * len(prediction_modes), *("gauge:reference",) * len(shared)
-    return Whitener(
-        components=components,
-        valid=valid,
-        sd=sd,
-        steady=steady,
-        block=targets.block,
-        modes=np.concatenate([modes, single]),
-        shared=len(modes),
-        names=names,
-    )
-
-
-def _steady(noise: Noise, components: NDArray[np.int64]) -> tuple[Steady, Array]:
-    """The noise at rest of components (m, 2), and what is added to each one's variance (m,) mm2 for the few
-    frames that it was estimated from.
-
-    The inverse of a covariance estimated from n frames is too large by (n - 2) / (n - m - 1) beyond what
-    single variances are (Hartlap, Simon & Schneider 2007, doi 10.1051/0004-6361:20066170).
-    """
-    p, i = components.T
-    flat, own, frames = p * 3 + i, noise.sd[p, i], noise.frames
-    inflation = (frames - 2) / max(frames - len(components) - 1, 1)
-    correlation = shrunk(noise.correlation[np.ix_(flat, flat)], frames, i)
-    within = inflation * correlation * np.outer(own, own)
-    rho = np.clip(np.nan_to_num(noise.rho[p, i]), 0.0, 0.99)
-    return Steady(noise.lasting * within, (1 - noise.lasting) * within, rho), (inflation - 1) * own**2
+    return Whitener(noise, np.concatenate([modes, single]), len(modes), names)
 
 
 def _gauge_modes(gauge: Array, reference: NDArray[np.int64], rests: NDArray[np.int64]) -> tuple[Array, Array]:
@@ -284,22 +238,3 @@ def _gauge_modes(gauge: Array, reference: NDArray[np.int64], rests: NDArray[np.i
             own = reference[rests[reference] == rests[step]]
             single[row, own] -= gauge[step] / len(own)
     return np.array(shared).reshape(len(shared), *gauge.shape), single
-
-
-def shrunk(correlation: Array, frames: int, axis: NDArray[np.int64]) -> Array:
-    """The correlation (m, m) estimated from `frames` frames, drawn by its own sampling error towards what all
-    components of one axis (m,) share, and independence between axes.
-
-    The weight is the ratio of the sampling variance (1 - r^2)^2 / n to the spread of the off-diagonal values
-    about that target (Schaefer & Strimmer 2005, doi 10.2202/1544-6115.1175). Towards plain independence,
-    markers that jitter together would lose a part of it, and their mean would be stated too small.
-    """
-    off = ~np.eye(len(correlation), dtype=bool)
-    target = np.zeros_like(correlation)
-    for k in np.unique(axis):
-        same = np.outer(axis == k, axis == k) & off
-        target[same] = max(float(correlation[same].mean()), 0.0) if same.any() else 0.0
-    spread = float(((correlation - target)[off] ** 2).sum())
-    noise = float(((1 - correlation[off] ** 2) ** 2).sum()) / max(frames - 1, 1)
-    weight = min(1.0, noise / spread) if spread > 0 else 1.0
-    return np.where(off, correlation + weight * (target - correlation), 1.0)

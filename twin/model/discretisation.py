@@ -18,6 +18,7 @@ from fe import Case, Path, solve
 from fe.case import digest
 from fe.element import Integers
 from fe.mesh.points import nearest
+from twin import effort
 from twin.effects.baselaw import Constants
 from twin.effects.protocol import Test
 from twin.gravity import under, ways
@@ -253,7 +254,8 @@ def _response(
 ) -> Array:
     """Displacements (k, p, 3) mm of points (p, 3) mm along a path of k pressures, without history."""
     case = under(replace(mesh.build().with_material(**constants.named), forces=forces), path)
-    solution = solve(case, path, count=COUNT)
+    with effort.counted(effort.FINER):
+        solution = solve(case, path, count=COUNT)
     if not solution.converged:
         raise ValueError(
             f"error of the mesh: the finer mesh of {len(case.nodes)} nodes {solution.reason}; wanted a "

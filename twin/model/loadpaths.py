@@ -16,6 +16,7 @@ from scipy.interpolate import BarycentricInterpolator
 from fe import Case, Path, solve
 from fe.case import digest
 from fe.element import Integers
+from twin import effort
 from twin.effects.baselaw import Constants
 from twin.gravity import under
 from twin.model.arraycache import ArrayCache, code_digest
@@ -26,33 +27,37 @@ REDUCED = (
     0.36  # p / (C10 + C01) to which paths are followed; beyond it no finger of this kind has an equilibrium
 )
 FIRST = 0.1  # reduced pressure that is tried first on a structure of which nothing is known
-SHARES = 5
+SHARES, MORE = 5, 3  # nodes from 0 to 1, and how many more from the least share that is stable
 LEVELS = 18
 TOTALS = 7
+BESIDE = 0.02  # of the share is what a polynomial serves beyond its ends
 NOTHING: Mapping[str, Array] = {"gravity": np.zeros(3)}  # from outside
 
 
 @dataclass(frozen=True)
 class LoadPaths:
     """shares (h,); reduced (k,) pressures; u (h, k, p, 3) mm at the points, and slopes; reached (h,) per
-    share."""
+    share; lowest: the least share that they serve."""
 
     shares: Array
     reduced: Array
     u: Array
     reached: Array
+    lowest: float = 0.0
 
     def predict(self, constants: Constants, pressure: Array) -> Array | None:
         """Displacements (s, p, 3) mm at pressures (s,) MPa for constants of the silicone.
 
-        None where the reduced pressure lies beyond what the neighbouring paths reached, or where one share
-        cannot even carry its weight.
+        None where the reduced pressure lies beyond what the neighbouring paths reached, where one share
+        cannot even carry its weight, or below the least share.
         """
         return self.along(constants.share, pressure / constants.total)
 
     def along(self, share: float, q: Array) -> Array | None:
         """As `predict`, for a share and reduced pressures (s,)."""
-        if not self.reached.all() or q.max(initial=0.0) > np.interp(share, self.shares, self.reached):
+        if share < self.lowest - BESIDE or not self.reached.all():
+            return None
+        if q.max(initial=0.0) > np.interp(share, self.shares, self.reached):
             return None
         q = np.clip(q, self.reduced[0], self.reduced[-1])
         weights = _blend(self.shares, share)
@@ -77,7 +82,8 @@ def _reach(case: Case, wanted: float) -> Array:
     case, top = case.with_material(**Constants.at(TOTAL, 0.3).named), min(FIRST, wanted)
     while True:
         pressure = np.array([0.0, top * TOTAL])
-        reached = solve(case, Path(pressure, pressure, pressure), count=8).reached / TOTAL
+        with effort.counted(effort.PATHS):
+            reached = solve(case, Path(pressure, pressure, pressure), count=8).reached / TOTAL
         if reached < top * (1 - 1e-9) or top >= wanted:
             return np.array([min(1.2 * reached, wanted)])  # other shares may go a little further
         top = min(2 * top, wanted)
@@ -131,13 +137,16 @@ def sheets(
     key: str,
     top: float,
     totals: tuple[float, float],
+    lowest: float = 0.0,
     outside: Mapping[str, Array] = NOTHING,
 ) -> Sheets:
     """The load paths of a case between two totals C10 + C01 in MPa; see `load_paths`."""
     x = 0.5 - 0.5 * np.cos(np.pi * (np.arange(TOTALS) + 0.5) / TOTALS)
     at = totals[0] * (totals[1] / totals[0]) ** x
     every = [
-        load_paths(case, points, cache=cache, key=key, top=top, total=float(t), outside=outside)
+        load_paths(
+            case, points, cache=cache, key=key, top=top, total=float(t), lowest=lowest, outside=outside
+        )
         for t in at
     ]
     return Sheets(at, tuple(every))
@@ -151,12 +160,16 @@ def load_paths(
     key: str,
     top: float = REDUCED,
     total: float = TOTAL,
+    lowest: float = 0.0,
     outside: Mapping[str, Array] = NOTHING,
 ) -> LoadPaths:
     """The load paths of a case at material points (p, 3) mm, followed to a reduced pressure `top` or to their
     end. cache: what gives the arrays; key: the case's fingerprint. total: C10 + C01 in MPa at which they are
-    solved; outside: gravity and pulls, as `Path.under` has them, by default none."""
-    shares = 0.5 - 0.5 * np.cos(np.pi * (np.arange(SHARES) + 0.5) / SHARES)
+    solved; lowest: the least share, 0 or below; outside: gravity and pulls, as `Path.under` has them, by
+    default none."""
+    count = SHARES if lowest == 0 else SHARES + MORE
+    shares = 0.5 - 0.5 * np.cos(np.pi * (np.arange(count) + 0.5) / count)
+    shares = lowest + (1 - lowest) * shares
     reduced = np.linspace(0, 1, 61) ** 1.3 * top
     what = (code_digest(), key, points, total, reduced, LEVELS, *outside.values())
     keys = [digest("load path", *what, float(share)) for share in shares]
@@ -167,7 +180,7 @@ def load_paths(
     made = cache("load paths", tasks)
     u = np.array([made[k] for k in keys])
     reached = np.array([reduced[np.isfinite(row[:, 0, 0])].max(initial=0.0) for row in u])
-    return LoadPaths(shares, reduced, _extended(u), np.minimum(reached, reduced[-1]))
+    return LoadPaths(shares, reduced, _extended(u), np.minimum(reached, reduced[-1]), lowest)
 
 
 def along_path(
@@ -176,7 +189,8 @@ def along_path(
     """Displacements (k, p, 3) mm along one path; NaN beyond its end."""
     pressure, case = reduced * total, case.with_material(**Constants.at(total, share).named)
     path = Path(pressure, pressure, pressure, **outside)
-    solution = solve(under(case, path), path, count=LEVELS)
+    with effort.counted(effort.PATHS):
+        solution = solve(under(case, path), path, count=LEVELS)
     u = np.full((len(reduced), len(points), 3), np.nan)
     inside = pressure <= solution.reached * (1 + 1e-9)
     if inside.sum() > 3:

@@ -11,7 +11,7 @@ from typing import Self
 import numpy as np
 
 from fe import Solution
-from twin.effects.protocol import Effect
+from twin.effects.protocol import Effect, Order
 from twin.model.discretisation import Discretisation
 from twin.model.prediction import Model, Solved
 from twin.targets import Array
@@ -63,7 +63,12 @@ class KeptModel(Model):
             return None
         values = self.named(theta)
         here = np.array([values.get(p.name, 0.0) for p in model.parameters])
-        return near.solution.ahead(here - near.theta)
+        perturbs = [e.order == Order.COURSE for e in model.effects for _ in e.parameters]
+        change = here - near.theta
+        if any(perturbs):  # they move no curve, and have directions beside those of the parameters
+            change = np.where(perturbs, 0.0, change)
+            change = np.append(change, np.zeros(len(near.solution.slopes) - len(change)))
+        return near.solution.ahead(change)
 
     def _nearest(self, theta: Array) -> Solved | None:
         """The kept solve with the smallest change of any parameter, in typical steps."""

@@ -1,8 +1,9 @@
 """A base test and effects -> predicted displacements and their derivatives, each by a solve of its own."""
 
+import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Self
 
 import numpy as np
@@ -11,10 +12,12 @@ from numpy.typing import NDArray
 from calibrate import Parameter
 from fe import Solution, Variation, solve
 from fe.mesh.mirror import mirrored, symmetry_support
+from twin import effort
 from twin.effects.baselaw import NAMES
-from twin.effects.protocol import Effect, Test, Theta, Unsolvable
+from twin.effects.protocol import Effect, Order, Test, Theta, Unsolvable
 from twin.gravity import hangs_aside, is_heavy, pulls_across
 from twin.model.discretisation import Discretisation
+from twin.model.perturbing import Paced, directions, paced, perturbed
 from twin.model.slipping import Known, slipped
 from twin.targets import Array, relative
 
@@ -179,9 +182,10 @@ class Model:
         if self.mesh is None:
             return np.zeros((0, len(self.test.path.output), len(self.test.points), 3))
         test = self.put(self.named(theta))
-        u = moved(test, self.solution(theta))
+        solution = self.solution(theta)
+        u = moved(test, solution)
         modes = self.mesh.modes(u, test)
-        memory = remembered(u, test)
+        memory = remembered(test, solution)
         if memory is not None:
             modes = np.concatenate([modes, HISTORY * each(memory)])
         return self._beside(theta, np.reshape([self.relative(mode) for mode in modes], modes.shape))
@@ -203,7 +207,7 @@ class Model:
         test = self.put(values)
         changes = [self._direction(values, p) for p in self.parameters] if derivatives else []
         u, du, solution = respond(test, [c[0] for c in changes], start=self._start(theta))
-        rows = [self._through(u, d + _slid(solution, c), c) for d, c in zip(du, changes, strict=True)]
+        rows = [self._through(u, d + _slid(test, solution, c), c) for d, c in zip(du, changes, strict=True)]
         jacobian = np.stack(rows) if derivatives else None
         return Solved(theta.copy(), self.seen(u, test, values), jacobian, solution)
 
@@ -214,9 +218,9 @@ class Model:
         u = moved(test, solution)
         if solved.jacobian is not None:
             changes = [self._direction(values, p) for p in self.parameters]
-            du = varied(test, solution, len(changes))
-            rows = [self._through(u, d + _slid(solution, c), c) for d, c in zip(du, changes, strict=True)]
-            jacobian = np.stack(rows)
+            du = varied(test, solution, [c[0] for c in changes])
+            every = zip(du, changes, strict=True)
+            jacobian = np.stack([self._through(u, d + _slid(test, solution, c), c) for d, c in every])
         return Solved(solved.theta, self.seen(u, test, values), jacobian, solution)
 
     def _start(self, theta: Array) -> Solution | None:
@@ -228,7 +232,12 @@ class Model:
         h = STEP * p.step if step is None else step
         plus, minus = {**values, p.name: values[p.name] + h}, {**values, p.name: values[p.name] - h}
         a, b = self.put(plus), self.put(minus)
-        return Variation((a.case, a.path), (b.case, b.path), h), (a, plus), (b, minus), h
+        ways, perturbs = ((a, plus), (b, minus), h), [e for e in self.effects if e.order == Order.COURSE]
+        for k, e in enumerate(perturbs):
+            if p in e.parameters:
+                one, other = a.perturbations[k], b.perturbations[k]
+                return Paced((one.plus, a.path), (other.plus, b.path), h, one.course), *ways
+        return Variation((a.case, a.path), (b.case, b.path), h), *ways
 
     def _through(self, u: Array, du: Array, change: "Direction") -> Array:
         """The derivative of what is seen, from that of what moves: one difference along (du, theta)."""
@@ -277,18 +286,21 @@ class Model:
         """The rows of `tangents` of effects whose models solve one mesh."""
         ways = {row.key: self._way(row, notes) for row in some}
         own = self.over(some[0].model)  # of effects that break the symmetry, the whole
+        test = own.put(self.named(theta))
         moving = [row.key for row in some if ways[row.key] is not None and row.moves]
         u, du, solution = respond(
-            own.put(self.named(theta)),
+            test,
             [way[0] for key in moving if (way := ways[key])],
             start=self._start(theta) if own is self else None,
+            columns=True,
         )
         along, out = dict(zip(moving, du, strict=True)), {}
         known: Known = {}
         for row in some:
             way, still = ways[row.key], np.zeros_like(u)
             if way is not None:
-                still = row.model._through(u, along.get(row.key, still) + _slid(solution, way, known), way)
+                still = along.get(row.key, still) + _slid(test, solution, way, known)
+                still = row.model._through(u, still, way)
             out[row.key] = still
         return out
 
@@ -340,7 +352,7 @@ class _Row:
         """Whether the effect changes what is solved, and not only what is seen of it."""
         base, little = self.model.test, self.null + self.parameter.step / 8
         test = self.effect.before(base, {**self.values, self.parameter.name: little})
-        return test.case is not base.case or test.path is not base.path
+        return test.case is not base.case or test.path is not base.path or bool(test.perturbations)
 
 
 def _nulls(effect: Effect) -> dict[str, float]:
@@ -351,33 +363,43 @@ Direction = tuple[Variation, tuple[Test, Theta], tuple[Test, Theta], float]
 
 
 def respond(
-    test: Test, variations: Sequence[Variation], *, start: Solution | None
+    test: Test, variations: Sequence[Variation], *, start: Solution | None, columns: bool = False
 ) -> tuple[Array, Array, Solution]:
     """Displacements (s, p, 3) mm of a test's points, derivatives (v, s, p, 3), and the solution.
 
-    Raises Unsolvable where the load path cannot be followed to its end.
+    columns: the variations are counted, not the solve. Raises Unsolvable where the load path cannot be
+    followed to its end.
     """
-    solution = solve(test.case, test.path, start=start, variations=variations)
+    began, count = time.process_time(), len(variations)
+    every = [*variations, *directions(test)]
+    solution = solve(test.case, test.path, start=start, variations=every)
+    if solution.converged:
+        u, du = moved(test, solution), varied(test, solution, variations)
+    kind = effort.kind_of(history=solution.history is not None, derivatives=count > 0)
+    own = (effort.COLUMNS, count) if columns and count else (kind, 1)
+    effort.add(*own, time.process_time() - began)
     if not solution.converged:
         raise Unsolvable(f"the finite-element model {solution.reason}")
-    u = moved(test, solution)
-    return u, varied(test, solution, len(variations)), solution
+    return u, du, solution
 
 
 def moved(test: Test, solution: Solution) -> Array:
     """Displacements (s, p, 3) mm of a test's points in its solution, before any correction and effect."""
-    u = np.zeros((len(test.path.output), len(test.points), 3))
-    u[:, test.moving] = solution.at(test.points[test.moving])
-    return u + slipped(test, solution.at) if test.slips else u
+    u, at = np.zeros((len(test.path.output), len(test.points), 3)), partial(perturbed, test, solution)
+    u[:, test.moving] = at(test.points[test.moving])
+    return u + slipped(test, at) if test.slips else u
 
 
-def remembered(u: Array, test: Test) -> Array | None:
-    """What of displacements u (s, p, 3) mm of a test's points the memory of its materials makes, if they have
-    any."""
+def remembered(test: Test, solution: Solution) -> Array | None:
+    """What of the displacements (s, p, 3) mm of a test's points in its solution the memory of its materials
+    makes, if they have any: without it, they are those of the curves that carried the history. What
+    perturbs the test is left out."""
+    test = replace(test, perturbations=())
     plain = test.case.with_material(prony=(), mullins=None)
     if plain.materials == test.case.materials:
         return None
-    return u - respond(replace(test, case=plain), (), start=None)[0]
+    own, instant = replace(test, case=plain), solution.instant
+    return moved(test, solution) - (moved(own, instant) if instant else respond(own, (), start=None)[0])
 
 
 def each(field: Array) -> Array:
@@ -388,19 +410,25 @@ def each(field: Array) -> Array:
     return np.asarray(out.reshape(len(rows), *field.shape))
 
 
-def varied(test: Test, solution: Solution, count: int) -> Array:
-    """Derivatives (v, s, p, 3) of `moved` along the `count` variations that were solved."""
+def varied(test: Test, solution: Solution, variations: Sequence[Variation]) -> Array:
+    """Derivatives (v, s, p, 3) of `moved` along the variations, the first that were solved."""
+    count = len(variations)
     du = np.zeros((count, len(test.path.output), len(test.points), 3))
-    if count:
-        du[:, :, test.moving] = solution.variations_at(test.points[test.moving])
-    return du + slipped(test, solution.variations_at, rigid=False) if count and test.slips else du
+    if not count:
+        return du
+
+    def at(points: Array) -> Array:
+        return paced(solution.variations_at(points)[:count], variations)
+
+    du[:, :, test.moving] = at(test.points[test.moving])
+    return du + slipped(test, at, rigid=False) if test.slips else du
 
 
-def _slid(solution: Solution, change: Direction, known: Known | None = None) -> Array:
-    """The derivative (s, p, 3) to what slips alone, 0 where nothing does."""
+def _slid(test: Test, solution: Solution, change: Direction, known: Known | None = None) -> Array:
+    """The derivative (s, p, 3) to what slips alone on a solved test, 0 where nothing does."""
     _, (a, _), (b, _), h = change
     if not (a.slips or b.slips):
         return np.zeros((len(a.path.output), len(a.points), 3))
-    known = {} if known is None else known
-    plus, minus = (slipped(test, solution.at, known=known) for test in (a, b))
+    known, at = {} if known is None else known, partial(perturbed, test, solution)
+    plus, minus = (slipped(side, at, known=known) for side in (a, b))
     return (plus - minus) / (2 * h)

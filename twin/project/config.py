@@ -10,6 +10,7 @@ from twin.effects import labels
 from twin.effects.baselaw import BOUNDS
 from twin.project.dimensions import FingerTable
 from twin.project.tablemodel import Finite, NotNegative, Position, Positive, TableModel
+from twin.project.targetschema import StillSteps
 
 
 def _inside(path: str) -> str:
@@ -314,7 +315,14 @@ class ImportTable(TableModel):
     )
     sd_mm: SdMm | None = Field(
         default=None,
-        description="sd of one position, mm; always wanted: the scatter while the finger is still",
+        description="sd of one position, mm, while the finger is still; wanted without still_steps",
+    )
+    rho: Annotated[float, Field(ge=0, lt=1)] = Field(
+        default=0.0, description="correlation of that error with the one in the row before"
+    )
+    still_steps: StillSteps | None = Field(
+        default=None,
+        description="first and last rows of rests and holds, whose scatter is the noise; or \"holds\"",
     )
     mm_per_px: Positive | None = Field(
         default=None,
@@ -470,7 +478,9 @@ class CalibrateTable(TableModel):
         default=3, description="component of that error: 1 x, 2 y, 3 z"
     )
     bounds: dict[str, Bounds] = Field(
-        default=dict(BOUNDS), description="lowest and highest value of each constant, MPa"
+        default=dict(BOUNDS),
+        description="lowest and highest value of each constant in the genetic algorithm, MPa; least squares "
+        "may take a C01 below 0, too, where 0 is allowed and the rubber is stable",
     )
 
 

@@ -14,10 +14,11 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
+from twin import effort
 from twin.project import files
 from twin.project.config import Config
 from twin.project.locks import lock
-from twin.project.record import Record, RunExtra, RunRecord, RunSummary, SourceRecord, StoredConfig
+from twin.project.record import Record, RunExtra, RunRecord, RunSummary, SolvesRow, SourceRecord, StoredConfig
 from twin.project.targetfiles import read_targets
 from twin.project.toml import decoded, dump, former_keys, parse, with_effects, write
 from twin.project.trust import check_folder, leads_out
@@ -329,7 +330,7 @@ def dataset(name: str) -> Path:
 @contextmanager
 def _recorded(run: Run, stamp: RunRecord) -> Iterator[None]:
     """Write in run.json how the block ended."""
-    start = time.monotonic()
+    start, cpu, before = time.monotonic(), effort.processor_s(), effort.so_far()
     status = "running"  # what an interrupt leaves
     try:
         yield
@@ -339,8 +340,14 @@ def _recorded(run: Run, stamp: RunRecord) -> Iterator[None]:
         status = f"failed: {name}{error}"
         raise
     finally:
-        end = {"status": status, "seconds": round(time.monotonic() - start, 3), "finished": _now()}
+        took = {"seconds": time.monotonic() - start, "cpu_s": effort.processor_s() - cpu}
+        end: dict[str, Any] = {"status": status, "finished": _now()}
+        end |= {name: round(s, 3) for name, s in took.items()}
+        solved = effort.since(before)
         if status != "running" and os.path.isdir(run.folder):
+            if solved:
+                end["solves"] = {k: SolvesRow(n=s.n, cpu_s=round(s.cpu_s, 3)) for k, s in solved.items()}
+                run.note(f"Solved: {effort.in_words(solved)}.")
             run.write(stamp.model_copy(update=end | {"summary": RunSummary(**run.summary)}))
 
 

@@ -59,6 +59,13 @@ class RunSummary(Loose):
     headline: str = ""
 
 
+class SolvesRow(Record):
+    """Solves of one kind."""
+
+    n: int
+    cpu_s: NotNegative
+
+
 class RunRecord(Record):
     """What makes a run what it is, and how it ended."""
 
@@ -74,6 +81,8 @@ class RunRecord(Record):
     started: tuple[str, ...] = ()
     status: str
     seconds: NotNegative | None = None
+    cpu_s: NotNegative | None = None  # of this process and its workers
+    solves: dict[str, SolvesRow] = Field(default={})  # by kind
     finished: str | None = None
     summary: RunSummary = RunSummary()
 

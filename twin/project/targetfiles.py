@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from twin.project import files
 from twin.project.csvtable import Table, read_table
+from twin.project.stillnoise import stated_noise, still_noise
 from twin.project.targetarrays import EXACT, check_blocks, check_exact, check_log
 from twin.project.targetschema import (
     FORMER_PLACE,
@@ -36,7 +37,8 @@ def read_targets(folder: Path, *, nodes: Mapping[str, int] | None = None) -> Tar
     table = read_table(folder / "targets.csv", COLUMNS)
     about = _read_toml(folder / "targets.toml")
     exact = files.read_npz(folder / "targets.npz") if (folder / "targets.npz").exists() else {}
-    if (about.noise is not None or any(row.noise is not None for row in about.blocks)) and not exact:
+    stated = [n for n in (about.noise, *(b.noise for b in about.blocks)) if n is not None]
+    if not exact and not all(n.told for n in stated):
         raise ValueError(
             f"{folder / 'targets.npz'} is missing, but targets.toml has a noise model whose modes and "
             "covariances it holds; put it back, or remove [noise] from targets.toml"
@@ -46,10 +48,14 @@ def read_targets(folder: Path, *, nodes: Mapping[str, int] | None = None) -> Tar
     told = _points(folder, about, grid.names, nodes or {})
     columns = _columns(table, grid, exact, folder)
     log = _read_log(folder, grid, columns["pressure_sd"])
+    noises = _noises(folder, about, grid, exact, columns["value"])
+    if any(n.told for n in stated):
+        own = noises.get("noises") or (noises["noise"],) * (int(grid.block[-1]) + 1)
+        columns["covariance"] = _at_least(columns["covariance"], np.array([n.sd for n in own])[grid.block])
     return Targets(
         time=grid.time, pressure=grid.pressure, block=grid.block, points=told, **columns,
         **_blocks(folder, about, grid), loads=_loads(folder, about, grid, told),
-        **_noises(folder, about, grid, exact),
+        **noises,
         log_time=log[0], log_pressure=log[1], reference=_reference(folder, about, grid, columns),
     )  # fmt: skip
 
@@ -267,20 +273,45 @@ def _reference(
     return np.array([0], dtype=np.int64)
 
 
-def _noises(folder: Path, about: TargetsTable, grid: _Grid, exact: dict[str, Any]) -> dict[str, Any]:
+def _noises(
+    folder: Path, about: TargetsTable, grid: _Grid, exact: dict[str, Any], value: Array
+) -> dict[str, Any]:
     """The noise model, and those of the blocks (b,) where each has its own."""
     path, labels = folder / "targets.toml", sorted({b for b, _ in grid.labels})
+
+    def read(table: NoiseTable, correlation: str, steps: NDArray[np.bool_]) -> Noise:
+        if table.told:
+            return _told_noise(path, table, value[steps], grid.pressure[steps])
+        return _read_noise(path, table, grid.names, exact.get(correlation))
+
     if about.noise is not None:
-        return {"noise": _read_noise(path, about.noise, grid.names, exact.get("correlation"))}
+        return {"noise": read(about.noise, "correlation", grid.block >= 0)}
     rows = {row.block: row.noise for row in about.blocks if row.noise is not None}
     if not rows:
         return {"noise": None}
     if len(rows) != len(labels):
         raise ValueError(f"{path}: {len(rows)} of {len(labels)} blocks have a noise model; state all or none")
-    own = tuple(
-        _read_noise(path, rows[b], grid.names, exact.get(f"correlation_{k}")) for k, b in enumerate(labels)
-    )
+    own = tuple(read(rows[b], f"correlation_{k}", grid.block == k) for k, b in enumerate(labels))
     return {"noise": least_known(own), "noises": own}
+
+
+def _told_noise(path: Path, table: NoiseTable, value: Array, pressure: Array) -> Noise:
+    """The noise model that [noise] states for all values (s, p, 3) mm, or says where they rest."""
+    if table.sd_mm is not None:
+        return stated_noise(value, table.sd_mm, table.rho)
+    assert table.still_steps is not None  # one of both is there
+    try:
+        return still_noise(value, pressure, table.still_steps)
+    except ValueError as error:
+        raise ValueError(f"{path}: [noise] {error}") from None
+
+
+def _at_least(covariance: Array, sd: Array) -> Array:
+    """The covariance (s, p, 3, 3) mm2 with no variance below that of the noise, sd (s, p, 3) mm."""
+    out = covariance.copy()
+    diagonal = range(3)
+    out[..., diagonal, diagonal] = np.maximum(out[..., diagonal, diagonal], sd**2)
+    return out
 
 
 def _read_noise(path: Path, table: NoiseTable, names: tuple[str, ...], correlation: Any) -> Noise:
@@ -292,11 +323,13 @@ def _read_noise(path: Path, table: NoiseTable, names: tuple[str, ...], correlati
             f"{path}: [noise] lacks {missing[0] if missing else 'correlation in targets.npz'}; "
             "measure again, or remove [noise]"
         )
+    assert table.frames is not None  # checked
+    assert table.gauge_frames is not None
     per = {key: np.array([getattr(rows[n], key) for n in names]) for key in ("sd_mm", "rho", "codec_sd_mm")}
     return Noise(
         sd=per["sd_mm"], rho=per["rho"], codec_sd=per["codec_sd_mm"], correlation=correlation,
-        frames=table.frames, gauge_sd_MPa=table.gauge_sd_MPa, gauge_frames=table.gauge_frames,
-        lasting=table.lasting,
+        frames=table.frames, gauge_sd_MPa=table.gauge_sd_MPa or 0.0, gauge_frames=table.gauge_frames,
+        lasting=table.lasting, basis=table.basis,
     )  # fmt: skip
 
 

@@ -5,7 +5,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import AfterValidator, Field, model_validator
 
-from twin.project.tablemodel import NotNegative, Position, TableModel
+from twin.project.tablemodel import NotNegative, Position, Positive, TableModel
 
 LIGHTEST, HEAVIEST = 0.1, 5000.0  # g, of a weight hung on a soft structure: others are in another unit
 STRONGEST = 50.0  # N
@@ -122,12 +122,48 @@ class NoiseOfPoint(TableModel):
     codec_sd_mm: tuple[MaybeSd, MaybeSd, MaybeSd] = Field(description="more noise where it moves, mm")
 
 
+StillSteps = tuple[tuple[Step, Step], ...] | Literal["holds"]
+
+
 class NoiseTable(TableModel):
-    frames: int = Field(ge=1, description="static frames that the noise was estimated from")
+    """The noise as a static film shows it; or, in place of that, as the user knows it, or where it shows."""
+
+    frames: int | None = Field(
+        default=None, ge=1, description="static frames that the noise was estimated from"
+    )
     lasting: float = Field(default=1.0, ge=0, le=1, description="share of the variance that rho is of")
-    gauge_sd_MPa: NotNegative = Field(description="noise of one sample of the pressure log, MPa")
-    gauge_frames: int = Field(ge=0, description="samples that it was estimated from")
+    gauge_sd_MPa: NotNegative | None = Field(
+        default=None, description="noise of one sample of the pressure log, MPa"
+    )
+    gauge_frames: int | None = Field(
+        default=None, ge=0, description="samples that it was estimated from"
+    )
     points: tuple[NoiseOfPoint, ...] = Field(default=(), description="one for each point of targets.csv")
+    basis: str = Field(default="", description="what it rests on, where that is no static film")
+    sd_mm: Positive | None = Field(default=None, description="in place of these: sd of every value, mm")
+    rho: float = Field(default=0.0, ge=0, lt=1, description="correlation with the value of the step before")
+    still_steps: StillSteps | None = Field(
+        default=None,
+        description="or first and last steps of rests and holds, whose scatter is the noise; or \"holds\"",
+    )
+
+    @property
+    def told(self) -> bool:
+        """Whether it stands in place of a static film."""
+        return self.sd_mm is not None or self.still_steps is not None
+
+    @model_validator(mode="after")
+    def _one(self) -> Self:
+        film = ("frames", "gauge_sd_MPa", "gauge_frames")
+        missing = [key for key in film if getattr(self, key) is None]
+        if self.told and (self.points or None not in (self.sd_mm, self.still_steps)):
+            raise ValueError("noise: wanted one of points, sd_mm and still_steps; leave the others out")
+        if missing and not self.told:
+            raise ValueError(
+                f"noise.{missing[0]} is missing; add it, or state sd_mm (such as 0.02) or still_steps (such "
+                'as [[0, 60]], or "holds") in place of all'
+            )
+        return self
 
 
 class TargetsTable(TableModel):

@@ -120,6 +120,7 @@ def _noise_lines(n: Noise, names: tuple[str, ...], table: str) -> list[str]:
         f"lasting = {float(n.lasting)!r}  # share of the variance at rest that is correlated by rho in time",
         f"gauge_sd_MPa = {float(n.gauge_sd_MPa)!r}  # white noise of the pressure log",
         f"gauge_frames = {n.gauge_frames}",
+        *([f"basis = {_quoted(n.basis)}"] if n.basis else []),
     ]  # fmt: skip
     for p, name in enumerate(names):
         lines += ["", f"[[{table}.points]]  # nan: not observed", f"name = {_quoted(name)}"]

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from twin import effort
 from twin.batches.series import earlier_facts
 from twin.bench.fits import fresh, newest
 from twin.chain import FIT, kinds_writing
@@ -13,7 +14,7 @@ from twin.diagnosis.record import RankingRow
 from twin.effects.labels import name_of
 from twin.inputs.camerarecord import CameraRecord
 from twin.judging.record import FitRecord
-from twin.project.folder import Project, versions
+from twin.project.folder import Project, kind_of, versions
 from twin.report.figures import held_out_films, pictures_of, study_facts
 from twin.report.found import Story
 from twin.report.sentences import commands, errors_of, mechanism, opening, untold, where
@@ -79,7 +80,8 @@ def _chain(story: Story) -> list[dict[str, Any]]:
                 "unit": "um",
             }
         )
-        rows.append({"name": "static frames", "value": noise.frames})
+        resting = {"name": "noise model", "value": "", "note": noise.basis}
+        rows.append(resting if noise.basis else {"name": "static frames", "value": noise.frames})
         rows.append({"name": "gauge noise, sd", "value": 1e3 * noise.gauge_sd_MPa, "unit": "kPa"})
     rows.append(
         {"name": "steps x markers", "value": f"{len(story.targets.time)} x {len(story.targets.names)}"}
@@ -129,4 +131,14 @@ def provenance_of(project: Project, *, seed: Any) -> dict[str, str]:
     inputs = project.info(fit.parent).inputs if fit else {}
     digests = {name: f"SHA-256 {digest[:SHOWN]}" for name, digest in inputs.items()}
     run = {"fit of run": fit.parent.name} if fit else {}
-    return {"seed": str(seed), **run, **digests, **versions()}
+    return {"seed": str(seed), **run, **_solved(project), **digests, **versions()}
+
+
+def _solved(project: Project) -> dict[str, str]:
+    """What the newest run of each stage has solved, in words."""
+    newest = {kind_of(folder): project.info(folder) for folder in project.runs()}
+    return {
+        f"{kind} solved": f"{effort.in_words(info.solves)}; {info.cpu_s or 0.0:.0f} s of processor in all"
+        for kind, info in newest.items()
+        if info.solves
+    }

@@ -40,7 +40,12 @@ def _drawn(story: Story, name: str, *, place: str) -> list[Picture]:
     """A picture of the way to the model of now, where there is one."""
     law = story.way.law
     said = {
-        "error": ("How the error fell", "RMS of all markers. Pale: what the next step takes off.", True),
+        "error": (
+            "How the error fell",
+            "RMS of measured minus model at all markers, and what noise and shared errors would give. "
+            "Pale: what the next step takes off. Line, brackets: without shared errors, each at most 3 sd.",
+            True,
+        ),
         "evidence": (
             f"What speaks for {law}",
             f"The residual without {law}, what {law} explains of it, and what it leaves.",
@@ -48,7 +53,7 @@ def _drawn(story: Story, name: str, *, place: str) -> list[Picture]:
         ),
         "residuals": (
             "Measured minus model by marker and time",
-            "Without the errors (scale, placement, mesh) that many values share.",
+            "Without the errors (scale, placement, mesh) that many values share, each at most 3 sd of it.",
             False,
         ),
     }
@@ -152,9 +157,10 @@ def held_out_films(story: Story) -> list[ForetoldFilm]:
 
 
 def _unseen(row: ForetoldFilm) -> Picture:
-    """The error in a film before and after, and its noise."""
-    bars = [("calibrated", row.before.rms_mm)]
-    bars += [("with effects", row.after.rms_mm)] if row.after else []
-    drawing = plots.falling(bars, noise_mm=row.before.noise_sd_mm)
+    """The error in a film before and after, and what is expected of it."""
+    both = {"calibrated": row.before, "with effects": row.after}
+    bars = [(name, film.raw_rms_mm, film.rms_mm) for name, film in both.items() if film]
+    foot = row.before.noise_sd_mm if row.before.expected_mm is None else row.before.expected_mm
+    drawing = plots.falling(bars, expected_mm=foot)
     caption = "No fit has seen this film."
     return Picture(title=row.film, caption=caption, half=True, svg=drawing, place="held_out")

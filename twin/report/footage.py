@@ -41,8 +41,8 @@ class Footage:
         return (
             f"At {self.filmed.time_s[self.filmed.worst]:.1f} s of the film, when the model without effects "
             "is farthest off. Red arrows: from the model's marker to the film's, "
-            f"{self.filmed.magnified} times as long. What many values share, such as a wrong scale, is still "
-            "in this picture; the errors above leave it out."
+            f"{self.filmed.magnified} times as long. What many values share, such as a wrong scale, is in "
+            "them, as it is in the errors above."
         )
 
     def clip(self, path: Path) -> str:

@@ -93,7 +93,7 @@ class _Sight:
             before=before,
             search=self._search(moved[before][0]),
             search_measured=self._seen[self._top],
-            noise_mm=self.way[-1].noise_sd_mm,
+            expected_mm=self.way[-1].foot_mm,
             error_mm=tuple(self._error(predicted) for _, predicted in moved),
         )
 
@@ -208,7 +208,7 @@ class _Sight:
         at_rest, shown = self.generations.nodes[self._edge], self._frames[self._steps]
         return Trace(
             label=stair.done,
-            rms_mm=stair.rms_mm,
+            rms_mm=stair.error_mm,
             edge=self._pictures(at_rest + moved[self._steps], shown),
             markers=self._pictures(self._spots(predicted[self._steps], shown), shown),
         )

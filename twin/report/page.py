@@ -51,7 +51,7 @@ def render(*, title: str, facts: Mapping[str, Any]) -> str:
     where        where the model without effects fails, sentences
     mechanism    what the named effect does, sentences
     date         text
-    errors       {before_mm, after_mm, noise_mm, before_note, after_note, noise_note}
+    errors       {before_mm, after_mm, expected_mm, before_note, after_note, expected_note}
     named        [{effect, text, note, parameters: [{name, value, low, high, unit, note}]}], low to high: 95 %
     evidence     what evidence.json holds, and branches [name], table [{marker, cells: [share or None]}]
     held_out     [ForetoldFilm], films that no fit has seen

@@ -3,6 +3,7 @@
 from typing import Any
 
 from twin.chain import STAGES, When
+from twin.numerals import short
 from twin.report.found import Story
 
 FILMED = ("camera", "measure")  # stages of a project with a film
@@ -36,12 +37,12 @@ def untold(story: Story) -> list[str]:
 def opening(story: Story) -> list[str]:
     """The two sentences below the headline: the errors, and what to do now."""
     d, last = story.diagnosis, story.diagnosis.next_test
-    if d.rms_before_mm is None:
+    if d.raw_rms_before_mm is None:
         return []
-    fall = f"The model misses the film by {d.rms_before_mm:.3f} mm rms"
+    fall = f"The model misses the film by {d.raw_rms_before_mm:.3f} mm rms"
     if story.added is not None:
-        fall += f", {story.labels[1]} by {story.added.rms_mm:.3f} mm"
-    said = [f"{fall}; the measurement itself is uncertain by {d.noise_sd_mm:.3f} mm."]
+        fall += f", {story.labels[1]} by {story.added.raw_rms_mm:.3f} mm"
+    said = [f"{fall}; the measurement and the mesh are uncertain by {d.expected_mm:.3f} mm."]
     if last:
         return [*said, f"To be sure, make the next test: {_small(last)}"]
     if story.added.adequate if story.added else d.adequate:
@@ -75,17 +76,18 @@ def commands(story: Story) -> list[str]:
 
 
 def errors_of(story: Story) -> dict[str, Any] | None:
-    """The errors before and after and the noise, mm, with what the models are called; None without a
-    diagnosis."""
-    d, (before, after) = story.diagnosis, story.labels
-    if d.rms_before_mm is None:
+    """The errors before and after and the expected one, mm, with what the models are called and what is left
+    without shared errors; None without a diagnosis."""
+    d, (before, after), added = story.diagnosis, story.labels, story.added
+    if d.raw_rms_before_mm is None:
         return None
     return {
-        "before_mm": d.rms_before_mm,
-        "after_mm": story.added.rms_mm if story.added else None,
-        "noise_mm": d.noise_sd_mm,
-        "before_note": before,
-        "after_note": after,
+        "before_mm": d.raw_rms_before_mm,
+        "after_mm": added.raw_rms_mm if added else None,
+        "expected_mm": d.expected_mm,
+        "before_note": f"{before}; {short(d.rms_before_mm)} mm without shared errors",
+        "after_note": f"{after}; {short(added.rms_mm)} mm without shared errors" if added else None,
+        "expected_note": f"of noise and shared errors; {short(d.noise_sd_mm)} mm of noise alone",
     }
 
 

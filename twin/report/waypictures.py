@@ -63,9 +63,11 @@ class Way:
         """A table of the errors on the way, as lines."""
         if not self.stairs:
             return []
-        rows = [(row.done, row.rms_mm) for row in self.stairs] + [("noise", self.stairs[-1].noise_sd_mm)]
-        lines = ["", "| model | error, mm rms |", "| --- | --- |"]
-        return lines + [f"| {name} | {value:.3g} |" for name, value in rows]
+        last = self.stairs[-1]
+        rows = [(row.done, row.error_mm, row.rms_mm) for row in self.stairs]
+        rows += [("expected", last.foot_mm, last.noise_sd_mm)]
+        lines = ["", "| model | error, mm rms | without shared errors |", "| --- | --- | --- |"]
+        return lines + [f"| {name} | {error:.3g} | {left:.3g} |" for name, error, left in rows]
 
     @cached_property
     def pictures(self) -> dict[str, str]:
@@ -81,8 +83,8 @@ class Way:
 
     @property
     def _fall(self) -> dict[str, Any]:
-        rows = [(row.done, row.rms_mm) for row in self.stairs]
-        return {"rows": rows, "noise_mm": self.stairs[-1].noise_sd_mm}
+        rows = [(row.done, row.error_mm, row.rms_mm) for row in self.stairs]
+        return {"rows": rows, "expected_mm": self.stairs[-1].foot_mm}
 
     @property
     def _drawings(self) -> dict[str, dict[str, Any]]:

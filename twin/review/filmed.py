@@ -15,7 +15,7 @@ class Trace:
     """One model in s pictures: the edge of its side face, and where it puts the markers."""
 
     label: str
-    rms_mm: float  # without the errors that many values share, over the whole film
+    rms_mm: float  # of measured minus model, over the whole film
     edge: Array  # (s,k,2) px
     markers: Array  # (s,p,2) px; NaN where the marker's place at rest is not known
 
@@ -33,7 +33,7 @@ class Filmed:
     before: int  # which of them has no effect yet
     search: Trace  # the best of each generation at top pressure
     search_measured: Array  # (p,2) px, at top pressure
-    noise_mm: float
+    expected_mm: float  # of the error, by noise and shared errors
     error_mm: tuple[Array, ...]  # (s,p) mm, each model's distance from every marker
 
     @property

@@ -107,7 +107,7 @@ class _Ink:
         self.recording.reset_time()
         for name, colour, values in (
             ("error", WAY, [model.rms_mm for model in f.way]),
-            ("noise", QUIET, [f.noise_mm] * len(f.way)),
+            ("expected", QUIET, [f.expected_mm] * len(f.way)),
         ):
             points = rr.SeriesPoints(colors=colour, marker_sizes=5.0, names=f"{name}, mm")
             self.recording.log(f"fall/{name}", points, static=True)

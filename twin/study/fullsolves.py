@@ -6,6 +6,7 @@ import numpy as np
 
 from fe import Case, Path, solve
 from fe.element import triangles
+from twin import effort
 from twin.gravity import under
 from twin.project.folder import Say
 from twin.review.states import Generations
@@ -49,7 +50,8 @@ def _fields(on: OnPaths, generations: Sequence[Generation], say: Say) -> Array:
         say.progress("best of each generation by full FE", k, len(generations))
         if g.best.tobytes() not in fields:
             constants = on.constants(g.best)
-            start = solve(whole.with_material(**constants.named), path, start=start, count=4)
+            with effort.counted(effort.kind_of(history=False, derivatives=False)):
+                start = solve(whole.with_material(**constants.named), path, start=start, count=4)
             if not start.converged:
                 raise ValueError(f"the best of generation {g.number} ({constants.named}) {start.reason}")
             *rest, top = start.fields(range(len(path.output)))[:, : len(on.bench.case.nodes)]

@@ -8,7 +8,8 @@ import numpy as np
 
 from calibrate import Fit, least_squares
 from twin.bench.workbench import Workbench
-from twin.effects.baselaw import Constants
+from twin.effects.baselaw import LEAST_SHARE, Constants
+from twin.judging.comparison import PLAUSIBLE
 from twin.judging.fitting import whitener_of
 from twin.judging.judged import Judged
 from twin.judging.record import InitialRow
@@ -30,12 +31,19 @@ class OnPaths:
     objective: Objective
 
     @staticmethod
-    def of(bench: Workbench, say: Say) -> "OnPaths":
-        """The load paths at the finger's markers, and the objective that twin.toml states."""
+    def of(bench: Workbench, say: Say, *, lowest: float = 0.0) -> "OnPaths":
+        """The load paths at the finger's markers from a least share, and the objective that twin.toml
+        states."""
         own, fixed = bench.project.config.calibrate, bench.elasticity.fixed
         rows = np.flatnonzero(~bench.targets.fixed)
         objective = Objective.of(bench.targets, own.objective_points, own.objective_component - 1, fixed)
-        return OnPaths(bench, _load_paths(bench, rows, say), rows, objective)
+        return OnPaths(bench, _load_paths(bench, rows, lowest, say), rows, objective)
+
+    def holding(self, fit: Fit, say: Say) -> "OnPaths":
+        """The same, or with load paths for negative shares, too, where a fit ended there."""
+        if self.constants(fit.theta).share >= 0.0:
+            return self
+        return OnPaths.of(self.bench, say, lowest=LEAST_SHARE)
 
     def cost(self, values: Mapping[str, float]) -> float:
         """The RMS in mm of the objective; inf where the model has no equilibrium."""
@@ -93,8 +101,8 @@ class OnPaths:
         if u is None:
             return InitialRow(values=values, rms_mm=None, raw_rms_mm=None)
         w, residual = judged.whitener, self.bench.targets.value - u
-        raw = float(np.sqrt((w.pick(residual)[w.valid] ** 2).mean()))
-        return InitialRow(values=values, rms_mm=w.rms(residual), raw_rms_mm=raw)
+        left = w.rms(residual, bound=PLAUSIBLE)
+        return InitialRow(values=values, rms_mm=left, raw_rms_mm=w.error(residual))
 
     def constants(self, theta: Array) -> Constants:
         """C10 and C01 from the free ones (d,) and those held at a value."""
@@ -114,8 +122,9 @@ class OnPaths:
         return out
 
 
-def _load_paths(bench: Workbench, rows: Any, say: Say) -> Turned:
-    """The load paths at the points of these rows, under the weight in every direction of gravity."""
+def _load_paths(bench: Workbench, rows: Any, lowest: float, say: Say) -> Turned:
+    """The load paths at the points of these rows from a least share, under the weight in every direction of
+    gravity."""
     where = bench.targets.places(bench.case.position)[rows]
     cache, key, top = bench.cache(say), bench.structure.key, REDUCED
     highest = rounded_up(float(bench.targets.pressure.max()))
@@ -124,13 +133,15 @@ def _load_paths(bench: Workbench, rows: Any, say: Say) -> Turned:
         top = reach(bench.case, highest / softest, cache=cache, key=key)
     gravities, of_step = bench.gravities
     if bench.scales:
-        return Turned((load_paths(bench.case, where, cache=cache, key=key, top=top),), of_step)
+        paths = load_paths(bench.case, where, cache=cache, key=key, top=top, lowest=lowest)
+        return Turned((paths,), of_step)
     high = bench.elasticity.highest.total
     # softer ones do not reach the top pressure: the table need not hold them
     low = max(bench.elasticity.lowest.total, highest / top)
     totals = min(low, 0.9 * high), high
     made = tuple(
-        sheets(bench.case, where, cache=cache, key=key, top=top, totals=totals, outside=bench.path.under(g))
+        sheets(bench.case, where, cache=cache, key=key, top=top, totals=totals, lowest=lowest,
+               outside=bench.path.under(g))
         for g in gravities
     )  # fmt: skip
     return Turned(made, of_step)

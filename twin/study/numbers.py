@@ -47,7 +47,8 @@ class Inquiry:
         assert found is not None
         fit = files.read(FitRecord, found.with_name(FitRecord.file)).fit
         generations = Generations.load(found.with_name("generations.npz"))
-        return Inquiry(OnPaths.of(Workbench.of(project), say), generations, files.read_npz(found), fit)
+        on = OnPaths.of(Workbench.of(project), say).holding(fit, say)
+        return Inquiry(on, generations, files.read_npz(found), fit)
 
     @property
     def bench(self) -> Workbench:

@@ -239,7 +239,7 @@ def test_review_holds_every_generation_and_the_numbers(chain: tuple[Project, Sil
     diagnosis, compared = read(project, "diagnose", "diagnosis.json"), read(project, "add", "comparison.json")
     assert isinstance(diagnosis["rms_before_mm"], float)
     assert isinstance(compared["rms_mm"], float)
-    for number in (diagnosis["rms_before_mm"], compared["rms_mm"]):
+    for number in (diagnosis["raw_rms_before_mm"], diagnosis["rms_before_mm"], compared["raw_rms_mm"], compared["rms_mm"]):
         # in the report's own unit and digits: mm or um
         shown = {f"{number:.3f}", f"{number:.4f}", f"{1e3 * number:.1f}", f"{1e3 * number:.0f}", f"{number:.2g}", f"{number:.3g}"}
         assert any(text in report for text in shown), number
@@ -254,13 +254,14 @@ def test_review_holds_every_generation_and_the_numbers(chain: tuple[Project, Sil
     assert first["initial"]["rms_mm"] > 0
     steps = [line for line in chain[1].lines if line.startswith("Error, mm rms: nominal constants ")]
     assert len(steps) == 1
-    assert f"-> + {fit['effects'][0]} {compared['rms_mm']:.3f}; the noise" in steps[0]
+    assert f"-> + {fit['effects'][0]} {compared['raw_rms_mm']:.3f}; {compared['expected_mm']:.3f} is expected" in steps[0]
+    assert f"-> {compared['rms_mm']:.3f}; the noise is {compared['noise_sd_mm']:.3f}." in steps[0]
     opening = re.search(r'<p class="summary">(.*?)</p>', report)
     assert opening is not None
-    noise = diagnosis["noise_sd_mm"]
     assert opening[1].startswith(
-        f"The model misses the film by {diagnosis['rms_before_mm']:.3f} mm rms, with {fit['effects'][0]} by "
-        f"{compared['rms_mm']:.3f} mm; the measurement itself is uncertain by {noise:.3f} mm. "
+        f"The model misses the film by {diagnosis['raw_rms_before_mm']:.3f} mm rms, with {fit['effects'][0]} by "
+        f"{compared['raw_rms_mm']:.3f} mm; the measurement and the mesh are uncertain by "
+        f"{diagnosis['expected_mm']:.3f} mm. "
     )
     assert len(re.findall(r"\.(?: |$)", opening[1])) == 2  # sentences, below that of the headline
     where = read(project, "compare", "comparison.json")["where"]

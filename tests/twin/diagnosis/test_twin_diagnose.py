@@ -14,9 +14,9 @@ import pytest
 from fe import Case, Finger, Lattice, Material
 from tests.few import few
 from twin import virtual
+from twin.diagnosis.deciding import Diagnosis
 from twin.diagnosis.procedure import diagnose
 from twin.diagnosis.record import DiagnosisRecord
-from twin.diagnosis.verdicts import Diagnosis
 from twin.effects.baselaw import Constants
 from twin.effects.library import all_effects, effect
 from twin.effects.requirements import lacking

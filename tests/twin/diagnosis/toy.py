@@ -1,7 +1,7 @@
 """A model without finite elements: displacements linear in every parameter, so that a diagnosis takes a moment."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -27,8 +27,15 @@ def toy_effect(name: str, *, amplitudes: int = 1, one_sided: bool = False, kind:
     if amplitudes > 1:
         methods["start"] = lambda self, theta: {**{p.name: 0.0 for p in own}, **theta}
     if wide:
-        methods["wide"] = lambda self: toy_effect(name, amplitudes=wide)
+        methods["wide"] = lambda self: _wide(name, wide)
     return type("Toyed", (Effect,), methods)()
+
+
+def _wide(name: str, terms: int) -> Effect:
+    """The wider family of an effect."""
+    found = toy_effect(name, amplitudes=terms)
+    type(found).label = property(lambda self: f"{name}:wide")  # type: ignore[assignment]
+    return found
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,7 +46,7 @@ class Toy:
     effects: tuple[Effect, ...] = ()
     parent: Any = None
     mesh: Any = None
-    test: Any = None
+    test: Any = field(default_factory=lambda: SimpleNamespace(points=np.array([[10.0 * k, 11.5, 0.0] for k in range(POINTS + 1)])))
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:

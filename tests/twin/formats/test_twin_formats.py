@@ -1,8 +1,9 @@
 """Files of other programs as targets: their columns, what counts as not seen, units, axes, times, and refusals."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
-from typing import get_args
+from typing import Any, get_args
 
 import numpy as np
 import pytest
@@ -10,12 +11,15 @@ import pytest
 from twin.chain import stage_of
 from twin.commands.check import check_project
 from twin.commands.init import run_init
+from twin.diagnosis.procedure import _refusal
 from twin.formats.catalogue import FORMATS, format_of, read_recorded
 from twin.formats.conversion import MOST_STEPS, targets_of
 from twin.formats.recorded import Recorded
 from twin.formats.supplied import still_wanted, turned
 from twin.project.config import ImportTable, PointTable
 from twin.project.folder import Project
+from twin.project.targetfiles import read_targets
+from twin.project.targetwriting import write_targets
 from twin.project.toml import with_key
 from twin.targets import PointKind, Targets
 
@@ -174,6 +178,55 @@ def test_the_error_of_the_reference_is_shared_by_all_steps(tmp_path: Path) -> No
     np.testing.assert_allclose(targets.value[:2, 0, 0], [0.5, -0.5])
 
 
+def still_table(folder: Path, *, sd: float, seed: int = 0) -> Recorded:
+    """Two points of a csv: 100 rows at rest, 100 at 20 kPa where they creep, and a ramp between, with noise."""
+    rng, k = np.random.default_rng(seed), np.arange(220)
+    pressure = np.interp(k, [0, 100, 120, 220], [0.0, 0.0, 20.0, 20.0])
+    z = -0.5 * pressure[:, None] * [1.0, 0.4] * (1 + 0.02 * np.maximum(k - 120, 0)[:, None] / 100)
+    u = np.stack([110.0 + 0.1 * z, 50.0 - z], axis=2) + sd * rng.standard_normal((220, 2, 2))
+    head = "time_s,tip_x_mm,tip_y_mm,middle_x_mm,middle_y_mm,p [kPa]"
+    rows = [f"{0.1 * n!r},{','.join(repr(float(x)) for x in u[n].ravel())},{float(pressure[n])!r}" for n in k.tolist()]
+    return read_recorded(written(folder / "still.csv", "\n".join([head, *rows])), "csv")
+
+
+def test_an_sd_that_is_stated_is_the_noise_model(tmp_path: Path) -> None:
+    found = still_table(tmp_path, sd=0.05)
+    targets, remarks = made(tmp_path, found, stated("csv", sd_mm=0.05, rho=0.3), tip=1, middle=2)
+    noise = targets.noise
+    assert noise is not None
+    np.testing.assert_array_equal(noise.sd, [[0.05, np.nan, 0.05]] * 2)
+    np.testing.assert_allclose(noise.rho[:, [0, 2]], 0.3)
+    np.testing.assert_array_equal(noise.correlation, np.eye(6))
+    assert noise.basis == (
+        "The noise is taken as stated, an sd of 0.05 mm, correlated by 0.3 from step to step: the verdict holds if "
+        "that is right."
+    )
+    assert remarks == []
+    assert _refusal(targets) == ""
+    assert _refusal(replace(targets, noise=None)).startswith("no noise model: film the finger at rest")
+    write_targets(tmp_path / "targets", targets)
+    again = read_targets(tmp_path / "targets").noise
+    assert again is not None
+    assert (again.basis, again.frames) == (noise.basis, noise.frames)
+
+
+@pytest.mark.parametrize("still", ["holds", ((0, 99), (121, 219))])
+def test_rests_and_holds_tell_the_noise(tmp_path: Path, still: Any) -> None:
+    found = still_table(tmp_path, sd=0.05)
+    targets, remarks = made(tmp_path, found, stated("csv", sd_mm=None, still_steps=still), tip=1, middle=2)
+    noise = targets.noise
+    assert noise is not None
+    # sd of an sd from 190 values: 5 %; of a correlation: 0.07. Four values each
+    np.testing.assert_allclose(noise.sd[:, [0, 2]], 0.05, rtol=0.16)
+    assert np.isnan(noise.sd[:, 1]).all()
+    assert noise.rho[:, [0, 2]].max() < 0.22
+    assert 180 < noise.frames < 200
+    assert remarks == [noise.basis]
+    assert noise.basis.startswith("The noise was estimated from ")
+    np.testing.assert_allclose(targets.covariance[5, 0, 0, 0], noise.sd[0, 0] ** 2)
+    assert _refusal(targets) == ""
+
+
 def test_a_three_dimensional_frame_is_turned_and_its_mirror_refused() -> None:
     u = np.array([[[1.0, 2.0, 3.0]]])
     np.testing.assert_array_equal(turned(u, "y,-x,z")[0, 0], [2, -1, 3])
@@ -251,6 +304,8 @@ REFUSED = {
     "no axes": ("c3d", {"axes": None}, "wanted axes .* x,0,-y"),
     "no pressure": ("c3d", {"log": None}, "wanted log .* has no pressure"),
     "two pressures": ("csv", {"log": "log.csv"}, "import.log = 'log.csv': the file has a pressure of its own"),
+    "noise twice": ("csv", {"still_steps": "holds"}, "import.sd_mm = 0.2 and import.still_steps: both say how large"),
+    "short holds": ("csv", {"sd_mm": None, "still_steps": ((0, 3),)}, "leave 3 free values of each component, wanted 30"),
     "late": ("c3d", {"start_s": 0.05}, "log.csv covers 0.000 to 0.080 s, the file 0.050 to 0.110 s.* start_s"),
     "other point": ("csv", {"fixed": ("base",)}, "point 'base' is not in the file, which has tip, middle"),
 }  # fmt: skip

@@ -80,8 +80,8 @@ def test_a_smooth_misfit_is_seen_and_placed(course: Path) -> None:
     assert found.p_value < 1e-6
     data = plain(found.record())
     assert set(data) == {
-        "chi2", "degrees_of_freedom", "p_value", "rms_mm", "raw_rms_mm", "noise_sd_mm", "adequate", "where",
-        "beyond", "maps",
+        "chi2", "degrees_of_freedom", "p_value", "rms_mm", "raw_rms_mm", "expected_mm", "noise_sd_mm",
+        "adequate", "where", "beyond", "maps",
     }  # fmt: skip
     assert [row["name"] for row in data["maps"]["marker"]] == [*NAMES, "fixed0", "fixed1"]
     assert [row["name"] for row in data["maps"]["direction"]] == ["U1", "U3"]
@@ -107,13 +107,19 @@ def test_the_place_is_not_where_a_shared_error_has_moved_the_misfit(course: Path
     t = replace(t, modes=t.modes[own], mode_names=tuple(np.array(t.mode_names)[own].tolist()))
     u, nothing = np.zeros_like(t.value), np.zeros((0, *t.value.shape))
     u[:, :3] = linear(course)
-    found = compare(t, u, whitener(t, prediction_modes=nothing, gauge=0 * u), jacobian=nothing)
+    w = whitener(t, prediction_modes=nothing, gauge=0 * u)
+    found = compare(t, u, w, jacobian=nothing)
     assert not found.adequate
     moved = {row.name: row for row in found.maps["branch"]}
     assert moved["rest"].rms_mm < 0.05 < 0.08 < moved["hold"].rms_mm
     assert "marker tip" in found.where
     assert "at rest" not in found.where
-    assert found.raw_rms_mm > 1.5 * found.rms_mm
+    # taken off as it is asked for, 12 sd, it would hide the misfit; no more than 3 of them are
+    assert w.rms(found.residual) < found.raw_rms_mm / 1.5
+    assert 0.8 * found.raw_rms_mm < found.rms_mm < found.raw_rms_mm
+    assert found.rms_mm == pytest.approx(np.sqrt(np.nanmean(found.cleaned**2)))
+    assert found.expected_mm < 0.3 * found.raw_rms_mm
+    assert f"{found.raw_rms_mm:.3f} mm rms; noise and errors that many values share would give {found.expected_mm:.3f} mm" in found.where
     assert next(name for name, _ in found.beyond) == "reference:tip:3"
     assert "Even so, the rest position of marker tip in U3 would have to be off by " in found.where
 
@@ -139,7 +145,7 @@ def test_what_many_values_share_is_not_called_a_misfit(course: Path) -> None:
     np.testing.assert_array_equal(seen.any(axis=(0, 1)), [True, False, True])
     assert before.rms_mm == pytest.approx(np.sqrt((before.cleaned[seen] ** 2).mean()))
     for mode in t.modes:
-        after = judged(replace(t, value=t.value + 5 * mode))
+        after = judged(replace(t, value=t.value + 2 * mode))
         change = np.abs(after.residual - before.residual)[seen].max()
         # a single tag's placement is known poorly from its own noisy values: a third of it may be left
         assert np.abs(after.cleaned - before.cleaned)[seen].max() < 0.4 * change + 1e-9

@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from twin.judging.whitening import _gauge_modes, shrunk, whitener
+from twin.judging.noisefilter import shrunk
+from twin.judging.whitening import _gauge_modes, whitener
 from twin.targets import Array, Noise, Targets
 
 DRAWS = 2000
@@ -115,7 +116,7 @@ def test_a_models_own_modes_are_shared_modes_too(targets: Targets) -> None:
     found = np.array([w.amplitudes(row) for row in noise[:400]])
     # pulls: the most probable amplitude is drawn towards 0 by its prior, so that its error and itself have
     # variances that add to 1; the error's is the diagonal of (1 + G'G)^-1
-    G = w._innovations(w.modes).T
+    G = w.noise.innovations(w.modes).T
     wanted = np.diag(np.linalg.inv(np.eye(3) + G.T @ G))
     pulls = (found - amplitudes[:400]) / np.sqrt(wanted)
     np.testing.assert_allclose(pulls.std(axis=0), 1.0, atol=5 / np.sqrt(2 * 400))
@@ -156,6 +157,16 @@ def test_noise_sd_is_its_definition(targets: Targets) -> None:
     inflation = (frames - 2) / (frames - 6 - 1)  # Hartlap et al. 2007, for 6 components
     variances = (SD**2 * inflation + gauge**2)[..., (0, 2)]
     assert w.noise_sd == pytest.approx(np.sqrt(np.mean(variances)), rel=1e-12)
+
+
+def test_the_expected_error_is_that_of_noise_and_shared_errors_together(targets: Targets) -> None:
+    gauge = gauge_of(targets)
+    w = whitener(targets, prediction_modes=np.zeros((0, *gauge.shape)), gauge=gauge)
+    noise, _ = drawn(targets, gauge, DRAWS, seed=7)
+    # 2000 draws tell the size of each of two modes within 2 %
+    assert np.sqrt(np.mean([w.error(row) ** 2 for row in noise])) == pytest.approx(w.expected, rel=0.05)
+    assert w.expected > 2 * w.noise_sd
+    assert w.error(noise[0]) == pytest.approx(np.sqrt((noise[0][targets.valid] ** 2).mean()))
 
 
 def test_rms_is_without_shared_modes_but_with_gauge_noise(targets: Targets) -> None:
@@ -250,8 +261,8 @@ def test_a_bounded_amplitude_is_the_best_within_its_bound(targets: Targets) -> N
     free, held = w.amplitudes(residual), w.amplitudes(residual, bound=3.0)
     assert abs(free[0]) > 5
     assert np.abs(held[: w.shared]).max() <= 3.0
-    G = w._innovations(w.modes).T
-    z = w._innovations(w.pick(residual))
+    G = w.noise.innovations(w.modes).T
+    z = w.innovations(residual)
 
     def size(a: Array) -> float:
         return float(((z - G @ a) ** 2).sum() + a @ a)

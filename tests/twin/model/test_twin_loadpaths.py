@@ -49,6 +49,24 @@ def test_the_table_is_full_finite_elements_within_a_hundredth(
     assert max(moved) > 4.4  # mm
 
 
+def test_of_negative_shares_a_table_from_0_knows_nothing(paths: LoadPaths) -> None:
+    assert paths.predict(Constants.at(0.29, -0.05), np.array([0.0, 0.04])) is None
+    assert paths.predict(Constants.at(0.29, -1e-6), np.array([0.0, 0.04])) is not None
+
+
+@pytest.mark.slow
+def test_negative_shares_have_a_table_of_their_own(case: Case, points: Array) -> None:
+    wide = load_paths(case, points, cache=no_cache, key="k", lowest=-0.6)
+    for share, allowed in ((-0.55, 4e-3), (-0.3, 1e-3), (0.4, 8e-4)):
+        own, pressure = Constants.at(0.29, share), np.array([0.0, 0.04])
+        full = solve(case.with_material(**own.named), Path(pressure, pressure, pressure), count=6)
+        assert full.converged
+        found = wide.predict(own, pressure)
+        assert found is not None
+        np.testing.assert_allclose(found, full.at(points), rtol=0, atol=allowed)
+    assert wide.predict(Constants.at(0.29, -0.65), np.array([0.0, 0.04])) is None
+
+
 def test_beyond_what_a_path_reached_there_is_no_prediction() -> None:
     reduced = np.linspace(0.0, 0.3, 7)
     u = np.tile(reduced[:, None, None] * np.ones((1, 1, 3)), (3, 1, 1, 1))

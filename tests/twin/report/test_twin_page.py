@@ -21,7 +21,7 @@ FACTS = {
     "errors": {
         "before_mm": 0.2123,
         "after_mm": 0.0531,
-        "noise_mm": 0.0502,
+        "expected_mm": 0.0602,
         "before_note": "4.2 times the noise",
     },
     "named": [
@@ -35,7 +35,8 @@ FACTS = {
         }
     ],
     "evidence": {
-        "effect": "creep:2", "rms_before_mm": 0.2119, "rms_after_mm": 0.0529, "noise_sd_mm": 0.0501,
+        "effect": "creep:2", "raw_rms_before_mm": 0.4127, "raw_rms_after_mm": 0.1561, "expected_mm": 0.2843,
+        "rms_before_mm": 0.2119, "rms_after_mm": 0.0529, "noise_sd_mm": 0.0501,
         "chi2_before": 5123.0, "chi2_after": 403.0, "more_parameters": 2, "evidence": 4703.0,
         "held_out": {"left_out": "cycle", "folds": 2, "before_sd": 3.14, "after_sd": 1.07},
         "parameters": {"creep.g1": {"value": 0.0351, "low": None, "high": None, "unit": "", "plausible": "plausible (0.003 to 0.2)"}},
@@ -82,7 +83,7 @@ FACTS = {
 }
 WANTED = (
     *("batch-07", "The finger creeps.", "Four times the noise before.", "2026-11-21", "4.2 times the noise"),
-    *("0.212 mm", "0.0531 mm", "0.0502 mm", "creep", "one term", "wrong law", "0.0341", "0.0331 to 0.0351"),
+    *("0.212 mm", "0.0531 mm", "0.0602 mm", "creep", "one term", "wrong law", "0.0341", "0.0331 to 0.0351"),
     *("MPa/MPa", "10,043", "9,876", "evidence, 2 ln B", "101", "&lt; 1e-99", "412", "20.1", "3.2e-80", "one orientation", "named"),
     *("clamp or pressure_gain", "Film it upside down.", "C10 and C01 are one number.", "C10 + C01"),
     *("0.2971", "0.2962 to 0.2980", "Only the sum is known.", "0.142 px", "18 images", "reprojection RMS"),

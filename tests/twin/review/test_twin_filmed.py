@@ -52,7 +52,7 @@ def filmed(**changes: object) -> Filmed:
     given = {
         "size": SIZE, "frame": np.arange(FRAMES), "time_s": TIMES, "names": ("middle", "tip"), "measured": measured,
         "way": way, "before": 1, "search": Trace(label="", rms_mm=0.1, edge=fit.edge[:4], markers=fit.markers[:4]),
-        "search_measured": measured[5], "noise_mm": 0.04,
+        "search_measured": measured[5], "expected_mm": 0.04,
         "error_mm": tuple(np.full((FRAMES, 2), o) + np.eye(FRAMES, 2, -7) for o in OFF),
     }  # fmt: skip
     return Filmed(**{**given, **changes})

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from twin.diagnosis.pairs import gain
+from twin.diagnosis.refitting import gain
 
 
 def test_only_a_right_effect_gains_in_parts_left_out() -> None:
@@ -15,7 +15,7 @@ def test_only_a_right_effect_gains_in_parts_left_out() -> None:
         for size, out in ((0.5, right), (0.0, wrong)):
             y = noise + size * fitted[:, 2]
             theta = np.linalg.lstsq(fitted, y, rcond=None)[0]
-            out.append(gain(y - fitted @ theta, fitted, own, np.array([0.0, 0.0, theta[2]]), part))
+            out.append(gain(y - fitted @ theta, y - fitted @ (theta * ~own), fitted, fitted[:, ~own], part))
     # half a unit in 400 values of variance 1 is a fall of chi2 of about 100
     assert np.mean(np.array(right) > 25) == 1.0
     # each part pays for one parameter fitted to the other: -1 a part, on average

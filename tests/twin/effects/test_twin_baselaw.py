@@ -1,0 +1,74 @@
+"""How far the base law's constants may go: a fit below a C01 of 0, as far as rubber is stable."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from calibrate import least_squares
+from twin.contract.specimen import small_test
+from twin.effects.library import effect
+from twin.effects.material import Elasticity
+from twin.effects.protocol import Effect, Unsolvable
+from twin.model import basemodel
+from twin.model.memo import KeptModel
+from twin.model.prediction import Model
+from twin.targets import Array
+
+OGDEN = {"C10": 0.435, "C01": -0.145, "stiffening.C20": 0.0725}  # MPa: one term of Ogden, 0.58 MPa and exponent 4
+
+
+def ends(law: Effect) -> dict[str, tuple[float, float]]:
+    return {p.name: (p.low, p.high) for p in law.parameters}
+
+
+def test_a_fit_may_take_a_negative_C01_where_0_was_allowed() -> None:
+    assert ends(Elasticity()) == {"C10": (0.01, 0.5), "C01": (0.0, 0.5)}  # those of the genetic algorithm
+    assert ends(Elasticity().fitted()) == {"C10": (0.01, 0.5), "C01": (pytest.approx(-0.1875), 0.5)}
+    stated = Elasticity(bounds={"C10": (0.1, 2.0), "C01": (0.0, 0.1)})
+    assert ends(stated.fitted()) == {"C10": (0.1, 2.0), "C01": (pytest.approx(-0.75), 0.1)}
+    held = Elasticity(fixed={"C10": 0.2}).fitted()
+    assert ends(held) == {"C01": (pytest.approx(-0.075), 0.5)}
+    assert held.fixed == {"C10": 0.2}
+    for law in (Elasticity(bounds={"C01": (0.02, 0.1)}), Elasticity(fixed={"C01": 0.083})):
+        assert ends(law.fitted()) == ends(law)
+
+
+def test_rubber_that_is_not_stable_is_refused_with_a_sentence() -> None:
+    law, test = Elasticity().fitted(), small_test()
+    law.before(test, {"C10": 0.4, "C01": -0.15})
+    for C01 in (-0.16, -0.5):
+        with pytest.raises(Unsolvable, match=r"C01 = -0.\d+ MPa: no stable rubber; wanted a C01 of at least -0.6 of C10 \+ C01"):
+            law.before(test, {"C10": 0.4, "C01": C01})
+
+
+def test_the_base_model_of_targets_takes_them(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(basemodel, "base_test", lambda targets, case: small_test())
+    targets: Any = SimpleNamespace(rests=np.zeros(5, int), reference=np.array([0]))
+    model = basemodel.base_model(targets, small_test().case)
+    assert ends(model.effects[0]) == ends(Elasticity().fitted())
+
+
+def test_a_silicone_of_ogden_with_exponent_4_is_within_reach_of_a_fit() -> None:
+    test = small_test()
+    path = replace(test.path, pressure=1.5 * test.path.pressure)
+    rubber = test.case.with_material(C10=0.0, C01=0.0, ogden=((0.58, 4.0),))
+    truth = Model(replace(test, case=rubber, path=path), (), np.array([0])).predict(np.zeros(0))
+    model = KeptModel(replace(test, path=path), (Elasticity().fitted(), effect("stiffening")), np.array([0]))
+    theta = model.theta(OGDEN)
+    np.testing.assert_allclose(model.predict(theta), truth, rtol=0, atol=1e-6)
+    start = model.theta({"C10": 0.2, "C01": 0.1, "stiffening.C20": 0.0})
+
+    def residual(theta: Array) -> Array | None:
+        try:
+            return ((model.predict(theta) - truth) / 1e-3).ravel()
+        except Unsolvable:
+            return None
+
+    def jacobian(theta: Array) -> Array:
+        return (model.jacobian(theta) / 1e-3).reshape(len(theta), -1).T
+
+    found = least_squares(residual, jacobian, model.parameters, start=start)
+    np.testing.assert_allclose(found.theta, theta, rtol=0.02)

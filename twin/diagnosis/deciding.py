@@ -1,0 +1,160 @@
+"""All hypotheses -> the verdict: what is missing, what cannot be told apart, and what is left unexplained.
+
+One decision for all: the hypothesis with the highest evidence, and whoever is not behind it by TIE in both
+evidence and BIC. `none of these` where a stand-in of another kind is ahead by as much, or where nothing of
+the named is adequate under any law errors. So a wrong name needs a wrong model that fits.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+from scipy.special import ndtri
+
+from twin.diagnosis.classes import Mimics
+from twin.diagnosis.explanation import EvidenceRecord
+from twin.diagnosis.hypotheses import Hypothesis, Refit, ranked
+from twin.diagnosis.lawleft import LawLeft
+from twin.diagnosis.shortlist import DETECTED
+from twin.diagnosis.sizes import Detectable
+from twin.effects.labels import AND
+from twin.effects.protocol import Effect, Theta
+from twin.experiments.choice import Experiment
+from twin.judging.comparison import Comparison
+from twin.judging.frame import FrameTest
+from twin.judging.judged import Judged
+
+TIE = 6.0  # 2 ln B: below it neither of two models is preferred (Kass & Raftery 1995, doi 10.2307/2291091)
+SECOND = 25.0  # by which several together must be ahead of every single one
+POWER = 0.9  # with which a size must be found to be named
+
+
+@dataclass(frozen=True, kw_only=True)
+class Diagnosis:
+    """What the data ask for: verdict, named effects, ties, ranking, next test, and the errors in mm.
+
+    named: the best hypothesis' effects, `effects` in their laws; tied: every hypothesis of the verdict, the
+    best first, stand-ins last; kept: the best one's fit, and where it began (`start`).
+    """
+
+    verdict: str
+    sentence: str
+    named: tuple[str, ...] = ()
+    effects: tuple[Effect, ...] = ()
+    ties: tuple[tuple[str, ...], ...] = ()
+    tied: tuple[Hypothesis, ...] = ()
+    ranking: tuple[Hypothesis, ...] = ()
+    resembles: tuple[Hypothesis, ...] = ()
+    classes: tuple[Mimics, ...] = ()
+    groups: tuple[Hypothesis, ...] = ()
+    next_test: str = ""
+    next_tests: tuple[Experiment, ...] = ()
+    detectable: tuple[Detectable, ...] = ()
+    scaling: Mapping[str, float] = field(default_factory=dict)
+    evidence: EvidenceRecord | None = None
+    frame: FrameTest | None = None
+    base: Judged | None = None
+    kept: Judged | Refit | None = None
+    start: Theta = field(default_factory=dict)
+    law_left: LawLeft | None = None
+
+    @property
+    def law(self) -> str | None:
+        """The labels of the named effects, as twin.toml writes them."""
+        return AND.join(e.label for e in self.effects) or None
+
+    @property
+    def before(self) -> Comparison | None:
+        """The comparison of the base model."""
+        return self.base.comparison if self.base else None
+
+    @property
+    def after(self) -> Comparison | None:
+        """The comparison with the named effects; that of the base model where nothing is named."""
+        return self.kept.comparison if self.kept else self.before
+
+
+@dataclass(frozen=True, kw_only=True)
+class Decision:
+    """What is decided: `needed`, whether the data ask for anything; named, the best hypothesis and those that
+    cannot be told from it, stand-ins among them; weak, whether the best is too small to be named; unknown,
+    whether nothing of it explains the data; least: the size in sds that is found reliably."""
+
+    needed: bool = True
+    named: tuple[Hypothesis, ...] = ()
+    weak: bool = False
+    unknown: bool = False
+    least: float = 0.0
+
+
+def decided(base: Judged, rows: Sequence[Hypothesis]) -> Decision:
+    """The decision on all hypotheses on a base model."""
+    fitted = [h for h in ranked(list(rows)) if h.score is not None and h.score.much > 0]
+    fitted = [h for h in fitted if not base.comparison.adequate or h.p_value < DETECTED]
+    own, stand_ins = [h for h in fitted if not h.kind], [h for h in fitted if h.kind]
+    least = reliable(sum(not h.note and len(h.effects) == 1 and not h.kind for h in rows))
+    if not own:
+        wrong = not base.comparison.adequate
+        return Decision(needed=wrong, unknown=wrong, least=least)
+    singles = _by_physics([h for h in own if len(h.effects) == 1])
+    several = [h for h in _by_physics([h for h in own if len(h.effects) > 1]) if _earned(h, singles)]
+    contenders = several or singles
+    best = contenders[0]
+    others = [s for s in stand_ins if s.kind not in [e.generic for e in best.effects]]
+    tied = [h for h in contenders if close(h, best)]
+    mimics = _by_kind([s for s in others if s.adequate and close(s, best)])
+    unknown = any(ahead(s, best) for s in others) or not any(h.adequate for h in tied)
+    assert best.score is not None
+    weak = best.score.size < least or best.score.much < TIE
+    return Decision(named=(*tied, *mimics), weak=weak, unknown=unknown, least=least)
+
+
+def reliable(tries: int) -> float:
+    """The size in sds from which on one of so many effects is found with a chance of POWER."""
+    return float(-ndtri(DETECTED / 2 / max(tries, 1)) + ndtri(POWER))
+
+
+def close(a: Hypothesis, b: Hypothesis) -> bool:
+    """Whether these data cannot tell a from b, which is better: two are told apart only where the evidence,
+    which knows what sizes are plausible, and the BIC, which knows nothing of sizes, both say so."""
+    return not ahead(b, a)
+
+
+def ahead(a: Hypothesis, b: Hypothesis) -> bool:
+    """Whether a is better than b by TIE on both scales."""
+    assert a.score is not None
+    assert b.score is not None
+    return min(a.score.evidence - b.score.evidence, a.score.delta_bic - b.score.delta_bic) >= TIE
+
+
+def _by_physics(rows: Sequence[Hypothesis]) -> list[Hypothesis]:
+    """Each physics, best first: of its laws the best that is adequate, with the score of the best of all."""
+    laws: dict[frozenset[str], list[Hypothesis]] = {}
+    for h in ranked(list(rows)):
+        laws.setdefault(frozenset(h.names), []).append(h)
+    best = [_as_good(next((h for h in own if h.adequate), own[0]), own) for own in laws.values()]
+    return list(ranked(best))
+
+
+def _as_good(h: Hypothesis, laws: Sequence[Hypothesis]) -> Hypothesis:
+    """The hypothesis with the evidence and BIC gain of the best of these laws."""
+    scores = [one.score for one in laws if one.score is not None]
+    best, most = max(s.evidence for s in scores), max(s.delta_bic for s in scores)
+    return h if h.score is None else replace(h, score=replace(h.score, evidence=best, delta_bic=most))
+
+
+def _by_kind(rows: Sequence[Hypothesis]) -> list[Hypothesis]:
+    """The best stand-in of each kind."""
+    best: dict[str, Hypothesis] = {}
+    for h in ranked(list(rows)):
+        best.setdefault(h.kind, h)
+    return list(best.values())
+
+
+def _earned(h: Hypothesis, singles: Sequence[Hypothesis]) -> bool:
+    """Whether several effects together are far ahead of every single one, and each foretells what it has not
+    seen."""
+    assert h.score is not None
+    first = max((s.score.evidence for s in singles if s.score), default=0.0)
+    second = max((s.score.delta_bic for s in singles if s.score), default=0.0)
+    far = min(h.score.evidence - first, h.score.delta_bic - second) > SECOND
+    return far and all(x > 0 for x in h.score.held_out.values())

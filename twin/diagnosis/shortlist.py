@@ -1,0 +1,253 @@
+"""All hypotheses on a base model to first order -> refits of those that may be the best.
+
+One list: every absent effect in all its laws, its widest family too, stand-ins, pairs. They are refitted by
+their evidence to first order, until no other can come within REACH of the best refit.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+
+from calibrate import Fit
+from twin.diagnosis.hypotheses import Hypothesis, ranked
+from twin.diagnosis.refitting import refitted
+from twin.diagnosis.screening import added, paired, screened
+from twin.diagnosis.signatures import Signatures, signatures_of
+from twin.effects.protocol import Effect, Test, Unsolvable
+from twin.effects.requirements import lacking
+from twin.judging.judged import Judged, judge, judge_fit
+from twin.model.prediction import Model
+from twin.targets import Array, Targets
+
+Progress = Callable[[str, int, int], None]
+
+DETECTED = 0.01  # after multiplicity
+REACH = 12.0  # of 2 ln B, by which the first order may fall short of the best refit and still be refitted,
+BENT = 0.1  # and this share of the best one's: so wrong the first order may be
+PAIRED = 10.0  # by which several together must beat the best single to first order to be refitted
+LATE = "takes whole solves to try, and is tried where nothing else fits"
+MOST = 12  # refits of single ones, and a third of it of several together
+
+
+@dataclass(frozen=True)
+class Task:
+    """A base model, the effects and stand-ins that may be missing from it, and targets."""
+
+    model: Model
+    effects: tuple[Effect, ...]
+    generic: tuple[Effect, ...]
+    targets: Targets
+    seed: int
+    tell: Progress
+    known: dict[str, Sequence[Array]] = field(default_factory=dict)  # tangents at the base fit, by label
+
+    def base(self, start: Array | Fit) -> Judged:
+        """The base model's fit; from nominal constants too where the first ends at a bound."""
+        self.tell("base model", 0, 3)
+        if isinstance(start, Fit):
+            first = judge_fit(self.model, self.targets, start)
+        else:
+            first = judge(self.model, self.targets, starts=start, seed=self.seed)
+        if not first.at_bound:
+            return first
+        again = judge(self.model, self.targets, starts=self.nominal, seed=self.seed)
+        return min(first, again, key=lambda j: j.deviance)
+
+    @cached_property
+    def nominal(self) -> Array:
+        """The base model's nominal parameters (d,)."""
+        values = [p.start if p.start is not None else p.null for p in self.model.parameters]
+        middle = [(p.low + p.high) / 2 for p in self.model.parameters]
+        return np.array([m if v is None else v for v, m in zip(values, middle, strict=True)])
+
+    @cached_property
+    def absent(self) -> tuple[Effect, ...]:
+        """The effects that the model does not have and the data can show."""
+        present = {e.name for e in self.model.effects}
+        return tuple(
+            e for e in self.effects if e.name not in present and not lacking(e.requires, self.targets)
+        )
+
+    @cached_property
+    def silent(self) -> list[Hypothesis]:
+        """The effects that these data cannot show, with what they lack."""
+        present = {e.name for e in self.model.effects} | {e.name for e in self.absent}
+        lost = [e for e in self.effects if e.name not in present]
+        return [Hypothesis(effects=(e,), note=lacking(e.requires, self.targets)) for e in lost]
+
+    def signatures(
+        self, base: Judged, effects: Sequence[Effect], *, beside: Judged | None = None
+    ) -> Signatures:
+        """Effects as they would show beside a judged model, by default the base, by what they add to the base
+        to first order."""
+        missing = [e for e in effects if e.label not in self.known]
+        if missing:
+            self.known.update(self.model.tangents(base.theta, missing))
+        return signatures_of(beside or base, effects, tangents=self.known)
+
+    def laws(self, *, wide: bool) -> list[Effect]:
+        """Every law of the absent effects whose amplitudes alone tell how it shows, each one's widest family
+        too where it is asked for; what takes whole solves to tell is left for later."""
+        smooth = [e for e in self.absent if e.smooth]
+        more = [law for e in smooth for law in e.laws()[1:]]
+        more += [family for e in smooth if (family := e.wide()) is not None]
+        return smooth + [e for e in more if wide and on_a_basis(e, self.model.test)]
+
+    # -- the search -----------------------------------------------------------------------------------------
+
+    def searched(self, base: Judged) -> list[Hypothesis]:
+        """All hypotheses on the base model, those that may be the best refitted."""
+        self.tell("signatures", 1, 3)
+        wrong = not base.comparison.adequate
+        rows = self._screened(base, [*self.laws(wide=wrong), *self.generic])
+        able = [h for h in rows if not h.note and h.gain > 0 and (wrong or h.p_value < DETECTED)]
+        race = Race(self, base, starts=({**self.model.named(self.nominal)},) if base.at_bound else ())
+        race.run(able)
+        rough = [e for e in self.absent if not e.smooth]
+        if wrong and not any(h.adequate and not h.kind for h in race.done):
+            late = self._screened(base, rough)
+            race.run([h for h in late if not h.note and h.gain > 0])
+        else:
+            late = [Hypothesis(effects=(e,), note=LATE) for e in rough]
+        rows += late
+        if wrong and any(not h.kind for h in race.done):
+            race.run(self._several(base, race), most=MOST // 3)
+            race.run(self._third(base, race), most=1)
+        done = {h.label: h for h in race.done}
+        rest = [h for h in rows if h.label not in done]
+        return [*race.done, *rest, *self.silent]
+
+    def _screened(self, base: Judged, effects: Sequence[Effect]) -> list[Hypothesis]:
+        """Hypotheses by what they promise at the base fit; where that ends at a bound, at nominal constants
+        too: there no fit misleads."""
+        rows = screened(base, self.signatures(base, effects))
+        if not base.at_bound:
+            return rows
+        try:
+            view = judge_fit(self.model, self.targets, replace(base.fit, theta=self.nominal, at_bound=()))
+            others = screened(view, signatures_of(view, effects))
+        except Unsolvable:
+            return rows
+        rest = view.z - view.fitted @ np.linalg.lstsq(view.fitted, view.z, rcond=1e-12)[0]
+        short = max(float(rest @ rest) - base.comparison.chi2, 0.0)  # what the first order does not know
+        return [
+            a if b.note or b.gain - short <= a.gain else replace(b, gain=b.gain - short, hint=b.hint - short)
+            for a, b in zip(rows, others, strict=True)
+        ]
+
+    def _narrow(self) -> list[Effect]:
+        return [e for e in self.laws(wide=False) if e.label in self.known]
+
+    def _several(self, base: Judged, race: "Race") -> list[Hypothesis]:
+        """Pairs of effects that beat every single one, to first order at the base fit or at the best refit,
+        whichever promises more."""
+        single = race.best
+        if single is None or single.evidence is None:
+            return []
+        found = {frozenset(h.names): h for h in paired(base, self.signatures(base, self._narrow()))}
+        if race.view is not None and not single.kind:
+            own = self.signatures(base, self._narrow(), beside=race.view)
+            for h in added(race.view, single.effects, own):
+                whole = replace(h, hint=h.hint + single.evidence)
+                found[frozenset(h.names)] = whole  # begun from a refit it is nearer
+        return [h for h in found.values() if h.hint > single.evidence + PAIRED]
+
+    def _third(self, base: Judged, race: "Race") -> list[Hypothesis]:
+        """The best pair with a third effect, where no pair is adequate."""
+        pairs = [h for h in ranked(race.done) if len(h.effects) == 2 and h.refit is not None]
+        if not pairs or any(h.adequate for h in race.done) or pairs[0].refit is None:
+            return []
+        top = pairs[0]
+        view = judge_fit(top.refit.model, self.targets, top.refit.fit)  # type: ignore[union-attr]
+        rows = added(view, top.effects, self.signatures(base, self._narrow(), beside=view))
+        return [replace(h, hint=h.hint + (top.evidence or 0.0)) for h in rows[:1]]
+
+
+@dataclass
+class Race:
+    """Refits by their evidence to first order. done: those that were made; best: the best of them, and view,
+    its judged model."""
+
+    task: Task
+    base: Judged
+    starts: tuple[Mapping[str, float], ...] = ()
+    done: list[Hypothesis] = field(default_factory=list)
+    best: Hypothesis | None = None
+    view: Judged | None = None
+
+    def run(self, rows: Sequence[Hypothesis], *, most: int = MOST) -> None:
+        """Refit these, the physics that promises most first, while one may come within reach of the best; at
+        least one that is no stand-in."""
+        waiting: dict[str, list[Hypothesis]] = {}
+        for h in sorted(rows, key=lambda h: -h.hint):
+            waiting.setdefault(h.physics, []).append(h)
+        made = 0
+        for own in waiting.values():
+            lone = not own[0].kind and all(d.kind for d in self.done)
+            if lone or (made < most and self._near(own[0])):
+                made += 1
+                self._laws(own)
+
+    def _laws(self, own: Sequence[Hypothesis]) -> None:
+        """Refit one physics in its laws, the narrowest first, until one leaves nothing to a law's errors."""
+        rows = {h.label: h for h in own}
+        last: Hypothesis | None = None
+        for law in _widening(own[0]):
+            h = rows.get(law.label) if len(own[0].effects) == 1 else own[0]
+            if h is None and last is not None and last.refit is not None:
+                h = replace(last, effects=(law,), start=law.start(last.refit.values), refit=None, score=None)
+            if h is None:
+                continue
+            last = self._refit(h)
+            if last.adequate and last.score is not None and not last.score.law:
+                break
+
+    def _near(self, h: Hypothesis) -> bool:
+        if self.best is None or self.best.evidence is None:
+            return True
+        return h.hint > self.best.evidence - REACH - BENT * abs(self.best.evidence)
+
+    def _refit(self, h: Hypothesis) -> Hypothesis:
+        self.task.tell(f"refit with {h.label}", len(self.done) + 1, len(self.done) + 2)
+        held = self._held(h)
+        found, judged = refitted(
+            held, self.base, self.task.targets, starts=self.starts, seed=self.task.seed
+        )
+        self.done.append(found)
+        top = self.best.evidence if self.best else None
+        if judged is not None and (top is None or (found.evidence or -np.inf) > top):
+            self.best, self.view = found, judged
+        return found
+
+    def _held(self, h: Hypothesis) -> Hypothesis:
+        """The hypothesis as it is fitted: what cannot be fitted, such as a marker and a time, is held where
+        it shows most."""
+        if len(h.effects) > 1:
+            return h
+        test = self.base.model.test
+        finer = h.effect.closer(h.start, test)
+        if finer is not None:
+            (best,) = screened(self.base, signatures_of(self.base, [finer]))
+            h = replace(h, start=best.start, gain=best.gain) if best.gain > h.gain else h
+        return replace(h, effects=(h.effect.at(h.start, test),))
+
+
+def _widening(h: Hypothesis) -> list[Effect]:
+    """The laws of a hypothesis of one effect, the narrowest first, that `twin diagnose` tries by itself."""
+    if len(h.effects) > 1 or h.kind:
+        return [h.effect]
+    out: list[Effect] = []
+    law: Effect | None = h.effect.laws()[0]
+    while law is not None:
+        out.append(law)
+        law = law.wider()
+    wide = h.effect.wide()
+    return [*out, *([wide] if wide is not None else [])]
+
+
+def on_a_basis(effect: Effect, test: Test) -> bool:
+    """Whether an effect's parameters are amplitudes, but for those that its tries on a test state."""
+    others = {p.name for p in effect.parameters if p.null is None}
+    return all(others <= set(entry) for entry in effect.tries(test))

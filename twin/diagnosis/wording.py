@@ -1,0 +1,119 @@
+"""A decision -> the verdict and its sentence, with the facts of what was fitted."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from twin.diagnosis.deciding import Decision, Diagnosis
+from twin.diagnosis.hypotheses import Hypothesis, ranked
+from twin.effects.labels import KINDS, OR
+from twin.judging.comparison import Comparison, error_in_words
+from twin.judging.judged import Judged
+
+SHOWN = 3  # stand-ins and nearest effects that are told
+
+
+def cannot(why: str) -> Diagnosis:
+    """The verdict on data that cannot be tested."""
+    sentence = f"Whether the model lacks an effect cannot be tested: {why}."
+    return Diagnosis(verdict=f"cannot test: {why}", sentence=sentence)
+
+
+def concluded(decision: Decision, base: Judged, rows: Sequence[Hypothesis]) -> Diagnosis:
+    """The diagnosis that a decision makes of all hypotheses on a base model."""
+    if not decision.needed:
+        found = Diagnosis(
+            verdict="none needed",
+            sentence="The model agrees with the measurement: these data ask for no further effect.",
+        )
+    elif decision.unknown:
+        found = _unknown(base, rows)
+    elif decision.weak:
+        found = _weak(decision)
+    else:
+        found = _named(decision.named)
+    stand_ins = ranked([h for h in rows if h.kind and h.score is not None])
+    return replace(
+        found,
+        ranking=ranked([h for h in rows if not h.kind and len(h.effects) == 1]),
+        groups=ranked([h for h in rows if len(h.effects) > 1]),
+        resembles=found.resembles or stand_ins[:SHOWN],
+        base=base,
+    )
+
+
+def _named(named: Sequence[Hypothesis]) -> Diagnosis:
+    """The verdict on the best hypothesis, with those that cannot be told from it."""
+    best = named[0]
+    names = tuple(KINDS.get(h.kind, h.kind) if h.kind else h.physics for h in named)
+    mimics = [h for h in named if h.kind]
+    found = Diagnosis(
+        verdict=OR.join(names),
+        sentence="",
+        named=best.names,
+        effects=best.effects,
+        kept=best.refit,
+        start=best.refit.values if best.refit else {},
+        ties=(names,) if names[1:] else (),
+        tied=tuple(named),
+        resembles=tuple(mimics),
+    )
+    if found.ties:
+        like = "".join(f" The {h.kind} would be {h.words}." for h in mimics)
+        return replace(found, sentence=f"These data cannot tell {' from '.join(names)}.{like}")
+    are = "are" if best.names[1:] else "is"
+    told = ". ".join(capital(e.told(found.start)) for e in best.effects)
+    return replace(found, sentence=f"{' and '.join(best.names)} {are} missing. {told}.")
+
+
+def _weak(decision: Decision) -> Diagnosis:
+    best = decision.named[0]
+    size = best.score.size if best.score else 0.0
+    return Diagnosis(
+        verdict=f"weak: {best.physics}",
+        sentence=(
+            f"There is a trace of {best.physics}, of {size:.1f} times its own uncertainty: too small to be "
+            f"named. This test finds it reliably from {decision.least:.1f} on."
+        ),
+    )
+
+
+def _unknown(base: Judged, rows: Sequence[Hypothesis]) -> Diagnosis:
+    """The verdict where nothing of the library explains the residual."""
+    found = base.comparison
+    fitted = [h for h in ranked(list(rows)) if h.score is not None and h.score.evidence > 0]
+    alike = [h for h in fitted if h.kind][:SHOWN]
+    like = f" The rest looks like {'; or like '.join(h.words for h in alike)}." if alike else ""
+    near = [
+        f"{h.label} leaves {h.comparison.raw_rms_mm:.3f} mm" for h in fitted if not h.kind and h.comparison
+    ][:SHOWN]
+    nearest = f" The nearest effects: {', '.join(near)}." if near else " No effect of it lowers the error."
+    return Diagnosis(
+        verdict="none of these",
+        sentence=(
+            "Something is missing that the library does not have. The model misses the measurement by "
+            f"{error_in_words(found)}{like}{nearest} {_place(found)}"
+        ).strip(),
+        resembles=tuple(alike),
+    )
+
+
+def _place(base: Comparison) -> str:
+    """Where the residual is, of what the comparison says."""
+    _, found, rest = base.where.partition("It fails most")
+    return found + rest
+
+
+def fallen(found: Diagnosis) -> str:
+    """How the error falls with the named effects; nothing where none is kept."""
+    if found.kept is None or found.before is None or found.after is None:
+        return ""
+    return (
+        f"The error falls from {found.before.raw_rms_mm:.3f} to {found.after.raw_rms_mm:.3f} mm rms with "
+        f"{' and '.join(e.label for e in found.effects)}; {found.after.expected_mm:.3f} mm is expected of "
+        "noise and errors that many values share."
+    )
+
+
+def capital(sentence: str) -> str:
+    """The sentence with a capital letter."""
+    return sentence[:1].upper() + sentence[1:]

@@ -1,0 +1,48 @@
+"""Fitted values in words: two digits, the unit as it is said, and the direction in place of a sign."""
+
+from collections.abc import Sequence
+
+
+def number(value: float) -> str:
+    """The size of a value with two digits, whole from 100 on."""
+    size = abs(value)
+    return f"{size:.0f}" if 99.5 <= size < 1e6 else f"{size:.2g}"
+
+
+def percent(share: float) -> str:
+    """The size of a share in percent."""
+    return f"{number(100 * share)} %"
+
+
+def way(value: float, more: str, less: str) -> str:
+    """The word for a value above 0, or below."""
+    return more if value >= 0 else less
+
+
+def listed(parts: Sequence[str]) -> str:
+    """Parts as one says them: a, b and c."""
+    return " and ".join(filter(None, [", ".join(parts[:-1]), *parts[-1:]]))
+
+
+def felt(values: Sequence[float], part: float = 0.1) -> list[int]:
+    """The indices of values that are at least such a part of the largest, in their order."""
+    most = max(map(abs, values), default=0.0)
+    return [k for k, value in enumerate(values) if abs(value) >= part * most > 0]
+
+
+def pull(along: float, up: float, unit: str) -> str:
+    """A force by its parts along the finger and up: "0.12 N up and 0.05 N towards the tip"."""
+    said = [f"{number(up)} {unit} {way(up, 'up', 'down')}",
+            f"{number(along)} {unit} {way(along, 'towards the tip', 'towards the clamp')}"]  # fmt: skip
+    return listed([said[k] for k in felt((up, along))]) or f"0 {unit}"
+
+
+def at_place(share: float) -> str:
+    """A place along the finger, from 0 at the clamp to 1 at the tip."""
+    return "at its tip" if share > 0.99 else f"at {number(share)} of its length"
+
+
+def at_ends(base: float, tip: float, unit: str, more: str, less: str) -> str:
+    """What is off at the base and at the tip: "0.4 mm too high at its base and 0.1 mm too low at its tip"."""
+    ends = ((base, "at its base"), (tip, "at its tip"))
+    return listed([f"{number(off)} {unit} {way(off, more, less)} {place}" for off, place in ends])

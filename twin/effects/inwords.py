@@ -1,0 +1,80 @@
+"""A stand-in: an explanation in plain words, by which a rest is told that no effect of the library explains.
+
+It says how the rest looks, with size and place; it is never named as the cause. Plausible ranges are wide on
+purpose, as nothing is known of what a stand-in stands for (judgement).
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from twin.effects.protocol import Effect, Test, Theta, symmetric
+from twin.targets import Array
+
+
+class StandIn(Effect):
+    """An explanation in plain words. kind: what it is, the same for those that differ in place alone."""
+
+    def __init__(
+        self, name: str, amplitudes: Iterable[str], unit: str, *, most: float, step: float, likely: float
+    ) -> None:
+        """amplitudes: their names; all from -most to most, plausible from -likely to likely."""
+        self.name = name
+        own = (f"{name}.{a}" for a in amplitudes)
+        self.parameters = symmetric(*own, most=most, unit=unit, step=step, likely=likely)
+
+    def of(self, theta: Theta, name: str) -> float:
+        """The value of its parameter of that name, 0 where it has none."""
+        return float(theta.get(f"{self.name}.{name}", 0.0))
+
+    def numbers(self, theta: Theta) -> list[float]:
+        """The values of its parameters."""
+        return [float(theta.get(p.name, 0.0)) for p in self.parameters]
+
+    def resembles(self, theta: Theta) -> str:
+        """What it looks like at values of its parameters: "0.18 N near the tip, pointing up"."""
+        raise NotImplementedError
+
+
+@dataclass(frozen=True)
+class Span:
+    """What a test spans: its first and last time in s, and its top pressure in MPa."""
+
+    begin: float
+    end: float
+    top: float
+
+    @staticmethod
+    def of(test: Test) -> "Span":
+        """Of a test's path."""
+        t, p = test.path.time, test.path.pressure
+        return Span(float(t[0]), float(max(t[-1], t[0] + 1e-9)), float(max(np.abs(p).max(), 1e-9)))
+
+    def across(self, time: Array) -> Array:
+        """Times as numbers from -1 to 1."""
+        return np.asarray((2 * time - self.begin - self.end) / (self.end - self.begin), float)
+
+
+# -- words ---------------------------------------------------------------------------------------------------
+
+
+def where(place: float) -> str:
+    """A place along the finger, from 0 at the clamp to 1 at the tip, in words."""
+    if place >= 0.85:
+        return "near the tip"
+    return "near the clamp" if place <= 0.15 else f"at {place:.2g} of the length from the clamp"
+
+
+def softer(much: float) -> str:
+    """How much softer a material is, in words."""
+    return f"{100 * abs(much):.2g} % {'softer' if much > 0 else 'stiffer'}"
+
+
+def direction(vector: Array) -> str:
+    """Where a vector (3,) points to, in words: its largest part, and another of more than half of that."""
+    pairs = (("towards the tip", "towards the clamp"), ("to +y", "to -y"), ("up", "down"))
+    order = sorted(range(3), key=lambda i: -abs(vector[i]))
+    first, second = (pairs[i][int(vector[i] < 0)] for i in order[:2])
+    both = abs(vector[order[1]]) > 0.5 * abs(vector[order[0]])
+    return f"{first} and {second}" if both else first

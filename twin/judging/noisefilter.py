@@ -1,0 +1,154 @@
+"""The noise of targets at rest -> a Kalman filter: values in mm become independent innovations of variance 1.
+
+The noise is the static film's, whose markers are correlated within a frame: an autoregression of first order
+in time, and a white rest; and the white codec noise of patches that move.
+"""
+
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from twin.targets import Array, Noise, Targets
+
+KEPT = 4  # noise filters: of a film, of its fixed markers, of what is held out
+
+
+@dataclass(frozen=True)
+class Steady:
+    """The noise at rest of a film: static (m, m) mm2, the covariance within a step of its part that lasts;
+    fresh (m, m) mm2, that of its part that is new in each frame; rho (m,), the lag-1 correlation of the
+    first."""
+
+    static: Array
+    fresh: Array
+    rho: Array
+
+
+@dataclass(frozen=True, eq=False)
+class NoiseFilter:
+    """The noise of targets and the Kalman filter that whitens it: x_t = rho x_t-1 + w_t, observed with white
+    noise (Anderson & Moore 1979, Optimal Filtering). It knows no model: all models of the targets share
+    it."""
+
+    components: NDArray[np.int64]  # (m, 2): point and axis of each component that is data
+    valid: NDArray[np.bool_]  # (s, m)
+    sd: Array  # (s, m) mm
+    steady: tuple[Steady, ...]  # (blocks,)
+    block: NDArray[np.int64]  # (s,)
+    kept: dict[str, Array] = field(default_factory=dict)  # what is made once for all models, by its name
+
+    @cached_property
+    def first(self) -> NDArray[np.bool_]:
+        """Which steps (s,) are the first of their block."""
+        return np.append(True, np.diff(self.block) > 0)
+
+    @cached_property
+    def gains(self) -> tuple[Array, Array]:
+        """Values to innovations (s, m, m), and innovations to corrections of x (s, m, m); zeros where there
+        is no data."""
+        steps, m = self.valid.shape
+        turn, gain, P = np.zeros((steps, m, m)), np.zeros((steps, m, m)), self.steady[0].static
+        for t, seen in enumerate(self.valid):
+            n = self.steady[self.block[t]]
+            kept = np.outer(n.rho, n.rho)
+            P = n.static if self.first[t] else kept * P + n.static * (1 - kept)
+            own = np.ix_(seen, seen)
+            white = np.maximum(self.sd[t] ** 2 - np.diag(n.static + n.fresh), 0.0)[seen]
+            turn[t][own] = np.linalg.inv(np.linalg.cholesky((P + n.fresh)[own] + np.diag(white)))
+            gain[t] = P @ turn[t].T
+            P = P - gain[t] @ gain[t].T
+        return turn, gain
+
+    @cached_property
+    def log_det(self) -> float:
+        """ln det of the noise's covariance in mm2 of the values that are data."""
+        diagonal = np.diagonal(self.gains[0], axis1=1, axis2=2)[self.valid]  # of inverse Cholesky factors
+        return float(-2 * np.log(diagonal).sum())
+
+    def innovations(self, y: Array) -> Array:
+        """Independent values (..., n) of fields y (..., s, m); 0 where no data."""
+        fields = np.moveaxis(np.where(self.valid, y, 0.0).reshape(-1, *self.valid.shape), 0, 2)  # (s, m, k)
+        out, x = np.zeros_like(fields), np.zeros(fields.shape[1:])
+        for t, (turn, gain) in enumerate(zip(*self.gains, strict=True)):
+            if self.first[t]:
+                x = np.zeros_like(x)
+            x = np.where(np.abs(x) > 1e-100, x, 0.0)  # of long ago; its squares would underflow
+            out[t] = turn @ (fields[t] - x)
+            x = self.steady[self.block[t]].rho[:, None] * (x + gain @ out[t])
+        return np.moveaxis(out, 2, 0).reshape(*y.shape[:-2], out.shape[0] * out.shape[1])
+
+
+_made: list[tuple[Targets, NDArray[np.bool_] | None, NoiseFilter]] = []  # the last ones; a fit asks for one
+
+
+def noise_filter(targets: Targets, points: NDArray[np.bool_] | None) -> NoiseFilter:
+    """The noise filter of targets, made once for the same object: every model fitted to it asks anew."""
+    for own, mask, made in _made:
+        if own is targets and _same(mask, points):
+            return made
+    found = _filter_of(targets, points)
+    _made.append((targets, points, found))
+    del _made[:-KEPT]
+    return found
+
+
+def _same(a: NDArray[np.bool_] | None, b: NDArray[np.bool_] | None) -> bool:
+    return a is b if a is None or b is None else np.array_equal(a, b)
+
+
+def _filter_of(targets: Targets, points: NDArray[np.bool_] | None) -> NoiseFilter:
+    data = targets.valid & ~targets.held_out[:, None, None]
+    if points is not None:
+        data = data & points[:, None]
+    components = np.argwhere(data.any(axis=0))
+    p, i = components.T
+    valid = data[:, p, i]
+    variance = np.diagonal(targets.covariance, axis1=2, axis2=3)[:, p, i]
+    sd = np.sqrt(np.where(valid, variance, 1.0))
+    none = np.zeros((len(components), len(components)))
+    steady: tuple[Steady, ...] = (Steady(np.diag(sd.min(axis=0) ** 2), none, np.zeros(len(components))),)
+    if targets.noise is not None:
+        models = targets.noises or (targets.noise,)
+        made = [_steady(noise, components) for noise in models]
+        steady, more = tuple(one for one, _ in made), np.array([extra for _, extra in made])
+        sd = np.sqrt(sd**2 + more[targets.block if targets.noises else np.zeros_like(targets.block)])
+    if len(steady) == 1:
+        steady *= int(targets.block[-1]) + 1
+    return NoiseFilter(components, valid, sd, steady, targets.block)
+
+
+def _steady(noise: Noise, components: NDArray[np.int64]) -> tuple[Steady, Array]:
+    """The noise at rest of components (m, 2), and what is added to each one's variance (m,) mm2 for the few
+    frames that it was estimated from.
+
+    The inverse of a covariance estimated from n frames is too large by (n - 2) / (n - m - 1) beyond what
+    single variances are (Hartlap, Simon & Schneider 2007, doi 10.1051/0004-6361:20066170).
+    """
+    p, i = components.T
+    flat, own, frames = p * 3 + i, noise.sd[p, i], noise.frames
+    inflation = (frames - 2) / max(frames - len(components) - 1, 1)
+    correlation = shrunk(noise.correlation[np.ix_(flat, flat)], frames, i)
+    within = inflation * correlation * np.outer(own, own)
+    rho = np.clip(np.nan_to_num(noise.rho[p, i]), 0.0, 0.99)
+    return Steady(noise.lasting * within, (1 - noise.lasting) * within, rho), (inflation - 1) * own**2
+
+
+def shrunk(correlation: Array, frames: int, axis: NDArray[np.int64]) -> Array:
+    """The correlation (m, m) estimated from `frames` frames, drawn by its own sampling error towards what all
+    components of one axis (m,) share, and independence between axes.
+
+    The weight is the ratio of the sampling variance (1 - r^2)^2 / n to the spread of the off-diagonal values
+    about that target (Schaefer & Strimmer 2005, doi 10.2202/1544-6115.1175). Towards plain independence,
+    markers that jitter together would lose a part of it, and their mean would be stated too small.
+    """
+    off = ~np.eye(len(correlation), dtype=bool)
+    target = np.zeros_like(correlation)
+    for k in np.unique(axis):
+        same = np.outer(axis == k, axis == k) & off
+        target[same] = max(float(correlation[same].mean()), 0.0) if same.any() else 0.0
+    spread = float(((correlation - target)[off] ** 2).sum())
+    noise = float(((1 - correlation[off] ** 2) ** 2).sum()) / max(frames - 1, 1)
+    weight = min(1.0, noise / spread) if spread > 0 else 1.0
+    return np.where(off, correlation + weight * (target - correlation), 1.0)
