@@ -232,11 +232,18 @@ def tabulated() -> list[Effect]:
 
 
 def packed() -> dict[str, Array]:
-    """The arrays of the file, none where there is no file."""
+    """The arrays of the file, none where there is no file or it was made at other nodes."""
     if not FILE.exists():
         return {}
     with np.load(FILE) as data:
-        return {name: data[name] for name in data.files}
+        found = {name: data[name] for name in data.files}
+    return found if np.array_equal(found.get("nodes", ()), nodes()) else {}
+
+
+def nodes() -> Array:
+    """All numbers at which arrays are made, in one row."""
+    others = (x for name in sorted(NODES) for x in NODES[name])
+    return np.array([*GRID, *TOTALS, *SHARES, *MAIN.named.values(), LARGE, *others], np.float32)
 
 
 def complete(arrays: Mapping[str, Array], name: str, rows: int | None) -> bool:
@@ -271,6 +278,7 @@ def main() -> int:
         FILE.parent.mkdir(exist_ok=True)
         made = {p.stem: np.load(p) for p in sorted(typed.folder.glob("*.npy"))}
         arrays = {name: array for name, array in (kept | made).items() if name in wanted}
+        arrays["nodes"] = nodes()
         np.savez_compressed(FILE, allow_pickle=False, **arrays)
         print(f"{FILE}: {len(arrays)} arrays, {FILE.stat().st_size / 1e6:.1f} MB")
     return 0
