@@ -10,7 +10,7 @@ import numpy as np
 
 from fe.element import Flags
 from fe.kernel.assembly import State
-from fe.solver.newton import Equilibrium, Place, Residual, Step, moved
+from fe.solver.newton import Equilibrium, Reached, Residual, Step, moved
 
 TURNS = 4  # corrections that cost as much as a new tangent
 ACCURATE = 1e-7  # of a change: what may be left of it
@@ -20,7 +20,7 @@ class Corrected:
     """The tangent of an equilibrium: the one that it was found with, or corrections of it; a new one where
     they shrink too slowly. `step`: the newest one that is factorised."""
 
-    def __init__(self, step: Step, place: Place | None) -> None:
+    def __init__(self, step: Step, place: Reached | None) -> None:
         self.step, self._place = step, place
 
     @staticmethod

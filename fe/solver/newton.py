@@ -287,7 +287,7 @@ class Step:
 
 
 @dataclass(frozen=True)
-class Place:
+class Reached:
     """An equilibrium under a load in MPa, of which no tangent is factorised."""
 
     problem: Problem
@@ -318,7 +318,7 @@ class Equilibrium:
     step: Step | None
     iterations: int
     reason: str
-    place: Place | None = None
+    place: Reached | None = None
 
 
 def _residuals(
@@ -369,7 +369,7 @@ def equilibrium(
         if last is not None and smooth and np.abs(state.u - last.state.u).max() < NEARBY * extent:
             state, rate = _chord(problem, state, last, load, memory, small, fine, length)
             if rate is not None and rate < fine:
-                place = Place(problem, state, load, memory) if exact else None
+                place = Reached(problem, state, load, memory) if exact else None
                 return Equilibrium(state, last, iteration, "converged", place)
         system, moment = _residuals(problem, state, load, memory)
         free = system.force.ravel()[kernel.free]

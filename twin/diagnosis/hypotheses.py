@@ -73,8 +73,8 @@ class Hypothesis:
 
     gain: the fall of chi2 that its best entry promises, its amplitudes within their bounds; z: its root, with
     the sign of a single amplitude. p_value: of that gain by chance, after multiplicity. hint: 2 ln B to first
-    order. start: where its refit begins. refit: the fit with it, and its score. note: why it cannot be
-    tested, or was not refitted.
+    order. start: where its refit begins, or would go on. refit: the fit with it, and its score. note: why it
+    cannot be tested, or was not refitted.
     """
 
     effects: tuple[Effect, ...]

@@ -83,8 +83,8 @@ def _kept(found: Diagnosis, base: Judged, targets: Targets) -> Diagnosis:
     for; how far the laws are off is told."""
     if found.kept is None:
         return found
-    model = with_effects(base, found.effects)
-    judged = with_laws(judge(model, targets, starts=found.kept.theta, seed=found.kept.fit.seed), targets)
+    model, seed = with_effects(base, found.effects), found.kept.fit.seed
+    judged = with_laws(judge(model, targets, starts=model.theta(found.start), seed=seed), targets)
     left = left_by_laws(judged, targets)
     found = replace(found, kept=judged, law_left=left)
     said = [found.sentence, left.words if left else "", fallen(found)]

@@ -19,6 +19,7 @@ from twin.model.prediction import Model
 from twin.targets import Array, Targets
 
 NEAR = 2.0  # of 2 ln likelihood, that the next step would gain: then the derivatives say the rest
+CLOSE = 2e-3  # or this share of its evidence: what is behind by more is told apart without
 MORE = 4  # times a refit of two solves is carried on, where it would gain more
 
 
@@ -42,13 +43,23 @@ def refitted(
     try:
         judged = judge(model, targets, starts=rows, seed=seed, evaluations=2, turns=0)
         for _ in range(MORE):
-            if judged.deviance - levels(judged, targets)[0].deviance < NEAR:
+            if judged.deviance - levels(judged, targets)[0].deviance < max(NEAR, CLOSE * h.hint):
                 break
             judged = judge(model, targets, starts=judged.theta, seed=seed, evaluations=3, turns=0)
     except Unsolvable as error:
         return replace(h, note=str(error)), None
     refit = Refit.of(judged)
-    return replace(h, refit=refit, score=scored(judged, h.effects, base, targets)), judged
+    score, ahead = scored(judged, h.effects, base, targets), levels(judged, targets)[0].step
+    return replace(h, refit=refit, score=score, start=_gone_on(judged, ahead)), judged
+
+
+def _gone_on(judged: Judged, step: Array) -> dict[str, float]:
+    """The values of a judged model a step (f,) of its free parameters further."""
+    moves = dict(zip([n for n in judged.values if n not in judged.at_bound], step, strict=True))
+    return {
+        p.name: float(np.clip(judged.values[p.name] + moves.get(p.name, 0.0), p.low, p.high))
+        for p in judged.model.parameters
+    }
 
 
 def scored(judged: Judged, effects: Sequence[Effect], base: Judged, targets: Targets) -> Score:

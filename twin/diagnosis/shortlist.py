@@ -197,7 +197,7 @@ class Race:
         for law in self._widening(own[0]):
             h = rows.get(law.label) if len(own[0].effects) == 1 else own[0]
             if h is None and last is not None and last.refit is not None:
-                h = replace(last, effects=(law,), start=law.start(last.refit.values), refit=None, score=None)
+                h = replace(last, effects=(law,), start=law.start(last.start), refit=None, score=None)
             if h is None:
                 continue
             last = self._refit(h)

@@ -52,7 +52,7 @@ def _named(named: Sequence[Hypothesis]) -> Diagnosis:
         named=best.names,
         effects=best.effects,
         kept=best.refit,
-        start=best.refit.values if best.refit else {},
+        start=best.start,
         ties=(names,) if names[1:] else (),
         tied=tuple(named),
         resembles=tuple(mimics),

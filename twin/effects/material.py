@@ -67,7 +67,7 @@ class Elasticity(Effect):
 
     def allowed(self, theta: Theta) -> bool:
         own = self.constants(theta)
-        return own.C01 >= baselaw.LEAST_SHARE * own.total
+        return baselaw.LEAST_SHARE * own.total <= own.C01
 
     def before(self, test: Test, theta: Theta) -> Test:
         """Raises Unsolvable where rubber of these constants is not stable."""

@@ -96,8 +96,8 @@ def _check(left: Array, free: int, stretches: Sequence[tuple[int, int]]) -> None
     if free < LEAST or not np.isfinite(left).all():
         raise ValueError(
             f"still_steps: {len(stretches)} rests or holds leave {max(free, 0)} free values of each "
-            f"component, wanted {LEAST} or more in which every point is seen; name longer ones, or state "
-            "sd_mm instead"
+            f"component, wanted {LEAST} or more in which every point is seen; name longer ones, or "
+            "state sd_mm instead"
         )
     if not (np.abs(left).max(axis=0) > ROUNDED).all():
         raise ValueError("still_steps: a component does not scatter at all; state sd_mm instead, in mm")

@@ -8,7 +8,7 @@ from fe import Case, Path, Solution, Variation, solve
 from fe.element import Array
 from fe.kernel.assembly import State
 from fe.solver.corrected import Corrected
-from fe.solver.newton import Place, Problem, Residual, equilibrium, imbalance, moved, tangent_at
+from fe.solver.newton import Problem, Reached, Residual, equilibrium, imbalance, moved, tangent_at
 from fe.solver.past import Evaluated, Past
 
 LOAD = 0.006
@@ -16,7 +16,7 @@ CREEP = ((0.1, 1.0),)
 MULLINS = (0.4, 0.003, 0.2)
 
 
-def place(case: Case) -> Place:
+def place(case: Case) -> Reached:
     """An equilibrium of a material with memory, after it was loaded further."""
     problem = Problem.of(case)
     found = equilibrium(problem, problem.start(), load=LOAD)
@@ -27,15 +27,15 @@ def place(case: Case) -> Place:
     memory = Past.first(Evaluated(problem, u, response)).memory(problem, 0.5)
     after = equilibrium(problem, found.state, load=0.9 * LOAD, memory=memory)
     assert after.state is not None
-    return Place(problem, after.state, 0.9 * LOAD, memory)
+    return Reached(problem, after.state, 0.9 * LOAD, memory)
 
 
 @pytest.fixture(scope="module")
-def softened(short: Case) -> Place:
+def softened(short: Case) -> Reached:
     return place(short.with_material(prony=CREEP, mullins=MULLINS))
 
 
-def changes(at: Place, count: int) -> list[State]:
+def changes(at: Reached, count: int) -> list[State]:
     """Smooth changes that leave what is held."""
     kernel, rng, out = at.problem.kernel, np.random.default_rng(0), []
     for _ in range(count):
@@ -46,7 +46,7 @@ def changes(at: Place, count: int) -> list[State]:
     return out
 
 
-def test_residuals_go_along_changes_as_differences_do(softened: Place) -> None:
+def test_residuals_go_along_changes_as_differences_do(softened: Reached) -> None:
     at, h, free = softened, 1e-3, softened.problem.kernel.free
     along = changes(at, 3)
     for change, found in zip(along, at.along(along), strict=True):
@@ -61,7 +61,7 @@ def test_residuals_go_along_changes_as_differences_do(softened: Place) -> None:
 
 @pytest.mark.parametrize(("away", "kept"), [(3e-3, True), (2.0, False)])
 def test_a_tangent_of_nearby_gives_the_changes_of_the_own_one(
-    softened: Place, away: float, kept: bool
+    softened: Reached, away: float, kept: bool
 ) -> None:
     """One that is too far is replaced."""
     at, rng = softened, np.random.default_rng(1)
