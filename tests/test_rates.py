@@ -5,7 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from benchmarks.diagnosis import collected, gaussianprocess, tally, truthbook
+from benchmarks.diagnosis import bank, collected, gaussianprocess, tally, truthbook
 from benchmarks.diagnosis.identify import STAND_INS_OF, UNKNOWN, spread, without_stand_ins
 from benchmarks.diagnosis.laterkinds import KINDS_LATER, STAND_INS_LATER
 from benchmarks.diagnosis.simplerules import fingerprinted
@@ -212,3 +212,13 @@ def test_a_deck_says_the_weight_first_and_holds_no_node_twice() -> None:
     free = bodies.on_a_body(hinged, hinged.clamp)
     assert not set(free.node_sets["symmetry"]) & set(free.node_sets["clamp"])
     assert "CLAMP, 1, 1" not in bodies.stepwise(hinged, np.zeros(3))
+
+
+def test_a_bank_made_at_other_nodes_is_made_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(bank, "FILE", tmp_path / "bank.npz")
+    np.savez(bank.FILE, course=np.zeros(2), nodes=bank.nodes())
+    assert "course" in bank.packed()
+    assert bank.complete({"slopes@a": np.zeros((2, 1))}, "slopes@a", 2)
+    assert not bank.complete({"slopes@a": np.zeros((2, 1))}, "slopes@a", 3)
+    monkeypatch.setattr(bank, "SHARES", bank.SHARES[:-1])
+    assert bank.packed() == {}

@@ -7,7 +7,7 @@ p / (C10 + C01) for several shares and totals in each direction of gravity; of e
 changes the structure the derivatives to its amplitudes at nodes of its other parameters, and whole solves at
 one size; of creep and Mullins softening what the history adds. Every array is saved as it is made; what the
 file has is not made again (--again: all is), so that a new effect or stand-in takes its own solves alone.
-About fifteen minutes of one core for all.
+About twenty minutes of one core for all.
 """
 
 import os
@@ -47,7 +47,7 @@ GRID: Array = np.concatenate([[-0.006], np.linspace(0.0, 1.0, 20) ** 1.3 * 0.17]
 TOTALS: Array = np.array([0.22, 0.3, 0.45])  # MPa
 SHARES: Array = 0.2 - 0.8 * np.cos(np.pi * (np.arange(7) + 0.5) / 7)  # from the least that is stable
 MAIN = Constants(0.214, 0.083)
-LARGE = 0.2  # softening of the whole solves
+LARGE = 0.2  # softening of the whole solves, and half of it
 COUNT, FEWER = 12, 8  # levels of a load path, and of what an effect changes
 NODES = {  # of parameters that are invisible at null
     "ballooning.place": (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9),
@@ -199,6 +199,7 @@ def tasks(effects: Sequence[Effect]) -> dict[str, partial[Array]]:
     found["mullins"] = partial(softening, case, [(soft, e, "mullins.softening") for e in softenings()])
     for k, entry in enumerate(softenings()):
         found[f"mullins@{k}"] = partial(course, case, soft, {**entry, "mullins.softening": LARGE})
+        found[f"mullins@{k}@half"] = partial(course, case, soft, {**entry, "mullins.softening": LARGE / 2})
     structural = [e for e in effects if kind_of(e, test) in ("case", "course")]
     for e in structural:
         own = whole if e.breaks_symmetry(test) else case
@@ -231,11 +232,18 @@ def tabulated() -> list[Effect]:
 
 
 def packed() -> dict[str, Array]:
-    """The arrays of the file, none where there is no file."""
+    """The arrays of the file, none where there is no file or it was made at other nodes."""
     if not FILE.exists():
         return {}
     with np.load(FILE) as data:
-        return {name: data[name] for name in data.files}
+        found = {name: data[name] for name in data.files}
+    return found if np.array_equal(found.get("nodes", ()), nodes()) else {}
+
+
+def nodes() -> Array:
+    """All numbers at which arrays are made, in one row."""
+    others = (x for name in sorted(NODES) for x in NODES[name])
+    return np.array([*GRID, *TOTALS, *SHARES, *MAIN.named.values(), LARGE, *others], np.float32)
 
 
 def complete(arrays: Mapping[str, Array], name: str, rows: int | None) -> bool:
@@ -270,6 +278,7 @@ def main() -> int:
         FILE.parent.mkdir(exist_ok=True)
         made = {p.stem: np.load(p) for p in sorted(typed.folder.glob("*.npy"))}
         arrays = {name: array for name, array in (kept | made).items() if name in wanted}
+        arrays["nodes"] = nodes()
         np.savez_compressed(FILE, allow_pickle=False, **arrays)
         print(f"{FILE}: {len(arrays)} arrays, {FILE.stat().st_size / 1e6:.1f} MB")
     return 0

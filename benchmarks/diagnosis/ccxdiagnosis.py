@@ -119,14 +119,17 @@ def twin(command: str, *words: str) -> dict[str, Any]:
 
 
 def project(trial: Trial, folder: Path) -> None:
-    """Make the project of a trial by `twin init`, with the dimensions of the short finger."""
+    """Make the project of a trial by `twin init`, with the dimensions of the short finger; one that was made
+    goes on where it was stopped."""
+    toml = folder / "twin.toml"
+    if toml.exists() and DIMENSIONS in toml.read_text(encoding="utf-8"):
+        return
     targets = folder.with_name(f"{folder.name}-targets")
     for old in (folder, targets):
         shutil.rmtree(old, ignore_errors=True)
     write_targets(targets, trial.targets())
     x, y, z = bare_test().points[EDGE[-1]]
     twin("init", str(folder), "--targets", str(targets), "--node", f"{END}={x:.9g},{y:.9g},{z:.9g}")
-    toml = folder / "twin.toml"
     text = toml.read_text(encoding="utf-8")
     toml.write_text(text.replace("[calibrate]", f"{DIMENSIONS}[calibrate]", 1), encoding="utf-8")
 

@@ -154,6 +154,8 @@ class Tables:
 
     def kind(self, effect: Effect, test: Test) -> str:
         """What an effect changes."""
+        if effect.name == "elasticity":
+            return "law"
         if effect.label not in self.kinds:
             self.kinds[effect.label] = kind_of(effect, test)
         return self.kinds[effect.label]
@@ -206,17 +208,20 @@ class Tables:
         )
 
     @cached_property
-    def softening(self) -> tuple[Array, Array]:
-        """Changes (k, s, m, 3) mm per unit of softening at its nodes, and what whole solves there add to the
-        first order, per unit squared."""
+    def softening(self) -> tuple[Array, Array, Array]:
+        """Changes (k, s, m, 3) mm per unit of softening at its nodes, and what the whole solves there add to
+        the first order, per unit squared and cubed."""
         arrays = bank()
         rows = self.at_times(arrays["mullins"][:, :, self.rows])
-        names = [f"mullins@{k}" for k in range(len(rows))]
-        if names[0] not in arrays:  # a bank with one whole solve, which then serves for all nodes
-            names = ["mullins@large"]
-        changes = np.array([arrays[name] - arrays["course"] for name in names])
-        first = rows if len(names) > 1 else rows[4:5]
-        return rows, (self.at_times(changes[:, :, self.rows]) - LARGE * first) / LARGE**2
+        large, half = (
+            np.array([arrays[f"mullins@{k}{size}"] - arrays["course"] for k in range(len(rows))])
+            for size in ("", "@half")
+        )
+        far, near = (
+            (self.at_times(changes[:, :, self.rows]) - size * rows) / size**2
+            for changes, size in ((large, LARGE), (half, LARGE / 2))
+        )
+        return rows, 2 * near - far, (far - near) / (LARGE / 2)
 
 
 def along(paths: Array, x: Array, way: Array) -> Array:
@@ -255,7 +260,7 @@ class ReducedModel(Model):
         """The test with the effects' `before` applied, but for those that have a table."""
         test = self.test
         for e in self.effects:
-            if e.name == "elasticity" or self.tables.kind(e, self.test) not in ("case", "course"):
+            if self.tables.kind(e, self.test) not in ("case", "course"):
                 test = e.before(test, theta)
         return test
 
@@ -279,7 +284,7 @@ class ReducedModel(Model):
         changes = [
             table.change(theta, constants)
             for e in self.effects
-            if e.name != "elasticity" and t.kind(e, self.test) == "case" and (table := t.table(e, self.test))
+            if t.kind(e, self.test) == "case" and (table := t.table(e, self.test))
         ]
         if path.stiffness is None:
             u = along(sum(scale[m] * parts[m] for m in range(3)) + sum(changes), x, t.way)
@@ -305,11 +310,11 @@ class ReducedModel(Model):
                 out = out + g * np.tensordot(w, self.tables.creep, 1)
         if mullins := body.mullins:
             soft, m, beta = mullins
-            rows, bent = self.tables.softening
+            rows, bent, more = self.tables.softening
             scaled = m * MAIN.total / constants.total
             wm = weights(np.log(NODES["mullins.m"]), float(np.log(max(scaled, 1e-6))))
             w = np.kron(wm, weights(np.array(NODES["mullins.beta"]), beta))
-            out = out + np.tensordot(w, soft * rows + soft**2 * bent, 1)
+            out = out + np.tensordot(w, soft * rows + soft**2 * bent + soft**3 * more, 1)
         return out
 
     # -- what a model offers --------------------------------------------------------------------------------

@@ -5,7 +5,7 @@
 Camera, boards and tags are those of the demo, but every tag trembles, so that the mesh of the tables is good
 enough; the finger is the short one in P3, with four markers. Projects lie in DIR until they are measured.
 Rows go to `benchmarks/results/film.json` as they come, so that the command goes on where it was stopped;
-`identify.py` takes them into its table.
+`identify.py` takes them into its table. About six minutes of one core for each.
 """
 
 import os
@@ -39,6 +39,7 @@ from benchmarks.tracking import studio
 
 import numpy as np
 
+from fe import Path as Course
 from twin.chain import stage_of
 from twin.diagnosis.procedure import diagnose
 from twin.project.config import (
@@ -66,7 +67,7 @@ from vision.kinds.coded import CodedMarker
 KINDS_FILMED = ("pressure_lag", "wall_taper", "eccentric_core", "tube", "pressure_offset", "two_volumes",
                 "stepped_wall", "ballooning", "strain_limiting_layer", "tilted_core")  # fmt: skip
 SIZES = (60.0, 30.0)  # non-centralities, by the noise of the trials without a film
-HZ, STATIC, STEPS = 10.0, 320, 90
+HZ, STATIC, STEPS, LOG_HZ = 10.0, 320, 90, 50.0
 TAG = 5.5  # mm
 ROWS = [NAMES.index(name) for name in ("p1", "p3", "p5", "tip")]  # far enough apart for such tags
 BLUR_PX, NOISE_GREY = 1.0, 6.0
@@ -81,6 +82,14 @@ class Filmed(Protocol):
     def steps(self) -> Array:
         """Times (s,) s of the frames."""
         return np.round(np.arange(0.0, 49.0, 1 / HZ), 6)
+
+    @property
+    def course(self) -> Course:
+        """As P3's, as finely as the film's log is read: a lag shorter than the steps between is told."""
+        plain = super().course
+        time = np.round(np.arange(0.0, plain.time[-1] + 0.5 / LOG_HZ, 1 / LOG_HZ), 6)
+        pressure = np.interp(time, plain.time, plain.pressure)
+        return replace(plain, time=time, pressure=pressure, gravity=np.zeros((len(time), 3)))
 
 
 P3 = PROTOCOLS["P3"]
@@ -119,7 +128,7 @@ def shoot(folder: Path, u: Array, rows: list[int], seed: int) -> None:
         synthetic.film(raw / name, camera=lens, pose=pose, marks=marks, positions=trembling,
                        rotations=turns[frames], fps=HZ, blur_px=BLUR_PX,
                        noise_grey=NOISE_GREY, seed=10 * seed + k)  # fmt: skip
-    time_s = np.arange(0.0, make_demo.FILM_START + 52.0, 0.02)
+    time_s = np.arange(0.0, make_demo.FILM_START + 52.0, 1 / LOG_HZ)
     course = FILM.course
     true = np.interp(time_s - make_demo.FILM_START, course.time, course.pressure, left=0.0, right=0.0)
     read = true + 2e-5 * rng.standard_normal(len(time_s))

@@ -41,10 +41,14 @@ class Change:
         fields = _fields(bench, judged.model, judged.theta)
         return Change(fit=judged.fit, judgement=Judgement.of(judged), fields=fields)
 
+    def record(self, **beside: Any) -> FitRecord:
+        """What fit.json holds of it."""
+        one = self.judgement
+        return fit_record(self.fit, one.comparison, law_error=one.errors.law, **beside)
+
     def keep(self, run: Run, *, effects: Sequence[str], start: Mapping[str, float]) -> None:
         """Write it into the run of a diagnosis, so that `twin add` need not solve it again."""
-        record = fit_record(self.fit, self.judgement.comparison, effects=tuple(effects), start=dict(start))
-        run.write(record, KEPT_FIT)
+        run.write(self.record(effects=tuple(effects), start=dict(start)), KEPT_FIT)
         keep(run, self.fit.theta, self.judgement, file=f"{KEPT}{JUDGED}")
         self.fields.save(run.path(f"{KEPT}{FIELDS}"))
 
@@ -79,7 +83,7 @@ def change_effects(
             say.progress(f"refit with {', '.join(effects) or 'no effect'}", 0, 1)
             change = Change.of(bench, bench.judged(model, theta, say))
         fit, found = change.fit, compared(run, change.fit.theta, change.judgement, bench, say)
-        run.write(fit_record(fit, found, effects=effects))
+        run.write(change.record(effects=effects))
         change.fields.save(run.path(FIELDS))
         run.note(model.extent)
     project.set_effects(effects)
@@ -89,6 +93,9 @@ def change_effects(
         say(waterfall.in_words(way))
     say(f"{in_words(estimates(fit, found))}.")
     say(found.where)
+    if change.judgement.errors.law:
+        say(f"These data ask for laws that may err by {change.judgement.errors.law:.0%} of what the effects "
+            "add: intervals and the test of the fit know it.")  # fmt: skip
     say(f"Wrote {project.shown(run.folder)}/fit.json; twin.toml has effects = {list(effects)}")
     return {
         "stage": kind,
@@ -100,7 +107,7 @@ def change_effects(
         "expected_mm": found.expected_mm,
         "noise_sd_mm": found.noise_sd_mm,
         "effects": list(effects),
-        "fit": files.plain(fit_record(fit, found)),
+        "fit": files.plain(change.record()),
         "steps": files.plain(way),
     }
 

@@ -195,7 +195,7 @@ class Race:
         """Refit one physics in its laws, the narrowest first, until one leaves nothing to a law's errors."""
         rows = {h.label: h for h in own}
         last: Hypothesis | None = None
-        for law in _widening(own[0]):
+        for law in self._widening(own[0]):
             h = rows.get(law.label) if len(own[0].effects) == 1 else own[0]
             if h is None and last is not None and last.refit is not None:
                 h = replace(last, effects=(law,), start=law.start(last.refit.values), refit=None, score=None)
@@ -204,6 +204,18 @@ class Race:
             last = self._refit(h)
             if last.adequate and last.score is not None and not last.score.law:
                 break
+
+    def _widening(self, h: Hypothesis) -> list[Effect]:
+        """The laws of what a hypothesis says is missing, the narrowest first; of several effects, or of a
+        stand-in, itself."""
+        law = next((e for e in self.task.absent if e.name == h.physics), None)
+        if law is None:
+            return [h.effect]
+        out, wide = [], law.wide()
+        while law is not None:
+            out.append(law)
+            law = law.wider()
+        return [*out, *([wide] if wide is not None else [])]
 
     def _near(self, h: Hypothesis) -> bool:
         if self.best is None or self.best.evidence is None:
@@ -233,19 +245,6 @@ class Race:
             (best,) = screened(self.base, signatures_of(self.base, [finer]))
             h = replace(h, start=best.start, gain=best.gain) if best.gain > h.gain else h
         return replace(h, effects=(h.effect.at(h.start, test),))
-
-
-def _widening(h: Hypothesis) -> list[Effect]:
-    """The laws of a hypothesis of one effect, the narrowest first, that `twin diagnose` tries by itself."""
-    if len(h.effects) > 1 or h.kind:
-        return [h.effect]
-    out: list[Effect] = []
-    law: Effect | None = h.effect.laws()[0]
-    while law is not None:
-        out.append(law)
-        law = law.wider()
-    wide = h.effect.wide()
-    return [*out, *([wide] if wide is not None else [])]
 
 
 def on_a_basis(effect: Effect, test: Test) -> bool:

@@ -74,14 +74,14 @@ class Twist(StandIn):
     def before(self, test: Test, theta: Theta) -> Test:
         case, end = test.case, sections(test.case)[-1]
         y = case.nodes[end, 1] - middle_plane(case)
-        left, right = end[y > 0], end[y < 0]
         moment = self.of(theta, "moment")
-        if not (moment and len(left) and len(right)):
+        if not moment:
             return test
-        up = np.array([0.0, 0.0, moment / (y[y > 0].mean() - y[y < 0].mean())])
-        sides = {f"{self.name}_left": left, f"{self.name}_right": right}
-        own = dict(zip(sides, (up, -up), strict=True))
-        case = replace(case, node_sets={**case.node_sets, **sides})
+        sides = {way: at for way in (1, -1) if (at := way * y > 0).any()}  # half of a finger has one of them
+        arm = 2 * float(np.mean([abs(y[at].mean()) for at in sides.values()]))
+        own = {f"{self.name}_{way}": np.array([0.0, 0.0, way * moment / arm]) for way in sides}
+        rows = {f"{self.name}_{way}": end[at] for way, at in sides.items()}
+        case = replace(case, node_sets={**case.node_sets, **rows})
         if self.growing:
             return replace(test, case=replace(case, growing={**case.growing, **own}))
         return replace(test, case=replace(case, forces={**case.forces, **own}))

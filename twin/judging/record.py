@@ -78,6 +78,9 @@ class FitRecord(Record):
     adequate: bool = Field(default=False, description="no lack of fit")
     intervals: dict[str, Interval] = Field(default={}, description="by name")
     effects: tuple[str, ...] = Field(default=(), description="effects in the model")
+    law_error: Finite = Field(
+        default=0.0, description="share of what they add by which their laws may err, as the data ask, 1 sd"
+    )
     identifiability: str = Field(default="", description="what the targets say about C10 and C01")
     initial: InitialRow | None = Field(
         default=None, description="the nominal constants, and their error"

@@ -131,6 +131,20 @@ def test_play_turns_the_finger_as_a_whole_about_its_clamp() -> None:
     assert not moved[:, 2].any()  # that marker is fixed
 
 
+def test_what_breaks_the_symmetry_of_half_a_finger_has_its_columns_from_all_of_it() -> None:
+    test = small_test()
+    model, tried = Model(test, (Elasticity(),), np.array([0])), [s for s in ALL if s.breaks_symmetry(test)]
+    theta = model.theta({"C10": 0.2, "C01": 0.1})
+    found = model.tangents(theta, tried)
+    for s in tried:
+        (column,) = found[s.label][0]
+        h = 0.1 * s.parameters[0].step
+        changed = Model(whole(test), (Elasticity(), s), np.array([0]))
+        a, b = (changed.predict(np.array([0.2, 0.1, way * h])) for way in (1, -1))
+        assert np.abs(column).max() > 1e-6
+        np.testing.assert_allclose(column, (a - b) / (2 * h), rtol=0, atol=1e-3 * np.abs(column).max() + 2e-7 / h)
+
+
 @pytest.mark.parametrize("growing", [False, True])
 def test_a_twist_is_a_moment_without_a_force(growing: bool) -> None:
     test, twist = whole(small_test()), Twist(growing=growing)

@@ -1,5 +1,6 @@
 """What a model keeps of its solves makes it quicker, and changes no prediction."""
 
+import pickle
 from collections.abc import Callable
 from itertools import permutations
 
@@ -88,6 +89,20 @@ def test_a_repeated_question_is_not_solved_again(pure: Model, monkeypatch: pytes
     assert len(solves) == 1 + KEPT
     np.testing.assert_allclose(model.predict(theta), u, rtol=0, atol=SAME)
     assert len(solves) == 2 + KEPT
+
+
+def test_a_worker_has_the_solves_of_the_model_that_it_is_sent(
+    pure: Model, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    base, theta = remembering(pure), constants(pure, 1.0)
+    model = base.with_effect(effect("creep"))
+    there = model.theta({**BASE, **CREEP})
+    u, creeping = base.predict(theta), model.predict(there)
+    sent: KeptModel = pickle.loads(pickle.dumps(model))
+    monkeypatch.setattr(prediction, "respond", None)
+    assert isinstance(sent.parent, KeptModel)
+    assert np.array_equal(sent.parent.predict(theta), u)
+    assert np.array_equal(sent.predict(there), creeping)
 
 
 def test_a_model_with_an_effect_is_one_object_with_its_solves(pure: Model) -> None:
