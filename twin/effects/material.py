@@ -15,7 +15,7 @@ from twin.effects.protocol import Effect, Family, Order, Test, Theta, Unsolvable
 from twin.effects.requirements import Requirement
 from twin.effects.widest import Wide, in_logs
 
-BESIDE = 1e-3  # of C10 + C01: so far beyond the least share derivatives may be taken
+BESIDE = 0.01  # by which derivatives at the least share may go beyond it
 ALL = 0.95  # of the stiffness is what relaxation may take
 
 
@@ -64,6 +64,10 @@ class Elasticity(Effect):
     def constants(self, values: Theta) -> Constants:
         """The constants among named values, those held at a value included."""
         return Constants.of({**values, **self.fixed})
+
+    def allowed(self, theta: Theta) -> bool:
+        own = self.constants(theta)
+        return own.C01 >= baselaw.LEAST_SHARE * own.total
 
     def before(self, test: Test, theta: Theta) -> Test:
         """Raises Unsolvable where rubber of these constants is not stable."""

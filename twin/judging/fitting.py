@@ -65,6 +65,9 @@ def fit_model(
     """
 
     def residual(theta: Array) -> Array | None:
+        values = model.named(theta)
+        if not all(e.allowed(values) for e in model.effects):
+            return None
         try:
             return w.whiten(targets.value - model.predict(theta))
         except Unsolvable:
