@@ -18,8 +18,8 @@ from twin.judging.lawlevels import Level, asked_for, levels
 from twin.model.prediction import Model
 from twin.targets import Array, Targets
 
-NEAR = 2.0  # of 2 ln likelihood: where one more step would gain less, the derivatives tell the rest
-MORE = 4  # times at most that a refit of two solves is carried on (both: benchmarks/diagnosis/identify.py)
+NEAR = 2.0  # of 2 ln likelihood, that the next step would gain: then the derivatives say the rest
+MORE = 4  # times a refit of two solves is carried on, where it would gain more
 
 
 def with_effects(base: Judged, effects: Sequence[Effect]) -> Model:
