@@ -35,6 +35,6 @@ table = Targets(time=time, pressure=np.interp(time, log, gauge), block=0 * steps
 model = base_model(table, fe.finger_case(fe.Material(), finger=finger, lattice=coarse))
 tried = [effect(name) for name in ("pressure_lag", "pressure_offset", "camera_scale")]
 found = diagnose(model, tried, table, seed=0, start=np.array([0.2, 0.1]), beside=())  # no stand-ins: quick
-print(found.text)
+print(found.sentence)
 for q, x, sd in zip(found.kept.fit.parameters, found.kept.fit.theta, found.kept.fit.sd):
     print(f"{q.name} = {x:.3f} {q.unit}, sd {sd:.3f}")

@@ -17,6 +17,7 @@ from pydantic import BaseModel
 
 from twin.chain import STAGES, TARGETS
 from twin.cli import app
+from twin.effects.labels import KINDS
 from twin.effects.library import all_effects
 from twin.judging.whitening import whitener
 from twin.project.config import Config
@@ -209,9 +210,12 @@ def all_tables(model: type[BaseModel] = Config) -> list[type[BaseModel]]:
     return [model, *(deep for one in tables(model).values() for deep in all_tables(one))]
 
 
-def test_every_effect_has_its_section_and_its_picture() -> None:
+def test_every_effect_has_its_section_and_its_picture_every_family_and_stand_in_its_row() -> None:
     text = (ROOT / "docs" / "effects.md").read_text(encoding="utf-8")
     assert [e.name for e in all_effects() if f"\n### {e.name}\n" not in text] == []
+    families = [wide.label for e in all_effects() if (wide := e.wide()) is not None]
+    assert [name for name in families if f"`{name}`" not in text] == []
+    assert [words for words in KINDS.values() if f"\n| {words} |" not in text] == []
     pictures = {path.stem for path in (ROOT / "docs" / "pictures" / "effects").glob("*.png")}
     assert pictures == {e.name for e in all_effects()}, "run: python benchmarks/docs/pictures.py --only effects"
 

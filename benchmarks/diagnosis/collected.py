@@ -29,7 +29,7 @@ from benchmarks.diagnosis.trialbench import rule
 import numpy as np
 
 RESULTS = ROOT / "benchmarks" / "results"
-DECISION = ("hypotheses", "deciding", "attempts", "verdicts", "pairs", "refitting", "candidates")
+DECISION = ("judging/lawerrors", "diagnosis/shortlist", "diagnosis/refitting", "diagnosis/deciding")
 
 
 @dataclass(frozen=True)
@@ -114,13 +114,12 @@ def constants() -> dict[str, Any]:
     """How many numbers the decision has, and their names: constants at the head of its modules."""
     names = []
     for module in DECISION:
-        path = ROOT / "twin" / "diagnosis" / f"{module}.py"
-        tree = ast.parse(path.read_text(encoding="utf-8")) if path.exists() else ast.Module([], [])
+        tree = ast.parse((ROOT / "twin" / f"{module}.py").read_text(encoding="utf-8"))
         for node in tree.body:
             if isinstance(node, ast.Assign) and isinstance(node.targets[0], ast.Name):
                 name = node.targets[0].id
                 if name.isupper() and _numeric(node.value):
-                    names.append(f"{module}.{name}")
+                    names.append(f"{module.partition('/')[2]}.{name}")
     return {"n": len(names), "names": names}
 
 

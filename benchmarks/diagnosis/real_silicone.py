@@ -184,7 +184,7 @@ def verdict(found: Fitted | None, base: Fitted) -> str:
     if found is None:
         return "none of these"
     name = found.candidate.physics
-    return name if found.p_value > ADEQUATE else f"right physics, wrong law: {name}"
+    return name if found.p_value > ADEQUATE else f"{name}, no law of it adequate"
 
 
 def rms(theta: Mapping[str, float], test: Curve) -> float:

@@ -158,8 +158,6 @@ def _section(effect: Effect) -> str:
     name, laws = effect.name, effect.laws()
     about = [_sentence(effect.sentence)]
     about += [f"Laws: {', '.join(f'`{law.label}`' for law in laws)}."] * (len(laws) > 1)
-    wide = effect.wide()
-    about += [f"Widest family: `{wide.label}`."] if wide else []
     about += [_sentence(MEANING[need][1]) for need in effect.requires]
     lines = [f"### {name}", " ".join(about), "", f"![{name}](pictures/effects/{name}.png)"]
     return "\n".join(lines) + "\n"

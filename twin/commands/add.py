@@ -1,4 +1,4 @@
-"""The command add: the model with one more effect, refitted and compared."""
+"""The command add: the model with one more effect, fitted and compared."""
 
 from typing import Any
 
@@ -12,7 +12,8 @@ from twin.project.folder import Project, Say
 
 
 def run_add(project: Project, say: Say, *, name: str | None = None) -> dict[str, Any]:
-    """The model with one more effect, in the law that the newest diagnosis kept: refitted and compared.
+    """The model with one more effect, in the law that the newest diagnosis kept, and compared; with the
+    diagnosis' fit where it has one, else fitted.
 
     name: as a verdict names it, `creep` or `creep + gravity`. Without a name the effects are those that the
     newest diagnosis names together; where it names none, nothing is added.

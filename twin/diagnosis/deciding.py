@@ -3,6 +3,7 @@
 One decision for all: the hypothesis with the highest evidence, and whoever is not behind it by TIE in both
 evidence and BIC. `none of these` where a stand-in of another kind is ahead by as much, or where nothing of
 the named is adequate under any law errors. So a wrong name needs a wrong model that fits.
+docs/how-it-decides.md says what fixes each constant.
 """
 
 from collections.abc import Mapping, Sequence
@@ -33,7 +34,8 @@ class Diagnosis:
     """What the data ask for: verdict, named effects, ties, ranking, next test, and the errors in mm.
 
     named: the best hypothesis' effects, `effects` in their laws; tied: every hypothesis of the verdict, the
-    best first, stand-ins last; kept: the best one's fit, and where it began (`start`).
+    best first, stand-ins last; groups: those of several effects, whether named or not; kept: the best one's
+    fit, and where it began (`start`).
     """
 
     verdict: str
@@ -75,9 +77,9 @@ class Diagnosis:
 
 @dataclass(frozen=True, kw_only=True)
 class Decision:
-    """What is decided: `needed`, whether the data ask for anything; named, the best hypothesis and those that
-    cannot be told from it, stand-ins among them; weak, whether the best is too small to be named; unknown,
-    whether nothing of it explains the data; least: the size in sds that is found reliably."""
+    """What is decided. needed: whether the data ask for anything; named: the best hypothesis and those that
+    cannot be told from it, stand-ins among them; weak: whether the best is too small to be named; unknown:
+    whether none of these explains the data; least: the size in sds that is found reliably."""
 
     needed: bool = True
     named: tuple[Hypothesis, ...] = ()

@@ -15,7 +15,7 @@ TOLD = 0.005  # of what an effect adds: a law that is right to this is told as r
 class LawLeft(Record):
     """What the laws of the named effects leave."""
 
-    share: Finite = Field(description="of what the effects add, in root mean squares")
+    share: Finite = Field(description="of what the effects add, rms")
     marker: str = Field(description="where it is largest")
     branch: str
 

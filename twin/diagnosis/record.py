@@ -25,11 +25,11 @@ class RankingRow(Record):
     z: Maybe = Field(default=None, description="score")
     gain: Maybe = Field(default=None, description="promised fall of chi2")
     p_value: Maybe = Field(default=None, description="of that gain by chance")
-    hint: Maybe = Field(default=None, description="2 ln B to first order, before any refit")
+    hint: Maybe = Field(default=None, description="2 ln B to first order")
     delta_bic: Maybe = Field(default=None, description="BIC gain of the refit")
     evidence: Maybe = Field(default=None, description="2 ln B over the calibrated model")
-    law_error: Maybe = Field(default=None, description="share by which its law may err, as the data ask")
-    adequate: bool | None = Field(default=None, description="whether the model with it fits, under that")
+    law_error: Maybe = Field(default=None, description="share by which its law errs")
+    adequate: bool | None = Field(default=None, description="whether the model fits, under that")
     at_bound: tuple[str, ...] = ()
     plausible: bool | None = None
     parameters: dict[str, Estimate] = Field(default={})
@@ -145,7 +145,7 @@ class DiagnosisRecord(Record):
     pairs: tuple[PairRow, ...] = Field(default=(), description="effects tried together")
     next_test: str | None = Field(default=None, description="what separates a tie, in words")
     next_tests: tuple[NextTest, ...] = Field(default=(), description="every experiment")
-    law_left: LawLeft | None = Field(default=None, description="how far the laws of what is named are off")
+    law_left: LawLeft | None = Field(default=None, description="what the named laws leave")
     frame: FrameTest | None = Field(default=None, description="the test of the fixed markers")
     modes_beyond: tuple[tuple[str, Maybe], ...] = Field(
         default=(), description="shared errors that would have to exceed what is stated, in sd"

@@ -22,7 +22,7 @@ from twin.effects.protocol import Effect, Theta
 from twin.judging.judged import Judged
 from twin.targets import Array
 
-TRIED = 12  # pairs that are worked out, of all: those that gain most with amplitudes of any size
+TRIED = 12  # pairs whose start is worked out: those with most evidence
 
 
 def screened(judged: Judged, signatures: Signatures) -> list[Hypothesis]:
@@ -147,8 +147,8 @@ def _started(judged: Judged, parts: Iterable[tuple[Signature, Array]]) -> Theta:
 
 
 def _sizes(signature: Signature, amplitudes: Array) -> dict[str, float]:
-    """The values of an effect at amplitudes (k,); none at null, where what it needs beside it would be
-    lost."""
+    """The values of an effect at amplitudes (k,), none quite at null: there its other parameters, a time or
+    a place, would have no derivative."""
     out = signature.values(amplitudes)
     for p in signature.parameters:
         if abs(out[p.name] - null(p)) < 0.02 * p.step:

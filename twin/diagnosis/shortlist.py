@@ -1,7 +1,8 @@
 """All hypotheses on a base model to first order -> refits of those that may be the best.
 
-One list: every absent effect in all its laws, its widest family too, stand-ins, pairs. They are refitted by
-their evidence to first order, until no other can come within REACH of the best refit.
+One list: every absent effect in all its laws, its widest family too, stand-ins, pairs. They are refitted in
+the order of their evidence to first order, while one may come within REACH of the best refit.
+docs/how-it-decides.md says what fixes each constant.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -24,11 +25,11 @@ from twin.targets import Array, Targets
 Progress = Callable[[str, int, int], None]
 
 DETECTED = 0.01  # after multiplicity
-REACH = 12.0  # of 2 ln B, by which the first order may fall short of the best refit and still be refitted,
-BENT = 0.1  # and this share of the best one's: so wrong the first order may be
+REACH = 12.0  # of 2 ln B: so far behind the best refit a hypothesis may be to first order and is refitted,
+BENT = 0.1  # and by this share of the best one's evidence more: so wrong the first order may be
 PAIRED = 10.0  # by which several together must beat the best single to first order to be refitted
 LATE = "takes whole solves to try, and is tried where nothing else fits"
-MOST = 12  # refits of single ones, and a third of it of several together
+MOST = 12  # effects and stand-ins that are refitted, each in its laws; of several together a third of it
 
 
 @dataclass(frozen=True)

@@ -86,7 +86,7 @@ def _unknown(base: Judged, rows: Sequence[Hypothesis]) -> Diagnosis:
     near = [
         f"{h.label} leaves {h.comparison.raw_rms_mm:.3f} mm" for h in fitted if not h.kind and h.comparison
     ][:SHOWN]
-    nearest = f" The nearest effects: {', '.join(near)}." if near else " No effect of it lowers the error."
+    nearest = f" The nearest effects: {', '.join(near)}." if near else " No effect lowers the error."
     return Diagnosis(
         verdict="none of these",
         sentence=(

@@ -6,7 +6,8 @@ Legendre polynomials, of all degrees up to 3), in what the pressure was before, 
 apart, as a law may err in their ratio, and a constant for U1 alone. To first order that is the embedded model
 error of Sargsyan, Huan and Najm (arXiv 1801.06768).
 
-How large eps is nobody knows: what is asked of a model is averaged over LEVELS.
+How large eps is nobody knows: what is asked of a model is averaged over LEVELS, by WEIGHTS
+(benchmarks/diagnosis/identify.py).
 """
 
 from collections.abc import Sequence

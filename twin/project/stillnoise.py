@@ -56,8 +56,8 @@ def still_noise(value: Array, pressure: Array, still: Still) -> Noise:
     sd[seen] = np.sqrt((own**2).sum(axis=0) / (len(own) * (1 - taken * (1 + lag) / (1 - lag)).clip(0.5)))
     correlation[np.ix_(seen, seen)] = np.corrcoef(own, rowvar=False) if seen.sum() > 1 else 1.0
     said = (
-        f"The noise was estimated from {len(own)} steps at rest or under a held pressure, not from a static "
-        "film."
+        f"The noise was estimated from {len(own)} steps at rest or under a held pressure, "
+        "not from a static film."
     )
     return _noise(sd.reshape(p, 3), rho.reshape(p, 3), correlation, free, said)
 
