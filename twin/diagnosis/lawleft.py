@@ -26,8 +26,8 @@ class LawLeft(Record):
             return ""
         where = WHILE.get(self.branch, self.branch)
         return (
-            "Its law is none of those tried exactly: what they leave is "
-            f"{100 * self.share:.2g} % of it, most at {self.marker}, {where}."
+            "No law that was tried is exact: what they leave is "
+            f"{100 * self.share:.2g} % of what it adds, most at {self.marker}, {where}."
         )
 
 

@@ -284,7 +284,6 @@ class Thermal(Effect):
 
     name, order = "thermal", Order.MATERIAL
     sentence = "the silicone gets stiffer or softer with time (its temperature drifts)"
-    completed_by = "pressure course"
     parameters = symmetric("thermal.rate", most=5e-3, unit="1/s", step=2e-4, likely=1e-3)
 
     def before(self, test: Test, theta: Theta) -> Test:

@@ -99,8 +99,8 @@ class Effect:
     tried, on any test; `tries` where they depend on the test. requires: what the data must hold, else the
     effect is listed as not testable. smooth: False where its signature is the difference of whole solves, not
     of first order. kind: that of a stand-in, nothing for all others. generic: the kind of stand-in that says
-    the same in general, `outside force`, and so is no other explanation; completed_by: a kind that on top of
-    the effect merely completes its law. held: a label that `at` may give it, for who mistypes one.
+    the same in general, `outside force`, and so is no other explanation. held: a label that `at` may give it,
+    for who mistypes one.
 
     Raises ValueError where a class is defined with a name, an order, a requirement or a kind that does not
     exist.
@@ -116,7 +116,6 @@ class Effect:
     kind: str = ""
     generic: str = ""
     held: str = ""
-    completed_by: str = ""
     origin: ClassVar[Origin | None] = None  # the file of the user's that defines it; set where that is read
 
     def __init_subclass__(cls) -> None:
@@ -128,10 +127,9 @@ class Effect:
             names = ", ".join(f"Order.{o.name}" for o in Order)
             raise ValueError(f"effect {cls.name!r}: order = {order!r}, wanted one of {names}")
         cls.requires = tuple(_requirement(cls.name, r) for r in cls.requires)
-        for kind in (cls.generic, cls.completed_by):
-            if kind and kind not in KINDS:
-                raise ValueError(f"effect {cls.name!r}: {kind!r} is no kind of stand-in, wanted one of "
-                                 f"{', '.join(map(repr, KINDS))}")  # fmt: skip
+        if cls.generic and cls.generic not in KINDS:
+            raise ValueError(f"effect {cls.name!r}: {cls.generic!r} is no kind of stand-in, wanted one of "
+                             f"{', '.join(map(repr, KINDS))}")  # fmt: skip
 
     def __reduce_ex__(self, protocol: Any) -> Any:
         """What is sent to a worker process: of an effect from a file, the file's text too."""

@@ -8,7 +8,7 @@ from twin.effects.amounts import listed
 from twin.effects.protocol import Effect, Theta
 from twin.targets import Array
 
-TOLD = ("name", "order", "sentence", "requires", "generic", "completed_by")
+TOLD = ("name", "order", "sentence", "requires", "generic")
 SAID = 3  # amplitudes of a family that are told where nothing better is known of it
 
 
