@@ -63,17 +63,23 @@ class Gram:
         return np.asarray(x, float), max(float(2 * x @ self.b - x @ self.S @ x), 0.0)
 
     def log_bayes(self, one_sided: NDArray[np.bool_]) -> float:
-        """2 ln B against no effect, amplitudes a priori standard normal, those one-sided (k,) half-normal:
-        b' (I + S)^-1 b - ln det(I + S), and for a half-normal one the part of its posterior above null
-        (one at a time)."""
-        if not len(self.b):
-            return 0.0
-        factor = np.linalg.cholesky(np.eye(len(self.b)) + self.S)
-        half = np.linalg.solve(factor, self.b)
-        mean = np.linalg.solve(factor.T, half)
-        sd = np.sqrt((np.linalg.inv(factor) ** 2).sum(axis=0))
-        above = np.log(2.0) + log_ndtr(np.clip(mean / sd, -30.0, None))
-        return float(half @ half - 2 * np.log(np.diag(factor)).sum() + 2 * above[one_sided].sum())
+        """2 ln B against no effect; see `log_bayes`."""
+        return float(log_bayes(self.S, self.b, one_sided))
+
+
+def log_bayes(S: Array, b: Array, one_sided: NDArray[np.bool_]) -> Array:
+    """2 ln B (...) against no effect of S (..., k, k) and b (..., k), amplitudes a priori standard normal,
+    those one-sided (..., k) half-normal: b' (I + S)^-1 b - ln det(I + S), and for a half-normal one the part
+    of its posterior above null (one at a time)."""
+    if not b.shape[-1]:
+        return np.zeros(b.shape[:-1])
+    factor = np.linalg.cholesky(np.eye(S.shape[-1]) + S)
+    half = np.linalg.solve(factor, b[..., None])
+    mean = np.linalg.solve(np.swapaxes(factor, -1, -2), half)[..., 0]
+    sd = np.sqrt((np.linalg.inv(factor) ** 2).sum(axis=-2))
+    above = np.log(2.0) + log_ndtr(np.clip(mean / sd, -30.0, None))
+    size = 2 * np.log(np.diagonal(factor, axis1=-2, axis2=-1)).sum(axis=-1)
+    return np.asarray((half[..., 0] ** 2).sum(axis=-1) - size + 2 * (above * one_sided).sum(axis=-1))
 
 
 def occam(amplitudes: Array, S: Array) -> float:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.special import chdtrc
 
 from calibrate import holm, sidak
-from twin.diagnosis.evidence import Gram
+from twin.diagnosis.evidence import Gram, log_bayes
 from twin.diagnosis.hypotheses import Hypothesis
 from twin.diagnosis.signatures import Signature, Signatures, null
 from twin.effects.protocol import Effect, Theta
@@ -81,11 +81,8 @@ def paired(judged: Judged, signatures: Signatures) -> list[Hypothesis]:
     ends = np.cumsum([r.columns.shape[1] for r in rows])
     spans = [np.arange(e - r.columns.shape[1], e) for e, r in zip(ends, rows, strict=True)]
     found: dict[frozenset[str], list[tuple[float, tuple[int, int]]]] = {}
-    for i, j in combinations(range(len(rows)), 2):
-        names = frozenset((rows[i].effect.name, rows[j].effect.name))
-        if len(names) == 2:
-            gram = whole.only(np.concatenate([spans[i], spans[j]]))
-            found.setdefault(names, []).append((gram.log_bayes(_one_sided(rows[i], rows[j])), (i, j)))
+    for hint, (i, j) in _hints(whole, rows, spans):
+        found.setdefault(frozenset((rows[i].effect.name, rows[j].effect.name)), []).append((hint, (i, j)))
     tops = sorted(((_mean([e for e, _ in own]), max(own)[1]) for own in found.values()), reverse=True)
     out = []
     for hint, (i, j) in tops[:TRIED]:
@@ -94,8 +91,19 @@ def paired(judged: Judged, signatures: Signatures) -> list[Hypothesis]:
     return out
 
 
-def _one_sided(*rows: Signature) -> NDArray[np.bool_]:
-    return np.concatenate([r.one_sided for r in rows])
+def _hints(
+    whole: Gram, rows: Sequence[Signature], spans: Sequence[NDArray[np.int64]]
+) -> Iterable[tuple[float, tuple[int, int]]]:
+    """2 ln B of every two rows of different effects, those with as many amplitudes at once."""
+    sided = np.concatenate([r.one_sided for r in rows])
+    groups: dict[int, list[tuple[int, int]]] = {}
+    for i, j in combinations(range(len(rows)), 2):
+        if rows[i].effect.name != rows[j].effect.name:
+            groups.setdefault(len(spans[i]) + len(spans[j]), []).append((i, j))
+    for pairs in groups.values():
+        at = np.array([np.concatenate([spans[i], spans[j]]) for i, j in pairs])
+        found = log_bayes(whole.S[at[:, :, None], at[:, None, :]], whole.b[at], sided[at])
+        yield from zip(map(float, found), pairs, strict=True)
 
 
 def _together(judged: Judged, rows: Sequence[Signature], gram: Gram) -> Hypothesis:

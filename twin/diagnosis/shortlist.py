@@ -116,9 +116,7 @@ class Task:
         if wrong and any(not h.kind for h in race.done):
             race.run(self._several(base, race), most=MOST // 3)
             race.run(self._third(base, race), most=1)
-        done = {h.label: h for h in race.done}
-        rest = [h for h in rows if h.label not in done]
-        return [*race.done, *rest, *self.silent]
+        return [*race.done, *(h for h in rows if h.label not in race.tried), *self.silent]
 
     def _screened(self, base: Judged, effects: Sequence[Effect]) -> list[Hypothesis]:
         """Hypotheses by what they promise at the base fit; where that ends at a bound, at nominal constants
@@ -168,13 +166,14 @@ class Task:
 
 @dataclass
 class Race:
-    """Refits by their evidence to first order. done: those that were made; best: the best of them, and view,
-    its judged model."""
+    """Refits by their evidence to first order. done: those that were made, of hypotheses `tried`, by label;
+    best: the best of them, and view, its judged model."""
 
     task: Task
     base: Judged
     starts: tuple[Mapping[str, float], ...] = ()
     done: list[Hypothesis] = field(default_factory=list)
+    tried: set[str] = field(default_factory=set)
     best: Hypothesis | None = None
     view: Judged | None = None
 
@@ -229,6 +228,7 @@ class Race:
             held, self.base, self.task.targets, starts=self.starts, seed=self.task.seed
         )
         self.done.append(found)
+        self.tried.add(h.label)
         top = self.best.evidence if self.best else None
         if judged is not None and (top is None or (found.evidence or -np.inf) > top):
             self.best, self.view = found, judged
