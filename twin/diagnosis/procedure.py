@@ -14,7 +14,7 @@ import numpy as np
 from calibrate import Fit
 from twin.diagnosis.classes import classes_of
 from twin.diagnosis.deciding import Diagnosis, decided
-from twin.diagnosis.hypotheses import Hypothesis
+from twin.diagnosis.hypotheses import Hypothesis, Refit
 from twin.diagnosis.lawleft import left_by_laws
 from twin.diagnosis.refitting import with_effects
 from twin.diagnosis.scaling import scaling_in_words, scaling_of
@@ -86,7 +86,9 @@ def _kept(found: Diagnosis, base: Judged, targets: Targets) -> Diagnosis:
     model, seed = with_effects(base, found.effects), found.kept.fit.seed
     judged = with_laws(judge(model, targets, starts=model.theta(found.start), seed=seed), targets)
     left = left_by_laws(judged, targets)
-    found = replace(found, kept=judged, law_left=left)
+    refit = Refit.of(judged)  # one fit, the same numbers wherever they are shown
+    rows = tuple(replace(h, refit=refit) if h.label == found.law else h for h in found.ranking)
+    found = replace(found, kept=judged, law_left=left, ranking=rows)
     said = [found.sentence, left.words if left else "", fallen(found)]
     return replace(found, sentence=" ".join(filter(None, said)))
 

@@ -96,7 +96,9 @@ def chain(
         patch.setattr(prediction, "solve", _no_solve)  # calibrate has solved all that compare needs
         run_compare(project, say)
     run_diagnose(project, say)
-    run_add(project, say, name="creep")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(prediction, "solve", _no_solve)  # and diagnose all that add needs
+        run_add(project, say, name="creep")
     project = Project.open(project.root, builtin=project.builtin)
     run_review(project, say)
     return project, say
