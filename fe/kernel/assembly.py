@@ -18,7 +18,16 @@ from scipy.special import erf
 from fe.case import Case
 from fe.element import Array, Element, Flags, Integers, scatter
 from fe.kernel import compiled
-from fe.kernel.compiled import Balance, Carried, Changes, FieldArrays, Law, MeshArrays, Tangent
+from fe.kernel.compiled import (
+    Balance,
+    Carried,
+    Changes,
+    FieldArrays,
+    Law,
+    MeshArrays,
+    PointTangents,
+    Tangent,
+)
 from fe.kernel.matrix import Symmetric
 from fe.kernel.pattern import Pattern, Places
 from fe.kernel.pressure import PressureFaces
@@ -377,19 +386,25 @@ class Kernel:
         self._each(lambda a, b: compiled.residual(mesh, c.law, fields, past, a, b, out))
         return self.gather(out.force) - load * self.pressure.force(geometry.nodes + state.u), out.gap
 
-    def along(
-        self, state: State, c: ElementConstants, load: float, memory: Memory | None, changes: Sequence[State]
-    ) -> list[tuple[Array, Array]]:
-        """How `residual` goes along each change of a state, the clamp held: nodal forces (n, 3) N and volume
-        gaps (e, m) mm3."""
-        g, past = self.geometry, self._remembered(memory)
+    def at_points(self, state: State, c: ElementConstants, memory: Memory | None) -> PointTangents:
+        """The tangents of all points at a state, for `along`."""
+        g, past, size = self.geometry, self._remembered(memory), self.geometry.weight.shape
         mesh, fields = self._mesh(g), FieldArrays(state.u, state.p)
+        out = PointTangents(np.empty((*size, 6, 3, 3)), np.empty((*size, 3, 3)))
+        self._each(lambda a, b: compiled.at_points(mesh, c.law, fields, past, a, b, out))
+        return out
+
+    def along(
+        self, u: Array, bulk: Array, load: float, tangents: PointTangents, changes: Sequence[State]
+    ) -> list[tuple[Array, Array]]:
+        """How `residual` at displacements u (n, 3) mm and bulk moduli (e,) MPa goes along each change of the
+        state, the clamp held: nodal forces (n, 3) N and volume gaps (e, m) mm3."""
+        mesh, dofs = self._mesh(self.geometry), self.pressure.dofs
         change = Changes(np.stack([s.u for s in changes]), np.stack([s.p for s in changes]))
         size = (*self.connectivity.shape, 3 * len(changes))
         out = Balance(np.empty(size), np.empty_like(change.p))
-        self._each(lambda a, b: compiled.along(mesh, c.law, fields, past, change, a, b, out))
-        pressed, dofs = load * self.pressure.tangent(g.nodes + state.u), self.pressure.dofs
-        found = []
+        self._each(lambda a, b: compiled.along(mesh, bulk, tangents, change, a, b, out))
+        pressed, found = load * self.pressure.tangent(self.geometry.nodes + u), []
         for v, du in enumerate(change.u):
             face = (pressed @ du.ravel()[dofs][..., None])[..., 0]
             force = self.gather(out.force[..., 3 * v : 3 * v + 3])

@@ -58,6 +58,14 @@ class Changes(NamedTuple):
     p: Array
 
 
+class PointTangents(NamedTuple):
+    """Tangents A (e, q, 6, 3, 3) MPa of PAIRS of components, what is carried included; and how the volume
+    goes with F, volume (e, q, 3, 3)."""
+
+    A: Array
+    volume: Array
+
+
 class Carried(NamedTuple):
     """What a history hands on: scale (e,) and stress (e or 1, q, 3, 3) MPa; of Mullins softening, or empty:
     soft (e, 3) of amount, m, beta, the largest energy so far peak (e, q), and, where it is given, on which
@@ -430,17 +438,33 @@ def linearise(
 
 
 @machine_code
+def at_points(
+    mesh: MeshArrays, law: Law, fields: FieldArrays, past: Carried, first: int, last: int, out: PointTangents
+) -> None:
+    """Fills the tangents of points."""
+    ue, at = np.empty((3, mesh.connectivity.shape[1])), new_point()
+    for e in range(first, last):
+        _gathered(fields.u, mesh.connectivity[e], ue)
+        for q in range(mesh.G.shape[1]):
+            pressure, S = _pressure(mesh.psi[e, q], fields.p[e]), past.stress[e % len(past.stress), q]
+            _deformed(mesh.G[e, q], ue, mesh.rest, e, q, at.F)
+            J = _stiffness_at(law, past, at, pressure, e, q, out.A[e, q])
+            for i in range(3):
+                for k in range(3):
+                    out.volume[e, q, i, k] = J * at.a[i, k]
+                    for pair in range(3):  # what is carried couples a component with itself
+                        out.A[e, q, pair, i, k] += S[i, k]
+
+
+@machine_code
 def along(
-    mesh: MeshArrays, law: Law, fields: FieldArrays, past: Carried, change: Changes,
+    mesh: MeshArrays, bulk: Array, tangents: PointTangents, change: Changes,
     first: int, last: int, out: Balance,
 ) -> None:
     """Fills force (e, n, 3 v) and gap (v, e, m): how the balance of elements goes along changes."""
     points, n, modes, count = mesh.G.shape[1], mesh.G.shape[3], mesh.psi.shape[2], len(change.u)
-    ue, de, at, A = np.empty((3, n)), np.empty((n, 3 * count)), new_point(), np.empty((6, 3, 3))
-    flux, dP = np.empty((3 * points, 3 * count)), np.empty((3, 3))
-    F, a = at.F, at.a
+    de, flux, dP = np.empty((n, 3 * count)), np.empty((3 * points, 3 * count)), np.empty((3, 3))
     for e in range(first, last):
-        _gathered(fields.u, mesh.connectivity[e], ue)
         for v in range(count):
             out.gap[v, e] = 0.0
             for b in range(n):
@@ -449,16 +473,13 @@ def along(
         G = mesh.G[e].reshape(3 * points, n)
         H = np.dot(G, de)  # dF, of component i along k in row 3 q + k, column 3 v + i
         for q in range(points):
-            w, psi, S = mesh.w[e, q], mesh.psi[e, q], past.stress[e % len(past.stress), q]
-            _deformed(mesh.G[e, q], ue, mesh.rest, e, q, F)
-            J = _stiffness_at(law, past, at, _pressure(psi, fields.p[e]), e, q, A)
+            w, psi, A, Ja = mesh.w[e, q], mesh.psi[e, q], tangents.A[e, q], tangents.volume[e, q]
             for v in range(count):
                 rise, volume = _pressure(psi, change.p[v, e]), 0.0
                 for i in range(3):
                     for k in range(3):
-                        h0, h1, h2 = H[3 * q, 3 * v + i], H[3 * q + 1, 3 * v + i], H[3 * q + 2, 3 * v + i]
-                        dP[i, k] = S[k, 0] * h0 + S[k, 1] * h1 + S[k, 2] * h2 + J * a[i, k] * rise
-                        volume += J * a[i, k] * H[3 * q + k, 3 * v + i]
+                        dP[i, k] = Ja[i, k] * rise
+                        volume += Ja[i, k] * H[3 * q + k, 3 * v + i]
                 for pair in range(6):
                     i, j = PAIRS[pair]
                     for k in range(3):
@@ -467,7 +488,7 @@ def along(
                             if i != j:
                                 dP[j, m] += A[pair, k, m] * H[3 * q + k, 3 * v + i]
                 for r in range(modes):
-                    out.gap[v, e, r] += w * (volume - rise / law.bulk[e]) * psi[r]
+                    out.gap[v, e, r] += w * (volume - rise / bulk[e]) * psi[r]
                 for i in range(3):
                     for k in range(3):
                         flux[3 * q + k, 3 * v + i] = w * dP[i, k]

@@ -10,6 +10,7 @@ from scipy.sparse import csr_matrix
 from fe.case import Case
 from fe.element import Array, Flags
 from fe.kernel.assembly import ElementConstants, Geometry, Kernel, Linearised, Memory, State
+from fe.kernel.compiled import PointTangents
 from fe.kernel.contact import PlaneFaces
 from fe.kernel.coupling import addition, coupled
 from fe.kernel.layer import LayerFaces
@@ -299,10 +300,14 @@ class Reached:
         """Its own tangent."""
         return tangent_at(self.problem, self.state, load=self.load, memory=self.memory)
 
+    @cached_property
+    def _points(self) -> PointTangents:
+        return self.problem.kernel.at_points(self.state, self.problem.constants, self.memory)
+
     def along(self, changes: Sequence[State]) -> list[Residual]:
         """How the residuals go along changes of the state that leave the clamp where it is."""
-        kernel, c = self.problem.kernel, self.problem.constants
-        found = kernel.along(self.state, c, self.load, self.memory, changes)
+        bulk = self.problem.constants.bulk
+        found = self.problem.kernel.along(self.state.u, bulk, self.load, self._points, changes)
         return [Residual(force, gap, 0.0) for force, gap in found]
 
 
@@ -367,7 +372,8 @@ def equilibrium(
     length = np.inf  # of the correction by `last` itself
     for iteration in range(LIMIT):
         if last is not None and smooth and np.abs(state.u - last.state.u).max() < NEARBY * extent:
-            state, rate = _chord(problem, state, last, load, memory, small, fine, length)
+            newton = length if exact else np.inf
+            state, rate = _chord(problem, state, last, load, memory, small, fine, newton)
             if rate is not None and rate < fine:
                 place = Reached(problem, state, load, memory) if exact else None
                 return Equilibrium(state, last, iteration, "converged", place)
