@@ -7,7 +7,6 @@ import pytest
 
 from fe import Case, Finger, Lattice
 from twin.bench import caches
-from twin.commands import diagnose
 from twin.model.structure import BuiltIn, base_case
 from twin.targets import Noise, PointKind, TargetPoint, Targets, at_node
 
@@ -45,7 +44,6 @@ def one_process() -> Iterator[None]:
     """All work in this process: on a finger so small, starting others costs more than they save."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(caches, "WORKERS", 1)
-        patch.setattr(diagnose, "WORKERS", 1)
         yield
 
 

@@ -38,13 +38,18 @@ class LawError:
 def law_errors(model: Model, theta: Array, targets: Targets) -> tuple[LawError, ...]:
     """The errors of the laws of a model's effects at theta (d,), the base material's aside; what an effect
     adds is taken to first order in its amplitudes, which costs no solve."""
-    own = [e for e in model.effects if e.order != Order.LAW and e.amplitudes]
+    own = erring(model)
     if not own:
         return ()
     jacobian, values = model.jacobian(theta), model.named(theta)
     rows = dict(zip(values, jacobian, strict=True))
     shapes = _shapes(targets, np.asarray(model.test.points, float)[:, 0])
     return tuple(_error(e, values, rows, shapes, targets) for e in own)
+
+
+def erring(model: Model) -> list[Effect]:
+    """The effects of a model whose laws may err: all but the base material's."""
+    return [e for e in model.effects if e.order != Order.LAW and e.amplitudes]
 
 
 def _error(

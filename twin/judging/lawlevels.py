@@ -11,7 +11,7 @@ from scipy.optimize import lsq_linear
 
 from twin.judging.comparison import ADEQUATE, lack_of_fit, smooth_functions
 from twin.judging.judged import Judged, judge, judge_fit
-from twin.judging.lawerrors import LEVELS, WEIGHTS, law_errors
+from twin.judging.lawerrors import LEVELS, WEIGHTS, erring, law_errors
 from twin.targets import Array, Targets
 
 
@@ -43,6 +43,8 @@ def levels(judged: Judged, targets: Targets) -> tuple[Level, ...]:
     keep = sizes > 1e-10 * max(float(sizes.max(initial=0.0)), 1e-300)
     axes, sizes = columns @ turn[:, keep] / np.sqrt(sizes[keep]), sizes[keep]
 
+    shown = not np.isnan(judged.comparison.p_value)  # else there are no more data than parameters
+
     def at(law: float) -> Level:
         shrink = 1 - 1 / np.sqrt(1 + law**2 * sizes)
 
@@ -58,7 +60,7 @@ def levels(judged: Judged, targets: Targets) -> tuple[Level, ...]:
             deviance=float(left @ left + w.log_det + np.log1p(law**2 * sizes).sum()),
             fitted=fitted,
             step=step,
-            p_value=lack_of_fit(targets, w, left, fitted, some),
+            p_value=lack_of_fit(targets, w, left, fitted, some) if shown else float("nan"),
         )
 
     return tuple(map(at, LEVELS if laws else LEVELS[:1]))
@@ -74,6 +76,8 @@ def asked_for(found: Sequence[Level], evidence: Sequence[float]) -> Level:
 def with_laws(judged: Judged, targets: Targets, *, refit: bool = True) -> Judged:
     """A judged model under the law errors that the data ask for, fitted anew under them, or as it was
     fitted: intervals and the test of its fit then know that no law is exact."""
+    if not erring(judged.model):
+        return judged
     found = levels(judged, targets)
     law = asked_for(found, [-one.deviance for one in found]).law
     if not law:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from calibrate.parameters import Parameter
-from twin.effects.protocol import Unsolvable
+from twin.effects.protocol import Effect, Unsolvable
 from twin.judging.judged import Judged, judge, judge_fit
 from twin.judging.whitening import whitener
 from twin.targets import Array, Noise, Targets
@@ -23,6 +23,7 @@ class Spring:
         self.targets, self.solvable = targets, solvable
         self.asked: set[tuple[float, ...]] = set()  # parameters at which it was solved
         self.parameters = (Parameter("c", 0.01, 2.0), Parameter("b", 0.0, 50.0))
+        self.effects: tuple[Effect, ...] = ()
 
     def named(self, theta: Array) -> dict[str, float]:
         return dict(zip(("c", "b"), map(float, theta), strict=True))
