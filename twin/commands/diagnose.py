@@ -12,6 +12,7 @@ from twin.diagnosis.explanation import Explanation, explained
 from twin.diagnosis.hypotheses import Hypothesis
 from twin.diagnosis.procedure import diagnose
 from twin.diagnosis.record import DiagnosisRecord, ForetoldFilm
+from twin.diagnosis.shortlist import LATE
 from twin.effects.labels import name_of
 from twin.effects.library import all_effects, effects_of
 from twin.effects.protocol import Effect
@@ -127,8 +128,13 @@ def _write(run: Run, bench: Workbench, settled: Settled, record: DiagnosisRecord
 def _score(c: Hypothesis) -> str:
     """One effect of the ranking, in a few words."""
     if c.evidence is None:
-        return f"{c.effect.label} ({'not visible' if c.note else 'not refitted'})"
+        return f"{c.effect.label} ({_why(c)})"
     return f"{c.effect.label} (evidence {c.evidence:.0f})"
+
+
+def _why(c: Hypothesis) -> str:
+    """Why an effect was not refitted, in two words."""
+    return "not tried" if c.note == LATE else "not visible" if c.note else "not refitted"
 
 
 def _row(c: Hypothesis) -> str:

@@ -18,7 +18,7 @@ from twin.diagnosis.hypotheses import Hypothesis, Refit
 from twin.diagnosis.lawleft import left_by_laws
 from twin.diagnosis.refitting import with_effects
 from twin.diagnosis.scaling import scaling_in_words, scaling_of
-from twin.diagnosis.shortlist import Progress, Task
+from twin.diagnosis.shortlist import LATE, Progress, Task
 from twin.diagnosis.signatures import Signatures, prior_sd
 from twin.diagnosis.sizes import Detectable, smallest, unseen
 from twin.diagnosis.sizes import in_words as sizes_in_words
@@ -72,8 +72,8 @@ def diagnose(
     rows = task.searched(base)
     found = _kept(concluded(decided(base, rows), base, rows), base, targets)
     signatures = task.signatures(base, [*task.laws(wide=False), *task.generic])
-    unseen_yet = [h for h in rows if h.note and h.refit is None and h.effect.label not in signatures]
-    found = _completed(found, base, signatures, unseen_yet, targets, plan=plan)
+    untried = [*task.silent, *(h for h in rows if h.note == LATE)]
+    found = _completed(found, base, signatures, untried, targets, plan=plan)
     basis = targets.noise.basis if targets.noise else ""
     return replace(found, frame=frame, sentence=" ".join(filter(None, [found.sentence, basis])))
 
