@@ -20,7 +20,14 @@ from tests.strangers import kills
 from twin.project.folder import Project, dataset
 from twin.project.locks import lock
 
-ENTER = "from twin.main import start; import sys; print('up', file=sys.stderr, flush=True); start()"
+# Python's own answer to an interrupt, which is a traceback, ends where the command's begins.
+ENTER = """if True:
+    import signal, sys
+    from twin.main import start
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    print("up", file=sys.stderr, flush=True)
+    start()
+"""
 ROOT = Path(__file__).resolve().parents[2]
 
 
@@ -50,10 +57,7 @@ COMMANDS = (("--help",), ("list", "-p", "."), ("look", "-p", "."))
 
 
 def interrupted(command: tuple[str, ...], folder: Path, moment: float) -> None:
-    """Start a command there and interrupt it so many seconds after it began: no traceback, nothing locked.
-
-    Before it begins Python itself answers, in its own way.
-    """
+    """Start a command there and interrupt it so many seconds after it began: no traceback, nothing locked."""
     process = started(*command, cwd=folder, env={**os.environ, "PYTHONPATH": str(ROOT)})
     assert process.stderr is not None
     assert process.stderr.readline() == "up\n"

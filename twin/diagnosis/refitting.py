@@ -39,7 +39,8 @@ def refitted(
     starts: further values of the base model's parameters from which it is tried too.
     """
     model = with_effects(base, h.effects)
-    rows = np.array([model.theta(values) for values in (h.start, *({**h.start, **s} for s in starts))])
+    begun = [h.start, *({**h.start, **s} for s in starts)]
+    rows = np.array([model.theta(_allowed(model, values, base.values)) for values in begun])
     try:
         judged = judge(model, targets, starts=rows, seed=seed, evaluations=2, turns=0)
         for _ in range(MORE):
@@ -51,6 +52,16 @@ def refitted(
     refit = Refit.of(judged)
     score, ahead = scored(judged, h.effects, base, targets), levels(judged, targets)[0].step
     return replace(h, refit=refit, score=score, start=_gone_on(judged, ahead)), judged
+
+
+def _allowed(model: Model, start: Theta, base: Theta) -> Theta:
+    """A start (to first order, it may lie where no rubber is stable) brought back towards the base's values
+    until the model may go there."""
+    for way in (1.0, 0.75, 0.5, 0.25):
+        values = {n: base.get(n, x) + way * (x - base.get(n, x)) for n, x in start.items()}
+        if all(e.allowed(values) for e in model.effects):
+            return values
+    return {**start, **base}
 
 
 def _gone_on(judged: Judged, step: Array) -> dict[str, float]:

@@ -173,8 +173,7 @@ def test_without_a_log_history_is_not_testable(laboratory: Laboratory) -> None:
 @pytest.mark.slow
 def test_hidden_softening_of_another_law_is_named(laboratory: Laboratory) -> None:
     # beta is not 0, as the narrow law has it, and the mesh is of the other topology
-    law = Material(*NOMINAL, mullins=(0.4, 3e-4, 0.3))
-    truth = replace(laboratory.truth(), material=law)
+    truth = laboratory.truth().with_material(mullins=(0.4, 3e-4, 0.3))
     (found,) = diagnosed(laboratory, truth, seeds=(1,), sought=(*SOUGHT, "mullins"))
     assert found.named == ("mullins",), found.sentence
     data = plain(DiagnosisRecord.of(found))
