@@ -57,8 +57,8 @@ def refitted(
 def _allowed(model: Model, start: Theta, base: Theta) -> Theta:
     """A start (to first order, it may lie where no rubber is stable) brought back towards the base's values
     until the model may go there."""
-    for way in (1.0, 0.75, 0.5, 0.25):
-        values = {n: base.get(n, x) + way * (x - base.get(n, x)) for n, x in start.items()}
+    for back in (0.0, 0.25, 0.5, 0.75):
+        values = {n: x + back * (base.get(n, x) - x) for n, x in start.items()}
         if all(e.allowed(values) for e in model.effects):
             return values
     return {**start, **base}
