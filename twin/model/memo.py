@@ -27,6 +27,11 @@ class KeptModel(Model):
     _solves: list[Solved] = field(default_factory=list, init=False, compare=False, repr=False)
     _kin: dict[str, "KeptModel"] = field(default_factory=dict, init=False, compare=False, repr=False)
 
+    @property
+    def kept(self) -> tuple[Solved, ...]:
+        """The solves that it has."""
+        return tuple(self._solves)
+
     def on_mesh(self, mesh: Discretisation | None) -> Self:
         """The model whose predictions carry the error of its mesh, with the solves that were kept."""
         found = super().on_mesh(mesh)

@@ -179,6 +179,10 @@ class Model:
     def modes(self, theta: Array) -> Array:
         """What remains of the mesh's error at theta (d,): modes (q, s, p, 3) mm relative to the reference, 1
         sd each; none without `mesh`."""
+        return self._beside(theta, self.mesh_modes(theta))
+
+    def mesh_modes(self, theta: Array) -> Array:
+        """As `modes`, but for the first, which is as the finer meshes have it."""
         if self.mesh is None:
             return np.zeros((0, len(self.test.path.output), len(self.test.points), 3))
         test = self.put(self.named(theta))
@@ -188,7 +192,7 @@ class Model:
         memory = remembered(test, solution)
         if memory is not None:
             modes = np.concatenate([modes, HISTORY * each(memory)])
-        return self._beside(theta, np.reshape([self.relative(mode) for mode in modes], modes.shape))
+        return np.reshape([self.relative(mode) for mode in modes], modes.shape)
 
     def _beside(self, theta: Array, modes: Array) -> Array:
         """The modes with the first, the mesh's stiffness, exactly what the fitted constants take up: with a
