@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import lsq_linear
+from scipy.special import erfcx
 
 from calibrate.parameters import Array, Fit, Parameter, bounds
 
@@ -214,6 +215,7 @@ def _fit(end: _End, parameters: tuple[Parameter, ...], seed: int, model: _Model)
     reach = AT_BOUND * (high - low)
     free = (end.theta > low + reach) & (end.theta < high - reach)
     covariance, rank = _covariance(end.jacobian, free, high - low)
+    covariance = covariance + _for_bounds(end, free, low, high)
     lost = [p.name for p, v in zip(parameters, np.diag(covariance)) if np.isinf(v)]
     reason = end.reason
     if lost:
@@ -252,3 +254,35 @@ def _covariance(jac: Array, free: NDArray[np.bool_], widths: Array) -> tuple[Arr
     block[lost, lost] = np.inf
     covariance[np.ix_(own, own)] = block
     return covariance, int(known.sum())
+
+
+def _for_bounds(end: _End, free: NDArray[np.bool_], low: Array, high: Array) -> Array:
+    """What parameters that end at a bound add to the covariance (d, d) of the free ones.
+
+    The data allow them to lie inside as well, and the others then lie elsewhere. Each one's posterior is a
+    normal cut off at its bound, a sds from its top; of it E[(x - bound)^2] = sd^2 (1 + a^2 - a h(a)), with
+    the hazard h(a) = phi(a) / (1 - Phi(a)); at most a third of its range's square.
+    """
+    out = np.zeros((len(free), len(free)))
+    own = np.flatnonzero(free)
+    if end.residual is None or not len(own) or not np.all(np.isfinite(end.jacobian)):
+        return out
+    fitted = end.jacobian[:, own]
+    for k in np.flatnonzero(~free):
+        column = end.jacobian[:, k]
+        follow = np.linalg.lstsq(fitted, column, rcond=1e-6)[0]
+        apart = column - fitted @ follow
+        size, most = float(np.linalg.norm(apart)), float(high[k] - low[k]) ** 2 / 3
+        if size <= 1e-6 * np.linalg.norm(column):
+            square = most
+        else:
+            a = abs(float(apart @ end.residual)) / size
+            square = min(most, _spread(a) / size**2)
+        out[np.ix_(own, own)] += square * np.outer(follow, follow)
+    return out
+
+
+def _spread(a: float) -> float:
+    """E[(x - a)^2] of a standard normal x above a >= 0."""
+    hazard = math.sqrt(2 / math.pi) / float(erfcx(a / math.sqrt(2)))
+    return max(1 + a**2 - a * hazard, 0.0)

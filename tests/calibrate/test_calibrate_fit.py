@@ -187,8 +187,26 @@ def test_an_active_bound_is_kept_listed_and_has_no_gaussian_error() -> None:
     design = np.column_stack([np.ones(60), np.exp(-0.8 * problem.x)]) / problem.sd
     known = np.linalg.inv(design.T @ design)
     assert fit.theta[:2] == pytest.approx(known @ design.T @ (problem.y / problem.sd), abs=0.01 * fit.sd[0])
-    assert fit.sd[:2] == pytest.approx(np.sqrt(np.diag(known)), rel=1e-5)
+    assert np.all(fit.sd[:2] >= np.sqrt(np.diag(known)))
     assert fit.degrees_of_freedom == 58
+
+
+@pytest.mark.parametrize("beyond", [0.3, 1.0, 2.5])
+def test_what_ends_at_a_bound_widens_the_intervals_of_the_others(beyond: float) -> None:
+    """The data allow it inside, too: against draws of the posterior that are cut off at the bound."""
+    rng = np.random.default_rng(3)
+    design = rng.standard_normal((40, 2)) @ np.array([[1.0, 0.9], [0.0, 0.3]])  # the two trade off
+    inverse = np.linalg.inv(design.T @ design)
+    best = np.array([1.0, -beyond * np.sqrt(inverse[1, 1])])  # so many sds below the bound at 0
+    parameters = (Parameter("a", -9, 9), Parameter("b", 0, 9))
+    fit = least_squares(lambda t: design @ (t - best), lambda t: design, parameters, start=(0.5, 0.5))
+    assert fit.at_bound == ("b",)
+    drawn = rng.multivariate_normal(best, inverse, size=400_000)
+    drawn = drawn[drawn[:, 1] > 0]
+    wanted = np.sqrt(np.mean((drawn[:, 0] - fit.theta[0]) ** 2))
+    assert fit.sd[0] == pytest.approx(wanted, rel=0.05)  # of 2,500 draws at the least
+    held = 1 / np.linalg.norm(design[:, 0])
+    assert fit.sd[0] > held
 
 
 def test_a_bound_is_left_again_where_the_misfit_falls_inward() -> None:
