@@ -10,7 +10,6 @@ from twin.effects.protocol import Effect, Theta
 from twin.judging.comparison import ADEQUATE, Comparison
 from twin.judging.judged import Fitted, Judged
 from twin.model.prediction import Model
-from twin.model.response import Surrogate
 from twin.targets import Array
 
 
@@ -41,8 +40,7 @@ class Refit(Fitted):
 
 
 def _without_solves(model: Model) -> Model:
-    """The same model with nothing in its memory, that of which a response answers."""
-    model = model.whole if isinstance(model, Surrogate) else model
+    """The same model with nothing in its memory."""
     return replace(model, parent=_without_solves(model.parent) if model.parent is not None else None)
 
 

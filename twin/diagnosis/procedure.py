@@ -28,12 +28,11 @@ from twin.effects.standins import stand_ins
 from twin.experiments.benchchecks import in_words as checks_in_words
 from twin.experiments.benchchecks import witnesses
 from twin.experiments.choice import Member, in_words, next_experiments
-from twin.judging.carrying import carried
 from twin.judging.fitting import whitener_of
 from twin.judging.frame import frame_test
-from twin.judging.judged import Judged
+from twin.judging.judged import Judged, judge
+from twin.judging.lawlevels import with_laws
 from twin.model.prediction import Model
-from twin.model.response import answering
 from twin.targets import Array, Targets
 
 TIED = 3  # members of a tie that experiments are planned for
@@ -71,7 +70,7 @@ def diagnose(
         return replace(cannot(why), frame=frame)
     base = task.base(start)
     rows = task.searched(base)
-    found = _kept(concluded(decided(base, rows), base, rows), task, base)
+    found = _kept(concluded(decided(base, rows), base, rows), base, targets)
     signatures = task.signatures(base, [*task.laws(wide=False), *task.generic])
     untried = [*task.silent, *(h for h in rows if h.note == LATE)]
     found = _completed(found, base, signatures, untried, targets, plan=plan)
@@ -79,14 +78,14 @@ def diagnose(
     return replace(found, frame=frame, sentence=" ".join(filter(None, [found.sentence, basis])))
 
 
-def _kept(found: Diagnosis, task: Task, base: Judged) -> Diagnosis:
+def _kept(found: Diagnosis, base: Judged, targets: Targets) -> Diagnosis:
     """The diagnosis with the fit of what it names carried to its end, under the law errors that the data ask
     for; how far the laws are off is told."""
     if found.kept is None:
         return found
-    model = answering(with_effects(base, found.effects), base.model, base.theta, task.known)
-    judged = carried(model, task.targets, start=model.theta(found.start), seed=task.seed)
-    left = left_by_laws(judged, task.targets)
+    model, seed = with_effects(base, found.effects), found.kept.fit.seed
+    judged = with_laws(judge(model, targets, starts=model.theta(found.start), seed=seed), targets)
+    left = left_by_laws(judged, targets)
     refit = Refit.of(judged)  # one fit, the same numbers wherever they are shown
     rows = tuple(replace(h, refit=refit) if h.label == found.law else h for h in found.ranking)
     found = replace(found, kept=judged, law_left=left, ranking=rows)

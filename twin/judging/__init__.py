@@ -4,7 +4,6 @@ Read `whitening` first: residuals in mm become independent values of variance 1,
 (`noisefilter`) and shared errors. `lawerrors` are those of the effects' laws. `fitting` fits parameters to
 them, `judged` repeats it until fit and errors belong together, `comparison` tests what is left and says where
 it is; `lawlevels` says how large the laws' errors are. `frame` tests the fixed markers, which no model moves.
-`carrying` carries a fit to its end with few whole solves, `intervals` gives 95 % intervals, `sharederrors`
-names errors that many values share, `heldout` asks what the model foretells of data that it has not seen.
-`record` is what fit.json and comparison.json hold.
+`intervals` gives 95 % intervals, `sharederrors` names errors that many values share, `heldout` asks what the
+model foretells of data that it has not seen. `record` is what fit.json and comparison.json hold.
 """

@@ -319,16 +319,3 @@ def _product(f: Array, g: Array) -> Array:
     out[:, :, 0, 0] /= 2
     out[:, :, 1:, 1:] += f[:, :, 1:, :1] * g[:, :, :1, 1:] + f[:, :, :1, 1:] * g[:, :, 1:, :1]
     return np.asarray(out)
-
-
-# -- of any model --------------------------------------------------------------------------------------------
-
-
-def answering(
-    whole: Model, base: Model, theta: Array, tangents: Tangents
-) -> Model:
-    """What answers soonest for a base model with effects more: its response, or a model that is quick
-    itself; arguments as those of `Surrogate.of`."""
-    if isinstance(whole, KeptModel) and isinstance(base, KeptModel):
-        return Surrogate.of(whole, base, theta, tangents)
-    return whole

@@ -10,7 +10,7 @@ from twin.effects.library import effect
 from twin.effects.protocol import Unsolvable
 from twin.model.basemodel import base_model
 from twin.model.memo import KeptModel
-from twin.model.response import FAR, Surrogate, answering
+from twin.model.response import FAR, Surrogate
 from twin.targets import Array, Targets
 
 BASE = np.array([0.214, 0.083])  # MPa, C10 and C01
@@ -96,7 +96,8 @@ def test_far_from_every_solve_it_does_not_answer(response: Surrogate) -> None:
 def test_a_time_means_nothing_where_nothing_creeps(base: KeptModel) -> None:
     own = effect("creep")
     whole = base.with_effect(own)
-    response = answering(whole, base, BASE, base.tangents(BASE, [own]))
+    assert isinstance(whole, KeptModel)
+    response = Surrogate.of(whole, base, BASE, base.tangents(BASE, [own]))
     found = [response.predict(np.array([*BASE, 0.0, tau])) for tau in (1.0, 7.0)]
     np.testing.assert_allclose(found[0], found[1], rtol=0, atol=1e-9)
     moved = [response.predict(np.array([*BASE, 0.05, tau])) for tau in (1.0, 7.0)]
