@@ -2,7 +2,8 @@
 table of `identify.py`.
 
 A script asks `Rows` what it has, and adds a row as soon as it has one, so that it goes on where it was
-stopped. Rows of another rule than today's (`trialbench.rule`) are not counted and are run again.
+stopped. Rows of another rule (`trialbench.rule`) than today's, or than that of the commit by which it was
+frozen as the table says, are not counted and are run again.
 """
 
 import ast
@@ -24,12 +25,22 @@ from benchmarks.diagnosis.tally import (
     sizes,
     wrong_alone,
 )
-from benchmarks.diagnosis.trialbench import rule
+from benchmarks.diagnosis.trialbench import rule, rule_at
 
 import numpy as np
 
 RESULTS = ROOT / "benchmarks" / "results"
 DECISION = ("judging/lawerrors", "diagnosis/shortlist", "diagnosis/refitting", "diagnosis/deciding")
+
+
+def frozen_by() -> str:
+    """The commit by which the rule was frozen as the table says, or nothing."""
+    return _plain(RESULTS / "identify.json").get("frozen") or ""
+
+
+def accepted(commit: str) -> set[str]:
+    """The rules whose rows are counted: today's, and that of a commit."""
+    return {rule(), *([rule_at(commit)] if commit else [])}
 
 
 @dataclass(frozen=True)
@@ -49,7 +60,7 @@ class Rows:
         if not self.file.exists():
             return []
         found = json.loads(self.file.read_text(encoding="utf-8"))
-        return [row for row in found.get("rows", ()) if row.get("rule") == rule()]
+        return [row for row in found.get("rows", ()) if row.get("rule") in accepted(frozen_by())]
 
     def has(self, key: str) -> bool:
         """Whether a row is there."""

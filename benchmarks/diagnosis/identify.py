@@ -21,6 +21,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import cache, partial
@@ -31,10 +32,10 @@ from typing import Any
 sys.path.insert(0, os.path.abspath(f"{__file__}/../../.."))
 from benchmarks import ROOT
 from benchmarks.commandline import options
-from benchmarks.diagnosis.collected import RESULTS, collected
+from benchmarks.diagnosis.collected import RESULTS, accepted, collected, frozen_by
 from benchmarks.diagnosis.laterkinds import KINDS_LATER, STAND_INS_LATER
 from benchmarks.diagnosis.tally import CLEAR, summary
-from benchmarks.diagnosis.trialbench import EVERY, RULE, Scene, Sight, Spec, attempted, cosine, largest, rule
+from benchmarks.diagnosis.trialbench import EVERY, RULE, Scene, Sight, Spec, attempted, cosine, largest
 
 import numpy as np
 
@@ -159,20 +160,15 @@ def _pairs(group: str, count: int, first: int, seed: int) -> list[Spec]:
     return out
 
 
-def done(folder: Path) -> list[dict[str, Any]]:
-    """The results in a folder by today's rule, one a line of its files; a line that was cut off is none."""
-    rows = []
+def done(folder: Path, commit: str) -> list[dict[str, Any]]:
+    """The results in a folder by today's rule or a commit's, one a line of its files; a line that was cut
+    off is none."""
+    rows, counted = [], accepted(commit)
     for file in sorted(folder.glob("*.jsonl")):
         for line in file.read_text(encoding="utf-8").splitlines():
             if line.endswith("}"):
                 rows.append(json.loads(line))
-    return [row for row in rows if row.get("rule") == rule()]
-
-
-def earlier() -> str:
-    """The commit by which the rule was frozen as the table says, or nothing."""
-    found = json.loads(TABLE.read_text(encoding="utf-8")) if TABLE.exists() else {}
-    return found.get("frozen") or ""
+    return [row for row in rows if row.get("rule") in counted]
 
 
 def frozen(commit: str) -> dict[str, Any]:
@@ -216,13 +212,14 @@ def main() -> int:
     part, parts = map(int, typed.share.split("/"))
     wanted = [s for s in specs() if not typed.only or s.group in typed.only]
     wanted = wanted[:: 10 if typed.quick else 1]
-    rows = done(folder)
+    commit = typed.frozen or frozen_by()
+    rows = done(folder, commit)
     have = {row["key"] for row in rows}
     todo = [] if typed.table else [s for s in wanted[part - 1 :: parts] if s.key not in have]
     name = f"{part}of{parts}-{'-'.join(typed.only) or 'all'}.jsonl".replace(" ", "_")
     until = began + QUICK_S if typed.quick else np.inf
     rows += ran(todo, folder / name, workers=typed.workers, until=until, tell=not typed.json)
-    table = tabulated(wanted, rows) | frozen(typed.frozen or earlier())
+    table = tabulated(wanted, rows) | frozen(commit)
     table["seconds"]["of_this_run"] = time.perf_counter() - began
     if not (typed.quick or typed.only):
         RESULTS.mkdir(exist_ok=True)
@@ -237,7 +234,8 @@ def tabulated(wanted: Sequence[Spec], rows: Sequence[dict[str, Any]]) -> dict[st
     own = {row["key"]: row for row in rows if row["key"] in keys}
     table, others = summary(list(own.values())), collected()
     table |= others | {"solves": table["solves"] | others["solves"]}
-    table["planned"], table["rule"] = len(wanted), rule()
+    table["planned"] = len(wanted)
+    table["rules"] = dict(Counter(row["rule"] for row in own.values()))
     table["versions"] = {"python": platform.python_version(), "numpy": np.__version__}
     return table
 

@@ -3,10 +3,12 @@ worth."""
 
 import ast
 import hashlib
+import subprocess
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from pathlib import Path
 from typing import Any
 
 from benchmarks import ROOT
@@ -275,15 +277,32 @@ def told(spec: Spec, drawn: Sequence[tuple[Kind, float, Array]]) -> dict[str, An
 def rule() -> str:
     """A word that changes with the code that decides, but not with its docstrings: rows of one rule alone
     belong in one table."""
+    files = (path for package in RULE for path in sorted((ROOT / package).rglob("*.py")))
+    return _word(path.read_text(encoding="utf-8") for path in files)
+
+
+@lru_cache(maxsize=2)
+def rule_at(commit: str) -> str:
+    """The same word at a commit."""
+    asked = ["git", "-C", str(ROOT)]
+
+    def said(*more: str) -> str:
+        return subprocess.run([*asked, *more], check=True, capture_output=True, text=True).stdout
+
+    packages = (said("ls-tree", "-r", "--name-only", commit, f"{package}/").split() for package in RULE)
+    names = (n for own in packages for n in sorted(own, key=Path) if n.endswith(".py"))
+    return _word(said("show", f"{commit}:{n}") for n in names)
+
+
+def _word(texts: Iterable[str]) -> str:
     found = hashlib.sha256()
-    for package in RULE:
-        for path in sorted((ROOT / package).rglob("*.py")):
-            tree = ast.parse(path.read_text(encoding="utf-8"))
-            for node in ast.walk(tree):
-                body = getattr(node, "body", None)
-                if isinstance(body, list) and body and _is_text(body[0]):
-                    body[0] = ast.Pass()
-            found.update(ast.dump(tree).encode())
+    for text in texts:
+        tree = ast.parse(text)
+        for node in ast.walk(tree):
+            body = getattr(node, "body", None)
+            if isinstance(body, list) and body and _is_text(body[0]):
+                body[0] = ast.Pass()
+        found.update(ast.dump(tree).encode())
     return found.hexdigest()[:12]
 
 
