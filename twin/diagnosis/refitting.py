@@ -43,10 +43,14 @@ def refitted(
     rows = np.array([model.theta(_allowed(model, values, base.values)) for values in begun])
     try:
         judged = judge(model, targets, starts=rows, seed=seed, evaluations=2, turns=0)
+        most = 3
         for _ in range(MORE):
             if judged.deviance - levels(judged, targets)[0].deviance < max(NEAR, CLOSE * h.hint):
                 break
-            judged = judge(model, targets, starts=judged.theta, seed=seed, evaluations=3, turns=0)
+            last = judged
+            judged = judge(model, targets, starts=last.theta, seed=seed, evaluations=most, turns=0)
+            stuck = np.array_equal(judged.theta, last.theta)
+            most = 2 * most if stuck else 3  # a shorter step takes more tries
     except Unsolvable as error:
         return replace(h, note=str(error)), None
     refit = Refit.of(judged)

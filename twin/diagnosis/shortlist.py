@@ -115,6 +115,7 @@ class Task:
         rows += late
         if wrong and any(not h.kind for h in race.done):
             race.run(self._several(base, race), most=MOST // 3)
+            race.run(self._partners(base, race), most=MOST // 3)
             race.run(self._third(base, race), most=1)
         return [*race.done, *(h for h in rows if h.label not in race.tried), *self.silent]
 
@@ -153,6 +154,21 @@ class Task:
                 found[frozenset(h.names)] = whole  # begun from a refit it is nearer
         return [h for h in found.values() if h.hint > single.evidence + PAIRED]
 
+    def _partners(self, base: Judged, race: "Race") -> list[Hypothesis]:
+        """Each member of the best pair with every other effect, begun from its own refit: a partner is not
+        named where another does as well."""
+        top = race.best
+        if top is None or len(top.effects) != 2:
+            return []
+        done, out = {frozenset(h.names) for h in race.done}, []
+        for member in top.effects:
+            view = race.views.get(member.label) or race.refit(replace(top, effects=(member,)))
+            alone = next(h for h in race.done if h.label == member.label)
+            if view is not None and alone.evidence is not None:
+                rows = added(view, (member,), self.signatures(base, self._narrow(), beside=view))
+                out += [replace(h, hint=h.hint + alone.evidence) for h in rows]
+        return [h for h in out if frozenset(h.names) not in done]
+
     def _third(self, base: Judged, race: "Race") -> list[Hypothesis]:
         """The best pair with a third effect, where no pair is adequate."""
         pairs = [h for h in ranked(race.done) if len(h.effects) == 2 and h.refit is not None]
@@ -167,7 +183,7 @@ class Task:
 @dataclass
 class Race:
     """Refits by their evidence to first order. done: those that were made, of hypotheses `tried`, by label;
-    best: the best of them, and view, its judged model."""
+    best: the best of them; views: their judged models by label."""
 
     task: Task
     base: Judged
@@ -175,7 +191,16 @@ class Race:
     done: list[Hypothesis] = field(default_factory=list)
     tried: set[str] = field(default_factory=set)
     best: Hypothesis | None = None
-    view: Judged | None = None
+    views: dict[str, Judged] = field(default_factory=dict)
+
+    @property
+    def view(self) -> Judged | None:
+        """The judged model of the best."""
+        return self.views.get(self.best.label) if self.best else None
+
+    def refit(self, h: Hypothesis) -> Judged | None:
+        """The judged model of a hypothesis, refitted as it is; None where it has no equilibrium."""
+        return self.views.get(self._refit(h).label)
 
     def run(self, rows: Sequence[Hypothesis], *, most: int = MOST) -> None:
         """Refit these, the physics that promises most first, while one may come within reach of the best; at
@@ -230,8 +255,9 @@ class Race:
         self.done.append(found)
         self.tried.add(h.label)
         top = self.best.evidence if self.best else None
-        if judged is not None and (top is None or (found.evidence or -np.inf) > top):
-            self.best, self.view = found, judged
+        if judged is not None:
+            self.views[found.label] = judged
+            self.best = found if top is None or (found.evidence or -np.inf) > top else self.best
         return found
 
     def _held(self, h: Hypothesis) -> Hypothesis:
