@@ -244,7 +244,8 @@ class Race:
     def _near(self, h: Hypothesis) -> bool:
         if self.best is None or self.best.evidence is None:
             return True
-        return h.hint > self.best.evidence - REACH - BENT * abs(self.best.evidence)
+        best = min(self.best.evidence, self.best.hint)  # to first order it may have promised less than it has
+        return h.hint > best - REACH - BENT * abs(best)
 
     def _refit(self, h: Hypothesis) -> Hypothesis:
         self.task.tell(f"refit with {h.label}", len(self.done) + 1, len(self.done) + 2)
