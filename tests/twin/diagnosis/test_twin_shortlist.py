@@ -1,10 +1,13 @@
 """What is refitted: who may be the best to first order, until no other can come within reach."""
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from tests.twin.diagnosis.toy import Toy, smooth_field, targets, toy_effect
-from twin.diagnosis.hypotheses import Hypothesis
-from twin.diagnosis.shortlist import Task
+from twin.diagnosis.hypotheses import Hypothesis, Score
+from twin.diagnosis.refitting import refitted
+from twin.diagnosis.shortlist import Race, Task
 from twin.targets import Array
 
 BASE, FIELDS = smooth_field(1), {name: smooth_field(10 + k) for k, name in enumerate(("alpha", "beta", "gamma"))}
@@ -33,3 +36,57 @@ def test_to_first_order_and_by_a_refit_a_linear_model_has_one_evidence() -> None
     rows = searched(0.3 * FIELDS["alpha"][0])
     assert rows[0].evidence is not None
     assert abs(rows[0].hint - rows[0].evidence) < 3.0  # law errors cost at most 2 ln 0.4; prior's mean
+
+
+def test_who_promised_as_much_as_the_best_did_is_refitted() -> None:
+    """The best may have turned out better than it promised: so may others."""
+    score = Score(evidence=338.0, delta_bic=341.0, size=18.0, law=0.0, p_value=1.0)
+    best = Hypothesis(effects=EFFECTS[:1], hint=277.0, score=score)
+    race = Race(None, None, best=best)  # type: ignore[arg-type]
+    near = {hint: race._near(Hypothesis(effects=EFFECTS[1:2], hint=hint)) for hint in (272.0, 240.0, 230.0)}
+    assert near == {272.0: True, 240.0: True, 230.0: False}
+
+
+def test_each_member_of_the_best_pair_is_tried_with_other_partners() -> None:
+    t = targets(1.3 * BASE[0] + 0.3 * FIELDS["alpha"][0] + 0.3 * FIELDS["beta"][0], seed=0)
+    task = Task(Toy({"base": BASE, **FIELDS}), EFFECTS, (), t, 0, lambda *a: None)  # type: ignore[arg-type]
+    base = task.base(np.array([1.0]))
+    race, start = Race(task, base), {"base.C": 1.3, **{p.name: 0.1 for e in EFFECTS for p in e.parameters}}
+    task.signatures(base, EFFECTS)
+    race.refit(Hypothesis(effects=(EFFECTS[0], EFFECTS[2]), start=start))  # alpha and gamma, which is not there
+    rows = {frozenset(h.names): h for h in task._partners(base, race)}
+    assert set(rows) == {frozenset(("alpha", "beta")), frozenset(("gamma", "beta"))}
+    pair = rows[frozenset(("alpha", "beta"))]
+    race.refit(pair)
+    found = race.done[-1]
+    assert found.evidence is not None
+    assert pair.hint > found.evidence - 6.0  # what it may reach is not promised short
+    assert race.best is found
+
+
+@dataclass(frozen=True)
+class Bent(Toy):
+    """A toy whose effects add less and less: the first step from far off is many times too long."""
+
+    def predict(self, theta: Array) -> Array:
+        rows = self.straight()
+        return np.tensordot(np.concatenate([theta[:1], 1 - np.exp(-8 * theta[1:])]), rows, 1)
+
+    def jacobian(self, theta: Array) -> Array:
+        slope = np.concatenate([[1.0], 8 * np.exp(-8 * theta[1:])])
+        return slope[:, None, None, None] * self.straight()
+
+    def straight(self) -> Array:
+        return Toy.jacobian(self, np.zeros(0))
+
+
+def test_a_refit_whose_steps_are_too_long_tries_shorter_ones() -> None:
+    t = targets(1.3 * BASE[0] + 0.6 * FIELDS["alpha"][0], seed=0)
+    model = Bent({"base": BASE, **FIELDS})
+    task = Task(model, EFFECTS, (), t, 0, lambda *a: None)  # type: ignore[arg-type]
+    base = task.base(np.array([1.0]))
+    (name,) = (p.name for p in EFFECTS[0].parameters)
+    far = Hypothesis(effects=EFFECTS[:1], start={"base.C": 1.3, name: 0.6}, hint=1000.0)
+    found, _ = refitted(far, base, t, seed=0)
+    assert found.refit is not None
+    assert abs(found.refit.values[name] + np.log(0.4) / 8) < 0.02
