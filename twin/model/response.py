@@ -15,6 +15,7 @@ benchmarks/diagnosis/response.py measures its error in units of what it states.
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,9 +23,11 @@ from numpy.typing import NDArray
 from calibrate import Parameter
 from fe import Solution
 from twin.effects.baselaw import NAMES
-from twin.effects.protocol import Unsolvable
+from twin.effects.protocol import Effect, Unsolvable
+from twin.model.discretisation import Discretisation
 from twin.model.memo import KeptModel
 from twin.model.prediction import Model, Solved
+from twin.model.prediction import Tangents as SolvedTangents
 from twin.targets import Array
 
 Tangents = Mapping[str, Sequence[Array]]  # by an effect's label, (k, s, p, 3) mm for each of its tries
@@ -195,6 +198,18 @@ class Surrogate(Model):
             jacobian = (slopes[:, None] * (k[1:] @ self._fitted.weights)).reshape(-1, *self._shape)
         return Solved(theta.copy(), u, jacobian, None)  # type: ignore[arg-type]
 
+    def with_effect(self, effect: Effect) -> Model:
+        """The whole model with one more effect, of which this one knows nothing."""
+        return self.whole.with_effect(effect)
+
+    def on_mesh(self, mesh: Discretisation | None) -> Self:
+        """Refused: what was solved is corrected already. Make the response of `whole.on_mesh(mesh)`."""
+        raise TypeError("a response is of one mesh: make one of whole.on_mesh(mesh)")
+
+    def tangents(self, theta: Array, effects: Sequence[Effect]) -> SolvedTangents:
+        """As `Model.tangents`, by whole solves."""
+        return self.whole.tangents(theta, effects)
+
     def solution(self, theta: Array) -> Solution:
         """The solution of the nearest whole solve."""
         return self._nearest(theta)[1].solution
@@ -262,7 +277,8 @@ class Surrogate(Model):
         x = self._x(self.named(theta))[None]
         points, along = self._points
         if float(np.abs(points - x).max(axis=1).min()) > FAR:
-            raise Unsolvable("the response: too far from every solve")
+            told = ", ".join(f"{n} = {v:.3g}" for n, v in self.named(theta).items())
+            raise Unsolvable(f"{told}: too far from every solve to be answered; certify a whole solve there")
         stretch = self._fitted.stretch
         every = self._kernel(x, points, stretch)[0]
         return every[np.arange(len(points)), :, along].T, float(self._kernel(x, x, stretch)[0, 0, 0, 0])

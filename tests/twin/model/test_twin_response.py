@@ -89,8 +89,14 @@ def test_far_from_every_solve_it_does_not_answer(response: Surrogate) -> None:
     theta = at(response)
     theta[0] += 1.1 * FAR * scale
     assert not response.reaches(theta)
-    with pytest.raises(Unsolvable, match="too far from every solve"):
+    with pytest.raises(Unsolvable, match=r"C10 = .*: too far from every solve .* certify a whole solve there"):
         response.predict(theta)
+
+
+def test_it_is_of_one_mesh_and_of_its_own_effects(response: Surrogate) -> None:
+    with pytest.raises(TypeError, match="one mesh"):
+        response.on_mesh(None)
+    assert not isinstance(response.with_effect(effect("creep")), Surrogate)
 
 
 def test_a_time_means_nothing_where_nothing_creeps(base: KeptModel) -> None:
