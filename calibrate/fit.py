@@ -285,4 +285,4 @@ def _for_bounds(end: _End, free: NDArray[np.bool_], low: Array, high: Array) -> 
 def _spread(a: float) -> float:
     """E[(x - a)^2] of a standard normal x above a >= 0."""
     hazard = math.sqrt(2 / math.pi) / float(erfcx(a / math.sqrt(2)))
-    return max(1 + a**2 - a * hazard, 0.0)
+    return min(max(1 + a**2 - a * hazard, 0.0), 2 / max(a, 1e-9) ** 2)  # which it nears: far out all cancels

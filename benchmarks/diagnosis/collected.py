@@ -25,7 +25,7 @@ from benchmarks.diagnosis.tally import (
     sizes,
     wrong_alone,
 )
-from benchmarks.diagnosis.trialbench import rule, rule_at
+from benchmarks.diagnosis.trialbench import in_history, rule, rule_at
 
 import numpy as np
 
@@ -39,8 +39,8 @@ def frozen_by() -> str:
 
 
 def accepted(commit: str) -> set[str]:
-    """The rules whose rows are counted: today's, and that of a commit."""
-    return {rule(), *([rule_at(commit)] if commit else [])}
+    """The rules whose rows are counted: today's, and that of a commit, where the history has it."""
+    return {rule(), *([rule_at(commit)] if commit and in_history(commit) else [])}
 
 
 @dataclass(frozen=True)
@@ -60,7 +60,8 @@ class Rows:
         if not self.file.exists():
             return []
         found = json.loads(self.file.read_text(encoding="utf-8"))
-        return [row for row in found.get("rows", ()) if row.get("rule") in accepted(frozen_by())]
+        counted = accepted(frozen_by())
+        return [row for row in found.get("rows", ()) if row.get("rule") in counted]
 
     def has(self, key: str) -> bool:
         """Whether a row is there."""

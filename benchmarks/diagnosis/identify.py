@@ -17,7 +17,6 @@ written.
 import json
 import os
 import platform
-import subprocess
 import sys
 import tempfile
 import time
@@ -30,12 +29,22 @@ from pathlib import Path
 from typing import Any
 
 sys.path.insert(0, os.path.abspath(f"{__file__}/../../.."))
-from benchmarks import ROOT
 from benchmarks.commandline import options
 from benchmarks.diagnosis.collected import RESULTS, accepted, collected, frozen_by
 from benchmarks.diagnosis.laterkinds import KINDS_LATER, STAND_INS_LATER
 from benchmarks.diagnosis.tally import CLEAR, summary
-from benchmarks.diagnosis.trialbench import EVERY, RULE, Scene, Sight, Spec, attempted, cosine, largest
+from benchmarks.diagnosis.trialbench import (
+    EVERY,
+    RULE,
+    Scene,
+    Sight,
+    Spec,
+    attempted,
+    cosine,
+    git,
+    in_history,
+    largest,
+)
 
 import numpy as np
 
@@ -172,14 +181,12 @@ def done(folder: Path, commit: str) -> list[dict[str, Any]]:
 
 
 def frozen(commit: str) -> dict[str, Any]:
-    """The commit by which the rule was frozen, and the files of it that have changed since."""
-    if not commit:
-        return {"frozen": None}
-    asked = ["git", "-C", str(ROOT), "rev-parse", "--verify", f"{commit}^{{commit}}"]
-    full = subprocess.run(asked, check=True, capture_output=True, text=True).stdout.strip()
-    asked = ["git", "-C", str(ROOT), "diff", "--name-only", full, "--", *RULE]
-    changed = subprocess.run(asked, check=True, capture_output=True, text=True).stdout.split()
-    return {"frozen": full, "changed_since": changed}
+    """The commit by which the rule was frozen, and the files of it that have changed since; None where the
+    history does not have it."""
+    if not commit or not in_history(commit):
+        return {"frozen": commit or None, "changed_since": None}
+    full = git("rev-parse", commit).strip()
+    return {"frozen": full, "changed_since": git("diff", "--name-only", full, "--", *RULE).split()}
 
 
 def ran(

@@ -12,7 +12,6 @@ import json
 import os
 import sys
 import time
-from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -70,9 +69,7 @@ def drawn(p: Parameter, rng: np.random.Generator) -> float:
     return float(rng.uniform(low, high))
 
 
-def pulls(
-    base: KeptModel, e: Effect, tangents: Mapping[str, Any], rng: np.random.Generator
-) -> dict[str, Any]:
+def pulls(base: KeptModel, e: Effect, rng: np.random.Generator) -> dict[str, Any]:
     """Of one effect: the pulls, the errors and the change by the effect (mm rms), and the seconds of both."""
     whole = base.with_effect(e)
     assert isinstance(whole, KeptModel)
@@ -87,7 +84,7 @@ def pulls(
     nothing = whole.theta({"C10": CONSTANTS[0], "C01": CONSTANTS[1], **values, **nulls})
     beside = there + NEAR * rng.uniform(0.5, 1.0) * (nothing - there)
     beside[:2] *= np.exp(NEAR * SPREAD * rng.standard_normal(2))
-    response = Surrogate.of(whole, base, CONSTANTS, tangents)
+    response = Surrogate.of(whole, base, CONSTANTS, base.tangents(CONSTANTS, [e]))
     began = time.process_time()
     whole.solved(there)
     solve = time.process_time() - began
@@ -124,12 +121,10 @@ def rows_of(finger: str, names: list[str], draws: int, seed: int) -> list[dict[s
     out = []
     for name in names:
         rng, e = np.random.default_rng([seed, len(name), *name.encode()]), effect(name)
-        base = replace(model)  # with nothing in its memory but what this effect asks
-        base.solved(CONSTANTS)
-        tangents = base.tangents(CONSTANTS, [e])
         for k in range(draws):
+            base = replace(model)  # with nothing in its memory: no draw may know what another has solved
             try:
-                row = pulls(base, e, tangents, rng)
+                row = pulls(base, e, rng)
             except Unsolvable as why:
                 print(f"{finger} {name}: {why}", file=sys.stderr)
                 continue

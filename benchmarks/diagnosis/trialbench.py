@@ -281,17 +281,26 @@ def rule() -> str:
     return _word(path.read_text(encoding="utf-8") for path in files)
 
 
+def git(*words: str) -> str:
+    """What git says of this repository."""
+    asked = ["git", "-C", str(ROOT), *words]
+    return subprocess.run(asked, check=True, capture_output=True, text=True).stdout
+
+
+def in_history(commit: str) -> bool:
+    """Whether a commit is there: not in a copy without its history."""
+    try:
+        return bool(git("rev-parse", "--verify", f"{commit}^{{commit}}"))
+    except (OSError, subprocess.CalledProcessError):
+        return False
+
+
 @lru_cache(maxsize=2)
 def rule_at(commit: str) -> str:
     """The same word at a commit."""
-    asked = ["git", "-C", str(ROOT)]
-
-    def said(*more: str) -> str:
-        return subprocess.run([*asked, *more], check=True, capture_output=True, text=True).stdout
-
-    packages = (said("ls-tree", "-r", "--name-only", commit, f"{package}/").split() for package in RULE)
+    packages = (git("ls-tree", "-r", "--name-only", commit, f"{package}/").split() for package in RULE)
     names = (n for own in packages for n in sorted(own, key=Path) if n.endswith(".py"))
-    return _word(said("show", f"{commit}:{n}") for n in names)
+    return _word(git("show", f"{commit}:{n}") for n in names)
 
 
 def _word(texts: Iterable[str]) -> str:

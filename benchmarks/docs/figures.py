@@ -99,7 +99,7 @@ FIGURES = (
     Figure(DECIDES, "C10 = #, C01 = # MPa with creep",
            (f"{ADDED}parameters.C10.value", f"{ADDED}parameters.C01.value")),
     *(Figure("docs/your-own-test.md", f"| `twin {kind}` | # min |", (f"minutes:{kind}",))
-      for kind in ("calibrate", "diagnose", "add")),
+      for kind in ("calibrate", "diagnose")),
     Figure(DRAWN, "report: from # to # mm, noise # mm", DRAWN_ERRORS),
     Figure(DRAWN, "review: from # to # mm, noise # mm", DRAWN_ERRORS),
     Figure(DRAWN, "overlay: # steps", ("measure/run.json:summary.steps",)),

@@ -13,7 +13,7 @@ import numpy as np
 
 from calibrate import Fit
 from twin.diagnosis.hypotheses import Hypothesis, ranked
-from twin.diagnosis.refitting import refitted
+from twin.diagnosis.refitting import refitted, with_effects
 from twin.diagnosis.screening import added, paired, screened
 from twin.diagnosis.signatures import Signatures, signatures_of
 from twin.effects.protocol import Effect, Test, Unsolvable
@@ -162,9 +162,10 @@ class Task:
             return []
         done, out = {frozenset(h.names) for h in race.done}, []
         for member in top.effects:
-            view = race.views.get(member.label) or race.refit(replace(top, effects=(member,)))
-            alone = next(h for h in race.done if h.label == member.label)
-            if view is not None and alone.evidence is not None:
+            alone = next((h for h in race.done if h.label == member.label), None)
+            alone = alone or race.refit(Hypothesis(effects=(member,), hint=top.hint, start=top.start))
+            if alone.evidence is not None:
+                view = self._view(base, alone)
                 rows = added(view, (member,), self.signatures(base, self._narrow(), beside=view))
                 out += [replace(h, hint=h.hint + alone.evidence) for h in rows]
         return [h for h in out if frozenset(h.names) not in done]
@@ -172,18 +173,23 @@ class Task:
     def _third(self, base: Judged, race: "Race") -> list[Hypothesis]:
         """The best pair with a third effect, where no pair is adequate."""
         pairs = [h for h in ranked(race.done) if len(h.effects) == 2 and h.refit is not None]
-        if not pairs or any(h.adequate for h in race.done) or pairs[0].refit is None:
+        if not pairs or any(h.adequate for h in race.done):
             return []
         top = pairs[0]
-        view = judge_fit(top.refit.model, self.targets, top.refit.fit)  # type: ignore[union-attr]
+        view = self._view(base, top)
         rows = added(view, top.effects, self.signatures(base, self._narrow(), beside=view))
         return [replace(h, hint=h.hint + (top.evidence or 0.0)) for h in rows[:1]]
+
+    def _view(self, base: Judged, h: Hypothesis) -> Judged:
+        """The judged model of a refit, from the solves that its model has kept."""
+        assert h.fit is not None
+        return judge_fit(with_effects(base, h.effects), self.targets, h.fit)
 
 
 @dataclass
 class Race:
     """Refits by their evidence to first order. done: those that were made, of hypotheses `tried`, by label;
-    best: the best of them; views: their judged models by label."""
+    best: the best of them, and view, its judged model."""
 
     task: Task
     base: Judged
@@ -191,16 +197,7 @@ class Race:
     done: list[Hypothesis] = field(default_factory=list)
     tried: set[str] = field(default_factory=set)
     best: Hypothesis | None = None
-    views: dict[str, Judged] = field(default_factory=dict)
-
-    @property
-    def view(self) -> Judged | None:
-        """The judged model of the best."""
-        return self.views.get(self.best.label) if self.best else None
-
-    def refit(self, h: Hypothesis) -> Judged | None:
-        """The judged model of a hypothesis, refitted as it is; None where it has no equilibrium."""
-        return self.views.get(self._refit(h).label)
+    view: Judged | None = None
 
     def run(self, rows: Sequence[Hypothesis], *, most: int = MOST) -> None:
         """Refit these, the physics that promises most first, while one may come within reach of the best; at
@@ -225,7 +222,7 @@ class Race:
                 h = replace(last, effects=(law,), start=law.start(last.start), refit=None, score=None)
             if h is None:
                 continue
-            last = self._refit(h)
+            last = self.refit(h)
             if last.adequate and last.score is not None and not last.score.law:
                 break
 
@@ -247,7 +244,8 @@ class Race:
         best = min(self.best.evidence, self.best.hint)  # to first order it may have promised less than it has
         return h.hint > best - REACH - BENT * abs(best)
 
-    def _refit(self, h: Hypothesis) -> Hypothesis:
+    def refit(self, h: Hypothesis) -> Hypothesis:
+        """The hypothesis with its refit, which is kept in `done`."""
         self.task.tell(f"refit with {h.label}", len(self.done) + 1, len(self.done) + 2)
         held = self._held(h)
         found, judged = refitted(
@@ -256,9 +254,8 @@ class Race:
         self.done.append(found)
         self.tried.add(h.label)
         top = self.best.evidence if self.best else None
-        if judged is not None:
-            self.views[found.label] = judged
-            self.best = found if top is None or (found.evidence or -np.inf) > top else self.best
+        if judged is not None and (top is None or (found.evidence or -np.inf) > top):
+            self.best, self.view = found, judged
         return found
 
     def _held(self, h: Hypothesis) -> Hypothesis:

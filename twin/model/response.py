@@ -108,7 +108,7 @@ class Surrogate(Model):
         """The response of a base model with effects more, of all that both have solved. theta (d,): where the
         tangents are; tangents: of its effects, as `Model.tangents` gives them; some may be absent."""
         at = base.solved(theta, derivatives=True)
-        known = [*(s for s in base.kept if s is not at and s.jacobian is not None), at]
+        known = [*(s for s in base.kept if s is not at), at]
         own = {p.name for p in base.parameters}
         tries = {p.name: [e[p.name] for e in f.tries(base.test) if p.name in e]
                  for f in whole.effects for p in f.parameters}  # fmt: skip
@@ -151,17 +151,14 @@ class Surrogate(Model):
         if any(np.array_equal(s.theta, made.theta) for s in self.solves):
             return self
         rows = (*self.rows, *self._told(made, self.named(made.theta), self.whole))
-        misses = (*self.misses, self._missed(made))
+        misses = (*self.misses, *([self._missed(made)] if self.reaches(made.theta) else []))
         return replace(self, rows=rows, solves=(*self.solves, made), misses=misses)
 
     def _told(self, solved: Solved, values: Mapping[str, float], model: Model) -> list[Row]:
         """What a solve of a model, this one's or its base, tells."""
-        x = self._x(values)
-        names = [p.name for p in model.parameters]
-        rows = [Row(x, -1, solved.u.ravel())]
-        if solved.jacobian is not None:
-            rows += self._along(values, dict(zip(names, solved.jacobian, strict=True)), SURE)
-        return rows
+        assert solved.jacobian is not None  # a model that keeps its solves makes none without
+        own = dict(zip((p.name for p in model.parameters), solved.jacobian, strict=True))
+        return [Row(self._x(values), -1, solved.u.ravel()), *self._along(values, own, SURE)]
 
     def _along(self, values: Mapping[str, float], fields: Mapping[str, Array], sd: float) -> list[Row]:
         x, names = self._x(values), [p.name for p in self.parameters]
@@ -172,11 +169,9 @@ class Surrogate(Model):
         ]
 
     def _missed(self, made: Solved) -> float:
-        """The mean square of what a new solve is off, in units of the error that was stated there."""
-        if not self.reaches(made.theta):
-            return 1.0
+        """The mean square of what a new solve is off, over what the likeliest kernel says there."""
         u, sd = self.answer(made.theta)
-        return float(np.mean((made.u - u) ** 2) / np.mean(sd**2)) * self._worse if sd.any() else 1.0
+        return float(np.mean((made.u - u) ** 2) / np.mean(sd**2)) * self._worse
 
     # -- its answer -----------------------------------------------------------------------------------------
 
