@@ -43,19 +43,19 @@ def refitted(
     rows = np.array([model.theta(_allowed(model, values, base.values)) for values in begun])
     try:
         judged = judge(model, targets, starts=rows, seed=seed, evaluations=2, turns=0)
-        most = 3
+        found, most = levels(judged, targets), 3
         for _ in range(MORE):
-            if judged.deviance - levels(judged, targets)[0].deviance < max(NEAR, CLOSE * h.hint):
+            if judged.deviance - found[0].deviance < max(NEAR, CLOSE * h.hint):
                 break
             last = judged
             judged = judge(model, targets, starts=last.theta, seed=seed, evaluations=most, turns=0)
+            found = levels(judged, targets)
             stuck = np.array_equal(judged.theta, last.theta)
             most = 2 * most if stuck else 3  # a shorter step takes more tries
     except Unsolvable as error:
         return replace(h, note=str(error)), None
-    refit = Refit.of(judged)
-    score, ahead = scored(judged, h.effects, base, targets), levels(judged, targets)[0].step
-    return replace(h, refit=refit, score=score, start=_gone_on(judged, ahead)), judged
+    score = scored(judged, found, h.effects, base, targets)
+    return replace(h, refit=Refit.of(judged), score=score, start=_gone_on(judged, found[0].step)), judged
 
 
 def _allowed(model: Model, start: Theta, base: Theta) -> Theta:
@@ -77,9 +77,10 @@ def _gone_on(judged: Judged, step: Array) -> dict[str, float]:
     }
 
 
-def scored(judged: Judged, effects: Sequence[Effect], base: Judged, targets: Targets) -> Score:
-    """What a judged model with effects more gains over the base."""
-    found = levels(judged, targets)
+def scored(
+    judged: Judged, found: Sequence[Level], effects: Sequence[Effect], base: Judged, targets: Targets
+) -> Score:
+    """What a judged model with effects more gains over the base, at its levels of law errors."""
     free = [p.name for p in judged.model.parameters if p.name not in judged.at_bound]
     lost = bic(0.0, len(judged.fit.theta) - len(base.fit.theta), judged.whitener.count)
     fall = np.array([base.deviance - one.deviance for one in found])

@@ -33,7 +33,8 @@ MARGIN = 1.15  # highest pressure of a finer mesh over the test's: room for cons
 CARRIED = 2 / 3  # of the remainder that the smooth modes carry
 COARSE = 0.5  # of C10 + C01: meshes further apart than this do not tell where they lead to
 NEARBY = 3.0  # times, at most, the finer meshes reach beyond the test's pressure at theoretical constants
-TURNS = 4  # steps to the pressure at which the base mesh is nearest to a displacement
+TURNS = 4  # steps to the pressure at which the base mesh is nearest to a displacement,
+SAME = 1e-7  # of the highest pressure, below which a step is the last
 
 
 @dataclass(frozen=True)
@@ -99,22 +100,24 @@ class Discretisation:
 
     def _along(self, u: Array, test: Test, curves: Curves) -> Array:
         """Values (n, s, m, 3) mm of curves at displacements u (s, p, 3) mm of a test's points."""
-        way, q = self._way(test), self._pressure(u, test)
-        return np.moveaxis(curves.at(q)[np.arange(len(q)), :, way], 1, 0)
+        way = self._way(test)
+        return np.moveaxis(curves.at(self._pressure(u, test, way), way)[0], 1, 0)
 
-    def _pressure(self, u: Array, test: Test) -> Array:
+    def _pressure(self, u: Array, test: Test, way: Integers) -> Array:
         """Pressures (s,) MPa at which the base mesh is nearest to displacements u (s, p, 3) mm.
 
         Without effects that is pressure / (C10 + C01) times their own total. What creeps or is stiffer
         elsewhere is as far bent at another pressure, and its mesh errs as much as it is bent.
         """
-        base, way = self._curves[0], self._way(test)
-        rows, own = np.arange(len(u)), _constants(test.case)
+        base, own, seen = self._curves[0], _constants(test.case), u[:, None, test.moving]
         q = test.path.at_output() * self.total / own.total
         for _ in range(TURNS):
-            value, slope = (f(q)[rows, 0, way] for f in (base.at, base.slope))
-            apart = u[:, test.moving] - value
-            q = q + (slope * apart).sum(axis=(1, 2)) / np.maximum((slope**2).sum(axis=(1, 2)), 1e-12)
+            value, slope = base.at(q, way)
+            ahead, square = (slope * (seen - value)).sum(axis=(1, 2, 3)), (slope**2).sum(axis=(1, 2, 3))
+            step = ahead / np.maximum(square, 1e-12)
+            q = q + step
+            if np.abs(step).max() < SAME * self.grid[-1]:
+                break
         return q
 
     def _way(self, test: Test) -> Integers:

@@ -11,6 +11,7 @@ from functools import cached_property
 import numpy as np
 from scipy.interpolate import CubicSpline
 
+from fe.element import Integers
 from twin.targets import Array
 
 # What remains after the correction, 1 sd: of the root sum of squares of all changes of stiffness, and of the
@@ -97,21 +98,21 @@ class MeshChanges:
 
 @dataclass(frozen=True)
 class Curves:
-    """Values over pressure: cubic splines, straight beyond their ends."""
+    """Values over pressure under each gravity: cubic splines, straight beyond their ends."""
 
     spline: CubicSpline
 
     @staticmethod
     def through(grid: Array, values: Array) -> "Curves":
-        """The curves through values (k, ...) at pressures (k,) MPa."""
+        """The curves through values (k, n, g, ...) at pressures (k,) MPa."""
         return Curves(CubicSpline(grid, values, axis=0))
 
-    def at(self, q: Array) -> Array:
-        """Values (s, ...) at pressures (s,) MPa."""
-        inside = np.clip(q, *self.spline.x[[0, -1]])
-        beyond = (q - inside).reshape(-1, *(1,) * (self.spline.c.ndim - 2))
-        return np.asarray(self.spline(inside) + beyond * self.spline(inside, 1), float)
-
-    def slope(self, q: Array) -> Array:
-        """Their derivatives (s, ...) per MPa."""
-        return np.asarray(self.spline(np.clip(q, *self.spline.x[[0, -1]]), 1), float)
+    def at(self, q: Array, way: Integers) -> tuple[Array, Array]:
+        """Values and their derivatives per MPa (s, n, ...) at pressures (s,) MPa, under gravities (s,)."""
+        x, c = self.spline.x, self.spline.c
+        inside = np.clip(q, x[0], x[-1])
+        k = np.clip(np.searchsorted(x, inside, side="right") - 1, 0, len(x) - 2)
+        third, second, first, value = np.moveaxis(c[:, k, :, way], 1, 0)
+        h, beyond = (d.reshape(-1, *(1,) * (c.ndim - 3)) for d in (inside - x[k], q - inside))
+        slope = (3 * third * h + 2 * second) * h + first
+        return ((third * h + second) * h + first) * h + value + beyond * slope, slope
