@@ -42,7 +42,9 @@ def _shared(former: Project) -> list[Path]:
     names = {c.dictionary for c in former.config.cameras}
     names |= {c.board.dictionary for c in former.config.cameras if c.board}
     own = [path for name in sorted(names) for path in dictionary_files(former, name)]
-    shared = [*calibration_files(former), *own, *former.deck_files(), *former.effect_files()]
+    cached = sorted((former.root / "cache").glob("*"))  # what depends on the finger, not on the batch
+    solved = [path for path in cached if path.is_file() and not path.is_symlink()]
+    shared = [*calibration_files(former), *own, *former.deck_files(), *former.effect_files(), *solved]
     for path in shared:
         if not path.is_relative_to(former.root):
             raise ValueError(f"{path} lies outside {former.root}; wanted it below that folder, to copy it")
