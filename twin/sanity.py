@@ -21,6 +21,7 @@ FAR = 0.2  # displacement over length from which a bent finger is drawn back
 FORTH = 0.25  # of u3^2 / length: more than any finger lengthens beside that
 APART, FASTER = 0.15, 1.5  # share of the length between two points; times more may the nearer one move
 LONG_H, MANY = 3.0, 50  # h and steps of a test whose times are likely in ms
+ON_PLANE_MM = 1e-6
 OFF_NODE_MM = 3.0  # a marker from its node: room for its thickness and for a rough reading
 
 
@@ -165,13 +166,23 @@ def _overtaken(targets: Targets, case: Case) -> str:
     )
 
 
-def place_fault(targets: Targets, case: Case) -> str:
-    """Which point is stated too far from the node that it is said to be at."""
+def on_model_side(stated: Array, case: Case, *, mirrored: bool) -> Array:
+    """A stated position (3,) mm, or with `mirrored` its mirror image, where a half model has only that."""
+    half = float(case.nodes[:, 1].min()) >= -ON_PLANE_MM
+    return stated * (1.0, -1.0, 1.0) if mirrored and half and stated[1] < 0.0 else stated
+
+
+def place_fault(targets: Targets, case: Case, *, mirrored: bool = False) -> str:
+    """Which point is stated too far from the node that it is said to be at.
+
+    mirrored: whether a point on the side y < 0 of half a finger stands for its mirror image.
+    """
     for point in targets.points:
         if point.kind is not PointKind.NODE or point.position is None or point.node is None:
             continue
         node = case.position(point.node)
-        away = float(np.linalg.norm(np.array(point.position) - node))
+        stated = on_model_side(np.array(point.position), case, mirrored=mirrored)
+        away = float(np.linalg.norm(stated - node))
         if away > OFF_NODE_MM:
             return (
                 f"point {point.name!r} is stated at {_shown(point.position)} mm, but its node {point.node} "

@@ -432,7 +432,7 @@ class PointTable(MarkTable):
     )
     position_mm: Position | None = Field(
         default=None,
-        description="centre on the unloaded finger, mm; the nearest place on the surface counts, or node",
+        description="its centre without load, mm; the model takes its nearest place, or node",
     )
     seen_mm: tuple[Finite, Finite] | None = Field(
         default=None,
