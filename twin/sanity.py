@@ -13,6 +13,8 @@ UNITS = {"kPa": 1e-3, "bar": 0.1, "mbar": 1e-4, "psi": 0.00689476, "Pa": 1e-6}  
 AIR_MPA = (0.08, 0.105)  # of the air, up to 2000 m above the sea
 TURNED = 5.0  # times as much below zero as above it
 USUAL_MPA = (0.005, 0.3)
+REACHED = 1.5  # times what the regulator was set to, or as much below; two units are 6.9 times apart or more
+SILICONE_MPA = (0.02, 2.0)  # C10 + C01 of silicones that fingers are cast of
 CURLED = 2.0  # largest displacement over the finger's length: a tip that is rolled up moves by 1.3 of it
 RESTING = 2e-3  # displacement over length that any pressure of 40 kPa exceeds; in proportion below that
 FULL_MPA = 0.04
@@ -37,6 +39,43 @@ def pressure_fault(peak: float, *, unit: str = "MPa") -> str:
         return text
     shown = " or ".join(f"{name} ({peak:.3g} {name} are {UNITS[name] * peak:.2g} MPa)" for name in likely)
     return f"{text}; the numbers are likely in {shown}"
+
+
+def top_fault(peak: float, *, unit: str, top_kPa: float) -> str:
+    """What is wrong with a largest pressure in MPa that was read in a unit, where the regulator was set to
+    `top_kPa`."""
+    times = 1e3 * peak / top_kPa
+    if 1 / REACHED <= times <= REACHED:
+        return ""
+    text = (
+        f"reaches {1e3 * peak:.3g} kPa, read in {unit}, but the regulator was set to {top_kPa:g} kPa "
+        f"(top_kPa); wanted {top_kPa / REACHED:.3g} to {top_kPa * REACHED:.3g} kPa"
+    )
+    factors = UNITS | {"MPa": 1.0, "hPa": UNITS["mbar"]}
+    if unit not in factors:
+        return f"{text}; is the gauge's calibration line right (volt_zero, MPa_per_V), or top_kPa wrong?"
+    each = {name: times * factor / factors[unit] for name, factor in (UNITS | {"MPa": 1.0}).items()}
+    likely = [name for name, as_read in each.items() if 1 / REACHED <= as_read <= REACHED]
+    if not likely:
+        return f"{text}; no unit explains it: is top_kPa right, in kPa?"
+    return f"{text}; the numbers are likely in {likely[0]}"
+
+
+def silicone_doubt(total: float, *, end: int) -> str:
+    """A sentence where C10 + C01 in MPa is no silicone's.
+
+    end: 1 where all constants end at their highest allowed values, -1 at their lowest, else 0.
+    """
+    low, high = SILICONE_MPA
+    if low <= total <= high and not end:
+        return ""
+    what = "the constants end at their bounds" if end else f"silicones have {low:g} to {high:g} MPa"
+    soft = end < 0 or (not end and total < low)
+    wrong = "low, as kPa read as mbar, or psi as kPa" if soft else "high, as mbar read as kPa, or kPa as psi"
+    return (
+        f"C10 + C01 is {total:.3g} MPa: {what}. Is the pressure read too {wrong}? Write what the regulator "
+        "was set to as top_kPa under [pressure]: `twin check` compares it with the log."
+    )
 
 
 def zero_fault(pressure: Array) -> str:

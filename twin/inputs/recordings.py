@@ -33,7 +33,7 @@ def log_of(project: Project, pressure: PressureTable) -> Log:
     line = None
     if pressure.volt_zero is not None and pressure.MPa_per_V is not None:
         line = Line(pressure.volt_zero, pressure.MPa_per_V)
-    form = LogFormat(pressure.column, pressure.unit, line)
+    form = LogFormat(pressure.column, pressure.unit, line, pressure.top_kPa)
     return read_log(project.path(pressure.file), time_shift_s=pressure.time_shift_s, form=form)
 
 
