@@ -86,8 +86,8 @@ def _fault(found: Sequence[Corner], late: Array, limit: Array, log: Log, join: J
         return f"{said}did the lamp go on when the log says? Where frames were lost, {ORIGINAL}"
     start = join.start_s - float(np.average(late, weights=limit**-2))
     return (
-        f"{said}correct film_start_s ({start:.2f} s would fit), or state in sync_sd_s how well it is known; "
-        f"where frames were lost, {ORIGINAL}"
+        f"{said}correct film_start_s ({start:.2f} s would fit), or state in sync_sd_s how well it is known "
+        f"(a gauge that filters reads late); where frames were lost, {ORIGINAL}"
     )
 
 
