@@ -26,6 +26,7 @@ from tests.strangers.planting import (
     no_boards,
     nudged,
     painted,
+    regulated,
     sagging,
     small_film,
     swinging,
@@ -122,6 +123,9 @@ MISTAKES: dict[str, tuple[Plant, str]] = {
     "psi for MPa": (log(factor=145.04), r"wanted 0\.0001 to 1 MPa"),
     "MPa under kPa": (log(head="time_s,pressure_kPa"), r"wanted 0.0001 to 1 MPa"),
     "decimal commas": (bad_log(commas()), r"decimal commas"),
+    "mbar under kPa, with the regulator's pressure": (
+        regulated(30.0, head="time_s,pressure_kPa", factor=1e4), r"likely in mbar"
+    ),
     "log shorter than the film": (
         log(time=np.arange(0.0, 17.0, 0.02)), r"the film 14.000 to 18.500 s of the same clock"
     ),
@@ -152,6 +156,7 @@ RIGHT: dict[str, Plant] = {
     "little light": painted(lambda _, grey: 16 + grey / 4),
     "pressure in kPa": log(factor=1e3, head="t [s],p [kPa]"),
     "pressure in psi": log(factor=145.04, head="time_s,Pressure (psi)"),
+    "the regulator's pressure": regulated(25.0, factor=1.0),
     "the tip hidden for a while": painted(
         lambda i, grey: hidden("tip")(i, grey) if 25 <= i < 33 else grey, "film.mkv"
     ),

@@ -25,7 +25,7 @@ from tests.strangers.studio import (
     motion,
 )
 from twin.project import files
-from twin.project.config import Config, FrameTable, MarkerTable, PointTable
+from twin.project.config import Config, FrameTable, MarkerTable, PointTable, PressureTable
 from twin.project.toml import dump
 from twin.targets import Array
 from vision import Mark, Video
@@ -83,6 +83,16 @@ def camera_with(**update: object) -> Plant:
 
 def log(**how: object) -> Plant:
     return lambda root: files.write_text(root / "raw" / "pressure.csv", log_text(**how))
+
+
+def regulated(top_kPa: float, **how: object) -> Plant:
+    """A regulator's pressure stated, and a log of other numbers."""
+
+    def plant(root: Path) -> None:
+        log(**how)(root)
+        toml(lambda c: c.model_copy(update={"pressure": PressureTable(top_kPa=top_kPa)}))(root)
+
+    return plant
 
 
 def filmed(

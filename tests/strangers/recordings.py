@@ -74,6 +74,11 @@ def glued(name: str, off: Sequence[float]) -> Plant:
     return plant
 
 
+def unevenly(marks: list[Mark], time: Array) -> Array:
+    """A film of a varying frame rate, which an editor made constant."""
+    return motion(marks, time + 0.3 * np.sin(2 * np.pi * time / 4.5))
+
+
 def farther(root: Path) -> None:
     """A static film with everything at 0.85 of its size in the picture."""
     away = np.array([0.0, -75.0, 0.0])  # mm, of 420 mm
@@ -108,6 +113,13 @@ MISTAKES: dict[str, tuple[Plant, str]] = {
     "a clock that is off by 3 s": (
         camera_with(film_start_s=FILM_START - 3.0), r"at 14\.0 s .* 100 %.*correct film_start_s"
     ),
+    "a clock that is off by 0.3 s": (
+        camera_with(film_start_s=FILM_START - 0.3), r"0\.[23]\d s before the pressure .* correct film_start_s"
+    ),
+    "frames lost in the ramp": (
+        picked(lambda n: [k for k in range(n) if not 24 <= k < 29]), r"s before .*frames were lost"
+    ),
+    "a frame rate made constant": (filmed(unevenly), r"its frame rate was changed or made constant"),
     "absolute pressure without a word": (
         offset(101.325, 1e3, "time_s,pressure_kPa"), r"never falls below 0\.1013 MPa.*absolute pressure"
     ),
@@ -127,6 +139,9 @@ DOUBTFUL: dict[str, tuple[Plant, str]] = {
     ),
     "a clock that is off by 1 s": (
         camera_with(film_start_s=FILM_START + 1.0), r"does 1\.0 s earlier.*film_start_s right"
+    ),
+    "a clock that is late by 0.25 s": (
+        camera_with(film_start_s=FILM_START + 0.25), r"finger moves 0\.2\d s later than the pressure"
     ),
     "a gauge that does not read zero": (offset(0.005), r"reads 0\.005 MPa while the finger rests"),
     "a logger that stops": (rows(stopped), r"repeats 0\.01\d* MPa from 16\.6"),

@@ -126,12 +126,12 @@ def _check_finger(project: Project, say: Say) -> None:
     """Say what is to be known of the finger's mesh and of points on it; ValueError where they are not
     right."""
     from twin.bench.meshshapes import poor_shapes, shape_table
-    from twin.bench.positions import check_points, places_of
+    from twin.bench.positions import check_points, one_side, places_of
     from twin.bench.workbench import structure_of
     from twin.model.structure import size_doubt
 
     structure = structure_of(project)
-    check_points(project.config.points, structure)
+    check_points(project.config.points, structure, mirrored=one_side(project))
     places = places_of(project, structure).values()
     for line in (*structure.remarks, size_doubt(structure.case), *(p.sentence for p in places)):
         if line:

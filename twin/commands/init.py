@@ -144,17 +144,17 @@ def _check_points(config: Config, deck: "Deck | None", say: Say) -> None:
     from twin.bench.positions import check_points, placed
     from twin.model.structure import Structure, base_case, skin
 
-    nodes = {point.node for point in config.points} - {None}
+    nodes, mirrored = {point.node for point in config.points} - {None}, len(config.cameras) == 1
     if deck is not None:
         structure = Structure(deck.case, "", {}, skin(deck.case))
-        for place in placed(config.points, structure, mirrored=len(config.cameras) == 1).values():
+        for place in placed(config.points, structure, mirrored=mirrored).values():
             say(place.sentence)
     elif nodes - set(NAMED_NODES.values()):  # those are there: no mesh need be made for them
         case = base_case()
         structure = Structure(case, "", {}, case.face_nodes("outside"))
     else:
         return
-    check_points([point for point in config.points if point.node is not None], structure)
+    check_points(config.points, structure, mirrored=mirrored)
 
 
 def targets_config(name: str, targets: Targets, stated: Mapping[str, PointTable]) -> Config:

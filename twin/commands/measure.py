@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twin.gauge.agreement import check_agrees
+from twin.gauge.clockfit import check_clock
 from twin.gauge.pressurelog import GaugeNoise, Log
 from twin.gauge.synchrony import Join, Motion
 from twin.gauge.ways import joining_of
@@ -227,9 +228,11 @@ def _measure(project: Project, camera: Path, say: Say, run: Run) -> _Measured:
     join = way.join(views[0].film, log, lambda: _motion(moved(), settings.steps))
     gauge = gauge_of(project, views[0].film.time, views[0].static.time, log, join.start_s)
     told = said_of_log(project, views[0].film.time, log, join.start_s)
-    stated = pressure.join == "stamps"
-    agrees = check_agrees(_motion(moved(), settings.steps), log, join.start_s, stated=stated)
-    return _Measured(moved(), log, gauge, join, (*told, *agrees))
+    motion = _motion(moved(), settings.steps)
+    agrees = check_agrees(motion, log, join.start_s, stated=pressure.join == "stamps")
+    late, note = check_clock(motion, log, join, by=pressure.join)
+    run.note(note)
+    return _Measured(moved(), log, gauge, join, (*told, *(agrees or late)))
 
 
 def _even(moved: "Displacements", most: int) -> NDArray[np.bool_]:

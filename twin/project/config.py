@@ -276,6 +276,9 @@ class PressureTable(TableModel):
     MPa_per_V: Finite | None = Field(
         default=None, description="gauge that gives volts: sensitivity, MPa/V"
     )
+    top_kPa: Positive | None = Field(
+        default=None, description="what the regulator was set to at most, kPa; tells a wrong unit of the log"
+    )
     time_shift_s: Finite = Field(default=0.0, description="added to the times of the log, s")
     sync_sd_s: Annotated[float, Field(ge=0, allow_inf_nan=False)] = Field(
         default=0.002, description="sd of film_start_s where join is stamps, s"
@@ -432,7 +435,7 @@ class PointTable(MarkTable):
     )
     position_mm: Position | None = Field(
         default=None,
-        description="centre on the unloaded finger, mm; the nearest place on the surface counts, or node",
+        description="its centre without load, mm; the model takes its nearest place, or node",
     )
     seen_mm: tuple[Finite, Finite] | None = Field(
         default=None,

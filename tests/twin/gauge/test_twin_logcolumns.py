@@ -74,6 +74,7 @@ def test_decimal_commas_are_read_between_semicolons_and_tabs(tmp_path: Path, sep
         ("time_s,ai0\n0,0\n1,30\n", LogFormat("ai1", "kPa"), "column = 'ai1' is not in the header time_s,ai0"),
         ("time_s,p_kPa\n0,0\n1,30000\n", None, "p_kPa reaches 30 MPa, read in kPa; wanted 0.0001 to 1 MPa"),
         ("time_s,p_kPa\n0,0\n1,0.03\n", None, "p_kPa reaches 3e-05 MPa, read in kPa; wanted 0.0001 to 1 MPa"),
+        ("time_s,p_kPa\n0,0\n1,300\n", LogFormat(top_kPa=30.0), "p_kPa reaches 300 kPa, .* set to 30 kPa .* likely in mbar; correct the unit"),
         ("t,p_kPa\n0,0\n1,30\n", None, "column 't' has no unit: wanted s, ms or min"),
         ("p_kPa,x\n0,0\n1,30\n", None, "column time_s is missing"),
         ("time_s,p_kPa\n0,0,0,0\n0,5,30,1\n", None, "line 2: 4 cells; wanted 2, .*decimal commas.*semicolons"),
