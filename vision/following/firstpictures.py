@@ -128,12 +128,13 @@ def _find_dots(
 
 def _frame_homography(marks: Sequence[Mark], seed: Array) -> Array | None:
     """Homography (3,3) from the frame marks' plane (mm) to ideal px, from those that are found; None where
-    these are fewer than 4."""
+    these are fewer than 4, or tell none."""
     frame = [p for p, mark in enumerate(marks) if mark.role == "frame" and np.isfinite(seed[p, 0, 0])]
     if len(frame) < MIN_VISIBLE:
         return None
     nominal = np.array([marks[p].position for p in frame])[:, [0, 2]]
-    return fit_homography(nominal, seed[frame, :2, 2])
+    found = fit_homography(nominal, seed[frame, :2, 2])
+    return found if np.isfinite(found[0, 0]) else None
 
 
 def _in_picture(homography: Array, places: Array) -> Array:

@@ -119,6 +119,19 @@ def test_stretches_are_pooled() -> None:
     assert found.creep[[0, 2]] == pytest.approx(np.sqrt(0.5 * (0.001**2 + 0.003**2)))
 
 
+def test_a_frame_without_a_plane_takes_no_error_away() -> None:
+    rng = np.random.default_rng(3)
+    error, state = rng.normal(0.0, 0.002, (40, 8, 2)) + rng.normal(0.0, 0.005, (1, 8, 2)), np.zeros((40, 8), np.int8)
+    state[:, 6:] = FAST
+    whole = codec_terms([again(error, state)])
+    error[7] = np.nan
+    found = codec_terms([again(error, state)])
+    assert found.rest[[0, 2]] == pytest.approx(whole.rest[[0, 2]], rel=0.05)
+    assert found.fast[[0, 2]] == pytest.approx(whole.fast[[0, 2]], rel=0.1)
+    error[1:, 6:] = np.nan  # the fast ones are not seen: what all that move err by is taken, 0 of none at all
+    assert codec_terms([again(error, state)]).fast[0] > 0.001
+
+
 def test_the_search_finds_a_rate_where_noise_makes_bytes_steep() -> None:
     tried: list[float] = []
 

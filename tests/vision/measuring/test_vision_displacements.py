@@ -156,7 +156,7 @@ def test_covered_marks_are_lost_and_never_invented(
     error = errors(result, lab, BEND)
     assert np.sqrt(np.nanmean(error**2)) < 0.0015  # found again, and as good as before
     assert any(lab.marks[tip].name in said and "4 of 51 frames, from 3.000" in said for said in result.lost)
-    assert any("1 of 51 frames show fewer than 4 frame markers" in said for said in result.lost)
+    assert any("1 of 51 frames show too few frame markers" in said for said in result.lost)
 
 
 def test_progress_is_told(measured: Displacements, told: list[tuple[str, int, int]]) -> None:
