@@ -56,7 +56,10 @@ def check_films(project: Project, log: Log, say: Say) -> None:
 
     marks = marks_of(project)
     for table in project.config.cameras:
-        film, static = (open_film(project.path(f), fps=table.fps) for f in (table.film, table.static))
+        film, static = (
+            open_film(project.path(f), fps=table.fps, mirrored=table.mirrored)
+            for f in (table.film, table.static)
+        )
         picture = "check.png" if len(project.config.cameras) == 1 else f"check-{table.name}.png"
         _draw(project, table, marks, film, picture, say)
         corrections_of(project, table)  # names the line that is not right
@@ -193,9 +196,22 @@ def _seldom(look: _Look, seen: "Glimpses") -> list[str]:
         )
     return [
         f"Marker {look.marks[p].name!r} is read in {int(own.sum())} of the {len(own)} frames looked at after "
-        "the reference: is it covered, blurred or out of the picture?"
-        for p, own in zip(coded, after.T, strict=True) if own.mean() < OFTEN
+        f"the reference: {_why_not(look, p, several)}"
+        for p, own, several in zip(coded, after.T, seen.twice[~seen.rest][:, coded].T, strict=True)
+        if own.mean() < OFTEN
     ]  # fmt: skip
+
+
+def _why_not(look: _Look, row: int, several: Array) -> str:
+    """Why a marker is seldom read, from the frames (k,) in which its code is read in several places."""
+    from vision.marks import codes_of
+
+    if not several.mean() > 1.0 - OFTEN:
+        return "is it covered, blurred or out of the picture?"
+    return (
+        f"its id {codes_of(look.marks)[row]} is seen twice in {int(several.sum())} of them. Print every id "
+        "once: cover the other one, and film again if it is on the finger."
+    )
 
 
 def _motion(look: _Look, seen: "Glimpses", log: Log) -> tuple[str, ...]:

@@ -199,10 +199,10 @@ def stamp_issues(name: str, time: Array, backwards: int, rotation: int) -> tuple
             f"{name}: frames are missing in {len(gaps)} places. The longest gap is {step[longest]:.3f} s "
             f"after {time[longest]:.3f} s, the usual step {usual:.4f} s."
         )
-    if rotation:
+    if rotation == 180:  # by 90 degrees the sizes tell whether film and board images lie alike
         said.append(
-            f"{name}: the file asks to be turned by {rotation} degrees to the left, which is done. Turn the "
-            "board images the same way."
+            f"{name}: the file asks to be turned upside down, which is done. Are the board images the same "
+            "way up?"
         )
     return tuple(said)
 
