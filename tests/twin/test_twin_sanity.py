@@ -179,3 +179,10 @@ def test_pressures_of_the_air_are_refused(pressure: float) -> None:
     assert zero_fault(course + 0.1013).startswith("never falls below 0.1013 MPa")
     assert zero_fault(-course - 1e-3).startswith("falls to -0.031 MPa")
     assert zero_fault(course - 0.005) == ""  # a gauge that is off
+
+
+def test_a_value_that_stands_for_no_reading_is_no_sign() -> None:
+    course = np.linspace(0.0, 0.03, 50)
+    gaps = np.r_[course, [-0.999] * 5]
+    assert zero_fault(gaps).startswith("is exactly -0.999 MPa in 5 of 55 rows, and 0 to 0.03 MPa in all others")
+    assert zero_fault(-course).startswith("falls to -0.03 MPa")
