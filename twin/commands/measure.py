@@ -81,8 +81,9 @@ class _Measured:
 def run_measure(project: Project, say: Say, *, replace: bool = False, budget: bool = False) -> dict[str, Any]:
     """Measure the films into targets/ and runs/NNNN-measure, unless that is done.
 
-    Targets that come from other inputs are never overwritten: ValueError, or with `replace` they are kept
-    as targets-0001, -0002, ... With `budget` the table of what the uncertainty is made of is said.
+    Targets that come from other inputs are never overwritten: ValueError. With `replace` it measures in any
+    case, and those that are there are kept as targets-0001, -0002, ... With `budget` the table of what the
+    uncertainty is made of is said.
     """
     result = _measured(project, say, replace)
     if budget and project.config.imported is not None:
@@ -103,7 +104,7 @@ def _measured(project: Project, say: Say, replace: bool) -> dict[str, Any]:
     how = import_inputs(project) if foreign else all_inputs(project, camera)
     done, killed = project.done("measure", **how), project.killed("measure", **how)
     owner = project.source().run
-    if done is not None and owner == done.name:
+    if done is not None and owner == done.name and not replace:
         say(f"Already done in {project.shown(done)}, and targets/ is there: skipped.")
         return result_of(project, "measure", done, skipped=True)
     if project.targets_folder.exists() and not replace and not (killed and owner == killed.name):
@@ -111,7 +112,8 @@ def _measured(project: Project, say: Say, replace: bool) -> dict[str, Any]:
             f"{project.targets_folder} holds targets from other inputs, or measured elsewhere, which are "
             "never overwritten; `twin measure --replace` keeps them as targets-0001 and measures again"
         )
-    each = [(film, _one_film(film.project, camera, say, film.name)) for film in films_of(project)]
+    anew = done is not None and owner == done.name
+    each = [(film, _one_film(film.project, camera, say, film.name, anew=anew)) for film in films_of(project)]
     with project.new_run("measure", **how) as run:
         source = SourceRecord(run=run.name)
         if foreign:
@@ -156,10 +158,11 @@ def _from_film(project: Project, camera: Path, say: Say, run: Run) -> Targets:
     return targets
 
 
-def _one_film(project: Project, camera: Path, say: Say, name: str) -> Path:
-    """The run in which one of several films is measured: made now, unless it is there."""
+def _one_film(project: Project, camera: Path, say: Say, name: str, *, anew: bool) -> Path:
+    """The run in which one of several films is measured: made now, unless it is there and not to be made
+    anew."""
     how = measure_inputs(project, camera)
-    done = project.done(FILM, **how)
+    done = None if anew else project.done(FILM, **how)
     if done is not None and (done / "targets").is_dir():
         say(f"Film {name}: already measured in {project.shown(done)}.")
         return done
