@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from tests.strangers.planting import Plant, camera_with, every, filmed, painted, printed_twice, sagging
-from tests.strangers.studio import FILM_START, RATE, SIZE, STILL, log_text, motion
+from tests.strangers.studio import FILM_START, FRAMES, RATE, SIZE, STILL, log_text, motion
 from twin.project import files
 from twin.targets import Array
 from vision import Mark, Video
@@ -110,6 +110,11 @@ MISTAKES: dict[str, tuple[Plant, str]] = {
     ),
     "a film in slow motion": (pumped(1.7), r"the film seems to run 1\.[67]\d times as long as the test"),
     "a film speeded up": (pumped(0.75), r"the film seems to run 0\.7\d times as long as the test"),
+    "a film speeded up into its rest": (pumped(0.6), r"the film seems to run 0\.6\d? times as long as the test"),
+    "a film of one ramp at twice the rate": (
+        filmed(lambda marks, time: motion(marks, 2.0 * time), frames=FRAMES // 2),
+        r"not at rest between 0\.00 and 1\.80 s.* The film seems to run 0\.4\d times",
+    ),
     "a clock that is off by 3 s": (
         camera_with(film_start_s=FILM_START - 3.0), r"at 14\.0 s .* 100 %.*correct film_start_s"
     ),

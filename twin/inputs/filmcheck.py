@@ -6,8 +6,9 @@ from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
-from twin.gauge.agreement import check_agrees
+from twin.gauge.agreement import check_agrees, other_rate
 from twin.gauge.pressurelog import Log
 from twin.gauge.synchrony import Motion
 from twin.inputs.cameras import dictionary_name, lens_of
@@ -24,6 +25,7 @@ if TYPE_CHECKING:  # vision takes a second to import
 SMALL_PX = 20.0  # a marker below it is followed less well
 OFTEN = 0.5  # share of the frames looked at in which a marker of the finger should be seen
 OTHER_SIZE, OTHER_NOISE = 1.05, 1.5  # times, of markers and of noise, in the static film and the test
+AT_FIRST = 3  # frames that are at rest if any are
 CORNERS_MM, NOISE_MM = 0.1, 0.03  # error of a place by a marker's corners at 3 px/mm, and its scatter
 
 
@@ -96,7 +98,7 @@ def _findings(look: _Look, log: Log) -> list[str]:
     )
     for film, own in ((look.film, seen), (look.static, still)):
         check_glimpses(film, own, look.marks, look.dictionary)
-    said = [*_marks(look, seen), *_rests(look, seen, still), *_small(look, seen), *_seldom(look, seen)]
+    said = [*_marks(look, seen), *_rests(look, seen, still, log), *_small(look, seen), *_seldom(look, seen)]
     said += _apart(look, seen, still)
     return [*said, *_motion(look, seen, log)]
 
@@ -118,15 +120,22 @@ def _marks(look: _Look, seen: "Glimpses") -> tuple[str, ...]:
     return (*without_odd(fit, look.marks)[1], *said)
 
 
-def _rests(look: _Look, seen: "Glimpses", still: "Glimpses") -> tuple[str, ...]:
-    """Sentences where the finger drifts at rest; ValueError where it moves."""
+def _rests(look: _Look, seen: "Glimpses", still: "Glimpses", log: Log) -> tuple[str, ...]:
+    """Sentences where the finger drifts at rest; ValueError where it moves, or the film runs too fast to show
+    its rest."""
     from vision.errors.restcheck import check_rest
 
     coded, rest = _coded(look), seen.rest
     names, film = [look.marks[p].name for p in coded], look.film.path.name
-    moved = check_rest(
-        _places(look, seen)[rest][:, coded], seen.time[rest], names, film=film, static=False
-    )
+    try:
+        moved = check_rest(
+            _places(look, seen)[rest][:, coded], seen.time[rest], names, film=film, static=False
+        )
+    except ValueError as moving:
+        course = _course(look, seen, np.arange(len(seen.time)) < AT_FIRST)
+        if course is not None and (other := other_rate(course, log, look.table.film_start_s)):
+            raise ValueError(other.sentence if other.sure else f"{moving}. {other.sentence}") from None
+        raise
     static = look.static.path.name
     return (*moved, *check_rest(_places(look, still)[:, coded], still.time, names, film=static, static=True))
 
@@ -217,13 +226,19 @@ def _why_not(look: _Look, row: int, several: Array) -> str:
 def _motion(look: _Look, seen: "Glimpses", log: Log) -> tuple[str, ...]:
     """Sentences on how the finger's motion in the frames goes with the log; ValueError where it contradicts
     it."""
+    motion = _course(look, seen, seen.rest)
+    return () if motion is None else check_agrees(motion, log, look.table.film_start_s, stated=True)
+
+
+def _course(look: _Look, seen: "Glimpses", rest: NDArray[np.bool_]) -> Motion | None:
+    """How far the finger's coded marks are from where they are in the frames `rest` (k,); None without such
+    marks, or where film and log have no common clock yet."""
     from vision.following.turns import mean_seen
 
     pressure, place = look.project.config.pressure, _places(look, seen)[:, _coded(look)]
     if pressure is None or pressure.join != "stamps" or not place.shape[1]:
-        return ()
-    squares = ((place - mean_seen(place[seen.rest])) ** 2).sum(axis=2)
+        return None
+    squares = ((place - mean_seen(place[rest])) ** 2).sum(axis=2)
     shown = np.isfinite(squares).all(axis=1)
     mm = np.where(shown, np.sqrt(np.where(np.isfinite(squares), squares, 0.0).mean(axis=1)), np.nan)
-    motion = Motion(seen.time - look.film.time[0], mm, NOISE_MM)
-    return check_agrees(motion, log, look.table.film_start_s, stated=True)
+    return Motion(seen.time - look.film.time[0], mm, NOISE_MM)
