@@ -161,6 +161,16 @@ def ids(off: int) -> Plant:
     return toml(change)
 
 
+def interlaced(root: Path) -> None:
+    """A film whose odd rows are half a frame later than its even ones."""
+    draw(root / "raw" / "fields.mkv", motion(marks_of(), np.arange(2 * FRAMES) / (2 * RATE)))
+    pictures = [grey for _, _, grey in Video(root / "raw" / "fields.mkv").frames()]
+    with Writer(root / "raw" / "film.mkv", SIZE, fps=RATE, codec="ffv1", crf=0) as writer:
+        for first, second in zip(pictures[::2], pictures[1::2], strict=True):
+            first[1::2] = second[1::2]
+            writer.add(first)
+
+
 def on_its_side(root: Path) -> None:
     """Both films turned by a quarter, the boards not."""
     for name in ("film.mkv", "static.mkv"):

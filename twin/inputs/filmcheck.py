@@ -25,6 +25,7 @@ if TYPE_CHECKING:  # vision takes a second to import
 SMALL_PX = 20.0  # a marker below it is followed less well
 OFTEN = 0.5  # share of the frames looked at in which a marker of the finger should be seen
 OTHER_SIZE, OTHER_NOISE = 1.05, 1.5  # times, of markers and of noise, in the static film and the test
+TORN, TORN_FRAMES = 4e-4, 2  # share of the pixels, 100 of a small picture, and frames in which it is so
 AT_FIRST = 3  # frames that are at rest if any are
 CORNERS_MM, NOISE_MM = 0.1, 0.03  # error of a place by a marker's corners at 3 px/mm, and its scatter
 
@@ -98,9 +99,22 @@ def _findings(look: _Look, log: Log) -> list[str]:
     )
     for film, own in ((look.film, seen), (look.static, still)):
         check_glimpses(film, own, look.marks, look.dictionary)
+    _whole_pictures(look, seen)
     said = [*_marks(look, seen), *_rests(look, seen, still, log), *_small(look, seen), *_seldom(look, seen)]
     said += _apart(look, seen, still)
     return [*said, *_motion(look, seen, log)]
+
+
+def _whole_pictures(look: _Look, seen: "Glimpses") -> None:
+    """Raise ValueError where moving markers are torn between odd and even rows."""
+    from vision.film.video import WHOLE
+
+    torn = seen.combs > TORN + float(np.median(seen.combs[seen.rest]))
+    if torn.sum() >= TORN_FRAMES:
+        raise ValueError(
+            f"{look.table.film} is interlaced: in {int(torn.sum())} of the {len(torn)} frames looked at, odd "
+            f"and even rows show two moments, and a marker that moves is torn between them. {WHOLE}"
+        )
 
 
 def _marks(look: _Look, seen: "Glimpses") -> tuple[str, ...]:

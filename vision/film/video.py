@@ -22,6 +22,7 @@ TRIED = 64  # first frames that are decoded to see what the time stamps are
 # x264 cuts each picture into one slice a thread, which changes the coded picture: the number is part of the
 # result, and not that of the machine's CPUs. Decoders conceal damage differently with every number.
 CODING_THREADS, DECODING_THREADS = 2, 1
+WHOLE = "Film whole pictures (25p, not 50i), or make two of each frame (FFmpeg's filter bwdif)"
 _PLANAR = ("yuv420p", "yuvj420p", "yuv422p", "yuvj422p", "yuv444p", "yuvj444p", "nv12", "gray")
 
 
@@ -53,7 +54,8 @@ class Video:
         self.height, self.width = size if self.turns % 2 == 0 else size[::-1]
         self.time: Array = np.sort(stamps)
         self._in_order = backwards > 0
-        self.issues: tuple[str, ...] = stamp_issues(self.path.name, self.time, backwards, 90 * self.turns)
+        issues = stamp_issues(self.path.name, self.time, backwards, 90 * self.turns)
+        self.issues: tuple[str, ...] = (*issues, *_interlaced(self.path.name, first))
 
     def _scan(self) -> tuple[VideoFrame, Array, int]:
         """First frame, time stamps (t,) s of all frames, number of them that run backwards."""
@@ -205,6 +207,16 @@ def stamp_issues(name: str, time: Array, backwards: int, rotation: int) -> tuple
             "way up?"
         )
     return tuple(said)
+
+
+def _interlaced(name: str, frame: VideoFrame) -> tuple[str, ...]:
+    """A sentence where a film is marked as holding two moments in a frame, which some are that do not."""
+    if not frame.interlaced_frame:
+        return ()
+    return (
+        f"{name} is marked as interlaced: odd and even rows of a frame then show two moments, and a marker "
+        f"that moves is torn between them, which no stated error covers. {WHOLE}.",
+    )
 
 
 class Writer:

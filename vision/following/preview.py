@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vision.camera import Array, Camera, Image
+from vision.film.picturefaults import combed
 from vision.film.video import Video
 from vision.following.firstpictures import START_FRAMES, check_size, check_start, first_seen
 from vision.following.reference import reference_frames
@@ -28,6 +29,7 @@ class Glimpses:
     warp: Array  # (p,3,3) local to ideal px where each mark is first seen; NaN for one that is not
     rest: NDArray[np.bool_]  # (k,) frames of the reference
     unused: dict[int, Array]  # centres (2,) raw px in the first picture of ids that no mark has
+    combs: Array  # (k,) share of the pixels in which odd and even rows show two moments
     flicker: float  # grey levels by which pixels change from frame to frame at rest, on average; NaN for one
 
 
@@ -48,7 +50,7 @@ def glimpses(
     })  # fmt: skip
     coded = codes_of(marks)
     start: list[Image] = []
-    rows: list[tuple[int, float, Array, list[bool]]] = []
+    rows: list[tuple[int, float, Array, list[bool], float]] = []
     unused: dict[int, Array] = {}
     for index, time, image in film.chosen(wanted):
         quads, several = detect(image, dictionary)
@@ -60,8 +62,9 @@ def glimpses(
         for p, code in coded.items():
             if code in quads:
                 place[p] = camera.undistort(quads[code]).mean(axis=0)
-        rows.append((index, time, place, [coded.get(p) in several for p in range(len(marks))]))
-    frames, times, places, twice = zip(*rows, strict=True)
+        twofold = [coded.get(p) in several for p in range(len(marks))]
+        rows.append((index, time, place, twofold, combed(image)))
+    frames, times, places, twice, combs = zip(*rows, strict=True)
     warp = first_seen(start, camera, marks, dictionary)
     return Glimpses(
         start[0],
@@ -71,6 +74,7 @@ def glimpses(
         warp,
         np.isin(np.array(frames), rest),
         unused,
+        np.array(combs),
         _flicker(film, min(len(rest), IN_FLICKER)),
     )
 
