@@ -166,12 +166,11 @@ def check_start(
     gone = np.isnan(seed[list(codes_of(marks)), 0, 0])
     if gone.mean() > 0.5:
         _check_mirrored(film, looked[0], dictionary)
+    seen, several = detect(looked[0], dictionary)
+    _check_ids(film, seen, marks)
     if gone.all():
         raise ValueError(_none_found(film, looked, dictionary))
-    missing = {code for p, code in codes_of(marks).items() if np.isnan(seed[p, 0, 0])}
-    seen, twice = detect(looked[0], dictionary)
-    _check_ids(film, seen, marks)
-    twice &= missing
+    twice = several & {code for p, code in codes_of(marks).items() if np.isnan(seed[p, 0, 0])}
     if twice:
         raise ValueError(
             f"film {film.path.name} shows marker {min(twice)} more than once: print and glue every id once"
