@@ -88,6 +88,13 @@ def zero_fault(pressure: Array) -> str:
             "reading at rest"
         )
     if low < -LEAST_MPA and -low > TURNED * high:
+        missing, kept = pressure == low, pressure[pressure != low]
+        if kept.size > missing.sum() and kept.min() > low / TURNED and kept.max() >= LEAST_MPA:
+            return (
+                f"is exactly {low:.4g} MPa in {missing.sum()} of {pressure.size} rows, and {kept.min():.2g} "
+                f"to {kept.max():.2g} MPa in all others: such a value usually stands for 'no reading'; "
+                "remove these rows"
+            )
         return (
             f"falls to {low:.3g} MPa and rises to {high:.2g} MPa only; wanted gauge pressure, above 0 when "
             "the finger is inflated; turn its sign (MPa_per_V of a gauge that gives volts)"

@@ -21,10 +21,13 @@ from tests.strangers.planting import (
     flat_log,
     from_behind,
     hidden,
+    ids,
+    interlaced,
     log,
     marker,
     no_boards,
     nudged,
+    on_its_side,
     painted,
     regulated,
     sagging,
@@ -94,6 +97,10 @@ MISTAKES: dict[str, tuple[Plant, str]] = {
     "a finger id that never appears": (
         toml(marker("tip", marker=33)), r"'tip' \(id 33\).*of no stated marker, are the ids 23"
     ),
+    "all ids one too large": (ids(1), r"all ids of twin.toml are 1 too large: lower every marker = \.\.\. by 1"),
+    "a mirrored film": (painted(lambda _, grey: grey[:, ::-1]), r"it is mirrored; set mirrored = true"),
+    "films on their side": (on_its_side, r"400 x 640 px.* 640 x 400: one of them lies on its side"),
+    "an interlaced film": (interlaced, r"film\.mkv is interlaced: in \d+ of the \d+ frames looked at"),
     "another dictionary": (camera_with(dictionary="DICT_6X6_50"), r"DICT_4X4_50 finds"),
     "film starts in motion": (filmed(early), r"film.mkv: the finger is not at rest between 0.00 and 1.80 s"),
     "static film in motion": (

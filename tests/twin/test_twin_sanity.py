@@ -218,3 +218,10 @@ def test_an_end_is_one_where_all_constants_end_on_one_side() -> None:
         ((0.5, 0.2), ("C10",), 0), ((0.2, 0.2), (), 0),
     ):  # fmt: skip
         assert _end(SimpleNamespace(theta=np.array(theta), at_bound=at, parameters=both)) == wanted
+
+
+def test_a_value_that_stands_for_no_reading_is_no_sign() -> None:
+    course = np.linspace(0.0, 0.03, 50)
+    gaps = np.r_[course, [-0.999] * 5]
+    assert zero_fault(gaps).startswith("is exactly -0.999 MPa in 5 of 55 rows, and 0 to 0.03 MPa in all others")
+    assert zero_fault(-course).startswith("falls to -0.03 MPa")

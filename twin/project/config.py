@@ -240,6 +240,9 @@ class CameraTable(TableModel):
         default=0.0, description="time of the film's first frame on the clock of the pressure log, s"
     )
     static_start_s: StaticStart = None
+    readout_ms: Positive | None = Field(
+        default=None, description="rolling shutter: time from the first row of a frame to the last, ms"
+    )
     max_rms_px: Positive = Field(
         default=0.3, description="largest reprojection RMS that is accepted, px"
     )

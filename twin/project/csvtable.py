@@ -11,6 +11,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+ROUNDED = 0.2  # share of the rows that repeat the one before where times are rounded, and none falls
+
 
 @dataclass(frozen=True)
 class Table:
@@ -52,15 +54,16 @@ class Table:
 
     def increasing(self, column: str, values: NDArray[np.float64], *, unit: str) -> None:
         """Raise ValueError at the first value that is not larger than the one before it."""
-        falls = np.flatnonzero(np.diff(values) <= 0)
+        step = np.diff(values)
+        falls = np.flatnonzero(step <= 0)
         if falls.size:
-            row = int(falls[0]) + 1
-            raise self.error(
-                row,
-                column,
-                f"wanted more than the {values[row - 1]:g} {unit} before it: "
-                "sort the rows by time and remove repeated ones",
-            )
+            row, way = int(falls[0]) + 1, "sort the rows by time and remove repeated ones"
+            if step.min() == 0 and falls.size > ROUNDED * len(values):
+                way = (
+                    f"{falls.size} of {len(values)} rows repeat the value before them, so it seems to be "
+                    f"rounded to {step[step > 0].min(initial=np.inf):.3g} {unit}: write it with more digits"
+                )
+            raise self.error(row, column, f"wanted more than the {values[row - 1]:g} {unit} before it: {way}")
 
     def _number(self, row: int, column: str, wanted: str, empty: bool) -> float:
         text = self.cells[column][row]

@@ -22,6 +22,7 @@ TRIED = 64  # first frames that are decoded to see what the time stamps are
 # x264 cuts each picture into one slice a thread, which changes the coded picture: the number is part of the
 # result, and not that of the machine's CPUs. Decoders conceal damage differently with every number.
 CODING_THREADS, DECODING_THREADS = 2, 1
+WHOLE = "Film whole pictures (25p, not 50i), or make two of each frame (FFmpeg's filter bwdif)"
 _PLANAR = ("yuv420p", "yuvj420p", "yuv422p", "yuvj422p", "yuv444p", "yuvj444p", "nv12", "gray")
 
 
@@ -53,7 +54,8 @@ class Video:
         self.height, self.width = size if self.turns % 2 == 0 else size[::-1]
         self.time: Array = np.sort(stamps)
         self._in_order = backwards > 0
-        self.issues: tuple[str, ...] = stamp_issues(self.path.name, self.time, backwards, 90 * self.turns)
+        issues = stamp_issues(self.path.name, self.time, backwards, 90 * self.turns)
+        self.issues: tuple[str, ...] = (*issues, *_interlaced(self.path.name, first))
 
     def _scan(self) -> tuple[VideoFrame, Array, int]:
         """First frame, time stamps (t,) s of all frames, number of them that run backwards."""
@@ -199,12 +201,22 @@ def stamp_issues(name: str, time: Array, backwards: int, rotation: int) -> tuple
             f"{name}: frames are missing in {len(gaps)} places. The longest gap is {step[longest]:.3f} s "
             f"after {time[longest]:.3f} s, the usual step {usual:.4f} s."
         )
-    if rotation:
+    if rotation == 180:  # by 90 degrees the sizes tell whether film and board images lie alike
         said.append(
-            f"{name}: the file asks to be turned by {rotation} degrees to the left, which is done. Turn the "
-            "board images the same way."
+            f"{name}: the file asks to be turned upside down, which is done. Are the board images the same "
+            "way up?"
         )
     return tuple(said)
+
+
+def _interlaced(name: str, frame: VideoFrame) -> tuple[str, ...]:
+    """A sentence where a film is marked as holding two moments in a frame, which some are that do not."""
+    if not frame.interlaced_frame:
+        return ()
+    return (
+        f"{name} is marked as interlaced: odd and even rows of a frame then show two moments, and a marker "
+        f"that moves is torn between them, which no stated error covers. {WHOLE}.",
+    )
 
 
 class Writer:

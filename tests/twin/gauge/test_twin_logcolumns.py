@@ -35,6 +35,17 @@ def test_a_heading_tells_the_unit(tmp_path: Path, name: str) -> None:
     assert log.source.startswith(f"column {name!r}, in ")
 
 
+def test_rounded_times_are_told_from_rows_that_repeat(tmp_path: Path) -> None:
+    pressure = np.linspace(0.0, 0.03, 50)
+    text = "time_s,pressure_MPa\n" + "".join(f"{0.02 * k:.1f},{p}\n" for k, p in enumerate(pressure))
+    with pytest.raises(ValueError, match=r"line 3, .* 39 of 50 rows repeat .* rounded to 0\.1 s: write it with more digits"):
+        log_at(tmp_path, text)
+    twice = rows(pressure).splitlines()
+    for lines in ([*twice[:5], *twice[4:]], [*twice[:20], *twice[:30]]):
+        with pytest.raises(ValueError, match="sort the rows by time and remove repeated ones"):
+            log_at(tmp_path, "time_s,pressure_MPa\n" + "\n".join(lines) + "\n")
+
+
 def test_a_key_tells_the_unit_where_the_heading_does_not(tmp_path: Path) -> None:
     log = log_at(tmp_path, f"time_s,ai0,ai1\n{rows(1e3 * MPA).replace(chr(10), ',7' + chr(10))}", LogFormat("ai0", "kPa"))
     np.testing.assert_allclose(log.pressure, MPA, rtol=1e-12)

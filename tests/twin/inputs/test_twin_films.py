@@ -108,6 +108,8 @@ def test_every_film_is_measured_on_its_own_clock_with_its_own_noise(project, mea
     run_measure(edit(changed, "held_out = true", "held_out = false"), Lines(), replace=True)
     assert len(calls) == 3
     assert not changed.targets().held_out.any()
+    run_measure(Project.open(both.root), Lines(), replace=True)
+    assert len(calls) == 5  # nothing has changed: all is measured again
 
 
 def test_check_says_what_it_sees_of_each_film(project, measured, monkeypatch):  # noqa: F811

@@ -156,7 +156,7 @@ def test_covered_marks_are_lost_and_never_invented(
     error = errors(result, lab, BEND)
     assert np.sqrt(np.nanmean(error**2)) < 0.0015  # found again, and as good as before
     assert any(lab.marks[tip].name in said and "4 of 51 frames, from 3.000" in said for said in result.lost)
-    assert any("1 of 51 frames show fewer than 4 frame markers" in said for said in result.lost)
+    assert any("1 of 51 frames show too few frame markers" in said for said in result.lost)
 
 
 def test_progress_is_told(measured: Displacements, told: list[tuple[str, int, int]]) -> None:
@@ -236,6 +236,20 @@ def test_films_that_do_not_suffice(lab: Lab, bending: Video, still: Video, tmp_p
         measure([View(still, still, lab.camera)], lab.marks, reference=0.2)
     with pytest.raises(ValueError, match=r"shows no marker of DICT_6X6_50 .* DICT_4X4_50 finds 1\d"):
         measure([View(still, still, lab.camera)], lab.marks, dictionary="DICT_6X6_50")
+
+
+@pytest.mark.parametrize(("off", "sentence"), [(1, "1 too large: lower"), (13, "13 too large: lower")])
+def test_ids_that_are_all_off_by_one_number_are_told(lab: Lab, still: Video, off: int, sentence: str) -> None:
+    coded = [m for m in lab.marks if isinstance(m.kind, CodedMarker)]
+    assert len(coded) == len(lab.marks) <= 13
+    shifted = [replace(m, kind=CodedMarker(m.kind.code + off, m.size_mm)) for m in coded]
+    with pytest.raises(ValueError, match=f"only if all ids of twin.toml are {sentence}"):
+        measure([View(still, still, lab.camera)], shifted)
+
+
+def test_pictures_on_their_side_are_told(lab: Lab, still: Video) -> None:
+    with pytest.raises(ValueError, match=r"640 x 400 px, .* 400 x 640: one of them lies on its side"):
+        measure([View(still, still, replace(lab.camera, size=(400, 640)))], lab.marks)
 
 
 def test_film_without_markers(lab: Lab, still: Video, tmp_path: Path) -> None:
