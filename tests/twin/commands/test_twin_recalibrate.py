@@ -22,6 +22,7 @@ from twin.commands.comparetwo import run_side_by_side
 from twin.commands.initlike import run_init_like
 from twin.commands.recalibrate import run_recalibrate
 from twin.commands.recalibrateall import recalibrate_all
+from twin.commands.trust import run_trust
 from twin.judging.record import FitRecord
 from twin.project.config import Config, PointTable, ProjectTable
 from twin.project.folder import Project, dataset
@@ -373,6 +374,7 @@ def test_the_report_shows_the_constants_beside_earlier_batches(batch, stages, sa
     shutil.move(tmp_path / "b-1", tmp_path / "far")
     text = decoded((project.root / "twin.toml").read_bytes())
     (project.root / "twin.toml").write_text(with_key(text, "project", "like", "../far/b-1"))
+    run_trust(project.root, say)
     found = earlier_facts(Project.open(project.root), fit)
     assert (found["batches"], found["beside"]) == (["b-1", "b-2", "b-10"], "b-1")
 
