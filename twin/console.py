@@ -11,6 +11,14 @@ if TYPE_CHECKING:  # rich takes a third of a second to import: only a terminal p
 
 BAD_INPUT, INTERNAL, INTERRUPTED = 2, 1, 130
 PLAIN_EVERY = 30.0  # s between progress lines where no terminal shows a bar
+# Letters by which a text steers a terminal: control letters but tab and new line, and turns of direction.
+_STEERING = [*range(9), *range(11, 32), *range(127, 160), *range(0x202A, 0x202F), *range(0x2066, 0x206A)]
+_AS_CODES = {code: f"\\x{code:02x}" if code < 256 else f"\\u{code:04x}" for code in _STEERING}
+
+
+def shown(text: str) -> str:
+    """A text as a terminal may show it: letters that would steer it stand as their codes."""
+    return text.translate(_AS_CODES)
 
 
 class Console:
@@ -25,7 +33,7 @@ class Console:
     def __call__(self, text: str, /) -> None:
         """Print one line; a bar is cleared first, so that lines never mix with it."""
         self.close()
-        print(text, file=sys.stderr if self.as_json else sys.stdout, flush=True)
+        print(shown(text), file=sys.stderr if self.as_json else sys.stdout, flush=True)
 
     def progress(self, stage: str, done: int, total: int, /) -> None:
         """Show how far a part of a stage is: a bar on a terminal, else a line every few seconds."""
@@ -101,5 +109,5 @@ def _sentence(error: Exception) -> str:
 
 
 def _say(text: str, code: int) -> int:
-    print(text, file=sys.stderr, flush=True)
+    print(shown(text), file=sys.stderr, flush=True)
     return code

@@ -316,3 +316,21 @@ def test_a_plain_terminal_lists_names_that_it_cannot_show(study):
     out = subprocess.run(command, env=env, capture_output=True, text=True, check=True).stdout.splitlines()
     assert out[0].startswith("0001-calibrate   done")
     assert out[1:] == ["    M\\xfcller's finger: sd 0.6 \\u03bcm in this sentence, which is longer than any terminal is wide"]
+
+
+def test_what_a_folder_says_does_not_steer_the_terminal(run, study):
+    project = Project.open(study)
+    with project.new_run("calibrate") as made:
+        made.summary["headline"] = "\x1b]0;owned\x07\x1b[31m\x9b2J\u202eright\rleft"
+    code, out, _ = run("list", "-p", study)
+    assert code == 0
+    assert out.splitlines()[-1].strip().startswith(r"\x1b]0;owned\x07\x1b[31m\x9b2J\u202eright\x0dleft")
+    record = json.loads(made.path("run.json").read_text(encoding="utf-8")) | {"kind": ["\x1b[31m"]}
+    files.write_json(made.path("run.json"), record)
+    code, _, err = run("list", "-p", study)
+    assert code == 2
+    assert "\x1b" not in err
+    (study / "twin.toml").write_text((study / "twin.toml").read_text() + '[a."\\u001b[31m"]\n')
+    _, _, err = run("check", "-p", study)
+    assert err.startswith("error: ")
+    assert "\x1b" not in err

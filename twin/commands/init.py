@@ -10,6 +10,7 @@ from twin.formats.catalogue import format_of, read_recorded
 from twin.formats.recorded import plain
 from twin.project import files
 from twin.project.config import (
+    NAMED,
     BoardTable,
     CalibrateTable,
     CameraTable,
@@ -182,8 +183,7 @@ def _named(name: str, node: int) -> PointTable:
         return PointTable(name=name, node=node)
     except ValueError:
         raise ValueError(
-            f"targets: point {name!r}: wanted a name of letters, digits and _ . + - alone; rename it in "
-            "targets.csv and targets.toml"
+            f"targets: point {name!r}: wanted {NAMED}; rename it in targets.csv and targets.toml"
         ) from None
 
 

@@ -1,5 +1,6 @@
 """Turn twin.toml into a checked, frozen configuration; one field here is one key there."""
 
+import re
 from collections import Counter
 from pathlib import PurePosixPath, PureWindowsPath
 from typing import Annotated, Any, Literal, Self
@@ -11,6 +12,8 @@ from twin.effects.baselaw import BOUNDS
 from twin.project.dimensions import FingerTable
 from twin.project.tablemodel import Finite, NotNegative, Position, Positive, TableModel
 from twin.project.targetschema import StillSteps
+
+NAMED = "a name of the letters A to Z and a to z, digits and _ . + -, which begins with none of . + -"
 
 
 def _inside(path: str) -> str:
@@ -26,6 +29,13 @@ def _relative(path: str) -> str:
             "file under raw/ and write raw/..."
         )
     return path
+
+
+def _name(name: str) -> str:
+    # it goes into paths and into CSV cells, where a sign at the beginning makes a formula
+    if not re.fullmatch(r"[A-Za-z0-9_][A-Za-z0-9_.+-]*", name):
+        raise ValueError(f"wanted {NAMED}; rename it")
+    return name
 
 
 def _dictionary(name: str) -> str:
@@ -64,7 +74,7 @@ SdMm = Annotated[Positive, AfterValidator(_sd_mm)]
 Dictionary = Annotated[str, AfterValidator(_dictionary)]
 RelativePath = Annotated[str, Field(min_length=1), AfterValidator(_inside)]
 OtherProject = Annotated[str, Field(min_length=1), AfterValidator(_relative)]
-Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9_.+-]+$")]  # goes into CSV cells and entity paths
+Name = Annotated[str, AfterValidator(_name)]
 Effect = Annotated[str, AfterValidator(labels.checked)]
 Effects = Annotated[str, AfterValidator(labels.checked_groups)]
 Bounds = tuple[Finite, Finite]

@@ -118,6 +118,12 @@ _DECIMAL_COMMAS = (
 _COMMA, _POINT = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?"), re.compile(r"[+-]?\d*\.\d*([eE][+-]?\d+)?")
 
 
+def as_text(cell: str) -> str:
+    """A cell of text that a spreadsheet does not take for a formula: one that begins like it gets an
+    apostrophe before it."""
+    return f"'{cell}" if cell[:1] in (*"=+-@\t\r\n",) else cell
+
+
 def read_sheet(path: Path, *, wanted: str) -> Sheet:
     """A CSV file whose columns are parted by commas, semicolons or tabs, as its first line tells.
 

@@ -403,6 +403,20 @@ def test_a_batch_that_differs_is_named_with_its_quantity(batch, stages, say, tmp
     assert float(rows[0]["low"]) < float(rows[0]["value"]) < float(rows[0]["high"])
 
 
+def test_no_cell_of_the_table_of_batches_is_a_formula(batch, stages, say, tmp_path):
+    stages.fits["=cmd|calc"] = {"c10": 0.21}
+    done, broken = batch("=cmd|calc"), batch("@sum")
+    run_recalibrate(done, say)
+    with Project.open(done.root).new_run("diagnose") as run:
+        run.write_json("diagnosis.json", {"verdict": "\t+1", "sentence": "", "named": []})
+    (broken.root / "twin.toml").write_text("=")
+    run_batches(tmp_path, say)
+    rows = list(csv.DictReader((tmp_path / "batches.csv").read_text().splitlines()))
+    assert {row["batch"] for row in rows} == {"'=cmd|calc", "'@sum"}
+    assert {row["verdict"] for row in rows if "cmd" in row["batch"]} == {"'\t+1"}
+    assert all(float(row["value"]) > 0 for row in rows if "cmd" in row["batch"])  # a number is a number
+
+
 def test_a_batch_like_the_others_is_not_called_different(batch, stages, say, tmp_path):
     result = series(batch, stages, say, tmp_path, last=0.2102)
     assert result["differs"] == []

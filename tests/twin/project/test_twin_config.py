@@ -264,3 +264,10 @@ def parse_error(text):
     with pytest.raises(ValueError, match=r"twin\.toml: ") as told:
         parse(text.encode(), name="twin.toml")
     return told.value
+
+
+@pytest.mark.parametrize("name", ["+1", "-x", ".", "..", ".hidden", "=cmd", "@x", "a b", "", "a\\n", "ü"])
+def test_a_name_is_no_formula_and_no_path(name):
+    with pytest.raises(ValueError, match=r"points\[2\]\.name = .*wanted a name of the letters .*; rename it"):
+        read(TEXT.replace('"middle"', f'"{name}"'))
+    assert read(TEXT + '[[points]]\nname = "_p+1.-x"\nnode = 3\n').points[-1].name == "_p+1.-x"
