@@ -98,13 +98,15 @@ def guarded(work: Callable[[], Any], *, debug: bool) -> int:
 def _is_input(error: Exception) -> bool:
     """Whether the user can mend it: bad input, or a file system that refuses."""
     # numpy's LinAlgError is a ValueError too, but no user caused it
-    return isinstance(error, ValueError | OSError) and type(error).__name__ != "LinAlgError"
+    return isinstance(error, ValueError | OSError | MemoryError) and type(error).__name__ != "LinAlgError"
 
 
 def _sentence(error: Exception) -> str:
     if isinstance(error, OSError) and error.strerror:
         place = error.filename or "a file or the output, whose name the system does not say"
         return f"{place}: {error.strerror}"
+    if isinstance(error, MemoryError):
+        return f"the memory of this computer does not suffice: {error}; take a coarser mesh, or fewer points"
     return " ".join(str(error).split())
 
 

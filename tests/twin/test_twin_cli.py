@@ -334,3 +334,14 @@ def test_what_a_folder_says_does_not_steer_the_terminal(run, study):
     _, _, err = run("check", "-p", study)
     assert err.startswith("error: ")
     assert "\x1b" not in err
+
+
+def test_too_little_memory_is_no_error_of_the_program(run, study, stages):
+    def greedy(project, say, **options):
+        raise MemoryError("Unable to allocate 117. GiB for an array")
+
+    stages.instead["calibrate"] = greedy
+    code, _, err = run("calibrate", "-p", study)
+    assert code == 2
+    assert err == ("error: the memory of this computer does not suffice: Unable to allocate 117. GiB for an array; "
+                   "take a coarser mesh, or fewer points\n")

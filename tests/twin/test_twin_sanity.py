@@ -179,3 +179,8 @@ def test_pressures_of_the_air_are_refused(pressure: float) -> None:
     assert zero_fault(course + 0.1013).startswith("never falls below 0.1013 MPa")
     assert zero_fault(-course - 1e-3).startswith("falls to -0.031 MPa")
     assert zero_fault(course - 0.005) == ""  # a gauge that is off
+
+
+def test_targets_in_which_nothing_is_valid_are_refused(moving: Targets, short_case: Case) -> None:
+    unseen = replace(moving, valid=np.zeros_like(moving.valid))
+    assert motion_fault(unseen, short_case, bends_down=True).startswith("no displacement of a point on the finger is valid")

@@ -30,10 +30,16 @@ class Table:
         shown = repr(value if len(value) <= 60 else value[:57] + "...")
         return ValueError(f"{self.path}, line {self.lines[row]}, column {column}: {shown}: {wanted}")
 
-    def numbers(self, column: str, *, unit: str, empty: bool = False) -> NDArray[np.float64]:
-        """A column (rows,) of finite numbers; where `empty` is allowed an empty cell is NaN."""
+    def numbers(
+        self, column: str, *, unit: str, empty: bool = False, most: float = math.inf
+    ) -> NDArray[np.float64]:
+        """A column (rows,) of finite numbers, of the size `most` at most; where `empty` is allowed an empty
+        cell is NaN."""
         wanted = f"wanted a finite number in {unit}" + (" or an empty cell (not observed)" if empty else "")
-        return np.array([self._number(row, column, wanted, empty) for row in range(len(self))], dtype=float)
+        found = np.array([self._number(row, column, wanted, empty) for row in range(len(self))], dtype=float)
+        for row in np.flatnonzero(np.abs(found) > most)[:1].tolist():
+            raise self.error(row, column, f"wanted a number in {unit}, of {most:g} at most; correct its unit")
+        return found
 
     def integers(self, column: str) -> NDArray[np.int64]:
         """A column (rows,) of whole numbers."""
