@@ -1,10 +1,11 @@
 """Turn what a stage says into lines and a bar, and what goes wrong into one sentence and an exit code."""
 
 import json
+import os
 import sys
 import time
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TextIO
 
 if TYPE_CHECKING:  # rich takes a third of a second to import: only a terminal pays for it
     from rich.progress import Progress, TaskID
@@ -21,6 +22,15 @@ def shown(text: str) -> str:
     return text.translate(_AS_CODES)
 
 
+def _print(text: str, stream: TextIO | None) -> None:
+    """Print a line. One who reads no more, as `head` does after its last line, stops no command."""
+    try:
+        print(shown(text), file=stream, flush=True)
+    except BrokenPipeError:
+        if stream is not None:
+            os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
+
+
 class Console:
     """Prints a stage's lines on stdout (on stderr if stdout is for JSON), its progress on stderr."""
 
@@ -33,7 +43,7 @@ class Console:
     def __call__(self, text: str, /) -> None:
         """Print one line; a bar is cleared first, so that lines never mix with it."""
         self.close()
-        print(shown(text), file=sys.stderr if self.as_json else sys.stdout, flush=True)
+        _print(text, sys.stderr if self.as_json else sys.stdout)
 
     def progress(self, stage: str, done: int, total: int, /) -> None:
         """Show how far a part of a stage is: a bar on a terminal, else a line every few seconds."""
@@ -41,7 +51,7 @@ class Console:
             self._draw(stage, done, total)
         elif time.monotonic() - self._last >= PLAIN_EVERY:
             self._last = time.monotonic()
-            print(f"  {stage}: {done} of {total}", file=sys.stderr, flush=True)
+            _print(f"  {stage}: {done} of {total}", sys.stderr)
 
     def result(self, result: dict[str, Any]) -> None:
         """Print a stage's result as one line of JSON, if that was asked for."""
@@ -49,7 +59,7 @@ class Console:
         if self.as_json:
             from twin.project import files
 
-            print(json.dumps(files.plain(result), allow_nan=False), flush=True)
+            _print(json.dumps(files.plain(result), allow_nan=False), sys.stdout)
 
     def close(self) -> None:
         """Clear the bar."""
@@ -111,5 +121,5 @@ def _sentence(error: Exception) -> str:
 
 
 def _say(text: str, code: int) -> int:
-    print(shown(text), file=sys.stderr, flush=True)
+    _print(text, sys.stderr)
     return code

@@ -139,6 +139,8 @@ def read_sheet(path: Path, *, wanted: str) -> Sheet:
         text = path.read_text(encoding="utf-8-sig")  # spreadsheets write a byte order mark
     except FileNotFoundError:
         raise ValueError(f"{path}: no such file") from None
+    except IsADirectoryError:
+        raise ValueError(f"{path}: a folder; wanted a CSV file with a header line {wanted}") from None
     except UnicodeDecodeError:
         raise ValueError(f"{path}: not UTF-8 text; save it as CSV (UTF-8)") from None
     separator = _separator(next((line for line in text.splitlines() if line.strip()), ""))

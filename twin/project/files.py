@@ -6,6 +6,7 @@ import io
 import json
 import math
 import os
+import shlex
 import shutil
 import zipfile
 from collections.abc import Iterable, Iterator, Mapping
@@ -58,12 +59,15 @@ def whole_folder(folder: Path) -> Iterator[Path]:
         if not _lives(left.name.split(".")[-2]):
             shutil.rmtree(left, ignore_errors=True)
     draft = folder.with_name(f".{folder.name}.{os.getpid()}.partial")
-    draft.mkdir(parents=True)
     try:
+        draft.mkdir(parents=True)
         yield draft
         if folder.is_dir():
             folder.rmdir()
         os.rename(draft, folder)
+    except OSError as error:
+        own = error.filename in (None, str(draft))
+        raise OSError(error.errno, error.strerror, str(folder)) if own else error from None
     finally:
         shutil.rmtree(draft, ignore_errors=True)
 
@@ -198,6 +202,12 @@ def _array(packed: zipfile.ZipFile, entry: zipfile.ZipInfo) -> NDArray[Any]:
             raise ValueError(f"{entry.filename} has not the size that it says: {shape} of {kind}")
     with packed.open(entry) as stream:
         return np.asarray(npy.read_array(stream, allow_pickle=False))
+
+
+def typed(path: Path) -> str:
+    """A path as it is typed after an option, in quotes where a shell wants them."""
+    text = str(path)
+    return shlex.quote(f"./{text}" if text.startswith("-") else text)
 
 
 def digest_of(paths: Iterable[Path], *, root: Path) -> dict[str, str]:

@@ -56,6 +56,16 @@ def programs(root: Path, names: Sequence[str]) -> list[Asked]:
     return [Asked(name, what.format(len(text.splitlines())), _digest(text)) for name, text in texts.items()]
 
 
+def check_programs(root: Path, config: Config) -> None:
+    """Raise ValueError where an own effect leads out of the project folder: such a program never runs."""
+    for name in config.model.effect_files:
+        if leads_out(root / name, root):
+            raise ValueError(
+                f"model.effect_files: {name} lies outside the project folder, in {(root / name).resolve()}; "
+                "copy it into effects/"
+            )
+
+
 def links(root: Path, config: Config) -> list[Asked]:
     """The files that twin.toml names, alone or by their folder, and that lie outside the project folder, and
     its former batch where that lies elsewhere."""
@@ -95,7 +105,7 @@ def check_trusted(root: Path, asked: Sequence[Asked]) -> None:
         if one.digest not in known:
             raise ValueError(
                 f"{one.name} is {one.what}, and it has not been trusted as it is now; look at it, then trust "
-                f"it with `twin trust -p {root}`, or take it out of the project"
+                f"it with `twin trust -p {files.typed(root)}`, or take it out of the project"
             )
 
 
@@ -108,6 +118,7 @@ def check_folder(root: Path, config: Config) -> None:
                 f"{path} is a link: wanted a folder and files of the project's own, as commands write "
                 "there; replace it by what it leads to, or remove it"
             )
+    check_programs(root, config)
     check_trusted(root, links(root, config))
 
 

@@ -76,6 +76,17 @@ def test_the_folder_cannot_trust_itself(folder: Path) -> None:
     assert not ran.exists()
 
 
+def test_a_program_that_is_a_link_out_of_the_folder_never_runs(folder: Path) -> None:
+    ran = with_program(folder)
+    (folder / "effects" / "fan.py").rename(folder.parent / "fan.py")
+    (folder / "effects" / "fan.py").symlink_to(folder.parent / "fan.py")
+    for work in (lambda: Project.open(folder), lambda: run("trust", "-p", folder)):  # no dead end: both say the way out
+        with pytest.raises(ValueError, match=r"effects/fan.py lies outside the project folder, in .*fan.py; copy it into effects/"):
+            work()
+    assert trust.trusted() == {}
+    assert not ran.exists()
+
+
 def test_a_file_named_on_the_command_line_is_trusted(folder: Path) -> None:
     ran = with_program(folder)
     project = Project.open(folder)
