@@ -192,6 +192,9 @@ def test_check_names_the_effect_of_the_diagnosis(run, study, stages):
     stages.writes["diagnose"] = {"diagnosis.json": {"verdict": "creep", "named": ["creep", "clamp"]}}
     run("diagnose", "-p", study)
     assert json.loads(run("check", "-p", study, "--json")[1])["next"] == "add"
+    stages.writes["diagnose"] = {"diagnosis.json": {"verdict": "creep", "named": ["creep:`date`; ls"]}}
+    run("diagnose", "-p", study)  # of a stranger: what is pasted runs nothing else
+    assert run("check", "-p", study)[1].endswith("Next: `twin add 'creep:`date`; ls'`.\n")
 
 
 def test_check_asks_for_what_is_stale_again(run, study, stages):

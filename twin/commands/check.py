@@ -1,5 +1,6 @@
 """Whether a project is complete and right, and what to run next."""
 
+import shlex
 from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
@@ -247,7 +248,7 @@ def _next(project: Project) -> str:
     for stage in todo:
         named = named_effects(project) if stage.when is When.NAMED else []
         if stage.when is When.ALWAYS or named:
-            return " ".join([stage.name, *(named if len(named) == 1 else ())])
+            return shlex.join([stage.name, *(named if len(named) == 1 else ())])
     return "list"
 
 

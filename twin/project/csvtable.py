@@ -1,6 +1,7 @@
 """Turn a CSV file with a header into checked columns; every error names file, line, column and value."""
 
 import csv
+import io
 import math
 import re
 from collections.abc import Sequence
@@ -144,7 +145,7 @@ def read_sheet(path: Path, *, wanted: str) -> Sheet:
     except UnicodeDecodeError:
         raise ValueError(f"{path}: not UTF-8 text; save it as CSV (UTF-8)") from None
     separator = _separator(next((line for line in text.splitlines() if line.strip()), ""))
-    reader = csv.reader(text.splitlines(), delimiter=separator)
+    reader = csv.reader(io.StringIO(text, newline=""), delimiter=separator)
     try:
         rows = [
             (reader.line_num, [cell.strip() for cell in row]) for row in reader if any(c.strip() for c in row)

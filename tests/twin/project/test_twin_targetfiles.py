@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from twin.project.csvtable import read_table
 from twin.project.folder import Project, dataset
 from twin.project.targetfiles import read_targets
 from twin.project.targetwriting import COLUMNS, write_targets
@@ -361,6 +362,13 @@ def test_a_number_beyond_any_test_is_refused_with_its_cell(tmp_path, column, val
     path.write_text("\n".join(",".join(row) for row in [head, *rows]) + "\n")
     with pytest.raises(ValueError, match=rf"targets.csv, line {len(rows) + 1}, column {column}: '{value}': wanted a number in {wanted} at most; correct its unit"):
         read_targets(tmp_path / "targets")
+
+
+def test_a_new_line_in_a_name_is_part_of_it(tmp_path):
+    write_targets(tmp_path / "targets", make())
+    path, name = tmp_path / "targets" / "targets.csv", make().names[0]
+    path.write_text(path.read_text().replace(f",{name},", f',"{name[:1]}\n{name[1:]}",'))
+    assert read_table(path, COLUMNS).cells["point"][0] == f"{name[:1]}\n{name[1:]}"
 
 
 def test_an_unknown_array_is_refused(tmp_path):
