@@ -328,6 +328,11 @@ def test_what_a_folder_says_does_not_steer_the_terminal(run, study):
     code, out, _ = run("list", "-p", study)
     assert code == 0
     assert out.splitlines()[-1].strip().startswith(r"\x1b]0;owned\x07\x1b[31m\x9b2J\u202eright\x0dleft")
+    told = json.loads(made.path("run.json").read_text(encoding="utf-8"))
+    files.write_json(made.path("run.json"), told | {"summary": {"headline": "\x7f\x1b\x9b"}})
+    code, out, _ = run("list", "-p", study, "--json")
+    assert json.loads(out)["runs"][0]["headline"] == "\x7f\x1b\x9b"
+    assert out.strip().isprintable()
     record = json.loads(made.path("run.json").read_text(encoding="utf-8")) | {"kind": ["\x1b[31m"]}
     files.write_json(made.path("run.json"), record)
     code, _, err = run("list", "-p", study)
