@@ -107,7 +107,7 @@ def motion_fault(targets: Targets, case: Case, *, bends_down: bool) -> str:
     the finger is known to bend to -z."""
     u = np.where(targets.valid, targets.value, np.nan)[:, ~targets.fixed]
     if not np.isfinite(u).any():
-        return ""
+        return "no displacement of a point on the finger is valid; wanted some with valid 1 in targets.csv"
     length, pressure = float(np.ptp(case.nodes, axis=0).max()), float(np.abs(targets.pressure).max())
     most = float(np.nanmax(np.abs(u)))
     where = f"the largest displacement is {most:.3g} mm, and the finger is {length:.3g} mm long"

@@ -225,3 +225,8 @@ def test_a_value_that_stands_for_no_reading_is_no_sign() -> None:
     gaps = np.r_[course, [-0.999] * 5]
     assert zero_fault(gaps).startswith("is exactly -0.999 MPa in 5 of 55 rows, and 0 to 0.03 MPa in all others")
     assert zero_fault(-course).startswith("falls to -0.03 MPa")
+
+
+def test_targets_in_which_nothing_is_valid_are_refused(moving: Targets, short_case: Case) -> None:
+    unseen = replace(moving, valid=np.zeros_like(moving.valid))
+    assert motion_fault(unseen, short_case, bends_down=True).startswith("no displacement of a point on the finger is valid")

@@ -104,7 +104,7 @@ class _Sight:
     def _tracks(self) -> dict[str, NDArray[Any]]:
         path = measured_file(self.project, "tracks.npz")
         assert path is not None  # `_why_not` has looked
-        return files.read_npz(path)
+        return files.read_npz(path, "names", "time", "position", "homography", "rotation")
 
     @cached_property
     def _projection(self) -> "Projection":
@@ -195,7 +195,7 @@ class _Sight:
         moved = self._bench.cache(self.say)(f"{stair.done}, along the film", {key: edge})[key]
         rows = np.flatnonzero(~self.targets.fixed)
         path = fit.with_name("prediction.npz")
-        return moved, (files.read_npz(path)["u"] if stair.run else drawn().u)[:, rows]
+        return moved, (files.read_npz(path, "u")["u"] if stair.run else drawn().u)[:, rows]
 
     def _key(self, stair: Stair, values: dict[str, Any]) -> str:
         """What a solved edge depends on."""

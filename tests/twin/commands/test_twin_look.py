@@ -16,8 +16,10 @@ from twin import cli, virtual
 from twin.bench.positions import ON_FINGER_MM, places_of
 from twin.bench.workbench import Workbench, structure_of
 from twin.drawing.blueprint import cut
+from twin.drawing.driftchart import DriftCourse, drift_chart
 from twin.model.structure import BuiltIn, base_case
 from twin.project.config import PointTable
+from twin.project.csvtable import read_sheet
 from twin.project.folder import Project
 from twin.project.targetfiles import read_targets
 from twin.project.targetwriting import write_targets
@@ -202,6 +204,23 @@ def test_look_draws_the_finger(batch: Path, capsys: pytest.CaptureFixture[str]) 
     run("look", "--project", batch)
     assert "Already done" in capsys.readouterr().out
     assert Project.open(batch).newest("look", "finger.png") == first
+
+
+def test_a_name_with_dollars_is_no_mathematics(tmp_path: Path) -> None:
+    write(tmp_path / "batch", PLACES, "[project]\nname = '$\\frac{$'\n" + DIMENSIONS)
+    run("look", "--project", tmp_path / "batch")
+    one = np.ones(1)
+    course = DriftCourse(name="C10", unit="MPa", values=one, low=one, high=one, expected=None, differs=False)
+    assert "$\\frac{$</text>" in drift_chart(["$\\frac{$"], [course])
+
+
+def test_check_says_of_a_folder_that_it_is_no_file(tmp_path: Path) -> None:
+    (tmp_path / "batch" / "raw").mkdir(parents=True)
+    write(tmp_path / "batch", PLACES, '[model]\ndeck = "raw"\n')
+    with pytest.raises(ValueError, match=r"missing in .*: raw \(model.deck: it is a folder, wanted a file\)"):
+        run("check", "--project", tmp_path / "batch")
+    with pytest.raises(ValueError, match=r"raw: a folder; wanted a CSV file with a header line marker,does"):
+        read_sheet(tmp_path / "batch" / "raw", wanted="marker,does")
 
 
 def test_look_shows_nodes_points_and_dimensions_in_rerun(batch: Path) -> None:
