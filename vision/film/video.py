@@ -212,8 +212,8 @@ def stamp_issues(name: str, time: Array, backwards: int, rotation: int) -> tuple
         )
     if rotation == 180:  # by 90 degrees the sizes tell whether film and board images lie alike
         said.append(
-            f"{name}: the file asks to be turned upside down, which is done. Are the board images the same "
-            "way up?"
+            f"{name}: the file asks to be turned upside down, which is done. "
+            "Are the board images the same way up?"
         )
     return tuple(said)
 

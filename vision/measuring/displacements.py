@@ -295,6 +295,6 @@ def _blind(seen: Seen, marks: Sequence[Mark]) -> tuple[str, ...]:
         return ()
     return (
         f"{len(blind)} of {len(seen.film.time)} frames show too few frame markers, first at "
-        f"{blind[0]:.3f} s: nothing is measured there. Keep {MIN_VISIBLE} uncovered of which no three lie on "
-        "one line.",
+        f"{blind[0]:.3f} s: nothing is measured there. Keep {MIN_VISIBLE} uncovered "
+        "of which no three lie on one line.",
     )
