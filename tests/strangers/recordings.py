@@ -114,6 +114,10 @@ MISTAKES: dict[str, tuple[Plant, str]] = {
         picked(lambda n: [0] * n, "static.mkv"), r"one picture in all 120 frames"
     ),
     "a film in slow motion": (pumped(1.7), r"the film seems to run 1\.[67]\d times as long as the test"),
+    "a film of one ramp in slow motion": (
+        picked(lambda n: [k for k in range(n) for _ in range(1 if k < 25 else 2)]),
+        r"0\.[67]\d s after it .*its frame rate was changed",
+    ),
     "a film speeded up": (pumped(0.75), r"the film seems to run 0\.7\d times as long as the test"),
     "a film speeded up into its rest": (pumped(0.6), r"the film seems to run 0\.6\d? times as long as the test"),
     "a film of one ramp at twice the rate": (
@@ -149,10 +153,6 @@ MISTAKES: dict[str, tuple[Plant, str]] = {
 }  # fmt: skip
 
 DOUBTFUL: dict[str, tuple[Plant, str]] = {
-    "a film of one ramp in slow motion": (
-        picked(lambda n: [k for k in range(n) for _ in range(1 if k < 25 else 2)]),
-        r"film seems to run 1\.[3-6]\d times",
-    ),
     "a clock that is off by 1 s": (
         camera_with(film_start_s=FILM_START + 1.0), r"does 1\.0 s earlier.*film_start_s right"
     ),
