@@ -201,6 +201,8 @@ def main() -> None:
 
 def _parse(arguments: list[str]) -> None:
     """Parse and run the command; a usage error of the parser keeps its own message and exit code."""
+    if not re.fullmatch("0*[1-9][0-9]{0,3}", threads := os.environ.get("OMP_NUM_THREADS") or "1"):
+        raise ValueError(f"OMP_NUM_THREADS = {threads!r}: wanted a number of threads, 1 or more; unset it")
     try:
         code = app(args=arguments, prog_name="twin", standalone_mode=False)
     except typer.Abort:

@@ -1,16 +1,34 @@
 """Turn what a stage says into lines and a bar, and what goes wrong into one sentence and an exit code."""
 
 import json
+import os
 import sys
 import time
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TextIO
 
 if TYPE_CHECKING:  # rich takes a third of a second to import: only a terminal pays for it
     from rich.progress import Progress, TaskID
 
 BAD_INPUT, INTERNAL, INTERRUPTED = 2, 1, 130
 PLAIN_EVERY = 30.0  # s between progress lines where no terminal shows a bar
+# Letters by which a text steers a terminal: control letters but tab and new line, and turns of direction.
+_STEERING = [*range(9), *range(11, 32), *range(127, 160), *range(0x202A, 0x202F), *range(0x2066, 0x206A)]
+_AS_CODES = {code: f"\\x{code:02x}" if code < 256 else f"\\u{code:04x}" for code in _STEERING}
+
+
+def shown(text: str) -> str:
+    """A text as a terminal may show it: letters that would steer it stand as their codes."""
+    return text.translate(_AS_CODES)
+
+
+def _print(text: str, stream: TextIO | None) -> None:
+    """Print a line. One who reads no more, as `head` does after its last line, stops no command."""
+    try:
+        print(shown(text), file=stream, flush=True)
+    except BrokenPipeError:
+        if stream is not None:
+            os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
 
 class Console:
@@ -25,7 +43,7 @@ class Console:
     def __call__(self, text: str, /) -> None:
         """Print one line; a bar is cleared first, so that lines never mix with it."""
         self.close()
-        print(text, file=sys.stderr if self.as_json else sys.stdout, flush=True)
+        _print(text, sys.stderr if self.as_json else sys.stdout)
 
     def progress(self, stage: str, done: int, total: int, /) -> None:
         """Show how far a part of a stage is: a bar on a terminal, else a line every few seconds."""
@@ -33,7 +51,7 @@ class Console:
             self._draw(stage, done, total)
         elif time.monotonic() - self._last >= PLAIN_EVERY:
             self._last = time.monotonic()
-            print(f"  {stage}: {done} of {total}", file=sys.stderr, flush=True)
+            _print(f"  {stage}: {done} of {total}", sys.stderr)
 
     def result(self, result: dict[str, Any]) -> None:
         """Print a stage's result as one line of JSON, if that was asked for."""
@@ -41,7 +59,7 @@ class Console:
         if self.as_json:
             from twin.project import files
 
-            print(json.dumps(files.plain(result), allow_nan=False), flush=True)
+            _print(json.dumps(files.plain(result), allow_nan=False), sys.stdout)
 
     def close(self) -> None:
         """Clear the bar."""
@@ -90,16 +108,18 @@ def guarded(work: Callable[[], Any], *, debug: bool) -> int:
 def _is_input(error: Exception) -> bool:
     """Whether the user can mend it: bad input, or a file system that refuses."""
     # numpy's LinAlgError is a ValueError too, but no user caused it
-    return isinstance(error, ValueError | OSError) and type(error).__name__ != "LinAlgError"
+    return isinstance(error, ValueError | OSError | MemoryError) and type(error).__name__ != "LinAlgError"
 
 
 def _sentence(error: Exception) -> str:
     if isinstance(error, OSError) and error.strerror:
         place = error.filename or "a file or the output, whose name the system does not say"
         return f"{place}: {error.strerror}"
+    if isinstance(error, MemoryError):
+        return f"the memory of this computer does not suffice: {error}; take a coarser mesh, or fewer points"
     return " ".join(str(error).split())
 
 
 def _say(text: str, code: int) -> int:
-    print(text, file=sys.stderr, flush=True)
+    _print(text, sys.stderr)
     return code

@@ -13,6 +13,8 @@ UNITS = {"kPa": 1e-3, "bar": 0.1, "mbar": 1e-4, "psi": 0.00689476, "Pa": 1e-6}  
 AIR_MPA = (0.08, 0.105)  # of the air, up to 2000 m above the sea
 TURNED = 5.0  # times as much below zero as above it
 USUAL_MPA = (0.005, 0.3)
+REACHED = 1.5  # times what the regulator was set to, or as much below; two units are 6.9 times apart or more
+SILICONE_MPA = (0.02, 2.0)  # C10 + C01 of silicones that fingers are cast of
 CURLED = 2.0  # largest displacement over the finger's length: a tip that is rolled up moves by 1.3 of it
 RESTING = 2e-3  # displacement over length that any pressure of 40 kPa exceeds; in proportion below that
 FULL_MPA = 0.04
@@ -21,6 +23,7 @@ FAR = 0.2  # displacement over length from which a bent finger is drawn back
 FORTH = 0.25  # of u3^2 / length: more than any finger lengthens beside that
 APART, FASTER = 0.15, 1.5  # share of the length between two points; times more may the nearer one move
 LONG_H, MANY = 3.0, 50  # h and steps of a test whose times are likely in ms
+ON_PLANE_MM = 1e-6
 OFF_NODE_MM = 3.0  # a marker from its node: room for its thickness and for a rough reading
 
 
@@ -38,6 +41,43 @@ def pressure_fault(peak: float, *, unit: str = "MPa") -> str:
     return f"{text}; the numbers are likely in {shown}"
 
 
+def top_fault(peak: float, *, unit: str, top_kPa: float) -> str:
+    """What is wrong with a largest pressure in MPa that was read in a unit, where the regulator was set to
+    `top_kPa`."""
+    times = 1e3 * peak / top_kPa
+    if 1 / REACHED <= times <= REACHED:
+        return ""
+    text = (
+        f"reaches {1e3 * peak:.3g} kPa, read in {unit}, but the regulator was set to {top_kPa:g} kPa "
+        f"(top_kPa); wanted {top_kPa / REACHED:.3g} to {top_kPa * REACHED:.3g} kPa"
+    )
+    factors = UNITS | {"MPa": 1.0, "hPa": UNITS["mbar"]}
+    if unit not in factors:
+        return f"{text}; is the gauge's calibration line right (volt_zero, MPa_per_V), or top_kPa wrong?"
+    each = {name: times * factor / factors[unit] for name, factor in (UNITS | {"MPa": 1.0}).items()}
+    likely = [name for name, as_read in each.items() if 1 / REACHED <= as_read <= REACHED]
+    if not likely:
+        return f"{text}; no unit explains it: is top_kPa right, in kPa?"
+    return f"{text}; the numbers are likely in {likely[0]}"
+
+
+def silicone_doubt(total: float, *, end: int) -> str:
+    """A sentence where C10 + C01 in MPa is no silicone's.
+
+    end: 1 where all constants end at their highest allowed values, -1 at their lowest, else 0.
+    """
+    low, high = SILICONE_MPA
+    if low <= total <= high and not end:
+        return ""
+    what = "the constants end at their bounds" if end else f"silicones have {low:g} to {high:g} MPa"
+    soft = end < 0 or (not end and total < low)
+    wrong = "low, as kPa read as mbar, or psi as kPa" if soft else "high, as mbar read as kPa, or kPa as psi"
+    return (
+        f"C10 + C01 is {total:.3g} MPa: {what}. Is the pressure read too {wrong}? Write what the regulator "
+        "was set to as top_kPa under [pressure]: `twin check` compares it with the log."
+    )
+
+
 def zero_fault(pressure: Array) -> str:
     """What is wrong with the pressures (t,) MPa of a whole test: absolute pressure, or a sign."""
     low, high = float(pressure.min()), float(pressure.max())
@@ -48,6 +88,13 @@ def zero_fault(pressure: Array) -> str:
             "reading at rest"
         )
     if low < -LEAST_MPA and -low > TURNED * high:
+        missing, kept = pressure == low, pressure[pressure != low]
+        if kept.size > missing.sum() and kept.min() > low / TURNED and kept.max() >= LEAST_MPA:
+            return (
+                f"is exactly {low:.4g} MPa in {missing.sum()} of {pressure.size} rows, and {kept.min():.2g} "
+                f"to {kept.max():.2g} MPa in all others: such a value usually stands for 'no reading'; "
+                "remove these rows"
+            )
         return (
             f"falls to {low:.3g} MPa and rises to {high:.2g} MPa only; wanted gauge pressure, above 0 when "
             "the finger is inflated; turn its sign (MPa_per_V of a gauge that gives volts)"
@@ -60,7 +107,7 @@ def motion_fault(targets: Targets, case: Case, *, bends_down: bool) -> str:
     the finger is known to bend to -z."""
     u = np.where(targets.valid, targets.value, np.nan)[:, ~targets.fixed]
     if not np.isfinite(u).any():
-        return ""
+        return "no displacement of a point on the finger is valid; wanted some with valid 1 in targets.csv"
     length, pressure = float(np.ptp(case.nodes, axis=0).max()), float(np.abs(targets.pressure).max())
     most = float(np.nanmax(np.abs(u)))
     where = f"the largest displacement is {most:.3g} mm, and the finger is {length:.3g} mm long"
@@ -165,13 +212,23 @@ def _overtaken(targets: Targets, case: Case) -> str:
     )
 
 
-def place_fault(targets: Targets, case: Case) -> str:
-    """Which point is stated too far from the node that it is said to be at."""
+def on_model_side(stated: Array, case: Case, *, mirrored: bool) -> Array:
+    """A stated position (3,) mm, or with `mirrored` its mirror image, where a half model has only that."""
+    half = float(case.nodes[:, 1].min()) >= -ON_PLANE_MM
+    return stated * (1.0, -1.0, 1.0) if mirrored and half and stated[1] < 0.0 else stated
+
+
+def place_fault(targets: Targets, case: Case, *, mirrored: bool = False) -> str:
+    """Which point is stated too far from the node that it is said to be at.
+
+    mirrored: whether a point on the side y < 0 of half a finger stands for its mirror image.
+    """
     for point in targets.points:
         if point.kind is not PointKind.NODE or point.position is None or point.node is None:
             continue
         node = case.position(point.node)
-        away = float(np.linalg.norm(np.array(point.position) - node))
+        stated = on_model_side(np.array(point.position), case, mirrored=mirrored)
+        away = float(np.linalg.norm(stated - node))
         if away > OFF_NODE_MM:
             return (
                 f"point {point.name!r} is stated at {_shown(point.position)} mm, but its node {point.node} "

@@ -1,6 +1,7 @@
 """The homography between the finger's plane (mm) and ideal pixels in each frame, and how its errors move
 a place."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,6 +12,9 @@ from vision.camera import Array
 MIN_VISIBLE = 4
 STEPS = 4  # of Gauss-Newton from the direct solution: quadratic, so that three reach rounding
 FLAT = 1e-9  # of the largest power in the equations: below it the marks lie on one line
+# The same of the marks' nominal places: below it noise is carried on a thousandfold, as by a fourth mark that
+# lies 2 % off the line of the others, or, beyond all bounds, by one mark beside three on a line.
+SLIM = 1e-6
 
 
 @dataclass(frozen=True)
@@ -19,7 +23,7 @@ class Plane:
 
     nominal: Array  # (f,2) mm, x and z of the frame marks
     seen: NDArray[np.bool_]  # (t,f)
-    homography: Array  # (t,3,3) plane (x, z, 1) mm to ideal px; NaN with fewer than 4 marks
+    homography: Array  # (t,3,3) plane (x, z, 1) mm to ideal px; NaN where the marks tell none
     spread: Array  # (t,8,8) covariance of its amplitudes, see `_field`, for pixel noise of unit variance
     residual: Array  # (t,f,2) mm, where the frame marks are seen minus their nominal places
 
@@ -36,7 +40,7 @@ def plane_of(nominal: Array, ideal: Array) -> Plane:
     normal = np.einsum("fia,tfij,fjb->tab", field, _weights(nominal, seen, homography), field)
     spread = np.full(normal.shape, np.nan)
     known = np.isfinite(homography[:, 0, 0])
-    spread[known] = np.linalg.inv(normal[known])
+    spread[known] = _each(np.linalg.inv, normal[known])
     return Plane(nominal, seen, homography, spread, to_plane(homography, ideal) - nominal)
 
 
@@ -48,12 +52,13 @@ def fit_homography(plane: Array, pixels: Array) -> Array:
 def homographies(plane: Array, ideal: Array) -> Array:
     """Homographies (t,3,3) from the frame marks' nominal places (f,2) mm and ideal pixels (t,f,2).
 
-    Least squares of the reprojection error, all frames at once. A frame that shows fewer than 4 of the marks,
-    or only marks on one line, gets NaN.
+    Least squares of the reprojection error, all frames at once. A frame gets NaN that shows fewer than 4 of
+    the marks, or no 4 of which no three lie on a line.
     """
     seen = np.isfinite(ideal[..., 0])
     result = np.full((len(ideal), 3, 3), np.nan)
     rows = np.flatnonzero(seen.sum(axis=1) >= MIN_VISIBLE)
+    rows = rows[_wide(plane, seen[rows])]
     if not len(rows):
         return result
     to_local, to_unit = _centring(plane), _centring(ideal[seen])
@@ -65,6 +70,23 @@ def homographies(plane: Array, ideal: Array) -> Array:
     full = np.linalg.inv(to_unit) @ found[fit] @ to_local
     result[rows[fit]] = full / full[:, 2:, 2:]
     return result
+
+
+def _wide(plane: Array, seen: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Whether the marks that are seen (t,f), at plane (f,2) mm, tell a homography."""
+    field = _field(plane, plane)
+    power = np.linalg.eigvalsh(np.einsum("fia,tf,fib->tab", field, seen.astype(np.float64), field))
+    return np.asarray(power[:, 0] > SLIM * power[:, -1])
+
+
+def _each(of: Callable[..., Array], *stacks: Array) -> Array:
+    """What a function of numpy makes of stacks (t,...) of matrices, NaN for those that are singular."""
+    try:
+        return of(*stacks)
+    except np.linalg.LinAlgError:
+        if len(stacks[0]) == 1:
+            return np.full(stacks[-1].shape, np.nan)
+        return np.concatenate([_each(of, *(s[k : k + 1] for s in stacks)) for k in range(len(stacks[0]))])
 
 
 def _centring(points: Array) -> Array:
@@ -103,7 +125,7 @@ def _improved(homography: Array, local: Array, pixels: Array, seen: NDArray[np.b
     slope = slope * np.concatenate([seen, seen], axis=1)[..., None]
     error = np.concatenate([pixels[..., 0] - u, pixels[..., 1] - v], axis=1)
     turned = np.swapaxes(slope, 1, 2)
-    step = np.linalg.solve(turned @ slope, turned @ error[..., None])[..., 0]
+    step = _each(np.linalg.solve, turned @ slope, turned @ error[..., None])[..., 0]
     return homography + np.concatenate([step, np.zeros((len(step), 1))], axis=1).reshape(-1, 3, 3)
 
 
@@ -111,7 +133,7 @@ def to_plane(homography: Array, ideal: Array) -> Array:
     """Plane coordinates mm (t,p,2) of ideal pixels (t,p,2) under homographies (t,3,3); NaN stays NaN."""
     inverse = np.full(homography.shape, np.nan)
     known = np.isfinite(homography[:, 0, 0])
-    inverse[known] = np.linalg.inv(homography[known])
+    inverse[known] = _each(np.linalg.inv, homography[known])
     mapped = np.einsum("tij,tpj->tpi", inverse[:, :, :2], ideal) + inverse[:, None, :, 2]
     return np.asarray(mapped[..., :2] / mapped[..., 2:])
 

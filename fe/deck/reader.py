@@ -12,7 +12,7 @@ from fe.case import Case
 from fe.deck.draft import Draft
 from fe.deck.hyperelastic import read_law
 from fe.deck.keywords import Keyword, Place, read_keywords
-from fe.deck.soundness import check_turned
+from fe.deck.soundness import check_collapsed, check_turned
 from fe.element import ELEMENTS, Array, Integers
 from fe.laws import Material
 
@@ -67,7 +67,8 @@ def read_deck(path: str | Path) -> Deck:
                 raise keyword.error(f"*{keyword.name}: its data lines hold too little; complete it") from None
     case = draft.case()
     numbers = np.array(sorted(draft.elements), np.int64)
-    check_turned(case, numbers, str(path))
+    for check in (check_collapsed, check_turned):
+        check(case, numbers, str(path))
     return Deck(case, tuple(draft.pressures) or (0.0,), draft.gravity, text.files, numbers)
 
 

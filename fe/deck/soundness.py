@@ -19,6 +19,22 @@ HELD = 1e-6  # least singular value over the largest, below which a motion is fr
 MOTIONS = ("along x", "along y", "along z", "about x", "about y", "about z")
 
 
+def check_collapsed(case: Case, numbers: Integers, file: str) -> None:
+    """ValueError unless every element, number (e,), has as many nodes as its kind."""
+    nodes = np.sort(case.connectivity, axis=1)
+    same = nodes[:, 1:] == nodes[:, :-1]
+    bad = np.flatnonzero(same.any(axis=1))
+    if not len(bad):
+        return
+    first = bad[0]
+    label = case.labels[nodes[first, 1:][same[first]][0]]
+    raise ValueError(
+        f"{file}: element {numbers[first]} has node {label} more than once: it is collapsed, as are "
+        f"{len(bad)} of {len(nodes)} elements; wanted {nodes.shape[1]} different nodes; mesh that place with "
+        "other elements"
+    )
+
+
 def check_turned(case: Case, numbers: Integers, file: str) -> None:
     """ValueError unless the Jacobian is positive at all integration points, and nowhere near -FOLDED of its
     largest at the nodes; numbers (e,) of the elements."""
@@ -79,7 +95,12 @@ def _check_places(case: Case, file: str) -> None:
 
 
 def _check_held(case: Case, file: str) -> None:
-    """Every part of the mesh must be held against all six rigid motions."""
+    """Every part of the mesh must be held against all six rigid motions, and not all of it."""
+    if case.supported.all():
+        raise ValueError(
+            f"{file}: all {len(case.nodes)} nodes are held, so nothing can move; wanted *BOUNDARY on the "
+            "nodes of the clamp alone, as in `Root, 1, 3`"
+        )
     n, cells = len(case.nodes), case.connectivity
     rows = np.repeat(np.arange(len(cells)), cells.shape[1])
     graph = sp.coo_matrix((np.ones(cells.size), (cells[rows, 0], cells.ravel())), shape=(n, n))
@@ -128,6 +149,12 @@ def _check_chamber(case: Case, file: str) -> None:
             f"{y:.4g}, {z:.4g}) mm; wanted faces on the skin of the chamber; correct the numbers of the faces"
         )
     pressed = PressureFaces(case.face_nodes(case.pressurised), case.element, len(case.nodes))
+    force = pressed.force(case.nodes)
+    if not np.abs(force[~case.supported]).max(initial=0.0) > HELD * np.abs(force).max():
+        raise ValueError(
+            f"{file}: {name} is held wherever the pressure acts on it, so nothing moves; wanted the faces of "
+            "the chamber, or *BOUNDARY on the nodes of the clamp alone"
+        )
     edges = pressed.open_edges(case.nodes, ~case.supported.reshape(-1))
     if len(edges):
         x, y, z = case.nodes[edges[0]].mean(axis=0)

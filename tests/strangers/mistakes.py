@@ -21,11 +21,15 @@ from tests.strangers.planting import (
     flat_log,
     from_behind,
     hidden,
+    ids,
+    interlaced,
     log,
     marker,
     no_boards,
     nudged,
+    on_its_side,
     painted,
+    regulated,
     sagging,
     small_film,
     swinging,
@@ -93,6 +97,10 @@ MISTAKES: dict[str, tuple[Plant, str]] = {
     "a finger id that never appears": (
         toml(marker("tip", marker=33)), r"'tip' \(id 33\).*of no stated marker, are the ids 23"
     ),
+    "all ids one too large": (ids(1), r"all ids of twin.toml are 1 too large: lower every marker = \.\.\. by 1"),
+    "a mirrored film": (painted(lambda _, grey: grey[:, ::-1]), r"it is mirrored; set mirrored = true"),
+    "films on their side": (on_its_side, r"400 x 640 px.* 640 x 400: one of them lies on its side"),
+    "an interlaced film": (interlaced, r"film\.mkv is interlaced: in \d+ of the \d+ frames looked at"),
     "another dictionary": (camera_with(dictionary="DICT_6X6_50"), r"DICT_4X4_50 finds"),
     "film starts in motion": (filmed(early), r"film.mkv: the finger is not at rest between 0.00 and 1.80 s"),
     "static film in motion": (
@@ -122,6 +130,9 @@ MISTAKES: dict[str, tuple[Plant, str]] = {
     "psi for MPa": (log(factor=145.04), r"wanted 0\.0001 to 1 MPa"),
     "MPa under kPa": (log(head="time_s,pressure_kPa"), r"wanted 0.0001 to 1 MPa"),
     "decimal commas": (bad_log(commas()), r"decimal commas"),
+    "mbar under kPa, with the regulator's pressure": (
+        regulated(30.0, head="time_s,pressure_kPa", factor=1e4), r"likely in mbar"
+    ),
     "log shorter than the film": (
         log(time=np.arange(0.0, 17.0, 0.02)), r"the film 14.000 to 18.500 s of the same clock"
     ),
@@ -152,6 +163,7 @@ RIGHT: dict[str, Plant] = {
     "little light": painted(lambda _, grey: 16 + grey / 4),
     "pressure in kPa": log(factor=1e3, head="t [s],p [kPa]"),
     "pressure in psi": log(factor=145.04, head="time_s,Pressure (psi)"),
+    "the regulator's pressure": regulated(25.0, factor=1.0),
     "the tip hidden for a while": painted(
         lambda i, grey: hidden("tip")(i, grey) if 25 <= i < 33 else grey, "film.mkv"
     ),

@@ -25,7 +25,7 @@ from tests.strangers.studio import (
     motion,
 )
 from twin.project import files
-from twin.project.config import Config, FrameTable, MarkerTable, PointTable
+from twin.project.config import Config, FrameTable, MarkerTable, PointTable, PressureTable
 from twin.project.toml import dump
 from twin.targets import Array
 from vision import Mark, Video
@@ -85,6 +85,16 @@ def log(**how: object) -> Plant:
     return lambda root: files.write_text(root / "raw" / "pressure.csv", log_text(**how))
 
 
+def regulated(top_kPa: float, **how: object) -> Plant:
+    """A regulator's pressure stated, and a log of other numbers."""
+
+    def plant(root: Path) -> None:
+        log(**how)(root)
+        toml(lambda c: c.model_copy(update={"pressure": PressureTable(top_kPa=top_kPa)}))(root)
+
+    return plant
+
+
 def filmed(
     place: Callable[[list[Mark], Array], Array],
     *,
@@ -136,6 +146,48 @@ def twice(index: int, grey: Array) -> Array:
     x, y = pixels("tip")
     grey[300:350, 300:350] = grey[y - 25 : y + 25, x - 25 : x + 25]
     return grey
+
+
+def printed_twice(root: Path) -> None:
+    """A second print of the tip's marker, loose in the picture for the whole test."""
+    x, y = pixels("tip")
+    first = next(iter(Video(root / "raw" / "film.mkv").frames()))[2].astype(np.float64)
+
+    def paint(index: int, grey: Array) -> Array:
+        grey[300:350, 300:350] = first[y - 25 : y + 25, x - 25 : x + 25]
+        return grey
+
+    painted(paint, "film.mkv")(root)
+
+
+def ids(off: int) -> Plant:
+    """All ids of twin.toml off by one number."""
+
+    def change(c: Config) -> Config:
+        rows = [m.model_copy(update={"marker": m.marker + off}) for m in c.frame.markers]
+        points = [p.model_copy(update={"marker": p.marker + off}) for p in c.points]
+        return c.model_copy(update={"frame": FrameTable(markers=tuple(rows)), "points": tuple(points)})
+
+    return toml(change)
+
+
+def interlaced(root: Path) -> None:
+    """A film whose odd rows are half a frame later than its even ones."""
+    draw(root / "raw" / "fields.mkv", motion(marks_of(), np.arange(2 * FRAMES) / (2 * RATE)))
+    pictures = [grey for _, _, grey in Video(root / "raw" / "fields.mkv").frames()]
+    with Writer(root / "raw" / "film.mkv", SIZE, fps=RATE, codec="ffv1", crf=0) as writer:
+        for first, second in zip(pictures[::2], pictures[1::2], strict=True):
+            first[1::2] = second[1::2]
+            writer.add(first)
+
+
+def on_its_side(root: Path) -> None:
+    """Both films turned by a quarter, the boards not."""
+    for name in ("film.mkv", "static.mkv"):
+        with Writer(root / "raw" / "side.mkv", SIZE[::-1], fps=RATE, codec="ffv1", crf=0) as writer:
+            for _, _, grey in Video(root / "raw" / name).frames():
+                writer.add(np.ascontiguousarray(np.rot90(grey)))
+        (root / "raw" / "side.mkv").replace(root / "raw" / name)
 
 
 def early(marks: list[Mark], time: Array) -> Array:

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-from tests.strangers.planting import Plant, camera_with, every, filmed, painted, sagging
-from tests.strangers.studio import FILM_START, RATE, SIZE, STILL, log_text, motion
+from tests.strangers.planting import Plant, camera_with, every, filmed, painted, printed_twice, sagging
+from tests.strangers.studio import FILM_START, FRAMES, RATE, SIZE, STILL, log_text, motion
 from twin.project import files
 from twin.targets import Array
 from vision import Mark, Video
@@ -36,6 +36,11 @@ def offset(by: float, factor: float = 1.0, head: str = "time_s,pressure_MPa") ->
 def dropped(value: float) -> Plant:
     """A logger that writes a value in place of every seventh sample."""
     return rows(lambda log: [(t, value if k % 7 == 0 else p) for k, (t, p) in enumerate(log)])
+
+
+def no_reading(log: list[Row]) -> list[Row]:
+    """A logger that writes -0.999 now and then."""
+    return [(t, -0.999 if k % 200 == 7 else p) for k, (t, p) in enumerate(log)]
 
 
 def stopped(log: list[Row]) -> list[Row]:
@@ -74,6 +79,11 @@ def glued(name: str, off: Sequence[float]) -> Plant:
     return plant
 
 
+def unevenly(marks: list[Mark], time: Array) -> Array:
+    """A film of a varying frame rate, which an editor made constant."""
+    return motion(marks, time + 0.3 * np.sin(2 * np.pi * time / 4.5))
+
+
 def farther(root: Path) -> None:
     """A static film with everything at 0.85 of its size in the picture."""
     away = np.array([0.0, -75.0, 0.0])  # mm, of 420 mm
@@ -104,10 +114,26 @@ MISTAKES: dict[str, tuple[Plant, str]] = {
         picked(lambda n: [0] * n, "static.mkv"), r"one picture in all 120 frames"
     ),
     "a film in slow motion": (pumped(1.7), r"the film seems to run 1\.[67]\d times as long as the test"),
+    "a film of one ramp in slow motion": (
+        picked(lambda n: [k for k in range(n) for _ in range(1 if k < 25 else 2)]),
+        r"0\.[67]\d s after it .*its frame rate was changed",
+    ),
     "a film speeded up": (pumped(0.75), r"the film seems to run 0\.7\d times as long as the test"),
+    "a film speeded up into its rest": (pumped(0.6), r"the film seems to run 0\.6\d? times as long as the test"),
+    "a film of one ramp at twice the rate": (
+        filmed(lambda marks, time: motion(marks, 2.0 * time), frames=FRAMES // 2),
+        r"not at rest between 0\.00 and 1\.80 s.* The film seems to run 0\.4\d times",
+    ),
     "a clock that is off by 3 s": (
         camera_with(film_start_s=FILM_START - 3.0), r"at 14\.0 s .* 100 %.*correct film_start_s"
     ),
+    "a clock that is off by 0.3 s": (
+        camera_with(film_start_s=FILM_START - 0.3), r"0\.[23]\d s before the pressure .* correct film_start_s"
+    ),
+    "frames lost in the ramp": (
+        picked(lambda n: [k for k in range(n) if not 24 <= k < 29]), r"s before .*frames were lost"
+    ),
+    "a frame rate made constant": (filmed(unevenly), r"its frame rate was changed or made constant"),
     "absolute pressure without a word": (
         offset(101.325, 1e3, "time_s,pressure_kPa"), r"never falls below 0\.1013 MPa.*absolute pressure"
     ),
@@ -117,16 +143,21 @@ MISTAKES: dict[str, tuple[Plant, str]] = {
         r"no sample between 15\.50 and 17\.50 s, while the pressure goes from .* to 0\.03 MPa",
     ),
     "zeros in the log": (dropped(0.0), r"16 samples lie far off their neighbours"),
+    "-0.999 in the log": (
+        rows(no_reading), r"exactly -0\.999 MPa in 7 of 1300 rows.*'no reading'; remove these rows"
+    ),
+    "times of the log rounded": (
+        rows(lambda log: [(round(t, 1), p) for t, p in log]), r"seems to be rounded to 0\.1 s"
+    ),
     "spikes in the log": (dropped(0.3), r"samples lie far off their neighbours"),
 }  # fmt: skip
 
 DOUBTFUL: dict[str, tuple[Plant, str]] = {
-    "a film of one ramp in slow motion": (
-        picked(lambda n: [k for k in range(n) for _ in range(1 if k < 25 else 2)]),
-        r"film seems to run 1\.[3-6]\d times",
-    ),
     "a clock that is off by 1 s": (
         camera_with(film_start_s=FILM_START + 1.0), r"does 1\.0 s earlier.*film_start_s right"
+    ),
+    "a clock that is late by 0.25 s": (
+        camera_with(film_start_s=FILM_START + 0.25), r"finger moves 0\.2\d s later than the pressure"
     ),
     "a gauge that does not read zero": (offset(0.005), r"reads 0\.005 MPa while the finger rests"),
     "a logger that stops": (rows(stopped), r"repeats 0\.01\d* MPa from 16\.6"),
@@ -134,6 +165,13 @@ DOUBTFUL: dict[str, tuple[Plant, str]] = {
         painted(lambda _, grey: 20 + 0.5 * grey, "static.mkv"), r"pixels of static.mkv change by"
     ),
     "a static film from farther away": (farther, r"markers are 0\.8\d times as large in static.mkv"),
+    "an exposure step": (
+        painted(lambda k, grey: grey if k < 30 else np.minimum(1.8 * grey, 255.0), "film.mkv"),
+        r"7 markers look smaller than at rest.* 3 of them are fixed to the rig.*light or the camera changed",
+    ),
+    "the tip's marker printed twice": (
+        printed_twice, r"'tip' is read in 0 of the 18 frames .* its id 23 is seen twice in 18 of them"
+    ),
     "a tip glued 4 mm short": (glued("tip", (-4, 0, 0)), r"'tip' is seen at x = 106\.0, z = -?0\.0 mm"),
     "a middle glued 6 mm too far": (glued("middle", (6, 0, 0)), r"'middle' is seen at x = 60\.0"),
     "a middle glued 5 mm too high": (glued("middle", (0, 0, 5)), r"'middle' is seen at x = 54\.0, z = 5\.0"),

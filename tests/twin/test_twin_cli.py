@@ -192,6 +192,9 @@ def test_check_names_the_effect_of_the_diagnosis(run, study, stages):
     stages.writes["diagnose"] = {"diagnosis.json": {"verdict": "creep", "named": ["creep", "clamp"]}}
     run("diagnose", "-p", study)
     assert json.loads(run("check", "-p", study, "--json")[1])["next"] == "add"
+    stages.writes["diagnose"] = {"diagnosis.json": {"verdict": "creep", "named": ["creep:`date`; ls"]}}
+    run("diagnose", "-p", study)  # of a stranger: what is pasted runs nothing else
+    assert run("check", "-p", study)[1].endswith("Next: `twin add 'creep:`date`; ls'`.\n")
 
 
 def test_check_asks_for_what_is_stale_again(run, study, stages):
@@ -316,3 +319,37 @@ def test_a_plain_terminal_lists_names_that_it_cannot_show(study):
     out = subprocess.run(command, env=env, capture_output=True, text=True, check=True).stdout.splitlines()
     assert out[0].startswith("0001-calibrate   done")
     assert out[1:] == ["    M\\xfcller's finger: sd 0.6 \\u03bcm in this sentence, which is longer than any terminal is wide"]
+
+
+def test_what_a_folder_says_does_not_steer_the_terminal(run, study):
+    project = Project.open(study)
+    with project.new_run("calibrate") as made:
+        made.summary["headline"] = "\x1b]0;owned\x07\x1b[31m\x9b2J\u202eright\rleft"
+    code, out, _ = run("list", "-p", study)
+    assert code == 0
+    assert out.splitlines()[-1].strip().startswith(r"\x1b]0;owned\x07\x1b[31m\x9b2J\u202eright\x0dleft")
+    told = json.loads(made.path("run.json").read_text(encoding="utf-8"))
+    files.write_json(made.path("run.json"), told | {"summary": {"headline": "\x7f\x1b\x9b"}})
+    code, out, _ = run("list", "-p", study, "--json")
+    assert json.loads(out)["runs"][0]["headline"] == "\x7f\x1b\x9b"
+    assert out.strip().isprintable()
+    record = json.loads(made.path("run.json").read_text(encoding="utf-8")) | {"kind": ["\x1b[31m"]}
+    files.write_json(made.path("run.json"), record)
+    code, _, err = run("list", "-p", study)
+    assert code == 2
+    assert "\x1b" not in err
+    (study / "twin.toml").write_text((study / "twin.toml").read_text() + '[a."\\u001b[31m"]\n')
+    _, _, err = run("check", "-p", study)
+    assert err.startswith("error: ")
+    assert "\x1b" not in err
+
+
+def test_too_little_memory_is_no_error_of_the_program(run, study, stages):
+    def greedy(project, say, **options):
+        raise MemoryError("Unable to allocate 117. GiB for an array")
+
+    stages.instead["calibrate"] = greedy
+    code, _, err = run("calibrate", "-p", study)
+    assert code == 2
+    assert err == ("error: the memory of this computer does not suffice: Unable to allocate 117. GiB for an array; "
+                   "take a coarser mesh, or fewer points\n")

@@ -163,7 +163,45 @@ def test_a_reader_that_has_enough_is_no_error(study: Path) -> None:
     process.stdout.close()
     with process.stderr as error:
         assert error.read() == "up\n"
-    assert process.wait(timeout=60) in (0, 1)  # 1: the parser ends it, as `head` may
+    assert process.wait(timeout=60) == 0
+
+
+def test_a_reader_that_has_enough_stops_no_work(study: Path) -> None:
+    process = started("look", "-p", study)
+    assert process.stdout is not None
+    assert process.stderr is not None
+    process.stdout.close()
+    with process.stderr as error:
+        assert error.read() == "up\n"
+    assert process.wait(timeout=120) == 0
+    assert Project.open(study).newest("look", "quality.csv") is not None
+
+
+def test_a_number_of_threads_that_is_none_is_named(study: Path) -> None:
+    for threads in ("abc", "0", "-1", "2,2"):
+        code, _, error = ended("check", "-p", study, env={**os.environ, "OMP_NUM_THREADS": threads})
+        assert (code, error) == (2, f"error: OMP_NUM_THREADS = '{threads}': wanted a number of threads, 1 or more; unset it\n")
+
+
+def test_a_folder_whose_name_no_file_can_hold_is_refused(study: Path, tmp_path: Path) -> None:
+    for more in ((), ("--like", study)):
+        code, _, error = ended("init", os.fsdecode(bytes(tmp_path) + b"/bad\xff"), *more)
+        assert code == 2
+        assert error.endswith("bad\\udcff: its name is no UTF-8 text; wanted a folder of another name\n")
+        assert [path.name for path in tmp_path.iterdir()] == ["study"]
+
+
+def test_a_name_that_is_too_long_is_said_of_the_folder(tmp_path: Path) -> None:
+    code, _, error = ended("init", tmp_path / ("y" * 250))
+    assert (code, error) == (2, f"error: {tmp_path / ('y' * 250)}: File name too long\n")
+
+
+def test_the_next_command_can_be_typed_as_it_stands(tmp_path: Path) -> None:
+    for name in ("a b  'c'", "-dash", "$(date)"):
+        code, out, _ = ended("init", "--", name, cwd=tmp_path, env={**os.environ, "PYTHONPATH": str(ROOT)})
+        assert code == 0
+        command = out.partition("Next: `")[2].partition("` says")[0]
+        assert subprocess.run(["sh", "-c", f"cd {command.partition('--project ')[2]} && ls"], cwd=tmp_path, check=True, capture_output=True, text=True).stdout == "raw\ntwin.toml\n"
 
 
 def test_a_full_output_is_said(study: Path) -> None:

@@ -2,11 +2,13 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from fe import Case
+from twin.commands.calibrate import _end
 from twin.project.folder import Project, dataset
 from twin.project.targetfiles import read_targets
 from twin.sanity import (
@@ -16,6 +18,8 @@ from twin.sanity import (
     place_fault,
     pressure_fault,
     rise_fault,
+    silicone_doubt,
+    top_fault,
     zero_fault,
 )
 from twin.targets import Targets, at_node
@@ -179,3 +183,50 @@ def test_pressures_of_the_air_are_refused(pressure: float) -> None:
     assert zero_fault(course + 0.1013).startswith("never falls below 0.1013 MPa")
     assert zero_fault(-course - 1e-3).startswith("falls to -0.031 MPa")
     assert zero_fault(course - 0.005) == ""  # a gauge that is off
+
+
+@pytest.mark.parametrize(
+    ("read", "top", "likely"),
+    [("kPa", "mbar", "mbar"), ("kPa", "psi", "psi"), ("mbar", "kPa", "kPa"), ("psi", "kPa", "kPa"), ("bar", "kPa", "kPa"),
+     ("MPa", "bar", "bar"), ("hPa", "psi", "psi")],
+)  # fmt: skip
+def test_a_regulator_tells_the_unit_of_the_log(read: str, top: str, likely: str) -> None:
+    per_MPa = {"MPa": 1.0, "kPa": 1e3, "mbar": 1e4, "hPa": 1e4, "bar": 10.0, "psi": 145.04}
+    peak = 0.03 * per_MPa[top] / per_MPa[read]  # of numbers in `top`, read as `read`
+    told = top_fault(peak, unit=read, top_kPa=30.0)
+    assert told.endswith(f"(top_kPa); wanted 20 to 45 kPa; the numbers are likely in {likely}")
+    for near in (0.7, 1.0, 1.4):
+        assert top_fault(0.03 * near, unit=read, top_kPa=30.0) == ""
+    assert "calibration line right" in top_fault(peak, unit="V", top_kPa=30.0)
+    assert top_fault(0.06, unit="kPa", top_kPa=30.0).endswith("no unit explains it: is top_kPa right, in kPa?")
+
+
+def test_constants_of_no_silicone_are_told_with_the_unit() -> None:
+    assert silicone_doubt(0.26, end=0) == silicone_doubt(0.03, end=0) == silicone_doubt(1.9, end=0) == ""
+    assert "silicones have 0.02 to 2 MPa. Is the pressure read too high, as mbar read as kPa" in silicone_doubt(2.6, end=0)
+    assert "Is the pressure read too low, as kPa read as mbar" in silicone_doubt(0.015, end=0)
+    assert "1 MPa: the constants end at their bounds. Is the pressure read too high" in silicone_doubt(1.0, end=1)
+    assert "read too low" in silicone_doubt(0.1, end=-1)
+
+
+def test_an_end_is_one_where_all_constants_end_on_one_side() -> None:
+    from calibrate import Parameter
+
+    both = (Parameter("C10", 0.01, 0.5, "MPa"), Parameter("C01", 0.0, 0.5, "MPa"))
+    for theta, at, wanted in (
+        ((0.5, 0.5), ("C10", "C01"), 1), ((0.01, 0.0), ("C10", "C01"), -1), ((0.5, 0.0), ("C10", "C01"), 0),
+        ((0.5, 0.2), ("C10",), 0), ((0.2, 0.2), (), 0),
+    ):  # fmt: skip
+        assert _end(SimpleNamespace(theta=np.array(theta), at_bound=at, parameters=both)) == wanted
+
+
+def test_a_value_that_stands_for_no_reading_is_no_sign() -> None:
+    course = np.linspace(0.0, 0.03, 50)
+    gaps = np.r_[course, [-0.999] * 5]
+    assert zero_fault(gaps).startswith("is exactly -0.999 MPa in 5 of 55 rows, and 0 to 0.03 MPa in all others")
+    assert zero_fault(-course).startswith("falls to -0.03 MPa")
+
+
+def test_targets_in_which_nothing_is_valid_are_refused(moving: Targets, short_case: Case) -> None:
+    unseen = replace(moving, valid=np.zeros_like(moving.valid))
+    assert motion_fault(unseen, short_case, bends_down=True).startswith("no displacement of a point on the finger is valid")

@@ -16,7 +16,7 @@ from vision.kinds.coded import CodedMarker
 from vision.kinds.facepoint import FacePoint
 from vision.kinds.plaindot import PlainDot
 from vision.marks import codes_of, dots_of
-from vision.plane import fit_homography, homographies, to_plane
+from vision.plane import fit_homography, homographies, plane_of, to_plane
 
 Array = NDArray[np.float64]
 Lab = Any
@@ -88,6 +88,33 @@ def test_homography_needs_four_points() -> None:
     np.testing.assert_allclose(found[0], [[3, 0, 7], [0, 3, 7], [0, 0, 1]], atol=1e-9)
     assert np.isnan(found[1]).all()
     np.testing.assert_allclose(fit_homography(plane, ideal[0]), found[0], atol=1e-12)
+
+
+@pytest.mark.parametrize("seen", [[0, 4, 6, 8], [0, 4, 6, 1], [0, 1, 2, 3], [0, 4, 6]])
+def test_marks_that_tell_no_homography_give_none(seen: list[int]) -> None:
+    """Three on one line and a fourth, as the demo's marks lie; four within 2 mm of one line; three."""
+    rng = np.random.default_rng(0)
+    plane = np.array(
+        [[-37.0, 29], [24, 31], [86, 31], [147, 29], [-37, -20], [147, -18], [-37, -67], [20, -67], [147, -67]]
+    )
+    ideal = 3.4 * plane + 300 + rng.normal(0.0, 0.03, (300, *plane.shape))  # one in a hundred was singular
+    few = np.full(ideal.shape, np.nan)
+    few[:, seen] = ideal[:, seen]
+    few[0] = ideal[0]
+    found = plane_of(plane, few)
+    assert np.isfinite(found.homography[0]).all()
+    assert np.isfinite(found.spread[0]).all()
+    assert np.isnan(found.homography[1:]).all()
+    assert np.isnan(to_plane(found.homography, ideal)[1:]).all()
+
+
+def test_pixels_that_fit_no_homography_take_nothing_from_other_frames() -> None:
+    plane = np.array([[0.0, 0.0], [10.0, 0.0], [10.0, 8.0], [0.0, 8.0]])
+    ideal = np.stack([3.0 * plane + 7.0, np.full((4, 2), 7.0), 2.0 * plane])
+    found = homographies(plane, ideal)
+    np.testing.assert_allclose(found[0], [[3, 0, 7], [0, 3, 7], [0, 0, 1]], atol=1e-9)
+    np.testing.assert_allclose(found[2], np.diag([2.0, 2.0, 1.0]), atol=1e-9)
+    assert np.isnan(found[1]).all()
 
 
 def test_noise_model_recovers_sd_rho_and_correlation() -> None:

@@ -84,7 +84,7 @@ def _seen_before(former: Project) -> tuple[Any, dict[str, Array]] | None:
     tracks, camera = former.newest("measure", "tracks.npz"), former.newest("camera", "camera.json")
     if tracks is None or camera is None:
         return None
-    found = files.read_npz(tracks)
+    found = files.read_npz(tracks, "names", "position")
     first = {}
     for name, track in zip(found["names"].tolist(), np.moveaxis(found["position"], 1, 0), strict=True):
         known = np.flatnonzero(np.isfinite(track[:, 0]))

@@ -35,7 +35,7 @@ class FolderCache:
         for done, (k, array) in enumerate(made, start=1):
             self.say.progress(stage, done, len(missing))
             files.write_npz(path[missing[k]], {"array": array})
-        return {key: np.asarray(files.read_npz(path[key])["array"], float) for key in tasks}
+        return {key: np.asarray(files.read_npz(path[key], "array")["array"], float) for key in tasks}
 
 
 class SolvedRow(Record):

@@ -24,6 +24,7 @@ from twin.project.folder import Project, Run, Say
 from twin.targets import Array, Targets
 
 JUDGED = "judged.npz"
+ARRAYS = ("code", "theta", "u", "jacobian", "gauge", "modes", "law", "crossed")  # in it
 
 
 def compared(run: Run, theta: Array, one: "Judgement", bench: Workbench, say: Say) -> Comparison:
@@ -104,7 +105,7 @@ def kept(fit_file: Path, fit: Fit, targets: Targets, *, file: str = JUDGED) -> J
     path = fit_file.with_name(file)
     if not path.is_file():
         return None
-    found = files.read_npz(path)
+    found = files.read_npz(path, *ARRAYS)
     if str(found["code"]) != code_digest() or not np.array_equal(found["theta"], fit.theta):
         return None
     errors = ModelErrors(

@@ -72,6 +72,7 @@ def change_effects(
 ) -> dict[str, Any]:
     """What `twin add` and `twin drop` print: the model with these effects, fitted from a start where one is
     known, compared with the newest comparison, and written into twin.toml."""
+    bench.project.check_effects(effects)  # before any work is done for them
     project, base = bench.project, newest_fit(bench.project)
     then = newest(project, ComparisonRecord)
     with project.new_run(kind, extra={"effects": list(effects)}) as run:

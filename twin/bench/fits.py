@@ -1,11 +1,12 @@
 """Which runs of a project still hold: a fit, a comparison or a diagnosis made from what is there now."""
 
+import shlex
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
 from twin.chain import DECK, FIT, STAGES, TARGETS, Stage, When, kinds_writing
-from twin.effects.labels import name_of
+from twin.effects.labels import checked_groups, name_of
 from twin.judging.record import FitRecord
 from twin.project import files
 from twin.project.folder import Project, kind_of
@@ -132,13 +133,17 @@ def named_effects(project: Project) -> list[str]:
         raise ValueError(f"{why[0] if why else 'no diagnosis yet'}; run twin diagnose, or name the effect")
     from twin.diagnosis.record import DiagnosisRecord
 
-    return list(files.read(DiagnosisRecord, path).named)
+    named = files.read(DiagnosisRecord, path).named
+    try:
+        return [checked_groups(label) for label in named]
+    except ValueError as error:
+        raise ValueError(f"{path}: named = {list(named)}: {error}; {files.AGAIN}") from None
 
 
 def _way_out(effects: Sequence[str]) -> str:
     if not effects:
         return "run twin calibrate"
-    again = ", ".join(f"twin add {name}" for name in effects)
+    again = ", ".join(f"twin add {shlex.quote(name)}" for name in effects)
     return f"set effects = [] in twin.toml, then run twin calibrate and {again}"
 
 

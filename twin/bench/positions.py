@@ -9,9 +9,9 @@ from fe.mesh.points import nearest_on_faces
 from twin.model.structure import Structure
 from twin.project.config import PointTable
 from twin.project.folder import Project
+from twin.sanity import on_model_side
 from twin.targets import Array, PointKind, TargetPoint, Targets, as_position
 
-ON_PLANE_MM = 1e-6
 ON_FINGER_MM = 3.0  # from the surface at most: room for a tag's thickness and for a rough reading
 
 
@@ -34,8 +34,8 @@ class PlacedPoint:
         if self.away < 0.005:
             return f"Point {self.name} lies on the finger's surface at {_shown(self.nearest)} mm."
         return (
-            f"Point {self.name}: the nearest place on the finger's surface is {_shown(self.nearest)} mm, "
-            f"{self.away:.2f} mm from its position_mm. That place is used."
+            f"Point {self.name}: the film is measured at its position_mm. The model takes the nearest place "
+            f"on its surface, {_shown(self.nearest)} mm, {self.away:.2f} mm away."
         )
 
 
@@ -52,8 +52,11 @@ def placed(
     return {p.name: _place(p, structure, mirrored=mirrored) for p in points if p.node is None}
 
 
-def check_points(points: Iterable[PointTable], structure: Structure) -> None:
-    """Raise ValueError where a point is at a node that is not on the surface, or is stated far from it."""
+def check_points(points: Iterable[PointTable], structure: Structure, *, mirrored: bool = False) -> None:
+    """Raise ValueError where a point is at a node that is not on the surface, or is stated far from it.
+
+    mirrored: see `one_side`.
+    """
     surface = set(structure.case.labels[np.unique(structure.outside)].tolist())
     for point in points:
         if point.node is None:
@@ -65,8 +68,10 @@ def check_points(points: Iterable[PointTable], structure: Structure) -> None:
                 "its chamber or on its plane of symmetry; wanted a node of the outer surface; `twin look "
                 "--at x,y,z` names the nearest one"
             )
-        away = 0.0 if point.position_mm is None else float(np.linalg.norm(np.array(point.position_mm) - x))
-        if away > ON_FINGER_MM:
+        if point.position_mm is None:
+            continue
+        stated = on_model_side(np.array(point.position_mm), structure.case, mirrored=mirrored)
+        if (away := float(np.linalg.norm(stated - x))) > ON_FINGER_MM:
             raise ValueError(
                 f"points.{point.name}: node {point.node} lies at {_shown(x)} mm, {away:.1f} mm from its "
                 f"position_mm {_shown(np.array(point.position_mm))}; wanted at most {ON_FINGER_MM:g} mm; "
@@ -90,9 +95,8 @@ def one_side(project: Project) -> bool:
 
 def _place(point: PointTable, structure: Structure, *, mirrored: bool = False) -> PlacedPoint:
     assert point.position_mm is not None  # the configuration refuses a point with neither
-    case, stated = structure.case, np.array(point.position_mm)
-    if mirrored and stated[1] < 0.0 <= float(case.nodes[:, 1].min()) + ON_PLANE_MM:
-        stated = stated * (1.0, -1.0, 1.0)
+    case = structure.case
+    stated = on_model_side(np.array(point.position_mm), case, mirrored=mirrored)
     nearest = nearest_on_faces(case.element, case.nodes[structure.outside], stated)
     place = PlacedPoint(point.name, stated, nearest)
     if place.away > ON_FINGER_MM:

@@ -10,7 +10,7 @@ from fe import Case, Path
 from fe.element import Integers
 from fe.mesh.points import nearest
 from twin.bench.caches import FolderCache, SolvedList
-from twin.bench.positions import on_surface, places_of
+from twin.bench.positions import on_surface, one_side, places_of
 from twin.effects.baselaw import NAMES, NOMINAL, Constants
 from twin.effects.library import effect
 from twin.effects.material import Elasticity
@@ -163,7 +163,8 @@ def _warned(mesh: Discretisation, say: Say) -> Discretisation:
 def check_plausible(project: Project, targets: Targets, case: Case) -> None:
     """Raise ValueError where the targets cannot be displacements of the project's finger."""
     down = project.config.model.deck is None  # a deck may lie in any way
-    fault = place_fault(targets, case) or motion_fault(targets, case, bends_down=down)
+    fault = place_fault(targets, case, mirrored=one_side(project))
+    fault = fault or motion_fault(targets, case, bends_down=down)
     if fault:
         raise ValueError(f"targets: {fault}")
 

@@ -19,6 +19,7 @@ from twin.diagnosis.record import NONE, DiagnosisRecord
 from twin.judging.record import FitRecord
 from twin.numerals import interval, short
 from twin.project import files
+from twin.project.csvtable import as_text
 from twin.project.folder import Project, Say
 
 if TYPE_CHECKING:
@@ -164,10 +165,11 @@ def _csv(batches: list[Batch]) -> str:
     write(["batch", "verdict", "effects", "quantity", "value", "low", "high", "unit", "note"])
     for b in batches:
         if b.problem:
-            write([b.name, "", "", "", "", "", "", "", b.problem])
+            write([as_text(b.name), "", "", "", "", "", "", "", as_text(b.problem)])
         for v in b.values:
             low, high = v.span or ("", "")
-            write([b.name, b.verdict, " ".join(b.effects), v.name, repr(v.value), low, high, v.unit, v.note])
+            told = map(as_text, (b.name, b.verdict, " ".join(b.effects), v.name))
+            write([*told, repr(v.value), low, high, as_text(v.unit), as_text(v.note)])
     return out.getvalue()
 
 

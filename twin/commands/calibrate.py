@@ -7,10 +7,11 @@ import numpy as np
 from calibrate import Fit
 from twin.bench.comparison import Judgement, compared
 from twin.bench.workbench import Workbench
+from twin.effects.baselaw import Constants
 from twin.judging.intervals import fit_record
 from twin.project import files
 from twin.project.folder import Project, Run, Say
-from twin.sanity import doubts, fit_fault
+from twin.sanity import doubts, fit_fault, silicone_doubt
 from twin.study.fullsolves import full_solves
 from twin.study.generations import Generation, search
 from twin.study.known import known_of
@@ -43,6 +44,9 @@ def run_calibrate(project: Project, say: Say) -> dict[str, Any]:
             run.note(line)
     say(_ended(fit))
     say(words)
+    constants = Constants.of({**model.named(fit.theta), **bench.elasticity.fixed})
+    if doubt := silicone_doubt(constants.total, end=_end(fit)):
+        say(doubt)
     if crossed:
         say(f"{crossed}; the model knows no such contact.")
     say(f"Wrote {project.shown(run.folder)}/fit.json and generations.npz")
@@ -62,6 +66,14 @@ def _ended(fit: Fit) -> str:
     return f"Least squares did not converge in {fit.evaluations} evaluations: {fit.reason}."
 
 
+def _end(fit: Fit) -> int:
+    """1 where all parameters end at their upper bounds, -1 at their lower ones, else 0."""
+    if not fit.parameters or len(fit.at_bound) < len(fit.parameters):
+        return 0
+    high = [value > (p.low + p.high) / 2 for value, p in zip(fit.theta, fit.parameters, strict=True)]
+    return 1 if all(high) else 0 if any(high) else -1
+
+
 def _searched(on: OnPaths, run: Run, say: Say) -> Generation:
     """The last generation of the genetic algorithm; all candidates and generations are written into the
     run."""
@@ -71,7 +83,10 @@ def _searched(on: OnPaths, run: Run, say: Say) -> Generation:
         generations=settings.generations, tell=say.progress,
     )  # fmt: skip
     if not np.isfinite(found[-1].rms_mm):
-        raise ValueError("no candidate of the genetic algorithm has an equilibrium; widen [calibrate] bounds")
+        raise ValueError(
+            "no candidate of the genetic algorithm has an equilibrium; widen [calibrate] bounds, or correct "
+            "the unit of the pressure log (top_kPa under [pressure] tells a wrong one)"
+        )
     full_solves(on, found, say).save(run.path("generations.npz"))
     candidates = np.concatenate([g.candidates for g in found])
     run.write_npz("candidates.npz", {"x": candidates, "rms_mm": np.concatenate([g.costs for g in found])})

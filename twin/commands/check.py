@@ -1,5 +1,6 @@
 """Whether a project is complete and right, and what to run next."""
 
+import shlex
 from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
@@ -126,12 +127,12 @@ def _check_finger(project: Project, say: Say) -> None:
     """Say what is to be known of the finger's mesh and of points on it; ValueError where they are not
     right."""
     from twin.bench.meshshapes import poor_shapes, shape_table
-    from twin.bench.positions import check_points, places_of
+    from twin.bench.positions import check_points, one_side, places_of
     from twin.bench.workbench import structure_of
     from twin.model.structure import size_doubt
 
     structure = structure_of(project)
-    check_points(project.config.points, structure)
+    check_points(project.config.points, structure, mirrored=one_side(project))
     places = places_of(project, structure).values()
     for line in (*structure.remarks, size_doubt(structure.case), *(p.sentence for p in places)):
         if line:
@@ -163,8 +164,8 @@ def _check_effects(project: Project) -> None:
 def _missing_files(project: Project) -> list[str]:
     """What twin.toml names and is not there; a film is not asked for once its targets are there."""
     deck = project.config.model.deck
-    if deck is not None and not project.path(deck).is_file():
-        return [f"{deck} (model.deck)"]
+    if deck is not None and (gone := _no_file(project, deck, "model.deck")):
+        return gone
     if project.targets_folder.is_dir():
         return []
     if (stated := project.config.imported) is not None:
@@ -185,11 +186,18 @@ def _missing_files(project: Project) -> list[str]:
         missing += [f"{path} (films.{film.name}.{key})" for key, path in own.items()
                     if path is not None and not any(project.root.glob(path))]  # fmt: skip
     mended = project.config.measure.corrections
-    if mended is not None and not project.path(mended).is_file():
-        missing.append(f"{mended} (measure.corrections)")
+    if mended is not None:
+        missing += _no_file(project, mended, "measure.corrections")
     log = project.config.films[0].pressure if project.config.films else None
     log = log or project.config.pressure.file
-    return missing if project.path(log).is_file() else [*missing, f"{log} (pressure.file)"]
+    return [*missing, *_no_file(project, log, "pressure.file")]
+
+
+def _no_file(project: Project, path: str, key: str) -> list[str]:
+    """What is missing where a key of twin.toml names no file."""
+    full = project.path(path)
+    what = f"{key}: it is a folder, wanted a file" if full.is_dir() else key
+    return [] if full.is_file() else [f"{path} ({what})"]
 
 
 def _check_points(project: Project, targets: Targets) -> None:
@@ -240,7 +248,7 @@ def _next(project: Project) -> str:
     for stage in todo:
         named = named_effects(project) if stage.when is When.NAMED else []
         if stage.when is When.ALWAYS or named:
-            return " ".join([stage.name, *(named if len(named) == 1 else ())])
+            return shlex.join([stage.name, *(named if len(named) == 1 else ())])
     return "list"
 
 

@@ -10,6 +10,7 @@ from twin.formats.catalogue import format_of, read_recorded
 from twin.formats.recorded import plain
 from twin.project import files
 from twin.project.config import (
+    NAMED,
     BoardTable,
     CalibrateTable,
     CameraTable,
@@ -21,7 +22,7 @@ from twin.project.config import (
     PressureTable,
     ProjectTable,
 )
-from twin.project.folder import Say
+from twin.project.folder import Say, named_after
 from twin.project.targetfiles import read_targets
 from twin.project.toml import dump, write
 from twin.targets import PointKind, Targets
@@ -55,7 +56,7 @@ def run_init(
     told = {point.name: point for point in map(_point, nodes)}
     known = {} if deck is not None else {n: PointTable(name=n, node=k) for n, k in NAMED_NODES.items()}
     own = None if deck is None else _own_mesh(deck, told, ask=targets is None)
-    name = folder.resolve().name
+    name = named_after(folder)
     wanted: dict[str, str] = {}
     if targets is None:
         config = film_config(name, known | told)
@@ -100,13 +101,13 @@ def _say_next(folder: Path, config: Config, wanted: Mapping[str, str], say: Say)
     """Say what was written, what the user has to state in it, and the next command."""
     say(f"Wrote {folder / 'twin.toml'}.")
     if config.imported is None:
-        say(f"Next: `twin check --project {folder}` says what is still missing.")
+        say(f"Next: `twin check --project {files.typed(folder)}` says what is still missing.")
         return
     if wanted:
         say(f"{config.imported.file} does not say all. State under [import] of twin.toml:")
     for key, what in wanted.items():
         say(f"  {key}: {what}.")
-    say(f"Next: `twin measure --project {folder}` makes the targets of it.")
+    say(f"Next: `twin measure --project {files.typed(folder)}` makes the targets of it.")
 
 
 def import_config(
@@ -144,17 +145,17 @@ def _check_points(config: Config, deck: "Deck | None", say: Say) -> None:
     from twin.bench.positions import check_points, placed
     from twin.model.structure import Structure, base_case, skin
 
-    nodes = {point.node for point in config.points} - {None}
+    nodes, mirrored = {point.node for point in config.points} - {None}, len(config.cameras) == 1
     if deck is not None:
         structure = Structure(deck.case, "", {}, skin(deck.case))
-        for place in placed(config.points, structure, mirrored=len(config.cameras) == 1).values():
+        for place in placed(config.points, structure, mirrored=mirrored).values():
             say(place.sentence)
     elif nodes - set(NAMED_NODES.values()):  # those are there: no mesh need be made for them
         case = base_case()
         structure = Structure(case, "", {}, case.face_nodes("outside"))
     else:
         return
-    check_points([point for point in config.points if point.node is not None], structure)
+    check_points(config.points, structure, mirrored=mirrored)
 
 
 def targets_config(name: str, targets: Targets, stated: Mapping[str, PointTable]) -> Config:
@@ -182,8 +183,7 @@ def _named(name: str, node: int) -> PointTable:
         return PointTable(name=name, node=node)
     except ValueError:
         raise ValueError(
-            f"targets: point {name!r}: wanted a name of letters, digits and _ . + - alone; rename it in "
-            "targets.csv and targets.toml"
+            f"targets: point {name!r}: wanted {NAMED}; rename it in targets.csv and targets.toml"
         ) from None
 
 

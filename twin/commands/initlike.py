@@ -8,8 +8,9 @@ from typing import Any
 from twin.batches.former import calibration_files, camera_kept
 from twin.inputs.cameras import dictionary_files
 from twin.project import files
-from twin.project.folder import Project, Say
+from twin.project.folder import Project, Say, named_after
 from twin.project.toml import decoded, with_key, write
+from twin.project.trust import former_batch, remember
 
 
 def run_init_like(folder: Path, say: Say, *, like: Path) -> dict[str, Any]:
@@ -21,15 +22,16 @@ def run_init_like(folder: Path, say: Say, *, like: Path) -> dict[str, Any]:
     former = Project.open(like)
     root = folder.resolve()
     text = decoded((former.root / "twin.toml").read_bytes())
-    for key, value in {"name": root.name, "like": _way(root, former.root)}.items():
+    for key, value in {"name": named_after(root), "like": _way(root, former.root)}.items():
         text = with_key(text, "project", key, value)
     with files.whole_folder(root) as draft:
-        write(draft / "twin.toml", with_key(text, "model", "effects", []))
+        config = write(draft / "twin.toml", with_key(text, "model", "effects", []))
         (draft / "raw").mkdir()
         for file in _shared(former):
             place = draft / file.relative_to(former.root)
             place.parent.mkdir(parents=True, exist_ok=True)
             shutil.copy2(file, place)
+    remember(root, former_batch(root, config))  # whose folder the user has named
     say(f"Wrote {folder / 'twin.toml'} like {former.root.name}, whose rig it has.")
     for sentence in (*_wanted(former), camera_kept(Project.open(root))):
         if sentence:
@@ -42,7 +44,9 @@ def _shared(former: Project) -> list[Path]:
     names = {c.dictionary for c in former.config.cameras}
     names |= {c.board.dictionary for c in former.config.cameras if c.board}
     own = [path for name in sorted(names) for path in dictionary_files(former, name)]
-    shared = [*calibration_files(former), *own, *former.deck_files(), *former.effect_files()]
+    cached = sorted((former.root / "cache").glob("*"))  # what depends on the finger, not on the batch
+    solved = [path for path in cached if path.is_file() and not path.is_symlink()]
+    shared = [*calibration_files(former), *own, *former.deck_files(), *former.effect_files(), *solved]
     for path in shared:
         if not path.is_relative_to(former.root):
             raise ValueError(f"{path} lies outside {former.root}; wanted it below that folder, to copy it")

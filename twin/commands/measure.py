@@ -12,12 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twin.gauge.agreement import check_agrees
+from twin.gauge.clockfit import check_clock
 from twin.gauge.pressurelog import GaugeNoise, Log
 from twin.gauge.synchrony import Join, Motion
 from twin.gauge.ways import joining_of
 from twin.inputs.cameras import camera_path, camera_table, dictionary_name, lens_of, result_of
 from twin.inputs.films import FILM, FilmTargets, OneFilm, all_inputs, films_of, joined
-from twin.inputs.filmtargets import make_targets
+from twin.inputs.filmtargets import make_targets, read_late, said_of_readout
 from twin.inputs.foreign import import_inputs, import_targets
 from twin.inputs.pressure import gauge_of, said_of_log
 from twin.inputs.recordings import (
@@ -37,7 +38,7 @@ from twin.project.targetwriting import write_targets
 from twin.targets import Targets
 
 if TYPE_CHECKING:  # vision takes a second to import: only the stages that measure pay for it
-    from vision import Displacements
+    from vision import Displacements, Video
 
 STRAIN_STEPS = 20  # times of the strain field that ParaView gets, evenly
 STRAIN_SHOWN = 300  # those that the review shows
@@ -71,6 +72,7 @@ class FollowedFiles:
 class _Measured:
     """What the films and the log have given."""
 
+    film: "Video"  # of the first camera
     moved: "Displacements"
     log: Log
     gauge: GaugeNoise
@@ -81,8 +83,9 @@ class _Measured:
 def run_measure(project: Project, say: Say, *, replace: bool = False, budget: bool = False) -> dict[str, Any]:
     """Measure the films into targets/ and runs/NNNN-measure, unless that is done.
 
-    Targets that come from other inputs are never overwritten: ValueError, or with `replace` they are kept
-    as targets-0001, -0002, ... With `budget` the table of what the uncertainty is made of is said.
+    Targets that come from other inputs are never overwritten: ValueError. With `replace` it measures in any
+    case, and those that are there are kept as targets-0001, -0002, ... With `budget` the table of what the
+    uncertainty is made of is said.
     """
     result = _measured(project, say, replace)
     if budget and project.config.imported is not None:
@@ -103,7 +106,7 @@ def _measured(project: Project, say: Say, replace: bool) -> dict[str, Any]:
     how = import_inputs(project) if foreign else all_inputs(project, camera)
     done, killed = project.done("measure", **how), project.killed("measure", **how)
     owner = project.source().run
-    if done is not None and owner == done.name:
+    if done is not None and owner == done.name and not replace:
         say(f"Already done in {project.shown(done)}, and targets/ is there: skipped.")
         return result_of(project, "measure", done, skipped=True)
     if project.targets_folder.exists() and not replace and not (killed and owner == killed.name):
@@ -111,7 +114,8 @@ def _measured(project: Project, say: Say, replace: bool) -> dict[str, Any]:
             f"{project.targets_folder} holds targets from other inputs, or measured elsewhere, which are "
             "never overwritten; `twin measure --replace` keeps them as targets-0001 and measures again"
         )
-    each = [(film, _one_film(film.project, camera, say, film.name)) for film in films_of(project)]
+    anew = done is not None and owner == done.name
+    each = [(film, _one_film(film.project, camera, say, film.name, anew=anew)) for film in films_of(project)]
     with project.new_run("measure", **how) as run:
         source = SourceRecord(run=run.name)
         if foreign:
@@ -142,13 +146,14 @@ def _from_foreign(project: Project, say: Say, run: Run) -> Targets:
 def _from_film(project: Project, camera: Path, say: Say, run: Run) -> Targets:
     """The targets of the project's one film; what is known of it is written into the run."""
     found = _measure(project, camera, say, run)
-    moved, nodes = found.moved, project.config.nodes
-    targets = make_targets(moved, found.log, join=found.join, gauge=found.gauge, nodes=nodes)
+    moved, nodes, readout_ms = found.moved, project.config.nodes, camera_table(project).readout_ms
+    late = read_late(moved, found.film, readout_ms)
+    targets = make_targets(moved, found.log, join=found.join, gauge=found.gauge, nodes=nodes, late=late)
     run.write_npz("tracks.npz", _tracks(moved))
     run.write_bytes("overlay.png", _overlay(project, moved))
     run.write_text("budget.csv", _budget_csv(moved, targets))
     _write_strain(run, moved, lens_of(project, camera_table(project)).size)
-    run.summary.update(_summary(targets, found))
+    run.summary.update(_summary(targets, found, said_of_readout(targets, readout_ms)))
     run.summary["coding"] = list(moved.coding)
     for sentence in (*moved.notes, *moved.coding):
         run.note(sentence)
@@ -156,10 +161,11 @@ def _from_film(project: Project, camera: Path, say: Say, run: Run) -> Targets:
     return targets
 
 
-def _one_film(project: Project, camera: Path, say: Say, name: str) -> Path:
-    """The run in which one of several films is measured: made now, unless it is there."""
+def _one_film(project: Project, camera: Path, say: Say, name: str, *, anew: bool) -> Path:
+    """The run in which one of several films is measured: made now, unless it is there and not to be made
+    anew."""
     how = measure_inputs(project, camera)
-    done = project.done(FILM, **how)
+    done = None if anew else project.done(FILM, **how)
     if done is not None and (done / "targets").is_dir():
         say(f"Film {name}: already measured in {project.shown(done)}.")
         return done
@@ -227,9 +233,11 @@ def _measure(project: Project, camera: Path, say: Say, run: Run) -> _Measured:
     join = way.join(views[0].film, log, lambda: _motion(moved(), settings.steps))
     gauge = gauge_of(project, views[0].film.time, views[0].static.time, log, join.start_s)
     told = said_of_log(project, views[0].film.time, log, join.start_s)
-    stated = pressure.join == "stamps"
-    agrees = check_agrees(_motion(moved(), settings.steps), log, join.start_s, stated=stated)
-    return _Measured(moved(), log, gauge, join, (*told, *agrees))
+    motion = _motion(moved(), settings.steps)
+    agrees = check_agrees(motion, log, join.start_s, stated=pressure.join == "stamps")
+    late, note = check_clock(motion, log, join, by=pressure.join)
+    run.note(note)
+    return _Measured(views[0].film, moved(), log, gauge, join, (*told, *(agrees or late)))
 
 
 def _even(moved: "Displacements", most: int) -> NDArray[np.bool_]:
@@ -313,11 +321,13 @@ def _overlay(project: Project, moved: "Displacements") -> bytes:
 
 
 def _budget_csv(moved: "Displacements", targets: Targets) -> str:
-    """The budget as vision has it, with what the join with the log adds."""
+    """The budget as vision has it, with what clock and shutter add."""
     from vision.errors.errorbudget import to_csv, with_mode
 
-    clock, seen = targets.modes[targets.mode_names.index("sync")], np.asarray(targets.valid.any(axis=2))
-    return to_csv(with_mode(moved.budget, "sync", clock, seen), moved.names)
+    table, seen = moved.budget, np.asarray(targets.valid.any(axis=2))
+    for k in range(len(moved.mode_names), len(targets.mode_names)):
+        table = with_mode(table, targets.mode_names[k], targets.modes[k], seen)
+    return to_csv(table, moved.names)
 
 
 def _say_budget(path: Path, say: Say) -> dict[str, Any]:
@@ -341,15 +351,16 @@ def _counts(targets: Targets) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _summary(targets: Targets, found: _Measured) -> dict[str, Any]:
-    """What run.json and --json tell."""
+def _summary(targets: Targets, found: _Measured, said: tuple[str, ...]) -> dict[str, Any]:
+    """What run.json and --json tell.   said: more sentences."""
     moved, gauge, noise = found.moved, found.gauge, found.moved.noise
     return _counts(targets) | {
         "static_frames": noise.frames, "gauge_sd_MPa": gauge.sd_MPa,
         "sd_mm": dict(zip(moved.names, noise.sd, strict=True)),
         "codec_sd_mm": dict(zip(moved.names, noise.codec_sd, strict=True)),
         "remarks": [
-            *moved.lost, *moved.remarks, *filter(None, (gauge.remark, found.join.remark)), *found.remarks
+            *moved.lost, *moved.remarks, *filter(None, (gauge.remark, found.join.remark)),
+            *found.remarks, *said,
         ],
     }  # fmt: skip
 

@@ -125,7 +125,8 @@ def _features(
     from vision.plane import MIN_VISIBLE, fit_homography, to_plane
 
     table, marks = camera_table(project), marks_of(project)
-    camera, film = lens_of(project, table), open_film(project.path(table.film), fps=table.fps)
+    camera = lens_of(project, table)
+    film = open_film(project.path(table.film), fps=table.fps, mirrored=table.mirrored)
     picture = next(iter(film.frames()))[2]
     warp = first_seen([picture], camera, marks, dictionary_name(project, table.dictionary))
     frame = [p for p in rows_of(marks)[0] if np.isfinite(warp[p, 0, 0])]

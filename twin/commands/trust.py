@@ -4,12 +4,13 @@ from pathlib import Path
 from typing import Any
 
 from twin.project.folder import Project, Say
-from twin.project.trust import links, programs, remember, trust_file, trusted
+from twin.project.trust import check_programs, links, programs, remember, trust_file, trusted
 
 
 def run_trust(root: Path, say: Say) -> dict[str, Any]:
     """Trust the effect files of a project as they are now, and its links out of the folder."""
     project, before = Project.open(root, strange=True), trusted()
+    check_programs(project.root, project.config)
     asked = [*programs(project.root, project.config.model.effect_files), *links(project.root, project.config)]
     for one in asked:
         say(f"{one.name}: {one.what}{', trusted before' if one.digest in before else ''}.")

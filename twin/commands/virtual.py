@@ -94,7 +94,7 @@ def run_virtual(
     }  # fmt: skip
     files.write_text(sealed, json.dumps(truth, indent=1) + "\n")
     say(f"Wrote {folder / 'twin.toml'} and, not to be read before the diagnosis, {sealed.name} beside it.")
-    say(f"Next: `twin calibrate --project {folder}`.")
+    say(f"Next: `twin calibrate --project {files.typed(folder)}`.")
     return {"stage": "virtual", "status": "done", "project": str(folder), "sealed": str(sealed)}
 
 

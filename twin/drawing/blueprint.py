@@ -57,7 +57,7 @@ def dimensioned(
         _side(rows["side"], case, outside, points, marks, finger)
         _along(rows["along"], case, finger)
         _across(rows["across"], case, finger)
-        figure.suptitle(title, x=0.01, ha="left", fontsize=11)
+        figure.suptitle(title, x=0.01, ha="left", fontsize=11, parse_math=False)  # $ in a name is a $
         return png(figure)
 
 

@@ -33,7 +33,8 @@ def drift_chart(batches: Sequence[str], courses: Sequence[DriftCourse]) -> str:
         for axes, course in zip(panels, courses, strict=True):
             _panel(axes, course)
             axes.set_title(f"{course.name}{', ' if course.unit else ''}{course.unit}")
-        panels[-1].set_xticks(range(len(batches)), batches, rotation=30 if len(batches) > 6 else 0)
+        turned = 30 if len(batches) > 6 else 0
+        panels[-1].set_xticks(range(len(batches)), batches, rotation=turned, parse_math=False)
         panels[-1].set_xlim(-0.5, len(batches) - 0.5)
         return svg(figure)
 

@@ -29,7 +29,7 @@ class Recorded:
 
 def plain(name: str) -> str:
     """A point's name fit for twin.toml and CSV cells: `Tip - 1` becomes Tip_1."""
-    return re.sub(r"[^A-Za-z0-9_.+]+", "_", name).strip("_") or "point"
+    return re.sub(r"[^A-Za-z0-9_.+]+", "_", name).lstrip("_.+").rstrip("_") or "point"
 
 
 def plain_names(path: Path, names: list[str]) -> tuple[str, ...]:

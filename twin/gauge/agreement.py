@@ -1,5 +1,7 @@
 """Whether film and pressure log can be of one test: what moves in the one is driven by the other."""
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from twin.gauge.pressurelog import BEYOND_S, Log
@@ -24,6 +26,14 @@ LEAST_LEFT, LITTLE, MUCH = 0.002, 0.02, 0.1
 CLOCK_S = 0.4  # off, that is told
 
 
+@dataclass(frozen=True)
+class OtherRate:
+    """The film's time runs at another rate than the log's."""
+
+    sentence: str
+    sure: bool  # so that nothing else explains the motion
+
+
 def check_agrees(motion: Motion, log: Log, start_s: float, *, stated: bool) -> tuple[str, ...]:
     """Sentences where the motion is a little early or late. Raises ValueError where the finger rests while
     the pressure rises, moves while it rests, or moves as the pressure does at another time or at another
@@ -35,12 +45,9 @@ def check_agrees(motion: Motion, log: Log, start_s: float, *, stated: bool) -> t
     3.5 s away is refused, beyond what a lag of finger or clock can be, or more than 2.5 s where as stated the
     pressure says nothing of the motion.
     """
-    seen = np.isfinite(motion.mm)
-    time, mm = motion.time[seen], motion.mm[seen]
+    time, mm = _few(motion)
     if len(time) < 2 * (DEGREE + 1):
         return ()
-    few = np.linspace(0, len(time) - 1, min(len(time), MOST_STEPS)).round().astype(int)
-    time, mm = time[few], mm[few]
     moved, pressure = float(np.ptp(mm)), log.at(time + start_s)
     rise, whole = float(np.ptp(pressure)), float(np.ptp(log.pressure))
     span = f"{time[0] + start_s:.1f} to {time[-1] + start_s:.1f} s"
@@ -58,7 +65,10 @@ def check_agrees(motion: Motion, log: Log, start_s: float, *, stated: bool) -> t
     away = abs(best - start_s) if most >= FITS else 0.0
     order = "later" if best > start_s else "earlier"
     limit = AWAY_S if now >= LEAST else BEYOND_S
-    told = _check_rate(time, mm, log, start_s, least=1 - most)
+    other = _rate(time, mm, log, start_s, least=1 - most)
+    if other and other.sure:
+        raise ValueError(other.sentence)
+    told = (other.sentence,) if other else ()
     if stated and away > limit and most > now + BETTER:
         also = f"{told[0]} T" if told else "t"
         raise ValueError(
@@ -84,8 +94,23 @@ def check_agrees(motion: Motion, log: Log, start_s: float, *, stated: bool) -> t
     )
 
 
-def _check_rate(time: Array, mm: Array, log: Log, start_s: float, *, least: float) -> tuple[str, ...]:
-    """A sentence where the finger moves as the log does at another rate; ValueError where that is sure.
+def other_rate(motion: Motion, log: Log, start_s: float) -> OtherRate | None:
+    """Whether the finger moves as the log does at another rate."""
+    time, mm = _few(motion)
+    if len(time) < 2 * (DEGREE + 1) or np.ptp(mm) < max(MOVES_MM, MOVES * motion.noise_mm):
+        return None
+    return _rate(time, mm, log, start_s, least=1 - _best(time, mm, log)[1])
+
+
+def _few(motion: Motion) -> tuple[Array, Array]:
+    """Times (t,) s and displacements (t,) mm at a few steps in which the finger is seen."""
+    seen = np.flatnonzero(np.isfinite(motion.mm))
+    few = np.linspace(0, len(seen) - 1, min(len(seen), MOST_STEPS)).round().astype(int)
+    return motion.time[seen[few]], motion.mm[seen[few]]
+
+
+def _rate(time: Array, mm: Array, log: Log, start_s: float, *, least: float) -> OtherRate | None:
+    """What explains the motion where the finger moves as the log does at another rate.
 
     least: share of the motion that the pressure leaves unexplained at any time, at the film's own rate.
     """
@@ -98,7 +123,7 @@ def _check_rate(time: Array, mm: Array, log: Log, start_s: float, *, least: floa
     best, now = left(rate, FINE_S), min(left(1.0, FINE_S), least)
     clear = now > max(LITTLE, TOLD * best) or now > max(LEAST_LEFT, SURE * best)
     if max(rate, 1 / rate) < OTHER_RATE or not clear:
-        return ()
+        return None
     what = (
         f"the film seems to run {1 / rate:.2f} times as long as the test: with its times multiplied by "
         f"{rate:.2f} the pressure of {log.path.name} explains {100 * (1 - best):.1f} % of the motion, as "
@@ -106,12 +131,13 @@ def _check_rate(time: Array, mm: Array, log: Log, start_s: float, *, least: floa
     )
     way = "was it filmed in slow motion, has it lost frames, or was its frame rate changed?"
     if now > max(MUCH, SURE * best):
-        raise ValueError(
+        return OtherRate(
             f"{what}; wanted a film whose time stamps are those of the camera: {way} Use the original file, "
-            "or pictures with times.csv"
+            "or pictures with times.csv",
+            sure=True,
         )
     alike = "A pressure line that lags by seconds looks alike in a short film."
-    return (f"{what[0].upper()}{what[1:]}: {way} {alike}",)
+    return OtherRate(f"{what[0].upper()}{what[1:]}: {way} {alike}", sure=False)
 
 
 def _at_rate(time: Array, mm: Array, log: Log, start_s: float, rate: float, *, step: float) -> float:

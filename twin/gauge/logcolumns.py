@@ -19,7 +19,7 @@ from twin.gauge.pressureunits import (
     unit_of,
 )
 from twin.project.csvtable import Sheet, Table
-from twin.sanity import pressure_fault, zero_fault
+from twin.sanity import pressure_fault, top_fault, zero_fault
 from twin.targets import Array
 
 
@@ -30,6 +30,7 @@ class LogFormat:
     column: str | None = None  # heading of the pressure
     unit: str | None = None  # of that column
     line: Line | None = None  # for a gauge that gives volts
+    top_kPa: float | None = None  # what the regulator was set to: the unit is compared with it
 
 
 @dataclass(frozen=True)
@@ -64,15 +65,17 @@ def gauge_pressure(table: Table, column: Column, form: LogFormat) -> tuple[Array
     """The gauge pressure (t,) MPa, and the unit it was read in."""
     unit = _unit(table.path, column, form)
     values = in_MPa(table.numbers(column.name, unit=unit), unit, line=form.line)
-    _check_size(table.path, column, float(np.abs(values).max()), unit)
+    _check_size(table.path, column, float(np.abs(values).max()), unit, form.top_kPa)
     if fault := zero_fault(values):
         raise ValueError(f"{table.path}: {column.name} {fault}")
     return values, unit
 
 
-def _check_size(path: Path, column: Column, peak: float, unit: str) -> None:
-    """Raise ValueError where no soft finger has such a pressure (peak, MPa): the unit is another one."""
-    fault = pressure_fault(peak, unit=unit)
+def _check_size(path: Path, column: Column, peak: float, unit: str, top_kPa: float | None) -> None:
+    """Raise ValueError where no soft finger has such a pressure (peak, MPa), or the regulator was set to
+    another: the unit is another one."""
+    fault = "" if top_kPa is None else top_fault(peak, unit=unit, top_kPa=top_kPa)
+    fault = fault or pressure_fault(peak, unit=unit)
     if fault and peak > 0:
         raise ValueError(
             f"{path}: {column.name} {fault}; correct the unit in the heading, as in pressure_kPa, or in "

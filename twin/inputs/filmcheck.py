@@ -6,8 +6,9 @@ from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
-from twin.gauge.agreement import check_agrees
+from twin.gauge.agreement import check_agrees, other_rate
 from twin.gauge.pressurelog import Log
 from twin.gauge.synchrony import Motion
 from twin.inputs.cameras import dictionary_name, lens_of
@@ -24,6 +25,8 @@ if TYPE_CHECKING:  # vision takes a second to import
 SMALL_PX = 20.0  # a marker below it is followed less well
 OFTEN = 0.5  # share of the frames looked at in which a marker of the finger should be seen
 OTHER_SIZE, OTHER_NOISE = 1.05, 1.5  # times, of markers and of noise, in the static film and the test
+TORN, TORN_FRAMES = 4e-4, 2  # share of the pixels, 100 of a small picture, and frames in which it is so
+AT_FIRST = 3  # frames that are at rest if any are
 CORNERS_MM, NOISE_MM = 0.1, 0.03  # error of a place by a marker's corners at 3 px/mm, and its scatter
 
 
@@ -56,7 +59,10 @@ def check_films(project: Project, log: Log, say: Say) -> None:
 
     marks = marks_of(project)
     for table in project.config.cameras:
-        film, static = (open_film(project.path(f), fps=table.fps) for f in (table.film, table.static))
+        film, static = (
+            open_film(project.path(f), fps=table.fps, mirrored=table.mirrored)
+            for f in (table.film, table.static)
+        )
         picture = "check.png" if len(project.config.cameras) == 1 else f"check-{table.name}.png"
         _draw(project, table, marks, film, picture, say)
         corrections_of(project, table)  # names the line that is not right
@@ -93,9 +99,22 @@ def _findings(look: _Look, log: Log) -> list[str]:
     )
     for film, own in ((look.film, seen), (look.static, still)):
         check_glimpses(film, own, look.marks, look.dictionary)
-    said = [*_marks(look, seen), *_rests(look, seen, still), *_small(look, seen), *_seldom(look, seen)]
+    _whole_pictures(look, seen)
+    said = [*_marks(look, seen), *_rests(look, seen, still, log), *_small(look, seen), *_seldom(look, seen)]
     said += _apart(look, seen, still)
     return [*said, *_motion(look, seen, log)]
+
+
+def _whole_pictures(look: _Look, seen: "Glimpses") -> None:
+    """Raise ValueError where moving markers are torn between odd and even rows."""
+    from vision.film.video import WHOLE
+
+    torn = seen.combs > TORN + float(np.median(seen.combs[seen.rest]))
+    if torn.sum() >= TORN_FRAMES:
+        raise ValueError(
+            f"{look.table.film} is interlaced: in {int(torn.sum())} of the {len(torn)} frames looked at, odd "
+            f"and even rows show two moments, and a marker that moves is torn between them. {WHOLE}"
+        )
 
 
 def _marks(look: _Look, seen: "Glimpses") -> tuple[str, ...]:
@@ -115,15 +134,22 @@ def _marks(look: _Look, seen: "Glimpses") -> tuple[str, ...]:
     return (*without_odd(fit, look.marks)[1], *said)
 
 
-def _rests(look: _Look, seen: "Glimpses", still: "Glimpses") -> tuple[str, ...]:
-    """Sentences where the finger drifts at rest; ValueError where it moves."""
+def _rests(look: _Look, seen: "Glimpses", still: "Glimpses", log: Log) -> tuple[str, ...]:
+    """Sentences where the finger drifts at rest; ValueError where it moves, or the film runs too fast to show
+    its rest."""
     from vision.errors.restcheck import check_rest
 
     coded, rest = _coded(look), seen.rest
     names, film = [look.marks[p].name for p in coded], look.film.path.name
-    moved = check_rest(
-        _places(look, seen)[rest][:, coded], seen.time[rest], names, film=film, static=False
-    )
+    try:
+        moved = check_rest(
+            _places(look, seen)[rest][:, coded], seen.time[rest], names, film=film, static=False
+        )
+    except ValueError as moving:
+        course = _course(look, seen, np.arange(len(seen.time)) < AT_FIRST)
+        if course is not None and (other := other_rate(course, log, look.table.film_start_s)):
+            raise ValueError(other.sentence if other.sure else f"{moving}. {other.sentence}") from None
+        raise
     static = look.static.path.name
     return (*moved, *check_rest(_places(look, still)[:, coded], still.time, names, film=static, static=True))
 
@@ -193,21 +219,40 @@ def _seldom(look: _Look, seen: "Glimpses") -> list[str]:
         )
     return [
         f"Marker {look.marks[p].name!r} is read in {int(own.sum())} of the {len(own)} frames looked at after "
-        "the reference: is it covered, blurred or out of the picture?"
-        for p, own in zip(coded, after.T, strict=True) if own.mean() < OFTEN
+        f"the reference: {_why_not(look, p, several)}"
+        for p, own, several in zip(coded, after.T, seen.twice[~seen.rest][:, coded].T, strict=True)
+        if own.mean() < OFTEN
     ]  # fmt: skip
+
+
+def _why_not(look: _Look, row: int, several: Array) -> str:
+    """Why a marker is seldom read, from the frames (k,) in which its code is read in several places."""
+    from vision.marks import codes_of
+
+    if not several.mean() > 1.0 - OFTEN:
+        return "is it covered, blurred or out of the picture?"
+    return (
+        f"its id {codes_of(look.marks)[row]} is seen twice in {int(several.sum())} of them. Print every id "
+        "once: cover the other one, and film again if it is on the finger."
+    )
 
 
 def _motion(look: _Look, seen: "Glimpses", log: Log) -> tuple[str, ...]:
     """Sentences on how the finger's motion in the frames goes with the log; ValueError where it contradicts
     it."""
+    motion = _course(look, seen, seen.rest)
+    return () if motion is None else check_agrees(motion, log, look.table.film_start_s, stated=True)
+
+
+def _course(look: _Look, seen: "Glimpses", rest: NDArray[np.bool_]) -> Motion | None:
+    """How far the finger's coded marks are from where they are in the frames `rest` (k,); None without such
+    marks, or where film and log have no common clock yet."""
     from vision.following.turns import mean_seen
 
     pressure, place = look.project.config.pressure, _places(look, seen)[:, _coded(look)]
     if pressure is None or pressure.join != "stamps" or not place.shape[1]:
-        return ()
-    squares = ((place - mean_seen(place[seen.rest])) ** 2).sum(axis=2)
+        return None
+    squares = ((place - mean_seen(place[rest])) ** 2).sum(axis=2)
     shown = np.isfinite(squares).all(axis=1)
     mm = np.where(shown, np.sqrt(np.where(np.isfinite(squares), squares, 0.0).mean(axis=1)), np.nan)
-    motion = Motion(seen.time - look.film.time[0], mm, NOISE_MM)
-    return check_agrees(motion, log, look.table.film_start_s, stated=True)
+    return Motion(seen.time - look.film.time[0], mm, NOISE_MM)

@@ -52,7 +52,9 @@ def _alone(project: Project, film: FilmTable) -> Project:
         "film": film.file, "static": film.static or camera.static, "film_start_s": film.film_start_s,
         "static_start_s": film.static_start_s,
     }  # fmt: skip
-    log = pressure.model_copy(update={"file": film.pressure or pressure.file})
+    log = pressure  # what the regulator was set to is said of this log alone
+    if film.pressure is not None:
+        log = pressure.model_copy(update={"file": film.pressure, "top_kPa": None})
     camera = camera.model_copy(update=own)
     changed = {"films": (), "cameras": (camera,), "pressure": log}
     return replace(project, config=config.model_copy(update=changed))

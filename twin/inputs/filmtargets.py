@@ -8,21 +8,28 @@ from numpy.typing import NDArray
 
 from twin.gauge.pressurelog import GaugeNoise, Log
 from twin.gauge.synchrony import Join
-from twin.targets import Noise, PointKind, TargetPoint, Targets, as_position, at_node
+from twin.targets import Array, Noise, PointKind, TargetPoint, Targets, as_position, at_node
 
 if TYPE_CHECKING:
-    from vision import Displacements
+    from vision import Displacements, Video
 
 DIGITS = 6  # of mm: a nanometre, far below any sd, keeps targets.csv readable
 
 
 def make_targets(
-    moved: "Displacements", log: Log, *, join: Join, gauge: GaugeNoise, nodes: Mapping[str, int]
+    moved: "Displacements",
+    log: Log,
+    *,
+    join: Join,
+    gauge: GaugeNoise,
+    nodes: Mapping[str, int],
+    late: Array | None = None,
 ) -> Targets:
     """Targets of one block on the log's clock, from displacements on the film's.
 
     Of frames with the same time stamp the first is kept; `nodes` gives the label of every finger marker.
-    What the join leaves uncertain becomes the mode "sync".
+    What the join leaves uncertain becomes the mode "sync", and what a rolling shutter does "readout".
+    late: (s,p) s by which the camera read each mark after the middle of the picture.
     """
     from vision.errors.modes import sync
 
@@ -37,16 +44,46 @@ def make_targets(
         lasting=n.persistence.lasting,
     )  # fmt: skip
     log_time, log_pressure = log.beside(time)
-    clock = sync(time, moved.value[keep], join.sd_s) * np.isfinite(moved.value[keep])
+    speed = sync(time, moved.value[keep], 1.0) * np.isfinite(moved.value[keep])  # mm/s
+    modes = {"sync": join.sd_s * speed}
+    if late is not None:
+        modes["readout"] = late[keep][..., None] * speed
     return Targets(
         time=time, pressure=np.round(log.at(time), DIGITS + 3), block=np.zeros(len(time), dtype=np.int64),
         points=_target_points(moved, nodes), value=value, covariance=covariance,
         valid=np.isfinite(value) & np.isfinite(variance), held_out=np.zeros(len(time), dtype=bool),
-        modes=np.concatenate([moved.modes[:, keep], clock[None]]), mode_names=(*moved.mode_names, "sync"),
+        modes=np.concatenate([moved.modes[:, keep], *(mode[None] for mode in modes.values())]),
+        mode_names=(*moved.mode_names, *modes),
         noise=noise, log_time=log_time, log_pressure=log_pressure,
         reference=_kept(moved.reference, keep), gravity=None,
         pressure_sd=gauge.sd_MPa * log.gain(time),
     )  # fmt: skip
+
+
+def read_late(moved: "Displacements", film: "Video", readout_ms: float | None) -> Array | None:
+    """Times (s,p) s by which a rolling shutter read each mark after the middle of the picture; None without.
+
+    Rows are those of the sensor: in a film that is turned by a quarter, the picture's columns.
+    """
+    if readout_ms is None:
+        return None
+    axis, side = (1, film.height) if film.turns % 2 == 0 else (0, film.width)
+    tracks = moved.tracks
+    frames = np.searchsorted(tracks.time, moved.time)
+    place = tracks.position[frames][:, [tracks.names.index(name) for name in moved.names], axis]
+    return np.nan_to_num(place / side - 0.5) * readout_ms / 1e3
+
+
+def said_of_readout(targets: Targets, readout_ms: float | None) -> tuple[str, ...]:
+    """A sentence on what a rolling shutter does to the targets."""
+    if readout_ms is None:
+        return ()
+    most = float(np.abs(targets.modes[targets.mode_names.index("readout")]).max())
+    return (
+        f"The camera reads the rows of a frame one after another, in {readout_ms:g} ms (readout_ms). "
+        f"Markers that move far from the picture's middle are off by up to {most:.2g} mm. This is stated as "
+        "the error readout, and not corrected.",
+    )
 
 
 def _target_points(moved: "Displacements", nodes: Mapping[str, int]) -> tuple[TargetPoint, ...]:

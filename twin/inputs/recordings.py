@@ -33,7 +33,7 @@ def log_of(project: Project, pressure: PressureTable) -> Log:
     line = None
     if pressure.volt_zero is not None and pressure.MPa_per_V is not None:
         line = Line(pressure.volt_zero, pressure.MPa_per_V)
-    form = LogFormat(pressure.column, pressure.unit, line)
+    form = LogFormat(pressure.column, pressure.unit, line, pressure.top_kPa)
     return read_log(project.path(pressure.file), time_shift_s=pressure.time_shift_s, form=form)
 
 
@@ -64,8 +64,9 @@ def recorded(project: Project, key: str, told: str) -> list[Path]:
 
 
 def marks_of(project: Project) -> list["Mark"]:
-    """Every marker with its nominal centre: those of the frame, and the finger's."""
-    from twin.bench.positions import one_side, position_of
+    """Every marker with the centre that twin.toml states, (3,) mm: those of the frame, and the finger's; of
+    a point that states none, its node's. ValueError where a stated one lies far from the finger."""
+    from twin.bench.positions import one_side, places_of, position_of
     from twin.bench.workbench import structure_of
     from vision import Mark
 
@@ -73,14 +74,17 @@ def marks_of(project: Project) -> list["Mark"]:
         Mark(m.name, mark_kind(m), m.position_mm, m.role)
         for m in project.config.frame.markers
     ]
-    structure, mirrored = None, one_side(project)
-    behind = mirrored and np.mean([m.position[1] for m in marks if m.role == "frame"]) < 0.0
+    structure = None
+    if not all(p.node and p.position_mm for p in project.config.points):
+        structure = structure_of(project)
+        places_of(project, structure)
+    behind = one_side(project) and np.mean([m.position[1] for m in marks if m.role == "frame"]) < 0.0
     for point in project.config.points:
-        position = point.position_mm
-        if position is None or point.node is None:
-            structure = structure or structure_of(project)
-            x, y, z = (float(v) for v in position_of(point, structure, mirrored=mirrored))
-            position = (x, -y if behind else y, z)  # on the side that the camera sees
+        position = point.position_mm  # a fact of the rig: the model's own place is for the model alone
+        if position is None:
+            assert structure is not None
+            x, y, z = (float(v) for v in position_of(point, structure))
+            position = (x, -abs(y) if behind else y, z)  # on the side that the camera sees
         marks.append(Mark(point.name, mark_kind(point), position, "finger"))
     return marks
 

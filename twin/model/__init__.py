@@ -5,5 +5,5 @@ Read `prediction` first: a model without any state. `memo` keeps its solves and 
 `slipping` adds markers that slip, `perturbing` what comes and goes by a course of its own. `basemodel`
 makes the base model of targets; `structure` says what a model is made of: the built-in finger or
 a deck. `discretisation` measures the error of its mesh on finer meshes, whose changes `meshchanges`
-takes apart. `loadpaths` tabulates displacements over C10 and C01 for the genetic algorithm. `arraycache`
-says what stored arrays are keyed by.  """
+takes apart. `loadpaths` tabulates displacements over C10 and C01 for the genetic algorithm. Both come with
+the package for the built-in finger (`fingertable`). `arraycache` says what stored arrays are keyed by."""

@@ -215,6 +215,10 @@ class Model:
         jacobian = np.stack(rows) if derivatives else None
         return Solved(theta.copy(), self.seen(u, test, values), jacobian, solution)
 
+    def drawn(self, theta: Array) -> Solved:
+        """The solve at theta (d,) for whoever draws it: without derivatives, whatever the model keeps."""
+        return Model.solved(self, theta)
+
     def _seen_again(self, solved: Solved) -> Solved:
         """A solve of another model that differs in `mesh` alone, as this one sees it."""
         values, solution = self.named(solved.theta), solved.solution

@@ -1,5 +1,6 @@
 """Turn twin.toml into a checked, frozen configuration; one field here is one key there."""
 
+import re
 from collections import Counter
 from pathlib import PurePosixPath, PureWindowsPath
 from typing import Annotated, Any, Literal, Self
@@ -9,8 +10,19 @@ from pydantic import AfterValidator, Field, model_validator
 from twin.effects import labels
 from twin.effects.baselaw import BOUNDS
 from twin.project.dimensions import FingerTable
-from twin.project.tablemodel import Finite, NotNegative, Position, Positive, TableModel
+from twin.project.tablemodel import (
+    Direction,
+    Finite,
+    Label,
+    Length,
+    NotNegative,
+    Position,
+    Positive,
+    TableModel,
+)
 from twin.project.targetschema import StillSteps
+
+NAMED = "a name of the letters A to Z and a to z, digits and _ . + -, which begins with none of . + -"
 
 
 def _inside(path: str) -> str:
@@ -26,6 +38,13 @@ def _relative(path: str) -> str:
             "file under raw/ and write raw/..."
         )
     return path
+
+
+def _name(name: str) -> str:
+    # it goes into paths and into CSV cells, where a sign at the beginning makes a formula
+    if not re.fullmatch(r"[A-Za-z0-9_][A-Za-z0-9_.+-]*", name):
+        raise ValueError(f"wanted {NAMED}; rename it")
+    return name
 
 
 def _dictionary(name: str) -> str:
@@ -64,7 +83,7 @@ SdMm = Annotated[Positive, AfterValidator(_sd_mm)]
 Dictionary = Annotated[str, AfterValidator(_dictionary)]
 RelativePath = Annotated[str, Field(min_length=1), AfterValidator(_inside)]
 OtherProject = Annotated[str, Field(min_length=1), AfterValidator(_relative)]
-Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9_.+-]+$")]  # goes into CSV cells and entity paths
+Name = Annotated[str, AfterValidator(_name)]
 Effect = Annotated[str, AfterValidator(labels.checked)]
 Effects = Annotated[str, AfterValidator(labels.checked_groups)]
 Bounds = tuple[Finite, Finite]
@@ -97,7 +116,7 @@ class ModelTable(TableModel):
     silicone: tuple[Name, ...] = Field(
         default=(), description="element sets of the deck whose C10 and C01 are fitted; []: all"
     )
-    mesh: int = Field(default=1, ge=1, description="mesh refinement: 2 halves all elements")
+    mesh: int = Field(default=1, ge=1, le=8, description="mesh refinement: 2 halves all elements")
     effects: tuple[Effect, ...] = Field(
         default=(),
         description='effects in the model, such as ["creep:2"]',
@@ -110,7 +129,7 @@ class ModelTable(TableModel):
         default=None,
         description="density of the silicone, kg/m3; with it the model has weight and needs gravity",
     )
-    gravity: Position | None = Field(
+    gravity: Direction | None = Field(
         default=None,
         description="direction of gravity in world axes, such as [0.0, 0.0, -1.0]; leave it "
         "out where targets.toml states it",
@@ -127,8 +146,6 @@ class ModelTable(TableModel):
                 f"model.deck = {self.deck!r} and [model.finger] are both given: a deck has its own "
                 "dimensions; remove one of them"
             )
-        if self.gravity is not None and not any(self.gravity):
-            raise ValueError(f"gravity = {list(self.gravity)}: wanted a direction, such as [0.0, 0.0, -1.0]")
         return self
 
 
@@ -138,9 +155,9 @@ class BoardTable(TableModel):
         description="acircles: every other row shifted; codedcircles: three are rings or larger",
     )
     columns: int = Field(
-        ge=2, description="number across: squares (charuco), inner corners (chessboard) or circles"
+        ge=2, le=1000, description="number across: squares (charuco), inner corners (chessboard) or circles"
     )
-    rows: int = Field(ge=2, description="number down, counted alike")
+    rows: int = Field(ge=2, le=1000, description="number down, counted alike")
     square_mm: Positive = Field(
         description="measured side of a square, or distance of circles (acircles: of rows), mm"
     )
@@ -197,7 +214,7 @@ class FilmTable(TableModel):
         default=0.0, description="time of its first frame on the clock of its log, s"
     )
     static_start_s: StaticStart = None
-    gravity: Position | None = Field(
+    gravity: Direction | None = Field(
         default=None,
         description="direction of gravity where the rig was turned; in every film, or in none",
     )
@@ -240,6 +257,9 @@ class CameraTable(TableModel):
         default=0.0, description="time of the film's first frame on the clock of the pressure log, s"
     )
     static_start_s: StaticStart = None
+    readout_ms: Positive | None = Field(
+        default=None, description="rolling shutter: time from the first row of a frame to the last, ms"
+    )
     max_rms_px: Positive = Field(
         default=0.3, description="largest reprojection RMS that is accepted, px"
     )
@@ -275,6 +295,9 @@ class PressureTable(TableModel):
     )
     MPa_per_V: Finite | None = Field(
         default=None, description="gauge that gives volts: sensitivity, MPa/V"
+    )
+    top_kPa: Positive | None = Field(
+        default=None, description="what the regulator was set to at most, kPa; tells a wrong unit of the log"
     )
     time_shift_s: Finite = Field(default=0.0, description="added to the times of the log, s")
     sync_sd_s: Annotated[float, Field(ge=0, allow_inf_nan=False)] = Field(
@@ -403,7 +426,7 @@ class MarkTable(TableModel):
     """What is glued, or seen in the silicone: on the rig or on the finger."""
 
     name: Name = Field(description="name in targets and reports")
-    marker: int | None = Field(default=None, ge=0, description="ArUco id; none for a plain dot")
+    marker: int | None = Field(default=None, ge=0, le=10**6, description="ArUco id; none for a plain dot")
     size_mm: Positive | None = Field(
         default=None, description="side of the marker, or diameter of a dot, mm; needed with a film"
     )
@@ -425,16 +448,15 @@ class FrameTable(TableModel):
 class PointTable(MarkTable):
     """A point on the finger."""
 
-    node: int | None = Field(
+    node: Label | None = Field(
         default=None,
-        ge=1,
         description="label of the node in the model; or give position_mm",
     )
     position_mm: Position | None = Field(
         default=None,
-        description="centre on the unloaded finger, mm; the nearest place on the surface counts, or node",
+        description="its centre without load, mm; the model takes its nearest place, or node",
     )
-    seen_mm: tuple[Finite, Finite] | None = Field(
+    seen_mm: tuple[Length, Length] | None = Field(
         default=None,
         description="x and z of a natural feature in the first picture, mm; `twin pick` writes it",
     )
@@ -455,9 +477,9 @@ class PointTable(MarkTable):
 
 
 class DicTable(TableModel):
-    low_mm: tuple[Finite, Finite] = Field(description="smallest x and z of the speckled part at rest, mm")
-    high_mm: tuple[Finite, Finite] = Field(description="largest x and z of the speckled part at rest, mm")
-    y_mm: Finite = Field(description="y of the face, mm; it must be flat")
+    low_mm: tuple[Length, Length] = Field(description="smallest x and z of the speckled part at rest, mm")
+    high_mm: tuple[Length, Length] = Field(description="largest x and z of the speckled part at rest, mm")
+    y_mm: Length = Field(description="y of the face, mm; it must be flat")
     step_mm: Positive = Field(default=4.0, description="distance from one measured point to the next, mm")
     subset_mm: Positive = Field(
         default=6.0,
@@ -467,8 +489,8 @@ class DicTable(TableModel):
 
 class CalibrateTable(TableModel):
     seed: int = Field(default=1, ge=0, description="seed of the genetic algorithm")
-    population: int = Field(default=30, ge=4, description="number of candidates in a generation")
-    generations: int = Field(default=20, ge=1, description="number of generations")
+    population: int = Field(default=30, ge=4, le=10_000, description="number of candidates in a generation")
+    generations: int = Field(default=20, ge=1, le=10_000, description="number of generations")
     objective_points: tuple[Name, ...] = Field(
         default=("tip", "middle"),
         min_length=1,
@@ -720,12 +742,6 @@ def check_films(c: Config) -> None:
 def _check_gravity(c: Config) -> None:
     """Raise ValueError where some films state gravity and others do not, or it is stated twice."""
     stated = [film.name for film in c.films if film.gravity is not None]
-    for film in c.films:
-        if film.gravity is not None and not any(film.gravity):
-            raise ValueError(
-                f"films.{film.name}.gravity = {list(film.gravity)}: wanted a direction, such as "
-                "[0.0, 0.0, -1.0]"
-            )
     if stated and len(stated) < len(c.films):
         raise ValueError(
             f"films: gravity stands in {', '.join(stated)} and not in the others; wanted it in every film, "

@@ -1,6 +1,7 @@
 """Turn a CSV file with a header into checked columns; every error names file, line, column and value."""
 
 import csv
+import io
 import math
 import re
 from collections.abc import Sequence
@@ -10,6 +11,8 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+
+ROUNDED = 0.2  # share of the rows that repeat the one before where times are rounded, and none falls
 
 
 @dataclass(frozen=True)
@@ -30,10 +33,16 @@ class Table:
         shown = repr(value if len(value) <= 60 else value[:57] + "...")
         return ValueError(f"{self.path}, line {self.lines[row]}, column {column}: {shown}: {wanted}")
 
-    def numbers(self, column: str, *, unit: str, empty: bool = False) -> NDArray[np.float64]:
-        """A column (rows,) of finite numbers; where `empty` is allowed an empty cell is NaN."""
+    def numbers(
+        self, column: str, *, unit: str, empty: bool = False, most: float = math.inf
+    ) -> NDArray[np.float64]:
+        """A column (rows,) of finite numbers, of the size `most` at most; where `empty` is allowed an empty
+        cell is NaN."""
         wanted = f"wanted a finite number in {unit}" + (" or an empty cell (not observed)" if empty else "")
-        return np.array([self._number(row, column, wanted, empty) for row in range(len(self))], dtype=float)
+        found = np.array([self._number(row, column, wanted, empty) for row in range(len(self))], dtype=float)
+        for row in np.flatnonzero(np.abs(found) > most)[:1].tolist():
+            raise self.error(row, column, f"wanted a number in {unit}, of {most:g} at most; correct its unit")
+        return found
 
     def integers(self, column: str) -> NDArray[np.int64]:
         """A column (rows,) of whole numbers."""
@@ -52,15 +61,16 @@ class Table:
 
     def increasing(self, column: str, values: NDArray[np.float64], *, unit: str) -> None:
         """Raise ValueError at the first value that is not larger than the one before it."""
-        falls = np.flatnonzero(np.diff(values) <= 0)
+        step = np.diff(values)
+        falls = np.flatnonzero(step <= 0)
         if falls.size:
-            row = int(falls[0]) + 1
-            raise self.error(
-                row,
-                column,
-                f"wanted more than the {values[row - 1]:g} {unit} before it: "
-                "sort the rows by time and remove repeated ones",
-            )
+            row, way = int(falls[0]) + 1, "sort the rows by time and remove repeated ones"
+            if step.min() == 0 and falls.size > ROUNDED * len(values):
+                way = (
+                    f"{falls.size} of {len(values)} rows repeat the value before them, so it seems to be "
+                    f"rounded to {step[step > 0].min(initial=np.inf):.3g} {unit}: write it with more digits"
+                )
+            raise self.error(row, column, f"wanted more than the {values[row - 1]:g} {unit} before it: {way}")
 
     def _number(self, row: int, column: str, wanted: str, empty: bool) -> float:
         text = self.cells[column][row]
@@ -118,6 +128,12 @@ _DECIMAL_COMMAS = (
 _COMMA, _POINT = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?"), re.compile(r"[+-]?\d*\.\d*([eE][+-]?\d+)?")
 
 
+def as_text(cell: str) -> str:
+    """A cell of text that a spreadsheet does not take for a formula: one that begins like it gets an
+    apostrophe before it."""
+    return f"'{cell}" if cell[:1] in (*"=+-@\t\r\n",) else cell
+
+
 def read_sheet(path: Path, *, wanted: str) -> Sheet:
     """A CSV file whose columns are parted by commas, semicolons or tabs, as its first line tells.
 
@@ -127,10 +143,12 @@ def read_sheet(path: Path, *, wanted: str) -> Sheet:
         text = path.read_text(encoding="utf-8-sig")  # spreadsheets write a byte order mark
     except FileNotFoundError:
         raise ValueError(f"{path}: no such file") from None
+    except IsADirectoryError:
+        raise ValueError(f"{path}: a folder; wanted a CSV file with a header line {wanted}") from None
     except UnicodeDecodeError:
         raise ValueError(f"{path}: not UTF-8 text; save it as CSV (UTF-8)") from None
     separator = _separator(next((line for line in text.splitlines() if line.strip()), ""))
-    reader = csv.reader(text.splitlines(), delimiter=separator)
+    reader = csv.reader(io.StringIO(text, newline=""), delimiter=separator)
     try:
         rows = [
             (reader.line_num, [cell.strip() for cell in row]) for row in reader if any(c.strip() for c in row)

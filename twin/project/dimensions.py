@@ -28,7 +28,7 @@ class FingerTable(TableModel):
     top_wall_mm: Positive = Field(default=2.0, description="thickness of the pleated top wall, mm")
     base_cap_mm: Positive = Field(default=4.0, description="length of solid silicone at the clamp, mm")
     tip_cap_mm: Positive = Field(default=6.0, description="length of solid silicone at the tip, mm")
-    pleats: int = Field(default=9, ge=1, description="number of pleats (bellows)")
+    pleats: int = Field(default=9, ge=1, le=1000, description="number of pleats (bellows)")
     pleat_depth_mm: NotNegative = Field(
         default=7.6, description="depth of the top's pleats, crest to valley, mm; 0: none"
     )

@@ -6,6 +6,7 @@ import io
 import json
 import math
 import os
+import shlex
 import shutil
 import zipfile
 from collections.abc import Iterable, Iterator, Mapping
@@ -14,12 +15,13 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
+from numpy.lib import format as npy
 from numpy.typing import ArrayLike, NDArray
 from pydantic import BaseModel
 
 from twin.project.validation import checked
 
-MOST_BYTES = 8 * 2**30  # of the arrays of one file
+MOST_BYTES = 4 * 2**30  # of the arrays of one file
 AGAIN = "remove it and run its stage again"
 Model = TypeVar("Model", bound=BaseModel)
 
@@ -57,12 +59,15 @@ def whole_folder(folder: Path) -> Iterator[Path]:
         if not _lives(left.name.split(".")[-2]):
             shutil.rmtree(left, ignore_errors=True)
     draft = folder.with_name(f".{folder.name}.{os.getpid()}.partial")
-    draft.mkdir(parents=True)
     try:
+        draft.mkdir(parents=True)
         yield draft
         if folder.is_dir():
             folder.rmdir()
         os.rename(draft, folder)
+    except OSError as error:
+        own = error.filename in (None, str(draft))
+        raise OSError(error.errno, error.strerror, str(folder)) if own else error from None
     finally:
         shutil.rmtree(draft, ignore_errors=True)
 
@@ -164,19 +169,45 @@ def read(model: type[Model], path: Path) -> Model:
         raise ValueError(f"{error}; {AGAIN}") from None
 
 
-def read_npz(path: Path) -> dict[str, NDArray[Any]]:
-    """The named arrays of a file; pickled content is refused."""
+def read_npz(path: Path, *wanted: str) -> dict[str, NDArray[Any]]:
+    """The named arrays of a file: numbers of 8 bytes at most, booleans and text. The one reader of arrays.
+
+    ValueError names the file where it is damaged or too large, or an array of `wanted` is not in it.
+    """
     try:
         with zipfile.ZipFile(path) as packed:
-            size = sum(entry.file_size for entry in packed.infolist())
-        if size > MOST_BYTES:  # some kilobytes may unpack to more than any memory holds
-            raise ValueError(f"unpacked it would have {size / 2**30:.0f} GB")
-        with np.load(path, allow_pickle=False) as file:
-            return {name: file[name] for name in file.files}
+            entries = packed.infolist()
+            size = sum(entry.file_size for entry in entries)
+            if size > MOST_BYTES:  # some kilobytes may unpack to more than any memory holds
+                raise ValueError(f"unpacked it would have {size / 2**30:.0f} GB")
+            found = {entry.filename.removesuffix(".npy"): _array(packed, entry) for entry in entries}
+        if len(found) < len(entries):
+            raise ValueError("an array stands twice")
+        if missing := [name for name in wanted if name not in found]:
+            raise ValueError(f"it has no array {missing[0]!r}")
     except Exception as error:  # zipfile, numpy and the file system each raise their own kinds
-        raise ValueError(
-            f"{path}: not a readable npz file ({error}); remove it and run its stage again"
-        ) from None
+        raise ValueError(f"{path}: not a readable npz file ({error}); {AGAIN}") from None
+    return found
+
+
+def _array(packed: zipfile.ZipFile, entry: zipfile.ZipInfo) -> NDArray[Any]:
+    """An array of a file; ValueError for one of another kind, or that says to be larger than it is."""
+    with packed.open(entry) as stream:
+        version = npy.read_magic(stream)
+        head = npy.read_array_header_1_0 if version == (1, 0) else npy.read_array_header_2_0
+        shape, _, kind = head(stream)
+        if kind.kind not in "biufU" or (kind.kind != "U" and kind.itemsize > 8):
+            raise ValueError(f"{entry.filename} holds {kind}: wanted numbers, booleans or text, no pickle")
+        if math.prod(shape) * kind.itemsize != entry.file_size - stream.tell():
+            raise ValueError(f"{entry.filename} has not the size that it says: {shape} of {kind}")
+    with packed.open(entry) as stream:
+        return np.asarray(npy.read_array(stream, allow_pickle=False))
+
+
+def typed(path: Path) -> str:
+    """A path as it is typed after an option, in quotes where a shell wants them."""
+    text = str(path)
+    return shlex.quote(f"./{text}" if text.startswith("-") else text)
 
 
 def digest_of(paths: Iterable[Path], *, root: Path) -> dict[str, str]:

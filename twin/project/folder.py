@@ -195,6 +195,11 @@ class Project:
         """Hold the project for one writing command; ValueError if a living process holds it."""
         return lock(self.root / ".lock", command)
 
+    def check_effects(self, effects: Sequence[str]) -> None:
+        """Raise ValueError where `set_effects` would."""
+        text = decoded((self.root / "twin.toml").read_bytes())
+        parse(with_effects(text, effects).encode(), name="twin.toml")
+
     def set_effects(self, effects: Sequence[str]) -> "Project":
         """Write [model] effects into twin.toml, leave every other line as it is; return the new project.
         ValueError, and nothing is written, where they are no effects."""
@@ -298,6 +303,16 @@ class Project:
             made = made.model_copy(update={"builtin": repr(self.builtin)})
         what = made.model_dump(exclude_unset=True, exclude={"digest", "status"})
         return made.model_copy(update={"digest": files.digest_text(what)})
+
+
+def named_after(folder: Path) -> str:
+    """The name of a batch in a folder. ValueError where no text file can hold it."""
+    name = folder.resolve().name
+    try:
+        name.encode("utf-8")
+    except UnicodeEncodeError:
+        raise ValueError(f"{folder}: its name is no UTF-8 text; wanted a folder of another name") from None
+    return name
 
 
 def kind_of(folder: Path) -> str:

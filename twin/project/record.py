@@ -87,19 +87,22 @@ class RunRecord(Record):
     summary: RunSummary = RunSummary()
 
 
+RunName = Annotated[str, Field(pattern=r"^(\d{4,}-[a-z-]+)?$")]  # a folder of runs/, and no path
+
+
 class SourceFilm(Record):
     name: str
     block: int
     held_out: bool
     shift_s: Finite  # what its clock was moved by
-    run: str = ""  # that measured it
+    run: RunName = ""  # that measured it
 
 
 class SourceRecord(Record):
     """Where the targets come from."""
 
     file: ClassVar[str] = "source.json"
-    run: str | None = None  # that measured them
+    run: RunName | None = None  # that measured them
     films: tuple[SourceFilm, ...] = ()  # where there are several
     format: str = ""  # of the program that measured them elsewhere
     files: dict[str, dict[str, str]] = Field(default={})  # SHA-256

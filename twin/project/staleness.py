@@ -6,6 +6,7 @@ from typing import Any
 
 from twin.project import files
 from twin.project.folder import Project, versions
+from twin.project.trust import leads_out, links
 
 # The effects of a fit stand in fit.json: twin.toml gets them after the fit. Names of own effect files say
 # nothing of what they hold, which the digests do.
@@ -35,13 +36,22 @@ def changes(
 def _changed_files(project: Project, recorded: Mapping[str, str], present: Sequence[Path]) -> list[str]:
     now = files.digest_of([path for path in present if path.exists()], root=project.root)
     elsewhere = [project.path(name) for name in recorded if name not in now]
-    now |= files.digest_of([path for path in elsewhere if path.is_file()], root=project.root)
+    now |= files.digest_of([path for path in elsewhere if _may_read(project, path)], root=project.root)
     changed = [name for name in recorded if name in now and now[name] != recorded[name]]
     return [
         *(f"{name} has changed since" for name in changed),
         *(f"{name} is gone" for name in recorded.keys() - now.keys()),
         *(f"{name} is new" for name in now.keys() - recorded.keys()),
     ]
+
+
+def _may_read(project: Project, path: Path) -> bool:
+    """Whether a file that a run has recorded is there, and is the project's own or a link that is trusted."""
+    if not path.is_file():
+        return False
+    if not leads_out(path, project.root):
+        return True
+    return path in [project.path(one.name) for one in links(project.root, project.config)]
 
 
 def _changed_tables(project: Project, was: Mapping[str, Any], tables: Sequence[str]) -> list[str]:

@@ -1,14 +1,26 @@
 """What every table of twin.toml is made of: frozen, strict, and its kinds of numbers."""
 
+import math
 from typing import Annotated
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 from pydantic.fields import FieldInfo
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+Positive = Annotated[float, Field(gt=0, le=1e9, allow_inf_nan=False)]
 NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
-Position = tuple[Finite, Finite, Finite]
+Length = Annotated[float, Field(ge=-1e6, le=1e6, allow_inf_nan=False)]  # up to 1 km: the square of it is one
+Position = tuple[Length, Length, Length]
+Label = Annotated[int, Field(ge=1, le=10**9)]  # of a node, as Abaqus has them
+
+
+def _direction(direction: Position) -> Position:
+    if math.hypot(*direction) < 1e-6:
+        raise ValueError("wanted a direction, such as [0.0, 0.0, -1.0]")
+    return direction
+
+
+Direction = Annotated[Position, AfterValidator(_direction)]
 
 
 class TableModel(BaseModel):

@@ -9,10 +9,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from twin.sanity import MOST_MPA
 from twin.targets import Array
 
 EXACT = ("covariance", "valid", "modes", "mode_names", "pressure_sd")  # what targets.npz adds to the text
 WAY_OUT = "restore targets.csv, or remove targets.npz to use the csv alone"
+FARTHEST = 1e6  # mm, of displacements and their errors: below it a wrong unit is told by what it does
 ROUND = 1e-9  # relative: what rounding leaves of a matrix that was symmetric, or had no negative eigenvalue
 KIND = {"b": "booleans", "U": "text", "f": "numbers"}
 
@@ -67,10 +69,11 @@ def _check_shapes(path: Path, exact: Mapping[str, NDArray[Any]], shape: tuple[in
 
 def _check_finite(path: Path, exact: Mapping[str, NDArray[Any]], valid: NDArray[np.bool_]) -> None:
     for name, values, wanted in (
-        ("modes", exact["modes"][:, valid], "mm, where a value is valid"),
-        ("pressure_sd", exact["pressure_sd"], "MPa, 0 or more"),
+        ("modes", exact["modes"][:, valid], f"mm, of {FARTHEST:g} at most, where a value is valid"),
+        ("pressure_sd", exact["pressure_sd"], f"MPa, 0 to {MOST_MPA:g}"),
     ):
-        bad = ~np.isfinite(values) | ((values < 0) & (name == "pressure_sd"))
+        low, high = (0.0, MOST_MPA) if name == "pressure_sd" else (-FARTHEST, FARTHEST)
+        bad = ~((values >= low) & (values <= high))
         if bad.any():
             raise ValueError(f"{path}: array {name!r} holds {values[bad][0]:g}; wanted finite numbers in "
                              f"{wanted}; {WAY_OUT}")  # fmt: skip
@@ -79,10 +82,10 @@ def _check_finite(path: Path, exact: Mapping[str, NDArray[Any]], valid: NDArray[
 def _check_covariance(path: Path, covariance: Array, valid: NDArray[np.bool_]) -> None:
     """Raise ValueError unless the covariance of what is valid is finite, symmetric and positive."""
     used = valid[..., :, None] & valid[..., None, :]
-    for s, p, i, k in np.argwhere(used & ~np.isfinite(covariance))[:1].tolist():
+    for s, p, i, k in np.argwhere(used & ~(np.abs(covariance) <= FARTHEST**2))[:1].tolist():
         raise ValueError(
             f"{path}: covariance of step {s}, point {p} holds {covariance[s, p, i, k]:g}; wanted finite "
-            f"numbers in mm2 where a value is valid; {WAY_OUT}"
+            f"numbers in mm2, of {FARTHEST**2:g} at most, where a value is valid; {WAY_OUT}"
         )
     own = np.where(used, covariance, 0.0)
     scale = np.abs(own).max(axis=(2, 3), initial=0.0)

@@ -1,5 +1,6 @@
 """Read the files that `targetwriting` writes, or that a person does, back into displacement targets."""
 
+import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 from twin.project import files
 from twin.project.csvtable import Table, read_table
 from twin.project.stillnoise import stated_noise, still_noise
-from twin.project.targetarrays import EXACT, check_blocks, check_exact, check_log
+from twin.project.targetarrays import EXACT, FARTHEST, check_blocks, check_exact, check_log
 from twin.project.targetschema import (
     FORMER_PLACE,
     LoadTable,
@@ -26,6 +27,8 @@ from twin.project.toml import tables_of
 from twin.project.validation import checked
 from twin.sanity import pressure_fault, zero_fault
 from twin.targets import Array, Load, Noise, PointKind, TargetPoint, Targets, least_known
+
+LATEST = 1e13  # s: any clock, and one that counts ms since 1970
 
 
 def read_targets(folder: Path, *, nodes: Mapping[str, int] | None = None) -> Targets:
@@ -94,7 +97,7 @@ class _Grid:
                 f"{table.path}: block {labels[s][0]}, step {labels[s][1]} has no row for point "
                 f"{names[p]!r}; add one with empty cells where it was not observed and valid 0"
             )
-        time = _per_step(table, "time_s", "s", row)
+        time = _per_step(table, "time_s", "s", row, most=LATEST)
         table_rows = row[:, 0].tolist()
         for s in np.flatnonzero(np.diff(time) <= 0)[:1].tolist():
             raise table.error(
@@ -107,9 +110,11 @@ class _Grid:
         return cls(time, _per_step(table, "pressure_MPa", "MPa", row), block, labels, names, row)
 
 
-def _per_step(table: Table, column: str, unit: str, row: NDArray[np.int64]) -> Array:
+def _per_step(
+    table: Table, column: str, unit: str, row: NDArray[np.int64], *, most: float = math.inf
+) -> Array:
     """The value (s,) that all points of a step must share."""
-    values: Array = table.numbers(column, unit=unit)[row]
+    values: Array = table.numbers(column, unit=unit, most=most)[row]
     odd = np.argwhere(values != values[:, :1])
     if odd.size:
         s, p = (int(i) for i in odd[0])
@@ -119,8 +124,11 @@ def _per_step(table: Table, column: str, unit: str, row: NDArray[np.int64]) -> A
 
 def _columns(table: Table, grid: _Grid, exact: dict[str, NDArray[Any]], folder: Path) -> dict[str, Any]:
     """Value, covariance, valid, modes and pressure_sd."""
-    value = np.stack([table.numbers(f"u{i}_mm", unit="mm", empty=True)[grid.row] for i in (1, 2, 3)], axis=-1)
-    sd = np.stack([table.numbers(f"sd{i}_mm", unit="mm", empty=True)[grid.row] for i in (1, 2, 3)], axis=-1)
+    value, sd = (
+        np.stack([table.numbers(f"{what}{i}_mm", unit="mm", empty=True, most=FARTHEST)[grid.row]
+                  for i in (1, 2, 3)], axis=-1)
+        for what in ("u", "sd")
+    )  # fmt: skip
     valid = table.flags("valid")[grid.row][..., None] & ~np.isnan(value)
     for s, p, i in np.argwhere(valid & ~(np.nan_to_num(sd) > 0))[:1].tolist():
         raise table.error(

@@ -101,7 +101,7 @@ class TargetMark(TableModel):
         default="finger",
         description="finger: a marker at a node; place: a point between nodes; fixed: a marker on the rig",
     )
-    node: int | None = Field(default=None, description="label of its node in the mesh")
+    node: int | None = Field(default=None, le=10**9, description="label of its node in the mesh")
     position_mm: Position | None = Field(default=None, description="where it is without load, mm")
 
     @model_validator(mode="after")
@@ -129,14 +129,14 @@ class NoiseTable(TableModel):
     """The noise as a static film shows it; or, in place of that, as the user knows it, or where it shows."""
 
     frames: int | None = Field(
-        default=None, ge=1, description="static frames that the noise was estimated from"
+        default=None, ge=1, le=10**9, description="static frames that the noise was estimated from"
     )
     lasting: float = Field(default=1.0, ge=0, le=1, description="share of the variance that rho is of")
     gauge_sd_MPa: NotNegative | None = Field(
         default=None, description="noise of one sample of the pressure log, MPa"
     )
     gauge_frames: int | None = Field(
-        default=None, ge=0, description="samples that it was estimated from"
+        default=None, ge=0, le=10**9, description="samples that it was estimated from"
     )
     points: tuple[NoiseOfPoint, ...] = Field(default=(), description="one for each point of targets.csv")
     basis: str = Field(default="", description="what it rests on, where that is no static film")

@@ -16,6 +16,7 @@ from twin.project import files
 from twin.project.config import Config
 
 OWN = ("runs", "cache", "targets")  # folders that commands write to, or read text from
+TIMES = "times.csv"  # which is read beside the pictures of a pattern
 
 
 @dataclass(frozen=True)
@@ -55,17 +56,42 @@ def programs(root: Path, names: Sequence[str]) -> list[Asked]:
     return [Asked(name, what.format(len(text.splitlines())), _digest(text)) for name, text in texts.items()]
 
 
+def check_programs(root: Path, config: Config) -> None:
+    """Raise ValueError where an own effect leads out of the project folder: such a program never runs."""
+    for name in config.model.effect_files:
+        if leads_out(root / name, root):
+            raise ValueError(
+                f"model.effect_files: {name} lies outside the project folder, in {(root / name).resolve()}; "
+                "copy it into effects/"
+            )
+
+
 def links(root: Path, config: Config) -> list[Asked]:
-    """The files that twin.toml names, alone or by their folder, and that lie outside the project folder."""
-    # [project] like names another project, which is opened as one
+    """The files that twin.toml names, alone or by their folder, and that lie outside the project folder, and
+    its former batch where that lies elsewhere."""
+    # every text counts as a path: no key of twin.toml that names a file can be forgotten
     texts = dict.fromkeys(_texts(config.model_dump(exclude={"project"})))
     named = dict.fromkeys(path for text in texts for path in _below(root, text) if leads_out(path, root))
-    ends = {path: path.resolve() for path in named}
-    return [
-        Asked(path.relative_to(root).as_posix(), f"a link to {end}, outside the project folder",
-              _digest(f"{path.absolute()} -> {end}".encode()))
-        for path, end in ends.items()
-    ]  # fmt: skip
+    what = "a link to {}, outside the project folder"
+    return [*former_batch(root, config), *(_asked(root, path, what) for path in named)]
+
+
+def former_batch(root: Path, config: Config) -> list[Asked]:
+    """The former batch that twin.toml names; none where it lies beside the project, as the report reads the
+    batches there anyway."""
+    if config.project.like is None:
+        return []
+    path, beside = root / config.project.like, root.resolve().parent
+    near = path.resolve().parent == beside or not leads_out(path, root)
+    what = "the former batch in {}, which does not lie beside this project"
+    return [] if near or not (path / "twin.toml").is_file() else [_asked(root, path, what)]
+
+
+def _asked(root: Path, path: Path, what: str) -> Asked:
+    """A path that leads out of a project; its digest is of both ends."""
+    end = path.resolve()
+    name = path.relative_to(root).as_posix()
+    return Asked(name, what.format(end), _digest(f"{path.absolute()} -> {end}".encode()))
 
 
 def _digest(of: bytes) -> str:
@@ -79,7 +105,7 @@ def check_trusted(root: Path, asked: Sequence[Asked]) -> None:
         if one.digest not in known:
             raise ValueError(
                 f"{one.name} is {one.what}, and it has not been trusted as it is now; look at it, then trust "
-                f"it with `twin trust -p {root}`, or take it out of the project"
+                f"it with `twin trust -p {files.typed(root)}`, or take it out of the project"
             )
 
 
@@ -92,6 +118,7 @@ def check_folder(root: Path, config: Config) -> None:
                 f"{path} is a link: wanted a folder and files of the project's own, as commands write "
                 "there; replace it by what it leads to, or remove it"
             )
+    check_programs(root, config)
     check_trusted(root, links(root, config))
 
 
@@ -116,8 +143,12 @@ def _below(root: Path, pattern: str) -> Iterator[Path]:
         found = sorted(root.glob(pattern)) or [path for path in [root / pattern] if path.is_symlink()]
     except (ValueError, NotImplementedError, OSError):  # no pattern: another text
         return
+    if any(mark in pattern for mark in "*?["):
+        found += sorted({path.with_name(TIMES) for path in found} - {*found})
     for path in found:
         yield path
+        if leads_out(path, root):  # what lies behind a link is none of the project's
+            continue
         for parent, folders, names in os.walk(path):
             below = (Path(parent) / name for name in (*folders, *names))
             yield from (one for one in below if one.is_symlink())

@@ -93,7 +93,7 @@ def _search(story: Story) -> list[Picture]:
         Picture(title="Constants of the best", caption="By generation.", half=True, svg=constants),
     ]
     if len(g.names) == 2:
-        found = files.read_npz(calibration_file(story.project, "candidates.npz"))
+        found = files.read_npz(calibration_file(story.project, "candidates.npz"), "x", "rms_mm")
         best = {"best": g.best[-1]}
         valley = studyplots.valley(found["x"], rms_mm=found["rms_mm"], names=g.names, marks=best)
         caption = "All candidates. Along the valley the sum of the two is the same."

@@ -108,7 +108,7 @@ class Story:
     def prediction(self, kinds: tuple[str, ...]) -> dict[str, Array]:
         """What the newest run of these kinds predicted and left, or nothing."""
         path = fresh(self.project, kinds, "prediction.npz")
-        return dict(files.read_npz(path)) if path else {}
+        return files.read_npz(path, "u") if path else {}
 
 
 def calibration_file(project: Project, name: str) -> Path:

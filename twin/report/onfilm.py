@@ -1,7 +1,7 @@
 """The models on the way, solved along the film and seen through its camera: what is drawn over the film."""
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,6 +16,7 @@ from twin.inputs.cameras import camera_path
 from twin.inputs.recordings import marks_of
 from twin.judging.record import FitRecord
 from twin.model.arraycache import code_digest
+from twin.model.prediction import Solved
 from twin.project import files
 from twin.project.folder import Project, Say
 from twin.review.filmed import Filmed, Trace
@@ -103,7 +104,7 @@ class _Sight:
     def _tracks(self) -> dict[str, NDArray[Any]]:
         path = measured_file(self.project, "tracks.npz")
         assert path is not None  # `_why_not` has looked
-        return files.read_npz(path)
+        return files.read_npz(path, "names", "time", "position", "homography", "rotation")
 
     @cached_property
     def _projection(self) -> "Projection":
@@ -180,9 +181,13 @@ class _Sight:
         values = {p.name: stored[p.name].value if stored else p.start or 0.0 for p in model.parameters}
         theta = model.theta(values)
 
+        @cache
+        def drawn() -> Solved:
+            return model.drawn(theta)
+
         def edge() -> Array:
             self.say.progress(f"{stair.done}, along the film", 0, 1)
-            solution, every = model.solution(theta), np.arange(len(self.targets.time))
+            solution, every = drawn().solution, np.arange(len(self.targets.time))
             parts = [solution.fields(list(part))[:, self._edge] for part in _parts(every)]
             return np.concatenate(parts)
 
@@ -190,7 +195,7 @@ class _Sight:
         moved = self._bench.cache(self.say)(f"{stair.done}, along the film", {key: edge})[key]
         rows = np.flatnonzero(~self.targets.fixed)
         path = fit.with_name("prediction.npz")
-        return moved, (files.read_npz(path)["u"] if stair.run else model.predict(theta))[:, rows]
+        return moved, (files.read_npz(path, "u")["u"] if stair.run else drawn().u)[:, rows]
 
     def _key(self, stair: Stair, values: dict[str, Any]) -> str:
         """What a solved edge depends on."""

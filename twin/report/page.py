@@ -111,12 +111,16 @@ def _groups(pictures: Iterable[Picture] | None) -> list[list[Picture]]:
 
 
 def _drawing(picture: Picture) -> Markup:
-    """A picture inside the page: SVG as elements, PNG as a data address. Our own plots, so not escaped."""
-    if picture.svg or picture.png is None:
-        return Markup(picture.svg or "")
-    data = picture.png if isinstance(picture.png, bytes) else picture.png.read_bytes()
+    """A picture inside the page, as a data address: what stands in an image neither runs nor loads anything,
+    also where a figure comes from the folder of a stranger."""
+    if isinstance(picture.png, Path):
+        kind, data = "png", picture.png.read_bytes()
+    elif picture.png is not None:
+        kind, data = "png", picture.png
+    else:
+        kind, data = "svg+xml", (picture.svg or "").encode()
     text = base64.b64encode(data).decode("ascii")
-    return Markup('<img alt="{}" src="data:image/png;base64,{}">').format(picture.title, text)
+    return Markup('<img alt="{}" src="data:image/{};base64,{}">').format(picture.title, kind, text)
 
 
 FACTS = frozenset(

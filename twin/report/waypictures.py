@@ -38,7 +38,7 @@ class Way:
         for path in every_fresh(project, kinds_writing(EvidenceRecord.file), EvidenceRecord.file):
             found = files.read(EvidenceRecord, path)
             if effects & {name_of(label) for label in found.effect.split(" + ")}:
-                maps = dict(files.read_npz(path.with_name("evidence.npz")))
+                maps = files.read_npz(path.with_name("evidence.npz"))
                 return Way(project, targets, stairs(project), found, maps)
         return Way(project, targets, stairs(project), None, {})
 
@@ -108,4 +108,5 @@ class Way:
         """The cleaned residuals of the last models that were fitted, by what was done."""
         fitted = [row for row in self.stairs if row.run][-SHOWN:]
         paths = {row.done: self.project.root / "runs" / row.run / "prediction.npz" for row in fitted}
-        return {done: files.read_npz(path)["cleaned"] for done, path in paths.items() if path.is_file()}
+        there = {done: path for done, path in paths.items() if path.is_file()}
+        return {done: files.read_npz(path, "cleaned")["cleaned"] for done, path in there.items()}

@@ -21,6 +21,7 @@ from twin.review.rerunfile import rerun_file
 from twin.review.scene import Scene, States, log_constants, log_states, scene_of
 from twin.review.states import Array, Fields, Generations, Integers, Strains
 from twin.review.strainlayer import log_strains
+from vision.film.video import opened
 
 SERIES = ((86, 180, 233), (230, 159, 0), (0, 190, 140), (204, 121, 167), (240, 228, 66), (213, 94, 0))
 REVIEW_WIDTH = 1280  # px: wider films are scaled down for review
@@ -98,7 +99,7 @@ def encode_av1(film: Path) -> bytes:
     # The encoder reads its log level when it starts, and prints a banner on stderr without it.
     os.environ.setdefault("SVT_LOG", "1")
     copy = io.BytesIO()  # a full disk is met by the one file that holds it
-    with av.open(film) as source, av.open(copy, "w", format="mp4") as target:
+    with opened(film) as source, av.open(copy, "w", format="mp4") as target:
         video = source.streams.video[0]
         stream = target.add_stream(
             "libsvtav1", rate=video.average_rate, options={"preset": "10", "crf": "32"}
@@ -130,7 +131,7 @@ def _video(film: Path | None, times: Array) -> tuple[rr.AssetVideo | None, Integ
         why = "no film in this project: the model is shown without it"
         return None, np.zeros(0, dtype=np.int64), scale, [why]
     notes = []
-    with av.open(film) as source:
+    with opened(film) as source:
         own = source.streams.video[0]
         small = np.array(_review_size(own)) / (own.width, own.height)
     try:

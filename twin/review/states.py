@@ -24,19 +24,17 @@ class _Stored:
 
     def save(self, path: Path) -> None:
         """Write all fields to `path` (.npz, compressed, no pickle), atomically."""
-        files.write_npz(path, {name: getattr(self, name) for name in _names(type(self))})
+        files.write_npz(path, {name: getattr(self, name) for name in _kinds(type(self))})
 
     @classmethod
     def load(cls, path: Path) -> Self:
-        """Read what `save` wrote. ValueError where a field is missing."""
-        with np.load(path, allow_pickle=False) as stored:
-            missing = [name for name in _names(cls) if name not in stored.files]
-            if missing:
-                raise ValueError(
-                    f"{path} has no array {missing[0]!r}, so it is not a file of {cls.__name__}: "
-                    "run the stage that writes it again"
-                )
-            return cls(**{name: _plain(stored[name]) for name in _names(cls)})
+        """Read what `save` wrote. ValueError where a field is missing, or is not what it should be."""
+        kinds = _kinds(cls)
+        stored = files.read_npz(path, *kinds)
+        try:
+            return cls(**{name: _plain(stored[name], kind) for name, kind in kinds.items()})
+        except ValueError as error:
+            raise ValueError(f"{path}: {error}; {files.AGAIN}") from None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -96,15 +94,21 @@ class Strains(_Stored):
         _check(self, {"size": (2,), "pixel": (k, p, 2), "value": (k, p, c), "sd": (k, p, c)})
 
 
-def _names(cls: type) -> tuple[str, ...]:
-    return tuple(field.name for field in fields(cls))
+def _kinds(cls: type) -> dict[str, Any]:
+    """What each field holds, by name."""
+    return {field.name: field.type for field in fields(cls)}
 
 
-def _plain(array: NDArray[Any]) -> Any:
-    """A stored array as the dataclass holds it: tuples of text, Python numbers, arrays."""
-    if array.dtype.kind == "U":
-        return tuple(str(text) for text in array)
-    return array if array.ndim else array.item()
+def _plain(array: NDArray[Any], kind: Any) -> Any:
+    """A stored array as the dataclass holds it: tuples of text, Python numbers, arrays. ValueError where it
+    is of another kind."""
+    text, number = kind == tuple[str, ...], kind in (int, float)
+    # an array of no names is stored as numbers
+    if (text != (array.dtype.kind == "U") and array.size) or number != (array.ndim == 0):
+        raise ValueError(f"an array holds {array.dtype} of shape {array.shape}: wanted {kind}")
+    if text:
+        return tuple(str(one) for one in array)
+    return array.item() if number else array
 
 
 def _check(data: object, shapes: dict[str, tuple[int, ...]]) -> None:

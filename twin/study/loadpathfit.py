@@ -15,6 +15,7 @@ from twin.judging.judged import Judged
 from twin.judging.record import InitialRow
 from twin.judging.whitening import Whitener, whitener
 from twin.model.arraycache import rounded_up
+from twin.model.fingertable import table_of
 from twin.model.loadpaths import REDUCED, Turned, load_paths, reach, sheets
 from twin.project.folder import Say
 from twin.study.generations import Objective
@@ -125,13 +126,15 @@ class OnPaths:
 def _load_paths(bench: Workbench, rows: Any, lowest: float, say: Say) -> Turned:
     """The load paths at the points of these rows from a least share, under the weight in every direction of
     gravity."""
-    where = bench.targets.places(bench.case.position)[rows]
+    where, table = bench.targets.places(bench.case.position)[rows], table_of(bench.structure)
+    gravities, of_step = bench.gravities
+    if bench.scales and table and lowest == 0.0:
+        return Turned((table.load_paths(bench.case, where),), of_step)
     cache, key, top = bench.cache(say), bench.structure.key, REDUCED
     highest = rounded_up(float(bench.targets.pressure.max()))
     if bench.project.config.model.deck is not None:
         softest = bench.elasticity.lowest.total
         top = reach(bench.case, highest / softest, cache=cache, key=key)
-    gravities, of_step = bench.gravities
     if bench.scales:
         paths = load_paths(bench.case, where, cache=cache, key=key, top=top, lowest=lowest)
         return Turned((paths,), of_step)

@@ -48,7 +48,7 @@ class Inquiry:
         fit = files.read(FitRecord, found.with_name(FitRecord.file)).fit
         generations = Generations.load(found.with_name("generations.npz"))
         on = OnPaths.of(Workbench.of(project), say).holding(fit, say)
-        return Inquiry(on, generations, files.read_npz(found), fit)
+        return Inquiry(on, generations, files.read_npz(found, "x", "rms_mm"), fit)
 
     @property
     def bench(self) -> Workbench:

@@ -14,6 +14,7 @@ from vision.camera import DISTORTION, Array, Camera
 MATRIX = ("camera_matrix", "cameraMatrix", "Camera_Matrix", "K", "M1", "matrix")
 LENS = ("distortion_coefficients", "dist_coeffs", "distCoeffs", "Distortion_Coefficients", "D", "D1")
 SIZES = (("image_width", "image_height"), ("image_Width", "image_Height"))
+LONGEST = 1000  # focal length over the picture's longest side: that of a telescope
 RMS = ("avg_reprojection_error", "Avg_Reprojection_Error", "rms")
 
 
@@ -66,6 +67,8 @@ def _check_sane(path: Path, matrix: Array, distortion: Array, size: tuple[int, i
         wrong = "holds numbers that are not finite"
     elif not (fx > 0.0 and fy > 0.0 and 0.5 < fx / fy < 2.0):
         wrong = f"has the focal lengths {fx:g} and {fy:g} px, wanted two of about the same size above 0"
+    elif not fx < LONGEST * max(size):
+        wrong = f"has the focal length {fx:g} px, wanted less than {LONGEST} times its {max(size)} px"
     elif skew != 0.0 or lower != 0.0 or last.tolist() != [0.0, 0.0, 1.0]:
         wrong = "has a matrix other than [fx 0 cx; 0 fy cy; 0 0 1]"
     elif not (0.0 < cx < width and 0.0 < cy < height):

@@ -118,20 +118,12 @@ def _misfit(nominal: Array, pixels: Array) -> tuple[Array, Array]:
     """Rms (t,) mm of one component after the fit of a homography to pixels (t,f,2), inf where there is none,
     and the row (t,) that misses most."""
     with np.errstate(all="ignore"):  # marks that are exchanged may have no homography at all
-        found = np.concatenate([_homography(nominal, own) for own in pixels])
+        found = homographies(nominal, pixels)
         power = np.nansum((to_plane(found, pixels) - nominal) ** 2, axis=2)
         free = 2 * np.isfinite(pixels[..., 0]).sum(axis=1) - 8
         rms = np.sqrt(power.sum(axis=1) / np.maximum(free, 1))
     known = np.isfinite(found[:, 0, 0]) & (free > 0) & np.isfinite(rms)
     return np.where(known, rms, np.inf), power.argmax(axis=1)
-
-
-def _homography(nominal: Array, pixels: Array) -> Array:
-    """The homography (1,3,3) of one set of pixels (f,2); NaN where the fit diverges."""
-    try:
-        return homographies(nominal, pixels[None])
-    except np.linalg.LinAlgError:
-        return np.full((1, 3, 3), np.nan)
 
 
 def _contradicts(rms: float, free: int, sd_mm: float) -> bool:

@@ -10,6 +10,7 @@ from vision.camera import Array
 from vision.errors.modes import CREEP_SHARED, MIN_HOLD
 from vision.errors.noise import CREEP, DRIFT_PX, FAST, PASSING, REST, SETTLED, SHAKEN, states, with_y
 from vision.errors.reencoding import Again
+from vision.following.turns import mean_seen
 
 # Where these numbers come from: docs/records/error-numbers.md
 RESTS = 2.0  # rests of marks, as many as count as much as what is known before: STOPS of the slow error
@@ -50,9 +51,10 @@ def codec_terms(parts: Sequence[Again]) -> Codec:
         return NOTHING
     never = [(part.state == REST).all(axis=0) for part in parts]
     still = [part.error[:, rests] for part, rests in zip(parts, never, strict=True)]
-    frozen = _mean_square(np.concatenate([error.mean(axis=0) for error in still]))
+    # A frame in which a mark, or the plane, is not seen takes nothing from the others.
+    frozen = _mean_square(np.concatenate([mean_seen(error) for error in still]))
     # Is in the static noise already.
-    jitter = _mean_square(np.concatenate([(error - error.mean(axis=0)).reshape(-1, 2) for error in still]))
+    jitter = _mean_square(np.concatenate([(error - mean_seen(error)).reshape(-1, 2) for error in still]))
     everywhere = _pooled(parts, [part.state != REST for part in parts], frozen + jitter)
     fast = _pooled(parts, [part.state == FAST for part in parts], everywhere)
     slow = _pooled(parts, [np.isin(part.state, (CREEP, SHAKEN, PASSING)) for part in parts], everywhere)
@@ -65,7 +67,7 @@ def codec_terms(parts: Sequence[Again]) -> Codec:
 def _pooled(parts: Sequence[Again], chosen: Sequence[NDArray[np.bool_]], otherwise: Array) -> Array:
     """Mean square (2,) mm2 of the errors that are chosen (w,p), all stretches; `otherwise` for too few."""
     error = np.concatenate([part.error[which] for part, which in zip(parts, chosen, strict=True)])
-    return _mean_square(error) if len(error) >= SETTLED else otherwise
+    return _mean_square(error) if np.isfinite(error).all(axis=-1).sum() >= SETTLED else otherwise
 
 
 def _held(parts: Sequence[Again], slow: Array) -> Array:

@@ -25,6 +25,7 @@ SOURCES = {
     "placement": "markers placed with a jig, or their places measured (placement_sd_mm)",
     "node": "points measured where they are on the finger (node_sd_mm)",
     "sync": "one clock, or a flash in the film",
+    "readout": "a camera with a global shutter, or a mode that reads faster (readout_ms)",
     "camera_clock": "one trigger for all cameras",
 }
 

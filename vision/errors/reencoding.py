@@ -69,14 +69,26 @@ def coded_again(
             path = Path(folder) / "again.mkv"
             level, ratio = _matched(film, coding, window, level, path)
             again = np.array(list(_followed_again(path, follower, followed, window, progress)))
-        place = [
-            to_plane(homographies(plane, pixels[:, frame]), pixels[:, points])
-            for pixels in (centres(again, follower.centre), followed.ideal[window])
-        ]
-        own = place[0] - place[1]
+        own = moved_by(centres(again, follower.centre), followed.ideal[window], plane, frame, points)
         kept = _inner(len(own))
         result.append(Again(window, own[kept], state[window][kept, points], level, ratio))
     return result
+
+
+def moved_by(again: Array, before: Array, plane: Array, frame: list[int], points: list[int]) -> Array:
+    """Shifts (w,p,2) mm in the plane of the marks `points`, from where they were to where they are again.
+
+    again, before: (w,m,2) px of all marks.   plane: (f,2) mm nominal places of the marks `frame`.
+
+    In each frame both planes come from the frame marks that are seen both times: another mark left out moves
+    the whole plane by more than coding moves any mark.
+    """
+    lost = np.isnan(again[:, frame]) | np.isnan(before[:, frame])
+    new, old = (
+        to_plane(homographies(plane, np.where(lost, np.nan, pixels[:, frame])), pixels[:, points])
+        for pixels in (again, before)
+    )
+    return new - old
 
 
 def described(film: Video, parts: Sequence[Again]) -> tuple[str, ...]:

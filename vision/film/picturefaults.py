@@ -13,6 +13,8 @@ BLURRED_PX = 2.5  # sd of a blurred edge: a marker of 25 px has cells of 4 px
 CALM_PX = 0.7  # sd of the Gaussian before slopes are taken: noise has slopes too
 EDGES = 98.0  # percentile of the slopes inside a board that is an edge
 SPARSE = 8  # px: of a picture that is given twice every pixel is the same, so that some tell
+STRIPE, SPARSE_COMB = 20, 4  # grey levels between a comb's row and both beside it; px from column to column
+PATTERN = 2.0  # times the stripes of a pattern along its columns, that may be there along its rows
 MOVES_PX = 0.3  # between the pictures on either side; at rest a repeated picture is as good
 
 
@@ -76,6 +78,23 @@ def board_edge_sd(picture: Image, points: Array, pixels: Array) -> float:
     steep = [float(np.percentile(np.abs(x * right + y * down), EDGES)) for x, y in across]
     wide = float(light - dark) / (max(min(steep), 1e-6) * np.sqrt(2.0 * np.pi))
     return float(np.sqrt(max(wide**2 - CALM_PX**2, 0.0)))
+
+
+def combed(picture: Image) -> float:
+    """Share of a picture's pixels that stripes along the rows take, less what as fine a pattern explains.
+
+    What moves has the edges of a comb where odd and even rows show two moments; a pattern has stripes along
+    its columns too.
+    """
+    grey = picture.astype(np.int16)
+    return _stripes(grey[:, ::SPARSE_COMB]) - PATTERN * _stripes(grey[::SPARSE_COMB].T)
+
+
+def _stripes(grey: NDArray[np.int16]) -> float:
+    """Share of the pixels (h,w) that lie far off both rows beside them."""
+    before, after = grey[1:-1] - grey[:-2], grey[1:-1] - grey[2:]
+    off = np.minimum(np.abs(before), np.abs(after)) > STRIPE
+    return float(np.mean(off & ((before > 0) == (after > 0))))
 
 
 def sample(image: Image) -> Image:

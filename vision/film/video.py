@@ -22,6 +22,11 @@ TRIED = 64  # first frames that are decoded to see what the time stamps are
 # x264 cuts each picture into one slice a thread, which changes the coded picture: the number is part of the
 # result, and not that of the machine's CPUs. Decoders conceal damage differently with every number.
 CODING_THREADS, DECODING_THREADS = 2, 1
+WHOLE = "Film whole pictures (25p, not 50i), or make two of each frame (FFmpeg's filter bwdif)"
+# Kinds of files that hold the film themselves. A playlist would make FFmpeg read other files, from anywhere.
+CONTAINERS = (
+    "mov,matroska,avi,mpegts,mpeg,asf,flv,ogg,mxf,dv,nut,ivf,gif,mjpeg,m4v,h264,hevc,av1,obu,yuv4mpegpipe"
+)
 _PLANAR = ("yuv420p", "yuvj420p", "yuv422p", "yuvj422p", "yuv444p", "yuvj444p", "nv12", "gray")
 
 
@@ -46,19 +51,20 @@ class Video:
         except (av.error.FFmpegError, IndexError) as error:
             raise ValueError(
                 f"film {self.path} cannot be read as a video ({error}): "
-                "give a file that FFmpeg can play, for example mp4 or mkv"
+                "give one file that holds the film and that FFmpeg can play, for example mp4 or mkv"
             ) from error
         self.turns = round(first.rotation / 90) % 4  # quarter turns to the left
         size = (first.height, first.width)
         self.height, self.width = size if self.turns % 2 == 0 else size[::-1]
         self.time: Array = np.sort(stamps)
         self._in_order = backwards > 0
-        self.issues: tuple[str, ...] = stamp_issues(self.path.name, self.time, backwards, 90 * self.turns)
+        issues = stamp_issues(self.path.name, self.time, backwards, 90 * self.turns)
+        self.issues: tuple[str, ...] = (*issues, *_interlaced(self.path.name, first))
 
     def _scan(self) -> tuple[VideoFrame, Array, int]:
         """First frame, time stamps (t,) s of all frames, number of them that run backwards."""
         first = next(self._decoded(), None)
-        with av.open(str(self.path)) as container:
+        with opened(self.path) as container:
             stream = container.streams.video[0]
             reorders = bool(stream.codec_context.has_b_frames)
             base = float(stream.time_base or 0)
@@ -87,7 +93,7 @@ class Video:
 
         after: s; only frames from the last key frame before it are decoded.
         """
-        with av.open(str(self.path)) as container:
+        with opened(self.path) as container:
             stream = container.streams.video[0]
             stream.codec_context.thread_count = DECODING_THREADS
             if after is not None and stream.time_base:
@@ -136,7 +142,7 @@ class Video:
 
     def coding(self) -> Coding:
         """How the film was coded, from its packets."""
-        with av.open(str(self.path)) as container:
+        with opened(self.path) as container:
             stream = container.streams.video[0]
             name, base = stream.codec_context.name, float(stream.time_base or 0)
             told = [
@@ -153,6 +159,11 @@ class Video:
         step = np.diff(self.time)
         fps = 1.0 / float(np.median(step)) if len(step) and np.median(step) > 0 else 25.0
         return Coding(name, size, key, longest_between(stamps), fps)
+
+
+def opened(film: Path) -> InputContainer:
+    """A film file of a kind that holds the film itself."""
+    return av.open(str(film), container_options={"format_whitelist": CONTAINERS})
 
 
 def _packets(container: InputContainer) -> Iterator[Packet]:
@@ -199,12 +210,22 @@ def stamp_issues(name: str, time: Array, backwards: int, rotation: int) -> tuple
             f"{name}: frames are missing in {len(gaps)} places. The longest gap is {step[longest]:.3f} s "
             f"after {time[longest]:.3f} s, the usual step {usual:.4f} s."
         )
-    if rotation:
+    if rotation == 180:  # by 90 degrees the sizes tell whether film and board images lie alike
         said.append(
-            f"{name}: the file asks to be turned by {rotation} degrees to the left, which is done. Turn the "
-            "board images the same way."
+            f"{name}: the file asks to be turned upside down, which is done. "
+            "Are the board images the same way up?"
         )
     return tuple(said)
+
+
+def _interlaced(name: str, frame: VideoFrame) -> tuple[str, ...]:
+    """A sentence where a film is marked as holding two moments in a frame, which some are that do not."""
+    if not frame.interlaced_frame:
+        return ()
+    return (
+        f"{name} is marked as interlaced: odd and even rows of a frame then show two moments, and a marker "
+        f"that moves is torn between them, which no stated error covers. {WHOLE}.",
+    )
 
 
 class Writer:

@@ -18,11 +18,12 @@ from vision.following.dots import Dot, find_dots
 from vision.following.identity import GATE, assign
 from vision.following.registration import project
 from vision.marks import Mark, codes_of, corner_warp, detect, detect_all, dot_warp, dots_of, patches_of
-from vision.plane import MIN_VISIBLE, fit_homography
+from vision.plane import MIN_VISIBLE, fit_homography, homographies, to_plane
 
 START_FRAMES = 5  # frames searched for marks that the first one does not show
 NEAR = 1.5  # sides of a marker of which several are seen: how far it may be from where the frame marks put it
 CLEAR = 2.0  # times as far must all others of its id be
+MOST_OFF, AGREES, PLAIN = 20, 0.02, 3.0  # ids by which all may be off; share of the rig's size; times worse
 
 
 def first_seen(pictures: Sequence[Image], camera: Camera, marks: Sequence[Mark], dictionary: str) -> Array:
@@ -128,12 +129,13 @@ def _find_dots(
 
 def _frame_homography(marks: Sequence[Mark], seed: Array) -> Array | None:
     """Homography (3,3) from the frame marks' plane (mm) to ideal px, from those that are found; None where
-    these are fewer than 4."""
+    these are fewer than 4, or tell none."""
     frame = [p for p, mark in enumerate(marks) if mark.role == "frame" and np.isfinite(seed[p, 0, 0])]
     if len(frame) < MIN_VISIBLE:
         return None
     nominal = np.array([marks[p].position for p in frame])[:, [0, 2]]
-    return fit_homography(nominal, seed[frame, :2, 2])
+    found = fit_homography(nominal, seed[frame, :2, 2])
+    return found if np.isfinite(found[0, 0]) else None
 
 
 def _in_picture(homography: Array, places: Array) -> Array:
@@ -143,6 +145,12 @@ def _in_picture(homography: Array, places: Array) -> Array:
 
 def check_size(film: Video, camera: Camera) -> None:
     """Raises ValueError for a film of another size than the camera was calibrated with."""
+    if (film.height, film.width) == tuple(camera.size) != (film.width, film.height):
+        raise ValueError(
+            f"film {film.path.name} has {film.width} x {film.height} px, the camera was calibrated with "
+            f"{camera.size[0]} x {camera.size[1]}: one of them lies on its side; turn the board images by 90 "
+            "degrees as the film is turned, and calibrate again"
+        )
     if (film.width, film.height) != tuple(camera.size):
         raise ValueError(
             f"film {film.path.name} has {film.width} x {film.height} px, the camera was calibrated with "
@@ -153,11 +161,16 @@ def check_size(film: Video, camera: Camera) -> None:
 def check_start(
     film: Video, looked: Sequence[Image], marks: Sequence[Mark], dictionary: str, seed: Array
 ) -> None:
-    """Raises ValueError where the first pictures show no coded mark, one twice, or too few of the frame."""
-    if np.isnan(seed[list(codes_of(marks)), 0, 0]).all():
+    """Raises ValueError where the first pictures show no coded mark, one twice, too few of the frame, marks
+    left for right, or marks whose ids are all off by one number."""
+    gone = np.isnan(seed[list(codes_of(marks)), 0, 0])
+    if gone.mean() > 0.5:
+        _check_mirrored(film, looked[0], dictionary)
+    seen, several = detect(looked[0], dictionary)
+    _check_ids(film, seen, marks)
+    if gone.all():
         raise ValueError(_none_found(film, looked, dictionary))
-    missing = {code for p, code in codes_of(marks).items() if np.isnan(seed[p, 0, 0])}
-    twice = detect(looked[0], dictionary)[1] & missing
+    twice = several & {code for p, code in codes_of(marks).items() if np.isnan(seed[p, 0, 0])}
     if twice:
         raise ValueError(
             f"film {film.path.name} shows marker {min(twice)} more than once: print and glue every id once"
@@ -171,7 +184,31 @@ def check_start(
         )
 
 
-def check_mirrored(film: Video, first: Image, dictionary: str) -> None:
+def _check_ids(film: Video, seen: dict[int, Array], marks: Sequence[Mark]) -> None:
+    """Raises ValueError where the frame marks lie where they are stated only if one number is added to all
+    ids.   seen: corners (4,2) raw px by id."""
+    codes = {p: code for p, code in codes_of(marks).items() if marks[p].role == "frame"}
+
+    def misfit(off: int) -> float:
+        rows = [p for p, code in codes.items() if code + off in seen]
+        if len(rows) <= max(MIN_VISIBLE, len(codes) - 2):
+            return np.inf
+        nominal = np.array([marks[p].position for p in rows])[:, [0, 2]]
+        pixels = np.array([seen[codes[p] + off].mean(axis=0) for p in rows])[None]
+        away = to_plane(homographies(nominal, pixels), pixels)[0] - nominal
+        return float(np.nan_to_num(np.sqrt(np.mean(away**2)) / np.ptp(nominal, axis=0).max(), nan=np.inf))
+
+    off = min(range(-MOST_OFF, MOST_OFF + 1), key=misfit)
+    if off == 0 or misfit(off) > AGREES or misfit(0) < PLAIN * AGREES:
+        return
+    raise ValueError(
+        f"film {film.path.name} shows the frame markers in their places only if all ids of twin.toml are "
+        f"{abs(off)} too {'small' if off > 0 else 'large'}: {'raise' if off > 0 else 'lower'} every "
+        f"marker = ... by {abs(off)}"
+    )
+
+
+def _check_mirrored(film: Video, first: Image, dictionary: str) -> None:
     """Raises ValueError for a film that shows its markers left for right: at most chance shows one then."""
     seen, turned = (len(detect(picture, dictionary)[0]) for picture in (first, flipped(first)))
     if turned >= MIN_VISIBLE and turned > 2 * seen:

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vision.camera import Array, Camera, Image
+from vision.film.picturefaults import combed
 from vision.film.video import Video
 from vision.following.firstpictures import START_FRAMES, check_size, check_start, first_seen
 from vision.following.reference import reference_frames
@@ -24,9 +25,11 @@ class Glimpses:
     first: Image  # the first picture
     time: Array  # (k,) s
     ideal: Array  # (k,p,2) px, middle of the corners of each coded mark; NaN where its code is not read
+    twice: NDArray[np.bool_]  # (k,p) where its code is read in several places, so that none is its own
     warp: Array  # (p,3,3) local to ideal px where each mark is first seen; NaN for one that is not
     rest: NDArray[np.bool_]  # (k,) frames of the reference
     unused: dict[int, Array]  # centres (2,) raw px in the first picture of ids that no mark has
+    combs: Array  # (k,) share of the pixels in which odd and even rows show two moments
     flicker: float  # grey levels by which pixels change from frame to frame at rest, on average; NaN for one
 
 
@@ -47,10 +50,10 @@ def glimpses(
     })  # fmt: skip
     coded = codes_of(marks)
     start: list[Image] = []
-    rows: list[tuple[int, float, Array]] = []
+    rows: list[tuple[int, float, Array, list[bool], float]] = []
     unused: dict[int, Array] = {}
     for index, time, image in film.chosen(wanted):
-        quads = detect(image, dictionary)[0]
+        quads, several = detect(image, dictionary)
         if len(start) < START_FRAMES:
             start.append(image)
         if not rows:
@@ -59,16 +62,19 @@ def glimpses(
         for p, code in coded.items():
             if code in quads:
                 place[p] = camera.undistort(quads[code]).mean(axis=0)
-        rows.append((index, time, place))
-    frames, times, places = zip(*rows, strict=True)
+        twofold = [coded.get(p) in several for p in range(len(marks))]
+        rows.append((index, time, place, twofold, combed(image)))
+    frames, times, places, twice, combs = zip(*rows, strict=True)
     warp = first_seen(start, camera, marks, dictionary)
     return Glimpses(
         start[0],
         np.array(times),
         np.array(places),
+        np.array(twice),
         warp,
         np.isin(np.array(frames), rest),
         unused,
+        np.array(combs),
         _flicker(film, min(len(rest), IN_FLICKER)),
     )
 

@@ -14,7 +14,6 @@ from vision.following import blurred, registration
 from vision.following.dots import Dot
 from vision.following.firstpictures import (
     START_FRAMES,
-    check_mirrored,
     check_size,
     check_start,
     find_missing,
@@ -151,8 +150,6 @@ def _start(
         patch[new] = registration.patches(image, registration.lens_of(camera), seed[coded[new]], grid)
         if np.isfinite(seed).all():
             break
-    if np.isfinite(seed[coded, 0, 0]).sum() < 0.5 * len(coded):
-        check_mirrored(film, looked[0], dictionary)
     check_start(film, looked, marks, dictionary, seed)
     assert patch is not None  # else it would have raised
     return seed, dots, registration.templates(patch, grid)

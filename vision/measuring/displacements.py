@@ -294,6 +294,7 @@ def _blind(seen: Seen, marks: Sequence[Mark]) -> tuple[str, ...]:
     if not len(blind):
         return ()
     return (
-        f"{len(blind)} of {len(seen.film.time)} frames show fewer than {MIN_VISIBLE} frame markers, first at "
-        f"{blind[0]:.3f} s: nothing is measured there. Keep the frame markers uncovered.",
+        f"{len(blind)} of {len(seen.film.time)} frames show too few frame markers, first at "
+        f"{blind[0]:.3f} s: nothing is measured there. Keep {MIN_VISIBLE} uncovered "
+        "of which no three lie on one line.",
     )

@@ -16,6 +16,7 @@ NEGLIGIBLE = 1e-4  # share of the calibration's variance that is left out of its
 ALARM_SD = 5.0  # sds beyond which a change of apparent size is reported: once in 2 million values
 # Interpolation and blur change the apparent size of a tag that turns by up to this much (drawn film).
 SIZE_FLOOR = 3e-4
+ON_RIG, AT_ONCE = 2, 0.5  # markers that are fixed and look changed, at least; and such a share of them
 
 
 def height_modes(value: Array, marks: Sequence[Mark], view: Viewpoint, *, sd_mm: float) -> dict[str, Array]:
@@ -123,13 +124,15 @@ def uncorrelated(errors: Array) -> Array:
 def alarms(
     time: Array, size: Array, size_sd: Array, marks: Sequence[Mark], view: Viewpoint, *, sd_mm: float
 ) -> tuple[str, ...]:
-    """One sentence for each mark whose apparent size says that it left the plane by more than is stated.
+    """One sentence for each mark whose apparent size says that it left the plane by more than is stated; one
+    for all where those of the rig, which cannot move, say so too.
 
     time: (s,) s.   size: (s,p) side against the reference's.   size_sd: (s,p) its sd.
     sd_mm: what is stated as out of plane. A mark nearer by dy looks larger by distance / (distance - dy); a
     tilted one looks smaller, so a smaller one may be either.
     """
-    said, distance = [], abs(view.distance)  # larger is nearer, on whichever side the camera stands
+    distance = abs(view.distance)  # larger is nearer, on whichever side the camera stands
+    found: dict[int, tuple[int, float, float]] = {}  # row of the mark: step, mm, sd
     for p, mark in enumerate(marks):
         # Skin stretches: that a part of a face grows says nothing of how far away it is.
         if mark.kind.stretches or not np.isfinite(size[:, p]).any():
@@ -139,8 +142,24 @@ def alarms(
         score = np.nan_to_num(np.abs(shift) / np.hypot(sd, sd_mm))
         worst = int(np.argmax(score))
         if score[worst] > ALARM_SD:
-            said.append(_alarm(mark.name, float(time[worst]), float(shift[worst]), float(sd[worst]), sd_mm))
-    return tuple(said)
+            found[p] = worst, float(shift[worst]), float(sd[worst])
+    rig = [p for p, mark in enumerate(marks) if mark.role == "fixed"]
+    if len(own := [p for p in rig if p in found]) >= max(ON_RIG, AT_ONCE * len(rig)):
+        return (_changed(found, own, time),)
+    return tuple(
+        _alarm(marks[p].name, float(time[at]), mm, sd, sd_mm) for p, (at, mm, sd) in found.items()
+    )
+
+
+def _changed(found: dict[int, tuple[int, float, float]], rig: Sequence[int], time: Array) -> str:
+    larger = sum(shift > 0 for _, shift, _ in found.values()) > 0.5 * len(found)
+    first = min(float(time[found[p][0]]) for p in rig)
+    return (
+        f"{len(found)} markers look {'larger' if larger else 'smaller'} than at rest, as at {first:.3f} s, "
+        f"and {len(rig)} of them are fixed to the rig, which does not move: the light or the camera changed. "
+        "The stated errors do not cover that. Film again with exposure, focus and zoom locked, the "
+        "stabiliser off, and steady light."
+    )
 
 
 def _alarm(name: str, time: float, shift: float, sd: float, sd_mm: float) -> str:

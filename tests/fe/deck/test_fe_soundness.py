@@ -13,6 +13,7 @@ from fe.deck.keywords import MOST_FILES, read_keywords
 from fe.deck.reader import read_deck
 from fe.deck.soundness import check_body
 from fe.mesh.convert import converted
+from fe.mesh.refine import free_faces
 
 Tube = Callable[..., File]
 KINDS = ("C3D8H", "C3D10H", "C3D20RH")
@@ -58,6 +59,34 @@ def test_another_unit_is_named(tube_deck: Tube, tmp_path: File, factor: float, t
     case = tube(tube_deck, tmp_path)
     with pytest.raises(ValueError, match=told):
         check_body(replace(case, nodes=factor * case.nodes), "tube.inp")
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_collapsed_element_is_named(tube_deck: Tube, tmp_path: File, kind: str) -> None:
+    deck = tube_deck(tmp_path, kind, cells=4)
+    mesh = tmp_path / "mesh.inc"
+    head, _, row = mesh.read_text().partition("\n503, ")
+    a, _, rest = row.split(", ", 2)
+    mesh.write_text(f"{head}\n503, {a}, {a}, {rest}")
+    with pytest.raises(ValueError, match=rf"element 503 has node {a} more than once: it is collapsed, as are 1 of \d+ elements; wanted \d+ different nodes"):
+        read_deck(deck)
+
+
+def test_a_body_that_is_held_everywhere_is_refused(tube_deck: Tube, tmp_path: File) -> None:
+    deck = tube_deck(tmp_path, "C3D8H", cells=4)
+    deck.write_text(deck.read_text().replace("Root, 1, 3\n", "Everything, 1, 3\n"))
+    with pytest.raises(ValueError, match=r"all \d+ nodes are held, so nothing can move; wanted \*BOUNDARY on the nodes of the clamp alone"):
+        check_body(read_deck(deck).case, "tube.inp")
+
+
+@pytest.mark.parametrize("held", ["Root", "Middle plane"])
+def test_pressure_on_what_is_held_is_refused(tube_deck: Tube, tmp_path: File, held: str) -> None:
+    case = tube(tube_deck, tmp_path, "C3D8H")
+    rows = case.node_sets[held.lower()] if held.lower() in case.node_sets else case.node_sets[held]
+    on = [face for face in free_faces(case).tolist() if np.isin(case.connectivity[face[0]][case.element.faces[face[1]]], rows).all()]
+    surfaces = {**case.surfaces, "chamber": np.array(on)}
+    with pytest.raises(ValueError, match="the pressurised surface 'chamber' is held wherever the pressure acts on it, so nothing moves; wanted"):
+        check_body(replace(case, surfaces=surfaces), "tube.inp")
 
 
 def test_a_mesh_that_is_cut_is_refused(tube_deck: Tube, tmp_path: File) -> None:

@@ -192,6 +192,14 @@ def test_settings_of_another_stage_and_an_older_fit_that_holds_do_not_matter(roo
     ]
 
 
+def test_what_a_diagnosis_names_is_an_effect(root: Path) -> None:
+    project = Project.open(root)
+    with project.new_run("diagnose") as run:
+        run.write_json("diagnosis.json", {"verdict": "creep", "named": ["; ls"]})
+    with pytest.raises(ValueError, match=r"diagnosis.json: named = \['; ls'\]: wanted the name of an effect, .* run its stage again"):
+        named_effects(project)
+
+
 def test_nothing_is_added_where_the_diagnosis_names_no_effect(root: Path) -> None:
     project, say = Project.open(root), Lines()
     with pytest.raises(ValueError, match="no diagnosis yet; run twin diagnose, or name the effect"):

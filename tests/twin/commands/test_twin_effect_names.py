@@ -16,6 +16,7 @@ from tests.twin.commands import standin_solver
 from tests.twin.conftest import plain_targets
 from twin import cli
 from twin.bench import workbench
+from twin.bench.effectchange import change_effects
 from twin.bench.workbench import Workbench
 from twin.commands import diagnose
 from twin.effects.labels import AND, KINDS, groups, name_of
@@ -27,7 +28,7 @@ from twin.model import prediction
 from twin.model.basemodel import base_test
 from twin.model.structure import BuiltIn
 from twin.project.config import Config, PointTable
-from twin.project.folder import Project
+from twin.project.folder import Project, kind_of
 from twin.project.targetwriting import write_targets
 from twin.project.toml import dump, with_key
 from twin.targets import TargetPoint, at_node
@@ -167,6 +168,16 @@ def test_what_no_model_can_have_is_refused_and_nothing_is_written(
         run(command, text, "--project", batch)
     assert (batch / "twin.toml").read_bytes() == before
     assert present(batch) == ()
+
+
+def test_what_twin_toml_could_not_hold_is_refused_before_it_is_fitted(
+    batch: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bench = Workbench.of(Project.open(batch))
+    monkeypatch.setattr(Workbench, "judged", lambda *given, **more: pytest.fail("it was fitted"))
+    with pytest.raises(ValueError, match=r"twin\.toml: model.effects .* an effect stands twice"):
+        change_effects(bench, "add", ("creep", "creep:wide"), {}, lambda text: None)  # type: ignore[arg-type]
+    assert [kind_of(path) for path in Project.open(batch).runs()] == ["calibrate"]
 
 
 def test_effects_that_twin_toml_could_not_hold_are_not_written(batch: Path) -> None:

@@ -3,6 +3,7 @@
 import json
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import cv2
@@ -15,8 +16,10 @@ from twin import cli, virtual
 from twin.bench.positions import ON_FINGER_MM, places_of
 from twin.bench.workbench import Workbench, structure_of
 from twin.drawing.blueprint import cut
+from twin.drawing.driftchart import DriftCourse, drift_chart
 from twin.model.structure import BuiltIn, base_case
 from twin.project.config import PointTable
+from twin.project.csvtable import read_sheet
 from twin.project.folder import Project
 from twin.project.targetfiles import read_targets
 from twin.project.targetwriting import write_targets
@@ -104,7 +107,7 @@ def test_calibration_finds_the_silicone_by_positions_alone(batch: Path) -> None:
     assert values["C10"] + values["C01"] == pytest.approx(0.26, rel=0.01)
 
 
-def test_a_mark_gets_the_place_on_the_surface(tmp_path: Path) -> None:
+def test_a_mark_is_measured_where_it_is_stated(tmp_path: Path) -> None:
     from twin.inputs.recordings import marks_of
 
     project = write(tmp_path / "film", PLACES)
@@ -112,8 +115,43 @@ def test_a_mark_gets_the_place_on_the_surface(tmp_path: Path) -> None:
     both = (*sized, PointTable(name="node", node=4401, position_mm=(1.0, 2.0, 3.0), size_mm=5.0))
     project = replace(project, config=project.config.model_copy(update={"points": both}))
     tip, _, stated = (np.array(mark.position) for mark in marks_of(project))
-    np.testing.assert_allclose(tip, [40.0, 8.0, 0.0], atol=1e-8)
-    assert stated.tolist() == [1.0, 2.0, 3.0]  # with a node, the marker's centre is as stated, as ever
+    assert tip.tolist() == list(PLACES["tip"])  # not at the nearest place of the model, (40, 8, 0)
+    assert stated.tolist() == [1.0, 2.0, 3.0]
+    off = sized[0].model_copy(update={"position_mm": (40.0, 8.0, -3.5)})
+    with pytest.raises(ValueError, match="not on the finger"):
+        marks_of(replace(project, config=project.config.model_copy(update={"points": (off,)})))
+
+
+@pytest.mark.parametrize("y", [8.0, -8.0])
+def test_a_mark_at_a_node_lies_on_the_side_that_the_camera_sees(y: float, tmp_path: Path) -> None:
+    from tests.strangers.studio import config_of
+    from twin.bench.positions import check_points
+    from twin.inputs.recordings import marks_of
+    from twin.sanity import place_fault
+    from twin.targets import as_position, at_node
+
+    project, studio = write(tmp_path / "side", PLACES), config_of()
+    structure = structure_of(project)
+    rows = structure.case.nodes[:, 1] == structure.case.nodes[:, 1].max()
+    label = int(structure.case.labels[np.flatnonzero(rows)[0]])
+    x, _, z = structure.case.position(label)
+    points = (
+        PointTable(name="bare", node=label, size_mm=5.0),
+        PointTable(name="both", node=label, position_mm=(x, y, z), size_mm=5.0),
+    )
+    rig = tuple(m.model_copy(update={"position_mm": (m.position_mm[0], y, 0.0)}) for m in studio.frame.markers)
+    update = {"points": points, "cameras": studio.cameras, "frame": studio.frame.model_copy(update={"markers": rig})}
+    project = replace(project, config=project.config.model_copy(update=update))
+    places = [mark.position for mark in marks_of(project) if mark.role == "finger"]
+    assert places == [pytest.approx((x, y, z))] * 2
+    check_points(points, structure, mirrored=True)
+    glued = tuple(at_node(p.name, label, as_position(np.array(place))) for p, place in zip(points, places, strict=True))
+    targets = SimpleNamespace(points=glued)  # place_fault looks at points alone
+    assert place_fault(targets, structure.case, mirrored=True) == ""
+    if y < 0.0:  # several cameras see y themselves
+        with pytest.raises(ValueError, match=r"points.both: node \d+ lies at .* 16.0 mm from its position_mm"):
+            check_points(points, structure)
+        assert "16.0 mm away" in place_fault(targets, structure.case)
 
 
 def test_a_position_off_the_finger_is_refused(tmp_path: Path) -> None:
@@ -136,7 +174,8 @@ def test_targets_that_have_the_point_elsewhere_are_refused(batch: Path, tmp_path
 def test_check_says_how_far_the_surface_is(batch: Path, capsys: pytest.CaptureFixture[str]) -> None:
     run("check", "--project", batch)
     said = capsys.readouterr().out
-    assert "Point tip: the nearest place on the finger's surface is [40, 8, 0] mm, 0.37 mm from its position_mm." in said.replace("\n", " ")
+    assert "Point tip: the film is measured at its position_mm." in said.replace("\n", " ")
+    assert "The model takes the nearest place on its surface, [40, 8, 0] mm, 0.37 mm away." in said.replace("\n", " ")
     assert "Next: `twin" in said
 
 
@@ -165,6 +204,23 @@ def test_look_draws_the_finger(batch: Path, capsys: pytest.CaptureFixture[str]) 
     run("look", "--project", batch)
     assert "Already done" in capsys.readouterr().out
     assert Project.open(batch).newest("look", "finger.png") == first
+
+
+def test_a_name_with_dollars_is_no_mathematics(tmp_path: Path) -> None:
+    write(tmp_path / "batch", PLACES, "[project]\nname = '$\\frac{$'\n" + DIMENSIONS)
+    run("look", "--project", tmp_path / "batch")
+    one = np.ones(1)
+    course = DriftCourse(name="C10", unit="MPa", values=one, low=one, high=one, expected=None, differs=False)
+    assert "$\\frac{$</text>" in drift_chart(["$\\frac{$"], [course])
+
+
+def test_check_says_of_a_folder_that_it_is_no_file(tmp_path: Path) -> None:
+    (tmp_path / "batch" / "raw").mkdir(parents=True)
+    write(tmp_path / "batch", PLACES, '[model]\ndeck = "raw"\n')
+    with pytest.raises(ValueError, match=r"missing in .*: raw \(model.deck: it is a folder, wanted a file\)"):
+        run("check", "--project", tmp_path / "batch")
+    with pytest.raises(ValueError, match=r"raw: a folder; wanted a CSV file with a header line marker,does"):
+        read_sheet(tmp_path / "batch" / "raw", wanted="marker,does")
 
 
 def test_look_shows_nodes_points_and_dimensions_in_rerun(batch: Path) -> None:

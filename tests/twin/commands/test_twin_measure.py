@@ -1,5 +1,6 @@
 """camera and measure: the join of film and pressure log, the gauge noise, and targets that are never lost."""
 
+import dataclasses
 import types
 from pathlib import Path
 
@@ -152,6 +153,38 @@ def test_film_and_log_become_targets(project, measured):
     tracks = files.read_npz(project.root / "runs/0002-measure/tracks.npz")
     assert set(tracks) == {"time", "names", "position", "covariance", "rotation", "method", "methods", "homography"}
     assert tracks["methods"].tolist()[:2] == ["lost", "registered"]
+
+
+def test_a_rolling_shutter_is_stated_as_an_error_and_not_corrected(project, measured, monkeypatch):
+    """28 ms over 720 rows: a tip at row 630 is read 10.5 ms late, at 10 mm/s 0.105 mm; none in the middle."""
+    inner = vision.measure
+
+    def measure(*args, **how):
+        found = inner(*args, **how)
+        place = np.full(found.tracks.position.shape, 360.0)
+        place[:, found.tracks.names.index("tip"), 1] = 630.0
+        return dataclasses.replace(found, tracks=dataclasses.replace(found.tracks, position=place))
+
+    def video(path, *, fps, mirrored=False):
+        count = FRAMES if Path(path).name.startswith("film") else STATIC
+        return types.SimpleNamespace(time=np.arange(count) / FPS, issues=(), turns=0, height=720, width=1280)
+
+    monkeypatch.setattr("vision.measure", measure)
+    monkeypatch.setattr("vision.film.series.open_film", video)
+    plain = project
+    project = edit(plain, "# readout_ms = ...", "readout_ms = 28.0")
+    run_camera(project, Lines())
+    result = run_measure(project, Lines())
+    targets = project.targets()
+    assert targets.mode_names == ("scale", "sync", "readout")
+    clock, mode = targets.modes[1:]
+    tip = targets.names.index("tip")
+    np.testing.assert_allclose(mode[:, tip] * 0.002, clock[:, tip] * 0.0105, atol=1e-12)
+    assert -mode[25:35, tip, 2].mean() == pytest.approx(0.105, rel=0.3)  # places have a noise of 0.02 mm
+    assert not np.delete(mode, tip, axis=1).any()
+    budget = (project.root / "runs/0002-measure/budget.csv").read_text()
+    assert float(next(line for line in budget.splitlines() if line.startswith("tip,readout")).split(",")[4]) > 0.04
+    assert any("in 28 ms (readout_ms). Markers that move far" in said for said in result["remarks"])
 
 
 def test_nothing_is_measured_twice(project, measured):

@@ -17,6 +17,7 @@ from twin.commands.initlike import run_init_like
 from twin.commands.recalibrate import run_recalibrate
 from twin.commands.recalibrateall import recalibrate_all
 from twin.model.structure import BuiltIn
+from twin.project import files
 from twin.project.folder import Project
 from twin.project.toml import dump
 from vision.drawing import synthetic
@@ -145,7 +146,9 @@ def test_the_camera_is_kept_unless_its_lens_has_changed(first_frames, say, tmp_p
         run.write_json("camera.json", eye.to_dict())
     with project.new_run("measure", tables=(), inputs=[]) as run:
         run.write_npz("tracks.npz", {"names": np.array([names[i] for i in seen.ids.tolist()]), "position": seen.centre[None]})
+    files.write_npz(former / "cache" / "finer.npz", {"array": np.zeros(2)})
     run_init_like(new, say, like=former)
+    assert (new / "cache" / "finer.npz").exists()  # what depends on the finger alone is not solved again
     first_frames(now[stands], new / "raw" / "film.mp4")
     if stands == "with another lens":
         with pytest.raises(ValueError, match=rf"the camera of {OLD} does not fit: .* accepted up to 0.3 px"):

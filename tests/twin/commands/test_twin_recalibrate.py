@@ -22,6 +22,7 @@ from twin.commands.comparetwo import run_side_by_side
 from twin.commands.initlike import run_init_like
 from twin.commands.recalibrate import run_recalibrate
 from twin.commands.recalibrateall import recalibrate_all
+from twin.commands.trust import run_trust
 from twin.judging.record import FitRecord
 from twin.project.config import Config, PointTable, ProjectTable
 from twin.project.folder import Project, dataset
@@ -373,6 +374,7 @@ def test_the_report_shows_the_constants_beside_earlier_batches(batch, stages, sa
     shutil.move(tmp_path / "b-1", tmp_path / "far")
     text = decoded((project.root / "twin.toml").read_bytes())
     (project.root / "twin.toml").write_text(with_key(text, "project", "like", "../far/b-1"))
+    run_trust(project.root, say)
     found = earlier_facts(Project.open(project.root), fit)
     assert (found["batches"], found["beside"]) == (["b-1", "b-2", "b-10"], "b-1")
 
@@ -395,10 +397,24 @@ def test_a_batch_that_differs_is_named_with_its_quantity(batch, stages, say, tmp
     assert "creep.g1" not in result["differs"]
     page = (tmp_path / "batches.html").read_text()
     assert "b-7, the newest by name, differs from the former batches in C10 + C01" in page
-    assert page.count("<svg") == 1
+    assert page.count("data:image/svg+xml;base64,") == 1
     rows = list(csv.DictReader((tmp_path / "batches.csv").read_text().splitlines()))
     assert len(rows) == 7 * 3
     assert float(rows[0]["low"]) < float(rows[0]["value"]) < float(rows[0]["high"])
+
+
+def test_no_cell_of_the_table_of_batches_is_a_formula(batch, stages, say, tmp_path):
+    stages.fits["=cmd|calc"] = {"c10": 0.21}
+    done, broken = batch("=cmd|calc"), batch("@sum")
+    run_recalibrate(done, say)
+    with Project.open(done.root).new_run("diagnose") as run:
+        run.write_json("diagnosis.json", {"verdict": "\t+1", "sentence": "", "named": []})
+    (broken.root / "twin.toml").write_text("=")
+    run_batches(tmp_path, say)
+    rows = list(csv.DictReader((tmp_path / "batches.csv").read_text().splitlines()))
+    assert {row["batch"] for row in rows} == {"'=cmd|calc", "'@sum"}
+    assert {row["verdict"] for row in rows if "cmd" in row["batch"]} == {"'\t+1"}
+    assert all(float(row["value"]) > 0 for row in rows if "cmd" in row["batch"])  # a number is a number
 
 
 def test_a_batch_like_the_others_is_not_called_different(batch, stages, say, tmp_path):

@@ -195,5 +195,5 @@ def test_what_is_wrong_with_the_weight_is_one_sentence(project: Project, tmp_pat
         bench(model=config.model.model_copy(update={"gravity": None}))
     with pytest.raises(ValueError, match=r"model.fixed.density: only C10 and C01 can be held; .* model.density_kg_m3"):
         bench(model=ModelTable(fixed={"density": 1e-9}))
-    with pytest.raises(ValueError, match=r"gravity = \[0.0, 0.0, 0.0\]: wanted a direction"):
+    with pytest.raises(ValueError, match=r"gravity\n.*wanted a direction"):
         ModelTable(gravity=(0.0, 0.0, 0.0))

@@ -421,6 +421,8 @@ def test_facts_that_change_make_other_targets_and_keep_the_former(batch: Path) -
     measure(project, Lines(), replace=True)
     np.testing.assert_allclose(project.targets().value[3, 0, 2], -15.5 / 2)
     assert (batch / "targets-0001" / "targets.csv").is_file()
+    assert measure(project, Lines(), replace=True)["status"] == "done"  # nothing has changed: again
+    assert (batch / "targets-0002" / "targets.csv").is_file()
     with pytest.raises(ValueError, match="--budget"):
         measure(project, Lines(), budget=True)
 

@@ -35,6 +35,17 @@ def test_a_heading_tells_the_unit(tmp_path: Path, name: str) -> None:
     assert log.source.startswith(f"column {name!r}, in ")
 
 
+def test_rounded_times_are_told_from_rows_that_repeat(tmp_path: Path) -> None:
+    pressure = np.linspace(0.0, 0.03, 50)
+    text = "time_s,pressure_MPa\n" + "".join(f"{0.02 * k:.1f},{p}\n" for k, p in enumerate(pressure))
+    with pytest.raises(ValueError, match=r"line 3, .* 39 of 50 rows repeat .* rounded to 0\.1 s: write it with more digits"):
+        log_at(tmp_path, text)
+    twice = rows(pressure).splitlines()
+    for lines in ([*twice[:5], *twice[4:]], [*twice[:20], *twice[:30]]):
+        with pytest.raises(ValueError, match="sort the rows by time and remove repeated ones"):
+            log_at(tmp_path, "time_s,pressure_MPa\n" + "\n".join(lines) + "\n")
+
+
 def test_a_key_tells_the_unit_where_the_heading_does_not(tmp_path: Path) -> None:
     log = log_at(tmp_path, f"time_s,ai0,ai1\n{rows(1e3 * MPA).replace(chr(10), ',7' + chr(10))}", LogFormat("ai0", "kPa"))
     np.testing.assert_allclose(log.pressure, MPA, rtol=1e-12)
@@ -74,6 +85,7 @@ def test_decimal_commas_are_read_between_semicolons_and_tabs(tmp_path: Path, sep
         ("time_s,ai0\n0,0\n1,30\n", LogFormat("ai1", "kPa"), "column = 'ai1' is not in the header time_s,ai0"),
         ("time_s,p_kPa\n0,0\n1,30000\n", None, "p_kPa reaches 30 MPa, read in kPa; wanted 0.0001 to 1 MPa"),
         ("time_s,p_kPa\n0,0\n1,0.03\n", None, "p_kPa reaches 3e-05 MPa, read in kPa; wanted 0.0001 to 1 MPa"),
+        ("time_s,p_kPa\n0,0\n1,300\n", LogFormat(top_kPa=30.0), "p_kPa reaches 300 kPa, .* set to 30 kPa .* likely in mbar; correct the unit"),
         ("t,p_kPa\n0,0\n1,30\n", None, "column 't' has no unit: wanted s, ms or min"),
         ("p_kPa,x\n0,0\n1,30\n", None, "column time_s is missing"),
         ("time_s,p_kPa\n0,0,0,0\n0,5,30,1\n", None, "line 2: 4 cells; wanted 2, .*decimal commas.*semicolons"),

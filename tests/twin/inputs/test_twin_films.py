@@ -17,7 +17,7 @@ from twin.commands.measure import run_measure
 from twin.diagnosis.record import ForetoldFilm
 from twin.effects.material import Elasticity
 from twin.inputs import filmcheck
-from twin.inputs.films import BETWEEN_S, FilmTargets, joined
+from twin.inputs.films import BETWEEN_S, FilmTargets, films_of, joined
 from twin.judging.heldout import unseen
 from twin.judging.judged import judge
 from twin.judging.record import UnseenFilm
@@ -61,6 +61,12 @@ def with_films(project, *, first="", second="held_out = true"):  # noqa: F811
     return Project.open(project.root)
 
 
+def test_what_the_regulator_was_set_to_is_said_of_its_own_log_alone(project):  # noqa: F811
+    edit(project, "# top_kPa = ...", "top_kPa = 30.0")
+    first, second = films_of(with_films(project))
+    assert [film.project.config.pressure.top_kPa for film in (first, second)] == [30.0, None]
+
+
 def test_every_film_is_measured_on_its_own_clock_with_its_own_noise(project, measured, monkeypatch):  # noqa: F811
     calls = []
 
@@ -102,6 +108,8 @@ def test_every_film_is_measured_on_its_own_clock_with_its_own_noise(project, mea
     run_measure(edit(changed, "held_out = true", "held_out = false"), Lines(), replace=True)
     assert len(calls) == 3
     assert not changed.targets().held_out.any()
+    run_measure(Project.open(both.root), Lines(), replace=True)
+    assert len(calls) == 5  # nothing has changed: all is measured again
 
 
 def test_check_says_what_it_sees_of_each_film(project, measured, monkeypatch):  # noqa: F811

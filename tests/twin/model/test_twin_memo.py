@@ -114,3 +114,12 @@ def test_a_model_with_an_effect_is_one_object_with_its_solves(pure: Model) -> No
     assert [e.label for e in again.effects] == [e.label for e in model.effects]
     moved = base.over(model)
     assert moved is base  # both solve the half
+
+
+def test_what_is_only_drawn_has_no_derivatives_and_is_not_kept(pure: Model) -> None:
+    model = remembering(pure)
+    theta = constants(model, 1.0)
+    found = model.drawn(theta)
+    assert found.jacobian is None
+    assert model.kept == ()
+    np.testing.assert_allclose(found.u, model.predict(theta), rtol=0, atol=SAME)

@@ -264,3 +264,32 @@ def parse_error(text):
     with pytest.raises(ValueError, match=r"twin\.toml: ") as told:
         parse(text.encode(), name="twin.toml")
     return told.value
+
+
+@pytest.mark.parametrize("name", ["+1", "-x", ".", "..", ".hidden", "=cmd", "@x", "a b", "", "a\\n", "ü"])
+def test_a_name_is_no_formula_and_no_path(name):
+    with pytest.raises(ValueError, match=r"points\[2\]\.name = .*wanted a name of the letters .*; rename it"):
+        read(TEXT.replace('"middle"', f'"{name}"'))
+    assert read(TEXT + '[[points]]\nname = "_p+1.-x"\nnode = 3\n').points[-1].name == "_p+1.-x"
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        (TEXT.replace("5848", "99999999999999999999999"), r"points\[2\].node = 9+: it should be less than or equal to 1000000000 \(label of the node"),
+        (TEXT.replace("[model]", "[model]\nmesh = 64"), r"model.mesh = 64: it should be less than or equal to 8 \(mesh refinement: 2 halves all elements\)"),
+        (TEXT.replace("[model]", "[model]\ngravity = [1e308, 0.0, 0.0]"), r"model.gravity\[1\] = 1e\+308: it should be less than or equal to 1000000"),
+        (TEXT.replace("[model]", "[model]\ngravity = [1e-320, 0.0, 0.0]"), r"model.gravity = \[1e-320, 0.0, 0.0\]: wanted a direction, such as"),
+        (TEXT.replace("[model]", "[model]\ngravity = [0.0, 0.0, 0.0]"), r"model.gravity = \[0.0, 0.0, 0.0\]: wanted a direction, such as"),
+        (TEXT.replace("node = 5848", "position_mm = [1.0, -1e308, 0.0]"), r"points\[2\].position_mm\[2\] = -1e\+308: .* -1000000 \(centre on the unloaded finger, mm"),
+        (TEXT.replace("node = 5848", "node = 5848\nsize_mm = 1e308"), r"points\[2\].size_mm = 1e\+308: it should be less than or equal to 1000000000 .* mm"),
+        (TEXT.replace("node = 5848", "node = 5848\nmarker = 10000000"), r"points\[2\].marker = 10000000: it should be less"),
+        (TEXT + "[calibrate]\npopulation = 9223372036854775807", r"calibrate.population = 9223372036854775807: .* 10000 \(number of candidates"),
+        (TEXT + "[calibrate]\ngenerations = 9223372036854775807", "calibrate.generations = .*: it should be less"),
+        (TEXT + f"[model.finger]\npleats = 1{'0' * 400}", "model.finger.pleats = 10.*: it should be less"),
+        (film("columns = 9", "columns = 1000000"), "cameras.*.board.columns = 1000000: it should be less"),
+    ],
+)
+def test_a_number_beyond_any_finger_is_refused_where_it_is_read(text, sentence):
+    with pytest.raises(ValueError, match=sentence):
+        read(text)

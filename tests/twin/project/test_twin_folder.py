@@ -1,15 +1,20 @@
 """Runs: numbered, resumed when killed, never overwritten; files whole or not at all; one writer at a time."""
 
+import io
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
 import time
+import warnings
+import zipfile
 from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.lib import format as npy
 
 from twin.bench.caches import SolvedRows
 from twin.diagnosis.record import DiagnosisRecord
@@ -19,6 +24,7 @@ from twin.project import files
 from twin.project.folder import Project
 from twin.project.record import RunRecord, SourceRecord
 
+ROOT = Path(__file__).resolve().parents[3]
 TOML = '[[points]]\nname = "tip"\nnode = 4401\n[[points]]\nname = "middle"\nnode = 5848\n'
 
 
@@ -307,3 +313,57 @@ def test_arrays_that_would_fill_the_memory_are_refused(tmp_path, monkeypatch):
     monkeypatch.setattr(files, "MOST_BYTES", 50_000)
     with pytest.raises(ValueError, match=r"not a readable npz file \(unpacked it would have"):
         files.read_npz(tmp_path / "x.npz")
+
+
+def packed(path, **entries):
+    """An npz file of these bytes or arrays by name, those of a name with _ at its end a second time."""
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as file, warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of a name that stands twice
+        for name, data in entries.items():
+            buffer = io.BytesIO()
+            if isinstance(data, np.ndarray):
+                np.save(buffer, data)
+            file.writestr(f"{name.rstrip('_')}.npy", buffer.getvalue() or data)
+
+
+def claims(shape):
+    """An array of one number that says to have this shape."""
+    buffer = io.BytesIO()
+    npy.write_array_header_1_0(buffer, {"descr": "<f8", "fortran_order": False, "shape": shape})
+    return buffer.getvalue() + bytes(8)
+
+
+@pytest.mark.parametrize(
+    ("entries", "why"),
+    [
+        ({"a": claims((10**9,))}, "a.npy has not the size that it says"),
+        ({"a": claims((-1,))}, "a.npy has not the size that it says"),
+        ({"a": np.zeros(2, np.longdouble)}, "a.npy holds float128: wanted numbers, booleans or text, no pickle"),
+        ({"a": np.zeros(2, complex)}, "a.npy holds complex128"),
+        ({"a": np.array([b"x"])}, r"a.npy holds \|S1"),
+        ({"a": np.zeros(2, "f8,f8")}, "a.npy holds "),
+        ({"a": b"xx"}, "EOF|magic"),
+        ({"a": b"no array at all"}, "magic"),
+        ({"a": np.zeros(2), "a_": b"xx"}, "EOF|magic"),
+        ({"a": np.zeros(2), "a_": np.zeros(3)}, "an array stands twice"),
+        ({"b": np.zeros(2)}, "it has no array 'a'"),
+    ],
+)
+def test_an_array_that_is_not_what_it_says_is_refused_with_its_file(tmp_path, entries, why):
+    packed(tmp_path / "x.npz", **entries)
+    with pytest.raises(ValueError, match=rf"x\.npz: not a readable npz file \(.*({why}).*\); remove it and run") as told:
+        files.read_npz(tmp_path / "x.npz", "a")
+    assert "allow_pickle" not in str(told.value)
+
+
+def test_arrays_of_any_order_and_size_of_number_are_read(tmp_path):
+    some = {"a": np.asfortranarray(np.arange(6.0).reshape(2, 3)), "b": np.arange(3, dtype=">f4"), "c": np.array("x"), "d": np.zeros((0, 3))}
+    files.write_npz(tmp_path / "x.npz", some)
+    for name, array in files.read_npz(tmp_path / "x.npz").items():
+        np.testing.assert_array_equal(array, some[name])
+
+
+def test_no_other_code_reads_arrays():
+    """Each of them would need the limits of `files.read_npz` again."""
+    sources = [path for package in ("twin", "vision", "fe", "calibrate") for path in (ROOT / package).rglob("*.py")]
+    assert [path.name for path in sources if re.search(r"np\.load|npy\.read_array|pickle\.load", path.read_text(encoding="utf-8"))] == ["files.py"]

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from twin.project.csvtable import read_table
 from twin.project.folder import Project, dataset
 from twin.project.targetfiles import read_targets
 from twin.project.targetwriting import COLUMNS, write_targets
@@ -329,7 +330,10 @@ def put(value, *index):
         ("modes", put(np.nan, 0, 1, 0, 0), "array 'modes' holds nan; wanted finite numbers in mm"),
         ("modes", put(np.inf, 1, 2, 2, 2), "array 'modes' holds inf"),
         ("modes", lambda a: a[:, :5], r"array 'modes' has shape \(2, 5, 3, 3\); wanted \(2, 12, 3, 3\)"),
-        ("pressure_sd", put(-1.0, 3), "array 'pressure_sd' holds -1; wanted finite numbers in MPa, 0 or more"),
+        ("pressure_sd", put(-1.0, 3), "array 'pressure_sd' holds -1; wanted finite numbers in MPa, 0 to 1"),
+        ("pressure_sd", put(1e300, 3), "array 'pressure_sd' holds 1e\\+300; wanted finite numbers in MPa, 0 to 1"),
+        ("modes", put(-1e300, 0, 1, 0, 0), "array 'modes' holds -1e\\+300; wanted finite numbers in mm, of 1e\\+06 at most"),
+        ("covariance", put(1e300, 0, 0, 0, 0), "covariance of step 0, point 0 holds 1e\\+300; wanted finite numbers in mm2"),
         ("pressure_sd", lambda a: a.astype(str), "array 'pressure_sd' holds <U32; wanted numbers"),
         ("valid", lambda a: a.astype(str), "array 'valid' holds <U5; wanted booleans"),
         ("covariance", put(9.0, 0, 0, 0, 2), "covariance of step 0, point 0 is not symmetric"),
@@ -344,6 +348,27 @@ def put(value, *index):
 def test_a_wrong_array_gives_one_sentence(tmp_path, name, change, sentence):
     with pytest.raises(ValueError, match=sentence):
         read_targets(altered(tmp_path, **{name: change}))
+
+
+@pytest.mark.parametrize(
+    ("column", "value", "wanted"),
+    [("u1_mm", "-1e300", "mm, of 1e\\+06"), ("sd2_mm", "1e300", "mm, of 1e\\+06"), ("time_s", "1e300", "s, of 1e\\+13")],
+)
+def test_a_number_beyond_any_test_is_refused_with_its_cell(tmp_path, column, value, wanted):
+    write_targets(tmp_path / "targets", make())
+    path = tmp_path / "targets" / "targets.csv"
+    head, *rows = (line.split(",") for line in path.read_text().splitlines())
+    rows[-1][head.index(column)] = value
+    path.write_text("\n".join(",".join(row) for row in [head, *rows]) + "\n")
+    with pytest.raises(ValueError, match=rf"targets.csv, line {len(rows) + 1}, column {column}: '{value}': wanted a number in {wanted} at most; correct its unit"):
+        read_targets(tmp_path / "targets")
+
+
+def test_a_new_line_in_a_name_is_part_of_it(tmp_path):
+    write_targets(tmp_path / "targets", make())
+    path, name = tmp_path / "targets" / "targets.csv", make().names[0]
+    path.write_text(path.read_text().replace(f",{name},", f',"{name[:1]}\n{name[1:]}",'))
+    assert read_table(path, COLUMNS).cells["point"][0] == f"{name[:1]}\n{name[1:]}"
 
 
 def test_an_unknown_array_is_refused(tmp_path):

@@ -1,14 +1,21 @@
 """A folder from a stranger: its programs do not run and its links are not followed before `twin trust`."""
 
+import json
 from pathlib import Path
+from typing import get_args, get_origin
 
 import pytest
+from pydantic import BaseModel
 
 from twin import cli
+from twin.batches.former import former_of
 from twin.bench.laws import named_effect
 from twin.bench.workbench import own_of
-from twin.project import trust
+from twin.project import files, trust
+from twin.project.config import CameraTable, Config, _dictionary, _inside
 from twin.project.folder import Project
+from twin.project.staleness import changes
+from vision.film.series import TIMES
 
 TOML = '[[points]]\nname = "tip"\nnode = 4401\n[calibrate]\nobjective_points = ["tip"]\n'
 PROGRAM = "from pathlib import Path\nPath({ran!r}).touch()\nfrom twin import Effect\nclass Fan(Effect):\n    name = 'fan'\n"
@@ -66,6 +73,17 @@ def test_the_folder_cannot_trust_itself(folder: Path) -> None:
         place.write_text(f'{{"{program.digest}": "mine"}}')
     with pytest.raises(ValueError, match="has not been trusted"):
         own_of(Project.open(folder))
+    assert not ran.exists()
+
+
+def test_a_program_that_is_a_link_out_of_the_folder_never_runs(folder: Path) -> None:
+    ran = with_program(folder)
+    (folder / "effects" / "fan.py").rename(folder.parent / "fan.py")
+    (folder / "effects" / "fan.py").symlink_to(folder.parent / "fan.py")
+    for work in (lambda: Project.open(folder), lambda: run("trust", "-p", folder)):  # no dead end: both say the way out
+        with pytest.raises(ValueError, match=r"effects/fan.py lies outside the project folder, in .*fan.py; copy it into effects/"):
+            work()
+    assert trust.trusted() == {}
     assert not ran.exists()
 
 
@@ -157,6 +175,91 @@ def test_every_path_of_twin_toml_is_looked_at(folder: Path, name: str) -> None:
     (folder / "twin.toml").write_text(text)
     with pytest.raises(ValueError, match=rf"{name} is a link to .*secret.csv, outside the project folder"):
         Project.open(folder)
+
+
+def validators(part: object) -> set[object]:
+    """What checks the values of a key, or of a part of its kind."""
+    told = getattr(part, "__metadata__", None) or getattr(part, "metadata", ())
+    return {getattr(one, "func", None) for one in told}
+
+
+def with_path(table: type[BaseModel], path: str) -> list[BaseModel]:
+    """A table for each of its keys that names a file, and of the tables below it, with this path alone."""
+    found = []
+    for name, field in table.model_fields.items():
+        outer = get_args(field.annotation)
+        kinds = dict.fromkeys([field.annotation, *outer, *(one for kind in outer for one in get_args(kind))])
+        told: list[object] = [one for kind in kinds if isinstance(kind, type) and issubclass(kind, BaseModel)
+                              for one in with_path(kind, path)]  # fmt: skip
+        if any(validators(kind) & {_inside, _dictionary} for kind in (field, *kinds)):
+            told.append(path)
+        several = any(get_origin(kind) is tuple for kind in kinds)
+        found += [table.model_construct(**{name: (one,) if several else one}) for one in told]
+    return found
+
+
+def test_every_key_that_names_a_file_is_looked_at(folder: Path) -> None:
+    (folder / "raw").mkdir()
+    (folder / "raw" / "link").symlink_to(folder.parent / "secret")
+    every = with_path(Config, "raw/link")
+    assert len(every) >= 16
+    for config in every:
+        assert [one.name for one in trust.links(folder, config)] == ["raw/link"], config
+
+
+def test_what_lies_behind_a_link_is_not_even_listed(folder: Path) -> None:
+    (folder / "raw").mkdir()
+    (folder / "raw" / "film").symlink_to(folder.parent)
+    (folder.parent / "private").symlink_to("secret")
+    config = Config.model_construct(cameras=(CameraTable.model_construct(film="raw/film"),))
+    assert [one.name for one in trust.links(folder, config)] == ["raw/film"]
+
+
+def test_the_times_beside_a_pattern_are_looked_at(folder: Path) -> None:
+    assert trust.TIMES == TIMES
+    (folder / "raw").mkdir()
+    (folder / "raw" / "film-1.png").write_bytes(b"x")
+    (folder / "raw" / "times.csv").symlink_to(folder.parent / "secret.csv")
+    config = Config.model_construct(cameras=(CameraTable.model_construct(film="raw/film-*.png"),))
+    assert [one.name for one in trust.links(folder, config)] == ["raw/times.csv"]
+
+
+def test_a_former_batch_elsewhere_is_read_once_it_is_trusted(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for other in (folder.parent / "private" / "other", folder.parent / "beside"):
+        other.mkdir(parents=True)
+        (other / "twin.toml").write_text(TOML)
+    (folder / "twin.toml").write_text(TOML + '[project]\nlike = "../beside"\n')
+    assert former_of(Project.open(folder)).root == folder.parent / "beside"
+    (folder / "twin.toml").write_text(TOML + '[project]\nlike = "../private/other"\n')
+    with pytest.raises(ValueError, match=r"\.\./private/other is the former batch in .*private/other, .*`twin trust -p .*batch`"):
+        Project.open(folder)
+    run("trust", "-p", folder)
+    assert "../private/other: the former batch in" in capsys.readouterr().out
+    assert former_of(Project.open(folder)).root == folder.parent / "private" / "other"
+
+
+def test_a_former_batch_that_init_is_told_is_trusted(folder: Path) -> None:
+    run("init", folder.parent / "elsewhere" / "new", "--like", folder)
+    assert Project.open(folder.parent / "elsewhere" / "new").config.project.like == "../../batch"
+
+
+def test_a_run_that_the_folder_names_is_a_run_of_its_own(folder: Path) -> None:
+    (folder / "targets").mkdir()
+    (folder.parent / "0001-secret").mkdir()
+    for told in ("../../0001-secret", "..", str(folder.parent / "0001-secret")):
+        (folder / "targets" / "source.json").write_text(json.dumps({"run": told}))
+        with pytest.raises(ValueError, match=r"source\.json: run = "):
+            Project.open(folder).source()
+
+
+def test_a_file_that_a_run_has_recorded_is_not_read_outside(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    project, secret = Project.open(folder), folder.parent / "secret.csv"
+    secret.write_text("x\n")
+    with project.new_run("compare", inputs=[]) as made:
+        pass
+    record = project.info(made.folder)
+    files.write_json(made.path("run.json"), record.model_copy(update={"inputs": {"../secret.csv": files.digest_of([secret], root=folder)["secret.csv"]}}))
+    assert changes(project, made.folder, tables=(), present=()) == ["../secret.csv is gone"]
 
 
 def test_a_link_within_the_folder_is_no_fault(folder: Path) -> None:

@@ -1,5 +1,6 @@
 """The report page: every fact given stands in it, text is escaped, nothing is fetched from elsewhere."""
 
+import base64
 import re
 from html.parser import HTMLParser
 from pathlib import Path
@@ -7,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from twin.numerals import interval, probability, short, value
-from twin.report.page import Picture, render, write_report
+from twin.report.page import Picture, render, table_page, write_report
 
 PNG = b"\x89PNG\r\n\x1a\n" + bytes(8)
 SVG = '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 1 1"><path d="M0 0"/></svg>'
@@ -92,6 +93,7 @@ WANTED = (
     *("It fails most at marker tip.", "The silicone keeps moving.", "placement", "314", "340", "use a jig", "Left over"),
     *("Map", "in sd", "Finger", "Ridge", "no second camera", "sha256 3f9a12", "twin diagnose", "iVBORw0KGgo"),
 )
+OWN_KEYS = {"seed", "film", "creep.g1"}  # what a folder says, too
 VOID = {"meta", "img", "br", "link", "input", "hr"}
 
 
@@ -136,10 +138,9 @@ def test_the_page_is_well_formed_and_loads_nothing() -> None:
     page = render(title="batch-07", facts=FACTS)
     tags = parsed(page)
     assert tags.open == []
-    assert [source for source in tags.loads if not source.startswith(("data:image/png;base64,", "#"))] == []
-    assert len(tags.loads) == 1
-    assert not re.search(r"@import|url\((?!#)", page)
-    assert set(re.findall(r"https?://[^\s\"'<>]+", page)) <= {"http://www.w3.org/2000/svg"}
+    assert [source for source in tags.loads if not source.startswith(("data:image/png;base64,", "data:image/svg+xml;base64,"))] == []
+    assert len(tags.loads) == 5
+    assert not re.search(r"@import|url\(|https?://", page)
 
 
 @pytest.mark.parametrize("key", sorted(FACTS))
@@ -152,21 +153,49 @@ def test_each_fact_may_be_absent_or_stand_alone(key: str) -> None:
         assert "Undefined" not in page
 
 
-def test_text_is_escaped() -> None:
-    bad = "<script>alert('a & b')</script>"
-    facts = {
-        "headline": bad,
-        "ranking": [{"effect": bad, "note": bad}],
-        "chain": [{"name": bad, "value": bad}],
-        "named": [{"effect": bad, "parameters": [{"name": bad, "value": 1.0}]}],
-        "pictures": [Picture(title=f'"{bad}', png=PNG)],
-        "provenance": {bad: bad},
-        "ties": [[bad, bad]],
-    }
-    page = render(title=bad, facts=facts)
+BAD = "'\"><script>alert('a & b')</script>"
+
+
+def spoilt(fact: object) -> object:
+    """A fact with a script in place of every text."""
+    if isinstance(fact, Picture):
+        return Picture(title=BAD, caption=BAD, half=fact.half, svg=fact.svg, png=fact.png, place=fact.place)
+    if isinstance(fact, dict):
+        return {(BAD if key in OWN_KEYS else key): spoilt(value) for key, value in fact.items()}
+    if isinstance(fact, list | tuple):
+        return [spoilt(one) for one in fact]
+    return BAD if isinstance(fact, str) else fact
+
+
+@pytest.mark.parametrize("key", sorted(FACTS))
+def test_every_text_is_escaped(key: str) -> None:
+    page = render(title=BAD, facts={key: spoilt(FACTS[key])})
     assert "<script" not in page
-    assert "&lt;script&gt;" in page
+    assert page.count("&lt;script&gt;") > 1  # of the title, and of the fact
     assert parsed(page).open == []
+
+
+def test_every_text_of_a_page_of_tables_is_escaped() -> None:
+    tables = [{"title": BAD, "head": [BAD], "rows": [{"cells": [BAD], "named": True}], "note": BAD}]
+    page = table_page(BAD, headline=BAD, sentences=[BAD], tables=tables, pictures=[Picture(title=BAD, caption=BAD, svg=SVG)])
+    assert "<script" not in page
+    assert page.count("&lt;script&gt;") == 11
+    assert parsed(page).open == []
+
+
+LIVE = (
+    '<svg xmlns="http://www.w3.org/2000/svg"><script>alert(1)</script><image href="http://evil.example/x.png"/>'
+    '<rect onload="alert(2)"/></svg>'
+)
+
+
+def test_a_drawing_is_an_image_so_nothing_in_it_runs_or_loads() -> None:
+    picture = Picture(title='"><script>alert(3)</script>', svg=LIVE)
+    table = table_page("t", headline="h", sentences=[], tables=[], pictures=[picture])
+    for page in (render(title="t", facts={"pictures": [picture]}), render(title="t", facts={"study": {"pictures": [picture], "known": {}}}), table):
+        assert not re.search(r"<script|<svg|evil|onload", page)
+        (source,) = parsed(page).loads
+        assert base64.b64decode(source.removeprefix("data:image/svg+xml;base64,")).decode() == LIVE
 
 
 def test_halves_stand_in_pairs() -> None:

@@ -267,15 +267,26 @@ def test_histories_come_back_equal_and_hold_no_pickle(tmp_path: Path) -> None:
         )
         assert type(again) is type(stored)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["fields.npz", "generations.npz"]
-    with pytest.raises(ValueError, match=r"fields.npz has no array 'generation'"):
+    with pytest.raises(ValueError, match=r"fields.npz: .*it has no array 'generation'"):
         Generations.load(tmp_path / "fields.npz")
 
 
 def test_a_pickle_inside_a_history_is_not_read(tmp_path: Path) -> None:
     stored = {**vars(along_film(history(), times=TIMES)), "pressure": np.array([{}, None], dtype=object)}
     np.savez(tmp_path / "fields.npz", **stored)
-    with pytest.raises(ValueError, match="allow_pickle=False"):
+    with pytest.raises(ValueError, match=r"fields.npz: .*pressure.npy holds object: wanted numbers, .* no pickle"):
         Fields.load(tmp_path / "fields.npz")
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "why"),
+    [("names", np.zeros(2), r"wanted tuple\[str"), ("u", np.array(["x"]), "an array holds <U1"), ("film_time_s", np.zeros(3), "wanted <class 'float'>"),
+     ("u", np.zeros((3, 9, 3)), r"Generations\.u has shape"), ("generation", np.array(1), "an array holds")],
+)  # fmt: skip
+def test_a_history_with_an_array_of_another_kind_names_the_file(tmp_path: Path, name: str, value: np.ndarray, why: str) -> None:
+    np.savez(tmp_path / "generations.npz", **{**vars(history()), name: value})
+    with pytest.raises(ValueError, match=rf"generations\.npz: .*{why}.*; remove it and run its stage again"):
+        Generations.load(tmp_path / "generations.npz")
 
 
 def test_arrays_that_do_not_fit_each_other_are_refused() -> None:

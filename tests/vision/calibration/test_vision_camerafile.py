@@ -94,6 +94,8 @@ def test_bad_files(tmp_path: Path) -> None:
 
     refused(tmp_path / "absent.yml", "does not exist: give an OpenCV YAML, XML or caliscope TOML")
     refused(written(tmp_path / "a.yml", LENS), r"is for \(1280, 720\) px, the film has", size=(640, 480))
+    (tmp_path / "far.yaml").write_text(ROS.replace("910.0", "1.0e+9").replace("912.0", "1.0e+9"))
+    refused(tmp_path / "far.yaml", r"has the focal length 1e\+09 px, wanted less than 1000 times its 1280 px")
     refused(written(tmp_path / "b.yml", np.full(8, 0.1)), "8 distortion terms, wanted k1 k2 p1 p2 k3 alone")
     for name, text, sentence in (
         ("c.yml", "%YAML:1.0\n---\nimage_width: 1280\n", "no camera matrix of 9 numbers"),

@@ -107,7 +107,12 @@ def test_a_film_on_its_side_is_turned_as_opencv_turns_it(turn: int, tmp_path: Pa
         corner.mean() for corner in (colours[:8, :8], colours[:8, -8:], colours[-8:, -8:], colours[-8:, :8])
     ]
     assert int(np.argmax(bright)) == int(np.argmax(other)) == -turn // 90 % 4
-    assert any(f"turned by {turn} degrees to the left" in sentence for sentence in film.issues)
+    assert [("upside down" in sentence) for sentence in film.issues] == ([True] if turn == 180 else [])
+
+
+def test_a_film_that_is_coded_interlaced_is_told(tmp_path: Path) -> None:
+    film = Video(write(tmp_path / "fields.mkv", "libx264", **{"x264-params": "tff=1"}))
+    assert [("fields.mkv is marked as interlaced" in sentence) for sentence in film.issues] == [True]
 
 
 def test_a_start_offset_is_kept(tmp_path: Path) -> None:

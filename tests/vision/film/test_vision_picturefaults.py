@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from vision import locate
-from vision.film.picturefaults import edge_sd, picture_trouble
+from vision.film.picturefaults import combed, edge_sd, picture_trouble
 
 
 def sheet(noise: float = 1.0) -> np.ndarray:
@@ -20,6 +20,19 @@ def sheet(noise: float = 1.0) -> np.ndarray:
         picture[y : y + 40, x : x + 40] = 35 + 175 * (cv2.aruco.generateImageMarker(dictionary, k, 40) / 255.0)
     smooth = cv2.GaussianBlur(picture, (0, 0), 0.8)
     return np.clip(smooth + noise * np.random.default_rng(0).standard_normal(picture.shape), 0, 255).astype(np.uint8)
+
+
+@pytest.mark.parametrize("axis", [0, 1])
+def test_rows_of_two_moments_are_told_from_patterns_and_noise(axis: int) -> None:
+    still, moved = sheet(), np.roll(sheet(), 3, axis=axis)
+    torn = still.copy()
+    torn[1::2] = moved[1::2]
+    assert combed(torn) > 4e-3
+    assert combed(still) < 1e-4
+    assert combed(sheet(noise=8.0)) < 1e-3
+    fine = np.random.default_rng(1).integers(0, 255, still.shape).astype(np.uint8)
+    assert combed(fine) < 0.0
+    assert combed(np.ascontiguousarray(torn.T)) < 0.0
 
 
 @pytest.mark.parametrize(

@@ -47,6 +47,17 @@ def test_not_a_film(tmp_path: Path) -> None:
             Video(tmp_path / name)
 
 
+def test_a_playlist_is_no_film_so_no_other_file_is_read(write_clip: Callable[..., Path]) -> None:
+    other = write_clip([0, 40, 80])
+    for name, text in (
+        ("list.mp4", f"ffconcat version 1.0\nfile {other.name}\n"),
+        ("list.m3u8", f"#EXTM3U\n#EXT-X-TARGETDURATION:10\n#EXTINF:1,\n{other}\n#EXT-X-ENDLIST\n"),
+    ):
+        (other.parent / name).write_text(text)
+        with pytest.raises(ValueError, match=rf"{name} cannot be read as a video .*: give one file that holds the film"):
+            Video(other.parent / name)
+
+
 def test_real_variable_rate_film_with_muddled_stamps(shared_data: Path) -> None:
     film = Video(shared_data / "ingest_video" / "box.mp4")
     assert len(film.time) == 455  # OpenCV says 456

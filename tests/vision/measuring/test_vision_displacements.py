@@ -22,9 +22,11 @@ FRAME_S = 1.15  # twelve reference frames at 10 frames/s
 BEND = np.concatenate([np.zeros(14), np.linspace(0, 0.0175, 26)[1:], np.full(6, 0.0175), np.zeros(6)])
 
 
-def repainted(film: Video, path: Path, paint: Callable[[int, NDArray[np.uint8]], None]) -> Video:
-    """The film with something painted into its frames, lossless."""
-    with Writer(path, (film.width, film.height), fps=10.0, codec="rawvideo", crf=0) as writer:
+def repainted(
+    film: Video, path: Path, paint: Callable[[int, NDArray[np.uint8]], None], *, codec: str = "rawvideo", crf: int = 0
+) -> Video:
+    """The film with something painted into its frames, lossless if nothing else is said."""
+    with Writer(path, (film.width, film.height), fps=10.0, codec=codec, crf=crf) as writer:
         for index, _, grey in film.frames():
             paint(index, grey)
             writer.add(grey)
@@ -156,7 +158,34 @@ def test_covered_marks_are_lost_and_never_invented(
     error = errors(result, lab, BEND)
     assert np.sqrt(np.nanmean(error**2)) < 0.0015  # found again, and as good as before
     assert any(lab.marks[tip].name in said and "4 of 51 frames, from 3.000" in said for said in result.lost)
-    assert any("1 of 51 frames show fewer than 4 frame markers" in said for said in result.lost)
+    assert any("1 of 51 frames show too few frame markers" in said for said in result.lost)
+
+
+def test_frames_without_a_plane_in_coded_films_take_nothing_from_the_others(lab: Lab, tmp_path: Path) -> None:
+    """Three frame marks on one line, and in some frames of both films only one beside them."""
+    x, y, _ = lab.marks[1].position
+    lined = replace(lab, marks=(lab.marks[0], replace(lab.marks[1], position=(x, y, 30.0)), *lab.marks[2:]))
+    place, _ = lined.motion(np.zeros(1))
+    spots = np.round(lined.pixels(place)[0, [3, 5]]).astype(int)
+
+    def hide(first: int) -> Callable[[int, NDArray[np.uint8]], None]:
+        def paint(index: int, grey: NDArray[np.uint8]) -> None:
+            for x, y in spots if first <= index < first + 12 else ():
+                grey[y - 22 : y + 23, x - 22 : x + 23] = 120
+
+        return paint
+
+    films = [
+        repainted(lined.film(tmp_path / f"plain-{k}.mkv", bend, seed=k), tmp_path / f"film-{k}.mkv", hide(first),
+                  codec="libx264", crf=28)
+        for k, (bend, first) in enumerate([(BEND, 30), (np.zeros(140), 40)])
+    ]  # fmt: skip
+    result = measure([View(films[0], films[1], lined.camera)], lined.marks, reference=FRAME_S)
+    blind = np.isin(np.arange(len(result.time)), np.arange(30, 42))
+    np.testing.assert_array_equal(np.isnan(result.value[..., 0]).all(axis=1), blind)
+    assert np.isfinite(result.noise.sd[:, [0, 2]]).all()
+    assert np.nanmax(result.noise.codec_sd) > 0.0
+    assert any("12 of 51 frames show too few frame markers" in said for said in result.lost)
 
 
 def test_progress_is_told(measured: Displacements, told: list[tuple[str, int, int]]) -> None:
@@ -236,6 +265,20 @@ def test_films_that_do_not_suffice(lab: Lab, bending: Video, still: Video, tmp_p
         measure([View(still, still, lab.camera)], lab.marks, reference=0.2)
     with pytest.raises(ValueError, match=r"shows no marker of DICT_6X6_50 .* DICT_4X4_50 finds 1\d"):
         measure([View(still, still, lab.camera)], lab.marks, dictionary="DICT_6X6_50")
+
+
+@pytest.mark.parametrize(("off", "sentence"), [(1, "1 too large: lower"), (13, "13 too large: lower")])
+def test_ids_that_are_all_off_by_one_number_are_told(lab: Lab, still: Video, off: int, sentence: str) -> None:
+    coded = [m for m in lab.marks if isinstance(m.kind, CodedMarker)]
+    assert len(coded) == len(lab.marks) <= 13
+    shifted = [replace(m, kind=CodedMarker(m.kind.code + off, m.size_mm)) for m in coded]
+    with pytest.raises(ValueError, match=f"only if all ids of twin.toml are {sentence}"):
+        measure([View(still, still, lab.camera)], shifted)
+
+
+def test_pictures_on_their_side_are_told(lab: Lab, still: Video) -> None:
+    with pytest.raises(ValueError, match=r"640 x 400 px, .* 400 x 640: one of them lies on its side"):
+        measure([View(still, still, replace(lab.camera, size=(400, 640)))], lab.marks)
 
 
 def test_film_without_markers(lab: Lab, still: Video, tmp_path: Path) -> None:

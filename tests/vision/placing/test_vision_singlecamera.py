@@ -233,6 +233,20 @@ def test_marks_beyond_the_boards_are_named() -> None:
     assert planeerrors.extrapolated(camera, ideal, ["a", "b", "c"]) == ()
 
 
+def test_markers_of_the_rig_that_look_smaller_are_told_as_light_or_camera(lab: Lab) -> None:
+    marks = [lab.marks[p] for p in lab.rows("fixed", "finger")]
+    view, sd = Viewpoint(np.zeros(2), 400.0), np.full((2, len(marks)), 1e-5)
+    size = np.ones((2, len(marks)))
+    size[1, 1:6] = 400.0 / 412.0
+    (said,) = planeerrors.alarms(np.array([0.0, 1.0]), size, sd, marks, view, sd_mm=0.3)
+    assert "5 markers look smaller than at rest, as at 1.000 s, and 3 of them are fixed to the rig" in said
+    assert "light or the camera changed" in said
+    size[1, 2:4] = 1.0  # one marker of the rig may be loose
+    each = planeerrors.alarms(np.array([0.0, 1.0]), size, sd, marks, view, sd_mm=0.3)
+    assert len(each) == 3
+    assert all("away from the camera" in one for one in each)
+
+
 def test_an_alarm_says_towards_on_either_side(lab: Lab) -> None:
     """A mark 4 mm nearer looks larger, whether the camera stands at +y or at -y; no sd is negative."""
     size, sd = np.array([[1.0], [400.0 / 396.0]]), np.full((2, 1), 1e-5)

@@ -1,0 +1,125 @@
+"""Whether film and pressure log run on one clock, by how late the finger moves at the pressure's corners."""
+
+from collections.abc import Sequence
+from itertools import product
+
+import numpy as np
+
+from twin.effects.loads import first_order_lag
+from twin.gauge.delays import WITHIN_S, Corner, corners
+from twin.gauge.pressurelog import Log
+from twin.gauge.synchrony import Join, Motion
+from twin.targets import Array
+
+SDS, FLOOR_S = 4.0, 0.05  # from which a delay counts; a gauge's own filter takes some hundredths of a second
+LAG_S = 0.4  # by which corners differ where a valve vents slower than it fills
+DRIFT_S, LINE = 0.15, 0.25  # by which delays on a line differ, at least; share of that they lie off the line
+# What may look like another clock: a line's lag, s, and friction, as shares of the pressure's range, where
+# they leave at most so many times the squares of the best delay.
+LAGS_S, FRICTION, AS_WELL = (0.0, 0.05, 0.1, 0.2, 0.4, 0.8, 1.6), (0.0, 0.02, 0.05, 0.1), 4.0
+ORIGINAL = "use the original file, or pictures with times.csv"
+
+
+def check_clock(motion: Motion, log: Log, join: Join, *, by: str) -> tuple[tuple[str, ...], str]:
+    """A sentence where the finger moves later than the pressure by more than the clocks are stated to, which
+    a pressure line can do; and one on what was measured, for the log of the run.
+
+    Raises ValueError for what no finger and no pressure line does: it moves before the pressure, or its delay
+    drifts or jumps.   by: `join` of twin.toml; one by the onset of motion takes the least delay as none.
+    """
+    found = corners(motion, log, join.start_s)
+    if not found:
+        return (), f"No corner of {log.path.name} tells how late the finger moves."
+    late, time = np.array([c.late_s for c in found]), np.array([c.at_s for c in found])
+    sd = np.hypot([c.sd_s for c in found], 0.25 * (frame := float(np.median(np.diff(motion.time)))))
+    if by == "onset":
+        late = late - late.min()
+    limit = np.maximum(SDS * np.hypot(sd, join.sd_s), max(frame, FLOOR_S))
+    if fault := _fault(found, late, limit, log, join, by):
+        raise ValueError(fault)
+    mean, least = float(np.average(late, weights=sd**-2)), float(np.sum(sd**-2) ** -0.5)
+    note = (
+        f"The finger moves {mean:.3f} +- {least:.3f} s later than {log.path.name}, by {len(found)} corners "
+        f"of the pressure ({late.min():.3f} to {late.max():.3f} s)."
+    )
+    if len(found) > 2:
+        rate, _, rate_sd = _line(time, late, sd)
+        note += f" The film's times run {100 * rate:.2f} +- {100 * rate_sd:.2f} % fast."
+    if by == "onset" or mean <= max(SDS * np.hypot(least, join.sd_s), frame, FLOOR_S):
+        return (), note
+    return (
+        f"The finger moves {mean:.2f} s later than the pressure of {log.path.name} ({late.min():.2f} to "
+        f"{late.max():.2f} s, by {len(found)} of its corners), and the clocks are stated to {join.sd_s:.2g} "
+        "s. Does the pressure line lag, or is film_start_s too late? `twin diagnose` tests both "
+        "(pressure_lag, time_shift).",
+    ), note
+
+
+def _fault(found: Sequence[Corner], late: Array, limit: Array, log: Log, join: Join, by: str) -> str:
+    """What no finger does, "" for none."""
+    order, time = late.argsort(), np.array([c.at_s for c in found])
+    first, last = order[[1, -2]] if len(late) > 4 else order[[0, -1]]  # of many, one corner may be wrong
+    spread = float(late[last] - late[first])
+    apart = spread > float(np.hypot(limit[first], limit[last]))
+    rate, off, _ = _line(time, late, limit) if len(found) > 3 else (0.0, np.inf, np.inf)
+    before = [c for c, x, least in zip(found, late, limit, strict=True) if -x > least]
+    drifts = apart and spread > DRIFT_S and off < LINE * spread
+    early = -late[first] > limit[first] and not _physics(before, log, join.start_s)
+    wide = apart and spread > LAG_S and not _physics([found[first], found[last]], log, join.start_s)
+    if not (early or wide or drifts):
+        return ""
+    changes = float(np.ptp(late)) > float(np.hypot(limit[order[0]], limit[order[-1]]))
+    a, b = sorted((order[0], order[-1])) if changes else (first, first)
+    then = f", {_delay(late[b])} it at {time[b]:.1f} s" if changes else ""
+    said = (
+        f"film and {log.path.name} do not run on one clock: the finger moves {_delay(late[a])} the pressure "
+        f"at {time[a]:.1f} s of the film{then}; no finger does so, and the clocks are stated to "
+        f"{join.sd_s:.2g} s; "
+    )
+    if drifts:
+        return f"{said}the film's times run {100 * abs(rate):.1f} % {_fast(rate)}: {ORIGINAL}"
+    if changes:
+        k = int(np.abs(np.diff(late)).argmax())
+        where = f"between {time[k]:.1f} and {time[k + 1]:.1f} s"
+        return f"{said}frames were lost {where}, or its frame rate was changed or made constant: {ORIGINAL}"
+    if by != "stamps":
+        return f"{said}did the lamp go on when the log says? Where frames were lost, {ORIGINAL}"
+    start = join.start_s - float(np.average(late, weights=limit**-2))
+    return (
+        f"{said}correct film_start_s ({start:.2f} s would fit), or state in sync_sd_s how well it is known "
+        f"(a gauge that filters reads late); where frames were lost, {ORIGINAL}"
+    )
+
+
+def _delay(late: float) -> str:
+    return f"{abs(late):.2f} s {'after' if late > 0 else 'before'}"
+
+
+def _fast(rate: float) -> str:
+    return "fast" if rate > 0 else "slow"
+
+
+def _line(time: Array, late: Array, sd: Array) -> tuple[float, float, float]:
+    """Slope of the delays over the film's time, how far they lie off it (rms, s), and the slope's sd."""
+    line, covariance = np.polyfit(time, late, 1, w=1 / sd, cov="unscaled")
+    return float(line[0]), float(np.std(late - np.polyval(line, time))), float(np.sqrt(covariance[0, 0]))
+
+
+def _physics(some: Sequence[Corner], log: Log, start_s: float) -> bool:
+    """Whether one delay, one lag of the pressure line and friction explain the motion at these corners."""
+    clock, whole = log.time - start_s, float(np.ptp(log.pressure))
+    best = [AS_WELL * c.squares(clock, log.pressure, c.late_s) for c in some]
+    for share, tau in product(FRICTION, LAGS_S):
+        pressure = first_order_lag(clock, _held(log.pressure, share * whole), tau)
+        for late in np.arange(0.0, WITHIN_S, FLOOR_S).tolist():
+            if all(c.squares(clock, pressure, late) <= most for c, most in zip(some, best, strict=True)):
+                return True
+    return False
+
+
+def _held(pressure: Array, by: float) -> Array:
+    """What drives a finger (t,) MPa that friction holds until the pressure has turned by twice `by`, MPa."""
+    out, now = np.empty_like(pressure), float(pressure[0])
+    for k, p in enumerate(pressure.tolist()):
+        out[k] = now = min(max(now, p - by), p + by)
+    return out

@@ -1,0 +1,116 @@
+"""The built-in finger's load paths and finer meshes as they come with the package, at their outer nodes.
+
+Where pressure alone loads the finger, displacements depend on pressure / (C10 + C01) and on the share C01 /
+(C10 + C01) only, so that a few paths serve every test of it, wherever its markers are. They were solved by
+benchmarks/kernel/fingertable.py and are kept as sums of a few fields, to 2e-5 mm.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+from importlib import resources
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+
+from fe import Case
+from fe.element import Integers
+from fe.mesh.points import interpolation, nearest
+from twin.effects.baselaw import NOMINAL, Constants
+from twin.model.loadpaths import LoadPaths
+from twin.model.structure import Mesh, Structure
+from twin.targets import Array
+
+FILE = "fingertable.npz"
+PATHS = "paths"
+PARTS = ("nodes", "weights", "basis")
+
+
+@dataclass(frozen=True)
+class FieldSums:
+    """Displacements of some nodes (m,) of a mesh in several states: weights (.., b) of fields basis (b, m, 3)
+    mm."""
+
+    nodes: Integers
+    weights: Array
+    basis: NDArray[np.floating]
+
+    @staticmethod
+    def of(nodes: Integers, u: Array, within: float) -> "FieldSums":
+        """FieldSums u (.., m, 3) mm as sums of as few as leave at most `within` mm of any value."""
+        flat = u.reshape(-1, u.shape[-2] * 3)
+        left, size, right = np.linalg.svd(flat, full_matrices=False)
+        weights, count = left * size, 1
+        while np.abs(weights[:, :count] @ right[:count] - flat).max() > within:
+            count += 1
+        basis = right[:count].astype(np.float32).reshape(count, -1, 3)
+        return FieldSums(nodes, weights[:, :count].reshape(*u.shape[:-2], count), basis)
+
+    def at(self, case: Case, points: Array) -> Array:
+        """The displacements (.., p, 3) mm of the points of a case's surface nearest to places (p, 3) mm."""
+        operator = interpolation(case, np.array([nearest(case, x) for x in points]))[:, self.nodes]
+        return np.asarray(np.tensordot(self.weights, np.stack([operator @ f for f in self.basis]), 1))
+
+
+@dataclass(frozen=True)
+class KnownFinger:
+    """What was solved of a structure.
+
+    paths: its own mesh at shares (h,) and reduced (k,) pressures p / (C10 + C01), followed to reached (h,);
+    meshes: every mesh at the nominal share and the pressures `fine` (k,), by its key.
+    """
+
+    key: str
+    shares: Array
+    reduced: Array
+    reached: Array
+    fine: Array
+    paths: FieldSums
+    meshes: Mapping[str, FieldSums]
+
+    def load_paths(self, case: Case, points: Array) -> LoadPaths:
+        """The load paths (`loadpaths.load_paths`) at material points (p, 3) mm, for shares from 0 on."""
+        return LoadPaths(self.shares, self.reduced, self.paths.at(case, points), self.reached)
+
+    def serves(self, constants: Constants, top: float) -> bool:
+        """Whether it has the finer meshes at these constants up to a pressure in MPa."""
+        return constants.share == NOMINAL.share and top / constants.total <= self.fine[-1]
+
+    def response(self, mesh: Mesh, *, constants: Constants, pressure: Array, points: Array) -> Array:
+        """Displacements (k, p, 3) mm of points (p, 3) mm on a mesh, at pressures (k,) MPa."""
+        curve = CubicSpline(self.fine, self.meshes[mesh.key].at(mesh.build(), points), axis=0)
+        return np.asarray(curve(pressure / constants.total))
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """What a file holds of it."""
+        fields = {PATHS: self.paths, **self.meshes}
+        return {
+            "key": np.array(self.key), "shares": self.shares, "reduced": self.reduced,
+            "reached": self.reached, "fine": self.fine,
+            **{f"{name}.{part}": getattr(f, part) for name, f in fields.items() for part in PARTS},
+        }  # fmt: skip
+
+    @staticmethod
+    def read(arrays: Mapping[str, NDArray[Any]]) -> "KnownFinger":
+        """The table in the arrays of a file."""
+        names = [name.removesuffix(".basis") for name in arrays if name.endswith(".basis")]
+        found = {n: FieldSums(*(arrays[f"{n}.{part}"] for part in PARTS)) for n in names}
+        own = {name: arrays[name] for name in ("shares", "reduced", "reached", "fine")}
+        return KnownFinger(key=str(arrays["key"]), paths=found.pop(PATHS), meshes=found, **own)
+
+
+def table_of(structure: Structure) -> KnownFinger | None:
+    """The table of a structure, if it is the one that comes with the package."""
+    found = _shipped()
+    return found if found is not None and found.key == structure.key else None
+
+
+@cache
+def _shipped() -> KnownFinger | None:
+    file = resources.files(__package__) / FILE
+    if not file.is_file():
+        return None
+    with file.open("rb") as stream, np.load(stream) as arrays:
+        return KnownFinger.read(dict(arrays))
