@@ -17,6 +17,7 @@ WORDS = {
     "reference": "the rest position of {} in U{}",
     "frame": "the places of the frame markers",
     "sync": "the clock of the film",
+    "readout": "the time that the camera takes to read a picture",
     "camera_clock": "the clock of camera {}",
     "codec": "the picture of marker {} in U{} (compression)",
     "calibration": "the calibration of the camera",
