@@ -1,6 +1,9 @@
 """A short finger on a coarse mesh, and targets of it, that the tests of twin share."""
 
+import base64
+import re
 from collections.abc import Callable, Iterator
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -45,6 +48,13 @@ def one_process() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(caches, "WORKERS", 1)
         yield
+
+
+def page_text(path: Path) -> str:
+    """What a page says, its drawings included."""
+    page = path.read_text(encoding="utf-8")
+    drawings = re.findall(r"data:image/svg\+xml;base64,([^\"]+)", page)
+    return "\n".join([page, *(base64.b64decode(text).decode() for text in drawings)])
 
 
 class Lines:

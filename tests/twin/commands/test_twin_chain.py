@@ -12,6 +12,7 @@ import pytest
 from rerun.chunk import RrdReader
 
 from fe import Case, Lattice, Material
+from tests.twin.conftest import page_text
 from twin import virtual
 from twin.commands.add import run_add
 from twin.commands.calibrate import run_calibrate
@@ -237,7 +238,7 @@ def test_review_holds_every_generation_and_the_numbers(chain: tuple[Project, Sil
         if {"generation", "Mesh3D:vertex_positions"} <= set(table.schema.names):
             generations |= set(table.column("generation").cast("int64").to_pylist())
     assert generations == set(range(1, GENERATIONS + 1))
-    report = path.with_name("report.html").read_text(encoding="utf-8")
+    report = page_text(path.with_name("report.html"))
     diagnosis, compared = read(project, "diagnose", "diagnosis.json"), read(project, "add", "comparison.json")
     assert isinstance(diagnosis["rms_before_mm"], float)
     assert isinstance(compared["rms_mm"], float)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from fe import Case, Lattice, Material
+from tests.twin.conftest import page_text
 from twin import virtual
 from twin.bench.workbench import Workbench
 from twin.commands.calibrate import run_calibrate
@@ -93,7 +94,7 @@ def test_face_points_are_calibrated_compared_and_reviewed(project: Project) -> N
     assert [n for n in notes if "stale" in n] == [f"runs/{run.name} {stale}"]
     page = project.newest("review", "report.html")
     assert page is not None
-    assert "face007" in page.read_text(encoding="utf-8")
+    assert "face007" in page_text(page)
     assert "of other candidates" not in page.read_text(encoding="utf-8")
 
 
