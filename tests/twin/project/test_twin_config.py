@@ -281,7 +281,7 @@ def test_a_name_is_no_formula_and_no_path(name):
         (TEXT.replace("[model]", "[model]\ngravity = [1e308, 0.0, 0.0]"), r"model.gravity\[1\] = 1e\+308: it should be less than or equal to 1000000"),
         (TEXT.replace("[model]", "[model]\ngravity = [1e-320, 0.0, 0.0]"), r"model.gravity = \[1e-320, 0.0, 0.0\]: wanted a direction, such as"),
         (TEXT.replace("[model]", "[model]\ngravity = [0.0, 0.0, 0.0]"), r"model.gravity = \[0.0, 0.0, 0.0\]: wanted a direction, such as"),
-        (TEXT.replace("node = 5848", "position_mm = [1.0, -1e308, 0.0]"), r"points\[2\].position_mm\[2\] = -1e\+308: .* -1000000 \(centre on the unloaded finger, mm"),
+        (TEXT.replace("node = 5848", "position_mm = [1.0, -1e308, 0.0]"), r"points\[2\].position_mm\[2\] = -1e\+308: .* -1000000 \(its centre without load, mm"),
         (TEXT.replace("node = 5848", "node = 5848\nsize_mm = 1e308"), r"points\[2\].size_mm = 1e\+308: it should be less than or equal to 1000000000 .* mm"),
         (TEXT.replace("node = 5848", "node = 5848\nmarker = 10000000"), r"points\[2\].marker = 10000000: it should be less"),
         (TEXT + "[calibrate]\npopulation = 9223372036854775807", r"calibrate.population = 9223372036854775807: .* 10000 \(number of candidates"),
