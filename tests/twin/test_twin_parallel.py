@@ -62,6 +62,7 @@ def test_an_interrupt_while_workers_start_waits_until_they_have(tmp_path: Path) 
         "        time.sleep(0.1)\n"
         "    return child\n"
         "if __name__ == '__main__':\n"
+        "    signal.signal(signal.SIGINT, signal.default_int_handler)  # which a shell may have switched off\n"
         "    threading.Thread(target=time.sleep, args=(600,), daemon=True).start()  # a thread that takes it\n"
         "    util.spawnv_passfds = spawned\n"
         "    try:\n"
