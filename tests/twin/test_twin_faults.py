@@ -156,25 +156,16 @@ def test_no_terminal_and_no_output(study: Path) -> None:
         assert (done.returncode, done.stderr) == (0, ""), shell
 
 
-def test_a_reader_that_has_enough_is_no_error(study: Path) -> None:
-    process = started("check", "-p", study)
-    assert process.stdout is not None
-    assert process.stderr is not None
-    process.stdout.close()
-    with process.stderr as error:
-        assert error.read() == "up\n"
-    assert process.wait(timeout=60) == 0
-
-
-def test_a_reader_that_has_enough_stops_no_work(study: Path) -> None:
-    process = started("look", "-p", study)
+@pytest.mark.parametrize(("command", "made"), [("check", None), ("look", "quality.csv")])
+def test_a_reader_that_has_enough_is_no_error_and_stops_no_work(study: Path, command: str, made: str | None) -> None:
+    process = started(command, "-p", study)
     assert process.stdout is not None
     assert process.stderr is not None
     process.stdout.close()
     with process.stderr as error:
         assert error.read() == "up\n"
     assert process.wait(timeout=120) == 0
-    assert Project.open(study).newest("look", "quality.csv") is not None
+    assert made is None or Project.open(study).newest(command, made) is not None
 
 
 def test_a_number_of_threads_that_is_none_is_named(study: Path) -> None:

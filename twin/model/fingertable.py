@@ -1,8 +1,8 @@
-"""The built-in finger's load paths and finer meshes as they come with the package, at their outer nodes.
+"""The built-in finger's load paths and finer meshes, at their outer nodes, as they come with the package.
 
-Where pressure alone loads the finger, displacements depend on pressure / (C10 + C01) and on the share C01 /
-(C10 + C01) only, so that a few paths serve every test of it, wherever its markers are. They were solved by
-benchmarks/kernel/fingertable.py and are kept as sums of a few fields, to 2e-5 mm.
+Under pressure alone, displacements depend on pressure / (C10 + C01) and on the share C01 / (C10 + C01). So a
+few paths serve every test of the finger, wherever its markers are. benchmarks/kernel/fingertable.py solves
+them; they are kept as sums of a few fields, to 2e-5 mm.
 """
 
 from collections.abc import Mapping
@@ -39,7 +39,7 @@ class FieldSums:
 
     @staticmethod
     def of(nodes: Integers, u: Array, within: float) -> "FieldSums":
-        """FieldSums u (.., m, 3) mm as sums of as few as leave at most `within` mm of any value."""
+        """Fields u (.., m, 3) mm as sums of as few as leave at most `within` mm of any value."""
         flat = u.reshape(-1, u.shape[-2] * 3)
         left, size, right = np.linalg.svd(flat, full_matrices=False)
         weights, count = left * size, 1

@@ -36,13 +36,18 @@ def test_the_built_in_finger_passes_as_a_deck(short: Case, kind: str) -> None:
     check_body(converted(held, kind), "finger.inp")
 
 
+def renumbered(mesh: File, of: Callable[[str, str], tuple[str, str]]) -> str:
+    """Element 503 of a mesh with other first two nodes, and the first that it had."""
+    head, _, row = mesh.read_text().partition("\n503, ")
+    a, b, rest = row.split(", ", 2)
+    mesh.write_text(f"{head}\n503, {', '.join(of(a, b))}, {rest}")
+    return a
+
+
 @pytest.mark.parametrize("kind", KINDS)
 def test_an_element_turned_inside_out_is_named(tube_deck: Tube, tmp_path: File, kind: str) -> None:
     deck = tube_deck(tmp_path, kind, cells=4)
-    mesh = tmp_path / "mesh.inc"
-    head, _, row = mesh.read_text().partition("\n503, ")
-    a, b, rest = row.split(", ", 2)
-    mesh.write_text(f"{head}\n503, {b}, {a}, {rest}")
+    renumbered(tmp_path / "mesh.inc", lambda a, b: (b, a))
     with pytest.raises(ValueError, match=r"element 503 has a Jacobian of -.* mm3: it is turned inside out, .* 1 of \d+ elements"):
         read_deck(deck)
 
@@ -64,10 +69,7 @@ def test_another_unit_is_named(tube_deck: Tube, tmp_path: File, factor: float, t
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_collapsed_element_is_named(tube_deck: Tube, tmp_path: File, kind: str) -> None:
     deck = tube_deck(tmp_path, kind, cells=4)
-    mesh = tmp_path / "mesh.inc"
-    head, _, row = mesh.read_text().partition("\n503, ")
-    a, _, rest = row.split(", ", 2)
-    mesh.write_text(f"{head}\n503, {a}, {a}, {rest}")
+    a = renumbered(tmp_path / "mesh.inc", lambda a, _: (a, a))
     with pytest.raises(ValueError, match=rf"element 503 has node {a} more than once: it is collapsed, as are 1 of \d+ elements; wanted \d+ different nodes"):
         read_deck(deck)
 
