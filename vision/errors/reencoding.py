@@ -263,10 +263,11 @@ def _laid(image: Image, follower: Follower, warp: Array, adjusted: NDArray[np.bo
         image, lens, follower.templates, warp[marks], px_per_unit(warp[marks]), rows
     )
     result[marks[match <= SURE]] = np.nan
-    for k in np.flatnonzero(adjusted[marks] & (match > SURE)).tolist():
-        found = blurred.adjust(
-            image, lens, follower.templates, follower.spectra, int(rows[k]), start=result[marks[k]],
-            usual=float(follower.usual[rows[k]]), match=float(match[k]),
-        )  # fmt: skip
-        result[marks[k]] = np.nan if found is None else found.warp
+    soft = adjusted[marks] & (match > SURE)
+    each = blurred.adjust(
+        image, lens, follower.templates, follower.spectra, rows[soft], start=result[marks[soft]],
+        usual=follower.usual[rows[soft]], match=match[soft],
+    )  # fmt: skip
+    for p, found in zip(marks[soft], each, strict=True):
+        result[p] = np.nan if found is None else found.warp
     return result

@@ -7,8 +7,10 @@ like a large noise. With blur and light in the fit there is neither.
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import fft
 
 from vision.camera import Array
@@ -26,6 +28,7 @@ CONVERGED_PX, CONVERGED_PX2 = 0.002, 0.02
 REACH = 1.5  # sds of the blur from a patch's edge, within which other things show
 PAD = 12  # points round a patch, over which its edge goes on
 PLACE, BLUR, CONTRAST = slice(0, 8), slice(8, 11), 11  # columns of the design
+PLAIN = (*range(8), 11, 12)  # those of plain registration
 NUMBERS = 17
 
 
@@ -37,6 +40,14 @@ class Spectra:
     pitch: float  # local units from one point to the next
     wave: Array  # (2,h,w) waves per point times 2 pi, x and y
     patch: np.ndarray  # (p,h,w) complex
+    grid: Array  # (3,n) of the reference
+
+    @cached_property
+    def beside(self) -> Array:
+        """What blur and light do to a sharp patch and plain registration cannot undo (p,7,n), orthonormal."""
+        order = [*PLAIN, *np.setdiff1d(np.arange(NUMBERS), PLAIN)]
+        sharp = (_design(self, row, np.zeros(3), self.grid)[:, order] for row in range(len(self.patch)))
+        return np.array([np.linalg.qr(design)[0][:, len(PLAIN) :].T for design in sharp])
 
 
 @dataclass(frozen=True)
@@ -58,27 +69,47 @@ def spectra(reference: Templates) -> Spectra:
     wide = np.pad(reference.grey.reshape(-1, side, side), ((0, 0), (PAD, more), (PAD, more)), mode="edge")
     size = wide.shape[1]
     wave = 2.0 * np.pi * np.stack(np.meshgrid(fft.rfftfreq(size), fft.fftfreq(size)))
-    return Spectra(side, float(reference.grid[0, 1] - reference.grid[0, 0]), wave, fft.rfft2(wide))
+    pitch = float(reference.grid[0, 1] - reference.grid[0, 0])
+    return Spectra(side, pitch, wave, fft.rfft2(wide), reference.grid)
 
 
 def adjust(
-    image: Picture, lens: Array, reference: Templates, known: Spectra, row: int, *, start: Array,
-    usual: float, match: float,
-) -> Adjusted | None:  # fmt: skip
-    """The mark's place with its blur and its light; None where these do not explain what plain registration
-    leaves: a cover, glare, noise.
+    image: Picture, lens: Array, reference: Templates, known: Spectra, rows: NDArray[np.intp], *,
+    start: Array, usual: Array, match: Array,
+) -> list[Adjusted | None]:  # fmt: skip
+    """The marks' places (m,) with their blur and their light; None where these do not explain what plain
+    registration leaves: a cover, glare, noise.
 
-    row: of the reference.   start: (3,3) as registered.   usual: share of the power that is left at rest.
-    match: correlation as registered.
+    rows: (m,) of the reference.   start: (m,3,3) as registered.   usual: (m,) share of the power that is left
+    at rest.   match: (m,) correlation as registered.
 
-    Gauss-Newton, inverse compositional in the warp, on homography, covariance of a Gaussian blur (3),
-    contrast, brightness and the slopes of both.
+    Coding leaves much in most marks of a film, and no blur: what the first step gains, a projection while the
+    patch is sharp, tells which to fit.
     """
-    before = 1.0 - match**2
+    grey = registration.grey_under(image, lens, start, known.grid)
+    grey -= grey.mean(axis=1, keepdims=True)
+    before, power = 1.0 - match**2, np.sum(grey**2, axis=1)
+    gain = [np.sum((known.beside[row] @ own) ** 2) for row, own in zip(rows, grey, strict=True)]
+    return [
+        _adjust(image, lens, reference, known, int(rows[k]), start[k], float(usual[k]), float(before[k]))
+        if gain[k] >= FIRST * (before[k] - usual[k]) * power[k] else None
+        for k in range(len(rows))
+    ]  # fmt: skip
+
+
+def _adjust(
+    image: Picture, lens: Array, reference: Templates, known: Spectra, row: int, start: Array, usual: float,
+    before: float,
+) -> Adjusted | None:  # fmt: skip
+    """One mark, by Gauss-Newton, inverse compositional in the warp, on homography, covariance of a Gaussian
+    blur (3), contrast, brightness and the slopes of both.
+
+    before: share of the patch's power that plain registration leaves.
+    """
     warp, blur = start, np.zeros(3)
-    for step in range(STEPS):
+    for _ in range(STEPS):
         fit = _fitted(image, lens, known, row, warp, blur, reference.grid)
-        if fit is None or (step == 0 and before - fit.left < FIRST * (before - usual)):
+        if fit is None:
             return None
         warp, blur = _composed(warp, fit.change[PLACE]), _within(blur + fit.change[BLUR])
         if not np.hypot(*(warp - start)[:2, 2]) <= FAR_PX:

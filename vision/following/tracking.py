@@ -240,14 +240,14 @@ def _adjust(
 ) -> None:
     """Write those coded marks whose blur and light explain what registration leaves of them."""
     much = (match > SURE) & (1.0 - match**2 > blurred.EXCESS * follower.usual[rows])
-    lens = registration.lens_of(follower.camera)
-    for k in np.flatnonzero(much).tolist():
-        row, p = int(rows[k]), int(follower.coded[rows[k]])
-        found = blurred.adjust(
-            image, lens, follower.templates, follower.spectra, row, start=laid[k],
-            usual=float(follower.usual[row]), match=float(match[k]),
-        )  # fmt: skip
+    rows = rows[much]
+    each = blurred.adjust(
+        image, registration.lens_of(follower.camera), follower.templates, follower.spectra, rows,
+        start=laid[much], usual=follower.usual[rows], match=match[much],
+    )  # fmt: skip
+    for row, found in zip(rows, each, strict=True):
         if found is not None and np.sqrt(1.0 - found.left) > follower.least[row]:
+            p = follower.coded[row]
             shown.warp[p], shown.match[p], shown.method[p] = found.warp, found.growth, Method.ADJUSTED
             shown.spread[p], shown.leaning[p] = found.covariance, found.leaning
 

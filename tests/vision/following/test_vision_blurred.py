@@ -93,13 +93,10 @@ def adjusted(rest: Rest, paint: Paint) -> tuple[Array, Array, list[Adjusted | No
         warp, alike = registered(picture, follower)
         error.append(centres(warp, follower.centre) - rest.place)
         match.append(alike)
-        found += [
-            blurred.adjust(
-                picture, registration.lens_of(follower.camera), follower.templates, follower.spectra, row,
-                start=warp[row], usual=float(follower.usual[row]), match=float(alike[row]),
-            )
-            for row in range(len(warp))
-        ]  # fmt: skip
+        found += blurred.adjust(
+            picture, registration.lens_of(follower.camera), follower.templates, follower.spectra,
+            np.arange(len(warp)), start=warp, usual=follower.usual, match=alike,
+        )  # fmt: skip
     return np.concatenate(error), np.concatenate(match), found
 
 
