@@ -22,31 +22,38 @@ CONVERGED_PX = 0.002
 
 
 @_compiled
-def _line(values: Any) -> None:
-    """Prefilter of one line, in place, mirrored at its ends (but for the constant factor of 6)."""
-    count = len(values)
-    first, power = 0.0, 1.0
-    for k in range(min(count, 14)):
-        first += power * values[k]
+def _prefilter(block: Any) -> None:
+    """Prefilter of all columns, in place, mirrored at their ends (but for the constant factor of 6).
+
+    From row to row: the recursion along one column alone waits for every step of it.
+    """
+    rows, columns = block.shape
+    first, power = np.zeros(columns), 1.0
+    for k in range(min(rows, 14)):
+        for i in range(columns):
+            first[i] += power * block[k, i]
         power *= _POLE
-    values[0] = first
-    for k in range(1, count):
-        values[k] += _POLE * values[k - 1]
-    values[count - 1] = _POLE / (_POLE * _POLE - 1.0) * (values[count - 1] + _POLE * values[count - 2])
-    for k in range(count - 2, -1, -1):
-        values[k] = _POLE * (values[k + 1] - values[k])
+    block[0] = first
+    for k in range(1, rows):
+        for i in range(columns):
+            block[k, i] += _POLE * block[k - 1, i]
+    for i in range(columns):
+        block[rows - 1, i] = _POLE / (_POLE * _POLE - 1.0) * (block[rows - 1, i] + _POLE * block[rows - 2, i])
+    for k in range(rows - 2, -1, -1):
+        for i in range(columns):
+            block[k, i] = _POLE * (block[k + 1, i] - block[k, i])
 
 
 @_compiled
 def coefficients(image: Any, left: int, top: int, right: int, bottom: int) -> Any:
     """Cubic B-spline coefficients of the columns left to right - 1 and the rows top to bottom - 1."""
-    block = np.empty((bottom - top, right - left))
+    turned = np.empty((right - left, bottom - top))
     for row in range(bottom - top):
         for column in range(right - left):
-            block[row, column] = 36.0 * image[top + row, left + column]
-        _line(block[row])
-    for column in range(right - left):
-        _line(block[:, column])
+            turned[column, row] = 36.0 * image[top + row, left + column]
+    _prefilter(turned)
+    block = turned.T.copy()
+    _prefilter(block)
     return block
 
 
