@@ -28,7 +28,6 @@ CONVERGED_PX, CONVERGED_PX2 = 0.002, 0.02
 REACH = 1.5  # sds of the blur from a patch's edge, within which other things show
 PAD = 12  # points round a patch, over which its edge goes on
 PLACE, BLUR, CONTRAST = slice(0, 8), slice(8, 11), 11  # columns of the design
-PLAIN = (*range(8), 11, 12)  # those of plain registration
 NUMBERS = 17
 
 
@@ -43,11 +42,10 @@ class Spectra:
     grid: Array  # (3,n) of the reference
 
     @cached_property
-    def beside(self) -> Array:
-        """What blur and light do to a sharp patch and plain registration cannot undo (p,7,n), orthonormal."""
-        order = [*PLAIN, *np.setdiff1d(np.arange(NUMBERS), PLAIN)]
-        sharp = (_design(self, row, np.zeros(3), self.grid)[:, order] for row in range(len(self.patch)))
-        return np.array([np.linalg.qr(design)[0][:, len(PLAIN) :].T for design in sharp])
+    def sharp(self) -> Array:
+        """Orthonormal bases (p,17,n) of all that the first step of a fit can explain."""
+        designs = (_design(self, row, np.zeros(3), self.grid) for row in range(len(self.patch)))
+        return np.array([np.linalg.qr(design)[0].T for design in designs])
 
 
 @dataclass(frozen=True)
@@ -89,7 +87,8 @@ def adjust(
     grey = registration.grey_under(image, lens, start, known.grid)
     grey -= grey.mean(axis=1, keepdims=True)
     before, power = 1.0 - match**2, np.sum(grey**2, axis=1)
-    gain = [np.sum((known.beside[row] @ own) ** 2) for row, own in zip(rows, grey, strict=True)]
+    told = [np.sum((known.sharp[row] @ own) ** 2) for row, own in zip(rows, grey, strict=True)]
+    gain = told - match**2 * power  # on what plain registration explains
     return [
         _adjust(image, lens, reference, known, int(rows[k]), start[k], float(usual[k]), float(before[k]))
         if gain[k] >= FIRST * (before[k] - usual[k]) * power[k] else None
