@@ -278,14 +278,14 @@ def _tracks(moved: "Displacements") -> dict[str, NDArray[Any]]:
 def _write_strain(run: Run, moved: "Displacements", size: tuple[int, int]) -> None:
     """strain.csv, strain.npz for the review, and strain.pvd for ParaView with STRAIN_STEPS files, where a
     speckled face was measured.   size: of the film, px."""
+    field = moved.strain
+    if field is None:
+        return
     from twin.drawing.deformed import write_vtu_series
     from twin.review.states import Strains
     from vision.measuring.strains import COMPONENTS, quads, to_csv
     from vision.placing.views import even_steps
 
-    field = moved.strain
-    if field is None:
-        return
     run.write_text("strain.csv", to_csv(field))
     shown = even_steps(len(field.time), STRAIN_SHOWN)
     t, at = moved.tracks, np.searchsorted(moved.tracks.time, field.time[shown])
