@@ -212,7 +212,7 @@ def hinged(case: Case, hinge: Clamp) -> str:
         "*NODE", f"{BODY}, {x:.10g}, 0., {z:.10g}", f"{TURN}, {x:.10g}, 0., {z:.10g}",
         f"*RIGID BODY, NSET={hinge.nodes.upper()}, REF NODE={BODY}, ROT NODE={TURN}",
         f"*ELEMENT, TYPE=SPRING1, ELSET=HINGE\n{len(case.connectivity) + 10_000}, {TURN}",
-        f"*SPRING, ELSET=HINGE\n2\n{1 / hinge.compliance:.9e}",  # a whole number it does not read
+        f"*SPRING, ELSET=HINGE\n2\n{1 / hinge.compliance:.9e}",  # CalculiX reads no whole number here
         "*BOUNDARY", f"{BODY}, 1, 3", f"{TURN}, 1, 1", f"{TURN}, 3, 3", "",
     ])  # fmt: skip
 

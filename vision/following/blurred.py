@@ -44,7 +44,7 @@ class Spectra:
     @cached_property
     def sharp(self) -> Array:
         """Orthonormal bases (p,17,n) of all that the first step of a fit can explain."""
-        designs = (_design(self, row, np.zeros(3), self.grid) for row in range(len(self.patch)))
+        designs = (_design(self, row, np.zeros(3)) for row in range(len(self.patch)))
         return np.array([np.linalg.qr(design)[0].T for design in designs])
 
 
@@ -107,7 +107,7 @@ def _adjust(
     """
     warp, blur = start, np.zeros(3)
     for _ in range(STEPS):
-        fit = _fitted(image, lens, known, row, warp, blur, reference.grid)
+        fit = _fitted(image, lens, known, row, warp, blur)
         if fit is None:
             return None
         warp, blur = _composed(warp, fit.change[PLACE]), _within(blur + fit.change[BLUR])
@@ -133,13 +133,11 @@ class _Fit:
     left: float  # share of the patch's power
 
 
-def _fitted(
-    image: Picture, lens: Array, known: Spectra, row: int, warp: Array, blur: Array, grid: Array
-) -> _Fit | None:
+def _fitted(image: Picture, lens: Array, known: Spectra, row: int, warp: Array, blur: Array) -> _Fit | None:
     """The step from a warp and a blur; None where the picture shows no contrast like the patch's."""
-    sure = _sure(known, blur, grid)
-    grey = sure * registration.grey_under(image, lens, warp[None], grid)[0]
-    design = sure[:, None] * _design(known, row, blur, grid)
+    sure = _sure(known, blur)
+    grey = sure * registration.grey_under(image, lens, warp[None], known.grid)[0]
+    design = sure[:, None] * _design(known, row, blur)
     power = float(grey @ grey - grey.sum() ** 2 / sure.sum())
     found = np.linalg.solve(design.T @ design, design.T @ grey)
     if not (power > 0.0 and found[CONTRAST] > 0.0):
@@ -166,7 +164,7 @@ def _adjusted(reference: Templates, known: Spectra, row: int, warp: Array, fit: 
     )
 
 
-def _design(known: Spectra, row: int, blur: Array, grid: Array) -> Array:
+def _design(known: Spectra, row: int, blur: Array) -> Array:
     """Columns (n,17) of the blurred patch: homography (8), covariance of the blur xx, xy, yy in points2, the
     patch, a constant, and the slopes of both."""
     across, down = known.wave
@@ -179,18 +177,18 @@ def _design(known: Spectra, row: int, blur: Array, grid: Array) -> Array:
     size = known.wave.shape[1]
     inside = slice(PAD, PAD + known.side)
     seen = fft.irfft2(fields, (size, size))[:, inside, inside].reshape(6, -1)
-    (grey, gx, gy, *widths), (x, y, one) = seen, grid
+    (grey, gx, gy, *widths), (x, y, one) = seen, known.grid
     radial = gx * x + gy * y
     place = [gx * x, gx * y, gx, gy * x, gy * y, gy, -radial * x, -radial * y]
     return np.stack([*place, *widths, grey, one, x * grey, y * grey, x, y], axis=1)
 
 
-def _sure(known: Spectra, blur: Array, grid: Array) -> Array:
+def _sure(known: Spectra, blur: Array) -> Array:
     """1 for points (n,) that show the mark and its paper alone, 0 for those near the patch's edge, into which
     the blur brings what lies beyond; the mark itself, -1 to 1, always counts."""
     width = REACH * known.pitch * np.sqrt(max(0.5 * (blur[0] + blur[2]), 0.0))
-    most = max(float(grid[0].max()) - width, 1.0)
-    return np.asarray(np.max(np.abs(grid[:2]), axis=0) <= most, dtype=np.float64)
+    most = max(float(known.grid[0].max()) - width, 1.0)
+    return np.asarray(np.max(np.abs(known.grid[:2]), axis=0) <= most, dtype=np.float64)
 
 
 def _composed(warp: Array, change: Array) -> Array:

@@ -136,9 +136,23 @@ def test_a_cover_is_no_blur(rest: Rest, lab: Lab) -> None:
     assert all(own is None for own in found)
 
 
+def test_what_no_blur_explains_is_dropped_at_the_first_step(
+    rest: Rest, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Coding leaves much in most marks of a film: none of them goes into the fit."""
+
+    def fitted(*_: object) -> None:
+        raise AssertionError("a mark with noise alone went into the fit")
+
+    monkeypatch.setattr(blurred, "_adjust", fitted)
+    _, match, found = adjusted(rest, lambda grey, rng: grey + rng.normal(0.0, 6.0, grey.shape))
+    assert (1.0 - match**2 > blurred.EXCESS * np.tile(rest.follower.usual, DRAWS)).all()
+    assert found == [None] * len(match)
+
+
 def test_the_design_is_that_of_a_blurred_patch(rest: Rest) -> None:
     """Columns of blur and place against differences of patches that OpenCV has blurred."""
-    known, grid = rest.follower.spectra, rest.follower.templates.grid
+    known = rest.follower.spectra
     side, inside = known.side, np.s_[8:-8, 8:-8]
 
     def grey(variance: float) -> Array:
@@ -146,7 +160,7 @@ def test_the_design_is_that_of_a_blurred_patch(rest: Rest) -> None:
         wide = cv2.GaussianBlur(patch, (0, 0), np.sqrt(variance))
         return np.asarray(wide[blurred.PAD : -blurred.PAD, blurred.PAD : -blurred.PAD])
 
-    design = blurred._design(known, 2, np.array([1.5, 0.0, 1.5]), grid).T.reshape(-1, side, side)
+    design = blurred._design(known, 2, np.array([1.5, 0.0, 1.5])).T.reshape(-1, side, side)
     size = np.abs(design[blurred.CONTRAST]).max()
     # OpenCV's kernel is sampled and cut at 4 sd.
     np.testing.assert_allclose(design[blurred.CONTRAST][inside], grey(1.5)[inside], atol=0.01 * size)
