@@ -8,7 +8,8 @@ import threading
 from types import FrameType
 
 INTERRUPTED = 130
-AGAIN_S = 0.01  # after which an interrupt that was dropped is given once more
+IMPORT = "<frozen importlib._bootstrap>"  # the file of an import's frames
+AGAIN_S = 0.01  # after which an interrupt that was dropped, or came too early, is given once more
 
 
 def start() -> None:
@@ -33,8 +34,19 @@ def _run() -> None:
 
 
 def _interrupt(number: int, frame: FrameType | None) -> None:
-    """An end that is asked for is an interrupt: locks are given back, runs resume."""
-    raise KeyboardInterrupt
+    """An end that is asked for is an interrupt: locks are given back, runs resume. A library that is being
+    loaded is loaded first: in C, it takes an interrupt for an error of its own, or aborts."""
+    if _loads(frame):
+        _ask_later()
+    else:
+        raise KeyboardInterrupt
+
+
+def _loads(frame: FrameType | None) -> bool:
+    """Whether a frame is reached by an import."""
+    while frame is not None and frame.f_code.co_filename != IMPORT:
+        frame = frame.f_back
+    return frame is not None
 
 
 def _leave(number: int, frame: FrameType | None) -> None:
@@ -45,11 +57,15 @@ def _leave(number: int, frame: FrameType | None) -> None:
 def _ask_again(lost: "sys.UnraisableHookArgs") -> None:
     """An interrupt that fell into a callback, where Python can only drop it, is given once more."""
     if issubclass(lost.exc_type, KeyboardInterrupt):
-        again = threading.Timer(AGAIN_S, _once_more)  # not from here: this is a callback, too
-        again.daemon = True
-        again.start()
+        _ask_later()  # not from here: this is a callback, too
     else:
         sys.__unraisablehook__(lost)
+
+
+def _ask_later() -> None:
+    again = threading.Timer(AGAIN_S, _once_more)
+    again.daemon = True
+    again.start()
 
 
 def _once_more() -> None:

@@ -106,6 +106,29 @@ def test_an_interrupt_that_falls_into_a_callback_is_not_lost() -> None:
     assert time.monotonic() - begin < 15.0  # it did not wait for the work to end
 
 
+def test_an_interrupt_waits_until_a_library_is_loaded(tmp_path: Path) -> None:
+    (tmp_path / "loaded.py").write_text(
+        "import signal, time\nsignal.raise_signal(signal.SIGINT)\ntime.sleep(0.1)\nprint('loaded', flush=True)\n",
+        encoding="utf-8",
+    )
+    code = """if True:
+        import sys, time, types
+        from twin import main
+
+        def run():
+            import loaded
+            time.sleep(20.0)
+
+        sys.modules["twin.cli"] = types.SimpleNamespace(main=run)
+        main.start()
+    """
+    paths = {**os.environ, "PYTHONPATH": f"{ROOT}{os.pathsep}{tmp_path}"}
+    begin = time.monotonic()
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, env=paths)
+    assert (done.returncode, done.stdout) == (130, "loaded\n")
+    assert time.monotonic() - begin < 15.0
+
+
 def test_a_command_that_is_asked_to_end_gives_its_lock_back(study: Path) -> None:
     process = started("calibrate", "-p", study)
     while not (study / ".lock.json").exists():
