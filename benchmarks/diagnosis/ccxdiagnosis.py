@@ -78,9 +78,7 @@ class Trial:
             for k, at in zip(EDGE, places, strict=True)
         ]
         slope = along(self.solved(self.truth), self.protocol, 1)
-        found = measured(
-            self.protocol, self.u, slope, points=points, setup=SETUP, seed=self.scene.seed
-        )
+        found = measured(self.protocol, self.u, slope, points=points, setup=SETUP, seed=self.scene.seed)
         end = TargetPoint(END, PointKind.UNKNOWN, None, None)
         return replace(found, points=tuple(end if p.name == "tip" else p for p in found.points))
 
@@ -139,8 +137,12 @@ def row(trial: Trial, folder: Path) -> dict[str, Any]:
     truth = trial.truth
     hidden = trial.hidden()
     project(trial, folder)
+    cache, shared = folder / "cache", folder.parent / "cache"
+    if shared.exists() and not cache.exists():
+        shutil.copytree(shared, cache)
     began = processor()
     twin("calibrate", "--project", str(folder))
+    shutil.copytree(cache, shared, dirs_exist_ok=True)
     middle = processor()
     said = twin("diagnose", "--project", str(folder))
     seconds = {"calibrate": middle - began, "diagnose": processor() - middle}

@@ -2,14 +2,16 @@
 table of `identify.py`.
 
 A script asks `Rows` what it has, and adds a row as soon as it has one, so that it goes on where it was
-stopped. Rows of another rule (`trialbench.rule`) than today's, or than that of the commit by which it was
-frozen as the table says, are not counted and are run again.
+stopped. Rows count that were made by today's code (`trialbench.rule`), by that of the commit by which the
+rule was frozen as the table says, or by that of a commit between them in which everything that DECIDES is as
+it was frozen; others are run again.
 """
 
 import ast
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -25,12 +27,13 @@ from benchmarks.diagnosis.tally import (
     sizes,
     wrong_alone,
 )
-from benchmarks.diagnosis.trialbench import in_history, rule, rule_at
+from benchmarks.diagnosis.trialbench import RULE, git, in_history, rule, rule_at
 
 import numpy as np
 
 RESULTS = ROOT / "benchmarks" / "results"
 DECISION = ("judging/lawerrors", "diagnosis/shortlist", "diagnosis/refitting", "diagnosis/deciding")
+DECIDES = (*DECISION, "judging/lawlevels", "judging/comparison", "diagnosis/evidence", "diagnosis/screening")
 
 
 def frozen_by() -> str:
@@ -38,9 +41,16 @@ def frozen_by() -> str:
     return _plain(RESULTS / "identify.json").get("frozen") or ""
 
 
+@lru_cache(maxsize=1)
 def accepted(commit: str) -> set[str]:
-    """The rules whose rows are counted: today's, and that of a commit, where the history has it."""
-    return {rule(), *([rule_at(commit)] if commit and in_history(commit) else [])}
+    """The rules whose rows are counted: today's, that of a commit, where the history has it, and those since
+    then that decide alike."""
+    if not commit or not in_history(commit):
+        return {rule()}
+    files = [f"twin/{module}.py" for module in DECIDES]
+    later = git("rev-list", f"{commit}..HEAD", "--", *RULE).split()
+    alike = [c for c in later if not git("diff", "--name-only", commit, c, "--", *files)]
+    return {rule(), *map(rule_at, (commit, *alike))}
 
 
 @dataclass(frozen=True)

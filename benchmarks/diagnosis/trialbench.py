@@ -295,7 +295,7 @@ def in_history(commit: str) -> bool:
         return False
 
 
-@lru_cache(maxsize=2)
+@lru_cache
 def rule_at(commit: str) -> str:
     """The same word at a commit."""
     packages = (git("ls-tree", "-r", "--name-only", commit, f"{package}/").split() for package in RULE)
