@@ -31,7 +31,6 @@ from twin.experiments.choice import Member, in_words, next_experiments
 from twin.judging.fitting import whitener_of
 from twin.judging.frame import frame_test
 from twin.judging.judged import Judged, judge
-from twin.judging.lawlevels import with_laws
 from twin.model.prediction import Model
 from twin.targets import Array, Targets
 
@@ -79,12 +78,13 @@ def diagnose(
 
 
 def _kept(found: Diagnosis, base: Judged, targets: Targets) -> Diagnosis:
-    """The diagnosis with the fit of what it names carried to its end, under the law errors that the data ask
-    for; how far the laws are off is told."""
-    if found.kept is None:
+    """The diagnosis with the fit of what it names carried to its end, under the law errors that its refit
+    asked for; how far the laws are off is told."""
+    if found.kept is None or found.tied[0].score is None:
         return found
     model, seed = with_effects(base, found.effects), found.kept.fit.seed
-    judged = with_laws(judge(model, targets, starts=model.theta(found.start), seed=seed), targets)
+    law = found.tied[0].score.law
+    judged = judge(model, targets, starts=model.theta(found.start), seed=seed, law=law)
     left = left_by_laws(judged, targets)
     refit = Refit.of(judged)  # one fit, the same numbers wherever they are shown
     rows = tuple(replace(h, refit=refit) if h.label == found.law else h for h in found.ranking)
