@@ -7,7 +7,7 @@ own; the course and the edge's markers of P3 (of P4 where weight is hidden), noi
 through `twin init`, `calibrate`, `diagnose --json` and `add`. Every solve and every project is kept in DIR,
 every row in `benchmarks/results/ccxdiagnosis.json`, so that the command goes on where it was stopped. In
 `bare` nothing is hidden.
---solve: the solves alone, two minutes of one core for each of 32.
+--solve: the solves alone, two minutes of one core for each of 30.
 """
 
 import json

@@ -21,7 +21,7 @@ from benchmarks.tracking import dic
 
 from tests.strangers import fuzz, kills, planted, right
 
-CASES = 10_000
+CASES = 20_000
 
 
 def mistakes(quick: bool) -> dict[str, Any]:

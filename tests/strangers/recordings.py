@@ -7,6 +7,7 @@ pass.
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+import cv2
 import numpy as np
 
 from tests.strangers.planting import Plant, camera_with, every, filmed, painted, printed_twice, sagging
@@ -90,6 +91,21 @@ def farther(root: Path) -> None:
     filmed(lambda marks, time: motion(marks, 0 * time) + away, name="static.mkv", frames=STILL)(root)
 
 
+def turned(degrees: float = 0.0, scale: float = 1.0, shift: float = 0.0) -> Plant:
+    """A film whose picture is moved by so much from its thirtieth frame on."""
+    width, height = SIZE
+    matrix = cv2.getRotationMatrix2D((width / 2, height / 2), degrees, scale)
+    matrix[:, 2] += shift
+
+    def paint(k: int, grey: Array) -> Array:
+        if k < 30:
+            return grey
+        moved = cv2.warpAffine(grey, matrix, SIZE, flags=cv2.INTER_LANCZOS4, borderMode=cv2.BORDER_REPLICATE)
+        return np.asarray(moved, float)
+
+    return painted(paint, "film.mkv")
+
+
 def pumped(rate: float = 1.0) -> Plant:
     """A film and a log of two cycles, the film slowed down."""
     knots, course = [0.0, 2.7, 3.5, 4.3, 5.1, 5.9, 9.0], [0.0, 0.0, 1.0, 0.0, 0.6, 0.0, 0.0]
@@ -168,6 +184,13 @@ DOUBTFUL: dict[str, tuple[Plant, str]] = {
     "an exposure step": (
         painted(lambda k, grey: grey if k < 30 else np.minimum(1.8 * grey, 255.0), "film.mkv"),
         r"7 markers look smaller than at rest.* 3 of them are fixed to the rig.*light or the camera changed",
+    ),
+    "a stabiliser": (
+        turned(degrees=0.2, shift=1.0),
+        r"frame markers move in the picture of film.mkv: by up to 1\.\d px at .*turned by up to 0\.2 .*a stabiliser",
+    ),
+    "a focus that breathes": (
+        turned(scale=1.01), r"scaled by up to (1|0\.99) %\. A change of scale comes from focus"
     ),
     "the tip's marker printed twice": (
         printed_twice, r"'tip' is read in 0 of the 18 frames .* its id 23 is seen twice in 18 of them"

@@ -20,6 +20,7 @@ from vision.following.reference import Follower, check_fingers_seen, prepare
 from vision.following.tracking import follow
 from vision.following.tracks import Followed
 from vision.marks import Mark, frame_places, rows_of
+from vision.placing.steadiness import unsteady
 from vision.plane import homographies, to_plane
 
 
@@ -97,6 +98,7 @@ def look(view: View, marks: Sequence[Mark], how: How, *, camera: str = "") -> Se
     remarks = _rest(still, marks, view.static, static=True) + _rest(film, marks, view.film, static=False)
     remarks += doubts(marks, ready.seed, camera=view.camera, placement_sd_mm=how.placement_sd_mm)
     frame, points = rows_of(marks)
+    remarks += unsteady(film.ideal[:, frame], film.reference, film.time, film=view.film.path.name)
     again = coded_again(view.film, ready, film, frame_places(marks), frame, points, how.progress)
     return Seen(
         camera=view.camera,
