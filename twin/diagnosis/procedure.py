@@ -83,8 +83,12 @@ def _kept(found: Diagnosis, base: Judged, targets: Targets) -> Diagnosis:
     for; how far the laws are off is told."""
     if found.kept is None:
         return found
-    model, seed = with_effects(base, found.effects), found.kept.fit.seed
-    judged = with_laws(judge(model, targets, starts=model.theta(found.start), seed=seed), targets)
+    model, last = with_effects(base, found.effects), found.kept.fit
+    try:
+        ended = judge(model, targets, starts=model.theta(found.start), seed=last.seed)
+    except Unsolvable:  # a step beyond the refit, where there is no such finger
+        ended = judge(model, targets, starts=last.theta, seed=last.seed)
+    judged = with_laws(ended, targets)
     left = left_by_laws(judged, targets)
     refit = Refit.of(judged)  # one fit, the same numbers wherever they are shown
     rows = tuple(replace(h, refit=refit) if h.label == found.law else h for h in found.ranking)
