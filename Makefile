@@ -1,14 +1,17 @@
-# make demo: the whole chain on the recorded demo film | make install | make test | make test-slow | make check |
-# make clean
+# make demo-quick: the whole chain on a short film | make demo: on the full one | make install | make test |
+# make test-slow | make check | make clean
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: demo install test test-slow check clean
+.PHONY: demo demo-quick install test test-slow check clean
 
 install: .venv/run.stamp
 
 demo: .venv/run.stamp
 	$(BIN)/twin demo
+
+demo-quick: .venv/run.stamp
+	$(BIN)/twin demo --quick
 
 test: .venv/dev.stamp
 	$(BIN)/python -m pytest -n 2 --dist worksteal

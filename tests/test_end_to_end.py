@@ -1,16 +1,18 @@
-"""The committed demo: small enough, complete, and readable (that it runs to its end is `make demo`)."""
+"""The committed demos: small enough, complete, and readable (that they run to their ends is `.ci/run`)."""
 
 import shutil
 import sys
 from pathlib import Path
 
 from benchmarks.batches.review import overlay_px  # the figure of docs/records
+from benchmarks.films.demochecks import hidden, wrong
 
 import pytest
 
 from twin import cli
 from twin.chain import stage_of
 from twin.console import Console
+from twin.effects.library import all_effects
 from twin.project.folder import Project
 
 DEMO = Path(__file__).resolve().parents[1] / "datasets" / "demo"
@@ -22,6 +24,17 @@ def demo() -> Path:
     if not (DEMO / "raw" / "film.mp4").is_file():
         pytest.skip("datasets/demo has no film; python benchmarks/films/make_demo.py makes it")
     return DEMO
+
+
+def test_the_quick_demo_is_small_and_complete() -> None:
+    quick = DEMO.with_name("quick")
+    assert sum(p.stat().st_size for p in quick.rglob("*") if p.is_file()) <= 2e6
+    config = Project.open(quick).config
+    (camera,) = config.cameras
+    assert (quick / camera.film).is_file()
+    assert config.diagnose.candidates == ()  # the whole library
+    assert config.model.effects == ()  # nothing is given away
+    assert hidden("quick") in {e.name for e in all_effects()}
 
 
 def test_the_demo_is_small(demo: Path) -> None:
@@ -74,3 +87,12 @@ def test_the_demo_states_what_it_films(demo: Path) -> None:
     assert {nodes["tip"], nodes["middle"]} == {4401, 5848}
     assert len(nodes) >= 7
     assert config.model.effects == ()  # nothing is given away
+
+
+def test_what_is_wrong_with_a_demo_is_said() -> None:
+    good = {"named": ["wall_taper"], "verdict": "wall_taper", "rms_before_mm": 0.06, "rms_after_mm": 0.02,
+            "noise_sd_mm": 0.019}  # fmt: skip
+    assert wrong(good, "quick") == []
+    assert wrong({**good, "rms_after_mm": 0.03}, "quick") == ["rms_after_mm is above 1.1 noise sds"]
+    nothing = {"named": [], "verdict": "none needed", "rms_before_mm": 0.02, "rms_after_mm": None, "noise_sd_mm": None}
+    assert len(wrong(nothing, "quick")) == 4

@@ -61,7 +61,7 @@ class Stage(Command):
 
 COMMANDS = (
     Command(
-        name="demo", title="Run all stages on the recorded demo.",
+        name="demo", title="Run all stages on a recorded demo.",
         function="twin.commands.demo:run_demo", needs=Needs.FOLDER,
     ),
     Command(

@@ -49,7 +49,11 @@ NUMBER, NAMES = float | None, list[str]
 
 # The options of every command that has own ones, named as its function names them.
 OPTIONS: dict[str, tuple[Parameter, ...]] = {
-    "demo": (_argument("folder", Path, Path("softtwin-demo"), "project folder to make"),),
+    "demo": (
+        _argument("folder", Path | None, None, "project folder to make; else softtwin-demo, or "
+                  "softtwin-quick with --quick"),
+        _flag("quick", "8 s of film of a short finger, in place of the full demo"),
+    ),
     "init": (
         MADE,
         _option("targets", Path | None, None, "displacements measured elsewhere: a folder with targets.csv, "

@@ -21,7 +21,7 @@ sys.path.insert(0, os.path.abspath(f"{__file__}/../../.."))
 from benchmarks.commandline import whole
 from benchmarks.diagnosis.snapshots import SHORT
 from benchmarks.films import filmtrials
-from benchmarks.films import make_demo as studio
+from benchmarks.films.make_demo import DEMO
 from benchmarks.tracking.studio import write_log
 
 import numpy as np
@@ -120,13 +120,13 @@ def own_config(marks: tuple[Mark, ...]) -> Any:
 def all_marks() -> tuple[Mark, ...]:
     """The tags on the finger, and those on the rig of the demo."""
     own = [Mark(p.name, CodedMarker(k, 4.0), p.position, "finger") for k, p in enumerate(points())]
-    return (*own, *(m for m in studio.marks_of() if m.role != "finger"))
+    return (*own, *(m for m in DEMO.marks if m.role != "finger"))
 
 
 def shoot(folder: Path) -> None:
     """Draw the films, one static film, the boards and a log for each film."""
     rng, marks, raw = np.random.default_rng(SEED), all_marks(), folder / "raw"
-    studio.write_boards(raw / "boards", rng)
+    DEMO.write_boards(raw / "boards", rng)
     still = np.array([m.position for m in marks], float)
     _film(raw / "static.mp4", marks, np.tile(still, (filmtrials.STATIC, 1, 1)), SEED)
     for k, name in enumerate(FILMS):
@@ -142,7 +142,7 @@ def shoot(folder: Path) -> None:
 
 
 def _film(path: Path, marks: tuple[Mark, ...], placed: Array, seed: int) -> None:
-    lens, pose = studio.camera()
+    lens, pose = DEMO.look.camera()
     synthetic.film(
         path, camera=lens, pose=pose, marks=marks, positions=placed, rotations=np.zeros(placed.shape[:2]),
         fps=HZ, blur_px=filmtrials.BLUR_PX, noise_grey=filmtrials.NOISE_GREY, seed=seed,

@@ -15,13 +15,15 @@ without loss, so that what the codec does can be told from the rest of the chain
 import os
 import shutil
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 from unittest.mock import patch
 
 sys.path.insert(0, os.path.abspath(f"{__file__}/../../.."))
+from benchmarks import ROOT
 from benchmarks.commandline import options
-from benchmarks.films import make_demo
+from benchmarks.films.make_demo import DEMO, motion
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,23 +33,24 @@ from twin.judging.comparison import smooth_functions
 from twin.judging.whitening import whitener
 from twin.project.targetfiles import read_targets
 from twin.targets import Targets
+from vision.drawing import synthetic
 
-TRUTH = make_demo.SEED  # of the tags' offsets and the scale, whatever the films' noise
+TRUTH = DEMO.seed  # of the tags' offsets and the scale, whatever the films' noise
 
 
 def draw(folder: Path, seed: int, *, lossless: bool) -> None:
     """Makes the folder a copy of the demo with films of another seed."""
-    shutil.copytree(make_demo.ROOT / "datasets" / "demo", folder)
-    film, raw = make_demo.synthetic.film, folder / "raw"
+    shutil.copytree(ROOT / "datasets" / "demo", folder)
+    film, raw = synthetic.film, folder / "raw"
 
     def coded(path: Path, **look: Any) -> None:
         if lossless:
             path, look = path.with_suffix(".mkv"), {**look, "codec": "ffv1"}
         film(path, **look)
 
-    with patch.object(make_demo, "SEED", seed), patch.object(make_demo.synthetic, "film", coded):
-        chance = make_demo.drawn(np.random.default_rng(TRUTH))
-        make_demo.write_films(raw, make_demo.marks_of(), chance, make_demo.motion())
+    with patch.object(synthetic, "film", coded):
+        chance = DEMO.drawn(np.random.default_rng(TRUTH))
+        replace(DEMO, seed=seed).write_films(raw, chance, motion())
     if lossless:
         for name in ("film.mp4", "static.mp4"):
             (raw / name).unlink()
@@ -87,9 +90,9 @@ def along(functions: NDArray[np.float64], z: NDArray[np.float64]) -> tuple[float
 
 def finger_markers(t: Targets) -> None:
     """Prints chi2 of the finger's markers against the truth, and their errors."""
-    chance = make_demo.drawn(np.random.default_rng(TRUTH))
-    place, _ = make_demo.placed(make_demo.marks_of(), chance, make_demo.motion())
-    true, names = np.zeros_like(t.value), make_demo.NAMES
+    chance = DEMO.drawn(np.random.default_rng(TRUTH))
+    place, _ = DEMO.placed(chance, motion())
+    true, names = np.zeros_like(t.value), list(DEMO.places)
     rows = [t.names.index(name) for name in names]
     own = place[:, : len(names)]
     true[:, rows] = (own - own[t.reference].mean(axis=0)) / (1 + chance.scale_error)

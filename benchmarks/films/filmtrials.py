@@ -34,7 +34,7 @@ from benchmarks.diagnosis.trialbench import (
     worth,
 )
 from benchmarks.diagnosis.truthbook import displaced
-from benchmarks.films import make_demo
+from benchmarks.films.make_demo import DEMO
 from benchmarks.tracking import studio
 
 import numpy as np
@@ -102,14 +102,14 @@ def marks_of(rows: list[int]) -> tuple[Mark, ...]:
         Mark(NAMES[k], CodedMarker(n, TAG), tuple(map(float, POINTS[k])), "finger")
         for n, k in enumerate(rows)
     ]  # type: ignore[arg-type]
-    return (*own, *(m for m in make_demo.marks_of() if m.role != "finger"))
+    return (*own, *(m for m in DEMO.marks if m.role != "finger"))
 
 
 def shoot(folder: Path, u: Array, rows: list[int], seed: int) -> None:
     """Write film, static film, boards, pressure log and twin.toml of a motion (t, m, 3) mm."""
     rng, marks, raw = np.random.default_rng(seed), marks_of(rows), folder / "raw"
     raw.mkdir(parents=True)
-    make_demo.write_boards(raw / "boards", rng)
+    DEMO.write_boards(raw / "boards", rng)
     placed = np.tile([m.position for m in marks], (len(u), 1, 1)).astype(float)
     offset = 0.1 * rng.standard_normal((len(rows), 2))
     x = POINTS[rows][:, 0]
@@ -121,16 +121,16 @@ def shoot(folder: Path, u: Array, rows: list[int], seed: int) -> None:
     placed[:, : len(rows), 2] += s * offset[:, 0] + c * offset[:, 1]
     turns = np.zeros(placed.shape[:2])
     turns[:, : len(rows)] = turn
-    lens, pose = make_demo.camera()
+    lens, pose = DEMO.look.camera()
     for name, frames, k in (("film.mp4", np.arange(len(u)), 1), ("static.mp4", np.zeros(STATIC, int), 2)):
         trembling = placed[frames]
         trembling[:, : len(rows), ::2] += TREMBLE_MM * rng.standard_normal((len(frames), len(rows), 2))
         synthetic.film(raw / name, camera=lens, pose=pose, marks=marks, positions=trembling,
                        rotations=turns[frames], fps=HZ, blur_px=BLUR_PX,
                        noise_grey=NOISE_GREY, seed=10 * seed + k)  # fmt: skip
-    time_s = np.arange(0.0, make_demo.FILM_START + 52.0, 1 / LOG_HZ)
+    time_s = np.arange(0.0, DEMO.clock.film_start + 52.0, 1 / LOG_HZ)
     course = FILM.course
-    true = np.interp(time_s - make_demo.FILM_START, course.time, course.pressure, left=0.0, right=0.0)
+    true = np.interp(time_s - DEMO.clock.film_start, course.time, course.pressure, left=0.0, right=0.0)
     read = true + 2e-5 * rng.standard_normal(len(time_s))
     studio.write_log(raw / "pressure.csv", time_s, read)
     (folder / "twin.toml").write_text(dump(config(marks)), encoding="utf-8")
@@ -146,8 +146,8 @@ def config(marks: tuple[Mark, ...]) -> Config:
     short = FingerTable(length_mm=SHORT.length, pleats=SHORT.bellows)
     side = CameraTable(
         name="side", film="raw/film.mp4", static="raw/static.mp4", boards="raw/boards/*.jpg",
-        film_start_s=make_demo.FILM_START, static_start_s=make_demo.STATIC_START,
-        board=studio.board_table(make_demo.BOARD),
+        film_start_s=DEMO.clock.film_start, static_start_s=DEMO.clock.static_start,
+        board=studio.board_table(DEMO.boards.board),
     )  # fmt: skip
     return Config(
         project=ProjectTable(name="trial"), model=ModelTable(finger=short), cameras=(side,),
@@ -179,7 +179,7 @@ def seen(folder: Path) -> Targets:
 def trial(folder: Path, spec: Spec) -> dict[str, Any]:
     """One film, measured and diagnosed."""
     began, kind, drawn = time.process_time(), KINDS[spec.kinds[0]], replace(Scene.of(spec), rows=ROWS)
-    scene = Scene(FILM, drawn.rows, Setup(sd_mm=0.01), spec.seed, make_demo.FILM_START)
+    scene = Scene(FILM, drawn.rows, Setup(sd_mm=0.01), spec.seed, DEMO.clock.film_start)
     size, z = sized(Sight.of(drawn), kind, spec.sigmas, np.random.default_rng(spec.seed))
     hidden = ((kind, size),)
     shutil.rmtree(folder, ignore_errors=True)  # of a film that was not finished

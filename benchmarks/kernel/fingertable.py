@@ -1,8 +1,10 @@
-"""Solves the built-in finger's load paths and finer meshes, and writes them into the package.
+"""Solves the load paths and finer meshes of the built-in finger and of the quick demo's, and writes them into
+the package.
 
-    python benchmarks/kernel/fingertable.py    writes twin/model/fingertable.npz, in about five minutes
+    python benchmarks/kernel/fingertable.py [--only default | quick]    writes twin/model/fingertable*.npz
 
-To be run where tests/twin/model/test_twin_fingertable.py says that a mesh or a law has changed.
+in about five minutes and one. To be run where tests/twin/model/test_twin_fingertable.py says that a mesh or a
+law has changed.
 """
 
 import os
@@ -18,21 +20,29 @@ from fe import Path, Solution, solve
 from twin.effects.baselaw import NOMINAL
 from twin.model import fingertable
 from twin.model.arraycache import no_cache
-from twin.model.fingertable import FieldSums, KnownFinger
+from twin.model.fingertable import FILES, FieldSums, KnownFinger
 from twin.model.loadpaths import LEVELS, load_paths
 from twin.model.structure import BuiltIn, Structure, of_finger
 from twin.project import files
+from twin.project.folder import Project, dataset
 
 SAMPLES = 48  # reduced pressures of a finer mesh
 WITHIN = 2e-5  # mm
 
 
 def main() -> None:
-    options(__doc__, {})
-    own = BuiltIn()
-    path = files.Path(fingertable.__file__).with_name(fingertable.FILE)
-    np.savez_compressed(path, **solved(of_finger(own.finger, own.lattice)).arrays())
-    print(f"{path.name}: {path.stat().st_size / 1e6:.2f} MB")
+    typed = options(__doc__, {"--only": {"choices": tuple(FILES), "help": "this finger alone"}})
+    for name in (typed.only,) if typed.only else FILES:
+        path = files.Path(fingertable.__file__).with_name(FILES[name])
+        np.savez_compressed(path, **solved(structure(name)).arrays())
+        print(f"{path.name}: {path.stat().st_size / 1e6:.2f} MB")
+
+
+def structure(name: str) -> Structure:
+    """The structure of a finger of FILES: the default one, or that of a data set of this name."""
+    table = None if name == "default" else Project.open(dataset(name)).config.model.finger
+    own = BuiltIn() if table is None else BuiltIn.of(table.finger)
+    return of_finger(own.finger, own.lattice)
 
 
 def solved(structure: Structure) -> KnownFinger:

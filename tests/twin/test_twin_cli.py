@@ -272,6 +272,24 @@ def test_demo_runs_every_stage_and_says_where_the_results_are(run, demo_data, tm
     assert out.index("[1/7] twin camera") < out.index("[7/7] twin review")
 
 
+def test_the_quick_demo_has_its_data_and_its_folder(run, stages, study, tmp_path, monkeypatch):
+    asked = []
+    monkeypatch.setattr(demo, "dataset", lambda name: asked.append(name) or study)
+    monkeypatch.chdir(tmp_path)
+    assert run("demo", "--quick")[0] == 0
+    assert (tmp_path / "softtwin-quick" / "demo.json").is_file()
+    assert run("demo")[0] == 0
+    assert (tmp_path / "softtwin-demo" / "demo.json").is_file()
+    assert asked == ["quick", "demo"]
+    code, _, err = run("demo", "softtwin-quick")
+    assert code == 2
+    assert "softtwin-quick is begun with datasets/quick, wanted datasets/demo" in err
+    assert "add --quick" in err
+    code, _, err = run("demo", "softtwin-demo", "--quick")
+    assert code == 2
+    assert "leave out --quick" in err
+
+
 def test_an_interrupted_demo_is_resumed(run, demo_data, tmp_path):
     def interrupted(project, say):
         raise KeyboardInterrupt

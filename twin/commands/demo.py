@@ -1,4 +1,4 @@
-"""Turn the recorded demo into a finished project: every stage in order, each skipped if it is done."""
+"""Turn a recorded demo into a finished project: every stage in order, each skipped if it is done."""
 
 import shutil
 import time
@@ -10,11 +10,16 @@ from twin.chain import STAGES, Stage, When
 from twin.project import files
 from twin.project.folder import Project, Say, dataset
 
+FULL, QUICK = "demo", "quick"  # data sets
+FOLDERS = {FULL: Path("softtwin-demo"), QUICK: Path("softtwin-quick")}
 
-def run_demo(folder: Path, say: Say) -> dict[str, Any]:
-    """Copy the demo into a folder and run all stages; ValueError if the folder holds something else."""
-    start = time.monotonic()
-    project = copy_demo(folder, say)
+
+def run_demo(folder: Path | None, say: Say, *, quick: bool = False) -> dict[str, Any]:
+    """Copy a demo into a folder, by default its own of FOLDERS, and run all stages; ValueError if the folder
+    holds something else. quick: the short film of a short finger."""
+    start, name = time.monotonic(), QUICK if quick else FULL
+    folder = folder or FOLDERS[name]
+    project = copy_demo(folder, say, name=name)
     results = {}
     with project.lock("demo"):
         stages = [stage for stage in STAGES if stage.when is not When.ASKED]
@@ -26,13 +31,21 @@ def run_demo(folder: Path, say: Say) -> dict[str, Any]:
     return {"stage": "demo", "folder": str(folder), "stages": results} | _show(project, folder, say)
 
 
-def copy_demo(folder: Path, say: Say) -> Project:
-    """The demo project in a folder: a fresh copy, or the one that was begun there."""
-    source = dataset("demo")
-    stamp = files.digest_of([source], root=source)
+def copy_demo(folder: Path, say: Say, *, name: str = FULL) -> Project:
+    """The demo project of a data set in a folder: a fresh copy, or the one that was begun there."""
+    source = dataset(name)
+    stamp = {"data": name, "files": files.digest_of([source], root=source)}
     begun = folder / "demo.json"
     if begun.is_file():
-        if files.read_json(begun) != stamp:
+        there = files.read_json(begun)
+        other = there.get("data", name)
+        if other != name:
+            way = "add" if other == QUICK else "leave out"
+            raise ValueError(
+                f"{folder} is begun with datasets/{other}, wanted datasets/{name}: name another folder, or "
+                f"{way} --quick to go on there"
+            )
+        if there != stamp:
             raise ValueError(f"{folder} is a demo of another version of the data; name another folder")
         say(f"Going on in {folder}.")
     elif folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
@@ -45,7 +58,7 @@ def copy_demo(folder: Path, say: Say) -> Project:
     return Project.open(folder)
 
 
-def _copy(source: Path, folder: Path, stamp: dict[str, str]) -> None:
+def _copy(source: Path, folder: Path, stamp: dict[str, Any]) -> None:
     """Copy in one step: a killed copy leaves no half project."""
     with files.whole_folder(folder.resolve()) as draft:
         shutil.copytree(source, draft, dirs_exist_ok=True)

@@ -83,10 +83,16 @@ def _kept(found: Diagnosis, base: Judged, targets: Targets) -> Diagnosis:
     asked for; how far the laws are off is told."""
     if found.kept is None or found.tied[0].score is None:
         return found
-    model, seed = with_effects(base, found.effects), found.kept.fit.seed
+    model, last = with_effects(base, found.effects), found.kept.fit
     law = found.tied[0].score.law
-    begin = model.theta(found.start)
-    judged = judge(model, targets, starts=begin, seed=seed, tolerance=SETTLED, law=law)
+
+    def ended(start: Array) -> Judged:
+        return judge(model, targets, starts=start, seed=last.seed, tolerance=SETTLED, law=law)
+
+    try:
+        judged = ended(model.theta(found.start))
+    except Unsolvable:  # a step beyond the refit, where there is no such finger
+        judged = ended(last.theta)
     left = left_by_laws(judged, targets)
     refit = Refit.of(judged)  # one fit, the same numbers wherever they are shown
     rows = tuple(replace(h, refit=refit) if h.label == found.law else h for h in found.ranking)

@@ -6,4 +6,5 @@ Read `prediction` first: a model without any state. `memo` keeps its solves and 
 makes the base model of targets; `structure` says what a model is made of: the built-in finger or
 a deck. `discretisation` measures the error of its mesh on finer meshes, whose changes `meshchanges`
 takes apart. `loadpaths` tabulates displacements over C10 and C01 for the genetic algorithm. Both come with
-the package for the built-in finger (`fingertable`). `arraycache` says what stored arrays are keyed by."""
+the package for the fingers of the demos (`fingertable`). `arraycache` says what stored arrays are keyed
+by."""

@@ -1,7 +1,8 @@
-"""The built-in finger's load paths and finer meshes, at their outer nodes, as they come with the package.
+"""Load paths and finer meshes of two fingers, at their outer nodes, as they come with the package: of the
+built-in finger by default, and of the short one that `twin demo --quick` films.
 
 Under pressure alone, displacements depend on pressure / (C10 + C01) and on the share C01 / (C10 + C01). So a
-few paths serve every test of the finger, wherever its markers are. benchmarks/kernel/fingertable.py solves
+few paths serve every test of a finger, wherever its markers are. benchmarks/kernel/fingertable.py solves
 them; they are kept as sums of a few fields, to 2e-5 mm.
 """
 
@@ -23,7 +24,7 @@ from twin.model.loadpaths import LoadPaths
 from twin.model.structure import Mesh, Structure
 from twin.targets import Array
 
-FILE = "fingertable.npz"
+FILES = {"default": "fingertable.npz", "quick": "fingertable-quick.npz"}  # of each finger
 PATHS = "paths"
 PARTS = ("nodes", "weights", "basis")
 
@@ -102,15 +103,17 @@ class KnownFinger:
 
 
 def table_of(structure: Structure) -> KnownFinger | None:
-    """The table of a structure, if it is the one that comes with the package."""
-    found = _shipped()
-    return found if found is not None and found.key == structure.key else None
+    """The table of a structure, if it is one of those that come with the package."""
+    return _shipped(structure.key)
 
 
 @cache
-def _shipped() -> KnownFinger | None:
-    file = resources.files(__package__) / FILE
-    if not file.is_file():
-        return None
-    with file.open("rb") as stream, np.load(stream) as arrays:
-        return KnownFinger.read(dict(arrays))
+def _shipped(key: str) -> KnownFinger | None:
+    for name in FILES.values():
+        file = resources.files(__package__) / name
+        if not file.is_file():
+            continue
+        with file.open("rb") as stream, np.load(stream) as arrays:
+            if str(arrays["key"]) == key:  # read from the file alone: the rest is large
+                return KnownFinger.read(dict(arrays))
+    return None

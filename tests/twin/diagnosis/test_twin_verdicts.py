@@ -1,17 +1,21 @@
 """What is concluded from all that was tried: every verdict, on models linear in their parameters."""
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import pytest
 
 from tests.twin.diagnosis.toy import STEPS, Toy, pressure, smooth_field, targets, toy_effect
+from twin.diagnosis import procedure
 from twin.diagnosis.deciding import Diagnosis
 from twin.diagnosis.procedure import diagnose
 from twin.diagnosis.record import DiagnosisRecord
 from twin.effects.labels import KINDS
 from twin.effects.library import all_effects
-from twin.effects.protocol import Effect
+from twin.effects.protocol import Effect, Unsolvable
+from twin.judging import judged
+from twin.judging.judged import Judged
 from twin.project.files import plain
 from twin.targets import Array
 
@@ -46,6 +50,22 @@ def test_a_hidden_effect_is_named_alone(name: str) -> None:
     data = plain(DiagnosisRecord.of(found))
     assert data["rms_after_mm"] < 1.1 * data["noise_sd_mm"] < data["rms_before_mm"]
     assert set(data) == set(DiagnosisRecord.model_fields)
+
+
+def test_a_last_step_that_cannot_be_solved_leaves_the_refit(monkeypatch: pytest.MonkeyPatch) -> None:
+    starts: list[Array] = []
+
+    def judge(*args: Any, **options: Any) -> Judged:
+        starts.append(options["starts"])
+        if len(starts) == 1:
+            raise Unsolvable("a wall is too thin there")
+        return judged.judge(*args, **options)
+
+    monkeypatch.setattr(procedure, "judge", judge)
+    found = diagnosed(0.2 * FIELDS["alpha"][0])
+    assert (len(starts), found.verdict) == (2, "alpha")
+    assert found.kept is not None
+    assert found.kept.fit.theta == pytest.approx(starts[1], abs=0.01)
 
 
 def test_an_effect_that_would_have_to_be_negative_is_not_refitted() -> None:
