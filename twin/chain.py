@@ -137,6 +137,12 @@ COMMANDS = (
         function="twin.commands.drop:run_drop", when=When.ASKED,
     ),
     Stage(
+        name="predict", title="Predict displacements under another pressure, with their intervals.",
+        reads=("[model]", "[points]", "[calibrate]", TARGETS, DECK, FIT),
+        writes=("predicted.json", "predicted.csv", "predicted.png"),
+        function="twin.commands.predict:run_predict", when=When.ASKED,
+    ),
+    Stage(
         name="study",
         title="Show what a calibration by two points has found, and what would tell C10 from C01.",
         reads=("[model]", "[points]", "[calibrate]", "[study]", TARGETS, DECK, "candidates.npz"),

@@ -108,6 +108,13 @@ OPTIONS: dict[str, tuple[Parameter, ...]] = {
         _argument("names", NAMES, ..., "names of effects, such as creep, dropped one after the other",
                   "EFFECT..."),
     ),
+    "predict": (
+        _option("pressure", NAMES, [], "pressure that is held, such as 20kPa; once for each"),
+        _option("course", Path | None, None, "pressure log to follow instead, CSV"),
+        _option("at", NAMES, [], "a point of the project, x=60, or x,y,z in mm; once for each"),
+        _option("ramp_s", float, 2.0, "time in which a held pressure is reached, s"),
+        _option("hold_s", float, 2.0, "time for which it is held, s"),
+    ),
     "review": (_flag("clip", "also write clip.mp4: film with the model before and after, for a talk"),),
     "batches": (_argument("folder", Path, Path(), "folder whose subfolders are projects, one a batch"),),
 }  # fmt: skip

@@ -108,6 +108,19 @@ class OpenedProject:
         """The refit without an effect: a row for each parameter."""
         return self._run("drop", name=effect)
 
+    def predict(
+        self,
+        *pressure: str,
+        course: Path | str | None = None,
+        at: Sequence[str] = (),
+        ramp_s: float = 2.0,
+        hold_s: float = 2.0,
+    ) -> StageResult:
+        """Displacements that nobody has measured, mm, under pressures such as "20kPa" or along the course of
+        a pressure log: a row for each point and time, with the 95 % interval."""
+        log = None if course is None else Path(course)
+        return self._run("predict", pressure=pressure, course=log, at=at, ramp_s=ramp_s, hold_s=hold_s)
+
     def study(self) -> StageResult:
         """What a calibration by two points has found: a row for each constant and error."""
         return self._run("study")

@@ -102,6 +102,14 @@ def _files(folder: Path) -> Iterator[Row]:
         yield {"file": path.relative_to(folder).as_posix(), "bytes": path.stat().st_size}
 
 
+def _predicted(folder: Path) -> Iterator[Row]:
+    """A row for each point and time, as predicted.csv; an interval that there is not is None."""
+    with (folder / "predicted.csv").open(encoding="utf-8", newline="") as stream:
+        for row in csv.DictReader(stream):
+            numbers = {k: float(v) if v else None for k, v in row.items() if k not in ("point", "beyond")}
+            yield {"point": row["point"], **numbers, "beyond": row["beyond"] == "true"}
+
+
 _TABLES: dict[str, Callable[[Path], Iterable[Row]]] = {
     "measure": _budget,
     "calibrate": _parameters,
@@ -110,6 +118,7 @@ _TABLES: dict[str, Callable[[Path], Iterable[Row]]] = {
     "compare": _misfits,
     "diagnose": _ranking,
     "explain": _shares,
+    "predict": _predicted,
     "study": _study,
     "review": _files,
 }

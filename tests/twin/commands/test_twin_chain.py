@@ -12,6 +12,7 @@ import pytest
 from rerun.chunk import RrdReader
 
 from fe import Case, Lattice, Material
+from fe import Path as Course
 from tests.twin.conftest import page_text
 from twin import virtual
 from twin.commands.add import run_add
@@ -21,6 +22,7 @@ from twin.commands.comparetwo import run_side_by_side
 from twin.commands.diagnose import run_diagnose
 from twin.commands.drop import run_drop
 from twin.commands.explain import run_explain
+from twin.commands.predict import run_predict
 from twin.commands.review import run_review
 from twin.effects.baselaw import NOMINAL
 from twin.judging.record import Estimate, FitRecord
@@ -32,6 +34,7 @@ from twin.project.config import CalibrateTable, Config, DiagnoseTable, PointTabl
 from twin.project.folder import Project, dataset
 from twin.project.targetwriting import write_targets
 from twin.project.toml import dump
+from twin.results import rows_of
 from twin.review.merging import entity
 from twin.review.states import Fields, Generations
 
@@ -375,3 +378,35 @@ def test_an_unknown_node_or_an_unseen_point_stops_calibrate(tmp_path: Path, shor
         run_calibrate(project, Silent())
     info = project.info(project.runs()[-1])
     assert info.status.startswith("failed: point 'tip'")
+
+
+def test_what_was_not_filmed_is_predicted_with_an_interval_that_holds_the_truth(
+    chain: tuple[Project, Silent], short_case: Case, short_builtin: BuiltIn
+) -> None:
+    project, _ = chain
+    say = Silent()
+    found = run_predict(project, say, pressure=("36kPa", "0.2bar"), at=("tip", "p2"), ramp_s=1.0, hold_s=4.0)
+    material = Material(0.214, 0.083, prony=((0.075, 1.2), (0.055, 3.5), (0.02, 15.0)))
+    truth = virtual.truth_case(short_builtin.finger, Lattice(per_bellow=2, centred=False), material=material, element=None)
+    edge = np.array([(x, 11.5, 0.0) for x in (X[-1], X[1])])
+    points = short_case.nodes[np.linalg.norm(short_case.nodes[:, None] - edge, axis=2).argmin(axis=0)]
+    wide = {}
+    for p in (0.036, 0.02):
+        course = Course(np.array([0.0, 1.0, 5.0]), np.array([0.0, p, p]), np.array([5.0]))
+        u = virtual.displaced(truth, course, points)[0][0]
+        rows = [row for row in found["points"] if np.isclose(row["pressure_MPa"], p)]
+        assert [row["point"] for row in rows] == ["tip", "p2"]
+        assert all(row["beyond"] == (p > 0.03) for row in rows)
+        for row, true in zip(rows, u, strict=True):
+            for k in (0, 2):
+                low, high = row["low_mm"][k], row["high_mm"][k]
+                assert abs(true[k] - row["u_mm"][k]) < 0.75 * (high - low), (p, row["point"], k)  # of 8, at 2.9 sd
+        wide[p] = [row["high_mm"][2] - row["low_mm"][2] for row in rows]
+    assert all(a > b for a, b in zip(wide[0.036], wide[0.02], strict=True))
+    assert any("beyond the 30" in line for line in say.lines)
+    folder = project.root / "runs" / found["run"]
+    table = rows_of("predict", folder, found)
+    assert [row["u3_mm"] for row in table] == pytest.approx([row["u_mm"][2] for row in found["points"]], rel=1e-5)
+    assert all((folder / f"predicted.{end}").stat().st_size for end in ("csv", "json", "png"))
+
+

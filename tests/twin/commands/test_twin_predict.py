@@ -1,0 +1,86 @@
+"""The command predict: what it is asked for, and how it refuses what it cannot answer."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from twin.bench.predicting import GAP, HIGH, LOW, WantedCourse, after, turned
+from twin.bench.workbench import Workbench
+from twin.commands.predict import asked, pressure_of, run_predict
+from twin.project.folder import Project, dataset
+
+
+@pytest.fixture(scope="module")
+def bench() -> Workbench:
+    return Workbench.of(Project.open(dataset("study")))
+
+
+@pytest.mark.parametrize(("text", "wanted"), [("20kPa", 0.02), ("0.2 bar", 0.02), ("0.02MPa", 0.02), ("2.9psi", 0.019995)])
+def test_a_pressure_has_a_unit(text: str, wanted: float) -> None:
+    assert pressure_of(text) == pytest.approx(wanted, rel=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("20", "a number with its unit"),
+        ("20mm", "none of pressure"),
+        ("2V", "a number with its unit"),
+        ("20bara", "absolute pressure"),
+        ("-5kPa", "above 0"),
+        ("20bar", "below 1 MPa"),
+        ("1e-400kPa", "above 0"),
+        ("...kPa", "a number with its unit"),
+    ],
+)
+def test_what_is_no_pressure_is_refused(text: str, words: str) -> None:
+    with pytest.raises(ValueError, match=words):
+        pressure_of(text)
+
+
+def test_places_are_points_of_the_project_of_their_line_or_of_the_surface(bench: Workbench) -> None:
+    every = asked(bench, [])
+    assert set(every) == set(bench.targets.names)
+    found = asked(bench, ["tip", "x=60", "60,11.5,0"])
+    assert np.allclose(found["tip"], every["tip"])
+    assert np.allclose(found["x=60"], found["60,11.5,0"], atol=0.01)
+    for text, words in (("tipp", "wanted a point of the project"), ("60,11.5", "x=60"), ("60,40,0", "off the finger")):
+        with pytest.raises(ValueError, match=words):
+            asked(bench, [text])
+
+
+def test_wanted_films_follow_the_film_as_blocks_of_their_own(bench: Workbench) -> None:
+    held = WantedCourse.held(0.02, ramp_s=1.0, hold_s=3.0)
+    logged = WantedCourse.logged(np.array([5.0, 6.0, 8.0]), np.array([0.0, 0.01, 0.005]), most=2)
+    t, s = bench.targets, len(bench.targets.time)
+    found = after(t, [held, logged], {"here": np.array([60.0, 11.5, 0.0])})
+    assert found.names == (*t.names, "here")
+    assert found.block[s:].tolist() == [t.block[-1] + 1] * 2 + [t.block[-1] + 2] * 3
+    assert np.allclose(found.pressure[s:], [0, 0.02, 0, 0, 0.005])
+    assert found.time[s + 1] == pytest.approx(t.log_time[-1] + GAP + 4.0)
+    assert not found.valid.any()
+    assert np.array_equal(found.value[:s, : len(t.names)], t.value, equal_nan=True)
+
+
+def test_the_turn_of_the_end_face_and_its_error() -> None:
+    ends, angle = np.array([[100.0, 0, -10], [100.0, 0, 10]]), np.radians(30.0)
+
+    def moved(by: float) -> np.ndarray:
+        c, s = np.cos(by), np.sin(by)
+        return ends @ np.array([[c, 0, -s], [0, 1, 0], [s, 0, c]]) - ends
+
+    factor = (moved(angle + 1e-6) - moved(angle)) / 1e-6 * np.radians(0.5)
+    degrees, errors = turned((LOW, HIGH), moved(angle)[None], factor[None, None], ends)
+    assert degrees == pytest.approx([30.0])
+    assert np.abs(errors) == pytest.approx(np.array([[0.5]]), rel=1e-5)
+
+
+def test_one_of_pressure_and_course_is_wanted(tmp_path: Path) -> None:
+    project = Project.open(dataset("study"))
+    with pytest.raises(ValueError, match="neither is given"):
+        run_predict(project, lambda text: None)  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match="both are given"):
+        run_predict(project, lambda text: None, pressure=("20kPa",), course=tmp_path)  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match="--hold-s -1"):
+        run_predict(project, lambda text: None, pressure=("20kPa",), hold_s=-1.0)  # type: ignore[arg-type]

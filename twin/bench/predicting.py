@@ -1,0 +1,228 @@
+"""A calibrated model and courses of pressure -> displacements that nobody has measured, and their errors.
+
+The courses follow the film in one test of one model, so that what is uncertain is the same in both:
+parameters, the error of the mesh, and the laws' errors as far as the data have asked for them. What the film
+tells of all these together is carried over, their best values and what it leaves open (a linear model with
+normal priors; Rasmussen & Williams 2006, section 2.1): where the film holds a displacement, constants and
+mesh err against each other. Beyond the
+tested pressure the silicone may stiffen in a way that the film could not show: C20 is uncertain then, as far
+as the film leaves it open.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from twin.bench.workbench import Workbench
+from twin.diagnosis.signatures import prior_sd
+from twin.effects.library import effect
+from twin.judging.lawerrors import law_errors
+from twin.judging.record import FitRecord
+from twin.judging.whitening import whitener
+from twin.model.prediction import Model
+from twin.project.folder import Say
+from twin.targets import Array, PointKind, TargetPoint, Targets, as_position
+
+GAP = 60.0  # s at rest before every course: what creeps has nearly come back
+SAME = 1.001  # of the tested pressure: a gauge does not tell more
+NORMAL = 1.96  # sds of a 95 % interval
+LAW = "stiffening"  # what a silicone may do beyond the pressures of the film
+LOW, HIGH = "end, low", "end, high"  # two points of the end face, whose turn is the tip's angle
+
+
+@dataclass(frozen=True)
+class WantedCourse:
+    """Pressure (t,) MPa over time (t,) s, from 0 s on, and the times (s,) s that are wanted."""
+
+    time: Array
+    pressure: Array
+    output: Array
+
+    @staticmethod
+    def held(pressure: float, *, ramp_s: float, hold_s: float) -> "WantedCourse":
+        """A ramp to a pressure in MPa, which is then held; wanted is its end."""
+        time = np.cumsum([0.0, ramp_s, hold_s])
+        return WantedCourse(time, np.array([0.0, pressure, pressure]), time[-1:])
+
+    @staticmethod
+    def logged(time: Array, pressure: Array, *, most: int) -> "WantedCourse":
+        """A log, times (t,) s and pressures (t,) MPa, at so many even times at most."""
+        wanted = np.unique(np.linspace(0, len(time) - 1, min(len(time), most)).round().astype(int))
+        return WantedCourse(time - time[0], pressure, (time - time[0])[wanted])
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """Displacements u (s, p, 3) mm of named points relative to the finger at rest, at times (s,) s and
+    pressures (s,) MPa.
+
+    factors (q, s, p, 3) mm: independent errors of 1 sd each. beyond (s,): whether the pressure is above the
+    tested one. angle (s,) degrees, by which the end face turns about y, from z to x, with its sd (s,); why:
+    why there is no interval, "" where there is one.
+    """
+
+    time: Array
+    pressure: Array
+    names: tuple[str, ...]
+    u: Array
+    factors: Array
+    beyond: NDArray[np.bool_]
+    angle: Array
+    angle_sd: Array
+    why: str = ""
+
+    @property
+    def sd(self) -> Array:
+        """The sd (s, p, 3) mm of every displacement."""
+        return np.asarray(np.sqrt((self.factors**2).sum(axis=0)))
+
+
+def predicted(
+    bench: Workbench,
+    record: FitRecord,
+    courses: Sequence[WantedCourse],
+    places: Mapping[str, Array],
+    say: Say,
+) -> list[Prediction]:
+    """What the model of a project shows in each course at places (3,) mm by name, by the record of its fit.
+
+    Raises Unsolvable where there is no equilibrium.
+    """
+    fit, targets, case = record.fit, bench.targets, bench.case
+    faces = np.unique(bench.structure.outside)
+    ends = faces[case.nodes[faces, 0] > case.nodes[faces, 0].max() - 1e-6]
+    low, high = (case.nodes[ends[pick(case.nodes[ends, 2])]] for pick in (np.argmin, np.argmax))
+    own = replace(bench, targets=after(targets, courses, {**places, LOW: low, HIGH: high}))
+    model = own.on_mesh(own.model(), fit.theta, say)
+    tested = SAME * float(targets.log_pressure.max())
+    beyond = any(one.pressure.max() > tested for one in courses)
+    columns, prior = _uncertain(model, record, own.targets, beyond=beyond)
+    change, factors = _told(targets, model, fit.theta, columns, prior)
+    u = model.predict(fit.theta)
+    if record.adequate:  # else it would be what the model lacks
+        u = u + change
+    angle, turns = turned(own.targets.names, u, factors, np.array([low, high]))
+    wanted = [own.targets.names.index(name) for name in places]
+    out, done = [], len(targets.time)
+    for one in courses:
+        rows = slice(done + 1, done + 1 + len(one.output))  # the first is the rest before it
+        done = rows.stop
+        pressure = np.interp(one.output, one.time, one.pressure)
+        out.append(Prediction(
+            time=one.output,
+            pressure=pressure,
+            names=tuple(places),
+            u=u[rows][:, wanted],
+            factors=factors[:, rows][:, :, wanted],
+            beyond=pressure > tested,
+            angle=angle[rows],
+            angle_sd=np.sqrt((turns[:, rows] ** 2).sum(axis=0)),
+            why=_doubt(record),
+        ))  # fmt: skip
+    return out
+
+
+def _doubt(record: FitRecord) -> str:
+    """Why a fit has no intervals, "" where it has."""
+    if record.adequate:
+        return ""
+    notes = [one.note.partition("no interval: ")[2] for one in record.intervals.values()]
+    return next(filter(None, notes), "the model does not fit its own film")
+
+
+def after(
+    targets: Targets, courses: Sequence[WantedCourse], places: Mapping[str, Array]
+) -> Targets:
+    """The targets with films that were not made, each a block of its own in the first orientation, after GAP
+    at rest; and with more places (3,) mm by name, at which nothing is measured."""
+    new = [TargetPoint(n, PointKind.PLACE, None, as_position(x)) for n, x in places.items()]
+    points = [*targets.points, *(p for p in new if p.name not in targets.names)]
+    s, p, last = len(targets.time), len(points), int(targets.block[-1])
+    value = np.full((s, p, 3), np.nan)
+    value[:, : len(targets.points)] = targets.value
+    begun, log = targets.log_time[-1], [(targets.log_time, targets.log_pressure)]
+    step = [(targets.time, targets.pressure, targets.block)]
+    for k, one in enumerate(courses):
+        at = begun + GAP
+        rest = np.array([begun + 1.0, at - 1.0])
+        log.append((np.append(rest, at + one.time), np.append([0.0, 0.0], one.pressure)))
+        pressure = np.interp(one.output, one.time, one.pressure)
+        number = np.full(1 + len(one.output), last + 1 + k)
+        step.append((np.append(at - 1.0, at + one.output), np.append(0.0, pressure), number))
+        begun = at + one.time[-1]
+    time, pressure, block = (np.concatenate(x) for x in zip(*step, strict=True))
+    more, n = len(time) - s, len(courses)
+    own = np.searchsorted(block, np.arange(last + 1, last + 1 + n))
+    again = [load for load in targets.loads if load.block == 0]
+    gravity = targets.gravity
+    if gravity is not None:
+        gravity = np.concatenate([gravity, gravity[[0] * n]])
+
+    def longer(x: Array, fill: float = np.nan) -> Array:
+        return np.concatenate([x, np.full((more, *x.shape[1:]), fill)])
+
+    shape = (len(time), p)
+    return replace(
+        targets,
+        time=time, pressure=pressure, block=block, points=tuple(points), value=longer(value),
+        covariance=np.full((*shape, 3, 3), np.nan), valid=np.zeros((*shape, 3), bool),
+        held_out=np.append(targets.held_out, np.zeros(more, bool)),
+        modes=np.zeros((0, *shape, 3)), mode_names=(),
+        log_time=np.concatenate([t for t, _ in log]), log_pressure=np.concatenate([x for _, x in log]),
+        reference=np.append(targets.reference, own) if targets.rests.any() else targets.reference,
+        pressure_sd=longer(targets.pressure_sd, 0.0),
+        gravity=gravity,
+        noises=(*targets.noises, *targets.noises[:1] * n),
+        loads=(*targets.loads, *(replace(load, block=last + 1 + k) for k in range(n) for load in again)),
+    )  # fmt: skip
+
+
+def _uncertain(model: Model, record: FitRecord, targets: Targets, *, beyond: bool) -> tuple[Array, Array]:
+    """What is uncertain of a prediction: columns (k, s, p, 3) mm per unit, and the precision (k,) that each
+    has without the film: none of a fitted parameter, 1 of a mode."""
+    theta = record.fit.theta
+    free = [p.name not in record.at_bound for p in model.parameters]
+    columns, prior = [model.jacobian(theta)[free]], [np.zeros(sum(free))]
+    modes = [model.modes(theta)]
+    if record.law_error:
+        modes += [record.law_error * one.modes for one in law_errors(model, theta, targets)]
+    for some in modes:
+        columns.append(some)
+        prior.append(np.ones(len(some)))
+    if beyond and LAW not in [e.name for e in model.effects]:
+        law = effect(LAW, own=())
+        columns.append(model.tangents(theta, [law])[LAW][0])
+        prior.append(np.array([1 / prior_sd(p) ** 2 for p in law.amplitudes]))
+    return np.concatenate(columns), np.concatenate(prior)
+
+
+def _told(
+    targets: Targets, model: Model, theta: Array, columns: Array, prior: Array
+) -> tuple[Array, Array]:
+    """What the film says of the uncertain: the change (s, p, 3) mm that its residual asks for, of mesh and
+    laws above all, and the independent errors (k, s, p, 3) mm of 1 sd that it leaves."""
+    s, p = targets.valid.shape[:2]
+    nothing = np.zeros((0, *targets.value.shape))
+    gauge = model.per_pressure(theta)[:s, :p] * targets.pressure_sd[:, None, None]
+    w = whitener(targets, prediction_modes=nothing, gauge=gauge, points=~targets.fixed)
+    seen = w.whiten(columns[:, :s, :p]).T
+    scale = 1 / np.sqrt((seen**2).sum(axis=0) + prior)
+    information = (seen * scale).T @ (seen * scale) + np.diag(prior * scale**2)
+    power, turn = np.linalg.eigh(information)
+    axes = scale[:, None] * turn / np.sqrt(power)
+    z = w.whiten(targets.value - model.predict(theta)[:s, :p])
+    change = np.tensordot(axes @ (axes.T @ (seen.T @ z)), columns, 1)
+    return np.asarray(change), np.asarray(np.tensordot(axes.T, columns, 1))
+
+
+def turned(names: tuple[str, ...], u: Array, factors: Array, ends: Array) -> tuple[Array, Array]:
+    """The turn (s,) degrees of the end face about y, and its errors (q, s), from displacements u (s, p, 3) mm
+    and their errors (q, s, p, 3) at its lowest and highest place `ends` (2, 3) mm."""
+    low, high = names.index(LOW), names.index(HIGH)
+    before, change = ends[1] - ends[0], u[:, high] - u[:, low]
+    x, z = (before + change)[:, 0], (before + change)[:, 2]
+    error = factors[:, :, high] - factors[:, :, low]
+    turn = np.arctan2(x, z) - np.arctan2(before[0], before[2])
+    return np.degrees(turn), np.degrees((z * error[..., 0] - x * error[..., 2]) / (x**2 + z**2))

@@ -1,0 +1,258 @@
+"""The command predict: what the calibrated finger does under a pressure that nobody has measured."""
+
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+from pydantic import Field
+
+from fe.mesh.points import nearest
+from twin.bench.fits import fit_file
+from twin.bench.predicting import NORMAL, Prediction, WantedCourse, predicted
+from twin.bench.workbench import Workbench
+from twin.drawing.predictionplot import draw_prediction
+from twin.gauge.pressurelog import read_log
+from twin.gauge.pressureunits import in_MPa, unit_of
+from twin.judging.record import FitRecord
+from twin.project import files
+from twin.project.folder import Project, Say
+from twin.project.record import Maybe, Record
+from twin.project.tablemodel import Finite
+from twin.targets import Array, PointKind
+
+MOST = 200  # times of a course that are predicted
+TOO_MUCH = 1.0  # MPa: no soft finger has it
+OFF = 3.0  # mm, a place may be off the surface
+AXES = ("U1", "U2", "U3")
+
+
+class PredictedPoint(Record):
+    """A point at one time, relative to the finger at rest."""
+
+    point: str
+    time_s: Finite
+    pressure_MPa: Finite
+    u_mm: tuple[Finite, Finite, Finite] = Field(description="U1, U2, U3")
+    low_mm: tuple[Maybe, Maybe, Maybe] = Field(description="95 % interval; null where the fit has none")
+    high_mm: tuple[Maybe, Maybe, Maybe]
+    beyond: bool = Field(description="above the pressure that was tested")
+
+
+class PredictedAngle(Record):
+    """The turn of the end face about y at one time."""
+
+    time_s: Finite
+    pressure_MPa: Finite
+    degrees: Finite
+    low: Maybe = Field(description="95 % interval; null where the fit has none")
+    high: Maybe
+
+
+class PredictionRecord(Record):
+    """What the model predicts."""
+
+    file: ClassVar[str] = "predicted.json"
+    points: tuple[PredictedPoint, ...] = Field(description="a row a point and time")
+    angles: tuple[PredictedAngle, ...] = Field(description="a row a time")
+    tested_MPa: Finite = Field(description="highest pressure of the film")
+    note: str = Field(default="", description="why there is no interval, or what it rests on")
+
+
+def run_predict(
+    project: Project,
+    say: Say,
+    *,
+    pressure: Sequence[str] = (),
+    course: Path | None = None,
+    at: Sequence[str] = (),
+    ramp_s: float = 2.0,
+    hold_s: float = 2.0,
+) -> dict[str, Any]:
+    """Displacements of points and the turn of the tip, each with its 95 % interval, under held pressures or
+    along the course of a log."""
+    courses = _courses(pressure, course, ramp_s, hold_s)
+    bench = Workbench.of(project)
+    record = files.read(FitRecord, fit_file(project))
+    places = asked(bench, at)
+    tested = float(bench.targets.log_pressure.max())
+    inputs = [project.targets_folder, *project.deck_files(), *([course] if course else [])]
+    extra = {"pressure": list(pressure), "at": list(at), "ramp_s": ramp_s, "hold_s": hold_s}
+    with project.new_run("predict", inputs=inputs, extra=extra) as run:
+        say.progress("predict", 0, 1)
+        found = predicted(bench, record, courses, places, say)
+        made = PredictionRecord(
+            points=tuple(row for one in found for row in _rows(one)),
+            angles=tuple(row for one in found for row in _angles(one)),
+            tested_MPa=tested,
+            note=_note(found, tested),
+        )
+        run.write(made)
+        run.write_text("predicted.csv", _csv(made))
+        run.write_bytes("predicted.png", _picture(found))
+        run.summary["headline"] = _headline(made)
+    for line in _table(made) if course is None else [_headline(made)]:
+        say(line)
+    if made.note:
+        say(made.note)
+    say(f"Wrote {project.shown(run.folder)}/predicted.csv, predicted.json and predicted.png")
+    return {"stage": "predict", "run": run.name} | files.plain(made)
+
+
+def _courses(
+    pressure: Sequence[str], course: Path | None, ramp_s: float, hold_s: float
+) -> list[WantedCourse]:
+    """What is to be predicted. ValueError where nothing, or both, are asked for."""
+    if bool(pressure) == (course is not None):
+        raise ValueError(
+            "wanted --pressure, such as --pressure 20kPa, once for each, or --course with a pressure log; "
+            f"{'both are' if pressure else 'neither is'} given"
+        )
+    for name, value in (("ramp_s", ramp_s), ("hold_s", hold_s)):
+        if not 0 < value < 1e5:
+            raise ValueError(f"--{name.replace('_', '-')} {value:g}: wanted a time in s, above 0")
+    if course is not None:
+        log = read_log(course, time_shift_s=0.0)
+        return [WantedCourse.logged(log.time, log.pressure, most=MOST)]
+    return [WantedCourse.held(pressure_of(text), ramp_s=ramp_s, hold_s=hold_s) for text in pressure]
+
+
+def pressure_of(text: str) -> float:
+    """A pressure with its unit, such as 20kPa, in MPa. ValueError where it is none."""
+    found = re.fullmatch(r"\s*([-+]?[0-9.]+(?:e[-+]?\d+)?)\s*([A-Za-z()]+)\s*", text)
+    what = f"--pressure {text!r}"
+    if found is None:
+        raise ValueError(f"{what}: wanted a number with its unit, such as 20kPa or 0.2bar")
+    unit = unit_of(found[2], what=what)
+    try:
+        value = float(in_MPa(np.array([float(found[1])]), unit, line=None)[0])
+    except (ValueError, AssertionError):
+        raise ValueError(f"{what}: wanted a number with its unit, such as 20kPa or 0.2bar") from None
+    if not 0 < value < TOO_MUCH:
+        raise ValueError(f"{what} is {value:g} MPa: wanted above 0 and below {TOO_MUCH:g} MPa")
+    return value
+
+
+def asked(bench: Workbench, at: Sequence[str]) -> dict[str, Array]:
+    """The places (3,) mm on the finger that are asked for, by name: points of the project, x=60 (on their
+    line along the finger), or x,y,z; all points of the project where nothing is."""
+    names, every = bench.targets.names, bench.targets.places(bench.case.position)
+    own = {n: x for n, x, p in zip(names, every, bench.targets.points) if p.kind is not PointKind.FIXED}
+    return {text: _place(bench, text, own) for text in at} or own
+
+
+def _place(bench: Workbench, text: str, own: dict[str, Array]) -> Array:
+    if text in own:
+        return own[text]
+    numbers = re.sub(r"^x=", "", text).split(",")
+    try:
+        x = np.array([float(n) for n in numbers])
+    except ValueError:
+        x = np.zeros(0)
+    if len(x) == 1 and text.startswith("x="):
+        near = min(own.values(), key=lambda place: abs(float(place[0]) - float(x[0])))
+        x = np.array([x[0], near[1], near[2]])
+    if x.shape != (3,) or not np.isfinite(x).all():
+        raise ValueError(
+            f"--at {text!r}: wanted a point of the project ({', '.join(own)}), x=60, or x,y,z in mm, the "
+            "clamp at x = 0"
+        )
+    found = np.asarray(nearest(bench.case, x), float)
+    if (off := float(np.linalg.norm(found - x))) > OFF:
+        raise ValueError(
+            f"--at {text!r} is {off:.1f} mm off the finger's surface; wanted at most {OFF:g} mm: the nearest "
+            f"place is {','.join(f'{v:.4g}' for v in found)}"
+        )
+    return found
+
+
+def _picture(found: Sequence[Prediction]) -> bytes:
+    """Over pressure where several states are held, over time where a course is followed."""
+    held = all(len(one.time) == 1 for one in found)
+    some = sorted(found, key=lambda one: float(one.pressure[0])) if held else found
+    u, half = np.concatenate([one.u for one in some]), NORMAL * np.concatenate([one.sd for one in some])
+    pressure = np.concatenate([one.pressure for one in some])
+    return draw_prediction(
+        1e3 * pressure if held else found[0].time, u, None if found[0].why else half, names=found[0].names,
+        label="pressure, kPa" if held else "time, s", beyond=np.concatenate([one.beyond for one in some]),
+    )  # fmt: skip
+
+
+def _rows(one: Prediction) -> list[PredictedPoint]:
+    half = NORMAL * one.sd
+    return [
+        PredictedPoint(
+            point=name, time_s=t, pressure_MPa=p, u_mm=tuple(one.u[s, k]),
+            low_mm=(None,) * 3 if one.why else tuple(one.u[s, k] - half[s, k]),
+            high_mm=(None,) * 3 if one.why else tuple(one.u[s, k] + half[s, k]),
+            beyond=bool(one.beyond[s]),
+        )
+        for s, (t, p) in enumerate(zip(one.time, one.pressure, strict=True))
+        for k, name in enumerate(one.names)
+    ]  # fmt: skip
+
+
+def _angles(one: Prediction) -> list[PredictedAngle]:
+    half = NORMAL * one.angle_sd
+    return [
+        PredictedAngle(
+            time_s=t, pressure_MPa=p, degrees=a,
+            low=None if one.why else a - h, high=None if one.why else a + h,
+        )
+        for t, p, a, h in zip(one.time, one.pressure, one.angle, half, strict=True)
+    ]  # fmt: skip
+
+
+def _note(found: Sequence[Prediction], tested: float) -> str:
+    """What the intervals rest on, or why there are none."""
+    if found[0].why:
+        return f"No intervals: {found[0].why}."
+    top = max(float(one.pressure.max()) for one in found)
+    if not any(one.beyond.any() for one in found):
+        return ""
+    return (
+        f"{1e3 * top:.4g} kPa is beyond the {1e3 * tested:.4g} kPa that were tested: nobody has seen the "
+        "silicone's law there. The intervals there include a stiffening that the film could not show, but no "
+        "contact and no buckling."
+    )
+
+
+def _headline(made: PredictionRecord) -> str:
+    top = max(made.points, key=lambda row: row.pressure_MPa)
+    rows = [row for row in made.points if row.pressure_MPa == top.pressure_MPa and row.time_s == top.time_s]
+    told = "; ".join(f"{row.point} {_cell(row, 2)} mm in U3" for row in rows)
+    return f"At {1e3 * top.pressure_MPa:.4g} kPa: {told}."
+
+
+def _cell(row: PredictedPoint, axis: int) -> str:
+    low, high = row.low_mm[axis], row.high_mm[axis]
+    half = "" if low is None or high is None else f" +- {(high - low) / 2:.2f}"
+    return f"{row.u_mm[axis] + 0.0:.2f}{half}"
+
+
+def _table(made: PredictionRecord) -> list[str]:
+    """A line a pressure and point, the angle of the tip at the end; +- is half of the 95 % interval."""
+    wide = max(len(row.point) for row in made.points)
+    heads = "".join(f"{f'{axis}, mm':>18}" for axis in AXES)
+    lines = [f"{'pressure':>10}  {'':<{wide}}{heads}   (+-: 95 %)"]
+    for angle in made.angles:
+        rows = [r for r in made.points if (r.pressure_MPa, r.time_s) == (angle.pressure_MPa, angle.time_s)]
+        for row in rows:
+            cells = "".join(f"{_cell(row, axis):>18}" for axis in range(3))
+            lines.append(f"{1e3 * row.pressure_MPa:>6.4g} kPa  {row.point:<{wide}}{cells}")
+        half = "" if angle.low is None or angle.high is None else f" +- {(angle.high - angle.low) / 2:.1f}"
+        turn = f"the tip turns by {angle.degrees:.1f}{half} degrees"
+        lines.append(f"{1e3 * angle.pressure_MPa:>6.4g} kPa  {turn}")
+    return list(dict.fromkeys(lines))
+
+
+def _csv(made: PredictionRecord) -> str:
+    heads = ",".join(f"{u}_mm,{u}_low_mm,{u}_high_mm" for u in ("u1", "u2", "u3"))
+    lines = [f"time_s,pressure_MPa,point,{heads},beyond"]
+    for row in made.points:
+        cells = [row.u_mm, row.low_mm, row.high_mm]
+        numbers = ["" if cell[k] is None else f"{cell[k]:.6g}" for k in range(3) for cell in cells]
+        begin = [f"{row.time_s:.6g}", f"{row.pressure_MPa:.6g}", row.point.replace(",", " ")]
+        lines.append(",".join([*begin, *numbers, str(row.beyond).lower()]))
+    return "\n".join(lines) + "\n"
