@@ -145,9 +145,10 @@ class _Task:
     def settled(self, end: _End) -> _End:
         """The end that errors rebuilt there move no more; the best on the way, where there is no such end.
 
-        A step at a time (iteratively reweighted least squares), so that the errors are never far behind.
+        A step at a time (iteratively reweighted least squares), so that the errors are never far behind. A
+        step that turns back is halved: of a model that is far off, the errors here lead there and back.
         """
-        best, done = end, end.fit.evaluations
+        best, done, last = end, end.fit.evaluations, np.zeros(len(end.fit.theta))
         if not self.turns:
             return end
         for _ in range(self.turns):
@@ -157,7 +158,10 @@ class _Task:
             done = fit.evaluations + end.fit.evaluations
             if np.array_equal(fit.theta, end.fit.theta):
                 return replace(end, fit=replace(fit, evaluations=done))
-            end = self._at(replace(fit, evaluations=done))
+            step, sd = fit.theta - end.fit.theta, np.maximum(fit.sd, 1e-300)
+            back = (step / sd) @ (last / sd) < 0
+            last = step / 2 if back else step
+            end = self._at(replace(fit, theta=end.fit.theta + last, evaluations=done))
             best = min(best, end, key=lambda e: e.deviance)
         reason = f"the errors of gauge and mesh, rebuilt {self.turns} times at the fit, still move it"
         return replace(best, fit=replace(best.fit, evaluations=done, converged=False, reason=reason))
