@@ -13,6 +13,7 @@ from twin.bench.fits import fit_file
 from twin.bench.predicting import NORMAL, Prediction, WantedCourse, predicted
 from twin.bench.workbench import Workbench
 from twin.drawing.predictionplot import draw_prediction
+from twin.effects.protocol import Order
 from twin.gauge.pressurelog import read_log
 from twin.gauge.pressureunits import in_MPa, unit_of
 from twin.judging.record import FitRecord
@@ -26,6 +27,8 @@ MOST = 200  # times of a course that are predicted
 TOO_MUCH = 1.0  # MPa: no soft finger has it
 OFF = 3.0  # mm, a place may be off the surface
 AXES = ("U1", "U2", "U3")
+FASTER, LONGER = 1.5, 1.5  # than the film: what is told
+WINDOW = 0.2  # s, over which a rate of pressure is taken: a gauge's noise is small in it
 
 
 class PredictedPoint(Record):
@@ -57,7 +60,7 @@ class PredictionRecord(Record):
     points: tuple[PredictedPoint, ...] = Field(description="a row a point and time")
     angles: tuple[PredictedAngle, ...] = Field(description="a row a time")
     tested_MPa: Finite = Field(description="highest pressure of the film")
-    note: str = Field(default="", description="why there is no interval, or what it rests on")
+    note: str = Field(default="", description="why there are no intervals, and what was not tested")
 
 
 def run_predict(
@@ -86,7 +89,7 @@ def run_predict(
             points=tuple(row for one in found for row in _rows(one)),
             angles=tuple(row for one in found for row in _angles(one)),
             tested_MPa=tested,
-            note=_note(found, tested),
+            note=" ".join(_notes(bench, courses, found)),
         )
         run.write(made)
         run.write_text("predicted.csv", _csv(made))
@@ -204,18 +207,40 @@ def _angles(one: Prediction) -> list[PredictedAngle]:
     ]  # fmt: skip
 
 
-def _note(found: Sequence[Prediction], tested: float) -> str:
-    """What the intervals rest on, or why there are none."""
+def _notes(bench: Workbench, courses: Sequence[WantedCourse], found: Sequence[Prediction]) -> list[str]:
+    """Why there are no intervals, what was not tested, and what the displacements are seen with."""
+    out, t = [], bench.targets
+    tested, asked_for = float(t.log_pressure.max()), max(float(one.pressure.max()) for one in courses)
     if found[0].why:
-        return f"No intervals: {found[0].why}."
-    top = max(float(one.pressure.max()) for one in found)
-    if not any(one.beyond.any() for one in found):
-        return ""
-    return (
-        f"{1e3 * top:.4g} kPa is beyond the {1e3 * tested:.4g} kPa that were tested: nobody has seen the "
-        "silicone's law there. The intervals there include a stiffening that the film could not show, but no "
-        "contact and no buckling."
-    )
+        out.append(f"No intervals: {found[0].why}.")
+    if any(one.beyond.any() for one in found):
+        out.append(
+            f"{1e3 * asked_for:.4g} kPa is beyond the {1e3 * tested:.4g} kPa that were tested: nobody has "
+            "seen the silicone's law there. The intervals there include a stiffening that the film could not "
+            "show, but no contact and no buckling."
+        )
+    fast, faster = _rate(t.log_time, t.log_pressure), max(_rate(one.time, one.pressure) for one in courses)
+    if faster > FASTER * fast:
+        out.append(
+            f"The pressure changes by up to {1e3 * faster:.3g} kPa/s, in the film by {1e3 * fast:.3g} kPa/s "
+            "at most: what depends on the rate was not tested there."
+        )
+    lasts, longer = np.ptp(t.log_time), max(float(np.ptp(one.time)) for one in courses)
+    if longer > LONGER * lasts:
+        out.append(
+            f"It lasts {longer:.3g} s, the film {lasts:.3g} s: slower creep than the film's was not tested."
+        )
+    seen = [e.label for e in bench.model().effects if e.order >= Order.GAUGE_GAIN]
+    if seen:
+        out.append(f"The displacements are as this rig would show them: the model has {', '.join(seen)}.")
+    return out
+
+
+def _rate(time: Array, pressure: Array) -> float:
+    """The fastest change of pressure in MPa/s, over WINDOW s."""
+    grid = np.arange(time[0], max(time[-1] - WINDOW, time[0]) + 1e-9, WINDOW / 4)
+    ahead, here = (np.interp(grid + by, time, pressure) for by in (WINDOW, 0.0))
+    return float(np.abs(ahead - here).max()) / WINDOW
 
 
 def _headline(made: PredictionRecord) -> str:

@@ -1,13 +1,14 @@
 """The command predict: what it is asked for, and how it refuses what it cannot answer."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from twin.bench.predicting import GAP, HIGH, LOW, WantedCourse, after, turned
+from twin.bench.predicting import GAP, HIGH, LOW, Prediction, WantedCourse, after, turned
 from twin.bench.workbench import Workbench
-from twin.commands.predict import asked, pressure_of, run_predict
+from twin.commands.predict import _notes, asked, pressure_of, run_predict
 from twin.project.folder import Project, dataset
 
 
@@ -84,3 +85,24 @@ def test_one_of_pressure_and_course_is_wanted(tmp_path: Path) -> None:
         run_predict(project, lambda text: None, pressure=("20kPa",), course=tmp_path)  # type: ignore[arg-type]
     with pytest.raises(ValueError, match="--hold-s -1"):
         run_predict(project, lambda text: None, pressure=("20kPa",), hold_s=-1.0)  # type: ignore[arg-type]
+
+
+def test_what_was_not_tested_is_told(bench: Workbench, monkeypatch: pytest.MonkeyPatch) -> None:
+    t = replace(bench.targets, log_time=np.array([0.0, 10.0]), log_pressure=np.array([0.0, 0.03]))
+    bench, nothing = replace(bench, targets=t), np.zeros((1, 1, 3))
+
+    def told(course: WantedCourse) -> str:
+        beyond = np.array([course.pressure.max() > 0.03])
+        one = Prediction(
+            time=course.output, pressure=course.pressure[-1:], names=("tip",), u=nothing, factors=nothing[None],
+            beyond=beyond, angle=np.zeros(1), angle_sd=np.zeros(1),
+        )  # fmt: skip
+        return " ".join(_notes(bench, [course], [one]))
+
+    assert told(WantedCourse.held(0.02, ramp_s=8.0, hold_s=2.0)) == ""
+    assert "40 kPa is beyond the 30 kPa" in told(WantedCourse.held(0.04, ramp_s=12.0, hold_s=2.0))
+    assert "by up to 20 kPa/s, in the film by 3 kPa/s" in told(WantedCourse.held(0.02, ramp_s=1.0, hold_s=2.0))
+    assert "It lasts 68 s, the film 10 s" in told(WantedCourse.held(0.02, ramp_s=8.0, hold_s=60.0))
+    seen = bench.model(["camera_scale"])
+    monkeypatch.setattr(Workbench, "model", lambda self: seen)
+    assert "the model has camera_scale" in told(WantedCourse.held(0.02, ramp_s=8.0, hold_s=2.0))
