@@ -17,6 +17,7 @@ import pytest
 
 from tests.few import few
 from tests.strangers import kills
+from twin.project import files
 from twin.project.folder import Project, dataset
 from twin.project.locks import lock
 
@@ -104,6 +105,19 @@ def test_an_interrupt_that_falls_into_a_callback_is_not_lost() -> None:
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, cwd=ROOT)
     assert (done.returncode, done.stderr) == (130, "interrupted: run the same command again\n")
     assert time.monotonic() - begin < 15.0  # it did not wait for the work to end
+
+
+def test_an_interrupt_just_after_the_lock_is_named_leaves_no_name(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupted(path: Path, data: object) -> None:
+        path.write_text(str(data), encoding="utf-8")
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(files, "write_json", interrupted)
+    with pytest.raises(KeyboardInterrupt), lock(tmp_path / ".lock", "look"):
+        pass
+    assert not (tmp_path / ".lock.json").exists()
 
 
 def test_an_interrupt_waits_until_a_library_is_loaded(tmp_path: Path) -> None:

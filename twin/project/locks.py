@@ -20,8 +20,8 @@ def lock(path: Path, command: str) -> Iterator[None]:
     owner = path.with_name(f"{path.name}.json")  # beside it: on some systems nobody can read a locked file
     try:
         with FileLock(path, blocking=False):
-            files.write_json(owner, {"command": command, "process": os.getpid(), "host": platform.node()})
-            try:
+            try:  # from before the file is there: an interrupt may come at once
+                files.write_json(owner, {"command": command, "process": os.getpid(), "host": platform.node()})
                 yield
             finally:
                 owner.unlink(missing_ok=True)
