@@ -19,6 +19,7 @@ app = typer.Typer(
     help="Calibrate the model of a soft finger from the film of an inflation test, and find the physical "
          "effect that it lacks.",
     no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None,
+    context_settings={"help_option_names": ["-h", "--help"]},
 )  # fmt: skip
 LINE = 63  # characters of help beside the name of a command, on 80 columns
 

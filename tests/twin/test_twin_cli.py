@@ -82,6 +82,7 @@ def stages(monkeypatch):
 def test_help_lists_every_command_of_this_version(run):
     code, out, _ = run("--help")
     assert code == 0
+    assert (run("-h")[1], run("look", "-h")[1]) == (out, run("look", "--help")[1])
     listed = [line.split()[0] for line in out.split("Commands:")[1].splitlines() if line.strip()]
     assert listed == NAMES
     assert "..." not in out.split("Commands:")[1]  # every line of help is whole on 80 columns

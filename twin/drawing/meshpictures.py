@@ -103,7 +103,9 @@ def _owners(case: Case, outside: Integers) -> Integers:
 
 
 def _often(axes: Axes, measure: Measure) -> None:
-    axes.hist(measure.values, bins=30, color=BEFORE)
+    low, high = float(measure.values.min()), float(measure.values.max())
+    room = max(1e-6 * max(abs(low), abs(high)), 1e-12)  # of a regular mesh, whose elements are all alike
+    axes.hist(measure.values, bins=30, range=(low - room, high + room), color=BEFORE)
     axes.axvline(measure.limit, color=AFTER, lw=1.0)
     unit = f", {measure.unit}" if measure.unit else ""
     axes.set(xlabel=f"{measure.name}{unit}", ylabel="elements" if measure.name.startswith("Jac") else "")

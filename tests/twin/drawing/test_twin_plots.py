@@ -3,6 +3,7 @@
 import re
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,9 @@ import pytest
 import pyvista as pv
 from vtkmodules.vtkCommonDataModel import vtkTriQuadraticHexahedron
 
-from twin.drawing import deformed, plots, studyplots
+from fe import Case
+from fe.mesh.elementshapes import quality
+from twin.drawing import deformed, meshpictures, plots, studyplots
 
 STEPS, MARKERS = 30, ("5848", "4401", "m<3")
 TIME = np.linspace(0.0, 6.0, STEPS)
@@ -243,3 +246,11 @@ def test_without_egl_there_is_one_line_and_no_file(tmp_path: Path, monkeypatch: 
     assert "libegl1" in reason
     assert "\n" not in reason
     assert list(tmp_path.iterdir()) == []
+
+
+def test_the_shapes_of_a_regular_mesh_are_drawn_though_all_are_alike(short_case: Case) -> None:
+    (measure, *_) = quality(short_case)
+    for values in (np.ones(len(measure.values)), 1.0 + 1e-15 * np.arange(len(measure.values)), measure.values):
+        alike = replace(measure, values=values)
+        drawn = meshpictures.shapes(short_case, outside=short_case.face_nodes("outside"), measures=[alike])
+        assert drawn.startswith(b"\x89PNG")
