@@ -111,7 +111,8 @@ def test_the_whole_table_of_no_trials_has_every_key() -> None:
     json.dumps(table)
 
 
-def test_rows_of_another_rule_do_not_count(tmp_path: Path) -> None:
+def test_rows_of_another_rule_do_not_count(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(collected, "frozen_by", str)
     kept = collected.Rows("film", tmp_path)
     assert kept.every() == []
     kept.add({"key": "a", "x": 1})
