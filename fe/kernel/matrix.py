@@ -1,6 +1,7 @@
 """Solutions of a symmetric sparse system, by PARDISO, or by SuperLU where MKL is absent."""
 
 import ctypes
+import os
 import weakref
 from typing import Any
 
@@ -16,6 +17,7 @@ except ImportError:  # MKL is not available on this platform
     PyPardisoSolver = None
 
 
+PLACE = "PYPARDISO_MKL_RT"  # variable of the surroundings
 # iparm of PARDISO, by number: own settings (1); refinement (8) only where pivots were perturbed, as otherwise
 # its two steps treble the time of a solve and leave the residual as it is; 10 and 21 as by default. Below
 # SMALL unknowns minimum degree (2: 0) factorises in 0.8 of the time of nested dissection.
@@ -36,7 +38,7 @@ class Symmetric:
         self._indptr, self._indices = indptr, indices
         self._n = len(indptr) - 1
         self._analysed = False
-        self._solver = PyPardisoSolver(mtype=-2) if PyPardisoSolver else None
+        self._solver = _pardiso() if PyPardisoSolver else None
         if self._solver is not None:
             for number, value in (SETTINGS | ({2: 0} if self._n < SMALL else {})).items():
                 self._solver.set_iparm(number, value)
@@ -98,6 +100,14 @@ class Symmetric:
         if error.value:
             raise RuntimeError(f"PARDISO ended with its error {error.value} in phase {phase}")
         return x
+
+
+def _pardiso() -> Any:
+    """A solver. Where MKL lies is looked for once, which takes 0.2 s; then it is told where the wrapper
+    asks first."""
+    found = PyPardisoSolver(mtype=-2)
+    os.environ.setdefault(PLACE, found.libmkl._name)
+    return found
 
 
 def _free(solver: object) -> None:
