@@ -5,10 +5,12 @@ import os
 import signal
 import sys
 import threading
+import time
 from types import FrameType
 
 INTERRUPTED = 130
 IMPORT = "<frozen importlib._bootstrap>"  # the file of an import's frames
+PATIENCE_S = 5.0  # for which an import is waited for: it may be of code that never ends
 AGAIN_S = 0.01  # after which an interrupt that was dropped, or came too early, is given once more
 
 
@@ -33,12 +35,19 @@ def _run() -> None:
         signal.signal(signal.SIGINT, _leave)  # nothing is at work any more
 
 
+_asked: list[float] = []  # when the interrupt that waits was asked for
+
+
 def _interrupt(number: int, frame: FrameType | None) -> None:
     """An end that is asked for is an interrupt: locks are given back, runs resume. A library that is being
     loaded is loaded first: in C, it takes an interrupt for an error of its own, or aborts."""
-    if _loads(frame):
+    now = time.monotonic()
+    if not _asked:
+        _asked.append(now)
+    if _loads(frame) and now - _asked[0] < PATIENCE_S:
         _ask_later()
     else:
+        _asked.clear()
         raise KeyboardInterrupt
 
 

@@ -17,7 +17,7 @@ except ImportError:  # MKL is not available on this platform
     PyPardisoSolver = None
 
 
-PLACE = "PYPARDISO_MKL_RT"  # variable of the surroundings
+PLACE = "PYPARDISO_MKL_RT"  # environment variable, asked first
 # iparm of PARDISO, by number: own settings (1); refinement (8) only where pivots were perturbed, as otherwise
 # its two steps treble the time of a solve and leave the residual as it is; 10 and 21 as by default. Below
 # SMALL unknowns minimum degree (2: 0) factorises in 0.8 of the time of nested dissection.

@@ -143,6 +143,29 @@ def test_an_interrupt_waits_until_a_library_is_loaded(tmp_path: Path) -> None:
     assert time.monotonic() - begin < 15.0
 
 
+def test_an_import_that_never_ends_is_interrupted_after_some_patience(tmp_path: Path) -> None:
+    (tmp_path / "endless.py").write_text(
+        "import signal, time\nsignal.raise_signal(signal.SIGINT)\nfor _ in range(400):\n    time.sleep(0.1)\n",
+        encoding="utf-8",
+    )
+    code = """if True:
+        import sys, types
+        from twin import main
+
+        def run():
+            import endless
+
+        sys.modules["twin.cli"] = types.SimpleNamespace(main=run)
+        main.PATIENCE_S = 0.5
+        main.start()
+    """
+    paths = {**os.environ, "PYTHONPATH": f"{ROOT}{os.pathsep}{tmp_path}"}
+    begin = time.monotonic()
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, env=paths)
+    assert (done.returncode, "Traceback" in done.stderr) == (130, False)
+    assert time.monotonic() - begin < 15.0
+
+
 def test_a_command_that_is_asked_to_end_gives_its_lock_back(study: Path) -> None:
     process = started("calibrate", "-p", study)
     while not (study / ".lock.json").exists():

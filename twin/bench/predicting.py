@@ -4,9 +4,8 @@ The courses follow the film in one test of one model, so that what is uncertain 
 parameters, the error of the mesh, and the laws' errors as far as the data have asked for them. What the film
 tells of all these together is carried over, their best values and what it leaves open (a linear model with
 normal priors; Rasmussen & Williams 2006, section 2.1): where the film holds a displacement, constants and
-mesh err against each other. Beyond the
-tested pressure the silicone may stiffen in a way that the film could not show: C20 is uncertain then, as far
-as the film leaves it open.
+mesh err against each other. Beyond the tested pressure the silicone may stiffen in a way that the film could
+not show: C20 is uncertain then, as far as the film leaves it open.
 """
 
 from collections.abc import Mapping, Sequence
@@ -90,10 +89,8 @@ def predicted(
 
     Raises Unsolvable where there is no equilibrium.
     """
-    fit, targets, case = record.fit, bench.targets, bench.case
-    faces = np.unique(bench.structure.outside)
-    ends = faces[case.nodes[faces, 0] > case.nodes[faces, 0].max() - 1e-6]
-    low, high = (case.nodes[ends[pick(case.nodes[ends, 2])]] for pick in (np.argmin, np.argmax))
+    fit, targets = record.fit, bench.targets
+    low, high = ends(bench)
     own = replace(bench, targets=after(targets, courses, {**places, LOW: low, HIGH: high}))
     model = own.on_mesh(own.model(), fit.theta, say)
     tested = SAME * float(targets.log_pressure.max())
@@ -122,6 +119,13 @@ def predicted(
             why=_doubt(record),
         ))  # fmt: skip
     return out
+
+
+def ends(bench: Workbench) -> tuple[Array, Array]:
+    """The lowest and the highest place (3,) mm of the finger's end face."""
+    x = bench.case.nodes[np.unique(bench.structure.outside)]
+    face = x[x[:, 0] > x[:, 0].max() - 1e-6]
+    return face[face[:, 2].argmin()], face[face[:, 2].argmax()]
 
 
 def _doubt(record: FitRecord) -> str:
@@ -201,8 +205,11 @@ def _uncertain(model: Model, record: FitRecord, targets: Targets, *, beyond: boo
 def _told(
     targets: Targets, model: Model, theta: Array, columns: Array, prior: Array
 ) -> tuple[Array, Array]:
-    """What the film says of the uncertain: the change (s, p, 3) mm that its residual asks for, of mesh and
-    laws above all, and the independent errors (k, s, p, 3) mm of 1 sd that it leaves."""
+    """What the film says of the uncertain: a change and what it leaves open.
+
+    The change (s, p, 3) mm is what the film's residual asks for, of mesh and laws above all. What it leaves
+    are independent errors (k, s, p, 3) mm of 1 sd.
+    """
     s, p = targets.valid.shape[:2]
     nothing = np.zeros((0, *targets.value.shape))
     gauge = model.per_pressure(theta)[:s, :p] * targets.pressure_sd[:, None, None]
@@ -217,11 +224,14 @@ def _told(
     return np.asarray(change), np.asarray(np.tensordot(axes.T, columns, 1))
 
 
-def turned(names: tuple[str, ...], u: Array, factors: Array, ends: Array) -> tuple[Array, Array]:
-    """The turn (s,) degrees of the end face about y, and its errors (q, s), from displacements u (s, p, 3) mm
-    and their errors (q, s, p, 3) at its lowest and highest place `ends` (2, 3) mm."""
+def turned(names: tuple[str, ...], u: Array, factors: Array, face: Array) -> tuple[Array, Array]:
+    """The turn (s,) of the end face about y in degrees, and its errors (q, s).
+
+    u (s, p, 3) mm: displacements of all points, names (p,). factors (q, s, p, 3) mm: their errors.
+    face (2, 3) mm: the lowest and the highest place of the end face.
+    """
     low, high = names.index(LOW), names.index(HIGH)
-    before, change = ends[1] - ends[0], u[:, high] - u[:, low]
+    before, change = face[1] - face[0], u[:, high] - u[:, low]
     x, z = (before + change)[:, 0], (before + change)[:, 2]
     error = factors[:, :, high] - factors[:, :, low]
     turn = np.arctan2(x, z) - np.arctan2(before[0], before[2])

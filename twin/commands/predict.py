@@ -10,6 +10,7 @@ from pydantic import Field
 
 from fe.mesh.points import nearest
 from twin.bench.fits import fit_file
+from twin.bench.positions import ON_FINGER_MM
 from twin.bench.predicting import NORMAL, Prediction, WantedCourse, predicted
 from twin.bench.workbench import Workbench
 from twin.drawing.predictionplot import draw_prediction
@@ -25,7 +26,6 @@ from twin.targets import Array, PointKind
 
 MOST = 200  # times of a course that are predicted
 TOO_MUCH = 1.0  # MPa: no soft finger has it
-OFF = 3.0  # mm, a place may be off the surface
 AXES = ("U1", "U2", "U3")
 FASTER, LONGER = 1.5, 1.5  # than the film: what is told
 WINDOW = 0.2  # s, over which a rate of pressure is taken: a gauge's noise is small in it
@@ -162,10 +162,10 @@ def _place(bench: Workbench, text: str, own: dict[str, Array]) -> Array:
             "clamp at x = 0"
         )
     found = np.asarray(nearest(bench.case, x), float)
-    if (off := float(np.linalg.norm(found - x))) > OFF:
+    if (off := float(np.linalg.norm(found - x))) > ON_FINGER_MM:
         raise ValueError(
-            f"--at {text!r} is {off:.1f} mm off the finger's surface; wanted at most {OFF:g} mm: the nearest "
-            f"place is {','.join(f'{v:.4g}' for v in found)}"
+            f"--at {text!r} is {off:.1f} mm off the finger's surface; wanted at most {ON_FINGER_MM:g} mm: "
+            f"the nearest place is {','.join(f'{v:.4g}' for v in found)}"
         )
     return found
 
@@ -225,7 +225,8 @@ def _notes(bench: Workbench, courses: Sequence[WantedCourse], found: Sequence[Pr
             f"The pressure changes by up to {1e3 * faster:.3g} kPa/s, in the film by {1e3 * fast:.3g} kPa/s "
             "at most: what depends on the rate was not tested there."
         )
-    lasts, longer = np.ptp(t.log_time), max(float(np.ptp(one.time)) for one in courses)
+    lasts = max(float(np.ptp(t.time[t.block == b])) for b in np.unique(t.block))
+    longer = max(float(np.ptp(one.time)) for one in courses)
     if longer > LONGER * lasts:
         out.append(
             f"It lasts {longer:.3g} s, the film {lasts:.3g} s: slower creep than the film's was not tested."

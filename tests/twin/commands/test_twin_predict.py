@@ -6,7 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from twin.bench.predicting import GAP, HIGH, LOW, Prediction, WantedCourse, after, turned
+from tests.twin.diagnosis.toy import Toy, smooth_field, targets
+from twin.bench.predicting import GAP, HIGH, LOW, Prediction, WantedCourse, _told, after, turned
 from twin.bench.workbench import Workbench
 from twin.commands.predict import _notes, asked, pressure_of, run_predict
 from twin.project.folder import Project, dataset
@@ -88,7 +89,7 @@ def test_one_of_pressure_and_course_is_wanted(tmp_path: Path) -> None:
 
 
 def test_what_was_not_tested_is_told(bench: Workbench, monkeypatch: pytest.MonkeyPatch) -> None:
-    t = replace(bench.targets, log_time=np.array([0.0, 10.0]), log_pressure=np.array([0.0, 0.03]))
+    t = replace(bench.targets, time=np.array([0.0, 10.0]), log_time=np.array([-60.0, 0.0, 10.0]), log_pressure=np.array([0.0, 0.0, 0.03]))
     bench, nothing = replace(bench, targets=t), np.zeros((1, 1, 3))
 
     def told(course: WantedCourse) -> str:
@@ -106,3 +107,25 @@ def test_what_was_not_tested_is_told(bench: Workbench, monkeypatch: pytest.Monke
     seen = bench.model(["camera_scale"])
     monkeypatch.setattr(Workbench, "model", lambda self: seen)
     assert "the model has camera_scale" in told(WantedCourse.held(0.02, ramp_s=8.0, hold_s=2.0))
+
+
+def test_what_the_film_says_has_pulls_of_one() -> None:
+    base, mode = smooth_field(1), smooth_field(2)
+    columns, toy, theta = np.concatenate([base, mode]), Toy({"base": base}), np.array([1.2])
+    truth, pulls = 1.3 * base[0] + 0.5 * mode[0], []
+    for seed in range(80):
+        change, factors = _told(targets(truth, seed=seed, sd=0.5), toy, theta, columns, np.array([0.0, 1.0]))  # type: ignore[arg-type]
+        off = toy.predict(theta) + change - truth
+        some = [40, 70], [0, 2], 2  # step, point, axis
+        pulls.append(off[some] / np.sqrt((factors**2).sum(axis=0))[some])
+    assert 0.8 < np.sqrt(np.mean(np.square(pulls))) < 1.25  # of 160 draws: 1 +- 0.06
+
+
+def test_a_prior_that_the_film_says_nothing_of_stays() -> None:
+    base, seen = smooth_field(1), smooth_field(2)
+    seen[:] = 0.0
+    t = targets(1.3 * base[0], seed=1)
+    columns = np.concatenate([np.pad(x, ((0, 0), (0, 0), (0, 1), (0, 0))) for x in (base, seen)])
+    columns[1, :, -1, 2] = 2.0  # mm, at a place without a marker
+    _, factors = _told(t, Toy({"base": base}), np.array([1.2]), columns, np.array([0.0, 0.25]))  # type: ignore[arg-type]
+    assert np.sqrt((factors**2).sum(axis=0))[50, -1, 2] == pytest.approx(4.0)

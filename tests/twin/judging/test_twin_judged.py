@@ -1,15 +1,16 @@
 """A model is judged by the errors at its own fit, wherever the fit began; its bounds are free nowhere."""
 
 from collections.abc import Callable
-from dataclasses import replace
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import Any, cast
 
 import numpy as np
 import pytest
 
+from calibrate import Fit
 from calibrate.parameters import Parameter
 from twin.effects.protocol import Effect, Unsolvable
-from twin.judging.judged import Judged, judge, judge_fit
+from twin.judging.judged import TURNS, Judged, _End, _Task, judge, judge_fit
 from twin.judging.whitening import whitener
 from twin.targets import Array, Noise, Targets
 
@@ -166,3 +167,35 @@ def test_a_fit_that_never_stays_says_so(draw: Callable[..., Targets]) -> None:
     found = judge(Jumping(t), t, starts=np.array([0.3, 5.0]))  # type: ignore[arg-type]
     assert not found.fit.converged
     assert found.fit.reason == "the errors of gauge and mesh, rebuilt 8 times at the fit, still move it"
+
+
+@dataclass(frozen=True)
+class LeadingBack(_Task):
+    """Errors built at theta lead to `to` - 0.95 (theta - to) and so there and back; a whitener stands for its
+    theta."""
+
+    to: float = 0.3
+
+    def _fit(self, w: Any, start: Array, evaluations: int, *, tolerance: float | None = None) -> Fit:
+        best = np.array([self.to - 0.95 * (float(w) - self.to)])
+        near = np.abs(best - start).max() < 0.1 * 0.05 or evaluations == 1
+        return fit_of(start if near else best, converged=bool(near))
+
+    def _at(self, fit: Fit) -> _End:
+        return _End(fit, cast(Any, None), cast(Any, float(fit.theta[0])), np.zeros(1))
+
+
+def fit_of(theta: Array, *, converged: bool) -> Fit:
+    """A fit of one parameter there, with an sd of 0.05."""
+    return Fit(
+        parameters=(Parameter("c", 0.0, 1.0),), theta=np.asarray(theta, float), covariance=np.array([[0.05**2]]),
+        chi2=1.0, degrees_of_freedom=1, seed=0, evaluations=1, converged=converged, reason="", at_bound=(),
+    )  # fmt: skip
+
+
+def test_errors_that_lead_there_and_back_are_settled_in_between(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(_End, "deviance", 0.0)
+    task = LeadingBack(cast(Any, None), cast(Any, None), 0, 25, 0.1, TURNS, 0.0)
+    end = task.settled(task._at(fit_of(np.array([0.4]), converged=False)))
+    assert end.fit.converged
+    assert end.fit.theta == pytest.approx([0.3], abs=0.01)
