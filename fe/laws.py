@@ -79,6 +79,26 @@ class Material:
             mullins=self.mullins and (self.mullins[0], factor * self.mullins[1], self.mullins[2]),
         )
 
+    def steadiness(self, stretch: float) -> float:
+        """The least slope of shear up to a stretch, over the shear modulus at rest; 1 for neo-Hooke. Below 0
+        the rubber shears on by itself (Baker & Ericksen 1954, doi 10.1007/978-3-642-88691-1_6).
+
+        (t_i - t_j) / (l_i^2 - l_j^2), t the principal Kirchhoff stresses, in uniaxial, planar and equibiaxial
+        tension at constant volume; Gent's law ends where its limit is.
+        """
+        l = np.geomspace(1.0, stretch, 16)[1:, None]  # noqa: E741
+        states = np.array([l ** np.array(powers) for powers in ((1, -0.5, -0.5), (1, 0, -1), (1, 1, -2))])
+        a, b = states[..., (0, 1, 0)], states[..., (1, 2, 2)]  # pairs of stretches, and the third of each
+        x = (states**2).sum(axis=-1, keepdims=True) - 3
+        mu, limit = self.gent or (0.0, np.inf)
+        inside = x < limit
+        slope = self.C10 + 2 * self.C20 * x + 3 * self.C30 * x**2 + self.C01 / (a * b) ** 2
+        slope = 2 * slope + mu / np.where(inside, 1 - x / limit, 1.0)
+        apart = ~np.isclose(a, b)
+        between = np.where(apart, a**2 - b**2, 1.0)
+        slope += sum(2 * m / k * (a**k - b**k) for m, k in self.ogden) / between
+        return float(slope[apart & inside].min() / self.shear) if self.shear > 0 else -np.inf
+
     @property
     def constants(self) -> Array:
         """C10, C01, C20, C30, mu and 1/Jm of Gent, and the pairs of Ogden: the columns of `terms`."""

@@ -4,7 +4,7 @@ table of `identify.py`.
 A script asks `Rows` what it has, and adds a row as soon as it has one, so that it goes on where it was
 stopped. Rows count that were made by today's code (`trialbench.rule`), by that of the commit by which the
 rule was frozen as the table says, or by that of a commit between them in which everything that DECIDES is as
-it was frozen; others are run again.
+it was frozen or as it is today; others are run again.
 """
 
 import ast
@@ -49,7 +49,12 @@ def accepted(commit: str) -> set[str]:
         return {rule()}
     files = [f"twin/{module}.py" for module in DECIDES]
     later = git("rev-list", f"{commit}..HEAD", "--", *RULE).split()
-    alike = [c for c in later if not git("diff", "--name-only", commit, c, "--", *files)]
+
+    def decides(rule: str) -> str:
+        return git("ls-tree", rule, "--", *files)
+
+    kept = decides(commit), decides("HEAD")
+    alike = [c for c in later if decides(c) in kept]
     return {rule(), *map(rule_at, (commit, *alike))}
 
 

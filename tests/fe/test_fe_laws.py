@@ -189,3 +189,34 @@ def test_one_kind_of_test_does_not_tell_mooney_rivlin(shared_data: Any) -> None:
     assert rms(misfit(joint, tests, ["equibiaxial"])) == pytest.approx(0.085, abs=0.002)
     assert rms(misfit(alone, tests, ["uniaxial"])) < rms(misfit(joint, tests, ["uniaxial"]))
     assert rms(misfit(alone, tests, ["equibiaxial"])) > 10 * rms(misfit(joint, tests, ["equibiaxial"]))
+
+
+@pytest.mark.parametrize("stretch", [1.2, 1.63, 2.0])
+def test_mooney_rivlin_is_stable_where_C10_outweighs_the_square_of_the_stretch_times_C01(stretch: float) -> None:
+    share = -1 / (stretch**2 - 1)
+    assert Material(C10=1 - share, C01=share).steadiness(stretch) == pytest.approx(0.0, abs=1e-12)
+    assert Material(C10=0.2).steadiness(stretch) == pytest.approx(1.0)
+
+
+def test_stability_is_that_of_the_principal_stresses() -> None:
+    law = Material(C10=0.1, C01=0.05, C20=-0.01, C30=0.004, ogden=((0.05, -3.0), (0.02, 5.0)))
+    least = np.inf
+    for powers in ((1, -0.5, -0.5), (1, 0, -1), (1, 1, -2)):
+        for stretch in np.geomspace(1.0, 1.5, 16)[1:]:
+            l = stretch ** np.array(powers)  # noqa: E741
+            h = 1e-5
+
+            def energy(l: np.ndarray) -> float:  # noqa: E741
+                x, y = (l**2).sum() - 3, (l**-2.0).sum() - 3
+                own = 0.1 * x + 0.05 * y - 0.01 * x**2 + 0.004 * x**3
+                return float(own + sum(2 * mu / a**2 * (l**a).sum() for mu, a in law.ogden))
+
+            t = [(energy(l * np.exp(h * e)) - energy(l * np.exp(-h * e))) / (2 * h) for e in np.eye(3)]
+            pairs = [(i, j) for i, j in ((0, 1), (1, 2), (0, 2)) if abs(l[i] - l[j]) > 1e-9]
+            least = min(least, *((t[i] - t[j]) / (l[i] ** 2 - l[j] ** 2) for i, j in pairs))
+    assert law.steadiness(1.5) == pytest.approx(least / law.shear, rel=1e-6)
+
+
+def test_gent_is_stable_as_far_as_its_limit_lets_it_stretch() -> None:
+    assert Material(gent=(0.5, 0.4)).steadiness(1.63) >= 1.0
+    assert Material(C10=-0.1).steadiness(1.63) == -np.inf

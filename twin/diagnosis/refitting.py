@@ -63,7 +63,7 @@ def _allowed(model: Model, start: Theta, base: Theta) -> Theta:
     until the model may go there."""
     for back in (0.0, 0.25, 0.5, 0.75):
         values = {n: x + back * (base.get(n, x) - x) for n, x in start.items()}
-        if all(e.allowed(values) for e in model.effects):
+        if model.allowed(values):
             return values
     return {**start, **base}
 

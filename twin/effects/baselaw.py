@@ -7,6 +7,8 @@ pressure / (C10 + C01) and on the share C01 / (C10 + C01) only: hence `total` an
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 
+from fe import Case
+
 
 @dataclass(frozen=True)
 class Constants:
@@ -44,7 +46,13 @@ class Constants:
 NAMES = ("C10", "C01")
 NOMINAL = Constants(0.2, 0.1)  # MPa, until they are fitted
 BOUNDS = {"C10": (0.01, 0.5), "C01": (0.0, 0.5)}  # MPa, where twin.toml states no others
-# With a smaller one C10 + l^2 C01, without which rubber shears on by itself, is negative at a stretch l of
-# 1.63 (Baker & Ericksen 1954, doi 10.1007/978-3-642-88691-1_6). Ogden's exponent 4 with C20 has -0.5.
-LEAST_SHARE = -0.6
+STRETCH = 1.63  # to which rubber must be stable; the built-in finger reaches 1.47 at 30 kPa
+LEAST_SHARE = -0.6  # that Mooney-Rivlin rubber may have for it; Ogden's exponent 4 with C20 has -0.5
+WIDEST_SHARE = -2.0  # with terms beside C10 and C01, which make it stable: Ogden's exponent 10
 TYPICAL = 0.02  # MPa, a change of either that shows
+
+
+def steadiness(case: Case) -> float:
+    """The least `Material.steadiness` of the materials of a case up to STRETCH, but for those kept."""
+    own = [m for name, m in case.materials.items() if name not in case.kept]
+    return min((m.steadiness(STRETCH) for m in own), default=1.0)

@@ -170,11 +170,6 @@ class Effect:
         del theta
         return test
 
-    def allowed(self, theta: Theta) -> bool:
-        """Whether a fit may go there; derivatives may be taken a little beyond."""
-        del theta
-        return True
-
     def breaks_symmetry(self, test: Test) -> bool:
         """Whether it loads or shapes the halves y > 0 and y < 0 of the test differently; then the whole is
         modelled. Nothing but this says so."""

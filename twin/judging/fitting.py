@@ -65,8 +65,7 @@ def fit_model(
     """
 
     def residual(theta: Array) -> Array | None:
-        values = model.named(theta)
-        if not all(e.allowed(values) for e in model.effects):
+        if not model.allowed(model.named(theta)):
             return None
         try:
             return w.whiten(targets.value - model.predict(theta))

@@ -13,7 +13,7 @@ from calibrate import Parameter
 from fe import Solution, Variation, solve
 from fe.mesh.mirror import mirrored, symmetry_support
 from twin import effort
-from twin.effects.baselaw import NAMES
+from twin.effects.baselaw import NAMES, STRETCH, steadiness
 from twin.effects.protocol import Effect, Order, Test, Theta, Unsolvable
 from twin.gravity import hangs_aside, is_heavy, pulls_across
 from twin.model.discretisation import Discretisation
@@ -25,6 +25,7 @@ STEP = 1e-6  # of a parameter's typical size, for differencing the effects' maps
 # Of what a material's memory makes of each displacement, the error of the mesh beside its correction, made
 # without history: 1 sd. Two meshes of the demo's test differ by 1 to 3 % of it, near the clamp by 6 %.
 HISTORY = 0.05
+BESIDE = 0.02  # of the shear modulus, by which derivatives may go beyond what is stable
 NUDGE = 1e-4  # of the highest pressure, for differencing the mesh's correction
 
 
@@ -126,7 +127,23 @@ class Model:
         return len(self._whole[0].case.nodes) == len(other._whole[0].case.nodes)
 
     def put(self, theta: Theta) -> Test:
-        """The test with every effect's `before` applied."""
+        """The test with every effect's `before` applied. Raises Unsolvable where its rubber is not stable."""
+        test = self._put(theta)
+        if (least := steadiness(test.case)) < -BESIDE:
+            raise Unsolvable(
+                f"no stable rubber: of its shear modulus {least:.2g} is left within a stretch of "
+                f"{STRETCH:g}; wanted 0 or more"
+            )
+        return test
+
+    def allowed(self, theta: Theta) -> bool:
+        """Whether a fit may go there: where its rubber is stable. Derivatives may go a little beyond."""
+        try:
+            return steadiness(self._put(theta).case) >= 0.0
+        except Unsolvable:
+            return False
+
+    def _put(self, theta: Theta) -> Test:
         test = self._whole[0]
         for e in self.effects:
             test = e.before(test, theta)
