@@ -6,6 +6,7 @@ Each function gives one sentence that says what is wrong and what is the likely 
 import numpy as np
 
 from fe import Case
+from twin.effects.baselaw import LEAST_SHARE
 from twin.targets import Array, PointKind, Targets
 
 LEAST_MPA, MOST_MPA = 1e-4, 1.0  # the peak of a test of a soft finger lies far within
@@ -15,6 +16,7 @@ TURNED = 5.0  # times as much below zero as above it
 USUAL_MPA = (0.005, 0.3)
 REACHED = 1.5  # times what the regulator was set to, or as much below; two units are 6.9 times apart or more
 SILICONE_MPA = (0.02, 2.0)  # C10 + C01 of silicones that fingers are cast of
+NEAR = 0.02  # of the least share: where a fit is stopped by it
 CURLED = 2.0  # largest displacement over the finger's length: a tip that is rolled up moves by 1.3 of it
 RESTING = 2e-3  # displacement over length that any pressure of 40 kPa exceeds; in proportion below that
 FULL_MPA = 0.04
@@ -75,6 +77,16 @@ def silicone_doubt(total: float, *, end: int) -> str:
     return (
         f"C10 + C01 is {total:.3g} MPa: {what}. Is the pressure read too {wrong}? Write what the regulator "
         "was set to as top_kPa under [pressure]: `twin check` compares it with the log."
+    )
+
+
+def stability_doubt(share: float) -> str:
+    """A sentence where C01 / (C10 + C01) is the least at which Mooney-Rivlin rubber is stable."""
+    if share > LEAST_SHARE + NEAR:
+        return ""
+    return (
+        f"C01/(C10 + C01) is {share:.2f}, and with less the rubber would not be stable: the silicone has "
+        "another law than Mooney-Rivlin, or another effect is missing. `twin diagnose` looks for it."
     )
 
 

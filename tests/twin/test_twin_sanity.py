@@ -19,6 +19,7 @@ from twin.sanity import (
     pressure_fault,
     rise_fault,
     silicone_doubt,
+    stability_doubt,
     top_fault,
     zero_fault,
 )
@@ -207,6 +208,11 @@ def test_constants_of_no_silicone_are_told_with_the_unit() -> None:
     assert "Is the pressure read too low, as kPa read as mbar" in silicone_doubt(0.015, end=0)
     assert "1 MPa: the constants end at their bounds. Is the pressure read too high" in silicone_doubt(1.0, end=1)
     assert "read too low" in silicone_doubt(0.1, end=-1)
+
+
+def test_a_fit_that_stability_has_stopped_is_told() -> None:
+    assert stability_doubt(0.28) == stability_doubt(-0.5) == ""
+    assert "C01/(C10 + C01) is -0.60, and with less the rubber would not be stable" in stability_doubt(-0.598)
 
 
 def test_an_end_is_one_where_all_constants_end_on_one_side() -> None:

@@ -11,7 +11,7 @@ from twin.effects.baselaw import Constants
 from twin.judging.intervals import fit_record
 from twin.project import files
 from twin.project.folder import Project, Run, Say
-from twin.sanity import doubts, fit_fault, silicone_doubt
+from twin.sanity import doubts, fit_fault, silicone_doubt, stability_doubt
 from twin.study.fullsolves import full_solves
 from twin.study.generations import Generation, search
 from twin.study.known import known_of
@@ -46,6 +46,8 @@ def run_calibrate(project: Project, say: Say) -> dict[str, Any]:
     say(words)
     constants = Constants.of({**model.named(fit.theta), **bench.elasticity.fixed})
     if doubt := silicone_doubt(constants.total, end=_end(fit)):
+        say(doubt)
+    if doubt := stability_doubt(constants.share):
         say(doubt)
     if crossed:
         say(f"{crossed}; the model knows no such contact.")
