@@ -210,7 +210,7 @@ def equivalent(time: Array, pressure: Array, prony: Array) -> Array:
     prony (m, 2) holds g and tau s. Solves p(t) = int [1 - sum g (1 - exp(-(t-s)/tau))] dq(s) for q, with q
     linear between the times (t,) s; the structure is unloaded before the first time.
     """
-    out, g, x = np.empty(len(pressure)), prony[:, 0], np.diff(time)[:, None] / prony[:, 1]
+    out, g, x = np.empty(len(pressure)), prony[:, 0].copy(), np.diff(time)[:, None] / prony[:, 1]
     decay, share = np.exp(-np.minimum(x, 300.0)), g * -np.expm1(-x) / x
     _equivalent(np.asarray(pressure, float), g, decay, share, out)
     return out
@@ -219,7 +219,10 @@ def equivalent(time: Array, pressure: Array, prony: Array) -> Array:
 @machine_code
 def _equivalent(pressure: Array, g: Array, decay: Array, share: Array, out: Array) -> None:
     """Fills out (t,) by the pressure (t,), and g (m,), decay and share (t - 1, m) of the terms."""
-    queue, total = g * pressure[0], g.sum()  # a first value other than 0 is put on instantly
+    queue, total = np.empty(len(g)), 0.0
+    for k in range(len(g)):
+        queue[k] = g[k] * pressure[0]  # a first value other than 0 is put on instantly
+        total += g[k]
     out[0] = pressure[0]
     for n in range(1, len(pressure)):
         rest, own = 0.0, 0.0

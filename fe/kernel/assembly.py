@@ -191,7 +191,8 @@ class Geometry:
         self.nodes = nodes
         X = nodes[connectivity]  # (e, n, 3)
         jacobian = np.einsum("eai,qaJ->eqiJ", X, dN, optimize=True)
-        self.weight = np.linalg.det(jacobian) * element.weights  # (e, q)
+        # (e, q) in one order, as the compiled loops are made for
+        self.weight = np.ascontiguousarray(np.linalg.det(jacobian) * element.weights)
         # (e, q, I, a), as the compiled loops want them
         self.G = np.ascontiguousarray(np.swapaxes(np.linalg.inv(jacobian), 2, 3) @ np.swapaxes(dN, 1, 2))
         size = np.ptp(X, axis=1).max(-1)[:, None, None]

@@ -287,7 +287,8 @@ def residual(
     none = np.empty((0, 3, 3))
     for e in range(first, last):
         _gathered(fields.u, mesh.connectivity[e], ue)
-        out.gap[e] = 0.0
+        for k in range(modes):
+            out.gap[e, k] = 0.0
         for q in range(points):
             _deformed(mesh.G[e, q], ue, mesh.rest, e, q, at.F)
             J, I1, I2 = invariants(at)
@@ -403,8 +404,12 @@ def _assemble(e: int, out: Tangent, rows: Array, given: Array, K: Array) -> None
                         K[d, pair, b] += given[i, r] * rows[j, r, b]
             for b in range(half, n):
                 out.data[out.places[e, d, pair, b]] += K[d, pair, b]
-    if kept:
-        out.kept[out.slots[e]] = K
+    if kept:  # one by one: for an array set as a whole numba compiles seconds more, its error messages
+        slot = out.slots[e]
+        for d in range(n):
+            for pair in range(6):
+                for b in range(n):
+                    out.kept[slot, d, pair, b] = K[d, pair, b]
 
 
 @machine_code
@@ -421,7 +426,8 @@ def linearise(
     )  # fmt: skip
     for e in range(first, last):
         _gathered(fields.u, mesh.connectivity[e], ue)
-        out.gap[e] = 0.0
+        for k in range(modes):
+            out.gap[e, k] = 0.0
         for q in range(points):
             pressure = _pressure(mesh.psi[e, q], fields.p[e])
             _deformed(mesh.G[e, q], ue, mesh.rest, e, q, at.F)
@@ -466,7 +472,8 @@ def along(
     de, flux, dP = np.empty((n, 3 * count)), np.empty((3 * points, 3 * count)), np.empty((3, 3))
     for e in range(first, last):
         for v in range(count):
-            out.gap[v, e] = 0.0
+            for r in range(modes):
+                out.gap[v, e, r] = 0.0
             for b in range(n):
                 for i in range(3):
                     de[b, 3 * v + i] = change.u[v, mesh.connectivity[e, b], i]

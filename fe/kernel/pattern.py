@@ -40,5 +40,6 @@ class Pattern:
         nowhere: behind the last.
         """
         out = np.empty((*rows.shape, columns.shape[1]), np.int32)
-        compiled.places(self.indptr, self.indices, rows, columns, mirrored, out)
+        own = np.ascontiguousarray(rows), np.ascontiguousarray(columns)  # each kind of array is compiled anew
+        compiled.places(self.indptr, self.indices, *own, mirrored, out)
         return out

@@ -2,6 +2,7 @@
 
 A lens is the vector fx fy cx cy k1 k2 p1 p2 k3 sx sy: OpenCV's distortion, then a shift in px. Only the block
 of the picture round a patch is turned into spline coefficients: a mark covers a thousandth of a frame.
+Values are set one by one: for an array set as a whole numba compiles a second more, its error messages.
 """
 
 from collections.abc import Callable
@@ -33,7 +34,8 @@ def _prefilter(block: Any) -> None:
         for i in range(columns):
             first[i] += power * block[k, i]
         power *= _POLE
-    block[0] = first
+    for i in range(columns):
+        block[0, i] = first[i]
     for k in range(1, rows):
         for i in range(columns):
             block[k, i] += _POLE * block[k - 1, i]
@@ -151,6 +153,13 @@ def _compose(warp: Any, change: Any, after: Any) -> bool:
     return True
 
 
+@_compiled
+def _whole(quarters: Any, k: int) -> float:
+    """The sum of a patch's quarters."""
+    value: float = quarters[0, k] + quarters[1, k] + quarters[2, k] + quarters[3, k]
+    return value
+
+
 # One long body with eleven arguments: numba compiles the loops over marks, steps and points as one function.
 @_compiled
 def lay(
@@ -196,10 +205,11 @@ def lay(
                 held[2] = cut[2] - 1 - TRUSTED if cut[2] < width else width - 1.0
                 held[3] = cut[3] - 1 - TRUSTED if cut[3] < height else height - 1.0
             power = 0.0
-            quarter[:] = 0.0
+            for k in range(10):
+                quarter[0, k] = quarter[1, k] = quarter[2, k] = quarter[3, k] = 0.0
             for row in range(side):
                 for right in range(2):
-                    part = quarter[(2 if row >= half else 0) + right]
+                    own = quarter[(2 if row >= half else 0) + right]
                     total, product = 0.0, 0.0
                     for i in range(row * side + right * half, row * side + (side if right else half)):
                         x, y, _ = _pixel(lens, warp, grid[0, i], grid[1, i])
@@ -208,18 +218,20 @@ def lay(
                         power += value * value
                         product += value * template[i]
                         for k in range(8):
-                            part[k] += steps[i, k] * value
-                    part[8] += product
-                    part[9] += total
-            product, total = quarter[:, 8].sum(), quarter[:, 9].sum()
+                            own[k] += steps[i, k] * value
+                    own[8] += product
+                    own[9] += total
+            product, total = _whole(quarter, 8), _whole(quarter, 9)
             norm = np.sqrt(max(power - total * total / count, 1e-12))
             if not product > 0.0:
                 break
             for k in range(8):
-                change[k] = quarter[:, k].sum() / norm
+                change[k] = _whole(quarter, k) / norm
             if not _compose(warp, change, after):
                 break
             if scale[m] * max(abs(change[2]), abs(change[5])) <= CONVERGED_PX:
                 correlation[m] = product / norm
-                sums[m] = quarter / norm
+                for part in range(4):
+                    for k in range(10):
+                        sums[m, part, k] = quarter[part, k] / norm
                 break
