@@ -92,19 +92,23 @@ def nearest_on_faces(kind: Element, faces: Array, x: Array) -> Array:
     st = _on_one_face(kind, np.stack(np.meshgrid(grid, grid), axis=-1).reshape(-1, 2))
     away = np.linalg.norm(np.einsum("km,fmi->fki", kind.on_face(st)[0], faces) - x, axis=2)
     near = np.argsort(away.min(axis=1))[:SAMPLES]  # a neighbour of the face with the nearest sample, perhaps
-    found = [_nearest_on_face(kind, faces[f], x, st[away[f].argmin()]) for f in near]
-    return min(found, key=lambda place: float(np.linalg.norm(place - x)))
+    return _narrowed(kind, faces[near], x, st[away[near].argmin(axis=1)])
 
 
-def _nearest_on_face(kind: Element, face: Array, x: Array, st: Array) -> Array:
-    """The place (3,) of one face (m, 3) nearest to x, by a search about its point st (2,) that narrows."""
+def _narrowed(kind: Element, faces: Array, x: Array, st: Array) -> Array:
+    """The place (3,) nearest to x of faces (f, m, 3) mm, by searches about their points st (f, 2) that
+    narrow."""
     around = np.stack(np.meshgrid(*[np.linspace(-1.0, 1.0, 5)] * 2), axis=-1).reshape(-1, 2)
+    every = np.arange(len(faces))
     for step in 0.25 * 0.5 ** np.arange(SHRINK):
-        tried = _on_one_face(kind, st + step * around)
-        places = kind.on_face(tried)[0] @ face
-        best = int(np.linalg.norm(places - x, axis=1).argmin())
-        st = tried[best]
-    return np.asarray(places[best])
+        tried = _on_one_face(kind, (st[:, None] + step * around).reshape(-1, 2))
+        N = kind.on_face(tried)[0].reshape(len(faces), len(around), -1)
+        places = N @ faces
+        away = np.linalg.norm(places - x, axis=2)
+        best = away.argmin(axis=1)
+        st = tried.reshape(*places.shape[:2], 2)[every, best]
+    face = int(away.min(axis=1).argmin())
+    return np.asarray(places[face, best[face]])
 
 
 def _on_one_face(kind: Element, st: Array) -> Array:
