@@ -112,6 +112,7 @@ OPTIONS: dict[str, tuple[Parameter, ...]] = {
     "predict": (
         _option("pressure", NAMES, [], "pressure that is held, such as 20kPa; once for each"),
         _option("course", Path | None, None, "pressure log to follow instead, CSV"),
+        _option("inverse", NAMES, [], "a wanted displacement, mm: the pressure that gives tip.U3=-40"),
         _option("at", NAMES, [], "a point of the project, x=60, or x,y,z in mm; once for each"),
         _option("ramp_s", float, 2.0, "time in which a held pressure is reached, s"),
         _option("hold_s", float, 2.0, "time for which it is held, s"),

@@ -115,11 +115,13 @@ class OpenedProject:
         at: Sequence[str] = (),
         ramp_s: float = 2.0,
         hold_s: float = 2.0,
+        inverse: Sequence[str] = (),
     ) -> StageResult:
         """Displacements that nobody has measured, mm, under pressures such as "20kPa" or along the course of
-        a pressure log: a row for each point and time, with the 95 % interval."""
-        log = None if course is None else Path(course)
-        return self._run("predict", pressure=pressure, course=log, at=at, ramp_s=ramp_s, hold_s=hold_s)
+        a pressure log, or at the pressures that give wanted ones, such as inverse=["tip.U3=-40"]: a row for
+        each point and time, with the 95 % interval."""
+        log, held = None if course is None else Path(course), {"ramp_s": ramp_s, "hold_s": hold_s}
+        return self._run("predict", pressure=pressure, course=log, at=at, inverse=inverse, **held)
 
     def study(self) -> StageResult:
         """What a calibration by two points has found: a row for each constant and error."""

@@ -90,18 +90,16 @@ def predicted(
     Raises Unsolvable where there is no equilibrium.
     """
     fit, targets = record.fit, bench.targets
-    low, high = ends(bench)
-    own = replace(bench, targets=after(targets, courses, {**places, LOW: low, HIGH: high}))
-    model = own.on_mesh(own.model(), fit.theta, say)
+    own, model = followed(bench, record, courses, places, say)
     tested = SAME * float(targets.log_pressure.max())
     beyond = any(one.pressure.max() > tested for one in courses)
-    columns, prior = _uncertain(model, record, own.targets, beyond=beyond)
+    columns, prior = _uncertain(model, record, own, beyond=beyond)
     change, factors = _told(targets, model, fit.theta, columns, prior)
     u = model.predict(fit.theta)
     if record.adequate:  # else it would be what the model lacks
         u = u + change
-    angle, turns = turned(own.targets.names, u, factors, np.array([low, high]))
-    wanted = [own.targets.names.index(name) for name in places]
+    angle, turns = turned(own.names, u, factors, np.array(ends(bench)))
+    wanted = [own.names.index(name) for name in places]
     out, done = [], len(targets.time)
     for one in courses:
         rows = slice(done + 1, done + 1 + len(one.output))  # the first is the rest before it
@@ -119,6 +117,19 @@ def predicted(
             why=_doubt(record),
         ))  # fmt: skip
     return out
+
+
+def followed(
+    bench: Workbench,
+    record: FitRecord,
+    courses: Sequence[WantedCourse],
+    places: Mapping[str, Array],
+    say: Say,
+) -> tuple[Targets, Model]:
+    """The targets of a project with films that were not made (`after`), and its model of all of them."""
+    low, high = ends(bench)
+    own = replace(bench, targets=after(bench.targets, courses, {**places, LOW: low, HIGH: high}))
+    return own.targets, own.on_mesh(own.model(), record.fit.theta, say)
 
 
 def ends(bench: Workbench) -> tuple[Array, Array]:

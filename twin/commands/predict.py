@@ -10,6 +10,8 @@ from pydantic import Field
 
 from fe.mesh.points import nearest
 from twin.bench.fits import fit_file
+from twin.bench.inverting import Inverse, Wanted
+from twin.bench.inverting import inverse as inverted_for
 from twin.bench.positions import ON_FINGER_MM
 from twin.bench.predicting import NORMAL, Prediction, WantedCourse, predicted
 from twin.bench.workbench import Workbench
@@ -53,6 +55,15 @@ class PredictedAngle(Record):
     high: Maybe
 
 
+class PredictedPressure(Record):
+    """The held pressure that gives a wanted displacement."""
+
+    wanted: str = Field(description="as it was asked for, such as tip.U3=-40")
+    pressure_MPa: Finite
+    low_MPa: Maybe = Field(description="95 % interval; null where the fit has none")
+    high_MPa: Maybe
+
+
 class PredictionRecord(Record):
     """What the model predicts."""
 
@@ -60,6 +71,7 @@ class PredictionRecord(Record):
     points: tuple[PredictedPoint, ...] = Field(description="a row a point and time")
     angles: tuple[PredictedAngle, ...] = Field(description="a row a time")
     tested_MPa: Finite = Field(description="highest pressure of the film")
+    inverse: tuple[PredictedPressure, ...] = Field(default=(), description="a row a wanted displacement")
     note: str = Field(default="", description="why there are no intervals, and what was not tested")
 
 
@@ -72,29 +84,44 @@ def run_predict(
     at: Sequence[str] = (),
     ramp_s: float = 2.0,
     hold_s: float = 2.0,
+    inverse: Sequence[str] = (),
 ) -> dict[str, Any]:
     """Displacements of points and the turn of the tip, each with its 95 % interval, under held pressures or
-    along the course of a log."""
-    courses = _courses(pressure, course, ramp_s, hold_s)
+    along the course of a log; or at the pressures that give wanted displacements."""
+    wanted = [Wanted.of(text) for text in inverse]
+    courses = _courses(pressure, course, ramp_s, hold_s, wanted)
     bench = Workbench.of(project)
     record = files.read(FitRecord, fit_file(project))
-    places = asked(bench, at)
+    places = asked(bench, at) if at or not wanted else {}
+    places |= asked(bench, [one.point for one in wanted]) if wanted else {}
     tested = float(bench.targets.log_pressure.max())
     inputs = [project.targets_folder, *project.deck_files(), *([course] if course else [])]
-    extra = {"pressure": list(pressure), "at": list(at), "ramp_s": ramp_s, "hold_s": hold_s}
+    extra = {
+        "pressure": list(pressure), "inverse": list(inverse), "at": list(at), "ramp_s": ramp_s,
+        "hold_s": hold_s,
+    }  # fmt: skip
     with project.new_run("predict", inputs=inputs, extra=extra) as run:
         say.progress("predict", 0, 1)
-        found = predicted(bench, record, courses, places, say)
+        inverted = [
+            inverted_for(bench, record, one, places, say, ramp_s=ramp_s, hold_s=hold_s) for one in wanted
+        ]
+        if wanted:
+            found, courses = [one.prediction for one in inverted], [one.course for one in inverted]
+        else:
+            found = predicted(bench, record, courses, places, say)
         made = PredictionRecord(
             points=tuple(row for one in found for row in _rows(one)),
             angles=tuple(row for one in found for row in _angles(one)),
             tested_MPa=tested,
+            inverse=tuple(_pressure_row(one) for one in inverted),
             note=" ".join(_notes(bench, courses, found)),
         )
         run.write(made)
         run.write_text("predicted.csv", _csv(made))
         run.write_bytes("predicted.png", _picture(found))
         run.summary["headline"] = _headline(made)
+    for row in made.inverse:
+        say(f"{row.wanted} mm at {_in_kPa(row)}.")
     for line in _table(made) if course is None else [_headline(made)]:
         say(line)
     if made.note:
@@ -104,13 +131,14 @@ def run_predict(
 
 
 def _courses(
-    pressure: Sequence[str], course: Path | None, ramp_s: float, hold_s: float
+    pressure: Sequence[str], course: Path | None, ramp_s: float, hold_s: float, wanted: Sequence[Wanted] = ()
 ) -> list[WantedCourse]:
-    """What is to be predicted. ValueError where nothing, or both, are asked for."""
-    if bool(pressure) == (course is not None):
+    """What is to be predicted, but for what is wanted. ValueError where not one way of asking is taken."""
+    ways = [bool(pressure), course is not None, bool(wanted)]
+    if sum(ways) != 1:
         raise ValueError(
-            "wanted --pressure, such as --pressure 20kPa, once for each, or --course with a pressure log; "
-            f"{'both are' if pressure else 'neither is'} given"
+            "wanted one of --pressure, such as --pressure 20kPa, once for each, --course with a pressure "
+            f"log, and --inverse, such as --inverse tip.U3=-40; {sum(ways) or 'none'} of them are given"
         )
     for name, value in (("ramp_s", ramp_s), ("hold_s", hold_s)):
         if not 0 < value < 1e5:
@@ -180,6 +208,20 @@ def _picture(found: Sequence[Prediction]) -> bytes:
         1e3 * pressure if held else found[0].time, u, None if found[0].why else half, names=found[0].names,
         label="pressure, kPa" if held else "time, s", beyond=np.concatenate([one.beyond for one in some]),
     )  # fmt: skip
+
+
+def _pressure_row(one: Inverse) -> PredictedPressure:
+    low, high = one.interval or (None, None)
+    return PredictedPressure(
+        wanted=one.wanted.words, pressure_MPa=one.pressure, low_MPa=low, high_MPa=high
+    )
+
+
+def _in_kPa(row: PredictedPressure) -> str:
+    told = f"{1e3 * row.pressure_MPa:.4g} kPa"
+    if row.low_MPa is None or row.high_MPa is None:
+        return told
+    return f"{told} (95 %: {1e3 * row.low_MPa:.4g} to {1e3 * row.high_MPa:.4g})"
 
 
 def _rows(one: Prediction) -> list[PredictedPoint]:

@@ -502,8 +502,8 @@ class CalibrateTable(TableModel):
     bounds: dict[str, Bounds] = Field(
         default=dict(BOUNDS),
         description="lowest and highest value of each constant in the genetic algorithm, MPa; least squares "
-        "may take a C01 below 0, and a C10 above its bound for it, where 0 is allowed and the rubber is "
-        "stable",
+        "may take a C01 below 0, and a C10 above its bound for it, where 0 is allowed and while the rubber "
+        "remains stable",
     )
 
 

@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 
 from tests.twin.diagnosis.toy import Toy, smooth_field, targets
+from twin.bench import inverting
+from twin.bench.inverting import Wanted, first_crossing
 from twin.bench.predicting import GAP, HIGH, LOW, Prediction, WantedCourse, _told, after, turned
 from twin.bench.workbench import Workbench
 from twin.commands.predict import _notes, asked, pressure_of, run_predict
@@ -80,9 +82,9 @@ def test_the_turn_of_the_end_face_and_its_error() -> None:
 
 def test_one_of_pressure_and_course_is_wanted(tmp_path: Path) -> None:
     project = Project.open(dataset("study"))
-    with pytest.raises(ValueError, match="neither is given"):
+    with pytest.raises(ValueError, match="none of them are given"):
         run_predict(project, lambda text: None)  # type: ignore[arg-type]
-    with pytest.raises(ValueError, match="both are given"):
+    with pytest.raises(ValueError, match="2 of them are given"):
         run_predict(project, lambda text: None, pressure=("20kPa",), course=tmp_path)  # type: ignore[arg-type]
     with pytest.raises(ValueError, match="--hold-s -1"):
         run_predict(project, lambda text: None, pressure=("20kPa",), hold_s=-1.0)  # type: ignore[arg-type]
@@ -129,3 +131,67 @@ def test_a_prior_that_the_film_says_nothing_of_stays() -> None:
     columns[1, :, -1, 2] = 2.0  # mm, at a place without a marker
     _, factors = _told(t, Toy({"base": base}), np.array([1.2]), columns, np.array([0.0, 0.25]))  # type: ignore[arg-type]
     assert np.sqrt((factors**2).sum(axis=0))[50, -1, 2] == pytest.approx(4.0)
+
+
+@pytest.mark.parametrize(("text", "wanted"), [
+    ("tip.U3=-40", Wanted("tip", 2, -40.0)),
+    ("x=60.u1 = 2.5 mm", Wanted("x=60", 0, 2.5)),
+    ("60,11.5,0.U2=1e-1", Wanted("60,11.5,0", 1, 0.1)),
+])  # fmt: skip
+def test_a_wanted_displacement_names_point_and_axis(text: str, wanted: Wanted) -> None:
+    assert Wanted.of(text) == wanted
+    assert Wanted.of(wanted.words) == wanted
+
+
+@pytest.mark.parametrize("text", ["tip", "tip=-40", "tip.U4=1", "tip.U3=deep", "tip.U3=1.2.3", ".U3=4"])
+def test_what_is_no_wanted_displacement_is_refused(text: str) -> None:
+    with pytest.raises(ValueError, match=r"such as tip\.U3=-40"):
+        Wanted.of(text)
+
+
+def test_the_lowest_pressure_that_gives_a_value_is_taken() -> None:
+    pressure = np.linspace(0.0, 0.03, 16)
+    u = -2e3 * pressure + 4e4 * pressure**2  # back from its turn at 25 kPa
+    found = first_crossing(pressure, u, -20.0)
+    assert found is not None
+    exact = (2e3 - np.sqrt(4e6 - 16e4 * 20)) / 8e4
+    assert found == pytest.approx((exact, -2e3 + 8e4 * exact), rel=5e-3)
+    assert first_crossing(pressure, u, -26.0) is None
+    assert first_crossing(pressure, u, 1.0) is None
+
+
+def test_the_pressure_for_a_displacement_gives_it(bench: Workbench, monkeypatch: pytest.MonkeyPatch) -> None:
+    def moved(p: np.ndarray) -> np.ndarray:
+        return -1.5e3 * p - 2e4 * p**2
+
+    def told(bench, record, courses, places, say):  # type: ignore[no-untyped-def]
+        (one,) = courses
+        u, factors = np.zeros((1, 1, 3)), np.zeros((1, 1, 1, 3))
+        u[..., 2], factors[..., 2] = moved(one.pressure[-1]) + 0.3, 0.2  # the film knows more than the constants
+        return [Prediction(
+            time=one.output, pressure=one.pressure[-1:], names=("tip",), u=u, factors=factors,
+            beyond=np.zeros(1, bool), angle=np.zeros(1), angle_sd=np.zeros(1),
+        )]  # fmt: skip
+
+    tried: list[float] = []
+
+    def reached(bench, record, wanted, places, courses, say):  # type: ignore[no-untyped-def]
+        tried.extend(float(c.pressure[-1]) for c in courses)
+        return np.array([moved(c.pressure[-1]) for c in courses])
+
+    monkeypatch.setattr(inverting, "predicted", told)
+    monkeypatch.setattr(inverting, "_reached", reached)
+    top, places = float(bench.targets.log_pressure.max()), {"tip": np.zeros(3)}
+
+    def at(value: float) -> inverting.Inverse:
+        wanted = Wanted("tip", 2, value)
+        return inverting.inverse(bench, None, wanted, places, lambda text: None, ramp_s=2.0, hold_s=2.0)  # type: ignore[arg-type]
+
+    found = at(moved(np.array(0.6 * top)) + 0.3)
+    assert found.pressure == pytest.approx(0.6 * top, rel=1e-3)
+    assert max(tried) == pytest.approx(top)  # no more than was tested
+    low, high = found.interval or (0.0, 0.0)
+    assert (high - low) / 2 == pytest.approx(1.96 * 0.2 / (1.5e3 + 4e4 * 0.6 * top), rel=0.02)
+    assert at(moved(np.array(1.3 * top))).pressure > 1.2 * top
+    with pytest.raises(ValueError, match=rf"tip moves by .* to 0 mm in U3 up to {1.5e3 * top:.4g} kPa"):
+        at(moved(np.array(1.6 * top)))
