@@ -185,6 +185,10 @@ DOUBTFUL: dict[str, tuple[Plant, str]] = {
         painted(lambda k, grey: grey if k < 30 else np.minimum(1.8 * grey, 255.0), "film.mkv"),
         r"7 markers look smaller than at rest.* 3 of them are fixed to the rig.*light or the camera changed",
     ),
+    "a lamp that flickers": (
+        painted(lambda k, grey: grey * (0.9 + 0.08 * np.sin(2.5 * k)), "film.mkv"),
+        r"The light flickers: at rest the mean grey level of film.mkv changes by \d+(\.\d)? % from frame to frame",
+    ),
     "a stabiliser": (
         turned(degrees=0.2, shift=1.0),
         r"frame markers move in the picture of film.mkv: by up to 1\.\d px at .*turned by up to 0\.2 .*a stabiliser",

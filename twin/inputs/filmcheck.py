@@ -25,6 +25,7 @@ if TYPE_CHECKING:  # vision takes a second to import
 SMALL_PX = 20.0  # a marker below it is followed less well
 OFTEN = 0.5  # share of the frames looked at in which a marker of the finger should be seen
 OTHER_SIZE, OTHER_NOISE = 1.05, 1.5  # times, of markers and of noise, in the static film and the test
+UNSTEADY = 0.01  # share of its grey level by which a film at rest changes from frame to frame; noise: 1e-4
 TORN, TORN_FRAMES = 4e-4, 2  # share of the pixels, 100 of a small picture, and frames in which it is so
 AT_FIRST = 3  # frames that are at rest if any are
 CORNERS_MM, NOISE_MM = 0.1, 0.03  # error of a place by a marker's corners at 3 px/mm, and its scatter
@@ -101,7 +102,7 @@ def _findings(look: _Look, log: Log) -> list[str]:
         check_glimpses(film, own, look.marks, look.dictionary)
     _whole_pictures(look, seen)
     said = [*_marks(look, seen), *_rests(look, seen, still, log), *_small(look, seen), *_seldom(look, seen)]
-    said += _apart(look, seen, still)
+    said += [*_apart(look, seen, still), *_lit(look, seen)]
     return [*said, *_motion(look, seen, log)]
 
 
@@ -201,6 +202,18 @@ def _apart(look: _Look, seen: "Glimpses", still: "Glimpses") -> list[str]:
             f"of {film} by {seen.flicker:.2g}. {noise}: film it again."
         )
     return told
+
+
+def _lit(look: _Look, seen: "Glimpses") -> list[str]:
+    """A sentence where the light changes from frame to frame."""
+    if not seen.light > UNSTEADY:
+        return []
+    return [
+        f"The light flickers: at rest the mean grey level of {look.film.path.name} changes by "
+        f"{100 * seen.light:.2g} % from frame to frame. That shifts the edges of markers by micrometres, and "
+        "the stated errors hold only a part of it. Film by daylight or lamps that do not flicker, or expose "
+        "for 10 ms or a multiple of it (8.3 ms where the mains has 60 Hz)."
+    ]
 
 
 def _seldom(look: _Look, seen: "Glimpses") -> list[str]:

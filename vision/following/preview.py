@@ -31,6 +31,7 @@ class Glimpses:
     unused: dict[int, Array]  # centres (2,) raw px in the first picture of ids that no mark has
     combs: Array  # (k,) share of the pixels in which odd and even rows show two moments
     flicker: float  # grey levels by which pixels change from frame to frame at rest, on average; NaN for one
+    light: float  # share by which the picture's mean grey level does; NaN for one
 
 
 def glimpses(
@@ -75,7 +76,7 @@ def glimpses(
         np.isin(np.array(frames), rest),
         unused,
         np.array(combs),
-        _flicker(film, min(len(rest), IN_FLICKER)),
+        *_changes(film, min(len(rest), IN_FLICKER)),
     )
 
 
@@ -84,11 +85,16 @@ def check_glimpses(film: Video, seen: Glimpses, marks: Sequence[Mark], dictionar
     check_start(film, [seen.first], marks, dictionary, seen.warp)
 
 
-def _flicker(film: Video, count: int) -> float:
-    """Grey levels by which pixels change from one frame to the next, on average over the first ones."""
+def _changes(film: Video, count: int) -> tuple[float, float]:
+    """Grey levels by which pixels change from one of the first frames to the next, on average, and the share
+    by which the mean grey level does."""
     sparse = (image[::SPARSE, ::SPARSE].astype(np.float64) for _, _, image in film.frames(0, count))
-    changes = [float(np.abs(after - before).mean()) for before, after in pairwise(sparse)]
-    return float(np.mean(changes)) if changes else np.nan
+    changes = [
+        (np.abs(after - before).mean(), abs(after.mean() - before.mean()) / max(before.mean(), 1.0))
+        for before, after in pairwise(sparse)
+    ]
+    pixels, light = np.mean(changes, axis=0) if changes else (np.nan, np.nan)
+    return float(pixels), float(light)
 
 
 def _even(frames: NDArray[np.intp], most: int) -> list[int]:
