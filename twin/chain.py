@@ -143,6 +143,12 @@ COMMANDS = (
         function="twin.commands.predict:run_predict", when=When.ASKED,
     ),
     Stage(
+        name="export", title="Write the calibrated finger as a deck, as JSON, or as a table.",
+        reads=("[model]", "[points]", "[calibrate]", TARGETS, DECK, FIT),
+        writes=("finger.inp", "model.json", "response.csv"),
+        function="twin.commands.export:run_export", when=When.ASKED,
+    ),
+    Stage(
         name="study",
         title="Show what a calibration by two points has found, and what would tell C10 from C01.",
         reads=("[model]", "[points]", "[calibrate]", "[study]", TARGETS, DECK, "candidates.npz"),

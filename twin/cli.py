@@ -117,6 +117,14 @@ OPTIONS: dict[str, tuple[Parameter, ...]] = {
         _option("ramp_s", float, 2.0, "time in which a held pressure is reached, s"),
         _option("hold_s", float, 2.0, "time for which it is held, s"),
     ),
+    "export": (
+        _argument("form", str, ..., "abaqus or calculix: a deck; json or csv: a table of the response",
+                  "FORM"),
+        _option("pressure", str, "", "of a deck, such as 20kPa; by default the highest of the film"),
+        _option("at", NAMES, [], "of a table: a point, x=60, or x,y,z in mm; once for each"),
+        _option("ramp_s", float, 2.0, "time in which the pressure is reached, s"),
+        _option("hold_s", float, 2.0, "time for which it is held, s"),
+    ),
     "review": (_flag("clip", "also write clip.mp4: film with the model before and after, for a talk"),),
     "batches": (_argument("folder", Path, Path(), "folder whose subfolders are projects, one a batch"),),
 }  # fmt: skip

@@ -123,6 +123,20 @@ class OpenedProject:
         log, held = None if course is None else Path(course), {"ramp_s": ramp_s, "hold_s": hold_s}
         return self._run("predict", pressure=pressure, course=log, at=at, inverse=inverse, **held)
 
+    def export(
+        self,
+        form: str,
+        *,
+        pressure: str = "",
+        at: Sequence[str] = (),
+        ramp_s: float = 2.0,
+        hold_s: float = 2.0,
+    ) -> StageResult:
+        """The calibrated finger as "abaqus" or "calculix" deck under a held pressure, or the table of its
+        response as "json" or "csv": a row for each file."""
+        held = {"ramp_s": ramp_s, "hold_s": hold_s}
+        return self._run("export", form=form, pressure=pressure, at=at, **held)
+
     def study(self) -> StageResult:
         """What a calibration by two points has found: a row for each constant and error."""
         return self._run("study")

@@ -119,6 +119,7 @@ _TABLES: dict[str, Callable[[Path], Iterable[Row]]] = {
     "diagnose": _ranking,
     "explain": _shares,
     "predict": _predicted,
+    "export": _files,
     "study": _study,
     "review": _files,
 }

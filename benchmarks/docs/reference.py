@@ -21,6 +21,7 @@ from pydantic import BaseModel
 from calibrate import Parameter
 from fe import Finger, Material, finger_case
 from twin.chain import STAGES, Stage
+from twin.commands.export import ModelRecord
 from twin.commands.predict import PredictionRecord
 from twin.diagnosis.explanation import EvidenceRecord
 from twin.diagnosis.record import DiagnosisRecord
@@ -36,7 +37,8 @@ from twin.study.record import Study
 DOCS = ROOT / "docs"
 Schema = Mapping[str, Any]
 RECORDS: tuple[type[Record], ...] = (
-    FitRecord, ComparisonRecord, DiagnosisRecord, EvidenceRecord, PredictionRecord, Study,
+    FitRecord, ComparisonRecord, DiagnosisRecord, EvidenceRecord, PredictionRecord, ModelRecord,
+    Study,
 )  # fmt: skip
 COLUMNS = 120
 BEGIN, END = "<!-- made by benchmarks/docs/reference.py -->", "<!-- end -->"

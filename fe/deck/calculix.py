@@ -30,17 +30,9 @@ class CalculiX:
     def solve(self, case: Case, pressure: float, *, gravity: Array | None = None) -> EngineResult:
         """The response of a case to a follower pressure in MPa and a gravity (3,) mm/s2; see `run`.
 
-        ValueError for Mullins softening, which it does not know, and for C01 and C20 in one material: its
-        polynomial of second order (2.20) softens by C20 what should stiffen.
+        ValueError for what `check` refuses.
         """
-        soft = [name for name, m in case.materials.items() if m.mullins and m.mullins[0]]
-        if soft:
-            raise ValueError(f"material {soft[0]!r} has Mullins softening: CalculiX knows none; drop it")
-        wrong = [name for name, m in case.materials.items() if m.C01 and m.C20 and not m.ogden]
-        if wrong:
-            raise ValueError(
-                f"material {wrong[0]!r} has C01 and C20: CalculiX 2.20 solves that law wrongly; set one to 0"
-            )
+        check(case)
         return self.run(deck(case, pressure, kind=self.kind, gravity=gravity))
 
     def run(self, text: str) -> EngineResult:
@@ -65,6 +57,22 @@ class CalculiX:
             )
             seconds = time.perf_counter() - start
             return _read(folder / "job.frd", done, seconds)
+
+
+def check(case: Case) -> None:
+    """ValueError for a case that it cannot solve.
+
+    Mullins softening and creep it does not know; and C01 and C20 in one material: its polynomial of second
+    order (2.20) softens by C20 what should stiffen.
+    """
+    for name, m in case.materials.items():
+        for what, there in (("Mullins softening", m.mullins and m.mullins[0]), ("a Prony series", m.prony)):
+            if there:
+                raise ValueError(f"material {name!r} has {what}: CalculiX knows none; drop it")
+        if m.C01 and m.C20 and not m.ogden:
+            raise ValueError(
+                f"material {name!r} has C01 and C20: CalculiX 2.20 solves that law wrongly; set one to 0"
+            )
 
 
 def without_hybrid(text: str) -> str:

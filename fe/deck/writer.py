@@ -14,19 +14,30 @@ from fe.mesh.convert import converted
 
 INCREMENTS = 1000  # at most, of the automatic ones
 FIRST_INCREMENT, LARGEST_INCREMENT = 0.05, 0.1  # of the step
+CREEP_TOLERANCE = 1e-3  # of the strain, by which creep may differ over an increment
 
 
-def deck(case: Case, pressure: float, *, kind: str = "C3D20RH", gravity: Array | None = None) -> str:
+def deck(
+    case: Case,
+    pressure: float,
+    *,
+    kind: str = "C3D20RH",
+    gravity: Array | None = None,
+    times: tuple[float, float] | None = None,
+) -> str:
     """The text of a deck (mm, N, MPa): the structure under a follower pressure in MPa and its weight in a
-    gravity (3,) mm/s2, large displacements.
+    gravity (3,) mm/s2, large displacements, in one static step.
+
+    times: seconds in which the loads grow and for which they are then held, two steps of *VISCO, in which a
+    Prony series relaxes the instantaneous constants (Abaqus's TIME=PRONY; CalculiX knows none).
 
     kind: the Abaqus element that takes the place of hex27, on the mesh's own nodes and labels (see
     `convert.converted`); a case that has Abaqus elements already keeps them. Names of sets are written in
     capitals. A plane is written as a held plate of one element under it and a contact pair (surface to
     surface, the same stiffness; `_plane`), a layer as membranes on the solids' own nodes. ValueError for what
-    one static step cannot hold: an elastic clamp, a precurvature, a Prony series, a term of Gent.
+    it cannot hold: an elastic clamp, a precurvature, a term of Gent, and in a static step a Prony series.
     """
-    _check(case)
+    _check(case, static=times is None)
     changed = converted(case, kind) if case.element.name == "hex27" else case
     supports = list(changed.supports)
     if changed.clamp:
@@ -53,8 +64,7 @@ def deck(case: Case, pressure: float, *, kind: str = "C3D20RH", gravity: Array |
     if changed.contact and changed.contact.stiffness:
         lines += _plane(changed, changed.contact)
     lines += ["*BOUNDARY", *(line for s in supports if s.value is None for line in _held(s))]
-    lines += [f"*STEP, NLGEOM=YES, INC={INCREMENTS}", "*STATIC"]
-    lines += [f"{FIRST_INCREMENT}, 1., 1e-6, {LARGEST_INCREMENT}"]
+    lines += _step(times and times[0])
     for s in supports:
         if s.value is not None:
             lines += ["*BOUNDARY", *_moved(changed, s, s.value)]
@@ -69,10 +79,22 @@ def deck(case: Case, pressure: float, *, kind: str = "C3D20RH", gravity: Array |
         size = float(np.linalg.norm(gravity))
         direction = ", ".join(f"{x:.10g}" for x in np.asarray(gravity) / size)
         lines += ["*DLOAD", f"ALL_ELEMENTS, GRAV, {size:.10g}, {direction}"]
-    return "\n".join([*lines, "*NODE FILE", "U", "*END STEP", ""])
+    lines += ["*NODE FILE", "U", "*END STEP"]
+    if times and times[1]:
+        lines += [*_step(times[1]), "*NODE FILE", "U", "*END STEP"]
+    return "\n".join([*lines, ""])
 
 
-def _check(case: Case) -> None:
+def _step(time: float | None) -> list[str]:
+    """A step of so many seconds in which loads grow in proportion, or a static one of the time 1."""
+    own, length = ("*STATIC", 1.0) if time is None else (f"*VISCO, CETOL={CREEP_TOLERANCE:g}", time)
+    first, largest = FIRST_INCREMENT * length, LARGEST_INCREMENT * length
+    ramp = "" if time is None else "AMPLITUDE=RAMP, "
+    increments = f"{first:.6g}, {length:.6g}, {1e-6 * length:.6g}, {largest:.6g}"
+    return [f"*STEP, NLGEOM=YES, {ramp}INC={INCREMENTS}", own, increments]
+
+
+def _check(case: Case, *, static: bool) -> None:
     if case.clamp and case.clamp.compliance:
         raise ValueError(
             f"clamp of compliance {case.clamp.compliance:g} rad/(N mm): a deck holds a rigid clamp "
@@ -81,13 +103,16 @@ def _check(case: Case) -> None:
     if np.any(case.precurvature):
         raise ValueError("a precurvature: a deck holds a structure without stress at rest; set it to 0")
     for name, m in case.materials.items():
-        refused = {"a Prony series": m.prony, "a term of Gent": m.gent}
+        refused = {"a Prony series": static and m.prony, "a term of Gent": m.gent}
         for what in (what for what, there in refused.items() if there):
             raise ValueError(f"material {name!r} has {what}: a deck of one static step holds none; drop it")
 
 
 def _material(name: str, m: Material) -> list[str]:
     lines = [f"*MATERIAL, NAME={name.upper()}", *written_law(name, m)]
+    if m.prony:
+        lines[1] += ", MODULI=INSTANTANEOUS"
+        lines += ["*VISCOELASTIC, TIME=PRONY", *(f"{g:.10g}, 0., {tau:.10g}" for g, tau in m.prony)]
     if m.mullins and m.mullins[0]:
         softening, scale, beta = m.mullins
         lines += ["*MULLINS EFFECT", f"{1 / softening:.10g}, {scale:.10g}, {beta:.10g}"]

@@ -15,6 +15,7 @@ from fe import Case, Lattice, Material
 from fe import Path as Course
 from tests.twin.conftest import page_text
 from twin import virtual
+from twin.bench.fits import fit_file
 from twin.commands.add import run_add
 from twin.commands.calibrate import run_calibrate
 from twin.commands.compare import run_compare
@@ -22,6 +23,7 @@ from twin.commands.comparetwo import run_side_by_side
 from twin.commands.diagnose import run_diagnose
 from twin.commands.drop import run_drop
 from twin.commands.explain import run_explain
+from twin.commands.export import run_export
 from twin.commands.predict import run_predict
 from twin.commands.review import run_review
 from twin.effects.baselaw import NOMINAL
@@ -378,6 +380,40 @@ def test_an_unknown_node_or_an_unseen_point_stops_calibrate(tmp_path: Path, shor
         run_calibrate(project, Silent())
     info = project.info(project.runs()[-1])
     assert info.status.startswith("failed: point 'tip'")
+
+
+def test_the_calibrated_finger_goes_to_other_programs(chain: tuple[Project, Silent]) -> None:
+    project, _ = chain
+    say = Silent()
+    folder = project.root / "runs"
+    found = run_export(project, say, form="abaqus", pressure="20kPa", ramp_s=1.0, hold_s=4.0)
+    text = (folder / found["run"] / "finger.inp").read_text()
+    assert "MODULI=INSTANTANEOUS" in text
+    series = re.search(r"\*VISCOELASTIC, TIME=PRONY\n(.*)", text)
+    fit = files.read(FitRecord, fit_file(project)).parameters
+    assert series is not None
+    wanted = (fit["creep.g1"].value, 0.0, fit["creep.tau1"].value)
+    assert tuple(map(float, series[1].split(","))) == pytest.approx(wanted, rel=1e-6)
+    assert re.findall(r"\*VISCO, CETOL=0.001\n[^,]*, ([^,]*)", text) == ["1", "4"]
+    assert ", P, 0.02" in text
+    with pytest.raises(ValueError, match="Prony series: CalculiX knows none; drop it, or export for abaqus"):
+        run_export(project, say, form="calculix")
+
+    found = run_export(project, say, form="json", at=["tip"])
+    made = json.loads((folder / found["run"] / "model.json").read_text())
+    rows = made["response"]
+    p = np.array([row["pressure_MPa"] for row in rows])
+    assert len(p) == 16
+    assert p[-1] == pytest.approx(made["tested_MPa"])
+    u, slope = (np.array([row[key] for row in rows]) for key in ("u_mm", "slope_mm_per_MPa"))
+    np.testing.assert_allclose(np.gradient(u[:, 2], p)[1:-1], slope[1:-1, 2], rtol=0.02)
+    said = run_predict(project, say, pressure=(f"{1e3 * p[8]:.6f}kPa",), at=("tip",))["points"][0]
+    np.testing.assert_allclose(u[8], said["u_mm"], atol=5e-3)  # what has crept before is not quite forgotten
+    for form, told in (("step", "wanted one of abaqus"), ("csv", "--pressure 20kPa: of a deck")):
+        with pytest.raises(ValueError, match=told):
+            run_export(project, say, form=form, pressure="20kPa")
+    with pytest.raises(ValueError, match="--at tip: of a table"):
+        run_export(project, say, form="abaqus", at=["tip"])
 
 
 def test_what_was_not_filmed_is_predicted_with_an_interval_that_holds_the_truth(

@@ -1,0 +1,193 @@
+"""The command export: the calibrated finger for other programs, as a deck, as JSON, or as a table."""
+
+from collections.abc import Sequence
+from typing import Any, ClassVar, Literal, get_args
+
+import numpy as np
+from pydantic import Field
+from scipy.interpolate import CubicSpline
+
+from fe.deck.calculix import check, without_hybrid
+from fe.deck.writer import deck
+from twin.bench.fits import fit_file
+from twin.bench.predicting import Prediction, WantedCourse, predicted
+from twin.bench.workbench import Workbench
+from twin.commands.predict import asked, pressure_of
+from twin.effects.protocol import Effect, Order, Test
+from twin.gravity import of_targets
+from twin.judging.record import Estimate, FitRecord
+from twin.project import files
+from twin.project.folder import Project, Run, Say
+from twin.project.record import Maybe, Record
+from twin.project.tablemodel import Finite
+from twin.targets import Array
+
+Form = Literal["abaqus", "calculix", "json", "csv"]
+LEVELS = 16  # pressures of the table of the response, up to the tested one
+VERSION = 1  # of what is written as JSON
+
+
+class ResponseRow(Record):
+    """A point under one held pressure, relative to the finger at rest."""
+
+    point: str
+    pressure_MPa: Finite
+    u_mm: tuple[Finite, Finite, Finite] = Field(description="U1, U2, U3")
+    slope_mm_per_MPa: tuple[Finite, Finite, Finite] = Field(description="its derivative by the pressure")
+    sd_mm: tuple[Maybe, Maybe, Maybe] = Field(description="1 sd of U1, U2, U3; null where the fit has none")
+
+
+class ModelRecord(Record):
+    """The calibrated finger and its response, for a program that does not know this one."""
+
+    file: ClassVar[str] = "model.json"
+    version: int = Field(description="of this form")
+    law: str = Field(description="of the silicone")
+    effects: tuple[str, ...] = Field(description="names of what was added to the model")
+    parameters: dict[str, Estimate] = Field(description="constants by name")
+    adequate: bool = Field(description="whether the model fits its film, so that the sds may be used")
+    ramp_s: Finite = Field(description="time in which each pressure is reached")
+    hold_s: Finite = Field(description="time for which it is then held")
+    tested_MPa: Finite = Field(description="highest pressure of the film: the table ends there")
+    positions_mm: dict[str, tuple[Finite, Finite, Finite]] = Field(description="places of the points at rest")
+    response: tuple[ResponseRow, ...] = Field(description="a row a pressure and point")
+
+
+def run_export(
+    project: Project,
+    say: Say,
+    *,
+    form: str,
+    pressure: str = "",
+    at: Sequence[str] = (),
+    ramp_s: float = 2.0,
+    hold_s: float = 2.0,
+) -> dict[str, Any]:
+    """The calibrated finger as a deck under a held pressure, or the table of its response.
+
+    form: one of `Form`. pressure: of a deck, by default the highest of the film; a table has LEVELS of them.
+    """
+    if form not in get_args(Form):
+        raise ValueError(f"export {form!r}: wanted one of {', '.join(get_args(Form))}")
+    for name, value in (("ramp_s", ramp_s), ("hold_s", hold_s)):
+        if not 0 < value < 1e5:
+            raise ValueError(f"--{name.replace('_', '-')} {value:g}: wanted a time in s, above 0")
+    table = form in ("json", "csv")
+    if table and pressure:
+        raise ValueError(f"--pressure {pressure}: of a deck; a table has all pressures up to the tested one")
+    if not table and at:
+        raise ValueError(f"--at {at[0]}: of a table; a deck has all nodes")
+    bench = Workbench.of(project)
+    record = files.read(FitRecord, fit_file(project))
+    inputs = [project.targets_folder, *project.deck_files()]
+    extra = {"form": form, "pressure": pressure, "at": list(at), "ramp_s": ramp_s, "hold_s": hold_s}
+    with project.new_run("export", inputs=inputs, extra=extra) as run:
+        if table:
+            made = _response(bench, record, asked(bench, at), say, ramp_s=ramp_s, hold_s=hold_s)
+            name = _written(made, form, run)
+            told = [] if record.adequate else ["No sds: the model does not fit its film."]
+        else:
+            wanted = pressure_of(pressure) if pressure else float(bench.targets.log_pressure.max())
+            text, told = _deck(bench, record, wanted, form, (ramp_s, hold_s))
+            name = "finger.inp"
+            run.write_text(name, text)
+        run.summary["headline"] = f"The calibrated finger as {name}."
+    for line in told:
+        say(line)
+    say(f"Wrote {project.shown(run.folder)}/{name}")
+    return {"stage": "export", "run": run.name, "form": form, "file": name, "notes": told}
+
+
+# -- a deck --------------------------------------------------------------------------------------------------
+
+
+def _deck(
+    bench: Workbench, record: FitRecord, pressure: float, form: str, times: tuple[float, float]
+) -> tuple[str, list[str]]:
+    """The text of a deck, and what it leaves out. ValueError for what no deck holds."""
+    model = bench.model()
+    test = model.put(model.named(record.fit.theta))
+    told = _left_out(model.effects, test)
+    if form == "calculix":
+        try:
+            check(test.case)
+        except ValueError as error:
+            raise ValueError(f"export calculix: {error}, or export for abaqus") from None
+    creeps = any(m.prony for m in test.case.materials.values())
+    weight = of_targets(bench.targets).reshape(-1, 3)[0]
+    text = deck(test.case, pressure, gravity=weight, times=times if creeps else None)
+    return (without_hybrid(text) if form == "calculix" else text), told
+
+
+def _left_out(effects: Sequence[Effect], test: Test) -> list[str]:
+    """What of the model is not the finger's. ValueError for what cannot stand in a deck."""
+    if test.perturbations:
+        raise ValueError(
+            "the model has an effect that is known to first order alone, which no deck holds; drop it "
+            "(twin drop) and export what is left"
+        )
+    rig = [e.label for e in effects if e.order >= Order.GAUGE_GAIN]
+    if not rig:
+        return []
+    return [
+        f"The deck is of the finger alone, without what the rig adds: {', '.join(rig)}. Its pressure is "
+        "that in the chamber."
+    ]
+
+
+# -- a table -------------------------------------------------------------------------------------------------
+
+
+def _response(
+    bench: Workbench, record: FitRecord, places: dict[str, Array], say: Say, *, ramp_s: float, hold_s: float
+) -> ModelRecord:
+    """The response at LEVELS of the pressure, as it is predicted."""
+    tested = float(bench.targets.log_pressure.max())
+    levels = tested * np.linspace(0, 1, LEVELS + 1)[1:]
+    courses = [WantedCourse.held(float(p), ramp_s=ramp_s, hold_s=hold_s) for p in levels]
+    found = predicted(bench, record, courses, places, say)
+    u = np.array([one.u[0] for one in found])  # (k, p, 3)
+    whole = np.concatenate([np.zeros((1, *u.shape[1:])), u])
+    slope = CubicSpline(np.append(0.0, levels), whole, axis=0)(levels, 1)
+    rows = [
+        ResponseRow(
+            point=name, pressure_MPa=float(p), u_mm=tuple(u[k, j]), slope_mm_per_MPa=tuple(slope[k, j]),
+            sd_mm=_sds(found[k], j),
+        )
+        for k, p in enumerate(levels)
+        for j, name in enumerate(found[k].names)
+    ]  # fmt: skip
+    return ModelRecord(
+        version=VERSION,
+        law="Mooney-Rivlin: W = C10 (I1 - 3) + C01 (I2 - 3)",
+        effects=tuple(e.label for e in bench.model().effects[1:]),
+        parameters=record.estimates,
+        adequate=record.adequate,
+        ramp_s=ramp_s,
+        hold_s=hold_s,
+        tested_MPa=tested,
+        positions_mm={name: (float(x), float(y), float(z)) for name, (x, y, z) in places.items()},
+        response=tuple(rows),
+    )
+
+
+def _sds(one: Prediction, point: int) -> tuple[float | None, float | None, float | None]:
+    if one.why:
+        return None, None, None
+    a, b, c = one.sd[0, point]
+    return float(a), float(b), float(c)
+
+
+def _written(made: ModelRecord, form: str, run: Run) -> str:
+    """The name of the file that was written."""
+    if form == "json":
+        run.write(made)
+        return made.file
+    heads = ",".join(f"u{k}_mm,u{k}_slope_mm_per_MPa,u{k}_sd_mm" for k in (1, 2, 3))
+    lines = [f"pressure_MPa,point,{heads}"]
+    for row in made.response:
+        cells = zip(row.u_mm, row.slope_mm_per_MPa, row.sd_mm, strict=True)
+        numbers = ["" if x is None else f"{x:.6g}" for cell in cells for x in cell]
+        lines.append(",".join([f"{row.pressure_MPa:.6g}", row.point.replace(",", " "), *numbers]))
+    run.write_text("response.csv", "\n".join(lines) + "\n")
+    return "response.csv"
