@@ -80,7 +80,10 @@ def change_effects(
         change = diagnosed(bench, effects, start)
         if change is None:
             known = {p.name: float(x) for p, x in zip(base.parameters, base.theta, strict=True)}
-            theta = model.theta({**_nominal(model), **known, **start})
+            plain = _nominal(model)
+            values = {**plain, **known, **start}
+            # to first order a start may lie where no rubber is stable
+            theta = model.theta(values if model.allowed(values) else {**plain, **start, **known})
             say.progress(f"refit with {', '.join(effects) or 'no effect'}", 0, 1)
             change = Change.of(bench, bench.judged(model, theta, say))
         fit, found = change.fit, compared(run, change.fit.theta, change.judgement, bench, say)

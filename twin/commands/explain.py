@@ -65,7 +65,9 @@ def _with(
         own = [begun(now, e) for e in chosen]
         chosen, start = [e for e, _ in own], {k: x for _, values in own for k, x in values.items()}
     model = bench.model([*bench.project.config.model.effects, *(e.label for e in chosen)])
-    theta = model.theta({**now.values, **start})
+    values = {**now.values, **start}
+    # to first order a start may lie where no rubber is stable
+    theta = model.theta(values if model.allowed(values) else {**start, **now.values})
     low, high = (np.array([getattr(p, end) for p in model.parameters]) for end in ("low", "high"))
     return bench.judged(model, np.clip(theta, low, high), say), tuple(chosen)
 
