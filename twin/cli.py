@@ -63,6 +63,8 @@ OPTIONS: dict[str, tuple[Parameter, ...]] = {
                 "--format"),
         _option("nodes", NAMES, [], "a point: its node, NAME=LABEL, or position in mm, NAME=X,Y,Z; "
                 "once for each", "--node"),
+        _option("finger", NAMES, [], "a dimension of your finger, such as length_mm=80; once for each"),
+        _option("sd_mm", NUMBER, None, "sd of one position in another program's file, mm"),
         _option("deck", Path | None, None, "Abaqus deck of your own mesh, in mm, N and MPa"),
         _option("like", Path | None, None, "project of a former batch on the same rig: "
                 "its twin.toml is copied"),

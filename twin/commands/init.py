@@ -22,9 +22,11 @@ from twin.project.config import (
     PressureTable,
     ProjectTable,
 )
+from twin.project.dimensions import FingerTable
 from twin.project.folder import Say, named_after
 from twin.project.targetfiles import read_targets
 from twin.project.toml import dump, write
+from twin.project.validation import checked
 from twin.targets import PointKind, Targets
 
 if TYPE_CHECKING:
@@ -34,7 +36,7 @@ if TYPE_CHECKING:
 def run_init(
     folder: Path, say: Say, *, targets: Path | None = None, form: str | None = None,
     nodes: Sequence[str] = (), deck: Path | None = None, like: Path | None = None,
-    density_kg_m3: float | None = None,
+    density_kg_m3: float | None = None, finger: Sequence[str] = (), sd_mm: float | None = None,
 ) -> dict[str, Any]:
     """Make a folder with a complete twin.toml; `targets` and `deck` are checked and copied.
 
@@ -42,19 +44,25 @@ def run_init(
     into targets; form: its format, else the one that it shows.
     nodes: NAME=LABEL or NAME=X,Y,Z (mm) of the points; all of them where a deck takes the place of the
     built-in finger.   like: a former batch, whose twin.toml is copied instead.
-    density_kg_m3: of a silicone that was weighed.
+    density_kg_m3: of a silicone that was weighed.   finger: KEY=VALUE of [model.finger], such as
+    length_mm=80.   sd_mm: of one position in another program's file.
     """
     if like is not None:
         from twin.commands.initlike import run_init_like
 
-        if targets or nodes or deck or form:
+        if targets or nodes or deck or form or finger or sd_mm:
             raise ValueError("--like copies points and mesh of the former batch; leave out --targets, "
-                             "--format, --node and --deck")  # fmt: skip
+                             "--format, --node, --deck, --finger and --sd-mm")  # fmt: skip
         return run_init_like(folder, say, like=like)
     if form is not None and targets is None:
         raise ValueError("--format without --targets: name the file that the other program wrote")
+    if finger and deck is not None:
+        raise ValueError(
+            f"--finger {finger[0]}: of the built-in finger, whose place --deck takes; leave one out"
+        )
     told = {point.name: point for point in map(_point, nodes)}
     known = {} if deck is not None else {n: PointTable(name=n, node=k) for n, k in NAMED_NODES.items()}
+    shape = _finger(finger)
     own = None if deck is None else _own_mesh(deck, told, ask=targets is None)
     name = named_after(folder)
     wanted: dict[str, str] = {}
@@ -63,10 +71,17 @@ def run_init(
     elif form is None and (targets / "targets.csv").is_file():
         config = targets_config(name, _read(targets, told), known | told)
     else:
-        config, wanted = import_config(name, targets, form or format_of(targets), known=known, told=told)
-    if config.imported is None or own is not None:  # else the finger's dimensions are still to be stated
-        _check_points(config, own, say)
-    model = {"deck": f"raw/{deck.name}" if deck else None, "density_kg_m3": density_kg_m3}
+        config, wanted = import_config(
+            name, targets, form or format_of(targets), known=known, told=told, sd_mm=sd_mm
+        )
+    if sd_mm is not None and config.imported is None:
+        raise ValueError(
+            f"--sd-mm {sd_mm:g}: of another program's file; a folder of targets states its own under [noise] "
+            "of targets.toml"
+        )
+    if config.imported is None or own is not None or shape:  # else its dimensions are still to be stated
+        _check_points(config, own, shape, say)
+    model = {"deck": f"raw/{deck.name}" if deck else None, "density_kg_m3": density_kg_m3, "finger": shape}
     stated = {key: value for key, value in model.items() if value is not None}
     config = config.model_copy(update={"model": config.model.model_copy(update=stated)})
     with files.whole_folder(folder.resolve()) as draft:
@@ -111,7 +126,8 @@ def _say_next(folder: Path, config: Config, wanted: Mapping[str, str], say: Say)
 
 
 def import_config(
-    name: str, targets: Path, form: str, *, known: Mapping[str, PointTable], told: Mapping[str, PointTable]
+    name: str, targets: Path, form: str, *, known: Mapping[str, PointTable], told: Mapping[str, PointTable],
+    sd_mm: float | None = None,
 ) -> tuple[Config, dict[str, str]]:
     """A configuration for another program's file, and the keys of [import] that are still to be stated, each
     with what it has to say. ValueError where the file is not right, or has no point whose place is stated.
@@ -131,7 +147,8 @@ def import_config(
             f"no point has a place on the finger; wanted --node NAME=LABEL or --node NAME=X,Y,Z in mm for "
             f"those that do: the file has {listed}"
         )
-    stated = ImportTable(file=f"raw/{targets.name}", format=form, axes=found.axes or None)  # type: ignore[arg-type]
+    given = {"file": f"raw/{targets.name}", "format": form, "axes": found.axes or None, "sd_mm": sd_mm}
+    stated = checked(ImportTable, given, name="--sd-mm")
     objective = _objective(tuple(p.name for p in points))
     config = Config(
         project=ProjectTable(name=name), points=points, calibrate=CalibrateTable(objective_points=objective)
@@ -139,22 +156,39 @@ def import_config(
     return config.model_copy(update={"imported": stated}), still_wanted(found, stated)
 
 
-def _check_points(config: Config, deck: "Deck | None", say: Say) -> None:
-    """Say where points of a deck lie that are stated in mm; ValueError where a point is at a node that is not
-    there or not on the surface, or far from the deck's. The built-in finger's dimensions may still change."""
+def _finger(stated: Sequence[str]) -> FingerTable | None:
+    """The dimensions KEY=VALUE of the built-in finger; None where none are stated."""
+    if not stated:
+        return None
+    values: dict[str, Any] = {}
+    for text in stated:
+        key, _, value = text.partition("=")
+        if not key or not value:
+            raise ValueError(f"--finger {text!r}: wanted KEY=VALUE of [model.finger], such as length_mm=80")
+        try:
+            values[key] = int(value) if value.isdigit() and key == "pleats" else float(value)
+        except ValueError:
+            values[key] = value
+    return checked(FingerTable, values, name="--finger")
+
+
+def _check_points(config: Config, deck: "Deck | None", shape: FingerTable | None, say: Say) -> None:
+    """Say where points lie that are stated in mm. ValueError where one is at a node that is not there or not
+    on the surface, or far from it. Dimensions of the built-in finger that are not stated may still change."""
     from twin.bench.positions import check_points, placed
     from twin.model.structure import Structure, base_case, skin
 
     nodes, mirrored = {point.node for point in config.points} - {None}, len(config.cameras) == 1
     if deck is not None:
         structure = Structure(deck.case, "", {}, skin(deck.case))
-        for place in placed(config.points, structure, mirrored=mirrored).values():
-            say(place.sentence)
-    elif nodes - set(NAMED_NODES.values()):  # those are there: no mesh need be made for them
-        case = base_case()
+    elif shape or nodes - set(NAMED_NODES.values()):  # those are there: no mesh need be made for them
+        case = base_case(finger=shape.finger if shape else None)
         structure = Structure(case, "", {}, case.face_nodes("outside"))
     else:
         return
+    if deck is not None or shape:
+        for place in placed(config.points, structure, mirrored=mirrored).values():
+            say(place.sentence)
     check_points(config.points, structure, mirrored=mirrored)
 
 

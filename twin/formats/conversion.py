@@ -19,6 +19,13 @@ MOST_MODES = 90  # of references: with more points their error counts as one of 
 DIGITS = 6  # of mm, as measured targets have
 
 
+NO_COURSE = (
+    "What the pressure does between the rows is not known, so that effects with a memory (creep, mullins, "
+    "pressure_lag) cannot be tested: give a pressure log as log under [import], or rows with times between "
+    "which the pressure changes by a quarter at most."
+)
+
+
 def targets_of(
     found: Recorded, stated: ImportTable, points: Sequence[PointTable], *, log: Path | None = None
 ) -> tuple[Targets, list[str]]:
@@ -41,7 +48,8 @@ def targets_of(
     targets = _assembled(np.round(every[keep], DIGITS), told, noise, time=time[keep], pressure=pressure[keep],
                          log=between, rest=np.searchsorted(keep, rest),
                          scale_sd=stated.scale_sd if found.unit == PIXEL else None)  # fmt: skip
-    return targets, [*_said(found, keep, len(position)), *remarks, *([] if stated.sd_mm else [noise.basis])]
+    said = [*_said(found, keep, len(position)), *remarks, *([] if stated.sd_mm else [noise.basis])]
+    return targets, [*said, *([] if targets.has_log else [NO_COURSE])]
 
 
 def _noise(value: Array, pressure: Array, stated: ImportTable, *, thinned: float) -> Noise:

@@ -76,13 +76,16 @@ def times_of(found: Recorded, stated: ImportTable) -> Array:
     return time + stated.start_s
 
 
+JUMP = 0.25  # of the pressure's range, from row to row: what lies between is then known well enough
+
+
 def pressure_of(
     found: Recorded, stated: ImportTable, time: Array, log: Path | None
 ) -> tuple[Array, tuple[Array, Array] | None]:
     """The pressure (s,) MPa of each step, and the log (t,) s, (t,) MPa between them where there is one."""
     if log is None:
         assert found.pressure is not None  # checked
-        return found.pressure, None
+        return found.pressure, None if found.time is None else _along(time, found.pressure)
     form, sheet = LogFormat(unit=stated.log_unit), read_sheet(log, wanted="time_s,pressure_MPa")
     if time_column(sheet) is None:
         return _in_rows(pressures(sheet, form), len(time), log), None
@@ -94,6 +97,15 @@ def pressure_of(
             "[import], or record the whole test"
         )
     return read.at(time), read.beside(time)
+
+
+def _along(time: Array, pressure: Array) -> tuple[Array, Array] | None:
+    """The course of the pressure (s,) MPa from row to row, straight between them; None where a step is so
+    large that it may be anything."""
+    if np.abs(np.diff(pressure)).max(initial=0.0) > JUMP * np.ptp(pressure):
+        return None
+    every = np.sort(np.concatenate([time, (time[1:] + time[:-1]) / 2]))
+    return every, np.interp(every, time, pressure)
 
 
 def _in_rows(pressure: Array, steps: int, path: Path) -> Array:

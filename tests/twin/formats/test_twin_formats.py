@@ -13,7 +13,7 @@ from twin.commands.check import check_project
 from twin.commands.init import run_init
 from twin.diagnosis.procedure import _refusal
 from twin.formats.catalogue import FORMATS, format_of, read_recorded
-from twin.formats.conversion import MOST_STEPS, targets_of
+from twin.formats.conversion import MOST_STEPS, NO_COURSE, targets_of
 from twin.formats.recorded import Recorded
 from twin.formats.supplied import still_wanted, turned
 from twin.project.config import ImportTable, PointTable
@@ -236,15 +236,56 @@ def test_a_three_dimensional_frame_is_turned_and_its_mirror_refused() -> None:
             turned(u, axes)
 
 
+def test_a_table_of_times_and_pressures_holds_the_course_between_its_rows(tmp_path: Path) -> None:
+    time = np.arange(0.0, 10.0, 0.5)
+    for top, known in ((np.minimum(time, 5.0), True), (20.0 * (time > 4.0), False)):
+        rows = [f"{t},{60 + p},{0.1 * p},{p}" for t, p in zip(time, top, strict=True)]
+        text = "\n".join(["time_s,tip_x_mm,tip_z_mm,pressure_kPa", *rows])
+        found = read_recorded(written(tmp_path / "rows.csv", text), "csv")
+        targets, remarks = made(tmp_path, found, stated("csv", sd_mm=0.02), tip=4401)
+        assert targets.has_log == known
+        assert (NO_COURSE in remarks) != known  # within a step of 20 kPa it may be anything
+        np.testing.assert_allclose(np.interp(time, targets.log_time, targets.log_pressure), 1e-3 * top, atol=1e-9)
+
+
+def test_a_table_of_an_own_finger_needs_one_command(tmp_path: Path) -> None:
+    rows = [f"{t},{80 - 0.1 * t},{-t},{3 * t}" for t in range(8)]
+    file = written(tmp_path / "own.csv", "\n".join(["time_s,tip_x_mm,tip_z_mm,pressure_kPa", *rows]))
+    shape = ("length_mm=80", "pleats=6")
+    given: dict[str, Any] = {"targets": file, "nodes": ["tip=80,11.5,0"]}
+    run_init(tmp_path / "batch", Lines(), finger=shape, sd_mm=0.02, **given)
+    config = Project.open(tmp_path / "batch").config
+    assert config.model.finger is not None
+    assert (config.model.finger.length_mm, config.model.finger.pleats) == (80.0, 6)
+    assert config.imported is not None
+    assert config.imported.sd_mm == 0.02
+    wrong = {
+        "80": "wanted KEY=VALUE", "long_mm=80": "long_mm", "length_mm=far": "length_mm", "pleats=6.5": "pleats",
+        "length_mm=70": "walls are too steep to mesh",
+    }  # fmt: skip
+    for text, told in wrong.items():
+        with pytest.raises(ValueError, match=told):
+            run_init(tmp_path / "other", Lines(), finger=[text], **given)
+    with pytest.raises(ValueError, match=r"points\.tip\.position_mm = .*10\.0 mm away"):
+        run_init(tmp_path / "other", Lines(), finger=["length_mm=70", "pleats=5"], **given)
+    with pytest.raises(ValueError, match="whose place --deck takes"):
+        run_init(tmp_path / "other", Lines(), finger=shape, deck=tmp_path / "own.inp", **given)
+    with pytest.raises(ValueError, match=r"--sd-mm.*sd_mm = -1"):
+        run_init(tmp_path / "other", Lines(), sd_mm=-1.0, **given)
+
+
 def test_points_without_a_node_are_left_out_or_taken_where_they_lie(tmp_path: Path) -> None:
     found = read_recorded(csv(tmp_path), "csv")
     targets, remarks = made(tmp_path, found, stated("csv"), tip=4401)
     assert targets.names == ("tip",)
-    assert [line.startswith("Left out") and line.endswith("middle.") for line in remarks] == [True]
+    left, course = remarks
+    assert left.startswith("Left out")
+    assert left.endswith("middle.")
+    assert course == NO_COURSE
     targets, remarks = made(tmp_path, found, stated("csv", origin_mm=(-10.0, 11.5, 50.0)), tip=4401)
     assert targets.points[1].kind is PointKind.PLACE
     assert targets.points[1].position == (50.0, 11.5, 0.0)  # 60 - 10, the plane, 50 - 50
-    assert remarks == []
+    assert remarks == [NO_COURSE]
     targets, _ = made(tmp_path, found, stated("csv", fixed=("middle",)), tip=4401)
     assert targets.fixed.tolist() == [False, True]
     named = [PointTable(name="tip", position_mm=(110.0, 11.5, 0.0))]
