@@ -274,7 +274,6 @@ def told(spec: Spec, drawn: Sequence[tuple[Kind, float, Array]]) -> dict[str, An
 
 
 @lru_cache(maxsize=1)
-@lru_cache(maxsize=1)
 def rule() -> str:
     """A word that changes with the code that decides, but not with its docstrings: rows of one rule alone
     belong in one table."""

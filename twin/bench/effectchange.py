@@ -10,7 +10,7 @@ from calibrate import Fit
 from twin.bench import waterfall
 from twin.bench.comparison import JUDGED, Judgement, compared, keep, kept
 from twin.bench.fits import fresh, newest, newest_fit
-from twin.bench.laws import nominal
+from twin.bench.laws import begun_from, nominal
 from twin.bench.workbench import Workbench
 from twin.judging.comparison import Comparison
 from twin.judging.intervals import estimates, fit_record
@@ -80,10 +80,8 @@ def change_effects(
         change = diagnosed(bench, effects, start)
         if change is None:
             known = {p.name: float(x) for p, x in zip(base.parameters, base.theta, strict=True)}
-            plain = _nominal(model)
-            values = {**plain, **known, **start}
-            # to first order a start may lie where no rubber is stable
-            theta = model.theta(values if model.allowed(values) else {**plain, **start, **known})
+            unknown = {n: x for n, x in _nominal(model).items() if n not in known}
+            theta = model.theta(begun_from(model, known, {**unknown, **start}))
             say.progress(f"refit with {', '.join(effects) or 'no effect'}", 0, 1)
             change = Change.of(bench, bench.judged(model, theta, say))
         fit, found = change.fit, compared(run, change.fit.theta, change.judgement, bench, say)

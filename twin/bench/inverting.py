@@ -49,8 +49,7 @@ class Wanted:
 
 @dataclass(frozen=True)
 class Inverse:
-    """The pressure in MPa that gives a wanted displacement, its sd, and what is predicted there. tested: the
-    highest pressure of the film, MPa."""
+    """The pressure in MPa that gives a wanted displacement, its sd, and what is predicted in its course."""
 
     wanted: Wanted
     pressure: float
@@ -65,7 +64,7 @@ class Inverse:
         return None if self.prediction.why else (self.pressure - half, self.pressure + half)
 
 
-def inverse(
+def pressure_for(
     bench: Workbench,
     record: FitRecord,
     wanted: Wanted,

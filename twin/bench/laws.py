@@ -9,9 +9,10 @@ from twin.diagnosis.signatures import signatures_of
 from twin.effects.labels import AND, OR, name_of
 from twin.effects.library import effect, effects_of
 from twin.effects.ownfiles import own_effects
-from twin.effects.protocol import Effect, Test, Unsolvable
+from twin.effects.protocol import Effect, Test, Theta, Unsolvable
 from twin.judging.judged import Judged
 from twin.judging.record import FitRecord
+from twin.model.prediction import Model
 from twin.project import files
 from twin.project.folder import Project, Say
 from twin.project.trust import programs, remember
@@ -98,3 +99,10 @@ def nominal(e: Effect, test: Test) -> Start:
     tried = e.tries(test)
     stated = {p.name: p.start for p in e.parameters if p.start is not None}
     return {**half, **stated, **tried[len(tried) // 2]}
+
+
+def begun_from(model: Model, known: Theta, start: Theta) -> dict[str, float]:
+    """Values of a start, and known ones beside it; where no rubber is stable with them, as may be to first
+    order, the known ones count."""
+    values = {**known, **start}
+    return values if model.allowed(values) else {**start, **known}

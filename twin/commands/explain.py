@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from twin.bench.fits import newest, newest_fit
-from twin.bench.laws import begun, laws_of
+from twin.bench.laws import begun, begun_from, laws_of
 from twin.bench.workbench import Workbench
 from twin.diagnosis.explanation import explained, table
 from twin.diagnosis.record import NONE, DiagnosisRecord
@@ -65,9 +65,7 @@ def _with(
         own = [begun(now, e) for e in chosen]
         chosen, start = [e for e, _ in own], {k: x for _, values in own for k, x in values.items()}
     model = bench.model([*bench.project.config.model.effects, *(e.label for e in chosen)])
-    values = {**now.values, **start}
-    # to first order a start may lie where no rubber is stable
-    theta = model.theta(values if model.allowed(values) else {**start, **now.values})
+    theta = model.theta(begun_from(model, now.values, start))
     low, high = (np.array([getattr(p, end) for p in model.parameters]) for end in ("low", "high"))
     return bench.judged(model, np.clip(theta, low, high), say), tuple(chosen)
 

@@ -12,7 +12,7 @@ from fe.deck.writer import deck
 from twin.bench.fits import fit_file
 from twin.bench.predicting import Prediction, WantedCourse, predicted
 from twin.bench.workbench import Workbench
-from twin.commands.predict import asked, pressure_of
+from twin.commands.predict import asked, check_times, pressure_of
 from twin.effects.protocol import Effect, Order, Test
 from twin.gravity import of_targets
 from twin.judging.record import Estimate, FitRecord
@@ -69,9 +69,7 @@ def run_export(
     """
     if form not in get_args(Form):
         raise ValueError(f"export {form!r}: wanted one of {', '.join(get_args(Form))}")
-    for name, value in (("ramp_s", ramp_s), ("hold_s", hold_s)):
-        if not 0 < value < 1e5:
-            raise ValueError(f"--{name.replace('_', '-')} {value:g}: wanted a time in s, above 0")
+    check_times(ramp_s, hold_s)
     table = form in ("json", "csv")
     if table and pressure:
         raise ValueError(f"--pressure {pressure}: of a deck; a table has all pressures up to the tested one")
@@ -160,7 +158,7 @@ def _response(
     return ModelRecord(
         version=VERSION,
         law="Mooney-Rivlin: W = C10 (I1 - 3) + C01 (I2 - 3)",
-        effects=tuple(e.label for e in bench.model().effects[1:]),
+        effects=bench.project.config.model.effects,
         parameters=record.estimates,
         adequate=record.adequate,
         ramp_s=ramp_s,

@@ -148,7 +148,7 @@ def import_config(
             f"those that do: the file has {listed}"
         )
     given = {"file": f"raw/{targets.name}", "format": form, "axes": found.axes or None, "sd_mm": sd_mm}
-    stated = checked(ImportTable, given, name="--sd-mm")
+    stated = checked(ImportTable, given, name="--targets, --format, --sd-mm")
     objective = _objective(tuple(p.name for p in points))
     config = Config(
         project=ProjectTable(name=name), points=points, calibrate=CalibrateTable(objective_points=objective)
@@ -166,7 +166,7 @@ def _finger(stated: Sequence[str]) -> FingerTable | None:
         if not key or not value:
             raise ValueError(f"--finger {text!r}: wanted KEY=VALUE of [model.finger], such as length_mm=80")
         try:
-            values[key] = int(value) if value.isdigit() and key == "pleats" else float(value)
+            values[key] = int(value) if value.isdigit() else float(value)
         except ValueError:
             values[key] = value
     return checked(FingerTable, values, name="--finger")

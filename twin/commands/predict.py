@@ -10,8 +10,7 @@ from pydantic import Field
 
 from fe.mesh.points import nearest
 from twin.bench.fits import fit_file
-from twin.bench.inverting import Inverse, Wanted
-from twin.bench.inverting import inverse as inverted_for
+from twin.bench.inverting import Inverse, Wanted, pressure_for
 from twin.bench.positions import ON_FINGER_MM
 from twin.bench.predicting import NORMAL, Prediction, WantedCourse, predicted
 from twin.bench.workbench import Workbench
@@ -92,8 +91,7 @@ def run_predict(
     courses = _courses(pressure, course, ramp_s, hold_s, wanted)
     bench = Workbench.of(project)
     record = files.read(FitRecord, fit_file(project))
-    places = asked(bench, at) if at or not wanted else {}
-    places |= asked(bench, [one.point for one in wanted]) if wanted else {}
+    places = asked(bench, [*at, *(one.point for one in wanted)])
     tested = float(bench.targets.log_pressure.max())
     inputs = [project.targets_folder, *project.deck_files(), *([course] if course else [])]
     extra = {
@@ -103,7 +101,7 @@ def run_predict(
     with project.new_run("predict", inputs=inputs, extra=extra) as run:
         say.progress("predict", 0, 1)
         inverted = [
-            inverted_for(bench, record, one, places, say, ramp_s=ramp_s, hold_s=hold_s) for one in wanted
+            pressure_for(bench, record, one, places, say, ramp_s=ramp_s, hold_s=hold_s) for one in wanted
         ]
         if wanted:
             found, courses = [one.prediction for one in inverted], [one.course for one in inverted]
@@ -131,7 +129,7 @@ def run_predict(
 
 
 def _courses(
-    pressure: Sequence[str], course: Path | None, ramp_s: float, hold_s: float, wanted: Sequence[Wanted] = ()
+    pressure: Sequence[str], course: Path | None, ramp_s: float, hold_s: float, wanted: Sequence[Wanted]
 ) -> list[WantedCourse]:
     """What is to be predicted, but for what is wanted. ValueError where not one way of asking is taken."""
     ways = [bool(pressure), course is not None, bool(wanted)]
@@ -140,13 +138,18 @@ def _courses(
             "wanted one of --pressure, such as --pressure 20kPa, once for each, --course with a pressure "
             f"log, and --inverse, such as --inverse tip.U3=-40; {sum(ways) or 'none'} of them are given"
         )
-    for name, value in (("ramp_s", ramp_s), ("hold_s", hold_s)):
-        if not 0 < value < 1e5:
-            raise ValueError(f"--{name.replace('_', '-')} {value:g}: wanted a time in s, above 0")
+    check_times(ramp_s, hold_s)
     if course is not None:
         log = read_log(course, time_shift_s=0.0)
         return [WantedCourse.logged(log.time, log.pressure, most=MOST)]
     return [WantedCourse.held(pressure_of(text), ramp_s=ramp_s, hold_s=hold_s) for text in pressure]
+
+
+def check_times(ramp_s: float, hold_s: float) -> None:
+    """ValueError where a held pressure is not reached, or not held, in some time."""
+    for name, value in (("--ramp-s", ramp_s), ("--hold-s", hold_s)):
+        if not 0 < value < 1e5:
+            raise ValueError(f"{name} {value:g}: wanted a time in s, above 0")
 
 
 def pressure_of(text: str) -> float:

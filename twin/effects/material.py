@@ -42,8 +42,8 @@ class Elasticity(Effect):
         )
 
     def fitted(self) -> "Elasticity":
-        """The same law for least squares: where C01 may be 0 it may be below, and C10 as far above its bound
-        as a sum within it takes. How far both may go, `Model.allowed` tells (what is stable)."""
+        """The same law for least squares: where C01 may be 0 it may be below, and C10 above its bound by
+        as much as the least C01 takes. How far both may go, `Model.allowed` tells (what is stable)."""
         limits = {p.name: (p.low, p.high) for p in self.parameters}
         low, high = limits.get("C01", (np.inf, 0.0))
         if low > 0.0:

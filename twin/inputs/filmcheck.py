@@ -25,7 +25,7 @@ if TYPE_CHECKING:  # vision takes a second to import
 SMALL_PX = 20.0  # a marker below it is followed less well
 OFTEN = 0.5  # share of the frames looked at in which a marker of the finger should be seen
 OTHER_SIZE, OTHER_NOISE = 1.05, 1.5  # times, of markers and of noise, in the static film and the test
-UNSTEADY = 0.01  # share of its grey level by which a film at rest changes from frame to frame; noise: 1e-4
+UNSTEADY = 0.01  # share of its grey level by which a film at rest changes a frame; that of the demos: 5e-5
 TORN, TORN_FRAMES = 4e-4, 2  # share of the pixels, 100 of a small picture, and frames in which it is so
 AT_FIRST = 3  # frames that are at rest if any are
 CORNERS_MM, NOISE_MM = 0.1, 0.03  # error of a place by a marker's corners at 3 px/mm, and its scatter

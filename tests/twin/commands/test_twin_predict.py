@@ -185,7 +185,7 @@ def test_the_pressure_for_a_displacement_gives_it(bench: Workbench, monkeypatch:
 
     def at(value: float) -> inverting.Inverse:
         wanted = Wanted("tip", 2, value)
-        return inverting.inverse(bench, None, wanted, places, lambda text: None, ramp_s=2.0, hold_s=2.0)  # type: ignore[arg-type]
+        return inverting.pressure_for(bench, None, wanted, places, lambda text: None, ramp_s=2.0, hold_s=2.0)  # type: ignore[arg-type]
 
     found = at(moved(np.array(0.6 * top)) + 0.3)
     assert found.pressure == pytest.approx(0.6 * top, rel=1e-3)
