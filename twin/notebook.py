@@ -6,7 +6,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from twin.bench.workbench import Workbench
-from twin.chain import stage_of
+from twin.chain import COMMANDS, stage_of
+from twin.project import files
 from twin.project.folder import Project
 from twin.results import StageResult, rows_of
 from twin.targets import Targets
@@ -69,12 +70,42 @@ class OpenedProject:
         said = _Said()
         return _result("check", run_check(self.project, said), said, None)
 
-    def runs(self) -> StageResult:
+    def list(self) -> StageResult:
         """All runs, oldest first: a row for each."""
         from twin.commands.list import run_list
 
         said = _Said()
         return _result("list", run_list(self.project, said), said, None)
+
+    def found(self, stage: str) -> StageResult:
+        """What the newest run of a stage has found that belongs to the project as it is: nothing is run.
+
+        Of "calibrate" it is the fit of the model with the effects that twin.toml has. ValueError where there
+        is no such run.
+        """
+        from twin.bench.fits import fit_file, fresh
+
+        stage_of(stage)
+        project = self.project
+        path = fit_file(project) if stage == "calibrate" else fresh(project, (stage,))
+        if path is None:
+            raise ValueError(f"no run of {stage} belongs to this project as it is; run batch.{stage}()")
+        summary, said = files.plain(project.info(path.parent).summary), _Said()
+        said(str(summary.get("headline") or stage))
+        return _result(stage, summary, said, path.parent)
+
+    def look(self, *, at: Sequence[str] = ()) -> StageResult:
+        """Drawings of the finger, its points and node labels: a row for each file."""
+        return self._run("look", at=at)
+
+    def recalibrate(self) -> StageResult:
+        """Every stage that is stale, none that is fresh; the fitted constants: a row for each."""
+        from twin.commands.recalibrate import run_recalibrate
+
+        said, project = _Said(), self.project
+        with project.lock("recalibrate"):
+            summary = run_recalibrate(project, said)
+        return _result("recalibrate", summary, said, self.found("calibrate").folder)
 
     def camera(self) -> StageResult:
         """The calibrated camera: rms in px."""
@@ -148,9 +179,11 @@ class OpenedProject:
     def _run(self, stage: str, /, **options: Any) -> StageResult:
         """The result of a stage, run with the project locked."""
         said, project = _Said(), self.project
+        command = next(one for one in COMMANDS if one.name == stage)
         with project.lock(stage):
-            summary = stage_of(stage).run(project, said, **options)
-        return _result(stage, summary, said, project.root / "runs" / Path(str(summary["run"])).name)
+            summary = command.run(project, said, **options)
+        last = summary.get("with_effects", summary)  # of calibrate: the fit with effects comes last
+        return _result(stage, summary, said, project.root / "runs" / Path(str(last["run"])).name)
 
 
 class _Said:

@@ -3,6 +3,7 @@
 import csv
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
+from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,6 +17,7 @@ if TYPE_CHECKING:  # pandas takes a second to import: only who asks for a table 
     import pandas
 
 Row = dict[str, Any]
+SHOWN = 20  # rows of a table in a cell; to_pandas() has all
 
 
 @dataclass(frozen=True)
@@ -23,13 +25,18 @@ class StageResult:
     """What one stage found."""
 
     stage: str
-    summary: Mapping[str, Any]  # what `--json` prints: verdict, chi2, where, ...
-    said: tuple[str, ...]  # what the command prints, a sentence or more each
+    summary: Mapping[str, Any] = field(repr=False)  # what `--json` prints: verdict, chi2, where, ...
+    said: tuple[str, ...] = field(repr=False)  # what the command prints, a sentence or more each
     folder: Path | None = None  # of its run; None where it has none (check, list)
     rows: tuple[Row, ...] = field(default=(), repr=False)
 
     def __str__(self) -> str:
         return "\n".join(self.said)
+
+    def _repr_html_(self) -> str:
+        """What a notebook shows of it: what was said, and the table."""
+        lines = "".join(f"<p>{escape(line)}</p>" for line in self.said)
+        return f"{lines}{self.to_pandas().to_html(index=False, max_rows=SHOWN)}"
 
     def to_pandas(self) -> "pandas.DataFrame":
         """The stage's table, one row each; the columns are those of docs/python.md, units in their names."""
@@ -113,6 +120,7 @@ def _predicted(folder: Path) -> Iterator[Row]:
 _TABLES: dict[str, Callable[[Path], Iterable[Row]]] = {
     "measure": _budget,
     "calibrate": _parameters,
+    "recalibrate": _parameters,
     "add": _parameters,
     "drop": _parameters,
     "compare": _misfits,
@@ -120,6 +128,7 @@ _TABLES: dict[str, Callable[[Path], Iterable[Row]]] = {
     "explain": _shares,
     "predict": _predicted,
     "export": _files,
+    "look": _files,
     "study": _study,
     "review": _files,
 }

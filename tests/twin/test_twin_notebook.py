@@ -97,10 +97,29 @@ def test_results_are_tables(opened: OpenedProject) -> None:
     assert misfit.folder is not None
     assert (misfit.folder / "comparison.json").is_file()
     assert misfit.summary["where"] in str(misfit)
-    runs = opened.runs().to_pandas()
+    runs = opened.list().to_pandas()
     assert list(runs["run"].str.partition("-")[2])[-2:] == ["calibrate", "compare"]
     assert set(runs["status"]) == {"done"}
     assert opened.check().to_pandas().loc[0, "next"] == "diagnose"
+
+
+def test_a_notebook_runs_twice_and_shows_tables_in_its_cells(opened: OpenedProject) -> None:
+    opened.calibrate()
+    first = opened.recalibrate()
+    again = opened.recalibrate()
+    assert set(again.summary["stages"].values()) == {"fresh", "none"}
+    assert again.to_pandas().equals(first.to_pandas())
+    assert opened.found("calibrate").to_pandas().equals(first.to_pandas())
+    runs = len(opened.project.runs())
+    assert opened.found("compare").to_pandas()["by"].nunique() == 4
+    assert len(opened.project.runs()) == runs  # nothing was run
+    with pytest.raises(ValueError, match=r"no run of explain belongs to this project as it is; run batch\.explain\(\)"):
+        opened.found("explain")
+    shown = first._repr_html_()
+    assert "<td>C10</td>" in shown
+    assert "<p>Verdict: " in shown
+    assert len(repr(first)) < 300  # a cell without HTML is no page of numbers
+    assert "finger.png" in set(opened.look().to_pandas()["file"])
 
 
 def test_a_stage_that_cannot_work_raises_its_sentence(opened: OpenedProject, tmp_path: Path) -> None:

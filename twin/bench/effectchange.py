@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from calibrate import Fit
+from calibrate import Fit, Parameter
 from twin.bench import waterfall
 from twin.bench.comparison import JUDGED, Judgement, compared, keep, kept
 from twin.bench.fits import fresh, newest, newest_fit
@@ -15,7 +15,7 @@ from twin.bench.workbench import Workbench
 from twin.judging.comparison import Comparison
 from twin.judging.intervals import estimates, fit_record
 from twin.judging.judged import Judged
-from twin.judging.record import ComparisonRecord, FitRecord
+from twin.judging.record import ComparisonRecord, Estimate, FitRecord
 from twin.model.prediction import Model
 from twin.numerals import in_words
 from twin.project import files
@@ -68,12 +68,21 @@ def diagnosed(bench: Workbench, effects: Sequence[str], start: Mapping[str, floa
 
 
 def change_effects(
-    bench: Workbench, kind: str, effects: tuple[str, ...], start: dict[str, float], say: Say
+    bench: Workbench,
+    kind: str,
+    effects: tuple[str, ...],
+    start: dict[str, float],
+    say: Say,
+    *,
+    base: Fit | None = None,
 ) -> dict[str, Any]:
     """What `twin add` and `twin drop` print: the model with these effects, fitted from a start where one is
-    known, compared with the newest comparison, and written into twin.toml."""
+    known, compared with the newest comparison, and written into twin.toml.
+
+    base: the fit that it goes on from, by default that of the model as twin.toml has it.
+    """
     bench.project.check_effects(effects)  # before any work is done for them
-    project, base = bench.project, newest_fit(bench.project)
+    project, base = bench.project, base or newest_fit(bench.project)
     then = newest(project, ComparisonRecord)
     with project.new_run(kind, extra={"effects": list(effects)}) as run:
         model = bench.model(effects)
@@ -94,6 +103,8 @@ def change_effects(
     if len(way) > 2:
         say(waterfall.in_words(way))
     say(f"{in_words(estimates(fit, found))}.")
+    for sentence in _unseen(model, change):
+        say(sentence)
     say(found.where)
     if change.judgement.errors.law:
         say(f"These data ask for laws that may err by {change.judgement.errors.law:.0%} of what the effects "
@@ -112,6 +123,24 @@ def change_effects(
         "fit": files.plain(change.record()),
         "steps": files.plain(way),
     }
+
+
+def _unseen(model: Model, change: Change) -> list[str]:
+    """Which effects of a model these data do not ask for, one sentence each."""
+    found = estimates(change.fit, change.judgement.comparison)
+    unseen = [e for e in model.effects if e.amplitudes and all(_at_null(p, found) for p in e.amplitudes)]
+    return [
+        f"These data do not ask for {e.label}: it may as well be absent. `twin drop {e.name}` takes it out."
+        for e in unseen
+    ]
+
+
+def _at_null(p: Parameter, found: Mapping[str, Estimate]) -> bool:
+    """Whether an effect's parameter may have the value at which the effect is absent."""
+    null, one = p.null or 0.0, found[p.name]
+    if one.low is None or one.high is None:
+        return bool(np.isclose(one.value, null))  # at its bound
+    return one.low <= null <= one.high
 
 
 def _error(then: ComparisonRecord | None, now: Comparison) -> str:

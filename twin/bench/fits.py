@@ -1,6 +1,5 @@
 """Which runs of a project still hold: a fit, a comparison or a diagnosis made from what is there now."""
 
-import shlex
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
@@ -120,9 +119,9 @@ def fit_file(project: Project) -> Path:
             return path
         refused = refused or f"fit of {project.shown(path.parent)} is stale: {why[0]}"
     if refused:
-        raise ValueError(f"{refused}; {_way_out(wanted)}")
+        raise ValueError(f"{refused}; run twin calibrate")
     what = f"for effects {list(wanted)}" if others else "in this project"
-    raise ValueError(f"no fit {what}; run twin calibrate" + (" or twin add" if others else ""))
+    raise ValueError(f"no fit {what}; run twin calibrate")
 
 
 def named_effects(project: Project) -> list[str]:
@@ -138,13 +137,6 @@ def named_effects(project: Project) -> list[str]:
         return [checked_groups(label) for label in named]
     except ValueError as error:
         raise ValueError(f"{path}: named = {list(named)}: {error}; {files.AGAIN}") from None
-
-
-def _way_out(effects: Sequence[str]) -> str:
-    if not effects:
-        return "run twin calibrate"
-    again = ", ".join(f"twin add {shlex.quote(name)}" for name in effects)
-    return f"set effects = [] in twin.toml, then run twin calibrate and {again}"
 
 
 def _having(project: Project, kinds: tuple[str, ...], file: str) -> list[Path]:

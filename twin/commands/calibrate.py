@@ -5,10 +5,14 @@ from typing import Any
 import numpy as np
 
 from calibrate import Fit
+from twin.batches.former import former_of
 from twin.bench.comparison import Judgement, compared
+from twin.bench.effectchange import change_effects
 from twin.bench.workbench import Workbench
-from twin.effects.baselaw import Constants
+from twin.chain import FIT
+from twin.effects.baselaw import NAMES, Constants
 from twin.judging.intervals import fit_record
+from twin.judging.record import FitRecord
 from twin.project import files
 from twin.project.folder import Project, Run, Say
 from twin.sanity import doubts, fit_fault, silicone_doubt, stability_doubt
@@ -20,13 +24,12 @@ from twin.targets import Array
 
 
 def run_calibrate(project: Project, say: Say) -> dict[str, Any]:
-    """Genetic algorithm on the study's objective, then bounded least squares on all targets."""
-    if project.config.model.effects:
-        raise ValueError(
-            f"model.effects = {list(project.config.model.effects)}: calibrate fits the base model; "
-            "twin add refits with effects, twin drop takes one out"
-        )
+    """Genetic algorithm on the study's objective, then bounded least squares on all targets; and from there
+    the effects that twin.toml has, in a run of their own."""
+    effects = project.config.model.effects
     bench = Workbench.of(project)
+    bench.model()  # names an effect that cannot be, before any work is done for it
+    start = _former_values(project, effects)
     for sentence in doubts(bench.targets, bench.case):
         say(sentence)
     with project.new_run("calibrate", seed=project.config.calibrate.seed) as run:
@@ -52,13 +55,35 @@ def run_calibrate(project: Project, say: Say) -> dict[str, Any]:
     if crossed:
         say(f"{crossed}; the model knows no such contact.")
     say(f"Wrote {project.shown(run.folder)}/fit.json and generations.npz")
-    return {
+    result = {
         "stage": "calibrate",
         "run": run.name,
         "rms_mm": best.rms_mm,
         "fit": files.plain(fit_record(fit, found)),
         "identifiability": words,
     }
+    if effects:
+        say(f"twin.toml has effects = {list(effects)}: the model is fitted with them, too.")
+        result["with_effects"] = change_effects(bench, "add", effects, start, say, base=fit)
+    return result
+
+
+def _former_values(project: Project, effects: tuple[str, ...]) -> dict[str, float]:
+    """What the newest fit with these effects gave for them, of this project or of the one that it is like;
+    nothing where there is none."""
+    try:
+        former = former_of(project)
+    except ValueError:  # it is gone: a fit begins elsewhere
+        former = None
+    for one in filter(None, (project, former)):
+        for folder in reversed(one.runs()) if effects else ():
+            if not (folder / FIT).is_file():
+                continue
+            record = files.read(FitRecord, folder / FIT)
+            if record.effects == effects:
+                own = {name: row.value for name, row in record.parameters.items()}
+                return {name: value for name, value in own.items() if name not in NAMES}
+    return {}
 
 
 def _ended(fit: Fit) -> str:

@@ -2,6 +2,7 @@
 
 import os
 import shutil
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -16,16 +17,19 @@ from twin.project.trust import former_batch, remember
 def run_init_like(folder: Path, say: Say, *, like: Path) -> dict[str, Any]:
     """Make a folder with the twin.toml of a former batch under a new name, and with what the rig shares.
 
-    Copied are the board pictures (or the camera file), the deck, own dictionaries and own effects. Films, log
-    and targets belong to one batch: they are not copied, and no effect is in the model yet.
+    Copied are the board pictures (or the camera file), the deck, own dictionaries and own effects; the
+    effects of the former model are kept. Films, log and targets belong to one batch: they are not copied, nor
+    is an effect of one marker at one time.
     """
     former = Project.open(like)
     root = folder.resolve()
     text = decoded((former.root / "twin.toml").read_bytes())
     for key, value in {"name": named_after(root), "like": _way(root, former.root)}.items():
         text = with_key(text, "project", key, value)
+    had = former.config.model.effects
+    effects = [label for label in had if "@" not in label]
     with files.whole_folder(root) as draft:
-        config = write(draft / "twin.toml", with_key(text, "model", "effects", []))
+        config = write(draft / "twin.toml", with_key(text, "model", "effects", effects))
         (draft / "raw").mkdir()
         for file in _shared(former):
             place = draft / file.relative_to(former.root)
@@ -33,10 +37,19 @@ def run_init_like(folder: Path, say: Say, *, like: Path) -> dict[str, Any]:
             shutil.copy2(file, place)
     remember(root, former_batch(root, config))  # whose folder the user has named
     say(f"Wrote {folder / 'twin.toml'} like {former.root.name}, whose rig it has.")
-    for sentence in (*_wanted(former), camera_kept(Project.open(root))):
+    for sentence in (_effects_kept(had, effects), *_wanted(former), camera_kept(Project.open(root))):
         if sentence:
             say(sentence)
     return {"stage": "init", "status": "done", "project": str(folder), "like": str(like)}
+
+
+def _effects_kept(had: Sequence[str], kept: Sequence[str]) -> str:
+    """What the model has of the former batch's effects, in words; "" where that had none."""
+    left = [label for label in had if label not in kept]
+    out = f"The model keeps its effects, {', '.join(kept)}: `twin calibrate` fits them again." if kept else ""
+    if left:
+        out += f" Left out: {', '.join(left)}, of its film alone."
+    return out.strip()
 
 
 def _shared(former: Project) -> list[Path]:

@@ -100,10 +100,22 @@ def run_measure(project: Project, say: Say, *, replace: bool = False, budget: bo
     return result
 
 
+def is_measured(project: Project) -> bool:
+    """Whether targets/ is what a run has measured from the films, log and settings of now."""
+    done = project.done("measure", **_inputs(project)[1])
+    return done is not None and project.source().run == done.name
+
+
+def _inputs(project: Project) -> tuple[Path, dict[str, Any]]:
+    """The camera's file, and what a run of this stage is known by."""
+    if project.config.imported is not None:
+        return Path(), import_inputs(project)
+    camera = camera_path(project)
+    return camera, all_inputs(project, camera)
+
+
 def _measured(project: Project, say: Say, replace: bool) -> dict[str, Any]:
-    foreign = project.config.imported is not None
-    camera = Path() if foreign else camera_path(project)
-    how = import_inputs(project) if foreign else all_inputs(project, camera)
+    foreign, (camera, how) = project.config.imported is not None, _inputs(project)
     done, killed = project.done("measure", **how), project.killed("measure", **how)
     owner = project.source().run
     if done is not None and owner == done.name and not replace:

@@ -9,6 +9,7 @@ from twin.bench.fits import fit_file, fresh, named_effects, newest, stale_senten
 from twin.bench.othermodels import other_effects
 from twin.chain import STAGES, TARGETS, Stage, When, kinds_writing
 from twin.commands.check import check_project
+from twin.commands.measure import is_measured
 from twin.diagnosis.record import DiagnosisRecord
 from twin.judging.record import FitRecord
 from twin.numerals import in_words
@@ -17,7 +18,6 @@ from twin.project.folder import Project, Say
 
 FILM = STAGES[: next(k for k, stage in enumerate(STAGES) if TARGETS in stage.writes) + 1]
 MODEL = tuple(stage for stage in STAGES if stage not in FILM and stage.when is not When.ASKED)
-BASE = ("calibrate", "compare", "diagnose")  # what is found with no effect in the model
 
 
 def run_recalibrate(project: Project, say: Say) -> dict[str, Any]:
@@ -27,7 +27,6 @@ def run_recalibrate(project: Project, say: Say) -> dict[str, Any]:
     """
     check_project(project, say)
     done = {stage.name: _filmed(project, stage, say) for stage in FILM}
-    project = _at_base(project, say)
     for stage in MODEL:
         done[stage.name] = _once(project, stage, say)
         project = Project.open(project.root, builtin=project.builtin)  # add has written its effect
@@ -43,8 +42,8 @@ def _filmed(project: Project, stage: Stage, say: Say) -> str:
     if _without_films(project) or (stage.name == "camera" and not project.config.cameras):
         return "none"
     say(f"twin {stage.name}: {stage.title}")
-    # it compares the digests of films and log itself, and targets of others are kept as targets-0001
-    options = {"replace": True} if TARGETS in stage.writes else {}
+    # what is measured is skipped; targets of other inputs are kept as targets-0001
+    options = {"replace": not is_measured(project)} if TARGETS in stage.writes else {}
     return str(stage.run(project, say, **options)["status"])
 
 
@@ -57,17 +56,6 @@ def _without_films(project: Project) -> bool:
     named = [camera.film for camera in project.config.cameras] if foreign is None else [foreign.file]
     there = all(any(project.root.glob(file)) for file in named)
     return not named or not there or not (project.targets_folder / "source.json").is_file()
-
-
-def _at_base(project: Project, say: Say) -> Project:
-    """The project without effects where the base model has to be calibrated or diagnosed anew."""
-    effects = project.config.model.effects
-    wanted = [name for name in BASE if name != "diagnose" or _can_test(project)]
-    if not effects or all(_fresh_run(project, (name,)) is not None for name in wanted):
-        return project
-    say(f"The base model is judged anew, so twin.toml had effects = {list(effects)} and has none now. What "
-        "the diagnosis names is added; `twin add` puts back others.")  # fmt: skip
-    return project.set_effects([])
 
 
 def _once(project: Project, stage: Stage, say: Say) -> str:
@@ -90,9 +78,20 @@ def _fresh_run(project: Project, kinds: tuple[str, ...]) -> str | None:
     """The newest run of these kinds that belongs to the present project and is younger than what it is built
     on."""
     path = fresh(project, kinds)
+    if kinds == ("calibrate",) and not _has_fit(project):
+        return None  # of the base alone: effects were written into twin.toml, or it was killed before them
     if path is None or any(_number(path.parent.name) < n for n in _needed(project, kinds)):
         return None
     return path.parent.name
+
+
+def _has_fit(project: Project) -> bool:
+    """Whether the model has been fitted with the effects that twin.toml has."""
+    try:
+        fit_file(project)
+    except ValueError:
+        return False
+    return True
 
 
 def _needed(project: Project, kinds: tuple[str, ...]) -> list[int]:

@@ -76,6 +76,9 @@ class Stages:
             if self.stop == name:
                 self.stop = None
                 raise KeyboardInterrupt  # as a kill does, it leaves the run under way
+        if name == "calibrate" and project.config.model.effects:
+            with project.new_run("add") as run:
+                run.write(record(**fit, g1=0.03, effects=project.config.model.effects))
         self.ran.append(name)
         if name == "add":
             project.set_effects(self.named)
@@ -133,7 +136,7 @@ def test_everything_runs_once_and_then_nothing(batch, stages, say):
     assert stages.since() == []
 
 
-def test_new_targets_make_all_stale_and_the_effects_are_found_anew(batch, stages, say):
+def test_new_targets_make_all_stale_and_the_effects_are_fitted_again(batch, stages, say):
     project = batch()
     run_recalibrate(project, say)
     stages.since()
@@ -142,8 +145,18 @@ def test_new_targets_make_all_stale_and_the_effects_are_found_anew(batch, stages
     stages.named = []
     result = again(project, say)
     assert stages.since() == ["calibrate", "compare", "diagnose", "review"]
-    assert result["effects"] == []  # what the new data do not ask for is not left in the model
-    assert any("twin.toml had effects = ['creep'] and has none now" in line for line in say.lines)
+    assert (result["verdict"], result["effects"]) == ("adequate", ["creep"])  # nothing else is missing
+    assert set(again(project, say)["stages"].values()) == {"none", "fresh"}
+
+
+def test_effects_that_are_written_into_twin_toml_are_fitted(batch, stages, say):
+    project = batch()
+    stages.named = []
+    run_recalibrate(project, say)
+    Project.open(project.root).set_effects(["creep"])
+    stages.since()
+    assert again(project, say)["effects"] == ["creep"]
+    assert stages.since() == ["calibrate", "compare", "diagnose", "review"]
 
 
 def test_only_what_depends_on_a_change_runs_again(batch, stages, say):
@@ -219,7 +232,8 @@ def test_a_batch_like_another_remembers_it_and_says_what_changed(batch, stages, 
     run_init_like(tmp_path / "batch-08", say, like=former.root)
     project = Project.open(tmp_path / "batch-08")
     assert (project.config.project.name, project.config.project.like) == ("batch-08", "../batch-07")
-    assert project.config.model.effects == ()  # of the former batch
+    assert project.config.model.effects == ("creep",)  # the silicone is the same
+    assert any("The model keeps its effects, creep" in line for line in say.lines)
     assert "# our rig" in (project.root / "twin.toml").read_text()
     assert not project.targets_folder.exists()
     shutil.copytree(former.targets_folder, project.targets_folder)
