@@ -139,7 +139,7 @@ COMMANDS = (
     Stage(
         name="predict", title="Predict displacements under another pressure, with their intervals.",
         reads=("[model]", "[points]", "[calibrate]", TARGETS, DECK, FIT),
-        writes=("predicted.json", "predicted.csv", "predicted.png"),
+        writes=("predicted.json", "predicted.csv", "predicted.png", "predicted.pvd", "predicted.rrd"),
         function="twin.commands.predict:run_predict", when=When.ASKED,
     ),
     Stage(

@@ -118,6 +118,8 @@ OPTIONS: dict[str, tuple[Parameter, ...]] = {
         _option("at", NAMES, [], "a point of the project, x=60, or x,y,z in mm; once for each"),
         _option("ramp_s", float, 2.0, "time in which a held pressure is reached, s"),
         _option("hold_s", float, 2.0, "time for which it is held, s"),
+        _option("gravity", str, "", "its direction X,Y,Z, where it is another than in the film"),
+        _flag("blocked", "also the force of the finger whose end is kept at its height"),
     ),
     "export": (
         _argument("form", str, ..., "abaqus or calculix: a deck; json or csv: a table of the response",

@@ -147,12 +147,15 @@ class OpenedProject:
         ramp_s: float = 2.0,
         hold_s: float = 2.0,
         inverse: Sequence[str] = (),
+        gravity: str = "",
+        blocked: bool = False,
     ) -> StageResult:
         """Displacements that nobody has measured, mm, under pressures such as "20kPa" or along the course of
         a pressure log, or at the pressures that give wanted ones, such as inverse=["tip.U3=-40"]: a row for
-        each point and time, with the 95 % interval."""
+        each point and time, with the 95 % interval. The blocked force, N, stands in the summary."""
         log, held = None if course is None else Path(course), {"ramp_s": ramp_s, "hold_s": hold_s}
-        return self._run("predict", pressure=pressure, course=log, at=at, inverse=inverse, **held)
+        asked: dict[str, Any] = {"at": at, "inverse": inverse, "gravity": gravity, "blocked": blocked}
+        return self._run("predict", pressure=pressure, course=log, **asked, **held)
 
     def export(
         self,

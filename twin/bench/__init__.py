@@ -5,6 +5,7 @@ Read `workbench` first: a project as its model and its targets. `positions` find
 states in mm on the finger; `meshshapes` says what there is to say of a mesh. `fits` tells which runs still
 belong to the project, `laws` which law of an effect was kept, `waterfall` how the error fell until now.
 `comparison` writes what a judged model shows and what it was judged by, `caches` keeps what is dear to make.
-`effectchange` refits the model with other effects; `predicting` asks it what nobody has measured, `inverting`
-which pressure gives a wanted displacement; `othermodels` says in what two projects' models differ.
+`effectchange` refits the model with other effects; `predicting` asks it what nobody has measured, `leftopen`
+how uncertain that is, `inverting` which pressure gives a wanted displacement, `blocking` how hard the finger
+presses; `othermodels` says in what two projects' models differ.
 """

@@ -1,25 +1,19 @@
 """A calibrated model and courses of pressure -> displacements that nobody has measured, and their errors.
 
-The courses follow the film in one test of one model, so that what is uncertain is the same in both:
-parameters, the error of the mesh, and the laws' errors as far as the data have asked for them. What the film
-tells of all these together is carried over, their best values and what it leaves open (a linear model with
-normal priors; Rasmussen & Williams 2006, section 2.1): where the film holds a displacement, constants and
-mesh err against each other. Beyond the tested pressure the silicone may stiffen in a way that the film could
-not show: C20 is uncertain then, as far as the film leaves it open.
+The courses follow the film in one test of one model, so that what is uncertain is the same in both, and what
+the film tells of it is carried over (`leftopen`). Beyond the tested pressure the silicone may stiffen in a
+way that the film could not show: C20 is uncertain then, as far as the film leaves it open.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from twin.bench.leftopen import Uncertain, told_by_film
 from twin.bench.workbench import Workbench
-from twin.diagnosis.signatures import prior_sd
-from twin.effects.library import effect
-from twin.judging.lawerrors import law_errors
 from twin.judging.record import FitRecord
-from twin.judging.whitening import whitener
 from twin.model.prediction import Model
 from twin.project.folder import Say
 from twin.targets import Array, PointKind, TargetPoint, Targets, as_position
@@ -27,23 +21,26 @@ from twin.targets import Array, PointKind, TargetPoint, Targets, as_position
 GAP = 60.0  # s at rest before every course: what creeps has nearly come back
 SAME = 1.001  # of the tested pressure: a gauge does not tell more
 NORMAL = 1.96  # sds of a 95 % interval
-LAW = "stiffening"  # what a silicone may do beyond the pressures of the film
 LOW, HIGH = "end, low", "end, high"  # two points of the end face, whose turn is the tip's angle
 
 
 @dataclass(frozen=True)
 class WantedCourse:
-    """Pressure (t,) MPa over time (t,) s, from 0 s on, and the times (s,) s that are wanted."""
+    """Pressure (t,) MPa over time (t,) s, from 0 s on, the times (s,) s that are wanted, and the direction of
+    gravity (3,), None: that of the film's first block."""
 
     time: Array
     pressure: Array
     output: Array
+    gravity: Array | None = None
 
     @staticmethod
-    def held(pressure: float, *, ramp_s: float, hold_s: float) -> "WantedCourse":
+    def held(
+        pressure: float, *, ramp_s: float, hold_s: float, gravity: Array | None = None
+    ) -> "WantedCourse":
         """A ramp to a pressure in MPa, which is then held; wanted is its end."""
         time = np.cumsum([0.0, ramp_s, hold_s])
-        return WantedCourse(time, np.array([0.0, pressure, pressure]), time[-1:])
+        return WantedCourse(time, np.array([0.0, pressure, pressure]), time[-1:], gravity)
 
     @staticmethod
     def logged(time: Array, pressure: Array, *, most: int) -> "WantedCourse":
@@ -59,7 +56,8 @@ class Prediction:
 
     factors (q, s, p, 3) mm: independent errors of 1 sd each. beyond (s,): whether the pressure is above the
     tested one. angle (s,) degrees, by which the end face turns about y, from z to x, with its sd (s,); why:
-    why there is no interval, "" where there is one.
+    why there is no interval, "" where there is one. shape (s, n, 3) mm: displacements of all nodes, as the
+    model has them.
     """
 
     time: Array
@@ -70,6 +68,7 @@ class Prediction:
     beyond: NDArray[np.bool_]
     angle: Array
     angle_sd: Array
+    shape: Array
     why: str = ""
 
     @property
@@ -89,17 +88,15 @@ def predicted(
 
     Raises Unsolvable where there is no equilibrium.
     """
-    fit, targets = record.fit, bench.targets
+    targets = bench.targets
     own, model = followed(bench, record, courses, places, say)
+    fit = record.fit
     tested = SAME * float(targets.log_pressure.max())
     beyond = any(one.pressure.max() > tested for one in courses)
-    columns, prior = _uncertain(model, record, own, beyond=beyond)
-    change, factors = _told(targets, model, fit.theta, columns, prior)
-    u = model.predict(fit.theta)
-    if record.adequate:  # else it would be what the model lacks
-        u = u + change
+    u, factors = with_errors(model, record, targets, own, beyond=beyond)
     angle, turns = turned(own.names, u, factors, np.array(ends(bench)))
-    wanted = [own.names.index(name) for name in places]
+    wanted, solution = [own.names.index(name) for name in places], model.solution(fit.theta)
+    shown = len(bench.case.nodes)  # of a whole made of a half, the half comes first
     out, done = [], len(targets.time)
     for one in courses:
         rows = slice(done + 1, done + 1 + len(one.output))  # the first is the rest before it
@@ -114,9 +111,30 @@ def predicted(
             beyond=pressure > tested,
             angle=angle[rows],
             angle_sd=np.sqrt((turns[:, rows] ** 2).sum(axis=0)),
-            why=_doubt(record),
+            shape=_shape(solution.fields, rows)[:, :shown],
+            why=why_none(record),
         ))  # fmt: skip
     return out
+
+
+def _shape(fields: Callable[[list[int]], Array], rows: slice) -> Array:
+    """Displacements (s, n, 3) mm of all nodes in these rows, relative to the rest before them."""
+    return np.asarray(fields(list(range(rows.start, rows.stop))) - fields([rows.start - 1]))
+
+
+def with_errors(
+    model: Model, record: FitRecord, targets: Targets, own: Targets, *, beyond: bool
+) -> tuple[Array, Array]:
+    """Displacements (s, p, 3) mm of a fitted model, and their independent errors (k, s, p, 3) mm of 1 sd.
+
+    targets: what it was fitted to. own: the same with what is to be predicted after it, which the model
+    answers for. beyond: whether some of that lies above the tested pressure.
+    """
+    theta = record.fit.theta
+    uncertain = Uncertain.of(model, theta, record, own, beyond=beyond)
+    change, factors = told_by_film(targets, model, theta, uncertain)
+    u = model.predict(theta)
+    return (u + change if record.adequate else u), factors  # else it would be what the model lacks
 
 
 def followed(
@@ -139,7 +157,7 @@ def ends(bench: Workbench) -> tuple[Array, Array]:
     return face[face[:, 2].argmin()], face[face[:, 2].argmax()]
 
 
-def _doubt(record: FitRecord) -> str:
+def why_none(record: FitRecord) -> str:
     """Why a fit has no intervals, "" where it has."""
     if record.adequate:
         return ""
@@ -150,8 +168,8 @@ def _doubt(record: FitRecord) -> str:
 def after(
     targets: Targets, courses: Sequence[WantedCourse], places: Mapping[str, Array]
 ) -> Targets:
-    """The targets with films that were not made, each a block of its own in the first orientation, after GAP
-    at rest; and with more places (3,) mm by name, at which nothing is measured."""
+    """The targets with films that were not made, each a block of its own after GAP at rest, by default in the
+    first orientation; and with more places (3,) mm by name, at which nothing is measured."""
     new = [TargetPoint(n, PointKind.PLACE, None, as_position(x)) for n, x in places.items()]
     points = [*targets.points, *(p for p in new if p.name not in targets.names)]
     s, p, last = len(targets.time), len(points), int(targets.block[-1])
@@ -173,7 +191,8 @@ def after(
     again = [load for load in targets.loads if load.block == 0]
     gravity = targets.gravity
     if gravity is not None:
-        gravity = np.concatenate([gravity, gravity[[0] * n]])
+        ways = [gravity[0] if one.gravity is None else one.gravity for one in courses]
+        gravity = np.concatenate([gravity, np.reshape(ways, (n, 3))])
 
     def longer(x: Array, fill: float = np.nan) -> Array:
         return np.concatenate([x, np.full((more, *x.shape[1:]), fill)])
@@ -192,47 +211,6 @@ def after(
         noises=(*targets.noises, *targets.noises[:1] * n),
         loads=(*targets.loads, *(replace(load, block=last + 1 + k) for k in range(n) for load in again)),
     )  # fmt: skip
-
-
-def _uncertain(model: Model, record: FitRecord, targets: Targets, *, beyond: bool) -> tuple[Array, Array]:
-    """What is uncertain of a prediction: columns (k, s, p, 3) mm per unit, and the precision (k,) that each
-    has without the film: none of a fitted parameter, 1 of a mode."""
-    theta = record.fit.theta
-    free = [p.name not in record.at_bound for p in model.parameters]
-    columns, prior = [model.jacobian(theta)[free]], [np.zeros(sum(free))]
-    modes = [model.modes(theta)]
-    if record.law_error:
-        modes += [record.law_error * one.modes for one in law_errors(model, theta, targets)]
-    for some in modes:
-        columns.append(some)
-        prior.append(np.ones(len(some)))
-    if beyond and LAW not in [e.name for e in model.effects]:
-        law = effect(LAW, own=())
-        columns.append(model.tangents(theta, [law])[LAW][0])
-        prior.append(np.array([1 / prior_sd(p) ** 2 for p in law.amplitudes]))
-    return np.concatenate(columns), np.concatenate(prior)
-
-
-def _told(
-    targets: Targets, model: Model, theta: Array, columns: Array, prior: Array
-) -> tuple[Array, Array]:
-    """What the film says of the uncertain: a change and what it leaves open.
-
-    The change (s, p, 3) mm is what the film's residual asks for, of mesh and laws above all. What it leaves
-    are independent errors (k, s, p, 3) mm of 1 sd.
-    """
-    s, p = targets.valid.shape[:2]
-    nothing = np.zeros((0, *targets.value.shape))
-    gauge = model.per_pressure(theta)[:s, :p] * targets.pressure_sd[:, None, None]
-    w = whitener(targets, prediction_modes=nothing, gauge=gauge, points=~targets.fixed)
-    seen = w.whiten(columns[:, :s, :p]).T
-    scale = 1 / np.sqrt((seen**2).sum(axis=0) + prior)
-    information = (seen * scale).T @ (seen * scale) + np.diag(prior * scale**2)
-    power, turn = np.linalg.eigh(information)
-    axes = scale[:, None] * turn / np.sqrt(power)
-    z = w.whiten(targets.value - model.predict(theta)[:s, :p])
-    change = np.tensordot(axes @ (axes.T @ (seen.T @ z)), columns, 1)
-    return np.asarray(change), np.asarray(np.tensordot(axes.T, columns, 1))
 
 
 def turned(names: tuple[str, ...], u: Array, factors: Array, face: Array) -> tuple[Array, Array]:

@@ -2,33 +2,41 @@
 
 import re
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
 from pydantic import Field
 
+from fe.element import triangles
 from fe.mesh.points import nearest
+from twin.bench.blocking import Blocked, blocked_force
 from twin.bench.fits import fit_file
 from twin.bench.inverting import Inverse, Wanted, pressure_for
 from twin.bench.positions import ON_FINGER_MM
 from twin.bench.predicting import NORMAL, Prediction, WantedCourse, predicted
 from twin.bench.workbench import Workbench
+from twin.drawing.deformed import write_vtu_series
 from twin.drawing.predictionplot import draw_prediction
 from twin.effects.protocol import Order
 from twin.gauge.pressurelog import read_log
 from twin.gauge.pressureunits import in_MPa, unit_of
+from twin.gravity import is_heavy
 from twin.judging.record import FitRecord
 from twin.project import files
-from twin.project.folder import Project, Say
+from twin.project.folder import Project, Run, Say
 from twin.project.record import Maybe, Record
 from twin.project.tablemodel import Finite
+from twin.review.shapes import write_shapes
 from twin.targets import Array, PointKind
 
 MOST = 200  # times of a course that are predicted
 TOO_MUCH = 1.0  # MPa: no soft finger has it
 AXES = ("U1", "U2", "U3")
 FASTER, LONGER = 1.5, 1.5  # than the film: what is told
+TURNED = 0.985  # cosine of 10 degrees between two orientations
+SHAPES = 50  # deformed fingers that are written
 WINDOW = 0.2  # s, over which a rate of pressure is taken: a gauge's noise is small in it
 
 
@@ -63,6 +71,16 @@ class PredictedPressure(Record):
     high_MPa: Maybe
 
 
+class PredictedForce(Record):
+    """The force upwards on the end face that keeps its middle at its height."""
+
+    pressure_MPa: Finite
+    force_N: Finite
+    low_N: Maybe = Field(description="95 % interval; null where the fit has none")
+    high_N: Maybe
+    beyond: bool = Field(description="above the pressure that was tested")
+
+
 class PredictionRecord(Record):
     """What the model predicts."""
 
@@ -71,6 +89,7 @@ class PredictionRecord(Record):
     angles: tuple[PredictedAngle, ...] = Field(description="a row a time")
     tested_MPa: Finite = Field(description="highest pressure of the film")
     inverse: tuple[PredictedPressure, ...] = Field(default=(), description="a row a wanted displacement")
+    blocked: tuple[PredictedForce, ...] = Field(default=(), description="a row a pressure")
     note: str = Field(default="", description="why there are no intervals, and what was not tested")
 
 
@@ -84,47 +103,65 @@ def run_predict(
     ramp_s: float = 2.0,
     hold_s: float = 2.0,
     inverse: Sequence[str] = (),
+    gravity: str = "",
+    blocked: bool = False,
 ) -> dict[str, Any]:
     """Displacements of points and the turn of the tip, each with its 95 % interval, under held pressures or
-    along the course of a log; or at the pressures that give wanted displacements."""
+    along the course of a log; or at the pressures that give wanted displacements.
+
+    gravity: its direction, X,Y,Z, where it is another than in the film. blocked: the force, too, with which
+    the finger presses when its end is kept at its height.
+    """
     wanted = [Wanted.of(text) for text in inverse]
     courses = _courses(pressure, course, ramp_s, hold_s, wanted)
+    if blocked and not pressure:
+        raise ValueError("--blocked: wanted a pressure beside it, such as --pressure 20kPa")
     bench = Workbench.of(project)
+    way = _gravity(bench, gravity)
+    courses = [replace(one, gravity=way) for one in courses]
     record = files.read(FitRecord, fit_file(project))
     places = asked(bench, [*at, *(one.point for one in wanted)])
     tested = float(bench.targets.log_pressure.max())
     inputs = [project.targets_folder, *project.deck_files(), *([course] if course else [])]
     extra = {
         "pressure": list(pressure), "inverse": list(inverse), "at": list(at), "ramp_s": ramp_s,
-        "hold_s": hold_s,
+        "hold_s": hold_s, "gravity": gravity, "blocked": blocked,
     }  # fmt: skip
     with project.new_run("predict", inputs=inputs, extra=extra) as run:
         say.progress("predict", 0, 1)
         inverted = [
-            pressure_for(bench, record, one, places, say, ramp_s=ramp_s, hold_s=hold_s) for one in wanted
+            pressure_for(bench, record, one, places, say, ramp_s=ramp_s, hold_s=hold_s, gravity=way)
+            for one in wanted
         ]
         if wanted:
             found, courses = [one.prediction for one in inverted], [one.course for one in inverted]
         else:
             found = predicted(bench, record, courses, places, say)
+        forces = [blocked_force(bench, record, one, say) for one in courses] if blocked else []
         made = PredictionRecord(
             points=tuple(row for one in found for row in _rows(one)),
             angles=tuple(row for one in found for row in _angles(one)),
             tested_MPa=tested,
             inverse=tuple(_pressure_row(one) for one in inverted),
+            blocked=tuple(map(_force_row, forces)),
             note=" ".join(_notes(bench, courses, found)),
         )
         run.write(made)
         run.write_text("predicted.csv", _csv(made))
         run.write_bytes("predicted.png", _picture(found))
+        _write_shapes(run, bench, found)
         run.summary["headline"] = _headline(made)
     for row in made.inverse:
         say(f"{row.wanted} mm at {_in_kPa(row)}.")
     for line in _table(made) if course is None else [_headline(made)]:
         say(line)
+    for force in made.blocked:
+        say(f"{1e3 * force.pressure_MPa:.4g} kPa: the end, kept at its height, presses with "
+            f"{_in_N(force)}.")  # fmt: skip
     if made.note:
         say(made.note)
-    say(f"Wrote {project.shown(run.folder)}/predicted.csv, predicted.json and predicted.png")
+    say(f"Wrote {project.shown(run.folder)}/predicted.csv, predicted.json and predicted.png; the shapes: "
+        f"predicted.pvd for ParaView, and `rerun {run.path('predicted.rrd')}`")  # fmt: skip
     return {"stage": "predict", "run": run.name} | files.plain(made)
 
 
@@ -143,6 +180,28 @@ def _courses(
         log = read_log(course, time_shift_s=0.0)
         return [WantedCourse.logged(log.time, log.pressure, most=MOST)]
     return [WantedCourse.held(pressure_of(text), ramp_s=ramp_s, hold_s=hold_s) for text in pressure]
+
+
+def _gravity(bench: Workbench, text: str) -> Array | None:
+    """The direction (3,) of gravity that is asked for, None where none is. ValueError where it is none, or
+    the model has no weight."""
+    if not text:
+        return None
+    try:
+        way = np.array([float(word) for word in text.split(",")])
+    except ValueError:
+        way = np.zeros(0)
+    if way.shape != (3,) or not np.isfinite(way).all() or not way.any():
+        raise ValueError(
+            f"--gravity {text!r}: wanted its direction X,Y,Z in world axes, such as 0,0,-1 (x along the "
+            "finger, z up)"
+        )
+    if bench.targets.gravity is None or not is_heavy(bench.case):
+        raise ValueError(
+            f"--gravity {text}: the model has no weight; give density_kg_m3 and gravity under [model] in "
+            "twin.toml, and run `twin calibrate`"
+        )
+    return np.asarray(way / np.linalg.norm(way))
 
 
 def check_times(ramp_s: float, hold_s: float) -> None:
@@ -213,6 +272,37 @@ def _picture(found: Sequence[Prediction]) -> bytes:
     )  # fmt: skip
 
 
+def _write_shapes(run: Run, bench: Workbench, found: Sequence[Prediction]) -> None:
+    """The deformed finger at SHAPES of what is predicted, for ParaView and rerun."""
+    u, pressure, time = (np.concatenate([getattr(one, key) for one in found])
+                         for key in ("shape", "pressure", "time"))  # fmt: skip
+    held = all(len(one.time) == 1 for one in found)
+    rows = np.argsort(pressure, kind="stable") if held else np.arange(len(u))
+    rows = rows[np.unique(np.linspace(0, len(rows) - 1, min(SHAPES, len(rows))).round().astype(int))]
+    nodes, own = bench.case.nodes, triangles(bench.structure.outside)
+    write_vtu_series(
+        run.folder, "predicted", nodes=nodes, cells=bench.case.connectivity,
+        times=list(1e3 * pressure[rows] if held else time[rows]), fields={"U": u[rows]},
+    )  # fmt: skip
+    write_shapes(
+        run.path("predicted.rrd"), nodes=nodes, triangles=own, u=u[rows], pressure=pressure[rows],
+        time=time[rows], held=held,
+    )  # fmt: skip
+
+
+def _force_row(one: Blocked) -> PredictedForce:
+    low, high = one.interval or (None, None)
+    return PredictedForce(
+        pressure_MPa=one.pressure, force_N=one.force, low_N=low, high_N=high, beyond=one.beyond
+    )
+
+
+def _in_N(row: PredictedForce) -> str:
+    if row.low_N is None or row.high_N is None:
+        return f"{row.force_N:.3g} N"
+    return f"{row.force_N:.3g} N (95 %: {row.low_N:.3g} to {row.high_N:.3g})"
+
+
 def _pressure_row(one: Inverse) -> PredictedPressure:
     low, high = one.interval or (None, None)
     return PredictedPressure(
@@ -276,6 +366,9 @@ def _notes(bench: Workbench, courses: Sequence[WantedCourse], found: Sequence[Pr
         out.append(
             f"It lasts {longer:.3g} s, the film {lasts:.3g} s: slower creep than the film's was not tested."
         )
+    way = courses[0].gravity
+    if way is not None and t.gravity is not None and float((t.gravity @ way).max()) < TURNED:
+        out.append("The finger was not filmed in this orientation: its density alone tells how much it sags.")
     seen = [e.label for e in bench.model().effects if e.order >= Order.GAUGE_GAIN]
     if seen:
         out.append(f"The displacements are as this rig would show them: the model has {', '.join(seen)}.")

@@ -26,7 +26,9 @@ from twin.commands.explain import run_explain
 from twin.commands.export import run_export
 from twin.commands.predict import run_predict
 from twin.commands.review import run_review
+from twin.effects.acting import OutsideForce
 from twin.effects.baselaw import NOMINAL
+from twin.effects.protocol import Test
 from twin.judging.record import Estimate, FitRecord
 from twin.model import prediction
 from twin.model.structure import BuiltIn
@@ -432,7 +434,8 @@ def test_what_was_not_filmed_is_predicted_with_an_interval_that_holds_the_truth(
 ) -> None:
     project, _ = chain
     say = Silent()
-    found = run_predict(project, say, pressure=("36kPa", "0.2bar"), at=("tip", "p2"), ramp_s=1.0, hold_s=4.0)
+    asked = {"at": ("tip", "p2"), "ramp_s": 1.0, "hold_s": 4.0}
+    found = run_predict(project, say, pressure=("36kPa", "0.2bar"), **asked)
     material = Material(0.214, 0.083, prony=((0.075, 1.2), (0.055, 3.5), (0.02, 15.0)))
     truth = virtual.truth_case(short_builtin.finger, Lattice(per_bellow=2, centred=False), material=material, element=None)
     edge = np.array([(x, 11.5, 0.0) for x in (X[-1], X[1])])
@@ -454,6 +457,30 @@ def test_what_was_not_filmed_is_predicted_with_an_interval_that_holds_the_truth(
     folder = project.root / "runs" / found["run"]
     table = rows_of("predict", folder, found)
     assert [row["u3_mm"] for row in table] == pytest.approx([row["u_mm"][2] for row in found["points"]], rel=1e-5)
-    assert all((folder / f"predicted.{end}").stat().st_size for end in ("csv", "json", "png"))
+    assert all((folder / f"predicted.{end}").stat().st_size for end in ("csv", "json", "png", "pvd", "rrd"))
+    (force,) = run_predict(project, say, pressure=("20kPa",), blocked=True, **asked)["blocked"]
+    true = _blocked(truth, 0.02)
+    assert abs(force["force_N"] - true) < 0.75 * (force["high_N"] - force["low_N"])  # at 2.9 sd
+    assert force["force_N"] == pytest.approx(true, rel=0.1)  # so coarse a mesh alone may be off by a third
+
+
+def _blocked(truth: Case, pressure: float) -> float:
+    """The force in N that keeps the end of a finger of another mesh at its height, by a secant."""
+    face = truth.nodes[truth.nodes[:, 0] > truth.nodes[:, 0].max() - 1e-6]
+    ends = np.array([face[face[:, 2].argmin()], face[face[:, 2].argmax()]])
+    course = Course(np.array([0.0, 1.0, 5.0]), np.array([0.0, pressure, pressure]), np.array([5.0]))
+    push = OutsideForce(1.0, ("up",), growing=True)
+
+    def height(rate: float) -> float:
+        test = push.before(Test(truth, course, ends, np.ones(2, bool)), {push.parameters[0].name: rate})
+        return float(virtual.displaced(test.case, course, ends)[0][0, :, 2].mean())
+
+    a, b = 0.0, 3.0
+    ua, ub = height(a), height(b)
+    for _ in range(3):
+        a, b, ua = b, b - ub * (b - a) / (ub - ua), ub
+        ub = height(b)
+    assert abs(ub) < 1e-3
+    return pressure * b
 
 

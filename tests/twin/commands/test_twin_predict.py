@@ -8,10 +8,13 @@ import pytest
 
 from tests.twin.diagnosis.toy import Toy, smooth_field, targets
 from twin.bench import inverting
+from twin.bench.blocking import _kept
 from twin.bench.inverting import Wanted, first_crossing
-from twin.bench.predicting import GAP, HIGH, LOW, Prediction, WantedCourse, _told, after, turned
+from twin.bench.leftopen import Uncertain, told_by_film
+from twin.bench.predicting import GAP, HIGH, LOW, Prediction, WantedCourse, after, turned
 from twin.bench.workbench import Workbench
-from twin.commands.predict import _notes, asked, pressure_of, run_predict
+from twin.commands.predict import _gravity, _notes, asked, pressure_of, run_predict
+from twin.effects.protocol import Unsolvable
 from twin.project.folder import Project, dataset
 
 
@@ -98,7 +101,7 @@ def test_what_was_not_tested_is_told(bench: Workbench, monkeypatch: pytest.Monke
         beyond = np.array([course.pressure.max() > 0.03])
         one = Prediction(
             time=course.output, pressure=course.pressure[-1:], names=("tip",), u=nothing, factors=nothing[None],
-            beyond=beyond, angle=np.zeros(1), angle_sd=np.zeros(1),
+            beyond=beyond, angle=np.zeros(1), angle_sd=np.zeros(1), shape=nothing,
         )  # fmt: skip
         return " ".join(_notes(bench, [course], [one]))
 
@@ -116,10 +119,11 @@ def test_what_the_film_says_has_pulls_of_one() -> None:
     columns, toy, theta = np.concatenate([base, mode]), Toy({"base": base}), np.array([1.2])
     truth, pulls = 1.3 * base[0] + 0.5 * mode[0], []
     for seed in range(80):
-        change, factors = _told(targets(truth, seed=seed, sd=0.5), toy, theta, columns, np.array([0.0, 1.0]))  # type: ignore[arg-type]
+        some = Uncertain(columns, np.array([0.0, 1.0]))
+        change, factors = told_by_film(targets(truth, seed=seed, sd=0.5), toy, theta, some)  # type: ignore[arg-type]
         off = toy.predict(theta) + change - truth
-        some = [40, 70], [0, 2], 2  # step, point, axis
-        pulls.append(off[some] / np.sqrt((factors**2).sum(axis=0))[some])
+        at = [40, 70], [0, 2], 2  # step, point, axis
+        pulls.append(off[at] / np.sqrt((factors**2).sum(axis=0))[at])
     assert 0.8 < np.sqrt(np.mean(np.square(pulls))) < 1.25  # of 160 draws: 1 +- 0.06
 
 
@@ -129,7 +133,8 @@ def test_a_prior_that_the_film_says_nothing_of_stays() -> None:
     t = targets(1.3 * base[0], seed=1)
     columns = np.concatenate([np.pad(x, ((0, 0), (0, 0), (0, 1), (0, 0))) for x in (base, seen)])
     columns[1, :, -1, 2] = 2.0  # mm, at a place without a marker
-    _, factors = _told(t, Toy({"base": base}), np.array([1.2]), columns, np.array([0.0, 0.25]))  # type: ignore[arg-type]
+    some = Uncertain(columns, np.array([0.0, 0.25]))
+    _, factors = told_by_film(t, Toy({"base": base}), np.array([1.2]), some)  # type: ignore[arg-type]
     assert np.sqrt((factors**2).sum(axis=0))[50, -1, 2] == pytest.approx(4.0)
 
 
@@ -170,7 +175,7 @@ def test_the_pressure_for_a_displacement_gives_it(bench: Workbench, monkeypatch:
         u[..., 2], factors[..., 2] = moved(one.pressure[-1]) + 0.3, 0.2  # the film knows more than the constants
         return [Prediction(
             time=one.output, pressure=one.pressure[-1:], names=("tip",), u=u, factors=factors,
-            beyond=np.zeros(1, bool), angle=np.zeros(1), angle_sd=np.zeros(1),
+            beyond=np.zeros(1, bool), angle=np.zeros(1), angle_sd=np.zeros(1), shape=u,
         )]  # fmt: skip
 
     tried: list[float] = []
@@ -195,3 +200,40 @@ def test_the_pressure_for_a_displacement_gives_it(bench: Workbench, monkeypatch:
     assert at(moved(np.array(1.3 * top))).pressure > 1.2 * top
     with pytest.raises(ValueError, match=rf"tip moves by .* to 0 mm in U3 up to {1.5e3 * top:.4g} kPa"):
         at(moved(np.array(1.6 * top)))
+
+
+# -- another orientation, and the blocked force --------------------------------------------------------------
+
+
+def test_gravity_is_asked_for_by_its_direction_of_a_finger_with_weight(bench: Workbench) -> None:
+    heavy = replace(bench, targets=replace(bench.targets, gravity=np.array([[0.0, 0.0, -1.0]])),
+                    structure=replace(bench.structure, case=bench.case.with_material(density=1.07e-9)))  # fmt: skip
+    assert _gravity(bench, "") is None
+    assert _gravity(heavy, "2,0,0") == pytest.approx([1.0, 0.0, 0.0])
+    with pytest.raises(ValueError, match="the model has no weight; give density_kg_m3"):
+        _gravity(bench, "1,0,0")
+    for text in ("0,0,0", "1,0", "down", "1,nan,0", "1,inf,0"):
+        with pytest.raises(ValueError, match="wanted its direction X,Y,Z"):
+            _gravity(heavy, text)
+    own, hangs = WantedCourse.held(0.02, ramp_s=1.0, hold_s=3.0), np.array([1.0, 0.0, 0.0])
+    found = after(heavy.targets, [own, replace(own, gravity=hangs)], {})
+    assert found.gravity is not None
+    assert found.gravity[-2:].tolist() == [[0.0, 0.0, -1.0], [1.0, 0.0, 0.0]]
+    assert found.gravity.shape == (found.block[-1] + 1, 3)
+
+
+def test_a_block_that_no_force_keeps_is_refused() -> None:
+    assert _kept(lambda f: (f**2 + 2 * f - 3, 2 * f + 2), 0.02)[0] == pytest.approx(1.0, abs=1e-3)
+
+    def folds(f: float) -> tuple[float, float]:
+        if f > 1.0:
+            raise Unsolvable("it folds")
+        return f - 3.0, 1.0
+
+    with pytest.raises(ValueError, match=r"no force was found .* under 20 kPa: with 0\.0\d+ N it is still -2\.\d+ mm off"):
+        _kept(folds, 0.02)
+
+
+def test_a_blocked_force_wants_a_pressure() -> None:
+    with pytest.raises(ValueError, match="--blocked: wanted a pressure beside it"):
+        run_predict(Project.open(dataset("study")), lambda text: None, inverse=("tip.U3=-4",), blocked=True)  # type: ignore[arg-type]

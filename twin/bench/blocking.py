@@ -1,0 +1,113 @@
+"""A held pressure -> the force with which a finger presses whose end is kept at its height.
+
+The force acts on the end face, grows with the pressure as it rises, and is the one at which the middle of the
+end face has not moved in z when the pressure is reached: the blocked force of soft robotics. What the film
+leaves open is carried over as in `predicting`: errors of the height, over the end's compliance, are errors of
+the force.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from twin.bench.leftopen import Uncertain, told_by_film
+from twin.bench.predicting import HIGH, LOW, NORMAL, SAME, WantedCourse, followed, why_none
+from twin.bench.workbench import Workbench
+from twin.effects.acting import OutsideForce
+from twin.effects.protocol import Unsolvable
+from twin.judging.record import FitRecord
+from twin.project.folder import Say
+from twin.targets import Array, Targets
+
+NEAR_MM = 1e-3  # of the height that is kept
+TURNS = 12  # solves at most
+
+
+@dataclass(frozen=True)
+class Blocked:
+    """The upward force in N that keeps the finger's end at its height under a pressure in MPa, its sd,
+    whether the pressure is above the tested one, and why there is no interval ("" where there is one)."""
+
+    pressure: float
+    force: float
+    sd: float
+    beyond: bool
+    why: str
+
+    @property
+    def interval(self) -> tuple[float, float] | None:
+        """Of 95 %, in N; none where the fit has none."""
+        half = NORMAL * self.sd
+        return None if self.why else (self.force - half, self.force + half)
+
+
+def blocked_force(bench: Workbench, record: FitRecord, course: WantedCourse, say: Say) -> Blocked:
+    """The force at the end of a course. ValueError where none is found that keeps the end at its height."""
+    own, model = followed(bench, record, [course], {}, say)
+    theta, fitted = record.fit.theta, model.named(record.fit.theta)
+    pressure = float(np.interp(course.output[-1], course.time, course.pressure))
+    beyond = pressure > SAME * float(bench.targets.log_pressure.max())
+    push = OutsideForce(1.0, ("up",), growing=True)
+    (name,) = (p.name for p in push.parameters)
+    bare = model.on_mesh(None)
+    pushed = bare.with_effect(push)
+    # A finer mesh changes what the pressure does, and hardly the compliance: as much as at the free finger.
+    finer = _height(own, model.predict(theta)) - _height(own, bare.predict(theta))
+
+    def at(rate: float) -> Array:
+        return pushed.theta({**fitted, name: rate})
+
+    def height(rate: float) -> tuple[float, float]:
+        k = [p.name for p in pushed.parameters].index(name)
+        u, slope = pushed.predict(at(rate)), pushed.jacobian(at(rate))[k]
+        return _height(own, u) + finer, _height(own, slope)
+
+    rate, slope = _kept(height, pressure)
+    uncertain = Uncertain.of(model, theta, record, own, beyond=beyond)
+    columns, s = uncertain.columns.copy(), len(bench.targets.time)
+    free = [p.name != name and p.name not in record.at_bound for p in pushed.parameters]
+    columns[: sum(free), s:] = pushed.jacobian(at(rate))[free][:, s:]
+    change, factors = told_by_film(bench.targets, model, theta, replace(uncertain, columns=columns))
+    if record.adequate:  # what the film asks of mesh and laws moves the end, too
+        rate -= _height(own, change) / slope
+    off = np.array([_height(own, one) for one in factors])
+    return Blocked(
+        pressure=pressure,
+        force=pressure * rate,
+        sd=pressure * float(np.linalg.norm(off)) / abs(slope),
+        beyond=beyond,
+        why=why_none(record),
+    )
+
+
+def _height(targets: Targets, u: Array) -> float:
+    """By how much the middle of the end face has moved in z, mm, at the last step of u (s, p, 3) mm."""
+    ends = [targets.names.index(one) for one in (LOW, HIGH)]
+    return float(u[-1, ends, 2].mean())
+
+
+def _kept(height: Callable[[float], tuple[float, float]], pressure: float) -> tuple[float, float]:
+    """The force in N per MPa at which the end has not moved, by Newton's method, and mm per N/MPa there.
+
+    A step that cannot be solved is halved: a large force on a soft finger folds it.
+    """
+    rate, (u, slope), step = 0.0, height(0.0), 0.0
+    for _ in range(TURNS):
+        if abs(u) < NEAR_MM:
+            return rate, slope
+        step = -u / slope
+        for _ in range(4):
+            try:
+                u, slope = height(rate + step)
+                rate += step
+                break
+            except Unsolvable:
+                step /= 2
+        else:
+            break
+    raise ValueError(
+        f"no force was found that keeps the finger's end at its height under {1e3 * pressure:.4g} kPa: with "
+        f"{pressure * rate:.3g} N it is still {u:+.2f} mm off, and with more the finger folds; wanted a "
+        "lower pressure"
+    )

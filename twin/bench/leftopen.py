@@ -1,0 +1,81 @@
+"""What is uncertain of a prediction, and what the film says of it.
+
+Parameters, the error of the mesh, and the laws' errors as far as the data have asked for them are uncertain
+together. The film tells their best values and what it leaves open (a linear model with normal priors;
+Rasmussen & Williams 2006, section 2.1): where it holds a displacement, constants and mesh err against each
+other.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from twin.diagnosis.signatures import prior_sd
+from twin.effects.library import effect
+from twin.judging.lawerrors import law_errors
+from twin.judging.record import FitRecord
+from twin.judging.whitening import whitener
+from twin.model.prediction import Model
+from twin.targets import Array, Targets
+
+LEAST_LAW = 0.03  # of what an effect adds is what its law may err by where nobody has looked, 1 sd
+LAW = "stiffening"  # what a silicone may do beyond the pressures of the film
+
+
+@dataclass(frozen=True)
+class Uncertain:
+    """Changes of a prediction: columns (k, s, p, 3) mm per unit, and the precision (k,) that each has without
+    the film: of a fitted parameter that of its bounds, which counts where the film does not show it, 1 of a
+    mode."""
+
+    columns: Array
+    prior: Array
+
+    @staticmethod
+    def of(
+        model: Model,
+        theta: Array,
+        record: FitRecord,
+        targets: Targets,
+        *,
+        beyond: bool,
+    ) -> "Uncertain":
+        """Those of a model at theta (d,) for targets that hold what is to be predicted: the free parameters
+        first, in their order. beyond: whether some of that lies above the tested pressure."""
+        free = [p.name not in record.at_bound for p in model.parameters]
+        width = np.array([p.high - p.low for p in model.parameters])[free]
+        columns, prior = [model.jacobian(theta)[free]], [12 / width**2]  # an even spread over them
+        modes = [model.modes(theta)]
+        share = max(record.law_error, LEAST_LAW)
+        modes += [share * one.modes for one in law_errors(model, theta, targets)]
+        for some in modes:
+            columns.append(some)
+            prior.append(np.ones(len(some)))
+        if beyond and LAW not in [e.name for e in model.effects]:
+            law = effect(LAW, own=())
+            columns.append(model.tangents(theta, [law])[LAW][0])
+            prior.append(np.array([1 / prior_sd(p) ** 2 for p in law.amplitudes]))
+        return Uncertain(np.concatenate(columns), np.concatenate(prior))
+
+
+def told_by_film(
+    targets: Targets, model: Model, theta: Array, uncertain: Uncertain
+) -> tuple[Array, Array]:
+    """What the film's targets say of the uncertain: a change and what they leave open.
+
+    The change (s, p, 3) mm is what the film's residual asks for, of mesh and laws above all. What it leaves
+    are independent errors (k, s, p, 3) mm of 1 sd.
+    """
+    columns, prior = uncertain.columns, uncertain.prior
+    s, p = targets.valid.shape[:2]
+    nothing = np.zeros((0, *targets.value.shape))
+    gauge = model.per_pressure(theta)[:s, :p] * targets.pressure_sd[:, None, None]
+    w = whitener(targets, prediction_modes=nothing, gauge=gauge, points=~targets.fixed)
+    seen = w.whiten(columns[:, :s, :p]).T
+    scale = 1 / np.sqrt((seen**2).sum(axis=0) + prior)
+    information = (seen * scale).T @ (seen * scale) + np.diag(prior * scale**2)
+    power, turn = np.linalg.eigh(information)
+    axes = scale[:, None] * turn / np.sqrt(power)
+    z = w.whiten(targets.value - model.predict(theta)[:s, :p])
+    change = np.tensordot(axes @ (axes.T @ (seen.T @ z)), columns, 1)
+    return np.asarray(change), np.asarray(np.tensordot(axes.T, columns, 1))
