@@ -70,6 +70,7 @@ class RangedResponse:
                 f"the response cannot be made: {why}; wanted a range in which the model has an equilibrium: "
                 "give a narrower one as within={name: (low, high)}"
             ) from None
+        out.answer(middle)  # what every answer needs is computed now, which may take a second
         return out
 
     @property
