@@ -27,7 +27,7 @@ def number(pattern: str, text: str) -> float:
 
 
 def test_every_script_is_short_and_said_in_the_docs() -> None:
-    assert len(SCRIPTS) == 5
+    assert len(SCRIPTS) == 6
     page = (ROOT / "docs" / "python.md").read_text(encoding="utf-8")
     for path in SCRIPTS:
         assert len(path.read_text(encoding="utf-8").splitlines()) <= 40
@@ -87,3 +87,16 @@ def test_own_effect(capsys: pytest.CaptureFixture[str]) -> None:
     u = by_hand.at(np.array([names["finger"].tip_node]))[:, 0, 2]
     assert (leak, none) == pytest.approx((u[1], u[2]), abs=1e-3)
     assert number(r"by # mm for each", text) == pytest.approx((leak - none) / 2, rel=0.03)  # the curve bends
+
+
+def test_sobol_indices(capsys: pytest.CaptureFixture[str]) -> None:
+    names, text = printed("sobol_indices", capsys)
+    assert "The film sees least of gravity.density" in text
+    assert "turned over: tip U3, rest sees most of it" in text
+    assert number(r"fall less rise .*pressure_lag\.tau \S+ \(total #\)", text) > 0.9  # without it both are alike
+    # A finger that is turned over sags by its weight over its modulus 6 (C10 + C01), if it moves little.
+    u = np.random.default_rng(2).random((4, 100_000)).T
+    C10, C01, density, _ = (names["low"] + (names["high"] - names["low"]) * u).T
+    sag = density / (C10 + C01)
+    wanted = np.var(density) * np.mean(1 / (C10 + C01)) ** 2 / np.var(sag)
+    assert number(r"tip U3, rest .*gravity\.density # ", text) == pytest.approx(wanted, abs=0.06)  # half of 95 %

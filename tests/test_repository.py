@@ -40,7 +40,8 @@ def test_a_lock_holds_exact_pins_and_no_host(name: str) -> None:
 def test_the_lock_pins_every_dependency_of_the_project() -> None:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     text = "".join((ROOT / name).read_text(encoding="utf-8").lower() for name in LOCKS)
-    wanted = [*project["dependencies"], *project["optional-dependencies"]["dev"]]
+    extra = project["optional-dependencies"]
+    wanted = [*project["dependencies"], *extra["dev"], *extra["surrogate"]]
     names = [re.match(r"[A-Za-z0-9._-]+", line).group().lower() for line in wanted]
     assert [name for name in names if f"\n{name}==" not in text] == []
     assert "\nsetuptools==" in text  # the project itself is built without a second download

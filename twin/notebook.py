@@ -1,6 +1,6 @@
 """A project folder, opened in a notebook or a script: its stages as methods that return what they found."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,6 +14,7 @@ from twin.targets import Targets
 
 if TYPE_CHECKING:
     from calibrate import Fit
+    from twin.model.answering import RangedResponse
     from twin.model.prediction import Model
     from twin.model.structure import BuiltIn
 
@@ -62,6 +63,24 @@ class OpenedProject:
     def model(self, effects: Sequence[str] | None = None) -> "Model":
         """The model with these effects, by default those of twin.toml; it predicts (s, p, 3) mm."""
         return self.bench.model(effects)
+
+    def response(
+        self, *, within: Mapping[str, tuple[float, float]] | None = None, solves: int = 8
+    ) -> "RangedResponse":
+        """What the calibrated model shows at the film's steps for other values of its parameters, each answer
+        in milliseconds: `.at({"C10": 0.2})` has `u` and `error` (s, p, 3) mm, 1 sd.
+
+        within: lowest and highest value by a parameter's name; of others 20 % of what was fitted either way,
+        or a typical step where that is more. solves: whole solves that it is made of. ValueError without a
+        fit that holds, for a range that no parameter has, and where the model has no equilibrium in it.
+        """
+        from twin.model.answering import RangedResponse
+        from twin.model.memo import KeptModel
+
+        bench, theta = self.bench, self.fit.theta
+        model = bench.on_mesh(bench.model(), theta, _Said())
+        assert isinstance(model, KeptModel)  # as every base model
+        return RangedResponse.of(model, theta, within=within, solves=solves)
 
     def check(self) -> StageResult:
         """What comes next, as `next` of the summary. ValueError at the first thing that is wrong."""

@@ -71,13 +71,13 @@ def opened(batch: Path, coarsest: BuiltIn) -> OpenedProject:
     return twin.open_project(batch, builtin=coarsest)
 
 
-def test_the_example_of_the_page_runs_as_it_stands(batch: Path, coarsest: BuiltIn, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    (example,) = re.findall(r"^```python\n(.*?)^```$", PAGE.read_text(encoding="utf-8"), re.S | re.M)
-    assert len(example.splitlines()) <= 12
+def test_the_examples_of_the_page_run_as_they_stand(batch: Path, coarsest: BuiltIn, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    examples = re.findall(r"^```python\n(.*?)^```$", PAGE.read_text(encoding="utf-8"), re.S | re.M)
+    assert [len(example.splitlines()) <= 12 for example in examples] == [True, True]
     monkeypatch.chdir(batch.parent)
     monkeypatch.setattr(twin, "open_project", lambda folder: notebook.open_project(folder, builtin=coarsest), raising=False)
     found: dict[str, object] = {}
-    exec(example, found)
+    exec("".join(examples), found)
     printed = capsys.readouterr().out
     assert "Next: `twin calibrate`." in printed
     assert found["constants"].loc["C10", "value"] == pytest.approx(C10, rel=0.01)  # type: ignore[attr-defined]  # it stops within a part of its sd
@@ -85,6 +85,11 @@ def test_the_example_of_the_page_runs_as_it_stands(batch: Path, coarsest: BuiltI
     assert found["measured"].shape == (6, 11)  # type: ignore[attr-defined]
     assert found["predicted"].shape == (3, 2, 3)  # type: ignore[attr-defined]
     np.testing.assert_allclose(found["predicted"][..., 2], found["batch"].targets.value[..., 2], atol=0.02)  # type: ignore[index,attr-defined]
+    shown, error = found["shown"], found["shown"].error  # type: ignore[attr-defined]
+    whole = found["batch"].model().predict(np.array([0.2]))  # type: ignore[attr-defined]
+    assert np.abs(shown.u - whole).max() < 3 * error.max() < 0.01  # type: ignore[attr-defined]  # mm
+    with pytest.raises(ValueError, match="the range of this response"):
+        found["response"].at({"C10": 0.4})  # type: ignore[attr-defined]
 
 
 def test_results_are_tables(opened: OpenedProject) -> None:

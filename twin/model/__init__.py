@@ -1,7 +1,8 @@
 """A test and effects become predicted displacements, with derivatives and with the error of the mesh.
 
 Read `prediction` first: a model without any state. `memo` keeps its solves and changes no answer;
-`response` answers between them in milliseconds, and says how far off it may be;
+`response` answers between them in milliseconds, and says how far off it may be, `answering` within a range
+that a user states;
 `slipping` adds markers that slip, `perturbing` what comes and goes by a course of its own. `basemodel`
 makes the base model of targets; `structure` says what a model is made of: the built-in finger or
 a deck. `discretisation` measures the error of its mesh on finer meshes, whose changes `meshchanges`

@@ -108,7 +108,7 @@ class Surrogate(Model):
         """The response of a base model with effects more, of all that both have solved. theta (d,): where the
         tangents are; tangents: of its effects, as `Model.tangents` gives them; some may be absent."""
         at = base.solved(theta, derivatives=True)
-        known = [*(s for s in base.kept if s is not at), at]
+        known = [] if whole is base else [*(s for s in base.kept if s is not at), at]  # told below
         own = {p.name for p in base.parameters}
         tries = {p.name: [e[p.name] for e in f.tries(base.test) if p.name in e]
                  for f in whole.effects for p in f.parameters}  # fmt: skip
@@ -139,7 +139,7 @@ class Surrogate(Model):
     def reaches(self, theta: Array) -> bool:
         """Whether it can answer at theta (d,), and knows something along every parameter."""
         along, x = {r.along for r in self.rows}, self._x(self.named(theta))
-        near = min(float(np.abs(r.x - x).max()) for r in self.rows) <= FAR
+        near = min((float(np.abs(r.x - x).max()) for r in self.rows), default=np.inf) <= FAR
         return near and all(axis.free or k in along for k, axis in enumerate(self.axes))
 
     def certified(self, theta: Array) -> "Surrogate":
