@@ -53,7 +53,9 @@ def written_pages() -> set[Path]:
 
 def gathered(folder: Path, ran: Path) -> None:
     """Every page in `folder`, anew; `ran` keeps those of scripts and notebooks from build to build."""
-    scripts, notebooks = (sorted(of.glob("*.py")) for of in (EXAMPLES, NOTEBOOKS))
+    told = (ROOT / "docs" / "python.md").read_text(encoding="utf-8")  # in whose order the scripts stand
+    scripts = sorted(EXAMPLES.glob("*.py"), key=lambda path: told.index(f"`examples/{path.name}`"))
+    notebooks = sorted(NOTEBOOKS.glob("*.py"))
     with ThreadPoolExecutor(WORKERS) as pool:
         list(pool.map(lambda path: page_of(path, ran / f"{path.stem}.md"), [*notebooks, *scripts]))
     shutil.rmtree(folder, ignore_errors=True)
