@@ -27,6 +27,7 @@ BLOCK = """
     options:
       show_root_heading: true
 """
+STYLE = ".language-text code { white-space: pre-wrap; }\n"  # what a program prints has long lines
 GALLERY = """# What can each package do alone?
 
 Each script runs in seconds, `python examples/solve_finger.py`. Here is what it prints.
@@ -63,6 +64,7 @@ def gathered(folder: Path, ran: Path) -> None:
         to = folder / page.relative_to(ROOT)
         to.parent.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(page, to)
+    (folder / "site.css").write_text(STYLE, encoding="utf-8")
     (folder / "examples" / "notebooks").mkdir(parents=True)
     (folder / "reference").mkdir()
     sections = [(ran / f"{path.stem}.md").read_text(encoding="utf-8") for path in scripts]

@@ -89,7 +89,6 @@ misfit[misfit["by"] == "marker"][["name", "rms_mm", "noise_sd_mm", "ratio"]].rou
 # is fitted again.
 
 # %%
-without = batch.model().predict(batch.fit.theta)  # (steps, points, 3) mm, to compare with later
 found = batch.diagnose()
 print(found)
 
@@ -100,24 +99,20 @@ print(found)
 # %%
 batch.add().to_pandas()[["parameter", "value", "low_95", "high_95", "unit"]].round(4)
 
+# %% [markdown]
+# The same comparison as before, with the effect in the model:
+
 # %%
-targets, after = batch.targets, batch.model().predict(batch.fit.theta)
-tip = [point.name for point in targets.points].index("tip")
+after = batch.compare().to_pandas()
+before, after = (rows[rows["by"] == "marker"].set_index("name") for rows in (misfit, after))
 figure, axes = plt.subplots(figsize=(7, 3), layout="constrained")
-for label, predicted in (("without the effect", without), ("with it", after)):
-    axes.plot(targets.time, (targets.value - predicted)[:, tip, 2], label=label)
-axes.axhline(0.0, color="grey", lw=0.8)
-axes.set(xlabel="time, s", ylabel="measured - model, U3 of the tip, mm")
+place = np.arange(len(before))
+axes.bar(place - 0.2, before["rms_mm"], 0.4, label="without the effect")
+axes.bar(place + 0.2, after["rms_mm"][before.index], 0.4, label="with it")
+axes.plot(place, after["noise_sd_mm"][before.index], "k_", ms=30, label="noise")
+axes.set(xticks=place, xticklabels=before.index, ylabel="error, mm rms")
 axes.legend()
 plt.show()
-
-# %% [markdown]
-# What is left with the effect is noise and errors that many values share, such as a wrong scale.
-
-# %%
-for label, predicted in (("without", without), ("with", after)):
-    misses = (targets.value - predicted)[:, tip, 2]
-    print(f"U3 of the tip, rms {label} the effect: {np.sqrt(np.mean(misses**2)):.3f} mm")
 
 # %% [markdown]
 # ## What next
