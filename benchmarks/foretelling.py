@@ -85,7 +85,7 @@ def films(count: int) -> list[Film]:
 
 
 def foretold(film: Film) -> dict[str, Any]:
-    """The row of a film: pulls of all displacements asked for, and that of the tip."""
+    """The row of a film: the share of intervals that hold, the rms of the pulls, and the tip's pull."""
     kinds = (film.kind,) if film.kind else ()
     spec = Spec("foretelling", PROTOCOL[film.ask], kinds, SIGMAS, "white", film.seed)
     scene, rng = Scene.of(spec), np.random.default_rng([film.seed, 11])
@@ -98,12 +98,12 @@ def foretold(film: Film) -> dict[str, Any]:
         said = diagnose(model, candidates(), targets, seed=film.seed, start=START,
                         beside=beside(model, ()), plan=False)  # fmt: skip
     except Unsolvable as error:
-        return row | {"named": [], "pulls": [], "tip": None, "why": str(error)}
+        return row | {"named": [], "held": None, "why": str(error)}
     judged = judged_of(said)
     record = fit_record(judged.fit, judged.comparison, law_error=judged.errors.law)
     row |= {"named": list(said.named), "adequate": record.adequate}
     if not record.adequate:
-        return row | {"pulls": [], "tip": None}
+        return row | {"held": None}
     u, factors = with_errors(judged.model, record, targets, own, beyond=film.ask == "beyond")
     sd, m = np.sqrt((factors**2).sum(axis=0)), len(scene.rows)
     true = scene.true(hidden)[:, :m]  # what shows in the picture alone moves fixed markers, too
@@ -111,7 +111,8 @@ def foretold(film: Film) -> dict[str, Any]:
     pull = ((true - u[:, :m]) / sd[:, :m])[asked][:, : scene.protocol.along, ::2]
     tip = _tip(own.pressure[asked], pull[:, -1, 1])
     half = NORMAL * float(np.median(sd[asked][:, scene.protocol.along - 1, 2]))
-    return row | {"pulls": pull.ravel().round(3).tolist(), "tip": tip, "half_mm": half}
+    held, rms = float((np.abs(pull) <= NORMAL).mean()), float(np.sqrt((pull**2).mean()))
+    return row | {"held": held, "pull_rms": rms, "tip": tip, "half_mm": half}
 
 
 def _asked(ask: str, scene: Scene, own: Targets) -> tuple[Array, Targets]:
@@ -133,24 +134,23 @@ def attempted(film: Film) -> dict[str, Any]:
         return foretold(film)
     except Exception as error:
         row = {"key": film.key, "ask": film.ask, "kind": film.kind, "named": [], "rule": rule()}
-        return row | {"pulls": [99.0], "tip": 99.0, "why": f"failed: {type(error).__name__}: {error}"}
+        why = f"failed: {type(error).__name__}: {error}"
+        return row | {"held": 0.0, "pull_rms": np.inf, "tip": np.inf, "half_mm": 0.0, "why": why}
 
 
 def told(rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
     """The figures of rows: films, those without an interval, shares of intervals that hold, of all
     displacements and of the tip's alone with its 95 % interval, and the root mean square of the pulls."""
-    spoken = [row for row in rows if row["pulls"]]
+    spoken = [row for row in rows if row["held"] is not None]
     if not spoken:
         return {"films": len(rows), "silent": len(rows)}
-    each = [np.abs(row["pulls"]) <= NORMAL for row in spoken]
-    tip = np.abs([row["tip"] for row in spoken]) <= NORMAL
     return {
         "films": len(rows),
         "silent": len(rows) - len(spoken),
-        "coverage": float(np.mean([one.mean() for one in each])),
-        "tip": float(tip.mean()),
-        "pull_rms": float(np.sqrt(np.mean([np.mean(np.square(row["pulls"])) for row in spoken]))),
-        "half_mm": float(np.median([row["half_mm"] for row in spoken if "half_mm" in row])),
+        "coverage": float(np.mean([row["held"] for row in spoken])),
+        "tip": float(np.mean([abs(row["tip"]) <= NORMAL for row in spoken])),
+        "pull_rms": float(np.sqrt(np.mean([row["pull_rms"] ** 2 for row in spoken]))),
+        "half_mm": float(np.median([row["half_mm"] for row in spoken])),
     }
 
 

@@ -8,7 +8,7 @@ import tomllib
 from functools import cache
 from pathlib import Path
 
-from benchmarks.docs import figures, reference
+from benchmarks.docs import figures, reference, sitepages
 
 import numpy as np
 import pytest
@@ -30,6 +30,7 @@ ROOT = Path(__file__).resolve().parents[1]
 PAGES = sorted(
     [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *ROOT.glob("docs/**/*.md"), *ROOT.glob("datasets/*/README.md")]
 )
+NOTEBOOKS = sorted((ROOT / "examples" / "notebooks").glob("*.py"))
 BLOCK = re.compile(r"^```(\w*)\n(.*?)^```$", re.S | re.M)
 PATH = re.compile(r"\b(?:tests|benchmarks|datasets|docs|twin|fe|vision|calibrate)/[\w./-]*\w")
 DOTTED = re.compile(r"(?<![\w./])(?:fe|vision|calibrate|twin)(?:\.(?!toml|py|md)\w+)+(?![\w/])")
@@ -183,6 +184,25 @@ def test_every_page_of_docs_is_reached_from_the_readme() -> None:
         links = re.findall(r"\]\(([^)\s#]+)", page.read_text(encoding="utf-8"))
         todo += [(page.parent / link).resolve() for link in links if not link.startswith("http")]
     assert [name_of(page) for page in PAGES if page not in seen] == []
+
+
+def test_the_site_has_every_page_once() -> None:
+    """What mkdocs.yml names: the pages of the repository, and those that sitepages.py makes."""
+    text = (ROOT / "mkdocs.yml").read_text(encoding="utf-8").partition("\nnav:\n")[2]
+    named = re.findall(r"[\w./-]+\.md$", text, re.M)
+    notebooks = [f"examples/notebooks/{path.stem}.md" for path in NOTEBOOKS]
+    made = ["examples/README.md", *notebooks, *(f"reference/{name}.md" for name in sitepages.PACKAGES)]
+    assert sorted(named) == sorted([*map(name_of, PAGES), *made])
+
+
+@pytest.mark.parametrize("notebook", NOTEBOOKS, ids=name_of)
+def test_what_a_notebook_names_exists(notebook: Path) -> None:
+    text = notebook.read_text(encoding="utf-8")
+    said = "\n".join(line[2:] for line in text.splitlines() if line.startswith("# "))
+    assert broken_links(notebook, said) == []
+    assert unknown_commands(said) == []
+    assert unknown_commands(f"```\n{text}```") == []
+    assert f"`{name_of(notebook)}`" in (ROOT / "docs" / "python.md").read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize("package", ["vision", "fe", "twin"])

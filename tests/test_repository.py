@@ -11,7 +11,7 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGES = ("vision", "fe", "calibrate", "twin")
-LOCKS = ("requirements.lock", "requirements-dev.lock")
+LOCKS = ("requirements.lock", "requirements-dev.lock", "requirements-docs.lock")
 PIN = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*==[A-Za-z0-9.!+]+( ; [A-Za-z0-9_'\".=!<>() ]+)?")
 # The folders where people and build machines keep a checkout; examples in the docs use relative paths.
 MACHINE = re.compile(r"(?<![\w.\-/])/(?:home|root|Users|work|mnt)/[\w.-]+")
@@ -39,12 +39,19 @@ def test_a_lock_holds_exact_pins_and_no_host(name: str) -> None:
 
 def test_the_lock_pins_every_dependency_of_the_project() -> None:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    text = "".join((ROOT / name).read_text(encoding="utf-8").lower() for name in LOCKS)
+    locks = {name: (ROOT / name).read_text(encoding="utf-8").lower() for name in LOCKS}
     extra = project["optional-dependencies"]
-    wanted = [*project["dependencies"], *extra["dev"], *extra["surrogate"]]
-    names = [re.match(r"[A-Za-z0-9._-]+", line).group().lower() for line in wanted]
-    assert [name for name in names if f"\n{name}==" not in text] == []
-    assert "\nsetuptools==" in text  # the project itself is built without a second download
+    for lock, wanted in zip(LOCKS, (project["dependencies"], [*extra["dev"], *extra["surrogate"]], extra["docs"]), strict=True):
+        names = [re.match(r"[A-Za-z0-9._-]+", line).group().lower() for line in wanted]
+        text = locks["requirements.lock"] + locks[lock]
+        assert [name for name in names if f"\n{name}==" not in text] == []
+    assert "\nsetuptools==" in locks["requirements.lock"]  # the project itself is built without a second download
+
+
+def test_two_locks_pin_one_version() -> None:
+    pins = {line for name in LOCKS for line in (ROOT / name).read_text(encoding="utf-8").splitlines() if "==" in line}
+    names = [pin.partition("==")[0].lower() for pin in pins]
+    assert sorted(name for name in set(names) if names.count(name) > 1) == []
 
 
 def test_no_file_names_a_path_of_one_machine() -> None:

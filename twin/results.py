@@ -84,7 +84,9 @@ def _shares(folder: Path) -> Iterable[Row]:
 
 
 def _budget(folder: Path) -> Iterator[Row]:
-    """A row for each marker and source of error, as budget.csv has them."""
+    """A row for each marker and source of error, as budget.csv has them; none of another program's file."""
+    if not (folder / "budget.csv").is_file():
+        return
     with (folder / "budget.csv").open(encoding="utf-8", newline="") as lines:
         for row in csv.DictReader(lines):
             yield {key: _number(value) for key, value in row.items()}

@@ -9,6 +9,7 @@
     effects  effects/<name>.png, one an effect    a finger of three bellows on a coarse mesh, two minutes
     nodes    nodes.png                            the built-in finger
     look     look.png                             `twin look` of a finger with other dimensions
+    protocols  protocols.png                      pressure over time in P1 to P5
 
 The first three tell figures of the demo; `figures.py` writes those of the pages from the same project, and
 its `--check` fails where a page or a picture is of another run. `review` needs a Vulkan driver; without a
@@ -52,6 +53,7 @@ from twin.effects.protocol import Effect, Test
 from twin.model.prediction import Model
 from twin.review.arrangement import VIEWS
 from twin.targets import Array
+from twin.virtual.protocols import CORNERS, PERIOD, PROTOCOLS
 
 TO = ROOT / "docs" / "pictures"
 SHORT = Finger(
@@ -300,6 +302,22 @@ def nodes(demo: Path) -> None:
     plt.close(figure)
 
 
+def protocols(demo: Path) -> None:
+    """Pressure over time in the protocols of the virtual laboratory, those of one course together."""
+    del demo
+    figure, axes = plt.subplots(figsize=(9.0, 2.5), layout="constrained")
+    shown = (("P5", "P4 and P5", "#b0bec5", 1.5), ("P3", "P3", BLUE, 1.5), ("P1", "P1 and P2", "k", 3.0))
+    for name, label, colour, width in shown:
+        course = PROTOCOLS[name].course
+        axes.plot(course.time, 1e3 * course.pressure, color=colour, lw=width, label=label)
+    for number, way in enumerate(("upright", "upside down", "hanging")):
+        axes.text(PERIOD * number + 0.5 * CORNERS[-1][0], 32.0, way, ha="center")
+    axes.set(xlabel="time, s", ylabel="pressure, kPa", ylim=(-1, 37))
+    figure.legend(loc="outside right center")
+    figure.savefig(TO / "protocols.png", dpi=110, metadata={"Software": None})
+    plt.close(figure)
+
+
 def look(demo: Path) -> None:
     """What `twin look` draws of the finger of docs/your-own-test.md."""
     del demo
@@ -326,7 +344,7 @@ def _outline(points: Array) -> Array:
 
 PICTURES: dict[str, Callable[[Path], None]] = {
     "review": review, "overlay": overlay, "report": report, "effects": effects, "nodes": nodes,
-    "look": look,
+    "look": look, "protocols": protocols,
 }  # fmt: skip
 
 

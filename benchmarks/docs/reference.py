@@ -1,10 +1,12 @@
-"""Makes the tables of docs/twin-toml.md, effects.md, files.md and nodes.md from the program itself.
+"""Makes the tables of docs/twin-toml.md, effects.md, files.md and nodes.md from the program itself, and that
+of the protocols in filming.md from benchmarks/results/identify.json.
 
     python benchmarks/docs/reference.py
 
 Run it after a key of twin.toml or an effect of the library has changed; `tests/test_docs.py` compares.
 """
 
+import json
 import os
 import re
 import sys
@@ -33,6 +35,7 @@ from twin.project.config import Config
 from twin.project.record import Record
 from twin.project.validation import table_of
 from twin.study.record import Study
+from twin.virtual.protocols import PROTOCOLS, Protocol
 
 DOCS = ROOT / "docs"
 Schema = Mapping[str, Any]
@@ -281,6 +284,33 @@ def _inside(model: type[BaseModel], said: set[str], seen: dict[type, str], key: 
     return cells
 
 
+# -- protocols ---------------------------------------------------------------------------------------------
+
+
+def protocol_table() -> str:
+    """What each protocol films, and how often a diagnosis of it was right."""
+    rates = json.loads((ROOT / "benchmarks" / "results" / "identify.json").read_text(encoding="utf-8"))
+    told = "same law: holds it; names | another law: holds it; names"
+    head = [f"| | markers | pressure | {told} |", "|---|---|---|---|---|"]
+    rows = (_protocol(p, rates.get(p.name, {})) for p in PROTOCOLS.values())
+    return "\n".join([*head, *rows]) + "\n"
+
+
+def _protocol(p: Protocol, rates: Mapping[str, Any]) -> str:
+    markers = "the tip" if p.along == 1 else f"{p.along} along the edge"
+    markers += f", {p.off_axis} off the axis, {p.fixed} fixed on the rig" if p.fixed else ""
+    course = "one ramp" if p.ramp else "two cycles at two rates, with holds"
+    course += f", in {p.recordings} orientations; the finger is weighed" if p.weighed else ""
+    return f"| {p.name} | {markers} | {course} | {_right(rates.get('same'))} | {_right(rates.get('other'))} |"
+
+
+def _right(rate: Mapping[str, Any] | None) -> str:
+    """How many trials have a verdict that holds what was hidden, of how many; the mean size of a verdict."""
+    if rate is None:
+        return "-"
+    return f"{round(rate['in_set'] * rate['n'])} of {rate['n']}; {rate['set_size']:.1f}"
+
+
 # -- pages -------------------------------------------------------------------------------------------------
 
 
@@ -296,7 +326,7 @@ def pages() -> dict[str, str]:
     """The text of every page that is made, by its name in docs/."""
     made = {
         "twin-toml.md": (key_lists(),), "effects.md": (effect_tables(),), "nodes.md": (node_table(),),
-        "files.md": (command_table(), record_lists()),
+        "files.md": (command_table(), record_lists()), "filming.md": (protocol_table(),),
     }  # fmt: skip
     return {name: renewed((DOCS / name).read_text(encoding="utf-8"), *parts) for name, parts in made.items()}
 

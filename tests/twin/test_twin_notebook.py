@@ -14,6 +14,7 @@ from fe import Case, Finger, Lattice
 from twin import notebook
 from twin.bench import caches
 from twin.chain import STAGES
+from twin.commands.init import run_init
 from twin.effects.material import Elasticity
 from twin.formats.catalogue import read_recorded
 from twin.formats.conversion import targets_of
@@ -153,3 +154,15 @@ def test_every_stage_is_a_method() -> None:
 def test_a_project_is_locked_while_a_stage_works(opened: OpenedProject) -> None:
     with Project.open(opened.root).lock("measure"), pytest.raises(ValueError, match="measure"):
         opened.compare()
+
+
+def test_measure_of_another_programs_file_has_no_budget(tmp_path: Path) -> None:
+    file = tmp_path / "points.csv"
+    u = np.zeros((3, 2, 3))
+    u[1:, :, 2] = [[-6.0, -2.0], [-12.0, -4.0]]
+    file.write_text(rows(u), encoding="utf-8")
+    run_init(tmp_path / "own", lambda text: None, targets=file, nodes=(), sd_mm=0.05)
+    found = twin.open_project(tmp_path / "own").measure()
+    assert found.rows == ()
+    assert found.folder is not None
+    assert (tmp_path / "own" / "targets" / "targets.csv").is_file()
