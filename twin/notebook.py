@@ -10,7 +10,7 @@ from twin.chain import COMMANDS, stage_of
 from twin.project import files
 from twin.project.folder import Project
 from twin.results import StageResult, rows_of
-from twin.targets import Targets
+from twin.targets import Array, Targets
 
 if TYPE_CHECKING:
     from calibrate import Fit
@@ -56,12 +56,21 @@ class OpenedProject:
         return newest_fit(self.project)
 
     @property
+    def predicted(self) -> Array:
+        """Displacements (s, p, 3) mm that the newest fit predicts of the targets, with the mesh's correction.
+        ValueError where there is no fit that still holds."""
+        from twin.bench.fits import fit_file
+
+        return files.read_npz(fit_file(self.project).with_name("prediction.npz"), "u")["u"]
+
+    @property
     def bench(self) -> Workbench:
         """Targets, structure and model together, for what no stage does."""
         return Workbench.of(self.project)
 
     def model(self, effects: Sequence[str] | None = None) -> "Model":
-        """The model with these effects, by default those of twin.toml; it predicts (s, p, 3) mm."""
+        """The model with these effects, by default those of twin.toml; it predicts (s, p, 3) mm, without the
+        error of its mesh: `predicted` has that."""
         return self.bench.model(effects)
 
     def response(
