@@ -32,12 +32,12 @@ def check_project(project: Project, say: Say) -> None:
         say(sentence)
     own_deck = project.config.model.deck is not None
     if not own_deck:  # what a deck is not there for can be said before all files are
-        _check_finger(project, say)
+        check_finger(project, say)
     missing = _missing_files(project)
     if missing:
         raise ValueError(f"missing in {project.root}: {'; '.join(missing)}")
     if own_deck:
-        _check_finger(project, say)
+        check_finger(project, say)
     _check_effects(project)
     kept = camera_kept(project)
     if kept:
@@ -123,7 +123,7 @@ def _unused_rate(table: CameraTable, project: Project) -> tuple[str, ...]:
     )
 
 
-def _check_finger(project: Project, say: Say) -> None:
+def check_finger(project: Project, say: Say) -> None:
     """Say what is to be known of the finger's mesh and of points on it; ValueError where they are not
     right."""
     from twin.bench.meshshapes import poor_shapes, shape_table

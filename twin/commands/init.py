@@ -23,7 +23,7 @@ from twin.project.config import (
     ProjectTable,
 )
 from twin.project.dimensions import FingerTable
-from twin.project.folder import Say, named_after
+from twin.project.folder import Project, Say, named_after
 from twin.project.targetfiles import read_targets
 from twin.project.toml import dump, write
 from twin.project.validation import checked
@@ -87,6 +87,9 @@ def run_init(
     with files.whole_folder(folder.resolve()) as draft:
         write(draft / "twin.toml", dump(config))
         _fill(draft, config, targets, () if own is None else own.files)
+    say(f"Wrote {folder / 'twin.toml'}.")
+    if own is not None:
+        _judge(Project.open(folder), say)
     _say_next(folder, config, wanted, say)
     return {"stage": "init", "status": "done", "project": str(folder), "wanted": list(wanted)}
 
@@ -112,9 +115,15 @@ def _fill(draft: Path, config: Config, targets: Path | None, deck: Sequence[Path
         shutil.copy2(file, place)
 
 
+def _judge(project: Project, say: Say) -> None:
+    """Say what the model makes of a deck: its materials, how it is held, the shapes of its elements."""
+    from twin.commands.check import check_finger
+
+    check_finger(project, say)
+
+
 def _say_next(folder: Path, config: Config, wanted: Mapping[str, str], say: Say) -> None:
-    """Say what was written, what the user has to state in it, and the next command."""
-    say(f"Wrote {folder / 'twin.toml'}.")
+    """Say what the user has to state in twin.toml, and the next command."""
     if config.imported is None:
         say(f"Next: `twin check --project {files.typed(folder)}` says what is still missing.")
         return
@@ -186,7 +195,7 @@ def _check_points(config: Config, deck: "Deck | None", shape: FingerTable | None
         structure = Structure(case, "", {}, case.face_nodes("outside"))
     else:
         return
-    if deck is not None or shape:
+    if shape:  # of a deck they are said with what else there is to say of it
         for place in placed(config.points, structure, mirrored=mirrored).values():
             say(place.sentence)
     check_points(config.points, structure, mirrored=mirrored)

@@ -1,0 +1,263 @@
+"""Does a newcomer come through? Every documented path, command by command, in folders of its own.
+
+    python benchmarks/newcomers.py [--only PATH ..] [--json]
+
+`film`: the quick recording, from its twin.toml to the report; `new batch`: the same rig again, by
+`init --like`; `table`: displacements of an own finger in a CSV of decimal commas, with creep hidden;
+`notebook`: the example of docs/python.md, run twice; `deck`: the calibrated finger as an Abaqus deck, made a
+project again; `prediction`: what `predict` and `export` are asked; `own effect`: the example of
+docs/own-effect.md. Of each: how many commands, how many were refused, and the processor's seconds.
+`coverage_predict` and `surrogate_pull` are those of `foretelling.py` and `diagnosis/response.py` as they
+stand in benchmarks/results; `export_tip_error` is how far ccx and the model are apart at the tip, of its
+displacement (null without ccx); `install_mb` that of `docs/installsize.py`. About eight minutes.
+"""
+
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+sys.path.insert(0, os.path.abspath(f"{__file__}/../.."))
+from benchmarks import ROOT
+from benchmarks.chain import STAGES, TWIN, fresh
+from benchmarks.commandline import options, processor
+
+import numpy as np
+
+from fe import Lattice, Material
+from fe import Path as Course
+from fe.deck.calculix import CalculiX
+from twin import virtual
+from twin.bench.fits import fit_file
+from twin.bench.predicting import WantedCourse, followed
+from twin.bench.workbench import Workbench
+from twin.judging.record import FitRecord
+from twin.project import files
+from twin.project.dimensions import FingerTable
+from twin.project.folder import Project, dataset
+from twin.project.toml import decoded, with_key
+
+RESULTS = ROOT / "benchmarks" / "results"
+CREEP = ((0.06, 3.0),)  # hidden in the table: 6 % of the stiffness relax with 3 s
+PRESSED = "10kPa"
+
+
+@dataclass
+class Walk:
+    """A newcomer's way through one path: commands as they are typed, in a folder."""
+
+    folder: Path
+    typed: list[str] = field(default_factory=list)
+    refused: list[str] = field(default_factory=list)
+
+    def twin(self, *words: str) -> None:
+        """Type one command."""
+        self._run(" ".join(("twin", *words)), [*TWIN, *words])
+
+    def python(self, text: str, *, name: str) -> None:
+        """Run a script."""
+        (self.folder / name).write_text(text, encoding="utf-8")
+        self._run(f"python {name}", [sys.executable, name])
+
+    def _run(self, said: str, command: list[str]) -> None:
+        env = {**os.environ, "PYTHONPATH": str(ROOT)}
+        told = subprocess.run(command, cwd=self.folder, env=env, capture_output=True, text=True)
+        self.typed.append(said)
+        if told.returncode:
+            self.refused.append(said)
+            print(f"{said}: {told.stderr.strip()[-400:]}", file=sys.stderr, flush=True)
+
+
+# -- the paths -----------------------------------------------------------------------------------------------
+
+
+def film(walk: Walk) -> None:
+    """From the films to the report."""
+    fresh(dataset("quick"), walk.folder / "batch-07")
+    walk.twin("check", "-p", "batch-07")
+    for stage in STAGES:
+        walk.twin(stage, "-p", "batch-07")
+
+
+def new_batch(walk: Walk) -> None:
+    """The same rig again."""
+    walk.twin("init", "batch-08", "--like", "batch-07")
+    shutil.copytree(walk.folder / "batch-07" / "raw", walk.folder / "batch-08" / "raw", dirs_exist_ok=True)
+    walk.twin("recalibrate", "-p", "batch-08")
+    walk.twin("compare", "batch-07", "batch-08")
+
+
+def table(walk: Walk) -> None:
+    """Displacements of an own finger, from another program."""
+    own = FingerTable(length_mm=60.0, pleats=4)
+    silicone, mesh = Material(0.214, 0.083, prony=CREEP), Lattice(per_bellow=2, centred=False)
+    truth = virtual.truth_case(own.finger, mesh, material=silicone, element=None)
+    t = np.arange(0.0, 30.2, 0.4)
+    p = np.interp(t, [0.0, 3.0, 6.0, 20.0, 22.0, 30.0], [0.0, 0.0, 0.03, 0.03, 0.0, 0.0])
+    at = {"tip": (60.0, 11.5, 0.0), "mid": (40.0, 11.5, 0.0), "q": (20.0, 11.5, 0.0)}
+    u = virtual.displaced(truth, Course(t, p, t), np.array(list(at.values())))[0]
+    x = np.array(list(at.values())) + u - u[0] + np.random.default_rng(0).normal(0.0, 0.02, u.shape)
+    lines = ["time_s;pressure_bar;" + ";".join(f"{name}_{axis}_mm" for name in at for axis in "xz")]
+    for k, place in enumerate(x):
+        row = [t[k], 10 * p[k], *place[:, [0, 2]].ravel()]
+        lines.append(";".join(f"{value:.4f}".replace(".", ",") for value in row))
+    (walk.folder / "own.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    nodes = [word for name, place in at.items() for word in ("--node", f"{name}={','.join(map(str, place))}")]
+    finger = ("--finger", "length_mm=60", "--finger", "pleats=4")
+    walk.twin("init", "my-own", "--targets", "own.csv", *finger, "--sd-mm", "0.02", *nodes)
+    for command in ("check", "measure", "calibrate", "compare", "diagnose", "add"):
+        walk.twin(command, "-p", "my-own")
+
+
+def notebook(walk: Walk) -> None:
+    """The example of docs/python.md on a finished project, twice."""
+    page = (ROOT / "docs" / "python.md").read_text(encoding="utf-8")
+    example = re.search(r"^```python\n(.*?)^```$", page, re.S | re.M)
+    assert example is not None
+    own = example[1].replace("my-batch", "batch-07")
+    body = "".join(f"    {line}\n" for line in own.splitlines())
+    for _ in range(2):
+        walk.python(f'if __name__ == "__main__":\n{body}', name="notebook.py")
+
+
+def deck(walk: Walk) -> None:
+    """The calibrated finger as a deck, and a project of a deck."""
+    walk.twin("export", "abaqus", "--pressure", PRESSED, "-p", "batch-07")
+    made = Project.open(walk.folder / "batch-07").newest("export", "finger.inp")
+    if made is None:
+        return
+    shutil.copy(made, walk.folder / "finger.inp")
+    bench = Workbench.of(Project.open(walk.folder / "batch-07"))
+    own = {n: ",".join(f"{v:.6g}" for v in at(bench, n)) for n in ("tip", "middle")}
+    nodes = [word for n in own for word in ("--node", f"{n}={own[n]}")]
+    walk.twin("init", "my-deck", "--deck", "finger.inp", *nodes)
+    walk.twin("look", "-p", "my-deck")
+    walk.twin("check", "-p", "my-deck")
+
+
+def prediction(walk: Walk) -> None:
+    """What a calibrated twin is asked."""
+    held = ("--pressure", PRESSED, "--pressure", "25kPa", "--at", "tip", "--at", "x=40")
+    walk.twin("predict", "-p", "batch-07", *held)
+    walk.twin("predict", "-p", "batch-07", "--pressure", PRESSED, "--blocked")
+    walk.twin("predict", "-p", "batch-07", "--inverse", "tip.U3=-5")
+    walk.twin("predict", "-p", "batch-07", "--course", "batch-07/raw/pressure.csv", "--at", "tip")
+    for form in ("json", "csv"):
+        walk.twin("export", form, "-p", "batch-07")
+
+
+def own_effect(walk: Walk) -> None:
+    """The cable of docs/own-effect.md."""
+    page = (ROOT / "docs" / "own-effect.md").read_text(encoding="utf-8")
+    text = re.search(r"^```python\n(.*?)^```$", page, re.S | re.M)
+    assert text is not None
+    folder = walk.folder / "batch-07"
+    (folder / "effects").mkdir(exist_ok=True)
+    (folder / "effects" / "cable.py").write_text(text[1], encoding="utf-8")
+    toml = folder / "twin.toml"
+    named = with_key(decoded(toml.read_bytes()), "model", "effect_files", ["effects/cable.py"])
+    toml.write_text(named, encoding="utf-8")
+    walk.twin("trust", "-p", "batch-07")
+    walk.twin("explain", "cable", "-p", "batch-07")
+    walk.twin("add", "cable", "-p", "batch-07")
+    walk.twin("drop", "cable", "-p", "batch-07")
+
+
+PATHS: dict[str, Callable[[Walk], None]] = {
+    "film": film, "new batch": new_batch, "table": table, "notebook": notebook, "deck": deck,
+    "prediction": prediction, "own effect": own_effect,
+}  # fmt: skip
+
+
+# -- figures beside -----------------------------------------------------------------------------------------
+
+
+def tip_error(folder: Path) -> float | None:
+    """By how much ccx on the exported deck and the model on its own mesh differ at the tip, of its
+    displacement; None without ccx."""
+    engine = CalculiX()
+    if shutil.which(engine.executable) is None:
+        return None
+    walk = Walk(folder)
+    walk.twin("export", "calculix", "--pressure", PRESSED, "-p", "batch-07")
+    project = Project.open(folder / "batch-07")
+    made = project.newest("export", "finger.inp")
+    if made is None or walk.refused:
+        return None
+    solved = engine.run(made.read_text(encoding="utf-8"))
+    bench, record = Workbench.of(project), files.read(FitRecord, fit_file(project))
+    course = WantedCourse.held(float(PRESSED.removesuffix("kPa")) * 1e-3, ramp_s=2.0, hold_s=2.0)
+    own, model = followed(bench, record, [course], {}, _silent)
+    row = int(np.linalg.norm(bench.case.nodes - at(bench, "tip"), axis=1).argmin())
+    here = model.on_mesh(None).solution(record.fit.theta).fields([len(own.time) - 1])[0][row]
+    return float(np.linalg.norm(solved.u[row] - here) / np.linalg.norm(here))
+
+
+def at(bench: Workbench, name: str) -> Any:
+    """The place (3,) mm of a point on the finger at rest."""
+    return bench.targets.places(bench.case.position)[bench.targets.names.index(name)]
+
+
+class _Silent:
+    def __call__(self, text: str, /) -> None:
+        del text
+
+    def progress(self, stage: str, done: int, total: int, /) -> None:
+        del stage, done, total
+
+
+_silent = _Silent()
+
+
+def stored(name: str, *keys: str) -> Any:
+    """A figure of another benchmark, as it stands in benchmarks/results."""
+    path = RESULTS / name
+    found: Any = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else None
+    for key in keys:
+        found = found.get(key) if isinstance(found, dict) else None
+    return found
+
+
+def main() -> int:
+    """Print the table; the exit code is 1 where a command was refused."""
+    named = {"nargs": "+", "choices": list(PATHS), "default": list(PATHS), "help": "these, after the film"}
+    typed = options(__doc__, {"--only": named}, json="one JSON line")
+    found: dict[str, Any] = {}
+    with tempfile.TemporaryDirectory() as folder:
+        for name in dict.fromkeys(["film", *typed.only]):
+            began, walk = processor(), Walk(Path(folder))
+            PATHS[name](walk)
+            spent = round(processor() - began, 1)
+            found[name] = {"commands": len(walk.typed), "refused": len(walk.refused), "cpu_s": spent}
+            print(f"{name}: {found[name]}", file=sys.stderr, flush=True)
+        error = tip_error(Path(folder))
+    from benchmarks.foretelling import ROWS, told
+
+    figures = {
+        "paths": found,
+        "coverage_predict": told(ROWS.every()).get("coverage"),
+        "surrogate_pull": stored("response.json", "response_pull"),
+        "export_tip_error": error,
+        "install_mb": stored("install.json", "install_mb"),
+    }
+    if typed.json:
+        print(json.dumps(figures))
+    else:
+        print(f"{'path':14s} commands  refused   cpu_s")
+        for name, row in found.items():
+            print(f"{name:14s} {row['commands']:8d} {row['refused']:8d} {row['cpu_s']:7.1f}")
+        for name, value in figures.items():
+            if name != "paths":
+                print(f"{name}: {value}")
+    return int(any(row["refused"] for row in found.values()))
+
+
+if __name__ == "__main__":
+    sys.exit(main())
