@@ -96,6 +96,13 @@ def new_batch(walk: Walk) -> None:
 
 def table(walk: Walk) -> None:
     """Displacements of an own finger, from another program."""
+    walk.twin(*own_table(walk.folder))
+    for command in ("check", "measure", "calibrate", "compare", "diagnose", "add"):
+        walk.twin(command, "-p", "my-own")
+
+
+def own_table(folder: Path) -> list[str]:
+    """The words of `twin init` for the displacements of an own finger, whose file is written to a folder."""
     own = FingerTable(length_mm=60.0, pleats=4)
     silicone, mesh = Material(0.214, 0.083, prony=CREEP), Lattice(per_bellow=2, centred=False)
     truth = virtual.truth_case(own.finger, mesh, material=silicone, element=None)
@@ -108,12 +115,10 @@ def table(walk: Walk) -> None:
     for k, place in enumerate(x):
         row = [t[k], 10 * p[k], *place[:, [0, 2]].ravel()]
         lines.append(";".join(f"{value:.4f}".replace(".", ",") for value in row))
-    (walk.folder / "own.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    (folder / "own.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
     nodes = [word for name, place in at.items() for word in ("--node", f"{name}={','.join(map(str, place))}")]
     finger = ("--finger", "length_mm=60", "--finger", "pleats=4")
-    walk.twin("init", "my-own", "--targets", "own.csv", *finger, "--sd-mm", "0.02", *nodes)
-    for command in ("check", "measure", "calibrate", "compare", "diagnose", "add"):
-        walk.twin(command, "-p", "my-own")
+    return ["init", "my-own", "--targets", "own.csv", *finger, "--sd-mm", "0.02", *nodes]
 
 
 def notebook(walk: Walk) -> None:

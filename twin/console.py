@@ -39,6 +39,7 @@ class Console:
         self._bar: Progress | None = None
         self._tasks: dict[str, TaskID] = {}
         self._last = time.monotonic()
+        self._began: dict[str, tuple[float, int]] = {}  # when a part was first heard of, and how far it was
 
     def __call__(self, text: str, /) -> None:
         """Print one line; a bar is cleared first, so that lines never mix with it."""
@@ -46,12 +47,15 @@ class Console:
         _print(text, sys.stderr if self.as_json else sys.stdout)
 
     def progress(self, stage: str, done: int, total: int, /) -> None:
-        """Show how far a part of a stage is: a bar on a terminal, else a line every few seconds."""
+        """Show how far a part of a stage is, and what time is left of it: a bar on a terminal, else a line
+        every few seconds."""
+        if stage not in self._began or done < self._began[stage][1]:  # a part may come again
+            self._began[stage] = time.monotonic(), done
         if sys.stderr is not None and sys.stderr.isatty():
             self._draw(stage, done, total)
         elif time.monotonic() - self._last >= PLAIN_EVERY:
             self._last = time.monotonic()
-            _print(f"  {stage}: {done} of {total}", sys.stderr)
+            _print(f"  {stage}: {done} of {total}{self._left(stage, done, total)}", sys.stderr)
 
     def result(self, result: dict[str, Any]) -> None:
         """Print a stage's result as one line of JSON, if that was asked for."""
@@ -67,17 +71,26 @@ class Console:
             self._bar.stop()
             self._bar, self._tasks = None, {}
 
+    def _left(self, stage: str, done: int, total: int) -> str:
+        """The time that is left of a part, in words, if it goes on as it went; "" where nothing tells it."""
+        began, first = self._began[stage]
+        if not first < done < total:
+            return ""
+        left = (time.monotonic() - began) * (total - done) / (done - first)
+        return f", about {left:.0f} s left" if left < 100 else f", about {left / 60:.0f} min left"
+
     def _draw(self, stage: str, done: int, total: int) -> None:
         if self._bar is None:
             from rich.console import Console as Terminal
-            from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+            from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
             columns = (
                 TextColumn("  {task.description}"),
                 BarColumn(),
                 TextColumn("{task.completed}/{task.total}"),
             )
-            self._bar = Progress(*columns, TimeElapsedColumn(), console=Terminal(stderr=True), transient=True)
+            times = (TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn())
+            self._bar = Progress(*columns, *times, console=Terminal(stderr=True), transient=True)
             self._bar.start()
         if stage not in self._tasks:
             self._tasks[stage] = self._bar.add_task(stage, total=total)

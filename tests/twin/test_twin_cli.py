@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from twin import chain, cli
+from twin import chain, cli, console
 from twin.commands import demo
 from twin.project import files
 from twin.project.config import Config
@@ -77,6 +77,18 @@ def stages(monkeypatch):
     standin = Standin()
     monkeypatch.setattr(chain, "function_at", standin.function_at)
     return standin
+
+
+def test_a_long_part_says_what_time_is_left(monkeypatch, capsys):
+    now = [0.0]
+    monkeypatch.setattr(console.time, "monotonic", lambda: now[0])
+    say = console.Console(as_json=False)
+    for now[0], done in ((0.0, 0), (40.0, 2), (80.0, 2), (110.0, 0), (500.0, 1), (700.0, 10)):
+        say.progress("meshes", done, 10)
+    assert capsys.readouterr().err.splitlines() == [
+        "  meshes: 2 of 10, about 3 min left", "  meshes: 2 of 10, about 5 min left",
+        "  meshes: 0 of 10", "  meshes: 1 of 10, about 58 min left", "  meshes: 10 of 10",
+    ]  # fmt: skip
 
 
 def test_help_lists_every_command_of_this_version(run):

@@ -1,0 +1,145 @@
+"""What is installed, by package, and what of it each kind of user needs: megabytes on the disk.
+
+    python benchmarks/docs/installsize.py [--json]
+
+Needed is what the commands of a kind of user load, and what that requires in turn. Then the same commands run
+again with every other package barred: what runs so runs without them. `films`: from pixels
+to the report; `tables`: displacements of another program to the prediction; `worker`: a structure solved with
+`fe`, as a cluster does. Results go to `benchmarks/results/install.json`. About five minutes.
+"""
+
+import json
+import os
+import re
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable, Sequence
+from importlib.metadata import PackageNotFoundError, distribution, packages_distributions
+from pathlib import Path
+
+sys.path.insert(0, os.path.abspath(f"{__file__}/../../.."))
+from benchmarks import ROOT
+from benchmarks.chain import STAGES, fresh
+from benchmarks.commandline import options
+from benchmarks.newcomers import own_table
+
+from twin.project.folder import dataset
+
+RESULT = ROOT / "benchmarks" / "results" / "install.json"
+WATCHED = """
+import atexit, sys
+barred = {barred!r}
+class Bar:
+    def find_spec(self, name, path=None, target=None):
+        if name.partition(".")[0] in barred:
+            raise ModuleNotFoundError(f"{{name}} is barred", name=name)
+sys.meta_path.insert(0, Bar())
+def told():
+    tops = {{name.partition(".")[0] for name, module in sys.modules.items() if module is not None}}
+    with open({out!r}, "a") as stream:
+        stream.write("\\n".join(tops) + "\\n")
+atexit.register(told)
+sys.argv = {argv!r}
+"""
+COMMAND = "from twin.main import start\nstart()\n"
+
+
+def ran(words: Sequence[str], folder: Path, *, barred: Sequence[str], script: str = COMMAND) -> set[str]:
+    """The modules (top names) that a command loads, with some barred. SystemExit where it fails."""
+    out = folder / "loaded.txt"
+    out.unlink(missing_ok=True)
+    text = WATCHED.format(barred=set(barred), out=str(out), argv=["twin", *words]) + script
+    env = {**os.environ, "PYTHONPATH": str(ROOT)}
+    done = subprocess.run([sys.executable, "-c", text], cwd=folder, env=env, capture_output=True, text=True)
+    if done.returncode:
+        raise SystemExit(f"twin {' '.join(words)} without {', '.join(barred)}: {done.stderr[-800:]}")
+    return set(out.read_text(encoding="utf-8").split())
+
+
+def films(folder: Path, barred: Sequence[str]) -> set[str]:
+    """What a film needs, from pixels to the report."""
+    fresh(dataset("quick"), folder / "film")
+    return set().union(*(ran((stage, "-p", "film"), folder, barred=barred) for stage in STAGES))
+
+
+def tables(folder: Path, barred: Sequence[str]) -> set[str]:
+    """What displacements of another program need, to the prediction."""
+    words = own_table(folder)
+    found = ran(words, folder, barred=barred)
+    for command in ("measure", "calibrate", "compare", "diagnose", "add"):
+        found |= ran((command, "-p", words[1]), folder, barred=barred)
+    return found | ran(("predict", "-p", words[1], "--pressure", "20kPa"), folder, barred=barred)
+
+
+def worker(folder: Path, barred: Sequence[str]) -> set[str]:
+    """What solving a structure needs."""
+    script = (ROOT / "examples" / "solve_finger.py").read_text(encoding="utf-8")
+    return ran((), folder, barred=barred, script=script)
+
+
+KINDS = {"films": films, "tables": tables, "worker": worker}
+
+
+def alone(commands: Callable[[Path, Sequence[str]], set[str]], barred: Sequence[str]) -> set[str]:
+    """What commands load in a folder of their own."""
+    with tempfile.TemporaryDirectory() as folder:
+        return commands(Path(folder), barred)
+
+
+def required(name: str, seen: set[str]) -> set[str]:
+    """A distribution and all that it requires, as far as it is installed."""
+    if name in seen:
+        return seen
+    try:
+        wanted = distribution(name).requires or []
+    except PackageNotFoundError:
+        return seen
+    seen.add(name)
+    for line in wanted:
+        if "extra ==" not in line:
+            found = re.match(r"[A-Za-z0-9._-]+", line)
+            assert found is not None
+            required(plain(found[0]), seen)
+    return seen
+
+
+def plain(name: str) -> str:
+    """A distribution's name as pip compares them."""
+    return re.sub(r"[-_.]+", "-", name).lower()
+
+
+def size(name: str) -> float:
+    """Megabytes of a distribution's files."""
+    some = distribution(name).files or []
+    return sum(path.stat().st_size for f in some if (path := Path(str(f.locate()))).is_file()) / 1e6
+
+
+def main() -> int:
+    """Print the table, and write it."""
+    typed = options(__doc__, json="one JSON line")
+    tops, whole = packages_distributions(), required("softtwin", set()) - {"softtwin"}
+    sizes = {name: size(name) for name in whole}
+    found: dict[str, list[str]] = {}
+    for kind, commands in KINDS.items():
+        loaded = alone(commands, ())
+        names = {plain(n) for top in loaded for n in tops.get(top, ())} & whole
+        found[kind] = sorted(set().union(*(required(n, set()) for n in names)) & whole)
+        print(f"{kind}: {', '.join(found[kind])}", file=sys.stderr, flush=True)
+        owners = {top: {plain(n) for n in names} for top, names in tops.items()}
+        alone(commands, [top for top, n in owners.items() if n & whole and not n & set(found[kind])])
+    figures = {"whole": sum(sizes.values())} | {k: sum(sizes[n] for n in names) for k, names in found.items()}
+    figures = {kind: round(value) for kind, value in figures.items()}
+    largest = dict(sorted(((n, round(x)) for n, x in sizes.items()), key=lambda row: -row[1])[:12])
+    table = {"install_mb": figures, "needed": found, "largest_mb": largest}
+    RESULT.write_text(json.dumps(table, indent=1) + "\n", encoding="utf-8")
+    if typed.json:
+        print(json.dumps(table))
+    else:
+        for name, value in {**figures, **{f"  {n}": x for n, x in largest.items()}}.items():
+            print(f"{name:32s} {value:5d} MB")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
