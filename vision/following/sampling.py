@@ -160,7 +160,7 @@ def _whole(quarters: Any, k: int) -> float:
     return value
 
 
-# One long body with eleven arguments: numba compiles the loops over marks, steps and points as one function.
+# One long body with twelve arguments: numba compiles the loops over marks, steps and points as one function.
 @_compiled
 def lay(
     image: Any,
@@ -174,12 +174,14 @@ def lay(
     warps: Any,
     correlation: Any,
     sums: Any,
+    seen: Any,
 ) -> None:
     """Move the warps (m,3,3) until the patches lie on the picture, in place; correlation (m,), 0 for failed.
 
     One pass over the points gives all sums of a step: the rows of `step` are orthogonal to a constant and to
     the template, so that the sampled grey levels need no normalising first. They are kept by quarters of the
     patch: sums (m,4,10) with `step`, with the template and with 1, of normalised grey levels.
+    seen: (m,n) grey levels of the last step.
     """
     box, cut, held = np.empty(4), np.empty(4, np.int64), np.empty(4)
     change, after = np.empty(8), np.empty((3, 3))
@@ -214,6 +216,7 @@ def lay(
                     for i in range(row * side + right * half, row * side + (side if right else half)):
                         x, y, _ = _pixel(lens, warp, grid[0, i], grid[1, i])
                         value = _spline_at(block, x - cut[0], y - cut[1])
+                        seen[m, i] = value
                         total += value
                         power += value * value
                         product += value * template[i]
