@@ -71,12 +71,17 @@ def _spline_at(block: Any, x: float, y: float) -> float:
     u1, u2 = 4.0 + u * u * (3.0 * u - 6.0), 4.0 + a * a * (3.0 * a - 6.0)
     v0, v3 = b * b * b, v * v * v
     v1, v2 = 4.0 + v * v * (3.0 * v - 6.0), 4.0 + b * b * (3.0 * b - 6.0)
+    # Unsigned numbers: of others numba asks at each access whether they count from the end.
+    one, left, top = np.uint64(1), np.uint64(column - 1), np.uint64(row - 1)
     total = 0.0
-    for k, weight in enumerate((v0, v1, v2, v3)):
-        line = block[row - 1 + k]
+    for weight in (v0, v1, v2, v3):
         total += weight * (
-            u0 * line[column - 1] + u1 * line[column] + u2 * line[column + 1] + u3 * line[column + 2]
+            u0 * block[top, left]
+            + u1 * block[top, left + one]
+            + u2 * block[top, left + one + one]
+            + u3 * block[top, left + one + one + one]
         )
+        top += one
     return total / 36.0
 
 
