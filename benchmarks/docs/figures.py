@@ -71,7 +71,8 @@ FIGURES = (
            tuple(f"{WHERE}#{k}" for k in (5, 6, 7, 8))),
     Figure(README, "at rest would have to be off by # sd", (f"{WHERE}#9",)),
     Figure(README, "The error falls from # to # mm rms with creep:2; # mm is expected", FALLEN),
-    Figure(README, "creep:2 (evidence #), creep (evidence #)", EVIDENCE),
+    Figure(README, "creep:2 (evidence #), creep:wide (evidence #), creep (evidence #)",
+           (EVIDENCE[0], f"{RANKED}creep:wide.evidence", EVIDENCE[1])),
     Figure(README, "Error: from # mm to # mm rms; # mm is expected. Without errors that many values share: "
            "from # mm to # mm rms; the noise is # mm.",
            (f"{COMPARE}raw_rms_mm", "add/comparison.json:raw_rms_mm", "add/comparison.json:expected_mm",

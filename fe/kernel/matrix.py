@@ -2,7 +2,9 @@
 
 import ctypes
 import os
+import sys
 import weakref
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,13 +13,18 @@ import scipy.sparse as sp
 from fe.element import Array
 from fe.kernel.pattern import Places
 
+# pypardiso looks for MKL with a compiler and in all folders, 0.3 s a process: it is told where pip puts it.
+PLACE = "PYPARDISO_MKL_RT"
+for _file in Path(sys.prefix, "lib").glob("libmkl_rt.*"):
+    os.environ.setdefault(PLACE, str(_file))
 try:
-    from pypardiso import PyPardisoSolver
+    from pypardiso import PyPardisoSolver, ps
+
+    os.environ.setdefault(PLACE, ps.libmkl._name)  # found elsewhere: once for all meshes and processes
 except ImportError:  # MKL is not available on this platform
     PyPardisoSolver = None
 
 
-PLACE = "PYPARDISO_MKL_RT"  # environment variable, asked first
 # iparm of PARDISO, by number: own settings (1); refinement (8) only where pivots were perturbed, as otherwise
 # its two steps treble the time of a solve and leave the residual as it is; 10 and 21 as by default. Below
 # SMALL unknowns minimum degree (2: 0) factorises in 0.8 of the time of nested dissection.
@@ -38,7 +45,7 @@ class Symmetric:
         self._indptr, self._indices = indptr, indices
         self._n = len(indptr) - 1
         self._analysed = False
-        self._solver = _pardiso() if PyPardisoSolver else None
+        self._solver = PyPardisoSolver(mtype=-2) if PyPardisoSolver else None
         if self._solver is not None:
             for number, value in (SETTINGS | ({2: 0} if self._n < SMALL else {})).items():
                 self._solver.set_iparm(number, value)
@@ -100,14 +107,6 @@ class Symmetric:
         if error.value:
             raise RuntimeError(f"PARDISO ended with its error {error.value} in phase {phase}")
         return x
-
-
-def _pardiso() -> Any:
-    """A solver. Where MKL lies is looked for once, which takes 0.2 s; then it is told where the wrapper
-    asks first."""
-    found = PyPardisoSolver(mtype=-2)
-    os.environ.setdefault(PLACE, found.libmkl._name)
-    return found
 
 
 def _free(solver: object) -> None:

@@ -22,7 +22,15 @@ from twin.targets import Array
 
 # Read by VTK when it opens its first window: EGL needs neither a screen nor an X server.
 WINDOW = {"VTK_DEFAULT_OPENGL_WINDOW": "vtkEGLRenderWindow"}
-PROBE = "import pyvista as pv; p = pv.Plotter(off_screen=True); p.add_mesh(pv.Sphere()); p.screenshot()"
+PROBE = """
+from vtkmodules import vtkRenderingOpenGL2
+from vtkmodules.vtkRenderingCore import vtkRenderer, vtkRenderWindow
+
+window = vtkRenderWindow()
+window.SetOffScreenRendering(True)
+window.AddRenderer(vtkRenderer())
+window.Render()
+"""  # VTK alone: to import pyvista takes a second
 MISSING = (
     "no picture of the deformed finger: VTK finds no EGL library to draw off screen "
     "(Debian, Ubuntu: apt-get install libegl1 libegl-mesa0 libgl1-mesa-dri)"

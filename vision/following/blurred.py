@@ -73,19 +73,18 @@ def spectra(reference: Templates) -> Spectra:
 
 def adjust(
     image: Picture, lens: Array, reference: Templates, known: Spectra, rows: NDArray[np.intp], *,
-    start: Array, usual: Array, match: Array,
+    start: Array, usual: Array, match: Array, grey: Array,
 ) -> list[Adjusted | None]:  # fmt: skip
     """The marks' places (m,) with their blur and their light; None where these do not explain what plain
     registration leaves: a cover, glare, noise.
 
     rows: (m,) of the reference.   start: (m,3,3) as registered.   usual: (m,) share of the power that is left
-    at rest.   match: (m,) correlation as registered.
+    at rest.   match: (m,) correlation as registered.   grey: (m,n) levels under them, as registered.
 
     Coding leaves much in most marks of a film, and no blur: what the first step gains, a projection while the
     patch is sharp, tells which to fit.
     """
-    grey = registration.grey_under(image, lens, start, known.grid)
-    grey -= grey.mean(axis=1, keepdims=True)
+    grey = grey - grey.mean(axis=1, keepdims=True)
     before, power = 1.0 - match**2, np.sum(grey**2, axis=1)
     told = [np.sum((known.sharp[row] @ own) ** 2) for row, own in zip(rows, grey, strict=True)]
     gain = told - match**2 * power  # on what plain registration explains

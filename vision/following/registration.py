@@ -125,14 +125,16 @@ def register(
 
 def register_quarters(
     image: Picture, lens: Array, reference: Templates, start: Array, scale: Array, which: NDArray[np.intp]
-) -> tuple[Array, Array, Array]:
-    """Warps, correlations as from `register`, and sums (m,4,10) of each patch's quarters, see `uneven`.
+) -> tuple[Array, Array, Array, Array]:
+    """Warps, correlations as from `register`, sums (m,4,10) of each patch's quarters, see `uneven`, and grey
+    levels (m,n) under it.
 
-    The sums are those of normalised grey levels with `step`, with the template and with 1.
+    The sums are those of normalised grey levels with `step`, with the template and with 1. The levels are
+    those before the last step, of CONVERGED_PX at most; where the search failed they mean nothing.
     """
     warp, correlation = np.array(start, dtype=np.float64), np.zeros(len(start))
-    sums = np.zeros((len(start), 4, 10))
     grid = reference.grid
+    sums, seen = np.zeros((len(start), 4, 10)), np.zeros((len(start), grid.shape[1]))
     sampling.lay(
         np.asarray(image, dtype=np.float32),  # one type, compiled once
         lens,
@@ -145,8 +147,9 @@ def register_quarters(
         warp,
         correlation,
         sums,
+        seen,
     )
-    return warp, correlation, sums
+    return warp, correlation, sums, seen
 
 
 def centre_covariance(reference: Templates, linear: Array, correlation: Array) -> Array:

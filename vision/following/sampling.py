@@ -71,12 +71,17 @@ def _spline_at(block: Any, x: float, y: float) -> float:
     u1, u2 = 4.0 + u * u * (3.0 * u - 6.0), 4.0 + a * a * (3.0 * a - 6.0)
     v0, v3 = b * b * b, v * v * v
     v1, v2 = 4.0 + v * v * (3.0 * v - 6.0), 4.0 + b * b * (3.0 * b - 6.0)
+    # Unsigned numbers: of others numba asks at each access whether they count from the end.
+    one, left, top = np.uint64(1), np.uint64(column - 1), np.uint64(row - 1)
     total = 0.0
-    for k, weight in enumerate((v0, v1, v2, v3)):
-        line = block[row - 1 + k]
+    for weight in (v0, v1, v2, v3):
         total += weight * (
-            u0 * line[column - 1] + u1 * line[column] + u2 * line[column + 1] + u3 * line[column + 2]
+            u0 * block[top, left]
+            + u1 * block[top, left + one]
+            + u2 * block[top, left + one + one]
+            + u3 * block[top, left + one + one + one]
         )
+        top += one
     return total / 36.0
 
 
@@ -160,7 +165,7 @@ def _whole(quarters: Any, k: int) -> float:
     return value
 
 
-# One long body with eleven arguments: numba compiles the loops over marks, steps and points as one function.
+# One long body with twelve arguments: numba compiles the loops over marks, steps and points as one function.
 @_compiled
 def lay(
     image: Any,
@@ -174,12 +179,14 @@ def lay(
     warps: Any,
     correlation: Any,
     sums: Any,
+    seen: Any,
 ) -> None:
     """Move the warps (m,3,3) until the patches lie on the picture, in place; correlation (m,), 0 for failed.
 
     One pass over the points gives all sums of a step: the rows of `step` are orthogonal to a constant and to
     the template, so that the sampled grey levels need no normalising first. They are kept by quarters of the
     patch: sums (m,4,10) with `step`, with the template and with 1, of normalised grey levels.
+    seen: (m,n) grey levels of the last step.
     """
     box, cut, held = np.empty(4), np.empty(4, np.int64), np.empty(4)
     change, after = np.empty(8), np.empty((3, 3))
@@ -214,6 +221,7 @@ def lay(
                     for i in range(row * side + right * half, row * side + (side if right else half)):
                         x, y, _ = _pixel(lens, warp, grid[0, i], grid[1, i])
                         value = _spline_at(block, x - cut[0], y - cut[1])
+                        seen[m, i] = value
                         total += value
                         power += value * value
                         product += value * template[i]

@@ -220,7 +220,7 @@ def _lay(
     marks = follower.coded[rows]
     if not len(rows):
         return
-    laid, correlation, sums = registration.register_quarters(
+    laid, correlation, sums, grey = registration.register_quarters(
         image,
         registration.lens_of(follower.camera),
         follower.templates,
@@ -232,18 +232,19 @@ def _lay(
     kept = marks[good]
     shown.warp[kept], shown.match[kept], shown.method[kept] = laid[good], correlation[good], way
     shown.leaning[kept] = uneven.lean(follower.quarters, rows[good], sums[good], linear_at_centre(laid[good]))
-    _adjust(image, follower, rows, laid, correlation, shown)
+    _adjust(image, follower, rows, laid, correlation, grey, shown)
 
 
 def _adjust(
-    image: Image, follower: Follower, rows: NDArray[np.intp], laid: Array, match: Array, shown: _Shown
-) -> None:
+    image: Image, follower: Follower, rows: NDArray[np.intp], laid: Array, match: Array, grey: Array,
+    shown: _Shown,
+) -> None:  # fmt: skip
     """Write those coded marks whose blur and light explain what registration leaves of them."""
     much = (match > SURE) & (1.0 - match**2 > blurred.EXCESS * follower.usual[rows])
     rows = rows[much]
     each = blurred.adjust(
         image, registration.lens_of(follower.camera), follower.templates, follower.spectra, rows,
-        start=laid[much], usual=follower.usual[rows], match=match[much],
+        start=laid[much], usual=follower.usual[rows], match=match[much], grey=grey[much],
     )  # fmt: skip
     for row, found in zip(rows, each, strict=True):
         if found is not None and np.sqrt(1.0 - found.left) > follower.least[row]:

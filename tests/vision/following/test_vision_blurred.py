@@ -47,12 +47,13 @@ def noisy(grey: Array, rng: np.random.Generator) -> NDArray[np.uint8]:
     return np.asarray(np.clip(np.rint(grey + rng.normal(0.0, NOISE, grey.shape)), 0, 255), dtype=np.uint8)
 
 
-def registered(picture: Array | NDArray[np.uint8], follower: Follower) -> tuple[Array, Array]:
+def registered(picture: Array | NDArray[np.uint8], follower: Follower) -> tuple[Array, Array, Array]:
     rows = np.arange(len(follower.coded))
-    return registration.register(
+    warp, match, _, grey = registration.register_quarters(
         np.asarray(picture, dtype=np.float32), registration.lens_of(follower.camera), follower.templates,
         follower.seed, px_per_unit(follower.seed), rows,
     )  # fmt: skip
+    return warp, match, grey
 
 
 @pytest.fixture(scope="module")
@@ -90,12 +91,12 @@ def adjusted(rest: Rest, paint: Paint) -> tuple[Array, Array, list[Adjusted | No
     error, match, found = [], [], []
     for _ in range(DRAWS):
         picture = noisy(paint(rest.clean, rng), rng)
-        warp, alike = registered(picture, follower)
+        warp, alike, grey = registered(picture, follower)
         error.append(centres(warp, follower.centre) - rest.place)
         match.append(alike)
         found += blurred.adjust(
             picture, registration.lens_of(follower.camera), follower.templates, follower.spectra,
-            np.arange(len(warp)), start=warp, usual=follower.usual, match=alike,
+            np.arange(len(warp)), start=warp, usual=follower.usual, match=alike, grey=grey,
         )  # fmt: skip
     return np.concatenate(error), np.concatenate(match), found
 

@@ -80,7 +80,7 @@ def spoilt(
         for u, v in pixels:
             block = np.s_[round(v) - 26 : round(v) + 27, round(u) - 26 : round(u) + 27]
             picture[block] = paint(COLUMNS[block] - u, ROWS[block] - v, picture[block], rng)
-        warp, match, sums = registration.register_quarters(
+        warp, match, sums, _ = registration.register_quarters(
             noisy(picture, rng), registration.lens_of(lab.camera), follower.templates, follower.seed,
             px_per_unit(follower.seed), rows,
         )  # fmt: skip

@@ -196,16 +196,19 @@ def test_progress_is_told(measured: Displacements, told: list[tuple[str, int, in
 
 def test_lossy_film_states_the_sd_of_moving_and_held_marks(lab: Lab, still: Video, tmp_path: Path) -> None:
     bend = np.concatenate([np.zeros(14), np.linspace(0, 0.006, 20)[1:], 0.006 + 6e-6 * np.arange(24)])
-    film = lab.film(tmp_path / "lossy.mp4", bend, codec="libx264", seed=5)
-    result = measure([View(film, still, lab.camera)], lab.marks, reference=FRAME_S)
-    finger = [i for i, role in enumerate(result.roles) if role == "finger"]
-    assert np.all(result.noise.codec_sd[finger][:, [0, 2]] > result.noise.sd[finger][:, [0, 2]])
-    own = [i for i, name in enumerate(result.mode_names) if name.startswith(("reference:", "codec:"))]
-    variance = np.diagonal(result.covariance, axis1=2, axis2=3) + np.sum(result.modes[own] ** 2, axis=0)
-    pull = (errors(result, lab, bend) / np.sqrt(variance)[..., [0, 2]])[14:, finger]
-    # Both axes of three marks, and errors that last as long as the motion and the hold; two sds
-    low, high = band(2 * 3 * 2, 2.0)
-    assert low < np.sqrt(np.mean(pull**2)) < high
+    pulls = []
+    for seed in (5, 6, 7, 8):
+        film = lab.film(tmp_path / f"lossy-{seed}.mp4", bend, codec="libx264", seed=seed)
+        result = measure([View(film, still, lab.camera)], lab.marks, reference=FRAME_S)
+        finger = [i for i, role in enumerate(result.roles) if role == "finger"]
+        assert np.all(result.noise.codec_sd[finger][:, [0, 2]] > result.noise.sd[finger][:, [0, 2]])
+        own = [i for i, name in enumerate(result.mode_names) if name.startswith(("reference:", "codec:"))]
+        variance = np.diagonal(result.covariance, axis1=2, axis2=3) + np.sum(result.modes[own] ** 2, axis=0)
+        pulls.append((errors(result, lab, bend) / np.sqrt(variance)[..., [0, 2]])[14:, finger])
+    # Both axes of three marks in four films, and errors that last as long as the motion and the hold; two sds.
+    # One film has 0.9 to 1.4, as the noise put back is one draw: the first has 1.1 to 1.4 by draws alone.
+    low, high = band(4 * 2 * 3 * 2, 2.0)
+    assert low < np.sqrt(np.mean(np.square(pulls))) < high
 
 
 def test_dots_without_a_code(lab: Lab, tmp_path: Path) -> None:
