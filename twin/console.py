@@ -40,6 +40,7 @@ class Console:
         self._tasks: dict[str, TaskID] = {}
         self._last = time.monotonic()
         self._began: dict[str, tuple[float, int]] = {}  # when a part was first heard of, and how far it was
+        self._reached: dict[str, int] = {}
 
     def __call__(self, text: str, /) -> None:
         """Print one line; a bar is cleared first, so that lines never mix with it."""
@@ -49,8 +50,9 @@ class Console:
     def progress(self, stage: str, done: int, total: int, /) -> None:
         """Show how far a part of a stage is, and what time is left of it: a bar on a terminal, else a line
         every few seconds."""
-        if stage not in self._began or done < self._began[stage][1]:  # a part may come again
+        if done < self._reached.get(stage, done + 1):  # a part is new, or comes again
             self._began[stage] = time.monotonic(), done
+        self._reached[stage] = done
         if sys.stderr is not None and sys.stderr.isatty():
             self._draw(stage, done, total)
         elif time.monotonic() - self._last >= PLAIN_EVERY:
