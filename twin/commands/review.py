@@ -71,13 +71,14 @@ def _recording(story: Story, say: Say) -> list[str]:
 
 def _deformed(story: Story) -> list[str]:
     """A picture and a VTU series of the deformed finger; returns what could not be done."""
-    g, notes = story.generations, []
+    g, last, notes = story.generations, story.fields, []
+    top = 0 if last is None else int(np.argmax(last.pressure))
     note = deformed_picture(
         story.run.path("deformed.png"),
         nodes=g.nodes,
         triangles=g.triangles,
-        u=np.asarray(g.u[-1], float),
-        points=g.points + g.u_measured,
+        u=np.asarray(g.u[-1] if last is None else last.u[top], float),
+        points=g.points + (g.u_measured if last is None else last.u_measured[top]),
     )
     notes += [note] if note else []
     cells = Workbench.of(story.project).case.connectivity

@@ -65,7 +65,8 @@ def _drawn(story: Story, name: str, *, place: str) -> list[Picture]:
 def _deformed(story: Story) -> list[Picture]:
     """The finger at top pressure, where it could be drawn."""
     file = story.run.path("deformed.png")
-    caption = "Best model of the genetic algorithm, and the measured markers."
+    model = "Best model of the genetic algorithm" if story.fields is None else f"The model {story.labels[1]}"
+    caption = f"{model}, and the measured markers."
     if not file.exists():
         return []
     return [Picture(title="Model at top pressure", caption=caption, half=True, png=file, place="top")]

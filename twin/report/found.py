@@ -105,6 +105,14 @@ class Story:
         effects = " and ".join(self.fit.effects)
         return "calibrated", f"with {effects}" if effects else "model now"
 
+    @property
+    def unmended(self) -> tuple[float | None, float | None]:
+        """The error of the model without effects, and the same without shared errors, mm: that of the
+        diagnosis, or of the calibration where effects were in the model before it and it asks for no more."""
+        if self.fit.effects and self.start is not None and not self.diagnosis.named:
+            return self.start.raw_rms_mm, self.start.rms_mm
+        return self.diagnosis.raw_rms_before_mm, self.diagnosis.rms_before_mm
+
     def prediction(self, kinds: tuple[str, ...]) -> dict[str, Array]:
         """What the newest run of these kinds predicted and left, or nothing."""
         path = fresh(self.project, kinds, "prediction.npz")

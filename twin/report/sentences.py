@@ -36,10 +36,10 @@ def untold(story: Story) -> list[str]:
 
 def opening(story: Story) -> list[str]:
     """The two sentences below the headline: the errors, and what to do now."""
-    d, last = story.diagnosis, story.diagnosis.next_test
-    if d.raw_rms_before_mm is None:
+    d, last, (before, _) = story.diagnosis, story.diagnosis.next_test, story.unmended
+    if before is None or d.raw_rms_before_mm is None:
         return []
-    fall = f"The model misses the film by {d.raw_rms_before_mm:.3f} mm rms"
+    fall = f"The model misses the film by {before:.3f} mm rms"
     if story.added is not None:
         fall += f", {story.labels[1]} by {story.added.raw_rms_mm:.3f} mm"
     said = [f"{fall}; the measurement and the mesh are uncertain by {d.expected_mm:.3f} mm."]
@@ -79,13 +79,14 @@ def errors_of(story: Story) -> dict[str, Any] | None:
     """The errors before and after and the expected one, mm, with what the models are called and what is left
     without shared errors; None without a diagnosis."""
     d, (before, after), added = story.diagnosis, story.labels, story.added
-    if d.raw_rms_before_mm is None:
+    raw, left = story.unmended
+    if raw is None or d.raw_rms_before_mm is None:
         return None
     return {
-        "before_mm": d.raw_rms_before_mm,
+        "before_mm": raw,
         "after_mm": added.raw_rms_mm if added else None,
         "expected_mm": d.expected_mm,
-        "before_note": f"{before}; {short(d.rms_before_mm)} mm without shared errors",
+        "before_note": f"{before}; {short(left)} mm without shared errors",
         "after_note": f"{after}; {short(added.rms_mm)} mm without shared errors" if added else None,
         "expected_note": f"of noise and shared errors; {short(d.noise_sd_mm)} mm of noise alone",
     }

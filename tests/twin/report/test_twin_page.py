@@ -209,7 +209,7 @@ def test_a_manager_finds_the_answer_first_and_the_digests_last() -> None:
     order = [
         "The finger creeps.", "Four times the noise before.", "error before", "<b>Fall</b>", "Where it fails", "<b>Left over</b>",
         "What speaks for creep:2", "What these data cannot show", "Next test:", "Where the uncertainty of the measurement",
-        "The constants, and what was missing", "<b>Map</b>", "Where this comes from",
+        "The calibrated twin", "<b>Map</b>", "Where this comes from",
     ]  # fmt: skip
     assert order == sorted(order, key=page.index)
 
