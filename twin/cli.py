@@ -65,6 +65,7 @@ OPTIONS: dict[str, tuple[Parameter, ...]] = {
                 "once for each", "--node"),
         _option("finger", NAMES, [], "a dimension of your finger, such as length_mm=80; once for each"),
         _option("sd_mm", NUMBER, None, "sd of one position in another program's file, mm"),
+        _option("still", str, "", "instead: its rows at rest or held, 0-60,200-260, or holds"),
         _option("deck", Path | None, None, "Abaqus deck of your own mesh, in mm, N and MPa"),
         _option("like", Path | None, None, "project of a former batch on the same rig: "
                 "its twin.toml is copied"),

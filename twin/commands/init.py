@@ -1,5 +1,6 @@
 """Make a project folder: for a film or for targets measured elsewhere, of the built-in finger or a deck."""
 
+import re
 import shutil
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -37,6 +38,7 @@ def run_init(
     folder: Path, say: Say, *, targets: Path | None = None, form: str | None = None,
     nodes: Sequence[str] = (), deck: Path | None = None, like: Path | None = None,
     density_kg_m3: float | None = None, finger: Sequence[str] = (), sd_mm: float | None = None,
+    still: str = "",
 ) -> dict[str, Any]:
     """Make a folder with a complete twin.toml; `targets` and `deck` are checked and copied.
 
@@ -45,14 +47,15 @@ def run_init(
     nodes: NAME=LABEL or NAME=X,Y,Z (mm) of the points; all of them where a deck takes the place of the
     built-in finger.   like: a former batch, whose twin.toml is copied instead.
     density_kg_m3: of a silicone that was weighed.   finger: KEY=VALUE of [model.finger], such as
-    length_mm=80.   sd_mm: of one position in another program's file.
+    length_mm=80.   sd_mm: of one position in another program's file; or, still: the rows whose scatter tells
+    it, "holds" or such as "0-60,200-260".
     """
     if like is not None:
         from twin.commands.initlike import run_init_like
 
-        if targets or nodes or deck or form or finger or sd_mm:
+        if targets or nodes or deck or form or finger or sd_mm or still:
             raise ValueError("--like copies points and mesh of the former batch; leave out --targets, "
-                             "--format, --node, --deck, --finger and --sd-mm")  # fmt: skip
+                             "--format, --node, --deck, --finger, --sd-mm and --still")  # fmt: skip
         return run_init_like(folder, say, like=like)
     if form is not None and targets is None:
         raise ValueError("--format without --targets: name the file that the other program wrote")
@@ -72,12 +75,13 @@ def run_init(
         config = targets_config(name, _read(targets, told), known | told)
     else:
         config, wanted = import_config(
-            name, targets, form or format_of(targets), known=known, told=told, sd_mm=sd_mm
-        )
-    if sd_mm is not None and config.imported is None:
+            name, targets, form or format_of(targets), known=known, told=told, sd_mm=sd_mm,
+            still=_still(still),
+        )  # fmt: skip
+    if (sd_mm is not None or still) and config.imported is None:
         raise ValueError(
-            f"--sd-mm {sd_mm:g}: of another program's file; a folder of targets states its own under [noise] "
-            "of targets.toml"
+            f"{'--still' if still else '--sd-mm'} {still or sd_mm}: of another program's file; a folder of "
+            "targets states its own under [noise] of targets.toml"
         )
     if config.imported is None or own is not None or shape:  # else its dimensions are still to be stated
         _check_points(config, own, shape, say)
@@ -136,7 +140,7 @@ def _say_next(folder: Path, config: Config, wanted: Mapping[str, str], say: Say)
 
 def import_config(
     name: str, targets: Path, form: str, *, known: Mapping[str, PointTable], told: Mapping[str, PointTable],
-    sd_mm: float | None = None,
+    sd_mm: float | None = None, still: str | list[list[int]] | None = None,
 ) -> tuple[Config, dict[str, str]]:
     """A configuration for another program's file, and the keys of [import] that are still to be stated, each
     with what it has to say. ValueError where the file is not right, or has no point whose place is stated.
@@ -156,13 +160,24 @@ def import_config(
             f"no point has a place on the finger; wanted --node NAME=LABEL or --node NAME=X,Y,Z in mm for "
             f"those that do: the file has {listed}"
         )
-    given = {"file": f"raw/{targets.name}", "format": form, "axes": found.axes or None, "sd_mm": sd_mm}
-    stated = checked(ImportTable, given, name="--targets, --format, --sd-mm")
+    given = {"file": f"raw/{targets.name}", "format": form, "axes": found.axes or None, "sd_mm": sd_mm,
+             "still_steps": still}  # fmt: skip
+    stated = checked(ImportTable, given, name="--targets, --format, --sd-mm, --still")
     objective = _objective(tuple(p.name for p in points))
     config = Config(
         project=ProjectTable(name=name), points=points, calibrate=CalibrateTable(objective_points=objective)
     )
     return config.model_copy(update={"imported": stated}), still_wanted(found, stated)
+
+
+def _still(text: str) -> str | list[list[int]] | None:
+    """What still_steps of twin.toml takes; None where nothing is stated."""
+    if not text or text == "holds":
+        return text or None
+    found = [re.fullmatch(r"\s*(\d+)-(\d+)\s*", part) for part in text.split(",")]
+    if not all(found):
+        raise ValueError(f"--still {text!r}: wanted holds, or first and last rows such as 0-60,200-260")
+    return [[int(one[1]), int(one[2])] for one in found if one]
 
 
 def _finger(stated: Sequence[str]) -> FingerTable | None:

@@ -273,6 +273,13 @@ def test_a_table_of_an_own_finger_needs_one_command(tmp_path: Path) -> None:
         run_init(tmp_path / "other", Lines(), finger=shape, deck=tmp_path / "own.inp", **given)
     with pytest.raises(ValueError, match=r"--sd-mm.*sd_mm = -1"):
         run_init(tmp_path / "other", Lines(), sd_mm=-1.0, **given)
+    for text, rows in (("holds", "holds"), ("0-60, 200-260", ((0, 60), (200, 260)))):
+        run_init(tmp_path / f"still {text}", Lines(), still=text, finger=shape, **given)
+        imported = Project.open(tmp_path / f"still {text}").config.imported
+        assert imported is not None
+        assert imported.still_steps == rows
+    with pytest.raises(ValueError, match=r"--still '0 to 60': wanted holds, or first and last rows such as 0-60"):
+        run_init(tmp_path / "other", Lines(), still="0 to 60", **given)
 
 
 def test_points_without_a_node_are_left_out_or_taken_where_they_lie(tmp_path: Path) -> None:
