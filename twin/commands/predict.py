@@ -19,6 +19,7 @@ from twin.bench.predicting import NORMAL, Prediction, WantedCourse, predicted
 from twin.bench.workbench import Workbench
 from twin.drawing.deformed import write_vtu_series
 from twin.drawing.predictionplot import draw_prediction
+from twin.effects.loads import Gravity
 from twin.effects.protocol import Order
 from twin.gauge.pressurelog import read_log
 from twin.gauge.pressureunits import in_MPa, unit_of
@@ -196,7 +197,8 @@ def _gravity(bench: Workbench, text: str) -> Array | None:
             f"--gravity {text!r}: wanted its direction X,Y,Z in world axes, such as 0,0,-1 (x along the "
             "finger, z up)"
         )
-    if bench.targets.gravity is None or not is_heavy(bench.case):
+    weighs = is_heavy(bench.case) or any(e.name == Gravity.name for e in bench.model().effects)
+    if bench.targets.gravity is None or not weighs:
         raise ValueError(
             f"--gravity {text}: the model has no weight; give density_kg_m3 and gravity under [model] in "
             "twin.toml, and run `twin calibrate`"
