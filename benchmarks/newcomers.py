@@ -103,12 +103,12 @@ def table(walk: Walk) -> None:
 
 def own_table(folder: Path) -> list[str]:
     """The words of `twin init` for the displacements of an own finger, whose file is written to a folder."""
-    own = FingerTable(length_mm=60.0, pleats=4)
-    silicone, mesh = Material(0.214, 0.083, prony=CREEP), Lattice(per_bellow=2, centred=False)
+    own = FingerTable(length_mm=44.0, pleats=3)
+    silicone, mesh = Material(0.214, 0.083, prony=CREEP), Lattice(per_bellow=6, wall=2, centred=False)
     truth = virtual.truth_case(own.finger, mesh, material=silicone, element=None)
-    t = np.arange(0.0, 30.2, 0.4)
-    p = np.interp(t, [0.0, 3.0, 6.0, 20.0, 22.0, 30.0], [0.0, 0.0, 0.03, 0.03, 0.0, 0.0])
-    at = {"tip": (60.0, 11.5, 0.0), "mid": (40.0, 11.5, 0.0), "q": (20.0, 11.5, 0.0)}
+    t = np.arange(0.0, 34.0, 0.8)
+    p = np.interp(t, [0.0, 2.0, 8.0, 20.0, 26.0, 34.0], [0.0, 0.0, 0.03, 0.03, 0.0, 0.0])
+    at = {"tip": (44.0, 11.5, 0.0), "mid": (30.0, 11.5, 0.0), "q": (15.0, 11.5, 0.0)}
     u = virtual.displaced(truth, Course(t, p, t), np.array(list(at.values())))[0]
     x = np.array(list(at.values())) + u - u[0] + np.random.default_rng(0).normal(0.0, 0.02, u.shape)
     lines = ["time_s;pressure_bar;" + ";".join(f"{name}_{axis}_mm" for name in at for axis in "xz")]
@@ -117,7 +117,7 @@ def own_table(folder: Path) -> list[str]:
         lines.append(";".join(f"{value:.4f}".replace(".", ",") for value in row))
     (folder / "own.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
     nodes = [word for name, place in at.items() for word in ("--node", f"{name}={','.join(map(str, place))}")]
-    finger = ("--finger", "length_mm=60", "--finger", "pleats=4")
+    finger = ("--finger", "length_mm=44", "--finger", "pleats=3")
     return ["init", "my-own", "--targets", "own.csv", *finger, "--sd-mm", "0.02", *nodes]
 
 

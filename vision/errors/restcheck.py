@@ -10,10 +10,13 @@ from vision.following.turns import mean_seen
 
 # Where these numbers come from: docs/records/error-numbers.md
 BLOCKS = 6  # parts of the time whose means are compared
-FEW = 2  # frames in a part, at least
+FEW = 4  # frames in a part, at least: one that is found elsewhere is no drift
 CLEAR = 10.0  # sds of a part's mean by white noise: noise of neighbouring frames is alike
 MOST_MM = 0.25  # beyond it a mark moves; below it a drift is told
 TELL_MM = 0.03
+TURNS = 3  # jumps to and fro between two places, which no finger at rest does
+BETWEEN = 0.2  # of the way, either side of its middle, is in between
+RARE = 0.15  # of the frames, in between
 
 
 @dataclass(frozen=True)
@@ -29,9 +32,11 @@ def unrest(place: Array, names: Sequence[str]) -> Unrest | None:
     """What moves clearly in places (t,p,2) mm that should be at rest; None where nothing does.
 
     The time is cut into parts. The range of their means is compared with the noise from frame to frame, which
-    a slow motion hardly touches. What is clear and below 0.03 mm is no matter.
+    a slow motion hardly touches. What is clear and below 0.03 mm is no matter, nor is a corner that is found
+    at one of two pixels by turns.
     """
-    parts = [part for part in np.array_split(place, BLOCKS) if len(part) >= FEW]
+    blocks = min(BLOCKS, max(2, len(place) // FEW))
+    parts = [part for part in np.array_split(place, blocks) if len(part) >= FEW]
     if len(parts) < 2:
         return None
     means = np.array([mean_seen(part) for part in parts])
@@ -44,6 +49,9 @@ def unrest(place: Array, names: Sequence[str]) -> Unrest | None:
             continue
         apart = np.linalg.norm(means[shown, p][:, None] - means[shown, p][None], axis=-1)
         mm, sd = float(apart.max()), noise[p] * np.sqrt(2.0 / counts[shown, p].min())
+        ends = means[shown, p][list(np.unravel_index(int(apart.argmax()), apart.shape))]
+        if _flips(place[:, p], ends):
+            continue
         if mm > max(CLEAR * sd, TELL_MM) and (worst is None or mm > worst.mm):
             worst = Unrest(name, mm, mm > MOST_MM)
     return worst
@@ -75,6 +83,15 @@ def check_rest(
         f"{film}: marker {found.name!r} drifts by {found.mm:.2g} mm {span}, {what}. Displacements may be "
         "off by as much.",
     )
+
+
+def _flips(place: Array, ends: Array) -> bool:
+    """Whether places (t,2) mm jump to and fro between two (2,2) mm, with hardly one in between."""
+    way = ends[1] - ends[0]
+    along = ((place - ends[0]) @ way / (way @ way))[np.isfinite(place[:, 0])]
+    sure = along[np.abs(along - 0.5) > BETWEEN]
+    turns = int(np.count_nonzero(np.diff(sure > 0.5)))
+    return turns >= TURNS and len(along) - len(sure) < RARE * len(along)
 
 
 def _noise(place: Array) -> Array:

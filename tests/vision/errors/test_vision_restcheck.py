@@ -66,3 +66,23 @@ def test_marks_that_are_not_seen_say_nothing() -> None:
     place[::2, 1] = np.nan
     assert said(place) == ()
     assert said(place[:3]) == ()
+
+
+def test_a_corner_that_is_found_at_one_of_two_pixels_is_rest() -> None:
+    """In a film of 4 px/mm the outline of a marker lies at one of two places by turns, in runs of a few frames."""
+    for seed in range(20):
+        place, rng = places(44, 0.002, seed), np.random.default_rng([seed, 1])
+        place[:, 0] += 0.1 * (np.cumsum(rng.random(44) < 0.3) % 2)[:, None]
+        assert said(place, static=True) == ()
+        spike = places(11, 0.002, seed)
+        spike[8, 1] += 0.08
+        assert said(spike) == ()
+
+
+def test_a_knock_in_a_time_of_rest_is_told() -> None:
+    place = places(120, 0.005, 5)
+    place[40:70, 1, 0] += 0.15  # it moves once, and back
+    assert "marker 'b' drifts by 0.1" in said(place, static=True)[0]
+    place = places(120, 0.005, 6)
+    place[:, 1, 0] += 0.1 * np.sin(np.arange(120) / 8)  # a finger that swings is between its ends, too
+    assert "marker 'b' drifts by 0.1" in said(place, static=True)[0]

@@ -453,9 +453,29 @@ def a_drift_is_told_by_its_outer_sixths() -> bool:
 
 
 @case(restcheck, "FEW")
-def one_frame_is_no_part() -> bool:
-    jump, last = np.repeat([0.0, 1.0], [4, 5]), np.repeat([0.0, 1.0], [8, 1])
-    return apart(jump) == 1.0 and apart(last) == 0.0
+def three_frames_are_no_part() -> bool:
+    jump, spike = np.repeat([0.0, 1.0], 4), np.where(np.arange(8) == 5, 0.08, 0.0)
+    return apart(jump) == 1.0 and apart(spike) == 0.0
+
+
+def flips(*along: float) -> bool:
+    ends = np.array([[0.0, 0.0], [1.0, 0.0]])
+    return restcheck._flips(np.array(along)[:, None] * ends[1], ends)
+
+
+@case(restcheck, "TURNS")
+def to_and_fro_is_three_jumps() -> bool:
+    return flips(0, 0, 1, 1, 0, 0, 1, 1) and not flips(0, 0, 1, 1, 1, 1, 0, 0)
+
+
+@case(restcheck, "BETWEEN")
+def the_middle_of_the_way_is_in_between() -> bool:
+    return flips(*[0.25, 0.75] * 10) and not flips(*[0.35, 0.65] * 10)
+
+
+@case(restcheck, "RARE")
+def hardly_a_frame_is_in_between() -> bool:
+    return flips(*[0, 1] * 9, 0.5, 0.5) and not flips(*[0, 1] * 8, *[0.5] * 4)
 
 
 @case(restcheck, "CLEAR")
