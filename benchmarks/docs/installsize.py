@@ -4,13 +4,14 @@
 
 Needed is what the commands of a kind of user load, and what that requires in turn. Then the same commands run
 again with every other package barred: what runs so runs without them. `films`: from pixels
-to the report; `tables`: displacements of another program to the prediction; `worker`: a structure solved with
-`fe`, as a cluster does. Results go to `benchmarks/results/install.json`. About five minutes.
+to the report; `tables`: displacements measured elsewhere to the prediction; `worker`: a structure solved with
+`fe`, as a cluster does. Results go to `benchmarks/results/install.json`. About four minutes.
 """
 
 import json
 import os
 import re
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -22,7 +23,6 @@ sys.path.insert(0, os.path.abspath(f"{__file__}/../../.."))
 from benchmarks import ROOT
 from benchmarks.chain import STAGES, fresh
 from benchmarks.commandline import options
-from benchmarks.newcomers import own_table
 
 from twin.project.folder import dataset
 
@@ -64,12 +64,12 @@ def films(folder: Path, barred: Sequence[str]) -> set[str]:
 
 
 def tables(folder: Path, barred: Sequence[str]) -> set[str]:
-    """What displacements of another program need, to the prediction."""
-    words = own_table(folder)
-    found = ran(words, folder, barred=barred)
-    for command in ("measure", "calibrate", "compare", "diagnose", "add"):
-        found |= ran((command, "-p", words[1]), folder, barred=barred)
-    return found | ran(("predict", "-p", words[1], "--pressure", "20kPa"), folder, barred=barred)
+    """What displacements that were measured elsewhere need, to the prediction."""
+    fresh(dataset("study"), folder / "table")
+    shutil.copytree(dataset("study") / "targets", folder / "table" / "targets")
+    asked = ("predict", "--pressure", "10kPa")
+    ways = [("calibrate",), ("compare",), ("diagnose",), asked, ("export", "json")]
+    return set().union(*(ran((*words, "-p", "table"), folder, barred=barred) for words in ways))
 
 
 def worker(folder: Path, barred: Sequence[str]) -> set[str]:
