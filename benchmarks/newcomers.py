@@ -43,6 +43,7 @@ from twin.project import files
 from twin.project.dimensions import FingerTable
 from twin.project.folder import Project, dataset
 from twin.project.toml import decoded, with_key
+from twin.targets import PointKind
 
 RESULTS = ROOT / "benchmarks" / "results"
 CREEP = ((0.06, 3.0),)  # hidden in the table: 6 % of the stiffness relax with 3 s
@@ -133,16 +134,17 @@ def notebook(walk: Walk) -> None:
 
 
 def deck(walk: Walk) -> None:
-    """The calibrated finger as a deck, and a project of a deck."""
+    """The calibrated finger as a deck, and a project of a deck with the displacements of the film."""
     walk.twin("export", "abaqus", "--pressure", PRESSED, "-p", "batch-07")
     made = Project.open(walk.folder / "batch-07").newest("export", "finger.inp")
     if made is None:
         return
     shutil.copy(made, walk.folder / "finger.inp")
     bench = Workbench.of(Project.open(walk.folder / "batch-07"))
-    own = {n: ",".join(f"{v:.6g}" for v in at(bench, n)) for n in ("tip", "middle")}
+    names = [point.name for point in bench.targets.points if point.kind is not PointKind.FIXED]
+    own = {n: ",".join(f"{v:.6g}" for v in at(bench, n)) for n in names}
     nodes = [word for n in own for word in ("--node", f"{n}={own[n]}")]
-    walk.twin("init", "my-deck", "--deck", "finger.inp", *nodes)
+    walk.twin("init", "my-deck", "--deck", "finger.inp", "--targets", "batch-07/targets", *nodes)
     walk.twin("look", "-p", "my-deck")
     walk.twin("check", "-p", "my-deck")
 
@@ -191,18 +193,20 @@ def tip_error(folder: Path) -> float | None:
     if shutil.which(engine.executable) is None:
         return None
     walk = Walk(folder)
-    walk.twin("export", "calculix", "--pressure", PRESSED, "-p", "batch-07")
+    walk.twin("export", "calculix", "-p", "batch-07")  # at the highest pressure of the film
     project = Project.open(folder / "batch-07")
     made = project.newest("export", "finger.inp")
     if made is None or walk.refused:
         return None
     solved = engine.run(made.read_text(encoding="utf-8"))
     bench, record = Workbench.of(project), files.read(FitRecord, fit_file(project))
-    course = WantedCourse.held(float(PRESSED.removesuffix("kPa")) * 1e-3, ramp_s=2.0, hold_s=2.0)
+    course = WantedCourse.held(float(bench.targets.log_pressure.max()), ramp_s=2.0, hold_s=2.0)
     own, model = followed(bench, record, [course], {}, _silent)
-    row = int(np.linalg.norm(bench.case.nodes - at(bench, "tip"), axis=1).argmin())
+    away = np.linalg.norm(bench.case.nodes - at(bench, "tip"), axis=1)
+    row = int(np.where(np.isin(bench.case.labels, solved.labels), away, np.inf).argmin())
     here = model.on_mesh(None).solution(record.fit.theta).fields([len(own.time) - 1])[0][row]
-    return float(np.linalg.norm(solved.u[row] - here) / np.linalg.norm(here))
+    there = solved.at(int(bench.case.labels[row]))
+    return float(np.linalg.norm(there - here) / np.linalg.norm(here))
 
 
 def at(bench: Workbench, name: str) -> Any:

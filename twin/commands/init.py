@@ -28,7 +28,7 @@ from twin.project.folder import Project, Say, named_after
 from twin.project.targetfiles import read_targets
 from twin.project.toml import dump, write
 from twin.project.validation import checked
-from twin.targets import PointKind, Targets
+from twin.targets import PointKind, TargetPoint, Targets
 
 if TYPE_CHECKING:
     from fe.deck.reader import Deck
@@ -218,10 +218,8 @@ def _check_points(config: Config, deck: "Deck | None", shape: FingerTable | None
 
 def targets_config(name: str, targets: Targets, stated: Mapping[str, PointTable]) -> Config:
     """A configuration for targets measured elsewhere; ValueError names points without a place."""
-    finger = [p for p in targets.points if p.kind in (PointKind.NODE, PointKind.UNKNOWN)]
-    known = {
-        p.name: stated.get(p.name) if p.node is None else _named(p.name, p.node) for p in finger
-    }
+    finger = [p for p in targets.points if p.kind is not PointKind.FIXED]
+    known = {p.name: _named(p) or stated.get(p.name) for p in finger}
     missing = [name for name, point in known.items() if point is None]
     if missing:
         raise ValueError(f"the place of point {', '.join(missing)} is not known: state it, as in --node "
@@ -236,12 +234,17 @@ def targets_config(name: str, targets: Targets, stated: Mapping[str, PointTable]
     )
 
 
-def _named(name: str, node: int) -> PointTable:
+def _named(point: TargetPoint) -> PointTable | None:
+    """The point as the targets have it, at its node or place; None where they do not say."""
+    if point.node is None and point.position is None:
+        return None
     try:
-        return PointTable(name=name, node=node)
+        if point.node is not None:
+            return PointTable(name=point.name, node=point.node)
+        return PointTable(name=point.name, position_mm=point.position)
     except ValueError:
         raise ValueError(
-            f"targets: point {name!r}: wanted {NAMED}; rename it in targets.csv and targets.toml"
+            f"targets: point {point.name!r}: wanted {NAMED}; rename it in targets.csv and targets.toml"
         ) from None
 
 

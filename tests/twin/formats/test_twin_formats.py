@@ -505,3 +505,14 @@ def test_a_real_file_of_motion_capture(shared_data: Path) -> None:
     moved = np.linalg.norm(targets.value[-1], axis=1)
     assert 16.0 < moved[0] < 17.6  # as measured from the file by others: its record says 16 to 17.5 mm
     assert moved[1:].max() < 0.8
+
+
+def test_targets_of_a_film_make_another_project_at_the_places_they_state(tmp_path: Path) -> None:
+    """Markers that lie at no node are points of the finger, too."""
+    found = read_recorded(csv(tmp_path), "csv")
+    targets, _ = made(tmp_path, found, stated("csv"), tip=4401)
+    places = tuple(replace(p, kind=PointKind.PLACE, node=None, position=(110.0, 11.5, 0.0)) for p in targets.points)
+    write_targets(tmp_path / "measured", replace(targets, points=places))
+    run_init(tmp_path / "again", Lines(), targets=tmp_path / "measured")
+    (point,) = Project.open(tmp_path / "again").config.points
+    assert (point.name, point.node, point.position_mm) == ("tip", None, (110.0, 11.5, 0.0))
