@@ -210,9 +210,10 @@ def _check_points(config: Config, deck: "Deck | None", shape: FingerTable | None
         structure = Structure(case, "", {}, case.face_nodes("outside"))
     else:
         return
-    if shape:  # of a deck they are said with what else there is to say of it
+    if deck is not None or shape:
         for place in placed(config.points, structure, mirrored=mirrored).values():
-            say(place.sentence)
+            if shape:  # of a deck they are said with what else there is to say of it
+                say(place.sentence)
     check_points(config.points, structure, mirrored=mirrored)
 
 
