@@ -36,8 +36,8 @@ IDENTIFIED, ONE_SIDED, NOT_IDENTIFIED = "identified", "one-sided", "not identifi
 
 @dataclass(frozen=True, eq=False)
 class Slice:
-    """What is left to vary where a value is held: theta = point (d,) + directions (d, k) y, with y between low
-    (k,) and high (k,)."""
+    """What is left to vary where a value is held: theta = point (d,) + directions (d, k) y, with y (k,) from
+    low (k,) to high (k,)."""
 
     point: Array
     directions: Array
