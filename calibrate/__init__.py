@@ -1,13 +1,14 @@
 """Fits of a residual function: genetic search, least squares, statistics of noise that was itself measured.
 
 Knows no mechanics and no images. Read `parameters` (what varies, what a fit is), then `fit` (least squares),
-`genetic` (the search before it), `statistics` (tests, criteria, profiles) and `randomeffects` (how far
-several fits differ).
+`genetic` (the search before it), `statistics` (tests, criteria), `profiles` (how far a value may go) and
+`randomeffects` (how far several fits differ).
 """
 
 from calibrate.fit import least_squares
 from calibrate.genetic import Population
 from calibrate.parameters import Fit, Parameter
+from calibrate.profiles import profile_likelihood
 from calibrate.statistics import (
     bic,
     chi2_test,
@@ -15,7 +16,6 @@ from calibrate.statistics import (
     holm,
     identifiability,
     omnibus,
-    profile_likelihood,
     sidak,
 )
 

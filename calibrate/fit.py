@@ -148,7 +148,7 @@ class _Descent:
             self._advance()
 
     def _step(self, damping: float) -> _Step:
-        return _step(self.jac, self.r, self.low - self.theta, self.high - self.theta, damping)
+        return bounded_step(self.jac, self.r, self.low - self.theta, self.high - self.theta, damping)
 
     def _ended(self) -> _End | None:
         """The end, where there is nothing more to gain or no way on; None where there is."""
@@ -197,7 +197,7 @@ def _lengths(jac: Array, widths: Array) -> Array:
     return np.where(lengths > 0, lengths, 1 / widths)
 
 
-def _step(jac: Array, r: Array, low: Array, high: Array, damping: float) -> _Step:
+def bounded_step(jac: Array, r: Array, low: Array, high: Array, damping: float) -> _Step:
     """The move that minimises |r + J move|^2 + damping |scaled move|^2 with low <= move <= high."""
     lengths = _lengths(jac, high - low)
     d = len(lengths)

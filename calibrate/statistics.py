@@ -1,18 +1,16 @@
-"""Tests, criteria and profiles of whitened residuals and fits, and plain words on what is known.
+"""Tests and criteria of whitened residuals and fits, and plain words on what is known.
 
 The tests know that the noise itself was measured: variances estimated from few static frames make a chi2
 too large and its tail too long, and the plain chi2 test then calls a right model wrong.
 """
 
 import math
-from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import chdtrc, fdtrc
 
-from calibrate.fit import Jacobian, Residual, inside, least_squares
-from calibrate.parameters import Array, Fit, Parameter
+from calibrate.parameters import Array, Fit
 
 
 def chi2_test(chi2: float, counts: ArrayLike, static_frames_effective: ArrayLike) -> float:
@@ -134,61 +132,6 @@ def holm(p: ArrayLike) -> Array:
     adjusted = np.empty_like(values)
     adjusted[order] = np.maximum.accumulate(values[order] * np.arange(len(values), 0, -1))
     return np.minimum(adjusted, 1.0)
-
-
-def profile_likelihood(
-    residual: Residual,
-    jacobian: Jacobian,
-    parameters: Sequence[Parameter],
-    *,
-    theta: ArrayLike,
-    name: str,
-    values: ArrayLike,
-) -> Array:
-    """Lowest chi2 (v,) with the named parameter held at each of the values (v,), the others fitted anew.
-
-    theta (d,): the optimum; fits walk away from it on either side, each from its neighbour's end. An
-    interval is where chi2 exceeds its minimum by less than the quantile of chi2 with one degree of freedom
-    (doi:10.2307/2347496). NaN where the model could not be solved. Raises ValueError for an unknown name or
-    a value outside the bounds.
-    """
-    parameters = tuple(parameters)
-    names = [p.name for p in parameters]
-    if name not in names:
-        raise ValueError(f"profile of {name!r}: not a parameter, wanted one of {', '.join(names)}")
-    i = names.index(name)
-    held, own = np.asarray(values, float), parameters[i]
-    if not np.all((own.low <= held) & (held <= own.high)):
-        raise ValueError(f"profile: values of {name} {held} must lie in {own.low} .. {own.high} {own.unit}")
-    optimum = inside(np.atleast_2d(np.asarray(theta, float)), parameters)[0]
-    chi2 = np.full(held.shape, np.nan)
-    for side in (held >= optimum[i], held < optimum[i]):
-        near = np.delete(optimum, i)
-        for k in sorted(np.flatnonzero(side), key=lambda k: abs(held[k] - optimum[i])):
-            near, chi2[k] = _held(residual, jacobian, parameters, i, held[k], near)
-    return chi2
-
-
-def _held(
-    residual: Residual,
-    jacobian: Jacobian,
-    parameters: tuple[Parameter, ...],
-    i: int,
-    value: float,
-    near: Array,
-) -> tuple[Array, float]:
-    """The others' best (d - 1,) and chi2 with parameter i at value; NaN where it cannot be solved."""
-    others = parameters[:i] + parameters[i + 1 :]
-    if not others:
-        r = residual(np.array([value]))
-        return near, math.nan if r is None else float(r @ r)
-    fit = least_squares(
-        lambda t: residual(np.insert(t, i, value)),
-        lambda t: np.delete(jacobian(np.insert(t, i, value)), i, axis=1),
-        others,
-        start=near,
-    )
-    return fit.theta, fit.chi2 if math.isfinite(fit.chi2) else math.nan
 
 
 def identifiability(fit: Fit, names: tuple[str, str], *, fits: bool = True) -> str:

@@ -137,6 +137,12 @@ COMMANDS = (
         function="twin.commands.drop:run_drop", when=When.ASKED,
     ),
     Stage(
+        name="profile", title="Say how well each parameter is known, by likelihood profiles.",
+        reads=("[model]", "[points]", "[calibrate]", TARGETS, DECK, FIT),
+        writes=("profile.json", "profile.csv", "profile.png"),
+        function="twin.commands.profile:run_profile", when=When.ASKED,
+    ),
+    Stage(
         name="predict", title="Predict displacements under another pressure, with their intervals.",
         reads=("[model]", "[points]", "[calibrate]", TARGETS, DECK, FIT),
         writes=("predicted.json", "predicted.csv", "predicted.png", "predicted.pvd", "predicted.rrd"),

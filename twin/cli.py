@@ -112,6 +112,10 @@ OPTIONS: dict[str, tuple[Parameter, ...]] = {
         _argument("names", NAMES, ..., "names of effects, such as creep, dropped one after the other",
                   "EFFECT..."),
     ),
+    "profile": (
+        _argument("names", NAMES, [], "parameters such as C10, C10+C01 or share; without a name all",
+                  "[NAME]..."),
+    ),
     "predict": (
         _option("pressure", NAMES, [], "pressure that is held, such as 20kPa; once for each"),
         _option("course", Path | None, None, "pressure log to follow instead, CSV"),

@@ -167,6 +167,11 @@ class OpenedProject:
         """The refit without an effect: a row for each parameter."""
         return self._run("drop", name=effect)
 
+    def profile(self, *names: str) -> StageResult:
+        """How well parameters are known, by likelihood profiles: a row for each name, by default for every
+        parameter, C10+C01 and share."""
+        return self._run("profile", names=names)
+
     def predict(
         self,
         *pressure: str,

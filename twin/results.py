@@ -1,6 +1,7 @@
 """What a stage returns to Python: its summary, what it said, and its table as a pandas DataFrame."""
 
 import csv
+import json
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from html import escape
@@ -111,6 +112,12 @@ def _files(folder: Path) -> Iterator[Row]:
         yield {"file": path.relative_to(folder).as_posix(), "bytes": path.stat().st_size}
 
 
+def _profiles(folder: Path) -> Iterator[Row]:
+    """A row for each name."""
+    for row in json.loads((folder / "profile.json").read_text(encoding="utf-8"))["profiles"]:
+        yield {key: value for key, value in row.items() if key != "points"}
+
+
 def _predicted(folder: Path) -> Iterator[Row]:
     """A row for each point and time, as predicted.csv; an interval that there is not is None."""
     with (folder / "predicted.csv").open(encoding="utf-8", newline="") as stream:
@@ -128,6 +135,7 @@ _TABLES: dict[str, Callable[[Path], Iterable[Row]]] = {
     "compare": _misfits,
     "diagnose": _ranking,
     "explain": _shares,
+    "profile": _profiles,
     "predict": _predicted,
     "export": _files,
     "look": _files,

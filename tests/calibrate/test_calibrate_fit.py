@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from calibrate import Parameter, least_squares, profile_likelihood
+from calibrate import Parameter, least_squares
 
 Array = NDArray[np.float64]
 
@@ -372,31 +372,3 @@ def test_bad_parameters_are_refused() -> None:
         Parameter("C10", 0.0, 1.0, "MPa", start=2)
     with pytest.raises(ValueError, match="each with a name of its own"):
         least_squares(lambda t: t, lambda t: t, [Parameter("p", 0, 1)] * 2, start=(0, 0))
-
-
-def test_profile_of_a_linear_problem_is_its_parabola() -> None:
-    x = np.linspace(0, 1, 20)
-    design = np.column_stack([np.ones(20), x])
-    y = design @ [1.0, 2.0] + np.random.default_rng(5).normal(size=20)
-    parameters = [Parameter("p", -10, 10), Parameter("q", -10, 10)]
-    model = (lambda t: y - design @ t), (lambda t: -design)
-    fit = least_squares(*model, parameters, start=(0, 0))
-    values = fit.theta[1] + fit.sd[1] * np.array([2.0, -1.0, 0.0, 1.0])
-    chi2 = profile_likelihood(*model, parameters, theta=fit.theta, name="q", values=values)
-    # theta is within 0.01 sd of the minimum: chi2 2 sd away is wrong by at most 2 x 2 x 0.01.
-    assert chi2 - fit.chi2 == pytest.approx([4, 1, 0, 1], abs=0.04)
-
-
-def test_profile_alone_failing_and_badly_asked() -> None:
-    one = [Parameter("p", -10, 10)]
-
-    def residual(theta: Array) -> Array | None:
-        return None if theta[0] > 2 else theta
-
-    chi2 = profile_likelihood(residual, lambda t: np.eye(1), one, theta=[0.0], name="p", values=[-1.0, 3.0])
-    assert chi2[0] == 1.0
-    assert np.isnan(chi2[1])
-    with pytest.raises(ValueError, match="profile of 'q': not a parameter"):
-        profile_likelihood(lambda t: t, lambda t: t, one, theta=[0.0], name="q", values=[0.0])
-    with pytest.raises(ValueError, match="must lie in"):
-        profile_likelihood(lambda t: t, lambda t: t, one, theta=[0.0], name="p", values=[11.0])

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from calibrate import Fit, least_squares
+from calibrate.fit import Jacobian, Residual
 from twin.judging.lawerrors import LawError, law_errors
 from twin.judging.whitening import LAW, Whitener, whitener
 from twin.model.prediction import Model, Unsolvable
@@ -63,6 +64,16 @@ def fit_model(
     its derivatives, none is taken along those of a neighbour: the fit does not depend on what was solved
     before.
     """
+    residual, jacobian = whitened(model, targets, w)
+    return least_squares(
+        residual, jacobian, model.parameters, start=start, seed=seed, max_evaluations=evaluations,
+        tolerance=tolerance,
+    )  # fmt: skip
+
+
+def whitened(model: Model, targets: Targets, w: Whitener) -> tuple[Residual, Jacobian]:
+    """The whitened residual (n,) of a model at theta (d,), None where a fit may not go, and its derivatives
+    (n, d)."""
 
     def residual(theta: Array) -> Array | None:
         if not model.allowed(model.named(theta)):
@@ -78,7 +89,4 @@ def fit_model(
         except Unsolvable:
             return np.full((targets.valid.shape[0] * len(w.components), len(theta)), np.nan)
 
-    return least_squares(
-        residual, jacobian, model.parameters, start=start, seed=seed, max_evaluations=evaluations,
-        tolerance=tolerance,
-    )  # fmt: skip
+    return residual, jacobian

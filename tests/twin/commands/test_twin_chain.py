@@ -16,6 +16,7 @@ from fe import Path as Course
 from tests.twin.conftest import page_text
 from twin import virtual
 from twin.bench.fits import fit_file
+from twin.commands import profile
 from twin.commands.add import run_add
 from twin.commands.calibrate import run_calibrate
 from twin.commands.compare import run_compare
@@ -25,6 +26,7 @@ from twin.commands.drop import run_drop
 from twin.commands.explain import run_explain
 from twin.commands.export import run_export
 from twin.commands.predict import run_predict
+from twin.commands.profile import run_profile
 from twin.commands.review import run_review
 from twin.effects.acting import OutsideForce
 from twin.effects.baselaw import NOMINAL
@@ -97,6 +99,8 @@ def chain(
     project = project_at(tmp_path_factory.mktemp("chain") / "batch", short_case, short_builtin)
     with pytest.raises(ValueError, match=r"no fit in this project; run twin calibrate"):
         run_diagnose(project, say)
+    with pytest.raises(ValueError, match=r"no fit in this project; run twin calibrate"):
+        run_profile(project, say)
     with pytest.raises(ValueError, match=r"nothing to review: .*run twin calibrate"):
         run_review(project, say)
     run_calibrate(project, say)
@@ -462,6 +466,51 @@ def test_what_was_not_filmed_is_predicted_with_an_interval_that_holds_the_truth(
     true = _blocked(truth, 0.02)
     assert abs(force["force_N"] - true) < 0.75 * (force["high_N"] - force["low_N"])  # at 2.9 sd
     assert force["force_N"] == pytest.approx(true, rel=0.1)  # so coarse a mesh alone may be off by a third
+
+
+def test_a_profile_says_how_well_each_parameter_is_known(
+    chain: tuple[Project, Silent], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    project, _ = chain
+    say, asked = Silent(), ["creep.g1"]
+    with monkeypatch.context() as patch:
+        patch.setattr(profile, "draw_profiles", _interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            run_profile(project, say, names=asked)
+    with monkeypatch.context() as patch:
+        patch.setattr(prediction, "solve", _no_solve)  # what was finished before the interrupt is kept
+        found = run_profile(project, say, names=asked)
+    fit = files.read(FitRecord, fit_file(project))
+    folder = project.root / "runs" / found["run"]
+    assert [row["name"] for row in found["profiles"]] == asked
+    for row in found["profiles"]:
+        assert row["known"] == "identified"
+        assert row["low_95"] < row["low_68"] < row["value"] < row["high_68"] < row["high_95"]
+        deviance = {point["value"]: point["deviance"] for point in row["points"]}
+        for key, level in (("low_68", 1.0), ("high_68", 1.0), ("low_95", 3.84), ("high_95", 3.84)):
+            assert deviance[row[key]] == pytest.approx(level, abs=0.02)
+        wide = row["high_covariance"] - row["low_covariance"]
+        assert row["high_95"] - row["low_95"] == pytest.approx(wide, rel=0.35)  # an amplitude, which no error of the mesh takes up
+        assert row["off"] < 0.1
+        assert 5 <= row["solves"] < 40
+    g1 = fit.estimates["creep.g1"]
+    assert found["profiles"][0]["low_covariance"] == pytest.approx(g1.low, rel=1e-3)
+    lines = (folder / "profile.csv").read_text().splitlines()
+    assert lines[0] == "name,unit,value,deviance," + ",".join(fit.parameters)
+    assert len(lines) == 1 + sum(len(row["points"]) for row in found["profiles"])
+    assert (folder / "profile.png").stat().st_size
+    assert [row["name"] for row in rows_of("profile", folder, found)] == asked
+    assert any("whole solves of the model" in line for line in say.lines)
+    with pytest.raises(ValueError, match=r"profile 'C20': not in the newest fit; wanted some of C10, .*C10\+C01, share"):
+        run_profile(project, say, names=["C20"])
+    bare = project.config.model.model_copy(update={"effects": ()})
+    without = replace(project, config=project.config.model_copy(update={"model": bare}))
+    with pytest.raises(ValueError, match="no profiles: the model does not fit yet"):
+        run_profile(without, say)
+
+
+def _interrupted(*_: object, **__: object) -> None:
+    raise KeyboardInterrupt
 
 
 def _blocked(truth: Case, pressure: float) -> float:

@@ -1,0 +1,96 @@
+"""The newest fit of a project -> likelihood profiles of its parameters, and of C10 + C01 and the share.
+
+The residual is whitened as it was at the fit: with the errors of gauge, mesh and laws that were kept beside
+it. The errors that depend on the constants stay so: far from the fit those of the mesh take up less of them
+than the covariance says, and a profile may be the narrower. Every point of a profile is a whole solve of the
+model; its derivatives say where the next should be.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from calibrate import Fit, least_squares, profile_likelihood
+from calibrate.fit import Jacobian, Residual
+from calibrate.profiles import LEVELS, Held, Profile
+from twin.bench.comparison import kept
+from twin.bench.workbench import Workbench
+from twin.effects.baselaw import NAMES, WIDEST_SHARE
+from twin.judging.fitting import whitened
+from twin.project.folder import Say
+from twin.targets import Array
+
+TOTAL, SHARE = "+".join(NAMES), "share"
+TOLERANCE = 0.01  # sd, to which the best fit is found anew: deviances are relative to it
+
+
+def profiled_names(names: Sequence[str]) -> tuple[str, ...]:
+    """What of a fit with these parameters has a profile: each of them, and the combinations that it has."""
+    return (*names, TOTAL, SHARE) if set(NAMES) <= set(names) else tuple(names)
+
+
+def held(fit: Fit, name: str) -> Held:
+    """What a profile of this name holds."""
+    if name == TOTAL:
+        return Held.total(fit.parameters, *NAMES)
+    if name == SHARE:
+        return Held.share(fit.parameters, *NAMES, least=WIDEST_SHARE)
+    return Held.parameter(fit.parameters, name)
+
+
+def slope(fit: Fit, name: str) -> Array:
+    """The derivative (d,) by the parameters of what a name stands for, at the fit."""
+    rows = {p.name: k for k, p in enumerate(fit.parameters)}
+    out = np.zeros(len(rows))
+    if name not in (TOTAL, SHARE):
+        out[rows[name]] = 1.0
+        return out
+    a, b = (rows[n] for n in NAMES)
+    total = float(fit.theta[a] + fit.theta[b])
+    out[[a, b]] = (1.0, 1.0) if name == TOTAL else (-fit.theta[b] / total**2, fit.theta[a] / total**2)
+    return out
+
+
+def sd_of(fit: Fit, name: str) -> float:
+    """The sd by the covariance of the fit, to first order; NaN where it is not known."""
+    way = slope(fit, name)
+    if not np.isfinite(fit.sd[way != 0]).all():
+        return float("nan")
+    block = fit.covariance[np.ix_(way != 0, way != 0)]
+    return float(np.sqrt(max(way[way != 0] @ block @ way[way != 0], 0.0)))
+
+
+@dataclass(frozen=True)
+class Profiler:
+    """A fit whose profiles are asked for: its functions under the errors kept beside it, and its best theta
+    (d,) under them."""
+
+    fit: Fit
+    residual: Residual
+    jacobian: Jacobian
+    theta: Array
+
+    @staticmethod
+    def of(bench: Workbench, file: Path, fit: Fit, say: Say) -> "Profiler":
+        """That of the fit in a fit.json."""
+        made = kept(file, fit, bench.targets)
+        if made is None:  # kept by other code than that of now
+            judged = bench.judged_fit(bench.model(), fit, say)
+            model, errors = judged.model, judged.errors
+        else:
+            model, errors = bench.on_mesh(bench.model(), fit.theta, say), made.errors
+        residual, jacobian = whitened(model, bench.targets, errors.whitener(bench.targets))
+        best = least_squares(residual, jacobian, fit.parameters, start=fit.theta, tolerance=TOLERANCE)
+        return Profiler(fit, residual, jacobian, best.theta)
+
+    def profiles(self, names: Sequence[str], step: Callable[[], None]) -> Iterator[Profile]:
+        """The profile of each name; step: called after each of its ENDS."""
+        for name in names:
+            yield profile_likelihood(
+                self.residual, self.jacobian, held=held(self.fit, name), theta=self.theta, step=step
+            )
+
+
+ENDS = 2 * len(LEVELS)  # of a profile

@@ -1,0 +1,273 @@
+"""The command profile: how well each parameter of the newest fit is known, by its likelihood profile."""
+
+import csv
+import io
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+from pydantic import Field
+
+from calibrate import Fit
+from calibrate.profiles import IDENTIFIED, LEVELS, NOT_IDENTIFIED, End, Profile
+from twin.bench.fits import fit_file
+from twin.bench.predicting import NORMAL, why_none
+from twin.bench.profiling import ENDS, Profiler, held, profiled_names, sd_of
+from twin.bench.workbench import Workbench
+from twin.drawing.profileplot import ProfileCurve, draw_profiles
+from twin.judging.record import FitRecord
+from twin.numerals import interval, short, value
+from twin.project import files
+from twin.project.folder import Project, Run, Say
+from twin.project.record import Maybe, Record
+from twin.project.tablemodel import Finite
+
+APART = 0.25  # of half of an interval by covariance, by which an end of the profile's differs: it is told
+BETTER = -0.1  # deviance below which another fit is better than the best
+
+
+class SolvedPoint(Record):
+    """A value with all else fitted anew."""
+
+    value: Finite
+    deviance: Finite = Field(description="chi2 less that of the best fit")
+    parameters: dict[str, Finite] = Field(description="all, fitted anew")
+
+
+class ProfileRow(Record):
+    """The profile of one value."""
+
+    name: str = Field(description="a parameter, C10+C01 or share")
+    value: Finite = Field(description="the best")
+    unit: str
+    low_68: Maybe = Field(description="null where the profile reaches no end")
+    high_68: Maybe
+    low_95: Maybe
+    high_95: Maybe
+    low_covariance: Maybe = Field(description="of the 95 % interval by the covariance of the fit")
+    high_covariance: Maybe
+    known: str = Field(description="identified, one-sided or not identified")
+    sentence: str = Field(description="the same in words")
+    solves: int = Field(description="whole solves of the model")
+    off: Finite = Field(
+        description="largest difference at its ends between a solve's deviance and what derivatives foretold"
+    )
+    points: tuple[SolvedPoint, ...] = Field(description="all values that were solved")
+
+
+class ProfilesRecord(Record):
+    """The likelihood profiles of a fit, under the errors kept beside it."""
+
+    file: ClassVar[str] = "profile.json"
+    fit: str = Field(description="the run with the fit")
+    profiles: tuple[ProfileRow, ...] = Field(description="a row a value")
+    note: str = Field(default="", description="where intervals by covariance differ, and a better fit")
+
+
+def run_profile(project: Project, say: Say, *, names: Sequence[str] = ()) -> dict[str, Any]:
+    """The likelihood profiles of the named parameters of the newest fit, of C10+C01 and of share; by default
+    of all.
+
+    ValueError for a name that has none, without a fit, and where the model does not fit.
+    """
+    file = fit_file(project)
+    record = files.read(FitRecord, file)
+    wanted = _wanted(record, names)
+    if why := why_none(record):
+        raise ValueError(
+            f"no profiles: {why}, and how far its parameters may go then means nothing; find what it lacks "
+            "with twin diagnose, or measure more"
+        )
+    bench, fit = Workbench.of(project), record.fit
+    extra = {"names": list(wanted), "fit": file.parent.name}
+    inputs = [project.targets_folder, *project.deck_files(), *project.effect_files()]
+    with project.new_run("profile", inputs=inputs, extra=extra) as run:
+        rows = _rows(bench, file, fit, wanted, run, say)
+        made = ProfilesRecord(fit=file.parent.name, profiles=rows, note=" ".join(_notes(rows)))
+        run.write(made)
+        run.write_text("profile.csv", _csv(rows, [p.name for p in fit.parameters]))
+        run.write_bytes("profile.png", _picture(rows, fit))
+        run.summary["headline"] = _headline(rows)
+    for line in _table(rows):
+        say(line)
+    for row in rows:
+        if row.known != IDENTIFIED:
+            say(row.sentence)
+    if made.note:
+        say(made.note)
+    solves, off = sum(row.solves for row in rows), max(row.off for row in rows)
+    say(f"All ends are whole solves of the model, {solves} in all; derivatives foretold the deviance at them "
+        f"to {off:.2g}.")  # fmt: skip
+    say(f"Wrote {project.shown(run.folder)}/profile.csv, profile.json and profile.png")
+    return {"stage": "profile", "run": run.name} | files.plain(made)
+
+
+def _wanted(record: FitRecord, names: Sequence[str]) -> tuple[str, ...]:
+    known = profiled_names(list(record.parameters))
+    for name in names:
+        if name not in known:
+            raise ValueError(f"profile {name!r}: not in the newest fit; wanted some of {', '.join(known)}")
+    return tuple(dict.fromkeys(names)) or known
+
+
+def _rows(
+    bench: Workbench, file: Path, fit: Fit, wanted: Sequence[str], run: Run, say: Say
+) -> tuple[ProfileRow, ...]:
+    """A row a name; those of a killed run are taken from its log."""
+    former = (ProfileRow.model_validate(line["profile"]) for line in run.log() if "profile" in line)
+    done = {row.name: row for row in former}
+    left = [name for name in wanted if name not in done]
+    ended, total = ENDS * (len(wanted) - len(left)), ENDS * len(wanted)
+
+    def step() -> None:
+        nonlocal ended
+        ended += 1
+        say.progress("profile", ended, total)
+
+    say.progress("profile", ended, total)
+    if left:
+        for profile in Profiler.of(bench, file, fit, say).profiles(left, step):
+            done[profile.name] = _row(profile, fit)
+            run.append({"profile": files.plain(done[profile.name])})
+    return tuple(done[name] for name in wanted)
+
+
+def _row(profile: Profile, fit: Fit) -> ProfileRow:
+    ends = [None if end.limit else end.value for pair in profile.ends for end in pair]
+    low, high = _by_covariance(profile.name, fit)
+    return ProfileRow(
+        name=profile.name, value=profile.best, unit=profile.unit,
+        low_68=ends[0], high_68=ends[1], low_95=ends[2], high_95=ends[3],
+        low_covariance=low, high_covariance=high,
+        known=profile.known, sentence=_sentence(profile), solves=profile.evaluations, off=profile.off,
+        points=tuple(
+            SolvedPoint(value=p.value, deviance=p.deviance, parameters=_named(fit, p.theta))
+            for p in profile.points
+        ),
+    )  # fmt: skip
+
+
+def _named(fit: Fit, theta: Any) -> dict[str, float]:
+    return {p.name: float(x) for p, x in zip(fit.parameters, theta, strict=True)}
+
+
+def _by_covariance(name: str, fit: Fit) -> tuple[float | None, float | None]:
+    """The 95 % interval by the covariance of the fit, cut at the bounds."""
+    sd, own = sd_of(fit, name), held(fit, name)
+    if not math.isfinite(sd):
+        return None, None
+    best = own.value(fit.theta)
+    return max(best - NORMAL * sd, own.low), min(best + NORMAL * sd, own.high)
+
+
+# -- in words ------------------------------------------------------------------------------------------------
+
+
+def _sentence(profile: Profile) -> str:
+    """What the profile says, one sentence."""
+    name, (low, high) = profile.name, profile.ends[-1]
+    if profile.known == IDENTIFIED:
+        return f"The data hold {name} on both sides."
+    if profile.known == NOT_IDENTIFIED:
+        return (
+            f"The data do not hold {name}: every value from {short(low.value)} to {short(high.value)} "
+            f"{profile.unit}".rstrip() + " agrees with them."
+        )
+    open_, side, other = (low, "below", "above") if low.limit else (high, "above", "below")
+    return f"The data hold {name} from {other} only: {side}, {_limit(open_, side, profile.unit)}."
+
+
+def _limit(end: End, side: str, unit: str) -> str:
+    at = f"{short(end.value)} {unit}".rstrip()
+    if end.limit == "bound":
+        return f"every value down to its bound of {at} agrees" if side == "below" else (
+            f"every value up to its bound of {at} agrees")  # fmt: skip
+    if end.limit == "unsolvable":
+        return f"they agree with every value to {at}, beyond which the model has no stable equilibrium"
+    return f"they agree with every value to {at}, where the search gave up"
+
+
+def _notes(rows: Sequence[ProfileRow]) -> list[str]:
+    out = [
+        f"{row.name}: the intervals by profile and by covariance differ by more than a quarter of half their "
+        "width; quote the wider one."
+        for row in rows
+        if _differs(row)
+    ]
+    best = min((point for row in rows for point in row.points), key=lambda point: point.deviance)
+    if best.deviance < BETTER:
+        values = ", ".join(f"{name} = {short(x)}" for name, x in best.parameters.items())
+        out.append(
+            f"A better fit was met at {values}: its chi2 is lower by {-best.deviance:.2g}. Run "
+            "`twin calibrate`, and these profiles again."
+        )
+    return out
+
+
+def _differs(row: ProfileRow) -> bool:
+    """Whether an end of the profile lies a quarter of half an interval off that by covariance."""
+    if row.low_covariance is None or row.high_covariance is None:
+        return False
+    room = APART * (row.high_covariance - row.low_covariance) / 2
+    values = [point.value for point in row.points]  # an end that is not reached is the last value of all
+    low = min(values) if row.low_95 is None else row.low_95
+    high = max(values) if row.high_95 is None else row.high_95
+    return abs(low - row.low_covariance) > room or abs(high - row.high_covariance) > room
+
+
+def _headline(rows: Sequence[ProfileRow]) -> str:
+    open_ = [f"{row.name} {row.known}" for row in rows if row.known != IDENTIFIED]
+    return f"{', '.join(open_)}." if open_ else f"Identified: {', '.join(row.name for row in rows)}."
+
+
+def _span(row: ProfileRow) -> str:
+    """The 95 % interval by the profile; one of one side where it has no other end."""
+    if row.low_95 is not None and row.high_95 is not None:
+        return interval(row.low_95, row.high_95)
+    if row.high_95 is not None:
+        return f"below {short(row.high_95)}"
+    return "open" if row.low_95 is None else f"above {short(row.low_95)}"
+
+
+def _table(rows: Sequence[ProfileRow]) -> list[str]:
+    """A line a name: value, 95 % interval by profile and by covariance, class."""
+    cells = [("", "value", "95 % by profile", "by covariance", "")]
+    cells += [
+        (
+            f"{row.name}, {row.unit}" if row.unit else row.name, value(row.value, row.low_95, row.high_95),
+            _span(row), interval(row.low_covariance, row.high_covariance), row.known,
+        )
+        for row in rows
+    ]  # fmt: skip
+    wide = [max(len(line[k]) for line in cells) for k in range(5)]
+    return ["  ".join(f"{cell:<{w}}" for cell, w in zip(line, wide, strict=True)).rstrip() for line in cells]
+
+
+# -- files ---------------------------------------------------------------------------------------------------
+
+
+def _csv(rows: Sequence[ProfileRow], names: Sequence[str]) -> str:
+    """A line a point that was solved, with all parameters as they were fitted anew."""
+    out = io.StringIO()
+    writer = csv.writer(out, lineterminator="\n")
+    writer.writerow(["name", "unit", "value", "deviance", *names])
+    for row in rows:
+        for point in row.points:
+            numbers = [point.value, point.deviance, *(point.parameters[name] for name in names)]
+            writer.writerow([row.name, row.unit, *(f"{x:.8g}" for x in numbers)])
+    return out.getvalue()
+
+
+def _picture(rows: Sequence[ProfileRow], fit: Fit) -> bytes:
+    curves = [
+        ProfileCurve(
+            title=f"{row.name}, {row.unit}" if row.unit else row.name,
+            values=np.array([point.value for point in row.points]),
+            deviances=np.array([point.deviance for point in row.points]),
+            best=row.value, centre=held(fit, row.name).value(fit.theta), sd=sd_of(fit, row.name),
+        )
+        for row in rows
+    ]  # fmt: skip
+    return draw_profiles(curves, level=LEVELS[-1])
