@@ -82,9 +82,7 @@ def test_another_finger_goes_from_its_films_to_the_verdict(rig, done):
     result, said = done
     assert result["stages"]["measure"] == result["stages"]["review"] == "done"
     assert any(f"The camera of {OLD} still fits" in line for line in said)
-    assert result["effects"]  # kept from the former batch, fitted again
-    assert all(label.startswith("creep") for label in result["effects"])
-    assert result["verdict"] in ("creep", "none needed")  # of the former's effect, or beside it
+    assert result["verdict"] == "creep"
     names = {row["name"]: row for row in result["changes"]}
     # true: 0.297 MPa in the first, 0.21 MPa in the other, a coarse mesh with either
     assert names[SUM]["known"]
