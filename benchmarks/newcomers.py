@@ -28,6 +28,7 @@ sys.path.insert(0, os.path.abspath(f"{__file__}/../.."))
 from benchmarks import ROOT
 from benchmarks.chain import STAGES, TWIN, fresh
 from benchmarks.commandline import options, processor
+from benchmarks.diagnosis.fullruns import Quiet
 
 import numpy as np
 
@@ -201,7 +202,7 @@ def tip_error(folder: Path) -> float | None:
     solved = engine.run(made.read_text(encoding="utf-8"))
     bench, record = Workbench.of(project), files.read(FitRecord, fit_file(project))
     course = WantedCourse.held(float(bench.targets.log_pressure.max()), ramp_s=2.0, hold_s=2.0)
-    own, model = followed(bench, record, [course], {}, _silent)
+    own, model = followed(bench, record, [course], {}, Quiet())
     away = np.linalg.norm(bench.case.nodes - at(bench, "tip"), axis=1)
     row = int(np.where(np.isin(bench.case.labels, solved.labels), away, np.inf).argmin())
     here = model.on_mesh(None).solution(record.fit.theta).fields([len(own.time) - 1])[0][row]
@@ -212,17 +213,6 @@ def tip_error(folder: Path) -> float | None:
 def at(bench: Workbench, name: str) -> Any:
     """The place (3,) mm of a point on the finger at rest."""
     return bench.targets.places(bench.case.position)[bench.targets.names.index(name)]
-
-
-class _Silent:
-    def __call__(self, text: str, /) -> None:
-        del text
-
-    def progress(self, stage: str, done: int, total: int, /) -> None:
-        del stage, done, total
-
-
-_silent = _Silent()
 
 
 def stored(name: str, *keys: str) -> Any:

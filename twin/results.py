@@ -1,7 +1,6 @@
 """What a stage returns to Python: its summary, what it said, and its table as a pandas DataFrame."""
 
 import csv
-import json
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from html import escape
@@ -114,7 +113,7 @@ def _files(folder: Path) -> Iterator[Row]:
 
 def _profiles(folder: Path) -> Iterator[Row]:
     """A row for each name."""
-    for row in json.loads((folder / "profile.json").read_text(encoding="utf-8"))["profiles"]:
+    for row in files.read_json(folder / "profile.json")["profiles"]:
         yield {key: value for key, value in row.items() if key != "points"}
 
 

@@ -87,8 +87,8 @@ class Rows:
         rows = [r for r in self.every() if r["key"] != row["key"]]
         self.folder.mkdir(parents=True, exist_ok=True)
         scratch = self.file.with_suffix(".part")
-        text = json.dumps({"rule": rule(), "rows": [*rows, row | {"rule": rule()}]}, indent=1)
-        scratch.write_text(text + "\n", encoding="utf-8")
+        lines = ",\n".join(json.dumps(r) for r in [*rows, row | {"rule": rule()}])  # one a line
+        scratch.write_text(f'{{"rule": "{rule()}", "rows": [\n{lines}\n]}}\n', encoding="utf-8")
         scratch.replace(self.file)
 
 

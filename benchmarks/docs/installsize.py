@@ -131,7 +131,7 @@ def main() -> int:
     figures = {"whole": sum(sizes.values())} | {k: sum(sizes[n] for n in names) for k, names in found.items()}
     figures = {kind: round(value) for kind, value in figures.items()}
     largest = dict(sorted(((n, round(x)) for n, x in sizes.items()), key=lambda row: -row[1])[:12])
-    table = {"install_mb": figures, "needed": found, "largest_mb": largest}
+    table = {"install_mb": figures, "largest_mb": largest}
     RESULT.write_text(json.dumps(table, indent=1) + "\n", encoding="utf-8")
     if typed.json:
         print(json.dumps(table))

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from twin.bench.leftopen import Uncertain, told_by_film
-from twin.bench.predicting import HIGH, LOW, NORMAL, SAME, WantedCourse, followed, why_none
+from twin.bench.predicting import HIGH, LOW, SAME, WantedCourse, followed, interval, why_none
 from twin.bench.workbench import Workbench
 from twin.effects.acting import OutsideForce
 from twin.effects.protocol import Unsolvable
@@ -26,8 +26,11 @@ TURNS = 12  # solves at most
 
 @dataclass(frozen=True)
 class Blocked:
-    """The upward force in N that keeps the finger's end at its height under a pressure in MPa, its sd,
-    whether the pressure is above the tested one, and why there is no interval ("" where there is one)."""
+    """The upward force in N that keeps the finger's end at its height, and its sd, at a pressure in MPa.
+
+    beyond: whether the pressure is above the tested one. why: why there is no interval, "" where there is
+    one.
+    """
 
     pressure: float
     force: float
@@ -38,8 +41,7 @@ class Blocked:
     @property
     def interval(self) -> tuple[float, float] | None:
         """Of 95 %, in N; none where the fit has none."""
-        half = NORMAL * self.sd
-        return None if self.why else (self.force - half, self.force + half)
+        return interval(self.force, self.sd, self.why)
 
 
 def blocked_force(bench: Workbench, record: FitRecord, course: WantedCourse, say: Say) -> Blocked:
@@ -92,7 +94,7 @@ def _kept(height: Callable[[float], tuple[float, float]], pressure: float) -> tu
 
     A step that cannot be solved is halved: a large force on a soft finger folds it.
     """
-    rate, (u, slope), step = 0.0, height(0.0), 0.0
+    rate, (u, slope) = 0.0, height(0.0)
     for _ in range(TURNS):
         if abs(u) < NEAR_MM:
             return rate, slope

@@ -124,6 +124,12 @@ def fit_file(project: Project) -> Path:
     raise ValueError(f"no fit {what}; run twin calibrate")
 
 
+def former_fit(project: Project, effects: Sequence[str]) -> FitRecord | None:
+    """The newest fit with these effects, whether or not it still holds; None where there is none."""
+    every = (files.read(FitRecord, path) for path in _having(project, kinds_writing(FIT), FIT))
+    return next((fit for fit in every if fit.effects == tuple(effects)), None)
+
+
 def named_effects(project: Project) -> list[str]:
     """The effects that the newest diagnosis names. ValueError without one that still holds."""
     path = fresh(project, ("diagnose",), "diagnosis.json")

@@ -8,7 +8,7 @@ from functools import partial
 import numpy as np
 from scipy.interpolate import PchipInterpolator
 
-from twin.bench.predicting import NORMAL, Prediction, WantedCourse, followed, predicted
+from twin.bench.predicting import Prediction, WantedCourse, followed, interval, predicted
 from twin.bench.workbench import Workbench
 from twin.effects.protocol import Unsolvable
 from twin.judging.record import FitRecord
@@ -60,8 +60,7 @@ class Inverse:
     @property
     def interval(self) -> tuple[float, float] | None:
         """Of 95 %, in MPa; none where the fit has none."""
-        half = NORMAL * self.sd
-        return None if self.prediction.why else (self.pressure - half, self.pressure + half)
+        return interval(self.pressure, self.sd, self.prediction.why)
 
 
 def pressure_for(

@@ -122,6 +122,11 @@ def _shape(fields: Callable[[list[int]], Array], rows: slice) -> Array:
     return np.asarray(fields(list(range(rows.start, rows.stop))) - fields([rows.start - 1]))
 
 
+def interval(value: float, sd: float, why: str) -> tuple[float, float] | None:
+    """The 95 % interval of a value with an sd; none where there is a reason why not."""
+    return None if why else (value - NORMAL * sd, value + NORMAL * sd)
+
+
 def with_errors(
     model: Model, record: FitRecord, targets: Targets, own: Targets, *, beyond: bool
 ) -> tuple[Array, Array]:

@@ -8,11 +8,10 @@ from calibrate import Fit
 from twin.batches.former import former_of
 from twin.bench.comparison import Judgement, compared
 from twin.bench.effectchange import change_effects
+from twin.bench.fits import former_fit
 from twin.bench.workbench import Workbench
-from twin.chain import FIT
 from twin.effects.baselaw import NAMES, Constants
 from twin.judging.intervals import fit_record
-from twin.judging.record import FitRecord
 from twin.project import files
 from twin.project.folder import Project, Run, Say
 from twin.sanity import doubts, fit_fault, silicone_doubt, stability_doubt
@@ -75,14 +74,9 @@ def _former_values(project: Project, effects: tuple[str, ...]) -> dict[str, floa
         former = former_of(project)
     except ValueError:  # it is gone: a fit begins elsewhere
         former = None
-    for one in filter(None, (project, former)):
-        for folder in reversed(one.runs()) if effects else ():
-            if not (folder / FIT).is_file():
-                continue
-            record = files.read(FitRecord, folder / FIT)
-            if record.effects == effects:
-                own = {name: row.value for name, row in record.parameters.items()}
-                return {name: value for name, value in own.items() if name not in NAMES}
+    for one in filter(None, (project, former) if effects else ()):
+        if (fit := former_fit(one, effects)) is not None:
+            return {name: row.value for name, row in fit.parameters.items() if name not in NAMES}
     return {}
 
 

@@ -93,7 +93,9 @@ def run_init(
         _fill(draft, config, targets, () if own is None else own.files)
     say(f"Wrote {folder / 'twin.toml'}.")
     if own is not None:
-        _judge(Project.open(folder), say)
+        from twin.commands.check import check_finger
+
+        check_finger(Project.open(folder), say)  # its materials, how it is held, the shapes of its elements
     _say_next(folder, config, wanted, say)
     return {"stage": "init", "status": "done", "project": str(folder), "wanted": list(wanted)}
 
@@ -117,13 +119,6 @@ def _fill(draft: Path, config: Config, targets: Path | None, deck: Sequence[Path
         place = draft / "raw" / file.relative_to(deck[0].parent)
         place.parent.mkdir(parents=True, exist_ok=True)
         shutil.copy2(file, place)
-
-
-def _judge(project: Project, say: Say) -> None:
-    """Say what the model makes of a deck: its materials, how it is held, the shapes of its elements."""
-    from twin.commands.check import check_finger
-
-    check_finger(project, say)
 
 
 def _say_next(folder: Path, config: Config, wanted: Mapping[str, str], say: Say) -> None:

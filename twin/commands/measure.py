@@ -80,14 +80,16 @@ class _Measured:
     remarks: tuple[str, ...]  # on the log, and on how the motion goes with it
 
 
-def run_measure(project: Project, say: Say, *, replace: bool = False, budget: bool = False) -> dict[str, Any]:
+def run_measure(
+    project: Project, say: Say, *, replace: bool = False, budget: bool = False, renew: bool = False
+) -> dict[str, Any]:
     """Measure the films into targets/ and runs/NNNN-measure, unless that is done.
 
-    Targets that come from other inputs are never overwritten: ValueError. With `replace` it measures in any
-    case, and those that are there are kept as targets-0001, -0002, ... With `budget` the table of what the
+    Targets that come from other inputs are never overwritten: ValueError. With `renew` they are kept as
+    targets-0001, -0002, ..., and with `replace` it measures in any case. With `budget` the table of what the
     uncertainty is made of is said.
     """
-    result = _measured(project, say, replace)
+    result = _measured(project, say, replace, renew)
     if budget and project.config.imported is not None:
         raise ValueError(
             "--budget: the targets come from another program's file, which does not say what its error is "
@@ -100,28 +102,16 @@ def run_measure(project: Project, say: Say, *, replace: bool = False, budget: bo
     return result
 
 
-def is_measured(project: Project) -> bool:
-    """Whether targets/ is what a run has measured from the films, log and settings of now."""
-    done = project.done("measure", **_inputs(project)[1])
-    return done is not None and project.source().run == done.name
-
-
-def _inputs(project: Project) -> tuple[Path, dict[str, Any]]:
-    """The camera's file, and what a run of this stage is known by."""
-    if project.config.imported is not None:
-        return Path(), import_inputs(project)
-    camera = camera_path(project)
-    return camera, all_inputs(project, camera)
-
-
-def _measured(project: Project, say: Say, replace: bool) -> dict[str, Any]:
-    foreign, (camera, how) = project.config.imported is not None, _inputs(project)
+def _measured(project: Project, say: Say, replace: bool, renew: bool) -> dict[str, Any]:
+    foreign = project.config.imported is not None
+    camera = Path() if foreign else camera_path(project)
+    how = import_inputs(project) if foreign else all_inputs(project, camera)
     done, killed = project.done("measure", **how), project.killed("measure", **how)
     owner = project.source().run
     if done is not None and owner == done.name and not replace:
         say(f"Already done in {project.shown(done)}, and targets/ is there: skipped.")
         return result_of(project, "measure", done, skipped=True)
-    if project.targets_folder.exists() and not replace and not (killed and owner == killed.name):
+    if project.targets_folder.exists() and not (replace or renew) and not (killed and owner == killed.name):
         raise ValueError(
             f"{project.targets_folder} holds targets from other inputs, or measured elsewhere, which are "
             "never overwritten; `twin measure --replace` keeps them as targets-0001 and measures again"

@@ -9,7 +9,6 @@ from twin.bench.fits import fit_file, fresh, named_effects, newest, stale_senten
 from twin.bench.othermodels import other_effects
 from twin.chain import STAGES, TARGETS, Stage, When, kinds_writing
 from twin.commands.check import check_project
-from twin.commands.measure import is_measured
 from twin.diagnosis.record import DiagnosisRecord
 from twin.judging.record import FitRecord
 from twin.numerals import in_words
@@ -42,8 +41,8 @@ def _filmed(project: Project, stage: Stage, say: Say) -> str:
     if _without_films(project) or (stage.name == "camera" and not project.config.cameras):
         return "none"
     say(f"twin {stage.name}: {stage.title}")
-    # what is measured is skipped; targets of other inputs are kept as targets-0001
-    options = {"replace": not is_measured(project)} if TARGETS in stage.writes else {}
+    # it compares the digests of films and log itself, and targets of others are kept as targets-0001
+    options = {"renew": True} if TARGETS in stage.writes else {}
     return str(stage.run(project, say, **options)["status"])
 
 

@@ -1,7 +1,7 @@
 """Answers over a range of parameters -> how much of each target's variance each parameter makes.
 
-The first-order index of a parameter is the share of a target's variance that knowing it alone would remove,
-its total index the share that would be left if all others were known,
+The first-order index of a parameter is the share of the variance that goes if it alone is known. Its total
+index is the share that is left if all others are known:
 
     S_i = V[E(y | x_i)] / V(y),    T_i = E[V(y | all x but x_i)] / V(y)
 

@@ -49,10 +49,10 @@ def unrest(place: Array, names: Sequence[str]) -> Unrest | None:
             continue
         apart = np.linalg.norm(means[shown, p][:, None] - means[shown, p][None], axis=-1)
         mm, sd = float(apart.max()), noise[p] * np.sqrt(2.0 / counts[shown, p].min())
-        ends = means[shown, p][list(np.unravel_index(int(apart.argmax()), apart.shape))]
-        if _flips(place[:, p], ends):
+        if mm <= max(CLEAR * sd, TELL_MM) or (worst is not None and mm <= worst.mm):
             continue
-        if mm > max(CLEAR * sd, TELL_MM) and (worst is None or mm > worst.mm):
+        ends = means[shown, p][list(np.unravel_index(int(apart.argmax()), apart.shape))]
+        if not _flips(place[:, p], ends):
             worst = Unrest(name, mm, mm > MOST_MM)
     return worst
 

@@ -11,7 +11,6 @@ import pytest
 from twin.chain import stage_of
 from twin.commands.check import check_project
 from twin.commands.init import run_init
-from twin.commands.measure import is_measured
 from twin.diagnosis.procedure import _refusal
 from twin.formats.catalogue import FORMATS, format_of, read_recorded
 from twin.formats.conversion import MOST_STEPS, NO_COURSE, targets_of
@@ -467,9 +466,8 @@ def test_facts_that_change_make_other_targets_and_keep_the_former(batch: Path) -
     project = state(batch, mm_per_px=0.25)
     with pytest.raises(ValueError, match=r"never overwritten; .* --replace"):
         measure(project, Lines())
-    assert not is_measured(project)
-    measure(project, Lines(), replace=True)
-    assert is_measured(project)  # `recalibrate` leaves them
+    assert measure(project, Lines(), renew=True)["status"] == "done"  # as `recalibrate` does
+    assert measure(project, Lines(), renew=True)["status"] == "skipped"
     np.testing.assert_allclose(project.targets().value[3, 0, 2], -15.5 / 2)
     assert (batch / "targets-0001" / "targets.csv").is_file()
     assert measure(project, Lines(), replace=True)["status"] == "done"  # nothing has changed: again
