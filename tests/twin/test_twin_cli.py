@@ -89,6 +89,9 @@ def test_a_long_part_says_what_time_is_left(monkeypatch, capsys):
         "  meshes: 2 of 10, about 3 min left", "  meshes: 2 of 10, about 5 min left",
         "  meshes: 0 of 10", "  meshes: 1 of 10, about 58 min left", "  meshes: 10 of 10",
     ]  # fmt: skip
+    for now[0], done in ((800.0, 4), (840.0, 6)):  # four were done by the run that goes on
+        say.progress("trials", done, 10)
+    assert capsys.readouterr().err.splitlines()[-1] == "  trials: 6 of 10, about 80 s left"
 
 
 def test_help_lists_every_command_of_this_version(run):

@@ -54,7 +54,7 @@ def blocked_force(bench: Workbench, record: FitRecord, course: WantedCourse, say
     (name,) = (p.name for p in push.parameters)
     bare = model.on_mesh(None)
     pushed = bare.with_effect(push)
-    # A finer mesh changes what the pressure does, and hardly the compliance: as much as at the free finger.
+    # As much as at the free finger: a finer mesh changes what the pressure does more than the compliance.
     finer = _height(own, model.predict(theta)) - _height(own, bare.predict(theta))
 
     def at(rate: float) -> Array:

@@ -16,6 +16,7 @@ from fe import Path as Course
 from tests.twin.conftest import page_text
 from twin import virtual
 from twin.bench.fits import fit_file
+from twin.bench.workbench import Workbench
 from twin.commands import profile
 from twin.commands.add import run_add
 from twin.commands.calibrate import run_calibrate
@@ -30,6 +31,7 @@ from twin.commands.profile import run_profile
 from twin.commands.review import run_review
 from twin.effects.acting import OutsideForce
 from twin.effects.baselaw import NOMINAL
+from twin.effects.library import effect
 from twin.effects.protocol import Test
 from twin.judging.record import Estimate, FitRecord
 from twin.model import prediction
@@ -511,6 +513,19 @@ def test_a_profile_says_how_well_each_parameter_is_known(
 
 def _interrupted(*_: object, **__: object) -> None:
     raise KeyboardInterrupt
+
+
+def test_a_blocked_force_is_that_of_the_finest_mesh(chain: tuple[Project, Silent]) -> None:
+    """With the same constants and creep. The correction is 3 %, of which this coarse mesh asks for a half."""
+    project, say = chain
+    (found,) = run_predict(project, say, pressure=("20kPa",), blocked=True, ramp_s=1.0, hold_s=4.0)["blocked"]
+    bench, fit = Workbench.of(project), files.read(FitRecord, fit_file(project))
+    values = {name: row.value for name, row in fit.parameters.items()}
+    finest = list(bench.structure.finer.values())[-1].build()
+    finest = finest.with_material(C10=values["C10"], C01=values["C01"])
+    path = Course(np.zeros(1), np.zeros(1), np.zeros(1))
+    crept = effect(fit.effects[0], own=()).before(Test(finest, path, np.zeros((0, 3)), np.zeros(0, bool)), values)
+    assert found["force_N"] == pytest.approx(_blocked(crept.case, 0.02), rel=0.025)
 
 
 def _blocked(truth: Case, pressure: float) -> float:

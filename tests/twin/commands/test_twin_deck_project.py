@@ -71,6 +71,14 @@ def test_init_copies_the_deck_with_what_it_includes(batch: Path) -> None:
     assert {p.name: p.node for p in config.points} == NODES
 
 
+def test_init_judges_the_deck(tube_deck: Tube, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    name, label = next(iter(NODES.items()))
+    run("init", tmp_path / "judged", "--deck", tube_deck(tmp_path, "C3D20RH", cells=5), "--node", f"{name}={label}")
+    told = capsys.readouterr().out
+    assert "with fitted C10 and C01" in told  # what the model makes of its material
+    assert told.index("Wrote") < told.index("with fitted C10") < told.index("Next:")
+
+
 def test_calibration_finds_the_silicone_of_another_mesh(batch: Path) -> None:
     fit = read(batch, "calibrate", "fit.json")
     values = {k: v["value"] for k, v in fit["parameters"].items()}  # type: ignore[attr-defined]

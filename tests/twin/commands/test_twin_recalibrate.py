@@ -249,6 +249,14 @@ def test_a_batch_like_another_remembers_it_and_says_what_changed(batch, stages, 
     assert any("creep.g1 has not changed measurably" in line for line in say.lines)
 
 
+def test_an_effect_of_one_film_is_not_kept(batch, say, tmp_path):
+    former = batch().set_effects(["creep", "marker_slip:tip@19s"])
+    run_init_like(tmp_path / "batch-08", say, like=former.root)
+    assert Project.open(tmp_path / "batch-08").config.model.effects == ("creep",)
+    assert "keeps its effects, creep:" in say.lines[-2]
+    assert "Left out: marker_slip:tip@19s, of its film alone." in say.lines[-2]
+
+
 def test_a_folder_that_is_there_is_never_overwritten(batch, say):
     project = batch()
     with pytest.raises(ValueError, match="is there already and is never overwritten"):
