@@ -15,6 +15,7 @@ from twin.report.found import Story
 from twin.report.page import write_report
 from twin.report.sentences import markdown, ranking_rows
 from twin.review.recording import write_review
+from twin.targets import Array
 
 SERIES = 12  # deformed states in the VTU series
 
@@ -73,12 +74,14 @@ def _deformed(story: Story) -> list[str]:
     """A picture and a VTU series of the deformed finger; returns what could not be done."""
     g, last, notes = story.generations, story.fields, []
     top = 0 if last is None else int(np.argmax(last.pressure))
+    u, model, seen = (g.u[-1], g.u_points[-1], g.u_measured) if last is None else (
+        last.u[top], last.u_points[top], last.u_measured[top])  # fmt: skip
     note = deformed_picture(
         story.run.path("deformed.png"),
         nodes=g.nodes,
         triangles=g.triangles,
-        u=np.asarray(g.u[-1] if last is None else last.u[top], float),
-        points=g.points + (g.u_measured if last is None else last.u_measured[top]),
+        u=np.asarray(u, float),
+        points=g.points + with_aside(seen, model),
     )
     notes += [note] if note else []
     cells = Workbench.of(story.project).case.connectivity
@@ -91,6 +94,12 @@ def _deformed(story: Story) -> list[str]:
         story.run.folder, "deformed", nodes=g.nodes, cells=cells, times=times, fields={"U": u}
     )
     return notes
+
+
+def with_aside(seen: Array, model: Array) -> Array:
+    """Measured displacements (p, 3) mm with the model's U2 where none was: a camera that looks along y sees
+    none. NaN stays where a marker was not seen."""
+    return np.where(np.isnan(seen) & [False, True, False], model, seen)
 
 
 def _clip(story: Story, say: Say) -> list[str]:
