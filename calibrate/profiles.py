@@ -4,8 +4,12 @@ chance allows.
 The deviance of a value is the lowest chi2 with it held and all else fitted anew, less that of the best fit
 (A. Raue et al. 2009, doi:10.1093/bioinformatics/btp358). An interval ends where it reaches a quantile of chi2
 with one degree of freedom. A covariance knows the slope at the best fit alone; a profile knows bounds and
-curved valleys too. Derivatives say where an end should lie; there the model is solved, all else is fitted,
-and the derivatives there say where next (after D. J. Venzon & S. H. Moolgavkar 1988, doi:10.2307/2347496).
+curved valleys too. Derivatives at the best fit say where an end should lie; there the model is solved and all
+else is fitted. The root of the deviance, which grows by 1 a standard deviation, says where next.
+
+Where errors depend on the parameters, a value is tested under those that it would have itself, where the
+derivatives see the others: both chi2 are whitened by them, that of the best fit too. Errors held as at the best fit make an interval too narrow where
+they hide a parameter there and not beside it.
 """
 
 import math
@@ -30,6 +34,7 @@ CLOSE = 0.1  # typical steps: as near as this a limit of what can be solved is l
 MOST = 30  # values that a search tries
 
 Pair = tuple[Array, Array]
+Around = Callable[[Array], tuple[Residual, Jacobian]]
 Limit = Literal["", "bound", "unsolvable", "search"]
 IDENTIFIED, ONE_SIDED, NOT_IDENTIFIED = "identified", "one-sided", "not identified"
 
@@ -142,24 +147,20 @@ def _two(parameters: Sequence[Parameter], a: str, b: str) -> tuple[int, int, Par
 
 @dataclass(frozen=True, eq=False)
 class ProfilePoint:
-    """A value that was solved: its deviance, with all else, theta (d,), fitted anew. off: how far the
-    derivatives that foretold this deviance were off, or those here promise to lower it still."""
+    """A value that was solved: its deviance, with all else, theta (d,), fitted anew."""
 
     value: float
     deviance: float
     theta: Array
-    off: float = 0.0
 
 
 @dataclass(frozen=True)
 class End:
-    """Where the deviance reaches a level, and how far off derivatives were there. limit: "" where it does;
-    else what ends the search at this value: a bound of the parameters, that nothing beyond can be solved, or
-    that the search has not settled."""
+    """Where the deviance reaches a level. limit: "" where it does; else what ends the search at this value: a
+    bound of the parameters, that nothing beyond can be solved, or that the search has not settled."""
 
     level: float
     value: float
-    off: float
     limit: Limit = ""
 
 
@@ -176,11 +177,6 @@ class Profile:
     evaluations: int
 
     @property
-    def off(self) -> float:
-        """The largest difference in deviance between derivatives and solve at the ends that were found."""
-        return max((end.off for pair in self.ends for end in pair if not end.limit), default=0.0)
-
-    @property
     def known(self) -> str:
         """Whether the data hold it on both sides, on one, or on none, at the last of LEVELS."""
         found = sum(not end.limit for end in self.ends[-1])
@@ -193,8 +189,7 @@ class Profile:
 
 
 def profile_likelihood(
-    residual: Residual,
-    jacobian: Jacobian,
+    around: Around,
     *,
     held: Held,
     theta: ArrayLike,
@@ -202,44 +197,42 @@ def profile_likelihood(
 ) -> Profile:
     """The profile of what is held, with both ends at each of LEVELS.
 
-    residual, jacobian: as in `least_squares`. theta (d,): the best fit, to which deviances are relative.
-    step: called after each of the 2 x 2 ends. Raises ValueError where the model cannot be solved at theta.
+    around: theta (d,) -> residual and Jacobian as in `least_squares`, whitened by the errors of theta. theta
+    (d,): the best fit, to which deviances are relative. step: called after each of the 2 x 2 ends. Raises
+    ValueError where the model cannot be solved at theta.
     """
     start = inside(np.atleast_2d(np.asarray(theta, float)), held.parameters)[0]
-    task = _Task(_Solves(residual, jacobian), held)
+    task = _Task(around, held, start)
     with np.errstate(under="ignore"):
-        best = task.begin(start)
+        best = task.begin()
         sides = []
         for side in (-1, 1):
-            at, ends = best, []
+            known, ends = [best], []
             for level in LEVELS:
-                end, at = task.end(at, side, level, best)
-                ends.append(end)
+                ends.append(task.end(known, side, level))
                 step()
             sides.append(ends)
     low, high = sides
     points = tuple(sorted(task.points, key=lambda point: point.value))
     return Profile(
-        held.name, held.unit, best.value, points, tuple(zip(low, high, strict=True)), task.solves.count
+        held.name, held.unit, best.value, points, tuple(zip(low, high, strict=True)), len(task.seen)
     )
 
 
 class _Solves:
-    """Residual and Jacobian, each theta once, counted."""
+    """Residual and Jacobian, each theta once; seen: every theta of a profile."""
 
-    def __init__(self, residual: Residual, jacobian: Jacobian) -> None:
-        self._residual, self._jacobian = residual, jacobian
+    def __init__(self, residual: Residual, jacobian: Jacobian, seen: set[bytes]) -> None:
+        self._residual, self._jacobian, self._seen = residual, jacobian, seen
         self._r: dict[bytes, Array | None] = {}
         self._j: dict[bytes, Array] = {}
 
-    @property
-    def count(self) -> int:
-        return len(self._r)
-
     def residual(self, theta: Array) -> Array | None:
         key = theta.tobytes()
+        self._seen.add(key)
         if key not in self._r:
-            self._r[key] = self._residual(theta.copy())
+            r = self._residual(theta.copy())
+            self._r[key] = None if r is None or not np.all(np.isfinite(r)) else r
         return self._r[key]
 
     def jacobian(self, theta: Array) -> Array:
@@ -249,128 +242,142 @@ class _Solves:
         return self._j[key]
 
 
-@dataclass(frozen=True, eq=False)
-class _At:
-    """A solved value: theta (d,), and residual (d + 1,) with derivatives (d + 1, d), turned into few rows."""
-
-    value: float
-    theta: Array
-    r: Array
-    jac: Array
-
-    @property
-    def chi2(self) -> float:
-        return float(self.r @ self.r)
-
-    def foretold(self, slice_: Slice) -> tuple[float, Array]:
-        """The lowest chi2 on a slice, as the derivatives here say, and where (k,)."""
-        y = slice_.nearest(self.theta)
-        r = self.r + self.jac @ (slice_.theta(y) - self.theta)
-        if not len(y):
-            return float(r @ r), y
-        move = bounded_step(self.jac @ slice_.directions, r, slice_.low - y, slice_.high - y, DAMPING[1])
-        return float(r @ r) - move.gain, np.clip(y + move.move, slice_.low, slice_.high)
-
-
 @dataclass(eq=False)
 class _Task:
-    """One profile: its solves, and the points that it has."""
+    """One profile: what it asks for, the theta that were solved, and the points that it has."""
 
-    solves: _Solves
+    around: Around
     held: Held
+    best: Array
+    seen: set[bytes] = field(default_factory=set)
     points: list[ProfilePoint] = field(default_factory=list)
 
-    def begin(self, theta: Array) -> _At:
+    def begin(self) -> ProfilePoint:
         """The best fit."""
-        at = self._known(self.held.value(theta), theta)
-        if at is None:
+        solves = self._solves(self.best)
+        rows = _rows(solves, self.best)
+        if rows is None:
             raise ValueError(f"profile of {self.held.name}: the model cannot be solved at the best fit")
-        self.points.append(ProfilePoint(at.value, 0.0, theta))
-        return at
+        self._slope = rows
+        return self._point(self.held.value(self.best), 0.0, self.best)
 
-    def end(self, near: _At, side: int, level: float, best: _At) -> tuple[End, _At]:
-        """Where the deviance reaches a level on one side, and the last point before it. near: a point before
-        it."""
-        held, now, outside = self.held, near, math.nan
-        blocked = wall = False  # whether nothing could be solved at the last value, and outside
+    def end(self, known: list[ProfilePoint], side: int, level: float) -> End:
+        """Where the deviance reaches a level on one side. known: the points there, the best first, to which
+        it adds."""
+        held = self.held
+        near = max((x for x in known if x.deviance < level), key=lambda x: side * x.value)
+        outside = min((side * x.value for x in known if x.deviance >= level), default=math.nan) * side
+        wall = False  # whether nothing can be solved outside
         bound = held.high if side > 0 else held.low
         reach = REACH * held.typical
         for _ in range(MOST):
             if abs(near.value - bound) <= AT_BOUND * (held.high - held.low):
-                return End(level, bound, 0.0, "bound"), near
+                return End(level, bound, "bound")
             if wall and abs(outside - near.value) < CLOSE * held.typical:
-                return End(level, near.value, 0.0, "unsolvable"), near
-            far = side * min(side * (near.value + side * reach), side * bound)
-            value = self._next(now, near.value, far, outside, best.chi2 + level, blocked=blocked)
-            at, off = self._solved(value, now, best)
+                return End(level, near.value, "unsolvable")
+            if wall:
+                value = (near.value + outside) / 2
+            else:
+                far = side * min(side * (near.value + side * reach), side * bound)
+                value = self._next(known, near.value, far, outside, level)
+            at = self._solved(value, known)
             if at is None:
-                now, outside, blocked, wall = near, value, True, True
+                outside, wall = value, True
                 continue
-            deviance = at.chi2 - best.chi2
-            if abs(deviance - level) <= MISSED:
-                return End(level, at.value, off), at
-            now, blocked = at, False
-            if deviance < level:
+            known.append(at)
+            if abs(at.deviance - level) <= MISSED:
+                return End(level, at.value)
+            if at.deviance < level:
                 near, reach = at, 2 * reach
             else:
                 outside, wall = value, False
-        return End(level, near.value, 0.0, "search"), near
+        return End(level, near.value, "search")
 
     def _next(
-        self, now: _At, near: float, far: float, outside: float, target: float, *, blocked: bool
+        self, known: Sequence[ProfilePoint], near: float, far: float, outside: float, level: float
     ) -> float:
-        """The value at which the derivatives see the level, between one before it and one beyond it."""
-        if blocked:
-            return (near + outside) / 2
+        """The value at which the level is expected, between one before it and one beyond it."""
         beyond = far if math.isnan(outside) else outside
+        value = self._by_slope(level, near, beyond) if len(known) == 1 else _by_roots(known, level, beyond)
+        first, last = sorted((near, beyond))
+        margin = 0.0 if math.isnan(outside) else MARGIN * (last - first)
+        return float(np.clip(value, first + margin, last - margin))
+
+    def _by_slope(self, level: float, near: float, far: float) -> float:
+        """Where the derivatives at the best fit see the level."""
 
         def over(value: float) -> float:
-            return now.foretold(self.held.slice(value))[0] - target
+            return self._foretold(self.held.slice(value))[0] - level
 
-        if over(near) >= 0:
-            value = (near + beyond) / 2
-        elif over(beyond) <= 0:
-            value = beyond
-        else:
-            value = float(brentq(over, near, beyond, xtol=1e-9 * abs(beyond - near)))
-        if math.isnan(outside):
-            return value
-        margin = MARGIN * abs(outside - near)
-        return float(np.clip(value, min(near, outside) + margin, max(near, outside) - margin))
+        return far if over(far) <= 0 else float(brentq(over, near, far, xtol=1e-9 * abs(far - near)))
 
-    def _solved(self, value: float, now: _At, best: _At) -> tuple[_At | None, float]:
-        """The others fitted at a value, and how far off what was foretold of it was."""
+    def _foretold(self, slice_: Slice) -> tuple[float, Array]:
+        """The deviance of a slice, as the derivatives at the best fit say, and where (d,) it lies."""
+        (r, jac), y = self._slope, slice_.nearest(self.best)
+        left = r + jac @ (slice_.theta(y) - self.best)
+        deviance = float(left @ left - r @ r)
+        if not len(y):
+            return deviance, slice_.theta(y)
+        step = bounded_step(jac @ slice_.directions, left, slice_.low - y, slice_.high - y, DAMPING[1])
+        return deviance - step.gain, slice_.theta(y + step.move)
+
+    def _solved(self, value: float, known: Sequence[ProfilePoint]) -> ProfilePoint | None:
+        """The others fitted at a value, under its own errors; None where nothing can be solved."""
         slice_ = self.held.slice(value)
-        foretold, y = now.foretold(slice_)
+        foretold = self._clipped(self._foretold(slice_)[1])
+        solves = self._solves(foretold)  # and not where the fit ends: the deviance would not be smooth
+        y = slice_.nearest(foretold if len(known) == 1 else _on_the_way(known, value))
         theta = self._clipped(slice_.theta(y))
         if len(y):
             names = (f"direction {k}" for k in range(len(y)))
             fit = least_squares(
-                lambda y: self.solves.residual(self._clipped(slice_.theta(y))),
-                lambda y: self.solves.jacobian(self._clipped(slice_.theta(y))) @ slice_.directions,
+                lambda y: solves.residual(self._clipped(slice_.theta(y))),
+                lambda y: solves.jacobian(self._clipped(slice_.theta(y))) @ slice_.directions,
                 [Parameter(*row) for row in zip(names, slice_.low, slice_.high, strict=True)],
                 start=y, max_evaluations=EVALUATIONS, tolerance=TOLERANCE,
             )  # fmt: skip
             theta = self._clipped(slice_.theta(fit.theta))
-        at = self._known(value, theta)
-        if at is None:
-            return None, math.nan
-        off = max(abs(at.chi2 - foretold), at.chi2 - at.foretold(slice_)[0])
-        self.points.append(ProfilePoint(value, at.chi2 - best.chi2, theta, off))
-        return at, off
+        own, best = solves.residual(theta), _rows(solves, self.best)
+        if own is None or best is None:
+            return None
+        low, high = bounds(self.held.parameters)
+        free = bounded_step(best[1], best[0], low - self.best, high - self.best, DAMPING[1])
+        return self._point(value, float(own @ own - best[0] @ best[0]) + free.gain, theta)
+
+    def _point(self, value: float, deviance: float, theta: Array) -> ProfilePoint:
+        self.points.append(ProfilePoint(value, deviance, theta))
+        return self.points[-1]
+
+    def _solves(self, theta: Array) -> _Solves:
+        return _Solves(*self.around(theta), self.seen)
 
     def _clipped(self, theta: Array) -> Array:
         """Theta (d,) where rounding has left a bound."""
         return np.clip(theta, *bounds(self.held.parameters))
 
-    def _known(self, value: float, theta: Array) -> _At | None:
-        """A solve at theta (d,); None where there is none."""
-        r = self.solves.residual(theta)
-        if r is None or not np.all(np.isfinite(r)):
-            return None
-        jac = self.solves.jacobian(theta)
-        if not np.all(np.isfinite(jac)):
-            return None
-        d = len(theta)
-        small: Array = np.linalg.qr(np.column_stack([jac, r])).R
-        return _At(value, theta, small[:, d], small[:, :d])
+
+def _by_roots(known: Sequence[ProfilePoint], level: float, beyond: float) -> float:
+    """Where the line through the roots of the two deviances nearest to a level meets it; `beyond` where they
+    do not grow."""
+    wanted = math.sqrt(level)
+    roots = [(abs(root - wanted), root, x.value) for x in known for root in [math.sqrt(max(x.deviance, 0.0))]]
+    (_, a, x), (_, b, y) = sorted(roots)[:2]
+    if (b - a) * (y - x) * (beyond - known[0].value) <= 0:
+        return beyond
+    return x + (wanted - a) * (y - x) / (b - a)
+
+
+def _on_the_way(known: Sequence[ProfilePoint], value: float) -> Array:
+    """Where theta (d,) should be at a value: on the line through that of the two points nearest to it."""
+    x, y = sorted(known, key=lambda point: abs(point.value - value))[:2]
+    return x.theta + (value - x.value) / (y.value - x.value) * (y.theta - x.theta)
+
+
+def _rows(solves: _Solves, theta: Array) -> Pair | None:
+    """Residual (d + 1,) and derivatives (d + 1, d) at theta (d,), turned into few rows; None where there are
+    none."""
+    r = solves.residual(theta)
+    if r is None or not np.all(np.isfinite(jac := solves.jacobian(theta))):
+        return None
+    small: Array = np.linalg.qr(np.column_stack([jac, r])).R
+    return small[:, -1], small[:, :-1]

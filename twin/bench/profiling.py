@@ -1,12 +1,11 @@
 """The newest fit of a project -> likelihood profiles of its parameters, and of C10 + C01 and the share.
 
-The residual is whitened as it was at the fit: with the errors of gauge, mesh and laws that were kept beside
-it. The errors that depend on the constants stay so: far from the fit those of the mesh take up less of them
-than the covariance says, and a profile may be the narrower. Every point of a profile is a whole solve of the
-model; its derivatives say where the next should be.
+A value is tested under the errors of gauge, mesh and laws that the model has there. Every point of a profile
+is a whole solve of the model; its derivatives say where the next should be.
 """
 
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -18,9 +17,10 @@ from calibrate.profiles import LEVELS, Held, Profile
 from twin.bench.comparison import kept
 from twin.bench.workbench import Workbench
 from twin.effects.baselaw import NAMES, WIDEST_SHARE
-from twin.judging.fitting import whitened
+from twin.judging.fitting import ModelErrors, whitened
+from twin.model.prediction import Model, Unsolvable
 from twin.project.folder import Say
-from twin.targets import Array
+from twin.targets import Array, Targets
 
 TOTAL, SHARE = "+".join(NAMES), "share"
 TOLERANCE = 0.01  # sd, to which the best fit is found anew: deviances are relative to it
@@ -64,12 +64,12 @@ def sd_of(fit: Fit, name: str) -> float:
 
 @dataclass(frozen=True)
 class Profiler:
-    """A fit whose profiles are asked for: its functions under the errors kept beside it, and its best theta
-    (d,) under them."""
+    """A fit whose profiles are asked for: its model, its errors, and its best theta (d,) under them."""
 
     fit: Fit
-    residual: Residual
-    jacobian: Jacobian
+    model: Model
+    targets: Targets
+    errors: ModelErrors
     theta: Array
 
     @staticmethod
@@ -83,14 +83,20 @@ class Profiler:
             model, errors = bench.on_mesh(bench.model(), fit.theta, say), made.errors
         residual, jacobian = whitened(model, bench.targets, errors.whitener(bench.targets))
         best = least_squares(residual, jacobian, fit.parameters, start=fit.theta, tolerance=TOLERANCE)
-        return Profiler(fit, residual, jacobian, best.theta)
+        return Profiler(fit, model, bench.targets, errors, best.theta)
 
     def profiles(self, names: Sequence[str], step: Callable[[], None]) -> Iterator[Profile]:
         """The profile of each name; step: called after each of its ENDS."""
         for name in names:
-            yield profile_likelihood(
-                self.residual, self.jacobian, held=held(self.fit, name), theta=self.theta, step=step
-            )
+            yield profile_likelihood(self._around, held=held(self.fit, name), theta=self.theta, step=step)
+
+    def _around(self, theta: Array) -> tuple[Residual, Jacobian]:
+        """Residual and Jacobian under the errors that the model has at theta (d,)."""
+        errors = self.errors
+        if self.model.allowed(self.model.named(theta)):
+            with suppress(Unsolvable):  # which the residual says, too
+                errors = ModelErrors.of(self.model, theta, self.targets, law=errors.law)
+        return whitened(self.model, self.targets, errors.whitener(self.targets))
 
 
 ENDS = 2 * len(LEVELS)  # of a profile

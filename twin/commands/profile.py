@@ -51,9 +51,6 @@ class ProfileRow(Record):
     known: str = Field(description="identified, one-sided or not identified")
     sentence: str = Field(description="the same in words")
     solves: int = Field(description="whole solves of the model")
-    off: Finite = Field(
-        description="largest difference at its ends between a solve's deviance and what derivatives foretold"
-    )
     points: tuple[SolvedPoint, ...] = Field(description="all values that were solved")
 
 
@@ -97,9 +94,7 @@ def run_profile(project: Project, say: Say, *, names: Sequence[str] = ()) -> dic
             say(row.sentence)
     if made.note:
         say(made.note)
-    solves, off = sum(row.solves for row in rows), max(row.off for row in rows)
-    say(f"All ends are whole solves of the model, {solves} in all; derivatives foretold the deviance at them "
-        f"to {off:.2g}.")  # fmt: skip
+    say(f"All ends are whole solves of the model, {sum(row.solves for row in rows)} in all.")
     say(f"Wrote {project.shown(run.folder)}/profile.csv, profile.json and profile.png")
     return {"stage": "profile", "run": run.name} | files.plain(made)
 
@@ -141,7 +136,7 @@ def _row(profile: Profile, fit: Fit) -> ProfileRow:
         name=profile.name, value=profile.best, unit=profile.unit,
         low_68=ends[0], high_68=ends[1], low_95=ends[2], high_95=ends[3],
         low_covariance=low, high_covariance=high,
-        known=profile.known, sentence=_sentence(profile), solves=profile.evaluations, off=profile.off,
+        known=profile.known, sentence=_sentence(profile), solves=profile.evaluations,
         points=tuple(
             SolvedPoint(value=p.value, deviance=p.deviance, parameters=_named(fit, p.theta))
             for p in profile.points

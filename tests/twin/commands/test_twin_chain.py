@@ -492,8 +492,7 @@ def test_a_profile_says_how_well_each_parameter_is_known(
         for key, level in (("low_68", 1.0), ("high_68", 1.0), ("low_95", 3.84), ("high_95", 3.84)):
             assert deviance[row[key]] == pytest.approx(level, abs=0.02)
         wide = row["high_covariance"] - row["low_covariance"]
-        assert row["high_95"] - row["low_95"] == pytest.approx(wide, rel=0.35)  # an amplitude, which no error of the mesh takes up
-        assert row["off"] < 0.1
+        assert row["high_95"] - row["low_95"] == pytest.approx(wide, rel=0.15)  # an amplitude, which no error of the mesh takes up
         assert 5 <= row["solves"] < 40
     g1 = fit.estimates["creep.g1"]
     assert found["profiles"][0]["low_covariance"] == pytest.approx(g1.low, rel=1e-3)
@@ -509,6 +508,18 @@ def test_a_profile_says_how_well_each_parameter_is_known(
     without = replace(project, config=project.config.model_copy(update={"model": bare}))
     with pytest.raises(ValueError, match="no profiles: the model does not fit yet"):
         run_profile(without, say)
+
+
+@pytest.mark.slow
+def test_a_sum_that_the_error_of_the_mesh_hides_is_as_wide_by_its_profile(chain: tuple[Project, Silent]) -> None:
+    """Under errors held as at the fit the profile was two thirds as wide, and had no lower end near 0.22 MPa:
+    the mesh's error hides the sum at the fit, but not beside it."""
+    project, _ = chain
+    (row,) = run_profile(project, Silent(), names=["C10+C01"])["profiles"]
+    assert row["known"] == "identified"
+    assert row["low_95"] < 0.297 < row["high_95"]  # 0.214 and 0.083 MPa
+    wide = row["high_covariance"] - row["low_covariance"]
+    assert row["high_95"] - row["low_95"] == pytest.approx(wide, rel=0.25)
 
 
 def _interrupted(*_: object, **__: object) -> None:
