@@ -187,7 +187,7 @@ def _limit(end: End, side: str, unit: str) -> str:
 def _notes(rows: Sequence[ProfileRow]) -> list[str]:
     out = [
         f"{row.name}: the intervals by profile and by covariance differ by more than a quarter of half their "
-        "width; quote the wider one."
+        "width; quote the profile's, which solves the model where it ends."
         for row in rows
         if _differs(row)
     ]
