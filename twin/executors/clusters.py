@@ -84,6 +84,11 @@ def _client(where: Any, wanted: str) -> Iterator[Any]:
             f"--cluster {wanted}: no scheduler answers ({' '.join(str(error).split())}); start one with "
             "`dask scheduler`, or leave --cluster out"
         ) from error
+    except (TypeError, RuntimeError) as error:  # of its settings
+        raise ValueError(
+            f"--cluster {wanted}: dask's settings do not fit ({' '.join(str(error).split())}); for TLS see "
+            "docs/cluster.md"
+        ) from error
     try:
         yield client
     finally:

@@ -1,6 +1,7 @@
 """What a cluster lives through, at length: tasks that end their workers, no memory, no workers, kills at random,
 TLS, jobs of SLURM, many tiny tasks."""
 
+import json
 import os
 import random
 import signal
@@ -145,17 +146,17 @@ def test_a_killed_client_or_scheduler_keeps_what_was_made(tmp_path: Path, victim
         assert client.returncode != 0
         if victim == "scheduler":
             assert error.splitlines()[-1].startswith("ConnectionError: the scheduler ")
-        made = {path.name: path.stat().st_mtime_ns for path in cache.glob("*.npz")}
-        assert 12 <= len(made) < 40
+        made = {path.name: path.stat().st_mtime_ns for path in cache.glob("[!.]*.npz")}
+        assert 11 <= len(made) < 40  # the twelfth may be under way
         if victim == "client":  # it goes on with the same cluster
             done = subprocess.run(words, env=env, capture_output=True, text=True, timeout=120)
             assert done.returncode == 0, done.stderr
-            found = {path.stem: np.load(path)["array"] for path in cache.glob("*.npz")}
+            found = {path.stem: np.load(path)["array"] for path in cache.glob("[!.]*.npz")}
         else:
             from twin.bench.caches import FolderCache
 
             found = FolderCache(cache, Quiet())("walks", {str(k): partial(arrayed, k) for k in range(40)})
-    assert {path.name: path.stat().st_mtime_ns for path in cache.glob("*.npz") if path.name in made} == made
+    assert {path.name: path.stat().st_mtime_ns for path in cache.glob("[!.]*.npz") if path.name in made} == made
     assert {k: float(v[0]) for k, v in found.items()} == {str(k): walked(k) for k in range(40)}
 
 
@@ -194,12 +195,13 @@ def test_tls_keeps_strangers_out(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
             assert isinstance(dask_executor, Dask)
             assert dask_executor.client.scheduler.address.startswith("tls://127.0.0.1")
             assert list(gathered(dask_executor, [partial(pow, k, 2) for k in range(3)])) == [0, 1, 4]
-        address = __import__("json").loads(made.file.read_text())["address"]
+        address = json.loads(made.file.read_text())["address"]
         monkeypatch.setattr("twin.executors.clusters.CONNECT_S", 3.0)
-        for wanted in (address, address.replace("tls://", "tcp://")):  # without a certificate
-            with pytest.raises((ConnectionError, TypeError, ValueError)) as refused, on_cluster(wanted, print):
-                pytest.fail("a stranger was let in")
-            print(refused.value)
+        with pytest.raises(ValueError, match=r"dask's settings do not fit \(TLS expects .* for TLS see docs/cluster\.md"), on_cluster(address, print):
+            pytest.fail("it connected without a certificate")
+        plain = address.replace("tls://", "tcp://")
+        with pytest.raises(ConnectionError, match=r"no scheduler answers"), on_cluster(plain, print):
+            pytest.fail("it connected in the clear")
     finally:
         made.end()
 
