@@ -5,7 +5,8 @@
 Needed is what the commands of a kind of user load, and what that requires in turn. Then the same commands run
 again with every other package barred: what runs so runs without them. `films`: from pixels
 to the report; `tables`: displacements measured elsewhere to the prediction; `worker`: a structure solved with
-`fe`; `cluster`: a worker of dask, with dask, that solves a load path and a finer mesh. Results go to `benchmarks/results/install.json`. About four minutes.
+`fe`; `cluster`: a worker of dask, with dask, that solves a load path. Results go to
+`benchmarks/results/install.json`. About four minutes.
 """
 
 import json
@@ -147,7 +148,8 @@ def main() -> int:
         print(f"{kind}: {', '.join(found[kind])}", file=sys.stderr, flush=True)
         owners = {top: {plain(n) for n in names} for top, names in tops.items()}
         alone(commands, [top for top, n in owners.items() if n & every and not n & set(found[kind])])
-    figures = {"whole": sum(sizes[n] for n in whole)} | {k: sum(sizes[n] for n in names) for k, names in found.items()}
+    figures = {"whole": sum(sizes[n] for n in whole)}
+    figures |= {kind: sum(sizes[n] for n in names) for kind, names in found.items()}
     figures = {kind: round(value) for kind, value in figures.items()}
     largest = dict(sorted(((n, round(sizes[n])) for n in whole), key=lambda row: -row[1])[:12])
     table = {"install_mb": figures, "largest_mb": largest}

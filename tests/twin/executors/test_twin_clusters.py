@@ -1,6 +1,7 @@
 """What --cluster takes and refuses, jobs of SLURM by their script, and which worker may not help. No cluster is
 started."""
 
+import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -171,6 +172,16 @@ def test_jobs_of_slurm_have_workers_of_one_thread(tmp_path: Path) -> None:
         assert line in lines, script
     assert lines[-1].startswith("/opt/twin/bin/python -m distributed.cli.dask_worker tcp://")
     assert {"--nthreads 1", "--nworkers 4", "--nanny"} <= {f"--{word.strip()}" for word in lines[-1].split("--")}
+
+
+def test_the_docs_have_every_key_of_slurm_toml(tmp_path: Path) -> None:
+    page = (Path(__file__).resolve().parents[3] / "docs" / "cluster.md").read_text(encoding="utf-8")
+    (piece,) = re.findall(r"^`slurm\.toml`:\n\n```toml\n(.*?)^```$", page, re.S | re.M)
+    (tmp_path / "slurm.toml").write_text(piece, encoding="utf-8")
+    assert SlurmTable.read(tmp_path / "slurm.toml").jobs == 20
+    table = page.partition("## SLURM")[2].partition("## TLS")[0]
+    named = {name for row in re.findall(r"^\| (`.*?) \|", table, re.M) for name in re.findall(r"`(\w+)`", row)}
+    assert named == set(SlurmTable.model_fields)
 
 
 def replace_jobs(table: SlurmTable) -> SlurmTable:

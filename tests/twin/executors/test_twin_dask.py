@@ -85,6 +85,10 @@ def after(path: Path, value: float) -> Array:
     return np.full(2, value)
 
 
+def executor_there() -> str:
+    return type(current()).__name__
+
+
 def started(folder: Path, k: int, rest_s: float) -> int:
     """Says who does a task, then takes its time."""
     (folder / f"{k}-{os.getpid()}").touch()
@@ -125,6 +129,7 @@ def test_workers_have_the_effects_of_a_users_own_file(dask: Dask, tmp_path: Path
     (fan,) = own_effects(tmp_path, ["fan.py"])
     (tmp_path / "fan.py").unlink()
     assert list(gathered(dask, [partial(name_of, fan)] * 2)) == ["Fan", "Fan"]
+    assert list(gathered(dask, [executor_there])) == ["Serial"]  # one that has tasks of its own does them itself
 
 
 def test_what_a_task_raises_is_raised_and_the_others_are_cancelled(dask: Dask, tmp_path: Path) -> None:

@@ -48,6 +48,17 @@ def test_a_listener_who_leaves_ends_the_work() -> None:
     assert mp.active_children() == []
 
 
+def pids() -> tuple[int, set[int]]:
+    """This process, and those that do its own tasks."""
+    return os.getpid(), {pid for _, pid in Processes(2).ended([os.getpid, os.getpid])}
+
+
+def test_a_task_that_has_tasks_does_them_itself() -> None:
+    found = list(gathered(Processes(2), [pids, pids]))
+    assert all(others == {own} for own, others in found)
+    assert os.getpid() not in {own for own, _ in found}
+
+
 def test_an_interrupt_while_workers_start_waits_until_they_have(tmp_path: Path) -> None:
     """Ctrl-C comes just before a worker is told what to do: cut off there, it would answer with a traceback."""
     script = tmp_path / "parent.py"
