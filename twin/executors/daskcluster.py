@@ -88,7 +88,7 @@ class Dask:
                     yield number[future.key], result
                 if len(good) < len(some):
                     bad = min((f for f in some if f not in good), key=lambda f: number[f.key])
-                    raise self._failed(bad, number)
+                    raise self._failed(bad, number)  # a lost scheduler has cancelled it
         finally:
             if left and self.client.status == "running":
                 self.client.cancel(list(left.values()))
@@ -135,8 +135,6 @@ class Dask:
     def _failed(self, future: "Future[Any]", number: Mapping[Any, int]) -> BaseException:
         from distributed import KilledWorker
 
-        if future.status == "cancelled":
-            return self._lost()
         with self._reached():
             error = future.exception()
         task = f"task {number[future.key] + 1} of {len(number)}"
@@ -144,8 +142,8 @@ class Dask:
             last = getattr(error.last_worker, "address", error.last_worker)
             return ChildProcessError(
                 f"{task} ended every worker that ran it, {error.allowed_failures + 1} in all, the last "
-                f"{last}: most likely its memory does not suffice; start workers with more (--memory-limit); "
-                f"{AGAIN}"
+                f"{last}: most likely its memory does not suffice; start workers with more, by "
+                f"--memory-limit; {AGAIN}"
             )
         if isinstance(error, MemoryError):
             return ChildProcessError(f"{task}: the memory of its worker does not suffice ({error}); {AGAIN}")
@@ -197,8 +195,7 @@ class _Seen:
     def refused(self, here: Surroundings) -> str:
         """Why its results might differ from those here, one sentence; "" where they cannot."""
         if different := self.of.differences(here):
-            return (f"worker {self.name} has {'; '.join(different)}; install there what is here, or leave it "
-                    "out")  # fmt: skip
+            return f"worker {self.name} has {'; '.join(different)}; install there what is here, or end it"
         if self.threads != 1:
             return (f"worker {self.name} has {self.threads} threads, wanted 1: tasks beside each other in "
                     f"one process disturb each other; start it {START}")  # fmt: skip

@@ -53,10 +53,10 @@ class Surroundings:
 
 
 def sources_of(root: Path, packages: Sequence[str] = PACKAGES) -> str:
-    """A digest of the Python sources of packages below a folder."""
+    """A digest of the Python sources and tables of packages below a folder."""
     h = sha256()
     for package in packages:
-        for file in sorted((root / package).rglob("*.py")):
+        for file in sorted(f for f in (root / package).rglob("*") if f.suffix in (".py", ".npz")):
             h.update(file.relative_to(root).as_posix().encode() + b"\0" + file.read_bytes())
     return h.hexdigest()[:12]
 

@@ -15,6 +15,7 @@ import pytest
 
 from fe import Case
 from twin.executors.local import WORKERS, Processes
+from twin.executors.protocol import gathered
 from twin.model.loadpaths import NOTHING, along_path
 
 
