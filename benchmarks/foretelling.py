@@ -43,8 +43,8 @@ import numpy as np
 from twin.bench.predicting import NORMAL, with_errors
 from twin.diagnosis.procedure import diagnose
 from twin.effects.protocol import Unsolvable
+from twin.executors.local import Processes
 from twin.judging.intervals import fit_record
-from twin.parallel import finished
 from twin.targets import Array, Targets
 from twin.virtual.protocols import CORNERS, TOP
 
@@ -172,7 +172,7 @@ def main() -> int:
     else:
         had = {row["key"] for row in ROWS.every()}
         tasks = [partial(attempted, film) for film in wanted if film.key not in had]
-        for _, row in finished(tasks, workers=typed.workers):
+        for _, row in Processes(typed.workers).ended(tasks):
             ROWS.add(row)
             print(f"{row['key']}: {told([row])}", file=sys.stderr, flush=True)
         rows = [row for row in ROWS.every() if row["key"] in {f.key for f in wanted}]

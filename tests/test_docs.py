@@ -148,8 +148,10 @@ def test_files_that_code_spans_name_exist(page: Path) -> None:
 
 
 def blocks(text: str) -> list[tuple[str, str]]:
-    """(kind, body) of every code block; of one that stands below a line "`targets/FILE`:" the kind is FILE."""
-    named = {body: file for file, body in re.findall(r"^`targets/(\S+)`:\n\n```\w+\n(.*?)^```$", text, re.S | re.M)}
+    """(kind, body) of every code block; of one that stands below a line "`targets/FILE`:" the kind is FILE, and
+    below "`slurm.toml`:" that."""
+    below = r"^`(?:targets/)?((?<=/)\S+|slurm\.toml)`:\n\n```\w+\n(.*?)^```$"
+    named = {body: file for file, body in re.findall(below, text, re.S | re.M)}
     return [(named.get(body, kind), body) for kind, body in BLOCK.findall(text)]
 
 

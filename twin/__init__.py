@@ -5,8 +5,7 @@ it is first used, so that `import twin` stays quick.
 
 Beside the rooms lie `targets`, what was measured, as arrays; `gravity` and `sanity`, what it obeys; `chain`,
 the one list of commands, which `cli` reads, `main` starts and `console` prints; `notebook` and `results`, the
-same for Python; `numerals`, how numbers are written; `effort`, what was solved and what it cost; and
-`parallel`, work on all processors.
+same for Python; `numerals`, how numbers are written; and `effort`, what was solved and what it cost.
 """
 
 from importlib import import_module

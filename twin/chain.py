@@ -37,6 +37,7 @@ class Command:
     title: str  # what it does, one sentence
     function: str  # "module:function", imported when it runs: the list is cheap
     needs: Needs = Needs.LOCK
+    solves: bool = False  # it solves many models, which a cluster may do
 
     def run(self, of: Any, say: Any, **options: Any) -> dict[str, Any]:
         """What --json prints, once the command has run; `of` is what it needs, `options` are its own."""
@@ -62,7 +63,7 @@ class Stage(Command):
 COMMANDS = (
     Command(
         name="demo", title="Run all stages on a recorded demo.",
-        function="twin.commands.demo:run_demo", needs=Needs.FOLDER,
+        function="twin.commands.demo:run_demo", needs=Needs.FOLDER, solves=True,
     ),
     Command(
         name="init", title="Make a project folder with a commented twin.toml.",
@@ -104,49 +105,49 @@ COMMANDS = (
         name="calibrate", title="Fit the material constants to the displacements.",
         reads=("[model]", "[points]", "[calibrate]", TARGETS, DECK),
         writes=(FIT, "generations.npz", "candidates.npz", "prediction.npz", "judged.npz", "comparison.json"),
-        function="twin.commands.calibrate:run_calibrate",
+        function="twin.commands.calibrate:run_calibrate", solves=True,
     ),
     Stage(
         name="compare", title="Say where the model and the measurement differ.",
         reads=("[model]", "[points]", "[calibrate]", TARGETS, DECK, FIT),
         writes=("comparison.json", "prediction.npz"),
-        function="twin.commands.compare:run_compare",
+        function="twin.commands.compare:run_compare", solves=True,
     ),
     Stage(
         name="diagnose", title="Name the physical effect that the model lacks.",
         reads=("[model]", "[points]", "[calibrate]", "[diagnose]", TARGETS, DECK, FIT),
         writes=("diagnosis.json", "kept.json", "evidence.json", "evidence.npz", "prediction.npz"),
-        function="twin.commands.diagnose:run_diagnose",
+        function="twin.commands.diagnose:run_diagnose", solves=True,
     ),
     Stage(
         name="explain", title="Show what speaks for an effect, and where: the evidence for it.",
         reads=("[model]", "[points]", "[calibrate]", TARGETS, DECK, FIT, "diagnosis.json"),
         writes=("evidence.json", "evidence.npz"),
-        function="twin.commands.explain:run_explain", when=When.ASKED,
+        function="twin.commands.explain:run_explain", solves=True, when=When.ASKED,
     ),
     Stage(
         name="add", title="Add an effect to the model, fit again and compare.",
         reads=("[model]", "[points]", "[calibrate]", TARGETS, DECK, FIT, "diagnosis.json"),
         writes=(FIT, "comparison.json", "prediction.npz", "judged.npz", "fields.npz"),
-        function="twin.commands.add:run_add", when=When.NAMED,
+        function="twin.commands.add:run_add", solves=True, when=When.NAMED,
     ),
     Stage(
         name="drop", title="Take an effect out of the model, fit again and compare.",
         reads=("[model]", "[points]", "[calibrate]", TARGETS, DECK, FIT),
         writes=(FIT, "comparison.json", "prediction.npz", "judged.npz", "fields.npz"),
-        function="twin.commands.drop:run_drop", when=When.ASKED,
+        function="twin.commands.drop:run_drop", solves=True, when=When.ASKED,
     ),
     Stage(
         name="profile", title="Say how well each parameter is known, by likelihood profiles.",
         reads=("[model]", "[points]", "[calibrate]", TARGETS, DECK, FIT),
         writes=("profile.json", "profile.csv", "profile.png"),
-        function="twin.commands.profile:run_profile", when=When.ASKED,
+        function="twin.commands.profile:run_profile", solves=True, when=When.ASKED,
     ),
     Stage(
         name="predict", title="Predict displacements under another pressure, with their intervals.",
         reads=("[model]", "[points]", "[calibrate]", TARGETS, DECK, FIT),
         writes=("predicted.json", "predicted.csv", "predicted.png", "predicted.pvd", "predicted.rrd"),
-        function="twin.commands.predict:run_predict", when=When.ASKED,
+        function="twin.commands.predict:run_predict", solves=True, when=When.ASKED,
     ),
     Stage(
         name="export", title="Write the calibrated finger as a deck, as JSON, or as a table.",
@@ -160,17 +161,17 @@ COMMANDS = (
         reads=("[model]", "[points]", "[calibrate]", "[study]", TARGETS, DECK, "candidates.npz"),
         writes=("study.json", "figure-5a.svg", "figure-5b.svg", "figure-5c.svg", "figure-6a.svg",
                 "figure-6b.svg", "figure-6c.svg", "figure-6d.svg"),
-        function="twin.commands.study:run_study", when=When.ASKED,
+        function="twin.commands.study:run_study", solves=True, when=When.ASKED,
     ),
     Stage(
         name="review", title="Write the report, and the film beside the simulation for rerun.",
         reads=("[project]", "[model]", "[points]", "[calibrate]", TARGETS, DECK, FIT, "diagnosis.json"),
         writes=("report.html", "review.rrd", "clip.mp4", "deformed.png", "deformed.pvd"),
-        function="twin.commands.review:run_review",
+        function="twin.commands.review:run_review", solves=True,
     ),
     Command(
         name="recalibrate", title="Run every stage that is stale; in a folder, all batches.",
-        function="twin.commands.recalibrateall:run_recalibrate", needs=Needs.ROOT,
+        function="twin.commands.recalibrateall:run_recalibrate", needs=Needs.ROOT, solves=True,
     ),
     Command(
         name="batches", title="Compare all batches of a folder: does the newest differ?",

@@ -45,6 +45,10 @@ def _parameter(name: str, kind: Any, default: Any) -> Parameter:
 
 PROJECT = _option("project", Path, Path(), "project folder, the one with twin.toml", "--project", "-p")
 JSON = _option("json", bool, False, "print the result as one JSON line, text to stderr", "--json")
+CLUSTER = _parameter("cluster", str, typer.Option(
+    "", metavar="WHERE", envvar="DASK_SCHEDULER_ADDRESS", show_envvar=False,
+    help="solve on a cluster: tcp://HOST:8786, scheduler.json, slurm.toml",
+))
 MADE = _argument("folder", Path, ..., "project folder to make")
 NUMBER, NAMES = float | None, list[str]
 
@@ -160,7 +164,8 @@ def settings(
 def _typed(command: Command) -> Callable[..., None]:
     """The function that the parser takes for a command: its parameters are the command's."""
     own = OPTIONS.get(command.name, ())
-    parameters = [*own, *(() if command.needs is Needs.FOLDER else (PROJECT,)), JSON]
+    parameters = [*own, *(() if command.needs is Needs.FOLDER else (PROJECT,)),
+                  *((CLUSTER,) if command.solves else ()), JSON]  # fmt: skip
 
     def typed(**given: Any) -> None:
         _run(command, **given)
@@ -179,9 +184,20 @@ for _command in COMMANDS:
     app.command(_command.name, help=_command.title, short_help=_short(_command.title))(_typed(_command))
 
 
-def _run(command: Command, /, *, json: bool, project: Path = Path(), **options: Any) -> None:
-    """Run a command on what it needs, and print its result."""
+def _run(command: Command, /, *, json: bool, cluster: str = "", **options: Any) -> None:
+    """Run a command where it is to solve, and print its result."""
     say = Console(as_json=json)
+    if not cluster:
+        _run_here(command, say, **options)
+        return
+    from twin.executors.clusters import on_cluster
+
+    with on_cluster(cluster, say):
+        _run_here(command, say, **options)
+
+
+def _run_here(command: Command, say: Console, /, *, project: Path = Path(), **options: Any) -> None:
+    """Run a command on what it needs, and print its result."""
     if command.name == "compare" and (two := options.pop("two")):
         from twin.commands.comparetwo import run_side_by_side
 

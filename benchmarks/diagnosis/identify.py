@@ -2,7 +2,7 @@
 beside.
 
     python benchmarks/diagnosis/identify.py [--quick] [--json] [--folder DIR] [--only GROUP ..] [--share K/N]
-        [--workers N] [--frozen COMMIT]
+        [--workers N] [--cluster WHERE] [--frozen COMMIT]
 
 Every trial hides something of a stated non-centrality in a truth of another mesh and element
 (`snapshots.py` beside it), draws noise and markers, and runs `twin.diagnosis.procedure.diagnose` on a model
@@ -48,7 +48,9 @@ from benchmarks.diagnosis.trialbench import (
 
 import numpy as np
 
-from twin.parallel import finished
+from twin.executors.chosen import current, using
+from twin.executors.clusters import on_cluster
+from twin.executors.local import Processes
 from twin.targets import Array
 from twin.virtual.hidden import KINDS, Kind
 
@@ -189,12 +191,10 @@ def frozen(commit: str) -> dict[str, Any]:
     return {"frozen": full, "changed_since": git("diff", "--name-only", full, "--", *RULE).split()}
 
 
-def ran(
-    todo: Sequence[Spec], file: Path, *, workers: int, until: float, tell: bool
-) -> Iterable[dict[str, Any]]:
+def ran(todo: Sequence[Spec], file: Path, *, until: float, tell: bool) -> Iterable[dict[str, Any]]:
     """The rows of trials as they end, each written to a file; none is waited for after `until`."""
     with file.open("a", encoding="utf-8") as out:
-        for k, (_, row) in enumerate(finished([partial(attempted, s) for s in todo], workers=workers)):
+        for k, (_, row) in enumerate(current().ended([partial(attempted, s) for s in todo])):
             out.write(json.dumps(row) + "\n")
             out.flush()
             if tell:
@@ -211,6 +211,7 @@ def main() -> int:
         "--only": {"nargs": "*", "default": (), "help": "groups, such as 'P5 same'"},
         "--share": ("1/1", "which part of the trials to run: 1/2, 2/2"),
         "--workers": (1, "processes"),
+        "--cluster": (str, "instead: tcp://HOST:8786, scheduler.json, slurm.toml"),
         "--frozen": (str, "the commit by which the rule was frozen"),
         "--table": "run nothing; make the table of what is there",
     }, quick="a tenth of the trials; nothing is written", json="print the table as JSON")  # fmt: skip
@@ -225,7 +226,8 @@ def main() -> int:
     todo = [] if typed.table else [s for s in wanted[part - 1 :: parts] if s.key not in have]
     name = f"{part}of{parts}-{'-'.join(typed.only) or 'all'}.jsonl".replace(" ", "_")
     until = began + QUICK_S if typed.quick else np.inf
-    rows += ran(todo, folder / name, workers=typed.workers, until=until, tell=not typed.json)
+    with using(Processes(typed.workers)), on_cluster(typed.cluster or "", _said):
+        rows += ran(todo, folder / name, until=until, tell=not typed.json)
     table = tabulated(wanted, rows) | frozen(commit)
     table["seconds"]["of_this_run"] = time.perf_counter() - began
     if not (typed.quick or typed.only):
@@ -233,6 +235,10 @@ def main() -> int:
         TABLE.write_text(json.dumps(table, indent=1) + "\n", encoding="utf-8")
     print(json.dumps(table, indent=None if typed.json else 1))
     return 0
+
+
+def _said(text: str) -> None:
+    print(text, file=sys.stderr, flush=True)
 
 
 def tabulated(wanted: Sequence[Spec], rows: Sequence[dict[str, Any]]) -> dict[str, Any]:

@@ -7,6 +7,7 @@ draws of one truth share one base model, whose solves they start from, so that a
 import tempfile
 import time
 from collections.abc import Callable, Mapping, Sequence
+from copy import deepcopy
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -24,18 +25,20 @@ from twin.diagnosis.record import DiagnosisRecord
 from twin.effects.baselaw import Constants
 from twin.effects.library import effect
 from twin.effects.protocol import Effect
+from twin.executors.chosen import current
+from twin.executors.protocol import gathered
 from twin.judging.fitting import fit_model, whitener_of
 from twin.model.basemodel import base_model
 from twin.model.discretisation import SolvedAt, discretisation_error
 from twin.model.prediction import Model
 from twin.model.structure import base_case, of_finger
-from twin.parallel import WORKERS, finished
 from twin.project.config import DiagnoseTable
 from twin.targets import Array, Targets
 
 # The finger's markers sit on nodes of the flat lower edge of the side face y = 11.5 mm, as far as the tip.
 STATIONS = (12, 22, 32, 42, 52, 64)  # in 1/72 of the bellows' 100 mm; 42 is the node 5848
 NAMES = ("p1", "p2", "p3", "middle", "p5", "p6", "tip")
+SHARE = 5  # draws of a task, whatever the number of workers: they start from each other's solves
 WANTED = 0.95  # share of right verdicts: 19 of 20
 # Where every prefit starts: the study's constants.
 NOMINAL = np.array([0.214, 0.083])  # MPa, C10 and C01
@@ -129,7 +132,8 @@ def verdicts(
     seeds: Sequence[int],
 ) -> list[Diagnosis]:
     """The diagnoses of these draws, a printed line for each."""
-    case, found, (model, start) = base_case(lattice=Lattice()), [], prefit
+    # what a model has solved, others start from: each share of the draws begins with the same
+    case, found, (model, start) = base_case(lattice=Lattice()), [], deepcopy(prefit)
     for seed in seeds:
         began = time.perf_counter()
         said = diagnose(model, effects, laboratory.targets(case, seed), seed=0, start=start)
@@ -159,9 +163,9 @@ def report(
     case = base_case(lattice=Lattice())
     prefit = prepared(case, laboratory.targets(case, 0))
     print(f"{'seed':>5s} {'before':>7s} {'after':>7s} {'noise':>7s}  mm rms   s  verdict (law)")
-    shares = [range(k, count, WORKERS) for k in range(min(WORKERS, count))]
+    shares = [range(k, min(k + SHARE, count)) for k in range(0, count, SHARE)]
     tasks = [partial(verdicts, laboratory, prefit, effects, seeds) for seeds in shares]
-    found = [said for _, some in finished(tasks, workers=WORKERS) for said in some]
+    found = [said for some in gathered(current(), tasks) for said in some]
     good = sum(map(right, found))
     print(f"{title}: {good} of {count} right, wanted {WANTED:.0%}", flush=True)
     return good >= WANTED * count - 1e-9, found

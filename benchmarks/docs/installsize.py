@@ -5,7 +5,8 @@
 Needed is what the commands of a kind of user load, and what that requires in turn. Then the same commands run
 again with every other package barred: what runs so runs without them. `films`: from pixels
 to the report; `tables`: displacements measured elsewhere to the prediction; `worker`: a structure solved with
-`fe`, as a cluster does. Results go to `benchmarks/results/install.json`. About four minutes.
+`fe`; `cluster`: a worker of dask, with dask, that solves a load path. Results go to
+`benchmarks/results/install.json`. About four minutes.
 """
 
 import json
@@ -78,7 +79,25 @@ def worker(folder: Path, barred: Sequence[str]) -> set[str]:
     return ran((), folder, barred=barred, script=script)
 
 
-KINDS = {"films": films, "tables": tables, "worker": worker}
+ON_WORKER = """
+import distributed.cli.dask_worker
+import numpy as np
+from twin.executors.daskcluster import _served
+from twin.executors.surroundings import Surroundings
+from twin.model.discretisation import _response
+from twin.model.loadpaths import NOTHING, along_path
+from twin.model.structure import BuiltIn, base_case
+case, reduced = base_case(), np.array([0.0, 0.01])
+print(Surroundings.here().versions, along_path(case, 0.3, 0.3, reduced, case.nodes[:1], NOTHING).shape)
+"""
+
+
+def cluster(folder: Path, barred: Sequence[str]) -> set[str]:
+    """What a worker of dask needs to solve a task of `twin calibrate`."""
+    return ran((), folder, barred=barred, script=ON_WORKER)
+
+
+KINDS = {"films": films, "tables": tables, "worker": worker, "cluster": cluster}
 
 
 def alone(commands: Callable[[Path, Sequence[str]], set[str]], barred: Sequence[str]) -> set[str]:
@@ -119,18 +138,20 @@ def main() -> int:
     """Print the table, and write it."""
     typed = options(__doc__, json="one JSON line")
     tops, whole = packages_distributions(), required("softtwin", set()) - {"softtwin"}
-    sizes = {name: size(name) for name in whole}
+    every = whole | required("distributed", set())
+    sizes = {name: size(name) for name in every}
     found: dict[str, list[str]] = {}
     for kind, commands in KINDS.items():
         loaded = alone(commands, ())
-        names = {plain(n) for top in loaded for n in tops.get(top, ())} & whole
-        found[kind] = sorted(set().union(*(required(n, set()) for n in names)) & whole)
+        names = {plain(n) for top in loaded for n in tops.get(top, ())} & every
+        found[kind] = sorted(set().union(*(required(n, set()) for n in names)) & every)
         print(f"{kind}: {', '.join(found[kind])}", file=sys.stderr, flush=True)
         owners = {top: {plain(n) for n in names} for top, names in tops.items()}
-        alone(commands, [top for top, n in owners.items() if n & whole and not n & set(found[kind])])
-    figures = {"whole": sum(sizes.values())} | {k: sum(sizes[n] for n in names) for k, names in found.items()}
+        alone(commands, [top for top, n in owners.items() if n & every and not n & set(found[kind])])
+    figures = {"whole": sum(sizes[n] for n in whole)}
+    figures |= {kind: sum(sizes[n] for n in names) for kind, names in found.items()}
     figures = {kind: round(value) for kind, value in figures.items()}
-    largest = dict(sorted(((n, round(x)) for n, x in sizes.items()), key=lambda row: -row[1])[:12])
+    largest = dict(sorted(((n, round(sizes[n])) for n in whole), key=lambda row: -row[1])[:12])
     table = {"install_mb": figures, "largest_mb": largest}
     RESULT.write_text(json.dumps(table, indent=1) + "\n", encoding="utf-8")
     if typed.json:

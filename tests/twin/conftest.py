@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from fe import Case, Finger, Lattice
-from twin.bench import caches
+from twin.executors.chosen import using
+from twin.executors.local import Serial
 from twin.model.structure import BuiltIn, base_case
 from twin.targets import Noise, PointKind, TargetPoint, Targets, at_node
 
@@ -45,8 +46,7 @@ def coarsest_case() -> Case:
 @pytest.fixture(scope="session")
 def one_process() -> Iterator[None]:
     """All work in this process: on a finger so small, starting others costs more than they save."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(caches, "WORKERS", 1)
+    with using(Serial()):
         yield
 
 

@@ -6,6 +6,7 @@ import os
 import re
 import subprocess
 import sys
+from contextlib import contextmanager
 from importlib.metadata import version
 from pathlib import Path
 
@@ -14,6 +15,9 @@ import pytest
 
 from twin import chain, cli, console
 from twin.commands import demo
+from twin.executors import clusters
+from twin.executors.chosen import current, using
+from twin.executors.local import Serial
 from twin.project import files
 from twin.project.config import Config
 from twin.project.folder import Project, dataset
@@ -132,6 +136,29 @@ def test_a_stage_gets_the_project_and_says_what_it_did(run, study, stages):
     assert (code, out) == (0, "calibrate: did it\n")
     assert run("add", "creep", "-p", study)[0] == 0
     assert stages.calls == [("calibrate",), ("add", "creep")]
+
+
+def test_a_command_that_solves_much_takes_a_cluster(run, study, stages, monkeypatch):
+    sentence = "error: --cluster head:1: wanted tcp://HOST:8786, the scheduler's JSON file, or a slurm.toml"
+    for command in chain.COMMANDS:
+        assert ("--cluster" in run(command.name, "--help")[1]) == command.solves
+    code, _, err = run("calibrate", "-p", study, "--cluster", "head:1")
+    assert (code, err.startswith(sentence), stages.calls) == (2, True, [])
+    monkeypatch.setenv("DASK_SCHEDULER_ADDRESS", "head:1")  # as programs of dask have it
+    assert run("calibrate", "-p", study)[::2] == (2, err)
+    assert run("check", "-p", study)[0] == 0  # which solves nothing
+    used = []
+
+    @contextmanager
+    def on_cluster(wanted, say):
+        used.append(wanted)
+        with using(Serial()):
+            yield
+
+    monkeypatch.setattr(clusters, "on_cluster", on_cluster)
+    stages.instead["calibrate"] = lambda project, say: {"workers": type(current()).__name__}
+    assert json.loads(run("calibrate", "-p", study, "--cluster", "tcp://head:2", "--json")[1]) == {"workers": "Serial"}
+    assert used == ["tcp://head:2"]
 
 
 def test_json_stands_alone_on_stdout(run, study, stages):

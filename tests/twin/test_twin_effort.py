@@ -10,9 +10,9 @@ import pytest
 from fe import Case
 from twin import effort
 from twin.effects.library import effect
+from twin.executors.local import Processes
 from twin.model.basemodel import base_model
 from twin.model.memo import KeptModel
-from twin.parallel import finished
 from twin.project.folder import Project
 from twin.report.facts import provenance_of
 from twin.targets import Targets
@@ -46,7 +46,7 @@ def test_every_solve_is_counted_by_its_kind(model: KeptModel) -> None:
 @pytest.mark.parametrize("workers", [1, 2])
 def test_what_workers_solve_is_counted_here(workers: int) -> None:
     before = effort.so_far()
-    list(finished([partial(effort.add, "plain", k, 2.0) for k in (1, 2)], workers=workers))
+    list(Processes(workers).ended([partial(effort.add, "plain", k, 2.0) for k in (1, 2)]))
     assert effort.since(before) == {"plain": effort.Solves(3, 4.0)}
 
 

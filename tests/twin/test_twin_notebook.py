@@ -12,10 +12,11 @@ import pytest
 import twin
 from fe import Case, Finger, Lattice
 from twin import notebook
-from twin.bench import caches
 from twin.chain import STAGES
 from twin.commands.init import run_init
 from twin.effects.material import Elasticity
+from twin.executors.chosen import using
+from twin.executors.local import Serial
 from twin.formats.catalogue import read_recorded
 from twin.formats.conversion import targets_of
 from twin.model.basemodel import base_model
@@ -52,8 +53,7 @@ def batch(coarsest_case: Case, tmp_path_factory: pytest.TempPathFactory) -> Iter
                     calibrate=CalibrateTable(population=4, generations=1, bounds={"C10": (0.15, 0.3), "C01": (0.0, 0.5)}))  # fmt: skip
     (folder / "twin.toml").write_text(dump(config), encoding="utf-8")
     write_targets(folder / "targets", made(csv, nodes))
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(caches, "WORKERS", 1)  # on a finger so small, starting processes costs more than they save
+    with using(Serial()):  # on a finger so small, starting processes costs more than they save
         yield folder
 
 

@@ -8,8 +8,9 @@ import numpy as np
 from pydantic import RootModel
 
 from twin.effects.baselaw import Constants
+from twin.executors.chosen import current
+from twin.executors.local import Serial
 from twin.model.discretisation import SolvedAt
-from twin.parallel import WORKERS, finished
 from twin.project import files
 from twin.project.folder import Say
 from twin.project.record import Record
@@ -21,8 +22,8 @@ FURTHER = 1.7  # at most: curves of few levels that reach much too far are coars
 
 @dataclass(frozen=True)
 class FolderCache:
-    """The arrays of a folder, one file a key; what is missing is made by all processors, and a killed run
-    keeps what was finished."""
+    """The arrays of a folder, one file a key; what is missing is made by the executor in use, and a killed
+    run keeps what was finished."""
 
     folder: Path
     say: Say
@@ -31,8 +32,9 @@ class FolderCache:
         """The array of every task by its key."""
         path = {key: self.folder / f"{key}.npz" for key in tasks}
         missing = [key for key in tasks if not path[key].exists()]
-        made = finished([tasks[key] for key in missing], workers=WORKERS)
-        for done, (k, array) in enumerate(made, start=1):
+        executor = current() if len(missing) > 1 else Serial()  # one alone gains nothing elsewhere
+        made = executor.ended([tasks[key] for key in missing])
+        for done, (k, array) in enumerate(made, start=1):  # by its key: in any order
             self.say.progress(stage, done, len(missing))
             files.write_npz(path[missing[k]], {"array": array})
         return {key: np.asarray(files.read_npz(path[key], "array")["array"], float) for key in tasks}

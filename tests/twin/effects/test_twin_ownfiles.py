@@ -8,7 +8,7 @@ import pytest
 from twin.effects.library import effect
 from twin.effects.ownfiles import own_effects
 from twin.effects.protocol import Effect
-from twin.parallel import finished
+from twin.executors.local import Processes
 
 FAN = '''"""A fan blows on the finger."""
 from dataclasses import dataclass
@@ -64,7 +64,7 @@ def test_workers_have_the_effects_of_a_file_as_they_were_read(tmp_path: Path) ->
     (slow,) = own_effects(tmp_path, [write(tmp_path, FAN.replace("Wind(2.0)", "Wind(1.0)"))])
     (tmp_path / name).unlink()  # a worker needs no file, and sees no later one
     tasks = [partial(started, e) for e in (fan, slow)]
-    assert dict(finished(tasks, workers=2)) == {0: (2.0, "Fan"), 1: (1.0, "Fan")}
+    assert dict(Processes(2).ended(tasks)) == {0: (2.0, "Fan"), 1: (1.0, "Fan")}
 
 
 @pytest.mark.parametrize(

@@ -14,19 +14,20 @@ import psutil
 import pytest
 
 from fe import Case
+from twin.executors.local import WORKERS, Processes
+from twin.executors.protocol import gathered
 from twin.model.loadpaths import NOTHING, along_path
-from twin.parallel import WORKERS, finished
 
 
 @pytest.mark.parametrize("workers", [1, 2])
 def test_every_result_has_its_task_number(workers: int) -> None:
     tasks = [partial(operator.mul, k, k) for k in range(5)]
-    assert dict(finished(tasks, workers=workers)) == {k: k * k for k in range(5)}
+    assert dict(Processes(workers).ended(tasks)) == {k: k * k for k in range(5)}
 
 
 def test_one_worker_does_in_turn_what_is_asked_for() -> None:
     done: list[int] = []
-    results = finished([partial(done.append, k) for k in range(3)], workers=1)
+    results = Processes(1).ended([partial(done.append, k) for k in range(3)])
     assert next(results) == (0, None)
     assert done == [0]  # the others may still turn out not to be needed
     assert [k for k, _ in results] == [1, 2]
@@ -35,11 +36,11 @@ def test_one_worker_does_in_turn_what_is_asked_for() -> None:
 @pytest.mark.parametrize("workers", [1, 2])
 def test_what_a_task_raises_is_raised(workers: int) -> None:
     with pytest.raises(ValueError, match="could not convert string to float: 'x'"):
-        list(finished([partial(float, "x"), partial(float, "1")], workers=workers))
+        list(Processes(workers).ended([partial(float, "x"), partial(float, "1")]))
 
 
 def test_a_listener_who_leaves_ends_the_work() -> None:
-    results = finished([partial(time.sleep, 0.0), partial(time.sleep, 600.0)], workers=2)
+    results = Processes(2).ended([partial(time.sleep, 0.0), partial(time.sleep, 600.0)])
     assert next(results) == (0, None)
     results.close()
     deadline = time.monotonic() + 60
@@ -48,12 +49,23 @@ def test_a_listener_who_leaves_ends_the_work() -> None:
     assert mp.active_children() == []
 
 
+def pids() -> tuple[int, set[int]]:
+    """This process, and those that do its own tasks."""
+    return os.getpid(), {pid for _, pid in Processes(2).ended([os.getpid, os.getpid])}
+
+
+def test_a_task_that_has_tasks_does_them_itself() -> None:
+    found = list(gathered(Processes(2), [pids, pids]))
+    assert all(others == {own} for own, others in found)
+    assert os.getpid() not in {own for own, _ in found}
+
+
 def test_an_interrupt_while_workers_start_waits_until_they_have(tmp_path: Path) -> None:
     """Ctrl-C comes just before a worker is told what to do: cut off there, it would answer with a traceback."""
     script = tmp_path / "parent.py"
     script.write_text(
         "import os, signal, threading, time\nfrom multiprocessing import util\n"
-        "from functools import partial\nfrom twin.parallel import finished\n"
+        "from functools import partial\nfrom twin.executors.local import Processes\n"
         "honest = util.spawnv_passfds\n"
         "def spawned(*given):\n"
         "    child = honest(*given)\n"
@@ -66,7 +78,7 @@ def test_an_interrupt_while_workers_start_waits_until_they_have(tmp_path: Path) 
         "    threading.Thread(target=time.sleep, args=(600,), daemon=True).start()  # a thread that takes it\n"
         "    util.spawnv_passfds = spawned\n"
         "    try:\n"
-        "        list(finished([partial(time.sleep, 600)] * 2, workers=2))\n"
+        "        list(Processes(2).ended([partial(time.sleep, 600)] * 2))\n"
         "    except KeyboardInterrupt:\n"
         "        print('interrupted')\n"
     )
@@ -77,9 +89,9 @@ def test_an_interrupt_while_workers_start_waits_until_they_have(tmp_path: Path) 
 def test_work_ends_with_a_killed_parent(tmp_path: Path) -> None:
     script = tmp_path / "parent.py"
     script.write_text(
-        "import time\nfrom functools import partial\nfrom twin.parallel import finished\n"
+        "import time\nfrom functools import partial\nfrom twin.executors.local import Processes\n"
         "if __name__ == '__main__':\n"
-        "    for k, _ in finished([partial(time.sleep, 0), partial(time.sleep, 600)], workers=2):\n"
+        "    for k, _ in Processes(2).ended([partial(time.sleep, 0), partial(time.sleep, 600)]):\n"
         "        print(k, flush=True)\n"
     )
     with subprocess.Popen([sys.executable, str(script)], stdout=subprocess.PIPE, text=True) as parent:
@@ -92,7 +104,7 @@ def test_work_ends_with_a_killed_parent(tmp_path: Path) -> None:
 
 
 def test_there_are_as_many_workers_as_processors_allowed() -> None:
-    ask = "import os; os.sched_setaffinity(0, {CPU}); from twin.parallel import WORKERS; print(WORKERS)"
+    ask = "import os; os.sched_setaffinity(0, {CPU}); from twin.executors.local import WORKERS; print(WORKERS)"
     one = ask.replace("CPU", str(min(os.sched_getaffinity(0))))
     found = subprocess.run([sys.executable, "-c", one], capture_output=True, text=True, check=True, timeout=120)
     assert found.stdout.split() == ["1"]
@@ -102,7 +114,7 @@ def test_there_are_as_many_workers_as_processors_allowed() -> None:
 def test_solves_give_the_same_bits_in_any_number_of_processes(coarsest_case: Case) -> None:
     reduced, points = np.linspace(0.0, 0.05, 4), coarsest_case.position(4401)[None]
     tasks = [partial(along_path, coarsest_case, share, 0.3, reduced, points, NOTHING) for share in (0.2, 0.6)]
-    alone, together = (dict(finished(tasks, workers=workers)) for workers in (1, 2))
+    alone, together = (dict(Processes(workers).ended(tasks)) for workers in (1, 2))
     assert np.abs(alone[0]).max() > 0.1  # mm
     for k in range(len(tasks)):
         np.testing.assert_array_equal(alone[k], together[k])

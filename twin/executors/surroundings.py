@@ -1,0 +1,79 @@
+"""What a result's last bit may depend on beside the task: versions, sources, threads, processor.
+
+Workers must agree with this computer in all of it but the processor, of which the user is told.
+"""
+
+import os
+import platform
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache
+from hashlib import sha256
+from importlib import import_module, metadata
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[2]
+PACKAGES = ("vision", "fe", "calibrate", "twin")
+LIBRARIES = ("numpy", "scipy", "numba", "llvmlite", "pypardiso", "mkl", "pymoo")
+THREADS = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS")
+
+
+@dataclass(frozen=True)
+class Surroundings:
+    """Versions of Python, softtwin and the libraries by name ("none" where one is not installed), a digest of
+    softtwin's sources, threads by environment variable, and what the processor can do."""
+
+    versions: tuple[tuple[str, str], ...]
+    sources: str
+    threads: tuple[tuple[str, str], ...]
+    processor: tuple[str, ...]
+
+    def differences(self, here: "Surroundings") -> list[str]:
+        """How a worker's differ from those here so that its results might, a few words each."""
+        theirs, own = dict(self.versions), dict(here.versions)
+        found = [f"{name} {theirs.get(name, 'none')}, here {own[name]}" for name in own
+                 if theirs.get(name, "none") != own[name]]  # fmt: skip
+        if not found and self.sources != here.sources:
+            found.append(f"another state of softtwin's sources ({self.sources}, here {here.sources})")
+        return found
+
+    @property
+    def many_threads(self) -> list[str]:
+        """What lets the numerical libraries use more threads than one, a few words each."""
+        return [f"{name} = {value}" for name, value in self.threads if value != "1"]
+
+    @staticmethod
+    @cache
+    def here() -> "Surroundings":
+        """Those of this process."""
+        versions = [("python", platform.python_version()), ("machine", _machine())]
+        versions += [(name, _version(name)) for name in ("softtwin", *LIBRARIES)]
+        threads = tuple((name, os.environ.get(name, "not set")) for name in THREADS)
+        return Surroundings(tuple(versions), sources_of(ROOT), threads, _features())
+
+
+def sources_of(root: Path, packages: Sequence[str] = PACKAGES) -> str:
+    """A digest of the Python sources and tables of packages below a folder."""
+    h = sha256()
+    for package in packages:
+        for file in sorted(f for f in (root / package).rglob("*") if f.suffix in (".py", ".npz")):
+            h.update(file.relative_to(root).as_posix().encode() + b"\0" + file.read_bytes())
+    return h.hexdigest()[:12]
+
+
+def _machine() -> str:
+    return f"{platform.system()} {platform.machine()}"
+
+
+def _version(name: str) -> str:
+    try:
+        return metadata.version(name)
+    except metadata.PackageNotFoundError:
+        return "none"
+
+
+def _features() -> tuple[str, ...]:
+    """The instructions of the processor by which numpy chooses its loops; MKL chooses likewise."""
+    loops = import_module("numpy._core._multiarray_umath")  # what numpy.show_runtime() prints
+    found = getattr(loops, "__cpu_features__", {})
+    return tuple(sorted(name for name, has in found.items() if has))
