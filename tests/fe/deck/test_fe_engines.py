@@ -13,7 +13,8 @@ from pathlib import Path as File
 import numpy as np
 import pytest
 
-from fe import Case
+from fe import Case, solve
+from fe import Path as Course
 from fe.deck.abaqus import EXTRACT, Abaqus
 from fe.deck.calculix import CalculiX
 from fe.deck.embedded import Embedded
@@ -32,7 +33,7 @@ seen.append({{"arguments": sys.argv[1:], "files": sorted(p.name for p in pathlib
 log.write_text(json.dumps(seen))
 if sys.argv[1] == "python":
     assert pathlib.Path("job.odb").exists()
-    shutil.copy({result!r}, sys.argv[4])
+    shutil.copy({result!r}, sys.argv[5])
 else:
     if {fails!r}:
         sys.exit("Abaqus/Analysis exited with errors")
@@ -58,8 +59,12 @@ def stand_in(tmp_path: File) -> Callable[..., tuple[Abaqus, File]]:
 def recorded(case: Case) -> str:
     """What the extraction script writes, from the embedded engine's displacements."""
     found = Embedded().solve(case, PRESSURE)
-    rows = [f"{n},{u[0]:.9g},{u[1]:.9g},{u[2]:.9g}" for n, u in zip(found.labels, found.u)]
-    return "\n".join(["# 1 of 1 s", "label,u1,u2,u3", *rows[::-1], ""])  # in any order
+    rows = [
+        f"{share:.9g},{n},{share * u[0]:.9g},{share * u[1]:.9g},{share * u[2]:.9g}"
+        for share in (0.5, 1.0)
+        for n, u in zip(found.labels, found.u)
+    ]
+    return "\n".join(["share,label,u1,u2,u3", *rows[::-1], ""])  # in any order
 
 
 def test_abaqus_is_run_with_the_studys_settings_and_read(
@@ -75,7 +80,9 @@ def test_abaqus_is_run_with_the_studys_settings_and_read(
     assert job["arguments"] == [
         "job=job", "input=job.inp", "cpus=4", "domains=4", "memory=60%", "interactive", "ask_delete=OFF",
     ]  # fmt: skip
-    assert extraction["arguments"] == ["python", "extract.py", "job.odb", "job.csv"]
+    assert extraction["arguments"] == ["python", "extract.py", "job.odb", "1", "job.csv"]
+    np.testing.assert_allclose(found.share, [0.5, 1.0])
+    np.testing.assert_allclose(found.course[0], found.u / 2, atol=1e-7)
     assert {"job.inp", "extract.py"} <= set(job["files"])
     assert abaqus.folder
     assert read_deck(abaqus.folder / "job.inp").case.element.name == "C3D20RH"  # hybrid, as Abaqus wants it
@@ -90,8 +97,15 @@ def test_an_abaqus_that_fails_or_stops_early_says_so(
     assert "exited with errors" in found.reason
     with pytest.raises(ValueError, match=r"no displacement of node 4401.*exited with errors"):
         found.at(4401)
-    abaqus, _ = stand_in("# 0.25 of 1 s\nlabel,u1,u2,u3\n4401,1,2,3\n")
-    assert abaqus.solve(short, PRESSURE).reason == "stopped at 0.25 of the step"
+    abaqus, _ = stand_in("share,label,u1,u2,u3\n0.25,4401,1,2,3\n")
+    stopped = abaqus.solve(short, PRESSURE)
+    assert stopped.reason == "stopped at 0.25 of the step"
+    np.testing.assert_array_equal(stopped.course, [[[1, 2, 3]]])  # what was reached
+    assert stopped.u.shape == (0, 3)
+    abaqus, _ = stand_in("share,label,u1,u2,u3\n")  # the job stopped before its last step
+    assert abaqus.solve(short, PRESSURE).reason == "the result file holds no displacements"
+    abaqus, _ = stand_in("share,label,u1,u2,u3\n0.5,4401,1,2,3\n1,4401,1,2,3\n1,4402,1,2,3\n")
+    assert "other nodes" in abaqus.solve(short, PRESSURE).reason
 
 
 @pytest.mark.parametrize("engine", [Abaqus(executable="no-such-abaqus"), CalculiX(executable="no-such-ccx")])
@@ -164,3 +178,22 @@ def test_the_embedded_engine_never_raises_for_lack_of_convergence(short: Case) -
     found = Embedded().solve(short, 5.0)
     assert not found.converged
     assert "stopped at" in found.reason
+
+
+def test_calculix_writes_the_course_of_the_pressure_under_a_weight_put_on_before(
+    stub: Case, require: Callable[[str], None]
+) -> None:
+    """Against this kernel in the same elements, at the pressures that CalculiX chose."""
+    require("ccx")
+    case, weight = converted(stub.with_material(density=1.07e-9), "C3D20RH"), np.array([0.0, 0.0, -9810.0])
+    theirs = CalculiX().solve(case, PRESSURE, gravity=weight, levels=4)
+    assert theirs.converged
+    assert theirs.share[0] == 0.0  # the weight alone
+    assert len(theirs.share) > 4
+    ramp = np.array([0.0, 1.0])
+    ours = solve(case, Course(ramp, PRESSURE * ramp, theirs.share, gravity=weight)).fields(range(len(theirs.share)))
+    rows = np.searchsorted(case.labels, theirs.labels)
+    moves = np.abs(ours).max()
+    # six digits in its result file, and its tolerance of the residual: 0.5 %
+    np.testing.assert_allclose(theirs.course, ours[:, rows], atol=1e-3 * moves)
+    assert np.abs(ours[0]).max() > 0.01 * moves  # the weight is felt
