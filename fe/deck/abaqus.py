@@ -4,6 +4,7 @@ Abaqus is not needed for anything else, and is not there where this is tested: t
 the command line by a stand-in that records it.
 """
 
+import re
 import subprocess
 import tempfile
 import time
@@ -65,7 +66,7 @@ class Abaqus:
         command = [self._program(), "information=release"]
         told = subprocess.run(command, capture_output=True, text=True).stdout.splitlines()
         said = (" ".join(line.split()) for line in told)
-        return next((line for line in said if line.startswith("Abaqus")), "Abaqus")
+        return next((line for line in said if re.search(r"Abaqus\b.*(\d{4}|\d\.\d)", line)), "Abaqus")
 
     def _program(self) -> str:
         return program(

@@ -1,6 +1,7 @@
 """The calibrate stage: targets in, the genetic algorithm's history and a least-squares fit out."""
 
 from collections.abc import Callable
+from itertools import count
 from typing import Any
 
 import numpy as np
@@ -18,7 +19,7 @@ from twin.project import files
 from twin.project.folder import Project, Run, Say
 from twin.sanity import doubts, fit_fault, silicone_doubt, stability_doubt
 from twin.study.fullsolves import full_solves
-from twin.study.generations import Generation, search
+from twin.study.generations import Generation, evaluations, search
 from twin.study.known import known_of
 from twin.study.loadpathfit import OnPaths
 from twin.targets import Array
@@ -103,7 +104,7 @@ def _searched(on: OnPaths, run: Run, say: Say) -> Generation:
     run."""
     settings, parameters = on.bench.project.config.calibrate, on.bench.elasticity.parameters
     found = search(
-        parameters, _logged(on, run), run, seed=settings.seed, size=settings.population,
+        parameters, _logged(on, run, say), run, seed=settings.seed, size=settings.population,
         generations=settings.generations, tell=say.progress,
     )  # fmt: skip
     if not np.isfinite(found[-1].rms_mm):
@@ -118,15 +119,19 @@ def _searched(on: OnPaths, run: Run, say: Say) -> Generation:
     return found[-1]
 
 
-def _logged(on: OnPaths, run: Run) -> Callable[[dict[str, float]], float]:
-    """The cost of a candidate; why its job failed, where it did, goes into the run's log."""
-    jobs = on.bench.jobs
+def _logged(on: OnPaths, run: Run, say: Say) -> Callable[[dict[str, float]], float]:
+    """The cost of a candidate. Of a job its end is told, and why it failed, where it did, goes into the run's
+    log."""
+    jobs, own, done = on.bench.jobs, on.bench.project.config.calibrate, count(1)
     if jobs is None:
         return on.cost
+    name, total = jobs.engine.name, evaluations(own.population, own.generations)
+    say(f"{jobs.release} solves the model: {total} jobs for the genetic algorithm, less those already done.")
 
     def cost(values: dict[str, float]) -> float:
         before = len(jobs.failed)
         found = on.cost(values)
+        say.progress(f"jobs of {name}", min(next(done), total), total)
         for reason in jobs.failed[before:]:
             run.append({"event": "failed job", "values": values, "reason": reason})
         return found

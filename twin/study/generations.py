@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibrate import Parameter, Population
+from calibrate.genetic import ELITE
 from twin.effects.baselaw import Constants
 from twin.model.enginemodel import EnginePaths
 from twin.model.loadpaths import Turned
@@ -124,6 +125,11 @@ def search(
         run.append({"event": "generation", "number": len(out), "candidates": x.tolist(), "costs": costs})
         tell("genetic algorithm", len(out), generations)
     return out
+
+
+def evaluations(size: int, generations: int) -> int:
+    """How many candidates a search evaluates: all of the first generation, and all but the elite later."""
+    return size + (generations - 1) * (size - ELITE)
 
 
 def _better(best: tuple[Array, float], x: Array, c: Array) -> tuple[Array, float]:
