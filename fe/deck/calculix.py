@@ -114,8 +114,10 @@ def _read(path: Path, done: "subprocess.CompletedProcess[str]", seconds: float, 
             inside = False
         elif inside and line.startswith(" -1"):
             blocks[-1].append(line)
-    whole = [rows for rows in blocks if len(rows) == len(blocks[0])]  # the last may be cut off
     finished = done.returncode == 0 and "Job finished" in done.stdout
+    if not finished:  # the last is cut off, or the best of an increment that did not converge
+        blocks = blocks[:-1]
+    whole = [rows for rows in blocks if len(rows) == len(blocks[0])]
     told = [line.strip() for line in done.stdout.splitlines() if "*ERROR" in line]
     share = np.array(times[1 : len(whole) + 1]) - (steps - 1)
     if finished and whole:

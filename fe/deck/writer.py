@@ -14,6 +14,7 @@ from fe.mesh.convert import converted
 
 INCREMENTS = 1000  # at most, of the automatic ones
 FIRST_INCREMENT, LARGEST_INCREMENT = 0.05, 0.1  # of the step
+LEAST_INCREMENT = 1e-3  # of a step whose course is wanted: below that it is given up
 CREEP_TOLERANCE = 1e-3  # of the strain, by which creep may differ over an increment
 
 
@@ -129,7 +130,8 @@ def _step(time: float | None, levels: int = 0) -> list[str]:
     largest = length * min(LARGEST_INCREMENT, 1 / levels if levels else 1.0)
     first = min(FIRST_INCREMENT * length, largest)
     ramp = "" if time is None else "AMPLITUDE=RAMP, "
-    increments = f"{first:.6g}, {length:.6g}, {1e-6 * length:.6g}, {largest:.6g}"
+    least = LEAST_INCREMENT if levels else 1e-6  # a search asks for what has no equilibrium, too
+    increments = f"{first:.6g}, {length:.6g}, {least * length:.6g}, {largest:.6g}"
     return [f"*STEP, NLGEOM=YES, {ramp}INC={INCREMENTS}", own, increments]
 
 

@@ -125,16 +125,17 @@ class Workbench:
         The finer meshes are solved at theoretical constants, once for a project, and serve again for others
         nearby.
         """
+        if self.jobs is not None:
+            engine = self.jobs.engine
+            none = Discretisation.none(
+                f"finer meshes are solved by the embedded engine alone, in other elements than {engine.name}'s "
+                f"{engine.kind}"
+            )
+            return _warned(none, say)
         if self.targets.noise is None:
             return None
-        unknown = self.structure.unknown
-        if self.jobs is not None:
-            unknown = (
-                f"finer meshes are solved by the embedded engine alone, in other elements than "
-                f"{self.jobs.engine.name}'s {self.jobs.engine.kind}"
-            )
-        if unknown:
-            return _warned(Discretisation.none(unknown), say)
+        if self.structure.unknown:
+            return _warned(Discretisation.none(self.structure.unknown), say)
         test, own = model.base.test, Constants.of({**model.named(theta), **self.elasticity.fixed})
         solved = SolvedList(
             self.project.root / "cache" / f"{meshes_key(test, self.structure)}-solved.json"

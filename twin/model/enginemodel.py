@@ -12,6 +12,7 @@ import numpy as np
 from calibrate import Parameter
 from fe import Case, Solution
 from fe.deck.course import along
+from fe.element import Integers
 from twin.effects.baselaw import Constants
 from twin.effects.protocol import Effect, Test, Unsolvable
 from twin.gravity import ways
@@ -104,10 +105,10 @@ class EnginePaths:
     top: float
     jobs: EngineJobs
     gravities: Array
-    of_step: Array
+    of_step: Integers
 
     def predict(
-        self, constants: Constants, pressure: Array, *, steps: Array | None = None
+        self, constants: Constants, pressure: Array, *, steps: Integers | None = None
     ) -> Array | None:
         """Displacements (s, p, 3) mm at pressures (s,) MPa; None where a job fails: `jobs.failed` says
         why."""

@@ -110,7 +110,7 @@ StaticStart = Annotated[
     Field(description="time of the static film's first frame on that clock, s; else the film's rest gives "
           "the noise of the gauge"),
 ]  # fmt: skip
-EMBEDDED = "embedded"  # this package's own kernel
+EMBEDDED: Literal["embedded"] = "embedded"  # this package's own kernel
 LIKELY = 0.6  # the value below which DeepLabCut itself draws no point (pcutoff in its config.yaml)
 STIFFEST = 100.0  # MPa, of a constant that may be fitted: hard rubber has 10
 

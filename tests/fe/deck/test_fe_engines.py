@@ -201,6 +201,25 @@ def test_calculix_writes_the_course_of_the_pressure_under_a_weight_put_on_before
     assert np.abs(ours[0]).max() > 0.01 * moves  # the weight is felt
 
 
+def test_of_a_calculix_that_stopped_the_last_block_does_not_count(tmp_path: File) -> None:
+    """It writes its best solution of an increment that did not converge, as if it were one."""
+    program = tmp_path / "ccx"
+    blocks = [
+        f"  100CL  10{k} {time:.5E}           1                     0    {k}           1\n -4  DISP        4    1\n"
+        f" -1      4401 {k:.5E} 0.00000E+00 0.00000E+00\n -3\n"
+        for k, time in ((1, 0.25), (2, 0.5), (3, 0.625))
+    ]
+    end = ' *ERROR: too many cutbacks'
+    code = f"#!{sys.executable}\nopen('job.frd', 'w').write({''.join(blocks)!r})\nprint({end!r})\nraise SystemExit(201)\n"
+    program.write_text(code)
+    program.chmod(program.stat().st_mode | stat.S_IXUSR)
+    found = CalculiX(executable=str(program)).run("*STEP\n")
+    assert not found.converged
+    assert found.reason == "stopped at 0.5 of the step: *ERROR: too many cutbacks"
+    np.testing.assert_array_equal(found.share, [0.25, 0.5])
+    np.testing.assert_array_equal(found.course[:, 0, 0], [1.0, 2.0])
+
+
 # An Abaqus that solves by CalculiX and keeps its result as text; its Python has an `odbAccess` that reads it, so
 # that the extraction script itself is run.
 WORKING = """\
