@@ -25,6 +25,7 @@ from calibrate.parameters import Array, Parameter, bounds
 
 PENALTY = 1e12  # cost of a model that failed: ranks last, and stays finite (a NaN would win tournaments)
 TOURNAMENT = 3
+ELITE = 2  # the best that survive unchanged
 
 
 class _Arithmetic(Crossover):
@@ -85,7 +86,7 @@ class Population:
         *,
         size: int = 30,
         seed: int,
-        elitism: int = 2,
+        elitism: int = ELITE,
         crossover: float = 0.8,
         mutation: float = 0.2,
     ) -> None:

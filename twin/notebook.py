@@ -83,9 +83,11 @@ class OpenedProject:
         or a typical step where that is more. solves: whole solves that it is made of. ValueError without a
         fit that holds, for a range that no parameter has, and where the model has no equilibrium in it.
         """
+        from twin.bench.engines import check_embedded
         from twin.model.answering import RangedResponse
         from twin.model.memo import KeptModel
 
+        check_embedded(self.project, "response")
         bench, theta = self.bench, self.fit.theta
         model = bench.on_mesh(bench.model(), theta, _Said())
         assert isinstance(model, KeptModel)  # as every base model

@@ -3,5 +3,5 @@
 `keywords` splits a deck into keywords, `reader` understands them, `draft` makes a case of what they say;
 `soundness` refuses a case that cannot be meant. `writer` writes a deck. `hyperelastic` is the table of laws
 for both. `engine` is what every program that solves a case offers; `embedded`, `calculix` and `abaqus` are
-one each.
+one each. `course` makes a solution of what another program gave.
 """

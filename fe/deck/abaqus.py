@@ -4,8 +4,7 @@ Abaqus is not needed for anything else, and is not there where this is tested: t
 the command line by a stand-in that records it.
 """
 
-import csv
-import shutil
+import re
 import subprocess
 import tempfile
 import time
@@ -15,30 +14,31 @@ from pathlib import Path
 import numpy as np
 
 from fe.case import Case
-from fe.deck.engine import EngineResult
-from fe.deck.writer import deck
+from fe.deck.engine import EngineResult, program
+from fe.deck.writer import deck, steps_of
 from fe.element import Array
 
-# Runs under Abaqus's own Python, of any version: the last frame's displacements of every node as text. The
-# deck's step takes 1 s; the time period of a step is not among the documented members of the odb's steps.
+# Runs under Abaqus's own Python, of any version: the displacements of every node as text, at every increment
+# of the deck's last step. That takes 1 s; the time period of a step is not among the documented members of
+# the odb's steps. Of a job that stopped in an earlier step nothing is written.
 EXTRACT = """\
 import sys
 from odbAccess import openOdb
 
-odb = openOdb(path=sys.argv[-2], readOnly=True)
+odb = openOdb(path=sys.argv[-3], readOnly=True)
 try:
-    step = list(odb.steps.values())[-1]
-    frame = step.frames[-1]
+    steps = list(odb.steps.values())
     out = open(sys.argv[-1], "w")
-    out.write("# %.9g of 1 s\\n" % frame.frameValue)
-    out.write("label,u1,u2,u3\\n")
-    for v in frame.fieldOutputs["U"].values or []:
-        u = v.data if str(v.precision) == "SINGLE_PRECISION" else v.dataDouble
-        out.write("%s,%.9g,%.9g,%.9g\\n" % (v.nodeLabel, u[0], u[1], u[2]))
+    out.write("share,label,u1,u2,u3\\n")
+    for frame in steps[-1].frames if len(steps) == int(sys.argv[-2]) else []:
+        for v in frame.fieldOutputs["U"].values or []:
+            u = v.data if str(v.precision) == "SINGLE_PRECISION" else v.dataDouble
+            out.write("%.9g,%s,%.9g,%.9g,%.9g\\n" % (frame.frameValue, v.nodeLabel, u[0], u[1], u[2]))
     out.close()
 finally:
     odb.close()
 """
+COLUMNS = "share,label,u1,u2,u3"
 
 
 @dataclass(frozen=True)
@@ -55,49 +55,78 @@ class Abaqus:
     kind: str = "C3D20RH"
     name: str = "Abaqus"
 
-    def commands(self) -> tuple[list[str], list[str]]:
+    def commands(self, steps: int = 1) -> tuple[list[str], list[str]]:
         """The command lines of the job and of the extraction, in the job's folder."""
         parallel = [f"cpus={self.cpus}", f"domains={self.cpus}", f"memory={self.memory}"]
         job = [self.executable, "job=job", "input=job.inp", *parallel, "interactive", "ask_delete=OFF"]
-        return job, [self.executable, "python", "extract.py", "job.odb", "job.csv"]
+        return job, [self.executable, "python", "extract.py", "job.odb", str(steps), "job.csv"]
 
-    def solve(self, case: Case, pressure: float, *, gravity: Array | None = None) -> EngineResult:
+    def release(self) -> str:
+        """What the program says of its version. FileNotFoundError where Abaqus is not installed."""
+        command = [self._program(), "information=release"]
+        told = subprocess.run(command, capture_output=True, text=True).stdout.splitlines()
+        said = (" ".join(line.split()) for line in told)
+        return next((line for line in said if re.search(r"Abaqus\b.*(\d{4}|\d\.\d)", line)), "Abaqus")
+
+    def _program(self) -> str:
+        return program(
+            self.executable, "Abaqus", "install it, name its command, or take another engine"
+        )
+
+    def solve(
+        self, case: Case, pressure: float, *, gravity: Array | None = None, levels: int = 0
+    ) -> EngineResult:
         """The response of a case to a follower pressure in MPa and a gravity (3,) mm/s2. FileNotFoundError
-        where Abaqus is not installed; never raises for lack of convergence."""
-        program = shutil.which(self.executable)
-        if program is None:
-            raise FileNotFoundError(
-                f"{self.executable}: not found, wanted Abaqus; install it, name its command, or take "
-                "another engine"
-            )
+        where Abaqus is not installed; never raises for lack of convergence.
+
+        levels: at how many pressures at least the course is wanted, the weight being put on before; 0: all
+        loads grow together.
+        """
+        return self.run(self.deck(case, pressure, gravity=gravity, levels=levels))
+
+    def deck(self, case: Case, pressure: float, *, gravity: Array | None = None, levels: int = 0) -> str:
+        """The deck of a case. ValueError for what a deck refuses."""
+        return deck(case, pressure, kind=self.kind, gravity=gravity, levels=levels)
+
+    def run(self, text: str, *, folder: Path | None = None) -> EngineResult:
+        """The response of a deck, the course being that of its last step. FileNotFoundError where Abaqus is
+        not installed; never raises for lack of convergence. folder: where its files stay."""
+        found = self._program()
         with tempfile.TemporaryDirectory() as scratch:
-            folder = self.folder or Path(scratch)
+            folder = folder or self.folder or Path(scratch)
             folder.mkdir(parents=True, exist_ok=True)
-            (folder / "job.inp").write_text(
-                deck(case, pressure, kind=self.kind, gravity=gravity), encoding="utf-8"
-            )
+            (folder / "job.inp").write_text(text, encoding="utf-8")
             (folder / "extract.py").write_text(EXTRACT, encoding="utf-8")
-            (folder / "job.csv").unlink(missing_ok=True)  # of an earlier run
-            start = time.perf_counter()
-            for command in self.commands():
-                done = subprocess.run([program, *command[1:]], cwd=folder, capture_output=True, text=True)
+            for name in ("job.csv", "job.odb"):
+                (folder / name).unlink(missing_ok=True)  # of an earlier run
+            start, failed, log = time.perf_counter(), "", ""
+            for command in self.commands(steps_of(text)):
+                done = subprocess.run([found, *command[1:]], cwd=folder, capture_output=True, text=True)
+                log += f"$ {' '.join(command)}\n{done.stdout}{done.stderr}\n"
+                (folder / "job.log").write_text(log, encoding="utf-8")
                 if done.returncode != 0:
                     told = (done.stderr or done.stdout).strip().splitlines() or ["no message"]
-                    return EngineResult.failed(
-                        f"{' '.join(command)}: {told[-1]}", time.perf_counter() - start
-                    )
-            return _read(folder / "job.csv", time.perf_counter() - start)
+                    failed = failed or f"{' '.join(command)}: {told[-1]}"
+                    if not (folder / "job.odb").exists():
+                        break  # else what was reached is read
+            return _read(folder / "job.csv", failed, time.perf_counter() - start)
 
 
-def _read(path: Path, seconds: float) -> EngineResult:
+def _read(path: Path, failed: str, seconds: float) -> EngineResult:
     if not path.exists():
-        return EngineResult.failed(f"{path.name} was not written by the extraction script", seconds)
-    first, *rest = path.read_text(encoding="utf-8", errors="replace").splitlines()
-    reached, _, whole, _ = first.lstrip("# ").split()
-    rows = list(csv.DictReader(rest))
-    labels = np.array([int(r["label"]) for r in rows], np.int64)
-    u = np.array([[float(r[k]) for k in ("u1", "u2", "u3")] for r in rows]).reshape(-1, 3)
-    if float(reached) < float(whole) * (1 - 1e-6):
-        return EngineResult.failed(f"stopped at {float(reached) / float(whole):.3g} of the step", seconds)
-    order = np.argsort(labels)
-    return EngineResult(labels[order], u[order], True, "converged", seconds)
+        return EngineResult.failed(failed or f"{path.name} was not written by the extraction script", seconds)
+    first, *rest = path.read_text(encoding="utf-8", errors="replace").splitlines() or [""]
+    if first != COLUMNS:
+        return EngineResult.failed(f"{path.name} begins with {first!r}, wanted {COLUMNS}", seconds)
+    table = np.array([[float(cell) for cell in line.split(",")] for line in rest]).reshape(-1, 5)
+    share, count = np.unique(table[:, 0], return_counts=True)
+    if not len(share) or share[-1] <= 0.0:
+        return EngineResult.failed(failed or "the result file holds no displacements", seconds)
+    if len(np.unique(count)) > 1:
+        return EngineResult.failed("the result file holds other nodes at other increments", seconds)
+    rows = table[np.lexsort((table[:, 1], table[:, 0]))].reshape(len(share), -1, 5)
+    reached = share[-1] > 1 - 1e-6
+    stopped = f"stopped at {share[-1]:.3g} of the step"
+    reason = "converged" if reached and not failed else f"{stopped}: {failed}" if failed else stopped
+    labels = rows[0, :, 1].astype(np.int64)
+    return EngineResult(labels, share, rows[:, :, 2:], reason == "converged", reason, seconds)

@@ -1,7 +1,6 @@
 """The engine CalculiX (`ccx`): runs a deck in a folder of its own and reads its result file."""
 
 import os
-import shutil
 import subprocess
 import tempfile
 import time
@@ -11,8 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from fe.case import Case
-from fe.deck.engine import EngineResult
-from fe.deck.writer import deck
+from fe.deck.engine import EngineResult, program
+from fe.deck.writer import deck, steps_of
 from fe.element import Array
 
 
@@ -27,36 +26,50 @@ class CalculiX:
     kind: str = "C3D20RH"
     name: str = "CalculiX"
 
-    def solve(self, case: Case, pressure: float, *, gravity: Array | None = None) -> EngineResult:
+    def solve(
+        self, case: Case, pressure: float, *, gravity: Array | None = None, levels: int = 0
+    ) -> EngineResult:
         """The response of a case to a follower pressure in MPa and a gravity (3,) mm/s2; see `run`.
 
-        ValueError for what `check` refuses.
+        levels: at how many pressures at least the course is wanted, the weight being put on before; 0: all
+        loads grow together. ValueError for what `check` refuses.
         """
-        check(case)
-        return self.run(deck(case, pressure, kind=self.kind, gravity=gravity))
+        return self.run(self.deck(case, pressure, gravity=gravity, levels=levels))
 
-    def run(self, text: str) -> EngineResult:
-        """The response of a deck. FileNotFoundError where ccx is not installed; never raises for lack of
-        convergence."""
-        program = shutil.which(self.executable)
-        if program is None:
-            raise FileNotFoundError(
-                f"{self.executable}: not found, wanted CalculiX; install the package calculix-ccx"
-            )
+    def deck(self, case: Case, pressure: float, *, gravity: Array | None = None, levels: int = 0) -> str:
+        """The deck of a case. ValueError for what `check` or a deck refuses."""
+        check(case)
+        text = deck(case, pressure, kind=self.kind, gravity=gravity, levels=levels)
+        return without_hybrid(text)
+
+    def release(self) -> str:
+        """What the program says of its version. FileNotFoundError where ccx is not installed."""
+        told = subprocess.run([self._program(), "-v"], capture_output=True, text=True).stdout.split()
+        return f"CalculiX {told[-1]}" if told else "CalculiX"
+
+    def _program(self) -> str:
+        return program(self.executable, "CalculiX", "install the package calculix-ccx")
+
+    def run(self, text: str, *, folder: Path | None = None) -> EngineResult:
+        """The response of a deck, the course being that of its last step. FileNotFoundError where ccx is not
+        installed; never raises for lack of convergence. folder: where its files stay."""
+        found = self._program()
         with tempfile.TemporaryDirectory() as scratch:
-            folder = self.folder or Path(scratch)
+            folder = folder or self.folder or Path(scratch)
             folder.mkdir(parents=True, exist_ok=True)
             (folder / "job.inp").write_text(without_hybrid(text), encoding="utf-8")
-            start = time.perf_counter()
+            (folder / "job.frd").unlink(missing_ok=True)  # of an earlier run
+            start, threads = time.perf_counter(), str(self.threads)
             done = subprocess.run(
-                [program, "-i", "job"],
+                [found, "-i", "job"],
                 cwd=folder,
-                env=os.environ | {"OMP_NUM_THREADS": str(self.threads), "CCX_NPROC_EQUATION_SOLVER": "1"},
+                env=os.environ | {"OMP_NUM_THREADS": threads, "CCX_NPROC_EQUATION_SOLVER": threads},
                 capture_output=True,
                 text=True,
             )
             seconds = time.perf_counter() - start
-            return _read(folder / "job.frd", done, seconds)
+            (folder / "job.log").write_text(done.stdout + done.stderr, encoding="utf-8")
+            return _read(folder / "job.frd", done, seconds, steps_of(text))
 
 
 def check(case: Case) -> None:
@@ -87,24 +100,36 @@ def without_hybrid(text: str) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _read(path: Path, done: "subprocess.CompletedProcess[str]", seconds: float) -> EngineResult:
-    """The last displacements of a result file (.frd: fixed columns, six digits)."""
-    blocks: list[list[str]] = []
-    inside = False
+def _read(path: Path, done: "subprocess.CompletedProcess[str]", seconds: float, steps: int) -> EngineResult:
+    """The displacements of a result file (.frd: fixed columns, six digits) in the last of its steps."""
+    times, blocks, inside, now = [0.0], list[list[str]](), False, 0.0
     for line in path.read_text(encoding="utf-8", errors="replace").splitlines() if path.exists() else []:
-        if line.startswith(" -4  DISP"):
+        if line.startswith("  100C"):
+            now = float(line[12:24])  # of all steps, each of which takes 1
+        elif line.startswith(" -4  DISP"):
             blocks.append([])
+            times.append(now)
             inside = True
         elif line.startswith(" -3"):
             inside = False
         elif inside and line.startswith(" -1"):
             blocks[-1].append(line)
     finished = done.returncode == 0 and "Job finished" in done.stdout
+    if not finished:  # the last is cut off, or the best of an increment that did not converge
+        blocks = blocks[:-1]
+    whole = [rows for rows in blocks if len(rows) == len(blocks[0])]
     told = [line.strip() for line in done.stdout.splitlines() if "*ERROR" in line]
-    reason = "converged" if finished and blocks else (told[0] if told else "ccx stopped before the end")
-    if reason != "converged":
+    share = np.array(times[1 : len(whole) + 1]) - (steps - 1)
+    if finished and whole:
+        reason = "converged"
+    elif not finished and len(share) and share[-1] > 0.0:
+        reason = f"stopped at {share[-1]:.3g} of the step: {told[0] if told else 'ccx gives no reason'}"
+    else:
+        reason = told[0] if told else "ccx stopped before the end"
+    if not whole:
         return EngineResult.failed(reason, seconds)
-    rows = blocks[-1]
-    labels = np.array([int(r[3:13]) for r in rows], np.int64)
-    u = np.array([[float(r[13 + 12 * k : 25 + 12 * k]) for k in range(3)] for r in rows]).reshape(-1, 3)
-    return EngineResult(labels, u, True, reason, seconds)
+    labels = np.array([int(r[3:13]) for r in whole[0]], np.int64)
+    own = [k for k, s in enumerate(share) if s >= -1e-9]
+    course = [[[float(r[13 + 12 * d : 25 + 12 * d]) for d in range(3)] for r in whole[k]] for k in own]
+    u = np.array(course).reshape(len(own), len(labels), 3)
+    return EngineResult(labels, share[own], u, reason == "converged", reason, seconds)

@@ -18,12 +18,15 @@ class Embedded:
 
     name: str = "embedded"
 
-    def solve(self, case: Case, pressure: float, *, gravity: Array | None = None) -> EngineResult:
+    def solve(
+        self, case: Case, pressure: float, *, gravity: Array | None = None, levels: int = 0
+    ) -> EngineResult:
         """The response of a case to a pressure in MPa and a gravity (3,) mm/s2, by default none."""
         start, weight = time.perf_counter(), np.zeros(3) if gravity is None else gravity
-        ramp = np.array([0.0, 1.0])
-        found = solve(case, Path(ramp, pressure * ramp, ramp[1:], gravity=weight))
+        ramp, share = np.array([0.0, 1.0]), np.linspace(0.0, 1.0, max(levels, 1) + 1)[1:]
+        found = solve(case, Path(ramp, pressure * ramp, share, gravity=weight))
         seconds = time.perf_counter() - start
         if not found.converged:
             return EngineResult.failed(found.reason, seconds)
-        return EngineResult(case.labels, found.fields([0])[0], True, found.reason, seconds)
+        course = found.fields(range(len(share)))
+        return EngineResult(case.labels, share, course, True, found.reason, seconds)

@@ -1,6 +1,8 @@
 """What an engine is: something that solves a case; and what it gives. Every engine has a file of its own."""
 
+import shutil
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Protocol
 
 import numpy as np
@@ -8,14 +10,20 @@ import numpy as np
 from fe.case import Case
 from fe.element import Array, Integers
 
+NONE, NO_COURSE = np.empty(0), np.empty((0, 0, 3))
+
 
 @dataclass(frozen=True)
 class EngineResult:
-    """Final displacements u (n, 3) mm of the nodes `labels` (n,), or the reason why there are none; the time
-    it took in s."""
+    """Displacements of the nodes `labels` (n,) while the pressure grows, or why it was not reached.
+
+    share (k,): of the whole pressure, increasing, as the engine chose its increments; course (k, n, 3) mm:
+    displacements there. Of a solve that stopped early they hold what was reached. seconds: the time it took.
+    """
 
     labels: Integers
-    u: Array
+    share: Array
+    course: Array
     converged: bool
     reason: str
     seconds: float
@@ -23,12 +31,17 @@ class EngineResult:
     @staticmethod
     def failed(reason: str, seconds: float) -> "EngineResult":
         """No displacements, and why."""
-        return EngineResult(np.empty(0, np.int64), np.empty((0, 3)), False, reason, seconds)
+        return EngineResult(np.empty(0, np.int64), NONE, NO_COURSE, False, reason, seconds)
+
+    @property
+    def u(self) -> Array:
+        """Displacements (n, 3) mm at the whole pressure; (0, 3) where it was not reached."""
+        return np.asarray(self.course[-1], float) if self.converged else np.empty((0, 3))
 
     def at(self, label: int) -> Array:
         """The displacement (3,) mm of one node. ValueError where the response has none."""
         row = np.flatnonzero(self.labels == label)
-        if not len(row):
+        if not (len(row) and self.converged):
             what = f"node {label} is not in it" if self.converged else self.reason
             raise ValueError(f"no displacement of node {label} in this response: {what}")
         return np.asarray(self.u[row[0]], float)
@@ -41,6 +54,35 @@ class Engine(Protocol):
     def name(self) -> str:
         """What it is called."""
 
-    def solve(self, case: Case, pressure: float, *, gravity: Array | None = None) -> EngineResult:
+    def solve(
+        self, case: Case, pressure: float, *, gravity: Array | None = None, levels: int = 0
+    ) -> EngineResult:
         """The response of a case to a pressure in MPa and a gravity (3,) mm/s2, by default none; never raises
-        for lack of convergence."""
+        for lack of convergence. levels: at how many pressures at least the course is wanted; 0: the end."""
+
+
+class Program(Engine, Protocol):
+    """An engine that is another program: it solves decks, in a folder of its own."""
+
+    @property
+    def kind(self) -> str:
+        """The element, of Abaqus's names, that takes the place of hex27."""
+
+    def deck(self, case: Case, pressure: float, *, gravity: Array | None = None, levels: int = 0) -> str:
+        """The deck of a case; ValueError for what it cannot solve."""
+
+    def run(self, text: str, *, folder: Path | None = None) -> EngineResult:
+        """The response of a deck, the course being that of its last step. FileNotFoundError where the program
+        is not installed; never raises for lack of convergence. folder: where its files stay, job.log among
+        them."""
+
+    def release(self) -> str:
+        """What the program says of its version. FileNotFoundError where it is not installed."""
+
+
+def program(executable: str, what: str, install: str) -> str:
+    """The path of an engine's program. FileNotFoundError where it is not installed."""
+    found = shutil.which(executable)
+    if found is None:
+        raise FileNotFoundError(f"{executable}: not found, wanted {what}; {install}")
+    return found

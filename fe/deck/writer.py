@@ -14,6 +14,7 @@ from fe.mesh.convert import converted
 
 INCREMENTS = 1000  # at most, of the automatic ones
 FIRST_INCREMENT, LARGEST_INCREMENT = 0.05, 0.1  # of the step
+LEAST_INCREMENT = 1e-3  # of a step whose course is wanted: below that it is given up
 CREEP_TOLERANCE = 1e-3  # of the strain, by which creep may differ over an increment
 
 
@@ -24,12 +25,16 @@ def deck(
     kind: str = "C3D20RH",
     gravity: Array | None = None,
     times: tuple[float, float] | None = None,
+    levels: int = 0,
 ) -> str:
     """The text of a deck (mm, N, MPa): the structure under a follower pressure in MPa and its weight in a
     gravity (3,) mm/s2, large displacements, in one static step.
 
     times: seconds in which the loads grow and for which they are then held, two steps of *VISCO, in which a
     Prony series relaxes the instantaneous constants (Abaqus's TIME=PRONY; CalculiX knows none).
+
+    levels: at how many pressures at least displacements are written, at most equally far apart; what does not
+    grow with the pressure (weight, forces, moved supports) is put on in a step before. 0: all grows together.
 
     kind: the Abaqus element that takes the place of hex27, on the mesh's own nodes and labels (see
     `convert.converted`); a case that has Abaqus elements already keeps them. Names of sets are written in
@@ -38,6 +43,11 @@ def deck(
     it cannot hold: an elastic clamp, a precurvature, a term of Gent, and in a static step a Prony series.
     """
     _check(case, static=times is None)
+    if levels and case.forces and case.growing:
+        raise ValueError(
+            "forces that last and forces that grow with the pressure: in a deck of two steps the second "
+            "would replace the first; wanted one of them"
+        )
     changed = converted(case, kind) if case.element.name == "hex27" else case
     supports = list(changed.supports)
     if changed.clamp:
@@ -64,33 +74,64 @@ def deck(
     if changed.contact and changed.contact.stiffness:
         lines += _plane(changed, changed.contact)
     lines += ["*BOUNDARY", *(line for s in supports if s.value is None for line in _held(s))]
-    lines += _step(times and times[0])
+    lasting, growing = _lasting(changed, supports, gravity), _growing(changed, pressure)
+    if levels and lasting:
+        lines += [*_step(None), *lasting, *END]
+        lasting = []
+    lines += [*_step(times and times[0], levels), *lasting, *growing, *END]
+    if times and times[1]:
+        lines += [*_step(times[1]), *END]
+    return "\n".join([*lines, ""])
+
+
+END = ("*NODE FILE", "U", "*END STEP")
+
+
+def steps_of(text: str) -> int:
+    """How many steps a deck has."""
+    return sum(line.upper().startswith("*STEP") for line in text.splitlines())
+
+
+def _lasting(case: Case, supports: Sequence[Support], gravity: Array | None) -> list[str]:
+    """The loads that do not depend on the pressure."""
+    lines = list[str]()
     for s in supports:
         if s.value is not None:
-            lines += ["*BOUNDARY", *_moved(changed, s, s.value)]
-    grown = [(name, pressure * np.asarray(force)) for name, force in changed.growing.items()]
-    for name, force in (*changed.forces.items(), *grown):
-        labels = changed.labels[changed.node_sets[name]]
-        share = {d + 1: f / len(labels) for d, f in enumerate(force) if f}
-        lines += ["*CLOAD", *(f"{n}, {d}, {f:.10g}" for n in labels for d, f in share.items())]
-    if changed.pressurised:
-        lines += ["*DSLOAD", f"{changed.pressurised.upper()}, P, {pressure:.10g}"]
+            lines += ["*BOUNDARY", *_moved(case, s, s.value)]
+    for name, force in case.forces.items():
+        lines += _forces(case, name, np.asarray(force))
     if gravity is not None and np.any(gravity):
         size = float(np.linalg.norm(gravity))
         direction = ", ".join(f"{x:.10g}" for x in np.asarray(gravity) / size)
         lines += ["*DLOAD", f"ALL_ELEMENTS, GRAV, {size:.10g}, {direction}"]
-    lines += ["*NODE FILE", "U", "*END STEP"]
-    if times and times[1]:
-        lines += [*_step(times[1]), "*NODE FILE", "U", "*END STEP"]
-    return "\n".join([*lines, ""])
+    return lines
 
 
-def _step(time: float | None) -> list[str]:
-    """A step of so many seconds in which loads grow in proportion, or a static one of the time 1."""
+def _growing(case: Case, pressure: float) -> list[str]:
+    """The pressure in MPa, and the forces that grow with it."""
+    lines = list[str]()
+    for name, force in case.growing.items():
+        lines += _forces(case, name, pressure * np.asarray(force))
+    if case.pressurised:
+        lines += ["*DSLOAD", f"{case.pressurised.upper()}, P, {pressure:.10g}"]
+    return lines
+
+
+def _forces(case: Case, name: str, force: Array) -> list[str]:
+    labels = case.labels[case.node_sets[name]]
+    share = {d + 1: f / len(labels) for d, f in enumerate(force) if f}
+    return ["*CLOAD", *(f"{n}, {d}, {f:.10g}" for n in labels for d, f in share.items())]
+
+
+def _step(time: float | None, levels: int = 0) -> list[str]:
+    """A step of so many seconds in which loads grow in proportion, or a static one of the time 1, in so many
+    increments at least."""
     own, length = ("*STATIC", 1.0) if time is None else (f"*VISCO, CETOL={CREEP_TOLERANCE:g}", time)
-    first, largest = FIRST_INCREMENT * length, LARGEST_INCREMENT * length
+    largest = length * min(LARGEST_INCREMENT, 1 / levels if levels else 1.0)
+    first = min(FIRST_INCREMENT * length, largest)
     ramp = "" if time is None else "AMPLITUDE=RAMP, "
-    increments = f"{first:.6g}, {length:.6g}, {1e-6 * length:.6g}, {largest:.6g}"
+    least = LEAST_INCREMENT if levels else 1e-6  # a search asks for what has no equilibrium, too
+    increments = f"{first:.6g}, {length:.6g}, {least * length:.6g}, {largest:.6g}"
     return [f"*STEP, NLGEOM=YES, {ramp}INC={INCREMENTS}", own, increments]
 
 

@@ -6,7 +6,7 @@ from itertools import permutations
 import numpy as np
 
 from fe.case import Block, Case
-from fe.element import ELEMENTS, FACES, HEX27, Integers, barycentric
+from fe.element import ELEMENTS, FACES, HEX27, Array, Integers, barycentric
 
 _TETS = {name for name, e in ELEMENTS.items() if e.simplex}
 
@@ -28,6 +28,30 @@ def converted(case: Case, kind: str) -> Case:
         }
         changed = replace(case, blocks=(Block(kind, case.connectivity[:, local]),), surfaces=surfaces)
     return without_unused_nodes(changed)
+
+
+def filled(case: Case, kind: str, u: Array) -> Array:
+    """Displacements (k, n, 3) of all nodes of a case of hex27 from those u (k, n, 3) of the nodes that its
+    hexahedra of type `kind` have: what their shape functions give at the others.
+
+    Where an element is curved, its other nodes lie a little beside the places that the same coordinates have
+    in a hexahedron without them: the field is followed there along its slope, so that a linear one is exact.
+    """
+    element = ELEMENTS[kind]
+    own = case.connectivity[:, _same_places(element.local)]
+    values, slopes = element.shape(HEX27.local)  # (27, m), (27, m, 3)
+    x = case.nodes[own]  # (e, m, 3)
+    off = case.nodes[case.connectivity] - values @ x  # (e, 27, 3)
+    along = np.einsum("imd,emc->eicd", slopes, x)
+    weights = values + np.einsum("imd,eid->eim", slopes, np.linalg.solve(along, off[..., None])[..., 0])
+    out = np.array(u, float)
+    out[:, case.connectivity] = np.einsum("eim,kemc->keic", weights, out[:, own])
+    return out
+
+
+def kept_nodes(case: Case, kind: str) -> Integers:
+    """The nodes (m,) of a case of hex27 that its hexahedra of type `kind` have."""
+    return np.unique(case.connectivity[:, _same_places(ELEMENTS[kind].local)])
 
 
 def _same_places(local: np.ndarray) -> Integers:

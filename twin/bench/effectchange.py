@@ -9,6 +9,7 @@ import numpy as np
 from calibrate import Fit, Parameter
 from twin.bench import waterfall
 from twin.bench.comparison import JUDGED, Judgement, compared, keep, kept
+from twin.bench.engines import solved_by
 from twin.bench.fits import fresh, newest, newest_fit
 from twin.bench.laws import begun_from, nominal
 from twin.bench.workbench import Workbench
@@ -94,7 +95,7 @@ def change_effects(
             say.progress(f"refit with {', '.join(effects) or 'no effect'}", 0, 1)
             change = Change.of(bench, bench.judged(model, theta, say))
         fit, found = change.fit, compared(run, change.fit.theta, change.judgement, bench, say)
-        run.write(change.record(effects=effects))
+        run.write(change.record(effects=effects, **solved_by(project, bench.jobs)))
         change.fields.save(run.path(FIELDS))
         run.note(model.extent)
     project.set_effects(effects)
@@ -120,7 +121,7 @@ def change_effects(
         "expected_mm": found.expected_mm,
         "noise_sd_mm": found.noise_sd_mm,
         "effects": list(effects),
-        "fit": files.plain(change.record()),
+        "fit": files.plain(change.record(**solved_by(project, bench.jobs))),
         "steps": files.plain(way),
     }
 

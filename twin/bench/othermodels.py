@@ -11,7 +11,7 @@ from twin.project.folder import Project
 def other_models(a: Project, b: Project) -> tuple[str, ...]:
     """A sentence on what the models of two projects do not share; none where they are alike."""
     names, rows = (a.root.name, b.root.name), list[str]()
-    first, second = ({**_dimensions(p), "density_kg_m3": p.config.model.density_kg_m3} for p in (a, b))
+    first, second = ({**_dimensions(p), **_own(p)} for p in (a, b))
     for key in {**first, **second}:
         if first.get(key) != second.get(key):
             rows.append(f"{key} {_shown(first.get(key))} and {_shown(second.get(key))}")
@@ -30,6 +30,12 @@ def _dimensions(project: Project) -> dict[str, object]:
     """The dimensions of the built-in finger, none of a deck's."""
     model = project.config.model
     return {} if model.deck is not None else (model.finger or FingerTable()).model_dump()
+
+
+def _own(project: Project) -> dict[str, object]:
+    """Its weight, and what solves it."""
+    model = project.config.model
+    return {"density_kg_m3": model.density_kg_m3, "engine": model.engine}
 
 
 def _decks(project: Project) -> list[str]:

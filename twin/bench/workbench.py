@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -10,6 +11,7 @@ from fe import Case, Path
 from fe.element import Integers
 from fe.mesh.points import nearest
 from twin.bench.caches import FolderCache, SolvedList
+from twin.bench.engines import jobs_of
 from twin.bench.positions import on_surface, one_side, places_of
 from twin.effects.baselaw import NAMES, NOMINAL, Constants
 from twin.effects.library import effect
@@ -21,6 +23,8 @@ from twin.judging.judged import Judged, judge, judge_fit
 from twin.judging.lawlevels import with_laws
 from twin.model.basemodel import base_model, base_test
 from twin.model.discretisation import Discretisation, SolvedAt, discretisation_error, meshes_key
+from twin.model.enginejobs import EngineJobs
+from twin.model.enginemodel import EngineModel
 from twin.model.prediction import Model
 from twin.model.structure import BuiltIn, Structure, of_deck, of_finger, weighed
 from twin.project.folder import Project, Say
@@ -48,6 +52,12 @@ class Workbench:
     def case(self) -> Case:
         """The structure with nominal constants."""
         return self.structure.case
+
+    @cached_property
+    def jobs(self) -> EngineJobs | None:
+        """The jobs of the program that solves the model, None where it is the embedded engine. ValueError
+        where it is not installed."""
+        return jobs_of(self.project)
 
     @property
     def scales(self) -> bool:
@@ -94,7 +104,9 @@ class Workbench:
 
     def model(self, labels: Sequence[str] | None = None) -> Model:
         """The base model with the effects of these labels, by default those of twin.toml."""
-        model = base_model(self.targets, self.case, elasticity=self.elasticity)
+        model: Model = base_model(self.targets, self.case, elasticity=self.elasticity)
+        if self.jobs is not None:
+            model = EngineModel.of(model, self.jobs)
         for label in self.project.config.model.effects if labels is None else labels:
             model = model.with_effect(effect(label, own=own_of(self.project)))
         return model
@@ -113,6 +125,13 @@ class Workbench:
         The finer meshes are solved at theoretical constants, once for a project, and serve again for others
         nearby.
         """
+        if self.jobs is not None:
+            engine = self.jobs.engine
+            none = Discretisation.none(
+                f"finer meshes are solved by the embedded engine alone, in other elements than {engine.name}'s "
+                f"{engine.kind}"
+            )
+            return _warned(none, say)
         if self.targets.noise is None:
             return None
         if self.structure.unknown:

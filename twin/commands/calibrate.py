@@ -1,5 +1,7 @@
 """The calibrate stage: targets in, the genetic algorithm's history and a least-squares fit out."""
 
+from collections.abc import Callable
+from itertools import count
 from typing import Any
 
 import numpy as np
@@ -8,6 +10,7 @@ from calibrate import Fit
 from twin.batches.former import former_of
 from twin.bench.comparison import Judgement, compared
 from twin.bench.effectchange import change_effects
+from twin.bench.engines import solved_by
 from twin.bench.fits import former_fit
 from twin.bench.workbench import Workbench
 from twin.effects.baselaw import NAMES, Constants
@@ -16,7 +19,7 @@ from twin.project import files
 from twin.project.folder import Project, Run, Say
 from twin.sanity import doubts, fit_fault, silicone_doubt, stability_doubt
 from twin.study.fullsolves import full_solves
-from twin.study.generations import Generation, search
+from twin.study.generations import Generation, evaluations, search
 from twin.study.known import known_of
 from twin.study.loadpathfit import OnPaths
 from twin.targets import Array
@@ -39,7 +42,8 @@ def run_calibrate(project: Project, say: Say) -> dict[str, Any]:
         model, fit = judged.model, judged.fit
         found = compared(run, fit.theta, Judgement.of(judged), bench, say)
         words = known_of(on.holding(fit, say), best.best, fit, found)
-        run.write(fit_record(fit, found, effects=(), identifiability=words, initial=on.initial(judged)))
+        run.write(fit_record(fit, found, effects=(), identifiability=words,
+                             initial=on.initial(judged), **solved_by(project, bench.jobs)))  # fmt: skip
         run.summary["headline"] = words.split(". ")[0]
         crossed = model.solution(fit.theta).crossed
         for line in (*bench.remarks, model.extent, fit.reason):
@@ -58,7 +62,7 @@ def run_calibrate(project: Project, say: Say) -> dict[str, Any]:
         "stage": "calibrate",
         "run": run.name,
         "rms_mm": best.rms_mm,
-        "fit": files.plain(fit_record(fit, found)),
+        "fit": files.plain(fit_record(fit, found, **solved_by(project, bench.jobs))),
         "identifiability": words,
     }
     if effects:
@@ -100,7 +104,7 @@ def _searched(on: OnPaths, run: Run, say: Say) -> Generation:
     run."""
     settings, parameters = on.bench.project.config.calibrate, on.bench.elasticity.parameters
     found = search(
-        parameters, on.cost, run, seed=settings.seed, size=settings.population,
+        parameters, _logged(on, run, say), run, seed=settings.seed, size=settings.population,
         generations=settings.generations, tell=say.progress,
     )  # fmt: skip
     if not np.isfinite(found[-1].rms_mm):
@@ -113,6 +117,26 @@ def _searched(on: OnPaths, run: Run, say: Say) -> Generation:
     run.write_npz("candidates.npz", {"x": candidates, "rms_mm": np.concatenate([g.costs for g in found])})
     say(f"Genetic algorithm: the best of {len(candidates)} candidates has {found[-1].rms_mm:.3f} mm RMS.")
     return found[-1]
+
+
+def _logged(on: OnPaths, run: Run, say: Say) -> Callable[[dict[str, float]], float]:
+    """The cost of a candidate. Of a job its end is told, and why it failed, where it did, goes into the run's
+    log."""
+    jobs, own, done = on.bench.jobs, on.bench.project.config.calibrate, count(1)
+    if jobs is None:
+        return on.cost
+    name, total = jobs.engine.name, evaluations(own.population, own.generations)
+    say(f"{jobs.release} solves the model: {total} jobs for the genetic algorithm, less those already done.")
+
+    def cost(values: dict[str, float]) -> float:
+        before = len(jobs.failed)
+        found = on.cost(values)
+        say.progress(f"jobs of {name}", min(next(done), total), total)
+        for reason in jobs.failed[before:]:
+            run.append({"event": "failed job", "values": values, "reason": reason})
+        return found
+
+    return cost
 
 
 def _check_explained(on: OnPaths, theta: Array) -> None:

@@ -11,7 +11,7 @@ from twin.chain import STAGES, TARGETS, Stage, When
 from twin.gauge.pressurelog import Log
 from twin.inputs.films import OneFilm, films_of
 from twin.inputs.foreign import import_targets, said_of_targets
-from twin.project.config import CameraTable
+from twin.project.config import EMBEDDED, CameraTable
 from twin.project.folder import Project, Say
 from twin.targets import PointKind, TargetPoint, Targets
 
@@ -39,6 +39,7 @@ def check_project(project: Project, say: Say) -> None:
     if own_deck:
         check_finger(project, say)
     _check_effects(project)
+    _check_engine(project, say)
     kept = camera_kept(project)
     if kept:
         say(kept)
@@ -56,6 +57,16 @@ def check_project(project: Project, say: Say) -> None:
             say(targets.noise.basis)
     if project.config.study is not None and fresh(project, ("study",)) is None:
         say("`twin study` makes the figures and the table of the study; it calibrates first where needed.")
+
+
+def _check_engine(project: Project, say: Say) -> None:
+    """Say which other program solves the model, where one does; ValueError where it is not installed."""
+    if project.config.model.engine == EMBEDDED:
+        return
+    from twin.bench.engines import jobs_of
+
+    if (jobs := jobs_of(project)) is not None:
+        say(f"{jobs.release} solves the model.")
 
 
 def _check_recorded(project: Project, say: Say) -> None:

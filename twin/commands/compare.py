@@ -14,8 +14,8 @@ from twin.project.folder import Project, Say
 def run_compare(project: Project, say: Say) -> dict[str, Any]:
     """Whether the calibrated model agrees with the measurement within the noise, and where not."""
     bench, file, fit = Workbench.of(project), fit_file(project), newest_fit(project)
+    model = bench.model()  # names what cannot be, before any work is done for it
     with project.new_run("compare") as run:
-        model = bench.model()
         made = kept(file, fit, bench.targets) or Judgement.of(bench.judged_fit(model, fit, say))
         found = made.comparison
         beside = file.with_name(ComparisonRecord.file)

@@ -5,6 +5,7 @@ from typing import Any
 
 from twin.bench.comparison import foretold, write_prediction
 from twin.bench.effectchange import Change
+from twin.bench.engines import check_embedded
 from twin.bench.fits import newest_fit
 from twin.bench.workbench import Workbench, own_of
 from twin.diagnosis.deciding import Diagnosis
@@ -25,6 +26,7 @@ TOP = 3  # effects of the ranking that are said; all stand in diagnosis.json
 
 def run_diagnose(project: Project, say: Say) -> dict[str, Any]:
     """Which effect of the library the data ask for, and what they cannot tell."""
+    check_embedded(project, "twin diagnose")
     bench, fit = Workbench.of(project), newest_fit(project)
     seed = project.config.diagnose.seed
     with project.new_run("diagnose", seed=seed) as run:

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from twin.bench.engines import check_embedded
 from twin.bench.fits import newest, newest_fit
 from twin.bench.laws import begun, begun_from, laws_of
 from twin.bench.workbench import Workbench
@@ -26,6 +27,7 @@ def run_explain(project: Project, say: Say, *, name: str) -> dict[str, Any]:
     own = [label for label in labels if name_of(label) in names]
     if own and len(own) < len(names):
         raise ValueError(f"{name!r}: of these the model has {AND.join(own)} alone; wanted all or none")
+    check_embedded(project, "twin explain")
     bench, fit = Workbench.of(project), newest_fit(project)
     told = AND.join(own or [e.label for e in chosen])
     with project.new_run("explain", extra={"effects": list(labels), "effect": told}) as run:

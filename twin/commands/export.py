@@ -9,6 +9,7 @@ from scipy.interpolate import CubicSpline
 
 from fe.deck.calculix import check, without_hybrid
 from fe.deck.writer import deck
+from twin.bench.engines import check_embedded
 from twin.bench.fits import fit_file
 from twin.bench.predicting import Prediction, WantedCourse, predicted
 from twin.bench.workbench import Workbench
@@ -75,6 +76,8 @@ def run_export(
         raise ValueError(f"--pressure {pressure}: of a deck; a table has all pressures up to the tested one")
     if not table and at:
         raise ValueError(f"--at {at[0]}: of a table; a deck has all nodes")
+    if table:
+        check_embedded(project, f"twin export {form}")
     bench = Workbench.of(project)
     record = files.read(FitRecord, fit_file(project))
     inputs = [project.targets_folder, *project.deck_files()]

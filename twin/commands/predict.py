@@ -12,6 +12,7 @@ from pydantic import Field
 from fe.element import triangles
 from fe.mesh.points import nearest
 from twin.bench.blocking import Blocked, blocked_force
+from twin.bench.engines import check_embedded
 from twin.bench.fits import fit_file
 from twin.bench.inverting import Inverse, Wanted, pressure_for
 from twin.bench.positions import ON_FINGER_MM
@@ -117,6 +118,7 @@ def run_predict(
     courses = _courses(pressure, course, ramp_s, hold_s, wanted)
     if blocked and not pressure:
         raise ValueError("--blocked: wanted a pressure beside it, such as --pressure 20kPa")
+    check_embedded(project, "twin predict")
     bench = Workbench.of(project)
     way = _gravity(bench, gravity)
     courses = [replace(one, gravity=way) for one in courses]

@@ -12,6 +12,7 @@ from pydantic import Field
 
 from calibrate import Fit
 from calibrate.profiles import IDENTIFIED, LEVELS, NOT_IDENTIFIED, End, Profile
+from twin.bench.engines import check_embedded
 from twin.bench.fits import fit_file
 from twin.bench.predicting import NORMAL, why_none
 from twin.bench.profiling import ENDS, Profiler, held, profiled_names, sd_of
@@ -69,6 +70,7 @@ def run_profile(project: Project, say: Say, *, names: Sequence[str] = ()) -> dic
 
     ValueError for a name that has none, without a fit, and where the model does not fit.
     """
+    check_embedded(project, "twin profile")
     file = fit_file(project)
     record = files.read(FitRecord, file)
     wanted = _wanted(record, names)

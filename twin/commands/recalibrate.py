@@ -13,6 +13,7 @@ from twin.diagnosis.record import DiagnosisRecord
 from twin.judging.record import FitRecord
 from twin.numerals import in_words
 from twin.project import files
+from twin.project.config import EMBEDDED
 from twin.project.folder import Project, Say
 
 FILM = STAGES[: next(k for k, stage in enumerate(STAGES) if TARGETS in stage.writes) + 1]
@@ -59,7 +60,10 @@ def _without_films(project: Project) -> bool:
 
 def _once(project: Project, stage: Stage, say: Say) -> str:
     """Run a stage unless it is fresh: "done", "fresh", or "none" where it has nothing to do."""
-    if not _can_test(project) and stage.name in ("diagnose", "add"):
+    engine = project.config.model.engine
+    if stage.name in ("diagnose", "add") and not (_can_test(project) and engine == EMBEDDED):
+        if stage.name == "diagnose" and engine != EMBEDDED:
+            say(f"twin diagnose is left out: engine = {engine!r} cannot serve it.")
         return "none"
     kinds = ("add", "drop") if stage.when is When.NAMED else (stage.name,)
     run = _fresh_run(project, kinds)
@@ -117,7 +121,7 @@ def _can_test(project: Project) -> bool:
 def _told(project: Project, say: Say) -> dict[str, Any]:
     """Say verdict, constants, what changed, and where report and recording are; and return them."""
     record, diagnosed = files.read(FitRecord, fit_file(project)), newest(project, DiagnosisRecord)
-    verdict = diagnosed.verdict if diagnosed else "not diagnosed: no noise model"
+    verdict = diagnosed.verdict if diagnosed else _undiagnosed(project)
     say(f"Verdict: {verdict}")
     say(f"{in_words(record.estimates)}.")
     former, changes = _changed(project, record, say)
@@ -133,6 +137,12 @@ def _told(project: Project, say: Say) -> dict[str, Any]:
         "like": former,
         "changes": [asdict(c) | {"difference": c.difference, "known": c.known} for c in changes],
     } | shown  # fmt: skip
+
+
+def _undiagnosed(project: Project) -> str:
+    """Why there is no verdict."""
+    engine = project.config.model.engine
+    return f"not diagnosed: {'no noise model' if engine == EMBEDDED else f'engine = {engine!r}'}"
 
 
 def _changed(

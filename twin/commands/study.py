@@ -6,6 +6,7 @@ them apart. Without a calibration that still holds it calibrates first, and it e
 
 from typing import Any
 
+from twin.bench.engines import check_embedded
 from twin.bench.fits import fresh
 from twin.commands.calibrate import run_calibrate
 from twin.commands.review import run_review
@@ -17,6 +18,7 @@ from twin.study.numbers import Inquiry
 
 def run_study(project: Project, say: Say) -> dict[str, Any]:
     """study.json and the study's seven figures; ValueError where the project has no such study."""
+    check_embedded(project, "twin study")
     _check(project)
     if fresh(project, ("calibrate",), "candidates.npz") is None:
         run_calibrate(project, say)

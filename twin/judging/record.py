@@ -82,6 +82,8 @@ class FitRecord(Record):
         default=0.0, description="share of what they add by which their laws may err, as the data ask, 1 sd"
     )
     identifiability: str = Field(default="", description="what the targets say about C10 and C01")
+    engine: str = Field(default="embedded", description="what solved the model: [model] engine")
+    release: str = Field(default="", description="its version, where it is another program")
     initial: InitialRow | None = Field(
         default=None, description="the nominal constants, and their error"
     )

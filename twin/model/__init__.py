@@ -8,4 +8,4 @@ makes the base model of targets; `structure` says what a model is made of: the b
 a deck. `discretisation` measures the error of its mesh on finer meshes, whose changes `meshchanges`
 takes apart. `loadpaths` tabulates displacements over C10 and C01 for the genetic algorithm. Both come with
 the package for the fingers of the demos (`fingertable`). `arraycache` says what stored arrays are keyed
-by."""
+by. `enginejobs` runs another program (Abaqus, CalculiX), `enginemodel` is a model that it solves."""

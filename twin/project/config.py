@@ -65,6 +65,22 @@ def _density(kg_m3: float) -> float:
     return kg_m3
 
 
+def _memory(text: str) -> str:
+    if not re.fullmatch(r"[1-9][0-9]*(\.[0-9]+)? ?(MB|GB|mb|gb|%)", text) or text.startswith("%"):
+        raise ValueError('wanted a size such as "4 GB" or "2000 MB", or a share of the memory such as "60%"')
+    return text
+
+
+def _program_name(name: str) -> str:
+    # a project comes from others: it may name a solver on the search path, but no other program and no path
+    if not re.fullmatch(r"(?i)(abaqus|abq|ccx|calculix)[a-z0-9_.+-]*", name):
+        raise ValueError(
+            "wanted the name of the program without its folder, which begins with abaqus, abq, ccx or "
+            "calculix; put its folder on the search path (PATH)"
+        )
+    return name
+
+
 def _share(sd: float) -> float:
     if not 0.0 < sd <= 0.2:
         raise ValueError("wanted a share above 0 and up to 0.2: 0.001 is 0.1 %")
@@ -79,6 +95,8 @@ def _sd_mm(sd: float) -> float:
 
 Density = Annotated[Positive, AfterValidator(_density)]
 Share = Annotated[Positive, AfterValidator(_share)]
+Memory = Annotated[str, AfterValidator(_memory)]
+Program = Annotated[str, AfterValidator(_program_name)]
 SdMm = Annotated[Positive, AfterValidator(_sd_mm)]
 Dictionary = Annotated[str, AfterValidator(_dictionary)]
 RelativePath = Annotated[str, Field(min_length=1), AfterValidator(_inside)]
@@ -92,6 +110,7 @@ StaticStart = Annotated[
     Field(description="time of the static film's first frame on that clock, s; else the film's rest gives "
           "the noise of the gauge"),
 ]  # fmt: skip
+EMBEDDED: Literal["embedded"] = "embedded"  # this package's own kernel
 LIKELY = 0.6  # the value below which DeepLabCut itself draws no point (pcutoff in its config.yaml)
 STIFFEST = 100.0  # MPa, of a constant that may be fitted: hard rubber has 10
 
@@ -137,16 +156,46 @@ class ModelTable(TableModel):
     fixed: dict[str, Finite] = Field(
         default={}, description="constants that are not fitted, MPa, such as {C10 = 0.214}"
     )
+    engine: Literal["embedded", "calculix", "abaqus"] = Field(
+        default=EMBEDDED,
+        description="what solves the model in calibrate, compare, add and drop; the others are programs of "
+        "their own: see engines.md",
+    )
+    engine_cpus: int | None = Field(
+        default=None, ge=1, le=1024, description="processors of a job; left out: 4 for abaqus, 1 for calculix"
+    )
+    engine_memory: Memory | None = Field(
+        default=None, description='memory of a job of Abaqus, such as "4 GB" or "60%", its default'
+    )
+    engine_command: Program | None = Field(
+        default=None, description='name of the program on the search path, such as "abq2023" or "ccx_2.21"'
+    )
     finger: FingerTable | None = None
 
     @model_validator(mode="after")
     def _fits(self) -> Self:
+        self._check_engine()
         if self.finger is not None and self.deck is not None:
             raise ValueError(
                 f"model.deck = {self.deck!r} and [model.finger] are both given: a deck has its own "
                 "dimensions; remove one of them"
             )
         return self
+
+
+    def _check_engine(self) -> None:
+        own = {"engine_cpus": self.engine_cpus, "engine_command": self.engine_command}
+        own["engine_memory"] = self.engine_memory
+        stated = [key for key, value in own.items() if value is not None]
+        if self.engine == EMBEDDED and stated:
+            raise ValueError(
+                f"model.{stated[0]} = {own[stated[0]]!r}: the embedded engine takes none; remove it, or name "
+                'another engine = "calculix" or "abaqus"'
+            )
+        if self.engine == "calculix" and self.engine_memory is not None:
+            raise ValueError(
+                f"model.engine_memory = {self.engine_memory!r}: CalculiX takes no limit of memory; remove it"
+            )
 
 
 class BoardTable(TableModel):

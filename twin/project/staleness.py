@@ -11,6 +11,8 @@ from twin.project.trust import leads_out, links
 # The effects of a fit stand in fit.json: twin.toml gets them after the fit. Names of own effect files say
 # nothing of what they hold, which the digests do.
 ELSEWHERE = {("model", "effects"), ("model", "effect_files")}
+# How a job runs changes no figure; which program solves does.
+RUNNING = {("model", "engine_cpus"), ("model", "engine_memory"), ("model", "engine_command")}
 NEEDED = ("softtwin",)  # of the recorded versions, those of the code that makes the figures
 
 
@@ -60,7 +62,7 @@ def _changed_tables(project: Project, was: Mapping[str, Any], tables: Sequence[s
     for name in [table for table in tables if table in was]:  # a run states the tables it depends on
         for key, value in _keys(now.get(name)).items():
             before = _keys(was.get(name)).get(key, value)  # a key that older versions did not have
-            if before != value and (name, key) not in ELSEWHERE:
+            if before != value and (name, key) not in ELSEWHERE | RUNNING:
                 where = f"[{name}] {key}" if key else f"[[{name}]]"
                 found.append(f"{where} of twin.toml has changed since")
     return found

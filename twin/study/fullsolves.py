@@ -3,11 +3,13 @@
 from collections.abc import Sequence
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
 from fe import Case, Path, solve
 from fe.element import triangles
 from twin import effort
 from twin.gravity import under
+from twin.model.enginejobs import EngineJobs
 from twin.project.folder import Say
 from twin.review.states import Generations
 from twin.study.generations import Generation
@@ -43,6 +45,8 @@ def full_solves(on: OnPaths, generations: Sequence[Generation], say: Say) -> Gen
 def _fields(on: OnPaths, generations: Sequence[Generation], say: Say) -> Array:
     """Displacements (g, n, 3) mm of the best of every generation, each solved once. ValueError where one has
     no equilibrium."""
+    if on.bench.jobs is not None:
+        return _by_jobs(on, on.bench.jobs, generations, say)
     whole, path = _to_the_top(on)
     fields: dict[bytes, Array] = {}
     start = None
@@ -56,6 +60,25 @@ def _fields(on: OnPaths, generations: Sequence[Generation], say: Say) -> Array:
                 raise ValueError(f"the best of generation {g.number} ({constants.named}) {start.reason}")
             *rest, top = start.fields(range(len(path.output)))[:, : len(on.bench.case.nodes)]
             fields[g.best.tobytes()] = top - rest[0] if rest else top
+    return np.array([fields[g.best.tobytes()] for g in generations])
+
+
+def _by_jobs(
+    on: OnPaths, jobs: EngineJobs, generations: Sequence[Generation], say: Say
+) -> Array:
+    """As `_fields`, by one more job for each best candidate, of which the whole shape is kept."""
+    bench, o, fields = on.bench, on.objective, dict[bytes, Array]()
+    gravities, of_step = bench.gravities
+    case, highest = under(bench.case, bench.path), float(bench.targets.pressure.max())
+    for k, g in enumerate(generations):
+        say.progress("best of each generation, whole shape", k, len(generations))
+        if g.best.tobytes() not in fields:
+            own = case.with_material(**on.constants(g.best).named)
+            shapes = []
+            for step, pressure in zip(o.steps[:2], (o.pressure[0], 0.0), strict=False):
+                q, u = jobs.course(own, highest, gravities[of_step[step]][:3])
+                shapes.append(CubicSpline(q, u[:, : len(bench.case.nodes)], axis=0)(pressure))
+            fields[g.best.tobytes()] = shapes[0] - shapes[-1] if len(shapes) > 1 else shapes[0]
     return np.array([fields[g.best.tobytes()] for g in generations])
 
 

@@ -7,7 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibrate import Parameter, Population
+from calibrate.genetic import ELITE
 from twin.effects.baselaw import Constants
+from twin.model.enginemodel import EnginePaths
 from twin.model.loadpaths import Turned
 from twin.project.folder import Run
 from twin.targets import Array, Targets
@@ -48,13 +50,15 @@ class Objective:
         variance = targets.covariance[self.steps[0], self.rows, self.component, self.component]
         return float(np.sqrt(variance.mean()))
 
-    def cost(self, values: Mapping[str, float], paths: Turned, rows: Array) -> float:
+    def cost(self, values: Mapping[str, float], paths: Turned | EnginePaths, rows: Array) -> float:
         """The RMS in mm; inf where the model has no equilibrium at that pressure. rows (r,): those of the
         targets that the paths belong to."""
         seen = self.predicted(Constants.of({**values, **self.fixed}), paths, rows, self.pressure[:1])
         return float("inf") if seen is None else float(np.sqrt(((seen[0] - self.measured) ** 2).mean()))
 
-    def predicted(self, constants: Constants, paths: Turned, rows: Array, pressure: Array) -> Array | None:
+    def predicted(
+        self, constants: Constants, paths: Turned | EnginePaths, rows: Array, pressure: Array
+    ) -> Array | None:
         """The component (k, j) in mm at pressures (k,) MPa, relative to the reference; None where there is no
         equilibrium."""
         at = np.append(pressure, self.pressure[1:])
@@ -121,6 +125,11 @@ def search(
         run.append({"event": "generation", "number": len(out), "candidates": x.tolist(), "costs": costs})
         tell("genetic algorithm", len(out), generations)
     return out
+
+
+def evaluations(size: int, generations: int) -> int:
+    """How many candidates a search evaluates: all of the first generation, and all but the elite later."""
+    return size + (generations - 1) * (size - ELITE)
 
 
 def _better(best: tuple[Array, float], x: Array, c: Array) -> tuple[Array, float]:

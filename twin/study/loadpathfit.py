@@ -9,14 +9,17 @@ import numpy as np
 from calibrate import Fit, least_squares
 from twin.bench.workbench import Workbench
 from twin.effects.baselaw import LEAST_SHARE, Constants
+from twin.gravity import under
 from twin.judging.comparison import PLAUSIBLE
 from twin.judging.fitting import whitener_of
 from twin.judging.judged import Judged
 from twin.judging.record import InitialRow
 from twin.judging.whitening import Whitener, whitener
 from twin.model.arraycache import rounded_up
+from twin.model.enginemodel import EnginePaths
 from twin.model.fingertable import table_of
 from twin.model.loadpaths import REDUCED, Turned, load_paths, reach, sheets
+from twin.model.prediction import Model
 from twin.project.folder import Say
 from twin.study.generations import Objective
 from twin.targets import Array, relative
@@ -27,7 +30,7 @@ class OnPaths:
     """The base model of a project on its load paths. rows (r,): the rows of the targets they belong to."""
 
     bench: Workbench
-    paths: Turned
+    paths: Turned | EnginePaths
     rows: Any
     objective: Objective
 
@@ -42,8 +45,8 @@ class OnPaths:
 
     def holding(self, fit: Fit, say: Say) -> "OnPaths":
         """The same, or with load paths for negative shares, too, where a fit ended there."""
-        if self.constants(fit.theta).share >= 0.0:
-            return self
+        if self.constants(fit.theta).share >= 0.0 or self.bench.jobs is not None:
+            return self  # jobs serve every share
         return OnPaths.of(self.bench, say, lowest=LEAST_SHARE)
 
     def cost(self, values: Mapping[str, float]) -> float:
@@ -65,6 +68,8 @@ class OnPaths:
         """The least-squares fit of C10 and C01 to all targets: on the load paths from several starts, then on
         the finite-element model from there, with errors of its own."""
         t, model = self.bench.targets, self.bench.model(())
+        if self.bench.jobs is not None:
+            return self._by_jobs(model, best, say)
         w = whitener(t, prediction_modes=np.zeros((0, *t.value.shape)), gauge=self._gauge(best),
                      points=~t.fixed)  # fmt: skip
         first = self.fit(w, np.array([best, [p.start for p in model.parameters]]))
@@ -74,6 +79,14 @@ class OnPaths:
         say.progress("least squares", 2, 3)
         found = self.bench.judged(model, second.theta, say, seed=self.bench.project.config.calibrate.seed)
         say.progress("least squares", 3, 3)
+        return found
+
+    def _by_jobs(self, model: Model, best: Array, say: Say) -> Judged:
+        """The fit by jobs alone, from where the genetic algorithm ended: several starts would cost as much
+        again each."""
+        say.progress("least squares", 0, 1)
+        found = self.bench.judged(model, best, say, seed=self.bench.project.config.calibrate.seed)
+        say.progress("least squares", 1, 1)
         return found
 
     def fit(self, w: Whitener, starts: Array) -> Fit:
@@ -123,11 +136,14 @@ class OnPaths:
         return out
 
 
-def _load_paths(bench: Workbench, rows: Any, lowest: float, say: Say) -> Turned:
+def _load_paths(bench: Workbench, rows: Any, lowest: float, say: Say) -> Turned | EnginePaths:
     """The load paths at the points of these rows from a least share, under the weight in every direction of
-    gravity."""
+    gravity; by jobs where another program solves the model."""
     where, table = bench.targets.places(bench.case.position)[rows], table_of(bench.structure)
     gravities, of_step = bench.gravities
+    if bench.jobs is not None:
+        top, case = float(bench.targets.pressure.max()), under(bench.case, bench.path)
+        return EnginePaths(case, where, top, bench.jobs, gravities[:, :3], of_step)
     if bench.scales and table and lowest == 0.0:
         return Turned((table.load_paths(bench.case, where),), of_step)
     cache, key, top = bench.cache(say), bench.structure.key, REDUCED

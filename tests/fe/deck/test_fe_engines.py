@@ -1,6 +1,7 @@
 """Three engines behind one protocol: the same case, the same answer; Abaqus by a stand-in that records."""
 
 import ast
+import dataclasses
 import json
 import os
 import stat
@@ -13,12 +14,14 @@ from pathlib import Path as File
 import numpy as np
 import pytest
 
-from fe import Case
+from fe import Case, solve
+from fe import Path as Course
 from fe.deck.abaqus import EXTRACT, Abaqus
 from fe.deck.calculix import CalculiX
 from fe.deck.embedded import Embedded
 from fe.deck.engine import Engine
 from fe.deck.reader import read_deck
+from fe.deck.writer import steps_of
 from fe.mesh.convert import converted
 
 PRESSURE = 0.01  # MPa
@@ -32,7 +35,7 @@ seen.append({{"arguments": sys.argv[1:], "files": sorted(p.name for p in pathlib
 log.write_text(json.dumps(seen))
 if sys.argv[1] == "python":
     assert pathlib.Path("job.odb").exists()
-    shutil.copy({result!r}, sys.argv[4])
+    shutil.copy({result!r}, sys.argv[5])
 else:
     if {fails!r}:
         sys.exit("Abaqus/Analysis exited with errors")
@@ -58,8 +61,12 @@ def stand_in(tmp_path: File) -> Callable[..., tuple[Abaqus, File]]:
 def recorded(case: Case) -> str:
     """What the extraction script writes, from the embedded engine's displacements."""
     found = Embedded().solve(case, PRESSURE)
-    rows = [f"{n},{u[0]:.9g},{u[1]:.9g},{u[2]:.9g}" for n, u in zip(found.labels, found.u)]
-    return "\n".join(["# 1 of 1 s", "label,u1,u2,u3", *rows[::-1], ""])  # in any order
+    rows = [
+        f"{share:.9g},{n},{share * u[0]:.9g},{share * u[1]:.9g},{share * u[2]:.9g}"
+        for share in (0.5, 1.0)
+        for n, u in zip(found.labels, found.u)
+    ]
+    return "\n".join(["share,label,u1,u2,u3", *rows[::-1], ""])  # in any order
 
 
 def test_abaqus_is_run_with_the_studys_settings_and_read(
@@ -75,7 +82,9 @@ def test_abaqus_is_run_with_the_studys_settings_and_read(
     assert job["arguments"] == [
         "job=job", "input=job.inp", "cpus=4", "domains=4", "memory=60%", "interactive", "ask_delete=OFF",
     ]  # fmt: skip
-    assert extraction["arguments"] == ["python", "extract.py", "job.odb", "job.csv"]
+    assert extraction["arguments"] == ["python", "extract.py", "job.odb", "1", "job.csv"]
+    np.testing.assert_allclose(found.share, [0.5, 1.0])
+    np.testing.assert_allclose(found.course[0], found.u / 2, atol=1e-7)
     assert {"job.inp", "extract.py"} <= set(job["files"])
     assert abaqus.folder
     assert read_deck(abaqus.folder / "job.inp").case.element.name == "C3D20RH"  # hybrid, as Abaqus wants it
@@ -90,8 +99,15 @@ def test_an_abaqus_that_fails_or_stops_early_says_so(
     assert "exited with errors" in found.reason
     with pytest.raises(ValueError, match=r"no displacement of node 4401.*exited with errors"):
         found.at(4401)
-    abaqus, _ = stand_in("# 0.25 of 1 s\nlabel,u1,u2,u3\n4401,1,2,3\n")
-    assert abaqus.solve(short, PRESSURE).reason == "stopped at 0.25 of the step"
+    abaqus, _ = stand_in("share,label,u1,u2,u3\n0.25,4401,1,2,3\n")
+    stopped = abaqus.solve(short, PRESSURE)
+    assert stopped.reason == "stopped at 0.25 of the step"
+    np.testing.assert_array_equal(stopped.course, [[[1, 2, 3]]])  # what was reached
+    assert stopped.u.shape == (0, 3)
+    abaqus, _ = stand_in("share,label,u1,u2,u3\n")  # the job stopped before its last step
+    assert abaqus.solve(short, PRESSURE).reason == "the result file holds no displacements"
+    abaqus, _ = stand_in("share,label,u1,u2,u3\n0.5,4401,1,2,3\n1,4401,1,2,3\n1,4402,1,2,3\n")
+    assert "other nodes" in abaqus.solve(short, PRESSURE).reason
 
 
 @pytest.mark.parametrize("engine", [Abaqus(executable="no-such-abaqus"), CalculiX(executable="no-such-ccx")])
@@ -164,3 +180,116 @@ def test_the_embedded_engine_never_raises_for_lack_of_convergence(short: Case) -
     found = Embedded().solve(short, 5.0)
     assert not found.converged
     assert "stopped at" in found.reason
+
+
+def test_calculix_writes_the_course_of_the_pressure_under_a_weight_put_on_before(
+    stub: Case, require: Callable[[str], None]
+) -> None:
+    """Against this kernel in the same elements, at the pressures that CalculiX chose."""
+    require("ccx")
+    case, weight = converted(stub.with_material(density=1.07e-9), "C3D20RH"), np.array([0.0, 0.0, -9810.0])
+    theirs = CalculiX().solve(case, PRESSURE, gravity=weight, levels=4)
+    assert theirs.converged
+    assert theirs.share[0] == 0.0  # the weight alone
+    assert len(theirs.share) > 4
+    ramp = np.array([0.0, 1.0])
+    ours = solve(case, Course(ramp, PRESSURE * ramp, theirs.share, gravity=weight)).fields(range(len(theirs.share)))
+    rows = [int(np.flatnonzero(case.labels == label)[0]) for label in theirs.labels]
+    moves = np.abs(ours).max()
+    # six digits in its result file, and its tolerance of the residual, 0.5 % of the force
+    np.testing.assert_allclose(theirs.course, ours[:, rows], atol=1e-3 * moves)
+    assert np.abs(ours[0]).max() > 0.01 * moves  # the weight is felt
+
+
+def test_of_a_calculix_that_stopped_the_last_block_does_not_count(tmp_path: File) -> None:
+    """It writes its best solution of an increment that did not converge, as if it were one."""
+    program = tmp_path / "ccx"
+    blocks = [
+        f"  100CL  10{k} {time:.5E}           1                     0    {k}           1\n -4  DISP        4    1\n"
+        f" -1      4401 {k:.5E} 0.00000E+00 0.00000E+00\n -3\n"
+        for k, time in ((1, 0.25), (2, 0.5), (3, 0.625))
+    ]
+    end = ' *ERROR: too many cutbacks'
+    code = f"#!{sys.executable}\nopen('job.frd', 'w').write({''.join(blocks)!r})\nprint({end!r})\nraise SystemExit(201)\n"
+    program.write_text(code)
+    program.chmod(program.stat().st_mode | stat.S_IXUSR)
+    found = CalculiX(executable=str(program)).run("*STEP\n")
+    assert not found.converged
+    assert found.reason == "stopped at 0.5 of the step: *ERROR: too many cutbacks"
+    np.testing.assert_array_equal(found.share, [0.25, 0.5])
+    np.testing.assert_array_equal(found.course[:, 0, 0], [1.0, 2.0])
+
+
+# An Abaqus that solves by CalculiX and keeps its result as text; its Python has an `odbAccess` that reads it, so
+# that the extraction script itself is run.
+WORKING = """\
+#!{python}
+import json, os, pathlib, subprocess, sys
+sys.path.insert(0, {root!r})
+here = pathlib.Path(".")
+if sys.argv[1] == "information=release":
+    print("Abaqus JobID   0\\nAbaqus 2023\\n")
+elif sys.argv[1] == "python":
+    os.environ["PYTHONPATH"] = {modules!r}
+    sys.exit(subprocess.call([{python!r}, *sys.argv[2:]]))
+else:
+    options = dict(word.partition("=")[::2] for word in sys.argv[1:])
+    wanted = {{"job": "job", "input": "job.inp", "cpus": "2", "domains": "2", "memory": "4gb"}}
+    if {{k: v for k, v in options.items() if v}} != {{**wanted, "ask_delete": "OFF"}} or "interactive" not in options:
+        sys.exit("Abaqus Error: the options are " + repr(options))
+    from fe.deck.calculix import CalculiX
+    text = (here / options["input"]).read_text()
+    if "TYPE=C3D20RH" not in text or "*DSLOAD" not in text or not text.startswith("*HEADING"):
+        sys.exit("Abaqus Error: the deck is not understood")
+    found = CalculiX().run(text)
+    frames = [[float(s), u.tolist()] for s, u in zip(found.share, found.course)]
+    (here / "job.odb").write_text(json.dumps([text.count("*STEP,"), found.labels.tolist(), frames]))
+    if not found.converged:
+        sys.exit("Abaqus/Analysis exited with errors")
+"""
+ODB_ACCESS = """\
+import json
+from types import SimpleNamespace as Object
+
+def openOdb(path, readOnly):
+    assert readOnly
+    count, labels, frames = json.load(open(path))
+    def frame(share, u):
+        values = [Object(nodeLabel=n, data=x, precision="SINGLE_PRECISION") for n, x in zip(labels, u)]
+        return Object(frameValue=share, fieldOutputs={"U": Object(values=values)})
+    steps = {"Step-%d" % k: Object(frames=[]) for k in range(count)}
+    steps["Step-%d" % (count - 1)] = Object(frames=[frame(*one) for one in frames])
+    return Object(steps=steps, close=lambda: None)
+"""
+
+
+@pytest.fixture
+def working(tmp_path: File, require: Callable[[str], None]) -> Abaqus:
+    """An Abaqus that solves, with 2 CPUs and 4 GB."""
+    require("ccx")
+    program, modules, root = tmp_path / "abq", tmp_path / "modules", File(__file__).resolve().parents[3]
+    modules.mkdir()
+    (modules / "odbAccess.py").write_text(ODB_ACCESS)
+    program.write_text(WORKING.format(python=sys.executable, root=str(root), modules=str(modules)))
+    program.chmod(program.stat().st_mode | stat.S_IXUSR)
+    return Abaqus(executable=str(program), cpus=2, memory="4gb")
+
+
+def test_abaqus_is_asked_in_words_that_it_knows_and_its_odb_is_read(
+    stub: Case, working: Abaqus, tmp_path: File
+) -> None:
+    assert working.release() == "Abaqus 2023"
+    heavy, weight = stub.with_material(density=1.07e-9), np.array([0.0, 0.0, -9810.0])
+    text = working.deck(heavy, PRESSURE, gravity=weight, levels=3)
+    assert steps_of(text) == 2
+    found = working.run(text, folder=tmp_path / "job")
+    assert found.reason == "converged"
+    same = CalculiX().run(text)
+    order = np.argsort(same.labels)
+    np.testing.assert_array_equal(found.labels, same.labels[order])
+    np.testing.assert_allclose(found.share, same.share, atol=1e-9)
+    np.testing.assert_allclose(found.course, same.course[:, order], atol=1e-8)  # nine digits
+    log = (tmp_path / "job" / "job.log").read_text()
+    assert "job=job input=job.inp cpus=2 domains=2 memory=4gb interactive ask_delete=OFF" in log
+    wrong = dataclasses.replace(working, memory="5gb").run(text, folder=tmp_path / "wrong")
+    assert "Abaqus Error: the options are" in wrong.reason

@@ -1,0 +1,67 @@
+"""What [model] engine of twin.toml says -> the program that solves the model, its version and its jobs."""
+
+from fe.deck.abaqus import Abaqus
+from fe.deck.calculix import CalculiX
+from fe.deck.engine import Program
+from twin.bench.caches import FolderCache
+from twin.model.enginejobs import EngineJobs
+from twin.project.config import EMBEDDED, ModelTable
+from twin.project.folder import Project
+
+JOBS = "cache/jobs"  # the folder of a project where jobs run
+
+
+class _Quiet:
+    """A `say` for jobs, whose progress the search tells."""
+
+    def __call__(self, text: str, /) -> None: ...
+
+    def progress(self, stage: str, done: int, total: int, /) -> None: ...
+
+
+def jobs_of(project: Project) -> EngineJobs | None:
+    """The jobs of the program that solves a project's model, None where that is the embedded engine.
+    ValueError where the program is not installed."""
+    table = project.config.model
+    if table.engine == EMBEDDED:
+        return None
+    engine = engine_of(table)
+    try:
+        release = engine.release()
+    except OSError as error:
+        raise ValueError(
+            f"model.engine = {table.engine!r}: {error}, or name its command: engine_command under [model] "
+            f'of twin.toml; without it take engine = "{EMBEDDED}"'
+        ) from None
+    cache = FolderCache(project.root / "cache", _Quiet())
+    return EngineJobs(engine=engine, release=release, cache=cache, folder=project.root / JOBS)
+
+
+def engine_of(table: ModelTable) -> Program:
+    """The program that [model] names, with its processors and memory."""
+    own: dict[str, object] = {}
+    if table.engine_command is not None:
+        own["executable"] = table.engine_command
+    if table.engine == "calculix":
+        return CalculiX(threads=table.engine_cpus or 1, **own)  # type: ignore[arg-type]
+    if table.engine_cpus is not None:
+        own["cpus"] = table.engine_cpus
+    if table.engine_memory is not None:
+        own["memory"] = table.engine_memory.replace(" ", "").lower()
+    return Abaqus(**own)  # type: ignore[arg-type]
+
+
+def check_embedded(project: Project, stage: str) -> None:
+    """ValueError for a stage that asks for more than the project's engine gives."""
+    engine = project.config.model.engine
+    if engine != EMBEDDED:
+        raise ValueError(
+            f"model.engine = {engine!r}: {stage} asks for derivatives by effects and for finer meshes, which "
+            f'the embedded engine alone gives; set engine = "{EMBEDDED}" under [model] of twin.toml and run '
+            "twin calibrate again"
+        )
+
+
+def solved_by(project: Project, jobs: EngineJobs | None) -> dict[str, str]:
+    """What fit.json says of the engine."""
+    return {"engine": project.config.model.engine, "release": jobs.release if jobs else ""}
