@@ -256,7 +256,8 @@ def _told(made: PosteriorRecord) -> list[str]:
         out.append(f"Correlations: {', '.join(pairs)}.")
     out.append(
         f"{made.steps} steps of {made.walkers} walkers, R-hat {made.rhat:.3f}. Where it was checked, the "
-        f"response is off whole solves by {made.off:.2g} of chi2 at most ({made.solves} whole solves in all)."
+        f"response is off whole solves by {made.off:.2g} of chi2 at most, and the errors of gauge, mesh and "
+        f"laws by {made.off_errors:.2g} of -2 ln density; {made.solves} whole solves in all."
     )
     out.append(f"{made.inside:.0%} of the measured values lie within the 95 % band of a measurement.")
     return out
