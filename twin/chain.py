@@ -144,6 +144,13 @@ COMMANDS = (
         function="twin.commands.profile:run_profile", solves=True, when=When.ASKED,
     ),
     Stage(
+        name="posterior", title="Say how likely the parameters are, all together, by a Markov chain.",
+        reads=("[model]", "[points]", "[calibrate]", TARGETS, DECK, FIT, "profile.json"),
+        writes=("posterior.json", "posterior.csv", "posterior.png", "band.csv", "band.png", "chain.npz",
+                "solves.npz"),
+        function="twin.commands.posterior:run_posterior", when=When.ASKED,
+    ),
+    Stage(
         name="predict", title="Predict displacements under another pressure, with their intervals.",
         reads=("[model]", "[points]", "[calibrate]", TARGETS, DECK, FIT),
         writes=("predicted.json", "predicted.csv", "predicted.png", "predicted.pvd", "predicted.rrd"),

@@ -120,6 +120,10 @@ OPTIONS: dict[str, tuple[Parameter, ...]] = {
         _argument("names", NAMES, [], "parameters such as C10, C10+C01 or share; without a name all",
                   "[NAME]..."),
     ),
+    "posterior": (
+        _option("seed", int, 0, "seed of the chain"),
+        _option("steps", int, 20000, "steps of each walker at most"),
+    ),
     "predict": (
         _option("pressure", NAMES, [], "pressure that is held, such as 20kPa; once for each"),
         _option("course", Path | None, None, "pressure log to follow instead, CSV"),

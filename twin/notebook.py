@@ -174,6 +174,11 @@ class OpenedProject:
         parameter, C10+C01 and share."""
         return self._run("profile", names=names)
 
+    def posterior(self, *, seed: int = 0, steps: int = 20000) -> StageResult:
+        """How likely parameters are, all together, by a Markov chain: a row for every parameter, C10+C01 and
+        share. steps: of each walker at most."""
+        return self._run("posterior", seed=seed, steps=steps)
+
     def predict(
         self,
         *pressure: str,

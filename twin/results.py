@@ -117,6 +117,11 @@ def _profiles(folder: Path) -> Iterator[Row]:
         yield {key: value for key, value in row.items() if key != "points"}
 
 
+def _posterior(folder: Path) -> Iterator[Row]:
+    """A row for each name; its numbers are None where the chain may not be trusted."""
+    yield from files.read_json(folder / "posterior.json")["rows"]
+
+
 def _predicted(folder: Path) -> Iterator[Row]:
     """A row for each point and time, as predicted.csv; an interval that there is not is None."""
     with (folder / "predicted.csv").open(encoding="utf-8", newline="") as stream:
@@ -135,6 +140,7 @@ _TABLES: dict[str, Callable[[Path], Iterable[Row]]] = {
     "diagnose": _ranking,
     "explain": _shares,
     "profile": _profiles,
+    "posterior": _posterior,
     "predict": _predicted,
     "export": _files,
     "look": _files,

@@ -24,6 +24,7 @@ from calibrate import Parameter
 from fe import Finger, Material, finger_case
 from twin.chain import STAGES, Stage
 from twin.commands.export import ModelRecord
+from twin.commands.posterior import PosteriorRecord
 from twin.commands.predict import PredictionRecord
 from twin.commands.profile import ProfilesRecord
 from twin.diagnosis.explanation import EvidenceRecord
@@ -41,8 +42,8 @@ from twin.virtual.protocols import PROTOCOLS, Protocol
 DOCS = ROOT / "docs"
 Schema = Mapping[str, Any]
 RECORDS: tuple[type[Record], ...] = (
-    FitRecord, ComparisonRecord, DiagnosisRecord, EvidenceRecord, ProfilesRecord, PredictionRecord,
-    ModelRecord, Study,
+    FitRecord, ComparisonRecord, DiagnosisRecord, EvidenceRecord, ProfilesRecord, PosteriorRecord,
+    PredictionRecord, ModelRecord, Study,
 )  # fmt: skip
 COLUMNS = 120
 BEGIN, END = "<!-- made by benchmarks/docs/reference.py -->", "<!-- end -->"

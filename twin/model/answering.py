@@ -62,7 +62,7 @@ class RangedResponse:
         low, high = _range(model, theta, within or {})
         middle = np.clip(theta, low, high)
         try:
-            out = RangedResponse(_begun(model, middle), low, high, middle)
+            out = RangedResponse(begun(model, middle), low, high, middle)
             for one in (middle, *spread(low, high, solves - 1)):
                 out = out.certified(one)
         except Unsolvable as why:
@@ -124,7 +124,7 @@ def spread(low: Array, high: Array, count: int, *, seed: int = 0) -> Array:
     return np.asarray(low + (high - low) * unit)
 
 
-def _begun(model: KeptModel, middle: Array) -> Surrogate:
+def begun(model: KeptModel, middle: Array) -> Surrogate:
     """What is known of a model before its first whole solve: a solve without its effects and their tangents.
     It remembers nothing that was asked of the model before, which would not be the same at the next time."""
     parent = model.base

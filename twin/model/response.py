@@ -133,7 +133,7 @@ class Surrogate(Model):
                 rows += empty._along({**start, **entry}, dict(zip(names, fields, strict=True)), ROUGH)
         out = replace(empty, rows=tuple(rows))
         for one in whole.kept:
-            out = out._with(one)
+            out = out.joined(one)
         return out
 
     def reaches(self, theta: Array) -> bool:
@@ -145,9 +145,10 @@ class Surrogate(Model):
     def certified(self, theta: Array) -> "Surrogate":
         """The response with a whole solve at theta (d,) more, and its derivatives. Raises Unsolvable where
         there is no equilibrium."""
-        return self._with(self.whole.solved(theta, derivatives=True))
+        return self.joined(self.whole.solved(theta, derivatives=True))
 
-    def _with(self, made: Solved) -> "Surrogate":
+    def joined(self, made: Solved) -> "Surrogate":
+        """The response with one more solve of the whole model, with its derivatives."""
         if any(np.array_equal(s.theta, made.theta) for s in self.solves):
             return self
         rows = (*self.rows, *self._told(made, self.named(made.theta), self.whole))
@@ -181,6 +182,19 @@ class Surrogate(Model):
         left = max(own - float(k[0] @ known.inverse @ k[0]), SURE**2 * own)  # what cancels is not seen
         sd = np.sqrt(left * known.variance * self._worse)
         return (k[0] @ known.weights).reshape(self._shape), sd.reshape(self._shape)
+
+    @property
+    def fields(self) -> Array:
+        """The displacements (r, s, p, 3) mm whose sums by `coefficients` are answers."""
+        return self._fitted.weights.reshape(-1, *self._shape)
+
+    def coefficients(self, thetas: Array) -> Array:
+        """What (m, r) of each of `fields` is in the answers at thetas (m, d); NaN FAR beyond every solve."""
+        x, (points, along) = np.array([self._x(self.named(t)) for t in thetas]), self._points
+        every = self._kernel(x, points, self._fitted.stretch)[:, :, 0]
+        out = every[:, np.arange(len(points)), along]
+        far = np.abs(points - x[:, None]).max(axis=2).min(axis=1) > FAR
+        return np.asarray(np.where(far[:, None], np.nan, out))
 
     def solved(self, theta: Array, *, derivatives: bool = False) -> Solved:
         """As `Model.solved`, without a solve; at a whole solve what that gave, to the bit."""

@@ -4,19 +4,24 @@ import html
 import json
 import re
 import shutil
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from rerun.chunk import RrdReader
 
+from calibrate.posteriors import Chain
 from fe import Case, Lattice, Material
 from fe import Path as Course
 from tests.twin.conftest import page_text
 from twin import virtual
+from twin.bench import sampling
 from twin.bench.fits import fit_file
 from twin.bench.workbench import Workbench
+from twin.chain import stage_of
 from twin.commands import profile
 from twin.commands.add import run_add
 from twin.commands.calibrate import run_calibrate
@@ -26,6 +31,7 @@ from twin.commands.diagnose import run_diagnose
 from twin.commands.drop import run_drop
 from twin.commands.explain import run_explain
 from twin.commands.export import run_export
+from twin.commands.posterior import RunKeeping, run_posterior
 from twin.commands.predict import run_predict
 from twin.commands.profile import run_profile
 from twin.commands.review import run_review
@@ -520,6 +526,58 @@ def test_a_sum_that_the_error_of_the_mesh_hides_is_as_wide_by_its_profile(chain:
     assert row["low_95"] < 0.297 < row["high_95"]  # 0.214 and 0.083 MPa
     wide = row["high_covariance"] - row["low_covariance"]
     assert row["high_95"] - row["low_95"] == pytest.approx(wide, rel=0.25)
+
+
+def test_a_posterior_wants_a_model_that_fits(chain: tuple[Project, Silent]) -> None:
+    project, say = chain
+    bare = project.config.model.model_copy(update={"effects": ()})
+    without = replace(project, config=project.config.model_copy(update={"model": bare}))
+    with pytest.raises(ValueError, match=r"no posterior: the model does not fit yet.*twin diagnose"):
+        run_posterior(without, say)
+
+
+@pytest.mark.slow
+def test_a_posterior_says_how_likely_all_parameters_are(
+    chain: tuple[Project, Silent], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    project, _ = chain
+    say, number = Silent(), len(project.runs())
+    with monkeypatch.context() as patch:
+        patch.setattr(RunKeeping, "set_points", _interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            run_posterior(project, say)
+    with monkeypatch.context() as patch:
+        patch.setattr(sampling, "sampled", _going_on(sampling.sampled))
+        found = run_posterior(project, say)
+    assert len(project.runs()) == number + 1
+    assert found["trusted"]
+    assert found["off"] < 0.1
+    rows = {row["name"]: row for row in found["rows"]}
+    assert list(rows) == ["C10", "C01", "creep.g1", "creep.tau1", "C10+C01", "share"]
+    for row in rows.values():
+        assert row["low_95"] < row["mean"] < row["high_95"]
+        wide = row["high_covariance"] - row["low_covariance"]
+        assert row["high_95"] - row["low_95"] == pytest.approx(wide, rel=0.25)  # so coarse a mesh is known to 19 % only
+    assert rows["C10"]["low_95"] < 0.214 < rows["C10"]["high_95"]
+    assert rows["C01"]["low_95"] < 0.083 < rows["C01"]["high_95"]
+    assert rows["C10+C01"]["low_95"] < 0.297 < rows["C10+C01"]["high_95"]
+    assert found["inside"] > 0.9
+    folder = project.root / "runs" / found["run"]
+    for file in stage_of("posterior").writes:
+        assert (folder / file).stat().st_size, file
+    assert [row["name"] for row in rows_of("posterior", folder, found)] == list(rows)
+    assert any("whole solves in all" in line for line in say.lines)
+
+
+def _going_on(whole: Callable[..., Chain]) -> Callable[..., Chain]:
+    """A sampler that goes on with the first chain, and makes others anew."""
+    numbers = iter(range(9))
+
+    def going_on(*args: Any, chain: Chain | None, **how: Any) -> Chain:
+        assert (chain is not None) == (next(numbers) == 0)
+        return whole(*args, chain=chain, **how)
+
+    return going_on
 
 
 def _interrupted(*_: object, **__: object) -> None:
