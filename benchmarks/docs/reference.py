@@ -23,7 +23,9 @@ from pydantic import BaseModel
 from calibrate import Parameter
 from fe import Finger, Material, finger_case
 from twin.chain import STAGES, Stage
+from twin.commands.explore import ExploredRecord
 from twin.commands.export import ModelRecord
+from twin.commands.pareto import ParetoRecord
 from twin.commands.predict import PredictionRecord
 from twin.commands.profile import ProfilesRecord
 from twin.diagnosis.explanation import EvidenceRecord
@@ -41,8 +43,8 @@ from twin.virtual.protocols import PROTOCOLS, Protocol
 DOCS = ROOT / "docs"
 Schema = Mapping[str, Any]
 RECORDS: tuple[type[Record], ...] = (
-    FitRecord, ComparisonRecord, DiagnosisRecord, EvidenceRecord, ProfilesRecord, PredictionRecord,
-    ModelRecord, Study,
+    FitRecord, ComparisonRecord, DiagnosisRecord, EvidenceRecord, ProfilesRecord, ParetoRecord,
+    ExploredRecord, PredictionRecord, ModelRecord, Study,
 )  # fmt: skip
 COLUMNS = 120
 BEGIN, END = "<!-- made by benchmarks/docs/reference.py -->", "<!-- end -->"

@@ -36,6 +36,11 @@ class Variable:
     unit: str = ""
     whole: bool = False
 
+    @property
+    def title(self) -> str:
+        """Its name with its unit, unless the name says it."""
+        return f"{self.name}, {self.unit}" if self.unit and not self.name.endswith("_mm") else self.name
+
     def at(self, share: Array) -> Array:
         """Values (n,) at shares (n,) of the range, 0 to 1; of whole numbers each takes an equal share."""
         if self.whole:
