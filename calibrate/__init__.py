@@ -2,7 +2,8 @@
 
 Knows no mechanics and no images. Read `parameters` (what varies, what a fit is), then `fit` (least squares),
 `genetic` (the search before it), `statistics` (tests, criteria), `profiles` (how far a value may go),
-`posteriors` (how likely values are) and `randomeffects` (how far several fits differ).
+`posteriors` (how likely values are), `fronts` (several misfits at once) and `randomeffects` (how far several
+fits differ).
 """
 
 from calibrate.fit import least_squares

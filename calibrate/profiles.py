@@ -8,8 +8,8 @@ curved valleys too. Derivatives at the best fit say where an end should lie; the
 else is fitted. The root of the deviance, which grows by 1 a standard deviation, says where next.
 
 Where errors depend on the parameters, a value is tested under those that it would have itself, where the
-derivatives see the others: both chi2 are whitened by them, that of the best fit too. Errors held as at the best fit make an interval too narrow where
-they hide a parameter there and not beside it.
+derivatives see the others: both chi2 are whitened by them, that of the best fit too. Errors held as at the
+best fit make an interval too narrow where they hide a parameter there and not beside it.
 """
 
 import math

@@ -151,6 +151,18 @@ COMMANDS = (
         function="twin.commands.posterior:run_posterior", when=When.ASKED,
     ),
     Stage(
+        name="pareto", title="Say what fits one marker or film at the cost of another.",
+        reads=("[model]", "[points]", "[calibrate]", TARGETS, DECK, FIT),
+        writes=("pareto.json", "pareto.csv", "pareto.png"),
+        function="twin.commands.pareto:run_pareto", when=When.ASKED,
+    ),
+    Stage(
+        name="explore", title="Vary constants, effects and dimensions: which bends the finger most.",
+        reads=("[model]", "[calibrate]", TARGETS, DECK, FIT),
+        writes=("explore.json", "explore.csv", "explore-effects.png", "explore-parallel.png"),
+        function="twin.commands.explore:run_explore", solves=True, when=When.ASKED,
+    ),
+    Stage(
         name="predict", title="Predict displacements under another pressure, with their intervals.",
         reads=("[model]", "[points]", "[calibrate]", TARGETS, DECK, FIT),
         writes=("predicted.json", "predicted.csv", "predicted.png", "predicted.pvd", "predicted.rrd"),

@@ -124,6 +124,20 @@ OPTIONS: dict[str, tuple[Parameter, ...]] = {
         _option("seed", int, 0, "seed of the chain"),
         _option("steps", int, 20000, "steps of each walker at most"),
     ),
+    "pareto": (
+        _option("objectives", str, "", "what is fitted, between commas: points, U1, U3 or films, or two of "
+                "them as tip.U3; by default the points of [calibrate]"),
+        _option("seed", int, 1, "seed of the genetic algorithm"),
+    ),
+    "explore": (
+        _option("over", NAMES, [], "what is varied, NAME=LOW:HIGH: a constant in MPa, a parameter of an "
+                "effect, or a dimension such as top_wall_mm=1.6:2.4; once for each"),
+        _option("design", str, "sobol", "sobol, latin (hypercube) or factorial"),
+        _option("runs", int, 32, "number of runs, of a factorial design at most"),
+        _option("seed", int, 1, "seed of the design"),
+        _option("pressure", str, "", "such as 30kPa; by default the highest of the film"),
+        _flag("whole", "solve every run, in place of a response"),
+    ),
     "predict": (
         _option("pressure", NAMES, [], "pressure that is held, such as 20kPa; once for each"),
         _option("course", Path | None, None, "pressure log to follow instead, CSV"),

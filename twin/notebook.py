@@ -179,6 +179,25 @@ class OpenedProject:
         share. steps: of each walker at most."""
         return self._run("posterior", seed=seed, steps=steps)
 
+    def pareto(self, objectives: str = "", *, seed: int = 1) -> StageResult:
+        """What fits one part of the measurement at the cost of another, "tip,middle" or "U1,U3": a row for
+        each point of the front that was solved."""
+        return self._run("pareto", objectives=objectives, seed=seed)
+
+    def explore(
+        self,
+        *over: str,
+        design: str = "sobol",
+        runs: int = 32,
+        seed: int = 1,
+        pressure: str = "",
+        whole: bool = False,
+    ) -> StageResult:
+        """Bending and highest stretch of the finger over ranges, such as "C10=0.15:0.25" or
+        "top_wall_mm=1.6:2.4": a row for each run of the design."""
+        asked: dict[str, Any] = {"design": design, "runs": runs, "pressure": pressure, "whole": whole}
+        return self._run("explore", over=over, seed=seed, **asked)
+
     def predict(
         self,
         *pressure: str,

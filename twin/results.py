@@ -122,6 +122,20 @@ def _posterior(folder: Path) -> Iterator[Row]:
     yield from files.read_json(folder / "posterior.json")["rows"]
 
 
+def _front(folder: Path) -> Iterator[Row]:
+    """A row for each point of the front that was solved: its parameters, and misfits by objective."""
+    found = files.read_json(folder / "pareto.json")
+    for k, point in enumerate(found["points"]):
+        misfits = {f"misfit {name}": value for name, value in point["misfit"].items()}
+        yield {**point["parameters"], **misfits, "knee": k == found["knee"]}
+
+
+def _explored(folder: Path) -> Iterator[Row]:
+    """A row for each run of a design: its values, and what the finger shows."""
+    for row in files.read_json(folder / "explore.json")["rows"]:
+        yield {**row["values"], **{key: value for key, value in row.items() if key != "values"}}
+
+
 def _predicted(folder: Path) -> Iterator[Row]:
     """A row for each point and time, as predicted.csv; an interval that there is not is None."""
     with (folder / "predicted.csv").open(encoding="utf-8", newline="") as stream:
@@ -141,6 +155,8 @@ _TABLES: dict[str, Callable[[Path], Iterable[Row]]] = {
     "explain": _shares,
     "profile": _profiles,
     "posterior": _posterior,
+    "pareto": _front,
+    "explore": _explored,
     "predict": _predicted,
     "export": _files,
     "look": _files,

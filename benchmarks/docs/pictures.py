@@ -9,6 +9,7 @@
     effects  effects/<name>.png, one an effect    a finger of three bellows on a coarse mesh, two minutes
     nodes    nodes.png                            the built-in finger
     look     look.png                             `twin look` of a finger with other dimensions
+    explore  explore.png                          `twin explore` as docs/exploring.md has it, two minutes
     protocols  protocols.png                      pressure over time in P1 to P5
 
 The first three tell figures of the demo; `figures.py` writes those of the pages from the same project, and
@@ -335,6 +336,19 @@ def look(demo: Path) -> None:
         _smaller(newest(root, "finger.png"), TO / "look.png", width=850)
 
 
+def explore(demo: Path) -> None:
+    """What `twin explore` of docs/exploring.md draws."""
+    del demo
+    text = (TO.parent / "exploring.md").read_text(encoding="utf-8")
+    command = text.partition("cd my-finger\ntwin ")[2].partition("```")[0].replace("\\\n", " ").split()
+    twin = [sys.executable, "-c", "from twin.cli import main; main()"]
+    with tempfile.TemporaryDirectory() as folder:
+        root = Path(folder) / "my-finger"
+        subprocess.run([*twin, "init", str(root)], check=True)
+        subprocess.run([*twin, *command, "-p", str(root)], check=True)
+        _smaller(newest(root, "explore-effects.png"), TO / "explore.png", width=1000)
+
+
 def _outline(points: Array) -> Array:
     """The convex outline (k, 2) of a face's nodes; of a face seen on edge its two ends."""
     if np.linalg.matrix_rank(points - points[0], tol=1e-6) < 2:
@@ -344,7 +358,7 @@ def _outline(points: Array) -> Array:
 
 PICTURES: dict[str, Callable[[Path], None]] = {
     "review": review, "overlay": overlay, "report": report, "effects": effects, "nodes": nodes,
-    "look": look, "protocols": protocols,
+    "look": look, "explore": explore, "protocols": protocols,
 }  # fmt: skip
 
 

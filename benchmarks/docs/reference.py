@@ -23,7 +23,9 @@ from pydantic import BaseModel
 from calibrate import Parameter
 from fe import Finger, Material, finger_case
 from twin.chain import STAGES, Stage
+from twin.commands.explore import ExploredRecord
 from twin.commands.export import ModelRecord
+from twin.commands.pareto import ParetoRecord
 from twin.commands.posterior import PosteriorRecord
 from twin.commands.predict import PredictionRecord
 from twin.commands.profile import ProfilesRecord
@@ -43,7 +45,7 @@ DOCS = ROOT / "docs"
 Schema = Mapping[str, Any]
 RECORDS: tuple[type[Record], ...] = (
     FitRecord, ComparisonRecord, DiagnosisRecord, EvidenceRecord, ProfilesRecord, PosteriorRecord,
-    PredictionRecord, ModelRecord, Study,
+    ParetoRecord, ExploredRecord, PredictionRecord, ModelRecord, Study,
 )  # fmt: skip
 COLUMNS = 120
 BEGIN, END = "<!-- made by benchmarks/docs/reference.py -->", "<!-- end -->"

@@ -62,6 +62,15 @@ def sd_of(fit: Fit, name: str) -> float:
     return float(np.sqrt(max(way[way != 0] @ block @ way[way != 0], 0.0)))
 
 
+def with_own_errors(bench: Workbench, file: Path, fit: Fit, say: Say) -> tuple[Model, ModelErrors]:
+    """The model of the fit in a fit.json on its mesh, and its errors there."""
+    made = kept(file, fit, bench.targets)
+    if made is None:  # kept by other code than that of now
+        judged = bench.judged_fit(bench.model(), fit, say)
+        return judged.model, judged.errors
+    return bench.on_mesh(bench.model(), fit.theta, say), made.errors
+
+
 @dataclass(frozen=True)
 class Profiler:
     """A fit whose profiles are asked for: its model, its errors, and its best theta (d,) under them."""
@@ -75,12 +84,7 @@ class Profiler:
     @staticmethod
     def of(bench: Workbench, file: Path, fit: Fit, say: Say) -> "Profiler":
         """That of the fit in a fit.json."""
-        made = kept(file, fit, bench.targets)
-        if made is None:  # kept by other code than that of now
-            judged = bench.judged_fit(bench.model(), fit, say)
-            model, errors = judged.model, judged.errors
-        else:
-            model, errors = bench.on_mesh(bench.model(), fit.theta, say), made.errors
+        model, errors = with_own_errors(bench, file, fit, say)
         residual, jacobian = whitened(model, bench.targets, errors.whitener(bench.targets))
         best = least_squares(residual, jacobian, fit.parameters, start=fit.theta, tolerance=TOLERANCE)
         return Profiler(fit, model, bench.targets, errors, best.theta)

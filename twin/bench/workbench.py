@@ -128,8 +128,8 @@ class Workbench:
         if self.jobs is not None:
             engine = self.jobs.engine
             none = Discretisation.none(
-                f"finer meshes are solved by the embedded engine alone, in other elements than {engine.name}'s "
-                f"{engine.kind}"
+                "finer meshes are solved by the embedded engine alone, in other elements than "
+                f"{engine.name}'s {engine.kind}"
             )
             return _warned(none, say)
         if self.targets.noise is None:

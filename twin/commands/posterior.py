@@ -13,6 +13,7 @@ from pydantic import Field
 
 from calibrate import Fit
 from calibrate.posteriors import END, MOST, Chain
+from twin.bench.engines import check_embedded
 from twin.bench.fits import fit_file, newest
 from twin.bench.predicting import NORMAL, why_none
 from twin.bench.profiling import Profiler, held, profiled_names, sd_of
@@ -134,6 +135,7 @@ def run_posterior(project: Project, say: Say, *, seed: int = 0, steps: int = MOS
     emcee or corner.
     """
     _check(seed, steps)
+    check_embedded(project, "twin posterior")
     file = fit_file(project)
     record = files.read(FitRecord, file)
     if why := why_none(record):

@@ -73,6 +73,12 @@ class RangedResponse:
         out.answer(middle)  # what every answer needs is computed now, which may take a second
         return out
 
+    @staticmethod
+    def reach(model: KeptModel, theta: Array) -> Array:
+        """The lowest and the highest value (d, 2) of every parameter that `of` takes around theta (d,) where
+        no range is stated."""
+        return np.array([_around(model, theta, k) for k in range(len(theta))])
+
     @property
     def ranges(self) -> dict[str, tuple[float, float]]:
         """The lowest and the highest value that it answers for, by the parameter's name."""

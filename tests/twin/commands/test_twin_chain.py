@@ -18,11 +18,11 @@ from fe import Case, Lattice, Material
 from fe import Path as Course
 from tests.twin.conftest import page_text
 from twin import virtual
-from twin.bench import sampling
+from twin.bench import sampling, tradingoff
 from twin.bench.fits import fit_file
 from twin.bench.workbench import Workbench
 from twin.chain import stage_of
-from twin.commands import profile
+from twin.commands import explore, pareto, profile
 from twin.commands.add import run_add
 from twin.commands.calibrate import run_calibrate
 from twin.commands.compare import run_compare
@@ -30,7 +30,9 @@ from twin.commands.comparetwo import run_side_by_side
 from twin.commands.diagnose import run_diagnose
 from twin.commands.drop import run_drop
 from twin.commands.explain import run_explain
+from twin.commands.explore import run_explore
 from twin.commands.export import run_export
+from twin.commands.pareto import run_pareto
 from twin.commands.posterior import RunKeeping, run_posterior
 from twin.commands.predict import run_predict
 from twin.commands.profile import run_profile
@@ -514,6 +516,65 @@ def test_a_profile_says_how_well_each_parameter_is_known(
     without = replace(project, config=project.config.model_copy(update={"model": bare}))
     with pytest.raises(ValueError, match="no profiles: the model does not fit yet"):
         run_profile(without, say)
+
+
+def test_a_front_says_whether_points_contradict_each_other(
+    chain: tuple[Project, Silent], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of the model without creep, which costs less to solve."""
+    full, _ = chain
+    model = full.config.model.model_copy(update={"effects": ()})
+    project = replace(full, config=full.config.model_copy(update={"model": model}))
+    for name, size in (("KEPT", 3), ("SOLVES", 2), ("GENERATIONS", 6)):
+        monkeypatch.setattr(tradingoff, name, size)
+    say = Silent()
+    with monkeypatch.context() as patch:
+        patch.setattr(pareto, "draw_front", _interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            run_pareto(project, say, objectives="tip,middle.U3")
+    with monkeypatch.context() as patch:  # fits and points that were solved before the interrupt are kept
+        patch.setattr(tradingoff, "_alone", _no_solve)
+        patch.setattr(tradingoff, "_solved", _no_solve)
+        found = run_pareto(project, say, objectives="tip,middle.U3")
+    objectives = found["objectives"]
+    assert [row["name"] for row in objectives] == ["tip", "middle.U3"]
+    assert objectives[0]["values"] == 2 * objectives[1]["values"]  # U1 and U3
+    for row in objectives:
+        assert 0 < row["best"] <= row["fit"]
+        assert row["excess"] == pytest.approx(row["values"] * (row["fit"] ** 2 - row["best"] ** 2), abs=1e-6)
+        assert BENCH.sd < row["noise_mm"] < row["expected_mm"]  # with what the gauge's noise moves
+    assert found["conflict"] == any(row["excess"] > found["threshold"] for row in objectives)
+    assert found["told"].startswith("Conflict of" if found["conflict"] else "No conflict")
+    assert len(found["points"]) == 3
+    assert min(row["best"] for row in objectives) < min(m for p in found["points"] for m in p["misfit"].values()) + 1e-9
+    folder = project.root / "runs" / found["run"]
+    lines = (folder / "pareto.csv").read_text().splitlines()
+    assert lines[0] == "point,C10,C01,misfit tip,misfit middle.U3,rms_mm tip,rms_mm middle.U3"
+    assert sum(line.startswith("knee,") for line in lines) == 1
+    own = dict(zip(lines[0].split(","), lines[1].split(",")))
+    assert own["point"] == "one fit"
+    targets, u = project.targets(), np.load(fit_file(project).with_name("prediction.npz"))["u"]
+    tip = (targets.value - u)[:, targets.names.index("tip")]
+    rms = np.sqrt(np.nanmean(np.where(targets.valid[:, targets.names.index("tip")], tip, np.nan) ** 2))
+    assert float(own["rms_mm tip"]) == pytest.approx(rms, rel=1e-3)  # solved once more, from another start
+    assert (folder / "pareto.png").stat().st_size
+    assert len(rows_of("pareto", folder, found)) == 3
+    with pytest.raises(ValueError, match=r"--objectives tap: nothing in the targets is called 'tap'"):
+        run_pareto(project, say, objectives="tip,tap")
+
+
+def test_a_design_starts_from_what_was_fitted(chain: tuple[Project, Silent], monkeypatch: pytest.MonkeyPatch) -> None:
+    project, _ = chain
+    monkeypatch.setattr(explore, "WORKERS", 1)
+    found = run_explore(project, Silent(), over=["creep.g1=0:0.1"], design="factorial", runs=2, whole=True)
+    assert found["pressure_MPa"] == project.targets().log_pressure.max()
+    fit = files.read(FitRecord, fit_file(project))
+    assert found["held"] == pytest.approx({n: row.value for n, row in fit.parameters.items() if n != "creep.g1"})
+    still, creeping = found["rows"]
+    assert creeping["angle_deg"] > still["angle_deg"] > 5  # softer while the pressure is held
+    assert creeping["stretch"] > still["stretch"] > 1
+    assert found["told"].startswith("Too few runs")
+    assert "nominal" not in found["note"]
 
 
 @pytest.mark.slow

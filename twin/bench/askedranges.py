@@ -1,0 +1,139 @@
+"""A project and ranges, C10=0.15:0.25 -> the finger that is varied, and the variables of a design."""
+
+import re
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from fe import Path
+from twin.bench.exploring import VariedFinger, moves_finger, table_of
+from twin.bench.fits import newest_fit
+from twin.bench.workbench import own_of, structure_of
+from twin.effects.baselaw import NOMINAL
+from twin.effects.labels import name_of
+from twin.effects.library import effect
+from twin.effects.material import Elasticity
+from twin.effects.protocol import Effect
+from twin.experiments.designs import Variable
+from twin.gravity import G, density
+from twin.project.dimensions import FingerTable
+from twin.project.folder import Project
+
+RAMP_S, HOLD_S = 2.0, 2.0  # as `twin predict` has them
+
+
+def asked_ranges(
+    project: Project, over: Sequence[str], top: float
+) -> tuple[VariedFinger, tuple[Variable, ...], list[str]]:
+    """The finger of a project, what of it is varied, and what a user should know of both."""
+    ranges = dict(_range(text) for text in over)
+    if not ranges or len(ranges) < len(over):
+        raise ValueError("--over: wanted what is varied, each once, such as --over C10=0.15:0.25 --over "
+                         "top_wall_mm=1.6:2.4")  # fmt: skip
+    structure, table = structure_of(project), _dimensions(project)
+    effects, left = _effects(project, ranges)
+    values, remark = _values(project, effects)
+    named = {p.name: p for e in effects for p in e.parameters}
+    whole_numbers = {name for name, f in FingerTable.model_fields.items() if f.annotation is int}
+    variables = []
+    for name, (low, high) in ranges.items():
+        if name in named:
+            p = named[name]
+            if not p.low <= low < high <= p.high:
+                raise ValueError(f"--over {name}={low:g}:{high:g}: wanted {p.low:g} to {p.high:g} "
+                                 f"{p.unit}".rstrip())  # fmt: skip
+            variables.append(Variable(name, low, high, p.unit))
+        elif table is not None and isinstance(getattr(table, name, None), int | float):
+            whole = name in whole_numbers
+            if whole and not (low.is_integer() and high.is_integer()):
+                raise ValueError(f"--over {name}={low:g}:{high:g}: wanted whole numbers")
+            variables.append(Variable(name, low, high, "mm" if name.endswith("_mm") else "", whole))
+        else:
+            raise ValueError(_unknown(name, named, table))
+    kg_m3 = project.config.model.density_kg_m3
+    finger = VariedFinger(
+        case=structure.case, effects=effects, values=values, path=_path(project, top), table=table,
+        lattice=None if project.builtin is None else project.builtin.lattice,
+        refine=project.config.model.mesh, density=None if kg_m3 is None else density(kg_m3),
+    )  # fmt: skip
+    leaves = f"Left out, as they do not move the finger: {', '.join(left)}." if left else ""
+    return finger, tuple(variables), [s for s in (remark, leaves) if s]
+
+
+def _range(text: str) -> tuple[str, tuple[float, float]]:
+    number = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?"
+    found = re.fullmatch(rf"\s*([\w.]+)\s*=\s*({number})\s*:\s*({number})\s*", text, re.I)
+    if found is None or not float(found[2]) < float(found[3]):
+        raise ValueError(f"--over {text!r}: wanted NAME=LOW:HIGH, the lower first, such as C10=0.15:0.25 "
+                         "(MPa) or top_wall_mm=1.6:2.4")  # fmt: skip
+    return found[1], (float(found[2]), float(found[3]))
+
+
+def _unknown(name: str, named: Mapping[str, Any], table: FingerTable | None) -> str:
+    sizes = [] if table is None else [n for n, v in table if isinstance(v, int | float)]
+    deck = "" if table is not None else " (a deck has no dimensions to vary)"
+    return (f"--over {name}: nothing of the finger has this name{deck}; wanted a parameter "
+            f"({', '.join(named)}, or one of another effect, such as clamp.*)"
+            f"{', or a dimension: ' if sizes else ''}{', '.join(sizes)}")  # fmt: skip
+
+
+def _dimensions(project: Project) -> FingerTable | None:
+    model = project.config.model
+    if model.deck is not None:
+        return None
+    if project.builtin is not None:
+        return table_of(project.builtin.finger)
+    return model.finger or FingerTable()
+
+
+def _effects(project: Project, ranges: Mapping[str, Any]) -> tuple[tuple[Effect, ...], list[str]]:
+    """The law and the effects that move the finger: those of twin.toml, and whose parameters are varied; and
+    labels of those that do not."""
+    own, labels = own_of(project), list(project.config.model.effects)
+    known = {name_of(label) for label in labels}
+    for name in dict.fromkeys(name.partition(".")[0] for name in ranges if "." in name):
+        if name not in known:
+            labels.append(name)
+    every = [effect(label, own=own) for label in labels]
+    still = [e for e in every if not moves_finger(e)]
+    for e in still:
+        if any(p.name in ranges for p in e.parameters):
+            raise ValueError(f"--over {e.name}: this effect does not move the finger under a held pressure; "
+                             "wanted one that does")  # fmt: skip
+    law = Elasticity(bounds=project.config.calibrate.bounds).fitted()
+    moving = sorted((e for e in every if e not in still), key=lambda e: e.order)
+    return (law, *moving), [e.label for e in still]
+
+
+def _values(project: Project, effects: Sequence[Effect]) -> tuple[dict[str, float], str]:
+    """A value for every parameter: as fitted, else as twin.toml holds it, nominal, or absent."""
+    remark, fitted = "", {}
+    try:
+        fit = newest_fit(project)
+        fitted = {p.name: float(x) for p, x in zip(fit.parameters, fit.theta, strict=True)}
+    except ValueError as why:
+        remark = f"What is not varied is nominal, not fitted: {why}."
+    start = NOMINAL.named | project.config.model.fixed | fitted
+    for e in effects:
+        entry = e.grid[0] if e.grid else {}
+        for p in e.parameters:
+            middle = (p.low + p.high) / 2 if p.start is None else p.start
+            start.setdefault(p.name, p.null if p.null is not None else entry.get(p.name, middle))
+    return {p.name: start[p.name] for e in effects for p in e.parameters}, remark
+
+
+def _path(project: Project, top: float) -> Path:
+    """A ramp to a pressure in MPa, which is then held; gravity where the finger has weight."""
+    time, pull = np.array([0.0, RAMP_S, RAMP_S + HOLD_S]), np.zeros(3)
+    model = project.config.model
+    if model.density_kg_m3 is not None:
+        way = None if model.gravity is None else np.array(model.gravity, float)
+        if way is None and (project.targets_folder / "targets.csv").is_file():
+            gravity = project.targets().gravity
+            way = None if gravity is None else gravity[0]
+        if way is None:
+            raise ValueError("model.density_kg_m3: its weight wants the direction of gravity; add "
+                             "gravity = [0.0, 0.0, -1.0] under [model] of twin.toml")  # fmt: skip
+        pull = G * way / np.linalg.norm(way)
+    return Path(time, np.array([0.0, top, top]), time[[0, 2]], gravity=pull)

@@ -1,0 +1,345 @@
+"""The command explore: which constant, effect or dimension bends the finger more, and at what stretch."""
+
+import csv
+import io
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict
+from typing import Any, ClassVar
+
+import numpy as np
+from pydantic import Field
+
+from twin.bench.askedranges import asked_ranges
+from twin.bench.engines import check_embedded
+from twin.bench.exploring import (
+    FieldResponse,
+    FingerAnswer,
+    VariedFinger,
+    farthest,
+    tasks_of,
+)
+from twin.commands.predict import pressure_of
+from twin.drawing.exploreplots import Coordinate, EffectPanel, draw_effects, draw_parallel
+from twin.executors.chosen import current
+from twin.experiments.designs import DesignKind, Variable
+from twin.experiments.designs import design as designed
+from twin.experiments.maineffects import MainEffects, levels_of, main_effects
+from twin.numerals import short
+from twin.project import files
+from twin.project.folder import Project, Run, Say
+from twin.project.record import Maybe, Record
+from twin.project.tablemodel import Finite
+from twin.targets import Array
+
+CHECKED = 4  # runs of a response that are solved whole, too
+ROUGH = 0.1  # of an answer's sd over the design, by which a response may be off
+PLANE = 0.8  # of an answer's variance that its plane should explain
+SURE = 2.0  # standard errors
+ANSWERS = {
+    "u1_mm": "U1, mm", "u3_mm": "U3, mm", "angle_deg": "bending, degrees", "stretch": "highest stretch",
+}  # fmt: skip
+BENDING, STRETCHED = "angle_deg", "stretch"
+
+
+class ExploredVariable(Record):
+    """What is varied."""
+
+    name: str
+    low: Finite
+    high: Finite
+    unit: str
+
+
+class ExploredRow(Record):
+    """One run of the design."""
+
+    values: dict[str, Finite] = Field(description="by the variable's name")
+    u1_mm: Maybe = Field(description="of the lowest place of the end face, against rest; null: no answer")
+    u3_mm: Maybe
+    angle_deg: Maybe = Field(description="turn of the end face about y, positive downwards")
+    stretch: Maybe = Field(description="highest principal stretch in the walls")
+    nodes: int = Field(default=0, description="of the mesh")
+    why: str = Field(default="", description="why there is no answer")
+
+
+class ExploredEffect(Record):
+    """What a variable does to an answer, the others averaged."""
+
+    variable: str
+    answer: str
+    change: Finite = Field(description="from the lowest to the highest value of the variable")
+    sd: Finite = Field(description="its standard error: bend and interaction")
+    standardised: Finite = Field(description="standardised regression coefficient")
+    explained: Finite = Field(description="share of the answer's variance that all variables explain")
+
+
+class ExploredRecord(Record):
+    """A design of experiments on the finger."""
+
+    file: ClassVar[str] = "explore.json"
+    design: str
+    seed: int
+    pressure_MPa: Finite
+    held: dict[str, Finite] = Field(description="parameters that are not varied")
+    variables: tuple[ExploredVariable, ...] = Field(description="a row a variable")
+    rows: tuple[ExploredRow, ...] = Field(description="a row a run, in the order of the design")
+    effects: tuple[ExploredEffect, ...] = Field(description="a row a variable and answer")
+    off: dict[str, Finite] = Field(default={}, description="what the response is off from whole solves")
+    told: str = Field(description="what bends the finger most, and what at less stretch")
+    note: str = Field(default="", description="what limits that")
+
+
+def run_explore(
+    project: Project,
+    say: Say,
+    *,
+    over: Sequence[str] = (),
+    design: str = "sobol",
+    runs: int = 32,
+    seed: int = 1,
+    pressure: str = "",
+    whole: bool = False,
+) -> dict[str, Any]:
+    """Bending, displacement of the tip and highest stretch of the finger over ranges of constants, amplitudes
+    of effects and dimensions, each NAME=LOW:HIGH; and which of them bends it most.
+
+    ValueError for a variable that there is not, a range that is none, and where no run has an answer.
+    """
+    check_embedded(project, "twin explore")
+    kind, top = _kind(design), _pressure(project, pressure)
+    finger, variables, remarks = asked_ranges(project, over, top)
+    x = designed(kind, variables, runs=runs, seed=seed)
+    response = not whole and not any(finger.remeshes(v.name) for v in variables)
+    extra = {"over": list(over), "design": design, "runs": runs, "pressure": top, "whole": not response,
+             "held": dict(finger.values)}  # fmt: skip
+    with project.new_run("explore", seed=seed, extra=extra) as run:
+        rows = [dict(zip((v.name for v in variables), map(float, row), strict=True)) for row in x]
+        found, off = _answered(finger, variables, rows, response, run, say)
+        good = np.array([isinstance(one, FingerAnswer) for one in found])
+        if not good.any():
+            raise ValueError(f"explore: none of {len(rows)} runs has an answer; the first: {found[0]}; "
+                             "wanted ranges in which the finger can be meshed and solved")  # fmt: skip
+        answered = [one for one in found if isinstance(one, FingerAnswer)]
+        y = {name: np.array([getattr(one, name) for one in answered]) for name in ANSWERS}
+        made = _record(kind, seed, top, finger, variables, rows, found, x[good], y, off, remarks)
+        run.write(made)
+        run.write_text("explore.csv", _csv(made))
+        _draw(run, variables, x[good], y)
+        run.summary["headline"] = made.told
+    for line in _table(made):
+        say(line)
+    say(made.told)
+    if made.note:
+        say(made.note)
+    say(f"Wrote {project.shown(run.folder)}/explore.csv, explore.json, explore-effects.png and "
+        "explore-parallel.png")  # fmt: skip
+    return {"stage": "explore", "run": run.name} | files.plain(made)
+
+
+# -- what is asked for ---------------------------------------------------------------------------------------
+
+
+def _kind(text: str) -> DesignKind:
+    try:
+        return DesignKind(text)
+    except ValueError:
+        raise ValueError(f"--design {text!r}: wanted one of {', '.join(DesignKind)}") from None
+
+
+def _pressure(project: Project, text: str) -> float:
+    if text:
+        return pressure_of(text)
+    if not (project.targets_folder / "targets.csv").is_file():
+        raise ValueError("--pressure: this project has no film whose highest pressure could be taken; wanted "
+                         "one, such as --pressure 30kPa")  # fmt: skip
+    return float(project.targets().log_pressure.max())
+
+
+# -- what is answered ----------------------------------------------------------------------------------------
+
+
+def _answered(
+    finger: VariedFinger, variables: Sequence[Variable], rows: Sequence[dict[str, float]], response: bool,
+    run: Run, say: Say,
+) -> tuple[list[FingerAnswer | str], dict[str, float]]:  # fmt: skip
+    """What each row shows, and what a response is off; whole solves of a killed run come from its log."""
+    asked = list(range(len(rows)))
+    if response:  # rows spread over the design check it
+        asked = sorted({int(k) for k in np.linspace(0, len(rows) - 1, min(CHECKED, len(rows)))})
+    solved: dict[int, FingerAnswer | str] = {
+        line["row"]: FingerAnswer(**line["shown"]) if line["shown"] else line["why"]
+        for line in run.log() if "row" in line
+    }  # fmt: skip
+    left = [k for k in asked if k not in solved]
+    say.progress("explore", len(asked) - len(left), len(asked))
+    tasks = tasks_of(finger, [rows[k] for k in left])
+    for done, (n, one) in enumerate(current().ended(tasks), start=len(asked) - len(left) + 1):
+        why, shown = (one, None) if isinstance(one, str) else ("", asdict(one))
+        run.append({"row": left[n], "shown": shown, "why": why})
+        solved[left[n]] = one
+        say.progress("explore", done, len(asked))
+    if not response:
+        return [solved[k] for k in asked], {}
+    try:
+        answering = FieldResponse.of(finger, variables)
+    except ValueError as why:
+        raise ValueError(f"{why}; or solve every run with --whole") from None
+    found = [answering.row(row) for row in rows]
+    pairs = [(a, b) for k in asked for a, b in [(found[k], solved[k])]
+             if isinstance(a, FingerAnswer) and isinstance(b, FingerAnswer)]  # fmt: skip
+    for k in asked:  # what cannot be solved has no answer
+        found[k] = solved[k]
+    return found, {n: getattr(farthest(pairs), n) for n in ANSWERS} if pairs else {}
+
+
+def _record(
+    kind: DesignKind, seed: int, top: float, finger: VariedFinger, variables: Sequence[Variable],
+    rows: Sequence[dict[str, float]], found: Sequence[FingerAnswer | str], x: Array, y: Mapping[str, Array],
+    off: Mapping[str, float], remarks: Sequence[str],
+) -> ExploredRecord:  # fmt: skip
+    low, high = np.array([[v.low, v.high] for v in variables]).T
+    plane = {name: main_effects(x, own, low, high) for name, own in y.items()}
+    notes = [*remarks, *_notes(found, y, plane, off)]
+    return ExploredRecord(
+        design=kind.value, seed=seed, pressure_MPa=top,
+        held={k: v for k, v in finger.values.items() if k not in {v.name for v in variables}},
+        variables=tuple(
+            ExploredVariable(name=v.name, low=v.low, high=v.high, unit=v.unit) for v in variables
+        ),
+        rows=tuple(_row(values, one) for values, one in zip(rows, found, strict=True)),
+        effects=tuple(_effect_rows(variables, plane)), off=dict(off),
+        told=told(variables, plane[BENDING], plane[STRETCHED]), note=" ".join(notes),
+    )  # fmt: skip
+
+
+def _row(values: dict[str, float], one: FingerAnswer | str) -> ExploredRow:
+    if isinstance(one, str):
+        return ExploredRow(values=values, u1_mm=None, u3_mm=None, angle_deg=None, stretch=None, why=one)
+    return ExploredRow(values=values, **asdict(one), why="")
+
+
+def _effect_rows(
+    variables: Sequence[Variable], plane: Mapping[str, MainEffects | None]
+) -> Iterator[ExploredEffect]:
+    for answer, e in plane.items():
+        if e is None:
+            continue
+        for k, v in enumerate(variables):
+            yield ExploredEffect(
+                variable=v.name, answer=answer, change=float(e.change[k]), sd=float(e.sd[k]),
+                standardised=float(e.standardised[k]), explained=e.explained,
+            )  # fmt: skip
+
+
+# -- in words ------------------------------------------------------------------------------------------------
+
+
+def told(variables: Sequence[Variable], bends: MainEffects | None, strains: MainEffects | None) -> str:
+    """Which variable bends the finger most, and which gives more bending at less stretch."""
+    if bends is None or strains is None:
+        return "Too few runs have an answer to say what each variable does: ask for more --runs."
+    clear = np.abs(bends.change) > SURE * bends.sd
+    if not clear.any():
+        return "No variable changes the bending beyond what bend and interaction leave open."
+    first, *others = np.argsort(-np.abs(bends.change))
+    v, change, sd = variables[first], bends.change[first], bends.sd[first]
+    most = (f"{v.name} moves the bending most: by {change:+.3g} degrees (sd {sd:.2g}) from {short(v.low)} to "
+            f"{short(v.high)} {v.unit}".rstrip() + ".")  # fmt: skip
+    if others:
+        near = abs(change) - abs(bends.change[others[0]])
+        if near < SURE * math.hypot(sd, bends.sd[others[0]]):
+            most += f" {variables[others[0]].name} may move it as much."
+    return f"{most} {_at_less_stretch(variables, bends, strains)}"
+
+
+def _at_less_stretch(variables: Sequence[Variable], bends: MainEffects, strains: MainEffects) -> str:
+    """Which variable gives more bending at less stretch under the same pressure; else what costs least."""
+    clear = np.abs(bends.change) > SURE * bends.sd
+    sure = clear & (np.abs(strains.change) > SURE * strains.sd)
+    costs = [k for k in range(len(variables)) if sure[k]]
+    both = [k for k in costs if bends.change[k] * strains.change[k] < 0]
+    if both:
+        every = " and ".join(
+            f"{'larger' if bends.change[k] > 0 else 'smaller'} {variables[k].name}"
+            for k in sorted(both, key=lambda k: -abs(bends.change[k]))
+        )
+        return f"More bending at less stretch, under the same pressure: {every}."
+    if not costs:
+        return "No variable is seen to give more bending at less stretch."
+    k = min(costs, key=lambda k: abs(strains.change[k] / bends.change[k]))
+    return (f"No variable is seen to give more bending at less stretch; {variables[k].name} costs least, "
+            f"{abs(strains.change[k] / bends.change[k]):.2g} of stretch a degree.")  # fmt: skip
+
+
+def _notes(
+    found: Sequence[FingerAnswer | str], y: Mapping[str, Array], plane: Mapping[str, MainEffects | None],
+    off: Mapping[str, float],
+) -> Iterator[str]:  # fmt: skip
+    why = [one for one in found if isinstance(one, str)]
+    if why:
+        yield (f"{len(why)} of {len(found)} runs have no answer, and what is said holds for the others "
+               f"alone. The first: {why[0]}.")  # fmt: skip
+    for name in (BENDING, STRETCHED):
+        e = plane[name]
+        if e is not None and e.explained < PLANE:
+            yield (f"Straight lines explain {100 * e.explained:.0f} % of {ANSWERS[name].partition(',')[0]}: "
+                   "variables act together, or bend it; see explore-effects.png, or narrow the "
+                   "ranges.")  # fmt: skip
+    for name, size in off.items():
+        if size > ROUGH * float(y[name].std()) > 0:
+            yield (f"The response is up to {size:.2g} off whole solves in {ANSWERS[name]}: use --whole, or "
+                   "narrow the ranges.")  # fmt: skip
+    if len({one.nodes for one in found if isinstance(one, FingerAnswer)}) > 1:
+        yield ("The mesh has not the same number of nodes in all runs: differences of the size of its error "
+               "say nothing.")  # fmt: skip
+
+
+def _table(made: ExploredRecord) -> list[str]:
+    """A line a variable: its range, and what it does to each answer with the standard error."""
+    cells = [("", "range", *ANSWERS.values())]
+    for v in made.variables:
+        own = {e.answer: e for e in made.effects if e.variable == v.name}
+        texts = (f"{own[n].change:+.3g} ({own[n].sd:.1g})" if n in own else "–" for n in ANSWERS)
+        name = f"{v.name}, {v.unit}" if v.unit and not v.name.endswith("_mm") else v.name
+        cells.append((name, f"{short(v.low)} to {short(v.high)}", *texts))
+    wide = [max(len(line[k]) for line in cells) for k in range(len(cells[0]))]
+    kPa = 1e3 * made.pressure_MPa
+    head = [f"Change from the lowest to the highest value, with its sd, at {kPa:.4g} kPa:"]
+    off = ", ".join(f"{made.off[n]:.1g} in {ANSWERS[n]}" for n in made.off)
+    tail = [f"The response differs from whole solves by at most {off}."] if off else []
+    lines = ["  ".join(f"{c:<{w}}" for c, w in zip(line, wide, strict=True)).rstrip() for line in cells]
+    return [*head, *lines, *tail]
+
+
+# -- files ---------------------------------------------------------------------------------------------------
+
+
+def _csv(made: ExploredRecord) -> str:
+    """A line a run: its values, its answers, and why there are none."""
+    out = io.StringIO()
+    writer = csv.writer(out, lineterminator="\n")
+    names = [v.name for v in made.variables]
+    units = [v.unit.replace("/", "_per_") for v in made.variables]
+    heads = [n if n.endswith("_mm") or not u else f"{n}_{u}" for n, u in zip(names, units, strict=True)]
+    writer.writerow(["run", *heads, *ANSWERS, "nodes", "why"])
+    for k, row in enumerate(made.rows, start=1):
+        numbers = [*(row.values[n] for n in names), *(getattr(row, n) for n in ANSWERS)]
+        writer.writerow([k, *("" if x is None else f"{x:.8g}" for x in numbers), row.nodes or "", row.why])
+    return out.getvalue()
+
+
+def _draw(run: Run, variables: Sequence[Variable], x: Array, y: Mapping[str, Array]) -> None:
+    titles = [v.title for v in variables]
+    panels = [
+        [EffectPanel(x[:, k], own, levels_of(x[:, k], own, v.low, v.high)) for k, v in enumerate(variables)]
+        for own in y.values()
+    ]
+    run.write_bytes(
+        "explore-effects.png", draw_effects(panels, variables=titles, answers=list(ANSWERS.values()))
+    )
+    lines = [Coordinate(t, x[:, k]) for k, t in enumerate(titles)]
+    lines += [Coordinate(ANSWERS[n], own) for n, own in y.items()]
+    run.write_bytes(
+        "explore-parallel.png", draw_parallel(lines, colour=y[BENDING], label=ANSWERS[BENDING])
+    )

@@ -1,0 +1,224 @@
+"""The command pareto: what fits one part of the measurement at the cost of another, and if that matters."""
+
+import csv
+import io
+from collections.abc import Callable, Iterator
+from typing import Any, ClassVar
+
+import numpy as np
+from pydantic import Field
+
+from twin.bench.comparison import film_names
+from twin.bench.engines import check_embedded
+from twin.bench.fits import fit_file
+from twin.bench.tradingoff import Keep, SolvedFit, TradeOff, masks_of, misfits, trade_off
+from twin.bench.workbench import Workbench
+from twin.drawing.paretoplot import draw_front
+from twin.judging.record import FitRecord
+from twin.numerals import short
+from twin.project import files
+from twin.project.folder import Project, Run, Say
+from twin.project.record import Record
+from twin.project.tablemodel import Finite
+
+OFF = 0.25  # of what noise may make of a misfit, by which a response may be off unmentioned
+LACK = 1.5  # misfit over its errors, from which a part alone is not fitted either
+
+
+class ParetoObjective(Record):
+    """One objective: a part of the targets."""
+
+    name: str
+    values: int = Field(description="number of values that are fitted")
+    noise_mm: Finite = Field(description="rms of their noise")
+    expected_mm: Finite = Field(description="rms of all their errors, shared ones too")
+    best: Finite = Field(description="misfit over its errors, fitted alone")
+    fit: Finite = Field(description="that of the one fit")
+    excess: Finite = Field(description="chi2 of the one fit less that of the best alone")
+
+
+class ParetoPoint(Record):
+    """One point of the front."""
+
+    parameters: dict[str, Finite]
+    misfit: dict[str, Finite] = Field(description="over its errors, by objective; 1: a model that is right")
+    rms_mm: dict[str, Finite] = Field(description="of the residual, by objective")
+
+
+class ParetoRecord(Record):
+    """The front of several misfits."""
+
+    file: ClassVar[str] = "pareto.json"
+    fit: str = Field(description="the run with the one fit")
+    seed: int
+    objectives: tuple[ParetoObjective, ...] = Field(description="a row an objective")
+    threshold: Finite = Field(description="excess that noise alone goes beyond in 5 % of all tests")
+    points: tuple[ParetoPoint, ...] = Field(description="a row a point of the front that was solved whole")
+    knee: int = Field(description="number of the knee among them, from 0")
+    conflict: bool | None = Field(
+        description="whether the one fit leaves more than noise explains; null: nothing is known of the noise"
+    )
+    off: Finite = Field(description="by how much the response was off their misfits, at most")
+    told: str = Field(description="what the front means")
+    note: str = Field(default="", description="what limits that")
+
+
+def run_pareto(project: Project, say: Say, *, objectives: str = "", seed: int = 1) -> dict[str, Any]:
+    """The front of the misfits of points, components or films, by NSGA-II around the newest fit; its knee;
+    and whether the one fit of all is as good as each alone.
+
+    ValueError for objectives that there are not, and without a fit.
+    """
+    check_embedded(project, "twin pareto")
+    file = fit_file(project)
+    fit = files.read(FitRecord, file).fit
+    bench = Workbench.of(project)
+    text = objectives or ",".join(project.config.calibrate.objective_points)
+    masks = masks_of(text, bench.targets, film_names(project))
+    inputs = [project.targets_folder, *project.deck_files(), *project.effect_files()]
+    extra = {"objectives": list(masks), "fit": file.parent.name}
+    with project.new_run("pareto", seed=seed, inputs=inputs, extra=extra) as run:
+        found = trade_off(bench, file, fit, masks, seed=seed, say=say, keep=_keeping(run))
+        known = bench.targets.noise is not None
+        names = [p.name for p in fit.parameters]
+        made = _record(found, file.parent.name, seed, names, known)
+        run.write(made)
+        run.write_text("pareto.csv", _csv(found, names))
+        run.write_bytes("pareto.png", _picture(found))
+        run.summary["headline"] = made.told
+    for line in _table(made, found):
+        say(line)
+    say(made.told)
+    if made.note:
+        say(made.note)
+    say(f"{len(made.points)} points of the front are whole solves of the model; the response was at most "
+        f"{made.off:.2g} off their misfits.")  # fmt: skip
+    say(f"Wrote {project.shown(run.folder)}/pareto.csv, pareto.json and pareto.png")
+    return {"stage": "pareto", "run": run.name} | files.plain(made)
+
+
+def _keeping(run: Run) -> Keep:
+    """What is solved once, in the log of a run: a killed one goes on where it was."""
+    done = {line["name"]: line["made"] for line in run.log() if "made" in line}
+
+    def keep(name: str, make: Callable[[], dict[str, Any]]) -> dict[str, Any]:
+        if name not in done:
+            done[name] = make()
+            run.append({"name": name, "made": done[name]})
+        return done[name]
+
+    return keep
+
+
+def _record(found: TradeOff, fit: str, seed: int, names: list[str], known: bool) -> ParetoRecord:
+    best, own = (misfits(found.parts, x[None])[0] for x in (found.least, found.fit.chi2))
+    return ParetoRecord(
+        fit=fit, seed=seed,
+        objectives=tuple(
+            ParetoObjective(
+                name=p.name, values=p.whitener.count, noise_mm=p.whitener.noise_sd,
+                expected_mm=p.whitener.expected, best=float(best[k]), fit=float(own[k]),
+                excess=float(found.excess[k]),
+            )
+            for k, p in enumerate(found.parts)
+        ),
+        threshold=found.threshold,
+        points=tuple(_point(found, one, names) for one in found.solved),
+        knee=found.knee, conflict=bool(found.conflicting) if known else None,
+        off=max(one.off for one in found.solved), told=told(found, known=known),
+        note=" ".join(_notes(found)),
+    )  # fmt: skip
+
+
+def _point(found: TradeOff, one: SolvedFit, names: list[str]) -> ParetoPoint:
+    values = misfits(found.parts, one.chi2[None])[0]
+    return ParetoPoint(
+        parameters={n: float(x) for n, x in zip(names, one.theta, strict=True)},
+        misfit={p.name: float(x) for p, x in zip(found.parts, values, strict=True)},
+        rms_mm={p.name: float(x) for p, x in zip(found.parts, one.rms_mm, strict=True)},
+    )
+
+
+# -- in words ------------------------------------------------------------------------------------------------
+
+
+def told(found: TradeOff, *, known: bool = True) -> str:
+    """What the front means: no conflict where the one fit is as good as each part alone, within noise."""
+    if not known:
+        return ("Nothing is known of the noise, so that it cannot be said whether these objectives "
+                "contradict each other.")  # fmt: skip
+    every = ", ".join(p.name for p in found.parts[:-1]) + f" and {found.parts[-1].name}"
+    if not found.conflicting:
+        return f"No conflict: within noise, the one fit is as good for {every} as a fit of each alone."
+    best, own = (misfits(found.parts, x[None])[0] for x in (found.least, found.fit.chi2))
+    missed = ", ".join(
+        f"{p.name} is missed by {own[k]:.3g} times its errors, fitted alone by {best[k]:.3g}"
+        for k, p in enumerate(found.parts)
+        if p.name in found.conflicting
+    )
+    return (f"Conflict of {every}: by the one fit {missed}. No constants fit all of them: model and data "
+            "contradict each other there, and `twin diagnose` asks why.")  # fmt: skip
+
+
+def _notes(found: TradeOff) -> Iterator[str]:
+    if found.unsettled:
+        yield (f"The fit of {' and '.join(found.unsettled)} alone has not converged: it may be better than "
+               "shown.")  # fmt: skip
+    least = misfits(found.parts, found.least[None])[0]
+    lacking = [p.name for p, x in zip(found.parts, least, strict=True) if x > LACK]
+    if lacking:
+        yield f"Even fitted alone, {' and '.join(lacking)} {'are' if lacking[1:] else 'is'} not fitted."
+    room = min(_noise(found) - least)
+    if (off := max(one.off for one in found.solved)) > OFF * room:
+        yield (f"The response was up to {off:.2g} off: what is said rests on the whole solves, and a better "
+               "point may lie between them.")  # fmt: skip
+
+
+def _noise(found: TradeOff) -> Any:
+    """Misfits (m,) up to which noise alone leads from the best of each part."""
+    return misfits(found.parts, (found.least + found.threshold)[None])[0]
+
+
+def _table(made: ParetoRecord, found: TradeOff) -> list[str]:
+    """A line an objective: its errors, and its misfit alone, at the knee, by the one fit."""
+    knee, noise = made.points[made.knee], map(float, _noise(found))
+    head = ("misfit over its errors", "expected, mm", "alone", "at the knee", "one fit", "within noise to")
+    cells: list[tuple[str, ...]] = [head]
+    cells += [
+        (o.name, *map(short, (o.expected_mm, o.best, knee.misfit[o.name], o.fit, x)))
+        for o, x in zip(made.objectives, noise, strict=True)
+    ]
+    wide = [max(len(line[k]) for line in cells) for k in range(len(head))]
+    at = ", ".join(f"{name} = {short(x)}" for name, x in knee.parameters.items())
+    lines = ["  ".join(f"{c:<{w}}" for c, w in zip(line, wide, strict=True)).rstrip() for line in cells]
+    return [*lines, f"Knee: {at}."]
+
+
+# -- files ---------------------------------------------------------------------------------------------------
+
+
+def _csv(found: TradeOff, names: list[str]) -> str:
+    """A line a point of the front: its parameters and misfits; those that were solved whole with their rms in
+    mm."""
+    out = io.StringIO()
+    writer = csv.writer(out, lineterminator="\n")
+    parts = [p.name for p in found.parts]
+    writer.writerow(["point", *names, *(f"misfit {n}" for n in parts), *(f"rms_mm {n}" for n in parts)])
+
+    def row(what: str, one: SolvedFit) -> list[Any]:
+        values = misfits(found.parts, one.chi2[None])[0]
+        return [what, *(f"{x:.8g}" for x in (*one.theta, *values, *one.rms_mm))]
+
+    writer.writerow(row("one fit", found.fit))
+    for k, one in enumerate(found.solved):
+        writer.writerow(row("knee" if k == found.knee else "solved", one))
+    for theta, values in zip(found.front.theta, found.front.values, strict=True):
+        writer.writerow(["response", *(f"{x:.8g}" for x in (*theta, *values)), *("" for _ in parts)])
+    return out.getvalue()
+
+
+def _picture(found: TradeOff) -> bytes:
+    return draw_front(
+        [p.name for p in found.parts], front=found.front.values, solved=found.values, knee=found.knee,
+        fit=np.asarray(misfits(found.parts, found.fit.chi2[None])[0]), noise=_noise(found),
+    )  # fmt: skip
