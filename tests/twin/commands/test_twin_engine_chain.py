@@ -230,7 +230,7 @@ def test_a_program_that_is_absent_is_one_line_before_anything_runs(
         ({"engine_cpus": 4}, "the embedded engine takes none"),
         ({"engine": "calculix", "engine_memory": "4 GB"}, "CalculiX takes no limit of memory"),
         ({"engine": "abaqus", "engine_memory": "4"}, 'a size such as "4 GB"'),
-        ({"engine": "abaqus", "engine_command": "/home/eve/abaqus"}, "without its folder"),
+        ({"engine": "abaqus", "engine_command": "/opt/tools/abaqus"}, "without its folder"),
         ({"engine": "abaqus", "engine_command": "bash"}, "begins with abaqus"),
         ({"engine": "abaqus", "engine_cpus": 0}, "greater than or equal to 1"),
     ],
