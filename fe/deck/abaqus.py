@@ -88,6 +88,10 @@ class Abaqus:
         """The deck of a case. ValueError for what a deck refuses."""
         return deck(case, pressure, kind=self.kind, gravity=gravity, levels=levels)
 
+    def unfit(self, case: Case) -> str:
+        """Nothing: it has hybrid elements of every shape."""
+        return ""
+
     def run(self, text: str, *, folder: Path | None = None) -> EngineResult:
         """The response of a deck, the course being that of its last step. FileNotFoundError where Abaqus is
         not installed; never raises for lack of convergence. folder: where its files stay."""

@@ -71,6 +71,9 @@ class Program(Engine, Protocol):
     def deck(self, case: Case, pressure: float, *, gravity: Array | None = None, levels: int = 0) -> str:
         """The deck of a case; ValueError for what it cannot solve."""
 
+    def unfit(self, case: Case) -> str:
+        """Why it has no elements for a case of rubber, "" where it has."""
+
     def run(self, text: str, *, folder: Path | None = None) -> EngineResult:
         """The response of a deck, the course being that of its last step. FileNotFoundError where the program
         is not installed; never raises for lack of convergence. folder: where its files stay, job.log among

@@ -126,12 +126,8 @@ class Workbench:
         nearby.
         """
         if self.jobs is not None:
-            engine = self.jobs.engine
-            none = Discretisation.none(
-                "finer meshes are solved by the embedded engine alone, in other elements than "
-                f"{engine.name}'s {engine.kind}"
-            )
-            return _warned(none, say)
+            why = f"finer meshes are solved by the embedded engine alone, and not by {self.jobs.engine.name}"
+            return _warned(Discretisation.none(why), say)
         if self.targets.noise is None:
             return None
         if self.structure.unknown:

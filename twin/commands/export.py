@@ -7,7 +7,7 @@ import numpy as np
 from pydantic import Field
 from scipy.interpolate import CubicSpline
 
-from fe.deck.calculix import check, without_hybrid
+from fe.deck.calculix import CalculiX, check, without_hybrid
 from fe.deck.writer import deck
 from twin.bench.engines import check_embedded
 from twin.bench.fits import fit_file
@@ -114,6 +114,8 @@ def _deck(
             check(test.case)
         except ValueError as error:
             raise ValueError(f"export calculix: {error}, or export for abaqus") from None
+        if why := CalculiX().unfit(test.case):
+            told.append(f"CalculiX has no elements for this deck: {why}.")
     creeps = any(m.prony for m in test.case.materials.values())
     weight = of_targets(bench.targets).reshape(-1, 3)[0]
     text = deck(test.case, pressure, gravity=weight, times=times if creeps else None)

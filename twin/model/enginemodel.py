@@ -162,6 +162,8 @@ def _tried(p: Parameter) -> float:
 
 def _refused(test: Test, jobs: EngineJobs) -> str:
     """Why a program cannot solve a test, "" where it can."""
+    if why := jobs.engine.unfit(test.case):
+        return why
     if test.perturbations:
         return "it is known to first order alone, from derivatives that no job gives"
     if test.path.stiffness is not None and np.any(test.path.stiffness != 1):

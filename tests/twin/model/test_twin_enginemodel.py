@@ -2,13 +2,14 @@
 
 import re
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from fe import Case
+from fe import Case, Finger, Lattice, solve
+from fe import Path as Course
 from fe.deck.abaqus import Abaqus
 from fe.deck.calculix import CalculiX
 from fe.deck.course import over_pressure
@@ -21,7 +22,8 @@ from twin.effects.protocol import Unsolvable
 from twin.model.basemodel import base_model
 from twin.model.enginejobs import FRUITLESS, EngineJobs
 from twin.model.enginemodel import EngineModel, EnginePaths
-from twin.targets import Array, Targets
+from twin.model.structure import base_case, of_deck
+from twin.targets import Array, PointKind, TargetPoint, Targets
 
 KIND = "C3D20RH"
 SHARE = np.linspace(0, 1, 13)[1:]
@@ -43,6 +45,9 @@ class Formula:
         (m,) = set(case.materials.values())
         text = deck(case, pressure, kind=self.kind, gravity=gravity, levels=levels)
         return f"** {pressure / (m.C10 + m.C01 / 2):.17g}\n{text}"
+
+    def unfit(self, case: Case) -> str:
+        return ""
 
     def run(self, text: str, *, folder: Path | None = None) -> EngineResult:
         self.jobs.append(text)
@@ -156,6 +161,15 @@ def test_derivatives_are_differences_of_two_jobs_and_of_one_where_the_case_is_th
     assert np.abs(np.abs(found["camera_scale.scale"][:, :2, 2]) - np.abs(u)).max() < 1e-3 * np.abs(u).max()
 
 
+def test_a_derivative_at_a_bound_is_taken_inwards(
+    coarsest_case: Case, make_targets: Callable[..., Targets], jobs: EngineJobs
+) -> None:
+    model = EngineModel.of(base_model(make_targets(), coarsest_case), jobs)
+    theta = np.array([model.parameters[0].high, 0.1])
+    at, inside = (model.jacobian(theta - np.array([off, 0.0]))[0] for off in (0.0, 0.01))
+    np.testing.assert_allclose(at, inside, atol=0.03 * np.abs(inside).max())  # of 1.5 MPa 0.01, squared
+
+
 def test_a_job_is_done_once_and_its_folder_is_gone(
     coarsest_case: Case, jobs: EngineJobs, program: Formula, tmp_path: Path
 ) -> None:
@@ -242,6 +256,43 @@ def test_what_a_program_cannot_solve_is_named_with_the_way_out(
     way = re.escape('set engine = "embedded" under [model] of twin.toml, or drop it')
     with pytest.raises(ValueError, match=f"^effect '{label}': {engine.name} cannot solve it: .*{why}.*{way}$"):
         model.with_effect(effect(label))
+
+
+def test_a_deck_of_ones_own_keeps_its_elements(tmp_path: Path, require: Callable[[str], None]) -> None:
+    """By CalculiX against this kernel, in the deck's elements, which are C3D20RH."""
+    require("ccx")
+    end, middle = (10 + 100 / 9, 11.5, 0.0), (4 + 50 / 9, 11.5, 0.0)
+    finger = Finger(length=end[0], bellows=1, tip_node=end, middle_node=middle)
+    case = converted(base_case(finger=finger, lattice=Lattice(per_bellow=2, ring=False, centred=False)), KIND)
+    jobs = EngineJobs(CalculiX(), "2.20", Kept(), tmp_path / "jobs")
+    pressure, u = jobs.course(case, 0.004, np.zeros(3))
+    ours = solve(case, Course(pressure, pressure, pressure)).fields(range(len(pressure)))
+    # its tolerance of the residual is 0.5 % of the force, and there are six digits
+    np.testing.assert_allclose(u, ours, atol=2e-3 * np.abs(ours).max())
+    assert pressure[-1] >= 0.004
+    assert list(jobs.folder.iterdir()) == []
+
+
+def test_elements_that_lock_without_the_hybrid_ones_are_refused(
+    make_targets: Callable[..., Targets], tmp_path: Path
+) -> None:
+    """CalculiX moves this tube of C3D8H, which it takes for C3D8, by 0.009 mm where this kernel has 0.107."""
+    case = of_deck(Path(__file__).resolve().parents[2] / "corpora" / "deck" / "tube.inp").case
+    at = tuple(float(x) for x in case.nodes[-1])
+    points = (TargetPoint("tip", PointKind.PLACE, None, at), *make_targets().points[2:])
+    base = base_model(take(make_targets(), points), case)
+    with pytest.raises(ValueError, match=r"CalculiX cannot solve this finger: elements C3D8H: .* mesh it with C3D20R;"):
+        EngineModel.of(base, EngineJobs(CalculiX(), "", Kept(), tmp_path))
+    assert EngineModel.of(base, EngineJobs(Abaqus(), "", Kept(), tmp_path)).jobs.engine.name == "Abaqus"
+
+
+def take(targets: Targets, points: tuple[TargetPoint, ...]) -> Targets:
+    """The targets with so many points, of which nothing is measured."""
+    s, p = len(targets.time), len(points)
+    return replace(
+        targets, points=points, value=np.zeros((s, p, 3)), covariance=np.zeros((s, p, 3, 3)),
+        valid=np.zeros((s, p, 3), bool), modes=np.zeros((0, s, p, 3)),
+    )  # fmt: skip
 
 
 def test_a_model_by_jobs_has_no_tangents(
