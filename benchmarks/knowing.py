@@ -27,7 +27,7 @@ from calibrate.fit import Jacobian, Residual
 from calibrate.posteriors import END, sampled
 from calibrate.profiles import Held
 from twin.bench.sampling import Density
-from twin.parallel import WORKERS, finished
+from twin.executors.chosen import current
 from twin.targets import Array
 
 PARAMETERS = (
@@ -168,7 +168,7 @@ def coverage(trials: Sequence[Trial]) -> Mapping[str, Any]:
 def figures(quick: bool) -> Mapping[str, Any]:
     """The figures of all trials."""
     found, tasks = [], [partial(trial, seed) for seed in range(FEW if quick else TRIALS)]
-    for _, one in finished(tasks, workers=WORKERS):
+    for _, one in current().ended(tasks):
         found.append(one)
         if len(found) % 10 == 0:
             print(coverage(found), flush=True)

@@ -13,6 +13,7 @@ from pydantic import Field
 
 from calibrate import Fit
 from calibrate.posteriors import END, MOST, Chain
+from twin.bench.engines import check_embedded
 from twin.bench.fits import fit_file, newest
 from twin.bench.predicting import NORMAL, why_none
 from twin.bench.profiling import Profiler, held, profiled_names, sd_of
@@ -30,6 +31,7 @@ from twin.project.tablemodel import Finite
 from twin.targets import Array, Targets
 
 NEAR, LEANS = 0.05, 0.01  # sds from a bound, and the share of the sample that lies there where it matters
+OTHERWISE = "Run `twin profile`: a profile solves the model itself wherever it goes."
 HARDLY = 0.8  # of the sd that the bounds alone would give
 
 
@@ -134,6 +136,7 @@ def run_posterior(project: Project, say: Say, *, seed: int = 0, steps: int = MOS
     emcee or corner.
     """
     _check(seed, steps)
+    check_embedded(project, "twin posterior")
     file = fit_file(project)
     record = files.read(FitRecord, file)
     if why := why_none(record):
@@ -240,10 +243,8 @@ def _headline(made: PosteriorRecord) -> str:
 def _told(made: PosteriorRecord) -> list[str]:
     """What is said: the table, correlations, what bounds do, and how the chain was checked."""
     if not made.trusted:
-        return [
-            f"No interval: {made.doubt}. The sample may not be trusted yet; run "
-            f"`twin posterior --steps {2 * made.steps}`."
-        ]
+        longer = f"Run `twin posterior --steps {2 * made.steps}`."
+        return [f"No interval: {made.doubt}. {longer if made.off is None else OTHERWISE}"]
     out = [*_table(made), *(row.bound for row in made.rows if row.bound)]
     names = [row.name for row in made.rows][: len(made.correlation)]
     pairs = [
