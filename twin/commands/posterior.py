@@ -31,6 +31,7 @@ from twin.project.tablemodel import Finite
 from twin.targets import Array, Targets
 
 NEAR, LEANS = 0.05, 0.01  # sds from a bound, and the share of the sample that lies there where it matters
+ALIKE = 0.3  # a correlation that is told
 OTHERWISE = "Run `twin profile`: a profile solves the model itself wherever it goes."
 HARDLY = 0.8  # of the sd that the bounds alone would give
 
@@ -251,10 +252,10 @@ def _told(made: PosteriorRecord) -> list[str]:
         f"{a} and {b} {made.correlation[i][j]:+.2f}"
         for i, a in enumerate(names)
         for j, b in enumerate(names[:i])
-        if made.correlation[i][j] is not None
+        if abs(made.correlation[i][j] or 0.0) > ALIKE
     ]
     if pairs:
-        out.append(f"Correlations: {', '.join(pairs)}.")
+        out.append(f"Correlations above {ALIKE}: {', '.join(pairs)}.")
     out.append(
         f"{made.steps} steps of {made.walkers} walkers, R-hat {made.rhat:.3f}. Where it was checked, the "
         f"response is off whole solves by {made.off:.2g} of chi2 at most, and the errors of gauge, mesh and "

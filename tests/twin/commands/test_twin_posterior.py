@@ -101,7 +101,7 @@ def test_a_sample_becomes_means_intervals_and_correlations() -> None:
     lines = posterior._told(made.model_copy(update={"inside": 0.96}))
     assert "mean" in lines[0]
     assert "by profile" in lines[0]
-    assert any("Correlations: C01 and C10 -0.5" in line for line in lines)
+    assert any("Correlations above 0.3: C01 and C10 -0.5" in line for line in lines)
     assert lines[-1] == "96% of the measured values lie within the 95 % band of a measurement."
 
 
