@@ -39,6 +39,7 @@ OFF = 0.1  # chi2, by which the response may be off a whole solve
 OFF_ERRORS = 1.0  # of -2 ln density, by which what the errors change of it may be off there
 WALKERS, EACH = 32, 6  # at least, and for each parameter
 TRIED = 64  # starts, for each that is taken
+OUTWARD, CUT = 1.3, 0.01  # times as far from the fit; share of the sample that may have no answer there
 THINNED = 2000  # positions of a chain that are kept as its sample
 
 
@@ -86,6 +87,12 @@ class Density:
         rows = np.column_stack([w.whiten(targets.value), w.whiten(response.fields).T])
         at, first = np.unique([one.theta for one in solves if one.solved], axis=0, return_index=True)
         moved = np.array([one.moved for one in solves if one.solved])[first]
+        if np.linalg.matrix_rank(at - at[0]) < at.shape[1]:
+            raise ValueError(
+                f"no posterior: of {len(solves)} places around the fit the model has a stable equilibrium at "
+                f"{len(at)}, which do not say how it changes with every parameter; run twin profile, which "
+                "tells how far each may go"
+            )
         own: Array = np.linalg.solve(scale, at.T).T
         between = RBFInterpolator(own, moved, kernel="thin_plate_spline", degree=1)
         return Density(response, np.asarray(np.linalg.qr(rows).R), between, scale, stiffness, guard)
@@ -239,7 +246,7 @@ class Sampler:
             )
             if (off[0] <= OFF and off[1] <= OFF_ERRORS) or number == ROUNDS - 1:
                 assert chain is not None
-                return Sample(chain, density, len(solves), off, _doubt(off))
+                return Sample(chain, density, len(solves), off, _doubt(off) or self._cut(chain, density))
             response = _joined(response, checks)
         raise AssertionError("the last round returns")
 
@@ -303,6 +310,16 @@ class Sampler:
         if not density.guard and not all(model.allowed(model.named(t)) for t in density.theta(some)):
             return np.zeros((0, len(self.theta)))
         return density.theta(spread(chain, CHECKS))
+
+    def _cut(self, chain: Chain, density: Density) -> str:
+        """Why a chain may end where the response does, "" where that reaches on: to OUTWARD times as far from
+        the fit."""
+        low, high = bounds(self.model.parameters)
+        some = density.theta(chain.samples[:: max(len(chain.samples) // THINNED, 1)])
+        beyond = np.clip(self.theta + OUTWARD * (some - self.theta), low, high)
+        if np.isnan(density.chi2(beyond)).mean() <= CUT:
+            return ""
+        return "it goes as far as the response reaches, so that the data hardly hold some parameter"
 
     def _off(self, density: Density, checks: Sequence[WholeSolve]) -> tuple[float, float]:
         """The largest errors of a density at whole solves, of chi2 and of what errors add; inf where one has

@@ -31,6 +31,8 @@ from twin.project.tablemodel import Finite
 from twin.targets import Array, Targets
 
 NEAR, LEANS = 0.05, 0.01  # sds from a bound, and the share of the sample that lies there where it matters
+ALIKE = 0.3  # a correlation that is told
+OTHERWISE = "Run `twin profile`: a profile solves the model itself wherever it goes."
 HARDLY = 0.8  # of the sd that the bounds alone would give
 
 
@@ -242,20 +244,18 @@ def _headline(made: PosteriorRecord) -> str:
 def _told(made: PosteriorRecord) -> list[str]:
     """What is said: the table, correlations, what bounds do, and how the chain was checked."""
     if not made.trusted:
-        return [
-            f"No interval: {made.doubt}. The sample may not be trusted yet; run "
-            f"`twin posterior --steps {2 * made.steps}`."
-        ]
+        longer = f"Run `twin posterior --steps {2 * made.steps}`."
+        return [f"No interval: {made.doubt}. {longer if made.off is None else OTHERWISE}"]
     out = [*_table(made), *(row.bound for row in made.rows if row.bound)]
     names = [row.name for row in made.rows][: len(made.correlation)]
     pairs = [
         f"{a} and {b} {made.correlation[i][j]:+.2f}"
         for i, a in enumerate(names)
         for j, b in enumerate(names[:i])
-        if made.correlation[i][j] is not None
+        if abs(made.correlation[i][j] or 0.0) > ALIKE
     ]
     if pairs:
-        out.append(f"Correlations: {', '.join(pairs)}.")
+        out.append(f"Correlations above {ALIKE}: {', '.join(pairs)}.")
     out.append(
         f"{made.steps} steps of {made.walkers} walkers, R-hat {made.rhat:.3f}. Where it was checked, the "
         f"response is off whole solves by {made.off:.2g} of chi2 at most, and the errors of gauge, mesh and "

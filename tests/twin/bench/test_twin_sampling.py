@@ -1,5 +1,6 @@
 """The sampler of a posterior on closed-form models: the mesh's stiffness, checks by whole solves, going on."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from types import SimpleNamespace
 from typing import Any
@@ -32,6 +33,7 @@ class Stub:
     wrong: float = 0.0
     until: int = 0
     solves: int = 0
+    reach: float = np.inf
     parameters: tuple[Parameter, ...] = BOTH
     fields: Array = field(default_factory=lambda: np.eye(len(X)))
 
@@ -40,7 +42,8 @@ class Stub:
 
     def coefficients(self, theta: Array) -> Array:
         off = self.wrong * SD * (self.solves < self.until)
-        return shown(theta) + off * np.eye(len(X))[3]
+        far = theta[:, 1:] > self.reach
+        return np.where(far, np.nan, shown(theta) + off * np.eye(len(X))[3])
 
     def named(self, theta: Array) -> dict[str, float]:
         return dict(zip(("C10", "g"), theta, strict=True))
@@ -158,8 +161,23 @@ def test_a_response_that_stays_off_is_not_trusted(monkeypatch: pytest.MonkeyPatc
     monkeypatch.setattr(Closed, "end", 0.32)
     found = sampler(Memory(), monkeypatch, Stub()).sample(seed=1, most=20000)
     assert found.doubt == "it goes where the model has no stable equilibrium"
+    monkeypatch.setattr(Closed, "end", np.inf)
+    found = sampler(Memory(), monkeypatch, Stub(reach=0.45)).sample(seed=1, most=20000)
+    assert found.doubt.startswith("it goes as far as the response reaches")
+    monkeypatch.setattr(Closed, "solve", _only_the_fit(Closed.solve))
+    with pytest.raises(ValueError, match=r"of 5 places around the fit the model has a stable equilibrium at 1, .*run twin profile"):
+        sampler(Memory(), monkeypatch, Stub()).sample(seed=1, most=250)
+    monkeypatch.undo()
     found = sampler(Memory(), monkeypatch, Stub()).sample(seed=1, most=250)
     assert "autocorrelation times" in found.doubt
+
+
+def _only_the_fit(whole: Callable[[Closed, Array], WholeSolve]) -> Callable[[Closed, Array], WholeSolve]:
+    def solve(self: Closed, theta: Array) -> WholeSolve:
+        made = whole(self, theta)
+        return made if np.array_equal(theta, TRUE) else replace(made, u=np.nan * made.u)
+
+    return solve
 
 
 def test_no_walker_goes_where_the_rubber_is_not_stable(monkeypatch: pytest.MonkeyPatch) -> None:

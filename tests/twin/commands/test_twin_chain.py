@@ -595,6 +595,9 @@ def test_a_posterior_wants_a_model_that_fits(chain: tuple[Project, Silent]) -> N
     without = replace(project, config=project.config.model_copy(update={"model": bare}))
     with pytest.raises(ValueError, match=r"no posterior: the model does not fit yet.*twin diagnose"):
         run_posterior(without, say)
+    outside = project.config.model.model_copy(update={"engine": "calculix"})
+    with pytest.raises(ValueError, match=r"model\.engine = 'calculix': twin posterior asks for derivatives"):
+        run_posterior(replace(project, config=project.config.model_copy(update={"model": outside})), say)
 
 
 @pytest.mark.slow

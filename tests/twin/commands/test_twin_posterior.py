@@ -101,7 +101,7 @@ def test_a_sample_becomes_means_intervals_and_correlations() -> None:
     lines = posterior._told(made.model_copy(update={"inside": 0.96}))
     assert "mean" in lines[0]
     assert "by profile" in lines[0]
-    assert any("Correlations: C01 and C10 -0.5" in line for line in lines)
+    assert any("Correlations above 0.3: C01 and C10 -0.5" in line for line in lines)
     assert lines[-1] == "96% of the measured values lie within the 95 % band of a measurement."
 
 
@@ -110,9 +110,11 @@ def test_a_chain_that_may_not_be_trusted_gives_no_interval() -> None:
     assert not made.trusted
     assert {row.mean for row in made.rows} == {row.low_95 for row in made.rows} == {None}
     assert {x for row in made.correlation for x in row} == {None}
-    (line,) = posterior._told(made)
+    (line,) = posterior._told(made.model_copy(update={"off": None}))  # it was never checked
     assert line.startswith("No interval: R-hat is 1.200, wanted below 1.01.")
     assert "--steps 2000" in line
+    off = posterior._record(sample_of(normal(), "the response is off"), FIT, Path("0002-add/fit.json"), None)
+    assert posterior._told(off) == [f"No interval: the response is off. {posterior.OTHERWISE}"]
     assert posterior._headline(made) == "No interval: R-hat is 1.200, wanted below 1.01."
     assert PosteriorRecord.model_validate(json.loads(made.model_dump_json())) == made
 
