@@ -188,7 +188,7 @@ def trade_off(
     model, errors = with_own_errors(bench, file, fit, say)
     assert isinstance(model, KeptModel)
     parts = tuple(Part.of(name, mask, bench.targets, errors) for name, mask in masks.items())
-    done, total = counting(1), GENERATIONS + KEPT
+    done, total = counting(1), len(parts) + GENERATIONS + KEPT
 
     def step() -> None:
         say.progress("pareto", min(next(done), total), total)
@@ -203,7 +203,10 @@ def front_of(
 ) -> TradeOff:  # fmt: skip
     """What parts cost each other in a model, around its one fit theta (d,). ValueError where it cannot be
     solved there."""
-    alone = [keep(f"alone: {part.name}", partial(_alone, model, part, theta)) for part in parts]
+    alone = []
+    for part in parts:
+        alone.append(keep(f"alone: {part.name}", partial(_alone, model, part, theta)))
+        step()
     ends = [np.array(fit["theta"]) for fit in alone]
     unsettled = tuple(part.name for part, fit in zip(parts, alone, strict=True) if not fit["converged"])
     response = _response(model, np.array([theta, *ends]))
