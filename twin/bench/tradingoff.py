@@ -36,6 +36,7 @@ SOLVES = 8  # of the response, beside those at the fits
 TOLERANCE, STEPS = 0.1, 20  # sd, and solves, of the fit of one part alone
 
 LEVEL = 0.05  # chance to say of a right model that it contradicts the data
+LACKING = 1e-3  # probability of a chi2 as high, below which a part is not fitted
 Made = dict[str, Any]
 Keep = Callable[[str, Callable[[], Made]], Made]  # what was made under a name before, else what is made now
 
@@ -161,6 +162,16 @@ class TradeOff:
         with as many degrees of freedom as parameters, for all parts together (Bonferroni)."""
         level = 1 - LEVEL / len(self.parts)
         return float(chi2_distribution.ppf(level, len(self.fit.theta)))
+
+    @property
+    def lacking(self) -> tuple[str, ...]:
+        """Names of the parts that a fit of each alone does not fit."""
+        free = len(self.fit.theta)
+        return tuple(
+            p.name
+            for p, x in zip(self.parts, self.least, strict=True)
+            if chi2_distribution.sf(x, max(p.whitener.count - free, 1)) < LACKING
+        )
 
     @property
     def conflicting(self) -> tuple[str, ...]:
