@@ -10,6 +10,7 @@
     nodes    nodes.png                            the built-in finger
     look     look.png                             `twin look` of a finger with other dimensions
     explore  explore.png                          `twin explore` as docs/exploring.md has it, two minutes
+    pareto   pareto.png                           `twin pareto` after `twin demo --quick`, two minutes
     protocols  protocols.png                      pressure over time in P1 to P5
 
 The first three tell figures of the demo; `figures.py` writes those of the pages from the same project, and
@@ -349,6 +350,17 @@ def explore(demo: Path) -> None:
         _smaller(newest(root, "explore-effects.png"), TO / "explore.png", width=1000)
 
 
+def pareto(demo: Path) -> None:
+    """What `twin pareto` draws of the quick demo."""
+    del demo
+    twin = [sys.executable, "-c", "from twin.cli import main; main()"]
+    with tempfile.TemporaryDirectory() as folder:
+        root = Path(folder) / "softtwin-quick"
+        subprocess.run([*twin, "demo", "--quick", str(root)], check=True)
+        subprocess.run([*twin, "pareto", "-p", str(root)], check=True)
+        _smaller(newest(root, "pareto.png"), TO / "pareto.png", width=850)
+
+
 def _outline(points: Array) -> Array:
     """The convex outline (k, 2) of a face's nodes; of a face seen on edge its two ends."""
     if np.linalg.matrix_rank(points - points[0], tol=1e-6) < 2:
@@ -358,7 +370,7 @@ def _outline(points: Array) -> Array:
 
 PICTURES: dict[str, Callable[[Path], None]] = {
     "review": review, "overlay": overlay, "report": report, "effects": effects, "nodes": nodes,
-    "look": look, "explore": explore, "protocols": protocols,
+    "look": look, "explore": explore, "pareto": pareto, "protocols": protocols,
 }  # fmt: skip
 
 

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from calibrate import Parameter
 from fe import Path
 from twin.bench.exploring import VariedFinger, moves_finger, table_of
 from twin.bench.fits import newest_fit
@@ -35,22 +36,7 @@ def asked_ranges(
     effects, left = _effects(project, ranges)
     values, remark = _values(project, effects)
     named = {p.name: p for e in effects for p in e.parameters}
-    whole_numbers = {name for name, f in FingerTable.model_fields.items() if f.annotation is int}
-    variables = []
-    for name, (low, high) in ranges.items():
-        if name in named:
-            p = named[name]
-            if not p.low <= low < high <= p.high:
-                raise ValueError(f"--over {name}={low:g}:{high:g}: wanted {p.low:g} to {p.high:g} "
-                                 f"{p.unit}".rstrip())  # fmt: skip
-            variables.append(Variable(name, low, high, p.unit))
-        elif table is not None and isinstance(getattr(table, name, None), int | float):
-            whole = name in whole_numbers
-            if whole and not (low.is_integer() and high.is_integer()):
-                raise ValueError(f"--over {name}={low:g}:{high:g}: wanted whole numbers")
-            variables.append(Variable(name, low, high, "mm" if name.endswith("_mm") else "", whole))
-        else:
-            raise ValueError(_unknown(name, named, table))
+    variables = tuple(_variable(name, *ends, named, table) for name, ends in ranges.items())
     kg_m3 = project.config.model.density_kg_m3
     finger = VariedFinger(
         case=structure.case, effects=effects, values=values, path=_path(project, top), table=table,
@@ -58,7 +44,7 @@ def asked_ranges(
         refine=project.config.model.mesh, density=None if kg_m3 is None else density(kg_m3),
     )  # fmt: skip
     leaves = f"Left out, as they do not move the finger: {', '.join(left)}." if left else ""
-    return finger, tuple(variables), [s for s in (remark, leaves) if s]
+    return finger, variables, [s for s in (remark, leaves) if s]
 
 
 def _range(text: str) -> tuple[str, tuple[float, float]]:
@@ -70,7 +56,26 @@ def _range(text: str) -> tuple[str, tuple[float, float]]:
     return found[1], (float(found[2]), float(found[3]))
 
 
-def _unknown(name: str, named: Mapping[str, Any], table: FingerTable | None) -> str:
+def _variable(
+    name: str, low: float, high: float, named: Mapping[str, Parameter], table: FingerTable | None
+) -> Variable:
+    """What a name and its range stand for: a parameter, else a dimension."""
+    if name in named:
+        p = named[name]
+        if not p.low <= low < high <= p.high:
+            raise ValueError(f"--over {name}={low:g}:{high:g}: wanted {p.low:g} to {p.high:g} "
+                             f"{p.unit}".rstrip())  # fmt: skip
+        return Variable(name, low, high, p.unit)
+    size = getattr(table, name, None) if name in FingerTable.model_fields else None
+    if not isinstance(size, int | float):
+        raise ValueError(_unknown(name, named, table))
+    whole = isinstance(size, int)
+    if whole and not (low.is_integer() and high.is_integer()):
+        raise ValueError(f"--over {name}={low:g}:{high:g}: wanted whole numbers")
+    return Variable(name, low, high, "mm" if name.endswith("_mm") else "", whole)
+
+
+def _unknown(name: str, named: Mapping[str, Parameter], table: FingerTable | None) -> str:
     sizes = [] if table is None else [n for n, v in table if isinstance(v, int | float)]
     deck = "" if table is not None else " (a deck has no dimensions to vary)"
     return (f"--over {name}: nothing of the finger has this name{deck}; wanted a parameter "

@@ -36,6 +36,7 @@ SOLVES = 8  # of the response, beside those at the fits
 TOLERANCE, STEPS = 0.1, 20  # sd, and solves, of the fit of one part alone
 
 LEVEL = 0.05  # chance to say of a right model that it contradicts the data
+LACKING = 1e-3  # probability of a chi2 as high, below which a part is not fitted
 Made = dict[str, Any]
 Keep = Callable[[str, Callable[[], Made]], Made]  # what was made under a name before, else what is made now
 
@@ -163,6 +164,16 @@ class TradeOff:
         return float(chi2_distribution.ppf(level, len(self.fit.theta)))
 
     @property
+    def lacking(self) -> tuple[str, ...]:
+        """Names of the parts that a fit of each alone does not fit."""
+        free = len(self.fit.theta)
+        return tuple(
+            p.name
+            for p, x in zip(self.parts, self.least, strict=True)
+            if chi2_distribution.sf(x, max(p.whitener.count - free, 1)) < LACKING
+        )
+
+    @property
     def conflicting(self) -> tuple[str, ...]:
         """Names of the parts that the one fit misses by more than noise."""
         return tuple(p.name for p, x in zip(self.parts, self.excess, strict=True) if x > self.threshold)
@@ -188,7 +199,7 @@ def trade_off(
     model, errors = with_own_errors(bench, file, fit, say)
     assert isinstance(model, KeptModel)
     parts = tuple(Part.of(name, mask, bench.targets, errors) for name, mask in masks.items())
-    done, total = counting(1), GENERATIONS + KEPT
+    done, total = counting(1), len(parts) + GENERATIONS + KEPT
 
     def step() -> None:
         say.progress("pareto", min(next(done), total), total)
@@ -203,7 +214,10 @@ def front_of(
 ) -> TradeOff:  # fmt: skip
     """What parts cost each other in a model, around its one fit theta (d,). ValueError where it cannot be
     solved there."""
-    alone = [keep(f"alone: {part.name}", partial(_alone, model, part, theta)) for part in parts]
+    alone = []
+    for part in parts:
+        alone.append(keep(f"alone: {part.name}", partial(_alone, model, part, theta)))
+        step()
     ends = [np.array(fit["theta"]) for fit in alone]
     unsettled = tuple(part.name for part, fit in zip(parts, alone, strict=True) if not fit["converged"])
     response = _response(model, np.array([theta, *ends]))

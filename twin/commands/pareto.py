@@ -22,7 +22,6 @@ from twin.project.record import Record
 from twin.project.tablemodel import Finite
 
 OFF = 0.25  # of what noise may make of a misfit, by which a response may be off unmentioned
-LACK = 1.5  # misfit over its errors, from which a part alone is not fitted either
 
 
 class ParetoObjective(Record):
@@ -165,9 +164,9 @@ def _notes(found: TradeOff) -> Iterator[str]:
         yield (f"The fit of {' and '.join(found.unsettled)} alone has not converged: it may be better than "
                "shown.")  # fmt: skip
     least = misfits(found.parts, found.least[None])[0]
-    lacking = [p.name for p, x in zip(found.parts, least, strict=True) if x > LACK]
-    if lacking:
-        yield f"Even fitted alone, {' and '.join(lacking)} {'are' if lacking[1:] else 'is'} not fitted."
+    if found.lacking:
+        yield (f"Even fitted alone, {' and '.join(found.lacking)} {'are' if found.lacking[1:] else 'is'} not "
+               "fitted: the model lacks something, and `twin diagnose` asks what.")  # fmt: skip
     room = min(_noise(found) - least)
     if (off := max(one.off for one in found.solved)) > OFF * room:
         yield (f"The response was up to {off:.2g} off: what is said rests on the whole solves, and a better "

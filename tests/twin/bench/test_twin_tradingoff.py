@@ -69,6 +69,8 @@ def test_samples_that_differ_are_in_conflict_and_it_is_said() -> None:
     text = told(found)
     assert text.startswith("Conflict of a and b: by the one fit a is missed by 1.")
     assert "`twin diagnose` asks why" in text
+    assert found.lacking == ()  # each has the spread that it should
+    assert of_two_means(3 * a, b).lacking == ("a",)
     same = of_two_means(a, a[::-1])
     assert told(same) == "No conflict: within noise, the one fit is as good for a and b as a fit of each alone."
     assert told(found, known=False).startswith("Nothing is known of the noise")
