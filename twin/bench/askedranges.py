@@ -63,8 +63,8 @@ def _variable(
     if name in named:
         p = named[name]
         if not p.low <= low < high <= p.high:
-            raise ValueError(f"--over {name}={low:g}:{high:g}: wanted {p.low:g} to {p.high:g} "
-                             f"{p.unit}".rstrip())  # fmt: skip
+            wanted = f"{p.low:g} to {p.high:g} {p.unit}".rstrip()
+            raise ValueError(f"--over {name}={low:g}:{high:g}: wanted {wanted}")
         return Variable(name, low, high, p.unit)
     size = getattr(table, name, None) if name in FingerTable.model_fields else None
     if not isinstance(size, int | float):

@@ -284,8 +284,8 @@ def _notes(
         e = plane[name]
         if e is not None and e.explained < PLANE:
             yield (f"Straight lines explain {100 * e.explained:.0f} % of {ANSWERS[name].partition(',')[0]}: "
-                   "variables act together, or bend it; see explore-effects.png, or narrow the "
-                   "ranges.")  # fmt: skip
+                   "variables act together, or bend it; see explore-effects.png, "
+                   "or narrow the ranges.")  # fmt: skip
     for name, size in off.items():
         if size > ROUGH * float(y[name].std()) > 0:
             yield (f"The response is up to {size:.2g} off whole solves in {ANSWERS[name]}: use --whole, or "

@@ -161,8 +161,8 @@ def told(found: TradeOff, *, known: bool = True) -> str:
 
 def _notes(found: TradeOff) -> Iterator[str]:
     if found.unsettled:
-        yield (f"The fit of {' and '.join(found.unsettled)} alone has not converged: it may be better than "
-               "shown.")  # fmt: skip
+        yield (f"The fit of {' and '.join(found.unsettled)} alone has not converged: "
+               "it may be better than shown.")  # fmt: skip
     least = misfits(found.parts, found.least[None])[0]
     if found.lacking:
         yield (f"Even fitted alone, {' and '.join(found.lacking)} {'are' if found.lacking[1:] else 'is'} not "
