@@ -98,7 +98,7 @@ def test_datasets_hold_no_python() -> None:
 
 JUDGES = (
     "twin.diagnosis.procedure", "twin.bench.workbench", "twin.bench.effectchange", "twin.study.generations",
-    *(f"twin.commands.{name}" for name in ("calibrate", "compare", "diagnose", "add", "drop", "explain", "profile", "posterior")),
+    *(f"twin.commands.{name}" for name in ("calibrate", "compare", "diagnose", "add", "drop", "explain", "profile", "posterior", "pareto")),
 )  # fmt: skip
 
 
