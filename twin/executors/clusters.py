@@ -77,6 +77,8 @@ def _client(where: Any, wanted: str) -> Iterator[Any]:
     _needed("distributed")
     from distributed import Client
 
+    if isinstance(where, str):
+        _check_encryption(where, wanted)
     try:
         client = Client(where, timeout=CONNECT_S, set_as_default=False)
     except (OSError, TimeoutError) as error:
@@ -84,15 +86,27 @@ def _client(where: Any, wanted: str) -> Iterator[Any]:
             f"--cluster {wanted}: no scheduler answers ({' '.join(str(error).split())}); start one with "
             "`dask scheduler`, or leave --cluster out"
         ) from error
-    except (TypeError, RuntimeError) as error:  # of its settings
-        raise ValueError(
-            f"--cluster {wanted}: dask's settings do not fit ({' '.join(str(error).split())}); for TLS see "
-            "docs/cluster.md"
-        ) from error
     try:
         yield client
     finally:
         client.close(timeout=2)
+
+
+def _check_encryption(address: str, wanted: str) -> None:
+    """ValueError where dask's settings do not fit the address: a client that fails by them is never closed."""
+    from distributed.security import Security
+
+    settings, encrypted = Security().get_connection_args("client"), address.startswith("tls://")
+    if encrypted and settings["ssl_context"] is None:
+        raise ValueError(
+            f"--cluster {wanted}: TLS, but dask's settings have no certificate of the client "
+            "(distributed.comm.tls.client); docs/cluster.md says how to make one"
+        )
+    if settings["require_encryption"] and not encrypted:
+        raise ValueError(
+            f"--cluster {wanted}: not encrypted, but dask's settings ask for it "
+            "(distributed.comm.require-encryption); wanted an address tls://HOST:8786"
+        )
 
 
 def _needed(library: str) -> None:

@@ -80,6 +80,24 @@ def test_a_scheduler_that_is_not_there_is_one_sentence(monkeypatch: pytest.Monke
         pytest.fail("it connected")
 
 
+@pytest.mark.parametrize(
+    ("address", "asked", "sentence"),
+    [
+        ("tls://127.0.0.1:1", False, r"--cluster tls://127\.0\.0\.1:1: TLS, but dask's settings have no certificate"),
+        ("tcp://127.0.0.1:1", True, r"--cluster tcp://127\.0\.0\.1:1: not encrypted, but dask's settings ask for it"),
+    ],
+)
+def test_settings_of_dask_that_do_not_fit_the_address_are_named(address: str, asked: bool, sentence: str) -> None:
+    dask = pytest.importorskip("dask")
+    pytest.importorskip("distributed")
+    with (
+        dask.config.set({"distributed.comm.require-encryption": asked}),
+        pytest.raises(ValueError, match=sentence),
+        on_cluster(address, print),
+    ):
+        pytest.fail("it connected")
+
+
 def test_without_dask_the_way_out_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
     with pytest.raises(ValueError, match=r"pip install softtwin\[cluster\]"), on_cluster("tcp://head:1", print):
