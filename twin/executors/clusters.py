@@ -93,7 +93,7 @@ def _client(where: Any, wanted: str) -> Iterator[Any]:
 
 
 def _check_encryption(address: str, wanted: str) -> None:
-    """ValueError where dask's settings do not fit the address: a client that fails by them is never closed."""
+    """ValueError where dask's settings do not fit: a client that fails by them is never closed."""
     from distributed.security import Security
 
     settings, encrypted = Security().get_connection_args("client"), address.startswith("tls://")

@@ -4,6 +4,8 @@ A worker that dies gives its task back to the scheduler, which gives up after `a
 configuration, 3 by default. A task that raises is not tried again: it would raise again.
 """
 
+import asyncio
+import concurrent.futures
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
@@ -24,6 +26,8 @@ if TYPE_CHECKING:
 
 LOOK_S = 2.0  # after which, without a result, it is asked whether workers are there
 PATIENCE_S = 60.0  # without any worker: a nanny starts a new one within seconds
+# what dask raises where somebody waits for a lost scheduler
+CANCELLED = (asyncio.CancelledError, concurrent.futures.CancelledError)
 AGAIN = "what was finished is kept: run the same command again, with or without --cluster"
 START = "with `dask worker ADDRESS --nworkers N --nthreads 1`"
 
@@ -88,10 +92,11 @@ class Dask:
                     yield number[future.key], result
                 if len(good) < len(some):
                     bad = min((f for f in some if f not in good), key=lambda f: number[f.key])
-                    raise self._failed(bad, number)  # a lost scheduler has cancelled it
+                    raise self._failed(bad, number)
         finally:
             if left and self.client.status == "running":
-                self.client.cancel(list(left.values()))
+                with suppress(*CANCELLED, OSError):  # it is lost meanwhile
+                    self.client.cancel(list(left.values()))
 
     def _submitted(self, tasks: Sequence[Task]) -> "list[Any]":
         import dask
@@ -137,6 +142,8 @@ class Dask:
 
         with self._reached():
             error = future.exception()
+        if future.status == "cancelled" or isinstance(error, CANCELLED):
+            return self._lost()
         task = f"task {number[future.key] + 1} of {len(number)}"
         if isinstance(error, KilledWorker):
             last = getattr(error.last_worker, "address", error.last_worker)
@@ -162,14 +169,11 @@ class Dask:
     @contextmanager
     def _reached(self) -> Iterator[None]:
         """What the client raises when the scheduler is gone becomes one sentence."""
-        from distributed.client import FutureCancelledError
-        from distributed.comm import CommClosedError
-
         if self.client.status != "running":
             raise self._lost()
         try:
             yield
-        except (FutureCancelledError, CommClosedError, TimeoutError) as error:
+        except (*CANCELLED, OSError) as error:  # of connections and times, all of them OSErrors
             raise self._lost() from error
 
     def _lost(self) -> ConnectionError:
