@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
-from calibrate import Parameter, least_squares, profile_likelihood
+from calibrate import Parameter, least_squares, posteriors, profile_likelihood
 from calibrate.parameters import Array
 from calibrate.posteriors import END, RHAT, TAUS, Chain, sampled, spread
 from calibrate.profiles import Held
@@ -85,14 +85,17 @@ def trusted() -> Chain:
     return sampled(gauss, walkers(np.zeros(2), np.ones(2)), seed=1)
 
 
-def test_a_chain_that_was_killed_goes_on_with_the_same_bits() -> None:
-    start, kept = walkers(np.zeros(3), np.ones(3)), []
+def test_a_chain_that_was_killed_goes_on_with_the_same_bits(monkeypatch: pytest.MonkeyPatch) -> None:
+    start, kept = walkers(np.zeros(3), np.ones(3), count=34), []  # an odd half: a normal number is left over
     whole = sampled(gauss, start, seed=7, most=1000, step=kept.append)
     assert len(kept) == 4
     again = Chain.of({name: np.asarray(x) for name, x in kept[1].arrays.items()})
     for name, x in sampled(gauss, start, seed=7, most=1000, chain=again).arrays.items():
         np.testing.assert_array_equal(x, whole.arrays[name], err_msg=name)
     assert sampled(gauss, start, seed=7, most=1000, chain=whole) is whole
+    monkeypatch.setattr(posteriors, "BLOCK", 750)
+    at_once = sampled(gauss, start, seed=7, most=750)
+    np.testing.assert_array_equal(at_once.positions, whole.positions[:750])
     other = sampled(gauss, start, seed=8, most=250)
     assert not np.array_equal(other.positions[0], whole.positions[0])
 
