@@ -189,6 +189,6 @@ def _emcee() -> Any:
         import emcee
     except ImportError:
         raise ValueError(
-            "a posterior needs emcee and corner, which are not installed; run pip install softtwin[posterior]"
+            "a posterior needs emcee and corner, which are not installed; run pip install emcee corner"
         ) from None
     return emcee

@@ -177,7 +177,7 @@ def _check(seed: int, steps: int) -> None:
         raise ValueError(f"--steps {steps}: wanted 1 or more, of each walker at most")
     if missing := [name for name in ("emcee", "corner") if find_spec(name) is None]:
         raise ValueError(
-            f"a posterior needs {' and '.join(missing)}: not installed; run pip install softtwin[posterior]"
+            f"a posterior needs {' and '.join(missing)}: not installed; run pip install emcee corner"
         )
 
 

@@ -66,6 +66,6 @@ def _corner() -> Any:
             import corner
     except ImportError:
         raise ValueError(
-            "a corner plot needs corner, which is not installed; run pip install softtwin[posterior]"
+            "a corner plot needs corner, which is not installed; run pip install emcee corner"
         ) from None
     return corner

@@ -113,7 +113,9 @@ def _needed(library: str) -> None:
     from importlib.util import find_spec
 
     if find_spec(library) is None:
-        raise ValueError("--cluster needs dask, which is not installed: pip install softtwin[cluster]")
+        raise ValueError(
+            "--cluster needs dask, which is not installed: run pip install distributed dask-jobqueue"
+        )
 
 
 @contextmanager

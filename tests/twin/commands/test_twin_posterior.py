@@ -138,7 +138,7 @@ def test_what_cannot_be_asked_for_is_refused_before_anything_is_made(monkeypatch
     with pytest.raises(ValueError, match="--steps 0: wanted 1 or more, of each walker at most"):
         posterior.run_posterior(project, Told(), steps=0)
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None if name == "corner" else name)
-    with pytest.raises(ValueError, match=r"needs corner: not installed; run pip install softtwin\[posterior\]"):
+    with pytest.raises(ValueError, match=r"needs corner: not installed; run pip install emcee corner"):
         posterior.run_posterior(project, Told())
 
 

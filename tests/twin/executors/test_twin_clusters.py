@@ -100,7 +100,7 @@ def test_settings_of_dask_that_do_not_fit_the_address_are_named(address: str, as
 
 def test_without_dask_the_way_out_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
-    with pytest.raises(ValueError, match=r"pip install softtwin\[cluster\]"), on_cluster("tcp://head:1", print):
+    with pytest.raises(ValueError, match=r"pip install distributed dask-jobqueue"), on_cluster("tcp://head:1", print):
         pytest.fail("it connected")
 
 
