@@ -86,7 +86,7 @@ def trusted() -> Chain:
 
 
 def test_a_chain_that_was_killed_goes_on_with_the_same_bits(monkeypatch: pytest.MonkeyPatch) -> None:
-    start, kept = walkers(np.zeros(3), np.ones(3), count=34), []  # an odd half: a normal number is left over
+    start, kept = walkers(np.zeros(3), np.ones(3)), []
     whole = sampled(gauss, start, seed=7, most=1000, step=kept.append)
     assert len(kept) == 4
     again = Chain.of({name: np.asarray(x) for name, x in kept[1].arrays.items()})
