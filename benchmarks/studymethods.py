@@ -12,8 +12,8 @@ them off the truth (`mesh`).
 `genetic`: the study's algorithm, 562 solves, on the first two problems. `genetic, paths`: the same on the
 load paths, the best of every generation solved whole, as `twin study` does. `least squares`:
 Levenberg-Marquardt from three starts, solves with derivatives. `cma-es`: the package cma. `bayesian`: the
-package bayesian-optimization (`pip install cma bayesian-optimization`). --quick: two problems, without `genetic`; not written. The rows are written to
-`benchmarks/results/studymethods.json`.
+package bayesian-optimization (`pip install cma bayesian-optimization`). --quick: two problems, without
+`genetic`; not written. The rows are written to `benchmarks/results/studymethods.json`.
 """
 
 import json
