@@ -17,6 +17,7 @@ from twin.effects.baselaw import NOMINAL, Constants
 from twin.effects.material import Elasticity
 from twin.model.discretisation import Discretisation, SolvedAt
 from twin.model.structure import BuiltIn, of_finger
+from twin.project.config import ModelTable
 from twin.project.folder import Say
 from twin.targets import Array, Noise, Targets
 
@@ -56,7 +57,7 @@ def bench(
     short_builtin: BuiltIn, make_targets: Callable[..., Targets], make_noise: Callable[..., Noise], tmp_path: Path
 ) -> Workbench:
     targets = make_targets(noise=make_noise(3, sd=0.01, rho=0.0, common=0.0))
-    project: Any = SimpleNamespace(root=tmp_path)
+    project: Any = SimpleNamespace(root=tmp_path, config=SimpleNamespace(model=ModelTable()))
     return Workbench(project, targets, of_finger(short_builtin.finger, short_builtin.lattice), Elasticity())
 
 

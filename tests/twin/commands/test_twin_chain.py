@@ -22,7 +22,7 @@ from twin.bench import sampling, tradingoff
 from twin.bench.fits import fit_file
 from twin.bench.workbench import Workbench
 from twin.chain import stage_of
-from twin.commands import explore, pareto, profile
+from twin.commands import pareto, profile
 from twin.commands.add import run_add
 from twin.commands.calibrate import run_calibrate
 from twin.commands.compare import run_compare
@@ -563,9 +563,8 @@ def test_a_front_says_whether_points_contradict_each_other(
         run_pareto(project, say, objectives="tip,tap")
 
 
-def test_a_design_starts_from_what_was_fitted(chain: tuple[Project, Silent], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_design_starts_from_what_was_fitted(chain: tuple[Project, Silent]) -> None:
     project, _ = chain
-    monkeypatch.setattr(explore, "WORKERS", 1)
     found = run_explore(project, Silent(), over=["creep.g1=0:0.1"], design="factorial", runs=2, whole=True)
     assert found["pressure_MPa"] == project.targets().log_pressure.max()
     fit = files.read(FitRecord, fit_file(project))

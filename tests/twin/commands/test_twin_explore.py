@@ -15,6 +15,8 @@ from twin.bench.askedranges import asked_ranges
 from twin.bench.exploring import FieldResponse, FingerAnswer, solved_row
 from twin.commands import explore
 from twin.commands.explore import run_explore, told
+from twin.executors.chosen import using
+from twin.executors.local import Processes, Serial
 from twin.experiments.designs import Variable
 from twin.experiments.maineffects import MainEffects
 from twin.model.structure import BuiltIn
@@ -24,9 +26,8 @@ from twin.project.toml import dump
 
 
 @pytest.fixture
-def project(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Project:
+def project(tmp_path: Path, one_process: None) -> Project:
     """A project without targets, one cell a bellow."""
-    monkeypatch.setattr(explore, "WORKERS", 1)
     return bare(tmp_path / "bare")
 
 
@@ -163,13 +164,13 @@ def test_what_bends_most_and_what_at_less_stretch_is_told() -> None:
 
 
 @pytest.mark.slow
-def test_one_worker_or_two_give_the_same_bits(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_one_worker_or_two_give_the_same_bits(tmp_path: Path) -> None:
     tables = []
-    for workers in (1, 2):
-        monkeypatch.setattr(explore, "WORKERS", workers)
-        project = bare(tmp_path / str(workers), effects=("creep",))
+    for executor in (Serial(), Processes()):
+        project = bare(tmp_path / type(executor).__name__, effects=("creep",))
         over = ["top_wall_mm=1.8:2.4", "creep.g1=0:0.1"]
-        found = run_explore(project, Lines(), over=over, runs=6, seed=2, pressure="15kPa")
+        with using(executor):
+            found = run_explore(project, Lines(), over=over, runs=6, seed=2, pressure="15kPa")
         tables.append(found["rows"])
     assert tables[0] == tables[1]
     assert all(not row["why"] for row in tables[0])
