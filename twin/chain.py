@@ -157,7 +157,7 @@ COMMANDS = (
         function="twin.commands.pareto:run_pareto", when=When.ASKED,
     ),
     Stage(
-        name="explore", title="Vary constants, effects and dimensions: which bends the finger most.",
+        name="explore", title="Say which constant or dimension bends the finger most.",
         reads=("[model]", "[calibrate]", TARGETS, DECK, FIT),
         writes=("explore.json", "explore.csv", "explore-effects.png", "explore-parallel.png"),
         function="twin.commands.explore:run_explore", solves=True, when=When.ASKED,
