@@ -251,6 +251,7 @@ class _Task:
     best: Array
     seen: set[bytes] = field(default_factory=set)
     points: list[ProfilePoint] = field(default_factory=list)
+    _slope: Pair = field(init=False)  # residual and derivatives at the best fit
 
     def begin(self) -> ProfilePoint:
         """The best fit."""

@@ -6,17 +6,9 @@ from fe.deck.engine import Program
 from twin.bench.caches import FolderCache
 from twin.model.enginejobs import EngineJobs
 from twin.project.config import EMBEDDED, ModelTable
-from twin.project.folder import Project
+from twin.project.folder import Project, Silent
 
 JOBS = "cache/jobs"  # the folder of a project where jobs run
-
-
-class _Quiet:
-    """A `say` for jobs, whose progress the search tells."""
-
-    def __call__(self, text: str, /) -> None: ...
-
-    def progress(self, stage: str, done: int, total: int, /) -> None: ...
 
 
 def jobs_of(project: Project) -> EngineJobs | None:
@@ -33,7 +25,7 @@ def jobs_of(project: Project) -> EngineJobs | None:
             f"model.engine = {table.engine!r}: {error}, or name its command: engine_command under [model] "
             f'of twin.toml; without it take engine = "{EMBEDDED}"'
         ) from None
-    cache = FolderCache(project.root / "cache", _Quiet())
+    cache = FolderCache(project.root / "cache", Silent())  # the search tells how far it is
     return EngineJobs(engine=engine, release=release, cache=cache, folder=project.root / JOBS)
 
 

@@ -17,7 +17,6 @@ from typing import Protocol
 import numpy as np
 from scipy.interpolate import RBFInterpolator
 from scipy.special import ndtri
-from scipy.stats import qmc
 
 from calibrate.parameters import Array, bounds
 from calibrate.posteriors import Chain, sampled, spread
@@ -26,6 +25,7 @@ from twin.effects.baselaw import NAMES
 from twin.judging.fitting import ModelErrors
 from twin.judging.whitening import Whitener
 from twin.model.answering import begun
+from twin.model.answering import spread as even
 from twin.model.memo import KeptModel
 from twin.model.prediction import Model, Solved, Unsolvable
 from twin.model.response import Surrogate
@@ -282,8 +282,7 @@ class Sampler:
     def _design(self, scale: Array) -> Array:
         """Where (2 d, d) the response is made of whole solves beside the fit."""
         size = len(self.theta)
-        power = int(np.ceil(np.log2(2 * size)))
-        unit = qmc.Sobol(size, rng=np.random.default_rng(0)).random_base2(power)[: 2 * size]
+        unit = even(np.zeros(size), np.ones(size), 2 * size)
         theta = self.theta + WIDER * ndtri(unit) @ scale.T
         return np.clip(theta, *bounds(self.model.parameters))
 

@@ -156,7 +156,7 @@ def run_posterior(project: Project, say: Say, *, seed: int = 0, steps: int = MOS
         known = profiles if profiles is not None and profiles.fit == file.parent.name else None
         made = _record(sample, fit, file, known)
         if made.trusted:
-            band = _Band.of(sample, bench.targets, sampler.whitener)
+            band = _Band.of(sample, sampler.whitener)
             made = made.model_copy(update={"inside": band.inside(bench.targets)})
             _write_sample(run, sample, fit, band, bench.targets)
         run.write(made)
@@ -284,15 +284,15 @@ def _table(made: PosteriorRecord) -> list[str]:
 
 @dataclass(frozen=True, eq=False)
 class _Band:
-    """The mean (s, p, 3) mm of what the model shows over the sample, its 95 % ends (2, s, p, 3), and those of
-    what would be measured again, with the noise and the errors that many values share."""
+    """What the model shows over the sample: its mean (s, p, 3) mm and its 95 % ends (2, s, p, 3). outer: the
+    ends of what would be measured again, with the noise and the errors that many values share."""
 
     mean: Array
     ends: Array
     outer: Array
 
     @staticmethod
-    def of(sample: Sample, targets: Targets, w: Whitener) -> "_Band":
+    def of(sample: Sample, w: Whitener) -> "_Band":
         """That of a sample."""
         shown = sample.shown()
         mean, variance = shown.mean(axis=0), shown.var(axis=0)

@@ -14,7 +14,7 @@ from twin.commands.init import run_init
 from twin.gravity import TONNE_PER_MM3
 from twin.model.structure import base_case
 from twin.project import files
-from twin.project.folder import Say
+from twin.project.folder import Say, Silent
 from twin.project.targetwriting import write_targets
 from twin.targets import Array, TargetPoint, Targets
 from twin.virtual.draws import NOISE, Setup, at_nodes, measured, plainness
@@ -80,7 +80,7 @@ def run_virtual(
     with tempfile.TemporaryDirectory() as scratch:
         write_targets(Path(scratch) / "targets", found)
         density = DENSITY / TONNE_PER_MM3 if chosen.weighed else None
-        run_init(folder, _Silent(), targets=Path(scratch) / "targets", nodes=(), density_kg_m3=density)
+        run_init(folder, Silent(), targets=Path(scratch) / "targets", nodes=(), density_kg_m3=density)
     change, felt = _all(u - bare, found), _all(slope, found)
     plain = {k.name: plainness(change, found, _all(rows[k.name][:2], found), felt) for k, _ in hidden[:1]}
     truth = {
@@ -96,16 +96,6 @@ def run_virtual(
     say(f"Wrote {folder / 'twin.toml'} and, not to be read before the diagnosis, {sealed.name} beside it.")
     say(f"Next: `twin calibrate --project {files.typed(folder)}`.")
     return {"stage": "virtual", "status": "done", "project": str(folder), "sealed": str(sealed)}
-
-
-class _Silent:
-    """A `say` that says nothing."""
-
-    def __call__(self, text: str, /) -> None:
-        del text
-
-    def progress(self, stage: str, done: int, total: int, /) -> None:
-        del stage, done, total
 
 
 def _protocol(name: str) -> Protocol:

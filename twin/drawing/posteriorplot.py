@@ -60,12 +60,7 @@ def draw_band(
 
 
 def _corner() -> Any:
-    try:
-        with warnings.catch_warnings():  # it imports arviz where that is installed, which warns of its future
-            warnings.simplefilter("ignore", FutureWarning)
-            import corner
-    except ImportError:
-        raise ValueError(
-            "a corner plot needs corner, which is not installed; run pip install emcee corner"
-        ) from None
+    with warnings.catch_warnings():  # it imports arviz where that is installed, which warns of its future
+        warnings.simplefilter("ignore", FutureWarning)
+        import corner
     return corner

@@ -13,6 +13,7 @@ from itertools import product
 import numpy as np
 from scipy.stats import qmc
 
+from twin.model.answering import spread
 from twin.targets import Array
 
 MOST = 100_000  # runs
@@ -67,9 +68,8 @@ def design(kind: DesignKind, variables: Sequence[Variable], *, runs: int, seed: 
     if kind is DesignKind.FACTORIAL:
         count = max(n for n in range(2, runs + 1) if n**d <= runs) if d > 1 else runs
         return np.array(list(product(*(v.levels(count) for v in variables))), float)
-    rng = np.random.default_rng(seed)
     if kind is DesignKind.SOBOL:
-        share = qmc.Sobol(d, rng=rng).random_base2(int(np.ceil(np.log2(runs))))[:runs]
+        share = spread(np.zeros(d), np.ones(d), runs, seed=seed)
     else:
-        share = qmc.LatinHypercube(d, rng=rng).random(runs)
+        share = qmc.LatinHypercube(d, rng=np.random.default_rng(seed)).random(runs)
     return np.stack([v.at(share[:, k]) for k, v in enumerate(variables)], axis=1)

@@ -125,4 +125,3 @@ class EngineJobs:
 
 def _at(operator: csr_matrix, u: Array) -> Array:
     return np.stack([operator @ field for field in u])
-

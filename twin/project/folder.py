@@ -45,6 +45,14 @@ class Say(Protocol):
     def progress(self, stage: str, done: int, total: int, /) -> None: ...
 
 
+class Silent:
+    """A `say` that says nothing."""
+
+    def __call__(self, text: str, /) -> None: ...
+
+    def progress(self, stage: str, done: int, total: int, /) -> None: ...
+
+
 @dataclass(frozen=True)
 class Run:
     """One folder under runs/: what a stage writes goes in here, atomically."""

@@ -3,7 +3,7 @@
 import re
 import shutil
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +14,7 @@ from fe.deck.abaqus import Abaqus
 from fe.deck.calculix import CalculiX
 from fe.deck.engine import EngineResult
 from fe.mesh.convert import converted
-from tests.twin.conftest import plain_targets
+from tests.twin.conftest import Lines, plain_targets
 from twin.bench.engines import engine_of
 from twin.bench.fits import fit_file
 from twin.commands.add import run_add
@@ -47,19 +47,6 @@ SD = 2e-4  # mm, of the targets: the stub moves by tenths of a mm
 CANDIDATES = evaluations(6, 3)
 
 
-@dataclass
-class Silent:
-    """A `say` that keeps the lines."""
-
-    lines: list[str] = field(default_factory=list)
-
-    def __call__(self, text: str, /) -> None:
-        self.lines.append(text)
-
-    def progress(self, stage: str, done: int, total: int, /) -> None:
-        assert 0 <= done <= total, stage
-
-
 def project_at(folder: Path, **model: object) -> Project:
     """A project whose targets are solved by this kernel in the elements of the other program."""
     case = base_case(finger=STUB.finger, lattice=STUB.lattice)
@@ -87,7 +74,7 @@ class Calibrated:
     """A project that CalculiX calibrated: interrupted in its tenth job, and run again; the decks of either."""
 
     project: Project
-    say: Silent
+    say: Lines
     first: list[str]
     second: list[str]
 
@@ -98,7 +85,7 @@ def calibrated(
 ) -> Calibrated:
     require("ccx")
     project = project_at(tmp_path_factory.mktemp("engine") / "batch", engine="calculix")
-    made, own = Calibrated(project, Silent(), [], []), CalculiX.run
+    made, own = Calibrated(project, Lines(), [], []), CalculiX.run
 
     def interrupted(self: CalculiX, text: str, **where: Path) -> EngineResult:
         if len(made.first) == 9:
@@ -156,7 +143,7 @@ def test_an_interrupted_run_goes_on_with_the_same_candidates(
     shutil.copytree(project.root, again)
     shutil.rmtree(again / "runs")
     monkeypatch.setattr(CalculiX, "run", none)  # the same search, uninterrupted, on what the jobs gave
-    run_calibrate(Project.open(again, builtin=STUB), Silent())
+    run_calibrate(Project.open(again, builtin=STUB), Lines())
     other = Project.open(again, builtin=STUB)
     for name, values in candidates(other).items():
         np.testing.assert_array_equal(values, asked[name])
@@ -168,7 +155,7 @@ def test_compare_needs_no_job_and_other_stages_name_the_way_out(
 ) -> None:
     root = tmp_path / "batch"
     shutil.copytree(calibrated.project.root, root)
-    project, say = Project.open(root, builtin=STUB), Silent()
+    project, say = Project.open(root, builtin=STUB), Lines()
     monkeypatch.setattr(CalculiX, "run", None)
     assert run_compare(project, say)["stage"] == "compare"
     text = (root / "twin.toml").read_text(encoding="utf-8")
@@ -187,7 +174,7 @@ def test_an_effect_is_added_and_reviewed_by_jobs(calibrated: Calibrated, tmp_pat
     """Five minutes where the machine is busy, half of one else."""
     root = tmp_path / "batch"
     shutil.copytree(calibrated.project.root, root)
-    result = run_add(Project.open(root, builtin=STUB), Silent(), name="camera_scale")
+    result = run_add(Project.open(root, builtin=STUB), Lines(), name="camera_scale")
     record = files.read(FitRecord, fit_file(Project.open(root, builtin=STUB)))
     assert result["effects"] == ["camera_scale"]
     assert record.engine == "calculix"
@@ -195,7 +182,7 @@ def test_an_effect_is_added_and_reviewed_by_jobs(calibrated: Calibrated, tmp_pat
     assert one.low is not None
     assert one.high is not None
     assert one.low < 0.0 < one.high  # the truth has none
-    run_review(Project.open(root, builtin=STUB), Silent())
+    run_review(Project.open(root, builtin=STUB), Lines())
 
 
 STAGES = [run_diagnose, run_explain, run_profile, run_predict, run_study]
@@ -207,7 +194,7 @@ def test_a_stage_that_needs_derivatives_refuses_another_engine(tmp_path: Path) -
         name = stage.__name__.removeprefix("run_")
         options = {"name": "creep"} if stage is run_explain else {"pressure": ["20kPa"]} if stage is run_predict else {}
         with pytest.raises(ValueError, match=rf'"?abaqus.?: twin {name} asks for .* set engine = "embedded"'):
-            stage(project, Silent(), **options)  # type: ignore[operator]
+            stage(project, Lines(), **options)  # type: ignore[operator]
 
 
 @pytest.mark.parametrize(("engine", "command"), [("calculix", "ccx_absent"), ("abaqus", "abq_absent")])
@@ -216,11 +203,11 @@ def test_a_program_that_is_absent_is_one_line_before_anything_runs(
 ) -> None:
     project = project_at(tmp_path / "batch", engine=engine, engine_command=command)
     with pytest.raises(ValueError, match=rf"^model.engine = '{engine}': {command}: not found, .*engine_command") as told:
-        run_calibrate(project, Silent())
+        run_calibrate(project, Lines())
     assert "\n" not in str(told.value)
     assert project.runs() == []
     with pytest.raises(ValueError, match=f"{command}: not found"):
-        run_check(project, Silent())
+        run_check(project, Lines())
 
 
 @pytest.mark.parametrize(

@@ -160,7 +160,7 @@ def test_pictures_and_tables_are_written(tmp_path: Path) -> None:
     )
     components = np.array([[0, 0], [0, 2]])  # of the tip alone
     w: Any = SimpleNamespace(components=components, sd=np.full((steps, 2), 0.3), modes=np.full((1, steps, 2), 0.4))
-    band = posterior._Band.of(sample, targets, w)
+    band = posterior._Band.of(sample, w)
     np.testing.assert_allclose(band.mean, shown, atol=2e-3)
     known = np.sqrt(np.einsum("isp,ij,jsp->sp", fields[..., 0], COVARIANCE, fields[..., 0]))[:, 0]
     half = (band.ends[1] - band.ends[0])[:, 0, 0] / 2
