@@ -171,3 +171,19 @@ def test_a_value_is_tested_under_the_errors_that_it_would_have_itself() -> None:
     np.testing.assert_allclose(ends(found), wanted, rtol=5e-3)
     plain = 2 + np.outer(ROOTS, [-1, 1]) * 2 / 4
     assert np.abs(plain - wanted).max() > 0.5  # which errors held as at the best fit would say
+
+
+def test_the_best_fit_is_asked_for_under_the_errors_of_each_value() -> None:
+    # x measured as 2 with an sd of x / 4, and as 2.6 with one of 0.4: under other errors another x fits best
+    one, y = [Parameter("x", 0.01, 50)], np.array([2.0, 2.6])
+
+    def around(theta: Array) -> tuple[Callable[[Array], Array], Callable[[Array], Array]]:
+        sd = np.array([theta[0] / 4, 0.4])
+        return (lambda t: (y - t) / sd), (lambda t: -1 / sd[:, None])
+
+    found = profile_likelihood(around, held=Held.parameter(one, "x"), theta=[2.3])
+    for pair, level in zip(found.ends, LEVELS, strict=True):
+        for end in pair:
+            weight = 1 / np.array([end.value / 4, 0.4]) ** 2
+            deviance = (weight @ y / weight.sum() - end.value) ** 2 * weight.sum()
+            assert deviance == pytest.approx(level, abs=MISSED)

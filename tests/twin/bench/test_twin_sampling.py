@@ -12,8 +12,10 @@ import pytest
 
 from calibrate import Parameter
 from calibrate.posteriors import END, Chain
+from tests.twin.conftest import plain_targets
 from twin.bench import sampling
 from twin.bench.sampling import CHECKS, OFF, Density, Sample, Sampler, WholeSolve
+from twin.judging.fitting import ModelErrors
 from twin.targets import Array
 
 BOTH = (Parameter("C10", 0.01, 1.5, "MPa", typical=0.02), Parameter("g", 0.0, 1.0, typical=0.05))
@@ -198,6 +200,29 @@ def test_what_errors_change_is_checked_between_the_solves(monkeypatch: pytest.Mo
     wild.__dict__["whitener"] = one.whitener
     monkeypatch.setattr(sampling, "ROUNDS", 1)
     assert "errors of gauge, mesh and laws change by more" in wild.sample(seed=1, most=20000).doubt
+
+
+def test_what_other_errors_add_is_that_of_the_normal_density() -> None:
+    """-2 ln of a normal density, by its inverse covariance from whitened unit vectors, without `log_det`."""
+    targets, rng = plain_targets(), np.random.default_rng(4)
+    s, p = targets.valid.shape[:2]
+    mode = 0.02 * rng.normal(size=(1, s, p, 3))
+    none = np.zeros((s, p, 3))
+    model: Any = SimpleNamespace(mesh=None, parameters=(), per_pressure=lambda theta: none, modes=lambda theta: 3 * mode)
+    errors = ModelErrors(gauge=none, modes=mode)
+    memory: Any = None
+    made: Any = SimpleNamespace(theta=np.zeros(0), u=0.03 * rng.normal(size=(s, p, 3)))
+    wanted, z = 0.0, targets.value - made.u
+    for sign, own in ((-1, errors), (1, replace(errors, modes=3 * mode))):
+        w = own.whitener(targets)
+        unit = np.zeros((w.count, s, p, 3))
+        step, column = np.nonzero(w.valid)
+        unit[np.arange(w.count), step, *w.components[column].T] = 1.0
+        inverse = w.whiten(unit) @ w.whiten(unit).T
+        data = w.pick(z)[step, column]
+        wanted += sign * (data @ inverse @ data - np.linalg.slogdet(inverse)[1])
+    found = Sampler(model, targets, errors, np.zeros(0), memory)._moved(model, made)
+    assert found == pytest.approx(wanted, rel=1e-6)
 
 
 def test_the_stiffness_of_a_mesh_widens_what_it_hides() -> None:
