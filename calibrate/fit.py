@@ -7,7 +7,7 @@ derivatives come with a solve it costs little, and the covariance comes from tha
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -79,6 +79,7 @@ def least_squares(
     seed: int = 0,
     max_evaluations: int = 40,
     tolerance: float = 0.01,
+    information: Jacobian | None = None,
 ) -> Fit:
     """The Fit with the lowest chi2 = r'r within the bounds, of all starts.
 
@@ -86,7 +87,8 @@ def least_squares(
     shortened. jacobian: theta (d,) -> dr/dtheta (n, d). start (d,) or (m, d): one descent each, of at most
     max_evaluations residuals. seed: the one that drew the starts, kept in the Fit. It has converged where the
     best step is shorter than `tolerance` sd in every direction and would lower chi2 by less than 10
-    tolerance^2, or by less than 1e-3 of it and, shortened too, does not.
+    tolerance^2, or by less than 1e-3 of it and, shortened too, does not. information: theta (d,) -> rows (n,
+    d) whose products are the information that the covariance comes from, by default those of the Jacobian.
     Raises ValueError for a start outside the bounds; what does not converge is a Fit with its reason.
     """
     parameters = tuple(parameters)
@@ -95,7 +97,10 @@ def least_squares(
     model = _Model(residual, jacobian)
     with np.errstate(under="ignore"):
         ends = [_descend(model, theta, low, high, max_evaluations, tolerance) for theta in starts]
-        return _fit(min(ends, key=lambda end: end.chi2), parameters, seed, model)
+        best = min(ends, key=lambda end: end.chi2)
+        if information is not None and best.residual is not None:
+            best = replace(best, jacobian=np.asarray(information(best.theta), float))
+        return _fit(best, parameters, seed, model)
 
 
 def inside(starts: Array, parameters: tuple[Parameter, ...]) -> Array:
