@@ -12,6 +12,7 @@ from fe.element import Integers
 from fe.mesh.points import nearest
 from twin.bench.caches import FolderCache, SolvedList
 from twin.bench.engines import jobs_of
+from twin.bench.knownvalues import TAILS, known_values
 from twin.bench.positions import on_surface, one_side, places_of
 from twin.effects.baselaw import NAMES, NOMINAL, Constants
 from twin.effects.library import effect
@@ -100,6 +101,7 @@ class Workbench:
         if fault := rise_fault(targets):
             raise ValueError(f"targets: {fault}")
         elasticity = Elasticity(bounds=config.calibrate.bounds, fixed=config.model.fixed)
+        targets = replace(targets, known=known_values(project, own_of), tails=TAILS[config.calibrate.loss])
         return Workbench(project, targets, structure, elasticity, remarks)
 
     def model(self, labels: Sequence[str] | None = None) -> Model:

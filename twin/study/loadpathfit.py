@@ -7,12 +7,14 @@ from typing import Any
 import numpy as np
 
 from calibrate import Fit, least_squares
+from calibrate.robust import approached
 from twin.bench.workbench import Workbench
 from twin.effects.baselaw import LEAST_SHARE, Constants
 from twin.gravity import under
 from twin.judging.comparison import PLAUSIBLE
 from twin.judging.fitting import whitener_of
 from twin.judging.judged import Judged
+from twin.judging.likelihood import posed
 from twin.judging.record import InitialRow
 from twin.judging.whitening import Whitener, whitener
 from twin.model.arraycache import rounded_up
@@ -64,15 +66,13 @@ class OnPaths:
         out[:, self.rows] = relative(u, t.reference, t.rests)
         return out
 
-    def least(self, best: Array, say: Say) -> Judged:
-        """The least-squares fit of C10 and C01 to all targets: on the load paths from several starts, then on
-        the finite-element model from there, with errors of its own."""
+    def least(self, best: Array, say: Say, *more: Array) -> Judged:
+        """The least-squares fit of C10 and C01 to all targets: on the load paths from several starts, `best`
+        and `more` (d,) among them, then on the finite-element model from there, with errors of its own."""
         t, model = self.bench.targets, self.bench.model(())
         if self.bench.jobs is not None:
             return self._by_jobs(model, best, say)
-        w = whitener(t, prediction_modes=np.zeros((0, *t.value.shape)), gauge=self._gauge(best),
-                     points=~t.fixed)  # fmt: skip
-        first = self.fit(w, np.array([best, [p.start for p in model.parameters]]))
+        first = self.fit(self.whitener(best), np.array([best, [p.start for p in model.parameters], *more]))
         say.progress("least squares", 1, 3)
         w = whitener_of(self.bench.on_mesh(model, first.theta, say), first.theta, t)
         second = self.fit(w, first.theta[None])
@@ -89,9 +89,16 @@ class OnPaths:
         say.progress("least squares", 1, 1)
         return found
 
+    def whitener(self, theta: Array) -> Whitener:
+        """The whitener of the targets with the gauge's errors at theta (d,), without an error of the mesh."""
+        t = self.bench.targets
+        none = np.zeros((0, *t.value.shape))
+        return whitener(t, prediction_modes=none, gauge=self._gauge(theta), points=~t.fixed)
+
     def fit(self, w: Whitener, starts: Array) -> Fit:
         """The bounded least-squares fit to all targets on the load paths, from starts (m, d)."""
-        parameters, t = self.bench.elasticity.parameters, self.bench.targets
+        t = self.bench.targets
+        parameters = self.bench.elasticity.parameters
 
         def residual(theta: Array) -> Array | None:
             u = self.predicted(theta)
@@ -106,7 +113,11 @@ class OnPaths:
                 columns.append(lost if a is None or b is None else (a - b) / h)
             return np.array(columns).T
 
-        return least_squares(residual, jacobian, parameters, start=starts)
+        if t.tails:
+            first = least_squares(residual, jacobian, parameters, start=starts).theta
+            starts = approached(residual, jacobian, parameters, first, t.tails)[None]
+        r, slope, information = posed(residual, jacobian, parameters, t)
+        return least_squares(r, slope, parameters, start=starts, information=information)
 
     def initial(self, judged: Judged) -> InitialRow:
         """Nominal constants and what they leave, mm, under the errors of a fit."""
