@@ -15,7 +15,6 @@ from calibrate.robust import student, weights
 from twin.effects.baselaw import NAMES, WIDEST_SHARE
 from twin.judging.record import DownWeighted, PriorRow
 from twin.judging.whitening import Whitener
-from twin.numerals import short
 from twin.targets import Array, Targets
 
 TOTAL, SHARE = "+".join(NAMES), "share"
@@ -65,11 +64,11 @@ def prior_rows(fit: Fit, targets: Targets) -> tuple[PriorRow, ...]:
 
 def _row(prior: Prior, fit: Fit) -> PriorRow:
     name, unit, pull = prior.held.name, prior.held.unit, prior.share_in(fit)
-    said = f"Prior: {name} = {short(prior.mean)} +- {short(prior.sd)} {unit}".rstrip()
+    said = f"Prior: {name} = {prior.mean:.3g} +- {prior.sd:.3g} {unit}".rstrip()
     if np.isnan(pull.moved):
         said += "; what these data alone say of it is not known."
     else:
-        without = f"{short(pull.without)} +- {short(pull.sd_without)} {unit}".rstrip()
+        without = f"{pull.without:.3g} +- {pull.sd_without:.3g} {unit}".rstrip()
         said += f"; these data alone say {without}. The prior moved it by {abs(pull.moved):.2g} sd of theirs."
     if pull.apart > APART:
         said += (
@@ -138,7 +137,7 @@ def weights_in_words(targets: Targets, residual: Array, w: Whitener) -> str:
             "twin diagnose."
         )
     named = ", ".join(
-        f"{row.point} {row.component} at {short(row.time_s)} s (weight {row.weight:.2g})" for row in rows[:3]
+        f"{row.point} {row.component} at {row.time_s:.3g} s (weight {row.weight:.2g})" for row in rows[:3]
     )
     more = "" if count <= 3 else f" The others stand in fit.json (down_weighted, {SHOWN} at most)."
     return (
