@@ -6,7 +6,7 @@ import pytest
 from calibrate import Fit, Parameter, least_squares
 from calibrate.fit import Jacobian, Residual
 from calibrate.parameters import Array
-from calibrate.robust import NU, student, weights
+from calibrate.robust import NU, scale_of, student, weights
 
 TRUE = np.array([0.3, 2.0])
 TWO = (Parameter("a", -5.0, 5.0), Parameter("b", 0.1, 9.0))
@@ -85,21 +85,32 @@ def test_its_derivatives_are_those_of_its_values() -> None:
     y = noisy(1, outliers=True)
     y[5] = curve(TRUE)[5]  # z = 0, where the root bends
     root, slope, _ = student(*posed(y))
-    for k, h in enumerate(1e-6 * np.eye(2)):
-        a, b = root(TRUE + h), root(TRUE - h)
-        assert a is not None
-        assert b is not None
-        assert slope(TRUE)[:, k] == pytest.approx((a - b) / 2e-6, abs=2e-4)
+    for theta in (TRUE, np.array([0.9, 1.0])):
+        r = root(theta)
+        assert r is not None
+        for k, h in enumerate(1e-6 * np.eye(2)):
+            a, b = root(theta + h), root(theta - h)
+            assert a is not None
+            assert b is not None
+            if theta is TRUE:  # where the scale is 1, and stays
+                assert slope(theta)[:, k] == pytest.approx((a - b) / 2e-6, abs=2e-4)
+            assert 2 * r @ slope(theta)[:, k] == pytest.approx((a @ a - b @ b) / 2e-6, rel=1e-5, abs=1e-3)
 
 
 def test_the_squares_are_the_deviance_of_the_t() -> None:
     from scipy.stats import t
 
     y = noisy(2, outliers=True)
-    root, z = student(*posed(y))[0](TRUE), posed(y)[0](TRUE)
-    assert root is not None
-    assert z is not None
-    assert root**2 == pytest.approx(2 * (t.logpdf(0.0, NU) - t.logpdf(z, NU)), abs=1e-9)
+    for theta in (TRUE, np.array([0.9, 1.0])):  # right, and far off: there the scale is larger
+        root, z = student(*posed(y))[0](theta), posed(y)[0](theta)
+        assert root is not None
+        assert z is not None
+        s = np.linspace(1.0, 12.0, 4001)
+        deviance = [2 * np.sum(t.logpdf(0.0, NU) - t.logpdf(z, NU, scale=one)) for one in s]
+        assert root @ root == pytest.approx(min(deviance), rel=1e-5)  # the likeliest scale, as the grid has it
+        assert scale_of(z) == pytest.approx(s[np.argmin(deviance)], abs=0.01)
+    assert scale_of(z) > 3.0
+    assert scale_of(0 * z) == 1.0
 
 
 def test_a_model_without_an_answer_has_none_under_the_t() -> None:

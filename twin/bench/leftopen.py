@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibrate.robust import weights
+from calibrate.robust import scale_of, weights
 from twin.diagnosis.signatures import prior_sd
 from twin.effects.library import effect
 from twin.judging.lawerrors import law_errors
@@ -81,7 +81,7 @@ def told_by_film(
     w = whitener(targets, prediction_modes=nothing, gauge=gauge, points=~targets.fixed)
     seen, z = w.whiten(columns[:, :s, :p]).T, w.whiten(targets.value - model.predict(theta)[:s, :p])
     if targets.tails:
-        root = np.sqrt(weights(z, targets.tails))
+        root = np.sqrt(weights(z, targets.tails, scale=scale_of(z, targets.tails)))
         seen, z = root[:, None] * seen, root * z
     if len(uncertain.stated[0]):
         off, rows = uncertain.stated

@@ -11,7 +11,7 @@ from calibrate import Fit, Parameter
 from calibrate.fit import Jacobian, Residual
 from calibrate.priors import Prior, rows_beside, with_priors
 from calibrate.profiles import Held
-from calibrate.robust import student, weights
+from calibrate.robust import scale_of, student, weights
 from twin.effects.baselaw import NAMES, WIDEST_SHARE
 from twin.judging.record import DownWeighted, PriorRow
 from twin.judging.whitening import Whitener
@@ -19,7 +19,8 @@ from twin.targets import Array, Targets
 
 TOTAL, SHARE = "+".join(NAMES), "share"
 APART = 3.0  # sd of their difference, by which a prior and the data disagree
-GROSS = 5.0  # sd of a value off the model: normal errors do it once in two million
+GROSS = 5.0  # times its scale is a value off the model: normal errors do it once in two million
+WIDE = 1.5  # times as wide as their errors the values scatter where the model is said not to fit
 MOST = 0.1  # of all values may be gross errors; more are a model that does not fit
 SHOWN = 20  # of the values that count least, those that fit.json keeps
 
@@ -87,13 +88,13 @@ def _row(prior: Prior, fit: Fit) -> PriorRow:
 def weights_of(targets: Targets, residual: Array, w: Whitener) -> Array:
     """The weight (s, p, 3) of every value with a residual (s, p, 3) mm, NaN where there is no data."""
     z = w.whiten(residual).reshape(w.valid.shape)
-    out = np.full(residual.shape, np.nan)
-    out[:, w.components[:, 0], w.components[:, 1]] = np.where(w.valid, weights(z, targets.tails), np.nan)
+    out, own = np.full(residual.shape, np.nan), weights(z, targets.tails, scale=scale_of(z, targets.tails))
+    out[:, w.components[:, 0], w.components[:, 1]] = np.where(w.valid, own, np.nan)
     return out
 
 
 def gross(targets: Targets, residual: Array, w: Whitener) -> NDArray[np.bool_]:
-    """Which values (s, p, 3) are gross errors: more than GROSS sd off."""
+    """Which values (s, p, 3) are gross errors: more than GROSS times as far off as the t has its scale."""
     least = float(weights(np.array(GROSS), targets.tails))
     return np.nan_to_num(weights_of(targets, residual, w), nan=1.0) < least
 
@@ -128,19 +129,24 @@ def weights_in_words(targets: Targets, residual: Array, w: Whitener) -> str:
     if not targets.tails:
         return ""
     count, rows = int(gross(targets, residual, w).sum()), down_weighted(targets, residual, w)
+    scale = scale_of(w.whiten(residual), targets.tails)
+    wide = (
+        f" The others scatter {scale:.2g} times as wide as their errors: the model does not fit yet."
+        if scale > WIDE else ""
+    )  # fmt: skip
+    off = f"{GROSS * scale:.2g} sd off the model"
     if not count:
-        return f"Student's t: no value lies more than {GROSS:g} sd off the model; all of them count."
+        return f"Student's t: no value lies more than {off}; all of them count.{wide}"
     if count > MOST * w.count:
         return (
-            f"Student's t: {count} of {w.count} values lie more than {GROSS:g} sd off the model. So many are "
-            'no gross errors: the model does not fit. Set loss = "least-squares" under [calibrate], and run '
-            "twin diagnose."
+            f"Student's t: {count} of {w.count} values lie more than {off}. So many are no gross errors: the "
+            "model does not fit, and the test of the fit leaves none of them out."
         )
     named = ", ".join(
         f"{row.point} {row.component} at {row.time_s:.3g} s (weight {row.weight:.2g})" for row in rows[:3]
     )
     more = "" if count <= 3 else f" The others stand in fit.json (down_weighted, {SHOWN} at most)."
     return (
-        f"Student's t: {count} of {w.count} values lie more than {GROSS:g} sd off the model. They hardly "
-        f"count, and the test of the fit leaves them out: {named}.{more}"
+        f"Student's t: {count} of {w.count} values lie more than {off}. They hardly count, and the test of "
+        f"the fit leaves them out: {named}.{more}{wide}"
     )

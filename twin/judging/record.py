@@ -78,7 +78,7 @@ class PriorRow(Record):
 
 
 class DownWeighted(Record):
-    """A value more than 5 sd off the model, which Student's t gives little weight."""
+    """A value more than 5 scales of Student's t off the model, which gives it little weight."""
 
     point: str
     component: str = Field(description="U1, U2 or U3")

@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 
 from calibrate import Fit, least_squares
-from calibrate.robust import approached
 from twin.bench.workbench import Workbench
 from twin.effects.baselaw import LEAST_SHARE, Constants
 from twin.gravity import under
@@ -113,9 +112,8 @@ class OnPaths:
                 columns.append(lost if a is None or b is None else (a - b) / h)
             return np.array(columns).T
 
-        if t.tails:
-            first = least_squares(residual, jacobian, parameters, start=starts).theta
-            starts = approached(residual, jacobian, parameters, first, t.tails)[None]
+        if t.tails:  # a start far off is no matter of gross errors
+            starts = least_squares(residual, jacobian, parameters, start=starts).theta[None]
         r, slope, information = posed(residual, jacobian, parameters, t)
         return least_squares(r, slope, parameters, start=starts, information=information)
 
