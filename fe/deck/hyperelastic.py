@@ -10,7 +10,7 @@ from fe.deck.keywords import Keyword
 from fe.laws import Material
 
 INCOMPRESSIBLE = 1e4  # K / shear modulus where D1 = 0, which stands for incompressible
-TERMS = ("C10", "C01", "C20", "C30", "ogden")  # of a material: those of its constants that a form may hold
+TERMS = ("C10", "C01", "C20", "C30", "ogden", "chains")  # of a material, that a form may hold
 
 
 @dataclass(frozen=True)
@@ -70,6 +70,15 @@ def _write_ogden(m: Material) -> tuple[str, list[float]]:
     return f"N={order}, OGDEN", [*(x for pair in m.ogden for x in pair), *_compressibility(m, order)]
 
 
+def _read_chains(c: Sequence[float], _: int) -> tuple[Material | None, Sequence[float]]:
+    return Material(chains=(c[0], c[1])), c[2:]
+
+
+def _write_chains(m: Material) -> tuple[str, list[float]]:
+    assert m.chains
+    return "ARRUDA-BOYCE", [*m.chains, *_compressibility(m, 1)]
+
+
 # A material is written in the first form that holds all its terms.
 FORMS = (
     polynomial("MOONEY-RIVLIN", "C10", "C01"),
@@ -82,6 +91,7 @@ FORMS = (
     polynomial("REDUCED POLYNOMIAL", "C10", "C20", order=2),
     polynomial("REDUCED POLYNOMIAL", "C10", "C20", "C30", order=3),
     Form("OGDEN", ("ogden",), _read_ogden, _write_ogden),
+    Form("ARRUDA-BOYCE", ("chains",), _read_chains, _write_chains),
 )
 
 
@@ -103,7 +113,7 @@ def read_law(k: Keyword) -> Material:
                 return replace(law, bulk_ratio=ratio)
     raise k.error(
         f"*HYPERELASTIC {', '.join(k.parameters) or 'POLYNOMIAL'}: wanted Mooney-Rivlin, neo-Hooke, "
-        "Yeoh, Ogden, or a polynomial without the terms C11 and C02"
+        "Yeoh, Ogden, Arruda-Boyce, or a polynomial without the terms C11 and C02"
     )
 
 
