@@ -1,6 +1,7 @@
 """The laws of *HYPERELASTIC: how a deck states each of them, read and written.
 
-A new law is one more entry of FORMS. Compressibility is stated by the first term alone, D1 = 2 / K.
+A new law is one more entry of FORMS. Compressibility is stated by the first term alone, D1 = 2 / K. N is
+written after the law's name: CalculiX (2.20) forgets an N that stands before it, and takes the first term.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -52,7 +53,7 @@ def polynomial(kind: str, *constants: str, order: int | None = None, compressibl
 
     def write(m: Material) -> tuple[str, list[float]]:
         values = [getattr(m, name) if name else 0.0 for name in constants]
-        return f"N={order}, {kind}" if order else kind, values + _compressibility(m, order or compressible)
+        return f"{kind}, N={order}" if order else kind, values + _compressibility(m, order or compressible)
 
     return Form(kind, constants, read, write, order)
 
@@ -67,7 +68,7 @@ def _read_ogden(c: Sequence[float], order: int) -> tuple[Material | None, Sequen
 
 def _write_ogden(m: Material) -> tuple[str, list[float]]:
     order = len(m.ogden)
-    return f"N={order}, OGDEN", [*(x for pair in m.ogden for x in pair), *_compressibility(m, order)]
+    return f"OGDEN, N={order}", [*(x for pair in m.ogden for x in pair), *_compressibility(m, order)]
 
 
 def _read_chains(c: Sequence[float], _: int) -> tuple[Material | None, Sequence[float]]:
@@ -85,7 +86,6 @@ FORMS = (
     polynomial("POLYNOMIAL", "C10", "C01", order=1),
     polynomial("NEO HOOKE", "C10"),
     polynomial("REDUCED POLYNOMIAL", "C10", order=1),
-    # before the polynomials of second order, in which CalculiX 2.20 softens by C20 what should stiffen
     polynomial("YEOH", "C10", "C20", "C30", compressible=3),
     polynomial("POLYNOMIAL", "C10", "C01", "C20", "", "", order=2),
     polynomial("REDUCED POLYNOMIAL", "C10", "C20", order=2),

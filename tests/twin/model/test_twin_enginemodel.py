@@ -238,7 +238,7 @@ def test_a_program_that_gives_nothing_ends_the_run(
         ("clamp", Abaqus(), "a rigid clamp"),
         ("precurvature", CalculiX(), "a precurvature"),
         ("thermal", Abaqus(), "moduli that drift"),
-        ("stiffening", CalculiX(), "C01 and C20"),
+        ("stiffening", CalculiX(), ""),
         ("stiffening", Abaqus(), ""),
         ("pressure_gain", CalculiX(), ""),
         ("wall_taper", CalculiX(), ""),
