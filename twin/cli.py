@@ -103,6 +103,8 @@ OPTIONS: dict[str, tuple[Parameter, ...]] = {
     "calibrate": (
         _option("starts", int, 0, "also least squares from so many starts, over all of the bounds, with a "
                 "picture of where they end"),
+        _option("laws", str, "", "laws of the silicone to fit and compare, between commas such as "
+                "yeoh,gent, or all"),
     ),
     "compare": (
         _argument("two", list[Path], [], "two project folders, or two run folders with a fit.json, to lay "

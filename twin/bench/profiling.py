@@ -16,9 +16,9 @@ from calibrate.fit import Jacobian, Residual
 from calibrate.profiles import LEVELS, Profile
 from twin.bench.comparison import kept
 from twin.bench.workbench import Workbench
-from twin.effects.baselaw import NAMES
 from twin.judging.fitting import ModelErrors, whitened
 from twin.judging.likelihood import SHARE, TOTAL, held
+from twin.laws.mooneyrivlin import NAMES
 from twin.model.prediction import Model, Unsolvable
 from twin.project.folder import Say
 from twin.targets import Array, Targets

@@ -14,6 +14,7 @@ from twin.commands.diagnose import run_diagnose
 from twin.commands.explain import run_explain
 from twin.commands.posterior import run_posterior
 from twin.commands.recalibrate import _undiagnosed
+from twin.laws.mooneyrivlin import MOONEY_RIVLIN
 from twin.project.folder import Project, dataset
 from twin.project.toml import dump, parse
 from twin.targets import KnownValue
@@ -31,11 +32,11 @@ def project(text: str) -> Project:
 
 def test_priors_of_constants_combinations_and_absent_effects_are_read() -> None:
     found = project('priors = {C10 = [0.2, 0.05], "C10+C01" = [0.3, 0.02], share = [0.2, 0.1], "creep.g1" = [0.1, 0.02]}')
-    known = known_values(found, own_of)
+    known = known_values(found, MOONEY_RIVLIN, own_of)
     assert known[0] == KnownValue(name="C10", mean=0.2, sd=0.05)
     assert [one.name for one in known] == ["C10", "C10+C01", "share", "creep.g1"]
     assert tomllib.loads(dump(found.config))["calibrate"]["priors"]["C10+C01"] == [0.3, 0.02]
-    assert known_values(project("priors = {}"), own_of) == ()
+    assert known_values(project("priors = {}"), MOONEY_RIVLIN, own_of) == ()
 
 
 @pytest.mark.parametrize(("text", "said"), [
@@ -50,7 +51,7 @@ def test_priors_of_constants_combinations_and_absent_effects_are_read() -> None:
 ])  # fmt: skip
 def test_what_is_known_of_nothing_is_refused(text: str, said: str) -> None:
     with pytest.raises(ValueError, match=said):
-        known_values(project(text), own_of)
+        known_values(project(text), MOONEY_RIVLIN, own_of)
 
 
 def test_stages_that_count_every_value_in_full_refuse_weights() -> None:
