@@ -49,7 +49,7 @@ def run_calibrate(project: Project, say: Say, *, laws: str = "", starts: int = 0
         best = _scaled(on, run, say) if on.of_one_shape else _searched(on, run, say)
         _check_explained(on, best.best)
         if starts and on.of_one_shape:
-            raise ValueError(f"--starts: {bench.law.title} is fitted by whole solves, which are too dear for it; "
+            raise ValueError(f"--starts: {bench.law.title} is fitted by whole solves, too dear for it; "
                              "leave it out")  # fmt: skip
         tried = several_starts(on, best.best, starts, run, say) if starts else None
         judged = on.least(best.best, say, *([tried.best] if tried else []))
