@@ -40,6 +40,7 @@ class Stub:
     reach: float = np.inf
     parameters: tuple[Parameter, ...] = BOTH
     fields: Array = field(default_factory=lambda: np.eye(len(X)))
+    law: None = None
 
     def joined(self, _: object) -> "Stub":
         return replace(self, solves=self.solves + 1)
@@ -112,7 +113,7 @@ def sampler(memory: Memory, monkeypatch: pytest.MonkeyPatch, response: Stub, *, 
     z = np.random.default_rng(3).normal(size=len(X))
     white = SimpleNamespace(whiten=lambda field: np.asarray(field) / SD)
     model: Any = SimpleNamespace(
-        parameters=BOTH, mesh=None, named=response.named, allowed=(lambda values: True) if everywhere else response.allowed
+        parameters=BOTH, mesh=None, law=None, named=response.named, allowed=(lambda values: True) if everywhere else response.allowed
     )
     targets: Any = SimpleNamespace(value=shown(TRUE[None])[0] + SD * z, known=())
     made = Closed(model, targets, SimpleNamespace(modes=np.zeros((0, 1))), TRUE, memory)  # type: ignore[arg-type]
@@ -210,7 +211,7 @@ def test_what_other_errors_add_is_that_of_the_normal_density() -> None:
     s, p = targets.valid.shape[:2]
     mode = 0.02 * rng.normal(size=(1, s, p, 3))
     none = np.zeros((s, p, 3))
-    model: Any = SimpleNamespace(mesh=None, parameters=(), per_pressure=lambda theta: none, modes=lambda theta: 3 * mode)
+    model: Any = SimpleNamespace(mesh=None, law=None, parameters=(), per_pressure=lambda theta: none, modes=lambda theta: 3 * mode)
     errors = ModelErrors(gauge=none, modes=mode)
     memory: Any = None
     made: Any = SimpleNamespace(theta=np.zeros(0), u=0.03 * rng.normal(size=(s, p, 3)))
