@@ -7,7 +7,7 @@ derivatives come with a solve it costs little, and the covariance comes from tha
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -98,9 +98,9 @@ def least_squares(
     with np.errstate(under="ignore"):
         ends = [_descend(model, theta, low, high, max_evaluations, tolerance) for theta in starts]
         best = min(ends, key=lambda end: end.chi2)
-        if information is not None and best.residual is not None:
-            best = replace(best, jacobian=np.asarray(information(best.theta), float))
-        return _fit(best, parameters, seed, model)
+        known = information is not None and best.residual is not None
+        rows = np.asarray(information(best.theta), float) if information and known else best.jacobian
+        return _fit(best, parameters, seed, model, rows)
 
 
 def inside(starts: Array, parameters: tuple[Parameter, ...]) -> Array:
@@ -215,11 +215,13 @@ def bounded_step(jac: Array, r: Array, low: Array, high: Array, damping: float) 
     return _Step(x / lengths, float(c @ c - (c + change) @ (c + change)), float(np.linalg.norm(change)))
 
 
-def _fit(end: _End, parameters: tuple[Parameter, ...], seed: int, model: _Model) -> Fit:
+def _fit(
+    end: _End, parameters: tuple[Parameter, ...], seed: int, model: _Model, rows: Array
+) -> Fit:
     low, high = bounds(parameters)
     reach = AT_BOUND * (high - low)
     free = (end.theta > low + reach) & (end.theta < high - reach)
-    covariance, rank = _covariance(end.jacobian, free, high - low)
+    covariance, rank = _covariance(rows, free, high - low)
     covariance = covariance + _for_bounds(end, free, low, high)
     lost = [p.name for p, v in zip(parameters, np.diag(covariance)) if np.isinf(v)]
     reason = end.reason
@@ -231,7 +233,7 @@ def _fit(end: _End, parameters: tuple[Parameter, ...], seed: int, model: _Model)
         theta=end.theta,
         covariance=covariance,
         chi2=end.chi2,
-        degrees_of_freedom=len(end.jacobian) - rank,
+        degrees_of_freedom=len(rows) - rank,
         seed=seed,
         evaluations=model.evaluations,
         converged=end.converged,

@@ -15,6 +15,7 @@ from calibrate.fit import Jacobian, Residual
 from calibrate.parameters import Array
 
 NU = 4.0  # degrees of freedom, as Lange et al. propose for unknown errors
+TURNS, SETTLED = 30, 1e-3  # of amplitudes of shared errors at most, and their change, in sd, at the end
 SMALL = 1e-4  # of z, below which the root of the deviance is taken as straight
 
 
@@ -35,41 +36,94 @@ def weights(z: Array, nu: float = NU, *, scale: float = 1.0) -> Array:
     return np.asarray((nu + 1) / (nu + (z / scale) ** 2))
 
 
-def student(residual: Residual, jacobian: Jacobian, nu: float = NU) -> tuple[Residual, Jacobian, Jacobian]:
-    """A residual and its derivatives under errors of Student's t with nu degrees of freedom.
+def parted(
+    z: Array, modes: Array, nu: float = NU, *, start: Array | None = None
+) -> tuple[Array, Array, float]:
+    """What t errors leave of values (n,) with errors that many of them share: those that are left (n,), the
+    amplitudes (k,) of the shared ones, normal with sd 1, and the scale.
 
-    residual, jacobian: as in `least_squares`, of n normal errors. The first of the result is the signed root
-    of the deviance (nu + 1) ln(1 + (z / s)^2 / nu) of each value, s the likeliest scale there; the largest
-    carries 2 n ln s, too. The second is its derivatives with s as it is: where s is likeliest, its own change
-    changes nothing of the sum. The third, rows (n, d), is for `least_squares(information=...)`: their
-    products are the expected information of the t distribution, (nu + 1) / (nu + 3) / s^2 of that of normal
-    errors.
+    modes (k, n): what 1 of each amplitude adds; start (k,): amplitudes nearby. Amplitudes by least squares
+    would follow a gross error, and carry it into every value of its mode.
     """
+    a = np.zeros(len(modes)) if start is None else start
+    left = z - modes.T @ a
+    for _ in range(TURNS):
+        scale = scale_of(left, nu)
+        if not len(modes):
+            break
+        weighted = modes * (weights(left, nu, scale=scale) / scale**2)
+        before, a = a, np.linalg.solve(np.eye(len(modes)) + weighted @ modes.T, weighted @ z)
+        left = z - modes.T @ a
+        if np.abs(a - before).max() < SETTLED:
+            break
+    return left, a, scale_of(left, nu)
 
-    def roots(z: Array) -> tuple[Array, Array, float]:
-        """The roots (n,), their derivatives (n,) by z, and the scale."""
-        s = scale_of(z, nu)
-        x = np.abs(z) / s
+
+def student(
+    residual: Residual, jacobian: Jacobian, nu: float = NU, *, modes: Array | None = None
+) -> tuple[Residual, Jacobian, Jacobian]:
+    """A residual and its derivatives under errors of Student's t with nu degrees of freedom, beside errors
+    that many values share, modes (k, n) of normal amplitudes (`parted`).
+
+    residual, jacobian: as in `least_squares`, of n values whose own errors are independent. The first of the
+    result, (n + k,), is the signed root of the deviance (nu + 1) ln(1 + (z / s)^2 / nu) of each value, s the
+    likeliest scale there, and the amplitudes; the largest value carries 2 n ln s, too. The second is its
+    derivatives with s as it is: where s is likeliest, its own change changes nothing of the sum. The third,
+    rows (n, d), is for `least_squares(information=...)`: their products are the expected information of the t
+    distribution, (nu + 1) / (nu + 3) / s^2 of that of normal errors.
+    """
+    last: dict[bytes, tuple[Array, Array, float]] = {}  # of the newest values: their derivatives come next
+
+    def split(z: Array) -> tuple[Array, Array, float]:
+        if (key := z.tobytes()) not in last:
+            near = next((amplitudes for _, amplitudes, _ in last.values()), None)
+            last.clear()
+            last[key] = parted(z, own(z), nu, start=near)
+        return last[key]
+
+    def roots(z: Array, scale: float) -> tuple[Array, Array]:
+        """The roots (n,), and their derivatives (n,) by z."""
+        x = np.abs(z) / scale
         size = np.sqrt((nu + 1) * np.log1p(x**2 / nu))
         slope, far = np.full_like(x, math.sqrt((nu + 1) / nu)), x > SMALL
         slope[far] = weights(x[far], nu) * x[far] / size[far]
         most = int(np.argmax(x))
-        whole = math.hypot(size[most], math.sqrt(2 * np.count_nonzero(z) * math.log(s)))
+        whole = math.hypot(size[most], math.sqrt(2 * np.count_nonzero(z) * math.log(scale)))
         slope[most] *= size[most] / whole if whole else 1.0
         size[most] = whole
-        return np.sign(z) * size, slope / s, s
+        return np.sign(z) * size, slope / scale
+
+    def own(z: Array) -> Array:
+        return np.zeros((0, len(z))) if modes is None else modes
+
+    def turned(rows: Array, turn: Array, shared: Array) -> Array:
+        """Rows (n + k, d) of values with derivatives (n,) and of amplitudes that follow."""
+        weighted = shared * turn**2
+        follow = np.linalg.solve(np.eye(len(shared)) + weighted @ shared.T, weighted @ rows)
+        return np.vstack([turn[:, None] * (rows - shared.T @ follow), follow])
 
     def root(theta: Array) -> Array | None:
         z = residual(theta)
-        return None if z is None or not np.all(np.isfinite(z)) else roots(z)[0]
+        if z is None or not np.all(np.isfinite(z)):
+            return None
+        left, amplitudes, scale = split(z)
+        return np.append(roots(left, scale)[0], amplitudes)
 
     def slope(theta: Array) -> Array:
         rows, z = jacobian(theta), residual(theta)
-        return np.full_like(rows, np.nan) if z is None else np.asarray(roots(z)[1][:, None] * rows)
+        if z is None or not np.all(np.isfinite(rows)):
+            return np.full((len(rows) + len(own(rows[:, 0])), rows.shape[1]), np.nan)
+        left, _, scale = split(z)
+        return turned(rows, roots(left, scale)[1], own(z))
 
     def information(theta: Array) -> Array:
-        z = residual(theta)
-        s = 1.0 if z is None else roots(z)[2]
-        return np.asarray(math.sqrt((nu + 1) / (nu + 3)) / s * jacobian(theta))
+        rows, z = jacobian(theta), residual(theta)
+        if z is None or not np.all(np.isfinite(rows)):
+            return rows
+        scale = split(z)[2]
+        every = turned(rows, np.full(len(z), math.sqrt((nu + 1) / (nu + 3)) / scale), own(z))
+        out = np.zeros_like(rows)  # as many as values, and the same products
+        out[: rows.shape[1]] = np.linalg.qr(every).R
+        return out
 
     return root, slope, information

@@ -6,7 +6,7 @@ import pytest
 from calibrate import Fit, Parameter, least_squares
 from calibrate.fit import Jacobian, Residual
 from calibrate.parameters import Array
-from calibrate.robust import NU, scale_of, student, weights
+from calibrate.robust import NU, parted, scale_of, student, weights
 
 TRUE = np.array([0.3, 2.0])
 TWO = (Parameter("a", -5.0, 5.0), Parameter("b", 0.1, 9.0))
@@ -56,13 +56,13 @@ def noisy(seed: int, *, outliers: bool) -> Array:
 
 def test_gross_errors_in_5_percent_bias_least_squares_and_not_the_t() -> None:
     plain = [fitted(noisy(seed, outliers=True), robust=False).theta for seed in range(30)]
-    robust = [fitted(noisy(seed, outliers=True), robust=True) for seed in range(30)]
+    heavy = [fitted(noisy(seed, outliers=True), robust=True) for seed in range(30)]
     sd = fitted(noisy(0, outliers=False), robust=False).sd
     biased = np.abs(np.mean(plain, axis=0) - TRUE) / sd
-    left = np.abs(np.mean([fit.theta for fit in robust], axis=0) - TRUE) / sd
+    left = np.abs(np.mean([fit.theta for fit in heavy], axis=0) - TRUE) / sd
     assert biased.max() > 10
     assert left.max() < 0.7  # of the mean of 30 fits, itself known to 0.2 sd; Lange et al. leave 0.1 per 1 %
-    inside = [np.abs(fit.theta - TRUE) < 1.96 * fit.sd for fit in robust]
+    inside = [np.abs(fit.theta - TRUE) < 1.96 * fit.sd for fit in heavy]
     assert np.mean(inside) > 0.85
 
 
@@ -117,3 +117,39 @@ def test_a_model_without_an_answer_has_none_under_the_t() -> None:
     root, slope, _ = student(lambda theta: None, lambda theta: np.ones((3, 2)))
     assert root(TRUE) is None
     assert np.isnan(slope(TRUE)).all()
+
+
+SHARED = np.stack([np.full_like(X, 20.0), 8 * np.sin(3 * X)])  # two errors that all values share, 1 sd
+
+
+def test_a_gross_error_does_not_pull_what_all_values_share() -> None:
+    z = np.random.default_rng(5).normal(size=len(X)) + SHARED.T @ [0.7, -1.2]
+    z[[40, 200, 333]] += 900.0
+    left, amplitudes, scale = parted(z, SHARED)
+    assert amplitudes == pytest.approx([0.7, -1.2], abs=0.05)  # 400 values of sd 1: 0.0025 and 0.009; the rest is SETTLED
+    assert set(np.flatnonzero(np.abs(left) > 5 * scale)) == {40, 200, 333}
+    pulled = np.linalg.solve(np.eye(2) + SHARED @ SHARED.T, SHARED @ z)
+    assert np.abs(pulled - [0.7, -1.2]).max() > 0.2
+    assert np.sum(np.abs(z - SHARED.T @ pulled) > 5) > 100  # it would make gross errors of good values
+
+
+def test_with_shared_errors_the_derivatives_are_those_of_the_deviance(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("calibrate.robust.TURNS", 2000)
+    monkeypatch.setattr("calibrate.robust.SETTLED", 1e-11)
+    y = noisy(4, outliers=True) + SHARED.T @ [0.5, 0.5]
+    root, slope, information = student(*posed(y), modes=SHARED)
+    theta = np.array([0.32, 1.9])
+    r = root(theta)
+    assert r is not None
+    assert len(r) == len(X) + 2
+    for k, h in enumerate(1e-4 * np.eye(2)):
+        a, b = root(theta + h), root(theta - h)
+        assert a is not None
+        assert b is not None
+        assert 2 * r @ slope(theta)[:, k] == pytest.approx((a @ a - b @ b) / 2e-4, rel=0.02, abs=0.5)
+    rows = posed(y)[1](theta)
+    scale = parted(posed(y)[0](theta), SHARED)[2]  # type: ignore[arg-type]
+    whole = np.linalg.inv(np.eye(len(X)) * scale**2 * (NU + 3) / (NU + 1) + SHARED.T @ SHARED)
+    made = information(theta)
+    assert made.shape == rows.shape
+    np.testing.assert_allclose(made.T @ made, rows.T @ whole @ rows, rtol=1e-6)

@@ -10,11 +10,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibrate.robust import scale_of, weights
 from twin.diagnosis.signatures import prior_sd
 from twin.effects.library import effect
 from twin.judging.lawerrors import law_errors
-from twin.judging.likelihood import priors_of
+from twin.judging.likelihood import priors_of, without_gross
 from twin.judging.record import FitRecord
 from twin.judging.whitening import whitener
 from twin.model.prediction import Model
@@ -79,10 +78,10 @@ def told_by_film(
     nothing = np.zeros((0, *targets.value.shape))
     gauge = model.per_pressure(theta)[:s, :p] * targets.pressure_sd[:, None, None]
     w = whitener(targets, prediction_modes=nothing, gauge=gauge, points=~targets.fixed)
-    seen, z = w.whiten(columns[:, :s, :p]).T, w.whiten(targets.value - model.predict(theta)[:s, :p])
-    if targets.tails:
-        root = np.sqrt(weights(z, targets.tails, scale=scale_of(z, targets.tails)))
-        seen, z = root[:, None] * seen, root * z
+    residual = targets.value - model.predict(theta)[:s, :p]
+    if (own := without_gross(targets, residual, w)) is not targets:
+        w = whitener(own, prediction_modes=nothing, gauge=gauge, points=~targets.fixed)
+    seen, z = w.whiten(columns[:, :s, :p]).T, w.whiten(residual)
     if len(uncertain.stated[0]):
         off, rows = uncertain.stated
         seen, z = np.vstack([seen, rows]), np.append(z, -off)

@@ -1,7 +1,7 @@
 """Whitened residuals, the tails of their errors and priors -> what least squares minimise; and which values
 hardly count in it."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -11,7 +11,7 @@ from calibrate import Fit, Parameter
 from calibrate.fit import Jacobian, Residual
 from calibrate.priors import Prior, rows_beside, with_priors
 from calibrate.profiles import Held
-from calibrate.robust import scale_of, student, weights
+from calibrate.robust import parted, student, weights
 from twin.judging.record import DownWeighted, PriorRow
 from twin.judging.whitening import Whitener
 from twin.laws.mooneyrivlin import NAMES, WIDEST_SHARE
@@ -42,17 +42,23 @@ def priors_of(parameters: Sequence[Parameter], targets: Targets) -> tuple[Prior,
 
 
 def posed(
-    residual: Residual, jacobian: Jacobian, parameters: Sequence[Parameter], targets: Targets
+    residual: Residual, jacobian: Jacobian, parameters: Sequence[Parameter], targets: Targets, w: Whitener
 ) -> tuple[Residual, Jacobian, Jacobian | None]:
-    """A whitened residual, its derivatives and the rows of its information where these are others, under the
-    tails that the errors of targets have, and with a value more for each prior."""
+    """A residual that is white (`whitening`), its derivatives and the rows of its information where these are
+    others, under the tails that the errors of targets have, and with a value more for each prior."""
     information, priors = None, priors_of(parameters, targets)
     if targets.tails:
-        residual, jacobian, information = student(residual, jacobian, targets.tails)
+        residual, jacobian, information = student(residual, jacobian, targets.tails, modes=w.mode_innovations)
     if priors:
         residual, jacobian = with_priors(residual, jacobian, priors)
         information = information and rows_beside(information, priors)
     return residual, jacobian, information
+
+
+def whitening(targets: Targets, w: Whitener) -> Callable[[Array], Array]:
+    """What makes a field (..., s, p, 3) mm white for `posed`: shared errors stay in it where tails are heavy,
+    as a gross error would leave with them and come into every value that shares them."""
+    return w.innovations if targets.tails else w.whiten
 
 
 # -- priors in words -----------------------------------------------------------------------------------------
@@ -87,8 +93,9 @@ def _row(prior: Prior, fit: Fit) -> PriorRow:
 
 def weights_of(targets: Targets, residual: Array, w: Whitener) -> Array:
     """The weight (s, p, 3) of every value with a residual (s, p, 3) mm, NaN where there is no data."""
-    z = w.whiten(residual).reshape(w.valid.shape)
-    out, own = np.full(residual.shape, np.nan), weights(z, targets.tails, scale=scale_of(z, targets.tails))
+    left, _, scale = parted(w.innovations(residual), w.mode_innovations, targets.tails)
+    out, own = np.full(residual.shape, np.nan), weights(left, targets.tails, scale=scale)
+    own = own.reshape(w.valid.shape)
     out[:, w.components[:, 0], w.components[:, 1]] = np.where(w.valid, own, np.nan)
     return out
 
@@ -129,7 +136,7 @@ def weights_in_words(targets: Targets, residual: Array, w: Whitener) -> str:
     if not targets.tails:
         return ""
     count, rows = int(gross(targets, residual, w).sum()), down_weighted(targets, residual, w)
-    scale = scale_of(w.whiten(residual), targets.tails)
+    scale = parted(w.innovations(residual), w.mode_innovations, targets.tails)[2]
     wide = (
         f" The others scatter {scale:.2g} times as wide as their errors: the model does not fit yet."
         if scale > WIDE else ""

@@ -12,7 +12,7 @@ from twin.gravity import under
 from twin.judging.comparison import PLAUSIBLE
 from twin.judging.fitting import whitener_of
 from twin.judging.judged import Judged
-from twin.judging.likelihood import posed
+from twin.judging.likelihood import posed, whitening
 from twin.judging.record import InitialRow
 from twin.judging.whitening import Whitener, whitener
 from twin.laws.law import Constants
@@ -123,10 +123,11 @@ class OnPaths:
     def fit(self, w: Whitener, starts: Array) -> Fit:
         """The bounded least-squares fit to all targets on the load paths, from starts (m, d)."""
         parameters, t = self.bench.elasticity.parameters, self.bench.targets
+        white = whitening(t, w)
 
         def residual(theta: Array) -> Array | None:
             u = self.predicted(theta)
-            return None if u is None else w.whiten(t.value - u)
+            return None if u is None else white(t.value - u)
 
         def jacobian(theta: Array) -> Array:
             columns, b = [], residual(theta)
@@ -140,7 +141,7 @@ class OnPaths:
         if t.tails:  # from where gross errors lead, too, as its deviance has several valleys
             plain = least_squares(residual, jacobian, parameters, start=starts)
             starts = np.vstack([starts, plain.theta])
-        r, slope, information = posed(residual, jacobian, parameters, t)
+        r, slope, information = posed(residual, jacobian, parameters, t, w)
         return least_squares(r, slope, parameters, start=starts, information=information)
 
     def initial(self, judged: Judged) -> InitialRow:
