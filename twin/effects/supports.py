@@ -10,6 +10,7 @@ from fe import Case
 from fe.case import Contact, Layer
 from fe.element import Integers
 from fe.mesh.refine import free_faces
+from fe.obstacles import Flat
 from twin.effects.amounts import number
 from twin.effects.parts import Parts
 from twin.effects.protocol import Effect, Family, Order, Test, Theta
@@ -48,7 +49,8 @@ class TableContact(Family):
                 f"them so (there are {', '.join(case.surfaces) or 'none'})"
             )
         height = float(case.nodes[:, 2].min()) - theta["contact.distance"]
-        table = Contact("outside", (0.0, 0.0, 1.0), height, stiffness, theta.get("contact.friction", 0.0))
+        top, friction = Flat((0.0, 0.0, 1.0), height), theta.get("contact.friction", 0.0)
+        table = Contact("outside", top, stiffness, friction)
         return replace(test, case=replace(case, contact=table))
 
     def told(self, values: Theta) -> str:
