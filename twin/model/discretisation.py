@@ -134,6 +134,11 @@ class Discretisation:
         return STIFFNESS * self.apart
 
     @property
+    def softer(self) -> float:
+        """The part of C10 + C01 by which the finest mesh is softer."""
+        return 0.0 if self.unknown else float(self._shown.softness[-1])
+
+    @property
     def apart(self) -> float:
         """By how much the finer meshes differ in stiffness, of C10 + C01."""
         return 0.0 if self.unknown else self._shown.apart
