@@ -59,12 +59,18 @@ class ObstacleFaces:
         self._obstacle, self._stiffness, self._spring = contact.obstacle, contact.stiffness, contact.spring
         self.friction, self._sign = contact.friction, np.sign(contact.friction)
         self._slides: Flags | None = None  # where given, not by how far it has slipped
+        self._known: tuple[Array, float] | None = None  # what was last asked of `yielded`
         self._anchor = self._along(case.nodes) if contact.friction else np.zeros(3)  # (f, q, 3) mm
 
     def softer(self, factor: float) -> "ObstacleFaces":
         """The same obstacle with `factor` of its surface's stiffness."""
-        other = copy(self)
+        other = self._copy()
         other._stiffness = factor * self._stiffness
+        return other
+
+    def _copy(self) -> "ObstacleFaces":
+        other = copy(self)
+        other._known = None
         return other
 
     # -- where the obstacle is ------------------------------------------------------------------------------
@@ -80,11 +86,16 @@ class ObstacleFaces:
         the spring's force k w balances that of the surface."""
         if self._spring is None:
             return 0.0
+        if self._known is None or not np.array_equal(self._known[0], x):
+            self._known = x.copy(), self._balanced(self._spring.stiffness, x)
+        return self._known[1]
+
+    def _balanced(self, stiffness: float, x: Array) -> float:
         w, a = 0.0, self._way
         for _ in range(YIELDS):
             here = x - w * a
             push = float(self._force(here).sum(axis=0) @ a)
-            step = -(self._spring.stiffness * w + push) / (self._spring.stiffness + self._giving(here)[2])
+            step = -(stiffness * w + push) / (stiffness + self._giving(here)[2])
             w += step
             if abs(step) < SETTLED:
                 break
@@ -187,7 +198,7 @@ class ObstacleFaces:
         """The obstacle as it is met from the equilibrium at deformed positions x (n, 3) mm on."""
         if not self.friction:
             return self
-        other, x = copy(self), self._met(x)
+        other, x = self._copy(), self._met(x)
         other._anchor = self._along(x) - self._slip(x, self._pressure(x))[0]
         other._slides = None
         return other
@@ -201,7 +212,7 @@ class ObstacleFaces:
     def sliding(self, where: Flags) -> "ObstacleFaces":
         """The same obstacle, on which the surface slides there (f, q) and nowhere else: what is held lies on
         the kink between stick and slip, and neighbours of a derivative must be on one side of it."""
-        other = copy(self)
+        other = self._copy()
         other._slides = where
         return other
 

@@ -1,4 +1,4 @@
-"""What `twin predict --object` tells: the force on a rigid object, as rows, a sentence, a table and a picture."""
+"""What `twin predict --object` tells: the force on an object as rows, a sentence, a table, a picture."""
 
 from collections.abc import Sequence
 
@@ -15,7 +15,7 @@ from twin.project.tablemodel import Finite
 from twin.targets import Array
 
 BESIDE = (
-    "The displacements are those of the finger that meets nothing. The force, in contact.csv and contact.png, "
+    "The displacements are those of the finger that meets nothing. The force in contact.csv and contact.png "
     "is that of a finger which begins at rest: what the film made creep or soften is not in it. Its interval "
     "has the errors of the constants and of the mesh's stiffness, and no other error of the mesh."
 )
