@@ -3,7 +3,7 @@
     python benchmarks/kernel/objects.py [--quick] [--json]
 
 A short finger bends onto a cylinder, with and without friction, and onto a sphere, up to 0.03 MPa. CalculiX
-has the same mesh and elements (C3D20R), the object as held bricks whose faces turn by 3 degrees, and the same
+has the same mesh and elements (C3D20R), the object as held bricks whose faces turn by 5 degrees, and the same
 stiffness of contact. object_ccx: the largest difference of the force on the object, of its size. --quick: the
 cylinder without friction alone.
 """

@@ -7,8 +7,9 @@ from fe.element import Array, Integers
 from fe.kernel.contact import off_the_clamp
 from fe.obstacles import Flat, Round
 
-REACH, DEPTH = 3.0, 0.2  # of the structure's size: half of a plate or cylinder, a plate's thickness
-RING, PATCH = 120, 24  # bricks around a cylinder and along the edge of each of a sphere's patches: 3 degrees
+REACH, DEPTH = 3.0, 0.2  # of the structure's size: half of a plate, and its thickness
+LENGTH = 0.7  # of the structure's size: half of a cylinder; with long thin faces CalculiX is slow
+RING, PATCH = 72, 18  # bricks around a cylinder and along the edge of each of a sphere's patches: 5 degrees
 HOLLOW = 0.5  # of the radius, inside which a round obstacle is empty
 MOST_BRICKS = 10_000
 
@@ -81,7 +82,7 @@ def _cylinder(rod: Round, middle: Array, size: float) -> Array:
     a = np.asarray(rod.axis, float) / np.linalg.norm(rod.axis)  # type: ignore[arg-type]
     first, second = _beside(a)
     turn, c = np.linspace(0, 2 * np.pi, RING + 1)[:, None, None], np.asarray(rod.centre, float)
-    along = ((middle - c) @ a + REACH * size * np.array([-1.0, 1.0]))[None, :, None] * a
+    along = ((middle - c) @ a + LENGTH * size * np.array([-1.0, 1.0]))[None, :, None] * a
     return np.asarray(c + along + rod.radius * (np.cos(turn) * first + np.sin(turn) * second))
 
 

@@ -86,7 +86,7 @@ def touched(
     if record.adequate:  # else it would be what the model lacks
         force = force + np.tensordot(amounts, columns, 1)
     pressure = np.interp(course.output, course.time, course.pressure)
-    push = abs(float(force[-1] @ thing.way) / np.linalg.norm(thing.way))
+    push = float(abs(force[-1] @ thing.way) / np.linalg.norm(thing.way))
     rows, shown = list(range(len(course.output))), len(bench.case.nodes)  # of a whole the half comes first
     return Touched(
         time=course.output,

@@ -20,12 +20,12 @@ from twin.bench.predicting import NORMAL, Prediction, WantedCourse, predicted
 from twin.bench.touching import beside, rising, touched
 from twin.bench.workbench import Workbench
 from twin.commands.predictobject import (
-    BESIDE,
     PredictedContact,
     contact_csv,
     contact_picture,
     contact_rows,
     pushed,
+    told,
 )
 from twin.drawing.deformed import write_vtu_series
 from twin.drawing.predictionplot import draw_prediction
@@ -128,9 +128,10 @@ def run_predict(
     the finger presses when its end is kept at its height. object: a rigid object, as `twin.model.objects`
     reads it; wanted is, too, with which force the finger presses on it.
     """
-    thing = RigidObject.of(object) if object else None
-    if thing is not None and inverse:
+    if object and inverse:
         raise ValueError("--object: wanted --pressure or --course beside it, not --inverse")
+    asked_for = "" if inverse else object or project.config.model.object or ""
+    thing = RigidObject.of(asked_for) if asked_for else None
     wanted = [Wanted.of(text) for text in inverse]
     courses = _courses(pressure, course, ramp_s, hold_s, wanted)
     if blocked and not pressure:
@@ -167,7 +168,7 @@ def run_predict(
             tested_MPa=tested,
             inverse=tuple(_pressure_row(one) for one in inverted),
             blocked=tuple(map(_force_row, forces)),
-            object=object,
+            object=asked_for,
             contact=tuple(row for one in meets for row in contact_rows(one)),
             note=" ".join(_notes(bench, courses, found)),
         )
@@ -187,7 +188,7 @@ def run_predict(
         say(f"{1e3 * force.pressure_MPa:.4g} kPa: the end, kept at its height, presses with "
             f"{_in_N(force)}.")  # fmt: skip
     if thing is not None:
-        for line in [*(pushed(one, thing) for one in meets), BESIDE]:
+        for line in [*(pushed(one, thing) for one in meets), told(asked_for == project.config.model.object)]:
             say(line)
     if made.note:
         say(made.note)

@@ -14,11 +14,6 @@ from twin.project.record import Maybe, Record
 from twin.project.tablemodel import Finite
 from twin.targets import Array
 
-BESIDE = (
-    "The displacements are those of the finger that meets nothing. The force in contact.csv and contact.png "
-    "is that of a finger which begins at rest: what the film made creep or soften is not in it. Its interval "
-    "has the errors of the constants and of the mesh's stiffness, and no other error of the mesh."
-)
 NO_FORCE = 1e-4  # N: what the penalty's smooth beginning leaves of a finger that does not touch
 
 
@@ -92,6 +87,16 @@ def contact_picture(bench: Workbench, meets: Sequence[Touched], thing: RigidObje
         label="pressure, kPa" if held else "time, s", nodes=bench.case.nodes, u=end,
         triangles=triangles(bench.structure.outside), obstacle=thing.shape, given_way=one.yielded * way,
     )  # fmt: skip
+
+
+def told(own: bool) -> str:
+    """What the force holds for; own: whether the film, too, is of a finger that meets the object."""
+    free = "" if own else "The displacements are those of the finger that meets nothing. "
+    return (
+        f"{free}The force in contact.csv and contact.png is that of a finger which begins at rest: what the "
+        "film made creep or soften is not in it. Its interval has the errors of the constants and of the "
+        "mesh's stiffness, and no other error of the mesh."
+    )
 
 
 def _in_N(row: PredictedContact) -> str:

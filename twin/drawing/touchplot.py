@@ -1,5 +1,7 @@
 """Turns the force on an object into a plot: over pressure, and finger and object seen from the side."""
 
+from typing import Any
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
@@ -39,7 +41,7 @@ def draw_touch(
         left.set_xlabel(label)
         for place, colour in ((nodes, FAINT), (nodes + u, NOISE)):
             skin = list(place[triangles][..., SIDE])
-            right.add_collection(PolyCollection(skin, facecolor=colour, linewidth=0))
+            right.add_collection(PolyCollection(skin, facecolor=colour, edgecolor="face", linewidth=0.4))
         ends = np.concatenate([nodes, nodes + u])[:, SIDE]
         low, high = ends.min(axis=0), ends.max(axis=0)
         room = 0.15 * float(np.ptp(ends, axis=0).max())
@@ -53,7 +55,7 @@ def draw_touch(
 
 def _draw_obstacle(axes: Axes, obstacle: Obstacle, by: Array, colour: str) -> None:
     """The obstacle's outline in the plane y = 0, moved by (3,) mm."""
-    look = {"facecolor": "none", "edgecolor": colour, "linewidth": 1.4}
+    look: dict[str, Any] = {"facecolor": "none", "edgecolor": colour, "linewidth": 1.4}
     if not isinstance(obstacle, Flat):
         c, axis = np.asarray(obstacle.centre) + by, obstacle.axis
         if axis is None or axis[1]:

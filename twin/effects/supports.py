@@ -13,7 +13,7 @@ from fe.mesh.refine import free_faces
 from fe.obstacles import Flat
 from twin.effects.amounts import number
 from twin.effects.parts import Parts
-from twin.effects.protocol import Effect, Family, Order, Test, Theta
+from twin.effects.protocol import Effect, Family, Order, Test, Theta, Unsolvable
 
 
 class TableContact(Family):
@@ -43,6 +43,11 @@ class TableContact(Family):
         stiffness, case = theta["contact.stiffness"], test.case
         if stiffness == 0:
             return test
+        if case.contact is not None:
+            raise Unsolvable(
+                "contact: a table beside the object of [model] object in twin.toml; the model meets one "
+                "obstacle alone: leave one of the two out"
+            )
         if "outside" not in case.surfaces:
             raise ValueError(
                 "contact: no surface 'outside' in the model, wanted the faces that may touch the table; name "
