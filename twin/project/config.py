@@ -155,8 +155,8 @@ class ModelTable(TableModel):
     )
     object: str | None = Field(
         default=None,
-        description="a rigid object that the filmed finger meets, such as cylinder:d=40,x=70,z=-30 (mm): see "
-        "objects.md",
+        description="a rigid object that the filmed finger meets, such as "
+        "cylinder:d=40,x=70,z=-30 (mm): see objects.md",
     )
     fixed: dict[str, Finite] = Field(
         default={}, description="constants that are not fitted, MPa, such as {C10 = 0.214}"
