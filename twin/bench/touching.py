@@ -14,7 +14,6 @@ from fe.path import Path
 from twin.bench.leftopen import Uncertain, amounts_told
 from twin.bench.predicting import NORMAL, SAME, WantedCourse, why_none
 from twin.bench.workbench import Workbench
-from twin.effects.baselaw import NAMES
 from twin.gravity import G
 from twin.judging.record import FitRecord
 from twin.model.objects import RigidObject
@@ -75,7 +74,9 @@ def touched(
     slopes = -solved.solution.contact_variations
     uncertain = Uncertain.of(film, theta, record, bench.targets, beyond=False)
     amounts, axes = amounts_told(bench.targets, film, theta, uncertain)
-    softer = -sum(theta[k] * slopes[k] for k, p in enumerate(model.parameters) if p.name in NAMES)
+    moduli = film.law.moduli if film.law else ()
+    softer = -sum((theta[k] * slopes[k] for k, p in enumerate(model.parameters) if p.name in moduli),
+                  np.zeros(slopes.shape[1:]))  # fmt: skip
     columns = np.zeros((len(amounts), *slopes.shape[1:]))
     free = [p.name not in record.at_bound for p in model.parameters]
     columns[: sum(free)] = slopes[free]
