@@ -5,42 +5,76 @@ from dataclasses import KW_ONLY, dataclass, field
 import numpy as np
 
 from fe.case import Block, Case, Support
+from fe.deck.kinds import one_type
+from fe.deck.units import Units
 from fe.element import ELEMENTS, Array, Integers
 from fe.laws import Material
 from fe.mesh.convert import without_unused_nodes
 
+Faces = list[tuple[int, int]]
+
 
 @dataclass
-class Draft:
-    """What was read so far: sets hold labels, supports (set, component, mm), forces N on each node."""
+class MeshDraft:
+    """Nodes, elements (type, nodes), sets and sections of a deck or of one of its parts, by labels and names
+    in small letters; inherited: the names that came with an instance, and with which."""
 
-    file: str
-    _: KW_ONLY
     nodes: dict[int, Array] = field(default_factory=dict)
     elements: dict[int, tuple[str, list[int]]] = field(default_factory=dict)
     node_sets: dict[str, list[int]] = field(default_factory=dict)
     element_sets: dict[str, list[int]] = field(default_factory=dict)
-    surfaces: dict[str, list[tuple[int, int]]] = field(default_factory=dict)
-    materials: dict[str, Material] = field(default_factory=dict)
+    surfaces: dict[str, Faces] = field(default_factory=dict)
     sections: dict[str, str] = field(default_factory=dict)
+    inherited: dict[tuple[str, str], str] = field(default_factory=dict)
+
+
+@dataclass
+class Draft:
+    """What was read so far: sets hold labels, supports (set, component, mm), forces N on each node.
+
+    here: what mesh keywords fill, `mesh` or a part; numbered: what was added to the labels of an instance;
+    elastic: modulus and Poisson's ratio of *ELASTIC; instantaneous: whether a law's constants are;
+    amplitudes: the largest value of each, and whether it is absolute; remarks: sentences on what was read as
+    something else.
+    """
+
+    file: str
+    _: KW_ONLY
+    units: Units = field(default_factory=Units)
+    mesh: MeshDraft = field(default_factory=MeshDraft)
+    parts: dict[str, MeshDraft] = field(default_factory=dict)
+    here: MeshDraft = field(default_factory=MeshDraft)
+    instance: tuple[str, list[list[float]]] | None = None
+    numbered: dict[str, int] = field(default_factory=dict)
+    materials: dict[str, Material] = field(default_factory=dict)
     supports: list[tuple[str, int, float]] = field(default_factory=list)
     forces: dict[tuple[str, int], float] = field(default_factory=dict)
     loads: dict[str, float] = field(default_factory=dict)
     pressures: list[float] = field(default_factory=list)
     gravity: Array = field(default_factory=lambda: np.zeros(3))
     densities: dict[str, float] = field(default_factory=dict)
+    elastic: dict[str, tuple[float, float]] = field(default_factory=dict)
+    instantaneous: dict[str, bool] = field(default_factory=dict)
+    amplitudes: dict[str, tuple[float, bool]] = field(default_factory=dict)
     material: str = ""
-    parts: int = 0
-    instances: int = 0
+    remarks: dict[str, None] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self.here = self.mesh
+
+    def remark(self, sentence: str) -> None:
+        """Keep a sentence for the user, once."""
+        self.remarks[sentence] = None
 
     def case(self) -> Case:
         """The case: labels become rows. ValueError for what is used but not defined, or not complete."""
-        if not self.elements:
+        mesh = self.mesh
+        if not mesh.elements:
             raise ValueError(f"{self.file}: no elements; wanted *NODE and *ELEMENT")
-        if not self.nodes:
+        if not mesh.nodes:
             raise ValueError(f"{self.file}: no nodes; wanted *NODE and *ELEMENT")
-        labels = np.array(sorted(self.nodes), np.int64)
-        numbers = np.array(sorted(self.elements), np.int64)
+        labels = np.array(sorted(mesh.nodes), np.int64)
+        numbers = np.array(sorted(mesh.elements), np.int64)
 
         def rows(known: Integers, wanted: list[int] | Integers, what: str) -> Integers:
             found = np.asarray(wanted, np.int64)
@@ -52,20 +86,15 @@ class Draft:
                 )
             return at
 
-        kind, *others = sorted({kind for kind, _ in self.elements.values()})
-        if others:
-            raise ValueError(
-                f"{self.file}: elements of the types {', '.join([kind, *others])} in one model: wanted one "
-                "type; mesh it with one"
-            )
-        nodes_of = np.array([self.elements[n][1] for n in numbers])
+        kind = one_type({kind for kind, _ in mesh.elements.values()}, self.file, self.remark)
+        nodes_of = np.array([mesh.elements[n][1] for n in numbers])
         connectivity = rows(labels, nodes_of.ravel(), "node").reshape(nodes_of.shape)
-        node_sets = {name: rows(labels, sorted(set(s)), "node") for name, s in self.node_sets.items()}
+        node_sets = {name: rows(labels, sorted(set(s)), "node") for name, s in mesh.node_sets.items()}
         element_sets = {
-            name: rows(numbers, sorted(set(s)), "element") for name, s in self.element_sets.items()
+            name: rows(numbers, sorted(set(s)), "element") for name, s in mesh.element_sets.items()
         }
         surfaces = {}
-        for name, faces in self.surfaces.items():
+        for name, faces in mesh.surfaces.items():
             e, f = np.array(list(dict.fromkeys(faces)), np.int64).reshape(-1, 2).T
             absent = np.flatnonzero(f >= len(ELEMENTS[kind].faces))
             if len(absent):
@@ -81,7 +110,7 @@ class Draft:
             _check_apart(self, surfaces[pressurised], numbers)
         forces = _forces(self, node_sets, labels)
         case = Case(
-            nodes=np.array([self.nodes[n] for n in labels]),
+            nodes=np.array([mesh.nodes[n] for n in labels]),
             labels=labels,
             blocks=(Block(kind, connectivity),),
             node_sets=node_sets,
@@ -107,9 +136,11 @@ def _check_apart(draft: Draft, faces: Integers, numbers: Integers) -> None:
 
 def _materials(draft: Draft, sets: dict[str, Integers], count: int) -> dict[str, Material]:
     covered, out = np.zeros(count, int), {}
-    for name, material in draft.sections.items():
+    for name, material in draft.mesh.sections.items():
         if material not in draft.materials:
-            raise ValueError(f"{draft.file}: material {material!r} has no *HYPERELASTIC; give it constants")
+            raise ValueError(
+                f"{draft.file}: material {material!r} has no *HYPERELASTIC or *ELASTIC; give it constants"
+            )
         if name not in sets:
             raise ValueError(
                 f"{draft.file}: *SOLID SECTION for the element set {name!r}, which is not defined"
@@ -117,7 +148,7 @@ def _materials(draft: Draft, sets: dict[str, Integers], count: int) -> dict[str,
         covered[sets[name]] += 1
         out[name] = draft.materials[material]
     if (covered != 1).any():
-        number = sorted(draft.elements)[int(np.flatnonzero(covered != 1)[0])]
+        number = sorted(draft.mesh.elements)[int(np.flatnonzero(covered != 1)[0])]
         raise ValueError(
             f"{draft.file}: element {number} has {covered[covered != 1][0]} *SOLID SECTIONs; wanted one"
         )
