@@ -9,9 +9,10 @@ from copy import deepcopy
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from fe.deck.draft import Draft, MeshDraft
+from fe.deck.draft import Draft
 from fe.deck.keywords import Keyword
-from fe.deck.naming import apart, small
+from fe.deck.meshdraft import MeshDraft
+from fe.deck.naming import apart, renamed, small
 from fe.element import Array
 
 
@@ -54,14 +55,15 @@ def end_instance(draft: Draft, k: Keyword) -> None:
         return
     (name, moved), own, whole = draft.instance, draft.here, draft.mesh
     draft.here, draft.instance = whole, None
-    top = max([0, *whole.nodes, *whole.elements])
+    top = max([0, *whole.nodes, *whole.elements, *whole.sheets])
     more = 10 ** len(str(top)) if top else 0
     draft.numbered[name] = more
     if more:
         draft.remark(f"Nodes and elements of the instance {name} have {more} added to their labels.")
     whole.nodes |= {n + more: _placed(x, moved) for n, x in own.nodes.items()}
     whole.elements |= {e + more: (kind, [n + more for n in row]) for e, (kind, row) in own.elements.items()}
-    sections = dict(own.sections)
+    whole.sheets |= {e + more: (kind, [n + more for n in row]) for e, (kind, row) in own.sheets.items()}
+    sections, sheets = dict(own.sections), dict(own.sheet_sections)
     for sets in SETS:
         there = getattr(whole, sets)
         for set_name, rows in getattr(own, sets).items():
@@ -70,13 +72,15 @@ def end_instance(draft: Draft, k: Keyword) -> None:
                 there[set_name], whole.inherited[sets, set_name] = shifted, name
                 continue
             there[f"{name}.{set_name}"] = shifted
-            if sets == "element_sets" and set_name in sections:
-                sections[f"{name}.{set_name}"] = sections.pop(set_name)
+            if sets == "element_sets":
+                renamed(sections, set_name, f"{name}.{set_name}")
+                renamed(sheets, set_name, f"{name}.{set_name}")
             before = whole.inherited.get((sets, set_name))
             if before is not None and f"{before}.{set_name}" not in there:
                 apart(whole, sets, set_name, before)
                 del whole.inherited[sets, set_name]
     whole.sections |= sections
+    whole.sheet_sections |= sheets
 
 
 def _turn(row: list[float]) -> tuple[Array, Rotation]:

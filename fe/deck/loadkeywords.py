@@ -9,6 +9,7 @@ from fe.deck.meshkeywords import face
 from fe.deck.naming import small
 
 NAMED = {"ENCASTRE": (0, 1, 2), "PINNED": (0, 1, 2), "XSYMM": (0,), "YSYMM": (1,), "ZSYMM": (2,)}
+TURNING = {"ENCASTRE": (3, 4, 5), "XSYMM": (4, 5), "YSYMM": (3, 5), "ZSYMM": (3, 4)}
 
 
 def _set_of(draft: Draft, k: Keyword, line: Place, word: str) -> str:
@@ -30,12 +31,14 @@ def boundary(draft: Draft, k: Keyword) -> None:
         where = _set_of(draft, k, line, words[0])
         if words[1].upper() in NAMED:
             draft.supports += [(where, d, 0.0) for d in NAMED[words[1].upper()]]
+            draft.turning += [(where, d, 0.0) for d in TURNING.get(words[1].upper(), ())]
             continue
         first = k.whole(line, words[1], low=1, high=6)
         last = k.whole(line, words[2], low=first, high=6) if len(words) > 2 and words[2] else first
         value = k.numbers(line, words[3:4])[0] if len(words) > 3 else 0.0
         value = followed(draft, k, value) if value else value
-        draft.supports += [(where, d - 1, value) for d in range(first, last + 1) if d <= 3]  # no rotations
+        draft.supports += [(where, d - 1, value) for d in range(first, last + 1) if d <= 3]
+        draft.turning += [(where, d - 1, value) for d in range(first, last + 1) if d > 3]
 
 
 def step(draft: Draft, k: Keyword) -> None:
@@ -111,10 +114,16 @@ def _gravity(draft: Draft, k: Keyword, line: Place, words: list[str]) -> None:
 
 
 def _note_pressure(draft: Draft, k: Keyword) -> None:
-    values = sorted(set(draft.loads.values()))
-    if len(values) > 1:
-        raise k.error(f"pressures of {', '.join(f'{v:g}' for v in values)} MPa at once: wanted one pressure")
-    draft.pressures.append(values[0])
+    top = max(draft.loads.values(), key=abs)
+    shares = {name: value / top for name, value in draft.loads.items()} if top else {}
+    shares = shares if set(shares.values()) - {1.0} else {}
+    if draft.pressures and any(draft.pressures) and shares != draft.shares:
+        raise k.error("pressures in another ratio than in the step before: wanted one ratio in all steps")
+    if shares:
+        stated = ", ".join(f"{share:.4g} on {name}" for name, share in shares.items())
+        draft.remark(f"Surfaces carry shares of one pressure, which the log gives: {stated}.")
+    draft.shares = shares
+    draft.pressures.append(top)
 
 
 def cload(draft: Draft, k: Keyword) -> None:

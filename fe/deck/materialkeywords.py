@@ -5,6 +5,7 @@ from dataclasses import replace
 from fe.deck.draft import Draft
 from fe.deck.hyperelastic import read_law
 from fe.deck.keywords import Keyword
+from fe.deck.meshdraft import SheetSection
 from fe.deck.naming import plain, small
 from fe.laws import Material
 
@@ -97,3 +98,16 @@ def density(draft: Draft, k: Keyword) -> None:
 def solid_section(draft: Draft, k: Keyword) -> None:
     """*SOLID SECTION."""
     draft.here.sections[small(k.text("ELSET"))] = plain(k.text("MATERIAL"))
+
+
+def sheet_section(draft: Draft, k: Keyword) -> None:
+    """*SHELL SECTION and *MEMBRANE SECTION of one material."""
+    for what in ("COMPOSITE", "ORIENTATION", "STACK DIRECTION"):
+        if what in k.parameters:
+            raise k.error(f"*{k.name}, {what}: wanted a sheet of one isotropic material; state its thickness")
+    line, words = k.data[0]
+    (thickness,) = k.numbers(line, words[:1])
+    if not thickness > 0:
+        raise k.error(f"*{k.name}: a thickness of {thickness:g}; wanted one above 0 mm", line)
+    section = SheetSection(plain(k.text("MATERIAL")), thickness, k.place)
+    draft.here.sheet_sections[small(k.text("ELSET"))] = section

@@ -8,7 +8,7 @@ import numpy as np
 from fe.deck import naming
 from fe.deck.draft import Draft
 from fe.deck.keywords import Keyword, Place
-from fe.deck.kinds import KINDS, nodes_of
+from fe.deck.kinds import KINDS, SHEETS, nodes_of
 from fe.deck.naming import small
 
 FARTHEST = 1e5  # mm from the origin
@@ -49,7 +49,7 @@ def elements(draft: Draft, k: Keyword) -> None:
     count = nodes_of(kind)
     if count is None:
         raise k.error(
-            f"element type {kind or 'absent'}: wanted one of {', '.join(KINDS)}; mesh it with one"
+            f"element type {kind or 'absent'}: wanted one of {', '.join([*KINDS, *SHEETS])}; mesh it with one"
         )
     record, added = list[int](), list[int]()
     for line, words in k.data:
@@ -68,7 +68,9 @@ def elements(draft: Draft, k: Keyword) -> None:
 
 def put_element(draft: Draft, k: Keyword, line: Place, number: int, element: tuple[str, list[int]]) -> None:
     """An element of that number. ValueError where there is another."""
-    if draft.here.elements.setdefault(number, element) != element:
+    mesh = draft.here
+    own, other = (mesh.sheets, mesh.elements) if element[0] in SHEETS else (mesh.elements, mesh.sheets)
+    if number in other or own.setdefault(number, element) != element:
         raise k.error(f"element {number} is defined twice, with other nodes: wanted it once", line)
 
 
@@ -89,7 +91,7 @@ def reader_of_sets(sets: str, parameter: str) -> Callable[[Draft, Keyword], None
                 members |= dict.fromkeys(naming.members(draft, k, known, word, line, instance))
         if parameter == "NSET" and "ELSET" in k.parameters:
             chosen = naming.known(k, draft.here.element_sets, k.text("ELSET"), k.place)
-            members |= dict.fromkeys(sorted({n for e in chosen for n in draft.here.elements[e][1]}))
+            members |= dict.fromkeys(sorted({n for e in chosen for n in draft.here.element(e)[1]}))
         own[:] = members
 
     return read

@@ -1,10 +1,12 @@
 """Labels and names as keywords state them: `12`, `Root`, `Finger-1.Root`, `"A set"`."""
 
 import re
+from collections.abc import Mapping
 from typing import TypeVar
 
-from fe.deck.draft import Draft, MeshDraft
+from fe.deck.draft import Draft
 from fe.deck.keywords import Keyword, Place
+from fe.deck.meshdraft import MeshDraft
 
 T = TypeVar("T")
 
@@ -27,12 +29,12 @@ def label(draft: Draft, word: str, instance: str = "") -> int | None:
     return int(number) + draft.numbered.get(small(before) or instance, 0)
 
 
-def key(sets: dict[str, T], word: str) -> str | None:
+def key(sets: Mapping[str, T], word: str) -> str | None:
     """The name under which a set is known: with its instance where two have it, else without; or None."""
     return next((name for name in (small(word), plain(word)) if name in sets), None)
 
 
-def known(k: Keyword, sets: dict[str, T], word: str, line: Place) -> T:
+def known(k: Keyword, sets: Mapping[str, T], word: str, line: Place) -> T:
     """The set that a word names. ValueError where it is not defined above."""
     found = key(sets, word)
     if found is None:
@@ -65,6 +67,12 @@ def apart(mesh: MeshDraft, sets: str, name: str, instance: str) -> None:
     """Give a set, and the section that stands on it, the name of its instance."""
     stays = getattr(mesh, sets)
     stays[f"{instance}.{name}"] = stays.pop(name)
-    sections = mesh.sections
-    if sets == "element_sets" and name in sections:
-        sections[f"{instance}.{name}"] = sections.pop(name)
+    if sets == "element_sets":
+        renamed(mesh.sections, name, f"{instance}.{name}")
+        renamed(mesh.sheet_sections, name, f"{instance}.{name}")
+
+
+def renamed(named: dict[str, T], name: str, other: str) -> None:
+    """Give what goes by a name another one."""
+    if name in named:
+        named[other] = named.pop(name)

@@ -4,10 +4,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-
 from fe.case import Case
-from fe.deck import generation, instances, loadkeywords, materialkeywords, meshkeywords
+from fe.deck import generation, instances, jointkeywords, loadkeywords, materialkeywords, meshkeywords
 from fe.deck.draft import Draft
 from fe.deck.keywords import Keyword, read_keywords
 from fe.deck.remedies import refused
@@ -59,8 +57,7 @@ def read_deck(path: str | Path) -> Deck:
             except IndexError:
                 raise keyword.error(f"*{keyword.name}: its data lines hold too little; complete it") from None
     instances.end_instance(draft, keywords[-1])
-    case = draft.case()
-    numbers = np.array(sorted(draft.mesh.elements), np.int64)
+    case, numbers = draft.case()
     for check in (check_collapsed, check_turned):
         check(case, numbers, str(path))
     return Deck(
@@ -94,6 +91,15 @@ READERS: dict[str, Callable[[Draft, Keyword], None]] = {
     "MULLINS EFFECT": materialkeywords.mullins,
     "DENSITY": materialkeywords.density,
     "SOLID SECTION": materialkeywords.solid_section,
+    "SHELL SECTION": materialkeywords.sheet_section,
+    "MEMBRANE SECTION": materialkeywords.sheet_section,
+    "TIE": jointkeywords.tie,
+    "EQUATION": jointkeywords.equation,
+    "MPC": jointkeywords.mpc,
+    "RIGID BODY": jointkeywords.rigid_body,
+    "COUPLING": jointkeywords.coupling,
+    "KINEMATIC": jointkeywords.kinematic,
+    "KINEMATIC COUPLING": jointkeywords.kinematic_coupling,
     "BOUNDARY": loadkeywords.boundary,
     "AMPLITUDE": loadkeywords.amplitude,
     "STEP": loadkeywords.step,

@@ -22,7 +22,7 @@ REMEDIES = {
     "PLASTIC": "remove it: the material stays elastic",
     "SPRING": "remove it, or hold its nodes by *BOUNDARY",
     "CONNECTOR SECTION": "remove it, or tie the surfaces by *TIE",
-    "MEMBRANE SECTION": "use *SHELL SECTION",
+    "DISTRIBUTING": "replace it by *KINEMATIC, or load the nodes themselves by *CLOAD",
     "INITIAL CONDITIONS": "remove it: the structure is free of stress at rest",
 }
 

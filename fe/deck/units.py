@@ -42,9 +42,12 @@ class Units:
             s if s.value is None else replace(s, value=self.length * s.value) for s in case.supports
         )
         forces = {name: self.force * f for name, f in case.forces.items()}
+        layers = tuple(replace(y, stiffness=self.stress * self.length * y.stiffness) for y in case.layers)  # type: ignore[operator]
+        ties = tuple(replace(t, reach=self.length * t.reach) for t in case.ties)
         return replace(
-            case, nodes=self.length * case.nodes, materials=materials, supports=supports, forces=forces
-        )
+            case, nodes=self.length * case.nodes, materials=materials, supports=supports, forces=forces,
+            layers=layers, ties=ties,
+        )  # fmt: skip
 
 
 def declared(said: tuple[Place, str] | None) -> Units:

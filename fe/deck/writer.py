@@ -69,8 +69,10 @@ def deck(
     for name, material in changed.materials.items():
         lines += _material(name, material)
         lines += [f"*SOLID SECTION, ELSET={name.upper()}, MATERIAL={name.upper()}"]
-    if changed.layer and np.any(changed.layer.stiffness):
-        lines += _sheet(changed, changed.layer)
+    first = len(changed.connectivity) + 2  # after the solids and the plane's brick
+    for k, layer in enumerate(changed.sheets):
+        lines += _sheet(changed, layer, f"SHEET_{k}_" if k else "SHEET", first)
+        first += len(changed.surfaces[layer.surface])
     if changed.contact and changed.contact.stiffness:
         lines += _plane(changed, changed.contact)
     lines += ["*BOUNDARY", *(line for s in supports if s.value is None for line in _held(s))]
@@ -113,7 +115,8 @@ def _growing(case: Case, pressure: float) -> list[str]:
     for name, force in case.growing.items():
         lines += _forces(case, name, pressure * np.asarray(force))
     if case.pressurised:
-        lines += ["*DSLOAD", f"{case.pressurised.upper()}, P, {pressure:.10g}"]
+        shares = case.shares or {case.pressurised: 1.0}
+        lines += ["*DSLOAD", *(f"{n.upper()}, P, {share * pressure:.10g}" for n, share in shares.items())]
     return lines
 
 
@@ -160,16 +163,16 @@ def _material(name: str, m: Material) -> list[str]:
     return [*lines, "*DENSITY", f"{m.density:.10g},"] if m.density else lines
 
 
-MEMBRANES = {8: "M3D8", 6: "M3D6", 4: "M3D4"}  # by the nodes of a face
+MEMBRANES = {8: "M3D8", 6: "M3D6", 4: "M3D4", 3: "M3D3"}  # by the nodes of a face
 SHEET = 0.01  # mm, a thickness for what only has thickness x modulus: in CalculiX 0.1 does 0.1 % less
 
 
-def _sheet(case: Case, layer: Layer) -> list[str]:
-    """The layer as membranes, numbered after the solids and the plane's brick."""
+def _sheet(case: Case, layer: Layer, prefix: str, first: int) -> list[str]:
+    """The layer as membranes, numbered from `first`."""
     faces, each = case.labels[case.face_nodes(layer.surface)], layer.per_face(case)
-    first, lines = len(case.connectivity) + 2, list[str]()
+    lines = list[str]()
     for k, stiffness in enumerate(np.unique(each[each != 0])):
-        name, rows = f"SHEET{k or ''}", np.flatnonzero(each == stiffness)
+        name, rows = f"{prefix}{k or ''}", np.flatnonzero(each == stiffness)
         lines += [
             f"*ELEMENT, TYPE={MEMBRANES[faces.shape[1]]}, ELSET={name}",
             *chain.from_iterable(_wrapped((first + int(row), *faces[row])) for row in rows),
