@@ -194,7 +194,11 @@ class Case:
 
     def face_nodes(self, surface: str) -> Integers:
         """Node rows (f, m) of a surface's faces, ordered so that their normal points out of the material."""
-        element, face = self.surfaces[surface].T
+        return self.nodes_of_faces(self.surfaces[surface])
+
+    def nodes_of_faces(self, faces: Integers) -> Integers:
+        """Node rows (f, m) of faces (f, 2) = (element, face), in the same order."""
+        element, face = faces.T
         return np.take_along_axis(self.connectivity[element], self.element.faces[face], axis=1)
 
     def per_element(self, name: str) -> Array:

@@ -57,23 +57,26 @@ class Mesh:
     @property
     def nodes(self) -> str:
         """The data lines of *NODE."""
-        return "\n".join(f"{self.label(p)}, {', '.join(f'{x:.8g}' for x in self.place(p))}" for p in self.points)
+        rows = ((self.label(p), ", ".join(f"{x:.8g}" for x in self.place(p))) for p in self.points)
+        return "\n".join(f"{label}, {place}" for label, place in rows)
 
-    def text(self, kind: str | None = None) -> str:
-        """*NODE with the set ALL, *ELEMENT with the set BODY and one of its type; kind: another name of it."""
+    @property
+    def text(self) -> str:
+        """*NODE with the set ALL, and *ELEMENT with the set BODY."""
         lines = ["*NODE, NSET=ALL", self.nodes]
         for own in dict.fromkeys(k for k, _, _ in self.elements):
-            lines.append(f"*ELEMENT, TYPE={kind or own}, ELSET=BODY")
+            lines.append(f"*ELEMENT, TYPE={own}, ELSET=BODY")
             for number, (found, points, _) in enumerate(self.elements, start=self.first + 1):
                 row = [str(number), *(str(self.label(p)) for p in points)]
                 if found == own:
-                    lines += [", ".join(row[:11]) + ",", ", ".join(row[11:])] if len(row) > 12 else [", ".join(row)]
+                    cut = 11 if len(row) > 12 else len(row)
+                    lines += [", ".join(row[:cut]) + "," * (cut < len(row)), ", ".join(row[cut:])]
         return "\n".join(lines)
 
     def faces(self, chosen: Callable[[list[list[float]]], bool]) -> str:
         """The data lines of *SURFACE: the faces on the skin whose corners' places are chosen."""
         every: dict[frozenset[Point], list[str]] = {}
-        for number, (kind, points, _) in enumerate(self.elements, start=self.first + 1):
+        for number, (_, points, _) in enumerate(self.elements, start=self.first + 1):
             own = {4: TET_FACES, 10: TET_FACES, 6: WEDGE_FACES, 15: WEDGE_FACES}.get(len(points), HEX_FACES)
             for f, digits in enumerate(own, start=1):
                 corners = frozenset(points[int(d) - 1] for d in digits)
@@ -83,8 +86,8 @@ class Mesh:
 
 
 def lattice(
-    kind: str, *, lines: tuple[tuple[float, ...], ...] = (X, Y, Z), void: Iterable[Cell] = VOID, first: int = 0,
-    other: tuple[str, Callable[[Cell], bool]] | None = None,
+    kind: str, *, lines: tuple[tuple[float, ...], ...] = (X, Y, Z), void: Iterable[Cell] = VOID,
+    first: int = 0, other: tuple[str, Callable[[Cell], bool]] | None = None,
 ) -> Mesh:  # fmt: skip
     """A mesh of elements `kind` in all cells but `void`, or of another type in the cells that it names."""
     mesh, gone = Mesh(lines, first), set(void)
@@ -150,11 +153,14 @@ U
 """
 
 
-def meshed(mesh: Mesh, kind: str | None = None) -> str:
+def meshed(mesh: Mesh) -> str:
     """The mesh of a hollow block as text."""
-    return MESH.format(mesh=mesh.text(kind), root=mesh.where(root), chamber=mesh.faces(in_chamber))
+    return MESH.format(mesh=mesh.text, root=mesh.where(root), chamber=mesh.faces(in_chamber))
 
 
-def rest(law: str = SOFT, *, joints: str = "", held: str = "", load: str = "*DSLOAD\nCHAMBER, P, 0.03") -> str:
+LOAD = "*DSLOAD\nCHAMBER, P, 0.03"
+
+
+def rest(law: str = SOFT, *, joints: str = "", held: str = "", load: str = LOAD) -> str:
     """Section, material, supports and step."""
     return REST.format(law=law, joints=joints, held=held, load=load)
