@@ -2,7 +2,7 @@
 
 import ast
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 
 LONGEST = 500  # letters of one expression
 FUNCTIONS: dict[str, Callable[..., float]] = {
@@ -47,16 +47,31 @@ def _value(node: ast.expr, known: Mapping[str, float | str]) -> float | str:
         case ast.Name(id="pi"):
             return math.pi
         case ast.BinOp(left=a, op=op, right=b) if type(op) in OPERATORS:
-            return OPERATORS[type(op)](_value(a, known), _value(b, known))
+            return OPERATORS[type(op)](*_numbers((a, b), known))
         case ast.UnaryOp(op=op, operand=a) if type(op) in OPERATORS:
-            return OPERATORS[type(op)](_value(a, known))
+            return OPERATORS[type(op)](*_numbers((a,), known))
         case ast.Call(func=ast.Name(id=name), args=args, keywords=[]) if name.lower() in FUNCTIONS:
-            return FUNCTIONS[name.lower()](*(_value(a, known) for a in args))
+            return _called(FUNCTIONS[name.lower()], _numbers(args, known))
         case ast.Name(id=name):
             raise ValueError(f"the parameter {name} is not defined above; define it under *PARAMETER")
     raise ValueError(
         f"{ast.unparse(node)[:60]}: wanted numbers, + - * / **, brackets, {', '.join(FUNCTIONS)}"
     )
+
+
+def _numbers(nodes: Iterable[ast.expr], known: Mapping[str, float | str]) -> list[float]:
+    """The values of expressions, none of which may be a text: multiplied, it would fill the memory."""
+    found = [_value(node, known) for node in nodes]
+    if any(isinstance(x, str) for x in found):
+        raise TypeError("a text among numbers")
+    return found  # type: ignore[return-value]
+
+
+def _called(function: Callable[..., float], values: list[float]) -> float:
+    try:
+        return function(*values)
+    except ValueError as error:  # math's: the root of a negative number
+        raise ArithmeticError(str(error)) from None
 
 
 def _number(value: int | float) -> float:

@@ -17,6 +17,7 @@ from fe.deck.soundness import check_body, jacobians
 from fe.element import Integers
 from fe.mesh.dividing import lattice_of
 from fe.mesh.refine import enriched, free_faces, refined
+from fe.mesh.tying import dependence
 from twin.effects.baselaw import NOMINAL
 
 SHORT_MM = 20.0  # long: a finger of 200 mm whose lengths are in cm
@@ -159,8 +160,8 @@ def of_deck(path: Path, *, mesh: int = 1, silicone: tuple[str, ...] = ()) -> Str
     key = digest(mesh, fitted, *(file.read_bytes() for file in deck.files))
     meshes, unknown = _refinements(case, key)
     forces = case.forces or case.growing
-    alone = not case.kept and not forces and all(s.value is None for s in case.supports)
-    remarks = _remarks(path, case, fitted, meshes)
+    alone = not case.kept and not forces and not case.layers and all(s.value is None for s in case.supports)
+    remarks = (*(f"{path.name}: {r}" for r in deck.remarks), *_remarks(path, case, fitted, meshes))
     return Structure(case, key, meshes, skin(case), alone, unknown, remarks, deck.elements)
 
 
@@ -214,6 +215,10 @@ def _clamped(case: Case) -> Case:
     held = [s for s in case.supports if s.components == (0, 1, 2) and s.value is None]
     if len(held) != 1:
         return case
+    tied = dependence(case)
+    leading = np.empty(0, np.int64) if tied is None else np.unique(tied.weights.indices // 3)
+    if np.isin(case.node_sets[held[0].nodes], leading).any():  # its turn would have to turn who follows it
+        return case
     x = case.nodes[case.node_sets[held[0].nodes]]
     centre = (x.min(axis=0) + x.max(axis=0)) / 2
     clamp = Clamp(held[0].nodes, (float(centre[0]), float(centre[2])))
@@ -223,6 +228,14 @@ def _clamped(case: Case) -> Case:
 def _refinements(case: Case, key: str) -> tuple[dict[str, Mesh], str]:
     """Meshes for the discretisation error, the largest last and twice: as a mode, and to test the others."""
     meshes, count = {}, len(case.nodes)
+    if case.equations:
+        return {}, (
+            "the error of the deck's mesh is not known: *EQUATION, *MPC or a rigid joint names nodes, and "
+            "says nothing of those between them on a finer mesh; wanted *TIE or *BOUNDARY in its place"
+        )
+    linear = case.element.simplex and len(case.element.local) == 4
+    if linear and 8 * count <= LARGEST:
+        meshes["10-node elements"] = Mesh(f"{key}-10", partial(enriched, case))
     if not case.element.simplex and case.element.name != "hex27" and 2 * count <= LARGEST:
         meshes["27-node elements"] = Mesh(f"{key}-27", partial(enriched, case))
     if 8 * count <= LARGEST:
