@@ -97,7 +97,7 @@ class Case:
     are dead forces (3,) N, spread evenly over a node set, `growing` the same in N/MPa, times the pressure.
     precurvature (1/mm): the structure is free of stress where it is curved by so much towards -z, or by a
     course along x (see `assembly.Geometry`). layer: a sheet bonded to it, layers: those that it has of its
-    own, as those of a deck. ties, equations: displacements that follow others (see `mesh.tying`). In a half
+    own, as those of a deck. ties, equations: displacements that follow others (see `kernel.tying`). In a half
     model forces and moments are those of the half.
     """
 

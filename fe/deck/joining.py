@@ -11,7 +11,7 @@ from fe.case import Case, Layer, Tie
 from fe.deck.meshdraft import MeshDraft, SheetSection
 from fe.deck.rigid import TieDraft
 from fe.element import Array, Integers, triangles
-from fe.mesh.tying import slaves
+from fe.kernel.tying import slaves
 
 COINCIDENT = 1e-5  # of the longest side: nodes nearer to each other are one place
 NEAR = 0.05  # of a master face's size: how far tied nodes may lie apart, as in Abaqus

@@ -10,8 +10,8 @@ from scipy.spatial import cKDTree
 from fe.case import Case
 from fe.element import Array, Integers
 from fe.kernel.pressure import PressureFaces
+from fe.kernel.tying import dependence
 from fe.mesh.refine import free_faces
-from fe.mesh.tying import dependence
 
 SMALLEST_MM, LARGEST_MM = 5.0, 2000.0  # of a soft finger's longest side
 SAME = 1e-6  # of the longest side: nodes nearer to each other are one place

@@ -33,8 +33,8 @@ from fe.kernel.matrix import Symmetric
 from fe.kernel.pattern import Pattern, Places
 from fe.kernel.pressure import PressureFaces
 from fe.kernel.reduced import Reduced
+from fe.kernel.tying import Dependence, dependence
 from fe.laws import scaled
-from fe.mesh.tying import Dependence, dependence
 from fe.terms import OGDEN, PAIRS
 
 THREADS = int(os.environ.get("OMP_NUM_THREADS") or os.cpu_count() or 1)

@@ -15,9 +15,9 @@ from fe.case import digest
 from fe.deck.reader import Deck, read_deck
 from fe.deck.soundness import check_body, jacobians
 from fe.element import Integers
+from fe.kernel.tying import dependence
 from fe.mesh.dividing import lattice_of
 from fe.mesh.refine import enriched, free_faces, refined
-from fe.mesh.tying import dependence
 from twin.effects.baselaw import NOMINAL
 
 SHORT_MM = 20.0  # long: a finger of 200 mm whose lengths are in cm

@@ -19,8 +19,8 @@ from fe.deck.soundness import check_body
 from fe.deck.writer import deck as written
 from fe.kernel.assembly import Kernel
 from fe.kernel.pressure import PressureFaces
+from fe.kernel.tying import dependence
 from fe.mesh.refine import refined
-from fe.mesh.tying import dependence
 
 PLAIN = meshed(lattice("C3D8"))
 
