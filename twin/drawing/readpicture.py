@@ -102,12 +102,16 @@ def _legend(case: Case) -> list[Patch | Line2D]:
         out.append(Patch(color=EXTRA, alpha=0.6, label=f"layers: {', '.join(map(_stiffness, case.layers))}"))
     shares = case.shares or ({case.pressurised: 1.0} if case.pressurised else {})
     out += [
-        Patch(color=AFTER, alpha=0.25 + 0.75 * min(abs(s), 1.0), label=f"{name}: {s:.3g} of the pressure")
+        Patch(color=AFTER, alpha=0.25 + 0.75 * min(abs(s), 1.0), label=f"{name}: {_pressed(s)}")
         for name, s in shares.items()
     ]
     for mark, colour, what in (("s", BEFORE, "held in x, y and z"), (".", NOISE, "held in part")):
         out.append(Line2D([], [], ls="", marker=mark, color=colour, label=what))
     return out
+
+
+def _pressed(share: float) -> str:
+    return "under pressure" if share == 1 else f"{share:.3g} x the pressure"
 
 
 def _stiffness(sheet: Layer) -> str:

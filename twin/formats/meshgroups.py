@@ -70,7 +70,8 @@ def deck_of(path: Path, *, pressure: str = "", clamp: str = "", constants: tuple
     materials = "\n".join(
         f"*SOLID SECTION, ELSET={n}, MATERIAL={n}\n*MATERIAL, NAME={n}\n{solid}" for n in mesh.cells
     )
-    rows = "\n".join(f"{n}, {x:.10g}, {y:.10g}, {z:.10g}" for n, (x, y, z) in enumerate(mesh.nodes, start=1))
+    places = enumerate(mesh.nodes.tolist(), start=1)
+    rows = "\n".join(f"{n}, {x:.10g}, {y:.10g}, {z:.10g}" for n, (x, y, z) in places)
     text = DECK.format(
         name=path.name, groups=", ".join([*mesh.cells, *mesh.faces]), nodes=rows, elements=_elements(mesh),
         sets=sets, clamp=held, held=_numbers(np.unique(_on(mesh, held)) + 1), pressure=loaded,
@@ -84,7 +85,8 @@ def deck_of(path: Path, *, pressure: str = "", clamp: str = "", constants: tuple
 def _chosen(path: Path, mesh: Groups, stated: str, known: tuple[str, ...], option: str) -> str:
     """The name of a group of faces: as stated, or the one whose name says so."""
     names = {name.lower(): name for name in mesh.faces}
-    found = [names[n] for n in ((stated.lower(),) if stated else known) if n in names]
+    wanted = (stated.lower(), f"group_{stated}") if stated else known  # a number alone would be a node's label
+    found = [names[n] for n in wanted if n in names]
     if not found:
         listed = ", ".join(mesh.faces) or "none"
         called = f"{stated!r}" if stated else " or ".join(known)
@@ -138,7 +140,8 @@ def _named(mesh: object, types: tuple[str, ...]) -> tuple[Integers, dict[str, In
     groups: dict[str, Integers] = {}
     if key is not None:
         tags = np.concatenate([np.asarray(data[key][k]).ravel().astype(int) for k in blocks])
-        groups = {names.get(t, str(t)): np.flatnonzero(tags == t) for t in np.unique(tags).tolist() if t}
+        every = [t for t in np.unique(tags).tolist() if t]
+        groups = {names.get(t, f"group_{t}"): np.flatnonzero(tags == t) for t in every}
     return np.concatenate(cells), groups
 
 
