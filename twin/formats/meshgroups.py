@@ -71,7 +71,7 @@ def deck_of(path: Path, *, pressure: str = "", clamp: str = "", constants: tuple
         f"*SOLID SECTION, ELSET={n}, MATERIAL={n}\n*MATERIAL, NAME={n}\n{solid}" for n in mesh.cells
     )
     places = enumerate(mesh.nodes.tolist(), start=1)
-    rows = "\n".join(f"{n}, {x:.10g}, {y:.10g}, {z:.10g}" for n, (x, y, z) in places)
+    rows = "\n".join(", ".join([str(n), *(f"{v:.10g}" for v in x)]) for n, x in places)
     text = DECK.format(
         name=path.name, groups=", ".join([*mesh.cells, *mesh.faces]), nodes=rows, elements=_elements(mesh),
         sets=sets, clamp=held, held=_numbers(np.unique(_on(mesh, held)) + 1), pressure=loaded,
@@ -85,7 +85,7 @@ def deck_of(path: Path, *, pressure: str = "", clamp: str = "", constants: tuple
 def _chosen(path: Path, mesh: Groups, stated: str, known: tuple[str, ...], option: str) -> str:
     """The name of a group of faces: as stated, or the one whose name says so."""
     names = {name.lower(): name for name in mesh.faces}
-    wanted = (stated.lower(), f"group_{stated}") if stated else known  # a number alone would be a node's label
+    wanted = (stated.lower(), f"group_{stated}") if stated else known  # a number would be a node's label
     found = [names[n] for n in wanted if n in names]
     if not found:
         listed = ", ".join(mesh.faces) or "none"
