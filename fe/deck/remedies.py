@@ -8,7 +8,15 @@ from fe.deck.keywords import Keyword
 BODY = "the pressure must act on *SURFACE of the chamber's faces, by *DSLOAD"
 REMEDIES = {
     "CONTACT PAIR": "remove it: walls that touch are not in a deck's model",
-    "SURFACE INTERACTION": "remove it with its contact",
+    "CONTACT": "remove it: walls that touch are not in a deck's model",
+    **dict.fromkeys(
+        ("SURFACE INTERACTION", "SURFACE BEHAVIOR", "FRICTION", "CONTACT INCLUSIONS",
+         "CONTACT PROPERTY ASSIGNMENT"),
+        "remove it with its contact",
+    ),
+    "SHELL GENERAL SECTION": "use *SHELL SECTION with a thickness and *ELASTIC",
+    "USER MATERIAL": "state *HYPERELASTIC",
+    "ELCOPY": "write the elements out",
     "ORIENTATION": "remove it, with ORIENTATION= of its section: materials are isotropic",
     "EMBEDDED ELEMENT": "replace the embedded sheet by shells tied to a face (*TIE), or remove it",
     "REBAR LAYER": "replace it by a sheet: *SHELL SECTION with thickness, modulus and *TIE",

@@ -29,11 +29,13 @@ class PressureFaces:
         # w (N_a dN_b - dN_a N_b) / 2, of the slopes along s and t (2, q, a, b)
         along = np.einsum("q,qa,qbk->kqab", self._weight, self._N, self._dN)
         self._swept = 0.5 * (along - np.swapaxes(along, 2, 3))
-        self._shares = shares
-        each = [(1.0, self.faces)] if shares is None else [(s, faces[shares == s]) for s in np.unique(shares)]  # type: ignore[index]
-        own = [(_edges(part, element), s) for s, part in each]
-        self.edges = np.concatenate([edges for edges, _ in own])
-        self._carried = {tuple(edge): s for edges, s in own for edge in edges.tolist()}
+        self._shares, self._carried = shares, dict[tuple[int, ...], float]()
+        if shares is None:
+            self.edges = _edges(self.faces, element)
+            return
+        own = [(s, _edges(self.faces[shares == s], element)) for s in np.unique(shares).tolist()]
+        self.edges = np.concatenate([edges for _, edges in own])
+        self._carried = {tuple(edge): s for s, edges in own for edge in edges.tolist()}
 
     def _tangents(self, x: Array) -> tuple[Array, Array]:
         t = np.einsum("fai,qak->kfqi", x[self.faces], self._dN, optimize=True)

@@ -246,6 +246,19 @@ def test_instances_keep_their_own_sets(tmp_path: File) -> None:
     check_body(deck.case, "deck.inp")
 
 
+@pytest.mark.parametrize("name", ["*TIE, other nodes", "*EQUATION", "*PART, *INSTANCE"])
+def test_joints_are_written_as_they_were_read(tmp_path: File, name: str) -> None:
+    case = read(tmp_path, decks.examples()[name].deck).case
+    again = read(tmp_path, written(case, 1e-3)).case
+    assert (len(again.ties), len(again.equations)) == (len(case.ties), len(case.equations))
+    np.testing.assert_array_equal(again.labels, case.labels)
+    np.testing.assert_allclose(again.nodes, case.nodes, atol=1e-8)
+    one, other = dependence(case), dependence(again)
+    assert (one is None) == (other is None)
+    if one is not None and other is not None:
+        np.testing.assert_allclose(other.weights.toarray(), one.weights.toarray(), atol=1e-6)
+
+
 def test_a_set_of_the_assembly_is_another_than_that_of_the_part(tmp_path: File) -> None:
     text = PLAIN.replace("*NSET, NSET=ROOT", "*NSET, NSET=SET-1\n1,\n*NSET, NSET=ROOT")
     body = "*PART, NAME=P\n" + text + "*SOLID SECTION, ELSET=BODY, MATERIAL=RUBBER\n*END PART\n"
