@@ -6,7 +6,7 @@ import numpy as np
 
 from fe.case import Block, Case, Equation, Support
 from fe.deck.joining import layers, merged, of_sheets, tied, with_one_node
-from fe.deck.kinds import divides, one_type
+from fe.deck.kinds import RICHER, divides, one_type
 from fe.deck.meshdraft import MeshDraft, SheetSection, rows
 from fe.deck.mixed import in_tetrahedra
 from fe.deck.rigid import Rigid, TieDraft, resolved
@@ -15,6 +15,8 @@ from fe.element import ELEMENTS, Array, Integers
 from fe.laws import Material
 from fe.mesh.convert import without_unused_nodes
 from fe.mesh.refine import enriched
+
+MOST_NODES = 10_000  # of a mesh whose elements become 27-node ones
 
 
 @dataclass
@@ -81,10 +83,36 @@ class Draft:
             case = self._rows(mesh, kind, numbers)
         case = tied(without_unused_nodes(case), solid)
         case = layers(case, self.mesh, places, bonded, self._sheet_law, self.remark)
-        return (enriched(case) if richer else case), numbers
+        self._check_equations(case)
+        return (self._richer(case) if richer else case), numbers
+
+    def _richer(self, case: Case) -> Case:
+        """The case with 27-node elements, as long as they are not too many."""
+        kinds = ", ".join(sorted({kind for kind, _ in self.mesh.elements.values()} & set(RICHER)))
+        if len(case.nodes) > MOST_NODES:
+            self.remark(
+                f"Elements {kinds} are read as C3D8H, which is stiffer in bending: the mesh has more than "
+                f"{MOST_NODES} nodes, and 27-node elements on it would be too many."
+            )
+            return case
+        self.remark(f"Elements {kinds} are read as 27-node elements on the same mesh.")
+        return enriched(case)
+
+    def _check_equations(self, case: Case) -> None:
+        """ValueError where an equation names a node that no element has."""
+        named = np.array([n for e in case.equations for n, _, _ in e.terms], np.int64)
+        absent = named[~np.isin(named, case.labels)]
+        if len(absent):
+            raise ValueError(
+                f"{self.file}: *EQUATION, *MPC or a rigid joint names node {absent[0]}, which belongs to no "
+                "solid element; wanted nodes of the body"
+            )
 
     def _joined(self) -> set[int]:
         """Join nodes by ties, equations and rigid joints; the sheets that are tied."""
+        labels = np.array(sorted(self.mesh.nodes), np.int64)
+        for elements in (self.mesh.elements, self.mesh.sheets):
+            rows(self.file, labels, [n for _, row in elements.values() for n in row], "node")
         same = merged(self.mesh, [tie for tie in self.ties if not of_sheets(self.mesh, tie)])
         self._check_loads()
         joints, held = self.rigid, dict[int, dict[int, float]]()

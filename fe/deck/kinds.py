@@ -36,8 +36,6 @@ def one_type(found: Iterable[str], remark: Callable[[str], None]) -> tuple[str, 
     what changes."""
     own = set(found)
     richer = own & set(RICHER)
-    for kind in sorted(richer):
-        remark(f"Elements {kind} are read as 27-node elements on the same mesh.")
     for kind in sorted(own & set(SAME)):
         remark(f"Elements {kind} are read as {SAME[kind]}.")
     kinds = {read_as(kind) for kind in own}

@@ -38,15 +38,22 @@ class MeshDraft:
     inherited: dict[tuple[str, str], str] = field(default_factory=dict)
 
     def element(self, number: int) -> tuple[str, list[int]]:
-        """The type and the nodes of a solid or a sheet."""
-        return self.sheets[number] if number in self.sheets else self.elements[number]
+        """The type and the nodes of a solid or a sheet. ValueError where there is none of that number."""
+        for own in (self.sheets, self.elements):
+            if number in own:
+                return own[number]
+        raise ValueError(f"element {number} is used but not defined; define it or leave it out")
 
     def nodes_on(self, faces: Faces) -> list[int]:
-        """The nodes of faces (element, face) of solids, or of whole sheets, which have the face -1."""
+        """The nodes of faces (element, face) of solids, or of whole sheets, which have the face -1.
+        ValueError where an element has no such face."""
         out: dict[int, None] = {}
         for e, f in faces:
             kind, row = self.element(e)
-            on = range(len(row)) if e in self.sheets else SOLIDS[read_as(kind)].on_face(f)
+            solid = SOLIDS.get(read_as(kind))
+            if solid is not None and not 0 <= f < len(solid.faces):
+                raise ValueError(f"element {e}, {kind}, has no face {f + 1}: wanted 1 to {len(solid.faces)}")
+            on = range(len(row)) if solid is None else solid.on_face(f)
             out |= dict.fromkeys(row[k] for k in on)
         return list(out)
 

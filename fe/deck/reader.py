@@ -50,7 +50,8 @@ def read_deck(path: str | Path) -> Deck:
     unknown = [k for k in keywords if k.name not in READERS and k.name not in SILENT]
     if unknown:
         raise refused(unknown, path, READERS)
-    draft = Draft(str(path), units=declared(text.units))
+    units, doubt = declared(text.units)
+    draft = Draft(str(path), units=units, remarks=dict.fromkeys([doubt] if doubt else []))
     for keyword in keywords:
         if keyword.name in READERS:
             try:

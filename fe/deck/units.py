@@ -50,14 +50,17 @@ class Units:
         )  # fmt: skip
 
 
-def declared(said: tuple[Place, str] | None) -> Units:
-    """The units that a comment declares, by default mm, N, MPa. ValueError for what is no unit, or does not
-    go together."""
+def declared(said: tuple[Place, str] | None) -> tuple[Units, str]:
+    """The units that a comment declares, by default mm, N, MPa, and a sentence where it is not understood.
+    ValueError for what is no unit beside others, or does not go together."""
     if said is None:
-        return Units()
+        return Units(), ""
     place, text = said
     stated: dict[str, float] = {}
-    for word in (w.strip() for w in text.replace(";", ",").split(",")):
+    words = [w.strip() for w in text.replace(";", ",").split(",")]
+    if not any(w.lower() in units for w in words for units in KNOWN.values()):
+        return Units(), f"The comment on units, {text}, is not understood: mm, N, MPa and s are taken."
+    for word in words:
         kind = next((k for k, units in KNOWN.items() if word.lower() in units), None)
         if kind is None or kind in stated:
             raise ValueError(
@@ -74,4 +77,4 @@ def declared(said: tuple[Place, str] | None) -> Units:
                 f"{place}: units {text}: the {kind} does not go with the others, for which it would be "
                 f"{own:.4g} {'N' if kind == 'force' else 'tonne'}; leave it out or correct it"
             )
-    return found
+    return found, ""

@@ -28,8 +28,8 @@ class Solid:
         return len({c for face in self.faces for c in face})
 
     def on_face(self, face: int) -> list[int]:
-        """The nodes on a face, middle nodes behind the corners. IndexError where there is no such face."""
-        own = self.faces[face] if face >= 0 else ()
+        """The nodes on a face, middle nodes behind the corners."""
+        own = self.faces[face]
         return [*own, *(k for k, pair in enumerate(self.edges, self.corners) if set(pair) <= set(own))]
 
 
