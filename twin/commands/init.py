@@ -117,11 +117,11 @@ def _init_of_mesh(
     folder: Path, say: Say, mesh: Path, sets: tuple[str, str], **stated: Any
 ) -> dict[str, Any]:
     """As `run_init`, with the deck that a mesh with groups makes."""
-    from twin.effects.baselaw import NOMINAL
+    from twin.laws.mooneyrivlin import NOMINAL
 
     if not mesh.is_file():
         raise ValueError(f"--deck {mesh}: no such file; wanted an Abaqus input deck, or a mesh with groups")
-    text = deck_of(mesh, pressure=sets[0], clamp=sets[1], constants=(NOMINAL.C10, NOMINAL.C01))
+    text = deck_of(mesh, pressure=sets[0], clamp=sets[1], constants=(NOMINAL.material.C10, NOMINAL.material.C01))
     with tempfile.TemporaryDirectory() as scratch:
         made = Path(scratch) / f"{mesh.stem}.inp"
         made.write_text(text, encoding="utf-8")
