@@ -121,7 +121,8 @@ def _init_of_mesh(
 
     if not mesh.is_file():
         raise ValueError(f"--deck {mesh}: no such file; wanted an Abaqus input deck, or a mesh with groups")
-    text = deck_of(mesh, pressure=sets[0], clamp=sets[1], constants=(NOMINAL.material.C10, NOMINAL.material.C01))
+    rubber = NOMINAL.material
+    text = deck_of(mesh, pressure=sets[0], clamp=sets[1], constants=(rubber.C10, rubber.C01))
     with tempfile.TemporaryDirectory() as scratch:
         made = Path(scratch) / f"{mesh.stem}.inp"
         made.write_text(text, encoding="utf-8")

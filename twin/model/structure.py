@@ -238,7 +238,7 @@ def _rubber(case: Case, fitted: tuple[str, ...], nominal: Constants) -> Case:
 def _left_out(case: Case, fitted: tuple[str, ...]) -> list[str]:
     """A sentence on the memory that a deck gives to its silicone."""
     names = [k for k in fitted if case.materials[k].prony or case.materials[k].mullins]
-    told = f"The memory of {', '.join(names)} is left out. The effects creep and mullins fit it: `twin add creep`."
+    told = f"The memory of {', '.join(names)} is left out: the effects creep and mullins fit it."
     return [told] if names else []
 
 
