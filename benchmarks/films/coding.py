@@ -6,10 +6,9 @@ A finger with ten coded markers bends, holds, creeps, returns fast and rests, at
 is drawn without loss, then coded in the ways of `waysofcoding`: by x264 and x265 at crf 18 to 28, with and
 without B-frames and the encoder's note, as phones do it (a bit rate, a key frame a second, no note), and by
 other coders and settings, which are held out of what the error's numbers were chosen on. `pull_h264`,
-`pull_h265`, `pull_phone` and `pull_held_out` are rms of error over stated sd for markers at rest, in holds and
-while they move, and `pulls` has each way that is held out; 1 is right, 0.8 to 1.25 is wanted, of a single way
-0.6 to 1.6. Only errors of film and coding are in the films, and only
-what is stated for these counts.
+`pull_h265`, `pull_phone` and `pull_held_out` are rms of error over stated sd for markers at rest, in holds
+and while they move, and `pulls` has each way that is held out; 1 is right, 0.8 to 1.25 is wanted, of a single
+way 0.6 to 1.6. Only errors of film and coding are in the films, and only what is stated for these counts.
 
 `frames_per_s_decoding`: frames of a 1080p film with 28 markers that become displacements in a second of
 wall time, decoding and all; `decoding_ratio` is its time over that of decoding the same frames alone.
@@ -138,7 +137,7 @@ def rms(values: Array) -> float:
 def trial(
     ways: dict[str, list[Way]], films: int, seed: int, folder: Path
 ) -> tuple[dict[str, dict[str, float]], dict[str, dict[str, float]]]:
-    """Pulls {rest, hold, moving} of each kind of coding together, and of each way that is held out by name."""
+    """Pulls {rest, hold, moving} of each kind of coding together, and of each way that is held out."""
     print("| coding | rest | hold | moving |\n|---|---|---|---|", file=sys.stderr)
     kinds, single = {}, {}
     for kind, several in ways.items():
