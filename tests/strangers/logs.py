@@ -1,12 +1,13 @@
 """Mistakes of strangers in the pressure log, and in the time of film and log: more for `mistakes`."""
 
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 
 from tests.strangers.planting import Plant, bad_log, filmed, log, regulated
 from tests.strangers.recordings import picked, pumped, rows
-from tests.strangers.studio import LOG_END, log_text, motion
+from tests.strangers.studio import log_text, motion
 from twin.project import files
 
 
@@ -26,6 +27,13 @@ def odd_word(text: list[str]) -> list[str]:
     return [*text[:400], text[400].split(",")[0] + ",OVL", *text[401:]]
 
 
+def rows_in_min(root: Path) -> None:
+    """The log's time in minutes, under a heading in s."""
+    pairs = [line.split(",") for line in log_text().splitlines()[1:]]
+    text = "time_s,pressure_MPa\n" + "".join(f"{float(t) / 60:.6f},{p}\n" for t, p in pairs)
+    files.write_text(root / "raw" / "pressure.csv", text)
+
+
 def empty(name: str) -> Plant:
     return lambda root: (root / "raw" / name).write_bytes(b"")
 
@@ -38,16 +46,18 @@ MISTAKES: dict[str, tuple[Plant, str]] = {
     "kPa under mbar, with the regulator's pressure": (
         regulated(30.0, head="time_s,p [mbar]", factor=30.0 / 0.03), r"kPa"
     ),
-    "bar under kPa": (log(head="time_s,pressure_kPa", factor=10.0), r"wanted 0\.0001 to 1 MPa"),
-    "an empty log": (empty("pressure.csv"), r"."),
-    "a log of its heading alone": (bad_log("time_s,pressure_MPa\n"), r"."),
-    "a word in the log": (lines(odd_word), r"OVL"),
-    "columns exchanged": (lines(swapped), r"."),
-    "times that run backwards": (rows(lambda log: log[::-1]), r"."),
-    "no time in the log": (log(head="sample,pressure_MPa"), r"."),
-    "time in min": (log(time=np.arange(0.0, LOG_END / 60, 0.01)), r"."),
-    "a log from the middle of the ramp on": (rows(lambda log: [r for r in log if r[0] > 16.5]), r"."),
-    "nan in the log": (rows(lambda log: [(t, np.nan if k == 800 else p) for k, (t, p) in enumerate(log)]), r"."),
+    "bar under kPa, with the regulator's pressure": (
+        regulated(30.0, head="time_s,pressure_kPa", factor=10.0), r"likely in bar"
+    ),
+    "an empty log": (empty("pressure.csv"), r"no rows"),
+    "a log of its heading alone": (bad_log("time_s,pressure_MPa\n"), r"no rows"),
+    "a word in the log": (lines(odd_word), r"line 401, column pressure_MPa: 'OVL'"),
+    "columns exchanged": (lines(swapped), r"columns .* exchanged"),
+    "times that run backwards": (rows(lambda log: log[::-1]), r"sort the rows by time"),
+    "no time in the log": (log(head="sample,pressure_MPa"), r"column time_s is missing: the header is sample,pressure_MPa"),
+    "time in min": (rows_in_min, r"its time may be in min, as 0\.433 min are 26 s"),
+    "a log from the middle of the ramp on": (rows(lambda log: [r for r in log if r[0] > 16.5]), r"covers 16\.5\d* to 25\.98\d* s, the film 14\.000"),
+    "nan in the log": (rows(lambda log: [(t, np.nan if k == 800 else p) for k, (t, p) in enumerate(log)]), r"line 802, column pressure_MPa: 'nan'"),
     "30 frames/s stamped as 25": (pumped(1.2), r"the film seems to run 1\.[12]\d* times as long"),
     "25 frames/s stamped as 30": (pumped(0.833), r"the film seems to run 0\.8\d* times as long"),
     "a film backwards": (picked(lambda n: list(range(n))[::-1]), r"not at rest between"),
