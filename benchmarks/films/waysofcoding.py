@@ -74,7 +74,7 @@ FULL = {
 }  # fmt: skip
 HELD = [
     Way("libx264", {"crf": "20", "preset": "slow", "tune": "film"}),
-    Way("libx264", {"crf": "26", "preset": "veryfast"}, note=False),
+    Way("libx264", {"crf": "22", "preset": "veryfast"}, note=False),
     Way("libx264", {"crf": "21", "tune": "grain"}, note=False),
     Way("libx264", {"crf": "25", "g": "12", "bf": "2"}),
     Way("libx264", {}, rate=1_500_000, passes=2),

@@ -1,4 +1,7 @@
-"""Mistakes of strangers in the pressure log, and in the time of film and log: more for `mistakes`."""
+"""Mistakes of strangers in the pressure log, and in the time of film and log: more for `mistakes`.
+
+`MISTAKES` must be refused; `DOUBTFUL` pass, with a sentence that names the doubt.
+"""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -61,13 +64,16 @@ MISTAKES: dict[str, tuple[Plant, str]] = {
     "30 frames/s stamped as 25": (pumped(1.2), r"the film seems to run 1\.[12]\d* times as long"),
     "25 frames/s stamped as 30": (pumped(0.833), r"the film seems to run 0\.8\d* times as long"),
     "a film backwards": (picked(lambda n: list(range(n))[::-1]), r"not at rest between"),
-    "half a second of film": (picked(lambda n: list(range(5))), r"."),
+    "half a second of film": (picked(lambda n: list(range(5))), r"film\.mkv has 5 frames in its first 1\.8 s, wanted 10"),
     "an empty film": (empty("film.mkv"), r"cannot be read as a video"),
     "a static film of one second": (picked(lambda n: list(range(10)), "static.mkv"), r"wanted at least 120"),
-    "frames lost in the ramp, twice": (
-        picked(lambda n: [k for k in range(n) if not (22 <= k < 25 or 28 <= k < 31)]), r"."
-    ),
     "a finger that goes the other way": (
-        filmed(lambda marks, time: motion(marks, 0 * time) * 2 - motion(marks, time)), r"."
+        filmed(lambda marks, time: motion(marks, 0 * time) * 2 - motion(marks, time)), r"U3 of tip is \+20 mm at top pressure.*turn the sign"
+    ),
+}  # fmt: skip
+
+DOUBTFUL: dict[str, tuple[Plant, str]] = {
+    "frames lost in the ramp, twice": (
+        picked(lambda n: [k for k in range(n) if not (22 <= k < 25 or 28 <= k < 31)]), r"seems to run 0\.4\d times as long as the test.*has it lost frames"
     ),
 }  # fmt: skip

@@ -94,12 +94,12 @@ MISTAKES: dict[str, tuple[Plant, str]] = {
     "boards out of focus": (boards(lambda picture: cv2.GaussianBlur(picture, (0, 0), 7.0)), r"in the first the picture is blurred"),
     "the film is missing": (lost("film.mkv"), r"film\.mkv"),
     "the log is missing": (lost("pressure.csv"), r"pressure\.csv"),
-    "the film for the static film": (text("raw/static.mkv", "raw/film.mkv"), r"."),
-    "the static film for the film": (text('"raw/film.mkv"', '"raw/static.mkv"'), r"."),
-    "film_start_s in ms": (camera_with(film_start_s=FILM_START * 1000), r"."),
-    "film_start_s left at 0": (camera_with(film_start_s=0.0, static_start_s=0.0), r"."),
+    "the film for the static film": (text("raw/static.mkv", "raw/film.mkv"), r"static film film\.mkv has 46 frames, wanted at least 120"),
+    "the static film for the film": (text('"raw/film.mkv"', '"raw/static.mkv"'), r"the finger does not move: .* are film and log of one test"),
+    "film_start_s in ms": (camera_with(film_start_s=FILM_START * 1000), r"the film 14000\.000 to .* correct .* film_start_s"),
+    "film_start_s left at 0": (camera_with(film_start_s=0.0, static_start_s=0.0), r"as pressure\.csv does 14\.0 s later.*correct film_start_s"),
     "a key misspelt": (text("film_start_s", "film_starts_s"), r"film_starts_s"),
-    "the pattern of the boards misspelt": (text("raw/boards/*.png", "raw/boards/*.jpg"), r"."),
+    "the pattern of the boards misspelt": (text("raw/boards/*.png", "raw/boards/*.jpg"), r"raw/boards/\*\.jpg \(cameras\.boards\)"),
 }  # fmt: skip
 
 DOUBTFUL: dict[str, tuple[Plant, str]] = {
