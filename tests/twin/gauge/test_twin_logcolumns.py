@@ -162,6 +162,6 @@ def test_exchanged_columns_are_told(tmp_path: Path) -> None:
 @pytest.mark.parametrize(("film_s", "told"), [(20.0, True), (40.0, False)])
 def test_times_that_may_be_minutes_are_told(film_s: float, told: bool) -> None:
     log = Log(Path("p.csv"), np.linspace(0.0, 0.5, 100), np.zeros(100))
-    with pytest.raises(ValueError, match="covers 0.500 s, the film") as error:
+    with pytest.raises(ValueError, match=r"covers 0\.500 s, the film") as error:
         check_lasts(log, film_s)
     assert ("its time may be in min, as 0.5 min are 30 s" in str(error.value)) == told
