@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
-from tests.strangers.planting import Plant, bad_log, filmed, log, regulated
+from tests.strangers.planting import Plant, bad_log, camera_with, filmed, log, regulated
 from tests.strangers.recordings import picked, pumped, rows
-from tests.strangers.studio import log_text, motion
+from tests.strangers.studio import FILM_START, log_text, motion
 from twin.project import files
 
 
@@ -63,6 +63,10 @@ MISTAKES: dict[str, tuple[Plant, str]] = {
     "nan in the log": (rows(lambda log: [(t, np.nan if k == 800 else p) for k, (t, p) in enumerate(log)]), r"line 802, column pressure_MPa: 'nan'"),
     "30 frames/s stamped as 25": (pumped(1.2), r"the film seems to run 1\.[12]\d* times as long"),
     "25 frames/s stamped as 30": (pumped(0.833), r"the film seems to run 0\.8\d* times as long"),
+    "stamps 5 % slow": (pumped(1.05), r"0\.1\d s after the pressure at 2\.6 s of the film, 1\.0\d s after it"),
+    "a clock that is off by 0.15 s": (
+        camera_with(film_start_s=FILM_START - 0.15), r"moves 0\.1\d s before the pressure .* correct film_start_s"
+    ),
     "a film backwards": (picked(lambda n: list(range(n))[::-1]), r"not at rest between"),
     "half a second of film": (picked(lambda n: list(range(5))), r"film\.mkv has 5 frames in its first 1\.8 s, wanted 10"),
     "an empty film": (empty("film.mkv"), r"cannot be read as a video"),
@@ -73,6 +77,9 @@ MISTAKES: dict[str, tuple[Plant, str]] = {
 }  # fmt: skip
 
 DOUBTFUL: dict[str, tuple[Plant, str]] = {
+    "a clock that is late by 0.15 s": (
+        camera_with(film_start_s=FILM_START + 0.15), r"moves 0\.1\d s later than the pressure .* film_start_s too late"
+    ),
     "frames lost in the ramp, twice": (
         picked(lambda n: [k for k in range(n) if not (22 <= k < 25 or 28 <= k < 31)]), r"seems to run 0\.4\d times as long as the test.*has it lost frames"
     ),
