@@ -135,7 +135,7 @@ def _scaled(on: OnPaths, run: Run, say: Say) -> Generation:
     law = on.bench.law
     say(f"The {law.title} law has {len(law.shapes)} numbers of shape, more than load paths serve. "
         "Least squares with whole solves finds them, without a genetic algorithm.")  # fmt: skip
-    x, costs = on.over_scales()
+    x, costs = on.over_scales(on.bench.elasticity.initial.shape)
     k = int(costs.argmin())
     found = Generation(1, x[k], float(costs[k]), x, costs)
     _written(on, [found], run, say)

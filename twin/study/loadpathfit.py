@@ -43,11 +43,13 @@ class OnPaths:
     objective: Objective
 
     @staticmethod
-    def of(bench: Workbench, say: Say, *, wide: bool = False, held: bool = False) -> "OnPaths":
+    def of(
+        bench: Workbench, say: Say, *, wide: bool = False, held: tuple[float, ...] | None = None
+    ) -> "OnPaths":
         """The load paths at the finger's markers, and the objective that twin.toml states.
 
-        wide: over all shapes that a fit may end at; held: of the nominal shape alone, as of a law that load
-        paths do not serve.
+        wide: over all shapes that a fit may end at; held: of one shape alone, as by default of a law that
+        load paths do not serve: the nominal one.
         """
         own = bench.project.config.calibrate
         rows = np.flatnonzero(~bench.targets.fixed)
@@ -66,11 +68,11 @@ class OnPaths:
         """Whether the load paths are those of the nominal shape alone."""
         return self.bench.jobs is None and len(self.bench.law.shapes) > MOST
 
-    def over_scales(self) -> tuple[Array, Array]:
-        """Constants (k, d) of the nominal shape, from the softest to the stiffest, and the RMS (k,) in mm of
+    def over_scales(self, shape: tuple[float, ...]) -> tuple[Array, Array]:
+        """Constants (k, d) of a shape, from the softest to the stiffest, and the RMS (k,) in mm of
         the objective: inf where the model has no equilibrium."""
         own = self.bench.elasticity
-        every = [own.law.at(float(s), own.initial.shape) for s in np.geomspace(*own.scales, SCALES)]
+        every = [own.law.at(float(s), shape) for s in np.geomspace(*own.scales, SCALES)]
         low, high = np.array([(p.low, p.high) for p in own.parameters]).T
         theta = np.clip([[c[p.name] for p in own.parameters] for c in every], low, high)
         return theta, np.array([self.cost(c.named) for c in every])
@@ -173,7 +175,7 @@ class OnPaths:
 
 
 def _load_paths(
-    bench: Workbench, rows: Any, wide: bool, held: bool, say: Say
+    bench: Workbench, rows: Any, wide: bool, held: tuple[float, ...] | None, say: Say
 ) -> Turned | EnginePaths:
     """The load paths at the points of these rows, under the weight in every direction of gravity; by jobs
     where another program solves the model."""
@@ -183,14 +185,14 @@ def _load_paths(
         top, case = float(bench.targets.pressure.max()), under(bench.case, bench.path)
         return EnginePaths(case, where, top, bench.jobs, gravities[:, :3], of_step)
     own = bench.elasticity
-    if bench.scales and table and bench.law == MOONEY_RIVLIN and not wide and not held:
+    if bench.scales and table and bench.law == MOONEY_RIVLIN and not wide and held is None:
         return Turned((table.load_paths(bench.case, where),), of_step)
     cache, key, top = bench.cache(say), bench.structure.key, REDUCED
     highest = rounded_up(float(bench.targets.pressure.max()))
     if bench.project.config.model.deck is not None:
         top = reach(bench.case, bench.law, highest / own.scales[0], cache=cache, key=key)
     how: dict[str, Any] = {"cache": cache, "key": key, "top": top, "wide": wide}
-    how["held"] = own.initial.shape if held or len(bench.law.shapes) > MOST else None
+    how["held"] = own.initial.shape if held is None and len(bench.law.shapes) > MOST else held
     if bench.scales:
         return Turned((load_paths(bench.case, where, bench.law, **how),), of_step)
     low, high = own.scales
