@@ -136,6 +136,8 @@ def trace(
     least = LEAST_STEP * float(pressures[-1] - pressures[0])
     while todo:
         guess = _guess(rest, done, todo[0], near)
+        if done:
+            guess = moved(done[-1].state, problem.filtered(done[-1].state, moved(guess, done[-1].state, -1.0)))
         level, found = _level(problem, todo[0], guess, last, varied)
         iterations += found.iterations
         if level is None:
@@ -153,7 +155,7 @@ def trace(
         last = found.step
         done.append(level)
         problem, varied = problem.after(level.state.u), level.varied
-    if problem.plane is not None and not problem.rubs:
+    if not problem.rubs:
         done, more = _bent(problem, done)
         iterations += more
     return _curve(done, len(varied), iterations, reason or "converged")
@@ -190,15 +192,13 @@ def _level(
 
 
 def _bent(problem: Problem, done: list[_Level]) -> tuple[list[_Level], int]:
-    """The levels, with more of them where touching a plane bends the curve more than a cubic follows, and the
-    factorisations that took."""
-    assert problem.plane is not None
+    """The levels, with more of them where touching a plane, or itself, bends the curve more than a cubic
+    follows, and the factorisations that took."""
     out, todo, count = done[:1], done[:0:-1], 0
     least = LEAST_STEP * (done[-1].pressure - done[0].pressure) if done else 0.0
     while todo:
         a, b = out[-1], todo[-1]
-        touches = problem.plane.touches(problem.case.nodes + b.state.u)
-        middle = None
+        touches, middle = problem.met(b.state.u), None
         if touches and b.pressure - a.pressure > least and not b.checked:
             guess = _ahead([a, b], (a.pressure + b.pressure) / 2)
             middle, found = _level(problem, (a.pressure + b.pressure) / 2, guess, None, a.varied)

@@ -14,6 +14,7 @@ from fe.kernel.compiled import PointTangents
 from fe.kernel.contact import PlaneFaces
 from fe.kernel.coupling import addition, coupled
 from fe.kernel.layer import LayerFaces
+from fe.kernel.selfcontact import SelfFaces
 from fe.path import Path
 
 # Last correction: of u against the structure's size, of p against a tenth of the shear modulus. The tangent
@@ -29,8 +30,10 @@ SHRINK = 0.2
 OVERSHOT = 0.3
 SEARCHES = 6
 SETTLING = 0.1
+STALLED = 0.1  # of a correction, twice: walls that touch let no more of it pass
 LIMIT = 25  # factorisations for one equilibrium
 SOFTEST = 1 / 512  # of a plane's stiffness: with that it is met first where it cannot be met at once
+LOOSE = 1e-4  # as TOLERANCE, on the way there
 TOO_FAR = "the load is beyond a limit point, or too large for one step"
 QUICK = 0.02  # shrink corrections of this tangent by at most, where it serves for derivatives, too
 EXACT = 0.01  # of TOLERANCE is what such corrections may leave, as Newton's last one does
@@ -50,6 +53,7 @@ class Problem:
     geometry: Geometry
     layer: LayerFaces | None
     plane: PlaneFaces | None
+    walls: SelfFaces | None = None
     growing: Array | None = None
 
     @staticmethod
@@ -62,11 +66,17 @@ class Problem:
         geometry = own if same else Geometry(case.nodes, kernel.connectivity, kernel.element, curved)
         layer = LayerFaces(case) if case.layer and np.any(case.layer.stiffness) else None
         plane = PlaneFaces(case) if case.contact and case.contact.stiffness else None
+        walls = SelfFaces(case) if case.self_contact else None
         prescribed = case.prescribed.ravel()[kernel.supported]
         return Problem(
             kernel=kernel, constants=ElementConstants.of(case), case=case, dead=dead, prescribed=prescribed,
-            geometry=geometry, layer=layer, plane=plane, growing=growing,
+            geometry=geometry, layer=layer, plane=plane, walls=walls, growing=growing,
         )  # fmt: skip
+
+    @property
+    def faces(self) -> tuple[LayerFaces | PlaneFaces | SelfFaces, ...]:
+        """What acts on its surfaces besides the pressure."""
+        return tuple(f for f in (self.layer, self.plane, self.walls) if f is not None)
 
     @property
     def proportional(self) -> bool:
@@ -87,7 +97,7 @@ class Problem:
 
     def placed_as(self, other: "Problem") -> bool:
         """Whether two problems differ at most in constants of materials and outside forces."""
-        bare = all(q.layer is None and q.plane is None for q in (self, other))
+        bare = all(q.layer is None and q.plane is None and q.walls is None for q in (self, other))
         return (
             bare
             and self.geometry is other.geometry is self.kernel.geometry
@@ -97,7 +107,39 @@ class Problem:
 
     def stiffened(self, factor: float) -> "Problem":
         """The problem with all moduli multiplied."""
-        return self if factor == 1 else replace(self, constants=self.constants.times(factor))
+        if factor == 1:
+            return self
+        walls = self.walls.times(factor) if self.walls else None
+        return replace(self, constants=self.constants.times(factor), walls=walls)
+
+    def softer(self, factor: float) -> "Problem":
+        """The problem with `factor` of the stiffness of its plane and of walls that touch each other."""
+        plane, walls = self.plane, self.walls
+        plane, walls = plane and plane.softer(factor), walls and walls.times(factor)
+        return replace(self, plane=plane, walls=walls)
+
+    def closed(self, u: Array) -> bool:
+        """Whether its walls touch each other at displacements u (n, 3) mm."""
+        return self.walls is not None and self.walls.touches(self.case.nodes + u)
+
+    def filtered(self, state: State, change: State) -> State:
+        """A change of a state, or so much of it as drives walls no deeper into each other than they give
+        way."""
+        if self.walls is None:
+            return change
+        x, du = self.case.nodes + state.u, change.u
+        limit, low, high = max(self.walls.give, self.walls.deepest(x)), 0.0, 1.0
+        if self.walls.deepest(x + du) <= limit:
+            return change
+        for _ in range(SEARCHES):
+            middle = (low + high) / 2
+            low, high = (middle, high) if self.walls.deepest(x + middle * du) <= limit else (low, middle)
+        return moved(moved(change, change, -1.0), change, max(low, high / 2))
+
+    def met(self, u: Array) -> bool:
+        """Whether it touches its plane or itself at displacements u (n, 3) mm."""
+        on = self.plane is not None and self.plane.touches(self.case.nodes + u)
+        return on or self.closed(u)
 
     @property
     def rubs(self) -> bool:
@@ -203,9 +245,10 @@ class Step:
     def __init__(self, problem: Problem, state: State, system: Linearised) -> None:
         self.problem, self.state = problem, state
         kernel, clamp = problem.kernel, problem.case.clamp
-        kernel.matrix.factorise(system.data)
+        self._matrix = system.wider.matrix if system.wider else kernel.matrix
+        self._matrix.factorise(system.data)
         self.system = replace(system, data=np.empty(0))  # the matrix has it, and not longer than it needs
-        below = kernel.matrix.negative
+        below = self._matrix.negative
         # as many as there are shared pressures belong to the mixed form
         self.negative = max(0, (below or 0) - kernel.shared)
         self._compliance = clamp.compliance if clamp else 0.0
@@ -227,7 +270,7 @@ class Step:
     @cached_property
     def _back(self) -> Array:
         """The free displacements' answer to a turn of the clamp, mm per rad, but for its sign."""
-        return self.problem.kernel.matrix.solve(self._side)
+        return self._matrix.solve(self._side)
 
     def solve(self, residuals: Sequence[Residual]) -> list[State]:
         """For each change of the residuals the change of state that cancels it."""
@@ -250,7 +293,7 @@ class Step:
         condensed = [self._condensed(r) for r in residuals]
         gaps = [self.system.gap if r.gap is None else r.gap for r in residuals]
         sides = [kernel.unknowns(force, gap) for (force, _), gap in zip(condensed, gaps, strict=True)]
-        x = kernel.matrix.solve(np.stack(sides, axis=1))  # together: the factors are read once
+        x = self._matrix.solve(np.stack(sides, axis=1))  # together: the factors are read once
         return [
             self._spread(x[:, k], moment, gap)
             for k, (gap, (_, moment)) in enumerate(zip(gaps, condensed, strict=True))
@@ -333,10 +376,11 @@ def _residuals(
     system = problem.kernel.linearise(state, problem.constants, load, memory, turn)
     system = replace(system, force=system.force - problem.loaded(load))
     x = problem.case.nodes + state.u
-    for faces in (problem.layer, problem.plane):
-        if faces is not None:
-            system = problem.kernel.with_turned_faces(system, *faces.tangent(x), turn)
-            system = replace(system, force=system.force - faces.force(x))
+    if problem.walls is not None and problem.walls.touches(x):
+        system = problem.kernel.widened(system, problem.walls.meeting(x))
+    for faces in problem.faces:
+        system = problem.kernel.with_turned_faces(system, *faces.tangent(x), turn)
+        system = replace(system, force=system.force - faces.force(x))
     return system, state.rotation + problem.clamp_gap(state.rotation, system.force)
 
 
@@ -369,12 +413,12 @@ def equilibrium(
     kinked = problem.rubs or (memory is not None and memory.softening is not None)
     smooth = not problem.rubs  # so far: whether the tangent may be expected to serve again
     fine = np.inf if not exact else QUICK if quick and problem.bare else 0.0
-    length = np.inf  # of the correction by `last` itself
+    length, stalls = np.inf, 0  # of the correction by `last` itself; corrections of which little was left
     for iteration in range(LIMIT):
         if last is not None and smooth and np.abs(state.u - last.state.u).max() < NEARBY * extent:
             newton = length if exact else np.inf
             state, rate = _chord(problem, state, last, load, memory, small, fine, newton)
-            if rate is not None and rate < fine:
+            if rate is not None and rate < (0.0 if problem.closed(state.u) and exact else fine):
                 place = Reached(problem, state, load, memory) if exact else None
                 return Equilibrium(state, last, iteration, "converged", place)
         system, moment = _residuals(problem, state, load, memory)
@@ -386,11 +430,15 @@ def equilibrium(
             return Equilibrium(None, None, iteration, f"the forces grew out of balance: {TOO_FAR}")
         last = Step(problem, state, system)
         (change,) = last.solve([Residual(system.force, None, moment)])
-        length = float(np.abs(change.u).max())
-        if not np.isfinite(length) or (iteration > 0 and length > 0.5 * extent):
+        length, change = float(np.abs(change.u).max()), problem.filtered(state, change)
+        if not np.isfinite(length) or (iteration > 0 and np.abs(change.u).max() > 0.5 * extent):
             return Equilibrium(None, None, iteration + 1, f"a correction of half the structure: {TOO_FAR}")
-        if kinked and length > small[0]:
+        ahead = moved(state, change).u
+        if length > small[0] and (kinked or problem.closed(state.u) or problem.closed(ahead)):
             whole, change = change, _shortened(last, state, change, load, memory)
+            stalls += float(np.abs(change.u).max()) < STALLED * length
+            if problem.walls is not None and stalls > 1:
+                return Equilibrium(None, None, iteration + 1, f"walls that touch hold it back: {TOO_FAR}")
             smooth = change is whole and length < SETTLING * NEARBY * extent
         state = _consistent(problem, moved(state, change))
         if length < small[0] and np.abs(change.p).max() < small[1]:
@@ -407,7 +455,8 @@ def _shortened(step: Step, state: State, change: State, load: float, memory: Mem
     """
 
     def work(factor: float) -> float:
-        return step.work(imbalance(step.problem, moved(state, change, factor), load, memory), change)
+        done = step.work(imbalance(step.problem, moved(state, change, factor), load, memory), change)
+        return done if np.isfinite(done) else np.inf  # an element turned inside out
 
     low, high, first = 0.0, 1.0, work(0.0)
     a, b = first, work(1.0)
@@ -434,13 +483,13 @@ def eased(
 ) -> Equilibrium:
     """As `equilibrium`; where a plane is too stiff to be met from `start`, it is met softer first."""
     found = equilibrium(problem, start, load=load, memory=memory, last=last, exact=exact, quick=quick)
-    if problem.plane is None or found.state is not None:
+    if (problem.plane is None and problem.walls is None) or found.state is not None:
         return found
     state, count, met, step = start, found.iterations, SOFTEST / 8, 8.0
     while met < 1 and step > 1.1:
         factor = min(1.0, met * step)
-        softer = replace(problem, plane=problem.plane.softer(factor))
-        found = equilibrium(softer, state, load=load, memory=memory)
+        way = TOLERANCE if factor == 1 or problem.walls is None else LOOSE
+        found = equilibrium(problem.softer(factor), state, load=load, memory=memory, tolerance=way)
         count += found.iterations
         if found.state is None:
             step **= 0.5
@@ -506,7 +555,6 @@ def imbalance(problem: Problem, state: State, load: float, memory: Memory | None
     state = _consistent(problem, state)
     force, gap = problem.kernel.residual(state, problem.constants, load, memory, problem.geometry)
     force -= problem.loaded(load)
-    for faces in (problem.layer, problem.plane):
-        if faces is not None:
-            force -= faces.force(problem.case.nodes + state.u)
+    for faces in problem.faces:
+        force -= faces.force(problem.case.nodes + state.u)
     return Residual(force, gap, state.rotation + problem.clamp_gap(state.rotation, force))
