@@ -161,7 +161,7 @@ class Problem:
 
     @property
     def bare(self) -> bool:
-        """Whether its tangent is that of solid elements and pressure alone, and symmetric."""
+        """Whether its tangent is that of solid elements, pressure and self-contact alone, and symmetric."""
         clamp = self.case.clamp
         held = self.layer is not None or self.plane is not None or bool(clamp and clamp.compliance)
         return self.kernel.symmetric and not held
@@ -349,9 +349,20 @@ class Reached:
 
     def along(self, changes: Sequence[State]) -> list[Residual]:
         """How the residuals go along changes of the state that leave the clamp where it is."""
-        bulk = self.problem.constants.bulk
+        bulk, walls = self.problem.constants.bulk, self._walls
         found = self.problem.kernel.along(self.state.u, bulk, self.load, self._points, changes)
+        if walls is not None:
+            found = [(f + (walls @ s.u.ravel()).reshape(-1, 3), g) for (f, g), s in zip(found, changes, strict=True)]
         return [Residual(force, gap, 0.0) for force, gap in found]
+
+    @cached_property
+    def _walls(self) -> csr_matrix | None:
+        """The tangent (3 n, 3 n) N/mm of walls that touch each other, or None where none do."""
+        if not self.problem.closed(self.state.u):
+            return None
+        assert self.problem.walls is not None
+        parts = self.problem.walls.tangent(self.problem.case.nodes + self.state.u)
+        return addition([parts], self.problem.kernel.dofs)
 
 
 @dataclass(frozen=True)
@@ -418,7 +429,7 @@ def equilibrium(
         if last is not None and smooth and np.abs(state.u - last.state.u).max() < NEARBY * extent:
             newton = length if exact else np.inf
             state, rate = _chord(problem, state, last, load, memory, small, fine, newton)
-            if rate is not None and rate < (0.0 if problem.closed(state.u) and exact else fine):
+            if rate is not None and rate < fine:
                 place = Reached(problem, state, load, memory) if exact else None
                 return Equilibrium(state, last, iteration, "converged", place)
         system, moment = _residuals(problem, state, load, memory)
