@@ -5,7 +5,7 @@ from itertools import chain
 
 import numpy as np
 
-from fe.case import Case, Contact, Layer, Support
+from fe.case import Case, Contact, Layer, SelfContact, Support
 from fe.deck.hyperelastic import written_law
 from fe.element import Array, Integers
 from fe.kernel.contact import off_the_clamp
@@ -39,7 +39,7 @@ def deck(
     kind: the Abaqus element that takes the place of hex27, on the mesh's own nodes and labels (see
     `convert.converted`); a case that has Abaqus elements already keeps them. Names of sets are written in
     capitals. A plane is written as a held plate of one element under it and a contact pair (surface to
-    surface, the same stiffness; `_plane`), a layer as membranes on the solids' own nodes. ValueError for what
+    surface, the same stiffness; `_plane`), as are pairs of surfaces that may touch, a layer as membranes on the solids' own nodes. ValueError for what
     it cannot hold: an elastic clamp, a precurvature, a term of Gent, and in a static step a Prony series.
     """
     _check(case, static=times is None)
@@ -73,6 +73,7 @@ def deck(
         lines += _sheet(changed, changed.layer)
     if changed.contact and changed.contact.stiffness:
         lines += _plane(changed, changed.contact)
+    lines += chain.from_iterable(_touching(changed, n, c) for n, c in enumerate(changed.self_contact))
     lines += ["*BOUNDARY", *(line for s in supports if s.value is None for line in _held(s))]
     lasting, growing = _lasting(changed, supports, gravity), _growing(changed, pressure)
     if levels and lasting:
@@ -141,6 +142,11 @@ def _check(case: Case, *, static: bool) -> None:
             f"clamp of compliance {case.clamp.compliance:g} rad/(N mm): a deck holds a rigid clamp "
             "only; set it to 0"
         )
+    for c in case.self_contact:
+        if c.first == c.second:
+            raise ValueError(
+                f"surface {c.first!r} that may touch itself: a deck holds pairs of two surfaces; name the two"
+            )
     if np.any(case.precurvature):
         raise ValueError("a precurvature: a deck holds a structure without stress at rest; set it to 0")
     for name, m in case.materials.items():
@@ -210,6 +216,17 @@ def _plane(case: Case, contact: Contact) -> list[str]:
         "*SURFACE INTERACTION, NAME=TOUCH",
         *("*SURFACE BEHAVIOR, PRESSURE-OVERCLOSURE=LINEAR", f"{contact.stiffness:.10g},", *rubs),
         *("*CONTACT PAIR, INTERACTION=TOUCH, TYPE=SURFACE TO SURFACE", "TOUCHING, PLANE_TOP"),
+    ]
+
+
+def _touching(case: Case, number: int, contact: SelfContact) -> list[str]:
+    """What happens between two surfaces that may touch each other."""
+    stiffness = contact.stiffness * case.per_element("shear").min()
+    return [
+        f"*SURFACE INTERACTION, NAME=WALLS{number}",
+        *("*SURFACE BEHAVIOR, PRESSURE-OVERCLOSURE=LINEAR", f"{stiffness:.10g},"),
+        f"*CONTACT PAIR, INTERACTION=WALLS{number}, TYPE=SURFACE TO SURFACE",
+        f"{contact.first.upper()}, {contact.second.upper()}",
     ]
 
 

@@ -26,7 +26,7 @@ from twin.model.discretisation import Discretisation, SolvedAt, discretisation_e
 from twin.model.enginejobs import EngineJobs
 from twin.model.enginemodel import EngineModel
 from twin.model.prediction import Model
-from twin.model.structure import BuiltIn, Structure, of_deck, of_finger, weighed
+from twin.model.structure import BuiltIn, Structure, closed, of_deck, of_finger, weighed
 from twin.project.folder import Project, Say
 from twin.project.trust import check_trusted, programs
 from twin.sanity import motion_fault, place_fault, rise_fault
@@ -193,8 +193,8 @@ def own_of(project: Project) -> tuple[Effect, ...]:
 def structure_of(project: Project) -> Structure:
     """What the model of a project is made of, as heavy as it was weighed. ValueError where its deck is not
     there or not right."""
-    kg_m3 = project.config.model.density_kg_m3
-    found = _unweighed(project)
+    kg_m3, found = project.config.model.density_kg_m3, _unweighed(project)
+    found = closed(found) if project.config.model.self_contact else found
     return found if kg_m3 is None else weighed(found, density(kg_m3))
 
 

@@ -56,7 +56,7 @@ def run_calibrate(project: Project, say: Say) -> dict[str, Any]:
     if doubt := stability_doubt(constants.share):
         say(doubt)
     if crossed:
-        say(f"{crossed}; the model knows no such contact.")
+        say(f"{crossed}. Set self_contact = true in [model] of twin.toml: then they push on each other.")
     say(f"Wrote {project.shown(run.folder)}/fit.json and generations.npz")
     result = {
         "stage": "calibrate",

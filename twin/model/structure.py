@@ -17,6 +17,7 @@ from fe.deck.soundness import check_body, jacobians
 from fe.element import Integers
 from fe.mesh.dividing import lattice_of
 from fe.mesh.refine import enriched, free_faces, refined
+from fe.mesh.skin import closing
 from twin.effects.baselaw import NOMINAL
 
 SHORT_MM = 20.0  # long: a finger of 200 mm whose lengths are in cm
@@ -85,17 +86,27 @@ def _itself(case: Case) -> Case:
 
 def weighed(structure: Structure, density: float) -> Structure:
     """The structure whose silicone has a density in tonne/mm3."""
+    return _changed(structure, f"{density:.9g}", partial(Case.with_material, density=density))
 
-    def heavy(mesh: Mesh) -> Mesh:
-        return Mesh(f"{mesh.key}-{density:.9g}", partial(_weighed, mesh.build, density))
 
-    finer = {name: heavy(mesh) for name, mesh in structure.finer.items()}
-    base = heavy(structure.base)
+def closed(structure: Structure) -> Structure:
+    """The structure whose walls cannot pass through each other."""
+    return _changed(structure, "closed", closing)
+
+
+def _changed(structure: Structure, name: str, change: Callable[[Case], Case]) -> Structure:
+    """The structure with a change, of this name in its fingerprints, of the cases of all meshes."""
+
+    def changed(mesh: Mesh) -> Mesh:
+        return Mesh(f"{mesh.key}-{name}", partial(_built, mesh.build, change))
+
+    finer = {name: changed(mesh) for name, mesh in structure.finer.items()}
+    base = changed(structure.base)
     return replace(structure, case=base.build(), key=base.key, finer=finer)
 
 
-def _weighed(build: Callable[[], Case], density: float) -> Case:
-    return build().with_material(density=density)
+def _built(build: Callable[[], Case], change: Callable[[Case], Case]) -> Case:
+    return change(build())
 
 
 # -- the built-in finger -----------------------------------------------------------------------------------
