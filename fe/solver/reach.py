@@ -47,7 +47,7 @@ def crossing(case: Case, u: Array) -> Array | None:
     e, t = e[apart], t[apart]
     hit = _pierced(x[edges[e]], x[triangles[t]])
     if case.self_contact:
-        hit &= _share_beyond(x[edges[e]], x[triangles[t]]) > SHALLOW
+        hit &= _beyond(x[edges[e]], x[triangles[t]]) > SHALLOW
     return case.nodes[edges[e[hit][0]]].mean(axis=0) if hit.any() else None
 
 
@@ -87,11 +87,12 @@ def _pierced(edge: Array, triangle: Array) -> Flags:
     return np.asarray(inside & np.isfinite(safe))
 
 
-def _share_beyond(edge: Array, triangle: Array) -> Array:
-    """The part (k,) of edges (k, 2, 3) that is across the plane of triangles (k, 3, 3), the lesser one."""
+def _beyond(edge: Array, triangle: Array) -> Array:
+    """How far (k,), of their lengths, edges (k, 2, 3) go beyond the plane of triangles (k, 3, 3), on the side
+    where they do less so."""
     normal = np.cross(triangle[:, 1] - triangle[:, 0], triangle[:, 2] - triangle[:, 0])
-    above = np.abs(np.einsum("kai,ki->ka", edge - triangle[:, :1], normal))
-    return np.asarray(above.min(axis=1) / np.maximum(above.sum(axis=1), 1e-300))
+    away = np.abs(np.einsum("kai,ki->ka", edge - triangle[:, :1], normal)).min(axis=1)
+    return np.asarray(away / np.linalg.norm(normal, axis=1) / np.linalg.norm(edge[:, 1] - edge[:, 0], axis=1))
 
 
 def why(step: Step, u: Array, pressure: Array, slope: Array) -> str:
