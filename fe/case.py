@@ -90,7 +90,8 @@ class Case:
     surface that carries the follower pressure; `forces` are dead forces (3,) N, spread evenly over a node
     set, `growing` the same in N/MPa, times the pressure. precurvature (1/mm): the structure is free of stress
     where it is curved by so much towards -z, or by a course along x (see `assembly.Geometry`). layer: a sheet
-    bonded to it. self_contact: which surfaces may touch each other. In a half model forces and moments are those of the half.
+    bonded to it. self_contact: which surfaces may touch each other. In a half model forces and moments
+    are those of the half.
     """
 
     nodes: Array

@@ -1,6 +1,6 @@
 """Chambers in a row that touch each other under pressure: against CalculiX, and what that costs.
 
-    python benchmarks/kernel/selfcontact.py [--quick] [--json]     needs ccx; quick: two chambers alone, coarse
+    python benchmarks/kernel/selfcontact.py [--quick] [--json]     needs ccx; quick: two coarse chambers
 
 `self_contact_ccx`: two chambers of C3D20R, kernel and ccx with the same pairs of surfaces and the same
 stiffness; the largest difference over the largest displacement. `self_contact_effect`: the same over what
@@ -35,7 +35,7 @@ TOUCH = 0.02  # MPa, of the two chambers
 STIFFNESS = 20.0  # 1/mm
 BASE, END, WALL, CAVITY, GAP = 2.0, 1.0, 1.0, 4.0, 1.0  # mm along x
 HALF_WIDTH, SIDE, CHANNEL = 8.0, 1.5, 1.5  # mm across; the channel's half width
-FLOOR, SLOT, CEILING, HEIGHT = 2.0, 5.0, 14.0, 15.5  # mm up: the chambers' floor, the gaps' end, their ceiling
+FLOOR, SLOT, CEILING, HEIGHT = 2.0, 5.0, 14.0, 15.5  # mm up: of the chambers, of the gaps, of all
 ROOF = 3.5  # mm, the channel's
 
 
@@ -55,7 +55,8 @@ def row(chambers: int, *, fine: int = 2) -> Case:
     one = [(WALL, 1), (CAVITY, fine), (WALL, 1)]
     x = grid((BASE, 1), *[part for k in range(chambers) for part in ([(GAP, 1)] * (k > 0) + one)], (END, 1))
     y = grid((CHANNEL, 1), (HALF_WIDTH - SIDE - CHANNEL, fine + 1), (SIDE, 1))
-    z = grid((FLOOR, 1), (ROOF - FLOOR, 1), (SLOT - ROOF, 1), (CEILING - SLOT, 2 * fine), (HEIGHT - CEILING, 1))
+    walls = (CEILING - SLOT, 2 * fine), (HEIGHT - CEILING, 1)
+    z = grid((FLOOR, 1), (ROOF - FLOOR, 1), (SLOT - ROOF, 1), *walls)
     X, Y, Z = np.meshgrid(*((v[1:] + v[:-1]) / 2 for v in (x, y, z)), indexing="ij")
     pitch, inside = 2 * WALL + CAVITY + GAP, (x[-1] - END > X) & (X > BASE)
     s = (X - BASE) % pitch
@@ -71,8 +72,9 @@ def _assembled(lines: tuple[Array, ...], solid: Flags, void: Flags) -> Case:
     nodes = np.stack(np.meshgrid(*places, indexing="ij"), axis=-1).reshape(-1, 3)
     local = np.stack(np.meshgrid(*[np.arange(3)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)[:, ::-1]
     cell = np.argwhere(solid)
-    corners = np.ravel_multi_index(tuple(np.moveaxis(2 * cell[:, None] + local, -1, 0)), [len(v) for v in places])
-    used, rows = np.unique(corners, return_inverse=True)
+    index = np.moveaxis(2 * cell[:, None] + local, -1, 0)
+    number = np.ravel_multi_index(tuple(index), [len(v) for v in places])
+    used, rows = np.unique(number, return_inverse=True)
     nodes, kind = nodes[used], np.pad(np.where(solid, 1, np.where(void, 2, 0)), 1)
     surfaces: dict[str, list[Array]] = {"chamber": [], "outside": []}
     for face, (axis, side) in enumerate((a, s) for a in range(3) for s in (-1, 1)):
@@ -85,7 +87,8 @@ def _assembled(lines: tuple[Array, ...], solid: Flags, void: Flags) -> Case:
     case = Case(
         nodes, labels=np.arange(1, len(nodes) + 1), blocks=(Block("hex27", rows.reshape(-1, 27)),),
         node_sets={"root": np.flatnonzero(nodes[:, 0] == 0), "symmetry": np.flatnonzero(nodes[:, 1] == 0)},
-        element_sets={"body": np.arange(len(cell))}, surfaces={k: np.concatenate(v) for k, v in surfaces.items()},
+        element_sets={"body": np.arange(len(cell))},
+        surfaces={k: np.concatenate(v) for k, v in surfaces.items()},
         materials={"body": SILICONE}, supports=(Support("symmetry", (1,)),), clamp=Clamp("root", (0.0, 0.0)),
         pressurised="chamber",
     )  # fmt: skip
@@ -142,7 +145,7 @@ def figures(quick: bool) -> Mapping[str, Any]:
     free, alone = solved(case, TOP, 10)
     found, seconds = solved(closing(case), TOP, 10)
     print(f"free: {free.iterations} factorisations, {alone:.1f} s; {free.crossed}")
-    print(f"with contact: {found.iterations} factorisations, {seconds:.1f} s; {found.crossed or 'nothing crosses'}")
+    print(f"contact: {found.iterations} factorisations, {seconds:.1f} s; {found.crossed or 'none cross'}")
     return {**against_ccx(quick), "time_ratio": seconds / alone, "crossed": bool(found.crossed)}
 
 

@@ -39,8 +39,9 @@ def deck(
     kind: the Abaqus element that takes the place of hex27, on the mesh's own nodes and labels (see
     `convert.converted`); a case that has Abaqus elements already keeps them. Names of sets are written in
     capitals. A plane is written as a held plate of one element under it and a contact pair (surface to
-    surface, the same stiffness; `_plane`), as are pairs of surfaces that may touch, a layer as membranes on the solids' own nodes. ValueError for what
-    it cannot hold: an elastic clamp, a precurvature, a term of Gent, and in a static step a Prony series.
+    surface, the same stiffness; `_plane`), pairs of surfaces that may touch as contact pairs, a layer as
+    membranes on the solids' own nodes. ValueError for what it cannot hold: an elastic clamp, a precurvature,
+    a surface that may touch itself, a term of Gent, and in a static step a Prony series.
     """
     _check(case, static=times is None)
     if levels and case.forces and case.growing:

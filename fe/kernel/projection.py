@@ -149,7 +149,9 @@ def nearest(
             which[k, q], best = -1, 1e300
             for c in range(near.indptr[k], near.indptr[k + 1]):
                 m = near.master[c]
-                if _far(ball[m], near.y[k, q], touch) or not _solved(P[m], near.y[k, q], simplex, x, apart, at) or not _within(simplex, at[0], at[1]):
+                if _far(ball[m], near.y[k, q], touch):
+                    continue
+                if not _solved(P[m], near.y[k, q], simplex, x, apart, at) or not _within(simplex, *at):
                     continue
                 _upright(x, n)
                 d = -_dot(apart, n)

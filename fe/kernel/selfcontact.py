@@ -52,7 +52,8 @@ class SelfFaces:
         names = sorted({name for p in pairs for name in (p.first, p.second)})
         owned = np.concatenate([case.surfaces[name] for name in names])
         faces, number = np.unique(owned, axis=0, return_inverse=True)
-        rows = dict(zip(names, np.split(number.ravel(), np.cumsum([len(case.surfaces[n]) for n in names])[:-1]), strict=True))
+        ends = np.cumsum([len(case.surfaces[name]) for name in names])
+        rows = dict(zip(names, np.split(number.ravel(), ends[:-1]), strict=True))
         self.faces = np.take_along_axis(case.connectivity[faces[:, 0]], element.faces[faces[:, 1]], axis=1)
         # which pairs (p, f) a face is of, on either side
         self._sides = np.zeros((2, len(pairs), len(faces)), bool)
@@ -121,7 +122,7 @@ class SelfFaces:
         return dofs, K
 
     def meeting(self, x: Array) -> Integers:
-        """Degrees of freedom (g, 6 m) of the pairs of faces that have met so far; where some touch at deformed
+        """Degrees of freedom (g, 6 m) of pairs of faces that have met so far; where some touch at deformed
         positions x (n, 3) mm that had not met, those that are near to it with them."""
         at, size = self._touching(x), len(self.faces)
         touching = np.unique(np.minimum(at.slave, at.master) * size + np.maximum(at.slave, at.master))
@@ -135,14 +136,15 @@ class SelfFaces:
 
     def _dofs(self, pair: Integers) -> Integers:
         """Degrees of freedom (g, 6 m) of pairs (g, 2) of faces."""
-        return np.asarray((self.faces[pair][..., None] * 3 + np.arange(3)).reshape(len(pair), 6 * self.faces.shape[1]))
+        dofs = self.faces[pair][..., None] * 3 + np.arange(3)
+        return np.asarray(dofs.reshape(len(pair), 6 * self.faces.shape[1]))
 
     def _law(self, at: Touching) -> tuple[Array, Array]:
         """Forces (a,) N of the points, and their slopes N/mm over the depth."""
-        allowed = self._allowed(at.slave, at.master)
-        k = 0.5 * (allowed * self._stiffness[:, None]).max(axis=0, initial=0.0) * self._area[at.slave, at.point]
-        d = at.depth + SMOOTH / 2
-        return k * np.where(d < SMOOTH, d**2 / (2 * SMOOTH), d - SMOOTH / 2), k * np.clip(d / SMOOTH, 0.0, 1.0)
+        allowed, d = self._allowed(at.slave, at.master), at.depth + SMOOTH / 2
+        k = 0.5 * (allowed * self._stiffness[:, None]).max(axis=0) * self._area[at.slave, at.point]
+        push = k * np.where(d < SMOOTH, d**2 / (2 * SMOOTH), d - SMOOTH / 2)
+        return push, k * np.clip(d / SMOOTH, 0.0, 1.0)
 
     def _allowed(self, slave: Integers, master: Integers) -> Flags:
         """Of which pairs of surfaces (p, k) faces are, in either order."""
@@ -150,8 +152,8 @@ class SelfFaces:
         return np.asarray((a & d) | (b & c))
 
     def _shape(self, at: Touching) -> tuple[Array, Array]:
-        """Shape functions (6, a, m) of the touched faces and their derivatives s, t, ss, st, tt, and the unit
-        normals' first factors: what `powers` gives."""
+        """Shape functions (a, m) of the points' own faces, and those (6, a, m) of the touched ones with their
+        derivatives s, t, ss, st, tt."""
         return self._N[at.point], powers(at.s, at.t) @ self._shapes
 
     def _directions(self, x: Array, at: Touching) -> Array:
@@ -167,9 +169,9 @@ class SelfFaces:
         return np.stack([np.einsum("am,ai->ami", N, v) for N, v in parts], axis=1)
 
     def _curvature(self, x: Array, at: Touching) -> Array:
-        """The second derivative (a, 5, 5) of a point's energy along its directions: with the gap g, the metric
-        m, the curvature c and H = m - g c, p (T' H^-1 N + N' H^-1 T + g N' H^-1 N + T' m^-1 c H^-1 T)
-        besides the law's slope along the gap."""
+        """The second derivative (a, 5, 5) of a point's energy along its directions G, T (2) and N (2): the
+        law's slope along G, and with the gap g, the metric m, the curvature c, the force p and H = m - g c,
+        p (T' H^-1 N + N' H^-1 T + g N' H^-1 N + T' m^-1 c H^-1 T)."""
         push, slope = self._law(at)
         y = np.einsum("kam,ami->kai", self._shape(at)[1], x[self.faces[at.master]])
         n = np.cross(y[1], y[2])
@@ -201,8 +203,8 @@ class SelfFaces:
         which, st, depth = np.full(shape, -1), np.empty((*shape, 2)), np.empty(shape)
         if len(rows):
             y, normal = self._points(x)
-            near = Candidates(rows, y[rows], normal[rows], self._at_rest[rows], np.append(first, len(slave)), master)
-            P = self._shapes @ x[self.faces]
+            ends, P = np.append(first, len(slave)), self._shapes @ x[self.faces]
+            near = Candidates(rows, y[rows], normal[rows], self._at_rest[rows], ends, master)
             nearest(near, balls, P, self._rest, self._simplex, apart + SMOOTH / 2, which, st, depth)
         k, q = np.nonzero(which >= 0)
         s, t = st[k, q].T

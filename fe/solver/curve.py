@@ -139,7 +139,8 @@ def trace(
     while todo:
         guess = _guess(rest, done, todo[0], near)
         if done:
-            guess = moved(done[-1].state, problem.filtered(done[-1].state, moved(guess, done[-1].state, -1.0)))
+            here = done[-1].state
+            guess = moved(here, problem.filtered(here, moved(guess, here, -1.0)))
         level, found = _level(problem, todo[0], guess, last, varied)
         iterations += found.iterations
         if level is None:

@@ -352,7 +352,8 @@ class Reached:
         bulk, walls = self.problem.constants.bulk, self._walls
         found = self.problem.kernel.along(self.state.u, bulk, self.load, self._points, changes)
         if walls is not None:
-            found = [(f + (walls @ s.u.ravel()).reshape(-1, 3), g) for (f, g), s in zip(found, changes, strict=True)]
+            own = [(walls @ change.u.ravel()).reshape(-1, 3) for change in changes]
+            found = [(force + more, gap) for (force, gap), more in zip(found, own, strict=True)]
         return [Residual(force, gap, 0.0) for force, gap in found]
 
     @cached_property

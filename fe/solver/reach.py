@@ -30,8 +30,8 @@ def crossing(case: Case, u: Array) -> Array | None:
 
     Every face is divided into flat triangles; an edge that goes through a triangle with which it shares no
     node is a crossing (Moller & Trumbore 1997, doi 10.1080/10867651.1997.10487468). Pleats of a half model
-    that cross its plane of symmetry are not looked for. Where surfaces may touch each other, what goes through
-    by less than SHALLOW is contact.
+    that cross its plane of symmetry are not looked for. Where surfaces may touch each other, what goes
+    through by less than SHALLOW is contact.
     """
     x, triangles = case.nodes + u, _triangles(case)
     edges = np.unique(np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1), axis=0)

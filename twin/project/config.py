@@ -191,8 +191,8 @@ class ModelTable(TableModel):
     def _check_engine(self) -> None:
         if self.engine != EMBEDDED and self.self_contact:
             raise ValueError(
-                f"model.self_contact = true with engine = {self.engine!r}: only the embedded engine finds which "
-                "walls meet; set it to false, or remove the engine"
+                f"model.self_contact = true with engine = {self.engine!r}: only the embedded engine finds "
+                "which walls meet; set it to false, or remove the engine"
             )
         own = {"engine_cpus": self.engine_cpus, "engine_command": self.engine_command}
         own["engine_memory"] = self.engine_memory
