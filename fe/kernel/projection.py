@@ -113,10 +113,11 @@ def _solved(P: Array, y: Array, simplex: bool, x: Array, apart: Array, st: Array
 
 
 @part
-def _within(simplex: bool, s: float, t: float) -> bool:
+def _within(simplex: bool, st: Array) -> bool:
+    """Whether a place is on a face."""
     if simplex:
-        return min(s, t, 1 - s - t) > -EDGE / 2
-    return max(abs(s), abs(t)) < 1 + EDGE
+        return min(st[0], st[1], 1 - st[0] - st[1]) > -EDGE / 2
+    return max(abs(st[0]), abs(st[1])) < 1 + EDGE
 
 
 @part
@@ -151,7 +152,7 @@ def nearest(
                 m = near.master[c]
                 if _far(ball[m], near.y[k, q], touch):
                     continue
-                if not _solved(P[m], near.y[k, q], simplex, x, apart, at) or not _within(simplex, *at):
+                if not _solved(P[m], near.y[k, q], simplex, x, apart, at) or not _within(simplex, at):
                     continue
                 _upright(x, n)
                 d = -_dot(apart, n)

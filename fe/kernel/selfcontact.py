@@ -43,11 +43,18 @@ class Touching:
     t: Array
     depth: Array
 
+    @property
+    def pairs(self) -> Integers:
+        """The two faces (g, 2) of every point, the one with the smaller number first."""
+        return np.sort(np.stack([self.slave, self.master], axis=1), axis=1)
+
 
 class SelfFaces:
-    """The faces of all pairs of surfaces of a case that may touch each other."""
+    """The faces of all pairs of surfaces of a case that may touch each other. ValueError for a surface that
+    the case has not, and for a stiffness that is not above 0."""
 
     def __init__(self, case: Case) -> None:
+        _check(case)
         element, pairs = case.element, case.self_contact
         names = sorted({name for p in pairs for name in (p.first, p.second)})
         owned = np.concatenate([case.surfaces[name] for name in names])
@@ -124,14 +131,11 @@ class SelfFaces:
     def meeting(self, x: Array) -> Integers:
         """Degrees of freedom (g, 6 m) of pairs of faces that have met so far; where some touch at deformed
         positions x (n, 3) mm that had not met, those that are near to it with them."""
-        at, size = self._touching(x), len(self.faces)
-        touching = np.unique(np.minimum(at.slave, at.master) * size + np.maximum(at.slave, at.master))
+        size, touching = len(self.faces), self._touching(x).pairs
         known = self._met @ [size, 1]
-        if not np.isin(touching, known).all():
-            near = self._found(x, MET)
-            near = np.minimum(near.slave, near.master) * size + np.maximum(near.slave, near.master)
-            every = np.unique(np.concatenate([touching, near, known]))
-            self._met = np.stack([every // size, every % size], axis=1)
+        if not np.isin(touching @ [size, 1], known).all():
+            every = np.concatenate([self._met, touching, self._found(x, MET).pairs])
+            self._met = np.unique(every, axis=0)
         return self._dofs(self._met)
 
     def _dofs(self, pair: Integers) -> Integers:
@@ -237,6 +241,21 @@ class SelfFaces:
         low = np.einsum("kmi,ki->km", at[a] - centre[b][:, None], n[b]).min(axis=1)
         a, b = kept(low < top[b] + SMOOTH + apart)
         a, b = kept(self._allowed(a, b).any(axis=0))
-        a, b = kept(~(self.faces[a][:, :, None] == self.faces[b][:, None]).any(axis=(1, 2)))
+        a, b = kept(~np.any(self.faces[a][:, :, None] == self.faces[b][:, None], axis=(1, 2)))
         order = np.lexsort((b, a))
         return a[order], b[order]
+
+
+def _check(case: Case) -> None:
+    for pair in case.self_contact:
+        for name in (pair.first, pair.second):
+            if name not in case.surfaces:
+                raise ValueError(
+                    f"self-contact of surface {name!r}: not in the model, wanted one of its surfaces "
+                    f"({', '.join(case.surfaces)}); correct the name"
+                )
+        if not pair.stiffness > 0:
+            raise ValueError(
+                f"self-contact of {pair.first} and {pair.second}: stiffness {pair.stiffness:g} 1/mm, wanted "
+                "more than 0, such as 20; to let walls pass through each other, leave the pair out"
+            )

@@ -17,7 +17,7 @@ def closing(case: Case) -> Case:
     nodes = np.take_along_axis(case.connectivity[faces[:, 0]], case.element.faces[faces[:, 1]], axis=1)
     held = case.supported
     held[case.clamped] = True
-    apart = ~held[nodes].all(axis=1).any(axis=1)
+    apart = ~np.any(np.all(held[nodes], axis=1), axis=1)
     inner = case.surfaces[case.pressurised] if case.pressurised else np.empty((0, 2), np.int64)
     apart &= ~np.isin(faces @ [width, 1], inner @ [width, 1])
     pairs = [SelfContact(SKIN, SKIN)]

@@ -43,7 +43,7 @@ EXACT = 0.01  # of TOLERANCE is what such corrections may leave, as Newton's las
 class Problem:
     """One case made ready: kernel (shared by cases with the same mesh and supports), constants, dead forces
     (n, 3) N, forces that grow with the pressure, growing (n, 3) N/MPa, or None, prescribed displacements (k,)
-    mm at the supported degrees of freedom."""
+    mm at the supported degrees of freedom, walls that may touch each other."""
 
     kernel: Kernel
     constants: ElementConstants

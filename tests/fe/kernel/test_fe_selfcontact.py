@@ -161,6 +161,18 @@ def test_the_skin_is_what_may_touch_itself(chambers: Case) -> None:
     assert {tuple(f) for f in case.surfaces[SKIN]} == {tuple(f) for f in chambers.surfaces["outside"]}
 
 
+@pytest.mark.parametrize(
+    ("pair", "said"),
+    [
+        (SelfContact("left0", "right9"), r"surface 'right9': not in the model, wanted one of .*left0"),
+        (SelfContact("left0", "right0", 0.0), r"left0 and right0: stiffness 0 1/mm, wanted more than 0"),
+    ],
+)
+def test_a_pair_that_cannot_be_is_named(chambers: Case, pair: SelfContact, said: str) -> None:
+    with pytest.raises(ValueError, match=said):
+        SelfFaces(replace(chambers, self_contact=(pair,)))
+
+
 def test_a_deck_holds_pairs_of_surfaces(chambers: Case) -> None:
     text = deck(paired(chambers), 0.02)
     assert "*CONTACT PAIR, INTERACTION=WALLS0, TYPE=SURFACE TO SURFACE\nLEFT0, RIGHT0\n" in text
