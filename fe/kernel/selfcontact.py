@@ -28,6 +28,7 @@ POINTS = 6  # of quadrature in each direction: a uniform stress is met to 0.1 % 
 FACING = 0.2  # cosine between the normals of two faces' middles, at most, where points of theirs may touch
 ROOM = 0.1  # of a face's radius: how far it may bend beyond its nodes
 GIVE = 1.0  # of the shear modulus: the pressure that a correction may bring about where walls meet
+KEPT = 3  # positions of which it is known what touches: a correction asks for both its ends again
 MET = 0.2  # mm: how near points are for whose forces the matrix makes room
 
 
@@ -75,7 +76,7 @@ class SelfFaces:
         self._rest, self._at_rest, normal = self._shapes @ case.nodes[self.faces], *self._points(case.nodes)
         self._area = np.linalg.norm(normal, axis=-1) * rule[1]  # (f, q) mm2
         self._start = case.nodes
-        self._last: tuple[Array, Touching] | None = None
+        self._last: list[tuple[Array, Touching]] = []
         self._met = np.empty((0, 2), np.int64)
 
     def times(self, factor: float) -> "SelfFaces":
@@ -192,9 +193,11 @@ class SelfFaces:
 
     def _touching(self, x: Array) -> Touching:
         """The points that touch at deformed positions x (n, 3) mm."""
-        if self._last is None or not np.array_equal(self._last[0], x):
-            self._last = x.copy(), self._found(x, 0.0)
-        return self._last[1]
+        for at, found in self._last:
+            if np.array_equal(at, x):
+                return found
+        self._last = [(x.copy(), self._found(x, 0.0)), *self._last[: KEPT - 1]]
+        return self._last[0][1]
 
     def _found(self, x: Array, apart: float) -> Touching:
         """The points that touch, or are no more than `apart` mm from it."""

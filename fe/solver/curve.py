@@ -139,8 +139,8 @@ def trace(
     while todo:
         guess = _guess(rest, done, todo[0], near)
         if done:
-            here = done[-1].state
-            guess = moved(here, problem.filtered(here, moved(guess, here, -1.0)))
+            start = done[-1].state
+            guess = moved(start, problem.filtered(start, moved(guess, start, -1.0)))
         level, found = _level(problem, todo[0], guess, last, varied)
         iterations += found.iterations
         if level is None:
