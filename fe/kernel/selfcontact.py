@@ -234,16 +234,18 @@ class SelfFaces:
         """Faces and others (k,), in order, whose points may touch, or be at most `apart` mm from it."""
         at, centre, n, radius, top = x[self.faces], balls[:, :3], balls[:, 3:6], balls[:, 6], balls[:, 7]
         pairs = cKDTree(centre).query_pairs(2 * radius.max() + apart, output_type="ndarray").astype(np.int64)
-        a, b = pairs[np.einsum("ki,ki->k", n[pairs[:, 0]], n[pairs[:, 1]]) < FACING].T
-        a, b = np.concatenate([a, b]), np.concatenate([b, a])
+        a, b = pairs.T
 
         def kept(yes: Flags) -> tuple[Integers, Integers]:
             return a[yes], b[yes]
 
-        a, b = kept(np.linalg.norm(centre[a] - centre[b], axis=1) < radius[a] + radius[b] + apart)
+        between = centre[a] - centre[b]
+        a, b = kept(np.einsum("ki,ki->k", between, between) < (radius[a] + radius[b] + apart) ** 2)
+        a, b = kept(np.einsum("ki,ki->k", n[a], n[b]) < FACING)
+        a, b = kept(self._allowed(a, b).any(axis=0))
+        a, b = np.concatenate([a, b]), np.concatenate([b, a])
         low = np.einsum("kmi,ki->km", at[a] - centre[b][:, None], n[b]).min(axis=1)
         a, b = kept(low < top[b] + SMOOTH + apart)
-        a, b = kept(self._allowed(a, b).any(axis=0))
         a, b = kept(~np.any(self.faces[a][:, :, None] == self.faces[b][:, None], axis=(1, 2)))
         order = np.lexsort((b, a))
         return a[order], b[order]
