@@ -21,6 +21,7 @@ from fe.mesh.skin import closing
 from twin.laws.catalogue import law_of
 from twin.laws.law import Constants, RubberLaw
 from twin.laws.mooneyrivlin import MOONEY_RIVLIN, NOMINAL
+from twin.model.objects import RigidObject
 
 SHORT_MM = 20.0  # long: a finger of 200 mm whose lengths are in cm
 COMPRESSIBLE = 20.0  # bulk modulus over shear modulus, Poisson's ratio 0.475
@@ -118,6 +119,22 @@ def _changed(structure: Structure, name: str, change: Callable[[Case], Case]) ->
 
 def _built(build: Callable[[], Case], change: Callable[[Case], Case]) -> Case:
     return change(build())
+
+
+def beside(structure: Structure, thing: RigidObject) -> Structure:
+    """The structure beside a rigid object. ValueError where the object overlaps it at rest, or it is not
+    known what may touch."""
+
+    def met(mesh: Mesh) -> Mesh:
+        return Mesh(digest(mesh.key, thing), partial(_beside, mesh.build, thing))
+
+    finer = {name: met(mesh) for name, mesh in structure.finer.items()}
+    base = met(structure.base)
+    return replace(structure, case=base.build(), key=base.key, finer=finer, scales=False)
+
+
+def _beside(build: Callable[[], Case], thing: RigidObject) -> Case:
+    return thing.beside(build())
 
 
 # -- the built-in finger -----------------------------------------------------------------------------------

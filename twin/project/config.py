@@ -170,6 +170,11 @@ class ModelTable(TableModel):
         description="whether walls that meet push on each other; false: they pass through each other, and "
         "compare says so",
     )
+    object: str | None = Field(
+        default=None,
+        description="a rigid object that the filmed finger meets, such as "
+        "cylinder:d=40,x=70,z=-30 (mm): see objects.md",
+    )
     fixed: dict[str, Finite] = Field(
         default={}, description="constants of the law that are not fitted, such as {C10 = 0.214} (MPa)"
     )
