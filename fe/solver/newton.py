@@ -51,7 +51,7 @@ class Problem:
     dead: Array
     prescribed: Array
     geometry: Geometry
-    layer: LayerFaces | None
+    layers: tuple[LayerFaces, ...]
     plane: ObstacleFaces | None
     walls: SelfFaces | None = None
     growing: Array | None = None
@@ -64,25 +64,25 @@ class Problem:
         own, curved = kernel.geometry, case.precurvature
         same = np.array_equal(case.nodes, own.nodes) and curved == own.precurvature
         geometry = own if same else Geometry(case.nodes, kernel.connectivity, kernel.element, curved)
-        layer = LayerFaces(case) if case.layer and np.any(case.layer.stiffness) else None
+        layers = tuple(LayerFaces(case, sheet) for sheet in case.sheets)
         plane = ObstacleFaces(case) if case.contact and case.contact.stiffness else None
         walls = SelfFaces(case) if case.self_contact else None
         prescribed = case.prescribed.ravel()[kernel.supported]
         return Problem(
             kernel=kernel, constants=ElementConstants.of(case), case=case, dead=dead, prescribed=prescribed,
-            geometry=geometry, layer=layer, plane=plane, walls=walls, growing=growing,
+            geometry=geometry, layers=layers, plane=plane, walls=walls, growing=growing,
         )  # fmt: skip
 
     @property
     def faces(self) -> tuple[LayerFaces | ObstacleFaces | SelfFaces, ...]:
         """What acts on its surfaces besides the pressure."""
-        return tuple(f for f in (self.layer, self.plane, self.walls) if f is not None)
+        return tuple(f for f in (*self.layers, self.plane, self.walls) if f is not None)
 
     @property
     def proportional(self) -> bool:
         """Whether pressure alone loads it, so that u is a function of pressure over the moduli."""
         clamp = self.case.clamp
-        held = bool(clamp and clamp.compliance) or self.layer is not None or self.plane is not None
+        held = bool(clamp and clamp.compliance) or bool(self.layers) or self.plane is not None
         return not self.dead.any() and not held
 
     def remembers(self, path: Path) -> bool:
@@ -97,7 +97,7 @@ class Problem:
 
     def placed_as(self, other: "Problem") -> bool:
         """Whether two problems differ at most in constants of materials and outside forces."""
-        bare = all(q.layer is None and q.plane is None and q.walls is None for q in (self, other))
+        bare = all(not q.layers and q.plane is None and q.walls is None for q in (self, other))
         return (
             bare
             and self.geometry is other.geometry is self.kernel.geometry
@@ -168,7 +168,7 @@ class Problem:
     def bare(self) -> bool:
         """Whether its tangent is that of solid elements, pressure and self-contact alone, and symmetric."""
         clamp = self.case.clamp
-        held = self.layer is not None or self.plane is not None or bool(clamp and clamp.compliance)
+        held = bool(self.layers) or self.plane is not None or bool(clamp and clamp.compliance)
         return self.kernel.symmetric and not held
 
     @property
@@ -193,7 +193,7 @@ class Problem:
         """The undeformed state with the prescribed displacements put in."""
         u = np.zeros_like(self.case.nodes)
         u.flat[self.kernel.supported] = self.prescribed
-        return State(u, np.zeros((len(self.case.connectivity), self.kernel.modes)))
+        return State(self.kernel.followed(u), np.zeros((len(self.case.connectivity), self.kernel.modes)))
 
     def clamp_motion(self, rotation: float) -> tuple[Array, Array, Array]:
         """Displacement (k, 3) mm of the clamp nodes at a rotation, and its first two derivatives."""
@@ -560,7 +560,7 @@ def _consistent(problem: Problem, state: State) -> State:
     u = state.u.copy()
     u.flat[problem.kernel.supported] = problem.prescribed
     u[problem.kernel.clamped] = problem.clamp_motion(state.rotation)[0]
-    return replace(state, u=u)
+    return replace(state, u=problem.kernel.followed(u))
 
 
 def imbalance(problem: Problem, state: State, load: float, memory: Memory | None) -> Residual:

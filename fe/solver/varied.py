@@ -229,7 +229,7 @@ class Neighbours:
         out.flat[v.plus.kernel.supported] = (v.plus.prescribed - v.minus.prescribed) / (2 * v.step)
         ahead, behind = (q.clamp_motion(rotation)[0] for q in (v.plus, v.minus))
         out[v.plus.kernel.clamped] = (ahead - behind) / (2 * v.step)
-        return out
+        return v.plus.kernel.followed(out)
 
 
 def differing(a: ElementConstants, b: ElementConstants) -> Integers:

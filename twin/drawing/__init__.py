@@ -5,6 +5,7 @@ the search and what it found, `predictionplot` what nobody has measured, `touchp
 an object. Of a fit, `profileplot` draws how well parameters are known, `posteriorplot` how likely they are,
 `paretoplot` what fits of parts cost each other. `exploreplots` draws a design of experiments, `driftchart` a
 quantity over batches. `blueprint` draws the finger with its dimensions, `meshpictures` nodes and element
-shapes. `deformed` draws the mesh under pressure and writes files for ParaView. `outlines` finds the edge that
-a camera sees; `painting` and `clip` draw models over film. `canvas` is paper at true scale.
+shapes, `readpicture` what a deck was read as. `deformed` draws the mesh under pressure and writes files for
+ParaView. `outlines` finds the edge that a camera sees; `painting` and `clip` draw models over film. `canvas`
+is paper at true scale.
 """
