@@ -30,7 +30,16 @@ from twin.model.enginejobs import EngineJobs
 from twin.model.enginemodel import EngineModel
 from twin.model.objects import RigidObject
 from twin.model.prediction import Model
-from twin.model.structure import BuiltIn, Structure, beside, in_law, of_deck, of_finger, weighed
+from twin.model.structure import (
+    BuiltIn,
+    Structure,
+    beside,
+    closed,
+    in_law,
+    of_deck,
+    of_finger,
+    weighed,
+)
 from twin.project.folder import Project, Say
 from twin.project.trust import check_trusted, programs
 from twin.sanity import motion_fault, place_fault, rise_fault
@@ -225,6 +234,7 @@ def structure_of(project: Project) -> Structure:
     """What the model of a project is made of, as heavy as it was weighed, beside its object. ValueError where
     its deck or its object is not there or not right."""
     table, found = project.config.model, _unweighed(project)
+    found = closed(found) if table.self_contact else found
     if table.density_kg_m3 is not None:
         found = weighed(found, density(table.density_kg_m3))
     return found if table.object is None else beside(found, RigidObject.of(table.object))

@@ -75,7 +75,7 @@ def run_calibrate(project: Project, say: Say, *, laws: str = "", starts: int = 0
     if doubt := stability_doubt(constants):
         say(doubt)
     if crossed:
-        say(f"{crossed}; the model knows no such contact.")
+        say(f"{crossed}. Set self_contact = true in [model] of twin.toml: then they push on each other.")
     drawn = f", generations.npz and {PICTURE}" if starts else " and generations.npz"
     say(f"Wrote {project.shown(run.folder)}/fit.json{drawn}")
     result = {

@@ -167,6 +167,11 @@ class ModelTable(TableModel):
         description="direction of gravity in world axes, such as [0.0, 0.0, -1.0]; leave it "
         "out where targets.toml states it",
     )
+    self_contact: bool = Field(
+        default=False,
+        description="whether walls that meet push on each other; false: they pass through each other, and "
+        "compare says so",
+    )
     object: str | None = Field(
         default=None,
         description="a rigid object that the filmed finger meets, such as "
@@ -203,6 +208,11 @@ class ModelTable(TableModel):
 
 
     def _check_engine(self) -> None:
+        if self.engine != EMBEDDED and self.self_contact:
+            raise ValueError(
+                f"model.self_contact = true with engine = {self.engine!r}: only the embedded engine finds "
+                "which walls meet; set it to false, or remove the engine"
+            )
         own = {"engine_cpus": self.engine_cpus, "engine_command": self.engine_command}
         own["engine_memory"] = self.engine_memory
         stated = [key for key, value in own.items() if value is not None]
