@@ -9,9 +9,11 @@ other.
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from twin.diagnosis.signatures import prior_sd
 from twin.effects.library import effect
+from twin.judging.besidefilm import curve_jacobian, curve_residual
 from twin.judging.lawerrors import law_errors
 from twin.judging.record import FitRecord
 from twin.judging.whitening import whitener
@@ -30,6 +32,7 @@ class Uncertain:
 
     columns: Array
     prior: Array
+    free: NDArray[np.bool_]  # (d,) of the model's parameters, those whose columns come first
 
     @staticmethod
     def of(
@@ -42,7 +45,7 @@ class Uncertain:
     ) -> "Uncertain":
         """Those of a model at theta (d,) for targets that hold what is to be predicted: the free parameters
         first, in their order. beyond: whether some of that lies above the tested pressure."""
-        free = [p.name not in record.at_bound for p in model.parameters]
+        free = np.array([p.name not in record.at_bound for p in model.parameters])
         width = np.array([p.high - p.low for p in model.parameters])[free]
         columns, prior = [model.jacobian(theta)[free]], [12 / width**2]  # an even spread over them
         modes = [model.modes(theta)]
@@ -55,7 +58,7 @@ class Uncertain:
             law = effect(LAW, own=())
             columns.append(model.tangents(theta, [law])[LAW][0])
             prior.append(np.array([1 / prior_sd(p) ** 2 for p in law.amplitudes]))
-        return Uncertain(np.concatenate(columns), np.concatenate(prior))
+        return Uncertain(np.concatenate(columns), np.concatenate(prior), free)
 
 
 def told_by_film(
@@ -71,11 +74,15 @@ def told_by_film(
     nothing = np.zeros((0, *targets.value.shape))
     gauge = model.per_pressure(theta)[:s, :p] * targets.pressure_sd[:, None, None]
     w = whitener(targets, prediction_modes=nothing, gauge=gauge, points=~targets.fixed)
-    seen = w.whiten(columns[:, :s, :p]).T
+    seen, z = w.whiten(columns[:, :s, :p]).T, w.whiten(targets.value - model.predict(theta)[:s, :p])
+    if targets.curves:  # of the silicone, which know no more than the parameters
+        own = -curve_jacobian(model, targets, theta)[:, uncertain.free]
+        beside = np.zeros((len(own), len(columns) - own.shape[1]))
+        seen = np.concatenate([seen, np.hstack([own, beside])])
+        z = np.concatenate([z, curve_residual(model, targets, theta)])
     scale = 1 / np.sqrt((seen**2).sum(axis=0) + prior)
     information = (seen * scale).T @ (seen * scale) + np.diag(prior * scale**2)
     power, turn = np.linalg.eigh(information)
     axes = scale[:, None] * turn / np.sqrt(power)
-    z = w.whiten(targets.value - model.predict(theta)[:s, :p])
     change = np.tensordot(axes @ (axes.T @ (seen.T @ z)), columns, 1)
     return np.asarray(change), np.asarray(np.tensordot(axes.T, columns, 1))

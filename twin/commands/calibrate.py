@@ -9,6 +9,7 @@ import numpy as np
 from calibrate import Fit
 from twin.batches.former import former_of
 from twin.bench.comparison import Judgement, compared
+from twin.bench.curvewords import told_of_tests, write_curves
 from twin.bench.effectchange import change_effects
 from twin.bench.engines import solved_by
 from twin.bench.fits import former_fit
@@ -38,18 +39,21 @@ def run_calibrate(project: Project, say: Say) -> dict[str, Any]:
         on = OnPaths.of(bench, say)
         best = _searched(on, run, say)
         _check_explained(on, best.best)
-        judged = on.least(best.best, say)
-        model, fit = judged.model, judged.fit
+        bench, judged = on.least(best.best, say)
+        model, fit, tests = judged.model, judged.fit, bench.agreement(judged)
         found = compared(run, fit.theta, Judgement.of(judged), bench, say)
         words = known_of(on.holding(fit, say), best.best, fit, found)
-        run.write(fit_record(fit, found, effects=(), identifiability=words,
+        run.write(fit_record(fit, found, effects=(), identifiability=words, material_tests=tests,
                              initial=on.initial(judged), **solved_by(project, bench.jobs)))  # fmt: skip
+        write_curves(run, tests)
         run.summary["headline"] = words.split(". ")[0]
         crossed = model.solution(fit.theta).crossed
         for line in (*bench.remarks, model.extent, fit.reason):
             run.note(line)
     say(_ended(fit))
     say(words)
+    for line in told_of_tests(bench.tests, tests):
+        say(line)
     constants = Constants.of({**model.named(fit.theta), **bench.elasticity.fixed})
     if doubt := silicone_doubt(constants.total, end=_end(fit)):
         say(doubt)
@@ -62,7 +66,7 @@ def run_calibrate(project: Project, say: Say) -> dict[str, Any]:
         "stage": "calibrate",
         "run": run.name,
         "rms_mm": best.rms_mm,
-        "fit": files.plain(fit_record(fit, found, **solved_by(project, bench.jobs))),
+        "fit": files.plain(fit_record(fit, found, material_tests=tests, **solved_by(project, bench.jobs))),
         "identifiability": words,
     }
     if effects:

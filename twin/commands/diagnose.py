@@ -21,13 +21,17 @@ from twin.judging.judged import Judged
 from twin.project import files
 from twin.project.folder import Project, Run, Say
 
+BY_FILM = (
+    "The diagnosis asks the film alone, without the material tests: where they contradict it, `twin calibrate` says so."
+)
 TOP = 3  # effects of the ranking that are said; all stand in diagnosis.json
 
 
 def run_diagnose(project: Project, say: Say) -> dict[str, Any]:
     """Which effect of the library the data ask for, and what they cannot tell."""
     check_embedded(project, "twin diagnose")
-    bench, fit = Workbench.of(project), newest_fit(project)
+    whole, fit = Workbench.of(project), newest_fit(project)
+    bench = whole.of_film
     seed = project.config.diagnose.seed
     with project.new_run("diagnose", seed=seed) as run:
         model = bench.on_mesh(bench.model(), fit.theta, say)
@@ -49,6 +53,8 @@ def run_diagnose(project: Project, say: Say) -> dict[str, Any]:
             run.note(line)
     say(f"Verdict: {found.verdict}")
     say(found.sentence)
+    if whole.tests:
+        say(BY_FILM)
     if bench.targets.noise is None:
         say("The calibration holds without it: `twin study` shows what these targets fix and leave open.")
     if found.ranking:

@@ -8,6 +8,7 @@ import numpy as np
 
 from calibrate import Fit, least_squares
 from calibrate.fit import Jacobian, Residual
+from twin.judging.besidefilm import curve_jacobian, curve_residual
 from twin.judging.lawerrors import LawError, law_errors
 from twin.judging.whitening import LAW, Whitener, whitener
 from twin.model.prediction import Model, Unsolvable
@@ -73,19 +74,21 @@ def fit_model(
 
 def whitened(model: Model, targets: Targets, w: Whitener) -> tuple[Residual, Jacobian]:
     """The whitened residual (n,) of a model at theta (d,), None where a fit may not go, and its derivatives
-    (n, d)."""
+    (n, d): of the film, and below it of the tests of the silicone itself."""
 
     def residual(theta: Array) -> Array | None:
         if not model.allowed(model.named(theta)):
             return None
         try:
-            return w.whiten(targets.value - model.predict(theta))
+            film = w.whiten(targets.value - model.predict(theta))
+            return np.concatenate([film, curve_residual(model, targets, theta)]) if targets.curves else film
         except Unsolvable:
             return None
 
     def jacobian(theta: Array) -> Array:
         try:
-            return -w.whiten(model.jacobian(theta)).T
+            film = -w.whiten(model.jacobian(theta)).T
+            return np.concatenate([film, curve_jacobian(model, targets, theta)]) if targets.curves else film
         except Unsolvable:
             return np.full((targets.valid.shape[0] * len(w.components), len(theta)), np.nan)
 

@@ -64,9 +64,10 @@ class OnPaths:
         out[:, self.rows] = relative(u, t.reference, t.rests)
         return out
 
-    def least(self, best: Array, say: Say) -> Judged:
+    def least(self, best: Array, say: Say) -> tuple[Workbench, Judged]:
         """The least-squares fit of C10 and C01 to all targets: on the load paths from several starts, then on
-        the finite-element model from there, with errors of its own."""
+        the finite-element model from there, with errors of its own; and the workbench with the curves of the
+        silicone's tests as far as the finger is stretched there, which the last fit takes, too."""
         t, model = self.bench.targets, self.bench.model(())
         if self.bench.jobs is not None:
             return self._by_jobs(model, best, say)
@@ -77,17 +78,18 @@ class OnPaths:
         w = whitener_of(self.bench.on_mesh(model, first.theta, say), first.theta, t)
         second = self.fit(w, first.theta[None])
         say.progress("least squares", 2, 3)
-        found = self.bench.judged(model, second.theta, say, seed=self.bench.project.config.calibrate.seed)
+        bench = self.bench.reaching(model, second.theta)
+        found = bench.judged(model, second.theta, say, seed=bench.project.config.calibrate.seed)
         say.progress("least squares", 3, 3)
-        return found
+        return bench, found
 
-    def _by_jobs(self, model: Model, best: Array, say: Say) -> Judged:
+    def _by_jobs(self, model: Model, best: Array, say: Say) -> tuple[Workbench, Judged]:
         """The fit by jobs alone, from where the genetic algorithm ended: several starts would cost as much
         again each."""
         say.progress("least squares", 0, 1)
         found = self.bench.judged(model, best, say, seed=self.bench.project.config.calibrate.seed)
         say.progress("least squares", 1, 1)
-        return found
+        return self.bench, found
 
     def fit(self, w: Whitener, starts: Array) -> Fit:
         """The bounded least-squares fit to all targets on the load paths, from starts (m, d)."""
