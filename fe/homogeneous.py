@@ -1,10 +1,11 @@
-"""Nominal stress of a specimen that is strained evenly, as tests of the silicone itself do: any `Material`, in
-closed form.
+"""Nominal stress of an evenly strained specimen, as in tests of the silicone itself: any `Material`, in closed
+form.
 
 With the isochoric stretches b_i = J^(-1/3) l_i and beta_i = b_i dW/db_i, the principal Kirchhoff stresses are
-t_i = beta_i - (beta_1 + beta_2 + beta_3) / 3 + J p with p = K (J - 1) (Ogden 1972, doi 10.1098/rspa.1972.0026).
-The side that is free has t_3 = 0, which gives J; the nominal stress is t_1 / l_1. In simple shear by an amount
-g the principal stretches are l and 1/l with l - 1/l = g, and the shear stress is (t_1 - t_2) / (l + 1/l).
+t_i = beta_i - (beta_1 + beta_2 + beta_3) / 3 + J p with p = K (J - 1) (Ogden 1972, doi
+10.1098/rspa.1972.0026). The side that is free has t_3 = 0, which gives J; the nominal stress is t_1 / l_1. In
+simple shear by an amount g the principal stretches are l and 1/l with l - 1/l = g, and the shear stress is
+(t_1 - t_2) / (l + 1/l).
 """
 
 from typing import Literal, get_args
@@ -16,13 +17,16 @@ from fe.laws import Material, relaxation
 
 Kind = Literal["uniaxial", "planar", "equibiaxial", "shear"]
 KINDS: tuple[Kind, ...] = get_args(Kind)
-SLOPES: dict[Kind, float] = {"uniaxial": 3.0, "planar": 4.0, "equibiaxial": 6.0, "shear": 1.0}  # over mu, at rest
+# Slope of the stress at rest over the shear modulus.
+SLOPES: dict[Kind, float] = {"uniaxial": 3.0, "planar": 4.0, "equibiaxial": 6.0, "shear": 1.0}
 TURNS, SETTLED, NUDGE = 20, 1e-10, 1e-7  # of the search for J
 
 
 def principal_stretches(strain: Array, kind: Kind, volume: Array | float = 1.0) -> Array:
-    """Principal stretches (k, 3) of a specimen at nominal strains (k,), in shear at amounts of shear; the first
-    along the pull, the last free. volume: J, (k,) or one for all; in shear it is 1."""
+    """Principal stretches (k, 3) of a specimen at nominal strains (k,), in shear at amounts of shear.
+
+    The first is along the pull, the last free. volume: J, (k,) or one for all; in shear it is 1.
+    """
     if kind == "shear":
         first = strain / 2 + np.hypot(1.0, strain / 2)
         return np.stack([first, 1 / first, np.ones_like(first)], axis=1)

@@ -114,8 +114,8 @@ class MaterialCurve:
 
     sd (n,) MPa: of each value alone. modes (k, n) MPa: errors that all values share, 1 sd each, with
     mode_names (k,): the size of the specimen, the zero of its strain. time (n,) s since the pull began, where
-    it is known. up_to: the largest stretch that is used. recorded, left_out: rows of the test, and those beyond
-    that stretch.
+    it is known. up_to: the largest stretch that is used. recorded, left_out: rows of the test, and those
+    beyond that stretch.
     """
 
     name: str
@@ -146,8 +146,8 @@ class MaterialCurve:
 
         if material.prony and self.time is None:
             raise ValueError(
-                f"material_tests.{self.name}: the model's silicone creeps, so its stress depends on time; wanted a "
-                'column of rising times in the file (time = "..." names it), and cycle = 1'
+                f"material_tests.{self.name}: the model's silicone creeps, so its stress depends on time; "
+                'wanted a column of rising times in the file (time = "..." names it), and cycle = 1'
             )
         return nominal_stress(material, self.strain, self.kind, time=self.time)
 

@@ -25,8 +25,8 @@ def _row(row: MaterialTestRow) -> str:
     shared = ", ".join(f"{name} {size:+.1f} sd" for name, size in row.shared_sd.items())
     left = f"; {row.left_out} rows beyond are left out" if row.left_out else ""
     return (
-        f"Material test {row.name}: {row.rms_MPa:.2g} MPa rms up to a stretch of {row.up_to:.2f} ({row.count} values"
-        f"{left}); chi2 {row.chi2:.3g}; errors that all its values share: {shared}."
+        f"Material test {row.name}: {row.rms_MPa:.2g} MPa rms up to a stretch of {row.up_to:.2f} "
+        f"({row.count} values{left}). Its chi2 is {row.chi2:.3g}; errors that all its values share: {shared}."
     )
 
 

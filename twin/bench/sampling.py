@@ -69,7 +69,7 @@ class Density:
 
     chi2 of theta is |small (r + 1, r + 1) (1, -c)|^2, c (r,) what is in it of each of the response's fields;
     moved: what errors add to it, at theta (m, d) in units of scale (d, d); guard: whether each theta is asked
-    for stable rubber. beside: chi2 (m,) of tests of the silicone itself, at the parameters (m, d) of positions.
+    for stable rubber. beside: chi2 (m,) of tests of the silicone itself at parameters (m, d).
     """
 
     response: Surrogate
@@ -280,7 +280,7 @@ class Sampler:
         return float(a @ a - b @ b) + w.log_det - own.log_det
 
     def _curves(self, true: Array) -> Array:
-        """chi2 (m,) of the tests of the silicone itself at parameters (m, d), NaN where the law has no stress."""
+        """chi2 (m,) of the silicone's tests at parameters (m, d), NaN where the law has no stress."""
         out = np.full(len(true), np.nan)
         for k, theta in enumerate(true):
             with suppress(Unsolvable):

@@ -16,7 +16,7 @@ from twin.bench.caches import FolderCache, SolvedList
 from twin.bench.engines import jobs_of
 from twin.bench.fits import newest
 from twin.bench.positions import on_surface, one_side, places_of
-from twin.coupons.pulltest import PullTest, tests_of
+from twin.coupons.pulltest import PullTest, pull_tests
 from twin.effects.baselaw import NAMES, NOMINAL, STRETCH, Constants
 from twin.effects.library import effect
 from twin.effects.material import Elasticity
@@ -109,14 +109,14 @@ class Workbench:
         if fault := rise_fault(targets):
             raise ValueError(f"targets: {fault}")
         elasticity = Elasticity(bounds=config.calibrate.bounds, fixed=config.model.fixed)
-        bench = Workbench(project, targets, structure, elasticity, remarks, tests_of(project))
+        bench = Workbench(project, targets, structure, elasticity, remarks, pull_tests(project))
         known = newest(project, FitRecord, ("calibrate",)) if bench.tests else None
         fitted = known.material_tests if known else None
         return bench.stretched(STRETCH / BEYOND if fitted is None else fitted.finger_stretch)
 
     def stretched(self, finger: float | None) -> "Workbench":
-        """The same with the curves of the silicone's tests up to BEYOND of a largest stretch in the finger, or
-        all of them."""
+        """The same with the curves of the silicone's tests up to BEYOND of the largest stretch in the finger;
+        None: all of them."""
         curves = tuple(test.curve(np.inf if finger is None else BEYOND * finger) for test in self.tests)
         return replace(self, targets=replace(self.targets, curves=curves), finger_stretch=finger)
 

@@ -15,6 +15,7 @@ from twin.bench.engines import solved_by
 from twin.bench.fits import former_fit
 from twin.bench.workbench import Workbench
 from twin.effects.baselaw import NAMES, Constants
+from twin.judging.agreement import doubt_of_tests
 from twin.judging.intervals import fit_record
 from twin.project import files
 from twin.project.folder import Project, Run, Say
@@ -42,7 +43,7 @@ def run_calibrate(project: Project, say: Say) -> dict[str, Any]:
         bench, judged = on.least(best.best, say)
         model, fit, tests = judged.model, judged.fit, bench.agreement(judged)
         found = compared(run, fit.theta, Judgement.of(judged), bench, say)
-        words = known_of(on.holding(fit, say), best.best, fit, found)
+        words = known_of(on.holding(fit, say), best.best, fit, doubt_of_tests(tests) or found.doubt)
         run.write(fit_record(fit, found, effects=(), identifiability=words, material_tests=tests,
                              initial=on.initial(judged), **solved_by(project, bench.jobs)))  # fmt: skip
         write_curves(run, tests)

@@ -8,7 +8,7 @@ from typing import Any
 from twin.batches.former import camera_kept
 from twin.bench.fits import fresh, named_effects
 from twin.chain import STAGES, TARGETS, Stage, When
-from twin.coupons.pulltest import tests_of
+from twin.coupons.pulltest import pull_tests
 from twin.gauge.pressurelog import Log
 from twin.inputs.films import OneFilm, films_of
 from twin.inputs.foreign import import_targets, said_of_targets
@@ -39,7 +39,7 @@ def check_project(project: Project, say: Say) -> None:
         raise ValueError(f"missing in {project.root}: {'; '.join(missing)}")
     if own_deck:
         check_finger(project, say)
-    for test in tests_of(project):
+    for test in pull_tests(project):
         for line in (test.sentence, *test.remarks):
             say(line)
     _check_effects(project)

@@ -22,7 +22,8 @@ from twin.project import files
 from twin.project.folder import Project, Run, Say
 
 BY_FILM = (
-    "The diagnosis asks the film alone, without the material tests: where they contradict it, `twin calibrate` says so."
+    "The diagnosis asks the film alone, without the material tests. Whether they contradict it, "
+    "`twin calibrate` says."
 )
 TOP = 3  # effects of the ranking that are said; all stand in diagnosis.json
 

@@ -2,7 +2,8 @@
 
 import csv
 import io
-from collections.abc import Callable, Sequence
+import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,6 +13,7 @@ from twin.coupons.headings import Quantity, of_quantity, unit_of
 from twin.project.csvtable import Sheet
 from twin.targets import Array
 
+_NUMBER = re.compile(r"[+-]?[.,]?\d")
 LARGEST = 200_000_000  # bytes: an hour at 1 kHz is a third of it
 
 
@@ -38,7 +40,7 @@ class Wanted:
 
 @dataclass(frozen=True)
 class Column:
-    """A column of an export: its heading, its quantity, and its values (k,) in mm, N, MPa, s or as a share."""
+    """A column of an export: its heading, its quantity, its values (k,) in mm, N, MPa, s or as a share."""
 
     heading: str
     quantity: Quantity
@@ -52,7 +54,7 @@ def read_export(path: Path, wanted: Sequence[Wanted], *, also: Sequence[Wanted] 
     over. ValueError where no line has them, several columns may be meant, a unit is missing, or a cell is no
     number.
     """
-    sheet, units = _sheet(path, lambda row: all(one.among(row) for one in wanted), wanted)
+    sheet, units = _sheet(path, wanted)
     found: list[Column | None] = []
     for one in (*wanted, *also):
         every = list(dict.fromkeys(one.among(sheet.header)))
@@ -65,24 +67,29 @@ def read_export(path: Path, wanted: Sequence[Wanted], *, also: Sequence[Wanted] 
 
 
 def _column(sheet: Sheet, units: dict[str, str], one: Wanted, name: str, quantity: Quantity) -> Column:
-    factor = unit_of(name, quantity, below=units.get(name, ""), told=one.unit, where=f"{sheet.path}: column {name!r}",
-                     key=one.unit_key)  # fmt: skip
+    where = f"{sheet.path}: column {name!r}"
+    factor = unit_of(name, quantity, below=units.get(name, ""), told=one.unit, where=where, key=one.unit_key)
     values = sheet.table((name,)).numbers(name, unit=quantity, most=1e9)
     return Column(name, quantity, np.asarray(factor * values, float))
 
 
-def _sheet(
-    path: Path, is_header: Callable[[Sequence[str]], bool], wanted: Sequence[Wanted]
-) -> tuple[Sheet, dict[str, str]]:
+def _is_header(row: Sequence[str], wanted: Sequence[Wanted]) -> bool:
+    """Whether a line has a column for each of what is wanted."""
+    each = [{name for name, _ in one.among(row)} for one in wanted]
+    return all(each) and len(set().union(*each)) >= len(wanted)
+
+
+def _sheet(path: Path, wanted: Sequence[Wanted]) -> tuple[Sheet, dict[str, str]]:
     """The sheet below the header of an export, and the units by the headings."""
     text = _text(path)
     for separator in (";", "\t", ","):
         reader = csv.reader(io.StringIO(text, newline=""), delimiter=separator)
         try:
-            rows = [(reader.line_num, [c.strip() for c in row]) for row in reader if any(c.strip() for c in row)]
+            every = [(reader.line_num, [cell.strip() for cell in row]) for row in reader]
         except csv.Error as error:
             raise ValueError(f"{path}, line {reader.line_num}: not a row of a CSV file ({error})") from None
-        at = next((k for k, (_, row) in enumerate(rows) if is_header(row)), None)
+        rows = [(line, row) for line, row in every if any(row)]
+        at = next((k for k, (_, row) in enumerate(rows) if _is_header(row, wanted)), None)
         if at is not None:
             return _below(path, rows[at:], separator)
     what = " and ".join(_said(one) for one in wanted)
@@ -97,7 +104,7 @@ def _said(one: Wanted) -> str:
 def _below(path: Path, rows: list[tuple[int, list[str]]], separator: str) -> tuple[Sheet, dict[str, str]]:
     header, units = rows[0][1], dict[str, str]()
     body = [(n, [*row, *[""] * (len(header) - len(row))][: len(header)]) for n, row in rows[1:]]
-    if body and not any(any(c.isdigit() for c in cell) for cell in body[0][1] if cell not in ("N/mm2", "N/mm^2")):
+    if body and not any(_NUMBER.match(cell) for cell in body[0][1]):
         units = dict(zip(header, body[0][1]))
         body = body[1:]
     if len(body) < 2:
@@ -112,7 +119,8 @@ def _text(path: Path) -> str:
         raise ValueError(f"{path}: {'a folder' if path.is_dir() else 'no such file'}; wanted a CSV file")
     data = path.read_bytes()
     if len(data) > LARGEST:
-        raise ValueError(f"{path}: {len(data) / 1e6:.0f} MB; wanted at most {LARGEST / 1e6:.0f}: export fewer rows")
+        size = f"{len(data) / 1e6:.0f} MB; wanted at most {LARGEST / 1e6:.0f}"
+        raise ValueError(f"{path}: {size}: export fewer rows")
     if data[:2] in (b"\xff\xfe", b"\xfe\xff"):
         return data.decode("utf-16")
     try:

@@ -1,4 +1,4 @@
-"""What is likely wrong with a test of the silicone: a unit, true stress, a preload, a test of something else."""
+"""What is likely wrong with a test of the silicone: a unit, true stress, a preload."""
 
 from collections.abc import Mapping
 
@@ -8,8 +8,10 @@ from fe.homogeneous import SLOPES, Kind
 from twin.targets import Array
 
 SHEAR_MPA = 0.004, 10.0  # shear modulus at rest of anything that a finger is cast of: Ecoflex 00-10 has 0.01
+USUAL_MPA = 0.2  # of silicones that fingers are cast of, within a factor of 3
 LEAST, MOST = 0.03, 20.0  # largest strain of a test of rubber that says something; Ecoflex 00-30 breaks at 16
-NEAR = 0.25  # of the largest strain: where the slope at rest is read
+NEAR = 0.5  # of the largest strain, and strain, up to which the slope at rest is read
+FEW = 8  # values there, at least
 OTHER = {"kPa read as MPa": 1e-3, "Pa read as MPa": 1e-6, "MPa read as kPa": 1e3, "a share read as %": 0.01,
          "% read as a share": 100.0, "cm2 read as mm2": 0.01}  # fmt: skip
 
@@ -20,7 +22,8 @@ def strain_fault(strain: Array) -> str:
     if LEAST <= most <= MOST:
         return ""
     likely = "a share read as %" if most < LEAST else "% read as a share, or mm read as strain"
-    return f"the largest strain is {most:.3g} ({100 * most:.3g} %); wanted {LEAST:g} to {MOST:g}: likely {likely}"
+    wanted = f"wanted {LEAST:g} to {MOST:g}; likely {likely}"
+    return f"the largest strain is {most:.3g} ({100 * most:.3g} %); {wanted}"
 
 
 def stiffness_fault(strain: Array, stress: Array, kind: Kind) -> str:
@@ -32,8 +35,10 @@ def stiffness_fault(strain: Array, stress: Array, kind: Kind) -> str:
     text = f"its beginning has a shear modulus of {shear:.3g} MPa; silicones have {low:g} to {high:g} MPa"
     if shear <= 0:
         return f"{text}; wanted stress that rises with strain: correct the columns or their signs"
-    likely = [name for name, factor in OTHER.items() if 2 * low <= shear * factor <= high / 2]
-    return f"{text}; likely {' or '.join(likely)}" if likely else f"{text}; are its columns and units right?"
+    likely = min(OTHER, key=lambda name: abs(np.log(shear * OTHER[name] / USUAL_MPA)))
+    if low <= shear * OTHER[likely] <= high:
+        return f"{text}; likely {likely}"
+    return f"{text}; are its columns and units right?"
 
 
 def preload_doubt(strain: Array, stress: Array, sd: Array) -> str:
@@ -43,24 +48,23 @@ def preload_doubt(strain: Array, stress: Array, sd: Array) -> str:
     if abs(offset) < max(0.03 * top, 3 * float(np.median(sd)), 3 * known):
         return ""
     return (
-        f"its beginning leads to {offset:.2g} MPa at no strain, {abs(offset) / top:.0%} of the largest stress: a "
-        "preload, a slack specimen or a load cell that was not zeroed; set both to zero where the stress begins, "
-        "or state how well the zero of the strain is known with zero_percent"
+        f"its beginning leads to {offset:.2g} MPa at no strain, {abs(offset) / top:.0%} of the largest "
+        "stress: a preload, a slack specimen or a load cell that was not zeroed; set both to zero where the stress "
+        "begins, or state how well the zero of the strain is known with zero_percent"
     )
 
 
 def beginning(strain: Array, stress: Array) -> tuple[float, float, float]:
-    """Slope at rest in MPa, stress in MPa at no strain, and the sd of that, of a parabola through the first
-    quarter of a curve; of few points, through all of them."""
-    x = np.abs(strain)
-    near = x <= NEAR * x.max() if (x <= NEAR * x.max()).sum() >= 8 else np.ones(len(x), bool)
-    y = stress[near] * np.sign(strain[near])
-    if len(y) < 5:
-        return float((x[near] @ y) / (x[near] @ x[near])), 0.0, 0.0
-    scale = float(x[near].max())
-    A = (x[near, None] / scale) ** np.arange(3)
+    """Slope at rest in MPa, stress in MPa at no strain, and the sd of that, of a cubic through the beginning
+    of a curve; of few points, of a line through 0 and all of them."""
+    x, sign = np.abs(strain), -1.0 if strain.sum() < 0 else 1.0
+    near = x <= NEAR * min(float(x.max()), 1.0)
+    if near.sum() < FEW:
+        return float((x @ (sign * stress)) / (x @ x)), 0.0, 0.0
+    y, scale = sign * stress[near], float(x[near].max())
+    A = (x[near, None] / scale) ** np.arange(4)
     found, *_ = np.linalg.lstsq(A, y, rcond=None)
-    left = float(((y - A @ found) ** 2).sum() / max(len(y) - 3, 1))
+    left = float(((y - A @ found) ** 2).sum() / (len(y) - 4))
     sd = float(np.sqrt(left * np.linalg.pinv(A.T @ A)[0, 0]))
     return float(found[1] / scale), float(found[0]), sd
 
@@ -71,7 +75,7 @@ def true_stress_doubt(headings: Mapping[str, bool]) -> str:
     for heading, true in headings.items():
         words = heading.lower()
         if ("true" in words or "log" in words.split()) and not true:
-            return f"column {heading!r} seems to be true, and not over the size at rest; say so, or name another"
+            return f"column {heading!r} seems to be true, not over the size at rest; say so, or name another"
         if any(word in words for word in ("engineering", "nominal")) and true:
             return f"column {heading!r} seems to be over the size at rest, and not true; correct one of them"
     return ""

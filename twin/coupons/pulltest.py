@@ -1,13 +1,15 @@
-"""A table [[material_tests]] of twin.toml -> the loading branch of a test, and the curve that a fit takes of it."""
+"""A table [[material_tests]] of twin.toml -> the loading branch of a test, and the curve that a fit takes."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fe.homogeneous import SLOPES, principal_stretches
 from twin.coupons.exports import Column, Wanted, read_export
+from twin.coupons.headings import Quantity
 from twin.coupons.plausible import beginning, preload_doubt, stiffness_fault, strain_fault, true_stress_doubt
 from twin.targets import Array, MaterialCurve
 
@@ -15,6 +17,7 @@ if TYPE_CHECKING:
     from twin.project.config import MaterialTestTable
     from twin.project.folder import Project
 
+Rows = NDArray[np.int64]
 POINTS = 20  # of a curve at most: its values stand for more, whose errors are not independent
 TURN = 0.05  # of the range of the strain, by which it goes back where a branch ends
 FEWEST = 4
@@ -22,8 +25,9 @@ FEWEST = 4
 
 @dataclass(frozen=True, eq=False)
 class PullTest:
-    """A test of the silicone as it was recorded: nominal strain and stress (k,) MPa on its loading branch, below
-    0 in compression; time (k,) s since the pull began, where it is known; what is to be said of it."""
+    """A test of the silicone as it was recorded: nominal strain and stress (k,) MPa on its loading branch,
+    below 0 in compression; time (k,) s since the pull began, where it is known; rows of the file; what is to
+    be said of it."""
 
     table: "MaterialTestTable"
     strain: Array
@@ -38,13 +42,14 @@ class PullTest:
         where = f"material_tests.{table.name}: {table.file}"
         pull, push, time = _columns(project, table)
         if fault := true_stress_doubt({pull.heading: table.true_strain, push.heading: table.true_stress}):
-            raise ValueError(f"{where}: {fault} (true_strain, true_stress in [[material_tests]] of twin.toml)")
+            raise ValueError(f"{where}: {fault} (true_strain, true_stress of [[material_tests]])")
         strain, stress = _nominal(table, pull, push)
         if fault := strain_fault(strain):
             raise ValueError(f"{where}: {fault}; correct the unit (strain_unit) or length_mm")
         branches = loading_branches(np.abs(strain))
         if len(branches) < table.cycle:
-            raise ValueError(f"{where}: cycle = {table.cycle}, but it has {len(branches)} loading branches; correct it")
+            has = f"it has {len(branches)} loading branches"
+            raise ValueError(f"{where}: cycle = {table.cycle}, but {has}; correct cycle")
         rows = branches[table.cycle - 1]
         at = None if time is None or table.cycle > 1 else _begun(np.abs(strain[rows]), time.values[rows])
         found = PullTest(table, strain[rows], stress[rows], at, len(strain), ())
@@ -64,8 +69,8 @@ class PullTest:
         k = int(np.abs(self.strain).argmax())
         return (
             f"Material test {self.table.name} ({self.table.kind}): {len(self.strain)} of {self.rows} rows of "
-            f"{self.table.file}, to {100 * self.strain[k]:.3g} % and {self.stress[k]:.3g} MPa nominal stress; its "
-            f"beginning has a shear modulus of {shear:.3g} MPa."
+            f"{self.table.file}, to {100 * self.strain[k]:.3g} % and {self.stress[k]:.3g} MPa nominal "
+            f"stress. Its beginning has a shear modulus of {shear:.3g} MPa."
         )
 
     def sd(self, stress: Array) -> Array:
@@ -73,15 +78,15 @@ class PullTest:
         return np.hypot(self.table.sd_MPa, self.table.sd_percent / 100 * stress)
 
     def curve(self, up_to: float = np.inf) -> MaterialCurve:
-        """The curve up to a largest stretch: POINTS values at most, each the mean of its share of the strains.
-        ValueError where too few are left."""
+        """The curve up to a largest stretch: POINTS values at most, each the mean of its share of the
+        strains. ValueError where too few are left."""
         limit = self.table.stretch_up_to or up_to
         keep = (self.stretches <= limit) & (self.strain != 0)
         x, y = np.abs(self.strain[keep]), self.stress[keep]
         if len(x) < FEWEST or np.ptp(x) == 0:
             raise ValueError(
-                f"material_tests.{self.table.name}: {len(x)} values up to a stretch of {limit:.3g}; wanted {FEWEST} "
-                "or more: raise stretch_up_to, or export the curve with more points"
+                f"material_tests.{self.table.name}: {len(x)} values up to a stretch of {limit:.3g}; wanted "
+                f"{FEWEST} or more: raise stretch_up_to, or export the curve with more points"
             )
         bins = np.clip(((x - x.min()) / np.ptp(x) * POINTS).astype(int), 0, POINTS - 1)
         own = np.unique(bins)
@@ -109,26 +114,32 @@ class PullTest:
         return np.array(rows), tuple(names)
 
 
-def tests_of(project: "Project") -> tuple[PullTest, ...]:
+def pull_tests(project: "Project") -> tuple[PullTest, ...]:
     """The tests of the silicone that a project states. ValueError where one is not right."""
     return tuple(PullTest.of(project, table) for table in project.config.material_tests)
 
 
 def _columns(project: "Project", table: "MaterialTestTable") -> tuple[Column, Column, Column | None]:
     """The columns of strain, stress and time."""
-    stated = {q: getattr(table, q) for q in ("strain", "stretch", "displacement")}
-    pull = next((q for q, heading in stated.items() if heading is not None), None)
-    some = ("displacement",) if table.length_mm is not None else ("strain", "stretch")
-    pulled = Wanted((pull,) if pull else some, pull or some[0], pull and stated[pull], table.strain_unit, "strain_unit")  # type: ignore[arg-type]
-    force = table.area_mm2 is not None
-    key = "force" if force else "stress"
-    pushed = Wanted((key,), key, getattr(table, key), table.stress_unit, "stress_unit")  # type: ignore[arg-type]
     clock = Wanted(("time",), "time", table.time)
-    wanted, also = ([pulled, pushed, clock], []) if table.time else ([pulled, pushed], [clock] if table.time is None else [])
-    found = read_export(project.path(table.file), wanted, also=also)
-    assert found[0] is not None
-    assert found[1] is not None
-    return found[0], found[1], found[2]
+    pulled: tuple[Quantity, ...] = ("displacement",) if table.length_mm is not None else ("strain", "stretch")
+    pushed: tuple[Quantity, ...] = ("force",) if table.area_mm2 is not None else ("stress",)
+    wanted = [_sought(table, pulled, "strain_unit"), _sought(table, pushed, "stress_unit")]
+    path = project.path(table.file)
+    if table.time is not None:
+        pull, push, time = read_export(path, [*wanted, clock])
+    else:
+        pull, push, time = read_export(path, wanted, also=[clock])
+    assert pull is not None
+    assert push is not None
+    return pull, push, time
+
+
+def _sought(table: "MaterialTestTable", some: tuple[Quantity, ...], unit_key: str) -> Wanted:
+    """The column of one of some quantities: that which the table names, if any."""
+    named: tuple[Quantity, ...] = tuple(q for q in some if getattr(table, q) is not None)
+    heading = getattr(table, named[0]) if named else None
+    return Wanted(named or some, (named or some)[0], heading, getattr(table, unit_key), unit_key)
 
 
 def _nominal(table: "MaterialTestTable", pull: Column, push: Column) -> tuple[Array, Array]:
@@ -145,12 +156,12 @@ def _nominal(table: "MaterialTestTable", pull: Column, push: Column) -> tuple[Ar
     if table.kind == "compression":
         strain, stress = -np.abs(strain), -np.abs(stress)
     if strain.min() <= -1.0:
-        raise ValueError(f"material_tests.{table.name}: a strain of {strain.min():.3g}; wanted more than -1: nothing is "
-                         "pressed flat; correct the unit (strain_unit) or length_mm")  # fmt: skip
+        raise ValueError(f"material_tests.{table.name}: a strain of {strain.min():.3g}; wanted more than -1: "
+                         "nothing is pressed flat; correct the unit (strain_unit) or length_mm")  # fmt: skip
     return strain, stress / (1 + strain) if table.true_stress else stress
 
 
-def loading_branches(strain: Array) -> list[Array]:
+def loading_branches(strain: Array) -> list[Rows]:
     """The rows of each branch on which strains (k,) rise, from a lowest value to the next highest."""
     back, found = TURN * float(np.ptp(strain)), []
     low = high = 0
@@ -169,8 +180,8 @@ def loading_branches(strain: Array) -> list[Array]:
 
 
 def _begun(strain: Array, time: Array) -> Array:
-    """Times (k,) s since the strain was 0, to which a straight line through the first half leads back; NaN from
-    where they do not rise."""
+    """Times (k,) s since the strain was 0, to which a straight line through the first half leads back; NaN
+    from where they do not rise."""
     falls = np.flatnonzero(np.diff(time) < 0)
     known = int(falls[0]) + 1 if falls.size else len(time)
     time = np.where(np.arange(len(time)) < known, time - time[0], np.nan)
@@ -185,11 +196,13 @@ def _remarks(test: PullTest, branches: int) -> Sequence[str]:
     out, name = [], f"Material test {test.table.name}"
     if branches > 1:
         out.append(
-            f"{name}: of {branches} loading branches number {test.table.cycle} is used. A silicone that was stretched "
-            "before is softer (Mullins): take the one before which it was stretched as far as the finger was."
+            f"{name}: of {branches} loading branches number {test.table.cycle} is used. A silicone that was "
+            "stretched before is softer (Mullins): take the one before which it was stretched as far as the "
+            "finger was."
         )
     elif len(test.strain) < 0.95 * test.rows:
-        out.append(f"{name}: {test.rows - len(test.strain)} of {test.rows} rows, those of unloading, are left out.")
+        left = test.rows - len(test.strain)
+        out.append(f"{name}: {left} of {test.rows} rows, those of unloading, are left out.")
     if doubt := preload_doubt(test.strain, test.stress, test.sd(test.stress)):
         out.append(f"{name}: {doubt}.")
     return out

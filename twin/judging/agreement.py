@@ -19,13 +19,15 @@ from twin.targets import Array, MaterialCurve, Targets
 SMALL = 1e-9  # of the largest information, below which a direction is not determined
 
 
-def agreement(judged: Judged, targets: Targets, *, finger_stretch: float | None = None) -> MaterialTestsRow | None:
+def agreement(
+    judged: Judged, targets: Targets, *, finger_stretch: float | None = None
+) -> MaterialTestsRow | None:
     """How a judged model agrees with the tests of the silicone; None where there are none. The film's own
     wishes are those to first order, along the derivatives at the fit; the tests are fitted alone."""
     return _Joint(judged, targets).row(finger_stretch) if targets.curves else None
 
 
-def tests_doubt(found: MaterialTestsRow | None) -> str:
+def doubt_of_tests(found: MaterialTestsRow | None) -> str:
     """Why a fit of film and tests can have no interval, in words; nothing where they agree."""
     if found is None:
         return ""
@@ -72,8 +74,10 @@ class _Joint:
         model, start = self.judged.model, self.judged.theta
 
         def residual(theta: Array) -> Array | None:
+            if not model.allowed(model.named(theta)):
+                return None
             try:
-                return curve_residual(model, self.targets, theta) if model.allowed(model.named(theta)) else None
+                return curve_residual(model, self.targets, theta)
             except Unsolvable:
                 return None
 
@@ -83,12 +87,12 @@ class _Joint:
         return fit.theta, fit.chi2, rank(np.vstack(self.rows[1:]))
 
     def row(self, finger_stretch: float | None) -> MaterialTestsRow:
-        film, *tests = self.rows
+        film = self.rows[0]
         covariance = np.linalg.pinv(sum(part.T @ part for part in self.rows), rcond=SMALL, hermitian=True)
         decide = [float(np.trace(covariance @ part.T @ part)) for part in self.rows]
         theta, least, known = self.alone
         z = self.judged.z
-        step = np.linalg.lstsq(film, z, rcond=SMALL)[0]
+        step = np.asarray(np.linalg.lstsq(film, z, rcond=SMALL)[0], float)
         now = curve_residual(self.judged.model, self.targets, self.judged.theta)
         excess = float(z @ z + now @ now - ((z - film @ step) ** 2).sum() - least)
         spare = rank(film) + known - rank(np.vstack(self.rows))
@@ -110,8 +114,9 @@ class _Joint:
         left = curve.stress - stress
         shared, z = curve.shared(left), curve.whiten(left)
         return MaterialTestRow(
-            name=curve.name, kind=curve.kind, count=len(left), recorded=curve.recorded, left_out=curve.left_out,
-            up_to=curve.up_to, rms_MPa=float(np.sqrt((left**2).mean())), chi2=float(z @ z),
+            name=curve.name, kind=curve.kind, count=len(left), recorded=curve.recorded,
+            left_out=curve.left_out, up_to=curve.up_to, rms_MPa=float(np.sqrt((left**2).mean())),
+            chi2=float(z @ z),
             worst_sd=float(np.abs((left - shared @ curve.modes) / curve.sd).max()),
             shared_sd=dict(zip(curve.mode_names, shared.tolist(), strict=True)), decides=decides,
             strain=tuple(curve.strain.tolist()), stress_MPa=tuple(curve.stress.tolist()),
@@ -162,19 +167,20 @@ def _sentence(found: MaterialTestsRow, free: int) -> str:
         f"{', '.join(f'{test.name} {test.decides:.1f}' for test in found.tests)}."
     )
     wished = _wished(found)
-    doubt = tests_doubt(found)
+    doubt = doubt_of_tests(found)
     if not doubt:
         return f"Film and material tests ({names}) agree within their errors.{wished} {decided}"
     if found.law_p_value is not None and found.law_p_value < ADEQUATE:
         worst = max(found.tests, key=lambda test: test.worst_sd)
         return (
-            f"The model's law does not follow the material tests: {worst.name} is off by up to {worst.worst_sd:.1f} "
-            f"sd.{wished} Are sd_MPa and sd_percent too small? Else another law is needed, or a lower stretch_up_to."
+            f"The model's law does not follow the material tests: {worst.name} is off by up to "
+            f"{worst.worst_sd:.1f} sd.{wished} Are sd_MPa and sd_percent too small? Else another law is "
+            "needed, or a lower stretch_up_to."
         )
     return (
-        f"Film and material tests ({names}) contradict each other.{wished} The silicone of the specimen may have "
-        "cured otherwise, been colder, pulled faster or stretched before (Mullins); or its area, true_stress or the "
-        f"finger's walls are not as stated. {decided}"
+        f"Film and material tests ({names}) contradict each other.{wished} The silicone of the specimen may "
+        "have cured otherwise, been colder, pulled faster or stretched before (Mullins). Or its area, "
+        f"true_stress or the finger's walls are not as stated. {decided}"
     )
 
 
@@ -186,6 +192,6 @@ def _wished(found: MaterialTestsRow) -> str:
         return ""
     apart = abs(a - b) / np.hypot(sa, sb)
     return (
-        f" The film alone asks for a shear modulus of {a:.3g} ± {sa:.2g} MPa, the tests for {b:.3g} ± {sb:.2g} MPa "
-        f"(1 sd): {apart:.1f} sd apart."
+        f" The film alone asks for a shear modulus of {a:.3g} ± {sa:.2g} MPa (1 sd), the tests for {b:.3g} ± "
+        f"{sb:.2g} MPa: {apart:.1f} sd apart."
     )

@@ -1,4 +1,4 @@
-"""The rows that tests of the silicone itself add to a film's whitened residual, for a model at its parameters."""
+"""The rows that tests of the silicone itself add to a film's whitened residual."""
 
 import numpy as np
 
@@ -21,8 +21,8 @@ def silicone(model: Model, values: Theta) -> Material:
 
 
 def curve_residual(model: Model, targets: Targets, theta: Array) -> Array:
-    """The whitened residual (n,) of all curves at theta (d,), measured less predicted. Raises Unsolvable where
-    the law has no stress."""
+    """The whitened residual (n,) of all curves at theta (d,), measured less predicted. Raises Unsolvable
+    where the law has no stress."""
     material = silicone(model, model.named(theta))
     return np.concatenate([whitened_misfit(curve, material) for curve in targets.curves])
 

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from calibrate import Fit, Parameter
+from twin.judging.agreement import doubt_of_tests
 from twin.judging.comparison import Comparison
-from twin.judging.agreement import tests_doubt
 from twin.judging.record import Estimate, FitRecord, Interval, MaterialTestsRow
 
 
@@ -22,7 +22,7 @@ def estimates(
     fit, nothing has an interval.
     """
     rows = zip(fit.parameters, fit.theta, fit.interval(0.95), strict=True)
-    doubt = comparison.doubt or tests_doubt(tests)
+    doubt = doubt_of_tests(tests) or comparison.doubt
     return {row[0].name: _estimate(fit, doubt, *row) for row in rows}
 
 
@@ -48,7 +48,7 @@ def fit_record(
     beside them."""
     found = estimates(fit, comparison, material_tests)
     intervals = {name: Interval(low=e.low, high=e.high, note=e.note) for name, e in found.items()}
-    adequate = comparison.adequate and not tests_doubt(material_tests)
+    adequate = comparison.adequate and not doubt_of_tests(material_tests)
     return FitRecord.of(
         fit, adequate=adequate, intervals=intervals, material_tests=material_tests, **beside
     )

@@ -69,7 +69,7 @@ class MaterialTestRow(Record):
     chi2: Finite = Field(description="of its values, under the errors that are stated of it")
     worst_sd: Finite = Field(description="largest misfit of one value, shared errors taken off, in its sd")
     shared_sd: dict[str, Finite] = Field(description="size of each error that all its values share, in sds")
-    decides: Finite = Field(description="number of fitted parameters that it decides; with the film all of them")
+    decides: Finite = Field(description="number of fitted parameters that it decides beside all other data")
     strain: tuple[Finite, ...] = Field(description="nominal strain")
     stress_MPa: tuple[Finite, ...] = Field(description="nominal stress, measured")
     sd_MPa: tuple[Finite, ...] = Field(description="sd of each, shared errors included")
@@ -77,7 +77,7 @@ class MaterialTestRow(Record):
 
 
 class MaterialTestsRow(Record):
-    """How a fit agrees with all tests of the silicone, and whether film and tests ask for the same silicone."""
+    """How a fit agrees with all tests of the silicone, and whether film and tests ask for the same one."""
 
     tests: tuple[MaterialTestRow, ...]
     film_decides: Finite = Field(description="number of fitted parameters that the film decides")

@@ -115,6 +115,12 @@ LIKELY = 0.6  # the value below which DeepLabCut itself draws no point (pcutoff 
 STIFFEST = 100.0  # MPa, of a constant that may be fitted: hard rubber has 10
 
 
+# Keys of [[material_tests]] of which one is enough.
+MATERIAL_EITHER = (
+    ("strain", "stretch"), ("strain", "displacement"), ("stretch", "displacement"), ("stress", "force"),
+    ("strain", "length_mm"), ("stretch", "length_mm"), ("stress", "area_mm2"),
+)  # fmt: skip
+
 # Keys of older versions on which nothing depended: a file that has them still counts.
 FORMER = {"model": ("geometry", "material", "top_pressure_MPa")}
 
@@ -381,12 +387,12 @@ class MaterialTestTable(TableModel):
 
     name: Name = Field(description="name of the test, such as tension")
     file: RelativePath = Field(
-        description="what the tester wrote, a CSV file such as raw/tension.csv; lines above its header may stay"
+        description="what the tester wrote, a CSV file such as raw/tension.csv, with lines above its header"
     )
     kind: Literal["uniaxial", "planar", "equibiaxial", "shear", "compression"] = Field(
-        description="uniaxial: a strip or dumbbell; planar: a wide sheet (pure shear); equibiaxial: both ways "
-        "alike, or a bubble; shear: a block, whose strain is the amount of shear; compression: a lubricated "
-        "cylinder, whatever signs its file has"
+        description="uniaxial: a strip or dumbbell; planar: a wide sheet (pure shear); equibiaxial: both "
+        "ways alike, or a bubble; shear: a block, whose strain is the amount of shear; compression: a "
+        "lubricated cylinder, whatever signs its file has"
     )
     strain: str | None = Field(default=None, description="heading of the strain, where it cannot be told")
     stretch: str | None = Field(default=None, description="heading of the stretch, in place of strain")
@@ -407,7 +413,7 @@ class MaterialTestTable(TableModel):
         default=None, description='unit where the heading has none: "MPa", "kPa", "psi", or "N" of a force'
     )
     true_strain: bool = Field(
-        default=False, description="true: the strain is logarithmic; false: change of length over length at rest"
+        default=False, description="true: the strain is logarithmic; false: change over length at rest"
     )
     true_stress: bool = Field(
         default=False, description="true: force over area of now; false: over area at rest"
@@ -446,17 +452,15 @@ class MaterialTestTable(TableModel):
 
     @model_validator(mode="after")
     def _fits(self) -> Self:
-        pulls = [key for key in ("strain", "stretch", "displacement") if getattr(self, key) is not None]
-        for one, other in (*zip(pulls, pulls[1:]), *([("stress", "force")] if self.stress and self.force else ())):
-            raise ValueError(f"material_tests.{self.name}: {one} and {other} are both named; keep one of them")
+        given, where = self.model_fields_set, f"material_tests.{self.name}"
+        for one, other in MATERIAL_EITHER:
+            if {one, other} <= given:
+                raise ValueError(f"{where}: {one} and {other} are both given; keep one of them")
         for key, size in (("displacement", "length_mm"), ("force", "area_mm2")):
-            if getattr(self, key) is not None and getattr(self, size) is None:
-                raise ValueError(f"material_tests.{self.name}: {key} without {size}; add {size}, the specimen at rest")
-        for key, size in (("strain", "length_mm"), ("stretch", "length_mm"), ("stress", "area_mm2")):
-            if getattr(self, key) is not None and getattr(self, size) is not None:
-                raise ValueError(f"material_tests.{self.name}: {key} and {size} are both given; keep one of them")
+            if key in given and size not in given:
+                raise ValueError(f"{where}: {key} without {size}; add {size}, of the specimen at rest")
         if self.kind == "shear" and (self.true_strain or self.true_stress):
-            raise ValueError(f"material_tests.{self.name}: true_strain and true_stress are for tension; remove them")
+            raise ValueError(f"{where}: true_strain and true_stress are for tension; remove them")
         return self
 
 

@@ -2,19 +2,19 @@
 
 from calibrate import Fit, identifiability
 from twin.effects.baselaw import NAMES
-from twin.judging.comparison import Comparison
 from twin.project.folder import Project
 from twin.study.loadpathfit import OnPaths
 from twin.study.ridges import difference
 from twin.targets import Array
 
 
-def known_of(on: OnPaths, best: Array, fit: Fit, found: Comparison) -> str:
-    """What the data say of the constants. best (d,): of the genetic algorithm; found: of the fit."""
+def known_of(on: OnPaths, best: Array, fit: Fit, doubt: str) -> str:
+    """What the data say of the constants. best (d,): of the genetic algorithm; doubt: why the fit can have no
+    interval, "" where the model fits."""
     both = set(NAMES) <= {p.name for p in fit.parameters}
-    words = identifiability(fit, NAMES, fits=found.adequate) if both else "One constant was held fixed."
-    doubt = f" No interval: {found.doubt}." if found.doubt else ""
-    return f"{words}{at_all_bounds(fit)}{doubt}{_apart(on, best, fit)}{_other_pressure(on.bench.project)}"
+    words = identifiability(fit, NAMES, fits=not doubt) if both else "One constant was held fixed."
+    none = f" No interval: {doubt}." if doubt else ""
+    return f"{words}{at_all_bounds(fit)}{none}{_apart(on, best, fit)}{_other_pressure(on.bench.project)}"
 
 
 def at_all_bounds(fit: Fit) -> str:

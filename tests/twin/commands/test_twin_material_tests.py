@@ -1,8 +1,5 @@
 """A film and tests of its silicone in one fit: calibrate and what follows, on a short finger."""
 
-from collections.abc import Callable
-from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,8 +10,6 @@ from tests.twin.commands.test_twin_chain import NAMES, Silent, X
 from twin import virtual
 from twin.bench.fits import fit_file, stale
 from twin.bench.profiling import sd_of
-from twin.bench.workbench import BEYOND, Workbench
-from twin.commands.add import run_add
 from twin.commands.calibrate import run_calibrate
 from twin.commands.check import run_check
 from twin.judging.record import FitRecord, MaterialTestsRow
@@ -105,3 +100,64 @@ def test_a_tension_test_parts_the_constants(joint: tuple[Project, Silent], alone
         assert abs(row.value - true) < 3 * row.sd
     assert sd_of(both.fit, "share") < 0.5 * sd_of(alone.fit, "share")
     assert both.adequate
+    row = found(both).tests[0]
+    assert (row.name, row.kind, row.count, row.recorded) == ("tension", "uniaxial", 20, 362)
+    assert row.chi2 < 45  # 20 values; 1e-3 of right curves are above
+    assert abs(row.shared_sd["scale"]) < 3
+    # whoever holds a constant, all data together hold as many as are fitted
+    assert found(both).film_decides + row.decides == pytest.approx(2.0, abs=1e-6)
+    np.testing.assert_allclose(row.fitted_MPa, row.stress_MPa, atol=0.006)
+
+
+def test_the_curve_is_used_as_far_as_the_finger_is_stretched(joint: tuple[Project, Silent]) -> None:
+    project, _ = joint
+    tests = found(fitted(project))
+    assert tests.finger_stretch is not None
+    assert 1.2 < tests.finger_stretch < 1.6
+    assert tests.tests[0].up_to == pytest.approx(BEYOND * tests.finger_stretch, abs=0.02)  # a row every 0.005
+    assert tests.tests[0].left_out > 50
+    bench = Workbench.of(project)  # whoever goes on from the fit takes the same values
+    assert bench.targets.curves[0].strain.tolist() == list(tests.tests[0].strain)
+    assert bench.of_film.targets.curves == ()
+
+
+def test_what_was_fitted_is_said_and_drawn(joint: tuple[Project, Silent]) -> None:
+    project, say = joint
+    text = "\n".join(say.lines)
+    assert "Material test tension (uniaxial): 241 of 362 rows of raw/tension.csv, to 120 %" in text
+    assert "121 of 362 rows, those of unloading, are left out" in text
+    assert "rows beyond are left out" in text
+    assert "Film and material tests (tension) agree within their errors." in text
+    assert fit_file(project).with_name("material-tests.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_a_fit_is_stale_where_its_tests_have_changed(joint: tuple[Project, Silent]) -> None:
+    project, _ = joint
+    folder, file = fit_file(project).parent, project.root / "raw/tension.csv"
+    assert stale(project, folder) == []
+    kept = file.read_text(encoding="utf-8")
+    try:
+        file.write_text(kept + "\n", encoding="utf-8")
+        assert stale(project, folder) == ["raw/tension.csv has changed since"]
+    finally:
+        file.write_text(kept, encoding="utf-8")
+    other = TENSION.model_copy(update={"scale_percent": 5.0})
+    looser = replace(project, config=project.config.model_copy(update={"material_tests": (other,)}))
+    assert stale(looser, folder) == ["[[material_tests]] of twin.toml has changed since"]
+    bare = replace(project, config=project.config.model_copy(update={"material_tests": ()}))
+    assert stale(bare, folder) == ["[[material_tests]] of twin.toml has changed since"]
+
+
+def test_a_specimen_of_another_silicone_contradicts_the_film(film: Project, joint: object, one_process: None) -> None:
+    project, say = with_tests(film, tension(RUBBER, scale=3.0), TENSION), Silent()
+    run_calibrate(project, say)
+    record = fitted(project)
+    tests = found(record)
+    assert tests.p_value is not None
+    assert tests.p_value < 1e-3
+    assert tests.law_p_value is not None
+    assert tests.law_p_value > 1e-3  # the curve alone is one of Mooney-Rivlin rubber
+    assert tests.tests_shear_MPa == pytest.approx(3 * RUBBER.shear, rel=0.05)
+    assert not record.adequate
+    assert all(e.low is None and "contradict each other" in e.note for e in record.estimates.values())
+    assert any("contradict each other. The film alone asks for a shear modulus of" in line for line in say.lines)
