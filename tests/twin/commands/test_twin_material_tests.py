@@ -1,5 +1,6 @@
 """A film and tests of its silicone in one fit: calibrate and what follows, on a short finger."""
 
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from tests.twin.commands.test_twin_chain import NAMES, Silent, X
 from twin import virtual
 from twin.bench.fits import fit_file, stale
 from twin.bench.profiling import sd_of
+from twin.bench.workbench import BEYOND, Workbench
 from twin.commands.calibrate import run_calibrate
 from twin.commands.check import run_check
 from twin.judging.record import FitRecord, MaterialTestsRow
