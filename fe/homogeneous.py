@@ -1,8 +1,7 @@
-"""Nominal stress of an evenly strained specimen, as in tests of the silicone itself: any `Material`, in closed
-form.
+"""Nominal stress of an evenly strained specimen of any `Material`, as in tests of the silicone itself.
 
-With the isochoric stretches b_i = J^(-1/3) l_i and beta_i = b_i dW/db_i, the principal Kirchhoff stresses are
-t_i = beta_i - (beta_1 + beta_2 + beta_3) / 3 + J p with p = K (J - 1) (Ogden 1972, doi
+All in closed form. With the isochoric stretches b_i = J^(-1/3) l_i and beta_i = b_i dW/db_i, the principal
+Kirchhoff stresses are t_i = beta_i - (beta_1 + beta_2 + beta_3) / 3 + J p with p = K (J - 1) (Ogden 1972, doi
 10.1098/rspa.1972.0026). The side that is free has t_3 = 0, which gives J; the nominal stress is t_1 / l_1. In
 simple shear by an amount g the principal stretches are l and 1/l with l - 1/l = g, and the shear stress is
 (t_1 - t_2) / (l + 1/l).

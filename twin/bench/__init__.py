@@ -5,7 +5,8 @@ Read `workbench` first: a project as its model and its targets. `positions` find
 states in mm on the finger; `meshshapes` says what there is to say of a mesh. `fits` tells which runs still
 belong to the project, `laws` which law of an effect was kept, `waterfall` how the error fell until now.
 `engines` finds the program that twin.toml names to solve the model. `comparison` writes what a judged model
-shows and what it was judged by, `caches` keeps what is dear to make.
+shows and what it was judged by, `curvewords` what it says of tests of the silicone, `caches` keeps what is
+dear to make.
 `effectchange` refits the model with other effects; `predicting` asks it what nobody has measured, `leftopen`
 how uncertain that is, `inverting` which pressure gives a wanted displacement, `blocking` how hard the finger
 presses; `profiling` asks how far each parameter may go, `sampling` how likely all of them are together,

@@ -228,7 +228,7 @@ class Sampler:
         for number in range(ROUNDS):
             density = Density.of(
                 response, solves, self.targets, self.whitener, scale=scale, stiffness=self.stiffness,
-                guard=guard, beside=self._curves if self.targets.curves else None,
+                guard=guard, beside=self._beside,
             )  # fmt: skip
             points, chain = self.keeping.points(number), self.keeping.chain(number)
             if points is None:
@@ -278,6 +278,11 @@ class Sampler:
         own = self.whitener
         a, b = w.whiten(z), own.whiten(z)
         return float(a @ a - b @ b) + w.log_det - own.log_det
+
+    @property
+    def _beside(self) -> Callable[[Array], Array] | None:
+        """chi2 of the silicone's tests; None without them."""
+        return self._curves if self.targets.curves else None
 
     def _curves(self, true: Array) -> Array:
         """chi2 (m,) of the silicone's tests at parameters (m, d), NaN where the law has no stress."""

@@ -23,7 +23,7 @@ from twin.effects.material import Elasticity
 from twin.effects.ownfiles import own_effects
 from twin.effects.protocol import Effect
 from twin.gravity import density, ways
-from twin.judging.agreement import agreement
+from twin.judging.jointfit import agreement
 from twin.judging.judged import Judged, judge, judge_fit
 from twin.judging.lawlevels import with_laws
 from twin.judging.record import FitRecord, MaterialTestsRow

@@ -15,8 +15,8 @@ from twin.bench.engines import solved_by
 from twin.bench.fits import former_fit
 from twin.bench.workbench import Workbench
 from twin.effects.baselaw import NAMES, Constants
-from twin.judging.agreement import doubt_of_tests
 from twin.judging.intervals import fit_record
+from twin.judging.jointfit import doubt_of_tests
 from twin.project import files
 from twin.project.folder import Project, Run, Say
 from twin.sanity import doubts, fit_fault, silicone_doubt, stability_doubt

@@ -18,7 +18,7 @@ LARGEST = 200_000_000  # bytes: an hour at 1 kHz is a third of it
 
 
 @dataclass(frozen=True)
-class Wanted:
+class SoughtColumn:
     """What is sought in an export: one column of some quantities, by its heading where twin.toml names it.
 
     key: of twin.toml, for errors; unit: the one that twin.toml states, under unit_key.
@@ -39,7 +39,7 @@ class Wanted:
 
 
 @dataclass(frozen=True)
-class Column:
+class ExportColumn:
     """A column of an export: its heading, its quantity, its values (k,) in mm, N, MPa, s or as a share."""
 
     heading: str
@@ -47,7 +47,9 @@ class Column:
     values: Array
 
 
-def read_export(path: Path, wanted: Sequence[Wanted], *, also: Sequence[Wanted] = ()) -> list[Column | None]:
+def read_export(
+    path: Path, wanted: Sequence[SoughtColumn], *, also: Sequence[SoughtColumn] = ()
+) -> list[ExportColumn | None]:
     """The columns that are wanted, and those of `also` that are there, or None.
 
     The header is the first line that has them all; lines above it, and one of units below it, are passed
@@ -55,7 +57,7 @@ def read_export(path: Path, wanted: Sequence[Wanted], *, also: Sequence[Wanted] 
     number.
     """
     sheet, units = _sheet(path, wanted)
-    found: list[Column | None] = []
+    found: list[ExportColumn | None] = []
     for one in (*wanted, *also):
         every = list(dict.fromkeys(one.among(sheet.header)))
         if len(every) > 1 or (every and sheet.header.count(every[0][0]) > 1):
@@ -66,20 +68,22 @@ def read_export(path: Path, wanted: Sequence[Wanted], *, also: Sequence[Wanted] 
     return found
 
 
-def _column(sheet: Sheet, units: dict[str, str], one: Wanted, name: str, quantity: Quantity) -> Column:
+def _column(
+    sheet: Sheet, units: dict[str, str], one: SoughtColumn, name: str, quantity: Quantity
+) -> ExportColumn:
     where = f"{sheet.path}: column {name!r}"
     factor = unit_of(name, quantity, below=units.get(name, ""), told=one.unit, where=where, key=one.unit_key)
     values = sheet.table((name,)).numbers(name, unit=quantity, most=1e9)
-    return Column(name, quantity, np.asarray(factor * values, float))
+    return ExportColumn(name, quantity, np.asarray(factor * values, float))
 
 
-def _is_header(row: Sequence[str], wanted: Sequence[Wanted]) -> bool:
+def _is_header(row: Sequence[str], wanted: Sequence[SoughtColumn]) -> bool:
     """Whether a line has a column for each of what is wanted."""
     each = [{name for name, _ in one.among(row)} for one in wanted]
     return all(each) and len(set().union(*each)) >= len(wanted)
 
 
-def _sheet(path: Path, wanted: Sequence[Wanted]) -> tuple[Sheet, dict[str, str]]:
+def _sheet(path: Path, wanted: Sequence[SoughtColumn]) -> tuple[Sheet, dict[str, str]]:
     """The sheet below the header of an export, and the units by the headings."""
     text = _text(path)
     for separator in (";", "\t", ","):
@@ -97,7 +101,7 @@ def _sheet(path: Path, wanted: Sequence[Wanted]) -> tuple[Sheet, dict[str, str]]
                      "twin.toml as they stand in the file")  # fmt: skip
 
 
-def _said(one: Wanted) -> str:
+def _said(one: SoughtColumn) -> str:
     return repr(one.heading) if one.heading is not None else " or ".join(one.quantities)
 
 

@@ -49,8 +49,8 @@ def preload_doubt(strain: Array, stress: Array, sd: Array) -> str:
         return ""
     return (
         f"its beginning leads to {offset:.2g} MPa at no strain, {abs(offset) / top:.0%} of the largest "
-        "stress: a preload, a slack specimen or a load cell that was not zeroed; set both to zero where the stress "
-        "begins, or state how well the zero of the strain is known with zero_percent"
+        "stress: a preload, a slack specimen or a load cell that was not zeroed; set both to zero where the "
+        "stress begins, or state how well the zero of the strain is known with zero_percent"
     )
 
 

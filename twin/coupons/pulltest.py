@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fe.homogeneous import SLOPES, principal_stretches
-from twin.coupons.exports import Column, Wanted, read_export
+from twin.coupons.exports import ExportColumn, SoughtColumn, read_export
 from twin.coupons.headings import Quantity
 from twin.coupons.plausible import beginning, preload_doubt, stiffness_fault, strain_fault, true_stress_doubt
 from twin.targets import Array, MaterialCurve
@@ -119,12 +119,17 @@ def pull_tests(project: "Project") -> tuple[PullTest, ...]:
     return tuple(PullTest.of(project, table) for table in project.config.material_tests)
 
 
-def _columns(project: "Project", table: "MaterialTestTable") -> tuple[Column, Column, Column | None]:
+def _columns(
+    project: "Project", table: "MaterialTestTable"
+) -> tuple[ExportColumn, ExportColumn, ExportColumn | None]:
     """The columns of strain, stress and time."""
-    clock = Wanted(("time",), "time", table.time)
+    clock = SoughtColumn(("time",), "time", table.time)
     pulled: tuple[Quantity, ...] = ("displacement",) if table.length_mm is not None else ("strain", "stretch")
     pushed: tuple[Quantity, ...] = ("force",) if table.area_mm2 is not None else ("stress",)
-    wanted = [_sought(table, pulled, "strain_unit"), _sought(table, pushed, "stress_unit")]
+    wanted = [
+        _sought(table, pulled, table.strain_unit, "strain_unit"),
+        _sought(table, pushed, table.stress_unit, "stress_unit"),
+    ]
     path = project.path(table.file)
     if table.time is not None:
         pull, push, time = read_export(path, [*wanted, clock])
@@ -135,14 +140,19 @@ def _columns(project: "Project", table: "MaterialTestTable") -> tuple[Column, Co
     return pull, push, time
 
 
-def _sought(table: "MaterialTestTable", some: tuple[Quantity, ...], unit_key: str) -> Wanted:
+def _sought(
+    table: "MaterialTestTable", some: tuple[Quantity, ...], unit: str | None, unit_key: str
+) -> SoughtColumn:
     """The column of one of some quantities: that which the table names, if any."""
-    named: tuple[Quantity, ...] = tuple(q for q in some if getattr(table, q) is not None)
-    heading = getattr(table, named[0]) if named else None
-    return Wanted(named or some, (named or some)[0], heading, getattr(table, unit_key), unit_key)
+    headings: dict[Quantity, str | None] = {
+        "strain": table.strain, "stretch": table.stretch, "displacement": table.displacement,
+        "stress": table.stress, "force": table.force,
+    }  # fmt: skip
+    named = tuple(q for q in some if headings[q] is not None) or some
+    return SoughtColumn(named, named[0], headings[named[0]], unit, unit_key)
 
 
-def _nominal(table: "MaterialTestTable", pull: Column, push: Column) -> tuple[Array, Array]:
+def _nominal(table: "MaterialTestTable", pull: ExportColumn, push: ExportColumn) -> tuple[Array, Array]:
     """Nominal strain (k,) and nominal stress (k,) MPa."""
     strain, stress = pull.values, push.values
     if pull.quantity == "displacement":
@@ -197,8 +207,8 @@ def _remarks(test: PullTest, branches: int) -> Sequence[str]:
     if branches > 1:
         out.append(
             f"{name}: of {branches} loading branches number {test.table.cycle} is used. A silicone that was "
-            "stretched before is softer (Mullins): take the one before which it was stretched as far as the "
-            "finger was."
+            "stretched before is softer (Mullins): take the one before which it was stretched as far as "
+            "the finger was."
         )
     elif len(test.strain) < 0.95 * test.rows:
         left = test.rows - len(test.strain)

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from calibrate import Fit, Parameter
-from twin.judging.agreement import doubt_of_tests
 from twin.judging.comparison import Comparison
+from twin.judging.jointfit import doubt_of_tests
 from twin.judging.record import Estimate, FitRecord, Interval, MaterialTestsRow
 
 

@@ -11,9 +11,9 @@ from fe.homogeneous import nominal_stress
 from tests.twin.conftest import plain_targets
 from twin.effects.library import effect
 from twin.effects.protocol import Unsolvable
-from twin.judging.agreement import agreement, rank, sd_along
 from twin.judging.besidefilm import curve_jacobian, curve_residual, silicone
 from twin.judging.fitting import whitened
+from twin.judging.jointfit import agreement, rank, sd_along
 from twin.model.basemodel import base_model
 from twin.model.memo import KeptModel
 from twin.targets import Array, MaterialCurve, Targets
