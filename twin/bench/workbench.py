@@ -17,7 +17,6 @@ from twin.bench.engines import jobs_of
 from twin.bench.fits import newest
 from twin.bench.positions import on_surface, one_side, places_of
 from twin.coupons.pulltest import PullTest, pull_tests
-from twin.effects.baselaw import NAMES, NOMINAL, STRETCH, Constants
 from twin.effects.library import effect
 from twin.effects.material import Elasticity
 from twin.effects.ownfiles import own_effects
@@ -27,19 +26,23 @@ from twin.judging.jointfit import agreement
 from twin.judging.judged import Judged, judge, judge_fit
 from twin.judging.lawlevels import with_laws
 from twin.judging.record import FitRecord, MaterialTestsRow
+from twin.laws.catalogue import named_law
+from twin.laws.law import Constants, RubberLaw
+from twin.laws.mooneyrivlin import MOONEY_RIVLIN
+from twin.laws.stability import STRETCH
 from twin.model.basemodel import base_model, base_test
 from twin.model.discretisation import Discretisation, SolvedAt, discretisation_error, meshes_key
 from twin.model.enginejobs import EngineJobs
 from twin.model.enginemodel import EngineModel
 from twin.model.prediction import Model
-from twin.model.structure import BuiltIn, Structure, of_deck, of_finger, weighed
+from twin.model.structure import BuiltIn, Structure, in_law, of_deck, of_finger, weighed
 from twin.project.folder import Project, Say
 from twin.project.trust import check_trusted, programs
 from twin.sanity import motion_fault, place_fault, rise_fault
 from twin.targets import Array, PointKind, Targets, as_position
 
 OFF_MODEL_MM = 0.5
-# C10 + C01 of finer meshes over that of the model they serve, at most and either way, where it does more than
+# the scale of finer meshes over that of the model they serve, at most and either way, where it does more than
 # to scale the pressure
 SAME = 1.05
 BEYOND = 1.2  # times the largest stretch in the finger: how far curves of the silicone are used
@@ -70,7 +73,7 @@ class Workbench:
 
     @property
     def scales(self) -> bool:
-        """Whether U depends on pressure / (C10 + C01) and the share alone."""
+        """Whether U depends on pressure / scale and the law's shape alone."""
         return self.structure.scales and not self.gravities[0].any()
 
     @property
@@ -87,14 +90,8 @@ class Workbench:
     @staticmethod
     def of(project: Project) -> "Workbench":
         """The workbench of a project. ValueError for unknown nodes or fixed parameters of no use."""
-        config = project.config
-        unknown = sorted(set(config.model.fixed) - set(NAMES))
-        if unknown:
-            raise ValueError(
-                f"model.fixed.{unknown[0]}: only {' and '.join(NAMES)} can be held; remove it from "
-                "twin.toml (the density of a weighed finger is model.density_kg_m3)"
-            )
         structure = structure_of(project)
+        elasticity = elasticity_of(project, structure.nominal)
         targets = on_surface(project.targets(), places_of(project, structure))
         for point in targets.points:
             if point.kind is PointKind.UNKNOWN:
@@ -108,7 +105,6 @@ class Workbench:
         check_plausible(project, targets, structure.case)
         if fault := rise_fault(targets):
             raise ValueError(f"targets: {fault}")
-        elasticity = Elasticity(bounds=config.calibrate.bounds, fixed=config.model.fixed)
         bench = Workbench(project, targets, structure, elasticity, remarks, pull_tests(project))
         known = newest(project, FitRecord, ("calibrate",)) if bench.tests else None
         fitted = known.material_tests if known else None
@@ -143,8 +139,13 @@ class Workbench:
         if self.jobs is not None:
             model = EngineModel.of(model, self.jobs)
         for label in self.project.config.model.effects if labels is None else labels:
-            model = model.with_effect(effect(label, own=own_of(self.project)))
+            model = model.with_effect(effect(label, own=own_of(self.project), law=self.law))
         return model
+
+    @property
+    def law(self) -> RubberLaw:
+        """The law of the silicone."""
+        return self.elasticity.law
 
     def cache(self, say: Say) -> FolderCache:
         """The project's cache of arrays."""
@@ -167,10 +168,9 @@ class Workbench:
             return None
         if self.structure.unknown:
             return _warned(Discretisation.none(self.structure.unknown), say)
-        test, own = model.base.test, Constants.of({**model.named(theta), **self.elasticity.fixed})
-        solved = SolvedList(
-            self.project.root / "cache" / f"{meshes_key(test, self.structure)}-solved.json"
-        )
+        test, own = model.base.test, self.elasticity.constants(model.named(theta))
+        key = f"{self.law.name}-{meshes_key(test, self.structure)}"
+        solved = SolvedList(self.project.root / "cache" / f"{key}-solved.json", self.law)
         at = self._solved_at(own, solved)
         found = discretisation_error(test, structure=self.structure, solved_at=at, cache=self.cache(say))
         solved.add(at)  # not before: constants without an equilibrium must not serve
@@ -189,14 +189,14 @@ class Workbench:
     def _solved_at(self, own: Constants, solved: SolvedList) -> SolvedAt:
         """Where finer meshes were solved that serve for these constants, or are to be solved.
 
-        Where U depends on pressure / (C10 + C01) and the share alone, nominal constants serve for all.
+        Where U depends on pressure / scale and the law's shape alone, nominal constants serve for all.
         """
-        top = float(self.targets.log_pressure.max())
+        top, nominal = float(self.targets.log_pressure.max()), self.elasticity.nominal
         if self.scales:
-            wanted = top * NOMINAL.total / own.total
+            wanted = top * nominal.scale / own.scale
             # for constants twice as stiff as nominal ones, too, so that the mesh is tested at one pressure
             wanted = max(wanted, top) if top < 2 * wanted else wanted
-            return solved.serving(NOMINAL, wanted) or SolvedAt.beside(NOMINAL, wanted)
+            return solved.serving(nominal, wanted) or SolvedAt.beside(nominal, wanted)
         return solved.serving(own, top, low=1 / SAME, high=SAME) or SolvedAt.beside(own, top)
 
 
@@ -219,6 +219,34 @@ def check_plausible(project: Project, targets: Targets, case: Case) -> None:
         raise ValueError(f"targets: {fault}")
 
 
+def elasticity_of(project: Project, nominal: Constants) -> Elasticity:
+    """The law of a project's silicone: what of it is fitted, between which bounds, and what is held. nominal:
+    the constants until they are fitted. ValueError for constants that the law does not have."""
+    config, law = project.config, nominal.law
+    for key, stated in (("model.fixed", config.model.fixed), ("calibrate.bounds", config.calibrate.bounds)):
+        if unknown := sorted(set(stated) - set(law.names)):
+            raise ValueError(
+                f"{key}.{unknown[0]}: only {' and '.join(law.names)} can be held, by law = {law.name!r}; "
+                "remove it from twin.toml (the density of a weighed finger is model.density_kg_m3)"
+            )
+    bounds = {**law.around(nominal), **config.calibrate.bounds}
+    return Elasticity(law, bounds=bounds, fixed=config.model.fixed, nominal=nominal)
+
+
+def law_of_project(project: Project) -> RubberLaw:
+    """The law of a project's silicone: the one that twin.toml states, else a deck's own."""
+    table = project.config.model
+    if table.law is None and table.deck is not None:
+        return structure_of(project).nominal.law
+    return stated_law(project) or MOONEY_RIVLIN
+
+
+def stated_law(project: Project) -> RubberLaw | None:
+    """The law that twin.toml states; None where it states none."""
+    name = project.config.model.law
+    return None if name is None else named_law(name)
+
+
 def own_of(project: Project) -> tuple[Effect, ...]:
     """The effects of the project's own files. ValueError where one of them is not right, or not trusted."""
     check_trusted(project.root, programs(project.root, project.config.model.effect_files))
@@ -237,13 +265,14 @@ def _unweighed(project: Project) -> Structure:
     table = project.config.model
     if table.deck is None:
         own = project.builtin or (BuiltIn() if table.finger is None else BuiltIn.of(table.finger.finger))
-        return of_finger(own.finger, replace(own.lattice, refine=table.mesh))
+        found = of_finger(own.finger, replace(own.lattice, refine=table.mesh))
+        return in_law(found, (stated_law(project) or MOONEY_RIVLIN).nominal)
     path = project.path(table.deck)
     if not path.is_file():
         raise ValueError(
             f"model.deck = {table.deck!r}: no such file in {project.root}; copy it there or correct twin.toml"
         )
-    return of_deck(path, mesh=table.mesh, silicone=table.silicone)
+    return of_deck(path, mesh=table.mesh, silicone=table.silicone, law=stated_law(project))
 
 
 def _on_model(targets: Targets, case: Case) -> tuple[Targets, tuple[str, ...]]:
