@@ -52,10 +52,11 @@ class _Joint:
 
     @cached_property
     def parts(self) -> list[Array]:
-        """Whitened derivatives (n, f) of the film and of each curve, by the free parameters."""
+        """Whitened derivatives (n, f) of the film and of each curve, by the free parameters, but for the sign
+        of the curves', which nothing asks for."""
         jacobian = curve_jacobian(self.judged.model, self.targets, self.judged.theta)[:, self.free]
         ends = np.cumsum([len(curve.strain) for curve in self.targets.curves])
-        return [self.judged.fitted, *np.split(-jacobian, ends[:-1])]
+        return [self.judged.fitted, *np.split(jacobian, ends[:-1])]
 
     @cached_property
     def scale(self) -> Array:

@@ -147,3 +147,16 @@ def test_what_is_not_determined_has_no_sd() -> None:
     assert rank(rows) == 1
     assert sd_along(np.array([1.0, 1.0]), rows) == pytest.approx(np.sqrt(2.0))
     assert sd_along(np.array([1.0, 0.0]), rows) is None
+
+
+def test_noise_of_a_curve_is_no_contradiction(model: KeptModel) -> None:
+    noise = 0.001 * np.random.default_rng(5).standard_normal(20)
+    targets = plain_targets(curves=(curve(stress=curve().stress + noise),))
+    J, best = curve_jacobian(model, targets, TRUE), TRUE
+    for _ in range(3):  # Gauss-Newton, where the curve alone ends
+        best = best - np.linalg.lstsq(J, curve_residual(model, targets, best), rcond=None)[0]
+    found = agreement(judged(model, best, 300 * np.ones((2, 2)), np.zeros(2)), targets)
+    assert found is not None
+    assert found.tests[0].chi2 == pytest.approx(18.0, abs=18.0)  # of 20 values less 2 constants: 3 sds
+    assert found.p_value == pytest.approx(1.0, abs=0.05)  # both ask for the same: nothing is left between them
+    assert found.law_p_value > 1e-3  # type: ignore[operator]
