@@ -74,10 +74,8 @@ def _free_side(material: Material, strain: Array, kind: Kind, J: Array, time: Ar
 def _stresses(material: Material, l: Array, time: Array | None) -> Array:  # noqa: E741
     """Isochoric principal Kirchhoff stresses (k, 3) MPa at stretches l (k, 3)."""
     b2 = (l / np.cbrt(l.prod(axis=1, keepdims=True))) ** 2
-    x = b2.sum(axis=1, keepdims=True) - 3
-    mu, limit = material.gent or (0.0, np.inf)
-    inside = np.where(x < limit, 1 - x / limit, np.nan)
-    first = material.C10 + 2 * material.C20 * x + 3 * material.C30 * x**2 + mu / 2 / inside
+    first = material.slopes(b2.sum(axis=1, keepdims=True))[0]
+    first = np.where(np.isfinite(first), first, np.nan)
     beta = 2 * first * b2 - 2 * material.C01 / b2
     beta += sum(2 * m / alpha * b2 ** (alpha / 2) for m, alpha in material.ogden)
     own = beta - beta.mean(axis=1, keepdims=True)

@@ -8,12 +8,16 @@ import pytest
 
 from fe import Case, Material
 from fe.homogeneous import nominal_stress
+from tests.fe import lawpoints
 from tests.twin.conftest import plain_targets
 from twin.effects.library import effect
+from twin.effects.material import Elasticity
 from twin.effects.protocol import Unsolvable
 from twin.judging.besidefilm import curve_jacobian, curve_residual, silicone
 from twin.judging.fitting import whitened
 from twin.judging.jointfit import agreement, rank, sd_along
+from twin.laws.catalogue import LAWS
+from twin.laws.law import RubberLaw
 from twin.model.basemodel import base_model
 from twin.model.memo import KeptModel
 from twin.targets import Array, MaterialCurve, Targets
@@ -43,6 +47,20 @@ def test_a_curve_has_no_residual_at_its_own_constants(model: KeptModel) -> None:
     assert apart.shape == (40,)
     own = curve().whiten(curve().stress - nominal_stress(Material(*theta), STRAIN, "uniaxial"))
     np.testing.assert_allclose(apart[:20], own, rtol=1e-12)
+
+
+@pytest.mark.parametrize("law", LAWS.values(), ids=LAWS)
+def test_a_curve_knows_every_law(law: RubberLaw, short_case: Case) -> None:
+    elasticity = Elasticity(law)
+    model = base_model(plain_targets(), short_case, elasticity=elasticity)
+    theta = model.theta({p.name: p.start for p in elasticity.parameters if p.start is not None})
+    material = elasticity.constants(model.named(theta)).material
+    stress = lawpoints.nominal_stress(material, 1 + STRAIN, "uniaxial")
+    targets = plain_targets(curves=(curve(stress=stress),))
+    # the law's own stress at constant volume: the bulk modulus of 1000 shear moduli changes it by 1e-3
+    np.testing.assert_allclose(curve_residual(model, targets, theta), 0.0, atol=2.0)
+    step = 0.1 * np.array([p.step for p in elasticity.parameters])
+    assert np.abs(curve_residual(model, targets, np.minimum(theta + step, [p.high for p in elasticity.parameters]))).max() > 0.01
 
 
 def test_the_derivatives_of_a_curve_are_those_of_its_residual(model: KeptModel) -> None:
