@@ -73,7 +73,7 @@ def _column(
 ) -> ExportColumn:
     where = f"{sheet.path}: column {name!r}"
     factor = unit_of(name, quantity, below=units.get(name, ""), told=one.unit, where=where, key=one.unit_key)
-    values = sheet.table((name,)).numbers(name, unit=quantity, most=1e9)
+    values = sheet.table((name,)).numbers(name, unit=f"a unit of {quantity}", most=1e9)
     return ExportColumn(name, quantity, np.asarray(factor * values, float))
 
 
@@ -126,7 +126,7 @@ def _text(path: Path) -> str:
         size = f"{len(data) / 1e6:.0f} MB; wanted at most {LARGEST / 1e6:.0f}"
         raise ValueError(f"{path}: {size}: export fewer rows")
     if data[:2] in (b"\xff\xfe", b"\xfe\xff"):
-        return data.decode("utf-16")
+        return data.decode("utf-16", errors="replace")
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError:
