@@ -70,7 +70,10 @@ OPTIONS: dict[str, tuple[Parameter, ...]] = {
         _option("finger", NAMES, [], "a dimension of your finger, such as length_mm=80; once for each"),
         _option("sd_mm", NUMBER, None, "sd of one position in another program's file, mm"),
         _option("still", str, "", "instead: its rows at rest or held, 0-60,200-260, or holds"),
-        _option("deck", Path | None, None, "Abaqus deck of your own mesh, in mm, N and MPa"),
+        _option("deck", Path | None, None, "Abaqus deck of your own mesh, in mm, N and MPa; or a mesh of "
+                "Gmsh or VTK with named groups"),
+        _option("pressure_set", str, "", "of such a mesh: the group of faces under pressure"),
+        _option("clamp_set", str, "", "of such a mesh: the group of faces that is held"),
         _option("like", Path | None, None, "project of a former batch on the same rig: "
                 "its twin.toml is copied"),
     ),
@@ -151,6 +154,7 @@ OPTIONS: dict[str, tuple[Parameter, ...]] = {
         _option("hold_s", float, 2.0, "time for which it is held, s"),
         _option("gravity", str, "", "its direction X,Y,Z, where it is another than in the film"),
         _flag("blocked", "also the force of the finger whose end is kept at its height"),
+        _option("object", str, "", "also the force on a rigid object: cylinder:d=40,x=70,z=-30 (mm)"),
     ),
     "export": (
         _argument("form", str, ..., "abaqus or calculix: a deck; json or csv: a table of the response",

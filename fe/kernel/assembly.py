@@ -12,6 +12,7 @@ from functools import cached_property
 from typing import TypeVar
 
 import numpy as np
+import scipy.sparse as sp
 from numpy.polynomial.legendre import legval
 from scipy.special import erf
 
@@ -31,6 +32,8 @@ from fe.kernel.compiled import (
 from fe.kernel.matrix import Symmetric
 from fe.kernel.pattern import Pattern, Places
 from fe.kernel.pressure import PressureFaces
+from fe.kernel.reduced import Reduced
+from fe.kernel.tying import Dependence, dependence
 from fe.laws import scaled
 from fe.terms import OGDEN, PAIRS
 
@@ -251,12 +254,14 @@ class Kernel:
         self.geometry = Geometry(case.nodes, self.connectivity, self.element, case.precurvature)
         self.modes = self.geometry.psi.shape[2]
         self.pressure = PressureFaces(
-            case.face_nodes(case.pressurised) if case.pressurised else None, self.element, len(case.nodes)
-        )
+            case.face_nodes(case.pressurised) if case.pressurised else None, self.element, len(case.nodes),
+            case.pressure_shares,
+        )  # fmt: skip
         held, self.clamped = case.supported, case.clamped
         self.supported = np.flatnonzero(held)  # degrees of freedom
         held[self.clamped] = True
         self.free = np.flatnonzero(~held.ravel())
+        self.dependence = dependence(case)
         self._open = self.pressure.open_edges(case.nodes, ~held.ravel())
         width = self.connectivity.shape[1]
         self._element_dofs = (self.connectivity[:, :, None] * 3 + np.arange(3)).reshape(-1, 3 * width)
@@ -301,9 +306,29 @@ class Kernel:
         return *found, pattern.places(e.reshape(len(e), -1), corners), pattern.places(corners, corners)
 
     @cached_property
-    def matrix(self) -> Symmetric:
+    def matrix(self) -> Symmetric | Reduced:
         """The solver for this pattern."""
-        return Symmetric(self._pattern.indptr, self._pattern.indices)
+        if self.dependence is None:
+            return Symmetric(self._pattern.indptr, self._pattern.indices)
+        return Reduced(self._pattern, self._followers(self.dependence))
+
+    def _followers(self, tied: Dependence) -> sp.csr_matrix:
+        """All unknowns by those that follow nothing: a matrix (f, g)."""
+        size, own = len(self.free) + self.shared, self._number[tied.dofs]
+        independent = np.setdiff1d(np.arange(size), own)
+        column = np.full(size, -1)
+        column[independent] = np.arange(len(independent))
+        entries = tied.weights.tocoo()
+        master = self._number[entries.col]  # -1: held
+        free = master >= 0
+        rows = np.concatenate([independent, own[entries.row[free]]])
+        columns = np.concatenate([column[independent], column[master[free]]])
+        values = np.concatenate([np.ones(len(independent)), entries.data[free]])
+        return sp.csr_matrix((values, (rows, columns)), shape=(size, len(independent)))
+
+    def followed(self, u: Array) -> Array:
+        """Displacements (n, 3) mm in which nodes that follow others do so."""
+        return u if self.dependence is None else self.dependence.followed(u)
 
     def _each(self, work: Callable[[int, int], _T]) -> list[_T]:
         """The results of `work` on the elements first .. last, shared by all threads: compiled code lets go

@@ -11,7 +11,7 @@ from fe.case import Case
 from fe.element import Array, Flags
 from fe.kernel.assembly import ElementConstants, Geometry, Kernel, Linearised, Memory, State
 from fe.kernel.compiled import PointTangents
-from fe.kernel.contact import PlaneFaces
+from fe.kernel.contact import ObstacleFaces
 from fe.kernel.coupling import addition, coupled
 from fe.kernel.layer import LayerFaces
 from fe.path import Path
@@ -48,8 +48,8 @@ class Problem:
     dead: Array
     prescribed: Array
     geometry: Geometry
-    layer: LayerFaces | None
-    plane: PlaneFaces | None
+    layers: tuple[LayerFaces, ...]
+    plane: ObstacleFaces | None
     growing: Array | None = None
 
     @staticmethod
@@ -60,19 +60,19 @@ class Problem:
         own, curved = kernel.geometry, case.precurvature
         same = np.array_equal(case.nodes, own.nodes) and curved == own.precurvature
         geometry = own if same else Geometry(case.nodes, kernel.connectivity, kernel.element, curved)
-        layer = LayerFaces(case) if case.layer and np.any(case.layer.stiffness) else None
-        plane = PlaneFaces(case) if case.contact and case.contact.stiffness else None
+        layers = tuple(LayerFaces(case, sheet) for sheet in case.sheets)
+        plane = ObstacleFaces(case) if case.contact and case.contact.stiffness else None
         prescribed = case.prescribed.ravel()[kernel.supported]
         return Problem(
             kernel=kernel, constants=ElementConstants.of(case), case=case, dead=dead, prescribed=prescribed,
-            geometry=geometry, layer=layer, plane=plane, growing=growing,
+            geometry=geometry, layers=layers, plane=plane, growing=growing,
         )  # fmt: skip
 
     @property
     def proportional(self) -> bool:
         """Whether pressure alone loads it, so that u is a function of pressure over the moduli."""
         clamp = self.case.clamp
-        held = bool(clamp and clamp.compliance) or self.layer is not None or self.plane is not None
+        held = bool(clamp and clamp.compliance) or bool(self.layers) or self.plane is not None
         return not self.dead.any() and not held
 
     def remembers(self, path: Path) -> bool:
@@ -87,7 +87,7 @@ class Problem:
 
     def placed_as(self, other: "Problem") -> bool:
         """Whether two problems differ at most in constants of materials and outside forces."""
-        bare = all(q.layer is None and q.plane is None for q in (self, other))
+        bare = all(not q.layers and q.plane is None for q in (self, other))
         return (
             bare
             and self.geometry is other.geometry is self.kernel.geometry
@@ -117,11 +117,16 @@ class Problem:
             return self
         return replace(self, plane=self.plane.after(self.case.nodes + u))
 
+    def touch(self, u: Array) -> Array:
+        """The force in N and its moment about the origin in N mm (6,) of the obstacle at displacements u
+        (n, 3) mm; nothing without one."""
+        return np.zeros(6) if self.plane is None else self.plane.resultant(self.case.nodes + u)
+
     @property
     def bare(self) -> bool:
         """Whether its tangent is that of solid elements and pressure alone, and symmetric."""
         clamp = self.case.clamp
-        held = self.layer is not None or self.plane is not None or bool(clamp and clamp.compliance)
+        held = bool(self.layers) or self.plane is not None or bool(clamp and clamp.compliance)
         return self.kernel.symmetric and not held
 
     @property
@@ -146,7 +151,7 @@ class Problem:
         """The undeformed state with the prescribed displacements put in."""
         u = np.zeros_like(self.case.nodes)
         u.flat[self.kernel.supported] = self.prescribed
-        return State(u, np.zeros((len(self.case.connectivity), self.kernel.modes)))
+        return State(self.kernel.followed(u), np.zeros((len(self.case.connectivity), self.kernel.modes)))
 
     def clamp_motion(self, rotation: float) -> tuple[Array, Array, Array]:
         """Displacement (k, 3) mm of the clamp nodes at a rotation, and its first two derivatives."""
@@ -209,8 +214,8 @@ class Step:
         # as many as there are shared pressures belong to the mixed form
         self.negative = max(0, (below or 0) - kernel.shared)
         self._compliance = clamp.compliance if clamp else 0.0
-        sliding = problem.plane.coupling(problem.case.nodes + state.u) if problem.plane else None
-        parts = [part for part in (sliding, system.border) if part is not None]
+        parts = problem.plane.coupling(problem.case.nodes + state.u) if problem.plane else []
+        parts += [] if system.border is None else [system.border]
         self._addition = addition(parts, kernel.dofs) if parts else None
         _, self._turn, bend = problem.clamp_motion(state.rotation)
         self._side = system.turning
@@ -333,7 +338,7 @@ def _residuals(
     system = problem.kernel.linearise(state, problem.constants, load, memory, turn)
     system = replace(system, force=system.force - problem.loaded(load))
     x = problem.case.nodes + state.u
-    for faces in (problem.layer, problem.plane):
+    for faces in (*problem.layers, problem.plane):
         if faces is not None:
             system = problem.kernel.with_turned_faces(system, *faces.tangent(x), turn)
             system = replace(system, force=system.force - faces.force(x))
@@ -494,7 +499,7 @@ def _consistent(problem: Problem, state: State) -> State:
     u = state.u.copy()
     u.flat[problem.kernel.supported] = problem.prescribed
     u[problem.kernel.clamped] = problem.clamp_motion(state.rotation)[0]
-    return replace(state, u=u)
+    return replace(state, u=problem.kernel.followed(u))
 
 
 def imbalance(problem: Problem, state: State, load: float, memory: Memory | None) -> Residual:
@@ -506,7 +511,7 @@ def imbalance(problem: Problem, state: State, load: float, memory: Memory | None
     state = _consistent(problem, state)
     force, gap = problem.kernel.residual(state, problem.constants, load, memory, problem.geometry)
     force -= problem.loaded(load)
-    for faces in (problem.layer, problem.plane):
+    for faces in (*problem.layers, problem.plane):
         if faces is not None:
             force -= faces.force(problem.case.nodes + state.u)
     return Residual(force, gap, state.rotation + problem.clamp_gap(state.rotation, force))

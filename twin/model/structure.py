@@ -15,11 +15,13 @@ from fe.case import digest
 from fe.deck.reader import Deck, read_deck
 from fe.deck.soundness import check_body, jacobians
 from fe.element import Integers
+from fe.kernel.tying import dependence
 from fe.mesh.dividing import lattice_of
 from fe.mesh.refine import enriched, free_faces, refined
 from twin.laws.catalogue import law_of
 from twin.laws.law import Constants, RubberLaw
 from twin.laws.mooneyrivlin import MOONEY_RIVLIN, NOMINAL
+from twin.model.objects import RigidObject
 
 SHORT_MM = 20.0  # long: a finger of 200 mm whose lengths are in cm
 COMPRESSIBLE = 20.0  # bulk modulus over shear modulus, Poisson's ratio 0.475
@@ -109,6 +111,22 @@ def _weighed(build: Callable[[], Case], density: float) -> Case:
     return build().with_material(density=density)
 
 
+def beside(structure: Structure, thing: RigidObject) -> Structure:
+    """The structure beside a rigid object. ValueError where the object overlaps it at rest, or it is not
+    known what may touch."""
+
+    def met(mesh: Mesh) -> Mesh:
+        return Mesh(digest(mesh.key, thing), partial(_beside, mesh.build, thing))
+
+    finer = {name: met(mesh) for name, mesh in structure.finer.items()}
+    base = met(structure.base)
+    return replace(structure, case=base.build(), key=base.key, finer=finer, scales=False)
+
+
+def _beside(build: Callable[[], Case], thing: RigidObject) -> Case:
+    return thing.beside(build())
+
+
 # -- the built-in finger -----------------------------------------------------------------------------------
 
 
@@ -173,8 +191,9 @@ def of_deck(
     key = digest(mesh, fitted, *(file.read_bytes() for file in deck.files))
     meshes, unknown = _refinements(case, key)
     forces = case.forces or case.growing
-    alone = not case.kept and not forces and all(s.value is None for s in case.supports)
-    remarks = _remarks(path, case, fitted, meshes, nominal)
+    alone = not case.kept and not forces and not case.layers and all(s.value is None for s in case.supports)
+    said = (*deck.remarks, *_left_out(deck.case, fitted))
+    remarks = (*(f"{path.name}: {r}" for r in said), *_remarks(path, case, fitted, meshes, nominal))
     return Structure(case, key, meshes, skin(case), alone, unknown, remarks, deck.elements, nominal)
 
 
@@ -233,10 +252,21 @@ def _rubber(case: Case, fitted: tuple[str, ...], nominal: Constants) -> Case:
     return replace(case, materials={**case.materials, **changed}, kept=kept)
 
 
+def _left_out(case: Case, fitted: tuple[str, ...]) -> list[str]:
+    """A sentence on the memory that a deck gives to its silicone."""
+    names = [k for k in fitted if case.materials[k].prony or case.materials[k].mullins]
+    told = f"The memory of {', '.join(names)} is left out: the effects creep and mullins fit it."
+    return [told] if names else []
+
+
 def _clamped(case: Case) -> Case:
     """The case with its one fully held node set as the clamp, which an effect may let give way."""
     held = [s for s in case.supports if s.components == (0, 1, 2) and s.value is None]
     if len(held) != 1:
+        return case
+    tied = dependence(case)
+    leading = np.empty(0, np.int64) if tied is None else np.unique(tied.weights.indices // 3)
+    if np.isin(case.node_sets[held[0].nodes], leading).any():  # its turn would have to turn who follows it
         return case
     x = case.nodes[case.node_sets[held[0].nodes]]
     centre = (x.min(axis=0) + x.max(axis=0)) / 2
@@ -247,6 +277,14 @@ def _clamped(case: Case) -> Case:
 def _refinements(case: Case, key: str) -> tuple[dict[str, Mesh], str]:
     """Meshes for the discretisation error, the largest last and twice: as a mode, and to test the others."""
     meshes, count = {}, len(case.nodes)
+    if case.equations:
+        return {}, (
+            "the error of the deck's mesh is not known: *EQUATION, *MPC or a rigid joint names nodes, and "
+            "says nothing of those between them on a finer mesh; wanted *TIE or *BOUNDARY in its place"
+        )
+    linear = case.element.simplex and len(case.element.local) == 4
+    if linear and 8 * count <= LARGEST:
+        meshes["10-node elements"] = Mesh(f"{key}-10", partial(enriched, case))
     if not case.element.simplex and case.element.name != "hex27" and 2 * count <= LARGEST:
         meshes["27-node elements"] = Mesh(f"{key}-27", partial(enriched, case))
     if 8 * count <= LARGEST:
