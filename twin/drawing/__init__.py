@@ -6,6 +6,6 @@ an object, `curveplot` tests of the silicone. Of a fit, `profileplot` draws how 
 `posteriorplot` how likely they are, `paretoplot` what fits of parts cost each other. `exploreplots` draws a
 design of experiments, `driftchart` a quantity over batches. `blueprint` draws the finger with its dimensions,
 `meshpictures` nodes and element shapes, `readpicture` what a deck was read as. `deformed` draws the mesh
-under pressure and writes files for ParaView. `outlines` finds the edge that a camera sees; `painting` and `clip`
-draw models over film. `canvas` is paper at true scale.
+under pressure and writes files for ParaView. `outlines` finds the edge that a camera sees; `painting` and
+`clip` draw models over film. `canvas` is paper at true scale.
 """
