@@ -12,6 +12,7 @@ from fe.element import Integers
 from fe.mesh.points import nearest
 from twin.bench.caches import FolderCache, SolvedList
 from twin.bench.engines import jobs_of
+from twin.bench.knownvalues import TAILS, known_values
 from twin.bench.positions import on_surface, one_side, places_of
 from twin.effects.library import effect
 from twin.effects.material import Elasticity
@@ -105,6 +106,8 @@ class Workbench:
         check_plausible(project, targets, structure.case)
         if fault := rise_fault(targets):
             raise ValueError(f"targets: {fault}")
+        known = known_values(project, elasticity.law, own_of)
+        targets = replace(targets, known=known, tails=TAILS[project.config.calibrate.loss])
         return Workbench(project, targets, structure, elasticity, remarks)
 
     def model(self, labels: Sequence[str] | None = None) -> Model:
