@@ -45,7 +45,7 @@ def parted(
     modes (k, n): what 1 of each amplitude adds; start (k,): amplitudes nearby. Amplitudes by least squares
     would follow a gross error, and carry it into every value of its mode.
     """
-    a = np.zeros(len(modes)) if start is None else start
+    a: Array = np.zeros(len(modes)) if start is None else start
     left = z - modes.T @ a
     for _ in range(TURNS):
         scale = scale_of(left, nu)
