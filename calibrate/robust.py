@@ -45,14 +45,15 @@ def parted(
     modes (k, n): what 1 of each amplitude adds; start (k,): amplitudes nearby. Amplitudes by least squares
     would follow a gross error, and carry it into every value of its mode.
     """
-    a: Array = np.zeros(len(modes)) if start is None else start
+    a = np.zeros(len(modes)) if start is None else start
     left = z - modes.T @ a
     for _ in range(TURNS):
         scale = scale_of(left, nu)
         if not len(modes):
             break
         weighted = modes * (weights(left, nu, scale=scale) / scale**2)
-        before, a = a, np.linalg.solve(np.eye(len(modes)) + weighted @ modes.T, weighted @ z)
+        solved = np.linalg.solve(np.eye(len(modes)) + weighted @ modes.T, weighted @ z)
+        before, a = a, np.asarray(solved, float)
         left = z - modes.T @ a
         if np.abs(a - before).max() < SETTLED:
             break
