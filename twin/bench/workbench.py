@@ -13,6 +13,8 @@ from fe.mesh.points import nearest
 from twin.bench.caches import FolderCache, SolvedList
 from twin.bench.engines import jobs_of
 from twin.bench.positions import on_surface, one_side, places_of
+from twin.bodies.body import Body
+from twin.bodies.finger import BuiltIn
 from twin.effects.baselaw import NAMES, NOMINAL, Constants
 from twin.effects.library import effect
 from twin.effects.material import Elasticity
@@ -26,7 +28,7 @@ from twin.model.discretisation import Discretisation, SolvedAt, discretisation_e
 from twin.model.enginejobs import EngineJobs
 from twin.model.enginemodel import EngineModel
 from twin.model.prediction import Model
-from twin.model.structure import BuiltIn, Structure, of_deck, of_finger, weighed
+from twin.model.structure import Structure, of_body, of_deck, weighed
 from twin.project.folder import Project, Say
 from twin.project.trust import check_trusted, programs
 from twin.sanity import motion_fault, place_fault, rise_fault
@@ -198,11 +200,23 @@ def structure_of(project: Project) -> Structure:
     return found if kg_m3 is None else weighed(found, density(kg_m3))
 
 
+def body_of(project: Project) -> Body | None:
+    """The body of a project with its dimensions, None where it is a deck."""
+    model = project.config.model
+    if model.deck is not None:
+        return None
+    if model.kind == "finger":
+        return project.builtin or (BuiltIn() if model.finger is None else model.finger.body)
+    assert model.dimensions is not None
+    return model.dimensions.body
+
+
 def _unweighed(project: Project) -> Structure:
     table = project.config.model
     if table.deck is None:
-        own = project.builtin or (BuiltIn() if table.finger is None else BuiltIn.of(table.finger.finger))
-        return of_finger(own.finger, replace(own.lattice, refine=table.mesh))
+        body = body_of(project)
+        assert body is not None
+        return of_body(body, refine=table.mesh)
     path = project.path(table.deck)
     if not path.is_file():
         raise ValueError(

@@ -8,6 +8,7 @@ import numpy as np
 
 from calibrate import Fit, least_squares
 from twin.bench.workbench import Workbench
+from twin.bodies.finger import BuiltIn
 from twin.effects.baselaw import LEAST_SHARE, Constants
 from twin.gravity import under
 from twin.judging.comparison import PLAUSIBLE
@@ -148,7 +149,7 @@ def _load_paths(bench: Workbench, rows: Any, lowest: float, say: Say) -> Turned 
         return Turned((table.load_paths(bench.case, where),), of_step)
     cache, key, top = bench.cache(say), bench.structure.key, REDUCED
     highest = rounded_up(float(bench.targets.pressure.max()))
-    if bench.project.config.model.deck is not None:
+    if not isinstance(bench.structure.body, BuiltIn):  # REDUCED is of fingers alone
         softest = bench.elasticity.lowest.total
         top = reach(bench.case, highest / softest, cache=cache, key=key)
     if bench.scales:
