@@ -110,7 +110,13 @@ class Workbench:
         if self.jobs is not None:
             model = EngineModel.of(model, self.jobs)
         for label in self.project.config.model.effects if labels is None else labels:
-            model = model.with_effect(effect(label, own=own_of(self.project)))
+            added = effect(label, own=own_of(self.project))
+            if lacking := added.lacks(self.case):
+                raise ValueError(
+                    f"effect {label!r}: the model ({self.project.config.model.kind}) has {lacking}; wanted "
+                    "an effect that it can have: remove this one from twin.toml [model] effects"
+                )
+            model = model.with_effect(added)
         return model
 
     def cache(self, say: Say) -> FolderCache:
@@ -179,7 +185,7 @@ def _warned(mesh: Discretisation, say: Say) -> Discretisation:
 
 def check_plausible(project: Project, targets: Targets, case: Case) -> None:
     """Raise ValueError where the targets cannot be displacements of the project's finger."""
-    down = project.config.model.deck is None  # a deck may lie in any way
+    down = project.config.model.kind in ("finger", "pneunet")  # others may lie or bend in any way
     fault = place_fault(targets, case, mirrored=one_side(project))
     fault = fault or motion_fault(targets, case, bends_down=down)
     if fault:

@@ -68,6 +68,9 @@ class ElasticClamp(Effect):
         Parameter("clamp.compliance", 0.0, 1e-2, "rad/(N mm)", null=0.0, typical=1e-5, plausible=(0.0, 1e-3)),
     )
 
+    def lacks(self, case: Case) -> str:
+        return "" if case.clamp else "no single node set that is fully held"
+
     def before(self, test: Test, theta: Theta) -> Test:
         if test.case.clamp is None:
             return test
@@ -90,13 +93,23 @@ class StrainLimitingLayer(Effect):
         ),
     )
 
-    def before(self, test: Test, theta: Theta) -> Test:
-        case, name = test.case, "strain_limiting_layer"
-        bottom = flat_bottom(case)
+    def lacks(self, case: Case) -> str:
+        own, bottom = case.layer, flat_bottom(case)
         if not len(bottom):
+            return "no flat bottom"
+        other = own is not None and {*map(tuple, case.surfaces[own.surface])} != {*map(tuple, bottom)}
+        return "a layer elsewhere already, and there can be one alone" if other else ""
+
+    def before(self, test: Test, theta: Theta) -> Test:
+        case, name, own = test.case, "strain_limiting_layer", test.case.layer
+        if self.lacks(case):
             return test
-        layer = Layer(name, theta["strain_limiting_layer.stiffness"])
-        return replace(test, case=replace(case, surfaces={**case.surfaces, name: bottom}, layer=layer))
+        stiffness = theta["strain_limiting_layer.stiffness"]
+        if own is not None:  # a body's own sheet is stiffer by it
+            both = replace(own, stiffness=float(np.mean(own.stiffness)) + stiffness)
+            return replace(test, case=replace(case, layer=both))
+        surfaces = {**case.surfaces, name: flat_bottom(case)}
+        return replace(test, case=replace(case, surfaces=surfaces, layer=Layer(name, stiffness)))
 
     def told(self, values: Theta) -> str:
         much = number(values["strain_limiting_layer.stiffness"])
