@@ -12,6 +12,7 @@ import numpy as np
 from twin.bodies.body import Body
 from twin.bodies.finger import BuiltIn
 from twin.commands.init import body_table, run_init
+from twin.effects.protocol import Unsolvable
 from twin.gravity import TONNE_PER_MM3
 from twin.model.structure import body_case
 from twin.project import files
@@ -84,7 +85,10 @@ def run_virtual(
     draw = measured(chosen, bare, slope, points=points, setup=setup, seed=seed)
     rows = {kind.name: _all(tangents(case, chosen.course, at, kind), draw) for kind, _ in kinds}
     hidden = tuple((kind, _sized(kind, size, sigmas, rows[kind.name], draw, slope)) for kind, size in kinds)
-    u, slope = displaced(case, chosen.course, on, hidden, count=COUNT) if hidden else (bare, slope)
+    try:
+        u, slope = displaced(case, chosen.course, on, hidden, count=COUNT) if hidden else (bare, slope)
+    except Unsolvable as why:
+        raise ValueError(f"--hide {' '.join(hide)}: {why}; hide less of it, or state fewer sigmas") from None
     found = measured(chosen, u, slope, points=points, setup=setup, seed=seed)
     with tempfile.TemporaryDirectory() as scratch:
         write_targets(Path(scratch) / "targets", found)
