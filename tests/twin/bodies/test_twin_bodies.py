@@ -1,5 +1,8 @@
 """Every kind of body: its mesh has the shape that its dimensions say, and it moves as mechanics says."""
 
+import re
+from dataclasses import replace
+
 from benchmarks.kernel.bodies import SILICONE, bar_against_beam, draws, measured, tube_against_lame
 
 import numpy as np
@@ -11,10 +14,16 @@ from fe.deck.soundness import jacobians
 from fe.mesh.finger import NAMED_NODES
 from fe.mesh.mirror import mirrored, symmetry_support
 from fe.mesh.points import nearest
+from twin.bench.workbench import Workbench
 from twin.bodies.kinds import BODIES
-from twin.effects.library import all_effects
+from twin.bodies.tube import TubeTable
+from twin.commands.init import run_init
+from twin.effects.library import all_effects, effect
 from twin.effects.protocol import Test
+from twin.model.basemodel import base_test
 from twin.project.config import ModelTable
+from twin.project.folder import Project
+from twin.project.targetwriting import write_targets
 from twin.project.validation import checked
 
 KINDS = list(BODIES)
@@ -179,13 +188,88 @@ def test_every_effect_changes_every_body_or_says_that_it_has_no_chamber(kind):
     tip = case.position(NAMED_NODES["tip"])
     path = Path(np.linspace(0, 4, 9), np.linspace(0, 0.01, 9), np.array([0.0, 2.0, 4.0]), gravity=np.array([0, 0, -1.0]))
     test = Test(case, path, tip[None], np.array([True]))
-    for effect in all_effects():
-        if effect.breaks_symmetry(test):
+    lacking: list[str] = []
+    for one in all_effects():
+        if one.breaks_symmetry(test):
             continue
-        entry = effect.tries(test)[0]
+        entry = one.tries(test)[0]
         theta = {p.name: entry.get(p.name, (p.null + p.step) if p.null is not None else (p.low + p.high) / 2)
-                 for p in effect.parameters}  # fmt: skip
-        if kind == "bar" and effect.lacks(case):
-            continue
-        changed = effect.before(test, theta)
-        assert isinstance(changed, Test)
+                 for p in one.parameters}  # fmt: skip
+        changed = one.before(test, theta).case
+        if one.lacks(case):  # and so it changes nothing
+            assert changed is case
+            lacking.append(one.name)
+    wanted = {"bar": {"wall_taper", "eccentric_core", "ballooning"}, "tube": {"strain_limiting_layer"}}
+    assert set(lacking) == wanted.get(kind, set())
+
+
+SINGLE = re.compile(r"(?:[a-z]+ )+([0-9.]+)")  # a text with one number
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_an_arrow_is_as_long_as_it_says_and_lies_in_what_it_names(kind):
+    body = BODIES[kind]().body
+    case, sketch = body.case(body.lattice, SILICONE), body.sketch
+    low, high = case.nodes.min(axis=0), case.nodes.max(axis=0)
+    checked_some = False
+    for arrow in (*sketch.side, *sketch.along, *sketch.across):
+        length = float(np.hypot(*np.subtract(arrow.end, arrow.start)))
+        if found := SINGLE.fullmatch(arrow.text):
+            checked_some = True
+            assert float(found[1]) == pytest.approx(length, abs=0.005), arrow.text
+    for arrow in sketch.along:
+        at = np.mean([arrow.start, arrow.end], axis=0)
+        assert (at >= low[[0, 2]] - 1e-9).all()
+        assert (at <= high[[0, 2]] + 1e-9).all()
+        if arrow.text.split()[0] in ("bottom", "top", "roof"):  # in the silicone, on the plane y = 0
+            place = np.array([at[0], 0.0, at[1]])
+            assert np.linalg.norm(nearest(case, place) - place) < 0.02, arrow.text
+    assert checked_some
+
+
+def test_what_is_measured_of_a_tube_is_what_the_model_of_its_project_predicts(tmp_path, say, make_targets):
+    """Targets of a finer lattice of the same tube, through `init` and the workbench."""
+    body = TubeTable(length_mm=24.0, offset_mm=1.8).body
+    at = body.case(body.lattice, SILICONE)
+    places = np.array([at.position(NAMED_NODES[name]) for name in ("tip", "middle")])
+    truth, plain = body.case(body.finer(body.lattice)["section"], SILICONE), make_targets()
+    u = np.zeros_like(plain.value)
+    u[:, :2] = solve(truth, base_test(plain, at).path, count=4).at(np.array([nearest(truth, x) for x in places]))
+    write_targets(tmp_path / "t", make_targets(value=u - u[:2].mean(axis=0)))
+    run_init(tmp_path / "p", say, targets=tmp_path / "t", body="tube", finger=["length_mm=24", "offset_mm=1.8"])
+    bench = Workbench.of(Project.open(tmp_path / "p"))
+    assert bench.structure.body == body
+    assert bench.scales
+    predicted = bench.model().predict(np.array([SILICONE.C10, SILICONE.C01]))
+    moved = np.abs(bench.targets.value[:, 0]).max()
+    assert moved > 0.05
+    assert np.abs(predicted - bench.targets.value)[:, :2].max() < 0.05 * moved
+    with pytest.raises(ValueError, match=r"'strain_limiting_layer': the model \(tube\) has no flat bottom"):
+        bench.model(["strain_limiting_layer"])
+
+
+def test_a_sheet_of_its_own_gets_stiffer_by_the_effect_and_stays_at_null():
+    case = half("pneunet", chambers=1, sheet_N_per_mm=10.0)
+    test = Test(case, Path(np.arange(2.0), np.arange(2.0), np.ones(1)), case.nodes[:1], np.ones(1, bool))
+    sheet = effect("strain_limiting_layer")
+    assert sheet.before(test, {"strain_limiting_layer.stiffness": 2.5}).case.layer.stiffness == 12.5
+    assert sheet.before(test, {"strain_limiting_layer.stiffness": 0.0}).case.layer == case.layer
+    fibres = half("tube", length_mm=40.0, section="rectangular", fibre_N_per_mm=5.0)
+    assert sheet.lacks(fibres) == "a layer elsewhere already, and there can be one alone"
+    assert sheet.before(replace(test, case=fibres), {"strain_limiting_layer.stiffness": 1.0}).case is fibres
+
+
+def test_init_refuses_a_body_that_there_is_not_and_dimensions_that_do_not_fit(tmp_path, say):
+    for given, sentence in (
+        ({"body": "octopus"}, "--body octopus: wanted one of finger, pneunet, tube, bar"),
+        ({"body": "tube", "finger": ["wall=2"]}, "--dimension: wall is not a known key"),
+        ({"body": "bar", "finger": ["length_mm=1"]}, "length_mm = 1: shorter than its larger side"),
+        ({"body": "bar", "finger": ["length_mm"]}, r"--dimension 'length_mm': wanted KEY=VALUE of \[model.bar\]"),
+    ):
+        with pytest.raises(ValueError, match=sentence):
+            run_init(tmp_path / "x", say, **given)
+        assert not (tmp_path / "x").exists()
+    run_init(tmp_path / "y", say, body="pneunet", finger=["chambers=3"])
+    model = Project.open(tmp_path / "y").config.model
+    assert (model.body, model.pneunet.chambers) == ("pneunet", 3)
+    assert "# [model.finger]" not in (tmp_path / "y" / "twin.toml").read_text()
