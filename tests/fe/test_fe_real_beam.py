@@ -10,6 +10,7 @@ import pytest
 PAPER = 0.263824  # MPa, Young's modulus fitted to the same recordings (arXiv 2201.12560)
 
 
+@pytest.mark.slow
 def test_a_beam_fitted_to_one_weight_falls_as_far_as_measured_under_the_others(shared_data: Any) -> None:
     data, case = real.measured(shared_data / "real_beam"), real.beam((6, 1, 2))
     found = real.one(data, case, 1)

@@ -194,6 +194,7 @@ def test_two_commands_at_once_do_not_meet(study: Path, tmp_path: Path) -> None:
 PLAIN = {"LC_ALL": "C", "LANG": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
 
 
+@pytest.mark.slow
 def test_names_that_the_language_does_not_have(study: Path) -> None:
     text = (study / "twin.toml").read_text(encoding="utf-8")
     (study / "twin.toml").write_text(text.replace('name = "study"', 'name = "Prüfling-字"'), encoding="utf-8")

@@ -62,7 +62,7 @@ def _recording(story: Story, say: Say) -> list[str]:
         fields=story.fields,
         diagnosis_markdown=markdown(story),
         comparison=ranking_rows(story),
-        pictures=story.way.images,
+        pictures={name: png for name, (_, png) in story.way.pictures.items()},
         filmed=story.footage.filmed if story.footage else None,
         strains=story.strains,
     )

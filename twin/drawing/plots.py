@@ -17,8 +17,8 @@ from twin.drawing.theme import (
     MEASURED,
     NOISE,
     beside,
+    both,
     legend_above,
-    png,
     style,
     svg,
 )
@@ -76,10 +76,12 @@ def residual_map(
         return svg(_residuals(time_s, maps=maps, names=names, unit=unit, components=components))
 
 
-def residual_image(time_s: Array, *, maps: Mapping[str, Array], names: Sequence[str], unit: str) -> bytes:
-    """The same as a PNG file."""
+def residual_pictures(
+    time_s: Array, *, maps: Mapping[str, Array], names: Sequence[str], unit: str
+) -> tuple[str, bytes]:
+    """The same, and as a PNG file."""
     with style({"axes.grid": False}):
-        return png(_residuals(time_s, maps=maps, names=names, unit=unit, components=(0, 2)))
+        return both(_residuals(time_s, maps=maps, names=names, unit=unit, components=(0, 2)))
 
 
 def _residuals(
@@ -121,10 +123,10 @@ def falling(rows: Fall, *, expected_mm: float) -> str:
         return svg(_falling(rows, expected_mm))
 
 
-def falling_image(rows: Fall, *, expected_mm: float) -> bytes:
-    """The same as a PNG file."""
+def falling_pictures(rows: Fall, *, expected_mm: float) -> tuple[str, bytes]:
+    """The same, and as a PNG file."""
     with style({"axes.grid": False}):
-        return png(_falling(rows, expected_mm))
+        return both(_falling(rows, expected_mm))
 
 
 def _falling(rows: Fall, expected_mm: float) -> Figure:

@@ -77,6 +77,13 @@ def png(figure: Figure) -> bytes:
     return buffer.getvalue()
 
 
+def both(figure: Figure) -> tuple[str, bytes]:
+    """`svg` and `png` of a figure, which is laid out once."""
+    text = svg(figure)
+    figure.set_layout_engine("none")
+    return text, png(figure)
+
+
 def legend_above(figure: Figure, axes: Axes) -> None:
     """Name the curves of all panels once, above them."""
     handles, labels = axes.get_legend_handles_labels()

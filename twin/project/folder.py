@@ -7,8 +7,10 @@ import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, field, replace
+from functools import cache
 from importlib import metadata
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
@@ -303,7 +305,7 @@ class Project:
             extra=RunExtra(**(extra or {})),
             config=StoredConfig(**{name: config[name] for name in (config if tables is None else tables)}),
             inputs=files.digest_of(read, root=self.root),
-            versions=versions(),
+            versions=dict(versions()),
             digest="",
             status="running",
         )
@@ -328,15 +330,17 @@ def kind_of(folder: Path) -> str:
     return folder.name.partition("-")[2]
 
 
-def versions() -> dict[str, str]:
-    """The versions that a run depends on; packages that are not installed are left out."""
+@cache
+def versions() -> Mapping[str, str]:
+    """The versions that a run depends on; packages that are not installed are left out. Asked for once, as
+    the first lines of all their files are read for it."""
     found = {"python": platform.python_version()}
     for name in PACKAGES:
         try:
             found[name] = metadata.version(name)
         except metadata.PackageNotFoundError:
             continue
-    return found
+    return MappingProxyType(found)
 
 
 def dataset(name: str) -> Path:

@@ -58,8 +58,8 @@ def _drawn(story: Story, name: str, *, place: str) -> list[Picture]:
         ),
     }
     title, caption, half = said[name]
-    svg = story.way.pictures.get(name)
-    return [Picture(title=title, caption=caption, half=half, svg=svg, place=place)] if svg else []
+    drawn = story.way.pictures.get(name)
+    return [Picture(title=title, caption=caption, half=half, svg=drawn[0], place=place)] if drawn else []
 
 
 def _deformed(story: Story) -> list[Picture]:

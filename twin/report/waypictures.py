@@ -70,16 +70,11 @@ class Way:
         return lines + [f"| {name} | {error:.3g} | {left:.3g} |" for name, error, left in rows]
 
     @cached_property
-    def pictures(self) -> dict[str, str]:
-        """SVG texts by name: error, evidence and residuals, as far as there is something to show."""
-        drawn = {"error": plots.falling(**self._fall)} if self.stairs else {}
-        return drawn | {name: plots.residual_map(**given) for name, given in self._drawings.items()}
-
-    @property
-    def images(self) -> dict[str, bytes]:
-        """The same as PNG files."""
-        drawn = {"error": plots.falling_image(**self._fall)} if self.stairs else {}
-        return drawn | {name: plots.residual_image(**given) for name, given in self._drawings.items()}
+    def pictures(self) -> dict[str, tuple[str, bytes]]:
+        """SVG texts and PNG files by name: error, evidence and residuals, as far as there is something to
+        show."""
+        drawn = {"error": plots.falling_pictures(**self._fall)} if self.stairs else {}
+        return drawn | {name: plots.residual_pictures(**given) for name, given in self._drawings.items()}
 
     @property
     def _fall(self) -> dict[str, Any]:

@@ -74,6 +74,7 @@ def test_newton_converges_quadratically_on_a_plane(short: Case) -> None:
     assert found.iterations <= 4
 
 
+@pytest.mark.slow
 def test_a_finger_lies_on_the_table(short: Case) -> None:
     row = int(np.flatnonzero(short.labels == 4401)[0])
     assert at_top(short)[row, 2] < -4.0
@@ -122,6 +123,7 @@ def test_the_answer_converges_with_the_mesh(cube: Cube, silicone: Material) -> N
     assert abs(middles[2] - middles[1]) < 0.002 * abs(middles[2])
 
 
+@pytest.mark.slow
 def test_the_curve_follows_the_touch(short: Case) -> None:
     case = replace(short, contact=Contact("outside", UP, -2.0, 1.0))
     at, output = short.position(4401)[None], np.linspace(0.05, 1.0, 20)

@@ -4,6 +4,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+import pytest
 from scipy.integrate import solve_bvp
 
 from fe import Case, Path, Support, solve
@@ -102,6 +103,7 @@ def solid(cube: Cube, friction: float) -> Case:
     )
 
 
+@pytest.mark.slow
 def test_a_bar_that_bends_touches_and_slides_back_is_as_its_beam(cube: Cube) -> None:
     path = Path(np.array([0.0, 1.0, 2.0]), np.array([0.0, TOP, 0.7 * TOP]), np.array([1.0, 2.0]))
     places = np.array([[LENGTH, 0.0, HEIGHT / 2], [LENGTH / 2, 0.0, HEIGHT / 2]])

@@ -87,6 +87,7 @@ def test_a_composite_beam_bends_about_its_common_axis(cube: Cube) -> None:
     assert bending < 0.55 * bare
 
 
+@pytest.mark.slow
 def test_a_layer_on_a_finger_under_pressure_is_calculixs_membrane(require: Callable[[str], None]) -> None:
     require("ccx")
     found = shapes.layered(2, pressure=0.005)

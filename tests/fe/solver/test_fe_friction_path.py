@@ -94,6 +94,7 @@ def test_half_the_steps_leave_a_quarter_of_the_error(cube: Cube, monkeypatch: py
     assert far[1] < 2e-4  # mm rms, of 0.16 mm
 
 
+@pytest.mark.slow
 def test_a_pressed_bar_comes_back(cube: Cube) -> None:
     rise = solved(bar(cube, 0.4), Path(np.array([0.0, 1.0]), np.array([0.0, 0.02]), np.array([0.5, 1.0])))
     effect = np.abs(solved(bar(cube, 0.0), PRESSED).fields([3]) - rise.fields([1])).max()

@@ -135,6 +135,7 @@ def test_a_cycled_cube_against_its_differential_equation(cube: Cube, name: str, 
     assert np.sqrt(np.mean((ours - exact) ** 2)) < 0.002 * effect
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["three terms", "both"])
 def test_a_history_is_of_second_order_in_its_steps(
     cube: Cube, monkeypatch: pytest.MonkeyPatch, name: str

@@ -54,6 +54,7 @@ def test_a_camera_from_one_real_film(tmp_path, shared_data):
     assert run_camera(project, Lines())["status"] == "skipped"
 
 
+@pytest.mark.slow
 def test_a_rig_from_real_films_with_their_stamps(tmp_path, shared_data):
     data = shared_data / "charuco_4cam"
     project = make(tmp_path, data, [0, 1], board_times="raw/stamps.csv")

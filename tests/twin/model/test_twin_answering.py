@@ -32,6 +32,7 @@ def rms(x: Array) -> float:
     return float(np.sqrt(np.mean(x**2)))
 
 
+@pytest.mark.slow
 def test_its_error_is_what_it_states(model: KeptModel, response: RangedResponse) -> None:
     """At random points of the range, by whole solves that it has not seen. Of one solve it is off by ten times
     as much at least."""

@@ -36,6 +36,7 @@ def test_random_dimensions_solve() -> None:
     assert all(row.tip > 0.01 for row in found)
 
 
+@pytest.mark.slow
 def test_a_small_finger_is_near_its_limit() -> None:
     table = FingerTable(length_mm=24.0, width_mm=14.0, height_mm=13.0, pleats=1, pleat_depth_mm=4.0,
                         side_pleat_depth_mm=1.0)  # fmt: skip

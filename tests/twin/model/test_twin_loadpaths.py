@@ -29,6 +29,7 @@ def paths(case: Case, points: Array) -> LoadPaths:
     return load_paths(case, points, cache=no_cache, key="k")
 
 
+@pytest.mark.slow
 def test_the_table_is_full_finite_elements_within_a_hundredth(
     case: Case, points: Array, paths: LoadPaths
 ) -> None:

@@ -40,6 +40,7 @@ def creeping(model: Model, factor: float) -> Array:
     return model.theta({**BASE, "creep.g1": 0.05 * factor, "creep.tau1": 3.0 * factor})
 
 
+@pytest.mark.slow
 def test_predictions_do_not_depend_on_the_order_of_asking(pure: Model) -> None:
     asked = [constants(pure, f) for f in FACTORS]
     alone = [pure.predict(theta) for theta in asked]
@@ -50,6 +51,7 @@ def test_predictions_do_not_depend_on_the_order_of_asking(pure: Model) -> None:
             np.testing.assert_allclose(model.predict(asked[k]), alone[k], rtol=0, atol=SAME)
 
 
+@pytest.mark.slow
 def test_what_was_asked_before_changes_no_prediction_of_a_creeping_finger(pure: Model) -> None:
     """Also not what was asked of the base model, whose solves a model with an effect starts from."""
     creep = effect("creep")

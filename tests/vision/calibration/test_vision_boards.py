@@ -136,6 +136,7 @@ def test_the_lens_model_is_chosen_by_evidence() -> None:
         assert len(others) == 5
 
 
+@pytest.mark.slow
 def test_real_chessboards(shared_data: Path) -> None:
     folder = shared_data / "opencv_boards"
     for side, limit in (("left", 0.20), ("right", 0.21)):

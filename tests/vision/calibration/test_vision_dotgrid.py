@@ -101,6 +101,7 @@ def test_circles_of_a_rig_are_centred_on_the_board(tmp_path: Path) -> None:
     assert error.max() < 0.05  # perspective shifts the centres of these ellipses by up to 0.3 px
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "board",
     [

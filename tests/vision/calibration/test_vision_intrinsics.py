@@ -97,6 +97,7 @@ def test_a_limit_on_the_reprojection_error(drawn: list[Path]) -> None:
         calibrate_camera(drawn, BOARD, max_rms_px=0.001)
 
 
+@pytest.mark.slow
 def test_the_dictionary_that_would_fit_is_named(drawn: list[Path]) -> None:
     with pytest.raises(ValueError, match=r"DICT_4X4_50 finds 0, DICT_5X5_50 finds \d\d"):
         calibrate_camera(drawn, replace(BOARD, dictionary="DICT_4X4_50"))

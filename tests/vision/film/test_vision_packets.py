@@ -82,6 +82,7 @@ with Writer(Path(sys.argv[1]), (704, 480), fps=25.0, codec=encoder, options=opti
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("codec", ["h264", "hevc"])
 def test_pictures_are_coded_alike_whatever_was_in_memory_before(codec: str, tmp_path: Path) -> None:
     found = set()

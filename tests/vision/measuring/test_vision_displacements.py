@@ -161,6 +161,7 @@ def test_covered_marks_are_lost_and_never_invented(
     assert any("1 of 51 frames show too few frame markers" in said for said in result.lost)
 
 
+@pytest.mark.slow
 def test_frames_without_a_plane_in_coded_films_take_nothing_from_the_others(lab: Lab, tmp_path: Path) -> None:
     """Three frame marks on one line, and in some frames of both films only one beside them."""
     x, y, _ = lab.marks[1].position
@@ -194,6 +195,7 @@ def test_progress_is_told(measured: Displacements, told: list[tuple[str, int, in
     assert len(told) == 171
 
 
+@pytest.mark.slow
 def test_lossy_film_states_the_sd_of_moving_and_held_marks(lab: Lab, still: Video, tmp_path: Path) -> None:
     bend = np.concatenate([np.zeros(14), np.linspace(0, 0.006, 20)[1:], 0.006 + 6e-6 * np.arange(24)])
     pulls = []

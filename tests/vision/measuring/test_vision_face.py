@@ -102,6 +102,7 @@ def rows(found: Displacements) -> list[int]:
     return [p for p, name in enumerate(found.names) if name.startswith("face")]
 
 
+@pytest.mark.slow
 def test_a_known_field_of_the_face_is_measured_with_pulls_of_one(found: Displacements) -> None:
     face = rows(found)
     assert len(face) == 21

@@ -148,6 +148,7 @@ def followed(pair: Pair, c: int, film: Video) -> Seen:
     return replace(pair.seen[c], film=shown, codec=codec_terms(again))
 
 
+@pytest.mark.slow
 def test_motion_out_of_the_plane_is_measured_with_pulls_of_one(pair: Pair) -> None:
     found = placed(pair, pair.seen)
     error = found.value - pair.truth[:, pair.output]
