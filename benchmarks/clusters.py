@@ -28,10 +28,10 @@ from benchmarks.commandline import options, told
 import numpy as np
 
 from fe import Finger, Path
-from twin.effects.baselaw import NOMINAL
 from twin.executors.chosen import current
 from twin.executors.clusters import on_cluster
 from twin.executors.protocol import Executor, Task, gathered
+from twin.laws.mooneyrivlin import NOMINAL
 from twin.model.discretisation import SAMPLES, _response
 from twin.model.loadpaths import NOTHING, REDUCED, SHARES, TOTAL, along_path
 from twin.model.structure import BuiltIn, Structure, of_finger

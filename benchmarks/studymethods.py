@@ -33,7 +33,8 @@ import numpy as np
 
 from calibrate import Parameter, Population, least_squares
 from fe import Case, Lattice, Material, Path, Variation, finger_case, solve
-from twin.effects.baselaw import Constants
+from twin.laws.law import Constants
+from twin.laws.mooneyrivlin import mooney_rivlin
 from twin.model.loadpaths import load_paths
 from twin.targets import Array
 from twin.virtual.truthsolves import CHANGE, on_surface, truth_case
@@ -118,15 +119,15 @@ def problems(count: int) -> Iterator[Problem]:
     model = finger_case(Material(), finger=SHORT, lattice=Lattice(per_bellow=2, ring=False, centred=False))
     for k in range(count):
         total, share = rng.uniform(0.2, 0.45), rng.uniform(0.05, 0.6)
-        own = Constants(total * (1 - share), total * share)
+        own = mooney_rivlin(total * (1 - share), total * share)
         stiffer = 0.03 if k % 2 else 0.0
-        material = Material(own.C10, own.C01, C20=stiffer)
+        material = Material(own["C10"], own["C01"], C20=stiffer)
         truth = truth_case(SHORT, CHANGE, material=material)
         found = solve(truth, Path(PRESSURE, PRESSURE, PRESSURE[1:]))
         if not found.converged:
             raise RuntimeError(f"problem {k}: the truth {found.reason}")
         u = _flat(found.at(on_surface(truth, POINTS)))
-        name = f"{k + 1}: C10 {own.C10:.3f}, C01 {own.C01:.3f} MPa" + (", C20 0.03 MPa" if stiffer else "")
+        name = f"{k + 1}: {own.told}" + (", C20 0.03 MPa" if stiffer else "")
         yield Problem(name, own, u + NOISE_MM * rng.normal(size=u.shape), model, on_surface(model, POINTS))
 
 
@@ -166,7 +167,7 @@ def genetic_on_paths(solver: Solver, seed: int) -> Array:
 
 
 def _on_paths(problem: Problem, paths: Any, theta: Array) -> float:
-    u = paths.predict(Constants(*map(float, theta)), PRESSURE[1:])
+    u = paths.predict(mooney_rivlin(*map(float, theta)), PRESSURE[1:])
     return _rms(problem.measured) if u is None else _rms(problem.measured - _flat(u))
 
 
@@ -231,7 +232,7 @@ def row_of(problem: Problem, method: str) -> dict[str, Any]:
     return {
         "problem": problem.name, "method": method, "solves": solves, "failed": failed, "cpu_s": spent,
         "solving_cpu_s": solver.seconds, "rms_mm": solver.rms(theta), "C10": float(theta[0]),
-        "C01": float(theta[1]), "true_C10": problem.constants.C10, "true_C01": problem.constants.C01,
+        "C01": float(theta[1]), "true_C10": problem.constants["C10"], "true_C01": problem.constants["C01"],
     }  # fmt: skip
 
 

@@ -1,12 +1,14 @@
 """Constants of an isotropic, nearly incompressible rubber (`Material`), and its energy.
 
 W = C10 (I1 - 3) + C01 (I2 - 3) + C20 (I1 - 3)^2 + C30 (I1 - 3)^3 - mu Jm / 2 ln(1 - (I1 - 3) / Jm)
+    + mu sum a_i lambda_m^(2 - 2 i) (I1^i - 3^i)
     + sum 2 mu_k / alpha_k^2 (l1^alpha_k + l2^alpha_k + l3^alpha_k - 3) + p (J - 1) - p^2 / (2 K)
 
 with the isochoric invariants I1 = J^(-2/3) tr C, I2 = J^(-4/3) (tr(C)^2 - tr(C^2)) / 2 and stretches
 l = J^(-1/3) lambda: neo-Hooke, Mooney (1940, doi 10.1063/1.1712836), Rivlin (1948, doi
-10.1098/rsta.1948.0024), Yeoh (1993, doi 10.5254/1.3538343), Gent (1996, doi 10.5254/1.3538357), Ogden (1972,
-doi 10.1098/rspa.1972.0026, in the form that Abaqus uses), and the pressure field p of the mixed form.
+10.1098/rsta.1948.0024), Yeoh (1993, doi 10.5254/1.3538343), Gent (1996, doi 10.5254/1.3538357), Arruda &
+Boyce (1993, doi 10.1016/0022-5096(93)90013-6, a = 1/2, 1/20, 11/1050, 19/7000, 519/673750), Ogden (1972, doi
+10.1098/rspa.1972.0026, in the form that Abaqus uses), and the pressure field p of the mixed form.
 
 Creep is finite-strain Prony relaxation of the isochoric second Piola-Kirchhoff stress (Holzapfel 1996,
 doi 10.1002/(SICI)1097-0207(19961130)39:22<3903::AID-NME34>3.0.CO;2-C). Mullins softening (Ogden & Roxburgh
@@ -22,6 +24,7 @@ The kernel takes `Material.constants` to the loops over elements.
 """
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -33,9 +36,10 @@ from fe.element import Array
 class Material:
     """Constants in MPa of the terms that a rubber has; those left out are 0.
 
-    gent: mu in MPa and the limit Jm of I1 - 3 (infinite: none). ogden: pairs (mu MPa, alpha). bulk_ratio: K /
-    shear modulus, so that scaling all constants with the pressure leaves u unchanged. prony: pairs (g, tau s)
-    of the relaxation G(t) = G0 [1 - sum g (1 - exp(-t / tau))]. mullins: 1/r (below 1), m in MPa, beta.
+    gent: mu in MPa and the limit Jm of I1 - 3 (infinite: none). chains: mu in MPa, and the stretch
+    lambda_m at which eight chains lock. ogden: pairs (mu MPa, alpha). bulk_ratio: K / shear modulus, so that
+    scaling all constants with the pressure leaves u unchanged. prony: pairs (g, tau s) of the relaxation
+    G(t) = G0 [1 - sum g (1 - exp(-t / tau))]. mullins: 1/r (below 1), m in MPa, beta.
     density: tonne/mm3 at rest, felt where a path has gravity.
     """
 
@@ -49,12 +53,30 @@ class Material:
     ogden: tuple[tuple[float, float], ...] = ()
     mullins: tuple[float, float, float] | None = None
     density: float = 0.0
+    chains: tuple[float, float] | None = None
 
     @property
     def shear(self) -> float:
         """Shear modulus in MPa at rest."""
         gent = self.gent[0] if self.gent else 0.0
-        return 2 * (self.C10 + self.C01) + gent + sum(mu for mu, _ in self.ogden)
+        return 2 * (self.C10 + self.C01) + gent + sum(mu for mu, _ in self.ogden) + 2 * self._chained(3.0)
+
+    def _chained(self, I1: Any) -> Any:
+        """The slope in MPa of the eight chains' energy by I1, of the same shape."""
+        mu, lock = self.chains or (0.0, np.inf)
+        return mu * sum((i + 1) * a * (I1 / lock**2) ** i for i, a in enumerate(terms.CHAINS))
+
+    def slopes(self, I1: float) -> tuple[float, float]:
+        """dW/dI1 and d2W/dI1^2 in MPa of the terms in I1 alone; infinite beyond Gent's limit."""
+        x, (mu, limit), (chain, lock) = I1 - 3, self.gent or (0.0, np.inf), self.chains or (0.0, np.inf)
+        if x >= limit:
+            return np.inf, np.inf
+        k = lock**-2.0
+        more = sum(i * (i + 1) * a * k**i * I1 ** (i - 1) for i, a in enumerate(terms.CHAINS) if i)
+        first = self.C10 + (2 * self.C20 + 3 * self.C30 * x) * x + self._chained(I1)
+        second = 2 * self.C20 + 6 * self.C30 * x + chain * more
+        left = 1 - x / limit
+        return first + mu / (2 * left), second + mu / (2 * limit * left**2)
 
     @property
     def bulk(self) -> float:
@@ -75,6 +97,7 @@ class Material:
             C20=factor * self.C20,
             C30=factor * self.C30,
             gent=self.gent and (factor * self.gent[0], self.gent[1]),
+            chains=self.chains and (factor * self.chains[0], self.chains[1]),
             ogden=tuple((factor * mu, alpha) for mu, alpha in self.ogden),
             mullins=self.mullins and (self.mullins[0], factor * self.mullins[1], self.mullins[2]),
         )
@@ -93,7 +116,7 @@ class Material:
         mu, limit = self.gent or (0.0, np.inf)
         inside = x < limit
         slope = self.C10 + 2 * self.C20 * x + 3 * self.C30 * x**2 + self.C01 / (a * b) ** 2
-        slope = 2 * slope + mu / np.where(inside, 1 - x / limit, 1.0)
+        slope = 2 * (slope + self._chained(x + 3)) + mu / np.where(inside, 1 - x / limit, 1.0)
         apart = ~np.isclose(a, b)
         between = np.where(apart, a**2 - b**2, 1.0)
         slope += sum(2 * m / k * (a**k - b**k) for m, k in self.ogden) / between
@@ -101,16 +124,19 @@ class Material:
 
     @property
     def constants(self) -> Array:
-        """C10, C01, C20, C30, mu and 1/Jm of Gent, and the pairs of Ogden: the columns of `terms`."""
+        """C10, C01, C20, C30, mu and 1/Jm of Gent, mu and 1/lambda_m^2 of eight chains, and the pairs of
+        Ogden: the columns of `terms`."""
         mu, limit = self.gent or (0.0, np.inf)
-        pairs = [x for pair in self.ogden for x in pair]
-        return np.array([self.C10, self.C01, self.C20, self.C30, mu, 1 / limit, *pairs], float)
+        chain, lock = self.chains or (0.0, np.inf)
+        own = [self.C10, self.C01, self.C20, self.C30, mu, 1 / limit, chain, 1 / lock**2]
+        return np.array([*own, *(x for pair in self.ogden for x in pair)], float)
 
 
 def scaled(table: Array, factor: float) -> Array:
     """Rows of constants (e, k) with all moduli multiplied, and no limit or exponent."""
     out = table.copy()
     out[:, : terms.GENT_INVERSE] *= factor
+    out[:, terms.CHAIN] *= factor
     out[:, terms.OGDEN :: 2] *= factor
     return out
 

@@ -17,7 +17,10 @@ import numpy as np
 from fe.element import Array
 
 # Columns of a row of constants; from OGDEN on pairs of mu and alpha.
-C10, C01, C20, C30, GENT, GENT_INVERSE, OGDEN = range(7)
+C10, C01, C20, C30, GENT, GENT_INVERSE, CHAIN, CHAIN_INVERSE, OGDEN = range(9)
+# The energy of eight chains, mu sum a_i k^(i-1) (I1^i - 3^i), k = 1 / lambda_m^2: the series of the inverse
+# Langevin function to its fifth term.
+CHAINS = (1 / 2, 1 / 20, 11 / 1050, 19 / 7000, 519 / 673750)
 # Component blocks (i, j) of an element matrix, i <= j.
 PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 
@@ -100,6 +103,19 @@ def _gent(c: Array, x: float) -> tuple[float, float]:
     return 0.5 * c[GENT] / left, 0.5 * c[GENT] * c[GENT_INVERSE] / (left * left)
 
 
+@machine_code
+def _chain(c: Array, x: float) -> tuple[float, float]:
+    """The two slopes of the eight chains' term at I1 - 3 = x."""
+    I1, power = x + 3.0, c[CHAIN]
+    W1, W11 = CHAINS[0] * power, 0.0
+    for i in range(2, 6):  # power: mu (k I1)^(i - 2)
+        own = i * CHAINS[i - 1] * c[CHAIN_INVERSE] * power
+        W1 += own * I1
+        W11 += (i - 1) * own
+        power *= c[CHAIN_INVERSE] * I1
+    return W1, W11
+
+
 @part
 def _slopes(c: Array, x: float) -> tuple[float, float]:
     """W1 = dW/dI1 and W11 = dW1/dI1 of the terms in I1 at I1 - 3 = x."""
@@ -107,6 +123,10 @@ def _slopes(c: Array, x: float) -> tuple[float, float]:
     W11 = 2.0 * c[C20] + 6.0 * c[C30] * x
     if c[GENT] != 0.0:
         more = _gent(c, x)
+        W1 += more[0]
+        W11 += more[1]
+    if c[CHAIN] != 0.0:
+        more = _chain(c, x)
         W1 += more[0]
         W11 += more[1]
     return W1, W11
@@ -266,6 +286,10 @@ def energy(at: Point, J: float, I1: float, I2: float, c: Array) -> float:
     if c[GENT] != 0.0:
         limited = c[GENT_INVERSE] != 0.0
         W -= 0.5 * c[GENT] * (math.log1p(-c[GENT_INVERSE] * x) / c[GENT_INVERSE] if limited else -x)
+    if c[CHAIN] != 0.0:
+        for i in range(1, 6):
+            rise = (x + 3.0) ** i - 3.0**i
+            W += c[CHAIN] * CHAINS[i - 1] * c[CHAIN_INVERSE] ** (i - 1) * rise
     if len(c) > OGDEN:
         work = np.empty((2, 3, 3))
         D, N = work[0], work[1]

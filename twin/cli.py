@@ -105,6 +105,10 @@ OPTIONS: dict[str, tuple[Parameter, ...]] = {
         _flag("replace", "measure again; the targets that are there become targets-0001"),
         _flag("budget", "print what the uncertainty of each marker consists of"),
     ),
+    "calibrate": (
+        _option("laws", str, "", "laws of the silicone to fit and compare, between commas such as "
+                "yeoh,gent, or all"),
+    ),
     "compare": (
         _argument("two", list[Path], [], "two project folders, or two run folders with a fit.json, to lay "
                   "side by side; without them the model of this project and its measurement are compared",

@@ -6,7 +6,8 @@ Each function gives one sentence that says what is wrong and what is the likely 
 import numpy as np
 
 from fe import Case
-from twin.effects.baselaw import LEAST_SHARE
+from twin.laws.law import Constants
+from twin.laws.mooneyrivlin import LEAST_SHARE, MOONEY_RIVLIN
 from twin.targets import Array, PointKind, Targets
 
 LEAST_MPA, MOST_MPA = 1e-4, 1.0  # the peak of a test of a soft finger lies far within
@@ -15,7 +16,7 @@ AIR_MPA = (0.08, 0.105)  # of the air, up to 2000 m above the sea
 TURNED = 5.0  # times as much below zero as above it
 USUAL_MPA = (0.005, 0.3)
 REACHED = 1.5  # times what the regulator was set to, or as much below; two units are 6.9 times apart or more
-SILICONE_MPA = (0.02, 2.0)  # C10 + C01 of silicones that fingers are cast of
+SILICONE_MPA = (0.02, 2.0)  # half of the shear modulus of silicones that fingers are cast of
 NEAR = 0.02  # of the least share: where a fit is stopped by it
 CURLED = 2.0  # largest displacement over the finger's length: a tip that is rolled up moves by 1.3 of it
 RESTING = 2e-3  # displacement over length that any pressure of 40 kPa exceeds; in proportion below that
@@ -63,26 +64,26 @@ def top_fault(peak: float, *, unit: str, top_kPa: float) -> str:
     return f"{text}; the numbers are likely in {likely[0]}"
 
 
-def silicone_doubt(total: float, *, end: int) -> str:
-    """A sentence where C10 + C01 in MPa is no silicone's.
+def silicone_doubt(constants: Constants, *, end: int) -> str:
+    """A sentence where the scale of constants is no silicone's.
 
     end: 1 where all constants end at their highest allowed values, -1 at their lowest, else 0.
     """
-    low, high = SILICONE_MPA
+    (low, high), total = SILICONE_MPA, constants.scale
     if low <= total <= high and not end:
         return ""
     what = "the constants end at their bounds" if end else f"silicones have {low:g} to {high:g} MPa"
     soft = end < 0 or (not end and total < low)
     wrong = "low, as kPa read as mbar, or psi as kPa" if soft else "high, as mbar read as kPa, or kPa as psi"
     return (
-        f"C10 + C01 is {total:.3g} MPa: {what}. Is the pressure read too {wrong}? Write what the regulator "
-        "was set to as top_kPa under [pressure]: `twin check` compares it with the log."
+        f"{constants.law.stiffness} is {total:.3g} MPa: {what}. Is the pressure read too {wrong}? Write what "
+        "the regulator was set to as top_kPa under [pressure]: `twin check` compares it with the log."
     )
 
 
-def stability_doubt(share: float) -> str:
-    """A sentence where C01 / (C10 + C01) is the least at which Mooney-Rivlin rubber is stable."""
-    if share > LEAST_SHARE + NEAR:
+def stability_doubt(constants: Constants) -> str:
+    """A sentence where the share of Mooney-Rivlin rubber is the least at which it is stable."""
+    if constants.law != MOONEY_RIVLIN or (share := constants.shape[0]) > LEAST_SHARE + NEAR:
         return ""
     return (
         f"C01/(C10 + C01) is {share:.2f}, and with less the rubber would not be stable: the silicone has "

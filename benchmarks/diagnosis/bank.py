@@ -31,11 +31,11 @@ from calibrate import Parameter
 from fe import Case, Lattice, Variation, solve
 from fe import Path as Course
 from fe.mesh.mirror import mirrored
-from twin.effects.baselaw import Constants
 from twin.effects.library import all_effects, effect
 from twin.effects.protocol import Effect, Test, Theta, Unsolvable
 from twin.effects.standins import stand_ins
 from twin.gravity import G
+from twin.laws.mooneyrivlin import MOONEY_RIVLIN, mooney_rivlin
 from twin.model.structure import base_case
 from twin.targets import Array
 from twin.virtual.hidden import KINDS
@@ -46,7 +46,7 @@ FILE = ROOT / "benchmarks" / "data" / "bank.npz"
 GRID: Array = np.concatenate([[-0.006], np.linspace(0.0, 1.0, 20) ** 1.3 * 0.17])  # p / (C10 + C01)
 TOTALS: Array = np.array([0.22, 0.3, 0.45])  # MPa
 SHARES: Array = 0.2 - 0.8 * np.cos(np.pi * (np.arange(7) + 0.5) / 7)  # from the least that is stable
-MAIN = Constants(0.214, 0.083)
+MAIN = mooney_rivlin(0.214, 0.083)
 LARGE = 0.2  # softening of the whole solves, and half of it
 COUNT, FEWER = 12, 8  # levels of a load path, and of what an effect changes
 NODES = {  # of parameters that are invisible at null
@@ -102,7 +102,7 @@ def _spread(effect: Effect, p: Parameter, test: Test) -> tuple[float, ...]:
 
 def along(case: Case, share: float, total: float, *, count: int = COUNT) -> Array:
     """Load paths (w, k, p, 3) mm over GRID in each direction of gravity."""
-    case, out = case.with_material(**Constants.at(total, share).named), []
+    case, out = case.with_material(**MOONEY_RIVLIN.at(total, (share,)).named), []
     for way in WAYS:
         p = GRID * total
         found = solve(case, Course(p, p, p, gravity=G * np.array(way)), count=count)
@@ -122,7 +122,7 @@ def rows_of(effect: Effect, test: Test) -> list[Row]:
 
 def slopes(case: Case, rows: Sequence[Row]) -> Array:
     """Derivatives (v, w, k, p, 3) of the load paths to amplitudes at null, at the main constants."""
-    case, p, out = case.with_material(**MAIN.named), GRID * MAIN.total, []
+    case, p, out = case.with_material(**MAIN.named), GRID * MAIN.scale, []
     for way in WAYS:
         course = Course(p, p, p, gravity=G * np.array(way))
         test = Test(case, course, POINTS, np.ones(len(POINTS), bool))
@@ -149,7 +149,7 @@ def at_size(case: Case, effect: Effect, entry: Theta, name: str, size: float) ->
     """Load paths with an effect of a size, at the main constants."""
     null = {q.name: q.null for q in effect.amplitudes}
     changed = effect.before(case_test(case.with_material(**MAIN.named)), {**null, **entry, name: size})
-    return along(changed.case, MAIN.share, MAIN.total, count=FEWER)
+    return along(changed.case, MAIN.shape[0], MAIN.scale, count=FEWER)
 
 
 def course(case: Case, effect: Effect | None, theta: Theta) -> Array:
@@ -192,7 +192,7 @@ def tasks(effects: Sequence[Effect]) -> dict[str, partial[Array]]:
     for i, j in product(range(len(TOTALS)), range(len(SHARES))):
         found[f"base@{i}@{j}"] = partial(along, case, float(SHARES[j]), float(TOTALS[i]))
     found["course"] = partial(course, case, None, {})
-    found["plain"] = partial(along, case, MAIN.share, MAIN.total, count=FEWER)
+    found["plain"] = partial(along, case, MAIN.shape[0], MAIN.scale, count=FEWER)
     creep, soft = effect("creep"), effect("mullins:2")
     for k, entry in enumerate(entries(creep, test)[1]):
         found[f"creep@{k}"] = partial(course, case, creep, {**entry, "creep.g1": 0.05})

@@ -31,11 +31,11 @@ from fe.case import digest
 from fe.mesh.convert import converted
 from fe.mesh.points import nearest
 from twin import virtual
-from twin.effects.baselaw import NOMINAL, Constants
 from twin.effects.library import effect
 from twin.effects.protocol import Test
 from twin.judging.fitting import ModelErrors
 from twin.judging.judged import judge
+from twin.laws.mooneyrivlin import NOMINAL, mooney_rivlin
 from twin.model.basemodel import base_model
 from twin.model.discretisation import SolvedAt, discretisation_error
 from twin.model.prediction import Model, respond
@@ -203,11 +203,11 @@ def row(truth: Truth, name: str, found: Sequence[Estimates], true: Array, names:
 
 def _of(name: str, found: Estimates, names: Sequence[str]) -> tuple[float, float]:
     """A parameter, or the sum or share of the constants, with its sd to first order."""
-    gradient, constants = np.zeros(len(names)), Constants(*found.theta[:2])
+    gradient, constants = np.zeros(len(names)), mooney_rivlin(*found.theta[:2])
     if name == "sum":
-        gradient[:2], value = 1.0, constants.total
+        gradient[:2], value = 1.0, constants.scale
     elif name == "share":
-        gradient[:2] = np.array([-constants.C01, constants.C10]) / constants.total**2
+        gradient[:2] = np.array([-constants["C01"], constants["C10"]]) / constants.scale**2
         value = constants.share
     else:
         k = list(names).index(name)

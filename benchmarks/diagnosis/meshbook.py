@@ -69,7 +69,7 @@ def discretisation(rows: tuple[int, ...], heavy: bool) -> Discretisation:
     """The error of the mesh at some places; without weight the mean of upright and upside down."""
     d, at = _kept(), list(rows)
     found = Discretisation(
-        names=tuple(map(str, d["names"])), total=float(d["total"]), grid=d["grid"], gravities=d["gravities"],
+        names=tuple(map(str, d["names"])), scale=float(d["total"]), grid=d["grid"], gravities=d["gravities"],
         base=d["base"][:, :, at], changes=d["changes"][:, :, :, at], tested=float(d["tested"]),
     )  # fmt: skip
     if heavy:

@@ -23,8 +23,8 @@ import numpy as np
 
 from fe import Case, Finger, Lattice, Material
 from twin import virtual
-from twin.effects.baselaw import Constants
 from twin.judging.judged import judge
+from twin.laws.mooneyrivlin import mooney_rivlin
 from twin.model.basemodel import base_model
 from twin.model.discretisation import SolvedAt, discretisation_error
 from twin.model.prediction import Model
@@ -76,7 +76,8 @@ def measured(finger: Finger, factors: Array) -> Row:
         u, slope, course, points=virtual.at_nodes(names, nodes, points), bench=BENCH, seed=1
     )
     targets = exact(film, u)
-    model, at = base_model(targets, case), SolvedAt.beside(Constants(*theta), float(course.pressure.max()))
+    model, top = base_model(targets, case), float(course.pressure.max())
+    at = SolvedAt.beside(mooney_rivlin(*theta), top)
     found = discretisation_error(model.test, structure=of_finger(finger, LATTICE), solved_at=at)
     return replace(judged(model.on_mesh(found), targets, theta=theta), factors=tuple(factors.tolist()))
 

@@ -34,8 +34,9 @@ from numpy.typing import NDArray
 from scipy.interpolate import BarycentricInterpolator, CubicSpline, interp1d
 
 from fe.path import equivalent
-from twin.effects.baselaw import Constants
 from twin.effects.protocol import Effect, Test, Theta, Unsolvable
+from twin.laws.law import Constants
+from twin.laws.mooneyrivlin import mooney_rivlin
 from twin.model.prediction import HISTORY, Model, Solved, Tangents, each
 from twin.targets import Array
 from twin.virtual.protocols import PROTOCOLS
@@ -101,7 +102,7 @@ class Table:
         at, out = self._nodes(values), np.zeros(self.slopes.shape[1:])
         count, nodes = len(self.effect.amplitudes), np.flatnonzero(at)
         for n, p in enumerate(self.effect.amplitudes):
-            size = (values[p.name] - p.null) * (constants.total / MAIN.total) ** SCALING.get(p.unit, 0)
+            size = (values[p.name] - p.null) * (constants.scale / MAIN.scale) ** SCALING.get(p.unit, 0)
             if size == 0.0:
                 continue
             for node in nodes:
@@ -189,15 +190,15 @@ class Tables:
         at the nodes of its time."""
         arrays, course, rows = bank(), PROTOCOLS["P5"].course, []
         paths = np.tensordot(
-            _powers(MAIN.total),
-            replace(self, weighed=True, of={}, shares={}, kinds={}).load_paths(MAIN.share),
+            _powers(MAIN.scale),
+            replace(self, weighed=True, of={}, shares={}, kinds={}).load_paths(MAIN.shape[0]),
             1,
         )
         way = (COURSE_STEPS // 60).astype(int)
-        still = along(paths, course.at_output() / MAIN.total, way)
+        still = along(paths, course.at_output() / MAIN.scale, way)
         for k, tau in enumerate(NODES["creep.tau1"]):
             q = equivalent(course.time, course.pressure, np.array([[0.05, tau]]))
-            plain = along(paths, np.interp(COURSE_STEPS, course.time, q) / MAIN.total, way) - still
+            plain = along(paths, np.interp(COURSE_STEPS, course.time, q) / MAIN.scale, way) - still
             rows.append(((arrays[f"creep@{k}"] - arrays["course"])[:, self.rows] - plain) / 0.05)
         return self.at_times(np.array(rows))
 
@@ -269,18 +270,18 @@ class ReducedModel(Model):
         tables end."""
         self.counted[0] += 1
         body = next(iter(test.case.materials.values()))
-        constants, path, t = Constants(body.C10, body.C01), test.path, self.tables
+        constants, path, t = mooney_rivlin(body.C10, body.C01), test.path, self.tables
         factor = path.stiffness_at(path.output)
         drive = path.pressure if path.stiffness is None else path.pressure / path.stiffness
         prony = np.array([pair for pair in body.prony if pair[0]]).reshape(-1, 2)
         q = equivalent(path.time, drive, prony) if len(prony) else drive
-        x = np.interp(path.output, path.time, q) / constants.total
-        if not SHARES[0] - 0.1 <= constants.share <= 1.1 or not np.isfinite(x).all() or x.max() > FARTHEST:
+        x = np.interp(path.output, path.time, q) / constants.scale
+        if not SHARES[0] - 0.1 <= constants.shape[0] <= 1.1 or not np.isfinite(x).all() or x.max() > FARTHEST:
             raise Unsolvable(f"no equilibrium beyond a reduced pressure of {FARTHEST:g}")
         if factor.min() <= 0.05:
             raise Unsolvable("the moduli fall to nothing")
-        parts = t.load_paths(constants.share)
-        scale = _powers(constants.total)
+        parts = t.load_paths(constants.shape[0])
+        scale = _powers(constants.scale)
         changes = [
             table.change(theta, constants)
             for e in self.effects
@@ -311,7 +312,7 @@ class ReducedModel(Model):
         if mullins := body.mullins:
             soft, m, beta = mullins
             rows, bent, more = self.tables.softening
-            scaled = m * MAIN.total / constants.total
+            scaled = m * MAIN.scale / constants.scale
             wm = weights(np.log(NODES["mullins.m"]), float(np.log(max(scaled, 1e-6))))
             w = np.kron(wm, weights(np.array(NODES["mullins.beta"]), beta))
             out = out + np.tensordot(w, soft * rows + soft**2 * bent + soft**3 * more, 1)

@@ -168,7 +168,7 @@ class Sight:
     def of(scene: Scene) -> "Sight":
         """That of a scene where nothing is hidden, at the true constants."""
         targets = scene.targets(())
-        model, theta = scene.model(targets), np.array([MAIN.C10, MAIN.C01])
+        model, theta = scene.model(targets), np.array(MAIN.values)
         w = whitener_of(model, theta, targets)
         return Sight(
             scene, scene.true(()), targets, w, np.linalg.qr(w.whiten(model.jacobian(theta)).T)[0]
@@ -392,8 +392,8 @@ def coverage(judged: Any, hidden: Sequence[tuple[Kind, float]]) -> dict[str, boo
     own = fit.covariance[np.ix_([i, j], [i, j])]
     out = {}
     for key, g, error in (
-        ("sum", np.ones(2), theta["C10"] + theta["C01"] - MAIN.total),
-        ("share", _share_slope(theta), theta["C01"] / (theta["C10"] + theta["C01"]) - MAIN.share),
+        ("sum", np.ones(2), theta["C10"] + theta["C01"] - MAIN.scale),
+        ("share", _share_slope(theta), theta["C01"] / (theta["C10"] + theta["C01"]) - MAIN.shape[0]),
     ):
         out[key] = bool(abs(error) <= 1.96 * np.sqrt(g @ own @ g))
     for kind, size in hidden:

@@ -22,12 +22,12 @@ from twin import virtual
 from twin.diagnosis.deciding import Diagnosis
 from twin.diagnosis.procedure import diagnose
 from twin.diagnosis.record import DiagnosisRecord
-from twin.effects.baselaw import Constants
 from twin.effects.library import effect
 from twin.effects.protocol import Effect
 from twin.executors.chosen import current
 from twin.executors.protocol import gathered
 from twin.judging.fitting import fit_model, whitener_of
+from twin.laws.mooneyrivlin import mooney_rivlin
 from twin.model.basemodel import base_model
 from twin.model.discretisation import SolvedAt, discretisation_error
 from twin.model.prediction import Model
@@ -116,7 +116,7 @@ def prepared(case: Case, targets: Targets) -> tuple[Model, Array]:
         one = {key: lambda make=make: {"array": make()} for key, make in tasks.items()}
         return {key: kept("mesh", key, one[key])["array"] for key in tasks}
 
-    at = SolvedAt.beside(Constants(*map(float, NOMINAL)), float(targets.log_pressure.max()))
+    at = SolvedAt.beside(mooney_rivlin(*map(float, NOMINAL)), float(targets.log_pressure.max()))
     model = model.on_mesh(
         discretisation_error(
             model.test, structure=of_finger(Finger(), Lattice()), solved_at=at, cache=keep

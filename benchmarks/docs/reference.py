@@ -23,6 +23,7 @@ from pydantic import BaseModel
 from calibrate import Parameter
 from fe import Finger, Material, finger_case
 from twin.chain import STAGES, Stage
+from twin.commands.calibratelaws import LawsRecord
 from twin.commands.explore import ExploredRecord
 from twin.commands.export import ModelRecord
 from twin.commands.pareto import ParetoRecord
@@ -45,7 +46,7 @@ DOCS = ROOT / "docs"
 Schema = Mapping[str, Any]
 RECORDS: tuple[type[Record], ...] = (
     FitRecord, ComparisonRecord, DiagnosisRecord, EvidenceRecord, ProfilesRecord, PosteriorRecord,
-    ParetoRecord, ExploredRecord, PredictionRecord, ModelRecord, Study,
+    LawsRecord, ParetoRecord, ExploredRecord, PredictionRecord, ModelRecord, Study,
 )  # fmt: skip
 COLUMNS = 120
 BEGIN, END = "<!-- made by benchmarks/docs/reference.py -->", "<!-- end -->"

@@ -17,7 +17,7 @@ from benchmarks.commandline import options
 import numpy as np
 
 from fe import Path, Solution, solve
-from twin.effects.baselaw import NOMINAL
+from twin.laws.mooneyrivlin import NOMINAL
 from twin.model import fingertable
 from twin.model.arraycache import no_cache
 from twin.model.fingertable import FILES, FieldSums, KnownFinger
@@ -53,7 +53,7 @@ def solved(structure: Structure) -> KnownFinger:
     meshes = {"base": structure.base, **structure.finer}
     fine, solutions = np.linspace(0, own.reached.min(), SAMPLES), {}
     for name, mesh in meshes.items():
-        load = fine * NOMINAL.total
+        load = fine * NOMINAL.scale
         case = mesh.build().with_material(**NOMINAL.named)
         solutions[mesh.key] = found = solve(case, Path(load, load, load), count=LEVELS)
         fine = fine[load <= found.reached * (1 + 1e-9)]

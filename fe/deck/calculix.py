@@ -85,17 +85,12 @@ class CalculiX:
 def check(case: Case) -> None:
     """ValueError for a case that it cannot solve.
 
-    Mullins softening and creep it does not know; and C01 and C20 in one material: its polynomial of second
-    order (2.20) softens by C20 what should stiffen.
+    Mullins softening and creep it does not know.
     """
     for name, m in case.materials.items():
         for what, there in (("Mullins softening", m.mullins and m.mullins[0]), ("a Prony series", m.prony)):
             if there:
                 raise ValueError(f"material {name!r} has {what}: CalculiX knows none; drop it")
-        if m.C01 and m.C20 and not m.ogden:
-            raise ValueError(
-                f"material {name!r} has C01 and C20: CalculiX 2.20 solves that law wrongly; set one to 0"
-            )
 
 
 def without_hybrid(text: str) -> str:

@@ -1,6 +1,7 @@
 """The laws of *HYPERELASTIC: how a deck states each of them, read and written.
 
-A new law is one more entry of FORMS. Compressibility is stated by the first term alone, D1 = 2 / K.
+A new law is one more entry of FORMS. Compressibility is stated by the first term alone, D1 = 2 / K. N is
+written after the law's name: CalculiX (2.20) forgets an N that stands before it, and takes the first term.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -10,7 +11,7 @@ from fe.deck.keywords import Keyword
 from fe.laws import Material
 
 INCOMPRESSIBLE = 1e4  # K / shear modulus where D1 = 0, which stands for incompressible
-TERMS = ("C10", "C01", "C20", "C30", "ogden")  # of a material: those of its constants that a form may hold
+TERMS = ("C10", "C01", "C20", "C30", "ogden", "chains")  # of a material, that a form may hold
 
 
 @dataclass(frozen=True)
@@ -52,7 +53,7 @@ def polynomial(kind: str, *constants: str, order: int | None = None, compressibl
 
     def write(m: Material) -> tuple[str, list[float]]:
         values = [getattr(m, name) if name else 0.0 for name in constants]
-        return f"N={order}, {kind}" if order else kind, values + _compressibility(m, order or compressible)
+        return f"{kind}, N={order}" if order else kind, values + _compressibility(m, order or compressible)
 
     return Form(kind, constants, read, write, order)
 
@@ -67,7 +68,16 @@ def _read_ogden(c: Sequence[float], order: int) -> tuple[Material | None, Sequen
 
 def _write_ogden(m: Material) -> tuple[str, list[float]]:
     order = len(m.ogden)
-    return f"N={order}, OGDEN", [*(x for pair in m.ogden for x in pair), *_compressibility(m, order)]
+    return f"OGDEN, N={order}", [*(x for pair in m.ogden for x in pair), *_compressibility(m, order)]
+
+
+def _read_chains(c: Sequence[float], _: int) -> tuple[Material | None, Sequence[float]]:
+    return Material(chains=(c[0], c[1])), c[2:]
+
+
+def _write_chains(m: Material) -> tuple[str, list[float]]:
+    assert m.chains
+    return "ARRUDA-BOYCE", [*m.chains, *_compressibility(m, 1)]
 
 
 # A material is written in the first form that holds all its terms.
@@ -76,12 +86,12 @@ FORMS = (
     polynomial("POLYNOMIAL", "C10", "C01", order=1),
     polynomial("NEO HOOKE", "C10"),
     polynomial("REDUCED POLYNOMIAL", "C10", order=1),
-    # before the polynomials of second order, in which CalculiX 2.20 softens by C20 what should stiffen
     polynomial("YEOH", "C10", "C20", "C30", compressible=3),
     polynomial("POLYNOMIAL", "C10", "C01", "C20", "", "", order=2),
     polynomial("REDUCED POLYNOMIAL", "C10", "C20", order=2),
     polynomial("REDUCED POLYNOMIAL", "C10", "C20", "C30", order=3),
     Form("OGDEN", ("ogden",), _read_ogden, _write_ogden),
+    Form("ARRUDA-BOYCE", ("chains",), _read_chains, _write_chains),
 )
 
 
@@ -103,7 +113,7 @@ def read_law(k: Keyword) -> Material:
                 return replace(law, bulk_ratio=ratio)
     raise k.error(
         f"*HYPERELASTIC {', '.join(k.parameters) or 'POLYNOMIAL'}: wanted Mooney-Rivlin, neo-Hooke, "
-        "Yeoh, Ogden, or a polynomial without the terms C11 and C02"
+        "Yeoh, Ogden, Arruda-Boyce, or a polynomial without the terms C11 and C02"
     )
 
 

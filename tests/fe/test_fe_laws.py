@@ -18,8 +18,9 @@ LAWS = {
     "Mooney-Rivlin": Material(C10=0.2, C01=0.15),
     "Yeoh": Material(C10=0.2, C20=-0.02, C30=0.01),
     "Gent": Material(gent=(0.4, 3.0)),
+    "Arruda-Boyce": Material(chains=(0.4, 1.5)),
     "Ogden": Material(ogden=((0.3, 1.8), (0.02, 6.0), (-0.05, -2.0))),
-    "all terms": Material(0.2, 0.1, 0.05, C30=0.01, gent=(0.3, 4.0), ogden=((0.1, 3.0),)),
+    "all terms": Material(0.2, 0.1, 0.05, C30=0.01, gent=(0.3, 4.0), ogden=((0.1, 3.0),), chains=(0.1, 2.0)),
 }
 EACH = pytest.mark.parametrize("law", LAWS.values(), ids=LAWS)
 
@@ -38,6 +39,10 @@ def formula(F: Array, m: Material) -> Array:
     if m.gent:
         mu, limit = m.gent
         W = W + (mu / 2 * x if np.isinf(limit) else -mu * limit / 2 * np.log1p(-x / limit))
+    if m.chains:
+        mu, lock = m.chains
+        series = (1 / 2, 1 / 20, 11 / 1050, 19 / 7000, 519 / 673750)
+        W = W + mu * sum(a / lock ** (2 * i) * ((x + 3) ** (i + 1) - 3 ** (i + 1)) for i, a in enumerate(series))
     for mu, alpha in m.ogden:
         W = W + 2 * mu / alpha**2 * ((np.linalg.eigvalsh(C) ** (alpha / 2)).sum(-1) - 3)
     return np.asarray(W, float)
@@ -99,8 +104,8 @@ def test_one_law_is_another_in_its_special_case() -> None:
     np.testing.assert_allclose(stress(F, two)[0], stress(F, LAWS["neo-Hooke"])[0], atol=1e-13)
     minus = Material(C10=0.2, ogden=((0.3, -2.0),))
     np.testing.assert_allclose(stress(F, minus)[0], stress(F, LAWS["Mooney-Rivlin"])[0], atol=1e-13)
-    far = Material(gent=(0.4, 1e9))
-    np.testing.assert_allclose(stress(F, far)[0], stress(F, LAWS["neo-Hooke"])[0], rtol=1e-8, atol=1e-9)
+    for far in (Material(gent=(0.4, 1e9)), Material(chains=(0.4, 1e5))):
+        np.testing.assert_allclose(stress(F, far)[0], stress(F, LAWS["neo-Hooke"])[0], rtol=1e-8, atol=1e-9)
 
 
 # Every field of a material, with something in it, and what of it times a factor stiffens the material by that.
@@ -110,6 +115,7 @@ STIFFENED: dict[str, tuple[Any, Any]] = {
     "C20": (0.05, 0.15),
     "C30": (0.01, 0.03),
     "gent": ((0.3, 4.0), (0.9, 4.0)),
+    "chains": ((0.3, 2.0), (0.9, 2.0)),
     "ogden": (((0.1, 3.0), (0.02, -2.0)), ((0.3, 3.0), (0.06, -2.0))),
     "mullins": ((0.4, 0.002, 0.5), (0.4, 0.006, 0.5)),  # its m is compared with energies
     "bulk_ratio": (500.0, 500.0),

@@ -18,7 +18,7 @@ G = np.array([1.0, 0.0, 0.0]).reshape(1, 1, 3, 1)
 one = np.ones((1, 1))
 mesh = MeshArrays(G, np.empty((0, 1, 3, 3)), one, one.reshape(1, 1, 1), np.zeros((1, 1), np.int64))
 W = np.empty((1, 1))
-energies(mesh, np.array([[0.1, 0.0, 0.0]]), np.array([[0.2, 0, 0, 0, 0, 0.0]]), 0, 1, W)
+energies(mesh, np.array([[0.1, 0.0, 0.0]]), np.array([[0.2, 0, 0, 0, 0, 0, 0, 0.0]]), 0, 1, W)
 print(W[0, 0])
 """
 

@@ -9,6 +9,7 @@ import pytest
 
 from fe import Case
 from twin.commands.calibrate import _end
+from twin.laws.mooneyrivlin import MOONEY_RIVLIN
 from twin.project.folder import Project, dataset
 from twin.project.targetfiles import read_targets
 from twin.sanity import (
@@ -203,16 +204,16 @@ def test_a_regulator_tells_the_unit_of_the_log(read: str, top: str, likely: str)
 
 
 def test_constants_of_no_silicone_are_told_with_the_unit() -> None:
-    assert silicone_doubt(0.26, end=0) == silicone_doubt(0.03, end=0) == silicone_doubt(1.9, end=0) == ""
-    assert "silicones have 0.02 to 2 MPa. Is the pressure read too high, as mbar read as kPa" in silicone_doubt(2.6, end=0)
-    assert "Is the pressure read too low, as kPa read as mbar" in silicone_doubt(0.015, end=0)
-    assert "1 MPa: the constants end at their bounds. Is the pressure read too high" in silicone_doubt(1.0, end=1)
-    assert "read too low" in silicone_doubt(0.1, end=-1)
+    assert silicone_doubt(MOONEY_RIVLIN.usual(0.26), end=0) == silicone_doubt(MOONEY_RIVLIN.usual(0.03), end=0) == silicone_doubt(MOONEY_RIVLIN.usual(1.9), end=0) == ""
+    assert "silicones have 0.02 to 2 MPa. Is the pressure read too high, as mbar read as kPa" in silicone_doubt(MOONEY_RIVLIN.usual(2.6), end=0)
+    assert "Is the pressure read too low, as kPa read as mbar" in silicone_doubt(MOONEY_RIVLIN.usual(0.015), end=0)
+    assert "1 MPa: the constants end at their bounds. Is the pressure read too high" in silicone_doubt(MOONEY_RIVLIN.usual(1.0), end=1)
+    assert "read too low" in silicone_doubt(MOONEY_RIVLIN.usual(0.1), end=-1)
 
 
 def test_a_fit_that_stability_has_stopped_is_told() -> None:
-    assert stability_doubt(0.28) == stability_doubt(-0.5) == ""
-    assert "C01/(C10 + C01) is -0.60, and with less the rubber would not be stable" in stability_doubt(-0.598)
+    assert stability_doubt(MOONEY_RIVLIN.at(0.3, (0.28,))) == stability_doubt(MOONEY_RIVLIN.at(0.3, (-0.5,))) == ""
+    assert "C01/(C10 + C01) is -0.60, and with less the rubber would not be stable" in stability_doubt(MOONEY_RIVLIN.at(0.3, (-0.598,)))
 
 
 def test_an_end_is_one_where_all_constants_end_on_one_side() -> None:

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from calibrate import Fit
-from twin.effects.baselaw import NAMES
 from twin.judging.record import FitRecord
+from twin.laws.mooneyrivlin import NAMES
 
 SUM, SHARE = "C10 + C01", "C01/(C10 + C01)"
 Z95 = 1.959964  # of a normal distribution

@@ -10,15 +10,15 @@ from calibrate import Parameter
 from fe import Path
 from twin.bench.exploring import VariedFinger, moves_finger, table_of
 from twin.bench.fits import newest_fit
-from twin.bench.workbench import own_of, structure_of
+from twin.bench.workbench import elasticity_of, own_of, structure_of
 from twin.bodies.finger import FingerTable
-from twin.effects.baselaw import NOMINAL
 from twin.effects.labels import name_of
 from twin.effects.library import effect
 from twin.effects.material import Elasticity
 from twin.effects.protocol import Effect
 from twin.experiments.designs import Variable
 from twin.gravity import G, density
+from twin.laws.law import Constants
 from twin.project.folder import Project
 
 RAMP_S, HOLD_S = 2.0, 2.0  # as `twin predict` has them
@@ -33,8 +33,9 @@ def asked_ranges(
         raise ValueError("--over: wanted what is varied, each once, such as --over C10=0.15:0.25 --over "
                          "top_wall_mm=1.6:2.4")  # fmt: skip
     structure, table = structure_of(project), _dimensions(project)
-    effects, left = _effects(project, ranges)
-    values, remark = _values(project, effects)
+    law = elasticity_of(project, structure.nominal).fitted()
+    effects, left = _effects(project, law, ranges)
+    values, remark = _values(project, effects, law.nominal)
     named = {p.name: p for e in effects for p in e.parameters}
     variables = tuple(_variable(name, *ends, named, table) for name, ends in ranges.items())
     kg_m3 = project.config.model.density_kg_m3
@@ -92,7 +93,9 @@ def _dimensions(project: Project) -> FingerTable | None:
     return model.finger or FingerTable()
 
 
-def _effects(project: Project, ranges: Mapping[str, Any]) -> tuple[tuple[Effect, ...], list[str]]:
+def _effects(
+    project: Project, law: Elasticity, ranges: Mapping[str, Any]
+) -> tuple[tuple[Effect, ...], list[str]]:
     """The law and the effects that move the finger: those of twin.toml, and whose parameters are varied; and
     labels of those that do not."""
     own, labels = own_of(project), list(project.config.model.effects)
@@ -100,18 +103,19 @@ def _effects(project: Project, ranges: Mapping[str, Any]) -> tuple[tuple[Effect,
     for name in dict.fromkeys(name.partition(".")[0] for name in ranges if "." in name):
         if name not in known:
             labels.append(name)
-    every = [effect(label, own=own) for label in labels]
+    every = [effect(label, own=own, law=law.law) for label in labels]
     still = [e for e in every if not moves_finger(e)]
     for e in still:
         if any(p.name in ranges for p in e.parameters):
             raise ValueError(f"--over {e.name}: this effect does not move the finger under a held pressure; "
                              "wanted one that does")  # fmt: skip
-    law = Elasticity(bounds=project.config.calibrate.bounds).fitted()
     moving = sorted((e for e in every if e not in still), key=lambda e: e.order)
     return (law, *moving), [e.label for e in still]
 
 
-def _values(project: Project, effects: Sequence[Effect]) -> tuple[dict[str, float], str]:
+def _values(
+    project: Project, effects: Sequence[Effect], nominal: Constants
+) -> tuple[dict[str, float], str]:
     """A value for every parameter: as fitted, else as twin.toml holds it, nominal, or absent."""
     remark, fitted = "", {}
     try:
@@ -119,7 +123,7 @@ def _values(project: Project, effects: Sequence[Effect]) -> tuple[dict[str, floa
         fitted = {p.name: float(x) for p, x in zip(fit.parameters, fit.theta, strict=True)}
     except ValueError as why:
         remark = f"What is not varied is nominal, not fitted: {why}."
-    start = NOMINAL.named | project.config.model.fixed | fitted
+    start = nominal.named | project.config.model.fixed | fitted
     for e in effects:
         entry = e.grid[0] if e.grid else {}
         for p in e.parameters:

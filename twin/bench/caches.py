@@ -7,14 +7,15 @@ from pathlib import Path
 import numpy as np
 from pydantic import RootModel
 
-from twin.effects.baselaw import Constants
 from twin.executors.chosen import current
 from twin.executors.local import Serial
+from twin.laws.law import Constants, RubberLaw
+from twin.laws.mooneyrivlin import MOONEY_RIVLIN
 from twin.model.discretisation import SolvedAt
 from twin.project import files
 from twin.project.folder import Say
 from twin.project.record import Record
-from twin.tablemodel import Finite, NotNegative, Positive
+from twin.tablemodel import Finite, Positive
 from twin.targets import Array
 
 FURTHER = 1.7  # at most: curves of few levels that reach much too far are coarse where it counts
@@ -41,8 +42,7 @@ class FolderCache:
 
 
 class SolvedRow(Record):
-    C10: NotNegative
-    C01: Finite
+    values: dict[str, Finite]
     top_MPa: Positive
 
 
@@ -52,24 +52,26 @@ class SolvedRows(RootModel[tuple[SolvedRow, ...]]):
 
 @dataclass(frozen=True)
 class SolvedList:
-    """The constants and pressures at which the finer meshes of one structure were solved, in a JSON file."""
+    """The constants of a law and pressures at which the finer meshes of one structure were solved, in a JSON
+    file."""
 
     path: Path
+    law: RubberLaw = MOONEY_RIVLIN
 
     @property
     def known(self) -> list[SolvedAt]:
         """Those that were solved, the oldest first."""
         rows = files.read(SolvedRows, self.path).root if self.path.exists() else ()
-        return [SolvedAt(Constants(row.C10, row.C01), row.top_MPa) for row in rows]
+        return [SolvedAt(self.law.of(row.values), row.top_MPa) for row in rows]
 
     def serving(
         self, own: Constants, pressure: float, *, low: float = 0.0, high: float = np.inf
     ) -> SolvedAt | None:
-        """The oldest that serves constants up to a pressure in MPa: its total C10 + C01 is `low` to `high`
+        """The oldest that serves constants up to a pressure in MPa: its scale is `low` to `high`
         times theirs, and it reaches as far as they do and at most FURTHER times that; None where there is
         none."""
         for one in self.known:
-            scale = one.constants.total / own.total
+            scale = one.constants.scale / own.scale
             if low <= scale <= high and scale * pressure <= one.top <= FURTHER * scale * pressure:
                 return one
         return None
@@ -78,5 +80,5 @@ class SolvedList:
         """The list with one more."""
         if solved not in self.known:
             every = ((one.constants, one.top) for one in (*self.known, solved))
-            rows = tuple(SolvedRow(C10=c.C10, C01=c.C01, top_MPa=top) for c, top in every)
+            rows = tuple(SolvedRow(values=c.named, top_MPa=top) for c, top in every)
             files.write_json(self.path, SolvedRows(rows))

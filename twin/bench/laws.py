@@ -1,8 +1,10 @@
 """The effects that a text names, each in the law that the newest diagnosis kept for it, and where their fit
 begins."""
 
+from typing import Any
+
 from twin.bench.fits import fresh
-from twin.bench.workbench import own_of
+from twin.bench.workbench import law_of_project, own_of
 from twin.diagnosis.record import DiagnosisRecord
 from twin.diagnosis.screening import screened
 from twin.diagnosis.signatures import signatures_of
@@ -25,7 +27,9 @@ def laws_of(project: Project, text: str, say: Say) -> tuple[tuple[Effect, ...], 
     """The effects that a text names as a verdict does, `creep + gravity or tube`, and where the newest
     diagnosis began the fit that it gave out for them. Of what it could not tell apart the first is taken, and
     the user hears so."""
-    first, *others = effects_of(named_effect(project, text), own=own_of(project))
+    first, *others = effects_of(
+        named_effect(project, text), own=own_of(project), law=law_of_project(project)
+    )
     if others:
         labels = [AND.join(e.label for e in group) for group in (first, *others)]
         say(f"Taken is {labels[0]}; name {OR.join(labels[1:])} instead to take that.")
@@ -41,7 +45,8 @@ def _kept(project: Project) -> tuple[dict[str, Effect], Start]:
     law = files.read(DiagnosisRecord, path).law if path else None
     if path is None or not law or not path.with_name("kept.json").exists():
         return {}, {}
-    kept = {name_of(label): effect(label, own=own_of(project)) for label in law.split(AND)}
+    how: dict[str, Any] = {"own": own_of(project), "law": law_of_project(project)}
+    kept = {name_of(label): effect(label, **how) for label in law.split(AND)}
     return kept, files.read(FitRecord, path.with_name("kept.json")).start or {}
 
 

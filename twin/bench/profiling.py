@@ -16,8 +16,8 @@ from calibrate.fit import Jacobian, Residual
 from calibrate.profiles import LEVELS, Held, Profile
 from twin.bench.comparison import kept
 from twin.bench.workbench import Workbench
-from twin.effects.baselaw import NAMES, WIDEST_SHARE
 from twin.judging.fitting import ModelErrors, whitened
+from twin.laws.mooneyrivlin import NAMES, WIDEST_SHARE
 from twin.model.prediction import Model, Unsolvable
 from twin.project.folder import Say
 from twin.targets import Array, Targets

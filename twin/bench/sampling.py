@@ -2,7 +2,7 @@
 
 The prior is flat within the bounds of the parameters. Measured values are normal about what the model shows,
 with the errors of gauge, mesh and laws that the model has itself at those parameters, as in a profile. One of
-the mesh's errors is taken whole and not to first order: its stiffness, of relative sd s, which C10 and C01
+the mesh's errors is taken whole and not to first order: its stiffness, of relative sd s, which the moduli
 take up. It is a number of its own, eta, normal with sd 1: with constants C the mesh is to be solved with C
 exp(s eta). Those, theta, the film holds within little, so that few solves serve for the response. The prior
 is flat in C, not in theta. What the other errors change of the density is known at whole solves, and
@@ -21,7 +21,6 @@ from scipy.special import ndtri
 from calibrate.parameters import Array, bounds
 from calibrate.posteriors import Chain, sampled, spread
 from twin.bench.profiling import Profiler
-from twin.effects.baselaw import NAMES
 from twin.judging.fitting import ModelErrors
 from twin.judging.whitening import Whitener
 from twin.model.answering import begun
@@ -112,8 +111,13 @@ class Density:
         out[inside[known]] = -chi2[known] / 2
         if self.stiffness:  # the prior of eta, and the prior of the constants, which is flat in `true`
             eta = x[:, -1]
-            out -= eta**2 / 2 + len(NAMES) * self.stiffness * eta
+            out -= eta**2 / 2 + len(self.moduli) * self.stiffness * eta
         return out
+
+    @property
+    def moduli(self) -> tuple[str, ...]:
+        """The constants that take up the mesh's stiffness."""
+        return self.response.law.moduli if self.response.law else ()
 
     def theta(self, x: Array) -> Array:
         """The parameters (m, d) that show what the positions stand for on this mesh."""
@@ -123,7 +127,7 @@ class Density:
         """The parameters (m, d) of the positions."""
         out = self.theta(x).copy()
         if self.stiffness:
-            own = [p.name in NAMES for p in self.response.parameters]
+            own = [p.name in self.moduli for p in self.response.parameters]
             out[:, own] *= np.exp(-self.stiffness * x[:, -1:])
         return out
 
@@ -201,7 +205,8 @@ class Sampler:
     def stiffness(self) -> float:
         """The sd of the mesh's stiffness, as a share, where it is a number of its own; else 0."""
         mesh, free = self.model.mesh, {p.name for p in self.model.parameters}
-        own = mesh is not None and len(self.errors.modes) > 0 and set(NAMES) <= free
+        moduli = self.model.law.moduli if self.model.law else ()
+        own = mesh is not None and len(self.errors.modes) > 0 and bool(moduli) and set(moduli) <= free
         return float(mesh.stiffness) if own and mesh is not None else 0.0
 
     @cached_property

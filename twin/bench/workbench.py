@@ -15,7 +15,6 @@ from twin.bench.engines import jobs_of
 from twin.bench.positions import on_surface, one_side, places_of
 from twin.bodies.body import Body
 from twin.bodies.finger import BuiltIn
-from twin.effects.baselaw import NAMES, NOMINAL, Constants
 from twin.effects.library import effect
 from twin.effects.material import Elasticity
 from twin.effects.ownfiles import own_effects
@@ -23,19 +22,22 @@ from twin.effects.protocol import Effect
 from twin.gravity import density, ways
 from twin.judging.judged import Judged, judge, judge_fit
 from twin.judging.lawlevels import with_laws
+from twin.laws.catalogue import named_law
+from twin.laws.law import Constants, RubberLaw
+from twin.laws.mooneyrivlin import MOONEY_RIVLIN
 from twin.model.basemodel import base_model, base_test
 from twin.model.discretisation import Discretisation, SolvedAt, discretisation_error, meshes_key
 from twin.model.enginejobs import EngineJobs
 from twin.model.enginemodel import EngineModel
 from twin.model.prediction import Model
-from twin.model.structure import Structure, of_body, of_deck, weighed
+from twin.model.structure import Structure, in_law, of_body, of_deck, weighed
 from twin.project.folder import Project, Say
 from twin.project.trust import check_trusted, programs
 from twin.sanity import motion_fault, place_fault, rise_fault
 from twin.targets import Array, PointKind, Targets, as_position
 
 OFF_MODEL_MM = 0.5
-# C10 + C01 of finer meshes over that of the model they serve, at most and either way, where it does more than
+# the scale of finer meshes over that of the model they serve, at most and either way, where it does more than
 # to scale the pressure
 SAME = 1.05
 
@@ -63,7 +65,7 @@ class Workbench:
 
     @property
     def scales(self) -> bool:
-        """Whether U depends on pressure / (C10 + C01) and the share alone."""
+        """Whether U depends on pressure / scale and the law's shape alone."""
         return self.structure.scales and not self.gravities[0].any()
 
     @property
@@ -80,14 +82,8 @@ class Workbench:
     @staticmethod
     def of(project: Project) -> "Workbench":
         """The workbench of a project. ValueError for unknown nodes or fixed parameters of no use."""
-        config = project.config
-        unknown = sorted(set(config.model.fixed) - set(NAMES))
-        if unknown:
-            raise ValueError(
-                f"model.fixed.{unknown[0]}: only {' and '.join(NAMES)} can be held; remove it from "
-                "twin.toml (the density of a weighed finger is model.density_kg_m3)"
-            )
         structure = structure_of(project)
+        elasticity = elasticity_of(project, structure.nominal)
         targets = on_surface(project.targets(), places_of(project, structure))
         for point in targets.points:
             if point.kind is PointKind.UNKNOWN:
@@ -101,7 +97,6 @@ class Workbench:
         check_plausible(project, targets, structure.case)
         if fault := rise_fault(targets):
             raise ValueError(f"targets: {fault}")
-        elasticity = Elasticity(bounds=config.calibrate.bounds, fixed=config.model.fixed)
         return Workbench(project, targets, structure, elasticity, remarks)
 
     def model(self, labels: Sequence[str] | None = None) -> Model:
@@ -110,7 +105,7 @@ class Workbench:
         if self.jobs is not None:
             model = EngineModel.of(model, self.jobs)
         for label in self.project.config.model.effects if labels is None else labels:
-            added = effect(label, own=own_of(self.project))
+            added = effect(label, own=own_of(self.project), law=self.law)
             if lacking := added.lacks(self.case):
                 raise ValueError(
                     f"effect {label!r}: the model ({self.project.config.model.kind}) has {lacking}; wanted "
@@ -118,6 +113,11 @@ class Workbench:
                 )
             model = model.with_effect(added)
         return model
+
+    @property
+    def law(self) -> RubberLaw:
+        """The law of the silicone."""
+        return self.elasticity.law
 
     def cache(self, say: Say) -> FolderCache:
         """The project's cache of arrays."""
@@ -140,10 +140,9 @@ class Workbench:
             return None
         if self.structure.unknown:
             return _warned(Discretisation.none(self.structure.unknown), say)
-        test, own = model.base.test, Constants.of({**model.named(theta), **self.elasticity.fixed})
-        solved = SolvedList(
-            self.project.root / "cache" / f"{meshes_key(test, self.structure)}-solved.json"
-        )
+        test, own = model.base.test, self.elasticity.constants(model.named(theta))
+        key = f"{self.law.name}-{meshes_key(test, self.structure)}"
+        solved = SolvedList(self.project.root / "cache" / f"{key}-solved.json", self.law)
         at = self._solved_at(own, solved)
         found = discretisation_error(test, structure=self.structure, solved_at=at, cache=self.cache(say))
         solved.add(at)  # not before: constants without an equilibrium must not serve
@@ -162,14 +161,14 @@ class Workbench:
     def _solved_at(self, own: Constants, solved: SolvedList) -> SolvedAt:
         """Where finer meshes were solved that serve for these constants, or are to be solved.
 
-        Where U depends on pressure / (C10 + C01) and the share alone, nominal constants serve for all.
+        Where U depends on pressure / scale and the law's shape alone, nominal constants serve for all.
         """
-        top = float(self.targets.log_pressure.max())
+        top, nominal = float(self.targets.log_pressure.max()), self.elasticity.nominal
         if self.scales:
-            wanted = top * NOMINAL.total / own.total
+            wanted = top * nominal.scale / own.scale
             # for constants twice as stiff as nominal ones, too, so that the mesh is tested at one pressure
             wanted = max(wanted, top) if top < 2 * wanted else wanted
-            return solved.serving(NOMINAL, wanted) or SolvedAt.beside(NOMINAL, wanted)
+            return solved.serving(nominal, wanted) or SolvedAt.beside(nominal, wanted)
         return solved.serving(own, top, low=1 / SAME, high=SAME) or SolvedAt.beside(own, top)
 
 
@@ -190,6 +189,34 @@ def check_plausible(project: Project, targets: Targets, case: Case) -> None:
     fault = fault or motion_fault(targets, case, bends_down=down)
     if fault:
         raise ValueError(f"targets: {fault}")
+
+
+def elasticity_of(project: Project, nominal: Constants) -> Elasticity:
+    """The law of a project's silicone: what of it is fitted, between which bounds, and what is held. nominal:
+    the constants until they are fitted. ValueError for constants that the law does not have."""
+    config, law = project.config, nominal.law
+    for key, stated in (("model.fixed", config.model.fixed), ("calibrate.bounds", config.calibrate.bounds)):
+        if unknown := sorted(set(stated) - set(law.names)):
+            raise ValueError(
+                f"{key}.{unknown[0]}: only {' and '.join(law.names)} can be held, by law = {law.name!r}; "
+                "remove it from twin.toml (the density of a weighed finger is model.density_kg_m3)"
+            )
+    bounds = {**law.around(nominal), **config.calibrate.bounds}
+    return Elasticity(law, bounds=bounds, fixed=config.model.fixed, nominal=nominal)
+
+
+def law_of_project(project: Project) -> RubberLaw:
+    """The law of a project's silicone: the one that twin.toml states, else a deck's own."""
+    table = project.config.model
+    if table.law is None and table.deck is not None:
+        return structure_of(project).nominal.law
+    return stated_law(project) or MOONEY_RIVLIN
+
+
+def stated_law(project: Project) -> RubberLaw | None:
+    """The law that twin.toml states; None where it states none."""
+    name = project.config.model.law
+    return None if name is None else named_law(name)
 
 
 def own_of(project: Project) -> tuple[Effect, ...]:
@@ -222,13 +249,13 @@ def _unweighed(project: Project) -> Structure:
     if table.deck is None:
         body = body_of(project)
         assert body is not None
-        return of_body(body, refine=table.mesh)
+        return in_law(of_body(body, refine=table.mesh), (stated_law(project) or MOONEY_RIVLIN).nominal)
     path = project.path(table.deck)
     if not path.is_file():
         raise ValueError(
             f"model.deck = {table.deck!r}: no such file in {project.root}; copy it there or correct twin.toml"
         )
-    return of_deck(path, mesh=table.mesh, silicone=table.silicone)
+    return of_deck(path, mesh=table.mesh, silicone=table.silicone, law=stated_law(project))
 
 
 def _on_model(targets: Targets, case: Case) -> tuple[Targets, tuple[str, ...]]:

@@ -13,7 +13,7 @@ from twin.bench.effectchange import change_effects
 from twin.bench.engines import solved_by
 from twin.bench.fits import former_fit
 from twin.bench.workbench import Workbench
-from twin.effects.baselaw import NAMES, Constants
+from twin.commands.calibratelaws import run_laws
 from twin.judging.intervals import fit_record
 from twin.project import files
 from twin.project.folder import Project, Run, Say
@@ -25,18 +25,21 @@ from twin.study.loadpathfit import OnPaths
 from twin.targets import Array
 
 
-def run_calibrate(project: Project, say: Say) -> dict[str, Any]:
+def run_calibrate(project: Project, say: Say, *, laws: str = "") -> dict[str, Any]:
     """Genetic algorithm on the study's objective, then bounded least squares on all targets; and from there
-    the effects that twin.toml has, in a run of their own."""
+    the effects that twin.toml has, in a run of their own. laws: names of laws, or all, that are fitted and
+    compared instead."""
+    if laws:
+        return run_laws(project, say, laws=laws)
     effects = project.config.model.effects
     bench = Workbench.of(project)
     bench.model()  # names an effect that cannot be, before any work is done for it
-    start = _former_values(project, effects)
+    start = _former_values(project, effects, bench.law.names)
     for sentence in doubts(bench.targets, bench.case):
         say(sentence)
     with project.new_run("calibrate", seed=project.config.calibrate.seed) as run:
         on = OnPaths.of(bench, say)
-        best = _searched(on, run, say)
+        best = _scaled(on, run, say) if on.of_one_shape else _searched(on, run, say)
         _check_explained(on, best.best)
         judged = on.least(best.best, say)
         model, fit = judged.model, judged.fit
@@ -50,10 +53,10 @@ def run_calibrate(project: Project, say: Say) -> dict[str, Any]:
             run.note(line)
     say(_ended(fit))
     say(words)
-    constants = Constants.of({**model.named(fit.theta), **bench.elasticity.fixed})
-    if doubt := silicone_doubt(constants.total, end=_end(fit)):
+    constants = bench.elasticity.constants(model.named(fit.theta))
+    if doubt := silicone_doubt(constants, end=_end(fit)):
         say(doubt)
-    if doubt := stability_doubt(constants.share):
+    if doubt := stability_doubt(constants):
         say(doubt)
     if crossed:
         say(f"{crossed}; the model knows no such contact.")
@@ -71,16 +74,18 @@ def run_calibrate(project: Project, say: Say) -> dict[str, Any]:
     return result
 
 
-def _former_values(project: Project, effects: tuple[str, ...]) -> dict[str, float]:
+def _former_values(
+    project: Project, effects: tuple[str, ...], law: tuple[str, ...]
+) -> dict[str, float]:
     """What the newest fit with these effects gave for them, of this project or of the one that it is like;
-    nothing where there is none."""
+    nothing where there is none. law: the names of the base model's own."""
     try:
         former = former_of(project)
     except ValueError:  # it is gone: a fit begins elsewhere
         former = None
     for one in filter(None, (project, former) if effects else ()):
         if (fit := former_fit(one, effects)) is not None:
-            return {name: row.value for name, row in fit.parameters.items() if name not in NAMES}
+            return {name: row.value for name, row in fit.parameters.items() if name not in law}
     return {}
 
 
@@ -99,6 +104,19 @@ def _end(fit: Fit) -> int:
     return 1 if all(high) else 0 if any(high) else -1
 
 
+def _scaled(on: OnPaths, run: Run, say: Say) -> Generation:
+    """The nominal constants at the scale that fits best, where load paths do not serve the shapes of a law:
+    one generation, written into the run."""
+    law = on.bench.law
+    say(f"The {law.title} law has {len(law.shapes)} numbers of shape, more than load paths serve. "
+        "Least squares with whole solves finds them, without a genetic algorithm.")  # fmt: skip
+    x, costs = on.over_scales()
+    k = int(costs.argmin())
+    found = Generation(1, x[k], float(costs[k]), x, costs)
+    _written(on, [found], run, say)
+    return found
+
+
 def _searched(on: OnPaths, run: Run, say: Say) -> Generation:
     """The last generation of the genetic algorithm; all candidates and generations are written into the
     run."""
@@ -107,6 +125,13 @@ def _searched(on: OnPaths, run: Run, say: Say) -> Generation:
         parameters, _logged(on, run, say), run, seed=settings.seed, size=settings.population,
         generations=settings.generations, tell=say.progress,
     )  # fmt: skip
+    candidates = _written(on, found, run, say)
+    say(f"Genetic algorithm: the best of {candidates} candidates has {found[-1].rms_mm:.3f} mm RMS.")
+    return found[-1]
+
+
+def _written(on: OnPaths, found: list[Generation], run: Run, say: Say) -> int:
+    """How many candidates a search had, all of which are written into the run."""
     if not np.isfinite(found[-1].rms_mm):
         raise ValueError(
             "no candidate of the genetic algorithm has an equilibrium; widen [calibrate] bounds, or correct "
@@ -115,8 +140,7 @@ def _searched(on: OnPaths, run: Run, say: Say) -> Generation:
     full_solves(on, found, say).save(run.path("generations.npz"))
     candidates = np.concatenate([g.candidates for g in found])
     run.write_npz("candidates.npz", {"x": candidates, "rms_mm": np.concatenate([g.costs for g in found])})
-    say(f"Genetic algorithm: the best of {len(candidates)} candidates has {found[-1].rms_mm:.3f} mm RMS.")
-    return found[-1]
+    return len(candidates)
 
 
 def _logged(on: OnPaths, run: Run, say: Say) -> Callable[[dict[str, float]], float]:

@@ -7,7 +7,7 @@ from twin.bench.comparison import foretold, write_prediction
 from twin.bench.effectchange import Change
 from twin.bench.engines import check_embedded
 from twin.bench.fits import newest_fit
-from twin.bench.workbench import Workbench, own_of
+from twin.bench.workbench import Workbench, law_of_project, own_of
 from twin.diagnosis.deciding import Diagnosis
 from twin.diagnosis.explanation import Explanation, explained
 from twin.diagnosis.hypotheses import Hypothesis
@@ -90,10 +90,9 @@ def _foretold(row: ForetoldFilm) -> str:
 
 def _candidates(project: Project) -> tuple[Effect, ...]:
     """The effects that twin.toml names, or the whole library; those of the project's own files always."""
-    own = own_of(project)
-    named = [
-        e for text in project.config.diagnose.candidates for g in effects_of(text, own=own) for e in g
-    ] or all_effects()
+    own, law = own_of(project), law_of_project(project)
+    groups = [effects_of(text, own=own, law=law) for text in project.config.diagnose.candidates]
+    named = [e for some in groups for g in some for e in g] or all_effects(law)
     return (*named, *(e for e in own if e.name not in [n.name for n in named]))
 
 

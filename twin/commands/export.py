@@ -162,7 +162,7 @@ def _response(
     ]  # fmt: skip
     return ModelRecord(
         version=VERSION,
-        law="Mooney-Rivlin: W = C10 (I1 - 3) + C01 (I2 - 3)",
+        law=f"{bench.law.title}: {bench.law.formula}",
         effects=bench.project.config.model.effects,
         parameters=record.estimates,
         adequate=record.adequate,

@@ -8,8 +8,10 @@ from typing import Any
 
 from twin.bench.engines import check_embedded
 from twin.bench.fits import fresh
+from twin.bench.workbench import law_of_project
 from twin.commands.calibrate import run_calibrate
 from twin.commands.review import run_review
+from twin.laws.mooneyrivlin import MOONEY_RIVLIN
 from twin.project import files
 from twin.project.folder import Project, Say
 from twin.study.figures import FIGURES, drawn, file_of
@@ -41,6 +43,11 @@ def run_study(project: Project, say: Say) -> dict[str, Any]:
 def _check(project: Project) -> None:
     """Raise ValueError where the seven figures cannot be made of a project."""
     config = project.config
+    if (law := law_of_project(project)) != MOONEY_RIVLIN:
+        raise ValueError(
+            f'model.law = "{law.name}": twin study shows how the constants of {MOONEY_RIVLIN.title} rubber '
+            f'trade off; set law = "{MOONEY_RIVLIN.name}" in twin.toml'
+        )
     if config.model.fixed:
         raise ValueError(
             f"model.fixed holds {', '.join(config.model.fixed)}: twin study shows how C10 and C01 trade "

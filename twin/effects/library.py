@@ -12,19 +12,24 @@ from twin.effects.pulls import Tube
 from twin.effects.shape import Ballooning, EccentricCore, Precurvature, SidewaysCore, WallTaper
 from twin.effects.supports import ElasticClamp, StrainLimitingLayer, TableContact
 from twin.effects.tags import MarkerSlip
+from twin.laws.law import RubberLaw
+from twin.laws.mooneyrivlin import MOONEY_RIVLIN
 
 
-def all_effects() -> tuple[Effect, ...]:
-    """All effects that `twin diagnose` tries, each in its narrowest law."""
-    return (
+def all_effects(law: RubberLaw = MOONEY_RIVLIN) -> tuple[Effect, ...]:
+    """All effects that `twin diagnose` tries, each in its narrowest law, beside the base model's law."""
+    every: tuple[Effect, ...] = (
         Creep(), PressureLag(), Stiffening(), ElasticClamp(), PressureGain(), PressureOffset(), Gravity(),
         CameraScale(), WallTaper(), EccentricCore(), SidewaysCore(), Ballooning(), Precurvature(),
         StrainLimitingLayer(), Mullins(), Compressibility(), Thermal(), TableContact(), Tube(), TimeShift(),
         CameraRotation(), CameraTilt(), MarkerSlip(),
     )  # fmt: skip
+    return tuple(e.beside(law) for e in every)
 
 
-def effects_of(text: str, *, own: Sequence[Effect] = ()) -> tuple[tuple[Effect, ...], ...]:
+def effects_of(
+    text: str, *, own: Sequence[Effect] = (), law: RubberLaw = MOONEY_RIVLIN
+) -> tuple[tuple[Effect, ...], ...]:
     """The effects that a text names as a verdict does, `creep + gravity or tube`: groups of which any one may
     be missing, without those that hold a stand-in. ValueError where nothing else is named, or one is unknown.
 
@@ -33,16 +38,16 @@ def effects_of(text: str, *, own: Sequence[Effect] = ()) -> tuple[tuple[Effect, 
     known = {e.name for e in (*all_effects(), *own)}
     groups = labels.groups(text)
     real = [g for g in groups if all(x in known or labels.kind_of(x) is None for x in g)] or groups
-    return tuple(tuple(effect(label, own=own) for label in group) for group in real)
+    return tuple(tuple(effect(label, own=own, law=law) for label in group) for group in real)
 
 
-def effect(label: str, *, own: Sequence[Effect] = ()) -> Effect:
+def effect(label: str, *, own: Sequence[Effect] = (), law: RubberLaw = MOONEY_RIVLIN) -> Effect:
     """The effect named by a label in twin.toml, for example `creep` or `creep:2`; ValueError if unknown.
 
-    own: the effects of the user's own files.
+    own: the effects of the user's own files; law: the base model's.
     """
     name = labels.name_of(label)
-    known = {e.name: e.laws() for e in (*all_effects(), *own)}
+    known = {e.name: e.laws() for e in (*all_effects(law), *own)}
     if name not in known:
         kind = labels.kind_of(label)
         if kind is not None:

@@ -1,75 +1,70 @@
 """Effects of the silicone itself: its law and its memory."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import ClassVar
 
 import numpy as np
 
 from calibrate import Parameter
-from twin.effects import baselaw
+from fe import Material
 from twin.effects.amounts import felt, listed, number, percent, way
-from twin.effects.baselaw import Constants
 from twin.effects.parts import Parts
 from twin.effects.protocol import Effect, Family, Order, Test, Theta, Unsolvable, symmetric
 from twin.effects.requirements import Requirement
 from twin.effects.widest import Wide, in_logs
+from twin.laws.law import Constants, RubberLaw
+from twin.laws.mooneyrivlin import MOONEY_RIVLIN
 
 ALL = 0.95  # of the stiffness is what relaxation may take
 
 
 class Elasticity(Effect):
-    """The base material: Mooney-Rivlin constants C10 and C01 of every element, each free or held at a
-    value."""
+    """The base material: the constants of a law in every element, each free or held at a value."""
 
-    name, sentence, order = "elasticity", "Mooney-Rivlin rubber", Order.LAW
+    name, order = "elasticity", Order.LAW
 
     def __init__(
-        self, *, bounds: Mapping[str, tuple[float, float]] | None = None, fixed: Theta | None = None
+        self,
+        law: RubberLaw = MOONEY_RIVLIN,
+        *,
+        bounds: Mapping[str, tuple[float, float]] | None = None,
+        fixed: Theta | None = None,
+        nominal: Constants | None = None,
     ) -> None:
-        limits = {**baselaw.BOUNDS, **(bounds or {})}
+        self.law, self.sentence = law, f"{law.title} rubber"
         self.fixed = dict(fixed or {})
+        self.nominal = nominal or law.nominal
+        limits = {**law.bounds, **(bounds or {})}
         self.parameters = tuple(
-            Parameter(
-                name,
-                *limits[name],
-                "MPa",
-                typical=baselaw.TYPICAL,
-                start=float(np.clip(nominal, *limits[name])),
-            )
-            for name, nominal in baselaw.NOMINAL.named.items()
-            if name not in self.fixed
+            replace(p, low=low, high=high, start=float(np.clip(self.nominal[p.name], low, high)))
+            for p in law.parameters
+            if p.name not in self.fixed
+            for low, high in [limits[p.name]]
         )
 
     def fitted(self) -> "Elasticity":
-        """The same law for least squares: where C01 may be 0 it may be below, and C10 above its bound by
-        as much as the least C01 takes. How far both may go, `Model.allowed` tells (what is stable)."""
-        limits = {p.name: (p.low, p.high) for p in self.parameters}
-        low, high = limits.get("C01", (np.inf, 0.0))
-        if low > 0.0:
-            return self
-        softest = Constants.at(self.highest.C10, baselaw.WIDEST_SHARE)
-        wider = {"C01": (min(low, softest.C01), high)}
-        if "C10" in limits:
-            wider["C10"] = limits["C10"][0], softest.C10
-        return Elasticity(bounds=limits | wider, fixed=self.fixed)
+        """The same law for least squares, whose bounds may be wider: `RubberLaw.widened`."""
+        wider = self.law.widened({p.name: (p.low, p.high) for p in self.parameters}, self.fixed)
+        return Elasticity(self.law, bounds=wider, fixed=self.fixed, nominal=self.nominal)
 
     @property
-    def lowest(self) -> Constants:
-        """The smallest values that the constants may take, MPa."""
-        return Constants.of({**{p.name: p.low for p in self.parameters}, **self.fixed})
+    def scales(self) -> tuple[float, float]:
+        """The smallest and the largest scale that the constants may have, MPa."""
+        held = {name: (value, value) for name, value in self.fixed.items()}
+        return self.law.scales({p.name: (p.low, p.high) for p in self.parameters} | held)
 
     @property
-    def highest(self) -> Constants:
-        """The largest values that they may take, MPa."""
-        return Constants.of({**{p.name: p.high for p in self.parameters}, **self.fixed})
+    def initial(self) -> Constants:
+        """The constants with which a fit begins: nominal ones within their bounds."""
+        return self.constants({p.name: p.start or 0.0 for p in self.parameters})
 
     def constants(self, values: Theta) -> Constants:
         """The constants among named values, those held at a value included."""
-        return Constants.of({**values, **self.fixed})
+        return self.law.of({**values, **self.fixed})
 
     def before(self, test: Test, theta: Theta) -> Test:
-        return replace(test, case=test.case.with_material(**self.constants(theta).named))
+        return replace(test, case=test.case.with_material(**self.constants(theta).terms))
 
 
 class Creep(Family):
@@ -143,69 +138,105 @@ class CreepSpectrum(Wide, of=Creep):
         return self.bounded(in_logs(terms, self.TAUS))
 
 
-STRAINED = 1.5**2 + 2 / 1.5 - 3  # I1 - 3 at a stretch of 1.5
+STRETCH = 1.5  # at which what stiffens is told: I1 - 3 and I2 - 3 there
+STRAINED = STRETCH**2 + 2 / STRETCH - 3, STRETCH**-2 + 2 * STRETCH - 3
+ADDED = {  # terms of the energy that may be missing, in the order in which they are tried
+    "C20": Parameter("stiffening.C20", -0.05, 0.5, "MPa", null=0.0, typical=0.005, plausible=(-0.02, 0.05)),
+    "C30": Parameter("stiffening.C30", -0.02, 0.2, "MPa", null=0.0, typical=0.002, plausible=(-0.005, 0.02)),
+    "C11": Parameter("stiffening.C11", -0.1, 0.3, "MPa", null=0.0, typical=0.005, plausible=(-0.02, 0.03)),
+    "C02": Parameter("stiffening.C02", -0.1, 0.3, "MPa", null=0.0, typical=0.005, plausible=(-0.02, 0.03)),
+}
 
 
-class Stiffening(Family):
-    """A quadratic term C20 (I1 - 3)^2 in the energy: the rubber stiffens, or softens, with strain. With two
-    terms a cubic one, C30 (I1 - 3)^3, too: Yeoh's law, and Gent's to third order."""
-
-    name, order = "stiffening", Order.MATERIAL
-    sentence = "the silicone stiffens or softens with strain, other than the Mooney-Rivlin law says"
-    added: ClassVar[Theta] = {"stiffening.C30": 0.0}
-
-    def law(self, terms: int) -> tuple[Parameter, ...]:
-        return (
-            Parameter("stiffening.C20", -0.05, 0.5, "MPa", null=0.0, typical=0.005, plausible=(-0.02, 0.05)),
-            Parameter("stiffening.C30", -0.02, 0.2, "MPa", null=0.0, typical=0.002, plausible=(-0.005, 0.02)),
-        )[:terms]
-
-    def before(self, test: Test, theta: Theta) -> Test:
-        terms = {p.name.partition(".")[2]: theta[p.name] for p in self.parameters}
-        return replace(test, case=test.case.with_material(**terms))
-
-    def told(self, values: Theta) -> str:
-        square, cube = (values.get(f"stiffening.{name}", 0.0) for name in ("C20", "C30"))
-        more = 4 * square * STRAINED + 6 * cube * STRAINED**2
-        return (
-            f"the silicone {way(more, 'stiffens', 'softens')} with strain, other than the Mooney-Rivlin law "
-            f"says, by {number(more)} MPa of its shear modulus at a stretch of 1.5"
-        )
-
-    def wide(self) -> Effect:
-        return StrainEnergy()
+def missing(law: RubberLaw) -> tuple[Parameter, ...]:
+    """The terms to second order in both invariants, and C30, that a law does not have itself."""
+    return tuple(p for name, p in ADDED.items() if name not in law.names)
 
 
-class StrainEnergy(Wide, of=Stiffening):
-    """The strain energy to second order in both invariants, and C30 (I1 - 3)^3: C20 (I1 - 3)^2,
-    C11 (I1 - 3) (I2 - 3), C02 (I2 - 3)^2 (Rivlin & Saunders 1951, doi 10.1098/rsta.1951.0004).
+def richer(m: Material, added: Theta) -> Material:
+    """A material with more of the terms C20 (I1 - 3)^2, C30 (I1 - 3)^3, C11 (I1 - 3) (I2 - 3) and
+    C02 (I2 - 3)^2, by name, MPa.
 
     The mixed one and that in I2 are written as terms of Ogden, by l1^-4 + l2^-4 + l3^-4 = I2^2 - 2 I1 and
     l1^6 + l2^6 + l3^6 = I1^3 - 3 I1 I2 + 3. None of them changes the shear modulus at rest.
     """
-
-    parameters = (
-        *Stiffening(2).parameters,
-        Parameter("stiffening.C11", -0.1, 0.3, "MPa", null=0.0, typical=0.005, plausible=(-0.02, 0.03)),
-        Parameter("stiffening.C02", -0.1, 0.3, "MPa", null=0.0, typical=0.005, plausible=(-0.02, 0.03)),
+    C20, C30, C11, C02 = (added.get(name, 0.0) for name in ADDED)
+    pairs = {"C11": (-6 * C11, 6.0), "C02": (8 * C02, -4.0)}
+    return replace(
+        m,
+        C10=m.C10 + 6 * C11 + 2 * C02,
+        C01=m.C01 - 3 * C11 - 6 * C02,
+        C20=m.C20 + C20 + 3 * C11,
+        C30=m.C30 + C30 + C11 / 3,
+        ogden=(*m.ogden, *(pair for name, pair in pairs.items() if name in added)),
     )
 
+
+class Stiffening(Family):
+    """A term in the energy that the law of the base model has not: to Mooney-Rivlin rubber C20 (I1 - 3)^2, by
+    which it stiffens, or softens, with strain. With two terms a cubic one, C30 (I1 - 3)^3, too: Yeoh's law,
+    and Gent's to third order. Yeoh's law itself has both: to that C11 (I1 - 3) (I2 - 3) is added first, and
+    then C02 (I2 - 3)^2."""
+
+    name, order = "stiffening", Order.MATERIAL
+
+    def __init__(self, terms: int = 1, law: RubberLaw = MOONEY_RIVLIN) -> None:
+        self.base, self.sentence = law, f"the silicone stiffens or softens with strain, {_other(law)}"
+        super().__init__(terms)
+
+    def again(self, terms: int) -> "Stiffening":
+        return Stiffening(terms, self.base)
+
+    def beside(self, law: RubberLaw) -> "Stiffening":
+        return Stiffening(self.terms, law)
+
+    def law(self, terms: int) -> tuple[Parameter, ...]:
+        return missing(self.base)[:terms]
+
+    def start(self, theta: Theta) -> Theta:
+        return {**{p.name: 0.0 for p in self.parameters[1:]}, **theta}
+
     def before(self, test: Test, theta: Theta) -> Test:
-        C20, C30, C11, C02 = (theta[p.name] for p in self.parameters)
-        case = test.case
-        materials = {
-            name: replace(
-                m,
-                C10=m.C10 + 6 * C11 + 2 * C02,
-                C01=m.C01 - 3 * C11 - 6 * C02,
-                C20=C20 + 3 * C11,
-                C30=C30 + C11 / 3,
-                ogden=((-6 * C11, 6.0), (8 * C02, -4.0)),
-            )
-            for name, m in case.materials.items()
-            if name not in case.kept
-        }
-        return replace(test, case=replace(case, materials={**case.materials, **materials}))
+        return _with_terms(test, self.parameters, theta)
+
+    def told(self, values: Theta) -> str:
+        c = {name: values.get(p.name, 0.0) for name, p in ADDED.items()}
+        x, y = STRAINED
+        more = 4 * c["C20"] * x + 6 * c["C30"] * x**2
+        more += 2 * c["C11"] * (y + x / STRETCH) + 4 * c["C02"] * y / STRETCH
+        return (
+            f"the silicone {way(more, 'stiffens', 'softens')} with strain, {_other(self.base)}, "
+            f"by {number(more)} MPa of its shear modulus at a stretch of {STRETCH:g}"
+        )
+
+    def wide(self) -> Effect:
+        return StrainEnergy(self.base)
+
+
+def _other(law: RubberLaw) -> str:
+    return f"other than the {law.title} law says"
+
+
+def _with_terms(test: Test, parameters: Sequence[Parameter], theta: Theta) -> Test:
+    """The test with these terms more in the energy of its silicone."""
+    added, case = {p.name.partition(".")[2]: theta[p.name] for p in parameters}, test.case
+    own = {name: richer(m, added) for name, m in case.materials.items() if name not in case.kept}
+    return replace(test, case=replace(case, materials={**case.materials, **own}))
+
+
+class StrainEnergy(Wide, of=Stiffening):
+    """The strain energy to second order in both invariants, and C30 (I1 - 3)^3: all terms of `richer` that
+    the law has not (Rivlin & Saunders 1951, doi 10.1098/rsta.1951.0004)."""
+
+    def __init__(self, law: RubberLaw = MOONEY_RIVLIN) -> None:
+        self.base, self.parameters = law, missing(law)
+        self.sentence = Stiffening(1, law).sentence
+
+    def beside(self, law: RubberLaw) -> "StrainEnergy":
+        return StrainEnergy(law)
+
+    def before(self, test: Test, theta: Theta) -> Test:
+        return _with_terms(test, self.parameters, theta)
 
 
 class Mullins(Family):

@@ -15,6 +15,7 @@ from fe.mesh.mirror import symmetry_support
 from twin.effects.labels import KINDS, NAME
 from twin.effects.origin import Origin, sent
 from twin.effects.requirements import Requirement
+from twin.laws.law import RubberLaw
 from twin.targets import Array
 
 Theta = Mapping[str, float]
@@ -198,6 +199,12 @@ class Effect:
         """The effect as twin.toml writes it: its name, with its number of terms where there is a choice."""
         return self.name
 
+    def beside(self, law: RubberLaw) -> "Effect":
+        """The effect in a model whose silicone is of a law: its words and constants say what that lacks. By
+        default the same, as most physics is beside any law."""
+        del law
+        return self
+
     def laws(self) -> tuple["Effect", ...]:
         """Every law of the same physics that can be named in twin.toml, the narrowest first."""
         return (self,)
@@ -247,11 +254,15 @@ class Family(Effect):
     def label(self) -> str:
         return self.name if self.terms == 1 else f"{self.name}:{self.terms}"
 
+    def again(self, terms: int) -> Effect:
+        """The same physics by its law with so many terms."""
+        return type(self)(terms)
+
     def laws(self) -> tuple[Effect, ...]:
-        return tuple(type(self)(terms) for terms in range(1, self.most + 1))
+        return tuple(self.again(terms) for terms in range(1, self.most + 1))
 
     def wider(self) -> Effect | None:
-        return type(self)(self.terms + 1) if self.widens and self.terms < self.most else None
+        return self.again(self.terms + 1) if self.widens and self.terms < self.most else None
 
     def start(self, theta: Theta) -> Theta:
         return {**self.added, **theta} if self.terms > 1 else theta

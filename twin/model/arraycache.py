@@ -15,7 +15,8 @@ from twin.targets import Array
 
 ROOM = 1.005  # over a measured pressure: the maximum of a noisy log differs from film to film
 PACKAGES = Path(__file__).resolve().parents[2]
-SOURCES = ("fe", "twin/model", "twin/effects", "twin/gravity.py")  # what an array of a model depends on
+# what an array of a model depends on
+SOURCES = ("fe", "twin/model", "twin/laws", "twin/effects", "twin/gravity.py")
 
 
 class ArrayCache(Protocol):

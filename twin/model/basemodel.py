@@ -23,7 +23,7 @@ def base_test(targets: Targets, case: Case) -> Test:
 
 
 def base_model(targets: Targets, case: Case, *, elasticity: Elasticity | None = None) -> KeptModel:
-    """The base model of the targets on a case, by default with both constants free; C01 below 0, too."""
+    """The base model of the targets on a case, by default of Mooney-Rivlin rubber, all free."""
     rests = targets.rests if targets.rests.any() else None
     law = ((elasticity or Elasticity()).fitted(),)
     return KeptModel(base_test(targets, case), law, targets.reference, rests=rests)

@@ -14,14 +14,15 @@ from typing import Any
 
 import numpy as np
 
-from fe import Case, Path, solve
+from fe import Case, Material, Path, solve
 from fe.case import digest
 from fe.element import Integers
 from fe.mesh.points import nearest
 from twin import effort
-from twin.effects.baselaw import Constants
 from twin.effects.protocol import Test
 from twin.gravity import under, ways
+from twin.laws.law import Constants, RubberLaw
+from twin.laws.mooneyrivlin import MOONEY_RIVLIN
 from twin.model.arraycache import ArrayCache, code_digest, no_cache, rounded_up
 from twin.model.fingertable import table_of
 from twin.model.meshchanges import STIFFNESS, Curves, MeshChanges
@@ -32,7 +33,7 @@ SAMPLES = 40  # pressures at which a finer mesh's response is sampled
 COUNT = 7  # levels of its curve; the base mesh is solved on the same, so that their error cancels
 MARGIN = 1.15  # highest pressure of a finer mesh over the test's: room for constants that are softer
 CARRIED = 2 / 3  # of the remainder that the smooth modes carry
-COARSE = 0.5  # of C10 + C01: meshes further apart than this do not tell where they lead to
+COARSE = 0.5  # of the scale: meshes further apart than this do not tell where they lead to
 NEARBY = 3.0  # times, at most, the finer meshes reach beyond the test's pressure at theoretical constants
 TURNS = 4  # steps to the pressure at which the base mesh is nearest to a displacement,
 SAME = 1e-7  # of the highest pressure, below which a step is the last
@@ -42,21 +43,22 @@ SAME = 1e-7  # of the highest pressure, below which a step is the last
 class Discretisation:
     """Responses (mm) of the moving points of one model on its own mesh and on finer ones, without history.
 
-    names (n,): the finer meshes, the last finer in every direction. total: C10 + C01 in MPa of all of them;
-    grid (k,) MPa. gravities (g, 3 + 3 h): the gravity in mm/s2 and hung forces in N they
-    were solved in. base (g, k, m, 3),
+    names (n,): the finer meshes, the last finer in every direction. law, and scale: half of the shear
+    modulus at rest in MPa, of all of them; grid (k,) MPa. gravities (g, 3 + 3 h): the gravity in mm/s2 and
+    hung forces in N they were solved in. base (g, k, m, 3),
     changes (n, g, k, m, 3): the model's own mesh, and what the others add to it. tested: the pressure in MPa
     up to which the changes are compared. unknown: why there are none, empty where there are.
     """
 
     names: tuple[str, ...]
-    total: float
+    scale: float
     grid: Array
     gravities: Array
     base: Array
     changes: Array
     tested: float = np.inf
     unknown: str = ""
+    law: RubberLaw = MOONEY_RIVLIN
 
     @staticmethod
     def none(why: str) -> "Discretisation":
@@ -107,11 +109,12 @@ class Discretisation:
     def _pressure(self, u: Array, test: Test, way: Integers) -> Array:
         """Pressures (s,) MPa at which the base mesh is nearest to displacements u (s, p, 3) mm.
 
-        Without effects that is pressure / (C10 + C01) times their own total. What creeps or is stiffer
+        Without effects that is pressure / scale times their own scale. What creeps or is stiffer
         elsewhere is as far bent at another pressure, and its mesh errs as much as it is bent.
         """
-        base, own, seen = self._curves[0], _constants(test.case), u[:, None, test.moving]
-        q = test.path.at_output() * self.total / own.total
+        base, seen = self._curves[0], u[:, None, test.moving]
+        own = self.law.of(self.law.read(_silicone(test.case)))
+        q = test.path.at_output() * self.scale / own.scale
         for _ in range(TURNS):
             value, slope = base.at(q, way)
             ahead, square = (slope * (seen - value)).sum(axis=(1, 2, 3)), (slope**2).sum(axis=(1, 2, 3))
@@ -130,12 +133,12 @@ class Discretisation:
 
     @property
     def stiffness(self) -> float:
-        """The part of C10 + C01 by which the stiffness may still be off, 1 sd: the first mode."""
+        """The part of the scale by which the stiffness may still be off, 1 sd: the first mode."""
         return STIFFNESS * self.apart
 
     @property
     def apart(self) -> float:
-        """By how much the finer meshes differ in stiffness, of C10 + C01."""
+        """By how much the finer meshes differ in stiffness, of the scale."""
         return 0.0 if self.unknown else self._shown.apart
 
     @property
@@ -169,9 +172,9 @@ def discretisation_error(
     """The error of the mesh of a test of this structure, from solves on finer meshes.
 
     solved_at: where the finer meshes are solved. Where only pressure loads the finger, and no weight, U
-    depends on p / (C10 + C01) and the share alone, so that they serve for any sum; with the share the changes
-    hardly change (0.12 of it: 2 um of 60). cache: what gives the arrays, made now or before. Raises
-    ValueError where a finer mesh has no equilibrium.
+    depends on p / scale and the law's shape alone, so that they serve for any scale; with the shape the
+    changes hardly change (0.12 of Mooney-Rivlin's share: 2 um of 60). cache: what gives the arrays, made now
+    or before. Raises ValueError where a finer mesh has no equilibrium.
     """
     if structure.unknown:
         return Discretisation.none(structure.unknown)
@@ -181,7 +184,8 @@ def discretisation_error(
     names = tuple(structure.finer)
     mesh = Discretisation(
         names=names,
-        total=solved_at.constants.total,
+        scale=solved_at.constants.scale,
+        law=solved_at.constants.law,
         grid=np.linspace(0.0, solved_at.top, SAMPLES),
         gravities=gravities,
         base=found["base"],
@@ -221,10 +225,9 @@ def meshes_key(test: Test, structure: Structure) -> str:
     return digest("meshes", code_digest(), meshes, points, repr(forces), *hung, SAMPLES, COUNT)
 
 
-def _constants(case: Case) -> Constants:
-    """The constants of the silicone in a case."""
-    own = next(m for name, m in case.materials.items() if name not in case.kept)
-    return Constants(own.C10, own.C01)
+def _silicone(case: Case) -> Material:
+    """The silicone of a case."""
+    return next(m for name, m in case.materials.items() if name not in case.kept)
 
 
 def _responses(
@@ -261,14 +264,14 @@ def _response(
     points: Array,
 ) -> Array:
     """Displacements (k, p, 3) mm of points (p, 3) mm along a path of k pressures, without history."""
-    case = under(replace(mesh.build().with_material(**constants.named), forces=forces), path)
+    case = under(replace(mesh.build().with_material(**constants.terms), forces=forces), path)
     with effort.counted(effort.FINER):
         solution = solve(case, path, count=COUNT)
     if not solution.converged:
         raise ValueError(
             f"error of the mesh: the finer mesh of {len(case.nodes)} nodes {solution.reason}; wanted a "
-            "solution up to the highest pressure: fix C10 or C01 in twin.toml [model] fixed, or film at a "
-            "lower pressure"
+            f"solution up to the highest pressure: fix {' or '.join(constants.law.names)} in twin.toml "
+            "[model] fixed, or film at a lower pressure"
         )
     # Surfaces of meshes that follow one geometry differ a little: a point of one may lie beside another.
     return solution.at(np.array([nearest(solution.case, x) for x in points]))

@@ -13,9 +13,9 @@ from calibrate import Parameter
 from fe import Case, Solution
 from fe.deck.course import along
 from fe.element import Integers
-from twin.effects.baselaw import Constants
 from twin.effects.protocol import Effect, Test, Unsolvable
 from twin.gravity import ways
+from twin.laws.law import Constants
 from twin.model.enginejobs import EngineJobs
 from twin.model.prediction import Model, Solved, Tangents, moved
 from twin.targets import Array
@@ -125,7 +125,7 @@ class EnginePaths:
         return out
 
     def _case(self, constants: Constants) -> Case:
-        return self.case.with_material(**constants.named)
+        return self.case.with_material(**constants.terms)
 
 
 # -- what a program cannot do --------------------------------------------------------------------------------

@@ -1,8 +1,8 @@
 """Load paths and finer meshes of two fingers, at their outer nodes, as they come with the package: of the
 built-in finger by default, and of the short one that `twin demo --quick` films.
 
-Under pressure alone, displacements depend on pressure / (C10 + C01) and on the share C01 / (C10 + C01). So a
-few paths serve every test of a finger, wherever its markers are. benchmarks/kernel/fingertable.py solves
+Under pressure alone, displacements of Mooney-Rivlin rubber depend on pressure / scale and the share alone. So
+a few paths serve every test of a finger, wherever its markers are. benchmarks/kernel/fingertable.py solves
 them; they are kept as sums of a few fields, to 2e-5 mm.
 """
 
@@ -19,7 +19,8 @@ from scipy.interpolate import CubicSpline
 from fe import Case
 from fe.element import Integers
 from fe.mesh.points import interpolation, nearest
-from twin.effects.baselaw import NOMINAL, Constants
+from twin.laws.law import Constants
+from twin.laws.mooneyrivlin import MOONEY_RIVLIN, NOMINAL
 from twin.model.loadpaths import LoadPaths
 from twin.model.structure import Mesh, Structure
 from twin.targets import Array
@@ -59,7 +60,7 @@ class FieldSums:
 class KnownFinger:
     """What was solved of a structure.
 
-    paths: its own mesh at shares (h,) and reduced (k,) pressures p / (C10 + C01), followed to reached (h,);
+    paths: its own mesh at shares (h,) and reduced (k,) pressures p / scale, followed to reached (h,);
     meshes: every mesh at the nominal share and the pressures `fine` (k,), by its key.
     """
 
@@ -73,16 +74,18 @@ class KnownFinger:
 
     def load_paths(self, case: Case, points: Array) -> LoadPaths:
         """The load paths (`loadpaths.load_paths`) at material points (p, 3) mm, for shares from 0 on."""
-        return LoadPaths(self.shares, self.reduced, self.paths.at(case, points), self.reached)
+        ends = tuple(shape.ends(wide=False) for shape in MOONEY_RIVLIN.shapes)
+        return LoadPaths((self.shares,), ends, self.reduced, self.paths.at(case, points), self.reached)
 
     def serves(self, constants: Constants, top: float) -> bool:
         """Whether it has the finer meshes at these constants up to a pressure in MPa."""
-        return constants.share == NOMINAL.share and top / constants.total <= self.fine[-1]
+        known = constants.law == MOONEY_RIVLIN and constants.shape == NOMINAL.shape
+        return known and top / constants.scale <= self.fine[-1]
 
     def response(self, mesh: Mesh, *, constants: Constants, pressure: Array, points: Array) -> Array:
         """Displacements (k, p, 3) mm of points (p, 3) mm on a mesh, at pressures (k,) MPa."""
         curve = CubicSpline(self.fine, self.meshes[mesh.key].at(mesh.build(), points), axis=0)
-        return np.asarray(curve(pressure / constants.total))
+        return np.asarray(curve(pressure / constants.scale))
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """What a file holds of it."""

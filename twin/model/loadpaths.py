@@ -1,14 +1,16 @@
-"""The bellows model's load paths over material share -> displacements for any C10 and C01, without a solve.
+"""The model's load paths over the shape of a law -> displacements for any of its constants, without a solve.
 
-For a pressure load alone U depends on p / (C10 + C01) and the share C01 / (C10 + C01) only. Load paths at a
-few shares (Chebyshev points) are solved once; between them the response is a polynomial in the share, and
-along them a cubic Hermite curve in the reduced pressure. Weight (of every direction of gravity its own) asks
-for the total as well.
+For a pressure load alone U depends on p / scale and the shape only, such as C01 / (C10 + C01). Load paths at
+a few values of each (Chebyshev points) are solved once; between them the response is a polynomial in the
+shape, and along them a cubic Hermite curve in the reduced pressure. Weight (of every direction of gravity
+its own) asks for the scale as well. A law whose shape has more than MOST numbers has no load paths.
 """
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import partial
+from functools import partial, reduce
+from itertools import product
+from typing import Any
 
 import numpy as np
 from scipy.interpolate import BarycentricInterpolator
@@ -17,51 +19,61 @@ from fe import Case, Path, solve
 from fe.case import digest
 from fe.element import Integers
 from twin import effort
-from twin.effects.baselaw import Constants
 from twin.gravity import under
+from twin.laws.law import Constants, RubberLaw
+from twin.laws.mooneyrivlin import MOONEY_RIVLIN
 from twin.model.arraycache import ArrayCache, code_digest
 from twin.targets import Array
 
-TOTAL = 0.3  # MPa, C10 + C01 of the solved paths; any other follows by scaling
-REDUCED = (
-    0.36  # p / (C10 + C01) to which paths are followed; beyond it no finger of this kind has an equilibrium
-)
+MOST = 2  # numbers of a shape
+SCALE = 0.3  # MPa, of the solved paths; any other follows
+REDUCED = 0.36  # p / scale to which paths are followed; beyond it no finger of this kind has an equilibrium
 FIRST = 0.1  # reduced pressure that is tried first on a structure of which nothing is known
-SHARES, MORE = 5, 3  # nodes from 0 to 1, and how many more from the least share that is stable
 LEVELS = 18
-TOTALS = 7
-BESIDE = 0.02  # of the share is what a polynomial serves beyond its ends
+SCALES = 7
+BESIDE = 0.02  # of a shape's range is what a polynomial serves beyond its ends
 NOTHING: Mapping[str, Array] = {"gravity": np.zeros(3)}  # from outside
 
 
 @dataclass(frozen=True)
 class LoadPaths:
-    """shares (h,); reduced (k,) pressures; u (h, k, p, 3) mm at the points, and slopes; reached (h,) per
-    share; lowest: the least share that they serve."""
+    """nodes: the values (h,) of each number of the shape, and ends, between which they serve; reduced (k,)
+    pressures; u (n, k, p, 3) mm at the points, of every combination of them; reached (n,) on each."""
 
-    shares: Array
+    nodes: tuple[Array, ...]
+    ends: tuple[tuple[float, float], ...]
     reduced: Array
     u: Array
     reached: Array
-    lowest: float = 0.0
 
     def predict(self, constants: Constants, pressure: Array) -> Array | None:
         """Displacements (s, p, 3) mm at pressures (s,) MPa for constants of the silicone.
 
-        None where the reduced pressure lies beyond what the neighbouring paths reached, where one share
-        cannot even carry its weight, or below the least share.
+        None where the reduced pressure lies beyond what the neighbouring paths reached, where one of them
+        cannot even carry its weight, or beyond the ends.
         """
-        return self.along(constants.share, pressure / constants.total)
+        return self.along(constants.shape, pressure / constants.scale)
 
-    def along(self, share: float, q: Array) -> Array | None:
-        """As `predict`, for a share and reduced pressures (s,)."""
-        if share < self.lowest - BESIDE or not self.reached.all():
+    def along(self, shape: tuple[float, ...], q: Array) -> Array | None:
+        """As `predict`, for a shape and reduced pressures (s,)."""
+        if not self.reached.all() or any(
+            not low - BESIDE * (high - low) <= x <= high + BESIDE * (high - low)
+            for x, (low, high) in zip(shape, self.ends, strict=True)
+        ):
             return None
-        if q.max(initial=0.0) > np.interp(share, self.shares, self.reached):
+        if q.max(initial=0.0) > self._reached(shape):
             return None
         q = np.clip(q, self.reduced[0], self.reduced[-1])
-        weights = _blend(self.shares, share)
-        return self._spline(q, weights)
+        each = (_blend(nodes, x) for nodes, x in zip(self.nodes, shape, strict=True))
+        return self._spline(q, reduce(np.multiply.outer, each, np.ones(())).ravel())
+
+    def _reached(self, shape: tuple[float, ...]) -> float:
+        """The reduced pressure that the paths around a shape reached, linear between them."""
+        out = self.reached.reshape([len(nodes) for nodes in self.nodes])
+        for nodes, x in zip(self.nodes, shape, strict=True):
+            rows = out.reshape(len(nodes), -1).T
+            out = np.reshape([np.interp(x, nodes, row) for row in rows], out.shape[1:])
+        return float(out)
 
     def _spline(self, q: Array, weights: Array) -> Array:
         from scipy.interpolate import CubicSpline
@@ -70,42 +82,42 @@ class LoadPaths:
         return np.asarray(CubicSpline(self.reduced, blended, axis=0)(q))
 
 
-def reach(case: Case, wanted: float, *, cache: ArrayCache, key: str) -> float:
-    """The reduced pressure p / (C10 + C01) to which a case of a fingerprint `key` can be followed, at most
-    `wanted`."""
-    own = digest("reach", code_digest(), key, wanted)
-    return float(cache("reach of the load paths", {own: partial(_reach, case, wanted)})[own][0])
+def reach(case: Case, law: RubberLaw, wanted: float, *, cache: ArrayCache, key: str) -> float:
+    """The reduced pressure p / scale to which a case of a fingerprint `key` can be followed with a law, at
+    most `wanted`."""
+    own = digest("reach", code_digest(), key, law.name, wanted)
+    return float(cache("reach of the load paths", {own: partial(_reach, case, law, wanted)})[own][0])
 
 
-def _reach(case: Case, wanted: float) -> Array:
+def _reach(case: Case, law: RubberLaw, wanted: float) -> Array:
     """One number (1,): doubled until there is no equilibrium, as nothing is known of the structure."""
-    case, top = case.with_material(**Constants.at(TOTAL, 0.3).named), min(FIRST, wanted)
+    case, top = case.with_material(**law.usual(SCALE).terms), min(FIRST, wanted)
     while True:
-        pressure = np.array([0.0, top * TOTAL])
+        pressure = np.array([0.0, top * SCALE])
         with effort.counted(effort.PATHS):
-            reached = solve(case, Path(pressure, pressure, pressure), count=8).reached / TOTAL
+            reached = solve(case, Path(pressure, pressure, pressure), count=8).reached / SCALE
         if reached < top * (1 - 1e-9) or top >= wanted:
-            return np.array([min(1.2 * reached, wanted)])  # other shares may go a little further
+            return np.array([min(1.2 * reached, wanted)])  # other shapes may go a little further
         top = min(2 * top, wanted)
 
 
 @dataclass(frozen=True)
 class Sheets:
-    """Load paths at several totals C10 + C01 (m,) MPa, increasing: of a structure that is not of one material
-    or has weight or forces of its own, whose displacements depend on the total, too."""
+    """Load paths at several scales (m,) MPa, increasing: of a structure that is not of one material or has
+    weight or forces of its own, whose displacements depend on the scale, too."""
 
-    totals: Array
+    scales: Array
     paths: tuple[LoadPaths, ...]
 
     def predict(self, constants: Constants, pressure: Array) -> Array | None:
-        """As `LoadPaths.predict`, by a polynomial in the logarithm of the total."""
-        total = constants.total
-        found = [one.along(constants.share, pressure / total) for one in self.paths]
-        beside = int(np.clip(np.searchsorted(self.totals, total), 1, len(self.totals) - 1))
+        """As `LoadPaths.predict`, by a polynomial in the logarithm of the scale."""
+        scale, shape = constants.scale, constants.shape
+        found = [one.along(shape, pressure / scale) for one in self.paths]
+        beside = int(np.clip(np.searchsorted(self.scales, scale), 1, len(self.scales) - 1))
         if found[beside - 1] is None or found[beside] is None:
             return None
         known = [k for k, u in enumerate(found) if u is not None]
-        weights = _blend(np.log(self.totals[known]), np.log(total))
+        weights = _blend(np.log(self.scales[known]), np.log(scale))
         return np.asarray(sum(w * u for w, u in zip(weights, (found[k] for k in known), strict=True)), float)
 
 
@@ -132,62 +144,70 @@ class Turned:
 def sheets(
     case: Case,
     points: Array,
+    law: RubberLaw = MOONEY_RIVLIN,
     *,
     cache: ArrayCache,
     key: str,
     top: float,
-    totals: tuple[float, float],
-    lowest: float = 0.0,
+    scales: tuple[float, float],
+    wide: bool = False,
+    held: tuple[float, ...] | None = None,
     outside: Mapping[str, Array] = NOTHING,
 ) -> Sheets:
-    """The load paths of a case between two totals C10 + C01 in MPa; see `load_paths`."""
-    x = 0.5 - 0.5 * np.cos(np.pi * (np.arange(TOTALS) + 0.5) / TOTALS)
-    at = totals[0] * (totals[1] / totals[0]) ** x
-    every = [
-        load_paths(
-            case, points, cache=cache, key=key, top=top, total=float(t), lowest=lowest, outside=outside
-        )
-        for t in at
-    ]
+    """The load paths of a case between two scales in MPa; see `load_paths`."""
+    x = 0.5 - 0.5 * np.cos(np.pi * (np.arange(SCALES) + 0.5) / SCALES)
+    at = scales[0] * (scales[1] / scales[0]) ** x
+    how: dict[str, Any] = {"cache": cache, "key": key, "top": top, "wide": wide, "held": held}
+    every = [load_paths(case, points, law, scale=float(s), outside=outside, **how) for s in at]
     return Sheets(at, tuple(every))
 
 
 def load_paths(
     case: Case,
     points: Array,
+    law: RubberLaw = MOONEY_RIVLIN,
     *,
     cache: ArrayCache,
     key: str,
     top: float = REDUCED,
-    total: float = TOTAL,
-    lowest: float = 0.0,
+    scale: float = SCALE,
+    wide: bool = False,
+    held: tuple[float, ...] | None = None,
     outside: Mapping[str, Array] = NOTHING,
 ) -> LoadPaths:
     """The load paths of a case at material points (p, 3) mm, followed to a reduced pressure `top` or to their
-    end. cache: what gives the arrays; key: the case's fingerprint. total: C10 + C01 in MPa at which they are
-    solved; lowest: the least share, 0 or below; outside: gravity and pulls, as `Path.under` has them, by
-    default none."""
-    count = SHARES if lowest == 0 else SHARES + MORE
-    shares = 0.5 - 0.5 * np.cos(np.pi * (np.arange(count) + 0.5) / count)
-    shares = lowest + (1 - lowest) * shares
+    end. law: of the silicone. cache: what gives the arrays; key: the case's fingerprint. scale: in MPa
+    at which they are solved; wide: over all shapes that a fit may end at; held: at this shape alone, whatever
+    shape is asked for; outside: gravity and pulls, as `Path.under` has them, by default none. ValueError for
+    a law whose shape has more than MOST numbers, unless it is held."""
+    if held is None and len(law.shapes) > MOST:
+        raise ValueError(
+            f"law {law.name!r}: its shape has {len(law.shapes)} numbers; load paths serve {MOST} at most"
+        )
+    nodes = tuple(shape.nodes(wide=wide) for shape in law.shapes)
+    ends = tuple(shape.ends(wide=wide) for shape in law.shapes)
+    if held is not None:
+        nodes, ends = tuple(np.array([x]) for x in held), ((-np.inf, np.inf),) * len(held)
     reduced = np.linspace(0, 1, 61) ** 1.3 * top
-    what = (code_digest(), key, points, total, reduced, LEVELS, *outside.values())
-    keys = [digest("load path", *what, float(share)) for share in shares]
+    what = (code_digest(), key, law.name, points, scale, reduced, LEVELS, *outside.values())
+    every = [law.at(scale, tuple(map(float, shape))) for shape in product(*nodes)]
+    keys = [digest("load path", *what, c) for c in every]
     tasks = {
-        k: partial(along_path, case, float(share), total, reduced, points, outside)
-        for k, share in zip(keys, shares, strict=True)
+        k: partial(along_path, case, c, scale, reduced, points, outside)
+        for k, c in zip(keys, every, strict=True)
     }
     made = cache("load paths", tasks)
     u = np.array([made[k] for k in keys])
     reached = np.array([reduced[np.isfinite(row[:, 0, 0])].max(initial=0.0) for row in u])
-    return LoadPaths(shares, reduced, _extended(u), np.minimum(reached, reduced[-1]), lowest)
+    return LoadPaths(nodes, ends, reduced, _extended(u), np.minimum(reached, reduced[-1]))
 
 
 def along_path(
-    case: Case, share: float, total: float, reduced: Array, points: Array, outside: Mapping[str, Array]
+    case: Case, own: Constants, scale: float, reduced: Array, points: Array, outside: Mapping[str, Array]
 ) -> Array:
-    """Displacements (k, p, 3) mm along one path; NaN beyond its end."""
-    pressure, case = reduced * total, case.with_material(**Constants.at(total, share).named)
+    """Displacements (k, p, 3) mm along the path of constants of a scale, at reduced pressures (k,); NaN
+    beyond its end."""
+    pressure, case = reduced * scale, case.with_material(**own.terms)
     path = Path(pressure, pressure, pressure, **outside)
     with effort.counted(effort.PATHS):
         solution = solve(under(case, path), path, count=LEVELS)
@@ -200,6 +220,8 @@ def along_path(
 
 def _blend(nodes: Array, x: float) -> Array:
     """Weights (n,) of values at the nodes (n,) in their polynomial's value at x."""
+    if len(nodes) == 1:
+        return np.ones(1)
     # SciPy takes the nodes in an order drawn at random: without a seed no two runs end in the same bits
     return np.asarray(BarycentricInterpolator(nodes, np.eye(len(nodes)), rng=0)(x))
 

@@ -39,14 +39,14 @@ class MeshChanges:
 
     @cached_property
     def softer(self) -> Array:
-        """What a softer silicone adds (g, k, m, 3) mm, to first order, for a fall of C10 + C01 by itself: as
+        """What a softer silicone adds (g, k, m, 3) mm, to first order, for a fall of the scale by itself: as
         much as more pressure does, and a larger sag."""
         slope = CubicSpline(self.grid, self.base, axis=1)(self.grid, 1)
         return np.asarray(slope * self.grid[:, None, None] + self.base[:, :1], float)
 
     @cached_property
     def softness(self) -> Array:
-        """The part (n,) of C10 + C01 by which each mesh is softer."""
+        """The part (n,) of the scale by which each mesh is softer."""
         own, rows = self._compared(self.softer), self._compared(self.changes)
         return np.asarray((rows @ own.T).ravel() / max(float((own**2).sum()), 1e-12))
 
@@ -67,7 +67,7 @@ class MeshChanges:
 
     @property
     def apart(self) -> float:
-        """By how much of C10 + C01 the meshes differ, the root of the sum of squares."""
+        """By how much of the scale the meshes differ, the root of the sum of squares."""
         return float(np.linalg.norm(self.softness))
 
     @property

@@ -13,9 +13,11 @@ from calibrate import Parameter
 from fe import Solution, Variation, solve
 from fe.mesh.mirror import mirrored, symmetry_support
 from twin import effort
-from twin.effects.baselaw import NAMES, STRETCH, steadiness
+from twin.effects.material import Elasticity
 from twin.effects.protocol import Effect, Order, Test, Theta, Unsolvable
 from twin.gravity import hangs_aside, is_heavy, pulls_across
+from twin.laws.law import RubberLaw
+from twin.laws.stability import STRETCH, steadiness
 from twin.model.discretisation import Discretisation
 from twin.model.perturbing import Paced, directions, paced, perturbed
 from twin.model.slipping import Known, slipped
@@ -61,6 +63,11 @@ class Model:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "effects", tuple(sorted(self.effects, key=lambda e: e.order)))
+
+    @property
+    def law(self) -> RubberLaw | None:
+        """The law of its silicone; None where nothing of that is a parameter."""
+        return next((e.law for e in self.effects if isinstance(e, Elasticity)), None)
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -216,9 +223,10 @@ class Model:
         history the finer meshes' curves differ by a hundredth, by which good data would seem to tell the two
         apart."""
         rows = {p.name: k for k, p in enumerate(self.parameters)}
-        if self.mesh is not None and len(modes) and set(NAMES) <= set(rows):
+        moduli = self.law.moduli if self.law else ()
+        if self.mesh is not None and len(modes) and moduli and set(moduli) <= set(rows):
             own = self.jacobian(theta)
-            modes[0] = -self.mesh.stiffness * sum(theta[rows[name]] * own[rows[name]] for name in NAMES)
+            modes[0] = -self.mesh.stiffness * sum(theta[rows[name]] * own[rows[name]] for name in moduli)
         return modes
 
     def solved(self, theta: Array, *, derivatives: bool = False) -> Solved:

@@ -22,7 +22,6 @@ from numpy.typing import NDArray
 
 from calibrate import Parameter
 from fe import Solution
-from twin.effects.baselaw import NAMES
 from twin.effects.protocol import Effect, Unsolvable
 from twin.model.discretisation import Discretisation
 from twin.model.memo import KeptModel
@@ -117,9 +116,10 @@ class Surrogate(Model):
             entry = f.tries(base.test)[0]
             start |= {p.name: p.null if p.null is not None else entry.get(p.name, (p.low + p.high) / 2)
                       for p in f.parameters if p.name not in own}  # fmt: skip
-        moduli = sum(x for n, x in start.items() if n in NAMES)
+        stiff = whole.law.at_rest if whole.law else ()
+        moduli = sum(x for n, x in start.items() if n in stiff)
         axes = tuple(
-            Axis.of(p, start[p.name], tries[p.name], own=p.name in own, scale=moduli * (p.name in NAMES))
+            Axis.of(p, start[p.name], tries[p.name], own=p.name in own, scale=moduli * (p.name in stiff))
             for p in whole.parameters
         )
         empty = Surrogate(

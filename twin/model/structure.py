@@ -19,7 +19,9 @@ from fe.element import Integers
 from fe.mesh.refine import enriched, free_faces, refined
 from twin.bodies.body import Body
 from twin.bodies.finger import BuiltIn
-from twin.effects.baselaw import NOMINAL
+from twin.laws.catalogue import law_of
+from twin.laws.law import Constants, RubberLaw
+from twin.laws.mooneyrivlin import MOONEY_RIVLIN, NOMINAL
 
 SHORT_MM = 20.0  # long: a finger of 200 mm whose lengths are in cm
 COMPRESSIBLE = 20.0  # bulk modulus over shear modulus, Poisson's ratio 0.475
@@ -41,9 +43,10 @@ class Structure:
 
     key: fingerprint; base and finer: meshes of the discretisation error, the last of which tests the others
     (see `model.discretisation`); none where `unknown` says why. outside (f, m): the faces that are drawn, as
-    node rows. scales: whether U depends on pressure / (C10 + C01) and the share alone, as where nothing but
-    pressure loads one material. remarks: what a user should know of it. numbers: of a deck's elements. body:
-    the kind of body with its dimensions, None of a deck.
+    node rows. scales: whether U depends on pressure / scale and the law's shape alone, as where nothing but
+    pressure loads one material. remarks: what a user should know of it. numbers: of a deck's elements.
+    nominal: the constants of its silicone until they are fitted. body: the kind of body with its dimensions,
+    None of a deck.
     """
 
     case: Case
@@ -54,6 +57,7 @@ class Structure:
     unknown: str = ""
     remarks: tuple[str, ...] = ()
     numbers: Integers | None = None
+    nominal: Constants = NOMINAL
     body: Body | None = None
 
     @property
@@ -71,6 +75,13 @@ class Structure:
 
 def _itself(case: Case) -> Case:
     return case
+
+
+def in_law(structure: Structure, nominal: Constants) -> Structure:
+    """The structure whose silicone has these constants until they are fitted."""
+    if nominal == structure.nominal:
+        return structure
+    return replace(structure, case=structure.case.with_material(**nominal.terms), nominal=nominal)
 
 
 def weighed(structure: Structure, density: float) -> Structure:
@@ -98,7 +109,7 @@ def base_case(*, finger: Finger | None = None, lattice: Lattice | None = None) -
 
 def body_case(body: Body, lattice: Any) -> Case:
     """A body on a lattice with nominal constants."""
-    return body.case(lattice, Material(NOMINAL.C10, NOMINAL.C01))
+    return body.case(lattice, NOMINAL.material)
 
 
 def of_finger(finger: Finger, lattice: Lattice) -> Structure:
@@ -135,22 +146,25 @@ def _check_cells(case: Case, body: Body) -> None:
 # -- a deck ------------------------------------------------------------------------------------------------
 
 
-def of_deck(path: Path, *, mesh: int = 1, silicone: tuple[str, ...] = ()) -> Structure:
+def of_deck(
+    path: Path, *, mesh: int = 1, silicone: tuple[str, ...] = (), law: RubberLaw | None = None
+) -> Structure:
     """The structure of a user's deck, every element divided `mesh` times in each direction (1, 2, 4 ..).
 
-    silicone: element sets that are Mooney-Rivlin rubber with constants to be fitted, by default all; the
-    others keep the deck's law. Raises ValueError where the deck cannot be read or lacks something, and says
-    what is wanted; FileNotFoundError where it is not there.
+    silicone: element sets whose constants are to be fitted, by default all; the others keep the deck's law.
+    law: theirs, by default the deck's own, whose constants then are nominal. Raises ValueError where the deck
+    cannot be read or lacks something, and says what is wanted; FileNotFoundError where it is not there.
     """
     deck = sound_deck(path)
     fitted = _fitted(deck.case, silicone, path)
-    case = _clamped(_rubber(_divided(deck.case, mesh), fitted))
+    nominal = _nominal(deck.case.materials[fitted[0]], law)
+    case = _clamped(_rubber(_divided(deck.case, mesh), fitted, nominal))
     key = digest(mesh, fitted, *(file.read_bytes() for file in deck.files))
     meshes, unknown = _refinements(case, key)
     forces = case.forces or case.growing
     alone = not case.kept and not forces and all(s.value is None for s in case.supports)
-    remarks = _remarks(path, case, fitted, meshes)
-    return Structure(case, key, meshes, skin(case), alone, unknown, remarks, deck.elements)
+    remarks = _remarks(path, case, fitted, meshes, nominal)
+    return Structure(case, key, meshes, skin(case), alone, unknown, remarks, deck.elements, nominal)
 
 
 def sound_deck(path: Path) -> Deck:
@@ -189,10 +203,20 @@ def _divided(case: Case, mesh: int) -> Case:
     return case if mesh == 1 else _divided(refined(case), mesh // 2)
 
 
-def _rubber(case: Case, fitted: tuple[str, ...]) -> Case:
+def _nominal(own: Material, law: RubberLaw | None) -> Constants:
+    """The constants of a silicone until they are fitted: a deck's own where it states the law; of
+    Mooney-Rivlin rubber, which neo-Hookean is too, and of a law that no model has, the usual ones."""
+    stated = law_of(own)
+    polynomial = stated is None or set(stated.names) <= set(MOONEY_RIVLIN.names)
+    wanted = law or (MOONEY_RIVLIN if polynomial or stated is None else stated)
+    if wanted == MOONEY_RIVLIN or stated != wanted:
+        return wanted.nominal
+    return wanted.of(wanted.read(own))
+
+
+def _rubber(case: Case, fitted: tuple[str, ...], nominal: Constants) -> Case:
     """The case with the base law in the fitted sets, as compressible and heavy as in the deck."""
-    own = {k: case.materials[k] for k in fitted}
-    base = Material(NOMINAL.C10, NOMINAL.C01)
+    own, base = {k: case.materials[k] for k in fitted}, nominal.material
     changed = {k: replace(base, bulk_ratio=m.bulk_ratio, density=m.density) for k, m in own.items()}
     kept = tuple(k for k in case.materials if k not in fitted)
     return replace(case, materials={**case.materials, **changed}, kept=kept)
@@ -237,7 +261,7 @@ def skin(case: Case) -> Integers:
 
 
 def _remarks(
-    path: Path, case: Case, fitted: tuple[str, ...], meshes: Mapping[str, Mesh]
+    path: Path, case: Case, fitted: tuple[str, ...], meshes: Mapping[str, Mesh], nominal: Constants
 ) -> tuple[str, ...]:
     """Sentences on what the model takes from a deck, and what it cannot do with it."""
     low, high = (", ".join(f"{x:g}" for x in f(axis=0)) for f in (case.nodes.min, case.nodes.max))
@@ -246,12 +270,22 @@ def _remarks(
     held = () if case.clamp else (loose,)
     return (
         f"{path.name}: {size}, from ({low}) to ({high}) mm. x is read as the finger's length, z as up.",
-        f"{path.name}: Mooney-Rivlin with fitted C10 and C01 replaces the material of {', '.join(fitted)}."
+        f"{path.name}: {_law_told(nominal)} the material of {', '.join(fitted)}."
         + (f" {_staying(case)}" if case.kept else ""),
         f"{path.name}: {_tested(meshes)}",
         *held,
         *(f"{path.name}: {doubt}" for doubt in _doubts(case, fitted)),
     )
+
+
+def _law_told(nominal: Constants) -> str:
+    """What becomes of the silicone's law, up to the sets that have it."""
+    law = nominal.law
+    *most, last = law.names
+    fitted = f"{law.title} with fitted {' and '.join([', '.join(most), last] if most else [last])}"
+    if nominal == law.nominal:
+        return f"{fitted} replaces"
+    return f"{fitted}, which begin at the deck's {nominal.told}, is"
 
 
 def _staying(case: Case) -> str:

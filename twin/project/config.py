@@ -5,6 +5,7 @@ from collections import Counter
 from pathlib import PurePosixPath, PureWindowsPath
 from typing import Annotated, Any, Literal, Self
 
+import numpy as np
 from pydantic import AfterValidator, Field, model_validator
 
 from twin.bodies.bar import BarTable
@@ -13,7 +14,9 @@ from twin.bodies.kinds import BODIES, BodyTable
 from twin.bodies.pneunet import PneunetTable
 from twin.bodies.tube import TubeTable
 from twin.effects import labels
-from twin.effects.baselaw import BOUNDS
+from twin.laws.catalogue import LAWS, named_law
+from twin.laws.law import RubberLaw
+from twin.laws.mooneyrivlin import MOONEY_RIVLIN, NAMES
 from twin.project.targetschema import StillSteps
 from twin.tablemodel import (
     Direction,
@@ -97,8 +100,13 @@ def _sd_mm(sd: float) -> float:
     return sd
 
 
+def _law_name(name: str) -> str:
+    return named_law(name).name
+
+
 Density = Annotated[Positive, AfterValidator(_density)]
 Share = Annotated[Positive, AfterValidator(_share)]
+LawName = Annotated[str, AfterValidator(_law_name)]
 Memory = Annotated[str, AfterValidator(_memory)]
 Program = Annotated[str, AfterValidator(_program_name)]
 SdMm = Annotated[Positive, AfterValidator(_sd_mm)]
@@ -141,7 +149,11 @@ class ModelTable(TableModel):
         description="your own mesh, an Abaqus deck such as raw/finger.inp; else the body's mesh is built in",
     )
     silicone: tuple[Name, ...] = Field(
-        default=(), description="element sets of the deck whose C10 and C01 are fitted; []: all"
+        default=(), description="element sets of the deck whose constants are fitted; []: all"
+    )
+    law: LawName | None = Field(
+        default=None,
+        description=f"law of the silicone: {', '.join(LAWS)}; left out: that of the deck, else mooney-rivlin",
     )
     mesh: int = Field(default=1, ge=1, le=8, description="mesh refinement: 2 halves all elements")
     effects: tuple[Effect, ...] = Field(
@@ -162,7 +174,7 @@ class ModelTable(TableModel):
         "out where targets.toml states it",
     )
     fixed: dict[str, Finite] = Field(
-        default={}, description="constants that are not fitted, MPa, such as {C10 = 0.214}"
+        default={}, description="constants of the law that are not fitted, such as {C10 = 0.214} (MPa)"
     )
     engine: Literal["embedded", "calculix", "abaqus"] = Field(
         default=EMBEDDED,
@@ -584,10 +596,10 @@ class CalibrateTable(TableModel):
         default=3, description="component of that error: 1 x, 2 y, 3 z"
     )
     bounds: dict[str, Bounds] = Field(
-        default=dict(BOUNDS),
-        description="lowest and highest value of each constant in the genetic algorithm, MPa; least squares "
-        "may take a C01 below 0, and a C10 above its bound for it, where 0 is allowed and while the rubber "
-        "remains stable",
+        default={},
+        description="lowest and highest value of each constant of the law in the genetic algorithm, such as "
+        "{C10 = [0.01, 0.5]} (MPa); left out: usual ones. Least squares may take a C01 below 0, and a C10 "
+        "above its bound for it, where 0 is allowed and while the rubber remains stable",
     )
 
 
@@ -618,12 +630,12 @@ class StudyTable(TableModel):
     @model_validator(mode="after")
     def _both(self) -> Self:
         for key, values in (("initial", self.initial), ("published", self.published)):
-            if values and set(values) != set(BOUNDS):
+            if values and set(values) != set(NAMES):
                 raise ValueError(
-                    f"{key} = {{{', '.join(values)}}}: wanted both {' and '.join(BOUNDS)} in MPa, or neither"
+                    f"{key} = {{{', '.join(values)}}}: wanted both {' and '.join(NAMES)} in MPa, or neither"
                 )
             if values and not sum(values.values()) > 0.0:
-                raise ValueError(f"{key}: C10 and C01 are both 0; wanted a sum above 0 MPa")
+                raise ValueError(f"{key}: {' and '.join(NAMES)} are both 0; wanted a sum above 0 MPa")
         return self
 
 
@@ -688,26 +700,29 @@ def _check_parameters(c: Config) -> None:
     bases = [labels.name_of(label) for label in c.model.effects]
     if len(set(bases)) != len(bases):
         raise ValueError(f"model.effects = {list(c.model.effects)}: an effect stands twice; keep it once")
-    _check_bounds(c.calibrate.bounds)
+    law = LAWS.get(c.model.law or (MOONEY_RIVLIN.name if c.model.deck is None else ""))
     for name, (low, high) in c.calibrate.bounds.items():
         if not low < high:
             raise ValueError(
                 f"calibrate.bounds.{name} = [{low:g}, {high:g}]: wanted low < high; swap or widen them"
             )
+    usual = law.bounds if law else {}
+    for name, (low, high) in {**usual, **c.calibrate.bounds}.items():
         value = c.model.fixed.get(name, low)
         if not low <= value <= high:
             raise ValueError(
                 f"model.fixed.{name} = {value:g}: wanted a value within calibrate.bounds.{name} = "
                 f"[{low:g}, {high:g}]; widen the bounds or correct the value"
             )
+    _check_bounds(c.calibrate.bounds, law)
 
 
-def _check_bounds(bounds: dict[str, Bounds]) -> None:
-    """Raise ValueError for a constant that does not exist, or for bounds that no rubber has."""
-    unknown = sorted(set(bounds) - set(BOUNDS))
-    if unknown:
+def _check_bounds(bounds: dict[str, Bounds], law: RubberLaw | None) -> None:
+    """Raise ValueError for a constant that the law does not have, or for bounds that no rubber has."""
+    unknown = sorted(set(bounds) - set(law.names)) if law else []
+    if law and unknown:
         raise ValueError(
-            f"calibrate.bounds.{unknown[0]}: wanted {' and '.join(BOUNDS)} alone; correct the name"
+            f"calibrate.bounds.{unknown[0]}: wanted {' and '.join(law.names)} alone; correct the name"
         )
     for name, (low, high) in bounds.items():
         if high > STIFFEST:
@@ -715,11 +730,11 @@ def _check_bounds(bounds: dict[str, Bounds]) -> None:
                 f"calibrate.bounds.{name} = [{low:g}, {high:g}]: wanted MPa, up to {STIFFEST:g}; soft "
                 "silicone has 0.005 to 2 MPa; are they in kPa?"
             )
-    least = sum(bounds.get(name, usual)[0] for name, usual in BOUNDS.items())
-    if not least > 0.0:
+    least = law.scales({**law.bounds, **bounds})[0] if law else np.inf
+    if law and not least > 0.0:
         raise ValueError(
-            f"calibrate.bounds: C10 + C01 may be as low as {least:g} MPa; wanted lowest values with a sum "
-            "above 0, as in C10 = [0.01, 0.5]: rubber without stiffness has no equilibrium"
+            f"calibrate.bounds: {law.stiffness} may be as low as {least:g} MPa; wanted lowest values with a "
+            "sum above 0, as in C10 = [0.01, 0.5]: rubber without stiffness has no equilibrium"
         )
 
 

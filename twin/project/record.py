@@ -53,6 +53,7 @@ class StoredConfig(Loose):
 
 class RunExtra(Loose):
     effects: tuple[str, ...] = ()
+    laws: tuple[str, ...] = ()
 
 
 class RunSummary(Loose):

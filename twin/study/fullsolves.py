@@ -55,9 +55,9 @@ def _fields(on: OnPaths, generations: Sequence[Generation], say: Say) -> Array:
         if g.best.tobytes() not in fields:
             constants = on.constants(g.best)
             with effort.counted(effort.kind_of(history=False, derivatives=False)):
-                start = solve(whole.with_material(**constants.named), path, start=start, count=4)
+                start = solve(whole.with_material(**constants.terms), path, start=start, count=4)
             if not start.converged:
-                raise ValueError(f"the best of generation {g.number} ({constants.named}) {start.reason}")
+                raise ValueError(f"the best of generation {g.number} ({constants.told}) {start.reason}")
             *rest, top = start.fields(range(len(path.output)))[:, : len(on.bench.case.nodes)]
             fields[g.best.tobytes()] = top - rest[0] if rest else top
     return np.array([fields[g.best.tobytes()] for g in generations])
@@ -73,7 +73,7 @@ def _by_jobs(
     for k, g in enumerate(generations):
         say.progress("best of each generation, whole shape", k, len(generations))
         if g.best.tobytes() not in fields:
-            own = case.with_material(**on.constants(g.best).named)
+            own = case.with_material(**on.constants(g.best).terms)
             shapes = []
             for step, pressure in zip(o.steps[:2], (o.pressure[0], 0.0), strict=False):
                 q, u = jobs.course(own, highest, gravities[of_step[step]][:3])

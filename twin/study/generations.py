@@ -1,6 +1,6 @@
 """Load paths and targets -> the reference study's genetic algorithm, generation by generation, resumable."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from calibrate import Parameter, Population
 from calibrate.genetic import ELITE
-from twin.effects.baselaw import Constants
+from twin.laws.law import Constants
 from twin.model.enginemodel import EnginePaths
 from twin.model.loadpaths import Turned
 from twin.project.folder import Run
@@ -28,10 +28,9 @@ class Objective:
     component: int
     measured: Array
     pressure: Array
-    fixed: dict[str, float]
 
     @staticmethod
-    def of(targets: Targets, names: tuple[str, ...], component: int, fixed: dict[str, float]) -> "Objective":
+    def of(targets: Targets, names: tuple[str, ...], component: int) -> "Objective":
         """The objective of targets; ValueError where a point is not observed at that step."""
         step = first_arrival(targets)
         rows = np.array([targets.names.index(n) for n in names])
@@ -43,17 +42,17 @@ class Objective:
                 "wanted a value in mm; choose other [calibrate] objective_points"
             )
         steps = np.append(step, targets.reference[targets.rests[targets.reference] == targets.rests[step]])
-        return Objective(steps, rows, component, measured, targets.pressure[steps], fixed)
+        return Objective(steps, rows, component, measured, targets.pressure[steps])
 
     def sd_mm(self, targets: Targets) -> float:
         """The error of one of the measured values in mm, 1 sd: the root of their mean variance."""
         variance = targets.covariance[self.steps[0], self.rows, self.component, self.component]
         return float(np.sqrt(variance.mean()))
 
-    def cost(self, values: Mapping[str, float], paths: Turned | EnginePaths, rows: Array) -> float:
+    def cost(self, constants: Constants, paths: Turned | EnginePaths, rows: Array) -> float:
         """The RMS in mm; inf where the model has no equilibrium at that pressure. rows (r,): those of the
         targets that the paths belong to."""
-        seen = self.predicted(Constants.of({**values, **self.fixed}), paths, rows, self.pressure[:1])
+        seen = self.predicted(constants, paths, rows, self.pressure[:1])
         return float("inf") if seen is None else float(np.sqrt(((seen[0] - self.measured) ** 2).mean()))
 
     def predicted(

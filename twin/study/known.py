@@ -1,20 +1,50 @@
-"""A fit of C10 and C01 -> what the data say of them, in words."""
+"""A fit of a law's constants -> what the data say of them, in words."""
+
+import numpy as np
 
 from calibrate import Fit, identifiability
-from twin.effects.baselaw import NAMES
 from twin.judging.comparison import Comparison
+from twin.laws.mooneyrivlin import MOONEY_RIVLIN, NAMES
 from twin.project.folder import Project
 from twin.study.loadpathfit import OnPaths
 from twin.study.ridges import difference
 from twin.targets import Array
 
+TOGETHER = 0.9  # correlation above which two constants are not told one by one
+
 
 def known_of(on: OnPaths, best: Array, fit: Fit, found: Comparison) -> str:
     """What the data say of the constants. best (d,): of the genetic algorithm; found: of the fit."""
-    both = set(NAMES) <= {p.name for p in fit.parameters}
-    words = identifiability(fit, NAMES, fits=found.adequate) if both else "One constant was held fixed."
+    free = {p.name for p in fit.parameters}
+    if on.bench.law != MOONEY_RIVLIN:
+        words = each_told(fit, fits=found.adequate)
+    elif set(NAMES) <= free:
+        words = identifiability(fit, NAMES, fits=found.adequate)
+    else:
+        words = "One constant was held fixed."
     doubt = f" No interval: {found.doubt}." if found.doubt else ""
     return f"{words}{at_all_bounds(fit)}{doubt}{_apart(on, best, fit)}{_other_pressure(on.bench.project)}"
+
+
+def each_told(fit: Fit, *, fits: bool) -> str:
+    """Every constant with its 95 % interval, none where the model does not fit or the constant is at a bound,
+    and the two whose errors trade off most."""
+    said = []
+    for p, x, sd in zip(fit.parameters, fit.theta, fit.sd, strict=True):
+        span = ""
+        if p.name in fit.at_bound:
+            span = " (at its bound)"
+        elif fits and np.isfinite(sd):
+            span = f" ({x - 1.96 * sd:.3g} to {x + 1.96 * sd:.3g})"
+        said.append(f"{p.name} = {x:.4g} {p.unit}".rstrip() + span)
+    words = f"{', '.join(said)}."
+    together = np.triu(np.abs(np.nan_to_num(fit.correlation)), 1)
+    i, j = np.unravel_index(int(together.argmax()), together.shape)
+    if together[i, j] <= TOGETHER:
+        return words
+    a, b = fit.parameters[i].name, fit.parameters[j].name
+    told = f"correlation {fit.correlation[i, j]:.3f}"
+    return f"{words} {a} and {b} cannot be separated by these targets: {told}."
 
 
 def at_all_bounds(fit: Fit) -> str:
@@ -32,7 +62,7 @@ def at_all_bounds(fit: Fit) -> str:
 
 def _apart(on: OnPaths, best: Array, fit: Fit) -> str:
     """Why the genetic algorithm and least squares end apart, where neither is better."""
-    if on.bench.elasticity.fixed:
+    if on.bench.elasticity.fixed or on.bench.law != MOONEY_RIVLIN:
         return ""
     sd_mm = on.objective.sd_mm(on.bench.targets)
     said, flat = difference(on.constants(best).named, fit, on.cost, sd_mm=sd_mm)
@@ -48,5 +78,5 @@ def _other_pressure(project: Project) -> str:
     return (
         f" The two pressures of this study contradict each other ({top:g} MPa in its table, "
         f"{study.other_pressure_MPa:g} MPa in its text): displacements depend on pressure / C, so the "
-        f"other pressure would divide C10 and C01 by {top / study.other_pressure_MPa:.3g}."
+        f"other pressure would divide the moduli by {top / study.other_pressure_MPa:.3g}."
     )

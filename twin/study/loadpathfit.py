@@ -1,4 +1,4 @@
-"""C10 and C01 by the load paths: the objective, the paths, and the least squares that begin on them."""
+"""A law's constants by the load paths: the objective, the paths, and the least squares that begin on them."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -9,26 +9,33 @@ import numpy as np
 from calibrate import Fit, least_squares
 from twin.bench.workbench import Workbench
 from twin.bodies.finger import BuiltIn
-from twin.effects.baselaw import LEAST_SHARE, Constants
 from twin.gravity import under
 from twin.judging.comparison import PLAUSIBLE
 from twin.judging.fitting import whitener_of
 from twin.judging.judged import Judged
 from twin.judging.record import InitialRow
 from twin.judging.whitening import Whitener, whitener
+from twin.laws.law import Constants
+from twin.laws.mooneyrivlin import MOONEY_RIVLIN
 from twin.model.arraycache import rounded_up
 from twin.model.enginemodel import EnginePaths
 from twin.model.fingertable import table_of
-from twin.model.loadpaths import REDUCED, Turned, load_paths, reach, sheets
+from twin.model.loadpaths import MOST, REDUCED, Turned, load_paths, reach, sheets
 from twin.model.prediction import Model
 from twin.project.folder import Say
 from twin.study.generations import Objective
 from twin.targets import Array, relative
 
+SCALES = 60  # that are tried at one shape, evenly in their logarithm
+
 
 @dataclass(frozen=True)
 class OnPaths:
-    """The base model of a project on its load paths. rows (r,): the rows of the targets they belong to."""
+    """The base model of a project on its load paths. rows (r,): the rows of the targets they belong to.
+
+    Where the shape of its law has more numbers than load paths serve, they are those of the nominal shape
+    alone: they tell the scale with which least squares by whole solves begin.
+    """
 
     bench: Workbench
     paths: Turned | EnginePaths
@@ -36,23 +43,41 @@ class OnPaths:
     objective: Objective
 
     @staticmethod
-    def of(bench: Workbench, say: Say, *, lowest: float = 0.0) -> "OnPaths":
-        """The load paths at the finger's markers from a least share, and the objective that twin.toml
-        states."""
-        own, fixed = bench.project.config.calibrate, bench.elasticity.fixed
+    def of(bench: Workbench, say: Say, *, wide: bool = False, held: bool = False) -> "OnPaths":
+        """The load paths at the finger's markers, and the objective that twin.toml states.
+
+        wide: over all shapes that a fit may end at; held: of the nominal shape alone, as of a law that load
+        paths do not serve.
+        """
+        own = bench.project.config.calibrate
         rows = np.flatnonzero(~bench.targets.fixed)
-        objective = Objective.of(bench.targets, own.objective_points, own.objective_component - 1, fixed)
-        return OnPaths(bench, _load_paths(bench, rows, lowest, say), rows, objective)
+        objective = Objective.of(bench.targets, own.objective_points, own.objective_component - 1)
+        return OnPaths(bench, _load_paths(bench, rows, wide, held, say), rows, objective)
 
     def holding(self, fit: Fit, say: Say) -> "OnPaths":
-        """The same, or with load paths for negative shares, too, where a fit ended there."""
-        if self.constants(fit.theta).share >= 0.0 or self.bench.jobs is not None:
+        """The same, or with load paths for negative shares of C01, too, where a fit ended there."""
+        constants = self.constants(fit.theta)
+        if constants.law != MOONEY_RIVLIN or constants.shape[0] >= 0.0 or self.bench.jobs is not None:
             return self  # jobs serve every share
-        return OnPaths.of(self.bench, say, lowest=LEAST_SHARE)
+        return OnPaths.of(self.bench, say, wide=True)
+
+    @property
+    def of_one_shape(self) -> bool:
+        """Whether the load paths are those of the nominal shape alone."""
+        return self.bench.jobs is None and len(self.bench.law.shapes) > MOST
+
+    def over_scales(self) -> tuple[Array, Array]:
+        """Constants (k, d) of the nominal shape, from the softest to the stiffest, and the RMS (k,) in mm of
+        the objective: inf where the model has no equilibrium."""
+        own = self.bench.elasticity
+        every = [own.law.at(float(s), own.initial.shape) for s in np.geomspace(*own.scales, SCALES)]
+        low, high = np.array([(p.low, p.high) for p in own.parameters]).T
+        theta = np.clip([[c[p.name] for p in own.parameters] for c in every], low, high)
+        return theta, np.array([self.cost(c.named) for c in every])
 
     def cost(self, values: Mapping[str, float]) -> float:
         """The RMS in mm of the objective; inf where the model has no equilibrium."""
-        return self.objective.cost(values, self.paths, self.rows)
+        return self.objective.cost(self.bench.elasticity.constants(values), self.paths, self.rows)
 
     def predicted(self, theta: Array) -> Array | None:
         """Displacements (s, p, 3) mm of all points as they are measured, 0 where there are no paths, at the
@@ -66,11 +91,11 @@ class OnPaths:
         return out
 
     def least(self, best: Array, say: Say) -> Judged:
-        """The least-squares fit of C10 and C01 to all targets: on the load paths from several starts, then on
-        the finite-element model from there, with errors of its own."""
+        """The least-squares fit of the constants to all targets: on the load paths from several starts, then
+        on the finite-element model from there, with errors of its own."""
         t, model = self.bench.targets, self.bench.model(())
-        if self.bench.jobs is not None:
-            return self._by_jobs(model, best, say)
+        if self.bench.jobs is not None or self.of_one_shape:
+            return self._by_whole_solves(model, best, say)
         w = whitener(t, prediction_modes=np.zeros((0, *t.value.shape)), gauge=self._gauge(best),
                      points=~t.fixed)  # fmt: skip
         first = self.fit(w, np.array([best, [p.start for p in model.parameters]]))
@@ -82,9 +107,9 @@ class OnPaths:
         say.progress("least squares", 3, 3)
         return found
 
-    def _by_jobs(self, model: Model, best: Array, say: Say) -> Judged:
-        """The fit by jobs alone, from where the genetic algorithm ended: several starts would cost as much
-        again each."""
+    def _by_whole_solves(self, model: Model, best: Array, say: Say) -> Judged:
+        """The fit by whole solves or jobs alone, from where the search ended: several starts would cost as
+        much again each."""
         say.progress("least squares", 0, 1)
         found = self.bench.judged(model, best, say, seed=self.bench.project.config.calibrate.seed)
         say.progress("least squares", 1, 1)
@@ -120,7 +145,7 @@ class OnPaths:
         return InitialRow(values=values, rms_mm=left, raw_rms_mm=w.error(residual))
 
     def constants(self, theta: Array) -> Constants:
-        """C10 and C01 from the free ones (d,) and those held at a value."""
+        """The constants from the free ones (d,) and those held at a value."""
         own = self.bench.elasticity
         return own.constants({p.name: float(x) for p, x in zip(own.parameters, theta, strict=True)})
 
@@ -137,31 +162,32 @@ class OnPaths:
         return out
 
 
-def _load_paths(bench: Workbench, rows: Any, lowest: float, say: Say) -> Turned | EnginePaths:
-    """The load paths at the points of these rows from a least share, under the weight in every direction of
-    gravity; by jobs where another program solves the model."""
+def _load_paths(
+    bench: Workbench, rows: Any, wide: bool, held: bool, say: Say
+) -> Turned | EnginePaths:
+    """The load paths at the points of these rows, under the weight in every direction of gravity; by jobs
+    where another program solves the model."""
     where, table = bench.targets.places(bench.case.position)[rows], table_of(bench.structure)
     gravities, of_step = bench.gravities
     if bench.jobs is not None:
         top, case = float(bench.targets.pressure.max()), under(bench.case, bench.path)
         return EnginePaths(case, where, top, bench.jobs, gravities[:, :3], of_step)
-    if bench.scales and table and lowest == 0.0:
+    own = bench.elasticity
+    if bench.scales and table and bench.law == MOONEY_RIVLIN and not wide and not held:
         return Turned((table.load_paths(bench.case, where),), of_step)
     cache, key, top = bench.cache(say), bench.structure.key, REDUCED
     highest = rounded_up(float(bench.targets.pressure.max()))
     if not isinstance(bench.structure.body, BuiltIn):  # REDUCED is of fingers alone
-        softest = bench.elasticity.lowest.total
-        top = reach(bench.case, highest / softest, cache=cache, key=key)
+        top = reach(bench.case, bench.law, highest / own.scales[0], cache=cache, key=key)
+    how: dict[str, Any] = {"cache": cache, "key": key, "top": top, "wide": wide}
+    how["held"] = own.initial.shape if held or len(bench.law.shapes) > MOST else None
     if bench.scales:
-        paths = load_paths(bench.case, where, cache=cache, key=key, top=top, lowest=lowest)
-        return Turned((paths,), of_step)
-    high = bench.elasticity.highest.total
+        return Turned((load_paths(bench.case, where, bench.law, **how),), of_step)
+    low, high = own.scales
     # softer ones do not reach the top pressure: the table need not hold them
-    low = max(bench.elasticity.lowest.total, highest / top)
-    totals = min(low, 0.9 * high), high
+    scales = min(max(low, highest / top), 0.9 * high), high
     made = tuple(
-        sheets(bench.case, where, cache=cache, key=key, top=top, totals=totals, lowest=lowest,
-               outside=bench.path.under(g))
+        sheets(bench.case, where, bench.law, **how, scales=scales, outside=bench.path.under(g))
         for g in gravities
-    )  # fmt: skip
+    )
     return Turned(made, of_step)

@@ -11,10 +11,11 @@ from scipy.optimize import brentq
 from calibrate import Fit
 from twin.bench.fits import fresh
 from twin.bench.workbench import Workbench
-from twin.effects.baselaw import NAMES, NOMINAL, Constants
 from twin.judging.fitting import whitener_of
 from twin.judging.record import FitRecord
 from twin.judging.whitening import whitener
+from twin.laws.law import Constants
+from twin.laws.mooneyrivlin import MOONEY_RIVLIN, NAMES, NOMINAL, mooney_rivlin
 from twin.project import files
 from twin.project.folder import Project, Say
 from twin.review.states import Generations
@@ -66,7 +67,7 @@ class Inquiry:
         stated = dict(table.initial) if table else {}
         published = dict(table.published) if table else {}
         reduction = table.published_reduction_percent if table else None
-        initial = self.side(Constants.of(stated or NOMINAL.named))
+        initial = self.side(MOONEY_RIVLIN.of(stated or NOMINAL.named))
         final = self.side(self.best)
         line = ridge(self.on.cost, self.bench.elasticity.parameters)
         agreeing = line.agreeing(sd_mm=self.sd_mm, count=len(self.names))
@@ -78,9 +79,9 @@ class Inquiry:
             measured_mm=self.objective.measured.tolist(), measured_sd_mm=self.sd_mm,
             initial=Initial(**initial.model_dump(), stated=bool(stated)), final=final,
             reduction_percent=_reduction(initial, final),
-            least_squares=self.side(Constants(*map(float, self.fit.theta))),
+            least_squares=self.side(mooney_rivlin(*map(float, self.fit.theta))),
             difference=difference(self.best.named, self.fit, self.on.cost, sd_mm=self.sd_mm)[0],
-            published=self.side(Constants.of(published)) if published else None,
+            published=self.side(MOONEY_RIVLIN.of(published)) if published else None,
             published_reduction_percent=reduction,
             published_reduction_from_total_MPa=self.matching(initial, final, reduction),
             starts=[
@@ -105,7 +106,7 @@ class Inquiry:
     @property
     def best(self) -> Constants:
         """The best of the genetic algorithm."""
-        return Constants(*map(float, self.generations.best[-1]))
+        return mooney_rivlin(*map(float, self.generations.best[-1]))
 
     @property
     def top(self) -> float:
@@ -125,7 +126,8 @@ class Inquiry:
     def side(self, constants: Constants) -> Side:
         """The model with these constants. ValueError where it has no equilibrium at the top pressure."""
         u, c = self.predicted(constants, np.array([self.top])), constants
-        return Side(**c.named, total=c.total, share=c.share, rms_mm=self.on.cost(c.named), u_mm=u[0].tolist())
+        own = {"total": c.scale, "share": c.shape[0], "rms_mm": self.on.cost(c.named)}
+        return Side(**c.named, **own, u_mm=u[0].tolist())
 
     def predicted(self, constants: Constants, pressure: Array) -> Array:
         """The objective's component (k, p) in mm at pressures (k,) MPa, relative to the reference."""
@@ -133,7 +135,7 @@ class Inquiry:
         u = self.objective.predicted(c, on.paths, on.rows, pressure)
         if u is None:
             raise ValueError(
-                f"no equilibrium at {self.top:g} MPa with C10 = {c.C10:g}, C01 = {c.C01:g} MPa: they are too "
+                f"no equilibrium at {self.top:g} MPa with {c.told}: they are too "
                 "soft; state stiffer ones under [study], or none"
             )
         return u
@@ -141,7 +143,7 @@ class Inquiry:
     def curves(self, initial: Side, final: Side) -> PointCurves:
         """Displacement over pressure of each point, with what was read on the way."""
         t, o = self.bench.targets, self.objective
-        both = (Constants(side.C10, side.C01) for side in (initial, final))
+        both = (mooney_rivlin(side.C10, side.C01) for side in (initial, final))
         before, after = (self.predicted(c, self.pressure) for c in both)
         out = []
         for k, (name, row) in enumerate(zip(self.names, o.rows, strict=True)):
@@ -159,10 +161,10 @@ class Inquiry:
     def starts(self, initial: Side) -> list[Side]:
         """Initial models with the share of `initial` and other sums, and the middle of the bounds."""
         own, share = self.bench.elasticity.parameters, initial.share
-        every = [Constants.at(f * self.best.total, share) for f in STARTS]
-        every.append(Constants(*((p.low + p.high) / 2 for p in own)))
+        every = [MOONEY_RIVLIN.at(f * self.best.scale, (share,)) for f in STARTS]
+        every.append(mooney_rivlin(*((p.low + p.high) / 2 for p in own)))
         solved = [c for c in every if np.isfinite(self.on.cost(c.named))]
-        return [self.side(c) for c in sorted(solved, key=lambda c: c.total)]
+        return [self.side(c) for c in sorted(solved, key=lambda c: c.scale)]
 
     def matching(self, initial: Side, final: Side, reduction: float | None) -> list[float]:
         """The sums in MPa, with the share of `initial`, from which the error falls by the published part."""
@@ -171,7 +173,7 @@ class Inquiry:
         wanted, share = final.rms_mm / (1.0 - reduction / 100.0), initial.share
 
         def beyond(total: float) -> float:
-            return min(self.on.cost(Constants.at(total, share).named), 1e6) - wanted
+            return min(self.on.cost(MOONEY_RIVLIN.at(total, (share,)).named), 1e6) - wanted
 
         grid = AROUND * final.total
         errors = np.array([beyond(float(x)) for x in grid])

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fe import Case
-from twin.effects.baselaw import Constants
+from twin.laws.law import Constants
 from twin.study.separability import Known, Outcomes, Spot, knowledge
 from twin.targets import Array, Targets
 

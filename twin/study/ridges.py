@@ -12,7 +12,7 @@ from scipy.optimize import minimize_scalar
 from scipy.special import chdtri
 
 from calibrate import Fit, Parameter
-from twin.effects.baselaw import NAMES, Constants
+from twin.laws.mooneyrivlin import MOONEY_RIVLIN, NAMES
 from twin.targets import Array
 
 Cost = Callable[[Mapping[str, float]], float]  # constants in MPa -> RMS error in mm, inf without equilibrium
@@ -64,7 +64,7 @@ def _lowest(cost: Cost, parameters: tuple[Parameter, ...], share: float) -> tupl
         return None
 
     def error(log_total: float) -> float:
-        return cost(Constants.at(float(np.exp(log_total)), float(share)).named)
+        return cost(MOONEY_RIVLIN.at(float(np.exp(log_total)), (float(share),)).named)
 
     grid = np.linspace(np.log(ends[0]), np.log(ends[1]), TOTALS)
     errors = np.array([error(x) for x in grid])
@@ -92,7 +92,7 @@ def difference(genetic: Mapping[str, float], fit: Fit, cost: Cost, *, sd_mm: flo
     """A sentence on why the genetic algorithm and least squares end at different constants, and whether
     that is because neither is better; "" where they do not differ. sd_mm: the error of the readings."""
     least = {name: float(x) for name, x in zip((p.name for p in fit.parameters), fit.theta, strict=True)}
-    if max(abs(genetic[n] - least[n]) for n in NAMES) <= APART * Constants.of(least).total:
+    if max(abs(genetic[n] - least[n]) for n in NAMES) <= APART * MOONEY_RIVLIN.of(least).scale:
         return "", False
     errors = cost(genetic), cost(least)
     ends = [

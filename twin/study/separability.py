@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from fe import Path
-from twin.effects.baselaw import Constants
 from twin.effects.protocol import Unsolvable
+from twin.laws.law import Constants
 from twin.model.prediction import Model
 from twin.project.record import Record
 from twin.targets import Array
@@ -52,7 +52,7 @@ def knowledge(information: Array, constants: Constants, sd_mm: float) -> dict[st
     if sizes[0] <= SINGULAR * sizes[1]:
         return {"share_sd": None, "correlation": -1.0, "wanted_sd_mm": None}
     covariance = np.linalg.inv(information)
-    slope = np.array([-constants.C01, constants.C10]) / constants.total**2
+    slope = np.array([-constants["C01"], constants["C10"]]) / constants.scale**2
     sd, share_sd = np.sqrt(np.diag(covariance)), math.sqrt(slope @ covariance @ slope)
     return {"share_sd": share_sd, "correlation": float(covariance[0, 1] / (sd[0] * sd[1])),
             "wanted_sd_mm": sd_mm * KNOWN / share_sd}  # fmt: skip

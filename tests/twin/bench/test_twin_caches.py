@@ -13,8 +13,8 @@ import pytest
 from twin.bench import workbench
 from twin.bench.caches import FolderCache, SolvedList
 from twin.bench.workbench import Workbench
-from twin.effects.baselaw import NOMINAL, Constants
 from twin.effects.material import Elasticity
+from twin.laws.mooneyrivlin import NOMINAL, mooney_rivlin
 from twin.model.discretisation import Discretisation, SolvedAt
 from twin.model.structure import BuiltIn, of_finger
 from twin.project.config import ModelTable
@@ -39,17 +39,17 @@ def test_an_array_is_made_once(tmp_path: Path, say: Say) -> None:
 
 def test_finer_meshes_serve_where_they_reach(tmp_path: Path) -> None:
     solved = SolvedList(tmp_path / "solved.json")
-    assert solved.serving(Constants(0.2, 0.1), 0.02, low=0.7, high=1.15) is None
-    first, second = SolvedAt(Constants(0.2, 0.1), 0.024), SolvedAt(Constants(0.2, 0.1), 0.04)
+    assert solved.serving(mooney_rivlin(0.2, 0.1), 0.02, low=0.7, high=1.15) is None
+    first, second = SolvedAt(mooney_rivlin(0.2, 0.1), 0.024), SolvedAt(mooney_rivlin(0.2, 0.1), 0.04)
     for one in (first, second, first):
         solved.add(one)
     assert solved.known == [first, second]
     serving = partial(solved.serving, low=0.7, high=1.15)
-    assert serving(Constants(0.2, 0.1), 0.0203) == first  # another log of the same pressure
-    assert serving(Constants(0.2, 0.1), 0.03) == second
-    assert serving(Constants(0.2, 0.1), 0.05) is None  # none reaches as far
-    assert serving(Constants(0.18, 0.09), 0.0225) == second  # softer: at 1.11 times the pressure
-    assert serving(Constants(0.5, 0.1), 0.02) is None
+    assert serving(mooney_rivlin(0.2, 0.1), 0.0203) == first  # another log of the same pressure
+    assert serving(mooney_rivlin(0.2, 0.1), 0.03) == second
+    assert serving(mooney_rivlin(0.2, 0.1), 0.05) is None  # none reaches as far
+    assert serving(mooney_rivlin(0.18, 0.09), 0.0225) == second  # softer: at 1.11 times the pressure
+    assert serving(mooney_rivlin(0.5, 0.1), 0.02) is None
 
 
 @pytest.fixture

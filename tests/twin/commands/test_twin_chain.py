@@ -38,10 +38,10 @@ from twin.commands.predict import run_predict
 from twin.commands.profile import run_profile
 from twin.commands.review import run_review
 from twin.effects.acting import OutsideForce
-from twin.effects.baselaw import NOMINAL
 from twin.effects.library import effect
 from twin.effects.protocol import Test
 from twin.judging.record import Estimate, FitRecord
+from twin.laws.mooneyrivlin import NOMINAL
 from twin.model import prediction
 from twin.model.structure import BuiltIn
 from twin.numerals import in_words, interval, value

@@ -20,7 +20,8 @@ from twin.commands.check import run_check
 from twin.commands.diagnose import run_diagnose
 from twin.commands.review import run_review
 from twin.commands.study import run_study
-from twin.effects.baselaw import Constants
+from twin.laws.law import Constants
+from twin.laws.mooneyrivlin import MOONEY_RIVLIN, mooney_rivlin
 from twin.model.structure import BuiltIn
 from twin.numerals import short
 from twin.project.folder import Project, dataset
@@ -146,7 +147,7 @@ def test_curves_are_those_of_the_finite_elements(done: Done, short_case: Case, s
     pressure = np.array(curves["pressure_MPa"])
     some = np.array([0, 20, 40, len(pressure) - 1])
     assert pressure[-1] == done.record["pressure_MPa"] == 0.03
-    u = direct(short_case, Constants(model["C10"], model["C01"]), pressure[some])
+    u = direct(short_case, mooney_rivlin(model["C10"], model["C01"]), pressure[some])
     for k, point in enumerate(curves["points"]):
         np.testing.assert_allclose(np.array(point[f"{side}_mm"])[some], u[:, k], rtol=TABLES, atol=1e-6)
     np.testing.assert_allclose(model["u_mm"], u[-1], rtol=TABLES)
@@ -214,7 +215,7 @@ def test_the_published_reduction_is_that_of_the_initial_sums_it_names(done: Done
     record = done.record
     assert record["published_reduction_from_total_MPa"]
     for total in record["published_reduction_from_total_MPa"]:
-        c = Constants.at(total, record["initial"]["share"])
+        c = MOONEY_RIVLIN.at(total, (record["initial"]["share"],))
         u = direct(short_case, c, np.array([0.0, 0.03]))[-1]
         rms = np.sqrt(((u - record["measured_mm"]) ** 2).mean())
         assert 100 * (1 - record["final"]["rms_mm"] / rms) == pytest.approx(72.4, abs=2.0)  # near a minimum: steep
@@ -269,7 +270,7 @@ def test_the_ridge_is_lowest_across_and_flat_along(done: Done, short_case: Case)
     share, total = ridge["share"][k], ridge["total_MPa"][k]
 
     def rms(t: float) -> float:
-        u = direct(short_case, Constants.at(t, share), np.array([0.0, 0.03]))[-1]
+        u = direct(short_case, MOONEY_RIVLIN.at(t, (share,)), np.array([0.0, 0.03]))[-1]
         return float(np.sqrt(((u - measured) ** 2).mean()))
 
     assert rms(total) == pytest.approx(ridge["rms_mm"][k], abs=TABLES * 5.8)

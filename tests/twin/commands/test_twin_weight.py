@@ -16,8 +16,8 @@ from twin.bench.workbench import Workbench
 from twin.commands.calibrate import run_calibrate
 from twin.commands.check import run_check
 from twin.commands.compare import run_compare
-from twin.effects.baselaw import Constants
 from twin.gravity import G, ways
+from twin.laws.mooneyrivlin import MOONEY_RIVLIN, mooney_rivlin
 from twin.model import discretisation as mesh_error
 from twin.model import loadpaths
 from twin.model.arraycache import no_cache
@@ -79,12 +79,12 @@ def test_the_table_under_weight_is_full_finite_elements(
     assert not ways(coarsest_case, course)[0].any()  # nothing is heavy
     paths = Turned(
         tuple(
-            sheets(heavy, where, cache=no_cache, key="k", top=0.2, totals=(0.15, 0.6), outside={"gravity": g})
+            sheets(heavy, where, cache=no_cache, key="k", top=0.2, scales=(0.15, 0.6), outside={"gravity": g})
             for k, g in enumerate(gravities)
         ),
         of_step,
     )
-    constants, steps = Constants.at(0.27, 0.4), np.array([6, 1, 3])
+    constants, steps = MOONEY_RIVLIN.at(0.27, (0.4,)), np.array([6, 1, 3])
     case = heavy.with_material(**constants.named)
     quick = paths.predict(constants, t.pressure[steps], steps=steps)
     assert quick is not None
@@ -94,7 +94,7 @@ def test_the_table_under_weight_is_full_finite_elements(
         sag = solve(case, Path(load, load, load[:1], gravity=gravities[of_step[k]])).at(where)[0]
         assert np.abs(sag).max() > 0.5  # mm
         np.testing.assert_allclose(row, full.at(where)[0], rtol=0, atol=0.01 * np.abs(sag).max())
-    assert paths.predict(constants, np.full(8, 0.21 * constants.total)) is None
+    assert paths.predict(constants, np.full(8, 0.21 * constants.scale)) is None
 
 
 @pytest.mark.slow
@@ -106,7 +106,7 @@ def test_the_meshs_error_under_weight_is_corrected(
     targets = film(short, short_case, density, DOWN, -DOWN, lattice=BuiltIn().finer(COARSE)["check"])
     structure = weighed(of_finger(short, COARSE), density)
     model = base_model(targets, structure.case)
-    at = SolvedAt.beside(Constants(*THETA), float(targets.pressure.max()))
+    at = SolvedAt.beside(mooney_rivlin(*THETA), float(targets.pressure.max()))
     mesh = discretisation_error(model.test, structure=structure, solved_at=at)
     row = modes.judged(model.on_mesh(mesh), targets, theta=THETA)
     assert row.before_mm > 20 * BENCH.sd  # there is something to correct

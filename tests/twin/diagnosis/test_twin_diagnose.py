@@ -17,10 +17,10 @@ from twin import virtual
 from twin.diagnosis.deciding import Diagnosis
 from twin.diagnosis.procedure import diagnose
 from twin.diagnosis.record import DiagnosisRecord
-from twin.effects.baselaw import Constants
 from twin.effects.library import all_effects, effect
 from twin.effects.requirements import lacking
 from twin.judging.fitting import fit_model, whitener_of
+from twin.laws.mooneyrivlin import mooney_rivlin
 from twin.model.basemodel import base_model, base_test
 from twin.model.discretisation import Discretisation, SolvedAt, discretisation_error
 from twin.model.prediction import Model
@@ -73,7 +73,7 @@ def laboratory(short: Finger, short_case: Case) -> Laboratory:
     found = Laboratory(short, short_case, points, nodes, Discretisation.none("not yet solved"))
     t = found.film(found.truth())(0)
     structure = of_finger(short, Lattice(per_bellow=2, ring=False, centred=False))
-    at = SolvedAt.beside(Constants(*map(float, NOMINAL)), float(t.log_pressure.max()))
+    at = SolvedAt.beside(mooney_rivlin(*map(float, NOMINAL)), float(t.log_pressure.max()))
     mesh = discretisation_error(base_test(t, short_case), structure=structure, solved_at=at)
     return replace(found, mesh=mesh)
 

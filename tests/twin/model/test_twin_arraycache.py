@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from fe import Case
-from twin.effects.baselaw import NOMINAL, Constants
+from twin.laws.mooneyrivlin import MOONEY_RIVLIN, NOMINAL, mooney_rivlin
 from twin.model import discretisation, loadpaths
 from twin.model.arraycache import SOURCES, no_cache, rounded_up, sources_digest
 from twin.model.basemodel import base_test
@@ -91,7 +91,7 @@ def test_finer_meshes_are_solved_anew_where_anything_changes(
     tip, middle, *others = t.points
     swapped = (replace(tip, node=middle.node), replace(middle, node=tip.node), *others)
     changed: dict[str, set[str]] = {
-        "constants": mesh_keys(structure, t, SolvedAt(Constants(0.21, 0.1), 0.024)),
+        "constants": mesh_keys(structure, t, SolvedAt(mooney_rivlin(0.21, 0.1), 0.024)),
         "pressure": mesh_keys(structure, t, SolvedAt(NOMINAL, 0.03)),
         "mesh": mesh_keys(finger(finer_base), t, at),
         "dimension": mesh_keys(finger(longer), t, at),
@@ -130,25 +130,25 @@ def test_load_paths_are_solved_anew_where_anything_changes(
     points = short_case.position(4401)[None]
     base = path_keys(short_case, points)
     assert path_keys(short_case, points.copy()) == base
-    assert len(base) == loadpaths.SHARES
+    assert len(base) == MOONEY_RIVLIN.shapes[0].count
     assert all(key.isalnum() for key in base)  # fit for file names
     found = [
         path_keys(short_case, points + 1.0),
         path_keys(short_case, points, key="another"),
         path_keys(short_case, points, top=0.2),
-        path_keys(short_case, points, total=0.2),
+        path_keys(short_case, points, scale=0.2),
         path_keys(short_case, points, outside={"gravity": 9810.0 * DOWN[0]}),
     ]
     for name, value in (("LEVELS", 6), ("code_digest", lambda: "another version")):
         with monkeypatch.context() as patch:
             patch.setattr(loadpaths, name, value)
             found.append(path_keys(short_case, points))
-    assert len(set.union(base, *found)) == loadpaths.SHARES * (1 + len(found))
+    assert len(set.union(base, *found)) == MOONEY_RIVLIN.shapes[0].count * (1 + len(found))
 
 
 def test_how_far_a_deck_goes_is_solved_anew_for_another_pressure(short_case: Case) -> None:
     asked = [Asked((1,)) for _ in range(4)]
     for one, (wanted, key) in zip(asked, [(0.3, "a"), (0.3, "a"), (0.4, "a"), (0.3, "b")], strict=True):
-        reach(short_case, wanted, cache=one, key=key)
+        reach(short_case, MOONEY_RIVLIN, wanted, cache=one, key=key)
     assert asked[0].keys == asked[1].keys
     assert len(set.union(*(one.keys for one in asked))) == 3

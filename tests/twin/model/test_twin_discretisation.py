@@ -13,9 +13,9 @@ import pytest
 
 from fe import Case, Finger, Lattice, Material
 from twin import virtual
-from twin.effects.baselaw import NAMES, NOMINAL
 from twin.effects.library import effect
 from twin.judging.fitting import ModelErrors
+from twin.laws.mooneyrivlin import NAMES, NOMINAL
 from twin.model import prediction
 from twin.model.arraycache import rounded_up
 from twin.model.basemodel import base_model
@@ -143,7 +143,7 @@ def analytic(top: float, *, factor: float = 1.0, bent: float = 0.02) -> Discreti
     last = other + np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0]]) * x
     parts = np.array([factor * 0.03 * softer, factor * 0.01 * softer + bent * other, bent * last])
     return Discretisation(
-        ("a", "b", "check"), NOMINAL.total, grid, np.zeros((1, 3)), base[None], parts[:, None], tested=0.02
+        ("a", "b", "check"), NOMINAL.scale, grid, np.zeros((1, 3)), base[None], parts[:, None], tested=0.02
     )
 
 

@@ -9,8 +9,8 @@ import pytest
 
 from fe import Path, solve
 from fe.mesh.points import nearest
-from twin.effects.baselaw import NOMINAL, Constants
 from twin.effects.protocol import Test
+from twin.laws.mooneyrivlin import NOMINAL, mooney_rivlin
 from twin.model.arraycache import ArrayCache
 from twin.model.discretisation import SolvedAt, discretisation_error
 from twin.model.fingertable import FILES, FieldSums, KnownFinger, table_of
@@ -42,7 +42,7 @@ def points(structure: Structure) -> Array:
 
 def test_it_is_what_the_finger_does_today(structure: Structure, table: KnownFinger, points: Array) -> None:
     """Where this fails a mesh or a law has changed: python benchmarks/kernel/fingertable.py."""
-    C = Constants(0.214, 0.083)
+    C = mooney_rivlin(0.214, 0.083)
     found = solve(structure.case.with_material(**C.named), _at(TOP))
     known = table.load_paths(structure.case, points).predict(C, np.array([TOP]))
     assert known is not None

@@ -47,7 +47,7 @@ def film(old: str, new: str) -> str:
 def test_defaults_are_the_studys():
     calibrate = read(TEXT).calibrate
     assert (calibrate.population, calibrate.generations) == (30, 20)
-    assert calibrate.bounds == {"C10": (0.01, 0.5), "C01": (0.0, 0.5)}
+    assert calibrate.bounds == {}
     assert (calibrate.objective_points, calibrate.objective_component) == (("tip", "middle"), 3)
 
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from fe import Case
-from twin.effects.baselaw import Constants
 from twin.effects.material import Elasticity
+from twin.laws.mooneyrivlin import mooney_rivlin
 from twin.model.basemodel import base_model
 from twin.model.prediction import Model
 from twin.study.readings import plans
@@ -15,7 +15,7 @@ from twin.study.separability import UNKNOWN, Known, Outcomes, Spot, knowledge, o
 from twin.targets import Targets, at_node
 
 THETA = np.array([0.15, 0.1])
-HERE = Constants(*THETA)
+HERE = mooney_rivlin(*THETA)
 TOP = 0.03
 
 

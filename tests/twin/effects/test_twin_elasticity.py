@@ -9,10 +9,10 @@ import pytest
 
 from calibrate import least_squares
 from twin.contract.specimen import small_test
-from twin.effects.baselaw import LEAST_SHARE
 from twin.effects.library import effect
 from twin.effects.material import Elasticity
 from twin.effects.protocol import Effect, Unsolvable
+from twin.laws.mooneyrivlin import LEAST_SHARE
 from twin.model import basemodel
 from twin.model.memo import KeptModel
 from twin.model.prediction import Model

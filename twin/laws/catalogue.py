@@ -1,0 +1,35 @@
+"""All laws by the names that twin.toml has for them, and the one that a material is of."""
+
+from dataclasses import replace
+
+from fe import Material
+from twin.laws.arrudaboyce import ARRUDA_BOYCE
+from twin.laws.gent import GENT
+from twin.laws.law import NOTHING, RubberLaw
+from twin.laws.mooneyrivlin import MOONEY_RIVLIN
+from twin.laws.neohooke import NEO_HOOKE
+from twin.laws.ogden import OGDEN
+from twin.laws.yeoh import YEOH
+
+LAWS = {law.name: law for law in (NEO_HOOKE, MOONEY_RIVLIN, YEOH, GENT, ARRUDA_BOYCE, *OGDEN)}
+
+
+def named_law(name: str) -> RubberLaw:
+    """The law of a name. ValueError for one that there is not."""
+    if name not in LAWS:
+        raise ValueError(f"law {name!r}: wanted one of {', '.join(LAWS)}")
+    return LAWS[name]
+
+
+def law_of(material: Material) -> RubberLaw | None:
+    """The law of fewest constants that a material is of, whatever its bulk modulus, memory and density; None
+    where it is of none."""
+    own = {name: getattr(material, name) for name in NOTHING}
+    for law in sorted(LAWS.values(), key=lambda law: len(law.parameters)):
+        try:
+            made = replace(Material(), **law.of(law.read(material)).terms)
+        except (ValueError, ZeroDivisionError):
+            continue
+        if {name: getattr(made, name) for name in NOTHING} == own:
+            return law
+    return None

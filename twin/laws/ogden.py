@@ -1,0 +1,80 @@
+"""Ogden's rubber of one to three terms in the principal stretches (Ogden 1972, doi 10.1098/rspa.1972.0026),
+in the form that Abaqus uses: each mu is what its term adds to the shear modulus."""
+
+from functools import partial
+from typing import Any
+
+from calibrate import Parameter
+from fe import Material
+from twin.laws.law import MPA, RubberLaw, Shape, Values, ratio
+
+
+def _energy(c: Values, I1: Any, I2: Any, l: Any) -> Any:  # noqa: E741
+    return sum(2 * mu / alpha**2 * ((l**alpha).sum(axis=-1) - 3) for mu, alpha in _pairs(c))
+
+
+def _pairs(c: Values) -> tuple[tuple[float, float], ...]:
+    return tuple((c[f"mu{k}"], c[f"alpha{k}"]) for k in range(1, len(c) // 2 + 1))
+
+
+def _terms(c: Values) -> dict[str, Any]:
+    return {"ogden": _pairs(c)}
+
+
+def _read(count: int, m: Material) -> dict[str, float]:
+    pairs = (*m.ogden, *((0.0, 1.0),) * count)[:count]
+    return _named(pairs)
+
+
+def _named(pairs: Any) -> dict[str, float]:
+    return {k: v for i, (mu, alpha) in enumerate(pairs, 1) for k, v in ((f"mu{i}", mu), (f"alpha{i}", alpha))}
+
+
+def _split(c: Values) -> tuple[float, tuple[float, ...]]:
+    (_, first), *more = pairs = _pairs(c)
+    total = sum(mu for mu, _ in pairs)
+    return total / 2, (first, *(x for mu, alpha in more for x in (ratio(mu, total), alpha)))
+
+
+def _join(scale: float, shape: tuple[float, ...]) -> dict[str, float]:
+    first, *more = shape
+    parts, exponents = more[::2], more[1::2]
+    own = (1 - sum(parts), *parts)
+    return _named([(2 * scale * part, alpha) for part, alpha in zip(own, (first, *exponents), strict=True)])
+
+
+# of each law the terms: the largest part of the modulus in MPa that is usual, and an exponent with its bounds
+_TERMS = (
+    ((0.6, 2.5, 0.5, 10.0),),
+    ((0.4, 2.0, 0.5, 10.0), (0.2, -2.0, -10.0, -0.5)),
+    ((0.36, 2.0, 0.5, 4.0), (0.04, 6.0, 4.0, 14.0), (0.2, -2.0, -10.0, -0.5)),
+)
+
+
+def _law(count: int) -> RubberLaw:
+    own = _TERMS[count - 1]
+    whole = sum(mu for mu, *_ in own)
+    parameters, shapes = [], []
+    for k, (mu, alpha, low, high) in enumerate(own, 1):
+        least = 0.02 if k == 1 else 0.0
+        parameters.append(Parameter(f"mu{k}", least, 1.0, MPA, typical=0.04, start=mu))
+        parameters.append(Parameter(f"alpha{k}", low, high, typical=0.2, start=alpha))
+        shapes += [] if k == 1 else [Shape(f"mu{k}/mu", 0.0, 1.0, usual=mu / whole)]
+        shapes.append(Shape(f"alpha{k}", low, high, usual=alpha))
+    return RubberLaw(
+        name=f"ogden{count}",
+        title=f"Ogden ({count} term{'s' if count > 1 else ''})",
+        formula="W = sum 2 mu_k / alpha_k^2 (l1^alpha_k + l2^alpha_k + l3^alpha_k - 3)",
+        stiffness=" + ".join(f"mu{k} / 2" for k in range(1, count + 1)),
+        source="10.1098/rspa.1972.0026",
+        parameters=tuple(parameters),
+        shapes=tuple(shapes),
+        energy=_energy,
+        terms=_terms,
+        read=partial(_read, count),
+        split=_split,
+        join=_join,
+    )
+
+
+OGDEN = tuple(_law(count) for count in (1, 2, 3))

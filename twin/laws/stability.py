@@ -1,0 +1,48 @@
+"""How far the silicone of a case may be stretched before it shears on by itself, or fails Drucker's test."""
+
+import numpy as np
+
+from fe import Case, Material
+
+STRETCH = 1.63  # to which rubber must be stable; the built-in finger reaches 1.47 at 30 kPa
+MODES = {"uniaxial": (1.0, -0.5, -0.5), "planar": (1.0, 0.0, -1.0), "equibiaxial": (1.0, 1.0, -2.0)}
+TRIED = 200  # stretches
+
+
+def steadiness(case: Case) -> float:
+    """The least `Material.steadiness` of the materials of a case up to STRETCH, but for those kept."""
+    own = [m for name, m in case.materials.items() if name not in case.kept]
+    return min((m.steadiness(STRETCH) for m in own), default=1.0)
+
+
+def drucker_limit(m: Material, stretch: float) -> tuple[float, str]:
+    """The stretch up to which a material passes Drucker's test, at most the given one, and the mode in which
+    it fails first, "" where it passes.
+
+    In uniaxial, planar and equibiaxial tension at constant volume every small change of the logarithmic
+    strains must do positive work with the change that it makes of the Kirchhoff stresses: their matrix is
+    positive definite, as Abaqus has it. Compression along one axis is tension along two.
+    """
+    found = stretch, ""
+    for name, powers in MODES.items():
+        for x in np.geomspace(1.0, stretch, TRIED)[1:]:
+            if x >= found[0]:
+                break
+            own = stiffness(m, x ** np.array(powers))
+            if not (np.isfinite(own).all() and np.linalg.eigvalsh(own).min() > 0.0):
+                found = float(x), name
+                break
+    return found
+
+
+def stiffness(m: Material, l: np.ndarray) -> np.ndarray:  # noqa: E741
+    """The derivative (2, 2) in MPa of the Kirchhoff stresses, apart from that of the third axis, by the two
+    first logarithmic strains, at principal stretches l (3,) of constant volume; -inf beyond Gent's limit."""
+    square = l**2
+    first, second = m.slopes(float(square.sum()))
+    if not np.isfinite(first):
+        return np.full((2, 2), -np.inf)
+    moduli = 4 * second * np.outer(square, square) + np.diag(4 * first * square + 4 * m.C01 / square)
+    moduli += np.diag(sum((2 * mu * l**alpha for mu, alpha in m.ogden), np.zeros(3)))
+    away = np.array([[1.0, 0.0, -1.0], [0.0, 1.0, -1.0]])  # the third strain is less by both
+    return np.asarray(away @ moduli @ away.T)

@@ -1,0 +1,111 @@
+"""Targets and several laws of the silicone -> each fitted alike, what speaks for it, and which are one class.
+
+Every law begins at its nominal shape and the scale that fits best there, and is fitted by least squares with
+whole solves. The errors of gauge and mesh are those at its fit; those of the mesh are made once, as a finer
+mesh adds to a displacement, whatever law leads there. Laws are compared by evidence (2 ln B by Laplace's
+approximation, with even priors over the bounds) and BIC: of two that are no more than TIE apart on one of
+both scales the targets prefer neither.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from fe.solver.newton import Problem
+from fe.solver.reach import largest_stretch
+from twin.bench.workbench import Workbench
+from twin.diagnosis.deciding import TIE
+from twin.diagnosis.evidence import occam
+from twin.effects.material import Elasticity
+from twin.judging.judged import Judged, judge
+from twin.laws.law import Constants, RubberLaw
+from twin.laws.stability import drucker_limit
+from twin.model.discretisation import Discretisation
+from twin.model.structure import in_law
+from twin.project.folder import Say
+from twin.study.loadpathfit import OnPaths
+from twin.targets import Array
+
+
+@dataclass(frozen=True, kw_only=True)
+class LawFit:
+    """A law fitted: its constants, -2 ln evidence and BIC but for a constant that all laws share, the highest
+    principal stretch in the model, and up to which stretch it is stable, and in which mode not beyond."""
+
+    law: RubberLaw
+    judged: Judged
+    constants: Constants
+    evidence: float
+    bic: float
+    stretch: float
+    stable_to: float
+    mode: str
+
+
+def bench_of(bench: Workbench, law: RubberLaw) -> Workbench:
+    """The workbench of a project with another law, between its usual bounds; its own as twin.toml has it."""
+    if law == bench.law:
+        return bench
+    elasticity = Elasticity(law)
+    return replace(bench, elasticity=elasticity, structure=in_law(bench.structure, elasticity.nominal))
+
+
+def start_of(bench: Workbench, say: Say) -> Array:
+    """Constants (d,) of the nominal shape at the scale that fits best. ValueError where none is solved."""
+    theta, costs = OnPaths.of(bench, say, held=True).over_scales()
+    if not np.isfinite(costs).any():
+        raise ValueError(
+            f"law {bench.law.name!r}: no scale within its bounds has an equilibrium at the highest pressure"
+        )
+    return np.asarray(theta[int(costs.argmin())])
+
+
+def fitted(bench: Workbench, start: Array, mesh: Discretisation | None, *, seed: int) -> LawFit:
+    """The law of a workbench fitted from constants (d,). Raises Unsolvable where it cannot be solved."""
+    own = None if mesh is None else replace(mesh, law=bench.law)
+    model = bench.model(()).on_mesh(own)
+    judged = judge(model, bench.targets, starts=start, seed=seed)
+    constants = bench.elasticity.constants(judged.values)
+    stretch = _stretch(judged)
+    stable_to, mode = drucker_limit(constants.material, stretch)
+    return LawFit(
+        law=bench.law, judged=judged, constants=constants, evidence=judged.deviance + _occam(bench, judged),
+        bic=judged.deviance + len(judged.fit.theta) * float(np.log(judged.whitener.count)),
+        stretch=stretch, stable_to=stable_to, mode=mode,
+    )  # fmt: skip
+
+
+def _occam(bench: Workbench, judged: Judged) -> float:
+    """What the evidence loses against the deviance by the width of the bounds: priors of the same variance
+    about their middle."""
+    bounds = {p.name: (p.low, p.high) for p in bench.elasticity.parameters}
+    free = [p.name for p in judged.fit.parameters if p.name not in judged.at_bound]
+    low, high = np.array([bounds[name] for name in free]).reshape(-1, 2).T
+    sd = (high - low) / np.sqrt(12)
+    away = (np.array([judged.values[name] for name in free]) - (low + high) / 2) / sd
+    rows = judged.fitted * sd
+    return occam(away, rows.T @ rows)
+
+
+def _stretch(judged: Judged) -> float:
+    """The highest principal stretch in the model at the highest pressure."""
+    solution = judged.model.solution(judged.theta)
+    test = judged.model.put(judged.values)
+    step = int(np.argmax(test.path.at_output()))
+    (u,) = solution.fields([step])
+    return largest_stretch(Problem.of(solution.case), u)[0]
+
+
+def classes(fits: Sequence[LawFit]) -> list[list[LawFit]]:
+    """The laws in classes, the best first: each law joins the first class whose best is not ahead of it by
+    TIE in both evidence and BIC."""
+    out: list[list[LawFit]] = []
+    for fit in sorted(fits, key=lambda f: f.evidence):
+        for own in out:
+            if not min(fit.evidence - own[0].evidence, fit.bic - own[0].bic) >= TIE:
+                own.append(fit)
+                break
+        else:
+            out.append([fit])
+    return out
