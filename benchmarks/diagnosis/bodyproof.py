@@ -29,8 +29,8 @@ from twin.effects.labels import name_of
 from twin.virtual.hidden import KINDS
 
 BODIES = {
-    "pneunet": ("chambers=2", "base_cap_mm=6"),
-    "tube": ("length_mm=50", "fibre_N_per_mm=20"),
+    "pneunet": "pneunet:chambers=2,base_cap_mm=6",
+    "tube": "tube:length_mm=50,fibre_N_per_mm=20",
 }
 # A round tube has no flat bottom for a sheet; what a fibre does not let show is left out.
 HIDDEN = {
@@ -51,7 +51,7 @@ def trial(body: str, number: int, folder: Path, protocol: str) -> dict[str, Any]
         folder.parent.mkdir(parents=True, exist_ok=True)
         folder.with_name(f"{folder.name}.truth.json").unlink(missing_ok=True)
         run_virtual(folder, Quiet(), protocol=protocol, hide=[hidden], sigmas=SIGMAS, placement_mm=0.02,
-                    seed=80_000 + number, body=body, dimensions=BODIES[body])  # fmt: skip
+                    seed=80_000 + number, body=BODIES[body])  # fmt: skip
     command = opened(folder, None)
     command("calibrate")
     before = errors(command("compare"))

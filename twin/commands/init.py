@@ -46,8 +46,8 @@ def run_init(
     into targets; form: its format, else the one that it shows.
     nodes: NAME=LABEL or NAME=X,Y,Z (mm) of the points; all of them where a deck takes the place of the
     built-in finger.   like: a former batch, whose twin.toml is copied instead.
-    density_kg_m3: of a silicone that was weighed.   body: the kind of actuator, a name of `BODIES`; finger:
-    KEY=VALUE of its dimensions, such as length_mm=80.   sd_mm: of one position in another program's file;
+    density_kg_m3: of a silicone that was weighed.   body: kind of actuator, see `body_table`;
+    finger: KEY=VALUE of a finger, such as length_mm=80.   sd_mm: of one position in another program's file;
     or, still: the rows whose scatter tells it, "holds" or such as "0-60,200-260".
     """
     if like is not None:
@@ -64,7 +64,7 @@ def run_init(
         raise ValueError(f"{stated}: of a built-in body, whose place --deck takes; leave one out")
     told = {point.name: point for point in map(_point, nodes)}
     known = {} if deck is not None else {n: PointTable(name=n, node=k) for n, k in NAMED_NODES.items()}
-    shape = body_table(body, finger)
+    kind, shape = body_table(body, finger)
     own = None if deck is None else _own_mesh(deck, told, ask=targets is None)
     name = named_after(folder)
     wanted: dict[str, str] = {}
@@ -84,8 +84,8 @@ def run_init(
         )
     if config.imported is None or own is not None or shape:  # else its dimensions are still to be stated
         _check_points(config, own, shape, say)
-    model = {"deck": f"raw/{deck.name}" if deck else None, "density_kg_m3": density_kg_m3, body: shape}
-    model |= {} if body == "finger" else {"body": body}
+    model = {"deck": f"raw/{deck.name}" if deck else None, "density_kg_m3": density_kg_m3, kind: shape}
+    model |= {} if kind == "finger" else {"body": kind}
     stated = {key: value for key, value in model.items() if value is not None}
     config = config.model_copy(update={"model": config.model.model_copy(update=stated)})
     with files.whole_folder(folder.resolve()) as draft:
@@ -175,24 +175,33 @@ def _still(text: str) -> str | list[list[int]] | None:
     return [[int(one[1]), int(one[2])] for one in found if one]
 
 
-def body_table(body: str, stated: Sequence[str]) -> BodyTable | None:
-    """The dimensions KEY=VALUE of a kind of body; None of a finger where none are stated. ValueError where
-    there is no such body, or a dimension is not right."""
-    if body not in BODIES:
+def body_table(body: str, finger: Sequence[str] = ()) -> tuple[str, BodyTable | None]:
+    """The kind of body that KIND or KIND:KEY=VALUE,KEY=VALUE states, and its dimensions; None of a finger if
+    none are stated. ValueError where there is no such body, or a dimension is not right.
+
+    finger: dimensions KEY=VALUE of the finger, stated beside it.
+    """
+    kind, _, rest = body.partition(":")
+    if kind not in BODIES:
         raise ValueError(f"--body {body}: wanted one of {', '.join(BODIES)}; your own mesh is --deck FILE")
+    if finger and kind != "finger":
+        raise ValueError(
+            f"--finger {finger[0]}: of a bellows finger, and the body is {kind}; wanted its dimensions as in "
+            f"--body {kind}:KEY=VALUE"
+        )
+    option, stated = ("--finger", finger) if finger else (f"--body {kind}", rest.split(",") if rest else ())
     if not stated:
-        return None if body == "finger" else BODIES[body]()
-    option = "--finger" if body == "finger" else "--dimension"
+        return kind, None if kind == "finger" else BODIES[kind]()
     values: dict[str, Any] = {}
     for text in stated:
         key, _, value = text.partition("=")
         if not key or not value:
-            raise ValueError(f"{option} {text!r}: wanted KEY=VALUE of [model.{body}], such as length_mm=80")
+            raise ValueError(f"{option} {text!r}: wanted KEY=VALUE of [model.{kind}], such as length_mm=80")
         try:
             values[key] = int(value) if value.isdigit() else float(value)
         except ValueError:
             values[key] = value
-    return checked(BODIES[body], values, name=option)
+    return kind, checked(BODIES[kind], values, name=option)
 
 
 def _check_points(config: Config, deck: "Deck | None", shape: BodyTable | None, say: Say) -> None:

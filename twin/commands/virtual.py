@@ -50,12 +50,11 @@ def run_virtual(
     element: str = ELEMENT,
     seed: int = 0,
     body: str = "finger",
-    dimensions: Sequence[str] = (),
 ) -> dict[str, Any]:
     """Make the folder, with targets and twin.toml, and `FOLDER.truth.json` beside it.
 
     hide: what is missing in the model, NAME or NAME=SIZE; sigmas: the non-centrality of one NAME without a
-    size; body, dimensions: what is filmed, as `twin init` has them. ValueError for what does not exist.
+    size; body: what is filmed, as `twin init` has it. ValueError for what does not exist.
     """
     setup = Setup(sd_mm=noise_mm, noise=noise, placement_sd_mm=placement_mm)
     chosen, kinds = _protocol(protocol), [_kind(text) for text in hide]
@@ -70,7 +69,7 @@ def run_virtual(
     if noise not in NOISE:
         raise ValueError(f"--noise {noise}: wanted one of {', '.join(NOISE)}")
     say("Solving the truth on a mesh of its own ...")
-    table = body_table(body, dimensions)
+    _, table = body_table(body)
     own = BuiltIn() if table is None else table.body
     lattice = truth_lattice(own)
     points, case = marked(chosen, own), truth_case(own, lattice, element=element)
@@ -94,7 +93,7 @@ def run_virtual(
         write_targets(Path(scratch) / "targets", found)
         density = DENSITY / TONNE_PER_MM3 if chosen.weighed else None
         run_init(folder, Silent(), targets=Path(scratch) / "targets", nodes=(), density_kg_m3=density,
-                 body=body, finger=dimensions)  # fmt: skip
+                 body=body)  # fmt: skip
     change, felt = _all(u - bare, found), _all(slope, found)
     plain = {k.name: plainness(change, found, _all(rows[k.name][:2], found), felt) for k, _ in hidden[:1]}
     truth = {

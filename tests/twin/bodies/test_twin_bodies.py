@@ -236,7 +236,7 @@ def test_what_is_measured_of_a_tube_is_what_the_model_of_its_project_predicts(tm
     u = np.zeros_like(plain.value)
     u[:, :2] = solve(truth, base_test(plain, at).path, count=4).at(np.array([nearest(truth, x) for x in places]))
     write_targets(tmp_path / "t", make_targets(value=u - u[:2].mean(axis=0)))
-    run_init(tmp_path / "p", say, targets=tmp_path / "t", body="tube", finger=["length_mm=24", "offset_mm=1.8"])
+    run_init(tmp_path / "p", say, targets=tmp_path / "t", body="tube:length_mm=24,offset_mm=1.8")
     bench = Workbench.of(Project.open(tmp_path / "p"))
     assert bench.structure.body == body
     assert bench.scales
@@ -262,14 +262,15 @@ def test_a_sheet_of_its_own_gets_stiffer_by_the_effect_and_stays_at_null():
 def test_init_refuses_a_body_that_there_is_not_and_dimensions_that_do_not_fit(tmp_path, say):
     for given, sentence in (
         ({"body": "octopus"}, "--body octopus: wanted one of finger, pneunet, tube, bar"),
-        ({"body": "tube", "finger": ["wall=2"]}, "--dimension: wall is not a known key"),
-        ({"body": "bar", "finger": ["length_mm=1"]}, "length_mm = 1: shorter than its larger side"),
-        ({"body": "bar", "finger": ["length_mm"]}, r"--dimension 'length_mm': wanted KEY=VALUE of \[model.bar\]"),
+        ({"body": "tube:wall=2"}, "--body tube: wall is not a known key"),
+        ({"body": "tube", "finger": ["length_mm=80"]}, "--finger length_mm=80: of a bellows finger"),
+        ({"body": "bar:length_mm=1"}, "length_mm = 1: shorter than its larger side"),
+        ({"body": "bar:length_mm"}, r"--body bar 'length_mm': wanted KEY=VALUE of \[model.bar\]"),
     ):
         with pytest.raises(ValueError, match=sentence):
             run_init(tmp_path / "x", say, **given)
         assert not (tmp_path / "x").exists()
-    run_init(tmp_path / "y", say, body="pneunet", finger=["chambers=3"])
+    run_init(tmp_path / "y", say, body="pneunet:chambers=3")
     model = Project.open(tmp_path / "y").config.model
     assert (model.body, model.pneunet.chambers) == ("pneunet", 3)
     assert "# [model.finger]" not in (tmp_path / "y" / "twin.toml").read_text()
