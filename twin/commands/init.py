@@ -84,7 +84,8 @@ def run_init(
         )
     if config.imported is None or own is not None or shape:  # else its dimensions are still to be stated
         _check_points(config, own, shape, say)
-    model = {"deck": f"raw/{deck.name}" if deck else None, "density_kg_m3": density_kg_m3, kind: shape}
+    model: dict[str, Any] = {"density_kg_m3": density_kg_m3, kind: shape}
+    model |= {"deck": f"raw/{deck.name}"} if deck else {}
     model |= {} if kind == "finger" else {"body": kind}
     stated = {key: value for key, value in model.items() if value is not None}
     config = config.model_copy(update={"model": config.model.model_copy(update=stated)})
