@@ -95,7 +95,7 @@ class Workbench:
                 structure.case.position(point.node)  # names what is wrong with an unknown node
         targets, remarks = _on_model(targets, structure.case)
         check_plausible(project, targets, structure.case)
-        if fault := rise_fault(targets):
+        if structure.case.pressurised and (fault := rise_fault(targets)):
             raise ValueError(f"targets: {fault}")
         return Workbench(project, targets, structure, elasticity, remarks)
 

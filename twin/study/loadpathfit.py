@@ -23,6 +23,7 @@ from twin.model.fingertable import table_of
 from twin.model.loadpaths import MOST, REDUCED, Turned, load_paths, reach, sheets
 from twin.model.prediction import Model
 from twin.project.folder import Say
+from twin.sanity import LEAST_MPA
 from twin.study.generations import Objective
 from twin.targets import Array, relative
 
@@ -155,7 +156,7 @@ class OnPaths:
         The one above is half as far as the one below: the paths end little beyond the highest pressure.
         """
         t, constants = self.bench.targets, self.constants(theta)
-        out, h = np.zeros_like(t.value), 1e-3 * float(t.pressure.max())
+        out, h = np.zeros_like(t.value), 1e-3 * max(float(t.pressure.max()), LEAST_MPA)
         a, b = (self.paths.predict(constants, np.maximum(t.pressure, h) + d) for d in (-h, h / 2))
         if a is not None and b is not None:
             out[:, self.rows] = (b - a) / (1.5 * h) * t.pressure_sd[:, None, None]
@@ -176,7 +177,7 @@ def _load_paths(
     if bench.scales and table and bench.law == MOONEY_RIVLIN and not wide and not held:
         return Turned((table.load_paths(bench.case, where),), of_step)
     cache, key, top = bench.cache(say), bench.structure.key, REDUCED
-    highest = rounded_up(float(bench.targets.pressure.max()))
+    highest = rounded_up(max(float(bench.targets.pressure.max()), LEAST_MPA))
     if not isinstance(bench.structure.body, BuiltIn):  # REDUCED is of fingers alone
         top = reach(bench.case, bench.law, highest / own.scales[0], cache=cache, key=key)
     how: dict[str, Any] = {"cache": cache, "key": key, "top": top, "wide": wide}
