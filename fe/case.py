@@ -8,6 +8,7 @@ import numpy as np
 
 from fe.element import ELEMENTS, Array, Element, Flags, Integers
 from fe.laws import Material
+from fe.obstacles import Obstacle
 
 
 @dataclass(frozen=True)
@@ -60,16 +61,25 @@ class Layer:
 
 
 @dataclass(frozen=True)
+class Spring:
+    """What holds an obstacle that gives way along `way` (3,): force over displacement, N/mm, without force
+    at rest. In a half model the stiffness is that of the half."""
+
+    stiffness: float
+    way: tuple[float, float, float]
+
+
+@dataclass(frozen=True)
 class Contact:
-    """A rigid plane that a surface cannot pass: `distance` mm from the origin along `normal`
-    (3,), which points to the body's side; stiffness in MPa per mm of depth, on the area at rest; friction:
-    Coulomb's coefficient (see `fe.kernel.contact`; below 0 in a neighbour of a derivative at 0 only)."""
+    """A rigid obstacle that a surface cannot pass: stiffness in MPa per mm of depth, on the area at rest;
+    friction: Coulomb's coefficient (see `fe.kernel.contact`; below 0 in a neighbour of a derivative at 0
+    only). With a `spring` the obstacle gives way, without it is fixed."""
 
     surface: str
-    normal: tuple[float, float, float]
-    distance: float
+    obstacle: Obstacle
     stiffness: float
     friction: float = 0.0
+    spring: Spring | None = None
 
 
 @dataclass(frozen=True)

@@ -18,6 +18,7 @@ from scipy.sparse import csr_matrix
 from fe.case import Case, digest
 from fe.element import Array, Integers
 from fe.kernel.assembly import Kernel, State
+from fe.mesh.mirror import middle_plane, symmetry_support
 from fe.mesh.points import interpolation
 from fe.path import Path, levels
 from fe.solver.adjoint import NullTangents
@@ -152,6 +153,60 @@ class Solution:
         for k, curve in enumerate(self.curves):
             du[:, number == k] += curve.derivatives(operator, pressure[number == k])
         return du
+
+    # -- what an obstacle does ------------------------------------------------------------------------------
+
+    @property
+    def contact_force(self) -> Array:
+        """The force (s, 3) N of the obstacle on the structure at the output times, in a half model that on
+        the whole."""
+        return self._whole(self._touch())[:, :3]
+
+    @property
+    def contact_moment(self) -> Array:
+        """The moment (s, 3) N mm of that force about the origin."""
+        return self._whole(self._touch())[:, 3:]
+
+    @property
+    def contact_variations(self) -> Array:
+        """Derivatives (v, s, 3) of `contact_force` to the parameters of the variations, N per unit."""
+        out, h = self._touched(self.number, self.pressure, self.slopes), self.history
+        if h is not None and len(out):
+            carrier = self._touched(h.number, h.pressure, h.slopes)
+            for n, d in h.touch_derivative.items():
+                out[n] += h.weights @ (d - carrier[n])
+        return np.array([self._whole(d)[:, :3] for d in out]).reshape(*out.shape[:2], 3)
+
+    def _touch(self) -> Array:
+        """Force and moment (s, 6) on what is solved."""
+        out, h = self._touch_on(self.number, self.pressure), self.history
+        if h is None or not h.active:
+            return out
+        return out + h.weights @ (h.touch - self._touch_on(h.number, h.pressure))
+
+    def _touch_on(self, number: Integers, pressure: Array) -> Array:
+        out = np.empty((len(pressure), 6))
+        for k, curve in enumerate(self.curves):
+            out[number == k] = curve.touch_at(pressure[number == k])
+        return out
+
+    def _touched(self, number: Integers, pressure: Array, slopes: Array) -> Array:
+        """Derivatives (v, k, 6) on the curves `number` (k,) at pressures (k,) MPa with slopes (v, k)."""
+        out = np.empty((*slopes.shape, 6))
+        for k, curve in enumerate(self.curves):
+            own = number == k
+            *du, along = curve.touch_derivatives(pressure[own])
+            out[:, own] = slopes[:, own, None] * along + np.reshape(du, (len(slopes), own.sum(), 6))
+        return out
+
+    def _whole(self, touch: Array) -> Array:
+        """Force and moment (s, 6) with those of the other half, where one is solved."""
+        if symmetry_support(self.case) is None:
+            return touch
+        force, moment = np.split(touch, 2, axis=1)
+        image = force * [1.0, -1.0, 1.0]
+        there = np.cross([0.0, 2 * middle_plane(self.case), 0.0], image)
+        return np.concatenate([force + image, moment + moment * [-1.0, 1.0, -1.0] + there], axis=1)
 
     def fields(self, steps: Sequence[int]) -> Array:
         """Displacements (k, n, 3) mm of all nodes at the output times number `steps`."""

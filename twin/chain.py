@@ -165,7 +165,8 @@ COMMANDS = (
     Stage(
         name="predict", title="Predict displacements under another pressure, with their intervals.",
         reads=("[model]", "[points]", "[calibrate]", TARGETS, DECK, FIT),
-        writes=("predicted.json", "predicted.csv", "predicted.png", "predicted.pvd", "predicted.rrd"),
+        writes=("predicted.json", "predicted.csv", "predicted.png", "predicted.pvd", "predicted.rrd",
+                "contact.csv", "contact.png"),
         function="twin.commands.predict:run_predict", solves=True, when=When.ASKED,
     ),
     Stage(

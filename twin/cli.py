@@ -153,6 +153,7 @@ OPTIONS: dict[str, tuple[Parameter, ...]] = {
         _option("hold_s", float, 2.0, "time for which it is held, s"),
         _option("gravity", str, "", "its direction X,Y,Z, where it is another than in the film"),
         _flag("blocked", "also the force of the finger whose end is kept at its height"),
+        _option("object", str, "", "also the force on a rigid object: cylinder:d=40,x=70,z=-30 (mm)"),
     ),
     "export": (
         _argument("form", str, ..., "abaqus or calculix: a deck; json or csv: a table of the response",

@@ -11,6 +11,7 @@
     look     look.png                             `twin look` of a finger with other dimensions
     explore  explore.png                          `twin explore` as docs/exploring.md has it, two minutes
     pareto   pareto.png                           `twin pareto` after `twin demo --quick`, two minutes
+    contact  contact.png                          the built-in finger, nominal constants, on a cylinder
     protocols  protocols.png                      pressure over time in P1 to P5
 
 The first three tell figures of the demo; `figures.py` writes those of the pages from the same project, and
@@ -47,12 +48,16 @@ import numpy as np
 from matplotlib.axes import Axes
 from scipy.spatial import ConvexHull
 
-from fe import Finger, Lattice, Material, finger_case
+from fe import Finger, Lattice, Material, finger_case, solve
 from fe import Path as Course
+from fe.element import triangles
+from twin.drawing.touchplot import draw_touch
 from twin.effects.library import all_effects
 from twin.effects.material import Elasticity
 from twin.effects.protocol import Effect, Test
+from twin.model.objects import RigidObject
 from twin.model.prediction import Model
+from twin.model.structure import base_case
 from twin.review.arrangement import VIEWS
 from twin.targets import Array
 from twin.virtual.protocols import CORNERS, PERIOD, PROTOCOLS
@@ -337,6 +342,21 @@ def look(demo: Path) -> None:
         _smaller(newest(root, "finger.png"), TO / "look.png", width=850)
 
 
+def contact(demo: Path) -> None:
+    """What `twin predict --object` draws, but for the interval, of the built-in finger with nominal
+    constants."""
+    del demo
+    thing, top = RigidObject.of("cylinder:d=40,x=70,z=-30"), 0.03
+    case = thing.beside(base_case())
+    found = solve(case, Course(np.array([0.0, 1.0]), np.array([0.0, top]), np.linspace(0.0, 1.0, 13)))
+    picture = draw_touch(
+        np.linspace(0.0, 1e3 * top, 13), np.linalg.norm(found.contact_force, axis=1), None,
+        label="pressure, kPa", nodes=case.nodes, u=found.fields([12])[0],
+        triangles=triangles(case.face_nodes("outside")), obstacle=thing.shape, given_way=np.zeros(3),
+    )  # fmt: skip
+    (TO / "contact.png").write_bytes(picture)
+
+
 def explore(demo: Path) -> None:
     """What `twin explore` of docs/exploring.md draws."""
     del demo
@@ -370,7 +390,7 @@ def _outline(points: Array) -> Array:
 
 PICTURES: dict[str, Callable[[Path], None]] = {
     "review": review, "overlay": overlay, "report": report, "effects": effects, "nodes": nodes,
-    "look": look, "explore": explore, "pareto": pareto, "protocols": protocols,
+    "look": look, "explore": explore, "pareto": pareto, "protocols": protocols, "contact": contact,
 }  # fmt: skip
 
 

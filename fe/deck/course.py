@@ -64,5 +64,6 @@ def _curve(pressure: Array, u: Array) -> Curve:
         pressure=pressure, u=u, p=nothing, rotation=none,
         u_slope=np.asarray(CubicSpline(pressure, u, axis=0)(pressure, 1)), p_slope=nothing,
         rotation_slope=none, derivative=np.zeros((0, *u.shape)), p_derivative=np.zeros((0, *nothing.shape)),
+        touch=np.zeros((len(u), 6)), touch_derivative=np.zeros((0, len(u), 6)),
         iterations=0, reason="converged",
     )  # fmt: skip

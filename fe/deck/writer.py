@@ -5,10 +5,10 @@ from itertools import chain
 
 import numpy as np
 
-from fe.case import Case, Contact, Layer, Support
+from fe.case import Case, Layer, Support
 from fe.deck.hyperelastic import written_law
+from fe.deck.obstacle import MOST_BRICKS, touched
 from fe.element import Array, Integers
-from fe.kernel.contact import off_the_clamp
 from fe.laws import Material
 from fe.mesh.convert import converted
 
@@ -38,9 +38,9 @@ def deck(
 
     kind: the Abaqus element that takes the place of hex27, on the mesh's own nodes and labels (see
     `convert.converted`); a case that has Abaqus elements already keeps them. Names of sets are written in
-    capitals. A plane is written as a held plate of one element under it and a contact pair (surface to
-    surface, the same stiffness; `_plane`), a layer as membranes on the solids' own nodes. ValueError for what
-    it cannot hold: an elastic clamp, a precurvature, a term of Gent, and in a static step a Prony series.
+    capitals. A rigid obstacle is written as held bricks and a contact pair (`obstacle.touched`), a layer as
+    membranes on the solids' own nodes. ValueError for what it cannot hold: an elastic clamp, a precurvature,
+    an obstacle on a spring, a term of Gent, and in a static step a Prony series.
     """
     _check(case, static=times is None)
     if levels and case.forces and case.growing:
@@ -72,7 +72,7 @@ def deck(
     if changed.layer and np.any(changed.layer.stiffness):
         lines += _sheet(changed, changed.layer)
     if changed.contact and changed.contact.stiffness:
-        lines += _plane(changed, changed.contact)
+        lines += touched(changed, changed.contact)
     lines += ["*BOUNDARY", *(line for s in supports if s.value is None for line in _held(s))]
     lasting, growing = _lasting(changed, supports, gravity), _growing(changed, pressure)
     if levels and lasting:
@@ -169,9 +169,9 @@ SHEET = 0.01  # mm, a thickness for what only has thickness x modulus: in Calcul
 
 
 def _sheet(case: Case, layer: Layer) -> list[str]:
-    """The layer as membranes, numbered after the solids and the plane's brick."""
+    """The layer as membranes, numbered after the solids and the obstacle's bricks."""
     faces, each = case.labels[case.face_nodes(layer.surface)], layer.per_face(case)
-    first, lines = len(case.connectivity) + 2, list[str]()
+    first, lines = len(case.connectivity) + MOST_BRICKS + 1, list[str]()
     for k, stiffness in enumerate(np.unique(each[each != 0])):
         name, rows = f"SHEET{k or ''}", np.flatnonzero(each == stiffness)
         lines += [
@@ -181,40 +181,6 @@ def _sheet(case: Case, layer: Layer) -> list[str]:
             *(f"*MEMBRANE SECTION, ELSET={name}, MATERIAL={name}", f"{SHEET},"),
         ]
     return lines
-
-
-PLATE_SIZE, PLATE_DEPTH = 3.0, 0.2  # of the structure's size: its half width and its thickness
-
-
-def _plane(case: Case, contact: Contact) -> list[str]:
-    """The plane as one held brick, S2 its upper face, and what happens between the two surfaces.
-
-    After the coefficient of friction stands the stick slope (MPa/mm), for CalculiX; Abaqus, which takes that
-    place for a slip rate, sees one coefficient for all rates and sets a slope of its own.
-    """
-    n = np.asarray(contact.normal, float) / np.linalg.norm(contact.normal)
-    first = np.cross(n, np.eye(3)[np.abs(n).argmin()])
-    first /= np.linalg.norm(first)
-    second, size = np.cross(n, first), float(np.ptp(case.nodes, axis=0).max())
-    middle = case.nodes.mean(axis=0)
-    middle = middle + (contact.distance - middle @ n) * n
-    square = [PLATE_SIZE * size * (a * first + b * second) for a, b in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
-    corners = [middle + x - depth * n for depth in (PLATE_DEPTH * size, 0.0) for x in square]
-    labels, element = int(case.labels.max()) + 1 + np.arange(8), len(case.connectivity) + 1
-    touching = case.surfaces[contact.surface][off_the_clamp(case, contact.surface)]
-    rubs = ["*FRICTION", f"{contact.friction:.10g}, {contact.stiffness:.10g}"] if contact.friction else []
-    return [
-        "*NODE, NSET=PLANE_NODES",
-        *(f"{k}, {x:.10g}, {y:.10g}, {z:.10g}" for k, (x, y, z) in zip(labels, corners, strict=True)),
-        *("*ELEMENT, TYPE=C3D8, ELSET=PLANE", f"{element}, {', '.join(map(str, labels))}"),
-        *("*MATERIAL, NAME=PLANE", "*ELASTIC", "1000., 0.3", "*SOLID SECTION, ELSET=PLANE, MATERIAL=PLANE"),
-        *("*BOUNDARY", "PLANE_NODES, 1, 3"),
-        *("*SURFACE, NAME=PLANE_TOP, TYPE=ELEMENT", f"{element}, S2"),
-        *("*SURFACE, NAME=TOUCHING, TYPE=ELEMENT", *(f"{e + 1}, S{f + 1}" for e, f in touching)),
-        "*SURFACE INTERACTION, NAME=TOUCH",
-        *("*SURFACE BEHAVIOR, PRESSURE-OVERCLOSURE=LINEAR", f"{contact.stiffness:.10g},", *rubs),
-        *("*CONTACT PAIR, INTERACTION=TOUCH, TYPE=SURFACE TO SURFACE", "TOUCHING, PLANE_TOP"),
-    ]
 
 
 def _held(s: Support) -> list[str]:

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from fe.case import Block, Case, Support
+from fe.case import Block, Case, Contact, Support
 from fe.element import Array, Element, Integers
 
 AXIS = 1  # y, across which halves are symmetric
@@ -37,8 +37,9 @@ def mirrored(case: Case) -> Case:
     """The whole structure of a half model that is supported by its plane of symmetry across y.
 
     Nodes of the half keep their rows and labels; images come after them. Every set holds both halves; forces
-    and prescribed displacements are there twice, and a clamp is as compliant to the moment of the whole as it
-    was to twice that of the half. ValueError where there is no such plane.
+    and prescribed displacements are there twice, an obstacle's spring is twice as stiff, and a clamp is as
+    compliant to the moment of the whole as it was to twice that of the half. ValueError where there is no
+    such plane.
     """
     held = symmetry_support(case)
     if held is None:
@@ -79,7 +80,14 @@ def mirrored(case: Case) -> Case:
         clamp=case.clamp and replace(case.clamp, compliance=case.clamp.compliance / 2),
         forces=forces,
         growing=growing,
+        contact=case.contact and _doubled(case.contact),
     )
+
+
+def _doubled(contact: Contact) -> Contact:
+    """The contact of the whole: of a spring there was half."""
+    spring = contact.spring and replace(contact.spring, stiffness=2 * contact.spring.stiffness)
+    return replace(contact, spring=spring)
 
 
 def _both(rows: Integers, image: Integers) -> Integers:

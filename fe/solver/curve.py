@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.interpolate import CubicHermiteSpline, CubicSpline
+from scipy.interpolate import CubicHermiteSpline, CubicSpline, PchipInterpolator
 from scipy.sparse import csr_matrix
 
 from fe.element import Array
@@ -25,7 +25,8 @@ class Curve:
     """States over pressure (k,) MPa: u (k, n, 3) mm, p (k, e, 4) MPa, rotation (k,) rad, and their slopes.
 
     derivative (v, k, n, 3): mm per unit of each parameter at fixed pressure, p_derivative (v, k, e, m) the
-    same of the pressure modes. Where the path stopped early,
+    same of the pressure modes. touch (k, 6): an obstacle's force in N and its moment about the origin in N mm
+    (`Problem.touch`), touch_derivative (v, k, 6). Where the path stopped early,
     `reason` says why and `pressure[-1]` is what was reached.
     """
 
@@ -38,6 +39,8 @@ class Curve:
     rotation_slope: Array
     derivative: Array
     p_derivative: Array
+    touch: Array
+    touch_derivative: Array
     iterations: int
     reason: str
 
@@ -69,15 +72,30 @@ class Curve:
     @property
     def without_derivatives(self) -> "Curve":
         """The curve with no parameters."""
-        return replace(self, derivative=self.derivative[:0], p_derivative=self.p_derivative[:0])
+        return replace(
+            self, derivative=self.derivative[:0], p_derivative=self.p_derivative[:0],
+            touch_derivative=self.touch_derivative[:0],
+        )  # fmt: skip
 
     def ahead(self, change: Array) -> "Curve":
         """The curve to first order where its parameters change by `change` (v,)."""
         u, p = (np.tensordot(change, x, 1) for x in (self.derivative, self.p_derivative))
         u_slope, p_slope = (CubicSpline(self.pressure, x, axis=0)(self.pressure, 1) for x in (u, p))
+        touch = self.touch + np.tensordot(change, self.touch_derivative, 1)
         return replace(
-            self, u=self.u + u, p=self.p + p, u_slope=self.u_slope + u_slope, p_slope=self.p_slope + p_slope
-        )
+            self, u=self.u + u, p=self.p + p, u_slope=self.u_slope + u_slope, p_slope=self.p_slope + p_slope,
+            touch=touch,
+        )  # fmt: skip
+
+    def touch_at(self, q: Array) -> Array:
+        """Force and moment (s, 6) of an obstacle at pressures q (s,) MPa: by cubics that do not overshoot, so
+        that nothing pushes before the touch (Fritsch & Carlson 1980, doi 10.1137/0717021)."""
+        return _monotone(self.pressure, self.touch, q)
+
+    def touch_derivatives(self, q: Array) -> Array:
+        """Its derivatives (v, s, 6) to the parameters, and to the pressure the last (1 + v, s, 6)."""
+        own = [_monotone(self.pressure, d, q) for d in self.touch_derivative]
+        return np.array([*own, _monotone(self.pressure, self.touch, q, 1)])
 
     def values(self, operator: csr_matrix, q: Array, order: int = 0) -> Array:
         """Displacement, or its slope with order 1, at pressures q (s,) and points given by `operator` (p, n):
@@ -97,6 +115,13 @@ def _apply(operator: csr_matrix, fields: Array) -> Array:
     return np.stack([operator @ f for f in fields])
 
 
+def _monotone(x: Array, y: Array, at: Array, order: int = 0) -> Array:
+    """Values (s, ...), or slopes, of monotone cubics through y (k, ...) at x (k,)."""
+    if len(x) == 1:
+        return np.repeat(y, len(at), axis=0) if order == 0 else np.zeros((len(at), *y.shape[1:]))
+    return np.asarray(PchipInterpolator(x, y, axis=0)(at, nu=order))
+
+
 def _per_pressure(problem: Problem, state: State) -> Residual:
     """The residuals' derivative to the follower pressure, per MPa."""
     kernel = problem.kernel
@@ -113,6 +138,8 @@ class _Level:
     slope: State
     derivatives: tuple[State, ...]
     varied: tuple[Differenced, ...]  # as they go on from here
+    touch: Array
+    touches: tuple[Array, ...]  # its derivatives
     checked: bool = False  # the cubic that ends here is known to be good
 
 
@@ -186,7 +213,11 @@ def _level(
     after = tuple(
         v.after(found.state, d, tangent.slides) for v, d in zip(varied, derivatives, strict=True)
     )
-    return _Level(load, found.state, slope, derivatives, after), replace(found, step=tangent.step)
+    touches = tuple(
+        v.touch(problem, found.state, d, tangent.slides) for v, d in zip(varied, derivatives, strict=True)
+    )
+    level = _Level(load, found.state, slope, derivatives, after, problem.touch(found.state.u), touches)
+    return level, replace(found, step=tangent.step)
 
 
 def _bent(problem: Problem, done: list[_Level]) -> tuple[list[_Level], int]:
@@ -288,5 +319,7 @@ def _curve(done: list[_Level], parameters: int, iterations: int, reason: str) ->
         pressure=np.array([level.pressure for level in done]),
         u=of("state", "u"), p=of("state", "p"), rotation=of("state", "rotation"),
         u_slope=of("slope", "u"), p_slope=of("slope", "p"), rotation_slope=of("slope", "rotation"),
-        derivative=derivative, p_derivative=p_derivative, iterations=iterations, reason=reason,
+        derivative=derivative, p_derivative=p_derivative, touch=np.array([x.touch for x in done]),
+        touch_derivative=np.array([[x.touches[v] for x in done] for v in range(parameters)]),
+        iterations=iterations, reason=reason,
     )  # fmt: skip

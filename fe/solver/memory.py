@@ -31,6 +31,7 @@ class History:
     parameters that have a history, each (k, n, 3) mm per unit, and p_derivative (k, e, m) MPa per unit of the
     pressure modes. `active` is False where nothing is remembered: then u equals the curve and only
     the derivatives matter. `drift` is the state minus the curve's, for a neighbouring solve to begin from.
+    touch (k, 6) is the force in N and the moment in N mm of an obstacle, touch_derivative its derivatives.
     """
 
     time: Array
@@ -42,6 +43,8 @@ class History:
     derivative: dict[int, Array]
     p_derivative: dict[int, Array]
     drift: tuple[State, ...]
+    touch: Array
+    touch_derivative: dict[int, Array]
     active: bool
 
 
@@ -131,11 +134,13 @@ class Direction:
 @dataclass(frozen=True)
 class _Told:
     """What of a solved time stays: the state, its distance from the curve's, its derivatives to every
-    parameter."""
+    parameter; the force and moment (6,) of an obstacle and their derivatives."""
 
     state: State
     drift: State
     changes: tuple[State, ...]
+    touch: Array
+    touches: tuple[Array, ...]
 
 
 @dataclass(frozen=True)
@@ -149,7 +154,7 @@ class _Point(_Told):
     @property
     def told(self) -> _Told:
         """The point without its pasts."""
-        return _Told(self.state, self.drift, self.changes)
+        return _Told(self.state, self.drift, self.changes, self.touch, self.touches)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -190,7 +195,8 @@ class _March:
         around = self._around(0, state, changes, self._answers(0, state, response))
         pasts = tuple((Past.first(plus), Past.first(minus)) for plus, minus in around)
         past = Past.first(Evaluated(problem, state.u, response))
-        return _Point(state, moved(state, self._carrier(0), -1.0), changes, past, pasts), found
+        touch = self._touch(problem, state, changes, [d.varied for d in tracked.values()], None)
+        return _Point(state, moved(state, self._carrier(0), -1.0), changes, *touch, past, pasts), found
 
     def _carrier(self, k: int) -> State:
         return self.curves[self.number[k]].state(self.course.pressure[k])
@@ -331,7 +337,21 @@ class _March:
             for (plus, minus), (a, b) in zip(around, before.pasts, strict=True)
         )
         past = before.past.after(Evaluated(self._problem(k), state.u, response), dt, below, None)
-        return _Point(state, moved(state, self._carrier(k), -1.0), changes, past, pasts)
+        varied = [d.on(two).varied for d, two in zip(self._tracked(k).values(), before.pasts, strict=True)]
+        touch = self._touch(before.past.on(self._problem(k)), state, changes, varied, slides)
+        return _Point(state, moved(state, self._carrier(k), -1.0), changes, *touch, past, pasts)
+
+    @staticmethod
+    def _touch(
+        problem: Problem,
+        state: State,
+        changes: Sequence[State],
+        varied: Sequence[Differenced],
+        slides: Flags | None,
+    ) -> tuple[Array, tuple[Array, ...]]:
+        """Force and moment (6,) of an obstacle at a state with this slip so far, and their derivatives."""
+        own = (v.touch(problem, state, d, slides) for v, d in zip(varied, changes, strict=True))
+        return problem.touch(state.u), tuple(own)
 
     def _dt(self, k: int) -> float:
         return float(self.time[k] - self.time[k - 1])
@@ -347,12 +367,14 @@ class _March:
         )
         c, problem = self._problem(0).constants, self._problem(0)
         weights = in_time(self.loadings.path, self.time, **self.pace)
+        touches = {n: np.stack([x.touches[i] for x in points]) for i, n in enumerate(self.directions)}
         drifts = any(_drifts(q, self.course.stiffness) for q in self.loadings.problems)
         active = bool(drifts or problem.rubs or c.prony[..., 0].any() or c.softening[:, 0].any())
         states, drift = np.stack([x.state.u for x in points]), tuple(x.drift for x in points)
         return History(
             time=self.time, number=self.number, weights=weights, pressure=self.course.pressure, slopes=slopes,
-            u=states, derivative=u, p_derivative=p, drift=drift, active=active,
+            u=states, derivative=u, p_derivative=p, drift=drift, touch=np.stack([x.touch for x in points]),
+            touch_derivative=touches, active=active,
         )  # fmt: skip
 
 

@@ -11,7 +11,7 @@ from fe.case import Case
 from fe.element import Array, Flags
 from fe.kernel.assembly import ElementConstants, Geometry, Kernel, Linearised, Memory, State
 from fe.kernel.compiled import PointTangents
-from fe.kernel.contact import PlaneFaces
+from fe.kernel.contact import ObstacleFaces
 from fe.kernel.coupling import addition, coupled
 from fe.kernel.layer import LayerFaces
 from fe.path import Path
@@ -49,7 +49,7 @@ class Problem:
     prescribed: Array
     geometry: Geometry
     layer: LayerFaces | None
-    plane: PlaneFaces | None
+    plane: ObstacleFaces | None
     growing: Array | None = None
 
     @staticmethod
@@ -61,7 +61,7 @@ class Problem:
         same = np.array_equal(case.nodes, own.nodes) and curved == own.precurvature
         geometry = own if same else Geometry(case.nodes, kernel.connectivity, kernel.element, curved)
         layer = LayerFaces(case) if case.layer and np.any(case.layer.stiffness) else None
-        plane = PlaneFaces(case) if case.contact and case.contact.stiffness else None
+        plane = ObstacleFaces(case) if case.contact and case.contact.stiffness else None
         prescribed = case.prescribed.ravel()[kernel.supported]
         return Problem(
             kernel=kernel, constants=ElementConstants.of(case), case=case, dead=dead, prescribed=prescribed,
@@ -116,6 +116,11 @@ class Problem:
         if self.plane is None or not self.rubs:
             return self
         return replace(self, plane=self.plane.after(self.case.nodes + u))
+
+    def touch(self, u: Array) -> Array:
+        """The force in N and its moment about the origin in N mm (6,) of the obstacle at displacements u
+        (n, 3) mm; nothing without one."""
+        return np.zeros(6) if self.plane is None else self.plane.resultant(self.case.nodes + u)
 
     @property
     def bare(self) -> bool:
@@ -209,8 +214,8 @@ class Step:
         # as many as there are shared pressures belong to the mixed form
         self.negative = max(0, (below or 0) - kernel.shared)
         self._compliance = clamp.compliance if clamp else 0.0
-        sliding = problem.plane.coupling(problem.case.nodes + state.u) if problem.plane else None
-        parts = [part for part in (sliding, system.border) if part is not None]
+        parts = problem.plane.coupling(problem.case.nodes + state.u) if problem.plane else []
+        parts += [] if system.border is None else [system.border]
         self._addition = addition(parts, kernel.dofs) if parts else None
         _, self._turn, bend = problem.clamp_motion(state.rotation)
         self._side = system.turning

@@ -7,7 +7,7 @@ import numpy as np
 from fe.element import Array, Flags
 from fe.kernel import compiled
 from fe.kernel.assembly import Memory, Response, Softening
-from fe.kernel.contact import PlaneFaces
+from fe.kernel.contact import ObstacleFaces
 from fe.laws import relaxation
 from fe.solver.newton import Problem
 
@@ -33,7 +33,7 @@ class Past:
     now: Array
     terms: Array
     peak: Array | None
-    plane: PlaneFaces | None
+    plane: ObstacleFaces | None
 
     @staticmethod
     def first(seen: Evaluated) -> "Past":

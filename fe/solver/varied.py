@@ -130,6 +130,13 @@ class Differenced:
         step, v = self.step * change.u, self.sliding(slides)
         return replace(self, plus=v.plus.after(state.u + step), minus=v.minus.after(state.u - step))
 
+    def touch(self, base: Problem, state: State, change: State, slides: Flags | None) -> Array:
+        """The derivative (6,) of the obstacle's force and moment (`Problem.touch`) at the base's equilibrium,
+        which slides there (f, q), and of which `change` is the derivative."""
+        v = self.sliding(slides)
+        own = (v.plus.touch(state.u) - v.minus.touch(state.u)) / (2 * self.step)
+        return own if base.plane is None else own + base.plane.along(base.case.nodes + state.u, change.u)
+
     @cached_property
     def placed_alike(self) -> bool:
         """Whether nothing differs but constants of materials and outside forces: then so do the residuals."""

@@ -156,7 +156,7 @@ def test_a_command_that_solves_much_takes_a_cluster(run, study, stages, monkeypa
             yield
 
     monkeypatch.setattr(clusters, "on_cluster", on_cluster)
-    stages.instead["calibrate"] = lambda project, say: {"workers": type(current()).__name__}
+    stages.instead["calibrate"] = lambda project, say, **_: {"workers": type(current()).__name__}
     assert json.loads(run("calibrate", "-p", study, "--cluster", "tcp://head:2", "--json")[1]) == {"workers": "Serial"}
     assert used == ["tcp://head:2"]
 
@@ -181,7 +181,7 @@ def test_json_stands_alone_on_stdout(run, study, stages):
     ids=["input", "files", "interrupt", "bug", "singular"],
 )
 def test_what_goes_wrong_is_one_sentence_and_a_code(run, study, stages, error, code, sentence):
-    def fails(project, say):
+    def fails(project, say, **_):
         raise error
 
     stages.instead["calibrate"] = fails
@@ -195,7 +195,7 @@ def test_what_goes_wrong_is_one_sentence_and_a_code(run, study, stages, error, c
 
 
 def test_debug_shows_the_traceback(monkeypatch, study, stages):
-    stages.instead["calibrate"] = lambda project, say: 1 / 0
+    stages.instead["calibrate"] = lambda project, say, **_: 1 / 0
     monkeypatch.setattr(sys, "argv", ["twin", "--debug", "calibrate", "-p", str(study)])
     with pytest.raises(ZeroDivisionError):
         cli.main()

@@ -8,7 +8,8 @@ belong to the project, `laws` which law of an effect was kept, `waterfall` how t
 shows and what it was judged by, `caches` keeps what is dear to make.
 `effectchange` refits the model with other effects; `predicting` asks it what nobody has measured, `leftopen`
 how uncertain that is, `inverting` which pressure gives a wanted displacement, `blocking` how hard the finger
-presses; `profiling` asks how far each parameter may go, `sampling` how likely all of them are together,
-`tradingoff` what fits one part of the targets at the cost of another; `askedranges` reads what is to be
-varied, and `exploring` solves such fingers; `othermodels` says in what two projects' models differ.
+presses, `touching` how hard on an object that it meets; `profiling` asks how far each parameter may go,
+`sampling` how likely all of them are together, `tradingoff` what fits one part of the targets at the cost of
+another; `askedranges` reads what is to be varied, and `exploring` solves such fingers; `othermodels` says in
+what two projects' models differ.
 """

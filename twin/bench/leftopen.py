@@ -66,6 +66,16 @@ def told_by_film(
     The change (s, p, 3) mm is what the film's residual asks for, of mesh and laws above all. What it leaves
     are independent errors (k, s, p, 3) mm of 1 sd.
     """
+    amounts, axes = amounts_told(targets, model, theta, uncertain)
+    columns = uncertain.columns
+    return np.asarray(np.tensordot(amounts, columns, 1)), np.asarray(np.tensordot(axes.T, columns, 1))
+
+
+def amounts_told(
+    targets: Targets, model: Model, theta: Array, uncertain: Uncertain
+) -> tuple[Array, Array]:
+    """The amounts (k,) of the uncertain's columns that the film's residual asks for, and what it leaves open:
+    independent errors of 1 sd, each a column of amounts (k, k)."""
     columns, prior = uncertain.columns, uncertain.prior
     s, p = targets.valid.shape[:2]
     nothing = np.zeros((0, *targets.value.shape))
@@ -77,5 +87,4 @@ def told_by_film(
     power, turn = np.linalg.eigh(information)
     axes = scale[:, None] * turn / np.sqrt(power)
     z = w.whiten(targets.value - model.predict(theta)[:s, :p])
-    change = np.tensordot(axes @ (axes.T @ (seen.T @ z)), columns, 1)
-    return np.asarray(change), np.asarray(np.tensordot(axes.T, columns, 1))
+    return axes @ (axes.T @ (seen.T @ z)), axes

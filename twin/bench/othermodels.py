@@ -32,9 +32,9 @@ def _dimensions(project: Project) -> dict[str, object]:
 
 
 def _own(project: Project) -> dict[str, object]:
-    """Its weight, and what solves it."""
+    """Its weight, what it meets, and what solves it."""
     model = project.config.model
-    return {"density_kg_m3": model.density_kg_m3, "engine": model.engine}
+    return {"density_kg_m3": model.density_kg_m3, "object": model.object, "engine": model.engine}
 
 
 def _decks(project: Project) -> list[str]:

@@ -29,8 +29,9 @@ from twin.model.basemodel import base_model, base_test
 from twin.model.discretisation import Discretisation, SolvedAt, discretisation_error, meshes_key
 from twin.model.enginejobs import EngineJobs
 from twin.model.enginemodel import EngineModel
+from twin.model.objects import RigidObject
 from twin.model.prediction import Model
-from twin.model.structure import Structure, in_law, of_body, of_deck, weighed
+from twin.model.structure import Structure, beside, in_law, of_body, of_deck, weighed
 from twin.project.folder import Project, Say
 from twin.project.trust import check_trusted, programs
 from twin.sanity import motion_fault, place_fault, rise_fault
@@ -226,11 +227,12 @@ def own_of(project: Project) -> tuple[Effect, ...]:
 
 
 def structure_of(project: Project) -> Structure:
-    """What the model of a project is made of, as heavy as it was weighed. ValueError where its deck is not
-    there or not right."""
-    kg_m3 = project.config.model.density_kg_m3
-    found = _unweighed(project)
-    return found if kg_m3 is None else weighed(found, density(kg_m3))
+    """What the model of a project is made of, as heavy as it was weighed, beside its object. ValueError where
+    its deck or its object is not there or not right."""
+    table, found = project.config.model, _unweighed(project)
+    if table.density_kg_m3 is not None:
+        found = weighed(found, density(table.density_kg_m3))
+    return found if table.object is None else beside(found, RigidObject.of(table.object))
 
 
 def body_of(project: Project) -> Body | None:

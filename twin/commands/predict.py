@@ -17,7 +17,16 @@ from twin.bench.fits import fit_file
 from twin.bench.inverting import Inverse, Wanted, pressure_for
 from twin.bench.positions import ON_FINGER_MM
 from twin.bench.predicting import NORMAL, Prediction, WantedCourse, predicted
+from twin.bench.touching import beside, rising, touched
 from twin.bench.workbench import Workbench
+from twin.commands.predictobject import (
+    PredictedContact,
+    contact_csv,
+    contact_picture,
+    contact_rows,
+    pushed,
+    told,
+)
 from twin.drawing.deformed import write_vtu_series
 from twin.drawing.predictionplot import draw_prediction
 from twin.effects.loads import Gravity
@@ -26,6 +35,7 @@ from twin.gauge.pressurelog import read_log
 from twin.gauge.pressureunits import in_MPa, unit_of
 from twin.gravity import is_heavy
 from twin.judging.record import FitRecord
+from twin.model.objects import RigidObject
 from twin.project import files
 from twin.project.folder import Project, Run, Say
 from twin.project.record import Maybe, Record
@@ -92,6 +102,8 @@ class PredictionRecord(Record):
     tested_MPa: Finite = Field(description="highest pressure of the film")
     inverse: tuple[PredictedPressure, ...] = Field(default=(), description="a row a wanted displacement")
     blocked: tuple[PredictedForce, ...] = Field(default=(), description="a row a pressure")
+    object: str = Field(default="", description="what the finger meets, as it was asked for")
+    contact: tuple[PredictedContact, ...] = Field(default=(), description="a row a time beside the object")
     note: str = Field(default="", description="why there are no intervals, and what was not tested")
 
 
@@ -107,13 +119,19 @@ def run_predict(
     inverse: Sequence[str] = (),
     gravity: str = "",
     blocked: bool = False,
+    object: str = "",  # noqa: A002 - as it is typed
 ) -> dict[str, Any]:
     """Displacements of points and the turn of the tip, each with its 95 % interval, under held pressures or
     along the course of a log; or at the pressures that give wanted displacements.
 
     gravity: its direction, X,Y,Z, where it is another than in the film. blocked: the force, too, with which
-    the finger presses when its end is kept at its height.
+    the finger presses when its end is kept at its height. object: a rigid object, as `twin.model.objects`
+    reads it; wanted is, too, with which force the finger presses on it.
     """
+    if object and inverse:
+        raise ValueError("--object: wanted --pressure or --course beside it, not --inverse")
+    asked_for = "" if inverse else object or project.config.model.object or ""
+    thing = RigidObject.of(asked_for) if asked_for else None
     wanted = [Wanted.of(text) for text in inverse]
     courses = _courses(pressure, course, ramp_s, hold_s, wanted)
     if blocked and not pressure:
@@ -122,13 +140,15 @@ def run_predict(
     bench = Workbench.of(project)
     way = _gravity(bench, gravity)
     courses = [replace(one, gravity=way) for one in courses]
+    if thing is not None:
+        beside(bench.model(), courses[0], thing)  # refuses before anything is solved
     record = files.read(FitRecord, fit_file(project))
     places = asked(bench, [*at, *(one.point for one in wanted)])
     tested = float(bench.targets.log_pressure.max())
     inputs = [project.targets_folder, *project.deck_files(), *([course] if course else [])]
     extra = {
         "pressure": list(pressure), "inverse": list(inverse), "at": list(at), "ramp_s": ramp_s,
-        "hold_s": hold_s, "gravity": gravity, "blocked": blocked,
+        "hold_s": hold_s, "gravity": gravity, "blocked": blocked, "object": object,
     }  # fmt: skip
     with project.new_run("predict", inputs=inputs, extra=extra) as run:
         say.progress("predict", 0, 1)
@@ -141,15 +161,21 @@ def run_predict(
         else:
             found = predicted(bench, record, courses, places, say)
         forces = [blocked_force(bench, record, one, say) for one in courses] if blocked else []
+        meets = [touched(bench, record, rising(one), thing, say) for one in courses] if thing else []
         made = PredictionRecord(
             points=tuple(row for one in found for row in _rows(one)),
             angles=tuple(row for one in found for row in _angles(one)),
             tested_MPa=tested,
             inverse=tuple(_pressure_row(one) for one in inverted),
             blocked=tuple(map(_force_row, forces)),
+            object=asked_for,
+            contact=tuple(row for one in meets for row in contact_rows(one)),
             note=" ".join(_notes(bench, courses, found)),
         )
         run.write(made)
+        if thing is not None:
+            run.write_text("contact.csv", contact_csv(made.contact))
+            run.write_bytes("contact.png", contact_picture(bench, meets, thing))
         run.write_text("predicted.csv", _csv(made))
         run.write_bytes("predicted.png", _picture(found))
         _write_shapes(run, bench, found)
@@ -161,6 +187,9 @@ def run_predict(
     for force in made.blocked:
         say(f"{1e3 * force.pressure_MPa:.4g} kPa: the end, kept at its height, presses with "
             f"{_in_N(force)}.")  # fmt: skip
+    if thing is not None:
+        for line in [*(pushed(one, thing) for one in meets), told(asked_for == project.config.model.object)]:
+            say(line)
     if made.note:
         say(made.note)
     say(f"Wrote {project.shown(run.folder)}/predicted.csv, predicted.json and predicted.png; the shapes: "

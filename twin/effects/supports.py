@@ -10,9 +10,10 @@ from fe import Case
 from fe.case import Contact, Layer
 from fe.element import Integers
 from fe.mesh.refine import free_faces
+from fe.obstacles import Flat
 from twin.effects.amounts import number
 from twin.effects.parts import Parts
-from twin.effects.protocol import Effect, Family, Order, Test, Theta
+from twin.effects.protocol import Effect, Family, Order, Test, Theta, Unsolvable
 
 
 class TableContact(Family):
@@ -42,13 +43,19 @@ class TableContact(Family):
         stiffness, case = theta["contact.stiffness"], test.case
         if stiffness == 0:
             return test
+        if case.contact is not None:
+            raise Unsolvable(
+                "contact: a table beside the object of [model] object in twin.toml; the model meets one "
+                "obstacle alone: leave one of the two out"
+            )
         if "outside" not in case.surfaces:
             raise ValueError(
                 "contact: no surface 'outside' in the model, wanted the faces that may touch the table; name "
                 f"them so (there are {', '.join(case.surfaces) or 'none'})"
             )
         height = float(case.nodes[:, 2].min()) - theta["contact.distance"]
-        table = Contact("outside", (0.0, 0.0, 1.0), height, stiffness, theta.get("contact.friction", 0.0))
+        top, friction = Flat((0.0, 0.0, 1.0), height), theta.get("contact.friction", 0.0)
+        table = Contact("outside", top, stiffness, friction)
         return replace(test, case=replace(case, contact=table))
 
     def told(self, values: Theta) -> str:

@@ -137,6 +137,11 @@ class Discretisation:
         return STIFFNESS * self.apart
 
     @property
+    def softer(self) -> float:
+        """The part of C10 + C01 by which the finest mesh is softer."""
+        return 0.0 if self.unknown else float(self._shown.softness[-1])
+
+    @property
     def apart(self) -> float:
         """By how much the finer meshes differ in stiffness, of the scale."""
         return 0.0 if self.unknown else self._shown.apart

@@ -22,6 +22,7 @@ from twin.bodies.finger import BuiltIn
 from twin.laws.catalogue import law_of
 from twin.laws.law import Constants, RubberLaw
 from twin.laws.mooneyrivlin import MOONEY_RIVLIN, NOMINAL
+from twin.model.objects import RigidObject
 
 SHORT_MM = 20.0  # long: a finger of 200 mm whose lengths are in cm
 COMPRESSIBLE = 20.0  # bulk modulus over shear modulus, Poisson's ratio 0.475
@@ -97,6 +98,22 @@ def weighed(structure: Structure, density: float) -> Structure:
 
 def _weighed(build: Callable[[], Case], density: float) -> Case:
     return build().with_material(density=density)
+
+
+def beside(structure: Structure, thing: RigidObject) -> Structure:
+    """The structure beside a rigid object. ValueError where the object overlaps it at rest, or it is not
+    known what may touch."""
+
+    def met(mesh: Mesh) -> Mesh:
+        return Mesh(digest(mesh.key, thing), partial(_beside, mesh.build, thing))
+
+    finer = {name: met(mesh) for name, mesh in structure.finer.items()}
+    base = met(structure.base)
+    return replace(structure, case=base.build(), key=base.key, finer=finer, scales=False)
+
+
+def _beside(build: Callable[[], Case], thing: RigidObject) -> Case:
+    return thing.beside(build())
 
 
 # -- a body of the program ---------------------------------------------------------------------------------

@@ -173,6 +173,11 @@ class ModelTable(TableModel):
         description="direction of gravity in world axes, such as [0.0, 0.0, -1.0]; leave it "
         "out where targets.toml states it",
     )
+    object: str | None = Field(
+        default=None,
+        description="a rigid object that the filmed finger meets, such as "
+        "cylinder:d=40,x=70,z=-30 (mm): see objects.md",
+    )
     fixed: dict[str, Finite] = Field(
         default={}, description="constants of the law that are not fitted, such as {C10 = 0.214} (MPa)"
     )

@@ -12,8 +12,9 @@ from fe.case import Contact
 from fe.deck.calculix import CalculiX
 from fe.deck.writer import deck
 from fe.element import Array
-from fe.kernel.contact import SMOOTH, PlaneFaces
+from fe.kernel.contact import SMOOTH, ObstacleFaces
 from fe.mesh.convert import converted
+from fe.obstacles import Flat
 from fe.solver.curve import trace
 from fe.solver.newton import Problem, equilibrium
 
@@ -36,7 +37,7 @@ def test_a_block_is_pressed_on_a_plane(cube: Cube, kind: str, stiffness: float) 
     lid = np.tile([0.0, 0.0, -0.05], (len(case.node_sets["z1"]), 1))
     case = replace(case, supports=(*case.supports, Support("z1", (2,), lid)))
     case = converted(case, kind) if kind != "hex27" else case
-    u = at_top(replace(case, contact=Contact("z0", (0.0, 0.0, 2.0), 0.02, stiffness)), 0.0)
+    u = at_top(replace(case, contact=Contact("z0", Flat((0.0, 0.0, 2.0), 0.02), stiffness)), 0.0)
     m = case.materials["body"]
 
     def gap(depth: float) -> float:
@@ -53,7 +54,7 @@ def test_a_block_is_pressed_on_a_plane(cube: Cube, kind: str, stiffness: float) 
 
 def test_the_tangent_is_the_derivative_of_the_force(short: Case) -> None:
     rng = np.random.default_rng(3)
-    plane = PlaneFaces(replace(short, contact=Contact("outside", (0.3, -0.2, 1.0), 1.0, 0.7)))
+    plane = ObstacleFaces(replace(short, contact=Contact("outside", Flat((0.3, -0.2, 1.0), 1.0), 0.7)))
     x = short.nodes + rng.uniform(-0.02, 0.02, short.nodes.shape)
     d, h = rng.normal(size=x.shape), 1e-6
     dofs, K = plane.tangent(x)
@@ -66,7 +67,7 @@ def test_the_tangent_is_the_derivative_of_the_force(short: Case) -> None:
 
 
 def test_newton_converges_quadratically_on_a_plane(short: Case) -> None:
-    problem = Problem.of(replace(short, contact=Contact("outside", UP, -2.0, 0.5)))
+    problem = Problem.of(replace(short, contact=Contact("outside", Flat(UP, -2.0), 0.5)))
     near = equilibrium(problem, trace(problem, np.array([0.0, 0.015, 0.03])).state(0.03), load=0.03)
     assert near.state is not None
     found = equilibrium(problem, near.state, load=0.0302, last=None)
@@ -80,7 +81,7 @@ def test_a_finger_lies_on_the_table(short: Case) -> None:
     assert at_top(short)[row, 2] < -4.0
     tips = []
     for stiffness in (0.1, 1.0, 10.0):
-        case = replace(short, contact=Contact("outside", UP, -2.0, stiffness))
+        case = replace(short, contact=Contact("outside", Flat(UP, -2.0), stiffness))
         u = at_top(case)
         tips.append(u[row, 2])
         plane = Problem.of(case).plane
@@ -110,7 +111,7 @@ def sagged(case: Case) -> Array:
 def test_the_answer_converges_with_the_mesh(cube: Cube, silicone: Material) -> None:
     pushes, middles = [], []
     for n in (1, 2, 3):
-        case = lying(cube, silicone, n, Contact("z0", UP, -1.0, 1.0))
+        case = lying(cube, silicone, n, Contact("z0", Flat(UP, -1.0), 1.0))
         u, plane = sagged(case), Problem.of(case).plane
         assert plane is not None
         pushes.append(plane.force(case.nodes + u)[:, 2].sum())
@@ -125,7 +126,7 @@ def test_the_answer_converges_with_the_mesh(cube: Cube, silicone: Material) -> N
 
 @pytest.mark.slow
 def test_the_curve_follows_the_touch(short: Case) -> None:
-    case = replace(short, contact=Contact("outside", UP, -2.0, 1.0))
+    case = replace(short, contact=Contact("outside", Flat(UP, -2.0), 1.0))
     at, output = short.position(4401)[None], np.linspace(0.05, 1.0, 20)
     found = solve(case, Path(np.array([0.0, 1.0]), np.array([0.0, TOP]), output))
     own = [at_top(case, float(q))[short.labels == 4401][0] for q in TOP * output[5::5]]
@@ -144,7 +145,7 @@ def test_derivatives_of_a_touching_finger(stub: Case, monkeypatch: pytest.Monkey
     points = np.array([stub.position(n) for n in (4401, 5848)])
 
     def test(distance: float, stiffness: float, C10: float) -> Case:
-        plane = Contact("outside", (0.1, 0.0, 1.0), distance, stiffness)
+        plane = Contact("outside", Flat((0.1, 0.0, 1.0), distance), stiffness)
         return replace(heavy.with_material(C10=C10), contact=plane)
 
     at, typical = np.array([0.0, 0.3, 0.214]), np.array([1.0, 0.3, 0.02])
@@ -169,7 +170,7 @@ def test_contact_agrees_with_calculix(cube: Cube, silicone: Material, require: C
     heavy, top, stiffness = replace(silicone, density=2e-8), -0.06, 0.2
     case = cube((3, 2, 2), material=heavy, supports=(Support("x0", (0, 1, 2)),))
     case = converted(replace(case, nodes=case.nodes * [10.0, 3.0, 3.0]), "C3D20R")
-    lying = replace(case, contact=Contact("z0", UP, top, stiffness))
+    lying = replace(case, contact=Contact("z0", Flat(UP, top), stiffness))
     text = deck(lying, 0.0, gravity=np.array([0.0, 0.0, -9810.0]))
     found = CalculiX().run(text.replace("0.05, 1., 1e-6, 0.1", "0.1, 1., 1e-6, 0.5"))
     assert found.reason == "converged"

@@ -11,6 +11,7 @@ from fe import Case, Path, Support, solve
 from fe.case import Contact
 from fe.element import Array
 from fe.kernel.contact import SMOOTH
+from fe.obstacles import Flat
 from tests.fe.conftest import SILICONE
 
 Cube = Callable[..., Case]
@@ -99,7 +100,7 @@ def solid(cube: Cube, friction: float) -> Case:
         case,
         nodes=np.stack([LENGTH * (1 - (1 - x) ** 1.6), WIDTH * y, HEIGHT * z], axis=1),
         node_sets={**case.node_sets, "root": root},
-        contact=Contact("z0", (UP[0], 0.0, UP[1]), DISTANCE, STIFF, friction),
+        contact=Contact("z0", Flat((UP[0], 0.0, UP[1]), DISTANCE), STIFF, friction),
     )
 
 

@@ -10,7 +10,8 @@ from scipy.optimize import brentq
 import fe.path
 from fe import Case, Path, Solution, Support, Variation, solve
 from fe.case import Contact
-from fe.kernel.contact import PlaneFaces
+from fe.kernel.contact import ObstacleFaces
+from fe.obstacles import Flat
 from fe.solver.newton import equilibrium
 from tests.fe.conftest import SILICONE
 
@@ -37,7 +38,7 @@ def shoe(cube: Cube, friction: float) -> Case:
         nodes=nodes,
         surfaces={**case.surfaces, "sole": case.surfaces["z0"][-1:]},
         supports=(*case.supports, Support("z1", (2,), down)),
-        contact=Contact("sole", UP, -0.01, 0.2, friction),
+        contact=Contact("sole", Flat(UP, -0.01), 0.2, friction),
     )
 
 
@@ -55,8 +56,8 @@ def shift(x: float, force: float, *, share: float = 1.0) -> float:
 def test_a_shoe_is_held_by_mu_n_both_ways_and_a_cycle_dissipates(cube: Cube) -> None:
     mu, stiffness, area = 0.2, 0.2, 2.0
     case, path = shoe(cube, mu), Path(TIME, CYCLES, np.linspace(2.0, 4.0, 101))
-    none = replace(case, contact=Contact("sole", UP, -0.01, stiffness))
-    found, free, plane = solved(case, path), solved(none, path), PlaneFaces(case)
+    none = replace(case, contact=Contact("sole", Flat(UP, -0.01), stiffness))
+    found, free, plane = solved(case, path), solved(none, path), ObstacleFaces(case)
     pressure, u, rest = path.at_output(), found.fields(range(101)), free.fields(range(101))
     before = np.linalg.norm(case.nodes - [8.0, 0.5, 0.5], axis=1).argmin()  # the sole begins at 10 mm
     x, x_free, end = u[:, before, 0], rest[:, before, 0], u[:, case.node_sets["x1"], 0].mean(axis=1)
@@ -77,7 +78,7 @@ def bar(cube: Cube, friction: float) -> Case:
     """A bar of 12 x 3 x 3 mm, clamped at x0, pressed on a plane by the pressure on its top: it widens."""
     case = cube((4, 2, 2), supports=(Support("x0", (0, 1, 2)),), pressurised="z1")
     nodes = case.nodes * [12.0, 3.0, 3.0]
-    return replace(case, nodes=nodes, contact=Contact("z0", UP, -0.004, 1.0, friction))
+    return replace(case, nodes=nodes, contact=Contact("z0", Flat(UP, -0.004), 1.0, friction))
 
 
 PRESSED = Path(TIME, np.array([0.0, 0.02, 0.008, 0.02, 0.0]), np.linspace(0.25, 4.0, 16))
@@ -103,7 +104,7 @@ def test_a_pressed_bar_comes_back(cube: Cube) -> None:
     # as a path that only rises, where slip takes other steps
     np.testing.assert_allclose(cycled[[1, 3]], rise.fields([0, 1]), rtol=0, atol=2e-3 * effect)
     case = bar(cube, 0.4)
-    above = replace(case, contact=replace(case.contact, distance=-0.01))
+    above = replace(case, contact=replace(case.contact, obstacle=Flat(UP, -0.01)))
     assert np.abs(solved(above, PRESSED).fields([15])).max() < 1e-7  # off the plane nothing is left of it
 
 
@@ -119,8 +120,8 @@ def test_gravity_that_turns_leaves_what_has_slid(cube: Cube, pull: float, slides
         assert far > 1e-3
         assert abs(left) < 1e-6
         return
-    free = solved(replace(case, contact=Contact("sole", UP, -0.01, 0.2)), path).fields([2])[0]
-    R = 0.2 * PlaneFaces(case).force(case.nodes + u[2])[:, 2].sum()  # N
+    free = solved(replace(case, contact=Contact("sole", Flat(UP, -0.01), 0.2)), path).fields([2])[0]
+    R = 0.2 * ObstacleFaces(case).force(case.nodes + u[2])[:, 2].sum()  # N
     # it is drawn back until friction holds what is left
     assert u[2, before, 0] - free[before, 0] == pytest.approx(shift(free[before, 0], R), rel=0.01)
 
@@ -151,7 +152,7 @@ def test_derivatives_along_a_path_are_those_of_whole_solves(
     path = Path(np.arange(3.0), np.array([0.0, 0.03, 0.02]), np.array([1.0, 2.0]))
 
     def test(friction: float, C10: float) -> tuple[Case, Path]:
-        plane = Contact("outside", (0.1, 0.0, 1.0), 1.0, 0.3, friction)
+        plane = Contact("outside", Flat((0.1, 0.0, 1.0), 1.0), 0.3, friction)
         return replace(stub.with_material(C10=C10), contact=plane), path
 
     at, directions = np.array([0.4, 0.214]), np.eye(2)
@@ -172,7 +173,7 @@ def test_friction_and_creep_are_followed_together(cube: Cube) -> None:
     creeping, plain = (c.with_material(prony=((0.2, 5.0),)) for c in (shoe(cube, 0.2), shoe(cube, 0.0)))
     u, free = (solved(c, path).fields(range(2)) for c in (creeping, plain))
     before = np.linalg.norm(creeping.nodes - [8.0, 0.5, 0.5], axis=1).argmin()
-    R = 0.2 * PlaneFaces(creeping).force(creeping.nodes + u[1])[:, 2].sum()
+    R = 0.2 * ObstacleFaces(creeping).force(creeping.nodes + u[1])[:, 2].sum()
     assert u[1, before, 0] < u[0, before, 0] - 0.02  # mm: it creeps, and slides on
     wanted = shift(free[1, before, 0], R, share=0.8)
     assert (u - free)[1, before, 0] == pytest.approx(wanted, rel=0.03)

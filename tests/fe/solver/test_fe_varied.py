@@ -10,6 +10,7 @@ import fe.path
 from fe import Block, Case, Clamp, Material, Path, Support, Variation, solve
 from fe.case import Contact, Layer
 from fe.element import Array
+from fe.obstacles import Flat
 from fe.solver.newton import equilibrium
 from tests.fe.conftest import SILICONE
 
@@ -48,7 +49,7 @@ def bar(cube: Cube) -> Case:
         supports=(Support("x1", (1,), lift),),
         forces={"x1": np.array([0.01, 0.0, -0.002])},
         layer=Layer("y1", 0.05),
-        contact=Contact("z0", UP, -0.004, 0.5),
+        contact=Contact("z0", Flat(UP, -0.004), 0.5),
     )
 
 

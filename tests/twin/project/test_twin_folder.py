@@ -269,7 +269,7 @@ def test_a_note_goes_to_the_log_and_not_to_the_screen(project, capsys):
         (FitRecord, "[" * 100_000, "brackets lie in each other too deeply"),
         (CameraRecord, "null", "all of it = None: it should be an object"),
         (DiagnosisRecord, '{"verdict": 1, "named": []}', "verdict = 1: it should be a valid string"),
-        (SolvedRows, '[{"C10": -1.0, "C01": 0.1, "top_MPa": 0.03}]', "C10 = -1.0: it should be greater than or equal to 0"),
+        (SolvedRows, '[{"values": {"C10": 0.2, "C01": 0.1}, "top_MPa": -0.03}]', "top_MPa = -0.03: it should be greater than 0"),
         (SourceRecord, "9" * 5000, "not valid JSON"),
     ],
 )
