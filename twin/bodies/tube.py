@@ -24,6 +24,7 @@ SLENDER = 20.0  # chamber widths over a wall, at most: a thinner one is a film
 CELL = 4.0  # walls of length of a cell along the tube, about
 ASPECT = 6.0  # walls that a cell along the outline is long, at most
 MOST = 40  # cells along it
+THICK = 0.3  # of half the chamber that a wall is thick, at most, where one cell across it does
 
 
 class TubeTable(TableModel):
@@ -108,6 +109,11 @@ class TubeTable(TableModel):
         return min(self._half[0] - self._inner[0], self._half[1] - self._inner[1] - abs(self.offset_mm))
 
     @property
+    def _thick(self) -> float:
+        """The thickest wall, mm."""
+        return max(self._half[0] - self._inner[0], self._half[1] - self._inner[1] + abs(self.offset_mm))
+
+    @property
     def _side_height(self) -> float:
         """Height of the markers' line on the side: the widest place of a round tube, else the lower edge."""
         return self.height_mm / 2 if self.section == "round" else 0.0
@@ -120,7 +126,8 @@ class TubeTable(TableModel):
         start, end = self._chamber
         across, up = (max(2, math.ceil(size / (ASPECT * self._thin))) for size in self._inner)
         along = math.ceil((end - start) / (CELL * (self._half[1] - self._inner[1])))
-        return Cells(along=min(max(along, 4), MOST), across=across, up=up)
+        wall = 2 if self._thick > THICK * max(self._inner) else 1
+        return Cells(along=min(max(along, 4), MOST), across=across, up=up, wall=wall)
 
     def case(self, lattice: Cells, material: "Material") -> "Case":
         """Half of the tube on a lattice; surface `skin`, around it without its ends, too."""
