@@ -95,8 +95,8 @@ DRAWN: dict[str, Callable[[Numbers], dict[str, Any]]] = {
 @dataclass(frozen=True)
 class Row:
     """One geometry: why it was not solved, or nothing; how far its tip moves, mm; how far that of the finest
-    lattice ends from it, as a share of the largest displacement; whether walls touch; its largest ratio of edges and smallest ratio of
-    Jacobians."""
+    lattice ends from it, as a share of the largest displacement; whether walls touch; its largest ratio of
+    edges and smallest ratio of Jacobians."""
 
     kind: str
     reason: str
