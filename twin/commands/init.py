@@ -60,8 +60,8 @@ def run_init(
     if form is not None and targets is None:
         raise ValueError("--format without --targets: name the file that the other program wrote")
     if deck is not None and (finger or body != "finger"):
-        stated = f"--finger {finger[0]}" if finger else f"--body {body}"
-        raise ValueError(f"{stated}: of a built-in body, whose place --deck takes; leave one out")
+        typed = f"--finger {finger[0]}" if finger else f"--body {body}"
+        raise ValueError(f"{typed}: of a built-in body, whose place --deck takes; leave one out")
     told = {point.name: point for point in map(_point, nodes)}
     known = {} if deck is not None else {n: PointTable(name=n, node=k) for n, k in NAMED_NODES.items()}
     kind, shape = body_table(body, finger)
