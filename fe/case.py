@@ -70,6 +70,23 @@ class Spring:
 
 
 @dataclass(frozen=True)
+class Tie:
+    """A surface whose nodes, where they lie within `reach` mm of another, follow the faces there."""
+
+    slave: str
+    master: str
+    reach: float
+
+
+@dataclass(frozen=True)
+class Equation:
+    """Displacements of nodes that add up to nothing: terms (label, component, factor), the first of which
+    follows the others."""
+
+    terms: tuple[tuple[int, int, float], ...]
+
+
+@dataclass(frozen=True)
 class Contact:
     """A rigid obstacle that a surface cannot pass: stiffness in MPa per mm of depth, on the area at rest;
     friction: Coulomb's coefficient (see `fe.kernel.contact`; below 0 in a neighbour of a derivative at 0
@@ -83,15 +100,28 @@ class Contact:
 
 
 @dataclass(frozen=True)
+class SelfContact:
+    """Two surfaces that cannot pass through each other, or one that cannot pass through itself, without
+    friction; stiffness in 1/mm: times the smallest shear modulus it is the pressure per mm of depth (see
+    `fe.kernel.selfcontact`), so that displacements stay a function of pressure over the moduli."""
+
+    first: str
+    second: str
+    stiffness: float = 20.0
+
+
+@dataclass(frozen=True)
 class Case:
     """Everything a solve needs, in mm, N, MPa.
 
     nodes (n, 3) mm; labels (n,) the Abaqus node numbers; one material per element set (together they cover
     every element once), of which `with_material` leaves those `kept` as they are; `pressurised` names the
-    surface that carries the follower pressure; `forces` are dead forces (3,) N, spread evenly over a node
-    set, `growing` the same in N/MPa, times the pressure. precurvature (1/mm): the structure is free of stress
-    where it is curved by so much towards -z, or by a course along x (see `assembly.Geometry`). layer: a sheet
-    bonded to it. In a half model forces and moments are those of the half.
+    surface that carries the follower pressure, of which surfaces in `shares` carry so much of it; `forces`
+    are dead forces (3,) N, spread evenly over a node set, `growing` the same in N/MPa, times the pressure.
+    precurvature (1/mm): the structure is free of stress where it is curved by so much towards -z, or by a
+    course along x (see `assembly.Geometry`). layer: a sheet bonded to it, layers: those that it has of its
+    own, as those of a deck. self_contact: which surfaces may touch each other. ties, equations: displacements
+    that follow others (see `kernel.tying`). In a half model forces and moments are those of the half.
     """
 
     nodes: Array
@@ -109,8 +139,13 @@ class Case:
     kept: tuple[str, ...] = ()
     precurvature: float | tuple[float, ...] = 0.0
     layer: Layer | None = None
+    layers: tuple[Layer, ...] = ()
     contact: Contact | None = None
+    self_contact: tuple[SelfContact, ...] = ()
     growing: Mapping[str, Array] = field(default_factory=dict)
+    shares: Mapping[str, float] = field(default_factory=dict)
+    ties: tuple[Tie, ...] = ()
+    equations: tuple[Equation, ...] = ()
 
     @property
     def connectivity(self) -> Integers:
@@ -129,6 +164,12 @@ class Case:
                 f"elements of the types {', '.join(types)} in one model: wanted one type; mesh it with one"
             )
         return ELEMENTS[types[0]]
+
+    @property
+    def sheets(self) -> tuple[Layer, ...]:
+        """All sheets that are bonded to it and have a stiffness."""
+        own = (*self.layers, self.layer) if self.layer else self.layers
+        return tuple(sheet for sheet in own if np.any(sheet.stiffness))
 
     @property
     def clamped(self) -> Integers:
@@ -166,9 +207,22 @@ class Case:
             )
         return self.nodes[row[0]]
 
+    @property
+    def pressure_shares(self) -> Array | None:
+        """What of the pressure each face (f,) of the pressurised surface carries; None where all carry it."""
+        if not self.shares or not self.pressurised:
+            return None
+        faces = [tuple(row) for row in self.surfaces[self.pressurised].tolist()]
+        shares = {tuple(r): s for name, s in self.shares.items() for r in self.surfaces[name].tolist()}
+        return np.array([shares.get(face, 1.0) for face in faces])
+
     def face_nodes(self, surface: str) -> Integers:
         """Node rows (f, m) of a surface's faces, ordered so that their normal points out of the material."""
-        element, face = self.surfaces[surface].T
+        return self.nodes_of_faces(self.surfaces[surface])
+
+    def nodes_of_faces(self, faces: Integers) -> Integers:
+        """Node rows (f, m) of faces (f, 2) = (element, face), in the same order."""
+        element, face = faces.T
         return np.take_along_axis(self.connectivity[element], self.element.faces[face], axis=1)
 
     def per_element(self, name: str) -> Array:

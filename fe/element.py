@@ -231,6 +231,19 @@ def _hex8(name: str) -> Element:
     return Element(name, local=_HEX8, shape=shape, faces=faces, corners=_QUAD, modes="constant", **rules)
 
 
+def _linear_tet(xi: Array) -> tuple[Array, Array]:
+    """4-node tetrahedron."""
+    value = barycentric(np.asarray(xi))
+    return value, np.broadcast_to(np.vstack([-np.ones(3), np.eye(3)]), (len(value), 4, 3)).copy()
+
+
+def _tet4(name: str) -> Element:
+    """As in Abaqus and CalculiX one point, where the volume is that of the whole element."""
+    rules = _rules((np.full((1, 3), 0.25), np.full(1, 1 / 6)), (np.full((1, 2), 1 / 3), np.full(1, 0.5)))
+    faces, local, shape = np.array(_TET_FACES), _TET10[:4], _linear_tet
+    return Element(name, local=local, shape=shape, faces=faces, corners=(0, 1, 2), modes="constant", **rules)
+
+
 def _tet10(name: str) -> Element:
     rules = _rules((_TET_POINTS, np.full(4, 1 / 24)), (_TRIANGLE, _TRIANGLE_WEIGHTS))
     faces, corners = _with_middles(_TET_FACES, _TET_EDGES, 4), (0, 1, 2)
@@ -247,6 +260,7 @@ ELEMENTS = {
         *(_hex20(name, 3, "linear") for name in ("C3D20", "C3D20H")),
         *(_hex8(name) for name in ("C3D8", "C3D8H")),
         *(_tet10(name) for name in ("C3D10", "C3D10H")),
+        *(_tet4(name) for name in ("C3D4", "C3D4H")),
     )
 }
 
@@ -259,6 +273,7 @@ def scatter(rows: Integers, values: Array, count: int) -> Array:
 # Triangles of a face with so many nodes, counter-clockwise from outside: Abaqus lists corners in a turn and
 # then the middles of their edges, hex27 row by row.
 _CUT = {
+    3: [(0, 1, 2)],
     4: [(0, 1, 2), (0, 2, 3)],
     6: [(0, 3, 5), (3, 1, 4), (5, 4, 2), (3, 4, 5)],
     8: [(0, 4, 7), (4, 1, 5), (5, 2, 6), (6, 3, 7), (4, 5, 6), (4, 6, 7)],

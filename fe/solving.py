@@ -399,7 +399,8 @@ class _Key:
         surface = case.surfaces[case.pressurised] if case.pressurised else ()
         held = case.supported, case.clamped
         mesh = case.element.name, case.nodes, case.connectivity, case.precurvature
-        self.digest = digest(*mesh, surface, *held)
+        tied = [case.surfaces[name] for tie in case.ties for name in (tie.slave, tie.master)]
+        self.digest = digest(*mesh, surface, *held, case.ties, case.equations, *tied, case.pressure_shares)
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, _Key) and other.digest == self.digest

@@ -136,7 +136,7 @@ def write_tube(folder: Path, kind: str, *, pressure: float = 0.08, cells: int = 
     x = np.concatenate([[0], np.linspace(4, 45, cells - 1), [50]])
     y, z = np.array([0, 2, 3, 4]), np.array([0, 4, 5, 6, 7])
     grid = [np.interp(np.arange(2 * len(v) - 1) / 2, np.arange(len(v)), v) for v in (x, y, z)]
-    tets, corners_only = kind.startswith("C3D10"), kind.startswith("C3D8")
+    tets, corners_only = kind.startswith(("C3D10", "C3D4")), kind.startswith(("C3D8", "C3D4"))
     elements, void = [], set()
     for i, j, k in np.ndindex(len(x) - 1, 3, 4):
         if 0 < i < len(x) - 2 and j < 2 and 0 < k < 3:
@@ -149,7 +149,7 @@ def write_tube(folder: Path, kind: str, *, pressure: float = 0.08, cells: int = 
         for four in SIX:
             c = [np.array(at[int(n) - 1]) for n in four]
             middles = [(c[a] + c[b]) // 2 for a, b in ((0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3))]
-            elements.append([tuple(int(v) for v in p) for p in (*c, *middles)])
+            elements.append([tuple(int(v) for v in p) for p in (c if corners_only else (*c, *middles))])
     used = sorted({p for e in elements for p in e})
     label = {p: 11 + 3 * n for n, p in enumerate(used)}  # with gaps
     last = 2 * (len(x) - 1), 6, 0

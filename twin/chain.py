@@ -104,7 +104,8 @@ COMMANDS = (
     Stage(
         name="calibrate", title="Fit the material constants to the displacements.",
         reads=("[model]", "[points]", "[calibrate]", TARGETS, DECK),
-        writes=(FIT, "generations.npz", "candidates.npz", "prediction.npz", "judged.npz", "comparison.json"),
+        writes=(FIT, "generations.npz", "candidates.npz", "prediction.npz", "judged.npz", "comparison.json",
+                "starts.png"),
         function="twin.commands.calibrate:run_calibrate", solves=True,
     ),
     Stage(

@@ -71,7 +71,10 @@ OPTIONS: dict[str, tuple[Parameter, ...]] = {
         _option("body", str, "finger", "kind, such as pneunet:chambers=4"),
         _option("sd_mm", NUMBER, None, "sd of one position in another program's file, mm"),
         _option("still", str, "", "instead: its rows at rest, 0-60,200-260, or holds"),
-        _option("deck", Path | None, None, "Abaqus deck of your own mesh, in mm, N and MPa"),
+        _option("deck", Path | None, None, "Abaqus deck of your own mesh, in mm, N and MPa; or a mesh of "
+                "Gmsh or VTK with named groups"),
+        _option("pressure_set", str, "", "of such a mesh: the group of faces under pressure"),
+        _option("clamp_set", str, "", "of such a mesh: the group of faces that is held"),
         _option("like", Path | None, None, "project of a former batch on the same rig: "
                 "its twin.toml is copied"),
     ),
@@ -103,6 +106,8 @@ OPTIONS: dict[str, tuple[Parameter, ...]] = {
         _flag("budget", "print what the uncertainty of each marker consists of"),
     ),
     "calibrate": (
+        _option("starts", int, 0, "also least squares from so many starts, over all of the bounds, with a "
+                "picture of where they end"),
         _option("laws", str, "", "laws of the silicone to fit and compare, between commas such as "
                 "yeoh,gent, or all"),
     ),

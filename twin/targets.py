@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import TYPE_CHECKING
 
@@ -104,6 +104,15 @@ class Noise:
 
 
 @dataclass(frozen=True, kw_only=True)
+class KnownValue:
+    """A parameter, a sum C10+C01 or the share of C01, measured elsewhere: its mean and sd, in its unit."""
+
+    name: str
+    mean: float
+    sd: float
+
+
+@dataclass(frozen=True, kw_only=True)
 class Targets:
     """Displacements relative to the mean of the reference steps, with all that is known of their errors."""
 
@@ -125,6 +134,8 @@ class Targets:
     pressure_sd: Array  # (s,) MPa, gauge noise of each step's pressure; 0 where not known
     noises: tuple[Noise, ...] = ()  # (blocks,) where each film has its own; `noise` is the least known then
     loads: tuple[Load, ...] = ()  # what hangs on the structure, by block
+    known: tuple[KnownValue, ...] = ()  # what is known of the parameters beside the film
+    tails: float = 0.0  # degrees of freedom of Student's t, which the errors have; 0: they are normal
 
     def __post_init__(self) -> None:
         s, p, k = len(self.time), len(self.points), len(self.mode_names)
@@ -137,6 +148,11 @@ class Targets:
             if getattr(self, name).shape != shape:
                 raise ValueError(f"targets: {name} has shape {getattr(self, name).shape}; wanted {shape}")
         _check(self)
+
+    @property
+    def alone(self) -> "Targets":
+        """The targets with normal errors, and with nothing that is known beside them."""
+        return replace(self, known=(), tails=0.0) if self.known or self.tails else self
 
     @property
     def rests(self) -> NDArray[np.int64]:

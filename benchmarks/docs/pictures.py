@@ -9,6 +9,7 @@
     effects  effects/<name>.png, one an effect    a finger of three bellows on a coarse mesh, two minutes
     nodes    nodes.png                            the built-in finger
     look     look.png                             `twin look` of a finger with other dimensions
+    read     read.png                             `twin look` of a deck of two parts, a second
     explore  explore.png                          `twin explore` as docs/exploring.md has it, two minutes
     pareto   pareto.png                           `twin pareto` after `twin demo --quick`, two minutes
     contact  contact.png                          the built-in finger, nominal constants, on a cylinder
@@ -41,6 +42,7 @@ import matplotlib.collections
 matplotlib.use("Agg")
 from benchmarks.docs.figures import drawn
 from benchmarks.docs.reference import edge_nodes
+from benchmarks.kernel.actuatordecks import write as actuators
 
 import cv2
 import matplotlib.pyplot as plt
@@ -51,13 +53,14 @@ from scipy.spatial import ConvexHull
 from fe import Finger, Lattice, Material, finger_case, solve
 from fe import Path as Course
 from fe.element import triangles
+from twin.drawing.readpicture import as_read
 from twin.drawing.touchplot import draw_touch
 from twin.effects.library import all_effects
 from twin.effects.material import Elasticity
 from twin.effects.protocol import Effect, Test
 from twin.model.objects import RigidObject
 from twin.model.prediction import Model
-from twin.model.structure import base_case
+from twin.model.structure import base_case, of_deck
 from twin.review.arrangement import VIEWS
 from twin.targets import Array
 from twin.virtual.protocols import CORNERS, PERIOD, PROTOCOLS
@@ -357,6 +360,17 @@ def contact(demo: Path) -> None:
     (TO / "contact.png").write_bytes(picture)
 
 
+def read(demo: Path) -> None:
+    """What `twin look` draws of a deck of two tied parts."""
+    del demo
+    with tempfile.TemporaryDirectory() as folder:
+        deck = actuators(Path(folder))["twolayers"]
+        case = of_deck(deck, silicone=("upper-1.body",)).case
+        whole = Path(folder) / "read.png"
+        whole.write_bytes(as_read(case, title=f"raw/{deck.name}: what the model takes from it"))
+        _smaller(whole, TO / "read.png", width=850)
+
+
 def explore(demo: Path) -> None:
     """What `twin explore` of docs/exploring.md draws."""
     del demo
@@ -390,7 +404,8 @@ def _outline(points: Array) -> Array:
 
 PICTURES: dict[str, Callable[[Path], None]] = {
     "review": review, "overlay": overlay, "report": report, "effects": effects, "nodes": nodes,
-    "look": look, "explore": explore, "pareto": pareto, "protocols": protocols, "contact": contact,
+    "look": look, "read": read, "explore": explore, "pareto": pareto, "protocols": protocols,
+    "contact": contact,
 }  # fmt: skip
 
 

@@ -2,9 +2,12 @@
 
 import math
 import os
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
+
+from fe.deck.expressions import value_of
 
 LARGEST = 10**9  # of a label: Abaqus takes nine digits
 
@@ -77,23 +80,26 @@ def _shown(words: list[str]) -> str:
 
 @dataclass(frozen=True)
 class DeckText:
-    """What a deck says: its keywords in order, and all files that were read, the deck itself first."""
+    """What a deck says: its keywords in order, all files that were read, the deck itself first, and the units
+    that a comment such as `** units: mm, N, s` declares, with its place."""
 
     keywords: tuple[Keyword, ...]
     files: tuple[Path, ...]
+    units: tuple[Place, str] | None = None
 
 
 def read_keywords(path: Path) -> DeckText:
     """The keywords of a deck in order; comments and empty lines are left out, continued lines joined.
 
-    *INCLUDE, and INPUT= of any keyword, read another file, named from the deck's folder. ValueError where it
-    is not there, lies outside that folder, includes itself, or where files are too many or too deep in each
-    other.
+    *INCLUDE, and INPUT= of any keyword, read another file, named from the deck's folder; <name> stands for
+    the value that *PARAMETER gives it above. ValueError where a file is not there, lies outside that folder,
+    includes itself, or where files are too many or too deep in each other, or a parameter has no value.
     """
     reading = _Reading(path)
-    return DeckText(tuple(_keywords(reading)), tuple(reading.files))
+    return DeckText(tuple(_keywords(reading)), tuple(reading.files), reading.units)
 
 
+UNITS = re.compile(r"\*\*\s*units?\s*[:=](.+)", re.IGNORECASE)  # a comment that declares them
 DEEPEST, MOST_FILES, MOST_BYTES = 16, 1000, 2**30  # of includes in each other; of all that is read
 
 
@@ -105,6 +111,30 @@ class _Reading:
     files: list[Path] = field(default_factory=list)
     opened: int = 0
     size: int = 0
+    units: tuple[Place, str] | None = None
+    parameters: dict[str, float | str] = field(default_factory=dict)
+
+    def define(self, place: Place, text: str) -> None:
+        """Give a parameter the value that a data line of *PARAMETER states."""
+        name, is_there, expression = text.partition("=")
+        if not is_there or not name.strip().isidentifier():
+            raise ValueError(f"{place}: {_shown([text])}: wanted NAME = EXPRESSION, as in wall = 2.5")
+        try:
+            self.parameters[name.strip().lower()] = value_of(expression, self.parameters)
+        except ValueError as error:
+            raise ValueError(f"{place}: *PARAMETER {name.strip()}: {error}") from None
+
+    def filled(self, place: Place, text: str) -> str:
+        """A line with the values of its parameters in the place of their names."""
+
+        def value(found: re.Match[str]) -> str:
+            if found[1].lower() not in self.parameters:
+                raise ValueError(
+                    f"{place}: <{found[1]}>: no such parameter; define it above, under *PARAMETER"
+                )
+            return str(self.parameters[found[1].lower()])
+
+        return re.sub(r"<\s*(\w+)\s*>", value, text) if "<" in text else text
 
     def text(self, file: Path, keyword: Keyword | None, depth: int) -> str:
         """The text of a file. ValueError at the keyword that asks for one too many."""
@@ -141,7 +171,11 @@ def _keywords(reading: _Reading) -> Iterator[Keyword]:
     open_: Keyword | None = None
     head: list[str] = []
     start = Place(reading.deck, 0)
-    for place, text in _lines(reading, reading.deck, (), None):
+    for place, raw in _lines(reading, reading.deck, (), None):
+        if not raw.startswith("*") and not head and open_ is not None and open_.name == "PARAMETER":
+            reading.define(place, raw)
+            continue
+        text = reading.filled(place, raw)
         if not text.startswith("*") and not head:
             if open_ is not None:
                 open_.data.append((place, _words(text)))
@@ -155,7 +189,7 @@ def _keywords(reading: _Reading) -> Iterator[Keyword]:
         open_, head = _keyword("".join(head), start), []
         if "INPUT" in open_.parameters:
             lines = _lines(reading, reading.other(open_), (reading.deck,), open_)
-            open_.data.extend((at, _words(line)) for at, line in lines)
+            open_.data.extend((at, _words(reading.filled(at, line))) for at, line in lines)
             del open_.parameters["INPUT"]
     if open_ is not None:
         yield open_
@@ -176,6 +210,8 @@ def _lines(
     for number, raw in enumerate(reading.text(path, keyword, len(within)).splitlines(), start=1):
         text, place = raw.strip(), Place(path, number)
         if not text or text.startswith("**"):
+            if found := UNITS.match(text):
+                reading.units = place, found[1].strip()
             continue
         included = _keyword(text, place) if text[:40].upper().lstrip("* ").startswith("INCLUDE") else None
         if included is None or included.name != "INCLUDE" or not text.startswith("*"):

@@ -10,6 +10,7 @@ from scipy.spatial import cKDTree
 from fe.case import Case
 from fe.element import Array, Integers
 from fe.kernel.pressure import PressureFaces
+from fe.kernel.tying import dependence
 from fe.mesh.refine import free_faces
 
 SMALLEST_MM, LARGEST_MM = 5.0, 2000.0  # of a soft finger's longest side
@@ -103,7 +104,9 @@ def _check_held(case: Case, file: str) -> None:
         )
     n, cells = len(case.nodes), case.connectivity
     rows = np.repeat(np.arange(len(cells)), cells.shape[1])
-    graph = sp.coo_matrix((np.ones(cells.size), (cells[rows, 0], cells.ravel())), shape=(n, n))
+    follower, leader = _followers(case)
+    one, other = np.append(cells[rows, 0], follower), np.append(cells.ravel(), leader)
+    graph = sp.coo_matrix((np.ones(len(one)), (one, other)), shape=(n, n))
     count, part = connected_components(graph, directed=False)
     for k in range(count):
         free = _free_motion(case, np.flatnonzero(part == k))
@@ -116,6 +119,15 @@ def _check_held(case: Case, file: str) -> None:
                 f"{file}: nothing holds {which} against a rigid motion {free}; wanted *BOUNDARY on the nodes "
                 f"of the clamp, as in `Root, 1, 3`{merge}"
             )
+
+
+def _followers(case: Case) -> tuple[Integers, Integers]:
+    """Pairs of nodes (k,), (k,) of which the first follows the second."""
+    tied = dependence(case)
+    if tied is None:
+        return np.empty(0, np.int64), np.empty(0, np.int64)
+    entries = tied.weights.tocoo()
+    return tied.dofs[entries.row] // 3, entries.col.astype(np.int64) // 3
 
 
 def _free_motion(case: Case, rows: Integers) -> str:
@@ -133,13 +145,25 @@ def _free_motion(case: Case, rows: Integers) -> str:
 
 
 def _check_chamber(case: Case, file: str) -> None:
-    """The pressure must act on the skin, on a surface that encloses a space, and from its inside."""
+    """The pressure must act on the skin, on surfaces that enclose a space, and from its inside; those with a
+    pressure of their own each enclose one."""
     if case.pressurised is None:
         return
-    faces = case.surfaces[case.pressurised]
     skin = {tuple(row) for row in free_faces(case).tolist()}
+    shares = dict[float, list[str]]()
+    for surface, share in (case.shares or {case.pressurised: 1.0}).items():
+        shares.setdefault(share, []).append(surface)
+    for surfaces in shares.values():
+        faces = np.concatenate([case.surfaces[surface] for surface in surfaces])
+        _check_space(case, "+".join(surfaces), faces, skin, file)
+
+
+def _check_space(
+    case: Case, surface: str, faces: Integers, skin: set[tuple[int, ...]], file: str
+) -> None:
+    """ValueError unless the faces (f, 2) of one pressure enclose a space, and it acts from inside."""
     buried = [row for row in faces.tolist() if tuple(row) not in skin]
-    name = f"the pressurised surface {case.pressurised!r}"
+    name = f"the pressurised surface {surface!r}"
     if not len(faces):
         raise ValueError(f"{file}: {name} has no faces; wanted those of the chamber")
     if buried:
@@ -148,7 +172,7 @@ def _check_chamber(case: Case, file: str) -> None:
             f"{file}: {name} has {len(buried)} faces that lie inside the material, one near ({x:.4g}, "
             f"{y:.4g}, {z:.4g}) mm; wanted faces on the skin of the chamber; correct the numbers of the faces"
         )
-    pressed = PressureFaces(case.face_nodes(case.pressurised), case.element, len(case.nodes))
+    pressed = PressureFaces(case.nodes_of_faces(faces), case.element, len(case.nodes))
     force = pressed.force(case.nodes)
     if not np.abs(force[~case.supported]).max(initial=0.0) > HELD * np.abs(force).max():
         raise ValueError(
@@ -156,6 +180,7 @@ def _check_chamber(case: Case, file: str) -> None:
             "the chamber, or *BOUNDARY on the nodes of the clamp alone"
         )
     edges = pressed.open_edges(case.nodes, ~case.supported.reshape(-1))
+    edges = edges[~np.isin(edges, _joints(case)).all(axis=1)]  # there another mesh goes on
     if len(edges):
         x, y, z = case.nodes[edges[0]].mean(axis=0)
         raise ValueError(
@@ -168,6 +193,12 @@ def _check_chamber(case: Case, file: str) -> None:
             f"{file}: the pressure acts on {name} from outside; wanted the faces of the chamber, "
             "which it fills"
         )
+
+
+def _joints(case: Case) -> Integers:
+    """The nodes of all surfaces that are tied to each other."""
+    rows = [case.face_nodes(name).ravel() for tie in case.ties for name in (tie.slave, tie.master)]
+    return np.unique(np.concatenate(rows)) if rows else np.empty(0, np.int64)
 
 
 def _volume(case: Case, pressed: PressureFaces) -> float:

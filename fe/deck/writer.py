@@ -5,7 +5,7 @@ from itertools import chain
 
 import numpy as np
 
-from fe.case import Case, Layer, Support
+from fe.case import Case, Layer, SelfContact, Support
 from fe.deck.hyperelastic import written_law
 from fe.deck.obstacle import MOST_BRICKS, touched
 from fe.element import Array, Integers
@@ -38,9 +38,10 @@ def deck(
 
     kind: the Abaqus element that takes the place of hex27, on the mesh's own nodes and labels (see
     `convert.converted`); a case that has Abaqus elements already keeps them. Names of sets are written in
-    capitals. A rigid obstacle is written as held bricks and a contact pair (`obstacle.touched`), a layer as
-    membranes on the solids' own nodes. ValueError for what it cannot hold: an elastic clamp, a precurvature,
-    an obstacle on a spring, a term of Gent, and in a static step a Prony series.
+    capitals. A rigid obstacle is written as held bricks and a contact pair (`obstacle.touched`), surfaces
+    that may touch as contact pairs, a layer as membranes on the solids' own nodes. ValueError for what it
+    cannot hold: an elastic clamp, a precurvature, an obstacle on a spring, a surface that may touch itself, a
+    term of Gent, and in a static step a Prony series.
     """
     _check(case, static=times is None)
     if levels and case.forces and case.growing:
@@ -60,19 +61,23 @@ def deck(
         _wrapped((e, *changed.labels[row])) for e, row in enumerate(changed.connectivity, start=1)
     )
     for name, rows in changed.node_sets.items():
-        lines += [f"*NSET, NSET={name.upper()}", *_wrapped(changed.labels[rows], last=False)]
+        lines += [f"*NSET, NSET={in_deck(name)}", *_wrapped(changed.labels[rows], last=False)]
     for name, rows in changed.element_sets.items():
-        lines += [f"*ELSET, ELSET={name.upper()}", *_wrapped(rows + 1, last=False)]
+        lines += [f"*ELSET, ELSET={in_deck(name)}", *_wrapped(rows + 1, last=False)]
     for name, faces in changed.surfaces.items():
-        lines += [f"*SURFACE, NAME={name.upper()}, TYPE=ELEMENT"]
+        lines += [f"*SURFACE, NAME={in_deck(name)}, TYPE=ELEMENT"]
         lines += [f"{e + 1}, S{f + 1}" for e, f in faces]
     for name, material in changed.materials.items():
         lines += _material(name, material)
-        lines += [f"*SOLID SECTION, ELSET={name.upper()}, MATERIAL={name.upper()}"]
-    if changed.layer and np.any(changed.layer.stiffness):
-        lines += _sheet(changed, changed.layer)
+        lines += [f"*SOLID SECTION, ELSET={in_deck(name)}, MATERIAL={in_deck(name)}"]
+    first = len(changed.connectivity) + MOST_BRICKS + 1  # after the solids and the obstacle's bricks
+    for k, layer in enumerate(changed.sheets):
+        lines += _sheet(changed, layer, f"SHEET_{k}_" if k else "SHEET", first)
+        first += len(changed.surfaces[layer.surface])
     if changed.contact and changed.contact.stiffness:
         lines += touched(changed, changed.contact)
+    lines += chain.from_iterable(_touching(changed, n, c) for n, c in enumerate(changed.self_contact))
+    lines += _joints(changed)
     lines += ["*BOUNDARY", *(line for s in supports if s.value is None for line in _held(s))]
     lasting, growing = _lasting(changed, supports, gravity), _growing(changed, pressure)
     if levels and lasting:
@@ -82,6 +87,24 @@ def deck(
     if times and times[1]:
         lines += [*_step(times[1]), *END]
     return "\n".join([*lines, ""])
+
+
+def in_deck(name: str) -> str:
+    """A name as a deck has it: in capitals, without the point after an instance."""
+    return name.upper().replace(".", "_")
+
+
+def _joints(case: Case) -> list[str]:
+    """Ties and equations."""
+    lines = list[str]()
+    for k, tie in enumerate(case.ties, start=1):
+        lines += [f"*TIE, NAME=TIE_{k}, POSITION TOLERANCE={tie.reach:.10g}"]
+        lines += [f"{in_deck(tie.slave)}, {in_deck(tie.master)}"]
+    for equation in case.equations:
+        words = [f"{label}, {d + 1}, {factor:.10g}" for label, d, factor in equation.terms]
+        lines += ["*EQUATION", str(len(words))]
+        lines += [", ".join(words[i : i + 4]) for i in range(0, len(words), 4)]
+    return lines
 
 
 END = ("*NODE FILE", "U", "*END STEP")
@@ -113,7 +136,8 @@ def _growing(case: Case, pressure: float) -> list[str]:
     for name, force in case.growing.items():
         lines += _forces(case, name, pressure * np.asarray(force))
     if case.pressurised:
-        lines += ["*DSLOAD", f"{case.pressurised.upper()}, P, {pressure:.10g}"]
+        shares = case.shares or {case.pressurised: 1.0}
+        lines += ["*DSLOAD", *(f"{in_deck(n)}, P, {share * pressure:.10g}" for n, share in shares.items())]
     return lines
 
 
@@ -141,9 +165,14 @@ def _check(case: Case, *, static: bool) -> None:
             f"clamp of compliance {case.clamp.compliance:g} rad/(N mm): a deck holds a rigid clamp "
             "only; set it to 0"
         )
+    for c in case.self_contact:
+        if c.first == c.second:
+            raise ValueError(
+                f"surface {c.first!r} that may touch itself: a deck holds pairs of two surfaces; name the two"
+            )
     if np.any(case.precurvature):
         raise ValueError("a precurvature: a deck holds a structure without stress at rest; set it to 0")
-    if case.layer and case.layer.wound:
+    if any(sheet.wound for sheet in case.sheets):
         raise ValueError(
             "a layer of wound fibres: a deck holds sheets alone, stiff in all directions; leave it out"
         )
@@ -154,7 +183,7 @@ def _check(case: Case, *, static: bool) -> None:
 
 
 def _material(name: str, m: Material) -> list[str]:
-    lines = [f"*MATERIAL, NAME={name.upper()}", *written_law(name, m)]
+    lines = [f"*MATERIAL, NAME={in_deck(name)}", *written_law(name, m)]
     if m.prony:
         lines[1] += ", MODULI=INSTANTANEOUS"
         lines += ["*VISCOELASTIC, TIME=PRONY", *(f"{g:.10g}, 0., {tau:.10g}" for g, tau in m.prony)]
@@ -164,16 +193,16 @@ def _material(name: str, m: Material) -> list[str]:
     return [*lines, "*DENSITY", f"{m.density:.10g},"] if m.density else lines
 
 
-MEMBRANES = {8: "M3D8", 6: "M3D6", 4: "M3D4"}  # by the nodes of a face
+MEMBRANES = {8: "M3D8", 6: "M3D6", 4: "M3D4", 3: "M3D3"}  # by the nodes of a face
 SHEET = 0.01  # mm, a thickness for what only has thickness x modulus: in CalculiX 0.1 does 0.1 % less
 
 
-def _sheet(case: Case, layer: Layer) -> list[str]:
-    """The layer as membranes, numbered after the solids and the obstacle's bricks."""
+def _sheet(case: Case, layer: Layer, prefix: str, first: int) -> list[str]:
+    """The layer as membranes, numbered from `first`."""
     faces, each = case.labels[case.face_nodes(layer.surface)], layer.per_face(case)
-    first, lines = len(case.connectivity) + MOST_BRICKS + 1, list[str]()
+    lines = list[str]()
     for k, stiffness in enumerate(np.unique(each[each != 0])):
-        name, rows = f"SHEET{k or ''}", np.flatnonzero(each == stiffness)
+        name, rows = f"{prefix}{k or ''}", np.flatnonzero(each == stiffness)
         lines += [
             f"*ELEMENT, TYPE={MEMBRANES[faces.shape[1]]}, ELSET={name}",
             *chain.from_iterable(_wrapped((first + int(row), *faces[row])) for row in rows),
@@ -183,8 +212,19 @@ def _sheet(case: Case, layer: Layer) -> list[str]:
     return lines
 
 
+def _touching(case: Case, number: int, contact: SelfContact) -> list[str]:
+    """What happens between two surfaces that may touch each other."""
+    stiffness = contact.stiffness * case.per_element("shear").min()
+    return [
+        f"*SURFACE INTERACTION, NAME=WALLS{number}",
+        *("*SURFACE BEHAVIOR, PRESSURE-OVERCLOSURE=LINEAR", f"{stiffness:.10g},"),
+        f"*CONTACT PAIR, INTERACTION=WALLS{number}, TYPE=SURFACE TO SURFACE",
+        f"{contact.first.upper()}, {contact.second.upper()}",
+    ]
+
+
 def _held(s: Support) -> list[str]:
-    return [f"{s.nodes.upper()}, {d + 1}, {d + 1}" for d in s.components]
+    return [f"{in_deck(s.nodes)}, {d + 1}, {d + 1}" for d in s.components]
 
 
 def _moved(case: Case, s: Support, value: np.ndarray) -> list[str]:

@@ -12,10 +12,11 @@ from functools import cached_property
 from typing import TypeVar
 
 import numpy as np
+import scipy.sparse as sp
 from numpy.polynomial.legendre import legval
 from scipy.special import erf
 
-from fe.case import Case
+from fe.case import Case, digest
 from fe.element import Array, Element, Flags, Integers, scatter
 from fe.kernel import compiled
 from fe.kernel.compiled import (
@@ -31,6 +32,9 @@ from fe.kernel.compiled import (
 from fe.kernel.matrix import Symmetric
 from fe.kernel.pattern import Pattern, Places
 from fe.kernel.pressure import PressureFaces
+from fe.kernel.reduced import Reduced
+from fe.kernel.tying import Dependence, dependence
+from fe.kernel.widening import Wider
 from fe.laws import scaled
 from fe.terms import OGDEN, PAIRS
 
@@ -229,7 +233,8 @@ class Linearised:
     displacements and then shared pressures; coupling (e, 3 n, m) and compliance (e, m, m) give the pressure
     update; turning (f,) is the tangent times the clamp's rigid rotation for the unknowns, lever (n, 3) N the
     same for the clamp nodes; border, degrees of freedom (g, k) and matrices (g, k, k) N/mm, is what of the
-    tangent is not symmetric, where the pressurised surface has open edges.
+    tangent is not symmetric, where the pressurised surface has open edges; wider: the pattern of the data
+    where faces touch each other.
     """
 
     force: Array
@@ -240,6 +245,7 @@ class Linearised:
     turning: Array
     lever: Array
     border: tuple[Integers, Array] | None = None
+    wider: Wider | None = None
 
 
 class Kernel:
@@ -251,12 +257,14 @@ class Kernel:
         self.geometry = Geometry(case.nodes, self.connectivity, self.element, case.precurvature)
         self.modes = self.geometry.psi.shape[2]
         self.pressure = PressureFaces(
-            case.face_nodes(case.pressurised) if case.pressurised else None, self.element, len(case.nodes)
-        )
+            case.face_nodes(case.pressurised) if case.pressurised else None, self.element, len(case.nodes),
+            case.pressure_shares,
+        )  # fmt: skip
         held, self.clamped = case.supported, case.clamped
         self.supported = np.flatnonzero(held)  # degrees of freedom
         held[self.clamped] = True
         self.free = np.flatnonzero(~held.ravel())
+        self.dependence = dependence(case)
         self._open = self.pressure.open_edges(case.nodes, ~held.ravel())
         width = self.connectivity.shape[1]
         self._element_dofs = (self.connectivity[:, :, None] * 3 + np.arange(3)).reshape(-1, 3 * width)
@@ -264,6 +272,7 @@ class Kernel:
         corners = self.connectivity[:, : self.modes] if self.element.shared else np.empty((0, 0), np.int64)
         self._corner = np.unique(corners, return_inverse=True)[1].reshape(corners.shape)
         self.shared = int(self._corner.max(initial=-1)) + 1
+        self._widened: tuple[str, Wider] | None = None  # the newest, by what meets
         self._clamp_faces = np.flatnonzero(np.isin(self.pressure.faces, self.clamped).any(axis=1))
         self._clamp_elements = np.flatnonzero(np.isin(self.connectivity, self.clamped).any(axis=1))
 
@@ -301,9 +310,33 @@ class Kernel:
         return *found, pattern.places(e.reshape(len(e), -1), corners), pattern.places(corners, corners)
 
     @cached_property
-    def matrix(self) -> Symmetric:
+    def matrix(self) -> Symmetric | Reduced:
         """The solver for this pattern."""
-        return Symmetric(self._pattern.indptr, self._pattern.indices)
+        return self._solver(self._pattern)
+
+    def _solver(self, pattern: Pattern) -> Symmetric | Reduced:
+        """The solver for a pattern of all unknowns."""
+        if self.dependence is None:
+            return Symmetric(pattern.indptr, pattern.indices)
+        return Reduced(pattern, self._followers(self.dependence))
+
+    def _followers(self, tied: Dependence) -> sp.csr_matrix:
+        """All unknowns by those that follow nothing: a matrix (f, g)."""
+        size, own = len(self.free) + self.shared, self._number[tied.dofs]
+        independent = np.setdiff1d(np.arange(size), own)
+        column = np.full(size, -1)
+        column[independent] = np.arange(len(independent))
+        entries = tied.weights.tocoo()
+        master = self._number[entries.col]  # -1: held
+        free = master >= 0
+        rows = np.concatenate([independent, own[entries.row[free]]])
+        columns = np.concatenate([column[independent], column[master[free]]])
+        values = np.concatenate([np.ones(len(independent)), entries.data[free]])
+        return sp.csr_matrix((values, (rows, columns)), shape=(size, len(independent)))
+
+    def followed(self, u: Array) -> Array:
+        """Displacements (n, 3) mm in which nodes that follow others do so."""
+        return u if self.dependence is None else self.dependence.followed(u)
 
     def _each(self, work: Callable[[int, int], _T]) -> list[_T]:
         """The results of `work` on the elements first .. last, shared by all threads: compiled code lets go
@@ -458,20 +491,23 @@ class Kernel:
             turning=turning, lever=lever, border=border,
         )  # fmt: skip
 
-    def with_faces(self, data: Array, dofs: Integers, K: Array) -> Array:
-        """The upper triangle `data` with symmetric matrices K (g, k, k) of faces of elements added, which are
-        at the degrees of freedom (g, k)."""
-        rows = self._number[dofs]
-        data = np.append(data, 0.0)
-        np.add.at(data, self._pattern.places(rows, rows), K)
-        return data[:-1]
-
     def with_turned_faces(self, system: Linearised, dofs: Integers, K: Array, turn: Array) -> Linearised:
-        """The system with the matrices K (g, k, k) of faces added, of which some may belong to the clamp."""
+        """The system with symmetric matrices K (g, k, k) of faces added, which are at the degrees of freedom
+        (g, k); some may belong to the clamp."""
         turned, turning = self._levered(dofs, K, turn), system.turning.copy()
         turning[: len(self.free)] += turned.ravel()[self.free]
-        data = self.with_faces(system.data, dofs, K)
-        return replace(system, data=data, turning=turning, lever=system.lever + turned)
+        pattern, rows = system.wider.pattern if system.wider else self._pattern, self._number[dofs]
+        data = np.append(system.data, 0.0)  # and one for what is nowhere
+        np.add.at(data, pattern.places(rows, rows), K)
+        return replace(system, data=data[:-1], turning=turning, lever=system.lever + turned)
+
+    def widened(self, system: Linearised, meeting: Integers) -> Linearised:
+        """The system in which the degrees of freedom (g, k) of each group meet each other, too."""
+        key = digest(meeting)
+        if self._widened is None or self._widened[0] != key:
+            self._widened = key, Wider.of(self._pattern, self._number[meeting], self._solver)
+        wider = self._widened[1]
+        return replace(system, data=wider.spread(system.data), wider=wider)
 
     def _levered(self, dofs: Integers, K: Array, turn: Array) -> Array:
         """Nodal forces (n, 3) N that matrices K (g, k, k) N/mm of faces, at dofs (g, k), give for a

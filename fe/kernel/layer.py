@@ -8,18 +8,16 @@ coordinates (Ciarlet 2005, An Introduction to Differential Geometry with Applica
 
 import numpy as np
 
-from fe.case import Case
+from fe.case import Case, Layer
 from fe.element import Array, Integers, scatter
 
 _AB = ((0, 0), (1, 1), (0, 1))  # components of a symmetric surface tensor; the last one counts twice
 
 
 class LayerFaces:
-    """The faces of a case's layer."""
+    """The faces of a layer of a case."""
 
-    def __init__(self, case: Case) -> None:
-        layer = case.layer
-        assert layer is not None
+    def __init__(self, case: Case, layer: Layer) -> None:
         element, self.faces = case.element, case.face_nodes(layer.surface)
         _, self._dN = element.on_face(element.face_points)
         A = self._tangents(case.nodes)

@@ -14,9 +14,12 @@ FLAT = 1e-6  # of an edge: how far a user's nodes may lie beside their plane of 
 
 
 class PressureFaces:
-    """The faces (f, m) of a pressurised surface of a mesh with `count` nodes."""
+    """The faces (f, m) of a pressurised surface of a mesh with `count` nodes; shares (f,) of the pressure, by
+    default all of it."""
 
-    def __init__(self, faces: Integers | None, element: Element, count: int) -> None:
+    def __init__(
+        self, faces: Integers | None, element: Element, count: int, shares: Array | None = None
+    ) -> None:
         width = element.faces.shape[1]
         self.faces = np.empty((0, width), np.int64) if faces is None else faces
         self.dofs = (self.faces[:, :, None] * 3 + np.arange(3)).reshape(-1, 3 * width)
@@ -26,7 +29,13 @@ class PressureFaces:
         # w (N_a dN_b - dN_a N_b) / 2, of the slopes along s and t (2, q, a, b)
         along = np.einsum("q,qa,qbk->kqab", self._weight, self._N, self._dN)
         self._swept = 0.5 * (along - np.swapaxes(along, 2, 3))
-        self.edges = _edges(self.faces, element)
+        self._shares, self._carried = shares, dict[tuple[int, ...], float]()
+        if shares is None:
+            self.edges = _edges(self.faces, element)
+            return
+        own = [(s, _edges(self.faces[shares == s], element)) for s in np.unique(shares).tolist()]
+        self.edges = np.concatenate([edges for _, edges in own])
+        self._carried = {tuple(edge): s for s, edges in own for edge in edges.tolist()}
 
     def _tangents(self, x: Array) -> tuple[Array, Array]:
         t = np.einsum("fai,qak->kfqi", x[self.faces], self._dN, optimize=True)
@@ -36,6 +45,8 @@ class PressureFaces:
         """Nodal forces (n, 3) mm2 at deformed positions x (n, 3) mm."""
         s, t = self._tangents(x)
         f = -np.einsum("q,qa,fqi->fai", self._weight, self._N, np.cross(s, t), optimize=True)
+        if self._shares is not None:
+            f *= self._shares[:, None, None]
         return scatter(self.dofs, f, 3 * self._count).reshape(-1, 3)
 
     def tangent(self, x: Array) -> Array:
@@ -47,6 +58,8 @@ class PressureFaces:
         out = np.zeros((faces, nodes, 3, nodes, 3))
         for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
             out[:, :, i, :, j], out[:, :, j, :, i] = -v[k], v[k]
+        if self._shares is not None:
+            out *= self._shares[:, None, None, None, None]
         return out.reshape(faces, 3 * nodes, 3 * nodes)
 
     def open_edges(self, x: Array, free: Flags) -> Integers:
@@ -67,6 +80,8 @@ class PressureFaces:
         N, dN = np.stack(value, axis=1), np.stack(slope, axis=1)
         turn = _cross_matrix(np.einsum("qa,gai->gqi", dN, x[edges]))
         C = 0.5 * np.einsum("q,qa,qb,gqij->gaibj", w, N, N, turn, optimize=True)
+        if self._shares is not None:
+            C *= np.array([self._carried[tuple(edge)] for edge in edges.tolist()])[:, None, None, None, None]
         dofs = (edges[:, :, None] * 3 + np.arange(3)).reshape(len(edges), 3 * size)
         return dofs, C.reshape(len(edges), 3 * size, 3 * size)
 

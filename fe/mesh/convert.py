@@ -73,8 +73,8 @@ def _into_tetrahedra(case: Case, kind: str) -> Case:
         if np.linalg.det(corners[1:] - corners[0]) < 0:
             corners = corners[[0, 2, 1, 3]]
         paths.append(_same_places(barycentric(element.local) @ corners))
-    local = np.array(paths)  # (6, 10)
-    connectivity = case.connectivity[:, local].reshape(-1, 10)
+    local = np.array(paths)  # (6, 10 or 4)
+    connectivity = case.connectivity[:, local].reshape(-1, local.shape[1])
     _check_conforming(connectivity[:, element.faces[:, :3]].reshape(-1, 3))
     surfaces = {}
     every = [(t, f) for t in range(6) for f in range(4)]

@@ -26,9 +26,13 @@ def refined(case: Case) -> Case:
 
 
 def enriched(case: Case) -> Case:
-    """A case of hexahedra with the same elements as 27-node hexahedra. ValueError for tetrahedra."""
+    """A case with the same elements as 27-node hexahedra, or, of 4-node tetrahedra, as 10-node ones.
+    ValueError for those that are the richest there are."""
+    if case.element.simplex and len(case.element.local) == 4:
+        tet = ELEMENTS["C3D10"]
+        return _divided(case, tet, tet.local[None])
     if case.element.simplex:
-        raise ValueError(f"elements of type {case.element.name}: wanted hexahedra")
+        raise ValueError(f"elements of type {case.element.name}: wanted hexahedra, or C3D4")
     return _divided(case, HEX27, HEX27.local[None])
 
 

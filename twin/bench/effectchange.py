@@ -9,8 +9,8 @@ import numpy as np
 from calibrate import Fit, Parameter
 from twin.bench import waterfall
 from twin.bench.comparison import JUDGED, Judgement, compared, keep, kept
-from twin.bench.engines import solved_by
 from twin.bench.fits import fresh, newest, newest_fit
+from twin.bench.fittedby import fitted_by
 from twin.bench.laws import begun_from, nominal
 from twin.bench.workbench import Workbench
 from twin.judging.comparison import Comparison
@@ -56,7 +56,9 @@ class Change:
 
 def diagnosed(bench: Workbench, effects: Sequence[str], start: Mapping[str, float]) -> Change | None:
     """The change to these effects as the newest diagnosis has fitted it from this start; None where it has
-    not, or not by the code of now."""
+    not, not by the code of now, or where priors count, which no diagnosis knows."""
+    if bench.targets.known:
+        return None
     found = fresh(bench.project, ("diagnose",), KEPT_FIT)
     record = files.read(FitRecord, found) if found else None
     if found is None or record is None or record.effects != tuple(effects) or record.start != dict(start):
@@ -95,7 +97,8 @@ def change_effects(
             say.progress(f"refit with {', '.join(effects) or 'no effect'}", 0, 1)
             change = Change.of(bench, bench.judged(model, theta, say))
         fit, found = change.fit, compared(run, change.fit.theta, change.judgement, bench, say)
-        run.write(change.record(effects=effects, **solved_by(project, bench.jobs)))
+        beside = fitted_by(bench, fit, change.judgement)
+        run.write(change.record(effects=effects, **beside))
         change.fields.save(run.path(FIELDS))
         run.note(model.extent)
     project.set_effects(effects)
@@ -104,6 +107,8 @@ def change_effects(
     if len(way) > 2:
         say(waterfall.in_words(way))
     say(f"{in_words(estimates(fit, found))}.")
+    for sentence in beside["said"]:
+        say(sentence)
     for sentence in _unseen(model, change):
         say(sentence)
     say(found.where)
@@ -121,7 +126,7 @@ def change_effects(
         "expected_mm": found.expected_mm,
         "noise_sd_mm": found.noise_sd_mm,
         "effects": list(effects),
-        "fit": files.plain(change.record(**solved_by(project, bench.jobs))),
+        "fit": files.plain(change.record(**beside)),
         "steps": files.plain(way),
     }
 

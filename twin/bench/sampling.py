@@ -1,12 +1,12 @@
 """The newest fit of a project -> a sample of its posterior, on the response, which whole solves check.
 
-The prior is flat within the bounds of the parameters. Measured values are normal about what the model shows,
-with the errors of gauge, mesh and laws that the model has itself at those parameters, as in a profile. One of
-the mesh's errors is taken whole and not to first order: its stiffness, of relative sd s, which the moduli
-take up. It is a number of its own, eta, normal with sd 1: with constants C the mesh is to be solved with C
-exp(s eta). Those, theta, the film holds within little, so that few solves serve for the response. The prior
-is flat in C, not in theta. What the other errors change of the density is known at whole solves, and
-interpolated between them.
+The prior is flat within the bounds of the parameters, times the priors of twin.toml. Measured values are
+normal about what the model shows, with the errors of gauge, mesh and laws that the model has itself at those
+parameters, as in a profile. One of the mesh's errors is taken whole and not to first order: its stiffness, of
+relative sd s, which the moduli take up. It is a number of its own, eta, normal with sd 1: with constants C
+the mesh is to be solved with C exp(s eta). Those, theta, the film holds within little, so that few solves
+serve for the response. The prior is flat in C, not in theta. What the other errors change of the density is
+known at whole solves, and interpolated between them.
 """
 
 from collections.abc import Callable, Sequence
@@ -20,8 +20,10 @@ from scipy.special import ndtri
 
 from calibrate.parameters import Array, bounds
 from calibrate.posteriors import Chain, sampled, spread
+from calibrate.priors import Prior
 from twin.bench.profiling import Profiler
 from twin.judging.fitting import ModelErrors
+from twin.judging.likelihood import priors_of
 from twin.judging.whitening import Whitener
 from twin.model.answering import begun
 from twin.model.answering import spread as even
@@ -66,7 +68,7 @@ class Density:
 
     chi2 of theta is |small (r + 1, r + 1) (1, -c)|^2, c (r,) what is in it of each of the response's fields;
     moved: what errors add to it, at theta (m, d) in units of scale (d, d); guard: whether each theta is asked
-    for stable rubber.
+    for stable rubber; priors: those of twin.toml.
     """
 
     response: Surrogate
@@ -75,6 +77,7 @@ class Density:
     scale: Array
     stiffness: float
     guard: bool
+    priors: tuple[Prior, ...] = ()
 
     @staticmethod
     def of(
@@ -94,7 +97,8 @@ class Density:
             )
         own: Array = np.linalg.solve(scale, at.T).T
         between = RBFInterpolator(own, moved, kernel="thin_plate_spline", degree=1)
-        return Density(response, np.asarray(np.linalg.qr(rows).R), between, scale, stiffness, guard)
+        small, priors = np.asarray(np.linalg.qr(rows).R), priors_of(response.parameters, targets)
+        return Density(response, small, between, scale, stiffness, guard, priors)
 
     def __call__(self, x: Array) -> Array:
         """The log densities (m,), -inf where there is none."""
@@ -108,7 +112,10 @@ class Density:
             return out
         chi2 = self.chi2(theta[inside]) + self.added(theta[inside])
         known = np.isfinite(chi2)
-        out[inside[known]] = -chi2[known] / 2
+        rows = inside[known]
+        out[rows] = -chi2[known] / 2
+        for prior in self.priors:
+            out[rows] -= [prior.value(one) ** 2 / 2 for one in true[rows]]
         if self.stiffness:  # the prior of eta, and the prior of the constants, which is flat in `true`
             eta = x[:, -1]
             out -= eta**2 / 2 + len(self.moduli) * self.stiffness * eta

@@ -198,7 +198,7 @@ def trade_off(
     keep: of what a killed run has solved."""
     model, errors = with_own_errors(bench, file, fit, say)
     assert isinstance(model, KeptModel)
-    parts = tuple(Part.of(name, mask, bench.targets, errors) for name, mask in masks.items())
+    parts = tuple(Part.of(name, mask, bench.targets.alone, errors) for name, mask in masks.items())
     done, total = counting(1), len(parts) + GENERATIONS + KEPT
 
     def step() -> None:
@@ -250,7 +250,7 @@ def front_of(
 def _alone(model: KeptModel, part: Part, start: Array) -> Made:
     """The fit of one part, by whole solves: theta, and whether it has converged."""
     fit = least_squares(
-        *whitened(model, part.targets, part.whitener), model.parameters, start=start,
+        *whitened(model, part.targets, part.whitener)[:2], model.parameters, start=start,
         max_evaluations=STEPS, tolerance=TOLERANCE,
     )  # fmt: skip
     return {"theta": fit.theta.tolist(), "converged": fit.converged}

@@ -12,6 +12,7 @@ from fe.element import Integers
 from fe.mesh.points import nearest
 from twin.bench.caches import FolderCache, SolvedList
 from twin.bench.engines import jobs_of
+from twin.bench.knownvalues import TAILS, known_values
 from twin.bench.positions import on_surface, one_side, places_of
 from twin.bodies.body import Body
 from twin.bodies.finger import BuiltIn
@@ -31,7 +32,7 @@ from twin.model.enginejobs import EngineJobs
 from twin.model.enginemodel import EngineModel
 from twin.model.objects import RigidObject
 from twin.model.prediction import Model
-from twin.model.structure import Structure, beside, in_law, of_body, of_deck, weighed
+from twin.model.structure import Structure, beside, closed, in_law, of_body, of_deck, weighed
 from twin.project.folder import Project, Say
 from twin.project.trust import check_trusted, programs
 from twin.sanity import motion_fault, place_fault, rise_fault
@@ -98,6 +99,8 @@ class Workbench:
         check_plausible(project, targets, structure.case)
         if structure.case.pressurised and (fault := rise_fault(targets)):
             raise ValueError(f"targets: {fault}")
+        known = known_values(project, elasticity.law, own_of)
+        targets = replace(targets, known=known, tails=TAILS[project.config.calibrate.loss])
         return Workbench(project, targets, structure, elasticity, remarks)
 
     def model(self, labels: Sequence[str] | None = None) -> Model:
@@ -230,6 +233,7 @@ def structure_of(project: Project) -> Structure:
     """What the model of a project is made of, as heavy as it was weighed, beside its object. ValueError where
     its deck or its object is not there or not right."""
     table, found = project.config.model, _unweighed(project)
+    found = closed(found) if table.self_contact else found
     if table.density_kg_m3 is not None:
         found = weighed(found, density(table.density_kg_m3))
     return found if table.object is None else beside(found, RigidObject.of(table.object))

@@ -142,8 +142,8 @@ class PneunetTable(TableModel):
         walls = [facing(case, "outside", 0, x + off) for x in first for off in (0.0, self.gap_mm)]
         surfaces = {"bottom": facing(case, "outside", 2, 0.0)}
         surfaces |= {"between": np.concatenate(walls)} if walls else {}
-        layer = Layer("bottom", self.sheet_N_per_mm) if self.sheet_N_per_mm else None
-        return replace(case, surfaces={**case.surfaces, **surfaces}, layer=layer)
+        layers = (Layer("bottom", self.sheet_N_per_mm),) if self.sheet_N_per_mm else ()
+        return replace(case, surfaces={**case.surfaces, **surfaces}, layers=layers)
 
     def _inside(self, x: Array, y: Array, z: Array) -> "tuple[Flags, Flags]":
         """Which places (c,) mm lie in the chambers or the channel, and which in a gap."""

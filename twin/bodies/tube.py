@@ -152,8 +152,8 @@ class TubeTable(TableModel):
         ends = np.concatenate([facing(case, "outside", 0, x) for x in (0.0, self.length_mm)])
         outside = case.surfaces["outside"]
         skin = outside[~(outside[:, None] == ends).all(axis=2).any(axis=1)]
-        layer = Layer("skin", self.fibre_N_per_mm, wound=True) if self.fibre_N_per_mm else None
-        return replace(case, surfaces={**case.surfaces, "skin": skin}, layer=layer)
+        layers = (Layer("skin", self.fibre_N_per_mm, wound=True),) if self.fibre_N_per_mm else ()
+        return replace(case, surfaces={**case.surfaces, "skin": skin}, layers=layers)
 
     def _placed(self, a: Array, b: Array, lattice: Cells) -> Array:
         """Places (n, 2) mm, y and z, of the O-grid's points a, b: the core where both are up to 1, the

@@ -17,7 +17,7 @@ from twin.model.discretisation import Discretisation
 from twin.project import files
 from twin.project.folder import Project, Run, Say
 from twin.project.record import Record
-from twin.study.lawchoice import LawFit, bench_of, classes, fitted, start_of
+from twin.study.lawchoice import LawFit, bench_of, classes, fitted, starts_of
 from twin.tablemodel import Finite
 from twin.targets import Array
 
@@ -107,10 +107,11 @@ def _fits(
         say.progress("laws", k, len(wanted))
         own = bench_of(bench, law)
         try:
-            start = _start(own, ends.get(law.name), say)
+            starts = _starts(own, ends.get(law.name), say)
             if mesh is None and bench.targets.noise is not None:
-                mesh = bench.mesh(start if own is bench else start_of(bench, say), bench.model(()), say)
-            fits.append(fitted(own, start, mesh, seed=seed))
+                first = starts if own is bench else starts_of(bench, say)
+                mesh = bench.mesh(first[0], bench.model(()), say)
+            fits.append(fitted(own, starts, mesh, seed=seed))
         except (Unsolvable, ValueError) as why:
             unsolved[law.name] = str(why)
             continue
@@ -120,11 +121,11 @@ def _fits(
     return rows_of(fits), unsolved
 
 
-def _start(bench: Workbench, ended: dict[str, float] | None, say: Say) -> Array:
-    """Where a law's fit begins: where it ended before, else at the scale that fits best."""
+def _starts(bench: Workbench, ended: dict[str, float] | None, say: Say) -> Array:
+    """Where (m, d) a law's fit begins: where it ended before, else at the scales that fit best."""
     if ended is None:
-        return start_of(bench, say)
-    return np.array([ended[p.name] for p in bench.elasticity.parameters])
+        return starts_of(bench, say)
+    return np.array([[ended[p.name] for p in bench.elasticity.parameters]])
 
 
 def rows_of(fits: Sequence[LawFit]) -> tuple[LawRow, ...]:

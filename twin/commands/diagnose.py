@@ -3,10 +3,12 @@
 from dataclasses import dataclass, replace
 from typing import Any
 
+from calibrate import Fit
 from twin.bench.comparison import foretold, write_prediction
 from twin.bench.effectchange import Change
 from twin.bench.engines import check_embedded
 from twin.bench.fits import newest_fit
+from twin.bench.losses import check_least_squares
 from twin.bench.workbench import Workbench, law_of_project, own_of
 from twin.diagnosis.deciding import Diagnosis
 from twin.diagnosis.explanation import Explanation, explained
@@ -20,6 +22,7 @@ from twin.effects.protocol import Effect
 from twin.judging.judged import Judged
 from twin.project import files
 from twin.project.folder import Project, Run, Say
+from twin.targets import Array
 
 TOP = 3  # effects of the ranking that are said; all stand in diagnosis.json
 
@@ -27,7 +30,12 @@ TOP = 3  # effects of the ranking that are said; all stand in diagnosis.json
 def run_diagnose(project: Project, say: Say) -> dict[str, Any]:
     """Which effect of the library the data ask for, and what they cannot tell."""
     check_embedded(project, "twin diagnose")
+    check_least_squares(project, "twin diagnose")
     bench, fit = Workbench.of(project), newest_fit(project)
+    start: Fit | Array = fit
+    if bench.targets.known:
+        say("The diagnosis asks these data alone: it fits without the priors of twin.toml.")
+        bench, start = replace(bench, targets=bench.targets.alone), fit.theta
     seed = project.config.diagnose.seed
     with project.new_run("diagnose", seed=seed) as run:
         model = bench.on_mesh(bench.model(), fit.theta, say)
@@ -36,7 +44,7 @@ def run_diagnose(project: Project, say: Say) -> dict[str, Any]:
             _candidates(project),
             bench.targets,
             seed=seed,
-            start=fit,
+            start=start,
             progress=say.progress,
         )
         settled = _settled(bench, found)

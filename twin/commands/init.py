@@ -2,6 +2,7 @@
 
 import re
 import shutil
+import tempfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -9,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from fe.mesh.finger import NAMED_NODES
 from twin.bodies.kinds import BODIES, BodyTable
 from twin.formats.catalogue import format_of, read_recorded
+from twin.formats.meshgroups import MESHES, deck_of
 from twin.formats.recorded import plain
 from twin.project import files
 from twin.project.config import (
@@ -38,7 +40,7 @@ def run_init(
     folder: Path, say: Say, *, targets: Path | None = None, form: str | None = None,
     nodes: Sequence[str] = (), deck: Path | None = None, like: Path | None = None,
     density_kg_m3: float | None = None, finger: Sequence[str] = (), sd_mm: float | None = None,
-    still: str = "", body: str = "finger",
+    still: str = "", pressure_set: str = "", clamp_set: str = "", body: str = "finger",
 ) -> dict[str, Any]:
     """Make a folder with a complete twin.toml; `targets` and `deck` are checked and copied.
 
@@ -48,8 +50,19 @@ def run_init(
     built-in finger.   like: a former batch, whose twin.toml is copied instead.
     density_kg_m3: of a silicone that was weighed.   body: kind of actuator, see `body_table`;
     finger: KEY=VALUE of a finger, such as length_mm=80.   sd_mm: of one position in another program's file;
-    or, still: the rows whose scatter tells it, "holds" or such as "0-60,200-260".
+    or, still: the rows whose scatter tells it, "holds" or such as "0-60,200-260".   pressure_set, clamp_set:
+    of a mesh of Gmsh or VTK in the place of a deck, the groups of faces under pressure and held.
     """
+    if deck is not None and deck.suffix.lower() in MESHES:
+        return _init_of_mesh(
+            folder, say, deck, (pressure_set, clamp_set), targets=targets, form=form, nodes=nodes, like=like,
+            density_kg_m3=density_kg_m3, finger=finger, sd_mm=sd_mm, still=still,
+        )  # fmt: skip
+    if pressure_set or clamp_set:
+        raise ValueError(
+            f"--{'pressure' if pressure_set else 'clamp'}-set: of a mesh with groups, {', '.join(MESHES)}; a "
+            "deck states them itself, by *DSLOAD and *BOUNDARY"
+        )
     if like is not None:
         from twin.commands.initlike import run_init_like
 
@@ -99,6 +112,24 @@ def run_init(
         check_finger(Project.open(folder), say)  # its materials, how it is held, the shapes of its elements
     _say_next(folder, config, wanted, say)
     return {"stage": "init", "status": "done", "project": str(folder), "wanted": list(wanted)}
+
+
+def _init_of_mesh(
+    folder: Path, say: Say, mesh: Path, sets: tuple[str, str], **stated: Any
+) -> dict[str, Any]:
+    """As `run_init`, with the deck that a mesh with groups makes."""
+    from twin.laws.mooneyrivlin import NOMINAL
+
+    if not mesh.is_file():
+        raise ValueError(f"--deck {mesh}: no such file; wanted an Abaqus input deck, or a mesh with groups")
+    rubber = NOMINAL.material
+    text = deck_of(mesh, pressure=sets[0], clamp=sets[1], constants=(rubber.C10, rubber.C01))
+    with tempfile.TemporaryDirectory() as scratch:
+        made = Path(scratch) / f"{mesh.stem}.inp"
+        made.write_text(text, encoding="utf-8")
+        done = run_init(folder, say, deck=made, **stated)
+    say(f"raw/{made.name} is the deck made of {mesh.name}: state other materials and loads there.")
+    return done
 
 
 def _read(targets: Path, told: Mapping[str, PointTable]) -> Targets:

@@ -12,13 +12,15 @@ from twin.bench.positions import one_side, places_of, position_of
 from twin.bench.workbench import structure_of
 from twin.drawing.blueprint import dimensioned
 from twin.drawing.meshpictures import labelled, shapes
+from twin.drawing.readpicture import as_read
 from twin.project.folder import Project, Say
 from twin.review.undeformed import write_undeformed
 
 
 def run_look(project: Project, say: Say, *, at: Sequence[str] = ()) -> dict[str, Any]:
     """Write runs/NNNN-look, unless that is done: finger.png and look.rrd, the undeformed finger with its
-    dimensions; nodes.png, the labels around points; quality.png and quality.csv, the shapes of the elements.
+    dimensions; nodes.png, the labels around points; quality.png and quality.csv, the shapes of the elements;
+    of a deck read.png, what was read of it.
 
     at: places X,Y,Z in mm whose nearest surface nodes are said and drawn, too.
     """
@@ -55,11 +57,16 @@ def run_look(project: Project, say: Say, *, at: Sequence[str] = ()) -> dict[str,
         measures = quality(structure.case)
         run.write_bytes("quality.png", shapes(structure.case, outside=structure.outside, measures=measures))
         run.write_text("quality.csv", shape_csv(structure))
+        if project.config.model.deck is not None:
+            title = f"{project.config.model.deck}: what the model takes from it"
+            run.write_bytes("read.png", as_read(structure.case, title=title))
         x, _, z = np.ptp(structure.case.nodes, axis=0)
         run.summary.update(nodes=len(structure.case.nodes), points=len(points), marks=len(marks))
         run.summary["headline"] = f"{x:.4g} mm long, {z:.3g} mm high, {len(points)} points"
     say(f"Wrote {project.shown(run.path('finger.png'))}: the finger with its dimensions and points.")
     say(f"In 3D, with its nodes: rerun {run.path('look.rrd')}")
     say("nodes.png has the node labels around points, quality.png the shapes of the elements.")
+    if project.config.model.deck is not None:
+        say("read.png shows materials, layers, supports and the pressure, as they were read.")
     nodes = {"nodes": [label for label, _ in nearest]} if asked else {}
     return {"stage": "look", "status": "done", "run": project.shown(run.folder)} | run.summary | nodes

@@ -101,22 +101,15 @@ class StrainLimitingLayer(Effect):
     )
 
     def lacks(self, case: Case) -> str:
-        own, bottom = case.layer, flat_bottom(case)
-        if not len(bottom):
-            return "no flat bottom"
-        other = own is not None and {*map(tuple, case.surfaces[own.surface])} != {*map(tuple, bottom)}
-        return "a layer elsewhere already, and there can be one alone" if other else ""
+        return "" if len(flat_bottom(case)) else "no flat bottom"
 
     def before(self, test: Test, theta: Theta) -> Test:
-        case, name, own = test.case, "strain_limiting_layer", test.case.layer
-        if self.lacks(case):
+        case, name = test.case, "strain_limiting_layer"
+        bottom = flat_bottom(case)
+        if not len(bottom):
             return test
-        stiffness = theta["strain_limiting_layer.stiffness"]
-        if own is not None:  # a body's own sheet is stiffer by it
-            both = replace(own, stiffness=float(np.mean(own.stiffness)) + stiffness)
-            return replace(test, case=replace(case, layer=both))
-        surfaces = {**case.surfaces, name: flat_bottom(case)}
-        return replace(test, case=replace(case, surfaces=surfaces, layer=Layer(name, stiffness)))
+        layer = Layer(name, theta["strain_limiting_layer.stiffness"])
+        return replace(test, case=replace(case, surfaces={**case.surfaces, name: bottom}, layer=layer))
 
     def told(self, values: Theta) -> str:
         much = number(values["strain_limiting_layer.stiffness"])

@@ -62,6 +62,41 @@ class InitialRow(Record):
     raw_rms_mm: Maybe
 
 
+class PriorRow(Record):
+    """A prior, and what it did to the fit."""
+
+    name: str = Field(description="a parameter, C10+C01 or share")
+    unit: str
+    mean: Finite
+    sd: Finite
+    value: Finite = Field(description="as fitted")
+    by_data: Maybe = Field(description="what the data say without it, to first order; null where not known")
+    sd_by_data: Maybe
+    moved_sd: Maybe = Field(description="by which part of that sd the prior moved the value")
+    apart_sd: Maybe = Field(description="how far prior and data lie apart, in sd of their difference")
+    sentence: str = Field(description="the same in words")
+
+
+class DownWeighted(Record):
+    """A value more than 5 scales of Student's t off the model, which gives it little weight."""
+
+    point: str
+    component: str = Field(description="U1, U2 or U3")
+    step: int
+    time_s: Finite
+    residual_mm: Finite
+    weight: Finite = Field(description="of 1.25 at most")
+
+
+class StartRow(Record):
+    """A start of least squares on the load paths, and where it ended."""
+
+    start: dict[str, Finite]
+    end: dict[str, Finite] | None = Field(description="null where the model has no equilibrium")
+    chi2: MaybeSize = Field(description="at the end")
+    converged: bool
+
+
 class FitRecord(Record):
     """A fit. kept.json is one too: of the named effects, with where it began."""
 
@@ -88,6 +123,15 @@ class FitRecord(Record):
         default=None, description="the nominal constants, and their error"
     )
     start: dict[str, Finite] | None = Field(default=None, description="of kept.json: where the fit began")
+    loss: str = Field(default="least-squares", description="[calibrate] loss")
+    priors: tuple[PriorRow, ...] = Field(default=(), description="[calibrate] priors that the model has")
+    down_weighted: tuple[DownWeighted, ...] = Field(
+        default=(), description="gross errors, the one that counts least first, 20 at most"
+    )
+    starts: tuple[StartRow, ...] = Field(default=(), description="of --starts, the best end first")
+    said: tuple[str, ...] = Field(
+        default=(), description="what engine, priors, loss and starts did, in sentences"
+    )
 
     @model_validator(mode="after")
     def _fits(self) -> Self:

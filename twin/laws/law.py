@@ -25,7 +25,8 @@ MPA = "MPa"
 @dataclass(frozen=True)
 class Shape:
     """A number without unit that gives a law its form: its name, the range over which load paths are solved,
-    a usual value, and how many paths; below: the least that a fit may end at, with so many paths more."""
+    a usual value, and how many paths; below: the least that a fit may end at, with so many paths more; also:
+    other values at which a fit should begin, where a law has more than one kind of answer."""
 
     name: str
     low: float
@@ -34,6 +35,7 @@ class Shape:
     count: int = 5
     below: float | None = None
     more: int = 0
+    also: tuple[float, ...] = ()
 
     def ends(self, *, wide: bool) -> tuple[float, float]:
         """Between which values load paths are solved; wide: from `below` on."""
@@ -129,6 +131,14 @@ class RubberLaw:
     def usual(self, scale: float) -> "Constants":
         """The constants of a scale in MPa and the usual shape."""
         return self.at(scale, tuple(s.usual for s in self.shapes))
+
+    @cached_property
+    def starts(self) -> tuple[tuple[float, ...], ...]:
+        """The shapes at which a fit begins: the nominal one, and it with another value that a number may
+        have."""
+        first = self.nominal.shape
+        others = [(k, x) for k, shape in enumerate(self.shapes) for x in shape.also]
+        return first, *((*first[:k], x, *first[k + 1 :]) for k, x in others)
 
     def around(self, own: "Constants") -> Bounds:
         """Bounds for constants that are known nearly, such as a deck's: as far either way as usual, by the

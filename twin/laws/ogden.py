@@ -43,9 +43,10 @@ def _join(scale: float, shape: tuple[float, ...]) -> dict[str, float]:
     return _named([(2 * scale * part, alpha) for part, alpha in zip(own, (first, *exponents), strict=True)])
 
 
-# of each law the terms: the largest part of the modulus in MPa that is usual, and an exponent with its bounds
+# Of each law the terms: a usual part of the shear modulus in MPa, and an exponent with its bounds. At 0 a term
+# is the limit of those beside it, which no fit hits; of several terms each has its own sign.
 _TERMS = (
-    ((0.6, 2.5, 0.5, 10.0),),
+    ((0.6, 2.5, -8.0, 8.0),),
     ((0.4, 2.0, 0.5, 10.0), (0.2, -2.0, -10.0, -0.5)),
     ((0.36, 2.0, 0.5, 4.0), (0.04, 6.0, 4.0, 14.0), (0.2, -2.0, -10.0, -0.5)),
 )
@@ -54,13 +55,14 @@ _TERMS = (
 def _law(count: int) -> RubberLaw:
     own = _TERMS[count - 1]
     whole = sum(mu for mu, *_ in own)
-    parameters, shapes = [], []
+    parameters, shapes, more = [], [], dict[str, Any]()
     for k, (mu, alpha, low, high) in enumerate(own, 1):
         least = 0.02 if k == 1 else 0.0
         parameters.append(Parameter(f"mu{k}", least, 1.0, MPA, typical=0.04, start=mu))
         parameters.append(Parameter(f"alpha{k}", low, high, typical=0.2, start=alpha))
         shapes += [] if k == 1 else [Shape(f"mu{k}/mu", 0.0, 1.0, usual=mu / whole)]
-        shapes.append(Shape(f"alpha{k}", low, high, usual=alpha))
+        more = {"count": 8, "also": (-3.0,)} if low < 0.0 < high else {}  # an even count: none at 0
+        shapes.append(Shape(f"alpha{k}", low, high, usual=alpha, **more))
     return RubberLaw(
         name=f"ogden{count}",
         title=f"Ogden ({count} term{'s' if count > 1 else ''})",

@@ -16,7 +16,9 @@ from fe.case import digest
 from fe.deck.reader import Deck, read_deck
 from fe.deck.soundness import check_body, jacobians
 from fe.element import Integers
+from fe.kernel.tying import dependence
 from fe.mesh.refine import enriched, free_faces, refined
+from fe.mesh.skin import closing
 from twin.bodies.body import Body
 from twin.bodies.finger import BuiltIn
 from twin.laws.catalogue import law_of
@@ -87,17 +89,27 @@ def in_law(structure: Structure, nominal: Constants) -> Structure:
 
 def weighed(structure: Structure, density: float) -> Structure:
     """The structure whose silicone has a density in tonne/mm3."""
+    return _changed(structure, f"{density:.9g}", partial(Case.with_material, density=density))
 
-    def heavy(mesh: Mesh) -> Mesh:
-        return Mesh(f"{mesh.key}-{density:.9g}", partial(_weighed, mesh.build, density))
 
-    finer = {name: heavy(mesh) for name, mesh in structure.finer.items()}
-    base = heavy(structure.base)
+def closed(structure: Structure) -> Structure:
+    """The structure whose walls cannot pass through each other."""
+    return _changed(structure, "closed", closing)
+
+
+def _changed(structure: Structure, name: str, change: Callable[[Case], Case]) -> Structure:
+    """The structure with a change, of this name in its fingerprints, of the cases of all meshes."""
+
+    def changed(mesh: Mesh) -> Mesh:
+        return Mesh(f"{mesh.key}-{name}", partial(_built, mesh.build, change))
+
+    finer = {name: changed(mesh) for name, mesh in structure.finer.items()}
+    base = changed(structure.base)
     return replace(structure, case=base.build(), key=base.key, finer=finer)
 
 
-def _weighed(build: Callable[[], Case], density: float) -> Case:
-    return build().with_material(density=density)
+def _built(build: Callable[[], Case], change: Callable[[Case], Case]) -> Case:
+    return change(build())
 
 
 def beside(structure: Structure, thing: RigidObject) -> Structure:
@@ -145,7 +157,7 @@ def of_body(body: Body, *, refine: int = 1) -> Structure:
         for name, mesh in body.finer(lattice).items()
     }
     return Structure(
-        case, body.key(lattice), meshes, case.face_nodes("outside"), scales=case.layer is None, body=body
+        case, body.key(lattice), meshes, case.face_nodes("outside"), scales=not case.layers, body=body
     )
 
 
@@ -179,8 +191,9 @@ def of_deck(
     key = digest(mesh, fitted, *(file.read_bytes() for file in deck.files))
     meshes, unknown = _refinements(case, key)
     forces = case.forces or case.growing
-    alone = not case.kept and not forces and all(s.value is None for s in case.supports)
-    remarks = _remarks(path, case, fitted, meshes, nominal)
+    alone = not case.kept and not forces and not case.layers and all(s.value is None for s in case.supports)
+    said = (*deck.remarks, *_left_out(deck.case, fitted))
+    remarks = (*(f"{path.name}: {r}" for r in said), *_remarks(path, case, fitted, meshes, nominal))
     return Structure(case, key, meshes, skin(case), alone, unknown, remarks, deck.elements, nominal)
 
 
@@ -239,10 +252,21 @@ def _rubber(case: Case, fitted: tuple[str, ...], nominal: Constants) -> Case:
     return replace(case, materials={**case.materials, **changed}, kept=kept)
 
 
+def _left_out(case: Case, fitted: tuple[str, ...]) -> list[str]:
+    """A sentence on the memory that a deck gives to its silicone."""
+    names = [k for k in fitted if case.materials[k].prony or case.materials[k].mullins]
+    told = f"The memory of {', '.join(names)} is left out: the effects creep and mullins fit it."
+    return [told] if names else []
+
+
 def _clamped(case: Case) -> Case:
     """The case with its one fully held node set as the clamp, which an effect may let give way."""
     held = [s for s in case.supports if s.components == (0, 1, 2) and s.value is None]
     if len(held) != 1:
+        return case
+    tied = dependence(case)
+    leading = np.empty(0, np.int64) if tied is None else np.unique(tied.weights.indices // 3)
+    if np.isin(case.node_sets[held[0].nodes], leading).any():  # its turn would have to turn who follows it
         return case
     x = case.nodes[case.node_sets[held[0].nodes]]
     centre = (x.min(axis=0) + x.max(axis=0)) / 2
@@ -253,6 +277,14 @@ def _clamped(case: Case) -> Case:
 def _refinements(case: Case, key: str) -> tuple[dict[str, Mesh], str]:
     """Meshes for the discretisation error, the largest last and twice: as a mode, and to test the others."""
     meshes, count = {}, len(case.nodes)
+    if case.equations:
+        return {}, (
+            "the error of the deck's mesh is not known: *EQUATION, *MPC or a rigid joint names nodes, and "
+            "says nothing of those between them on a finer mesh; wanted *TIE or *BOUNDARY in its place"
+        )
+    linear = case.element.simplex and len(case.element.local) == 4
+    if linear and 8 * count <= LARGEST:
+        meshes["10-node elements"] = Mesh(f"{key}-10", partial(enriched, case))
     if not case.element.simplex and case.element.name != "hex27" and 2 * count <= LARGEST:
         meshes["27-node elements"] = Mesh(f"{key}-27", partial(enriched, case))
     if 8 * count <= LARGEST:

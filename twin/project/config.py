@@ -124,6 +124,8 @@ StaticStart = Annotated[
 ]  # fmt: skip
 EMBEDDED: Literal["embedded"] = "embedded"  # this package's own kernel
 LIKELY = 0.6  # the value below which DeepLabCut itself draws no point (pcutoff in its config.yaml)
+LEAST_SQUARES: Literal["least-squares"] = "least-squares"  # of normal errors
+STUDENT: Literal["student-t"] = "student-t"
 STIFFEST = 100.0  # MPa, of a constant that may be fitted: hard rubber has 10
 
 
@@ -172,6 +174,11 @@ class ModelTable(TableModel):
         default=None,
         description="direction of gravity in world axes, such as [0.0, 0.0, -1.0]; leave it "
         "out where targets.toml states it",
+    )
+    self_contact: bool = Field(
+        default=False,
+        description="whether walls that meet push on each other; false: they pass through each other, and "
+        "compare says so",
     )
     object: str | None = Field(
         default=None,
@@ -236,6 +243,11 @@ class ModelTable(TableModel):
         return self
 
     def _check_engine(self) -> None:
+        if self.engine != EMBEDDED and self.self_contact:
+            raise ValueError(
+                f"model.self_contact = true with engine = {self.engine!r}: only the embedded engine finds "
+                "which walls meet; set it to false, or remove the engine"
+            )
         own = {"engine_cpus": self.engine_cpus, "engine_command": self.engine_command}
         own["engine_memory"] = self.engine_memory
         stated = [key for key, value in own.items() if value is not None]
@@ -606,6 +618,15 @@ class CalibrateTable(TableModel):
         "{C10 = [0.01, 0.5]} (MPa); left out: usual ones. Least squares may take a C01 below 0, and a C10 "
         "above its bound for it, where 0 is allowed and while the rubber remains stable",
     )
+    priors: dict[str, tuple[Finite, Positive]] = Field(
+        default={},
+        description="what is known of a parameter without these data, mean and sd in its unit, such as "
+        "{C10 = [0.2, 0.05]}; also \"C10+C01\", share, and of an effect \"creep.g1\"",
+    )
+    loss: Literal["least-squares", "student-t"] = Field(
+        default=LEAST_SQUARES,
+        description="student-t: gross errors, such as a marker taken for another, hardly count",
+    )
 
 
 class DiagnoseTable(TableModel):
@@ -705,6 +726,7 @@ def _check_parameters(c: Config) -> None:
     bases = [labels.name_of(label) for label in c.model.effects]
     if len(set(bases)) != len(bases):
         raise ValueError(f"model.effects = {list(c.model.effects)}: an effect stands twice; keep it once")
+    _check_priors(c.calibrate.priors)
     law = LAWS.get(c.model.law or (MOONEY_RIVLIN.name if c.model.deck is None else ""))
     for name, (low, high) in c.calibrate.bounds.items():
         if not low < high:
@@ -741,6 +763,16 @@ def _check_bounds(bounds: dict[str, Bounds], law: RubberLaw | None) -> None:
             f"calibrate.bounds: {law.stiffness} may be as low as {least:g} MPa; wanted lowest values with a "
             "sum above 0, as in C10 = [0.01, 0.5]: rubber without stiffness has no equilibrium"
         )
+
+
+def _check_priors(priors: dict[str, tuple[float, float]]) -> None:
+    """Raise ValueError for a prior that no rubber has."""
+    for name, (mean, sd) in priors.items():
+        text = f"calibrate.priors.{name} = [{mean:g}, {sd:g}]"
+        if name in ("C10", "C01", "C10+C01") and not abs(mean) <= STIFFEST:
+            raise ValueError(f"{text}: wanted mean and sd in MPa, up to {STIFFEST:g}; are they in kPa?")
+        if name == "share" and not abs(mean) <= 1.0:
+            raise ValueError(f"{text}: wanted C01 / (C10 + C01), from 0 to 1")
 
 
 def _check_film(c: Config) -> None:

@@ -51,21 +51,27 @@ def bench_of(bench: Workbench, law: RubberLaw) -> Workbench:
     return replace(bench, elasticity=elasticity, structure=in_law(bench.structure, elasticity.nominal))
 
 
-def start_of(bench: Workbench, say: Say) -> Array:
-    """Constants (d,) of the nominal shape at the scale that fits best. ValueError where none is solved."""
-    theta, costs = OnPaths.of(bench, say, held=True).over_scales()
-    if not np.isfinite(costs).any():
+def starts_of(bench: Workbench, say: Say) -> Array:
+    """Constants (m, d) at which the law of a workbench is fitted: each shape at the scale that fits best.
+    ValueError where none is solved."""
+    own, found = bench.elasticity, []
+    shapes = bench.law.starts if own.nominal == bench.law.nominal and not own.fixed else (own.initial.shape,)
+    for shape in shapes:
+        theta, costs = OnPaths.of(bench, say, held=shape).over_scales(shape)
+        if np.isfinite(costs).any():
+            found.append(theta[int(costs.argmin())])
+    if not found:
         raise ValueError(
             f"law {bench.law.name!r}: no scale within its bounds has an equilibrium at the highest pressure"
         )
-    return np.asarray(theta[int(costs.argmin())])
+    return np.array(found)
 
 
-def fitted(bench: Workbench, start: Array, mesh: Discretisation | None, *, seed: int) -> LawFit:
-    """The law of a workbench fitted from constants (d,). Raises Unsolvable where it cannot be solved."""
+def fitted(bench: Workbench, starts: Array, mesh: Discretisation | None, *, seed: int) -> LawFit:
+    """The law of a workbench fitted from constants (m, d). Raises Unsolvable where it cannot be solved."""
     own = None if mesh is None else replace(mesh, law=bench.law)
     model = bench.model(()).on_mesh(own)
-    judged = judge(model, bench.targets, starts=start, seed=seed)
+    judged = judge(model, bench.targets, starts=starts, seed=seed)
     constants = bench.elasticity.constants(judged.values)
     stretch = _stretch(judged)
     stable_to, mode = drucker_limit(constants.material, stretch)

@@ -13,6 +13,7 @@ from twin.gravity import under
 from twin.judging.comparison import PLAUSIBLE
 from twin.judging.fitting import whitener_of
 from twin.judging.judged import Judged
+from twin.judging.likelihood import posed, whitening
 from twin.judging.record import InitialRow
 from twin.judging.whitening import Whitener, whitener
 from twin.laws.law import Constants
@@ -44,11 +45,13 @@ class OnPaths:
     objective: Objective
 
     @staticmethod
-    def of(bench: Workbench, say: Say, *, wide: bool = False, held: bool = False) -> "OnPaths":
+    def of(
+        bench: Workbench, say: Say, *, wide: bool = False, held: tuple[float, ...] | None = None
+    ) -> "OnPaths":
         """The load paths at the finger's markers, and the objective that twin.toml states.
 
-        wide: over all shapes that a fit may end at; held: of the nominal shape alone, as of a law that load
-        paths do not serve.
+        wide: over all shapes that a fit may end at; held: of one shape alone, as by default of a law that
+        load paths do not serve: the nominal one.
         """
         own = bench.project.config.calibrate
         rows = np.flatnonzero(~bench.targets.fixed)
@@ -67,11 +70,11 @@ class OnPaths:
         """Whether the load paths are those of the nominal shape alone."""
         return self.bench.jobs is None and len(self.bench.law.shapes) > MOST
 
-    def over_scales(self) -> tuple[Array, Array]:
-        """Constants (k, d) of the nominal shape, from the softest to the stiffest, and the RMS (k,) in mm of
+    def over_scales(self, shape: tuple[float, ...]) -> tuple[Array, Array]:
+        """Constants (k, d) of a shape, from the softest to the stiffest, and the RMS (k,) in mm of
         the objective: inf where the model has no equilibrium."""
         own = self.bench.elasticity
-        every = [own.law.at(float(s), own.initial.shape) for s in np.geomspace(*own.scales, SCALES)]
+        every = [own.law.at(float(s), shape) for s in np.geomspace(*own.scales, SCALES)]
         low, high = np.array([(p.low, p.high) for p in own.parameters]).T
         theta = np.clip([[c[p.name] for p in own.parameters] for c in every], low, high)
         return theta, np.array([self.cost(c.named) for c in every])
@@ -91,15 +94,14 @@ class OnPaths:
         out[:, self.rows] = relative(u, t.reference, t.rests)
         return out
 
-    def least(self, best: Array, say: Say) -> Judged:
-        """The least-squares fit of the constants to all targets: on the load paths from several starts, then
-        on the finite-element model from there, with errors of its own."""
+    def least(self, best: Array, say: Say, *more: Array) -> Judged:
+        """The least-squares fit of the constants to all targets: on the load paths from several starts,
+        `best` and `more` (d,) among them, then on the finite-element model from there, with errors of its
+        own."""
         t, model = self.bench.targets, self.bench.model(())
         if self.bench.jobs is not None or self.of_one_shape:
             return self._by_whole_solves(model, best, say)
-        w = whitener(t, prediction_modes=np.zeros((0, *t.value.shape)), gauge=self._gauge(best),
-                     points=~t.fixed)  # fmt: skip
-        first = self.fit(w, np.array([best, [p.start for p in model.parameters]]))
+        first = self.fit(self.whitener(best), np.array([best, [p.start for p in model.parameters], *more]))
         say.progress("least squares", 1, 3)
         w = whitener_of(self.bench.on_mesh(model, first.theta, say), first.theta, t)
         second = self.fit(w, first.theta[None])
@@ -116,13 +118,20 @@ class OnPaths:
         say.progress("least squares", 1, 1)
         return found
 
+    def whitener(self, theta: Array) -> Whitener:
+        """The whitener of the targets with the gauge's errors at theta (d,), without an error of the mesh."""
+        t = self.bench.targets
+        none = np.zeros((0, *t.value.shape))
+        return whitener(t, prediction_modes=none, gauge=self._gauge(theta), points=~t.fixed)
+
     def fit(self, w: Whitener, starts: Array) -> Fit:
         """The bounded least-squares fit to all targets on the load paths, from starts (m, d)."""
         parameters, t = self.bench.elasticity.parameters, self.bench.targets
+        white = whitening(t, w)
 
         def residual(theta: Array) -> Array | None:
             u = self.predicted(theta)
-            return None if u is None else w.whiten(t.value - u)
+            return None if u is None else white(t.value - u)
 
         def jacobian(theta: Array) -> Array:
             columns, b = [], residual(theta)
@@ -133,7 +142,11 @@ class OnPaths:
                 columns.append(lost if a is None or b is None else (a - b) / h)
             return np.array(columns).T
 
-        return least_squares(residual, jacobian, parameters, start=starts)
+        if t.tails:  # from where gross errors lead, too, as its deviance has several valleys
+            plain = least_squares(residual, jacobian, parameters, start=starts)
+            starts = np.vstack([starts, plain.theta])
+        r, slope, information = posed(residual, jacobian, parameters, t, w)
+        return least_squares(r, slope, parameters, start=starts, information=information)
 
     def initial(self, judged: Judged) -> InitialRow:
         """Nominal constants and what they leave, mm, under the errors of a fit."""
@@ -164,7 +177,7 @@ class OnPaths:
 
 
 def _load_paths(
-    bench: Workbench, rows: Any, wide: bool, held: bool, say: Say
+    bench: Workbench, rows: Any, wide: bool, held: tuple[float, ...] | None, say: Say
 ) -> Turned | EnginePaths:
     """The load paths at the points of these rows, under the weight in every direction of gravity; by jobs
     where another program solves the model."""
@@ -174,14 +187,14 @@ def _load_paths(
         top, case = float(bench.targets.pressure.max()), under(bench.case, bench.path)
         return EnginePaths(case, where, top, bench.jobs, gravities[:, :3], of_step)
     own = bench.elasticity
-    if bench.scales and table and bench.law == MOONEY_RIVLIN and not wide and not held:
+    if bench.scales and table and bench.law == MOONEY_RIVLIN and not wide and held is None:
         return Turned((table.load_paths(bench.case, where),), of_step)
     cache, key, top = bench.cache(say), bench.structure.key, REDUCED
     highest = rounded_up(max(float(bench.targets.pressure.max()), LEAST_MPA))
     if not isinstance(bench.structure.body, BuiltIn):  # REDUCED is of fingers alone
         top = reach(bench.case, bench.law, highest / own.scales[0], cache=cache, key=key)
     how: dict[str, Any] = {"cache": cache, "key": key, "top": top, "wide": wide}
-    how["held"] = own.initial.shape if held or len(bench.law.shapes) > MOST else None
+    how["held"] = own.initial.shape if held is None and len(bench.law.shapes) > MOST else held
     if bench.scales:
         return Turned((load_paths(bench.case, where, bench.law, **how),), of_step)
     low, high = own.scales

@@ -1,7 +1,5 @@
 """A deck that no code of the project has made: read, solved, compared with CalculiX, and refined."""
 
-import subprocess
-import sys
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path as File
@@ -179,14 +177,3 @@ def test_an_instance_that_was_moved_and_turned(tube_deck: Tube, tmp_path: File) 
     deck.write_text(turned)
     x, y, z = here.T  # about a line along z through the place where the origin goes
     np.testing.assert_allclose(read_deck(deck).case.nodes, np.stack([1 - y, 2 + x, 3 + z], axis=1), atol=1e-12)
-
-
-def test_two_types_of_elements_are_an_error_without_assertions_too(tube_deck: Tube, tmp_path: File) -> None:
-    deck = tube_deck(tmp_path, "C3D8H", cells=4)
-    mesh = tmp_path / "mesh.inc"
-    first = mesh.read_text().partition("elset=Body\n501, ")[2].partition("\n")[0]
-    mesh.write_text(mesh.read_text() + f"*Element, type=C3D8\n9001, {first}\n")
-    code = f"from pathlib import Path; from fe.deck.reader import read_deck; read_deck(Path({str(deck)!r}))"
-    done = subprocess.run([sys.executable, "-O", "-c", code], capture_output=True, text=True)
-    assert "ValueError" in done.stderr
-    assert "elements of the types C3D8, C3D8H in one model: wanted one type" in done.stderr

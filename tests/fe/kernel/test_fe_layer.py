@@ -19,7 +19,7 @@ Cube = Callable[..., Case]
 @pytest.mark.parametrize("wound", [False, True])
 def test_forces_and_tangent_are_gradients_of_one_energy(cube: Cube, wound: bool) -> None:
     case = replace(cube((2, 1, 1), shift=0.1, seed=5), layer=Layer("z0", 0.7, poisson=0.3, wound=wound))
-    faces, rng = LayerFaces(case), np.random.default_rng(6)
+    faces, rng = LayerFaces(case, case.sheets[0]), np.random.default_rng(6)
     x = case.nodes + rng.uniform(-0.1, 0.1, case.nodes.shape)
     d, h = rng.normal(size=x.shape), 1e-5
 
@@ -43,7 +43,7 @@ def test_forces_and_tangent_are_gradients_of_one_energy(cube: Cube, wound: bool)
 
 def test_wound_fibres_resist_a_stretch_around_x_alone(cube: Cube) -> None:
     case = replace(cube((2, 1, 1)), layer=Layer("z0", 2.0, wound=True))
-    faces, strain = LayerFaces(case), 1e-3
+    faces, strain = LayerFaces(case, case.sheets[0]), 1e-3
     assert np.abs(faces.force(case.nodes * [1 + strain, 1.0, 1.0])).max() < 1e-15
     pulled = faces.force(case.nodes * [1.0, 1 + strain, 1.0])
     assert np.abs(pulled[:, [0, 2]]).max() < 1e-15
@@ -73,8 +73,8 @@ def test_a_bonded_sheet_in_tension_carries_its_share(cube: Cube) -> None:
     found = equilibrium(problem, problem.start(), load=0.0)
     assert found.reason == "converged"
     force, _ = problem.kernel.residual(found.state, problem.constants, 0.0, None, problem.geometry)
-    assert problem.layer is not None
-    force -= problem.layer.force(case.nodes + found.state.u)
+    (layer,) = problem.layers
+    force -= layer.force(case.nodes + found.state.u)
     total = float(force[case.node_sets["x1"], 0].sum())
     # both incompressible with Poisson's ratio 1/2: uniaxial in either, the stiffnesses add
     assert total == pytest.approx((3 * mu + 2 * stiffness) * strain, rel=1e-3)

@@ -1,0 +1,79 @@
+"""What joins parts of a deck: nodes of ties that coincide become one, other tied nodes follow the master's
+faces."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from fe.case import Case, Tie
+from fe.deck.meshdraft import MeshDraft
+from fe.deck.rigid import TieDraft
+from fe.kernel.tying import slaves
+
+COINCIDENT = 1e-5  # of the longest side: nodes nearer to each other are one place
+NEAR = 0.05  # of a master face's size: how far tied nodes may lie apart, as in Abaqus
+
+
+def of_sheets(mesh: MeshDraft, tie: TieDraft) -> set[int]:
+    """The sheets that a tie bonds, none where it ties solids."""
+    return {e for name in (tie.slave, tie.master) for e, _ in mesh.surfaces[name] if e in mesh.sheets}
+
+
+def merged(mesh: MeshDraft, ties: Iterable[TieDraft]) -> dict[int, int]:
+    """Nodes of slave surfaces that lie on nodes of their master {slave: master}: they become one there."""
+    every = np.array(list(mesh.nodes.values()))
+    near, same = COINCIDENT * float(np.ptp(every, axis=0).max()), dict[int, int]()
+    for tie in ties:
+        first, second = (np.array(mesh.nodes_on(mesh.surfaces[name])) for name in (tie.slave, tie.master))
+        places = [np.array([mesh.nodes[n] for n in own.tolist()]) for own in (first, second)]
+        away, at = (np.asarray(x) for x in cKDTree(places[1]).query(places[0]))
+        for a, b in zip(first[away <= near].tolist(), second[at[away <= near]].tolist(), strict=True):
+            a, b = _last(same, a), _last(same, b)
+            if a != b:
+                same[a] = b
+    return {a: _last(same, a) for a in same}
+
+
+def _last(same: Mapping[int, int], label: int) -> int:
+    while label in same:
+        label = same[label]
+    return label
+
+
+def with_one_node(mesh: MeshDraft, same: Mapping[int, int]) -> None:
+    """Put a mesh's nodes that are one in the place of each other."""
+    for elements in (mesh.elements, mesh.sheets):
+        for e, (kind, row) in elements.items():
+            if not same.keys().isdisjoint(row):
+                elements[e] = kind, [same.get(n, n) for n in row]
+    for members in mesh.node_sets.values():
+        members[:] = dict.fromkeys(same.get(n, n) for n in members)
+
+
+def tied(case: Case, ties: Sequence[TieDraft]) -> Case:
+    """A case with those of its ties that coinciding nodes leave, whose slave nodes are put onto the master.
+    ValueError where nothing of a tie is near enough, which nodes do not join already."""
+    for tie in ties:
+        faces = case.face_nodes(tie.master)
+        own = np.unique(case.face_nodes(tie.slave))
+        rest = np.setdiff1d(own, faces)
+        if not len(rest):
+            continue
+        corners = case.nodes[faces[:, list(case.element.corners)]]
+        size = float(np.linalg.norm(np.ptp(corners, axis=1), axis=1).mean())
+        reach = NEAR * size if tie.tolerance is None else tie.tolerance
+        whole = Tie(tie.slave, tie.master, reach)
+        found, _, _, places = slaves(case, whole)
+        if not len(found):
+            if len(rest) < len(own):
+                continue
+            raise ValueError(
+                f"{tie.place}: *TIE of {tie.slave} to {tie.master}: no slave node lies within {reach:.3g} of "
+                "the master; wanted surfaces that touch; state POSITION TOLERANCE, or move the part"
+            )
+        nodes = case.nodes.copy()
+        nodes[found] = places
+        case = replace(case, nodes=nodes, ties=(*case.ties, whole))
+    return case

@@ -1,0 +1,138 @@
+"""Keywords that join nodes: *TIE, *EQUATION, *MPC, *RIGID BODY, *COUPLING, *KINEMATIC COUPLING.
+
+A rigid joint is read where its reference node does not turn: then the nodes move as that one does.
+"""
+
+from fe.case import Equation
+from fe.deck import naming
+from fe.deck.draft import Draft
+from fe.deck.keywords import Keyword, Place
+from fe.deck.rigid import Rigid, TieDraft
+
+ALL = (0, 1, 2)
+
+
+def tie(draft: Draft, k: Keyword) -> None:
+    """*TIE: slave and master surface."""
+    k.only("NAME", "POSITION TOLERANCE", "ADJUST", "TYPE", "CONSTRAINT RATIO", "NO ROTATION", "NO THICKNESS")
+    tolerance = None
+    if k.parameters.get("POSITION TOLERANCE"):
+        (tolerance,) = k.numbers(k.place, [k.parameters["POSITION TOLERANCE"]])
+    for line, words in k.data:
+        for word in words[:2]:
+            naming.known(k, draft.mesh.surfaces, word, line)
+        slave, master = (str(naming.key(draft.mesh.surfaces, w)) for w in words[:2])
+        draft.ties.append(TieDraft(slave, master, tolerance, line))
+
+
+def equation(draft: Draft, k: Keyword) -> None:
+    """*EQUATION: how many terms, then node or set, component, factor of each."""
+    lines = iter(k.data)
+    for line, words in lines:
+        wanted, given = k.whole(line, words[0], low=2, high=1000), list[tuple[Place, list[str]]]()
+        while len(given) < wanted:
+            at, row = next(lines, (line, []))
+            if not row:
+                raise IndexError
+            row = row[: -1] if len(row) % 3 and not row[-1] else row
+            given += [(at, row[i : i + 3]) for i in range(0, len(row), 3)]
+        terms = [_term(draft, k, at, row) for at, row in given]
+        count = max(len(labels) for labels, _, _ in terms)
+        if any(len(labels) not in (1, count) for labels, _, _ in terms):
+            raise k.error("*EQUATION with sets of different sizes: wanted one size, or single nodes", line)
+        for i in range(count):
+            own = [(labels[i % len(labels)], d, f) for labels, d, f in terms]
+            draft.equations.append(Equation(tuple(own)))
+
+
+def _term(draft: Draft, k: Keyword, at: Place, row: list[str]) -> tuple[list[int], int, float]:
+    chosen = naming.members(draft, k, draft.mesh.node_sets, row[0], at)
+    component, (factor,) = k.whole(at, row[1], low=1, high=3), k.numbers(at, row[2:3])
+    if not factor or not chosen:
+        raise k.error("*EQUATION with the factor 0, or an empty set: wanted factors that are not 0", at)
+    return sorted(chosen), component - 1, factor
+
+
+def mpc(draft: Draft, k: Keyword) -> None:
+    """*MPC of the types TIE, PIN and BEAM: nodes or sets, the first of which follow the second."""
+    for line, words in k.data:
+        kind = words[0].upper()
+        if kind not in ("TIE", "PIN", "BEAM"):
+            raise k.error(f"*MPC {kind}: wanted TIE, PIN or BEAM; write *EQUATION for others", line)
+        first, second = (
+            naming.members(draft, k, draft.mesh.node_sets, word, line) for word in words[1:3]
+        )
+        if len(second) not in (1, len(first)):
+            raise k.error(
+                f"*MPC between {len(first)} and {len(second)} nodes: wanted one node, or as many", line
+            )
+        if kind == "BEAM":
+            for master in second[: 1 if len(second) == 1 else None]:
+                own = first if len(second) == 1 else [first[second.index(master)]]
+                draft.rigid.append(Rigid(master, list(own), ALL, line, k.name))
+            continue
+        pairs = zip(first, second if len(second) > 1 else second * len(first), strict=True)
+        draft.equations += [Equation(((a, d, 1.0), (b, d, -1.0))) for a, b in pairs for d in ALL]
+
+
+def rigid_body(draft: Draft, k: Keyword) -> None:
+    """*RIGID BODY of elements or nodes with a reference node."""
+    own: list[int] = []
+    if "ELSET" in k.parameters:
+        chosen = naming.known(k, draft.mesh.element_sets, k.text("ELSET"), k.place)
+        own += sorted({n for e in chosen for n in draft.mesh.element(e)[1]})
+    for name in ("NSET", "TIE NSET", "PIN NSET"):
+        if name in k.parameters:
+            own.extend(naming.known(k, draft.mesh.node_sets, k.text(name), k.place))
+    if not own:
+        raise k.error("*RIGID BODY: wanted ELSET=, TIE NSET= or PIN NSET= of its elements or nodes")
+    draft.rigid.append(Rigid(_reference(draft, k), own, ALL, k.place, k.name))
+
+
+def _reference(draft: Draft, k: Keyword) -> int:
+    stated = k.text("REF NODE")
+    chosen = naming.members(draft, k, draft.mesh.node_sets, stated, k.place)
+    if len(chosen) != 1:
+        raise k.error(f"*{k.name}, REF NODE={stated}: {len(chosen)} nodes; wanted one")
+    return chosen[0]
+
+
+def coupling(draft: Draft, k: Keyword) -> None:
+    """*COUPLING: the nodes of a surface, and the reference node that *KINEMATIC below ties them to."""
+    name = naming.key(draft.mesh.surfaces, k.text("SURFACE"))
+    if name is None:
+        naming.known(k, draft.mesh.surfaces, k.text("SURFACE"), k.place)
+    own = draft.mesh.nodes_on(draft.mesh.surfaces[str(name)])
+    draft.coupled = Rigid(_reference(draft, k), own, ALL, k.place, k.name)
+
+
+def kinematic(draft: Draft, k: Keyword) -> None:
+    """*KINEMATIC, below *COUPLING: the components, by default all."""
+    if draft.coupled is None:
+        raise k.error("*KINEMATIC without *COUPLING above: wanted it below that; move it")
+    joint, draft.coupled = draft.coupled, None
+    draft.rigid.append(joint.only(_components(k, 0)))
+
+
+def kinematic_coupling(draft: Draft, k: Keyword) -> None:
+    """*KINEMATIC COUPLING: nodes or sets, first and last component, of a reference node."""
+    reference = _reference(draft, k)
+    for line, words in k.data:
+        own = naming.members(draft, k, draft.mesh.node_sets, words[0], line)
+        joint = Rigid(reference, list(own), ALL, line, k.name)
+        one = Keyword(k.name, {}, [(line, words)], line)
+        draft.rigid.append(joint.only(_components(one, 1)))
+
+
+def _components(k: Keyword, start: int) -> tuple[int, ...]:
+    """The components that data lines name, by default 0, 1, 2."""
+    found: set[int] = set()
+    for line, words in k.data:
+        given = [w for w in words[start:] if w]
+        if given:
+            first = k.whole(line, given[0], low=1, high=6)
+            last = k.whole(line, given[1], low=first, high=6) if len(given) > 1 else first
+            found |= set(range(first - 1, last))
+    return tuple(sorted(found & {0, 1, 2})) if found else ALL
+
+

@@ -1,0 +1,147 @@
+"""Decks as published actuators have them, and meshes with named groups: from `twin init --deck` to a fit."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+from benchmarks.kernel.actuatordecks import MIDDLE, TIP, write
+from benchmarks.kernel.smalldecks import Z, lattice
+
+import meshio
+import numpy as np
+import pytest
+
+from fe import Material, solve
+from fe.deck.reader import read_deck
+from fe.mesh.refine import enriched
+from twin import cli, virtual
+from twin.bench.workbench import structure_of
+from twin.formats.meshgroups import deck_of
+from twin.model.lineartets import stiffness_doubt
+from twin.model.structure import of_deck
+from twin.project.files import read_json
+from twin.project.folder import Project
+from twin.project.targetwriting import write_targets
+
+NAMED = [a for n, x in (("tip", TIP), ("middle", MIDDLE)) for a in ("--node", f"{n}={','.join(map(str, x))}")]
+
+
+def run(*arguments: object) -> None:
+    assert cli.app(args=[str(a) for a in arguments], standalone_mode=False) in (None, 0)
+
+
+@pytest.fixture(scope="module")
+def deck(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    return write(tmp_path_factory.mktemp("published"))
+
+
+def test_a_paper_layer_and_parts_are_read_shown_and_told(
+    deck: dict[str, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run("init", tmp_path / "batch", "--deck", deck["bellows"], *NAMED)
+    told = " ".join(capsys.readouterr().out.split())
+    assert "The sheet set-1 (27 elements) is read as a layer on 54 faces of the solid." in told
+    assert "read at its largest value, 1" in told
+    structure = structure_of(Project.open(tmp_path / "batch"))
+    assert not structure.scales  # the paper's stiffness is no rubber's
+    (layer,) = structure.case.layers
+    assert layer.stiffness == pytest.approx(650.0)  # 0.1 mm x 6500 MPa
+    assert structure.case.clamp is not None
+    run("look", "--project", tmp_path / "batch")
+    png = next((tmp_path / "batch" / "runs").glob("*-look/read.png")).read_bytes()
+    assert png.startswith(b"\x89PNG")
+
+
+def test_two_tied_parts_in_other_units(deck: dict[str, Path]) -> None:
+    structure = of_deck(deck["twolayers"], silicone=("upper-1.body",))
+    (tie,) = structure.case.ties
+    assert tie.reach == pytest.approx(0.1)
+    assert structure.case.nodes.max() == pytest.approx(45.0)
+    assert structure.case.materials["slab-1.body"].shear == pytest.approx(1.2)
+    assert structure.case.clamp is not None  # both meshes are alike there: no node follows one of the clamp's
+    assert "27-node elements" in structure.finer
+
+
+@pytest.mark.slow
+def test_a_published_deck_is_calibrated(deck: dict[str, Path], tmp_path: Path) -> None:
+    case = read_deck(deck["bellows"]).case
+    truth = replace(case, materials=dict.fromkeys(case.materials, Material(0.12, 0.03, bulk_ratio=1000)))
+    bench = virtual.Bench(film_hz=2.0, gauge_sd_MPa=1e-4, sd=0.002)
+    course = virtual.path(bench, protocol=((0.0, 0.0), (2.0, 0.0), (4.0, 12.0), (8.0, 12.0)))
+    points = np.array([TIP, MIDDLE])
+    labels = [int(case.labels[np.linalg.norm(case.nodes - x, axis=1).argmin()]) for x in points]
+    response = solve(truth, course)
+    write_targets(tmp_path / "targets", virtual.noisy_targets(
+        response.at(points), response.per_pressure(points), course, points=virtual.at_nodes(("tip", "middle"), labels, points),
+        bench=bench, seed=1,
+    ))  # fmt: skip
+    run("init", tmp_path / "batch", "--targets", tmp_path / "targets", "--deck", deck["bellows"], *NAMED)
+    toml = tmp_path / "batch" / "twin.toml"
+    toml.write_text(toml.read_text().replace("population = 30", "population = 8").replace("generations = 20", "generations = 2"))
+    run("calibrate", "--project", tmp_path / "batch")
+    fit = read_json(next((tmp_path / "batch" / "runs").glob("*-calibrate/fit.json")))
+    total = sum(fit["parameters"][name]["value"] for name in ("C10", "C01"))
+    assert total == pytest.approx(0.15, rel=0.05)
+
+
+# -- meshes with groups ------------------------------------------------------------------------------------
+
+
+def mesh_file(path: Path, kind: str = "msh") -> Path:
+    """A hollow block of hexahedra with groups Rubber, Chamber and End."""
+    mesh = lattice("C3D8", lines=((0.0, 3.0, 9.0, 15.0, 18.0), (-4.0, -2.0, 2.0, 4.0), Z), void={(1, 1, 1), (2, 1, 1)})
+    row = {p: k for k, p in enumerate(mesh.points)}
+    places = np.array([mesh.place(p) for p in mesh.points], float)
+    cells = np.array([[row[p] for p in points] for _, points, _ in mesh.elements])
+    sides = [[int(c) - 1 for c in digits] for digits in ("1234", "5876", "1562", "2673", "3784", "4851")]
+    every: dict[frozenset[int], list[list[int]]] = {}
+    for cell in cells.tolist():
+        for side in sides:
+            face = [cell[k] for k in side]
+            every.setdefault(frozenset(face), []).append(face)
+    skin = [own[0] for own in every.values() if len(own) == 1]
+    inside = [f for f in skin if all(3 <= x <= 15 and -2 <= y <= 2 and 2 <= z <= 4 for x, y, z in places[f])]
+    end = [f for f in skin if not places[f][:, 0].any()]
+    tags = [np.ones(len(cells), int), np.repeat([2, 3], [len(inside), len(end)])]
+    blocks = [("hexahedron", cells), ("quad", np.array(inside + end))]
+    if kind == "msh":
+        names = {"Rubber": np.array([1, 3]), "Chamber": np.array([2, 2]), "End": np.array([3, 2])}
+        data = {"gmsh:physical": tags, "gmsh:geometrical": tags}
+        made = meshio.Mesh(places, blocks, cell_data=data, field_data=names)
+        meshio.write(path, made, file_format="gmsh22", binary=False)
+    else:
+        meshio.write(path, meshio.Mesh(places, blocks, cell_data={"group": tags}))
+    return path
+
+
+@pytest.mark.parametrize(("name", "sets"), [("a.msh", ("", "End")), ("a.vtu", ("2", "3"))])
+def test_a_mesh_with_groups_becomes_a_deck(tmp_path: Path, name: str, sets: tuple[str, str]) -> None:
+    file = mesh_file(tmp_path / name, Path(name).suffix[1:])
+    text = deck_of(file, pressure=sets[0], clamp=sets[1], constants=(0.2, 0.1))
+    (tmp_path / "a.inp").write_text(text)
+    case = of_deck(tmp_path / "a.inp").case
+    assert case.element.name == "C3D8H"
+    assert case.clamp is not None
+    assert not case.nodes[case.clamped][:, 0].any()
+    assert len(case.surfaces[str(case.pressurised)]) == 2 * 4 + 2  # the sides of two cells, but for their joint
+
+
+def test_a_group_that_is_not_there_is_named_with_those_that_are(tmp_path: Path) -> None:
+    file = mesh_file(tmp_path / "a.msh")
+    with pytest.raises(ValueError, match=r"no group of faces is called clamp or .*; it has Chamber, End; state --clamp-set"):
+        deck_of(file, constants=(0.2, 0.1))
+    with pytest.raises(ValueError, match="no group of faces is called 'Hole'; it has Chamber, End; state --pressure-set"):
+        deck_of(file, pressure="Hole", constants=(0.2, 0.1))
+    (tmp_path / "b.msh").write_text("nothing of a mesh")
+    with pytest.raises(ValueError, match=r"b\.msh: not a mesh that can be read"):
+        deck_of(tmp_path / "b.msh", constants=(0.2, 0.1))
+
+
+def test_linear_tetrahedra_say_how_far_off_they_are(tube_deck: Callable[..., Path], tmp_path: Path) -> None:
+    case = of_deck(tube_deck(tmp_path, "C3D4", cells=4)).case
+    told = stiffness_doubt(case)
+    assert "move" in told
+    assert 30 < float(told.partition("move ")[2].split()[0]) < 100  # locked: most of the motion is missing
+    assert stiffness_doubt(enriched(case)) == ""
+
+

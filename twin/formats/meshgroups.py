@@ -1,0 +1,186 @@
+"""A mesh of Gmsh or VTK with named groups, as the Abaqus deck that a project has.
+
+A group of cells is a material, one of faces a surface; a mesh says neither loads nor laws: the groups that
+are under pressure and held are named, or tell by their names, and every material is nominal silicone.
+"""
+
+import warnings
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from fe.element import ELEMENTS, Array, Integers
+
+MESHES = (".msh", ".vtk", ".vtu")
+SOLIDS = {"tetra": "C3D4H", "tetra10": "C3D10H", "hexahedron": "C3D8H", "hexahedron20": "C3D20RH"}
+FACES = ("triangle", "triangle6", "quad", "quad8")  # in the same order as those of Abaqus
+PRESSURE = ("chamber", "pressure", "cavity", "inside", "inner")
+CLAMP = ("clamp", "root", "fixed", "base")
+SYMMETRY = {"xsymm": "XSYMM", "ysymm": "YSYMM", "zsymm": "ZSYMM", "symmetry": "YSYMM"}
+DECK = """\
+*HEADING
+ {name}: groups {groups}
+*NODE
+{nodes}
+{elements}
+{sets}
+*NSET, NSET={clamp}
+{held}
+{symmetry}
+*SURFACE, NAME={pressure}, TYPE=ELEMENT
+{loaded}
+{materials}
+*BOUNDARY
+{clamp}, 1, 3
+{planes}
+*STEP, NLGEOM=YES
+*STATIC
+*DSLOAD
+{pressure}, P, 0.01
+*END STEP
+"""
+
+
+@dataclass(frozen=True)
+class Groups:
+    """A mesh: nodes (n, 3) mm; elements (e, m) of one type, an Abaqus name; the elements (k,) of each group
+    of cells, and the nodes (k, c) of the corners of the faces of each group of faces."""
+
+    nodes: Array
+    kind: str
+    elements: Integers
+    cells: Mapping[str, Integers]
+    faces: Mapping[str, Integers]
+
+
+def deck_of(path: Path, *, pressure: str = "", clamp: str = "", constants: tuple[float, float]) -> str:
+    """The deck of a mesh: its groups of cells as element sets of silicone with constants C10 and C01 in MPa.
+
+    pressure, clamp: the groups of faces that are loaded and held, by default those whose names say so.
+    ValueError where a group is not there, or none says so; the message lists the groups.
+    """
+    mesh = _groups(path)
+    loaded = _chosen(path, mesh, pressure, PRESSURE, "--pressure-set")
+    held = _chosen(path, mesh, clamp, CLAMP, "--clamp-set")
+    planes = {name: SYMMETRY[name.lower()] for name in mesh.faces if name.lower() in SYMMETRY}
+    sets = "\n".join(_listed(f"*ELSET, ELSET={name}", rows + 1) for name, rows in mesh.cells.items())
+    solid = "*HYPERELASTIC, MOONEY-RIVLIN\n{:g}, {:g}, 0.".format(*constants)
+    materials = "\n".join(
+        f"*SOLID SECTION, ELSET={n}, MATERIAL={n}\n*MATERIAL, NAME={n}\n{solid}" for n in mesh.cells
+    )
+    places = enumerate(mesh.nodes.tolist(), start=1)
+    rows = "\n".join(", ".join([str(n), *(f"{v:.10g}" for v in x)]) for n, x in places)
+    text = DECK.format(
+        name=path.name, groups=", ".join([*mesh.cells, *mesh.faces]), nodes=rows, elements=_elements(mesh),
+        sets=sets, clamp=held, held=_numbers(np.unique(_on(mesh, held)) + 1), pressure=loaded,
+        symmetry="\n".join(_listed(f"*NSET, NSET={n}", np.unique(_on(mesh, n)) + 1) for n in planes),
+        loaded=_surface(path, mesh, loaded), materials=materials,
+        planes="\n".join(f"{name}, {what}" for name, what in planes.items()),
+    )  # fmt: skip
+    return "".join(f"{line}\n" for line in text.splitlines() if line.strip())
+
+
+def _chosen(path: Path, mesh: Groups, stated: str, known: tuple[str, ...], option: str) -> str:
+    """The name of a group of faces: as stated, or the one whose name says so."""
+    names = {name.lower(): name for name in mesh.faces}
+    wanted = (stated.lower(), f"group_{stated}") if stated else known  # a number would be a node's label
+    found = [names[n] for n in wanted if n in names]
+    if not found:
+        listed = ", ".join(mesh.faces) or "none"
+        called = f"{stated!r}" if stated else " or ".join(known)
+        what = f"no group of faces is called {called}"
+        raise ValueError(f"{path.name}: {what}; it has {listed}; state {option} with one of them")
+    return found[0]
+
+
+def _groups(path: Path) -> Groups:
+    """The groups of a mesh file. ValueError for what cannot be read, or has no solid cells of one type."""
+    import meshio
+
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            mesh = meshio.read(path)
+    except (Exception, SystemExit) as error:  # meshio ends the program for a file that it does not know
+        raise ValueError(f"{path.name}: not a mesh that can be read ({str(error)[:200]})") from None
+    kinds = {block.type for block in mesh.cells} & {*SOLIDS, "wedge", "pyramid", "wedge15", "hexahedron27"}
+    if len(kinds) != 1 or not kinds <= SOLIDS.keys():
+        raise ValueError(
+            f"{path.name}: solid cells {', '.join(sorted(kinds)) or 'none'}; wanted one type of "
+            f"{', '.join(SOLIDS)}; mesh it with one, and save all elements"
+        )
+    (kind,) = kinds
+    elements, solid = _named(mesh, (kind,))
+    _, faces = _named(mesh, FACES)
+    cells = {name: rows for name, rows in solid.items() if len(rows)}
+    grouped = np.zeros(len(elements), int)
+    for rows in cells.values():
+        grouped[rows] += 1
+    if (grouped > 1).any():
+        raise ValueError(f"{path.name}: a cell is in two groups of cells; wanted one material for each cell")
+    if (grouped == 0).any():
+        cells["silicone"] = np.flatnonzero(grouped == 0)
+    corners, _ = _named(mesh, FACES)
+    own = len(ELEMENTS[SOLIDS[kind]].corners)
+    surfaces = {name: corners[rows][:, :own] for name, rows in faces.items() if len(rows)}
+    return Groups(np.asarray(mesh.points, float)[:, :3], SOLIDS[kind], elements, cells, surfaces)
+
+
+def _named(mesh: object, types: tuple[str, ...]) -> tuple[Integers, dict[str, Integers]]:
+    """The cells (e, m) of these types, and the rows (k,) of each of their groups."""
+    blocks = [k for k, block in enumerate(mesh.cells) if block.type in types]  # type: ignore[attr-defined]
+    if not blocks:
+        return np.empty((0, 4), np.int64), {}
+    cells = [np.asarray(mesh.cells[k].data, np.int64) for k in blocks]  # type: ignore[attr-defined]
+    names = {int(v[0]): n for n, v in mesh.field_data.items()}  # type: ignore[attr-defined]
+    data = mesh.cell_data  # type: ignore[attr-defined]
+    key = next((k for k in ("gmsh:physical", "group", "material", "CellEntityIds") if k in data), None)
+    groups: dict[str, Integers] = {}
+    if key is not None:
+        tags = np.concatenate([np.asarray(data[key][k]).ravel().astype(int) for k in blocks])
+        every = [t for t in np.unique(tags).tolist() if t]
+        groups = {names.get(t, f"group_{t}"): np.flatnonzero(tags == t) for t in every}
+    return np.concatenate(cells), groups
+
+
+def _elements(mesh: Groups) -> str:
+    lines = [f"*ELEMENT, TYPE={mesh.kind}"]
+    for number, row in enumerate((mesh.elements + 1).tolist(), start=1):
+        words = [str(number), *map(str, row)]
+        cut = 11 if len(words) > 12 else len(words)
+        lines += [", ".join(words[:cut]) + "," * (cut < len(words)), ", ".join(words[cut:])]
+    return "\n".join(lines)
+
+
+def _on(mesh: Groups, name: str) -> Integers:
+    """The nodes on a group of faces, middle nodes of the solids' faces among them."""
+    return mesh.elements[_faces(mesh, name)[:, :1], ELEMENTS[mesh.kind].faces[_faces(mesh, name)[:, 1]]]
+
+
+def _faces(mesh: Groups, name: str) -> Integers:
+    """The faces (f, 2) = (element, face) of solids on a group of faces."""
+    element = ELEMENTS[mesh.kind]
+    corners = np.sort(mesh.elements[:, element.faces[:, list(element.corners)]], axis=2)
+    wanted = {tuple(row) for row in np.sort(mesh.faces[name], axis=1).tolist()}
+    flat = corners.reshape(-1, corners.shape[2]).tolist()
+    found = [k for k, row in enumerate(flat) if tuple(row) in wanted]
+    return np.stack(np.divmod(np.array(found, np.int64), len(element.faces)), axis=1)
+
+
+def _surface(path: Path, mesh: Groups, name: str) -> str:
+    faces = _faces(mesh, name)
+    if not len(faces):
+        raise ValueError(f"{path.name}: the faces of {name} belong to no solid cell; wanted its own skin")
+    return "\n".join(f"{e + 1}, S{f + 1}" for e, f in faces.tolist())
+
+
+def _listed(head: str, numbers: Integers) -> str:
+    return f"{head}\n{_numbers(numbers)}"
+
+
+def _numbers(numbers: Integers) -> str:
+    return "\n".join(
+        ", ".join(map(str, numbers[k : k + 12].tolist())) for k in range(0, len(numbers), 12)
+    )
