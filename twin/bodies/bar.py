@@ -23,7 +23,6 @@ class BarTable(TableModel):
 
     kind: ClassVar[str] = "bar"
     remedy: ClassVar[str] = "make it thicker or shorter"
-    touching: ClassVar[tuple[tuple[str, str], ...]] = ()
 
     length_mm: Positive = Field(default=100.0, description="free length from the clamp to the end, mm")
     width_mm: Positive = Field(default=30.0, description="width across, mm")

@@ -76,11 +76,6 @@ class Body(Protocol):
         ...
 
     @property
-    def touching(self) -> tuple[tuple[str, str], ...]:
-        """Pairs of surfaces that may touch each other under pressure; a surface may touch itself."""
-        ...
-
-    @property
     def places(self) -> Mapping[str, Place]:
         """Where markers may be glued on it, mm: p1, p2 .. along its lower side, `tip`, and off1 .. above
         them."""

@@ -196,11 +196,6 @@ class BuiltIn:
         }
 
     @property
-    def touching(self) -> tuple[tuple[str, str], ...]:
-        """Its pleats may touch each other, outside and in the chamber."""
-        return (("outside", "outside"), ("chamber", "chamber"))
-
-    @property
     def places(self) -> dict[str, Place]:
         """Places along the flat lower edge of the side face (the tip last), and above it on the crests of the
         side face."""

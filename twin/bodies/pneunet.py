@@ -8,7 +8,6 @@ import math
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, ClassVar, Self
 
-import numpy as np
 from pydantic import Field, model_validator
 
 from twin.bodies.body import GAP, Arrow, Cells, Place, Sketch, edge_places, finer_cells, marks
@@ -105,11 +104,6 @@ class PneunetTable(TableModel):
         """x of each chamber's end towards the clamp, mm."""
         return [self.base_cap_mm + k * self.pitch_mm for k in range(self.chambers)]
 
-    @property
-    def touching(self) -> tuple[tuple[str, str], ...]:
-        """The walls on both sides of a gap, where there is one."""
-        return (("between", "between"),) if self.chambers > 1 else ()
-
     # -- its mesh --------------------------------------------------------------------------------------------
 
     @property
@@ -125,7 +119,7 @@ class PneunetTable(TableModel):
         )
 
     def case(self, lattice: Cells, material: "Material") -> "Case":
-        """Half of the PneuNet on a lattice; surfaces `bottom` and `between`, the walls at the gaps, too."""
+        """Half of the PneuNet on a lattice; surface `bottom`, too."""
         from dataclasses import replace
 
         from fe.case import Layer
@@ -138,12 +132,9 @@ class PneunetTable(TableModel):
         case = hollow_case(
             cells[~gap], ~void[~gap], material=material, marks=marks(self.length_mm, self.width_mm / 2, 0.0)
         )
-        first = [x + self.chamber_length_mm + self.chamber_wall_mm for x in self._starts[:-1]]
-        walls = [facing(case, "outside", 0, x + off) for x in first for off in (0.0, self.gap_mm)]
-        surfaces = {"bottom": facing(case, "outside", 2, 0.0)}
-        surfaces |= {"between": np.concatenate(walls)} if walls else {}
+        surfaces = {**case.surfaces, "bottom": facing(case, "outside", 2, 0.0)}
         layers = (Layer("bottom", self.sheet_N_per_mm),) if self.sheet_N_per_mm else ()
-        return replace(case, surfaces={**case.surfaces, **surfaces}, layers=layers)
+        return replace(case, surfaces=surfaces, layers=layers)
 
     def _inside(self, x: Array, y: Array, z: Array) -> "tuple[Flags, Flags]":
         """Which places (c,) mm lie in the chambers or the channel, and which in a gap."""

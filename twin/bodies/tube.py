@@ -33,7 +33,6 @@ class TubeTable(TableModel):
 
     kind: ClassVar[str] = "tube"
     remedy: ClassVar[str] = "make the walls thicker, or edge_radius_mm smaller"
-    touching: ClassVar[tuple[tuple[str, str], ...]] = (("chamber", "chamber"),)
 
     section: Literal["round", "rectangular"] = Field(
         default="round", description="round: a circle, or an ellipse where width and height differ"
@@ -130,7 +129,7 @@ class TubeTable(TableModel):
         return Cells(along=min(max(along, 4), MOST), across=across, up=up, wall=wall)
 
     def case(self, lattice: Cells, material: "Material") -> "Case":
-        """Half of the tube on a lattice; surface `skin`, around it without its ends, too."""
+        """Half of the tube on a lattice; surface `around`, around it without its ends, too."""
         from dataclasses import replace
 
         from fe.case import Layer
@@ -151,9 +150,9 @@ class TubeTable(TableModel):
         )  # fmt: skip
         ends = np.concatenate([facing(case, "outside", 0, x) for x in (0.0, self.length_mm)])
         outside = case.surfaces["outside"]
-        skin = outside[~(outside[:, None] == ends).all(axis=2).any(axis=1)]
-        layers = (Layer("skin", self.fibre_N_per_mm, wound=True),) if self.fibre_N_per_mm else ()
-        return replace(case, surfaces={**case.surfaces, "skin": skin}, layers=layers)
+        around = outside[~(outside[:, None] == ends).all(axis=2).any(axis=1)]
+        layers = (Layer("around", self.fibre_N_per_mm, wound=True),) if self.fibre_N_per_mm else ()
+        return replace(case, surfaces={**case.surfaces, "around": around}, layers=layers)
 
     def _placed(self, a: Array, b: Array, lattice: Cells) -> Array:
         """Places (n, 2) mm, y and z, of the O-grid's points a, b: the core where both are up to 1, the
