@@ -52,7 +52,8 @@ def parted(
         if not len(modes):
             break
         weighted = modes * (weights(left, nu, scale=scale) / scale**2)
-        before, a = a, np.linalg.solve(np.eye(len(modes)) + weighted @ modes.T, weighted @ z)
+        solved = np.linalg.solve(np.eye(len(modes)) + weighted @ modes.T, weighted @ z)
+        before, a = a, np.asarray(solved, float)
         left = z - modes.T @ a
         if np.abs(a - before).max() < SETTLED:
             break

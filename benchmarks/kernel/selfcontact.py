@@ -25,7 +25,7 @@ from fe import Block, Case, Clamp, Path, Support, solve
 from fe.case import SelfContact
 from fe.deck.calculix import CalculiX
 from fe.deck.writer import deck
-from fe.element import Array, Flags
+from fe.element import Array, Flags, Integers
 from fe.mesh.convert import converted
 from fe.mesh.skin import closing
 from fe.solving import Solution
@@ -76,7 +76,7 @@ def _assembled(lines: tuple[Array, ...], solid: Flags, void: Flags) -> Case:
     number = np.ravel_multi_index(tuple(index), [len(v) for v in places])
     used, rows = np.unique(number, return_inverse=True)
     nodes, kind = nodes[used], np.pad(np.where(solid, 1, np.where(void, 2, 0)), 1)
-    surfaces: dict[str, list[Array]] = {"chamber": [], "outside": []}
+    surfaces: dict[str, list[Integers]] = {"chamber": [], "outside": []}
     for face, (axis, side) in enumerate((a, s) for a in range(3) for s in (-1, 1)):
         beside = cell + 1
         beside[:, axis] += side
@@ -95,7 +95,7 @@ def _assembled(lines: tuple[Array, ...], solid: Flags, void: Flags) -> Case:
     return replace(case, surfaces={**case.surfaces, **_facing(case, float(lines[0][-1]))})
 
 
-def _facing(case: Case, length: float) -> dict[str, Array]:
+def _facing(case: Case, length: float) -> dict[str, Integers]:
     """The two walls of every gap."""
     faces, x = case.surfaces["outside"], case.nodes[case.face_nodes("outside")].mean(axis=1)[:, 0]
     out = {}

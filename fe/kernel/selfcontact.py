@@ -242,7 +242,7 @@ class SelfFaces:
         between = centre[a] - centre[b]
         a, b = kept(np.einsum("ki,ki->k", between, between) < (radius[a] + radius[b] + apart) ** 2)
         a, b = kept(np.einsum("ki,ki->k", n[a], n[b]) < FACING)
-        a, b = kept(self._allowed(a, b).any(axis=0))
+        a, b = kept(np.asarray(self._allowed(a, b).any(axis=0)))
         a, b = np.concatenate([a, b]), np.concatenate([b, a])
         low = np.einsum("kmi,ki->km", at[a] - centre[b][:, None], n[b]).min(axis=1)
         a, b = kept(low < top[b] + SMOOTH + apart)

@@ -9,9 +9,11 @@ other.
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from twin.diagnosis.signatures import prior_sd
 from twin.effects.library import effect
+from twin.judging.besidefilm import curve_jacobian, curve_residual
 from twin.judging.lawerrors import law_errors
 from twin.judging.likelihood import priors_of, without_gross
 from twin.judging.record import FitRecord
@@ -32,6 +34,7 @@ class Uncertain:
     columns: Array
     prior: Array
     stated: tuple[Array, Array] = (np.zeros(0), np.zeros((0, 0)))
+    free: NDArray[np.bool_] | None = None  # (d,) of the model's parameters, those whose columns come first
 
     @staticmethod
     def of(
@@ -44,7 +47,7 @@ class Uncertain:
     ) -> "Uncertain":
         """Those of a model at theta (d,) for targets that hold what is to be predicted: the free parameters
         first, in their order. beyond: whether some of that lies above the tested pressure."""
-        free = [p.name not in record.at_bound for p in model.parameters]
+        free = np.array([p.name not in record.at_bound for p in model.parameters])
         width = np.array([p.high - p.low for p in model.parameters])[free]
         columns, prior = [model.jacobian(theta)[free]], [12 / width**2]  # an even spread over them
         modes = [model.modes(theta)]
@@ -62,7 +65,7 @@ class Uncertain:
         for row, one in zip(rows, priors, strict=True):
             row[: sum(free)] = one.slope(theta)[free]
         stated = np.array([one.value(theta) for one in priors]), rows
-        return Uncertain(np.concatenate(columns), np.concatenate(prior), stated)
+        return Uncertain(np.concatenate(columns), np.concatenate(prior), stated, free)
 
 
 def told_by_film(
@@ -95,6 +98,11 @@ def amounts_told(
     if len(uncertain.stated[0]):
         off, rows = uncertain.stated
         seen, z = np.vstack([seen, rows]), np.append(z, -off)
+    if targets.curves:  # of the silicone, which know no more than the parameters
+        slopes = -curve_jacobian(model, targets, theta)[:, uncertain.free]
+        beside = np.zeros((len(slopes), len(columns) - slopes.shape[1]))
+        seen = np.concatenate([seen, np.hstack([slopes, beside])])
+        z = np.concatenate([z, curve_residual(model, targets, theta)])
     scale = 1 / np.sqrt((seen**2).sum(axis=0) + prior)
     information = (seen * scale).T @ (seen * scale) + np.diag(prior * scale**2)
     power, turn = np.linalg.eigh(information)

@@ -43,8 +43,8 @@ Keep = Callable[[str, Callable[[], Made]], Made]  # what was made under a name b
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """A part of the targets that is fitted: its name, the targets with these values alone, and its
-    whitener."""
+    """A part of the targets that is fitted: its name, the targets with these values alone, without tests of
+    the silicone, and its whitener."""
 
     name: str
     targets: Targets
@@ -53,7 +53,7 @@ class Part:
     @staticmethod
     def of(name: str, mask: NDArray[np.bool_], targets: Targets, errors: ModelErrors) -> "Part":
         """That of a mask (s, p, 3). ValueError where it has too few values to be fitted."""
-        own = replace(targets, valid=targets.valid & mask)
+        own = replace(targets, valid=targets.valid & mask, curves=())
         data = own.valid & ~own.held_out[:, None, None] & ~own.fixed[None, :, None]
         if data.sum() < FEWEST:
             raise ValueError(f"--objectives {name}: {int(data.sum())} values of it are fitted; wanted "

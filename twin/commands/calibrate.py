@@ -9,6 +9,7 @@ import numpy as np
 from calibrate import Fit
 from twin.batches.former import former_of
 from twin.bench.comparison import Judgement, compared
+from twin.bench.curvewords import told_of_tests, write_curves
 from twin.bench.effectchange import change_effects
 from twin.bench.engines import check_embedded
 from twin.bench.fits import former_fit
@@ -16,6 +17,7 @@ from twin.bench.fittedby import fitted_by
 from twin.bench.workbench import Workbench
 from twin.commands.calibratelaws import run_laws
 from twin.judging.intervals import fit_record
+from twin.judging.jointfit import doubt_of_tests
 from twin.project import files
 from twin.project.folder import Project, Run, Say
 from twin.sanity import doubts, fit_fault, silicone_doubt, stability_doubt
@@ -52,22 +54,23 @@ def run_calibrate(project: Project, say: Say, *, laws: str = "", starts: int = 0
             raise ValueError(f"--starts: {bench.law.title} is fitted by whole solves, too dear for it; "
                              "leave it out")  # fmt: skip
         tried = several_starts(on, best.best, starts, run, say) if starts else None
-        judged = on.least(best.best, say, *([tried.best] if tried else []))
-        model, fit = judged.model, judged.fit
+        bench, judged = on.least(best.best, say, *([tried.best] if tried else []))
+        model, fit, tests = judged.model, judged.fit, bench.agreement(judged)
         found = compared(run, fit.theta, Judgement.of(judged), bench, say)
-        words = known_of(on.holding(fit, say), best.best, fit, found)
-        beside = fitted_by(bench, fit, Judgement.of(judged))
+        words = known_of(on.holding(fit, say), best.best, fit, doubt_of_tests(tests) or found.doubt)
+        beside = fitted_by(bench, fit, Judgement.of(judged)) | {"material_tests": tests}
         if tried is not None:
             beside |= {"starts": tried.rows, "said": (*beside["said"], tried.words)}
         run.write(fit_record(fit, found, effects=(), identifiability=words,
                              initial=on.initial(judged), **beside))  # fmt: skip
+        write_curves(run, tests)
         run.summary["headline"] = words.split(". ")[0]
         crossed = model.solution(fit.theta).crossed
         for line in (*bench.remarks, model.extent, fit.reason):
             run.note(line)
     say(_ended(fit))
     say(words)
-    for sentence in beside["said"]:
+    for sentence in (*beside["said"], *told_of_tests(bench.tests, tests)):
         say(sentence)
     constants = bench.elasticity.constants(model.named(fit.theta))
     if doubt := silicone_doubt(constants, end=_end(fit)):

@@ -30,7 +30,7 @@ def run_explain(project: Project, say: Say, *, name: str) -> dict[str, Any]:
         raise ValueError(f"{name!r}: of these the model has {AND.join(own)} alone; wanted all or none")
     check_embedded(project, "twin explain")
     check_least_squares(project, "twin explain")
-    bench, fit = Workbench.of(project), newest_fit(project)
+    bench, fit = Workbench.of(project).of_film, newest_fit(project)
     told = AND.join(own or [e.label for e in chosen])
     with project.new_run("explain", extra={"effects": list(labels), "effect": told}) as run:
         model = bench.model()

@@ -8,6 +8,7 @@ import numpy as np
 
 from calibrate import Fit, least_squares
 from calibrate.fit import Jacobian, Residual
+from twin.judging.besidefilm import beside_film
 from twin.judging.lawerrors import LawError, law_errors
 from twin.judging.likelihood import posed, whitening
 from twin.judging.whitening import LAW, Whitener, whitener
@@ -76,7 +77,8 @@ def whitened(
     model: Model, targets: Targets, w: Whitener
 ) -> tuple[Residual, Jacobian, Jacobian | None]:
     """The whitened residual (n,) of a model at theta (d,), None where a fit may not go, its derivatives (n,
-    d), and the rows of its information where these are others: as `posed` by the targets."""
+    d), and the rows of its information where these are others: of the film as `posed` by the targets, and
+    below it of the tests of the silicone itself."""
 
     white = whitening(targets, w)
 
@@ -94,4 +96,5 @@ def whitened(
         except Unsolvable:
             return np.full((targets.valid.shape[0] * len(w.components), len(theta)), np.nan)
 
-    return posed(residual, jacobian, model.parameters, targets, w)
+    film = posed(residual, jacobian, model.parameters, targets, w)
+    return beside_film(*film, model=model, targets=targets) if targets.curves else film

@@ -56,6 +56,41 @@ class ParameterRow(Record):
         return self
 
 
+class MaterialTestRow(Record):
+    """How a fit agrees with one test of the silicone itself."""
+
+    name: str
+    kind: str = Field(description="uniaxial, planar, equibiaxial or shear; a compression is uniaxial")
+    count: int = Field(description="values of the curve that are fitted")
+    recorded: int = Field(description="rows of the file")
+    left_out: int = Field(description="rows of the loading branch beyond up_to")
+    up_to: Finite = Field(description="largest stretch that is used")
+    rms_MPa: Finite = Field(description="of measured minus fitted nominal stress")
+    chi2: Finite = Field(description="of its values, under the errors that are stated of it")
+    worst_sd: Finite = Field(description="largest misfit of one value, shared errors taken off, in its sd")
+    shared_sd: dict[str, Finite] = Field(description="size of each error that all its values share, in sds")
+    decides: Finite = Field(description="number of fitted parameters that it decides beside all other data")
+    strain: tuple[Finite, ...] = Field(description="nominal strain")
+    stress_MPa: tuple[Finite, ...] = Field(description="nominal stress, measured")
+    sd_MPa: tuple[Finite, ...] = Field(description="sd of each, shared errors included")
+    fitted_MPa: tuple[Finite, ...] = Field(description="nominal stress of the law that was fitted")
+
+
+class MaterialTestsRow(Record):
+    """How a fit agrees with all tests of the silicone, and whether film and tests ask for the same one."""
+
+    tests: tuple[MaterialTestRow, ...]
+    film_decides: Finite = Field(description="number of fitted parameters that the film decides")
+    film_shear_MPa: Maybe = Field(description="shear modulus at rest that the film alone asks for")
+    film_shear_sd_MPa: Maybe
+    tests_shear_MPa: Maybe = Field(description="the same that the tests alone ask for")
+    tests_shear_sd_MPa: Maybe
+    p_value: Maybe = Field(description="probability that film and tests of one silicone are as far apart")
+    law_p_value: Maybe = Field(description="probability that tests which obey the law are as far from it")
+    finger_stretch: Maybe = Field(description="largest stretch in the finger, by which the curves are cut")
+    sentence: str
+
+
 class InitialRow(Record):
     values: dict[str, Finite]
     rms_mm: Maybe = Field(description="as in comparison.json")
@@ -131,6 +166,9 @@ class FitRecord(Record):
     starts: tuple[StartRow, ...] = Field(default=(), description="of --starts, the best end first")
     said: tuple[str, ...] = Field(
         default=(), description="what engine, priors, loss and starts did, in sentences"
+    )
+    material_tests: MaterialTestsRow | None = Field(
+        default=None, description="tests of the silicone that were fitted beside the film"
     )
 
     @model_validator(mode="after")

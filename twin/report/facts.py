@@ -8,6 +8,7 @@ import numpy as np
 
 from twin import effort
 from twin.batches.series import earlier_facts
+from twin.bench.curvewords import told_of_tests
 from twin.bench.fits import fresh, newest
 from twin.chain import FIT, kinds_writing
 from twin.diagnosis.record import RankingRow
@@ -43,7 +44,9 @@ def facts_of(story: Story, notes: list[str]) -> dict[str, Any]:
         "cannot_tell": [*untold(story), *_by_note([r for r in d.ranking if r.untested])],
         "calibration": {
             "parameters": _parameters(story.calibrated),
-            "sentence": " ".join([story.calibrated.identifiability, *story.calibrated.said]),
+            "sentence": " ".join(
+                filter(None, (story.calibrated.identifiability, *story.calibrated.said, _of_tests(story.fit)))
+            ),
         },
         "held_out": held_out_films(story),
         "earlier": earlier_facts(story.project, story.fit),
@@ -93,6 +96,11 @@ def _chain(story: Story) -> list[dict[str, Any]]:
 
 def _parameters(fit: FitRecord) -> list[dict[str, Any]]:
     return [{"name": name} | e.model_dump() for name, e in fit.estimates.items()]
+
+
+def _of_tests(fit: FitRecord) -> str:
+    """What is said of the tests of the silicone that a fit has taken, "" without them."""
+    return " ".join(told_of_tests((), fit.material_tests))
 
 
 def _ranked(row: RankingRow, named: bool) -> dict[str, Any]:

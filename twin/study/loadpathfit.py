@@ -94,10 +94,11 @@ class OnPaths:
         out[:, self.rows] = relative(u, t.reference, t.rests)
         return out
 
-    def least(self, best: Array, say: Say, *more: Array) -> Judged:
+    def least(self, best: Array, say: Say, *more: Array) -> tuple[Workbench, Judged]:
         """The least-squares fit of the constants to all targets: on the load paths from several starts,
         `best` and `more` (d,) among them, then on the finite-element model from there, with errors of its
-        own."""
+        own; and the workbench with the curves of the silicone's tests as far as the finger is stretched
+        there, which the last fit takes, too."""
         t, model = self.bench.targets, self.bench.model(())
         if self.bench.jobs is not None or self.of_one_shape:
             return self._by_whole_solves(model, best, say)
@@ -106,17 +107,19 @@ class OnPaths:
         w = whitener_of(self.bench.on_mesh(model, first.theta, say), first.theta, t)
         second = self.fit(w, first.theta[None])
         say.progress("least squares", 2, 3)
-        found = self.bench.judged(model, second.theta, say, seed=self.bench.project.config.calibrate.seed)
+        bench = self.bench.reaching(model, second.theta)
+        found = bench.judged(model, second.theta, say, seed=bench.project.config.calibrate.seed)
         say.progress("least squares", 3, 3)
-        return found
+        return bench, found
 
-    def _by_whole_solves(self, model: Model, best: Array, say: Say) -> Judged:
+    def _by_whole_solves(self, model: Model, best: Array, say: Say) -> tuple[Workbench, Judged]:
         """The fit by whole solves or jobs alone, from where the search ended: several starts would cost as
         much again each."""
         say.progress("least squares", 0, 1)
-        found = self.bench.judged(model, best, say, seed=self.bench.project.config.calibrate.seed)
+        bench = self.bench.reaching(model, best)
+        found = bench.judged(model, best, say, seed=bench.project.config.calibrate.seed)
         say.progress("least squares", 1, 1)
-        return found
+        return bench, found
 
     def whitener(self, theta: Array) -> Whitener:
         """The whitener of the targets with the gauge's errors at theta (d,), without an error of the mesh."""

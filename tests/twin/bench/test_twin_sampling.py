@@ -16,6 +16,7 @@ from calibrate.priors import Prior
 from tests.twin.conftest import plain_targets
 from twin.bench import sampling
 from twin.bench.sampling import CHECKS, OFF, Density, Sample, Sampler, WholeSolve
+from twin.effects.protocol import Unsolvable
 from twin.judging.fitting import ModelErrors
 from twin.judging.likelihood import held
 from twin.targets import Array
@@ -115,7 +116,7 @@ def sampler(memory: Memory, monkeypatch: pytest.MonkeyPatch, response: Stub, *, 
     model: Any = SimpleNamespace(
         parameters=BOTH, mesh=None, law=None, named=response.named, allowed=(lambda values: True) if everywhere else response.allowed
     )
-    targets: Any = SimpleNamespace(value=shown(TRUE[None])[0] + SD * z, known=())
+    targets: Any = SimpleNamespace(value=shown(TRUE[None])[0] + SD * z, known=(), curves=())
     made = Closed(model, targets, SimpleNamespace(modes=np.zeros((0, 1))), TRUE, memory)  # type: ignore[arg-type]
     made.__dict__["whitener"] = white
     return made
@@ -270,3 +271,22 @@ def test_intervals_of_virtual_tests_hold_the_truth_as_often_as_they_say() -> Non
     for kind in ("profile", "posterior"):
         for name, share in found[f"coverage_{kind} of"].items():
             assert share >= 9 / 12, name  # of 12, 8 or fewer where 95 % hold: once in 500
+
+
+def test_tests_of_the_silicone_count_in_the_density(monkeypatch: pytest.MonkeyPatch) -> None:
+    def residual(model: object, targets: object, theta: Array) -> Array:
+        if theta[0] > 0.5:
+            raise Unsolvable("no stress")
+        return (theta - TRUE) / [0.01, 0.02]
+
+    monkeypatch.setattr(sampling, "curve_residual", residual)
+    one = sampler(Memory(), monkeypatch, Stub())
+    assert one._beside is None
+    one = replace(one, targets=SimpleNamespace(curves=("a test",)))  # type: ignore[type-var]
+    small, x = np.eye(13), np.array([TRUE, TRUE + [0.01, 0.04], TRUE + [0.3, 0.0]])
+    bare, both = (
+        Density(Stub(), small, lambda theta: np.zeros(len(theta)), np.eye(2), 0.0, False, beside)
+        for beside in (None, one._beside)
+    )
+    np.testing.assert_allclose((both(x) - bare(x))[:2], [0.0, -2.5])  # chi2 of 1 and of 2^2, halved
+    assert both(x)[2] == -np.inf
