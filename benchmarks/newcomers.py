@@ -39,9 +39,9 @@ from twin import virtual
 from twin.bench.fits import fit_file
 from twin.bench.predicting import WantedCourse, followed
 from twin.bench.workbench import Workbench
+from twin.bodies.finger import FingerTable
 from twin.judging.record import FitRecord
 from twin.project import files
-from twin.project.dimensions import FingerTable
 from twin.project.folder import Project, dataset
 from twin.project.toml import decoded, with_key
 from twin.targets import PointKind

@@ -45,11 +45,13 @@ class Clamp:
 @dataclass(frozen=True)
 class Layer:
     """An elastic sheet bonded to a surface: stiffness (thickness x modulus, N/mm), or that of each of some
-    parts of equal length along x, and Poisson's ratio."""
+    parts of equal length along x, and Poisson's ratio. wound: fibres around the x axis instead, which are
+    stiff along themselves alone."""
 
     surface: str
     stiffness: float | tuple[float, ...]
     poisson: float = 0.3
+    wound: bool = False
 
     def per_face(self, case: "Case") -> Array:
         """The stiffness (f,) N/mm of each of its faces, of the part in which the face's middle lies."""

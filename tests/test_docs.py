@@ -21,9 +21,9 @@ from twin.effects.labels import KINDS
 from twin.effects.library import all_effects
 from twin.judging.whitening import whitener
 from twin.project.config import Config
-from twin.project.tablemodel import keys_of
 from twin.project.targetfiles import read_targets
 from twin.project.toml import parse
+from twin.tablemodel import keys_of
 from vision.errors.errorbudget import SOURCES
 
 ROOT = Path(__file__).resolve().parents[1]

@@ -68,8 +68,9 @@ OPTIONS: dict[str, tuple[Parameter, ...]] = {
         _option("nodes", NAMES, [], "a point: its node, NAME=LABEL, or position in mm, NAME=X,Y,Z; "
                 "once for each", "--node"),
         _option("finger", NAMES, [], "a dimension of your finger, such as length_mm=80; once for each"),
+        _option("body", str, "finger", "kind, such as pneunet:chambers=4"),
         _option("sd_mm", NUMBER, None, "sd of one position in another program's file, mm"),
-        _option("still", str, "", "instead: its rows at rest or held, 0-60,200-260, or holds"),
+        _option("still", str, "", "instead: its rows at rest, 0-60,200-260, or holds"),
         _option("deck", Path | None, None, "Abaqus deck of your own mesh, in mm, N and MPa; or a mesh of "
                 "Gmsh or VTK with named groups"),
         _option("pressure_set", str, "", "of such a mesh: the group of faces under pressure"),
@@ -85,7 +86,8 @@ OPTIONS: dict[str, tuple[Parameter, ...]] = {
         _option("noise_mm", float, 0.015, "noise of a marker's position, 1 sd"),
         _option("noise", str, "white", "white, or ar1: each value resembles the one before"),
         _option("placement_mm", float, 0.1, "distance of a marker from its node, 1 sd"),
-        _option("element", str, "C3D20H", "element type of the truth, an Abaqus name"),
+        _option("element", str, "C3D20H", "Abaqus element of the truth"),
+        _option("body", str, "finger", "kind, such as pneunet:chambers=3"),
         _option("seed", int, 0, "seed of the noise"),
     ),
     "look": (

@@ -32,8 +32,8 @@ import numpy as np
 from fe import Case, Finger, Lattice, Path, Solution, finger_case, solve
 from fe.kernel.assembly import Geometry
 from tests.strangers.kills import recalibrations
+from twin.bodies.finger import FingerTable
 from twin.model.structure import BuiltIn
-from twin.project.dimensions import FingerTable
 
 SEED = 1
 COUNT, QUICK = 54, 6

@@ -27,11 +27,11 @@ from benchmarks.tracking.studio import write_log
 import numpy as np
 
 from fe import Path as Course
+from twin.bodies.finger import FingerTable
 from twin.chain import stage_of
 from twin.console import Console
 from twin.inputs.films import FilmTargets, joined
 from twin.project.config import DiagnoseTable, FilmTable, ModelTable, PointTable
-from twin.project.dimensions import FingerTable
 from twin.project.folder import Project
 from twin.project.record import SourceRecord
 from twin.project.targetwriting import write_targets

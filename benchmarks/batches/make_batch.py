@@ -22,6 +22,7 @@ import numpy as np
 
 from fe import Case, Finger, Lattice, Material
 from twin import virtual
+from twin.bodies.finger import FingerTable
 from twin.project.config import (
     CalibrateTable,
     CameraTable,
@@ -34,7 +35,6 @@ from twin.project.config import (
     PressureTable,
     ProjectTable,
 )
-from twin.project.dimensions import FingerTable
 from twin.project.toml import dump
 from twin.targets import Array
 from vision import Camera, Mark

@@ -56,6 +56,9 @@ WHAT = {
     "model": "What is computed.",
     "model.finger": "Dimensions of your own finger of the built-in kind; without this table the reference "
     "study's. `twin look` draws it.",
+    "model.pneunet": "Dimensions of a [PneuNet](bodies.md), for `body = \"pneunet\"`.",
+    "model.tube": "Dimensions of a [tube](bodies.md), for `body = \"tube\"`.",
+    "model.bar": "Dimensions of a [bar](bodies.md), for `body = \"bar\"`.",
     "cameras": "One for each camera. Without any, the targets were measured elsewhere.",
     "cameras.board": "The calibration board, the same for all cameras.",
     "films": "[Several films](your-own-test.md#several-films-of-one-finger) of one batch.",

@@ -40,6 +40,7 @@ from benchmarks.tracking import studio
 import numpy as np
 
 from fe import Path as Course
+from twin.bodies.finger import FingerTable
 from twin.chain import stage_of
 from twin.diagnosis.procedure import diagnose
 from twin.project.config import (
@@ -53,7 +54,6 @@ from twin.project.config import (
     PressureTable,
     ProjectTable,
 )
-from twin.project.dimensions import FingerTable
 from twin.project.folder import Project
 from twin.project.toml import dump
 from twin.targets import Array, PointKind, TargetPoint, Targets

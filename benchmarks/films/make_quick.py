@@ -40,11 +40,11 @@ import numpy as np
 from fe import Case, Lattice
 from fe.mesh.inner import inside
 from twin import virtual
+from twin.bodies.finger import FingerTable
 from twin.chain import stage_of
 from twin.console import Console
 from twin.effects.protocol import Test
 from twin.project.config import Config, ModelTable, PointTable
-from twin.project.dimensions import FingerTable
 from twin.project.folder import Project
 from twin.virtual.hidden import Kind
 from twin.virtual.truthsolves import SILICONE

@@ -172,6 +172,10 @@ def _check(case: Case, *, static: bool) -> None:
             )
     if np.any(case.precurvature):
         raise ValueError("a precurvature: a deck holds a structure without stress at rest; set it to 0")
+    if any(sheet.wound for sheet in case.sheets):
+        raise ValueError(
+            "a layer of wound fibres: a deck holds sheets alone, stiff in all directions; leave it out"
+        )
     for name, m in case.materials.items():
         refused = {"a Prony series": static and m.prony, "a term of Gent": m.gent}
         for what in (what for what, there in refused.items() if there):

@@ -1,8 +1,9 @@
 """Forces of an elastic sheet that is bonded to a surface, and their tangent.
 
-A membrane without bending stiffness, of stiffness thickness x modulus: St Venant-Kirchhoff in plane stress,
-S = D E with the surface's own Green-Lagrange strain E in its coordinates (Ciarlet 2005, An Introduction
-to Differential Geometry with Applications to Elasticity, section 4.1). It is free of stress as it is meshed.
+A membrane without bending stiffness, of stiffness thickness x modulus: St Venant-Kirchhoff in plane stress
+(or fibres alone, in one direction), S = D E with the surface's own Green-Lagrange strain E in its
+coordinates (Ciarlet 2005, An Introduction to Differential Geometry with Applications to Elasticity, section
+4.1). It is free of stress as it is meshed.
 """
 
 import numpy as np
@@ -23,7 +24,8 @@ class LayerFaces:
         self._metric = A @ np.swapaxes(A, 2, 3)  # (f, q, 2, 2)
         self._area = np.sqrt(np.linalg.det(self._metric)) * element.face_weights
         dual = np.asarray(np.linalg.inv(self._metric), float)
-        self._D = layer.per_face(case)[:, None, None, None] * _plane_stress(dual, layer.poisson)
+        D = _wound(A, dual) if layer.wound else _plane_stress(dual, layer.poisson)
+        self._D = layer.per_face(case)[:, None, None, None] * D
         self.dofs = (self.faces[:, :, None] * 3 + np.arange(3)).reshape(len(self.faces), -1)
 
     def _tangents(self, x: Array) -> Array:
@@ -71,3 +73,14 @@ def _plane_stress(g: Array, poisson: float) -> Array:
             shear = g[..., a, c] * g[..., b, d] + g[..., a, d] * g[..., b, c]
             D[..., s, t] = poisson * g[..., a, b] * g[..., c, d] + (1 - poisson) / 2 * shear
     return D / (1 - poisson**2)
+
+
+def _wound(A: Array, g: Array) -> Array:
+    """D (f, q, 3, 3) of fibres of stiffness 1 around the x axis, S = t t (t E t) with their unit tangent t,
+    by vectors A (f, q, 2, 3) along the surface's coordinates and its contravariant metric g (f, q, 2, 2)."""
+    normal = np.cross(A[..., 0, :], A[..., 1, :])
+    t = np.cross(normal, [1.0, 0.0, 0.0])
+    t /= np.linalg.norm(t, axis=-1, keepdims=True)
+    own = np.einsum("fqab,fqbi,fqi->fqa", g, A, t)
+    both = np.stack([own[..., a] * own[..., b] for a, b in _AB], axis=-1)
+    return np.asarray(both[..., :, None] * both[..., None, :], float)

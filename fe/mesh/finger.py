@@ -9,9 +9,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fe.case import Block, Case, Clamp, Support
-from fe.element import FACES, Array, Flags, Integers
+from fe.case import Case
+from fe.element import Array, Flags
 from fe.laws import Material
+from fe.mesh.extruding import between, extruded, grid_quads, hollow_case, path
 from fe.mesh.mirror import mirrored
 
 
@@ -78,11 +79,6 @@ class Lattice:
 NAMED_NODES = {"tip": 4401, "middle": 5848}  # the node numbers of the reference study
 
 
-def _between(stops: list[float], counts: list[int]) -> Array:
-    parts = [np.linspace(a, b, n + 1)[:-1] for a, b, n in zip(stops[:-1], stops[1:], counts, strict=True)]
-    return np.append(np.concatenate(parts), stops[-1])
-
-
 def _stations(g: Finger, m: Lattice) -> Array:
     """Cell boundaries along x: the caps, the fillets at the chamber's ends, the bellows, the middle node."""
     start, end = g.base_cap, g.length - g.tip_cap
@@ -96,7 +92,7 @@ def _stations(g: Finger, m: Lattice) -> Array:
     first = np.linspace(start + g.radius, inner[0], m.fillet + 1)[1:-1]
     last = np.linspace(inner[-1], end - g.radius, m.fillet + 1)[1:-1]
     stops = np.concatenate([caps[0], start + fillet, first, inner, last, end - fillet[::-1], caps[1]])
-    return _between(list(stops), [m.refine] * (len(stops) - 1))
+    return between(list(stops), [m.refine] * (len(stops) - 1))
 
 
 def _section_block(g: Finger, m: Lattice) -> tuple[Array, Flags]:
@@ -104,10 +100,10 @@ def _section_block(g: Finger, m: Lattice) -> tuple[Array, Flags]:
     core."""
     w, top = g.width / 2, g.height - g.top
     wall, fillet, across, up = (m.refine * n for n in (m.wall, m.fillet, m.across, m.up))
-    y = _between([0, w - g.side - g.radius, w - g.side, w], [across, fillet, wall])
+    y = between([0, w - g.side - g.radius, w - g.side, w], [across, fillet, wall])
     stops = [0, g.bottom, g.bottom + g.radius, top - g.radius, top, g.height]
-    z = _between(stops, [wall, fillet, up, fillet, wall])
-    quads = _grid_quads(np.stack(np.meshgrid(y, z, indexing="ij"), axis=-1))
+    z = between(stops, [wall, fillet, up, fillet, wall])
+    quads = grid_quads(np.stack(np.meshgrid(y, z, indexing="ij"), axis=-1))
     centre = quads.mean(axis=1)
     core = (centre[:, 0] < w - g.side) & (centre[:, 1] > g.bottom) & (centre[:, 1] < top)
     return quads, core
@@ -117,42 +113,18 @@ def _section_ring(g: Finger, m: Lattice) -> tuple[Array, Flags]:
     """The same section as an O-grid of walls with mitred corners around a lattice core."""
     w, top, r = g.width / 2, g.height - g.top, g.radius
     wall, fillet, across, up = (m.refine * n for n in (m.wall, m.fillet, m.across, m.up))
-    y = _between([0, w - g.side - r, w - g.side], [across, fillet])
-    z = _between([g.bottom, g.bottom + r, top - r, top], [fillet, up, fillet])
-    core = _grid_quads(np.stack(np.meshgrid(y, z, indexing="ij"), axis=-1))
-    yo = _between([0, w - g.side - r / 2, w], [across, fillet])  # outer ends of the spokes
-    zo = _between([0, g.bottom + r / 2, top - r / 2, g.height], [fillet, up, fillet])
-    inner = np.concatenate([_path(y, g.bottom), _path(w - g.side, z[1:]), _path(y[-2::-1], top)])
-    outer = np.concatenate([_path(yo, 0.0), _path(w, zo[1:]), _path(yo[-2::-1], g.height)])
+    y = between([0, w - g.side - r, w - g.side], [across, fillet])
+    z = between([g.bottom, g.bottom + r, top - r, top], [fillet, up, fillet])
+    core = grid_quads(np.stack(np.meshgrid(y, z, indexing="ij"), axis=-1))
+    yo = between([0, w - g.side - r / 2, w], [across, fillet])  # outer ends of the spokes
+    zo = between([0, g.bottom + r / 2, top - r / 2, g.height], [fillet, up, fillet])
+    inner = np.concatenate([path(y, g.bottom), path(w - g.side, z[1:]), path(y[-2::-1], top)])
+    outer = np.concatenate([path(yo, 0.0), path(w, zo[1:]), path(yo[-2::-1], g.height)])
     depth = np.linspace(0, 1, wall + 1)[None, :, None]
-    walls = _grid_quads(inner[:, None] * (1 - depth) + outer[:, None] * depth)
+    walls = grid_quads(inner[:, None] * (1 - depth) + outer[:, None] * depth)
     walls = walls[:, [0, 3, 2, 1]]  # counter-clockwise
     quads = np.concatenate([core, walls])
     return quads, np.arange(len(quads)) < len(core)
-
-
-def _path(y: Array | float, z: Array | float) -> Array:
-    return np.stack(np.broadcast_arrays(np.asarray(y, float), np.asarray(z, float)), axis=-1)
-
-
-def _grid_quads(p: Array) -> Array:
-    """Cells (c, 4, 2), in the order (0,0) (1,0) (1,1) (0,1) of the two lattice directions of points (a, b,
-    2)."""
-    return np.stack([p[:-1, :-1], p[1:, :-1], p[1:, 1:], p[:-1, 1:]], axis=2).reshape(-1, 4, 2)
-
-
-def _extrude(quads: Array, x: Array) -> Array:
-    """Reference positions (stations, c, 27, 3) of tri-quadratic cells; xi runs along x, (eta, zeta) in the
-    section."""
-    t = np.array([0.0, 0.5, 1.0])
-    eta, zeta = np.meshgrid(t, t, indexing="ij")  # [j, k]
-    corner = np.stack([(1 - eta) * (1 - zeta), eta * (1 - zeta), eta * zeta, (1 - eta) * zeta])
-    section = np.einsum("vjk,cvd->ckjd", corner, quads)  # (c, k, j, 2)
-    along = x[:-1, None] + np.diff(x)[:, None] * t  # (s, i)
-    out = np.empty((len(along), len(quads), 3, 3, 3, 3))
-    out[..., 0] = along[:, None, None, None, :]
-    out[..., 1:] = section[None, :, :, :, None, :]
-    return out.reshape(len(along), len(quads), 27, 3)
 
 
 def _round_and_fold(reference: Array, g: Finger) -> Array:
@@ -192,40 +164,6 @@ def _fold(p: Array, g: Finger) -> Array:
     return np.stack([x, y - inward * np.clip(y / inner, 0, 1), folded], axis=-1)
 
 
-def _merge(points: Array) -> tuple[Array, Integers]:
-    """Distinct points (n, 3), in the order x, y, z, and the rows (e, 27) of `points` (e, 27, 3)."""
-    keys = np.round(points.reshape(-1, 3) * 1e6).astype(np.int64)
-    _, first, rows = np.unique(keys, axis=0, return_index=True, return_inverse=True)
-    return points.reshape(-1, 3)[first], rows.reshape(points.shape[:2])
-
-
-def _interface(cells: Integers, solid: Flags) -> tuple[Integers, Integers]:
-    """Faces (f, 2) = (solid element, face) that touch a void cell, and those that touch nothing."""
-    faces = np.sort(cells[:, FACES].reshape(-1, 9), axis=1)
-    _, group, count = np.unique(faces, axis=0, return_inverse=True, return_counts=True)
-    group = group.reshape(-1)
-    owner, face = np.repeat(np.arange(len(cells)), 6), np.tile(np.arange(6), len(cells))
-    solids = np.bincount(group, weights=solid[owner])[group]
-    number = np.cumsum(solid) - 1
-    chosen = [solid[owner] & (count[group] == 2) & (solids == 1), solid[owner] & (count[group] == 1)]
-    touching, free = (np.stack([number[owner[c]], face[c]], axis=1) for c in chosen)
-    return touching, free
-
-
-def _labels(nodes: Array, g: Finger) -> Integers:
-    """1-based numbers, exchanged so that the study's labels sit at the tip and the middle node."""
-    n = len(nodes)
-    labels = np.arange(1, n + 1)
-    for name, position in (("tip", g.tip_node), ("middle", g.middle_node)):
-        label = NAMED_NODES[name]
-        row = int(np.argmin(np.linalg.norm(nodes - np.array(position), axis=1)))
-        other = np.flatnonzero(labels == label)
-        if len(other):
-            labels[other[0]] = labels[row]
-        labels[row] = label
-    return labels
-
-
 def marked(finger: Finger) -> Finger:
     """The finger with its tip node at its end and its middle node about where the default has it: a quarter
     into a bellow."""
@@ -246,33 +184,12 @@ def finger_case(
     g, m = finger or Finger(), lattice or Lattice()
     quads, core = (_section_ring if m.ring else _section_block)(g, m)
     x = _stations(g, m)
-    cells = _extrude(quads, x)
     inside = (x[:-1] > g.base_cap - 1e-9) & (x[1:] < g.length - g.tip_cap + 1e-9)
-    solid = ~(inside[:, None] & core[None, :]).ravel()
-    reference, rows = _merge(cells.reshape(-1, 27, 3))
-    chamber, outside = _interface(rows, solid)
-    used, connectivity = np.unique(rows[solid], return_inverse=True)
-    reference = reference[used]
-    nodes = _round_and_fold(reference, g)
-    on_plane = reference[:, 1] < 1e-9
-    boundary = Block("hex27", connectivity.reshape(-1, 27))
-    face_y = reference[boundary.connectivity[:, FACES]][..., 1].max(-1)  # (e, 6)
-    outside = outside[face_y[outside[:, 0], outside[:, 1]] > 1e-9]
-    sets = {
-        "clamp": np.flatnonzero(reference[:, 0] < 1e-9),
-        "symmetry": np.flatnonzero(on_plane),
-        "tip_face": np.flatnonzero(reference[:, 0] > g.length - 1e-9),
-    }
-    half = Case(
-        nodes=nodes,
-        labels=_labels(nodes, g),
-        blocks=(boundary,),
-        node_sets=sets,
-        element_sets={"body": np.arange(int(solid.sum()))},
-        surfaces={"chamber": chamber, "outside": outside},
-        materials={"body": material},
-        supports=(Support("symmetry", (1,)),),
-        clamp=Clamp("clamp", (0.0, float(np.ptp(nodes[sets["clamp"], 2])) / 2)),
-        pressurised="chamber",
+    half = hollow_case(
+        extruded(quads, x).reshape(-1, 27, 3),
+        ~(inside[:, None] & core[None, :]).ravel(),
+        placed=lambda reference: _round_and_fold(reference, g),
+        material=material,
+        marks={NAMED_NODES["tip"]: g.tip_node, NAMED_NODES["middle"]: g.middle_node},
     )
     return mirrored(half) if full else half

@@ -21,7 +21,7 @@ from twin.executors.local import Serial
 from twin.project import files
 from twin.project.config import Config
 from twin.project.folder import Project, dataset
-from twin.project.tablemodel import keys_of
+from twin.tablemodel import keys_of
 
 NAMES = [command.name for command in chain.COMMANDS]
 ROOT = Path(cli.__file__).resolve().parents[1]

@@ -11,6 +11,7 @@ from fe import Path
 from twin.bench.exploring import VariedFinger, moves_finger, table_of
 from twin.bench.fits import newest_fit
 from twin.bench.workbench import elasticity_of, own_of, structure_of
+from twin.bodies.finger import FingerTable
 from twin.effects.labels import name_of
 from twin.effects.library import effect
 from twin.effects.material import Elasticity
@@ -18,7 +19,6 @@ from twin.effects.protocol import Effect
 from twin.experiments.designs import Variable
 from twin.gravity import G, density
 from twin.laws.law import Constants
-from twin.project.dimensions import FingerTable
 from twin.project.folder import Project
 
 RAMP_S, HOLD_S = 2.0, 2.0  # as `twin predict` has them
@@ -79,7 +79,7 @@ def _variable(
 
 def _unknown(name: str, named: Mapping[str, Parameter], table: FingerTable | None) -> str:
     sizes = [] if table is None else [n for n, v in table if isinstance(v, int | float)]
-    deck = "" if table is not None else " (a deck has no dimensions to vary)"
+    deck = "" if table is not None else " (dimensions can be varied of the bellows finger alone)"
     return (f"--over {name}: nothing of the finger has this name{deck}; wanted a parameter "
             f"({', '.join(named)}, or one of another effect, such as clamp.*)"
             f"{', or a dimension: ' if sizes else ''}{', '.join(sizes)}")  # fmt: skip
@@ -87,7 +87,7 @@ def _unknown(name: str, named: Mapping[str, Parameter], table: FingerTable | Non
 
 def _dimensions(project: Project) -> FingerTable | None:
     model = project.config.model
-    if model.deck is not None:
+    if model.kind != "finger":
         return None
     if project.builtin is not None:
         return table_of(project.builtin.finger)

@@ -15,7 +15,7 @@ from twin.model.discretisation import SolvedAt
 from twin.project import files
 from twin.project.folder import Say
 from twin.project.record import Record
-from twin.project.tablemodel import Finite, Positive
+from twin.tablemodel import Finite, Positive
 from twin.targets import Array
 
 FURTHER = 1.7  # at most: curves of few levels that reach much too far are coarse where it counts

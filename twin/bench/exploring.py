@@ -16,13 +16,13 @@ from fe.mesh.mirror import mirrored, symmetry_support
 from fe.solver.newton import Problem
 from fe.solver.reach import largest_stretch
 from twin.bench.predicting import HIGH, LOW, turned
+from twin.bodies.finger import FLATNESS, FingerTable
 from twin.effects.protocol import Effect, Order, Test, Unsolvable
 from twin.experiments.designs import Variable
 from twin.model.answering import RangedResponse
 from twin.model.memo import KeptModel
 from twin.model.prediction import Model
 from twin.model.structure import BuiltIn, closed, of_finger, weighed
-from twin.project.dimensions import FLATNESS, FingerTable
 from twin.targets import Array
 
 HELD = 1e-6  # typical steps: the range in which a response holds what is not varied

@@ -4,7 +4,6 @@ those of the other, and neither are the constants."""
 from hashlib import sha256
 
 from twin.judging.record import FitRecord
-from twin.project.dimensions import FingerTable
 from twin.project.folder import Project
 
 
@@ -27,9 +26,9 @@ def other_models(a: Project, b: Project) -> tuple[str, ...]:
 
 
 def _dimensions(project: Project) -> dict[str, object]:
-    """The dimensions of the built-in finger, none of a deck's."""
+    """The kind of body and its dimensions, none of a deck's."""
     model = project.config.model
-    return {} if model.deck is not None else (model.finger or FingerTable()).model_dump()
+    return {} if model.dimensions is None else {"body": model.kind, **model.dimensions.model_dump()}
 
 
 def _own(project: Project) -> dict[str, object]:

@@ -17,6 +17,8 @@ from twin.bench.engines import jobs_of
 from twin.bench.fits import newest
 from twin.bench.knownvalues import TAILS, known_values
 from twin.bench.positions import on_surface, one_side, places_of
+from twin.bodies.body import Body
+from twin.bodies.finger import BuiltIn
 from twin.coupons.pulltest import PullTest, pull_tests
 from twin.effects.library import effect
 from twin.effects.material import Elasticity
@@ -37,16 +39,7 @@ from twin.model.enginejobs import EngineJobs
 from twin.model.enginemodel import EngineModel
 from twin.model.objects import RigidObject
 from twin.model.prediction import Model
-from twin.model.structure import (
-    BuiltIn,
-    Structure,
-    beside,
-    closed,
-    in_law,
-    of_deck,
-    of_finger,
-    weighed,
-)
+from twin.model.structure import Structure, beside, closed, in_law, of_body, of_deck, weighed
 from twin.project.folder import Project, Say
 from twin.project.trust import check_trusted, programs
 from twin.sanity import motion_fault, place_fault, rise_fault
@@ -114,7 +107,7 @@ class Workbench:
                 structure.case.position(point.node)  # names what is wrong with an unknown node
         targets, remarks = _on_model(targets, structure.case)
         check_plausible(project, targets, structure.case)
-        if fault := rise_fault(targets):
+        if structure.case.pressurised and (fault := rise_fault(targets)):
             raise ValueError(f"targets: {fault}")
         known = known_values(project, elasticity.law, own_of)
         targets = replace(targets, known=known, tails=TAILS[project.config.calibrate.loss])
@@ -152,7 +145,13 @@ class Workbench:
         if self.jobs is not None:
             model = EngineModel.of(model, self.jobs)
         for label in self.project.config.model.effects if labels is None else labels:
-            model = model.with_effect(effect(label, own=own_of(self.project), law=self.law))
+            added = effect(label, own=own_of(self.project), law=self.law)
+            if lacking := added.lacks(self.case):
+                raise ValueError(
+                    f"effect {label!r}: the model ({self.project.config.model.kind}) has {lacking}; wanted "
+                    "an effect that it can have: remove this one from twin.toml [model] effects"
+                )
+            model = model.with_effect(added)
         return model
 
     @property
@@ -225,7 +224,7 @@ def _warned(mesh: Discretisation, say: Say) -> Discretisation:
 
 def check_plausible(project: Project, targets: Targets, case: Case) -> None:
     """Raise ValueError where the targets cannot be displacements of the project's finger."""
-    down = project.config.model.deck is None  # a deck may lie in any way
+    down = project.config.model.kind in ("finger", "pneunet")  # others may lie or bend in any way
     fault = place_fault(targets, case, mirrored=one_side(project))
     fault = fault or motion_fault(targets, case, bends_down=down)
     if fault:
@@ -276,12 +275,23 @@ def structure_of(project: Project) -> Structure:
     return found if table.object is None else beside(found, RigidObject.of(table.object))
 
 
+def body_of(project: Project) -> Body | None:
+    """The body of a project with its dimensions, None where it is a deck."""
+    model = project.config.model
+    if model.deck is not None:
+        return None
+    if model.kind == "finger":
+        return project.builtin or (BuiltIn() if model.finger is None else model.finger.body)
+    assert model.dimensions is not None
+    return model.dimensions.body
+
+
 def _unweighed(project: Project) -> Structure:
     table = project.config.model
     if table.deck is None:
-        own = project.builtin or (BuiltIn() if table.finger is None else BuiltIn.of(table.finger.finger))
-        found = of_finger(own.finger, replace(own.lattice, refine=table.mesh))
-        return in_law(found, (stated_law(project) or MOONEY_RIVLIN).nominal)
+        body = body_of(project)
+        assert body is not None
+        return in_law(of_body(body, refine=table.mesh), (stated_law(project) or MOONEY_RIVLIN).nominal)
     path = project.path(table.deck)
     if not path.is_file():
         raise ValueError(

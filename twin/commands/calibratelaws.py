@@ -17,8 +17,8 @@ from twin.model.discretisation import Discretisation
 from twin.project import files
 from twin.project.folder import Project, Run, Say
 from twin.project.record import Record
-from twin.project.tablemodel import Finite
 from twin.study.lawchoice import LawFit, bench_of, classes, fitted, starts_of
+from twin.tablemodel import Finite
 from twin.targets import Array
 
 ALL = "all"

@@ -29,7 +29,7 @@ from twin.numerals import short
 from twin.project import files
 from twin.project.folder import Project, Run, Say
 from twin.project.record import Maybe, Record
-from twin.project.tablemodel import Finite
+from twin.tablemodel import Finite
 from twin.targets import Array
 
 CHECKED = 4  # runs of a response that are solved whole, too

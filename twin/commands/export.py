@@ -20,7 +20,7 @@ from twin.judging.record import Estimate, FitRecord
 from twin.project import files
 from twin.project.folder import Project, Run, Say
 from twin.project.record import Maybe, Record
-from twin.project.tablemodel import Finite
+from twin.tablemodel import Finite
 from twin.targets import Array
 
 Form = Literal["abaqus", "calculix", "json", "csv"]

@@ -1,4 +1,4 @@
-"""Make a project folder: for a film or for targets measured elsewhere, of the built-in finger or a deck."""
+"""Make a project folder: for a film or for targets measured elsewhere, of a body of the program or a deck."""
 
 import re
 import shutil
@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from fe.mesh.finger import NAMED_NODES
+from twin.bodies.kinds import BODIES, BodyTable
 from twin.formats.catalogue import format_of, read_recorded
 from twin.formats.meshgroups import MESHES, deck_of
 from twin.formats.recorded import plain
@@ -25,7 +26,6 @@ from twin.project.config import (
     PressureTable,
     ProjectTable,
 )
-from twin.project.dimensions import FingerTable
 from twin.project.folder import Project, Say, named_after
 from twin.project.targetfiles import read_targets
 from twin.project.toml import dump, write
@@ -40,7 +40,7 @@ def run_init(
     folder: Path, say: Say, *, targets: Path | None = None, form: str | None = None,
     nodes: Sequence[str] = (), deck: Path | None = None, like: Path | None = None,
     density_kg_m3: float | None = None, finger: Sequence[str] = (), sd_mm: float | None = None,
-    still: str = "", pressure_set: str = "", clamp_set: str = "",
+    still: str = "", pressure_set: str = "", clamp_set: str = "", body: str = "finger",
 ) -> dict[str, Any]:
     """Make a folder with a complete twin.toml; `targets` and `deck` are checked and copied.
 
@@ -48,10 +48,10 @@ def run_init(
     into targets; form: its format, else the one that it shows.
     nodes: NAME=LABEL or NAME=X,Y,Z (mm) of the points; all of them where a deck takes the place of the
     built-in finger.   like: a former batch, whose twin.toml is copied instead.
-    density_kg_m3: of a silicone that was weighed.   finger: KEY=VALUE of [model.finger], such as
-    length_mm=80.   sd_mm: of one position in another program's file; or, still: the rows whose scatter tells
-    it, "holds" or such as "0-60,200-260".   pressure_set, clamp_set: of a mesh of Gmsh or VTK in the place of
-    a deck, the groups of faces under pressure and held.
+    density_kg_m3: of a silicone that was weighed.   body: kind of actuator, see `body_table`;
+    finger: KEY=VALUE of a finger, such as length_mm=80.   sd_mm: of one position in another program's file;
+    or, still: the rows whose scatter tells it, "holds" or such as "0-60,200-260".   pressure_set, clamp_set:
+    of a mesh of Gmsh or VTK in the place of a deck, the groups of faces under pressure and held.
     """
     if deck is not None and deck.suffix.lower() in MESHES:
         return _init_of_mesh(
@@ -66,19 +66,18 @@ def run_init(
     if like is not None:
         from twin.commands.initlike import run_init_like
 
-        if targets or nodes or deck or form or finger or sd_mm or still:
+        if targets or nodes or deck or form or finger or sd_mm or still or body != "finger":
             raise ValueError("--like copies points and mesh of the former batch; leave out --targets, "
-                             "--format, --node, --deck, --finger, --sd-mm and --still")  # fmt: skip
+                             "--format, --node, --deck, --body, --finger, --sd-mm and --still")  # fmt: skip
         return run_init_like(folder, say, like=like)
     if form is not None and targets is None:
         raise ValueError("--format without --targets: name the file that the other program wrote")
-    if finger and deck is not None:
-        raise ValueError(
-            f"--finger {finger[0]}: of the built-in finger, whose place --deck takes; leave one out"
-        )
+    if deck is not None and (finger or body != "finger"):
+        typed = f"--finger {finger[0]}" if finger else f"--body {body}"
+        raise ValueError(f"{typed}: of a built-in body, whose place --deck takes; leave one out")
     told = {point.name: point for point in map(_point, nodes)}
     known = {} if deck is not None else {n: PointTable(name=n, node=k) for n, k in NAMED_NODES.items()}
-    shape = _finger(finger)
+    kind, shape = body_table(body, finger)
     own = None if deck is None else _own_mesh(deck, told, ask=targets is None)
     name = named_after(folder)
     wanted: dict[str, str] = {}
@@ -98,7 +97,9 @@ def run_init(
         )
     if config.imported is None or own is not None or shape:  # else its dimensions are still to be stated
         _check_points(config, own, shape, say)
-    model = {"deck": f"raw/{deck.name}" if deck else None, "density_kg_m3": density_kg_m3, "finger": shape}
+    model: dict[str, Any] = {"density_kg_m3": density_kg_m3, kind: shape}
+    model |= {"deck": f"raw/{deck.name}"} if deck else {}
+    model |= {} if kind == "finger" else {"body": kind}
     stated = {key: value for key, value in model.items() if value is not None}
     config = config.model_copy(update={"model": config.model.model_copy(update=stated)})
     with files.whole_folder(folder.resolve()) as draft:
@@ -206,33 +207,48 @@ def _still(text: str) -> str | list[list[int]] | None:
     return [[int(one[1]), int(one[2])] for one in found if one]
 
 
-def _finger(stated: Sequence[str]) -> FingerTable | None:
-    """The dimensions KEY=VALUE of the built-in finger; None where none are stated."""
+def body_table(body: str, finger: Sequence[str] = ()) -> tuple[str, BodyTable | None]:
+    """The kind of body that KIND or KIND:KEY=VALUE,KEY=VALUE states, and its dimensions; None of a finger if
+    none are stated. ValueError where there is no such body, or a dimension is not right.
+
+    finger: dimensions KEY=VALUE of the finger, stated beside it.
+    """
+    kind, _, rest = body.partition(":")
+    if kind not in BODIES:
+        raise ValueError(f"--body {body}: wanted one of {', '.join(BODIES)}; your own mesh is --deck FILE")
+    if finger and kind != "finger":
+        raise ValueError(
+            f"--finger {finger[0]}: of a bellows finger, and the body is {kind}; wanted its dimensions as in "
+            f"--body {kind}:KEY=VALUE"
+        )
+    option, stated = ("--finger", finger) if finger else (f"--body {kind}", rest.split(",") if rest else ())
     if not stated:
-        return None
+        return kind, None if kind == "finger" else BODIES[kind]()
     values: dict[str, Any] = {}
     for text in stated:
         key, _, value = text.partition("=")
         if not key or not value:
-            raise ValueError(f"--finger {text!r}: wanted KEY=VALUE of [model.finger], such as length_mm=80")
+            raise ValueError(f"{option} {text!r}: wanted KEY=VALUE of [model.{kind}], such as length_mm=80")
         try:
             values[key] = int(value) if value.isdigit() else float(value)
         except ValueError:
             values[key] = value
-    return checked(FingerTable, values, name="--finger")
+    return kind, checked(BODIES[kind], values, name=option)
 
 
-def _check_points(config: Config, deck: "Deck | None", shape: FingerTable | None, say: Say) -> None:
+def _check_points(config: Config, deck: "Deck | None", shape: BodyTable | None, say: Say) -> None:
     """Say where points lie that are stated in mm. ValueError where one is at a node that is not there or not
     on the surface, or far from it. Dimensions of the built-in finger that are not stated may still change."""
     from twin.bench.positions import check_points, placed
-    from twin.model.structure import Structure, base_case, skin
+    from twin.bodies.finger import BuiltIn
+    from twin.model.structure import Structure, body_case, skin
 
     nodes, mirrored = {point.node for point in config.points} - {None}, len(config.cameras) == 1
     if deck is not None:
         structure = Structure(deck.case, "", {}, skin(deck.case))
     elif shape or nodes - set(NAMED_NODES.values()):  # those are there: no mesh need be made for them
-        case = base_case(finger=shape.finger if shape else None)
+        own = shape.body if shape else BuiltIn()
+        case = body_case(own, own.lattice)
         structure = Structure(case, "", {}, case.face_nodes("outside"))
     else:
         return

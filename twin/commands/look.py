@@ -40,19 +40,20 @@ def run_look(project: Project, say: Say, *, at: Sequence[str] = ()) -> dict[str,
     if done is not None and (done / "look.rrd").is_file():
         say(f"Already done: {project.shown(done / 'finger.png')}")
         return {"stage": "look", "status": "skipped", "run": project.shown(done)}
-    finger = _finger(project)
-    edges = "" if finger is None else f"; inner edges have a radius of {finger.radius:g}"
+    sketch = None if structure.body is None else structure.body.sketch
+    note = f"; {sketch.note}" if sketch is not None and sketch.note else ""
+    named = {"finger": "finger", "deck": "finger"}.get(kind := project.config.model.kind, kind)
     points = {p.name: position_of(p, structure, mirrored=one_side(project)) for p in project.config.points}
     marks = {m.name: np.array(m.position_mm) for m in project.config.frame.markers}
     with project.new_run("look", **how) as run:
         picture = dimensioned(
-            structure.case, outside=structure.outside, points=points, marks=marks, finger=finger,
-            title=f"{project.config.project.name}: the finger without load, in mm{edges}",
+            structure.case, outside=structure.outside, points=points, marks=marks, sketch=sketch,
+            title=f"{project.config.project.name}: the {named} without load, in mm{note}",
         )  # fmt: skip
         run.write_bytes("finger.png", picture)
         write_undeformed(
             run.path("look.rrd"), case=structure.case, triangles=triangles(structure.outside), points=points,
-            marks=marks, finger=finger, drawing=picture,
+            marks=marks, sketch=sketch, drawing=picture,
         )  # fmt: skip
         around = points | {f"at {text}": x for text, x in zip(at, asked, strict=True)}
         run.write_bytes("nodes.png", labelled(structure.case, outside=structure.outside, points=around))
@@ -72,15 +73,3 @@ def run_look(project: Project, say: Say, *, at: Sequence[str] = ()) -> dict[str,
         say("read.png shows materials, layers, supports and the pressure, as they were read.")
     nodes = {"nodes": [label for label, _ in nearest]} if asked else {}
     return {"stage": "look", "status": "done", "run": project.shown(run.folder)} | run.summary | nodes
-
-
-def _finger(project: Project) -> Any:
-    """The dimensions of the built-in finger, None for a deck."""
-    from fe import Finger
-
-    table = project.config.model
-    if table.deck is not None:
-        return None
-    if project.builtin is not None:
-        return project.builtin.finger
-    return Finger() if table.finger is None else table.finger.finger

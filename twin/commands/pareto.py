@@ -19,7 +19,7 @@ from twin.numerals import short
 from twin.project import files
 from twin.project.folder import Project, Run, Say
 from twin.project.record import Record
-from twin.project.tablemodel import Finite
+from twin.tablemodel import Finite
 
 OFF = 0.25  # of what noise may make of a misfit, by which a response may be off unmentioned
 

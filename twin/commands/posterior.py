@@ -29,7 +29,7 @@ from twin.numerals import interval, short, value
 from twin.project import files
 from twin.project.folder import Project, Run, Say
 from twin.project.record import Maybe, Record
-from twin.project.tablemodel import Finite
+from twin.tablemodel import Finite
 from twin.targets import Array, Targets
 
 NEAR, LEANS = 0.05, 0.01  # sds from a bound, and the share of the sample that lies there where it matters

@@ -39,8 +39,8 @@ from twin.model.objects import RigidObject
 from twin.project import files
 from twin.project.folder import Project, Run, Say
 from twin.project.record import Maybe, Record
-from twin.project.tablemodel import Finite
 from twin.review.shapes import write_shapes
+from twin.tablemodel import Finite
 from twin.targets import Array, PointKind
 
 MOST = 200  # times of a course that are predicted

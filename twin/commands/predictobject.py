@@ -11,7 +11,7 @@ from twin.bench.workbench import Workbench
 from twin.drawing.touchplot import draw_touch
 from twin.model.objects import RigidObject
 from twin.project.record import Maybe, Record
-from twin.project.tablemodel import Finite
+from twin.tablemodel import Finite
 from twin.targets import Array
 
 NO_FORCE = 1e-4  # N: what the penalty's smooth beginning leaves of a finger that does not touch

@@ -24,7 +24,7 @@ from twin.numerals import interval, short, value
 from twin.project import files
 from twin.project.folder import Project, Run, Say
 from twin.project.record import Maybe, Record
-from twin.project.tablemodel import Finite
+from twin.tablemodel import Finite
 
 APART = 0.25  # of half of an interval by covariance, by which an end of the profile's differs: it is told
 BETTER = -0.1  # deviance below which another fit is better than the best

@@ -9,10 +9,12 @@ from typing import Any
 
 import numpy as np
 
-from fe import Finger
-from twin.commands.init import run_init
+from twin.bodies.body import Body
+from twin.bodies.finger import BuiltIn
+from twin.commands.init import body_table, run_init
+from twin.effects.protocol import Unsolvable
 from twin.gravity import TONNE_PER_MM3
-from twin.model.structure import base_case
+from twin.model.structure import body_case
 from twin.project import files
 from twin.project.folder import Say, Silent
 from twin.project.targetwriting import write_targets
@@ -21,7 +23,6 @@ from twin.virtual.draws import NOISE, Setup, at_nodes, measured, plainness
 from twin.virtual.hidden import KINDS, Kind
 from twin.virtual.protocols import PROTOCOLS, Protocol, places
 from twin.virtual.truthsolves import (
-    CHANGE,
     COUNT,
     DENSITY,
     ELEMENT,
@@ -30,6 +31,7 @@ from twin.virtual.truthsolves import (
     on_surface,
     tangents,
     truth_case,
+    truth_lattice,
 )
 
 ELEMENTS_OF_TRUTH = ("C3D20H", "C3D20RH", "C3D20", "C3D20R")
@@ -47,11 +49,12 @@ def run_virtual(
     placement_mm: float = 0.1,
     element: str = ELEMENT,
     seed: int = 0,
+    body: str = "finger",
 ) -> dict[str, Any]:
     """Make the folder, with targets and twin.toml, and `FOLDER.truth.json` beside it.
 
     hide: what is missing in the model, NAME or NAME=SIZE; sigmas: the non-centrality of one NAME without a
-    size. ValueError for what does not exist.
+    size; body: what is filmed, as `twin init` has it. ValueError for what does not exist.
     """
     setup = Setup(sd_mm=noise_mm, noise=noise, placement_sd_mm=placement_mm)
     chosen, kinds = _protocol(protocol), [_kind(text) for text in hide]
@@ -66,7 +69,13 @@ def run_virtual(
     if noise not in NOISE:
         raise ValueError(f"--noise {noise}: wanted one of {', '.join(NOISE)}")
     say("Solving the truth on a mesh of its own ...")
-    points, case = _marked(chosen), truth_case(Finger(), CHANGE, element=element)
+    _, table = body_table(body)
+    own = BuiltIn() if table is None else table.body
+    lattice = truth_lattice(own)
+    points, case = marked(chosen, own), truth_case(own, lattice, element=element)
+    if case.pressurised is None:
+        raise ValueError(f"--body {body}: it has no chamber, and every protocol is a test under pressure; "
+                         "wanted finger, pneunet or tube")  # fmt: skip
     if not chosen.weighed:
         case = case.with_material(density=0.0)
     at = np.array([p.position for p in points])
@@ -75,16 +84,20 @@ def run_virtual(
     draw = measured(chosen, bare, slope, points=points, setup=setup, seed=seed)
     rows = {kind.name: _all(tangents(case, chosen.course, at, kind), draw) for kind, _ in kinds}
     hidden = tuple((kind, _sized(kind, size, sigmas, rows[kind.name], draw, slope)) for kind, size in kinds)
-    u, slope = displaced(case, chosen.course, on, hidden, count=COUNT) if hidden else (bare, slope)
+    try:
+        u, slope = displaced(case, chosen.course, on, hidden, count=COUNT) if hidden else (bare, slope)
+    except Unsolvable as why:
+        raise ValueError(f"--hide {' '.join(hide)}: {why}; hide less of it, or state fewer sigmas") from None
     found = measured(chosen, u, slope, points=points, setup=setup, seed=seed)
     with tempfile.TemporaryDirectory() as scratch:
         write_targets(Path(scratch) / "targets", found)
         density = DENSITY / TONNE_PER_MM3 if chosen.weighed else None
-        run_init(folder, Silent(), targets=Path(scratch) / "targets", nodes=(), density_kg_m3=density)
+        run_init(folder, Silent(), targets=Path(scratch) / "targets", nodes=(), density_kg_m3=density,
+                 body=body)  # fmt: skip
     change, felt = _all(u - bare, found), _all(slope, found)
     plain = {k.name: plainness(change, found, _all(rows[k.name][:2], found), felt) for k, _ in hidden[:1]}
     truth = {
-        "protocol": chosen.name, "seed": seed, "element": element, "lattice": asdict(CHANGE),
+        "protocol": chosen.name, "seed": seed, "element": element, "body": body, "lattice": asdict(lattice),
         "constants_MPa": {"C10": SILICONE.C10, "C01": SILICONE.C01},
         "hidden": [
             {"name": k.name, "effect": k.physics or None, "law": k.law, "size": s, "unit": k.unit}
@@ -114,9 +127,9 @@ def _kind(text: str) -> tuple[Kind, float | None]:
         raise ValueError(f"--hide {text}: wanted NAME=SIZE, such as creep=0.05") from None
 
 
-def _marked(protocol: Protocol) -> tuple[TargetPoint, ...]:
-    """The markers of a protocol, each on the nearest node of the built-in finger."""
-    case, at = base_case(), places(Finger())
+def marked(protocol: Protocol, body: Body) -> tuple[TargetPoint, ...]:
+    """The markers of a protocol, each on the nearest node of a body."""
+    case, at = body_case(body, body.lattice), places(body)
     edge, off = [n for n in at if n.startswith("p")], [n for n in at if n.startswith("off")]
     names = [*edge[1 : protocol.along], "tip", *off[: protocol.off_axis]]
     wanted = np.array([at[name] for name in names])

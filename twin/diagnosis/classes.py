@@ -14,7 +14,7 @@ from twin.diagnosis.evidence import apart, ceiling, orthonormal
 from twin.diagnosis.signatures import Signatures
 from twin.judging.judged import Judged
 from twin.project.record import Record
-from twin.project.tablemodel import Finite
+from twin.tablemodel import Finite
 from twin.targets import Array
 
 ALIKE = 0.95  # of a signature that another effect mimics, from which on the two are of one class

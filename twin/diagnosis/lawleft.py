@@ -6,7 +6,7 @@ from pydantic import Field
 from twin.judging.comparison import BRANCHES, WHILE, branches
 from twin.judging.judged import Judged
 from twin.project.record import Record
-from twin.project.tablemodel import Finite
+from twin.tablemodel import Finite
 from twin.targets import Array, Targets
 
 TOLD = 0.005  # of what an effect adds: a law that is right to this is told as right

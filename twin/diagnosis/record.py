@@ -16,7 +16,7 @@ from twin.judging.frame import FrameTest
 from twin.judging.intervals import estimates
 from twin.judging.record import Estimate, UnseenFilm
 from twin.project.record import Maybe, Record
-from twin.project.tablemodel import Finite
+from twin.tablemodel import Finite
 
 
 class RankingRow(Record):

@@ -4,34 +4,23 @@ All of it comes from the case that is solved; only the numbers beside the arrows
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 
-from fe import Case, Finger
+from fe import Case
 from fe.element import Integers
+from twin.bodies.body import GAP, Arrow, Sketch
 from twin.drawing.deformed import grid_of
 from twin.drawing.theme import AFTER, BEFORE, INK, MUTED, png, style
 from twin.targets import Array
 
 SKIN, CUT, EDGE = "#e3e8ec", "#b9c4cd", "#8a97a3"
-GAP = 0.045  # of the drawn length: from the finger to the first line of a dimension, and from line to line
 NAME = 0.15  # of the drawn length: room for a name that stands upright below a point
 ASIDE = 1e-6  # of the mesh's size: by so much a plane is moved off nodes that lie on it
 WIDE, CUTS = 11.0, 3.4  # inches: the picture's width, the height of the two cuts
-
-
-@dataclass(frozen=True)
-class Arrow:
-    """A dimension: its text, between which two points, and how far beside them its line lies, mm."""
-
-    text: str
-    start: tuple[float, float]
-    end: tuple[float, float]
-    off: float
 
 
 def dimensioned(
@@ -40,13 +29,13 @@ def dimensioned(
     outside: Integers,
     points: Mapping[str, Array],
     marks: Mapping[str, Array],
-    finger: Finger | None,
+    sketch: Sketch | None,
     title: str,
 ) -> bytes:
     """A PNG of a finger at rest.
 
     outside (f, m): the faces that are drawn; points {name: (3,) mm} on the finger; marks {name: (3,) mm} on
-    the rig; finger: its dimensions, None where a deck has none.
+    the rig; sketch: its dimensions, None where a deck has none.
     """
     tall = _side_height(case, [*points.values(), *marks.values()])
     with style({"axes.grid": False}):
@@ -54,9 +43,9 @@ def dimensioned(
         rows = figure.subplot_mosaic(
             [["side", "side"], ["along", "across"]], width_ratios=[2.6, 1.0], height_ratios=[tall, CUTS]
         )
-        _side(rows["side"], case, outside, points, marks, finger)
-        _along(rows["along"], case, finger)
-        _across(rows["across"], case, finger)
+        _side(rows["side"], case, outside, points, marks, sketch)
+        _along(rows["along"], case, sketch)
+        _across(rows["across"], case, sketch)
         figure.suptitle(title, x=0.01, ha="left", fontsize=11, parse_math=False)  # $ in a name is a $
         return png(figure)
 
@@ -74,7 +63,7 @@ def _side_height(case: Case, places: Sequence[Array]) -> float:
 
 def _side(
     axes: Axes, case: Case, outside: Integers, points: Mapping[str, Array], marks: Mapping[str, Array],
-    finger: Finger | None,
+    sketch: Sketch | None,
 ) -> None:  # fmt: skip
     """From +y as the camera sees it, with all points and marks."""
     faces = case.nodes[outside]
@@ -86,55 +75,34 @@ def _side(
     _named(axes, marks, colour=AFTER, marker="s", below=False)
     gap = GAP * float(high[0] - low[0])
     arrows = [Arrow(f"{high[0] - low[0]:g}", (low[0], high[2]), (high[0], high[2]), 2.2 * gap)]
-    if finger is not None:
-        start, end = finger.base_cap, finger.length - finger.tip_cap
-        top = float(high[2])
-        arrows += [
-            Arrow(f"cap {finger.base_cap:g}", (0.0, top), (start, top), gap),
-            Arrow(f"{finger.bellows} pleats of {finger.pitch:.3g}", (start, top), (end, top), gap),
-            Arrow(f"cap {finger.tip_cap:g}", (end, top), (finger.length, top), gap),
-        ]
+    arrows += [] if sketch is None else sketch.side
     _arrows(axes, arrows)
     _finished(axes, "From the side, as the camera sees it", "x, mm from the clamp", "z, mm")
     room = min((float(p[2]) for p in points.values()), default=0.0) - NAME * float(high[0] - low[0])
     axes.set_ylim(bottom=min(room, axes.get_ylim()[0]))
 
 
-def _along(axes: Axes, case: Case, finger: Finger | None) -> None:
+def _along(axes: Axes, case: Case, sketch: Sketch | None) -> None:
     """The cut along the plane of symmetry, the chamber open."""
     _material(axes, cut(case, axis=1, place=0.0))
-    if finger is not None:
-        g, gap, crest = finger, GAP * finger.length, _valley(finger) - finger.pitch / 2
-        lowest = g.height - 2 * g.pleat
-        _arrows(axes, [
-            Arrow(f"height {g.height:g}", (0.0, 0.0), (0.0, g.height), gap),
-            Arrow(f"bottom {g.bottom:g}", (crest, 0.0), (crest, g.bottom), 0.0),
-            Arrow(f"top {g.top:g}", (crest, g.height - g.top), (crest, g.height), 0.0),
-            Arrow(f"pleat depth {2 * g.pleat:g}", (g.length, lowest), (g.length, g.height), -gap),
-        ][: 4 if g.pleat else 3])  # fmt: skip
+    _arrows(axes, () if sketch is None else sketch.along)
     _finished(axes, "Cut along the middle (y = 0)", "x, mm", "z, mm")
 
 
-def _across(axes: Axes, case: Case, finger: Finger | None) -> None:
-    """The cut across: of the built-in finger through a crest on the left and a valley on the right, else
-    through the middle."""
+def _across(axes: Axes, case: Case, sketch: Sketch | None) -> None:
+    """The cut across: where the body's sketch has it, at two places left and right; else through the
+    middle."""
     low, high = case.nodes.min(axis=0), case.nodes.max(axis=0)
-    if finger is None:
+    if sketch is None:
         x = float(low[0] + high[0]) / 2
         shapes = cut(case, axis=0, place=x)
         _material(axes, [*shapes, *(_mirrored(shapes) if low[1] > -1e-6 else [])])
         _finished(axes, f"Cut across (x = {x:.3g})", "y, mm", "")
         return
-    g, w, valley = finger, finger.width / 2, _valley(finger)
-    crest = valley - g.pitch / 2
-    _material(axes, [*_mirrored(cut(case, axis=0, place=crest)), *cut(case, axis=0, place=valley)])
-    gap, lowest = 1.6 * GAP * g.width, g.height - 2 * g.pleat
-    _arrows(axes, [
-        Arrow(f"width {g.width:g}", (-w, 0.0), (w, 0.0), -gap),
-        Arrow(f"side {g.side:g}", (-w, g.height / 2), (g.side - w, g.height / 2), 0.0),
-        Arrow(f"side pleats {g.side_pleat:g}", (w - g.side_pleat, lowest), (w, lowest), gap),
-    ][: 3 if g.side_pleat else 2])  # fmt: skip
-    _finished(axes, "Cut across: crest | valley", "y, mm", "")
+    left, right = (cut(case, axis=0, place=x) for x in (sketch.left, sketch.right))
+    _material(axes, [*_mirrored(left), *right])
+    _arrows(axes, sketch.across)
+    _finished(axes, f"Cut across: {sketch.names}" if sketch.names else "Cut across", "y, mm", "")
 
 
 def cut(case: Case, *, axis: int, place: float) -> list[Array]:
@@ -147,11 +115,6 @@ def cut(case: Case, *, axis: int, place: float) -> list[Array]:
     grid = grid_of(case.nodes, case.connectivity)
     plane = grid.slice(normal, origin=place * normal, generate_triangles=True)
     return list(np.delete(plane.points[plane.regular_faces], axis, axis=2))
-
-
-def _valley(finger: Finger) -> float:
-    """x in mm of a valley between two pleats, the middle one; of a single pleat the end."""
-    return finger.base_cap + finger.pitch * max(1, finger.bellows // 2)
 
 
 def _mirrored(shapes: Sequence[Array]) -> list[Array]:

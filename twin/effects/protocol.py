@@ -171,6 +171,12 @@ class Effect:
         del theta
         return test
 
+    def lacks(self, case: Case) -> str:
+        """What a structure would need to have for the effect to mean anything, "no chamber"; "" where it has
+        it. There `before` changes nothing."""
+        del case
+        return ""
+
     def breaks_symmetry(self, test: Test) -> bool:
         """Whether it loads or shapes the halves y > 0 and y < 0 of the test differently; then the whole is
         modelled. Nothing but this says so."""

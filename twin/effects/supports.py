@@ -75,6 +75,9 @@ class ElasticClamp(Effect):
         Parameter("clamp.compliance", 0.0, 1e-2, "rad/(N mm)", null=0.0, typical=1e-5, plausible=(0.0, 1e-3)),
     )
 
+    def lacks(self, case: Case) -> str:
+        return "" if case.clamp else "no single node set that is fully held"
+
     def before(self, test: Test, theta: Theta) -> Test:
         if test.case.clamp is None:
             return test
@@ -96,6 +99,9 @@ class StrainLimitingLayer(Effect):
             "strain_limiting_layer.stiffness", 0.0, 50.0, "N/mm", null=0.0, typical=0.05, plausible=(0.0, 5.0)
         ),
     )
+
+    def lacks(self, case: Case) -> str:
+        return "" if len(flat_bottom(case)) else "no flat bottom"
 
     def before(self, test: Test, theta: Theta) -> Test:
         case, name = test.case, "strain_limiting_layer"

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 from pydantic import Field
 
 from twin.executors.surroundings import THREADS
-from twin.project.tablemodel import Positive, TableModel
 from twin.project.toml import tables_of
 from twin.project.validation import checked
+from twin.tablemodel import Positive, TableModel
 
 if TYPE_CHECKING:
     from dask_jobqueue import SLURMCluster

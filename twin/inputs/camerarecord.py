@@ -8,7 +8,7 @@ from pydantic import Field, model_validator
 from twin.judging.record import Rows, check_covariance
 from twin.project import files
 from twin.project.record import Record
-from twin.project.tablemodel import Finite, NotNegative
+from twin.tablemodel import Finite, NotNegative
 
 if TYPE_CHECKING:  # vision takes a second to import
     from vision import Camera

@@ -9,7 +9,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from twin.project.record import Maybe, MaybeSize, Record
-from twin.project.tablemodel import Finite
+from twin.tablemodel import Finite
 
 if TYPE_CHECKING:
     from calibrate import Fit, Parameter

@@ -1,24 +1,26 @@
-"""What a project's model is made of: the built-in finger, or the mesh of the user's own Abaqus deck.
+"""What a project's model is made of: a body of the program, or the mesh of the user's own Abaqus deck.
 
 Either gives a case with nominal constants, and the finer meshes that its discretisation modes come from.
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from fe import Case, Clamp, Finger, Lattice, Material, finger_case
+from fe import Case, Clamp, Finger, Lattice, Material
 from fe.case import digest
 from fe.deck.reader import Deck, read_deck
 from fe.deck.soundness import check_body, jacobians
 from fe.element import Integers
 from fe.kernel.tying import dependence
-from fe.mesh.dividing import lattice_of
 from fe.mesh.refine import enriched, free_faces, refined
 from fe.mesh.skin import closing
+from twin.bodies.body import Body
+from twin.bodies.finger import BuiltIn
 from twin.laws.catalogue import law_of
 from twin.laws.law import Constants, RubberLaw
 from twin.laws.mooneyrivlin import MOONEY_RIVLIN, NOMINAL
@@ -28,20 +30,6 @@ SHORT_MM = 20.0  # long: a finger of 200 mm whose lengths are in cm
 COMPRESSIBLE = 20.0  # bulk modulus over shear modulus, Poisson's ratio 0.475
 STIFFEST = 1e4  # MPa, shear modulus: nylon has 1000, aluminium 26000
 LARGEST = 80_000  # nodes of a mesh that is solved for the discretisation error: about 4 GB
-
-
-@dataclass(frozen=True)
-class BuiltIn:
-    """The built-in finger: its dimensions in mm, and the lattice that divides it into elements. By default
-    the reference study's."""
-
-    finger: Finger = field(default_factory=Finger)
-    lattice: Lattice = field(default_factory=Lattice)
-
-    @staticmethod
-    def of(finger: Finger) -> "BuiltIn":
-        """A finger on the lattice that its dimensions ask for."""
-        return BuiltIn(finger, lattice_of(finger))
 
 
 @dataclass(frozen=True)
@@ -60,7 +48,8 @@ class Structure:
     (see `model.discretisation`); none where `unknown` says why. outside (f, m): the faces that are drawn, as
     node rows. scales: whether U depends on pressure / scale and the law's shape alone, as where nothing but
     pressure loads one material. remarks: what a user should know of it. numbers: of a deck's elements.
-    nominal: the constants of its silicone until they are fitted.
+    nominal: the constants of its silicone until they are fitted. body: the kind of body with its dimensions,
+    None of a deck.
     """
 
     case: Case
@@ -72,6 +61,7 @@ class Structure:
     remarks: tuple[str, ...] = ()
     numbers: Integers | None = None
     nominal: Constants = NOMINAL
+    body: Body | None = None
 
     @property
     def elements(self) -> Integers:
@@ -138,49 +128,48 @@ def _beside(build: Callable[[], Case], thing: RigidObject) -> Case:
     return thing.beside(build())
 
 
-# -- the built-in finger -----------------------------------------------------------------------------------
+# -- a body of the program ---------------------------------------------------------------------------------
 
 
 def base_case(*, finger: Finger | None = None, lattice: Lattice | None = None) -> Case:
     """The embedded bellows finger with nominal constants, to which every effect is applied."""
-    return finger_case(NOMINAL.material, finger=finger, lattice=lattice)
+    return body_case(BuiltIn(finger or Finger(), lattice or Lattice()), lattice or Lattice())
+
+
+def body_case(body: Body, lattice: Any) -> Case:
+    """A body on a lattice with nominal constants."""
+    return body.case(lattice, NOMINAL.material)
 
 
 def of_finger(finger: Finger, lattice: Lattice) -> Structure:
-    """The built-in finger on a lattice. ValueError where its dimensions turn a cell of the mesh over."""
-    case = base_case(finger=finger, lattice=lattice)
-    _check_cells(case)
+    """The bellows finger on a lattice. ValueError where its dimensions turn a cell of the mesh over."""
+    return of_body(BuiltIn(finger, lattice))
+
+
+def of_body(body: Body, *, refine: int = 1) -> Structure:
+    """A body on its own lattice, each cell divided `refine` times in each direction. ValueError where its
+    dimensions turn a cell of the mesh over."""
+    lattice = replace(body.lattice, refine=refine) if refine != 1 else body.lattice
+    case = body_case(body, lattice)
+    _check_cells(case, body)
     meshes = {
-        name: Mesh(digest(finger, mesh), partial(base_case, finger=finger, lattice=mesh))
-        for name, mesh in finer(lattice).items()
+        name: Mesh(body.key(mesh), partial(body_case, body, mesh))
+        for name, mesh in body.finer(lattice).items()
     }
-    return Structure(case, digest(finger, lattice), meshes, case.face_nodes("outside"))
+    return Structure(
+        case, body.key(lattice), meshes, case.face_nodes("outside"), scales=not case.layers, body=body
+    )
 
 
-def _check_cells(case: Case) -> None:
+def _check_cells(case: Case, body: Body) -> None:
     """ValueError unless the Jacobian is positive at all integration points."""
     size = jacobians(case).min(axis=1)
     if size.min() <= 0.0:
         x, _, z = case.nodes[case.connectivity[size.argmin()]].mean(axis=0)
         raise ValueError(
-            f"model.finger: with these dimensions the mesh folds near x = {x:.3g}, z = {z:.3g} mm; wanted "
-            "cells that are the right way round; make the pleats shallower or fewer, or the walls thinner"
+            f"model.{body.kind}: with these dimensions the mesh folds near x = {x:.3g}, z = {z:.3g} mm; "
+            f"wanted cells that are the right way round; {body.remedy}"
         )
-
-
-def finer(lattice: Lattice) -> dict[str, Lattice]:
-    """The refined lattices; the last is finer in every direction and of the other topology."""
-    bellow = max(lattice.per_bellow + 1, round(4 / 3 * lattice.per_bellow))
-    section = replace(lattice, fillet=2 * lattice.fillet, across=2 * lattice.across, up=2 * lattice.up)
-    return {
-        "bellows": replace(lattice, per_bellow=bellow),
-        "walls": replace(lattice, wall=2 * lattice.wall),
-        "section": section,
-        "bellows and walls": replace(lattice, per_bellow=bellow, wall=2 * lattice.wall),
-        "check": replace(
-            section, per_bellow=bellow, wall=2 * lattice.wall, fillet=lattice.fillet, ring=not lattice.ring
-        ),
-    }
 
 
 # -- a deck ------------------------------------------------------------------------------------------------

@@ -8,12 +8,17 @@ from typing import Annotated, Any, Literal, Self
 import numpy as np
 from pydantic import AfterValidator, Field, model_validator
 
+from twin.bodies.bar import BarTable
+from twin.bodies.finger import FingerTable
+from twin.bodies.kinds import BODIES, BodyTable
+from twin.bodies.pneunet import PneunetTable
+from twin.bodies.tube import TubeTable
 from twin.effects import labels
 from twin.laws.catalogue import LAWS, named_law
 from twin.laws.law import RubberLaw
 from twin.laws.mooneyrivlin import MOONEY_RIVLIN, NAMES
-from twin.project.dimensions import FingerTable
-from twin.project.tablemodel import (
+from twin.project.targetschema import StillSteps
+from twin.tablemodel import (
     Direction,
     Finite,
     Label,
@@ -23,7 +28,6 @@ from twin.project.tablemodel import (
     Positive,
     TableModel,
 )
-from twin.project.targetschema import StillSteps
 
 NAMED = "a name of the letters A to Z and a to z, digits and _ . + -, which begins with none of . + -"
 
@@ -144,9 +148,13 @@ class ProjectTable(TableModel):
 
 
 class ModelTable(TableModel):
+    body: Literal["finger", "pneunet", "tube", "bar", "deck"] | None = Field(
+        default=None,
+        description="kind of actuator: finger (bellows), pneunet, tube, bar; else your deck, or a finger",
+    )
     deck: RelativePath | None = Field(
         default=None,
-        description="your own mesh, an Abaqus deck such as raw/finger.inp; else the built-in bellows finger",
+        description="your own mesh, an Abaqus deck such as raw/finger.inp; else the body's mesh is built in",
     )
     silicone: tuple[Name, ...] = Field(
         default=(), description="element sets of the deck whose constants are fitted; []: all"
@@ -201,17 +209,44 @@ class ModelTable(TableModel):
         default=None, description='name of the program on the search path, such as "abq2023" or "ccx_2.21"'
     )
     finger: FingerTable | None = None
+    pneunet: PneunetTable | None = None
+    tube: TubeTable | None = None
+    bar: BarTable | None = None
+
+    @property
+    def kind(self) -> str:
+        """The kind of body: the one that is named, else a deck, else that whose dimensions are stated, else
+        the finger."""
+        return self.body or ("deck" if self.deck is not None else next(iter(self._stated), "finger"))
+
+    @property
+    def dimensions(self) -> BodyTable | None:
+        """The dimensions of the body, those of a new one where none are stated; None of a deck."""
+        return None if self.kind == "deck" else self._stated.get(self.kind) or BODIES[self.kind]()
+
+    @property
+    def _stated(self) -> dict[str, BodyTable]:
+        return {name: table for name in BODIES if (table := getattr(self, name)) is not None}
 
     @model_validator(mode="after")
     def _fits(self) -> Self:
         self._check_engine()
-        if self.finger is not None and self.deck is not None:
+        if self.deck is not None and self._stated:
             raise ValueError(
-                f"model.deck = {self.deck!r} and [model.finger] are both given: a deck has its own "
-                "dimensions; remove one of them"
+                f"model.deck = {self.deck!r} and [model.{next(iter(self._stated))}] are both given: a "
+                "deck has its own dimensions; remove one of them"
+            )
+        if (self.kind == "deck") != (self.deck is not None):
+            raise ValueError(
+                f"model.body = {self.body!r} and model.deck = {self.deck!r}: wanted body = \"deck\" with the "
+                "file of a deck, and no deck with another body; correct one of them"
+            )
+        if others := [name for name in self._stated if name != self.kind]:
+            raise ValueError(
+                f"[model.{others[0]}] has the dimensions of another body than {self.kind}: remove that "
+                f'table, or write body = "{others[0]}"'
             )
         return self
-
 
     def _check_engine(self) -> None:
         if self.engine != EMBEDDED and self.self_contact:

@@ -7,7 +7,7 @@ from typing import Annotated, Any, ClassVar
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationInfo
 
-from twin.project.tablemodel import Finite, NotNegative
+from twin.tablemodel import Finite, NotNegative
 
 
 class Record(BaseModel):

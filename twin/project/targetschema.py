@@ -5,7 +5,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import AfterValidator, Field, model_validator
 
-from twin.project.tablemodel import NotNegative, Position, Positive, TableModel
+from twin.tablemodel import NotNegative, Position, Positive, TableModel
 
 LIGHTEST, HEAVIEST = 0.1, 5000.0  # g, of a weight hung on a soft structure: others are in another unit
 STRONGEST = 50.0  # N

@@ -10,10 +10,11 @@ import tomlkit
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
+from twin.bodies.kinds import BODIES
 from twin.project import files
 from twin.project.config import FORMER, Config, with_first_film
-from twin.project.tablemodel import keys_of
 from twin.project.validation import checked, table_of, value_text
+from twin.tablemodel import keys_of
 
 LONGEST, DEEPEST = 10_000_000, 100  # letters of a file; parts of a key, as in model.fixed.C10
 _PART = r"""(?:[A-Za-z0-9_-]+|"[^"\n]*"|'[^'\n]*')[ \t]*"""
@@ -142,7 +143,8 @@ def _table(path: str, table: BaseModel, *, item: int | None = None) -> list[str]
         elif isinstance(value, tuple) and value and isinstance(value[0], BaseModel):
             inner += _tables(f"{path}.{key}", value)
         elif value is None and (absent := table_of(type(table), key)) is not None:
-            inner += [] if path == "cameras" else _absent(f"{path}.{key}", absent)
+            other = key in BODIES and key != getattr(table, "kind", key)
+            inner += [] if path == "cameras" or other else _absent(f"{path}.{key}", absent)
         elif not (path == "frame" and key == "markers"):
             plain.append(_line(key, value, field, first=not item))
     head = [] if not plain else ["", f"[{path}]" if item is None else f"[[{path}]]"]

@@ -9,7 +9,7 @@ from typing import Any, TypeVar, get_args
 from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
 
-from twin.project.tablemodel import keys_of
+from twin.tablemodel import keys_of
 
 Checked = TypeVar("Checked", bound=BaseModel)
 

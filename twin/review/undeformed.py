@@ -7,8 +7,10 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from fe import Case, Finger
+from fe import Case
 from fe.element import Integers
+from fe.mesh.mirror import symmetry_support
+from twin.bodies.body import Sketch
 from twin.review.arrangement import alone, finger_view
 from twin.review.rerunfile import rerun_file
 from twin.review.scene import still
@@ -28,16 +30,16 @@ def write_undeformed(
     triangles: Integers,
     points: Mapping[str, Array],
     marks: Mapping[str, Array],
-    finger: Finger | None,
+    sketch: Sketch | None,
     drawing: bytes,
 ) -> None:
     """Write the rerun file `path`, atomically.
 
     triangles (t, 3) node rows of the surface that is drawn; points {name: (3,) mm} on the finger; marks
-    {name: (3,) mm} on the rig; finger: its dimensions, None where a deck has none; drawing: a PNG.
+    {name: (3,) mm} on the rig; sketch: its dimensions, None where a deck has none; drawing: a PNG.
     """
     with rerun_file(path, _views(case)) as recording:
-        for name, entity in _entities(case, triangles, finger).items():
+        for name, entity in _entities(case, triangles, sketch).items():
             recording.log(f"finger/{name}", entity, static=True)
         size = 0.009 * float(np.ptp(case.nodes, axis=0).max())
         for name, places, colour in (("points", points, POINT), ("marks", marks, MARK)):
@@ -49,39 +51,33 @@ def write_undeformed(
 
 
 def _entities(
-    case: Case, triangles: Integers, finger: Finger | None
+    case: Case, triangles: Integers, sketch: Sketch | None
 ) -> dict[str, rr.Mesh3D | rr.Points3D | rr.LineStrips3D]:
     """What is drawn of the finger; of a half model the computed half is solid, nothing is mirrored."""
     radius = 0.0025 * float(np.ptp(case.nodes, axis=0).max())
     nodes = rr.Points3D(
         case.nodes, radii=radius, colors=NODE, labels=[str(n) for n in case.labels], show_labels=False
     )  # a node's label is shown where it is selected
-    lines = dimension_lines(case, finger)
+    lines = dimension_lines(case, sketch)
     ends = [np.array(line) for line in lines.values()]
     strips = rr.LineStrips3D(ends, labels=list(lines), colors=DIMENSION, radii=0.6 * radius)
     return {"surface": still(case.nodes, triangles, colour=SKIN), "nodes": nodes, "dimensions": strips}
 
 
-def dimension_lines(case: Case, finger: Finger | None) -> dict[str, tuple[Array, Array]]:
+def dimension_lines(case: Case, sketch: Sketch | None) -> dict[str, tuple[Array, Array]]:
     """Each dimension with its text: the two ends (3,) mm of its line beside the finger."""
     low, high = case.nodes.min(axis=0), case.nodes.max(axis=0)
-    width = finger.width if finger is not None else float(high[1] - low[1])
-    height = finger.height if finger is not None else float(high[2] - low[2])
+    width = float(high[1] - low[1]) * (1.0 if symmetry_support(case) is None else 2.0)
     aside = ASIDE * float(high[0] - low[0])
-    near, top = high[1] + aside, high[2] + aside
+    near, top, left = high[1] + aside, high[2] + aside, low[0] - aside
     found = {
         f"length {high[0] - low[0]:.4g} mm": ((low[0], near, top), (high[0], near, top)),
-        f"height {height:.4g} mm": ((low[0] - aside, near, low[2]), (low[0] - aside, near, low[2] + height)),
-        f"width {width:.4g} mm": ((low[0] - aside, high[1] - width, top), (low[0] - aside, high[1], top)),
+        f"height {high[2] - low[2]:.4g} mm": ((left, near, low[2]), (left, near, high[2])),
+        f"width {width:.4g} mm": ((left, high[1] - width, top), (left, high[1], top)),
     }
-    if finger is not None:
-        start, end, line = finger.base_cap, finger.length - finger.tip_cap, top - aside / 2
-        pleats = f"{finger.bellows} pleats of {finger.pitch:.3g} mm"
-        found |= {
-            f"cap {finger.base_cap:g} mm": ((0.0, near, line), (start, near, line)),
-            pleats: ((start, near, line), (end, near, line)),
-            f"tip cap {finger.tip_cap:g} mm": ((end, near, line), (finger.length, near, line)),
-        }
+    line = top - aside / 2
+    for arrow in () if sketch is None else sketch.side:
+        found[f"{arrow.text} mm"] = ((arrow.start[0], near, line), (arrow.end[0], near, line))
     return {text: (np.array(a), np.array(b)) for text, (a, b) in found.items()}
 
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from calibrate import Fit, least_squares
 from twin.bench.workbench import Workbench
+from twin.bodies.finger import BuiltIn
 from twin.gravity import under
 from twin.judging.comparison import PLAUSIBLE
 from twin.judging.fitting import whitener_of
@@ -23,6 +24,7 @@ from twin.model.fingertable import table_of
 from twin.model.loadpaths import MOST, REDUCED, Turned, load_paths, reach, sheets
 from twin.model.prediction import Model
 from twin.project.folder import Say
+from twin.sanity import LEAST_MPA
 from twin.study.generations import Objective
 from twin.targets import Array, relative
 
@@ -170,7 +172,7 @@ class OnPaths:
         The one above is half as far as the one below: the paths end little beyond the highest pressure.
         """
         t, constants = self.bench.targets, self.constants(theta)
-        out, h = np.zeros_like(t.value), 1e-3 * float(t.pressure.max())
+        out, h = np.zeros_like(t.value), 1e-3 * max(float(t.pressure.max()), LEAST_MPA)
         a, b = (self.paths.predict(constants, np.maximum(t.pressure, h) + d) for d in (-h, h / 2))
         if a is not None and b is not None:
             out[:, self.rows] = (b - a) / (1.5 * h) * t.pressure_sd[:, None, None]
@@ -191,8 +193,8 @@ def _load_paths(
     if bench.scales and table and bench.law == MOONEY_RIVLIN and not wide and held is None:
         return Turned((table.load_paths(bench.case, where),), of_step)
     cache, key, top = bench.cache(say), bench.structure.key, REDUCED
-    highest = rounded_up(float(bench.targets.pressure.max()))
-    if bench.project.config.model.deck is not None:
+    highest = rounded_up(max(float(bench.targets.pressure.max()), LEAST_MPA))
+    if not isinstance(bench.structure.body, BuiltIn):  # REDUCED is of fingers alone
         top = reach(bench.case, bench.law, highest / own.scales[0], cache=cache, key=key)
     how: dict[str, Any] = {"cache": cache, "key": key, "top": top, "wide": wide}
     how["held"] = own.initial.shape if held is None and len(bench.law.shapes) > MOST else held

@@ -6,12 +6,14 @@ P4: P3 in three directions of gravity, of which the last is held out, the finger
 markers off the axis and four fixed ones. In P1 to P3 the finger has no weight, and none is stated.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from fe import Finger, Path
+from twin.bodies.body import Body
+from twin.bodies.finger import BuiltIn
 from twin.gravity import G
 from twin.targets import Array
 
@@ -151,13 +153,6 @@ PROTOCOLS = {
 }
 
 
-def places(finger: Finger) -> dict[str, tuple[float, float, float]]:
-    """Where markers may be glued on a finger, mm: along the flat lower edge of the side face (the tip last),
-    and, named off1 .., above it on the crests of the side face."""
-    y = finger.width / 2
-    start, pitch = finger.base_cap, (finger.length - finger.base_cap - finger.tip_cap) / finger.bellows
-    edge = np.linspace(0.3, 0.9, 6) * finger.length
-    crests = start + pitch * (np.unique(np.linspace(0, finger.bellows - 1, 3).round()) + 0.5)
-    found = {f"p{k + 1}": (float(x), y, 0.0) for k, x in enumerate(edge)} | {"tip": (finger.length, y, 0.0)}
-    found |= {f"off{k + 1}": (float(x), y, 12.0) for k, x in enumerate(crests)}
-    return found | {"off4": (float(crests[len(crests) // 2]), y, 16.0)}
+def places(body: Body | Finger) -> Mapping[str, tuple[float, float, float]]:
+    """Where markers may be glued on a body, mm: along its lower side (the tip last), and off1 .. off it."""
+    return (BuiltIn.of(body) if isinstance(body, Finger) else body).places

@@ -7,13 +7,16 @@ free of its mesh's error to a few micrometres.
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
-from fe import Case, Finger, Lattice, Material, Path, Variation, finger_case, solve
+from fe import Case, Finger, Lattice, Material, Path, Variation, solve
 from fe.mesh.convert import converted
 from fe.mesh.mirror import mirrored
 from fe.mesh.points import nearest
+from twin.bodies.body import Body
+from twin.bodies.finger import BuiltIn
 from twin.effects.protocol import Test
 from twin.gravity import G
 from twin.targets import Array
@@ -30,16 +33,23 @@ LEVELS: Array = np.concatenate([[-0.06], np.linspace(0.0, 1.0, 17) ** 1.3 * 1.15
 COUNT, ALL = 8, 12  # levels that are solved: of a table of curves, of one truth
 
 
+def truth_lattice(body: Body) -> Any:
+    """A lattice for the truth of a body, finer than the model's: of the finger `CHANGE`, else that on which
+    the error of the model's is checked."""
+    return CHANGE if isinstance(body, BuiltIn) else body.finer(body.lattice)["check"]
+
+
 def truth_case(
-    finger: Finger,
-    lattice: Lattice,
+    body: Body | Finger,
+    lattice: Any,
     *,
     material: Material = SILICONE,
     element: str | None = ELEMENT,
     whole: bool = False,
 ) -> Case:
-    """The bare finger in the truth's elements; None: in the model's, on a lattice of its own."""
-    case = finger_case(material, finger=finger, lattice=lattice)
+    """The bare body in the truth's elements; None: in the model's, on a lattice of its own."""
+    body = BuiltIn(body, lattice) if isinstance(body, Finger) else body
+    case = body.case(lattice, material)
     case = case if element is None else converted(case, element)
     return mirrored(case) if whole else case
 

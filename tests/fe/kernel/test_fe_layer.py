@@ -16,8 +16,9 @@ from fe.solver.newton import Problem, equilibrium
 Cube = Callable[..., Case]
 
 
-def test_forces_and_tangent_are_gradients_of_one_energy(cube: Cube) -> None:
-    case = replace(cube((2, 1, 1), shift=0.1, seed=5), layer=Layer("z0", 0.7, poisson=0.3))
+@pytest.mark.parametrize("wound", [False, True])
+def test_forces_and_tangent_are_gradients_of_one_energy(cube: Cube, wound: bool) -> None:
+    case = replace(cube((2, 1, 1), shift=0.1, seed=5), layer=Layer("z0", 0.7, poisson=0.3, wound=wound))
     faces, rng = LayerFaces(case, case.sheets[0]), np.random.default_rng(6)
     x = case.nodes + rng.uniform(-0.1, 0.1, case.nodes.shape)
     d, h = rng.normal(size=x.shape), 1e-5
@@ -38,6 +39,18 @@ def test_forces_and_tangent_are_gradients_of_one_energy(cube: Cube) -> None:
     # turned as a whole it is as free of stress as at rest
     turn = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
     np.testing.assert_allclose(faces.force(case.nodes @ turn.T), 0, atol=1e-12)
+
+
+def test_wound_fibres_resist_a_stretch_around_x_alone(cube: Cube) -> None:
+    case = replace(cube((2, 1, 1)), layer=Layer("z0", 2.0, wound=True))
+    faces, strain = LayerFaces(case, case.sheets[0]), 1e-3
+    assert np.abs(faces.force(case.nodes * [1 + strain, 1.0, 1.0])).max() < 1e-15
+    pulled = faces.force(case.nodes * [1.0, 1 + strain, 1.0])
+    assert np.abs(pulled[:, [0, 2]]).max() < 1e-15
+    far = case.nodes[:, 1] > case.nodes[:, 1].max() - 1e-9
+    # stiffness x strain x width, the stretch and Green's strain being of the second order besides
+    width = float(np.ptp(case.nodes[:, 0]))
+    assert -pulled[far, 1].sum() == pytest.approx(2.0 * strain * width, rel=2 * strain)
 
 
 def solved(case: Case) -> np.ndarray:

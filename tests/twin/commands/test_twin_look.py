@@ -186,7 +186,7 @@ def test_check_refuses_a_position_before_all_files_are_there(tmp_path: Path) -> 
 
 
 def test_dimensions_that_fold_the_mesh_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("twin.project.dimensions.STEEPEST", 50.0)
+    monkeypatch.setattr("twin.bodies.finger.STEEPEST", 50.0)
     project = write(tmp_path / "steep", PLACES, DIMENSIONS.replace("= 14.0", "= 40.0").replace("= 5.0", "= 30.0"))
     with pytest.raises(ValueError, match=r"model.finger: with these dimensions the mesh folds near x = .* mm; wanted"):
         structure_of(project)

@@ -24,7 +24,7 @@ from twin.model.arraycache import no_cache
 from twin.model.basemodel import base_model, base_test
 from twin.model.discretisation import SolvedAt, discretisation_error
 from twin.model.loadpaths import Turned, sheets
-from twin.model.structure import BuiltIn, finer, of_finger, weighed
+from twin.model.structure import BuiltIn, of_finger, weighed
 from twin.project.config import CalibrateTable, Config, ModelTable, PointTable, ProjectTable
 from twin.project.folder import Project, Say
 from twin.project.targetwriting import write_targets
@@ -103,7 +103,7 @@ def test_the_meshs_error_under_weight_is_corrected(
 ) -> None:
     monkeypatch.setattr(mesh_error, "COUNT", 4)  # quick: the base has the same levels
     density = 2e-9  # tonne/mm3
-    targets = film(short, short_case, density, DOWN, -DOWN, lattice=finer(COARSE)["check"])
+    targets = film(short, short_case, density, DOWN, -DOWN, lattice=BuiltIn().finer(COARSE)["check"])
     structure = weighed(of_finger(short, COARSE), density)
     model = base_model(targets, structure.case)
     at = SolvedAt.beside(mooney_rivlin(*THETA), float(targets.pressure.max()))

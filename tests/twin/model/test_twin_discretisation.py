@@ -21,7 +21,7 @@ from twin.model.arraycache import rounded_up
 from twin.model.basemodel import base_model
 from twin.model.discretisation import Discretisation, SolvedAt, _tested, discretisation_error
 from twin.model.prediction import HISTORY, Model, moved, remembered, respond
-from twin.model.structure import finer, of_finger
+from twin.model.structure import BuiltIn, of_finger
 from twin.targets import Array, Targets
 
 THETA = np.array([0.26, 0.07])  # MPa, C10 and C01: other shares than the nominal ones
@@ -48,7 +48,7 @@ class Draw:
 def draw(short: Finger, short_case: Case) -> Draw:
     points, nodes = modes.markers(short, short_case)
     course = virtual.path(BENCH, protocol=FILM)
-    lattice = finer(COARSE)["check"]
+    lattice = BuiltIn().finer(COARSE)["check"]
     truth = virtual.truth_case(short, lattice, material=Material(*THETA), element=None)
     u, slope = virtual.displaced(truth, course, points)
     names = tuple(f"p{k}" for k in range(len(points)))

@@ -14,7 +14,7 @@ from twin.laws.mooneyrivlin import NOMINAL, mooney_rivlin
 from twin.model.arraycache import ArrayCache
 from twin.model.discretisation import SolvedAt, discretisation_error
 from twin.model.fingertable import FILES, FieldSums, KnownFinger, table_of
-from twin.model.structure import BuiltIn, Structure, finer, of_finger
+from twin.model.structure import BuiltIn, Structure, of_finger
 from twin.targets import Array
 
 STALE = 2e-3  # mm of 58: a changed mesh or law moves the tip by more, a sum of fields by a hundredth of it
@@ -51,7 +51,7 @@ def test_it_is_what_the_finger_does_today(structure: Structure, table: KnownFing
 
 
 @pytest.mark.parametrize("name", [pytest.param(n, marks=() if n == "base" else pytest.mark.slow) for n in (
-    "base", *finer(BuiltIn().lattice))])  # fmt: skip
+    "base", *BuiltIn().finer(BuiltIn().lattice))])  # fmt: skip
 def test_its_finer_meshes_are_those_of_today(
     structure: Structure, table: KnownFinger, points: Array, name: str
 ) -> None:

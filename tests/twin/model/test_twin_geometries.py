@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 from fe import Case, finger_case
+from twin.bodies.finger import FingerTable
 from twin.model.structure import BuiltIn
-from twin.project.dimensions import FingerTable
 
 
 def case_of(table: FingerTable) -> Case:

@@ -9,6 +9,7 @@ from typing import get_args
 
 import pytest
 
+from twin.bodies.kinds import BODIES
 from twin.commands.init import film_config
 from twin.project import config as config_module
 from twin.project import toml
@@ -221,7 +222,7 @@ TABLES = [t for t in vars(config_module).values() if isinstance(t, type) and iss
 @pytest.fixture(scope="module")
 def read_keys():
     """Attributes in the code that has the configuration at hand, other than the configuration itself."""
-    names = ("project", "gauge", "coupons", "inputs", "formats", "bench", "study", "batches", "report", "commands")
+    names = ("bodies", "project", "gauge", "coupons", "inputs", "formats", "bench", "study", "batches", "report", "commands")
     rooms = [path for room in names for path in (ROOT / "twin" / room).glob("*.py")]
     trees = [ast.parse(path.read_text(encoding="utf-8")) for path in rooms if path.name != "config.py"]
     return {node.attr for tree in trees for node in ast.walk(tree) if isinstance(node, ast.Attribute)}
@@ -229,7 +230,8 @@ def read_keys():
 
 @pytest.mark.parametrize("table", [t for t in TABLES if t not in (TableModel, BoardTable)])
 def test_every_key_is_read_somewhere(table, read_keys):
-    assert [key for key in table.model_fields if key not in read_keys] == []
+    tables = set(BODIES)  # read by the kind that twin.toml names
+    assert [key for key in table.model_fields if key not in read_keys | tables] == []
 
 
 def test_every_key_of_the_board_goes_to_a_kind_of_board():

@@ -5,9 +5,9 @@ from itertools import islice
 import pytest
 
 from fe import Finger
+from twin.bodies.finger import FingerTable
 from twin.commands.init import film_config
 from twin.project.config import Config
-from twin.project.dimensions import FingerTable
 from twin.project.toml import dump, parse
 
 

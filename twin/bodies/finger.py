@@ -1,14 +1,21 @@
-"""The table [model.finger] of twin.toml: dimensions of the built-in finger, and whether they fit together."""
+"""The bellows finger: its dimensions in the table [model.finger], whether they fit together, and its mesh.
+
+The mesh itself is made in `fe.mesh.finger`, as users of the finite elements alone have it.
+"""
 
 import math
-from typing import TYPE_CHECKING, Literal, Self
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, ClassVar, Literal, Self
 
+import numpy as np
 from pydantic import Field, model_validator
 
-from twin.project.tablemodel import NotNegative, Positive, TableModel
+from twin.bodies.body import GAP, Arrow, Place, Sketch
+from twin.tablemodel import NotNegative, Positive, TableModel
 
 if TYPE_CHECKING:  # the finite elements are loaded by whoever needs them
-    from fe import Finger
+    from fe import Case, Finger, Lattice, Material
 
 FLATNESS = {"round": 0.0, "flat": 1.2}  # of `fe.Finger`, by the profile of the pleats
 STEEPEST = 3.0  # slope of a pleat's wall, 72 degrees: beyond it the cells of the mesh are too oblique
@@ -55,6 +62,11 @@ class FingerTable(TableModel):
                 radius=self.edge_radius_mm,
             )
         )  # fmt: skip
+
+    @property
+    def body(self) -> "BuiltIn":
+        """The finger on the lattice that its dimensions ask for."""
+        return BuiltIn.of(self.finger)
 
     @property
     def pitch_mm(self) -> float:
@@ -130,3 +142,95 @@ def _check_pleats(t: FingerTable) -> None:
             f"{t.pleat_profile} profile their walls are too steep to mesh; wanted {deepest:.3g} mm or less; "
             "state shallower or fewer pleats"
         )
+
+
+# -- its mesh and its drawing ------------------------------------------------------------------------------
+
+
+def _study() -> "tuple[Finger, Lattice]":
+    from fe import Finger, Lattice
+
+    return Finger(), Lattice()
+
+
+@dataclass(frozen=True)
+class BuiltIn:
+    """The bellows finger as a `Body`: its dimensions in mm, and the lattice that divides it into elements. By
+    default the reference study's."""
+
+    finger: "Finger" = field(default_factory=lambda: _study()[0])
+    lattice: "Lattice" = field(default_factory=lambda: _study()[1])
+    kind: ClassVar[str] = "finger"
+    remedy: ClassVar[str] = "make the pleats shallower or fewer, or the walls thinner"
+
+    @staticmethod
+    def of(finger: "Finger") -> "BuiltIn":
+        """A finger on the lattice that its dimensions ask for."""
+        from fe.mesh.dividing import lattice_of
+
+        return BuiltIn(finger, lattice_of(finger))
+
+    def case(self, lattice: "Lattice", material: "Material") -> "Case":
+        """Half of the finger on a lattice."""
+        from fe import finger_case
+
+        return finger_case(material, finger=self.finger, lattice=lattice)
+
+    def key(self, lattice: "Lattice") -> str:
+        """A fingerprint of dimensions and lattice."""
+        from fe.case import digest
+
+        return digest(self.finger, lattice)
+
+    def finer(self, lattice: "Lattice") -> "Mapping[str, Lattice]":
+        """The refined lattices; the last is finer in every direction and of the other topology."""
+        bellow = max(lattice.per_bellow + 1, round(4 / 3 * lattice.per_bellow))
+        section = replace(lattice, fillet=2 * lattice.fillet, across=2 * lattice.across, up=2 * lattice.up)
+        check = replace(section, fillet=lattice.fillet, ring=not lattice.ring)
+        return {
+            "bellows": replace(lattice, per_bellow=bellow),
+            "walls": replace(lattice, wall=2 * lattice.wall),
+            "section": section,
+            "bellows and walls": replace(lattice, per_bellow=bellow, wall=2 * lattice.wall),
+            "check": replace(check, per_bellow=bellow, wall=2 * lattice.wall),
+        }
+
+    @property
+    def places(self) -> dict[str, Place]:
+        """Places along the flat lower edge of the side face (the tip last), and above it on the crests of the
+        side face."""
+        g, y = self.finger, self.finger.width / 2
+        edge = np.linspace(0.3, 0.9, 6) * g.length
+        crests = g.base_cap + g.pitch * (np.unique(np.linspace(0, g.bellows - 1, 3).round()) + 0.5)
+        found = {f"p{k + 1}": (float(x), y, 0.0) for k, x in enumerate(edge)} | {"tip": (g.length, y, 0.0)}
+        found |= {f"off{k + 1}": (float(x), y, 12.0) for k, x in enumerate(crests)}
+        return found | {"off4": (float(crests[len(crests) // 2]), y, 16.0)}
+
+    @property
+    def sketch(self) -> Sketch:
+        """Its dimensions; the cut across goes through a crest and a valley."""
+        g, w, gap = self.finger, self.finger.width / 2, GAP * self.finger.length
+        valley = g.base_cap + g.pitch * max(1, g.bellows // 2)  # of a single pleat the end
+        start, end = g.base_cap, g.length - g.tip_cap
+        crest, lowest = valley - g.pitch / 2, g.height - 2 * g.pleat
+        wide = 1.6 * GAP * g.width
+        return Sketch(
+            side=(
+                Arrow(f"cap {g.base_cap:g}", (0.0, g.height), (start, g.height), gap),
+                Arrow(f"{g.bellows} pleats of {g.pitch:.3g}", (start, g.height), (end, g.height), gap),
+                Arrow(f"tip cap {g.tip_cap:g}", (end, g.height), (g.length, g.height), gap),
+            ),
+            along=(
+                Arrow(f"height {g.height:g}", (0.0, 0.0), (0.0, g.height), gap),
+                Arrow(f"bottom {g.bottom:g}", (crest, 0.0), (crest, g.bottom)),
+                Arrow(f"top {g.top:g}", (crest, g.height - g.top), (crest, g.height)),
+                Arrow(f"pleat depth {2 * g.pleat:g}", (g.length, lowest), (g.length, g.height), -gap),
+            )[: 4 if g.pleat else 3],
+            across=(
+                Arrow(f"width {g.width:g}", (-w, 0.0), (w, 0.0), -wide),
+                Arrow(f"side {g.side:g}", (-w, g.height / 2), (g.side - w, g.height / 2)),
+                Arrow(f"side pleats {g.side_pleat:g}", (w - g.side_pleat, lowest), (w, lowest), wide),
+            )[: 3 if g.side_pleat else 2],
+            left=crest, right=valley, names="crest | valley",
+            note=f"inner edges have a radius of {g.radius:g}",
+        )  # fmt: skip

@@ -1,0 +1,141 @@
+"""What the program has to know of a kind of actuator, and how its dimensions are drawn."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, Protocol
+
+import numpy as np
+
+if TYPE_CHECKING:  # the finite elements are loaded by whoever needs them
+    from fe import Case, Material
+
+Place = tuple[float, float, float]  # x, y, z in mm
+GAP = 0.045  # of the drawn length: from the body to the first line of a dimension, and from line to line
+TIP, MIDDLE = "tip", "middle"
+MIDWAY = 0.55  # of the length from the clamp: the middle node
+
+
+@dataclass(frozen=True)
+class Arrow:
+    """A dimension: its text, between which two points, and how far beside them its line lies, mm."""
+
+    text: str
+    start: tuple[float, float]
+    end: tuple[float, float]
+    off: float = 0.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sketch:
+    """The dimensions of a body as arrows: from the side (x, z), in the cut along the middle (x, z), and in
+    the cut across (y, z), which is at x = left on its left half and at x = right on its right one.
+
+    names: what the two halves of the cut across show, "" where both show the same. note: what no arrow shows.
+    """
+
+    side: tuple[Arrow, ...]
+    along: tuple[Arrow, ...]
+    across: tuple[Arrow, ...]
+    left: float
+    right: float
+    names: str = ""
+    note: str = ""
+
+
+class Body(Protocol):
+    """A kind of actuator with its dimensions. x runs along it from the clamp, y across, z up from its lowest
+    place; it is symmetric about y = 0, and bends to -z under pressure.
+
+    Every case is the half y >= 0: node sets clamp, symmetry and tip_face, surfaces chamber (the pressurised
+    one, where there is a chamber) and outside. The nodes that `fe.mesh.finger.NAMED_NODES` labels are its tip
+    and its middle.
+    """
+
+    @property
+    def kind(self) -> str:
+        """Its name in twin.toml: body = "tube"."""
+        ...
+
+    @property
+    def lattice(self) -> Any:
+        """How its dimensions ask to be divided: a frozen dataclass whose `refine` divides every cell so many
+        times in each direction."""
+        ...
+
+    def case(self, lattice: Any, material: "Material") -> "Case":
+        """The case of the half on a lattice."""
+        ...
+
+    def finer(self, lattice: Any) -> Mapping[str, Any]:
+        """Lattices whose solutions tell the error of this one: each finer in one way, the last, `check`, in
+        every way."""
+        ...
+
+    def key(self, lattice: Any) -> str:
+        """A fingerprint of dimensions and lattice."""
+        ...
+
+    @property
+    def places(self) -> Mapping[str, Place]:
+        """Where markers may be glued on it, mm: p1, p2 .. along its lower side, `tip`, and off1 .. above
+        them."""
+        ...
+
+    @property
+    def sketch(self) -> Sketch:
+        """Its dimensions, to be drawn."""
+        ...
+
+    @property
+    def remedy(self) -> str:
+        """What to change where its mesh folds."""
+        ...
+
+
+@dataclass(frozen=True, kw_only=True)
+class Cells:
+    """How a body is divided: cells along it (of a chamber, or of all of it), across and up its section,
+    across each wall, and along each end cap; `refine` divides all of them."""
+
+    along: int
+    across: int
+    up: int
+    wall: int = 1
+    caps: int = 2
+    refine: int = 1
+
+    @property
+    def counts(self) -> tuple[int, int, int, int, int]:
+        """Cells along, across, up, across a wall and along a cap, divided."""
+        n = self.refine
+        return n * self.along, n * self.across, n * self.up, n * self.wall, n * self.caps
+
+
+def finer_cells(cells: Cells) -> dict[str, Cells]:
+    """Finer cells along, across the walls, in the section, and, as `check`, in every direction."""
+    along, caps = _more(cells.along), _more(cells.caps)
+    across, up = _more(cells.across), _more(cells.up)
+    return {
+        "cells along": replace(cells, along=along, caps=caps),
+        "walls": replace(cells, wall=_more(cells.wall)),
+        "section": replace(cells, across=across, up=up),
+        "check": replace(cells, along=along, caps=caps, wall=_more(cells.wall), across=across, up=up),
+    }
+
+
+def _more(count: int) -> int:
+    return max(count + 1, round(1.5 * count))
+
+
+def edge_places(length: float, y: float, z: float) -> dict[str, Place]:
+    """Six places p1 .. p6 along a line at y and z, from 0.3 to 0.9 of the length, and the tip at its end."""
+    found = {f"p{k + 1}": (float(x), y, z) for k, x in enumerate(np.linspace(0.3, 0.9, 6) * length)}
+    return found | {TIP: (length, y, z)}
+
+
+def marks(length: float, y: float, z: float) -> dict[int, Place]:
+    """The places of the labelled nodes, tip and middle, on a line at y and z."""
+    from fe.mesh.finger import NAMED_NODES
+
+    at = {TIP: length, MIDDLE: MIDWAY * length}
+    return {NAMED_NODES[name]: (x, y, z) for name, x in at.items()}
