@@ -43,8 +43,8 @@ def _join(scale: float, shape: tuple[float, ...]) -> dict[str, float]:
     return _named([(2 * scale * part, alpha) for part, alpha in zip(own, (first, *exponents), strict=True)])
 
 
-# Of each law the terms: a usual part of the shear modulus in MPa, and an exponent with its bounds. At 0 a term
-# is the limit of those beside it, which no fit hits; of several terms each has its own sign.
+# Of each law the terms: a usual part of the shear modulus in MPa, and an exponent with its bounds. At 0 a
+# term is the limit of those beside it, which no fit hits; of several terms each has its own sign.
 _TERMS = (
     ((0.6, 2.5, -8.0, 8.0),),
     ((0.4, 2.0, 0.5, 10.0), (0.2, -2.0, -10.0, -0.5)),
