@@ -28,6 +28,7 @@ from calibrate.posteriors import END, sampled
 from calibrate.profiles import Held
 from twin.bench.sampling import Density
 from twin.executors.chosen import current
+from twin.laws.mooneyrivlin import MOONEY_RIVLIN
 from twin.targets import Array
 
 PARAMETERS = (
@@ -63,7 +64,7 @@ def slopes(theta: Array) -> Array:
 class ClosedResponse:
     """What a density asks of a response, answered in closed form: every value is a field of its own."""
 
-    parameters = PARAMETERS
+    parameters, law = PARAMETERS, MOONEY_RIVLIN
 
     def coefficients(self, thetas: Array) -> Array:
         """Displacements (m, n) mm."""

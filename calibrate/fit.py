@@ -79,6 +79,7 @@ def least_squares(
     seed: int = 0,
     max_evaluations: int = 40,
     tolerance: float = 0.01,
+    information: Jacobian | None = None,
 ) -> Fit:
     """The Fit with the lowest chi2 = r'r within the bounds, of all starts.
 
@@ -86,7 +87,8 @@ def least_squares(
     shortened. jacobian: theta (d,) -> dr/dtheta (n, d). start (d,) or (m, d): one descent each, of at most
     max_evaluations residuals. seed: the one that drew the starts, kept in the Fit. It has converged where the
     best step is shorter than `tolerance` sd in every direction and would lower chi2 by less than 10
-    tolerance^2, or by less than 1e-3 of it and, shortened too, does not.
+    tolerance^2, or by less than 1e-3 of it and, shortened too, does not. information: theta (d,) -> rows (n,
+    d) whose products are the information that the covariance comes from, by default those of the Jacobian.
     Raises ValueError for a start outside the bounds; what does not converge is a Fit with its reason.
     """
     parameters = tuple(parameters)
@@ -95,7 +97,10 @@ def least_squares(
     model = _Model(residual, jacobian)
     with np.errstate(under="ignore"):
         ends = [_descend(model, theta, low, high, max_evaluations, tolerance) for theta in starts]
-        return _fit(min(ends, key=lambda end: end.chi2), parameters, seed, model)
+        best = min(ends, key=lambda end: end.chi2)
+        known = information is not None and best.residual is not None
+        rows = np.asarray(information(best.theta), float) if information and known else best.jacobian
+        return _fit(best, parameters, seed, model, rows)
 
 
 def inside(starts: Array, parameters: tuple[Parameter, ...]) -> Array:
@@ -210,11 +215,13 @@ def bounded_step(jac: Array, r: Array, low: Array, high: Array, damping: float) 
     return _Step(x / lengths, float(c @ c - (c + change) @ (c + change)), float(np.linalg.norm(change)))
 
 
-def _fit(end: _End, parameters: tuple[Parameter, ...], seed: int, model: _Model) -> Fit:
+def _fit(
+    end: _End, parameters: tuple[Parameter, ...], seed: int, model: _Model, rows: Array
+) -> Fit:
     low, high = bounds(parameters)
     reach = AT_BOUND * (high - low)
     free = (end.theta > low + reach) & (end.theta < high - reach)
-    covariance, rank = _covariance(end.jacobian, free, high - low)
+    covariance, rank = _covariance(rows, free, high - low)
     covariance = covariance + _for_bounds(end, free, low, high)
     lost = [p.name for p, v in zip(parameters, np.diag(covariance)) if np.isinf(v)]
     reason = end.reason
@@ -226,7 +233,7 @@ def _fit(end: _End, parameters: tuple[Parameter, ...], seed: int, model: _Model)
         theta=end.theta,
         covariance=covariance,
         chi2=end.chi2,
-        degrees_of_freedom=len(end.jacobian) - rank,
+        degrees_of_freedom=len(rows) - rank,
         seed=seed,
         evaluations=model.evaluations,
         converged=end.converged,

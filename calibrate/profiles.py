@@ -65,7 +65,8 @@ class Held:
 
     low, high: its ends within the bounds of the parameters. typical: a change of it that is felt. rows: which
     parameters it is made of. value: theta (d,) -> its value. line: value -> where these parameters may lie
-    then, a point (1 or 2,) and a direction (1 or 2,) from it, 0 for one alone.
+    then, a point (1 or 2,) and a direction (1 or 2,) from it, 0 for one alone. slope: theta (d,) -> the
+    derivative (d,) of its value.
     """
 
     name: str
@@ -77,6 +78,7 @@ class Held:
     rows: tuple[int, ...]
     value: Callable[[Array], float]
     line: Callable[[float], Pair]
+    slope: Callable[[Array], Array]
 
     @staticmethod
     def parameter(parameters: Sequence[Parameter], name: str) -> "Held":
@@ -89,6 +91,7 @@ class Held:
         return Held(
             name, p.unit, p.low, p.high, p.step, tuple(parameters), (k,),
             lambda theta: float(theta[k]), lambda v: (np.array([v]), np.zeros(1)),
+            lambda theta: np.eye(len(names))[k],
         )  # fmt: skip
 
     @staticmethod
@@ -99,6 +102,7 @@ class Held:
             f"{a}+{b}", p.unit, p.low + q.low, p.high + q.high, max(p.step, q.step), tuple(parameters),
             (i, j), lambda theta: float(theta[i] + theta[j]),
             lambda v: (np.array([v, 0.0]), np.array([-1.0, 1.0])),
+            lambda theta: np.eye(len(theta))[i] + np.eye(len(theta))[j],
         )  # fmt: skip
 
     @staticmethod
@@ -113,6 +117,8 @@ class Held:
             "share", "", low, q.high / (p.low + q.high), 0.1, tuple(parameters), (i, j),
             lambda theta: float(theta[j] / (theta[i] + theta[j])),
             lambda v: (np.zeros(2), np.array([1.0 - v, v])),
+            lambda theta: (theta[i] * np.eye(len(theta))[j] - theta[j] * np.eye(len(theta))[i])
+            / (theta[i] + theta[j]) ** 2,
         )  # fmt: skip
 
     def slice(self, value: float) -> Slice:

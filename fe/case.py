@@ -98,6 +98,17 @@ class Contact:
 
 
 @dataclass(frozen=True)
+class SelfContact:
+    """Two surfaces that cannot pass through each other, or one that cannot pass through itself, without
+    friction; stiffness in 1/mm: times the smallest shear modulus it is the pressure per mm of depth (see
+    `fe.kernel.selfcontact`), so that displacements stay a function of pressure over the moduli."""
+
+    first: str
+    second: str
+    stiffness: float = 20.0
+
+
+@dataclass(frozen=True)
 class Case:
     """Everything a solve needs, in mm, N, MPa.
 
@@ -107,8 +118,8 @@ class Case:
     are dead forces (3,) N, spread evenly over a node set, `growing` the same in N/MPa, times the pressure.
     precurvature (1/mm): the structure is free of stress where it is curved by so much towards -z, or by a
     course along x (see `assembly.Geometry`). layer: a sheet bonded to it, layers: those that it has of its
-    own, as those of a deck. ties, equations: displacements that follow others (see `kernel.tying`). In a half
-    model forces and moments are those of the half.
+    own, as those of a deck. self_contact: which surfaces may touch each other. ties, equations: displacements
+    that follow others (see `kernel.tying`). In a half model forces and moments are those of the half.
     """
 
     nodes: Array
@@ -128,6 +139,7 @@ class Case:
     layer: Layer | None = None
     layers: tuple[Layer, ...] = ()
     contact: Contact | None = None
+    self_contact: tuple[SelfContact, ...] = ()
     growing: Mapping[str, Array] = field(default_factory=dict)
     shares: Mapping[str, float] = field(default_factory=dict)
     ties: tuple[Tie, ...] = ()

@@ -66,17 +66,18 @@ class Material:
         mu, lock = self.chains or (0.0, np.inf)
         return mu * sum((i + 1) * a * (I1 / lock**2) ** i for i, a in enumerate(terms.CHAINS))
 
-    def slopes(self, I1: float) -> tuple[float, float]:
-        """dW/dI1 and d2W/dI1^2 in MPa of the terms in I1 alone; infinite beyond Gent's limit."""
+    def slopes(self, I1: Any) -> tuple[Any, Any]:
+        """dW/dI1 and d2W/dI1^2 in MPa of the terms in I1 alone, of its shape; infinite beyond Gent's
+        limit."""
         x, (mu, limit), (chain, lock) = I1 - 3, self.gent or (0.0, np.inf), self.chains or (0.0, np.inf)
-        if x >= limit:
-            return np.inf, np.inf
+        inside = x < limit
         k = lock**-2.0
         more = sum(i * (i + 1) * a * k**i * I1 ** (i - 1) for i, a in enumerate(terms.CHAINS) if i)
         first = self.C10 + (2 * self.C20 + 3 * self.C30 * x) * x + self._chained(I1)
         second = 2 * self.C20 + 6 * self.C30 * x + chain * more
-        left = 1 - x / limit
-        return first + mu / (2 * left), second + mu / (2 * limit * left**2)
+        left = np.where(inside, 1 - x / limit, 1.0)
+        every = first + mu / (2 * left), second + mu / (2 * limit * left**2)
+        return np.where(inside, every[0], np.inf)[()], np.where(inside, every[1], np.inf)[()]
 
     @property
     def bulk(self) -> float:

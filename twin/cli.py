@@ -104,6 +104,8 @@ OPTIONS: dict[str, tuple[Parameter, ...]] = {
         _flag("budget", "print what the uncertainty of each marker consists of"),
     ),
     "calibrate": (
+        _option("starts", int, 0, "also least squares from so many starts, over all of the bounds, with a "
+                "picture of where they end"),
         _option("laws", str, "", "laws of the silicone to fit and compare, between commas such as "
                 "yeoh,gent, or all"),
     ),

@@ -2,15 +2,20 @@
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import cholesky, solve_triangular
 
 if TYPE_CHECKING:
     import pandas
+
+    from fe import Material
+    from fe.homogeneous import Kind
 
 Array = NDArray[np.float64]
 
@@ -103,6 +108,63 @@ class Noise:
     basis: str = ""  # a sentence: what it rests on, where it is not a static film
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class MaterialCurve:
+    """A curve of nominal stress (n,) MPa against nominal strain (n,), below 0 in compression.
+
+    sd (n,) MPa: of each value alone. modes (k, n) MPa: errors that all values share, 1 sd each, with
+    mode_names (k,): the size of the specimen, the zero of its strain. time (n,) s since the pull began, where
+    it is known. up_to: the largest stretch that is used. recorded, left_out: rows of the test, and those
+    beyond that stretch.
+    """
+
+    name: str
+    kind: "Kind"
+    strain: Array
+    stress: Array
+    sd: Array
+    modes: Array
+    mode_names: tuple[str, ...]
+    time: Array | None
+    up_to: float
+    recorded: int
+    left_out: int
+
+    @cached_property
+    def _root(self) -> Array:
+        """The lower Cholesky factor (n, n) MPa of the covariance."""
+        return np.asarray(cholesky(np.diag(self.sd**2) + self.modes.T @ self.modes, lower=True), float)
+
+    def whiten(self, stress: Array) -> Array:
+        """Stresses (..., n) MPa as values of variance 1 where they are errors of this curve."""
+        return np.asarray(solve_triangular(self._root, np.moveaxis(stress, -1, 0), lower=True).T, float)
+
+    def predicted(self, material: "Material") -> Array:
+        """The nominal stress (n,) MPa of a material at the strains; NaN where it has none. ValueError for one
+        that creeps where times are not known."""
+        from fe.homogeneous import nominal_stress
+
+        if material.prony and self.time is None:
+            raise ValueError(
+                f"material_tests.{self.name}: the model's silicone creeps, so its stress depends on time; "
+                'wanted a column of rising times in the file (time = "..." names it), and cycle = 1'
+            )
+        return nominal_stress(material, self.strain, self.kind, time=self.time)
+
+    def shared(self, residual: Array) -> Array:
+        """The most probable size (k,) of each shared error in a residual (n,) MPa, in sds."""
+        return np.asarray(self.whiten(self.modes) @ self.whiten(residual), float)
+
+
+@dataclass(frozen=True, kw_only=True)
+class KnownValue:
+    """A parameter, a sum C10+C01 or the share of C01, measured elsewhere: its mean and sd, in its unit."""
+
+    name: str
+    mean: float
+    sd: float
+
+
 @dataclass(frozen=True, kw_only=True)
 class Targets:
     """Displacements relative to the mean of the reference steps, with all that is known of their errors."""
@@ -125,6 +187,9 @@ class Targets:
     pressure_sd: Array  # (s,) MPa, gauge noise of each step's pressure; 0 where not known
     noises: tuple[Noise, ...] = ()  # (blocks,) where each film has its own; `noise` is the least known then
     loads: tuple[Load, ...] = ()  # what hangs on the structure, by block
+    known: tuple[KnownValue, ...] = ()  # what is known of the parameters beside the film
+    tails: float = 0.0  # degrees of freedom of Student's t, which the errors have; 0: they are normal
+    curves: tuple[MaterialCurve, ...] = ()  # of tests of the silicone itself, fitted beside the displacements
 
     def __post_init__(self) -> None:
         s, p, k = len(self.time), len(self.points), len(self.mode_names)
@@ -137,6 +202,11 @@ class Targets:
             if getattr(self, name).shape != shape:
                 raise ValueError(f"targets: {name} has shape {getattr(self, name).shape}; wanted {shape}")
         _check(self)
+
+    @property
+    def alone(self) -> "Targets":
+        """The targets with normal errors, and with nothing that is known beside them."""
+        return replace(self, known=(), tails=0.0) if self.known or self.tails else self
 
     @property
     def rests(self) -> NDArray[np.int64]:

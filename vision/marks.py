@@ -1,6 +1,6 @@
 """Marks: what is glued where, and where a picture shows it, to a few hundredths of a pixel."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -15,6 +15,10 @@ from vision.kinds.texturepatch import TexturePatch
 
 ROLES = ("frame", "fixed", "finger")
 FEW = 4  # markers, below which the picture may be one of inverted markers
+# Of OpenCV's detector, for small markers: noise near the threshold joins no edges, cells are read from their
+# middles, and the white border may end at the picture's edge.
+CLOSELY = {"adaptiveThreshConstant": 15.0, "perspectiveRemovePixelPerCell": 8,
+           "perspectiveRemoveIgnoredMarginPerCell": 0.2, "minDistanceToBorder": 1}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -105,14 +109,30 @@ def detect_all(image: Image, dictionary: str) -> list[tuple[int, Array]]:
     return max(seen, _detect(np.asarray(255 - image, dtype=np.uint8), dictionary), key=len)
 
 
-def _detect(image: Image, dictionary: str) -> list[tuple[int, Array]]:
-    """Ids and corners (4,2) raw px of all black markers on white."""
+def detect_wanted(
+    image: Image, dictionary: str, wanted: Collection[int]
+) -> tuple[dict[int, Array], set[int]]:
+    """As `detect`, with a closer look, which takes as long again, where one of the wanted ids is not seen.
+
+    Of drawn markers of 19 to 36 px the first look misses 9 %, both together 1.4 %.
+    """
+    found, several = detect(image, dictionary)
+    if missing := set(wanted) - set(found) - several:
+        closer = _once(_detect(image, dictionary, **CLOSELY))[0]
+        found |= {name: quad for name, quad in closer.items() if name in missing}
+    return found, several
+
+
+def _detect(image: Image, dictionary: str, **more: float) -> list[tuple[int, Array]]:
+    """Ids and corners (4,2) raw px of all black markers on white; more: parameters of OpenCV's detector."""
     parameters = cv2.aruco.DetectorParameters()
     parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
     parameters.cornerRefinementWinSize = 3
     parameters.relativeCornerRefinmentWinSize = 1.0
     # The default gate grows with the picture: 29 px at 4K. 12 px sides are found at any size.
     parameters.minMarkerPerimeterRate = 4.0 * 12.0 / max(image.shape)
+    for name, value in more.items():
+        setattr(parameters, name, value)
     corners, ids, _ = cv2.aruco.ArucoDetector(dictionary_of(dictionary), parameters).detectMarkers(image)
     names = [] if ids is None else [int(i) for i in np.asarray(ids).reshape(-1)]
     quads = [np.asarray(quad, dtype=np.float64).reshape(4, 2) for quad in corners]

@@ -60,6 +60,7 @@ WHAT = {
     "cameras.board": "The calibration board, the same for all cameras.",
     "films": "[Several films](your-own-test.md#several-films-of-one-finger) of one batch.",
     "pressure": "The pressure log. Needed with a film.",
+    "material_tests": "[Tests of the silicone itself](material-tests.md), fitted beside the film.",
     "import": "Displacements from [another program](files.md#files-of-other-programs); "
     "`twin init --targets` writes this table.",
     "measure": "How well things are known. Every sd is part of the stated error.",

@@ -4,10 +4,10 @@
 
 What is planted stands in tables under tests/strangers, which the tests read, too. mistakes: planted in a
 drawn project, each with the sentence it got. right: unusual inputs that must pass, photographs among them.
-fuzz: damaged files for every reader. faults: kills, interrupts and a full disk in every stage; kills,
-interrupts, disk: each of these alone. coding: `coding.py`, pulls on film as phones code it, and the speed.
-dic: pulls in a strain gradient. --quick: fewer of each, but all damaged files. Without it kills take about
-half an hour.
+folders: links and scripts in a folder from a stranger. fuzz: damaged files for every reader. faults: kills,
+interrupts and a full disk in every stage; kills, interrupts, disk: each of these alone. coding: `coding.py`,
+pulls on film as phones code it, and the speed. dic: pulls in a strain gradient. --quick: fewer of each, but
+all damaged files. Without it kills take about half an hour.
 """
 
 import os
@@ -19,18 +19,30 @@ from benchmarks.commandline import Part, parts
 from benchmarks.films import coding
 from benchmarks.tracking import dic
 
-from tests.strangers import fuzz, kills, planted, right
+from tests.strangers import fuzz, kills, pages, planted, received, right
 
 CASES = 20_000
 
 
 def mistakes(quick: bool) -> dict[str, Any]:
-    """How many planted mistakes were accepted, and the sentences that the others got."""
+    """How many planted mistakes were accepted or told with another cause, and the sentences they got."""
     del quick
-    found = planted.figures()
-    unusual = {"unusual": found.pop("right"), "unusual_refused": found.pop("refused")}
-    del found["refused_right"]  # of the part `right`
-    return found | unusual
+    return planted.wrong_figures()
+
+
+def unusual(quick: bool) -> dict[str, Any]:
+    """How many right inputs were refused: unusual projects, and what `right` puts in."""
+    projects, found = planted.refused_right(), right.figures(quick)
+    refused = {name: sentence for name, sentence in projects.items() if sentence}
+    count = {"right_inputs": found.pop("right_inputs") + len(projects),
+             "refused_right": found.pop("refused_right") + len(refused)}  # fmt: skip
+    return count | {"refused_projects": refused} | found
+
+
+def folders(quick: bool) -> dict[str, Any]:
+    """Files outside a stranger's folder that were read, and scripts that a page of it would run."""
+    del quick
+    return received.figures() | pages.figures()
 
 
 def faults(quick: bool) -> dict[str, Any]:
@@ -40,7 +52,8 @@ def faults(quick: bool) -> dict[str, Any]:
 
 PARTS: dict[str, Part] = {
     "mistakes": mistakes,
-    "right": right.figures,
+    "right": unusual,
+    "folders": folders,
     "fuzz": lambda quick: fuzz.fuzz(CASES).figures(),
     "dic": lambda quick: dic.strained(2 if quick else 10),
     "coding": coding.figures,

@@ -21,7 +21,7 @@ PARTS = {
     "markers": ("crb_ratio", "registration_pull_sd", "fps_1080p_28_markers"),
     "dots": ("dot_rms_px", "dot_pull_sd", "dots_found"),
     "camera": ("camera_pull_sd", "camera_left_rms_px", "camera_right_rms_px", "gboriginal_rms_px"),
-    "photos": ("photo_pull", "photo_film_pull"),
+    "photos": ("photo_pull", "photo_pulls"),
     "budget": ("pull_sd",),
     "stereo": ("stereo_mean_mm", "stereo_pull_sd"),
     "dic": ("dic_bias_px", "dic_sd_px"),

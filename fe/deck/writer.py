@@ -5,7 +5,7 @@ from itertools import chain
 
 import numpy as np
 
-from fe.case import Case, Layer, Support
+from fe.case import Case, Layer, SelfContact, Support
 from fe.deck.hyperelastic import written_law
 from fe.deck.obstacle import MOST_BRICKS, touched
 from fe.element import Array, Integers
@@ -38,9 +38,10 @@ def deck(
 
     kind: the Abaqus element that takes the place of hex27, on the mesh's own nodes and labels (see
     `convert.converted`); a case that has Abaqus elements already keeps them. Names of sets are written in
-    capitals. A rigid obstacle is written as held bricks and a contact pair (`obstacle.touched`), a layer as
-    membranes on the solids' own nodes. ValueError for what it cannot hold: an elastic clamp, a precurvature,
-    an obstacle on a spring, a term of Gent, and in a static step a Prony series.
+    capitals. A rigid obstacle is written as held bricks and a contact pair (`obstacle.touched`), surfaces
+    that may touch as contact pairs, a layer as membranes on the solids' own nodes. ValueError for what it
+    cannot hold: an elastic clamp, a precurvature, an obstacle on a spring, a surface that may touch itself, a
+    term of Gent, and in a static step a Prony series.
     """
     _check(case, static=times is None)
     if levels and case.forces and case.growing:
@@ -75,6 +76,7 @@ def deck(
         first += len(changed.surfaces[layer.surface])
     if changed.contact and changed.contact.stiffness:
         lines += touched(changed, changed.contact)
+    lines += chain.from_iterable(_touching(changed, n, c) for n, c in enumerate(changed.self_contact))
     lines += _joints(changed)
     lines += ["*BOUNDARY", *(line for s in supports if s.value is None for line in _held(s))]
     lasting, growing = _lasting(changed, supports, gravity), _growing(changed, pressure)
@@ -163,6 +165,11 @@ def _check(case: Case, *, static: bool) -> None:
             f"clamp of compliance {case.clamp.compliance:g} rad/(N mm): a deck holds a rigid clamp "
             "only; set it to 0"
         )
+    for c in case.self_contact:
+        if c.first == c.second:
+            raise ValueError(
+                f"surface {c.first!r} that may touch itself: a deck holds pairs of two surfaces; name the two"
+            )
     if np.any(case.precurvature):
         raise ValueError("a precurvature: a deck holds a structure without stress at rest; set it to 0")
     for name, m in case.materials.items():
@@ -199,6 +206,17 @@ def _sheet(case: Case, layer: Layer, prefix: str, first: int) -> list[str]:
             *(f"*MEMBRANE SECTION, ELSET={name}, MATERIAL={name}", f"{SHEET},"),
         ]
     return lines
+
+
+def _touching(case: Case, number: int, contact: SelfContact) -> list[str]:
+    """What happens between two surfaces that may touch each other."""
+    stiffness = contact.stiffness * case.per_element("shear").min()
+    return [
+        f"*SURFACE INTERACTION, NAME=WALLS{number}",
+        *("*SURFACE BEHAVIOR, PRESSURE-OVERCLOSURE=LINEAR", f"{stiffness:.10g},"),
+        f"*CONTACT PAIR, INTERACTION=WALLS{number}, TYPE=SURFACE TO SURFACE",
+        f"{contact.first.upper()}, {contact.second.upper()}",
+    ]
 
 
 def _held(s: Support) -> list[str]:

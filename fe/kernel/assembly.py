@@ -16,7 +16,7 @@ import scipy.sparse as sp
 from numpy.polynomial.legendre import legval
 from scipy.special import erf
 
-from fe.case import Case
+from fe.case import Case, digest
 from fe.element import Array, Element, Flags, Integers, scatter
 from fe.kernel import compiled
 from fe.kernel.compiled import (
@@ -34,6 +34,7 @@ from fe.kernel.pattern import Pattern, Places
 from fe.kernel.pressure import PressureFaces
 from fe.kernel.reduced import Reduced
 from fe.kernel.tying import Dependence, dependence
+from fe.kernel.widening import Wider
 from fe.laws import scaled
 from fe.terms import OGDEN, PAIRS
 
@@ -232,7 +233,8 @@ class Linearised:
     displacements and then shared pressures; coupling (e, 3 n, m) and compliance (e, m, m) give the pressure
     update; turning (f,) is the tangent times the clamp's rigid rotation for the unknowns, lever (n, 3) N the
     same for the clamp nodes; border, degrees of freedom (g, k) and matrices (g, k, k) N/mm, is what of the
-    tangent is not symmetric, where the pressurised surface has open edges.
+    tangent is not symmetric, where the pressurised surface has open edges; wider: the pattern of the data
+    where faces touch each other.
     """
 
     force: Array
@@ -243,6 +245,7 @@ class Linearised:
     turning: Array
     lever: Array
     border: tuple[Integers, Array] | None = None
+    wider: Wider | None = None
 
 
 class Kernel:
@@ -269,6 +272,7 @@ class Kernel:
         corners = self.connectivity[:, : self.modes] if self.element.shared else np.empty((0, 0), np.int64)
         self._corner = np.unique(corners, return_inverse=True)[1].reshape(corners.shape)
         self.shared = int(self._corner.max(initial=-1)) + 1
+        self._widened: tuple[str, Wider] | None = None  # the newest, by what meets
         self._clamp_faces = np.flatnonzero(np.isin(self.pressure.faces, self.clamped).any(axis=1))
         self._clamp_elements = np.flatnonzero(np.isin(self.connectivity, self.clamped).any(axis=1))
 
@@ -308,9 +312,13 @@ class Kernel:
     @cached_property
     def matrix(self) -> Symmetric | Reduced:
         """The solver for this pattern."""
+        return self._solver(self._pattern)
+
+    def _solver(self, pattern: Pattern) -> Symmetric | Reduced:
+        """The solver for a pattern of all unknowns."""
         if self.dependence is None:
-            return Symmetric(self._pattern.indptr, self._pattern.indices)
-        return Reduced(self._pattern, self._followers(self.dependence))
+            return Symmetric(pattern.indptr, pattern.indices)
+        return Reduced(pattern, self._followers(self.dependence))
 
     def _followers(self, tied: Dependence) -> sp.csr_matrix:
         """All unknowns by those that follow nothing: a matrix (f, g)."""
@@ -483,20 +491,23 @@ class Kernel:
             turning=turning, lever=lever, border=border,
         )  # fmt: skip
 
-    def with_faces(self, data: Array, dofs: Integers, K: Array) -> Array:
-        """The upper triangle `data` with symmetric matrices K (g, k, k) of faces of elements added, which are
-        at the degrees of freedom (g, k)."""
-        rows = self._number[dofs]
-        data = np.append(data, 0.0)
-        np.add.at(data, self._pattern.places(rows, rows), K)
-        return data[:-1]
-
     def with_turned_faces(self, system: Linearised, dofs: Integers, K: Array, turn: Array) -> Linearised:
-        """The system with the matrices K (g, k, k) of faces added, of which some may belong to the clamp."""
+        """The system with symmetric matrices K (g, k, k) of faces added, which are at the degrees of freedom
+        (g, k); some may belong to the clamp."""
         turned, turning = self._levered(dofs, K, turn), system.turning.copy()
         turning[: len(self.free)] += turned.ravel()[self.free]
-        data = self.with_faces(system.data, dofs, K)
-        return replace(system, data=data, turning=turning, lever=system.lever + turned)
+        pattern, rows = system.wider.pattern if system.wider else self._pattern, self._number[dofs]
+        data = np.append(system.data, 0.0)  # and one for what is nowhere
+        np.add.at(data, pattern.places(rows, rows), K)
+        return replace(system, data=data[:-1], turning=turning, lever=system.lever + turned)
+
+    def widened(self, system: Linearised, meeting: Integers) -> Linearised:
+        """The system in which the degrees of freedom (g, k) of each group meet each other, too."""
+        key = digest(meeting)
+        if self._widened is None or self._widened[0] != key:
+            self._widened = key, Wider.of(self._pattern, self._number[meeting], self._solver)
+        wider = self._widened[1]
+        return replace(system, data=wider.spread(system.data), wider=wider)
 
     def _levered(self, dofs: Integers, K: Array, turn: Array) -> Array:
         """Nodal forces (n, 3) N that matrices K (g, k, k) N/mm of faces, at dofs (g, k), give for a

@@ -44,7 +44,7 @@ def off_the_clamp(case: Case, surface: str) -> Flags:
 class ObstacleFaces:
     """The faces of a case's contact surface, but for those that touch its clamp; their areas are at rest.
 
-    Positions are taken as the obstacle at rest is met, `met`, in all that begins with an underscore.
+    What begins with an underscore takes positions relative to an obstacle that has given way (`_met`).
     """
 
     def __init__(self, case: Case) -> None:

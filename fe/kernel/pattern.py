@@ -33,6 +33,23 @@ class Pattern:
             indices.append(part.indices)
         return Pattern(np.concatenate(indptr), np.concatenate(indices))
 
+    def joined(self, other: "Pattern") -> "Pattern":
+        """The entries of both."""
+        size = len(self.indptr) - 1
+        one, two = (
+            sp.csr_matrix((np.ones(len(q.indices), np.int32), q.indices, q.indptr), shape=(size, size))
+            for q in (self, other)
+        )
+        both = one + two
+        both.sort_indices()
+        return Pattern(both.indptr, both.indices)
+
+    @property
+    def entries(self) -> tuple[Integers, Integers]:
+        """Row and column (nnz,) of every entry."""
+        rows = np.repeat(np.arange(len(self.indptr) - 1), np.diff(self.indptr))
+        return rows, self.indices.astype(np.int64)
+
     def places(self, rows: Integers, columns: Integers, *, mirrored: bool = False) -> Places:
         """Where the entries (e, a, b) at rows (e, a) and columns (e, b) of its elements are.
 

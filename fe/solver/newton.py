@@ -14,6 +14,7 @@ from fe.kernel.compiled import PointTangents
 from fe.kernel.contact import ObstacleFaces
 from fe.kernel.coupling import addition, coupled
 from fe.kernel.layer import LayerFaces
+from fe.kernel.selfcontact import SelfFaces
 from fe.path import Path
 
 # Last correction: of u against the structure's size, of p against a tenth of the shear modulus. The tangent
@@ -29,8 +30,10 @@ SHRINK = 0.2
 OVERSHOT = 0.3
 SEARCHES = 6
 SETTLING = 0.1
+STALLED = 0.1  # of a correction, twice: walls that touch let no more of it pass
 LIMIT = 25  # factorisations for one equilibrium
 SOFTEST = 1 / 512  # of a plane's stiffness: with that it is met first where it cannot be met at once
+LOOSE = 1e-4  # as TOLERANCE, on the way there
 TOO_FAR = "the load is beyond a limit point, or too large for one step"
 QUICK = 0.02  # shrink corrections of this tangent by at most, where it serves for derivatives, too
 EXACT = 0.01  # of TOLERANCE is what such corrections may leave, as Newton's last one does
@@ -40,7 +43,7 @@ EXACT = 0.01  # of TOLERANCE is what such corrections may leave, as Newton's las
 class Problem:
     """One case made ready: kernel (shared by cases with the same mesh and supports), constants, dead forces
     (n, 3) N, forces that grow with the pressure, growing (n, 3) N/MPa, or None, prescribed displacements (k,)
-    mm at the supported degrees of freedom."""
+    mm at the supported degrees of freedom, walls that may touch each other."""
 
     kernel: Kernel
     constants: ElementConstants
@@ -50,6 +53,7 @@ class Problem:
     geometry: Geometry
     layers: tuple[LayerFaces, ...]
     plane: ObstacleFaces | None
+    walls: SelfFaces | None = None
     growing: Array | None = None
 
     @staticmethod
@@ -62,11 +66,17 @@ class Problem:
         geometry = own if same else Geometry(case.nodes, kernel.connectivity, kernel.element, curved)
         layers = tuple(LayerFaces(case, sheet) for sheet in case.sheets)
         plane = ObstacleFaces(case) if case.contact and case.contact.stiffness else None
+        walls = SelfFaces(case) if case.self_contact else None
         prescribed = case.prescribed.ravel()[kernel.supported]
         return Problem(
             kernel=kernel, constants=ElementConstants.of(case), case=case, dead=dead, prescribed=prescribed,
-            geometry=geometry, layers=layers, plane=plane, growing=growing,
+            geometry=geometry, layers=layers, plane=plane, walls=walls, growing=growing,
         )  # fmt: skip
+
+    @property
+    def faces(self) -> tuple[LayerFaces | ObstacleFaces | SelfFaces, ...]:
+        """What acts on its surfaces besides the pressure."""
+        return tuple(f for f in (*self.layers, self.plane, self.walls) if f is not None)
 
     @property
     def proportional(self) -> bool:
@@ -87,7 +97,7 @@ class Problem:
 
     def placed_as(self, other: "Problem") -> bool:
         """Whether two problems differ at most in constants of materials and outside forces."""
-        bare = all(not q.layers and q.plane is None for q in (self, other))
+        bare = all(not q.layers and q.plane is None and q.walls is None for q in (self, other))
         return (
             bare
             and self.geometry is other.geometry is self.kernel.geometry
@@ -97,7 +107,39 @@ class Problem:
 
     def stiffened(self, factor: float) -> "Problem":
         """The problem with all moduli multiplied."""
-        return self if factor == 1 else replace(self, constants=self.constants.times(factor))
+        if factor == 1:
+            return self
+        walls = self.walls.times(factor) if self.walls else None
+        return replace(self, constants=self.constants.times(factor), walls=walls)
+
+    def softer(self, factor: float) -> "Problem":
+        """The problem with `factor` of the stiffness of its plane and of walls that touch each other."""
+        plane, walls = self.plane, self.walls
+        plane, walls = plane and plane.softer(factor), walls and walls.times(factor)
+        return replace(self, plane=plane, walls=walls)
+
+    def closed(self, u: Array) -> bool:
+        """Whether its walls touch each other at displacements u (n, 3) mm."""
+        return self.walls is not None and self.walls.touches(self.case.nodes + u)
+
+    def filtered(self, state: State, change: State) -> State:
+        """A change of a state, or so much of it as drives walls no deeper into each other than they give
+        way."""
+        if self.walls is None:
+            return change
+        x, du = self.case.nodes + state.u, change.u
+        limit, low, high = max(self.walls.give, self.walls.deepest(x)), 0.0, 1.0
+        if self.walls.deepest(x + du) <= limit:
+            return change
+        for _ in range(SEARCHES):
+            middle = (low + high) / 2
+            low, high = (middle, high) if self.walls.deepest(x + middle * du) <= limit else (low, middle)
+        return moved(moved(change, change, -1.0), change, max(low, high / 2))
+
+    def met(self, u: Array) -> bool:
+        """Whether it touches its plane or itself at displacements u (n, 3) mm."""
+        on = self.plane is not None and self.plane.touches(self.case.nodes + u)
+        return on or self.closed(u)
 
     @property
     def rubs(self) -> bool:
@@ -124,7 +166,7 @@ class Problem:
 
     @property
     def bare(self) -> bool:
-        """Whether its tangent is that of solid elements and pressure alone, and symmetric."""
+        """Whether its tangent is that of solid elements, pressure and self-contact alone, and symmetric."""
         clamp = self.case.clamp
         held = bool(self.layers) or self.plane is not None or bool(clamp and clamp.compliance)
         return self.kernel.symmetric and not held
@@ -208,9 +250,10 @@ class Step:
     def __init__(self, problem: Problem, state: State, system: Linearised) -> None:
         self.problem, self.state = problem, state
         kernel, clamp = problem.kernel, problem.case.clamp
-        kernel.matrix.factorise(system.data)
+        self._matrix = system.wider.matrix if system.wider else kernel.matrix
+        self._matrix.factorise(system.data)
         self.system = replace(system, data=np.empty(0))  # the matrix has it, and not longer than it needs
-        below = kernel.matrix.negative
+        below = self._matrix.negative
         # as many as there are shared pressures belong to the mixed form
         self.negative = max(0, (below or 0) - kernel.shared)
         self._compliance = clamp.compliance if clamp else 0.0
@@ -232,7 +275,7 @@ class Step:
     @cached_property
     def _back(self) -> Array:
         """The free displacements' answer to a turn of the clamp, mm per rad, but for its sign."""
-        return self.problem.kernel.matrix.solve(self._side)
+        return self._matrix.solve(self._side)
 
     def solve(self, residuals: Sequence[Residual]) -> list[State]:
         """For each change of the residuals the change of state that cancels it."""
@@ -255,7 +298,7 @@ class Step:
         condensed = [self._condensed(r) for r in residuals]
         gaps = [self.system.gap if r.gap is None else r.gap for r in residuals]
         sides = [kernel.unknowns(force, gap) for (force, _), gap in zip(condensed, gaps, strict=True)]
-        x = kernel.matrix.solve(np.stack(sides, axis=1))  # together: the factors are read once
+        x = self._matrix.solve(np.stack(sides, axis=1))  # together: the factors are read once
         return [
             self._spread(x[:, k], moment, gap)
             for k, (gap, (_, moment)) in enumerate(zip(gaps, condensed, strict=True))
@@ -311,9 +354,21 @@ class Reached:
 
     def along(self, changes: Sequence[State]) -> list[Residual]:
         """How the residuals go along changes of the state that leave the clamp where it is."""
-        bulk = self.problem.constants.bulk
+        bulk, walls = self.problem.constants.bulk, self._walls
         found = self.problem.kernel.along(self.state.u, bulk, self.load, self._points, changes)
+        if walls is not None:
+            own = [(walls @ change.u.ravel()).reshape(-1, 3) for change in changes]
+            found = [(force + more, gap) for (force, gap), more in zip(found, own, strict=True)]
         return [Residual(force, gap, 0.0) for force, gap in found]
+
+    @cached_property
+    def _walls(self) -> csr_matrix | None:
+        """The tangent (3 n, 3 n) N/mm of walls that touch each other, or None where none do."""
+        if not self.problem.closed(self.state.u):
+            return None
+        assert self.problem.walls is not None
+        parts = self.problem.walls.tangent(self.problem.case.nodes + self.state.u)
+        return addition([parts], self.problem.kernel.dofs)
 
 
 @dataclass(frozen=True)
@@ -338,10 +393,11 @@ def _residuals(
     system = problem.kernel.linearise(state, problem.constants, load, memory, turn)
     system = replace(system, force=system.force - problem.loaded(load))
     x = problem.case.nodes + state.u
-    for faces in (*problem.layers, problem.plane):
-        if faces is not None:
-            system = problem.kernel.with_turned_faces(system, *faces.tangent(x), turn)
-            system = replace(system, force=system.force - faces.force(x))
+    if problem.walls is not None and problem.walls.touches(x):
+        system = problem.kernel.widened(system, problem.walls.meeting(x))
+    for faces in problem.faces:
+        system = problem.kernel.with_turned_faces(system, *faces.tangent(x), turn)
+        system = replace(system, force=system.force - faces.force(x))
     return system, state.rotation + problem.clamp_gap(state.rotation, system.force)
 
 
@@ -374,7 +430,7 @@ def equilibrium(
     kinked = problem.rubs or (memory is not None and memory.softening is not None)
     smooth = not problem.rubs  # so far: whether the tangent may be expected to serve again
     fine = np.inf if not exact else QUICK if quick and problem.bare else 0.0
-    length = np.inf  # of the correction by `last` itself
+    length, stalls = np.inf, 0  # of the correction by `last` itself; corrections of which little was left
     for iteration in range(LIMIT):
         if last is not None and smooth and np.abs(state.u - last.state.u).max() < NEARBY * extent:
             newton = length if exact else np.inf
@@ -391,11 +447,15 @@ def equilibrium(
             return Equilibrium(None, None, iteration, f"the forces grew out of balance: {TOO_FAR}")
         last = Step(problem, state, system)
         (change,) = last.solve([Residual(system.force, None, moment)])
-        length = float(np.abs(change.u).max())
-        if not np.isfinite(length) or (iteration > 0 and length > 0.5 * extent):
+        length, change = float(np.abs(change.u).max()), problem.filtered(state, change)
+        if not np.isfinite(length) or (iteration > 0 and np.abs(change.u).max() > 0.5 * extent):
             return Equilibrium(None, None, iteration + 1, f"a correction of half the structure: {TOO_FAR}")
-        if kinked and length > small[0]:
+        ahead = moved(state, change).u
+        if length > small[0] and (kinked or problem.closed(state.u) or problem.closed(ahead)):
             whole, change = change, _shortened(last, state, change, load, memory)
+            stalls += float(np.abs(change.u).max()) < STALLED * length
+            if problem.walls is not None and stalls > 1:
+                return Equilibrium(None, None, iteration + 1, f"walls that touch hold it back: {TOO_FAR}")
             smooth = change is whole and length < SETTLING * NEARBY * extent
         state = _consistent(problem, moved(state, change))
         if length < small[0] and np.abs(change.p).max() < small[1]:
@@ -412,7 +472,8 @@ def _shortened(step: Step, state: State, change: State, load: float, memory: Mem
     """
 
     def work(factor: float) -> float:
-        return step.work(imbalance(step.problem, moved(state, change, factor), load, memory), change)
+        done = step.work(imbalance(step.problem, moved(state, change, factor), load, memory), change)
+        return done if np.isfinite(done) else np.inf  # an element turned inside out
 
     low, high, first = 0.0, 1.0, work(0.0)
     a, b = first, work(1.0)
@@ -439,13 +500,13 @@ def eased(
 ) -> Equilibrium:
     """As `equilibrium`; where a plane is too stiff to be met from `start`, it is met softer first."""
     found = equilibrium(problem, start, load=load, memory=memory, last=last, exact=exact, quick=quick)
-    if problem.plane is None or found.state is not None:
+    if (problem.plane is None and problem.walls is None) or found.state is not None:
         return found
     state, count, met, step = start, found.iterations, SOFTEST / 8, 8.0
     while met < 1 and step > 1.1:
         factor = min(1.0, met * step)
-        softer = replace(problem, plane=problem.plane.softer(factor))
-        found = equilibrium(softer, state, load=load, memory=memory)
+        way = TOLERANCE if factor == 1 or problem.walls is None else LOOSE
+        found = equilibrium(problem.softer(factor), state, load=load, memory=memory, tolerance=way)
         count += found.iterations
         if found.state is None:
             step **= 0.5
@@ -511,7 +572,6 @@ def imbalance(problem: Problem, state: State, load: float, memory: Memory | None
     state = _consistent(problem, state)
     force, gap = problem.kernel.residual(state, problem.constants, load, memory, problem.geometry)
     force -= problem.loaded(load)
-    for faces in (*problem.layers, problem.plane):
-        if faces is not None:
-            force -= faces.force(problem.case.nodes + state.u)
+    for faces in problem.faces:
+        force -= faces.force(problem.case.nodes + state.u)
     return Residual(force, gap, state.rotation + problem.clamp_gap(state.rotation, force))

@@ -10,6 +10,7 @@ from fe.solver.newton import Problem, Step
 STRETCH = 3.0  # laws fitted to silicones are extrapolated beyond
 # Of its pressure, how near the last equilibrium must lie to the limit point that its slopes foretell.
 STEEP = 0.05
+SHALLOW = 0.1  # of an edge: triangles are flat, and faces that touch give way a little
 
 
 def largest_stretch(problem: Problem, u: Array) -> tuple[float, Array]:
@@ -29,7 +30,8 @@ def crossing(case: Case, u: Array) -> Array | None:
 
     Every face is divided into flat triangles; an edge that goes through a triangle with which it shares no
     node is a crossing (Moller & Trumbore 1997, doi 10.1080/10867651.1997.10487468). Pleats of a half model
-    that cross its plane of symmetry are not looked for.
+    that cross its plane of symmetry are not looked for. Where surfaces may touch each other, what goes
+    through by less than SHALLOW is contact.
     """
     x, triangles = case.nodes + u, _triangles(case)
     edges = np.unique(np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1), axis=0)
@@ -44,6 +46,8 @@ def crossing(case: Case, u: Array) -> Array | None:
     apart = ~(edges[e][:, :, None] == triangles[t][:, None]).any(axis=(1, 2))
     e, t = e[apart], t[apart]
     hit = _pierced(x[edges[e]], x[triangles[t]])
+    if case.self_contact:
+        hit &= _beyond(x[edges[e]], x[triangles[t]]) > SHALLOW
     return case.nodes[edges[e[hit][0]]].mean(axis=0) if hit.any() else None
 
 
@@ -81,6 +85,14 @@ def _pierced(edge: Array, triangle: Array) -> Flags:
     place = np.einsum("ki,ki->k", b, side) / safe
     inside = (r > 0) & (s > 0) & (r + s < 1) & (place > 0) & (place < 1)
     return np.asarray(inside & np.isfinite(safe))
+
+
+def _beyond(edge: Array, triangle: Array) -> Array:
+    """How far (k,), of their lengths, edges (k, 2, 3) go beyond the plane of triangles (k, 3, 3), on the side
+    where they do less so."""
+    normal = np.cross(triangle[:, 1] - triangle[:, 0], triangle[:, 2] - triangle[:, 0])
+    away = np.abs(np.einsum("kai,ki->ka", edge - triangle[:, :1], normal)).min(axis=1)
+    return np.asarray(away / np.linalg.norm(normal, axis=1) / np.linalg.norm(edge[:, 1] - edge[:, 0], axis=1))
 
 
 def why(step: Step, u: Array, pressure: Array, slope: Array) -> str:

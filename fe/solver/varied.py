@@ -3,7 +3,7 @@ answers to the difference of their residuals by the tangent that it has (direct 
 
 The two sides are solved nowhere; they share the base's mesh and held nodes. What they may change besides is
 carried whole: positions, materials, prescribed displacements, clamp, forces dead and growing, layer, plane,
-precurvature, pressure, drift of the moduli, gravity, pulls. `refused` names what they may not.
+self-contact, precurvature, pressure, drift of the moduli, gravity, pulls. `refused` names what they may not.
 """
 
 from collections.abc import Mapping, Sequence
@@ -161,7 +161,8 @@ class Differenced:
 
 def towards_memory(base: Problem, path: Path, varied: Differenced, paths: tuple[Path, Path]) -> bool:
     """Whether two neighbours on their paths differ from a base that has no memory by theirs alone."""
-    if base.remembers(path) or base.plane is not None or not base.kernel.symmetric:
+    held = base.plane is not None or base.walls is not None
+    if base.remembers(path) or held or not base.kernel.symmetric:
         return False
     sides = varied.plus, varied.minus
     return (

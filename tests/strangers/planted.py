@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from tests.strangers import mistakes, recordings
+from tests.strangers import logs, mistakes, recordings, statements
 from tests.strangers.planting import Plant
 from tests.strangers.studio import make
 from twin.commands.camera import run_camera
@@ -85,9 +85,10 @@ class Planted:
 
 
 def everything() -> Planted:
-    """All that is planted, of both tables."""
-    wrong, right = mistakes.MISTAKES | recordings.MISTAKES, mistakes.RIGHT | recordings.RIGHT
-    return Planted(wrong, recordings.DOUBTFUL, right)
+    """All that is planted, of all tables."""
+    wrong = mistakes.MISTAKES | statements.MISTAKES | logs.MISTAKES | recordings.MISTAKES
+    doubtful = statements.DOUBTFUL | logs.DOUBTFUL | recordings.DOUBTFUL
+    return Planted(wrong, doubtful, mistakes.RIGHT | recordings.RIGHT)
 
 
 def is_told(one: Told, sentence: str) -> bool:
@@ -95,26 +96,31 @@ def is_told(one: Told, sentence: str) -> bool:
     return not one.refused and any(re.search(sentence, remark) for remark in one.remarks)
 
 
-def figures(only: str = "", *, tell: bool = False) -> dict[str, Any]:
-    """Mistakes that were accepted and right inputs that were refused, of those whose names hold a text, each
-    with its sentence; tell: print each as it comes."""
+def all_told(plants: Mapping[str, Plant]) -> list[Told]:
+    """What the program said of each, in a small project drawn for them."""
     with tempfile.TemporaryDirectory() as place:
-        base, every_one, all_of = make(Path(place) / "base"), list[Told](), everything()
-        for name, plant in all_of.plants.items():
-            if only not in name:
-                continue
-            every_one.append(told(name, plant, base=base, folder=Path(place)))
-            if tell:
-                one = every_one[-1]
-                print(f"{name} [{one.by}]: {one.sentence or 'passes ' + ' '.join(one.remarks)}", flush=True)
-    wrong = [t for t in every_one if t.name in all_of.mistakes]
-    right = [t for t in every_one if t.name in all_of.right]
-    doubtful = [t for t in every_one if t.name in all_of.doubtful]
-    untold = [t.name for t in doubtful if not is_told(t, all_of.doubtful[t.name][1])]
+        base = make(Path(place) / "base")
+        return [told(name, plant, base=base, folder=Path(place)) for name, plant in plants.items()]
+
+
+def wrong_figures() -> dict[str, Any]:
+    """`planted`: mistakes and doubtful things; `accepted_wrong`: those that passed, or without a word;
+    `told_wrong_cause`: those of which something else was said; and the sentence of each."""
+    planted = everything()
+    refused = all_told({name: plant for name, (plant, _) in planted.mistakes.items()})
+    doubted = all_told({name: plant for name, (plant, _) in planted.doubtful.items()})
+    accepted = [t.name for t in refused if not t.refused]
+    other = [t.name for t in refused if t.refused and not re.search(planted.mistakes[t.name][1], t.sentence)]
+    untold = [t for t in doubted if not is_told(t, planted.doubtful[t.name][1])]
+    accepted += [t.name for t in untold if not t.remarks and not t.refused]
+    other += [t.name for t in untold if t.name not in accepted]
     return {
-        "planted": len(wrong), "accepted_wrong": sum(not t.refused for t in wrong),
-        "doubtful": len(doubtful), "untold": untold,
-        "right": len(right), "refused_right": sum(t.refused for t in right),
-        "sentences": {t.name: t.sentence for t in wrong},
-        "refused": {t.name: t.sentence for t in right if t.refused},
+        "planted": len(refused) + len(doubted), "accepted_wrong": len(accepted), "accepted": accepted,
+        "told_wrong_cause": len(other), "told_wrong": other,
+        "sentences": {t.name: t.sentence or " ".join(t.remarks) for t in [*refused, *doubted]},
     }  # fmt: skip
+
+
+def refused_right() -> dict[str, str]:
+    """Unusual projects that are right, each with the sentence it was refused with, "" where it passed."""
+    return {t.name: t.sentence for t in all_told(everything().right)}

@@ -322,7 +322,7 @@ def tried(put_in: Callable[[Path], Outcome | None]) -> Outcome | None:
 
 
 def figures(quick: bool) -> dict[str, Any]:
-    """`refused_right` of `right_inputs`, `dots_found` and `photo_pull`."""
+    """`refused_right` of `right_inputs`, `dots_found` and `photo_pulls` {board: pull}."""
     outcomes = []
     print("| right input | accepted | error | said |\n|---|---|---|---|")
     for put_in in INPUTS:
@@ -338,5 +338,5 @@ def figures(quick: bool) -> dict[str, Any]:
         "right_inputs": len(outcomes),
         "refused_right": sum(not outcome.accepted for outcome in outcomes),
         "dots_found": printeddots.figures(quick)["dots_found"],
-        "photo_pull": photos.figures(quick)["photo_pull"],
+        "photo_pulls": photos.figures(quick)["photo_pulls"],
     }

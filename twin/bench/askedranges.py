@@ -43,6 +43,7 @@ def asked_ranges(
         case=structure.case, effects=effects, values=values, path=_path(project, top), table=table,
         lattice=None if project.builtin is None else project.builtin.lattice,
         refine=project.config.model.mesh, density=None if kg_m3 is None else density(kg_m3),
+        self_contact=project.config.model.self_contact,
     )  # fmt: skip
     leaves = f"Left out, as they do not move the finger: {', '.join(left)}." if left else ""
     return finger, variables, [s for s in (remark, leaves) if s]

@@ -14,7 +14,7 @@ from twin.bench.workbench import Workbench
 from twin.judging.comparison import Comparison, compare
 from twin.judging.fitting import ModelErrors
 from twin.judging.heldout import unseen
-from twin.judging.judged import Judged
+from twin.judging.judged import Judged, judged_by
 from twin.judging.lawerrors import LawError
 from twin.judging.record import UnseenFilm
 from twin.judging.whitening import LAW
@@ -114,8 +114,9 @@ def kept(fit_file: Path, fit: Fit, targets: Targets, *, file: str = JUDGED) -> J
         laws=tuple(LawError(k.removeprefix(LAW), rows) for k, rows in found.items() if k.startswith(LAW)),
         law=float(found["law"]),
     )
-    w, jacobian = errors.whitener(targets), found["jacobian"]
-    made = compare(targets, found["u"], w, jacobian=jacobian, at_bound=len(fit.at_bound))
+    own, w = judged_by(targets, found["u"], errors, errors.whitener(targets))
+    jacobian = found["jacobian"]
+    made = compare(own, found["u"], w, jacobian=jacobian, at_bound=len(fit.at_bound))
     return Judgement(
         predicted=found["u"], comparison=made, errors=errors, jacobian=jacobian, crossed=str(found["crossed"])
     )

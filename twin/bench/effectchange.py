@@ -9,14 +9,15 @@ import numpy as np
 from calibrate import Fit, Parameter
 from twin.bench import waterfall
 from twin.bench.comparison import JUDGED, Judgement, compared, keep, kept
-from twin.bench.engines import solved_by
+from twin.bench.curvewords import told_of_tests, write_curves
 from twin.bench.fits import fresh, newest, newest_fit
+from twin.bench.fittedby import fitted_by
 from twin.bench.laws import begun_from, nominal
 from twin.bench.workbench import Workbench
 from twin.judging.comparison import Comparison
 from twin.judging.intervals import estimates, fit_record
 from twin.judging.judged import Judged
-from twin.judging.record import ComparisonRecord, Estimate, FitRecord
+from twin.judging.record import ComparisonRecord, Estimate, FitRecord, MaterialTestsRow
 from twin.model.prediction import Model
 from twin.numerals import in_words
 from twin.project import files
@@ -35,17 +36,20 @@ class Change:
     fit: Fit
     judgement: Judgement
     fields: Fields
+    tests: MaterialTestsRow | None = None
 
     @staticmethod
     def of(bench: Workbench, judged: Judged) -> "Change":
         """That of a model judged now."""
-        fields = _fields(bench, judged.model, judged.theta)
-        return Change(fit=judged.fit, judgement=Judgement.of(judged), fields=fields)
+        fields, tests = _fields(bench, judged.model, judged.theta), bench.agreement(judged)
+        return Change(fit=judged.fit, judgement=Judgement.of(judged), fields=fields, tests=tests)
 
     def record(self, **beside: Any) -> FitRecord:
         """What fit.json holds of it."""
         one = self.judgement
-        return fit_record(self.fit, one.comparison, law_error=one.errors.law, **beside)
+        return fit_record(
+            self.fit, one.comparison, material_tests=self.tests, law_error=one.errors.law, **beside
+        )
 
     def keep(self, run: Run, *, effects: Sequence[str], start: Mapping[str, float]) -> None:
         """Write it into the run of a diagnosis, so that `twin add` need not solve it again."""
@@ -56,7 +60,10 @@ class Change:
 
 def diagnosed(bench: Workbench, effects: Sequence[str], start: Mapping[str, float]) -> Change | None:
     """The change to these effects as the newest diagnosis has fitted it from this start; None where it has
-    not, or not by the code of now."""
+    not, not by the code of now, or where priors count or tests of the silicone are fitted, too: it asks the
+    film alone."""
+    if bench.targets.known or bench.targets.curves:
+        return None
     found = fresh(bench.project, ("diagnose",), KEPT_FIT)
     record = files.read(FitRecord, found) if found else None
     if found is None or record is None or record.effects != tuple(effects) or record.start != dict(start):
@@ -95,15 +102,19 @@ def change_effects(
             say.progress(f"refit with {', '.join(effects) or 'no effect'}", 0, 1)
             change = Change.of(bench, bench.judged(model, theta, say))
         fit, found = change.fit, compared(run, change.fit.theta, change.judgement, bench, say)
-        run.write(change.record(effects=effects, **solved_by(project, bench.jobs)))
+        beside = fitted_by(bench, fit, change.judgement)
+        run.write(change.record(effects=effects, **beside))
         change.fields.save(run.path(FIELDS))
+        write_curves(run, change.tests)
         run.note(model.extent)
     project.set_effects(effects)
     say(_error(then, found))
     way = waterfall.stairs(project)
     if len(way) > 2:
         say(waterfall.in_words(way))
-    say(f"{in_words(estimates(fit, found))}.")
+    say(f"{in_words(estimates(fit, found, change.tests))}.")
+    for sentence in (*beside["said"], *told_of_tests((), change.tests)):
+        say(sentence)
     for sentence in _unseen(model, change):
         say(sentence)
     say(found.where)
@@ -121,14 +132,14 @@ def change_effects(
         "expected_mm": found.expected_mm,
         "noise_sd_mm": found.noise_sd_mm,
         "effects": list(effects),
-        "fit": files.plain(change.record(**solved_by(project, bench.jobs))),
+        "fit": files.plain(change.record(**beside)),
         "steps": files.plain(way),
     }
 
 
 def _unseen(model: Model, change: Change) -> list[str]:
     """Which effects of a model these data do not ask for, one sentence each."""
-    found = estimates(change.fit, change.judgement.comparison)
+    found = estimates(change.fit, change.judgement.comparison, change.tests)
     unseen = [e for e in model.effects if e.amplitudes and all(_at_null(p, found) for p in e.amplitudes)]
     return [
         f"These data do not ask for {e.label}: it may as well be absent. `twin drop {e.name}` takes it out."

@@ -21,7 +21,7 @@ from twin.experiments.designs import Variable
 from twin.model.answering import RangedResponse
 from twin.model.memo import KeptModel
 from twin.model.prediction import Model
-from twin.model.structure import BuiltIn, of_finger, weighed
+from twin.model.structure import BuiltIn, closed, of_finger, weighed
 from twin.project.dimensions import FLATNESS, FingerTable
 from twin.targets import Array
 
@@ -48,7 +48,8 @@ class VariedFinger:
     silicone first), and the path of its pressure, from rest to where it is looked at.
 
     table: its dimensions, None of a deck; lattice: where it is stated, else that which the dimensions ask
-    for; refine: of every cell; density in tonne/mm3, None without weight.
+    for; refine: of every cell; density in tonne/mm3, None without weight; self_contact:
+    whether its walls may touch each other.
     """
 
     case: Case
@@ -59,6 +60,7 @@ class VariedFinger:
     lattice: Lattice | None = None
     refine: int = 1
     density: float | None = None
+    self_contact: bool = False
 
     def meshed(self, dimensions: Mapping[str, float]) -> Case:
         """The case of the finger with other dimensions. ValueError where there is none."""
@@ -69,6 +71,7 @@ class VariedFinger:
         built = BuiltIn.of(table.finger)
         lattice = built.lattice if self.lattice is None else self.lattice
         structure = of_finger(built.finger, replace(lattice, refine=self.refine))
+        structure = closed(structure) if self.self_contact else structure
         return (structure if self.density is None else weighed(structure, self.density)).case
 
     def remeshes(self, name: str) -> bool:

@@ -38,6 +38,7 @@ def _changes(project: Project, folder: Path, stage: Stage) -> list[str]:
     """What has changed since a run of a stage was made, but for the effects in the model."""
     present = [project.targets_folder] if TARGETS in stage.reads else []
     present += project.deck_files() if DECK in stage.reads else []
+    present += project.material_files() if "[material_tests]" in stage.reads else []
     info = project.info(folder)
     model = info.config.model
     labels = info.extra.effects if "effects" in info.extra.model_fields_set else model.effects

@@ -9,10 +9,13 @@ other.
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from twin.diagnosis.signatures import prior_sd
 from twin.effects.library import effect
+from twin.judging.besidefilm import curve_jacobian, curve_residual
 from twin.judging.lawerrors import law_errors
+from twin.judging.likelihood import priors_of, without_gross
 from twin.judging.record import FitRecord
 from twin.judging.whitening import whitener
 from twin.model.prediction import Model
@@ -26,10 +29,12 @@ LAW = "stiffening"  # what a silicone may do beyond the pressures of the film
 class Uncertain:
     """Changes of a prediction: columns (k, s, p, 3) mm per unit, and the precision (k,) that each has without
     the film: of a fitted parameter that of its bounds, which counts where the film does not show it, 1 of a
-    mode."""
+    mode. stated: what the priors of twin.toml say of them, as a residual (m,) and its derivatives (m, k)."""
 
     columns: Array
     prior: Array
+    stated: tuple[Array, Array] = (np.zeros(0), np.zeros((0, 0)))
+    free: NDArray[np.bool_] | None = None  # (d,) of the model's parameters, those whose columns come first
 
     @staticmethod
     def of(
@@ -42,7 +47,7 @@ class Uncertain:
     ) -> "Uncertain":
         """Those of a model at theta (d,) for targets that hold what is to be predicted: the free parameters
         first, in their order. beyond: whether some of that lies above the tested pressure."""
-        free = [p.name not in record.at_bound for p in model.parameters]
+        free = np.array([p.name not in record.at_bound for p in model.parameters])
         width = np.array([p.high - p.low for p in model.parameters])[free]
         columns, prior = [model.jacobian(theta)[free]], [12 / width**2]  # an even spread over them
         modes = [model.modes(theta)]
@@ -55,7 +60,12 @@ class Uncertain:
             law = effect(LAW, own=()) if model.law is None else effect(LAW, law=model.law)
             columns.append(model.tangents(theta, [law])[LAW][0])
             prior.append(np.array([1 / prior_sd(p) ** 2 for p in law.amplitudes]))
-        return Uncertain(np.concatenate(columns), np.concatenate(prior))
+        priors, count = priors_of(model.parameters, targets), sum(map(len, columns))
+        rows = np.zeros((len(priors), count))
+        for row, one in zip(rows, priors, strict=True):
+            row[: sum(free)] = one.slope(theta)[free]
+        stated = np.array([one.value(theta) for one in priors]), rows
+        return Uncertain(np.concatenate(columns), np.concatenate(prior), stated, free)
 
 
 def told_by_film(
@@ -81,10 +91,20 @@ def amounts_told(
     nothing = np.zeros((0, *targets.value.shape))
     gauge = model.per_pressure(theta)[:s, :p] * targets.pressure_sd[:, None, None]
     w = whitener(targets, prediction_modes=nothing, gauge=gauge, points=~targets.fixed)
-    seen = w.whiten(columns[:, :s, :p]).T
+    residual = targets.value - model.predict(theta)[:s, :p]
+    if (own := without_gross(targets, residual, w)) is not targets:
+        w = whitener(own, prediction_modes=nothing, gauge=gauge, points=~targets.fixed)
+    seen, z = w.whiten(columns[:, :s, :p]).T, w.whiten(residual)
+    if len(uncertain.stated[0]):
+        off, rows = uncertain.stated
+        seen, z = np.vstack([seen, rows]), np.append(z, -off)
+    if targets.curves:  # of the silicone, which know no more than the parameters
+        slopes = -curve_jacobian(model, targets, theta)[:, uncertain.free]
+        beside = np.zeros((len(slopes), len(columns) - slopes.shape[1]))
+        seen = np.concatenate([seen, np.hstack([slopes, beside])])
+        z = np.concatenate([z, curve_residual(model, targets, theta)])
     scale = 1 / np.sqrt((seen**2).sum(axis=0) + prior)
     information = (seen * scale).T @ (seen * scale) + np.diag(prior * scale**2)
     power, turn = np.linalg.eigh(information)
     axes = scale[:, None] * turn / np.sqrt(power)
-    z = w.whiten(targets.value - model.predict(theta)[:s, :p])
     return axes @ (axes.T @ (seen.T @ z)), axes

@@ -13,16 +13,16 @@ import numpy as np
 
 from calibrate import Fit, least_squares, profile_likelihood
 from calibrate.fit import Jacobian, Residual
-from calibrate.profiles import LEVELS, Held, Profile
+from calibrate.profiles import LEVELS, Profile
 from twin.bench.comparison import kept
 from twin.bench.workbench import Workbench
 from twin.judging.fitting import ModelErrors, whitened
-from twin.laws.mooneyrivlin import NAMES, WIDEST_SHARE
+from twin.judging.likelihood import SHARE, TOTAL, held
+from twin.laws.mooneyrivlin import NAMES
 from twin.model.prediction import Model, Unsolvable
 from twin.project.folder import Say
 from twin.targets import Array, Targets
 
-TOTAL, SHARE = "+".join(NAMES), "share"
 TOLERANCE = 0.01  # sd, to which the best fit is found anew: deviances are relative to it
 
 
@@ -31,31 +31,9 @@ def profiled_names(names: Sequence[str]) -> tuple[str, ...]:
     return (*names, TOTAL, SHARE) if set(NAMES) <= set(names) else tuple(names)
 
 
-def held(fit: Fit, name: str) -> Held:
-    """What a profile of this name holds."""
-    if name == TOTAL:
-        return Held.total(fit.parameters, *NAMES)
-    if name == SHARE:
-        return Held.share(fit.parameters, *NAMES, least=WIDEST_SHARE)
-    return Held.parameter(fit.parameters, name)
-
-
-def slope(fit: Fit, name: str) -> Array:
-    """The derivative (d,) by the parameters of what a name stands for, at the fit."""
-    rows = {p.name: k for k, p in enumerate(fit.parameters)}
-    out = np.zeros(len(rows))
-    if name not in (TOTAL, SHARE):
-        out[rows[name]] = 1.0
-        return out
-    a, b = (rows[n] for n in NAMES)
-    total = float(fit.theta[a] + fit.theta[b])
-    out[[a, b]] = (1.0, 1.0) if name == TOTAL else (-fit.theta[b] / total**2, fit.theta[a] / total**2)
-    return out
-
-
 def sd_of(fit: Fit, name: str) -> float:
     """The sd by the covariance of the fit, to first order; NaN where it is not known."""
-    way = slope(fit, name)
+    way = held(fit.parameters, name).slope(fit.theta)
     if not np.isfinite(fit.sd[way != 0]).all():
         return float("nan")
     block = fit.covariance[np.ix_(way != 0, way != 0)]
@@ -85,14 +63,15 @@ class Profiler:
     def of(bench: Workbench, file: Path, fit: Fit, say: Say) -> "Profiler":
         """That of the fit in a fit.json."""
         model, errors = with_own_errors(bench, file, fit, say)
-        residual, jacobian = whitened(model, bench.targets, errors.whitener(bench.targets))
+        residual, jacobian, _ = whitened(model, bench.targets, errors.whitener(bench.targets))
         best = least_squares(residual, jacobian, fit.parameters, start=fit.theta, tolerance=TOLERANCE)
         return Profiler(fit, model, bench.targets, errors, best.theta)
 
     def profiles(self, names: Sequence[str], step: Callable[[], None]) -> Iterator[Profile]:
         """The profile of each name; step: called after each of its ENDS."""
         for name in names:
-            yield profile_likelihood(self._around, held=held(self.fit, name), theta=self.theta, step=step)
+            own = held(self.fit.parameters, name)
+            yield profile_likelihood(self._around, held=own, theta=self.theta, step=step)
 
     def _around(self, theta: Array) -> tuple[Residual, Jacobian]:
         """Residual and Jacobian under the errors that the model has at theta (d,)."""
@@ -100,7 +79,7 @@ class Profiler:
         if self.model.allowed(self.model.named(theta)):
             with suppress(Unsolvable):  # which the residual says, too
                 errors = ModelErrors.of(self.model, theta, self.targets, law=errors.law)
-        return whitened(self.model, self.targets, errors.whitener(self.targets))
+        return whitened(self.model, self.targets, errors.whitener(self.targets))[:2]
 
 
 ENDS = 2 * len(LEVELS)  # of a profile

@@ -1,15 +1,16 @@
 """The newest fit of a project -> a sample of its posterior, on the response, which whole solves check.
 
-The prior is flat within the bounds of the parameters. Measured values are normal about what the model shows,
-with the errors of gauge, mesh and laws that the model has itself at those parameters, as in a profile. One of
-the mesh's errors is taken whole and not to first order: its stiffness, of relative sd s, which the moduli
-take up. It is a number of its own, eta, normal with sd 1: with constants C the mesh is to be solved with C
-exp(s eta). Those, theta, the film holds within little, so that few solves serve for the response. The prior
-is flat in C, not in theta. What the other errors change of the density is known at whole solves, and
-interpolated between them.
+The prior is flat within the bounds of the parameters, times the priors of twin.toml. Measured values are
+normal about what the model shows, with the errors of gauge, mesh and laws that the model has itself at those
+parameters, as in a profile. One of the mesh's errors is taken whole and not to first order: its stiffness, of
+relative sd s, which the moduli take up. It is a number of its own, eta, normal with sd 1: with constants C
+the mesh is to be solved with C exp(s eta). Those, theta, the film holds within little, so that few solves
+serve for the response. The prior is flat in C, not in theta. What the other errors change of the density is
+known at whole solves, and interpolated between them.
 """
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Protocol
@@ -20,8 +21,11 @@ from scipy.special import ndtri
 
 from calibrate.parameters import Array, bounds
 from calibrate.posteriors import Chain, sampled, spread
+from calibrate.priors import Prior
 from twin.bench.profiling import Profiler
+from twin.judging.besidefilm import curve_jacobian, curve_residual
 from twin.judging.fitting import ModelErrors
+from twin.judging.likelihood import priors_of
 from twin.judging.whitening import Whitener
 from twin.model.answering import begun
 from twin.model.answering import spread as even
@@ -66,7 +70,8 @@ class Density:
 
     chi2 of theta is |small (r + 1, r + 1) (1, -c)|^2, c (r,) what is in it of each of the response's fields;
     moved: what errors add to it, at theta (m, d) in units of scale (d, d); guard: whether each theta is asked
-    for stable rubber.
+    for stable rubber; priors: those of twin.toml. beside: chi2 (m,) of tests of the silicone itself at
+    parameters (m, d).
     """
 
     response: Surrogate
@@ -75,11 +80,13 @@ class Density:
     scale: Array
     stiffness: float
     guard: bool
+    priors: tuple[Prior, ...] = ()
+    beside: Callable[[Array], Array] | None = None
 
     @staticmethod
     def of(
         response: Surrogate, solves: Sequence[WholeSolve], targets: Targets, w: Whitener, *, scale: Array,
-        stiffness: float, guard: bool,
+        stiffness: float, guard: bool, beside: Callable[[Array], Array] | None = None,
     ) -> "Density":  # fmt: skip
         """That of a response and whole solves, with a whitener that leaves out a stiffness of its own; scale
         (d, d): the root of a covariance of theta."""
@@ -94,7 +101,8 @@ class Density:
             )
         own: Array = np.linalg.solve(scale, at.T).T
         between = RBFInterpolator(own, moved, kernel="thin_plate_spline", degree=1)
-        return Density(response, np.asarray(np.linalg.qr(rows).R), between, scale, stiffness, guard)
+        small, priors = np.asarray(np.linalg.qr(rows).R), priors_of(response.parameters, targets)
+        return Density(response, small, between, scale, stiffness, guard, priors, beside)
 
     def __call__(self, x: Array) -> Array:
         """The log densities (m,), -inf where there is none."""
@@ -107,8 +115,13 @@ class Density:
         if not len(inside):
             return out
         chi2 = self.chi2(theta[inside]) + self.added(theta[inside])
+        if self.beside is not None:
+            chi2 = chi2 + self.beside(true[inside])
         known = np.isfinite(chi2)
-        out[inside[known]] = -chi2[known] / 2
+        rows = inside[known]
+        out[rows] = -chi2[known] / 2
+        for prior in self.priors:
+            out[rows] -= [prior.value(one) ** 2 / 2 for one in true[rows]]
         if self.stiffness:  # the prior of eta, and the prior of the constants, which is flat in `true`
             eta = x[:, -1]
             out -= eta**2 / 2 + len(self.moduli) * self.stiffness * eta
@@ -227,7 +240,7 @@ class Sampler:
         for number in range(ROUNDS):
             density = Density.of(
                 response, solves, self.targets, self.whitener, scale=scale, stiffness=self.stiffness,
-                guard=guard,
+                guard=guard, beside=self._beside,
             )  # fmt: skip
             points, chain = self.keeping.points(number), self.keeping.chain(number)
             if points is None:
@@ -278,9 +291,26 @@ class Sampler:
         a, b = w.whiten(z), own.whiten(z)
         return float(a @ a - b @ b) + w.log_det - own.log_det
 
+    @property
+    def _beside(self) -> Callable[[Array], Array] | None:
+        """chi2 of the silicone's tests; None without them."""
+        return self._curves if self.targets.curves else None
+
+    def _curves(self, true: Array) -> Array:
+        """chi2 (m,) of the silicone's tests at parameters (m, d), NaN where the law has no stress."""
+        out = np.full(len(true), np.nan)
+        for k, theta in enumerate(true):
+            with suppress(Unsolvable):
+                z = curve_residual(self.model, self.targets, theta)
+                out[k] = z @ z
+        return out
+
     def _scale(self, best: WholeSolve) -> Array:
         """The root (d, d) of the covariance that the derivatives at the fit expect of theta."""
         rows = self.whitener.whiten(best.jacobian)
+        if self.targets.curves:
+            own = curve_jacobian(self.model, self.targets, self.theta)
+            rows = np.concatenate([rows, -own.T], axis=1)
         least = [1 / (LEAST * p.step) ** 2 for p in self.model.parameters]
         return np.asarray(np.linalg.cholesky(np.linalg.inv(rows @ rows.T + np.diag(least))))
 

@@ -43,8 +43,8 @@ Keep = Callable[[str, Callable[[], Made]], Made]  # what was made under a name b
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """A part of the targets that is fitted: its name, the targets with these values alone, and its
-    whitener."""
+    """A part of the targets that is fitted: its name, the targets with these values alone, without tests of
+    the silicone, and its whitener."""
 
     name: str
     targets: Targets
@@ -53,7 +53,7 @@ class Part:
     @staticmethod
     def of(name: str, mask: NDArray[np.bool_], targets: Targets, errors: ModelErrors) -> "Part":
         """That of a mask (s, p, 3). ValueError where it has too few values to be fitted."""
-        own = replace(targets, valid=targets.valid & mask)
+        own = replace(targets, valid=targets.valid & mask, curves=())
         data = own.valid & ~own.held_out[:, None, None] & ~own.fixed[None, :, None]
         if data.sum() < FEWEST:
             raise ValueError(f"--objectives {name}: {int(data.sum())} values of it are fitted; wanted "
@@ -198,7 +198,7 @@ def trade_off(
     keep: of what a killed run has solved."""
     model, errors = with_own_errors(bench, file, fit, say)
     assert isinstance(model, KeptModel)
-    parts = tuple(Part.of(name, mask, bench.targets, errors) for name, mask in masks.items())
+    parts = tuple(Part.of(name, mask, bench.targets.alone, errors) for name, mask in masks.items())
     done, total = counting(1), len(parts) + GENERATIONS + KEPT
 
     def step() -> None:
@@ -250,7 +250,7 @@ def front_of(
 def _alone(model: KeptModel, part: Part, start: Array) -> Made:
     """The fit of one part, by whole solves: theta, and whether it has converged."""
     fit = least_squares(
-        *whitened(model, part.targets, part.whitener), model.parameters, start=start,
+        *whitened(model, part.targets, part.whitener)[:2], model.parameters, start=start,
         max_evaluations=STEPS, tolerance=TOLERANCE,
     )  # fmt: skip
     return {"theta": fit.theta.tolist(), "converged": fit.converged}

@@ -10,26 +10,43 @@ from calibrate import Fit
 from fe import Case, Path
 from fe.element import Integers
 from fe.mesh.points import nearest
+from fe.solver.newton import Problem
+from fe.solver.reach import largest_stretch
 from twin.bench.caches import FolderCache, SolvedList
 from twin.bench.engines import jobs_of
+from twin.bench.fits import newest
+from twin.bench.knownvalues import TAILS, known_values
 from twin.bench.positions import on_surface, one_side, places_of
+from twin.coupons.pulltest import PullTest, pull_tests
 from twin.effects.library import effect
 from twin.effects.material import Elasticity
 from twin.effects.ownfiles import own_effects
 from twin.effects.protocol import Effect
 from twin.gravity import density, ways
+from twin.judging.jointfit import agreement
 from twin.judging.judged import Judged, judge, judge_fit
 from twin.judging.lawlevels import with_laws
+from twin.judging.record import FitRecord, MaterialTestsRow
 from twin.laws.catalogue import named_law
 from twin.laws.law import Constants, RubberLaw
 from twin.laws.mooneyrivlin import MOONEY_RIVLIN
+from twin.laws.stability import STRETCH
 from twin.model.basemodel import base_model, base_test
 from twin.model.discretisation import Discretisation, SolvedAt, discretisation_error, meshes_key
 from twin.model.enginejobs import EngineJobs
 from twin.model.enginemodel import EngineModel
 from twin.model.objects import RigidObject
 from twin.model.prediction import Model
-from twin.model.structure import BuiltIn, Structure, beside, in_law, of_deck, of_finger, weighed
+from twin.model.structure import (
+    BuiltIn,
+    Structure,
+    beside,
+    closed,
+    in_law,
+    of_deck,
+    of_finger,
+    weighed,
+)
 from twin.project.folder import Project, Say
 from twin.project.trust import check_trusted, programs
 from twin.sanity import motion_fault, place_fault, rise_fault
@@ -39,6 +56,7 @@ OFF_MODEL_MM = 0.5
 # the scale of finer meshes over that of the model they serve, at most and either way, where it does more than
 # to scale the pressure
 SAME = 1.05
+BEYOND = 1.2  # times the largest stretch in the finger: how far curves of the silicone are used
 
 
 @dataclass(frozen=True)
@@ -50,6 +68,8 @@ class Workbench:
     structure: Structure
     elasticity: Elasticity
     remarks: tuple[str, ...] = ()  # what was done to the targets, one sentence each
+    tests: tuple[PullTest, ...] = ()  # of the silicone itself; the targets have their curves
+    finger_stretch: float | None = None  # the largest in the finger, up to BEYOND of which they are used
 
     @property
     def case(self) -> Case:
@@ -96,7 +116,35 @@ class Workbench:
         check_plausible(project, targets, structure.case)
         if fault := rise_fault(targets):
             raise ValueError(f"targets: {fault}")
-        return Workbench(project, targets, structure, elasticity, remarks)
+        known = known_values(project, elasticity.law, own_of)
+        targets = replace(targets, known=known, tails=TAILS[project.config.calibrate.loss])
+        bench = Workbench(project, targets, structure, elasticity, remarks, pull_tests(project))
+        former = newest(project, FitRecord, ("calibrate",)) if bench.tests else None
+        fitted = former.material_tests if former else None
+        return bench.stretched(STRETCH / BEYOND if fitted is None else fitted.finger_stretch)
+
+    def stretched(self, finger: float | None) -> "Workbench":
+        """The same with the curves of the silicone's tests up to BEYOND of the largest stretch in the finger;
+        None: all of them."""
+        curves = tuple(test.curve(np.inf if finger is None else BEYOND * finger) for test in self.tests)
+        return replace(self, targets=replace(self.targets, curves=curves), finger_stretch=finger)
+
+    def reaching(self, model: Model, theta: Array) -> "Workbench":
+        """The same with the curves as far as a model stretches the finger at theta (d,)."""
+        if not self.tests or self.jobs is not None:
+            return self
+        solution = model.solution(theta)
+        problem = Problem.of(solution.case)
+        return self.stretched(max(largest_stretch(problem, curve.u[-1])[0] for curve in solution.curves))
+
+    @property
+    def of_film(self) -> "Workbench":
+        """The same without tests of the silicone: for what asks the film alone."""
+        return replace(self, targets=replace(self.targets, curves=()), tests=())
+
+    def agreement(self, judged: Judged) -> MaterialTestsRow | None:
+        """How a judged model agrees with the tests of the silicone; None where there are none."""
+        return agreement(judged, self.targets, finger_stretch=self.finger_stretch)
 
     def model(self, labels: Sequence[str] | None = None) -> Model:
         """The base model with the effects of these labels, by default those of twin.toml."""
@@ -222,6 +270,7 @@ def structure_of(project: Project) -> Structure:
     """What the model of a project is made of, as heavy as it was weighed, beside its object. ValueError where
     its deck or its object is not there or not right."""
     table, found = project.config.model, _unweighed(project)
+    found = closed(found) if table.self_contact else found
     if table.density_kg_m3 is not None:
         found = weighed(found, density(table.density_kg_m3))
     return found if table.object is None else beside(found, RigidObject.of(table.object))

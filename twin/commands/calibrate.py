@@ -9,12 +9,15 @@ import numpy as np
 from calibrate import Fit
 from twin.batches.former import former_of
 from twin.bench.comparison import Judgement, compared
+from twin.bench.curvewords import told_of_tests, write_curves
 from twin.bench.effectchange import change_effects
-from twin.bench.engines import solved_by
+from twin.bench.engines import check_embedded
 from twin.bench.fits import former_fit
+from twin.bench.fittedby import fitted_by
 from twin.bench.workbench import Workbench
 from twin.commands.calibratelaws import run_laws
 from twin.judging.intervals import fit_record
+from twin.judging.jointfit import doubt_of_tests
 from twin.project import files
 from twin.project.folder import Project, Run, Say
 from twin.sanity import doubts, fit_fault, silicone_doubt, stability_doubt
@@ -22,56 +25,81 @@ from twin.study.fullsolves import full_solves
 from twin.study.generations import Generation, evaluations, search
 from twin.study.known import known_of
 from twin.study.loadpathfit import OnPaths
+from twin.study.severalstarts import LEAST, MOST, PICTURE, several_starts
 from twin.targets import Array
 
 
-def run_calibrate(project: Project, say: Say, *, laws: str = "") -> dict[str, Any]:
+def run_calibrate(project: Project, say: Say, *, laws: str = "", starts: int = 0) -> dict[str, Any]:
     """Genetic algorithm on the study's objective, then bounded least squares on all targets; and from there
-    the effects that twin.toml has, in a run of their own. laws: names of laws, or all, that are fitted and
-    compared instead."""
+    the effects that twin.toml has, in a run of their own.
+
+    laws: names of laws, or all, that are fitted and compared instead. starts: of least squares beside those,
+    spread over the bounds; they begin at the best end of all then.
+    """
     if laws:
         return run_laws(project, say, laws=laws)
+    _check_starts(project, starts)
     effects = project.config.model.effects
     bench = Workbench.of(project)
     bench.model()  # names an effect that cannot be, before any work is done for it
     start = _former_values(project, effects, bench.law.names)
     for sentence in doubts(bench.targets, bench.case):
         say(sentence)
-    with project.new_run("calibrate", seed=project.config.calibrate.seed) as run:
+    seed, extra = project.config.calibrate.seed, {"starts": starts} if starts else {}
+    with project.new_run("calibrate", seed=seed, extra=extra) as run:
         on = OnPaths.of(bench, say)
         best = _scaled(on, run, say) if on.of_one_shape else _searched(on, run, say)
         _check_explained(on, best.best)
-        judged = on.least(best.best, say)
-        model, fit = judged.model, judged.fit
+        if starts and on.of_one_shape:
+            raise ValueError(f"--starts: {bench.law.title} is fitted by whole solves, too dear for it; "
+                             "leave it out")  # fmt: skip
+        tried = several_starts(on, best.best, starts, run, say) if starts else None
+        bench, judged = on.least(best.best, say, *([tried.best] if tried else []))
+        model, fit, tests = judged.model, judged.fit, bench.agreement(judged)
         found = compared(run, fit.theta, Judgement.of(judged), bench, say)
-        words = known_of(on.holding(fit, say), best.best, fit, found)
+        words = known_of(on.holding(fit, say), best.best, fit, doubt_of_tests(tests) or found.doubt)
+        beside = fitted_by(bench, fit, Judgement.of(judged)) | {"material_tests": tests}
+        if tried is not None:
+            beside |= {"starts": tried.rows, "said": (*beside["said"], tried.words)}
         run.write(fit_record(fit, found, effects=(), identifiability=words,
-                             initial=on.initial(judged), **solved_by(project, bench.jobs)))  # fmt: skip
+                             initial=on.initial(judged), **beside))  # fmt: skip
+        write_curves(run, tests)
         run.summary["headline"] = words.split(". ")[0]
         crossed = model.solution(fit.theta).crossed
         for line in (*bench.remarks, model.extent, fit.reason):
             run.note(line)
     say(_ended(fit))
     say(words)
+    for sentence in (*beside["said"], *told_of_tests(bench.tests, tests)):
+        say(sentence)
     constants = bench.elasticity.constants(model.named(fit.theta))
     if doubt := silicone_doubt(constants, end=_end(fit)):
         say(doubt)
     if doubt := stability_doubt(constants):
         say(doubt)
     if crossed:
-        say(f"{crossed}; the model knows no such contact.")
-    say(f"Wrote {project.shown(run.folder)}/fit.json and generations.npz")
+        say(f"{crossed}. Set self_contact = true in [model] of twin.toml: then they push on each other.")
+    drawn = f", generations.npz and {PICTURE}" if starts else " and generations.npz"
+    say(f"Wrote {project.shown(run.folder)}/fit.json{drawn}")
     result = {
         "stage": "calibrate",
         "run": run.name,
         "rms_mm": best.rms_mm,
-        "fit": files.plain(fit_record(fit, found, **solved_by(project, bench.jobs))),
+        "fit": files.plain(fit_record(fit, found, **beside)),
         "identifiability": words,
     }
     if effects:
         say(f"twin.toml has effects = {list(effects)}: the model is fitted with them, too.")
         result["with_effects"] = change_effects(bench, "add", effects, start, say, base=fit)
     return result
+
+
+def _check_starts(project: Project, starts: int) -> None:
+    if not starts:
+        return
+    if not LEAST <= starts <= MOST:
+        raise ValueError(f"--starts {starts}: wanted {LEAST} to {MOST} starts, such as 10")
+    check_embedded(project, "twin calibrate --starts")
 
 
 def _former_values(

@@ -8,6 +8,7 @@ from typing import Any
 from twin.batches.former import camera_kept
 from twin.bench.fits import fresh, named_effects
 from twin.chain import STAGES, TARGETS, Stage, When
+from twin.coupons.pulltest import pull_tests
 from twin.gauge.pressurelog import Log
 from twin.inputs.films import OneFilm, films_of
 from twin.inputs.foreign import import_targets, said_of_targets
@@ -38,6 +39,9 @@ def check_project(project: Project, say: Say) -> None:
         raise ValueError(f"missing in {project.root}: {'; '.join(missing)}")
     if own_deck:
         check_finger(project, say)
+    for test in pull_tests(project):
+        for line in (test.sentence, *test.remarks):
+            say(line)
     _check_effects(project)
     _check_engine(project, say)
     kept = camera_kept(project)
@@ -178,6 +182,9 @@ def _missing_files(project: Project) -> list[str]:
     """What twin.toml names and is not there; a film is not asked for once its targets are there."""
     deck = project.config.model.deck
     if deck is not None and (gone := _no_file(project, deck, "model.deck")):
+        return gone
+    curves = [(test.file, f"material_tests.{test.name}.file") for test in project.config.material_tests]
+    if gone := [line for file, key in curves for line in _no_file(project, file, key)]:
         return gone
     if project.targets_folder.is_dir():
         return []

@@ -25,7 +25,7 @@ def run_compare(project: Project, say: Say) -> dict[str, Any]:
             run.note(line)
     say(found.where)
     if made.crossed:
-        say(f"{made.crossed}; the model knows no such contact.")
+        say(f"{made.crossed}. Set self_contact = true in [model] of twin.toml: then they push on each other.")
     say(f"Wrote {project.shown(run.folder)}/comparison.json, with tables by marker, pressure and direction.")
     return {"stage": "compare", "run": run.name} | files.plain(found.record())
 

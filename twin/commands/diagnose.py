@@ -7,6 +7,7 @@ from twin.bench.comparison import foretold, write_prediction
 from twin.bench.effectchange import Change
 from twin.bench.engines import check_embedded
 from twin.bench.fits import newest_fit
+from twin.bench.losses import check_least_squares
 from twin.bench.workbench import Workbench, law_of_project, own_of
 from twin.diagnosis.deciding import Diagnosis
 from twin.diagnosis.explanation import Explanation, explained
@@ -21,13 +22,22 @@ from twin.judging.judged import Judged
 from twin.project import files
 from twin.project.folder import Project, Run, Say
 
+BY_FILM = (
+    "The diagnosis asks the film alone, without the material tests. Whether they contradict it, "
+    "`twin calibrate` says."
+)
 TOP = 3  # effects of the ranking that are said; all stand in diagnosis.json
 
 
 def run_diagnose(project: Project, say: Say) -> dict[str, Any]:
     """Which effect of the library the data ask for, and what they cannot tell."""
     check_embedded(project, "twin diagnose")
-    bench, fit = Workbench.of(project), newest_fit(project)
+    check_least_squares(project, "twin diagnose")
+    whole, fit = Workbench.of(project), newest_fit(project)
+    bench, start = whole.of_film, fit if not (whole.tests or whole.targets.known) else fit.theta
+    if whole.targets.known:
+        say("The diagnosis asks these data alone: it fits without the priors of twin.toml.")
+        bench = replace(bench, targets=bench.targets.alone)
     seed = project.config.diagnose.seed
     with project.new_run("diagnose", seed=seed) as run:
         model = bench.on_mesh(bench.model(), fit.theta, say)
@@ -36,7 +46,7 @@ def run_diagnose(project: Project, say: Say) -> dict[str, Any]:
             _candidates(project),
             bench.targets,
             seed=seed,
-            start=fit,
+            start=start,
             progress=say.progress,
         )
         settled = _settled(bench, found)
@@ -49,6 +59,8 @@ def run_diagnose(project: Project, say: Say) -> dict[str, Any]:
             run.note(line)
     say(f"Verdict: {found.verdict}")
     say(found.sentence)
+    if whole.tests:
+        say(BY_FILM)
     if bench.targets.noise is None:
         say("The calibration holds without it: `twin study` shows what these targets fix and leave open.")
     if found.ranking:

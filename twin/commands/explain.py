@@ -8,6 +8,7 @@ import numpy as np
 from twin.bench.engines import check_embedded
 from twin.bench.fits import newest, newest_fit
 from twin.bench.laws import begun, begun_from, laws_of
+from twin.bench.losses import check_least_squares
 from twin.bench.workbench import Workbench
 from twin.diagnosis.explanation import explained, table
 from twin.diagnosis.record import NONE, DiagnosisRecord
@@ -28,7 +29,8 @@ def run_explain(project: Project, say: Say, *, name: str) -> dict[str, Any]:
     if own and len(own) < len(names):
         raise ValueError(f"{name!r}: of these the model has {AND.join(own)} alone; wanted all or none")
     check_embedded(project, "twin explain")
-    bench, fit = Workbench.of(project), newest_fit(project)
+    check_least_squares(project, "twin explain")
+    bench, fit = Workbench.of(project).of_film, newest_fit(project)
     told = AND.join(own or [e.label for e in chosen])
     with project.new_run("explain", extra={"effects": list(labels), "effect": told}) as run:
         model = bench.model()

@@ -68,6 +68,15 @@ def _shared(former: Project) -> list[Path]:
 
 def _wanted(former: Project) -> list[str]:
     """What the user has to bring, one sentence each."""
+    tests = [test.file for test in former.config.material_tests]
+    if tests:
+        return [f"Put {', '.join(tests)} of the new silicone there, or remove [[material_tests]].",
+                *_wanted_films(former)]  # fmt: skip
+    return _wanted_films(former)
+
+
+def _wanted_films(former: Project) -> list[str]:
+    """What the user has to bring of the film, one sentence each."""
     cameras, log = former.config.cameras, former.config.pressure
     if (foreign := former.config.imported) is not None:
         return [f"Put {', '.join(filter(None, (foreign.file, foreign.log)))} there."]

@@ -10,6 +10,7 @@ from fe.mesh.elementshapes import quality
 from twin.bench.meshshapes import nearest_node, places_asked, shape_csv
 from twin.bench.positions import one_side, places_of, position_of
 from twin.bench.workbench import structure_of
+from twin.coupons.pulltest import pull_tests
 from twin.drawing.blueprint import dimensioned
 from twin.drawing.meshpictures import labelled, shapes
 from twin.drawing.readpicture import as_read
@@ -33,6 +34,8 @@ def run_look(project: Project, say: Say, *, at: Sequence[str] = ()) -> dict[str,
         say(sentence)
     for place in places_of(project, structure).values():
         say(place.sentence)
+    for test in pull_tests(project):
+        say(test.sentence)
     done = project.done("look", **how)
     if done is not None and (done / "look.rrd").is_file():
         say(f"Already done: {project.shown(done / 'finger.png')}")

@@ -15,12 +15,14 @@ from calibrate import Fit
 from calibrate.posteriors import END, MOST, Chain
 from twin.bench.engines import check_embedded
 from twin.bench.fits import fit_file, newest
+from twin.bench.losses import check_least_squares
 from twin.bench.predicting import NORMAL, why_none
-from twin.bench.profiling import Profiler, held, profiled_names, sd_of
+from twin.bench.profiling import Profiler, profiled_names, sd_of
 from twin.bench.sampling import Sample, Sampler, WholeSolve
 from twin.bench.workbench import Workbench
 from twin.commands.profile import ProfilesRecord
 from twin.drawing.posteriorplot import draw_band, draw_corner
+from twin.judging.likelihood import held
 from twin.judging.record import FitRecord
 from twin.judging.whitening import Whitener
 from twin.numerals import interval, short, value
@@ -138,6 +140,7 @@ def run_posterior(project: Project, say: Say, *, seed: int = 0, steps: int = MOS
     """
     _check(seed, steps)
     check_embedded(project, "twin posterior")
+    check_least_squares(project, "twin posterior")
     file = fit_file(project)
     record = files.read(FitRecord, file)
     if why := why_none(record):
@@ -204,7 +207,7 @@ def _record(sample: Sample, fit: Fit, file: Path, profiles: ProfilesRecord | Non
 
 
 def _row(name: str, fit: Fit, values: Array | None, profile: Any) -> PosteriorRow:
-    own, sd = held(fit, name), sd_of(fit, name)
+    own, sd = held(fit.parameters, name), sd_of(fit, name)
     best = own.value(fit.theta)
     known = math.isfinite(sd)
     x = None if values is None else np.apply_along_axis(own.value, 1, values)
@@ -311,7 +314,7 @@ class _Band:
 
 def _write_sample(run: Run, sample: Sample, fit: Fit, band: _Band, targets: Targets) -> None:
     names = profiled_names([p.name for p in fit.parameters])
-    every = [held(fit, name) for name in names]
+    every = [held(fit.parameters, name) for name in names]
     rows = np.array([[one.value(theta) for one in every] for theta in sample.values])
     run.write_text("posterior.csv", _csv(names, rows.tolist()))
     titles = [f"{one.name}, {one.unit}" if one.unit else one.name for one in every]

@@ -15,9 +15,10 @@ from calibrate.profiles import IDENTIFIED, LEVELS, NOT_IDENTIFIED, End, Profile
 from twin.bench.engines import check_embedded
 from twin.bench.fits import fit_file
 from twin.bench.predicting import NORMAL, why_none
-from twin.bench.profiling import ENDS, Profiler, held, profiled_names, sd_of
+from twin.bench.profiling import ENDS, Profiler, profiled_names, sd_of
 from twin.bench.workbench import Workbench
 from twin.drawing.profileplot import ProfileCurve, draw_profiles
+from twin.judging.likelihood import held
 from twin.judging.record import FitRecord
 from twin.numerals import interval, short, value
 from twin.project import files
@@ -152,7 +153,7 @@ def _named(fit: Fit, theta: Any) -> dict[str, float]:
 
 def _by_covariance(name: str, fit: Fit) -> tuple[float | None, float | None]:
     """The 95 % interval by the covariance of the fit, cut at the bounds."""
-    sd, own = sd_of(fit, name), held(fit, name)
+    sd, own = sd_of(fit, name), held(fit.parameters, name)
     if not math.isfinite(sd):
         return None, None
     best = own.value(fit.theta)
@@ -263,7 +264,7 @@ def _picture(rows: Sequence[ProfileRow], fit: Fit) -> bytes:
             title=f"{row.name}, {row.unit}" if row.unit else row.name,
             values=np.array([point.value for point in row.points]),
             deviances=np.array([point.deviance for point in row.points]),
-            best=row.value, centre=held(fit, row.name).value(fit.theta), sd=sd_of(fit, row.name),
+            best=row.value, centre=held(fit.parameters, row.name).value(fit.theta), sd=sd_of(fit, row.name),
         )
         for row in rows
     ]  # fmt: skip

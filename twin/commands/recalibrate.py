@@ -13,10 +13,11 @@ from twin.diagnosis.record import DiagnosisRecord
 from twin.judging.record import FitRecord
 from twin.numerals import in_words
 from twin.project import files
-from twin.project.config import EMBEDDED
+from twin.project.config import EMBEDDED, LEAST_SQUARES
 from twin.project.folder import Project, Say
 
 FILM = STAGES[: next(k for k, stage in enumerate(STAGES) if TARGETS in stage.writes) + 1]
+NO_NOISE = "no noise model"
 MODEL = tuple(stage for stage in STAGES if stage not in FILM and stage.when is not When.ASKED)
 
 
@@ -60,10 +61,10 @@ def _without_films(project: Project) -> bool:
 
 def _once(project: Project, stage: Stage, say: Say) -> str:
     """Run a stage unless it is fresh: "done", "fresh", or "none" where it has nothing to do."""
-    engine = project.config.model.engine
-    if stage.name in ("diagnose", "add") and not (_can_test(project) and engine == EMBEDDED):
-        if stage.name == "diagnose" and engine != EMBEDDED:
-            say(f"twin diagnose is left out: engine = {engine!r} cannot serve it.")
+    why = _undiagnosed(project) if stage.name in ("diagnose", "add") else ""
+    if why:
+        if stage.name == "diagnose" and why != NO_NOISE:
+            say(f"twin diagnose is left out: {why} cannot serve it.")
         return "none"
     kinds = ("add", "drop") if stage.when is When.NAMED else (stage.name,)
     run = _fresh_run(project, kinds)
@@ -72,8 +73,8 @@ def _once(project: Project, stage: Stage, say: Say) -> str:
         return "fresh"
     if stage.when is When.NAMED and not named_effects(project):
         return "none"
-    why = stale_sentences(project, kinds)
-    say(f"twin {stage.name}: {stage.title}" + (f" ({why[0]})" if why else ""))
+    old = stale_sentences(project, kinds)
+    say(f"twin {stage.name}: {stage.title}" + (f" ({old[0]})" if old else ""))
     return str(stage.run(project, say).get("status", "done"))
 
 
@@ -110,18 +111,13 @@ def _number(run: str) -> int:
     return int(run.partition("-")[0])
 
 
-def _can_test(project: Project) -> bool:
-    """Whether the targets have a noise model, without which nothing is diagnosed."""
-    return project.targets().noise is not None
-
-
 # -- what came out -------------------------------------------------------------------------------------------
 
 
 def _told(project: Project, say: Say) -> dict[str, Any]:
     """Say verdict, constants, what changed, and where report and recording are; and return them."""
     record, diagnosed = files.read(FitRecord, fit_file(project)), newest(project, DiagnosisRecord)
-    verdict = diagnosed.verdict if diagnosed else _undiagnosed(project)
+    verdict = diagnosed.verdict if diagnosed else f"not diagnosed: {_undiagnosed(project) or NO_NOISE}"
     say(f"Verdict: {verdict}")
     say(f"{in_words(record.estimates)}.")
     former, changes = _changed(project, record, say)
@@ -140,9 +136,13 @@ def _told(project: Project, say: Say) -> dict[str, Any]:
 
 
 def _undiagnosed(project: Project) -> str:
-    """Why there is no verdict."""
-    engine = project.config.model.engine
-    return f"not diagnosed: {'no noise model' if engine == EMBEDDED else f'engine = {engine!r}'}"
+    """Why a project is not diagnosed, "" where it is: engine, loss, or targets without a noise model."""
+    engine, loss = project.config.model.engine, project.config.calibrate.loss
+    if engine != EMBEDDED:
+        return f"engine = {engine!r}"
+    if loss != LEAST_SQUARES:
+        return f"loss = {loss!r}"
+    return "" if project.targets().noise is not None else NO_NOISE
 
 
 def _changed(

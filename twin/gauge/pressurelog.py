@@ -79,12 +79,23 @@ def read_log(path: Path, *, time_shift_s: float, form: LogFormat | None = None) 
                          "the time in s, such as time_s or t [ms]")  # fmt: skip
     table = sheet.table((at.name, p.name), also=("flash",))
     time = in_seconds(table.numbers(at.name, unit=at.unit), at.unit)
+    _check_columns(path, time, table.numbers(p.name, unit=p.unit), at.name, p.name)
     table.increasing(at.name, time, unit="s")
     if len(time) < 2:
         raise ValueError(f"{path}: {len(time)} sample; wanted two or more")
     pressure, unit = gauge_pressure(table, p, form)
     lamp = table.numbers("flash", unit="1") if "flash" in table.cells else None
     return Log(path, time + time_shift_s, pressure, lamp, f"column {p.name!r}, in {unit}")
+
+
+def _check_columns(path: Path, time: Array, pressure: Array, *names: str) -> None:
+    """Raise ValueError where the numbers under pressure grow as times do, and those under time do not."""
+    step = np.diff(time)
+    if np.any(step < 0) and np.any(step > 0) and np.all(np.diff(pressure) > 0):
+        raise ValueError(
+            f"{path}: columns {names[0]} and {names[1]} seem to be exchanged: the first rises and falls, the "
+            "second grows from row to row as times do; exchange their headings"
+        )
 
 
 def check_covers(log: Log, time: Array, *, what: str, key: str) -> None:
@@ -94,6 +105,7 @@ def check_covers(log: Log, time: Array, *, what: str, key: str) -> None:
             f"{log.path.name} covers {log.time[0]:.3f} to {log.time[-1]:.3f} s, the {what} "
             f"{time[0]:.3f} to {time[-1]:.3f} s of the same clock: wanted a log that covers all of it; "
             f"correct [pressure] time_shift_s or {key} in twin.toml, or record the whole test"
+            + _in_minutes(log, time[-1] - time[0])
         )
 
 
@@ -102,8 +114,16 @@ def check_lasts(log: Log, film_s: float) -> None:
     if (lasts := log.time[-1] - log.time[0]) < film_s:
         raise ValueError(
             f"{log.path.name} covers {lasts:.3f} s, the film {film_s:.3f} s: wanted a log that covers all of "
-            "it; record the whole test, or cut the film"
+            "it; record the whole test, or cut the film" + _in_minutes(log, film_s)
         )
+
+
+def _in_minutes(log: Log, film_s: float) -> str:
+    """A hint where a log is shorter than a film (s), but long enough if its times are minutes."""
+    lasts = float(log.time[-1] - log.time[0])
+    if not lasts < film_s <= 60.0 * lasts:
+        return ""
+    return f"; its time may be in min, as {lasts:.3g} min are {60.0 * lasts:.3g} s: then write it in s"
 
 
 def gauge_noise(log: Log, *, start: float, end: float) -> GaugeNoise:

@@ -8,7 +8,9 @@ import numpy as np
 
 from calibrate import Fit, least_squares
 from calibrate.fit import Jacobian, Residual
+from twin.judging.besidefilm import beside_film
 from twin.judging.lawerrors import LawError, law_errors
+from twin.judging.likelihood import posed, whitening
 from twin.judging.whitening import LAW, Whitener, whitener
 from twin.model.prediction import Model, Unsolvable
 from twin.targets import Array, Targets
@@ -64,29 +66,35 @@ def fit_model(
     its derivatives, none is taken along those of a neighbour: the fit does not depend on what was solved
     before.
     """
-    residual, jacobian = whitened(model, targets, w)
+    residual, jacobian, information = whitened(model, targets, w)
     return least_squares(
         residual, jacobian, model.parameters, start=start, seed=seed, max_evaluations=evaluations,
-        tolerance=tolerance,
+        tolerance=tolerance, information=information,
     )  # fmt: skip
 
 
-def whitened(model: Model, targets: Targets, w: Whitener) -> tuple[Residual, Jacobian]:
-    """The whitened residual (n,) of a model at theta (d,), None where a fit may not go, and its derivatives
-    (n, d)."""
+def whitened(
+    model: Model, targets: Targets, w: Whitener
+) -> tuple[Residual, Jacobian, Jacobian | None]:
+    """The whitened residual (n,) of a model at theta (d,), None where a fit may not go, its derivatives (n,
+    d), and the rows of its information where these are others: of the film as `posed` by the targets, and
+    below it of the tests of the silicone itself."""
+
+    white = whitening(targets, w)
 
     def residual(theta: Array) -> Array | None:
         if not model.allowed(model.named(theta)):
             return None
         try:
-            return w.whiten(targets.value - model.predict(theta))
+            return white(targets.value - model.predict(theta))
         except Unsolvable:
             return None
 
     def jacobian(theta: Array) -> Array:
         try:
-            return -w.whiten(model.jacobian(theta)).T
+            return -white(model.jacobian(theta)).T
         except Unsolvable:
             return np.full((targets.valid.shape[0] * len(w.components), len(theta)), np.nan)
 
-    return residual, jacobian
+    film = posed(residual, jacobian, model.parameters, targets, w)
+    return beside_film(*film, model=model, targets=targets) if targets.curves else film

@@ -9,16 +9,21 @@ import numpy as np
 
 from calibrate import Fit, Parameter
 from twin.judging.comparison import Comparison
-from twin.judging.record import Estimate, FitRecord, Interval
+from twin.judging.jointfit import doubt_of_tests
+from twin.judging.record import Estimate, FitRecord, Interval, MaterialTestsRow
 
 
-def estimates(fit: Fit, comparison: Comparison) -> dict[str, Estimate]:
+def estimates(
+    fit: Fit, comparison: Comparison, tests: MaterialTestsRow | None = None
+) -> dict[str, Estimate]:
     """The estimate of each parameter of a fit by its name, its interval cut at the parameter's bounds.
 
-    comparison: of the same fit; where the model does not fit, nothing has an interval.
+    comparison: of the same fit, and tests, how it agrees with tests of the silicone; where the model does not
+    fit, nothing has an interval.
     """
     rows = zip(fit.parameters, fit.theta, fit.interval(0.95), strict=True)
-    return {row[0].name: _estimate(fit, comparison.doubt, *row) for row in rows}
+    doubt = doubt_of_tests(tests) or comparison.doubt
+    return {row[0].name: _estimate(fit, doubt, *row) for row in rows}
 
 
 def _estimate(fit: Fit, doubt: str, parameter: Parameter, value: float, span: Any) -> Estimate:
@@ -36,9 +41,14 @@ def _known(fit: Fit, parameter: Parameter, value: float) -> list[str]:
     return [] if np.isfinite(sd) else ["the data leave it undetermined"]
 
 
-def fit_record(fit: Fit, comparison: Comparison, **beside: Any) -> FitRecord:
+def fit_record(
+    fit: Fit, comparison: Comparison, *, material_tests: MaterialTestsRow | None = None, **beside: Any
+) -> FitRecord:
     """What fit.json holds of a fit: its own record, whether the model fits, the intervals, and what stands
     beside them."""
-    found = estimates(fit, comparison)
+    found = estimates(fit, comparison, material_tests)
     intervals = {name: Interval(low=e.low, high=e.high, note=e.note) for name, e in found.items()}
-    return FitRecord.of(fit, adequate=comparison.adequate, intervals=intervals, **beside)
+    adequate = comparison.adequate and not doubt_of_tests(material_tests)
+    return FitRecord.of(
+        fit, adequate=adequate, intervals=intervals, material_tests=material_tests, **beside
+    )

@@ -14,6 +14,7 @@ from calibrate import Fit
 from twin.effects.protocol import Unsolvable
 from twin.judging.comparison import Comparison, compare
 from twin.judging.fitting import ModelErrors, fit_model
+from twin.judging.likelihood import without_gross
 from twin.judging.whitening import Whitener
 from twin.model.prediction import Model
 from twin.targets import Array, Targets
@@ -108,6 +109,15 @@ def judge_fit(model: Model, targets: Targets, fit: Fit, *, law: float = 0.0) -> 
     return task.judged(replace(end, fit=fit))
 
 
+def judged_by(
+    targets: Targets, predicted: Array, errors: ModelErrors, w: Whitener
+) -> tuple[Targets, Whitener]:
+    """The targets that a fit with this prediction (s, p, 3) mm is judged by, and their whitener: all of them,
+    or those without gross errors where these hardly count."""
+    own = without_gross(targets, targets.value - predicted, w)
+    return (own, w) if own is targets else (own, errors.whitener(own))
+
+
 @dataclass(frozen=True)
 class _End:
     """Where a descent ended, with the errors there."""
@@ -170,17 +180,17 @@ class _Task:
         """The comparison of an end; parameters at a bound are free nowhere."""
         free = [p.name not in end.fit.at_bound for p in end.fit.parameters]
         jacobian = self.model.jacobian(end.fit.theta)[free]
-        bound = len(end.fit.at_bound)
-        found = compare(self.targets, end.predicted, end.whitener, jacobian=jacobian, at_bound=bound)
+        own, w = judged_by(self.targets, end.predicted, end.errors, end.whitener)
+        found = compare(own, end.predicted, w, jacobian=jacobian, at_bound=len(end.fit.at_bound))
         return Judged(
             model=self.model,
             fit=end.fit,
             errors=end.errors,
-            whitener=end.whitener,
+            whitener=w,
             predicted=end.predicted,
             jacobian=jacobian,
             comparison=found,
-            fitted=end.whitener.whiten(jacobian).T,
+            fitted=w.whiten(jacobian).T,
             deviance=end.deviance,
         )
 

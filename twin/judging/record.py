@@ -56,10 +56,80 @@ class ParameterRow(Record):
         return self
 
 
+class MaterialTestRow(Record):
+    """How a fit agrees with one test of the silicone itself."""
+
+    name: str
+    kind: str = Field(description="uniaxial, planar, equibiaxial or shear; a compression is uniaxial")
+    count: int = Field(description="values of the curve that are fitted")
+    recorded: int = Field(description="rows of the file")
+    left_out: int = Field(description="rows of the loading branch beyond up_to")
+    up_to: Finite = Field(description="largest stretch that is used")
+    rms_MPa: Finite = Field(description="of measured minus fitted nominal stress")
+    chi2: Finite = Field(description="of its values, under the errors that are stated of it")
+    worst_sd: Finite = Field(description="largest misfit of one value, shared errors taken off, in its sd")
+    shared_sd: dict[str, Finite] = Field(description="size of each error that all its values share, in sds")
+    decides: Finite = Field(description="number of fitted parameters that it decides beside all other data")
+    strain: tuple[Finite, ...] = Field(description="nominal strain")
+    stress_MPa: tuple[Finite, ...] = Field(description="nominal stress, measured")
+    sd_MPa: tuple[Finite, ...] = Field(description="sd of each, shared errors included")
+    fitted_MPa: tuple[Finite, ...] = Field(description="nominal stress of the law that was fitted")
+
+
+class MaterialTestsRow(Record):
+    """How a fit agrees with all tests of the silicone, and whether film and tests ask for the same one."""
+
+    tests: tuple[MaterialTestRow, ...]
+    film_decides: Finite = Field(description="number of fitted parameters that the film decides")
+    film_shear_MPa: Maybe = Field(description="shear modulus at rest that the film alone asks for")
+    film_shear_sd_MPa: Maybe
+    tests_shear_MPa: Maybe = Field(description="the same that the tests alone ask for")
+    tests_shear_sd_MPa: Maybe
+    p_value: Maybe = Field(description="probability that film and tests of one silicone are as far apart")
+    law_p_value: Maybe = Field(description="probability that tests which obey the law are as far from it")
+    finger_stretch: Maybe = Field(description="largest stretch in the finger, by which the curves are cut")
+    sentence: str
+
+
 class InitialRow(Record):
     values: dict[str, Finite]
     rms_mm: Maybe = Field(description="as in comparison.json")
     raw_rms_mm: Maybe
+
+
+class PriorRow(Record):
+    """A prior, and what it did to the fit."""
+
+    name: str = Field(description="a parameter, C10+C01 or share")
+    unit: str
+    mean: Finite
+    sd: Finite
+    value: Finite = Field(description="as fitted")
+    by_data: Maybe = Field(description="what the data say without it, to first order; null where not known")
+    sd_by_data: Maybe
+    moved_sd: Maybe = Field(description="by which part of that sd the prior moved the value")
+    apart_sd: Maybe = Field(description="how far prior and data lie apart, in sd of their difference")
+    sentence: str = Field(description="the same in words")
+
+
+class DownWeighted(Record):
+    """A value more than 5 scales of Student's t off the model, which gives it little weight."""
+
+    point: str
+    component: str = Field(description="U1, U2 or U3")
+    step: int
+    time_s: Finite
+    residual_mm: Finite
+    weight: Finite = Field(description="of 1.25 at most")
+
+
+class StartRow(Record):
+    """A start of least squares on the load paths, and where it ended."""
+
+    start: dict[str, Finite]
+    end: dict[str, Finite] | None = Field(description="null where the model has no equilibrium")
+    chi2: MaybeSize = Field(description="at the end")
+    converged: bool
 
 
 class FitRecord(Record):
@@ -88,6 +158,18 @@ class FitRecord(Record):
         default=None, description="the nominal constants, and their error"
     )
     start: dict[str, Finite] | None = Field(default=None, description="of kept.json: where the fit began")
+    loss: str = Field(default="least-squares", description="[calibrate] loss")
+    priors: tuple[PriorRow, ...] = Field(default=(), description="[calibrate] priors that the model has")
+    down_weighted: tuple[DownWeighted, ...] = Field(
+        default=(), description="gross errors, the one that counts least first, 20 at most"
+    )
+    starts: tuple[StartRow, ...] = Field(default=(), description="of --starts, the best end first")
+    said: tuple[str, ...] = Field(
+        default=(), description="what engine, priors, loss and starts did, in sentences"
+    )
+    material_tests: MaterialTestsRow | None = Field(
+        default=None, description="tests of the silicone that were fitted beside the film"
+    )
 
     @model_validator(mode="after")
     def _fits(self) -> Self:

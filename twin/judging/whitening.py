@@ -85,6 +85,11 @@ class Whitener:
         """The innovations (k, n) of every mode."""
         return self.noise.innovations(self.modes)
 
+    @property
+    def mode_innovations(self) -> Array:
+        """The innovations (k, n) of every mode, 1 sd each."""
+        return self._whitened_modes
+
     @cached_property
     def _gram(self) -> Array:
         """The products (k, k) of the modes' innovations."""

@@ -18,6 +18,7 @@ from fe.element import Integers
 from fe.kernel.tying import dependence
 from fe.mesh.dividing import lattice_of
 from fe.mesh.refine import enriched, free_faces, refined
+from fe.mesh.skin import closing
 from twin.laws.catalogue import law_of
 from twin.laws.law import Constants, RubberLaw
 from twin.laws.mooneyrivlin import MOONEY_RIVLIN, NOMINAL
@@ -98,17 +99,27 @@ def in_law(structure: Structure, nominal: Constants) -> Structure:
 
 def weighed(structure: Structure, density: float) -> Structure:
     """The structure whose silicone has a density in tonne/mm3."""
+    return _changed(structure, f"{density:.9g}", partial(Case.with_material, density=density))
 
-    def heavy(mesh: Mesh) -> Mesh:
-        return Mesh(f"{mesh.key}-{density:.9g}", partial(_weighed, mesh.build, density))
 
-    finer = {name: heavy(mesh) for name, mesh in structure.finer.items()}
-    base = heavy(structure.base)
+def closed(structure: Structure) -> Structure:
+    """The structure whose walls cannot pass through each other."""
+    return _changed(structure, "closed", closing)
+
+
+def _changed(structure: Structure, name: str, change: Callable[[Case], Case]) -> Structure:
+    """The structure with a change, of this name in its fingerprints, of the cases of all meshes."""
+
+    def changed(mesh: Mesh) -> Mesh:
+        return Mesh(f"{mesh.key}-{name}", partial(_built, mesh.build, change))
+
+    finer = {name: changed(mesh) for name, mesh in structure.finer.items()}
+    base = changed(structure.base)
     return replace(structure, case=base.build(), key=base.key, finer=finer)
 
 
-def _weighed(build: Callable[[], Case], density: float) -> Case:
-    return build().with_material(density=density)
+def _built(build: Callable[[], Case], change: Callable[[Case], Case]) -> Case:
+    return change(build())
 
 
 def beside(structure: Structure, thing: RigidObject) -> Structure:

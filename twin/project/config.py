@@ -120,8 +120,16 @@ StaticStart = Annotated[
 ]  # fmt: skip
 EMBEDDED: Literal["embedded"] = "embedded"  # this package's own kernel
 LIKELY = 0.6  # the value below which DeepLabCut itself draws no point (pcutoff in its config.yaml)
+LEAST_SQUARES: Literal["least-squares"] = "least-squares"  # of normal errors
+STUDENT: Literal["student-t"] = "student-t"
 STIFFEST = 100.0  # MPa, of a constant that may be fitted: hard rubber has 10
 
+
+# Keys of [[material_tests]] of which one is enough.
+MATERIAL_EITHER = (
+    ("strain", "stretch"), ("strain", "displacement"), ("stretch", "displacement"), ("stress", "force"),
+    ("strain", "length_mm"), ("stretch", "length_mm"), ("stress", "area_mm2"),
+)  # fmt: skip
 
 # Keys of older versions on which nothing depended: a file that has them still counts.
 FORMER = {"model": ("geometry", "material", "top_pressure_MPa")}
@@ -165,6 +173,11 @@ class ModelTable(TableModel):
         description="direction of gravity in world axes, such as [0.0, 0.0, -1.0]; leave it "
         "out where targets.toml states it",
     )
+    self_contact: bool = Field(
+        default=False,
+        description="whether walls that meet push on each other; false: they pass through each other, and "
+        "compare says so",
+    )
     object: str | None = Field(
         default=None,
         description="a rigid object that the filmed finger meets, such as "
@@ -201,6 +214,11 @@ class ModelTable(TableModel):
 
 
     def _check_engine(self) -> None:
+        if self.engine != EMBEDDED and self.self_contact:
+            raise ValueError(
+                f"model.self_contact = true with engine = {self.engine!r}: only the embedded engine finds "
+                "which walls meet; set it to false, or remove the engine"
+            )
         own = {"engine_cpus": self.engine_cpus, "engine_command": self.engine_command}
         own["engine_memory"] = self.engine_memory
         stated = [key for key, value in own.items() if value is not None]
@@ -393,6 +411,88 @@ class PressureTable(TableModel):
         return self
 
 
+class MaterialTestTable(TableModel):
+    """A test of the silicone itself, which is fitted beside the film."""
+
+    name: Name = Field(description="name of the test, such as tension")
+    file: RelativePath = Field(
+        description="what the tester wrote, a CSV file such as raw/tension.csv, with lines above its header"
+    )
+    kind: Literal["uniaxial", "planar", "equibiaxial", "shear", "compression"] = Field(
+        description="uniaxial: a strip or dumbbell; planar: a wide sheet (pure shear); equibiaxial: both "
+        "ways alike, or a bubble; shear: a block, whose strain is the amount of shear; compression: a "
+        "lubricated cylinder, whatever signs its file has"
+    )
+    strain: str | None = Field(default=None, description="heading of the strain, where it cannot be told")
+    stretch: str | None = Field(default=None, description="heading of the stretch, in place of strain")
+    displacement: str | None = Field(
+        default=None, description="heading of the displacement, in place of strain; with length_mm"
+    )
+    stress: str | None = Field(default=None, description="heading of the stress, where it cannot be told")
+    force: str | None = Field(
+        default=None, description="heading of the force, in place of stress; with area_mm2"
+    )
+    time: str | None = Field(
+        default=None, description="heading of the time, where it cannot be told; a model that creeps needs it"
+    )
+    strain_unit: str | None = Field(
+        default=None, description='unit where the heading has none: "%", "mm/mm", or "mm" of a displacement'
+    )
+    stress_unit: str | None = Field(
+        default=None, description='unit where the heading has none: "MPa", "kPa", "psi", or "N" of a force'
+    )
+    true_strain: bool = Field(
+        default=False, description="true: the strain is logarithmic; false: change over length at rest"
+    )
+    true_stress: bool = Field(
+        default=False, description="true: force over area of now; false: over area at rest"
+    )
+    length_mm: Positive | None = Field(
+        default=None,
+        description="length at rest that the displacement is over, mm; of shear the thickness",
+    )
+    area_mm2: Positive | None = Field(
+        default=None, description="area at rest that the force is over, mm2"
+    )
+    sd_MPa: Positive = Field(
+        description="sd of one stress alone, MPa: noise of the load cell over the area"
+    )
+    sd_percent: Annotated[float, Field(ge=0, le=50)] = Field(
+        default=0.0, description="further sd of one stress alone, % of it"
+    )
+    scale_percent: Annotated[float, Field(gt=0, le=50)] = Field(
+        description="sd of an error that all its stresses share, %: area of the specimen and load cell"
+    )
+    zero_percent: Annotated[float, Field(ge=0, le=20)] = Field(
+        default=0.0, description="sd of the zero of the strain, in % of strain: slack"
+    )
+    stretch_up_to: Annotated[float, Field(gt=1.0, le=20.0)] | None = Field(
+        default=None,
+        description="largest stretch that is used; left out: 1.2 times the largest in the finger",
+    )
+    cycle: int = Field(
+        default=1, ge=1, le=1000, description="which loading branch is used, where there are several"
+    )
+
+    @property
+    def specimen(self) -> Literal["uniaxial", "planar", "equibiaxial", "shear"]:
+        """How the specimen is strained."""
+        return "uniaxial" if self.kind == "compression" else self.kind
+
+    @model_validator(mode="after")
+    def _fits(self) -> Self:
+        given, where = self.model_fields_set, f"material_tests.{self.name}"
+        for one, other in MATERIAL_EITHER:
+            if {one, other} <= given:
+                raise ValueError(f"{where}: {one} and {other} are both given; keep one of them")
+        for key, size in (("displacement", "length_mm"), ("force", "area_mm2")):
+            if key in given and size not in given:
+                raise ValueError(f"{where}: {key} without {size}; add {size}, of the specimen at rest")
+        if self.kind == "shear" and (self.true_strain or self.true_stress):
+            raise ValueError(f"{where}: true_strain and true_stress are for tension; remove them")
+        return self
+
+
 class ImportTable(TableModel):
     """Displacements that another program measured, and what its file does not say of them."""
 
@@ -571,6 +671,15 @@ class CalibrateTable(TableModel):
         "{C10 = [0.01, 0.5]} (MPa); left out: usual ones. Least squares may take a C01 below 0, and a C10 "
         "above its bound for it, where 0 is allowed and while the rubber remains stable",
     )
+    priors: dict[str, tuple[Finite, Positive]] = Field(
+        default={},
+        description="what is known of a parameter without these data, mean and sd in its unit, such as "
+        "{C10 = [0.2, 0.05]}; also \"C10+C01\", share, and of an effect \"creep.g1\"",
+    )
+    loss: Literal["least-squares", "student-t"] = Field(
+        default=LEAST_SQUARES,
+        description="student-t: gross errors, such as a marker taken for another, hardly count",
+    )
 
 
 class DiagnoseTable(TableModel):
@@ -617,6 +726,7 @@ class Config(TableModel):
     cameras: tuple[CameraTable, ...] = ()
     films: tuple[FilmTable, ...] = ()
     pressure: PressureTable | None = None
+    material_tests: tuple[MaterialTestTable, ...] = ()
     imported: ImportTable | None = Field(default=None, alias="import")
     measure: MeasureTable = MeasureTable()
     frame: FrameTable = FrameTable()
@@ -644,6 +754,9 @@ class Config(TableModel):
 
 
 def _check_names(c: Config) -> None:
+    tests = [test.name for test in c.material_tests]
+    if len(set(tests)) < len(tests):
+        raise ValueError(f"material_tests.name = {sorted(tests)}: a name stands twice; give each its own")
     nodes = [p.node for p in c.points if p.node is not None]
     places = [list(p.position_mm) for p in c.points if p.node is None and p.position_mm is not None]
     columns: dict[str, list[Any]] = {
@@ -670,6 +783,7 @@ def _check_parameters(c: Config) -> None:
     bases = [labels.name_of(label) for label in c.model.effects]
     if len(set(bases)) != len(bases):
         raise ValueError(f"model.effects = {list(c.model.effects)}: an effect stands twice; keep it once")
+    _check_priors(c.calibrate.priors)
     law = LAWS.get(c.model.law or (MOONEY_RIVLIN.name if c.model.deck is None else ""))
     for name, (low, high) in c.calibrate.bounds.items():
         if not low < high:
@@ -706,6 +820,16 @@ def _check_bounds(bounds: dict[str, Bounds], law: RubberLaw | None) -> None:
             f"calibrate.bounds: {law.stiffness} may be as low as {least:g} MPa; wanted lowest values with a "
             "sum above 0, as in C10 = [0.01, 0.5]: rubber without stiffness has no equilibrium"
         )
+
+
+def _check_priors(priors: dict[str, tuple[float, float]]) -> None:
+    """Raise ValueError for a prior that no rubber has."""
+    for name, (mean, sd) in priors.items():
+        text = f"calibrate.priors.{name} = [{mean:g}, {sd:g}]"
+        if name in ("C10", "C01", "C10+C01") and not abs(mean) <= STIFFEST:
+            raise ValueError(f"{text}: wanted mean and sd in MPa, up to {STIFFEST:g}; are they in kPa?")
+        if name == "share" and not abs(mean) <= 1.0:
+            raise ValueError(f"{text}: wanted C01 / (C10 + C01), from 0 to 1")
 
 
 def _check_film(c: Config) -> None:

@@ -196,6 +196,11 @@ class Project:
 
         return sorted(read_keywords(self.path(self.config.model.deck)).files)
 
+    def material_files(self) -> list[Path]:
+        """The files of the tests of the silicone itself that are there."""
+        named = (self.path(test.file) for test in self.config.material_tests)
+        return [path for path in named if path.is_file()]
+
     def effect_files(self) -> list[Path]:
         """The files of the user's own effects that are there."""
         named = (self.path(name) for name in self.config.model.effect_files)
@@ -298,7 +303,7 @@ class Project:
         read = list(inputs or [])
         if inputs is None:
             read = [self.targets_folder] if self.targets_folder.is_dir() else []
-            read += [*self.deck_files(), *self.effect_files()]
+            read += [*self.deck_files(), *self.effect_files(), *self.material_files()]
         made = RunRecord(
             kind=kind,
             seed=seed,

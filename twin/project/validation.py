@@ -1,6 +1,7 @@
 """Plain data -> a checked table model, or one sentence that says what is wrong, with the way out."""
 
 import json
+import re
 from collections.abc import Iterator
 from difflib import get_close_matches
 from typing import Any, TypeVar, get_args
@@ -32,10 +33,15 @@ def value_text(value: Any) -> str:
     if isinstance(value, str):
         return json.dumps(value, ensure_ascii=False)
     if isinstance(value, dict):
-        return "{" + ", ".join(f"{key} = {value_text(item)}" for key, item in value.items()) + "}"
+        return "{" + ", ".join(f"{_bare(key)} = {value_text(item)}" for key, item in value.items()) + "}"
     if isinstance(value, tuple | list):
         return "[" + ", ".join(value_text(item) for item in value) + "]"
     return repr(value)
+
+
+def _bare(key: str) -> str:
+    """A key as TOML writes it: in quotes where it holds other than letters, digits, _ and -."""
+    return key if re.fullmatch("[A-Za-z0-9_-]+", key) else json.dumps(key, ensure_ascii=False)
 
 
 def _sentence(error: ValidationError, root: type[BaseModel]) -> str:

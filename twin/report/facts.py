@@ -8,12 +8,14 @@ import numpy as np
 
 from twin import effort
 from twin.batches.series import earlier_facts
+from twin.bench.curvewords import told_of_tests
 from twin.bench.fits import fresh, newest
 from twin.chain import FIT, kinds_writing
 from twin.diagnosis.record import RankingRow
 from twin.effects.labels import name_of
 from twin.inputs.camerarecord import CameraRecord
 from twin.judging.record import FitRecord
+from twin.project import files
 from twin.project.folder import Project, kind_of, versions
 from twin.report.figures import held_out_films, pictures_of, study_facts
 from twin.report.found import Story
@@ -42,7 +44,9 @@ def facts_of(story: Story, notes: list[str]) -> dict[str, Any]:
         "cannot_tell": [*untold(story), *_by_note([r for r in d.ranking if r.untested])],
         "calibration": {
             "parameters": _parameters(story.calibrated),
-            "sentence": story.calibrated.identifiability,
+            "sentence": " ".join(
+                filter(None, (story.calibrated.identifiability, *story.calibrated.said, _of_tests(story.fit)))
+            ),
         },
         "held_out": held_out_films(story),
         "earlier": earlier_facts(story.project, story.fit),
@@ -63,7 +67,8 @@ def _named(story: Story) -> list[dict[str, Any]]:
         own = [p for p in every if p["name"].startswith(f"{name}.")]
         rows.append({"effect": label, "text": "", "parameters": own})
     constants = [p for p in every if "." not in p["name"]]
-    return [*rows, {"effect": "constants beside it", "parameters": constants}] if rows else []
+    said = " ".join(story.fit.said)
+    return [*rows, {"effect": "constants beside it", "parameters": constants, "note": said}] if rows else []
 
 
 def _chain(story: Story) -> list[dict[str, Any]]:
@@ -91,6 +96,11 @@ def _chain(story: Story) -> list[dict[str, Any]]:
 
 def _parameters(fit: FitRecord) -> list[dict[str, Any]]:
     return [{"name": name} | e.model_dump() for name, e in fit.estimates.items()]
+
+
+def _of_tests(fit: FitRecord) -> str:
+    """What is said of the tests of the silicone that a fit has taken, "" without them."""
+    return " ".join(told_of_tests((), fit.material_tests))
 
 
 def _ranked(row: RankingRow, named: bool) -> dict[str, Any]:
@@ -126,12 +136,17 @@ def budget_facts(project: Project, names: Sequence[str]) -> dict[str, Any]:
 
 
 def provenance_of(project: Project, *, seed: Any) -> dict[str, str]:
-    """Seed, run, SHA-256 of every file that the newest fit was made from, and versions."""
+    """Seed, run, engine, SHA-256 of every file that the newest fit was made from, and versions."""
     fit = fresh(project, kinds_writing(FIT), FIT)
     inputs = project.info(fit.parent).inputs if fit else {}
     digests = {name: f"SHA-256 {digest[:SHOWN]}" for name, digest in inputs.items()}
-    run = {"fit of run": fit.parent.name} if fit else {}
+    run = {"fit of run": fit.parent.name, "engine": _engine(files.read(FitRecord, fit))} if fit else {}
     return {"seed": str(seed), **run, **_solved(project), **digests, **versions()}
+
+
+def _engine(fit: FitRecord) -> str:
+    """What solved the model of a fit: the engine, and the version of another program."""
+    return f"{fit.engine}, {fit.release}" if fit.release else fit.engine
 
 
 def _solved(project: Project) -> dict[str, str]:

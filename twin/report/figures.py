@@ -6,6 +6,7 @@ import numpy as np
 
 from twin.diagnosis.record import ForetoldFilm
 from twin.drawing import plots, studyplots
+from twin.drawing.curveplot import draw_curves
 from twin.project import files
 from twin.report.found import CHANGES, Story, calibration_file
 from twin.report.page import Picture
@@ -20,7 +21,7 @@ def pictures_of(story: Story) -> list[Picture]:
         *_drawn(story, "error", place="top"), *_deformed(story), *_overlaid(story),
         *_drawn(story, "residuals", place="where"), *map(_unseen, held_out_films(story)),
         *_drawn(story, "evidence", place="evidence"),
-        *_over_time(story), *_search(story),
+        *_material_tests(story), *_over_time(story), *_search(story),
     ]  # fmt: skip
 
 
@@ -100,6 +101,15 @@ def _search(story: Story) -> list[Picture]:
         caption = "All candidates. Along the valley the sum of the two is the same."
         out.append(Picture(title="Error landscape", caption=caption, half=True, svg=valley))
     return out
+
+
+def _material_tests(story: Story) -> list[Picture]:
+    """The curves of the silicone's tests that the newest fit has taken, where it has."""
+    if story.fit.material_tests is None:
+        return []
+    caption = "Nominal stress against strain: measured with 1 sd, and the law of the newest fit."
+    png = draw_curves(story.fit.material_tests.tests)
+    return [Picture(title="Tests of the silicone itself", caption=caption, png=png)]
 
 
 def _over_time(story: Story) -> list[Picture]:

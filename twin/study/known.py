@@ -3,7 +3,6 @@
 import numpy as np
 
 from calibrate import Fit, identifiability
-from twin.judging.comparison import Comparison
 from twin.laws.mooneyrivlin import MOONEY_RIVLIN, NAMES
 from twin.project.folder import Project
 from twin.study.loadpathfit import OnPaths
@@ -13,17 +12,18 @@ from twin.targets import Array
 TOGETHER = 0.9  # correlation above which two constants are not told one by one
 
 
-def known_of(on: OnPaths, best: Array, fit: Fit, found: Comparison) -> str:
-    """What the data say of the constants. best (d,): of the genetic algorithm; found: of the fit."""
+def known_of(on: OnPaths, best: Array, fit: Fit, doubt: str) -> str:
+    """What the data say of the constants. best (d,): of the genetic algorithm; doubt: why the fit can have no
+    interval, "" where the model fits."""
     free = {p.name for p in fit.parameters}
     if on.bench.law != MOONEY_RIVLIN:
-        words = each_told(fit, fits=found.adequate)
+        words = each_told(fit, fits=not doubt)
     elif set(NAMES) <= free:
-        words = identifiability(fit, NAMES, fits=found.adequate)
+        words = identifiability(fit, NAMES, fits=not doubt)
     else:
         words = "One constant was held fixed."
-    doubt = f" No interval: {found.doubt}." if found.doubt else ""
-    return f"{words}{at_all_bounds(fit)}{doubt}{_apart(on, best, fit)}{_other_pressure(on.bench.project)}"
+    none = f" No interval: {doubt}." if doubt else ""
+    return f"{words}{at_all_bounds(fit)}{none}{_apart(on, best, fit)}{_other_pressure(on.bench.project)}"
 
 
 def each_told(fit: Fit, *, fits: bool) -> str:

@@ -18,6 +18,7 @@ from twin.bench.workbench import Workbench
 from twin.diagnosis.deciding import TIE
 from twin.diagnosis.evidence import occam
 from twin.effects.material import Elasticity
+from twin.judging.besidefilm import curve_jacobian
 from twin.judging.judged import Judged, judge
 from twin.laws.law import Constants, RubberLaw
 from twin.laws.stability import drucker_limit
@@ -77,7 +78,7 @@ def fitted(bench: Workbench, starts: Array, mesh: Discretisation | None, *, seed
     stable_to, mode = drucker_limit(constants.material, stretch)
     return LawFit(
         law=bench.law, judged=judged, constants=constants, evidence=judged.deviance + _occam(bench, judged),
-        bic=judged.deviance + len(judged.fit.theta) * float(np.log(judged.whitener.count)),
+        bic=judged.deviance + len(judged.fit.theta) * float(np.log(_count(bench, judged))),
         stretch=stretch, stable_to=stable_to, mode=mode,
     )  # fmt: skip
 
@@ -91,7 +92,16 @@ def _occam(bench: Workbench, judged: Judged) -> float:
     sd = (high - low) / np.sqrt(12)
     away = (np.array([judged.values[name] for name in free]) - (low + high) / 2) / sd
     rows = judged.fitted * sd
+    if bench.targets.curves:
+        every = [p.name not in judged.at_bound for p in judged.model.parameters]
+        curves = curve_jacobian(judged.model, bench.targets, judged.theta)[:, every]
+        rows = np.concatenate([rows, curves * sd])
     return occam(away, rows.T @ rows)
+
+
+def _count(bench: Workbench, judged: Judged) -> int:
+    """Number of values that are fitted, of the film and of tests of the silicone."""
+    return judged.whitener.count + sum(len(curve.strain) for curve in bench.targets.curves)
 
 
 def _stretch(judged: Judged) -> float:

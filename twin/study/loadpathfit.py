@@ -12,6 +12,7 @@ from twin.gravity import under
 from twin.judging.comparison import PLAUSIBLE
 from twin.judging.fitting import whitener_of
 from twin.judging.judged import Judged
+from twin.judging.likelihood import posed, whitening
 from twin.judging.record import InitialRow
 from twin.judging.whitening import Whitener, whitener
 from twin.laws.law import Constants
@@ -91,38 +92,47 @@ class OnPaths:
         out[:, self.rows] = relative(u, t.reference, t.rests)
         return out
 
-    def least(self, best: Array, say: Say) -> Judged:
-        """The least-squares fit of the constants to all targets: on the load paths from several starts, then
-        on the finite-element model from there, with errors of its own."""
+    def least(self, best: Array, say: Say, *more: Array) -> tuple[Workbench, Judged]:
+        """The least-squares fit of the constants to all targets: on the load paths from several starts,
+        `best` and `more` (d,) among them, then on the finite-element model from there, with errors of its
+        own; and the workbench with the curves of the silicone's tests as far as the finger is stretched
+        there, which the last fit takes, too."""
         t, model = self.bench.targets, self.bench.model(())
         if self.bench.jobs is not None or self.of_one_shape:
             return self._by_whole_solves(model, best, say)
-        w = whitener(t, prediction_modes=np.zeros((0, *t.value.shape)), gauge=self._gauge(best),
-                     points=~t.fixed)  # fmt: skip
-        first = self.fit(w, np.array([best, [p.start for p in model.parameters]]))
+        first = self.fit(self.whitener(best), np.array([best, [p.start for p in model.parameters], *more]))
         say.progress("least squares", 1, 3)
         w = whitener_of(self.bench.on_mesh(model, first.theta, say), first.theta, t)
         second = self.fit(w, first.theta[None])
         say.progress("least squares", 2, 3)
-        found = self.bench.judged(model, second.theta, say, seed=self.bench.project.config.calibrate.seed)
+        bench = self.bench.reaching(model, second.theta)
+        found = bench.judged(model, second.theta, say, seed=bench.project.config.calibrate.seed)
         say.progress("least squares", 3, 3)
-        return found
+        return bench, found
 
-    def _by_whole_solves(self, model: Model, best: Array, say: Say) -> Judged:
+    def _by_whole_solves(self, model: Model, best: Array, say: Say) -> tuple[Workbench, Judged]:
         """The fit by whole solves or jobs alone, from where the search ended: several starts would cost as
         much again each."""
         say.progress("least squares", 0, 1)
-        found = self.bench.judged(model, best, say, seed=self.bench.project.config.calibrate.seed)
+        bench = self.bench.reaching(model, best)
+        found = bench.judged(model, best, say, seed=bench.project.config.calibrate.seed)
         say.progress("least squares", 1, 1)
-        return found
+        return bench, found
+
+    def whitener(self, theta: Array) -> Whitener:
+        """The whitener of the targets with the gauge's errors at theta (d,), without an error of the mesh."""
+        t = self.bench.targets
+        none = np.zeros((0, *t.value.shape))
+        return whitener(t, prediction_modes=none, gauge=self._gauge(theta), points=~t.fixed)
 
     def fit(self, w: Whitener, starts: Array) -> Fit:
         """The bounded least-squares fit to all targets on the load paths, from starts (m, d)."""
         parameters, t = self.bench.elasticity.parameters, self.bench.targets
+        white = whitening(t, w)
 
         def residual(theta: Array) -> Array | None:
             u = self.predicted(theta)
-            return None if u is None else w.whiten(t.value - u)
+            return None if u is None else white(t.value - u)
 
         def jacobian(theta: Array) -> Array:
             columns, b = [], residual(theta)
@@ -133,7 +143,11 @@ class OnPaths:
                 columns.append(lost if a is None or b is None else (a - b) / h)
             return np.array(columns).T
 
-        return least_squares(residual, jacobian, parameters, start=starts)
+        if t.tails:  # from where gross errors lead, too, as its deviance has several valleys
+            plain = least_squares(residual, jacobian, parameters, start=starts)
+            starts = np.vstack([starts, plain.theta])
+        r, slope, information = posed(residual, jacobian, parameters, t, w)
+        return least_squares(r, slope, parameters, start=starts, information=information)
 
     def initial(self, judged: Judged) -> InitialRow:
         """Nominal constants and what they leave, mm, under the errors of a fit."""

@@ -126,7 +126,11 @@ class Board(ABC):
 
         wanted: number of pictures that must show it.
         """
-        return ": check kind, columns and rows, and photograph the whole board sharply"
+        return ": check kind, columns and rows, and photograph the whole board sharply" + self.doubt(pictures)
+
+    def doubt(self, pictures: Sequence[Image]) -> str:
+        """What speaks for another kind of board, as the end of a sentence; "" where nothing does."""
+        return ""
 
     def usable(self, pictures: Sequence[Image]) -> int:
         """Number of pictures that show at least 8 points."""

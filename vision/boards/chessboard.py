@@ -1,5 +1,6 @@
 """A chessboard, counted by its inner corners."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import cv2
@@ -9,6 +10,9 @@ from vision.artwork import Artwork, dark_runs, dark_squares, sheet, shifted
 from vision.boards.board import NOTHING, Board, BoardView, Print, Reading
 from vision.boards.corners import WINDOW, refined, shrunk
 from vision.camera import Image
+from vision.dictionaries import other_dictionary
+
+MARKERS = 4  # in a picture: a chessboard's squares are read as one now and then
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -26,6 +30,14 @@ class Chessboard(Board, kind="chessboard"):
             return NOTHING
         pixels = (np.asarray(corners, dtype=np.float64).reshape(-1, 2) + 0.5) * factor - 0.5
         return refined(picture, self.points, pixels, WINDOW * self.square_mm)
+
+    def doubt(self, pictures: Sequence[Image]) -> str:
+        """Whether markers stand in its squares."""
+        few = pictures[:2]
+        other = other_dictionary(few, "")
+        if other is None or other[1] < MARKERS * len(few):
+            return ""
+        return f"; {other[0]} finds {other[1]} markers in the first {len(few)}: is the kind charuco?"
 
     def artwork(self) -> Artwork:
         """The sheet to print, with a clear border of half a square."""

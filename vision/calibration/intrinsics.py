@@ -1,6 +1,6 @@
 """A camera from board pictures: lens model by evidence, covariance, and checks that say why they refuse."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -11,7 +11,7 @@ from vision.boards.board import MIN_CORNERS, Board, BoardView, flipped
 from vision.calibration import lens
 from vision.calibration.rejectedpictures import MIN_LEFT, Rejected, area, empty_corners, why, without_outliers
 from vision.camera import Array, Camera, Image
-from vision.film.picturefaults import board_edge_sd
+from vision.film.picturefaults import board_edge_sd, picture_trouble
 from vision.plane import fit_homography, to_plane
 
 MIN_IMAGES = 6
@@ -81,7 +81,8 @@ def camera_from(
     called = [names[i] for i in seen.rows]
     covariance, enlarged = lens.covariance(fits[0], views)
     tilt_deg, coverage = _tilt(fits[0]), area(views) / (size[0] * size[1])
-    _accept(fits[0], max_rms_px, [called[i] for i in left.kept], tilt_deg, coverage, views=views)
+    _accept(fits[0], max_rms_px, [called[i] for i in left.kept], tilt_deg, coverage, views=views,
+            doubt=lambda: board.doubt(pictures))  # fmt: skip
     scale = _held_out_scale(views, size, fits[0].camera.model)
     _accept_scale(*scale)
     return replace(
@@ -259,6 +260,7 @@ def _accept(
     coverage: float,
     *,
     views: Sequence[BoardView],
+    doubt: Callable[[], str],
 ) -> None:
     if not fit.camera.rms_px <= limit:
         rms = fit.view_rms()
@@ -268,7 +270,7 @@ def _accept(
             f"reprojection error of the board corners is {fit.camera.rms_px:.3f} px, wanted at most "
             f"{limit} px; {called[worst]} is worst with {rms[worst]:.3f} px, most fit to "
             f"{np.median(rms):.3f} px{_wanted(others, fit.camera.size)}; check that the board is flat and "
-            "its squares are as stated"
+            f"its squares are as stated{doubt()}"
         )
     if tilt_deg < MIN_TILT_DEG:
         raise ValueError(
@@ -300,7 +302,9 @@ def _accept_scale(error: float, sd: float) -> None:
 
 
 def _too_few(usable: int, pictures: list[Image], board: Board) -> str:
+    trouble = picture_trouble(pictures[0])
     return (
         f"{usable} of {len(pictures)} board images show at least {MIN_CORNERS} {board.shows} of the "
         f"{board.columns} x {board.rows} {board.kind} board, wanted {MIN_IMAGES}"
-    ) + board.advice(pictures, MIN_IMAGES)
+        f"{board.advice(pictures, MIN_IMAGES)}" + (f"; in the first {trouble}" if trouble else "")
+    )

@@ -1,5 +1,5 @@
 """What the first picture casts doubt on without being sure: marks in front of or behind where they are
-stated, and marks glued elsewhere on the finger. Each doubt is one sentence, and nothing is refused.
+stated, and marks glued elsewhere on the finger or the rig. Each doubt is one sentence; nothing is refused.
 """
 
 from collections.abc import Sequence
@@ -17,6 +17,7 @@ CLEAR = 3.0  # sds
 LEAST_MM = 3.0  # off the stated height
 ALONG_MM, ALONG_SDS = 1.5, 5.0  # along the finger, and so many sds of how a mark is placed
 ACROSS_MM, SHARE = 3.0, 0.12  # off the line of the others; of the largest sag, beside that
+FIXED_MM = 5.0  # off the stated place: more than a ruler's error in any frame marker moves it
 SHORTENS = 1.2  # times square of the sag over the distance: more than any bent line is drawn back at its end
 
 
@@ -37,6 +38,7 @@ def doubts(marks: Sequence[Mark], warp: Array, *, camera: Camera, placement_sd_m
     return (
         *_heights(marks, sides_mm(warp, homography), height, view.distance),
         *_places(marks, place, nominal, placement_sd_mm),
+        *_fixed(marks, place, nominal),
     )
 
 
@@ -88,6 +90,18 @@ def _sentence(name: str, seen: Array, stated: Array) -> str:
         f"{stated[0]:.4g}, z = {stated[1]:.4g} mm, and the finger's sag does not explain it. If it is glued "
         "there, correct its position_mm or node: its motion is compared with the model's at the "
         "stated place."
+    )
+
+
+def _fixed(marks: Sequence[Mark], place: Array, nominal: Array) -> tuple[str, ...]:
+    """A sentence for each fixed mark that lies elsewhere on the rig than stated."""
+    off = np.nan_to_num(np.hypot(*(place - nominal).T))
+    rows = [p for p in codes_of(marks) if marks[p].role == "fixed" and off[p] > FIXED_MM]
+    return tuple(
+        f"Fixed marker {marks[p].name!r} is seen at x = {place[p, 0]:.1f}, z = {place[p, 1]:.1f} mm, stated "
+        f"at x = {nominal[p, 0]:.4g}, z = {nominal[p, 1]:.4g} mm. It should not move wherever it is, so that "
+        "displacements stay right: correct its position_mm, or its id if two are exchanged."
+        for p in rows
     )
 
 

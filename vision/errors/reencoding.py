@@ -80,13 +80,14 @@ def moved_by(again: Array, before: Array, plane: Array, frame: list[int], points
 
     again, before: (w,m,2) px of all marks.   plane: (f,2) mm nominal places of the marks `frame`.
 
-    In each frame both planes come from the frame marks that are seen both times: another mark left out moves
-    the whole plane by more than coding moves any mark.
+    Both planes of a frame come from the same frame marks: another mark left out moves the whole plane by more
+    than coding moves any mark. One that is lost only in the second pass is taken where it was: without it the
+    others may have to extrapolate.
     """
-    lost = np.isnan(again[:, frame]) | np.isnan(before[:, frame])
-    new, old = (
-        to_plane(homographies(plane, np.where(lost, np.nan, pixels[:, frame])), pixels[:, points])
-        for pixels in (again, before)
+    both = np.where(np.isnan(again) | np.isnan(before), before, again)
+    old, new = (
+        to_plane(homographies(plane, fixed[:, frame]), pixels[:, points])
+        for fixed, pixels in ((before, before), (both, again))
     )
     return new - old
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 LOSSLESS = ("ffv1", "huffyuv", "ffvhuff", "utvideo", "png", "rawvideo", "qtrle")
 NAMES = {"h264": "H.264", "hevc": "H.265", "mjpeg": "JPEG pictures"}
+OLDER = ("mpeg1video", "mpeg2video", "mpeg4", "h263", "msmpeg4v2", "msmpeg4", "wmv1", "wmv2")
 MOST_B = 16  # what x264 and x265 take
 LIVE_S = 2.0  # between key frames of a film coded while it is taken: docs/records/error-numbers.md
 SPARSE = 250  # frames from key frame to key frame where a film shows no two: what x264 and x265 take
@@ -31,6 +32,7 @@ class Coding:
     between: int  # B-frames in a row, at most
     fps: float  # 1/s, the usual rate
     grain: bool = False  # whether it kept the camera's noise, as its pictures tell
+    simple: bool = False  # coded with few means, see `is_simple`
 
     @property
     def lossless(self) -> bool:
@@ -55,7 +57,8 @@ class Coding:
         Other codecs than H.265 are taken for H.264, which errs alike at the same number of bytes. Who codes
         while filming cannot look ahead and does not weigh what the eye sees.
         """
-        common = {"crf": f"{level:.2f}", "preset": "fast" if self.live else "medium"}
+        preset = "ultrafast" if self.simple else "fast" if self.live else "medium"
+        common = {"crf": f"{level:.2f}", "preset": preset}
         if self.codec == "hevc":
             told = f"bframes={self.between}:keyint={self.every}:log-level=error"
             plain = ":scenecut=0" if self.live else ""
@@ -74,6 +77,14 @@ class Coding:
             f"{NAMES.get(self.codec, self.codec)}, {often} in {len(self.key)} frames, {between}, "
             f"{self.size.mean() / 1e3:.3g} kB a frame"
         )
+
+
+def is_simple(codec: str, profile: str | None) -> bool:
+    """Whether a coder had few means: H.264 in its Baseline profile, as of webcams, or an older kind.
+
+    At the same bytes these err about twice as much in what moves; x264 in haste errs as they do.
+    """
+    return codec in OLDER or (codec == "h264" and "Baseline" in (profile or ""))
 
 
 def longest_between(stamps: Sequence[int]) -> int:

@@ -15,7 +15,7 @@ from av.video.frame import VideoFrame
 from numpy.typing import NDArray
 
 from vision.camera import Array, Image
-from vision.film.packets import MOST_B, SAME_BITS, Coding, longest_between
+from vision.film.packets import MOST_B, SAME_BITS, Coding, is_simple, longest_between
 
 HALF_TICK = 1e-6  # s, below every time base
 TRIED = 64  # first frames that are decoded to see what the time stamps are
@@ -145,6 +145,7 @@ class Video:
         with opened(self.path) as container:
             stream = container.streams.video[0]
             name, base = stream.codec_context.name, float(stream.time_base or 0)
+            simple = is_simple(name, stream.codec_context.profile)
             told = [
                 (p.pts, p.size, bool(p.is_keyframe)) for p in _packets(container)
                 if p.pts is not None and not p.is_discard
@@ -158,7 +159,7 @@ class Video:
             size[index], key[index] = bytes_, key[index] | is_key
         step = np.diff(self.time)
         fps = 1.0 / float(np.median(step)) if len(step) and np.median(step) > 0 else 25.0
-        return Coding(name, size, key, longest_between(stamps), fps)
+        return Coding(name, size, key, longest_between(stamps), fps, simple=simple)
 
 
 def opened(film: Path) -> InputContainer:

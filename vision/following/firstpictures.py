@@ -17,7 +17,17 @@ from vision.film.video import Video
 from vision.following.dots import Dot, find_dots
 from vision.following.identity import GATE, assign
 from vision.following.registration import project
-from vision.marks import Mark, codes_of, corner_warp, detect, detect_all, dot_warp, dots_of, patches_of
+from vision.marks import (
+    Mark,
+    codes_of,
+    corner_warp,
+    detect,
+    detect_all,
+    detect_wanted,
+    dot_warp,
+    dots_of,
+    patches_of,
+)
 from vision.plane import MIN_VISIBLE, fit_homography, homographies, to_plane
 
 START_FRAMES = 5  # frames searched for marks that the first one does not show
@@ -46,7 +56,8 @@ def find_missing(
 ) -> NDArray[np.bool_]:
     """Fill the warps of marks that the picture shows and that were missing; says which were filled."""
     missing = np.isnan(seed[:, 0, 0])
-    found, _ = detect(image, dictionary)
+    wanted = {code for p, code in codes_of(marks).items() if missing[p]}
+    found, _ = detect_wanted(image, dictionary, wanted)
     for p, code in codes_of(marks).items():
         if missing[p] and code in found:
             seed[p] = corner_warp(camera.undistort(found[code]))

@@ -12,7 +12,7 @@ from vision.film.picturefaults import combed
 from vision.film.video import Video
 from vision.following.firstpictures import START_FRAMES, check_size, check_start, first_seen
 from vision.following.reference import reference_frames
-from vision.marks import Mark, codes_of, detect
+from vision.marks import Mark, codes_of, detect_wanted
 
 IN_REST, IN_REST_OF_FILM = 12, 30  # frames that are looked at
 IN_FLICKER, SPARSE = 60, 4  # first frames of the rest whose pixels are compared, and every how many px
@@ -54,7 +54,7 @@ def glimpses(
     rows: list[tuple[int, float, Array, list[bool], float]] = []
     unused: dict[int, Array] = {}
     for index, time, image in film.chosen(wanted):
-        quads, several = detect(image, dictionary)
+        quads, several = detect_wanted(image, dictionary, coded.values())
         if len(start) < START_FRAMES:
             start.append(image)
         if not rows:

@@ -77,7 +77,8 @@ def check_static(film: Video) -> None:
         first = image
     raise ValueError(
         f"static film {film.path.name} shows one picture in all {len(film.time)} frames: it has no noise to "
-        "tell; wanted a film of the finger at rest as the camera wrote it, not a picture made into a film"
+        "tell; wanted a film of the finger at rest as the camera wrote it, not a picture made into a film, "
+        "nor one whose noise was coded away, which a higher bit rate keeps"
     )
 
 

@@ -12,10 +12,13 @@ import pytest
 
 from calibrate import Parameter
 from calibrate.posteriors import END, Chain
+from calibrate.priors import Prior
 from tests.twin.conftest import plain_targets
 from twin.bench import sampling
 from twin.bench.sampling import CHECKS, OFF, Density, Sample, Sampler, WholeSolve
+from twin.effects.protocol import Unsolvable
 from twin.judging.fitting import ModelErrors
+from twin.judging.likelihood import held
 from twin.targets import Array
 
 BOTH = (Parameter("C10", 0.01, 1.5, "MPa", typical=0.02), Parameter("g", 0.0, 1.0, typical=0.05))
@@ -38,6 +41,7 @@ class Stub:
     reach: float = np.inf
     parameters: tuple[Parameter, ...] = BOTH
     fields: Array = field(default_factory=lambda: np.eye(len(X)))
+    law: None = None
 
     def joined(self, _: object) -> "Stub":
         return replace(self, solves=self.solves + 1)
@@ -110,9 +114,9 @@ def sampler(memory: Memory, monkeypatch: pytest.MonkeyPatch, response: Stub, *, 
     z = np.random.default_rng(3).normal(size=len(X))
     white = SimpleNamespace(whiten=lambda field: np.asarray(field) / SD)
     model: Any = SimpleNamespace(
-        parameters=BOTH, mesh=None, named=response.named, allowed=(lambda values: True) if everywhere else response.allowed
+        parameters=BOTH, mesh=None, law=None, named=response.named, allowed=(lambda values: True) if everywhere else response.allowed
     )
-    targets: Any = SimpleNamespace(value=shown(TRUE[None])[0] + SD * z)
+    targets: Any = SimpleNamespace(value=shown(TRUE[None])[0] + SD * z, known=(), curves=())
     made = Closed(model, targets, SimpleNamespace(modes=np.zeros((0, 1))), TRUE, memory)  # type: ignore[arg-type]
     made.__dict__["whitener"] = white
     return made
@@ -208,7 +212,7 @@ def test_what_other_errors_add_is_that_of_the_normal_density() -> None:
     s, p = targets.valid.shape[:2]
     mode = 0.02 * rng.normal(size=(1, s, p, 3))
     none = np.zeros((s, p, 3))
-    model: Any = SimpleNamespace(mesh=None, parameters=(), per_pressure=lambda theta: none, modes=lambda theta: 3 * mode)
+    model: Any = SimpleNamespace(mesh=None, law=None, parameters=(), per_pressure=lambda theta: none, modes=lambda theta: 3 * mode)
     errors = ModelErrors(gauge=none, modes=mode)
     memory: Any = None
     made: Any = SimpleNamespace(theta=np.zeros(0), u=0.03 * rng.normal(size=(s, p, 3)))
@@ -247,9 +251,42 @@ def test_the_stiffness_of_a_mesh_widens_what_it_hides() -> None:
 
 
 @pytest.mark.slow
+def test_a_prior_is_a_factor_of_the_density_at_the_true_constants() -> None:
+    """Where the mesh's stiffness is a number of its own, the constants are not those of the mesh."""
+    response, s = knowing.ClosedResponse(), 0.05
+    rows = np.column_stack([knowing.displacements(knowing.TRUE[None])[0], np.eye(len(knowing.displacements(knowing.TRUE[None])[0]))])
+    prior = Prior(held(response.parameters, "C10+C01"), 0.33, 0.01)
+    given: Any = (response, np.linalg.qr(rows).R, lambda t: np.zeros(len(t)), np.eye(3), s, False)
+    x = np.column_stack([np.tile(knowing.TRUE, (3, 1)), [-1.0, 0.0, 2.0]])
+    added = Density(*given, (prior,))(x) - Density(*given)(x)
+    total = knowing.TRUE[:2].sum() * np.exp(-s * x[:, -1])
+    np.testing.assert_allclose(added, -(((total - 0.33) / 0.01) ** 2) / 2, rtol=1e-9)
+    outside = np.array([[9.0, 0.09, 0.05, 0.0]])
+    assert Density(*given, (prior,))(outside)[0] == -np.inf
+
+
 def test_intervals_of_virtual_tests_hold_the_truth_as_often_as_they_say() -> None:
     """The small version of benchmarks/knowing.py."""
     found = knowing.coverage([knowing.trial(seed) for seed in range(12)])
     for kind in ("profile", "posterior"):
         for name, share in found[f"coverage_{kind} of"].items():
             assert share >= 9 / 12, name  # of 12, 8 or fewer where 95 % hold: once in 500
+
+
+def test_tests_of_the_silicone_count_in_the_density(monkeypatch: pytest.MonkeyPatch) -> None:
+    def residual(model: object, targets: object, theta: Array) -> Array:
+        if theta[0] > 0.5:
+            raise Unsolvable("no stress")
+        return (theta - TRUE) / [0.01, 0.02]
+
+    monkeypatch.setattr(sampling, "curve_residual", residual)
+    one = sampler(Memory(), monkeypatch, Stub())
+    assert one._beside is None
+    one = replace(one, targets=SimpleNamespace(curves=("a test",)))  # type: ignore[type-var]
+    small, x = np.eye(13), np.array([TRUE, TRUE + [0.01, 0.04], TRUE + [0.3, 0.0]])
+    bare, both = (
+        Density(Stub(), small, lambda theta: np.zeros(len(theta)), np.eye(2), 0.0, False, beside)
+        for beside in (None, one._beside)
+    )
+    np.testing.assert_allclose((both(x) - bare(x))[:2], [0.0, -2.5])  # chi2 of 1 and of 2^2, halved
+    assert both(x)[2] == -np.inf

@@ -138,6 +138,21 @@ def test_a_prior_that_the_film_says_nothing_of_stays() -> None:
     assert np.sqrt((factors**2).sum(axis=0))[50, -1, 2] == pytest.approx(4.0)
 
 
+def test_a_stated_prior_counts_as_one_value_of_the_film() -> None:
+    base, mode = smooth_field(1), smooth_field(2)
+    columns, theta = np.concatenate([base, mode]), np.array([1.2])
+    t, toy = targets(1.2 * base[0], seed=1), Toy({"base": base})
+    free = Uncertain(columns, np.array([0.0, 1.0]))
+    found, left = told_by_film(t, toy, theta, free)  # type: ignore[arg-type]
+    sd = np.sqrt((left**2).sum(axis=0))[50, 0, 2] / abs(base[0, 50, 0, 2])  # of the parameter, but for the mode
+    tight = replace(free, stated=(np.array([-3.0]), np.array([[1.0 / (0.01 * sd), 0.0]])))  # 1.2 + 0.03 sd
+    moved, known = told_by_film(t, toy, theta, tight)  # type: ignore[arg-type]
+    alone = np.array([0.0, 1.0])
+    only = told_by_film(t, Toy({"base": base}), theta, replace(free, columns=columns[1:], prior=alone[1:]))[1]  # type: ignore[arg-type]
+    assert np.linalg.norm(known) == pytest.approx(np.linalg.norm(only), rel=0.02)  # the parameter is held
+    assert not np.allclose(moved, found)
+
+
 @pytest.mark.parametrize(("text", "wanted"), [
     ("tip.U3=-40", Wanted("tip", 2, -40.0)),
     ("x=60.u1 = 2.5 mm", Wanted("x=60", 0, 2.5)),

@@ -145,3 +145,23 @@ def test_a_unit_that_is_a_formula_is_never_worked_out(unit: str) -> None:
 @pytest.mark.parametrize("unit", ["mmHg", "inH2O", "N/mm^2", "kgf/cm**2", "torr"])
 def test_other_units_of_pressure_are_known(unit: str) -> None:
     assert unit_of(unit, what="column p") == unit
+
+
+def test_exchanged_columns_are_told(tmp_path: Path) -> None:
+    noise = np.random.default_rng(0).normal(0.01, 1e-3, 50)
+    rows = "".join(f"{p},{0.02 * k}\n" for k, p in enumerate(noise))
+    (tmp_path / "p.csv").write_text("time_s,pressure_MPa\n" + rows)
+    with pytest.raises(ValueError, match="columns time_s and pressure_MPa seem to be exchanged"):
+        read_log(tmp_path / "p.csv", time_shift_s=0.0)
+    backwards = "".join(f"{1.0 - 0.02 * k},{1e-4 * k}\n" for k in range(50))  # a ramp: not exchanged
+    (tmp_path / "p.csv").write_text("time_s,pressure_MPa\n" + backwards)
+    with pytest.raises(ValueError, match="sort the rows by time"):
+        read_log(tmp_path / "p.csv", time_shift_s=0.0)
+
+
+@pytest.mark.parametrize(("film_s", "told"), [(20.0, True), (40.0, False)])
+def test_times_that_may_be_minutes_are_told(film_s: float, told: bool) -> None:
+    log = Log(Path("p.csv"), np.linspace(0.0, 0.5, 100), np.zeros(100))
+    with pytest.raises(ValueError, match=r"covers 0\.500 s, the film") as error:
+        check_lasts(log, film_s)
+    assert ("its time may be in min, as 0.5 min are 30 s" in str(error.value)) == told

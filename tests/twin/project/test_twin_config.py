@@ -221,7 +221,7 @@ TABLES = [t for t in vars(config_module).values() if isinstance(t, type) and iss
 @pytest.fixture(scope="module")
 def read_keys():
     """Attributes in the code that has the configuration at hand, other than the configuration itself."""
-    names = ("project", "gauge", "inputs", "formats", "bench", "study", "batches", "report", "commands")
+    names = ("project", "gauge", "coupons", "inputs", "formats", "bench", "study", "batches", "report", "commands")
     rooms = [path for room in names for path in (ROOT / "twin" / room).glob("*.py")]
     trees = [ast.parse(path.read_text(encoding="utf-8")) for path in rooms if path.name != "config.py"]
     return {node.attr for tree in trees for node in ast.walk(tree) if isinstance(node, ast.Attribute)}

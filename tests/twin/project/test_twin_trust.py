@@ -2,17 +2,16 @@
 
 import json
 from pathlib import Path
-from typing import get_args, get_origin
 
 import pytest
-from pydantic import BaseModel
 
+from tests.strangers.received import with_path
 from twin import cli
 from twin.batches.former import former_of
 from twin.bench.laws import named_effect
 from twin.bench.workbench import own_of
 from twin.project import files, trust
-from twin.project.config import CameraTable, Config, _dictionary, _inside
+from twin.project.config import CameraTable, Config
 from twin.project.folder import Project
 from twin.project.staleness import changes
 from vision.film.series import TIMES
@@ -175,27 +174,6 @@ def test_every_path_of_twin_toml_is_looked_at(folder: Path, name: str) -> None:
     (folder / "twin.toml").write_text(text)
     with pytest.raises(ValueError, match=rf"{name} is a link to .*secret.csv, outside the project folder"):
         Project.open(folder)
-
-
-def validators(part: object) -> set[object]:
-    """What checks the values of a key, or of a part of its kind."""
-    told = getattr(part, "__metadata__", None) or getattr(part, "metadata", ())
-    return {getattr(one, "func", None) for one in told}
-
-
-def with_path(table: type[BaseModel], path: str) -> list[BaseModel]:
-    """A table for each of its keys that names a file, and of the tables below it, with this path alone."""
-    found = []
-    for name, field in table.model_fields.items():
-        outer = get_args(field.annotation)
-        kinds = dict.fromkeys([field.annotation, *outer, *(one for kind in outer for one in get_args(kind))])
-        told: list[object] = [one for kind in kinds if isinstance(kind, type) and issubclass(kind, BaseModel)
-                              for one in with_path(kind, path)]  # fmt: skip
-        if any(validators(kind) & {_inside, _dictionary} for kind in (field, *kinds)):
-            told.append(path)
-        several = any(get_origin(kind) is tuple for kind in kinds)
-        found += [table.model_construct(**{name: (one,) if several else one}) for one in told]
-    return found
 
 
 def test_every_key_that_names_a_file_is_looked_at(folder: Path) -> None:

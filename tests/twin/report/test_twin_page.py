@@ -2,86 +2,14 @@
 
 import base64
 import re
-from html.parser import HTMLParser
 from pathlib import Path
 
 import pytest
 
+from tests.strangers.pages import BAD, FACTS, LIVE, SVG, figures, live, parsed, spoilt
 from twin.numerals import interval, probability, short, value
 from twin.report.page import Picture, render, table_page, write_report
 
-PNG = b"\x89PNG\r\n\x1a\n" + bytes(8)
-SVG = '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 1 1"><path d="M0 0"/></svg>'
-FACTS = {
-    "where": "It fails most at marker tip.",
-    "mechanism": "The silicone keeps moving.",
-    "budget": {"markers": ["tip<"], "rows": [{"source": "placement", "um": [313.7], "remedy": "use a jig"}, {"source": "all", "um": [340.2]}]},
-    "headline": "The finger creeps.",
-    "summary": "Four times the noise before.",
-    "date": "2026-11-21",
-    "errors": {
-        "before_mm": 0.2123,
-        "after_mm": 0.0531,
-        "expected_mm": 0.0602,
-        "before_note": "4.2 times the noise",
-    },
-    "named": [
-        {
-            "effect": "creep",
-            "text": "one term",
-            "note": "wrong law",
-            "parameters": [
-                {"name": "g", "value": 0.03412, "low": 0.03313, "high": 0.03508, "unit": "MPa/MPa"}
-            ],
-        }
-    ],
-    "evidence": {
-        "effect": "creep:2", "raw_rms_before_mm": 0.4127, "raw_rms_after_mm": 0.1561, "expected_mm": 0.2843,
-        "rms_before_mm": 0.2119, "rms_after_mm": 0.0529, "noise_sd_mm": 0.0501,
-        "chi2_before": 5123.0, "chi2_after": 403.0, "more_parameters": 2, "evidence": 4703.0,
-        "held_out": {"left_out": "cycle", "folds": 2, "before_sd": 3.14, "after_sd": 1.07},
-        "parameters": {"creep.g1": {"value": 0.0351, "low": None, "high": None, "unit": "", "plausible": "plausible (0.003 to 0.2)"}},
-        "class": [{"effect": "lag", "ceiling": 0.331}], "branches": ["hold", "all"],
-        "table": [{"marker": "tip<", "cells": [{"explained": 0.873, "before_mm": 0.3, "after_mm": 0.1}, None]}],
-    },
-    "ranking": [
-        {
-            "effect": "creep",
-            "delta_bic": 10043.0,
-            "evidence": 9876.0,
-            "z": 101.25,
-            "p_value": 0.0,
-            "named": True,
-            "note": "named",
-        },
-        {"effect": "pressure_lag", "delta_bic": 412.4, "z": 20.1, "p_value": 3.2e-80},
-        {
-            "effect": "gravity",
-            "delta_bic": None,
-            "z": float("nan"),
-            "p_value": None,
-            "note": "one orientation",
-        },
-    ],
-    "ties": [["clamp", "pressure_gain"]],
-    "next_test": "Film it upside down.",
-    "cannot_tell": ["C10 and C01 are one number."],
-    "calibration": {
-        "parameters": [{"name": "C10 + C01", "value": 0.29714, "low": 0.2962, "high": 0.298, "unit": "MPa"}],
-        "sentence": "Only the sum is known.",
-    },
-    "chain": [{"name": "reprojection RMS", "value": 0.1423, "unit": "px", "note": "18 images"}],
-    "pictures": [
-        Picture(title="Fall", svg=SVG, place="top"),
-        Picture(title="Left over", svg=SVG, place="where"),
-        Picture(title="Map", caption="in sd", svg=SVG),
-        Picture(title="Finger", png=PNG, half=True),
-        Picture(title="Ridge", svg=SVG, half=True),
-    ],
-    "notes": ["no second camera"],
-    "provenance": {"seed": "7", "film": "sha256 3f9a12"},
-    "commands": ["twin diagnose"],
-}
 WANTED = (
     *("batch-07", "The finger creeps.", "Four times the noise before.", "2026-11-21", "4.2 times the noise"),
     *("0.212 mm", "0.0531 mm", "0.0602 mm", "creep", "one term", "wrong law", "0.0341", "0.0331 to 0.0351"),
@@ -93,40 +21,6 @@ WANTED = (
     *("It fails most at marker tip.", "The silicone keeps moving.", "placement", "314", "340", "use a jig", "Left over"),
     *("Map", "in sd", "Finger", "Ridge", "no second camera", "sha256 3f9a12", "twin diagnose", "iVBORw0KGgo"),
 )
-OWN_KEYS = {"seed", "film", "creep.g1"}  # what a folder says, too
-VOID = {"meta", "img", "br", "link", "input", "hr"}
-
-
-class Tags(HTMLParser):
-    """Collects what a page would load, and checks that its elements close in order."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.open: list[str] = []
-        self.loads: list[str] = []
-
-    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        if tag not in VOID:
-            self.open.append(tag)
-        self.loads += [
-            text or "" for name, text in attrs if name in {"src", "href", "xlink:href", "action", "data"}
-        ]
-        self.loads += [tag] if tag in {"script", "link", "iframe", "object", "embed"} else []
-
-    def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        self.handle_starttag(tag, attrs)
-        if tag not in VOID:
-            self.open.pop()
-
-    def handle_endtag(self, tag: str) -> None:
-        assert self.open.pop() == tag
-
-
-def parsed(page: str) -> Tags:
-    tags = Tags()
-    tags.feed(page)
-    tags.close()
-    return tags
 
 
 @pytest.mark.parametrize("text", WANTED)
@@ -153,20 +47,6 @@ def test_each_fact_may_be_absent_or_stand_alone(key: str) -> None:
         assert "Undefined" not in page
 
 
-BAD = "'\"><script>alert('a & b')</script>"
-
-
-def spoilt(fact: object) -> object:
-    """A fact with a script in place of every text."""
-    if isinstance(fact, Picture):
-        return Picture(title=BAD, caption=BAD, half=fact.half, svg=fact.svg, png=fact.png, place=fact.place)
-    if isinstance(fact, dict):
-        return {(BAD if key in OWN_KEYS else key): spoilt(value) for key, value in fact.items()}
-    if isinstance(fact, list | tuple):
-        return [spoilt(one) for one in fact]
-    return BAD if isinstance(fact, str) else fact
-
-
 @pytest.mark.parametrize("key", sorted(FACTS))
 def test_every_text_is_escaped(key: str) -> None:
     page = render(title=BAD, facts={key: spoilt(FACTS[key])})
@@ -183,12 +63,6 @@ def test_every_text_of_a_page_of_tables_is_escaped() -> None:
     assert parsed(page).open == []
 
 
-LIVE = (
-    '<svg xmlns="http://www.w3.org/2000/svg"><script>alert(1)</script><image href="http://evil.example/x.png"/>'
-    '<rect onload="alert(2)"/></svg>'
-)
-
-
 def test_a_drawing_is_an_image_so_nothing_in_it_runs_or_loads() -> None:
     picture = Picture(title='"><script>alert(3)</script>', svg=LIVE)
     table = table_page("t", headline="h", sentences=[], tables=[], pictures=[picture])
@@ -196,6 +70,13 @@ def test_a_drawing_is_an_image_so_nothing_in_it_runs_or_loads() -> None:
         assert not re.search(r"<script|<svg|evil|onload", page)
         (source,) = parsed(page).loads
         assert base64.b64decode(source.removeprefix("data:image/svg+xml;base64,")).decode() == LIVE
+
+
+def test_what_would_run_or_load_is_counted() -> None:
+    found = figures()
+    assert found["script_run"] == 0
+    assert found["script_texts"] > 100
+    assert live('<p onclick="x()"><a href="javascript:x()">x</a></p><script>x()</script>') == ["javascript:x()", "script", "onclick"]
 
 
 def test_halves_stand_in_pairs() -> None:

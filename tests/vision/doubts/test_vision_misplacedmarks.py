@@ -1,5 +1,7 @@
 """Marks glued elsewhere, or nearer to the camera, than stated are told; a sag and a ruler's errors are not."""
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
@@ -40,6 +42,16 @@ def sag(mm: float) -> np.ndarray:
     x = np.array([x for _, x in FINGER])
     radius = 110.0**2 / (2 * mm)
     return np.column_stack([radius * np.sin(x / radius) - x, 0 * x, radius * (np.cos(x / radius) - 1)])
+
+
+@pytest.mark.parametrize("mm", [2.0, 15.0])
+def test_a_fixed_mark_stated_elsewhere_is_named(mm: float) -> None:
+    x, y, z = marks()[1].position
+    rig = [replace(m, role="fixed", position=(x + mm, y, z)) if m.name == "frame1" else m for m in marks()]
+    said = told(stated=rig)
+    assert len(said) == (mm > 5.0)
+    for sentence in said:
+        assert sentence.startswith("Fixed marker 'frame1' is seen at x = 30.0, z = 30.0 mm, stated at x = 45, z = 30 mm.")
 
 
 @pytest.mark.parametrize("off", [None, sag(8.0), sag(25.0), np.random.default_rng(1).normal(0, 0.4, (4, 3))])

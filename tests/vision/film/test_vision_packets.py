@@ -13,7 +13,7 @@ from av.video.frame import VideoFrame
 
 from vision import Video
 from vision.film.decoding import ahead
-from vision.film.packets import Coding, longest_between
+from vision.film.packets import Coding, is_simple, longest_between
 from vision.film.video import Writer
 
 ROOT = Path(__file__).parents[3]
@@ -65,6 +65,20 @@ def test_the_encoder_that_codes_again_has_the_same_frames(tmp_path: Path) -> Non
         assert again.codec == name
         assert again.between == 2
         assert again.every == 20
+
+
+def test_what_codes_in_haste_is_coded_again_in_haste(tmp_path: Path) -> None:
+    """Webcams code in H.264's Baseline profile, old cameras as MPEG-4: at the same bytes they err more in what moves."""
+    hasty = written(tmp_path / "hasty.mkv", "libx264", preset="ultrafast", g="15").coding()
+    assert hasty.simple
+    encoder, options = hasty.options(23.0)
+    assert options["preset"] == "ultrafast"
+    assert written(tmp_path / "again.mkv", encoder, **options).coding().simple
+    usual = written(tmp_path / "usual.mkv", "libx264", bf="0", g="15").coding()
+    assert not usual.simple
+    assert usual.options(23.0)[1]["preset"] == "fast"
+    assert written(tmp_path / "old.mkv", "mpeg4").coding().simple
+    assert not is_simple("mjpeg", "Baseline")  # of JPEG
 
 
 WRITES = """

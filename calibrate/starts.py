@@ -1,0 +1,71 @@
+"""Least squares from many starts -> where each of them ended, the best first: whether there is one optimum.
+
+A Latin hypercube (M. D. McKay, R. J. Beckman, W. J. Conover 1979, doi:10.2307/1268522) spreads the starts
+over the bounds. Sorted, the ends make a waterfall: a flat step of many ends at the bottom, found again and
+again, speaks for the best there is (A. Raue et al. 2013, doi:10.1371/journal.pone.0074335).
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import qmc
+
+from calibrate.parameters import Array, Fit, Parameter, bounds
+
+SAME = 0.1  # chi2 by which ends at one optimum differ at most: 0.3 sd
+NEAR = 1.0  # typical steps of each parameter that they lie apart at most
+
+
+@dataclass(frozen=True, eq=False)
+class Ended:
+    """A descent: its start (d,), and the fit where it ended; None where the model has no answer there."""
+
+    start: Array
+    fit: Fit | None
+
+    @property
+    def chi2(self) -> float:
+        """Of the end; inf where there is none."""
+        return np.inf if self.fit is None else self.fit.chi2
+
+
+@dataclass(frozen=True, eq=False)
+class Optimum:
+    """Ends that are one: the best of them, and their number."""
+
+    fit: Fit
+    count: int
+
+
+def latin(parameters: Sequence[Parameter], count: int, *, seed: int) -> Array:
+    """So many starts (count, d) within the bounds, each in its own slice of every one of them."""
+    low, high = bounds(tuple(parameters))
+    return np.asarray(low + (high - low) * qmc.LatinHypercube(len(low), rng=seed).random(count))
+
+
+def waterfall(fit: Callable[[Array], Fit], starts: Array) -> tuple[Ended, ...]:
+    """The descents from starts (m, d), the best end first. fit: start (d,) -> where it ends."""
+    found = [(start, fit(start)) for start in starts]
+    ends = [Ended(start, end if np.isfinite(end.chi2) else None) for start, end in found]
+    return tuple(sorted(ends, key=lambda end: end.chi2))
+
+
+def optima(ends: Sequence[Ended]) -> tuple[Optimum, ...]:
+    """The different optima among ends that are sorted, the best first."""
+    groups: list[list[Fit]] = []
+    for end in ends:
+        if end.fit is None:
+            continue
+        own = next((group for group in groups if _one(group[0], end.fit)), None)
+        if own is None:
+            groups.append([end.fit])
+        else:
+            own.append(end.fit)
+    return tuple(Optimum(group[0], len(group)) for group in groups)
+
+
+def _one(a: Fit, b: Fit) -> bool:
+    """Whether two fits are at one optimum."""
+    apart = [abs(x - y) / p.step for x, y, p in zip(a.theta, b.theta, a.parameters, strict=True)]
+    return abs(a.chi2 - b.chi2) <= SAME and max(apart) <= NEAR

@@ -1,0 +1,32 @@
+"""What counts the reading of files outside a folder sees it where it happens; one place is tried with all stages."""
+
+from pathlib import Path
+
+import pytest
+
+from tests.strangers import received
+from tests.strangers.studio import make
+from twin.project import trust
+
+
+@pytest.fixture(scope="module")
+def base(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return Path(make(tmp_path_factory.mktemp("received") / "base"))
+
+
+def test_nothing_is_read_outside(base: Path, tmp_path: Path) -> None:
+    assert received.unasked(tmp_path / "keys")[1] == 0
+    for name in ("raw/pressure.csv", "raw/lens.yml"):
+        assert not received.is_read(base, name, tmp_path)
+
+
+def test_a_link_that_is_followed_is_seen(base: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(trust, "links", lambda root, config: [])
+    assert received.is_read(base, "raw/pressure.csv", tmp_path)
+    assert received.unasked(tmp_path / "keys")[1] >= 16
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", received.PLACES)
+def test_no_place_is_read_outside(name: str, base: Path, tmp_path: Path) -> None:
+    assert not received.is_read(base, name, tmp_path)

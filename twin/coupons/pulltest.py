@@ -1,0 +1,218 @@
+"""A table [[material_tests]] of twin.toml -> the loading branch of a test, and the curve that a fit takes."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fe.homogeneous import SLOPES, principal_stretches
+from twin.coupons.exports import ExportColumn, SoughtColumn, read_export
+from twin.coupons.headings import Quantity
+from twin.coupons.plausible import beginning, preload_doubt, stiffness_fault, strain_fault, true_stress_doubt
+from twin.targets import Array, MaterialCurve
+
+if TYPE_CHECKING:
+    from twin.project.config import MaterialTestTable
+    from twin.project.folder import Project
+
+Rows = NDArray[np.int64]
+POINTS = 20  # of a curve at most: its values stand for more, whose errors are not independent
+TURN = 0.05  # of the range of the strain, by which it goes back where a branch ends
+FEWEST = 4
+
+
+@dataclass(frozen=True, eq=False)
+class PullTest:
+    """A test of the silicone as it was recorded: nominal strain and stress (k,) MPa on its loading branch,
+    below 0 in compression; time (k,) s since the pull began, where it is known; rows of the file; what is to
+    be said of it."""
+
+    table: "MaterialTestTable"
+    strain: Array
+    stress: Array
+    time: Array | None
+    rows: int
+    remarks: tuple[str, ...]
+
+    @staticmethod
+    def of(project: "Project", table: "MaterialTestTable") -> "PullTest":
+        """That of a table. ValueError where its file is not right, or cannot be what it says."""
+        where = f"material_tests.{table.name}: {table.file}"
+        pull, push, time = _columns(project, table)
+        if fault := true_stress_doubt({pull.heading: table.true_strain, push.heading: table.true_stress}):
+            raise ValueError(f"{where}: {fault} (true_strain, true_stress of [[material_tests]])")
+        strain, stress = _nominal(table, pull, push)
+        if fault := strain_fault(strain):
+            raise ValueError(f"{where}: {fault}; correct the unit (strain_unit) or length_mm")
+        branches = loading_branches(np.abs(strain))
+        if len(branches) < table.cycle:
+            has = f"it has {len(branches)} loading branches"
+            raise ValueError(f"{where}: cycle = {table.cycle}, but {has}; correct cycle")
+        rows = branches[table.cycle - 1]
+        at = None if time is None or table.cycle > 1 else _begun(np.abs(strain[rows]), time.values[rows])
+        found = PullTest(table, strain[rows], stress[rows], at, len(strain), ())
+        if fault := stiffness_fault(found.strain, found.stress, table.specimen):
+            raise ValueError(f"{where}: {fault}; correct the unit (stress_unit) or area_mm2")
+        return replace(found, remarks=tuple(_remarks(found, len(branches))))
+
+    @property
+    def stretches(self) -> Array:
+        """The largest principal stretch (k,) at each row."""
+        return principal_stretches(self.strain, self.table.specimen).max(axis=1)
+
+    @property
+    def sentence(self) -> str:
+        """What was read of the test, in words."""
+        shear = beginning(self.strain, self.stress)[0] / SLOPES[self.table.specimen]
+        k = int(np.abs(self.strain).argmax())
+        return (
+            f"Material test {self.table.name} ({self.table.kind}): {len(self.strain)} of {self.rows} rows of "
+            f"{self.table.file}, to {100 * self.strain[k]:.3g} % and {self.stress[k]:.3g} MPa nominal "
+            f"stress. Its beginning has a shear modulus of {shear:.3g} MPa."
+        )
+
+    def sd(self, stress: Array) -> Array:
+        """The sd of each stress alone, MPa."""
+        return np.hypot(self.table.sd_MPa, self.table.sd_percent / 100 * stress)
+
+    def curve(self, up_to: float = np.inf) -> MaterialCurve:
+        """The curve up to a largest stretch: POINTS values at most, each the mean of its share of the
+        strains. ValueError where too few are left."""
+        limit = self.table.stretch_up_to or up_to
+        keep = (self.stretches <= limit) & (self.strain != 0)
+        x, y = np.abs(self.strain[keep]), self.stress[keep]
+        if len(x) < FEWEST or np.ptp(x) == 0:
+            raise ValueError(
+                f"material_tests.{self.table.name}: {len(x)} values up to a stretch of {limit:.3g}; wanted "
+                f"{FEWEST} or more: raise stretch_up_to, or export the curve with more points"
+            )
+        bins = np.clip(((x - x.min()) / np.ptp(x) * POINTS).astype(int), 0, POINTS - 1)
+        own = np.unique(bins)
+        at = [np.flatnonzero(bins == k) for k in own] if len(x) > POINTS else list(np.argsort(x)[:, None])
+
+        def mean(values: Array) -> Array:
+            return np.array([values[rows].mean() for rows in at])
+
+        strain, stress = mean(self.strain[keep]), mean(y)
+        modes, names = self._shared(strain, stress)
+        time = None if self.time is None else mean(self.time[keep])
+        return MaterialCurve(
+            name=self.table.name, kind=self.table.specimen, strain=strain, stress=stress, sd=self.sd(stress),
+            modes=modes, mode_names=names, time=None if time is None or np.isnan(time).any() else time,
+            up_to=float(self.stretches[keep].max()), recorded=self.rows, left_out=int((~keep).sum()),
+        )  # fmt: skip
+
+    def _shared(self, strain: Array, stress: Array) -> tuple[Array, tuple[str, ...]]:
+        """The errors (k, n) MPa that all values share, with their names."""
+        rows, names = [self.table.scale_percent / 100 * stress], ["scale"]
+        if self.table.zero_percent:
+            slope = np.gradient(np.append(0.0, stress), np.append(0.0, strain))[1:]
+            rows.append(self.table.zero_percent / 100 * slope)
+            names.append("zero of the strain")
+        return np.array(rows), tuple(names)
+
+
+def pull_tests(project: "Project") -> tuple[PullTest, ...]:
+    """The tests of the silicone that a project states. ValueError where one is not right."""
+    return tuple(PullTest.of(project, table) for table in project.config.material_tests)
+
+
+def _columns(
+    project: "Project", table: "MaterialTestTable"
+) -> tuple[ExportColumn, ExportColumn, ExportColumn | None]:
+    """The columns of strain, stress and time."""
+    clock = SoughtColumn(("time",), "time", table.time)
+    pulled: tuple[Quantity, ...] = ("displacement",) if table.length_mm is not None else ("strain", "stretch")
+    pushed: tuple[Quantity, ...] = ("force",) if table.area_mm2 is not None else ("stress",)
+    wanted = [
+        _sought(table, pulled, table.strain_unit, "strain_unit"),
+        _sought(table, pushed, table.stress_unit, "stress_unit"),
+    ]
+    path = project.path(table.file)
+    if table.time is not None:
+        pull, push, time = read_export(path, [*wanted, clock])
+    else:
+        pull, push, time = read_export(path, wanted, also=[clock])
+    assert pull is not None
+    assert push is not None
+    return pull, push, time
+
+
+def _sought(
+    table: "MaterialTestTable", some: tuple[Quantity, ...], unit: str | None, unit_key: str
+) -> SoughtColumn:
+    """The column of one of some quantities: that which the table names, if any."""
+    headings: dict[Quantity, str | None] = {
+        "strain": table.strain, "stretch": table.stretch, "displacement": table.displacement,
+        "stress": table.stress, "force": table.force,
+    }  # fmt: skip
+    named = tuple(q for q in some if headings[q] is not None) or some
+    return SoughtColumn(named, named[0], headings[named[0]], unit, unit_key)
+
+
+def _nominal(table: "MaterialTestTable", pull: ExportColumn, push: ExportColumn) -> tuple[Array, Array]:
+    """Nominal strain (k,) and nominal stress (k,) MPa."""
+    strain, stress = pull.values, push.values
+    if pull.quantity == "displacement":
+        strain = strain / table.length_mm  # type: ignore[operator]
+    if pull.quantity == "stretch":
+        strain = strain - 1.0
+    if table.true_strain:
+        strain = np.expm1(np.clip(strain, -5.0, 5.0))
+    if push.quantity == "force":
+        stress = stress / table.area_mm2  # type: ignore[operator]
+    if table.kind == "compression":
+        strain, stress = -np.abs(strain), -np.abs(stress)
+    if strain.min() <= -1.0:
+        raise ValueError(f"material_tests.{table.name}: a strain of {strain.min():.3g}; wanted more than -1: "
+                         "nothing is pressed flat; correct the unit (strain_unit) or length_mm")  # fmt: skip
+    return strain, stress / (1 + strain) if table.true_stress else stress
+
+
+def loading_branches(strain: Array) -> list[Rows]:
+    """The rows of each branch on which strains (k,) rise, from a lowest value to the next highest."""
+    back, found = TURN * float(np.ptp(strain)), []
+    low = high = 0
+    for k in range(1, len(strain)):
+        if strain[k] > strain[high]:
+            high = k
+        elif strain[k] < strain[high] - back:
+            if strain[high] - strain[low] > back:
+                found.append(np.arange(low, high + 1))
+            low = high = k
+        if strain[k] < strain[low] and high <= low:
+            low = high = k
+    if strain[high] - strain[low] > back:
+        found.append(np.arange(low, high + 1))
+    return found
+
+
+def _begun(strain: Array, time: Array) -> Array:
+    """Times (k,) s since the strain was 0, to which a straight line through the first half leads back; NaN
+    from where they do not rise."""
+    falls = np.flatnonzero(np.diff(time) < 0)
+    known = int(falls[0]) + 1 if falls.size else len(time)
+    time = np.where(np.arange(len(time)) < known, time - time[0], np.nan)
+    half = max(known // 2, 2)
+    rate = np.polynomial.Polynomial.fit(time[:half], strain[:half], 1).convert(domain=(-1, 1)).coef
+    rest = -rate[0] / rate[1] if len(rate) > 1 and rate[1] > 0 else 0.0
+    return np.asarray(np.maximum(time - min(rest, 0.0), 1e-9), float)
+
+
+def _remarks(test: PullTest, branches: int) -> Sequence[str]:
+    """What is to be said of a test, a sentence each."""
+    out, name = [], f"Material test {test.table.name}"
+    if branches > 1:
+        out.append(
+            f"{name}: of {branches} loading branches number {test.table.cycle} is used. A silicone that was "
+            "stretched before is softer (Mullins): take the one before which it was stretched as far as "
+            "the finger was."
+        )
+    elif len(test.strain) < 0.95 * test.rows:
+        left = test.rows - len(test.strain)
+        out.append(f"{name}: {left} of {test.rows} rows, those of unloading, are left out.")
+    if doubt := preload_doubt(test.strain, test.stress, test.sd(test.stress)):
+        out.append(f"{name}: {doubt}.")
+    return out
