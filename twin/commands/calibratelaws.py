@@ -166,7 +166,10 @@ def sentence_of(rows: Sequence[LawRow]) -> str:
     if others := [row.name for row in rows if row.group > 1]:
         said += f" Less likely: {', '.join(others)}."
     if not any(row.adequate for row in rows):
-        said += " None fits within the noise: another effect is missing, which `twin diagnose` looks for."
+        said += (
+            " None fits within the noise, so that this order says little: another effect is missing, which "
+            "`twin diagnose` looks for."
+        )
     return said
 
 
