@@ -65,7 +65,7 @@ def test_two_tied_parts_in_other_units(deck: dict[str, Path]) -> None:
 @pytest.mark.slow
 def test_a_published_deck_is_calibrated(deck: dict[str, Path], tmp_path: Path) -> None:
     case = read_deck(deck["bellows"]).case
-    truth = replace(case, materials=dict.fromkeys(case.materials, Material(0.12, 0.03, bulk_ratio=1000)))
+    truth = replace(case, materials=dict.fromkeys(case.materials, Material(0.15, bulk_ratio=1000)))
     bench = virtual.Bench(film_hz=2.0, gauge_sd_MPa=1e-4, sd=0.002)
     course = virtual.path(bench, protocol=((0.0, 0.0), (2.0, 0.0), (4.0, 12.0), (8.0, 12.0)))
     points = np.array([TIP, MIDDLE])
@@ -80,8 +80,9 @@ def test_a_published_deck_is_calibrated(deck: dict[str, Path], tmp_path: Path) -
     toml.write_text(toml.read_text().replace("population = 30", "population = 8").replace("generations = 20", "generations = 2"))
     run("calibrate", "--project", tmp_path / "batch")
     fit = read_json(next((tmp_path / "batch" / "runs").glob("*-calibrate/fit.json")))
-    total = sum(fit["parameters"][name]["value"] for name in ("C10", "C01"))
-    assert total == pytest.approx(0.15, rel=0.05)
+    assert set(fit["parameters"]) == {"C10", "C20", "C30"}  # Yeoh's, as in the deck
+    # two points under one ramp: the interval of C10 is 8 % wide on either side
+    assert fit["parameters"]["C10"]["value"] == pytest.approx(0.15, rel=0.1)
 
 
 # -- meshes with groups ------------------------------------------------------------------------------------
