@@ -61,18 +61,15 @@ OPTIONS: dict[str, tuple[Parameter, ...]] = {
     ),
     "init": (
         MADE,
-        _option("targets", Path | None, None, "displacements measured elsewhere: a folder with targets.csv, "
-                "or the file or folder of another program"),
-        _option("form", str | None, None, "format of that file, where it does not show it: see docs/files.md",
+        _option("targets", Path | None, None, "displacements measured elsewhere: file or folder"),
+        _option("form", str | None, None, "format of that file: see docs/files.md",
                 "--format"),
-        _option("nodes", NAMES, [], "a point: its node, NAME=LABEL, or position in mm, NAME=X,Y,Z; "
-                "once for each", "--node"),
-        _option("finger", NAMES, [], "a dimension of your finger, such as length_mm=80; once for each"),
+        _option("nodes", NAMES, [], "point, NAME=node label or NAME=X,Y,Z in mm; repeated", "--node"),
+        _option("finger", NAMES, [], "a dimension, such as length_mm=80; once for each"),
         _option("body", str, "finger", "kind, such as pneunet:chambers=4"),
         _option("sd_mm", NUMBER, None, "sd of one position in another program's file, mm"),
         _option("still", str, "", "instead: its rows at rest, 0-60,200-260, or holds"),
-        _option("deck", Path | None, None, "Abaqus deck of your own mesh, in mm, N and MPa; or a mesh of "
-                "Gmsh or VTK with named groups"),
+        _option("deck", Path | None, None, "your own mesh: Abaqus (mm, N, MPa), Gmsh or VTK"),
         _option("pressure_set", str, "", "of such a mesh: the group of faces under pressure"),
         _option("clamp_set", str, "", "of such a mesh: the group of faces that is held"),
         _option("like", Path | None, None, "project of a former batch on the same rig: "
@@ -152,11 +149,11 @@ OPTIONS: dict[str, tuple[Parameter, ...]] = {
     "predict": (
         _option("pressure", NAMES, [], "pressure that is held, such as 20kPa; once for each"),
         _option("course", Path | None, None, "pressure log to follow instead, CSV"),
-        _option("inverse", NAMES, [], "a wanted displacement, mm: the pressure that gives tip.U3=-40"),
-        _option("at", NAMES, [], "a point of the project, x=60, or x,y,z in mm; once for each"),
+        _option("inverse", NAMES, [], "the pressure that gives a motion, tip.U3=-40 mm"),
+        _option("at", NAMES, [], "a point, x=60, or x,y,z in mm; once for each"),
         _option("ramp_s", float, 2.0, "time in which a held pressure is reached, s"),
         _option("hold_s", float, 2.0, "time for which it is held, s"),
-        _option("gravity", str, "", "its direction X,Y,Z, where it is another than in the film"),
+        _option("gravity", str, "", "its direction X,Y,Z, if other than in the film"),
         _flag("blocked", "also the force of the finger whose end is kept at its height"),
         _option("object", str, "", "also the force on a rigid object: cylinder:d=40,x=70,z=-30 (mm)"),
     ),
