@@ -176,11 +176,13 @@ class Draft:
             if any(e in mesh.sheets for e, _ in faces):
                 continue
             e, f = np.array(list(dict.fromkeys(faces)), np.int64).reshape(-1, 2).T
-            absent = np.flatnonzero(f >= len(ELEMENTS[kind].faces))
+            absent = np.flatnonzero((f < 0) | (f >= len(ELEMENTS[kind].faces)))
             if len(absent):
+                number, side = e[absent[0]], f[absent[0]]
+                called = f"S{side + 1}" if side >= 0 else "SPOS or SNEG"
                 raise ValueError(
-                    f"{self.file}: surface {name!r} has face {f[absent[0]] + 1} of element {e[absent[0]]}, "
-                    f"but {kind} has the faces 1 to {len(ELEMENTS[kind].faces)}"
+                    f"{self.file}: surface {name!r} has face {called} of element {number}, but "
+                    f"{kind} has the faces S1 to S{len(ELEMENTS[kind].faces)}"
                 )
             surfaces[name] = np.stack([rows(self.file, numbers, list(e), "element"), f], axis=1)
         pressurised = None

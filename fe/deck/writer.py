@@ -137,6 +137,12 @@ def _growing(case: Case, pressure: float) -> list[str]:
         lines += _forces(case, name, pressure * np.asarray(force))
     if case.pressurised:
         shares = case.shares or {case.pressurised: 1.0}
+        named = np.concatenate([case.surfaces[name] for name in shares])
+        if len(np.unique(named, axis=0)) != len(case.surfaces[case.pressurised]):
+            raise ValueError(
+                f"shares of the pressure name other faces than the surface {case.pressurised!r} has: a deck "
+                "wants a share for each of its faces; name them all"
+            )
         lines += ["*DSLOAD", *(f"{in_deck(n)}, P, {share * pressure:.10g}" for n, share in shares.items())]
     return lines
 
