@@ -31,9 +31,9 @@ from fe import Finger, Path
 from twin.executors.chosen import current
 from twin.executors.clusters import on_cluster
 from twin.executors.protocol import Executor, Task, gathered
-from twin.laws.mooneyrivlin import NOMINAL
+from twin.laws.mooneyrivlin import MOONEY_RIVLIN, NOMINAL
 from twin.model.discretisation import SAMPLES, _response
-from twin.model.loadpaths import NOTHING, REDUCED, SHARES, TOTAL, along_path
+from twin.model.loadpaths import NOTHING, REDUCED, SCALE, along_path
 from twin.model.structure import BuiltIn, Structure, of_finger
 from twin.targets import Array
 
@@ -42,6 +42,7 @@ COSTS = ROOT / "benchmarks" / "results" / "costs.json"  # the demo's calibrate, 
 STATIONS = (12, 22, 32, 42, 52, 64, 72)  # in 1/72 of the bellows' 100 mm: markers along the finger
 TOP = 0.024  # MPa
 TINY = 1000
+COUNT = MOONEY_RIVLIN.shapes[0].count
 SIZES, PER_WORKER = (100, 10_000), (10, 100)
 
 
@@ -49,7 +50,8 @@ def load_paths(structure: Structure, points: Array, count: int) -> list[Task]:
     """The tasks of load paths, so many of different shares of C10."""
     reduced = np.linspace(0, 1, 61) ** 1.3 * REDUCED
     shares = 0.5 - 0.5 * np.cos(np.pi * (np.arange(count) + 0.5) / count)
-    return [partial(along_path, structure.case, float(s), TOTAL, reduced, points, NOTHING) for s in shares]
+    every = [MOONEY_RIVLIN.at(SCALE, (float(s),)) for s in shares]
+    return [partial(along_path, structure.case, c, SCALE, reduced, points, NOTHING) for c in every]
 
 
 def finer_meshes(structure: Structure, points: Array) -> list[Task]:
@@ -136,7 +138,7 @@ def main() -> int:
     x = 4.0 + np.array(STATIONS) * 100.0 / 72.0
     points = np.stack([x, np.full_like(x, 11.5), np.zeros_like(x)], axis=1)
     kinds: dict[str, Callable[[], list[Task]]] = {
-        "load paths": lambda: load_paths(structure, points, 4 if typed.quick else SHARES)
+        "load paths": lambda: load_paths(structure, points, 4 if typed.quick else COUNT)
     }
     if not typed.quick:
         kinds["finer meshes"] = lambda: finer_meshes(structure, points)

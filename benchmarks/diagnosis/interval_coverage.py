@@ -208,7 +208,7 @@ def _of(name: str, found: Estimates, names: Sequence[str]) -> tuple[float, float
         gradient[:2], value = 1.0, constants.scale
     elif name == "share":
         gradient[:2] = np.array([-constants["C01"], constants["C10"]]) / constants.scale**2
-        value = constants.share
+        value = constants["C01"] / constants.scale
     else:
         k = list(names).index(name)
         gradient[k], value = 1.0, float(found.theta[k])

@@ -57,6 +57,10 @@ def _not_carried(base: Case, side: Case) -> str:
         return "`clamp`, the nodes that it holds"
     if not _same(_loaded_faces(side), _loaded_faces(base)):
         return "`pressurised`, the faces under pressure"
+    if not _same(base.shares, side.shares):
+        return "`shares`, what of the pressure each surface carries"
+    if not _same((base.ties, base.equations), (side.ties, side.equations)):
+        return "`ties` or `equations`, which nodes follow which"
     if base.contact and side.contact and not _same(_touching(side), _touching(base)):
         return "`contact`, the faces that may touch its plane"
     return ""

@@ -3,9 +3,10 @@
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
-from pydantic import RootModel
+from pydantic import RootModel, model_validator
 
 from twin.executors.chosen import current
 from twin.executors.local import Serial
@@ -44,6 +45,14 @@ class FolderCache:
 class SolvedRow(Record):
     values: dict[str, Finite]
     top_MPa: Positive
+
+    @model_validator(mode="before")
+    @classmethod
+    def _former(cls, row: Any) -> Any:
+        """A row as it was written when Mooney-Rivlin was the only law."""
+        if not (isinstance(row, dict) and set(row) == {"C10", "C01", "top_MPa"}):
+            return row
+        return {"values": {name: row[name] for name in ("C10", "C01")}, "top_MPa": row["top_MPa"]}
 
 
 class SolvedRows(RootModel[tuple[SolvedRow, ...]]):

@@ -8,7 +8,7 @@ import pytest
 
 import fe.path
 from fe import Block, Case, Clamp, Material, Path, Support, Variation, solve
-from fe.case import Contact, Layer
+from fe.case import Contact, Equation, Layer, SelfContact, Spring, Tie
 from fe.element import Array
 from fe.obstacles import Flat
 from fe.solver.newton import equilibrium
@@ -158,15 +158,22 @@ FIELDS = [
     Line("Case.precurvature", case(precurvature=lambda c, x: x)),
     Line("Case.precurvature", case(precurvature=lambda c, x: (x, 0.0, -x))),
     Line("Case.layer", case(layer=lambda c, x: sided(x, Layer("y1", LITTLE), None)), h=1.0),
+    Line("Case.layers", case(layers=lambda c, x: sided(x, (Layer("y1", LITTLE),), ())), h=1.0),
+    Line("Case.self_contact", case(self_contact=lambda c, x: sided(x, (SelfContact("y0", "y1"),), ())), h=1.0, felt=False),
+    Line("Case.shares", case(shares=lambda c, x: {"z0": 0.5 + x}), refused="`shares`"),
+    Line("Case.ties", case(ties=lambda c, x: sided(x, (Tie("y0", "y1", 0.1),), ())), refused="`ties`"),
+    Line("Case.equations", case(equations=lambda c, x: (Equation(((1, 0, 1.0), (2, 0, -1.0))),)), refused="`ties`"),
     Line("Layer.surface", of("layer", surface=lambda x: "y1", stiffness=lambda x: 0.05 + x)),
     Line("Layer.stiffness", of("layer", stiffness=lambda x: 0.05 + x)),
+    Line("Layer.wound", of("layer", wound=lambda x: x > 0, stiffness=lambda x: LITTLE), h=1.0),
     Line("Layer.poisson", of("layer", poisson=lambda x: 0.3 + 10 * x)),
     Line("Case.contact", case(contact=lambda c, x: sided(x, replace(c.contact, stiffness=LITTLE / 100), None)), h=1.0),
     Line("Contact.surface", of("contact", surface=lambda x: "y0"), refused="`contact`"),
-    Line("Contact.normal", of("contact", normal=lambda x: (x, 0.0, 1.0))),
-    Line("Contact.distance", of("contact", distance=lambda x: -0.004 + 0.1 * x)),
+    Line("Contact.obstacle", of("contact", obstacle=lambda x: Flat((x, 0.0, 1.0), -0.004 + 0.1 * x))),
+    Line("Contact.spring", of("contact", spring=lambda x: Spring(1.0 + x, (0.0, 0.0, 1.0)))),
     Line("Contact.stiffness", of("contact", stiffness=lambda x: 0.5 + 10 * x)),
     Line("Contact.friction", of("contact", friction=lambda x: 0.1 + x)),
+    Line("Material.chains", material(chains=lambda x: (0.1 + x, 2.0 + x))),
     Line("Material.C10", material(C10=lambda x: 0.214 + x)),
     Line("Material.C01", material(C01=lambda x: 0.083 + x)),
     Line("Material.C20", material(C20=lambda x: 10 * x)),

@@ -52,6 +52,12 @@ def test_finer_meshes_serve_where_they_reach(tmp_path: Path) -> None:
     assert serving(mooney_rivlin(0.5, 0.1), 0.02) is None
 
 
+def test_a_list_from_before_there_were_laws_is_read(tmp_path: Path) -> None:
+    file = tmp_path / "solved.json"
+    file.write_text('[{"C10": 0.2, "C01": 0.1, "top_MPa": 0.03}]')
+    assert SolvedList(file).known == [SolvedAt(mooney_rivlin(0.2, 0.1), 0.03)]
+
+
 @pytest.fixture
 def bench(
     short_builtin: BuiltIn, make_targets: Callable[..., Targets], make_noise: Callable[..., Noise], tmp_path: Path

@@ -30,7 +30,7 @@ def test_a_curve_narrows_what_is_left_open_as_far_as_it_knows_the_constants(
     model, rng = base_model(plain, short_case), np.random.default_rng(1)
     columns = rng.normal(size=(3, *still.shape))  # two constants, and a mode
     prior = np.array([1e4, 1e4, 1.0])
-    uncertain = Uncertain(columns, prior, np.ones(2, bool))
+    uncertain = Uncertain(columns, prior, free=np.ones(2, bool))
     for targets in (plain, plain_targets(curves=(curve,))):
         change, left = told_by_film(targets, model, TRUE, uncertain)
         seen = np.moveaxis(columns[:, :, :2], 0, -1).reshape(-1, 3) / 0.01  # the fixed marker shows nothing

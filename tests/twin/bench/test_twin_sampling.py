@@ -285,7 +285,7 @@ def test_tests_of_the_silicone_count_in_the_density(monkeypatch: pytest.MonkeyPa
     one = replace(one, targets=SimpleNamespace(curves=("a test",)))  # type: ignore[type-var]
     small, x = np.eye(13), np.array([TRUE, TRUE + [0.01, 0.04], TRUE + [0.3, 0.0]])
     bare, both = (
-        Density(Stub(), small, lambda theta: np.zeros(len(theta)), np.eye(2), 0.0, False, beside)
+        Density(Stub(), small, lambda theta: np.zeros(len(theta)), np.eye(2), 0.0, False, beside=beside)
         for beside in (None, one._beside)
     )
     np.testing.assert_allclose((both(x) - bare(x))[:2], [0.0, -2.5])  # chi2 of 1 and of 2^2, halved

@@ -24,6 +24,7 @@ from twin.executors.daskcluster import Dask
 from twin.executors.local import Serial
 from twin.executors.protocol import gathered
 from twin.executors.surroundings import PACKAGES
+from twin.laws.mooneyrivlin import MOONEY_RIVLIN
 from twin.model.loadpaths import NOTHING, along_path
 from twin.project.folder import Say
 from twin.targets import Array
@@ -98,7 +99,8 @@ def started(folder: Path, k: int, rest_s: float) -> int:
 
 def test_a_cluster_gives_the_bits_of_this_process_in_the_order_of_the_tasks(dask: Dask, coarsest_case: Case) -> None:
     reduced, points = np.linspace(0.0, 0.05, 4), coarsest_case.position(4401)[None]
-    tasks = [partial(along_path, coarsest_case, share, 0.3, reduced, points, NOTHING) for share in (0.2, 0.6)]
+    every = [MOONEY_RIVLIN.at(0.3, (share,)) for share in (0.2, 0.6)]
+    tasks = [partial(along_path, coarsest_case, c, 0.3, reduced, points, NOTHING) for c in every]
     alone = list(gathered(Serial(), tasks))
     before = effort.so_far()
     together = list(gathered(dask, tasks))

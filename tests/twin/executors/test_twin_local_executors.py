@@ -16,6 +16,7 @@ import pytest
 from fe import Case
 from twin.executors.local import WORKERS, Processes
 from twin.executors.protocol import gathered
+from twin.laws.mooneyrivlin import MOONEY_RIVLIN
 from twin.model.loadpaths import NOTHING, along_path
 
 
@@ -113,7 +114,8 @@ def test_there_are_as_many_workers_as_processors_allowed() -> None:
 
 def test_solves_give_the_same_bits_in_any_number_of_processes(coarsest_case: Case) -> None:
     reduced, points = np.linspace(0.0, 0.05, 4), coarsest_case.position(4401)[None]
-    tasks = [partial(along_path, coarsest_case, share, 0.3, reduced, points, NOTHING) for share in (0.2, 0.6)]
+    every = [MOONEY_RIVLIN.at(0.3, (share,)) for share in (0.2, 0.6)]
+    tasks = [partial(along_path, coarsest_case, c, 0.3, reduced, points, NOTHING) for c in every]
     alone, together = (dict(Processes(workers).ended(tasks)) for workers in (1, 2))
     assert np.abs(alone[0]).max() > 0.1  # mm
     for k in range(len(tasks)):
