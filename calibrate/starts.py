@@ -9,7 +9,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import qmc
 
 from calibrate.parameters import Array, Fit, Parameter, bounds
 
@@ -41,6 +40,8 @@ class Optimum:
 def latin(parameters: Sequence[Parameter], count: int, *, seed: int) -> Array:
     """So many starts (count, d) within the bounds, each in its own slice of every one of them."""
     low, high = bounds(tuple(parameters))
+    from scipy.stats import qmc
+
     return np.asarray(low + (high - low) * qmc.LatinHypercube(len(low), rng=seed).random(count))
 
 

@@ -6,7 +6,6 @@ import numpy as np
 
 from calibrate import Fit
 from calibrate.starts import SAME, Ended, latin, optima, waterfall
-from twin.drawing.startsplot import draw_starts
 from twin.judging.record import StartRow
 from twin.numerals import short
 from twin.project.folder import Run, Say
@@ -85,6 +84,8 @@ def several_starts(on: OnPaths, near: Array, count: int, run: Run, say: Say) -> 
     ends = waterfall(fit, latin(parameters, count, seed=seed))
     if ends[0].fit is None:
         raise ValueError("--starts: from none of them has the model an equilibrium; widen [calibrate] bounds")
+    from twin.drawing.startsplot import draw_starts
+
     run.write_bytes(PICTURE, draw_starts(np.array([end.chi2 for end in ends]), same=SAME))
     return Starts(ends)
 
