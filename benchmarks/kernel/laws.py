@@ -39,12 +39,14 @@ def felt(law: RubberLaw) -> Constants:
 
 
 def energy(c: Constants, F: Array) -> Array:
-    """W (n,) MPa of the law's own line at F (n, 3, 3), at constant volume."""
+    """W (n,) MPa of the law's own line at F (n, 3, 3), at constant volume; complex where F is."""
     C = np.swapaxes(F, 1, 2) @ F
     C = C / np.linalg.det(F)[:, None, None] ** (2 / 3)
     I1 = np.trace(C, axis1=1, axis2=2)
     I2 = (I1**2 - np.trace(C @ C, axis1=1, axis2=2)) / 2
-    return np.asarray(c.law.energy(c.named, I1, I2, np.sqrt(np.linalg.eigvalsh(C))), float)
+    # of a complex C, which is real but for a complex step, by the general solver
+    squares = np.linalg.eigvals(C) if np.iscomplexobj(C) else np.linalg.eigvalsh(C)
+    return np.asarray(c.law.energy(c.named, I1, I2, np.sqrt(squares)))
 
 
 def derivative_error(law: RubberLaw) -> float:

@@ -5,7 +5,8 @@
 `self_contact_ccx`: two chambers of C3D20R, kernel and ccx with the same pairs of surfaces and the same
 stiffness; the largest difference over the largest displacement. `self_contact_effect`: the same over what
 contact changes. `time_ratio`: three chambers over a channel to 50 kPa in ten steps, seconds of the processor
-with contact over those without, where walls pass through each other.
+with contact over those without, where walls pass through each other. `pneunet_..`: the same of the built-in
+PneuNet of four chambers, C10 = 0.2 and C01 = 0.1 MPa (not by --quick).
 """
 
 import os
@@ -21,7 +22,7 @@ from benchmarks.kernel.convergence import SILICONE
 
 import numpy as np
 
-from fe import Block, Case, Clamp, Path, Support, solve
+from fe import Block, Case, Clamp, Material, Path, Support, solve
 from fe.case import SelfContact
 from fe.deck.calculix import CalculiX
 from fe.deck.writer import deck
@@ -29,8 +30,10 @@ from fe.element import Array, Flags, Integers
 from fe.mesh.convert import converted
 from fe.mesh.skin import closing
 from fe.solving import Solution
+from twin.bodies.pneunet import PneunetTable
 
 TOP = 0.05  # MPa
+RUBBER = Material(0.2, 0.1)
 TOUCH = 0.02  # MPa, of the two chambers
 STIFFNESS = 20.0  # 1/mm
 BASE, END, WALL, CAVITY, GAP = 2.0, 1.0, 1.0, 4.0, 1.0  # mm along x
@@ -146,7 +149,20 @@ def figures(quick: bool) -> Mapping[str, Any]:
     found, seconds = solved(closing(case), TOP, 10)
     print(f"free: {free.iterations} factorisations, {alone:.1f} s; {free.crossed}")
     print(f"contact: {found.iterations} factorisations, {seconds:.1f} s; {found.crossed or 'none cross'}")
-    return {**against_ccx(quick), "time_ratio": seconds / alone, "crossed": bool(found.crossed)}
+    built_in = {} if quick else of_pneunet()
+    return {**against_ccx(quick), "time_ratio": seconds / alone, "crossed": bool(found.crossed), **built_in}
+
+
+def of_pneunet() -> dict[str, float]:
+    """The built-in PneuNet of four chambers: its tip with and without contact, and what contact costs."""
+    body = PneunetTable(chambers=4)
+    case = body.case(body.lattice, RUBBER)
+    tip = case.position(4401)[None]
+    (free, alone), (found, seconds) = (solved(one, TOP, 10) for one in (case, closing(case)))
+    return {
+        "pneunet_free_u3_mm": float(free.at(tip)[-1, 0, 2]), "pneunet_u3_mm": float(found.at(tip)[-1, 0, 2]),
+        "pneunet_time_ratio": seconds / alone,
+    }  # fmt: skip
 
 
 if __name__ == "__main__":

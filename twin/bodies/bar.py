@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, ClassVar, Self
 import numpy as np
 from pydantic import Field, model_validator
 
-from twin.bodies.body import GAP, Arrow, Cells, Place, Sketch, edge_places, finer_cells, marks
-from twin.tablemodel import Positive, TableModel
+from twin.bodies.body import GAP, Arrow, Cells, CellTable, Place, Sketch, edge_places, marks
+from twin.tablemodel import Positive
 
 if TYPE_CHECKING:  # the finite elements are loaded by whoever needs them
     from fe import Case, Material
@@ -18,7 +18,7 @@ CELL = 0.5  # of the smaller side that a cell is long, about
 MOST = 24  # cells along it
 
 
-class BarTable(TableModel):
+class BarTable(CellTable):
     """Dimensions of a solid bar, held at x = 0. It has no chamber: weight and hung weights load it."""
 
     kind: ClassVar[str] = "bar"
@@ -60,15 +60,9 @@ class BarTable(TableModel):
         at = marks(self.length_mm, self.width_mm / 2, 0.0)
         return hollow_case(cells, solid, material=material, marks=at)
 
-    def key(self, lattice: Cells) -> str:
-        """A fingerprint of dimensions and lattice."""
-        from fe.case import digest
-
-        return digest(self, lattice)
-
     def finer(self, lattice: Cells) -> Mapping[str, Cells]:
         """Finer lattices; a bar has no walls of its own."""
-        return {name: cells for name, cells in finer_cells(lattice).items() if name != "walls"}
+        return {name: cells for name, cells in super().finer(lattice).items() if name != "walls"}
 
     @property
     def places(self) -> dict[str, Place]:

@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
+from twin.tablemodel import TableModel
+
 if TYPE_CHECKING:  # the finite elements are loaded by whoever needs them
     from fe import Case, Material
 
@@ -111,16 +113,26 @@ class Cells:
         return n * self.along, n * self.across, n * self.up, n * self.wall, n * self.caps
 
 
-def finer_cells(cells: Cells) -> dict[str, Cells]:
-    """Finer cells along, across the walls, in the section, and, as `check`, in every direction."""
-    along, caps = _more(cells.along), _more(cells.caps)
-    across, up = _more(cells.across), _more(cells.up)
-    return {
-        "cells along": replace(cells, along=along, caps=caps),
-        "walls": replace(cells, wall=_more(cells.wall)),
-        "section": replace(cells, across=across, up=up),
-        "check": replace(cells, along=along, caps=caps, wall=_more(cells.wall), across=across, up=up),
-    }
+class CellTable(TableModel):
+    """Dimensions of a body that is divided by `Cells`."""
+
+    def key(self, lattice: Cells) -> str:
+        """A fingerprint of dimensions and lattice."""
+        from fe.case import digest
+
+        return digest(self, lattice)
+
+    def finer(self, lattice: Cells) -> Mapping[str, Cells]:
+        """Finer cells along, across the walls, in the section, and, as `check`, in every direction."""
+        along, caps = _more(lattice.along), _more(lattice.caps)
+        across, up = _more(lattice.across), _more(lattice.up)
+        wall = _more(lattice.wall)
+        return {
+            "cells along": replace(lattice, along=along, caps=caps),
+            "walls": replace(lattice, wall=wall),
+            "section": replace(lattice, across=across, up=up),
+            "check": replace(lattice, along=along, caps=caps, wall=wall, across=across, up=up),
+        }
 
 
 def _more(count: int) -> int:

@@ -5,13 +5,12 @@ The bottom may have a sheet of paper or fabric, which keeps it from stretching (
 """
 
 import math
-from collections.abc import Mapping
 from typing import TYPE_CHECKING, ClassVar, Self
 
 from pydantic import Field, model_validator
 
-from twin.bodies.body import GAP, Arrow, Cells, Place, Sketch, edge_places, finer_cells, marks
-from twin.tablemodel import NotNegative, Positive, TableModel
+from twin.bodies.body import GAP, Arrow, Cells, CellTable, Place, Sketch, edge_places, marks
+from twin.tablemodel import NotNegative, Positive
 from twin.targets import Array
 
 if TYPE_CHECKING:  # the finite elements are loaded by whoever needs them
@@ -24,7 +23,7 @@ CAP = 4.0  # mm of a cap that a cell is long, about
 ON = 1e-6  # mm
 
 
-class PneunetTable(TableModel):
+class PneunetTable(CellTable):
     """Dimensions of a PneuNet: chambers in a row over a channel that joins them, with gaps between them."""
 
     kind: ClassVar[str] = "pneunet"
@@ -183,16 +182,6 @@ class PneunetTable(TableModel):
         roof = self.bottom_wall_mm + self.channel_height_mm
         stops = [0.0, self.bottom_wall_mm, roof, self._floor, self._ceiling - fine, self._ceiling]
         return between([*stops, self.height_mm], [wall, n, n, up, n, wall])
-
-    def key(self, lattice: Cells) -> str:
-        """A fingerprint of dimensions and lattice."""
-        from fe.case import digest
-
-        return digest(self, lattice)
-
-    def finer(self, lattice: Cells) -> Mapping[str, Cells]:
-        """Finer lattices, the last in every direction."""
-        return finer_cells(lattice)
 
     # -- places and drawing ----------------------------------------------------------------------------------
 

@@ -5,15 +5,14 @@ all of it is silicone; between them core and ring are the chamber.
 """
 
 import math
-from collections.abc import Mapping
 from typing import TYPE_CHECKING, ClassVar, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
-from twin.bodies.body import GAP, Arrow, Cells, Place, Sketch, edge_places, finer_cells, marks
-from twin.tablemodel import Finite, NotNegative, Positive, TableModel
+from twin.bodies.body import GAP, Arrow, Cells, CellTable, Place, Sketch, edge_places, marks
+from twin.tablemodel import Finite, NotNegative, Positive
 from twin.targets import Array
 
 if TYPE_CHECKING:  # the finite elements are loaded by whoever needs them
@@ -27,7 +26,7 @@ MOST = 40  # cells along it
 THICK = 0.3  # of half the chamber that a wall is thick, at most, where one cell across it does
 
 
-class TubeTable(TableModel):
+class TubeTable(CellTable):
     """Dimensions of a tube with a chamber, closed by caps at both ends. A chamber above the axis bends it
     down."""
 
@@ -198,16 +197,6 @@ class TubeTable(TableModel):
         face = np.where(upright, self._half[0], high + np.sign(b) * high)
         outer = np.where(upright[:, None], np.column_stack([face, reached]), np.column_stack([reached, face]))
         return inner, outer
-
-    def key(self, lattice: Cells) -> str:
-        """A fingerprint of dimensions and lattice."""
-        from fe.case import digest
-
-        return digest(self, lattice)
-
-    def finer(self, lattice: Cells) -> Mapping[str, Cells]:
-        """Finer lattices, the last in every direction."""
-        return finer_cells(lattice)
 
     # -- places and drawing ----------------------------------------------------------------------------------
 

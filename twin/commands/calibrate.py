@@ -48,11 +48,11 @@ def run_calibrate(project: Project, say: Say, *, laws: str = "", starts: int = 0
     seed, extra = project.config.calibrate.seed, {"starts": starts} if starts else {}
     with project.new_run("calibrate", seed=seed, extra=extra) as run:
         on = OnPaths.of(bench, say)
-        best = _scaled(on, run, say) if on.of_one_shape else _searched(on, run, say)
-        _check_explained(on, best.best)
         if starts and on.of_one_shape:
             raise ValueError(f"--starts: {bench.law.title} is fitted by whole solves, too dear for it; "
                              "leave it out")  # fmt: skip
+        best = _scaled(on, run, say) if on.of_one_shape else _searched(on, run, say)
+        _check_explained(on, best.best)
         tried = several_starts(on, best.best, starts, run, say) if starts else None
         bench, judged = on.least(best.best, say, *([tried.best] if tried else []))
         model, fit, tests = judged.model, judged.fit, bench.agreement(judged)

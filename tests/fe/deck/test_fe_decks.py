@@ -403,6 +403,12 @@ FIELDS: dict[str, tuple[Callable[[Case], object], str]] = {
 }
 
 
+def test_shares_that_leave_faces_out_are_refused(short: Case) -> None:
+    part = replace(short, surfaces={**short.surfaces, "part": short.surfaces["chamber"][1:]}, shares={"part": 0.5})
+    with pytest.raises(ValueError, match="a share for each of its faces; name them all"):
+        deck(part, PRESSURE)
+
+
 @pytest.mark.parametrize("name", [f.name for kind in (Case, Material) for f in fields(kind)])
 def test_every_field_is_written_or_refused_by_name(short: Case, name: str) -> None:
     value, told = FIELDS[name]

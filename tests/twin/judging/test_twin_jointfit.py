@@ -13,7 +13,7 @@ from tests.twin.conftest import plain_targets
 from twin.effects.library import effect
 from twin.effects.material import Elasticity
 from twin.effects.protocol import Unsolvable
-from twin.judging.besidefilm import curve_jacobian, curve_residual, silicone
+from twin.judging.besidefilm import beside_film, curve_jacobian, curve_residual, silicone
 from twin.judging.fitting import whitened
 from twin.judging.jointfit import agreement, rank, sd_along
 from twin.laws.catalogue import LAWS
@@ -98,7 +98,19 @@ def test_film_and_curves_stand_below_each_other(model: KeptModel, monkeypatch: p
         np.testing.assert_array_equal(J[:72], np.tile([-1.0, -2.0], (72, 1)))
         assert J.shape == (rows, 2)
         if curves:
-            np.testing.assert_array_equal(J[72:], curve_jacobian(model, plain_targets(curves=curves), TRUE + 0.01))
+            targets = plain_targets(curves=curves)
+            np.testing.assert_array_equal(J[72:], curve_jacobian(model, targets, TRUE + 0.01))
+            np.testing.assert_array_equal(z[72:], curve_residual(model, targets, TRUE + 0.01))
+
+
+def test_curves_add_to_the_information_of_another_loss_too(model: KeptModel) -> None:
+    targets = plain_targets(curves=(curve(),))
+    film = [lambda theta, k=k: k * np.ones((3, 2)) for k in (1.0, 0.7)]  # derivatives, and what a loss leaves of them
+    _, jacobian, information = beside_film(lambda theta: np.zeros(3), *film, model=model, targets=targets)
+    assert information is not None
+    np.testing.assert_array_equal(information(TRUE)[:3], 0.7)
+    np.testing.assert_array_equal(information(TRUE)[3:], jacobian(TRUE)[3:])
+    assert beside_film(lambda theta: None, film[0], None, model=model, targets=targets)[2] is None
 
 
 def judged(model: KeptModel, theta: Array, rows: Array, z: Array) -> Any:
