@@ -16,6 +16,7 @@ STEP = 0.6  # of log(1 + t / FIRST) in a hold
 RAMP = 6  # steps for a ramp over the whole range of pressure, and
 SOFT_RAMP = 12  # where softening or slip on a plane bends it: of softening's effect 0.1 % rms, 1 % at most
 STRAIGHT = 0.02  # of the range of pressure: by so much a log may leave the line between two corners
+LEVELS = 10  # of pressure: they leave 1.3e-4 mm of the default finger's 65 at 30 kPa, 12 would 0.6e-4, 8 3e-4
 GRADING = 1.5  # of a ramp's steps towards its lower pressure
 
 
@@ -96,7 +97,7 @@ class Path:
         return np.ones(len(time)) if self.stiffness is None else np.interp(time, self.time, self.stiffness)
 
 
-def levels(top: float, *, count: int = 12) -> Array:
+def levels(top: float, *, count: int = LEVELS) -> Array:
     """Pressures (count + 1,) MPa from 0 to `top`, denser near 0 where the response bends most."""
     return top * np.linspace(0, 1, count + 1) ** 1.3
 

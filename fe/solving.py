@@ -20,7 +20,7 @@ from fe.element import Array, Integers
 from fe.kernel.assembly import Kernel, State
 from fe.mesh.mirror import middle_plane, symmetry_support
 from fe.mesh.points import interpolation
-from fe.path import Path, levels
+from fe.path import LEVELS, Path, levels
 from fe.solver.adjoint import NullTangents
 from fe.solver.curve import Curve, nothing, trace
 from fe.solver.loadings import Loadings
@@ -230,13 +230,13 @@ def solve(
     *,
     start: Solution | None = None,
     variations: Sequence[Variation] = (),
-    count: int = 12,
+    count: int = LEVELS,
 ) -> Solution:
     """The displacements of `case` along `path`, and their derivatives along `variations`.
 
     start: a solution of a neighbouring case with the same mesh and path, to begin from. count: levels of
-    pressure that carry the history-free curve (10 leave 2e-4 mm of the finger's 58); one output time needs no
-    curve. Never raises for lack of convergence: see `Solution.converged`, `reason` and `reached`.
+    pressure that carry the history-free curve; one output time needs no curve. Never raises for lack of
+    convergence: see `Solution.converged`, `reason` and `reached`.
     """
     if case.contact is not None and not case.contact.friction >= 0:
         raise ValueError(

@@ -55,9 +55,10 @@ class Curve:
 
     def _hermite(self, q: float, order: int) -> State:
         k = int(np.clip(np.searchsorted(self.pressure, q) - 1, 0, len(self.pressure) - 2))
-        x, two = self.pressure[k : k + 2], slice(k, k + 2)
+        # written out: a spline of scipy's for two levels takes ten times as long to make as to evaluate
+        weights = _weights(self.pressure[k], self.pressure[k + 1], q, order)
         u, p, r = (
-            CubicHermiteSpline(x, y[two], s[two], axis=0)(q, order)
+            weights[0] * y[k] + weights[1] * s[k] + weights[2] * y[k + 1] + weights[3] * s[k + 1]
             for y, s in ((self.u, self.u_slope), (self.p, self.p_slope), (self.rotation, self.rotation_slope))
         )
         return State(u, p, float(r))
@@ -110,6 +111,14 @@ class Curve:
             return np.empty((0, len(q), operator.shape[0], 3))
         y = np.stack([_apply(operator, d) for d in self.derivative])
         return np.asarray(CubicSpline(self.pressure, y, axis=1)(q))
+
+
+def _weights(a: float, b: float, q: float, order: int) -> tuple[float, float, float, float]:
+    """The weights at q of value and slope at a, then at b, in the cubic through both, or in its slope."""
+    h, t = b - a, (q - a) / (b - a)
+    if order == 0:
+        return (1 + 2 * t) * (1 - t) ** 2, h * t * (1 - t) ** 2, t**2 * (3 - 2 * t), h * t**2 * (t - 1)
+    return 6 * t * (t - 1) / h, (1 - t) * (1 - 3 * t), 6 * t * (1 - t) / h, t * (3 * t - 2)
 
 
 def _apply(operator: csr_matrix, fields: Array) -> Array:
@@ -304,13 +313,13 @@ def _ahead(done: list[_Level], target: float) -> State:
     last = done[-1]
     if len(done) == 1:
         return moved(last.state, last.slope, target - last.pressure)
-    x = np.array([level.pressure for level in done])
-    parts = []
-    for name in ("u", "p", "rotation"):
-        y = np.stack([np.asarray(getattr(level.state, name)) for level in done])
-        dy = np.stack([np.asarray(getattr(level.slope, name)) for level in done])
-        parts.append(CubicHermiteSpline(x, y, dy, axis=0)(target))
-    return State(parts[0], parts[1], float(parts[2]))
+    weights = _weights(done[0].pressure, last.pressure, target, 0)
+    parts = done[0].state, done[0].slope, last.state, last.slope
+    u, p, r = (
+        sum(w * getattr(part, name) for w, part in zip(weights, parts, strict=True))
+        for name in ("u", "p", "rotation")
+    )
+    return State(u, p, float(r))
 
 
 def _curve(done: list[_Level], parameters: int, iterations: int, reason: str) -> Curve:

@@ -176,7 +176,7 @@ def test_a_virgin_softening_material_is_its_law_bit_for_bit(short: Case) -> None
 def test_first_loading_is_the_law_and_unloading_is_softer(cube: Cube) -> None:
     up = np.linspace(0.05, 4.0, 40)  # the first rise and hold
     plain, soft = (displaced(cube, m, -1.0, up) for m in (BASE, replace(BASE, mullins=MULLINS)))
-    np.testing.assert_array_equal(soft, plain)
+    np.testing.assert_allclose(soft, plain, rtol=1e-14)  # one cubic, evaluated in two ways
     down, again = 4.0 + np.array([0.2, 0.4, 0.6, 0.8]), 8.0 - np.array([1.68, 1.36, 1.04])
     plain, soft = (displaced(cube, m, -1.0, np.append(down, 7.6)) for m in (BASE, replace(BASE, mullins=MULLINS)))
     assert (soft[:4] < plain[:4] - 1e-3).all()  # mm: pressed flatter at the same pressure
