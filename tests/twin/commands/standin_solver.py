@@ -82,7 +82,7 @@ class Answer:
 
 
 def solve(
-    case: Case, path: Path, *, start: object = None, variations: Sequence[Variation] = ()
+    case: Case, path: Path, *, start: object = None, variations: Sequence[Variation] = (), count: int = 1
 ) -> Answer:
     """The answer, at once."""
     return Answer(case, path, variations)

@@ -425,7 +425,17 @@ def test_the_calibrated_finger_goes_to_other_programs(chain: tuple[Project, Sile
     assert ", P, 0.02" in text
     with pytest.raises(ValueError, match="Prony series: CalculiX knows none; drop it, or export for abaqus"):
         run_export(project, say, form="calculix")
+    with pytest.raises(ValueError, match="--at tip: of a table"):
+        run_export(project, say, form="abaqus", at=["tip"])
+    for form, told in (("step", "wanted one of abaqus"), ("csv", "--pressure 20kPa: of a deck")):
+        with pytest.raises(ValueError, match=told):
+            run_export(project, say, form=form, pressure="20kPa")
 
+
+@pytest.mark.slow
+def test_the_response_of_the_calibrated_finger_is_a_table(chain: tuple[Project, Silent]) -> None:
+    project, _ = chain
+    say, folder = Silent(), project.root / "runs"
     found = run_export(project, say, form="json", at=["tip"])
     made = json.loads((folder / found["run"] / "model.json").read_text())
     rows = made["response"]
@@ -436,13 +446,9 @@ def test_the_calibrated_finger_goes_to_other_programs(chain: tuple[Project, Sile
     np.testing.assert_allclose(np.gradient(u[:, 2], p)[1:-1], slope[1:-1, 2], rtol=0.02)
     said = run_predict(project, say, pressure=(f"{1e3 * p[8]:.6f}kPa",), at=("tip",))["points"][0]
     np.testing.assert_allclose(u[8], said["u_mm"], atol=5e-3)  # what has crept before is not quite forgotten
-    for form, told in (("step", "wanted one of abaqus"), ("csv", "--pressure 20kPa: of a deck")):
-        with pytest.raises(ValueError, match=told):
-            run_export(project, say, form=form, pressure="20kPa")
-    with pytest.raises(ValueError, match="--at tip: of a table"):
-        run_export(project, say, form="abaqus", at=["tip"])
 
 
+@pytest.mark.slow
 def test_what_was_not_filmed_is_predicted_with_an_interval_that_holds_the_truth(
     chain: tuple[Project, Silent], short_case: Case, short_builtin: BuiltIn
 ) -> None:
@@ -478,6 +484,7 @@ def test_what_was_not_filmed_is_predicted_with_an_interval_that_holds_the_truth(
     assert force["force_N"] == pytest.approx(true, rel=0.1)  # so coarse a mesh alone may be off by a third
 
 
+@pytest.mark.slow
 def test_a_profile_says_how_well_each_parameter_is_known(
     chain: tuple[Project, Silent], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -647,6 +654,7 @@ def _interrupted(*_: object, **__: object) -> None:
     raise KeyboardInterrupt
 
 
+@pytest.mark.slow
 def test_a_blocked_force_is_that_of_the_finest_mesh(chain: tuple[Project, Silent]) -> None:
     """With the same constants and creep. The correction is 3 %, of which this coarse mesh asks for a half."""
     project, say = chain

@@ -2,7 +2,7 @@
 
 import re
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from fe import Finger, Lattice, solve
+from fe.deck import writer
 from fe.deck.abaqus import Abaqus
 from fe.deck.calculix import CalculiX
 from fe.deck.engine import EngineResult
@@ -28,6 +29,7 @@ from twin.commands.profile import run_profile
 from twin.commands.review import run_review
 from twin.commands.study import run_study
 from twin.judging.record import FitRecord
+from twin.model import enginejobs
 from twin.model.basemodel import base_test
 from twin.model.structure import BuiltIn, base_case
 from twin.project import files
@@ -77,6 +79,16 @@ class Calibrated:
     say: Lines
     first: list[str]
     second: list[str]
+
+
+@pytest.fixture(autouse=True, scope="module")
+def few_levels() -> Iterator[None]:
+    """Jobs of a few pressures: the stub moves by tenths of a mm, which bends no curve."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(enginejobs, "LEVELS", 4)
+        patch.setattr(writer, "FIRST_INCREMENT", 0.25)
+        patch.setattr(writer, "LARGEST_INCREMENT", 0.25)
+        yield
 
 
 @pytest.fixture(scope="module")
