@@ -1,10 +1,16 @@
 """What [model] engine of twin.toml says -> the program that solves the model, its version and its jobs."""
 
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
+
 from fe.deck.abaqus import Abaqus
 from fe.deck.calculix import CalculiX
 from fe.deck.engine import Program
 from twin.bench.caches import FolderCache
-from twin.model.enginejobs import EngineJobs
+from twin.executors.chosen import current
+from twin.executors.local import Processes, Threads
+from twin.executors.protocol import Executor
+from twin.model.enginejobs import Done, EngineJobs, Together
 from twin.project.config import EMBEDDED, ModelTable
 from twin.project.folder import Project, Silent
 
@@ -26,7 +32,27 @@ def jobs_of(project: Project) -> EngineJobs | None:
             f'of twin.toml; without it take engine = "{EMBEDDED}"'
         ) from None
     cache = FolderCache(project.root / "cache", Silent())  # the search tells how far it is
-    return EngineJobs(engine=engine, release=release, cache=cache, folder=project.root / JOBS)
+    together = together_of(table)
+    return EngineJobs(engine, release, cache, project.root / JOBS, together)
+
+
+def together_of(table: ModelTable) -> Together | None:
+    """What runs several jobs at a time: of Abaqus one by default, as each takes of the licence; of CalculiX
+    as many as there is room for. Those on this machine wait for the program in threads."""
+    executor = current()
+    cpus = table.engine_cpus or 1 if isinstance(executor, Processes) else 1  # a cluster's worker is for one
+    room = max(1, executor.workers // cpus)
+    most = min(room, table.engine_jobs or (1 if table.engine == "abaqus" else room))
+    if most < 2:
+        return None
+    return Threads(most).ended if isinstance(executor, Processes) else partial(_chunks, executor, most)
+
+
+def _chunks(executor: Executor, most: int, tasks: Sequence[Callable[[], Done]]) -> Iterator[tuple[int, Done]]:
+    """What tasks give by their numbers, at most so many at a time."""
+    step = max(len(tasks), 1) if most == executor.workers else most
+    for first in range(0, len(tasks), step):
+        yield from ((first + k, found) for k, found in executor.ended(tasks[first : first + step]))
 
 
 def engine_of(table: ModelTable) -> Program:

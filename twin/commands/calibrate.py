@@ -151,7 +151,7 @@ def _searched(on: OnPaths, run: Run, say: Say) -> Generation:
     settings, parameters = on.bench.project.config.calibrate, on.bench.elasticity.parameters
     found = search(
         parameters, _logged(on, run, say), run, seed=settings.seed, size=settings.population,
-        generations=settings.generations, tell=say.progress,
+        generations=settings.generations, tell=say.progress, ahead=on.ahead,
     )  # fmt: skip
     candidates = _written(on, found, run, say)
     say(f"Genetic algorithm: the best of {candidates} candidates has {found[-1].rms_mm:.3f} mm RMS.")

@@ -1,11 +1,18 @@
-"""Tasks in this process, and in other processes of this machine."""
+"""Tasks in this process, in threads of it, and in other processes of this machine."""
 
 import multiprocessing as mp
 import os
 import signal
 import threading
 from collections.abc import Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures import (
+    FIRST_COMPLETED,
+    Future,
+    ProcessPoolExecutor,
+    ThreadPoolExecutor,
+    as_completed,
+    wait,
+)
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
@@ -58,6 +65,25 @@ class Processes:
             raise
         finally:
             pool.shutdown(cancel_futures=True)
+
+
+@dataclass(frozen=True)
+class Threads:
+    """So many threads of this process, for tasks that wait for another program: they start at once, where a
+    process takes seconds."""
+
+    workers: int
+
+    def ended(self, tasks: Sequence[Task], /) -> Iterator[tuple[int, Any]]:
+        """As `Executor.ended`; what has begun is waited for."""
+        with ThreadPoolExecutor(self.workers) as pool:
+            number = {pool.submit(task): k for k, task in enumerate(tasks)}
+            try:
+                for future in as_completed(number):
+                    yield number[future], future.result()
+            except BaseException:
+                pool.shutdown(wait=False, cancel_futures=True)
+                raise
 
 
 @contextmanager

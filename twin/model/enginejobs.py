@@ -4,9 +4,11 @@ A job is a deck: its text is the key under which what it gave is stored. A job r
 which is kept where it failed, with deck, log and result files, and else removed.
 """
 
+import platform
 import shutil
 import tempfile
 import time
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -33,20 +35,67 @@ Course = tuple[Array, Array]  # pressures (k,) MPa, displacements (k, n, 3) mm
 
 
 @dataclass(frozen=True)
+class Job:
+    """A job: what it is called, the key of what it gives, its deck, and where displacements are wanted.
+
+    case: what is solved; top: the pressure in MPa to which it goes; wanted: the least to which it must; at
+    (p, 3) mm: material points, None for all nodes.
+    """
+
+    name: str
+    key: str
+    text: str
+    case: Case
+    top: float
+    wanted: float
+    at: Array | None
+
+
+@dataclass(frozen=True)
+class Done:
+    """What a job gave: array (k, 1 + p, 3), in mm but for the first column, which has the pressures in MPa;
+    or None, and why, and whether it wrote displacements at all."""
+
+    array: Array | None
+    why: str = ""
+    wrote: bool = False
+
+
+Together = Callable[[Sequence[Callable[[], Done]]], Iterator[tuple[int, Done]]]
+
+
+@dataclass(frozen=True)
 class EngineJobs:
     """Another program and the jobs that it did.
 
     engine: the program; release: its version, as it says; cache: what keeps the arrays of done jobs; folder:
-    where jobs run. failed: why jobs failed, in their order.
+    where jobs run; together: runs several at a time, giving number and result of each as it ends; None: they
+    run one after the other. failed: why jobs failed, in the order in which they were asked for.
     """
 
     engine: Program
     release: str
     cache: ArrayCache
     folder: Path
+    together: Together | None = None
     failed: list[str] = field(default_factory=list, compare=False, repr=False)
     _fruitless: list[str] = field(default_factory=list, compare=False, repr=False)
     _courses: dict[str, Course] = field(default_factory=dict, compare=False, repr=False)
+    _unused: dict[str, Done] = field(default_factory=dict, compare=False, repr=False)
+
+    def ahead(self, cases: Sequence[Case], pressure: float, gravity: Array, *, at: Array) -> None:
+        """Do jobs together that `course` will be asked for with the same pressure, gravity and points; it
+        then gives what it would without."""
+        if self.together is None:
+            return
+        jobs = {job.key: job for job in (self._job(case, pressure, gravity, at) for case in cases)}
+        left = [job for key, job in jobs.items() if key not in self._unused and not self._stored(key)]
+        tasks = [partial(done_elsewhere, self.engine, self.release, self.folder, job) for job in left]
+        for k, found in self.together(tasks):
+            if found.array is None:
+                self._unused[left[k].key] = found  # told when it is asked for
+            else:
+                self.cache(JOBS, {left[k].key: partial(np.array, found.array)})
 
     def course(self, case: Case, pressure: float, gravity: Array, *, at: Array | None = None) -> Course:
         """Pressures (k,) MPa and displacements (k, n, 3) mm of all nodes while the pressure grows to one in
@@ -55,72 +104,98 @@ class EngineJobs:
         Raises Unsolvable where the program does not get there; ValueError for what it cannot solve, and where
         FRUITLESS jobs in a row give nothing.
         """
-        top = rounded_up(max(pressure, 1e-6))
-        heavy = gravity if np.any(gravity) else None
-        text = self.engine.deck(case, top, gravity=heavy, levels=LEVELS)
-        job = digest("engine job", code_digest(), self.engine.name, self.release, self.engine.kind, text)
-        whole = self._courses.get(job)
+        job = self._job(case, pressure, gravity, at)
+        whole = self._courses.get(job.name)
         if whole is None:
-            where = "all nodes" if at is None else np.ascontiguousarray(at)
-            key = digest(job, where)
-            task = partial(self._made, job, text, case, top, pressure, at)
-            made = self.cache(JOBS, {key: task})[key]
+            made = self.cache(JOBS, {job.key: partial(self._made, job)})[job.key]
             whole = made[:, 0, 0], made[:, 1:]
             if whole[0][-1] < pressure * (1 - REACHED):  # stored for a lower pressure
                 raise Unsolvable(f"{self.engine.name} stopped at {whole[0][-1]:.4g} of {pressure:.4g} MPa")
             if at is not None:
                 return whole
-            self._courses[job] = whole
+            self._courses[job.name] = whole
             for old in list(self._courses)[:-KEPT]:
                 del self._courses[old]
         return whole if at is None else (whole[0], _at(interpolation(case, at), whole[1]))
 
-    def _made(
-        self, job: str, text: str, case: Case, top: float, wanted: float, at: Array | None
-    ) -> Array:
-        """The course that a job gives, (k, 1 + n, 3), the pressures first. Raises Unsolvable."""
-        folder, found = self._run(job, text)
-        reason, course = found.reason, None
-        if len(found.share):
-            try:
-                course = over_pressure(found, case, self.engine.kind, top=top)
-            except ValueError as error:
-                reason = str(error)
-        got = course is not None and len(course[0]) >= LEAST
-        if course is None or not got or course[0][-1] < wanted * (1 - REACHED):
-            self._fail(f"{self.engine.name}: {reason}", folder, got=got)
-        assert course is not None
-        shutil.rmtree(folder, ignore_errors=True)
-        self._fruitless.clear()
-        pressure, u = course
-        if at is not None:
-            u = _at(interpolation(case, at), u)
-        first = np.zeros((len(pressure), 1, 3))
-        first[:, 0, 0] = pressure
-        return np.concatenate([first, u], axis=1)
+    def _job(self, case: Case, pressure: float, gravity: Array, at: Array | None) -> Job:
+        top = rounded_up(max(pressure, 1e-6))
+        heavy = gravity if np.any(gravity) else None
+        text = self.engine.deck(case, top, gravity=heavy, levels=LEVELS)
+        name = digest("engine job", code_digest(), self.engine.name, self.release, self.engine.kind, text)
+        where = "all nodes" if at is None else np.ascontiguousarray(at)
+        return Job(name, digest(name, where), text, case, top, pressure, at)
 
-    def _run(self, job: str, text: str) -> tuple[Path, EngineResult]:
-        """A job's folder and what it gave. What a killed run left of the same job is removed."""
-        self.folder.mkdir(parents=True, exist_ok=True)
-        for old in self.folder.glob(f"{job}-*"):
-            shutil.rmtree(old, ignore_errors=True)
-        folder, start = Path(tempfile.mkdtemp(prefix=f"{job}-", dir=self.folder)), time.perf_counter()
+    def _stored(self, key: str) -> bool:
         try:
-            found = self.engine.run(text, folder=folder)
-        except BaseException:
-            shutil.rmtree(folder, ignore_errors=True)
-            raise
-        effort.add(JOBS, 1, time.perf_counter() - start)
-        return folder, found
+            self.cache(JOBS, {key: _absent})
+        except KeyError:
+            return False
+        return True
 
-    def _fail(self, why: str, folder: Path, *, got: bool) -> None:
+    def _made(self, job: Job) -> Array:
+        """What a job gives. Raises Unsolvable."""
+        found = self._unused.pop(job.key, None) or done(self.engine, self.folder, job)
+        if found.array is None:
+            self._fail(found.why, wrote=found.wrote)
+        assert found.array is not None
+        self._fruitless.clear()
+        return found.array
+
+    def _fail(self, why: str, *, wrote: bool) -> None:
         """Raise Unsolvable, or ValueError where the program seems to be at fault."""
-        said = f"{why}; its files are in {folder}"
-        self.failed.append(said)
-        self._fruitless[:] = [] if got else [*self._fruitless, said]
+        self.failed.append(why)
+        self._fruitless[:] = [] if wrote else [*self._fruitless, why]
         if len(self._fruitless) >= FRUITLESS:
-            raise ValueError(f"{FRUITLESS} jobs in a row wrote no displacements. The last: {said}")
-        raise Unsolvable(said)
+            raise ValueError(f"{FRUITLESS} jobs in a row wrote no displacements. The last: {why}")
+        raise Unsolvable(why)
+
+
+def _absent() -> Array:
+    raise KeyError
+
+
+def done_elsewhere(engine: Program, release: str, folder: Path, job: Job) -> Done:
+    """As `done`, in a worker. ValueError where its program is of another release."""
+    if (here := engine.release()) != release:
+        raise ValueError(f"{platform.node()} has {here}, wanted {release}; install the same on every worker")
+    return done(engine, folder, job)
+
+
+def done(engine: Program, folder: Path, job: Job) -> Done:
+    """What a program gives for a job, which runs in a folder of its own below `folder`."""
+    own, found = _run(engine, folder, job)
+    why, course = found.reason, None
+    if len(found.share):
+        try:
+            course = over_pressure(found, job.case, engine.kind, top=job.top)
+        except ValueError as error:
+            why = str(error)
+    wrote = course is not None and len(course[0]) >= LEAST
+    if course is None or not wrote or course[0][-1] < job.wanted * (1 - REACHED):
+        return Done(None, f"{engine.name}: {why}; its files are in {own}", wrote)
+    shutil.rmtree(own, ignore_errors=True)
+    pressure, u = course
+    if job.at is not None:
+        u = _at(interpolation(job.case, job.at), u)
+    first = np.zeros((len(pressure), 1, 3))
+    first[:, 0, 0] = pressure
+    return Done(np.concatenate([first, u], axis=1), wrote=True)
+
+
+def _run(engine: Program, folder: Path, job: Job) -> tuple[Path, EngineResult]:
+    """A job's folder and what it gave. What a killed run left of the same job is removed."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for old in folder.glob(f"{job.name}-*"):
+        shutil.rmtree(old, ignore_errors=True)
+    own, start = Path(tempfile.mkdtemp(prefix=f"{job.name}-", dir=folder)), time.perf_counter()
+    try:
+        found = engine.run(job.text, folder=own)
+    except BaseException:
+        shutil.rmtree(own, ignore_errors=True)
+        raise
+    effort.add(JOBS, 1, time.perf_counter() - start)
+    return own, found
 
 
 def _at(operator: csr_matrix, u: Array) -> Array:

@@ -107,6 +107,12 @@ class EnginePaths:
     gravities: Array
     of_step: Integers
 
+    def ahead(self, every: Sequence[Constants]) -> None:
+        """Do the jobs of several candidates at a time, before `predict` is asked for each."""
+        cases = [self._case(constants) for constants in every]
+        for k in np.unique(self.of_step):
+            self.jobs.ahead(cases, self.top, self.gravities[k], at=self.points)
+
     def predict(
         self, constants: Constants, pressure: Array, *, steps: Integers | None = None
     ) -> Array | None:

@@ -202,6 +202,10 @@ class ModelTable(TableModel):
     engine_cpus: int | None = Field(
         default=None, ge=1, le=1024, description="processors of a job; left out: 4 for abaqus, 1 for calculix"
     )
+    engine_jobs: int | None = Field(
+        default=None, ge=1, le=1024, description="jobs at a time; left out: 1 for abaqus, for calculix what "
+        "the processors, or the workers of --cluster, have room for"
+    )  # fmt: skip
     engine_memory: Memory | None = Field(
         default=None, description='memory of a job of Abaqus, such as "4 GB" or "60%", its default'
     )
@@ -255,7 +259,7 @@ class ModelTable(TableModel):
                 "which walls meet; set it to false, or remove the engine"
             )
         own = {"engine_cpus": self.engine_cpus, "engine_command": self.engine_command}
-        own["engine_memory"] = self.engine_memory
+        own |= {"engine_jobs": self.engine_jobs, "engine_memory": self.engine_memory}
         stated = [key for key, value in own.items() if value is not None]
         if self.engine == EMBEDDED and stated:
             raise ValueError(

@@ -12,7 +12,7 @@ from twin.project.trust import leads_out, links
 # nothing of what they hold, which the digests do.
 ELSEWHERE = {("model", "effects"), ("model", "effect_files")}
 # How a job runs changes no figure; which program solves does.
-RUNNING = {("model", "engine_cpus"), ("model", "engine_memory"), ("model", "engine_command")}
+RUNNING = {("model", f"engine_{key}") for key in ("cpus", "jobs", "memory", "command")}
 NEEDED = ("softtwin",)  # of the recorded versions, those of the code that makes the figures
 
 

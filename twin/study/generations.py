@@ -96,11 +96,13 @@ def search(
     size: int,
     generations: int,
     tell: Callable[[str, int, int], None],
+    ahead: Callable[[list[dict[str, float]]], None] = lambda every: None,
 ) -> list[Generation]:
     """All generations of the genetic algorithm; a killed run's recorded ones are replayed, bit for bit.
 
-    cost(values) -> mm, inf for a model that cannot be solved (logged, ranked last). Each generation is one
-    record of log.jsonl before the next begins.
+    cost(values) -> mm, inf for a model that cannot be solved (logged, ranked last). ahead(candidates) is told
+    those of a generation before their costs are asked for. Each generation is one record of log.jsonl before
+    the next begins.
     """
     records = [r for r in run.log() if r.get("event") == "generation"]
     told = [
@@ -116,7 +118,9 @@ def search(
         out.append(Generation(len(out) + 1, best[0], best[1], x, c))
     while len(out) < generations:
         x = population.ask()
-        c = np.array([cost(dict(zip(names, row, strict=True))) for row in x])
+        every = [dict(zip(names, row, strict=True)) for row in x]
+        ahead(every)
+        c = np.array([cost(values) for values in every])
         population.tell(x, c)
         best = _better(best, x, c)
         out.append(Generation(len(out) + 1, best[0], best[1], x, c))

@@ -1,6 +1,6 @@
 """A law's constants by the load paths: the objective, the paths, and the least squares that begin on them."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -77,7 +77,13 @@ class OnPaths:
         every = [own.law.at(float(s), shape) for s in np.geomspace(*own.scales, SCALES)]
         low, high = np.array([(p.low, p.high) for p in own.parameters]).T
         theta = np.clip([[c[p.name] for p in own.parameters] for c in every], low, high)
+        self.ahead([c.named for c in every])
         return theta, np.array([self.cost(c.named) for c in every])
+
+    def ahead(self, every: Sequence[Mapping[str, float]]) -> None:
+        """Do the jobs of several candidates at a time, where jobs solve the model."""
+        if isinstance(self.paths, EnginePaths):
+            self.paths.ahead([self.bench.elasticity.constants(values) for values in every])
 
     def cost(self, values: Mapping[str, float]) -> float:
         """The RMS in mm of the objective; inf where the model has no equilibrium."""

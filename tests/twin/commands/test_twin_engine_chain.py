@@ -16,7 +16,7 @@ from fe.deck.calculix import CalculiX
 from fe.deck.engine import EngineResult
 from fe.mesh.convert import converted
 from tests.twin.conftest import Lines, plain_targets
-from twin.bench.engines import engine_of
+from twin.bench.engines import engine_of, together_of
 from twin.bench.fits import fit_file
 from twin.commands.add import run_add
 from twin.commands.calibrate import run_calibrate
@@ -28,6 +28,8 @@ from twin.commands.predict import run_predict
 from twin.commands.profile import run_profile
 from twin.commands.review import run_review
 from twin.commands.study import run_study
+from twin.executors.chosen import using
+from twin.executors.local import Processes
 from twin.judging.record import FitRecord
 from twin.model import enginejobs
 from twin.model.basemodel import base_test
@@ -240,6 +242,14 @@ def test_keys_of_an_engine_that_cannot_be(keys: dict[str, object], said: str) ->
 
 
 def test_processors_and_memory_reach_the_command_line() -> None:
+    several: tuple[tuple[dict[str, int], int], ...]
+    several = ({}, 4), ({"engine_cpus": 2}, 2), ({"engine_jobs": 3}, 3), ({"engine_cpus": 8}, 0)
+    with using(Processes(4)):
+        for given, most in several:
+            together = together_of(ModelTable(engine="calculix", **given))  # type: ignore[arg-type]
+            assert (together.__self__.workers if together else 0) == most, given  # type: ignore[attr-defined]
+        assert together_of(ModelTable(engine="abaqus")) is None
+        assert together_of(ModelTable(engine="abaqus", engine_jobs=2)) is not None
     table = ModelTable(engine="abaqus", engine_cpus=2, engine_memory="4 GB", engine_command="abq2023")
     job, extraction = engine_of(table).commands()  # type: ignore[attr-defined]
     assert job == ["abq2023", "job=job", "input=job.inp", "cpus=2", "domains=2", "memory=4gb", "interactive",

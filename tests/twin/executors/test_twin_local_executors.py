@@ -5,6 +5,7 @@ import operator
 import os
 import subprocess
 import sys
+import threading
 import time
 from functools import partial
 from pathlib import Path
@@ -14,7 +15,7 @@ import psutil
 import pytest
 
 from fe import Case
-from twin.executors.local import WORKERS, Processes
+from twin.executors.local import WORKERS, Processes, Threads
 from twin.executors.protocol import gathered
 from twin.laws.mooneyrivlin import MOONEY_RIVLIN
 from twin.model.loadpaths import NOTHING, along_path
@@ -38,6 +39,19 @@ def test_one_worker_does_in_turn_what_is_asked_for() -> None:
 def test_what_a_task_raises_is_raised(workers: int) -> None:
     with pytest.raises(ValueError, match="could not convert string to float: 'x'"):
         list(Processes(workers).ended([partial(float, "x"), partial(float, "1")]))
+
+
+def test_threads_wait_for_several_programs_at_a_time() -> None:
+    """Each ends only when the other has begun."""
+    met = threading.Barrier(2, timeout=60)
+    assert sorted(Threads(2).ended([met.wait, met.wait])) in ([(0, 0), (1, 1)], [(0, 1), (1, 0)])
+    with pytest.raises(ValueError, match="could not convert string to float: 'x'"):
+        list(Threads(2).ended([partial(float, "x"), partial(float, "1")]))
+    begun: list[int] = []
+    results = Threads(1).ended([partial(begun.append, k) for k in range(100)])
+    next(results)
+    results.close()
+    assert len(begun) < 100  # what has not begun is cancelled
 
 
 def test_a_listener_who_leaves_ends_the_work() -> None:

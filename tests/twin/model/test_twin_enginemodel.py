@@ -1,7 +1,7 @@
 """A model that jobs of another program solve: here a program whose answer is a formula, so that nothing waits."""
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -20,7 +20,7 @@ from twin.effects.library import effect
 from twin.effects.protocol import Unsolvable
 from twin.laws.mooneyrivlin import NOMINAL, mooney_rivlin
 from twin.model.basemodel import base_model
-from twin.model.enginejobs import FRUITLESS, EngineJobs
+from twin.model.enginejobs import FRUITLESS, Done, EngineJobs
 from twin.model.enginemodel import EngineModel, EnginePaths
 from twin.model.structure import base_case, of_deck
 from twin.targets import Array, PointKind, TargetPoint, Targets
@@ -301,3 +301,40 @@ def test_a_model_by_jobs_has_no_tangents(
     model = EngineModel.of(base_model(make_targets(), coarsest_case), jobs)
     with pytest.raises(ValueError, match=r"no derivatives by effects .* engine = \"embedded\""):
         model.tangents(THETA, [effect("pressure_gain")])
+
+
+def backwards(tasks: Sequence[Callable[[], Done]]) -> Iterator[tuple[int, Done]]:
+    """As an executor whose last task ends first."""
+    yield from ((k, tasks[k]()) for k in reversed(range(len(tasks))))
+
+
+def test_jobs_done_together_are_those_done_one_after_the_other(
+    coarsest_case: Case, program: Formula, tmp_path: Path
+) -> None:
+    program.reaches = 0.15
+    x = coarsest_case.nodes[:2]
+    candidates = [mooney_rivlin(c, 0.0) for c in (0.2, 0.05, 0.3, 0.2, 0.06)]  # two fail at 0.02 MPa, one is twice
+    costs, told = [], []
+    for together in (None, backwards):
+        jobs = EngineJobs(program, "1", Kept(), tmp_path / str(together), together)
+        paths = EnginePaths(coarsest_case, x, 0.02, jobs, np.zeros((1, 3)), np.zeros(3, np.int64))
+        program.jobs.clear()
+        paths.ahead(candidates)
+        ahead = len(program.jobs)
+        found = [paths.predict(c, np.array([0.0, 0.01, 0.02])) for c in candidates]
+        assert len(program.jobs) == 4
+        assert ahead == (4 if together else 0)
+        paths.ahead(candidates)  # what is stored is not done again; what failed is, as it would be alone
+        assert len(program.jobs) == (6 if together else 4)
+        costs.append([u if u is None else u.tobytes() for u in found])
+        told.append([why.split(";")[0] for why in jobs.failed])
+    assert costs[0] == costs[1]
+    assert told[0] == told[1]
+    assert len(set(told[0])) == 2  # in the candidates' order, each stopped elsewhere
+    assert [cost is None for cost in costs[0]] == [False, True, False, False, True]
+
+
+def test_a_worker_with_another_release_is_named(coarsest_case: Case, program: Formula, tmp_path: Path) -> None:
+    jobs = EngineJobs(program, "2", Kept(), tmp_path, backwards)
+    with pytest.raises(ValueError, match=r"has 1, wanted 2; install the same on every worker"):
+        jobs.ahead([coarsest_case], 0.02, np.zeros(3), at=coarsest_case.nodes[:1])
