@@ -12,8 +12,8 @@ import numpy as np
 
 from calibrate.parameters import Array, Fit, Parameter, bounds
 
-SAME = 0.1  # chi2 by which ends at one optimum differ at most: 0.3 sd
-NEAR = 1.0  # typical steps of each parameter that they lie apart at most
+SAME = 1.0  # of chi2, by which ends at one optimum differ at most, and of chi2 as it rises around the better
+NEAR = 1.0  # typical steps that a parameter lies apart at most where the better end has it at a bound
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,6 +67,11 @@ def optima(ends: Sequence[Ended]) -> tuple[Optimum, ...]:
 
 
 def _one(a: Fit, b: Fit) -> bool:
-    """Whether two fits are at one optimum."""
-    apart = [abs(x - y) / p.step for x, y, p in zip(a.theta, b.theta, a.parameters, strict=True)]
-    return abs(a.chi2 - b.chi2) <= SAME and max(apart) <= NEAR
+    """Whether two fits, the first no worse, are at one optimum: 1 sd of the first holds the second, along
+    each direction of its covariance. Where descents end early in a flat valley, it does; in another valley
+    it does not, however equal its bottom."""
+    apart, held = b.theta - a.theta, np.array([p.name in a.at_bound for p in a.parameters])
+    steps = apart / [p.step for p in a.parameters]
+    known = ~held & np.isfinite(np.diag(a.covariance))  # what the data leave open may be anything
+    rises = float(apart[known] @ np.linalg.lstsq(a.covariance[np.ix_(known, known)], apart[known])[0])
+    return b.chi2 - a.chi2 <= SAME and rises <= SAME and bool((np.abs(steps[held]) <= NEAR).all())

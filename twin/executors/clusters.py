@@ -120,11 +120,16 @@ def _needed(library: str) -> None:
 
 @contextmanager
 def _quiet() -> Iterator[None]:
-    """What dask would print of lost connections: one sentence says it."""
-    logger = logging.getLogger("distributed")
-    before = logger.level
-    logger.setLevel(logging.CRITICAL + 1)
+    """What dask would print of lost connections: one sentence says it, if work was lost."""
+    _needed("distributed")
+    import distributed  # noqa: F401  it gives its loggers levels of their own
+
+    every = [n for n in logging.root.manager.loggerDict if n.split(".")[0] == "distributed"]
+    before = {logger: logger.level for logger in map(logging.getLogger, every)}
+    for logger in before:
+        logger.setLevel(logging.CRITICAL + 1)
     try:
         yield
     finally:
-        logger.setLevel(before)
+        for logger, level in before.items():
+            logger.setLevel(level)
