@@ -6,7 +6,9 @@ is a whole solve of the model; its derivatives say where the next should be.
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
+from copy import deepcopy
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +18,7 @@ from calibrate.fit import Jacobian, Residual
 from calibrate.profiles import LEVELS, Profile
 from twin.bench.comparison import kept
 from twin.bench.workbench import Workbench
+from twin.executors.chosen import current
 from twin.judging.fitting import ModelErrors, whitened
 from twin.judging.likelihood import SHARE, TOTAL, held
 from twin.laws.mooneyrivlin import NAMES
@@ -68,10 +71,22 @@ class Profiler:
         return Profiler(fit, model, bench.targets, errors, best.theta)
 
     def profiles(self, names: Sequence[str], step: Callable[[], None]) -> Iterator[Profile]:
-        """The profile of each name; step: called after each of its ENDS."""
-        for name in names:
-            own = held(self.fit.parameters, name)
-            yield profile_likelihood(self._around, held=own, theta=self.theta, step=step)
+        """The profile of each name as it is done, by the executor in use; step: called after each of its
+        ENDS."""
+        executor = current()
+        if len(names) == 1 or executor.workers == 1:
+            yield from (self.profile(name, step) for name in names)
+            return
+        for _, found in executor.ended([partial(self.profile, name, _nobody) for name in names]):
+            for _ in range(ENDS):
+                step()
+            yield found
+
+    def profile(self, name: str, step: Callable[[], None]) -> Profile:
+        """The profile of a name, to the bit the same whatever was asked for before."""
+        fresh = deepcopy(self)  # a model begins its solves from those that it has kept
+        own = held(self.fit.parameters, name)
+        return profile_likelihood(fresh._around, held=own, theta=self.theta, step=step)
 
     def _around(self, theta: Array) -> tuple[Residual, Jacobian]:
         """Residual and Jacobian under the errors that the model has at theta (d,)."""
@@ -80,6 +95,10 @@ class Profiler:
             with suppress(Unsolvable):  # which the residual says, too
                 errors = ModelErrors.of(self.model, theta, self.targets, law=errors.law)
         return whitened(self.model, self.targets, errors.whitener(self.targets))[:2]
+
+
+def _nobody() -> None:
+    """A step that nobody is told of."""
 
 
 ENDS = 2 * len(LEVELS)  # of a profile

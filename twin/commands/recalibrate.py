@@ -1,5 +1,6 @@
 """A batch from its films to the report in one command: what is stale runs, what is fresh is skipped."""
 
+from collections.abc import Sequence
 from dataclasses import asdict
 from typing import Any
 
@@ -19,6 +20,7 @@ from twin.project.folder import Project, Say
 FILM = STAGES[: next(k for k, stage in enumerate(STAGES) if TARGETS in stage.writes) + 1]
 NO_NOISE = "no noise model"
 MODEL = tuple(stage for stage in STAGES if stage not in FILM and stage.when is not When.ASKED)
+ALONE = tuple(stage for stage in MODEL if stage.name != "review")  # whose report reads other batches, too
 
 
 def run_recalibrate(project: Project, say: Say) -> dict[str, Any]:
@@ -26,12 +28,20 @@ def run_recalibrate(project: Project, say: Say) -> dict[str, Any]:
 
     A killed command goes on where it was: what is done stays, and the stage under way resumes its run.
     """
+    done = run_stages(project, say, MODEL)
+    project = Project.open(project.root, builtin=project.builtin)  # add has written its effect
+    return {"stage": "recalibrate", "project": str(project.root), "stages": done} | _told(project, say)
+
+
+def run_stages(project: Project, say: Say, model: Sequence[Stage]) -> dict[str, str]:
+    """Check a project and run the stages of its films, then those of `model`, where they are stale: "done",
+    "fresh" or "none" by their names."""
     check_project(project, say)
     done = {stage.name: _filmed(project, stage, say) for stage in FILM}
-    for stage in MODEL:
+    for stage in model:
         done[stage.name] = _once(project, stage, say)
         project = Project.open(project.root, builtin=project.builtin)  # add has written its effect
-    return {"stage": "recalibrate", "project": str(project.root), "stages": done} | _told(project, say)
+    return done
 
 
 # -- what has to run -----------------------------------------------------------------------------------------

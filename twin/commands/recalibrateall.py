@@ -1,10 +1,19 @@
-"""The command `twin recalibrate`: a project, or all batches of a folder one after the other."""
+"""The command `twin recalibrate`: a project, or all batches of a folder.
 
+Batches come one after the other, as their reports read the earlier ones. On a cluster those that wait for no
+other are worked on at a time, up to the report; then they come one after the other all the same.
+"""
+
+import platform
+from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from twin.batches.order import Opened, batches_in, holds_batches
 from twin.commands import recalibrate
+from twin.executors.chosen import current
+from twin.executors.local import Processes, Serial
 from twin.project.folder import Project, Say
 from twin.project.locks import lock
 
@@ -22,6 +31,8 @@ def recalibrate_all(folder: Path, say: Say, *, opened: Opened = Project.open) ->
     rows = []
     with lock(folder / ".lock", "recalibrate"):
         batches = batches_in(folder)
+        if not isinstance(current(), Processes | Serial):  # here, solves have all processors as it is
+            _together(batches, say, opened)
         for number, batch in enumerate(batches, 1):
             say(f"[{number}/{len(batches)}] {batch.name}")
             rows.append({"batch": batch.name} | _one(batch, say, opened))
@@ -31,6 +42,64 @@ def recalibrate_all(folder: Path, say: Say, *, opened: Opened = Project.open) ->
     if failed:
         say(f"{len(failed)} of {len(rows)} batches failed: {', '.join(failed)}.")
     return {"stage": "recalibrate", "folder": str(folder), "batches": rows, "failed": failed}
+
+
+def _together(batches: list[Path], say: Say, opened: Opened) -> None:
+    """Run all but the reports, several batches at a time, on the workers of the executor in use."""
+    done = 0
+    for group in _groups(batches, opened):
+        for k, lines in current().ended([partial(_elsewhere, batch.resolve(), opened) for batch in group]):
+            done += 1
+            for line in lines:
+                say(f"{group[k].name}: {line}")
+            say.progress("batches", done, len(batches))
+
+
+def _groups(batches: list[Path], opened: Opened) -> Iterator[list[Path]]:
+    """Batches that can be worked on at a time: first those made like none of the others, then those made like
+    these, and so on. What cannot be opened is left out: its turn tells why."""
+    like: dict[Path, Path | None] = {}
+    for batch in batches:
+        try:
+            project = opened(batch)
+        except (ValueError, OSError):
+            continue
+        own = project.config.project.like
+        like[batch] = project.path(own).resolve() if own else None
+    left = list(like)
+    while left:
+        waited = {batch.resolve() for batch in left}
+        group = [batch for batch in left if like[batch] not in waited] or left  # in a circle: all
+        yield group
+        left = [batch for batch in left if batch not in group]
+
+
+def _elsewhere(batch: Path, opened: Opened) -> list[str]:
+    """On a worker: what the stages of a batch say. What fails is told, and once more in the batch's turn."""
+    say = Lines()
+    if not (batch / "twin.toml").is_file():
+        return [f"not on a disk that worker {platform.node()} sees, so it is worked on here in its turn"]
+    try:
+        project = opened(batch)
+        with project.lock("recalibrate"):
+            recalibrate.run_stages(project, say, recalibrate.ALONE)
+    except Exception as error:
+        return [*say.lines, f"stopped: {error}"]
+    return say.lines
+
+
+class Lines:
+    """A `say` that keeps the lines."""
+
+    def __init__(self) -> None:
+        self.lines: list[str] = []
+
+    def __call__(self, text: str, /) -> None:
+        """Keep a line."""
+        self.lines.append(text)
+
+    def progress(self, stage: str, done: int, total: int, /) -> None:
+        """Nothing: nobody watches."""
 
 
 def _one(batch: Path, say: Say, opened: Opened) -> dict[str, Any]:

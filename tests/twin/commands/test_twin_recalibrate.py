@@ -5,6 +5,8 @@ import os
 import shutil
 import sys
 from dataclasses import replace
+from functools import partial
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,12 +19,14 @@ from twin.batches.former import camera_kept
 from twin.batches.order import batches_in
 from twin.batches.series import earlier_facts
 from twin.batches.values import SHARE, SUM, changes_of, values_of
+from twin.commands import recalibrateall
 from twin.commands.batches import run_batches
 from twin.commands.comparetwo import run_side_by_side
 from twin.commands.initlike import run_init_like
 from twin.commands.recalibrate import run_recalibrate
 from twin.commands.recalibrateall import recalibrate_all
 from twin.commands.trust import run_trust
+from twin.executors.chosen import using
 from twin.judging.record import FitRecord
 from twin.project.config import Config, PointTable, ProjectTable
 from twin.project.folder import Project, dataset
@@ -514,3 +518,61 @@ def test_killed_at_random_moments_it_ends_with_the_same_bits():
     found = recalibrations(quick=True)
     assert found["kills"] > 0, "no kill came in time: nothing was shown"
     assert found["kills_same"] == found["kills"]
+
+
+def made_like(project, like):
+    file = project.root / "twin.toml"
+    file.write_text(with_key(file.read_text(), "project", "like", like))
+
+
+class Backwards:
+    """As a cluster whose last task ends first."""
+
+    workers = 2
+
+    def ended(self, tasks):
+        yield from ((k, tasks[k]()) for k in reversed(range(len(tasks))))
+
+
+def test_on_a_cluster_all_but_the_reports_are_made_at_a_time(batch, stages, say, tmp_path):
+    for name in ("batch-1", "batch-2"):
+        batch(name)
+    made_like(batch("batch-3"), "../batch-2")
+    (tmp_path / "batch-4").mkdir()
+    (tmp_path / "batch-4" / "twin.toml").write_text("[project]\nnaem = 1\n")
+    order = []
+    real, stages.run = stages.run, lambda name, project, say: (
+        order.append((project.root.name, name)), real(name, project, say))[1]  # fmt: skip
+    with using(Backwards()):
+        result = recalibrate_all(tmp_path, say)
+    alone = ALL[:-1]
+    made = [(name, stage) for name in ("batch-2", "batch-1", "batch-3") for stage in alone]
+    assert order == [*made, *((f"batch-{k}", "review") for k in (1, 2, 3))]  # what is made like another waits for it
+    assert result["failed"] == ["batch-4"]
+    assert any(line.startswith("batch-2: twin calibrate") for line in say.lines)
+    order.clear()
+    assert recalibrate_all(tmp_path, say)["failed"] == ["batch-4"]
+    assert order == []
+
+
+def test_a_worker_that_does_not_see_the_folder_leaves_the_batch(batch, stages, say, tmp_path, monkeypatch):
+    project = batch("batch-1")
+    monkeypatch.setattr(recalibrateall, "_elsewhere", partial(elsewhere, recalibrateall._elsewhere))
+    with using(Backwards()):
+        assert recalibrate_all(tmp_path, say)["failed"] == []
+    assert any("not on a disk that worker" in line for line in say.lines)
+    assert stages.since() == ALL
+    assert project.newest("review", "report.html")
+
+
+def elsewhere(real, batch, opened):
+    """As on a computer that has other folders."""
+    return real(Path("/nowhere") / batch.name, opened)
+
+
+def test_batches_made_like_each_other_in_a_circle_are_worked_on_all_the_same(batch, stages, say, tmp_path):
+    for name, like in (("batch-1", "../batch-2"), ("batch-2", "../batch-1")):
+        made_like(batch(name), like)
+    with using(Backwards()):
+        recalibrate_all(tmp_path, say)
+    assert stages.since().count("review") == 2
