@@ -33,7 +33,7 @@ from twin.virtual.hidden import KINDS
 
 BODIES = {
     "pneunet": "pneunet:chambers=2,base_cap_mm=6",
-    "tube": "tube:length_mm=50",  # a fibre's own stiffness is one more dimension of load paths, which take 560 s
+    "tube": "tube:length_mm=50",  # with a fibre's own stiffness load paths take 560 s
 }
 # A round tube has no flat bottom for a sheet.
 HIDDEN = {
