@@ -78,13 +78,14 @@ OPTIONS: dict[str, tuple[Parameter, ...]] = {
     "virtual": (
         MADE,
         _option("protocol", str, "P3", "P1 (tip, one ramp) to P5 (three orientations)"),
-        _option("hide", NAMES, [], "what the model lacks, NAME or NAME=SIZE; again for a pair"),
+        _option("hide", NAMES, [], "what the model lacks, NAME or NAME=SIZE; repeated"),
         _option("sigmas", NUMBER, None, "size of what is hidden, in sds of the noise beside the constants"),
         _option("noise_mm", float, 0.015, "noise of a marker's position, 1 sd"),
         _option("noise", str, "white", "white, or ar1: each value resembles the one before"),
         _option("placement_mm", float, 0.1, "distance of a marker from its node, 1 sd"),
         _option("element", str, "C3D20H", "Abaqus element of the truth"),
         _option("body", str, "finger", "kind, such as pneunet:chambers=3"),
+        _option("object", str, "", "what it meets: cylinder:d=20,x=50,z=-14"),
         _option("seed", int, 0, "seed of the noise"),
     ),
     "look": (

@@ -12,6 +12,7 @@ from twin.bench.exploring import VariedFinger, moves_finger, table_of
 from twin.bench.fits import newest_fit
 from twin.bench.workbench import elasticity_of, own_of, structure_of
 from twin.bodies.finger import FingerTable
+from twin.bodies.kinds import BodyTable
 from twin.effects.labels import name_of
 from twin.effects.library import effect
 from twin.effects.material import Elasticity
@@ -19,6 +20,7 @@ from twin.effects.protocol import Effect
 from twin.experiments.designs import Variable
 from twin.gravity import G, density
 from twin.laws.law import Constants
+from twin.model.objects import RigidObject
 from twin.project.folder import Project
 
 RAMP_S, HOLD_S = 2.0, 2.0  # as `twin predict` has them
@@ -44,6 +46,7 @@ def asked_ranges(
         lattice=None if project.builtin is None else project.builtin.lattice,
         refine=project.config.model.mesh, density=None if kg_m3 is None else density(kg_m3),
         self_contact=project.config.model.self_contact,
+        thing=None if (text := project.config.model.object) is None else RigidObject.of(text),
     )  # fmt: skip
     leaves = f"Left out, as they do not move the finger: {', '.join(left)}." if left else ""
     return finger, variables, [s for s in (remark, leaves) if s]
@@ -59,7 +62,7 @@ def _range(text: str) -> tuple[str, tuple[float, float]]:
 
 
 def _variable(
-    name: str, low: float, high: float, named: Mapping[str, Parameter], table: FingerTable | None
+    name: str, low: float, high: float, named: Mapping[str, Parameter], table: BodyTable | None
 ) -> Variable:
     """What a name and its range stand for: a parameter, else a dimension."""
     if name in named:
@@ -68,27 +71,28 @@ def _variable(
             wanted = f"{p.low:g} to {p.high:g} {p.unit}".rstrip()
             raise ValueError(f"--over {name}={low:g}:{high:g}: wanted {wanted}")
         return Variable(name, low, high, p.unit)
-    size = getattr(table, name, None) if name in FingerTable.model_fields else None
+    size = None if table is None else dict(table).get(name)
     if not isinstance(size, int | float):
         raise ValueError(_unknown(name, named, table))
     whole = isinstance(size, int)
     if whole and not (low.is_integer() and high.is_integer()):
         raise ValueError(f"--over {name}={low:g}:{high:g}: wanted whole numbers")
-    return Variable(name, low, high, "mm" if name.endswith("_mm") else "", whole)
+    unit = "N/mm" if name.endswith("_N_per_mm") else "mm" if name.endswith("_mm") else ""
+    return Variable(name, low, high, unit, whole)
 
 
-def _unknown(name: str, named: Mapping[str, Parameter], table: FingerTable | None) -> str:
+def _unknown(name: str, named: Mapping[str, Parameter], table: BodyTable | None) -> str:
     sizes = [] if table is None else [n for n, v in table if isinstance(v, int | float)]
-    deck = "" if table is not None else " (dimensions can be varied of the bellows finger alone)"
+    deck = "" if table is not None else " (a deck has no dimensions that could be varied)"
     return (f"--over {name}: nothing of the finger has this name{deck}; wanted a parameter "
             f"({', '.join(named)}, or one of another effect, such as clamp.*)"
             f"{', or a dimension: ' if sizes else ''}{', '.join(sizes)}")  # fmt: skip
 
 
-def _dimensions(project: Project) -> FingerTable | None:
+def _dimensions(project: Project) -> BodyTable | None:
     model = project.config.model
     if model.kind != "finger":
-        return None
+        return model.dimensions
     if project.builtin is not None:
         return table_of(project.builtin.finger)
     return model.finger or FingerTable()

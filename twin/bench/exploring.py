@@ -17,12 +17,14 @@ from fe.solver.newton import Problem
 from fe.solver.reach import largest_stretch
 from twin.bench.predicting import HIGH, LOW, turned
 from twin.bodies.finger import FLATNESS, FingerTable
+from twin.bodies.kinds import BodyTable
 from twin.effects.protocol import Effect, Order, Test, Unsolvable
 from twin.experiments.designs import Variable
 from twin.model.answering import RangedResponse
 from twin.model.memo import KeptModel
+from twin.model.objects import RigidObject
 from twin.model.prediction import Model
-from twin.model.structure import BuiltIn, closed, of_finger, weighed
+from twin.model.structure import BuiltIn, beside, closed, of_body, weighed
 from twin.targets import Array
 
 HELD = 1e-6  # typical steps: the range in which a response holds what is not varied
@@ -47,37 +49,44 @@ class VariedFinger:
     """The finger that is varied: its case, the values of all parameters of its effects (the law of its
     silicone first), and the path of its pressure, from rest to where it is looked at.
 
-    table: its dimensions, None of a deck; lattice: where it is stated, else that which the dimensions ask
-    for; refine: of every cell; density in tonne/mm3, None without weight; self_contact:
-    whether its walls may touch each other.
+    table: the dimensions of its body, None of a deck; lattice: where it is stated, else that which the
+    dimensions ask for; refine: of every cell; density in tonne/mm3, None without weight; self_contact:
+    whether its walls may touch each other; thing: what it meets.
     """
 
     case: Case
     effects: tuple[Effect, ...]
     values: Mapping[str, float]
     path: Path
-    table: FingerTable | None = None
+    table: BodyTable | None = None
     lattice: Lattice | None = None
     refine: int = 1
     density: float | None = None
     self_contact: bool = False
+    thing: RigidObject | None = None
 
     def meshed(self, dimensions: Mapping[str, float]) -> Case:
         """The case of the finger with other dimensions. ValueError where there is none."""
         assert self.table is not None
         whole = {name for name in dimensions if isinstance(getattr(self.table, name), int)}
         stated = {name: int(x) if name in whole else x for name, x in dimensions.items()}
-        table = FingerTable.model_validate({**self.table.model_dump(), **stated})
-        built = BuiltIn.of(table.finger)
-        lattice = built.lattice if self.lattice is None else self.lattice
-        structure = of_finger(built.finger, replace(lattice, refine=self.refine))
+        body = type(self.table).model_validate({**self.table.model_dump(), **stated}).body
+        if isinstance(body, BuiltIn) and self.lattice is not None:
+            body = BuiltIn(body.finger, self.lattice)
+        structure = of_body(body, refine=self.refine)
         structure = closed(structure) if self.self_contact else structure
-        return (structure if self.density is None else weighed(structure, self.density)).case
+        structure = structure if self.density is None else weighed(structure, self.density)
+        return (structure if self.thing is None else beside(structure, self.thing)).case
+
+    @property
+    def dimensions(self) -> frozenset[str]:
+        """Names of its dimensions, none of a deck."""
+        return frozenset(() if self.table is None else type(self.table).model_fields)
 
     def remeshes(self, name: str) -> bool:
         """Whether a variable of this name changes the mesh, or moves its nodes."""
         shapes = {p.name for e in self.effects if e.order == Order.GEOMETRY for p in e.parameters}
-        return name in FingerTable.model_fields or name in shapes
+        return name in self.dimensions or name in shapes
 
     def model(self, case: Case, *, everywhere: bool = False) -> KeptModel:
         """The model of a case; everywhere: it answers at all nodes."""
@@ -113,7 +122,7 @@ def table_of(finger: Finger) -> FingerTable:
 
 def solved_row(finger: VariedFinger, row: Mapping[str, float]) -> FingerAnswer | str:
     """What the finger shows with these values, by a whole solve; or why it shows nothing."""
-    dimensions = {name: x for name, x in row.items() if name in FingerTable.model_fields}
+    dimensions = {name: x for name, x in row.items() if name in finger.dimensions}
     try:
         case = finger.meshed(dimensions) if dimensions else finger.case
     except ValidationError as error:

@@ -14,8 +14,9 @@ from twin.bodies.finger import BuiltIn
 from twin.commands.init import body_table, run_init
 from twin.effects.protocol import Unsolvable
 from twin.gravity import TONNE_PER_MM3
+from twin.model.objects import RigidObject
 from twin.model.structure import body_case
-from twin.project import files
+from twin.project import files, toml
 from twin.project.folder import Say, Silent
 from twin.project.targetwriting import write_targets
 from twin.targets import Array, TargetPoint, Targets
@@ -50,11 +51,13 @@ def run_virtual(
     element: str = ELEMENT,
     seed: int = 0,
     body: str = "finger",
+    object: str = "",  # noqa: A002
 ) -> dict[str, Any]:
     """Make the folder, with targets and twin.toml, and `FOLDER.truth.json` beside it.
 
     hide: what is missing in the model, NAME or NAME=SIZE; sigmas: the non-centrality of one NAME without a
-    size; body: what is filmed, as `twin init` has it. ValueError for what does not exist.
+    size; body: what is filmed, as `twin init` has it; object: what it meets, which twin.toml states, too.
+    ValueError for what does not exist.
     """
     setup = Setup(sd_mm=noise_mm, noise=noise, placement_sd_mm=placement_mm)
     chosen, kinds = _protocol(protocol), [_kind(text) for text in hide]
@@ -68,6 +71,9 @@ def run_virtual(
         raise ValueError(f"--element {element}: wanted one of {', '.join(ELEMENTS_OF_TRUTH)}")
     if noise not in NOISE:
         raise ValueError(f"--noise {noise}: wanted one of {', '.join(NOISE)}")
+    if object and hide:
+        raise ValueError(f"--object {object} and --hide {hide[0]}: the truth beside an object hides nothing "
+                         "else; leave one out")  # fmt: skip
     say("Solving the truth on a mesh of its own ...")
     _, table = body_table(body)
     own = BuiltIn() if table is None else table.body
@@ -76,8 +82,10 @@ def run_virtual(
     if case.pressurised is None:
         raise ValueError(f"--body {body}: it has no chamber, and every protocol is a test under pressure; "
                          "wanted finger, pneunet or tube")  # fmt: skip
+    thing = RigidObject.of(object) if object else None
     if not chosen.weighed:
         case = case.with_material(density=0.0)
+    case = case if thing is None else thing.beside(case)
     at = np.array([p.position for p in points])
     on = on_surface(case, at)
     bare, slope = displaced(case, chosen.course, on, count=COUNT)
@@ -94,10 +102,13 @@ def run_virtual(
         density = DENSITY / TONNE_PER_MM3 if chosen.weighed else None
         run_init(folder, Silent(), targets=Path(scratch) / "targets", nodes=(), density_kg_m3=density,
                  body=body)  # fmt: skip
+    if object:
+        _put(folder / "twin.toml", object)
     change, felt = _all(u - bare, found), _all(slope, found)
     plain = {k.name: plainness(change, found, _all(rows[k.name][:2], found), felt) for k, _ in hidden[:1]}
     truth = {
-        "protocol": chosen.name, "seed": seed, "element": element, "body": body, "lattice": asdict(lattice),
+        "protocol": chosen.name, "seed": seed, "element": element, "body": body, "object": object,
+        "lattice": asdict(lattice),
         "constants_MPa": {"C10": SILICONE.C10, "C01": SILICONE.C01},
         "hidden": [
             {"name": k.name, "effect": k.physics or None, "law": k.law, "size": s, "unit": k.unit}
@@ -109,6 +120,13 @@ def run_virtual(
     say(f"Wrote {folder / 'twin.toml'} and, not to be read before the diagnosis, {sealed.name} beside it.")
     say(f"Next: `twin calibrate --project {files.typed(folder)}`.")
     return {"stage": "virtual", "status": "done", "project": str(folder), "sealed": str(sealed)}
+
+
+def _put(path: Path, text: str) -> None:
+    """State in a twin.toml what the finger meets."""
+    config = toml.parse(path.read_bytes(), name=path.name)
+    model = config.model.model_copy(update={"object": text})
+    files.write_text(path, toml.dump(config.model_copy(update={"model": model})))
 
 
 def _protocol(name: str) -> Protocol:

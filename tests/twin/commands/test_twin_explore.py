@@ -174,3 +174,24 @@ def test_one_worker_or_two_give_the_same_bits(tmp_path: Path) -> None:
         tables.append(found["rows"])
     assert tables[0] == tables[1]
     assert all(not row["why"] for row in tables[0])
+
+
+def of_body(folder: Path, **model: object) -> Project:
+    """A project of another body, in the state in which `bare` leaves one."""
+    return Project.open(bare(folder, **model).root)
+
+
+def test_dimensions_of_other_bodies_are_varied_beside_their_object(tmp_path: Path, one_process: None) -> None:
+    tube = {"length_mm": 24.0, "offset_mm": 1.8, "fibre_N_per_mm": 5.0}
+    plain = of_body(tmp_path / "tube", body="tube", tube=tube)
+    asked: dict[str, object] = {"design": "factorial", "runs": 2, "pressure": "10kPa"}
+    found = run_explore(plain, Lines(), over=["offset_mm=0.9:1.8"], **asked)  # type: ignore[arg-type]
+    lower, higher = (row["u3_mm"] for row in found["rows"])
+    assert higher < 1.5 * lower < 0  # a chamber farther off the axis bends the tube more
+    fibre = run_explore(plain, Lines(), over=["fibre_N_per_mm=2:8"], **asked)  # type: ignore[arg-type]
+    assert fibre["variables"][0]["unit"] == "N/mm"
+    held = of_body(tmp_path / "held", body="tube", tube=tube, object="plane:nx=0,ny=0,nz=1,distance=-0.01")
+    found = run_explore(held, Lines(), over=["offset_mm=0.9:1.8"], **asked)  # type: ignore[arg-type]
+    assert abs(found["rows"][1]["u3_mm"]) < 0.8 * abs(higher)  # the plane holds the tip
+    with pytest.raises(ValueError, match=r"--over top_wall_mm: nothing of the finger has this name; wanted .* offset_mm"):
+        run_explore(plain, Lines(), over=["top_wall_mm=1:2"], **asked)  # type: ignore[arg-type]

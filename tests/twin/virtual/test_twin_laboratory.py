@@ -66,6 +66,18 @@ def test_a_weighed_finger_has_its_density_and_a_recording_held_out(tmp_path: Pat
     assert config_of(folder).model.density_kg_m3 == pytest.approx(1070.0)
 
 
+@pytest.mark.usefixtures("solved_at_once")
+def test_what_the_truth_meets_stands_in_its_project(
+    tmp_path: Path, say: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    met: list[Any] = []
+    monkeypatch.setattr(virtual, "displaced", lambda case, *a, **k: met.append(case.contact) or quick(case, *a, **k))
+    thing = "cylinder:d=20,x=50,z=-14"
+    run_virtual(tmp_path / "held", say, protocol="P2", hide=[], sigmas=None, object=thing)
+    assert [contact.obstacle.radius for contact in met] == [10.0]
+    assert config_of(tmp_path / "held").model.object == thing
+
+
 def config_of(folder: Path) -> Config:
     return parse((folder / "twin.toml").read_bytes(), name="twin.toml")
 
@@ -77,6 +89,8 @@ def config_of(folder: Path) -> Config:
         ({"hide": ["rust"]}, "--hide rust: wanted one of"),
         ({"hide": ["creep=much"]}, "--hide creep=much: wanted NAME=SIZE"),
         ({"element": "C3D4"}, "--element C3D4: wanted one of"),
+        ({"object": "sphere:d=4", "hide": ["creep"]}, "--object sphere:d=4 and --hide creep: the truth beside an"),
+        ({"object": "cube:d=4", "hide": []}, "object 'cube:d=4': wanted a cylinder, sphere or plane"),
         ({"noise": "pink"}, "--noise pink: wanted one of white"),
     ],
 )

@@ -1,0 +1,70 @@
+"""A bar of the program that bends by its weight and hung weights: from `init` over `calibrate` to `compare`."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fe.mesh.finger import NAMED_NODES
+from fe.mesh.points import nearest
+from tests.twin.conftest import Lines, plain_targets
+from twin.bodies.bar import BarTable
+from twin.commands.calibrate import run_calibrate
+from twin.commands.compare import run_compare
+from twin.commands.init import run_init
+from twin.effects.material import Elasticity
+from twin.laws.catalogue import LAWS
+from twin.model.basemodel import base_model
+from twin.model.structure import body_case
+from twin.project.folder import Project
+from twin.project.targetwriting import write_targets
+from twin.targets import Load, Noise, PointKind, TargetPoint, Targets
+
+BAR = BarTable(length_mm=60.0, width_mm=12.0, height_mm=12.0).body
+DENSITY = 1.07e-9  # tonne/mm3
+SD = 0.01  # mm
+TRUTH = 0.12  # MPa, C10
+NAMES = ("tip", "middle")
+
+
+def measured() -> Targets:
+    """How places of a bar, on a finer mesh, move once 5 and then 10 g hang from its end."""
+    time, own = np.arange(12.0), body_case(BAR, BAR.lattice)
+    finer = body_case(BAR, BAR.finer(BAR.lattice)["check"]).with_material(density=DENSITY)
+    places = np.array([nearest(finer, own.position(NAMED_NODES[n])) for n in NAMES])
+    points = (*(TargetPoint(n, PointKind.PLACE, None, tuple(map(float, x))) for n, x in zip(NAMES, places, strict=True)),
+              TargetPoint("fixed", PointKind.FIXED, None, (0.0, 0.0, 30.0)))  # fmt: skip
+    shape = (len(time), len(points), 3)
+    end = (60.0, 0.0, 6.0)
+    t = plain_targets(
+        time=time, pressure=np.zeros(12), log_time=time, log_pressure=np.zeros(12), value=np.zeros(shape),
+        block=np.repeat([0, 1, 2], 4), held_out=np.zeros(12, bool), points=points, valid=np.ones(shape, bool),
+        covariance=np.tile(SD**2 * np.eye(3), (12, 3, 1, 1)), modes=np.zeros((0, *shape)),
+        reference=np.arange(4), pressure_sd=np.zeros(12), gravity=np.tile([0.0, 0.0, -1.0], (3, 1)),
+        loads=(Load(1, end, weight_g=5.0), Load(2, end, weight_g=10.0)),
+    )  # fmt: skip
+    model = base_model(t, finer, elasticity=Elasticity(LAWS["neo-hooke"]))
+    value = model.predict(model.theta({"C10": TRUTH}))
+    noise = np.random.default_rng(2).normal(0.0, SD, shape)
+    told = Noise(sd=np.full((3, 3), SD), rho=np.zeros((3, 3)), correlation=np.eye(9), frames=300,
+                 codec_sd=np.zeros((3, 3)), gauge_sd_MPa=0.0, gauge_frames=300)  # fmt: skip
+    return replace(t, value=value + noise, noise=told)
+
+
+@pytest.mark.slow
+def test_a_bar_is_calibrated_by_the_weights_that_hang_from_it(tmp_path: Path, one_process: None, say: Lines) -> None:
+    write_targets(tmp_path / "t", measured())
+    run_init(tmp_path / "p", say, targets=tmp_path / "t", body="bar:length_mm=60,width_mm=12,height_mm=12",
+             density_kg_m3=DENSITY * 1e12)  # fmt: skip
+    toml = tmp_path / "p" / "twin.toml"
+    text = toml.read_text().replace("population = 30", "population = 12").replace("generations = 20", "generations = 3")
+    toml.write_text(text.replace("[model]\n", '[model]\nlaw = "neo-hooke"\n'))
+    project = Project.open(tmp_path / "p")
+    found = run_calibrate(project, say)
+    row = found["fit"]["parameters"]["C10"]
+    assert row["sd"] < 0.05 * TRUTH
+    assert abs(row["value"] - TRUTH) < 3 * row["sd"]
+    compared = run_compare(project, say)
+    assert compared["p_value"] > 1e-3
+    assert compared["raw_rms_mm"] < 1.5 * SD
