@@ -13,7 +13,7 @@ import numpy as np
 from calibrate.parameters import Array, Fit, Parameter, bounds
 
 SAME = 1.0  # of chi2, by which ends at one optimum differ at most, and of chi2 as it rises around the better
-NEAR = 1.0  # typical steps that a parameter lies apart at most where the better end has it at a bound
+NEAR = 1.0  # typical steps that a parameter lies apart at most where the better end has no sd of it
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,8 +70,8 @@ def _one(a: Fit, b: Fit) -> bool:
     """Whether two fits, the first no worse, are at one optimum: 1 sd of the first holds the second, along
     each direction of its covariance. Where descents end early in a flat valley, it does; in another valley
     it does not, however equal its bottom."""
-    apart, held = b.theta - a.theta, np.array([p.name in a.at_bound for p in a.parameters])
-    steps = apart / [p.step for p in a.parameters]
-    known = ~held & np.isfinite(np.diag(a.covariance))  # what the data leave open may be anything
+    apart, inside = b.theta - a.theta, np.array([p.name not in a.at_bound for p in a.parameters])
+    known = inside & np.isfinite(np.diag(a.covariance))  # neither at a bound nor left open by the data
+    steps = np.abs(apart / [p.step for p in a.parameters])[~known]
     rises = float(apart[known] @ np.linalg.lstsq(a.covariance[np.ix_(known, known)], apart[known])[0])
-    return b.chi2 - a.chi2 <= SAME and rises <= SAME and bool((np.abs(steps[held]) <= NEAR).all())
+    return b.chi2 - a.chi2 <= SAME and rises <= SAME and bool((steps <= NEAR).all())

@@ -78,7 +78,8 @@ def test_one_optimum_is_what_one_sd_of_the_better_end_holds(
     assert found[0].fit is best
 
 
-def test_a_parameter_that_the_data_leave_open_tells_no_optima_apart() -> None:
-    open_ = np.array([[np.inf, np.nan], [np.nan, 0.01]])
-    best, other = (replace(ended(np.array(x), 7.0), covariance=open_) for x in ((0.0, 0.0), (40.0, 0.05)))
-    assert len(optima([Ended(np.zeros(2), best), Ended(np.zeros(2), other)])) == 1
+@pytest.mark.parametrize(("far", "count"), [(0.4, 1), (40.0, 2)])
+def test_a_parameter_that_the_data_leave_open_has_its_typical_step(far: float, count: int) -> None:
+    left_open = np.array([[np.inf, np.nan], [np.nan, 0.01]])
+    best, other = (replace(ended(np.array(x), 7.0), covariance=left_open) for x in ((0.0, 0.0), (far, 0.05)))
+    assert len(optima([Ended(np.zeros(2), best), Ended(np.zeros(2), other)])) == count
