@@ -1,4 +1,8 @@
-"""A bar of the program that bends by its weight and hung weights: from `init` over `calibrate` to `compare`."""
+"""A bar of the program that bends by its weight and hung weights: from `init` over `calibrate` to `compare`.
+
+The truth is the same 27-node element on a finer mesh. From 20-node hybrid elements (C3D20H), which are stiffer,
+C10 came out 0.7 % higher, 8 of its sd.
+"""
 
 from dataclasses import replace
 from pathlib import Path
