@@ -29,7 +29,7 @@ STEP = 1e-6  # of a parameter's typical size, for differencing the effects' maps
 # without history: 1 sd. Two meshes of the demo's test differ by 1 to 3 % of it, near the clamp by 6 %.
 HISTORY = 0.05
 BESIDE = 0.02  # of the shear modulus, by which derivatives may go beyond what is stable
-COARSE = 6  # levels of pressure for secants: on the quick demo's finger they are off by 4e-4 of themselves
+COARSE = 8  # levels of pressure for secants: on the quick demo's finger they are off by 1e-4 of themselves
 NUDGE = 1e-4  # of the highest pressure, for differencing the mesh's correction
 
 

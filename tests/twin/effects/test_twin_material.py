@@ -10,7 +10,6 @@ from fe.solver.newton import equilibrium
 from tests.few import few
 from twin.effects.material import Compressibility, Creep, Mullins, Stiffening, Thermal
 from twin.effects.protocol import Effect, Test
-from twin.model import prediction
 from twin.model.prediction import Model, respond
 
 # A rise, a hold, a fall, a rise beyond the first and a fall, in s and MPa; outputs where the history is solved.
@@ -74,7 +73,7 @@ def model_of(effects: tuple[Effect, ...], force: float = -0.05) -> Model:
 def field(model: Model, values: dict[str, float]) -> Array:
     """Displacements (s, n, 3) mm by a whole solve."""
     test = model.put(values)
-    solution = solve(test.case, test.path, count=prediction.LEVELS)
+    solution = solve(test.case, test.path)
     assert solution.converged, solution.reason
     return solution.fields(range(len(SOLVED)))
 
@@ -86,8 +85,7 @@ def exact(model: Model, values: dict[str, float]) -> Array:
 
 
 @pytest.mark.parametrize("name", few(CASES, CASES.keys() - {"softening, drift"}))
-def test_derivatives_of_material_effects(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(prediction, "LEVELS", 12)  # near the output times: between levels is interpolated
+def test_derivatives_of_material_effects(name: str) -> None:
     effects, values = CASES[name]
     model = model_of(effects)
     for p, ours in zip(model.parameters, exact(model, values), strict=True):
