@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from calibrate import Parameter
 from fe import Solution, Variation, solve
 from fe.mesh.mirror import mirrored, symmetry_support
-from fe.path import LEVELS
 from twin import effort
 from twin.effects.material import Elasticity
 from twin.effects.protocol import Effect, Order, Test, Theta, Unsolvable
@@ -29,7 +28,6 @@ STEP = 1e-6  # of a parameter's typical size, for differencing the effects' maps
 # without history: 1 sd. Two meshes of the demo's test differ by 1 to 3 % of it, near the clamp by 6 %.
 HISTORY = 0.05
 BESIDE = 0.02  # of the shear modulus, by which derivatives may go beyond what is stable
-COARSE = 8  # levels of pressure for secants: on the quick demo's finger they are off by 1e-4 of themselves
 NUDGE = 1e-4  # of the highest pressure, for differencing the mesh's correction
 
 
@@ -404,13 +402,12 @@ def respond(
 ) -> tuple[Array, Array, Solution]:
     """Displacements (s, p, 3) mm of a test's points, derivatives (v, s, p, 3), and the solution.
 
-    columns: only the derivatives are wanted, on fewer levels of pressure; they are counted, not the solve.
-    Raises Unsolvable where the load path cannot be followed to its end.
+    columns: the variations are counted, not the solve. Raises Unsolvable where the load path cannot be
+    followed to its end.
     """
     began, count = time.process_time(), len(variations)
     every = [*variations, *directions(test)]
-    levels = COARSE if columns else LEVELS
-    solution = solve(test.case, test.path, start=start, variations=every, count=levels)
+    solution = solve(test.case, test.path, start=start, variations=every)
     if solution.converged:
         u, du = moved(test, solution), varied(test, solution, variations)
     kind = effort.kind_of(history=solution.history is not None, derivatives=count > 0)
