@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from twin.bench.workbench import Workbench
 from twin.chain import COMMANDS, stage_of
 from twin.project import files
-from twin.project.folder import Project
+from twin.project.folder import Lines, Project
 from twin.results import StageResult, rows_of
 from twin.targets import Array, Targets
 
@@ -89,7 +89,7 @@ class OpenedProject:
 
         check_embedded(self.project, "response")
         bench, theta = self.bench, self.fit.theta
-        model = bench.on_mesh(bench.model(), theta, _Said())
+        model = bench.on_mesh(bench.model(), theta, Lines())
         assert isinstance(model, KeptModel)  # as every base model
         return RangedResponse.of(model, theta, within=within, solves=solves)
 
@@ -97,14 +97,14 @@ class OpenedProject:
         """What comes next, as `next` of the summary. ValueError at the first thing that is wrong."""
         from twin.commands.check import run_check
 
-        said = _Said()
+        said = Lines()
         return _result("check", run_check(self.project, said), said, None)
 
     def list(self) -> StageResult:
         """All runs, oldest first: a row for each."""
         from twin.commands.list import run_list
 
-        said = _Said()
+        said = Lines()
         return _result("list", run_list(self.project, said), said, None)
 
     def found(self, stage: str) -> StageResult:
@@ -120,7 +120,7 @@ class OpenedProject:
         path = fit_file(project) if stage == "calibrate" else fresh(project, (stage,))
         if path is None:
             raise ValueError(f"no run of {stage} belongs to this project as it is; run batch.{stage}()")
-        summary, said = files.plain(project.info(path.parent).summary), _Said()
+        summary, said = files.plain(project.info(path.parent).summary), Lines()
         said(str(summary.get("headline") or stage))
         return _result(stage, summary, said, path.parent)
 
@@ -132,7 +132,7 @@ class OpenedProject:
         """Every stage that is stale, none that is fresh; the fitted constants: a row for each."""
         from twin.commands.recalibrate import run_recalibrate
 
-        said, project = _Said(), self.project
+        said, project = Lines(), self.project
         with project.lock("recalibrate"):
             summary = run_recalibrate(project, said)
         return _result("recalibrate", summary, said, self.found("calibrate").folder)
@@ -240,7 +240,7 @@ class OpenedProject:
 
     def _run(self, stage: str, /, **options: Any) -> StageResult:
         """The result of a stage, run with the project locked."""
-        said, project = _Said(), self.project
+        said, project = Lines(), self.project
         command = next(one for one in COMMANDS if one.name == stage)
         with project.lock(stage):
             summary = command.run(project, said, **options)
@@ -248,18 +248,5 @@ class OpenedProject:
         return _result(stage, summary, said, project.root / "runs" / Path(str(last["run"])).name)
 
 
-class _Said:
-    """A `say` that keeps what a stage says and shows no progress."""
-
-    def __init__(self) -> None:
-        self.lines: list[str] = []
-
-    def __call__(self, text: str, /) -> None:
-        self.lines.append(text)
-
-    def progress(self, stage: str, done: int, total: int, /) -> None:
-        pass
-
-
-def _result(stage: str, summary: dict[str, Any], said: _Said, folder: Path | None) -> StageResult:
+def _result(stage: str, summary: dict[str, Any], said: Lines, folder: Path | None) -> StageResult:
     return StageResult(stage, summary, tuple(said.lines), folder, rows_of(stage, folder, summary))

@@ -14,7 +14,7 @@ from twin.batches.order import Opened, batches_in, holds_batches
 from twin.commands import recalibrate
 from twin.executors.chosen import current
 from twin.executors.local import Processes, Serial
-from twin.project.folder import Project, Say
+from twin.project.folder import Lines, Project, Say
 from twin.project.locks import lock
 
 
@@ -86,20 +86,6 @@ def _elsewhere(batch: Path, opened: Opened) -> list[str]:
     except Exception as error:
         return [*say.lines, f"stopped: {error}"]
     return say.lines
-
-
-class Lines:
-    """A `say` that keeps the lines."""
-
-    def __init__(self) -> None:
-        self.lines: list[str] = []
-
-    def __call__(self, text: str, /) -> None:
-        """Keep a line."""
-        self.lines.append(text)
-
-    def progress(self, stage: str, done: int, total: int, /) -> None:
-        """Nothing: nobody watches."""
 
 
 def _one(batch: Path, say: Say, opened: Opened) -> dict[str, Any]:

@@ -197,9 +197,9 @@ class Model:
         if self.mesh is None:
             return out
         u, little = moved(test, solution), NUDGE * float(np.abs(test.path.pressure).max())
-        ahead, behind = (self.mesh.corrected(u + h * out, test) for h in (little, -little))
         if not little:  # no pressure at all: a bar under its weight
-            return np.zeros_like(ahead)
+            return np.zeros_like(out)
+        ahead, behind = (self.mesh.corrected(u + h * out, test) for h in (little, -little))
         return (ahead - behind) / (2 * little)
 
     def modes(self, theta: Array) -> Array:

@@ -55,6 +55,16 @@ class Silent:
     def progress(self, stage: str, done: int, total: int, /) -> None: ...
 
 
+class Lines(Silent):
+    """A `say` that keeps the lines, and shows no progress."""
+
+    def __init__(self) -> None:
+        self.lines: list[str] = []
+
+    def __call__(self, text: str, /) -> None:
+        self.lines.append(text)
+
+
 @dataclass(frozen=True)
 class Run:
     """One folder under runs/: what a stage writes goes in here, atomically."""
